@@ -1,0 +1,655 @@
+//! The linear calibration of one run: `B_r = A B_c + Σ p_k τ^k` over plateau means, `Φ = A⁻¹`, and its split.
+
+use crate::campaign::Campaign;
+use crate::fit::{FitError, Limits, Propagated, Robust, Solution, correlation, linear, propagate, robust};
+use crate::formats::parameter::{
+    Angles, Conditions, Covariance, Cpf, Dropped, Matrices, Noise, Offset, Quality, RunPart, Spread, Std, Summary, Validity,
+};
+use crate::model::position::Position;
+use crate::model::sensor::{Split, SplitError, misplaced_axes, split};
+use crate::plateau::{Drop, Plateau, Plateaus, Settling};
+use crate::run::{Kind, Run};
+use crate::units::{COMPONENTS, FieldCoil};
+use nalgebra::{DMatrix, Matrix3, Vector3};
+use serde::Serialize;
+use thiserror::Error;
+
+/// How a linear calibration is made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Order of the offset trend, 0 to 2; `None` takes that of the campaign, or 2.
+    pub trend_order: Option<usize>,
+    /// Largest magnitude of the field along a nominal sensor axis, nT, beside those of the campaign.
+    pub max_field_nt: [Option<f64>; 3],
+    /// Give outlying plateaus less weight.
+    pub robust: bool,
+    /// Settling after a step.
+    pub settling: Settling,
+    /// Least part of the expected samples of a plateau.
+    pub least_coverage: f64,
+    /// Go on when a sensitivity is far from its nominal value.
+    pub allow_gain: bool,
+    /// Go on when the readings do not follow the settings.
+    pub allow_mismatch: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            trend_order: None,
+            max_field_nt: [None; 3],
+            robust: false,
+            settling: Settling::Found,
+            least_coverage: 0.9,
+            allow_gain: false,
+            allow_mismatch: false,
+        }
+    }
+}
+
+/// Largest condition number of the design with columns scaled to one. A programme that drives the three axes has less than ten; at
+/// this value the uncertainty of a sensitivity is four orders worse than the same programme could give.
+const MOST_CONDITION: f64 = 1e4;
+/// A sensitivity outside this factor of the nominal conversion means a wrong unit or factor.
+const PLAUSIBLE_GAIN: f64 = 1.5;
+/// Least part of the variance of a component that the applied field must explain.
+const LEAST_EXPLAINED: f64 = 0.99;
+/// Order of the offset trend where nothing else is said, as in the campaign of 2013.
+const DEFAULT_ORDER: usize = 2;
+
+/// Why a run has no linear calibration.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum LinError {
+    /// Not a linearity run.
+    #[error("the run is of kind {0}, not linearity; use the command for that kind")]
+    Kind(Kind),
+    /// Nothing to fit.
+    #[error("the run has no plateaus: neither @BLOCKS nor @FIELDS with @VECTORS; check the file")]
+    NoPlateaus,
+    /// Several positions in one run.
+    #[error("the run holds settings in positions {0}; a linear calibration needs one position, split the run")]
+    Positions(String),
+    /// A position without axes.
+    #[error("position {0} is not in the position table; add [[position]] id = {0} with its axes to campaign.toml")]
+    UnknownPosition(u32),
+    /// The trend order is not available.
+    #[error("the offset trend must be of order 0, 1 or 2, not {0}")]
+    Order(usize),
+    /// Step edges elsewhere.
+    #[error(
+        "the data step {shift_s:+.2} s after the settings do, more than a quarter of a plateau; correct the time of the settings or take the settings of this run, or go on with --allow mismatch"
+    )]
+    Edges {
+        /// Displacement, s.
+        shift_s: f64,
+    },
+    /// Readings that do not follow the field.
+    #[error(
+        "component {component} does not follow the applied field (it explains {:.2} % of its variance); {hint}, or go on with --allow mismatch",
+        100.0 * explained
+    )]
+    Unrelated {
+        /// Component of the reading.
+        component: &'static str,
+        /// Part of the variance that the field explains.
+        explained: f64,
+        /// What may be the cause.
+        hint: &'static str,
+    },
+    /// Not enough excitation.
+    #[error(
+        "the excitation does not determine {}: condition number {condition:.2e}, at most {MOST_CONDITION:.0e} is accepted; drive that axis on its own",
+        parameters.join(", ")
+    )]
+    Undetermined {
+        /// What is not determined.
+        parameters: Vec<String>,
+        /// Condition number of the scaled design.
+        condition: f64,
+    },
+    /// Too few plateaus.
+    #[error(
+        "{used} usable plateaus cannot determine {parameters} parameters per component ({dropped} of {total} were dropped: {reasons})"
+    )]
+    TooFew {
+        /// Plateaus that can be used.
+        used: usize,
+        /// Parameters per component.
+        parameters: usize,
+        /// Plateaus dropped.
+        dropped: usize,
+        /// Plateaus in the run.
+        total: usize,
+        /// Why, the most frequent reason first.
+        reasons: String,
+    },
+    /// An implausible sensitivity.
+    #[error(
+        "the sensitivity of component {component} is {sigma:.4} nT per enT, far from 1; check `unit` and `nominal_factor`, or go on with --allow gain"
+    )]
+    Gain {
+        /// Component of the reading.
+        component: &'static str,
+        /// Sensitivity, nT/enT.
+        sigma: f64,
+    },
+    /// The matrix cannot be split.
+    #[error("{0}; check the excitation and the wiring of the components")]
+    Split(#[from] SplitError),
+    /// Another failure of the fit.
+    #[error("the fit failed: {0}")]
+    Fit(FitError),
+}
+
+/// One plateau in the light of the fit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Block {
+    /// The plateau.
+    pub plateau: Plateau,
+    /// Applied field minus modelled measurement `B_c - Φ B_m`, nT, coil axes; absent without a mean.
+    pub residual_coil_nt: Option<FieldCoil>,
+    /// Weight in a robust fit; 1 otherwise, 0 for plateaus that were not used.
+    pub weight: f64,
+}
+
+/// A linear calibration with what is needed to judge it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Lin {
+    /// The parameters, as in the parameter file.
+    pub parameters: Cpf,
+    /// Every plateau of the run.
+    pub blocks: Vec<Block>,
+    /// Standard uncertainty of a residual of a used plateau, nT, coil axes.
+    pub residual_noise_nt: [f64; 3],
+    /// Sensor temperature, (s, °C).
+    pub sensor_temperature: Vec<(f64, f64)>,
+    /// Coil-system temperature, (s, °C).
+    pub coil_temperature: Vec<(f64, f64)>,
+}
+
+/// Fits one run.
+///
+/// # Errors
+/// [`LinError`]: the run is refused, with the reason and what to do.
+pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Options) -> Result<Lin, LinError> {
+    let header = &run.header;
+    if header.kind != Kind::Linearity {
+        return Err(LinError::Kind(header.kind));
+    }
+    let order = options
+        .trend_order
+        .or_else(|| campaign.file.offset_trend_order.and_then(|o| usize::try_from(o).ok()))
+        .unwrap_or(DEFAULT_ORDER);
+    if order > 2 {
+        return Err(LinError::Order(order));
+    }
+    if plateaus.list.is_empty() {
+        return Err(LinError::NoPlateaus);
+    }
+    let (position_id, position) = the_position(plateaus, campaign)?;
+    let mut list = plateaus.list.clone();
+    apply_limits(&mut list, position, &limits_nt(run, campaign, options));
+    let used: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
+    let count = 4 + order;
+    if used.len() <= count {
+        return Err(too_few(&list, used.len(), count));
+    }
+    if plateaus.edge_shift_s.abs() > plateaus.tolerable_shift_s && !options.allow_mismatch {
+        return Err(LinError::Edges { shift_s: plateaus.edge_shift_s });
+    }
+
+    let trend = Trend::over(&used, order);
+    let fitted = fit(&used, &trend, options.robust)?;
+    if !options.allow_mismatch {
+        check_followed(&used, &fitted.solution)?;
+    }
+    let times: Vec<f64> = used.iter().map(|p| p.t_s()).collect();
+    let noise = correlation::estimate(fitted.for_noise(), &times).map_err(LinError::Fit)?;
+    let stacked = stack(&fitted.solution.coefficients);
+    let r_nom = position.r_nom();
+    let derived = Derived::of(&stacked, &trend, &r_nom)?;
+    let uncertain = propagate(
+        |x| Derived::of(x, &trend, &r_nom).map(|d| d.list()).unwrap_or_else(|_| vec![f64::NAN; Derived::COUNT]),
+        &stacked,
+        &noise.covariance(),
+    )
+    .map_err(LinError::Fit)?;
+    if !options.allow_gain {
+        for (component, sigma) in COMPONENTS.into_iter().zip(derived.split.sigma) {
+            if !(1.0 / PLAUSIBLE_GAIN..=PLAUSIBLE_GAIN).contains(&sigma) {
+                return Err(LinError::Gain { component, sigma });
+            }
+        }
+    }
+
+    let model = |p: &Plateau| -> FieldCoil {
+        let b_or = trend.at(&stacked, p.t_s());
+        let b_m = Vector3::from(p.mean.0) - b_or;
+        FieldCoil((Vector3::from(p.setting.field.0) - derived.split.phi * b_m).into())
+    };
+    let mut weights = fitted.weights.iter();
+    let blocks: Vec<Block> = list
+        .iter()
+        .map(|p| Block {
+            residual_coil_nt: p.mean.0.iter().all(|v| v.is_finite()).then(|| model(p)),
+            weight: if p.dropped.is_none() { weights.next().copied().unwrap_or(1.0) } else { 0.0 },
+            plateau: p.clone(),
+        })
+        .collect();
+
+    let (sensor_channel, coil_channel) = campaign.channels(header);
+    let span_s = [
+        used.iter().map(|p| p.used_s[0]).fold(f64::INFINITY, f64::min),
+        used.iter().map(|p| p.used_s[1]).fold(f64::NEG_INFINITY, f64::max),
+    ];
+    let mut warnings = Vec::new();
+    let (sensor_temperature, sensor_degc) = temperature(run, &sensor_channel, "sensor", span_s, &mut warnings);
+    let (coil_temperature, coil_degc) = temperature(run, &coil_channel, "coil system", span_s, &mut warnings);
+    warn(&mut warnings, run, plateaus, &derived.split);
+
+    let std = |range: std::ops::Range<usize>| uncertain.std.get(range).map_or_else(|| vec![f64::NAN; 9], <[f64]>::to_vec);
+    let three = |from: usize| -> [f64; 3] { std(from..from + 3).try_into().unwrap_or([f64::NAN; 3]) };
+    let rows_of_std = |from: usize| -> [[f64; 3]; 3] { [three(from), three(from + 3), three(from + 6)] };
+    let split = &derived.split;
+    let [xi_xy, xi_xz, xi_yz] = split.xi_deg;
+    let [lambda_x, mu_y, nu_z] = split.rotation_deg;
+    let mut durations: Vec<f64> = used.iter().map(|p| p.setting.t_end_s - p.setting.t_start_s).collect();
+    durations.sort_by(f64::total_cmp);
+    let parameters = Cpf {
+        run: RunPart {
+            id: header.run.clone(),
+            sensor: header.sensor.clone(),
+            mode: header.mode.clone(),
+            temperature_degc: sensor_degc.map(|[_, mean, _]| mean),
+            coil_temperature_degc: coil_degc.map(|[_, mean, _]| mean),
+            start: header.start.clone(),
+            configuration: header.configuration.clone(),
+            field_source: header.field_source.clone(),
+            coil_correction: header.coil_correction,
+            earthfield_compensation: header.earthfield_compensation.clone(),
+            position: position_id,
+            position_axes: position.names(),
+            field_duration_s: durations.get(durations.len() / 2).copied().unwrap_or_default(),
+            settling_s: plateaus.settling_s,
+            early_end_s: plateaus.early_end_s,
+        },
+        matrix: Matrices {
+            omega_convention: "BepiColombo".to_owned(),
+            r_nom: rows(&split.r_nom),
+            rho: rows(&split.rho),
+            omega: rows(&split.omega),
+            sigma: rows(&Matrix3::from_diagonal(&Vector3::from(split.sigma))),
+            phi: rows(&split.phi),
+            phi_tilde: rows(&split.phi_tilde),
+        },
+        angle_deg: Angles { xi_xy, xi_xz, xi_yz, lambda_x, mu_y, nu_z },
+        offset: Offset {
+            b_or_ent: derived.b_or_ent,
+            trend_order: order,
+            trend_ent: std::array::from_fn(|a| trend.coefficients(&stacked, a).to_vec()),
+            tau_span_s: trend.span_s,
+        },
+        quality: Quality {
+            blocks_used: used.len(),
+            blocks_total: list.len(),
+            lost_samples: run.vectors.lost,
+            spike_samples: list.iter().map(|p| p.spike_samples).sum(),
+            downweighted_blocks: fitted.downweighted,
+            condition: fitted.solution.condition,
+            degrees_of_freedom: fitted.solution.dof,
+            rotation_determinant: split.rho.determinant(),
+            raw_std_ent: raw_std(&used),
+            residual_nt: residual_summary(&blocks),
+        },
+        std: Std {
+            sigma: three(Derived::SIGMA),
+            xi_deg: three(Derived::XI),
+            b_or_ent: three(Derived::B_OR),
+            lambda_mu_nu_deg: rotation_std(split, &uncertain),
+            phi: rows_of_std(Derived::PHI),
+            phi_tilde: rows_of_std(Derived::PHI_TILDE),
+        },
+        covariance: covariance(&uncertain),
+        noise: Noise {
+            std_ent: std::array::from_fn(|a| noise.noise.get(a).map_or(f64::NAN, |n| n.std)),
+            correlated_share: std::array::from_fn(|a| noise.noise.get(a).map_or(f64::NAN, |n| n.share)),
+            effective_blocks: std::array::from_fn(|a| noise.noise.get(a).map_or(f64::NAN, |n| n.independent_rows)),
+        },
+        valid: Validity {
+            field_coil_nt: std::array::from_fn(|axis| {
+                let fields = used.iter().map(|p| p.setting.field.0[axis]);
+                fields.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], b| [low.min(b), high.max(b)])
+            }),
+            temperature_degc: sensor_degc.map(|[low, _, high]| [low, high]),
+            time_s: span_s,
+        },
+        conditions: (sensor_degc.is_some() || coil_degc.is_some()).then_some(Conditions {
+            sensor_channel,
+            sensor_degc,
+            coil_channel,
+            coil_degc,
+        }),
+        dropped: list
+            .iter()
+            .filter_map(|p| {
+                let reason = p.dropped.as_ref()?.to_string();
+                Some(Dropped { block: p.index + 1, t_start_s: p.setting.t_start_s, field_coil_nt: p.setting.field.0, reason })
+            })
+            .collect(),
+        warnings,
+    };
+    let residual_noise_nt = residual_noise(split, &noise.noise.iter().map(|n| n.std).collect::<Vec<f64>>());
+    Ok(Lin { parameters, blocks, residual_noise_nt, sensor_temperature, coil_temperature })
+}
+
+fn the_position(plateaus: &Plateaus, campaign: &Campaign) -> Result<(u32, Position), LinError> {
+    let mut ids: Vec<u32> = plateaus.list.iter().map(|p| p.setting.position).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    match ids.as_slice() {
+        [id] => campaign.position(*id).map(|p| (*id, p)).ok_or(LinError::UnknownPosition(*id)),
+        several => Err(LinError::Positions(several.iter().map(u32::to_string).collect::<Vec<_>>().join(", "))),
+    }
+}
+
+fn limits_nt(run: &Run, campaign: &Campaign, options: &Options) -> [Option<f64>; 3] {
+    let mut limits = campaign.limits_nt(&run.header);
+    for (limit, own) in limits.iter_mut().zip(options.max_field_nt) {
+        // What the analyst asks for now replaces what the campaign says.
+        *limit = own.or(*limit);
+    }
+    limits
+}
+
+fn apply_limits(list: &mut [Plateau], position: Position, limits_nt: &[Option<f64>; 3]) {
+    for plateau in list.iter_mut().filter(|p| p.dropped.is_none()) {
+        let along = position.to_nominal(plateau.setting.field.0);
+        plateau.dropped = (0..3).find_map(|component| {
+            let limit_nt = limits_nt[component]?;
+            (along[component].abs() > limit_nt).then_some(Drop::FieldLimit { component, limit_nt })
+        });
+    }
+}
+
+fn too_few(list: &[Plateau], used: usize, parameters: usize) -> LinError {
+    let mut reasons: Vec<(String, usize)> = Vec::new();
+    for reason in list.iter().filter_map(|p| p.dropped.as_ref()).map(Drop::to_string) {
+        match reasons.iter_mut().find(|(r, _)| *r == reason) {
+            Some((_, n)) => *n += 1,
+            None => reasons.push((reason, 1)),
+        }
+    }
+    reasons.sort_by(|a, b| b.1.cmp(&a.1));
+    let reasons = match reasons.as_slice() {
+        [] => "none".to_owned(),
+        some => some.iter().take(3).map(|(reason, n)| format!("{n} x {reason}")).collect::<Vec<_>>().join(", "),
+    };
+    LinError::TooFew { used, parameters, dropped: list.len() - used, total: list.len(), reasons }
+}
+
+/// The polynomial offset trend in `tau`, which runs from -1 to +1 over the used plateaus.
+#[derive(Clone, Debug)]
+struct Trend {
+    order: usize,
+    span_s: [f64; 2],
+    /// Mean of `tau^k` over the used plateaus.
+    mean_powers: Vec<f64>,
+}
+
+impl Trend {
+    fn over(used: &[&Plateau], order: usize) -> Self {
+        let times = || used.iter().map(|p| p.t_s());
+        let span_s = [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)];
+        let mut trend = Trend { order, span_s, mean_powers: Vec::new() };
+        trend.mean_powers =
+            (0..=order).map(|k| times().map(|t| trend.tau(t).powi(k as i32)).sum::<f64>() / used.len() as f64).collect();
+        trend
+    }
+
+    fn tau(&self, t_s: f64) -> f64 {
+        let [begin, end] = self.span_s;
+        if end > begin { 2.0 * (t_s - begin) / (end - begin) - 1.0 } else { 0.0 }
+    }
+
+    /// Coefficients per component, after the three of the field, in the stack of all coefficients.
+    fn coefficients<'a>(&self, stacked: &'a [f64], component: usize) -> &'a [f64] {
+        let count = 4 + self.order;
+        stacked.get(component * count + 3..(component + 1) * count).unwrap_or_default()
+    }
+
+    /// `B_or` at a time, enT.
+    fn at(&self, stacked: &[f64], t_s: f64) -> Vector3<f64> {
+        let tau = self.tau(t_s);
+        Vector3::from_fn(|a, _| self.coefficients(stacked, a).iter().rev().fold(0.0, |sum, c| sum * tau + c))
+    }
+
+    /// Mean `B_or` over the used plateaus, enT.
+    fn mean(&self, stacked: &[f64]) -> [f64; 3] {
+        std::array::from_fn(|a| self.coefficients(stacked, a).iter().zip(&self.mean_powers).map(|(c, m)| c * m).sum())
+    }
+}
+
+struct Fitted {
+    solution: Solution,
+    pseudo: Option<Solution>,
+    weights: Vec<f64>,
+    downweighted: Option<usize>,
+}
+
+impl Fitted {
+    /// The solution whose residuals show the noise.
+    fn for_noise(&self) -> &Solution {
+        self.pseudo.as_ref().unwrap_or(&self.solution)
+    }
+}
+
+fn fit(used: &[&Plateau], trend: &Trend, is_robust: bool) -> Result<Fitted, LinError> {
+    let columns = DMatrix::from_fn(used.len(), 4 + trend.order, |row, column| {
+        let p = used[row];
+        if column < 3 { p.setting.field.0[column] } else { trend.tau(p.t_s()).powi(column as i32 - 3) }
+    });
+    let names: Vec<String> = [
+        "the response to X_c",
+        "the response to Y_c",
+        "the response to Z_c",
+        "the offset",
+        "the offset's slope",
+        "the offset's curvature",
+    ]
+    .into_iter()
+    .take(4 + trend.order)
+    .map(str::to_owned)
+    .collect();
+    let rhs = DMatrix::from_fn(used.len(), 3, |row, component| used[row].mean.0[component]);
+    let limits = Limits { max_condition: MOST_CONDITION };
+    let explain = |error: FitError| match error {
+        FitError::Undetermined { parameters, condition } => LinError::Undetermined { parameters, condition },
+        other => LinError::Fit(other),
+    };
+    let design = linear::Design::new(names, columns).map_err(explain)?;
+    if is_robust {
+        let Robust { solution, pseudo, weights, downweighted, .. } =
+            robust::fit(&design, &rhs, None, &limits).map_err(explain)?;
+        Ok(Fitted { solution, pseudo: Some(pseudo), weights, downweighted: Some(downweighted) })
+    } else {
+        let solution = linear::solve(&design, &rhs, None, &limits).map_err(explain)?;
+        Ok(Fitted { solution, pseudo: None, weights: vec![1.0; used.len()], downweighted: None })
+    }
+}
+
+/// A component whose variance the field does not explain belongs to other settings, or is stuck.
+fn check_followed(used: &[&Plateau], solution: &Solution) -> Result<(), LinError> {
+    for (component, name) in COMPONENTS.into_iter().enumerate() {
+        let values: Vec<f64> = used.iter().map(|p| p.mean.0[component]).collect();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let total: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+        let left: f64 = solution.residuals.column(component).norm_squared();
+        let explained = if total > 0.0 { 1.0 - left / total } else { 0.0 };
+        if explained < LEAST_EXPLAINED {
+            let hint =
+                if total == 0.0 { "it is stuck" } else { "it is stuck or disturbed, or the settings are those of another run" };
+            return Err(LinError::Unrelated { component: name, explained, hint });
+        }
+    }
+    Ok(())
+}
+
+fn stack(coefficients: &DMatrix<f64>) -> Vec<f64> {
+    coefficients.column_iter().flat_map(|column| column.iter().copied().collect::<Vec<f64>>()).collect()
+}
+
+/// Everything that follows from the coefficients, in one list, so that one propagation gives all uncertainties.
+struct Derived {
+    split: Split,
+    b_or_ent: [f64; 3],
+}
+
+impl Derived {
+    const PHI: usize = 0;
+    const B_OR: usize = 9;
+    const SIGMA: usize = 12;
+    const XI: usize = 15;
+    const ROTATION: usize = 18;
+    const RHO: usize = 21;
+    const PHI_TILDE: usize = 30;
+    const COUNT: usize = 39;
+
+    fn of(stacked: &[f64], trend: &Trend, r_nom: &Matrix3<f64>) -> Result<Derived, SplitError> {
+        let count = 4 + trend.order;
+        let a = Matrix3::from_fn(|component, axis| stacked.get(component * count + axis).copied().unwrap_or(f64::NAN));
+        let phi = a.try_inverse().ok_or(SplitError::Singular)?;
+        Ok(Derived { split: split(&phi, r_nom)?, b_or_ent: trend.mean(stacked) })
+    }
+
+    fn list(&self) -> Vec<f64> {
+        let s = &self.split;
+        let matrix = |m: &Matrix3<f64>| m.transpose().iter().copied().collect::<Vec<f64>>();
+        [
+            matrix(&s.phi),
+            self.b_or_ent.to_vec(),
+            s.sigma.to_vec(),
+            s.xi_deg.to_vec(),
+            s.rotation_deg.to_vec(),
+            matrix(&s.rho),
+            matrix(&s.phi_tilde),
+        ]
+        .concat()
+    }
+}
+
+/// First order, except where an axis is turned by less than its uncertainty: there the angle behaves like a length, and the root
+/// mean square of its two components is taken.
+fn rotation_std(split: &Split, uncertain: &Propagated) -> [f64; 3] {
+    std::array::from_fn(|i| {
+        let variance = |row: usize| uncertain.std.get(Derived::RHO + 3 * row + i).map_or(f64::NAN, |s| s * s);
+        let aside: f64 = (0..3).filter(|row| *row != i).map(variance).sum();
+        let floor = (0.5 * aside).sqrt().to_degrees();
+        match uncertain.std.get(Derived::ROTATION + i) {
+            Some(std) if split.rotation_deg[i] > 3.0 * floor && std.is_finite() => *std,
+            _ => floor,
+        }
+    })
+}
+
+fn covariance(uncertain: &Propagated) -> Covariance {
+    let axes = ["x", "y", "z"];
+    let mut parameters: Vec<String> = axes.iter().flat_map(|r| axes.iter().map(move |c| format!("phi_{r}{c}"))).collect();
+    parameters.extend(axes.iter().map(|c| format!("b_or_{c}")));
+    let mut units = vec!["nT/enT".to_owned(); 9];
+    units.extend(vec!["enT".to_owned(); 3]);
+    let matrix = (0..12).map(|row| (0..12).map(|column| uncertain.covariance[(row, column)]).collect()).collect();
+    Covariance { parameters, units, matrix }
+}
+
+fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
+    std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]))
+}
+
+fn raw_std(used: &[&Plateau]) -> Option<Spread> {
+    let all: Vec<[f64; 3]> = used.iter().map(|p| p.std_ent).collect::<Option<_>>()?;
+    let fold = |start: f64, join: fn(f64, f64) -> f64| std::array::from_fn(|a| all.iter().map(|s| s[a]).fold(start, join));
+    Some(Spread {
+        min: fold(f64::INFINITY, f64::min),
+        mean: std::array::from_fn(|a| all.iter().map(|s| s[a]).sum::<f64>() / all.len() as f64),
+        max: fold(f64::NEG_INFINITY, f64::max),
+    })
+}
+
+fn residual_summary(blocks: &[Block]) -> Summary {
+    let used: Vec<[f64; 3]> =
+        blocks.iter().filter(|b| b.plateau.dropped.is_none()).filter_map(|b| b.residual_coil_nt).map(|r| r.0).collect();
+    let n = used.len() as f64;
+    Summary {
+        std: std::array::from_fn(|a| {
+            let mean = used.iter().map(|r| r[a]).sum::<f64>() / n;
+            (used.iter().map(|r| (r[a] - mean).powi(2)).sum::<f64>() / n).sqrt()
+        }),
+        max: std::array::from_fn(|a| used.iter().map(|r| r[a]).fold(f64::NEG_INFINITY, f64::max)),
+        min: std::array::from_fn(|a| used.iter().map(|r| r[a]).fold(f64::INFINITY, f64::min)),
+    }
+}
+
+/// Noise of the readings carried to coil axes.
+fn residual_noise(split: &Split, std_ent: &[f64]) -> [f64; 3] {
+    std::array::from_fn(|axis| std_ent.iter().enumerate().map(|(c, s)| (split.phi[(axis, c)] * s).powi(2)).sum::<f64>().sqrt())
+}
+
+type Series = Vec<(f64, f64)>;
+
+/// A temperature channel and its smallest, mean and largest value while the fields were applied.
+fn temperature(run: &Run, channel: &str, what: &str, span_s: [f64; 2], warnings: &mut Vec<String>) -> (Series, Option<[f64; 3]>) {
+    let table = if run.temperatures.names.iter().any(|n| n == channel) { &run.temperatures } else { &run.channels };
+    let Some(series) = table.channel(channel) else {
+        warnings.push(format!("no {what} temperature: the run has no channel {channel}"));
+        return (Vec::new(), None);
+    };
+    let inside: Vec<f64> = series.iter().filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)).map(|(_, v)| *v).collect();
+    // A single reading beside the settings is better than none, and is said to be that.
+    let values = if inside.is_empty() { series.iter().map(|(_, v)| *v).collect() } else { inside };
+    if values.is_empty() {
+        warnings.push(format!("no {what} temperature: channel {channel} holds no readings"));
+        return (series, None);
+    }
+    if let (Some((first, _)), Some((last, _))) = (series.first(), series.last()) {
+        let missing = (first - span_s[0]).max(0.0) + (span_s[1] - last).max(0.0);
+        if missing > 0.1 * (span_s[1] - span_s[0]) {
+            warnings.push(format!("the {what} temperature (channel {channel}) covers the time from {first} to {last} s only"));
+        }
+    }
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    (series, Some([low, mean, high]))
+}
+
+fn warn(warnings: &mut Vec<String>, run: &Run, plateaus: &Plateaus, split: &Split) {
+    let misplaced = misplaced_axes(split);
+    if split.rho.determinant() < 0.0 {
+        warnings.push("AXES: the sensor axes are left-handed against the position; two components are swapped or one has the wrong sign, and no rotation leads there".to_owned());
+    }
+    for (component, along) in misplaced {
+        let name = COMPONENTS.get(component).copied().unwrap_or("?");
+        warnings.push(format!(
+            "AXES: component {name} looks along the nominal {along} axis; check the position, the wiring and the signs"
+        ));
+    }
+    for (name, count) in COMPONENTS.into_iter().zip(plateaus.without_scatter) {
+        if count > 0 {
+            warnings.push(format!("component {name} has no scatter at all in {count} plateaus"));
+        }
+    }
+    let shift_s = plateaus.edge_shift_s;
+    if shift_s.abs() > 0.0 && plateaus.list.iter().any(|p| shift_s.abs() > (p.setting.t_end_s - p.setting.t_start_s) / 64.0) {
+        warnings.push(format!(
+            "the data step {shift_s:+.2} s after the settings do; the disturbed ends of the plateaus were left out"
+        ));
+    }
+    let spikes: u64 = plateaus.list.iter().map(|p| p.spike_samples).sum();
+    if spikes > 0 {
+        warnings.push(format!("{spikes} samples in stretches with spikes were left out"));
+    }
+    if run.vectors.lost > 0 {
+        warnings.push(format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count));
+    }
+    warnings.extend(run.findings.iter().map(|f| f.to_string()));
+}

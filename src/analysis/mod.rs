@@ -1,0 +1,3 @@
+//! One file per analysis: runs in, plain results out.
+
+pub mod lin;

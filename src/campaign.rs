@@ -1,0 +1,179 @@
+//! A folder to runs, positions, channels and limits.
+
+use crate::error::Finding;
+use crate::formats::campaign::{CampaignFile, read};
+use crate::model::position::Position;
+use crate::provenance::Input;
+use crate::run::Header;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Channel of the sensor temperature where nothing else is said.
+pub const SENSOR_CHANNEL: &str = "T59";
+/// Channel of the coil temperature where nothing else is said.
+pub const COIL_CHANNEL: &str = "T29";
+
+/// A run file of a campaign.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct RunFile {
+    /// Path inside the campaign, with forward slashes; this is what is recorded.
+    pub recorded: String,
+    /// Path to open.
+    pub path: PathBuf,
+    /// The user named this file, so it is used whatever the campaign says.
+    pub named: bool,
+}
+
+/// A campaign: one folder, or single run files of it.
+#[derive(Clone, Debug, Default)]
+pub struct Campaign {
+    /// The folder.
+    pub root: PathBuf,
+    /// What `campaign.toml` says.
+    pub file: CampaignFile,
+    /// `campaign.toml` as an input, if there is one.
+    pub input: Option<Input>,
+    /// Run files in the order of their recorded paths.
+    pub runs: Vec<RunFile>,
+    positions: BTreeMap<u32, Position>,
+}
+
+impl Campaign {
+    /// The campaigns that a list of folders and run files belongs to; warnings go to `findings`.
+    ///
+    /// # Errors
+    /// A path that does not exist, a folder without runs, or a damaged `campaign.toml`.
+    pub fn open(paths: &[PathBuf], findings: &mut Vec<Finding>) -> Result<Vec<Campaign>, Finding> {
+        let mut by_root: BTreeMap<PathBuf, Vec<(PathBuf, bool)>> = BTreeMap::new();
+        for path in paths {
+            let meta = std::fs::metadata(path).map_err(|e| Finding::io(path, "open", &e))?;
+            if meta.is_dir() {
+                let root = if is_day(path) { parent(path) } else { path.clone() };
+                let files = Self::run_files(path)?;
+                if files.is_empty() {
+                    let shown = path.display().to_string();
+                    return Err(Finding::error(&shown, "the folder holds no run files", "a campaign has YY-MM-DD/hh-mm-ss.CCR"));
+                }
+                by_root.entry(root).or_default().extend(files.into_iter().map(|f| (f, false)));
+            } else {
+                let folder = parent(path);
+                let root = if is_day(&folder) { parent(&folder) } else { folder };
+                by_root.entry(root).or_default().push((path.clone(), true));
+            }
+        }
+        by_root.into_iter().map(|(root, files)| Self::of(root, files, findings)).collect()
+    }
+
+    /// The run files of a folder and of the folders in it.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn run_files(folder: &Path) -> Result<Vec<PathBuf>, Finding> {
+        let mut files = Vec::new();
+        collect(folder, 0, &mut files)?;
+        Ok(files)
+    }
+
+    fn of(root: PathBuf, files: Vec<(PathBuf, bool)>, findings: &mut Vec<Finding>) -> Result<Campaign, Finding> {
+        let toml = root.join("campaign.toml");
+        let (file, input) = if toml.is_file() {
+            let (file, digested) = read(&toml, findings)?;
+            let input = Input { path: "campaign.toml".to_owned(), size_bytes: digested.size_bytes, sha256: digested.sha256 };
+            (file, Some(input))
+        } else {
+            (CampaignFile::default(), None)
+        };
+        let mut positions = BTreeMap::new();
+        for entry in &file.positions {
+            let position = Position::from_axes(&entry.axes).map_err(|e| {
+                Finding::error(&toml.display().to_string(), format!("position {}: {e}", entry.id), "correct its axes")
+            })?;
+            positions.insert(entry.id, position);
+        }
+        if positions.is_empty() {
+            positions.insert(1, Position::STANDARD);
+        }
+        let mut runs: Vec<RunFile> =
+            files.into_iter().map(|(path, named)| RunFile { recorded: recorded(&root, &path), path, named }).collect();
+        runs.sort();
+        runs.dedup_by(|a, b| a.path == b.path);
+        Ok(Campaign { root, file, input, runs, positions })
+    }
+
+    /// The position with this id.
+    #[must_use]
+    pub fn position(&self, id: u32) -> Option<Position> {
+        self.positions.get(&id).copied()
+    }
+
+    /// The channels of sensor and coil temperature for a run.
+    #[must_use]
+    pub fn channels(&self, header: &Header) -> (String, String) {
+        let sensor = self.file.sensors.iter().find(|s| s.name == header.sensor);
+        let pick = |own: Option<&String>, all: Option<&String>, default: &str| {
+            own.or(all).cloned().unwrap_or_else(|| default.to_owned())
+        };
+        (
+            pick(sensor.and_then(|s| s.temperature_channel.as_ref()), self.file.temperature_channel.as_ref(), SENSOR_CHANNEL),
+            pick(
+                sensor.and_then(|s| s.coil_temperature_channel.as_ref()),
+                self.file.coil_temperature_channel.as_ref(),
+                COIL_CHANNEL,
+            ),
+        )
+    }
+
+    /// The field limits of a run along its nominal sensor axes, nT.
+    #[must_use]
+    pub fn limits_nt(&self, header: &Header) -> [Option<f64>; 3] {
+        let applies = |wanted: &Option<String>, is: &str| wanted.as_deref().is_none_or(|w| w == is);
+        let mut limits = [None; 3];
+        for entry in self.file.limits.iter().filter(|l| applies(&l.sensor, &header.sensor) && applies(&l.mode, &header.mode)) {
+            for (limit, new) in limits.iter_mut().zip(entry.max_field_nt) {
+                *limit = Some(limit.map_or(new, |old: f64| old.min(new)));
+            }
+        }
+        limits
+    }
+}
+
+fn parent(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(p) if p.as_os_str().is_empty() => PathBuf::from("."),
+        Some(p) => p.to_owned(),
+        None => path.to_owned(),
+    }
+}
+
+/// Whether a folder is named after a day, YY-MM-DD.
+fn is_day(path: &Path) -> bool {
+    // A name such as `.` tells nothing; the real one does.
+    let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let name = real.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    name.len() == 8 && name.bytes().enumerate().all(|(i, b)| if i == 2 || i == 5 { b == b'-' } else { b.is_ascii_digit() })
+}
+
+/// The path of a run file inside its campaign, which is the same wherever the campaign lies.
+fn recorded(root: &Path, path: &Path) -> String {
+    let inside = |root: &Path, path: &Path| path.strip_prefix(root).map(Path::to_owned).ok();
+    let real = || inside(&root.canonicalize().ok()?, &path.canonicalize().ok()?);
+    let relative = inside(root, path).or_else(real).or_else(|| path.file_name().map(PathBuf::from)).unwrap_or_default();
+    relative.components().map(|c| c.as_os_str().to_string_lossy().into_owned()).collect::<Vec<_>>().join("/")
+}
+
+/// Run files of a folder and of the folders in it.
+fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), Finding> {
+    let listing = std::fs::read_dir(folder).map_err(|e| Finding::io(folder, "list the folder", &e))?;
+    for entry in listing {
+        let path = entry.map_err(|e| Finding::io(folder, "list the folder", &e))?.path();
+        let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_uppercase()).unwrap_or_default();
+        if path.is_dir() {
+            if depth == 0 {
+                collect(&path, depth + 1, files)?;
+            }
+        } else if name.ends_with(".CCR") || name.ends_with(".CCR.GZ") {
+            files.push(path);
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,97 @@
+//! `calfit check`: everything that is wrong with each file. Run files, programmes, campaign files and parameter files are told
+//! apart by their names.
+
+use super::output::{Terminal, json};
+use super::{Common, Status};
+use crate::campaign::Campaign;
+use crate::error::{Finding, Severity};
+use crate::formats::parameter::Cpf;
+use crate::formats::{campaign, ccr, mag, parameter};
+use clap::Args;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// Campaign folders, run files (.CCR, .CCR.gz), programmes (.MAG), campaign.toml, parameter files (.CPF).
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Checked {
+    file: String,
+    ok: bool,
+    findings: Vec<Finding>,
+}
+
+pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let files = files(&arguments.paths)?;
+    let bar = terminal.progress(files.len());
+    let results: Vec<Checked> = files
+        .par_iter()
+        .map(|path| {
+            let findings = check(path, common);
+            bar.inc(1);
+            let ok = findings.iter().all(|f| f.severity != Severity::Error);
+            Checked { file: path.display().to_string(), ok, findings }
+        })
+        .collect();
+    bar.finish_and_clear();
+    let bad = results.iter().filter(|r| !r.ok).count();
+    if common.json {
+        terminal.print(&json(&results)?);
+    } else {
+        for result in &results {
+            result.findings.iter().for_each(|f| terminal.finding(f));
+            terminal.tell(&format!("{}: {}\n", result.file, if result.ok { "ok" } else { "refused" }));
+        }
+        if results.len() > 1 {
+            terminal.tell(&format!("{} of {} files are in order\n", results.len() - bad, results.len()));
+        }
+    }
+    Ok(if bad == 0 { Status::Done } else { Status::Partly })
+}
+
+/// The files to check: those named, and of a folder its runs and its `campaign.toml`.
+fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
+    let mut files = Vec::new();
+    for path in paths {
+        let meta = std::fs::metadata(path).map_err(|e| Finding::io(path, "open", &e))?;
+        if !meta.is_dir() {
+            files.push(path.clone());
+            continue;
+        }
+        let toml = path.join("campaign.toml");
+        if toml.is_file() {
+            files.push(toml);
+        }
+        files.extend(Campaign::run_files(path)?);
+    }
+    files.sort();
+    files.dedup();
+    Ok(files)
+}
+
+fn check(path: &Path, common: &Common) -> Vec<Finding> {
+    let shown = path.display().to_string();
+    let name = shown.to_ascii_uppercase();
+    let mut findings = Vec::new();
+    let error = if name.ends_with(".MAG") {
+        mag::read(path, &mut findings).err()
+    } else if name.ends_with(".TOML") {
+        campaign::read(path, &mut findings).err()
+    } else if name.ends_with(".CPF") {
+        parameter::read::<Cpf>(path).err()
+    } else {
+        let options = ccr::Options { collect: true, ..common.read_options(&shown, false) };
+        match ccr::read(path, &options, &mut ()) {
+            Ok(run) => findings.extend(run.findings),
+            Err(errors) => findings.extend(errors),
+        }
+        None
+    };
+    findings.extend(error);
+    findings
+}

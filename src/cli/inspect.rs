@@ -1,0 +1,59 @@
+//! `calfit inspect`: the run list of a campaign.
+
+use super::output::{Terminal, json};
+use super::{Common, Failure, Status, jobs, open, report_failures};
+use crate::error::Finding;
+use crate::formats::ccr;
+use crate::report::runs::{RunLine, markdown};
+use clap::Args;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::path::PathBuf;
+
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// Campaign folders or run files.
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Listing<'a> {
+    runs: &'a [RunLine],
+    failed: Vec<&'a Finding>,
+}
+
+pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let campaigns = open(&arguments.paths, terminal)?;
+    let jobs = jobs(&campaigns, None, |_| None);
+    let bar = terminal.progress(jobs.len());
+    let two_threads = jobs.len() < rayon::current_num_threads();
+    let results: Vec<_> = jobs
+        .par_iter()
+        .map(|job| {
+            let result = ccr::read(&job.path, &common.read_options(&job.recorded, two_threads), &mut ());
+            bar.inc(1);
+            result.map(|run| (RunLine::of(&run), run.findings))
+        })
+        .collect();
+    bar.finish_and_clear();
+    let mut lines = Vec::new();
+    let mut failures = Vec::new();
+    for (job, result) in jobs.iter().zip(results) {
+        match result {
+            Ok((line, findings)) => {
+                findings.iter().for_each(|f| terminal.finding(f));
+                lines.push(line);
+            }
+            Err(findings) => failures.push((job.recorded.clone(), Failure::Unreadable(findings))),
+        }
+    }
+    if common.json {
+        let failed = failures.iter().flat_map(|(_, f)| f.findings()).collect();
+        terminal.print(&json(&Listing { runs: &lines, failed })?);
+    } else if !lines.is_empty() {
+        terminal.print(&markdown(&lines));
+    }
+    report_failures(terminal, &failures, jobs.len());
+    Ok(Failure::status(lines.len(), failures.iter().map(|(_, f)| f)))
+}

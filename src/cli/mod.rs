@@ -1,0 +1,233 @@
+//! The command line: arguments, progress, exit status. No mathematics, no file layout.
+
+mod check;
+mod inspect;
+mod lin;
+mod output;
+mod shell;
+
+use crate::campaign::Campaign;
+use crate::error::{Finding, Severity};
+use crate::formats::ccr;
+use crate::run::Kind;
+use clap::{ArgAction, Args, ColorChoice, Parser, Subcommand, ValueEnum};
+use output::Terminal;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Ground calibration of fluxgate magnetometers at a coil facility.
+///
+/// From a campaign folder of run files to parameter files with uncertainties, figures and report tables.
+#[derive(Debug, Parser)]
+#[command(name = "calfit", version, propagate_version = true, arg_required_else_help = true)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Linear calibration of every linearity run: sensitivity, misalignment, rotation, offset.
+    Lin(lin::Arguments),
+    /// List the runs of a campaign: file, programme, sensor, mode, settings, vectors, losses, temperatures.
+    Inspect(inspect::Arguments),
+    /// Validate files and say everything that is wrong with each; changes nothing.
+    Check(check::Arguments),
+    /// Write a completion script for a shell to standard output.
+    Completions(shell::Completions),
+    /// Write manual pages into a folder.
+    Man(shell::Man),
+}
+
+/// Options of every command.
+#[derive(Args, Clone, Debug)]
+struct Common {
+    /// Folder for results.
+    #[arg(short, long, global = true, value_name = "DIR", default_value = "calfit-out")]
+    out: PathBuf,
+    /// Print the result as JSON on standard output, and nothing else there.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Do not draw figures.
+    #[arg(long, global = true)]
+    no_plots: bool,
+    /// Write over files that calfit did not write.
+    #[arg(long, global = true)]
+    force: bool,
+    /// Threads to use; 0 is one per core. Results do not depend on it.
+    #[arg(long, global = true, value_name = "N", default_value_t = 0)]
+    threads: usize,
+    /// Print errors only.
+    #[arg(short, long, global = true)]
+    quiet: bool,
+    /// Print notes as well as warnings.
+    #[arg(short, long, global = true, action = ArgAction::Count)]
+    verbose: u8,
+    /// Colour of messages.
+    #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
+    color: ColorChoice,
+    /// Go on in spite of a problem with the data; recorded in the results.
+    #[arg(long, global = true, value_name = "PROBLEM", value_enum)]
+    allow: Vec<Allow>,
+    /// The same as `--allow truncated`.
+    #[arg(long, global = true)]
+    allow_truncated: bool,
+}
+
+/// Problems with the data that can be allowed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+enum Allow {
+    /// A file that ends before @END.
+    Truncated,
+    /// More than a few repeated rows.
+    Duplicates,
+    /// A sensitivity far from its nominal value.
+    Gain,
+    /// Readings that do not follow the settings.
+    Mismatch,
+}
+
+impl Common {
+    fn allows(&self, problem: Allow) -> bool {
+        self.allow.contains(&problem) || (problem == Allow::Truncated && self.allow_truncated)
+    }
+
+    /// The allowed problems as they are recorded.
+    fn allowed(&self) -> Vec<Allow> {
+        let mut list: Vec<Allow> = Allow::value_variants().to_vec();
+        list.retain(|problem| self.allows(*problem));
+        list
+    }
+
+    fn read_options(&self, recorded: &str, two_threads: bool) -> ccr::Options {
+        ccr::Options {
+            allow_truncated: self.allows(Allow::Truncated),
+            allow_duplicates: self.allows(Allow::Duplicates),
+            collect: false,
+            two_threads,
+            recorded_path: Some(recorded.to_owned()),
+        }
+    }
+}
+
+/// How a command ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Status {
+    /// Everything was done.
+    Done = 0,
+    /// Something failed or was refused.
+    Partly = 1,
+    /// Wrong usage or unreadable input.
+    Unusable = 2,
+}
+
+/// Why one run of several has no result.
+#[derive(Clone, Debug)]
+enum Failure {
+    /// The file cannot be read or is damaged.
+    Unreadable(Vec<Finding>),
+    /// The analysis refuses the run, or its results cannot be written.
+    Refused(Finding),
+}
+
+impl Failure {
+    fn findings(&self) -> &[Finding] {
+        match self {
+            Failure::Unreadable(findings) => findings,
+            Failure::Refused(finding) => std::slice::from_ref(finding),
+        }
+    }
+
+    /// Nothing could be used of all that was named: unusable input. Something was used, or refused for a reason: partly done.
+    fn status<'a>(succeeded: usize, failures: impl IntoIterator<Item = &'a Failure>) -> Status {
+        let mut failures = failures.into_iter().peekable();
+        if failures.peek().is_none() {
+            Status::Done
+        } else if succeeded == 0 && failures.all(|f| matches!(f, Failure::Unreadable(_))) {
+            Status::Unusable
+        } else {
+            Status::Partly
+        }
+    }
+}
+
+/// Runs the program with the arguments of the process.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version go to standard output and are no error. A closed output is nobody's fault.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { Status::Unusable as u8 } else { Status::Done as u8 });
+        }
+    };
+    let terminal = Terminal::new(cli.common.color, cli.common.quiet, cli.common.verbose > 0);
+    if cli.common.threads > 0 {
+        // Fails only if the pool exists already, which cannot be this early.
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(cli.common.threads).build_global();
+    }
+    let result = match cli.command {
+        Command::Lin(arguments) => lin::run(&arguments, &cli.common, &terminal),
+        Command::Inspect(arguments) => inspect::run(&arguments, &cli.common, &terminal),
+        Command::Check(arguments) => check::run(&arguments, &cli.common, &terminal),
+        Command::Completions(arguments) => shell::completions(&arguments, &terminal),
+        Command::Man(arguments) => shell::manual(&arguments),
+    };
+    let status = result.unwrap_or_else(|finding| {
+        terminal.finding(&finding);
+        Status::Unusable
+    });
+    // Output that could not be printed is a failure, a reader that has seen enough is not.
+    ExitCode::from(terminal.finish(status) as u8)
+}
+
+/// Opens the campaigns of a list of paths and shows what `campaign.toml` is warned about.
+fn open(paths: &[PathBuf], terminal: &Terminal) -> Result<Vec<Campaign>, Finding> {
+    let mut findings = Vec::new();
+    let campaigns = Campaign::open(paths, &mut findings)?;
+    findings.iter().for_each(|f| terminal.finding(f));
+    Ok(campaigns)
+}
+
+/// A file to work on, with its campaign.
+struct Job<'a> {
+    campaign: &'a Campaign,
+    path: PathBuf,
+    recorded: String,
+}
+
+/// All files of the campaigns, or those of a kind: files that the user named are always among them, so that one of the wrong kind
+/// is refused and not passed over. A file whose head cannot be read is among them too, for its error to be reported.
+fn jobs<'a>(campaigns: &'a [Campaign], kind: Option<Kind>, listed: impl Fn(&Campaign) -> Option<&Vec<String>>) -> Vec<Job<'a>> {
+    let mut jobs = Vec::new();
+    for campaign in campaigns {
+        for file in &campaign.runs {
+            let wanted = match kind {
+                None => true,
+                Some(_) if file.named => true,
+                Some(kind) => match ccr::peek(&file.path) {
+                    Ok(header) => header.kind == kind && listed(campaign).is_none_or(|ids| ids.contains(&header.run)),
+                    Err(_) => true,
+                },
+            };
+            if wanted {
+                jobs.push(Job { campaign, path: file.path.clone(), recorded: file.recorded.clone() });
+            }
+        }
+    }
+    jobs
+}
+
+/// Prints the errors of the runs that have no result and counts them.
+fn report_failures(terminal: &Terminal, failures: &[(String, Failure)], total: usize) {
+    for (_, failure) in failures {
+        failure.findings().iter().filter(|f| f.severity == Severity::Error).for_each(|f| terminal.finding(f));
+    }
+    if !failures.is_empty() && total > 1 {
+        let names: Vec<&str> = failures.iter().map(|(name, _)| name.as_str()).collect();
+        terminal.error(&format!("{} of {total} runs failed: {}", failures.len(), names.join(", ")));
+    }
+}

@@ -1,0 +1,34 @@
+//! `calfit completions` and `calfit man`.
+
+use super::output::Terminal;
+use super::{Cli, Status};
+use crate::error::Finding;
+use clap::{Args, CommandFactory};
+use std::path::PathBuf;
+
+#[derive(Args, Debug)]
+pub(super) struct Completions {
+    /// Shell to complete for.
+    shell: clap_complete::Shell,
+}
+
+#[derive(Args, Debug)]
+pub(super) struct Man {
+    /// Folder for the pages.
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+}
+
+pub(super) fn completions(arguments: &Completions, terminal: &Terminal) -> Result<Status, Finding> {
+    let mut text = Vec::new();
+    clap_complete::generate(arguments.shell, &mut Cli::command(), "calfit", &mut text);
+    terminal.print(&String::from_utf8_lossy(&text));
+    Ok(Status::Done)
+}
+
+pub(super) fn manual(arguments: &Man) -> Result<Status, Finding> {
+    let wrong = |e: std::io::Error| Finding::io(&arguments.folder, "write manual pages", &e);
+    std::fs::create_dir_all(&arguments.folder).map_err(wrong)?;
+    clap_mangen::generate_to(Cli::command(), &arguments.folder).map_err(wrong)?;
+    Ok(Status::Done)
+}

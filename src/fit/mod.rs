@@ -1,0 +1,95 @@
+//! Estimators on matrices: they know rows, columns and noise, and no magnetometer.
+//!
+//! * [`linear`]: the weighted least-squares solver behind every linear fit, refined to the last digit of its input. It
+//!   refuses designs which do not determine their parameters and names those parameters.
+//! * [`polynomial`]: polynomials of any degree the data carry, in raw powers.
+//! * [`robust`]: Huber weights for rows which do not belong.
+//! * [`correlation`]: white and slow noise told apart in the residuals, and what slow noise does to the coefficients.
+//! * [`propagate`](mod@propagate): covariance through functions of the coefficients.
+//!
+//! Everything is deterministic and nothing panics on data: what cannot be estimated is a [`FitError`].
+
+pub mod correlation;
+mod double_double;
+pub mod linear;
+pub mod polynomial;
+pub mod propagate;
+pub mod robust;
+
+pub use correlation::{Noise, NoiseModel};
+pub use linear::{Design, Limits, Solution, solve};
+pub use polynomial::Polynomial;
+pub use propagate::{Propagated, propagate};
+pub use robust::Robust;
+
+/// Why a fit has no answer.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// There are fewer rows of positive weight than parameters.
+    #[error("{rows} rows cannot determine {parameters} parameters")]
+    TooFewRows {
+        /// Rows of positive weight.
+        rows: usize,
+        /// Parameters of the design.
+        parameters: usize,
+    },
+    /// The columns are dependent, or so nearly that noise decides the answer.
+    #[error("the data do not determine {} (condition {condition:.1e})", parameters.join(", "))]
+    Undetermined {
+        /// The parameters which trade against each other, in the order of the design.
+        parameters: Vec<String>,
+        /// Condition number of the design with columns of unit norm, infinite for a zero column.
+        condition: f64,
+    },
+    /// Two inputs which belong together differ in length.
+    #[error("{what}: {found} given, {expected} needed")]
+    Length {
+        /// The input at fault.
+        what: &'static str,
+        /// The length the other inputs ask for.
+        expected: usize,
+        /// The length it has.
+        found: usize,
+    },
+    /// An input holds a NaN or an infinity, or a result overflowed.
+    #[error("{what}: row {row} is not finite")]
+    NotFinite {
+        /// The matrix at fault.
+        what: &'static str,
+        /// Its first such row, counted from zero.
+        row: usize,
+    },
+    /// A weight is negative.
+    #[error("the weight of row {row} is negative")]
+    NegativeWeight {
+        /// The row, counted from zero.
+        row: usize,
+    },
+    /// All rows were measured at the same time, or no degree of freedom is left to see noise in.
+    #[error("the residuals carry no information about noise: {why}")]
+    NoNoise {
+        /// What is missing.
+        why: &'static str,
+    },
+    /// An iteration did not settle.
+    #[error("{what} did not settle within {iterations} iterations")]
+    NotSettled {
+        /// The iteration.
+        what: &'static str,
+        /// Iterations made.
+        iterations: usize,
+    },
+}
+
+/// Refuses a slice or matrix with a value that is not finite; `rows` is the number of rows in column-major order.
+fn require_finite(what: &'static str, values: &[f64], rows: usize) -> Result<(), FitError> {
+    match values.iter().position(|value| !value.is_finite()) {
+        Some(index) => Err(FitError::NotFinite { what, row: index % rows }),
+        None => Ok(()),
+    }
+}
+
+/// Refuses a length other than the one needed.
+fn require_length(what: &'static str, expected: usize, found: usize) -> Result<(), FitError> {
+    if found == expected { Ok(()) } else { Err(FitError::Length { what, expected, found }) }
+}

@@ -1,0 +1,393 @@
+//! Rows of `@VECTORS`: a fast path for plain rows and the clock that turns counters into times.
+
+use crate::run::{Gap, VectorAccount};
+
+/// Bytes that a plain row can have at most: two counters of eight digits, eight numbers of seven digits, signs and separators.
+pub(super) const WINDOW: usize = 104;
+
+/// A row as it stands in the file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Row {
+    pub n: u64,
+    pub t_s: f64,
+    /// Decimals of the time tag.
+    pub t_decimals: u32,
+    pub reading: [f64; 3],
+}
+
+const POWERS: [f64; 8] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7];
+const WHOLE_POWERS: [u64; 8] = [1, 10, 100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000];
+
+/// Eight bytes as a number, least significant byte first, and a mask with the high bit of every byte that is no digit. Bits
+/// above the first non-digit may be wrong, which does not matter: only the first one is used.
+#[inline(always)]
+fn digits(row: &[u8; WINDOW], at: usize) -> Option<(u64, u64)> {
+    let bytes: [u8; 8] = row.get(at..at + 8)?.try_into().ok()?;
+    let values = u64::from_le_bytes(bytes) ^ 0x3030_3030_3030_3030;
+    let others = (values.wrapping_add(0x7676_7676_7676_7676) | values) & 0x8080_8080_8080_8080;
+    Some((values, others))
+}
+
+/// The value of `count` (1 to 8) digits that stand in the low bytes.
+#[inline(always)]
+fn value(digits: u64, count: u32) -> u64 {
+    // Shifted up, the digits are right-aligned for the pairwise sums; leading places become zeros.
+    let d = digits << (64 - 8 * count);
+    let d = (d & 0x0F0F_0F0F_0F0F_0F0F).wrapping_mul(2561) >> 8;
+    let d = (d & 0x00FF_00FF_00FF_00FF).wrapping_mul(6_553_601) >> 16;
+    (d & 0x0000_FFFF_0000_FFFF).wrapping_mul(42_949_672_960_001) >> 32
+}
+
+/// A number without exponent, at most seven digits on either side of the point: its value is a whole number below 2^53 divided by
+/// a power of ten below 10^22, hence correctly rounded. Returns value, decimals, and the index of the byte after it.
+#[inline(always)]
+fn decimal(row: &[u8; WINDOW], at: usize) -> Option<(f64, u32, usize)> {
+    let negative = *row.get(at)? == b'-';
+    let at = at + usize::from(negative);
+    let (values, others) = digits(row, at)?;
+    let count = others.trailing_zeros() / 8;
+    if count == 0 || others == 0 {
+        return None;
+    }
+    let mut end = at + count as usize;
+    let mut mantissa = value(values, count);
+    let mut decimals = 0;
+    if *row.get(end)? == b'.' {
+        let (values, others) = digits(row, end + 1)?;
+        decimals = others.trailing_zeros() / 8;
+        if decimals == 0 || others == 0 {
+            return None;
+        }
+        mantissa = mantissa * WHOLE_POWERS[decimals as usize & 7] + value(values, decimals);
+        end += 1 + decimals as usize;
+    }
+    #[expect(clippy::cast_precision_loss, reason = "at most fourteen digits")]
+    let magnitude = mantissa as f64 / POWERS[decimals as usize & 7];
+    Some((if negative { -magnitude } else { magnitude }, decimals, end))
+}
+
+/// A counter of at most fifteen digits and the index of the byte after it.
+#[inline(always)]
+fn counter(row: &[u8; WINDOW]) -> Option<(u64, usize)> {
+    let (values, others) = digits(row, 0)?;
+    if others != 0 {
+        let count = others.trailing_zeros() / 8;
+        return (count > 0).then(|| (value(values, count), count as usize));
+    }
+    let (more, others) = digits(row, 8)?;
+    let count = others.trailing_zeros() / 8;
+    match (others, count) {
+        (0, _) => None,
+        (_, 0) => Some((value(values, 8), 8)),
+        _ => Some((value(values, 8) * WHOLE_POWERS[count as usize & 7] + value(more, count), 8 + count as usize)),
+    }
+}
+
+/// Reads a row `n,t,x,y,z` of plain numbers with its line end. `None` means that the row needs the careful path, which finds out
+/// what is unusual or wrong.
+#[inline(always)]
+pub(super) fn plain_row(row: &[u8; WINDOW]) -> Option<(Row, usize)> {
+    let (n, at) = counter(row)?;
+    let comma = |at: usize| (row.get(at) == Some(&b',')).then_some(at + 1);
+    let (t_s, t_decimals, at) = decimal(row, comma(at)?)?;
+    let (x, _, at) = decimal(row, comma(at)?)?;
+    let (y, _, at) = decimal(row, comma(at)?)?;
+    let (z, _, at) = decimal(row, comma(at)?)?;
+    let length = match row.get(at)? {
+        b'\n' => at + 1,
+        b'\r' if row.get(at + 1) == Some(&b'\n') => at + 2,
+        _ => return None,
+    };
+    Some((Row { n, t_s, t_decimals, reading: [x, y, z] }, length))
+}
+
+/// What the clock says to a row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Tick {
+    /// A sample, with its time from the counter.
+    Sample(f64),
+    /// A repetition of the row before.
+    Duplicate,
+    /// The counter goes back.
+    CounterBack { from: u64, to: u64 },
+    /// The time tag goes back.
+    TimeBack { from_s: f64, to_s: f64 },
+    /// The time tag is away from the time of the counter; so far the tags run at this rate.
+    Disagrees { by_s: f64, rate_hz: f64 },
+}
+
+/// Times from counters. The time of a sample is `n / rate` plus an offset that follows the mean of the last
+/// [`Clock::MEMORY`] time tags, so that neither the rounding of the tags nor a sensor clock that runs a little off moves a
+/// sample across the edge of a setting.
+#[derive(Clone, Debug)]
+pub(super) struct Clock {
+    period_s: f64,
+    first_n: u64,
+    first_t_s: f64,
+    offset_s: f64,
+    weight: f64,
+    last: Option<Row>,
+    quantum_s: f64,
+    coarse: bool,
+    equal_tags: u64,
+    decimals: u32,
+    pub account: VectorAccount,
+    /// Lines of the first repeated rows.
+    pub duplicate_lines: Vec<u64>,
+}
+
+impl Clock {
+    /// Samples over which the offset is averaged. A clock that is off by more than 1.5 samples in this many is refused.
+    pub const MEMORY: f64 = 1024.0;
+    /// Longest step of a time column that is taken for coarse, not for wrong.
+    const LONGEST_STEP_S: f64 = 10.0;
+
+    pub fn new(sample_rate_hz: f64) -> Self {
+        Self {
+            period_s: 1.0 / sample_rate_hz,
+            first_n: 0,
+            first_t_s: 0.0,
+            offset_s: 0.0,
+            weight: 0.0,
+            last: None,
+            quantum_s: 0.0,
+            coarse: false,
+            equal_tags: 0,
+            decimals: 0,
+            account: VectorAccount::default(),
+            duplicate_lines: Vec::new(),
+        }
+    }
+
+    /// Takes the next row, which stands in `line`.
+    #[inline(always)]
+    pub fn tick(&mut self, row: &Row, line: u64) -> Tick {
+        let Some(last) = self.last else { return self.first(row) };
+        if (row.n != last.n + 1 || row.t_s <= last.t_s)
+            && let Some(tick) = self.unusual(row, &last, line)
+        {
+            return tick;
+        }
+        if row.t_decimals > self.decimals {
+            self.set_decimals(row.t_decimals);
+        }
+        #[expect(clippy::cast_precision_loss, reason = "a counter of fifteen digits is exact")]
+        let nominal_s = (row.n - self.first_n) as f64 * self.period_s;
+        let deviation_s = row.t_s - (nominal_s + self.offset_s);
+        if deviation_s.abs() > self.tolerance_s() && !self.forgive(row, &last, deviation_s) {
+            let rate_hz = self.rate_hz(row);
+            self.restart(row);
+            return Tick::Disagrees { by_s: deviation_s, rate_hz };
+        }
+        self.weight = (self.weight + 1.0).min(Self::MEMORY);
+        self.offset_s += deviation_s / self.weight;
+        self.last = Some(*row);
+        self.account.count += 1;
+        Tick::Sample(nominal_s + self.offset_s)
+    }
+
+    /// How far a time tag may be from the time of the counter, s.
+    #[inline(always)]
+    fn tolerance_s(&self) -> f64 {
+        1.5 * self.period_s + self.quantum_s
+    }
+
+    #[cold]
+    fn set_decimals(&mut self, decimals: u32) {
+        self.decimals = decimals;
+        if !self.coarse {
+            self.quantum_s = 0.75 * 10f64.powi(-(decimals.min(12) as i32));
+        }
+    }
+
+    #[cold]
+    fn first(&mut self, row: &Row) -> Tick {
+        self.first_t_s = row.t_s;
+        self.set_decimals(row.t_decimals);
+        self.restart(row);
+        self.account.count = 1;
+        Tick::Sample(row.t_s)
+    }
+
+    /// Begins anew at a row, so that one fault is reported once.
+    fn restart(&mut self, row: &Row) {
+        self.first_n = row.n;
+        self.offset_s = row.t_s;
+        self.weight = 1.0;
+        self.last = Some(*row);
+    }
+
+    /// A counter that does not go on by one, or a time tag that does not advance. `None`: a sample all the same.
+    #[cold]
+    fn unusual(&mut self, row: &Row, last: &Row, line: u64) -> Option<Tick> {
+        if row.n == last.n {
+            self.account.duplicates += 1;
+            if self.duplicate_lines.len() < 5 {
+                self.duplicate_lines.push(line);
+            }
+            return Some(Tick::Duplicate);
+        }
+        if row.n < last.n || row.t_s < last.t_s {
+            self.restart(row);
+            return Some(if row.n < last.n {
+                Tick::CounterBack { from: last.n, to: row.n }
+            } else {
+                Tick::TimeBack { from_s: last.t_s, to_s: row.t_s }
+            });
+        }
+        if row.t_s == last.t_s {
+            self.equal_tags += 1;
+        }
+        let lost = row.n - last.n - 1;
+        if lost > 0 {
+            self.account.lost = self.account.lost.saturating_add(lost);
+            self.account.gap_count += 1;
+            if self.account.gaps.len() < VectorAccount::MOST_GAPS {
+                self.account.gaps.push(Gap { line, t_s: row.t_s, lost });
+            }
+        }
+        None
+    }
+
+    /// A time column whose steps are longer than a sample is accepted as such: the counter carries the time.
+    #[cold]
+    fn forgive(&mut self, row: &Row, last: &Row, deviation_s: f64) -> bool {
+        // Across a gap a clock that is off by up to 0.15 % is followed as it is elsewhere.
+        #[expect(clippy::cast_precision_loss, reason = "a counter of fifteen digits is exact")]
+        let gap_s = (row.n - last.n) as f64 * self.period_s;
+        if deviation_s.abs() <= self.tolerance_s() + 0.0015 * gap_s {
+            return true;
+        }
+        if 2 * self.equal_tags < self.account.count {
+            return false;
+        }
+        // More than half of the tags repeat the one before: a column in steps. Its first steps tell how long they are.
+        self.coarse = true;
+        self.quantum_s = self.quantum_s.max((1.5 * (row.t_s - last.t_s)).min(Self::LONGEST_STEP_S));
+        row.t_s == last.t_s || deviation_s.abs() <= self.tolerance_s()
+    }
+
+    /// Step of a time column that is coarser than a sample, s.
+    pub fn coarse_step_s(&self) -> Option<f64> {
+        self.coarse.then_some(self.quantum_s / 1.5)
+    }
+
+    /// Rate of the time tags up to a row, Hz.
+    fn rate_hz(&self, row: &Row) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "a counter of fifteen digits is exact")]
+        let samples = (row.n - self.first_n) as f64;
+        samples / (row.t_s - self.first_t_s)
+    }
+
+    /// The account, complete.
+    pub fn finish(mut self) -> VectorAccount {
+        if let Some(last) = self.last {
+            self.account.span_s = Some([self.first_t_s, last.t_s]);
+            self.account.measured_rate_hz = Some(self.rate_hz(&last)).filter(|rate| rate.is_finite());
+        }
+        self.account
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plain(text: &str) -> Option<(Row, usize)> {
+        let mut window = [0; WINDOW];
+        window[..text.len()].copy_from_slice(text.as_bytes());
+        plain_row(&window)
+    }
+
+    #[test]
+    fn plain_rows_are_read_as_the_standard_library_reads_them() {
+        for (n, t, x) in [
+            ("0", "0.0000", "6.938"),
+            ("12345678", "964.4531", "-54214.43"),
+            ("123456789012345", "9999999.9999999", "0"),
+            ("7", "1", "-0.0000001"),
+        ] {
+            let text = format!("{n},{t},{x},{x},1.5\n");
+            let (row, length) = plain(&text).unwrap();
+            assert_eq!(length, text.len());
+            assert_eq!(row.n, n.parse::<u64>().unwrap());
+            assert_eq!(row.t_s, t.parse::<f64>().unwrap());
+            assert_eq!(row.reading, [x.parse().unwrap(), x.parse().unwrap(), 1.5]);
+        }
+        assert_eq!(plain("1,2,3,4,5\r\n").unwrap().1, 11);
+    }
+
+    #[test]
+    fn anything_unusual_is_left_to_the_careful_path() {
+        for text in [
+            "1,2,3,4\n",
+            "1,2,3,4,5,6\n",
+            "1,2,3,4,5e3\n",
+            "1,2,nan,4,5\n",
+            "a,2,3,4,5\n",
+            "-1,2,3,4,5\n",
+            "1,,3,4,5\n",
+            "1,2,3.,4,5\n",
+            "1,2,.3,4,5\n",
+            "1,2,3,4,12345678.5\n",
+            "1;2;3;4;5\n",
+            "1,2,3,4,5\r5\n",
+            "1,2,3,4,5 \n",
+        ] {
+            assert_eq!(plain(text), None, "{text}");
+        }
+    }
+
+    fn row(n: u64, t_s: f64) -> Row {
+        Row { n, t_s, t_decimals: 4, reading: [0.0; 3] }
+    }
+
+    #[test]
+    fn times_come_from_the_counter_and_follow_a_clock_that_is_a_little_off() {
+        // 127.9989 Hz where 128 Hz are nominal, tags rounded to 0.1 ms: after half an hour the nominal time is 15 ms off.
+        let mut clock = Clock::new(128.0);
+        let mut worst: f64 = 0.0;
+        for n in 0..230_400_u64 {
+            let true_s = n as f64 / 127.9989;
+            let tag = (true_s * 1e4).round() / 1e4;
+            match clock.tick(&row(n, tag), n) {
+                Tick::Sample(t_s) => worst = worst.max((t_s - true_s).abs()),
+                other => panic!("{other:?}"),
+            }
+        }
+        assert!(worst < 2e-4, "{worst}");
+        assert!((clock.finish().measured_rate_hz.unwrap() - 127.9989).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_wrong_rate_is_found_within_a_few_samples() {
+        let mut clock = Clock::new(128.0);
+        let found = (0..100_u64).find(|n| matches!(clock.tick(&row(*n, *n as f64 / 100.0), 1), Tick::Disagrees { .. }));
+        assert!(found.unwrap() < 30);
+    }
+
+    #[test]
+    fn a_coarse_time_column_is_replaced_by_the_counter() {
+        let mut clock = Clock::new(128.0);
+        for n in 0..20_000_u64 {
+            let true_s = n as f64 / 128.0;
+            match clock.tick(&Row { n, t_s: true_s.floor(), t_decimals: 0, reading: [0.0; 3] }, 1) {
+                Tick::Sample(t_s) => assert!((t_s - true_s).abs() < 1.0),
+                other => panic!("{n}: {other:?}"),
+            }
+        }
+        assert!((clock.coarse_step_s().unwrap() - 1.0).abs() < 0.1);
+    }
+
+    #[test]
+    fn gaps_repetitions_and_steps_back_are_told_apart() {
+        let mut clock = Clock::new(1.0);
+        assert!(matches!(clock.tick(&row(5, 5.0), 1), Tick::Sample(_)));
+        assert!(matches!(clock.tick(&row(9, 9.0), 2), Tick::Sample(_)));
+        assert_eq!(clock.account.lost, 3);
+        assert_eq!(clock.tick(&row(9, 9.0), 3), Tick::Duplicate);
+        assert!(matches!(clock.clone().tick(&row(8, 10.0), 4), Tick::CounterBack { from: 9, to: 8 }));
+        assert!(matches!(clock.clone().tick(&row(10, 8.0), 5), Tick::TimeBack { .. }));
+        assert!(matches!(clock.tick(&row(10, 14.0), 6), Tick::Disagrees { .. }));
+    }
+}

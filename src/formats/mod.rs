@@ -1,0 +1,11 @@
+//! Text to types and back, nothing else: one module per file format.
+
+pub mod campaign;
+pub mod ccr;
+pub mod mag;
+pub mod output;
+pub mod parameter;
+pub mod source;
+#[cfg(feature = "tables")]
+pub mod table;
+pub mod text;

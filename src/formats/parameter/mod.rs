@@ -1,0 +1,105 @@
+//! Parameter files: TOML with a common head and one body per kind.
+//!
+//! Numbers are written with as many digits as it takes to read the same number back. `content_sha256` is the hash of the file
+//! without its `created` and `content_sha256` lines, so that equal results have equal hashes and a damaged file shows.
+
+mod cpf;
+mod emit;
+
+pub use cpf::{
+    Angles, Conditions, Covariance, Cpf, Dropped, Matrices, Noise, Offset, Quality, RunPart, Spread, Std, Summary, Validity,
+};
+pub use emit::toml;
+
+use super::source::{hex, read_whole};
+use crate::error::Finding;
+use crate::provenance::Provenance;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use sha2::{Digest, Sha256};
+use std::path::Path;
+
+/// A kind of parameter file.
+pub trait Body: Serialize + DeserializeOwned {
+    /// Value of `format`.
+    const FORMAT: &'static str;
+    /// File name for a run.
+    fn file_name(&self) -> String;
+}
+
+#[derive(Deserialize)]
+struct Head {
+    format: String,
+    version: u32,
+    provenance: Provenance,
+}
+
+/// A parameter file as it was read.
+#[derive(Clone, Debug)]
+pub struct ParameterFile<B> {
+    /// Where it comes from.
+    pub provenance: Provenance,
+    /// What it holds.
+    pub body: B,
+}
+
+/// Version of the layout.
+const VERSION: u32 = 1;
+
+/// The text of a parameter file.
+///
+/// # Errors
+/// Values that have no TOML form.
+pub fn to_text<B: Body>(body: &B, provenance: &Provenance) -> Result<String, serde_json::Error> {
+    let mut document = serde_json::Map::new();
+    document.insert("format".to_owned(), B::FORMAT.into());
+    document.insert("version".to_owned(), VERSION.into());
+    let mut head = serde_json::to_value(provenance)?;
+    if let Some(table) = head.as_object_mut() {
+        table.insert("content_sha256".to_owned(), "".into());
+    }
+    document.insert("provenance".to_owned(), head);
+    if let serde_json::Value::Object(table) = serde_json::to_value(body)? {
+        document.extend(table);
+    }
+    let text = format!("# calfit {} parameter file\n{}", B::FORMAT, toml(&document));
+    let hash = content_hash(&text);
+    Ok(text.replacen("content_sha256 = \"\"", &format!("content_sha256 = \"{hash}\""), 1))
+}
+
+fn content_hash(text: &str) -> String {
+    let mut hash = Sha256::new();
+    for line in text.lines().filter(|l| !l.starts_with("created = ") && !l.starts_with("content_sha256 = ")) {
+        hash.update(line.as_bytes());
+        hash.update(b"\n");
+    }
+    hex(&hash.finalize())
+}
+
+/// Reads a parameter file of a known kind and checks its hash.
+///
+/// # Errors
+/// What is wrong with it: not TOML, another kind or version, a key that is missing, a hash that does not match.
+pub fn read<B: Body>(path: &Path) -> Result<ParameterFile<B>, Finding> {
+    let (bytes, _) = read_whole(path)?;
+    let file = path.display().to_string();
+    let refuse = |rule: String, remedy: &str| Finding::error(&file, rule, remedy);
+    let text = String::from_utf8(bytes)
+        .map_err(|_| refuse("the file is not UTF-8 text".to_owned(), "take it from the archive again"))?;
+    let parse_error = |e: toml_edit::de::Error| refuse(format!("is not a {} file: {}", B::FORMAT, e.message()), "check the file");
+    let head: Head = toml_edit::de::from_str(&text).map_err(parse_error)?;
+    if head.format != B::FORMAT || head.version != VERSION {
+        return Err(refuse(
+            format!("holds format {} version {}, not {} version {VERSION}", head.format, head.version, B::FORMAT),
+            "name a file of the right kind",
+        ));
+    }
+    let stated = text.lines().find_map(|l| l.strip_prefix("content_sha256 = "));
+    if stated.is_some_and(|s| s.trim_matches('"') != content_hash(&text)) {
+        return Err(refuse(
+            "was changed after it was written: its hash does not match".to_owned(),
+            "take the original, or fit again",
+        ));
+    }
+    let body: B = toml_edit::de::from_str(&text).map_err(parse_error)?;
+    Ok(ParameterFile { provenance: head.provenance, body })
+}

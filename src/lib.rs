@@ -1,0 +1,31 @@
+//! Ground calibration of fluxgate magnetometers at a coil facility.
+//!
+//! # The path of the data
+//!
+//! Files become runs ([`formats`], [`run`]): a header, a table of settings, slow channels, and a stream of vectors. While a file is
+//! read its vectors are reduced to plateau statistics ([`plateau`]), so that no run has to fit into memory. An analysis
+//! ([`analysis`]) builds a design matrix from settings and plateaus, has it solved by an estimator that knows no magnetometer
+//! ([`fit`]), and gives the coefficients their meaning with the forward model ([`model`]). Its result is a plain struct with
+//! uncertainties beside values; parameter files ([`formats::parameter`]), figures ([`plot`]) and tables ([`report`]) all read
+//! that struct. Calls go one way along this path.
+//!
+//! # Frames and units
+//!
+//! `B_c` is the reference field in **coil coordinates**, nT. `B_r` is the raw **reading** along the sensor axes in engineering
+//! nanotesla, enT. `B_r = Φ⁻¹ B_c + B_or`, with `Φ = R_nom ρ ω σ` and `B_or = B_off + B_res`. The table of all units stands in
+//! [`units`].
+
+pub mod analysis;
+pub mod campaign;
+pub mod cli;
+pub mod envelope;
+pub mod error;
+pub mod fit;
+pub mod formats;
+pub mod model;
+pub mod plateau;
+pub mod plot;
+pub mod provenance;
+pub mod report;
+pub mod run;
+pub mod units;

@@ -1,0 +1,5 @@
+//! The `calfit` program.
+
+fn main() -> std::process::ExitCode {
+    calfit::cli::main()
+}

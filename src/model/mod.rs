@@ -1,0 +1,4 @@
+//! The forward model that analysis, simulation and diagnosis share. It knows no files.
+
+pub mod position;
+pub mod sensor;

@@ -1,0 +1,469 @@
+//! Vectors to plateau statistics, streaming: every setting is divided into equal bins, each with count, mean, scatter and
+//! extremes, so that settling, edges and spikes can be judged afterwards without keeping samples.
+
+use crate::run::{GivenBlock, Header, Setting, Vector, VectorSink};
+use crate::units::{COMPONENTS, FieldCoil, Reading};
+use serde::Serialize;
+use std::fmt;
+
+/// Bins of one setting.
+const BINS: usize = 64;
+/// Bins that settling and a late edge may take at most.
+const MOST_SETTLING: usize = 48;
+
+/// Sums of one bin; readings are taken relative to the first reading of the setting, which keeps the squares small.
+#[derive(Clone, Copy, Debug)]
+struct Bin {
+    count: u64,
+    sum: [f64; 3],
+    squares: [f64; 3],
+    min: [f64; 3],
+    max: [f64; 3],
+}
+
+impl Bin {
+    const EMPTY: Bin = Bin { count: 0, sum: [0.0; 3], squares: [0.0; 3], min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
+
+    #[inline(always)]
+    fn add(&mut self, d: [f64; 3]) {
+        self.count += 1;
+        for i in 0..3 {
+            self.sum[i] += d[i];
+            self.squares[i] += d[i] * d[i];
+            self.min[i] = if d[i] < self.min[i] { d[i] } else { self.min[i] };
+            self.max[i] = if d[i] > self.max[i] { d[i] } else { self.max[i] };
+        }
+    }
+
+    fn merge(&mut self, other: &Bin) {
+        self.count += other.count;
+        for i in 0..3 {
+            self.sum[i] += other.sum[i];
+            self.squares[i] += other.squares[i];
+            self.min[i] = self.min[i].min(other.min[i]);
+            self.max[i] = self.max[i].max(other.max[i]);
+        }
+    }
+
+    #[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
+    fn mean(&self, axis: usize) -> f64 {
+        self.sum[axis] / self.count as f64
+    }
+}
+
+/// Where a setting's samples stop to be influenced by the step before it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Settling {
+    /// Found from the data.
+    Found,
+    /// Given, s after the begin of the setting.
+    Given(f64),
+}
+
+/// Why a plateau is not used.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "reason")]
+pub enum Drop {
+    /// No sample falls into the settled part of the setting.
+    NoSamples,
+    /// Samples are missing.
+    Coverage {
+        /// Part of the expected samples that is there.
+        fraction: f64,
+    },
+    /// A component rests at the end of its range.
+    Saturated {
+        /// Component.
+        component: usize,
+    },
+    /// The applied field is beyond the limit of the analysis.
+    FieldLimit {
+        /// Component, nominal sensor axes.
+        component: usize,
+        /// Limit, nT.
+        limit_nt: f64,
+    },
+    /// The setting is a sine.
+    Sine,
+}
+
+impl fmt::Display for Drop {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |component: &usize| COMPONENTS.get(*component).copied().unwrap_or("?");
+        match self {
+            Drop::NoSamples => write!(f, "no settled samples"),
+            Drop::Coverage { fraction } => write!(f, "only {:.1} % of the samples are there", 100.0 * fraction),
+            Drop::Saturated { component } => write!(f, "{} rests at the end of its range", name(component)),
+            Drop::FieldLimit { component, limit_nt } => write!(f, "field beyond ±{limit_nt} nT on {}", name(component)),
+            Drop::Sine => write!(f, "the field is a sine, not constant"),
+        }
+    }
+}
+
+/// Statistics of one setting.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Plateau {
+    /// Index of the setting in the run, from 0.
+    pub index: usize,
+    /// The setting.
+    pub setting: Setting,
+    /// Begin and end of the used part, s since the run's start.
+    pub used_s: [f64; 2],
+    /// Mean reading of the used samples, enT.
+    pub mean: Reading,
+    /// Standard deviation of the used samples, enT; `None` if the file does not tell.
+    pub std_ent: Option<[f64; 3]>,
+    /// Used samples; `None` if the file does not tell.
+    pub count: Option<u64>,
+    /// Samples left out because of a spike beside them.
+    pub spike_samples: u64,
+    /// Why the plateau is not used.
+    pub dropped: Option<Drop>,
+}
+
+impl Plateau {
+    /// Middle of the used part, s since the run's start.
+    #[must_use]
+    pub fn t_s(&self) -> f64 {
+        0.5 * (self.used_s[0] + self.used_s[1])
+    }
+}
+
+/// The plateaus of a run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Plateaus {
+    /// One entry per setting, in time order.
+    pub list: Vec<Plateau>,
+    /// Time left out at the begin of every setting, s.
+    pub settling_s: f64,
+    /// Time left out at the end of every setting, s.
+    pub early_end_s: f64,
+    /// Displacement of the data's steps against the table of settings, s; positive when the data are late.
+    pub edge_shift_s: f64,
+    /// Longest shift that still leaves most of a plateau, s.
+    pub tolerable_shift_s: f64,
+    /// Samples outside of all settings.
+    pub outside: u64,
+    /// Plateaus per component in which all samples are equal.
+    pub without_scatter: [usize; 3],
+}
+
+/// Takes vectors and keeps sums per bin.
+#[derive(Clone, Debug, Default)]
+pub struct Accumulator {
+    settings: Vec<Setting>,
+    sample_rate_hz: f64,
+    bins: Vec<[Bin; BINS]>,
+    references: Vec<Option<[f64; 3]>>,
+    current: usize,
+    begin_s: f64,
+    end_s: f64,
+    bins_per_s: f64,
+    outside: u64,
+}
+
+impl VectorSink for Accumulator {
+    fn needs_settings(&self) -> bool {
+        true
+    }
+
+    fn begin(&mut self, header: &Header, settings: &[Setting]) {
+        self.settings = settings.to_vec();
+        self.sample_rate_hz = header.sample_rate_hz;
+        self.bins = vec![[Bin::EMPTY; BINS]; settings.len()];
+        self.references = vec![None; settings.len()];
+        self.current = 0;
+        self.enter();
+    }
+
+    #[inline(always)]
+    fn vector(&mut self, vector: Vector) {
+        if vector.t_s >= self.end_s {
+            self.advance(vector.t_s);
+        }
+        if vector.t_s < self.begin_s {
+            self.outside += 1;
+            return;
+        }
+        let Reading(r) = vector.reading;
+        let (Some(bins), Some(reference)) = (self.bins.get_mut(self.current), self.references.get_mut(self.current)) else {
+            return;
+        };
+        let reference = reference.get_or_insert(r);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the time is within the setting")]
+        let index = (((vector.t_s - self.begin_s) * self.bins_per_s) as usize).min(BINS - 1);
+        bins[index].add([r[0] - reference[0], r[1] - reference[1], r[2] - reference[2]]);
+    }
+}
+
+impl Accumulator {
+    fn enter(&mut self) {
+        match self.settings.get(self.current) {
+            Some(s) => {
+                self.begin_s = s.t_start_s;
+                self.end_s = s.t_end_s;
+                self.bins_per_s = BINS as f64 / (s.t_end_s - s.t_start_s);
+            }
+            None => {
+                self.begin_s = f64::INFINITY;
+                self.end_s = f64::INFINITY;
+            }
+        }
+    }
+
+    #[cold]
+    fn advance(&mut self, t_s: f64) {
+        while t_s >= self.end_s {
+            self.current += 1;
+            self.enter();
+        }
+    }
+
+    /// The plateaus of what was read. A plateau with less than `least_coverage` of its expected samples is dropped.
+    #[must_use]
+    pub fn finish(self, settling: Settling, least_coverage: f64) -> Plateaus {
+        let edges = match settling {
+            Settling::Given(_) => Edges::default(),
+            Settling::Found => self.find_edges(),
+        };
+        let mut list = Vec::with_capacity(self.settings.len());
+        for (index, setting) in self.settings.iter().enumerate() {
+            let duration_s = setting.t_end_s - setting.t_start_s;
+            let bin_s = duration_s / BINS as f64;
+            let first = match settling {
+                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates at 0 and at BINS")]
+                Settling::Given(given_s) => ((given_s / bin_s - 1e-9).ceil() as usize).min(BINS),
+                Settling::Found => edges.first,
+            };
+            list.push(self.plateau(index, setting, first, BINS - edges.left_at_end, least_coverage));
+        }
+        let without_scatter = self.drop_saturated(&mut list);
+        let median_s = self.median_duration_s();
+        let settling_s = match settling {
+            Settling::Given(given_s) => given_s,
+            Settling::Found => edges.first as f64 * median_s / BINS as f64,
+        };
+        Plateaus {
+            list,
+            settling_s,
+            early_end_s: edges.left_at_end as f64 * median_s / BINS as f64,
+            edge_shift_s: edges.shift_bins * median_s / BINS as f64,
+            tolerable_shift_s: 0.25 * median_s,
+            outside: self.outside,
+            without_scatter,
+        }
+    }
+
+    fn median_duration_s(&self) -> f64 {
+        median(&mut self.settings.iter().map(|s| s.t_end_s - s.t_start_s).collect::<Vec<f64>>())
+    }
+
+    fn plateau(&self, index: usize, setting: &Setting, first: usize, end: usize, least_coverage: f64) -> Plateau {
+        let duration_s = setting.t_end_s - setting.t_start_s;
+        let edge_s = |bin: usize| setting.t_start_s + duration_s * bin as f64 / BINS as f64;
+        let used_s = [edge_s(first.min(end)), edge_s(end)];
+        let bins = self.bins.get(index).and_then(|b| b.get(first.min(end)..end)).unwrap_or_default();
+        let reference = self.references.get(index).copied().flatten().unwrap_or_default();
+
+        let there: u64 = bins.iter().map(|b| b.count).sum();
+        let spiky = spiky_bins(bins);
+        let mut total = Bin::EMPTY;
+        for (bin, _) in bins.iter().zip(&spiky).filter(|(_, spiky)| !**spiky) {
+            total.merge(bin);
+        }
+        #[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
+        let (count, fraction) = (total.count as f64, there as f64 / (self.sample_rate_hz * (used_s[1] - used_s[0])).max(1.0));
+        let mut mean = [f64::NAN; 3];
+        let mut std = [f64::NAN; 3];
+        for axis in 0..3 {
+            if total.count > 0 {
+                mean[axis] = reference[axis] + total.mean(axis);
+            }
+            if total.count > 1 {
+                let centred = total.squares[axis] - total.sum[axis] * total.sum[axis] / count;
+                std[axis] = (centred.max(0.0) / (count - 1.0)).sqrt();
+            }
+        }
+        let dropped = if setting.frequency_hz > 0.0 {
+            Some(Drop::Sine)
+        } else if total.count == 0 {
+            Some(Drop::NoSamples)
+        } else if fraction < least_coverage {
+            Some(Drop::Coverage { fraction })
+        } else {
+            None
+        };
+        Plateau {
+            index,
+            setting: *setting,
+            used_s,
+            mean: Reading(mean),
+            std_ent: (total.count > 1).then_some(std),
+            count: Some(total.count),
+            spike_samples: there - total.count,
+            dropped,
+        }
+    }
+
+    /// Two settings with different fields at which a component gives one and the same reading, the largest or smallest of the run,
+    /// without any scatter, show a component at the end of its range. Returns the number of plateaus without scatter.
+    fn drop_saturated(&self, list: &mut [Plateau]) -> [usize; 3] {
+        let mut without_scatter = [0; 3];
+        for (component, silent) in without_scatter.iter_mut().enumerate() {
+            let still = |p: &Plateau| p.dropped.is_none() && p.std_ent.is_some_and(|s| s[component] == 0.0);
+            *silent = list.iter().filter(|p| still(p)).count();
+            let means = || list.iter().filter(|p| p.dropped.is_none()).map(|p| p.mean.0[component]);
+            let (low, high) = (means().fold(f64::INFINITY, f64::min), means().fold(f64::NEG_INFINITY, f64::max));
+            for end in [low, high] {
+                let rests: Vec<usize> =
+                    list.iter().enumerate().filter(|(_, p)| still(p) && p.mean.0[component] == end).map(|(i, _)| i).collect();
+                let fields: Vec<FieldCoil> = rests.iter().filter_map(|i| list.get(*i)).map(|p| p.setting.field).collect();
+                if low < high && fields.iter().any(|f| Some(f) != fields.first()) {
+                    for i in rests {
+                        if let Some(plateau) = list.get_mut(i) {
+                            plateau.dropped = Some(Drop::Saturated { component });
+                        }
+                    }
+                }
+            }
+        }
+        without_scatter
+    }
+
+    /// Finds how many bins follow the step before a setting, and how many already follow the step after it: the deviation of every
+    /// bin from the setting's middle is regressed on the step, over all settings and components at once.
+    fn find_edges(&self) -> Edges {
+        let middle: Vec<Option<[f64; 3]>> = self
+            .bins
+            .iter()
+            .zip(&self.references)
+            .map(|(bins, reference)| {
+                let mut total = Bin::EMPTY;
+                bins.get(BINS / 2..BINS - BINS / 8)?.iter().for_each(|b| total.merge(b));
+                let reference = (*reference)?;
+                (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
+            })
+            .collect();
+        let late: Vec<Response> = (0..MOST_SETTLING).map(|bin| self.response(&middle, bin, true)).collect();
+        let early: Vec<Response> = (0..BINS / 4).map(|bin| self.response(&middle, BINS - 1 - bin, false)).collect();
+        let following = |responses: &[Response]| {
+            let end = responses.windows(2).position(|pair| !pair.iter().any(Response::follows)).unwrap_or(responses.len());
+            end.min(responses.len())
+        };
+        let late_bins = following(&late);
+        let early_bins = following(&early);
+        // Bins that still show the old level entirely are a displacement in time; a small fraction is settling.
+        let displaced = |responses: &[Response]| responses.iter().map(|r| r.fraction.abs()).filter(|f| *f > 0.05).sum::<f64>();
+        let late_shift = displaced(late.get(..late_bins).unwrap_or_default());
+        let early_shift = displaced(early.get(..early_bins).unwrap_or_default());
+        // A decay that has just become too small to be seen still biases the mean; half as long again makes it negligible.
+        let first = if late_bins == 0 { 0 } else { (late_bins + late_bins / 2 + 1).min(MOST_SETTLING) };
+        let left_at_end = if early_bins == 0 { 0 } else { early_bins + 1 };
+        Edges { first, left_at_end, shift_bins: late_shift - early_shift }
+    }
+
+    fn response(&self, middle: &[Option<[f64; 3]>], bin: usize, from_before: bool) -> Response {
+        let (mut sxy, mut sxx, mut syy, mut n) = (0.0, 0.0, 0.0, 0.0);
+        for i in 0..self.bins.len() {
+            let other = if from_before { i.checked_sub(1) } else { Some(i + 1) };
+            let Some(Some(other)) = other.and_then(|o| middle.get(o)) else { continue };
+            let (Some(Some(here)), Some(Some(reference)), Some(bins)) = (middle.get(i), self.references.get(i), self.bins.get(i))
+            else {
+                continue;
+            };
+            let Some(bin) = bins.get(bin).filter(|b| b.count > 0) else { continue };
+            for axis in 0..3 {
+                let step = other[axis] - here[axis];
+                let deviation = reference[axis] + bin.mean(axis) - here[axis];
+                sxy += step * deviation;
+                sxx += step * step;
+                syy += deviation * deviation;
+                n += 1.0;
+            }
+        }
+        if n < 6.0 || sxx <= 0.0 {
+            return Response { fraction: 0.0, z: 0.0 };
+        }
+        let fraction = sxy / sxx;
+        let noise = ((syy - fraction * sxy).max(0.0) / (n - 1.0)).sqrt();
+        let z = if noise > 0.0 { fraction.abs() * sxx.sqrt() / noise } else { 0.0 };
+        Response { fraction, z }
+    }
+}
+
+/// How much of a neighbouring step a bin shows.
+#[derive(Clone, Copy, Debug)]
+struct Response {
+    fraction: f64,
+    z: f64,
+}
+
+impl Response {
+    /// Significant at four standard errors, so that sixty-four bins raise a false alarm in one run of two hundred and fifty, and
+    /// large enough to matter for a sensitivity.
+    fn follows(&self) -> bool {
+        self.z > 4.0 && self.fraction.abs() > 1e-7
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Edges {
+    first: usize,
+    left_at_end: usize,
+    shift_bins: f64,
+}
+
+/// Bins with a sample that is more than six times as far from the plateau's level as the farthest sample of a typical bin.
+fn spiky_bins(bins: &[Bin]) -> Vec<bool> {
+    let mut spiky = vec![false; bins.len()];
+    let filled = bins.iter().filter(|b| b.count > 0).count();
+    if filled < 8 {
+        return spiky;
+    }
+    for axis in 0..3 {
+        let level = median(&mut bins.iter().filter(|b| b.count > 0).map(|b| b.mean(axis)).collect::<Vec<f64>>());
+        let reach = |b: &Bin| (b.max[axis] - level).max(level - b.min[axis]);
+        let typical = median(&mut bins.iter().filter(|b| b.count > 0).map(reach).collect::<Vec<f64>>());
+        for (flag, bin) in spiky.iter_mut().zip(bins) {
+            *flag |= bin.count > 0 && typical > 0.0 && reach(bin) > 6.0 * typical;
+        }
+    }
+    spiky
+}
+
+/// Median; NaN of nothing.
+fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Plateaus that the file brings ready made.
+#[must_use]
+pub fn from_blocks(blocks: &[GivenBlock]) -> Plateaus {
+    let list = blocks
+        .iter()
+        .enumerate()
+        .map(|(index, b)| Plateau {
+            index,
+            setting: b.setting,
+            used_s: [b.setting.t_start_s, b.setting.t_end_s],
+            mean: b.mean,
+            std_ent: b.std_ent,
+            count: b.count,
+            spike_samples: 0,
+            dropped: None,
+        })
+        .collect();
+    Plateaus {
+        list,
+        settling_s: 0.0,
+        early_end_s: 0.0,
+        edge_shift_s: 0.0,
+        tolerable_shift_s: f64::INFINITY,
+        outside: 0,
+        without_scatter: [0; 3],
+    }
+}

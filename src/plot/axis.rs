@@ -1,0 +1,300 @@
+//! Value ranges, round tick steps and tick labels free of rounding noise.
+
+/// Values beyond this size are not drawn: differences between them may overflow.
+const LARGEST: f64 = 1e300;
+
+/// Most ticks an axis may carry.
+const MOST_TICKS: usize = 16;
+
+/// Whether a value can be placed on an axis.
+pub(super) fn usable(value: f64) -> bool {
+    value.abs() <= LARGEST
+}
+
+/// Interval covered by the values shown to it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Span {
+    pub low: f64,
+    pub high: f64,
+}
+
+impl Span {
+    pub const EMPTY: Span = Span { low: f64::INFINITY, high: f64::NEG_INFINITY };
+
+    pub fn add(&mut self, value: f64) {
+        if usable(value) {
+            self.low = self.low.min(value);
+            self.high = self.high.max(value);
+        }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.low > self.high
+    }
+
+    pub fn contains(&self, value: f64) -> bool {
+        self.low <= value && value <= self.high
+    }
+
+    pub fn width(&self) -> f64 {
+        self.high - self.low
+    }
+
+    /// The interval with a margin on both sides, never degenerate; `None` when it is empty.
+    pub fn padded(&self, share: f64) -> Option<Span> {
+        if self.is_empty() {
+            return None;
+        }
+        let size = self.low.abs().max(self.high.abs());
+        // Differences below the resolution of a double are rounding, not data.
+        let equal = self.width() <= size * 1e-12 || size < 1e-280;
+        let margin = match equal {
+            true if size < 1e-280 => 1.0,
+            true => size * 0.05,
+            false => self.width() * share,
+        };
+        Some(Span { low: self.low - margin, high: self.high + margin })
+    }
+}
+
+/// One labelled position on an axis.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Tick {
+    pub value: f64,
+    pub label: String,
+}
+
+/// A linear axis with its ticks.
+#[derive(Debug, Clone)]
+pub(super) struct Axis {
+    pub span: Span,
+    pub ticks: Vec<Tick>,
+    /// Positions between the labelled ones.
+    pub minor: Vec<f64>,
+    /// Factor and offset common to all labels, empty for labels that are plain values.
+    pub note: String,
+}
+
+impl Axis {
+    /// Chooses the finest step of 1, 2 or 5 times a power of ten whose labels have room;
+    /// `room` is told the labels and the distance of neighbouring ticks in pixels.
+    pub fn new(span: Span, length: f64, room: impl Fn(&[Tick], f64) -> bool) -> Axis {
+        let mut axis = Axis { span, ticks: Vec::new(), minor: Vec::new(), note: String::new() };
+        let first = (span.width() / MOST_TICKS as f64).log10().floor() as i32;
+        for (exponent, factor) in (first..first + 4).flat_map(|e| [(e, 1), (e, 2), (e, 5)]) {
+            let unit = |n: i64| scaled(n, exponent);
+            let step = unit(factor);
+            let low = (span.low / step - 1e-9).ceil() as i64;
+            let high = (span.high / step + 1e-9).floor() as i64;
+            let count = high - low + 1;
+            if count > MOST_TICKS as i64 {
+                continue;
+            }
+            if count < 1 || (count == 1 && !axis.ticks.is_empty()) {
+                break;
+            }
+            let numbers: Vec<i64> = (low..=high).map(|n| n * factor).collect();
+            let (labels, note) = labels(&numbers, exponent);
+            axis.ticks = numbers.iter().zip(labels).map(|(&n, label)| Tick { value: unit(n), label }).collect();
+            axis.note = note;
+            axis.minor = minor(span, exponent, factor);
+            if room(&axis.ticks, step / span.width() * length) {
+                break;
+            }
+        }
+        axis
+    }
+
+    /// Position of a value on a stretch of pixels.
+    pub fn at(&self, value: f64, from: f64, to: f64) -> f64 {
+        from + (value - self.span.low) / self.span.width() * (to - from)
+    }
+}
+
+/// Quarters of steps of 2, fifths of other steps.
+fn minor(span: Span, exponent: i32, factor: i64) -> Vec<f64> {
+    let parts = if factor == 2 { 4 } else { 5 };
+    // Counted in hundredths of the power of ten, of which all parts are whole numbers.
+    let part = 100 * factor / parts;
+    let unit = |n: i64| scaled(n * part, exponent - 2);
+    let low = (span.low / unit(1)).ceil() as i64;
+    let high = (span.high / unit(1)).floor() as i64;
+    let between = (low..=high).filter(|n| n % parts != 0);
+    between.map(unit).collect()
+}
+
+/// `number` times a power of ten, divided rather than multiplied where that is exact.
+fn scaled(number: i64, exponent: i32) -> f64 {
+    match exponent {
+        0.. => number as f64 * 10f64.powi(exponent),
+        _ => number as f64 / 10f64.powi(-exponent),
+    }
+}
+
+fn digits(number: i64) -> i32 {
+    number.unsigned_abs().checked_ilog10().unwrap_or(0) as i32 + 1
+}
+
+/// Writes ascending numbers, in units of a power of ten, as short labels and the note that goes
+/// with them. Everything is done on the integers, so that no label shows binary rounding.
+fn labels(numbers: &[i64], exponent: i32) -> (Vec<String>, String) {
+    let (Some(&first), Some(&last)) = (numbers.first(), numbers.last()) else {
+        return (Vec::new(), String::new());
+    };
+    let largest = first.abs().max(last.abs());
+    let spread = (last - first).max(1);
+    let length = (digits(largest) + exponent).max(1) + (-exponent).max(0);
+    let mut notes = Vec::new();
+    let mut offset = 0;
+    if length > 7 && largest / 1000 >= spread {
+        let round = 10i64.saturating_pow(digits(spread) as u32);
+        let nearest = if first > 0 { first } else { last };
+        offset = nearest / round * round;
+    }
+    let size = numbers.iter().fold(0, |size: i64, n| size.max((n - offset).abs()));
+    let magnitude = digits(size) + exponent - 1;
+    let power = match magnitude {
+        -3..=5 => 0,
+        _ => magnitude.div_euclid(3) * 3,
+    };
+    if power != 0 {
+        notes.push(format!("×10{}", superscript(power)));
+    }
+    if offset != 0 {
+        let sign = if offset < 0 { "−" } else { "+" };
+        notes.push(format!("offset {sign}{}", amount(offset.abs(), exponent)));
+    }
+    let labels = numbers.iter().map(|n| decimal(n - offset, exponent - power)).collect();
+    (labels, notes.join("  "))
+}
+
+/// An offset in full, or in powers of ten when that would be a long row of zeros.
+fn amount(mut number: i64, mut exponent: i32) -> String {
+    while number % 10 == 0 && number != 0 {
+        number /= 10;
+        exponent += 1;
+    }
+    match digits(number) + exponent {
+        -3..=15 => decimal(number, exponent),
+        leading => {
+            let mantissa = decimal(number, 1 - digits(number));
+            format!("{mantissa}×10{}", superscript(leading - 1))
+        }
+    }
+}
+
+/// `number` times a power of ten, written out exactly.
+fn decimal(number: i64, exponent: i32) -> String {
+    let sign = if number < 0 { "−" } else { "" };
+    let mut text = number.unsigned_abs().to_string();
+    if exponent >= 0 && number != 0 {
+        text.extend(std::iter::repeat_n('0', exponent as usize));
+    } else if exponent < 0 {
+        let decimals = exponent.unsigned_abs() as usize;
+        text = format!("{text:0>width$}", width = decimals + 1);
+        text.insert(text.len() - decimals, '.');
+    }
+    format!("{sign}{text}")
+}
+
+fn superscript(number: i32) -> String {
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    number.to_string().chars().map(|c| c.to_digit(10).map_or('⁻', |d| DIGITS[d as usize])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn texts(low: f64, high: f64, least: f64) -> (Vec<String>, String) {
+        let axis = Axis::new(Span { low, high }, 1000.0, |_, distance| distance >= least);
+        let labels = axis.ticks.iter().map(|tick| tick.label.clone());
+        (labels.collect(), axis.note)
+    }
+
+    #[test]
+    fn labels_carry_no_binary_rounding() {
+        let (labels, note) = texts(-0.05, 0.55, 150.0);
+        assert_eq!(labels, ["0.0", "0.1", "0.2", "0.3", "0.4", "0.5"]);
+        assert_eq!(note, "");
+    }
+
+    #[test]
+    fn negative_numbers_have_a_true_minus() {
+        let (labels, _) = texts(-2000.0, 2000.0, 200.0);
+        assert_eq!(labels, ["−2000", "−1000", "0", "1000", "2000"]);
+    }
+
+    #[test]
+    fn long_numbers_share_an_offset_or_a_factor() {
+        let (labels, note) = texts(1.76e9, 1.76e9 + 600.0, 150.0);
+        assert_eq!(labels, ["0", "100", "200", "300", "400", "500", "600"]);
+        assert_eq!(note, "offset +1760000000");
+        let (labels, note) = texts(-49000.0005, -49000.0, 190.0);
+        assert_eq!(labels, ["−500", "−400", "−300", "−200", "−100", "0"]);
+        assert_eq!(note, "×10⁻⁶  offset −49000");
+        let (labels, note) = texts(0.0, 3e-7, 300.0);
+        assert_eq!(labels, ["0", "100", "200", "300"]);
+        assert_eq!(note, "×10⁻⁹");
+        let (labels, note) = texts(0.0, 4e9, 450.0);
+        assert_eq!(labels, ["0", "2", "4"]);
+        assert_eq!(note, "×10⁹");
+    }
+
+    #[test]
+    fn ordinary_ranges_need_no_note() {
+        let (labels, note) = texts(17.1, 17.3, 200.0);
+        assert_eq!(labels, ["17.10", "17.15", "17.20", "17.25", "17.30"]);
+        assert_eq!(note, "");
+        let (_, note) = texts(49000.0, 49010.0, 100.0);
+        assert_eq!(note, "");
+    }
+
+    #[test]
+    fn equal_values_get_a_range() {
+        for value in [0.0, 17.2, -49000.0, 1e-290, 1e300, -3e-250] {
+            let mut span = Span::EMPTY;
+            span.add(value);
+            let padded = span.padded(0.07).expect("one value");
+            assert!(padded.low < value && value < padded.high, "{value}");
+            let axis = Axis::new(padded, 200.0, |_, distance| distance >= 40.0);
+            assert!(axis.ticks.len() >= 2, "{value}: {:?}", axis.ticks);
+        }
+        assert_eq!(Span::EMPTY.padded(0.1), None);
+    }
+
+    #[test]
+    fn ranges_of_any_size_get_few_distinct_short_labels_in_order() {
+        for exponent in -250..=290 {
+            for (low, high) in [(0.0, 7.3), (-3.1, 4.9), (100.0, 100.13), (-77.0, -76.9991)] {
+                let scale = 10f64.powi(exponent);
+                let span = Span { low: low * scale, high: high * scale };
+                let axis = Axis::new(span, 600.0, |_, distance| distance >= 40.0);
+                let count = axis.ticks.len();
+                assert!((2..=MOST_TICKS).contains(&count), "{span:?} {count}");
+                for pair in axis.ticks.windows(2) {
+                    assert!(pair[0].value < pair[1].value, "{span:?}");
+                    assert_ne!(pair[0].label, pair[1].label, "{span:?}");
+                }
+                let longest = axis.ticks.iter().map(|tick| tick.label.chars().count());
+                assert!(longest.max() <= Some(9), "{:?}", axis.ticks);
+            }
+        }
+    }
+
+    #[test]
+    fn values_that_cannot_be_drawn_do_not_count() {
+        let mut span = Span::EMPTY;
+        [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e305].map(|value| span.add(value));
+        assert!(span.is_empty());
+        span.add(2.0);
+        assert!(span.contains(2.0) && !span.contains(f64::NAN));
+    }
+
+    #[test]
+    fn minor_ticks_lie_between_the_labelled_ones() {
+        let span = Span { low: 0.0, high: 4.0 };
+        let axis = Axis::new(span, 100.0, |_, distance| distance >= 50.0);
+        assert_eq!(axis.minor, [0.5, 1.0, 1.5, 2.5, 3.0, 3.5]);
+    }
+}

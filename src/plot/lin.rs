@@ -1,0 +1,213 @@
+//! The figures of a linear calibration, in the order of BC-MAG-TR-0085 section 3.4.1 (figures 7 to 14).
+
+use super::{Band, Column, Figure, Marks, Panel, Series, Style};
+use crate::analysis::lin::{Block, Lin};
+use crate::envelope;
+
+/// A figure and the stem of its file name.
+pub struct Named {
+    /// `applied_fields`, for example.
+    pub stem: &'static str,
+    /// The figure.
+    pub figure: Figure,
+}
+
+const STYLES: [Style; 3] = [Style::X, Style::Y, Style::Z];
+const COIL: [&str; 3] = ["X", "Y", "Z"];
+const SENSOR: [&str; 3] = ["x", "y", "z"];
+
+/// A time axis whose numbers stay small.
+#[derive(Clone, Copy)]
+struct TimeAxis {
+    seconds: f64,
+    label: &'static str,
+}
+
+impl TimeAxis {
+    fn of(lin: &Lin) -> Self {
+        let end_s = lin.blocks.iter().map(|b| b.plateau.setting.t_end_s).fold(0.0, f64::max);
+        if end_s > 4.0 * 3600.0 {
+            Self { seconds: 3600.0, label: "time since the start of the run, h" }
+        } else if end_s > 600.0 {
+            Self { seconds: 60.0, label: "time since the start of the run, min" }
+        } else {
+            Self { seconds: 1.0, label: "time since the start of the run, s" }
+        }
+    }
+
+    fn at(self, t_s: f64) -> f64 {
+        t_s / self.seconds
+    }
+}
+
+/// All eight figures; `samples` is the envelope of the raw readings, if the run has samples.
+#[must_use]
+pub fn figures(lin: &Lin, samples: Option<&[envelope::Column]>) -> Vec<Named> {
+    let id = &lin.parameters.run.id;
+    let time = TimeAxis::of(lin);
+    let (sensor, coil) = match &lin.parameters.conditions {
+        Some(c) => (c.sensor_channel.as_str(), c.coil_channel.as_str()),
+        None => ("not in the run", "not in the run"),
+    };
+    let [x, y, z] = [0, 1, 2].map(|axis| residuals_against_field(lin, axis));
+    vec![
+        Named { stem: "applied_fields", figure: applied(lin, id, time) },
+        Named { stem: "measured_data", figure: measured(lin, id, time, samples) },
+        Named { stem: "differences", figure: differences(lin, id, time) },
+        Named { stem: "residuals_field_x", figure: x },
+        Named { stem: "residuals_field_y", figure: y },
+        Named { stem: "residuals_field_z", figure: z },
+        Named {
+            stem: "coil_temperature",
+            figure: temperature(
+                &format!("Coil system temperature, run {id}"),
+                coil,
+                &lin.coil_temperature,
+                time,
+                "the coil constants follow it",
+            ),
+        },
+        Named {
+            stem: "sensor_temperature",
+            figure: temperature(
+                &format!("Sensor temperature, run {id}"),
+                sensor,
+                &lin.sensor_temperature,
+                time,
+                "the calibration holds for its mean",
+            ),
+        },
+    ]
+}
+
+fn panels(make: impl Fn(usize) -> Panel) -> Vec<Panel> {
+    (0..3).map(make).collect()
+}
+
+fn applied(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
+    let used = lin.parameters.quality.blocks_used;
+    Figure {
+        title: format!("Applied fields, run {id}"),
+        caption: format!(
+            "Reference field in coil coordinates, {} settings of which {used} are used; crosses mark settings that are not.",
+            lin.blocks.len()
+        ),
+        x_label: time.label.to_owned(),
+        panels: panels(|axis| {
+            let setting = |b: &Block| {
+                let s = &b.plateau.setting;
+                (time.at(s.t_start_s), time.at(s.t_end_s), s.field.0[axis])
+            };
+            Panel {
+                y_label: format!("{} field, nT", COIL[axis]),
+                series: vec![
+                    Series {
+                        label: format!("{} coil axis", COIL[axis]),
+                        style: STYLES[axis],
+                        marks: Marks::Steps(lin.blocks.iter().map(setting).collect()),
+                    },
+                    rejected(lin, |b| Some((time.at(b.plateau.t_s()), b.plateau.setting.field.0[axis])), axis),
+                ],
+                bands: vec![],
+            }
+        }),
+    }
+}
+
+/// Plateaus that are not used; nothing if there are none.
+fn rejected(lin: &Lin, at: impl Fn(&Block) -> Option<(f64, f64)>, axis: usize) -> Series {
+    let points: Vec<(f64, f64)> = lin.blocks.iter().filter(|b| b.plateau.dropped.is_some()).filter_map(at).collect();
+    let label = if points.is_empty() { String::new() } else { "not used".to_owned() };
+    Series { label, style: STYLES[axis], marks: Marks::Rejected(points) }
+}
+
+fn measured(lin: &Lin, id: &str, time: TimeAxis, samples: Option<&[envelope::Column]>) -> Figure {
+    let caption = match samples {
+        Some(_) => {
+            "Raw readings along the sensor axes; for every column of the picture the range from the smallest to the largest sample."
+        }
+        None => "Mean raw readings of the plateaus along the sensor axes; the file brings no samples.",
+    };
+    Figure {
+        title: format!("Measured data, run {id}"),
+        caption: caption.to_owned(),
+        x_label: time.label.to_owned(),
+        panels: panels(|axis| {
+            let marks = match samples {
+                Some(columns) => Marks::Envelope(
+                    columns.iter().map(|c| Column { x: time.at(c.t_s), min: c.min.0[axis], max: c.max.0[axis] }).collect(),
+                ),
+                None => Marks::Points(
+                    lin.blocks
+                        .iter()
+                        .map(|b| (time.at(b.plateau.t_s()), b.plateau.mean.0[axis], b.plateau.std_ent.map(|s| s[axis])))
+                        .collect(),
+                ),
+            };
+            Panel {
+                y_label: format!("{} reading, enT", SENSOR[axis]),
+                series: vec![Series { label: format!("{} component", SENSOR[axis]), style: STYLES[axis], marks }],
+                bands: vec![],
+            }
+        }),
+    }
+}
+
+/// Residuals of one coil component with their noise and the band of one standard deviation.
+fn residual_panel(lin: &Lin, axis: usize, x: impl Fn(&Block) -> f64) -> Panel {
+    let noise_nt = lin.residual_noise_nt[axis];
+    let std_nt = lin.parameters.quality.residual_nt.std[axis];
+    let used = lin.blocks.iter().filter(|b| b.plateau.dropped.is_none());
+    let points = used.filter_map(|b| Some((x(b), b.residual_coil_nt?.0[axis], Some(noise_nt)))).collect();
+    Panel {
+        y_label: format!("{} residual, nT", COIL[axis]),
+        series: vec![
+            Series {
+                label: format!("{} residual ± noise of a plateau", COIL[axis]),
+                style: STYLES[axis],
+                marks: Marks::Points(points),
+            },
+            rejected(lin, |b| Some((x(b), b.residual_coil_nt?.0[axis])), axis),
+        ],
+        bands: vec![Band { label: format!("±1 standard deviation, {std_nt:.3} nT"), low: -std_nt, high: std_nt }],
+    }
+}
+
+fn differences(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
+    Figure {
+        title: format!("Differences of applied field and model, run {id}"),
+        caption:
+            "Applied field minus modelled measurement, coil coordinates. Points that follow one another without scatter show a \
+                  drift that the offset trend does not describe."
+                .to_owned(),
+        x_label: time.label.to_owned(),
+        panels: panels(|axis| residual_panel(lin, axis, |b| time.at(b.plateau.t_s()))),
+    }
+}
+
+fn residuals_against_field(lin: &Lin, field_axis: usize) -> Figure {
+    let axis = COIL[field_axis];
+    Figure {
+        title: format!("Residuals against the {axis} field, run {}", lin.parameters.run.id),
+        caption: format!(
+            "Applied field minus modelled measurement against the applied {axis} field. A curve means non-linearity, in another \
+             component than {axis} a transverse effect."
+        ),
+        x_label: format!("applied {axis} field, nT"),
+        panels: panels(|component| residual_panel(lin, component, |b| b.plateau.setting.field.0[field_axis])),
+    }
+}
+
+fn temperature(title: &str, channel: &str, series: &[(f64, f64)], time: TimeAxis, what: &str) -> Figure {
+    let points: Vec<(f64, f64)> = series.iter().map(|(t, v)| (time.at(*t), *v)).collect();
+    Figure {
+        title: title.to_owned(),
+        caption: format!("Channel {channel} during the run; {what}."),
+        x_label: time.label.to_owned(),
+        panels: vec![Panel {
+            y_label: "temperature, °C".to_owned(),
+            series: vec![Series { label: channel.to_owned(), style: Style::Single, marks: Marks::Line(points) }],
+            bands: vec![],
+        }],
+    }
+}

@@ -1,0 +1,396 @@
+//! Data on the page.
+
+use plotters::prelude::RGBColor;
+
+use super::axis::{Axis, usable};
+use super::canvas::{Canvas, Point, Rect, rect};
+use super::style::{FALLING, Look, ROUND, TRIANGLE, WHITE};
+use super::{Column, Marks, Panel, Series, Style};
+
+/// Most points of a line that are marked one by one.
+const MARKED_LINE: usize = 40;
+/// Opacity of envelopes that share a panel, the least thickness of an envelope, and how many
+/// times the usual distance of its columns makes a gap.
+const SHEER: f64 = 0.7;
+const ENVELOPE_LINE: f64 = 1.6;
+const ENVELOPE_BREAK: f64 = 3.5;
+/// White rim that sets a marker off from what lies below it.
+pub(super) const RIM: f64 = 1.2;
+/// Distance of the tags along a line.
+const TAG_DISTANCE: f64 = 160.0;
+
+impl Marks {
+    /// Calls `see` with corners that enclose everything that is drawn.
+    pub(super) fn visit(&self, mut see: impl FnMut(f64, f64)) {
+        let mut both = |x: f64, y: f64| {
+            if usable(x) && usable(y) {
+                see(x, y);
+            }
+        };
+        match self {
+            Marks::Line(points) | Marks::Rejected(points) => {
+                points.iter().for_each(|&(x, y)| both(x, y));
+            }
+            Marks::Steps(steps) => {
+                for &(start, end, y) in steps.iter().filter(|s| usable(s.0) && usable(s.1)) {
+                    both(start, y);
+                    both(end, y);
+                }
+            }
+            Marks::Points(points) => {
+                for &(x, y, error) in points {
+                    let error = error.filter(|e| usable(y + e) && usable(y - e));
+                    both(x, y - error.unwrap_or(0.0));
+                    both(x, y + error.unwrap_or(0.0));
+                }
+            }
+            Marks::Envelope(columns) => {
+                for column in columns.iter().filter(|c| usable(c.min) && usable(c.max)) {
+                    both(column.x, column.min);
+                    both(column.x, column.max);
+                }
+            }
+        }
+    }
+
+    /// Order of drawing: points lie on lines, lines on areas.
+    pub(super) fn layer(&self) -> u8 {
+        match self {
+            Marks::Envelope(_) => 0,
+            Marks::Line(_) | Marks::Steps(_) => 1,
+            Marks::Points(_) => 2,
+            Marks::Rejected(_) => 3,
+        }
+    }
+}
+
+/// Places data on the page.
+pub(super) struct Frame<'a> {
+    pub x: &'a Axis,
+    pub y: &'a Axis,
+    pub area: Rect,
+}
+
+impl Frame<'_> {
+    fn x(&self, value: f64) -> f64 {
+        let (left, right) = (self.area.left, self.area.right);
+        self.x.at(value, f64::from(left), f64::from(right))
+    }
+
+    fn y(&self, value: f64) -> f64 {
+        let (bottom, top) = (self.area.bottom, self.area.top);
+        self.y.at(value, f64::from(bottom), f64::from(top))
+    }
+
+    /// The place of a point, or `None` for one that cannot be drawn.
+    fn at(&self, x: f64, y: f64) -> Option<Point> {
+        (usable(x) && usable(y)).then(|| (self.x(x), self.y(y)))
+    }
+}
+
+/// Whether every point of a line gets a marker.
+pub(super) fn is_marked(points: &[(f64, f64)], style: Style) -> bool {
+    points.len() <= MARKED_LINE && style != Style::Reference
+}
+
+/// Whether the lines and areas of a panel carry tags, markers set here and there along them: so
+/// they do where there are several, to be told apart in more than colour.
+pub(super) fn is_tagged(panel: &Panel) -> bool {
+    let bare = |series: &&Series| match &series.marks {
+        Marks::Line(points) => !is_marked(points, series.style) && series.style != Style::Reference,
+        Marks::Steps(_) | Marks::Envelope(_) => true,
+        Marks::Points(_) | Marks::Rejected(_) => false,
+    };
+    panel.series.iter().filter(bare).count() > 1
+}
+
+/// Opacity of the envelopes of a panel, which let each other show through.
+pub(super) fn envelope_alpha(panel: &Panel) -> f64 {
+    let marks = panel.series.iter().map(|series| &series.marks);
+    match marks.filter(|m| matches!(m, Marks::Envelope(_))).count() {
+        ..=1 => 1.0,
+        _ => SHEER,
+    }
+}
+
+/// Draws the series of a panel.
+pub(super) fn draw_series(canvas: &mut Canvas, frame: &Frame, panel: &Panel) {
+    let mut series: Vec<&Series> = panel.series.iter().collect();
+    series.sort_by_key(|s| (s.marks.layer(), s.style as u8));
+    let dense = series.partition_point(|s| s.marks.layer() < 2);
+    let (dense, points) = series.split_at(dense);
+    for one in dense {
+        draw_marks(canvas, frame, panel, one);
+    }
+    for one in dense.iter().filter(|_| is_tagged(panel)) {
+        draw_tags(canvas, frame, one);
+    }
+    for one in points {
+        draw_marks(canvas, frame, panel, one);
+    }
+}
+
+fn draw_marks(canvas: &mut Canvas, frame: &Frame, panel: &Panel, series: &Series) {
+    let look = series.style.look();
+    match &series.marks {
+        Marks::Line(points) => draw_line(canvas, frame, points, series.style),
+        Marks::Steps(steps) => draw_steps(canvas, frame, steps, &look),
+        Marks::Points(points) => {
+            let all = panel.series.iter().map(|s| match &s.marks {
+                Marks::Points(points) => points.len(),
+                _ => 0,
+            });
+            draw_points(canvas, frame, points, &look, radius(all.sum()));
+        }
+        Marks::Rejected(points) => draw_rejected(canvas, frame, points, &look),
+        Marks::Envelope(columns) => {
+            draw_envelope(canvas, frame, columns, look.ink, envelope_alpha(panel));
+        }
+    }
+}
+
+/// Sets markers along a line or an area, staggered between the styles.
+fn draw_tags(canvas: &mut Canvas, frame: &Frame, series: &Series) {
+    let style = series.style;
+    let places: Vec<(f64, f64)> = match &series.marks {
+        Marks::Line(points) if is_marked(points, style) || style == Style::Reference => return,
+        Marks::Line(points) => points.clone(),
+        Marks::Steps(steps) => steps.iter().map(|s| (s.0 / 2.0 + s.1 / 2.0, s.2)).collect(),
+        Marks::Envelope(columns) => {
+            let middle = |c: &Column| (c.x, c.min / 2.0 + c.max / 2.0);
+            columns.iter().map(middle).collect()
+        }
+        Marks::Points(_) | Marks::Rejected(_) => return,
+    };
+    let rim = if series.marks.layer() == 0 { RIM } else { 0.0 };
+    let stagger = TAG_DISTANCE / 4.0 * f64::from(style as u8 % 3 + 1);
+    let mut next = f64::from(frame.area.left) + stagger;
+    for place in places.iter().filter_map(|p| frame.at(p.0, p.1)) {
+        if place.0 >= next {
+            marker(canvas, &style.look(), place, 5.5, rim);
+            next = place.0 + TAG_DISTANCE;
+        }
+    }
+}
+
+/// Markers shrink as they become many.
+fn radius(count: usize) -> f64 {
+    match count {
+        ..=200 => 5.5,
+        201..=600 => 4.5,
+        601..=2000 => 3.0,
+        _ => 2.0,
+    }
+}
+
+fn draw_line(canvas: &mut Canvas, frame: &Frame, points: &[(f64, f64)], style: Style) {
+    let look = style.look();
+    let pieces = points.split(|&(x, y)| !usable(x) || !usable(y));
+    for piece in pieces.filter(|piece| !piece.is_empty()) {
+        let places: Vec<Point> = piece.iter().filter_map(|p| frame.at(p.0, p.1)).collect();
+        stroke(canvas, &places, &look);
+        if is_marked(points, style) || places.len() == 1 {
+            for &place in &places {
+                marker(canvas, &look, place, 5.0, 0.0);
+            }
+        }
+    }
+}
+
+/// Draws a joined line with its dashes, a few pieces at a time to keep the shapes small.
+pub(super) fn stroke(canvas: &mut Canvas, places: &[Point], look: &Look) {
+    let Some((&first, rest)) = places.split_first() else {
+        return;
+    };
+    let mut dash = (0, look.dashes.first().copied().unwrap_or(f64::INFINITY));
+    let mut from = first;
+    let mut pending = 0;
+    for &to in rest {
+        let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+        let length = dx.hypot(dy);
+        if length < 0.5 {
+            continue;
+        }
+        let mut done = 0.0;
+        while done < length {
+            let end = length.min(done + dash.1);
+            if dash.0 % 2 == 0 {
+                let place = |way: f64| (from.0 + dx * way / length, from.1 + dy * way / length);
+                canvas.bar(place(done), place(end), look.width);
+                pending += 1;
+            }
+            dash.1 -= end - done;
+            if dash.1 <= 0.0 {
+                dash.0 = (dash.0 + 1) % look.dashes.len().max(1);
+                dash.1 = look.dashes.get(dash.0).copied().unwrap_or(f64::INFINITY);
+            }
+            done = end;
+        }
+        if dash.0 % 2 == 0 {
+            shape(canvas, ROUND, to, look.width / 2.0);
+        }
+        if pending >= 32 {
+            canvas.fill(look.ink, 1.0);
+            pending = 0;
+        }
+        from = to;
+    }
+    canvas.fill(look.ink, 1.0);
+}
+
+fn draw_steps(canvas: &mut Canvas, frame: &Frame, steps: &[(f64, f64, f64)], look: &Look) {
+    let mut last: Option<(Point, f64)> = None;
+    for &(start, end, y) in steps {
+        let ends = frame.at(start.min(end), y).zip(frame.at(start.max(end), y));
+        let Some((from, to)) = ends.filter(|_| usable(start) && usable(end)) else {
+            last = None;
+            continue;
+        };
+        let length = to.0 - from.0;
+        if let Some((before, previous)) = last {
+            let gap = from.0 - before.0;
+            if gap > -1.0 && gap <= f64::max(6.0, previous.min(length) / 2.0) {
+                canvas.bar(before, from, 1.5);
+                canvas.fill(look.ink, 1.0);
+            }
+        }
+        step(canvas, from.0, to.0, from.1, look);
+        last = Some((to, length));
+    }
+}
+
+/// A horizontal line on whole pixels; each one starts with a dash, so that none gets lost.
+pub(super) fn step(canvas: &mut Canvas, from: f64, to: f64, y: f64, look: &Look) {
+    let width = look.width as i32;
+    let top = (y - look.width / 2.0).round() as i32;
+    let mut x = from.round() as i32;
+    let end = (to.round() as i32).max(x + 2);
+    let mut dashes = look.dashes.iter().map(|&d| d as i32).cycle();
+    while x < end {
+        let dash = dashes.next().unwrap_or(end - x);
+        canvas.rect(rect(x, top, end.min(x + dash), top + width), look.ink, 1.0);
+        x += dash + dashes.next().unwrap_or(0);
+    }
+}
+
+fn draw_points(canvas: &mut Canvas, frame: &Frame, points: &[(f64, f64, Option<f64>)], look: &Look, radius: f64) {
+    for &(x, y, error) in points {
+        let bar = error.filter(|e| usable(y + e) && usable(y - e));
+        if let (Some(place), Some(error)) = (frame.at(x, y), bar) {
+            let ends = (frame.y(y + error.abs()), frame.y(y - error.abs()));
+            error_bar(canvas, place, ends, look.ink, radius > 4.0);
+        }
+    }
+    for place in points.iter().filter_map(|p| frame.at(p.0, p.1)) {
+        marker(canvas, look, place, radius, if radius > 2.5 { RIM } else { 0.0 });
+    }
+}
+
+pub(super) fn error_bar(canvas: &mut Canvas, at: Point, ends: (f64, f64), ink: RGBColor, caps: bool) {
+    let (top, bottom) = (ends.0.round() as i32, ends.1.round() as i32);
+    let x = at.0.round() as i32;
+    canvas.rect(rect(x - 1, top, x + 1, bottom.max(top + 1)), ink, 1.0);
+    if caps {
+        for y in [top, bottom] {
+            canvas.rect(rect(x - 5, y - 1, x + 5, y + 1), ink, 1.0);
+        }
+    }
+}
+
+fn shape(canvas: &mut Canvas, corners: &[Point], at: Point, radius: f64) {
+    let place = |corner: &Point| (at.0 + corner.0 * radius, at.1 + corner.1 * radius);
+    canvas.outline(corners.iter().map(place));
+}
+
+/// A filled marker, set off from what lies below it by a white rim.
+pub(super) fn marker(canvas: &mut Canvas, look: &Look, at: Point, radius: f64, rim: f64) {
+    if rim > 0.0 {
+        shape(canvas, look.marker, at, radius + rim);
+        canvas.fill(WHITE, 1.0);
+    }
+    shape(canvas, look.marker, at, radius);
+    canvas.fill(look.ink, 1.0);
+}
+
+fn draw_rejected(canvas: &mut Canvas, frame: &Frame, points: &[(f64, f64)], look: &Look) {
+    for &(x, y) in points {
+        let Some(place) = frame.at(x, y) else {
+            continue;
+        };
+        if frame.y.span.contains(y) {
+            crossed(canvas, look, place);
+        } else if y > frame.y.span.high {
+            hollow(canvas, TRIANGLE, (place.0, f64::from(frame.area.top) + 11.0), look);
+        } else {
+            hollow(canvas, FALLING, (place.0, f64::from(frame.area.bottom) - 11.0), look);
+        }
+    }
+}
+
+fn hollow(canvas: &mut Canvas, corners: &[Point], at: Point, look: &Look) {
+    shape(canvas, corners, at, 7.0);
+    canvas.fill(look.ink, 1.0);
+    shape(canvas, corners, at, 4.6);
+    canvas.fill(WHITE, 1.0);
+}
+
+/// A hollow marker with a cross through it.
+pub(super) fn crossed(canvas: &mut Canvas, look: &Look, at: Point) {
+    hollow(canvas, look.marker, at, look);
+    for side in [-1.0, 1.0] {
+        let end = |way: f64| (at.0 + way, at.1 + way * side);
+        canvas.bar(end(-8.0), end(8.0), 1.8);
+    }
+    canvas.fill(look.ink, 1.0);
+}
+
+/// Fills between the extremes of the columns; the area breaks where columns are missing.
+fn draw_envelope(canvas: &mut Canvas, frame: &Frame, columns: &[Column], ink: RGBColor, alpha: f64) {
+    let mut distances: Vec<f64> = columns.windows(2).map(|w| w[1].x - w[0].x).collect();
+    distances.sort_by(f64::total_cmp);
+    let usual = distances.get(distances.len() / 2).copied().unwrap_or(0.0);
+    let is_usable = |c: &Column| usable(c.x) && usable(c.min) && usable(c.max);
+    let joined = |a: &Column, b: &Column| is_usable(a) && is_usable(b) && b.x - a.x <= usual * ENVELOPE_BREAK;
+    // Extent in each column of pixels, empty where it stays inverted.
+    let left = f64::from(frame.area.left);
+    let mut extents = vec![(f64::MAX, f64::MIN); (frame.area.right - frame.area.left) as usize];
+    let mut add = |x: f64, (top, bottom): (f64, f64)| {
+        if let Some(extent) = extents.get_mut((x - left) as usize) {
+            *extent = (extent.0.min(top), extent.1.max(bottom));
+        }
+    };
+    for run in columns.chunk_by(joined).filter(|run| run.iter().all(is_usable)) {
+        let mut last: Option<(f64, (f64, f64))> = None;
+        for column in run {
+            let (x, a, b) = (frame.x(column.x), frame.y(column.min), frame.y(column.max));
+            // Extremes that coincide still make a line.
+            let half = f64::max(ENVELOPE_LINE - (a - b).abs(), 0.0) / 2.0;
+            let extent = (a.min(b) - half, a.max(b) + half);
+            if let Some((from, start)) = last {
+                let mut middle = (from - 0.5).ceil() + 0.5;
+                while middle < x {
+                    let way = (middle - from) / (x - from);
+                    let between = |a: f64, b: f64| a + (b - a) * way;
+                    add(middle, (between(start.0, extent.0), between(start.1, extent.1)));
+                    middle += 1.0;
+                }
+            }
+            add(x, extent);
+            last = Some((x, extent));
+        }
+    }
+    for n in 1..extents.len() {
+        // After a jump, neighbours are drawn out to meet half way.
+        let (before, after) = (extents[n - 1], extents[n]);
+        if before.0 < before.1 && before.1 < after.0 && after.0 < after.1 {
+            let meet = (before.1 + after.0) / 2.0;
+            (extents[n - 1].1, extents[n].0) = (meet, meet);
+        } else if after.0 < after.1 && after.1 < before.0 && before.0 < before.1 {
+            let meet = (after.1 + before.0) / 2.0;
+            (extents[n - 1].0, extents[n].1) = (meet, meet);
+        }
+    }
+    for (x, (top, bottom)) in (frame.area.left..).zip(extents) {
+        canvas.column(x, top, bottom, ink, alpha);
+    }
+}

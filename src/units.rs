@@ -1,0 +1,71 @@
+//! Units and frames used throughout, and their text forms.
+//!
+//! | quantity | unit | frame | suffix or type |
+//! |---|---|---|---|
+//! | applied field | nT | coil axes X_c Y_c Z_c | [`FieldCoil`], `_coil_nt` |
+//! | field along the nominal sensor axes | nT | nominal sensor axes | `_nominal_nt` |
+//! | raw reading | enT (engineering nanotesla) | sensor axes x y z | [`Reading`], `_ent` |
+//! | temperature | °C | | `_degc` |
+//! | time since the run's start | s | facility clock | `_s` |
+//! | sensitivity σ | nT/enT | sensor axes | |
+//! | angle | degrees in files, D°M'S'' in tables | | `_deg` |
+
+use serde::{Deserialize, Serialize};
+
+/// Names of the three components, in the order of every array.
+pub const COMPONENTS: [&str; 3] = ["x", "y", "z"];
+
+/// A field applied by the coil system, nT, components along the coil axes X_c, Y_c, Z_c.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct FieldCoil(pub [f64; 3]);
+
+/// A raw reading of the magnetometer, enT, components along its own (skew) sensor axes x, y, z.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Reading(pub [f64; 3]);
+
+/// An angle as the protocols print it: sign, whole degrees, whole minutes, whole seconds, `+89°47'17''`.
+#[must_use]
+pub fn degrees_minutes_seconds(angle_deg: f64) -> String {
+    if !angle_deg.is_finite() {
+        return "not determined".to_owned();
+    }
+    let sign = if angle_deg < 0.0 { '-' } else { '+' };
+    let total = (angle_deg.abs() * 3600.0).round();
+    let degrees = (total / 3600.0).floor();
+    let minutes = ((total - degrees * 3600.0) / 60.0).floor();
+    let seconds = total - degrees * 3600.0 - minutes * 60.0;
+    format!("{sign}{degrees:.0}°{minutes:.0}'{seconds:.0}''")
+}
+
+/// A value beside its standard uncertainty, the uncertainty with two significant digits: `0.972339 ± 0.000012`.
+#[must_use]
+pub fn with_uncertainty(value: f64, std: f64) -> String {
+    if !std.is_finite() || std <= 0.0 {
+        return format!("{value:.6} (uncertainty not determined)");
+    }
+    // Two significant digits of the uncertainty fix the digits of the value.
+    let decimals = (1.0 - std.log10().floor()).clamp(0.0, 15.0) as usize;
+    format!("{value:+.decimals$} ± {std:.decimals$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn angles_carry_seconds_over_into_minutes_and_degrees() {
+        assert_eq!(degrees_minutes_seconds(89.788_055_6), "+89°47'17''");
+        assert_eq!(degrees_minutes_seconds(0.999_999), "+1°0'0''");
+        assert_eq!(degrees_minutes_seconds(-0.5), "-0°30'0''");
+        assert_eq!(degrees_minutes_seconds(f64::NAN), "not determined");
+    }
+
+    #[test]
+    fn uncertainty_has_two_digits_and_fixes_those_of_the_value() {
+        assert_eq!(with_uncertainty(0.972_339_21, 0.000_012_34), "+0.972339 ± 0.000012");
+        assert_eq!(with_uncertainty(-10.561, 0.25), "-10.56 ± 0.25");
+        assert_eq!(with_uncertainty(12345.0, 130.0), "+12345 ± 130");
+    }
+}
