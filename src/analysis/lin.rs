@@ -148,6 +148,9 @@ pub struct Block {
     pub plateau: Plateau,
     /// Applied field minus modelled measurement `B_c - Φ B_m`, nT, coil axes; absent without a mean.
     pub residual_coil_nt: Option<FieldCoil>,
+    /// Standard error of the plateau mean from the scatter of its samples, taken as independent, carried to coil axes, nT;
+    /// absent if the file brings means only.
+    pub standard_error_coil_nt: Option<[f64; 3]>,
     /// Weight in a robust fit; 1 otherwise, 0 for plateaus that were not used.
     pub weight: f64,
 }
@@ -159,8 +162,6 @@ pub struct Lin {
     pub parameters: Cpf,
     /// Every plateau of the run.
     pub blocks: Vec<Block>,
-    /// Standard uncertainty of a residual of a used plateau, nT, coil axes.
-    pub residual_noise_nt: [f64; 3],
     /// Sensor temperature, (s, °C).
     pub sensor_temperature: Vec<(f64, f64)>,
     /// Coil-system temperature, (s, °C).
@@ -232,6 +233,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
         .iter()
         .map(|p| Block {
             residual_coil_nt: p.mean.0.iter().all(|v| v.is_finite()).then(|| model(p)),
+            standard_error_coil_nt: standard_error_coil_nt(p, &derived.split.phi),
             weight: if p.dropped.is_none() { weights.next().copied().unwrap_or(1.0) } else { 0.0 },
             plateau: p.clone(),
         })
@@ -338,8 +340,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
             .collect(),
         warnings,
     };
-    let residual_noise_nt = residual_noise(split, &noise.noise.iter().map(|n| n.std).collect::<Vec<f64>>());
-    Ok(Lin { parameters, blocks, residual_noise_nt, sensor_temperature, coil_temperature })
+    Ok(Lin { parameters, blocks, sensor_temperature, coil_temperature })
 }
 
 fn the_position(plateaus: &Plateaus, campaign: &Campaign) -> Result<(u32, Position), LinError> {
@@ -562,7 +563,8 @@ fn covariance(uncertain: &Propagated) -> Covariance {
 }
 
 fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
-    std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]))
+    // Adding zero turns a negative zero into a positive one.
+    std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)] + 0.0))
 }
 
 fn raw_std(used: &[&Plateau]) -> Option<Spread> {
@@ -589,9 +591,11 @@ fn residual_summary(blocks: &[Block]) -> Summary {
     }
 }
 
-/// Noise of the readings carried to coil axes.
-fn residual_noise(split: &Split, std_ent: &[f64]) -> [f64; 3] {
-    std::array::from_fn(|axis| std_ent.iter().enumerate().map(|(c, s)| (split.phi[(axis, c)] * s).powi(2)).sum::<f64>().sqrt())
+/// Standard error of a plateau mean carried to coil axes, nT.
+fn standard_error_coil_nt(plateau: &Plateau, phi: &Matrix3<f64>) -> Option<[f64; 3]> {
+    let (std_ent, count) = (plateau.std_ent?, plateau.count.filter(|n| *n > 0)?);
+    let variance_ent2 = std_ent.map(|s| s * s / count as f64);
+    Some(std::array::from_fn(|axis| (0..3).map(|c| phi[(axis, c)].powi(2) * variance_ent2[c]).sum::<f64>().sqrt()))
 }
 
 type Series = Vec<(f64, f64)>;
@@ -610,7 +614,9 @@ fn temperature(run: &Run, channel: &str, what: &str, span_s: [f64; 2], warnings:
         warnings.push(format!("no {what} temperature: channel {channel} holds no readings"));
         return (series, None);
     }
-    if let (Some((first, _)), Some((last, _))) = (series.first(), series.last()) {
+    if let [(t_s, _)] = series.as_slice() {
+        warnings.push(format!("the {what} temperature (channel {channel}) is a single reading at {t_s} s"));
+    } else if let (Some((first, _)), Some((last, _))) = (series.first(), series.last()) {
         let missing = (first - span_s[0]).max(0.0) + (span_s[1] - last).max(0.0);
         if missing > 0.1 * (span_s[1] - span_s[0]) {
             warnings.push(format!("the {what} temperature (channel {channel}) covers the time from {first} to {last} s only"));

@@ -59,6 +59,8 @@ pub struct NoiseModel {
     pub time_constants: Vec<f64>,
     /// Correlation of the residuals between right-hand sides, m x m.
     pub correlation: DMatrix<f64>,
+    /// Standard deviation of a row of mean weight per right-hand side, noise taken as independent.
+    independent_std: Vec<f64>,
     /// Covariance of the coefficients for white noise of unit variance, p x p.
     white: DMatrix<f64>,
     /// Covariance of the least-squares coefficients for slow noise of unit variance, p x p.
@@ -66,11 +68,30 @@ pub struct NoiseModel {
 }
 
 impl NoiseModel {
-    /// Covariance of all coefficients, parameter j of right-hand side a at `a * p + j`, averaged over the likelihood of the
-    /// share of slow noise.
+    /// Covariance of all coefficients, parameter j of right-hand side a at `a * p + j`.
+    ///
+    /// It is the one averaged over the likelihood of the share, widened where independent noise alone would give more: noise that is
+    /// white but taken for slow in part would leave too little for coefficients of columns that change sign quickly.
     ///
     /// Intervals: Student's t with the degrees of freedom of the fit.
     pub fn covariance(&self) -> DMatrix<f64> {
+        let mut covariance = self.averaged_covariance();
+        let p = self.white.nrows();
+        let widening: Vec<f64> = (0..covariance.nrows())
+            .map(|i| {
+                let independent = self.independent_std[i / p].powi(2) * self.white[(i % p, i % p)];
+                let averaged = covariance[(i, i)];
+                if averaged > 0.0 { (independent / averaged).max(1.0).sqrt() } else { 1.0 }
+            })
+            .collect();
+        for (index, value) in covariance.iter_mut().enumerate() {
+            *value *= widening[index % widening.len()] * widening[index / widening.len()];
+        }
+        covariance
+    }
+
+    /// The covariance averaged over the likelihood of the share of slow noise.
+    fn averaged_covariance(&self) -> DMatrix<f64> {
         self.stacked(|noise| (noise.std, noise.share))
     }
 
@@ -143,6 +164,7 @@ pub fn estimate(solution: &Solution, times: &[f64]) -> Result<NoiseModel, FitErr
         noise: data.column_iter().map(estimate).collect(),
         time_constants,
         correlation: correlation(&residuals),
+        independent_std: solution.residual_std.iter().map(|std| std / mean_weight.sqrt()).collect(),
         // Rows of mean weight have unit variance here, rows of unit weight in the solution.
         white: &solution.unscaled_covariance * mean_weight,
         slow: slow_covariance(solution, rotated.view((0, 0), (p, p))) * mean_weight,
@@ -349,7 +371,7 @@ mod tests {
         assert_relative(model.noise[1].share, 0.6509654101058637, 1e-4);
         assert_relative(model.noise[1].std, 0.7506993418555138, 1e-4);
         assert_relative(model.correlation[(0, 1)], 0.5607100786669085, 1e-12);
-        let covariance = model.covariance();
+        let covariance = model.averaged_covariance();
         let expected = [
             [0.28165235978099956, -0.003994299304120085, 0.1213573810266733, -0.0018238132027509125],
             [-0.003994299304120085, 0.014976164479596528, -0.0018238132027509097, 0.008045640035809173],
@@ -371,7 +393,7 @@ mod tests {
         assert_relative(model.noise[1].std, 0.7872581315628461, 1e-4);
         assert_relative(model.noise[1].independent_rows, 2.977555858896663, 1e-4);
         assert_relative(model.correlation[(0, 1)], 0.5754791460775297, 1e-12);
-        let covariance = model.covariance();
+        let covariance = model.averaged_covariance();
         assert_relative(covariance[(0, 0)], 0.28812135999874905, 1e-4);
         assert_relative(covariance[(0, 2)], 0.13900325172168507, 1e-4);
         assert_relative(covariance[(3, 2)], -0.0022169964597244783, 2e-4);
@@ -380,7 +402,7 @@ mod tests {
         let scaled: Vec<f64> = WEIGHTS.iter().map(|weight| 400.0 * weight).collect();
         let scaled = example(Some(&scaled));
         assert_relative(scaled.noise[1].std, model.noise[1].std, 1e-12);
-        assert!((scaled.covariance() - covariance).amax() < 1e-14);
+        assert!((scaled.averaged_covariance() - covariance).amax() < 1e-14);
     }
 
     #[test]
@@ -393,7 +415,7 @@ mod tests {
         let fit = solve(&design(columns), &rhs, None, &Limits::default()).unwrap();
         let times: Vec<f64> = rows.iter().map(|&i| TIMES[i]).collect();
         let without = estimate(&fit, &times).unwrap();
-        assert!((example(Some(&weights)).covariance() - without.covariance()).amax() < 1e-13);
+        assert!((example(Some(&weights)).averaged_covariance() - without.averaged_covariance()).amax() < 1e-13);
     }
 
     fn mean_of(rhs: DMatrix<f64>, times: &[f64]) -> Result<NoiseModel, FitError> {

@@ -155,18 +155,16 @@ fn measured(lin: &Lin, id: &str, time: TimeAxis, samples: Option<&[envelope::Col
 
 /// Residuals of one coil component with their noise and the band of one standard deviation.
 fn residual_panel(lin: &Lin, axis: usize, x: impl Fn(&Block) -> f64) -> Panel {
-    let noise_nt = lin.residual_noise_nt[axis];
     let std_nt = lin.parameters.quality.residual_nt.std[axis];
     let used = lin.blocks.iter().filter(|b| b.plateau.dropped.is_none());
-    let points = used.filter_map(|b| Some((x(b), b.residual_coil_nt?.0[axis], Some(noise_nt)))).collect();
+    let has_errors = lin.blocks.iter().any(|b| b.standard_error_coil_nt.is_some());
+    let label = format!("{} residual{}", COIL[axis], if has_errors { " ± standard error of the mean" } else { "" });
+    let points =
+        used.filter_map(|b| Some((x(b), b.residual_coil_nt?.0[axis], b.standard_error_coil_nt.map(|e| e[axis])))).collect();
     Panel {
         y_label: format!("{} residual, nT", COIL[axis]),
         series: vec![
-            Series {
-                label: format!("{} residual ± noise of a plateau", COIL[axis]),
-                style: STYLES[axis],
-                marks: Marks::Points(points),
-            },
+            Series { label, style: STYLES[axis], marks: Marks::Points(points) },
             rejected(lin, |b| Some((x(b), b.residual_coil_nt?.0[axis])), axis),
         ],
         bands: vec![Band { label: format!("±1 standard deviation, {std_nt:.3} nT"), low: -std_nt, high: std_nt }],
