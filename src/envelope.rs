@@ -50,9 +50,9 @@ impl VectorSink for Envelope {
         }
         let Reading(r) = vector.reading;
         if let Some(column) = self.columns.get_mut(index) {
-            for i in 0..3 {
-                column.min[i] = if r[i] < column.min[i] { r[i] } else { column.min[i] };
-                column.max[i] = if r[i] > column.max[i] { r[i] } else { column.max[i] };
+            for ((low, high), r) in column.min.iter_mut().zip(&mut column.max).zip(r) {
+                *low = if r < *low { r } else { *low };
+                *high = if r > *high { r } else { *high };
             }
         }
     }

@@ -22,7 +22,7 @@ pub struct Finding {
     /// Weight.
     pub severity: Severity,
     /// The file as the user named it.
-    pub file: String,
+    pub file: Box<str>,
     /// Line, counted from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub line: Option<u64>,
@@ -31,19 +31,19 @@ pub struct Finding {
     pub column: Option<u64>,
     /// The offending text, escaped, at most 40 characters.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub found: Option<String>,
+    pub found: Option<Box<str>>,
     /// The rule that it breaks.
-    pub rule: String,
+    pub rule: Box<str>,
     /// What to do about it.
-    pub remedy: String,
+    pub remedy: Box<str>,
 }
 
 impl Finding {
     /// An error about a whole file.
-    pub fn error(file: &str, rule: impl Into<String>, remedy: impl Into<String>) -> Self {
+    pub fn error(file: &str, rule: impl Into<Box<str>>, remedy: impl Into<Box<str>>) -> Self {
         Self {
             severity: Severity::Error,
-            file: file.to_owned(),
+            file: file.into(),
             line: None,
             column: None,
             found: None,
@@ -63,7 +63,7 @@ impl Finding {
     /// The same with the offending text, escaped and cut to 40 characters.
     #[must_use]
     pub fn found(mut self, text: &[u8]) -> Self {
-        self.found = Some(excerpt(text));
+        self.found = Some(excerpt(text).into());
         self
     }
 

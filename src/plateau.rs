@@ -27,11 +27,11 @@ impl Bin {
     #[inline(always)]
     fn add(&mut self, d: [f64; 3]) {
         self.count += 1;
-        for i in 0..3 {
-            self.sum[i] += d[i];
-            self.squares[i] += d[i] * d[i];
-            self.min[i] = if d[i] < self.min[i] { d[i] } else { self.min[i] };
-            self.max[i] = if d[i] > self.max[i] { d[i] } else { self.max[i] };
+        for (i, d) in d.into_iter().enumerate() {
+            self.sum[i] += d;
+            self.squares[i] += d * d;
+            self.min[i] = if d < self.min[i] { d } else { self.min[i] };
+            self.max[i] = if d > self.max[i] { d } else { self.max[i] };
         }
     }
 

@@ -298,7 +298,7 @@ fn in_a_position_that_is_not_symmetric_rho_is_near_the_identity_and_phi_gives_co
     assert!(p.warnings.iter().all(|w| !w.starts_with("AXES")), "{:?}", p.warnings);
     let between = |a: usize, b: usize| axes[a].dot(&axes[b]).acos().to_degrees();
     assert!((p.angle_deg.xi_xy - between(0, 1)).abs() < 1e-9 && (p.angle_deg.xi_yz - between(1, 2)).abs() < 1e-9);
-    assert_eq!(Position::from_axes(&p.run.position_axes.to_vec()).unwrap().to_string(), "-Z +Y +X");
+    assert_eq!(Position::from_axes(p.run.position_axes.as_ref()).unwrap().to_string(), "-Z +Y +X");
 }
 
 #[test]

@@ -380,7 +380,7 @@ fn too_few(list: &[Plateau], used: usize, parameters: usize) -> LinError {
             None => reasons.push((reason, 1)),
         }
     }
-    reasons.sort_by(|a, b| b.1.cmp(&a.1));
+    reasons.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
     let reasons = match reasons.as_slice() {
         [] => "none".to_owned(),
         some => some.iter().take(3).map(|(reason, n)| format!("{n} x {reason}")).collect::<Vec<_>>().join(", "),

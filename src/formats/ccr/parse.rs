@@ -181,7 +181,7 @@ impl<'a, S: VectorSink> Parser<'a, S> {
             return Err(Stop::SettingsComeLater);
         }
         let digested = result.map_err(|mut finding| {
-            self.file.clone_into(&mut finding.file);
+            finding.file = self.file.into();
             finding
         })?;
         self.input.size_bytes = digested.size_bytes;
@@ -463,7 +463,7 @@ impl<'a, S: VectorSink> Parser<'a, S> {
         Ok(value as u64)
     }
 
-    fn bad_row(&self, line: &[u8], rule: impl Into<String>, remedy: &str) -> Stop {
+    fn bad_row(&self, line: &[u8], rule: impl Into<Box<str>>, remedy: &str) -> Stop {
         Finding::error(self.file, rule, remedy).at(self.line, 1).found(line).into()
     }
 
