@@ -140,7 +140,7 @@ fn draw_sample(canvas: &mut Canvas, sample: Sample, at: Point) {
             }
         }
         Sample::Steps(style, marked) => {
-            step(canvas, at.0, end.0, at.1, &style.look());
+            step(canvas, at.0, end.0, at.1, &style.look().solid());
             if marked {
                 marker(canvas, &style.look(), centre, 5.5, 0.0);
             }

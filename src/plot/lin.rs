@@ -46,8 +46,8 @@ pub fn figures(lin: &Lin, samples: Option<&[envelope::Column]>) -> Vec<Named> {
     let id = &lin.parameters.run.id;
     let time = TimeAxis::of(lin);
     let (sensor, coil) = match &lin.parameters.conditions {
-        Some(c) => (c.sensor_channel.as_str(), c.coil_channel.as_str()),
-        None => ("not in the run", "not in the run"),
+        Some(c) => (Some(c.sensor_channel.as_str()), Some(c.coil_channel.as_str())),
+        None => (None, None),
     };
     let [x, y, z] = [0, 1, 2].map(|axis| residuals_against_field(lin, axis));
     vec![
@@ -88,10 +88,14 @@ fn applied(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
     let used = lin.parameters.quality.blocks_used;
     Figure {
         title: format!("Applied fields, run {id}"),
-        caption: format!(
-            "Reference field in coil coordinates, {} settings of which {used} are used; crosses mark settings that are not.",
-            lin.blocks.len()
-        ),
+        caption: if used == lin.blocks.len() {
+            format!("Reference field in coil coordinates; all {used} settings are used.")
+        } else {
+            format!(
+                "Reference field in coil coordinates; {used} of {} settings are used, crosses mark the others.",
+                lin.blocks.len()
+            )
+        },
         x_label: time.label.to_owned(),
         panels: panels(|axis| {
             let setting = |b: &Block| {
@@ -196,15 +200,22 @@ fn residuals_against_field(lin: &Lin, field_axis: usize) -> Figure {
     }
 }
 
-fn temperature(title: &str, channel: &str, series: &[(f64, f64)], time: TimeAxis, what: &str) -> Figure {
+fn temperature(title: &str, channel: Option<&str>, series: &[(f64, f64)], time: TimeAxis, what: &str) -> Figure {
     let points: Vec<(f64, f64)> = series.iter().map(|(t, v)| (time.at(*t), *v)).collect();
     Figure {
         title: title.to_owned(),
-        caption: format!("Channel {channel} during the run; {what}."),
+        caption: match channel {
+            Some(channel) if !points.is_empty() => format!("Channel {channel} during the run; {what}."),
+            _ => "The run brings no readings of this temperature.".to_owned(),
+        },
         x_label: time.label.to_owned(),
         panels: vec![Panel {
             y_label: "temperature, °C".to_owned(),
-            series: vec![Series { label: channel.to_owned(), style: Style::Single, marks: Marks::Line(points) }],
+            series: vec![Series {
+                label: channel.unwrap_or_default().to_owned(),
+                style: Style::Single,
+                marks: Marks::Line(points),
+            }],
             bands: vec![],
         }],
     }

@@ -134,7 +134,7 @@ fn draw_marks(canvas: &mut Canvas, frame: &Frame, panel: &Panel, series: &Series
     let look = series.style.look();
     match &series.marks {
         Marks::Line(points) => draw_line(canvas, frame, points, series.style),
-        Marks::Steps(steps) => draw_steps(canvas, frame, steps, &look),
+        Marks::Steps(steps) => draw_steps(canvas, frame, steps, &look.solid()),
         Marks::Points(points) => {
             let all = panel.series.iter().map(|s| match &s.marks {
                 Marks::Points(points) => points.len(),
@@ -220,7 +220,8 @@ pub(super) fn stroke(canvas: &mut Canvas, places: &[Point], look: &Look) {
                 pending += 1;
             }
             dash.1 -= end - done;
-            if dash.1 <= 0.0 {
+            // What rounding leaves of a dash would be too short to move on by.
+            if dash.1 < 1e-6 {
                 dash.0 = (dash.0 + 1) % look.dashes.len().max(1);
                 dash.1 = look.dashes.get(dash.0).copied().unwrap_or(f64::INFINITY);
             }
@@ -392,5 +393,26 @@ fn draw_envelope(canvas: &mut Canvas, frame: &Frame, columns: &[Column], ink: RG
     }
     for (x, (top, bottom)) in (frame.area.left..).zip(extents) {
         canvas.column(x, top, bottom, ink, alpha);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dashes_end_however_their_lengths_round() {
+        let mut pixels = vec![0xff; 400 * 300 * 3];
+        let mut canvas = Canvas::new(&mut pixels, 400, 300);
+        let zigzag = |n: u32| {
+            let n = f64::from(n);
+            (n * 0.37, 150.0 + 140.0 * (n * 0.71).sin())
+        };
+        let places: Vec<Point> = (0..1000).map(zigzag).collect();
+        for style in Style::ALL {
+            stroke(&mut canvas, &places, &style.look());
+        }
+        assert!(canvas.finish().is_ok());
+        assert!(pixels.iter().any(|&p| p < 0xff));
     }
 }

@@ -34,6 +34,13 @@ pub(super) struct Look {
     pub marker: &'static [Point],
 }
 
+impl Look {
+    /// Without dashes: the level pieces of steps are often shorter than a dash.
+    pub(super) fn solid(self) -> Look {
+        Look { dashes: &[], ..self }
+    }
+}
+
 pub(super) const ROUND: &[Point] = &[
     (1.0, 0.0),
     (0.924, 0.383),
