@@ -61,44 +61,45 @@ const DEFAULT_ORDER: usize = 2;
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum LinError {
     /// Not a linearity run.
-    #[error("the run is of kind {0}, not linearity; use the command for that kind")]
+    #[error("the run is of kind {0}, not linearity")]
     Kind(Kind),
     /// Nothing to fit.
-    #[error("the run has no plateaus: neither @BLOCKS nor @FIELDS with @VECTORS; check the file")]
+    #[error("the run has no plateaus: neither @BLOCKS nor @FIELDS with @VECTORS")]
     NoPlateaus,
     /// Several positions in one run.
-    #[error("the run holds settings in positions {0}; a linear calibration needs one position, split the run")]
+    #[error("the run holds settings in positions {0}; a linear calibration needs one position")]
     Positions(String),
     /// A position without axes.
-    #[error("position {0} is not in the position table; add [[position]] id = {0} with its axes to campaign.toml")]
+    #[error("position {0} is not in the position table")]
     UnknownPosition(u32),
     /// The trend order is not available.
     #[error("the offset trend must be of order 0, 1 or 2, not {0}")]
     Order(usize),
     /// Step edges elsewhere.
-    #[error(
-        "the data step {shift_s:+.2} s after the settings do, more than a quarter of a plateau; correct the time of the settings or take the settings of this run, or go on with --allow mismatch"
-    )]
+    #[error("the data step {shift_s:+.2} s after the settings do, more than a quarter of a plateau")]
     Edges {
         /// Displacement, s.
         shift_s: f64,
     },
     /// Readings that do not follow the field.
-    #[error(
-        "component {component} does not follow the applied field (it explains {:.2} % of its variance); {hint}, or go on with --allow mismatch",
-        100.0 * explained
-    )]
+    #[error("component {component} does not follow the applied field, which explains {:.2} % of its variance", 100.0 * explained)]
     Unrelated {
         /// Component of the reading.
         component: &'static str,
         /// Part of the variance that the field explains.
         explained: f64,
-        /// What may be the cause.
-        hint: &'static str,
+    },
+    /// A component that gives the same reading always.
+    #[error("component {component} is stuck at {reading_ent} enT")]
+    Stuck {
+        /// Component of the reading.
+        component: &'static str,
+        /// Its reading, enT.
+        reading_ent: f64,
     },
     /// Not enough excitation.
     #[error(
-        "the excitation does not determine {}: condition number {condition:.2e}, at most {MOST_CONDITION:.0e} is accepted; drive that axis on its own",
+        "the excitation does not determine {}: condition number {condition:.2e}, at most {MOST_CONDITION:.0e} is accepted",
         parameters.join(", ")
     )]
     Undetermined {
@@ -124,9 +125,7 @@ pub enum LinError {
         reasons: String,
     },
     /// An implausible sensitivity.
-    #[error(
-        "the sensitivity of component {component} is {sigma:.4} nT per enT, far from 1; check `unit` and `nominal_factor`, or go on with --allow gain"
-    )]
+    #[error("the sensitivity of component {component} is {sigma:.4} nT per enT, far from 1")]
     Gain {
         /// Component of the reading.
         component: &'static str,
@@ -134,11 +133,37 @@ pub enum LinError {
         sigma: f64,
     },
     /// The matrix cannot be split.
-    #[error("{0}; check the excitation and the wiring of the components")]
+    #[error("{0}")]
     Split(#[from] SplitError),
     /// Another failure of the fit.
     #[error("the fit failed: {0}")]
     Fit(FitError),
+}
+
+impl LinError {
+    /// What to do about it.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            LinError::Kind(_) => "use the command for that kind",
+            LinError::NoPlateaus => "check the file with `calfit check`",
+            LinError::Positions(_) => "split the run",
+            LinError::UnknownPosition(_) => "add [[position]] with this id and its axes to campaign.toml",
+            LinError::Order(_) => "use the lowest order that the drift needs",
+            LinError::Edges { .. } => {
+                "correct the times of the settings or take those of this run, or go on with --allow mismatch"
+            }
+            LinError::Unrelated { .. } => {
+                "check that the settings are those of this run and that the component works, or go on with --allow mismatch"
+            }
+            LinError::Stuck { .. } => "check the component and its wiring",
+            LinError::Undetermined { .. } => "drive that axis on its own",
+            LinError::TooFew { .. } => "use a longer programme, or less strict limits",
+            LinError::Gain { .. } => "check `unit` and `nominal_factor`, or go on with --allow gain",
+            LinError::Split(_) => "check the excitation and the wiring of the components",
+            LinError::Fit(_) => "check the plateaus in the table of blocks",
+        }
+    }
 }
 
 /// One plateau in the light of the fit.
@@ -485,11 +510,12 @@ fn check_followed(used: &[&Plateau], solution: &Solution) -> Result<(), LinError
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         let total: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
         let left: f64 = solution.residuals.column(component).norm_squared();
-        let explained = if total > 0.0 { 1.0 - left / total } else { 0.0 };
+        if total == 0.0 {
+            return Err(LinError::Stuck { component: name, reading_ent: mean });
+        }
+        let explained = 1.0 - left / total;
         if explained < LEAST_EXPLAINED {
-            let hint =
-                if total == 0.0 { "it is stuck" } else { "it is stuck or disturbed, or the settings are those of another run" };
-            return Err(LinError::Unrelated { component: name, explained, hint });
+            return Err(LinError::Unrelated { component: name, explained });
         }
     }
     Ok(())

@@ -49,7 +49,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         }
     }
     if common.json {
-        let failed = failures.iter().flat_map(|(_, f)| f.findings()).collect();
+        let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
         terminal.print(&json(&Listing { runs: &lines, failed })?);
     } else if !lines.is_empty() {
         terminal.print(&markdown(&lines));

@@ -128,7 +128,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let results: Vec<Result<Lin, Failure>> = jobs
         .par_iter()
         .map(|job| {
-            let result = one(job, arguments, &options, common, two_threads);
+            let result = unique(job).and_then(|()| one(job, arguments, &options, common, two_threads));
             bar.inc(1);
             result
         })
@@ -147,7 +147,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         }
     }
     if common.json {
-        let failed = failures.iter().flat_map(|(_, f)| f.findings()).collect();
+        let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
         terminal.print(&json(&Listing { runs: done.iter().collect(), failed })?);
     } else {
         done.iter().for_each(|lin| terminal.tell(&summary(lin, &common.out.join(&lin.parameters.run.id).display().to_string())));
@@ -166,6 +166,18 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     Ok(Failure::status(done.len(), failures.iter().map(|(_, f)| f)))
 }
 
+/// Results are named after the run id, so two files with one id cannot both have theirs.
+fn unique(job: &Job) -> Result<(), Failure> {
+    match &job.same_run_as {
+        None => Ok(()),
+        Some(other) => Err(Failure::Refused(Finding::error(
+            &job.recorded,
+            format!("has the same run id as {other}"),
+            "correct `run` in one of the two",
+        ))),
+    }
+}
+
 /// Reads, fits and writes one run.
 fn one(job: &Job, arguments: &Arguments, options: &Options, common: &Common, two_threads: bool) -> Result<Lin, Failure> {
     let envelope = (!common.no_plots).then(Envelope::default);
@@ -177,8 +189,8 @@ fn one(job: &Job, arguments: &Arguments, options: &Options, common: &Common, two
     } else {
         plateau::from_blocks(&run.blocks)
     };
-    let refuse = |rule: String| Failure::Refused(Finding::error(&job.recorded, rule, format!("run {}", run.header.run)));
-    let lin = lin(&run, &plateaus, job.campaign, options).map_err(|e| refuse(e.to_string()))?;
+    let lin = lin(&run, &plateaus, job.campaign, options)
+        .map_err(|e| Failure::Refused(Finding::error(&job.recorded, e.to_string(), e.remedy())))?;
 
     let mut input = vec![Input::from(&run.input)];
     input.extend(job.campaign.input.clone());

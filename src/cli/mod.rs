@@ -6,12 +6,15 @@ mod lin;
 mod output;
 mod shell;
 
-use crate::campaign::Campaign;
+use crate::campaign::{Campaign, RunFile};
 use crate::error::{Finding, Severity};
 use crate::formats::ccr;
-use crate::run::Kind;
+use crate::run::{Header, Kind};
 use clap::{ArgAction, Args, ColorChoice, Parser, Subcommand, ValueEnum};
 use output::Terminal;
+use rayon::prelude::*;
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -133,11 +136,13 @@ enum Failure {
 }
 
 impl Failure {
-    fn findings(&self) -> &[Finding] {
-        match self {
+    /// The errors, without the warnings that came before them.
+    fn errors(&self) -> impl Iterator<Item = &Finding> {
+        let findings = match self {
             Failure::Unreadable(findings) => findings,
             Failure::Refused(finding) => std::slice::from_ref(finding),
-        }
+        };
+        findings.iter().filter(|f| f.severity == Severity::Error)
     }
 
     /// Nothing could be used of all that was named: unusable input. Something was used, or refused for a reason: partly done.
@@ -197,25 +202,33 @@ struct Job<'a> {
     campaign: &'a Campaign,
     path: PathBuf,
     recorded: String,
+    /// An earlier file with the same run id.
+    same_run_as: Option<String>,
 }
 
 /// All files of the campaigns, or those of a kind: files that the user named are always among them, so that one of the wrong kind
 /// is refused and not passed over. A file whose head cannot be read is among them too, for its error to be reported.
 fn jobs<'a>(campaigns: &'a [Campaign], kind: Option<Kind>, listed: impl Fn(&Campaign) -> Option<&Vec<String>>) -> Vec<Job<'a>> {
+    let files: Vec<(&Campaign, &RunFile)> = campaigns.iter().flat_map(|c| c.runs.iter().map(move |f| (c, f))).collect();
+    let headers: Vec<Option<Header>> = files.par_iter().map(|(_, file)| ccr::peek(&file.path).ok()).collect();
+    let mut first: HashMap<String, String> = HashMap::new();
     let mut jobs = Vec::new();
-    for campaign in campaigns {
-        for file in &campaign.runs {
-            let wanted = match kind {
-                None => true,
-                Some(_) if file.named => true,
-                Some(kind) => match ccr::peek(&file.path) {
-                    Ok(header) => header.kind == kind && listed(campaign).is_none_or(|ids| ids.contains(&header.run)),
-                    Err(_) => true,
-                },
-            };
-            if wanted {
-                jobs.push(Job { campaign, path: file.path.clone(), recorded: file.recorded.clone() });
+    for ((campaign, file), header) in files.into_iter().zip(headers) {
+        let wanted = match (&header, kind) {
+            (Some(header), Some(kind)) if !file.named => {
+                header.kind == kind && listed(campaign).is_none_or(|ids| ids.contains(&header.run))
             }
+            _ => true,
+        };
+        if wanted {
+            let same_run_as = header.and_then(|h| match first.entry(h.run) {
+                Entry::Occupied(earlier) => Some(earlier.get().clone()),
+                Entry::Vacant(free) => {
+                    free.insert(file.recorded.clone());
+                    None
+                }
+            });
+            jobs.push(Job { campaign, path: file.path.clone(), recorded: file.recorded.clone(), same_run_as });
         }
     }
     jobs
@@ -224,7 +237,7 @@ fn jobs<'a>(campaigns: &'a [Campaign], kind: Option<Kind>, listed: impl Fn(&Camp
 /// Prints the errors of the runs that have no result and counts them.
 fn report_failures(terminal: &Terminal, failures: &[(String, Failure)], total: usize) {
     for (_, failure) in failures {
-        failure.findings().iter().filter(|f| f.severity == Severity::Error).for_each(|f| terminal.finding(f));
+        failure.errors().for_each(|f| terminal.finding(f));
     }
     if !failures.is_empty() && total > 1 {
         let names: Vec<&str> = failures.iter().map(|(name, _)| name.as_str()).collect();
