@@ -305,8 +305,9 @@ impl Accumulator {
         }
     }
 
-    /// Two settings with different fields at which a component gives one and the same reading, the largest or smallest of the run,
-    /// without any scatter, show a component at the end of its range. Returns the number of plateaus without scatter.
+    /// A reading without any scatter that is the largest or smallest of the run shows a component at the end of its range if it
+    /// comes with different fields, or if most other plateaus of the component do scatter. Returns the number of plateaus without
+    /// scatter.
     fn drop_saturated(&self, list: &mut [Plateau]) -> [usize; 3] {
         let mut without_scatter = [0; 3];
         for (component, silent) in without_scatter.iter_mut().enumerate() {
@@ -318,7 +319,9 @@ impl Accumulator {
                 let rests: Vec<usize> =
                     list.iter().enumerate().filter(|(_, p)| still(p) && p.mean.0[component] == end).map(|(i, _)| i).collect();
                 let fields: Vec<FieldCoil> = rests.iter().filter_map(|i| list.get(*i)).map(|p| p.setting.field).collect();
-                if low < high && fields.iter().any(|f| Some(f) != fields.first()) {
+                let scattering = list.iter().filter(|p| p.dropped.is_none() && !still(p)).count();
+                let differ = fields.iter().any(|f| Some(f) != fields.first());
+                if low < high && (differ || scattering > list.len() / 2) {
                     for i in rests {
                         if let Some(plateau) = list.get_mut(i) {
                             plateau.dropped = Some(Drop::Saturated { component });

@@ -1,6 +1,7 @@
 //! The linear calibration of one run: `B_r = A B_c + Σ p_k τ^k` over plateau means, `Φ = A⁻¹`, and its split.
 
 use crate::campaign::Campaign;
+use crate::error::Severity;
 use crate::fit::{FitError, Limits, Propagated, Robust, Solution, correlation, linear, propagate, robust};
 use crate::formats::parameter::{
     Angles, Conditions, Covariance, Cpf, Dropped, Matrices, Noise, Offset, Quality, RunPart, Spread, Std, Summary, Validity,
@@ -76,7 +77,7 @@ pub enum LinError {
     #[error("the offset trend must be of order 0, 1 or 2, not {0}")]
     Order(usize),
     /// Step edges elsewhere.
-    #[error("the data step {shift_s:+.2} s after the settings do, more than a quarter of a plateau")]
+    #[error("the data do not step where the settings do: the edges are displaced by about {shift_s:+.2} s, or by whole settings")]
     Edges {
         /// Displacement, s.
         shift_s: f64,
@@ -212,6 +213,9 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     if plateaus.list.is_empty() {
         return Err(LinError::NoPlateaus);
     }
+    if plateaus.edge_shift_s.abs() > plateaus.tolerable_shift_s && !options.allow_mismatch {
+        return Err(LinError::Edges { shift_s: plateaus.edge_shift_s });
+    }
     let (position_id, position) = the_position(plateaus, campaign)?;
     let mut list = plateaus.list.clone();
     apply_limits(&mut list, position, &limits_nt(run, campaign, options));
@@ -219,9 +223,6 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let count = 4 + order;
     if used.len() <= count {
         return Err(too_few(&list, used.len(), count));
-    }
-    if plateaus.edge_shift_s.abs() > plateaus.tolerable_shift_s && !options.allow_mismatch {
-        return Err(LinError::Edges { shift_s: plateaus.edge_shift_s });
     }
 
     let trend = Trend::over(&used, order);
@@ -683,5 +684,8 @@ fn warn(warnings: &mut Vec<String>, run: &Run, plateaus: &Plateaus, split: &Spli
     if run.vectors.lost > 0 {
         warnings.push(format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count));
     }
-    warnings.extend(run.findings.iter().map(|f| f.to_string()));
+    for finding in run.findings.iter().filter(|f| f.severity > Severity::Note) {
+        let place = finding.line.map_or_else(String::new, |line| format!("line {line}: "));
+        warnings.push(format!("{place}{}; {}", finding.rule, finding.remedy));
+    }
 }
