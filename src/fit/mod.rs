@@ -3,6 +3,7 @@
 //! * [`linear`]: the weighted least-squares solver behind every linear fit, refined to the last digit of its input. It
 //!   refuses designs which do not determine their parameters and names those parameters.
 //! * [`polynomial`]: polynomials of any degree the data carry, in raw powers.
+//! * [`nonlinear`]: Levenberg-Marquardt for models with a Jacobian or without, polished to the last digits of the model.
 //! * [`robust`]: Huber weights for rows which do not belong.
 //! * [`correlation`]: white and slow noise told apart in the residuals, and what slow noise does to the coefficients.
 //! * [`propagate`](mod@propagate): covariance through functions of the coefficients.
@@ -12,12 +13,14 @@
 pub mod correlation;
 mod double_double;
 pub mod linear;
+pub mod nonlinear;
 pub mod polynomial;
 pub mod propagate;
 pub mod robust;
 
 pub use correlation::{Noise, NoiseModel};
 pub use linear::{Design, Limits, Solution, solve};
+pub use nonlinear::{Model, NonlinearSolution};
 pub use polynomial::Polynomial;
 pub use propagate::{Propagated, propagate};
 pub use robust::Robust;
