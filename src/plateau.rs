@@ -5,11 +5,15 @@ use crate::run::{GivenBlock, Header, Setting, Vector, VectorSink};
 use crate::units::{COMPONENTS, FieldCoil, Reading};
 use serde::Serialize;
 use std::fmt;
+use std::ops::Range;
 
 /// Bins of one setting.
 const BINS: usize = 64;
 /// Bins that settling and a late edge may take at most.
 const MOST_SETTLING: usize = 48;
+/// Bins that show the level of a setting, whatever happens at its ends: free of data that are late by up to three eighths or early
+/// by up to a quarter of a plateau.
+const REFERENCE: Range<usize> = 3 * BINS / 8..3 * BINS / 4;
 
 /// Sums of one bin; readings are taken relative to the first reading of the setting, which keeps the squares small.
 #[derive(Clone, Copy, Debug)]
@@ -342,27 +346,52 @@ impl Accumulator {
             .zip(&self.references)
             .map(|(bins, reference)| {
                 let mut total = Bin::EMPTY;
-                bins.get(BINS / 2..BINS - BINS / 8)?.iter().for_each(|b| total.merge(b));
+                bins.get(REFERENCE)?.iter().for_each(|b| total.merge(b));
                 let reference = (*reference)?;
                 (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
             })
             .collect();
         let late: Vec<Response> = (0..MOST_SETTLING).map(|bin| self.response(&middle, bin, true)).collect();
-        let early: Vec<Response> = (0..BINS / 4).map(|bin| self.response(&middle, BINS - 1 - bin, false)).collect();
+        let early: Vec<Response> = (0..BINS - REFERENCE.end).map(|bin| self.response(&middle, BINS - 1 - bin, false)).collect();
         let following = |responses: &[Response]| {
-            let end = responses.windows(2).position(|pair| !pair.iter().any(Response::follows)).unwrap_or(responses.len());
-            end.min(responses.len())
+            responses.windows(2).position(|pair| !pair.iter().any(Response::follows)).unwrap_or(responses.len())
         };
         let late_bins = following(&late);
         let early_bins = following(&early);
-        // Bins that still show the old level entirely are a displacement in time; a small fraction is settling.
-        let displaced = |responses: &[Response]| responses.iter().map(|r| r.fraction.abs()).filter(|f| *f > 0.05).sum::<f64>();
-        let late_shift = displaced(late.get(..late_bins).unwrap_or_default());
-        let early_shift = displaced(early.get(..early_bins).unwrap_or_default());
         // A decay that has just become too small to be seen still biases the mean; half as long again makes it negligible.
         let first = if late_bins == 0 { 0 } else { (late_bins + late_bins / 2 + 1).min(MOST_SETTLING) };
         let left_at_end = if early_bins == 0 { 0 } else { early_bins + 1 };
-        Edges { first, left_at_end, shift_bins: late_shift - early_shift }
+        let shift_bins = self.step_inside().map_or(0.0, |at| if at < BINS as f64 / 2.0 { at } else { at - BINS as f64 });
+        Edges { first, left_at_end, shift_bins }
+    }
+
+    /// Where, in bins, the data step inside the settings, if they do: there most settings jump by a good part of the step of the
+    /// applied field to a neighbouring setting, elsewhere few do.
+    fn step_inside(&self) -> Option<f64> {
+        let distance = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        let fields: Vec<[f64; 3]> = self.settings.iter().map(|s| s.field.0).collect();
+        let smallest_jump = |i: usize| {
+            let steps =
+                [i.checked_sub(1), Some(i + 1)].into_iter().flatten().filter_map(|n| Some(distance(*fields.get(n)?, fields[i])));
+            steps.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min) / 2.0
+        };
+        let jumps: Vec<f64> = (0..fields.len()).map(smallest_jump).collect();
+        let changing = jumps.iter().filter(|j| j.is_finite()).count();
+        // Per bin, for every setting that jumps there, the part of the jump that the bin itself has not yet taken.
+        let parts: Vec<Vec<f64>> = (0..BINS - 2)
+            .map(|bin| {
+                let part = |(bins, jump): (&[Bin; BINS], &f64)| {
+                    let [before, at, after] = [0, 1, 2].map(|i| std::array::from_fn(|axis| bins[bin + i].mean(axis)));
+                    let whole = distance(before, after);
+                    (whole.is_finite() && whole > *jump).then(|| (distance(at, after) / whole).min(1.0))
+                };
+                self.bins.iter().zip(&jumps).filter_map(part).collect()
+            })
+            .collect();
+        let typical = median(&mut parts.iter().map(|p| p.len() as f64).collect::<Vec<f64>>());
+        let (bin, mut part) = parts.into_iter().enumerate().max_by_key(|(_, p)| p.len())?;
+        let clear = 2 * part.len() > changing && 4.0 * typical < part.len() as f64;
+        clear.then(|| bin as f64 + 1.0 + median(&mut part))
     }
 
     fn response(&self, middle: &[Option<[f64; 3]>], bin: usize, from_before: bool) -> Response {

@@ -111,7 +111,7 @@ impl Cutter {
         buffer.append(&mut self.carry);
         loop {
             let before = buffer.len();
-            let target = CHUNK.max(before + 1);
+            let target = before + CHUNK;
             buffer.try_reserve(target - before).map_err(std::io::Error::other)?;
             self.reader.by_ref().take((target - before) as u64).read_to_end(buffer)?;
             let ended = buffer.len() < target;

@@ -2,6 +2,7 @@
 
 use crate::error::{Finding, Severity};
 use std::borrow::Cow;
+use std::collections::HashSet;
 use toml_edit::{Document, Item, TableLike, Value};
 
 /// Longest line that is looked at; a longer one is refused, so memory stays bounded.
@@ -326,14 +327,16 @@ pub fn columns(
     wanted: &[&str],
     required: usize,
 ) -> Result<Columns, Finding> {
+    refuse_semicolons(file, line_number, line, section)?;
     let mut names: Vec<String> = Vec::new();
+    let mut seen = HashSet::new();
     for cell in cells(line) {
         let name = decode(cell.text).into_owned();
         let problem = if name.is_empty() {
             Some(("has no name", "name every column"))
         } else if number(cell.text).is_some() {
             Some(("is a number where a column name is required", "add the header line of the section"))
-        } else if names.contains(&name) {
+        } else if !seen.insert(name.clone()) {
             Some(("stands twice in the header line", "rename one of the two columns"))
         } else {
             None
@@ -359,6 +362,21 @@ pub fn columns(
     Ok(Columns { names, wanted: wanted_at })
 }
 
+/// Semicolons between cells come with decimal commas.
+fn refuse_semicolons(file: &str, line_number: u64, line: &[u8], section: &str) -> Result<(), Finding> {
+    match line.iter().position(|b| *b == b';') {
+        None => Ok(()),
+        Some(at) => {
+            let finding = Finding::error(
+                file,
+                format!("a line of {section} has semicolons, as files with a decimal comma do"),
+                "write numbers with a decimal point and cells separated by commas",
+            );
+            Err(finding.at(line_number, at as u64 + 1).found(line))
+        }
+    }
+}
+
 impl Columns {
     /// Splits a row and checks its number of cells.
     ///
@@ -372,14 +390,13 @@ impl Columns {
         section: &str,
         cells_out: &mut Vec<Cell<'a>>,
     ) -> Result<(), Finding> {
+        refuse_semicolons(file, line_number, line, section)?;
         cells_out.clear();
         cells_out.extend(cells(line));
         if cells_out.len() == self.names.len() {
             return Ok(());
         }
-        let hint = if line.contains(&b';') {
-            "write numbers with a decimal point, cells separated by commas, not semicolons"
-        } else if cells_out.len() > self.names.len() {
+        let hint = if cells_out.len() > self.names.len() {
             "take the extra cells out; a decimal comma also makes extra cells"
         } else {
             "complete the row or take it out"
@@ -413,18 +430,20 @@ impl Columns {
         })
     }
 
-    /// Warnings for columns that are in the file and not wanted.
+    /// A warning that names the columns that are in the file and not wanted, or the first of them.
     #[must_use]
-    pub fn unknown(&self, file: &str, line_number: u64, section: &str, wanted: &[&str]) -> Vec<Finding> {
-        self.names
-            .iter()
-            .filter(|n| !wanted.contains(&n.as_str()))
-            .map(|n| {
-                Finding::error(file, format!("the column `{n}` of {section} is not known and was not used"), "check its spelling")
-                    .at(line_number, 0)
-                    .weighing(Severity::Warning)
-            })
-            .collect()
+    pub fn unknown(&self, file: &str, line_number: u64, section: &str, wanted: &[&str]) -> Option<Finding> {
+        const MOST_NAMED: usize = 10;
+        let unknown: Vec<&str> = self.names.iter().map(String::as_str).filter(|n| !wanted.contains(n)).collect();
+        let named = unknown.get(..MOST_NAMED).unwrap_or(&unknown).iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ");
+        let more = unknown.len().saturating_sub(MOST_NAMED);
+        let rest = if more > 0 { format!(" and {more} more") } else { String::new() };
+        let finding = Finding::error(
+            file,
+            format!("columns of {section} are not known and were not used: {named}{rest}"),
+            "check their spelling",
+        );
+        (!unknown.is_empty()).then(|| finding.at(line_number, 0).weighing(Severity::Warning))
     }
 }
 

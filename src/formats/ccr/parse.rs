@@ -2,7 +2,7 @@
 
 use super::Section;
 use super::vectors::{Clock, Row, Tick, WINDOW, plain_row};
-use crate::error::{Finding, Severity};
+use crate::error::{Finding, Severity, excerpt};
 use crate::formats::source::{Piece, read_pieces};
 use crate::formats::text::{Cell, Columns, LONGEST_LINE, columns, decode, not_a_number, number};
 use crate::run::{GivenBlock, Header, InputFile, Run, ScalarRow, Setting, SlowTable, Vector, VectorSink};
@@ -367,10 +367,14 @@ impl<'a, S: VectorSink> Parser<'a, S> {
         let Some(section) = Section::ALL.into_iter().find(|s| s.name().as_bytes() == name) else {
             self.state = State::UnknownSection;
             self.findings.push(
-                Finding::error(self.file, "the section is not known and was not used", "check its name")
-                    .at(self.line, 1)
-                    .found(name)
-                    .weighing(Severity::Warning),
+                Finding::error(
+                    self.file,
+                    format!("the section {} is not known and was not used", excerpt(name)),
+                    "check its name",
+                )
+                .at(self.line, 1)
+                .found(name)
+                .weighing(Severity::Warning),
             );
             return Ok(());
         };
@@ -638,38 +642,58 @@ impl<'a, S: VectorSink> Parser<'a, S> {
         if self.errors == 0 && self.line > 0 { self.line.saturating_sub(1).max(self.last_good_line) } else { self.last_good_line }
     }
 
+    /// What the clock has noticed beside single rows.
+    fn clock_findings(&self) -> Vec<Finding> {
+        let clock = &self.clock;
+        let mut findings = Vec::new();
+        // A few repetitions are left out; many mean that something is wrong with the file.
+        let mut repeated = |what: &str, count: u64, lines: &[u64], remedy: &str| {
+            if count == 0 {
+                return;
+            }
+            let many = count > 10.max(clock.account.count / 1000) && !self.options.allow_duplicates;
+            let lines: Vec<String> = lines.iter().map(u64::to_string).collect();
+            findings.push(
+                Finding::error(
+                    self.file,
+                    format!("{count} {what} of the row above them (lines {} ...)", lines.join(", ")),
+                    if many { "repair the file, or go on with --allow duplicates" } else { remedy },
+                )
+                .weighing(if many { Severity::Error } else { Severity::Warning }),
+            );
+        };
+        repeated("rows repeat the sample counter", clock.account.duplicates, &clock.duplicate_lines, "they were left out");
+        match clock.coarse_step_s() {
+            None => {
+                repeated("rows repeat the time tag", clock.equal_tags, &clock.equal_lines, "times come from the sample counter")
+            }
+            Some(step_s) => {
+                findings.push(
+                    Finding::error(
+                        self.file,
+                        format!("the time column has steps of about {step_s:.3} s, longer than a sample"),
+                        "times were rebuilt from the sample counter; plateau edges are uncertain by up to one step",
+                    )
+                    .weighing(Severity::Warning),
+                );
+                let nominal = self.header.as_ref().map_or(0.0, |h| h.sample_rate_hz);
+                if let Some(rate_hz) = clock.wrong_rate_hz() {
+                    findings.push(Finding::error(
+                        self.file,
+                        format!("the time tags run at {rate_hz:.4} Hz, the header says {nominal} Hz"),
+                        "correct `sample_rate`, or repair counter or time tags",
+                    ));
+                }
+            }
+        }
+        findings
+    }
+
     fn finish(mut self) -> Result<Run, Vec<Finding>> {
         let file = self.file;
+        let clock_findings = self.clock_findings();
+        self.findings.extend(clock_findings);
         let header = self.header.take();
-        let duplicates = self.clock.account.duplicates;
-        if duplicates > 0 {
-            // A few repeated packets are left out; many mean that something is wrong with the file.
-            let many = duplicates > 10.max(self.clock.account.count / 1000);
-            let lines: Vec<String> = self.clock.duplicate_lines.iter().map(u64::to_string).collect();
-            let weight = if many && !self.options.allow_duplicates { Severity::Error } else { Severity::Warning };
-            self.findings.push(
-                Finding::error(
-                    file,
-                    format!("{duplicates} rows repeat the sample counter of the row above them (lines {} ...)", lines.join(", ")),
-                    if weight == Severity::Error {
-                        "repair the file, or leave them out with --allow duplicates"
-                    } else {
-                        "they were left out"
-                    },
-                )
-                .weighing(weight),
-            );
-        }
-        if let Some(step_s) = self.clock.coarse_step_s() {
-            self.findings.push(
-                Finding::error(
-                    file,
-                    format!("the time column has steps of about {step_s:.3} s, longer than a sample"),
-                    "times were rebuilt from the sample counter; plateau edges are uncertain by up to one step",
-                )
-                .weighing(Severity::Warning),
-            );
-        }
         if !self.blocks.is_empty() && (self.seen.contains(&Section::Vectors) || self.seen.contains(&Section::Fields)) {
             self.findings.push(Finding::error(
                 file,

@@ -129,7 +129,10 @@ pub(super) struct Clock {
     last: Option<Row>,
     quantum_s: f64,
     coarse: bool,
-    equal_tags: u64,
+    /// Rows that repeat the time tag of the row above.
+    pub equal_tags: u64,
+    /// Lines of the first of them.
+    pub equal_lines: Vec<u64>,
     decimals: u32,
     pub account: VectorAccount,
     /// Lines of the first repeated rows.
@@ -153,6 +156,7 @@ impl Clock {
             quantum_s: 0.0,
             coarse: false,
             equal_tags: 0,
+            equal_lines: Vec::new(),
             decimals: 0,
             account: VectorAccount::default(),
             duplicate_lines: Vec::new(),
@@ -237,6 +241,9 @@ impl Clock {
         }
         if row.t_s == last.t_s {
             self.equal_tags += 1;
+            if self.equal_lines.len() < 5 {
+                self.equal_lines.push(line);
+            }
         }
         let lost = row.n - last.n - 1;
         if lost > 0 {
@@ -267,9 +274,23 @@ impl Clock {
         row.t_s == last.t_s || deviation_s.abs() <= self.tolerance_s()
     }
 
-    /// Step of a time column that is coarser than a sample, s.
+    /// Step of a time column that is coarser than a sample, s. Where more than a tenth of the tags repeat, the column is taken for
+    /// coarse even if its steps are too short to be refused.
     pub fn coarse_step_s(&self) -> Option<f64> {
-        self.coarse.then_some(self.quantum_s / 1.5)
+        if self.coarse {
+            return Some(self.quantum_s / 1.5);
+        }
+        let span_s = self.last?.t_s - self.first_t_s;
+        let distinct = self.account.count - self.equal_tags;
+        (10 * self.equal_tags > self.account.count && distinct > 1).then(|| span_s / (distinct - 1) as f64)
+    }
+
+    /// The rate of the time tags if it cannot be that of the counter, Hz. A coarse column tells it over the whole run only.
+    pub fn wrong_rate_hz(&self) -> Option<f64> {
+        let last = self.last?;
+        let rate_hz = self.rate_hz(&last);
+        let uncertainty = 1.5 / Self::MEMORY + self.coarse_step_s().unwrap_or_default() / (last.t_s - self.first_t_s);
+        ((rate_hz * self.period_s - 1.0).abs() > uncertainty).then_some(rate_hz)
     }
 
     /// Rate of the time tags up to a row, Hz.
