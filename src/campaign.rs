@@ -46,19 +46,17 @@ impl Campaign {
     pub fn open(paths: &[PathBuf], findings: &mut Vec<Finding>) -> Result<Vec<Campaign>, Finding> {
         let mut by_root: BTreeMap<PathBuf, Vec<(PathBuf, bool)>> = BTreeMap::new();
         for path in paths {
-            let meta = std::fs::metadata(path).map_err(|e| Finding::io(path, "open", &e))?;
-            if meta.is_dir() {
-                let root = if is_day(path) { parent(path) } else { path.clone() };
-                let files = Self::run_files(path)?;
+            // The place of a run decides on its campaign, so names such as `.` are followed to the real folder.
+            let real = path.canonicalize().map_err(|e| Finding::io(path, "open", &e))?;
+            if real.is_dir() {
+                let files = Self::run_files(&real)?;
                 if files.is_empty() {
                     let shown = path.display().to_string();
                     return Err(Finding::error(&shown, "the folder holds no run files", "a campaign has YY-MM-DD/hh-mm-ss.CCR"));
                 }
-                by_root.entry(root).or_default().extend(files.into_iter().map(|f| (f, false)));
+                by_root.entry(root_of(&real)).or_default().extend(files.into_iter().map(|f| (f, false)));
             } else {
-                let folder = parent(path);
-                let root = if is_day(&folder) { parent(&folder) } else { folder };
-                by_root.entry(root).or_default().push((path.clone(), true));
+                by_root.entry(root_of(&parent(&real))).or_default().push((real, true));
             }
         }
         by_root.into_iter().map(|(root, files)| Self::of(root, files, findings)).collect()
@@ -83,27 +81,53 @@ impl Campaign {
         } else {
             (CampaignFile::default(), None)
         };
-        let mut positions = BTreeMap::new();
-        for entry in &file.positions {
-            let position = Position::from_axes(&entry.axes).map_err(|e| {
-                Finding::error(&toml.display().to_string(), format!("position {}: {e}", entry.id), "correct its axes")
-            })?;
-            positions.insert(entry.id, position);
-        }
-        if positions.is_empty() {
-            positions.insert(1, Position::STANDARD);
-        }
+        let positions = positions(&toml, &file)?;
         let mut runs: Vec<RunFile> =
             files.into_iter().map(|(path, named)| RunFile { recorded: recorded(&root, &path), path, named }).collect();
         runs.sort();
-        runs.dedup_by(|a, b| a.path == b.path);
+        runs.dedup_by(|later, kept| {
+            let same = later.path == kept.path;
+            kept.named |= same && later.named;
+            same
+        });
         Ok(Campaign { root, file, input, runs, positions })
+    }
+
+    /// Name and instrument, or what is assumed without a campaign file.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        match (&self.input, &self.file.name, &self.file.instrument) {
+            (None, ..) => {
+                format!("no campaign.toml: position 1 is +X +Y +Z, channels {SENSOR_CHANNEL} and {COIL_CHANNEL}, no field limits")
+            }
+            (_, Some(name), Some(instrument)) => format!("{name}; {instrument}"),
+            (_, name, instrument) => name.clone().or_else(|| instrument.clone()).unwrap_or_else(|| "not named".to_owned()),
+        }
     }
 
     /// The position with this id.
     #[must_use]
     pub fn position(&self, id: u32) -> Option<Position> {
         self.positions.get(&id).copied()
+    }
+
+    /// What stands in `campaign.toml` and goes with none of the campaign's runs, most likely because of a slip in a name.
+    #[must_use]
+    pub fn unmatched(&self, headers: &[&Header]) -> Vec<String> {
+        let sensor = |name: &str| headers.iter().any(|h| h.sensor == name);
+        let mode = |name: &str| headers.iter().any(|h| h.mode == name);
+        let mut list = Vec::new();
+        for entry in self.file.sensors.iter().filter(|s| !sensor(&s.name)) {
+            list.push(format!("[[sensor]] name = \"{}\"", entry.name));
+        }
+        for entry in &self.file.limits {
+            list.extend(entry.sensor.iter().filter(|s| !sensor(s)).map(|s| format!("[[limit]] sensor = \"{s}\"")));
+            list.extend(entry.mode.iter().filter(|m| !mode(m)).map(|m| format!("[[limit]] mode = \"{m}\"")));
+        }
+        for run in self.file.lin_runs.iter().flatten().filter(|r| !headers.iter().any(|h| h.run == **r)) {
+            list.push(format!("[lin] runs \"{run}\""));
+        }
+        list
     }
 
     /// The channels of sensor and coil temperature for a run.
@@ -137,27 +161,50 @@ impl Campaign {
     }
 }
 
-fn parent(path: &Path) -> PathBuf {
-    match path.parent() {
-        Some(p) if p.as_os_str().is_empty() => PathBuf::from("."),
-        Some(p) => p.to_owned(),
-        None => path.to_owned(),
+/// The positions of a campaign file; without any, position 1 is the standard one.
+///
+/// # Errors
+/// Axes that no right-handed sensor can have.
+pub fn positions(path: &Path, file: &CampaignFile) -> Result<BTreeMap<u32, Position>, Finding> {
+    let mut positions = BTreeMap::new();
+    for entry in &file.positions {
+        let position = Position::from_axes(&entry.axes).map_err(|e| {
+            Finding::error(&path.display().to_string(), format!("position {}: {e}", entry.id), "correct its axes")
+        })?;
+        positions.insert(entry.id, position);
     }
+    if positions.is_empty() {
+        positions.insert(1, Position::STANDARD);
+    }
+    Ok(positions)
+}
+
+/// The campaign that a folder of run files belongs to: it or the folder above it with a `campaign.toml`, else the folder above the
+/// folder of a day.
+fn root_of(folder: &Path) -> PathBuf {
+    let above = parent(folder);
+    if folder.join("campaign.toml").is_file() {
+        folder.to_owned()
+    } else if above.join("campaign.toml").is_file() || is_day(folder) {
+        above
+    } else {
+        folder.to_owned()
+    }
+}
+
+fn parent(path: &Path) -> PathBuf {
+    path.parent().unwrap_or(path).to_owned()
 }
 
 /// Whether a folder is named after a day, YY-MM-DD.
 fn is_day(path: &Path) -> bool {
-    // A name such as `.` tells nothing; the real one does.
-    let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-    let name = real.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     name.len() == 8 && name.bytes().enumerate().all(|(i, b)| if i == 2 || i == 5 { b == b'-' } else { b.is_ascii_digit() })
 }
 
 /// The path of a run file inside its campaign, which is the same wherever the campaign lies.
 fn recorded(root: &Path, path: &Path) -> String {
-    let inside = |root: &Path, path: &Path| path.strip_prefix(root).map(Path::to_owned).ok();
-    let real = || inside(&root.canonicalize().ok()?, &path.canonicalize().ok()?);
-    let relative = inside(root, path).or_else(real).or_else(|| path.file_name().map(PathBuf::from)).unwrap_or_default();
+    let relative = path.strip_prefix(root).unwrap_or(path);
     relative.components().map(|c| c.as_os_str().to_string_lossy().into_owned()).collect::<Vec<_>>().join("/")
 }
 

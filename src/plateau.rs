@@ -2,7 +2,7 @@
 //! extremes, so that settling, edges and spikes can be judged afterwards without keeping samples.
 
 use crate::run::{GivenBlock, Header, Setting, Vector, VectorSink};
-use crate::units::{COMPONENTS, FieldCoil, Reading};
+use crate::units::{COMPONENTS, Reading};
 use serde::Serialize;
 use std::fmt;
 use std::ops::Range;
@@ -15,7 +15,7 @@ const MOST_SETTLING: usize = 48;
 /// by up to a quarter of a plateau.
 const REFERENCE: Range<usize> = 3 * BINS / 8..3 * BINS / 4;
 
-/// Sums of one bin; readings are taken relative to the first reading of the setting, which keeps the squares small.
+/// Sums of one bin, relative to the first reading of the setting, which keeps the squares small; extremes as they were read.
 #[derive(Clone, Copy, Debug)]
 struct Bin {
     count: u64,
@@ -29,13 +29,14 @@ impl Bin {
     const EMPTY: Bin = Bin { count: 0, sum: [0.0; 3], squares: [0.0; 3], min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
 
     #[inline(always)]
-    fn add(&mut self, d: [f64; 3]) {
+    fn add(&mut self, reading: [f64; 3], reference: [f64; 3]) {
         self.count += 1;
-        for (i, d) in d.into_iter().enumerate() {
+        for i in 0..3 {
+            let (r, d) = (reading[i], reading[i] - reference[i]);
             self.sum[i] += d;
             self.squares[i] += d * d;
-            self.min[i] = if d < self.min[i] { d } else { self.min[i] };
-            self.max[i] = if d > self.max[i] { d } else { self.max[i] };
+            self.min[i] = if r < self.min[i] { r } else { self.min[i] };
+            self.max[i] = if r > self.max[i] { r } else { self.max[i] };
         }
     }
 
@@ -104,6 +105,13 @@ impl fmt::Display for Drop {
     }
 }
 
+/// Smallest and largest used reading of a plateau.
+#[derive(Clone, Copy, Debug)]
+struct Extremes {
+    min: [f64; 3],
+    max: [f64; 3],
+}
+
 /// Statistics of one setting.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Plateau {
@@ -140,6 +148,8 @@ pub struct Plateaus {
     pub list: Vec<Plateau>,
     /// Time left out at the begin of every setting, s.
     pub settling_s: f64,
+    /// Time after which the data no longer show the step before, found from them, s.
+    pub settling_found_s: f64,
     /// Time left out at the end of every setting, s.
     pub early_end_s: f64,
     /// Displacement of the data's steps against the table of settings, s; positive when the data are late.
@@ -196,7 +206,7 @@ impl VectorSink for Accumulator {
         let reference = reference.get_or_insert(r);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the time is within the setting")]
         let index = (((vector.t_s - self.begin_s) * self.bins_per_s) as usize).min(BINS - 1);
-        bins[index].add([r[0] - reference[0], r[1] - reference[1], r[2] - reference[2]]);
+        bins[index].add(r, *reference);
     }
 }
 
@@ -226,33 +236,30 @@ impl Accumulator {
     /// The plateaus of what was read. A plateau with less than `least_coverage` of its expected samples is dropped.
     #[must_use]
     pub fn finish(self, settling: Settling, least_coverage: f64) -> Plateaus {
-        let edges = match settling {
-            Settling::Given(_) => Edges::default(),
-            Settling::Found => self.find_edges(),
-        };
-        let mut list = Vec::with_capacity(self.settings.len());
-        for (index, setting) in self.settings.iter().enumerate() {
-            let duration_s = setting.t_end_s - setting.t_start_s;
-            let bin_s = duration_s / BINS as f64;
-            let first = match settling {
-                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates at 0 and at BINS")]
-                Settling::Given(given_s) => ((given_s / bin_s - 1e-9).ceil() as usize).min(BINS),
-                Settling::Found => edges.first,
-            };
-            list.push(self.plateau(index, setting, first, BINS - edges.left_at_end, least_coverage));
-        }
-        let without_scatter = self.drop_saturated(&mut list);
-        let median_s = self.median_duration_s();
+        let edges = self.find_edges();
         let settling_s = match settling {
             Settling::Given(given_s) => given_s,
-            Settling::Found => edges.first as f64 * median_s / BINS as f64,
+            Settling::Found => edges.settling_s,
         };
+        let mut list = Vec::with_capacity(self.settings.len());
+        let mut extremes = Vec::with_capacity(self.settings.len());
+        for (index, setting) in self.settings.iter().enumerate() {
+            let bin_s = (setting.t_end_s - setting.t_start_s) / BINS as f64;
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates at 0 and at BINS")]
+            let bins_of = |time_s: f64| ((time_s / bin_s - 1e-9).ceil() as usize).min(BINS);
+            let (plateau, range) =
+                self.plateau(index, setting, bins_of(settling_s), BINS - bins_of(edges.early_end_s), least_coverage);
+            list.push(plateau);
+            extremes.push(range);
+        }
+        let without_scatter = drop_saturated(&mut list, &extremes);
         Plateaus {
             list,
             settling_s,
-            early_end_s: edges.left_at_end as f64 * median_s / BINS as f64,
-            edge_shift_s: edges.shift_bins * median_s / BINS as f64,
-            tolerable_shift_s: 0.25 * median_s,
+            settling_found_s: edges.settling_s,
+            early_end_s: edges.early_end_s,
+            edge_shift_s: edges.shift_s,
+            tolerable_shift_s: 0.25 * self.median_duration_s(),
             outside: self.outside,
             without_scatter,
         }
@@ -262,7 +269,7 @@ impl Accumulator {
         median(&mut self.settings.iter().map(|s| s.t_end_s - s.t_start_s).collect::<Vec<f64>>())
     }
 
-    fn plateau(&self, index: usize, setting: &Setting, first: usize, end: usize, least_coverage: f64) -> Plateau {
+    fn plateau(&self, index: usize, setting: &Setting, first: usize, end: usize, least_coverage: f64) -> (Plateau, Extremes) {
         let duration_s = setting.t_end_s - setting.t_start_s;
         let edge_s = |bin: usize| setting.t_start_s + duration_s * bin as f64 / BINS as f64;
         let used_s = [edge_s(first.min(end)), edge_s(end)];
@@ -270,7 +277,7 @@ impl Accumulator {
         let reference = self.references.get(index).copied().flatten().unwrap_or_default();
 
         let there: u64 = bins.iter().map(|b| b.count).sum();
-        let spiky = spiky_bins(bins);
+        let spiky = spiky_bins(bins, reference, || self.resolution());
         let mut total = Bin::EMPTY;
         for (bin, _) in bins.iter().zip(&spiky).filter(|(_, spiky)| !**spiky) {
             total.merge(bin);
@@ -285,7 +292,9 @@ impl Accumulator {
             }
             if total.count > 1 {
                 let centred = total.squares[axis] - total.sum[axis] * total.sum[axis] / count;
-                std[axis] = (centred.max(0.0) / (count - 1.0)).sqrt();
+                // Equal samples have no scatter, whatever rounding leaves of it.
+                let scatters = total.min[axis] < total.max[axis];
+                std[axis] = if scatters { (centred.max(0.0) / (count - 1.0)).sqrt() } else { 0.0 };
             }
         }
         let dropped = if setting.frequency_hz > 0.0 {
@@ -297,7 +306,7 @@ impl Accumulator {
         } else {
             None
         };
-        Plateau {
+        let plateau = Plateau {
             index,
             setting: *setting,
             used_s,
@@ -306,35 +315,17 @@ impl Accumulator {
             count: Some(total.count),
             spike_samples: there - total.count,
             dropped,
-        }
+        };
+        (plateau, Extremes { min: total.min, max: total.max })
     }
 
-    /// A reading without any scatter that is the largest or smallest of the run shows a component at the end of its range if it
-    /// comes with different fields, or if most other plateaus of the component do scatter. Returns the number of plateaus without
-    /// scatter.
-    fn drop_saturated(&self, list: &mut [Plateau]) -> [usize; 3] {
-        let mut without_scatter = [0; 3];
-        for (component, silent) in without_scatter.iter_mut().enumerate() {
-            let still = |p: &Plateau| p.dropped.is_none() && p.std_ent.is_some_and(|s| s[component] == 0.0);
-            *silent = list.iter().filter(|p| still(p)).count();
-            let means = || list.iter().filter(|p| p.dropped.is_none()).map(|p| p.mean.0[component]);
-            let (low, high) = (means().fold(f64::INFINITY, f64::min), means().fold(f64::NEG_INFINITY, f64::max));
-            for end in [low, high] {
-                let rests: Vec<usize> =
-                    list.iter().enumerate().filter(|(_, p)| still(p) && p.mean.0[component] == end).map(|(i, _)| i).collect();
-                let fields: Vec<FieldCoil> = rests.iter().filter_map(|i| list.get(*i)).map(|p| p.setting.field).collect();
-                let scattering = list.iter().filter(|p| p.dropped.is_none() && !still(p)).count();
-                let differ = fields.iter().any(|f| Some(f) != fields.first());
-                if low < high && (differ || scattering > list.len() / 2) {
-                    for i in rests {
-                        if let Some(plateau) = list.get_mut(i) {
-                            plateau.dropped = Some(Drop::Saturated { component });
-                        }
-                    }
-                }
-            }
-        }
-        without_scatter
+    /// The smallest difference of two readings that stand for different bins, per component: no less than one digit of the data.
+    fn resolution(&self) -> [f64; 3] {
+        std::array::from_fn(|axis| {
+            let mut levels: Vec<f64> = self.bins.iter().flatten().filter(|b| b.count > 0).map(|b| b.min[axis]).collect();
+            levels.sort_by(f64::total_cmp);
+            levels.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min)
+        })
     }
 
     /// Finds how many bins follow the step before a setting, and how many already follow the step after it: the deviation of every
@@ -351,18 +342,20 @@ impl Accumulator {
                 (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
             })
             .collect();
-        let late: Vec<Response> = (0..MOST_SETTLING).map(|bin| self.response(&middle, bin, true)).collect();
-        let early: Vec<Response> = (0..BINS - REFERENCE.end).map(|bin| self.response(&middle, BINS - 1 - bin, false)).collect();
+        // All settings share one clock after a step, whatever their length.
+        let slot_s = self.median_duration_s() / BINS as f64;
+        let late: Vec<Response> = (0..MOST_SETTLING).map(|slot| self.response(&middle, slot, slot_s, true)).collect();
+        let early: Vec<Response> = (0..BINS - REFERENCE.end).map(|slot| self.response(&middle, slot, slot_s, false)).collect();
         let following = |responses: &[Response]| {
             responses.windows(2).position(|pair| !pair.iter().any(Response::follows)).unwrap_or(responses.len())
         };
-        let late_bins = following(&late);
-        let early_bins = following(&early);
+        let late_slots = following(&late);
+        let early_slots = following(&early);
         // A decay that has just become too small to be seen still biases the mean; half as long again makes it negligible.
-        let first = if late_bins == 0 { 0 } else { (late_bins + late_bins / 2 + 1).min(MOST_SETTLING) };
-        let left_at_end = if early_bins == 0 { 0 } else { early_bins + 1 };
+        let settling = if late_slots == 0 { 0 } else { (late_slots + late_slots / 2 + 1).min(MOST_SETTLING) };
+        let early_end = if early_slots == 0 { 0 } else { early_slots + 1 };
         let shift_bins = self.step_inside().map_or(0.0, |at| if at < BINS as f64 / 2.0 { at } else { at - BINS as f64 });
-        Edges { first, left_at_end, shift_bins }
+        Edges { settling_s: settling as f64 * slot_s, early_end_s: early_end as f64 * slot_s, shift_s: shift_bins * slot_s }
     }
 
     /// Where, in bins, the data step inside the settings, if they do: there most settings jump by a good part of the step of the
@@ -394,33 +387,76 @@ impl Accumulator {
         clear.then(|| bin as f64 + 1.0 + median(&mut part))
     }
 
-    fn response(&self, middle: &[Option<[f64; 3]>], bin: usize, from_before: bool) -> Response {
-        let (mut sxy, mut sxx, mut syy, mut n) = (0.0, 0.0, 0.0, 0.0);
-        for i in 0..self.bins.len() {
-            let other = if from_before { i.checked_sub(1) } else { Some(i + 1) };
-            let Some(Some(other)) = other.and_then(|o| middle.get(o)) else { continue };
-            let (Some(Some(here)), Some(Some(reference)), Some(bins)) = (middle.get(i), self.references.get(i), self.bins.get(i))
+    /// How much of the step before and of the step after a setting its data show at a time after its begin (or before its end), from
+    /// a regression on both steps over all settings and components.
+    fn response(&self, middle: &[Option<[f64; 3]>], slot: usize, slot_s: f64, after_begin: bool) -> Response {
+        let (mut pp, mut pn, mut nn, mut pd, mut nd, mut dd, mut count) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        for (i, (setting, bins)) in self.settings.iter().zip(&self.bins).enumerate() {
+            let level = |i: Option<usize>| i.and_then(|i| middle.get(i)).copied().flatten();
+            let (Some(here), Some(Some(reference))) = (level(Some(i)), self.references.get(i)) else { continue };
+            let (before, after) = (level(i.checked_sub(1)), level(Some(i + 1)));
+            let (Some(before), Some(after)) = (before.or(after.map(|_| here)), after.or(before.map(|_| here))) else { continue };
+            let bin_s = (setting.t_end_s - setting.t_start_s) / BINS as f64;
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates at BINS")]
+            let index = ((slot as f64 + 0.5) * slot_s / bin_s) as usize;
+            let Some(bin) = bins.get(if after_begin { index } else { (BINS - 1).wrapping_sub(index) }).filter(|b| b.count > 0)
             else {
                 continue;
             };
-            let Some(bin) = bins.get(bin).filter(|b| b.count > 0) else { continue };
             for axis in 0..3 {
-                let step = other[axis] - here[axis];
-                let deviation = reference[axis] + bin.mean(axis) - here[axis];
-                sxy += step * deviation;
-                sxx += step * step;
-                syy += deviation * deviation;
-                n += 1.0;
+                let (p, n) = (before[axis] - here[axis], after[axis] - here[axis]);
+                let d = reference[axis] + bin.mean(axis) - here[axis];
+                pp += p * p;
+                pn += p * n;
+                nn += n * n;
+                pd += p * d;
+                nd += n * d;
+                dd += d * d;
+                count += 1.0;
             }
         }
-        if n < 6.0 || sxx <= 0.0 {
+        let (own, own_d) = if after_begin { (pp, pd) } else { (nn, nd) };
+        if count < 6.0 || own <= 0.0 {
             return Response { fraction: 0.0, z: 0.0 };
         }
-        let fraction = sxy / sxx;
-        let noise = ((syy - fraction * sxy).max(0.0) / (n - 1.0)).sqrt();
-        let z = if noise > 0.0 { fraction.abs() * sxx.sqrt() / noise } else { 0.0 };
-        Response { fraction, z }
+        let determinant = pp * nn - pn * pn;
+        let (fraction, explained, weight) = if determinant > 1e-6 * pp * nn {
+            let of_before = (pd * nn - nd * pn) / determinant;
+            let of_after = (nd * pp - pd * pn) / determinant;
+            let explained = of_before * pd + of_after * nd;
+            if after_begin { (of_before, explained, nn / determinant) } else { (of_after, explained, pp / determinant) }
+        } else {
+            // Both steps are the same one, as where two fields alternate.
+            (own_d / own, own_d * own_d / own, 1.0 / own)
+        };
+        let std = ((dd - explained).max(0.0) / (count - 2.0) * weight).sqrt();
+        Response { fraction, z: if std > 0.0 { fraction.abs() / std } else { 0.0 } }
     }
+}
+
+/// A component whose samples of a plateau are all equal, and equal to the largest or smallest reading of all plateaus, is at the end
+/// of its range if that happens with different fields, or if most other plateaus of the component do scatter. Returns the number of
+/// plateaus without scatter.
+fn drop_saturated(list: &mut [Plateau], extremes: &[Extremes]) -> [usize; 3] {
+    let mut without_scatter = [0; 3];
+    for (component, silent) in without_scatter.iter_mut().enumerate() {
+        let used: Vec<usize> = (0..list.len()).filter(|i| list[*i].dropped.is_none()).collect();
+        let is_still = |i: &usize| extremes[*i].min[component] == extremes[*i].max[component];
+        let still: Vec<usize> = used.iter().copied().filter(is_still).collect();
+        *silent = still.len();
+        let low = used.iter().map(|i| extremes[*i].min[component]).fold(f64::INFINITY, f64::min);
+        let high = used.iter().map(|i| extremes[*i].max[component]).fold(f64::NEG_INFINITY, f64::max);
+        for end in [low, high] {
+            let rests: Vec<usize> = still.iter().copied().filter(|i| extremes[*i].min[component] == end).collect();
+            let differ = rests.iter().any(|i| list[*i].setting.field != list[rests[0]].setting.field);
+            if low < high && (differ || 2 * (used.len() - still.len()) > used.len()) {
+                for i in rests {
+                    list[i].dropped = Some(Drop::Saturated { component });
+                }
+            }
+        }
+    }
+    without_scatter
 }
 
 /// How much of a neighbouring step a bin shows.
@@ -440,22 +476,28 @@ impl Response {
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Edges {
-    first: usize,
-    left_at_end: usize,
-    shift_bins: f64,
+    settling_s: f64,
+    early_end_s: f64,
+    shift_s: f64,
 }
 
-/// Bins with a sample that is more than six times as far from the plateau's level as the farthest sample of a typical bin.
-fn spiky_bins(bins: &[Bin]) -> Vec<bool> {
+/// Bins with a sample that is more than six times as far from the plateau's level as the farthest sample of a typical bin, or, where
+/// typical bins do not scatter at all, as the resolution of the data.
+fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: impl Fn() -> [f64; 3]) -> Vec<bool> {
     let mut spiky = vec![false; bins.len()];
     let filled = bins.iter().filter(|b| b.count > 0).count();
     if filled < 8 {
         return spiky;
     }
     for axis in 0..3 {
-        let level = median(&mut bins.iter().filter(|b| b.count > 0).map(|b| b.mean(axis)).collect::<Vec<f64>>());
+        let level =
+            reference[axis] + median(&mut bins.iter().filter(|b| b.count > 0).map(|b| b.mean(axis)).collect::<Vec<f64>>());
         let reach = |b: &Bin| (b.max[axis] - level).max(level - b.min[axis]);
-        let typical = median(&mut bins.iter().filter(|b| b.count > 0).map(reach).collect::<Vec<f64>>());
+        let mut typical = median(&mut bins.iter().filter(|b| b.count > 0).map(reach).collect::<Vec<f64>>());
+        // Rounding leaves a little of what is nothing.
+        if typical <= 1e-9 * level.abs().max(1.0) && bins.iter().any(|b| b.count > 0 && reach(b) > 1e-6 * level.abs().max(1.0)) {
+            typical = resolution()[axis];
+        }
         for (flag, bin) in spiky.iter_mut().zip(bins) {
             *flag |= bin.count > 0 && typical > 0.0 && reach(bin) > 6.0 * typical;
         }
@@ -492,6 +534,7 @@ pub fn from_blocks(blocks: &[GivenBlock]) -> Plateaus {
     Plateaus {
         list,
         settling_s: 0.0,
+        settling_found_s: 0.0,
         early_end_s: 0.0,
         edge_shift_s: 0.0,
         tolerable_shift_s: f64::INFINITY,

@@ -4,7 +4,8 @@ use crate::campaign::Campaign;
 use crate::error::Severity;
 use crate::fit::{FitError, Limits, Propagated, Robust, Solution, correlation, linear, propagate, robust};
 use crate::formats::parameter::{
-    Angles, Conditions, Covariance, Cpf, Dropped, Matrices, Noise, Offset, Quality, RunPart, Spread, Std, Summary, Validity,
+    Angles, Conditions, Convention, Covariance, Cpf, Dropped, Matrices, Noise, Offset, Quality, RunPart, Spread, Std, Summary,
+    Validity,
 };
 use crate::model::position::Position;
 use crate::model::sensor::{Split, SplitError, misplaced_axes, split};
@@ -55,6 +56,12 @@ const MOST_CONDITION: f64 = 1e4;
 const PLAUSIBLE_GAIN: f64 = 1.5;
 /// Least part of the variance of a component that the applied field must explain.
 const LEAST_EXPLAINED: f64 = 0.99;
+/// Temperatures outside are no temperatures of a sensor or coil.
+const PLAUSIBLE_DEGC: std::ops::RangeInclusive<f64> = -200.0..=200.0;
+/// A residual scatter of this many times the standard error of the plateau means is not noise of the samples.
+const LACK_OF_FIT: f64 = 10.0;
+/// A residual of this many robust standard deviations is an outlier.
+const OUTLIER: f64 = 8.0;
 /// Order of the offset trend where nothing else is said, as in the campaign of 2013.
 const DEFAULT_ORDER: usize = 2;
 
@@ -124,6 +131,8 @@ pub enum LinError {
         total: usize,
         /// Why, the most frequent reason first.
         reasons: String,
+        /// Settling and early ends leave nothing of most of them.
+        unsettled: bool,
     },
     /// An implausible sensitivity.
     #[error("the sensitivity of component {component} is {sigma:.4} nT per enT, far from 1")]
@@ -159,6 +168,7 @@ impl LinError {
             }
             LinError::Stuck { .. } => "check the component and its wiring",
             LinError::Undetermined { .. } => "drive that axis on its own",
+            LinError::TooFew { unsettled: true, .. } => "hold the fields longer, or say with --settling what can be accepted",
             LinError::TooFew { .. } => "use a longer programme, or less strict limits",
             LinError::Gain { .. } => "check `unit` and `nominal_factor`, or go on with --allow gain",
             LinError::Split(_) => "check the excitation and the wiring of the components",
@@ -275,6 +285,12 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let (coil_temperature, coil_degc) = temperature(run, &coil_channel, "coil system", span_s, &mut warnings);
     warn(&mut warnings, run, plateaus, &derived.split);
 
+    judge_fit(&mut warnings, &blocks);
+    let readings = used.iter().flat_map(|p| p.mean.0).fold(0.0, |a: f64, v| a.max(v.abs()));
+    if noise.noise.iter().any(|n| n.std < 1e-12 * readings) {
+        warnings
+            .push("the readings follow the model to the last digit: their scatter does not tell the uncertainties".to_owned());
+    }
     let std = |range: std::ops::Range<usize>| uncertain.std.get(range).map_or_else(|| vec![f64::NAN; 9], <[f64]>::to_vec);
     let three = |from: usize| -> [f64; 3] { std(from..from + 3).try_into().unwrap_or([f64::NAN; 3]) };
     let rows_of_std = |from: usize| -> [[f64; 3]; 3] { [three(from), three(from + 3), three(from + 6)] };
@@ -284,12 +300,14 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let mut durations: Vec<f64> = used.iter().map(|p| p.setting.t_end_s - p.setting.t_start_s).collect();
     durations.sort_by(f64::total_cmp);
     let parameters = Cpf {
+        convention: Convention::default(),
         run: RunPart {
             id: header.run.clone(),
             sensor: header.sensor.clone(),
             mode: header.mode.clone(),
             temperature_degc: sensor_degc.map(|[_, mean, _]| mean),
             coil_temperature_degc: coil_degc.map(|[_, mean, _]| mean),
+            campaign: campaign.describe(),
             start: header.start.clone(),
             configuration: header.configuration.clone(),
             field_source: header.field_source.clone(),
@@ -407,11 +425,12 @@ fn too_few(list: &[Plateau], used: usize, parameters: usize) -> LinError {
         }
     }
     reasons.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
+    let unsettled = reasons.first().is_some_and(|(reason, _)| *reason == Drop::NoSamples.to_string());
     let reasons = match reasons.as_slice() {
         [] => "none".to_owned(),
         some => some.iter().take(3).map(|(reason, n)| format!("{n} x {reason}")).collect::<Vec<_>>().join(", "),
     };
-    LinError::TooFew { used, parameters, dropped: list.len() - used, total: list.len(), reasons }
+    LinError::TooFew { used, parameters, dropped: list.len() - used, total: list.len(), reasons, unsettled }
 }
 
 /// The polynomial offset trend in `tau`, which runs from -1 to +1 over the used plateaus.
@@ -627,6 +646,37 @@ fn standard_error_coil_nt(plateau: &Plateau, phi: &Matrix3<f64>) -> Option<[f64;
 
 type Series = Vec<(f64, f64)>;
 
+/// Says where the residuals are larger than what the samples scatter, and which plateaus stand out.
+fn judge_fit(warnings: &mut Vec<String>, blocks: &[Block]) {
+    let used: Vec<&Block> = blocks.iter().filter(|b| b.plateau.dropped.is_none()).collect();
+    for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
+        let residuals: Vec<f64> = used.iter().filter_map(|b| b.residual_coil_nt).map(|r| r.0[axis]).collect();
+        let errors: Option<Vec<f64>> = used.iter().map(|b| b.standard_error_coil_nt.map(|e| e[axis])).collect();
+        let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
+        let scatter = rms(&residuals);
+        if let Some(expected) = errors.map(|e| rms(&e)).filter(|e| *e > 0.0 && scatter > LACK_OF_FIT * *e) {
+            warnings.push(format!(
+                "FIT: the {name} residuals scatter by {scatter:.3} nT where the samples of the plateaus let expect {expected:.3} nT; \
+                 the model lacks something, or plateaus are disturbed"
+            ));
+        }
+        let mut magnitudes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
+        magnitudes.sort_by(f64::total_cmp);
+        let robust_std = magnitudes.get(magnitudes.len() / 2).copied().unwrap_or_default() / 0.6745;
+        let outliers: Vec<String> = used
+            .iter()
+            .filter(|b| b.residual_coil_nt.is_some_and(|r| robust_std > 0.0 && r.0[axis].abs() > OUTLIER * robust_std))
+            .map(|b| (b.plateau.index + 1).to_string())
+            .collect();
+        if !outliers.is_empty() {
+            warnings.push(format!(
+                "FIT: blocks {} stand out in {name} by more than {OUTLIER} standard deviations; look at them, or use --robust",
+                outliers.join(", ")
+            ));
+        }
+    }
+}
+
 /// A temperature channel and its smallest, mean and largest value while the fields were applied.
 fn temperature(run: &Run, channel: &str, what: &str, span_s: [f64; 2], warnings: &mut Vec<String>) -> (Series, Option<[f64; 3]>) {
     let table = if run.temperatures.names.iter().any(|n| n == channel) { &run.temperatures } else { &run.channels };
@@ -634,19 +684,29 @@ fn temperature(run: &Run, channel: &str, what: &str, span_s: [f64; 2], warnings:
         warnings.push(format!("no {what} temperature: the run has no channel {channel}"));
         return (Vec::new(), None);
     };
-    let inside: Vec<f64> = series.iter().filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)).map(|(_, v)| *v).collect();
-    // A single reading beside the settings is better than none, and is said to be that.
-    let values = if inside.is_empty() { series.iter().map(|(_, v)| *v).collect() } else { inside };
+    let count = series.len();
+    let series: Series = series.into_iter().filter(|(_, v)| PLAUSIBLE_DEGC.contains(v)).collect();
+    if series.len() < count {
+        let [low, high] = [PLAUSIBLE_DEGC.start(), PLAUSIBLE_DEGC.end()];
+        warnings.push(format!("{} readings of channel {channel} outside {low} to {high} °C were left out", count - series.len()));
+    }
+    let inside: Series = series.iter().copied().filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)).collect();
+    let values: Vec<f64> = inside.iter().map(|(_, v)| *v).collect();
     if values.is_empty() {
-        warnings.push(format!("no {what} temperature: channel {channel} holds no readings"));
+        warnings.push(format!("no {what} temperature: channel {channel} holds no reading from the time of the settings"));
         return (series, None);
     }
-    if let [(t_s, _)] = series.as_slice() {
+    if let [(t_s, _)] = inside.as_slice() {
         warnings.push(format!("the {what} temperature (channel {channel}) is a single reading at {t_s} s"));
-    } else if let (Some((first, _)), Some((last, _))) = (series.first(), series.last()) {
-        let missing = (first - span_s[0]).max(0.0) + (span_s[1] - last).max(0.0);
-        if missing > 0.1 * (span_s[1] - span_s[0]) {
+    } else {
+        let times = [vec![span_s[0]], inside.iter().map(|(t, _)| *t).collect(), vec![span_s[1]]].concat();
+        let gaps = || times.windows(2).map(|w| w[1] - w[0]);
+        let length = span_s[1] - span_s[0];
+        let at_ends = gaps().next().unwrap_or_default() + gaps().next_back().unwrap_or_default();
+        if let (true, [(first, _), .., (last, _)]) = (at_ends > 0.1 * length, inside.as_slice()) {
             warnings.push(format!("the {what} temperature (channel {channel}) covers the time from {first} to {last} s only"));
+        } else if let Some(longest) = gaps().reduce(f64::max).filter(|longest| *longest > 0.5 * length) {
+            warnings.push(format!("the {what} temperature (channel {channel}) has no reading for {longest:.0} s of the run"));
         }
     }
     let mean = values.iter().sum::<f64>() / values.len() as f64;
@@ -675,6 +735,12 @@ fn warn(warnings: &mut Vec<String>, run: &Run, plateaus: &Plateaus, split: &Spli
     if shift_s.abs() > 0.0 && plateaus.list.iter().any(|p| shift_s.abs() > (p.setting.t_end_s - p.setting.t_start_s) / 64.0) {
         warnings.push(format!(
             "the data step {shift_s:+.2} s after the settings do; the disturbed ends of the plateaus were left out"
+        ));
+    }
+    if plateaus.settling_found_s > plateaus.settling_s + 1e-9 && run.blocks.is_empty() {
+        warnings.push(format!(
+            "the data show the step before for {:.2} s, longer than the {:.2} s that were left out",
+            plateaus.settling_found_s, plateaus.settling_s
         ));
     }
     let spikes: u64 = plateaus.list.iter().map(|p| p.spike_samples).sum();

@@ -3,7 +3,7 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
-use crate::campaign::Campaign;
+use crate::campaign::{Campaign, positions};
 use crate::error::{Finding, Severity};
 use crate::formats::parameter::Cpf;
 use crate::formats::{campaign, ccr, mag, parameter};
@@ -69,6 +69,14 @@ fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
         }
         files.extend(Campaign::run_files(path)?);
     }
+    if files.is_empty() {
+        let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
+        return Err(Finding::error(
+            &shown.join(", "),
+            "holds nothing to check",
+            "name run files, programmes or a campaign folder",
+        ));
+    }
     files.sort();
     files.dedup();
     Ok(files)
@@ -81,7 +89,7 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     let error = if name.ends_with(".MAG") {
         mag::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
-        campaign::read(path, &mut findings).err()
+        campaign::read(path, &mut findings).and_then(|(file, _)| positions(path, &file)).err()
     } else if name.ends_with(".CPF") {
         parameter::read::<Cpf>(path).err()
     } else {

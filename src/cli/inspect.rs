@@ -25,7 +25,7 @@ struct Listing<'a> {
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let campaigns = open(&arguments.paths, terminal)?;
-    let jobs = jobs(&campaigns, None, |_| None);
+    let jobs = jobs(&campaigns, None, |_| None, terminal);
     let bar = terminal.progress(jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
     let results: Vec<_> = jobs

@@ -107,6 +107,9 @@ impl Arguments {
     }
 }
 
+/// The tables of all runs of one call.
+const TABLES: [&str; 2] = ["LIN_PARAMETERS.csv", "LIN_PARAMETERS.parquet"];
+
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Listing<'a> {
@@ -117,12 +120,13 @@ struct Listing<'a> {
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let options = arguments.options(common);
     let campaigns = open(&arguments.paths, terminal)?;
-    let jobs = jobs(&campaigns, Some(Kind::Linearity), |c| c.file.lin_runs.as_ref());
+    let jobs = jobs(&campaigns, Some(Kind::Linearity), |c| c.file.lin_runs.as_ref(), terminal);
     if jobs.is_empty() {
         let shown: Vec<String> = arguments.paths.iter().map(|p| p.display().to_string()).collect();
         return Err(Finding::error(&shown.join(", "), "holds no linearity run", "list the runs with `calfit inspect`"));
     }
-    Folder::open(&common.out, common.force)?;
+    let folder = Folder::open(&common.out, common.force)?;
+    TABLES.iter().try_for_each(|name| folder.check(name))?;
     let bar = terminal.progress(jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
     let results: Vec<Result<Lin, Failure>> = jobs
@@ -153,14 +157,14 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         done.iter().for_each(|lin| terminal.tell(&summary(lin, &common.out.join(&lin.parameters.run.id).display().to_string())));
     }
     #[cfg(feature = "tables")]
-    if done.len() > 1 {
-        let folder = Folder::open(&common.out, common.force)?;
+    if !done.is_empty() {
         let table = report::lin::parameter_table(&done);
-        folder.write(
-            "LIN_PARAMETERS.csv",
-            &table.csv("calfit lin: one row per run; readings enT, sensor axes; angles in degrees")?,
-        )?;
-        folder.write("LIN_PARAMETERS.parquet", &table.parquet()?)?;
+        let csv = table.csv("calfit lin: one row per run; readings enT, sensor axes; sensitivities nT/enT; angles in degrees")?;
+        for (name, bytes) in TABLES.into_iter().zip([csv, table.parquet()?]) {
+            if let Err(finding) = folder.write(name, &bytes) {
+                failures.push((name.to_owned(), Failure::Refused(finding)));
+            }
+        }
     }
     report_failures(terminal, &failures, jobs.len());
     Ok(Failure::status(done.len(), failures.iter().map(|(_, f)| f)))
@@ -232,9 +236,12 @@ fn write(
         folder.write(&format!("LIN_BLOCKS__{id}.csv"), &report::lin::block_table(lin).csv(&note)?)?;
     }
     folder.write(&format!("REPORT_LIN__{id}.md"), report::lin::markdown(lin, provenance, &links).as_bytes())?;
+    // What the parameter file rests on is safe on disk before it, and its own name after it.
+    folder.sync()?;
     let text = parameter::to_text(&lin.parameters, provenance)
         .map_err(|e| Finding::error(&parameter_name, format!("the result has no text form: {e}"), "report this"))?;
-    folder.write(&parameter_name, text.as_bytes())
+    folder.write(&parameter_name, text.as_bytes())?;
+    folder.sync()
 }
 
 /// A few lines for a person.

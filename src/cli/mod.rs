@@ -208,9 +208,21 @@ struct Job<'a> {
 
 /// All files of the campaigns, or those of a kind: files that the user named are always among them, so that one of the wrong kind
 /// is refused and not passed over. A file whose head cannot be read is among them too, for its error to be reported.
-fn jobs<'a>(campaigns: &'a [Campaign], kind: Option<Kind>, listed: impl Fn(&Campaign) -> Option<&Vec<String>>) -> Vec<Job<'a>> {
+fn jobs<'a>(
+    campaigns: &'a [Campaign],
+    kind: Option<Kind>,
+    listed: impl Fn(&Campaign) -> Option<&Vec<String>>,
+    terminal: &Terminal,
+) -> Vec<Job<'a>> {
     let files: Vec<(&Campaign, &RunFile)> = campaigns.iter().flat_map(|c| c.runs.iter().map(move |f| (c, f))).collect();
     let headers: Vec<Option<Header>> = files.par_iter().map(|(_, file)| ccr::peek(&file.path).ok()).collect();
+    for campaign in campaigns.iter().filter(|c| c.runs.iter().all(|r| !r.named)) {
+        let own = |(c, _): &(&Campaign, &RunFile)| std::ptr::eq(*c, campaign);
+        let known: Vec<&Header> = files.iter().zip(&headers).filter(|(f, _)| own(f)).filter_map(|(_, h)| h.as_ref()).collect();
+        for entry in campaign.unmatched(&known) {
+            terminal.warning(&format!("campaign.toml: {entry} goes with no run of the campaign; check its spelling"));
+        }
+    }
     let mut first: HashMap<String, String> = HashMap::new();
     let mut jobs = Vec::new();
     for ((campaign, file), header) in files.into_iter().zip(headers) {

@@ -98,7 +98,7 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(CampaignFile, D
         return Err(root.refuse("offset_trend_order", "must be 0, 1 or 2", "use the lowest order that the drift needs"));
     }
     for group in root.groups("position")? {
-        findings.extend(group.unknown(&["id", "axes", "elevation_deg", "azimuth_deg"]));
+        findings.extend(group.unknown(&["id", "axes"]));
         let id = group.whole("id")?.ok_or_else(|| group.missing("id"))?;
         let axes = group.texts("axes")?.ok_or_else(|| group.missing("axes"))?;
         if campaign.positions.iter().any(|p| p.id == id) {

@@ -5,9 +5,12 @@ use std::fs::{self, File};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Every file that the tool writes holds its name within this many bytes of its begin or end.
+/// How the files that the tool writes begin: parameter files and CSV tables, Markdown, and (within the head of the picture) figures.
+const BEGINS: [&[u8]; 2] = [b"# calfit ", b"<!-- written by calfit "];
+const PICTURE: (&[u8], &[u8]) = (b"\x89PNG", b"Software\0calfit ");
+/// Parquet tables hold their mark at the end.
+const TABLE: (&[u8], &[u8]) = (b"PAR1", b"written_by");
 const MARK_WITHIN: u64 = 4096;
-const MARK: &[u8] = b"calfit";
 const TEMPORARY: &str = ".calfit-partial-";
 
 /// A folder for results.
@@ -23,9 +26,12 @@ impl Folder {
     /// # Errors
     /// What the operating system says.
     pub fn open(path: &Path, force: bool) -> Result<Self, Finding> {
+        if path.exists() && !path.is_dir() {
+            return Err(Finding::error(&path.display().to_string(), "is not a folder", "choose another output folder with -o"));
+        }
         fs::create_dir_all(path).map_err(|e| Finding::io(path, "create the folder", &e))?;
         for entry in fs::read_dir(path).map_err(|e| Finding::io(path, "list the folder", &e))?.flatten() {
-            if entry.file_name().to_string_lossy().starts_with(TEMPORARY) {
+            if is_leftover(&entry.file_name().to_string_lossy()) {
                 // A leftover that cannot be removed does no harm.
                 let _ = fs::remove_file(entry.path());
             }
@@ -62,7 +68,10 @@ impl Folder {
         self.check(name)?;
         let path = self.path.join(name);
         let failed = |e: &std::io::Error| Finding::io(&path, "write", e);
-        let mut file = tempfile::Builder::new().prefix(TEMPORARY).tempfile_in(&self.path).map_err(|e| failed(&e))?;
+        let mut file = tempfile::Builder::new()
+            .prefix(&format!("{TEMPORARY}{}-", std::process::id()))
+            .tempfile_in(&self.path)
+            .map_err(|e| failed(&e))?;
         file.write_all(bytes).map_err(|e| failed(&e))?;
         file.flush().map_err(|e| failed(&e))?;
         readable(file.as_file()).map_err(|e| failed(&e))?;
@@ -71,11 +80,25 @@ impl Folder {
         Ok(())
     }
 
+    /// Makes the names of what was written last through a power loss.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn sync(&self) -> Result<(), Finding> {
+        File::open(&self.path).and_then(|folder| folder.sync_all()).map_err(|e| Finding::io(&self.path, "sync the folder", &e))
+    }
+
     /// The folder.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
+}
+
+/// A temporary file, named after the process that writes it, is left over once that process is gone.
+fn is_leftover(name: &str) -> bool {
+    let owner = name.strip_prefix(TEMPORARY).and_then(|rest| rest.split('-').next());
+    owner.is_some_and(|process| !Path::new("/proc").join(process).exists())
 }
 
 /// Temporary files are private; results are as readable as any other file.
@@ -94,15 +117,15 @@ fn is_own(path: &Path) -> bool {
     let read = || -> std::io::Result<bool> {
         let mut file = File::open(path)?;
         let length = file.metadata()?.len();
-        let mut bytes = Vec::new();
-        (&mut file).take(MARK_WITHIN).read_to_end(&mut bytes)?;
-        if memchr::memmem::find(&bytes, MARK).is_some() {
-            return Ok(true);
-        }
+        let mut head = Vec::new();
+        (&mut file).take(MARK_WITHIN).read_to_end(&mut head)?;
         file.seek(SeekFrom::Start(length.saturating_sub(MARK_WITHIN)))?;
-        bytes.clear();
-        file.take(MARK_WITHIN).read_to_end(&mut bytes)?;
-        Ok(memchr::memmem::find(&bytes, MARK).is_some())
+        let mut tail = Vec::new();
+        file.take(MARK_WITHIN).read_to_end(&mut tail)?;
+        let holds = |bytes: &[u8], mark: &[u8]| memchr::memmem::find(bytes, mark).is_some();
+        Ok(BEGINS.iter().any(|begin| head.starts_with(begin))
+            || head.starts_with(PICTURE.0) && holds(&head, PICTURE.1)
+            || head.starts_with(TABLE.0) && holds(&tail, TABLE.1) && holds(&tail, b"calfit"))
     };
     read().unwrap_or(false)
 }
@@ -115,12 +138,12 @@ mod tests {
     fn foreign_files_stay_and_own_files_are_replaced() {
         let dir = tempfile::tempdir().unwrap();
         let folder = Folder::open(dir.path(), false).unwrap();
-        fs::write(dir.path().join("a.md"), "my notes").unwrap();
-        assert!(folder.write("a.md", b"calfit").is_err());
-        assert_eq!(fs::read(dir.path().join("a.md")).unwrap(), b"my notes");
-        folder.write("b.md", b"calfit 1").unwrap();
-        folder.write("b.md", b"calfit 2").unwrap();
-        assert_eq!(fs::read(dir.path().join("b.md")).unwrap(), b"calfit 2");
+        fs::write(dir.path().join("a.md"), "my notes on calfit").unwrap();
+        assert!(folder.write("a.md", b"x").is_err());
+        assert_eq!(fs::read(dir.path().join("a.md")).unwrap(), b"my notes on calfit");
+        folder.write("b.md", b"# calfit 1").unwrap();
+        folder.write("b.md", b"# calfit 2").unwrap();
+        assert_eq!(fs::read(dir.path().join("b.md")).unwrap(), b"# calfit 2");
         Folder::open(dir.path(), true).unwrap().write("a.md", b"calfit").unwrap();
         fs::create_dir(dir.path().join("c")).unwrap();
         assert!(folder.check("c").is_err());

@@ -2,8 +2,8 @@
 
 use crate::error::Finding;
 use polars::prelude::{
-    Column, CsvParseOptions, CsvReadOptions, CsvWriter, DataFrame, DataType, ParquetReader, ParquetWriter, PolarsError,
-    SerReader, SerWriter,
+    Column, CsvParseOptions, CsvReadOptions, CsvWriter, DataFrame, DataType, KeyValueMetadata, ParquetReader, ParquetWriter,
+    PolarsError, SerReader, SerWriter,
 };
 use std::io::Cursor;
 
@@ -84,8 +84,10 @@ impl Table {
     /// # Errors
     /// Columns of unequal length.
     pub fn parquet(&self) -> Result<Vec<u8>, Finding> {
+        let mark =
+            KeyValueMetadata::from_static(vec![("written_by".to_owned(), format!("calfit {}", env!("CARGO_PKG_VERSION")))]);
         let mut out = Cursor::new(Vec::new());
-        ParquetWriter::new(&mut out).finish(&mut self.frame()?).map_err(|e| wrong(&e))?;
+        ParquetWriter::new(&mut out).with_key_value_metadata(Some(mark)).finish(&mut self.frame()?).map_err(|e| wrong(&e))?;
         Ok(out.into_inner())
     }
 

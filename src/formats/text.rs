@@ -207,7 +207,8 @@ impl<'a> Group<'a> {
         let tables: Vec<&'a dyn TableLike> = if let Some(tables) = item.as_array_of_tables() {
             tables.iter().map(|t| t as &dyn TableLike).collect()
         } else if let Some(array) = item.as_array() {
-            array.iter().filter_map(|v| v.as_inline_table().map(|t| t as &dyn TableLike)).collect()
+            let tables: Option<Vec<_>> = array.iter().map(|v| v.as_inline_table().map(|t| t as &dyn TableLike)).collect();
+            tables.ok_or_else(|| self.wrong(item, key, "an array of tables, `[[...]]`"))?
         } else {
             return Err(self.wrong(item, key, "an array of tables, `[[...]]`"));
         };

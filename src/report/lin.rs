@@ -34,7 +34,7 @@ pub fn markdown(lin: &Lin, provenance: &Provenance, figures: &[FigureLink]) -> S
     let p = &lin.parameters;
     let mut out =
         format!("<!-- written by calfit {} -->\n# Calibration on 3 linear axes, run {}\n\n", provenance.tool_version, p.run.id);
-    for warning in p.warnings.iter().filter(|w| w.starts_with("AXES")) {
+    for warning in p.warnings.iter().filter(|w| w.starts_with("AXES") || w.starts_with("FIT")) {
         let _ = writeln!(out, "> **WARNING** {warning}\n");
     }
     let mut files = vec![vec![
@@ -113,6 +113,7 @@ fn facility(out: &mut String, p: &Cpf) {
     let rows = [
         ("Determinant of the rotation matrix", format!("{:.5}", p.quality.rotation_determinant)),
         ("Nominal field source", or_not_stated(&p.run.field_source).to_owned()),
+        ("Campaign", p.run.campaign.clone()),
         ("Fields applied for", format!("{:.1} s", p.run.field_duration_s)),
         ("Left out after a step", format!("{:.2} s", p.run.settling_s)),
         ("Mean sensor temperature", degc(p.run.temperature_degc)),

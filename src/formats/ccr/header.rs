@@ -48,7 +48,17 @@ pub(super) fn parse(file: &str, text: String, findings: &mut Vec<Finding>) -> Re
         root.refuse("kind", "is not a kind of run", &format!("use one of {}", names.join(", ")))
     })?;
     let unit = match root.text("unit")?.ok_or_else(|| root.missing("unit"))?.as_str() {
-        "enT" => ReadingUnit::Ent,
+        "enT" => {
+            if root.number("nominal_factor")?.is_some() {
+                let unused = root.refuse(
+                    "nominal_factor",
+                    "stands beside unit = \"enT\" and was not used",
+                    "use unit = \"counts\", or take it out",
+                );
+                findings.push(unused.weighing(Severity::Warning));
+            }
+            ReadingUnit::Ent
+        }
         "counts" => {
             let ent_per_count = root.number("nominal_factor")?.ok_or_else(|| root.missing("nominal_factor"))?;
             if ent_per_count <= 0.0 {

@@ -715,7 +715,7 @@ impl<'a, S: VectorSink> Parser<'a, S> {
                         format!("the run id `{}` does not go with the file name", header.run),
                         "outputs are named after the run id",
                     )
-                    .weighing(Severity::Note),
+                    .weighing(Severity::Warning),
                 );
             }
         }

@@ -6,9 +6,35 @@ use serde::{Deserialize, Serialize};
 /// Three rows of three.
 pub type Rows = [[f64; 3]; 3];
 
+/// What the numbers mean.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Convention {
+    /// Equation of the model.
+    pub model: String,
+    /// Frames and units.
+    pub frames: String,
+    /// Sign of the residuals.
+    pub residual: String,
+    /// What `std` and `covariance` are.
+    pub uncertainty: String,
+}
+
+impl Default for Convention {
+    fn default() -> Self {
+        Self {
+            model: "B_c = phi (B_r - B_or), phi = r_nom rho omega sigma, phi_tilde = omega sigma".to_owned(),
+            frames: "B_c nT in coil coordinates; B_r, B_or enT along the sensor axes; matrices nT/enT; r_nom takes nominal sensor to coil coordinates; times s since the run's start".to_owned(),
+            residual: "applied field minus modelled measurement, B_c - phi (B_r - B_or)".to_owned(),
+            uncertainty: "standard uncertainties, coverage factor 1, from the scatter of the plateau means; coil constants and coil angles not included".to_owned(),
+        }
+    }
+}
+
 /// A linear calibration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cpf {
+    /// What the numbers mean.
+    pub convention: Convention,
     /// Run and conditions.
     pub run: RunPart,
     /// `Φ` and its parts.
@@ -60,6 +86,8 @@ pub struct RunPart {
     /// Mean coil-system temperature, °C.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coil_temperature_degc: Option<f64>,
+    /// Campaign and instrument, or what was assumed without a campaign file.
+    pub campaign: String,
     /// Start, UTC.
     pub start: String,
     /// Field programme.

@@ -7,7 +7,8 @@ mod cpf;
 mod emit;
 
 pub use cpf::{
-    Angles, Conditions, Covariance, Cpf, Dropped, Matrices, Noise, Offset, Quality, RunPart, Spread, Std, Summary, Validity,
+    Angles, Conditions, Convention, Covariance, Cpf, Dropped, Matrices, Noise, Offset, Quality, RunPart, Spread, Std, Summary,
+    Validity,
 };
 pub use emit::toml;
 
@@ -61,9 +62,21 @@ pub fn to_text<B: Body>(body: &B, provenance: &Provenance) -> Result<String, ser
     if let serde_json::Value::Object(table) = serde_json::to_value(body)? {
         document.extend(table);
     }
+    if document.values().any(holds_gap) {
+        return Err(serde::ser::Error::custom("a value is not finite"));
+    }
     let text = format!("# calfit {} parameter file\n{}", B::FORMAT, toml(&document));
     let hash = content_hash(&text);
     Ok(text.replacen("content_sha256 = \"\"", &format!("content_sha256 = \"{hash}\""), 1))
+}
+
+/// A null within a list is a number that was not finite; a null key is one that is absent.
+fn holds_gap(value: &serde_json::Value) -> bool {
+    match value {
+        serde_json::Value::Array(list) => list.iter().any(|v| v.is_null() || holds_gap(v)),
+        serde_json::Value::Object(table) => table.values().any(holds_gap),
+        _ => false,
+    }
 }
 
 fn content_hash(text: &str) -> String {
@@ -94,9 +107,9 @@ pub fn read<B: Body>(path: &Path) -> Result<ParameterFile<B>, Finding> {
         ));
     }
     let stated = text.lines().find_map(|l| l.strip_prefix("content_sha256 = "));
-    if stated.is_some_and(|s| s.trim_matches('"') != content_hash(&text)) {
+    if stated.is_none_or(|s| s.trim_matches('"') != content_hash(&text)) {
         return Err(refuse(
-            "was changed after it was written: its hash does not match".to_owned(),
+            "was changed after it was written: its hash is missing or does not match".to_owned(),
             "take the original, or fit again",
         ));
     }
