@@ -205,7 +205,7 @@ impl VectorSink for Accumulator {
         };
         let reference = reference.get_or_insert(r);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the time is within the setting")]
-        let index = (((vector.t_s - self.begin_s) * self.bins_per_s) as usize).min(BINS - 1);
+        let index = (((vector.t_s - self.begin_s) * self.bins_per_s) as u32 as usize).min(BINS - 1);
         bins[index].add(r, *reference);
     }
 }

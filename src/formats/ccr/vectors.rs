@@ -2,7 +2,7 @@
 
 use crate::run::{Gap, VectorAccount};
 
-/// Bytes that a plain row can have at most: two counters of eight digits, eight numbers of seven digits, signs and separators.
+/// Bytes that a plain row can have at most: five numbers of fifteen digits with signs, points and separators.
 pub(super) const WINDOW: usize = 104;
 
 /// A row as it stands in the file.
@@ -15,79 +15,76 @@ pub(super) struct Row {
     pub reading: [f64; 3],
 }
 
-const POWERS: [f64; 8] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7];
-const WHOLE_POWERS: [u64; 8] = [1, 10, 100, 1_000, 10_000, 100_000, 1_000_000, 10_000_000];
-
-/// Eight bytes as a number, least significant byte first, and a mask with the high bit of every byte that is no digit. Bits
-/// above the first non-digit may be wrong, which does not matter: only the first one is used.
-#[inline(always)]
-fn digits(row: &[u8; WINDOW], at: usize) -> Option<(u64, u64)> {
-    let bytes: [u8; 8] = row.get(at..at + 8)?.try_into().ok()?;
-    let values = u64::from_le_bytes(bytes) ^ 0x3030_3030_3030_3030;
-    let others = (values.wrapping_add(0x7676_7676_7676_7676) | values) & 0x8080_8080_8080_8080;
-    Some((values, others))
+/// Counter and time tag of a row.
+#[derive(Clone, Copy, Debug)]
+struct Tag {
+    n: u64,
+    t_s: f64,
 }
 
-/// The value of `count` (1 to 8) digits that stand in the low bytes.
-#[inline(always)]
-fn value(digits: u64, count: u32) -> u64 {
-    // Shifted up, the digits are right-aligned for the pairwise sums; leading places become zeros.
-    let d = digits << (64 - 8 * count);
-    let d = (d & 0x0F0F_0F0F_0F0F_0F0F).wrapping_mul(2561) >> 8;
-    let d = (d & 0x00FF_00FF_00FF_00FF).wrapping_mul(6_553_601) >> 16;
-    (d & 0x0000_FFFF_0000_FFFF).wrapping_mul(42_949_672_960_001) >> 32
+impl Row {
+    fn tag(&self) -> Tag {
+        Tag { n: self.n, t_s: self.t_s }
+    }
 }
 
-/// A number without exponent, at most seven digits on either side of the point: its value is a whole number below 2^53 divided by
-/// a power of ten below 10^22, hence correctly rounded. Returns value, decimals, and the index of the byte after it.
+const POWERS: [f64; 16] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
+
+/// Appends the digits at `at` to `number` and returns it with the index of the byte after them. Byte by byte: where the digits
+/// end is guessed well by the processor, so that numbers are read side by side, which words of eight digits with computed ends
+/// are not.
+#[inline(always)]
+fn digits(row: &[u8; WINDOW], mut at: usize, mut number: u64) -> (u64, usize) {
+    for byte in row.get(at..).unwrap_or_default() {
+        let digit = u64::from(*byte).wrapping_sub(u64::from(b'0'));
+        if digit > 9 {
+            break;
+        }
+        number = number.wrapping_mul(10).wrapping_add(digit);
+        at += 1;
+    }
+    (number, at)
+}
+
+/// A number without exponent, at most fifteen digits: a whole number below 2^53 divided by a power of ten below 10^22, hence
+/// correctly rounded. Returns value, decimals, and the index of the byte after it.
 #[inline(always)]
 fn decimal(row: &[u8; WINDOW], at: usize) -> Option<(f64, u32, usize)> {
     let negative = *row.get(at)? == b'-';
-    let at = at + usize::from(negative);
-    let (values, others) = digits(row, at)?;
-    let count = others.trailing_zeros() / 8;
-    if count == 0 || others == 0 {
+    let begin = at + usize::from(negative);
+    let (mut mantissa, mut end) = digits(row, begin, 0);
+    let mut count = end - begin;
+    let mut decimals = 0;
+    if count == 0 {
         return None;
     }
-    let mut end = at + count as usize;
-    let mut mantissa = value(values, count);
-    let mut decimals = 0;
-    if *row.get(end)? == b'.' {
-        let (values, others) = digits(row, end + 1)?;
-        decimals = others.trailing_zeros() / 8;
-        if decimals == 0 || others == 0 {
+    if row.get(end) == Some(&b'.') {
+        let point = end + 1;
+        (mantissa, end) = digits(row, point, mantissa);
+        decimals = end - point;
+        count += decimals;
+        if decimals == 0 {
             return None;
         }
-        mantissa = mantissa * WHOLE_POWERS[decimals as usize & 7] + value(values, decimals);
-        end += 1 + decimals as usize;
     }
-    #[expect(clippy::cast_precision_loss, reason = "at most fourteen digits")]
-    let magnitude = mantissa as f64 / POWERS[decimals as usize & 7];
-    Some((if negative { -magnitude } else { magnitude }, decimals, end))
-}
-
-/// A counter of at most fifteen digits and the index of the byte after it.
-#[inline(always)]
-fn counter(row: &[u8; WINDOW]) -> Option<(u64, usize)> {
-    let (values, others) = digits(row, 0)?;
-    if others != 0 {
-        let count = others.trailing_zeros() / 8;
-        return (count > 0).then(|| (value(values, count), count as usize));
+    if count > 15 {
+        return None;
     }
-    let (more, others) = digits(row, 8)?;
-    let count = others.trailing_zeros() / 8;
-    match (others, count) {
-        (0, _) => None,
-        (_, 0) => Some((value(values, 8), 8)),
-        _ => Some((value(values, 8) * WHOLE_POWERS[count as usize & 7] + value(more, count), 8 + count as usize)),
-    }
+    #[expect(clippy::cast_precision_loss, reason = "at most fifteen digits")]
+    let magnitude = mantissa.cast_signed() as f64 / POWERS[decimals & 15];
+    // The sign of noise cannot be guessed, so it is no branch.
+    let value = f64::from_bits(magnitude.to_bits() | (u64::from(negative) << 63));
+    Some((value, decimals as u32, end))
 }
 
 /// Reads a row `n,t,x,y,z` of plain numbers with its line end. `None` means that the row needs the careful path, which finds out
 /// what is unusual or wrong.
 #[inline(always)]
 pub(super) fn plain_row(row: &[u8; WINDOW]) -> Option<(Row, usize)> {
-    let (n, at) = counter(row)?;
+    let (n, at) = digits(row, 0, 0);
+    if at == 0 || at > 15 {
+        return None;
+    }
     let comma = |at: usize| (row.get(at) == Some(&b',')).then_some(at + 1);
     let (t_s, t_decimals, at) = decimal(row, comma(at)?)?;
     let (x, _, at) = decimal(row, comma(at)?)?;
@@ -126,7 +123,7 @@ pub(super) struct Clock {
     first_t_s: f64,
     offset_s: f64,
     weight: f64,
-    last: Option<Row>,
+    last: Option<Tag>,
     quantum_s: f64,
     coarse: bool,
     /// Rows that repeat the time tag of the row above.
@@ -176,16 +173,16 @@ impl Clock {
             self.set_decimals(row.t_decimals);
         }
         #[expect(clippy::cast_precision_loss, reason = "a counter of fifteen digits is exact")]
-        let nominal_s = (row.n - self.first_n) as f64 * self.period_s;
+        let nominal_s = (row.n - self.first_n).cast_signed() as f64 * self.period_s;
         let deviation_s = row.t_s - (nominal_s + self.offset_s);
         if deviation_s.abs() > self.tolerance_s() && !self.forgive(row, &last, deviation_s) {
-            let rate_hz = self.rate_hz(row);
+            let rate_hz = self.rate_hz(row.tag());
             self.restart(row);
             return Tick::Disagrees { by_s: deviation_s, rate_hz };
         }
         self.weight = (self.weight + 1.0).min(Self::MEMORY);
         self.offset_s += deviation_s / self.weight;
-        self.last = Some(*row);
+        self.last = Some(row.tag());
         self.account.count += 1;
         Tick::Sample(nominal_s + self.offset_s)
     }
@@ -218,12 +215,12 @@ impl Clock {
         self.first_n = row.n;
         self.offset_s = row.t_s;
         self.weight = 1.0;
-        self.last = Some(*row);
+        self.last = Some(row.tag());
     }
 
     /// A counter that does not go on by one, or a time tag that does not advance. `None`: a sample all the same.
     #[cold]
-    fn unusual(&mut self, row: &Row, last: &Row, line: u64) -> Option<Tick> {
+    fn unusual(&mut self, row: &Row, last: &Tag, line: u64) -> Option<Tick> {
         if row.n == last.n {
             self.account.duplicates += 1;
             if self.duplicate_lines.len() < 5 {
@@ -258,7 +255,7 @@ impl Clock {
 
     /// A time column whose steps are longer than a sample is accepted as such: the counter carries the time.
     #[cold]
-    fn forgive(&mut self, row: &Row, last: &Row, deviation_s: f64) -> bool {
+    fn forgive(&mut self, row: &Row, last: &Tag, deviation_s: f64) -> bool {
         // Across a gap a clock that is off by up to 0.15 % is followed as it is elsewhere.
         #[expect(clippy::cast_precision_loss, reason = "a counter of fifteen digits is exact")]
         let gap_s = (row.n - last.n) as f64 * self.period_s;
@@ -288,23 +285,23 @@ impl Clock {
     /// The rate of the time tags if it cannot be that of the counter, Hz. A coarse column tells it over the whole run only.
     pub fn wrong_rate_hz(&self) -> Option<f64> {
         let last = self.last?;
-        let rate_hz = self.rate_hz(&last);
+        let rate_hz = self.rate_hz(last);
         let uncertainty = 1.5 / Self::MEMORY + self.coarse_step_s().unwrap_or_default() / (last.t_s - self.first_t_s);
         ((rate_hz * self.period_s - 1.0).abs() > uncertainty).then_some(rate_hz)
     }
 
-    /// Rate of the time tags up to a row, Hz.
-    fn rate_hz(&self, row: &Row) -> f64 {
+    /// Rate of the time tags up to one of them, Hz.
+    fn rate_hz(&self, Tag { n, t_s }: Tag) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "a counter of fifteen digits is exact")]
-        let samples = (row.n - self.first_n) as f64;
-        samples / (row.t_s - self.first_t_s)
+        let samples = (n - self.first_n).cast_signed() as f64;
+        samples / (t_s - self.first_t_s)
     }
 
     /// The account, complete.
     pub fn finish(mut self) -> VectorAccount {
         if let Some(last) = self.last {
             self.account.span_s = Some([self.first_t_s, last.t_s]);
-            self.account.measured_rate_hz = Some(self.rate_hz(&last)).filter(|rate| rate.is_finite());
+            self.account.measured_rate_hz = Some(self.rate_hz(last)).filter(|rate| rate.is_finite());
         }
         self.account
     }
@@ -327,13 +324,16 @@ mod tests {
             ("12345678", "964.4531", "-54214.43"),
             ("123456789012345", "9999999.9999999", "0"),
             ("7", "1", "-0.0000001"),
+            ("8", "0.00000000000001", "-12345678.9012345"),
+            ("000000000000009", "007.50", "-0"),
         ] {
             let text = format!("{n},{t},{x},{x},1.5\n");
             let (row, length) = plain(&text).unwrap();
             assert_eq!(length, text.len());
             assert_eq!(row.n, n.parse::<u64>().unwrap());
             assert_eq!(row.t_s, t.parse::<f64>().unwrap());
-            assert_eq!(row.reading, [x.parse().unwrap(), x.parse().unwrap(), 1.5]);
+            let x: f64 = x.parse().unwrap();
+            assert_eq!(row.reading.map(f64::to_bits), [x, x, 1.5].map(f64::to_bits));
         }
         assert_eq!(plain("1,2,3,4,5\r\n").unwrap().1, 11);
     }
@@ -350,7 +350,8 @@ mod tests {
             "1,,3,4,5\n",
             "1,2,3.,4,5\n",
             "1,2,.3,4,5\n",
-            "1,2,3,4,12345678.5\n",
+            "1,2,3,4,123456789012345.5\n",
+            "1234567890123456,2,3,4,5\n",
             "1;2;3;4;5\n",
             "1,2,3,4,5\r5\n",
             "1,2,3,4,5 \n",
