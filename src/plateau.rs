@@ -150,6 +150,8 @@ pub struct Plateaus {
     pub settling_s: f64,
     /// Time after which the data no longer show the step before, found from them, s.
     pub settling_found_s: f64,
+    /// The data show the step before for as long as can be seen.
+    pub still_settling: bool,
     /// Time left out at the end of every setting, s.
     pub early_end_s: f64,
     /// Displacement of the data's steps against the table of settings, s; positive when the data are late.
@@ -257,6 +259,7 @@ impl Accumulator {
             list,
             settling_s,
             settling_found_s: edges.settling_s,
+            still_settling: edges.still_settling && settling == Settling::Found,
             early_end_s: edges.early_end_s,
             edge_shift_s: edges.shift_s,
             tolerable_shift_s: 0.25 * self.median_duration_s(),
@@ -331,31 +334,42 @@ impl Accumulator {
     /// Finds how many bins follow the step before a setting, and how many already follow the step after it: the deviation of every
     /// bin from the setting's middle is regressed on the step, over all settings and components at once.
     fn find_edges(&self) -> Edges {
-        let middle: Vec<Option<[f64; 3]>> = self
-            .bins
-            .iter()
-            .zip(&self.references)
-            .map(|(bins, reference)| {
-                let mut total = Bin::EMPTY;
-                bins.get(REFERENCE)?.iter().for_each(|b| total.merge(b));
-                let reference = (*reference)?;
-                (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
-            })
-            .collect();
         // All settings share one clock after a step, whatever their length.
         let slot_s = self.median_duration_s() / BINS as f64;
-        let late: Vec<Response> = (0..MOST_SETTLING).map(|slot| self.response(&middle, slot, slot_s, true)).collect();
-        let early: Vec<Response> = (0..BINS - REFERENCE.end).map(|slot| self.response(&middle, slot, slot_s, false)).collect();
-        let following = |responses: &[Response]| {
-            responses.windows(2).position(|pair| !pair.iter().any(Response::follows)).unwrap_or(responses.len())
-        };
-        let late_slots = following(&late);
-        let early_slots = following(&early);
+        let middle = self.levels(REFERENCE);
+        // Data that step too early show at least one whole sample of the next setting.
+        let one_sample = 1.0 / (slot_s * self.sample_rate_hz).max(1.0);
+        let early = (0..BINS - REFERENCE.end).map(|slot| self.response(&middle, slot, slot_s, false));
+        let early_slots = followed(early, 0.5 * one_sample);
+        // The level that a decay goes to is best seen at the end.
+        let end = BINS - early_slots.map_or(BINS - REFERENCE.end, |slots| if slots == 0 { 0 } else { slots + 1 });
+        let last = self.levels(end - BINS / 4..end);
+        let late = (0..MOST_SETTLING).map(|slot| self.response(&last, slot, slot_s, true));
+        let late_slots = followed(late, NEGLIGIBLE);
         // A decay that has just become too small to be seen still biases the mean; half as long again makes it negligible.
-        let settling = if late_slots == 0 { 0 } else { (late_slots + late_slots / 2 + 1).min(MOST_SETTLING) };
-        let early_end = if early_slots == 0 { 0 } else { early_slots + 1 };
+        let settling = match late_slots {
+            Some(0) => 0,
+            Some(slots) => (slots + slots / 2 + 1).min(MOST_SETTLING),
+            None => MOST_SETTLING,
+        };
         let shift_bins = self.step_inside().map_or(0.0, |at| if at < BINS as f64 / 2.0 { at } else { at - BINS as f64 });
-        Edges { settling_s: settling as f64 * slot_s, early_end_s: early_end as f64 * slot_s, shift_s: shift_bins * slot_s }
+        Edges {
+            settling_s: settling as f64 * slot_s,
+            still_settling: late_slots.is_none(),
+            early_end_s: (BINS - end) as f64 * slot_s,
+            shift_s: shift_bins * slot_s,
+        }
+    }
+
+    /// Mean reading of every setting over some of its bins.
+    fn levels(&self, bins: Range<usize>) -> Vec<Option<[f64; 3]>> {
+        let level = |(all, reference): (&[Bin; BINS], &Option<[f64; 3]>)| {
+            let mut total = Bin::EMPTY;
+            all.get(bins.clone())?.iter().for_each(|b| total.merge(b));
+            let reference = (*reference)?;
+            (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
+        };
+        self.bins.iter().zip(&self.references).map(level).collect()
     }
 
     /// Where, in bins, the data step inside the settings, if they do: there most settings jump by a good part of the step of the
@@ -466,17 +480,20 @@ struct Response {
     z: f64,
 }
 
-impl Response {
-    /// Significant at four standard errors, so that sixty-four bins raise a false alarm in one run of two hundred and fifty, and
-    /// large enough to matter for a sensitivity.
-    fn follows(&self) -> bool {
-        self.z > 4.0 && self.fraction.abs() > 1e-7
-    }
+/// A part of a step that is too small to matter for a sensitivity.
+const NEGLIGIBLE: f64 = 1e-7;
+
+/// How many slots from the begin show the step: up to the first two that do not. `None`: they all do. Significant is what exceeds four
+/// standard errors, so that sixty-four slots raise a false alarm in one run of two hundred and fifty, and `least` of the step.
+fn followed(responses: impl Iterator<Item = Response>, least: f64) -> Option<usize> {
+    let follows: Vec<bool> = responses.map(|r| r.z > 4.0 && r.fraction.abs() > least).collect();
+    follows.windows(2).position(|pair| !pair[0] && !pair[1])
 }
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Edges {
     settling_s: f64,
+    still_settling: bool,
     early_end_s: f64,
     shift_s: f64,
 }
@@ -535,6 +552,7 @@ pub fn from_blocks(blocks: &[GivenBlock]) -> Plateaus {
         list,
         settling_s: 0.0,
         settling_found_s: 0.0,
+        still_settling: false,
         early_end_s: 0.0,
         edge_shift_s: 0.0,
         tolerable_shift_s: f64::INFINITY,

@@ -89,6 +89,12 @@ pub enum LinError {
         /// Displacement, s.
         shift_s: f64,
     },
+    /// No settled part.
+    #[error("the data still show the step before a setting after {settling_s:.2} s")]
+    Unsettled {
+        /// Time over which the data were followed, s.
+        settling_s: f64,
+    },
     /// Readings that do not follow the field.
     #[error("component {component} does not follow the applied field, which explains {:.2} % of its variance", 100.0 * explained)]
     Unrelated {
@@ -163,6 +169,7 @@ impl LinError {
             LinError::Edges { .. } => {
                 "correct the times of the settings or take those of this run, or go on with --allow mismatch"
             }
+            LinError::Unsettled { .. } => "hold the fields longer, or say with --settling what can be accepted",
             LinError::Unrelated { .. } => {
                 "check that the settings are those of this run and that the component works, or go on with --allow mismatch"
             }
@@ -225,6 +232,9 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     }
     if plateaus.edge_shift_s.abs() > plateaus.tolerable_shift_s && !options.allow_mismatch {
         return Err(LinError::Edges { shift_s: plateaus.edge_shift_s });
+    }
+    if plateaus.still_settling {
+        return Err(LinError::Unsettled { settling_s: plateaus.settling_s });
     }
     let (position_id, position) = the_position(plateaus, campaign)?;
     let mut list = plateaus.list.clone();
