@@ -385,20 +385,25 @@ impl Accumulator {
         let jumps: Vec<f64> = (0..fields.len()).map(smallest_jump).collect();
         let changing = jumps.iter().filter(|j| j.is_finite()).count();
         // Per bin, for every setting that jumps there, the part of the jump that the bin itself has not yet taken.
-        let parts: Vec<Vec<f64>> = (0..BINS - 2)
+        let parts: Vec<Vec<(f64, f64)>> = (0..BINS - 2)
             .map(|bin| {
                 let part = |(bins, jump): (&[Bin; BINS], &f64)| {
                     let [before, at, after] = [0, 1, 2].map(|i| std::array::from_fn(|axis| bins[bin + i].mean(axis)));
                     let whole = distance(before, after);
-                    (whole.is_finite() && whole > *jump).then(|| (distance(at, after) / whole).min(1.0))
+                    (whole.is_finite() && whole > *jump).then(|| ((distance(at, after) / whole).min(1.0), whole / jump))
                 };
                 self.bins.iter().zip(&jumps).filter_map(part).collect()
             })
             .collect();
         let typical = median(&mut parts.iter().map(|p| p.len() as f64).collect::<Vec<f64>>());
-        let (bin, mut part) = parts.into_iter().enumerate().max_by_key(|(_, p)| p.len())?;
+        // The bins beside the step show less of it than the one that holds it.
+        let size = |part: &[(f64, f64)]| (part.len(), median(&mut part.iter().map(|p| p.1).collect::<Vec<f64>>()));
+        let (bin, part) = parts.into_iter().enumerate().max_by(|(_, a), (_, b)| {
+            let (a, b) = (size(a), size(b));
+            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+        })?;
         let clear = 2 * part.len() > changing && 4.0 * typical < part.len() as f64;
-        clear.then(|| bin as f64 + 1.0 + median(&mut part))
+        clear.then(|| bin as f64 + 1.0 + median(&mut part.iter().map(|p| p.0).collect::<Vec<f64>>()))
     }
 
     /// How much of the step before and of the step after a setting its data show at a time after its begin (or before its end), from
@@ -560,3 +565,6 @@ pub fn from_blocks(blocks: &[GivenBlock]) -> Plateaus {
         without_scatter: [0; 3],
     }
 }
+
+#[cfg(test)]
+mod tests;

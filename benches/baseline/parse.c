@@ -4,6 +4,7 @@
  *
  * Rows must be `n,t,x,y,z` of plain numbers, as most instruments write them; anything else gives nonsense. */
 
+#define _GNU_SOURCE
 #include <fcntl.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -15,7 +16,6 @@
 enum { CHUNK = 1 << 18, LONGEST_ROW = 256, MOST_SETTINGS = 4096 };
 
 static const double POWERS[] = {1, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8};
-static const uint64_t WHOLE_POWERS[] = {1, 10, 100, 1000, 10000, 100000, 1000000, 10000000, 100000000};
 
 struct setting {
     double begin, end;
@@ -26,50 +26,47 @@ struct setting {
 static struct setting settings[MOST_SETTINGS];
 static size_t setting_count;
 static uint64_t rows;
+
 static double seconds_of(struct timespec t) { return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec; }
 
-/* Up to eight digits, eight at a time; *p moves behind them and *count is their number. */
-static inline uint64_t digits(const char **p, unsigned *count) {
-    uint64_t bytes;
-    memcpy(&bytes, *p, 8);
-    bytes ^= 0x3030303030303030;
-    uint64_t others = ((bytes + 0x7676767676767676) | bytes) & 0x8080808080808080;
-    unsigned n = others ? (unsigned)__builtin_ctzll(others) / 8 : 8;
-    *count = n;
-    *p += n;
-    if (n == 0) return 0;
-    bytes <<= 64 - 8 * n;
-    bytes = (bytes * 10 + (bytes >> 8)) & 0x00FF00FF00FF00FF;
-    bytes = (bytes * 100 + (bytes >> 16)) & 0x0000FFFF0000FFFF;
-    return (bytes * 10000 + (bytes >> 32)) & 0xFFFFFFFF;
+/* Appends digits to m; *p moves behind them. */
+static inline uint64_t digits(const char **p, uint64_t m) {
+    unsigned d;
+    const char *q = *p;
+    while ((d = (unsigned char)*q - '0') < 10) {
+        m = m * 10 + d;
+        q++;
+    }
+    *p = q;
+    return m;
 }
 
 /* A number and the separator behind it. */
 static inline double number(const char **p) {
-    unsigned n;
     int negative = **p == '-';
     *p += negative;
-    uint64_t mantissa = digits(p, &n);
+    uint64_t m = digits(p, 0);
     double scale = 1;
     if (**p == '.') {
-        ++*p;
-        uint64_t fraction = digits(p, &n);
-        mantissa = mantissa * WHOLE_POWERS[n] + fraction;
-        scale = POWERS[n];
+        const char *point = ++*p;
+        m = digits(p, m);
+        scale = POWERS[*p - point];
     }
     ++*p;
-    double value = (double)mantissa / scale;
-    return negative ? -value : value;
+    double value = (double)(int64_t)m / scale;
+    return value * (1 - 2 * negative);
 }
 
 static const char *vectors(const char *p, const char *end, struct setting **current) {
     struct setting *s = *current;
     while (p < end && *p != '@') {
-        unsigned count;
-        digits(&p, &count);
+        digits(&p, 0);
         ++p;
         double t = number(&p);
-        double r[3] = {number(&p), number(&p), number(&p)};
+        double x = number(&p);
+        double y = number(&p);
+        double z = number(&p);
+        const double r[3] = {x, y, z};
         rows++;
         while (t >= s->end) s++;
         if (t < s->begin) continue;
@@ -122,7 +119,8 @@ static void parse(const char *path) {
                 state++;
             } else if (state == FIELDS && setting_count + 1 < MOST_SETTINGS) {
                 const char *cell = p;
-                double begin = number(&cell), until = number(&cell);
+                double begin = number(&cell);
+                double until = number(&cell);
                 settings[setting_count++] = (struct setting){.begin = begin, .end = until};
             }
             p = next;
