@@ -95,9 +95,13 @@ fn facility(out: &mut String, p: &Cpf) {
         matrix(&p.matrix.rho)
     );
     let angles = [p.angle_deg.lambda_x, p.angle_deg.mu_y, p.angle_deg.nu_z];
-    let mut rows = vec![vec!["rotation angle".to_owned(), "value".to_owned(), "standard uncertainty".to_owned()]];
+    let mut rows = vec![vec!["rotation angle".to_owned(), "value".to_owned(), "degrees ± standard uncertainty".to_owned()]];
     for (i, name) in ["(X_c, X_m): λ_x", "(Y_c, Y_m): μ_y", "(Z_c, Z_m): ν_z"].into_iter().enumerate() {
-        rows.push(vec![name.to_owned(), degrees_minutes_seconds(angles[i]), seconds(p.std.lambda_mu_nu_deg[i])]);
+        rows.push(vec![
+            name.to_owned(),
+            degrees_minutes_seconds(angles[i]),
+            with_uncertainty(angles[i], p.std.lambda_mu_nu_deg[i]),
+        ]);
     }
     let _ = writeln!(out, "{}", table(&rows));
     let correction = match p.run.coil_correction {
@@ -124,11 +128,6 @@ fn facility(out: &mut String, p: &Cpf) {
     let mut list = vec![vec!["condition".to_owned(), "value".to_owned()]];
     list.extend(rows.into_iter().map(|(name, value)| vec![name.to_owned(), value]));
     let _ = writeln!(out, "{}", table(&list));
-}
-
-/// An angle's uncertainty in arc seconds.
-fn seconds(std_deg: f64) -> String {
-    format!("{:.2}''", 3600.0 * std_deg)
 }
 
 fn offset(out: &mut String, p: &Cpf) {
@@ -177,10 +176,10 @@ fn parameters(out: &mut String, p: &Cpf) {
     ] {
         let _ = writeln!(out, "{name}:\n\n{}", matrix(rows));
     }
-    let mut rows = vec![["sensor misalignment angle", "value", "standard uncertainty"].map(str::to_owned).to_vec()];
+    let mut rows = vec![["sensor misalignment angle", "value", "degrees ± standard uncertainty"].map(str::to_owned).to_vec()];
     let angles = [p.angle_deg.xi_xy, p.angle_deg.xi_xz, p.angle_deg.xi_yz];
     for (i, name) in ["ξ_xy", "ξ_xz", "ξ_yz"].into_iter().enumerate() {
-        rows.push(vec![name.to_owned(), degrees_minutes_seconds(angles[i]), seconds(p.std.xi_deg[i])]);
+        rows.push(vec![name.to_owned(), degrees_minutes_seconds(angles[i]), with_uncertainty(angles[i], p.std.xi_deg[i])]);
     }
     let _ = writeln!(out, "{}", table(&rows));
 }
