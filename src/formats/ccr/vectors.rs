@@ -30,9 +30,8 @@ impl Row {
 
 const POWERS: [f64; 16] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
 
-/// Appends the digits at `at` to `number` and returns it with the index of the byte after them. Byte by byte: where the digits
-/// end is guessed well by the processor, so that numbers are read side by side, which words of eight digits with computed ends
-/// are not.
+/// Appends the digits at `at` to `number` and returns it with the index of the byte after them. Byte by byte, which was measured to be
+/// a quarter faster than words of eight digits with computed ends; a likely reason is that a guessed end lets the next number begin.
 #[inline(always)]
 fn digits(row: &[u8; WINDOW], mut at: usize, mut number: u64) -> (u64, usize) {
     for byte in row.get(at..).unwrap_or_default() {
