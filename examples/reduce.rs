@@ -6,6 +6,7 @@
 
 use calfit::formats::ccr;
 use calfit::plateau::{Accumulator, Settling};
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -49,9 +50,9 @@ fn main() -> ExitCode {
             run.input.size_bytes as f64 / 1e6
         );
     }
-    println!("{summary}, {best_s:.4} s");
-    if let Some(peak) = peak_mib() {
-        println!("peak memory {peak:.1} MiB");
+    let peak = peak_mib().map_or_else(String::new, |peak| format!("\npeak memory {peak:.1} MiB"));
+    match writeln!(std::io::stdout(), "{summary}, {best_s:.4} s{peak}") {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(_) => ExitCode::FAILURE,
     }
-    ExitCode::SUCCESS
 }
