@@ -4,6 +4,7 @@
 use crate::run::{GivenBlock, Header, Setting, Vector, VectorSink};
 use crate::units::{COMPONENTS, Reading};
 use serde::Serialize;
+use std::cell::OnceCell;
 use std::fmt;
 use std::ops::Range;
 
@@ -243,14 +244,17 @@ impl Accumulator {
             Settling::Given(given_s) => given_s,
             Settling::Found => edges.settling_s,
         };
+        // Only data without scatter need it, and sorting the readings of a run for every plateau would take longer than reading it.
+        let found = OnceCell::new();
+        let resolution = || *found.get_or_init(|| self.resolution());
         let mut list = Vec::with_capacity(self.settings.len());
         let mut extremes = Vec::with_capacity(self.settings.len());
         for (index, setting) in self.settings.iter().enumerate() {
             let bin_s = (setting.t_end_s - setting.t_start_s) / BINS as f64;
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates at 0 and at BINS")]
             let bins_of = |time_s: f64| ((time_s / bin_s - 1e-9).ceil() as usize).min(BINS);
-            let (plateau, range) =
-                self.plateau(index, setting, bins_of(settling_s), BINS - bins_of(edges.early_end_s), least_coverage);
+            let used = bins_of(settling_s)..BINS - bins_of(edges.early_end_s);
+            let (plateau, range) = self.plateau(index, setting, used, least_coverage, &resolution);
             list.push(plateau);
             extremes.push(range);
         }
@@ -272,7 +276,15 @@ impl Accumulator {
         median(&mut self.settings.iter().map(|s| s.t_end_s - s.t_start_s).collect::<Vec<f64>>())
     }
 
-    fn plateau(&self, index: usize, setting: &Setting, first: usize, end: usize, least_coverage: f64) -> (Plateau, Extremes) {
+    fn plateau(
+        &self,
+        index: usize,
+        setting: &Setting,
+        used: Range<usize>,
+        least_coverage: f64,
+        resolution: &impl Fn() -> [f64; 3],
+    ) -> (Plateau, Extremes) {
+        let Range { start: first, end } = used;
         let duration_s = setting.t_end_s - setting.t_start_s;
         let edge_s = |bin: usize| setting.t_start_s + duration_s * bin as f64 / BINS as f64;
         let used_s = [edge_s(first.min(end)), edge_s(end)];
@@ -280,7 +292,7 @@ impl Accumulator {
         let reference = self.references.get(index).copied().flatten().unwrap_or_default();
 
         let there: u64 = bins.iter().map(|b| b.count).sum();
-        let spiky = spiky_bins(bins, reference, || self.resolution());
+        let spiky = spiky_bins(bins, reference, resolution);
         let mut total = Bin::EMPTY;
         for (bin, _) in bins.iter().zip(&spiky).filter(|(_, spiky)| !**spiky) {
             total.merge(bin);
@@ -505,7 +517,7 @@ struct Edges {
 
 /// Bins with a sample that is more than six times as far from the plateau's level as the farthest sample of a typical bin, or, where
 /// typical bins do not scatter at all, as the resolution of the data.
-fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: impl Fn() -> [f64; 3]) -> Vec<bool> {
+fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: &impl Fn() -> [f64; 3]) -> Vec<bool> {
     let mut spiky = vec![false; bins.len()];
     let filled = bins.iter().filter(|b| b.count > 0).count();
     if filled < 8 {
@@ -527,8 +539,8 @@ fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: impl Fn() -> [f64; 
     spiky
 }
 
-/// Median; NaN of nothing.
-fn median(values: &mut [f64]) -> f64 {
+/// Median (the upper one of an even number); NaN of nothing.
+pub(crate) fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     if values.is_empty() {
         return f64::NAN;

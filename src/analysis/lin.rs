@@ -13,7 +13,7 @@ use crate::formats::parameter::{
 };
 use crate::model::position::Position;
 use crate::model::sensor::{Split, SplitError, misplaced_axes, split};
-use crate::plateau::{Drop, Plateau, Plateaus, Settling};
+use crate::plateau::{Drop, Plateau, Plateaus, Settling, median};
 use crate::run::{Kind, Run};
 use crate::units::{COMPONENTS, FieldCoil};
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -192,7 +192,6 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let [xi_xy, xi_xz, xi_yz] = split.xi_deg;
     let [lambda_x, mu_y, nu_z] = split.rotation_deg;
     let mut durations: Vec<f64> = used.iter().map(|p| p.setting.t_end_s - p.setting.t_start_s).collect();
-    durations.sort_by(f64::total_cmp);
     let parameters = Cpf {
         convention: Convention::default(),
         run: RunPart {
@@ -209,7 +208,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
             earthfield_compensation: header.earthfield_compensation.clone(),
             position: position_id,
             position_axes: position.names(),
-            field_duration_s: durations.get(durations.len() / 2).copied().unwrap_or_default(),
+            field_duration_s: median(&mut durations),
             settling_s: plateaus.settling_s,
             early_end_s: plateaus.early_end_s,
         },
@@ -555,8 +554,7 @@ fn judge_fit(warnings: &mut Vec<String>, blocks: &[Block]) {
             ));
         }
         let mut magnitudes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
-        magnitudes.sort_by(f64::total_cmp);
-        let robust_std = magnitudes.get(magnitudes.len() / 2).copied().unwrap_or_default() / 0.6745;
+        let robust_std = median(&mut magnitudes) / 0.6745;
         let outliers: Vec<String> = used
             .iter()
             .filter(|b| b.residual_coil_nt.is_some_and(|r| robust_std > 0.0 && r.0[axis].abs() > OUTLIER * robust_std))

@@ -7,7 +7,7 @@ mod write;
 
 pub use header::run_id_is_safe;
 pub use parse::{Options, peek, read};
-pub use write::{Decimals, Writer, write_header};
+pub use write::{Decimals, Writer};
 
 /// The sections of a run file that are understood.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

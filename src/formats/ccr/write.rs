@@ -29,10 +29,7 @@ fn quoted(text: &str) -> String {
 }
 
 /// The magic line and the keys of a run file.
-///
-/// # Errors
-/// What the writer says.
-pub fn write_header(out: &mut impl Write, header: &Header) -> io::Result<()> {
+fn write_header(out: &mut impl Write, header: &Header) -> io::Result<()> {
     writeln!(out, "CCR 1")?;
     for (key, value) in [("run", &header.run), ("start", &header.start)] {
         writeln!(out, "{key} = {}", quoted(value))?;
