@@ -169,8 +169,9 @@ fn run_with_figures(c: &mut Criterion) {
             let mut sinks = (Accumulator::default(), Envelope::default());
             let run = read(&path, true, &mut sinks);
             let (accumulator, envelope) = sinks;
-            let lin = fit(&run, &plateaus(accumulator), &campaign);
-            let figures = plot::lin::figures(&lin, Some(&envelope.columns()));
+            let mut lin = fit(&run, &plateaus(accumulator), &campaign);
+            lin.samples = Some(envelope.columns());
+            let figures = plot::lin::figures(&lin);
             figures.par_iter().map(|named| plot::render(&named.figure).expect("a figure").len()).sum::<usize>()
         });
     });

@@ -124,10 +124,24 @@ impl Campaign {
             list.extend(entry.sensor.iter().filter(|s| !sensor(s)).map(|s| format!("[[limit]] sensor = \"{s}\"")));
             list.extend(entry.mode.iter().filter(|m| !mode(m)).map(|m| format!("[[limit]] mode = \"{m}\"")));
         }
-        for run in self.file.lin_runs.iter().flatten().filter(|r| !headers.iter().any(|h| h.run == **r)) {
-            list.push(format!("[lin] runs \"{run}\""));
+        let known = |run: &String| headers.iter().any(|h| h.run == *run);
+        for (kind, runs) in &self.file.runs {
+            let name = CampaignFile::ANALYSES.iter().find(|(_, k)| k == kind).map_or("?", |(name, _)| name);
+            list.extend(runs.iter().filter(|r| !known(r)).map(|run| format!("[{name}] runs \"{run}\"")));
+        }
+        for entry in &self.file.thermal {
+            list.extend(entry.sensor.iter().filter(|s| !sensor(s)).map(|s| format!("[[thermal]] sensor = \"{s}\"")));
+            list.extend(entry.mode.iter().filter(|m| !mode(m)).map(|m| format!("[[thermal]] mode = \"{m}\"")));
+            list.extend(entry.runs.iter().flatten().filter(|r| !known(r)).map(|run| format!("[[thermal]] runs \"{run}\"")));
         }
         list
+    }
+
+    /// Whether the analysis of its kind uses a run.
+    #[must_use]
+    pub fn uses(&self, header: &Header) -> bool {
+        let listed = self.file.runs.iter().find(|(kind, _)| *kind == header.kind);
+        listed.is_none_or(|(_, runs)| runs.contains(&header.run))
     }
 
     /// The channels of sensor and coil temperature for a run.

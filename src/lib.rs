@@ -29,3 +29,4 @@ pub mod provenance;
 pub mod report;
 pub mod run;
 pub mod units;
+pub mod workflow;

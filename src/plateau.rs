@@ -1,7 +1,7 @@
 //! Vectors to plateau statistics, streaming: every setting is divided into equal bins, each with count, mean, scatter and
 //! extremes, so that settling, edges and spikes can be judged afterwards without keeping samples.
 
-use crate::run::{GivenBlock, Header, Setting, Vector, VectorSink};
+use crate::run::{GivenBlock, Header, Run, Setting, Vector, VectorSink};
 use crate::units::{COMPONENTS, Reading};
 use serde::Serialize;
 use std::cell::OnceCell;
@@ -546,6 +546,15 @@ pub(crate) fn median(values: &mut [f64]) -> f64 {
         return f64::NAN;
     }
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Least part of the expected samples that a plateau must have, where nothing else is said.
+pub const LEAST_COVERAGE: f64 = 0.9;
+
+/// The plateaus of a run: those that the file brings, or those of the vectors that were read.
+#[must_use]
+pub fn of_run(run: &Run, vectors: Accumulator, settling: Settling, least_coverage: f64) -> Plateaus {
+    if run.blocks.is_empty() { vectors.finish(settling, least_coverage) } else { from_blocks(&run.blocks) }
 }
 
 /// Plateaus that the file brings ready made.

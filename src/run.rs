@@ -23,6 +23,18 @@ pub enum Kind {
     Scalar,
 }
 
+/// The time that a run id tells, `13-04-03_09-22-38`; years below 70 belong to this century.
+#[must_use]
+pub fn time_of_id(id: &str) -> Option<jiff::civil::DateTime> {
+    let parts: Vec<i16> = id.split(['-', '_']).map(|p| p.parse().ok()).collect::<Option<_>>()?;
+    let [year, rest @ ..] = parts.as_slice() else { return None };
+    let [month, day, hour, minute, second] = rest.iter().map(|v| i8::try_from(*v).ok()).collect::<Option<Vec<i8>>>()?[..] else {
+        return None;
+    };
+    let year = if *year < 70 { 2000 + year } else { 1900 + year };
+    jiff::civil::DateTime::new(year, month, day, hour, minute, second, 0).ok()
+}
+
 impl Kind {
     /// All kinds with the names used in files.
     pub const NAMES: [(Kind, &'static str); 6] = [

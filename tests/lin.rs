@@ -189,9 +189,9 @@ fn the_cases_are_fitted_and_the_one_without_a_hidden_effect_gives_the_truth() {
 fn settling_is_found_where_there_is_some_and_not_where_there_is_none() {
     let (_, with) = fit(&repository("tests/data/cases/26-05-03.CCR.gz"), &Options::default());
     // 0.2 % of the step decays with 0.676 s: after 1.5 s a tenth of it is left, 1/5000 of a step.
-    assert!(with.parameters.run.settling_s > 1.5, "{}", with.parameters.run.settling_s);
+    assert!(with.parameters.setup.settling_s > 1.5, "{}", with.parameters.setup.settling_s);
     let (_, without) = fit(&repository("tests/data/cases/26-05-01.CCR.gz"), &Options::default());
-    assert_eq!(without.parameters.run.settling_s, 0.0);
+    assert_eq!(without.parameters.setup.settling_s, 0.0);
 }
 
 /// A generator of its own for the tests: uniform bits to Gaussian numbers.
@@ -298,7 +298,7 @@ fn in_a_position_that_is_not_symmetric_rho_is_near_the_identity_and_phi_gives_co
     assert!(p.warnings.iter().all(|w| !w.starts_with("AXES")), "{:?}", p.warnings);
     let between = |a: usize, b: usize| axes[a].dot(&axes[b]).acos().to_degrees();
     assert!((p.angle_deg.xi_xy - between(0, 1)).abs() < 1e-9 && (p.angle_deg.xi_yz - between(1, 2)).abs() < 1e-9);
-    assert_eq!(Position::from_axes(p.run.position_axes.as_ref()).unwrap().to_string(), "-Z +Y +X");
+    assert_eq!(Position::from_axes(p.setup.position_axes.as_ref()).unwrap().to_string(), "-Z +Y +X");
 }
 
 #[test]

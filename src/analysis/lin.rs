@@ -4,16 +4,16 @@ mod refusal;
 
 pub use refusal::LinError;
 
+use crate::analysis::conditions::{self, Temperatures};
 use crate::campaign::Campaign;
-use crate::error::Severity;
+use crate::envelope::Column;
 use crate::fit::{FitError, Limits, Propagated, Robust, Solution, correlation, linear, propagate, robust};
 use crate::formats::parameter::{
-    Angles, Conditions, Convention, Covariance, Cpf, Dropped, Matrices, Noise, Offset, Quality, RunPart, Spread, Std, Summary,
-    Validity,
+    Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Quality, Setup, Std, Summary, Validity,
 };
 use crate::model::position::Position;
 use crate::model::sensor::{Split, SplitError, misplaced_axes, split};
-use crate::plateau::{Drop, Plateau, Plateaus, Settling, median};
+use crate::plateau::{Drop, LEAST_COVERAGE, Plateau, Plateaus, Settling, median};
 use crate::run::{Kind, Run};
 use crate::units::{COMPONENTS, FieldCoil};
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -45,7 +45,7 @@ impl Default for Options {
             max_field_nt: [None; 3],
             robust: false,
             settling: Settling::Found,
-            least_coverage: 0.9,
+            least_coverage: LEAST_COVERAGE,
             allow_gain: false,
             allow_mismatch: false,
         }
@@ -59,8 +59,6 @@ const MOST_CONDITION: f64 = 1e4;
 const PLAUSIBLE_GAIN: f64 = 1.5;
 /// Least part of the variance of a component that the applied field must explain.
 const LEAST_EXPLAINED: f64 = 0.99;
-/// Temperatures outside are no temperatures of a sensor or coil.
-const PLAUSIBLE_DEGC: std::ops::RangeInclusive<f64> = -200.0..=200.0;
 /// A residual scatter of this many times the standard error of the plateau means is not noise of the samples.
 const LACK_OF_FIT: f64 = 10.0;
 /// A residual of this many robust standard deviations is an outlier.
@@ -89,10 +87,11 @@ pub struct Lin {
     pub parameters: Cpf,
     /// Every plateau of the run.
     pub blocks: Vec<Block>,
-    /// Sensor temperature, (s, °C).
-    pub sensor_temperature: Vec<(f64, f64)>,
-    /// Coil-system temperature, (s, °C).
-    pub coil_temperature: Vec<(f64, f64)>,
+    /// Temperatures during the run.
+    pub temperatures: Temperatures,
+    /// Extremes of the raw readings, for the figure of the measured data.
+    #[serde(skip)]
+    pub samples: Option<Vec<Column>>,
 }
 
 /// Fits one run.
@@ -169,15 +168,15 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
         })
         .collect();
 
-    let (sensor_channel, coil_channel) = campaign.channels(header);
     let span_s = [
         used.iter().map(|p| p.used_s[0]).fold(f64::INFINITY, f64::min),
         used.iter().map(|p| p.used_s[1]).fold(f64::NEG_INFINITY, f64::max),
     ];
     let mut warnings = Vec::new();
-    let (sensor_temperature, sensor_degc) = temperature(run, &sensor_channel, "sensor", span_s, &mut warnings);
-    let (coil_temperature, coil_degc) = temperature(run, &coil_channel, "coil system", span_s, &mut warnings);
-    warn(&mut warnings, run, plateaus, &derived.split);
+    let temperatures = Temperatures::of(run, campaign, span_s, &mut warnings);
+    warn_of_axes(&mut warnings, &derived.split);
+    conditions::warn_of_plateaus(&mut warnings, run, plateaus);
+    conditions::warn_of_run(&mut warnings, run);
 
     judge_fit(&mut warnings, &blocks);
     let readings = used.iter().flat_map(|p| p.mean.0).fold(0.0, |a: f64, v| a.max(v.abs()));
@@ -194,18 +193,8 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let mut durations: Vec<f64> = used.iter().map(|p| p.setting.t_end_s - p.setting.t_start_s).collect();
     let parameters = Cpf {
         convention: Convention::default(),
-        run: RunPart {
-            id: header.run.clone(),
-            sensor: header.sensor.clone(),
-            mode: header.mode.clone(),
-            temperature_degc: sensor_degc.map(|[_, mean, _]| mean),
-            coil_temperature_degc: coil_degc.map(|[_, mean, _]| mean),
-            campaign: campaign.describe(),
-            start: header.start.clone(),
-            configuration: header.configuration.clone(),
-            field_source: header.field_source.clone(),
-            coil_correction: header.coil_correction,
-            earthfield_compensation: header.earthfield_compensation.clone(),
+        run: conditions::head(run, campaign, &temperatures),
+        setup: Setup {
             position: position_id,
             position_axes: position.names(),
             field_duration_s: median(&mut durations),
@@ -237,7 +226,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
             condition: fitted.solution.condition,
             degrees_of_freedom: fitted.solution.dof,
             rotation_determinant: split.rho.determinant(),
-            raw_std_ent: raw_std(&used),
+            raw_std_ent: conditions::raw_std(&used),
             residual_nt: residual_summary(&blocks),
         },
         std: Std {
@@ -259,25 +248,14 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
                 let fields = used.iter().map(|p| p.setting.field.0[axis]);
                 fields.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], b| [low.min(b), high.max(b)])
             }),
-            temperature_degc: sensor_degc.map(|[low, _, high]| [low, high]),
+            temperature_degc: temperatures.sensor_range_degc(),
             time_s: span_s,
         },
-        conditions: (sensor_degc.is_some() || coil_degc.is_some()).then_some(Conditions {
-            sensor_channel,
-            sensor_degc,
-            coil_channel,
-            coil_degc,
-        }),
-        dropped: list
-            .iter()
-            .filter_map(|p| {
-                let reason = p.dropped.as_ref()?.to_string();
-                Some(Dropped { block: p.index + 1, t_start_s: p.setting.t_start_s, field_coil_nt: p.setting.field.0, reason })
-            })
-            .collect(),
+        conditions: temperatures.conditions.clone(),
+        dropped: conditions::dropped(&list),
         warnings,
     };
-    Ok(Lin { parameters, blocks, sensor_temperature, coil_temperature })
+    Ok(Lin { parameters, blocks, temperatures, samples: None })
 }
 
 fn the_position(plateaus: &Plateaus, campaign: &Campaign) -> Result<(u32, Position), LinError> {
@@ -506,16 +484,6 @@ fn rows(m: &Matrix3<f64>) -> [[f64; 3]; 3] {
     std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)] + 0.0))
 }
 
-fn raw_std(used: &[&Plateau]) -> Option<Spread> {
-    let all: Vec<[f64; 3]> = used.iter().map(|p| p.std_ent).collect::<Option<_>>()?;
-    let fold = |start: f64, join: fn(f64, f64) -> f64| std::array::from_fn(|a| all.iter().map(|s| s[a]).fold(start, join));
-    Some(Spread {
-        min: fold(f64::INFINITY, f64::min),
-        mean: std::array::from_fn(|a| all.iter().map(|s| s[a]).sum::<f64>() / all.len() as f64),
-        max: fold(f64::NEG_INFINITY, f64::max),
-    })
-}
-
 fn residual_summary(blocks: &[Block]) -> Summary {
     let used: Vec<[f64; 3]> =
         blocks.iter().filter(|b| b.plateau.dropped.is_none()).filter_map(|b| b.residual_coil_nt).map(|r| r.0).collect();
@@ -536,8 +504,6 @@ fn standard_error_coil_nt(plateau: &Plateau, phi: &Matrix3<f64>) -> Option<[f64;
     let variance_ent2 = std_ent.map(|s| s * s / count as f64);
     Some(std::array::from_fn(|axis| (0..3).map(|c| phi[(axis, c)].powi(2) * variance_ent2[c]).sum::<f64>().sqrt()))
 }
-
-type Series = Vec<(f64, f64)>;
 
 /// Says where the residuals are larger than what the samples scatter, and which plateaus stand out.
 fn judge_fit(warnings: &mut Vec<String>, blocks: &[Block]) {
@@ -569,45 +535,7 @@ fn judge_fit(warnings: &mut Vec<String>, blocks: &[Block]) {
     }
 }
 
-/// A temperature channel and its smallest, mean and largest value while the fields were applied.
-fn temperature(run: &Run, channel: &str, what: &str, span_s: [f64; 2], warnings: &mut Vec<String>) -> (Series, Option<[f64; 3]>) {
-    let table = if run.temperatures.names.iter().any(|n| n == channel) { &run.temperatures } else { &run.channels };
-    let Some(series) = table.channel(channel) else {
-        warnings.push(format!("no {what} temperature: the run has no channel {channel}"));
-        return (Vec::new(), None);
-    };
-    let count = series.len();
-    let series: Series = series.into_iter().filter(|(_, v)| PLAUSIBLE_DEGC.contains(v)).collect();
-    if series.len() < count {
-        let [low, high] = [PLAUSIBLE_DEGC.start(), PLAUSIBLE_DEGC.end()];
-        warnings.push(format!("{} readings of channel {channel} outside {low} to {high} °C were left out", count - series.len()));
-    }
-    let inside: Series = series.iter().copied().filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)).collect();
-    let values: Vec<f64> = inside.iter().map(|(_, v)| *v).collect();
-    if values.is_empty() {
-        warnings.push(format!("no {what} temperature: channel {channel} holds no reading from the time of the settings"));
-        return (series, None);
-    }
-    if let [(t_s, _)] = inside.as_slice() {
-        warnings.push(format!("the {what} temperature (channel {channel}) is a single reading at {t_s} s"));
-    } else {
-        let times = [vec![span_s[0]], inside.iter().map(|(t, _)| *t).collect(), vec![span_s[1]]].concat();
-        let gaps = || times.windows(2).map(|w| w[1] - w[0]);
-        let length = span_s[1] - span_s[0];
-        let at_ends = gaps().next().unwrap_or_default() + gaps().next_back().unwrap_or_default();
-        if let (true, [(first, _), .., (last, _)]) = (at_ends > 0.1 * length, inside.as_slice()) {
-            warnings.push(format!("the {what} temperature (channel {channel}) covers the time from {first} to {last} s only"));
-        } else if let Some(longest) = gaps().reduce(f64::max).filter(|longest| *longest > 0.5 * length) {
-            warnings.push(format!("the {what} temperature (channel {channel}) has no reading for {longest:.0} s of the run"));
-        }
-    }
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    (series, Some([low, mean, high]))
-}
-
-fn warn(warnings: &mut Vec<String>, run: &Run, plateaus: &Plateaus, split: &Split) {
+fn warn_of_axes(warnings: &mut Vec<String>, split: &Split) {
     let misplaced = misplaced_axes(split);
     if split.rho.determinant() < 0.0 {
         warnings.push("AXES: the sensor axes are left-handed against the position; two components are swapped or one has the wrong sign, and no rotation leads there".to_owned());
@@ -617,33 +545,5 @@ fn warn(warnings: &mut Vec<String>, run: &Run, plateaus: &Plateaus, split: &Spli
         warnings.push(format!(
             "AXES: component {name} looks along the nominal {along} axis; check the position, the wiring and the signs"
         ));
-    }
-    for (name, count) in COMPONENTS.into_iter().zip(plateaus.without_scatter) {
-        if count > 0 {
-            warnings.push(format!("component {name} has no scatter at all in {count} plateaus"));
-        }
-    }
-    let shift_s = plateaus.edge_shift_s;
-    if shift_s.abs() > 0.0 && plateaus.list.iter().any(|p| shift_s.abs() > (p.setting.t_end_s - p.setting.t_start_s) / 64.0) {
-        warnings.push(format!(
-            "the data step {shift_s:+.2} s after the settings do; the disturbed ends of the plateaus were left out"
-        ));
-    }
-    if plateaus.settling_found_s > plateaus.settling_s + 1e-9 && run.blocks.is_empty() {
-        warnings.push(format!(
-            "the data show the step before for {:.2} s, longer than the {:.2} s that were left out",
-            plateaus.settling_found_s, plateaus.settling_s
-        ));
-    }
-    let spikes: u64 = plateaus.list.iter().map(|p| p.spike_samples).sum();
-    if spikes > 0 {
-        warnings.push(format!("{spikes} samples in stretches with spikes were left out"));
-    }
-    if run.vectors.lost > 0 {
-        warnings.push(format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count));
-    }
-    for finding in run.findings.iter().filter(|f| f.severity > Severity::Note) {
-        let place = finding.line.map_or_else(String::new, |line| format!("line {line}: "));
-        warnings.push(format!("{place}{}; {}", finding.rule, finding.remedy));
     }
 }

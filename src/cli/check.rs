@@ -93,7 +93,7 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     } else if name.ends_with(".CPF") {
         parameter::read::<Cpf>(path).err()
     } else {
-        let options = ccr::Options { collect: true, ..common.read_options(&shown, false) };
+        let options = ccr::Options { collect: true, ..common.desk().reading(&shown, false) };
         match ccr::read(path, &options, &mut ()) {
             Ok(run) => findings.extend(run.findings),
             Err(errors) => findings.extend(errors),

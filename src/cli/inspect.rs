@@ -1,10 +1,11 @@
 //! `calfit inspect`: the run list of a campaign.
 
 use super::output::{Terminal, json};
-use super::{Common, Failure, Status, jobs, open, report_failures};
+use super::{Common, Status, open, report_failures, status};
 use crate::error::Finding;
 use crate::formats::ccr;
 use crate::report::runs::{RunLine, markdown};
+use crate::workflow::{Failure, jobs};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -25,13 +26,14 @@ struct Listing<'a> {
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let campaigns = open(&arguments.paths, terminal)?;
-    let jobs = jobs(&campaigns, None, |_| None, terminal);
+    let (jobs, unmatched) = jobs(&campaigns, None);
+    terminal.unmatched(&unmatched);
     let bar = terminal.progress(jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
     let results: Vec<_> = jobs
         .par_iter()
         .map(|job| {
-            let result = ccr::read(&job.path, &common.read_options(&job.recorded, two_threads), &mut ());
+            let result = ccr::read(&job.path, &common.desk().reading(&job.recorded, two_threads), &mut ());
             bar.inc(1);
             result.map(|run| (RunLine::of(&run), run.findings))
         })
@@ -55,5 +57,5 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         terminal.print(&markdown(&lines));
     }
     report_failures(terminal, &failures, jobs.len());
-    Ok(Failure::status(lines.len(), failures.iter().map(|(_, f)| f)))
+    Ok(status(lines.len(), failures.iter().map(|(_, f)| f)))
 }

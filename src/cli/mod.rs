@@ -1,20 +1,19 @@
 //! The command line: arguments, progress, exit status. No mathematics, no file layout.
 
 mod check;
+mod each;
 mod inspect;
 mod lin;
+mod offset;
+mod options;
 mod output;
 mod shell;
 
-use crate::campaign::{Campaign, RunFile};
-use crate::error::{Finding, Severity};
-use crate::formats::ccr;
-use crate::run::{Header, Kind};
+use crate::campaign::Campaign;
+use crate::error::Finding;
+use crate::workflow::{Desk, Failure};
 use clap::{ArgAction, Args, ColorChoice, Parser, Subcommand, ValueEnum};
 use output::Terminal;
-use rayon::prelude::*;
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -34,6 +33,8 @@ pub struct Cli {
 enum Command {
     /// Linear calibration of every linearity run: sensitivity, misalignment, rotation, offset.
     Lin(lin::Arguments),
+    /// Sensor offset and residual field of every offset run, from normal and turned positions.
+    Offset(offset::Arguments),
     /// List the runs of a campaign: file, programme, sensor, mode, settings, vectors, losses, temperatures.
     Inspect(inspect::Arguments),
     /// Validate files and say everything that is wrong with each; changes nothing.
@@ -97,20 +98,14 @@ impl Common {
         self.allow.contains(&problem) || (problem == Allow::Truncated && self.allow_truncated)
     }
 
-    /// The allowed problems as they are recorded.
-    fn allowed(&self) -> Vec<Allow> {
-        let mut list: Vec<Allow> = Allow::value_variants().to_vec();
-        list.retain(|problem| self.allows(*problem));
-        list
-    }
-
-    fn read_options(&self, recorded: &str, two_threads: bool) -> ccr::Options {
-        ccr::Options {
+    /// Where results go, and what is allowed.
+    fn desk(&self) -> Desk {
+        Desk {
+            out: self.out.clone(),
+            force: self.force,
+            plots: !self.no_plots,
             allow_truncated: self.allows(Allow::Truncated),
             allow_duplicates: self.allows(Allow::Duplicates),
-            collect: false,
-            two_threads,
-            recorded_path: Some(recorded.to_owned()),
         }
     }
 }
@@ -126,35 +121,15 @@ enum Status {
     Unusable = 2,
 }
 
-/// Why one run of several has no result.
-#[derive(Clone, Debug)]
-enum Failure {
-    /// The file cannot be read or is damaged.
-    Unreadable(Vec<Finding>),
-    /// The analysis refuses the run, or its results cannot be written.
-    Refused(Finding),
-}
-
-impl Failure {
-    /// The errors, without the warnings that came before them.
-    fn errors(&self) -> impl Iterator<Item = &Finding> {
-        let findings = match self {
-            Failure::Unreadable(findings) => findings,
-            Failure::Refused(finding) => std::slice::from_ref(finding),
-        };
-        findings.iter().filter(|f| f.severity == Severity::Error)
-    }
-
-    /// Nothing could be used of all that was named: unusable input. Something was used, or refused for a reason: partly done.
-    fn status<'a>(succeeded: usize, failures: impl IntoIterator<Item = &'a Failure>) -> Status {
-        let mut failures = failures.into_iter().peekable();
-        if failures.peek().is_none() {
-            Status::Done
-        } else if succeeded == 0 && failures.all(|f| matches!(f, Failure::Unreadable(_))) {
-            Status::Unusable
-        } else {
-            Status::Partly
-        }
+/// Nothing could be used of all that was named: unusable input. Something was used, or refused for a reason: partly done.
+fn status<'a>(succeeded: usize, failures: impl IntoIterator<Item = &'a Failure>) -> Status {
+    let mut failures = failures.into_iter().peekable();
+    if failures.peek().is_none() {
+        Status::Done
+    } else if succeeded == 0 && failures.all(|f| matches!(f, Failure::Unreadable(_))) {
+        Status::Unusable
+    } else {
+        Status::Partly
     }
 }
 
@@ -176,6 +151,7 @@ pub fn main() -> ExitCode {
     }
     let result = match cli.command {
         Command::Lin(arguments) => lin::run(&arguments, &cli.common, &terminal),
+        Command::Offset(arguments) => offset::run(&arguments, &cli.common, &terminal),
         Command::Inspect(arguments) => inspect::run(&arguments, &cli.common, &terminal),
         Command::Check(arguments) => check::run(&arguments, &cli.common, &terminal),
         Command::Completions(arguments) => shell::completions(&arguments, &terminal),
@@ -195,55 +171,6 @@ fn open(paths: &[PathBuf], terminal: &Terminal) -> Result<Vec<Campaign>, Finding
     let campaigns = Campaign::open(paths, &mut findings)?;
     findings.iter().for_each(|f| terminal.finding(f));
     Ok(campaigns)
-}
-
-/// A file to work on, with its campaign.
-struct Job<'a> {
-    campaign: &'a Campaign,
-    path: PathBuf,
-    recorded: String,
-    /// An earlier file with the same run id.
-    same_run_as: Option<String>,
-}
-
-/// All files of the campaigns, or those of a kind: files that the user named are always among them, so that one of the wrong kind
-/// is refused and not passed over. A file whose head cannot be read is among them too, for its error to be reported.
-fn jobs<'a>(
-    campaigns: &'a [Campaign],
-    kind: Option<Kind>,
-    listed: impl Fn(&Campaign) -> Option<&Vec<String>>,
-    terminal: &Terminal,
-) -> Vec<Job<'a>> {
-    let files: Vec<(&Campaign, &RunFile)> = campaigns.iter().flat_map(|c| c.runs.iter().map(move |f| (c, f))).collect();
-    let headers: Vec<Option<Header>> = files.par_iter().map(|(_, file)| ccr::peek(&file.path).ok()).collect();
-    for campaign in campaigns.iter().filter(|c| c.runs.iter().all(|r| !r.named)) {
-        let own = |(c, _): &(&Campaign, &RunFile)| std::ptr::eq(*c, campaign);
-        let known: Vec<&Header> = files.iter().zip(&headers).filter(|(f, _)| own(f)).filter_map(|(_, h)| h.as_ref()).collect();
-        for entry in campaign.unmatched(&known) {
-            terminal.warning(&format!("campaign.toml: {entry} goes with no run of the campaign; check its spelling"));
-        }
-    }
-    let mut first: HashMap<String, String> = HashMap::new();
-    let mut jobs = Vec::new();
-    for ((campaign, file), header) in files.into_iter().zip(headers) {
-        let wanted = match (&header, kind) {
-            (Some(header), Some(kind)) if !file.named => {
-                header.kind == kind && listed(campaign).is_none_or(|ids| ids.contains(&header.run))
-            }
-            _ => true,
-        };
-        if wanted {
-            let same_run_as = header.and_then(|h| match first.entry(h.run) {
-                Entry::Occupied(earlier) => Some(earlier.get().clone()),
-                Entry::Vacant(free) => {
-                    free.insert(file.recorded.clone());
-                    None
-                }
-            });
-            jobs.push(Job { campaign, path: file.path.clone(), recorded: file.recorded.clone(), same_run_as });
-        }
-    }
-    jobs
 }
 
 /// Prints the errors of the runs that have no result and counts them.

@@ -71,6 +71,13 @@ impl Terminal {
         }
     }
 
+    /// Entries of `campaign.toml` that go with no run.
+    pub fn unmatched(&self, entries: &[String]) {
+        for entry in entries {
+            self.warning(&format!("campaign.toml: {entry} goes with no run of the campaign; check its spelling"));
+        }
+    }
+
     fn line(&self, label: &str, color: &str, text: &str) {
         // Nobody is left to be told that standard error is closed.
         let _ = if self.colored {

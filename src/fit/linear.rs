@@ -225,7 +225,7 @@ fn unit_columns(r: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// Condition number of the design with triangular factor `r`, refused above the limit.
-fn check_condition(r: &DMatrix<f64>, names: &[String], limits: &Limits) -> Result<f64, FitError> {
+pub(crate) fn check_condition(r: &DMatrix<f64>, names: &[String], limits: &Limits) -> Result<f64, FitError> {
     let singular = unit_columns(r).singular_values();
     let smallest = singular.min();
     let has_zero_column = r.column_iter().any(|column| column.amax() == 0.0);

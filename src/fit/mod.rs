@@ -3,6 +3,7 @@
 //! * [`linear`]: the weighted least-squares solver behind every linear fit, refined to the last digit of its input. It
 //!   refuses designs which do not determine their parameters and names those parameters.
 //! * [`polynomial`]: polynomials of any degree the data carry, in raw powers.
+//! * [`order`]: the order of a polynomial, given or chosen from the data.
 //! * [`nonlinear`]: Levenberg-Marquardt for models with a Jacobian or without, polished to the last digits of the model.
 //! * [`robust`]: Huber weights for rows which do not belong.
 //! * [`correlation`]: white and slow noise told apart in the residuals, and what slow noise does to the coefficients.
@@ -14,6 +15,7 @@ pub mod correlation;
 mod double_double;
 pub mod linear;
 pub mod nonlinear;
+pub mod order;
 pub mod polynomial;
 pub mod propagate;
 pub mod robust;
@@ -21,6 +23,7 @@ pub mod robust;
 pub use correlation::{Noise, NoiseModel};
 pub use linear::{Design, Limits, Solution, solve};
 pub use nonlinear::{Model, NonlinearSolution};
+pub use order::{Chosen, choose};
 pub use polynomial::Polynomial;
 pub use propagate::{Propagated, propagate};
 pub use robust::Robust;
@@ -67,6 +70,28 @@ pub enum FitError {
     NegativeWeight {
         /// The row, counted from zero.
         row: usize,
+    },
+    /// A standard deviation is zero or negative.
+    #[error("the standard deviation of row {row} is not positive")]
+    NotPositive {
+        /// The row, counted from zero.
+        row: usize,
+    },
+    /// A polynomial of this order needs more different points than there are.
+    #[error("order {order} needs {} different points; there are {distinct}", order + 1)]
+    TooFewPoints {
+        /// The order asked for.
+        order: usize,
+        /// Different points given.
+        distinct: usize,
+    },
+    /// A polynomial of this order is beyond what is fitted.
+    #[error("order {order} is higher than {highest}, the highest that is fitted")]
+    OrderTooHigh {
+        /// The order asked for.
+        order: usize,
+        /// The highest order.
+        highest: usize,
     },
     /// All rows were measured at the same time, or no degree of freedom is left to see noise in.
     #[error("the residuals carry no information about noise: {why}")]

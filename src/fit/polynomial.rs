@@ -38,11 +38,17 @@ impl Polynomial {
 
     /// Value and standard deviation at `x`, free of the cancellation that raw powers suffer.
     pub fn evaluate(&self, x: f64) -> (f64, f64) {
+        let (value, unit_std) = self.evaluate_unscaled(x);
+        (value, self.residual_std * unit_std)
+    }
+
+    /// Value at `x` and what its standard deviation is for points whose variances are one over their weights.
+    pub fn evaluate_unscaled(&self, x: f64) -> (f64, f64) {
         let t = (x - self.centre) / self.half_range;
         let value = self.mapped.iter().rev().fold(0.0, |sum, c| sum * t + c);
         let powers = DMatrix::from_fn(self.mapped.len(), 1, |k, _| t.powi(k as i32));
         let variance = powers.dot(&(&self.mapped_covariance * &powers));
-        (value, self.residual_std * variance.sqrt())
+        (value, variance.sqrt())
     }
 }
 

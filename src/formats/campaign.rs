@@ -3,6 +3,7 @@
 use super::source::{Digested, read_whole};
 use super::text::{Group, Keys, decode};
 use crate::error::Finding;
+use crate::run::Kind;
 use serde::Serialize;
 use std::path::Path;
 
@@ -37,6 +38,27 @@ pub struct LimitEntry {
     pub max_field_nt: [f64; 3],
 }
 
+/// Runs that are compared across temperatures.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct ThermalEntry {
+    /// Sensor; `None` is any.
+    pub sensor: Option<String>,
+    /// Mode; `None` is any.
+    pub mode: Option<String>,
+    /// Run ids; `None` is all of sensor and mode.
+    pub runs: Option<Vec<String>>,
+    /// Polynomial order per quantity, `sigma`, `sigma_x`, `xi`, `b_or`, `b_off`, `f_3db` for example.
+    pub orders: Vec<(String, u32)>,
+}
+
+/// Quantities of a thermal analysis, and the names under which several share one order.
+pub const THERMAL_QUANTITIES: [&str; 20] = [
+    "sigma", "xi", "b_or", "b_off", "f_3db", "sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz", "xi_yz", "b_or_x", "b_or_y",
+    "b_or_z", "b_off_x", "b_off_y", "b_off_z", "f_3db_x", "f_3db_y", "f_3db_z",
+];
+/// Largest order of a temperature polynomial.
+pub const MOST_THERMAL_ORDER: u32 = 5;
+
 /// The whole file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct CampaignFile {
@@ -56,11 +78,41 @@ pub struct CampaignFile {
     pub sensors: Vec<SensorEntry>,
     /// Field limits.
     pub limits: Vec<LimitEntry>,
-    /// Run ids that `lin` uses; `None` is all linearity runs.
-    pub lin_runs: Option<Vec<String>>,
+    /// Run ids that the analysis of a kind uses; a kind that is missing uses all its runs.
+    pub runs: Vec<(Kind, Vec<String>)>,
+    /// Thermal groups; without any they follow from sensor and mode.
+    pub thermal: Vec<ThermalEntry>,
+    /// What the protocol states about laboratory, item and persons: the label of the entry and its text.
+    pub report: Vec<(&'static str, String)>,
 }
 
-const KNOWN: [&str; 12] = [
+impl CampaignFile {
+    /// The groups that list runs, with the kind of runs that they list.
+    pub const ANALYSES: [(&'static str, Kind); 3] =
+        [("lin", Kind::Linearity), ("offset", Kind::Offset), ("freq", Kind::Frequency)];
+    /// Keys of `[report]` with their labels.
+    pub const REPORT: [(&'static str, &'static str); 17] = [
+        ("title", "Title"),
+        ("identifier", "Document"),
+        ("issue", "Issue"),
+        ("replaces", "Replaces"),
+        ("laboratory", "Laboratory"),
+        ("place", "Place of the measurements"),
+        ("customer", "Customer"),
+        ("responsible", "Responsible"),
+        ("checked_by", "Checked by"),
+        ("maker", "Maker of the instrument"),
+        ("model", "Model"),
+        ("serial", "Serial numbers of sensor and electronics"),
+        ("firmware", "Range and firmware"),
+        ("condition", "Condition of the instrument"),
+        ("setup", "Setup"),
+        ("traceability", "Traceability of the reference field"),
+        ("field_uncertainty", "Uncertainty of the reference field"),
+    ];
+}
+
+const KNOWN: [&str; 13] = [
     "name",
     "instrument",
     "offset_trend_order",
@@ -73,6 +125,7 @@ const KNOWN: [&str; 12] = [
     "offset",
     "freq",
     "thermal",
+    "report",
 ];
 
 /// Reads a campaign file; warnings go to `findings`.
@@ -118,11 +171,39 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(CampaignFile, D
         findings.extend(group.unknown(&["sensor", "mode", "max_field_nt"]));
         campaign.limits.push(limit(&group)?);
     }
-    if let Some(group) = root.group("lin")? {
-        findings.extend(group.unknown(&["runs"]));
-        campaign.lin_runs = group.texts("runs")?;
+    for (name, kind) in CampaignFile::ANALYSES {
+        if let Some(group) = root.group(name)? {
+            findings.extend(group.unknown(&["runs"]));
+            campaign.runs.extend(group.texts("runs")?.map(|runs| (kind, runs)));
+        }
+    }
+    for group in root.groups("thermal")? {
+        findings.extend(group.unknown(&["sensor", "mode", "runs", "order"]));
+        campaign.thermal.push(thermal(&group, findings)?);
+    }
+    if let Some(group) = root.group("report")? {
+        findings.extend(group.unknown(&CampaignFile::REPORT.map(|(key, _)| key)));
+        for (key, label) in CampaignFile::REPORT {
+            campaign.report.extend(group.text(key)?.map(|text| (label, text)));
+        }
     }
     Ok((campaign, digested))
+}
+
+fn thermal(group: &Group, findings: &mut Vec<Finding>) -> Result<ThermalEntry, Finding> {
+    let mut orders = Vec::new();
+    if let Some(order) = group.group("order")? {
+        findings.extend(order.unknown(&THERMAL_QUANTITIES));
+        for quantity in THERMAL_QUANTITIES {
+            if let Some(value) = order.whole(quantity)? {
+                if value > MOST_THERMAL_ORDER {
+                    return Err(order.refuse(quantity, "must be 0 to 5", "use the lowest order that the data need"));
+                }
+                orders.push((quantity.to_owned(), value));
+            }
+        }
+    }
+    Ok(ThermalEntry { sensor: group.text("sensor")?, mode: group.text("mode")?, runs: group.texts("runs")?, orders })
 }
 
 fn limit(group: &Group) -> Result<LimitEntry, Finding> {

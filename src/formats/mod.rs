@@ -1,5 +1,6 @@
 //! Text to types and back, nothing else: one module per file format.
 
+pub mod amplitudes;
 pub mod campaign;
 pub mod ccr;
 pub mod mag;

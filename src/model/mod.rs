@@ -1,4 +1,5 @@
 //! The forward model that analysis, simulation and diagnosis share. It knows no files.
 
+pub mod polynomial;
 pub mod position;
 pub mod sensor;

@@ -1,7 +1,12 @@
 //! Value ranges, round tick steps and tick labels free of rounding noise.
 
+use super::Scale;
+
 /// Values beyond this size are not drawn: differences between them may overflow.
 const LARGEST: f64 = 1e300;
+
+/// Values below this size are not drawn on a logarithmic scale: their ticks would lose digits.
+const SMALLEST: f64 = 1e-280;
 
 /// Most ticks an axis may carry.
 const MOST_TICKS: usize = 16;
@@ -11,20 +16,44 @@ pub(super) fn usable(value: f64) -> bool {
     value.abs() <= LARGEST
 }
 
+impl Scale {
+    /// Whether a value can be placed on an axis of this scale.
+    pub(super) fn takes(self, value: f64) -> bool {
+        match self {
+            Scale::Linear => usable(value),
+            Scale::Logarithmic => (SMALLEST..=LARGEST).contains(&value),
+        }
+    }
+
+    /// What a length along an axis is proportional to; not finite for values a logarithmic axis
+    /// does not take.
+    pub(super) fn place(self, value: f64) -> f64 {
+        match self {
+            Scale::Linear => value,
+            Scale::Logarithmic => value.log10(),
+        }
+    }
+}
+
 /// Interval covered by the values shown to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Span {
+    pub scale: Scale,
+    /// Ends as places on the scale.
     pub low: f64,
     pub high: f64,
 }
 
 impl Span {
-    pub const EMPTY: Span = Span { low: f64::INFINITY, high: f64::NEG_INFINITY };
+    pub fn empty(scale: Scale) -> Span {
+        Span { scale, low: f64::INFINITY, high: f64::NEG_INFINITY }
+    }
 
     pub fn add(&mut self, value: f64) {
-        if usable(value) {
-            self.low = self.low.min(value);
-            self.high = self.high.max(value);
+        if self.scale.takes(value) {
+            let place = self.scale.place(value);
+            self.low = self.low.min(place);
+            self.high = self.high.max(place);
         }
     }
 
@@ -33,7 +62,8 @@ impl Span {
     }
 
     pub fn contains(&self, value: f64) -> bool {
-        self.low <= value && value <= self.high
+        let place = self.scale.place(value);
+        self.low <= place && place <= self.high
     }
 
     pub fn width(&self) -> f64 {
@@ -45,7 +75,11 @@ impl Span {
         if self.is_empty() {
             return None;
         }
-        let size = self.low.abs().max(self.high.abs());
+        let size = match self.scale {
+            Scale::Linear => self.low.abs().max(self.high.abs()),
+            // A decade, wherever it lies.
+            Scale::Logarithmic => 1.0,
+        };
         // Differences below the resolution of a double are rounding, not data.
         let equal = self.width() <= size * 1e-12 || size < 1e-280;
         let margin = match equal {
@@ -53,7 +87,7 @@ impl Span {
             true => size * 0.05,
             false => self.width() * share,
         };
-        Some(Span { low: self.low - margin, high: self.high + margin })
+        Some(Span { low: self.low - margin, high: self.high + margin, ..*self })
     }
 }
 
@@ -64,7 +98,7 @@ pub(super) struct Tick {
     pub label: String,
 }
 
-/// A linear axis with its ticks.
+/// An axis with its ticks.
 #[derive(Debug, Clone)]
 pub(super) struct Axis {
     pub span: Span,
@@ -76,10 +110,68 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// Chooses the finest step of 1, 2 or 5 times a power of ten whose labels have room;
-    /// `room` is told the labels and the distance of neighbouring ticks in pixels.
+    /// Chooses the finest ticks whose labels have room; `room` is told the labels and the least
+    /// distance of neighbouring ticks in pixels.
     pub fn new(span: Span, length: f64, room: impl Fn(&[Tick], f64) -> bool) -> Axis {
-        let mut axis = Axis { span, ticks: Vec::new(), minor: Vec::new(), note: String::new() };
+        match span.scale {
+            Scale::Linear => Axis::linear(span, length, room),
+            Scale::Logarithmic => Axis::logarithmic(span, length, room),
+        }
+    }
+
+    fn bare(span: Span) -> Axis {
+        Axis { span, ticks: Vec::new(), minor: Vec::new(), note: String::new() }
+    }
+
+    /// Ticks at powers of ten, with 2 and 5 times them where less than two decades are shown.
+    fn logarithmic(span: Span, length: f64, room: impl Fn(&[Tick], f64) -> bool) -> Axis {
+        let mut axis = Axis::bare(span);
+        let decade = length / span.width();
+        let first = span.low.floor() as i32;
+        let last = span.high.floor() as i32;
+        let values = |step: i32, factors: &'static [i64]| {
+            let exponents = (first..=last).filter(move |e| e.rem_euclid(step) == 0);
+            let all = exponents.flat_map(move |e| factors.iter().map(move |&f| (f, e)));
+            all.filter(move |&(f, e)| span.contains(scaled(f, e)))
+        };
+        let fine = (span.width() < 2.0).then_some((1, &[1, 2, 5][..]));
+        for (step, factors) in fine.into_iter().chain((1..).map(|step| (step, &[1][..]))) {
+            let count = values(step, factors).count();
+            if count < 2 {
+                break;
+            }
+            if count > MOST_TICKS {
+                continue;
+            }
+            let tick = |(factor, exponent)| Tick { value: scaled(factor, exponent), label: power(factor, exponent) };
+            axis.ticks = values(step, factors).map(tick).collect();
+            let between: &[i64] = match step {
+                // Closer ones would run together.
+                1 if decade < 60.0 => &[2, 5],
+                1 => &[2, 3, 4, 5, 6, 7, 8, 9],
+                _ => &[1],
+            };
+            let is_labelled = |&(f, e): &(i64, i32)| e.rem_euclid(step) == 0 && factors.contains(&f);
+            let minor = values(1, between).filter(|number| !is_labelled(number));
+            axis.minor = minor.map(|(factor, exponent)| scaled(factor, exponent)).collect();
+            let least = if factors.len() > 1 { 2f64.log10() } else { f64::from(step) };
+            if room(&axis.ticks, least * decade) {
+                break;
+            }
+        }
+        if axis.ticks.len() < 3 && span.width() < 1.0 {
+            // So narrow a range is nearly linear: even steps, closest together at the upper end.
+            let (low, high) = (10f64.powf(span.low), 10f64.powf(span.high));
+            let closest = (high - low) / (high * (high / low).ln());
+            let even = Span { scale: Scale::Linear, low, high };
+            axis = Axis { span, ..Axis::linear(even, length * closest, room) };
+        }
+        axis
+    }
+
+    /// Steps of 1, 2 or 5 times a power of ten.
+    fn linear(span: Span, length: f64, room: impl Fn(&[Tick], f64) -> bool) -> Axis {
+        let mut axis = Axis::bare(span);
         let first = (span.width() / MOST_TICKS as f64).log10().floor() as i32;
         for (exponent, factor) in (first..first + 4).flat_map(|e| [(e, 1), (e, 2), (e, 5)]) {
             let unit = |n: i64| scaled(n, exponent);
@@ -107,7 +199,7 @@ impl Axis {
 
     /// Position of a value on a stretch of pixels.
     pub fn at(&self, value: f64, from: f64, to: f64) -> f64 {
-        from + (value - self.span.low) / self.span.width() * (to - from)
+        from + (self.span.scale.place(value) - self.span.low) / self.span.width() * (to - from)
     }
 }
 
@@ -197,6 +289,15 @@ fn decimal(number: i64, exponent: i32) -> String {
     format!("{sign}{text}")
 }
 
+/// A digit times a power of ten, written out up to four digits.
+fn power(factor: i64, exponent: i32) -> String {
+    match (factor, exponent) {
+        (_, -3..=3) => decimal(factor, exponent),
+        (1, _) => format!("10{}", superscript(exponent)),
+        _ => format!("{factor}×10{}", superscript(exponent)),
+    }
+}
+
 fn superscript(number: i32) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     number.to_string().chars().map(|c| c.to_digit(10).map_or('⁻', |d| DIGITS[d as usize])).collect()
@@ -206,8 +307,16 @@ fn superscript(number: i32) -> String {
 mod tests {
     use super::*;
 
+    fn linear(low: f64, high: f64) -> Span {
+        Span { scale: Scale::Linear, low, high }
+    }
+
+    fn logarithmic(low: f64, high: f64) -> Span {
+        Span { scale: Scale::Logarithmic, low: low.log10(), high: high.log10() }
+    }
+
     fn texts(low: f64, high: f64, least: f64) -> (Vec<String>, String) {
-        let axis = Axis::new(Span { low, high }, 1000.0, |_, distance| distance >= least);
+        let axis = Axis::new(linear(low, high), 1000.0, |_, distance| distance >= least);
         let labels = axis.ticks.iter().map(|tick| tick.label.clone());
         (labels.collect(), axis.note)
     }
@@ -253,14 +362,14 @@ mod tests {
     #[test]
     fn equal_values_get_a_range() {
         for value in [0.0, 17.2, -49000.0, 1e-290, 1e300, -3e-250] {
-            let mut span = Span::EMPTY;
+            let mut span = Span::empty(Scale::Linear);
             span.add(value);
             let padded = span.padded(0.07).expect("one value");
             assert!(padded.low < value && value < padded.high, "{value}");
             let axis = Axis::new(padded, 200.0, |_, distance| distance >= 40.0);
             assert!(axis.ticks.len() >= 2, "{value}: {:?}", axis.ticks);
         }
-        assert_eq!(Span::EMPTY.padded(0.1), None);
+        assert_eq!(Span::empty(Scale::Linear).padded(0.1), None);
     }
 
     #[test]
@@ -268,7 +377,7 @@ mod tests {
         for exponent in -250..=290 {
             for (low, high) in [(0.0, 7.3), (-3.1, 4.9), (100.0, 100.13), (-77.0, -76.9991)] {
                 let scale = 10f64.powi(exponent);
-                let span = Span { low: low * scale, high: high * scale };
+                let span = linear(low * scale, high * scale);
                 let axis = Axis::new(span, 600.0, |_, distance| distance >= 40.0);
                 let count = axis.ticks.len();
                 assert!((2..=MOST_TICKS).contains(&count), "{span:?} {count}");
@@ -284,7 +393,7 @@ mod tests {
 
     #[test]
     fn values_that_cannot_be_drawn_do_not_count() {
-        let mut span = Span::EMPTY;
+        let mut span = Span::empty(Scale::Linear);
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e305] {
             span.add(value);
         }
@@ -295,8 +404,68 @@ mod tests {
 
     #[test]
     fn minor_ticks_lie_between_the_labelled_ones() {
-        let span = Span { low: 0.0, high: 4.0 };
+        let span = linear(0.0, 4.0);
         let axis = Axis::new(span, 100.0, |_, distance| distance >= 50.0);
         assert_eq!(axis.minor, [0.5, 1.0, 1.5, 2.5, 3.0, 3.5]);
+    }
+
+    fn decades(low: f64, high: f64, length: f64) -> (Vec<String>, Axis) {
+        let axis = Axis::new(logarithmic(low, high), length, |_, distance| distance >= 40.0);
+        (axis.ticks.iter().map(|tick| tick.label.clone()).collect(), axis)
+    }
+
+    #[test]
+    fn logarithmic_axes_have_a_tick_per_decade() {
+        let (labels, axis) = decades(0.1, 20000.0, 1000.0);
+        assert_eq!(labels, ["0.1", "1", "10", "100", "1000", "10⁴"]);
+        assert_eq!(axis.minor.len(), 5 * 8 + 1);
+        assert_eq!(axis.minor[..8], [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9]);
+        assert!((axis.at(10.0, 0.0, 5.301) - 2.0).abs() < 1e-3);
+        let (labels, axis) = decades(0.9e-4, 1.1e-2, 100.0);
+        assert_eq!(labels, ["10⁻⁴", "0.001", "0.01"]);
+        assert_eq!(axis.minor, [0.0002, 0.0005, 0.002, 0.005]);
+    }
+
+    #[test]
+    fn short_logarithmic_axes_have_ticks_between() {
+        assert_eq!(decades(0.4, 15.0, 1000.0).0, ["0.5", "1", "2", "5", "10"]);
+        assert_eq!(decades(1900.0, 50000.0, 1000.0).0, ["2000", "5000", "10⁴", "2×10⁴", "5×10⁴"]);
+        let (labels, axis) = decades(11.0, 16.2, 1000.0);
+        assert_eq!(labels, ["11.0", "11.5", "12.0", "12.5", "13.0", "13.5", "14.0", "14.5", "15.0", "15.5", "16.0"]);
+        assert!(axis.at(11.0, 0.0, 9.0).abs() < 1e-9 && (axis.at(16.2, 0.0, 9.0) - 9.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn logarithmic_ranges_of_any_size_get_few_distinct_short_labels_in_order() {
+        for exponent in -270..=270 {
+            for ratio in [1.0 + 1e-9, 1.001, 1.3, 2.7, 7.0, 33.0, 1e3, 1e7, 1e25] {
+                let low = 1.7 * 10f64.powi(exponent);
+                let (labels, axis) = decades(low, low * ratio, 600.0);
+                let case = format!("{low} {ratio} {labels:?}");
+                assert!((2..=MOST_TICKS).contains(&labels.len()), "{case}");
+                assert!(labels.windows(2).all(|pair| pair[0] != pair[1]), "{case}");
+                assert!(labels.iter().all(|label| label.chars().count() <= 9), "{case}");
+                let places: Vec<f64> = axis.ticks.iter().map(|tick| axis.at(tick.value, 0.0, 600.0)).collect();
+                assert!(places.windows(2).all(|pair| pair[0] < pair[1]), "{case}");
+                assert!(places.iter().all(|place| (-1.0..=601.0).contains(place)), "{case} {places:?}");
+            }
+        }
+        let (labels, axis) = decades(SMALLEST, LARGEST, 600.0);
+        assert!((2..=MOST_TICKS).contains(&labels.len()), "{labels:?}");
+        assert!(axis.minor.len() < 600);
+    }
+
+    #[test]
+    fn values_that_are_not_positive_have_no_logarithm() {
+        let mut span = Span::empty(Scale::Logarithmic);
+        for value in [0.0, -0.0, -3.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MIN_POSITIVE, 1e305] {
+            span.add(value);
+            assert!(!span.contains(value));
+        }
+        assert!(span.is_empty());
+        span.add(1.0);
+        let padded = span.padded(0.07).expect("one value");
+        assert!(padded.contains(1.0) && padded.contains(1.1) && !padded.contains(2.0));
+        assert!(!padded.contains(0.0) && !padded.contains(-1.0));
     }
 }

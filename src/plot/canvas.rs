@@ -31,7 +31,7 @@ pub(super) struct Type {
 
 pub(super) struct Canvas<'a> {
     backend: BitMapBackend<'a>,
-    /// Shapes are cut off at its edges; text and rectangles are not.
+    /// Shapes and rectangles are cut off at its edges; text is not.
     pub clip: Rect,
     path: Vec<Vec<Point>>,
     cover: Vec<f32>,
@@ -65,11 +65,12 @@ impl<'a> Canvas<'a> {
 
     /// Fills whole pixels.
     pub fn rect(&mut self, area: Rect, ink: RGBColor, alpha: f64) {
-        if area.left >= area.right || area.top >= area.bottom {
+        let (left, right) = (area.left.max(self.clip.left), area.right.min(self.clip.right));
+        if left >= right {
             return;
         }
-        for y in area.top..area.bottom {
-            self.run(y, area.left, area.right, ink, alpha);
+        for y in area.top.max(self.clip.top)..area.bottom.min(self.clip.bottom) {
+            self.run(y, left, right, ink, alpha);
         }
     }
 

@@ -4,9 +4,9 @@ use plotters::prelude::RGBColor;
 
 use super::axis::Span;
 use super::canvas::{Canvas, Point, rect};
-use super::marks::{RIM, crossed, envelope_alpha, error_bar, is_marked, is_tagged, marker, step, stroke};
+use super::marks::{RIBBON, RIM, crossed, envelope_alpha, error_bar, is_marked, is_tagged, marker, step, stroke};
 use super::style::{BAND_EDGE, BANDS, HALF_DIGIT, NUMBER};
-use super::{Marks, Panel, RIGHT, Style, text};
+use super::{Marks, Panel, RIGHT, Scale, Style, text};
 
 pub(super) const LEGEND_ROW: i32 = 28;
 const MOST_ROWS: usize = 6;
@@ -27,6 +27,7 @@ enum Sample {
     Rejected(Style),
     /// With or without a marker, and the opacity.
     Envelope(Style, bool, f64),
+    Ribbon(Style),
     Band(RGBColor),
 }
 
@@ -48,7 +49,7 @@ pub(super) struct Entry {
 }
 
 /// The legend of a panel: series in their order, then bands, without repetitions.
-pub(super) fn entries(panel: &Panel, span: Option<Span>) -> Vec<Entry> {
+pub(super) fn entries(panel: &Panel, scales: [Scale; 2], span: Option<Span>) -> Vec<Entry> {
     let mut found: Vec<Entry> = Vec::new();
     let mut add = |sample: Sample, label: &str, extra: &str| {
         let room = LEGEND_ROOM - 60.0 - text::width(extra, NUMBER.size);
@@ -68,22 +69,23 @@ pub(super) fn entries(panel: &Panel, span: Option<Span>) -> Vec<Entry> {
                 let marked = is_marked(points, style) || tagged && style != Style::Reference;
                 Sample::Line(style, marked)
             }
-            Marks::Steps(_) => Sample::Steps(style, tagged),
+            Marks::Steps(_) => Sample::Steps(style, tagged && style != Style::Reference),
             Marks::Points(points) => Sample::Points(style, points.iter().any(|p| p.2.is_some())),
             Marks::Rejected(_) => {
                 let mut outside = 0;
-                series.marks.visit(|_, y| outside += usize::from(span.is_some_and(|s| !s.contains(y))));
+                series.marks.visit(scales, |_, y| outside += usize::from(span.is_some_and(|s| !s.contains(y))));
                 if outside > 0 {
                     extra = format!(" ({outside} off scale)");
                 }
                 Sample::Rejected(style)
             }
             Marks::Envelope(_) => Sample::Envelope(style, tagged, envelope_alpha(panel)),
+            Marks::Ribbon(_) => Sample::Ribbon(style),
         };
         add(sample, &series.label, &extra);
     }
     let bands = panel.bands.iter().zip(BANDS.iter().cycle());
-    for (band, ink) in bands.filter(|(band, _)| band.is_drawable()) {
+    for (band, ink) in bands.filter(|(band, _)| band.is_drawable(panel.y_scale)) {
         add(Sample::Band(*ink), &band.label, "");
     }
     found
@@ -140,7 +142,7 @@ fn draw_sample(canvas: &mut Canvas, sample: Sample, at: Point) {
             }
         }
         Sample::Steps(style, marked) => {
-            step(canvas, at.0, end.0, at.1, &style.look().solid());
+            step(canvas, at.0, end.0, at.1, &style.level());
             if marked {
                 marker(canvas, &style.look(), centre, 5.5, 0.0);
             }
@@ -157,6 +159,12 @@ fn draw_sample(canvas: &mut Canvas, sample: Sample, at: Point) {
             canvas.rect(box_of(6), style.look().ink, alpha);
             if marked {
                 marker(canvas, &style.look(), centre, 5.5, RIM);
+            }
+        }
+        Sample::Ribbon(style) => {
+            canvas.rect(box_of(7), style.look().ink, RIBBON);
+            for y in [at.1 - 7.0, at.1 + 7.0] {
+                stroke(canvas, &[(at.0, y), (end.0, y)], &style.look().edge());
             }
         }
         Sample::Band(ink) => {

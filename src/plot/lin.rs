@@ -1,87 +1,25 @@
 //! The figures of a linear calibration, in the order of BC-MAG-TR-0085 section 3.4.1 (figures 7 to 14).
 
-use super::{Band, Column, Figure, Marks, Panel, Series, Style};
+use super::parts::{COIL, Named, SENSOR, STYLES, TimeAxis, panels, temperatures};
+use super::{Band, Column, Figure, Marks, Panel, Scale, Series};
 use crate::analysis::lin::{Block, Lin};
-use crate::envelope;
 
-/// A figure and the stem of its file name.
-pub struct Named {
-    /// `applied_fields`, for example.
-    pub stem: &'static str,
-    /// The figure.
-    pub figure: Figure,
-}
-
-const STYLES: [Style; 3] = [Style::X, Style::Y, Style::Z];
-const COIL: [&str; 3] = ["X", "Y", "Z"];
-const SENSOR: [&str; 3] = ["x", "y", "z"];
-
-/// A time axis whose numbers stay small.
-#[derive(Clone, Copy)]
-struct TimeAxis {
-    seconds: f64,
-    label: &'static str,
-}
-
-impl TimeAxis {
-    fn of(lin: &Lin) -> Self {
-        let end_s = lin.blocks.iter().map(|b| b.plateau.setting.t_end_s).fold(0.0, f64::max);
-        if end_s > 4.0 * 3600.0 {
-            Self { seconds: 3600.0, label: "time since the start of the run, h" }
-        } else if end_s > 600.0 {
-            Self { seconds: 60.0, label: "time since the start of the run, min" }
-        } else {
-            Self { seconds: 1.0, label: "time since the start of the run, s" }
-        }
-    }
-
-    fn at(self, t_s: f64) -> f64 {
-        t_s / self.seconds
-    }
-}
-
-/// All eight figures; `samples` is the envelope of the raw readings, if the run has samples.
+/// All eight figures.
 #[must_use]
-pub fn figures(lin: &Lin, samples: Option<&[envelope::Column]>) -> Vec<Named> {
+pub fn figures(lin: &Lin) -> Vec<Named> {
     let id = &lin.parameters.run.id;
-    let time = TimeAxis::of(lin);
-    let (sensor, coil) = match &lin.parameters.conditions {
-        Some(c) => (Some(c.sensor_channel.as_str()), Some(c.coil_channel.as_str())),
-        None => (None, None),
-    };
+    let time = TimeAxis::of(lin.blocks.iter().map(|b| b.plateau.setting.t_end_s).fold(0.0, f64::max));
     let [x, y, z] = [0, 1, 2].map(|axis| residuals_against_field(lin, axis));
-    vec![
+    let mut list = vec![
         Named { stem: "applied_fields", figure: applied(lin, id, time) },
-        Named { stem: "measured_data", figure: measured(lin, id, time, samples) },
+        Named { stem: "measured_data", figure: measured(lin, id, time) },
         Named { stem: "differences", figure: differences(lin, id, time) },
         Named { stem: "residuals_field_x", figure: x },
         Named { stem: "residuals_field_y", figure: y },
         Named { stem: "residuals_field_z", figure: z },
-        Named {
-            stem: "coil_temperature",
-            figure: temperature(
-                &format!("Coil system temperature, run {id}"),
-                coil,
-                &lin.coil_temperature,
-                time,
-                "the coil constants follow it",
-            ),
-        },
-        Named {
-            stem: "sensor_temperature",
-            figure: temperature(
-                &format!("Sensor temperature, run {id}"),
-                sensor,
-                &lin.sensor_temperature,
-                time,
-                "the calibration holds for its mean",
-            ),
-        },
-    ]
-}
-
-fn panels(make: impl Fn(usize) -> Panel) -> Vec<Panel> {
-    (0..3).map(make).collect()
+    ];
+    list.extend(temperatures(id, &lin.temperatures, time, "the calibration holds for its mean"));
+    list
 }
 
 fn applied(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
@@ -97,6 +35,7 @@ fn applied(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
             )
         },
         x_label: time.label.to_owned(),
+        x_scale: Scale::Linear,
         panels: panels(|axis| {
             let setting = |b: &Block| {
                 let s = &b.plateau.setting;
@@ -104,6 +43,7 @@ fn applied(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
             };
             Panel {
                 y_label: format!("{} field, nT", COIL[axis]),
+                y_scale: Scale::Linear,
                 series: vec![
                     Series {
                         label: format!("{} coil axis", COIL[axis]),
@@ -125,7 +65,8 @@ fn rejected(lin: &Lin, at: impl Fn(&Block) -> Option<(f64, f64)>, axis: usize) -
     Series { label, style: STYLES[axis], marks: Marks::Rejected(points) }
 }
 
-fn measured(lin: &Lin, id: &str, time: TimeAxis, samples: Option<&[envelope::Column]>) -> Figure {
+fn measured(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
+    let samples = lin.samples.as_deref();
     let caption = match samples {
         Some(_) => {
             "Raw readings along the sensor axes; for every column of the picture the range from the smallest to the largest sample."
@@ -136,6 +77,7 @@ fn measured(lin: &Lin, id: &str, time: TimeAxis, samples: Option<&[envelope::Col
         title: format!("Measured data, run {id}"),
         caption: caption.to_owned(),
         x_label: time.label.to_owned(),
+        x_scale: Scale::Linear,
         panels: panels(|axis| {
             let marks = match samples {
                 Some(columns) => Marks::Envelope(
@@ -150,6 +92,7 @@ fn measured(lin: &Lin, id: &str, time: TimeAxis, samples: Option<&[envelope::Col
             };
             Panel {
                 y_label: format!("{} reading, enT", SENSOR[axis]),
+                y_scale: Scale::Linear,
                 series: vec![Series { label: format!("{} component", SENSOR[axis]), style: STYLES[axis], marks }],
                 bands: vec![],
             }
@@ -167,6 +110,7 @@ fn residual_panel(lin: &Lin, axis: usize, x: impl Fn(&Block) -> f64) -> Panel {
         used.filter_map(|b| Some((x(b), b.residual_coil_nt?.0[axis], b.standard_error_coil_nt.map(|e| e[axis])))).collect();
     Panel {
         y_label: format!("{} residual, nT", COIL[axis]),
+        y_scale: Scale::Linear,
         series: vec![
             Series { label, style: STYLES[axis], marks: Marks::Points(points) },
             rejected(lin, |b| Some((x(b), b.residual_coil_nt?.0[axis])), axis),
@@ -183,6 +127,7 @@ fn differences(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
                   drift that the offset trend does not describe."
                 .to_owned(),
         x_label: time.label.to_owned(),
+        x_scale: Scale::Linear,
         panels: panels(|axis| residual_panel(lin, axis, |b| time.at(b.plateau.t_s()))),
     }
 }
@@ -196,27 +141,7 @@ fn residuals_against_field(lin: &Lin, field_axis: usize) -> Figure {
              component than {axis} a transverse effect."
         ),
         x_label: format!("applied {axis} field, nT"),
+        x_scale: Scale::Linear,
         panels: panels(|component| residual_panel(lin, component, |b| b.plateau.setting.field.0[field_axis])),
-    }
-}
-
-fn temperature(title: &str, channel: Option<&str>, series: &[(f64, f64)], time: TimeAxis, what: &str) -> Figure {
-    let points: Vec<(f64, f64)> = series.iter().map(|(t, v)| (time.at(*t), *v)).collect();
-    Figure {
-        title: title.to_owned(),
-        caption: match channel {
-            Some(channel) if !points.is_empty() => format!("Channel {channel} during the run; {what}."),
-            _ => "The run brings no readings of this temperature.".to_owned(),
-        },
-        x_label: time.label.to_owned(),
-        panels: vec![Panel {
-            y_label: "temperature, °C".to_owned(),
-            series: vec![Series {
-                label: channel.unwrap_or_default().to_owned(),
-                style: Style::Single,
-                marks: Marks::Line(points),
-            }],
-            bands: vec![],
-        }],
     }
 }

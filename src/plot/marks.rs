@@ -5,7 +5,7 @@ use plotters::prelude::RGBColor;
 use super::axis::{Axis, usable};
 use super::canvas::{Canvas, Point, Rect, rect};
 use super::style::{FALLING, Look, ROUND, TRIANGLE, WHITE};
-use super::{Column, Marks, Panel, Series, Style};
+use super::{Column, Marks, Panel, Scale, Series, Style};
 
 /// Most points of a line that are marked one by one.
 const MARKED_LINE: usize = 40;
@@ -14,6 +14,8 @@ const MARKED_LINE: usize = 40;
 const SHEER: f64 = 0.7;
 const ENVELOPE_LINE: f64 = 1.6;
 const ENVELOPE_BREAK: f64 = 3.5;
+/// Opacity of a ribbon, light enough for three to lie on each other.
+pub(super) const RIBBON: f64 = 0.2;
 /// White rim that sets a marker off from what lies below it.
 pub(super) const RIM: f64 = 1.2;
 /// Distance of the tags along a line.
@@ -21,9 +23,9 @@ const TAG_DISTANCE: f64 = 160.0;
 
 impl Marks {
     /// Calls `see` with corners that enclose everything that is drawn.
-    pub(super) fn visit(&self, mut see: impl FnMut(f64, f64)) {
+    pub(super) fn visit(&self, scales: [Scale; 2], mut see: impl FnMut(f64, f64)) {
         let mut both = |x: f64, y: f64| {
-            if usable(x) && usable(y) {
+            if scales[0].takes(x) && scales[1].takes(y) {
                 see(x, y);
             }
         };
@@ -32,22 +34,30 @@ impl Marks {
                 points.iter().for_each(|&(x, y)| both(x, y));
             }
             Marks::Steps(steps) => {
-                for &(start, end, y) in steps.iter().filter(|s| usable(s.0) && usable(s.1)) {
+                for &(start, end, y) in steps.iter().filter(|s| scales[0].takes(s.0) && scales[0].takes(s.1)) {
                     both(start, y);
                     both(end, y);
                 }
             }
             Marks::Points(points) => {
-                for &(x, y, error) in points {
-                    let error = error.filter(|e| usable(y + e) && usable(y - e));
-                    both(x, y - error.unwrap_or(0.0));
-                    both(x, y + error.unwrap_or(0.0));
+                for &(x, y, error) in points.iter().filter(|p| scales[1].takes(p.1)) {
+                    both(x, y);
+                    if let Some(error) = error.filter(|e| usable(y + e) && usable(y - e)) {
+                        both(x, y - error);
+                        both(x, y + error);
+                    }
                 }
             }
             Marks::Envelope(columns) => {
-                for column in columns.iter().filter(|c| usable(c.min) && usable(c.max)) {
+                for column in columns.iter().filter(|c| scales[1].takes(c.min) && scales[1].takes(c.max)) {
                     both(column.x, column.min);
                     both(column.x, column.max);
+                }
+            }
+            Marks::Ribbon(points) => {
+                for &(x, low, high) in points.iter().filter(|p| usable(p.1) && usable(p.2)) {
+                    both(x, low);
+                    both(x, high);
                 }
             }
         }
@@ -56,10 +66,11 @@ impl Marks {
     /// Order of drawing: points lie on lines, lines on areas.
     pub(super) fn layer(&self) -> u8 {
         match self {
-            Marks::Envelope(_) => 0,
-            Marks::Line(_) | Marks::Steps(_) => 1,
-            Marks::Points(_) => 2,
-            Marks::Rejected(_) => 3,
+            Marks::Ribbon(_) => 0,
+            Marks::Envelope(_) => 1,
+            Marks::Line(_) | Marks::Steps(_) => 2,
+            Marks::Points(_) => 3,
+            Marks::Rejected(_) => 4,
         }
     }
 }
@@ -79,12 +90,21 @@ impl Frame<'_> {
 
     fn y(&self, value: f64) -> f64 {
         let (bottom, top) = (self.area.bottom, self.area.top);
-        self.y.at(value, f64::from(bottom), f64::from(top))
+        // The place of a value a logarithmic axis does not take is not finite.
+        self.y.at(value, f64::from(bottom), f64::from(top)).min(f64::from(bottom + 20))
     }
 
     /// The place of a point, or `None` for one that cannot be drawn.
     fn at(&self, x: f64, y: f64) -> Option<Point> {
-        (usable(x) && usable(y)).then(|| (self.x(x), self.y(y)))
+        (self.takes_x(x) && self.takes_y(y)).then(|| (self.x(x), self.y(y)))
+    }
+
+    fn takes_x(&self, value: f64) -> bool {
+        self.x.span.scale.takes(value)
+    }
+
+    fn takes_y(&self, value: f64) -> bool {
+        self.y.span.scale.takes(value)
     }
 }
 
@@ -94,14 +114,17 @@ pub(super) fn is_marked(points: &[(f64, f64)], style: Style) -> bool {
 }
 
 /// Whether the lines and areas of a panel carry tags, markers set here and there along them: so
-/// they do where there are several, to be told apart in more than colour.
+/// they do where there are several, to be told apart in more than colour. Among points they would
+/// pass for data.
 pub(super) fn is_tagged(panel: &Panel) -> bool {
+    let has_points = panel.series.iter().any(|series| matches!(series.marks, Marks::Points(_)));
     let bare = |series: &&Series| match &series.marks {
         Marks::Line(points) => !is_marked(points, series.style) && series.style != Style::Reference,
-        Marks::Steps(_) | Marks::Envelope(_) => true,
-        Marks::Points(_) | Marks::Rejected(_) => false,
+        Marks::Steps(_) => series.style != Style::Reference,
+        Marks::Envelope(_) => true,
+        Marks::Points(_) | Marks::Rejected(_) | Marks::Ribbon(_) => false,
     };
-    panel.series.iter().filter(bare).count() > 1
+    !has_points && panel.series.iter().filter(bare).count() > 1
 }
 
 /// Opacity of the envelopes of a panel, which let each other show through.
@@ -117,8 +140,13 @@ pub(super) fn envelope_alpha(panel: &Panel) -> f64 {
 pub(super) fn draw_series(canvas: &mut Canvas, frame: &Frame, panel: &Panel) {
     let mut series: Vec<&Series> = panel.series.iter().collect();
     series.sort_by_key(|s| (s.marks.layer(), s.style as u8));
-    let dense = series.partition_point(|s| s.marks.layer() < 2);
+    let dense = series.partition_point(|s| s.marks.layer() < 3);
     let (dense, points) = series.split_at(dense);
+    for one in dense {
+        if let Marks::Ribbon(points) = &one.marks {
+            draw_ribbon(canvas, frame, points, one.style, false);
+        }
+    }
     for one in dense {
         draw_marks(canvas, frame, panel, one);
     }
@@ -134,7 +162,7 @@ fn draw_marks(canvas: &mut Canvas, frame: &Frame, panel: &Panel, series: &Series
     let look = series.style.look();
     match &series.marks {
         Marks::Line(points) => draw_line(canvas, frame, points, series.style),
-        Marks::Steps(steps) => draw_steps(canvas, frame, steps, &look.solid()),
+        Marks::Steps(steps) => draw_steps(canvas, frame, steps, &series.style.level()),
         Marks::Points(points) => {
             let all = panel.series.iter().map(|s| match &s.marks {
                 Marks::Points(points) => points.len(),
@@ -146,6 +174,7 @@ fn draw_marks(canvas: &mut Canvas, frame: &Frame, panel: &Panel, series: &Series
         Marks::Envelope(columns) => {
             draw_envelope(canvas, frame, columns, look.ink, envelope_alpha(panel));
         }
+        Marks::Ribbon(points) => draw_ribbon(canvas, frame, points, series.style, true),
     }
 }
 
@@ -153,16 +182,17 @@ fn draw_marks(canvas: &mut Canvas, frame: &Frame, panel: &Panel, series: &Series
 fn draw_tags(canvas: &mut Canvas, frame: &Frame, series: &Series) {
     let style = series.style;
     let places: Vec<(f64, f64)> = match &series.marks {
-        Marks::Line(points) if is_marked(points, style) || style == Style::Reference => return,
+        Marks::Line(_) | Marks::Steps(_) if style == Style::Reference => return,
+        Marks::Line(points) if is_marked(points, style) => return,
         Marks::Line(points) => points.clone(),
         Marks::Steps(steps) => steps.iter().map(|s| (s.0 / 2.0 + s.1 / 2.0, s.2)).collect(),
         Marks::Envelope(columns) => {
             let middle = |c: &Column| (c.x, c.min / 2.0 + c.max / 2.0);
             columns.iter().map(middle).collect()
         }
-        Marks::Points(_) | Marks::Rejected(_) => return,
+        Marks::Points(_) | Marks::Rejected(_) | Marks::Ribbon(_) => return,
     };
-    let rim = if series.marks.layer() == 0 { RIM } else { 0.0 };
+    let rim = if matches!(series.marks, Marks::Envelope(_)) { RIM } else { 0.0 };
     let stagger = TAG_DISTANCE / 4.0 * f64::from(style as u8 % 3 + 1);
     let mut next = f64::from(frame.area.left) + stagger;
     for place in places.iter().filter_map(|p| frame.at(p.0, p.1)) {
@@ -185,7 +215,7 @@ fn radius(count: usize) -> f64 {
 
 fn draw_line(canvas: &mut Canvas, frame: &Frame, points: &[(f64, f64)], style: Style) {
     let look = style.look();
-    let pieces = points.split(|&(x, y)| !usable(x) || !usable(y));
+    let pieces = points.split(|&(x, y)| !frame.takes_x(x) || !frame.takes_y(y));
     for piece in pieces.filter(|piece| !piece.is_empty()) {
         let places: Vec<Point> = piece.iter().filter_map(|p| frame.at(p.0, p.1)).collect();
         stroke(canvas, &places, &look);
@@ -243,7 +273,7 @@ fn draw_steps(canvas: &mut Canvas, frame: &Frame, steps: &[(f64, f64, f64)], loo
     let mut last: Option<(Point, f64)> = None;
     for &(start, end, y) in steps {
         let ends = frame.at(start.min(end), y).zip(frame.at(start.max(end), y));
-        let Some((from, to)) = ends.filter(|_| usable(start) && usable(end)) else {
+        let Some((from, to)) = ends.filter(|_| frame.takes_x(start) && frame.takes_x(end)) else {
             last = None;
             continue;
         };
@@ -345,13 +375,37 @@ pub(super) fn crossed(canvas: &mut Canvas, look: &Look, at: Point) {
     canvas.fill(look.ink, 1.0);
 }
 
+/// Fills a ribbon, or draws its edges: those of all ribbons lie on the tints.
+fn draw_ribbon(canvas: &mut Canvas, frame: &Frame, points: &[(f64, f64, f64)], style: Style, edges: bool) {
+    let look = style.look().edge();
+    let is_shown = |&(x, low, high): &(f64, f64, f64)| {
+        frame.takes_x(x) && usable(low) && usable(high) && (frame.takes_y(low) || frame.takes_y(high))
+    };
+    for piece in points.split(|point| !is_shown(point)).filter(|piece| !piece.is_empty()) {
+        let side = |end: fn(f64, f64) -> f64| -> Vec<Point> {
+            piece.iter().map(|&(x, low, high)| (frame.x(x), frame.y(end(low, high)))).collect()
+        };
+        let (low, high) = (side(f64::min), side(f64::max));
+        if !edges {
+            canvas.outline(low.into_iter().chain(high.into_iter().rev()));
+            canvas.fill(look.ink, RIBBON);
+        } else if piece.len() == 1 {
+            error_bar(canvas, high[0], (high[0].1, low[0].1), look.ink, true);
+        } else {
+            stroke(canvas, &low, &look);
+            stroke(canvas, &high, &look);
+        }
+    }
+}
+
 /// Fills between the extremes of the columns; the area breaks where columns are missing.
 fn draw_envelope(canvas: &mut Canvas, frame: &Frame, columns: &[Column], ink: RGBColor, alpha: f64) {
-    let mut distances: Vec<f64> = columns.windows(2).map(|w| w[1].x - w[0].x).collect();
+    let distance = |a: &Column, b: &Column| frame.x.span.scale.place(b.x) - frame.x.span.scale.place(a.x);
+    let mut distances: Vec<f64> = columns.windows(2).map(|w| distance(&w[0], &w[1])).collect();
     distances.sort_by(f64::total_cmp);
     let usual = distances.get(distances.len() / 2).copied().unwrap_or(0.0);
-    let is_usable = |c: &Column| usable(c.x) && usable(c.min) && usable(c.max);
-    let joined = |a: &Column, b: &Column| is_usable(a) && is_usable(b) && b.x - a.x <= usual * ENVELOPE_BREAK;
+    let is_usable = |c: &Column| frame.takes_x(c.x) && frame.takes_y(c.min) && frame.takes_y(c.max);
+    let joined = |a: &Column, b: &Column| is_usable(a) && is_usable(b) && distance(a, b) <= usual * ENVELOPE_BREAK;
     // Extent in each column of pixels, empty where it stays inverted.
     let left = f64::from(frame.area.left);
     let mut extents = vec![(f64::MAX, f64::MIN); (frame.area.right - frame.area.left) as usize];

@@ -10,12 +10,16 @@ mod encode;
 mod legend;
 pub mod lin;
 mod marks;
+pub mod offset;
+mod parts;
 mod style;
 mod text;
 
 use plotters::prelude::RGBColor;
 
-use axis::{Axis, Span, Tick, usable};
+pub use parts::Named;
+
+use axis::{Axis, Span, Tick};
 use canvas::{Canvas, Rect, rect};
 use legend::{Entry, LEGEND_ROW, draw_legend, entries, flow};
 use marks::{Frame, draw_series};
@@ -33,6 +37,8 @@ pub struct Figure {
     pub caption: String,
     /// Quantity and unit of the x axis.
     pub x_label: String,
+    /// Scale of the x axis.
+    pub x_scale: Scale,
     /// From top to bottom.
     pub panels: Vec<Panel>,
 }
@@ -42,10 +48,22 @@ pub struct Figure {
 pub struct Panel {
     /// Quantity and unit of the y axis.
     pub y_label: String,
+    /// Scale of the y axis.
+    pub y_scale: Scale,
     /// Data to show.
     pub series: Vec<Series>,
     /// Ranges of y to set off behind the data.
     pub bands: Vec<Band>,
+}
+
+/// How values are spread along an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Scale {
+    /// Equal differences are equal lengths.
+    #[default]
+    Linear,
+    /// Equal ratios are equal lengths; values that are not positive are left out.
+    Logarithmic,
 }
 
 /// Data drawn with one style.
@@ -81,7 +99,8 @@ pub enum Style {
 pub enum Marks {
     /// A few points (x, y), joined; a value that is not finite breaks the line.
     Line(Vec<(f64, f64)>),
-    /// Settings (start, end, y), with thin joins where they follow each other closely.
+    /// Settings (start, end, y), with thin joins where they follow each other closely; one that is
+    /// not finite in between parts them.
     Steps(Vec<(f64, f64, f64)>),
     /// Points (x, y, standard uncertainty).
     Points(Vec<(f64, f64, Option<f64>)>),
@@ -90,6 +109,9 @@ pub enum Marks {
     Rejected(Vec<(f64, f64)>),
     /// Dense data as the extent of each column.
     Envelope(Vec<Column>),
+    /// A band along a curve (x, low, high), behind everything else; an end that is not positive
+    /// lies below the panel of a logarithmic y axis.
+    Ribbon(Vec<(f64, f64, f64)>),
 }
 
 /// Extent of dense data in one column of a picture.
@@ -151,6 +173,7 @@ const TICK_SHARE: f64 = 0.075;
 /// A panel with its place on the page.
 struct Plot<'a> {
     panel: &'a Panel,
+    has_data: bool,
     /// Rows of the legend above the panel.
     legend: Vec<Vec<Entry>>,
     /// The y axis, unless there is nothing to show.
@@ -210,15 +233,16 @@ fn arrange(figure: &Figure, title_lines: i32, caption_lines: i32) -> (Vec<Plot<'
     let mut plots: Vec<Plot> = Vec::new();
     let mut spans = Vec::new();
     for panel in &figure.panels {
-        let span = y_span(panel);
-        let entries = entries(panel, span);
+        let scales = [figure.x_scale, panel.y_scale];
+        let span = y_span(panel, scales);
+        let entries = entries(panel, scales, span);
         // A legend that only repeats the one above is left out.
         let fresh = if entries == above { &[][..] } else { &entries };
         let legend = flow(fresh);
         let strip = LEAST_STRIP.max(LEGEND_ROW * legend.len() as i32);
         let area = rect(EDGE, strip, RIGHT, 0);
         spans.push(span);
-        plots.push(Plot { panel, legend, y: None, area });
+        plots.push(Plot { panel, has_data: has_data(panel, scales), legend, y: None, area });
         above = entries;
     }
     let count = plots.len() as i32;
@@ -256,9 +280,11 @@ fn y_names(plot: &Plot) -> Vec<String> {
 
 /// The range all panels share, with ticks whose labels leave a gap between them.
 fn x_axis(figure: &Figure, length: f64) -> Option<Axis> {
-    let mut span = Span::EMPTY;
-    for series in figure.panels.iter().flat_map(|panel| &panel.series) {
-        series.marks.visit(|x, _| span.add(x));
+    let mut span = Span::empty(figure.x_scale);
+    for panel in &figure.panels {
+        for series in &panel.series {
+            series.marks.visit([figure.x_scale, panel.y_scale], |x, _| span.add(x));
+        }
     }
     let room = |ticks: &[Tick], distance: f64| {
         let widths = ticks.iter().map(|t| text::width(&t.label, NUMBER.size));
@@ -268,28 +294,36 @@ fn x_axis(figure: &Figure, length: f64) -> Option<Axis> {
 }
 
 impl Band {
-    fn is_drawable(&self) -> bool {
-        usable(self.low) && usable(self.high)
+    fn is_drawable(&self, scale: Scale) -> bool {
+        scale.takes(self.low) && scale.takes(self.high)
     }
 }
 
+fn has_data(panel: &Panel, scales: [Scale; 2]) -> bool {
+    let mut any = false;
+    for series in &panel.series {
+        series.marks.visit(scales, |_, _| any = true);
+    }
+    any
+}
+
 /// The range of y: everything but rejected points far away, which would press the rest flat.
-fn y_span(panel: &Panel) -> Option<Span> {
-    let mut used = Span::EMPTY;
+fn y_span(panel: &Panel, scales: [Scale; 2]) -> Option<Span> {
+    let mut used = Span::empty(panel.y_scale);
     for series in &panel.series {
         if !matches!(series.marks, Marks::Rejected(_)) {
-            series.marks.visit(|_, y| used.add(y));
+            series.marks.visit(scales, |_, y| used.add(y));
         }
     }
     let has_data = !used.is_empty();
-    for band in panel.bands.iter().filter(|band| band.is_drawable()) {
+    for band in panel.bands.iter().filter(|band| band.is_drawable(panel.y_scale)) {
         used.add(band.low);
         used.add(band.high);
     }
     let near = used.padded(1.0).filter(|_| has_data);
     for series in &panel.series {
         if matches!(series.marks, Marks::Rejected(_)) {
-            series.marks.visit(|_, y| {
+            series.marks.visit(scales, |_, y| {
                 if near.is_none_or(|near| near.contains(y)) {
                     used.add(y);
                 }
@@ -304,11 +338,6 @@ fn draw_plot(canvas: &mut Canvas, plot: &Plot, x: Option<&Axis>) {
     let full = canvas.clip;
     let (left, top, right, bottom) = (area.left, area.top, area.right, area.bottom);
     let middle = f64::from(top + bottom) / 2.0;
-    let has_data = plot.panel.series.iter().any(|series| {
-        let mut any = false;
-        series.marks.visit(|_, _| any = true);
-        any
-    });
     if let Some(y) = &plot.y {
         draw_bands(canvas, plot, y, false);
         draw_y_ticks(canvas, area, y);
@@ -323,7 +352,7 @@ fn draw_plot(canvas: &mut Canvas, plot: &Plot, x: Option<&Axis>) {
         draw_series(canvas, &frame, plot.panel);
     }
     canvas.clip = full;
-    if !has_data {
+    if !plot.has_data {
         let centre = f64::from(left + right) / 2.0;
         canvas.text("no data", LABEL, (centre, middle + 8.0), 0.5, false);
     }
@@ -398,7 +427,7 @@ fn draw_x_labels(canvas: &mut Canvas, x: Option<&Axis>, name: &str, left: i32, b
 fn draw_bands(canvas: &mut Canvas, plot: &Plot, y: &Axis, edges: bool) {
     let area = plot.area;
     let bands = plot.panel.bands.iter().zip(BANDS.iter().cycle());
-    let mut bands: Vec<_> = bands.filter(|(band, _)| band.is_drawable()).collect();
+    let mut bands: Vec<_> = bands.filter(|(band, _)| band.is_drawable(plot.panel.y_scale)).collect();
     // Wide bands first, so that narrow ones inside them stay visible.
     let width = |band: &Band| (band.high - band.low).abs();
     bands.sort_by(|(a, _), (b, _)| width(b).total_cmp(&width(a)));
@@ -421,12 +450,16 @@ mod tests {
     use super::*;
 
     const ALL: [Style; 6] = Style::ALL;
+    const LINEAR: [Scale; 2] = [Scale::Linear; 2];
+    const SCALES: [Scale; 2] = [Scale::Linear, Scale::Logarithmic];
+    const KINDS: usize = 6;
 
     fn figure(panels: Vec<Panel>) -> Figure {
         Figure {
             title: "Residuals".to_string(),
             caption: "Nothing to see but the residuals.".to_string(),
             x_label: "field (nT)".to_string(),
+            x_scale: Scale::Linear,
             panels,
         }
     }
@@ -435,6 +468,7 @@ mod tests {
         let series = marks.into_iter().zip(ALL.iter().cycle());
         Panel {
             y_label: "residual (nT)".to_string(),
+            y_scale: Scale::Linear,
             series: series
                 .enumerate()
                 .map(|(n, (marks, &style))| Series { label: format!("series {n}"), style, marks })
@@ -452,6 +486,7 @@ mod tests {
             Marks::Points(values.iter().map(|&(x, y)| (x, y, Some(y))).collect()),
             Marks::Rejected(values.to_vec()),
             Marks::Envelope(columns.collect()),
+            Marks::Ribbon(values.iter().map(|&(x, y)| (x, y, y * 1.5)).collect()),
         ];
         kinds.extend(kinds.clone());
         kinds
@@ -520,7 +555,7 @@ mod tests {
     #[test]
     fn all_styles_and_marks_are_seen() {
         let values: Vec<(f64, f64)> = (0..30).map(|n| (f64::from(n), f64::from(n * n))).collect();
-        for marks in &every_kind(&values)[..5] {
+        for marks in &every_kind(&values)[..KINDS] {
             for style in ALL {
                 let mut one = panel([marks.clone()]);
                 one.series[0].style = style;
@@ -539,8 +574,12 @@ mod tests {
                 let values = [(a, b), (b, a), (1.0, a), (a, 1.0), (b, b), (2.0, 3.0)];
                 let mut one = panel(every_kind(&values));
                 one.bands.push(Band { label: "band".to_string(), low: a, high: b });
+                let mut one = figure(vec![one]);
                 // Rendering must succeed, whatever is left to draw.
-                render(&figure(vec![one])).expect("rendered");
+                render(&one).expect("rendered");
+                one.x_scale = Scale::Logarithmic;
+                one.panels[0].y_scale = Scale::Logarithmic;
+                render(&one).expect("rendered");
             }
         }
     }
@@ -548,24 +587,29 @@ mod tests {
     #[test]
     fn few_values_are_enough() {
         for values in [&[][..], &[(1.0, 2.0)], &[(1.0, 2.0); 5]] {
-            for marks in every_kind(values).into_iter().take(5) {
-                Picture::of(&figure(vec![panel([marks]), panel([])]));
+            for marks in every_kind(values).into_iter().take(KINDS) {
+                for scale in SCALES {
+                    let mut one = figure(vec![panel([marks.clone()]), panel([])]);
+                    one.x_scale = scale;
+                    one.panels[0].y_scale = scale;
+                    Picture::of(&one);
+                }
             }
         }
     }
 
     #[test]
     fn an_empty_panel_has_no_range() {
-        assert_eq!(y_span(&panel([])), None);
+        assert_eq!(y_span(&panel([]), LINEAR), None);
         let nothing = Marks::Points(vec![(f64::NAN, 1.0, None), (1.0, f64::NAN, Some(1.0))]);
-        assert_eq!(y_span(&panel([nothing])), None);
+        assert_eq!(y_span(&panel([nothing]), LINEAR), None);
     }
 
     #[test]
     fn error_bars_and_bands_lie_within_the_range() {
         let mut one = panel([Marks::Points(vec![(0.0, 1.0, Some(5.0)), (1.0, 2.0, None)])]);
         one.bands.push(Band { label: String::new(), low: -8.0, high: 3.0 });
-        let span = y_span(&one).expect("data");
+        let span = y_span(&one, LINEAR).expect("data");
         assert!(span.contains(6.0) && span.contains(-8.0));
     }
 
@@ -573,12 +617,12 @@ mod tests {
     fn far_rejected_points_do_not_stretch_the_range() {
         let used = Marks::Points(vec![(0.0, -1.0, None), (1.0, 1.0, None)]);
         let one = panel([used, Marks::Rejected(vec![(0.5, 2.5), (0.6, 900.0)])]);
-        let span = y_span(&one).expect("data");
+        let span = y_span(&one, LINEAR).expect("data");
         assert!(span.contains(2.5) && span.high < 4.0);
-        let labels: Vec<_> = entries(&one, Some(span)).into_iter().collect();
+        let labels: Vec<_> = entries(&one, LINEAR, Some(span)).into_iter().collect();
         assert_eq!(labels.len(), 2);
         let only = panel([Marks::Rejected(vec![(0.5, 2.5), (0.6, 900.0)])]);
-        assert!(y_span(&only).is_some_and(|span| span.contains(900.0)));
+        assert!(y_span(&only, LINEAR).is_some_and(|span| span.contains(900.0)));
     }
 
     #[test]
@@ -588,14 +632,78 @@ mod tests {
                 let scale = 10f64.powi(exponent);
                 let line = Marks::Line(vec![(low * scale, 0.0), (high * scale, 1.0)]);
                 let axis = x_axis(&figure(vec![panel([line])]), 1050.0).expect("data");
-                for pair in axis.ticks.windows(2) {
-                    let place = |tick: &Tick| axis.at(tick.value, 0.0, 1050.0);
-                    let half = |tick: &Tick| text::width(&tick.label, NUMBER.size) / 2.0;
-                    let gap = place(&pair[1]) - place(&pair[0]) - half(&pair[0]) - half(&pair[1]);
-                    assert!(gap > 15.0, "{pair:?}");
-                }
+                assert_apart(&axis);
+            }
+            for high in [1.0001, 1.4, 3.3, 12.0, 99.0, 120.0, 1e5, 1e11, 1e40] {
+                let scale = 1.3 * 10f64.powi(exponent);
+                let mut one = figure(vec![panel([Marks::Line(vec![(scale, 0.0), (high * scale, 1.0)])])]);
+                one.x_scale = Scale::Logarithmic;
+                assert_apart(&x_axis(&one, 1050.0).expect("data"));
             }
         }
+    }
+
+    fn assert_apart(axis: &Axis) {
+        assert!(axis.ticks.len() > 1, "{axis:?}");
+        for pair in axis.ticks.windows(2) {
+            let place = |tick: &Tick| axis.at(tick.value, 0.0, 1050.0);
+            let half = |tick: &Tick| text::width(&tick.label, NUMBER.size) / 2.0;
+            let gap = place(&pair[1]) - place(&pair[0]) - half(&pair[0]) - half(&pair[1]);
+            assert!(gap > 15.0, "{pair:?}");
+        }
+    }
+
+    #[test]
+    fn values_that_are_not_positive_are_left_out_of_logarithmic_panels() {
+        let values = [(-1.0, 5.0), (0.0, 5.0), (2.0, -7.0), (2.0, 0.0)];
+        let mut one = figure(vec![panel(every_kind(&values).into_iter().take(KINDS))]);
+        one.x_scale = Scale::Logarithmic;
+        one.panels[0].y_scale = Scale::Logarithmic;
+        let scales = [Scale::Logarithmic; 2];
+        assert!(!has_data(&one.panels[0], scales));
+        assert!(y_span(&one.panels[0], scales).is_none() && x_axis(&one, 1050.0).is_none());
+        Picture::of(&one);
+    }
+
+    #[test]
+    fn errors_and_ribbons_may_reach_below_a_logarithmic_panel() {
+        let mut one = panel([
+            Marks::Points(vec![(1.0, 2.0, Some(3.0)), (2.0, 4.0, None)]),
+            Marks::Ribbon(vec![(1.0, -1.0, 8.0), (2.0, 0.0, 8.0)]),
+        ]);
+        one.y_scale = Scale::Logarithmic;
+        let span = y_span(&one, SCALES).expect("data");
+        assert!(span.contains(2.0) && span.contains(8.0) && !span.contains(1.0));
+        let both = Picture::of(&figure(vec![one.clone()]));
+        one.series.truncate(1);
+        let points = Picture::of(&figure(vec![one]));
+        let tinted = |picture: &Picture| picture.rgb.chunks_exact(3).filter(|p| p[0] > p[2] && p[2] > 200).count();
+        assert!(tinted(&both) > tinted(&points) + 100_000);
+    }
+
+    #[test]
+    fn overlapping_ribbons_are_told_apart() {
+        let ribbon = |shift: f64| Marks::Ribbon((0..90).map(|n| (f64::from(n), shift, shift + 10.0)).collect());
+        let one = panel([ribbon(0.0), ribbon(3.0), ribbon(6.0)]);
+        assert_eq!(entries(&one, LINEAR, y_span(&one, LINEAR)).len(), 3);
+        let picture = Picture::of(&figure(vec![one]));
+        for style in &ALL[..3] {
+            assert!(picture.count(*style) > 300, "{style:?}");
+        }
+        let mut tints: Vec<&[u8]> = picture.rgb.chunks_exact(3).collect();
+        tints.sort();
+        let areas = tints.chunk_by(|a, b| a == b).filter(|area| area.len() > 20_000);
+        // The page and five different overlaps.
+        assert_eq!(areas.count(), 6);
+    }
+
+    #[test]
+    fn reference_steps_carry_no_tags() {
+        let steps = |y: f64| Marks::Steps((0..9).map(|n| (f64::from(n), f64::from(n) + 0.5, y)).collect());
+        let mut one = panel([steps(1.0), steps(2.0)]);
+        assert!(marks::is_tagged(&one));
+        one.series[1].style = Style::Reference;
+        assert!(!marks::is_tagged(&one));
     }
 
     #[test]

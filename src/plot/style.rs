@@ -35,9 +35,9 @@ pub(super) struct Look {
 }
 
 impl Look {
-    /// Without dashes: the level pieces of steps are often shorter than a dash.
-    pub(super) fn solid(self) -> Look {
-        Look { dashes: &[], ..self }
+    /// For the outline of an area.
+    pub(super) fn edge(self) -> Look {
+        Look { width: 1.5, ..self }
     }
 }
 
@@ -81,5 +81,13 @@ impl Style {
             Style::Second => look(RGBColor(204, 121, 167), 2.5, &[14.0, 8.0], DIAMOND),
             Style::Reference => look(RGBColor(100, 100, 100), 2.0, &[22.0, 8.0], FALLING),
         }
+    }
+
+    /// The level pieces of steps, which are often shorter than a dash: without dashes, and those
+    /// of a reference thinner than any other.
+    pub(super) fn level(self) -> Look {
+        let look = self.look();
+        let width = if self == Style::Reference { 1.0 } else { look.width };
+        Look { width, dashes: &[], ..look }
     }
 }

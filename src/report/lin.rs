@@ -1,19 +1,10 @@
 //! The report table of a linear calibration: the blocks of BC-MAG-TR-0085 section 3.4.1 in their order.
 
-use super::{or_not_stated, table};
+use super::{degc, not_used, or_not_stated, remarks, run_line, table, used_file};
 use crate::analysis::lin::Lin;
 use crate::formats::parameter::{Body, Cpf};
-use crate::provenance::Provenance;
 use crate::units::{degrees_minutes_seconds, with_uncertainty};
 use std::fmt::Write;
-
-/// A figure that the report shows.
-pub struct FigureLink {
-    /// File name beside the report.
-    pub file: String,
-    /// What it shows.
-    pub title: String,
-}
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
@@ -24,70 +15,47 @@ fn matrix(rows: &[[f64; 3]; 3]) -> String {
     format!("{}\n", lines.join("\n"))
 }
 
-fn degc(value: Option<f64>) -> String {
-    value.map_or_else(|| "not recorded".to_owned(), |v| format!("{v:.1} °C"))
-}
-
-/// The report as Markdown.
+/// The blocks of the report with headings of the given level.
 #[must_use]
-pub fn markdown(lin: &Lin, provenance: &Provenance, figures: &[FigureLink]) -> String {
+pub fn sections(lin: &Lin, level: usize) -> String {
     let p = &lin.parameters;
-    let mut out =
-        format!("<!-- written by calfit {} -->\n# Calibration on 3 linear axes, run {}\n\n", provenance.tool_version, p.run.id);
-    for warning in p.warnings.iter().filter(|w| w.starts_with("AXES") || w.starts_with("FIT")) {
-        let _ = writeln!(out, "> **WARNING** {warning}\n");
-    }
-    let mut files = vec![vec![
-        "CCD file".to_owned(),
-        "configuration".to_owned(),
-        "sensor".to_owned(),
-        "mode".to_owned(),
-        "SHA-256".to_owned(),
-    ]];
-    for input in provenance.input.iter().filter(|i| i.path != "campaign.toml") {
-        files.push(vec![
-            input.path.clone(),
-            or_not_stated(&p.run.configuration).to_owned(),
-            or_not_stated(&p.run.sensor).to_owned(),
-            or_not_stated(&p.run.mode).to_owned(),
-            format!("`{}`", input.sha256.get(..16).unwrap_or_default()),
-        ]);
-    }
-    let _ = writeln!(
-        out,
-        "## Used files\n\n{}\nParameter file: `{}`, start of the run {}.\n",
-        table(&files),
-        p.file_name(),
-        p.run.start
-    );
-    facility(&mut out, p);
-    offset(&mut out, p);
-    raw_data(&mut out, p);
-    parameters(&mut out, p);
-    model_quality(&mut out, lin);
-    uncertainty(&mut out, p);
-    notes(&mut out, p);
-    if !figures.is_empty() {
-        let _ = writeln!(out, "## Figures\n");
-        for figure in figures {
-            let _ = writeln!(out, "![{}]({})\n", figure.title, figure.file);
-        }
-    }
-    let _ = writeln!(
-        out,
-        "---\nMade by {} {} ({}), `{}`, {}.",
-        provenance.tool, provenance.tool_version, provenance.build, provenance.command, provenance.created
-    );
+    let mut out = used_file(&p.run, &p.file_name(), level);
+    let head = "#".repeat(level);
+    facility(&mut out, p, &head);
+    offset(&mut out, p, &head);
+    raw_data(&mut out, p, &head);
+    parameters(&mut out, p, &head);
+    model_quality(&mut out, lin, &head);
+    uncertainty(&mut out, p, &head);
+    notes(&mut out, p, &head);
     out
 }
 
-fn facility(out: &mut String, p: &Cpf) {
-    let axes = &p.run.position_axes;
+/// A few lines for the terminal.
+#[must_use]
+pub fn summary(lin: &Lin) -> String {
+    let p = &lin.parameters;
+    let sigma: Vec<String> = (0..3).map(|i| with_uncertainty(p.matrix.sigma[i][i], p.std.sigma[i])).collect();
+    let b_or: Vec<String> = (0..3).map(|i| with_uncertainty(p.offset.b_or_ent[i], p.std.b_or_ent[i])).collect();
+    let residual = p.quality.residual_nt.std.map(|s| format!("{s:.3}"));
+    format!(
+        "{}  {} of {} blocks\n  σ     {}  nT/enT\n  B_or  {}  enT\n  residual standard deviation {}  nT (X, Y, Z)\n",
+        run_line(&p.run),
+        p.quality.blocks_used,
+        p.quality.blocks_total,
+        sigma.join(", "),
+        b_or.join(", "),
+        residual.join(", "),
+    )
+}
+
+fn facility(out: &mut String, p: &Cpf, head: &str) {
+    let axes = &p.setup.position_axes;
     let _ = writeln!(
         out,
-        "## Facility parameter\n\nNominal sensor setup, position {}: X_m = {}_c, Y_m = {}_c, Z_m = {}_c; `R_nom` takes nominal sensor coordinates to \
+        "{head} Facility parameter\n\nNominal sensor setup, position {}: X_m = {}_c, Y_m = {}_c, Z_m = {}_c; `R_nom` takes nominal sensor coordinates to \
          coil coordinates:\n\n{}\nCalculated sensor rotation `ρ`:\n\n{}",
-        p.run.position,
+        p.setup.position,
         axes[0],
         axes[1],
         axes[2],
@@ -118,8 +86,8 @@ fn facility(out: &mut String, p: &Cpf) {
         ("Determinant of the rotation matrix", format!("{:.5}", p.quality.rotation_determinant)),
         ("Nominal field source", or_not_stated(&p.run.field_source).to_owned()),
         ("Campaign", p.run.campaign.clone()),
-        ("Fields applied for", format!("{:.1} s", p.run.field_duration_s)),
-        ("Left out after a step", format!("{:.2} s", p.run.settling_s)),
+        ("Fields applied for", format!("{:.1} s", p.setup.field_duration_s)),
+        ("Left out after a step", format!("{:.2} s", p.setup.settling_s)),
         ("Mean sensor temperature", degc(p.run.temperature_degc)),
         ("Mean coil system temperature", degc(p.run.coil_temperature_degc)),
         ("Automatic coil correction", correction.to_owned()),
@@ -130,7 +98,7 @@ fn facility(out: &mut String, p: &Cpf) {
     let _ = writeln!(out, "{}", table(&list));
 }
 
-fn offset(out: &mut String, p: &Cpf) {
+fn offset(out: &mut String, p: &Cpf, head: &str) {
     let trend = match p.offset.trend_order {
         0 => "A constant offset was fitted together with the sensor model.".to_owned(),
         order => format!("A polynomial offset trend of order {order} was fitted together with the sensor model."),
@@ -140,13 +108,13 @@ fn offset(out: &mut String, p: &Cpf) {
         .collect();
     let _ = writeln!(
         out,
-        "## Offset treatment\n\n{trend}\n\nMean coil system residual + sensor offset `B_or`, along the sensor axes: {}\n",
+        "{head} Offset treatment\n\n{trend}\n\nMean coil system residual + sensor offset `B_or`, along the sensor axes: {}\n",
         values.join(", ")
     );
 }
 
-fn raw_data(out: &mut String, p: &Cpf) {
-    let _ = writeln!(out, "## Raw data quality\n");
+fn raw_data(out: &mut String, p: &Cpf, head: &str) {
+    let _ = writeln!(out, "{head} Raw data quality\n");
     match &p.quality.raw_std_ent {
         None => {
             let _ = writeln!(out, "The file brings plateau means without standard deviations.\n");
@@ -166,8 +134,8 @@ fn raw_data(out: &mut String, p: &Cpf) {
     );
 }
 
-fn parameters(out: &mut String, p: &Cpf) {
-    let _ = writeln!(out, "## Calibration parameter\n");
+fn parameters(out: &mut String, p: &Cpf, head: &str) {
+    let _ = writeln!(out, "{head} Calibration parameter\n");
     for (name, rows) in [
         ("Transfer matrix `Φ = R_nom ρ ω σ`, nT/enT", &p.matrix.phi),
         ("Reduced transfer matrix `φ̃ = ω σ`, nT/enT", &p.matrix.phi_tilde),
@@ -184,23 +152,23 @@ fn parameters(out: &mut String, p: &Cpf) {
     let _ = writeln!(out, "{}", table(&rows));
 }
 
-fn model_quality(out: &mut String, lin: &Lin) {
+fn model_quality(out: &mut String, lin: &Lin, head: &str) {
     let q = &lin.parameters.quality.residual_nt;
     let mut rows = vec![["values in nT, coil axes", "X", "Y", "Z"].map(str::to_owned).to_vec()];
     for (name, v) in [("standard deviation", q.std), ("maximum error", q.max), ("minimum error", q.min)] {
         rows.push(vec![name.to_owned(), format!("{:.3}", v[0]), format!("{:.3}", v[1]), format!("{:.3}", v[2])]);
     }
-    let _ = writeln!(out, "## Model quality\n\nApplied field minus modelled measurement, `B_c - Φ B_m`:\n\n{}", table(&rows));
+    let _ = writeln!(out, "{head} Model quality\n\nApplied field minus modelled measurement, `B_c - Φ B_m`:\n\n{}", table(&rows));
 }
 
-fn uncertainty(out: &mut String, p: &Cpf) {
+fn uncertainty(out: &mut String, p: &Cpf, head: &str) {
     let mut rows = vec![["sensitivity", "nT/enT ± standard uncertainty"].map(str::to_owned).to_vec()];
     for i in 0..3 {
         rows.push(vec![format!("σ_{}", ["x", "y", "z"][i]), with_uncertainty(p.matrix.sigma[i][i], p.std.sigma[i])]);
     }
     let _ = writeln!(
         out,
-        "## Uncertainty\n\n{}\nStandard uncertainties (coverage factor 1) from the scatter of the plateau means about the model, type A only: \
+        "{head} Uncertainty\n\n{}\nStandard uncertainties (coverage factor 1) from the scatter of the plateau means about the model, type A only: \
          the uncertainty of the coil constants, of the coil angles and of the temperature is not in them. {} degrees of freedom per component, \
          condition number {:.2}. Noise of a plateau mean {:.3}, {:.3}, {:.3} enT, of which a part of {:.2}, {:.2}, {:.2} of the variance is \
          correlated from plateau to plateau ({:.0}, {:.0}, {:.0} effective plateaus). The full covariance is in the parameter file.\n",
@@ -219,42 +187,27 @@ fn uncertainty(out: &mut String, p: &Cpf) {
     );
 }
 
-fn notes(out: &mut String, p: &Cpf) {
+fn notes(out: &mut String, p: &Cpf, head: &str) {
     let field = p.valid.field_coil_nt.map(|[low, high]| format!("{low:.0} to {high:.0} nT"));
     let temperature =
         p.valid.temperature_degc.map_or_else(|| "not recorded".to_owned(), |[low, high]| format!("{low:.1} to {high:.1} °C"));
     let _ = writeln!(
         out,
-        "## Validity\n\nFields X {}, Y {}, Z {} (coil axes); sensor temperature {temperature}. The results hold for the sensor and mode named above.\n",
+        "{head} Validity\n\nFields X {}, Y {}, Z {} (coil axes); sensor temperature {temperature}. The results hold for the sensor and mode named above.\n",
         field[0], field[1], field[2]
     );
-    if !p.dropped.is_empty() {
-        let mut rows = vec![["block", "begin, s", "X, nT", "Y, nT", "Z, nT", "not used because"].map(str::to_owned).to_vec()];
-        for d in &p.dropped {
-            let [x, y, z] = d.field_coil_nt.map(|v| format!("{v:.2}"));
-            rows.push(vec![d.block.to_string(), format!("{:.1}", d.t_start_s), x, y, z, d.reason.clone()]);
-        }
-        let _ = writeln!(out, "## Plateaus not used\n\n{}", table(&rows));
-    }
-    if !p.warnings.is_empty() {
-        let list: Vec<String> = p.warnings.iter().map(|w| format!("- {w}")).collect();
-        let _ = writeln!(out, "## Remarks\n\n{}\n", list.join("\n"));
-    }
+    out.push_str(&not_used(&p.dropped, head.len()));
+    out.push_str(&remarks(&p.warnings, head.len()));
 }
 
 /// One row per run, for a campaign.
 #[cfg(feature = "tables")]
 #[must_use]
-pub fn parameter_table(runs: &[Lin]) -> crate::formats::table::Table {
+pub fn parameter_table(runs: &[&Lin]) -> crate::formats::table::Table {
     use crate::formats::table::{Table, Values};
     let mut table = Table::default();
-    let text = |get: &dyn Fn(&Cpf) -> &str| Values::Text(runs.iter().map(|l| get(&l.parameters).to_owned()).collect());
     let numbers = |get: &dyn Fn(&Cpf) -> f64| Values::Numbers(runs.iter().map(|l| get(&l.parameters)).collect());
-    table.push("run", text(&|p| &p.run.id));
-    table.push("sensor", text(&|p| &p.run.sensor));
-    table.push("mode", text(&|p| &p.run.mode));
-    table.push("temperature_degc", numbers(&|p| p.run.temperature_degc.unwrap_or(f64::NAN)));
-    table.push("coil_temperature_degc", numbers(&|p| p.run.coil_temperature_degc.unwrap_or(f64::NAN)));
+    super::head_columns(&mut table, runs.iter().map(|l| &l.parameters.run));
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
         table.push(&format!("sigma_{axis}"), numbers(&|p| p.matrix.sigma[i][i]));
         table.push(&format!("sigma_{axis}_std"), numbers(&|p| p.std.sigma[i]));

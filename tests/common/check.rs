@@ -58,7 +58,12 @@ impl Case {
 
     /// `calfit lin` on the campaign.
     pub fn lin(&self, arguments: &[&str]) -> Output {
-        calfit().arg("lin").arg(self.campaign()).arg("-o").arg(self.out()).args(arguments).output().unwrap()
+        self.run("lin", arguments)
+    }
+
+    /// A command on the campaign.
+    pub fn run(&self, command: &str, arguments: &[&str]) -> Output {
+        calfit().arg(command).arg(self.campaign()).arg("-o").arg(self.out()).args(arguments).output().unwrap()
     }
 
     /// `calfit lin` on the campaign, which must succeed; its messages.
@@ -86,8 +91,12 @@ pub fn text(bytes: &[u8]) -> String {
 }
 
 pub fn cpf(out: &Path, run: &str) -> toml_edit::DocumentMut {
-    let path = out.join(run).join(format!("PARAMETER_LIN__{run}.CPF"));
-    fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display())).parse().unwrap()
+    parameters(&out.join(run).join(format!("PARAMETER_LIN__{run}.CPF")))
+}
+
+/// A parameter file.
+pub fn parameters(path: &Path) -> toml_edit::DocumentMut {
+    fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display())).parse().unwrap()
 }
 
 /// The text of a parameter file from the first table after the provenance on: its numbers and nothing that depends on the input's

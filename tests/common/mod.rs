@@ -117,6 +117,15 @@ pub struct Setting {
     pub t_start: f64,
     pub t_end: f64,
     pub field: [f64; 3],
+    /// Hz; above 0 the field is the amplitude of a sine.
+    pub frequency: f64,
+    pub position: u32,
+}
+
+impl Setting {
+    pub fn constant(t_start: f64, t_end: f64, field: [f64; 3], position: u32) -> Self {
+        Self { t_start, t_end, field, frequency: 0.0, position }
+    }
 }
 
 /// Levels on each axis in turn, zero field before, between and after.
@@ -131,7 +140,7 @@ pub fn programme(levels_nt: &[f64], plateau_s: f64) -> Vec<Setting> {
         fields.push([0.0; 3]);
     }
     let settings = fields.into_iter().enumerate();
-    settings.map(|(i, field)| Setting { t_start: i as f64 * plateau_s, t_end: (i + 1) as f64 * plateau_s, field }).collect()
+    settings.map(|(i, field)| Setting::constant(i as f64 * plateau_s, (i + 1) as f64 * plateau_s, field, 1)).collect()
 }
 
 /// A measurement to be made.
@@ -139,16 +148,47 @@ pub fn programme(levels_nt: &[f64], plateau_s: f64) -> Vec<Setting> {
 pub struct Plan {
     pub truth: Truth,
     pub settings: Vec<Setting>,
+    /// Axes of the positions; a position that is not listed is that of the truth.
+    pub positions: Vec<(u32, [&'static str; 3])>,
+    /// Residual field of the coil system, nT, coil axes.
+    pub residual_nt: [f64; 3],
+    /// Nominal sample rate.
     pub rate_hz: f64,
+    /// Real sample rate over the nominal one.
+    pub rate_factor: f64,
+    /// -3 dB frequency of a first-order low-pass in each component.
+    pub corner_hz: Option<[f64; 3]>,
     pub noise_ent: f64,
     pub seed: u64,
+}
+
+/// Sines one after the other on the Y coil axis, as in FREQ2000, with a pause of half a second between them.
+pub fn sines(frequencies_hz: &[f64], amplitude_nt: f64) -> Vec<Setting> {
+    let mut t = 1.0;
+    let setting = |frequency: &f64| {
+        let t_start = t;
+        let t_end = t_start + (5.0 / frequency).max(12.0);
+        t = t_end + 0.5;
+        Setting { t_start, t_end, field: [0.0, amplitude_nt, 0.0], frequency: *frequency, position: 1 }
+    };
+    frequencies_hz.iter().map(setting).collect()
 }
 
 impl Default for Plan {
     /// 22 plateaus of 2 s at 128 Hz.
     fn default() -> Self {
         let settings = programme(&[-2000.0, -1200.0, -400.0, 400.0, 1200.0, 2000.0], 2.0);
-        Self { truth: Truth::default(), settings, rate_hz: 128.0, noise_ent: 0.05, seed: 1 }
+        Self {
+            truth: Truth::default(),
+            settings,
+            positions: Vec::new(),
+            residual_nt: [0.0; 3],
+            rate_hz: 128.0,
+            rate_factor: 1.0,
+            corner_hz: None,
+            noise_ent: 0.05,
+            seed: 1,
+        }
     }
 }
 
@@ -184,16 +224,43 @@ pub struct Run {
 }
 
 impl Plan {
+    /// Response in a position, and the reading there without an applied field.
+    fn place(&self, position: u32) -> ([[f64; 3]; 3], [f64; 3]) {
+        let axes = self.positions.iter().find(|(id, _)| *id == position).map_or(self.truth.axes, |(_, axes)| *axes);
+        let truth = Truth { axes, ..self.truth.clone() };
+        (truth.response(), truth.reading(self.residual_nt))
+    }
+
     /// Samples stand in the middle of their periods, so that none lies on the edge of a setting.
     pub fn run(&self) -> Run {
         let mut gauss = Gauss(self.seed);
         let end = self.settings.last().map_or(0.0, |s| s.t_end);
         let count = (end * self.rate_hz).round() as u64;
-        let readings: Vec<[f64; 3]> = self.settings.iter().map(|s| self.truth.reading(s.field)).collect();
+        // Response and zero level in the position of every setting.
+        let places: Vec<([[f64; 3]; 3], [f64; 3])> = self.settings.iter().map(|s| self.place(s.position)).collect();
         let samples = (0..count).map(|n| {
-            let t = (n as f64 + 0.5) / self.rate_hz;
-            let at = self.settings.iter().position(|s| t < s.t_end).unwrap();
-            Sample { n, t, reading: readings[at].map(|r| r + self.noise_ent * gauss.normal()) }
+            let t = (n as f64 + 0.5) / (self.rate_hz * self.rate_factor);
+            let Some(at) = self.settings.iter().position(|s| t < s.t_end) else {
+                return Sample { n, t, reading: places[0].1.map(|z| z + self.noise_ent * gauss.normal()) };
+            };
+            let (setting, (response, zero)) = (&self.settings[at], &places[at]);
+            let on = setting.t_start <= t;
+            let reading = std::array::from_fn(|i| {
+                let full: f64 = (0..3).map(|j| response[i][j] * setting.field[j]).sum();
+                let field = match (on, setting.frequency) {
+                    (false, _) => 0.0,
+                    (true, 0.0) => full,
+                    (true, f) => {
+                        let (gain, delay) = self.corner_hz.map_or((1.0, 0.0), |c| {
+                            let ratio = f / c[i];
+                            (1.0 / (1.0 + ratio * ratio).sqrt(), ratio.atan())
+                        });
+                        full * gain * (std::f64::consts::TAU * (f * t).fract() - delay).sin()
+                    }
+                };
+                zero[i] + field + self.noise_ent * gauss.normal()
+            });
+            Sample { n, t, reading }
         });
         let keys = [
             ("run", "\"13-04-03_09-22-38\""),
@@ -335,8 +402,8 @@ impl Run {
             match *section {
                 "@FIELDS" => {
                     out.push_str("t_start,t_end,bx,by,bz,frequency,position\n");
-                    for Setting { t_start, t_end, field: [x, y, z] } in &self.settings {
-                        let _ = writeln!(out, "{t_start:.3},{t_end:.3},{x:.2},{y:.2},{z:.2},0,1");
+                    for Setting { t_start, t_end, field: [x, y, z], frequency, position } in &self.settings {
+                        let _ = writeln!(out, "{t_start:.3},{t_end:.3},{x:.2},{y:.2},{z:.2},{frequency},{position}");
                     }
                 }
                 "@TEMPERATURES" => {

@@ -1,10 +1,7 @@
 //! CPF: the linear calibration of one run.
 
-use super::Body;
+use super::{Body, Conditions, Dropped, Rows, RunHead};
 use serde::{Deserialize, Serialize};
-
-/// Three rows of three.
-pub type Rows = [[f64; 3]; 3];
 
 /// What the numbers mean.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,8 +32,10 @@ impl Default for Convention {
 pub struct Cpf {
     /// What the numbers mean.
     pub convention: Convention,
-    /// Run and conditions.
-    pub run: RunPart,
+    /// The run.
+    pub run: RunHead,
+    /// Position and timing.
+    pub setup: Setup,
     /// `Φ` and its parts.
     pub matrix: Matrices,
     /// Angles, degrees.
@@ -71,34 +70,17 @@ impl Body for Cpf {
     }
 }
 
-/// The run.
+impl Cpf {
+    /// Name of the file that a thermal group rests on.
+    #[must_use]
+    pub fn thermal_file_name(&self) -> String {
+        format!("PARAMETER_TEMPLIN__{}.CPF", self.run.id)
+    }
+}
+
+/// How the run was made and cut.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RunPart {
-    /// Run id.
-    pub id: String,
-    /// Sensor.
-    pub sensor: String,
-    /// Mode.
-    pub mode: String,
-    /// Mean sensor temperature, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub temperature_degc: Option<f64>,
-    /// Mean coil-system temperature, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub coil_temperature_degc: Option<f64>,
-    /// Campaign and instrument, or what was assumed without a campaign file.
-    pub campaign: String,
-    /// Start, UTC.
-    pub start: String,
-    /// Field programme.
-    pub configuration: String,
-    /// Source of the field.
-    pub field_source: String,
-    /// Whether the facility corrected its coil parameters.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub coil_correction: Option<bool>,
-    /// Earth-field compensation per coil axis.
-    pub earthfield_compensation: Vec<String>,
+pub struct Setup {
     /// Id of the position.
     pub position: u32,
     /// Sensor axes along coil axes.
@@ -258,32 +240,4 @@ pub struct Validity {
     pub temperature_degc: Option<[f64; 2]>,
     /// First and last used time, s since the run's start.
     pub time_s: [f64; 2],
-}
-
-/// Temperatures during the run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Conditions {
-    /// Channel of the sensor temperature.
-    pub sensor_channel: String,
-    /// Smallest, mean and largest sensor temperature, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sensor_degc: Option<[f64; 3]>,
-    /// Channel of the coil temperature.
-    pub coil_channel: String,
-    /// Smallest, mean and largest coil temperature, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub coil_degc: Option<[f64; 3]>,
-}
-
-/// A plateau that was not used.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Dropped {
-    /// Index of the setting, from 1.
-    pub block: usize,
-    /// Begin of the setting, s.
-    pub t_start_s: f64,
-    /// Field, nT, coil axes.
-    pub field_coil_nt: [f64; 3],
-    /// Why.
-    pub reason: String,
 }

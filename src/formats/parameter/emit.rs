@@ -1,4 +1,5 @@
-//! TOML text of a tree of values: keys first, then tables, in the order they come; numbers to their last digit.
+//! TOML text of a tree of values: keys first, then tables, in the order they come; numbers to their last digit. A null in a list is
+//! a number that is none, nan.
 
 use serde_json::{Map, Value};
 use std::fmt::Write;
@@ -46,7 +47,7 @@ fn text(value: &str) -> String {
 
 fn inline(value: &Value, top: bool) -> String {
     match value {
-        Value::Null => "\"\"".to_owned(),
+        Value::Null => "nan".to_owned(),
         Value::Bool(b) => b.to_string(),
         Value::Number(n) => match n.as_f64() {
             // `{:?}` is the shortest text that reads back as the same number, with an exponent where one is short.

@@ -5,12 +5,19 @@
 
 mod cpf;
 mod emit;
+mod fpf;
+mod head;
+mod opf;
+mod point;
+mod thermal;
 
-pub use cpf::{
-    Angles, Conditions, Convention, Covariance, Cpf, Dropped, Matrices, Noise, Offset, Quality, RunPart, Spread, Std, Summary,
-    Validity,
-};
+pub use cpf::{Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Quality, Setup, Spread, Std, Summary, Validity};
 pub use emit::toml;
+pub use fpf::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
+pub use head::{Conditions, Dropped, Rows, RunHead};
+pub use opf::{Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
+pub use point::{Point, RunPoint, Values, read_point};
+pub use thermal::{JointPart, QuantityPart, ResidualField, Rotation, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
 
 use super::source::{hex, read_whole};
 use crate::error::Finding;
@@ -23,6 +30,8 @@ use std::path::Path;
 pub trait Body: Serialize + DeserializeOwned {
     /// Value of `format`.
     const FORMAT: &'static str;
+    /// Keys whose lists may hold nan, which stands for a value that was not determined.
+    const MAY_LACK: &'static [&'static str] = &[];
     /// File name for a run.
     fn file_name(&self) -> String;
 }
@@ -62,7 +71,7 @@ pub fn to_text<B: Body>(body: &B, provenance: &Provenance) -> Result<String, ser
     if let serde_json::Value::Object(table) = serde_json::to_value(body)? {
         document.extend(table);
     }
-    if document.values().any(holds_gap) {
+    if document.iter().any(|(key, value)| !B::MAY_LACK.contains(&key.as_str()) && holds_gap(value)) {
         return Err(serde::ser::Error::custom("a value is not finite"));
     }
     let text = format!("# calfit {} parameter file\n{}", B::FORMAT, toml(&document));

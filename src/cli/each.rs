@@ -1,0 +1,90 @@
+//! What `lin`, `offset` and `freq` do alike: every run of a kind on its own, in parallel, and a table of all.
+
+use super::output::{Terminal, json};
+use super::{Common, Status, open, report_failures, status};
+use crate::error::Finding;
+use crate::formats::output::Folder;
+use crate::formats::parameter::Body;
+use crate::workflow::{Failure, Made, PerRun, RunResult, jobs, make, publish, table_names};
+use rayon::prelude::*;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Listing<'a, R> {
+    runs: Vec<&'a R>,
+    failed: Vec<&'a Finding>,
+}
+
+/// A result, or why there is none.
+pub(super) type Attempt<A> = Result<Made<<A as PerRun>::Result>, Failure>;
+
+/// Analyses every run of the analysis' kind among the paths and writes its files.
+pub(super) fn run<A: PerRun>(analysis: &A, paths: &[PathBuf], common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let campaigns = open(paths, terminal)?;
+    let (jobs, unmatched) = jobs(&campaigns, Some(A::KIND));
+    terminal.unmatched(&unmatched);
+    if jobs.is_empty() {
+        let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
+        let rule = format!("holds no {} run", A::KIND);
+        return Err(Finding::error(&shown.join(", "), rule, "list the runs with `calfit inspect`"));
+    }
+    let folder = Folder::open(&common.out, common.force)?;
+    table_names(A::STEM).iter().try_for_each(|name| folder.check(name))?;
+    let desk = common.desk();
+    let bar = terminal.progress(jobs.len());
+    let two_threads = jobs.len() < rayon::current_num_threads();
+    let results: Vec<Attempt<A>> = jobs
+        .par_iter()
+        .map(|job| {
+            let made = make(analysis, job, &desk, two_threads).and_then(|made| {
+                publish::<A>(&made, &desk, &made.result.parameters().file_name()).map_err(Failure::Refused)?;
+                Ok(made)
+            });
+            bar.inc(1);
+            made
+        })
+        .collect();
+    bar.finish_and_clear();
+    finish::<A>(jobs.iter().map(|j| j.recorded.clone()).zip(results).collect(), &folder, common, terminal)
+}
+
+/// Prints results and failures and writes the table of all runs.
+pub(super) fn finish<A: PerRun>(
+    results: Vec<(String, Attempt<A>)>,
+    folder: &Folder,
+    common: &Common,
+    terminal: &Terminal,
+) -> Result<Status, Finding> {
+    let total = results.len();
+    let mut done: Vec<Made<A::Result>> = Vec::new();
+    let mut failures = Vec::new();
+    for (name, result) in results {
+        match result {
+            Ok(made) => {
+                made.result.warnings().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+                done.push(made);
+            }
+            Err(failure) => failures.push((name, failure)),
+        }
+    }
+    let done: Vec<&A::Result> = done.iter().map(|made| &made.result).collect();
+    if common.json {
+        let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
+        terminal.print(&json(&Listing { runs: done.clone(), failed })?);
+    } else {
+        for result in &done {
+            terminal.tell(&format!("{}  -> {}\n", result.summary(), common.out.join(&result.head().id).display()));
+        }
+    }
+    #[cfg(feature = "tables")]
+    if let Err(finding) = crate::workflow::publish_table::<A>(folder, &done) {
+        failures.push((format!("{}_PARAMETERS", A::STEM), Failure::Refused(finding)));
+    }
+    #[cfg(not(feature = "tables"))]
+    let _ = folder;
+    report_failures(terminal, &failures, total);
+    let partial = if done.iter().any(|r| r.is_partial()) { Status::Partly } else { Status::Done };
+    Ok(status(done.len(), failures.iter().map(|(_, f)| f)).max(partial))
+}

@@ -1,0 +1,39 @@
+//! `calfit offset`: sensor offset and residual field of every offset run.
+
+use super::options::Cut;
+use super::output::Terminal;
+use super::{Allow, Common, Status, each};
+use crate::analysis::offset::Options;
+use crate::error::Finding;
+use crate::formats::parameter::{self, Cpf};
+use clap::Args;
+use std::path::PathBuf;
+
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// Campaign folders or run files.
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// Linear calibration of the same sensor and mode: its sensitivities give the offsets in nT as well.
+    #[arg(long, value_name = "FILE")]
+    cpf: Option<PathBuf>,
+    #[command(flatten)]
+    cut: Cut,
+}
+
+pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let cpf = match &arguments.cpf {
+        None => None,
+        Some(path) => {
+            let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            Some((name, Box::new(parameter::read::<Cpf>(path)?.body)))
+        }
+    };
+    let options = Options {
+        settling: arguments.cut.settling,
+        least_coverage: arguments.cut.coverage,
+        allow_mismatch: common.allows(Allow::Mismatch),
+        cpf,
+    };
+    each::run(&options, &arguments.paths, common, terminal)
+}

@@ -1,0 +1,248 @@
+//! The order of a polynomial: given, or the one with the least AICc.
+//!
+//! The corrected information criterion of Akaike (Hurvich and Tsai 1989) weighs the misfit against the number of coefficients;
+//! at the handful of temperatures of a campaign its correction for small samples decides. Beside it stands the error of
+//! leave-one-out prediction, in closed form through the hat matrix. The criterion has no value for orders with fewer than one or
+//! two points to spare, however plain they are, and next to that limit its correction outweighs any misfit. There the prediction
+//! overrules it, where it is better by a factor which points scattering about the lower order seldom give.
+//!
+//! Points may carry standard deviations. Runs often scatter by more than those say, and a criterion which believes them then
+//! explains the scatter with coefficients. One which does not believe them cannot tell curvature from scatter in few points.
+//! Both are therefore hypotheses on one scale: the standard deviations as they are, `χ² + penalty(k)`, and all of them too small
+//! by one unknown factor, `n ln(χ²/n) + n + penalty(k + 1)`, which costs a parameter. Each order counts with the better.
+
+use nalgebra::DMatrix;
+
+use super::linear::Limits;
+use super::polynomial::{self, Polynomial};
+use super::{FitError, require_finite, require_length};
+
+/// The highest order that is fitted.
+pub const HIGHEST_ORDER: usize = 5;
+/// A higher order is chosen where its AICc is lower by more than this: below it the data hardly prefer either.
+const TIE: f64 = 2.0;
+/// A higher order than that of the criterion is chosen where it predicts points left out better by more than this factor.
+const CLEARLY_BETTER: f64 = 3.0;
+/// Residuals below this share of the largest value are rounding: the lowest order that leaves no more is exact.
+const ROUNDING: f64 = 1e3 * f64::EPSILON;
+/// A point with a leverage closer to one than this determines a coefficient alone: without it there is no prediction.
+const LEAST_FREEDOM: f64 = 1e-9;
+
+/// One order in comparison.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Candidate {
+    /// The order.
+    pub order: usize,
+    /// Points minus coefficients.
+    pub dof: usize,
+    /// Weighted sum of squared residuals, weights of mean one, in units of y squared.
+    pub rss: f64,
+    /// `sqrt(rss / dof)`, in units of y; NaN where `dof` is zero.
+    pub residual_std: f64,
+    /// Sum of squared residuals over their variances, where standard deviations are given.
+    pub chi2: Option<f64>,
+    /// The criterion; absent where there are too few points for it.
+    pub aicc: Option<f64>,
+    /// Whether the criterion takes the points to scatter by more than their standard deviations.
+    pub excess_scatter: bool,
+    /// Weighted root mean square of the error at each point of the fit without it, in units of y; absent where the fit without
+    /// a point has no answer.
+    pub leave_one_out: Option<f64>,
+}
+
+/// Why an order was taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// The analyst gave it.
+    Given,
+    /// It is the lowest which leaves nothing but rounding.
+    Exact,
+    /// It is the lowest whose AICc is within 2 of the least.
+    LeastAicc,
+    /// It is the lowest whose leave-one-out error is within a factor of 3 of the least; that of the order the criterion prefers,
+    /// a lower one, is not.
+    LeaveOneOut,
+    /// There are too few points for the criterion at any order.
+    TooFewPoints,
+}
+
+/// A polynomial of the order given or chosen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chosen {
+    /// Its order.
+    pub order: usize,
+    /// Why this one.
+    pub reason: Reason,
+    /// The fit, weighted by `1/std²` where standard deviations are given.
+    pub polynomial: Polynomial,
+    /// Covariance of the coefficients in raw powers, (order+1) x (order+1): with standard deviations from those, times
+    /// `inflation²`; without from the scatter of the residuals, NaN where no degree of freedom is left.
+    pub covariance: DMatrix<f64>,
+    /// Factor on the given standard deviations: `sqrt(χ²/dof)` where χ² exceeds its 99 % quantile, otherwise 1. Without
+    /// standard deviations the standard deviation of a point.
+    pub inflation: f64,
+    /// Every order that was compared, lowest first.
+    pub candidates: Vec<Candidate>,
+}
+
+impl Chosen {
+    /// Value and standard deviation at `x`, free of the cancellation that raw powers suffer.
+    #[must_use]
+    pub fn evaluate(&self, x: f64) -> (f64, f64) {
+        let (value, unit_std) = self.polynomial.evaluate_unscaled(x);
+        (value, self.inflation * unit_std)
+    }
+
+    /// The order with the least leave-one-out error, if any order has one.
+    #[must_use]
+    pub fn least_leave_one_out(&self) -> Option<usize> {
+        let known = self.candidates.iter().filter_map(|c| c.leave_one_out.map(|error| (c.order, error)));
+        known.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(order, _)| order)
+    }
+}
+
+/// Fits `y` (n points) at `x` by polynomials of all orders up to `max_order` and takes the order `wanted`, or else the one with
+/// the least AICc, the lower where the gain is not more than 2, or a higher one whose leave-one-out error is less by a factor
+/// of more than 3.
+///
+/// `std` are the standard deviations of the points; without them all points count alike and their scatter about the polynomial
+/// tells their uncertainty. No order exceeds [`HIGHEST_ORDER`] or the number of different x less one. The criterion needs two
+/// points more than it has parameters; where no order has one, order 0 takes its place. Values
+/// without noise are seen as such: the lowest order which leaves only rounding is taken, whatever the criterion says of so few
+/// points, if a point more than its coefficients confirms it.
+///
+/// # Errors
+///
+/// [`FitError::TooFewPoints`] and [`FitError::OrderTooHigh`] for `wanted`; [`FitError::NotPositive`] for a standard deviation;
+/// otherwise those of [`polynomial::fit`]. Orders whose design exceeds `limits` are left out unless they are wanted.
+pub fn choose(
+    x: &[f64],
+    y: &[f64],
+    std: Option<&[f64]>,
+    max_order: usize,
+    wanted: Option<usize>,
+    limits: &Limits,
+) -> Result<Chosen, FitError> {
+    require_length("y", x.len(), y.len())?;
+    require_finite("x", x, x.len())?;
+    require_finite("y", y, y.len())?;
+    let weights = std.map(|std| weights_of(std, x.len())).transpose()?;
+    let distinct = count_distinct(x);
+    match wanted {
+        Some(order) if order > HIGHEST_ORDER => return Err(FitError::OrderTooHigh { order, highest: HIGHEST_ORDER }),
+        Some(order) if order >= distinct => return Err(FitError::TooFewPoints { order, distinct }),
+        None if distinct == 0 => return Err(FitError::TooFewPoints { order: 0, distinct }),
+        _ => {}
+    }
+    let highest = max_order.max(wanted.unwrap_or(0)).min(HIGHEST_ORDER).min(distinct - 1);
+
+    let mut fits: Vec<(Candidate, Polynomial)> = Vec::new();
+    for order in 0..=highest {
+        match polynomial::fit(x, y, weights.as_deref(), order, limits) {
+            Ok(polynomial) => fits.push((judge(&polynomial, order, x, weights.as_deref()), polynomial)),
+            // Higher orders are no better conditioned.
+            Err(FitError::Undetermined { .. }) if wanted.is_none_or(|wanted| order > wanted) => break,
+            Err(error) => return Err(error),
+        }
+    }
+    let candidates: Vec<Candidate> = fits.iter().map(|(candidate, _)| *candidate).collect();
+    let floor = ROUNDING * y.iter().fold(0.0, |largest: f64, y| largest.max(y.abs()));
+    let is_exact = |polynomial: &Polynomial| polynomial.dof > 0 && polynomial.residuals.iter().all(|r| r.abs() <= floor);
+    let (index, reason) = if let Some(order) = wanted {
+        (order, Reason::Given)
+    } else if let Some(index) = fits.iter().position(|(_, polynomial)| is_exact(polynomial)) {
+        (index, Reason::Exact)
+    } else {
+        let lowest_within = |value: fn(&Candidate) -> Option<f64>, limit: fn(f64) -> f64| {
+            let least = candidates.iter().filter_map(value).fold(f64::INFINITY, f64::min);
+            candidates.iter().position(|c| value(c).is_some_and(|value| value <= limit(least)))
+        };
+        let preferred = lowest_within(|c| c.aicc, |least| least + TIE);
+        match (preferred, lowest_within(|c| c.leave_one_out, |least| CLEARLY_BETTER * least)) {
+            (preferred, Some(predicting)) if predicting > preferred.unwrap_or(0) => (predicting, Reason::LeaveOneOut),
+            (Some(preferred), _) => (preferred, Reason::LeastAicc),
+            _ => (0, Reason::TooFewPoints),
+        }
+    };
+    // Orders are fitted without gap from zero, so an index is an order; order zero is always determined.
+    let (candidate, polynomial) = fits.swap_remove(index);
+    let inflation = match candidate.chi2 {
+        Some(chi2) => excess(chi2, candidate.dof),
+        None => polynomial.residual_std,
+    };
+    let covariance = &polynomial.unscaled_covariance * inflation.powi(2);
+    Ok(Chosen { order: candidate.order, reason, polynomial, covariance, inflation, candidates })
+}
+
+/// Factor on standard deviations which a sum of squares asks for: `sqrt(chi2 / dof)` above the 99 % quantile, otherwise 1.
+#[must_use]
+pub fn excess(chi2: f64, dof: usize) -> f64 {
+    if dof > 0 && chi2 > chi2_quantile_99(dof) { (chi2 / dof as f64).sqrt() } else { 1.0 }
+}
+
+/// The 99 % quantile of χ² after Wilson and Hilferty, good to 1 % for one degree of freedom and better for more.
+#[must_use]
+pub fn chi2_quantile_99(dof: usize) -> f64 {
+    const NORMAL_99: f64 = 2.326_347_874;
+    let spread = 2.0 / (9.0 * dof as f64);
+    dof as f64 * (1.0 - spread + NORMAL_99 * spread.sqrt()).powi(3)
+}
+
+fn weights_of(std: &[f64], rows: usize) -> Result<Vec<f64>, FitError> {
+    require_length("standard deviations", rows, std.len())?;
+    require_finite("standard deviations", std, rows)?;
+    match std.iter().position(|&std| std <= 0.0) {
+        Some(row) => Err(FitError::NotPositive { row }),
+        None => Ok(std.iter().map(|std| std.powi(-2)).collect()),
+    }
+}
+
+fn count_distinct(x: &[f64]) -> usize {
+    let mut sorted = x.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    // By value, for which zero has one sign only.
+    sorted.dedup();
+    sorted.len()
+}
+
+fn judge(polynomial: &Polynomial, order: usize, x: &[f64], weights: Option<&[f64]>) -> Candidate {
+    let n = x.len() as f64;
+    let weight = |i: usize| weights.map_or(1.0, |w| w[i]);
+    let mean_weight = (0..x.len()).map(weight).sum::<f64>() / n;
+    let sum: f64 = polynomial.residuals.iter().enumerate().map(|(i, r)| weight(i) * r * r).sum();
+    let rss = sum / mean_weight;
+    // AICc with k parameters; None where the correction has no value.
+    let penalty = |k: usize| {
+        let free = n - k as f64 - 1.0;
+        (free > 0.0).then(|| 2.0 * k as f64 + 2.0 * k as f64 * (k as f64 + 1.0) / free)
+    };
+    let coefficients = order + 1;
+    let scattering = penalty(coefficients + 1);
+    let (aicc, excess_scatter) = if weights.is_some() {
+        let as_given = penalty(coefficients).map(|penalty| sum + penalty);
+        // The likelihood of a factor below one is not looked for: standard deviations are too small, not too large.
+        let with_factor = scattering.filter(|_| sum > n).map(|penalty| n * (sum / n).ln() + n + penalty);
+        match (as_given, with_factor) {
+            (Some(given), Some(factor)) if factor < given => (Some(factor), true),
+            _ => (as_given, false),
+        }
+    } else {
+        (scattering.map(|penalty| n * (rss / n).ln() + penalty), false)
+    };
+    let leave_one_out = polynomial
+        .residuals
+        .iter()
+        .enumerate()
+        .map(|(i, residual)| {
+            let (_, unit_std) = polynomial.evaluate_unscaled(x[i]);
+            let freedom = 1.0 - weight(i) * unit_std.powi(2);
+            (freedom > LEAST_FREEDOM).then(|| weight(i) * (residual / freedom).powi(2))
+        })
+        .sum::<Option<f64>>()
+        .map(|sum| (sum / mean_weight / n).sqrt());
+    let residual_std = if polynomial.dof > 0 { (rss / polynomial.dof as f64).sqrt() } else { f64::NAN };
+    Candidate { order, dof: polynomial.dof, rss, residual_std, chi2: weights.map(|_| sum), aicc, excess_scatter, leave_one_out }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,157 @@
+//! FPF: sampling frequency and frequency response of one run.
+
+use super::{Body, Conditions, RunHead};
+use serde::{Deserialize, Serialize};
+
+/// What the numbers mean.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrequencyConvention {
+    /// Equation of the model.
+    pub model: String,
+    /// What `f_3db_igep_hz` and `f_3db_model_hz` are.
+    pub corner: String,
+    /// What the uncertainties are.
+    pub uncertainty: String,
+}
+
+impl Default for FrequencyConvention {
+    fn default() -> Self {
+        Self {
+            model: "B_r = c + b sin(2 pi f n / f_s + phase), n the sample counter and f the frequency by the facility clock; amplitudes are half peak to peak, enT, sensor axes".to_owned(),
+            corner: "f_3db_igep_hz: straight line in level against frequency between the neighbours of -3 dB below the largest amplitude; f_3db_model_hz: -3 dB below the DC gain of the fitted response model".to_owned(),
+            uncertainty: "standard uncertainties, coverage factor 1; that of f_3db_model_hz is the larger one of linearised covariance and delete-one jackknife; the facility clock and the flatness of the coil field are not included".to_owned(),
+        }
+    }
+}
+
+/// Sampling frequency and frequency response. Without waveforms the sampling frequency is absent.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fpf {
+    /// Sampling frequency per component, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub f_s_hz: Option<[f64; 3]>,
+    /// Its standard uncertainty, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub f_s_std_hz: Option<[f64; 3]>,
+    /// Weighted mean of the components, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_f_s_hz: Option<f64>,
+    /// Its standard uncertainty, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_f_s_std_hz: Option<f64>,
+    /// Standard deviation of the three components about their mean, Hz; the protocol of 2013 prints this one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scatter_f_s_hz: Option<f64>,
+    /// -3 dB frequency from the two neighbouring amplitudes, Hz; nan where the amplitudes do not fall by 3 dB.
+    pub f_3db_igep_hz: [f64; 3],
+    /// -3 dB frequency of the model, Hz; nan where no model fits.
+    pub f_3db_model_hz: [f64; 3],
+    /// Its standard uncertainty, Hz.
+    pub f_3db_model_std_hz: [f64; 3],
+    /// What the numbers mean.
+    pub convention: FrequencyConvention,
+    /// Run and conditions.
+    pub run: RunHead,
+    /// The response model.
+    pub model: ResponsePart,
+    /// What is known about the clock beside its frequency.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clock: Option<ClockPart>,
+    /// One entry per applied frequency, in the order of the run.
+    pub amplitude: Vec<AmplitudePart>,
+    /// Temperatures during the run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub conditions: Option<Conditions>,
+    /// What a person should know.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+impl Body for Fpf {
+    const FORMAT: &'static str = "FPF";
+    const MAY_LACK: &'static [&'static str] =
+        &["f_3db_igep_hz", "f_3db_model_hz", "f_3db_model_std_hz", "f_s_hz", "f_s_std_hz", "amplitude"];
+    fn file_name(&self) -> String {
+        format!("FREQ_PARAMETER__{}.FPF", self.run.dashed_id())
+    }
+}
+
+/// A fitted response model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResponsePart {
+    /// Its name; `none` if the amplitudes determine no model.
+    pub name: String,
+    /// Names of its parameters with their units.
+    pub parameters: Vec<String>,
+    /// Values per component.
+    pub values: Vec<Vec<f64>>,
+    /// Standard uncertainties per component.
+    pub std: Vec<Vec<f64>>,
+    /// Relative standard deviation of the residuals per component.
+    pub residual_std: Vec<f64>,
+    /// Every model that was tried.
+    pub candidate: Vec<CandidatePart>,
+}
+
+/// A model that was tried.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CandidatePart {
+    /// Name.
+    pub name: String,
+    /// Parameters per component.
+    pub parameters: usize,
+    /// AICc over the three components, less that of the best.
+    pub delta_aicc: f64,
+}
+
+/// The clock of the instrument against that of the facility.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ClockPart {
+    /// Drift of the sampling frequency during the run per component, Hz/s.
+    pub drift_hz_per_s: [f64; 3],
+    /// Its standard uncertainty.
+    pub drift_std_hz_per_s: [f64; 3],
+    /// The drift is larger than four standard uncertainties in the mean of the components.
+    pub drift_is_significant: bool,
+    /// The next best sampling frequency, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rival_hz: Option<f64>,
+    /// How much worse it describes the data, as a difference of chi-square.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rival_chi_square: Option<f64>,
+}
+
+/// One applied frequency.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AmplitudePart {
+    /// Applied frequency, Hz.
+    pub frequency_hz: f64,
+    /// Amplitude per component, enT; nan if it was refused.
+    pub b_ent: [f64; 3],
+    /// Its standard uncertainty, enT; nan if not known.
+    pub b_std_ent: [f64; 3],
+    /// Phase per component at sample counter 0, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub phase_deg: Option<[f64; 3]>,
+    /// Its standard uncertainty, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub phase_std_deg: Option<[f64; 3]>,
+    /// The amplitude counts in the response model, for every component.
+    pub used: bool,
+    /// Weight in the response model per component.
+    pub weight: [f64; 3],
+    /// The amplitude stands out of the noise, per component.
+    pub detected: [bool; 3],
+    /// Frequency at which the samples show it, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alias_hz: Option<f64>,
+    /// Used stretch, s since the run's start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub used_s: Option<[f64; 2]>,
+    /// Used samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub samples: Option<u64>,
+    /// Why it was refused, or part of it left out.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub remark: String,
+}

@@ -1,0 +1,72 @@
+//! What the parameter files of single runs have in common.
+
+use serde::{Deserialize, Serialize};
+
+/// Three rows of three.
+pub type Rows = [[f64; 3]; 3];
+
+/// The run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunHead {
+    /// Run id.
+    pub id: String,
+    /// Sensor.
+    pub sensor: String,
+    /// Mode.
+    pub mode: String,
+    /// Mean sensor temperature, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_degc: Option<f64>,
+    /// Mean coil-system temperature, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coil_temperature_degc: Option<f64>,
+    /// Campaign and instrument, or what was assumed without a campaign file.
+    pub campaign: String,
+    /// Start, UTC.
+    pub start: String,
+    /// Field programme.
+    pub configuration: String,
+    /// Source of the field.
+    pub field_source: String,
+    /// Whether the facility corrected its coil parameters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coil_correction: Option<bool>,
+    /// Earth-field compensation per coil axis.
+    pub earthfield_compensation: Vec<String>,
+}
+
+impl RunHead {
+    /// The run id as it stands in the file names of offset, frequency and thermal analyses: `13-04-03-09-53-35`.
+    #[must_use]
+    pub fn dashed_id(&self) -> String {
+        self.id.replace('_', "-")
+    }
+}
+
+/// Temperatures during the run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Conditions {
+    /// Channel of the sensor temperature.
+    pub sensor_channel: String,
+    /// Smallest, mean and largest sensor temperature, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor_degc: Option<[f64; 3]>,
+    /// Channel of the coil temperature.
+    pub coil_channel: String,
+    /// Smallest, mean and largest coil temperature, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coil_degc: Option<[f64; 3]>,
+}
+
+/// A plateau that was not used.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Dropped {
+    /// Index of the setting, from 1.
+    pub block: usize,
+    /// Begin of the setting, s.
+    pub t_start_s: f64,
+    /// Field, nT, coil axes.
+    pub field_coil_nt: [f64; 3],
+    /// Why.
+    pub reason: String,
+}

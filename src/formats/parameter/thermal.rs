@@ -1,0 +1,244 @@
+//! TPF, TOF, TAF: temperature polynomials of a sensor in one mode.
+
+use super::Body;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// What the numbers mean.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ThermalConvention {
+    /// Equation of the model.
+    pub model: String,
+    /// Units.
+    pub units: String,
+    /// What the uncertainties are, and what must not be done.
+    pub uncertainty: String,
+}
+
+impl Default for ThermalConvention {
+    fn default() -> Self {
+        Self {
+            model: "p(T) = sum over k of p_k T^k, coefficients lowest order first".to_owned(),
+            units: "T degC of the channel; sigma nT/enT, xi degrees between sensor axes, b_or and b_off enT along the sensor axes, f_3db Hz".to_owned(),
+            uncertainty: "covariances of the coefficients, coverage factor 1; outside valid_degc the polynomials are extrapolations without a stated uncertainty".to_owned(),
+        }
+    }
+}
+
+/// What all thermal files state.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ThermalHead {
+    /// Parameter files of the runs.
+    pub used: Vec<String>,
+    /// Channel of the sensor temperature.
+    pub channel: String,
+    /// Lowest and highest temperature of the runs, °C.
+    pub valid_degc: [f64; 2],
+    /// Sensor.
+    pub sensor: String,
+    /// Mode.
+    pub mode: String,
+    /// Run ids, in the order of `used`.
+    pub runs: Vec<String>,
+    /// Mean sensor temperature of every run, °C.
+    pub temperature_degc: Vec<f64>,
+    /// Mean coil-system temperature of every run, °C; nan where there is none.
+    pub coil_temperature_degc: Vec<f64>,
+    /// What the numbers mean.
+    pub convention: ThermalConvention,
+    /// Covariance of the coefficients of every quantity.
+    pub covariance: BTreeMap<String, Vec<Vec<f64>>>,
+    /// How every polynomial was found.
+    pub quantity: Vec<QuantityPart>,
+    /// What a person should know.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+/// How one polynomial was found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct QuantityPart {
+    /// `sigma_x`, for example.
+    pub name: String,
+    /// Unit.
+    pub unit: String,
+    /// Order of the polynomial.
+    pub order: usize,
+    /// `given` or `AICc`.
+    pub order_by: String,
+    /// AICc of the orders 0, 1, ... that could be tried; nan where it is not defined.
+    pub aicc: Vec<f64>,
+    /// Root mean square of the leave-one-out errors of the same orders, in the unit of the quantity; nan where not defined.
+    pub leave_one_out: Vec<f64>,
+    /// Values of the runs.
+    pub value: Vec<f64>,
+    /// Their standard uncertainties; empty if they are not known.
+    pub std: Vec<f64>,
+    /// Value minus polynomial.
+    pub residual: Vec<f64>,
+    /// Factor by which the uncertainties were widened because the runs scatter by more than their own uncertainties.
+    pub widened: f64,
+    /// Smallest model error.
+    pub min_error: f64,
+    /// Largest model error.
+    pub max_error: f64,
+}
+
+/// Keys of the head whose lists may hold nan.
+const MAY_LACK: &[&str] = &["coil_temperature_degc", "quantity", "rotation", "residual_field", "joint"];
+
+/// Temperature polynomials of the linear calibration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tpf {
+    /// Sensitivity of x, nT/enT.
+    pub sigma_x: Vec<f64>,
+    /// Sensitivity of y, nT/enT.
+    pub sigma_y: Vec<f64>,
+    /// Sensitivity of z, nT/enT.
+    pub sigma_z: Vec<f64>,
+    /// Angle between the sensor axes x and y, degrees.
+    pub xi_xy: Vec<f64>,
+    /// Angle between the sensor axes x and z, degrees.
+    pub xi_xz: Vec<f64>,
+    /// Angle between the sensor axes y and z, degrees.
+    pub xi_yz: Vec<f64>,
+    /// Offset and residual field of x, enT.
+    pub b_or_x: Vec<f64>,
+    /// Offset and residual field of y, enT.
+    pub b_or_y: Vec<f64>,
+    /// Offset and residual field of z, enT.
+    pub b_or_z: Vec<f64>,
+    /// Group, covariances and fits.
+    #[serde(flatten)]
+    pub head: ThermalHead,
+    /// Rotation of the sensor against its nominal orientation in every run.
+    pub rotation: Rotation,
+    /// The fit of the temperature-dependent model to the plateaus of all runs at once.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joint: Option<JointPart>,
+}
+
+/// Rotation angles of every run, degrees; nan where a file does not tell.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Rotation {
+    /// λ_x.
+    pub lambda_x_deg: Vec<f64>,
+    /// μ_y.
+    pub mu_y_deg: Vec<f64>,
+    /// ν_z.
+    pub nu_z_deg: Vec<f64>,
+    /// Rotation matrix of the first run, as rows; absent if its file does not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub initial: Option<super::Rows>,
+}
+
+/// The joint fit beside the two-step one: sensitivities and angles as polynomials, rotation and offset of every run free.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JointPart {
+    /// Coefficients per quantity, lowest order first.
+    pub coefficients: BTreeMap<String, Vec<f64>>,
+    /// Covariance of the coefficients per quantity.
+    pub covariance: BTreeMap<String, Vec<Vec<f64>>>,
+    /// Chi-square of all plateaus.
+    pub chi_square: f64,
+    /// Its degrees of freedom.
+    pub degrees_of_freedom: usize,
+    /// Factor by which the uncertainties were widened.
+    pub widened: f64,
+    /// Evaluations of the model.
+    pub evaluations: usize,
+}
+
+impl Body for Tpf {
+    const FORMAT: &'static str = "TPF";
+    const MAY_LACK: &'static [&'static str] = MAY_LACK;
+    fn file_name(&self) -> String {
+        format!("THERMAL_PARAMETER__{}.TPF", self.head.first_run())
+    }
+}
+
+/// Temperature polynomials of the sensor offset. A component without values has no key.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tof {
+    /// Offset of x, enT.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub b_off_x: Vec<f64>,
+    /// Offset of y, enT.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub b_off_y: Vec<f64>,
+    /// Offset of z, enT.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub b_off_z: Vec<f64>,
+    /// Group, covariances and fits.
+    #[serde(flatten)]
+    pub head: ThermalHead,
+    /// Residual field of the coil system in every run.
+    pub residual_field: ResidualField,
+}
+
+/// Residual field of the coil system in every run, along the sensor axes in their normal position, enT; nan where it is not known.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ResidualField {
+    /// x.
+    pub x_ent: Vec<f64>,
+    /// y.
+    pub y_ent: Vec<f64>,
+    /// z.
+    pub z_ent: Vec<f64>,
+    /// Coil axes along which x, y and z saw it in the first run; empty if its file does not tell.
+    pub seen_along: Vec<String>,
+}
+
+impl Body for Tof {
+    const FORMAT: &'static str = "TOF";
+    const MAY_LACK: &'static [&'static str] = MAY_LACK;
+    fn file_name(&self) -> String {
+        format!("THERMAL_OFF_PARAMETER__{}.TOF", self.head.first_run())
+    }
+}
+
+/// Temperature polynomials of the -3 dB frequency. A component without values has no key.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Taf {
+    /// -3 dB frequency of x, Hz.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub f_3db_x: Vec<f64>,
+    /// -3 dB frequency of y, Hz.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub f_3db_y: Vec<f64>,
+    /// -3 dB frequency of z, Hz.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub f_3db_z: Vec<f64>,
+    /// Mean over the runs of the sampling frequency, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_sample_rate_hz: Option<f64>,
+    /// Mean over the runs of the standard uncertainty of the sampling frequency, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_std_sample_rate_hz: Option<f64>,
+    /// Which -3 dB frequency: `model` or `igep`.
+    pub corner: String,
+    /// Sampling frequency of every run, Hz; nan where it is not known.
+    pub f_s_hz: Vec<f64>,
+    /// Its standard uncertainty, Hz.
+    pub f_s_std_hz: Vec<f64>,
+    /// Group, covariances and fits.
+    #[serde(flatten)]
+    pub head: ThermalHead,
+}
+
+impl Body for Taf {
+    const FORMAT: &'static str = "TAF";
+    const MAY_LACK: &'static [&'static str] =
+        &["coil_temperature_degc", "quantity", "rotation", "residual_field", "joint", "f_s_hz", "f_s_std_hz"];
+    fn file_name(&self) -> String {
+        format!("THERMAL_AC_PARAMETER__{}.TAF", self.head.first_run())
+    }
+}
+
+impl ThermalHead {
+    /// Id of the first run as it stands in file names.
+    #[must_use]
+    pub fn first_run(&self) -> String {
+        self.runs.first().map_or_else(String::new, |id| id.replace('_', "-"))
+    }
+}

@@ -1,0 +1,86 @@
+//! The figures of an offset measurement.
+
+use super::parts::{COIL, Named, SENSOR, STYLES, TimeAxis, panels, temperatures};
+use super::{Figure, Marks, Panel, Scale, Series, Style};
+use crate::analysis::offset::Offset;
+
+/// All figures.
+#[must_use]
+pub fn figures(offset: &Offset) -> Vec<Named> {
+    let id = &offset.parameters.run.id;
+    let end_s = offset.plateaus.iter().map(|p| p.setting.t_end_s).fold(0.0, f64::max);
+    let time = TimeAxis::of(end_s);
+    let mut list = vec![
+        Named { stem: "applied_fields", figure: applied(offset, id, time) },
+        Named { stem: "zero_levels", figure: zero_levels(offset, id, time) },
+    ];
+    list.extend(temperatures(id, &offset.temperatures, time, "the offsets hold for its mean"));
+    list
+}
+
+fn applied(offset: &Offset, id: &str, time: TimeAxis) -> Figure {
+    let positions: Vec<String> =
+        offset.parameters.visit.iter().map(|v| format!("{} ({})", v.position, v.axes.join(" "))).collect();
+    Figure {
+        title: format!("Applied fields, run {id}"),
+        caption: format!("Reference field in coil coordinates. Positions in turn: {}.", positions.join(", ")),
+        x_label: time.label.to_owned(),
+        x_scale: Scale::Linear,
+        panels: panels(|axis| Panel {
+            y_label: format!("{} field, nT", COIL[axis]),
+            y_scale: Scale::Linear,
+            series: vec![Series {
+                label: format!("{} coil axis", COIL[axis]),
+                style: STYLES[axis],
+                marks: Marks::Steps(
+                    offset
+                        .plateaus
+                        .iter()
+                        .map(|p| (time.at(p.setting.t_start_s), time.at(p.setting.t_end_s), p.setting.field.0[axis]))
+                        .collect(),
+                ),
+            }],
+            bands: vec![],
+        }),
+    }
+}
+
+fn zero_levels(offset: &Offset, id: &str, time: TimeAxis) -> Figure {
+    let p = &offset.parameters;
+    Figure {
+        title: format!("Readings at zero applied field, run {id}"),
+        caption: "Zero level of every position with its standard uncertainty, and the offset of the sensor. Of a turned pair the levels lie \
+                  as far above as below the offset: by the residual field of the coil system."
+            .to_owned(),
+        x_label: time.label.to_owned(),
+        x_scale: Scale::Linear,
+        panels: panels(|axis| {
+            let levels = p.visit.iter().map(|v| {
+                let middle = 0.5 * (v.time_s[0] + v.time_s[1]);
+                (time.at(middle), v.reading_ent[axis], Some(v.std_ent[axis]))
+            });
+            let span = |value: f64| {
+                let first = p.visit.first().map_or(0.0, |v| v.time_s[0]);
+                let last = p.visit.last().map_or(0.0, |v| v.time_s[1]);
+                vec![(time.at(first), value), (time.at(last), value)]
+            };
+            Panel {
+                y_label: format!("{} reading, enT", SENSOR[axis]),
+                y_scale: Scale::Linear,
+                series: vec![
+                    Series {
+                        label: format!("{} zero level", SENSOR[axis]),
+                        style: STYLES[axis],
+                        marks: Marks::Points(levels.collect()),
+                    },
+                    Series {
+                        label: if p.offset_ent[axis].is_finite() { "offset".to_owned() } else { String::new() },
+                        style: Style::Reference,
+                        marks: Marks::Line(span(p.offset_ent[axis])),
+                    },
+                ],
+                bands: vec![],
+            }
+        }),
+    }
+}

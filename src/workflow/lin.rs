@@ -1,0 +1,101 @@
+//! Linear calibrations as files, figures and text.
+
+use super::{PerRun, Refusal, RunResult};
+use crate::analysis::lin::{Lin, Options, lin};
+use crate::campaign::Campaign;
+use crate::envelope::Envelope;
+use crate::formats::parameter::{Cpf, RunHead};
+#[cfg(feature = "tables")]
+use crate::formats::table::Table;
+use crate::plateau::{self, Accumulator, Settling};
+use crate::plot::{self, Named};
+use crate::report;
+use crate::run::{Kind, Run};
+
+impl PerRun for Options {
+    const COMMAND: &'static str = "lin";
+    const KIND: Kind = Kind::Linearity;
+    const STEM: &'static str = "LIN";
+    type Sink = (Accumulator, Option<Envelope>);
+    type Result = Lin;
+
+    fn sink(&self, figures: bool) -> Self::Sink {
+        (Accumulator::default(), figures.then(Envelope::default))
+    }
+
+    fn analyse(&self, run: &Run, (accumulator, envelope): Self::Sink, campaign: &Campaign) -> Result<Lin, Refusal> {
+        let plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
+        let mut result = lin(run, &plateaus, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
+        result.samples = envelope.filter(|_| run.blocks.is_empty()).map(|e| e.columns());
+        Ok(result)
+    }
+
+    fn recorded(&self, result: &Lin) -> String {
+        let mut text = format!(" --order {}", result.parameters.offset.trend_order);
+        for (axis, limit) in ["x", "y", "z"].into_iter().zip(self.max_field_nt) {
+            if let Some(limit) = limit {
+                text.push_str(&format!(" --max-field {axis}={limit}"));
+            }
+        }
+        if self.robust {
+            text.push_str(" --robust");
+        }
+        text.push_str(&recorded_cut(self.settling, self.least_coverage));
+        for (allowed, name) in [(self.allow_gain, "gain"), (self.allow_mismatch, "mismatch")] {
+            if allowed {
+                text.push_str(&format!(" --allow {name}"));
+            }
+        }
+        text
+    }
+}
+
+/// Options that say which part of a plateau is used.
+pub(super) fn recorded_cut(settling: Settling, least_coverage: f64) -> String {
+    let mut text = String::new();
+    if let Settling::Given(s) = settling {
+        text.push_str(&format!(" --settling {s}"));
+    }
+    if least_coverage != plateau::LEAST_COVERAGE {
+        text.push_str(&format!(" --coverage {least_coverage}"));
+    }
+    text
+}
+
+impl RunResult for Lin {
+    type Parameters = Cpf;
+
+    fn parameters(&self) -> &Cpf {
+        &self.parameters
+    }
+    fn head(&self) -> &RunHead {
+        &self.parameters.run
+    }
+    fn warnings(&self) -> &[String] {
+        &self.parameters.warnings
+    }
+    fn figures(&self) -> Vec<Named> {
+        plot::lin::figures(self)
+    }
+    fn title(&self) -> String {
+        format!("Calibration on 3 linear axes, run {}", self.parameters.run.id)
+    }
+    fn sections(&self, level: usize) -> String {
+        report::lin::sections(self, level)
+    }
+    fn summary(&self) -> String {
+        report::lin::summary(self)
+    }
+    #[cfg(feature = "tables")]
+    fn tables(&self) -> Vec<(&'static str, String, Table)> {
+        let id = &self.parameters.run.id;
+        let note = format!(
+            "calfit lin, run {id}: one row per block; fields nT, coil axes; readings enT, sensor axes; times s since the run's start"
+        );
+        vec![("LIN_BLOCKS", note, report::lin::block_table(self))]
+    }
+    #[cfg(feature = "tables")]
+    fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
+        ("readings enT, sensor axes; sensitivities nT/enT; angles in degrees", report::lin::parameter_table(all))
+    }
+}

@@ -1,0 +1,308 @@
+//! A run file to its result, and a result to its files: what the commands for single runs, the thermal analysis, the protocol and the
+//! verification have in common.
+
+mod lin;
+mod offset;
+
+use crate::campaign::{Campaign, RunFile};
+use crate::error::{Finding, Severity};
+use crate::formats::output::Folder;
+use crate::formats::parameter::{Body, RunHead};
+#[cfg(feature = "tables")]
+use crate::formats::table::Table;
+use crate::formats::{ccr, parameter};
+use crate::plot::{self, Named};
+use crate::provenance::{Input, Provenance};
+use crate::report::{self, Drawn, FigureLink};
+use crate::run::{Header, Kind, Run, VectorSink};
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::path::PathBuf;
+
+/// An analysis of single runs: its options are the value, what it keeps while a file is read is its sink.
+pub trait PerRun: Sync {
+    /// Name of the command.
+    const COMMAND: &'static str;
+    /// Kind of runs.
+    const KIND: Kind;
+    /// Begin of the names of figures, tables and reports.
+    const STEM: &'static str;
+    /// Takes the vectors.
+    type Sink: VectorSink;
+    /// What comes out.
+    type Result: RunResult;
+
+    /// A sink for a run; with `figures` it also keeps what they show of the raw data.
+    fn sink(&self, figures: bool) -> Self::Sink;
+
+    /// The result of a run that was read.
+    ///
+    /// # Errors
+    /// The rule that the run breaks, and what to do.
+    fn analyse(&self, run: &Run, sink: Self::Sink, campaign: &Campaign) -> Result<Self::Result, Refusal>;
+
+    /// The options that have an influence on the numbers, as on the command line, each with a space before it.
+    fn recorded(&self, result: &Self::Result) -> String;
+}
+
+/// Why an analysis refuses a run.
+#[derive(Clone, Debug)]
+pub struct Refusal {
+    /// The rule.
+    pub rule: String,
+    /// What to do.
+    pub remedy: &'static str,
+}
+
+/// The result of one run, as files, figures, tables and text.
+pub trait RunResult: Serialize + Send + Sync {
+    /// The parameter file.
+    type Parameters: Body;
+    /// What goes into the parameter file.
+    fn parameters(&self) -> &Self::Parameters;
+    /// The run.
+    fn head(&self) -> &RunHead;
+    /// What a person should know.
+    fn warnings(&self) -> &[String];
+    /// Part of what was asked for is refused; the warnings say what.
+    fn is_partial(&self) -> bool {
+        false
+    }
+    /// The figures in their order.
+    fn figures(&self) -> Vec<Named>;
+    /// Title of the report.
+    fn title(&self) -> String;
+    /// The sections of the report with headings of the given level.
+    fn sections(&self, level: usize) -> String;
+    /// A few lines for the terminal.
+    fn summary(&self) -> String;
+    /// Tables beside the report: begin of the file name, note, table.
+    #[cfg(feature = "tables")]
+    fn tables(&self) -> Vec<(&'static str, String, Table)>;
+    /// One row per run, with a note.
+    #[cfg(feature = "tables")]
+    fn campaign_table(all: &[&Self]) -> (&'static str, Table);
+}
+
+/// Where results go, and what is allowed.
+#[derive(Clone, Debug)]
+pub struct Desk {
+    /// Folder for results.
+    pub out: PathBuf,
+    /// Write over files of others.
+    pub force: bool,
+    /// Draw figures.
+    pub plots: bool,
+    /// Read files that end before `@END`.
+    pub allow_truncated: bool,
+    /// Read files with many repeated rows.
+    pub allow_duplicates: bool,
+}
+
+impl Desk {
+    /// How a run file is read.
+    #[must_use]
+    pub fn reading(&self, recorded: &str, two_threads: bool) -> ccr::Options {
+        ccr::Options {
+            allow_truncated: self.allow_truncated,
+            allow_duplicates: self.allow_duplicates,
+            collect: false,
+            two_threads,
+            recorded_path: Some(recorded.to_owned()),
+        }
+    }
+}
+
+/// A file to work on, with its campaign.
+pub struct Job<'a> {
+    /// The campaign.
+    pub campaign: &'a Campaign,
+    /// Path to open.
+    pub path: PathBuf,
+    /// Path that is recorded.
+    pub recorded: String,
+    /// What the file says at its head; absent if that cannot be read.
+    pub header: Option<Header>,
+    /// An earlier file with the same run id.
+    pub same_run_as: Option<String>,
+}
+
+/// Why one of several runs or files has no result.
+#[derive(Clone, Debug)]
+pub enum Failure {
+    /// The file cannot be read or is damaged.
+    Unreadable(Vec<Finding>),
+    /// The analysis refuses the run, or its results cannot be written.
+    Refused(Finding),
+}
+
+impl Failure {
+    /// The errors, without the warnings that came before them.
+    pub fn errors(&self) -> impl Iterator<Item = &Finding> {
+        let findings = match self {
+            Failure::Unreadable(findings) => findings,
+            Failure::Refused(finding) => std::slice::from_ref(finding),
+        };
+        findings.iter().filter(|f| f.severity == Severity::Error)
+    }
+}
+
+/// All files of the campaigns, or those of a kind: files that the user named are always among them, so that one of the wrong kind
+/// is refused and not passed over. A file whose head cannot be read is among them too, for its error to be reported. The second
+/// list names what stands in `campaign.toml` and goes with no run.
+#[must_use]
+pub fn jobs<'a>(campaigns: &'a [Campaign], kind: Option<Kind>) -> (Vec<Job<'a>>, Vec<String>) {
+    let files: Vec<(&Campaign, &RunFile)> = campaigns.iter().flat_map(|c| c.runs.iter().map(move |f| (c, f))).collect();
+    let headers: Vec<Option<Header>> = files.par_iter().map(|(_, file)| ccr::peek(&file.path).ok()).collect();
+    let mut unmatched = Vec::new();
+    for campaign in campaigns.iter().filter(|c| c.runs.iter().all(|r| !r.named)) {
+        let own = |(c, _): &(&Campaign, &RunFile)| std::ptr::eq(*c, campaign);
+        let known: Vec<&Header> = files.iter().zip(&headers).filter(|(f, _)| own(f)).filter_map(|(_, h)| h.as_ref()).collect();
+        unmatched.extend(campaign.unmatched(&known));
+    }
+    let mut first: HashMap<String, String> = HashMap::new();
+    let mut jobs = Vec::new();
+    for ((campaign, file), header) in files.into_iter().zip(headers) {
+        let wanted = match (&header, kind) {
+            (Some(header), Some(kind)) if !file.named => header.kind == kind && campaign.uses(header),
+            _ => true,
+        };
+        if wanted {
+            let same_run_as = header.as_ref().and_then(|h| match first.entry(h.run.clone()) {
+                Entry::Occupied(earlier) => Some(earlier.get().clone()),
+                Entry::Vacant(free) => {
+                    free.insert(file.recorded.clone());
+                    None
+                }
+            });
+            jobs.push(Job { campaign, path: file.path.clone(), recorded: file.recorded.clone(), header, same_run_as });
+        }
+    }
+    (jobs, unmatched)
+}
+
+impl Job<'_> {
+    /// Results are named after the run id, so two files with one id cannot both have theirs.
+    ///
+    /// # Errors
+    /// There is an earlier file with the same id.
+    pub fn unique(&self) -> Result<(), Failure> {
+        match &self.same_run_as {
+            None => Ok(()),
+            Some(other) => Err(Failure::Refused(Finding::error(
+                &self.recorded,
+                format!("has the same run id as {other}"),
+                "correct `run` in one of the two",
+            ))),
+        }
+    }
+}
+
+/// A result with what is known of its origin.
+pub struct Made<R> {
+    /// The result.
+    pub result: R,
+    /// Its origin.
+    pub provenance: Provenance,
+    /// The run as it was read, without its vectors.
+    pub run: Run,
+}
+
+/// Reads and analyses one run.
+///
+/// # Errors
+/// The file cannot be read, or the analysis refuses it.
+pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) -> Result<Made<A::Result>, Failure> {
+    job.unique()?;
+    let mut sink = analysis.sink(desk.plots);
+    let run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut sink).map_err(Failure::Unreadable)?;
+    let result = analysis
+        .analyse(&run, sink, job.campaign)
+        .map_err(|refusal| Failure::Refused(Finding::error(&job.recorded, refusal.rule, refusal.remedy)))?;
+    let mut input = vec![Input::from(&run.input)];
+    input.extend(job.campaign.input.clone());
+    let mut command = format!("calfit {}{}", A::COMMAND, analysis.recorded(&result));
+    for (allowed, name) in [(desk.allow_truncated, "truncated"), (desk.allow_duplicates, "duplicates")] {
+        if allowed {
+            command.push_str(&format!(" --allow {name}"));
+        }
+    }
+    Ok(Made { result, provenance: Provenance::new(command, input), run })
+}
+
+/// Draws figures in parallel and writes them in their order.
+///
+/// # Errors
+/// A figure cannot be drawn or written.
+pub fn draw(folder: &Folder, figures: &[Named], name: impl Fn(&str) -> String + Sync) -> Result<Vec<Drawn>, Finding> {
+    let pictures: Vec<Result<Vec<u8>, plot::PlotError>> = figures.par_iter().map(|named| plot::render(&named.figure)).collect();
+    figures
+        .iter()
+        .zip(pictures)
+        .map(|(named, picture)| {
+            let file = name(named.stem);
+            let shown = folder.path().join(&file).display().to_string();
+            let picture = picture.map_err(|e| Finding::error(&shown, e.to_string(), "run again with --no-plots"))?;
+            folder.write(&file, &picture)?;
+            Ok(Drawn { file, title: named.figure.title.clone(), caption: named.figure.caption.clone() })
+        })
+        .collect()
+}
+
+/// The text of a parameter file.
+///
+/// # Errors
+/// A value without a text form, which would be an error of this program.
+pub fn parameter_text<B: Body>(name: &str, body: &B, provenance: &Provenance) -> Result<String, Finding> {
+    parameter::to_text(body, provenance)
+        .map_err(|e| Finding::error(name, format!("the result has no text form: {e}"), "report this"))
+}
+
+/// Writes the results of one run into its folder, the parameter file last; returns the figures.
+///
+/// # Errors
+/// What cannot be drawn or written.
+pub fn publish<A: PerRun>(made: &Made<A::Result>, desk: &Desk, parameter_name: &str) -> Result<Vec<Drawn>, Finding> {
+    let result = &made.result;
+    let id = &result.head().id;
+    let folder = Folder::open(&desk.out.join(id), desk.force)?;
+    folder.check(parameter_name)?;
+    let drawn =
+        if desk.plots { draw(&folder, &result.figures(), |stem| format!("{}_{stem}__{id}.png", A::STEM))? } else { Vec::new() };
+    #[cfg(feature = "tables")]
+    for (stem, note, table) in result.tables() {
+        folder.write(&format!("{stem}__{id}.csv"), &table.csv(&note)?)?;
+    }
+    let links: Vec<FigureLink> = FigureLink::number(&drawn, "", &mut 0);
+    let text = report::standalone(&result.title(), result.warnings(), &result.sections(2), &links, &made.provenance);
+    folder.write(&format!("REPORT_{}__{id}.md", A::STEM), text.as_bytes())?;
+    // What the parameter file rests on is safe on disk before it, and its own name after it.
+    folder.sync()?;
+    let text = parameter_text(parameter_name, result.parameters(), &made.provenance)?;
+    folder.write(parameter_name, text.as_bytes())?;
+    folder.sync()?;
+    Ok(drawn)
+}
+
+/// Writes the table of all runs of one kind, as CSV and Parquet.
+///
+/// # Errors
+/// What cannot be written.
+#[cfg(feature = "tables")]
+pub fn publish_table<A: PerRun>(folder: &Folder, results: &[&A::Result]) -> Result<(), Finding> {
+    if results.is_empty() {
+        return Ok(());
+    }
+    let (note, table) = A::Result::campaign_table(results);
+    let [csv, parquet] = table_names(A::STEM);
+    folder.write(&csv, &table.csv(&format!("calfit {}: one row per run; {note}", A::COMMAND))?)?;
+    folder.write(&parquet, &table.parquet()?)
+}
+
+/// Names of the tables of all runs of one kind.
+#[must_use]
+pub fn table_names(stem: &str) -> [String; 2] {
+    ["csv", "parquet"].map(|end| format!("{stem}_PARAMETERS.{end}"))
+}

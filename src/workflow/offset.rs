@@ -1,0 +1,76 @@
+//! Offset measurements as files, figures and text.
+
+use super::lin::recorded_cut;
+use super::{PerRun, Refusal, RunResult};
+use crate::analysis::offset::{Offset, Options, offset};
+use crate::campaign::Campaign;
+use crate::formats::parameter::{Opf, RunHead};
+#[cfg(feature = "tables")]
+use crate::formats::table::Table;
+use crate::plateau::{self, Accumulator};
+use crate::plot::{self, Named};
+use crate::report;
+use crate::run::{Kind, Run};
+
+impl PerRun for Options {
+    const COMMAND: &'static str = "offset";
+    const KIND: Kind = Kind::Offset;
+    const STEM: &'static str = "OFFSET";
+    type Sink = Accumulator;
+    type Result = Offset;
+
+    fn sink(&self, _figures: bool) -> Self::Sink {
+        Accumulator::default()
+    }
+
+    fn analyse(&self, run: &Run, accumulator: Self::Sink, campaign: &Campaign) -> Result<Offset, Refusal> {
+        let plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
+        offset(run, &plateaus, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
+    }
+
+    fn recorded(&self, _result: &Offset) -> String {
+        let mut text = self.cpf.as_ref().map_or_else(String::new, |(name, _)| format!(" --cpf {name}"));
+        text.push_str(&recorded_cut(self.settling, self.least_coverage));
+        if self.allow_mismatch {
+            text.push_str(" --allow mismatch");
+        }
+        text
+    }
+}
+
+impl RunResult for Offset {
+    type Parameters = Opf;
+
+    fn parameters(&self) -> &Opf {
+        &self.parameters
+    }
+    fn head(&self) -> &RunHead {
+        &self.parameters.run
+    }
+    fn warnings(&self) -> &[String] {
+        &self.parameters.warnings
+    }
+    fn is_partial(&self) -> bool {
+        !self.parameters.refused.is_empty()
+    }
+    fn figures(&self) -> Vec<Named> {
+        plot::offset::figures(self)
+    }
+    fn title(&self) -> String {
+        format!("Offset calculation, run {}", self.parameters.run.id)
+    }
+    fn sections(&self, level: usize) -> String {
+        report::offset::sections(self, level)
+    }
+    fn summary(&self) -> String {
+        report::offset::summary(self)
+    }
+    #[cfg(feature = "tables")]
+    fn tables(&self) -> Vec<(&'static str, String, Table)> {
+        Vec::new()
+    }
+    #[cfg(feature = "tables")]
+    fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
+        ("offsets and residual fields enT, sensor axes; coil residual nT, coil axes", report::offset::parameter_table(all))
+    }
+}

@@ -1,0 +1,237 @@
+//! `calfit offset`: offsets and residual fields come back with their signs, and what the positions do not tell is refused by name.
+
+mod common;
+
+use common::check::{Case, close, number, parameters, says, text, three};
+use common::{Plan, Setting, Truth};
+use toml_edit::DocumentMut;
+
+const POSITIONS: [(u32, [&str; 3]); 4] =
+    [(1, ["+X", "+Y", "+Z"]), (2, ["-X", "-Y", "+Z"]), (3, ["-Z", "-Y", "-X"]), (4, ["-Z", "+Y", "+X"])];
+/// Three orientations of the ambient runs of CH-GFZ-TR-2601.
+const TILTS: [(u32, [&str; 3]); 3] = [(1, ["+X", "+Y", "+Z"]), (2, ["-Y", "+X", "+Z"]), (3, ["-Z", "+Y", "+X"])];
+
+/// Zero field and ±200 nT on each axis in every position, plateaus of 4 s.
+fn programme(positions: &[u32], steps: bool) -> Vec<Setting> {
+    let mut fields = vec![[0.0; 3]];
+    for axis in 0..if steps { 3 } else { 0 } {
+        for level in [200.0, -200.0] {
+            let mut field = [0.0; 3];
+            field[axis] = level;
+            fields.push(field);
+        }
+    }
+    fields.push([0.0; 3]);
+    let all = positions.iter().flat_map(|p| fields.iter().map(move |f| (*p, *f))).enumerate();
+    all.map(|(i, (position, field))| Setting::constant(4.0 * i as f64, 4.0 * (i + 1) as f64, field, position)).collect()
+}
+
+fn plan(positions: &[(u32, [&'static str; 3])], order: &[u32]) -> Plan {
+    Plan {
+        settings: programme(order, true),
+        positions: positions.to_vec(),
+        residual_nt: [4.0, -7.0, 11.0],
+        noise_ent: 0.09,
+        ..Plan::default()
+    }
+}
+
+fn case(plan: &Plan) -> Case {
+    let case = Case::of(plan.run().key("kind", "\"offset\"").key("configuration", "\"OFFSET_200.MAG\"").text());
+    let tables: Vec<String> =
+        plan.positions.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect();
+    case.put("campaign.toml", tables.join("\n"));
+    case
+}
+
+fn opf(case: &Case) -> DocumentMut {
+    parameters(&case.out().join("13-04-03_09-22-38/OFF_PARAMETER__13-04-03-09-22-38.OPF"))
+}
+
+fn measure(plan: &Plan) -> DocumentMut {
+    let case = case(plan);
+    let output = case.run("offset", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    opf(&case)
+}
+
+/// Half the difference of the residual field's readings in a normal and a turned position, from the forward model of the test.
+fn residual_ent(plan: &Plan, component: usize, normal: u32, turned: u32) -> f64 {
+    let read = |position: u32| {
+        let axes = plan.positions.iter().find(|(id, _)| *id == position).unwrap().1;
+        Truth { axes, ..plan.truth.clone() }.reading(plan.residual_nt)[component]
+    };
+    (read(normal) - read(turned)) / 2.0
+}
+
+#[track_caller]
+fn within(found: f64, truth: f64, std: f64) {
+    assert!(std > 0.0 && (found - truth).abs() < 3.0 * std, "{found} is not {truth} within three times {std}");
+}
+
+#[test]
+fn four_positions_give_offset_and_residual_field_within_three_standard_deviations() {
+    for seed in 1..=5 {
+        let plan = Plan { seed, ..plan(&POSITIONS, &[1, 2, 3, 4]) };
+        let opf = measure(&plan);
+        for (i, (normal, turned)) in [(1, 2), (1, 2), (3, 4)].into_iter().enumerate() {
+            within(
+                number(&opf, &format!("offset_ent.{i}")),
+                plan.truth.offset_ent[i],
+                number(&opf, &format!("offset_std_ent.{i}")),
+            );
+            let std = number(&opf, &format!("residual_std_ent.{i}"));
+            within(number(&opf, &format!("residual_ent.{i}")), residual_ent(&plan, i, normal, turned), std);
+            assert!(std < 0.02, "the mean of seconds of data is known better than {std} enT");
+            within(
+                number(&opf, &format!("residual_coil_nt.{i}")),
+                plan.residual_nt[i],
+                number(&opf, &format!("residual_coil_std_nt.{i}")),
+            );
+        }
+    }
+}
+
+#[test]
+fn three_tilts_give_offset_and_residual_field_within_three_standard_deviations() {
+    for seed in 1..=5 {
+        let plan = Plan { seed, ..plan(&TILTS, &[1, 2, 3]) };
+        let opf = measure(&plan);
+        for i in 0..3 {
+            within(
+                number(&opf, &format!("offset_ent.{i}")),
+                plan.truth.offset_ent[i],
+                number(&opf, &format!("offset_std_ent.{i}")),
+            );
+            within(
+                number(&opf, &format!("residual_coil_nt.{i}")),
+                plan.residual_nt[i],
+                number(&opf, &format!("residual_coil_std_nt.{i}")),
+            );
+            assert_eq!(opf["method"]["component"][i].as_str(), Some("tilted"));
+        }
+    }
+}
+
+#[test]
+fn signs_are_those_of_the_definition() {
+    let ideal = Truth { sigma: [1.0; 3], xi_deg: [90.0; 3], turned_deg: [0.0; 3], offset_ent: [0.0; 3], ..Truth::default() };
+    // An offset shows in its own component and nowhere else.
+    for axis in 0..3 {
+        let mut offset_ent = [0.0; 3];
+        offset_ent[axis] = 10.0;
+        let truth = Truth { offset_ent, ..ideal.clone() };
+        let opf = measure(&Plan { truth, residual_nt: [0.0; 3], ..plan(&POSITIONS, &[1, 2, 3, 4]) });
+        close(three(&opf, "offset_ent"), offset_ent, 0.1);
+        close(three(&opf, "residual_ent"), [0.0; 3], 0.1);
+    }
+    // A residual field on X_c shows in x with its sign, and in z with the other one, as Z_m = -X_c in position 3; one on Z_c in none.
+    let seen = [[10.0, 0.0, -10.0], [0.0, 10.0, 0.0], [0.0, 0.0, 0.0]];
+    for (axis, expected) in seen.into_iter().enumerate() {
+        let mut residual_nt = [0.0; 3];
+        residual_nt[axis] = 10.0;
+        let opf = measure(&Plan { truth: ideal.clone(), residual_nt, ..plan(&POSITIONS, &[1, 2, 3, 4]) });
+        close(three(&opf, "offset_ent"), [0.0; 3], 0.1);
+        close(three(&opf, "residual_ent"), expected, 0.1);
+        close(three(&opf, "residual_coil_nt"), residual_nt, 0.1);
+        let axes: Vec<&str> = (0..3).map(|i| opf["method"]["normal_axis"][i].as_str().unwrap()).collect();
+        assert_eq!(axes, ["+X", "+Y", "-X"]);
+    }
+}
+
+#[test]
+fn a_component_without_a_turned_position_is_refused_by_name_and_the_others_are_delivered() {
+    let plan = plan(&POSITIONS, &[1, 2]);
+    let case = case(&plan);
+    let output = case.run("offset", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["component z", "+Z", "turned", "the other way"]);
+    let opf = opf(&case);
+    assert!(number(&opf, "offset_ent.2").is_nan() && number(&opf, "residual_ent.2").is_nan());
+    for i in 0..2 {
+        // The residual field along Z_c stays unknown and enters with the small angles between the sensor and that axis.
+        let leak = Truth { axes: POSITIONS[0].1, ..plan.truth.clone() }.response()[i][2] * plan.residual_nt[2];
+        let std = number(&opf, &format!("offset_std_ent.{i}"));
+        within(number(&opf, &format!("offset_ent.{i}")) - leak, plan.truth.offset_ent[i], std);
+        assert!(number(&opf, &format!("residual_std_ent.{i}")) > 0.0);
+    }
+    says(&opf["warnings"].to_string(), &["along Z_c is not determined", "enT per nT in x"]);
+    assert_eq!(opf["refused"][0]["component"].as_str(), Some("z"));
+}
+
+#[test]
+fn one_position_alone_is_refused() {
+    let case = case(&plan(&POSITIONS, &[1]));
+    let output = case.run("offset", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["no component has an offset", "x:", "y:", "z:", "turned position"]);
+    assert!(!case.out().join("13-04-03_09-22-38").exists());
+}
+
+#[test]
+fn a_drift_between_positions_is_estimated_where_they_repeat() {
+    let plan = plan(&POSITIONS, &[1, 2, 3, 4, 1, 2]);
+    let per_s = [0.01, -0.02, 0.005];
+    let run = plan.run();
+    let samples = run.samples.clone();
+    let mut drifting = run.key("kind", "\"offset\"");
+    for (to, from) in drifting.samples.iter_mut().zip(samples) {
+        to.reading = std::array::from_fn(|i| from.reading[i] + per_s[i] * from.t);
+    }
+    let case = case(&plan);
+    case.put(common::RUN_FILE, drifting.text());
+    let output = case.run("offset", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let opf = opf(&case);
+    for i in 0..3 {
+        within(
+            number(&opf, &format!("drift.ent_per_h.{i}")),
+            3600.0 * per_s[i],
+            number(&opf, &format!("drift.std_ent_per_h.{i}")),
+        );
+        let at_reference = plan.truth.offset_ent[i] + per_s[i] * number(&opf, "drift.reference_s");
+        within(number(&opf, &format!("offset_ent.{i}")), at_reference, number(&opf, &format!("offset_std_ent.{i}")));
+    }
+}
+
+#[test]
+fn zero_field_alone_is_enough_for_a_sensor_on_the_nominal_axes() {
+    let truth = Truth { xi_deg: [90.0; 3], turned_deg: [0.0; 3], sigma: [1.0; 3], ..Truth::default() };
+    let plan = Plan { truth, settings: programme(&[1, 2, 3, 4], false), ..plan(&POSITIONS, &[1]) };
+    let opf = measure(&plan);
+    for i in 0..3 {
+        within(number(&opf, &format!("offset_ent.{i}")), plan.truth.offset_ent[i], number(&opf, &format!("offset_std_ent.{i}")));
+    }
+    says(&opf["warnings"].to_string(), &["fields were not applied along all axes"]);
+}
+
+#[test]
+fn offsets_in_nanotesla_follow_with_a_linear_calibration() {
+    let plan = plan(&POSITIONS, &[1, 2, 3, 4]);
+    let case = case(&plan);
+    case.put("13-04-03/10-00-00.CCR", common::good().named("13-04-03_10-00-00").text());
+    assert_eq!(case.run("lin", &["--no-plots"]).status.code(), Some(0));
+    let cpf = case.out().join("13-04-03_10-00-00/PARAMETER_LIN__13-04-03_10-00-00.CPF");
+    let output = case.run("offset", &["--no-plots", "--cpf", cpf.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let opf = opf(&case);
+    let sigma = common::check::sigma(&parameters(&cpf));
+    for i in 0..3 {
+        let expected = sigma[i] * number(&opf, &format!("offset_ent.{i}"));
+        assert!((number(&opf, &format!("scaled.offset_nt.{i}")) - expected).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn a_position_that_is_not_what_the_table_says_is_refused() {
+    let plan = plan(&POSITIONS, &[1, 2, 3, 4]);
+    let case = case(&plan);
+    case.put(
+        "campaign.toml",
+        "position = [{id = 1, axes = [\"+X\",\"+Y\",\"+Z\"]}, {id = 2, axes = [\"+X\",\"+Y\",\"+Z\"]}, \
+         {id = 3, axes = [\"-Z\",\"-Y\",\"-X\"]}, {id = 4, axes = [\"-Z\",\"+Y\",\"+X\"]}]",
+    );
+    let output = case.run("offset", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["position 2", "component x", "enT/nT", "position table"]);
+}
