@@ -686,7 +686,7 @@ impl Seen {
         RefusedComponent {
             component: component.to_owned(),
             reason: format!(
-                "it looks along {} only, and no position shows the same residual field with another sign or axis",
+                "no position shows it turned: it looks along {} only, and residual field and offset are the same there",
                 self.axes.join(" and ")
             ),
             remedy: format!("measure a position in which {component} looks the other way"),

@@ -2,6 +2,7 @@
 
 mod check;
 mod each;
+mod freq;
 mod inspect;
 mod lin;
 mod offset;
@@ -35,6 +36,8 @@ enum Command {
     Lin(lin::Arguments),
     /// Sensor offset and residual field of every offset run, from normal and turned positions.
     Offset(offset::Arguments),
+    /// Sampling frequency and frequency response of every frequency run, or of a table of amplitudes.
+    Freq(freq::Arguments),
     /// List the runs of a campaign: file, programme, sensor, mode, settings, vectors, losses, temperatures.
     Inspect(inspect::Arguments),
     /// Validate files and say everything that is wrong with each; changes nothing.
@@ -152,6 +155,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Lin(arguments) => lin::run(&arguments, &cli.common, &terminal),
         Command::Offset(arguments) => offset::run(&arguments, &cli.common, &terminal),
+        Command::Freq(arguments) => freq::run(&arguments, &cli.common, &terminal),
         Command::Inspect(arguments) => inspect::run(&arguments, &cli.common, &terminal),
         Command::Check(arguments) => check::run(&arguments, &cli.common, &terminal),
         Command::Completions(arguments) => shell::completions(&arguments, &terminal),

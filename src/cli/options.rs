@@ -14,7 +14,7 @@ pub(super) struct Cut {
     pub coverage: f64,
 }
 
-fn settling(text: &str) -> Result<Settling, String> {
+pub(super) fn settling(text: &str) -> Result<Settling, String> {
     if text == "auto" {
         return Ok(Settling::Found);
     }

@@ -17,7 +17,7 @@ pub struct DoubleDouble {
 }
 
 /// Sum and its exact rounding error, for any `a` and `b`.
-fn two_sum(a: f64, b: f64) -> (f64, f64) {
+pub fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     let b_part = sum - a;
     (sum, (a - (sum - b_part)) + (b - b_part))

@@ -2,6 +2,9 @@
 //!
 //! * [`linear`]: the weighted least-squares solver behind every linear fit, refined to the last digit of its input. It
 //!   refuses designs which do not determine their parameters and names those parameters.
+//! * [`contaminated`]: the same with outliers and unknown scatter, by a likelihood models can be compared by.
+//! * [`choice`]: the criterion to compare them by.
+//! * [`sine`]: one sine in samples at counted instants, and the sample rate that many of them share.
 //! * [`polynomial`]: polynomials of any degree the data carry, in raw powers.
 //! * [`order`]: the order of a polynomial, given or chosen from the data.
 //! * [`nonlinear`]: Levenberg-Marquardt for models with a Jacobian or without, polished to the last digits of the model.
@@ -11,6 +14,8 @@
 //!
 //! Everything is deterministic and nothing panics on data: what cannot be estimated is a [`FitError`].
 
+pub mod choice;
+pub mod contaminated;
 pub mod correlation;
 mod double_double;
 pub mod linear;
@@ -19,7 +24,10 @@ pub mod order;
 pub mod polynomial;
 pub mod propagate;
 pub mod robust;
+pub mod sine;
 
+pub use choice::aicc;
+pub use contaminated::Contaminated;
 pub use correlation::{Noise, NoiseModel};
 pub use linear::{Design, Limits, Solution, solve};
 pub use nonlinear::{Model, NonlinearSolution};

@@ -2,4 +2,5 @@
 
 pub mod polynomial;
 pub mod position;
+pub mod response;
 pub mod sensor;

@@ -7,6 +7,7 @@
 mod axis;
 mod canvas;
 mod encode;
+pub mod freq;
 mod legend;
 pub mod lin;
 mod marks;

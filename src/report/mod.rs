@@ -1,5 +1,7 @@
 //! Results as tables for people. Reads result structs and computes nothing about the sensor.
 
+pub mod freq;
+pub mod html;
 pub mod lin;
 pub mod offset;
 pub mod runs;
@@ -99,7 +101,7 @@ pub fn figures(links: &[FigureLink]) -> String {
     let mut out = String::new();
     for FigureLink { file, number, title, caption } in links {
         let caption = caption.replace('"', "'");
-        let _ = writeln!(out, "![Figure {number}: {title}]({file} \"{caption}\")\n");
+        let _ = writeln!(out, "![{title}]({file} \"Figure {number}: {title}. {caption}\")\n");
     }
     out
 }

@@ -1,8 +1,11 @@
 //! A run file to its result, and a result to its files: what the commands for single runs, the thermal analysis, the protocol and the
 //! verification have in common.
 
+mod freq;
 mod lin;
 mod offset;
+
+pub use freq::of_table;
 
 use crate::campaign::{Campaign, RunFile};
 use crate::error::{Finding, Severity};
@@ -206,8 +209,8 @@ pub struct Made<R> {
     pub result: R,
     /// Its origin.
     pub provenance: Provenance,
-    /// The run as it was read, without its vectors.
-    pub run: Run,
+    /// The run as it was read, without its vectors; absent for a table of amplitudes.
+    pub run: Option<Run>,
 }
 
 /// Reads and analyses one run.
@@ -229,7 +232,7 @@ pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) 
             command.push_str(&format!(" --allow {name}"));
         }
     }
-    Ok(Made { result, provenance: Provenance::new(command, input), run })
+    Ok(Made { result, provenance: Provenance::new(command, input), run: Some(run) })
 }
 
 /// Draws figures in parallel and writes them in their order.

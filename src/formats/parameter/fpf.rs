@@ -70,7 +70,7 @@ pub struct Fpf {
 impl Body for Fpf {
     const FORMAT: &'static str = "FPF";
     const MAY_LACK: &'static [&'static str] =
-        &["f_3db_igep_hz", "f_3db_model_hz", "f_3db_model_std_hz", "f_s_hz", "f_s_std_hz", "amplitude"];
+        &["f_3db_igep_hz", "f_3db_model_hz", "f_3db_model_std_hz", "f_s_hz", "f_s_std_hz", "model", "clock", "amplitude"];
     fn file_name(&self) -> String {
         format!("FREQ_PARAMETER__{}.FPF", self.run.dashed_id())
     }
@@ -98,8 +98,8 @@ pub struct ResponsePart {
 pub struct CandidatePart {
     /// Name.
     pub name: String,
-    /// Parameters per component.
-    pub parameters: usize,
+    /// -3 dB frequency that it gives per component, Hz; nan where it gives none.
+    pub f_3db_hz: [f64; 3],
     /// AICc over the three components, less that of the best.
     pub delta_aicc: f64,
 }

@@ -1,0 +1,680 @@
+//! Sampling frequency and frequency response from sines of known frequency (BC-MAG-TR-0085 section 3.6, mathematics section 3).
+//!
+//! The facility clock is the reference: a sine of frequency f has the phase `2π f n / f_s` at sample counter n. One `f_s` per component
+//! follows from the phase progress within all settings together; frequencies above half the sampling frequency are seen as aliases
+//! and tell it best. Stretches that no sine of the setting's frequency describes are left out, instead of letting them lower the
+//! amplitude.
+
+use crate::analysis::conditions::{self, Temperatures};
+use crate::analysis::corner::{self, Amplitude, Corner};
+use crate::campaign::Campaign;
+use crate::fit::sine::{self, CommonRate, Oscillator, Packet, Sums, Verdict};
+use crate::formats::amplitudes::Row;
+use crate::formats::parameter::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart, RunHead};
+use crate::plateau::{Settling, median};
+use crate::run::{Header, Kind, Run, Setting, Vector, VectorSink};
+use crate::units::COMPONENTS;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::ops::Range;
+use thiserror::Error;
+
+/// How a frequency analysis is made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Time left out after a change of frequency.
+    pub settling: Settling,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { settling: Settling::Found }
+    }
+}
+
+/// Samples that are kept at most: seventeen hours at 128 Hz in 256 MB.
+const MOST_SAMPLES: usize = 8_000_000;
+/// Part of a setting that is left out after a change of frequency where nothing else is said, and its bounds, s.
+const SETTLING_PART: f64 = 1.0 / 32.0;
+const SETTLING_S: [f64; 2] = [0.1, 1.0];
+/// Segments in which damage is looked for, and their least number of samples.
+const SEGMENTS: usize = 48;
+const LEAST_SAMPLES: usize = 16;
+/// Least part of a setting that must be undamaged.
+const LEAST_PART: f64 = 0.25;
+/// A stretch belongs to the sine if its residuals are within this factor of those of the other settings.
+const TOLERANCE: f64 = 4.0;
+/// Residuals of this part of the amplitude are distortion and no damage.
+const DISTORTION: f64 = 1e-3;
+/// A whole number of periods is used where it costs no more than this part of the samples.
+const WHOLE_PERIODS_PART: f64 = 0.02;
+/// An amplitude of fewer standard uncertainties does not stand out of the noise.
+const DETECTED: f64 = 3.0;
+/// Weight in the response fit from which an amplitude counts as used.
+const USED: f64 = 0.5;
+/// Difference of chi-square below which the next best sampling frequency is as good.
+const AMBIGUOUS: f64 = 25.0;
+/// A drift of this many standard uncertainties is one.
+const DRIFTS: f64 = 4.0;
+
+/// Why a run has no frequency analysis.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum FreqError {
+    /// Not a frequency run.
+    #[error("the run is of kind {0}, not frequency")]
+    Kind(Kind),
+    /// No sines.
+    #[error("no setting is a sine: the frequencies in @FIELDS are all 0")]
+    NoSines,
+    /// No samples.
+    #[error("no samples fall into the settings")]
+    NoSamples,
+    /// More than fits into memory.
+    #[error("the settings hold more than {MOST_SAMPLES} samples")]
+    TooLong,
+    /// Every frequency is refused.
+    #[error("no frequency can be used; the first, {frequency_hz} Hz: {why}")]
+    NothingUsable {
+        /// Frequency, Hz.
+        frequency_hz: f64,
+        /// Why.
+        why: String,
+    },
+    /// No sampling frequency.
+    #[error("component {component} has no sampling frequency: {why}")]
+    NoRate {
+        /// Component.
+        component: &'static str,
+        /// Why.
+        why: String,
+    },
+}
+
+impl FreqError {
+    /// What to do about it.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            FreqError::Kind(_) => "use the command for that kind",
+            FreqError::NoSines => "check `kind` and the settings of the run",
+            FreqError::NoSamples => "check the times of the settings; a table of amplitudes goes with --amplitudes",
+            FreqError::TooLong => "split the run",
+            FreqError::NothingUsable { .. } => "check the frequencies and times of the settings",
+            FreqError::NoRate { .. } => "check the sample rate in the head of the file and the frequencies of the settings",
+        }
+    }
+}
+
+/// The samples of one sine.
+#[derive(Clone, Debug, Default)]
+struct Record {
+    n: Vec<u64>,
+    t_s: Vec<f64>,
+    y: [Vec<f64>; 3],
+}
+
+/// Keeps the samples of settings that are sines.
+#[derive(Clone, Debug, Default)]
+pub struct Sines {
+    settings: Vec<Setting>,
+    records: Vec<Record>,
+    current: usize,
+    kept: usize,
+    overflown: bool,
+}
+
+impl VectorSink for Sines {
+    fn needs_settings(&self) -> bool {
+        true
+    }
+
+    fn begin(&mut self, _header: &Header, settings: &[Setting]) {
+        *self = Self { settings: settings.to_vec(), records: vec![Record::default(); settings.len()], ..Self::default() };
+    }
+
+    fn vector(&mut self, vector: Vector) {
+        while self.settings.get(self.current).is_some_and(|s| vector.t_s >= s.t_end_s) {
+            self.current += 1;
+        }
+        let Some(setting) = self.settings.get(self.current) else { return };
+        if setting.frequency_hz <= 0.0 || vector.t_s < setting.t_start_s {
+            return;
+        }
+        if self.kept == MOST_SAMPLES {
+            self.overflown = true;
+            return;
+        }
+        self.kept += 1;
+        let record = &mut self.records[self.current];
+        record.n.push(vector.n);
+        record.t_s.push(vector.t_s);
+        record.y.iter_mut().zip(vector.reading.0).for_each(|(y, r)| y.push(r));
+    }
+}
+
+/// One applied frequency with its used stretch.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Stretch {
+    /// The setting.
+    pub setting: Setting,
+    /// Begin and end of the used part, s since the run's start; absent if the frequency was refused.
+    pub used_s: Option<[f64; 2]>,
+}
+
+/// A frequency analysis with what is needed to judge it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Freq {
+    /// The parameters, as in the parameter file.
+    pub parameters: Fpf,
+    /// The response fit; its rows are the amplitudes of the parameters in their order.
+    pub corner: Corner,
+    /// The settings and the parts of them that were used; empty for a table of amplitudes.
+    pub stretches: Vec<Stretch>,
+    /// Temperatures during the run.
+    pub temperatures: Temperatures,
+}
+
+/// What was found of one setting.
+struct Tone {
+    setting: Setting,
+    used: Range<usize>,
+    remark: String,
+}
+
+/// Sampling frequency, amplitudes and response of one run.
+///
+/// # Errors
+/// [`FreqError`]: the run is refused. Single frequencies are refused in the result.
+pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) -> Result<Freq, FreqError> {
+    if run.header.kind != Kind::Frequency {
+        return Err(FreqError::Kind(run.header.kind));
+    }
+    if sines.overflown {
+        return Err(FreqError::TooLong);
+    }
+    let indices: Vec<usize> = (0..sines.settings.len()).filter(|i| sines.settings[*i].frequency_hz > 0.0).collect();
+    if indices.is_empty() {
+        return Err(FreqError::NoSines);
+    }
+    if sines.kept == 0 {
+        return Err(FreqError::NoSamples);
+    }
+    let records: Vec<&Record> = indices.iter().map(|i| &sines.records[*i]).collect();
+    let settings: Vec<Setting> = indices.iter().map(|i| sines.settings[*i]).collect();
+    let start_hz = run.vectors.measured_rate_hz.unwrap_or(run.header.sample_rate_hz);
+
+    // A first sampling frequency from everything that is settled, damage included: settings that disagree do not count in it.
+    let settled: Vec<Range<usize>> = records.iter().zip(&settings).map(|(r, s)| settled(r, s, options.settling)).collect();
+    let first = rates(&records, &settings, &settled, start_hz)?;
+    let rough_hz = first.iter().map(|r| r.rate_hz).sum::<f64>() / 3.0;
+    let tones = undamaged(&records, &settings, settled, rough_hz);
+    let ranges: Vec<Range<usize>> = tones.iter().map(|t| t.used.clone()).collect();
+    if let Some(refused) = tones.iter().find(|t| !t.remark.is_empty()).filter(|_| ranges.iter().all(Range::is_empty)) {
+        return Err(FreqError::NothingUsable { frequency_hz: refused.setting.frequency_hz, why: refused.remark.clone() });
+    }
+    let found = rates(&records, &settings, &ranges, rough_hz)?;
+    let clock = Clock::of(&found);
+
+    let measured: Vec<AmplitudePart> =
+        tones.par_iter().zip(&records).map(|(tone, record)| amplitude(tone, record, &clock)).collect();
+    let mut warnings = clock.remarks(&found, &settings);
+    let refused: Vec<String> = measured
+        .iter()
+        .filter(|a| a.used_s.is_none())
+        .map(|a| format!("{} Hz was refused: {}", a.frequency_hz, a.remark))
+        .collect();
+    warnings.extend(refused);
+    let damaged: Vec<String> = measured
+        .iter()
+        .filter(|a| a.used_s.is_some() && !a.remark.is_empty())
+        .map(|a| format!("{} Hz: {}", a.frequency_hz, a.remark))
+        .collect();
+    warnings.extend(damaged);
+
+    let span = |join: fn(f64, f64) -> f64, end: usize| {
+        measured.iter().filter_map(|a| a.used_s).map(|s| s[end]).reduce(join).unwrap_or_default()
+    };
+    let temperatures = Temperatures::of(run, campaign, [span(f64::min, 0), span(f64::max, 1)], &mut warnings);
+    conditions::warn_of_run(&mut warnings, run);
+    let stretches = measured.iter().zip(&settings).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
+    let head = conditions::head(run, campaign, &temperatures);
+    let mut freq = respond(measured, head, warnings);
+    let p = &mut freq.parameters;
+    p.f_s_hz = Some(clock.rate_hz);
+    p.f_s_std_hz = Some(clock.std_hz);
+    p.mean_f_s_hz = Some(clock.mean_hz);
+    p.mean_f_s_std_hz = Some(clock.mean_std_hz);
+    p.scatter_f_s_hz = Some(clock.scatter_hz);
+    p.clock = Some(clock.part);
+    p.conditions = temperatures.conditions.clone();
+    freq.temperatures = temperatures;
+    freq.stretches = stretches;
+    Ok(freq)
+}
+
+/// The response alone, from a table of amplitudes; `id` names it.
+#[must_use]
+pub fn from_table(rows: &[Row], id: &str) -> Freq {
+    let measured = rows
+        .iter()
+        .map(|row| AmplitudePart {
+            frequency_hz: row.frequency_hz,
+            b_ent: row.amplitude_ent,
+            b_std_ent: row.std_ent,
+            phase_deg: None,
+            phase_std_deg: None,
+            used: true,
+            weight: [1.0; 3],
+            // Without an uncertainty a positive amplitude is taken for one.
+            detected: std::array::from_fn(|i| {
+                row.amplitude_ent[i] > if row.std_ent[i].is_finite() { DETECTED * row.std_ent[i] } else { 0.0 }
+            }),
+            alias_hz: None,
+            used_s: None,
+            samples: None,
+            remark: String::new(),
+        })
+        .collect();
+    let head = RunHead {
+        id: id.to_owned(),
+        sensor: String::new(),
+        mode: String::new(),
+        temperature_degc: None,
+        coil_temperature_degc: None,
+        campaign: "a table of amplitudes, without a campaign".to_owned(),
+        start: String::new(),
+        configuration: String::new(),
+        field_source: String::new(),
+        coil_correction: None,
+        earthfield_compensation: Vec::new(),
+    };
+    let warnings = vec!["the table tells neither sensor, mode nor temperature, and no sampling frequency".to_owned()];
+    respond(measured, head, warnings)
+}
+
+/// The settled samples of a setting.
+fn settled(record: &Record, setting: &Setting, settling: Settling) -> Range<usize> {
+    let settling_s = match settling {
+        Settling::Given(s) => s,
+        Settling::Found => (SETTLING_PART * (setting.t_end_s - setting.t_start_s)).clamp(SETTLING_S[0], SETTLING_S[1]),
+    };
+    record.t_s.partition_point(|t| *t < setting.t_start_s + settling_s)..record.t_s.len()
+}
+
+/// The sampling frequency of every component.
+fn rates(
+    records: &[&Record],
+    settings: &[Setting],
+    ranges: &[Range<usize>],
+    start_hz: f64,
+) -> Result<[CommonRate; 3], FreqError> {
+    let found: Vec<CommonRate> = (0..3)
+        .into_par_iter()
+        .map(|component| {
+            let packets: Vec<Packet> = records
+                .iter()
+                .zip(settings)
+                .zip(ranges)
+                .map(|((record, setting), range)| Packet {
+                    n: &record.n[range.clone()],
+                    y: &record.y[component][range.clone()],
+                    frequency_hz: setting.frequency_hz,
+                })
+                .collect();
+            sine::common_rate(&packets, start_hz)
+                .map_err(|e| FreqError::NoRate { component: COMPONENTS[component], why: e.to_string() })
+        })
+        .collect::<Result<_, _>>()?;
+    found.try_into().map_err(|_| FreqError::NoSamples)
+}
+
+/// The part of every setting that one sine describes in all components, cut to whole periods where that costs little.
+fn undamaged(records: &[&Record], settings: &[Setting], settled: Vec<Range<usize>>, rate_hz: f64) -> Vec<Tone> {
+    // What a setting leaves in each component, and how large its sine is.
+    let whole: Vec<[Option<(f64, f64)>; 3]> = (0..records.len())
+        .into_par_iter()
+        .map(|j| {
+            std::array::from_fn(|i| {
+                let range = settled[j].clone();
+                let fit =
+                    sine::three(&records[j].n[range.clone()], &records[j].y[i][range], settings[j].frequency_hz, rate_hz).ok()?;
+                Some((fit.residual_std, fit.amplitude))
+            })
+        })
+        .collect();
+    let floor: [f64; 3] = std::array::from_fn(|i| {
+        let mut all: Vec<f64> = whole.iter().filter_map(|w| w[i]).map(|(std, _)| std).collect();
+        if all.is_empty() { 0.0 } else { median(&mut all) }
+    });
+    (0..records.len())
+        .into_par_iter()
+        .map(|j| {
+            let (record, setting) = (records[j], settings[j]);
+            let range = settled[j].clone();
+            let refused = |remark: String| Tone { setting, used: 0..0, remark };
+            let slice = |i: usize| (&record.n[range.clone()], &record.y[i][range.clone()]);
+            if let Err(refusal) = sine::three(slice(0).0, slice(0).1, setting.frequency_hz, rate_hz) {
+                return refused(refusal.to_string());
+            }
+            let per_segment = (range.len() / SEGMENTS).max(LEAST_SAMPLES);
+            let count = (range.len() / per_segment).max(1);
+            let edge = |segment: usize| if segment == count { range.end } else { range.start + segment * per_segment };
+            let mut kept = 0..count;
+            for (i, floor_std) in floor.into_iter().enumerate() {
+                let distortion = whole[j][i].map_or(0.0, |(_, amplitude)| DISTORTION * amplitude);
+                let limit_std = floor_std.max(distortion);
+                if whole[j][i].is_some_and(|(std, _)| std <= limit_std) {
+                    continue;
+                }
+                let mut oscillator = Oscillator::new(setting.frequency_hz, rate_hz);
+                let segments: Vec<Sums> = (0..count)
+                    .map(|segment| {
+                        let mut sums = Sums::new(record.y[i][range.start]);
+                        for k in edge(segment)..edge(segment + 1) {
+                            sums.add(oscillator.at(record.n[k]), record.y[i][k]);
+                        }
+                        sums
+                    })
+                    .collect();
+                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small positive number")]
+                let least = ((count as f64 * LEAST_PART).ceil() as usize).max(1);
+                match sine::coherent(&segments, limit_std, TOLERANCE, least) {
+                    Some(run) => kept = kept.start.max(run.start)..kept.end.min(run.end),
+                    None => {
+                        let name = COMPONENTS[i];
+                        return refused(format!(
+                            "no stretch of component {name} follows a sine of this frequency; the setting is disturbed, or another one"
+                        ));
+                    }
+                }
+            }
+            if (kept.len() as f64) < LEAST_PART * count as f64 {
+                return refused("the components have no undamaged stretch in common".to_owned());
+            }
+            let cut = kept.len() < count;
+            let used = whole_periods(record, edge(kept.start)..edge(kept.end), setting.frequency_hz);
+            let remark = if cut {
+                format!("{:.0} % of the setting is damaged and was left out", 100.0 * (1.0 - kept.len() as f64 / count as f64))
+            } else {
+                String::new()
+            };
+            match sine::three(&record.n[used.clone()], &record.y[0][used.clone()], setting.frequency_hz, rate_hz) {
+                Ok(_) => Tone { setting, used, remark },
+                Err(refusal) => refused(format!("of its undamaged part, {refusal}")),
+            }
+        })
+        .collect()
+}
+
+/// The stretch without the samples beyond the last whole period, if they are few.
+fn whole_periods(record: &Record, range: Range<usize>, frequency_hz: f64) -> Range<usize> {
+    let (Some(first), Some(last)) = (record.t_s.get(range.start), record.t_s.get(range.end.saturating_sub(1))) else {
+        return range;
+    };
+    let periods = ((last - first) * frequency_hz).floor();
+    let end_s = first + periods / frequency_hz;
+    let end = range.start + record.t_s[range.clone()].partition_point(|t| *t < end_s);
+    if (range.end - end) as f64 <= WHOLE_PERIODS_PART * range.len() as f64 { range.start..end } else { range }
+}
+
+/// The clock of the instrument.
+struct Clock {
+    rate_hz: [f64; 3],
+    std_hz: [f64; 3],
+    mean_hz: f64,
+    mean_std_hz: f64,
+    scatter_hz: f64,
+    /// The three components disagree by more than their uncertainties.
+    disagree: bool,
+    /// Drift of all components together, Hz/s, if there is one, and the time at which the mean holds, s after counter 0.
+    drift_hz_per_s: Option<f64>,
+    centre_s: f64,
+    part: ClockPart,
+}
+
+impl Clock {
+    fn of(found: &[CommonRate; 3]) -> Self {
+        let rate_hz: [f64; 3] = std::array::from_fn(|i| found[i].rate_hz);
+        let std_hz: [f64; 3] = std::array::from_fn(|i| found[i].std_hz);
+        let weights = std_hz.map(|s| s.powi(-2));
+        let total: f64 = weights.iter().sum();
+        let mean = |values: [f64; 3]| (0..3).map(|i| weights[i] * values[i]).sum::<f64>() / total;
+        let mean_hz = mean(rate_hz);
+        let chi_square: f64 = (0..3).map(|i| weights[i] * (rate_hz[i] - mean_hz).powi(2)).sum();
+        let widened = crate::fit::order::excess(chi_square, 2);
+        let plain = rate_hz.iter().sum::<f64>() / 3.0;
+        let scatter_hz = (rate_hz.iter().map(|r| (r - plain).powi(2)).sum::<f64>() / 2.0).sqrt();
+        let drift =
+            |get: fn(&sine::Drift) -> f64| -> [f64; 3] { std::array::from_fn(|i| found[i].drift.as_ref().map_or(f64::NAN, get)) };
+        let (drift_hz_per_s, drift_std) = (drift(|d| d.hz_per_s), drift(|d| d.std_hz_per_s));
+        let drift_weights = drift_std.map(|s| if s.is_finite() && s > 0.0 { s.powi(-2) } else { 0.0 });
+        let drift_total: f64 = drift_weights.iter().sum();
+        let common =
+            (0..3).filter(|i| drift_weights[*i] > 0.0).map(|i| drift_weights[i] * drift_hz_per_s[i]).sum::<f64>() / drift_total;
+        let drift_is_significant = drift_total > 0.0 && common.abs() * drift_total.sqrt() > DRIFTS;
+        // The rate holds for the time around which the information of the packets is balanced.
+        let informed = found.iter().flat_map(|f| &f.packets).filter(|p| p.verdict == Verdict::Used && p.std_hz > 0.0);
+        let (sum, weight) = informed.fold((0.0, 0.0), |(sum, weight), p| {
+            let w = p.std_hz.powi(-2);
+            (sum + w * p.time_s, weight + w)
+        });
+        let rival =
+            found.iter().filter_map(|f| f.runner_up.as_ref()).min_by(|a, b| a.chi_square_excess.total_cmp(&b.chi_square_excess));
+        Self {
+            rate_hz,
+            std_hz,
+            mean_hz,
+            mean_std_hz: widened / total.sqrt(),
+            scatter_hz,
+            disagree: widened > 1.0,
+            drift_hz_per_s: drift_is_significant.then_some(common),
+            centre_s: if weight > 0.0 { sum / weight } else { 0.0 },
+            part: ClockPart {
+                drift_hz_per_s,
+                drift_std_hz_per_s: drift_std,
+                drift_is_significant,
+                rival_hz: rival.map(|r| r.rate_hz),
+                rival_chi_square: rival.map(|r| r.chi_square_excess),
+            },
+        }
+    }
+
+    /// The rate during a stretch, Hz.
+    fn at(&self, t_s: f64) -> f64 {
+        self.mean_hz + self.drift_hz_per_s.map_or(0.0, |d| d * (t_s - self.centre_s))
+    }
+
+    fn remarks(&self, found: &[CommonRate; 3], settings: &[Setting]) -> Vec<String> {
+        let mut remarks = Vec::new();
+        for (component, rate) in COMPONENTS.into_iter().zip(found) {
+            if let Some(rival) = rate.runner_up.as_ref().filter(|r| r.chi_square_excess < AMBIGUOUS) {
+                remarks.push(format!(
+                    "the sampling frequency of {component} is ambiguous: {:.5} Hz describes the data almost as well (chi-square {:.1} more)",
+                    rival.rate_hz, rival.chi_square_excess
+                ));
+            }
+            let apart: Vec<String> = rate
+                .packets
+                .iter()
+                .zip(settings)
+                .filter(|(p, _)| matches!(p.verdict, Verdict::Disagrees { .. }))
+                .map(|(_, s)| format!("{} Hz", s.frequency_hz))
+                .collect();
+            if !apart.is_empty() {
+                remarks.push(format!(
+                    "the sampling frequency of {component} rests on the other frequencies than {}",
+                    apart.join(", ")
+                ));
+            }
+            if rate.inflation > 1.0 {
+                remarks.push(format!(
+                    "the sampling frequencies that the settings give for {component} scatter by {:.1} times what their noise lets expect; its \
+                     uncertainty was widened by it",
+                    rate.inflation
+                ));
+            }
+        }
+        if self.disagree {
+            remarks.push("the components disagree on the sampling frequency by more than their uncertainties; that of the mean was widened".to_owned());
+        }
+        if let Some(drift) = self.drift_hz_per_s {
+            remarks.push(format!(
+                "the sampling frequency drifts by {drift:+.2e} Hz/s; the value given holds {:.0} s after sample counter 0, and amplitudes take the \
+                 drift into account",
+                self.centre_s
+            ));
+        }
+        remarks
+    }
+}
+
+/// Amplitude and phase of one setting.
+fn amplitude(tone: &Tone, record: &Record, clock: &Clock) -> AmplitudePart {
+    let frequency_hz = tone.setting.frequency_hz;
+    let mut part = AmplitudePart {
+        frequency_hz,
+        b_ent: [f64::NAN; 3],
+        b_std_ent: [f64::NAN; 3],
+        phase_deg: None,
+        phase_std_deg: None,
+        used: false,
+        weight: [0.0; 3],
+        detected: [false; 3],
+        alias_hz: None,
+        used_s: None,
+        samples: None,
+        remark: tone.remark.clone(),
+    };
+    let used = tone.used.clone();
+    let (Some(first), Some(last)) = (record.t_s.get(used.start), record.t_s.get(used.end.saturating_sub(1))) else {
+        return part;
+    };
+    if used.is_empty() {
+        return part;
+    }
+    let rate_hz = clock.at(0.5 * (first + last));
+    let n = &record.n[used.clone()];
+    let (mut phase_deg, mut phase_std_deg) = ([f64::NAN; 3], [f64::NAN; 3]);
+    for i in 0..3 {
+        let fit = match sine::three(n, &record.y[i][used.clone()], frequency_hz, rate_hz) {
+            Ok(fit) => fit,
+            Err(refusal) => {
+                part.remark = refusal.to_string();
+                return part;
+            }
+        };
+        let std = sine::local_noise_std(n, &fit.residuals, frequency_hz, rate_hz).unwrap_or(fit.amplitude_std);
+        part.b_ent[i] = fit.amplitude;
+        part.b_std_ent[i] = std;
+        part.detected[i] = fit.amplitude > DETECTED * std;
+        if part.detected[i] {
+            phase_deg[i] = fit.phase_rad.to_degrees();
+            phase_std_deg[i] = (std / fit.amplitude).to_degrees();
+        }
+    }
+    let cycles = frequency_hz / rate_hz;
+    part.alias_hz = Some((cycles - cycles.round()).abs() * rate_hz);
+    part.phase_deg = Some(phase_deg);
+    part.phase_std_deg = Some(phase_std_deg);
+    part.used_s = Some([*first, *last]);
+    part.samples = Some(used.len() as u64);
+    part.used = true;
+    part
+}
+
+/// Fits the response to the amplitudes.
+fn respond(mut measured: Vec<AmplitudePart>, run: RunHead, mut warnings: Vec<String>) -> Freq {
+    let table: Vec<Amplitude> = measured
+        .iter()
+        .map(|a| Amplitude { frequency_hz: a.frequency_hz, amplitude_ent: a.b_ent, std_ent: a.b_std_ent, usable: a.used })
+        .collect();
+    let corner = corner::corner(&table, &corner::Options::default());
+    for (row, part) in measured.iter_mut().enumerate() {
+        part.weight = std::array::from_fn(|i| {
+            corner.components[i].model.as_ref().and_then(|m| m.weight.get(row)).copied().unwrap_or(if part.used {
+                1.0
+            } else {
+                0.0
+            })
+        });
+        let outlying: Vec<&str> = (0..3).filter(|i| part.used && part.weight[*i] < USED).map(|i| COMPONENTS[i]).collect();
+        if !outlying.is_empty() {
+            let remark = format!("{} does not follow the response and has little weight in it", outlying.join(", "));
+            part.remark =
+                [part.remark.as_str(), &remark].iter().filter(|r| !r.is_empty()).copied().collect::<Vec<_>>().join("; ");
+        }
+        part.used = part.used && part.weight.iter().all(|w| *w >= USED);
+        let silent: Vec<&str> =
+            (0..3).filter(|i| part.b_ent[*i].is_finite() && !part.detected[*i]).map(|i| COMPONENTS[i]).collect();
+        if !silent.is_empty() {
+            let remark = format!("not detected in {}", silent.join(", "));
+            part.remark =
+                [part.remark.as_str(), &remark].iter().filter(|r| !r.is_empty()).copied().collect::<Vec<_>>().join("; ");
+        }
+    }
+    for (name, component) in COMPONENTS.into_iter().zip(&corner.components) {
+        let reasons = [(&component.igep_refusal, "by interpolation"), (&component.model_refusal, "by a model")];
+        for (refusal, how) in reasons {
+            if let Some(refusal) = refusal {
+                warnings.push(format!("{name} has no -3 dB frequency {how}: {refusal}"));
+            }
+        }
+    }
+    let of = |get: &dyn Fn(&corner::Component) -> Option<f64>| -> [f64; 3] {
+        std::array::from_fn(|i| get(&corner.components[i]).unwrap_or(f64::NAN))
+    };
+    let each = |get: &dyn Fn(&corner::ModelCorner) -> Vec<f64>| -> Vec<Vec<f64>> {
+        corner.components.iter().map(|c| c.model.as_ref().map_or_else(Vec::new, get)).collect()
+    };
+    let names = corner.components.iter().find_map(|c| c.model.as_ref()).map_or_else(Vec::new, |m| {
+        let own = m.parameters.iter().map(|p| {
+            if p.parameter.unit == "1" {
+                p.parameter.name.to_owned()
+            } else {
+                format!("{} ({})", p.parameter.name, p.parameter.unit)
+            }
+        });
+        std::iter::once("DC gain (enT)".to_owned()).chain(own).collect()
+    });
+    let least = corner.candidates.iter().filter_map(|c| c.aicc).reduce(f64::min).unwrap_or(f64::NAN);
+    let parameters = Fpf {
+        f_s_hz: None,
+        f_s_std_hz: None,
+        mean_f_s_hz: None,
+        mean_f_s_std_hz: None,
+        scatter_f_s_hz: None,
+        f_3db_igep_hz: of(&|c| c.f_3db_igep_hz),
+        f_3db_model_hz: of(&|c| c.model.as_ref().map(|m| m.f_3db_model_hz)),
+        f_3db_model_std_hz: of(&|c| c.model.as_ref().map(|m| m.f_3db_model_std_hz)),
+        convention: FrequencyConvention::default(),
+        run,
+        model: ResponsePart {
+            name: corner.model.unwrap_or("none").to_owned(),
+            parameters: names,
+            values: each(&|m| std::iter::once(m.dc_ent).chain(m.parameters.iter().map(|p| p.value)).collect()),
+            std: each(&|m| std::iter::once(m.dc_std_ent).chain(m.parameters.iter().map(|p| p.std)).collect()),
+            residual_std: corner
+                .components
+                .iter()
+                .filter_map(|c| c.model.as_ref())
+                .map(|m| m.residual_std_ent / m.dc_ent)
+                .collect(),
+            candidate: corner
+                .candidates
+                .iter()
+                .filter_map(|c| {
+                    Some(CandidatePart {
+                        name: c.model.to_owned(),
+                        f_3db_hz: c.f_3db_hz.map(|f| f.unwrap_or(f64::NAN)),
+                        delta_aicc: c.aicc? - least,
+                    })
+                })
+                .collect(),
+        },
+        clock: None,
+        amplitude: measured,
+        conditions: None,
+        warnings,
+    };
+    Freq { parameters, corner, stretches: Vec::new(), temperatures: Temperatures::default() }
+}

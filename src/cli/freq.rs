@@ -1,0 +1,46 @@
+//! `calfit freq`: sampling frequency and frequency response of every frequency run.
+
+use super::options::settling;
+use super::output::Terminal;
+use super::{Common, Status, each};
+use crate::analysis::freq::Options;
+use crate::error::Finding;
+use crate::formats::output::Folder;
+use crate::formats::parameter::Body;
+use crate::plateau::Settling;
+use crate::workflow::{Failure, RunResult, of_table, publish};
+use clap::Args;
+use std::path::PathBuf;
+
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// Campaign folders or run files.
+    #[arg(required_unless_present = "amplitudes", value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// A table of amplitudes in place of runs: frequency_hz,bx_ent,by_ent,bz_ent. Its name without freq_ is the run id.
+    #[arg(long, value_name = "TABLE.csv", conflicts_with = "paths")]
+    amplitudes: Vec<PathBuf>,
+    /// Time to leave out after every change of frequency, s, or `auto`.
+    #[arg(long, value_name = "S", default_value = "auto", value_parser = settling)]
+    settling: Settling,
+}
+
+pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let options = Options { settling: arguments.settling };
+    if arguments.amplitudes.is_empty() {
+        return each::run(&options, &arguments.paths, common, terminal);
+    }
+    let folder = Folder::open(&common.out, common.force)?;
+    let desk = common.desk();
+    let mut results = Vec::new();
+    for path in &arguments.amplitudes {
+        let mut findings = Vec::new();
+        let made = of_table(path, &mut findings).map_err(|f| Failure::Unreadable(vec![f])).and_then(|made| {
+            publish::<Options>(&made, &desk, &made.result.parameters().file_name()).map_err(Failure::Refused)?;
+            Ok(made)
+        });
+        findings.iter().for_each(|f| terminal.finding(f));
+        results.push((path.display().to_string(), made));
+    }
+    each::finish::<Options>(results, &folder, common, terminal)
+}

@@ -1,0 +1,496 @@
+use super::*;
+
+/// Splitmix with a polar Gauss.
+struct Gauss(u64);
+
+impl Gauss {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    fn normal(&mut self) -> f64 {
+        loop {
+            let (u, v) = (self.uniform(), self.uniform());
+            let s = u * u + v * v;
+            if s > 0.0 && s < 1.0 {
+                return u * (-2.0 * s.ln() / s).sqrt();
+            }
+        }
+    }
+}
+
+/// Ornstein-Uhlenbeck processes an octave apart: noise with a spectrum near 1/f, unit variance per process.
+struct Pink(Vec<f64>);
+
+impl Pink {
+    fn new(gauss: &mut Gauss) -> Self {
+        Self((0..18).map(|_| gauss.normal()).collect())
+    }
+
+    fn next(&mut self, gauss: &mut Gauss) -> f64 {
+        for (i, x) in self.0.iter_mut().enumerate() {
+            let keep = (-(0.5f64.powi(i as i32))).exp();
+            *x = keep * *x + (1.0 - keep * keep).sqrt() * gauss.normal();
+        }
+        self.0.iter().sum()
+    }
+}
+
+fn wave(n: &[u64], [amplitude, phase_rad, offset]: [f64; 3], frequency_hz: f64, rate_hz: f64) -> Vec<f64> {
+    n.iter().map(|&n| amplitude * (phase(frequency_hz, rate_hz, n) + phase_rad).sin() + offset).collect()
+}
+
+fn noisy(mut y: Vec<f64>, std: f64, gauss: &mut Gauss) -> Vec<f64> {
+    y.iter_mut().for_each(|y| *y += std * gauss.normal());
+    y
+}
+
+fn counters(range: std::ops::Range<u64>) -> Vec<u64> {
+    range.collect()
+}
+
+/// Root mean square and share within one standard deviation.
+fn coverage(pulls: &[f64]) -> (f64, f64) {
+    let count = pulls.len() as f64;
+    let rms = (pulls.iter().map(|p| p * p).sum::<f64>() / count).sqrt();
+    (rms, pulls.iter().filter(|p| p.abs() < 1.0).count() as f64 / count)
+}
+
+mod fits {
+    use super::*;
+
+    #[test]
+    fn phases_of_large_counters_and_frequencies_are_exact() {
+        // 1/4 Hz at 1 Hz: quarters of a cycle.
+        assert_eq!([0, 1, 2, 3].map(|n| phase(0.25, 1.0, n)), [0.0, 0.5 * PI, PI, -0.5 * PI].map(|p: f64| p));
+        // Binary fractions: (1000 + 2⁻²⁰) · 999 999 937 / 128 cycles, whose fraction integers give.
+        let (numerator, denominator) = ((1000u128 << 20) + 1, 128u128 << 20);
+        let n = 999_999_937u64;
+        let rest = (numerator * u128::from(n)) % denominator;
+        let mut expected = rest as f64 / denominator as f64;
+        expected -= expected.round();
+        let found = phase(1000.0 + 2f64.powi(-20), 128.0, n);
+        assert!((found - TAU * expected).abs() < 1e-15, "{found} {}", TAU * expected);
+        // A rate which is no binary fraction: 1000 / 127.9991 with both numbers as they are in f64.
+        let (f, rate) = (158.489_319_246_f64, 127.9991_f64);
+        let bits = |x: f64| ((x * 2f64.powi(46)) as u128, 2f64.powi(46));
+        assert_eq!(bits(f).0 as f64 / bits(f).1, f);
+        let (p, q) = (bits(f).0 * u128::from(n), bits(rate).0);
+        let mut expected = (p % q) as f64 / q as f64;
+        expected -= expected.round();
+        assert!((phase(f, rate, n) - TAU * expected).abs() < 1e-15);
+        let [s, c] = Oscillator::new(f, rate).at(n);
+        assert!((s - (TAU * expected).sin()).abs() < 5e-16 && (c - (TAU * expected).cos()).abs() < 5e-16);
+    }
+
+    #[test]
+    fn a_sampled_sine_has_its_closed_form() {
+        // Eight samples of one cycle: sine, cosine and one are orthogonal with squares 4, 4, 8.
+        let n = counters(0..8);
+        let mut y = wave(&n, [5.0, 0.6435011087932844, 7.0], 1.0, 8.0);
+        // An alternating disturbance is orthogonal to all three: rss = 8 · 0.25.
+        y.iter_mut().zip(0..).for_each(|(y, i)| *y += if i % 2 == 0 { 0.5 } else { -0.5 });
+        let fit = three(&n, &y, 1.0, 8.0).unwrap();
+        for (found, expected) in [
+            (fit.sin, 4.0),
+            (fit.cos, 3.0),
+            (fit.offset, 7.0),
+            (fit.amplitude, 5.0),
+            (fit.phase_rad, 0.75_f64.atan()),
+            (fit.rss, 2.0),
+            (fit.residual_std, 0.4_f64.sqrt()),
+            (fit.amplitude_std, 0.1_f64.sqrt()),
+            (fit.phase_std_rad, 0.1_f64.sqrt() / 5.0),
+            (fit.offset_std, 0.05_f64.sqrt()),
+        ] {
+            assert!((found - expected).abs() < 1e-14, "{found} {expected}");
+        }
+        assert_eq!((fit.dof, fit.frequency_std_hz, fit.covariance.nrows()), (5, 0.0, 3));
+        assert!(fit.residuals.iter().zip(0..).all(|(r, i)| (r - [0.5, -0.5][i % 2]).abs() < 1e-14));
+    }
+
+    #[test]
+    fn a_sine_with_gaps_above_the_rate_is_found_without_noise() {
+        let n: Vec<u64> = (5_000..9_000).filter(|n| !(6_001..6_500).contains(n) && n % 7 != 3).collect();
+        let y = wave(&n, [250.0, -2.0, 40_000.0], 794.328_234_724, 127.9991);
+        let fit = four(&n, &y, 794.32, 127.9991).unwrap();
+        assert!((fit.frequency_hz - 794.328_234_724).abs() < 1e-11);
+        assert!((fit.amplitude - 250.0).abs() < 1e-10 && (fit.phase_rad + 2.0).abs() < 1e-9);
+        assert!(fit.residual_std < 1e-11);
+        let fit = three(&n, &y, 794.328_234_724, 127.9991).unwrap();
+        assert!((fit.amplitude - 250.0).abs() < 1e-11 && (fit.phase_rad + 2.0).abs() < 1e-13);
+        assert!((fit.offset - 40_000.0).abs() < 1e-10);
+    }
+
+    #[test]
+    fn a_constant_has_no_amplitude() {
+        let (n, y) = (counters(0..100), [3.0; 100]);
+        let fit = three(&n, &y, 10.0, 128.0).unwrap();
+        assert_eq!((fit.amplitude, fit.offset, fit.amplitude_std), (0.0, 3.0, 0.0));
+        assert!(matches!(four(&n, &y, 10.0, 128.0), Err(SineRefusal::Undetermined { .. })));
+    }
+
+    #[test]
+    fn what_cannot_be_fitted_is_refused_with_its_numbers() {
+        let (n, y) = (counters(0..1280), vec![0.0; 1280]);
+        let error = three(&n, &y, 0.05, 128.0).unwrap_err();
+        assert_eq!(error.to_string(), "the samples span 0.500 cycles of 0.05 Hz, at least 0.8 are needed");
+        assert!(three(&n, &y, 0.09, 128.0).is_ok());
+        let error = three(&n, &y, 256.0, 128.0).unwrap_err();
+        assert!(matches!(error, SineRefusal::Alias { alias_hz: 0.0, limit_hz: 0.0, .. }), "{error}");
+        let error = three(&n, &y, 192.05, 128.0).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "192.05 Hz at 128 samples per second looks like 63.950000 Hz, 0.500 cycles over the samples away from 64 Hz: sine and \
+             cosine cannot be told apart"
+        );
+        assert!(three(&n, &y, 192.09, 128.0).is_ok());
+        assert_eq!(three(&n[..3], &y[..3], 50.0, 128.0).unwrap_err().to_string(), "3 samples are given, 4 needed");
+        assert!(matches!(four(&n[..4], &y[..4], 50.0, 128.0), Err(SineRefusal::TooFew { needed: 5, .. })));
+        assert!(matches!(three(&n, &y[1..], 50.0, 128.0), Err(SineRefusal::Length { counters: 1280, readings: 1279 })));
+        let mut holed = y.clone();
+        holed[7] = f64::NAN;
+        assert_eq!(three(&n, &holed, 50.0, 128.0), Err(SineRefusal::NotFinite { row: 7 }));
+        let mut back = n.clone();
+        back[9] = 8;
+        assert_eq!(three(&back, &y, 50.0, 128.0), Err(SineRefusal::Counter { row: 9 }));
+        for (f, rate) in
+            [(0.0, 1.0), (-1.0, 1.0), (1.0, 0.0), (f64::NAN, 1.0), (1.0, f64::NAN), (f64::INFINITY, 1.0), (1e300, 1e-300)]
+        {
+            assert!(matches!(three(&n, &y, f, rate), Err(SineRefusal::Frequency { .. })), "{f} {rate}");
+        }
+        // One sample per cycle, always at the same phase.
+        let sparse: Vec<u64> = (0..1280).map(|i| 128 * i).collect();
+        let error = three(&sparse, &y, 1.0, 128.0).unwrap_err();
+        assert!(matches!(error, SineRefusal::Undetermined { samples: 1280, .. }));
+        let y = wave(&n, [1.0, 0.0, 0.0], 20.0, 128.0);
+        assert!(matches!(four(&n, &y, 30.0, 128.0), Err(SineRefusal::NotSettled { .. })));
+        let huge: Vec<f64> = (0..1280).map(|i| if i % 3 == 0 { 1e308 } else { -1e308 }).collect();
+        assert!(matches!(three(&n, &huge, 50.0, 128.0), Err(SineRefusal::NotFinite { .. })));
+    }
+
+    #[test]
+    fn standard_deviations_cover_white_noise() {
+        let (n, mut gauss) = (counters(1000..1230), Gauss(1));
+        let clean = wave(&n, [10.0, 0.8, 3.0], 171.3, 127.9991);
+        let (mut fixed, mut free) = (Vec::new(), [Vec::new(), Vec::new(), Vec::new()]);
+        for _ in 0..1000 {
+            let y = noisy(clean.clone(), 0.5, &mut gauss);
+            let fit = three(&n, &y, 171.3, 127.9991).unwrap();
+            fixed.push((fit.amplitude - 10.0) / fit.amplitude_std);
+            let fit = four(&n, &y, 171.3, 127.9991).unwrap();
+            free[0].push((fit.amplitude - 10.0) / fit.amplitude_std);
+            free[1].push((fit.phase_rad - 0.8) / fit.phase_std_rad);
+            free[2].push((fit.frequency_hz - 171.3) / fit.frequency_std_hz);
+        }
+        for pulls in free.iter().chain([&fixed]) {
+            let (rms, share) = coverage(pulls);
+            println!("rms {rms:.3}, within one std {share:.3}");
+            // Standard errors 0.022 and 0.015.
+            assert!((rms - 1.0).abs() < 0.08 && (share - 0.683).abs() < 0.05, "{rms} {share}");
+        }
+    }
+
+    /// Root mean square of A and B over noise against the root mean square of what the noise near the frequency says.
+    fn noise_ratio(frequency_hz: f64, count: u64, mut next: impl FnMut(&mut Gauss) -> f64) -> (f64, f64) {
+        let (n, mut gauss) = (counters(0..count), Gauss(5));
+        let (mut scatter, mut local, mut white) = (0.0, 0.0, 0.0);
+        for _ in 0..150 {
+            let y: Vec<f64> = n.iter().map(|_| next(&mut gauss)).collect();
+            let fit = three(&n, &y, frequency_hz, 128.0).unwrap();
+            scatter += 0.5 * (fit.sin.powi(2) + fit.cos.powi(2));
+            local += local_noise_std(&n, &fit.residuals, frequency_hz, 128.0).unwrap().powi(2);
+            white += fit.covariance[(0, 0)];
+        }
+        ((local / scatter).sqrt(), (white / scatter).sqrt())
+    }
+
+    #[test]
+    fn noise_near_the_frequency_is_the_noise_of_the_amplitude() {
+        for frequency_hz in [0.125, 0.25, 0.5, 0.8, 2.3, 20.0, 41.0, 1000.0] {
+            let (white, _) = noise_ratio(frequency_hz, 1024, Gauss::normal);
+            let mut pink = Pink::new(&mut Gauss(9));
+            let (slow, plain) = noise_ratio(frequency_hz, 1024, |gauss| pink.next(gauss));
+            println!("{frequency_hz} Hz: white {white:.3}, 1/f {slow:.3} (from all residuals {plain:.3})");
+            // 150 runs: the scatter has a standard error of 4 %.
+            let tolerance = if frequency_hz < 1.0 { 0.25 } else { 0.12 };
+            assert!((white - 1.0).abs() < tolerance && (slow - 1.0).abs() < tolerance, "{frequency_hz} Hz: {white} {slow}");
+        }
+        let n = counters(0..1024);
+        let y = vec![0.0; 1024];
+        assert_eq!(local_noise_std(&n, &y, 1.0, 128.0), Some(0.0));
+        assert_eq!(local_noise_std(&n, &y, 128.0, 128.0), None);
+        assert_eq!(local_noise_std(&n[..10], &y[..10], 30.0, 128.0), None);
+    }
+}
+
+mod segments {
+    use super::*;
+
+    /// Segments of equal length in counters, oscillating at the frequency.
+    fn split(n: &[u64], y: &[f64], frequency_hz: f64, parts: u64) -> Vec<Sums> {
+        let mut oscillator = Oscillator::new(frequency_hz, 128.0);
+        let length = (n[n.len() - 1] + 1 - n[0]).div_ceil(parts);
+        let mut sums = vec![Sums::new(y[0]); parts as usize];
+        for (&i, &y) in n.iter().zip(y) {
+            sums[((i - n[0]) / length) as usize].add(oscillator.at(i), y);
+        }
+        sums
+    }
+
+    #[test]
+    fn merged_segments_are_solved_like_their_samples() {
+        let (n, mut gauss) = (counters(300..4396), Gauss(2));
+        let y = noisy(wave(&n, [60_000.0, 1.0, 20_000.0], 3.3, 128.0), 0.02, &mut gauss);
+        let segments = split(&n, &y, 3.3, 64);
+        let mut total = Sums::new(-1_000.0);
+        segments.iter().for_each(|segment| total.merge(segment));
+        let fit = three(&n, &y, 3.3, 128.0).unwrap();
+        let (sin, cos, offset, rss) = total.solve().unwrap();
+        assert_eq!(total.count(), 4096);
+        for (found, expected) in [(sin, fit.sin), (cos, fit.cos), (offset, fit.offset)] {
+            assert!((found - expected).abs() < 1e-9, "{found} {expected}");
+        }
+        println!("rss {rss} {}", fit.rss);
+        assert!((rss / fit.rss - 1.0).abs() < 1e-4, "{rss} {}", fit.rss);
+        assert!(Sums::new(0.0).solve().is_none());
+        assert!(segments[0].solve().is_some());
+    }
+
+    #[test]
+    fn an_undamaged_setting_is_kept_whole() {
+        let (n, mut gauss) = (counters(0..12 * 128), Gauss(3));
+        for seed in 0..50 {
+            let frequency_hz = [0.1, 1.3, 30.0, 1000.0][seed % 4];
+            let y = noisy(wave(&n, [900.0, 0.1 * seed as f64, 3.0], frequency_hz, 128.0), 0.05, &mut gauss);
+            assert_eq!(coherent(&split(&n, &y, frequency_hz, 64), 0.05, 1.2, 8), Some(0..64));
+        }
+    }
+
+    #[test]
+    fn damage_is_left_out() {
+        let (n, mut gauss) = (counters(0..12 * 128), Gauss(4));
+        let clean = |gauss: &mut Gauss| noisy(wave(&n, [900.0, 0.4, 3.0], 7.3, 128.0), 0.05, gauss);
+        // One sample lost after sample 1000, that is within segment 41, and not counted.
+        let mut slipped = clean(&mut gauss);
+        slipped.remove(1000);
+        slipped.push(slipped[0]);
+        let kept = split(&n[..1535], &slipped[..1535], 7.3, 64);
+        assert_eq!(coherent(&kept, 0.05, 1.2, 8), Some(0..41));
+        // The setting before lasts for 200 samples more, that is into segment 8.
+        let mut late = clean(&mut gauss);
+        late[..200].copy_from_slice(&wave(&n[..200], [900.0, 0.0, 3.0], 9.0, 128.0));
+        assert_eq!(coherent(&split(&n, &late, 7.3, 64), 0.05, 1.2, 8), Some(9..64));
+        // A burst.
+        let mut burst = clean(&mut gauss);
+        burst[600..610].iter_mut().for_each(|y| *y += 5.0);
+        assert_eq!(coherent(&split(&n, &burst, 7.3, 64), 0.05, 1.2, 8), Some(26..64));
+        // Samples missing and counted do no harm.
+        let with_gap: Vec<u64> = n.iter().copied().filter(|n| !(500..600).contains(n)).collect();
+        let y = noisy(wave(&with_gap, [900.0, 0.4, 3.0], 7.3, 128.0), 0.05, &mut gauss);
+        assert_eq!(coherent(&split(&with_gap, &y, 7.3, 64), 0.05, 1.2, 8), Some(0..64));
+        // Nothing but noise above the floor, nothing at all, and a NaN.
+        let noise = noisy(vec![0.0; n.len()], 1.0, &mut gauss);
+        assert_eq!(coherent(&split(&n, &noise, 7.3, 64), 0.05, 1.2, 8), None);
+        assert_eq!(coherent(&[], 0.05, 1.2, 8), None);
+        let mut holed = clean(&mut gauss);
+        holed[700] = f64::NAN;
+        assert_eq!(coherent(&split(&n, &holed, 7.3, 64), 0.05, 1.2, 8), Some(30..64));
+    }
+}
+
+mod rates {
+    use super::*;
+
+    const TRUE_HZ: f64 = 127.9991;
+
+    /// A setting: counters, readings, frequency.
+    type Samples = (Vec<u64>, Vec<f64>, f64);
+
+    fn packets(samples: &[Samples]) -> Vec<Packet<'_>> {
+        samples.iter().map(|(n, y, frequency_hz)| Packet { n, y, frequency_hz: *frequency_hz }).collect()
+    }
+
+    /// Ten frequencies per decade from 1000 Hz down, every `stride`-th, one after the other: `cycles` long, at least `least_s`.
+    fn sweep(stride: usize, lowest_hz: f64, least_s: f64, noise: f64, gauss: &mut Gauss) -> Vec<Samples> {
+        let (mut at, mut all) = (0, Vec::new());
+        for k in (0..=40).step_by(stride) {
+            let frequency_hz = 10f64.powf(3.0 - 0.1 * k as f64);
+            if frequency_hz < lowest_hz {
+                break;
+            }
+            let count = (TRUE_HZ * least_s.max(3.0 / frequency_hz)) as u64;
+            let n = counters(at..at + count);
+            at += count + 100;
+            let truth = [1000.0 / (1.0 + (frequency_hz / 60.0).powi(2)).sqrt(), gauss.normal(), 3.0];
+            let y = noisy(wave(&n, truth, frequency_hz, TRUE_HZ), noise, gauss);
+            all.push((n, y, frequency_hz));
+        }
+        all
+    }
+
+    #[test]
+    fn a_sweep_gives_the_rate() {
+        let mut gauss = Gauss(1);
+        let samples = sweep(1, 0.09, 12.0, 0.05, &mut gauss);
+        assert_eq!(samples.len(), 41);
+        for start in [128.0, TRUE_HZ * (1.0 + 5e-4), TRUE_HZ * (1.0 - 5e-4), TRUE_HZ * (1.0 - 9.9e-4)] {
+            let rate = common_rate(&packets(&samples), start).unwrap();
+            println!("{start}: {} ± {:.2e}, {:?}", rate.rate_hz - TRUE_HZ, rate.std_hz, rate.runner_up);
+            assert!((rate.rate_hz - TRUE_HZ).abs() < 3.0 * rate.std_hz, "{} {}", rate.rate_hz - TRUE_HZ, rate.std_hz);
+            assert!(rate.std_hz < 1e-7 && rate.packets.iter().filter(|p| p.verdict == Verdict::Used).count() >= 38);
+            assert!(rate.runner_up.is_none_or(|r| r.chi_square_excess > 1e6));
+            assert!(rate.drift.is_some_and(|drift| !drift.significant));
+        }
+        let error = common_rate(&packets(&samples), TRUE_HZ * 1.002).unwrap_err();
+        let message = "the best sample rate, 127.999100 Hz, is more than 0.1 % away from 128.2550982 Hz";
+        assert_eq!(error.to_string(), message);
+    }
+
+    #[test]
+    fn its_standard_deviation_is_its_scatter() {
+        let (mut pulls, mut drifts) = (Vec::new(), Vec::new());
+        for seed in 0..200 {
+            let samples = sweep(5, 1.0, 2.0, 0.05, &mut Gauss(100 + seed));
+            let rate = common_rate(&packets(&samples), 128.0).unwrap();
+            pulls.push((rate.rate_hz - TRUE_HZ) / rate.std_hz);
+            let drift = rate.drift.unwrap();
+            drifts.push(drift.hz_per_s / drift.std_hz_per_s);
+        }
+        for pulls in [&pulls, &drifts] {
+            let (rms, share) = coverage(pulls);
+            println!("rms {rms:.3}, within one std {share:.3}");
+            // Standard errors 0.05 and 0.033.
+            assert!((rms - 1.0).abs() < 0.18 && (share - 0.683).abs() < 0.11, "{rms} {share}");
+        }
+    }
+
+    #[test]
+    fn gaps_and_large_counters_do_no_harm() {
+        let mut samples = sweep(5, 1.0, 12.0, 0.05, &mut Gauss(3));
+        for (n, y, frequency_hz) in &mut samples {
+            let kept = (0..n.len()).filter(|i| !(300..500).contains(i) && i % 11 != 0);
+            (*n, *y) = kept.map(|i| (n[i] + 1_000_000_000, y[i])).unzip();
+            // The readings were made at the counters before: their phases are free.
+            assert!(*frequency_hz >= 1.0);
+        }
+        let rate = common_rate(&packets(&samples), 128.0).unwrap();
+        assert!((rate.rate_hz - TRUE_HZ).abs() < 3.0 * rate.std_hz, "{} {}", rate.rate_hz - TRUE_HZ, rate.std_hz);
+    }
+
+    #[test]
+    fn packets_which_disagree_are_named_and_left_out() {
+        let mut samples = sweep(2, 1.0, 12.0, 0.05, &mut Gauss(4));
+        // One sample lost and not counted, a wrong frequency, and the worst of all readings.
+        samples[1].1.remove(700);
+        samples[1].0.pop();
+        samples[4].2 *= 1.0 + 2e-5;
+        samples[6].1[5] = 1e4;
+        samples[9].1.iter_mut().for_each(|y| *y = 7.0);
+        let rate = common_rate(&packets(&samples), 128.0).unwrap();
+        let verdicts: Vec<&Verdict> = rate.packets.iter().map(|packet| &packet.verdict).collect();
+        assert!(matches!(verdicts[1], Verdict::Disagrees { .. }) && matches!(verdicts[4], Verdict::Disagrees { .. }));
+        assert!(matches!(verdicts[9], Verdict::Refused(SineRefusal::Undetermined { .. })) && rate.packets[9].rate_hz.is_nan());
+        for i in (0..verdicts.len()).filter(|i| ![1, 4, 9].contains(i)) {
+            assert_eq!(verdicts[i], &Verdict::Used, "{i}");
+        }
+        assert!((rate.rate_hz - TRUE_HZ).abs() < 3.0 * rate.std_hz, "{} {}", rate.rate_hz - TRUE_HZ, rate.std_hz);
+        let Verdict::Disagrees { distance } = verdicts[4] else { panic!() };
+        // A frequency which is really lower asks for a higher rate.
+        assert!(*distance > 5.0 && (rate.packets[4].rate_hz / TRUE_HZ - 1.0 - 2e-5).abs() < 1e-7, "{distance}");
+    }
+
+    #[test]
+    fn a_drift_is_seen() {
+        let (mut gauss, mut at, mut samples) = (Gauss(5), 0, Vec::new());
+        for k in 0..12 {
+            let (n, frequency_hz) = (counters(at..at + 1500), 900.0 - 37.0 * f64::from(k));
+            at += 6000;
+            let rate_hz = TRUE_HZ + 2e-6 * (n[750] as f64 / TRUE_HZ - 280.0);
+            samples.push((n.clone(), noisy(wave(&n, [100.0, 1.0, 0.0], frequency_hz, rate_hz), 0.05, &mut gauss), frequency_hz));
+        }
+        let rate = common_rate(&packets(&samples), 128.0).unwrap();
+        let drift = rate.drift.unwrap();
+        assert!(drift.significant && (drift.hz_per_s - 2e-6).abs() < 4.0 * drift.std_hz_per_s, "{drift:?}");
+        assert!(rate.inflation > 10.0 && (rate.rate_hz - TRUE_HZ).abs() < 4.0 * rate.std_hz);
+        assert!(rate.packets.iter().all(|packet| packet.verdict == Verdict::Used));
+    }
+
+    #[test]
+    fn the_second_best_rate_tells_of_ambiguity() {
+        // Two short bursts a minute apart: peaks stand 1 / (f · 60 s) apart.
+        let n: Vec<u64> = (0..64).chain(7680..7744).collect();
+        let excess = |noise: f64| {
+            let y = noisy(wave(&n, [1.0, 0.3, 0.0], 500.0, TRUE_HZ), noise, &mut Gauss(6));
+            let rate = common_rate(&packets(&[(n.clone(), y, 500.0)]), 128.0).unwrap();
+            let second = rate.runner_up.unwrap();
+            assert!(((second.rate_hz / rate.rate_hz - 1.0).abs() * 30_000.0 - 1.0).abs() < 0.1, "{second:?} {}", rate.rate_hz);
+            assert!(rate.drift.is_none() && rate.dof == 0);
+            second.chi_square_excess
+        };
+        let (clear, ambiguous) = (excess(0.001), excess(0.5));
+        println!("{clear} {ambiguous}");
+        assert!(clear > 1e4 && ambiguous < 25.0);
+        // One long stretch has its side lobes only: 4.7 % of the power against all of it.
+        let n = counters(0..1536);
+        let y = noisy(wave(&n, [1.0, 0.3, 0.0], 1000.0, TRUE_HZ), 0.05, &mut Gauss(7));
+        let rate = common_rate(&packets(&[(n, y, 1000.0)]), 128.0).unwrap();
+        let expected = (1.0 - 0.047) * 1536.0 / (2.0 * 0.0025);
+        let found = rate.runner_up.unwrap().chi_square_excess;
+        assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
+        assert!((rate.rate_hz - TRUE_HZ).abs() < 4.0 * rate.std_hz);
+    }
+
+    #[test]
+    fn a_long_packet_is_captured_in_stages() {
+        let n = counters(0..40_000);
+        let y = noisy(wave(&n, [0.2, 0.3, 0.0], 1000.0, TRUE_HZ), 0.05, &mut Gauss(8));
+        for start in [128.0, TRUE_HZ * 0.99901, TRUE_HZ * 1.00037] {
+            let rate = common_rate(&packets(&[(n.clone(), y.clone(), 1000.0)]), start).unwrap();
+            assert!((rate.rate_hz - TRUE_HZ).abs() < 4.0 * rate.std_hz && rate.std_hz < 1e-6);
+        }
+    }
+
+    #[test]
+    fn clean_packets_give_every_digit() {
+        let samples = sweep(10, 1.0, 4.0, 0.0, &mut Gauss(9));
+        let rate = common_rate(&packets(&samples), 128.0).unwrap();
+        assert!((rate.rate_hz - TRUE_HZ).abs() < 1e-11, "{}", rate.rate_hz - TRUE_HZ);
+    }
+
+    #[test]
+    fn without_usable_packets_there_is_no_rate() {
+        let error = common_rate(&[], 128.0).unwrap_err();
+        assert_eq!(error.to_string(), "none of 0 sines can be used");
+        let (n, y) = (counters(0..100), vec![0.0; 100]);
+        let error = common_rate(&packets(&[(n.clone(), y.clone(), 0.1)]), 128.0).unwrap_err();
+        let message = "none of 1 sines can be used: the samples span 0.078 cycles of 0.1 Hz, at least 0.8 are needed";
+        assert_eq!(error.to_string(), message);
+        let error = common_rate(&packets(&[(n.clone(), y.clone(), 30.0)]), 128.0).unwrap_err();
+        assert!(matches!(error, RateRefusal::NoPacket { packets: 1, first: Some(SineRefusal::Undetermined { .. }) }), "{error}");
+        for start in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(common_rate(&packets(&[(n.clone(), y.clone(), 30.0)]), start), Err(RateRefusal::Start { .. })));
+        }
+        let empty = Packet { n: &[], y: &[], frequency_hz: 1.0 };
+        let samples = sweep(10, 10.0, 2.0, 0.05, &mut Gauss(1));
+        let mut given = packets(&samples);
+        given.insert(1, empty);
+        let rate = common_rate(&given, 128.0).unwrap();
+        assert!(matches!(rate.packets[1].verdict, Verdict::Refused(SineRefusal::TooFew { samples: 0, .. })));
+        assert!((rate.rate_hz - TRUE_HZ).abs() < 4.0 * rate.std_hz);
+    }
+
+    #[test]
+    fn chi_square_quantiles_decide_on_inflation() {
+        // 99 % quantiles: 6.635, 23.209, 135.807 for 1, 10, 100 degrees of freedom.
+        for (dof, quantile) in [(1, 6.635), (10, 23.209), (100, 135.807)] {
+            assert_eq!(rate::inflation(0.98 * quantile, dof), 1.0);
+            assert!((rate::inflation(1.02 * quantile, dof) - (1.02 * quantile / dof as f64).sqrt()).abs() < 1e-12);
+        }
+        assert_eq!(rate::inflation(1e9, 0), 1.0);
+    }
+}

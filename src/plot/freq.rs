@@ -1,0 +1,164 @@
+//! The figures of a frequency measurement (BC-MAG-TR-0085 figures 15 to 19).
+
+use super::parts::{Named, SENSOR, STYLES, TimeAxis, temperatures};
+use super::{Figure, Marks, Panel, Scale, Series, Style};
+use crate::analysis::freq::Freq;
+use crate::model::response::Response;
+
+/// Points of a model curve.
+const CURVE: usize = 400;
+
+/// All figures; a table of amplitudes has the response only.
+#[must_use]
+pub fn figures(freq: &Freq) -> Vec<Named> {
+    let id = &freq.parameters.run.id;
+    let mut list = Vec::new();
+    let end_s = freq.stretches.iter().map(|s| s.setting.t_end_s).fold(0.0, f64::max);
+    let time = TimeAxis::of(end_s);
+    if !freq.stretches.is_empty() {
+        list.push(Named { stem: "applied_frequencies", figure: applied(freq, id, time) });
+        list.push(Named { stem: "used_packets", figure: used(freq, id, time) });
+    }
+    list.push(Named { stem: "frequency_response", figure: response(freq, id) });
+    if !freq.stretches.is_empty() {
+        list.extend(temperatures(id, &freq.temperatures, time, "the response holds for its mean"));
+    }
+    list
+}
+
+/// No join between this stretch and the next.
+const BREAK: (f64, f64, f64) = (f64::NAN, f64::NAN, f64::NAN);
+
+fn applied(freq: &Freq, id: &str, time: TimeAxis) -> Figure {
+    let steps = freq.stretches.iter().map(|s| (time.at(s.setting.t_start_s), time.at(s.setting.t_end_s), s.setting.frequency_hz));
+    Figure {
+        title: format!("Applied frequencies, run {id}"),
+        caption: "Frequency of the sine by the facility clock, one after the other.".to_owned(),
+        x_label: time.label.to_owned(),
+        x_scale: Scale::Linear,
+        panels: vec![Panel {
+            y_label: "frequency, Hz".to_owned(),
+            y_scale: Scale::Logarithmic,
+            series: vec![Series { label: String::new(), style: Style::Single, marks: Marks::Steps(steps.collect()) }],
+            bands: vec![],
+        }],
+    }
+}
+
+fn used(freq: &Freq, id: &str, time: TimeAxis) -> Figure {
+    let mut inside = Vec::new();
+    let mut outside = Vec::new();
+    for s in &freq.stretches {
+        let f = s.setting.frequency_hz;
+        let mut leave = |from: f64, to: f64| outside.extend([(time.at(from), time.at(to), f), BREAK]);
+        match s.used_s {
+            Some([from, to]) => {
+                leave(s.setting.t_start_s, from);
+                leave(to, s.setting.t_end_s);
+                inside.extend([(time.at(from), time.at(to), f), BREAK]);
+            }
+            None => leave(s.setting.t_start_s, s.setting.t_end_s),
+        }
+    }
+    let count = freq.stretches.iter().filter(|s| s.used_s.is_some()).count();
+    Figure {
+        title: format!("Used packets of measured data, run {id}"),
+        caption: format!(
+            "Part of every setting that was used: settled, undamaged, whole periods where that costs little. {count} of {} frequencies are used.",
+            freq.stretches.len()
+        ),
+        x_label: time.label.to_owned(),
+        x_scale: Scale::Linear,
+        panels: vec![Panel {
+            y_label: "frequency, Hz".to_owned(),
+            y_scale: Scale::Logarithmic,
+            series: vec![
+                Series { label: "used".to_owned(), style: Style::X, marks: Marks::Steps(inside) },
+                Series { label: "left out".to_owned(), style: Style::Reference, marks: Marks::Steps(outside) },
+            ],
+            bands: vec![],
+        }],
+    }
+}
+
+fn response(freq: &Freq, id: &str) -> Figure {
+    let p = &freq.parameters;
+    let db = |ratio: f64| 20.0 * ratio.log10();
+    let known: Vec<f64> = p.amplitude.iter().map(|a| a.frequency_hz).filter(|f| *f > 0.0).collect();
+    let low = known.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = known.iter().copied().fold(0.0, f64::max);
+    let mut levels = Vec::new();
+    let mut residuals = Vec::new();
+    for (i, component) in freq.corner.components.iter().enumerate() {
+        let largest = p.amplitude.iter().map(|a| a.b_ent[i]).filter(|b| b.is_finite()).fold(0.0, f64::max);
+        let gain = component.model.as_ref().map_or(largest, |m| m.dc_ent);
+        let (used, rest): (Vec<usize>, Vec<usize>) = (0..p.amplitude.len())
+            .filter(|row| p.amplitude[*row].detected[i])
+            .partition(|row| p.amplitude[*row].weight[i] >= 0.5);
+        let point = |row: &usize| {
+            let a = &p.amplitude[*row];
+            // In decibels an uncertainty is a part of the amplitude.
+            let std = a.b_std_ent[i];
+            (a.frequency_hz, db(a.b_ent[i] / gain), std.is_finite().then(|| db(1.0 + std / a.b_ent[i])))
+        };
+        let plain = |row: &usize| {
+            let (f, level, _) = point(row);
+            (f, level)
+        };
+        levels.push(Series {
+            label: format!("{} amplitude", SENSOR[i]),
+            style: STYLES[i],
+            marks: Marks::Points(used.iter().map(point).collect()),
+        });
+        if !rest.is_empty() {
+            levels.push(Series {
+                label: format!("{} not used", SENSOR[i]),
+                style: STYLES[i],
+                marks: Marks::Rejected(rest.iter().map(plain).collect()),
+            });
+        }
+        if let (Some(model), Some(shape)) = (&component.model, freq.corner.model.and_then(Response::named)) {
+            let parameters: Vec<f64> = model.parameters.iter().map(|p| p.value).collect();
+            let curve = (0..CURVE).map(|k| {
+                let f = low * (high / low).powf(k as f64 / (CURVE - 1) as f64);
+                // At the bottom of a notch there is no logarithm.
+                (f, db(shape.value(f, &parameters).max(1e-4)))
+            });
+            levels.push(Series { label: String::new(), style: STYLES[i], marks: Marks::Line(curve.collect()) });
+            let left = |row: &usize| {
+                let a = &p.amplitude[*row];
+                let std = a.b_std_ent[i];
+                (a.frequency_hz, 100.0 * model.residual_ent[*row] / gain, std.is_finite().then(|| 100.0 * std / gain))
+            };
+            residuals.push(Series {
+                label: format!("{} residual", SENSOR[i]),
+                style: STYLES[i],
+                marks: Marks::Points(used.iter().map(left).collect()),
+            });
+        }
+    }
+    let corners: Vec<String> = (0..3)
+        .filter(|i| p.f_3db_model_hz[*i].is_finite())
+        .map(|i| format!("{} {:.2} ± {:.2} Hz", SENSOR[i], p.f_3db_model_hz[i], p.f_3db_model_std_hz[i]))
+        .collect();
+    let caption = if corners.is_empty() {
+        "Amplitudes relative to the largest one. No response model fits.".to_owned()
+    } else {
+        format!(
+            "Amplitudes relative to the DC gain of the fitted model ({}), and what it leaves. -3 dB: {}.",
+            p.model.name,
+            corners.join(", ")
+        )
+    };
+    let mut panels = vec![Panel { y_label: "level, dB".to_owned(), y_scale: Scale::Linear, series: levels, bands: vec![] }];
+    if !residuals.is_empty() {
+        panels.push(Panel { y_label: "residual, % of DC".to_owned(), y_scale: Scale::Linear, series: residuals, bands: vec![] });
+    }
+    Figure {
+        title: format!("Frequency response, run {id}"),
+        caption,
+        x_label: "applied frequency, Hz".to_owned(),
+        x_scale: Scale::Logarithmic,
+        panels,
+    }
+}

@@ -1,0 +1,91 @@
+//! Frequency measurements as files, figures and text.
+
+use super::{Made, PerRun, Refusal, RunResult};
+use crate::analysis::freq::{Freq, Options, Sines, freq, from_table};
+use crate::campaign::Campaign;
+use crate::error::Finding;
+use crate::formats::amplitudes;
+use crate::formats::parameter::{Fpf, RunHead};
+#[cfg(feature = "tables")]
+use crate::formats::table::Table;
+use crate::plot::{self, Named};
+use crate::provenance::{Input, Provenance};
+use crate::report;
+use crate::run::{Kind, Run};
+use std::path::Path;
+
+impl PerRun for Options {
+    const COMMAND: &'static str = "freq";
+    const KIND: Kind = Kind::Frequency;
+    const STEM: &'static str = "FREQ";
+    type Sink = Sines;
+    type Result = Freq;
+
+    fn sink(&self, _figures: bool) -> Self::Sink {
+        Sines::default()
+    }
+
+    fn analyse(&self, run: &Run, sines: Self::Sink, campaign: &Campaign) -> Result<Freq, Refusal> {
+        freq(run, &sines, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
+    }
+
+    fn recorded(&self, _result: &Freq) -> String {
+        super::lin::recorded_cut(self.settling, crate::plateau::LEAST_COVERAGE)
+    }
+}
+
+/// The response from a table of amplitudes; its name without `freq_` is the run id. Warnings go to `findings`.
+///
+/// # Errors
+/// The table cannot be read, or its name cannot be a run id.
+pub fn of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Made<Freq>, Finding> {
+    let (rows, digested) = amplitudes::read(path, findings)?;
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let stem = path.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let id = stem.strip_prefix("freq_").unwrap_or(&stem);
+    if !crate::formats::ccr::run_id_is_safe(id) {
+        return Err(Finding::error(&path.display().to_string(), "its name cannot be a run id", "rename it to freq_<run id>.csv")
+            .found(id.as_bytes()));
+    }
+    let input = Input { path: name.clone(), size_bytes: digested.size_bytes, sha256: digested.sha256 };
+    let provenance = Provenance::new(format!("calfit freq --amplitudes {name}"), vec![input]);
+    Ok(Made { result: from_table(&rows, id), provenance, run: None })
+}
+
+impl RunResult for Freq {
+    type Parameters = Fpf;
+
+    fn parameters(&self) -> &Fpf {
+        &self.parameters
+    }
+    fn head(&self) -> &RunHead {
+        &self.parameters.run
+    }
+    fn warnings(&self) -> &[String] {
+        &self.parameters.warnings
+    }
+    fn figures(&self) -> Vec<Named> {
+        plot::freq::figures(self)
+    }
+    fn title(&self) -> String {
+        format!("Frequency measurements, run {}", self.parameters.run.id)
+    }
+    fn sections(&self, level: usize) -> String {
+        report::freq::sections(self, level)
+    }
+    fn summary(&self) -> String {
+        report::freq::summary(self)
+    }
+    #[cfg(feature = "tables")]
+    fn tables(&self) -> Vec<(&'static str, String, Table)> {
+        let id = &self.parameters.run.id;
+        let note = format!(
+            "calfit freq, run {id}: one row per applied frequency; amplitudes half peak to peak, enT, sensor axes; phases at sample counter 0"
+        );
+        vec![("FREQ_AMPLITUDES", note, report::freq::amplitude_table(self))]
+    }
+    #[cfg(feature = "tables")]
+    fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
+        ("frequencies in Hz", report::freq::parameter_table(all))
+    }
+}
