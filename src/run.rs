@@ -46,6 +46,12 @@ impl Kind {
         (Kind::Scalar, "scalar"),
     ];
 
+    /// Whether analyses across temperatures rest on runs of this kind.
+    #[must_use]
+    pub fn is_thermal(self) -> bool {
+        matches!(self, Kind::Linearity | Kind::Offset | Kind::Frequency)
+    }
+
     /// The kind with this name in files.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Kind> {

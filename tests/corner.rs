@@ -5,6 +5,8 @@ use calfit::model::response::{RESPONSES, Response};
 use std::path::{Path, PathBuf};
 use toml_edit::DocumentMut;
 
+/// Without optimisation the full tests take many minutes.
+const QUICK: bool = cfg!(debug_assertions);
 const RUNS: [&str; 3] = ["13-04-03-12-59-48", "13-04-03-14-41-31", "13-04-09-12-26-36"];
 /// f0 in Hz, Q and DC amplitude in enT of the cases 26-05-07 and 26-05-08.
 const CASES: [[[f64; 3]; 3]; 2] = [
@@ -138,8 +140,8 @@ fn no_single_amplitude_moves_the_corner_by_three_standard_deviations() {
         let elapsed = start.elapsed();
         let stated = model_corners(&full);
         println!("{run} {:?} {stated:.3?} {elapsed:.1?}", full.model);
-        // Without optimisation, the rows around the corner and a few others.
-        let rows_left_out = (0..rows.len()).filter(|i| !cfg!(debug_assertions) || (26..32).contains(i) || i % 10 == 0);
+        // Those next to the corner matter most.
+        let rows_left_out = if QUICK { 28..30 } else { 0..rows.len() };
         for left_out in rows_left_out {
             let mut fewer = rows.clone();
             fewer.remove(left_out);
@@ -147,9 +149,6 @@ fn no_single_amplitude_moves_the_corner_by_three_standard_deviations() {
             for (c, ([value, _], [all, std])) in model_corners(&found).into_iter().zip(stated).enumerate() {
                 let moved = (value - all).abs() / std;
                 assert!(moved < 3.0, "{run} {c} without {} Hz: {value} for {all} ± {std}", rows[left_out].frequency_hz);
-                if moved > 1.2 {
-                    println!("  {c} without {} Hz {:?}: {value:.3} {moved:.2}", rows[left_out].frequency_hz, found.model);
-                }
                 worst = worst.max(moved);
             }
         }
@@ -159,9 +158,10 @@ fn no_single_amplitude_moves_the_corner_by_three_standard_deviations() {
 
 #[test]
 fn low_readings_of_2013_are_told_apart() {
-    let found = find(&table(RUNS[1]));
+    let found = without_jackknife(&table(RUNS[1]));
     for component in &found.components {
         let weight = &component.model.as_ref().unwrap().weight;
+        assert_eq!(component.model.as_ref().unwrap().neighbours_left_out, 2);
         let out: Vec<f64> = frequencies().into_iter().zip(weight).filter(|(_, w)| **w < 0.5).map(|(f, _)| f).collect();
         assert_eq!(out, [0.126, 0.158, 0.199, 0.251, 0.398, 1.0, 1.99, 6.31, 19.9, 31.6, 39.8, 79.4]);
     }
@@ -173,7 +173,8 @@ fn exact_data_come_back() {
         let parameters = response.starts(60.0).remove(0);
         let rows = synthetic(response.name, [600.0, 500.0, 400.0], [&parameters; 3]);
         let truth = response.corner_hz(&parameters).unwrap();
-        let found = without_jackknife(&rows);
+        let responses = if QUICK { vec![*response] } else { RESPONSES.to_vec() };
+        let found = corner(&rows, &Options { responses, jackknife: false });
         for [value, std] in model_corners(&found) {
             assert!((value / truth - 1.0).abs() < 1e-6, "{} as {:?}: {value} ± {std} for {truth}", response.name, found.model);
         }
@@ -182,7 +183,7 @@ fn exact_data_come_back() {
         assert!([Some(response.name), Some(same)].contains(&found.model), "{} as {:?}", response.name, found.model);
     }
     for index in 0..2 {
-        let found = find(&case(index));
+        let found = corner(&case(index), &Options { jackknife: !QUICK, ..Options::default() });
         for ([value, std], truth) in model_corners(&found).into_iter().zip(CASE_CORNERS[index]) {
             assert!((value - truth).abs() < 1e-6 && std < 1e-3, "{value} ± {std} for {truth}");
         }
@@ -229,7 +230,7 @@ fn report(name: &str, errors: &[f64], names: &[&str]) {
 fn noise_and_damage_are_within_the_uncertainty() {
     for index in 0..2 {
         for damaged in [false, true] {
-            let (errors, names) = trials(index, if cfg!(debug_assertions) { 2 } else { 8 }, damaged);
+            let (errors, names) = trials(index, if QUICK { 1 } else { 8 }, damaged);
             report(&format!("case {index}, damaged {damaged}"), &errors, &names);
             assert!(errors.iter().all(|e| e.abs() < 3.5), "{errors:?}");
         }
@@ -244,7 +245,7 @@ fn coverage() {
             let (errors, names) = trials(index, 150, damaged);
             report(&format!("case {index}, damaged {damaged}"), &errors, &names);
             let covered = errors.iter().filter(|e| e.abs() <= 1.96).count() as f64 / errors.len() as f64;
-            assert!((0.92..=0.99).contains(&covered), "{covered}");
+            assert!((0.93..=0.995).contains(&covered), "{covered}");
         }
     }
 }

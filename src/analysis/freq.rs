@@ -42,6 +42,8 @@ const SEGMENTS: usize = 48;
 const LEAST_SAMPLES: usize = 16;
 /// Least part of a setting that must be undamaged.
 const LEAST_PART: f64 = 0.25;
+/// Least number of cycles in a setting: with fewer, offset and amplitude trade against each other.
+const LEAST_CYCLES: f64 = 1.0;
 /// A stretch belongs to the sine if its residuals are within this factor of those of the other settings.
 const TOLERANCE: f64 = 4.0;
 /// Residuals of this part of the amplitude are distortion and no damage.
@@ -353,6 +355,11 @@ fn undamaged(records: &[&Record], settings: &[Setting], settled: Vec<Range<usize
             let range = settled[j].clone();
             let refused = |remark: String| Tone { setting, used: 0..0, remark };
             let slice = |i: usize| (&record.n[range.clone()], &record.y[i][range.clone()]);
+            let ends = record.t_s.get(range.start).zip(record.t_s.last());
+            let cycles = ends.map_or(0.0, |(first, last)| (last - first) * setting.frequency_hz);
+            if cycles < LEAST_CYCLES {
+                return refused(format!("its settled samples span {cycles:.2} cycles, at least {LEAST_CYCLES} is needed"));
+            }
             if let Err(refusal) = sine::three(slice(0).0, slice(0).1, setting.frequency_hz, rate_hz) {
                 return refused(refusal.to_string());
             }

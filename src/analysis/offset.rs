@@ -13,6 +13,7 @@ use crate::formats::parameter::{
 };
 use crate::model::position::Position;
 use crate::plateau::{LEAST_COVERAGE, Plateau, Plateaus, Settling};
+use crate::provenance::Input;
 use crate::run::{Kind, Run};
 use crate::units::COMPONENTS;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -28,8 +29,8 @@ pub struct Options {
     pub least_coverage: f64,
     /// Go on when the readings do not follow the settings.
     pub allow_mismatch: bool,
-    /// The linear calibration whose sensitivity turns enT into nT, with the name of its file.
-    pub cpf: Option<(String, Box<Cpf>)>,
+    /// The linear calibration whose sensitivity turns enT into nT, with its file.
+    pub cpf: Option<(Input, Box<Cpf>)>,
 }
 
 impl Default for Options {
@@ -190,23 +191,6 @@ pub fn offset(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opt
     conditions::warn_of_run(&mut warnings, run);
 
     let head = conditions::head(run, campaign, &temperatures);
-    let scaled = options.cpf.as_ref().map(|(name, cpf)| {
-        if (&cpf.run.sensor, &cpf.run.mode) != (&head.sensor, &head.mode) {
-            warnings.push(format!(
-                "the sensitivities of {name} belong to {} {}, the offsets to {} {}",
-                cpf.run.sensor, cpf.run.mode, head.sensor, head.mode
-            ));
-        }
-        let sigma: [f64; 3] = std::array::from_fn(|i| cpf.matrix.sigma[i][i]);
-        let times = |v: [f64; 3]| -> [f64; 3] { std::array::from_fn(|i| sigma[i] * v[i]) };
-        Scaled {
-            cpf: name.clone(),
-            sigma,
-            offset_nt: times(solved.offset_ent),
-            offset_std_nt: times(solved.offset_std_ent),
-            residual_nt: times(solved.residual_ent),
-        }
-    });
     let parameters = Opf {
         offset_ent: solved.offset_ent,
         offset_std_ent: solved.offset_std_ent,
@@ -217,7 +201,7 @@ pub fn offset(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opt
         convention: OffsetConvention::default(),
         run: head,
         method: solved.method,
-        scaled,
+        scaled: None,
         covariance: solved.covariance,
         drift: solved.drift,
         quality: OffsetQuality {
@@ -252,7 +236,33 @@ pub fn offset(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opt
         let reasons: Vec<String> = parameters.refused.iter().map(|r| format!("{}: {}", r.component, r.reason)).collect();
         return Err(OffsetError::NoPairs(reasons.join("; ")));
     }
-    Ok(Offset { parameters, plateaus: plateaus.list.clone(), temperatures })
+    let mut offset = Offset { parameters, plateaus: plateaus.list.clone(), temperatures };
+    if let Some((input, cpf)) = &options.cpf {
+        offset.scale(&input.path, cpf);
+    }
+    Ok(offset)
+}
+
+impl Offset {
+    /// Gives the offsets in nT as well, with the sensitivities of a linear calibration; `name` is that of its file.
+    pub fn scale(&mut self, name: &str, cpf: &Cpf) {
+        let p = &mut self.parameters;
+        if (&cpf.run.sensor, &cpf.run.mode) != (&p.run.sensor, &p.run.mode) {
+            p.warnings.push(format!(
+                "the sensitivities of {name} belong to {} {}, the offsets to {} {}",
+                cpf.run.sensor, cpf.run.mode, p.run.sensor, p.run.mode
+            ));
+        }
+        let sigma: [f64; 3] = std::array::from_fn(|i| cpf.matrix.sigma[i][i]);
+        let times = |v: [f64; 3]| -> [f64; 3] { std::array::from_fn(|i| sigma[i] * v[i]) };
+        p.scaled = Some(Scaled {
+            cpf: name.to_owned(),
+            sigma,
+            offset_nt: times(p.offset_ent),
+            offset_std_nt: times(p.offset_std_ent),
+            residual_nt: times(p.residual_ent),
+        });
+    }
 }
 
 /// The visits of positions in time order; plateaus that are dropped belong to none.

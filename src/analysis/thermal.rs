@@ -6,11 +6,13 @@ use crate::fit::order::{self, Chosen, Reason};
 use crate::fit::{FitError, Limits};
 use crate::formats::campaign::{MOST_THERMAL_ORDER, ThermalEntry};
 use crate::formats::parameter::{
-    Body, JointPart, Point, QuantityPart, ResidualField, Rotation, Taf, ThermalConvention, ThermalHead, Tof, Tpf, Values,
+    Body, JointPart, ModelError, Point, QuantityPart, ResidualField, Rotation, Taf, ThermalConvention, ThermalHead, Tof, Tpf,
+    Values,
 };
 use crate::model::polynomial::TemperaturePolynomial;
+use crate::model::sensor::compose;
 use crate::units::COMPONENTS;
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use thiserror::Error;
@@ -120,6 +122,8 @@ pub struct Curve {
     pub runs: Vec<usize>,
     /// Temperature, value and standard uncertainty (nan if not known) of those runs.
     pub points: Vec<[f64; 3]>,
+    /// Coefficients of the polynomial, lowest order first.
+    pub coefficients: Vec<f64>,
     /// Temperature, value and standard uncertainty of the polynomial at even steps over its range.
     pub band: Vec<[f64; 3]>,
     /// The polynomial of the joint fit at the same temperatures, if there is one.
@@ -240,11 +244,12 @@ struct Quantity {
     may_be_missing: bool,
 }
 
-/// The polynomials of one kind of runs of a group. `runs` are the linear calibrations for a joint fit, if one is wanted.
+/// The polynomials of one kind of runs of a group. `runs` are the linear calibrations with their plateaus, as far as they are at hand;
+/// a joint fit needs them.
 ///
 /// # Errors
 /// [`ThermalError`]: too few temperatures, or an order that they do not carry.
-pub fn thermal(group: &Group, kind: Kind, runs: Option<&[&Lin]>) -> Result<Thermal, ThermalError> {
+pub fn thermal(group: &Group, kind: Kind, runs: &[&Lin], with_joint: bool) -> Result<Thermal, ThermalError> {
     let (points, mut warnings) = group.of_kind(kind);
     let temperatures: Vec<f64> = points.iter().filter_map(|p| p.run.temperature_degc).collect();
     let mut different = temperatures.clone();
@@ -281,21 +286,14 @@ pub fn thermal(group: &Group, kind: Kind, runs: Option<&[&Lin]>) -> Result<Therm
     let coefficients = |name: &str| -> Vec<f64> {
         fitted.iter().find(|(part, _)| part.name == name).map_or_else(Vec::new, |(_, p)| p.coefficients.clone())
     };
-    let joint = match runs.filter(|_| kind == Kind::Lin) {
-        None => None,
-        Some(runs) => match joint_fit(&points, runs, &fitted) {
-            Ok(joint) => {
-                for (curve, polynomial) in curves.iter_mut().zip(&joint.polynomials) {
-                    curve.joint = band(valid_degc, |t| polynomial.evaluate(t));
-                }
-                Some(joint)
-            }
-            Err(error) => {
-                warnings.push(format!("no joint fit: {error}"));
-                None
-            }
-        },
+    let joint = if with_joint && kind == Kind::Lin {
+        joint_fit(&points, runs, &fitted).map_err(|error| warnings.push(format!("no joint fit: {error}"))).ok()
+    } else {
+        None
     };
+    for (curve, polynomial) in curves.iter_mut().zip(joint.iter().flat_map(|j| &j.polynomials)) {
+        curve.joint = band(valid_degc, |t| polynomial.evaluate(t));
+    }
     let head = ThermalHead {
         used: points.iter().map(|p| p.file.clone()).collect(),
         channel: channels.first().map_or_else(|| "not stated".to_owned(), |c| (*c).to_owned()),
@@ -322,6 +320,7 @@ pub fn thermal(group: &Group, kind: Kind, runs: Option<&[&Lin]>) -> Result<Therm
             b_or_y: coefficients("b_or_y"),
             b_or_z: coefficients("b_or_z"),
             rotation: rotation(&points),
+            model_error: model_error(&points, runs, &fitted),
             joint: joint.as_ref().map(joint_part),
             head,
         })),
@@ -478,6 +477,7 @@ fn fit(
         unit: quantity.unit,
         points: (0..x.len()).map(|i| [x[i], y[i], if known { std[i] } else { f64::NAN }]).collect(),
         runs,
+        coefficients: polynomial.coefficients.clone(),
         band: band(valid_degc, |t| chosen.evaluate(t)),
         joint: Vec::new(),
     };
@@ -545,6 +545,39 @@ fn residual_field(points: &[&Point]) -> ResidualField {
         _ => Vec::new(),
     });
     ResidualField { x_ent: component(0), y_ent: component(1), z_ent: component(2), seen_along }
+}
+
+/// Applied field minus modelled measurement with the polynomials in place of the run's own sensitivities and angles; `None` unless all
+/// runs are at hand with their plateaus.
+fn model_error(points: &[&Point], runs: &[&Lin], fitted: &[(QuantityPart, TemperaturePolynomial)]) -> Option<ModelError> {
+    let mut error = ModelError::default();
+    for point in points {
+        let lin = runs.iter().find(|lin| lin.parameters.run.id == point.run.id)?;
+        let p = &lin.parameters;
+        let t = point.run.temperature_degc?;
+        let at = |name: &str| fitted.iter().find(|(part, _)| part.name == name).map(|(_, polynomial)| polynomial.evaluate(t).0);
+        let three = |names: [&str; 3]| -> Option<[f64; 3]> { Some([at(names[0])?, at(names[1])?, at(names[2])?]) };
+        let sigma = three(["sigma_x", "sigma_y", "sigma_z"])?;
+        let xi_deg = three(["xi_xy", "xi_xz", "xi_yz"])?;
+        let matrix = |rows: &[[f64; 3]; 3]| Matrix3::from_fn(|r, c| rows[r][c]);
+        let modelled = compose(&matrix(&p.matrix.r_nom), &matrix(&p.matrix.rho), xi_deg, sigma).ok()?;
+        // The run's own model leaves its residual; the two models differ in the matrix only.
+        let own = matrix(&p.matrix.phi);
+        let change = (modelled - own) * own.try_inverse()?;
+        let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for block in lin.blocks.iter().filter(|b| b.plateau.dropped.is_none()) {
+            let residual = Vector3::from(block.residual_coil_nt?.0);
+            let modelled_nt = Vector3::from(block.plateau.setting.field.0) - residual;
+            let left = residual - change * modelled_nt;
+            for axis in 0..3 {
+                min[axis] = min[axis].min(left[axis]);
+                max[axis] = max[axis].max(left[axis]);
+            }
+        }
+        error.min_nt.push(min);
+        error.max_nt.push(max);
+    }
+    Some(error)
 }
 
 /// The joint fit of the runs of a group, started at the two-step result.

@@ -8,7 +8,9 @@ mod lin;
 mod offset;
 mod options;
 mod output;
+mod report;
 mod shell;
+mod thermal;
 
 use crate::campaign::Campaign;
 use crate::error::Finding;
@@ -38,6 +40,10 @@ enum Command {
     Offset(offset::Arguments),
     /// Sampling frequency and frequency response of every frequency run, or of a table of amplitudes.
     Freq(freq::Arguments),
+    /// Temperature polynomials of every sensor and mode, across runs or parameter files.
+    Thermal(thermal::Arguments),
+    /// Every analysis that a campaign allows, all files, and the protocol as Markdown and one HTML page.
+    Report(report::Arguments),
     /// List the runs of a campaign: file, programme, sensor, mode, settings, vectors, losses, temperatures.
     Inspect(inspect::Arguments),
     /// Validate files and say everything that is wrong with each; changes nothing.
@@ -156,6 +162,8 @@ pub fn main() -> ExitCode {
         Command::Lin(arguments) => lin::run(&arguments, &cli.common, &terminal),
         Command::Offset(arguments) => offset::run(&arguments, &cli.common, &terminal),
         Command::Freq(arguments) => freq::run(&arguments, &cli.common, &terminal),
+        Command::Thermal(arguments) => thermal::run(&arguments, &cli.common, &terminal),
+        Command::Report(arguments) => report::run(&arguments, &cli.common, &terminal),
         Command::Inspect(arguments) => inspect::run(&arguments, &cli.common, &terminal),
         Command::Check(arguments) => check::run(&arguments, &cli.common, &terminal),
         Command::Completions(arguments) => shell::completions(&arguments, &terminal),

@@ -25,8 +25,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let cpf = match &arguments.cpf {
         None => None,
         Some(path) => {
-            let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-            Some((name, Box::new(parameter::read::<Cpf>(path)?.body)))
+            let file = parameter::read::<Cpf>(path)?;
+            Some((file.input, Box::new(file.body)))
         }
     };
     let options = Options {

@@ -3,7 +3,7 @@
 //! An observation is the model plus Gaussian noise with probability 1 - ε, and otherwise anything in a given range:
 //!
 //! ```text
-//! p(y) = (1 - ε) N(y; model, s_g² + std²) + ε / range
+//! p(y) = (1 - ε) N(y; model, s_g² + std²) + 2 ε / range · (share below, or above, the model)
 //! ```
 //!
 //! `s_g` is the scatter of the group the row is in, estimated with the parameters: it holds noise and what the model does not
@@ -35,6 +35,9 @@ pub struct Data {
     pub coarse: Vec<bool>,
     /// Range of observations that do not belong.
     pub range: f64,
+    /// Share of them that is below the model; one half where neither side is more likely. Not 0 nor 1: a row on the impossible side
+    /// would hold the model wherever it is.
+    pub below: f64,
     /// The scatter of the fine and the coarse group is not estimated below: rounding of the data, or what the model must not be
     /// asked to follow.
     pub least_scatter: [f64; 2],
@@ -73,7 +76,8 @@ fn expectation(data: &Data, residuals: &[f64], scatter: [f64; 2]) -> (Vec<f64>, 
         let variance = std * std + scatter[usize::from(coarse)].powi(2);
         variances.push(variance);
         let belongs = (1.0 - OUTLYING) * (-0.5 * residual * residual / variance).exp() / (TAU * variance).sqrt();
-        let outlies = OUTLYING / data.range;
+        let side = if *residual < 0.0 { data.below } else { 1.0 - data.below };
+        let outlies = 2.0 * side * OUTLYING / data.range;
         let weight = belongs / (belongs + outlies);
         weights.push(if weight < LEAST_WEIGHT { 0.0 } else { weight });
         deviance -= 2.0 * (belongs + outlies).ln();
@@ -153,6 +157,7 @@ mod tests {
             std: vec![0.0; 40],
             coarse: (0..40).map(|i| i >= 20).collect(),
             range: 10.0,
+            below: 0.5,
             least_scatter: [1e-9; 2],
         }
     }

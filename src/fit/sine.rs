@@ -43,6 +43,8 @@ const STALLED: f64 = 1e-5;
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// A frequency this many cycles over the stretch away from its start belongs to another peak.
 const MAX_WALK: f64 = 2.0;
+/// Share of the counters of a stretch which have to be there: bins of bursts far apart are not independent of the fit.
+const LEAST_COVERAGE: f64 = 0.5;
 /// Bins of the periodogram on each side, the nearest two left out.
 const BINS: RangeInclusive<i32> = 2..=17;
 /// Bins which make a mean; with fewer the slope of the spectrum is needed.
@@ -529,7 +531,7 @@ impl Slope {
 }
 
 /// Standard uncertainty of A (or B) at a frequency from the noise near it, unit of the residuals; None where there are too few
-/// samples to see any.
+/// samples to see any, or where more than half of the stretch is missing.
 ///
 /// The periodogram of the residuals, taken at up to 16 multiples of one cycle per stretch on either side of the alias of
 /// `frequency_hz`, between half and twice the alias and below half of the rate, gives the variance of A; the two nearest
@@ -537,6 +539,9 @@ impl Slope {
 /// has only a few cycles the multiples above are used with the power law which they follow themselves.
 pub fn local_noise_std(n: &[u64], residuals: &[f64], frequency_hz: f64, rate_hz: f64) -> Option<f64> {
     let turn = check(n, residuals, frequency_hz, rate_hz, 8).ok()?;
+    if (n.len() as f64) < LEAST_COVERAGE * stretch(n) {
+        return None;
+    }
     let (alias, bin) = (turn.alias(), 1.0 / stretch(n));
     let variance = |cycles: f64| {
         let mut oscillator = Oscillator::of(Turn(cycles.into()));

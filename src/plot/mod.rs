@@ -13,8 +13,10 @@ pub mod lin;
 mod marks;
 pub mod offset;
 mod parts;
+pub mod profile;
 mod style;
 mod text;
+pub mod thermal;
 
 use plotters::prelude::RGBColor;
 

@@ -8,7 +8,8 @@ use std::fmt::Write;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
-fn matrix(rows: &[[f64; 3]; 3]) -> String {
+/// A matrix as indented text.
+pub(super) fn matrix(rows: &[[f64; 3]; 3]) -> String {
     // What rounds to zero is printed without a sign of its own.
     let rows = rows.map(|row| row.map(|v| if v.abs() < 5e-7 { 0.0 } else { v }));
     let lines: Vec<String> = rows.iter().map(|r| format!("    {:+10.6}  {:+10.6}  {:+10.6}", r[0], r[1], r[2])).collect();

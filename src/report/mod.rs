@@ -4,7 +4,9 @@ pub mod freq;
 pub mod html;
 pub mod lin;
 pub mod offset;
+pub mod protocol;
 pub mod runs;
+pub mod thermal;
 
 use crate::formats::parameter::{Dropped, RunHead};
 use crate::provenance::Provenance;

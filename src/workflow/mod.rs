@@ -1,11 +1,15 @@
 //! A run file to its result, and a result to its files: what the commands for single runs, the thermal analysis, the protocol and the
 //! verification have in common.
 
+mod all;
 mod freq;
 mod lin;
 mod offset;
+mod thermal;
 
+pub use all::{Analyses, LinName, Measured, publish_tables, publish_thermal_names, scale_offsets};
 pub use freq::of_table;
+pub use thermal::{ThermalOptions, ThermalShown, thermals};
 
 use crate::campaign::{Campaign, RunFile};
 use crate::error::{Finding, Severity};
@@ -45,6 +49,11 @@ pub trait PerRun: Sync {
     /// # Errors
     /// The rule that the run breaks, and what to do.
     fn analyse(&self, run: &Run, sink: Self::Sink, campaign: &Campaign) -> Result<Self::Result, Refusal>;
+
+    /// Inputs beside the run and the campaign file.
+    fn inputs(&self) -> Vec<Input> {
+        Vec::new()
+    }
 
     /// The options that have an influence on the numbers, as on the command line, each with a space before it.
     fn recorded(&self, result: &Self::Result) -> String;
@@ -128,6 +137,8 @@ pub struct Job<'a> {
     pub recorded: String,
     /// What the file says at its head; absent if that cannot be read.
     pub header: Option<Header>,
+    /// The user named the file, so it is used whatever the campaign says.
+    pub named: bool,
     /// An earlier file with the same run id.
     pub same_run_as: Option<String>,
 }
@@ -180,7 +191,14 @@ pub fn jobs<'a>(campaigns: &'a [Campaign], kind: Option<Kind>) -> (Vec<Job<'a>>,
                     None
                 }
             });
-            jobs.push(Job { campaign, path: file.path.clone(), recorded: file.recorded.clone(), header, same_run_as });
+            jobs.push(Job {
+                campaign,
+                path: file.path.clone(),
+                recorded: file.recorded.clone(),
+                header,
+                named: file.named,
+                same_run_as,
+            });
         }
     }
     (jobs, unmatched)
@@ -226,6 +244,7 @@ pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) 
         .map_err(|refusal| Failure::Refused(Finding::error(&job.recorded, refusal.rule, refusal.remedy)))?;
     let mut input = vec![Input::from(&run.input)];
     input.extend(job.campaign.input.clone());
+    input.extend(analysis.inputs());
     let mut command = format!("calfit {}{}", A::COMMAND, analysis.recorded(&result));
     for (allowed, name) in [(desk.allow_truncated, "truncated"), (desk.allow_duplicates, "duplicates")] {
         if allowed {

@@ -9,6 +9,7 @@ use crate::formats::parameter::{Opf, RunHead};
 use crate::formats::table::Table;
 use crate::plateau::{self, Accumulator};
 use crate::plot::{self, Named};
+use crate::provenance::Input;
 use crate::report;
 use crate::run::{Kind, Run};
 
@@ -28,8 +29,12 @@ impl PerRun for Options {
         offset(run, &plateaus, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
     }
 
+    fn inputs(&self) -> Vec<Input> {
+        self.cpf.iter().map(|(input, _)| input.clone()).collect()
+    }
+
     fn recorded(&self, _result: &Offset) -> String {
-        let mut text = self.cpf.as_ref().map_or_else(String::new, |(name, _)| format!(" --cpf {name}"));
+        let mut text = self.cpf.as_ref().map_or_else(String::new, |(input, _)| format!(" --cpf {}", input.path));
         text.push_str(&recorded_cut(self.settling, self.least_coverage));
         if self.allow_mismatch {
             text.push_str(" --allow mismatch");

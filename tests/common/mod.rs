@@ -5,6 +5,7 @@
 
 #![allow(dead_code, reason = "every test file uses its own part")]
 
+pub mod campaign;
 pub mod check;
 
 use std::fmt::Write;

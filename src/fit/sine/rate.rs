@@ -10,16 +10,24 @@ use super::{Fit, Oscillator, SineRefusal, Turn, check, local_noise_std, stretch}
 
 /// Relative range of the search around the start value.
 const RANGE: f64 = 1e-3;
-/// Cycles of a packet over the range of a stage of the search: longer packets are cut to it and used whole in a later stage.
-const STAGE_CYCLES: f64 = 16.0;
-/// The range of a stage over that of the next.
+/// Cycles of a packet in the first stage of the search: longer packets are cut, so that the work stays within bounds.
+const STAGE_CYCLES: f64 = 3e5;
+/// Cycles of a stage over those of the stage before, whose range it narrows by up to as much.
 const STAGE_RATIO: f64 = 10.0;
+/// Twice the logarithm of the likelihood below its maximum at which a rate is given up.
+const GIVEN_UP: f64 = 50.0;
 /// Cycles by which the phase may run off within a segment at the end of the range.
 const SEGMENT_CYCLES: f64 = 0.1;
 /// Segments of a packet at least.
 const LEAST_SEGMENTS: f64 = 6.0;
 /// Rates tried per width of the narrowest peak.
 const PER_PEAK: f64 = 8.0;
+/// Lowest rates of the scan which are followed to the bottom of their valley, with cuts to two thirds of its width.
+const VALLEYS: usize = 50;
+const THIRDS: usize = 14;
+/// Deepest valleys which are compared on the samples, and steps to the bottom of each.
+const CANDIDATES: usize = 5;
+const CLIMBS: usize = 8;
 /// Residuals below this share of the readings are rounding.
 const LEAST_SHARE: f64 = 1e-12;
 /// Relative step which ends the iteration.
@@ -183,7 +191,7 @@ pub fn common_rate(packets: &[Packet], start_hz: f64) -> Result<CommonRate, Rate
         return Err(RateRefusal::NoPacket { packets: packets.len(), first: refusals.into_iter().flatten().next() });
     }
 
-    let (captured, second) = capture(&good, start_hz);
+    let (captured, other) = capture(&good, start_hz);
     let (rate_hz, states) = settle(&good, captured)?;
     let used: Vec<&State> = states.iter().filter(|state| state.used).collect();
     let information: f64 = used.iter().map(|state| state.weight()).sum();
@@ -198,14 +206,11 @@ pub fn common_rate(packets: &[Packet], start_hz: f64) -> Result<CommonRate, Rate
     if (rate_hz - start_hz).abs() > RANGE * start_hz + 5.0 * std_hz {
         return Err(RateRefusal::OutOfRange { start_hz, rate_hz });
     }
-    let runner_up = second.map(|second| {
-        let excess = good
-            .iter()
-            .zip(&states)
-            .filter(|(_, state)| state.used)
-            .map(|(packet, state)| (rss(packet, second) - state.rss) / state.noise.powi(2));
-        RunnerUp { rate_hz: second, chi_square_excess: excess.sum() }
-    });
+    let excess = |other: f64| -> f64 {
+        let used = good.iter().zip(&states).filter(|(_, state)| state.used);
+        used.map(|(packet, state)| (rss(packet, other) - state.rss) / state.noise.powi(2)).sum()
+    };
+    let runner_up = other.map(|other| RunnerUp { rate_hz: other, chi_square_excess: excess(other) });
 
     let times: Vec<f64> = good.iter().map(|packet| middle(packet.n) / rate_hz).collect();
     let drift = drift(&states, &times);
@@ -291,7 +296,7 @@ fn settle(packets: &[Packet], captured_hz: f64) -> Result<(f64, Vec<State>), Rat
         }
         let used = || states.iter().filter(|state| state.used);
         let information: f64 = used().map(State::weight).sum();
-        if !(information > 0.0) {
+        if information <= 0.0 || information.is_nan() {
             return Ok((rate_hz, states));
         }
         let change = used().map(|state| state.weight() * state.offset).sum::<f64>() / information;
@@ -300,7 +305,8 @@ fn settle(packets: &[Packet], captured_hz: f64) -> Result<(f64, Vec<State>), Rat
             return Ok((rate_hz, states));
         }
         rate_hz += change;
-        if !((rate_hz - captured_hz).abs() <= 2.0 * RANGE * captured_hz) {
+        let walk = (rate_hz - captured_hz).abs();
+        if walk > 2.0 * RANGE * captured_hz || walk.is_nan() {
             break;
         }
     }
@@ -362,7 +368,7 @@ fn choose(states: &mut [State]) {
                 information += states[i].weight();
             }
         }
-        if !(information > 0.0) {
+        if information <= 0.0 || information.is_nan() {
             return;
         }
         centre = sum / information;
@@ -424,10 +430,11 @@ struct Reduced {
 }
 
 impl Reduced {
-    /// The first `samples` of a packet, in segments within which the phase stays at rates within `range`.
-    fn new(packet: &Packet, samples: usize, rate_hz: f64, range: f64) -> Self {
-        let (n, y) = (&packet.n[..samples], &packet.y[..samples]);
-        let (mean, middle) = (y.iter().sum::<f64>() / samples as f64, middle(n));
+    /// Segments within which the phase stays at rates within `range`.
+    fn new(packet: &Packet, rate_hz: f64, range: f64) -> Self {
+        let (n, y) = (packet.n, packet.y);
+        let count = y.len() as f64;
+        let (mean, middle) = (y.iter().sum::<f64>() / count, middle(n));
         let length = stretch(n);
         let cycles = packet.frequency_hz / rate_hz * length;
         let parts = (cycles * range / SEGMENT_CYCLES).ceil().max(LEAST_SEGMENTS);
@@ -453,7 +460,7 @@ impl Reduced {
         }
         segments.retain(|segment| segment.count > 0.0);
         segments.iter_mut().for_each(|segment| segment.at /= segment.count);
-        Self { segments, count: samples as f64, squares, turn: TAU * packet.frequency_hz / rate_hz }
+        Self { segments, count, squares, turn: TAU * packet.frequency_hz / rate_hz }
     }
 
     /// Twice the negative logarithm of the likelihood, with the noise that fits best, at a relative change of the period.
@@ -480,48 +487,95 @@ impl Reduced {
     }
 }
 
-/// The rate with the largest likelihood within the range, good to a fraction of the narrowest peak, and that of the second
-/// peak, if there is one.
-fn capture(packets: &[Packet], start_hz: f64) -> (f64, Option<f64>) {
-    let (mut rate_hz, mut range, mut second) = (start_hz, RANGE, None);
-    let longest =
-        |rate_hz: f64| packets.iter().map(|packet| packet.frequency_hz / rate_hz * stretch(packet.n)).fold(0.0, f64::max);
-    for stage in 0.. {
-        let most = STAGE_CYCLES / range;
-        let reduced: Vec<Reduced> = packets
-            .iter()
-            .map(|packet| {
-                let last = packet.n[0] as f64 + most * rate_hz / packet.frequency_hz;
-                let samples = packet.n.partition_point(|&n| n as f64 <= last).max(4);
-                Reduced::new(packet, samples, rate_hz, range)
-            })
-            .collect();
-        let width = 1.0 / longest(rate_hz).min(most);
-        let points = (2.0 * range / width * PER_PEAK).ceil().max(8.0) as usize;
-        let change = |i: usize| range * (2.0 * i as f64 / points as f64 - 1.0);
-        let costs: Vec<f64> = (0..=points).map(|i| reduced.iter().map(|r| r.cost(change(i))).sum()).collect();
-        let mut valleys: Vec<usize> =
-            (0..=points).filter(|&i| (i == 0 || costs[i] < costs[i - 1]) && (i == points || costs[i] <= costs[i + 1])).collect();
-        valleys.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
-        // The bottom of the parabola through a valley and its neighbours; the end of the range has one neighbour only.
-        let rate_at = |i: usize| {
-            let shift = if i > 0 && i < points {
-                let (left, right) = (costs[i - 1] - costs[i], costs[i + 1] - costs[i]);
-                if left + right > 0.0 { 0.5 * (left - right) / (left + right) } else { 0.0 }
-            } else {
-                0.0
-            };
-            rate_hz / (1.0 + change(i) + shift * range * 2.0 / points as f64)
-        };
-        let found: Vec<f64> = valleys.iter().take(2).map(|&i| rate_at(i)).collect();
-        if stage == 0 {
-            second = found.get(1).copied();
-        }
-        rate_hz = found.first().copied().unwrap_or(rate_hz);
-        if longest(rate_hz) <= most {
+/// Cycles of the longest packet.
+fn longest(packets: &[Packet], rate_hz: f64) -> f64 {
+    packets.iter().map(|packet| packet.frequency_hz / rate_hz * stretch(packet.n)).fold(0.0, f64::max)
+}
+
+/// The packets up to as many cycles, at least four samples of each.
+fn cut<'a>(packets: &[Packet<'a>], most: f64, rate_hz: f64) -> Vec<Packet<'a>> {
+    let cut = |packet: &Packet<'a>| {
+        let last = packet.n[0] as f64 + most * rate_hz / packet.frequency_hz;
+        let samples = packet.n.partition_point(|&n| n as f64 <= last).clamp(5, packet.n.len());
+        Packet { n: &packet.n[..samples], y: &packet.y[..samples], ..*packet }
+    };
+    packets.iter().map(cut).collect()
+}
+
+/// The bottom of a valley within a step of `centre`, by thirds, and its depth.
+fn bottom(cost: &impl Fn(f64) -> f64, centre: f64, step: f64) -> (f64, f64) {
+    let (mut low, mut high) = (centre - step, centre + step);
+    for _ in 0..THIRDS {
+        let (left, right) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+        (low, high) = if cost(left) < cost(right) { (low, right) } else { (left, high) };
+    }
+    let at = 0.5 * (low + high);
+    (at, cost(at))
+}
+
+/// The top of the peak of the likelihood near a rate, and twice the negative logarithm of the likelihood there.
+fn climb(packets: &[Packet], start_hz: f64, peak_hz: f64) -> (f64, f64) {
+    let mut rate_hz = start_hz;
+    for _ in 0..CLIMBS {
+        let states: Vec<State> = packets.iter().map(|packet| state(packet, rate_hz, None)).collect();
+        let information: f64 = states.iter().map(State::weight).sum();
+        let change = states.iter().map(|state| state.weight() * state.offset).sum::<f64>() / information;
+        // Not across the next valley.
+        let walk = (rate_hz + change - start_hz).abs();
+        if walk > 0.5 * peak_hz || walk.is_nan() {
             break;
         }
-        range /= STAGE_RATIO;
+        rate_hz += change;
+        if change.abs() * information.sqrt() <= SETTLED {
+            break;
+        }
     }
-    (rate_hz, second)
+    let cost = |packet: &Packet| {
+        let least = packet.y.len() as f64 * f64::MIN_POSITIVE;
+        packet.y.len() as f64 * rss(packet, rate_hz).clamp(least, f64::MAX).ln()
+    };
+    (rate_hz, packets.iter().map(cost).sum())
+}
+
+/// The rate with the largest likelihood within the range, near the top of its peak, and that of the next best peak.
+fn capture(packets: &[Packet], start_hz: f64) -> (f64, Option<f64>) {
+    let (mut centre_hz, mut range, mut most) = (start_hz, RANGE, STAGE_CYCLES);
+    let mut runner_up = None;
+    loop {
+        let part = cut(packets, most, centre_hz);
+        let width = 1.0 / longest(&part, centre_hz);
+        let reduced: Vec<Reduced> = part.iter().map(|packet| Reduced::new(packet, centre_hz, range)).collect();
+        let points = (2.0 * range / width * PER_PEAK).ceil().max(8.0) as usize;
+        let step = 2.0 * range / points as f64;
+        let change = |i: usize| step * i as f64 - range;
+        let costs: Vec<f64> = (0..=points).map(|i| reduced.iter().map(|r| r.cost(change(i))).sum()).collect();
+        let is_valley = |&i: &usize| (i == 0 || costs[i] < costs[i - 1]) && (i == points || costs[i] <= costs[i + 1]);
+        let mut valleys: Vec<usize> = (0..=points).filter(is_valley).collect();
+        valleys.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+        valleys.truncate(VALLEYS);
+        let total = |change: f64| reduced.iter().map(|r| r.cost(change)).sum::<f64>();
+        let mut bottoms: Vec<(f64, f64)> = valleys.iter().map(|&i| bottom(&total, change(i), step)).collect();
+        bottoms.sort_by(|a, b| a.1.total_cmp(&b.1));
+        // Segments favour rates near the centre: peaks of nearly the same height are told apart by the samples.
+        bottoms.truncate(CANDIDATES);
+        let rate_at = |change: f64| centre_hz / (1.0 + change);
+        let mut tops: Vec<(f64, f64)> = bottoms.iter().map(|b| climb(&part, rate_at(b.0), width * centre_hz)).collect();
+        tops.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let Some(&(best_hz, best_cost)) = tops.first() else {
+            return (centre_hz, None);
+        };
+        let apart = |rate_hz: f64| (rate_hz - best_hz).abs() > 0.5 * width * best_hz;
+        let second = tops.iter().map(|top| top.0).find(|&rate_hz| apart(rate_hz));
+        // A later stage sees more of the packets, but not the rates which this one gave up.
+        runner_up = second.or(runner_up);
+        if part.iter().zip(packets).all(|(part, whole)| part.n.len() == whole.n.len()) {
+            return (best_hz, runner_up);
+        }
+        let lowest = bottoms.first().map_or(f64::INFINITY, |bottom| bottom.1);
+        let flat = (0..=points).filter(|&i| costs[i] < lowest + GIVEN_UP).map(|i| rate_at(change(i)));
+        let alive = flat.chain(tops.iter().filter(|top| top.1 < best_cost + GIVEN_UP).map(|top| top.0));
+        let spread = alive.map(|rate_hz| (rate_hz / best_hz - 1.0).abs()).fold(0.0, f64::max);
+        range = (range / STAGE_RATIO).max(1.5 * spread + 2.0 * width).min(range);
+        (centre_hz, most) = (best_hz, most * STAGE_RATIO);
+    }
 }

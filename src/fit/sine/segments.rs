@@ -69,8 +69,7 @@ impl Sums {
         let (v_ss, v_sc, v_cc) = (centred(ss, s, s), centred(sc, s, c), centred(cc, c, c));
         let (v_sd, v_cd) = (centred(sd, s, d), centred(cd, c, d));
         let determinant = v_ss * v_cc - v_sc * v_sc;
-        // Also false for NaN.
-        if !(determinant > LEAST_DETERMINANT * (0.5 * count).powi(2)) {
+        if determinant <= LEAST_DETERMINANT * (0.5 * count).powi(2) || determinant.is_nan() {
             return None;
         }
         let sin = (v_cc * v_sd - v_sc * v_cd) / determinant;

@@ -66,7 +66,7 @@ mod fits {
     #[test]
     fn phases_of_large_counters_and_frequencies_are_exact() {
         // 1/4 Hz at 1 Hz: quarters of a cycle.
-        assert_eq!([0, 1, 2, 3].map(|n| phase(0.25, 1.0, n)), [0.0, 0.5 * PI, PI, -0.5 * PI].map(|p: f64| p));
+        assert_eq!([0, 1, 2, 3].map(|n| phase(0.25, 1.0, n)), [0.0, 0.5 * PI, PI, -0.5 * PI]);
         // Binary fractions: (1000 + 2⁻²⁰) · 999 999 937 / 128 cycles, whose fraction integers give.
         let (numerator, denominator) = ((1000u128 << 20) + 1, 128u128 << 20);
         let n = 999_999_937u64;
@@ -211,7 +211,7 @@ mod fits {
 
     #[test]
     fn noise_near_the_frequency_is_the_noise_of_the_amplitude() {
-        for frequency_hz in [0.125, 0.25, 0.5, 0.8, 2.3, 20.0, 41.0, 1000.0] {
+        for frequency_hz in [0.125, 0.5, 2.3, 41.0, 1000.0] {
             let (white, _) = noise_ratio(frequency_hz, 1024, Gauss::normal);
             let mut pink = Pink::new(&mut Gauss(9));
             let (slow, plain) = noise_ratio(frequency_hz, 1024, |gauss| pink.next(gauss));
@@ -225,6 +225,8 @@ mod fits {
         assert_eq!(local_noise_std(&n, &y, 1.0, 128.0), Some(0.0));
         assert_eq!(local_noise_std(&n, &y, 128.0, 128.0), None);
         assert_eq!(local_noise_std(&n[..10], &y[..10], 30.0, 128.0), None);
+        let sparse: Vec<u64> = n.iter().map(|n| 3 * n).collect();
+        assert_eq!(local_noise_std(&sparse, &y, 10.0, 128.0), None);
     }
 }
 
@@ -315,7 +317,7 @@ mod rates {
         samples.iter().map(|(n, y, frequency_hz)| Packet { n, y, frequency_hz: *frequency_hz }).collect()
     }
 
-    /// Ten frequencies per decade from 1000 Hz down, every `stride`-th, one after the other: `cycles` long, at least `least_s`.
+    /// Ten frequencies per decade from 1000 Hz down, every `stride`-th, one after the other: three cycles, at least `least_s`.
     fn sweep(stride: usize, lowest_hz: f64, least_s: f64, noise: f64, gauss: &mut Gauss) -> Vec<Samples> {
         let (mut at, mut all) = (0, Vec::new());
         for k in (0..=40).step_by(stride) {
@@ -338,7 +340,7 @@ mod rates {
         let mut gauss = Gauss(1);
         let samples = sweep(1, 0.09, 12.0, 0.05, &mut gauss);
         assert_eq!(samples.len(), 41);
-        for start in [128.0, TRUE_HZ * (1.0 + 5e-4), TRUE_HZ * (1.0 - 5e-4), TRUE_HZ * (1.0 - 9.9e-4)] {
+        for start in [128.0, TRUE_HZ * (1.0 + 5e-4), TRUE_HZ * (1.0 - 9.9e-4)] {
             let rate = common_rate(&packets(&samples), start).unwrap();
             println!("{start}: {} ± {:.2e}, {:?}", rate.rate_hz - TRUE_HZ, rate.std_hz, rate.runner_up);
             assert!((rate.rate_hz - TRUE_HZ).abs() < 3.0 * rate.std_hz, "{} {}", rate.rate_hz - TRUE_HZ, rate.std_hz);
@@ -355,7 +357,7 @@ mod rates {
     fn its_standard_deviation_is_its_scatter() {
         let (mut pulls, mut drifts) = (Vec::new(), Vec::new());
         for seed in 0..200 {
-            let samples = sweep(5, 1.0, 2.0, 0.05, &mut Gauss(100 + seed));
+            let samples = sweep(5, 1.0, 1.0, 0.05, &mut Gauss(100 + seed));
             let rate = common_rate(&packets(&samples), 128.0).unwrap();
             pulls.push((rate.rate_hz - TRUE_HZ) / rate.std_hz);
             let drift = rate.drift.unwrap();
@@ -372,11 +374,10 @@ mod rates {
     #[test]
     fn gaps_and_large_counters_do_no_harm() {
         let mut samples = sweep(5, 1.0, 12.0, 0.05, &mut Gauss(3));
-        for (n, y, frequency_hz) in &mut samples {
+        for (n, y, _) in &mut samples {
             let kept = (0..n.len()).filter(|i| !(300..500).contains(i) && i % 11 != 0);
+            // Counting from elsewhere changes the phases, which are free.
             (*n, *y) = kept.map(|i| (n[i] + 1_000_000_000, y[i])).unzip();
-            // The readings were made at the counters before: their phases are free.
-            assert!(*frequency_hz >= 1.0);
         }
         let rate = common_rate(&packets(&samples), 128.0).unwrap();
         assert!((rate.rate_hz - TRUE_HZ).abs() < 3.0 * rate.std_hz, "{} {}", rate.rate_hz - TRUE_HZ, rate.std_hz);
@@ -402,6 +403,26 @@ mod rates {
         let Verdict::Disagrees { distance } = verdicts[4] else { panic!() };
         // A frequency which is really lower asks for a higher rate.
         assert!(*distance > 5.0 && (rate.packets[4].rate_hz / TRUE_HZ - 1.0 - 2e-5).abs() < 1e-7, "{distance}");
+    }
+
+    #[test]
+    fn a_slip_in_all_components_of_the_best_setting_is_outvoted() {
+        // Three components of each setting; all of the highest frequency, which weighs most, lose the same sample.
+        let mut samples: Vec<Samples> = Vec::new();
+        for seed in 20..23 {
+            samples.extend(sweep(2, 1.0, 12.0, 0.05, &mut Gauss(seed)));
+        }
+        let settings = samples.len() / 3;
+        for component in 0..3 {
+            let (n, y, _) = &mut samples[component * settings];
+            y.remove(700);
+            n.pop();
+        }
+        let rate = common_rate(&packets(&samples), 128.0).unwrap();
+        for (i, packet) in rate.packets.iter().enumerate() {
+            assert_eq!(packet.verdict == Verdict::Used, i % settings != 0, "{i}: {packet:?}");
+        }
+        assert!((rate.rate_hz - TRUE_HZ).abs() < 3.0 * rate.std_hz, "{} {}", rate.rate_hz - TRUE_HZ, rate.std_hz);
     }
 
     #[test]
@@ -434,24 +455,30 @@ mod rates {
         };
         let (clear, ambiguous) = (excess(0.001), excess(0.5));
         println!("{clear} {ambiguous}");
-        assert!(clear > 1e4 && ambiguous < 25.0);
-        // One long stretch has its side lobes only: 4.7 % of the power against all of it.
+        // Within a burst the phase runs off by ±0.026 rad: 2.3e-4 of the power.
+        assert!(clear > 8e3 && clear < 2e4 && ambiguous < 25.0);
+        // One long stretch has its side lobes only: 4.7 % of the power against all of it. The noise is taken near the frequency.
         let n = counters(0..1536);
         let y = noisy(wave(&n, [1.0, 0.3, 0.0], 1000.0, TRUE_HZ), 0.05, &mut Gauss(7));
         let rate = common_rate(&packets(&[(n, y, 1000.0)]), 128.0).unwrap();
         let expected = (1.0 - 0.047) * 1536.0 / (2.0 * 0.0025);
         let found = rate.runner_up.unwrap().chi_square_excess;
-        assert!((found / expected - 1.0).abs() < 0.05, "{found} {expected}");
+        assert!((found / expected - 1.0).abs() < 0.3, "{found} {expected}");
         assert!((rate.rate_hz - TRUE_HZ).abs() < 4.0 * rate.std_hz);
     }
 
     #[test]
     fn a_long_packet_is_captured_in_stages() {
-        let n = counters(0..40_000);
-        let y = noisy(wave(&n, [0.2, 0.3, 0.0], 1000.0, TRUE_HZ), 0.05, &mut Gauss(8));
-        for start in [128.0, TRUE_HZ * 0.99901, TRUE_HZ * 1.00037] {
-            let rate = common_rate(&packets(&[(n.clone(), y.clone(), 1000.0)]), start).unwrap();
-            assert!((rate.rate_hz - TRUE_HZ).abs() < 4.0 * rate.std_hz && rate.std_hz < 1e-6);
+        // Every fiftieth sample, 750 000 cycles; then two bursts, of which the first stage sees one.
+        let thinned: Vec<u64> = (0..2000).map(|i| 48 * i + i % 7).collect();
+        let bursts = counters(0..2000).into_iter().chain(90_000..92_000).collect();
+        for n in [thinned, bursts] {
+            let y = noisy(wave(&n, [1.0, 0.3, 0.0], 1000.0, TRUE_HZ), 0.01, &mut Gauss(8));
+            for start in [128.0, TRUE_HZ * 0.99901, TRUE_HZ * 1.00037] {
+                let rate = common_rate(&packets(&[(n.clone(), y.clone(), 1000.0)]), start).unwrap();
+                assert!((rate.rate_hz - TRUE_HZ).abs() < 4.0 * rate.std_hz && rate.std_hz < 2e-7);
+                assert!(rate.runner_up.is_some_and(|other| other.chi_square_excess > 1e4));
+            }
         }
     }
 

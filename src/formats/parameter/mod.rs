@@ -17,11 +17,11 @@ pub use fpf::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention,
 pub use head::{Conditions, Dropped, Rows, RunHead};
 pub use opf::{Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
 pub use point::{Point, RunPoint, Values, read_point};
-pub use thermal::{JointPart, QuantityPart, ResidualField, Rotation, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
+pub use thermal::{JointPart, ModelError, QuantityPart, ResidualField, Rotation, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
 
 use super::source::{hex, read_whole};
 use crate::error::Finding;
-use crate::provenance::Provenance;
+use crate::provenance::{Input, Provenance};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 use std::path::Path;
@@ -46,6 +46,8 @@ struct Head {
 /// A parameter file as it was read.
 #[derive(Clone, Debug)]
 pub struct ParameterFile<B> {
+    /// The file itself, under its name.
+    pub input: Input,
     /// Where it comes from.
     pub provenance: Provenance,
     /// What it holds.
@@ -102,7 +104,7 @@ fn content_hash(text: &str) -> String {
 /// # Errors
 /// What is wrong with it: not TOML, another kind or version, a key that is missing, a hash that does not match.
 pub fn read<B: Body>(path: &Path) -> Result<ParameterFile<B>, Finding> {
-    let (bytes, _) = read_whole(path)?;
+    let (bytes, digested) = read_whole(path)?;
     let file = path.display().to_string();
     let refuse = |rule: String, remedy: &str| Finding::error(&file, rule, remedy);
     let text = String::from_utf8(bytes)
@@ -123,5 +125,7 @@ pub fn read<B: Body>(path: &Path) -> Result<ParameterFile<B>, Finding> {
         ));
     }
     let body: B = toml_edit::de::from_str(&text).map_err(parse_error)?;
-    Ok(ParameterFile { provenance: head.provenance, body })
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let input = Input { path: name, size_bytes: digested.size_bytes, sha256: digested.sha256 };
+    Ok(ParameterFile { input, provenance: head.provenance, body })
 }

@@ -113,6 +113,9 @@ pub struct Tpf {
     pub head: ThermalHead,
     /// Rotation of the sensor against its nominal orientation in every run.
     pub rotation: Rotation,
+    /// What the polynomials leave of the applied fields in every run, with its own rotation and offset; absent for parameter files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model_error: Option<ModelError>,
     /// The fit of the temperature-dependent model to the plateaus of all runs at once.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint: Option<JointPart>,
@@ -130,6 +133,15 @@ pub struct Rotation {
     /// Rotation matrix of the first run, as rows; absent if its file does not tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub initial: Option<super::Rows>,
+}
+
+/// Extremes of applied field minus modelled measurement per run and coil axis, nT.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ModelError {
+    /// Smallest, one row per run.
+    pub min_nt: Vec<[f64; 3]>,
+    /// Largest, one row per run.
+    pub max_nt: Vec<[f64; 3]>,
 }
 
 /// The joint fit beside the two-step one: sensitivities and angles as polynomials, rotation and offset of every run free.

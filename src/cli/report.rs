@@ -1,0 +1,212 @@
+//! `calfit report`: every analysis that the campaign allows, all files, the protocol.
+
+use super::output::{Terminal, json};
+use super::thermal::{gather, inputs_of, order};
+use super::{Common, Status, open, report_failures, status};
+use crate::campaign::Campaign;
+use crate::error::Finding;
+use crate::formats::output::Folder;
+use crate::formats::source::hex;
+use crate::plot::{self, Named};
+use crate::provenance::{Input, Provenance};
+use crate::report::protocol::{self, Protocol, RunPart, ThermalPart};
+use crate::report::{self, Drawn, html};
+use crate::workflow::{
+    Analyses, Failure, LinName, Measured, ThermalOptions, ThermalShown, draw, jobs, publish_tables, publish_thermal_names,
+    scale_offsets, thermals,
+};
+use clap::Args;
+use rayon::prelude::*;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// Campaign folder.
+    #[arg(value_name = "CAMPAIGN")]
+    campaign: PathBuf,
+    /// Order of the polynomial of a quantity or family, as for `calfit thermal`.
+    #[arg(long, value_name = "QUANTITY=N", value_parser = order)]
+    order: Vec<(String, usize)>,
+}
+
+#[derive(Serialize)]
+struct Listing<'a> {
+    runs: Vec<String>,
+    thermal: Vec<String>,
+    protocol: [&'static str; 2],
+    failed: Vec<&'a Finding>,
+}
+
+const FILES: [&str; 2] = ["REPORT.md", "REPORT.html"];
+
+pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let campaigns = open(std::slice::from_ref(&arguments.campaign), terminal)?;
+    let campaign = campaigns
+        .first()
+        .ok_or_else(|| Finding::error(&arguments.campaign.display().to_string(), "is no campaign", "name a campaign folder"))?;
+    let folder = Folder::open(&common.out, common.force)?;
+    FILES.iter().try_for_each(|name| folder.check(name))?;
+    let desk = common.desk();
+    let mut failures: Vec<(String, Failure)> = Vec::new();
+    let (jobs, unmatched) = jobs(&campaigns, None);
+    terminal.unmatched(&unmatched);
+
+    let bar = terminal.progress(2 * jobs.len());
+    let two_threads = jobs.len() < rayon::current_num_threads();
+    let made: Vec<Result<Measured, Failure>> = jobs
+        .par_iter()
+        .map(|job| {
+            let measured = Analyses::default().make(job, &desk, two_threads);
+            bar.inc(1);
+            measured
+        })
+        .collect();
+    let mut measured = Vec::new();
+    for (job, result) in jobs.iter().zip(made) {
+        match result {
+            Ok(one) => measured.push(one),
+            Err(failure) => failures.push((job.recorded.clone(), failure)),
+        }
+    }
+    scale_offsets(&mut measured)?;
+    measured.sort_by(|a, b| key(a).cmp(&key(b)));
+    let drawn: Vec<Result<Vec<Drawn>, Finding>> = measured
+        .par_iter()
+        .map(|one| {
+            let figures = one.publish(&desk, LinName::Single);
+            bar.inc(1);
+            figures
+        })
+        .collect();
+    bar.finish_and_clear();
+    let mut figures = Vec::new();
+    for (one, result) in measured.iter().zip(drawn) {
+        let name = one.run().map_or_else(String::new, |r| r.input.path.clone());
+        one.warnings().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+        figures.push(result.unwrap_or_else(|finding| {
+            failures.push((name, Failure::Refused(finding)));
+            Vec::new()
+        }));
+    }
+    if let Err(finding) = publish_tables(&folder, &measured) {
+        failures.push(("the tables of all runs".to_owned(), Failure::Refused(finding)));
+    }
+
+    let points: Vec<_> = measured.iter().filter_map(Measured::point).collect();
+    let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
+    let options = ThermalOptions { orders: arguments.order.clone(), joint: true };
+    let inputs = inputs_of(&measured);
+    let mut groups: Vec<ThermalShown> = Vec::new();
+    for result in thermals(&points, &lins, &campaign.file.thermal, &options, &desk, |used| gather(used, &inputs)) {
+        match result {
+            Ok(one) => {
+                publish_thermal_names(&measured, &one.thermal.file.head().used, &desk)?;
+                let name = one.thermal.file.file_name();
+                one.thermal.file.head().warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+                groups.push(one);
+            }
+            Err(finding) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
+        }
+    }
+
+    let profile = if common.no_plots { None } else { profile(campaign, &measured, &folder)? };
+    let mut input: Vec<Input> = measured.iter().filter_map(Measured::run).map(|run| Input::from(&run.input)).collect();
+    input.extend(campaign.input.clone());
+    let orders: String = arguments.order.iter().map(|(name, order)| format!(" --order {name}={order}")).collect();
+    let failed: Vec<(String, String)> = failures
+        .iter()
+        .flat_map(|(name, f)| f.errors().map(move |e| (name.clone(), format!("{}; {}", e.rule, e.remedy))))
+        .collect();
+    let document = Protocol {
+        campaign,
+        runs: measured.iter().zip(&figures).map(|(measured, figures)| RunPart { measured, figures }).collect(),
+        thermals: groups.iter().map(|g| ThermalPart { thermal: &g.thermal, figures: &g.figures }).collect(),
+        profile,
+        failed,
+        files: hashes(&folder, &measured)?,
+        provenance: Provenance::new(format!("calfit report{orders}"), input),
+    };
+    let markdown = protocol::markdown(&document);
+    let page = html::page(&markdown, &protocol::title(campaign), &mut |file| std::fs::read(folder.path().join(file)).ok());
+    folder.write(FILES[0], markdown.as_bytes())?;
+    folder.write(FILES[1], page.as_bytes())?;
+    folder.sync()?;
+
+    let total = jobs.len() + groups.len();
+    if common.json {
+        let runs = measured.iter().filter_map(Measured::run).map(|r| r.header.run.clone()).collect();
+        let thermal = groups.iter().map(|g| g.thermal.file.file_name()).collect();
+        let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
+        terminal.print(&json(&Listing { runs, thermal, protocol: FILES, failed })?);
+    } else {
+        for one in &groups {
+            terminal.tell(&report::thermal::summary(&one.thermal));
+        }
+        terminal.tell(&format!(
+            "{} runs, {} thermal analyses\n  -> {}\n",
+            measured.len(),
+            groups.len(),
+            common.out.join(FILES[1]).display()
+        ));
+    }
+    report_failures(terminal, &failures, total);
+    let partial = if measured.iter().any(Measured::is_partial) { Status::Partly } else { Status::Done };
+    Ok(status(measured.len(), failures.iter().map(|(_, f)| f)).max(partial))
+}
+
+/// Runs in the order of their start.
+fn key(measured: &Measured) -> (String, String) {
+    measured.run().map_or_else(Default::default, |run| (run.header.start.clone(), run.header.run.clone()))
+}
+
+/// Draws the temperatures of all runs.
+fn profile(campaign: &Campaign, measured: &[Measured], folder: &Folder) -> Result<Option<Drawn>, Finding> {
+    let runs: Vec<plot::profile::ProfileRun> = measured
+        .iter()
+        .filter_map(Measured::run)
+        .filter_map(|run| {
+            let start: jiff::Timestamp = run.header.start.parse().ok()?;
+            let (sensor, coil) = campaign.channels(&run.header);
+            let channel = |name: &str| run.temperatures.channel(name).or_else(|| run.channels.channel(name)).unwrap_or_default();
+            Some(plot::profile::ProfileRun { start_s: start.as_second() as f64, sensor: channel(&sensor), coil: channel(&coil) })
+        })
+        .collect();
+    if runs.iter().all(|r| r.sensor.is_empty() && r.coil.is_empty()) {
+        return Ok(None);
+    }
+    let first = measured.iter().find_map(Measured::run).map_or("", |r| r.header.run.as_str());
+    let named = Named { stem: "complete", figure: plot::profile::figure(&runs, first) };
+    Ok(draw(folder, &[named], |_| "TEMPERATURE_PROFILE.png".to_owned())?.pop())
+}
+
+/// SHA-256 of all files of this call, by path.
+fn hashes(folder: &Folder, measured: &[Measured]) -> Result<Vec<(String, String)>, Finding> {
+    let mut files: Vec<(String, PathBuf)> = Vec::new();
+    let mut list = |prefix: &str, path: &Path| -> Result<(), Finding> {
+        let entries = std::fs::read_dir(path).map_err(|e| Finding::io(path, "list the folder", &e))?;
+        for entry in entries.flatten().filter(|e| e.path().is_file()) {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if !FILES.contains(&name.as_str()) {
+                files.push((format!("{prefix}{name}"), entry.path()));
+            }
+        }
+        Ok(())
+    };
+    list("", folder.path())?;
+    for run in measured.iter().filter(|m| !matches!(m, Measured::Other(_))).filter_map(Measured::run) {
+        let id = &run.header.run;
+        if folder.path().join(id).is_dir() {
+            list(&format!("{id}/"), &folder.path().join(id))?;
+        }
+    }
+    files.sort();
+    files
+        .into_par_iter()
+        .map(|(name, path)| {
+            let bytes = std::fs::read(&path).map_err(|e| Finding::io(&path, "read", &e))?;
+            Ok((name, hex(&Sha256::digest(&bytes))))
+        })
+        .collect()
+}

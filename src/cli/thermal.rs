@@ -1,0 +1,220 @@
+//! `calfit thermal`: temperature polynomials across the runs of every sensor and mode.
+
+use super::output::{Terminal, json};
+use super::{Common, Status, open, report_failures, status};
+use crate::campaign::Campaign;
+use crate::error::Finding;
+use crate::formats::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
+use crate::formats::output::Folder;
+use crate::formats::parameter::{Point, Values, read_point};
+use crate::provenance::Input;
+use crate::report;
+use crate::workflow::{Analyses, Failure, LinName, Measured, ThermalOptions, ThermalShown, jobs, thermals};
+use clap::Args;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// Campaign folders, run files, parameter files (.CPF, .OPF, .FPF), or folders of parameter files.
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// Order of the polynomial of a quantity or family, sigma=1, b_or_x=3, f_3db=2 for example; others are chosen by AICc and
+    /// leave-one-out error.
+    #[arg(long, value_name = "QUANTITY=N", value_parser = order)]
+    order: Vec<(String, usize)>,
+    /// Also fit the temperature-dependent model to the plateaus of all runs at once (needs runs, not parameter files).
+    #[arg(long)]
+    joint: bool,
+}
+
+pub(super) fn order(text: &str) -> Result<(String, usize), String> {
+    let (name, order) = text.split_once('=').ok_or("write QUANTITY=N, sigma=1 for example")?;
+    if !THERMAL_QUANTITIES.contains(&name) {
+        return Err(format!("the quantity is one of {}", THERMAL_QUANTITIES.join(", ")));
+    }
+    match order.parse::<usize>() {
+        Ok(order) if order <= MOST_THERMAL_ORDER as usize => Ok((name.to_owned(), order)),
+        _ => Err(format!("the order is a number from 0 to {MOST_THERMAL_ORDER}")),
+    }
+}
+
+#[derive(Serialize)]
+struct Listing<'a> {
+    groups: Vec<&'a crate::analysis::thermal::Thermal>,
+    failed: Vec<&'a Finding>,
+}
+
+pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let (files, campaign_paths) = sort_paths(&arguments.paths)?;
+    let options = ThermalOptions { orders: arguments.order.clone(), joint: arguments.joint };
+    // Refuse what cannot be written before the work begins.
+    Folder::open(&common.out, common.force)?;
+    let mut failures: Vec<(String, Failure)> = Vec::new();
+    let mut points: Vec<Point> = Vec::new();
+    let mut inputs: HashMap<String, Vec<Input>> = HashMap::new();
+    for path in &files {
+        let mut findings = Vec::new();
+        match read_point(path, &mut findings) {
+            Ok((point, digested)) => {
+                let input = Input { path: point.file.clone(), size_bytes: digested.size_bytes, sha256: digested.sha256 };
+                if let Some(twin) = points.iter().find(|p| p.run.id == point.run.id && same_kind(p, &point)) {
+                    terminal.warning(&format!("{}: {} is of the same run and is used", path.display(), twin.file));
+                } else {
+                    inputs.insert(point.file.clone(), vec![input]);
+                    points.push(point);
+                }
+            }
+            Err(finding) => failures.push((path.display().to_string(), Failure::Unreadable(vec![finding]))),
+        }
+        findings.iter().for_each(|f| terminal.finding(f));
+    }
+    let campaigns = if campaign_paths.is_empty() { Vec::new() } else { open(&campaign_paths, terminal)? };
+    let (measured, total) = measure(&campaigns, common, terminal, &mut failures);
+    inputs.extend(inputs_of(&measured));
+    points.extend(measured.iter().filter_map(Measured::point));
+    let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
+    let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.thermal.iter().cloned()).collect();
+    let results = thermals(&points, &lins, &entries, &options, &common.desk(), |used| gather(used, &inputs));
+    let mut done: Vec<ThermalShown> = Vec::new();
+    for result in results {
+        match result {
+            Ok(one) => {
+                let name = one.thermal.file.file_name();
+                one.thermal.file.head().warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+                done.push(one);
+            }
+            Err(finding) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
+        }
+    }
+    if common.json {
+        let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
+        terminal.print(&json(&Listing { groups: done.iter().map(|d| &d.thermal).collect(), failed })?);
+    } else {
+        for one in &done {
+            let file = common.out.join(one.thermal.file.file_name());
+            terminal.tell(&format!("{}  -> {}\n", report::thermal::summary(&one.thermal), file.display()));
+        }
+    }
+    if points.is_empty() && failures.is_empty() {
+        let shown: Vec<String> = arguments.paths.iter().map(|p| p.display().to_string()).collect();
+        return Err(Finding::error(
+            &shown.join(", "),
+            "holds no linearity, offset or frequency run",
+            "list the runs with `calfit inspect`",
+        ));
+    }
+    report_failures(terminal, &failures, total + files.len());
+    Ok(status(done.len(), failures.iter().map(|(_, f)| f)))
+}
+
+fn same_kind(a: &Point, b: &Point) -> bool {
+    std::mem::discriminant::<Values>(&a.values) == std::mem::discriminant(&b.values)
+}
+
+/// The inputs of some points, each once, in the order of the points.
+pub(super) fn gather(used: &[&Point], inputs: &HashMap<String, Vec<Input>>) -> Vec<Input> {
+    let mut list: Vec<Input> = Vec::new();
+    for input in used.iter().filter_map(|p| inputs.get(&p.file)).flatten() {
+        if !list.contains(input) {
+            list.push(input.clone());
+        }
+    }
+    list
+}
+
+/// The inputs of every run that takes part in analyses across temperatures, by the name of its parameter file.
+pub(super) fn inputs_of(measured: &[Measured]) -> HashMap<String, Vec<Input>> {
+    let of = |one: &Measured| {
+        let provenance = match one {
+            Measured::Lin(made) => &made.provenance,
+            Measured::Offset(made) => &made.provenance,
+            Measured::Freq(made) => &made.provenance,
+            Measured::Other(_) => return None,
+        };
+        Some((one.point()?.file, provenance.input.clone()))
+    };
+    measured.iter().filter_map(of).collect()
+}
+
+/// The analyses of all runs that a group can use.
+fn measure(
+    campaigns: &[Campaign],
+    common: &Common,
+    terminal: &Terminal,
+    failures: &mut Vec<(String, Failure)>,
+) -> (Vec<Measured>, usize) {
+    let (mut jobs, unmatched) = jobs(campaigns, None);
+    terminal.unmatched(&unmatched);
+    jobs.retain(|job| job.named || job.header.as_ref().is_none_or(|h| h.kind.is_thermal() && job.campaign.uses(h)));
+    let bar = terminal.progress(jobs.len());
+    let two_threads = jobs.len() < rayon::current_num_threads();
+    let desk = common.desk();
+    let results: Vec<Result<Measured, Failure>> = jobs
+        .par_iter()
+        .map(|job| {
+            let made = Analyses::default().make(job, &desk, two_threads).and_then(|measured| {
+                measured.publish(&desk, LinName::Thermal).map_err(Failure::Refused)?;
+                Ok(measured)
+            });
+            bar.inc(1);
+            made
+        })
+        .collect();
+    bar.finish_and_clear();
+    let mut done = Vec::new();
+    for (job, result) in jobs.iter().zip(results) {
+        match result {
+            Ok(measured) => {
+                measured.warnings().iter().for_each(|w| terminal.warning(&format!("{}: {w}", job.recorded)));
+                done.push(measured);
+            }
+            Err(failure) => failures.push((job.recorded.clone(), failure)),
+        }
+    }
+    (done, jobs.len())
+}
+
+/// Parameter files, and what holds runs.
+fn sort_paths(paths: &[PathBuf]) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Finding> {
+    let (mut files, mut campaigns) = (Vec::new(), Vec::new());
+    for path in paths {
+        if is_parameter_file(path) {
+            files.push(path.clone());
+        } else if path.is_dir() && Campaign::run_files(path)?.is_empty() {
+            let mut found = Vec::new();
+            collect(path, 0, &mut found)?;
+            if found.is_empty() {
+                let shown = path.display().to_string();
+                return Err(Finding::error(&shown, "the folder holds neither runs nor parameter files", "check the path"));
+            }
+            // Files that were made for thermal groups come first: they are the ones used of a run that has two.
+            found.sort_by_key(|p| (!p.to_string_lossy().contains("PARAMETER_TEMPLIN__"), p.clone()));
+            files.extend(found);
+        } else {
+            campaigns.push(path.clone());
+        }
+    }
+    Ok((files, campaigns))
+}
+
+fn is_parameter_file(path: &Path) -> bool {
+    path.extension().is_some_and(|e| ["CPF", "OPF", "FPF"].iter().any(|k| e.eq_ignore_ascii_case(k)))
+}
+
+/// Parameter files of a folder and of the folders in it.
+fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), Finding> {
+    for entry in std::fs::read_dir(folder).map_err(|e| Finding::io(folder, "list the folder", &e))? {
+        let path = entry.map_err(|e| Finding::io(folder, "list the folder", &e))?.path();
+        if path.is_dir() {
+            if depth == 0 {
+                collect(&path, depth + 1, files)?;
+            }
+        } else if is_parameter_file(&path) {
+            files.push(path);
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,289 @@
+//! The figures of a thermal analysis (BC-MAG-TR-0085 sections 12 and 13).
+
+use super::parts::{Named, SENSOR, STYLES, panels};
+use super::{Figure, Marks, Panel, Scale, Series, Style};
+use crate::analysis::thermal::{Curve, File, Thermal};
+use crate::formats::parameter::{ThermalHead, Tpf};
+use crate::run::time_of_id;
+
+/// All figures of one kind of runs of a group.
+#[must_use]
+pub fn figures(thermal: &Thermal) -> Vec<Named> {
+    let head = thermal.file.head();
+    let of = format!("{} {}", head.sensor, head.mode);
+    let mut list = vec![Named { stem: "temperature_profile", figure: profile(head, &of) }];
+    let curves = |family: &str| thermal.curves.iter().filter(|c| c.name.starts_with(family)).collect::<Vec<&Curve>>();
+    let polynomial =
+        |family: &str, title: &str, symbol: &str| polynomials(&curves(family), head, &format!("{title}, {of}"), symbol);
+    match &thermal.file {
+        File::Tpf(tpf) => {
+            list.push(Named { stem: "sensitivities", figure: polynomial("sigma", "Sensitivities", "σ") });
+            list.push(Named { stem: "misalignment", figure: polynomial("xi", "Misalignment angles", "ξ") });
+            list.push(Named {
+                stem: "offset_and_residual_field",
+                figure: polynomial("b_or", "Offset and residual field", "B_or"),
+            });
+            list.push(Named { stem: "residuals", figure: residuals(thermal, &of) });
+            if let Some(figure) = model_errors(tpf, &of) {
+                list.push(Named { stem: "model_errors", figure });
+            }
+            list.push(Named { stem: "rotation", figure: rotation(tpf, &of) });
+        }
+        File::Tof(tof) => {
+            list.push(Named { stem: "offsets", figure: polynomial("b_off", "Sensor offsets", "B_off") });
+            let field = &tof.residual_field;
+            let seen = if field.seen_along.is_empty() {
+                String::new()
+            } else {
+                let axes: Vec<String> =
+                    ["X", "Y", "Z"].iter().zip(&field.seen_along).map(|(m, c)| format!("{m}_m = {c}_c")).collect();
+                format!(" Seen along {}.", axes.join(", "))
+            };
+            list.push(Named {
+                stem: "residual_field",
+                figure: against_temperature(
+                    head,
+                    &format!("Residual field of the coil system, {of}"),
+                    &format!("Along the sensor axes in their normal position, not in coil coordinates.{seen}"),
+                    [("x", &field.x_ent), ("y", &field.y_ent), ("z", &field.z_ent)]
+                        .map(|(name, v)| (format!("{name} residual field, enT"), v.as_slice())),
+                ),
+            });
+        }
+        File::Taf(taf) => {
+            list.push(Named { stem: "corner_frequency", figure: polynomial("f_3db", "-3 dB corner frequency", "f_3dB") });
+            let points = (0..head.runs.len()).map(|i| {
+                let std = taf.f_s_std_hz[i];
+                (head.temperature_degc[i], taf.f_s_hz[i], std.is_finite().then_some(std))
+            });
+            list.push(Named {
+                stem: "sampling_frequency",
+                figure: Figure {
+                    title: format!("Sampling frequency, {of}"),
+                    caption: match (taf.mean_sample_rate_hz, taf.mean_std_sample_rate_hz) {
+                        (Some(mean), Some(std)) => {
+                            format!(
+                                "Mean of the components per run; mean of the runs {mean:.6} Hz, mean uncertainty {std:.1e} Hz."
+                            )
+                        }
+                        _ => "The files tell no sampling frequency.".to_owned(),
+                    },
+                    x_label: temperature_label(head),
+                    x_scale: Scale::Linear,
+                    panels: vec![Panel {
+                        y_label: "f_s, Hz".to_owned(),
+                        y_scale: Scale::Linear,
+                        series: vec![Series {
+                            label: "f_s ± standard uncertainty".to_owned(),
+                            style: Style::Single,
+                            marks: Marks::Points(points.collect()),
+                        }],
+                        bands: vec![],
+                    }],
+                },
+            });
+        }
+    }
+    list.push(Named { stem: "coil_temperature", figure: coil(head, &of) });
+    list
+}
+
+fn temperature_label(head: &ThermalHead) -> String {
+    format!("sensor temperature {}, °C", head.channel)
+}
+
+/// Hours between the first run and every run, if the run ids tell.
+fn hours(head: &ThermalHead) -> Option<Vec<f64>> {
+    let times: Vec<_> = head.runs.iter().map(|id| time_of_id(id)).collect::<Option<_>>()?;
+    let first = *times.first()?;
+    Some(times.iter().map(|t| t.duration_since(first).as_secs_f64() / 3600.0).collect())
+}
+
+fn against_time(head: &ThermalHead, title: String, caption: &str, y_label: &str, values: &[f64]) -> Figure {
+    let (x, x_label) = match hours(head) {
+        Some(hours) => (hours, format!("time since run {}, h", head.runs[0])),
+        None => ((0..values.len()).map(|i| i as f64 + 1.0).collect(), "run in the order of the group".to_owned()),
+    };
+    let points: Vec<(f64, f64, Option<f64>)> = x.iter().zip(values).map(|(x, v)| (*x, *v, None)).collect();
+    let line = points.iter().map(|(x, y, _)| (*x, *y)).collect();
+    Figure {
+        title,
+        caption: caption.to_owned(),
+        x_label,
+        x_scale: Scale::Linear,
+        panels: vec![Panel {
+            y_label: y_label.to_owned(),
+            y_scale: Scale::Linear,
+            series: vec![
+                Series { label: String::new(), style: Style::Reference, marks: Marks::Line(line) },
+                Series { label: "mean of a run".to_owned(), style: Style::Single, marks: Marks::Points(points) },
+            ],
+            bands: vec![],
+        }],
+    }
+}
+
+fn profile(head: &ThermalHead, of: &str) -> Figure {
+    against_time(
+        head,
+        format!("Temperature profile, {of}"),
+        "Mean sensor temperature of the runs in the group; what lies between them is not known from these runs.",
+        &format!("{}, °C", head.channel),
+        &head.temperature_degc,
+    )
+}
+
+fn coil(head: &ThermalHead, of: &str) -> Figure {
+    against_time(
+        head,
+        format!("Coil system temperature, {of}"),
+        "Mean coil-system temperature of the runs: the coil constants follow it.",
+        "coil temperature, °C",
+        &head.coil_temperature_degc,
+    )
+}
+
+fn polynomials(curves: &[&Curve], head: &ThermalHead, title: &str, symbol: &str) -> Figure {
+    let has_joint = curves.iter().any(|c| !c.joint.is_empty());
+    let orders: Vec<String> = curves
+        .iter()
+        .filter_map(|c| head.quantity.iter().find(|q| q.name == c.name))
+        .map(|q| format!("{} {}", q.name, q.order))
+        .collect();
+    let joint = if has_joint { " The dashed purple line is the joint fit to the plateaus of all runs." } else { "" };
+    Figure {
+        title: title.to_owned(),
+        caption: format!(
+            "Values of the runs with their standard uncertainty, polynomial and its 95 % band. Orders: {}.{joint}",
+            orders.join(", ")
+        ),
+        x_label: temperature_label(head),
+        x_scale: Scale::Linear,
+        panels: curves
+            .iter()
+            .zip(STYLES)
+            .map(|(curve, style)| {
+                let mut series = vec![
+                    Series {
+                        label: "95 % band".to_owned(),
+                        style,
+                        marks: Marks::Ribbon(curve.band.iter().map(|[t, v, s]| (*t, v - 1.96 * s, v + 1.96 * s)).collect()),
+                    },
+                    Series {
+                        label: String::new(),
+                        style,
+                        marks: Marks::Line(curve.band.iter().map(|[t, v, _]| (*t, *v)).collect()),
+                    },
+                ];
+                if !curve.joint.is_empty() {
+                    series.push(Series {
+                        label: "joint fit".to_owned(),
+                        style: Style::Second,
+                        marks: Marks::Line(curve.joint.iter().map(|[t, v, _]| (*t, *v)).collect()),
+                    });
+                }
+                series.push(Series {
+                    label: format!("{symbol}_{}", curve.component),
+                    style,
+                    marks: Marks::Points(curve.points.iter().map(|[t, v, s]| (*t, *v, s.is_finite().then_some(*s))).collect()),
+                });
+                Panel {
+                    y_label: format!("{symbol}_{}, {}", curve.component, curve.unit),
+                    y_scale: Scale::Linear,
+                    series,
+                    bands: vec![],
+                }
+            })
+            .collect(),
+    }
+}
+
+/// What the polynomials leave of the values of the runs.
+fn residuals(thermal: &Thermal, of: &str) -> Figure {
+    let head = thermal.file.head();
+    let panel = |family: &str, y_label: &str, factor: f64| Panel {
+        y_label: y_label.to_owned(),
+        y_scale: Scale::Linear,
+        series: thermal
+            .curves
+            .iter()
+            .filter(|c| c.name.starts_with(family))
+            .zip(STYLES)
+            .filter_map(|(curve, style)| {
+                let quantity = head.quantity.iter().find(|q| q.name == curve.name)?;
+                let points = curve.points.iter().zip(&quantity.residual);
+                Some(Series {
+                    label: curve.component.clone(),
+                    style,
+                    marks: Marks::Points(
+                        points.map(|([t, _, s], r)| (*t, factor * r, s.is_finite().then_some(factor * s))).collect(),
+                    ),
+                })
+            })
+            .collect(),
+        bands: vec![],
+    };
+    Figure {
+        title: format!("Residuals of the thermal model, {of}"),
+        caption: "Value of a run minus polynomial, with the standard uncertainty of the value.".to_owned(),
+        x_label: temperature_label(head),
+        x_scale: Scale::Linear,
+        panels: vec![panel("sigma", "σ, 1e-6 nT/enT", 1e6), panel("xi", "ξ, arcsec", 3600.0), panel("b_or", "B_or, enT", 1.0)],
+    }
+}
+
+fn model_errors(tpf: &Tpf, of: &str) -> Option<Figure> {
+    let error = tpf.model_error.as_ref()?;
+    Some(Figure {
+        title: format!("Errors of the thermal model, {of}"),
+        caption: "Smallest and largest applied field minus modelled measurement of every run, with the polynomials for sensitivity and angles and \
+                  the run's own rotation and offset."
+            .to_owned(),
+        x_label: temperature_label(&tpf.head),
+        x_scale: Scale::Linear,
+        panels: panels(|axis| {
+            let of = |rows: &[[f64; 3]]| {
+                Marks::Points(rows.iter().zip(&tpf.head.temperature_degc).map(|(e, t)| (*t, e[axis], None)).collect())
+            };
+            Panel {
+                y_label: format!("{} error, nT", ["X", "Y", "Z"][axis]),
+                y_scale: Scale::Linear,
+                series: vec![
+                    Series { label: "largest".to_owned(), style: STYLES[axis], marks: of(&error.max_nt) },
+                    Series { label: "smallest".to_owned(), style: Style::Reference, marks: of(&error.min_nt) },
+                ],
+                bands: vec![],
+            }
+        }),
+    })
+}
+
+fn rotation(tpf: &Tpf, of: &str) -> Figure {
+    let r = &tpf.rotation;
+    against_temperature(
+        &tpf.head,
+        &format!("Rotation of the sensor, {of}"),
+        "Angle between each real and nominal sensor axis. A change with temperature is the mount's, a step one of handling.",
+        [("λ_x", &r.lambda_x_deg), ("μ_y", &r.mu_y_deg), ("ν_z", &r.nu_z_deg)]
+            .map(|(name, v)| (format!("{name}, °"), v.as_slice())),
+    )
+}
+
+fn against_temperature(head: &ThermalHead, title: &str, caption: &str, values: [(String, &[f64]); 3]) -> Figure {
+    Figure {
+        title: title.to_owned(),
+        caption: caption.to_owned(),
+        x_label: temperature_label(head),
+        x_scale: Scale::Linear,
+        panels: panels(|i| {
+            let (label, values) = &values[i];
+            let points = head.temperature_degc.iter().zip(*values).map(|(t, v)| (*t, *v, None)).collect();
+            Panel {
+                y_label: label.clone(),
+                y_scale: Scale::Linear,
+                series: vec![Series { label: SENSOR[i].to_owned(), style: STYLES[i], marks: Marks::Points(points) }],
+                bands: vec![],
+            }
+        }),
+    }
+}

@@ -1,0 +1,210 @@
+//! Every run of a campaign by the analysis of its kind, each read once.
+
+use super::{Desk, Drawn, Failure, Job, Made, RunResult, make, parameter_text, publish};
+use crate::analysis::lin::Lin;
+use crate::analysis::{freq, lin, offset};
+use crate::error::Finding;
+use crate::formats::ccr;
+use crate::formats::output::Folder;
+use crate::formats::parameter::{Body, Point};
+use crate::formats::source::hex;
+use crate::provenance::Input;
+use crate::run::{Kind, Run};
+use sha2::{Digest, Sha256};
+
+/// The options of all analyses of single runs.
+#[derive(Clone, Debug, Default)]
+pub struct Analyses {
+    /// Of linear calibrations.
+    pub lin: lin::Options,
+    /// Of offset measurements.
+    pub offset: offset::Options,
+    /// Of frequency measurements.
+    pub freq: freq::Options,
+}
+
+/// What a run gave.
+pub enum Measured {
+    /// A linear calibration.
+    Lin(Box<Made<Lin>>),
+    /// Offsets.
+    Offset(Box<Made<offset::Offset>>),
+    /// A frequency response.
+    Freq(Box<Made<freq::Freq>>),
+    /// A run that no analysis here is for, or that the campaign takes out.
+    Other(Box<Run>),
+}
+
+impl Analyses {
+    /// Reads and analyses one run.
+    ///
+    /// # Errors
+    /// The run cannot be read or is refused.
+    pub fn make(&self, job: &Job, desk: &Desk, two_threads: bool) -> Result<Measured, Failure> {
+        // A run that its analysis does not use is read for the run list only.
+        let kind = job.header.as_ref().filter(|h| job.named || job.campaign.uses(h)).map(|h| h.kind);
+        Ok(match kind {
+            Some(Kind::Linearity) => Measured::Lin(Box::new(make(&self.lin, job, desk, two_threads)?)),
+            Some(Kind::Offset) => Measured::Offset(Box::new(make(&self.offset, job, desk, two_threads)?)),
+            Some(Kind::Frequency) => Measured::Freq(Box::new(make(&self.freq, job, desk, two_threads)?)),
+            _ => {
+                job.unique()?;
+                let run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut ());
+                Measured::Other(Box::new(run.map_err(Failure::Unreadable)?))
+            }
+        })
+    }
+}
+
+/// Under which name the parameter file of a linear calibration is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LinName {
+    /// That of a single run.
+    Single,
+    /// That of a run in a thermal group.
+    Thermal,
+}
+
+impl Measured {
+    /// Writes what the run gave; returns the figures.
+    ///
+    /// # Errors
+    /// What cannot be drawn or written.
+    pub fn publish(&self, desk: &Desk, name: LinName) -> Result<Vec<Drawn>, Finding> {
+        match self {
+            Measured::Lin(made) => {
+                let p = &made.result.parameters;
+                let file = if name == LinName::Single { p.file_name() } else { p.thermal_file_name() };
+                publish::<lin::Options>(made, desk, &file)
+            }
+            Measured::Offset(made) => publish::<offset::Options>(made, desk, &made.result.parameters.file_name()),
+            Measured::Freq(made) => publish::<freq::Options>(made, desk, &made.result.parameters.file_name()),
+            Measured::Other(_) => Ok(Vec::new()),
+        }
+    }
+
+    /// The run as it was read.
+    #[must_use]
+    pub fn run(&self) -> Option<&Run> {
+        match self {
+            Measured::Lin(made) => made.run.as_ref(),
+            Measured::Offset(made) => made.run.as_ref(),
+            Measured::Freq(made) => made.run.as_ref(),
+            Measured::Other(run) => Some(run),
+        }
+    }
+
+    /// Its part in an analysis across temperatures.
+    #[must_use]
+    pub fn point(&self) -> Option<Point> {
+        match self {
+            Measured::Lin(made) => Some(Point::of_lin(&made.result.parameters)),
+            Measured::Offset(made) => Some(Point::of_offset(&made.result.parameters)),
+            Measured::Freq(made) => Some(Point::of_freq(&made.result.parameters)),
+            Measured::Other(_) => None,
+        }
+    }
+
+    /// The linear calibration, if it is one.
+    #[must_use]
+    pub fn lin(&self) -> Option<&Made<Lin>> {
+        match self {
+            Measured::Lin(made) => Some(made),
+            _ => None,
+        }
+    }
+
+    /// What a person should know.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<String> {
+        match self {
+            Measured::Lin(made) => made.result.warnings().to_vec(),
+            Measured::Offset(made) => made.result.warnings().to_vec(),
+            Measured::Freq(made) => made.result.warnings().to_vec(),
+            Measured::Other(run) => run.findings.iter().map(|f| format!("{}; {}", f.rule, f.remedy)).collect(),
+        }
+    }
+
+    /// Part of what was asked for is refused.
+    #[must_use]
+    pub fn is_partial(&self) -> bool {
+        matches!(self, Measured::Offset(made) if made.result.is_partial())
+    }
+}
+
+/// Gives the offsets in nT as well, each with the sensitivities of the linear calibration of the same sensor and mode that is nearest
+/// in time. Its file becomes an input of theirs.
+///
+/// # Errors
+/// A calibration without a text form.
+pub fn scale_offsets(all: &mut [Measured]) -> Result<(), Finding> {
+    let seconds = |start: &str| start.parse::<jiff::Timestamp>().map_or(f64::NAN, |t| t.as_second() as f64);
+    let mut found = Vec::new();
+    for (index, measured) in all.iter().enumerate() {
+        let Measured::Offset(made) = measured else { continue };
+        let head = &made.result.parameters.run;
+        let distance = |lin: &&Made<Lin>| (seconds(&lin.result.parameters.run.start) - seconds(&head.start)).abs();
+        let nearest = all
+            .iter()
+            .filter_map(Measured::lin)
+            .filter(|lin| {
+                let other = &lin.result.parameters.run;
+                (&other.sensor, &other.mode) == (&head.sensor, &head.mode)
+            })
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        if let Some(lin) = nearest {
+            let name = lin.result.parameters.file_name();
+            let text = parameter_text(&name, &lin.result.parameters, &lin.provenance)?;
+            let input = Input { path: name, size_bytes: text.len() as u64, sha256: hex(&Sha256::digest(text.as_bytes())) };
+            found.push((index, input, lin.result.parameters.clone()));
+        }
+    }
+    for (index, input, cpf) in found {
+        if let Some(Measured::Offset(made)) = all.get_mut(index) {
+            made.result.scale(&input.path, &cpf);
+            made.provenance.command = format!("{} --cpf {}", made.provenance.command, input.path);
+            made.provenance.input.push(input);
+        }
+    }
+    Ok(())
+}
+
+/// Writes the linear calibrations on which a thermal group rests under their names there.
+///
+/// # Errors
+/// What cannot be written.
+pub fn publish_thermal_names(all: &[Measured], used: &[String], desk: &Desk) -> Result<(), Finding> {
+    for made in all.iter().filter_map(Measured::lin) {
+        let p = &made.result.parameters;
+        let name = p.thermal_file_name();
+        if used.contains(&name) {
+            let folder = Folder::open(&desk.out.join(&p.run.id), desk.force)?;
+            folder.write(&name, parameter_text(&name, p, &made.provenance)?.as_bytes())?;
+            folder.sync()?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes the tables of all runs of every kind.
+///
+/// # Errors
+/// What cannot be written.
+#[cfg(feature = "tables")]
+pub fn publish_tables(folder: &Folder, all: &[Measured]) -> Result<(), Finding> {
+    let lins: Vec<&Lin> = all.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
+    super::publish_table::<lin::Options>(folder, &lins)?;
+    let offsets = all.iter().filter_map(|m| if let Measured::Offset(made) = m { Some(&made.result) } else { None });
+    super::publish_table::<offset::Options>(folder, &offsets.collect::<Vec<_>>())?;
+    let freqs = all.iter().filter_map(|m| if let Measured::Freq(made) = m { Some(&made.result) } else { None });
+    super::publish_table::<freq::Options>(folder, &freqs.collect::<Vec<_>>())
+}
+
+/// Without tables there is nothing to write.
+///
+/// # Errors
+/// None.
+#[cfg(not(feature = "tables"))]
+pub fn publish_tables(_folder: &Folder, _all: &[Measured]) -> Result<(), Finding> {
+    Ok(())
+}

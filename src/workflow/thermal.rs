@@ -1,0 +1,106 @@
+//! Analyses across temperatures as files, figures and text.
+
+use super::{Desk, draw, parameter_text};
+use crate::analysis::lin::Lin;
+use crate::analysis::thermal::{File, Group, Kind, Thermal, ThermalError, groups, thermal};
+use crate::error::Finding;
+use crate::formats::campaign::ThermalEntry;
+use crate::formats::output::Folder;
+use crate::formats::parameter::Point;
+use crate::plot;
+use crate::provenance::{Input, Provenance};
+use crate::report::{self, Drawn, FigureLink};
+use rayon::prelude::*;
+
+/// How thermal analyses are made.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ThermalOptions {
+    /// Order per quantity or family, in place of the choice.
+    pub orders: Vec<(String, usize)>,
+    /// Fit the plateaus of all runs at once as well.
+    pub joint: bool,
+}
+
+impl ThermalOptions {
+    /// The options as on the command line, each with a space before it.
+    #[must_use]
+    pub fn recorded(&self) -> String {
+        let mut text: String = self.orders.iter().map(|(name, order)| format!(" --order {name}={order}")).collect();
+        if self.joint {
+            text.push_str(" --joint");
+        }
+        text
+    }
+}
+
+/// A thermal analysis with its figures.
+pub struct ThermalShown {
+    /// The result.
+    pub thermal: Thermal,
+    /// Its figures.
+    pub figures: Vec<Drawn>,
+}
+
+/// All thermal analyses that a list of runs allows, each published or with the reason why not. `inputs` gives the inputs of the
+/// points of a group.
+pub fn thermals(
+    points: &[Point],
+    lins: &[&Lin],
+    entries: &[ThermalEntry],
+    options: &ThermalOptions,
+    desk: &Desk,
+    inputs: impl Fn(&[&Point]) -> Vec<Input> + Sync,
+) -> Vec<Result<ThermalShown, Finding>> {
+    let groups = groups(points, entries, &options.orders);
+    let tasks: Vec<(&Group, Kind)> =
+        groups.iter().flat_map(|g| Kind::ALL.into_iter().filter(|k| g.has(*k)).map(move |k| (g, k))).collect();
+    tasks
+        .par_iter()
+        .map(|(group, kind)| {
+            let result = thermal(group, *kind, lins, options.joint).map_err(|e: ThermalError| {
+                Finding::error(&format!("{} {}", group.sensor, group.mode), e.to_string(), e.remedy())
+            })?;
+            let used: Vec<&Point> = group.points.iter().filter(|p| result.file.head().used.contains(&p.file)).collect();
+            let provenance = Provenance::new(format!("calfit thermal{}", options.recorded()), inputs(&used));
+            let figures = publish(&result, &provenance, desk)?;
+            Ok(ThermalShown { thermal: result, figures })
+        })
+        .collect()
+}
+
+/// Begin of the names of figures and report.
+fn stem(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Lin => "THERMAL",
+        Kind::Offset => "THERMAL_OFF",
+        Kind::Freq => "THERMAL_AC",
+    }
+}
+
+/// Writes figures, report and parameter file, the last one last.
+fn publish(result: &Thermal, provenance: &Provenance, desk: &Desk) -> Result<Vec<Drawn>, Finding> {
+    let name = result.file.file_name();
+    let first = result.file.head().first_run();
+    let folder = Folder::open(&desk.out, desk.force)?;
+    folder.check(&name)?;
+    let begin = stem(result.kind);
+    let drawn = if desk.plots {
+        draw(&folder, &plot::thermal::figures(result), |stem| format!("{begin}_{stem}__{first}.png"))?
+    } else {
+        Vec::new()
+    };
+    let head = result.file.head();
+    let title = format!("{}, {} {}", report::thermal::title(result.kind), head.sensor, head.mode);
+    let links = FigureLink::number(&drawn, "", &mut 0);
+    let text = report::standalone(&title, &head.warnings, &report::thermal::sections(result, 2), &links, provenance);
+    folder.write(&format!("REPORT_{begin}__{first}.md"), text.as_bytes())?;
+    folder.sync()?;
+    let text = match &result.file {
+        File::Tpf(body) => parameter_text(&name, body.as_ref(), provenance),
+        File::Tof(body) => parameter_text(&name, body.as_ref(), provenance),
+        File::Taf(body) => parameter_text(&name, body.as_ref(), provenance),
+    }?;
+    folder.write(&name, text.as_bytes())?;
+    folder.sync()?;
+    Ok(drawn)
+}
