@@ -5,7 +5,7 @@ use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::campaign::{Campaign, positions};
 use crate::error::{Finding, Severity};
-use crate::formats::parameter::Cpf;
+use crate::formats::parameter::{Cpf, Fpf, Opf, Taf, Tof, Tpf};
 use crate::formats::{campaign, ccr, mag, parameter};
 use clap::Args;
 use rayon::prelude::*;
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, run files (.CCR, .CCR.gz), programmes (.MAG), campaign.toml, parameter files (.CPF).
+    /// Campaign folders, run files (.CCR, .CCR.gz), programmes (.MAG), campaign.toml, parameter files (.CPF, .OPF, .FPF, .TPF, .TOF, .TAF).
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -90,8 +90,15 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
         mag::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
         campaign::read(path, &mut findings).and_then(|(file, _)| positions(path, &file)).err()
-    } else if name.ends_with(".CPF") {
-        parameter::read::<Cpf>(path).err()
+    } else if let Some(format) = ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF"].iter().find(|f| name.ends_with(&format!(".{f}"))) {
+        match *format {
+            "CPF" => parameter::read::<Cpf>(path).err(),
+            "OPF" => parameter::read::<Opf>(path).err(),
+            "FPF" => parameter::read::<Fpf>(path).err(),
+            "TPF" => parameter::read::<Tpf>(path).err(),
+            "TOF" => parameter::read::<Tof>(path).err(),
+            _ => parameter::read::<Taf>(path).err(),
+        }
     } else {
         let options = ccr::Options { collect: true, ..common.desk().reading(&shown, false) };
         match ccr::read(path, &options, &mut ()) {

@@ -11,6 +11,7 @@ mod output;
 mod report;
 mod shell;
 mod thermal;
+mod verify;
 
 use crate::campaign::Campaign;
 use crate::error::Finding;
@@ -48,6 +49,8 @@ enum Command {
     Inspect(inspect::Arguments),
     /// Validate files and say everything that is wrong with each; changes nothing.
     Check(check::Arguments),
+    /// Read the inputs of parameter files again, compare their hashes, fit again and compare the values.
+    Verify(verify::Arguments),
     /// Write a completion script for a shell to standard output.
     Completions(shell::Completions),
     /// Write manual pages into a folder.
@@ -158,23 +161,29 @@ pub fn main() -> ExitCode {
         // Fails only if the pool exists already, which cannot be this early.
         let _ = rayon::ThreadPoolBuilder::new().num_threads(cli.common.threads).build_global();
     }
-    let result = match cli.command {
-        Command::Lin(arguments) => lin::run(&arguments, &cli.common, &terminal),
-        Command::Offset(arguments) => offset::run(&arguments, &cli.common, &terminal),
-        Command::Freq(arguments) => freq::run(&arguments, &cli.common, &terminal),
-        Command::Thermal(arguments) => thermal::run(&arguments, &cli.common, &terminal),
-        Command::Report(arguments) => report::run(&arguments, &cli.common, &terminal),
-        Command::Inspect(arguments) => inspect::run(&arguments, &cli.common, &terminal),
-        Command::Check(arguments) => check::run(&arguments, &cli.common, &terminal),
-        Command::Completions(arguments) => shell::completions(&arguments, &terminal),
-        Command::Man(arguments) => shell::manual(&arguments),
-    };
+    let result = execute(cli, &terminal);
     let status = result.unwrap_or_else(|finding| {
         terminal.finding(&finding);
         Status::Unusable
     });
     // Output that could not be printed is a failure, a reader that has seen enough is not.
     ExitCode::from(terminal.finish(status) as u8)
+}
+
+/// Runs one command.
+fn execute(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
+    match cli.command {
+        Command::Lin(arguments) => lin::run(&arguments, &cli.common, terminal),
+        Command::Offset(arguments) => offset::run(&arguments, &cli.common, terminal),
+        Command::Freq(arguments) => freq::run(&arguments, &cli.common, terminal),
+        Command::Thermal(arguments) => thermal::run(&arguments, &cli.common, terminal),
+        Command::Report(arguments) => report::run(&arguments, &cli.common, terminal),
+        Command::Inspect(arguments) => inspect::run(&arguments, &cli.common, terminal),
+        Command::Check(arguments) => check::run(&arguments, &cli.common, terminal),
+        Command::Verify(arguments) => verify::run(&arguments, &cli.common, terminal),
+        Command::Completions(arguments) => shell::completions(&arguments, terminal),
+        Command::Man(arguments) => shell::manual(&arguments),
+    }
 }
 
 /// Opens the campaigns of a list of paths and shows what `campaign.toml` is warned about.

@@ -12,6 +12,7 @@ pub(super) struct Terminal {
     colored: bool,
     quiet: bool,
     verbose: bool,
+    silent: bool,
     failed: Cell<bool>,
     closed: Cell<bool>,
 }
@@ -23,12 +24,17 @@ impl Terminal {
             ColorChoice::Never => false,
             ColorChoice::Auto => io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none(),
         };
-        Self { colored, quiet, verbose, failed: Cell::new(false), closed: Cell::new(false) }
+        Self { colored, quiet, verbose, silent: false, failed: Cell::new(false), closed: Cell::new(false) }
+    }
+
+    /// Prints nothing at all, not even errors: for work whose outcome is told by another command.
+    pub fn silent() -> Self {
+        Self { silent: true, ..Self::new(ColorChoice::Never, true, false) }
     }
 
     /// Text on standard output. A reader that hangs up ends the output quietly; a full disk is an error.
     pub fn print(&self, text: &str) {
-        if self.closed.get() || self.failed.get() {
+        if self.silent || self.closed.get() || self.failed.get() {
             return;
         }
         let mut out = io::stdout().lock();
@@ -79,6 +85,9 @@ impl Terminal {
     }
 
     fn line(&self, label: &str, color: &str, text: &str) {
+        if self.silent {
+            return;
+        }
         // Nobody is left to be told that standard error is closed.
         let _ = if self.colored {
             writeln!(io::stderr(), "\x1b[{color}m{label}\x1b[0m: {text}")

@@ -157,9 +157,13 @@ pub fn choose(
             let least = candidates.iter().filter_map(value).fold(f64::INFINITY, f64::min);
             candidates.iter().position(|c| value(c).is_some_and(|value| value <= limit(least)))
         };
+        let is_explained = |order: usize| candidates[order].chi2.is_some_and(|chi2| excess(chi2, candidates[order].dof) == 1.0);
         let preferred = lowest_within(|c| c.aicc, |least| least + TIE);
         match (preferred, lowest_within(|c| c.leave_one_out, |least| CLEARLY_BETTER * least)) {
-            (preferred, Some(predicting)) if predicting > preferred.unwrap_or(0) => (predicting, Reason::LeaveOneOut),
+            // Where the stated noise explains what the preferred order leaves, a smaller error is luck.
+            (preferred, Some(predicting)) if predicting > preferred.unwrap_or(0) && !preferred.is_some_and(is_explained) => {
+                (predicting, Reason::LeaveOneOut)
+            }
             (Some(preferred), _) => (preferred, Reason::LeastAicc),
             _ => (0, Reason::TooFewPoints),
         }

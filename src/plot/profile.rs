@@ -26,10 +26,22 @@ pub fn figure(runs: &[ProfileRun], first: &str) -> Figure {
         }
         line
     };
-    let panel = |y_label: &str, style: Style, points: Vec<(f64, f64)>| Panel {
+    // A run of minutes is a dot in a campaign of days.
+    let means = |get: fn(&ProfileRun) -> &Vec<(f64, f64)>| {
+        let mean = |run: &ProfileRun| {
+            let n = get(run).len() as f64;
+            let (t, v) = get(run).iter().fold((0.0, 0.0), |(t, v), (a, b)| (t + a / n, v + b / n));
+            (n > 0.0).then_some(((run.start_s + t - begin_s) / 3600.0, v, None))
+        };
+        runs.iter().filter_map(mean).collect()
+    };
+    let panel = |y_label: &str, style: Style, get: fn(&ProfileRun) -> &Vec<(f64, f64)>| Panel {
         y_label: y_label.to_owned(),
         y_scale: Scale::Linear,
-        series: vec![Series { label: String::new(), style, marks: Marks::Line(points) }],
+        series: vec![
+            Series { label: "during the runs".to_owned(), style, marks: Marks::Line(join(get)) },
+            Series { label: "mean of a run".to_owned(), style, marks: Marks::Points(means(get)) },
+        ],
         bands: vec![],
     };
     Figure {
@@ -39,9 +51,6 @@ pub fn figure(runs: &[ProfileRun], first: &str) -> Figure {
                 .to_owned(),
         x_label: format!("time since the start of run {first}, h"),
         x_scale: Scale::Linear,
-        panels: vec![
-            panel("sensor, °C", Style::Single, join(|r| &r.sensor)),
-            panel("coil system, °C", Style::Single, join(|r| &r.coil)),
-        ],
+        panels: vec![panel("sensor, °C", Style::Single, |r| &r.sensor), panel("coil system, °C", Style::Single, |r| &r.coil)],
     }
 }

@@ -102,8 +102,9 @@ impl FigureLink {
 pub fn figures(links: &[FigureLink]) -> String {
     let mut out = String::new();
     for FigureLink { file, number, title, caption } in links {
-        let caption = caption.replace('"', "'");
-        let _ = writeln!(out, "![{title}]({file} \"Figure {number}: {title}. {caption}\")\n");
+        // The caption is drawn in the picture; here it is for those who cannot see it.
+        let (caption, title) = (caption.replace(['[', ']'], ""), title.replace('"', "'"));
+        let _ = writeln!(out, "![{caption}]({file} \"Figure {number}: {title}\")\n");
     }
     out
 }

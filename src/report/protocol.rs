@@ -187,8 +187,12 @@ fn measurements(
     shown: &mut Vec<(String, String, &'static str)>,
     figure: &mut usize,
 ) {
-    let lines: Vec<runs::RunLine> = parts.iter().filter_map(|part| part.measured.run()).map(runs::RunLine::of).collect();
-    let _ = writeln!(out, "## {chapter} Measurements on {}\n\n### {chapter}.1 Data\n\n{}", day_name(day), runs::markdown(&lines));
+    let lines: Vec<(runs::RunLine, String)> = parts
+        .iter()
+        .filter_map(|part| part.measured.run())
+        .map(|run| (runs::RunLine::of(run), p.campaign.channels(&run.header).0))
+        .collect();
+    let _ = writeln!(out, "## {chapter} Measurements on {}\n\n### {chapter}.1 Data\n\n{}", day_name(day), runs::day_list(&lines));
     let mut section = 1;
     let mut others: Vec<Vec<String>> = Vec::new();
     for part in parts {

@@ -136,6 +136,28 @@ pub fn markdown(lines: &[RunLine]) -> String {
     table(&aligned(rows))
 }
 
+/// The list of a day in a protocol, narrow enough for an upright page; `sensor_channel` gives the channel of the sensor temperature.
+#[must_use]
+pub fn day_list(lines: &[(RunLine, String)]) -> String {
+    let mut rows =
+        vec![["run", "configuration", "sensor", "mode", "vectors", "lost", "duration", "sensor, °C"].map(str::to_owned).to_vec()];
+    for (l, sensor_channel) in lines {
+        let temperature = l.temperatures.iter().find(|t| t.channel == *sensor_channel);
+        let configuration = if l.configuration.is_empty() { l.kind.to_string() } else { l.configuration.clone() };
+        rows.push(vec![
+            l.run.clone(),
+            configuration,
+            or_not_stated(&l.sensor).to_owned(),
+            or_not_stated(&l.mode).to_owned(),
+            l.vectors.to_string(),
+            l.lost.to_string(),
+            duration(l.duration_s),
+            temperature.map_or_else(|| "-".to_owned(), |t| format!("{:.1}", t.degc[1])),
+        ]);
+    }
+    table(&rows)
+}
+
 fn duration(seconds: f64) -> String {
     let total = seconds.round();
     let (hours, minutes) = ((total / 3600.0).floor(), (total / 60.0).floor() % 60.0);

@@ -68,7 +68,7 @@ pub fn sections(thermal: &Thermal, level: usize) -> String {
                 }
                 let _ = writeln!(
                     out,
-                    "{}\nMean sample rate {mean:.6} Hz, mean standard uncertainty of the sample rate {std:.6} Hz.\n",
+                    "{}\nMean sample rate {mean:.6} Hz, mean standard uncertainty of the sample rate {std:.1e} Hz.\n",
                     table(&rows)
                 );
             } else {
@@ -155,7 +155,7 @@ fn family(out: &mut String, thermal: &Thermal, family: &str, title: &str, units:
         ["quantity", "order", "chosen by"]
             .map(str::to_owned)
             .into_iter()
-            .chain((0..orders).map(|k| format!("order {k}: AICc / leave-one-out")))
+            .chain((0..orders).map(|k| format!("order {k}")))
             .collect::<Vec<_>>(),
     ];
     for q in &quantities {
@@ -168,7 +168,11 @@ fn family(out: &mut String, thermal: &Thermal, family: &str, title: &str, units:
         }
         rows.push(row);
     }
-    let _ = writeln!(out, "How the orders were found:\n\n{}", table(&rows));
+    let _ = writeln!(
+        out,
+        "How the orders were found; AICc / leave-one-out error of every order that was compared:\n\n{}",
+        table(&rows)
+    );
 }
 
 fn quality(out: &mut String, h: &ThermalHead, head: &str) {

@@ -9,8 +9,8 @@ pub const POSITIONS: [(u32, [&str; 3]); 4] =
     [(1, ["+X", "+Y", "+Z"]), (2, ["-X", "-Y", "+Z"]), (3, ["-Z", "-Y", "-X"]), (4, ["-Z", "+Y", "+X"])];
 pub const RATE_FACTOR: f64 = 127.9991 / 128.0;
 const FREQUENCIES_HZ: [f64; 22] = [
-    1000.0, 631.0, 398.0, 251.0, 158.0, 126.0, 100.0, 79.4, 63.1, 50.1, 39.8, 31.6, 25.1, 19.9, 12.6, 7.9, 5.01, 3.16, 1.99, 1.26, 0.794,
-    0.501,
+    1000.0, 631.0, 398.0, 251.0, 158.0, 126.0, 100.0, 79.4, 63.1, 50.1, 39.8, 31.6, 25.1, 19.9, 12.6, 7.9, 5.01, 3.16, 1.99,
+    1.26, 0.794, 0.501,
 ];
 
 /// The instrument at a temperature: linear σ, ξ and f_3dB, quadratic offset.
@@ -19,7 +19,9 @@ pub fn truth(degc: f64) -> Truth {
     Truth {
         sigma: std::array::from_fn(|i| cold.sigma[i] - [1.8e-5, 1.6e-5, 2.0e-5][i] * degc),
         xi_deg: std::array::from_fn(|i| cold.xi_deg[i] + [-1.8e-5, 4.5e-5, -1.2e-4][i] * degc),
-        offset_ent: std::array::from_fn(|i| cold.offset_ent[i] + [3e-3, -2e-3, 1e-3][i] * degc + [4e-5, 2e-5, -3e-5][i] * degc * degc),
+        offset_ent: std::array::from_fn(|i| {
+            cold.offset_ent[i] + [3e-3, -2e-3, 1e-3][i] * degc + [4e-5, 2e-5, -3e-5][i] * degc * degc
+        }),
         ..cold
     }
 }
@@ -32,7 +34,11 @@ pub fn corner_hz(degc: f64) -> [f64; 3] {
 fn at(run: Run, kind: &str, configuration: &str, id: &str, degc: f64) -> String {
     let (day, time) = id.split_once('_').unwrap();
     let start = format!("\"20{day}T{}Z\"", time.replace('-', ":"));
-    let mut run = run.named(id).key("kind", &format!("\"{kind}\"")).key("configuration", &format!("\"{configuration}\"")).key("start", &start);
+    let mut run = run
+        .named(id)
+        .key("kind", &format!("\"{kind}\""))
+        .key("configuration", &format!("\"{configuration}\""))
+        .key("start", &start);
     for (_, values) in &mut run.temperatures {
         *values = [Some(18.0 + 0.01 * degc), Some(degc)];
     }

@@ -99,23 +99,26 @@ fn content_hash(text: &str) -> String {
     hex(&hash.finalize())
 }
 
-/// Reads a parameter file of a known kind and checks its hash.
-///
-/// # Errors
-/// What is wrong with it: not TOML, another kind or version, a key that is missing, a hash that does not match.
-pub fn read<B: Body>(path: &Path) -> Result<ParameterFile<B>, Finding> {
+/// A parameter file of any kind.
+#[derive(Clone, Debug)]
+pub struct AnyFile {
+    /// Where it comes from.
+    pub provenance: Provenance,
+    /// All of it.
+    pub document: toml_edit::DocumentMut,
+}
+
+/// Text and head of a parameter file whose hash is right.
+fn open(path: &Path) -> Result<(String, Head, Input), Finding> {
     let (bytes, digested) = read_whole(path)?;
     let file = path.display().to_string();
     let refuse = |rule: String, remedy: &str| Finding::error(&file, rule, remedy);
     let text = String::from_utf8(bytes)
         .map_err(|_| refuse("the file is not UTF-8 text".to_owned(), "take it from the archive again"))?;
-    let parse_error = |e: toml_edit::de::Error| refuse(format!("is not a {} file: {}", B::FORMAT, e.message()), "check the file");
-    let head: Head = toml_edit::de::from_str(&text).map_err(parse_error)?;
-    if head.format != B::FORMAT || head.version != VERSION {
-        return Err(refuse(
-            format!("holds format {} version {}, not {} version {VERSION}", head.format, head.version, B::FORMAT),
-            "name a file of the right kind",
-        ));
+    let head: Head = toml_edit::de::from_str(&text)
+        .map_err(|e| refuse(format!("is not a parameter file of this program: {}", e.message()), "check the file"))?;
+    if head.version != VERSION {
+        return Err(refuse(format!("holds version {}, not {VERSION}", head.version), "use the program that wrote it"));
     }
     let stated = text.lines().find_map(|l| l.strip_prefix("content_sha256 = "));
     if stated.is_none_or(|s| s.trim_matches('"') != content_hash(&text)) {
@@ -124,8 +127,33 @@ pub fn read<B: Body>(path: &Path) -> Result<ParameterFile<B>, Finding> {
             "take the original, or fit again",
         ));
     }
-    let body: B = toml_edit::de::from_str(&text).map_err(parse_error)?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let input = Input { path: name, size_bytes: digested.size_bytes, sha256: digested.sha256 };
+    Ok((text, head, Input { path: name, size_bytes: digested.size_bytes, sha256: digested.sha256 }))
+}
+
+/// Reads a parameter file of any kind and checks its hash.
+///
+/// # Errors
+/// What is wrong with it: not TOML, without the head of a parameter file, another version, a hash that does not match.
+pub fn read_any(path: &Path) -> Result<AnyFile, Finding> {
+    let (text, head, _) = open(path)?;
+    let document = text.parse::<toml_edit::DocumentMut>().map_err(|e| {
+        Finding::error(&path.display().to_string(), format!("is not TOML: {}", e.message()), "take it from the archive again")
+    })?;
+    Ok(AnyFile { provenance: head.provenance, document })
+}
+
+/// Reads a parameter file of a known kind and checks its hash.
+///
+/// # Errors
+/// As [`read_any`], and another kind or a key that is missing.
+pub fn read<B: Body>(path: &Path) -> Result<ParameterFile<B>, Finding> {
+    let (text, head, input) = open(path)?;
+    let refuse = |rule: String, remedy: &str| Finding::error(&path.display().to_string(), rule, remedy);
+    if head.format != B::FORMAT {
+        return Err(refuse(format!("holds format {}, not {}", head.format, B::FORMAT), "name a file of the right kind"));
+    }
+    let body: B = toml_edit::de::from_str(&text)
+        .map_err(|e| refuse(format!("is not a {} file: {}", B::FORMAT, e.message()), "check the file"))?;
     Ok(ParameterFile { input, provenance: head.provenance, body })
 }

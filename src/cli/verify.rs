@@ -1,0 +1,288 @@
+//! `calfit verify`: re-reads the inputs of parameter files, compares their hashes, fits again and compares the values.
+
+use super::output::{Terminal, json};
+use super::{Cli, Common, Status, execute};
+use crate::error::Finding;
+use crate::formats::parameter::{AnyFile, read_any};
+use crate::formats::source::read_pieces;
+use crate::provenance::Input;
+use clap::{Args, Parser};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// Parameter files, folders that hold them, and folders in which their inputs are looked for: campaigns and result folders.
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// Largest relative difference of a value that counts as equal; 0 asks for the same bits.
+    #[arg(long, value_name = "X", default_value_t = 1e-9)]
+    tolerance: f64,
+}
+
+/// What was found about one file.
+#[derive(Serialize)]
+struct Verdict {
+    file: String,
+    ok: bool,
+    /// Inputs whose hashes match.
+    inputs: usize,
+    /// Values compared.
+    values: usize,
+    /// Largest relative difference.
+    largest_difference: f64,
+    /// What is wrong.
+    problems: Vec<String>,
+}
+
+/// Folders above a parameter file, or above the working folder, in which inputs are looked for.
+const LEVELS_ABOVE: usize = 4;
+const PARAMETER_FILES: [&str; 6] = ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF"];
+
+pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let mut files = Vec::new();
+    let mut places = Vec::new();
+    for path in &arguments.paths {
+        let meta = std::fs::metadata(path).map_err(|e| Finding::io(path, "open", &e))?;
+        if meta.is_dir() {
+            collect(path, 0, &mut files)?;
+            places.push(path.clone());
+        } else {
+            files.push(path.clone());
+        }
+    }
+    if files.is_empty() {
+        let shown: Vec<String> = arguments.paths.iter().map(|p| p.display().to_string()).collect();
+        return Err(Finding::error(&shown.join(", "), "holds no parameter file", "name CPF, OPF, FPF, TPF, TOF or TAF files"));
+    }
+    let bar = terminal.progress(files.len());
+    let verdicts: Vec<Verdict> = files
+        .iter()
+        .map(|file| {
+            let verdict = verify(file, &places, arguments.tolerance);
+            bar.inc(1);
+            verdict
+        })
+        .collect();
+    bar.finish_and_clear();
+    if common.json {
+        terminal.print(&json(&verdicts)?);
+    } else {
+        for v in &verdicts {
+            v.problems.iter().for_each(|p| terminal.error(&format!("{}: {p}", v.file)));
+            if v.ok {
+                terminal.tell(&format!(
+                    "{}: verified, {} inputs unchanged, {} values equal (largest relative difference {:.1e})\n",
+                    v.file, v.inputs, v.values, v.largest_difference
+                ));
+            }
+        }
+    }
+    Ok(if verdicts.iter().all(|v| v.ok) { Status::Done } else { Status::Partly })
+}
+
+fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), Finding> {
+    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)
+        .map_err(|e| Finding::io(folder, "list the folder", &e))?
+        .flatten()
+        .map(|entry| entry.path())
+        .collect();
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            if depth == 0 {
+                collect(&path, depth + 1, files)?;
+            }
+        } else if path.extension().is_some_and(|e| PARAMETER_FILES.iter().any(|k| e.eq_ignore_ascii_case(k))) {
+            files.push(path);
+        }
+    }
+    Ok(())
+}
+
+fn verify(file: &Path, places: &[PathBuf], tolerance: f64) -> Verdict {
+    let mut verdict = Verdict {
+        file: file.display().to_string(),
+        ok: false,
+        inputs: 0,
+        values: 0,
+        largest_difference: 0.0,
+        problems: Vec::new(),
+    };
+    if let Err(problems) = compare(file, places, tolerance, &mut verdict) {
+        verdict.problems.extend(problems);
+    }
+    verdict.ok = verdict.problems.is_empty();
+    verdict
+}
+
+fn compare(file: &Path, places: &[PathBuf], tolerance: f64, verdict: &mut Verdict) -> Result<(), Vec<String>> {
+    let one = |f: Finding| vec![format!("{}; {}", f.rule, f.remedy)];
+    let stated = read_any(file).map_err(one)?;
+    let (mut found, mut problems) = (Vec::new(), Vec::new());
+    for input in &stated.provenance.input {
+        match locate(input, file, places) {
+            Ok(path) => found.push(path),
+            Err(problem) => problems.push(problem),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(problems);
+    }
+    verdict.inputs = found.len();
+    let again = fit_again(file, &stated, &found)?;
+    let differences = Differences::of(&stated.document, &again.document, tolerance);
+    verdict.values = differences.values;
+    verdict.largest_difference = differences.largest;
+    if differences.list.is_empty() {
+        return Ok(());
+    }
+    const MOST: usize = 5;
+    let more = differences.list.len().saturating_sub(MOST);
+    let mut problems: Vec<String> = differences.list.into_iter().take(MOST).collect();
+    if more > 0 {
+        problems.push(format!("{more} more values differ"));
+    }
+    Err(problems)
+}
+
+/// The input with the recorded path and hash: beside the file, in the named places, or in the folders above.
+fn locate(input: &Input, file: &Path, places: &[PathBuf]) -> Result<PathBuf, String> {
+    let real = file.canonicalize().unwrap_or_else(|_| file.to_owned());
+    let work = std::env::current_dir().unwrap_or_default();
+    let above = |path: &Path| path.ancestors().take(LEVELS_ABOVE + 1).map(Path::to_owned).collect::<Vec<PathBuf>>();
+    let mut roots: Vec<PathBuf> = places.to_vec();
+    roots.extend(above(real.parent().unwrap_or(&real)));
+    roots.extend(above(&work));
+    let mut other = None;
+    for root in roots {
+        let children = std::fs::read_dir(&root).into_iter().flatten().flatten().map(|e| e.path()).filter(|p| p.is_dir());
+        let mut folders: Vec<PathBuf> = children.collect();
+        folders.sort();
+        for folder in std::iter::once(root).chain(folders) {
+            let candidate = folder.join(&input.path);
+            if candidate.is_file() {
+                match read_pieces(&candidate, true, |_| Ok(())) {
+                    Ok(digested) if digested.sha256 == input.sha256 => return Ok(candidate),
+                    _ => other = Some(candidate),
+                }
+            }
+        }
+    }
+    Err(match other {
+        Some(path) => format!(
+            "the input {} is not what the file was made from: {} has another SHA-256 than {}",
+            input.path,
+            path.display(),
+            input.sha256.get(..16).unwrap_or_default()
+        ),
+        None => format!("the input {} is not found; name its campaign folder as a further PATH", input.path),
+    })
+}
+
+/// Repeats the recorded command on the inputs, in a folder of its own.
+fn fit_again(file: &Path, stated: &AnyFile, found: &[PathBuf]) -> Result<AnyFile, Vec<String>> {
+    let folder = tempfile::tempdir().map_err(|e| vec![format!("no temporary folder: {e}")])?;
+    let command = &stated.provenance.command;
+    let mut arguments: Vec<String> = Vec::new();
+    let mut as_option = Vec::new();
+    for word in command.split(' ') {
+        // A file that an option names is one of the inputs.
+        match stated.provenance.input.iter().position(|i| i.path == word) {
+            Some(index) => {
+                as_option.push(index);
+                arguments.push(found[index].display().to_string());
+            }
+            None => arguments.push(word.to_owned()),
+        }
+    }
+    // Runs that were analysed; where there are some, a parameter file among the inputs only gave sensitivities.
+    let path_of = |index: &usize| stated.provenance.input[*index].path.to_ascii_uppercase();
+    let is_run = |index: &usize| path_of(index).ends_with(".CCR") || path_of(index).ends_with(".CCR.GZ");
+    let all: Vec<usize> = (0..found.len()).filter(|i| !as_option.contains(i) && path_of(i) != "CAMPAIGN.TOML").collect();
+    let any_run = all.iter().any(is_run);
+    let own = all.iter().filter(|i| is_run(i) || !any_run);
+    arguments.extend(own.map(|i| found[*i].display().to_string()));
+    arguments.extend(["--no-plots", "-q", "--out"].map(str::to_owned));
+    arguments.push(folder.path().display().to_string());
+    let cli = Cli::try_parse_from(&arguments)
+        .map_err(|e| vec![format!("the recorded command `{command}` is not one of this version: {}", e.kind())])?;
+    execute(cli, &Terminal::silent()).map_err(|f| vec![format!("fitting again failed: {f}")])?;
+    let name = file.file_name().unwrap_or_default();
+    let mut made = Vec::new();
+    collect(folder.path(), 0, &mut made).map_err(|f| vec![f.to_string()])?;
+    let again = made
+        .iter()
+        .find(|p| p.file_name() == Some(name))
+        .or_else(|| made.iter().find(|p| p.extension() == file.extension()))
+        .ok_or_else(|| vec!["fitting again gave no result; run the recorded command on the inputs to see why".to_owned()])?;
+    read_any(again).map_err(|f| vec![f.to_string()])
+}
+
+/// Values of two parameter files side by side.
+#[derive(Default)]
+struct Differences {
+    values: usize,
+    largest: f64,
+    list: Vec<String>,
+}
+
+impl Differences {
+    fn of(stated: &toml_edit::DocumentMut, again: &toml_edit::DocumentMut, tolerance: f64) -> Self {
+        let mut differences = Self::default();
+        let (mut a, mut b) = (Vec::new(), Vec::new());
+        flatten("", stated.as_item(), &mut a);
+        flatten("", again.as_item(), &mut b);
+        let own =
+            |list: Vec<(String, String)>| list.into_iter().filter(|(k, _)| !k.starts_with("provenance")).collect::<Vec<_>>();
+        let (a, b) = (own(a), own(b));
+        for (key, value) in &a {
+            differences.values += 1;
+            let Some((_, other)) = b.iter().find(|(k, _)| k == key) else {
+                differences.list.push(format!("{key} = {value} does not come back"));
+                continue;
+            };
+            let same = match (value.parse::<f64>(), other.parse::<f64>()) {
+                (Ok(x), Ok(y)) if x.is_nan() && y.is_nan() => true,
+                (Ok(x), Ok(y)) => {
+                    let difference = if x == y { 0.0 } else { (x - y).abs() / x.abs().max(y.abs()) };
+                    differences.largest = differences.largest.max(difference);
+                    difference <= tolerance
+                }
+                _ => value == other,
+            };
+            if !same {
+                differences.list.push(format!("{key} = {value} comes back as {other}"));
+            }
+        }
+        for (key, value) in b.iter().filter(|(k, _)| !a.iter().any(|(other, _)| other == k)) {
+            differences.list.push(format!("{key} = {value} is not in the file"));
+        }
+        differences
+    }
+}
+
+/// Every value with its path.
+fn flatten(path: &str, item: &toml_edit::Item, list: &mut Vec<(String, String)>) {
+    use toml_edit::{Item, Value};
+    fn value(path: &str, v: &Value, list: &mut Vec<(String, String)>) {
+        match v {
+            Value::Array(a) => a.iter().enumerate().for_each(|(i, v)| value(&format!("{path}.{i}"), v, list)),
+            Value::InlineTable(t) => t.iter().for_each(|(k, v)| value(&format!("{path}.{k}"), v, list)),
+            Value::String(s) => list.push((path.to_owned(), s.value().clone())),
+            Value::Float(f) => list.push((path.to_owned(), format!("{:?}", f.value()))),
+            other => list.push((path.to_owned(), other.to_string().trim().to_owned())),
+        }
+    }
+    let join = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+    match item {
+        Item::None => {}
+        Item::Value(v) => value(path, v, list),
+        Item::Table(t) => t.iter().for_each(|(k, v)| flatten(&join(k), v, list)),
+        Item::ArrayOfTables(a) => {
+            for (i, t) in a.iter().enumerate() {
+                t.iter().for_each(|(k, v)| flatten(&join(&format!("{i}.{k}")), v, list));
+            }
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! `calfit verify`: every parameter file of a campaign is made again from its inputs, and what was changed shows.
+
+mod common;
+
+use common::check::{Case, calfit, says, text};
+use common::{campaign, check};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use std::time::Duration;
+
+fn run(arguments: &[&str], paths: &[&Path]) -> Output {
+    calfit().args(arguments).args(paths).timeout(Duration::from_secs(300)).output().unwrap()
+}
+
+fn verify(paths: &[&Path]) -> (Option<i32>, String) {
+    let output = run(&["verify"], paths);
+    (output.status.code(), text(&output.stdout) + &text(&output.stderr))
+}
+
+fn parameter_files(folder: &Path) -> Vec<PathBuf> {
+    let ends = ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF"];
+    let names = check::tree(folder).into_keys().filter(|n| ends.iter().any(|e| n.ends_with(e)));
+    names.map(|n| folder.join(n)).collect()
+}
+
+#[test]
+fn all_parameter_files_of_a_campaign_are_verified_and_changes_show() {
+    let case = Case::new();
+    campaign::write(&case);
+    // Two temperatures are enough.
+    for day in ["13-04-05", "13-04-06"] {
+        fs::remove_dir_all(case.campaign().join(day)).unwrap();
+    }
+    let output = run(&["report", "--no-plots", "-o"], &[&case.out(), &case.campaign()]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let files = parameter_files(&case.out());
+    // Two of lin under two names, two of offset and of freq, and the three thermal ones.
+    assert_eq!(files.len(), 2 * 4 + 3, "{files:?}");
+
+    let (status, said) = verify(&[&case.out(), &case.campaign()]);
+    assert_eq!(status, Some(0), "{said}");
+    assert_eq!(said.matches(": verified, ").count(), files.len(), "{said}");
+    assert!(!said.contains(", 0 values"), "{said}");
+
+    // A campaign beside the results is found without being named, one that is gone is not.
+    let cpf = case.out().join(campaign::id(8, 0)).join(format!("PARAMETER_LIN__{}.CPF", campaign::id(8, 0)));
+    let (status, said) = verify(&[&cpf]);
+    assert_eq!(status, Some(0), "{said}");
+    let away = tempfile::tempdir().unwrap();
+    fs::copy(&cpf, away.path().join("A.CPF")).unwrap();
+    let (status, said) = verify(&[&away.path().join("A.CPF")]);
+    assert_eq!(status, Some(1));
+    says(&said, &["08-00-00.CCR is not found", "name its campaign folder"]);
+
+    // A value that was changed.
+    let original = fs::read_to_string(&cpf).unwrap();
+    fs::write(&cpf, original.replace("trend_order = 0", "trend_order = 1")).unwrap();
+    let (status, said) = verify(&[&cpf]);
+    assert_eq!(status, Some(1));
+    says(&said, &["was changed after it was written"]);
+    fs::write(&cpf, original).unwrap();
+
+    // An input that was changed.
+    let run_file = case.campaign().join("13-04-03/08-00-00.CCR");
+    let bytes = fs::read_to_string(&run_file).unwrap();
+    fs::write(&run_file, bytes.replace("FLDS", "SOLARTRON")).unwrap();
+    let (status, said) = verify(&[&cpf, &case.campaign()]);
+    assert_eq!(status, Some(1));
+    says(&said, &["is not what the file was made from", "SHA-256"]);
+}
+
+#[test]
+fn a_value_that_the_inputs_do_not_give_shows_even_with_a_right_hash() {
+    let case = Case::of(common::small().text());
+    let output = run(&["lin", "--no-plots", "--order", "1", "-o"], &[&case.out(), &case.campaign()]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let cpf = case.out().join(common::RUN_ID).join(format!("PARAMETER_LIN__{}.CPF", common::RUN_ID));
+    // The same run with another option gives a file with a right hash; the command of the first one put in makes it false.
+    let other = case.path().join("other");
+    let output = run(&["lin", "--no-plots", "--order", "0", "-o"], &[&other, &case.campaign()]);
+    assert_eq!(output.status.code(), Some(0));
+    let text_of = fs::read_to_string(other.join(common::RUN_ID).join(cpf.file_name().unwrap())).unwrap();
+    let forged = text_of.replace("calfit lin --order 0", "calfit lin --order 1");
+    fs::write(&cpf, with_right_hash(&forged)).unwrap();
+    let (status, said) = verify(&[&cpf, &case.campaign()]);
+    assert_eq!(status, Some(1), "{said}");
+    says(&said, &["matrix.rho.0.1 = ", "comes back as", "more values differ"]);
+}
+
+/// The hash as README and the parameter files define it: SHA-256 of all lines but `created` and `content_sha256`.
+fn with_right_hash(file: &str) -> String {
+    use sha2::{Digest, Sha256};
+    let mut hash = Sha256::new();
+    for line in file.lines().filter(|l| !l.starts_with("created = ") && !l.starts_with("content_sha256 = ")) {
+        hash.update(line.as_bytes());
+        hash.update(b"\n");
+    }
+    let digest: String = hash.finalize().iter().map(|b| format!("{b:02x}")).collect();
+    let old = file.lines().find(|l| l.starts_with("content_sha256 = ")).unwrap();
+    file.replace(old, &format!("content_sha256 = \"{digest}\""))
+}
+
+#[test]
+fn a_table_of_amplitudes_and_thermal_files_from_parameter_files_are_verified() {
+    let case = Case::new();
+    let table = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/bepicolombo/freq_13-04-03-12-59-48.csv");
+    let output = run(&["freq", "--no-plots", "-o"], &[&case.out(), Path::new("--amplitudes"), &table]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let (status, said) = verify(&[&case.out(), table.parent().unwrap()]);
+    assert_eq!(status, Some(0), "{said}");
+
+    let folder = case.path().join("files");
+    fs::create_dir_all(&folder).unwrap();
+    for (i, degc) in [-50.0, 20.0, 110.0].into_iter().enumerate() {
+        let values: Vec<f64> = [0.1, -0.2, 0.3].iter().map(|b| b + 1e-3 * degc).collect();
+        let body = format!(
+            "format = \"OPF\"\nversion = 1\noffset_ent = {values:?}\n[run]\nid = \"13-04-0{}_09-00-00\"\nsensor = \"A\"\nmode = \"m\"\n\
+             temperature_degc = {degc:?}\n",
+            i + 1
+        );
+        fs::write(folder.join(format!("OFF_PARAMETER__{i}.OPF")), body).unwrap();
+    }
+    let thermal = case.path().join("thermal");
+    let output = run(&["thermal", "--no-plots", "-o"], &[&thermal, &folder]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let (status, said) = verify(&[&thermal.join("THERMAL_OFF_PARAMETER__13-04-01-09-00-00.TOF")]);
+    assert_eq!(status, Some(0), "{said}");
+    says(&said, &["3 inputs unchanged"]);
+}
