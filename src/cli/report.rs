@@ -71,7 +71,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         }
     }
     scale_offsets(&mut measured)?;
-    measured.sort_by(|a, b| key(a).cmp(&key(b)));
+    measured.sort_by_key(key);
     let drawn: Vec<Result<Vec<Drawn>, Finding>> = measured
         .par_iter()
         .map(|one| {

@@ -1,0 +1,145 @@
+//! `calfit thermal` on parameter files: polynomials come back, groups are kept apart, and what is missing is said.
+
+mod common;
+
+use common::check::{Case, calfit, parameters, says, text};
+use std::fs;
+use std::path::Path;
+use toml_edit::{DocumentMut, Table};
+
+/// The runs are not said to be at certain temperatures; seven that span the range of the campaign.
+const TEMPERATURES_DEGC: [f64; 7] = [17.3, -71.0, -40.5, 0.25, 60.0, 120.0, 180.0];
+
+fn published() -> DocumentMut {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/bepicolombo/thermal.toml");
+    fs::read_to_string(path).unwrap().parse().unwrap()
+}
+
+fn coefficients(file: &Table, name: &str) -> Vec<f64> {
+    file[name].as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect()
+}
+
+fn evaluate(file: &Table, name: &str, degc: f64) -> f64 {
+    coefficients(file, name).iter().rev().fold(0.0, |sum, c| sum * degc + c)
+}
+
+/// A parameter file with only the keys that other programs rely on, at the values of a published polynomial.
+fn parameter_file(file: &Table, used: &str, degc: f64) -> String {
+    let three = |names: [&str; 3]| -> Vec<f64> { names.iter().map(|n| evaluate(file, n, degc)).collect() };
+    let run = used.split("__").nth(1).unwrap().split('.').next().unwrap();
+    let head = |format: &str, keys: String| {
+        format!(
+            "format = \"{format}\"\nversion = 1\n{keys}\n[run]\nid = \"{run}\"\nsensor = \"OB\"\nmode = \"cal mode 0\"\n\
+             temperature_degc = {degc:?}\n"
+        )
+    };
+    if used.ends_with(".CPF") {
+        let [x, y, z] = <[f64; 3]>::try_from(three(["sigma_x", "sigma_y", "sigma_z"])).unwrap();
+        let [xy, xz, yz] = <[f64; 3]>::try_from(three(["xi_xy", "xi_xz", "xi_yz"])).unwrap();
+        let b_or = three(["b_or_x", "b_or_y", "b_or_z"]);
+        head("CPF", String::new())
+            + &format!(
+                "[matrix]\nsigma = [[{x:?}, 0.0, 0.0], [0.0, {y:?}, 0.0], [0.0, 0.0, {z:?}]]\n\
+                 [angle_deg]\nxi_xy = {xy:?}\nxi_xz = {xz:?}\nxi_yz = {yz:?}\n[offset]\nb_or_ent = {b_or:?}\n"
+            )
+    } else if used.ends_with(".OPF") {
+        head("OPF", format!("offset_ent = {:?}", three(["b_off_x", "b_off_y", "b_off_z"])))
+    } else {
+        head("FPF", format!("f_3db_igep_hz = {:?}", three(["f_3db_x", "f_3db_y", "f_3db_z"])))
+    }
+}
+
+#[test]
+fn the_published_polynomials_come_back_from_parameter_files_written_by_hand() {
+    let document = published();
+    for file in document["file"].as_array_of_tables().unwrap() {
+        let name = file["name"].as_str().unwrap();
+        let case = Case::new();
+        for (used, degc) in file["used"].as_array().unwrap().iter().zip(TEMPERATURES_DEGC) {
+            let used = used.as_str().unwrap();
+            case.put(used, parameter_file(file, used, degc));
+        }
+        let output = case.run("thermal", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{name}: {}", text(&output.stderr));
+        let first = file["used"][0].as_str().unwrap().split("__").nth(1).unwrap().split('.').next().unwrap().replace('_', "-");
+        let kind = name.split("__").next().unwrap();
+        let found = parameters(&case.out().join(format!("{kind}__{first}.{}", name.split('.').nth(1).unwrap())));
+        for (key, _) in file.iter().filter(|(k, v)| k.contains('_') && v.is_array() && *k != "used") {
+            let expected = coefficients(file, key);
+            let got: Vec<f64> = found[key].as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect();
+            assert_eq!(got.len(), expected.len(), "{name} {key}: {got:?}");
+            for (g, e) in got.iter().zip(&expected) {
+                assert!(((g - e) / e).abs() < 1e-9, "{name} {key}: {got:?} is not {expected:?}");
+            }
+            assert!(found["covariance"].get(key).is_some());
+        }
+        let used: Vec<&str> = found["used"].as_array().unwrap().iter().map(|v| v.as_str().unwrap()).collect();
+        let mut expected: Vec<&str> = file["used"].as_array().unwrap().iter().map(|v| v.as_str().unwrap()).collect();
+        expected.sort_unstable();
+        assert_eq!(used, expected);
+        let span = &TEMPERATURES_DEGC[..used.len()];
+        assert_eq!(found["valid_degc"][0].as_float(), span.iter().copied().reduce(f64::min));
+        assert_eq!(found["valid_degc"][1].as_float(), span.iter().copied().reduce(f64::max));
+    }
+}
+
+fn opf(run: &str, sensor: &str, degc: Option<f64>, offset: f64) -> String {
+    let temperature = degc.map_or_else(String::new, |t| format!("temperature_degc = {t:?}\n"));
+    format!(
+        "format = \"OPF\"\nversion = 1\noffset_ent = [{offset:?}, 1.0, -1.0]\noffset_std_ent = [0.01, 0.01, 0.01]\n\
+         [run]\nid = \"{run}\"\nsensor = \"{sensor}\"\nmode = \"m\"\n{temperature}"
+    )
+}
+
+#[test]
+fn sensors_are_kept_apart_and_runs_without_temperature_are_named() {
+    let case = Case::new();
+    for (i, degc) in [-50.0, 0.0, 50.0, 100.0].into_iter().enumerate() {
+        let id = format!("13-04-0{}_09-00-00", i + 1);
+        case.put(&format!("A{i}.OPF"), opf(&id, "A", Some(degc), 0.1 + 1e-3 * degc));
+        case.put(&format!("B{i}.OPF"), opf(&id.replace("_09", "_10"), "B", Some(degc), -5.0));
+    }
+    case.put("C.OPF", opf("13-04-09_09-00-00", "A", None, 99.0));
+    let output = case.run("thermal", &["--no-plots", "--order", "b_off_x=1", "--order", "b_off=0"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["C.OPF states no sensor temperature and was left out"]);
+    let a = parameters(&case.out().join("THERMAL_OFF_PARAMETER__13-04-01-09-00-00.TOF"));
+    let b = parameters(&case.out().join("THERMAL_OFF_PARAMETER__13-04-01-10-00-00.TOF"));
+    let first = |document: &DocumentMut| {
+        document["b_off_x"].as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect::<Vec<_>>()
+    };
+    assert!((first(&a)[0] - 0.1).abs() < 1e-12 && (first(&a)[1] - 1e-3).abs() < 1e-14);
+    assert!((first(&b)[0] + 5.0).abs() < 1e-12 && first(&b)[1].abs() < 1e-14);
+    assert_eq!(a["b_off_y"].as_array().unwrap().len(), 1, "the order of the family");
+    assert_eq!(a["used"].as_array().unwrap().len(), 4);
+}
+
+#[test]
+fn too_few_temperatures_and_too_high_orders_are_refused_by_name_and_other_groups_go_on() {
+    let case = Case::new();
+    for (i, degc) in [-50.0, 50.0].into_iter().enumerate() {
+        case.put(&format!("A{i}.OPF"), opf(&format!("13-04-0{}_09-00-00", i + 1), "A", Some(degc), 0.1));
+    }
+    case.put("B.OPF", opf("13-04-01_10-00-00", "B", Some(20.0), 0.1));
+    let output = case.run("thermal", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["B m: 1 offset runs at 1 different temperatures"]);
+    assert!(case.out().join("THERMAL_OFF_PARAMETER__13-04-01-09-00-00.TOF").is_file());
+    let output = case.run("thermal", &["--no-plots", "--order", "b_off=2"]);
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["b_off_x", "order 2 needs 3 different points; there are 2", "--order"]);
+}
+
+#[test]
+fn a_file_that_was_changed_is_refused_and_one_without_a_hash_is_warned_about() {
+    let case = Case::of(common::good().text());
+    assert_eq!(case.run("lin", &["--no-plots"]).status.code(), Some(0));
+    let cpf = case.out().join(common::RUN_ID).join(format!("PARAMETER_LIN__{}.CPF", common::RUN_ID));
+    let folder = case.path().join("files");
+    fs::create_dir_all(&folder).unwrap();
+    fs::write(folder.join("A.CPF"), fs::read_to_string(&cpf).unwrap().replacen("xi_xy = 8", "xi_xy = 9", 1)).unwrap();
+    fs::write(folder.join("A.OPF"), opf("13-04-01_09-00-00", "A", Some(1.0), 0.0)).unwrap();
+    let output = calfit().arg("thermal").arg(&folder).arg("-o").arg(case.path().join("t")).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["A.CPF", "was changed after it was written", "A.OPF", "carries no hash"]);
+}
