@@ -7,7 +7,7 @@
 //! ([`analysis`]) builds a design matrix from settings and plateaus, has it solved by an estimator that knows no magnetometer
 //! ([`fit`]), and gives the coefficients their meaning with the forward model ([`model`]). Its result is a plain struct with
 //! uncertainties beside values; parameter files ([`formats::parameter`]), figures ([`plot`]) and tables ([`report`]) all read
-//! that struct. Calls go one way along this path.
+//! that struct. [`workflow`] takes a run file all the way along this path; the commands ([`cli`]) say which, and what to tell.
 //!
 //! # Frames and units
 //!

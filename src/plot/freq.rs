@@ -4,6 +4,7 @@ use super::parts::{Named, SENSOR, STYLES, TimeAxis, temperatures};
 use super::{Figure, Marks, Panel, Scale, Series, Style};
 use crate::analysis::freq::Freq;
 use crate::model::response::Response;
+use crate::units::with_uncertainty;
 
 /// Points of a model curve.
 const CURVE: usize = 400;
@@ -139,7 +140,7 @@ fn response(freq: &Freq, id: &str) -> Figure {
     }
     let corners: Vec<String> = (0..3)
         .filter(|i| p.f_3db_model_hz[*i].is_finite())
-        .map(|i| format!("{} {:.2} ± {:.2} Hz", SENSOR[i], p.f_3db_model_hz[i], p.f_3db_model_std_hz[i]))
+        .map(|i| format!("{} {} Hz", SENSOR[i], with_uncertainty(p.f_3db_model_hz[i], p.f_3db_model_std_hz[i])))
         .collect();
     let caption = if corners.is_empty() {
         "Amplitudes relative to the largest one. No response model fits.".to_owned()
