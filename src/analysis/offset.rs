@@ -7,7 +7,7 @@
 
 use crate::analysis::conditions::{self, Temperatures};
 use crate::campaign::Campaign;
-use crate::fit::{FitError, Limits, correlation, linear, order};
+use crate::fit::{FitError, Limits, Solution, correlation, linear, order};
 use crate::formats::parameter::{
     Covariance, Cpf, Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit,
 };
@@ -47,6 +47,10 @@ const LEAST_FIELD: f64 = 1e-6;
 const COUPLED: f64 = 1e-6;
 /// Uncertainty that rounding leaves, as a part of the readings.
 const ROUNDING: f64 = 1e-9;
+/// Angle, rad, by which a sensor may miss its nominal axes where the run does not show it.
+const NOMINAL_TILT: f64 = 0.02;
+/// Solutions with the covariance of the one before: the uncertainty of the response counts with the residual field.
+const ROUNDS: usize = 3;
 /// Degrees of freedom with which the scatter of the plateau means tells their noise.
 const ENOUGH_FREEDOM: usize = 3;
 /// Response of a component to its own axis outside this range, enT/nT, means a wrong position or a wrong setting.
@@ -212,6 +216,7 @@ pub fn offset(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opt
             plateau_std_ent: levels.plateau_std_ent,
             chi_square: solved.chi_square,
             degrees_of_freedom: solved.degrees_of_freedom,
+            plateau_degrees_of_freedom: levels.degrees_of_freedom,
             widened: solved.widened,
         },
         visit: stays
@@ -290,13 +295,17 @@ fn stays<'a>(plateaus: &'a Plateaus, campaign: &Campaign) -> Result<Vec<Stay<'a>
 struct Levels {
     /// Reading at zero applied field, visits x components, enT.
     reading_ent: DMatrix<f64>,
-    /// Covariance of those readings, `component * visits + visit`.
-    covariance: DMatrix<f64>,
     /// Response per visit, enT/nT: rows are components, columns coil axes.
     response: Vec<Matrix3<f64>>,
-    /// Directions in which the response was measured, per visit.
-    measured_directions: Vec<usize>,
+    /// Directions in which the response was measured, per visit, with the column of their coefficients.
+    directions: Vec<Vec<(usize, Vector3<f64>)>>,
+    /// Covariance of all coefficients, `component * coefficients + coefficient`; the first ones are the readings of the visits.
+    coefficients: DMatrix<f64>,
+    /// Standard deviation that rounding leaves, enT.
+    rounding_ent: f64,
     plateau_std_ent: [f64; 3],
+    /// Plateaus minus coefficients.
+    degrees_of_freedom: usize,
 }
 
 impl Levels {
@@ -322,7 +331,10 @@ impl Levels {
                 columns.push(rows.iter().map(along).collect());
             }
         }
-        let design = DMatrix::from_fn(rows.len(), columns.len(), |row, column| columns[column][row]);
+        // A drift within the visits, if the plateaus can tell it.
+        let p = columns.len();
+        let middle: Vec<f64> = stays.iter().map(Stay::mean_s).collect();
+        let drift: Vec<f64> = rows.iter().map(|(v, p)| (p.t_s() - middle[*v]) / 3600.0).collect();
         let readings = DMatrix::from_fn(rows.len(), 3, |row, component| rows[row].1.mean.0[component]);
         let counts: Option<Vec<f64>> = rows.iter().map(|(_, p)| p.count.map(|n| n as f64)).collect();
         let weights = counts.map(|c| {
@@ -330,58 +342,113 @@ impl Levels {
             c.iter().map(|n| n / mean).collect::<Vec<f64>>()
         });
         let limits = Limits { max_condition: MOST_CONDITION };
-        let solution = linear::solve(&linear::Design::new(names, design)?, &readings, weights.as_deref(), &limits)?;
+        let solve = |columns: &[Vec<f64>], names: &[String]| -> Result<Solution, FitError> {
+            let design = DMatrix::from_fn(rows.len(), columns.len(), |row, column| columns[column][row]);
+            linear::solve(&linear::Design::new(names.to_vec(), design)?, &readings, weights.as_deref(), &limits)
+        };
+        let drifting = || {
+            let with = [columns.as_slice(), std::slice::from_ref(&drift)].concat();
+            let named = [names.as_slice(), &["the drift within a visit".to_owned()]].concat();
+            solve(&with, &named).ok().filter(|s| s.dof >= ENOUGH_FREEDOM)
+        };
+        let solution = match drifting() {
+            Some(solution) => solution,
+            None => solve(&columns, &names)?,
+        };
 
-        let p = columns.len();
         let sampled = sampled_std(&rows, weights.as_deref());
         let times: Vec<f64> = rows.iter().map(|(_, p)| p.t_s()).collect();
+        let full = solution.unscaled_covariance.nrows();
         let (all, plateau_std_ent) = match (solution.dof >= ENOUGH_FREEDOM, sampled) {
-            (true, _) => {
+            (true, sampled) => {
                 let noise = correlation::estimate(&solution, &times)?;
-                (noise.covariance(), std::array::from_fn(|i| noise.noise[i].std))
+                // A few plateaus may scatter less by chance than their samples allow.
+                let wider: [f64; 3] = std::array::from_fn(|i| {
+                    let scatter = solution.residual_std[i];
+                    sampled.map_or(1.0, |s| if scatter > 0.0 { (s[i] / scatter).max(1.0) } else { 1.0 })
+                });
+                let covariance = noise.covariance();
+                let scaled = DMatrix::from_fn(3 * full, 3 * full, |r, c| covariance[(r, c)] * wider[r / full] * wider[c / full]);
+                (scaled, std::array::from_fn(|i| noise.noise[i].std * wider[i]))
             }
             // Too few plateaus to see how their means scatter: what the scatter of their samples lets expect.
             (false, Some(std)) => {
                 let of = |row: usize, column: usize| {
-                    let same = row / p == column / p;
-                    if same { std[row / p].powi(2) * solution.unscaled_covariance[(row % p, column % p)] } else { 0.0 }
+                    std[row / full] * std[column / full] * solution.unscaled_covariance[(row % full, column % full)]
                 };
-                (DMatrix::from_fn(3 * p, 3 * p, of), std)
+                (DMatrix::from_fn(3 * full, 3 * full, of), std)
             }
             (false, None) => return Err(FitError::NoNoise { why: "too few plateaus, and no scatter of their samples" }.into()),
         };
-        let visits = stays.len();
-        let at = |index: usize| index / visits * p + index % visits;
-        // Data without scatter still have a last digit.
-        let rounding = ROUNDING * (1.0 + readings.amax());
+        // How the components scatter together is not known well enough from so few plateaus to weigh them by it.
+        let coefficients =
+            DMatrix::from_fn(
+                3 * p,
+                3 * p,
+                |r, c| {
+                    if r / p == c / p { all[(r / p * full + r % p, c / p * full + c % p)] } else { 0.0 }
+                },
+            );
+        let own = |stay: &Stay| -> Vec<(usize, Vector3<f64>)> {
+            directions.iter().filter(|(id, ..)| *id == stay.id).map(|(_, column, d)| (*column, *d)).collect()
+        };
         let response = stays
             .iter()
             .map(|stay| {
-                let own: Vec<&(u32, usize, Vector3<f64>)> = directions.iter().filter(|(id, ..)| *id == stay.id).collect();
                 let nominal = stay.position.r_nom().transpose();
-                let seen: Matrix3<f64> = own.iter().map(|(_, _, d)| d * d.transpose()).sum();
-                let measured: Matrix3<f64> = own
+                let measured: Matrix3<f64> = own(stay)
                     .iter()
-                    .map(|(_, column, d)| Vector3::from_fn(|i, _| solution.coefficients[(*column, i)]) * d.transpose())
+                    .map(|(column, d)| Vector3::from_fn(|i, _| solution.coefficients[(*column, i)]) * d.transpose())
                     .sum();
-                measured + nominal * (Matrix3::identity() - seen)
+                measured + nominal * (Matrix3::identity() - seen(&own(stay)))
             })
             .collect();
         Ok(Self {
-            reading_ent: DMatrix::from_fn(visits, 3, |v, i| solution.coefficients[(v, i)]),
-            covariance: DMatrix::from_fn(3 * visits, 3 * visits, |row, column| {
-                all[(at(row), at(column))] + if row == column { rounding * rounding } else { 0.0 }
-            }),
+            reading_ent: DMatrix::from_fn(stays.len(), 3, |v, i| solution.coefficients[(v, i)]),
             response,
-            measured_directions: stays.iter().map(|s| directions.iter().filter(|(id, ..)| *id == s.id).count()).collect(),
+            directions: stays.iter().map(own).collect(),
+            coefficients,
+            // Data without scatter still have a last digit.
+            rounding_ent: ROUNDING * (1.0 + readings.amax()),
             plateau_std_ent,
+            degrees_of_freedom: solution.dof,
         })
     }
 
     fn std_ent(&self, visit: usize, component: usize) -> f64 {
-        let index = component * self.reading_ent.nrows() + visit;
-        self.covariance[(index, index)].max(0.0).sqrt()
+        let index = component * (self.coefficients.nrows() / 3) + visit;
+        self.coefficients[(index, index)].max(0.0).sqrt()
     }
+
+    /// Covariance of reading minus response times residual field, `component * visits + visit`: the measured response is uncertain,
+    /// and where it was not measured so is the direction in which the sensor looks.
+    fn covariance(&self, residual_nt: &Vector3<f64>) -> DMatrix<f64> {
+        let (visits, p) = (self.response.len(), self.coefficients.nrows() / 3);
+        let combine = DMatrix::from_fn(3 * visits, 3 * p, |row, column| {
+            let (component, visit, coefficient) = (row / visits, row % visits, column % p);
+            if column / p != component {
+                0.0
+            } else if coefficient == visit {
+                1.0
+            } else {
+                self.directions[visit].iter().find(|(c, _)| *c == coefficient).map_or(0.0, |(_, d)| -d.dot(residual_nt))
+            }
+        });
+        let mut covariance = &combine * &self.coefficients * combine.transpose();
+        for visit in 0..visits {
+            let unseen = (Matrix3::identity() - seen(&self.directions[visit])) * residual_nt;
+            for component in 0..3 {
+                let index = component * visits + visit;
+                covariance[(index, index)] += self.rounding_ent.powi(2) + (NOMINAL_TILT * unseen.norm()).powi(2);
+            }
+        }
+        covariance
+    }
+}
+
+/// Projection on measured directions.
+fn seen(directions: &[(usize, Vector3<f64>)]) -> Matrix3<f64> {
+    directions.iter().map(|(_, d)| d * d.transpose()).sum()
 }
 
 /// Orthonormal directions that the applied fields span.
@@ -424,7 +491,7 @@ fn check_components(stays: &[Stay], levels: &Levels, options: &Options) -> Resul
         for (v, stay) in stays.iter().enumerate() {
             let row = stay.position.r_nom().transpose().row(i).transpose();
             let response = (levels.response[v].row(i) * row)[0];
-            if levels.measured_directions[v] > 0 && !PLAUSIBLE_RESPONSE.contains(&response) && !options.allow_mismatch {
+            if !levels.directions[v].is_empty() && !PLAUSIBLE_RESPONSE.contains(&response) && !options.allow_mismatch {
                 let axis = stay.position.names()[i].clone();
                 return Err(OffsetError::Response { position: stay.id, component, axis, response });
             }
@@ -449,8 +516,9 @@ struct Solved {
     chi_square: f64,
     degrees_of_freedom: usize,
     widened: f64,
-    /// Coil axes whose residual field is not determined and taken as zero.
+    /// Coil axes whose residual field is not determined: it is taken as zero with this standard uncertainty, nT.
     open_axes: Vec<usize>,
+    assumed_nt: f64,
     drift_is_open: bool,
 }
 
@@ -500,22 +568,39 @@ impl Solved {
         let full = rows(&levels.response, &hours, parameters);
         let design = DMatrix::from_fn(full.nrows(), kept.len(), |row, column| full[(row, kept[column])]);
         let readings = DVector::from_fn(3 * visits, |index, _| levels.reading_ent[(index % visits, index / visits)]);
-        let whitened = levels.covariance.clone().cholesky().map(|c| c.l());
-        let Some(lower) = whitened else {
-            return Err(FitError::NoNoise { why: "the plateau means have no scatter" }.into());
+        let names: Vec<String> = kept.iter().map(|j| NAMES[*j].to_owned()).collect();
+        let no_scatter = || FitError::NoNoise { why: "the plateau means have no scatter" };
+        let mut residual_nt = Vector3::zeros();
+        let mut assumed_nt = 0.0;
+        let mut round = || -> Result<Solution, OffsetError> {
+            let mut covariance = levels.covariance(&residual_nt);
+            for axis in &open_axes {
+                let seen = full.column(RESIDUAL + axis);
+                covariance += seen * seen.transpose() * (assumed_nt * assumed_nt);
+            }
+            let lower = covariance.cholesky().ok_or_else(no_scatter)?.l();
+            let white_design = lower.solve_lower_triangular(&design).ok_or_else(no_scatter)?;
+            let white_readings = lower.solve_lower_triangular(&readings).ok_or_else(no_scatter)?;
+            let rhs = DMatrix::from_column_slice(3 * visits, 1, white_readings.as_slice());
+            let solution = linear::solve(&linear::Design::new(names.clone(), white_design)?, &rhs, None, &Limits::default())?;
+            for (at, j) in kept.iter().enumerate().filter(|(_, j)| (RESIDUAL..DRIFT).contains(*j)) {
+                residual_nt[j - RESIDUAL] = solution.coefficients[(at, 0)];
+            }
+            // A residual field that is not determined may be as large as those that are, and as what the components read that would
+            // show it.
+            let read =
+                refused_components.iter().flat_map(|i| levels.reading_ent.column(*i).iter().copied().collect::<Vec<f64>>());
+            let determined = (0..3).filter(|k| !open_axes.contains(k)).map(|k| residual_nt[k]);
+            assumed_nt = read.chain(determined).map(f64::abs).fold(0.0, f64::max);
+            for axis in &open_axes {
+                residual_nt[*axis] = 0.0;
+            }
+            Ok(solution)
         };
-        let (Some(white_design), Some(white_readings)) =
-            (lower.solve_lower_triangular(&design), lower.solve_lower_triangular(&readings))
-        else {
-            return Err(FitError::NoNoise { why: "the plateau means have no scatter" }.into());
-        };
-        let names = kept.iter().map(|j| NAMES[*j].to_owned()).collect();
-        let solution = linear::solve(
-            &linear::Design::new(names, white_design)?,
-            &DMatrix::from_column_slice(3 * visits, 1, white_readings.as_slice()),
-            None,
-            &Limits::default(),
-        )?;
+        let mut solution = round()?;
+        for _ in 1..ROUNDS {
+            solution = round()?;
+        }
         let chi_square = solution.residuals.norm_squared();
         let widened = order::excess(chi_square, solution.dof);
         let covariance = &solution.unscaled_covariance * widened.powi(2);
@@ -535,7 +620,7 @@ impl Solved {
                 component: std::array::from_fn(|_| "none".to_owned()),
                 positions: std::array::from_fn(|_| Vec::new()),
                 normal_axis: std::array::from_fn(|_| String::new()),
-                response: if levels.measured_directions.iter().all(|n| *n == 3) { "run" } else { "nominal" }.to_owned(),
+                response: if levels.directions.iter().all(|d| d.len() == 3) { "run" } else { "nominal" }.to_owned(),
             },
             covariance: Covariance { parameters: Vec::new(), units: Vec::new(), matrix: Vec::new() },
             refused: Vec::new(),
@@ -544,6 +629,7 @@ impl Solved {
             degrees_of_freedom: solution.dof,
             widened,
             open_axes: open_axes.clone(),
+            assumed_nt,
             drift_is_open,
         };
         for k in (0..3).filter(|k| !open_axes.contains(k)) {
@@ -607,18 +693,19 @@ impl Solved {
                 .collect();
             if !leaks.is_empty() {
                 remarks.push(format!(
-                    "the residual field along {}_c is not determined and taken as zero; it would enter the offsets with {}",
+                    "the residual field along {}_c is not determined and taken as 0 ± {:.1} nT, which is in the uncertainties; it enters the \
+                     offsets with {}",
                     COIL_AXES[*axis],
+                    self.assumed_nt,
                     leaks.join(", ")
                 ));
             }
         }
         if self.method.response == "nominal" {
-            remarks.push(
-                "fields were not applied along all axes in every position: the sensor is taken to lie exactly along the nominal axes, \
-                 and 1° of tilt takes 0.017 of the residual field across an axis for offset"
-                    .to_owned(),
-            );
+            remarks.push(format!(
+                "fields were not applied along all axes in every position: the sensor is taken to lie along the nominal axes within {:.1}°",
+                NOMINAL_TILT.to_degrees()
+            ));
         }
         if self.drift_is_open {
             remarks.push(

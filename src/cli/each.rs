@@ -5,7 +5,7 @@ use super::{Common, Status, open, report_failures, status};
 use crate::error::Finding;
 use crate::formats::output::Folder;
 use crate::formats::parameter::Body;
-use crate::workflow::{Failure, Made, PerRun, RunResult, jobs, make, publish, table_names};
+use crate::workflow::{Failure, Made, PerRun, RunReport, RunResult, jobs, make, publish, table_names};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;

@@ -127,15 +127,7 @@ pub(super) fn gather(used: &[&Point], inputs: &HashMap<String, Vec<Input>>) -> V
 
 /// The inputs of every run that takes part in analyses across temperatures, by the name of its parameter file.
 pub(super) fn inputs_of(measured: &[Measured]) -> HashMap<String, Vec<Input>> {
-    let of = |one: &Measured| {
-        let provenance = match one {
-            Measured::Lin(made) => &made.provenance,
-            Measured::Offset(made) => &made.provenance,
-            Measured::Freq(made) => &made.provenance,
-            Measured::Other(_) => return None,
-        };
-        Some((one.point()?.file, provenance.input.clone()))
-    };
+    let of = |one: &Measured| Some((one.point()?.file, one.provenance()?.input.clone()));
     measured.iter().filter_map(of).collect()
 }
 

@@ -328,6 +328,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::super::linear::{Design, Limits, solve};
+    use super::super::random::Random;
     use super::*;
 
     const TIMES: [f64; 12] = [0.0, 1.0, 2.0, 3.5, 4.5, 5.5, 7.0, 8.0, 9.0, 10.5, 12.0, 13.0];
@@ -454,21 +455,7 @@ mod tests {
         assert!(mean_of(DMatrix::from_row_slice(2, 1, &[1.0, 2.0]), &[0.0, 1.0]).is_ok());
     }
 
-    /// Uniform numbers in (0, 1): a 64 bit xorshift.
-    struct Random(u64);
-
     impl Random {
-        fn uniform(&mut self) -> f64 {
-            self.0 ^= self.0 << 13;
-            self.0 ^= self.0 >> 7;
-            self.0 ^= self.0 << 17;
-            ((self.0 >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-        }
-
-        fn gaussian(&mut self) -> f64 {
-            (-2.0 * self.uniform().ln()).sqrt() * (TAU * self.uniform()).cos()
-        }
-
         /// Noise of unit variance with a spectrum 1/f from 1/2 down to 1 / (2 π n), flat below: a sum of waves, which has
         /// nothing in common with the kernel of the estimate.
         fn flicker(&mut self, n: usize) -> Vec<f64> {

@@ -23,6 +23,8 @@ pub mod nonlinear;
 pub mod order;
 pub mod polynomial;
 pub mod propagate;
+#[cfg(test)]
+pub(crate) mod random;
 pub mod robust;
 pub mod sine;
 

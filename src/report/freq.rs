@@ -1,24 +1,12 @@
 //! The report of a frequency measurement: the blocks of BC-MAG-TR-0085 section 3.6.1 in their order.
 
-use super::{remarks, run_line, table, used_file};
+use super::{number, remarks, run_line, table, triple, used_file, value};
 use crate::analysis::freq::Freq;
 use crate::formats::parameter::{Body, Fpf};
 use crate::units::{COMPONENTS, with_uncertainty};
 use std::fmt::Write;
 
 const MEASURED: [&str; 3] = ["X", "Y", "Z"];
-
-fn value(value: f64, std: f64) -> String {
-    match (value.is_finite(), std.is_finite()) {
-        (true, true) => with_uncertainty(value, std),
-        (true, false) => format!("{value:.2}"),
-        (false, _) => "not determined".to_owned(),
-    }
-}
-
-fn number(value: f64, decimals: usize) -> String {
-    if value.is_finite() { format!("{value:.decimals$}") } else { "not determined".to_owned() }
-}
 
 /// The blocks of the report with headings of the given level.
 #[must_use]
@@ -134,6 +122,12 @@ fn amplitudes(out: &mut String, p: &Fpf, head: &str) {
     );
 }
 
+/// The result in one line.
+#[must_use]
+pub fn headline(freq: &Freq) -> String {
+    format!("f_3dB {} Hz", triple(&freq.parameters.f_3db_model_hz, &freq.parameters.f_3db_model_std_hz))
+}
+
 /// A few lines for the terminal.
 #[must_use]
 pub fn summary(freq: &Freq) -> String {
@@ -144,13 +138,12 @@ pub fn summary(freq: &Freq) -> String {
         _ => String::new(),
     };
     let igep: Vec<String> = p.f_3db_igep_hz.iter().map(|f| number(*f, 2)).collect();
-    let model: Vec<String> = (0..3).map(|i| value(p.f_3db_model_hz[i], p.f_3db_model_std_hz[i])).collect();
     format!(
         "{}  {used} of {} frequencies\n{rate}  f_3dB  {}  Hz (igep)\n         {}  Hz ({})\n",
         run_line(&p.run),
         p.amplitude.len(),
         igep.join(", "),
-        model.join(", "),
+        triple(&p.f_3db_model_hz, &p.f_3db_model_std_hz),
         p.model.name
     )
 }

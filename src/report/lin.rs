@@ -1,6 +1,6 @@
 //! The report table of a linear calibration: the blocks of BC-MAG-TR-0085 section 3.4.1 in their order.
 
-use super::{degc, not_used, or_not_stated, remarks, run_line, table, used_file};
+use super::{degc, not_used, or_not_stated, remarks, run_line, table, triple, used_file};
 use crate::analysis::lin::Lin;
 use crate::formats::parameter::{Body, Cpf};
 use crate::units::{degrees_minutes_seconds, with_uncertainty};
@@ -30,6 +30,13 @@ pub fn sections(lin: &Lin, level: usize) -> String {
     uncertainty(&mut out, p, &head);
     notes(&mut out, p, &head);
     out
+}
+
+/// The result in one line.
+#[must_use]
+pub fn headline(lin: &Lin) -> String {
+    let p = &lin.parameters;
+    format!("σ {} nT/enT", triple(&std::array::from_fn(|i| p.matrix.sigma[i][i]), &p.std.sigma))
 }
 
 /// A few lines for the terminal.

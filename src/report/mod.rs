@@ -10,6 +10,7 @@ pub mod thermal;
 
 use crate::formats::parameter::{Dropped, RunHead};
 use crate::provenance::Provenance;
+use crate::units::with_uncertainty;
 use std::fmt::Write;
 
 /// A Markdown table; the first row is its head.
@@ -172,3 +173,27 @@ pub fn head_columns<'a>(table: &mut crate::formats::table::Table, runs: impl Ite
     table.push("temperature_degc", degc(|r| r.temperature_degc));
     table.push("coil_temperature_degc", degc(|r| r.coil_temperature_degc));
 }
+
+/// Three values with their standard uncertainties in one line.
+#[must_use]
+pub fn triple(values: &[f64; 3], std: &[f64; 3]) -> String {
+    (0..3).map(|i| value(values[i], std[i])).collect::<Vec<_>>().join(", ")
+}
+
+/// A value with its standard uncertainty; either may be missing.
+#[must_use]
+pub fn value(value: f64, std: f64) -> String {
+    match (value.is_finite(), std.is_finite()) {
+        (true, true) => with_uncertainty(value, std),
+        (true, false) => format!("{value:.2} (uncertainty not known)"),
+        (false, _) => NOT_DETERMINED.to_owned(),
+    }
+}
+
+/// A number with some decimals; it may be missing.
+#[must_use]
+pub fn number(value: f64, decimals: usize) -> String {
+    if value.is_finite() { format!("{value:.decimals$}") } else { NOT_DETERMINED.to_owned() }
+}
+
+const NOT_DETERMINED: &str = "not determined";

@@ -1,20 +1,12 @@
 //! The report of an offset measurement: the blocks of BC-MAG-TR-0085 section 3.4.2 in their order.
 
-use super::{not_used, remarks, run_line, table, used_file};
+use super::{not_used, number, remarks, run_line, table, triple, used_file, value};
 use crate::analysis::offset::Offset;
 use crate::formats::parameter::{Body, Opf};
 use crate::units::{COMPONENTS, with_uncertainty};
 use std::fmt::Write;
 
 const MEASURED: [&str; 3] = ["X", "Y", "Z"];
-
-fn value(value: f64, std: f64) -> String {
-    if value.is_finite() { with_uncertainty(value, std) } else { "not determined".to_owned() }
-}
-
-fn number(value: f64, decimals: usize) -> String {
-    if value.is_finite() { format!("{value:.decimals$}") } else { "not determined".to_owned() }
-}
 
 /// The blocks of the report with headings of the given level.
 #[must_use]
@@ -134,18 +126,23 @@ fn quality(out: &mut String, p: &Opf, head: &str) {
     );
 }
 
+/// The result in one line.
+#[must_use]
+pub fn headline(offset: &Offset) -> String {
+    format!("B_off {} enT", triple(&offset.parameters.offset_ent, &offset.parameters.offset_std_ent))
+}
+
 /// A few lines for the terminal.
 #[must_use]
 pub fn summary(offset: &Offset) -> String {
     let p = &offset.parameters;
-    let list = |v: &[f64; 3], std: &[f64; 3]| (0..3).map(|i| value(v[i], std[i])).collect::<Vec<_>>().join(", ");
     format!(
         "{}  {} of {} blocks\n  B_off  {}  enT\n  B_res  {}  enT, seen along {}\n",
         run_line(&p.run),
         p.quality.blocks_used,
         p.quality.blocks_total,
-        list(&p.offset_ent, &p.offset_std_ent),
-        list(&p.residual_ent, &p.residual_std_ent),
+        triple(&p.offset_ent, &p.offset_std_ent),
+        triple(&p.residual_ent, &p.residual_std_ent),
         p.method.normal_axis.join(" "),
     )
 }

@@ -5,11 +5,9 @@ use super::{Drawn, FigureLink, figures, or_not_stated, runs, table, thermal};
 use crate::analysis::thermal::{Kind, Thermal};
 use crate::campaign::Campaign;
 use crate::formats::campaign::CampaignFile;
-use crate::formats::parameter::RunHead;
 use crate::provenance::{Input, Provenance};
 use crate::run::{Run, time_of_id};
-use crate::units::with_uncertainty;
-use crate::workflow::{Measured, RunResult};
+use crate::workflow::Measured;
 use std::fmt::Write;
 
 /// A run in the protocol.
@@ -196,15 +194,16 @@ fn measurements(
     let mut section = 1;
     let mut others: Vec<Vec<String>> = Vec::new();
     for part in parts {
-        let (result, kind): (&dyn Sections, &'static str) = match part.measured {
-            Measured::Lin(made) => (&made.result, "DC-analysis"),
-            Measured::Offset(made) => (&made.result, "Offset calculation"),
-            Measured::Freq(made) => (&made.result, "AC-analysis"),
+        let Some(result) = part.measured.report() else { continue };
+        let kind = match part.measured {
+            Measured::Lin(_) => "DC-analysis",
+            Measured::Offset(_) => "Offset calculation",
+            Measured::Freq(_) => "AC-analysis",
             Measured::Other(_) => continue,
         };
-        let head = result.run();
+        let head = result.head();
         let key = (head.sensor.clone(), head.mode.clone(), kind);
-        let remark = result.remark();
+        let remarks = result.warnings().len();
         others.push(vec![
             head.id.clone(),
             kind.to_owned(),
@@ -212,7 +211,7 @@ fn measurements(
             or_not_stated(&head.mode).to_owned(),
             super::degc(head.temperature_degc),
             result.headline(),
-            if remark == 0 { String::new() } else { format!("{remark} remarks") },
+            if remarks == 0 { String::new() } else { remarks.to_string() },
         ]);
         // Every analysis is shown in full once for a sensor and mode, as in the protocol of 2013; the others are in its files.
         if shown.contains(&key) {
@@ -228,7 +227,7 @@ fn measurements(
             or_not_stated(&head.mode),
             head.id
         );
-        out.push_str(&result.blocks(4));
+        out.push_str(&result.sections(4));
         out.push_str(&figures(&FigureLink::number(part.figures, &format!("{}/", head.id), figure)));
     }
     if others.is_empty() {
@@ -243,66 +242,6 @@ fn measurements(
         section + 1,
         table(&rows)
     );
-}
-
-/// What the protocol needs of a result.
-trait Sections {
-    fn run(&self) -> &RunHead;
-    fn blocks(&self, level: usize) -> String;
-    fn headline(&self) -> String;
-    /// Number of remarks.
-    fn remark(&self) -> usize;
-}
-
-fn triple(values: [f64; 3], std: [f64; 3]) -> String {
-    let one = |i: usize| if values[i].is_finite() { with_uncertainty(values[i], std[i]) } else { "not determined".to_owned() };
-    (0..3).map(one).collect::<Vec<_>>().join(", ")
-}
-
-impl Sections for crate::analysis::lin::Lin {
-    fn run(&self) -> &RunHead {
-        self.head()
-    }
-    fn blocks(&self, level: usize) -> String {
-        self.sections(level)
-    }
-    fn headline(&self) -> String {
-        let p = &self.parameters;
-        format!("σ {} nT/enT", triple(std::array::from_fn(|i| p.matrix.sigma[i][i]), p.std.sigma))
-    }
-    fn remark(&self) -> usize {
-        self.warnings().len()
-    }
-}
-
-impl Sections for crate::analysis::offset::Offset {
-    fn run(&self) -> &RunHead {
-        self.head()
-    }
-    fn blocks(&self, level: usize) -> String {
-        self.sections(level)
-    }
-    fn headline(&self) -> String {
-        format!("B_off {} enT", triple(self.parameters.offset_ent, self.parameters.offset_std_ent))
-    }
-    fn remark(&self) -> usize {
-        self.warnings().len()
-    }
-}
-
-impl Sections for crate::analysis::freq::Freq {
-    fn run(&self) -> &RunHead {
-        self.head()
-    }
-    fn blocks(&self, level: usize) -> String {
-        self.sections(level)
-    }
-    fn headline(&self) -> String {
-        format!("f_3dB {} Hz", triple(self.parameters.f_3db_model_hz, self.parameters.f_3db_model_std_hz))
-    }
-    fn remark(&self) -> usize {
-        self.warnings().len()
-    }
 }
 
 fn thermals(out: &mut String, p: &Protocol, chapter: usize, figure: &mut usize) {

@@ -1,6 +1,6 @@
 //! The report of a thermal analysis: the blocks of BC-MAG-TR-0085 sections 12 and 13 in their order.
 
-use super::{degc, remarks, table};
+use super::{degc, number, remarks, table};
 use crate::analysis::thermal::{File, Kind, Thermal};
 use crate::formats::parameter::{QuantityPart, ThermalHead, Tpf};
 use crate::units::{degrees_minutes_seconds, with_uncertainty};
@@ -78,10 +78,6 @@ pub fn sections(thermal: &Thermal, level: usize) -> String {
     }
     out.push_str(&remarks(&head_data.warnings, level));
     out
-}
-
-fn number(value: f64, decimals: usize) -> String {
-    if value.is_finite() { format!("{value:.decimals$}") } else { "not determined".to_owned() }
 }
 
 fn used(thermal: &Thermal, head: &str) -> String {

@@ -1,6 +1,6 @@
 //! Every run of a campaign by the analysis of its kind, each read once.
 
-use super::{Desk, Drawn, Failure, Job, Made, RunResult, make, parameter_text, publish};
+use super::{Desk, Drawn, Failure, Job, Made, RunReport, make, parameter_text, publish};
 use crate::analysis::lin::Lin;
 use crate::analysis::{freq, lin, offset};
 use crate::error::Finding;
@@ -8,7 +8,7 @@ use crate::formats::ccr;
 use crate::formats::output::Folder;
 use crate::formats::parameter::{Body, Point};
 use crate::formats::source::hex;
-use crate::provenance::Input;
+use crate::provenance::{Input, Provenance};
 use crate::run::{Kind, Run};
 use sha2::{Digest, Sha256};
 
@@ -114,21 +114,41 @@ impl Measured {
         }
     }
 
+    /// The result for people, if there is one.
+    #[must_use]
+    pub fn report(&self) -> Option<&dyn RunReport> {
+        match self {
+            Measured::Lin(made) => Some(&made.result),
+            Measured::Offset(made) => Some(&made.result),
+            Measured::Freq(made) => Some(&made.result),
+            Measured::Other(_) => None,
+        }
+    }
+
+    /// Where the result comes from, if there is one.
+    #[must_use]
+    pub fn provenance(&self) -> Option<&Provenance> {
+        match self {
+            Measured::Lin(made) => Some(&made.provenance),
+            Measured::Offset(made) => Some(&made.provenance),
+            Measured::Freq(made) => Some(&made.provenance),
+            Measured::Other(_) => None,
+        }
+    }
+
     /// What a person should know.
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
-        match self {
-            Measured::Lin(made) => made.result.warnings().to_vec(),
-            Measured::Offset(made) => made.result.warnings().to_vec(),
-            Measured::Freq(made) => made.result.warnings().to_vec(),
-            Measured::Other(run) => run.findings.iter().map(|f| format!("{}; {}", f.rule, f.remedy)).collect(),
+        match (self, self.report()) {
+            (Measured::Other(run), _) => run.findings.iter().map(|f| format!("{}; {}", f.rule, f.remedy)).collect(),
+            (_, report) => report.map_or_else(Vec::new, |r| r.warnings().to_vec()),
         }
     }
 
     /// Part of what was asked for is refused.
     #[must_use]
     pub fn is_partial(&self) -> bool {
-        matches!(self, Measured::Offset(made) if made.result.is_partial())
+        self.report().is_some_and(RunReport::is_partial)
     }
 }
 

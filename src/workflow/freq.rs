@@ -1,6 +1,6 @@
 //! Frequency measurements as files, figures and text.
 
-use super::{Made, PerRun, Refusal, RunResult};
+use super::{Made, PerRun, Refusal, RunReport, RunResult};
 use crate::analysis::freq::{Freq, Options, Sines, freq, from_table};
 use crate::campaign::Campaign;
 use crate::error::Finding;
@@ -52,12 +52,7 @@ pub fn of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Made<Freq>, 
     Ok(Made { result: from_table(&rows, id), provenance, run: None })
 }
 
-impl RunResult for Freq {
-    type Parameters = Fpf;
-
-    fn parameters(&self) -> &Fpf {
-        &self.parameters
-    }
+impl RunReport for Freq {
     fn head(&self) -> &RunHead {
         &self.parameters.run
     }
@@ -73,8 +68,19 @@ impl RunResult for Freq {
     fn sections(&self, level: usize) -> String {
         report::freq::sections(self, level)
     }
+    fn headline(&self) -> String {
+        report::freq::headline(self)
+    }
     fn summary(&self) -> String {
         report::freq::summary(self)
+    }
+}
+
+impl RunResult for Freq {
+    type Parameters = Fpf;
+
+    fn parameters(&self) -> &Fpf {
+        &self.parameters
     }
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {

@@ -1,6 +1,6 @@
 //! Linear calibrations as files, figures and text.
 
-use super::{PerRun, Refusal, RunResult};
+use super::{PerRun, Refusal, RunReport, RunResult};
 use crate::analysis::lin::{Lin, Options, lin};
 use crate::campaign::Campaign;
 use crate::envelope::Envelope;
@@ -62,12 +62,7 @@ pub(super) fn recorded_cut(settling: Settling, least_coverage: f64) -> String {
     text
 }
 
-impl RunResult for Lin {
-    type Parameters = Cpf;
-
-    fn parameters(&self) -> &Cpf {
-        &self.parameters
-    }
+impl RunReport for Lin {
     fn head(&self) -> &RunHead {
         &self.parameters.run
     }
@@ -83,8 +78,19 @@ impl RunResult for Lin {
     fn sections(&self, level: usize) -> String {
         report::lin::sections(self, level)
     }
+    fn headline(&self) -> String {
+        report::lin::headline(self)
+    }
     fn summary(&self) -> String {
         report::lin::summary(self)
+    }
+}
+
+impl RunResult for Lin {
+    type Parameters = Cpf;
+
+    fn parameters(&self) -> &Cpf {
+        &self.parameters
     }
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {

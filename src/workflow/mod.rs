@@ -68,12 +68,8 @@ pub struct Refusal {
     pub remedy: &'static str,
 }
 
-/// The result of one run, as files, figures, tables and text.
-pub trait RunResult: Serialize + Send + Sync {
-    /// The parameter file.
-    type Parameters: Body;
-    /// What goes into the parameter file.
-    fn parameters(&self) -> &Self::Parameters;
+/// The result of one run for people: figures and text.
+pub trait RunReport {
     /// The run.
     fn head(&self) -> &RunHead;
     /// What a person should know.
@@ -88,11 +84,23 @@ pub trait RunResult: Serialize + Send + Sync {
     fn title(&self) -> String;
     /// The sections of the report with headings of the given level.
     fn sections(&self, level: usize) -> String;
+    /// The result in one line.
+    fn headline(&self) -> String;
     /// A few lines for the terminal.
     fn summary(&self) -> String;
+}
+
+/// The result of one run for programs: parameter file and tables.
+pub trait RunResult: RunReport + Serialize + Send + Sync {
+    /// The parameter file.
+    type Parameters: Body;
+    /// What goes into the parameter file.
+    fn parameters(&self) -> &Self::Parameters;
     /// Tables beside the report: begin of the file name, note, table.
     #[cfg(feature = "tables")]
-    fn tables(&self) -> Vec<(&'static str, String, Table)>;
+    fn tables(&self) -> Vec<(&'static str, String, Table)> {
+        Vec::new()
+    }
     /// One row per run, with a note.
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table);

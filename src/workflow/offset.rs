@@ -1,7 +1,7 @@
 //! Offset measurements as files, figures and text.
 
 use super::lin::recorded_cut;
-use super::{PerRun, Refusal, RunResult};
+use super::{PerRun, Refusal, RunReport, RunResult};
 use crate::analysis::offset::{Offset, Options, offset};
 use crate::campaign::Campaign;
 use crate::formats::parameter::{Opf, RunHead};
@@ -43,12 +43,7 @@ impl PerRun for Options {
     }
 }
 
-impl RunResult for Offset {
-    type Parameters = Opf;
-
-    fn parameters(&self) -> &Opf {
-        &self.parameters
-    }
+impl RunReport for Offset {
     fn head(&self) -> &RunHead {
         &self.parameters.run
     }
@@ -67,12 +62,19 @@ impl RunResult for Offset {
     fn sections(&self, level: usize) -> String {
         report::offset::sections(self, level)
     }
+    fn headline(&self) -> String {
+        report::offset::headline(self)
+    }
     fn summary(&self) -> String {
         report::offset::summary(self)
     }
-    #[cfg(feature = "tables")]
-    fn tables(&self) -> Vec<(&'static str, String, Table)> {
-        Vec::new()
+}
+
+impl RunResult for Offset {
+    type Parameters = Opf;
+
+    fn parameters(&self) -> &Opf {
+        &self.parameters
     }
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table) {

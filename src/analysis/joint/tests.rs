@@ -1,29 +1,8 @@
 use super::*;
+use crate::fit::random::Random;
 use crate::fit::{linear, polynomial};
 use crate::model::sensor::split;
 use std::f64::consts::TAU;
-
-/// A 64 bit xorshift.
-struct Random(u64);
-
-impl Random {
-    fn seeded(seed: u64) -> Self {
-        let mut random = Random((seed + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        (0..20).for_each(|_| _ = random.uniform());
-        random
-    }
-
-    fn uniform(&mut self) -> f64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        ((self.0 >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn gaussian(&mut self) -> f64 {
-        (-2.0 * self.uniform().ln()).sqrt() * (TAU * self.uniform()).cos()
-    }
-}
 
 /// Sensor of runs BS_11 of 2013 (BC-MAG-TR-0085 section 12.1), angles in degrees.
 fn truth() -> [Vec<f64>; 6] {

@@ -1,24 +1,8 @@
 use super::*;
-use std::f64::consts::TAU;
+use crate::fit::random::Random;
 
 /// Mean temperatures of the runs of one sensor in the campaign of 2013, °C, as far apart and as close as they were.
 const TEMPERATURES: [f64; 7] = [21.3, -71.2, -38.6, 55.1, 22.4, 118.7, 180.2];
-
-/// Normal numbers from a 64 bit xorshift.
-struct Random(u64);
-
-impl Random {
-    fn uniform(&mut self) -> f64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        ((self.0 >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    fn gaussian(&mut self) -> f64 {
-        (-2.0 * self.uniform().ln()).sqrt() * (TAU * self.uniform()).cos()
-    }
-}
 
 fn horner(coefficients: &[f64], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)

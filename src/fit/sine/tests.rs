@@ -1,40 +1,18 @@
 use super::*;
-
-/// Splitmix with a polar Gauss.
-struct Gauss(u64);
-
-impl Gauss {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-    }
-
-    fn normal(&mut self) -> f64 {
-        loop {
-            let (u, v) = (self.uniform(), self.uniform());
-            let s = u * u + v * v;
-            if s > 0.0 && s < 1.0 {
-                return u * (-2.0 * s.ln() / s).sqrt();
-            }
-        }
-    }
-}
+use crate::fit::random::Random;
 
 /// Ornstein-Uhlenbeck processes an octave apart: noise with a spectrum near 1/f, unit variance per process.
 struct Pink(Vec<f64>);
 
 impl Pink {
-    fn new(gauss: &mut Gauss) -> Self {
-        Self((0..18).map(|_| gauss.normal()).collect())
+    fn new(gauss: &mut Random) -> Self {
+        Self((0..18).map(|_| gauss.gaussian()).collect())
     }
 
-    fn next(&mut self, gauss: &mut Gauss) -> f64 {
+    fn next(&mut self, gauss: &mut Random) -> f64 {
         for (i, x) in self.0.iter_mut().enumerate() {
             let keep = (-(0.5f64.powi(i as i32))).exp();
-            *x = keep * *x + (1.0 - keep * keep).sqrt() * gauss.normal();
+            *x = keep * *x + (1.0 - keep * keep).sqrt() * gauss.gaussian();
         }
         self.0.iter().sum()
     }
@@ -44,8 +22,8 @@ fn wave(n: &[u64], [amplitude, phase_rad, offset]: [f64; 3], frequency_hz: f64, 
     n.iter().map(|&n| amplitude * (phase(frequency_hz, rate_hz, n) + phase_rad).sin() + offset).collect()
 }
 
-fn noisy(mut y: Vec<f64>, std: f64, gauss: &mut Gauss) -> Vec<f64> {
-    y.iter_mut().for_each(|y| *y += std * gauss.normal());
+fn noisy(mut y: Vec<f64>, std: f64, gauss: &mut Random) -> Vec<f64> {
+    y.iter_mut().for_each(|y| *y += std * gauss.gaussian());
     y
 }
 
@@ -175,7 +153,7 @@ mod fits {
 
     #[test]
     fn standard_deviations_cover_white_noise() {
-        let (n, mut gauss) = (counters(1000..1230), Gauss(1));
+        let (n, mut gauss) = (counters(1000..1230), Random::seeded(1));
         let clean = wave(&n, [10.0, 0.8, 3.0], 171.3, 127.9991);
         let (mut fixed, mut free) = (Vec::new(), [Vec::new(), Vec::new(), Vec::new()]);
         for _ in 0..1000 {
@@ -196,8 +174,8 @@ mod fits {
     }
 
     /// Root mean square of A and B over noise against the root mean square of what the noise near the frequency says.
-    fn noise_ratio(frequency_hz: f64, count: u64, mut next: impl FnMut(&mut Gauss) -> f64) -> (f64, f64) {
-        let (n, mut gauss) = (counters(0..count), Gauss(5));
+    fn noise_ratio(frequency_hz: f64, count: u64, mut next: impl FnMut(&mut Random) -> f64) -> (f64, f64) {
+        let (n, mut gauss) = (counters(0..count), Random::seeded(5));
         let (mut scatter, mut local, mut white) = (0.0, 0.0, 0.0);
         for _ in 0..150 {
             let y: Vec<f64> = n.iter().map(|_| next(&mut gauss)).collect();
@@ -212,8 +190,8 @@ mod fits {
     #[test]
     fn noise_near_the_frequency_is_the_noise_of_the_amplitude() {
         for frequency_hz in [0.125, 0.5, 2.3, 41.0, 1000.0] {
-            let (white, _) = noise_ratio(frequency_hz, 1024, Gauss::normal);
-            let mut pink = Pink::new(&mut Gauss(9));
+            let (white, _) = noise_ratio(frequency_hz, 1024, Random::gaussian);
+            let mut pink = Pink::new(&mut Random::seeded(9));
             let (slow, plain) = noise_ratio(frequency_hz, 1024, |gauss| pink.next(gauss));
             println!("{frequency_hz} Hz: white {white:.3}, 1/f {slow:.3} (from all residuals {plain:.3})");
             // 150 runs: the scatter has a standard error of 4 %.
@@ -246,7 +224,7 @@ mod segments {
 
     #[test]
     fn merged_segments_are_solved_like_their_samples() {
-        let (n, mut gauss) = (counters(300..4396), Gauss(2));
+        let (n, mut gauss) = (counters(300..4396), Random::seeded(2));
         let y = noisy(wave(&n, [60_000.0, 1.0, 20_000.0], 3.3, 128.0), 0.02, &mut gauss);
         let segments = split(&n, &y, 3.3, 64);
         let mut total = Sums::new(-1_000.0);
@@ -265,7 +243,7 @@ mod segments {
 
     #[test]
     fn an_undamaged_setting_is_kept_whole() {
-        let (n, mut gauss) = (counters(0..12 * 128), Gauss(3));
+        let (n, mut gauss) = (counters(0..12 * 128), Random::seeded(3));
         for seed in 0..50 {
             let frequency_hz = [0.1, 1.3, 30.0, 1000.0][seed % 4];
             let y = noisy(wave(&n, [900.0, 0.1 * seed as f64, 3.0], frequency_hz, 128.0), 0.05, &mut gauss);
@@ -275,8 +253,8 @@ mod segments {
 
     #[test]
     fn damage_is_left_out() {
-        let (n, mut gauss) = (counters(0..12 * 128), Gauss(4));
-        let clean = |gauss: &mut Gauss| noisy(wave(&n, [900.0, 0.4, 3.0], 7.3, 128.0), 0.05, gauss);
+        let (n, mut gauss) = (counters(0..12 * 128), Random::seeded(4));
+        let clean = |gauss: &mut Random| noisy(wave(&n, [900.0, 0.4, 3.0], 7.3, 128.0), 0.05, gauss);
         // One sample lost after sample 1000, that is within segment 41, and not counted.
         let mut slipped = clean(&mut gauss);
         slipped.remove(1000);
@@ -318,7 +296,7 @@ mod rates {
     }
 
     /// Ten frequencies per decade from 1000 Hz down, every `stride`-th, one after the other: three cycles, at least `least_s`.
-    fn sweep(stride: usize, lowest_hz: f64, least_s: f64, noise: f64, gauss: &mut Gauss) -> Vec<Samples> {
+    fn sweep(stride: usize, lowest_hz: f64, least_s: f64, noise: f64, gauss: &mut Random) -> Vec<Samples> {
         let (mut at, mut all) = (0, Vec::new());
         for k in (0..=40).step_by(stride) {
             let frequency_hz = 10f64.powf(3.0 - 0.1 * k as f64);
@@ -328,7 +306,7 @@ mod rates {
             let count = (TRUE_HZ * least_s.max(3.0 / frequency_hz)) as u64;
             let n = counters(at..at + count);
             at += count + 100;
-            let truth = [1000.0 / (1.0 + (frequency_hz / 60.0).powi(2)).sqrt(), gauss.normal(), 3.0];
+            let truth = [1000.0 / (1.0 + (frequency_hz / 60.0).powi(2)).sqrt(), gauss.gaussian(), 3.0];
             let y = noisy(wave(&n, truth, frequency_hz, TRUE_HZ), noise, gauss);
             all.push((n, y, frequency_hz));
         }
@@ -337,7 +315,7 @@ mod rates {
 
     #[test]
     fn a_sweep_gives_the_rate() {
-        let mut gauss = Gauss(1);
+        let mut gauss = Random::seeded(1);
         let samples = sweep(1, 0.09, 12.0, 0.05, &mut gauss);
         assert_eq!(samples.len(), 41);
         for start in [128.0, TRUE_HZ * (1.0 + 5e-4), TRUE_HZ * (1.0 - 9.9e-4)] {
@@ -357,7 +335,7 @@ mod rates {
     fn its_standard_deviation_is_its_scatter() {
         let (mut pulls, mut drifts) = (Vec::new(), Vec::new());
         for seed in 0..200 {
-            let samples = sweep(5, 1.0, 1.0, 0.05, &mut Gauss(100 + seed));
+            let samples = sweep(5, 1.0, 1.0, 0.05, &mut Random::seeded(100 + seed));
             let rate = common_rate(&packets(&samples), 128.0).unwrap();
             pulls.push((rate.rate_hz - TRUE_HZ) / rate.std_hz);
             let drift = rate.drift.unwrap();
@@ -373,7 +351,7 @@ mod rates {
 
     #[test]
     fn gaps_and_large_counters_do_no_harm() {
-        let mut samples = sweep(5, 1.0, 12.0, 0.05, &mut Gauss(3));
+        let mut samples = sweep(5, 1.0, 12.0, 0.05, &mut Random::seeded(3));
         for (n, y, _) in &mut samples {
             let kept = (0..n.len()).filter(|i| !(300..500).contains(i) && i % 11 != 0);
             // Counting from elsewhere changes the phases, which are free.
@@ -385,7 +363,7 @@ mod rates {
 
     #[test]
     fn packets_which_disagree_are_named_and_left_out() {
-        let mut samples = sweep(2, 1.0, 12.0, 0.05, &mut Gauss(4));
+        let mut samples = sweep(2, 1.0, 12.0, 0.05, &mut Random::seeded(4));
         // One sample lost and not counted, a wrong frequency, and the worst of all readings.
         samples[1].1.remove(700);
         samples[1].0.pop();
@@ -410,7 +388,7 @@ mod rates {
         // Three components of each setting; all of the highest frequency, which weighs most, lose the same sample.
         let mut samples: Vec<Samples> = Vec::new();
         for seed in 20..23 {
-            samples.extend(sweep(2, 1.0, 12.0, 0.05, &mut Gauss(seed)));
+            samples.extend(sweep(2, 1.0, 12.0, 0.05, &mut Random::seeded(seed)));
         }
         let settings = samples.len() / 3;
         for component in 0..3 {
@@ -427,7 +405,7 @@ mod rates {
 
     #[test]
     fn a_drift_is_seen() {
-        let (mut gauss, mut at, mut samples) = (Gauss(5), 0, Vec::new());
+        let (mut gauss, mut at, mut samples) = (Random::seeded(5), 0, Vec::new());
         for k in 0..12 {
             let (n, frequency_hz) = (counters(at..at + 1500), 900.0 - 37.0 * f64::from(k));
             at += 6000;
@@ -446,7 +424,7 @@ mod rates {
         // Two short bursts a minute apart: peaks stand 1 / (f · 60 s) apart.
         let n: Vec<u64> = (0..64).chain(7680..7744).collect();
         let excess = |noise: f64| {
-            let y = noisy(wave(&n, [1.0, 0.3, 0.0], 500.0, TRUE_HZ), noise, &mut Gauss(6));
+            let y = noisy(wave(&n, [1.0, 0.3, 0.0], 500.0, TRUE_HZ), noise, &mut Random::seeded(6));
             let rate = common_rate(&packets(&[(n.clone(), y, 500.0)]), 128.0).unwrap();
             let second = rate.runner_up.unwrap();
             assert!(((second.rate_hz / rate.rate_hz - 1.0).abs() * 30_000.0 - 1.0).abs() < 0.1, "{second:?} {}", rate.rate_hz);
@@ -459,7 +437,7 @@ mod rates {
         assert!(clear > 8e3 && clear < 2e4 && ambiguous < 25.0);
         // One long stretch has its side lobes only: 4.7 % of the power against all of it. The noise is taken near the frequency.
         let n = counters(0..1536);
-        let y = noisy(wave(&n, [1.0, 0.3, 0.0], 1000.0, TRUE_HZ), 0.05, &mut Gauss(7));
+        let y = noisy(wave(&n, [1.0, 0.3, 0.0], 1000.0, TRUE_HZ), 0.05, &mut Random::seeded(7));
         let rate = common_rate(&packets(&[(n, y, 1000.0)]), 128.0).unwrap();
         let expected = (1.0 - 0.047) * 1536.0 / (2.0 * 0.0025);
         let found = rate.runner_up.unwrap().chi_square_excess;
@@ -473,7 +451,7 @@ mod rates {
         let thinned: Vec<u64> = (0..2000).map(|i| 48 * i + i % 7).collect();
         let bursts = counters(0..2000).into_iter().chain(90_000..92_000).collect();
         for n in [thinned, bursts] {
-            let y = noisy(wave(&n, [1.0, 0.3, 0.0], 1000.0, TRUE_HZ), 0.01, &mut Gauss(8));
+            let y = noisy(wave(&n, [1.0, 0.3, 0.0], 1000.0, TRUE_HZ), 0.01, &mut Random::seeded(8));
             for start in [128.0, TRUE_HZ * 0.99901, TRUE_HZ * 1.00037] {
                 let rate = common_rate(&packets(&[(n.clone(), y.clone(), 1000.0)]), start).unwrap();
                 assert!((rate.rate_hz - TRUE_HZ).abs() < 4.0 * rate.std_hz && rate.std_hz < 2e-7);
@@ -484,7 +462,7 @@ mod rates {
 
     #[test]
     fn clean_packets_give_every_digit() {
-        let samples = sweep(10, 1.0, 4.0, 0.0, &mut Gauss(9));
+        let samples = sweep(10, 1.0, 4.0, 0.0, &mut Random::seeded(9));
         let rate = common_rate(&packets(&samples), 128.0).unwrap();
         assert!((rate.rate_hz - TRUE_HZ).abs() < 1e-11, "{}", rate.rate_hz - TRUE_HZ);
     }
@@ -503,7 +481,7 @@ mod rates {
             assert!(matches!(common_rate(&packets(&[(n.clone(), y.clone(), 30.0)]), start), Err(RateRefusal::Start { .. })));
         }
         let empty = Packet { n: &[], y: &[], frequency_hz: 1.0 };
-        let samples = sweep(10, 10.0, 2.0, 0.05, &mut Gauss(1));
+        let samples = sweep(10, 10.0, 2.0, 0.05, &mut Random::seeded(1));
         let mut given = packets(&samples);
         given.insert(1, empty);
         let rate = common_rate(&given, 128.0).unwrap();

@@ -141,6 +141,8 @@ pub struct OffsetQuality {
     pub raw_std_ent: Option<super::Spread>,
     /// Standard deviation of a plateau mean, enT.
     pub plateau_std_ent: [f64; 3],
+    /// Plateaus minus fitted levels and responses: the degrees of freedom of the uncertainties.
+    pub plateau_degrees_of_freedom: usize,
     /// Chi-square of the visits against the model.
     pub chi_square: f64,
     /// Its degrees of freedom.
