@@ -50,6 +50,18 @@ pub fn with_uncertainty(value: f64, std: f64) -> String {
     format!("{value:+.decimals$} ± {std:.decimals$}")
 }
 
+/// The same in powers of ten, for values of any size: `-1.8018e-5 ± 1.2e-9`.
+#[must_use]
+pub fn scientific_with_uncertainty(value: f64, std: f64) -> String {
+    if !std.is_finite() || std <= 0.0 {
+        return format!("{value:.5e}");
+    }
+    // The last digit of the value stands where the second one of the uncertainty does.
+    let digits = if value == 0.0 { 0.0 } else { value.abs().log10().floor() - std.log10().floor() + 1.0 };
+    let digits = digits.clamp(0.0, 16.0) as usize;
+    format!("{value:.digits$e} ± {std:.1e}")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,5 +79,7 @@ mod tests {
         assert_eq!(with_uncertainty(0.972_339_21, 0.000_012_34), "+0.972339 ± 0.000012");
         assert_eq!(with_uncertainty(-10.561, 0.25), "-10.56 ± 0.25");
         assert_eq!(with_uncertainty(12345.0, 130.0), "+12345 ± 130");
+        assert_eq!(scientific_with_uncertainty(1.001_000_4, 1.7e-6), "1.0010004e0 ± 1.7e-6");
+        assert_eq!(scientific_with_uncertainty(-1.801_8e-5, 1.2e-7), "-1.802e-5 ± 1.2e-7");
     }
 }

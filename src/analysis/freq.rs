@@ -9,6 +9,7 @@ use crate::analysis::conditions::{self, Temperatures};
 use crate::analysis::corner::{self, Amplitude, Corner};
 use crate::campaign::Campaign;
 use crate::fit::sine::{self, CommonRate, Oscillator, Packet, Sums, Verdict};
+use crate::fit::{Limits, order, polynomial};
 use crate::formats::amplitudes::Row;
 use crate::formats::parameter::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart, RunHead};
 use crate::plateau::{Settling, median};
@@ -16,6 +17,7 @@ use crate::run::{Header, Kind, Run, Setting, Vector, VectorSink};
 use crate::units::COMPONENTS;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::f64::consts::TAU;
 use std::ops::Range;
 use thiserror::Error;
 
@@ -265,6 +267,7 @@ pub fn from_table(rows: &[Row], id: &str) -> Freq {
             b_std_ent: row.std_ent,
             phase_deg: None,
             phase_std_deg: None,
+            phase_counter: None,
             used: true,
             weight: [1.0; 3],
             // Without an uncertainty a positive amplitude is taken for one.
@@ -436,21 +439,13 @@ struct Clock {
     /// Drift of all components together, Hz/s, if there is one, and the time at which the mean holds, s after counter 0.
     drift_hz_per_s: Option<f64>,
     centre_s: f64,
+    /// Factor by which the uncertainty of each component was widened.
+    inflation: [f64; 3],
     part: ClockPart,
 }
 
 impl Clock {
     fn of(found: &[CommonRate; 3]) -> Self {
-        let rate_hz: [f64; 3] = std::array::from_fn(|i| found[i].rate_hz);
-        let std_hz: [f64; 3] = std::array::from_fn(|i| found[i].std_hz);
-        let weights = std_hz.map(|s| s.powi(-2));
-        let total: f64 = weights.iter().sum();
-        let mean = |values: [f64; 3]| (0..3).map(|i| weights[i] * values[i]).sum::<f64>() / total;
-        let mean_hz = mean(rate_hz);
-        let chi_square: f64 = (0..3).map(|i| weights[i] * (rate_hz[i] - mean_hz).powi(2)).sum();
-        let widened = crate::fit::order::excess(chi_square, 2);
-        let plain = rate_hz.iter().sum::<f64>() / 3.0;
-        let scatter_hz = (rate_hz.iter().map(|r| (r - plain).powi(2)).sum::<f64>() / 2.0).sqrt();
         let drift =
             |get: fn(&sine::Drift) -> f64| -> [f64; 3] { std::array::from_fn(|i| found[i].drift.as_ref().map_or(f64::NAN, get)) };
         let (drift_hz_per_s, drift_std) = (drift(|d| d.hz_per_s), drift(|d| d.std_hz_per_s));
@@ -459,12 +454,27 @@ impl Clock {
         let common =
             (0..3).filter(|i| drift_weights[*i] > 0.0).map(|i| drift_weights[i] * drift_hz_per_s[i]).sum::<f64>() / drift_total;
         let drift_is_significant = drift_total > 0.0 && common.abs() * drift_total.sqrt() > DRIFTS;
-        // The rate holds for the time around which the information of the packets is balanced.
+        // The rates hold for the time around which the information of the packets is balanced.
         let informed = found.iter().flat_map(|f| &f.packets).filter(|p| p.verdict == Verdict::Used && p.std_hz > 0.0);
         let (sum, weight) = informed.fold((0.0, 0.0), |(sum, weight), p| {
             let w = p.std_hz.powi(-2);
             (sum + w * p.time_s, weight + w)
         });
+        let centre_s = if weight > 0.0 { sum / weight } else { 0.0 };
+        let at_centre: [Option<(f64, f64, f64)>; 3] =
+            std::array::from_fn(|i| if drift_is_significant { line_at(&found[i], centre_s) } else { None });
+        let of = |i: usize| at_centre[i].unwrap_or((found[i].rate_hz, found[i].std_hz, found[i].inflation));
+        let rate_hz: [f64; 3] = std::array::from_fn(|i| of(i).0);
+        let std_hz: [f64; 3] = std::array::from_fn(|i| of(i).1);
+        let inflation: [f64; 3] = std::array::from_fn(|i| of(i).2);
+        let weights = std_hz.map(|s| s.powi(-2));
+        let total: f64 = weights.iter().sum();
+        let mean = |values: [f64; 3]| (0..3).map(|i| weights[i] * values[i]).sum::<f64>() / total;
+        let mean_hz = mean(rate_hz);
+        let chi_square: f64 = (0..3).map(|i| weights[i] * (rate_hz[i] - mean_hz).powi(2)).sum();
+        let widened = order::excess(chi_square, 2);
+        let plain = rate_hz.iter().sum::<f64>() / 3.0;
+        let scatter_hz = (rate_hz.iter().map(|r| (r - plain).powi(2)).sum::<f64>() / 2.0).sqrt();
         let rival =
             found.iter().filter_map(|f| f.runner_up.as_ref()).min_by(|a, b| a.chi_square_excess.total_cmp(&b.chi_square_excess));
         Self {
@@ -475,8 +485,10 @@ impl Clock {
             scatter_hz,
             disagree: widened > 1.0,
             drift_hz_per_s: drift_is_significant.then_some(common),
-            centre_s: if weight > 0.0 { sum / weight } else { 0.0 },
+            centre_s,
+            inflation,
             part: ClockPart {
+                reference_s: drift_is_significant.then_some(centre_s),
                 drift_hz_per_s,
                 drift_std_hz_per_s: drift_std,
                 drift_is_significant,
@@ -493,7 +505,7 @@ impl Clock {
 
     fn remarks(&self, found: &[CommonRate; 3], settings: &[Setting]) -> Vec<String> {
         let mut remarks = Vec::new();
-        for (component, rate) in COMPONENTS.into_iter().zip(found) {
+        for ((component, rate), inflation) in COMPONENTS.into_iter().zip(found).zip(self.inflation) {
             if let Some(rival) = rate.runner_up.as_ref().filter(|r| r.chi_square_excess < AMBIGUOUS) {
                 remarks.push(format!(
                     "the sampling frequency of {component} is ambiguous: {:.5} Hz describes the data almost as well (chi-square {:.1} more)",
@@ -513,11 +525,11 @@ impl Clock {
                     apart.join(", ")
                 ));
             }
-            if rate.inflation > 1.0 {
+            if inflation > 1.0 {
                 remarks.push(format!(
                     "the sampling frequencies that the settings give for {component} scatter by {:.1} times what their noise lets expect; its \
                      uncertainty was widened by it",
-                    rate.inflation
+                    inflation
                 ));
             }
         }
@@ -526,13 +538,26 @@ impl Clock {
         }
         if let Some(drift) = self.drift_hz_per_s {
             remarks.push(format!(
-                "the sampling frequency drifts by {drift:+.2e} Hz/s; the value given holds {:.0} s after sample counter 0, and amplitudes take the \
+                "the sampling frequency drifts by {drift:+.2e} Hz/s; the value given holds {:.3} s after sample counter 0, and amplitudes take the \
                  drift into account",
                 self.centre_s
             ));
         }
         remarks
     }
+}
+
+/// The rate at a time, its standard uncertainty and the factor by which that was widened, from a straight line through the rates of
+/// the packets; `None` where they do not determine one.
+fn line_at(rate: &CommonRate, time_s: f64) -> Option<(f64, f64, f64)> {
+    let used: Vec<_> = rate.packets.iter().filter(|p| p.verdict == Verdict::Used && p.std_hz > 0.0).collect();
+    let x: Vec<f64> = used.iter().map(|p| p.time_s - time_s).collect();
+    let y: Vec<f64> = used.iter().map(|p| p.rate_hz - rate.rate_hz).collect();
+    let weights: Vec<f64> = used.iter().map(|p| p.std_hz.powi(-2)).collect();
+    let line = polynomial::fit(&x, &y, Some(&weights), 1, &Limits::default()).ok()?;
+    let chi_square: f64 = line.residuals.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
+    let inflation = order::excess(chi_square, line.dof);
+    Some((rate.rate_hz + line.coefficients[0], inflation * line.unscaled_covariance[(0, 0)].sqrt(), inflation))
 }
 
 /// Amplitude and phase of one setting.
@@ -544,6 +569,7 @@ fn amplitude(tone: &Tone, record: &Record, clock: &Clock) -> AmplitudePart {
         b_std_ent: [f64::NAN; 3],
         phase_deg: None,
         phase_std_deg: None,
+        phase_counter: None,
         used: false,
         weight: [0.0; 3],
         detected: [false; 3],
@@ -561,6 +587,9 @@ fn amplitude(tone: &Tone, record: &Record, clock: &Clock) -> AmplitudePart {
     }
     let rate_hz = clock.at(0.5 * (first + last));
     let n = &record.n[used.clone()];
+    // In the middle of the stretch the phase is seen, elsewhere it depends on the sampling frequency.
+    let middle = n[n.len() / 2];
+    let turned = sine::phase(frequency_hz, rate_hz, middle);
     let (mut phase_deg, mut phase_std_deg) = ([f64::NAN; 3], [f64::NAN; 3]);
     for i in 0..3 {
         let fit = match sine::three(n, &record.y[i][used.clone()], frequency_hz, rate_hz) {
@@ -575,18 +604,24 @@ fn amplitude(tone: &Tone, record: &Record, clock: &Clock) -> AmplitudePart {
         part.b_std_ent[i] = std;
         part.detected[i] = fit.amplitude > DETECTED * std;
         if part.detected[i] {
-            phase_deg[i] = fit.phase_rad.to_degrees();
+            let phase = (fit.phase_rad + turned) / TAU;
+            phase_deg[i] = 360.0 * (phase - phase.round());
             phase_std_deg[i] = (std / fit.amplitude).to_degrees();
         }
     }
     let cycles = frequency_hz / rate_hz;
     part.alias_hz = Some((cycles - cycles.round()).abs() * rate_hz);
+    part.phase_counter = Some(middle);
     part.phase_deg = Some(phase_deg);
     part.phase_std_deg = Some(phase_std_deg);
     part.used_s = Some([*first, *last]);
     part.samples = Some(used.len() as u64);
     part.used = true;
     part
+}
+
+fn add_remark(part: &mut AmplitudePart, remark: String) {
+    part.remark = if part.remark.is_empty() { remark } else { format!("{}; {remark}", part.remark) };
 }
 
 /// Fits the response to the amplitudes.
@@ -614,9 +649,7 @@ fn respond(mut measured: Vec<AmplitudePart>, run: RunHead, mut warnings: Vec<Str
         let silent: Vec<&str> =
             (0..3).filter(|i| part.b_ent[*i].is_finite() && !part.detected[*i]).map(|i| COMPONENTS[i]).collect();
         if !silent.is_empty() {
-            let remark = format!("not detected in {}", silent.join(", "));
-            part.remark =
-                [part.remark.as_str(), &remark].iter().filter(|r| !r.is_empty()).copied().collect::<Vec<_>>().join("; ");
+            add_remark(part, format!("not detected in {}", silent.join(", ")));
         }
     }
     for (name, component) in COMPONENTS.into_iter().zip(&corner.components) {

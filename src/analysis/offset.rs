@@ -266,6 +266,7 @@ impl Offset {
             offset_nt: times(p.offset_ent),
             offset_std_nt: times(p.offset_std_ent),
             residual_nt: times(p.residual_ent),
+            residual_std_nt: times(p.residual_std_ent),
         });
     }
 }

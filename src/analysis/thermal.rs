@@ -3,7 +3,7 @@
 use crate::analysis::joint::{self, Joint, JointError, JointPlateau, JointRun};
 use crate::analysis::lin::Lin;
 use crate::fit::order::{self, Chosen, Reason};
-use crate::fit::{FitError, Limits};
+use crate::fit::{FitError, Limits, NORMAL_95, student_95};
 use crate::formats::campaign::{MOST_THERMAL_ORDER, ThermalEntry};
 use crate::formats::parameter::{
     Body, JointPart, ModelError, Point, QuantityPart, ResidualField, Rotation, Taf, ThermalConvention, ThermalHead, Tof, Tpf,
@@ -68,12 +68,10 @@ impl Kind {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ThermalError {
     /// Not enough to compare.
-    #[error("{sensor} {mode}: {count} {kind} runs at {temperatures} different temperatures; polynomials need two")]
+    #[error(
+        "the number of {kind} runs with a temperature is {count}, of different temperatures {temperatures}; polynomials need two"
+    )]
     TooFew {
-        /// Sensor.
-        sensor: String,
-        /// Mode.
-        mode: String,
         /// What the runs are.
         kind: &'static str,
         /// Runs with a temperature.
@@ -82,12 +80,8 @@ pub enum ThermalError {
         temperatures: usize,
     },
     /// A polynomial cannot be fitted.
-    #[error("{sensor} {mode}, {quantity}: {error}")]
+    #[error("{quantity}: {error}")]
     Fit {
-        /// Sensor.
-        sensor: String,
-        /// Mode.
-        mode: String,
         /// Quantity.
         quantity: String,
         /// Why.
@@ -122,6 +116,8 @@ pub struct Curve {
     pub runs: Vec<usize>,
     /// Temperature, value and standard uncertainty (nan if not known) of those runs.
     pub points: Vec<[f64; 3]>,
+    /// Standard uncertainties that make an interval of 95 %.
+    pub factor_95: f64,
     /// Coefficients of the polynomial, lowest order first.
     pub coefficients: Vec<f64>,
     /// Temperature, value and standard uncertainty of the polynomial at even steps over its range.
@@ -174,6 +170,8 @@ pub struct Thermal {
     pub curves: Vec<Curve>,
 }
 
+/// Runs within this range are at one temperature, °C.
+const SAME_DEGC: f64 = 0.5;
 /// Points of a band.
 const BAND: usize = 121;
 
@@ -198,11 +196,12 @@ pub fn groups(points: &[Point], entries: &[ThermalEntry], orders: &[(String, usi
             points,
         };
         if entries.is_empty() {
-            groups.push(group(orders.to_vec(), own().map(|p| (*p).clone()).collect()));
+            groups.push(group(orders.iter().rev().cloned().collect(), own().map(|p| (*p).clone()).collect()));
         }
         for entry in entries {
             let listed = |p: &&&Point| entry.runs.as_ref().is_none_or(|runs| runs.contains(&p.run.id));
-            let all = orders.iter().cloned().chain(entry.orders.iter().map(|(name, order)| (name.clone(), *order as usize)));
+            let all =
+                orders.iter().rev().cloned().chain(entry.orders.iter().map(|(name, order)| (name.clone(), *order as usize)));
             groups.push(group(all.collect(), own().filter(listed).map(|p| (*p).clone()).collect()));
         }
     }
@@ -252,24 +251,22 @@ struct Quantity {
 pub fn thermal(group: &Group, kind: Kind, runs: &[&Lin], with_joint: bool) -> Result<Thermal, ThermalError> {
     let (points, mut warnings) = group.of_kind(kind);
     let temperatures: Vec<f64> = points.iter().filter_map(|p| p.run.temperature_degc).collect();
-    let mut different = temperatures.clone();
-    different.sort_by(f64::total_cmp);
-    different.dedup();
-    if different.len() < 2 {
-        return Err(ThermalError::TooFew {
-            sensor: group.sensor.clone(),
-            mode: group.mode.clone(),
-            kind: kind.name(),
-            count: points.len(),
-            temperatures: different.len(),
-        });
+    let different = different_temperatures(&temperatures);
+    if different < 2 {
+        return Err(ThermalError::TooFew { kind: kind.name(), count: points.len(), temperatures: different });
     }
-    let valid_degc = [different[0], different[different.len() - 1]];
-    let corner_of_model = points.iter().all(|p| has_model(&p.values));
+    let without_model: Vec<&str> = points.iter().filter(|p| !has_model(&p.values)).map(|p| p.file.as_str()).collect();
+    let corner_of_model = without_model.is_empty();
+    if kind == Kind::Freq && !corner_of_model && without_model.len() < points.len() {
+        warnings.push(format!(
+            "f_3dB by interpolation (igep) is used for all runs: {} hold none of a model",
+            without_model.join(", ")
+        ));
+    }
     let mut curves = Vec::new();
     let mut fitted = Vec::new();
     for quantity in quantities(&points, kind, corner_of_model) {
-        match fit(group, &quantity, &temperatures, valid_degc, &mut warnings)? {
+        match fit(group, &quantity, &points, &temperatures, &mut warnings)? {
             Some((curve, part, polynomial)) => {
                 curves.push(curve);
                 fitted.push((part, polynomial));
@@ -292,8 +289,13 @@ pub fn thermal(group: &Group, kind: Kind, runs: &[&Lin], with_joint: bool) -> Re
         None
     };
     for (curve, polynomial) in curves.iter_mut().zip(joint.iter().flat_map(|j| &j.polynomials)) {
-        curve.joint = band(valid_degc, |t| polynomial.evaluate(t));
+        curve.joint = band(polynomial.valid_degc, |t| polynomial.evaluate(t));
     }
+    // Where all polynomials of the file hold.
+    let valid_degc = fitted.iter().fold([f64::NEG_INFINITY, f64::INFINITY], |[low, high], (part, _)| {
+        [low.max(part.valid_degc[0]), high.min(part.valid_degc[1])]
+    });
+    let residual_field = residual_field(&points, &mut warnings);
     let head = ThermalHead {
         used: points.iter().map(|p| p.file.clone()).collect(),
         channel: channels.first().map_or_else(|| "not stated".to_owned(), |c| (*c).to_owned()),
@@ -328,7 +330,7 @@ pub fn thermal(group: &Group, kind: Kind, runs: &[&Lin], with_joint: bool) -> Re
             b_off_x: coefficients("b_off_x"),
             b_off_y: coefficients("b_off_y"),
             b_off_z: coefficients("b_off_z"),
-            residual_field: residual_field(&points),
+            residual_field,
             head,
         })),
         Kind::Freq => {
@@ -360,7 +362,22 @@ pub fn thermal(group: &Group, kind: Kind, runs: &[&Lin], with_joint: bool) -> Re
 }
 
 fn has_model(values: &Values) -> bool {
-    matches!(values, Values::Freq { model_hz: Some(hz), .. } if hz.iter().all(|v| v.is_finite()))
+    matches!(values, Values::Freq { model_hz: Some(hz), .. } if hz.iter().any(|v| v.is_finite()))
+}
+
+/// Number of temperatures that differ by more than runs at one temperature do.
+fn different_temperatures(temperatures_degc: &[f64]) -> usize {
+    let mut sorted = temperatures_degc.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let mut last = f64::NEG_INFINITY;
+    sorted
+        .into_iter()
+        .filter(|t| {
+            let new = *t > last + SAME_DEGC;
+            last = if new { *t } else { last };
+            new
+        })
+        .count()
 }
 
 /// Value and standard uncertainty of the three components of a family in one run.
@@ -417,8 +434,8 @@ type Fitted = (Curve, QuantityPart, TemperaturePolynomial);
 fn fit(
     group: &Group,
     quantity: &Quantity,
+    points: &[&Point],
     temperatures: &[f64],
-    valid_degc: [f64; 2],
     warnings: &mut Vec<String>,
 ) -> Result<Option<Fitted>, ThermalError> {
     let runs: Vec<usize> = (0..temperatures.len()).filter(|i| quantity.values[*i].0.is_finite()).collect();
@@ -430,20 +447,31 @@ fn fit(
     if !known && std.iter().any(usable) {
         warnings.push(format!("{}: not all runs state an uncertainty; all count alike", quantity.name));
     }
+    let different = different_temperatures(&x);
+    if different < 2 && quantity.may_be_missing {
+        return Ok(None);
+    }
     let wanted = group.order(&quantity.name);
-    let chosen =
-        match order::choose(&x, &y, known.then_some(std.as_slice()), MOST_THERMAL_ORDER as usize, wanted, &Limits::default()) {
-            Ok(chosen) => chosen,
-            Err(_) if quantity.may_be_missing && x.len() < 2 => return Ok(None),
-            Err(error) => {
-                return Err(ThermalError::Fit {
-                    sensor: group.sensor.clone(),
-                    mode: group.mode.clone(),
-                    quantity: quantity.name.clone(),
-                    error,
-                });
-            }
-        };
+    let highest = (MOST_THERMAL_ORDER as usize).min(different.saturating_sub(1));
+    let chosen = match wanted {
+        Some(order) if order > highest => Err(FitError::TooFewPoints { order, distinct: different }),
+        wanted => order::choose(&x, &y, known.then_some(std.as_slice()), highest, wanted, &Limits::default()),
+    }
+    .map_err(|error| ThermalError::Fit { quantity: quantity.name.clone(), error })?;
+    let valid_degc = [x.iter().copied().fold(f64::INFINITY, f64::min), x.iter().copied().fold(f64::NEG_INFINITY, f64::max)];
+    if runs.len() < points.len() {
+        warnings.push(format!(
+            "{}: {} of {} runs determine it, {:.1} to {:.1} °C",
+            quantity.name,
+            runs.len(),
+            points.len(),
+            valid_degc[0],
+            valid_degc[1]
+        ));
+    }
+    // Uncertainties that the scatter of a few runs tells want wider intervals than known ones.
+    let degrees_of_freedom = chosen.polynomial.dof;
+    let factor_95 = if known && chosen.inflation == 1.0 { NORMAL_95 } else { student_95(degrees_of_freedom) };
     let polynomial = TemperaturePolynomial {
         coefficients: chosen.polynomial.coefficients.clone(),
         covariance: finite(&chosen.covariance),
@@ -460,6 +488,10 @@ fn fit(
     let part = QuantityPart {
         name: quantity.name.clone(),
         unit: quantity.unit.to_owned(),
+        runs: runs.iter().map(|i| points[*i].run.id.clone()).collect(),
+        valid_degc,
+        degrees_of_freedom,
+        factor_95,
         order: chosen.order,
         order_by: how(&chosen).to_owned(),
         aicc: chosen.candidates.iter().map(|c| c.aicc.unwrap_or(f64::NAN)).collect(),
@@ -477,6 +509,7 @@ fn fit(
         unit: quantity.unit,
         points: (0..x.len()).map(|i| [x[i], y[i], if known { std[i] } else { f64::NAN }]).collect(),
         runs,
+        factor_95,
         coefficients: polynomial.coefficients.clone(),
         band: band(valid_degc, |t| chosen.evaluate(t)),
         joint: Vec::new(),
@@ -530,21 +563,32 @@ fn rotation(points: &[&Point]) -> Rotation {
     Rotation { lambda_x_deg: angle(0), mu_y_deg: angle(1), nu_z_deg: angle(2), initial }
 }
 
-fn residual_field(points: &[&Point]) -> ResidualField {
-    let component = |i: usize| {
-        points
-            .iter()
-            .map(|p| match &p.values {
-                Values::Offset { residual_ent, .. } => residual_ent[i],
-                _ => f64::NAN,
-            })
-            .collect()
+fn residual_field(points: &[&Point], warnings: &mut Vec<String>) -> ResidualField {
+    let of = |point: &&Point| match &point.values {
+        Values::Offset { residual_ent, residual_std, seen_along, .. } => (*residual_ent, *residual_std, seen_along.clone()),
+        _ => ([f64::NAN; 3], [f64::NAN; 3], Vec::new()),
     };
-    let seen_along = points.first().map_or_else(Vec::new, |p| match &p.values {
-        Values::Offset { seen_along, .. } => seen_along.clone(),
-        _ => Vec::new(),
-    });
-    ResidualField { x_ent: component(0), y_ent: component(1), z_ent: component(2), seen_along }
+    let all: Vec<([f64; 3], [f64; 3], Vec<String>)> = points.iter().map(of).collect();
+    let seen_along = all.first().map_or_else(Vec::new, |(.., axes)| axes.clone());
+    let other: Vec<&str> =
+        points.iter().zip(&all).filter(|(_, (.., axes))| *axes != seen_along).map(|(p, _)| p.run.id.as_str()).collect();
+    if !other.is_empty() {
+        warnings.push(format!(
+            "the residual field of {} was seen along other coil axes than in the first run: its components do not compare",
+            other.join(", ")
+        ));
+    }
+    let value = |i: usize| all.iter().map(|(v, ..)| v[i]).collect();
+    let std = |i: usize| all.iter().map(|(_, s, _)| s[i]).collect();
+    ResidualField {
+        x_ent: value(0),
+        y_ent: value(1),
+        z_ent: value(2),
+        x_std_ent: std(0),
+        y_std_ent: std(1),
+        z_std_ent: std(2),
+        seen_along,
+    }
 }
 
 /// Applied field minus modelled measurement with the polynomials in place of the run's own sensitivities and angles; `None` unless all
@@ -581,7 +625,12 @@ fn model_error(points: &[&Point], runs: &[&Lin], fitted: &[(QuantityPart, Temper
 }
 
 /// The joint fit of the runs of a group, started at the two-step result.
-fn joint_fit(points: &[&Point], runs: &[&Lin], fitted: &[(QuantityPart, TemperaturePolynomial)]) -> Result<Joint, JointError> {
+fn joint_fit(points: &[&Point], runs: &[&Lin], fitted: &[(QuantityPart, TemperaturePolynomial)]) -> Result<Joint, String> {
+    let at_hand = |point: &&&Point| runs.iter().any(|lin| lin.parameters.run.id == point.run.id);
+    let missing: Vec<&str> = points.iter().filter(|p| !at_hand(p)).map(|p| p.file.as_str()).collect();
+    if !missing.is_empty() {
+        return Err(format!("the plateaus of {} are not at hand; name the runs in place of the files", missing.join(", ")));
+    }
     let runs: Vec<JointRun> = points
         .iter()
         .filter_map(|point| runs.iter().find(|lin| lin.parameters.run.id == point.run.id))
@@ -612,7 +661,7 @@ fn joint_fit(points: &[&Point], runs: &[&Lin], fitted: &[(QuantityPart, Temperat
     let start: [Vec<f64>; 6] = std::array::from_fn(|i| {
         fitted.iter().find(|(part, _)| part.name == joint::QUANTITIES[i]).map_or_else(Vec::new, |(_, p)| p.coefficients.clone())
     });
-    joint::joint(&runs, &start, &Limits::default())
+    joint::joint(&runs, &start, &Limits::default()).map_err(|e: JointError| e.to_string())
 }
 
 /// A slow channel at a time, straight between its readings and constant beyond them.

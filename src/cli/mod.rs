@@ -201,6 +201,6 @@ fn report_failures(terminal: &Terminal, failures: &[(String, Failure)], total: u
     }
     if !failures.is_empty() && total > 1 {
         let names: Vec<&str> = failures.iter().map(|(name, _)| name.as_str()).collect();
-        terminal.error(&format!("{} of {total} runs failed: {}", failures.len(), names.join(", ")));
+        terminal.error(&format!("{} of {total} failed: {}", failures.len(), names.join(", ")));
     }
 }

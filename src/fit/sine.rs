@@ -103,8 +103,8 @@ pub enum SineRefusal {
     },
     /// The samples show the sine as a constant, or as one that changes its sign with every sample.
     #[error(
-        "{frequency_hz} Hz at {rate_hz} samples per second looks like {alias_hz:.6} Hz, {cycles:.3} cycles over the samples away \
-         from {limit_hz} Hz: sine and cosine cannot be told apart"
+        "{frequency_hz} Hz at {rate_hz:.6} samples per second looks like {alias_hz:.6} Hz, {cycles:.3} cycles over the samples away \
+         from {limit_hz:.6} Hz: sine and cosine cannot be told apart"
     )]
     Alias {
         /// Frequency, Hz.

@@ -49,9 +49,11 @@ fn zero_levels(offset: &Offset, id: &str, time: TimeAxis) -> Figure {
     let p = &offset.parameters;
     Figure {
         title: format!("Readings at zero applied field, run {id}"),
-        caption: "Zero level of every position with its standard uncertainty, and the offset of the sensor. Of a turned pair the levels lie \
-                  as far above as below the offset: by the residual field of the coil system."
-            .to_owned(),
+        caption: format!(
+            "Zero level in positions {} in turn, with standard uncertainty, and the offset of the sensor. The levels of a component in its \
+             normal and its turned position lie as far above as below the offset: by the residual field of the coil system.",
+            p.visit.iter().map(|v| v.position.to_string()).collect::<Vec<_>>().join(", ")
+        ),
         x_label: time.label.to_owned(),
         x_scale: Scale::Linear,
         panels: panels(|axis| {

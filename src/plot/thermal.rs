@@ -45,8 +45,11 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
                     head,
                     &format!("Residual field of the coil system, {of}"),
                     &format!("Along the sensor axes in their normal position, not in coil coordinates.{seen}"),
-                    [("x", &field.x_ent), ("y", &field.y_ent), ("z", &field.z_ent)]
-                        .map(|(name, v)| (format!("{name} residual field, enT"), v.as_slice())),
+                    [
+                        ("x residual field, enT", &field.x_ent, &field.x_std_ent),
+                        ("y residual field, enT", &field.y_ent, &field.y_std_ent),
+                        ("z residual field, enT", &field.z_ent, &field.z_std_ent),
+                    ],
                 ),
             });
         }
@@ -89,7 +92,10 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
 }
 
 fn temperature_label(head: &ThermalHead) -> String {
-    format!("sensor temperature {}, °C", head.channel)
+    match head.channel.as_str() {
+        "not stated" => "sensor temperature, °C".to_owned(),
+        channel => format!("sensor temperature {channel}, °C"),
+    }
 }
 
 /// Hours between the first run and every run, if the run ids tell.
@@ -167,7 +173,9 @@ fn polynomials(curves: &[&Curve], head: &ThermalHead, title: &str, symbol: &str)
                     Series {
                         label: "95 % band".to_owned(),
                         style,
-                        marks: Marks::Ribbon(curve.band.iter().map(|[t, v, s]| (*t, v - 1.96 * s, v + 1.96 * s)).collect()),
+                        marks: Marks::Ribbon(
+                            curve.band.iter().map(|[t, v, s]| (*t, v - curve.factor_95 * s, v + curve.factor_95 * s)).collect(),
+                        ),
                     },
                     Series {
                         label: String::new(),
@@ -260,26 +268,28 @@ fn model_errors(tpf: &Tpf, of: &str) -> Option<Figure> {
 
 fn rotation(tpf: &Tpf, of: &str) -> Figure {
     let r = &tpf.rotation;
+    let unknown = vec![f64::NAN; tpf.head.runs.len()];
     against_temperature(
         &tpf.head,
         &format!("Rotation of the sensor, {of}"),
         "Angle between each real and nominal sensor axis. A change with temperature is the mount's, a step one of handling.",
-        [("λ_x", &r.lambda_x_deg), ("μ_y", &r.mu_y_deg), ("ν_z", &r.nu_z_deg)]
-            .map(|(name, v)| (format!("{name}, °"), v.as_slice())),
+        [("λ_x, °", &r.lambda_x_deg, &unknown), ("μ_y, °", &r.mu_y_deg, &unknown), ("ν_z, °", &r.nu_z_deg, &unknown)],
     )
 }
 
-fn against_temperature(head: &ThermalHead, title: &str, caption: &str, values: [(String, &[f64]); 3]) -> Figure {
+/// Three quantities with their standard uncertainties, nan where not known, against the temperature of the runs.
+fn against_temperature(head: &ThermalHead, title: &str, caption: &str, values: [(&str, &Vec<f64>, &Vec<f64>); 3]) -> Figure {
     Figure {
         title: title.to_owned(),
         caption: caption.to_owned(),
         x_label: temperature_label(head),
         x_scale: Scale::Linear,
         panels: panels(|i| {
-            let (label, values) = &values[i];
-            let points = head.temperature_degc.iter().zip(*values).map(|(t, v)| (*t, *v, None)).collect();
+            let (label, values, std) = values[i];
+            let points = head.temperature_degc.iter().zip(values.iter().zip(std));
+            let points = points.map(|(t, (v, s))| (*t, *v, s.is_finite().then_some(*s))).collect();
             Panel {
-                y_label: label.clone(),
+                y_label: label.to_owned(),
                 y_scale: Scale::Linear,
                 series: vec![Series { label: SENSOR[i].to_owned(), style: STYLES[i], marks: Marks::Points(points) }],
                 bands: vec![],

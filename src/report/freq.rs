@@ -70,8 +70,8 @@ fn corner(out: &mut String, p: &Fpf, head: &str) {
     }
     let _ = writeln!(
         out,
-        "{head} -3 dB corner frequency\n\n{}\nigep: straight line in level against frequency between the neighbours of -3 dB below the largest \
-         amplitude. model: -3 dB below the DC gain of the response fitted to all amplitudes.\n",
+        "{head} -3 dB corner frequency\n\n{}\nigep: straight line in level against frequency between the neighbours of -3.000 dB below the largest \
+         amplitude. model: where the response fitted to all amplitudes is 1/√2 of its DC gain (-3.0103 dB).\n",
         table(&rows)
     );
 }
@@ -196,6 +196,7 @@ pub fn amplitude_table(freq: &Freq) -> crate::formats::table::Table {
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
         table.push(&format!("weight_{axis}"), numbers(&|a| a.weight[i]));
     }
+    table.push("phase_counter", Values::Counts(rows.iter().map(|a| a.phase_counter.unwrap_or_default()).collect()));
     table.push("alias_hz", numbers(&|a| a.alias_hz.unwrap_or(f64::NAN)));
     table.push("used_from_s", numbers(&|a| a.used_s.map_or(f64::NAN, |s| s[0])));
     table.push("used_to_s", numbers(&|a| a.used_s.map_or(f64::NAN, |s| s[1])));

@@ -1,6 +1,6 @@
 //! The report of an offset measurement: the blocks of BC-MAG-TR-0085 section 3.4.2 in their order.
 
-use super::{not_used, number, remarks, run_line, table, triple, used_file, value};
+use super::{not_used, remarks, run_line, table, triple, used_file, value};
 use crate::analysis::offset::Offset;
 use crate::formats::parameter::{Body, Opf};
 use crate::units::{COMPONENTS, with_uncertainty};
@@ -29,13 +29,12 @@ pub fn sections(offset: &Offset, level: usize) -> String {
 }
 
 fn parameters(out: &mut String, p: &Opf, head: &str) {
-    let mut rows = vec![["component", "offset, enT", "standard uncertainty, enT", "positions"].map(str::to_owned).to_vec()];
+    let mut rows = vec![["component", "offset, enT ± standard uncertainty", "positions"].map(str::to_owned).to_vec()];
     for i in 0..3 {
         let positions: Vec<String> = p.method.positions[i].iter().map(u32::to_string).collect();
         rows.push(vec![
             MEASURED[i].to_owned(),
-            number(p.offset_ent[i], 3),
-            number(p.offset_std_ent[i], 4),
+            value(p.offset_ent[i], p.offset_std_ent[i]),
             if positions.is_empty() {
                 "none".to_owned()
             } else {
@@ -50,17 +49,16 @@ fn parameters(out: &mut String, p: &Opf, head: &str) {
             rows.push(vec![
                 MEASURED[i].to_owned(),
                 value(scaled.offset_nt[i], scaled.offset_std_nt[i]),
-                number(scaled.residual_nt[i], 3),
+                value(scaled.residual_nt[i], scaled.residual_std_nt[i]),
             ]);
         }
         let _ = writeln!(out, "With the sensitivities of `{}`:\n\n{}", scaled.cpf, table(&rows));
     }
-    let mut rows = vec![["component", "B_res, enT", "standard uncertainty, enT", "seen along"].map(str::to_owned).to_vec()];
+    let mut rows = vec![["component", "B_res, enT ± standard uncertainty", "seen along"].map(str::to_owned).to_vec()];
     for i in 0..3 {
         rows.push(vec![
             MEASURED[i].to_owned(),
-            number(p.residual_ent[i], 3),
-            number(p.residual_std_ent[i], 4),
+            value(p.residual_ent[i], p.residual_std_ent[i]),
             format!("{}_m = {}_c", MEASURED[i], p.method.normal_axis[i]),
         ]);
     }
@@ -116,13 +114,14 @@ fn quality(out: &mut String, p: &Opf, head: &str) {
         out,
         "{head} Quality\n\n{} of {} blocks used, {} samples lost. {samples} Standard deviation of a plateau mean {} enT. The zero levels of the \
          visits have chi-square {:.1} with {} degrees of freedom against one offset and one residual field. Standard uncertainties \
-         (coverage factor 1), type A only.\n",
+         (coverage factor 1), type A only, from {} degrees of freedom of the plateau means.\n",
         q.blocks_used,
         q.blocks_total,
         q.lost_samples,
         scatter.join(", "),
         q.chi_square,
-        q.degrees_of_freedom
+        q.degrees_of_freedom,
+        q.plateau_degrees_of_freedom
     );
 }
 

@@ -55,6 +55,7 @@ impl RunLine {
     #[must_use]
     pub fn of(run: &Run) -> Self {
         let ends = run.settings.iter().map(|s| s.t_end_s).chain(run.blocks.iter().map(|b| b.setting.t_end_s));
+        let ends = ends.chain(run.scalar.iter().map(|s| s.t_s));
         let duration_s = ends.chain(run.vectors.span_s.map(|s| s[1])).fold(0.0, f64::max);
         let temperatures = run
             .temperatures

@@ -3,7 +3,7 @@
 use super::{degc, number, remarks, table};
 use crate::analysis::thermal::{File, Kind, Thermal};
 use crate::formats::parameter::{QuantityPart, ThermalHead, Tpf};
-use crate::units::{degrees_minutes_seconds, with_uncertainty};
+use crate::units::{degrees_minutes_seconds, scientific_with_uncertainty, with_uncertainty};
 use std::fmt::Write;
 
 /// Title of a section on one kind of runs.
@@ -135,13 +135,10 @@ fn family(out: &mut String, thermal: &Thermal, family: &str, title: &str, units:
         let covariance = h.covariance.get(&q.name).map(Vec::as_slice).unwrap_or_default();
         let mut row = vec![q.name.clone()];
         for k in 0..=most {
-            row.push(match coefficients(thermal, &q.name).get(k) {
-                None => String::new(),
-                Some(value) => match covariance.get(k).and_then(|r| r.get(k)) {
-                    Some(variance) if *variance > 0.0 => format!("{value:.5e} ± {:.1e}", variance.sqrt()),
-                    _ => format!("{value:.5e}"),
-                },
-            });
+            row.push(coefficients(thermal, &q.name).get(k).map_or_else(String::new, |value| {
+                let variance = covariance.get(k).and_then(|r| r.get(k)).copied().unwrap_or(f64::NAN);
+                scientific_with_uncertainty(*value, variance.sqrt())
+            }));
         }
         rows.push(row);
     }
@@ -172,18 +169,29 @@ fn family(out: &mut String, thermal: &Thermal, family: &str, title: &str, units:
 }
 
 fn quality(out: &mut String, h: &ThermalHead, head: &str) {
-    let mut rows =
-        vec![["quantity", "unit", "smallest error", "largest error", "uncertainty widened by"].map(str::to_owned).to_vec()];
+    let mut rows = vec![
+        ["quantity", "unit", "runs", "valid, °C", "smallest error", "largest error", "widened by", "95 % factor"]
+            .map(str::to_owned)
+            .to_vec(),
+    ];
     for q in &h.quantity {
         rows.push(vec![
             q.name.clone(),
             q.unit.clone(),
+            q.runs.len().to_string(),
+            format!("{:.1} to {:.1}", q.valid_degc[0], q.valid_degc[1]),
             format!("{:.2e}", q.min_error),
             format!("{:.2e}", q.max_error),
             format!("{:.1}", q.widened),
+            if q.factor_95.is_finite() { format!("{:.2}", q.factor_95) } else { "-".to_owned() },
         ]);
     }
-    let _ = writeln!(out, "{head} Model quality\n\nValue of a run minus polynomial:\n\n{}", table(&rows));
+    let _ = writeln!(
+        out,
+        "{head} Model quality\n\nValue of a run minus polynomial. An interval of 95 % is the standard uncertainty times the factor, which is \
+         larger where the scatter of a few runs told the uncertainty:\n\n{}",
+        table(&rows)
+    );
 }
 
 fn model_error(out: &mut String, tpf: &Tpf) {
@@ -216,8 +224,8 @@ fn joint(out: &mut String, thermal: &Thermal, tpf: &Tpf, head: &str) {
             rows.push(vec![
                 name.clone(),
                 k.to_string(),
-                format!("{two:.5e} ± {std_two:.1e}"),
-                format!("{value:.5e} ± {std_joint:.1e}"),
+                scientific_with_uncertainty(two, std_two),
+                scientific_with_uncertainty(*value, std_joint),
                 format!("{:+.1}", (value - two) / std_joint),
             ]);
         }

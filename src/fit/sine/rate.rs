@@ -6,6 +6,8 @@
 
 use std::f64::consts::TAU;
 
+use crate::fit::order::excess;
+
 use super::{Fit, Oscillator, SineRefusal, Turn, check, local_noise_std, stretch};
 
 /// Relative range of the search around the start value.
@@ -41,8 +43,6 @@ const PROFILE_STEPS: usize = 4;
 const DISAGREES: f64 = 5.0;
 /// Median of the magnitude of a standard Gaussian.
 const MEDIAN_MAGNITUDE: f64 = 0.674_489_750_196_081_7;
-/// The 99 % quantile of a standard Gaussian.
-const GAUSS_99: f64 = 2.326_347_874_040_841;
 /// Standard deviations from zero at which a drift is one.
 const SIGNIFICANT: f64 = 4.0;
 
@@ -201,16 +201,16 @@ pub fn common_rate(packets: &[Packet], start_hz: f64) -> Result<CommonRate, Rate
     }
     let chi_square: f64 = used.iter().map(|state| (state.offset / state.std).powi(2)).sum();
     let dof = used.len() - 1;
-    let inflation = inflation(chi_square, dof);
+    let inflation = excess(chi_square, dof);
     let std_hz = inflation / information.sqrt();
     if (rate_hz - start_hz).abs() > RANGE * start_hz + 5.0 * std_hz {
         return Err(RateRefusal::OutOfRange { start_hz, rate_hz });
     }
-    let excess = |other: f64| -> f64 {
+    let worse = |other: f64| -> f64 {
         let used = good.iter().zip(&states).filter(|(_, state)| state.used);
         used.map(|(packet, state)| (rss(packet, other) - state.rss) / state.noise.powi(2)).sum()
     };
-    let runner_up = other.map(|other| RunnerUp { rate_hz: other, chi_square_excess: excess(other) });
+    let runner_up = other.map(|other| RunnerUp { rate_hz: other, chi_square_excess: worse(other) });
 
     let times: Vec<f64> = good.iter().map(|packet| middle(packet.n) / rate_hz).collect();
     let drift = drift(&states, &times);
@@ -375,17 +375,6 @@ fn choose(states: &mut [State]) {
     }
 }
 
-/// Factor on standard deviations for a scatter beyond the 99 % quantile of chi-square (Wilson and Hilferty).
-pub(super) fn inflation(chi_square: f64, dof: usize) -> f64 {
-    if dof == 0 {
-        return 1.0;
-    }
-    let dof = dof as f64;
-    let spread = 2.0 / (9.0 * dof);
-    let quantile = dof * (1.0 - spread + GAUSS_99 * spread.sqrt()).powi(3);
-    if chi_square > quantile { (chi_square / dof).sqrt() } else { 1.0 }
-}
-
 /// Straight line through the rates of the used packets.
 fn drift(states: &[State], times: &[f64]) -> Option<Drift> {
     let used: Vec<(f64, f64, f64)> =
@@ -401,7 +390,7 @@ fn drift(states: &[State], times: &[f64]) -> Option<Drift> {
     }
     let hz_per_s = stx / stt;
     let chi_square = used.iter().map(|(t, x, w)| w * (x - mean_x - hz_per_s * (t - mean_t)).powi(2)).sum();
-    let std_hz_per_s = inflation(chi_square, used.len() - 2) / stt.sqrt();
+    let std_hz_per_s = excess(chi_square, used.len() - 2) / stt.sqrt();
     Some(Drift { hz_per_s, std_hz_per_s, significant: hz_per_s.abs() > SIGNIFICANT * std_hz_per_s })
 }
 

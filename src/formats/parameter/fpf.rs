@@ -17,8 +17,8 @@ pub struct FrequencyConvention {
 impl Default for FrequencyConvention {
     fn default() -> Self {
         Self {
-            model: "B_r = c + b sin(2 pi f n / f_s + phase), n the sample counter and f the frequency by the facility clock; amplitudes are half peak to peak, enT, sensor axes".to_owned(),
-            corner: "f_3db_igep_hz: straight line in level against frequency between the neighbours of -3 dB below the largest amplitude; f_3db_model_hz: -3 dB below the DC gain of the fitted response model".to_owned(),
+            model: "B_r = c + b sin(2 pi f (n - phase_counter) / f_s + phase), n the sample counter and f the frequency by the facility clock; amplitudes are half peak to peak, enT, sensor axes".to_owned(),
+            corner: "f_3db_igep_hz: straight line in level against frequency between the neighbours of -3.000 dB below the largest amplitude; f_3db_model_hz: the fitted response at 1/sqrt(2) of its DC gain (-3.0103 dB)".to_owned(),
             uncertainty: "standard uncertainties, coverage factor 1; that of f_3db_model_hz is the larger one of linearised covariance and delete-one jackknife; the facility clock and the flatness of the coil field are not included".to_owned(),
         }
     }
@@ -111,6 +111,9 @@ pub struct ClockPart {
     pub drift_hz_per_s: [f64; 3],
     /// Its standard uncertainty.
     pub drift_std_hz_per_s: [f64; 3],
+    /// Time for which the sampling frequencies hold, s after sample counter 0; absent without a significant drift.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference_s: Option<f64>,
     /// The drift is larger than four standard uncertainties in the mean of the components.
     pub drift_is_significant: bool,
     /// The next best sampling frequency, Hz.
@@ -130,7 +133,10 @@ pub struct AmplitudePart {
     pub b_ent: [f64; 3],
     /// Its standard uncertainty, enT; nan if not known.
     pub b_std_ent: [f64; 3],
-    /// Phase per component at sample counter 0, degrees.
+    /// Sample counter for which the phase holds: the middle of the used stretch.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub phase_counter: Option<u64>,
+    /// Phase per component at that counter, degrees; nan where the amplitude is not detected.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub phase_deg: Option<[f64; 3]>,
     /// Its standard uncertainty, degrees.

@@ -114,6 +114,8 @@ pub struct Scaled {
     pub offset_std_nt: [f64; 3],
     /// Residual field along the sensor axes in the normal position, nT.
     pub residual_nt: [f64; 3],
+    /// Its standard uncertainty, nT.
+    pub residual_std_nt: [f64; 3],
 }
 
 /// Linear drift of the readings, estimated because a position was visited more than once.

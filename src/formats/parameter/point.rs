@@ -50,6 +50,8 @@ pub enum Values {
         std: Option<[f64; 3]>,
         /// Residual field, enT.
         residual_ent: [f64; 3],
+        /// Its standard uncertainty, enT; nan where the file does not tell.
+        residual_std: [f64; 3],
         /// Coil axes along which the components saw it.
         seen_along: Vec<String>,
     },
@@ -137,6 +139,7 @@ struct OpfKeys {
     offset_ent: [f64; 3],
     offset_std_ent: Option<[f64; 3]>,
     residual_ent: Option<[f64; 3]>,
+    residual_std_ent: Option<[f64; 3]>,
     method: Option<MethodKeys>,
     conditions: Option<ConditionsKeys>,
 }
@@ -213,6 +216,7 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Point, Di
                 offset_ent: keys.offset_ent,
                 std: keys.offset_std_ent,
                 residual_ent: keys.residual_ent.unwrap_or(NONE),
+                residual_std: keys.residual_std_ent.unwrap_or(NONE),
                 seen_along: keys.method.and_then(|m| m.normal_axis).unwrap_or_default(),
             };
             Point { file, run: keys.run, channel: channel(keys.conditions), values }
@@ -282,6 +286,7 @@ impl Point {
                 offset_ent: opf.offset_ent,
                 std: Some(opf.offset_std_ent),
                 residual_ent: opf.residual_ent,
+                residual_std: opf.residual_std_ent,
                 seen_along: opf.method.normal_axis.to_vec(),
             },
         }

@@ -32,7 +32,7 @@ pub struct ThermalHead {
     pub used: Vec<String>,
     /// Channel of the sensor temperature.
     pub channel: String,
-    /// Lowest and highest temperature of the runs, °C.
+    /// Lowest and highest temperature for which all polynomials of the file hold, °C.
     pub valid_degc: [f64; 2],
     /// Sensor.
     pub sensor: String,
@@ -62,6 +62,14 @@ pub struct QuantityPart {
     pub name: String,
     /// Unit.
     pub unit: String,
+    /// Runs that determine it.
+    pub runs: Vec<String>,
+    /// Lowest and highest temperature of those runs, °C.
+    pub valid_degc: [f64; 2],
+    /// Runs minus coefficients.
+    pub degrees_of_freedom: usize,
+    /// Standard uncertainties that make an interval of 95 %: more than 1.96 where the scatter of the runs told them.
+    pub factor_95: f64,
     /// Order of the polynomial.
     pub order: usize,
     /// `given` or `AICc`.
@@ -197,6 +205,12 @@ pub struct ResidualField {
     pub y_ent: Vec<f64>,
     /// z.
     pub z_ent: Vec<f64>,
+    /// Standard uncertainty of x, enT.
+    pub x_std_ent: Vec<f64>,
+    /// Standard uncertainty of y, enT.
+    pub y_std_ent: Vec<f64>,
+    /// Standard uncertainty of z, enT.
+    pub z_std_ent: Vec<f64>,
     /// Coil axes along which x, y and z saw it in the first run; empty if its file does not tell.
     pub seen_along: Vec<String>,
 }
