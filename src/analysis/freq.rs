@@ -50,6 +50,9 @@ const LEAST_CYCLES: f64 = 1.0;
 const TOLERANCE: f64 = 4.0;
 /// Residuals of this part of the amplitude are distortion and no damage.
 const DISTORTION: f64 = 1e-3;
+/// A component is cut off if more than this part of its readings is equal to an end of its range, with this many levels between.
+const RESTING_PART: f64 = 0.05;
+const LEAST_LEVELS: usize = 100;
 /// A whole number of periods is used where it costs no more than this part of the samples.
 const WHOLE_PERIODS_PART: f64 = 0.02;
 /// An amplitude of fewer standard uncertainties does not stand out of the noise.
@@ -58,6 +61,10 @@ const DETECTED: f64 = 3.0;
 const USED: f64 = 0.5;
 /// Difference of chi-square below which the next best sampling frequency is as good.
 const AMBIGUOUS: f64 = 25.0;
+/// Largest relative uncertainty of a sampling frequency that is one: beyond it a setting does not keep its phase.
+const KNOWN_RATE: f64 = 1e-3;
+/// A run of which more than this part of the settings hold something else belongs to other settings.
+const MOST_DISTURBED: f64 = 0.5;
 /// A drift of this many standard uncertainties is one.
 const DRIFTS: f64 = 4.0;
 
@@ -73,6 +80,17 @@ pub enum FreqError {
     /// No samples.
     #[error("no samples fall into the settings")]
     NoSamples,
+    /// Settling leaves nothing.
+    #[error("no setting has {LEAST_SAMPLES} samples after its settling")]
+    Unsettled,
+    /// A component that gives the same reading always.
+    #[error("component {component} is stuck at {reading_ent} enT")]
+    Stuck {
+        /// Component.
+        component: &'static str,
+        /// Its reading, enT.
+        reading_ent: f64,
+    },
     /// More than fits into memory.
     #[error("the settings hold more than {MOST_SAMPLES} samples")]
     TooLong,
@@ -83,6 +101,14 @@ pub enum FreqError {
         frequency_hz: f64,
         /// Why.
         why: String,
+    },
+    /// Settings of another run.
+    #[error("{disturbed} of {total} settings hold no sine of their frequencies")]
+    Mismatch {
+        /// Settings that hold something else.
+        disturbed: usize,
+        /// Settings with a frequency.
+        total: usize,
     },
     /// No sampling frequency.
     #[error("component {component} has no sampling frequency: {why}")]
@@ -102,8 +128,11 @@ impl FreqError {
             FreqError::Kind(_) => "use the command for that kind",
             FreqError::NoSines => "check `kind` and the settings of the run",
             FreqError::NoSamples => "check the times of the settings; a table of amplitudes goes with --amplitudes",
+            FreqError::Unsettled => "say with --settling how much time to leave out after a change of frequency",
+            FreqError::Stuck { .. } => "check the component and its wiring",
             FreqError::TooLong => "split the run",
             FreqError::NothingUsable { .. } => "check the frequencies and times of the settings",
+            FreqError::Mismatch { .. } => "check that settings and times are those of this run",
             FreqError::NoRate { .. } => "check the sample rate in the head of the file and the frequencies of the settings",
         }
     }
@@ -182,6 +211,8 @@ pub struct Freq {
 struct Tone {
     setting: Setting,
     used: Range<usize>,
+    /// It holds something else than its sine.
+    disturbed: bool,
     remark: String,
 }
 
@@ -205,14 +236,29 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
     }
     let records: Vec<&Record> = indices.iter().map(|i| &sines.records[*i]).collect();
     let settings: Vec<Setting> = indices.iter().map(|i| sines.settings[*i]).collect();
-    let start_hz = run.vectors.measured_rate_hz.unwrap_or(run.header.sample_rate_hz);
+    check_samples(&records)?;
+    let nominal_hz = run.header.sample_rate_hz;
 
     // A first sampling frequency from everything that is settled, damage included: settings that disagree do not count in it.
     let settled: Vec<Range<usize>> = records.iter().zip(&settings).map(|(r, s)| settled(r, s, options.settling)).collect();
-    let first = rates(&records, &settings, &settled, start_hz)?;
-    let rough_hz = first.iter().map(|r| r.rate_hz).sum::<f64>() / 3.0;
+    if settled.iter().all(|range| range.len() < LEAST_SAMPLES) {
+        return Err(FreqError::Unsettled);
+    }
+    // The time tags tell the sampling frequency well, unless they are coarse.
+    let first = match run.vectors.measured_rate_hz {
+        Some(measured_hz) => {
+            rates(&records, &settings, &settled, measured_hz).or_else(|_| rates(&records, &settings, &settled, nominal_hz))?
+        }
+        None => rates(&records, &settings, &settled, nominal_hz)?,
+    };
+    let rough_hz = first.mean_hz();
     let tones = undamaged(&records, &settings, settled, rough_hz);
     let ranges: Vec<Range<usize>> = tones.iter().map(|t| t.used.clone()).collect();
+    let disturbed = tones.iter().filter(|t| t.disturbed).count();
+    let usable = ranges.iter().filter(|r| !r.is_empty()).count();
+    if disturbed as f64 > MOST_DISTURBED * (disturbed + usable) as f64 {
+        return Err(FreqError::Mismatch { disturbed, total: settings.len() });
+    }
     if let Some(refused) = tones.iter().find(|t| !t.remark.is_empty()).filter(|_| ranges.iter().all(Range::is_empty)) {
         return Err(FreqError::NothingUsable { frequency_hz: refused.setting.frequency_hz, why: refused.remark.clone() });
     }
@@ -248,7 +294,7 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
     p.f_s_std_hz = Some(clock.std_hz);
     p.mean_f_s_hz = Some(clock.mean_hz);
     p.mean_f_s_std_hz = Some(clock.mean_std_hz);
-    p.scatter_f_s_hz = Some(clock.scatter_hz);
+    p.scatter_f_s_hz = Some(clock.scatter_hz).filter(|s| s.is_finite());
     p.clock = Some(clock.part);
     p.conditions = temperatures.conditions.clone();
     freq.temperatures = temperatures;
@@ -306,14 +352,23 @@ fn settled(record: &Record, setting: &Setting, settling: Settling) -> Range<usiz
     record.t_s.partition_point(|t| *t < setting.t_start_s + settling_s)..record.t_s.len()
 }
 
-/// The sampling frequency of every component.
-fn rates(
-    records: &[&Record],
-    settings: &[Setting],
-    ranges: &[Range<usize>],
-    start_hz: f64,
-) -> Result<[CommonRate; 3], FreqError> {
-    let found: Vec<CommonRate> = (0..3)
+/// The sampling frequency of every component, or why it has none.
+struct Rates {
+    found: [Option<CommonRate>; 3],
+    refused: Vec<String>,
+}
+
+impl Rates {
+    /// Weighted mean of the components, Hz.
+    fn mean_hz(&self) -> f64 {
+        let weighted = |get: fn(&CommonRate) -> f64| self.found.iter().flatten().map(|r| get(r) / r.std_hz.powi(2)).sum::<f64>();
+        weighted(|r| r.rate_hz) / weighted(|_| 1.0)
+    }
+}
+
+/// The sampling frequency of every component; an error if none has one. A component that sees nothing of the field tells none.
+fn rates(records: &[&Record], settings: &[Setting], ranges: &[Range<usize>], start_hz: f64) -> Result<Rates, FreqError> {
+    let results: Vec<Result<CommonRate, String>> = (0..3)
         .into_par_iter()
         .map(|component| {
             let packets: Vec<Packet> = records
@@ -326,94 +381,167 @@ fn rates(
                     frequency_hz: setting.frequency_hz,
                 })
                 .collect();
-            sine::common_rate(&packets, start_hz)
-                .map_err(|e| FreqError::NoRate { component: COMPONENTS[component], why: e.to_string() })
+            sine::common_rate(&packets, start_hz).map_err(|e| e.to_string())
         })
-        .collect::<Result<_, _>>()?;
-    found.try_into().map_err(|_| FreqError::NoSamples)
+        .collect();
+    // A rate beyond this is that of noise.
+    let is_known = |rate: &CommonRate| rate.std_hz.is_finite() && rate.std_hz > 0.0 && rate.std_hz < KNOWN_RATE * rate.rate_hz;
+    let mut rates = Rates { found: [None, None, None], refused: Vec::new() };
+    let mut first = None;
+    for (component, result) in results.into_iter().enumerate() {
+        let why = match result {
+            Ok(rate) if is_known(&rate) => {
+                rates.found[component] = Some(rate);
+                continue;
+            }
+            Ok(rate) => format!("it is {:.4} Hz with an uncertainty of {:.4} Hz", rate.rate_hz, rate.std_hz),
+            Err(why) => why,
+        };
+        rates.refused.push(format!("component {} tells no sampling frequency: {why}", COMPONENTS[component]));
+        first.get_or_insert(FreqError::NoRate { component: COMPONENTS[component], why });
+    }
+    match first {
+        Some(error) if rates.found.iter().all(Option::is_none) => Err(error),
+        _ => Ok(rates),
+    }
+}
+
+/// A component that gives one reading all the time tells nothing.
+fn check_samples(records: &[&Record]) -> Result<(), FreqError> {
+    for (i, component) in COMPONENTS.into_iter().enumerate() {
+        let mut readings = records.iter().flat_map(|r| r.y[i].iter().copied());
+        let (Some(first), Some(second)) = (readings.next(), readings.next()) else { continue };
+        if second == first && readings.all(|y| y == first) {
+            return Err(FreqError::Stuck { component, reading_ent: first });
+        }
+    }
+    Ok(())
+}
+
+/// The settled samples of one setting, cut into segments with the sums of a sine in each.
+struct Cut {
+    /// Begins of the segments and end of the last.
+    edges: Vec<usize>,
+    sums: [Vec<Sums>; 3],
+}
+
+impl Cut {
+    fn of(record: &Record, setting: &Setting, range: &Range<usize>, rate_hz: f64) -> Self {
+        let per_segment = (range.len() / SEGMENTS).max(LEAST_SAMPLES);
+        let count = (range.len() / per_segment).max(1);
+        let edge = |segment: usize| if segment == count { range.end } else { range.start + segment * per_segment };
+        let edges: Vec<usize> = (0..=count).map(edge).collect();
+        let sums = std::array::from_fn(|i| {
+            let mut oscillator = Oscillator::new(setting.frequency_hz, rate_hz);
+            let segment = |ends: &[usize]| {
+                let mut sums = Sums::new(record.y[i].get(range.start).copied().unwrap_or_default());
+                for k in ends[0]..ends[1] {
+                    sums.add(oscillator.at(record.n[k]), record.y[i][k]);
+                }
+                sums
+            };
+            edges.windows(2).map(segment).collect()
+        });
+        Self { edges, sums }
+    }
+
+    /// Amplitude of one sine through all segments of a component.
+    fn amplitude(&self, component: usize) -> f64 {
+        let mut all = self.sums[component].clone().into_iter();
+        let Some(mut total) = all.next() else { return 0.0 };
+        all.for_each(|segment| total.merge(&segment));
+        total.solve().map_or(0.0, |(a, b, ..)| a.hypot(b))
+    }
+
+    /// Typical standard deviation of the samples about a sine of their own segment: damage between segments does not show in it.
+    fn noise(&self, component: usize) -> Option<f64> {
+        let of = |sums: &Sums| {
+            let free = sums.count().checked_sub(3).filter(|free| *free > 0)?;
+            sums.solve().map(|(.., rss)| (rss / free as f64).sqrt())
+        };
+        let mut all: Vec<f64> = self.sums[component].iter().filter_map(of).collect();
+        (!all.is_empty()).then(|| median(&mut all))
+    }
 }
 
 /// The part of every setting that one sine describes in all components, cut to whole periods where that costs little.
 fn undamaged(records: &[&Record], settings: &[Setting], settled: Vec<Range<usize>>, rate_hz: f64) -> Vec<Tone> {
-    // What a setting leaves in each component, and how large its sine is.
-    let whole: Vec<[Option<(f64, f64)>; 3]> = (0..records.len())
-        .into_par_iter()
-        .map(|j| {
-            std::array::from_fn(|i| {
-                let range = settled[j].clone();
-                let fit =
-                    sine::three(&records[j].n[range.clone()], &records[j].y[i][range], settings[j].frequency_hz, rate_hz).ok()?;
-                Some((fit.residual_std, fit.amplitude))
-            })
-        })
-        .collect();
+    let cuts: Vec<Cut> =
+        (0..records.len()).into_par_iter().map(|j| Cut::of(records[j], &settings[j], &settled[j], rate_hz)).collect();
+    // Settings that hold other frequencies have large residuals everywhere; a quarter of good ones is enough to know the noise.
     let floor: [f64; 3] = std::array::from_fn(|i| {
-        let mut all: Vec<f64> = whole.iter().filter_map(|w| w[i]).map(|(std, _)| std).collect();
-        if all.is_empty() { 0.0 } else { median(&mut all) }
+        let mut all: Vec<f64> = cuts.iter().filter_map(|cut| cut.noise(i)).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 4).copied().unwrap_or(0.0)
+    });
+    let ends: [[f64; 2]; 3] = std::array::from_fn(|i| {
+        let readings = || records.iter().flat_map(|r| r.y[i].iter().copied());
+        [readings().fold(f64::INFINITY, f64::min), readings().fold(f64::NEG_INFINITY, f64::max)]
     });
     (0..records.len())
         .into_par_iter()
         .map(|j| {
-            let (record, setting) = (records[j], settings[j]);
+            let (record, setting, cut) = (records[j], settings[j], &cuts[j]);
             let range = settled[j].clone();
-            let refused = |remark: String| Tone { setting, used: 0..0, remark };
-            let slice = |i: usize| (&record.n[range.clone()], &record.y[i][range.clone()]);
-            let ends = record.t_s.get(range.start).zip(record.t_s.last());
-            let cycles = ends.map_or(0.0, |(first, last)| (last - first) * setting.frequency_hz);
+            let refused = |remark: String| Tone { setting, used: 0..0, disturbed: false, remark };
+            let seen_s = record.t_s.get(range.start).zip(record.t_s.last());
+            let cycles = seen_s.map_or(0.0, |(first, last)| (last - first) * setting.frequency_hz);
             if cycles < LEAST_CYCLES {
                 return refused(format!("its settled samples span {cycles:.2} cycles, at least {LEAST_CYCLES} is needed"));
             }
-            if let Err(refusal) = sine::three(slice(0).0, slice(0).1, setting.frequency_hz, rate_hz) {
+            if let Err(refusal) =
+                sine::three(&record.n[range.clone()], &record.y[0][range.clone()], setting.frequency_hz, rate_hz)
+            {
                 return refused(refusal.to_string());
             }
-            let per_segment = (range.len() / SEGMENTS).max(LEAST_SAMPLES);
-            let count = (range.len() / per_segment).max(1);
-            let edge = |segment: usize| if segment == count { range.end } else { range.start + segment * per_segment };
+            let count = cut.edges.len() - 1;
             let mut kept = 0..count;
-            for (i, floor_std) in floor.into_iter().enumerate() {
-                let distortion = whole[j][i].map_or(0.0, |(_, amplitude)| DISTORTION * amplitude);
-                let limit_std = floor_std.max(distortion);
-                if whole[j][i].is_some_and(|(std, _)| std <= limit_std) {
-                    continue;
+            for (i, name) in COMPONENTS.into_iter().enumerate() {
+                if rests_at_end(&record.y[i][range.clone()], ends[i]) {
+                    return refused(format!("component {name} rests at the end of its range"));
                 }
-                let mut oscillator = Oscillator::new(setting.frequency_hz, rate_hz);
-                let segments: Vec<Sums> = (0..count)
-                    .map(|segment| {
-                        let mut sums = Sums::new(record.y[i][range.start]);
-                        for k in edge(segment)..edge(segment + 1) {
-                            sums.add(oscillator.at(record.n[k]), record.y[i][k]);
-                        }
-                        sums
-                    })
-                    .collect();
+                let limit_std = floor[i].max(DISTORTION * cut.amplitude(i));
                 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small positive number")]
                 let least = ((count as f64 * LEAST_PART).ceil() as usize).max(1);
-                match sine::coherent(&segments, limit_std, TOLERANCE, least) {
+                match sine::coherent(&cut.sums[i], limit_std, TOLERANCE, least) {
                     Some(run) => kept = kept.start.max(run.start)..kept.end.min(run.end),
                     None => {
-                        let name = COMPONENTS[i];
-                        return refused(format!(
-                            "no stretch of component {name} follows a sine of this frequency; the setting is disturbed, or another one"
-                        ));
+                        let remark =
+                            format!("no stretch of component {name} follows a sine of this frequency; the setting is disturbed, or another one");
+                        return Tone { disturbed: true, ..refused(remark) };
                     }
                 }
             }
             if (kept.len() as f64) < LEAST_PART * count as f64 {
                 return refused("the components have no undamaged stretch in common".to_owned());
             }
-            let cut = kept.len() < count;
-            let used = whole_periods(record, edge(kept.start)..edge(kept.end), setting.frequency_hz);
-            let remark = if cut {
+            let used = whole_periods(record, cut.edges[kept.start]..cut.edges[kept.end], setting.frequency_hz);
+            let remark = if kept.len() < count {
                 format!("{:.0} % of the setting is damaged and was left out", 100.0 * (1.0 - kept.len() as f64 / count as f64))
             } else {
                 String::new()
             };
             match sine::three(&record.n[used.clone()], &record.y[0][used.clone()], setting.frequency_hz, rate_hz) {
-                Ok(_) => Tone { setting, used, remark },
+                Ok(_) => Tone { setting, used, disturbed: false, remark },
                 Err(refusal) => refused(format!("of its undamaged part, {refusal}")),
             }
         })
         .collect()
+}
+
+/// Whether many readings are equal to the smallest or the largest one of the run, and far apart from each other: a sine that is cut off.
+fn rests_at_end(readings: &[f64], [low, high]: [f64; 2]) -> bool {
+    let largest = readings.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let smallest = readings.iter().copied().fold(f64::INFINITY, f64::min);
+    let mut levels = readings.to_vec();
+    levels.sort_by(f64::total_cmp);
+    levels.dedup();
+    // Of a sine of a few digits many readings are equal anyway.
+    levels.len() > LEAST_LEVELS
+        && [(low, smallest), (high, largest)].into_iter().any(|(end, own)| {
+            let resting = readings.iter().filter(|y| **y == own).count();
+            own == end && resting as f64 > RESTING_PART * readings.len() as f64
+        })
 }
 
 /// The stretch without the samples beyond the last whole period, if they are few.
@@ -445,9 +573,11 @@ struct Clock {
 }
 
 impl Clock {
-    fn of(found: &[CommonRate; 3]) -> Self {
-        let drift =
-            |get: fn(&sine::Drift) -> f64| -> [f64; 3] { std::array::from_fn(|i| found[i].drift.as_ref().map_or(f64::NAN, get)) };
+    fn of(rates: &Rates) -> Self {
+        let found = &rates.found;
+        let drift = |get: fn(&sine::Drift) -> f64| -> [f64; 3] {
+            std::array::from_fn(|i| found[i].as_ref().and_then(|f| f.drift.as_ref()).map_or(f64::NAN, get))
+        };
         let (drift_hz_per_s, drift_std) = (drift(|d| d.hz_per_s), drift(|d| d.std_hz_per_s));
         let drift_weights = drift_std.map(|s| if s.is_finite() && s > 0.0 { s.powi(-2) } else { 0.0 });
         let drift_total: f64 = drift_weights.iter().sum();
@@ -455,28 +585,34 @@ impl Clock {
             (0..3).filter(|i| drift_weights[*i] > 0.0).map(|i| drift_weights[i] * drift_hz_per_s[i]).sum::<f64>() / drift_total;
         let drift_is_significant = drift_total > 0.0 && common.abs() * drift_total.sqrt() > DRIFTS;
         // The rates hold for the time around which the information of the packets is balanced.
-        let informed = found.iter().flat_map(|f| &f.packets).filter(|p| p.verdict == Verdict::Used && p.std_hz > 0.0);
+        let informed = found.iter().flatten().flat_map(|f| &f.packets).filter(|p| p.verdict == Verdict::Used && p.std_hz > 0.0);
         let (sum, weight) = informed.fold((0.0, 0.0), |(sum, weight), p| {
             let w = p.std_hz.powi(-2);
             (sum + w * p.time_s, weight + w)
         });
         let centre_s = if weight > 0.0 { sum / weight } else { 0.0 };
         let at_centre: [Option<(f64, f64, f64)>; 3] =
-            std::array::from_fn(|i| if drift_is_significant { line_at(&found[i], centre_s) } else { None });
-        let of = |i: usize| at_centre[i].unwrap_or((found[i].rate_hz, found[i].std_hz, found[i].inflation));
+            found.each_ref().map(|f| f.as_ref().filter(|_| drift_is_significant).and_then(|f| line_at(f, centre_s)));
+        let of = |i: usize| {
+            let plain = found[i].as_ref().map_or((f64::NAN, f64::NAN, 1.0), |f| (f.rate_hz, f.std_hz, f.inflation));
+            at_centre[i].unwrap_or(plain)
+        };
         let rate_hz: [f64; 3] = std::array::from_fn(|i| of(i).0);
         let std_hz: [f64; 3] = std::array::from_fn(|i| of(i).1);
         let inflation: [f64; 3] = std::array::from_fn(|i| of(i).2);
-        let weights = std_hz.map(|s| s.powi(-2));
-        let total: f64 = weights.iter().sum();
-        let mean = |values: [f64; 3]| (0..3).map(|i| weights[i] * values[i]).sum::<f64>() / total;
-        let mean_hz = mean(rate_hz);
-        let chi_square: f64 = (0..3).map(|i| weights[i] * (rate_hz[i] - mean_hz).powi(2)).sum();
-        let widened = order::excess(chi_square, 2);
-        let plain = rate_hz.iter().sum::<f64>() / 3.0;
-        let scatter_hz = (rate_hz.iter().map(|r| (r - plain).powi(2)).sum::<f64>() / 2.0).sqrt();
-        let rival =
-            found.iter().filter_map(|f| f.runner_up.as_ref()).min_by(|a, b| a.chi_square_excess.total_cmp(&b.chi_square_excess));
+        let known: Vec<usize> = (0..3).filter(|i| rate_hz[*i].is_finite()).collect();
+        let sum = |get: &dyn Fn(usize) -> f64| known.iter().map(|i| get(*i)).sum::<f64>();
+        let total = sum(&|i| std_hz[i].powi(-2));
+        let mean_hz = sum(&|i| rate_hz[i] * std_hz[i].powi(-2)) / total;
+        let chi_square = sum(&|i| ((rate_hz[i] - mean_hz) / std_hz[i]).powi(2));
+        let widened = order::excess(chi_square, known.len().saturating_sub(1));
+        let plain = sum(&|i| rate_hz[i]) / known.len() as f64;
+        let scatter_hz = (sum(&|i| (rate_hz[i] - plain).powi(2)) / (known.len() as f64 - 1.0)).sqrt();
+        let rival = found
+            .iter()
+            .flatten()
+            .filter_map(|f| f.runner_up.as_ref())
+            .min_by(|a, b| a.chi_square_excess.total_cmp(&b.chi_square_excess));
         Self {
             rate_hz,
             std_hz,
@@ -503,9 +639,10 @@ impl Clock {
         self.mean_hz + self.drift_hz_per_s.map_or(0.0, |d| d * (t_s - self.centre_s))
     }
 
-    fn remarks(&self, found: &[CommonRate; 3], settings: &[Setting]) -> Vec<String> {
-        let mut remarks = Vec::new();
-        for ((component, rate), inflation) in COMPONENTS.into_iter().zip(found).zip(self.inflation) {
+    fn remarks(&self, rates: &Rates, settings: &[Setting]) -> Vec<String> {
+        let mut remarks = rates.refused.clone();
+        for ((component, rate), inflation) in COMPONENTS.into_iter().zip(&rates.found).zip(self.inflation) {
+            let Some(rate) = rate else { continue };
             if let Some(rival) = rate.runner_up.as_ref().filter(|r| r.chi_square_excess < AMBIGUOUS) {
                 remarks.push(format!(
                     "the sampling frequency of {component} is ambiguous: {:.5} Hz describes the data almost as well (chi-square {:.1} more)",
@@ -628,10 +765,17 @@ fn add_remark(part: &mut AmplitudePart, remark: String) {
 fn respond(mut measured: Vec<AmplitudePart>, run: RunHead, mut warnings: Vec<String>) -> Freq {
     let table: Vec<Amplitude> = measured
         .iter()
-        .map(|a| Amplitude { frequency_hz: a.frequency_hz, amplitude_ent: a.b_ent, std_ent: a.b_std_ent, usable: a.used })
+        .map(|a| Amplitude {
+            frequency_hz: a.frequency_hz,
+            // What is not detected is no amplitude, and a fit of noise would find a corner in it.
+            amplitude_ent: std::array::from_fn(|i| if a.detected[i] { a.b_ent[i] } else { f64::NAN }),
+            std_ent: a.b_std_ent,
+            usable: a.used && a.detected.contains(&true),
+        })
         .collect();
     let corner = corner::corner(&table, &corner::Options::default());
     for (row, part) in measured.iter_mut().enumerate() {
+        part.used &= part.detected.contains(&true);
         part.weight = std::array::from_fn(|i| {
             corner.components[i].model.as_ref().and_then(|m| m.weight.get(row)).copied().unwrap_or(if part.used {
                 1.0
@@ -639,13 +783,14 @@ fn respond(mut measured: Vec<AmplitudePart>, run: RunHead, mut warnings: Vec<Str
                 0.0
             })
         });
-        let outlying: Vec<&str> = (0..3).filter(|i| part.used && part.weight[*i] < USED).map(|i| COMPONENTS[i]).collect();
+        let outlying: Vec<&str> =
+            (0..3).filter(|i| part.used && part.detected[*i] && part.weight[*i] < USED).map(|i| COMPONENTS[i]).collect();
         if !outlying.is_empty() {
             let remark = format!("{} does not follow the response and has little weight in it", outlying.join(", "));
             part.remark =
                 [part.remark.as_str(), &remark].iter().filter(|r| !r.is_empty()).copied().collect::<Vec<_>>().join("; ");
         }
-        part.used = part.used && part.weight.iter().all(|w| *w >= USED);
+        part.used = part.used && (0..3).all(|i| !part.detected[i] || part.weight[i] >= USED);
         let silent: Vec<&str> =
             (0..3).filter(|i| part.b_ent[*i].is_finite() && !part.detected[*i]).map(|i| COMPONENTS[i]).collect();
         if !silent.is_empty() {
@@ -696,8 +841,7 @@ fn respond(mut measured: Vec<AmplitudePart>, run: RunHead, mut warnings: Vec<Str
             residual_std: corner
                 .components
                 .iter()
-                .filter_map(|c| c.model.as_ref())
-                .map(|m| m.residual_std_ent / m.dc_ent)
+                .map(|c| c.model.as_ref().map_or(f64::NAN, |m| m.residual_std_ent / m.dc_ent))
                 .collect(),
             candidate: corner
                 .candidates

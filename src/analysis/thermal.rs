@@ -28,6 +28,8 @@ pub struct Group {
     pub orders: Vec<(String, usize)>,
     /// The runs by their ids, which is in time order.
     pub points: Vec<Point>,
+    /// Runs of the same sensor and mode that state no sensor temperature: their kind and file.
+    pub without_temperature: Vec<(Kind, String)>,
 }
 
 /// Which analysis the runs of a group come from.
@@ -68,14 +70,12 @@ impl Kind {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ThermalError {
     /// Not enough to compare.
-    #[error(
-        "the number of {kind} runs with a temperature is {count}, of different temperatures {temperatures}; polynomials need two"
-    )]
+    #[error("its {kind} runs ({files}) are at {temperatures} different temperature, polynomials need two")]
     TooFew {
         /// What the runs are.
         kind: &'static str,
-        /// Runs with a temperature.
-        count: usize,
+        /// Their parameter files.
+        files: String,
         /// Different temperatures.
         temperatures: usize,
     },
@@ -175,10 +175,11 @@ const SAME_DEGC: f64 = 0.5;
 /// Points of a band.
 const BAND: usize = 121;
 
-/// Sorts runs into groups: those that the campaign names, or one per sensor and mode. Orders given on the command line come first.
+/// Sorts runs into groups: those that the campaign names, or one per sensor and mode. Runs without a sensor temperature make none. Orders given on the command line come first.
 #[must_use]
 pub fn groups(points: &[Point], entries: &[ThermalEntry], orders: &[(String, usize)]) -> Vec<Group> {
-    let mut points: Vec<&Point> = points.iter().collect();
+    let (mut points, without): (Vec<&Point>, Vec<&Point>) =
+        points.iter().partition(|p| p.run.temperature_degc.is_some_and(f64::is_finite));
     points.sort_by(|a, b| (&a.run.id, &a.file).cmp(&(&b.run.id, &b.file)));
     let mut keys: Vec<(&str, &str)> = points.iter().map(|p| (p.run.sensor.as_str(), p.run.mode.as_str())).collect();
     keys.sort_unstable();
@@ -194,6 +195,11 @@ pub fn groups(points: &[Point], entries: &[ThermalEntry], orders: &[(String, usi
             mode: mode.to_owned(),
             orders,
             points,
+            without_temperature: without
+                .iter()
+                .filter(|p| (p.run.sensor.as_str(), p.run.mode.as_str()) == (sensor, mode))
+                .map(|p| (Kind::of(&p.values), p.file.clone()))
+                .collect(),
         };
         if entries.is_empty() {
             groups.push(group(orders.iter().rev().cloned().collect(), own().map(|p| (*p).clone()).collect()));
@@ -210,13 +216,9 @@ pub fn groups(points: &[Point], entries: &[ThermalEntry], orders: &[(String, usi
 }
 
 impl Group {
-    /// Runs of a kind that have a temperature, and remarks on those that have none.
-    fn of_kind(&self, kind: Kind) -> (Vec<&Point>, Vec<String>) {
-        let all: Vec<&Point> = self.points.iter().filter(|p| Kind::of(&p.values) == kind).collect();
-        let (with, without): (Vec<&Point>, Vec<&Point>) =
-            all.into_iter().partition(|p| p.run.temperature_degc.is_some_and(f64::is_finite));
-        let remarks = without.iter().map(|p| format!("{} states no sensor temperature and was left out", p.file)).collect();
-        (with, remarks)
+    /// Runs of a kind.
+    fn of_kind(&self, kind: Kind) -> Vec<&Point> {
+        self.points.iter().filter(|p| Kind::of(&p.values) == kind).collect()
     }
 
     /// The order given for a quantity, by its own name before that of its family.
@@ -249,11 +251,17 @@ struct Quantity {
 /// # Errors
 /// [`ThermalError`]: too few temperatures, or an order that they do not carry.
 pub fn thermal(group: &Group, kind: Kind, runs: &[&Lin], with_joint: bool) -> Result<Thermal, ThermalError> {
-    let (points, mut warnings) = group.of_kind(kind);
+    let points = group.of_kind(kind);
+    let without: Vec<&str> =
+        group.without_temperature.iter().filter(|(k, _)| *k == kind).map(|(_, file)| file.as_str()).collect();
+    let mut warnings: Vec<String> =
+        without.iter().map(|file| format!("{file} states no sensor temperature and was left out")).collect();
     let temperatures: Vec<f64> = points.iter().filter_map(|p| p.run.temperature_degc).collect();
     let different = different_temperatures(&temperatures);
     if different < 2 {
-        return Err(ThermalError::TooFew { kind: kind.name(), count: points.len(), temperatures: different });
+        let files: Vec<&str> = points.iter().map(|p| p.file.as_str()).collect();
+        let without = if without.is_empty() { String::new() } else { format!("; without one: {}", without.join(", ")) };
+        return Err(ThermalError::TooFew { kind: kind.name(), files: files.join(", ") + &without, temperatures: different });
     }
     let without_model: Vec<&str> = points.iter().filter(|p| !has_model(&p.values)).map(|p| p.file.as_str()).collect();
     let corner_of_model = without_model.is_empty();
@@ -448,8 +456,13 @@ fn fit(
         warnings.push(format!("{}: not all runs state an uncertainty; all count alike", quantity.name));
     }
     let different = different_temperatures(&x);
-    if different < 2 && quantity.may_be_missing {
-        return Ok(None);
+    if different < 2 {
+        let error = FitError::TooFewPoints { order: 1, distinct: different };
+        return if quantity.may_be_missing {
+            Ok(None)
+        } else {
+            Err(ThermalError::Fit { quantity: quantity.name.clone(), error })
+        };
     }
     let wanted = group.order(&quantity.name);
     let highest = (MOST_THERMAL_ORDER as usize).min(different.saturating_sub(1));

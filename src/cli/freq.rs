@@ -8,7 +8,7 @@ use crate::error::Finding;
 use crate::formats::output::Folder;
 use crate::formats::parameter::Body;
 use crate::plateau::Settling;
-use crate::workflow::{Failure, RunResult, of_table, publish};
+use crate::workflow::{Failure, RunReport, RunResult, of_table, publish};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -33,9 +33,17 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let folder = Folder::open(&common.out, common.force)?;
     let desk = common.desk();
     let mut results = Vec::new();
+    let mut seen: Vec<String> = Vec::new();
     for path in &arguments.amplitudes {
         let mut findings = Vec::new();
         let made = of_table(path, &mut findings).map_err(|f| Failure::Unreadable(vec![f])).and_then(|made| {
+            let id = made.result.head().id.clone();
+            if seen.contains(&id) {
+                let shown = path.display().to_string();
+                let rule = format!("gives the run id {id}, as an earlier table does");
+                return Err(Failure::Refused(Finding::error(&shown, rule, "rename one of the two")));
+            }
+            seen.push(id);
             publish::<Options>(&made, &desk, &made.result.parameters().file_name()).map_err(Failure::Refused)?;
             Ok(made)
         });

@@ -78,6 +78,12 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
     let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.thermal.iter().cloned()).collect();
     let results = thermals(&points, &lins, &entries, &options, &common.desk(), |used| gather(used, &inputs));
+    if results.is_empty() && !points.is_empty() {
+        let files: Vec<&str> = points.iter().map(|p| p.file.as_str()).collect();
+        let rule = "states no sensor temperature, nor does any other run";
+        let remedy = "check the temperature channels of the runs, or temperature_degc in the files";
+        failures.push((files.join(", "), Failure::Refused(Finding::error(&files.join(", "), rule, remedy))));
+    }
     let mut done: Vec<ThermalShown> = Vec::new();
     for result in results {
         match result {
@@ -87,6 +93,13 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
                 done.push(one);
             }
             Err(finding) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
+        }
+    }
+    // A run without temperature may be of a sensor and mode that no other run has.
+    for point in points.iter().filter(|p| p.run.temperature_degc.is_none()) {
+        let told = |warnings: &[String]| warnings.iter().any(|w| w.contains(&point.file));
+        if !done.iter().any(|d| told(&d.thermal.file.head().warnings)) {
+            terminal.warning(&format!("{} states no sensor temperature and was left out", point.file));
         }
     }
     if common.json {

@@ -30,7 +30,8 @@ fn rate(out: &mut String, p: &Fpf, head: &str) {
     };
     let mut rows = vec![["component", "f_s, Hz", "standard uncertainty, Hz"].map(str::to_owned).to_vec()];
     for i in 0..3 {
-        rows.push(vec![MEASURED[i].to_owned(), format!("{:.6}", f_s[i]), format!("{:.2e}", std[i])]);
+        let std = if std[i].is_finite() { format!("{:.2e}", std[i]) } else { "-".to_owned() };
+        rows.push(vec![MEASURED[i].to_owned(), number(f_s[i], 6), std]);
     }
     if let (Some(mean), Some(std)) = (p.mean_f_s_hz, p.mean_f_s_std_hz) {
         rows.push(vec!["weighted mean".to_owned(), format!("{mean:.6}"), format!("{std:.2e}")]);
@@ -84,8 +85,8 @@ fn response(out: &mut String, p: &Fpf, head: &str) {
     }
     let mut rows = vec![std::iter::once("component".to_owned()).chain(p.model.parameters.iter().cloned()).collect::<Vec<_>>()];
     for (i, (values, std)) in p.model.values.iter().zip(&p.model.std).enumerate() {
-        let cells = values.iter().zip(std).map(|(v, s)| with_uncertainty(*v, *s));
-        rows.push(std::iter::once(MEASURED[i].to_owned()).chain(cells).collect());
+        let cell = |k: usize| value(values.get(k).copied().unwrap_or(f64::NAN), std.get(k).copied().unwrap_or(f64::NAN));
+        rows.push(std::iter::once(MEASURED[i].to_owned()).chain((0..p.model.parameters.len()).map(cell)).collect());
     }
     let _ = writeln!(out, "Model: {}.\n\n{}", p.model.name, table(&rows));
     let mut candidates: Vec<_> = p.model.candidate.iter().collect();

@@ -87,7 +87,7 @@ pub struct ResponsePart {
     pub values: Vec<Vec<f64>>,
     /// Standard uncertainties per component.
     pub std: Vec<Vec<f64>>,
-    /// Relative standard deviation of the residuals per component.
+    /// Relative standard deviation of the residuals per component; nan where no model fits.
     pub residual_std: Vec<f64>,
     /// Every model that was tried.
     pub candidate: Vec<CandidatePart>,
