@@ -1137,9 +1137,9 @@ fn runs_at_one_temperature_have_no_polynomials() {
     );
     thermal_refused(&files[..1], GROUP, &[]).by_analysis().says(&["its linearity runs"]);
     let files: Vec<_> = (0..3).map(|i| opf_at(i, Some(20.0), [1.0, 2.0, 3.0])).collect();
-    thermal_refused(&files, GROUP, &[]).by_analysis().says(&["3 offset runs at 1 different temperatures"]);
+    thermal_refused(&files, GROUP, &[]).by_analysis().says(&["are at 1 different temperature, polynomials need two"]);
     let files: Vec<_> = (0..3).map(|i| fpf_at(i, Some(20.0), [58.0, 57.0, 56.0])).collect();
-    thermal_refused(&files, GROUP, &[]).by_analysis().says(&["3 frequency runs at 1 different temperatures"]);
+    thermal_refused(&files, GROUP, &[]).by_analysis().says(&["are at 1 different temperature, polynomials need two"]);
 }
 
 // row 25
