@@ -240,7 +240,8 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
     let nominal_hz = run.header.sample_rate_hz;
 
     // A first sampling frequency from everything that is settled, damage included: settings that disagree do not count in it.
-    let settled: Vec<Range<usize>> = records.iter().zip(&settings).map(|(r, s)| settled(r, s, options.settling)).collect();
+    let settled: Vec<Range<usize>> =
+        records.iter().zip(&settings).map(|(r, s)| settled(r, s, options.settling, 1.0 / nominal_hz)).collect();
     if settled.iter().all(|range| range.len() < LEAST_SAMPLES) {
         return Err(FreqError::Unsettled);
     }
@@ -343,13 +344,15 @@ pub fn from_table(rows: &[Row], id: &str) -> Freq {
     respond(measured, head, warnings)
 }
 
-/// The settled samples of a setting.
-fn settled(record: &Record, setting: &Setting, settling: Settling) -> Range<usize> {
+/// The settled samples of a setting, without the one at its end, which may belong to the next by rounding of the times.
+fn settled(record: &Record, setting: &Setting, settling: Settling, sample_s: f64) -> Range<usize> {
     let settling_s = match settling {
         Settling::Given(s) => s,
         Settling::Found => (SETTLING_PART * (setting.t_end_s - setting.t_start_s)).clamp(SETTLING_S[0], SETTLING_S[1]),
     };
-    record.t_s.partition_point(|t| *t < setting.t_start_s + settling_s)..record.t_s.len()
+    let end = record.t_s.partition_point(|t| *t < setting.t_end_s - sample_s);
+    let begin = record.t_s.partition_point(|t| *t < setting.t_start_s + settling_s);
+    begin.min(end)..end
 }
 
 /// The sampling frequency of every component, or why it has none.
