@@ -25,7 +25,7 @@ pub use parts::Named;
 use axis::{Axis, Span, Tick};
 use canvas::{Canvas, Rect, rect};
 use legend::{Entry, LEGEND_ROW, draw_legend, entries, flow};
-use marks::{Frame, draw_series};
+use marks::{Frame, RIBBON, draw_series};
 use style::{
     AXIS_INK, BAND_EDGE, BANDS, CAPTION, CAPTION_LINE, EXACT, GRID, HALF_DIGIT, LABEL, LABEL_LINE, NUMBER, TITLE, TITLE_LINE,
     ZERO,
@@ -225,7 +225,10 @@ pub fn render(figure: &Figure) -> Result<Vec<u8>, PlotError> {
     }
     canvas.finish().map_err(PlotError::Draw)?;
     let inks = Style::ALL.map(|style| style.look().ink);
-    let exact = EXACT.iter().chain(&inks).map(|ink| [ink.0, ink.1, ink.2]);
+    // A tint that turned into that of another style would mislead.
+    let tint = |ink: &RGBColor| [ink.0, ink.1, ink.2].map(|c| (RIBBON * f64::from(c) + (1.0 - RIBBON) * 255.0).round() as u8);
+    let tints: Vec<[u8; 3]> = inks.iter().map(tint).collect();
+    let exact = EXACT.iter().chain(&inks).map(|ink| [ink.0, ink.1, ink.2]).chain(tints);
     let size = (WIDTH as u32, height as u32);
     Ok(encode::png(&pixels, size, exact, figure)?)
 }
