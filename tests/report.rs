@@ -125,3 +125,36 @@ fn the_report_is_the_same_with_one_and_two_threads() {
     };
     assert!(run("1") == run("2"));
 }
+
+/// Values that the comments of the sample runs state: temperature, σ.
+const SAMPLE_SIGMA: [(f64, [f64; 3]); 3] =
+    [(-60.0, [0.973690, 0.997436, 0.990245]), (70.0, [0.971350, 0.995356, 0.987645]), (140.0, [0.970090, 0.994236, 0.986245])];
+
+#[test]
+fn the_sample_campaign_gives_what_its_comments_state() {
+    let out = tempfile::tempdir().unwrap();
+    let sample = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("runs/sample");
+    let output = calfit()
+        .args(["report", "--no-plots", "-o"])
+        .args([out.path(), sample.as_path()])
+        .timeout(std::time::Duration::from_secs(300))
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let tpf = parameters(&out.path().join("THERMAL_PARAMETER__26-01-15-09-00-00.TPF"));
+    for (degc, sigma) in SAMPLE_SIGMA {
+        for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
+            let (value, std) = evaluate(&tpf, &format!("sigma_{axis}"), degc);
+            // The comments are rounded to six decimals.
+            assert!((value - sigma[i]).abs() < 4.0 * std + 5e-7, "σ_{axis} at {degc} °C: {value} ± {std} is not {}", sigma[i]);
+        }
+    }
+    let tof = parameters(&out.path().join("THERMAL_OFF_PARAMETER__26-01-15-09-30-00.TOF"));
+    // 1.5, -0.8 and 2.4 nT along the coil axes; z shows that of X_c with the other sign.
+    for (key, residual) in [("x_ent", 1.5), ("y_ent", -0.8), ("z_ent", -1.5)] {
+        for i in 0..4 {
+            let found = number(&tof, &format!("residual_field.{key}.{i}"));
+            assert!((found - residual).abs() < 0.15, "{key} {i}: {found}");
+        }
+    }
+}
