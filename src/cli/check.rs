@@ -1,4 +1,4 @@
-//! `calfit check`: everything that is wrong with each file. Run files, programmes, campaign files and parameter files are told
+//! `calfit check`: everything that is wrong with each file. Run files, programmes, tables of amplitudes, campaign files and parameter files are told
 //! apart by their names.
 
 use super::output::{Terminal, json};
@@ -6,7 +6,7 @@ use super::{Common, Status};
 use crate::campaign::{Campaign, positions};
 use crate::error::{Finding, Severity};
 use crate::formats::parameter::{Cpf, Fpf, Opf, Taf, Tof, Tpf};
-use crate::formats::{campaign, ccr, mag, parameter};
+use crate::formats::{amplitudes, campaign, ccr, mag, parameter};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, run files (.CCR, .CCR.gz), programmes (.MAG), campaign.toml, parameter files (.CPF, .OPF, .FPF, .TPF, .TOF, .TAF).
+    /// Campaign folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files (.CPF, .OPF, .FPF, .TPF, .TOF, .TAF).
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -90,6 +90,8 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
         mag::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
         campaign::read(path, &mut findings).and_then(|(file, _)| positions(path, &file)).err()
+    } else if name.ends_with(".CSV") {
+        amplitudes::read(path, &mut findings).err()
     } else if let Some(format) = ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF"].iter().find(|f| name.ends_with(&format!(".{f}"))) {
         match *format {
             "CPF" => parameter::read::<Cpf>(path).err(),

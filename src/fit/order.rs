@@ -92,13 +92,6 @@ impl Chosen {
         let (value, unit_std) = self.polynomial.evaluate_unscaled(x);
         (value, self.inflation * unit_std)
     }
-
-    /// The order with the least leave-one-out error, if any order has one.
-    #[must_use]
-    pub fn least_leave_one_out(&self) -> Option<usize> {
-        let known = self.candidates.iter().filter_map(|c| c.leave_one_out.map(|error| (c.order, error)));
-        known.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(order, _)| order)
-    }
 }
 
 /// Fits `y` (n points) at `x` by polynomials of all orders up to `max_order` and takes the order `wanted`, or else the one with

@@ -4,6 +4,12 @@ use crate::fit::random::Random;
 /// Mean temperatures of the runs of one sensor in the campaign of 2013, °C, as far apart and as close as they were.
 const TEMPERATURES: [f64; 7] = [21.3, -71.2, -38.6, 55.1, 22.4, 118.7, 180.2];
 
+/// The order with the least leave-one-out error.
+fn least_leave_one_out(chosen: &Chosen) -> usize {
+    let known = chosen.candidates.iter().filter_map(|c| c.leave_one_out.map(|error| (c.order, error)));
+    known.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(order, _)| order).unwrap()
+}
+
 fn horner(coefficients: &[f64], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
@@ -65,7 +71,7 @@ fn leave_one_out_is_what_leaving_out_gives() {
             let (found, expected) = (candidate.leave_one_out.unwrap(), (sum / weights).sqrt());
             assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
         }
-        let least = chosen.least_leave_one_out().unwrap();
+        let least = least_leave_one_out(&chosen);
         let error = |order: usize| chosen.candidates[order].leave_one_out.unwrap();
         assert!((0..5).all(|order| error(least) <= error(order)));
     }
@@ -174,7 +180,7 @@ fn compare_rules() {
         ("AICc, better of both", |chosen, _| least(chosen, |c| c.aicc)),
         ("AICc, std as given", |chosen, n| least(chosen, |c| Some(c.chi2? + penalty(c.order + 1, n)?))),
         ("AICc, one factor", |chosen, n| least(chosen, |c| Some(n as f64 * (c.rss / n as f64).ln() + penalty(c.order + 2, n)?))),
-        ("leave one out", |chosen, _| chosen.least_leave_one_out().unwrap()),
+        ("leave one out", |chosen, _| least_leave_one_out(chosen)),
     ];
     for n in [4, 6, 7] {
         for case in [[30.0, 1.0], [100.0, 1.0], [100.0, 3.0], [1000.0, 3.0], [1000.0, 10.0]] {

@@ -43,8 +43,6 @@ const PROFILE_STEPS: usize = 4;
 const DISAGREES: f64 = 5.0;
 /// Median of the magnitude of a standard Gaussian.
 const MEDIAN_MAGNITUDE: f64 = 0.674_489_750_196_081_7;
-/// Standard deviations from zero at which a drift is one.
-const SIGNIFICANT: f64 = 4.0;
 
 /// The samples of one component in one setting.
 #[derive(Clone, Copy, Debug)]
@@ -102,8 +100,6 @@ pub struct Drift {
     pub hz_per_s: f64,
     /// Standard deviation, Hz/s.
     pub std_hz_per_s: f64,
-    /// Whether it exceeds four standard deviations.
-    pub significant: bool,
 }
 
 /// The answer of [`common_rate`].
@@ -391,7 +387,7 @@ fn drift(states: &[State], times: &[f64]) -> Option<Drift> {
     let hz_per_s = stx / stt;
     let chi_square = used.iter().map(|(t, x, w)| w * (x - mean_x - hz_per_s * (t - mean_t)).powi(2)).sum();
     let std_hz_per_s = excess(chi_square, used.len() - 2) / stt.sqrt();
-    Some(Drift { hz_per_s, std_hz_per_s, significant: hz_per_s.abs() > SIGNIFICANT * std_hz_per_s })
+    Some(Drift { hz_per_s, std_hz_per_s })
 }
 
 /// A segment of a packet: sums of its products with sine and cosine at the rate which the search is centred on.
