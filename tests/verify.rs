@@ -86,6 +86,16 @@ fn a_value_that_the_inputs_do_not_give_shows_even_with_a_right_hash() {
     let (status, said) = verify(&[&cpf, &case.campaign()]);
     assert_eq!(status, Some(1), "{said}");
     says(&said, &["matrix.rho.0.1 = ", "comes back as", "more values differ"]);
+
+    // A recorded command that makes no parameter file is not run, nor is one that this version does not know.
+    for (command, words) in
+        [("calfit inspect", "makes no parameter file"), ("calfit lin --sideways", "is not one of this version")]
+    {
+        fs::write(&cpf, with_right_hash(&text_of.replace("calfit lin --order 0", command))).unwrap();
+        let (status, said) = verify(&[&cpf, &case.campaign()]);
+        assert_eq!(status, Some(1), "{said}");
+        says(&said, &[words]);
+    }
 }
 
 /// The hash as README and the parameter files define it: SHA-256 of all lines but `created` and `content_sha256`.

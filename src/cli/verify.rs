@@ -1,7 +1,7 @@
 //! `calfit verify`: re-reads the inputs of parameter files, compares their hashes, fits again and compares the values.
 
 use super::output::{Terminal, json};
-use super::{Cli, Common, Status, execute};
+use super::{Cli, Command, Common, Status, execute};
 use crate::error::Finding;
 use crate::formats::parameter::{AnyFile, read_any};
 use crate::formats::source::read_pieces;
@@ -184,11 +184,18 @@ fn locate(input: &Input, file: &Path, places: &[PathBuf]) -> Result<PathBuf, Str
 fn fit_again(file: &Path, stated: &AnyFile, found: &[PathBuf]) -> Result<AnyFile, Vec<String>> {
     let folder = tempfile::tempdir().map_err(|e| vec![format!("no temporary folder: {e}")])?;
     let command = &stated.provenance.command;
+    // A file that an option names is one of the inputs; its name may hold spaces.
+    const MARK: char = '\u{1}';
+    let mut marked = command.clone();
+    for (index, input) in stated.provenance.input.iter().enumerate() {
+        for option in ["--cpf", "--amplitudes"] {
+            marked = marked.replace(&format!("{option} {}", input.path), &format!("{option} {MARK}{index}"));
+        }
+    }
     let mut arguments: Vec<String> = Vec::new();
     let mut as_option = Vec::new();
-    for word in command.split(' ') {
-        // A file that an option names is one of the inputs.
-        match stated.provenance.input.iter().position(|i| i.path == word) {
+    for word in marked.split(' ') {
+        match word.strip_prefix(MARK).and_then(|index| index.parse::<usize>().ok()) {
             Some(index) => {
                 as_option.push(index);
                 arguments.push(found[index].display().to_string());
@@ -207,6 +214,9 @@ fn fit_again(file: &Path, stated: &AnyFile, found: &[PathBuf]) -> Result<AnyFile
     arguments.push(folder.path().display().to_string());
     let cli = Cli::try_parse_from(&arguments)
         .map_err(|e| vec![format!("the recorded command `{command}` is not one of this version: {}", e.kind())])?;
+    if !matches!(cli.command, Command::Lin(_) | Command::Offset(_) | Command::Freq(_) | Command::Thermal(_)) {
+        return Err(vec![format!("the recorded command `{command}` makes no parameter file")]);
+    }
     execute(cli, &Terminal::silent()).map_err(|f| vec![format!("fitting again failed: {f}")])?;
     let name = file.file_name().unwrap_or_default();
     let mut made = Vec::new();
