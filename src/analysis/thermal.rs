@@ -560,20 +560,26 @@ fn band(range: [f64; 2], evaluate: impl Fn(f64) -> (f64, f64)) -> Vec<[f64; 3]> 
 }
 
 fn rotation(points: &[&Point]) -> Rotation {
-    let angle = |i: usize| {
-        points
-            .iter()
-            .map(|p| match &p.values {
-                Values::Lin { rotation_deg, .. } => rotation_deg[i],
-                _ => f64::NAN,
-            })
-            .collect()
+    let of = |point: &&Point| match &point.values {
+        Values::Lin { rotation_deg, rotation_std_deg, .. } => (*rotation_deg, *rotation_std_deg),
+        _ => ([f64::NAN; 3], [f64::NAN; 3]),
     };
+    let all: Vec<([f64; 3], [f64; 3])> = points.iter().map(of).collect();
+    let angle = |i: usize| all.iter().map(|(angle, _)| angle[i]).collect();
+    let std = |i: usize| all.iter().map(|(_, std)| std[i]).collect();
     let initial = points.first().and_then(|p| match &p.values {
         Values::Lin { rho, .. } => *rho,
         _ => None,
     });
-    Rotation { lambda_x_deg: angle(0), mu_y_deg: angle(1), nu_z_deg: angle(2), initial }
+    Rotation {
+        lambda_x_deg: angle(0),
+        mu_y_deg: angle(1),
+        nu_z_deg: angle(2),
+        lambda_x_std_deg: std(0),
+        mu_y_std_deg: std(1),
+        nu_z_std_deg: std(2),
+        initial,
+    }
 }
 
 fn residual_field(points: &[&Point], warnings: &mut Vec<String>) -> ResidualField {

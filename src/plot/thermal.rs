@@ -268,12 +268,15 @@ fn model_errors(tpf: &Tpf, of: &str) -> Option<Figure> {
 
 fn rotation(tpf: &Tpf, of: &str) -> Figure {
     let r = &tpf.rotation;
-    let unknown = vec![f64::NAN; tpf.head.runs.len()];
     against_temperature(
         &tpf.head,
         &format!("Rotation of the sensor, {of}"),
         "Angle between each real and nominal sensor axis. A change with temperature is the mount's, a step one of handling.",
-        [("λ_x, °", &r.lambda_x_deg, &unknown), ("μ_y, °", &r.mu_y_deg, &unknown), ("ν_z, °", &r.nu_z_deg, &unknown)],
+        [
+            ("λ_x, °", &r.lambda_x_deg, &r.lambda_x_std_deg),
+            ("μ_y, °", &r.mu_y_deg, &r.mu_y_std_deg),
+            ("ν_z, °", &r.nu_z_deg, &r.nu_z_std_deg),
+        ],
     )
 }
 

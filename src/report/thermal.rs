@@ -108,10 +108,17 @@ fn facility(out: &mut String, tpf: &Tpf, head: &str) {
         let _ =
             writeln!(out, "{head} Facility parameter\n\nCalculated initial sensor rotation `ρ`:\n\n{}", super::lin::matrix(rho));
     }
-    let mut rows = vec![["run", "sensor temperature", "λ_x", "μ_y", "ν_z"].map(str::to_owned).to_vec()];
+    let mut rows =
+        vec![["run", "sensor temperature", "λ_x", "μ_y", "ν_z", "standard uncertainty, degrees"].map(str::to_owned).to_vec()];
     for (i, run) in tpf.head.runs.iter().enumerate() {
         let mut row = vec![run.clone(), degc(Some(tpf.head.temperature_degc[i]))];
         row.extend([r.lambda_x_deg[i], r.mu_y_deg[i], r.nu_z_deg[i]].map(degrees_minutes_seconds));
+        let std = [r.lambda_x_std_deg[i], r.mu_y_std_deg[i], r.nu_z_std_deg[i]];
+        row.push(if std.iter().all(|s| s.is_finite()) {
+            std.map(|s| format!("{s:.1e}")).join(", ")
+        } else {
+            "not known".to_owned()
+        });
         rows.push(row);
     }
     let _ = writeln!(out, "Rotation of the sensor in every run:\n\n{}", table(&rows));

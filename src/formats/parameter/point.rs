@@ -39,6 +39,8 @@ pub enum Values {
         std: [Option<[f64; 3]>; 3],
         /// λ_x, μ_y, ν_z, degrees; nan where the file does not tell.
         rotation_deg: [f64; 3],
+        /// Their standard uncertainties, degrees; nan where the file does not tell.
+        rotation_std_deg: [f64; 3],
         /// Rotation matrix.
         rho: Option<Rows>,
     },
@@ -131,6 +133,7 @@ struct StdKeys {
     sigma: Option<[f64; 3]>,
     xi_deg: Option<[f64; 3]>,
     b_or_ent: Option<[f64; 3]>,
+    lambda_mu_nu_deg: Option<[f64; 3]>,
 }
 
 #[derive(Deserialize)]
@@ -206,6 +209,7 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Point, Di
                 b_or_ent: offset.b_or_ent,
                 std: [std.sigma, std.xi_deg, std.b_or_ent],
                 rotation_deg: [or_nan(a.lambda_x), or_nan(a.mu_y), or_nan(a.nu_z)],
+                rotation_std_deg: std.lambda_mu_nu_deg.unwrap_or(NONE),
                 rho: matrix.rho,
             };
             Point { file, run, channel: channel(conditions), values }
@@ -269,6 +273,7 @@ impl Point {
                 b_or_ent: cpf.offset.b_or_ent,
                 std: [Some(cpf.std.sigma), Some(cpf.std.xi_deg), Some(cpf.std.b_or_ent)],
                 rotation_deg: [a.lambda_x, a.mu_y, a.nu_z],
+                rotation_std_deg: cpf.std.lambda_mu_nu_deg,
                 rho: Some(cpf.matrix.rho),
             },
         }

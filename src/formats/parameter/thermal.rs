@@ -138,6 +138,12 @@ pub struct Rotation {
     pub mu_y_deg: Vec<f64>,
     /// ν_z.
     pub nu_z_deg: Vec<f64>,
+    /// Standard uncertainty of λ_x.
+    pub lambda_x_std_deg: Vec<f64>,
+    /// Standard uncertainty of μ_y.
+    pub mu_y_std_deg: Vec<f64>,
+    /// Standard uncertainty of ν_z.
+    pub nu_z_std_deg: Vec<f64>,
     /// Rotation matrix of the first run, as rows; absent if its file does not tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub initial: Option<super::Rows>,
