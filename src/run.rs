@@ -256,6 +256,14 @@ pub struct Run {
     pub findings: Vec<Finding>,
 }
 
+impl Run {
+    /// The readings of a slow channel as (s, value): that of the temperatures before another one of the same name.
+    #[must_use]
+    pub fn slow_channel(&self, name: &str) -> Option<Vec<(f64, f64)>> {
+        self.temperatures.channel(name).or_else(|| self.channels.channel(name))
+    }
+}
+
 /// Takes the vectors of a run while its file is read, in the order of the file.
 pub trait VectorSink {
     /// Whether the settings must be known before the first vector.

@@ -4,7 +4,7 @@
 mod common;
 
 use common::check::{Case, calfit, close, number, parameters, says, text, three, tree};
-use common::{Plan, RUN_FILE, Run, Setting, Truth, good, programme};
+use common::{POSITIONS, Plan, RUN_FILE, Run, Setting, Truth, good, in_positions, offset_fields, programme};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::fs;
@@ -98,24 +98,11 @@ fn report(case: &Case) -> String {
 
 // Offset measurements.
 
-const POSITIONS: [(u32, [&str; 3]); 4] =
-    [(1, ["+X", "+Y", "+Z"]), (2, ["-X", "-Y", "+Z"]), (3, ["-Z", "-Y", "-X"]), (4, ["-Z", "+Y", "+X"])];
-
 /// Zero field and ±200 nT on each axis in every position, plateaus of 2 s.
 fn offset_plan() -> Plan {
-    let mut fields = vec![[0.0; 3]];
-    for axis in 0..3 {
-        for level in [200.0, -200.0] {
-            let mut field = [0.0; 3];
-            field[axis] = level;
-            fields.push(field);
-        }
-    }
-    fields.push([0.0; 3]);
-    let all = (1..=4).flat_map(|p| fields.iter().map(move |f| (p, *f))).enumerate();
-    let settings = all.map(|(i, (position, field))| Setting::constant(2.0 * i as f64, 2.0 * (i + 1) as f64, field, position));
+    let fields = [offset_fields(), vec![[0.0; 3]]].concat();
     Plan {
-        settings: settings.collect(),
+        settings: in_positions(&[1, 2, 3, 4], &fields, 2.0),
         positions: POSITIONS.to_vec(),
         residual_nt: [4.0, -7.0, 11.0],
         rate_hz: 64.0,

@@ -3,27 +3,17 @@
 mod common;
 
 use common::check::{Case, close, number, parameters, says, text, three};
-use common::{Plan, Setting, Truth};
+use common::{POSITIONS, Plan, Setting, Truth, in_positions, offset_fields};
 use toml_edit::DocumentMut;
 
-const POSITIONS: [(u32, [&str; 3]); 4] =
-    [(1, ["+X", "+Y", "+Z"]), (2, ["-X", "-Y", "+Z"]), (3, ["-Z", "-Y", "-X"]), (4, ["-Z", "+Y", "+X"])];
 /// Three orientations of the ambient runs of CH-GFZ-TR-2601.
 const TILTS: [(u32, [&str; 3]); 3] = [(1, ["+X", "+Y", "+Z"]), (2, ["-Y", "+X", "+Z"]), (3, ["-Z", "+Y", "+X"])];
 
-/// Zero field and ±200 nT on each axis in every position, plateaus of 4 s.
+/// Zero field and, with steps, ±200 nT on each axis in every position, plateaus of 4 s.
 fn programme(positions: &[u32], steps: bool) -> Vec<Setting> {
-    let mut fields = vec![[0.0; 3]];
-    for axis in 0..if steps { 3 } else { 0 } {
-        for level in [200.0, -200.0] {
-            let mut field = [0.0; 3];
-            field[axis] = level;
-            fields.push(field);
-        }
-    }
+    let mut fields = if steps { offset_fields() } else { vec![[0.0; 3]] };
     fields.push([0.0; 3]);
-    let all = positions.iter().flat_map(|p| fields.iter().map(move |f| (*p, *f))).enumerate();
-    all.map(|(i, (position, field))| Setting::constant(4.0 * i as f64, 4.0 * (i + 1) as f64, field, position)).collect()
+    in_positions(positions, &fields, 4.0)
 }
 
 fn plan(positions: &[(u32, [&'static str; 3])], order: &[u32]) -> Plan {

@@ -94,8 +94,7 @@ pub fn dropped(list: &[Plateau]) -> Vec<Dropped> {
 
 /// A temperature channel and its smallest, mean and largest value while the fields were applied.
 fn temperature(run: &Run, channel: &str, what: &str, span_s: [f64; 2], warnings: &mut Vec<String>) -> (Series, Option<[f64; 3]>) {
-    let table = if run.temperatures.names.iter().any(|n| n == channel) { &run.temperatures } else { &run.channels };
-    let Some(series) = table.channel(channel) else {
+    let Some(series) = run.slow_channel(channel) else {
         warnings.push(format!("no {what} temperature: the run has no channel {channel}"));
         return (Vec::new(), None);
     };

@@ -780,18 +780,13 @@ fn respond(mut measured: Vec<AmplitudePart>, run: RunHead, mut warnings: Vec<Str
     for (row, part) in measured.iter_mut().enumerate() {
         part.used &= part.detected.contains(&true);
         part.weight = std::array::from_fn(|i| {
-            corner.components[i].model.as_ref().and_then(|m| m.weight.get(row)).copied().unwrap_or(if part.used {
-                1.0
-            } else {
-                0.0
-            })
+            let fitted = corner.components[i].model.as_ref().and_then(|m| m.weight.get(row)).copied();
+            fitted.unwrap_or(f64::from(u8::from(part.used)))
         });
         let outlying: Vec<&str> =
             (0..3).filter(|i| part.used && part.detected[*i] && part.weight[*i] < USED).map(|i| COMPONENTS[i]).collect();
         if !outlying.is_empty() {
-            let remark = format!("{} does not follow the response and has little weight in it", outlying.join(", "));
-            part.remark =
-                [part.remark.as_str(), &remark].iter().filter(|r| !r.is_empty()).copied().collect::<Vec<_>>().join("; ");
+            add_remark(part, format!("{} does not follow the response and has little weight in it", outlying.join(", ")));
         }
         part.used = part.used && (0..3).all(|i| !part.detected[i] || part.weight[i] >= USED);
         let silent: Vec<&str> =

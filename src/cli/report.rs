@@ -1,7 +1,7 @@
 //! `calfit report`: every analysis that the campaign allows, all files, the protocol.
 
 use super::output::{Terminal, json};
-use super::thermal::{gather, inputs_of, order};
+use super::thermal::{gather, inputs_of, order, sort_results};
 use super::{Common, Status, open, report_failures, status};
 use crate::campaign::Campaign;
 use crate::error::Finding;
@@ -12,8 +12,8 @@ use crate::provenance::{Input, Provenance};
 use crate::report::protocol::{self, Protocol, RunPart, ThermalPart};
 use crate::report::{self, Drawn, html};
 use crate::workflow::{
-    Analyses, Failure, LinName, Measured, ThermalOptions, ThermalShown, draw, jobs, publish_tables, publish_thermal_names,
-    scale_offsets, thermals,
+    Analyses, Failure, LinName, Measured, ThermalOptions, draw, jobs, publish_tables, publish_thermal_names, scale_offsets,
+    thermals,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -98,23 +98,15 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
     let options = ThermalOptions { orders: arguments.order.clone(), joint: true };
     let inputs = inputs_of(&measured);
-    let mut groups: Vec<ThermalShown> = Vec::new();
-    for result in thermals(&points, &lins, &campaign.file.thermal, &options, &desk, |used| gather(used, &inputs)) {
-        match result {
-            Ok(one) => {
-                publish_thermal_names(&measured, &one.thermal.file.head().used, &desk)?;
-                let name = one.thermal.file.file_name();
-                one.thermal.file.head().warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
-                groups.push(one);
-            }
-            Err(finding) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
-        }
+    let results = thermals(&points, &lins, &campaign.file.thermal, &options, &desk, |used| gather(used, &inputs));
+    let groups = sort_results(results, &mut failures, terminal);
+    for group in &groups {
+        publish_thermal_names(&measured, &group.thermal.file.head().used, &desk)?;
     }
 
     let profile = if common.no_plots { None } else { profile(campaign, &measured, &folder)? };
     let mut input: Vec<Input> = measured.iter().filter_map(Measured::run).map(|run| Input::from(&run.input)).collect();
     input.extend(campaign.input.clone());
-    let orders: String = arguments.order.iter().map(|(name, order)| format!(" --order {name}={order}")).collect();
     let failed: Vec<(String, String)> = failures
         .iter()
         .flat_map(|(name, f)| f.errors().map(move |e| (name.clone(), format!("{}; {}", e.rule, e.remedy))))
@@ -126,7 +118,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         profile,
         failed,
         files: hashes(&folder, &measured)?,
-        provenance: Provenance::new(format!("calfit report{orders}"), input),
+        provenance: Provenance::new(format!("calfit report{}", options.recorded_orders()), input),
     };
     let markdown = protocol::markdown(&document);
     let page = html::page(&markdown, &protocol::title(campaign), &mut |file| std::fs::read(folder.path().join(file)).ok());
@@ -169,7 +161,7 @@ fn profile(campaign: &Campaign, measured: &[Measured], folder: &Folder) -> Resul
         .filter_map(|run| {
             let start: jiff::Timestamp = run.header.start.parse().ok()?;
             let (sensor, coil) = campaign.channels(&run.header);
-            let channel = |name: &str| run.temperatures.channel(name).or_else(|| run.channels.channel(name)).unwrap_or_default();
+            let channel = |name: &str| run.slow_channel(name).unwrap_or_default();
             Some(plot::profile::ProfileRun { start_s: start.as_second() as f64, sensor: channel(&sensor), coil: channel(&coil) })
         })
         .collect();

@@ -84,17 +84,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let remedy = "check the temperature channels of the runs, or temperature_degc in the files";
         failures.push((files.join(", "), Failure::Refused(Finding::error(&files.join(", "), rule, remedy))));
     }
-    let mut done: Vec<ThermalShown> = Vec::new();
-    for result in results {
-        match result {
-            Ok(one) => {
-                let name = one.thermal.file.file_name();
-                one.thermal.file.head().warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
-                done.push(one);
-            }
-            Err(finding) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
-        }
-    }
+    let done = sort_results(results, &mut failures, terminal);
     // A run without temperature may be of a sensor and mode that no other run has.
     for point in points.iter().filter(|p| p.run.temperature_degc.is_none()) {
         let told = |warnings: &[String]| warnings.iter().any(|w| w.contains(&point.file));
@@ -121,6 +111,26 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
     report_failures(terminal, &failures, total + files.len());
     Ok(status(done.len(), failures.iter().map(|(_, f)| f)))
+}
+
+/// The analyses that were made, with their warnings shown; the others go to the failures.
+pub(super) fn sort_results(
+    results: Vec<Result<ThermalShown, Finding>>,
+    failures: &mut Vec<(String, Failure)>,
+    terminal: &Terminal,
+) -> Vec<ThermalShown> {
+    let mut done = Vec::new();
+    for result in results {
+        match result {
+            Ok(one) => {
+                let name = one.thermal.file.file_name();
+                one.thermal.file.head().warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+                done.push(one);
+            }
+            Err(finding) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
+        }
+    }
+    done
 }
 
 fn same_kind(a: &Point, b: &Point) -> bool {

@@ -22,10 +22,16 @@ pub struct ThermalOptions {
 }
 
 impl ThermalOptions {
-    /// The options as on the command line, each with a space before it.
+    /// The orders as on the command line, each with a space before it.
+    #[must_use]
+    pub fn recorded_orders(&self) -> String {
+        self.orders.iter().map(|(name, order)| format!(" --order {name}={order}")).collect()
+    }
+
+    /// All options as on the command line, each with a space before it.
     #[must_use]
     pub fn recorded(&self) -> String {
-        let mut text: String = self.orders.iter().map(|(name, order)| format!(" --order {name}={order}")).collect();
+        let mut text = self.recorded_orders();
         if self.joint {
             text.push_str(" --joint");
         }

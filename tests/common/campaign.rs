@@ -1,12 +1,10 @@
 //! A campaign with runs of every kind at four temperatures.
 
 use super::check::Case;
-use super::{Plan, Run, Setting, Truth, programme, sines};
+use super::{POSITIONS, Plan, Run, Setting, Truth, in_positions, offset_fields, programme, sines};
 
 /// Temperatures of the sensor, °C.
 pub const TEMPERATURES_DEGC: [f64; 4] = [-60.0, 0.0, 60.0, 120.0];
-pub const POSITIONS: [(u32, [&str; 3]); 4] =
-    [(1, ["+X", "+Y", "+Z"]), (2, ["-X", "-Y", "+Z"]), (3, ["-Z", "-Y", "-X"]), (4, ["-Z", "+Y", "+X"])];
 pub const RATE_FACTOR: f64 = 127.9991 / 128.0;
 const FREQUENCIES_HZ: [f64; 22] = [
     1000.0, 631.0, 398.0, 251.0, 158.0, 126.0, 100.0, 79.4, 63.1, 50.1, 39.8, 31.6, 25.1, 19.9, 12.6, 7.9, 5.01, 3.16, 1.99,
@@ -45,20 +43,6 @@ fn at(run: Run, kind: &str, configuration: &str, id: &str, degc: f64) -> String 
     run.text()
 }
 
-/// Zero field and ±200 nT on every axis in every position.
-fn offset_programme() -> Vec<Setting> {
-    let mut fields = vec![[0.0; 3]];
-    for axis in 0..3 {
-        for level in [200.0, -200.0] {
-            let mut field = [0.0; 3];
-            field[axis] = level;
-            fields.push(field);
-        }
-    }
-    let all = (1..=4).flat_map(|p| fields.iter().map(move |f| (p, *f))).enumerate();
-    all.map(|(i, (position, field))| Setting::constant(3.0 * i as f64, 3.0 * (i + 1) as f64, field, position)).collect()
-}
-
 /// Id of the run of a kind at a temperature: hours 08, 09 and 10 of consecutive days.
 pub fn id(hour: usize, index: usize) -> String {
     format!("13-04-{:02}_{hour:02}-00-00", 3 + index)
@@ -88,7 +72,7 @@ pub fn write(case: &Case) {
         };
         let levels = [-2000.0, -1200.0, -400.0, 400.0, 1200.0, 2000.0];
         put(8, plan(programme(&levels, 2.0), 1).run(), "linearity", "LIN2000XYZE.MAG");
-        put(9, plan(offset_programme(), 2).run(), "offset", "OFFSET_200.MAG");
+        put(9, plan(in_positions(&[1, 2, 3, 4], &offset_fields(), 3.0), 2).run(), "offset", "OFFSET_200.MAG");
         let freq = Plan { corner_hz: Some(corner_hz(degc)), ..plan(sines(&FREQUENCIES_HZ, 1000.0), 3) };
         put(10, freq.run(), "frequency", "FREQ2000.MAG");
         if index == 0 {

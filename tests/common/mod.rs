@@ -163,6 +163,30 @@ pub struct Plan {
     pub seed: u64,
 }
 
+/// Positions of the campaign of 2013.
+pub const POSITIONS: [(u32, [&str; 3]); 4] =
+    [(1, ["+X", "+Y", "+Z"]), (2, ["-X", "-Y", "+Z"]), (3, ["-Z", "-Y", "-X"]), (4, ["-Z", "+Y", "+X"])];
+
+/// Zero field, and ±200 nT on each axis in turn.
+pub fn offset_fields() -> Vec<[f64; 3]> {
+    let mut fields = vec![[0.0; 3]];
+    for axis in 0..3 {
+        for level in [200.0, -200.0] {
+            let mut field = [0.0; 3];
+            field[axis] = level;
+            fields.push(field);
+        }
+    }
+    fields
+}
+
+/// Fields in every one of some positions in turn.
+pub fn in_positions(positions: &[u32], fields: &[[f64; 3]], plateau_s: f64) -> Vec<Setting> {
+    let all = positions.iter().flat_map(|p| fields.iter().map(move |f| (*p, *f))).enumerate();
+    all.map(|(i, (position, field))| Setting::constant(plateau_s * i as f64, plateau_s * (i + 1) as f64, field, position))
+        .collect()
+}
+
 /// Sines one after the other on the Y coil axis, as in FREQ2000, with a pause of half a second between them.
 pub fn sines(frequencies_hz: &[f64], amplitude_nt: f64) -> Vec<Setting> {
     let mut t = 1.0;
