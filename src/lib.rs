@@ -28,5 +28,6 @@ pub mod plot;
 pub mod provenance;
 pub mod report;
 pub mod run;
+pub mod simulate;
 pub mod units;
 pub mod workflow;

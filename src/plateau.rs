@@ -29,18 +29,6 @@ struct Bin {
 impl Bin {
     const EMPTY: Bin = Bin { count: 0, sum: [0.0; 3], squares: [0.0; 3], min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
 
-    #[inline(always)]
-    fn add(&mut self, reading: [f64; 3], reference: [f64; 3]) {
-        self.count += 1;
-        for i in 0..3 {
-            let (r, d) = (reading[i], reading[i] - reference[i]);
-            self.sum[i] += d;
-            self.squares[i] += d * d;
-            self.min[i] = if r < self.min[i] { r } else { self.min[i] };
-            self.max[i] = if r > self.max[i] { r } else { self.max[i] };
-        }
-    }
-
     fn merge(&mut self, other: &Bin) {
         self.count += other.count;
         for i in 0..3 {
@@ -177,6 +165,64 @@ pub struct Accumulator {
     end_s: f64,
     bins_per_s: f64,
     outside: u64,
+    open: Open,
+}
+
+/// The bin that samples go into, kept apart: four lanes in place of three components let the compiler work on pairs.
+#[derive(Clone, Copy, Debug)]
+struct Open {
+    /// Index within the setting; none if no bin is open.
+    index: usize,
+    count: u64,
+    reference: [f64; 4],
+    sum: [f64; 4],
+    squares: [f64; 4],
+    min: [f64; 4],
+    max: [f64; 4],
+}
+
+impl Open {
+    fn new(index: usize, bin: &Bin, reference: [f64; 3]) -> Self {
+        let lanes = |[x, y, z]: [f64; 3]| [x, y, z, 0.0];
+        Open {
+            index,
+            count: bin.count,
+            reference: lanes(reference),
+            sum: lanes(bin.sum),
+            squares: lanes(bin.squares),
+            min: lanes(bin.min),
+            max: lanes(bin.max),
+        }
+    }
+
+    #[inline(always)]
+    fn add(&mut self, [x, y, z]: [f64; 3]) {
+        self.count += 1;
+        for (i, r) in [x, y, z, 0.0].into_iter().enumerate() {
+            let d = r - self.reference[i];
+            self.sum[i] += d;
+            self.squares[i] += d * d;
+            self.min[i] = if r < self.min[i] { r } else { self.min[i] };
+            self.max[i] = if r > self.max[i] { r } else { self.max[i] };
+        }
+    }
+
+    fn bin(&self) -> Bin {
+        let components = |[x, y, z, _]: [f64; 4]| [x, y, z];
+        Bin {
+            count: self.count,
+            sum: components(self.sum),
+            squares: components(self.squares),
+            min: components(self.min),
+            max: components(self.max),
+        }
+    }
+}
+
+impl Default for Open {
+    fn default() -> Self {
+        Open::new(usize::MAX, &Bin::EMPTY, [0.0; 3])
+    }
 }
 
 impl VectorSink for Accumulator {
@@ -190,6 +236,7 @@ impl VectorSink for Accumulator {
         self.bins = vec![[Bin::EMPTY; BINS]; settings.len()];
         self.references = vec![None; settings.len()];
         self.current = 0;
+        self.open = Open::default();
         self.enter();
     }
 
@@ -203,13 +250,12 @@ impl VectorSink for Accumulator {
             return;
         }
         let Reading(r) = vector.reading;
-        let (Some(bins), Some(reference)) = (self.bins.get_mut(self.current), self.references.get_mut(self.current)) else {
-            return;
-        };
-        let reference = reference.get_or_insert(r);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the time is within the setting")]
         let index = (((vector.t_s - self.begin_s) * self.bins_per_s) as u32 as usize).min(BINS - 1);
-        bins[index].add(r, *reference);
+        if index != self.open.index {
+            self.turn_to(index, r);
+        }
+        self.open.add(r);
     }
 }
 
@@ -228,8 +274,27 @@ impl Accumulator {
         }
     }
 
+    /// Opens another bin of the current setting, for a sample with reading `r`.
+    #[cold]
+    fn turn_to(&mut self, index: usize, r: [f64; 3]) {
+        self.close();
+        let bin = self.bins.get(self.current).and_then(|bins| bins.get(index));
+        if let (Some(bin), Some(reference)) = (bin, self.references.get_mut(self.current)) {
+            self.open = Open::new(index, bin, *reference.get_or_insert(r));
+        }
+    }
+
+    /// Puts the open bin back into its place.
+    fn close(&mut self) {
+        if let Some(bin) = self.bins.get_mut(self.current).and_then(|bins| bins.get_mut(self.open.index)) {
+            *bin = self.open.bin();
+        }
+        self.open = Open::default();
+    }
+
     #[cold]
     fn advance(&mut self, t_s: f64) {
+        self.close();
         while t_s >= self.end_s {
             self.current += 1;
             self.enter();
@@ -238,7 +303,8 @@ impl Accumulator {
 
     /// The plateaus of what was read. A plateau with less than `least_coverage` of its expected samples is dropped.
     #[must_use]
-    pub fn finish(self, settling: Settling, least_coverage: f64) -> Plateaus {
+    pub fn finish(mut self, settling: Settling, least_coverage: f64) -> Plateaus {
+        self.close();
         let edges = self.find_edges();
         let settling_s = match settling {
             Settling::Given(given_s) => given_s,

@@ -11,8 +11,9 @@ use crate::fit::{FitError, Limits, Propagated, Robust, Solution, correlation, li
 use crate::formats::parameter::{
     Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Quality, Setup, Std, Summary, Validity,
 };
+use crate::model::polynomial;
 use crate::model::position::Position;
-use crate::model::sensor::{Split, SplitError, misplaced_axes, split};
+use crate::model::sensor::{Linear, Split, SplitError, misplaced_axes, split};
 use crate::plateau::{Drop, LEAST_COVERAGE, Plateau, Plateaus, Settling, median};
 use crate::run::{Kind, Run};
 use crate::units::{COMPONENTS, FieldCoil};
@@ -152,10 +153,10 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
         }
     }
 
+    let sensor = Linear::new(derived.split.phi)?;
     let model = |p: &Plateau| -> FieldCoil {
-        let b_or = trend.at(&stacked, p.t_s());
-        let b_m = Vector3::from(p.mean.0) - b_or;
-        FieldCoil((Vector3::from(p.setting.field.0) - derived.split.phi * b_m).into())
+        let modelled = sensor.field(p.mean, trend.at(&stacked, p.t_s()));
+        FieldCoil(std::array::from_fn(|axis| p.setting.field.0[axis] - modelled.0[axis]))
     };
     let mut weights = fitted.weights.iter();
     let blocks: Vec<Block> = list
@@ -335,9 +336,9 @@ impl Trend {
     }
 
     /// `B_or` at a time, enT.
-    fn at(&self, stacked: &[f64], t_s: f64) -> Vector3<f64> {
+    fn at(&self, stacked: &[f64], t_s: f64) -> [f64; 3] {
         let tau = self.tau(t_s);
-        Vector3::from_fn(|a, _| self.coefficients(stacked, a).iter().rev().fold(0.0, |sum, c| sum * tau + c))
+        std::array::from_fn(|a| polynomial::value(self.coefficients(stacked, a), tau))
     }
 
     /// Mean `B_or` over the used plateaus, enT.

@@ -10,6 +10,7 @@ mod options;
 mod output;
 mod report;
 mod shell;
+mod simulate;
 mod thermal;
 mod verify;
 
@@ -45,6 +46,8 @@ enum Command {
     Thermal(thermal::Arguments),
     /// Every analysis that a campaign allows, all files, and the protocol as Markdown and one HTML page.
     Report(report::Arguments),
+    /// Write the run files of a campaign whose truth is known, from a twin of sensor, facility and programme.
+    Simulate(simulate::Arguments),
     /// List the runs of a campaign: file, programme, sensor, mode, settings, vectors, losses, temperatures.
     Inspect(inspect::Arguments),
     /// Validate files and say everything that is wrong with each; changes nothing.
@@ -178,6 +181,7 @@ fn execute(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
         Command::Freq(arguments) => freq::run(&arguments, &cli.common, terminal),
         Command::Thermal(arguments) => thermal::run(&arguments, &cli.common, terminal),
         Command::Report(arguments) => report::run(&arguments, &cli.common, terminal),
+        Command::Simulate(arguments) => simulate::run(&arguments, &cli.common, terminal),
         Command::Inspect(arguments) => inspect::run(&arguments, &cli.common, terminal),
         Command::Check(arguments) => check::run(&arguments, &cli.common, terminal),
         Command::Verify(arguments) => verify::run(&arguments, &cli.common, terminal),

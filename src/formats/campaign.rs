@@ -137,7 +137,14 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(CampaignFile, D
     let file = path.display().to_string();
     let text = decode(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes)).into_owned();
     let keys = Keys::parse(&file, 1, text)?;
-    let root = keys.root();
+    Ok((parse(&keys.root(), findings)?, digested))
+}
+
+/// The keys of a campaign; warnings go to `findings`.
+///
+/// # Errors
+/// What is wrong with them, with its place.
+pub fn parse(root: &Group, findings: &mut Vec<Finding>) -> Result<CampaignFile, Finding> {
     findings.extend(root.unknown(&KNOWN));
     let mut campaign = CampaignFile {
         name: root.text("name")?,
@@ -187,7 +194,7 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(CampaignFile, D
             campaign.report.extend(group.text(key)?.map(|text| (label, text)));
         }
     }
-    Ok((campaign, digested))
+    Ok(campaign)
 }
 
 fn thermal(group: &Group, findings: &mut Vec<Finding>) -> Result<ThermalEntry, Finding> {

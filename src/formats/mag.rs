@@ -33,6 +33,14 @@ pub struct Programme {
     pub steps: Vec<Step>,
 }
 
+impl Programme {
+    /// How long it takes with a pause after every step, s.
+    #[must_use]
+    pub fn lasts_s(&self, pause_s: f64) -> f64 {
+        self.steps.iter().map(|step| step.duration_s + pause_s).sum()
+    }
+}
+
 const COLUMNS: [&str; 6] = ["duration", "bx", "by", "bz", "frequency", "position"];
 const SECTION: &str = "@STEPS";
 

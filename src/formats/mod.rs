@@ -10,3 +10,4 @@ pub mod source;
 #[cfg(feature = "tables")]
 pub mod table;
 pub mod text;
+pub mod twin;

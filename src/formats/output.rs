@@ -11,6 +11,8 @@ const PICTURE: (&[u8], &[u8]) = (b"\x89PNG", b"Software\0calfit ");
 /// Parquet tables hold their mark at the end.
 const TABLE: (&[u8], &[u8]) = (b"PAR1", b"written_by");
 const MARK_WITHIN: u64 = 4096;
+/// Simulated runs say so among their keys.
+const SIMULATED: (&[u8], &[u8]) = (b"CCR 1\n", b"\n# simulated by calfit ");
 const TEMPORARY: &str = ".calfit-partial-";
 
 /// A folder for results.
@@ -65,19 +67,23 @@ impl Folder {
     /// # Errors
     /// A name that is taken, or what the operating system says.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Finding> {
+        let mut file = self.create(name)?;
+        file.write_all(bytes).map_err(|e| Finding::io(&file.path, "write", &e))?;
+        file.finish().map(|_| ())
+    }
+
+    /// A file that is written piece by piece, and has its name once it is finished.
+    ///
+    /// # Errors
+    /// A name that is taken, or what the operating system says.
+    pub fn create(&self, name: &str) -> Result<Pending, Finding> {
         self.check(name)?;
         let path = self.path.join(name);
-        let failed = |e: &std::io::Error| Finding::io(&path, "write", e);
-        let mut file = tempfile::Builder::new()
+        let file = tempfile::Builder::new()
             .prefix(&format!("{TEMPORARY}{}-", std::process::id()))
             .tempfile_in(&self.path)
-            .map_err(|e| failed(&e))?;
-        file.write_all(bytes).map_err(|e| failed(&e))?;
-        file.flush().map_err(|e| failed(&e))?;
-        readable(file.as_file()).map_err(|e| failed(&e))?;
-        file.as_file().sync_data().map_err(|e| failed(&e))?;
-        file.persist(&path).map_err(|e| failed(&e.error))?;
-        Ok(())
+            .map_err(|e| Finding::io(&path, "write", &e))?;
+        Ok(Pending { file, path, size_bytes: 0 })
     }
 
     /// Makes the names of what was written last through a power loss.
@@ -92,6 +98,40 @@ impl Folder {
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
+    }
+}
+
+/// A file under a temporary name. Without [`Pending::finish`] it vanishes.
+pub struct Pending {
+    file: tempfile::NamedTempFile,
+    path: PathBuf,
+    size_bytes: u64,
+}
+
+impl Pending {
+    /// Gives the file its name once it is complete on disk; returns its size.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn finish(mut self) -> Result<u64, Finding> {
+        let failed = |e: &std::io::Error| Finding::io(&self.path, "write", e);
+        self.file.flush().map_err(|e| failed(&e))?;
+        readable(self.file.as_file()).map_err(|e| failed(&e))?;
+        self.file.as_file().sync_data().map_err(|e| failed(&e))?;
+        self.file.persist(&self.path).map_err(|e| Finding::io(&self.path, "write", &e.error))?;
+        Ok(self.size_bytes)
+    }
+}
+
+impl Write for Pending {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let written = self.file.write(bytes)?;
+        self.size_bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
     }
 }
 
@@ -124,6 +164,7 @@ fn is_own(path: &Path) -> bool {
         file.take(MARK_WITHIN).read_to_end(&mut tail)?;
         let holds = |bytes: &[u8], mark: &[u8]| memchr::memmem::find(bytes, mark).is_some();
         Ok(BEGINS.iter().any(|begin| head.starts_with(begin))
+            || head.starts_with(SIMULATED.0) && holds(&head, SIMULATED.1)
             || head.starts_with(PICTURE.0) && holds(&head, PICTURE.1)
             || head.starts_with(TABLE.0) && holds(&tail, TABLE.1) && holds(&tail, b"calfit"))
     };

@@ -5,12 +5,12 @@ use crate::error::Finding;
 use flate2::bufread::MultiGzDecoder;
 use sha2::{Digest, Sha256};
 use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::{BufReader, ErrorKind, Read, Seek};
 use std::path::Path;
 use std::sync::mpsc::sync_channel;
 
-/// Size of a chunk, bytes.
-const CHUNK: usize = 1 << 18;
+/// Size of a chunk, bytes: what a core keeps at hand from the copy out of the page cache over the hash to the numbers.
+const CHUNK: usize = 1 << 17;
 
 /// A piece of a file.
 #[derive(Clone, Copy, Debug)]
@@ -94,43 +94,65 @@ enum Cut {
     Overlong,
 }
 
-impl Cut {
-    fn piece(self, bytes: &[u8]) -> Piece<'_> {
-        match self {
-            Cut::Lines => Piece::Lines(bytes),
-            Cut::Rest => Piece::Rest(bytes),
-            Cut::Overlong => Piece::Overlong(bytes),
+/// A piece in a buffer that is used again: its memory is cleared once, not for every piece.
+#[derive(Default)]
+struct Chunk {
+    memory: Vec<u8>,
+    length: usize,
+}
+
+impl Chunk {
+    fn bytes(&self) -> &[u8] {
+        self.memory.get(..self.length).unwrap_or_default()
+    }
+
+    fn piece(&self, cut: Cut) -> Piece<'_> {
+        match cut {
+            Cut::Lines => Piece::Lines(self.bytes()),
+            Cut::Rest => Piece::Rest(self.bytes()),
+            Cut::Overlong => Piece::Overlong(self.bytes()),
         }
+    }
+
+    /// Adds bytes up to a whole [`CHUNK`]; fewer are the last ones of the file.
+    fn fill(&mut self, reader: &mut Reader) -> std::io::Result<bool> {
+        let target = self.length + CHUNK;
+        if self.memory.len() < target {
+            self.memory.try_reserve(target - self.memory.len()).map_err(std::io::Error::other)?;
+            self.memory.resize(target, 0);
+        }
+        while let Some(free) = self.memory.get_mut(self.length..target).filter(|free| !free.is_empty()) {
+            match reader.read(free) {
+                Ok(0) => return Ok(false),
+                Ok(read) => self.length += read,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(true)
     }
 }
 
 impl Cutter {
-    /// Fills `buffer` with the next piece.
-    fn next(&mut self, buffer: &mut Vec<u8>) -> std::io::Result<Cut> {
-        buffer.clear();
-        buffer.append(&mut self.carry);
+    /// Fills `chunk` with the next piece.
+    fn next(&mut self, chunk: &mut Chunk) -> std::io::Result<Cut> {
+        chunk.length = self.carry.len();
+        if chunk.memory.len() < chunk.length {
+            chunk.memory.resize(chunk.length, 0);
+        }
+        chunk.memory.iter_mut().zip(self.carry.drain(..)).for_each(|(to, from)| *to = from);
         loop {
-            let before = buffer.len();
-            let target = before + CHUNK;
-            buffer.try_reserve(target - before).map_err(std::io::Error::other)?;
-            self.reader.by_ref().take((target - before) as u64).read_to_end(buffer)?;
-            let ended = buffer.len() < target;
-            if ended {
-                // The last line end, if any, is found by the caller's line loop; what follows it is the rest.
-                let at = memchr::memrchr(b'\n', buffer).map_or(0, |p| p + 1);
-                if at > 0 && at < buffer.len() {
-                    self.carry.extend_from_slice(buffer.get(at..).unwrap_or_default());
-                    buffer.truncate(at);
-                    return Ok(Cut::Lines);
-                }
-                return Ok(if at > 0 { Cut::Lines } else { Cut::Rest });
-            }
-            if let Some(at) = memchr::memrchr(b'\n', buffer) {
-                self.carry.extend_from_slice(buffer.get(at + 1..).unwrap_or_default());
-                buffer.truncate(at + 1);
+            let more = chunk.fill(&mut self.reader)?;
+            // The last line end, if any, is found by the caller's line loop; what follows it is the next piece or the rest.
+            if let Some(at) = memchr::memrchr(b'\n', chunk.bytes()) {
+                self.carry.extend_from_slice(chunk.bytes().get(at + 1..).unwrap_or_default());
+                chunk.length = at + 1;
                 return Ok(Cut::Lines);
             }
-            if buffer.len() >= LONGEST_LINE {
+            if !more {
+                return Ok(Cut::Rest);
+            }
+            if chunk.length >= LONGEST_LINE {
                 return Ok(Cut::Overlong);
             }
         }
@@ -180,10 +202,10 @@ pub fn read_pieces(
     if two_threads {
         read_beside(&mut cutter, &mut take, &wrong)?;
     } else {
-        let mut buffer = Vec::new();
+        let mut chunk = Chunk::default();
         loop {
-            let cut = cutter.next(&mut buffer).map_err(&wrong)?;
-            take(cut.piece(&buffer))?;
+            let cut = cutter.next(&mut chunk).map_err(&wrong)?;
+            take(chunk.piece(cut))?;
             if cut != Cut::Lines {
                 break;
             }
@@ -204,12 +226,12 @@ fn read_beside(
     wrong: &(impl Fn(std::io::Error) -> Finding + Sync),
 ) -> Result<(), Finding> {
     std::thread::scope(|scope| {
-        let (full_in, full_out) = sync_channel::<std::io::Result<(Cut, Vec<u8>)>>(3);
-        let (empty_in, empty_out) = sync_channel::<Vec<u8>>(4);
+        let (full_in, full_out) = sync_channel::<std::io::Result<(Cut, Chunk)>>(3);
+        let (empty_in, empty_out) = sync_channel::<Chunk>(4);
         scope.spawn(move || {
             loop {
-                let mut buffer = empty_out.try_recv().unwrap_or_default();
-                let piece = cutter.next(&mut buffer).map(|cut| (cut, buffer));
+                let mut chunk = empty_out.try_recv().unwrap_or_default();
+                let piece = cutter.next(&mut chunk).map(|cut| (cut, chunk));
                 let more = matches!(piece, Ok((Cut::Lines, _)));
                 // The other side hangs up after an error of its own.
                 if full_in.send(piece).is_err() || !more {
@@ -218,9 +240,9 @@ fn read_beside(
             }
         });
         for piece in full_out {
-            let (cut, buffer) = piece.map_err(wrong)?;
-            take(cut.piece(&buffer))?;
-            let _ = empty_in.try_send(buffer);
+            let (cut, chunk) = piece.map_err(wrong)?;
+            take(chunk.piece(cut))?;
+            let _ = empty_in.try_send(chunk);
         }
         Ok(())
     })

@@ -1,6 +1,8 @@
 //! The forward model that analysis, simulation and diagnosis share. It knows no files.
 
+pub mod coil;
 pub mod polynomial;
 pub mod position;
 pub mod response;
 pub mod sensor;
+pub mod thermal;

@@ -2,6 +2,12 @@
 
 use nalgebra::DMatrix;
 
+/// `Σ p_k T^k`, coefficients lowest order first; zero without any.
+#[must_use]
+pub fn value(coefficients: &[f64], temperature_degc: f64) -> f64 {
+    coefficients.iter().rev().fold(0.0, |sum, c| sum * temperature_degc + c)
+}
+
 /// `p(T)` with the covariance of its coefficients and the range of temperatures it was fitted in.
 ///
 /// The unit of coefficient k is that of the parameter per °C to the power k.
@@ -29,7 +35,7 @@ impl TemperaturePolynomial {
     /// coefficients gives NaN.
     #[must_use]
     pub fn evaluate(&self, temperature_degc: f64) -> (f64, f64) {
-        let value = self.coefficients.iter().rev().fold(0.0, |sum, c| sum * temperature_degc + c);
+        let value = value(&self.coefficients, temperature_degc);
         let count = self.coefficients.len();
         if self.covariance.shape() != (count, count) {
             return (value, f64::NAN);

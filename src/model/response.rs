@@ -98,6 +98,31 @@ impl Factor {
     }
 }
 
+impl Factor {
+    /// Phase at f, Hz, of the causal filter, rad; the sign that a boxcar's value carries is not in it.
+    fn phase_rad(self, f: f64, p: &[f64]) -> f64 {
+        let [first, second] = [p.first().copied().unwrap_or(f64::NAN), p.get(1).copied().unwrap_or(f64::NAN)];
+        let x = f / first;
+        match self {
+            Factor::FirstOrder => -x.atan(),
+            Factor::SecondOrder => -(x / second).atan2(1.0 - x * x),
+            Factor::Zero => x.atan(),
+            // Poles at angles of (2k + 1) π / 2n around the negative real axis.
+            Factor::Butterworth(order) => {
+                let n = i32::from(order);
+                let pole = |k: i32| {
+                    let (im, re) = (PI * f64::from(2 * k + 1 - n) / f64::from(2 * n)).sin_cos();
+                    -(x - im).atan2(re)
+                };
+                (0..n).map(pole).sum()
+            }
+            // The readings of the last 1 / notch seconds, or N of them at distance T: half of the time between first and last.
+            Factor::Boxcar(readings) => -PI * x * (1.0 - 1.0 / f64::from(readings)),
+            Factor::Integrator => -PI * x,
+        }
+    }
+}
+
 /// `1 / sqrt(1 + x^(2n))` and its derivative by the logarithm of the corner.
 fn power(x: f64, order: u16) -> (f64, [f64; 2]) {
     let power = x.powi(i32::from(order));
@@ -178,6 +203,27 @@ impl Response {
     #[must_use]
     pub fn value(&self, f: f64, parameters: &[f64]) -> f64 {
         self.value_and_slopes(f, parameters).0
+    }
+
+    /// Phase of the causal filter at f, Hz, in rad: `G = ±value · exp(i phase)` with the sign included as π.
+    #[must_use]
+    pub fn phase_rad(&self, f: f64, parameters: &[f64]) -> f64 {
+        let (mut phase, mut sign, mut from) = (0.0, 1.0, 0);
+        for factor in self.factors {
+            let own = parameters.get(from..).unwrap_or(&[]);
+            phase += factor.phase_rad(f, own);
+            sign *= factor.value(f, own).0.signum();
+            from += factor.parameters().len();
+        }
+        if sign < 0.0 { phase + PI } else { phase }
+    }
+
+    /// Parameters in the same proportions, with the -3 dB point at a given frequency, Hz.
+    #[must_use]
+    pub fn scaled_to(&self, corner_hz: f64, parameters: &[f64]) -> Option<Vec<f64>> {
+        let factor = corner_hz / self.corner_hz(parameters)?;
+        let kinds = self.parameters();
+        Some(kinds.iter().zip(parameters).map(|(kind, p)| if kind.unit == "Hz" { p * factor } else { *p }).collect())
     }
 
     /// [`value`](Self::value) and its derivatives by the logarithms of the parameters; those beyond the last are zero.
@@ -337,6 +383,37 @@ mod tests {
         close(corner("boxcar", &[100.0]), 44.294_647_068_945_2);
         // Two readings: |cos(πx/2)| = 1/√2 at x = 1/2.
         close(corner("boxcar of 2", &[100.0]), 50.0);
+    }
+
+    #[test]
+    fn phases_are_those_of_the_filters() {
+        let phase = |name: &str, f: f64, p: &[f64]| Response::named(name).unwrap().phase_rad(f, p);
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
+        close(phase("first order", 60.0, &[60.0]), -PI / 4.0);
+        close(phase("second order", 60.0, &[60.0, 0.7]), -PI / 2.0);
+        // 1 / (s² + √2 s + 1) and 1 / ((s + 1)(s² + s + 1)) at s = i x.
+        let x: f64 = 0.8;
+        close(phase("Butterworth 2", x, &[1.0]), -(2f64.sqrt() * x).atan2(1.0 - x * x));
+        close(phase("Butterworth 3", x, &[1.0]), -x.atan() - x.atan2(1.0 - x * x));
+        // The mean of a cosine over the last second, and of four readings of it at distances of a quarter.
+        for f in [0.3, 1.4, 2.7] {
+            let turn = |t: f64| {
+                let (im, re) = (-2.0 * PI * f * t).sin_cos();
+                (re, im)
+            };
+            let steps = 100_000;
+            let mean = |count: usize, at: &dyn Fn(usize) -> f64| {
+                let sum = (0..count).map(|k| turn(at(k))).fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+                (sum.0 / count as f64, sum.1 / count as f64)
+            };
+            let boxcar = mean(steps, &|k| (k as f64 + 0.5) / steps as f64);
+            let four = mean(4, &|k| k as f64 / 4.0);
+            for (name, (re, im)) in [("boxcar", boxcar), ("boxcar of 4", four)] {
+                let response = Response::named(name).unwrap();
+                let (value, phase) = (response.value(f, &[1.0]), response.phase_rad(f, &[1.0]));
+                assert!((value * phase.cos() - re).abs() < 1e-8 && (value * phase.sin() - im).abs() < 1e-8, "{name} {f}");
+            }
+        }
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The linear sensor: `B_c = Φ B_m`, `Φ = R_nom ρ ω σ`, and its split (BC-MAG-TR-0085 section 15.1).
 
+use crate::units::{FieldCoil, Reading};
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
@@ -90,6 +91,41 @@ fn angle_deg(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
 pub fn compose(r_nom: &Matrix3<f64>, rho: &Matrix3<f64>, xi_deg: [f64; 3], sigma: [f64; 3]) -> Result<Matrix3<f64>, SplitError> {
     let omega = base_vectors(xi_deg)?.transpose().try_inverse().ok_or(SplitError::Planar)?;
     Ok(r_nom * rho * omega * Matrix3::from_diagonal(&Vector3::from(sigma)))
+}
+
+/// A sensor in one position: `B_r = Φ⁻¹ B_c + B_or`, in both directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Linear {
+    phi: Matrix3<f64>,
+    response: Matrix3<f64>,
+}
+
+impl Linear {
+    /// From `Φ`, readings to coil coordinates, nT/enT.
+    ///
+    /// # Errors
+    /// A matrix without inverse.
+    pub fn new(phi: Matrix3<f64>) -> Result<Self, SplitError> {
+        Ok(Self { phi, response: phi.try_inverse().ok_or(SplitError::Singular)? })
+    }
+
+    /// `A = Φ⁻¹`, enT/nT: rows are components, columns coil axes.
+    #[must_use]
+    pub fn response(&self) -> &Matrix3<f64> {
+        &self.response
+    }
+
+    /// Reading in a field, with offset and residual field `B_or`, enT.
+    #[must_use]
+    pub fn reading(&self, field: FieldCoil, b_or_ent: [f64; 3]) -> Reading {
+        Reading((self.response * Vector3::from(field.0) + Vector3::from(b_or_ent)).into())
+    }
+
+    /// The field that gives a reading: the modelled measurement `Φ (B_r - B_or)`, nT.
+    #[must_use]
+    pub fn field(&self, reading: Reading, b_or_ent: [f64; 3]) -> FieldCoil {
+        FieldCoil((self.phi * (Vector3::from(reading.0) - Vector3::from(b_or_ent))).into())
+    }
 }
 
 /// For each sensor component the nominal axis it really looks along, as `+x`, if that is not the one the position says.

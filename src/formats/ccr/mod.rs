@@ -1,6 +1,7 @@
 //! CCR: a run. A magic line, TOML keys, sections of CSV rows, `@END`.
 
 mod header;
+mod layout;
 mod parse;
 mod vectors;
 mod write;

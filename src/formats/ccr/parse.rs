@@ -1,6 +1,7 @@
 //! The reader of run files: one pass, bounded memory, every byte validated.
 
 use super::Section;
+use super::layout::Layout;
 use super::vectors::{Clock, Row, Tick, WINDOW, plain_row};
 use crate::error::{Finding, Severity, excerpt};
 use crate::formats::source::{Piece, read_pieces};
@@ -26,6 +27,8 @@ pub struct Options {
 
 /// Errors of one file that are listed before the reader gives up.
 const MOST_ERRORS: usize = 100;
+/// Rows of other layouts after which one of them is learnt.
+const MOST_DOUBTS: u32 = 64;
 /// Bytes of TOML keys that are accepted.
 const LONGEST_HEAD: usize = 1 << 20;
 
@@ -122,6 +125,10 @@ struct Parser<'a, S> {
     columns: Columns,
     /// The columns of `@VECTORS` are exactly the wanted ones in order, so rows can take the fast path.
     plain_columns: bool,
+    /// Layout of a recent row, which the next rows most likely have too.
+    layout: Option<Layout>,
+    /// Rows of other layouts since, less the rows of this one.
+    doubts: u32,
     clock: Clock,
     begun: bool,
     scale: f64,
@@ -150,6 +157,8 @@ impl<'a, S: VectorSink> Parser<'a, S> {
             seen: Vec::new(),
             columns: Columns { names: Vec::new(), wanted: Vec::new() },
             plain_columns: false,
+            layout: None,
+            doubts: 0,
             clock: Clock::new(1.0),
             begun: false,
             scale: 1.0,
@@ -235,7 +244,17 @@ impl<'a, S: VectorSink> Parser<'a, S> {
     #[inline(never)]
     fn plain_rows<'b>(&mut self, mut bytes: &'b [u8]) -> Result<&'b [u8], Stop> {
         while let Some(window) = bytes.first_chunk::<WINDOW>() {
-            let Some((row, length)) = plain_row(window) else { break };
+            let (row, length) = match &self.layout {
+                Some(layout) if layout.fits(window) => {
+                    self.doubts = self.doubts.saturating_sub(1);
+                    (layout.row(window), layout.length())
+                }
+                _ => {
+                    let Some((row, length)) = plain_row(window) else { break };
+                    self.other_layout(bytes.get(..length).unwrap_or_default());
+                    (row, length)
+                }
+            };
             self.line += 1;
             match self.clock.tick(&row, self.line) {
                 Tick::Sample(t_s) => self.deliver(&row, t_s),
@@ -248,6 +267,17 @@ impl<'a, S: VectorSink> Parser<'a, S> {
             bytes = bytes.get(length..).unwrap_or_default();
         }
         Ok(bytes)
+    }
+
+    /// A plain row that is not laid out as the rows before it. Single ones are passed over, as layouts take longer to learn than rows
+    /// to read.
+    #[inline(never)]
+    fn other_layout(&mut self, row: &[u8]) {
+        self.doubts += 1;
+        if self.layout.is_none() || self.doubts > MOST_DOUBTS {
+            self.doubts = 0;
+            self.layout = Layout::of(row);
+        }
     }
 
     #[inline(always)]

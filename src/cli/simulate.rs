@@ -1,0 +1,74 @@
+//! `calfit simulate`: a campaign from a twin, or a measured run once more.
+
+use super::output::{Terminal, json};
+use super::{Common, Status};
+use crate::error::Finding;
+use crate::formats::twin;
+use crate::simulate::like::write_like;
+use crate::simulate::write_campaign;
+use clap::Args;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// The twin: sensors, electronics, facility, thermal box, noise, programme.
+    #[arg(value_name = "TWIN.toml", required_unless_present = "like", conflicts_with = "like")]
+    twin: Option<PathBuf>,
+    /// Simulate a measured run instead: the same programme and temperatures, readings from its parameter files.
+    #[arg(long, value_name = "RUN")]
+    like: Option<PathBuf>,
+    /// Parameter files for --like: the CPF of a linearity run, OPF and CPF of an offset run, the FPF of a frequency run.
+    #[arg(long, value_name = "FILE", requires = "like", num_args = 1..)]
+    parameters: Vec<PathBuf>,
+    /// Seed of the random numbers, in place of the twin's.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+}
+
+#[derive(Serialize)]
+struct Listing<R> {
+    seed: u64,
+    runs: Vec<R>,
+}
+
+pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    match (&arguments.like, &arguments.twin) {
+        (Some(run), _) => like(run, arguments, common, terminal),
+        (None, Some(twin)) => campaign(twin, arguments, common, terminal),
+        (None, None) => Err(Finding::error("calfit simulate", "no twin was named", "name TWIN.toml, or a run with --like")),
+    }
+}
+
+fn like(run: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let seed = arguments.seed.unwrap_or(1);
+    let path = write_like(run, &arguments.parameters, seed, &common.out, common.force)?;
+    if common.json {
+        terminal.print(&json(&Listing { seed, runs: vec![path] })?);
+    } else {
+        terminal.tell(&format!("{}, seed {seed}\n  -> {}\n", run.display(), common.out.join(path).display()));
+    }
+    Ok(Status::Done)
+}
+
+fn campaign(path: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let mut findings = Vec::new();
+    let twin = twin::read(path, &mut findings)?;
+    findings.iter().for_each(|f| terminal.finding(f));
+    let seed = arguments.seed.unwrap_or(twin.seed);
+    let bar = terminal.progress(twin.runs.len());
+    let runs = write_campaign(&twin, seed, &common.out, common.force, || bar.inc(1))?;
+    bar.finish_and_clear();
+    let (vectors, bytes) = runs.iter().fold((0, 0), |(v, b), run| (v + run.vectors, b + run.size_bytes));
+    if common.json {
+        terminal.print(&json(&Listing { seed, runs })?);
+    } else {
+        terminal.tell(&format!(
+            "{} runs, {vectors} vectors, {:.1} MB, seed {seed}\n  -> {}\n",
+            twin.runs.len(),
+            bytes as f64 / 1e6,
+            common.out.display()
+        ));
+    }
+    Ok(Status::Done)
+}

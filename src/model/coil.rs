@@ -1,0 +1,100 @@
+//! The coil system: from settings to the field at its centre (CH-GFZ-TR-2601 section 6; mathematics.md section 5).
+
+use crate::units::FieldCoil;
+use nalgebra::{Matrix3, Vector3};
+
+/// What turns settings into a field: scale factors, offset fields, angles between the axes, and what the temperatures of coil and
+/// rack do to them. In [`Coil::IDEAL`] the field is the setting.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Coil {
+    /// Scale factors per axis at the reference temperatures, nT per unit of the setting.
+    pub scale_nt_per_eu: [f64; 3],
+    /// Relative change of the scale factors with the coil temperature, 1/K.
+    pub scale_per_k: [f64; 3],
+    /// Relative change of the scale factors with the rack temperature, 1/K.
+    pub rack_scale_per_k: [f64; 3],
+    /// Offset fields at the reference temperatures, nT, coil axes.
+    pub offset_nt: [f64; 3],
+    /// Change of the offset fields with the coil temperature, nT/K.
+    pub offset_nt_per_k: [f64; 3],
+    /// Change of the offset fields with the rack temperature, nT/K.
+    pub rack_offset_nt_per_k: [f64; 3],
+    /// Angles between the axes of the coils: XY, XZ, YZ, degrees.
+    pub angles_deg: [f64; 3],
+    /// Coil temperature at which scale factors and offset fields hold, °C.
+    pub reference_degc: f64,
+    /// Rack temperature at which they hold, °C.
+    pub rack_reference_degc: f64,
+}
+
+impl Coil {
+    /// The field is the setting, at any temperature.
+    pub const IDEAL: Coil = Coil {
+        scale_nt_per_eu: [1.0; 3],
+        scale_per_k: [0.0; 3],
+        rack_scale_per_k: [0.0; 3],
+        offset_nt: [0.0; 3],
+        offset_nt_per_k: [0.0; 3],
+        rack_offset_nt_per_k: [0.0; 3],
+        angles_deg: [90.0; 3],
+        reference_degc: 16.5,
+        rack_reference_degc: 32.0,
+    };
+
+    /// The axes of the coils as columns, in coil coordinates: X_c along the coil X, Y_c in the plane of the coils X and Y.
+    ///
+    /// `None` for angles that no three axes have between them.
+    #[must_use]
+    pub fn axes(&self) -> Option<Matrix3<f64>> {
+        super::sensor::base_vectors(self.angles_deg).ok()
+    }
+
+    /// The field of a setting at temperatures of coil and rack, °C; `axes` are those of [`Coil::axes`].
+    #[must_use]
+    pub fn field(&self, axes: &Matrix3<f64>, setting: [f64; 3], coil_degc: f64, rack_degc: f64) -> FieldCoil {
+        let (coil_k, rack_k) = (coil_degc - self.reference_degc, rack_degc - self.rack_reference_degc);
+        let driven = Vector3::from_fn(|k, _| {
+            let scale =
+                self.scale_nt_per_eu[k] * (1.0 + self.scale_per_k[k] * coil_k) * (1.0 + self.rack_scale_per_k[k] * rack_k);
+            scale * setting[k]
+        });
+        let offset =
+            Vector3::from_fn(|k, _| self.offset_nt[k] + self.offset_nt_per_k[k] * coil_k + self.rack_offset_nt_per_k[k] * rack_k);
+        FieldCoil((axes * driven + offset).into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn temperatures_act_as_the_facility_model_of_1998_says() {
+        // CH-GFZ-TR-2601 section 6: F_X = 0.99988 [1 + 1.90e-5 (T_X - 16.5)] [1 - 8e-7 (T_R - 32)], offset 2.0 + 0.35 (T - 16.5) + ...
+        let coil = Coil {
+            scale_nt_per_eu: [0.99988, 0.99993, 0.99994],
+            scale_per_k: [1.90e-5, 1.65e-5, 1.75e-5],
+            rack_scale_per_k: [-8e-7; 3],
+            offset_nt: [2.0, -2.2, -1.2],
+            offset_nt_per_k: [0.35, 0.0, 0.80],
+            rack_offset_nt_per_k: [0.075, 0.0, 0.2],
+            ..Coil::IDEAL
+        };
+        let axes = coil.axes().unwrap();
+        let field = coil.field(&axes, [50_000.0, 0.0, 0.0], 17.5, 30.0).0;
+        let expected = 50_000.0 * 0.99988 * (1.0 + 1.90e-5) * (1.0 + 1.6e-6) + 2.0 + 0.35 - 0.15;
+        assert!((field[0] - expected).abs() < 1e-9);
+        assert!((field[1] + 2.2).abs() < 1e-9 && (field[2] - (-1.2 + 0.8 - 0.4)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn skew_coils_add_as_vectors() {
+        let coil = Coil { angles_deg: [90.0031, 89.9962, 89.9664], ..Coil::IDEAL };
+        let axes = coil.axes().unwrap();
+        let fields = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|s| coil.field(&axes, s, 16.5, 32.0).0);
+        let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        for (pair, angle) in [((0, 1), 90.0031f64), ((0, 2), 89.9962), ((1, 2), 89.9664)] {
+            assert!((dot(fields[pair.0], fields[pair.1]) - angle.to_radians().cos()).abs() < 1e-15);
+        }
+    }
+}
