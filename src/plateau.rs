@@ -10,6 +10,8 @@ use std::ops::Range;
 
 /// Bins of one setting.
 const BINS: usize = 64;
+/// Expected samples of the shortest parts that are compared within a plateau.
+const FEWEST_IN_PART: f64 = 4.0;
 /// Bins that settling and a late edge may take at most.
 const MOST_SETTLING: usize = 48;
 /// Bins that show the level of a setting, whatever happens at its ends: free of data that are late by up to three eighths or early
@@ -120,6 +122,22 @@ pub struct Plateau {
     pub spike_samples: u64,
     /// Why the plateau is not used.
     pub dropped: Option<Drop>,
+    /// How neighbouring parts of the used samples differ, shortest parts first; empty if the file brings means only.
+    #[serde(skip)]
+    pub contrasts: Vec<Contrasts>,
+}
+
+/// Differences of the means of neighbouring parts of one plateau, all parts of the same length.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contrasts {
+    /// Length of a part, s.
+    pub part_s: f64,
+    /// Number of pairs of parts.
+    pub count: u64,
+    /// Mean over the pairs of the sum of the inverse counts of samples: the mean square for samples of unit variance.
+    pub inverse_samples: f64,
+    /// Mean square of the differences, enT².
+    pub mean_square: [f64; 3],
 }
 
 impl Plateau {
@@ -396,6 +414,7 @@ impl Accumulator {
             count: Some(total.count),
             spike_samples: there - total.count,
             dropped,
+            contrasts: contrasts(bins, &spiky, duration_s / BINS as f64, self.sample_rate_hz),
         };
         (plateau, Extremes { min: total.min, max: total.max })
     }
@@ -605,6 +624,39 @@ fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: &impl Fn() -> [f64;
     spiky
 }
 
+/// Contrasts of neighbouring parts at every octave of length, from parts that hold a few samples up to half of the plateau. Bins
+/// with a spike do not count, nor do pairs with a part that lost more than half of its samples.
+#[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
+fn contrasts(bins: &[Bin], spiky: &[bool], bin_s: f64, sample_rate_hz: f64) -> Vec<Contrasts> {
+    let expected = bin_s * sample_rate_hz;
+    let mut parts: Vec<Bin> = bins.iter().zip(spiky).map(|(bin, spiky)| if *spiky { Bin::EMPTY } else { *bin }).collect();
+    let (mut length, mut list) = (1, Vec::new());
+    while parts.len() > 1 {
+        let least = 0.5 * expected * length as f64;
+        let (mut count, mut inverse_samples, mut squares) = (0, 0.0, [0.0; 3]);
+        for pair in parts.chunks_exact(2).filter(|p| p.iter().all(|b| b.count as f64 >= least)) {
+            count += 1;
+            inverse_samples += 1.0 / pair[0].count as f64 + 1.0 / pair[1].count as f64;
+            for (axis, square) in squares.iter_mut().enumerate() {
+                *square += (pair[0].mean(axis) - pair[1].mean(axis)).powi(2);
+            }
+        }
+        if count > 0 && least >= 0.5 * FEWEST_IN_PART {
+            let pairs = count as f64;
+            let (inverse_samples, mean_square) = (inverse_samples / pairs, squares.map(|s| s / pairs));
+            list.push(Contrasts { part_s: bin_s * length as f64, count, inverse_samples, mean_square });
+        }
+        let joined = parts.chunks_exact(2).map(|pair| {
+            let mut whole = pair[0];
+            whole.merge(&pair[1]);
+            whole
+        });
+        parts = joined.collect();
+        length *= 2;
+    }
+    list
+}
+
 /// Median (the upper one of an even number); NaN of nothing.
 pub(crate) fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
@@ -638,6 +690,7 @@ pub fn from_blocks(blocks: &[GivenBlock]) -> Plateaus {
             count: b.count,
             spike_samples: 0,
             dropped: None,
+            contrasts: Vec::new(),
         })
         .collect();
     Plateaus {

@@ -250,6 +250,7 @@ fn plateaus(sensor: &Sensor, position: u32, noise_ent: f64, noise: &mut Noise) -
                 count: None,
                 spike_samples: 0,
                 dropped: None,
+                contrasts: Vec::new(),
             }
         })
         .collect();

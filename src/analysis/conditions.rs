@@ -2,6 +2,8 @@
 
 use crate::campaign::Campaign;
 use crate::error::Severity;
+use crate::fit::correlation::{self, Octave};
+use crate::fit::{FitError, NoiseModel, Solution};
 use crate::formats::parameter::{Conditions, Dropped, RunHead, Spread};
 use crate::plateau::{Plateau, Plateaus};
 use crate::run::Run;
@@ -10,6 +12,9 @@ use serde::Serialize;
 
 /// Temperatures outside are no temperatures of a sensor or coil.
 const PLAUSIBLE_DEGC: std::ops::RangeInclusive<f64> = -200.0..=200.0;
+
+/// Parts of plateaus whose lengths differ by less than this share are compared together.
+const SAME_LENGTH: f64 = 1e-3;
 
 type Series = Vec<(f64, f64)>;
 
@@ -79,6 +84,42 @@ pub fn raw_std(used: &[&Plateau]) -> Option<Spread> {
         mean: std::array::from_fn(|a| all.iter().map(|s| s[a]).sum::<f64>() / all.len() as f64),
         max: fold(f64::NEG_INFINITY, f64::max),
     })
+}
+
+/// The noise of the plateau means of a fit, one row per plateau: from what happens within the plateaus and from the residuals,
+/// or from the residuals alone if the file brings means only.
+///
+/// # Errors
+/// Those of [`correlation::estimate`].
+pub fn noise(solution: &Solution, used: &[&Plateau]) -> Result<NoiseModel, FitError> {
+    let mut octaves: Vec<Octave> = Vec::new();
+    for contrasts in used.iter().flat_map(|p| &p.contrasts) {
+        let same = |o: &&mut Octave| (o.length / contrasts.part_s - 1.0).abs() < SAME_LENGTH;
+        let octave = match octaves.iter_mut().find(same) {
+            Some(octave) => octave,
+            None => {
+                octaves.push(Octave { length: contrasts.part_s, count: 0.0, white: 0.0, squares: vec![0.0; 3] });
+                let last = octaves.len() - 1;
+                &mut octaves[last]
+            }
+        };
+        let count = contrasts.count as f64;
+        octave.count += count;
+        octave.white += count * contrasts.inverse_samples;
+        for (sum, mean) in octave.squares.iter_mut().zip(contrasts.mean_square) {
+            *sum += count * mean;
+        }
+    }
+    if octaves.is_empty() {
+        let times: Vec<f64> = used.iter().map(|p| p.t_s()).collect();
+        return correlation::estimate(solution, &times);
+    }
+    for octave in &mut octaves {
+        octave.white /= octave.count;
+    }
+    let samples: Vec<f64> = used.iter().map(|p| p.count.map_or(f64::NAN, |n| n as f64)).collect();
+    let intervals: Vec<[f64; 2]> = used.iter().map(|p| p.used_s).collect();
+    correlation::estimate_with(solution, &intervals, &samples, &octaves)
 }
 
 /// The plateaus that were not used, with their reasons.

@@ -8,7 +8,15 @@
 //!
 //! # Errors of the amplitudes
 //!
-//! None of the responses describes a real table within its noise. What the best leaves in the tables of 2013 is 0.1 to 0.4 % of the
+//! The data decide between two treatments, for all components together:
+//!
+//! * **known noise**: every amplitude has its standard deviation, as amplitudes of waveforms do, and the best response leaves no more
+//!   than they let expect: chi-square below its 99.99 % quantile and no residual beyond five standard deviations. Then
+//!   weighted least squares is efficient, and its linearised covariance is the uncertainty. Chi-square above its 99 % quantile widens
+//!   it by `sqrt(chi-square / dof)`. [`Corner::explained`] tells that it was so.
+//! * **scatter**: otherwise, and for tables without standard deviations, what follows.
+//!
+//! None of the responses describes a printed table within its noise. What the best leaves in the tables of 2013 is 0.1 to 0.4 % of the
 //! DC amplitude down to -10 dB and 5 to 7 % below, where the lobes of a digital filter are not those of the textbook; and stretches
 //! with lost samples give amplitudes that are far too low. Residuals are therefore taken in amplitude, not in its logarithm, and
 //! the fit ([`contaminated`]) estimates one scatter above -10 dB, another one of at least 5 % of DC below, and the probability that a
@@ -16,7 +24,7 @@
 //! at the corner, and do not move it: with a free scatter the fits of x and y of 13-04-03-12-59-48 follow the lobes, call the good
 //! reading at 100 Hz an outlier, and have the corner 0.2 and 0.5 Hz further up.
 //!
-//! # Uncertainty
+//! # Uncertainty of the second treatment
 //!
 //! What a response leaves is systematic: the linearised covariance takes it for noise of independent rows, and knows nothing of the
 //! choice of the model. The jackknife leaves one amplitude out at a time, chooses again, and has both in its spread,
@@ -27,8 +35,8 @@
 //! response may fit what is left: [`ModelCorner::neighbours_left_out`] counts them.
 
 use crate::fit::contaminated::{self, Contaminated, Data, State};
-use crate::fit::nonlinear::Model;
-use crate::fit::{FitError, Limits, aicc};
+use crate::fit::nonlinear::{self, Model};
+use crate::fit::{FitError, Limits, aicc, order};
 use crate::model::response::{Parameter, RESPONSES, Response};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -63,6 +71,12 @@ const STARTS_CONTINUED: usize = 2;
 const ITERATIONS: usize = 200;
 /// A response that makes outliers of more than this share of the rows does not describe them.
 const MOST_OUTLYING: f64 = 0.4;
+/// Quantile of chi-square, in standard deviations of a Gaussian (99.99 %), and residual over its standard deviation up to which known
+/// noise explains what a response leaves: one run in several thousand with nothing but that noise fails.
+const EXPLAINED_NORMAL: f64 = 3.719;
+const EXPLAINED_RESIDUAL: f64 = 5.0;
+/// As many starts, the closest ones, are followed with known noise.
+const KNOWN_STARTS: usize = 3;
 /// Responses whose AICc exceeds the least by no more stay in the choice when a row is left out.
 const CONTENDERS: f64 = 30.0;
 
@@ -71,8 +85,8 @@ const CONTENDERS: f64 = 30.0;
 pub struct Options {
     /// The responses to choose from.
     pub responses: Vec<Response>,
-    /// Leave out one row at a time. Without, standard deviations are those of the linearised covariance, which are too small for
-    /// tables that no response describes.
+    /// Leave out one row at a time where known noise does not explain the amplitudes. Without, standard deviations are those of the
+    /// linearised covariance, which are too small for tables that no response describes.
     pub jackknife: bool,
 }
 
@@ -164,7 +178,7 @@ pub struct ModelCorner {
     pub f_3db_model_std_hz: f64,
     /// From the linearised covariance, Hz.
     pub linearised_std_hz: f64,
-    /// From leaving out one row at a time, the choice of the model included, Hz.
+    /// From leaving out one row at a time, the choice of the model included, Hz; NaN where that was not done.
     pub jackknife_std_hz: f64,
     /// How many of the four rows around the corner, two on either side, do not belong (weight below one half).
     pub neighbours_left_out: usize,
@@ -176,7 +190,7 @@ pub struct ModelCorner {
     pub dc_std_ent: f64,
     /// Parameters of the response.
     pub parameters: Vec<Fitted>,
-    /// Standard deviation of a residual above -10 dB, beyond the given one, enT.
+    /// Standard deviation of a residual above -10 dB, enT: beyond the given one, and all of it where known noise explains it.
     pub residual_std_ent: f64,
     /// The same below -10 dB, enT.
     pub stop_residual_std_ent: f64,
@@ -218,11 +232,22 @@ pub struct Candidate {
     pub refusal: Option<Refusal>,
 }
 
+/// What the best response leaves in units of the known standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Explained {
+    /// Chi-square over all components.
+    pub chi_square: f64,
+    /// Amplitudes less parameters.
+    pub dof: usize,
+}
+
 /// The corner of all components.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Corner {
     /// Name of the response chosen.
     pub model: Option<&'static str>,
+    /// Known noise explains the amplitudes; `None` where they have a scatter of their own.
+    pub explained: Option<Explained>,
     /// x, y, z.
     pub components: [Component; 3],
     /// Every response that was tried, in the order given.
@@ -367,19 +392,71 @@ impl Prepared {
         if self.data.coarse.contains(&true) { 2 } else { 1 }
     }
 
+    /// Logarithms of the parameters to start a fit of a response from.
+    fn starts(&self, response: Response) -> Vec<Vec<f64>> {
+        let corners = START_CORNER.iter().flat_map(|factor| self.corners.iter().map(move |corner| factor * corner));
+        let sets = corners.flat_map(|corner| response.starts(corner));
+        sets.map(|start| std::iter::once(0.0).chain(start.iter().map(|p| p.ln())).collect()).collect()
+    }
+
+    /// The fit of a response with known standard deviations, from the best of several starts.
+    fn known_fit(&self, response: Response) -> Result<Outcome, Refusal> {
+        // A Butterworth of each order is a response of its own here: the order is one for all components, and data with known noise
+        // leave no doubt about it.
+        let parameters = response.parameters().len() + 1;
+        let rows = self.rows.len();
+        let too_few = Refusal::TooFew { rows, parameters };
+        if aicc(0.0, parameters, rows).is_none() {
+            return Err(too_few);
+        }
+        let weights: Vec<f64> = self.data.std.iter().map(|std| std.powi(-2)).collect();
+        let shape = Shape { response, frequencies: &self.frequencies };
+        let mut values = vec![0.0; rows];
+        let mut left = |start: &[f64]| -> f64 {
+            shape.values(start, &mut values);
+            values.iter().zip(&self.data.observations).zip(&weights).map(|((value, y), w)| w * (y - value).powi(2)).sum()
+        };
+        let mut starts: Vec<(f64, Vec<f64>)> = self.starts(response).into_iter().map(|start| (left(&start), start)).collect();
+        starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut refusal = None;
+        let mut best: Option<Contaminated> = None;
+        for (_, start) in starts.into_iter().take(KNOWN_STARTS) {
+            match nonlinear::solve(&shape, &self.data.observations, Some(&weights), &start, &Limits::default()) {
+                Ok(solution) => {
+                    let chi_square = solution.residuals.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
+                    if best.as_ref().is_none_or(|best| chi_square < best.deviance) {
+                        let state = State { parameters: solution.parameters.clone(), scatter: [0.0; 2] };
+                        let dof = solution.dof;
+                        best =
+                            Some(Contaminated { solution, state, weights: vec![1.0; rows], deviance: chi_square, settled: true });
+                        // There is nothing left for another minimum to explain.
+                        if chi_square <= order::chi2_quantile(dof, EXPLAINED_NORMAL) {
+                            break;
+                        }
+                    }
+                }
+                Err(error) => refusal = refusal.or(Some(error)),
+            }
+        }
+        let found = best.ok_or_else(|| refusal.map_or(Refusal::Outside, Refusal::Fit))?;
+        self.outcome(response, found, parameters)
+    }
+
+    /// Whether known standard deviations explain the residuals one by one.
+    fn explains(&self, outcome: &Outcome) -> bool {
+        outcome.found.solution.residuals.iter().zip(&self.data.std).all(|(r, std)| r.abs() <= EXPLAINED_RESIDUAL * std)
+    }
+
     /// The fit of a response from the best of several starts.
     fn fit(&self, response: Response) -> Result<Outcome, Refusal> {
         let mut refusal = None;
         let mut found = Vec::new();
-        for corner in START_CORNER.iter().flat_map(|factor| self.corners.iter().map(move |corner| factor * corner)) {
-            for start in response.starts(corner) {
-                let parameters: Vec<f64> = std::iter::once(0.0).chain(start.iter().map(|p| p.ln())).collect();
-                for scatter in START_SCATTER {
-                    let state = State { parameters: parameters.clone(), scatter };
-                    match self.climb(response, &state, FIRST_ITERATIONS) {
-                        Ok(first) => found.push(first),
-                        Err(error) => refusal = refusal.or(Some(error)),
-                    }
+        for parameters in self.starts(response) {
+            for scatter in START_SCATTER {
+                let state = State { parameters: parameters.clone(), scatter };
+                match self.climb(response, &state, FIRST_ITERATIONS) {
+                    Ok(first) => found.push(first),
+                    Err(error) => refusal = refusal.or(Some(error)),
                 }
             }
         }
@@ -413,13 +490,17 @@ impl Prepared {
     /// The fit of a response from a state close to it.
     fn continued(&self, response: Response, state: &State) -> Result<Outcome, Refusal> {
         let found = self.climb(response, state, ITERATIONS)?;
+        self.outcome(response, found, response.freedom() + 1 + self.scatters())
+    }
+
+    /// The corner of a fitted response, and its AICc with so many parameters.
+    fn outcome(&self, response: Response, found: Contaminated, parameters: usize) -> Result<Outcome, Refusal> {
         let shape = shape_parameters(&found.state.parameters);
         let within = |corner: &f64| {
             let counted = || self.frequencies.iter().zip(&found.weights).filter(|(_, weight)| **weight > 0.5).map(|(f, _)| *f);
             counted().fold(f64::INFINITY, f64::min) <= *corner && *corner <= counted().fold(0.0, f64::max)
         };
         let corner_hz = response.corner_hz(&shape).filter(within).ok_or(Refusal::Outside)?;
-        let parameters = response.freedom() + 1 + self.scatters();
         let rows = self.rows.len();
         let aicc = aicc(found.deviance, parameters, rows).ok_or(Refusal::TooFew { rows, parameters })?;
         Ok(Outcome { found, shape, corner_hz, aicc })
@@ -442,13 +523,66 @@ impl Outcome {
 
     /// Covariance of the logarithms of DC amplitude and parameters.
     ///
-    /// Weights are inverse variances, most likely ones: what the parameters take from the scatter is given back, as the rows above
-    /// -10 dB have it, for the others do not scatter as much as they are allowed to.
-    fn covariance(&self, data: &Data) -> DMatrix<f64> {
-        let deciding: f64 = self.found.weights.iter().zip(&data.coarse).filter(|(_, coarse)| !**coarse).map(|(w, _)| w).sum();
-        let spare = (deciding - self.found.state.parameters.len() as f64).max(1.0);
-        &self.found.solution.unscaled_covariance * (deciding / spare)
+    /// Where scatter was estimated, weights are inverse variances, most likely ones: what the parameters take from the scatter is
+    /// given back, as the rows above -10 dB have it, for the others do not scatter as much as they are allowed to.
+    fn covariance(&self, data: &Data, explained: Option<Explained>) -> DMatrix<f64> {
+        let factor = match explained {
+            Some(explained) => order::excess(explained.chi_square, explained.dof).powi(2),
+            None => {
+                let weights = self.found.weights.iter().zip(&data.coarse);
+                let deciding: f64 = weights.filter(|(_, coarse)| !**coarse).map(|(w, _)| w).sum();
+                deciding / (deciding - self.found.state.parameters.len() as f64).max(1.0)
+            }
+        };
+        &self.found.solution.unscaled_covariance * factor
     }
+
+    /// Scatter of the residuals above and below -10 dB, relative to the first guess of the DC amplitude.
+    fn scatter(&self, data: &Data, explained: Option<Explained>) -> [f64; 2] {
+        if explained.is_none() {
+            return self.found.state.scatter;
+        }
+        let rows = data.observations.len() as f64;
+        let spare = rows - self.found.state.parameters.len() as f64;
+        [false, true].map(|coarse| {
+            let group = self.found.solution.residuals.iter().zip(&data.coarse).filter(|(_, own)| **own == coarse);
+            let (sum, count) = group.fold((0.0, 0.0), |(sum, count), (r, _)| (sum + r * r, count + 1.0));
+            // The parameters take from all residuals alike.
+            (sum / count * rows / spare).sqrt()
+        })
+    }
+}
+
+/// The fits of every response to every component there is.
+type Fits = Vec<[Option<Result<Outcome, Refusal>>; 3]>;
+
+fn fit_all(
+    responses: &[Response],
+    prepared: &[Result<Prepared, Refusal>; 3],
+    fit: impl Fn(&Prepared, Response) -> Result<Outcome, Refusal> + Sync,
+) -> Fits {
+    let each = |response: &Response| std::array::from_fn(|c| prepared[c].as_ref().ok().map(|prepared| fit(prepared, *response)));
+    responses.par_iter().map(each).collect()
+}
+
+/// The fits with known standard deviations, if the best response leaves no more than they let expect.
+fn explain(responses: &[Response], prepared: &[Result<Prepared, Refusal>; 3]) -> Option<(Fits, Explained)> {
+    let mut present = prepared.iter().flatten().peekable();
+    present.peek()?;
+    if !present.all(|prepared| prepared.data.std.iter().all(|std| *std > 0.0)) {
+        return None;
+    }
+    let fits = fit_all(responses, prepared, Prepared::known_fit);
+    let best = least(&fits.iter().map(|fit| total(&each_aicc(fit))).collect::<Vec<_>>())?;
+    let mut explained = Explained { chi_square: 0.0, dof: 0 };
+    for (prepared, outcome) in prepared.iter().flatten().zip(fits[best].iter().flatten().flatten()) {
+        if !prepared.explains(outcome) {
+            return None;
+        }
+        explained.chi_square += outcome.found.deviance;
+        explained.dof += outcome.found.solution.dof;
+    }
+    (explained.chi_square <= order::chi2_quantile(explained.dof, EXPLAINED_NORMAL)).then_some((fits, explained))
 }
 
 /// Sum over the components that are there; `None` where one has no value.
@@ -469,10 +603,10 @@ struct Replicate {
 pub fn corner(table: &[Amplitude], options: &Options) -> Corner {
     let responses = &options.responses;
     let prepared: [Result<Prepared, Refusal>; 3] = std::array::from_fn(|c| Prepared::new(table, c, None));
-    let fits: Vec<[Option<Result<Outcome, Refusal>>; 3]> = responses
-        .par_iter()
-        .map(|response| std::array::from_fn(|c| prepared[c].as_ref().ok().map(|prepared| prepared.fit(*response))))
-        .collect();
+    let (fits, explained) = match explain(responses, &prepared) {
+        Some((fits, explained)) => (fits, Some(explained)),
+        None => (fit_all(responses, &prepared, Prepared::fit), None),
+    };
     let totals: Vec<Option<f64>> = fits.iter().map(|fit| total(&each_aicc(fit))).collect();
     let any = prepared.iter().any(Result::is_ok);
     let chosen = least(&totals).filter(|_| any);
@@ -484,7 +618,7 @@ pub fn corner(table: &[Amplitude], options: &Options) -> Corner {
     let rows: Vec<usize> =
         (0..table.len()).filter(|i| prepared.iter().flatten().any(|prepared| prepared.rows.contains(i))).collect();
     let replicates: Vec<Replicate> = match chosen {
-        Some(chosen) if options.jackknife => {
+        Some(chosen) if options.jackknife && explained.is_none() => {
             rows.par_iter().map(|&row| without(table, row, responses, &prepared, &fits, &contenders, chosen)).collect()
         }
         _ => Vec::new(),
@@ -502,7 +636,9 @@ pub fn corner(table: &[Amplitude], options: &Options) -> Corner {
             (Err(refusal), _) => Err(refusal.clone()),
             (Ok(_), Some((_, Err(refusal)))) => Err(refusal.clone()),
             (Ok(_), None) => Err(no_model(&fits)),
-            (Ok(prepared), Some((best, Ok(outcome)))) => Ok(describe(table, c, responses[best], prepared, outcome, &replicates)),
+            (Ok(prepared), Some((best, Ok(outcome)))) => {
+                Ok(describe(table, c, responses[best], prepared, outcome, explained, &replicates))
+            }
         };
         Component {
             f_3db_igep_hz: igep.as_ref().ok().copied(),
@@ -524,7 +660,7 @@ pub fn corner(table: &[Amplitude], options: &Options) -> Corner {
             refusal: fit.iter().flatten().find_map(|fit| fit.as_ref().err().cloned()),
         })
         .collect();
-    Corner { model: chosen.map(|best| responses[best].name), components, candidates }
+    Corner { model: chosen.map(|best| responses[best].name), explained, components, candidates }
 }
 
 fn each_aicc(fit: &[Option<Result<Outcome, Refusal>>; 3]) -> [Option<Result<f64, ()>>; 3] {
@@ -606,9 +742,10 @@ fn describe(
     response: Response,
     prepared: &Prepared,
     outcome: &Outcome,
+    explained: Option<Explained>,
     replicates: &[Replicate],
 ) -> ModelCorner {
-    let covariance = outcome.covariance(&prepared.data);
+    let covariance = outcome.covariance(&prepared.data, explained);
     let slopes: Vec<f64> = std::iter::once(0.0).chain(response.corner_slopes(outcome.corner_hz, &outcome.shape)).collect();
     let slopes = DVector::from_vec(slopes);
     let linearised_std_hz = outcome.corner_hz * (slopes.transpose() * &covariance * &slopes)[(0, 0)].max(0.0).sqrt();
@@ -625,7 +762,7 @@ fn describe(
     let residual_ent = table.iter().zip(&fitted_ent).map(|(row, fitted)| row.amplitude_ent[component] - fitted).collect();
     let mut weight = vec![0.0; table.len()];
     prepared.rows.iter().zip(&outcome.found.weights).for_each(|(&row, &w)| weight[row] = w);
-    let [fine, coarse] = outcome.found.state.scatter;
+    let [fine, coarse] = outcome.scatter(&prepared.data, explained);
     let parameters = response.parameters().into_iter().zip(&outcome.shape).enumerate();
     ModelCorner {
         f_3db_model_hz: outcome.corner_hz,
@@ -642,5 +779,84 @@ fn describe(
         fitted_ent,
         residual_ent,
         weight,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::random::Random;
+
+    const TRUTH: [f64; 2] = [62.0, 0.73];
+    const DC_ENT: f64 = 600.0;
+    const STD_ENT: f64 = 0.05;
+
+    fn options() -> Options {
+        let names = ["first order", "second order", "second order with zero", "Butterworth 2"];
+        Options { responses: names.iter().filter_map(|name| Response::named(name)).collect(), jackknife: true }
+    }
+
+    /// Amplitudes of a second order with noise, which the rows know.
+    fn measured(random: &mut Random) -> Vec<Amplitude> {
+        let response = Response::named("second order").unwrap();
+        (0..24)
+            .map(|i| {
+                let frequency_hz = 0.5 * 1.35f64.powi(i);
+                let clean = DC_ENT * response.value(frequency_hz, &TRUTH);
+                let amplitude_ent = std::array::from_fn(|_| clean + STD_ENT * random.gaussian());
+                Amplitude { frequency_hz, amplitude_ent, std_ent: [STD_ENT; 3], usable: true }
+            })
+            .collect()
+    }
+
+    fn corners(found: &Corner) -> [[f64; 2]; 3] {
+        std::array::from_fn(|c| {
+            let model = found.components[c].model.as_ref().unwrap();
+            [model.f_3db_model_hz, model.f_3db_model_std_hz]
+        })
+    }
+
+    #[test]
+    fn known_noise_gives_the_uncertainty_of_weighted_least_squares() {
+        let truth = Response::named("second order").unwrap().corner_hz(&TRUTH).unwrap();
+        let mut random = Random::seeded(3);
+        let mut pulls = Vec::new();
+        for _ in 0..40 {
+            let found = corner(&measured(&mut random), &options());
+            let explained = found.explained.unwrap();
+            assert!(explained.dof >= 60 && explained.chi_square < 2.0 * explained.dof as f64, "{explained:?}");
+            let models = found.components.iter().map(|component| component.model.as_ref().unwrap());
+            assert!(models.clone().all(|m| m.jackknife_std_hz.is_nan() && m.weight.iter().all(|w| *w == 1.0)));
+            if found.model == Some("second order") {
+                // Noise of 0.05 enT in 600 enT: a scatter of 5 % below -10 dB would give up most of what these rows tell.
+                assert!(models.clone().all(|m| m.dc_std_ent < 0.03 && m.f_3db_model_std_hz < 0.015));
+            }
+            pulls.extend(corners(&found).map(|[value, std]| (value - truth) / std));
+        }
+        let rms = (pulls.iter().map(|p| p * p).sum::<f64>() / pulls.len() as f64).sqrt();
+        let within = pulls.iter().filter(|p| p.abs() < 1.96).count() as f64 / pulls.len() as f64;
+        // 120 values: standard errors 0.065 and 0.02.
+        assert!((0.8..1.2).contains(&rms) && (0.885..=1.0).contains(&within), "{rms} {within}");
+    }
+
+    #[test]
+    fn what_known_noise_does_not_explain_has_a_scatter() {
+        let truth = Response::named("second order").unwrap().corner_hz(&TRUTH).unwrap();
+        let mut random = Random::seeded(4);
+        let clean = measured(&mut random);
+        let mut low = clean.clone();
+        low[12].amplitude_ent[1] *= 0.8;
+        let mut unaware = clean.clone();
+        unaware.iter_mut().for_each(|row| row.std_ent = [0.2 * STD_ENT; 3]);
+        let mut unknown = clean;
+        unknown[3].std_ent[2] = f64::NAN;
+        for rows in [low, unaware, unknown] {
+            let found = corner(&rows, &options());
+            assert_eq!(found.explained, None);
+            for [value, std] in corners(&found) {
+                assert!((value - truth).abs() < 4.0 * std, "{value} ± {std} for {truth}");
+            }
+            assert!(found.components.iter().all(|c| c.model.as_ref().unwrap().jackknife_std_hz > 0.0));
+        }
     }
 }

@@ -8,7 +8,7 @@
 use crate::analysis::conditions::{self, Temperatures};
 use crate::analysis::corner::{self, Amplitude, Corner};
 use crate::campaign::Campaign;
-use crate::fit::sine::{self, CommonRate, Oscillator, Packet, Sums, Verdict};
+use crate::fit::sine::{self, CommonRate, Oscillator, Packet, Residue, Sine, Sums, Verdict};
 use crate::fit::{Limits, order, polynomial};
 use crate::formats::amplitudes::Row;
 use crate::formats::parameter::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart, RunHead};
@@ -266,8 +266,10 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
     let found = rates(&records, &settings, &ranges, rough_hz)?;
     let clock = Clock::of(&found);
 
-    let measured: Vec<AmplitudePart> =
-        tones.par_iter().zip(&records).map(|(tone, record)| amplitude(tone, record, &clock)).collect();
+    let fits: Vec<Result<Option<Fits>, String>> =
+        tones.par_iter().zip(&records).map(|(tone, record)| Fits::of(tone, record, &clock)).collect();
+    let noise = noise(&tones, &records, &fits, &clock);
+    let measured: Vec<AmplitudePart> = (0..tones.len()).map(|j| amplitude(&tones[j], records[j], &fits[j], noise[j])).collect();
     let mut warnings = clock.remarks(&found, &settings);
     let refused: Vec<String> = measured
         .iter()
@@ -700,8 +702,61 @@ fn line_at(rate: &CommonRate, time_s: f64) -> Option<(f64, f64, f64)> {
     Some((rate.rate_hz + line.coefficients[0], inflation * line.unscaled_covariance[(0, 0)].sqrt(), inflation))
 }
 
+/// The sines of one setting.
+struct Fits {
+    rate_hz: f64,
+    components: [Sine; 3],
+}
+
+impl Fits {
+    /// `None` if no part of the setting is used, or why it has none.
+    fn of(tone: &Tone, record: &Record, clock: &Clock) -> Result<Option<Self>, String> {
+        let used = tone.used.clone();
+        let Some([first, last]) = ends_s(record, &used) else { return Ok(None) };
+        let rate_hz = clock.at(0.5 * (first + last));
+        let three = |i: usize| {
+            let readings = &record.y[i][used.clone()];
+            sine::three(&record.n[used.clone()], readings, tone.setting.frequency_hz, rate_hz)
+                .map_err(|refusal| refusal.to_string())
+        };
+        Ok(Some(Self { rate_hz, components: [three(0)?, three(1)?, three(2)?] }))
+    }
+}
+
+/// Times of the first and the last sample of a stretch, s.
+fn ends_s(record: &Record, used: &Range<usize>) -> Option<[f64; 2]> {
+    let stretch = record.t_s.get(used.clone())?;
+    Some([*stretch.first()?, *stretch.last()?])
+}
+
+/// Standard deviation of a reading by the noise near the frequency, per setting and component, for amplitude and phase.
+fn noise(
+    tones: &[Tone],
+    records: &[&Record],
+    fits: &[Result<Option<Fits>, String>],
+    clock: &Clock,
+) -> Vec<[Option<[f64; 2]>; 3]> {
+    let present: Vec<(usize, &Fits)> =
+        fits.iter().enumerate().filter_map(|(j, fits)| Some((j, fits.as_ref().ok()?.as_ref()?))).collect();
+    let of = |i: usize| {
+        let mut residues = Vec::with_capacity(present.len());
+        for (j, fits) in &present {
+            let (n, fit) = (&records[*j].n[tones[*j].used.clone()], &fits.components[i]);
+            let frequency_hz = tones[*j].setting.frequency_hz;
+            residues.push(Residue { n, residuals: &fit.residuals, frequency_hz, phase_rad: fit.phase_rad });
+        }
+        sine::noise_near(&residues, clock.mean_hz)
+    };
+    let components: Vec<Vec<Option<[f64; 2]>>> = (0..3).into_par_iter().map(of).collect();
+    let mut noise = vec![[None; 3]; tones.len()];
+    for (k, (j, _)) in present.iter().enumerate() {
+        noise[*j] = std::array::from_fn(|i| components[i][k]);
+    }
+    noise
+}
+
 /// Amplitude and phase of one setting.
-fn amplitude(tone: &Tone, record: &Record, clock: &Clock) -> AmplitudePart {
+fn amplitude(tone: &Tone, record: &Record, fits: &Result<Option<Fits>, String>, noise: [Option<[f64; 2]>; 3]) -> AmplitudePart {
     let frequency_hz = tone.setting.frequency_hz;
     let mut part = AmplitudePart {
         frequency_hz,
@@ -718,44 +773,42 @@ fn amplitude(tone: &Tone, record: &Record, clock: &Clock) -> AmplitudePart {
         samples: None,
         remark: tone.remark.clone(),
     };
-    let used = tone.used.clone();
-    let (Some(first), Some(last)) = (record.t_s.get(used.start), record.t_s.get(used.end.saturating_sub(1))) else {
-        return part;
+    let fits = match fits {
+        Ok(Some(fits)) => fits,
+        Ok(None) => return part,
+        Err(refusal) => {
+            part.remark.clone_from(refusal);
+            return part;
+        }
     };
-    if used.is_empty() {
-        return part;
-    }
-    let rate_hz = clock.at(0.5 * (first + last));
-    let n = &record.n[used.clone()];
+    let n = &record.n[tone.used.clone()];
     // In the middle of the stretch the phase is seen, elsewhere it depends on the sampling frequency.
     let middle = n[n.len() / 2];
-    let turned = sine::phase(frequency_hz, rate_hz, middle);
+    let turned = sine::phase(frequency_hz, fits.rate_hz, middle);
     let (mut phase_deg, mut phase_std_deg) = ([f64::NAN; 3], [f64::NAN; 3]);
-    for i in 0..3 {
-        let fit = match sine::three(n, &record.y[i][used.clone()], frequency_hz, rate_hz) {
-            Ok(fit) => fit,
-            Err(refusal) => {
-                part.remark = refusal.to_string();
-                return part;
-            }
+    for (i, fit) in fits.components.iter().enumerate() {
+        // Standard deviations of the fit take the residuals for white noise.
+        let [of_amplitude, of_phase] = match noise[i] {
+            Some(near) if fit.residual_std > 0.0 => near.map(|near| near / fit.residual_std),
+            _ => [1.0; 2],
         };
-        let std = sine::local_noise_std(n, &fit.residuals, frequency_hz, rate_hz).unwrap_or(fit.amplitude_std);
+        let std = of_amplitude * fit.amplitude_std;
         part.b_ent[i] = fit.amplitude;
         part.b_std_ent[i] = std;
         part.detected[i] = fit.amplitude > DETECTED * std;
         if part.detected[i] {
             let phase = (fit.phase_rad + turned) / TAU;
             phase_deg[i] = 360.0 * (phase - phase.round());
-            phase_std_deg[i] = (std / fit.amplitude).to_degrees();
+            phase_std_deg[i] = of_phase * fit.phase_std_rad.to_degrees();
         }
     }
-    let cycles = frequency_hz / rate_hz;
-    part.alias_hz = Some((cycles - cycles.round()).abs() * rate_hz);
+    let cycles = frequency_hz / fits.rate_hz;
+    part.alias_hz = Some((cycles - cycles.round()).abs() * fits.rate_hz);
     part.phase_counter = Some(middle);
     part.phase_deg = Some(phase_deg);
     part.phase_std_deg = Some(phase_std_deg);
-    part.used_s = Some([*first, *last]);
-    part.samples = Some(used.len() as u64);
+    part.used_s = ends_s(record, &tone.used);
+    part.samples = Some(n.len() as u64);
     part.used = true;
     part
 }

@@ -7,7 +7,7 @@ pub use refusal::LinError;
 use crate::analysis::conditions::{self, Temperatures};
 use crate::campaign::Campaign;
 use crate::envelope::Column;
-use crate::fit::{FitError, Limits, Propagated, Robust, Solution, correlation, linear, propagate, robust};
+use crate::fit::{FitError, Limits, Propagated, Robust, Solution, linear, propagate, robust};
 use crate::formats::parameter::{
     Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Quality, Setup, Std, Summary, Validity,
 };
@@ -134,8 +134,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     if !options.allow_mismatch {
         check_followed(&used, &fitted.solution)?;
     }
-    let times: Vec<f64> = used.iter().map(|p| p.t_s()).collect();
-    let noise = correlation::estimate(fitted.for_noise(), &times).map_err(LinError::Fit)?;
+    let noise = conditions::noise(fitted.for_noise(), &used).map_err(LinError::Fit)?;
     let stacked = stack(&fitted.solution.coefficients);
     let r_nom = position.r_nom();
     let derived = Derived::of(&stacked, &trend, &r_nom)?;

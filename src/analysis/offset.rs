@@ -7,7 +7,7 @@
 
 use crate::analysis::conditions::{self, Temperatures};
 use crate::campaign::Campaign;
-use crate::fit::{FitError, Limits, Solution, correlation, linear, order};
+use crate::fit::{FitError, Limits, Solution, linear, order};
 use crate::formats::parameter::{
     Covariance, Cpf, Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit,
 };
@@ -358,11 +358,11 @@ impl Levels {
         };
 
         let sampled = sampled_std(&rows, weights.as_deref());
-        let times: Vec<f64> = rows.iter().map(|(_, p)| p.t_s()).collect();
         let full = solution.unscaled_covariance.nrows();
         let (all, plateau_std_ent) = match (solution.dof >= ENOUGH_FREEDOM, sampled) {
             (true, sampled) => {
-                let noise = correlation::estimate(&solution, &times)?;
+                let used: Vec<&Plateau> = rows.iter().map(|(_, p)| *p).collect();
+                let noise = conditions::noise(&solution, &used)?;
                 // A few plateaus may scatter less by chance than their samples allow.
                 let wider: [f64; 3] = std::array::from_fn(|i| {
                     let scatter = solution.residual_std[i];

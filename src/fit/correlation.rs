@@ -11,20 +11,32 @@
 //! coefficients drop out. Reducing the projected `F` to tridiagonal form once makes it O(n) for every φ.
 //!
 //! **Averaged, not maximised.** Some ninety rows say little about φ: pure white noise yields a maximum of zero half of the
-//! time only, a share of 0.2 yields zero in a quarter of the cases, and intervals that trust the maximum hold the mean of a
-//! record with a share of 0.2 to 0.5 in 82 to 88 % of the cases instead of 95 %. [`NoiseModel::covariance`] therefore averages
-//! the covariance over the likelihood of φ with a mild prior (a tenth at zero, the rest uniform in `sqrt(1 - φ)`), which
-//! holds it in 93 to 96 %. The price: where the noise is purely white, intervals of mean and trend are 1.4 to 2.4 times as
-//! wide as necessary. No rule has both: a choice between shares of exactly 0 and 0.2 fails in one of them as well.
-//! Coefficients of columns that change sign quickly hold their coverage either way.
+//! time only, and intervals that trust the maximum hold the mean of a record with slow noise far too seldom. The covariance is
+//! therefore averaged over the likelihood of φ with a mild prior (a tenth at zero, the rest uniform in `sqrt(1 - φ)`). The price:
+//! where the noise is purely white, intervals of mean and trend are 1.4 to 2.4 times as wide as necessary.
+//!
+//! **Inside the rows.** Where rows are means of samples, contrasts between neighbouring parts of a row tell white and 1/f noise
+//! apart: the mean square of white noise falls with the length of the parts, that of 1/f noise does not ([`estimate_with`]). Rows
+//! and contrasts share one spectrum, exact averages of exponential correlations over intervals, with three quantities:
+//!
+//! * white and 1/f noise of the samples, from contrasts at every octave and from the residuals;
+//! * the white variance of the rows, free above about what the samples let expect, for scatter that comes between rows only;
+//! * with a small prior probability a slow noise between rows with nothing to do with the contrasts. It wins where the
+//!   residuals show clearly more than what is inside the rows foretells, as with drifts.
+//!
+//! Coefficients then have a mixture of normal distributions, and their standard deviations are those with which Student's
+//! interval of the fit's degrees of freedom holds 95 % of it. The prior gives every order of magnitude of the 1/f noise the same
+//! probability from a ratio to the white noise of a row of two upwards. Noise below that is no better known than from the
+//! residuals: a 1/f noise that shows in the slowest few waves of the record only can double the uncertainty of the mean unseen,
+//! and no rule holds both white noise and such noise in 95 % of the cases.
 
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::brent::BrentOpt;
 use nalgebra::linalg::SymmetricTridiagonal;
-use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
+use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use super::linear::Solution;
-use super::{FitError, require_finite, require_length};
+use super::{FitError, NORMAL_95, require_finite, require_length, student_95};
 
 /// Nominal ratio of neighbouring time constants.
 const TIME_STEP: f64 = 4.0;
@@ -34,6 +46,36 @@ const MAX_SHARE: f64 = 0.999;
 const NODES: usize = 48;
 /// Prior probability that there is no slow noise at all.
 const PRIOR_WHITE: f64 = 0.1;
+/// Shortest time constant of noise seen inside the rows, as a part of the shortest contrast: faster noise is white there.
+const SHORTER: f64 = 8.0;
+/// Nominal ratio of its neighbouring time constants.
+const OCTAVE_STEP: f64 = 3.0;
+/// Correlations that do not matter.
+const NEGLIGIBLE: f64 = 1e-12;
+/// Longest time constant as a part of the record: half way between the usual meanings of a cutoff at its inverse.
+const LONGER: f64 = 1.3;
+/// Prior probability that the samples carry white noise alone.
+const PRIOR_NONE: f64 = 0.03;
+/// Smallest and largest ratio of slow to white noise in a row: less cannot be told from none, more is slow noise alone.
+const LEAST_RATIO: f64 = 2.0;
+const MOST_RATIO: f64 = 1e4;
+/// Ratios per order of magnitude.
+const PER_DECADE: f64 = 10.0;
+/// Contrasts of 1/f noise are not quite independent: they count as this part of their number.
+const INDEPENDENT: f64 = 0.8;
+/// Prior probability of slow noise between the rows that what is inside them does not show.
+const PRIOR_APART: f64 = 0.01;
+/// White noise between the rows is no less than this part of what the samples let expect: few rows may scatter less by chance.
+const LEAST_SAMPLED: f64 = 0.5;
+/// Deviance beyond the lowest of what the contrasts rule out.
+const IMPROBABLE: f64 = 25.0;
+/// Change of the deviance that ends the search for a variance.
+const FLAT: f64 = 0.02;
+/// Standard deviations are not stated smaller than this part of the averaged one: with few degrees of freedom Student's factor would
+/// make light of noise that the contrasts tell well.
+const LEAST_FACTOR: f64 = 0.9;
+/// Places less probable are left out.
+const NO_PLACE: f64 = 1e-4;
 
 /// The noise of one right-hand side.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,6 +92,14 @@ pub struct Noise {
     pub independent_rows: f64,
 }
 
+/// A white and a slow variance of a row of mean weight, and how probable they are.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    probability: f64,
+    white: f64,
+    slow: f64,
+}
+
 /// The noise of all right-hand sides of a fit and its effect on the coefficients.
 #[derive(Clone, Debug)]
 pub struct NoiseModel {
@@ -61,6 +111,10 @@ pub struct NoiseModel {
     pub correlation: DMatrix<f64>,
     /// Standard deviation of a row of mean weight per right-hand side, noise taken as independent.
     independent_std: Vec<f64>,
+    /// What the noise of every right-hand side may be; empty where only the residuals tell it.
+    places: Vec<Vec<Place>>,
+    /// Degrees of freedom of the fit.
+    dof: usize,
     /// Covariance of the coefficients for white noise of unit variance, p x p.
     white: DMatrix<f64>,
     /// Covariance of the least-squares coefficients for slow noise of unit variance, p x p.
@@ -79,6 +133,9 @@ impl NoiseModel {
         let p = self.white.nrows();
         let widening: Vec<f64> = (0..covariance.nrows())
             .map(|i| {
+                if let Some(places) = self.places.get(i / p) {
+                    return self.interval_factor(places, i % p);
+                }
                 let independent = self.independent_std[i / p].powi(2) * self.white[(i % p, i % p)];
                 let averaged = covariance[(i, i)];
                 if averaged > 0.0 { (independent / averaged).max(1.0).sqrt() } else { 1.0 }
@@ -88,6 +145,37 @@ impl NoiseModel {
             *value *= widening[index % widening.len()] * widening[index / widening.len()];
         }
         covariance
+    }
+
+    /// Factor on the averaged standard deviation of coefficient j that makes Student's interval hold 95 % of what the places let
+    /// expect: their normal distributions differ in width, and white noise is known with the degrees of freedom of the fit.
+    fn interval_factor(&self, places: &[Place], j: usize) -> f64 {
+        let (white, slow) = (self.white[(j, j)], self.slow[(j, j)]);
+        let widths: Vec<(f64, f64)> = places
+            .iter()
+            .map(|p| {
+                let variance = p.white * white + p.slow * slow;
+                // Welch and Satterthwaite.
+                let dof = self.dof as f64 * (variance / (p.white * white)).powi(2);
+                (p.probability, variance.sqrt() * student_95(dof.min(1e6).round() as usize) / NORMAL_95)
+            })
+            .collect();
+        let averaged = places.iter().map(|p| p.probability * (p.white * white + p.slow * slow)).sum::<f64>().sqrt();
+        if averaged.is_nan() || averaged <= 0.0 {
+            return 1.0;
+        }
+        let outside = |x: f64| widths.iter().map(|(p, width)| p * two_sided_tail(x / width)).sum::<f64>();
+        let widest = widths.iter().map(|w| w.1).fold(0.0, f64::max);
+        let (mut low, mut high) = (0.0, 2.0 * NORMAL_95 * widest);
+        for _ in 0..18 {
+            let middle = 0.5 * (low + high);
+            if outside(middle) > 0.05 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        (high / (student_95(self.dof) * averaged)).max(LEAST_FACTOR)
     }
 
     /// The covariance averaged over the likelihood of the share of slow noise.
@@ -132,43 +220,222 @@ pub fn estimate(solution: &Solution, times: &[f64]) -> Result<NoiseModel, FitErr
         let why = "as many parameters as rows";
         return Err(FitError::NoNoise { why });
     }
-    let (n, p) = (solution.kept.len(), solution.unscaled_covariance.nrows());
     let times: Vec<f64> = solution.kept.iter().map(|&i| times[i]).collect();
     let time_constants = time_constants(&times)?;
+    let roots = roots(solution);
+    let projected = Projected::of(solution, &kernel(&times, &time_constants, &roots), &roots);
+    let noise = (0..projected.data.ncols()).map(|a| projected.likelihood(a).estimate()).collect();
+    Ok(projected.model(solution, noise, Vec::new(), time_constants))
+}
+
+/// Contrasts of one length inside the rows, which are means over intervals: differences of the means of neighbouring parts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Octave {
+    /// Length of a part, in the unit of the times.
+    pub length: f64,
+    /// Number of contrasts.
+    pub count: f64,
+    /// Mean square for white noise of unit variance per sample.
+    pub white: f64,
+    /// Sum of the squares per right-hand side.
+    pub squares: Vec<f64>,
+}
+
+/// Estimates the noise from the residuals and from contrasts inside the rows: row i is the mean of `samples[i]` samples over
+/// `intervals[i]`. A right-hand side without scatter inside its rows is left to its residuals.
+///
+/// # Errors
+///
+/// Those of [`estimate`].
+pub fn estimate_with(
+    solution: &Solution,
+    intervals: &[[f64; 2]],
+    samples: &[f64],
+    octaves: &[Octave],
+) -> Result<NoiseModel, FitError> {
+    require_length("intervals", solution.residuals.nrows(), intervals.len())?;
+    require_length("counts of samples", solution.residuals.nrows(), samples.len())?;
+    let middles: Vec<f64> = intervals.iter().map(|[begin, end]| 0.5 * (begin + end)).collect();
+    let shortest = octaves.iter().map(|o| o.length).fold(f64::INFINITY, f64::min);
+    let told = |a: usize| octaves.iter().any(|o| o.squares[a] > 0.0);
+    if solution.dof == 0 || !(0..solution.residuals.ncols()).all(told) || !samples.iter().all(|n| *n > 0.0) {
+        return estimate(solution, &middles);
+    }
+    require_finite("intervals", &middles, middles.len())?;
+    let intervals: Vec<[f64; 2]> = solution.kept.iter().map(|&i| intervals[i]).collect();
+    let begin = intervals.iter().map(|i| i[0]).fold(f64::INFINITY, f64::min);
+    let end = intervals.iter().map(|i| i[1]).fold(f64::NEG_INFINITY, f64::max);
+    let time_constants = octave_constants(shortest / SHORTER, LONGER * (end - begin));
+    let mut kernel = mean_kernel(&intervals, &time_constants);
+    // A row of mean weight has unit variance.
+    let unit = 1.0 / kernel.diagonal().mean();
+    let roots = roots(solution);
+    for j in 0..kernel.ncols() {
+        for i in 0..kernel.nrows() {
+            kernel[(i, j)] *= unit * roots[i] * roots[j];
+        }
+    }
+    let projected = Projected::of(solution, &kernel, &roots);
+    let inverse_samples =
+        solution.kept.iter().zip(roots.iter()).map(|(&i, root)| root * root / samples[i]).sum::<f64>() / roots.len() as f64;
+    let inside: Vec<Inside> = octaves
+        .iter()
+        .map(|o| Inside {
+            count: INDEPENDENT * o.count,
+            white: o.white / inverse_samples,
+            slow: unit * contrast_variance(o.length, &time_constants),
+        })
+        .collect();
+    let (noise, places) = (0..projected.data.ncols())
+        .map(|a| {
+            let mean_squares: Vec<f64> = octaves.iter().map(|o| o.squares[a] / o.count).collect();
+            projected.likelihood(a).estimate_with(&inside, &mean_squares)
+        })
+        .unzip();
+    Ok(projected.model(solution, noise, places, time_constants))
+}
+
+/// Roots of weights of mean one: rows are multiplied by them, which makes their white noise equal.
+fn roots(solution: &Solution) -> DVector<f64> {
     let roots = DVector::from_column_slice(&solution.root_weights);
-    let mean_weight = roots.norm_squared() / n as f64;
-    // Rows are multiplied by the roots of weights of mean one, which makes their white noise equal.
-    let roots = roots / mean_weight.sqrt();
-    let kernel = kernel(&times, &time_constants, &roots);
-    let residuals = DMatrix::from_fn(n, solution.residuals.ncols(), |i, a| solution.residuals[(solution.kept[i], a)] * roots[i]);
+    let mean_weight = roots.norm_squared() / roots.len() as f64;
+    roots / mean_weight.sqrt()
+}
 
-    // Qᵀ F Q: its upper left corner acts on the coefficients, its lower right corner on what the design cannot explain.
-    let mut rotated = kernel.clone();
-    solution.factors.q_tr_mul(&mut rotated);
-    rotated.transpose_mut();
-    solution.factors.q_tr_mul(&mut rotated);
-    let mut unexplained = residuals.clone();
-    solution.factors.q_tr_mul(&mut unexplained);
-    let corner = rotated.view((p, p), (n - p, n - p)).into_owned();
-    let (q, diagonal, off_diagonal) = SymmetricTridiagonal::new(corner).unpack();
-    let data = q.tr_mul(&unexplained.rows(p, n - p));
+/// A fit with its slow covariance, split into what acts on the coefficients and what acts on the residuals.
+struct Projected {
+    /// Diagonals of the tridiagonal form of the slow covariance of what the design cannot explain.
+    diagonal: DVector<f64>,
+    off_diagonal: DVector<f64>,
+    /// What the design cannot explain, in the coordinates of that form.
+    data: DMatrix<f64>,
+    correlation: DMatrix<f64>,
+    /// Covariance of the coefficients for slow noise of unit variance, rows of mean weight.
+    slow: DMatrix<f64>,
+    mean_weight: f64,
+    rows: f64,
+    /// Rows whose mean would be as uncertain if they were independent as the mean of these rows is with slow noise alone.
+    slow_rows: f64,
+}
 
-    let slow_rows = n as f64 / (roots.dot(&(&kernel * &roots)) / n as f64);
-    let estimate = |data: DVectorView<f64>| {
-        let (diagonal, off_diagonal) = (diagonal.as_slice(), off_diagonal.as_slice());
-        let mut noise = Likelihood { diagonal, off_diagonal, data: data.as_slice() }.estimate();
-        noise.independent_rows = 1.0 / ((1.0 - noise.share) / n as f64 + noise.share / slow_rows);
-        noise
-    };
-    Ok(NoiseModel {
-        noise: data.column_iter().map(estimate).collect(),
-        time_constants,
-        correlation: correlation(&residuals),
-        independent_std: solution.residual_std.iter().map(|std| std / mean_weight.sqrt()).collect(),
-        // Rows of mean weight have unit variance here, rows of unit weight in the solution.
-        white: &solution.unscaled_covariance * mean_weight,
-        slow: slow_covariance(solution, rotated.view((0, 0), (p, p))) * mean_weight,
-    })
+impl Projected {
+    fn of(solution: &Solution, kernel: &DMatrix<f64>, roots: &DVector<f64>) -> Self {
+        let (n, p) = (solution.kept.len(), solution.unscaled_covariance.nrows());
+        let mean_weight = solution.root_weights.iter().map(|r| r * r).sum::<f64>() / n as f64;
+        let residuals =
+            DMatrix::from_fn(n, solution.residuals.ncols(), |i, a| solution.residuals[(solution.kept[i], a)] * roots[i]);
+        // Qᵀ F Q: its upper left corner acts on the coefficients, its lower right corner on what the design cannot explain.
+        let mut rotated = kernel.clone();
+        solution.factors.q_tr_mul(&mut rotated);
+        rotated.transpose_mut();
+        solution.factors.q_tr_mul(&mut rotated);
+        let mut unexplained = residuals.clone();
+        solution.factors.q_tr_mul(&mut unexplained);
+        let corner = rotated.view((p, p), (n - p, n - p)).into_owned();
+        let (q, diagonal, off_diagonal) = SymmetricTridiagonal::new(corner).unpack();
+        Self {
+            diagonal,
+            off_diagonal,
+            data: q.tr_mul(&unexplained.rows(p, n - p)),
+            correlation: correlation(&residuals),
+            slow: slow_covariance(solution, rotated.view((0, 0), (p, p))) * mean_weight,
+            mean_weight,
+            rows: n as f64,
+            slow_rows: n as f64 / (roots.dot(&(kernel * roots)) / n as f64),
+        }
+    }
+
+    fn likelihood(&self, a: usize) -> Likelihood<'_> {
+        let n = self.data.nrows();
+        let data = &self.data.as_slice()[a * n..(a + 1) * n];
+        Likelihood { diagonal: self.diagonal.as_slice(), off_diagonal: self.off_diagonal.as_slice(), data }
+    }
+
+    fn model(self, solution: &Solution, mut noise: Vec<Noise>, places: Vec<Vec<Place>>, time_constants: Vec<f64>) -> NoiseModel {
+        for noise in &mut noise {
+            noise.independent_rows = 1.0 / ((1.0 - noise.share) / self.rows + noise.share / self.slow_rows);
+        }
+        let independent = |std: &f64| std / self.mean_weight.sqrt();
+        NoiseModel {
+            noise,
+            time_constants,
+            independent_std: solution.residual_std.iter().map(independent).collect(),
+            // Rows of mean weight have unit variance here, rows of unit weight in the solution.
+            white: &solution.unscaled_covariance * self.mean_weight,
+            slow: self.slow,
+            correlation: self.correlation,
+            places,
+            dof: solution.dof,
+        }
+    }
+}
+
+/// Time constants of a 1/f noise from `shortest` to `longest` in equal ratios near `OCTAVE_STEP`.
+fn octave_constants(shortest: f64, longest: f64) -> Vec<f64> {
+    let ratio = longest / shortest;
+    let steps = (ratio.ln() / OCTAVE_STEP.ln()).round().max(1.0);
+    (0..=steps as i32).map(|k| shortest * ratio.powf(f64::from(k) / steps)).collect()
+}
+
+/// Variance of the mean over an interval of noise of unit variance whose correlation decays with the time constant 1.
+fn mean_variance(length: f64) -> f64 {
+    // The closed form loses all digits for short intervals.
+    if length < 1e-4 { 1.0 - length / 3.0 } else { 2.0 * (length + (-length).exp_m1()) / (length * length) }
+}
+
+/// Mean over an interval of the decay from its beginning, time constant 1.
+fn mean_decay(length: f64) -> f64 {
+    if length < 1e-8 { 1.0 } else { -(-length).exp_m1() / length }
+}
+
+/// Variance of the difference of the means over neighbouring intervals of one length.
+fn contrast_variance(length: f64, time_constants: &[f64]) -> f64 {
+    let one = |tau: &f64| 2.0 * (mean_variance(length / tau) - mean_decay(length / tau).powi(2));
+    time_constants.iter().map(one).sum::<f64>() / time_constants.len() as f64
+}
+
+/// Covariance of the means over intervals, averaged over the time constants. Intervals may have any order, not overlap.
+fn mean_kernel(intervals: &[[f64; 2]], time_constants: &[f64]) -> DMatrix<f64> {
+    let mut order: Vec<usize> = (0..intervals.len()).collect();
+    order.sort_by(|a, b| intervals[*a][0].total_cmp(&intervals[*b][0]));
+    let mut kernel = DMatrix::zeros(intervals.len(), intervals.len());
+    for tau in time_constants {
+        let lengths: Vec<f64> = order.iter().map(|&i| (intervals[i][1] - intervals[i][0]) / tau).collect();
+        let means: Vec<f64> = lengths.iter().map(|l| mean_decay(*l)).collect();
+        // Decay over an interval and over the gap after it: products of them reach any pair.
+        let across: Vec<f64> = lengths.iter().map(|l| (-l).exp()).collect();
+        let gap = |k: usize| (intervals[order[k + 1]][0] - intervals[order[k]][1]).max(0.0) / tau;
+        let gaps: Vec<f64> = (0..order.len().saturating_sub(1)).map(|k| (-gap(k)).exp()).collect();
+        for k in 0..order.len() {
+            kernel[(order[k], order[k])] += mean_variance(lengths[k]);
+            let mut decay = means[k];
+            for l in k + 1..order.len() {
+                decay *= gaps[l - 1];
+                if decay < NEGLIGIBLE {
+                    break;
+                }
+                kernel[(order[l], order[k])] += decay * means[l];
+                decay *= across[l];
+            }
+        }
+    }
+    let count = time_constants.len() as f64;
+    for k in 0..order.len() {
+        for l in k..order.len() {
+            let value = kernel[(order[l], order[k])] / count;
+            kernel[(order[l], order[k])] = value;
+            kernel[(order[k], order[l])] = value;
+        }
+    }
+    kernel
+}
+
+/// Contrasts of one length beside a row of mean weight: their variances for white and for slow noise that gives such a row unit
+/// variance.
+struct Inside {
+    count: f64,
+    white: f64,
+    slow: f64,
 }
 
 /// From the median positive spacing to the span in equal ratios near `TIME_STEP`, at least two.
@@ -294,6 +561,121 @@ impl Likelihood<'_> {
         noise
     }
 
+    /// Minus twice the log likelihood of given white and slow variances, up to a constant.
+    fn absolute(self, white: f64, slow: f64) -> f64 {
+        let (mut log_determinant, mut product, exponent) = (0.0, 1.0, 1.0 / (white + slow));
+        let (white, slow) = (white * exponent, slow * exponent);
+        let (mut inverse, mut reduced, mut squares, mut off) = (0.0, 0.0, 0.0, 0.0);
+        for (i, (diagonal, value)) in self.diagonal.iter().zip(self.data).enumerate() {
+            let factor = off * inverse;
+            let pivot = white + slow * diagonal - factor * off;
+            reduced = value - factor * reduced;
+            inverse = 1.0 / pivot;
+            squares += reduced * reduced * inverse;
+            off = slow * self.off_diagonal.get(i).copied().unwrap_or(0.0);
+            product *= pivot;
+            if !(1e-200..1e200).contains(&product) {
+                log_determinant += f64::ln(product);
+                product = 1.0;
+            }
+        }
+        let count = self.data.len() as f64;
+        -count * exponent.ln() + log_determinant + product.ln() + squares * exponent
+    }
+
+    /// The most likely white variance beside a slow one, no less than `least`, and the deviance there.
+    fn white_beside(self, slow: f64, sampled: f64, start: f64) -> (f64, f64) {
+        let least = (LEAST_SAMPLED * sampled).ln();
+        let cost = |x: f64| self.absolute(x.exp(), slow) + (x - sampled.ln()).max(0.0);
+        let (mut x, mut width) = (start.ln().max(least), 0.2);
+        let mut here = cost(x);
+        for _ in 0..6 {
+            let (below, above) = (cost(x - width), cost(x + width));
+            let curvature = below + above - 2.0 * here;
+            // Beside much slow noise the white part does not matter.
+            if (below - above).abs() < FLAT {
+                break;
+            }
+            let uphill = if above < below { 1.0 } else { -1.0 };
+            let step = if curvature > 0.0 { 0.5 * width * (below - above) / curvature } else { uphill };
+            let next = (x + step.clamp(-2.0, 2.0)).max(least);
+            let moved = (next - x).abs();
+            let there = cost(next);
+            if there < here {
+                (x, here) = (next, there);
+            } else {
+                width *= 0.5;
+            }
+            if moved < 0.02 {
+                break;
+            }
+        }
+        (x.exp(), self.absolute(x.exp(), slow))
+    }
+
+    /// Averages over what the contrasts inside the rows and the residuals say together.
+    fn estimate_with(self, inside: &[Inside], mean_squares: &[f64]) -> (Noise, Vec<Place>) {
+        let total: f64 = inside.iter().map(|o| o.count).sum();
+        // Per ratio of slow to white noise of the samples: that white noise, profiled, and the deviance of the contrasts.
+        let nodes: Vec<(f64, f64, f64, f64)> = ratios()
+            .into_iter()
+            .map(|(ratio, prior)| {
+                let (mut sampled, mut deviance) = (0.0, 0.0);
+                for (octave, square) in inside.iter().zip(mean_squares) {
+                    let unit = octave.white + ratio * octave.slow;
+                    sampled += octave.count * square / unit / total;
+                    deviance += octave.count * unit.ln();
+                }
+                (ratio, sampled, prior, deviance + total * sampled.ln())
+            })
+            .collect();
+        let lowest = nodes.iter().map(|n| n.3).fold(f64::INFINITY, f64::min);
+        let squares: f64 = self.data.iter().map(|v| v * v).sum();
+        let mut start = squares / self.data.len() as f64;
+        // White variance, slow variance, prior weight with that of the contrasts, deviance of the residuals.
+        let mut places: Vec<(f64, f64, f64, f64)> = Vec::new();
+        let (mut told, mut slow_told) = (0.0, 0.0);
+        for (ratio, sampled, prior, deviance) in nodes.into_iter().filter(|n| n.3 < lowest + IMPROBABLE) {
+            let weight = prior * (0.5 * (lowest - deviance)).exp();
+            told += weight;
+            slow_told += weight * ratio * sampled;
+            let (white, deviance) = self.white_beside(ratio * sampled, sampled, start.max(sampled));
+            start = white;
+            places.push((white, ratio * sampled, (1.0 - PRIOR_APART) * weight, deviance));
+        }
+        // Slow noise between rows that what is inside them does not show.
+        let count = self.data.len() as f64;
+        for (share, prior) in grid().into_iter().filter(|(share, _)| *share > 0.0) {
+            let (deviance, variance) = self.deviance(share);
+            if variance * share > slow_told / told {
+                places.push((variance * (1.0 - share), variance * share, PRIOR_APART * told * prior, deviance + count));
+            }
+        }
+        let lowest = places.iter().map(|p| p.3).fold(f64::INFINITY, f64::min);
+        let posterior = |(white, slow, weight, deviance): (f64, f64, f64, f64)| Place {
+            probability: weight * (0.5 * (lowest - deviance)).exp(),
+            white,
+            slow,
+        };
+        let mut places: Vec<Place> = places.into_iter().map(posterior).collect();
+        let sum: f64 = places.iter().map(|p| p.probability).sum();
+        places.retain(|p| p.probability > NO_PLACE * sum);
+        let sum: f64 = places.iter().map(|p| p.probability).sum();
+        places.iter_mut().for_each(|p| p.probability /= sum);
+        let white: f64 = places.iter().map(|p| p.probability * p.white).sum();
+        let slow: f64 = places.iter().map(|p| p.probability * p.slow).sum();
+        let best = places.iter().max_by(|a, b| a.probability.total_cmp(&b.probability));
+        let (v, s) = best.map_or((white, slow), |p| (p.white, p.slow));
+        let noise = Noise {
+            std: (white + slow).sqrt(),
+            share: slow / (white + slow),
+            most_likely_std: (v + s).sqrt(),
+            most_likely_share: s / (v + s),
+            independent_rows: f64::NAN,
+        };
+        (noise, places)
+    }
+
     /// Brent's search for a minimum of the deviance between two shares.
     fn search(self, low: f64, high: f64) -> Option<f64> {
         let solver = BrentOpt::new(low, high).set_tolerance(1e-8, 1e-9);
@@ -309,6 +691,27 @@ impl CostFunction for Likelihood<'_> {
     fn cost(&self, share: &f64) -> Result<f64, argmin::core::Error> {
         Ok(self.deviance(*share).0)
     }
+}
+
+/// Probability that a standard normal number is farther from zero than `x`, to seven decimals (Abramowitz and Stegun 7.1.26).
+fn two_sided_tail(x: f64) -> f64 {
+    const COEFFICIENTS: [f64; 5] = [0.254_829_592, -0.284_496_736, 1.421_413_741, -1.453_152_027, 1.061_405_429];
+    let z = x / std::f64::consts::SQRT_2;
+    let t = 1.0 / (1.0 + 0.327_591_1 * z);
+    COEFFICIENTS.iter().rev().fold(0.0, |sum, c| (sum + c) * t) * (-z * z).exp()
+}
+
+/// Ratios of slow noise to white noise of the samples in a row, with their prior probabilities: none, or a size between
+/// `LEAST_RATIO` and `MOST_RATIO` of which every order of magnitude is as likely.
+fn ratios() -> Vec<(f64, f64)> {
+    let decades = (MOST_RATIO / LEAST_RATIO).log10();
+    let count = (decades * PER_DECADE).round() as i32;
+    let mut ratios = vec![(0.0, PRIOR_NONE)];
+    ratios.extend((0..=count).map(|k| {
+        let ratio = LEAST_RATIO * 10f64.powf(f64::from(k) / PER_DECADE);
+        (ratio, (1.0 - PRIOR_NONE) / f64::from(count + 1))
+    }));
+    ratios
 }
 
 /// Shares and their prior probabilities: zero, the nodes of a midpoint rule and the upper end.
@@ -511,5 +914,115 @@ mod tests {
         assert!((0.905..0.995).contains(&quick), "{quick}");
         assert!((0.905..0.995).contains(&mean), "{mean}");
         assert!(ignored < 0.7, "{ignored}");
+    }
+
+    /// Four parts of 3 with a gap of 2 after the second.
+    const PARTS: [[f64; 2]; 4] = [[0.0, 3.0], [3.0, 6.0], [8.0, 11.0], [11.0, 14.0]];
+
+    #[test]
+    fn covariances_of_means_have_their_closed_form() {
+        // Whatever the time constant: a sum over fine steps.
+        for tau in [0.05, 1.0, 40.0] {
+            let kernel = mean_kernel(&PARTS, &[tau]);
+            let steps = 1500;
+            let at = |part: usize, k: usize| PARTS[part][0] + 3.0 * (k as f64 + 0.5) / f64::from(steps);
+            for (a, b) in [(0, 0), (0, 1), (0, 2), (1, 3)] {
+                let one = |k: usize| (0..steps as usize).map(|l| (-(at(a, k) - at(b, l)).abs() / tau).exp()).sum::<f64>();
+                let sum: f64 = (0..steps as usize).map(one).sum::<f64>() / f64::from(steps * steps);
+                assert!((kernel[(a, b)] - sum).abs() < 1e-5, "{tau}: {} is not {sum}", kernel[(a, b)]);
+            }
+        }
+    }
+
+    #[test]
+    fn contrasts_and_means_share_one_covariance() {
+        let constants = octave_constants(0.1, 100.0);
+        let parts = mean_kernel(&PARTS, &constants);
+        let contrast = parts[(0, 0)] + parts[(1, 1)] - 2.0 * parts[(0, 1)];
+        assert_relative(contrast_variance(3.0, &constants), contrast, 1e-12);
+        // Two parts make a whole, also across the gap and in any order.
+        let whole = mean_kernel(&[[8.0, 14.0], [0.0, 6.0]], &constants);
+        let of_parts =
+            |a: [usize; 2], b: [usize; 2]| a.iter().map(|i| b.iter().map(|j| parts[(*i, *j)]).sum::<f64>()).sum::<f64>() / 4.0;
+        assert_relative(whole[(1, 1)], of_parts([0, 1], [0, 1]), 1e-12);
+        assert_relative(whole[(0, 1)], of_parts([0, 1], [2, 3]), 1e-12);
+        // 1/f noise has contrasts of the same variance at every length: 4 ln 2 per octave of the spectrum and unit of ln τ.
+        let constants = octave_constants(1e-6, 1e6);
+        let step = (constants[1] / constants[0]).ln();
+        for length in [0.1, 1.0, 10.0] {
+            let variance = contrast_variance(length, &constants) * constants.len() as f64 * step;
+            assert_relative(variance, 4.0 * 2f64.ln(), 1e-2);
+        }
+    }
+
+    #[test]
+    fn tails_of_the_normal_distribution() {
+        for (x, tail) in [(0.0, 1.0), (1.0, 0.317_310_5), (NORMAL_95, 0.05), (4.0, 6.334e-5)] {
+            assert!((two_sided_tail(x) - tail).abs() < 2e-7, "{x}");
+        }
+    }
+
+    /// How often 95 % intervals hold a quickly changing column and the mean of rows of 32 samples with contrasts inside, and the
+    /// mean standard deviation of both over the true one.
+    fn coverage_with_contrasts(share: f64) -> [f64; 4] {
+        let (n, m, records) = (40, 32, 150);
+        let mut random = Random(88_172_645_463_325_252);
+        let columns = DMatrix::from_fn(n, 2, |_, j| [random.uniform() - 0.5, 1.0][j]);
+        let design = design(columns);
+        let intervals: Vec<[f64; 2]> = (0..n).map(|i| [(m * i) as f64, (m * i + m) as f64]).collect();
+        let (mut held, mut errors, mut stated) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+        for _ in 0..records {
+            let slow = if share > 0.0 { random.flicker(n * m) } else { vec![0.0; n * m] };
+            let samples: Vec<f64> = slow.iter().map(|s| (1.0 - share).sqrt() * random.gaussian() + share.sqrt() * s).collect();
+            let mean = |from: usize, length: usize| samples[from..from + length].iter().sum::<f64>() / length as f64;
+            let rhs = DMatrix::from_fn(n, 1, |i, _| mean(m * i, m));
+            let octaves: Vec<Octave> = [4, 8, 16]
+                .into_iter()
+                .map(|length| {
+                    let starts = (0..n * m).step_by(2 * length);
+                    let squares = starts.map(|k| (mean(k, length) - mean(k + length, length)).powi(2)).sum();
+                    let count = (n * m / (2 * length)) as f64;
+                    Octave { length: length as f64, count, white: 2.0 / length as f64, squares: vec![squares] }
+                })
+                .collect();
+            let fit = solve(&design, &rhs, None, &Limits::default()).unwrap();
+            let model = estimate_with(&fit, &intervals, &vec![m as f64; n], &octaves).unwrap();
+            let std = model.covariance().diagonal().map(f64::sqrt);
+            for j in 0..2 {
+                held[j] += f64::from(fit.coefficients[j].abs() <= student_95(fit.dof) * std[j]) / f64::from(records);
+                errors[j] += fit.coefficients[j].powi(2) / f64::from(records);
+                stated[j] += std[j] / f64::from(records);
+            }
+        }
+        [held[0], held[1], stated[0] / errors[0].sqrt(), stated[1] / errors[1].sqrt()]
+    }
+
+    #[test]
+    fn contrasts_inside_the_rows_tell_slow_noise_from_white() {
+        for share in [0.3, 0.9] {
+            let [quick, mean, quick_ratio, mean_ratio] = coverage_with_contrasts(share);
+            // 150 records: a true coverage of 95 % scatters by 1.8 %.
+            assert!((0.895..0.995).contains(&quick), "{share}: {quick}");
+            assert!((0.895..1.0).contains(&mean), "{share}: {mean}");
+            assert!((0.8..1.25).contains(&quick_ratio) && (0.8..1.25).contains(&mean_ratio), "{quick_ratio} {mean_ratio}");
+        }
+        let [quick, mean, quick_ratio, _] = coverage_with_contrasts(0.0);
+        assert!((0.895..0.995).contains(&quick) && mean > 0.9, "{quick} {mean}");
+        assert!((0.85..1.2).contains(&quick_ratio), "{quick_ratio}");
+    }
+
+    #[test]
+    fn rows_that_scatter_more_than_their_samples_are_believed() {
+        // Rows alternate by 1, their samples by a hundredth.
+        let rhs = DMatrix::from_fn(20, 1, |i, _| [1.0, -1.0][i % 2]);
+        let fit = solve(&design(DMatrix::from_element(20, 1, 1.0)), &rhs, None, &Limits::default()).unwrap();
+        let intervals: Vec<[f64; 2]> = (0..20).map(|i| [f64::from(i), f64::from(i) + 1.0]).collect();
+        let octave = |squares: f64| Octave { length: 0.5, count: 20.0, white: 0.5, squares: vec![squares] };
+        let with = estimate_with(&fit, &intervals, &[8.0; 20], &[octave(20.0 * 1e-4)]).unwrap();
+        assert_relative(with.covariance()[(0, 0)], 1.0 / 19.0, 0.1);
+        // Samples without scatter leave the noise to the residuals.
+        let without = estimate_with(&fit, &intervals, &[8.0; 20], &[octave(0.0)]).unwrap();
+        let middles: Vec<f64> = intervals.iter().map(|i| i[0] + 0.5).collect();
+        assert_eq!(without.noise, estimate(&fit, &middles).unwrap().noise);
     }
 }

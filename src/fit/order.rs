@@ -177,12 +177,19 @@ pub fn excess(chi2: f64, dof: usize) -> f64 {
     if dof > 0 && chi2 > chi2_quantile_99(dof) { (chi2 / dof as f64).sqrt() } else { 1.0 }
 }
 
-/// The 99 % quantile of χ² after Wilson and Hilferty, good to 1 % for one degree of freedom and better for more.
+/// The 99 % quantile of χ² by [`chi2_quantile`].
 #[must_use]
 pub fn chi2_quantile_99(dof: usize) -> f64 {
     const NORMAL_99: f64 = 2.326_347_874;
+    chi2_quantile(dof, NORMAL_99)
+}
+
+/// The quantile of χ² at the level at which `normal` is that of a standard Gaussian, after Wilson and Hilferty: that of 99 % is good
+/// to 1 % for one degree of freedom and better for more.
+#[must_use]
+pub fn chi2_quantile(dof: usize, normal: f64) -> f64 {
     let spread = 2.0 / (9.0 * dof as f64);
-    dof as f64 * (1.0 - spread + NORMAL_99 * spread.sqrt()).powi(3)
+    dof as f64 * (1.0 - spread + normal * spread.sqrt()).powi(3)
 }
 
 fn weights_of(std: &[f64], rows: usize) -> Result<Vec<f64>, FitError> {

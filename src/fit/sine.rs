@@ -8,13 +8,15 @@
 //! * [`three`] and [`four`]: amplitude, phase and offset, the frequency given or free.
 //! * [`Sums`] and [`coherent`]: normal equations of short segments and the longest stretch which one sine describes.
 //! * [`common_rate`]: one sample rate for all settings of a run.
-//! * [`local_noise_std`]: what noise near the frequency does to the amplitude.
+//! * [`local_noise_std`] and [`noise_near`]: what noise near the frequency does to amplitude and phase, of one sine and of many.
 
+mod noise;
 mod rate;
 mod segments;
 #[cfg(test)]
 mod tests;
 
+pub use noise::{Residue, noise_near};
 pub use rate::{CommonRate, Drift, Packet, PacketRate, RateRefusal, RunnerUp, Verdict, common_rate};
 pub use segments::{Sums, coherent};
 
@@ -530,6 +532,16 @@ impl Slope {
     }
 }
 
+/// Variance of A (or B) by the residuals at one frequency, cycles per sample.
+fn periodogram(n: &[u64], residuals: &[f64], cycles: f64) -> f64 {
+    let mut oscillator = Oscillator::of(Turn(cycles.into()));
+    let (s, c) = n.iter().zip(residuals).fold((0.0, 0.0), |(s, c), (&n, r)| {
+        let [sin, cos] = oscillator.at(n);
+        (s + r * sin, c + r * cos)
+    });
+    2.0 * (s * s + c * c) / (n.len() as f64).powi(2)
+}
+
 /// Standard uncertainty of A (or B) at a frequency from the noise near it, unit of the residuals; None where there are too few
 /// samples to see any, or where more than half of the stretch is missing.
 ///
@@ -543,14 +555,7 @@ pub fn local_noise_std(n: &[u64], residuals: &[f64], frequency_hz: f64, rate_hz:
         return None;
     }
     let (alias, bin) = (turn.alias(), 1.0 / stretch(n));
-    let variance = |cycles: f64| {
-        let mut oscillator = Oscillator::of(Turn(cycles.into()));
-        let (s, c) = n.iter().zip(residuals).fold((0.0, 0.0), |(s, c), (&n, r)| {
-            let [sin, cos] = oscillator.at(n);
-            (s + r * sin, c + r * cos)
-        });
-        2.0 * (s * s + c * c) / (n.len() as f64).powi(2)
-    };
+    let variance = |cycles: f64| periodogram(n, residuals, cycles);
     let inside = |&cycles: &f64| cycles >= 0.5 * alias && cycles <= 2.0 * alias && cycles < 0.5;
     let both = BINS.flat_map(|k| [alias - f64::from(k) * bin, alias + f64::from(k) * bin]);
     let near: Vec<f64> = both.filter(inside).map(variance).collect();

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 
 use crate::fit::order::excess;
 
-use super::{Fit, Oscillator, SineRefusal, Turn, check, local_noise_std, stretch};
+use super::{Fit, Oscillator, Residue, SineRefusal, Turn, check, noise_near, stretch};
 
 /// Relative range of the search around the start value.
 const RANGE: f64 = 1e-3;
@@ -280,7 +280,7 @@ fn settle(packets: &[Packet], captured_hz: f64) -> Result<(f64, Vec<State>), Rat
     for step in 0..MAX_STEPS {
         let profile = step < PROFILE_STEPS;
         if !profile && colours.is_none() {
-            colours = Some(packets.iter().map(|packet| colour(packet, rate_hz)).collect());
+            colours = Some(self::colours(packets, rate_hz));
         }
         let mut states: Vec<State> = packets
             .iter()
@@ -327,17 +327,32 @@ fn state(packet: &Packet, rate_hz: f64, colour: Option<f64>) -> State {
     State { offset: slope.step(), std: noise / slope.information.sqrt(), rss, residual_std, noise, used: true }
 }
 
-/// Noise near the frequency over what it would be if the noise were white.
-fn colour(packet: &Packet, rate_hz: f64) -> f64 {
-    let near = || {
+/// Noise near the frequency of every packet over that of all its residuals.
+fn colours(packets: &[Packet], rate_hz: f64) -> Vec<f64> {
+    // Residuals around the sine at the own rate, and its phase.
+    let own = |packet: &Packet| {
         let fit = fit(packet, rate_hz)?;
         let slope = fit.derivative(packet.n, -TAU * packet.frequency_hz / (rate_hz * rate_hz))?;
         let residuals: Vec<f64> = fit.residuals.iter().zip(&slope.own).map(|(r, own)| r - slope.step() * own).collect();
-        let white = residuals.iter().map(|r| r * r).sum::<f64>().sqrt() * 2f64.sqrt() / residuals.len() as f64;
-        let near = local_noise_std(packet.n, &residuals, packet.frequency_hz, rate_hz)?;
+        Some((residuals, fit.coefficients[1].atan2(fit.coefficients[0])))
+    };
+    let owns: Vec<(Vec<f64>, f64)> = packets.iter().map(|packet| own(packet).unwrap_or_default()).collect();
+    let residues: Vec<Residue> = packets
+        .iter()
+        .zip(&owns)
+        .map(|(packet, (residuals, phase_rad))| Residue {
+            n: packet.n,
+            residuals,
+            frequency_hz: packet.frequency_hz,
+            phase_rad: *phase_rad,
+        })
+        .collect();
+    let over_white = |(near, residue): (Option<[f64; 2]>, &Residue)| {
+        let [_, near] = near?;
+        let white = (residue.residuals.iter().map(|r| r * r).sum::<f64>() / (residue.n.len() - 4) as f64).sqrt();
         (near > 0.0 && white > 0.0).then_some(near / white)
     };
-    near().unwrap_or(1.0)
+    noise_near(&residues, rate_hz).into_iter().zip(&residues).map(|pair| over_white(pair).unwrap_or(1.0)).collect()
 }
 
 /// Marks the packets which agree: around the rate of the one with which most agree, then around their common rate.

@@ -208,6 +208,85 @@ mod fits {
     }
 }
 
+mod noise {
+    use super::*;
+
+    /// Short settings, aliases near 0 and near half of the rate among them.
+    const FREQUENCIES_HZ: [f64; 14] = [0.25, 0.5, 1.0, 3.3, 7.9, 20.0, 41.0, 63.2, 100.0, 127.3, 251.0, 316.0, 501.0, 1000.0];
+    const COUNT: u64 = 768;
+
+    /// Pulls of amplitude and phase of every setting for noise of a source.
+    fn pulls(runs: usize, mut next: impl FnMut(&mut Random) -> f64) -> Vec<Vec<f64>> {
+        let mut gauss = Random::seeded(6);
+        let mut pulls = vec![Vec::new(); FREQUENCIES_HZ.len()];
+        for _ in 0..runs {
+            let records: Vec<(Vec<u64>, Sine)> = (0u64..)
+                .zip(FREQUENCIES_HZ)
+                .map(|(i, frequency_hz)| {
+                    let n = counters(i * COUNT..(i + 1) * COUNT);
+                    let mut y = wave(&n, [600.0, 0.7, 5.0], frequency_hz, 128.0);
+                    y.iter_mut().for_each(|y| *y += 0.1 * next(&mut gauss));
+                    let fit = three(&n, &y, frequency_hz, 128.0).unwrap();
+                    (n, fit)
+                })
+                .collect();
+            let residues: Vec<Residue> = records
+                .iter()
+                .map(|(n, fit)| Residue {
+                    n,
+                    residuals: &fit.residuals,
+                    frequency_hz: fit.frequency_hz,
+                    phase_rad: fit.phase_rad,
+                })
+                .collect();
+            for ((near, (_, fit)), pulls) in noise_near(&residues, 128.0).into_iter().zip(&records).zip(&mut pulls) {
+                let [amplitude, phase] = near.unwrap().map(|near| near / fit.residual_std);
+                pulls.push((fit.amplitude - 600.0) / (amplitude * fit.amplitude_std));
+                pulls.push((fit.phase_rad - 0.7) / (phase * fit.phase_std_rad));
+            }
+        }
+        pulls
+    }
+
+    fn check_coverage(pulls: &[Vec<f64>]) {
+        for (frequency_hz, pulls) in FREQUENCIES_HZ.iter().zip(pulls) {
+            let (rms, _) = coverage(pulls);
+            // 200 values: a standard error of 0.05, and one spectrum for processes an octave apart is good to a tenth.
+            assert!((0.8..1.25).contains(&rms), "{frequency_hz} Hz: {rms}");
+        }
+        let all: Vec<f64> = pulls.iter().flatten().copied().collect();
+        let within = all.iter().filter(|pull| pull.abs() < 1.96).count() as f64 / all.len() as f64;
+        assert!((0.935..0.965).contains(&within), "{within}");
+    }
+
+    #[test]
+    fn many_sines_tell_the_noise_of_each() {
+        check_coverage(&pulls(100, Random::gaussian));
+        let mut pink = Pink::new(&mut Random::seeded(9));
+        check_coverage(&pulls(100, |gauss| pink.next(gauss)));
+    }
+
+    #[test]
+    fn a_setting_with_more_noise_counts_by_itself() {
+        let mut gauss = Random::seeded(8);
+        let n: Vec<Vec<u64>> = (0..8).map(|i| counters(i * 1024..(i + 1) * 1024)).collect();
+        let residuals: Vec<Vec<f64>> =
+            (0..8).map(|i| (0..1024).map(|_| if i == 5 { 10.0 } else { 1.0 } * gauss.gaussian()).collect()).collect();
+        let residues: Vec<Residue> = (0..8)
+            .map(|i| Residue { n: &n[i], residuals: &residuals[i], frequency_hz: 5.0 + 6.0 * i as f64, phase_rad: 0.0 })
+            .collect();
+        for (i, near) in noise_near(&residues, 128.0).into_iter().enumerate() {
+            let truth = if i == 5 { 10.0 } else { 1.0 };
+            let tolerance = if i == 5 { 0.4 } else { 0.15 };
+            assert!(near.unwrap().iter().all(|near| (near / truth - 1.0).abs() < tolerance), "{i}: {near:?}");
+        }
+        let silent = vec![0.0; 1024];
+        let exact = Residue { n: &n[0], residuals: &silent, frequency_hz: 5.0, phase_rad: 0.0 };
+        assert_eq!(noise_near(&[exact], 128.0), [Some([0.0; 2])]);
+        assert_eq!(noise_near(&[Residue { frequency_hz: 128.0, ..exact }], 128.0), [None]);
+    }
+}
+
 mod segments {
     use super::*;
 
