@@ -62,6 +62,15 @@ impl Campaign {
         by_root.into_iter().map(|(root, files)| Self::of(root, files, findings)).collect()
     }
 
+    /// A campaign without a folder, for runs that are made and not read.
+    ///
+    /// # Errors
+    /// Axes that no right-handed sensor can have.
+    pub fn in_memory(file: CampaignFile) -> Result<Campaign, Finding> {
+        let positions = positions(Path::new("campaign.toml"), &file)?;
+        Ok(Campaign { file, positions, ..Campaign::default() })
+    }
+
     /// The run files of a folder and of the folders in it.
     ///
     /// # Errors

@@ -363,10 +363,11 @@ impl Levels {
             (true, sampled) => {
                 let used: Vec<&Plateau> = rows.iter().map(|(_, p)| *p).collect();
                 let noise = conditions::noise(&solution, &used)?;
-                // A few plateaus may scatter less by chance than their samples allow.
+                // A few plateaus may scatter less by chance than their samples allow, where only their scatter is known.
                 let wider: [f64; 3] = std::array::from_fn(|i| {
                     let scatter = solution.residual_std[i];
-                    sampled.map_or(1.0, |s| if scatter > 0.0 { (s[i] / scatter).max(1.0) } else { 1.0 })
+                    let chance = |s: [f64; 3]| if scatter > 0.0 { (s[i] / scatter).max(1.0) } else { 1.0 };
+                    sampled.filter(|_| !noise.is_from_samples()).map_or(1.0, chance)
                 });
                 let covariance = noise.covariance();
                 let scaled = DMatrix::from_fn(3 * full, 3 * full, |r, c| covariance[(r, c)] * wider[r / full] * wider[c / full]);

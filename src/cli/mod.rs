@@ -75,7 +75,7 @@ struct Common {
     /// Write over files that calfit did not write.
     #[arg(long, global = true)]
     force: bool,
-    /// Threads to use; 0 is one per core. Results do not depend on it.
+    /// Threads to use; 0 is one per core and two that wait for the disk. Results do not depend on it.
     #[arg(long, global = true, value_name = "N", default_value_t = 0)]
     threads: usize,
     /// Print errors only.
@@ -94,6 +94,9 @@ struct Common {
     #[arg(long, global = true)]
     allow_truncated: bool,
 }
+
+/// Threads beside those of the cores: while a file is brought to the disk its thread waits.
+const WAITING: usize = 2;
 
 /// Problems with the data that can be allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
@@ -160,10 +163,10 @@ pub fn main() -> ExitCode {
         }
     };
     let terminal = Terminal::new(cli.common.color, cli.common.quiet, cli.common.verbose > 0);
-    if cli.common.threads > 0 {
-        // Fails only if the pool exists already, which cannot be this early.
-        let _ = rayon::ThreadPoolBuilder::new().num_threads(cli.common.threads).build_global();
-    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = if cli.common.threads > 0 { cli.common.threads } else { cores + WAITING };
+    // Fails only if the pool exists already, which cannot be this early.
+    let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     let result = execute(cli, &terminal);
     let status = result.unwrap_or_else(|finding| {
         terminal.finding(&finding);

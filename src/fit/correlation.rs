@@ -20,15 +20,16 @@
 //! and contrasts share one spectrum, exact averages of exponential correlations over intervals, with three quantities:
 //!
 //! * white and 1/f noise of the samples, from contrasts at every octave and from the residuals;
-//! * the white variance of the rows, free above about what the samples let expect, for scatter that comes between rows only;
-//! * with a small prior probability a slow noise between rows with nothing to do with the contrasts. It wins where the
-//!   residuals show clearly more than what is inside the rows foretells, as with drifts.
+//! * the white variance of the rows: what the samples let expect, or with a small prior probability another one, for scatter that
+//!   comes between rows only;
+//! * with a smaller one a slow noise between rows with nothing to do with the contrasts. It wins where the residuals show clearly
+//!   more than what is inside the rows foretells, as with drifts.
 //!
-//! Coefficients then have a mixture of normal distributions, and their standard deviations are those with which Student's
-//! interval of the fit's degrees of freedom holds 95 % of it. The prior gives every order of magnitude of the 1/f noise the same
-//! probability from a ratio to the white noise of a row of two upwards. Noise below that is no better known than from the
-//! residuals: a 1/f noise that shows in the slowest few waves of the record only can double the uncertainty of the mean unseen,
-//! and no rule holds both white noise and such noise in 95 % of the cases.
+//! Coefficients then have a mixture of normal distributions, and their standard deviations are those with which 1.96 of them hold
+//! 95 % of it. The prior gives white noise nine tenths, and every order of magnitude of 1/f noise from twice the white noise of a row
+//! upwards the same part of the rest: for plateaus of 24 s a corner above 0.007 Hz. Noise with a corner below that shows in the
+//! slowest few waves of the record only and can double the uncertainty of the mean unseen; no rule holds both white noise and such
+//! noise in 95 % of the cases.
 
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::brent::BrentOpt;
@@ -36,7 +37,7 @@ use nalgebra::linalg::SymmetricTridiagonal;
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use super::linear::Solution;
-use super::{FitError, NORMAL_95, require_finite, require_length, student_95};
+use super::{FitError, NORMAL_95, require_finite, require_length};
 
 /// Nominal ratio of neighbouring time constants.
 const TIME_STEP: f64 = 4.0;
@@ -55,25 +56,28 @@ const NEGLIGIBLE: f64 = 1e-12;
 /// Longest time constant as a part of the record: half way between the usual meanings of a cutoff at its inverse.
 const LONGER: f64 = 1.3;
 /// Prior probability that the samples carry white noise alone.
-const PRIOR_NONE: f64 = 0.03;
-/// Smallest and largest ratio of slow to white noise in a row: less cannot be told from none, more is slow noise alone.
+const PRIOR_NONE: f64 = 0.9;
+/// Smallest and largest ratio of slow to white noise in a row, and how many in between: less cannot be told from none, more is slow noise
+/// alone.
 const LEAST_RATIO: f64 = 2.0;
-const MOST_RATIO: f64 = 1e4;
-/// Ratios per order of magnitude.
-const PER_DECADE: f64 = 10.0;
+const MOST_RATIO: f64 = 1e5;
+const RATIOS: usize = 29;
 /// Contrasts of 1/f noise are not quite independent: they count as this part of their number.
 const INDEPENDENT: f64 = 0.8;
-/// Prior probability of slow noise between the rows that what is inside them does not show.
-const PRIOR_APART: f64 = 0.01;
-/// White noise between the rows is no less than this part of what the samples let expect: few rows may scatter less by chance.
-const LEAST_SAMPLED: f64 = 0.5;
+/// Prior probability of slow noise between the rows that what is inside them does not show, and its variances over the white one.
+const PRIOR_APART: f64 = 0.002;
+const APART_SIZES: [f64; 11] = [3.0, 10.0, 30.0, 1e2, 3e2, 1e3, 3e3, 1e4, 3e4, 1e5, 1e6];
+/// Prior probability that rows scatter by more than their samples let expect, as where a field is set anew for every row, and the range
+/// of the factors.
+const PRIOR_EXCESS: f64 = 0.1;
+const LEAST_EXCESS: f64 = 1.26;
+const MOST_EXCESS: f64 = 1e5;
+const EXCESSES: usize = 26;
+/// The same for less scatter: noise that is not white between the samples, a tone for example, averages out in a row.
+const PRIOR_LACK: f64 = 0.02;
+const LACKS: [f64; 4] = [0.6, 0.3, 0.1, 0.01];
 /// Deviance beyond the lowest of what the contrasts rule out.
 const IMPROBABLE: f64 = 25.0;
-/// Change of the deviance that ends the search for a variance.
-const FLAT: f64 = 0.02;
-/// Standard deviations are not stated smaller than this part of the averaged one: with few degrees of freedom Student's factor would
-/// make light of noise that the contrasts tell well.
-const LEAST_FACTOR: f64 = 0.9;
 /// Places less probable are left out.
 const NO_PLACE: f64 = 1e-4;
 
@@ -113,8 +117,6 @@ pub struct NoiseModel {
     independent_std: Vec<f64>,
     /// What the noise of every right-hand side may be; empty where only the residuals tell it.
     places: Vec<Vec<Place>>,
-    /// Degrees of freedom of the fit.
-    dof: usize,
     /// Covariance of the coefficients for white noise of unit variance, p x p.
     white: DMatrix<f64>,
     /// Covariance of the least-squares coefficients for slow noise of unit variance, p x p.
@@ -127,7 +129,8 @@ impl NoiseModel {
     /// It is the one averaged over the likelihood of the share, widened where independent noise alone would give more: noise that is
     /// white but taken for slow in part would leave too little for coefficients of columns that change sign quickly.
     ///
-    /// Intervals: Student's t with the degrees of freedom of the fit.
+    /// Intervals of 95 %: 1.96 standard deviations where the noise is known from inside the rows, otherwise Student's t with the
+    /// degrees of freedom of the fit.
     pub fn covariance(&self) -> DMatrix<f64> {
         let mut covariance = self.averaged_covariance();
         let p = self.white.nrows();
@@ -147,27 +150,19 @@ impl NoiseModel {
         covariance
     }
 
-    /// Factor on the averaged standard deviation of coefficient j that makes Student's interval hold 95 % of what the places let
-    /// expect: their normal distributions differ in width, and white noise is known with the degrees of freedom of the fit.
+    /// Factor on the averaged standard deviation of coefficient j that makes the normal interval hold 95 % of what the places let
+    /// expect: their normal distributions differ in width.
     fn interval_factor(&self, places: &[Place], j: usize) -> f64 {
         let (white, slow) = (self.white[(j, j)], self.slow[(j, j)]);
-        let widths: Vec<(f64, f64)> = places
-            .iter()
-            .map(|p| {
-                let variance = p.white * white + p.slow * slow;
-                // Welch and Satterthwaite.
-                let dof = self.dof as f64 * (variance / (p.white * white)).powi(2);
-                (p.probability, variance.sqrt() * student_95(dof.min(1e6).round() as usize) / NORMAL_95)
-            })
-            .collect();
-        let averaged = places.iter().map(|p| p.probability * (p.white * white + p.slow * slow)).sum::<f64>().sqrt();
+        let widths: Vec<(f64, f64)> = places.iter().map(|p| (p.probability, (p.white * white + p.slow * slow).sqrt())).collect();
+        let averaged = widths.iter().map(|(p, width)| p * width * width).sum::<f64>().sqrt();
         if averaged.is_nan() || averaged <= 0.0 {
             return 1.0;
         }
         let outside = |x: f64| widths.iter().map(|(p, width)| p * two_sided_tail(x / width)).sum::<f64>();
         let widest = widths.iter().map(|w| w.1).fold(0.0, f64::max);
-        let (mut low, mut high) = (0.0, 2.0 * NORMAL_95 * widest);
-        for _ in 0..18 {
+        let (mut low, mut high) = (0.0, NORMAL_95 * widest);
+        while high - low > 1e-4 * high {
             let middle = 0.5 * (low + high);
             if outside(middle) > 0.05 {
                 low = middle;
@@ -175,7 +170,13 @@ impl NoiseModel {
                 high = middle;
             }
         }
-        (high / (student_95(self.dof) * averaged)).max(LEAST_FACTOR)
+        high / (NORMAL_95 * averaged)
+    }
+
+    /// Whether what is inside the rows told their noise: intervals are normal then, otherwise Student's.
+    #[must_use]
+    pub fn is_from_samples(&self) -> bool {
+        !self.places.is_empty()
     }
 
     /// The covariance averaged over the likelihood of the share of slow noise.
@@ -365,7 +366,6 @@ impl Projected {
             slow: self.slow,
             correlation: self.correlation,
             places,
-            dof: solution.dof,
         }
     }
 }
@@ -583,40 +583,10 @@ impl Likelihood<'_> {
         -count * exponent.ln() + log_determinant + product.ln() + squares * exponent
     }
 
-    /// The most likely white variance beside a slow one, no less than `least`, and the deviance there.
-    fn white_beside(self, slow: f64, sampled: f64, start: f64) -> (f64, f64) {
-        let least = (LEAST_SAMPLED * sampled).ln();
-        let cost = |x: f64| self.absolute(x.exp(), slow) + (x - sampled.ln()).max(0.0);
-        let (mut x, mut width) = (start.ln().max(least), 0.2);
-        let mut here = cost(x);
-        for _ in 0..6 {
-            let (below, above) = (cost(x - width), cost(x + width));
-            let curvature = below + above - 2.0 * here;
-            // Beside much slow noise the white part does not matter.
-            if (below - above).abs() < FLAT {
-                break;
-            }
-            let uphill = if above < below { 1.0 } else { -1.0 };
-            let step = if curvature > 0.0 { 0.5 * width * (below - above) / curvature } else { uphill };
-            let next = (x + step.clamp(-2.0, 2.0)).max(least);
-            let moved = (next - x).abs();
-            let there = cost(next);
-            if there < here {
-                (x, here) = (next, there);
-            } else {
-                width *= 0.5;
-            }
-            if moved < 0.02 {
-                break;
-            }
-        }
-        (x.exp(), self.absolute(x.exp(), slow))
-    }
-
     /// Averages over what the contrasts inside the rows and the residuals say together.
     fn estimate_with(self, inside: &[Inside], mean_squares: &[f64]) -> (Noise, Vec<Place>) {
         let total: f64 = inside.iter().map(|o| o.count).sum();
-        // Per ratio of slow to white noise of the samples: that white noise, profiled, and the deviance of the contrasts.
+        // Per ratio of slow to white noise of the samples: their white noise in a row, profiled, and the deviance of the contrasts.
         let nodes: Vec<(f64, f64, f64, f64)> = ratios()
             .into_iter()
             .map(|(ratio, prior)| {
@@ -630,33 +600,49 @@ impl Likelihood<'_> {
             })
             .collect();
         let lowest = nodes.iter().map(|n| n.3).fold(f64::INFINITY, f64::min);
-        let squares: f64 = self.data.iter().map(|v| v * v).sum();
-        let mut start = squares / self.data.len() as f64;
-        // White variance, slow variance, prior weight with that of the contrasts, deviance of the residuals.
-        let mut places: Vec<(f64, f64, f64, f64)> = Vec::new();
-        let (mut told, mut slow_told) = (0.0, 0.0);
-        for (ratio, sampled, prior, deviance) in nodes.into_iter().filter(|n| n.3 < lowest + IMPROBABLE) {
-            let weight = prior * (0.5 * (lowest - deviance)).exp();
-            told += weight;
-            slow_told += weight * ratio * sampled;
-            let (white, deviance) = self.white_beside(ratio * sampled, sampled, start.max(sampled));
-            start = white;
-            places.push((white, ratio * sampled, (1.0 - PRIOR_APART) * weight, deviance));
+        let possible = nodes.into_iter().filter(|n| n.3 < lowest + IMPROBABLE);
+        // White variance of a row by its samples, slow variance, weight by prior and contrasts.
+        let mut told: Vec<(f64, f64, f64)> = possible
+            .map(|(ratio, sampled, prior, deviance)| (sampled, ratio * sampled, prior * (0.5 * (lowest - deviance)).exp()))
+            .collect();
+        let weight: f64 = told.iter().map(|t| t.2).sum();
+        let best = told.iter().copied().max_by(|a, b| a.2.total_cmp(&b.2));
+        if let Some((sampled, slow, _)) = best {
+            let apart = APART_SIZES.map(|size| (sampled, slow + size * sampled, weight * PRIOR_APART / APART_SIZES.len() as f64));
+            told.extend(apart);
         }
-        // Slow noise between rows that what is inside them does not show.
-        let count = self.data.len() as f64;
-        for (share, prior) in grid().into_iter().filter(|(share, _)| *share > 0.0) {
-            let (deviance, variance) = self.deviance(share);
-            if variance * share > slow_told / told {
-                places.push((variance * (1.0 - share), variance * share, PRIOR_APART * told * prior, deviance + count));
+        let excesses = excesses();
+        let mut places: Vec<(Place, f64)> = Vec::new();
+        let usual = excesses.iter().position(|(factor, _)| *factor == 1.0).unwrap_or_default();
+        let (mut lowest, mut likely) = (f64::INFINITY, usual);
+        for (sampled, slow, weight) in told {
+            // The likelihood has one maximum in the white variance: outwards from the last one until it has become small.
+            let mut try_out = |k: usize| {
+                let (factor, prior) = excesses[k];
+                let (white, probability) = (factor * sampled, weight * prior);
+                let deviance = self.absolute(white, slow);
+                places.push((Place { probability, white, slow }, deviance));
+                deviance
+            };
+            let mut here = (try_out(likely), likely);
+            for (mut k, up) in [(likely, true), (likely, false)] {
+                let mut last = here.0;
+                while let Some(next) = if up { Some(k + 1).filter(|n| *n < excesses.len()) } else { k.checked_sub(1) } {
+                    k = next;
+                    let deviance = try_out(k);
+                    if deviance < here.0 {
+                        here = (deviance, k);
+                    }
+                    if deviance > last && deviance > lowest.min(here.0) + IMPROBABLE {
+                        break;
+                    }
+                    last = deviance;
+                }
             }
+            (lowest, likely) = (lowest.min(here.0), here.1);
         }
-        let lowest = places.iter().map(|p| p.3).fold(f64::INFINITY, f64::min);
-        let posterior = |(white, slow, weight, deviance): (f64, f64, f64, f64)| Place {
-            probability: weight * (0.5 * (lowest - deviance)).exp(),
-            white,
-            slow,
-        };
+        let posterior =
+            |(p, deviance): (Place, f64)| Place { probability: p.probability * (0.5 * (lowest - deviance)).exp(), ..p };
         let mut places: Vec<Place> = places.into_iter().map(posterior).collect();
         let sum: f64 = places.iter().map(|p| p.probability).sum();
         places.retain(|p| p.probability > NO_PLACE * sum);
@@ -704,14 +690,23 @@ fn two_sided_tail(x: f64) -> f64 {
 /// Ratios of slow noise to white noise of the samples in a row, with their prior probabilities: none, or a size between
 /// `LEAST_RATIO` and `MOST_RATIO` of which every order of magnitude is as likely.
 fn ratios() -> Vec<(f64, f64)> {
-    let decades = (MOST_RATIO / LEAST_RATIO).log10();
-    let count = (decades * PER_DECADE).round() as i32;
-    let mut ratios = vec![(0.0, PRIOR_NONE)];
-    ratios.extend((0..=count).map(|k| {
-        let ratio = LEAST_RATIO * 10f64.powf(f64::from(k) / PER_DECADE);
-        (ratio, (1.0 - PRIOR_NONE) / f64::from(count + 1))
-    }));
-    ratios
+    spread((0.0, PRIOR_NONE), 1.0 - PRIOR_NONE, [LEAST_RATIO, MOST_RATIO], RATIOS)
+}
+
+/// White variance of rows over what their samples let expect, ascending, with prior probabilities: equal, or scatter between the rows
+/// besides.
+fn excesses() -> Vec<(f64, f64)> {
+    let mut list = spread((1.0, 1.0 - PRIOR_EXCESS - PRIOR_LACK), PRIOR_EXCESS, [LEAST_EXCESS, MOST_EXCESS], EXCESSES);
+    list.extend(LACKS.map(|factor| (factor, PRIOR_LACK / LACKS.len() as f64)));
+    list.sort_by(|a, b| a.0.total_cmp(&b.0));
+    list
+}
+
+/// A usual value with its prior probability, and values in equal ratios that share another one.
+fn spread((usual, prior): (f64, f64), others: f64, [least, most]: [f64; 2], count: usize) -> Vec<(f64, f64)> {
+    let step = (most / least).powf(1.0 / (count - 1) as f64);
+    let others = (0..count).map(|k| (least * step.powi(k as i32), others / count as f64));
+    std::iter::once((usual, prior)).chain(others).collect()
 }
 
 /// Shares and their prior probabilities: zero, the nodes of a midpoint rule and the upper end.
@@ -989,7 +984,7 @@ mod tests {
             let model = estimate_with(&fit, &intervals, &vec![m as f64; n], &octaves).unwrap();
             let std = model.covariance().diagonal().map(f64::sqrt);
             for j in 0..2 {
-                held[j] += f64::from(fit.coefficients[j].abs() <= student_95(fit.dof) * std[j]) / f64::from(records);
+                held[j] += f64::from(fit.coefficients[j].abs() <= NORMAL_95 * std[j]) / f64::from(records);
                 errors[j] += fit.coefficients[j].powi(2) / f64::from(records);
                 stated[j] += std[j] / f64::from(records);
             }
@@ -1019,7 +1014,9 @@ mod tests {
         let intervals: Vec<[f64; 2]> = (0..20).map(|i| [f64::from(i), f64::from(i) + 1.0]).collect();
         let octave = |squares: f64| Octave { length: 0.5, count: 20.0, white: 0.5, squares: vec![squares] };
         let with = estimate_with(&fit, &intervals, &[8.0; 20], &[octave(20.0 * 1e-4)]).unwrap();
-        assert_relative(with.covariance()[(0, 0)], 1.0 / 19.0, 0.1);
+        // Twenty rows tell their scatter with nineteen degrees of freedom: Student's interval in terms of the normal one.
+        let widening = super::super::student_95(19) / NORMAL_95;
+        assert_relative(with.covariance()[(0, 0)], widening.powi(2) / 19.0, 0.03);
         // Samples without scatter leave the noise to the residuals.
         let without = estimate_with(&fit, &intervals, &[8.0; 20], &[octave(0.0)]).unwrap();
         let middles: Vec<f64> = intervals.iter().map(|i| i[0] + 0.5).collect();

@@ -63,16 +63,12 @@ pub struct Flicker {
 
 impl Flicker {
     /// `a`: amplitude density at 1 Hz in the unit of the noise per √Hz.
-    ///
-    /// The (one-sided) density of relaxations of variance v with time constants in the ratio r is `v / (f ln r)`.
     #[must_use]
     pub fn new(a: f64, rate_hz: f64, lowest_hz: f64, random: &mut Random) -> Self {
-        let longest = (rate_hz / (std::f64::consts::TAU * lowest_hz)).max(SHORTEST);
-        let count = if a > 0.0 { (longest / SHORTEST).log(RATIO).round() as i32 + 1 } else { 0 };
-        let std = a * RATIO.ln().sqrt();
-        let relaxations: Vec<Relaxation> = (0..count)
-            .map(|k| {
-                let time_constant = longest / RATIO.powi(k);
+        let relaxations: Vec<Relaxation> = relaxations(a, rate_hz, lowest_hz)
+            .into_iter()
+            .map(|(variance, time_constant_s)| {
+                let (std, time_constant) = (variance.sqrt(), time_constant_s * rate_hz);
                 // Periods are powers of four, so that the trailing zeros of the sample number tell which relaxations step.
                 let power = (time_constant / STEPS).max(1.0).log(4.0).floor() as u32;
                 let period = 4u32.pow(power);
@@ -108,13 +104,14 @@ impl Flicker {
     }
 }
 
-/// The autocovariance of [`Flicker`] at a lag, in the square of its unit.
+/// The relaxations that make up [`Flicker`]: variance and time constant, s, the longest first.
+///
+/// The (one-sided) density of relaxations of variance v with time constants in the ratio r is `v / (f ln r)`.
 #[must_use]
-pub fn flicker_covariance(a: f64, rate_hz: f64, lowest_hz: f64, lag_s: f64) -> f64 {
+pub fn relaxations(a: f64, rate_hz: f64, lowest_hz: f64) -> Vec<(f64, f64)> {
     let longest = (rate_hz / (std::f64::consts::TAU * lowest_hz)).max(SHORTEST);
-    let count = (longest / SHORTEST).log(RATIO).round() as i32 + 1;
-    let variance = a * a * RATIO.ln();
-    (0..count).map(|k| variance * (-lag_s.abs() * rate_hz / longest * RATIO.powi(k)).exp()).sum()
+    let count = if a > 0.0 { (longest / SHORTEST).log(RATIO).round() as i32 + 1 } else { 0 };
+    (0..count).map(|k| (a * a * RATIO.ln(), longest / RATIO.powi(k) / rate_hz)).collect()
 }
 
 #[cfg(test)]

@@ -12,9 +12,11 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::f64::consts::TAU;
 
 /// The temperatures and slow fields are straight lines over stretches of this length, s.
-const SLOW_S: f64 = 1.0;
+const SLOW_S: f64 = 5.0;
 /// Correlation time of the irregular part of the external field, s.
 const IRREGULAR_S: f64 = 3600.0;
+/// Numbers of this size have no fraction bits, and those of half of it either sign.
+const WHOLE: f64 = 6_755_399_441_055_744.0;
 /// Decimals of readings at most.
 const MOST_DECIMALS: usize = 6;
 /// A step has settled once this part of it is left.
@@ -464,8 +466,9 @@ impl Iterator for Samples<'_> {
                 continue;
             }
             let reading = reading.map(|v| {
-                let limited = v.clamp(-sensor.range_ent, sensor.range_ent);
-                (limited / sensor.resolution_ent).round() * sensor.resolution_ent
+                let steps = v.clamp(-sensor.range_ent, sensor.range_ent) / sensor.resolution_ent;
+                // Adding and taking away a number without fraction bits rounds, without a call.
+                ((steps + WHOLE) - WHOLE) * sensor.resolution_ent
             });
             return Some(Vector { n, t_s: self.t_s(n), reading: Reading(reading) });
         }

@@ -26,51 +26,69 @@ impl Default for Decimals {
 
 /// Text of vectors that is collected before it is written.
 const BUFFER: usize = 1 << 18;
-/// Room for a row of vectors.
+/// Room for a row of vectors with numbers of any size.
 const LONGEST_ROW: usize = 1 << 9;
-/// Whole numbers below this are exact.
-const EXACT: f64 = 9_007_199_254_740_992.0;
+/// Whole numbers below this are exact, and so are halves in between.
+const EXACT: f64 = 4_503_599_627_370_496.0;
+/// Room for the numbers of a row that are written fast: at most sixteen digits each.
+const ROW: usize = 128;
 
-/// A whole number in decimal.
-fn push_whole(text: &mut Vec<u8>, mut number: u64) {
-    let mut digits = [0; 20];
-    let mut at = digits.len();
-    loop {
-        at -= 1;
-        digits[at] = b'0' + (number % 10) as u8;
-        number /= 10;
-        if number == 0 {
-            break;
-        }
-    }
-    text.extend_from_slice(&digits[at..]);
+/// A row of numbers, written from its end to its begin. Samples come by the million.
+struct RowText {
+    bytes: [u8; ROW],
+    begin: usize,
 }
 
-/// A number with a fixed number of decimals, as [`fixed`] has it but faster, since samples come by the million.
-fn push_fixed(text: &mut Vec<u8>, value: f64, decimals: usize) {
-    let power = POWERS.get(decimals).copied().unwrap_or(f64::INFINITY);
-    let product = (value * power).abs();
-    let scaled = product.round();
-    // Where the rounding of the product could decide, and beyond whole numbers, digits are worked out exactly.
-    let near_tie = ((product - scaled).abs() - 0.5).abs() <= product * f64::EPSILON;
-    if scaled.is_nan() || scaled >= EXACT || near_tie {
-        text.extend_from_slice(fixed(value, decimals).as_bytes());
-        return;
+impl RowText {
+    fn new() -> Self {
+        Self { bytes: [b'\n'; ROW], begin: ROW - 1 }
     }
-    if value < 0.0 && scaled > 0.0 {
-        text.push(b'-');
+
+    fn text(&self) -> &[u8] {
+        &self.bytes[self.begin..]
     }
-    let (whole, power) = (scaled as u64, power as u64);
-    push_whole(text, whole / power);
-    if decimals > 0 {
-        text.push(b'.');
-        let mut part = whole % power;
-        let from = text.len();
-        text.resize(from + decimals, b'0');
-        for digit in text.iter_mut().skip(from).rev() {
-            *digit = b'0' + (part % 10) as u8;
-            part /= 10;
+
+    fn put(&mut self, byte: u8) {
+        self.begin -= 1;
+        self.bytes[self.begin] = byte;
+    }
+
+    fn whole(&mut self, mut number: u64) {
+        loop {
+            self.put(b'0' + (number % 10) as u8);
+            number /= 10;
+            if number == 0 {
+                break;
+            }
         }
+    }
+
+    /// A number with a fixed number of decimals, as [`fixed`] has it; false where that has to work the digits out: large numbers, and
+    /// those so near to the middle between two neighbours that rounding the product could decide.
+    fn number(&mut self, value: f64, decimals: usize) -> bool {
+        let Some(power) = POWERS.get(decimals) else { return false };
+        let product = (value * power).abs();
+        if product.is_nan() || product >= EXACT {
+            return false;
+        }
+        // Adding and taking away a number without fraction bits rounds, without a call.
+        let scaled = (product + EXACT) - EXACT;
+        if ((product - scaled).abs() - 0.5).abs() <= product * f64::EPSILON {
+            return false;
+        }
+        let mut rest = scaled as u64;
+        if decimals > 0 {
+            for _ in 0..decimals {
+                self.put(b'0' + (rest % 10) as u8);
+                rest /= 10;
+            }
+            self.put(b'.');
+        }
+        self.whole(rest);
+        if value < 0.0 && scaled > 0.0 {
+            self.put(b'-');
+        }
+        true
     }
 }
 
@@ -231,14 +249,22 @@ impl<W: Write> Writer<W> {
         let d = self.decimals;
         let mut text = Vec::with_capacity(BUFFER + LONGEST_ROW);
         for v in vectors {
-            push_whole(&mut text, v.n);
-            text.push(b',');
-            push_fixed(&mut text, v.t_s, d.time);
-            for component in v.reading.0 {
-                text.push(b',');
-                push_fixed(&mut text, component * self.units_per_ent, d.reading);
+            let readings = v.reading.0.map(|r| r * self.units_per_ent);
+            let mut row = RowText::new();
+            let mut fast = true;
+            for reading in readings.into_iter().rev() {
+                fast = fast && row.number(reading, d.reading);
+                row.put(b',');
             }
-            text.push(b'\n');
+            fast = fast && row.number(v.t_s, d.time);
+            if fast {
+                row.put(b',');
+                row.whole(v.n);
+                text.extend_from_slice(row.text());
+            } else {
+                let [x, y, z] = readings.map(|r| fixed(r, d.reading));
+                writeln!(text, "{},{},{x},{y},{z}", v.n, fixed(v.t_s, d.time))?;
+            }
             if text.len() >= BUFFER {
                 self.out.write_all(&text)?;
                 text.clear();
@@ -264,21 +290,48 @@ mod tests {
 
     #[test]
     fn fast_digits_are_those_of_the_formatter() {
-        let mut value = 1.0e-7;
+        let compare = |value: f64, decimals: usize| {
+            let mut row = RowText::new();
+            if row.number(value, decimals) {
+                assert_eq!(std::str::from_utf8(row.text()).unwrap().trim_end(), fixed(value, decimals), "{value} {decimals}");
+            }
+            row.begin < ROW - 1
+        };
+        let (mut value, mut fast, mut all) = (1.0e-7, 0, 0);
         while value < 1e12 {
-            for sign in [1.0, -1.0] {
-                for decimals in [0, 1, 2, 3, 4, 9] {
-                    let mut text = Vec::new();
-                    push_fixed(&mut text, sign * value, decimals);
-                    assert_eq!(String::from_utf8(text).unwrap(), fixed(sign * value, decimals), "{value} {decimals}");
-                }
+            for decimals in [0, 1, 2, 3, 4, 9] {
+                fast += u32::from(compare(value, decimals)) + u32::from(compare(-value, decimals));
+                all += 2;
             }
             value *= 1.000_37 + value.fract() * 1e-4;
         }
-        for (value, expected) in [(-0.001, "0.00"), (0.0, "0.00"), (-0.005001, "-0.01"), (f64::MAX, "")] {
-            let mut text = Vec::new();
-            push_fixed(&mut text, value, 2);
-            assert!(expected.is_empty() || text == expected.as_bytes(), "{value}");
+        assert!(f64::from(fast) > 0.8 * f64::from(all), "{fast} of {all}");
+        for value in [-0.001, 0.0, -0.0, -0.004_999, 0.125, 2.5, f64::MAX, f64::NAN, -1.005] {
+            (0..10).for_each(|decimals| _ = compare(value, decimals));
         }
+    }
+
+    #[test]
+    fn a_row_that_is_not_written_fast_is_written_all_the_same() {
+        let header = Header {
+            run: "r".to_owned(),
+            start: "2026-01-01T00:00:00Z".to_owned(),
+            kind: crate::run::Kind::ZeroField,
+            configuration: String::new(),
+            sensor: String::new(),
+            mode: String::new(),
+            sample_rate_hz: 1.0,
+            unit: ReadingUnit::Ent,
+            field_source: String::new(),
+            coil_correction: None,
+            earthfield_compensation: Vec::new(),
+        };
+        let mut writer = Writer::new(Vec::new(), &header, Decimals::default()).unwrap();
+        let reading = |r: [f64; 3]| crate::units::Reading(r);
+        writer.vectors([Vector { n: 7, t_s: 0.5, reading: reading([1.0, 0.0005, -2.25]) }]).unwrap();
+        writer.vectors([Vector { n: u64::MAX, t_s: 1e18, reading: reading([-1e15, 0.25, 1e300]) }]).unwrap();
+        let text = String::from_utf8(writer.out).unwrap();
+        assert!(text.contains("\n7,0.5000,1.000,0.001,-2.250\n") || text.contains("\n7,0.5000,1.000,0.000,-2.250\n"), "{text}");
+        assert!(text.contains("\n18446744073709551615,1000000000000000000.0000,-1000000000000000.000,0.250,1"), "{text}");
     }
 }

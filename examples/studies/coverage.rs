@@ -1,0 +1,613 @@
+//! How often do intervals of 95 % hold the truth, and how far are the estimates from the smallest possible variance?
+//!
+//! Every run has a sensor, a rotation and offsets of its own, full-rate samples in the programmes of 2013, and passes the analysis without
+//! a file between. The bounds are those of Cramér and Rao for the simulated noise, from the closed form of its covariance: for the
+//! means of quarters of the plateaus (linearity, offset), for the density at the frequency of the sine or its alias (frequency).
+
+use calfit::analysis::freq::{self, Sines};
+use calfit::analysis::thermal::{Kind, groups, thermal};
+use calfit::analysis::{lin, offset};
+use calfit::campaign::Campaign;
+use calfit::fit::NORMAL_95;
+use calfit::formats::mag::{Programme, Step};
+use calfit::formats::parameter::Point;
+use calfit::formats::twin::{self, RunTwin, Twin};
+use calfit::model::sensor::split;
+use calfit::plateau::{Accumulator, LEAST_COVERAGE, Settling};
+use calfit::run::Setting;
+use calfit::simulate::Simulation;
+use calfit::simulate::noise::{Random, relaxations};
+use calfit::simulate::run::SimulatedRun;
+use calfit::units::FieldCoil;
+use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+use std::path::Path;
+
+/// Noise of the samples.
+#[derive(Clone, Copy)]
+pub struct Noise {
+    pub name: &'static str,
+    /// Standard deviation of a sample, enT.
+    pub white_ent: f64,
+    /// Frequency at which 1/f noise is as dense as white noise, Hz.
+    pub corner_hz: f64,
+}
+
+/// The cases of the full study.
+pub const NOISES: [Noise; 3] = [
+    Noise { name: "white", white_ent: 0.4, corner_hz: 0.0 },
+    Noise { name: "1/f, corner at 0.1 Hz", white_ent: 0.4, corner_hz: 0.1 },
+    Noise { name: "1/f, corner at 5 Hz", white_ent: 0.1, corner_hz: 5.0 },
+];
+
+impl Noise {
+    /// Amplitude density of the 1/f noise at 1 Hz: the density of white noise is 2 σ² / rate.
+    fn flicker_ent(&self) -> f64 {
+        self.white_ent * (2.0 * self.corner_hz / RATE_HZ).sqrt()
+    }
+}
+
+/// One estimated parameter of one run.
+pub struct Estimate {
+    pub name: String,
+    pub value: f64,
+    pub std: f64,
+    /// Standard uncertainties of an interval of 95 %.
+    pub factor_95: f64,
+    pub truth: f64,
+    /// Smallest possible standard deviation; NaN where none was worked out.
+    pub bound: f64,
+}
+
+/// All runs of one parameter.
+#[derive(Clone, Copy, Default)]
+pub struct Tally {
+    pub runs: u32,
+    pub held: u32,
+    squares: f64,
+    variances: f64,
+    against_bound: f64,
+}
+
+impl Tally {
+    pub fn coverage(&self) -> f64 {
+        f64::from(self.held) / f64::from(self.runs)
+    }
+
+    /// Root mean square of stated over that of real errors.
+    pub fn width(&self) -> f64 {
+        (self.variances / self.squares).sqrt()
+    }
+
+    /// Variance of the estimates over the bound.
+    pub fn loss(&self) -> f64 {
+        self.against_bound / f64::from(self.runs)
+    }
+}
+
+/// The names of the studies.
+pub const STUDIES: [&str; 4] = ["lin", "offset", "freq", "thermal"];
+
+/// Runs a study; parameters in the order of their names.
+pub fn study(name: &str, noise: Noise, runs: u64) -> BTreeMap<String, Tally> {
+    let base = base();
+    let estimates: Vec<Vec<Estimate>> = (0..runs)
+        .into_par_iter()
+        .map(|seed| match name {
+            "lin" => of_lin(&base, noise, seed),
+            "offset" => of_offset(&base, noise, seed),
+            "freq" => of_freq(&base, noise, seed),
+            _ => of_thermal(&base, noise, seed),
+        })
+        .collect();
+    let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
+    for e in estimates.into_iter().flatten() {
+        let tally = tallies.entry(e.name).or_default();
+        let error = e.value - e.truth;
+        tally.runs += 1;
+        tally.held += u32::from(error.abs() <= e.factor_95 * e.std);
+        tally.squares += error * error;
+        tally.variances += e.std * e.std;
+        tally.against_bound += (error / e.bound).powi(2);
+    }
+    tallies
+}
+
+const RATE_HZ: f64 = 128.0;
+/// Amplitude over its standard deviation from which phases are compared.
+const CLEAR: f64 = 10.0;
+/// Parts of a plateau whose means the bounds know.
+const PARTS: usize = 4;
+/// Temperatures of a thermal group, °C.
+const TEMPERATURES_DEGC: [f64; 7] = [-71.0, -21.0, 17.3, 30.0, 80.0, 130.0, 180.0];
+
+/// The twin of the demonstration without anything that is not sensor or noise, and with short sines.
+fn base() -> Twin {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/demo.toml");
+    let mut twin = twin::read(&path, &mut Vec::new()).unwrap_or_else(|e| panic!("{e}"));
+    let facility = &mut twin.facility;
+    (facility.setting_scatter_nt, facility.daily_nt, facility.irregular_nt) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+    twin.thermal_box.phases.clear();
+    twin.thermal_box.heater = None;
+    twin.thermistors.truncate(1);
+    twin.thermistors[0].noise_k = 0.0;
+    twin.sensors[0].packet_loss = 0.0;
+    let programme = |name: &str| twin.programmes.iter().find(|p| p.name == name).cloned().unwrap();
+    let mut sines: Programme = programme("FREQ2000.MAG");
+    let shorter = |step: &Step| Step { duration_s: (5.0 / step.frequency_hz).max(10.0), ..*step };
+    sines.steps = sines.steps.iter().filter(|s| s.frequency_hz > 0.4).map(shorter).collect();
+    twin.programmes = vec![programme("LIN2000XYZE.MAG"), programme("OFFSET_200.MAG"), sines];
+    twin
+}
+
+/// The base with a sensor, a rotation, a residual field and noise of its own; one programme, at one temperature.
+fn drawn(base: &Twin, noise: Noise, programme: usize, random: &mut Random) -> Twin {
+    let mut twin = base.clone();
+    twin.runs.truncate(1);
+    let run: &mut RunTwin = &mut twin.runs[0];
+    (run.programme, run.pause_s, run.longest_s, run.nominal_rate_hz) = (programme, 0.0, None, None);
+    run.position = (programme == 2).then_some(5);
+    let mut around = |middle: f64, by: f64| middle + by * (2.0 * random.uniform() - 1.0);
+    let sensor = &mut twin.sensors[0];
+    for i in 0..3 {
+        sensor.model.sigma[i] = vec![around(1.0, 0.05), around(0.0, 2e-5)];
+        sensor.model.xi_deg[i] = vec![around(90.0, 0.3), around(0.0, 1e-4)];
+        sensor.model.b_off_ent[i] = vec![around(0.0, 10.0), around(0.0, 5e-3), around(0.0, 1e-4)];
+        sensor.model.f_3db_hz[i] = vec![around(57.0, 5.0), around(0.0, 0.05)];
+        sensor.rotation_deg[i] = around(0.0, 1.0);
+        twin.facility.residual[0].field_nt[i] = around(0.0, 10.0);
+    }
+    sensor.rate_hz = around(127.999, 0.0005);
+    sensor.white_ent = [noise.white_ent; 3];
+    sensor.flicker_ent = [noise.flicker_ent(); 3];
+    // The longest relaxation is as long as the run.
+    let length_s = twin.programmes[programme].lasts_s(0.0);
+    sensor.flicker_lowest_hz = 1.0 / (TAU * length_s);
+    twin
+}
+
+fn campaign(twin: &Twin) -> Campaign {
+    Campaign::in_memory(twin.campaign.clone()).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn simulated<T>(twin: &Twin, seed: u64, then: impl FnOnce(&SimulatedRun) -> T) -> T {
+    let simulation = Simulation::new(twin, seed);
+    let run = simulation.run(&twin.runs[0]).unwrap_or_else(|e| panic!("{e}"));
+    then(&run)
+}
+
+/// Response `A` of the sensor in a position at a temperature, enT/nT.
+fn response(twin: &Twin, position: u32, degc: f64) -> Matrix3<f64> {
+    let (nominal, missed) = twin.places[&position];
+    let turn = |v: [f64; 3]| Rotation3::from_scaled_axis(Vector3::from(v.map(f64::to_radians))).into_inner();
+    let rho = turn(missed) * turn(twin.sensors[0].rotation_deg);
+    *twin.sensors[0].model.at(degc, &nominal.r_nom(), &rho).unwrap().response()
+}
+
+/// Covariance of the means over quarters of plateaus, and the settings they belong to.
+fn parts(settings: &[Setting], noise: Noise, lowest_hz: f64) -> (Vec<(Setting, f64)>, DMatrix<f64>) {
+    let intervals: Vec<(Setting, [f64; 2])> = settings
+        .iter()
+        .flat_map(|s| {
+            let length = (s.t_end_s - s.t_start_s) / PARTS as f64;
+            (0..PARTS).map(move |k| (*s, [s.t_start_s + length * k as f64, s.t_start_s + length * (k + 1) as f64]))
+        })
+        .collect();
+    let mut covariance = DMatrix::zeros(intervals.len(), intervals.len());
+    for (variance, tau) in relaxations(noise.flicker_ent(), RATE_HZ, lowest_hz) {
+        for i in 0..intervals.len() {
+            let [a, b] = intervals[i].1;
+            let x = (b - a) / tau;
+            covariance[(i, i)] += variance * 2.0 * (x - 1.0 + (-x).exp()) / (x * x);
+            for j in i + 1..intervals.len() {
+                let [c, d] = intervals[j].1;
+                let y = (d - c) / tau;
+                let value = variance * -(-x).exp_m1() * -(-y).exp_m1() / (x * y) * (-(c - b) / tau).exp();
+                covariance[(i, j)] += value;
+                covariance[(j, i)] += value;
+            }
+        }
+    }
+    for (i, (_, [a, b])) in intervals.iter().enumerate() {
+        covariance[(i, i)] += noise.white_ent.powi(2) / ((b - a) * RATE_HZ);
+    }
+    (intervals.iter().map(|(s, [a, b])| (*s, 0.5 * (a + b))).collect(), covariance)
+}
+
+/// Smallest covariance of the parameters of a linear model.
+fn smallest(design: &DMatrix<f64>, covariance: &DMatrix<f64>) -> DMatrix<f64> {
+    let lower = covariance.clone().cholesky().unwrap().l();
+    let white = lower.solve_lower_triangular(design).unwrap();
+    (white.transpose() * white).try_inverse().unwrap()
+}
+
+/// Standard deviations of functions of parameters, by differences.
+fn carried(covariance: &DMatrix<f64>, at: &DVector<f64>, steps: &[f64], f: impl Fn(&DVector<f64>) -> Vec<f64>) -> Vec<f64> {
+    let count = f(at).len();
+    let mut jacobian = DMatrix::zeros(count, at.len());
+    for j in 0..at.len() {
+        let moved = |by: f64| {
+            let mut x = at.clone();
+            x[j] += by;
+            f(&x)
+        };
+        for (i, (up, down)) in moved(steps[j]).into_iter().zip(moved(-steps[j])).enumerate() {
+            jacobian[(i, j)] = (up - down) / (2.0 * steps[j]);
+        }
+    }
+    (0..count).map(|i| (jacobian.row(i) * covariance * jacobian.row(i).transpose())[0].sqrt()).collect()
+}
+
+/// The quantities of a linear calibration from the response, with B_or last.
+fn quantities(a: &Matrix3<f64>, r_nom: &Matrix3<f64>, b_or: [f64; 3]) -> Vec<f64> {
+    let s = split(&a.try_inverse().unwrap(), r_nom).unwrap();
+    let phi: Vec<f64> = s.phi.transpose().iter().copied().collect();
+    [s.sigma.to_vec(), s.xi_deg.to_vec(), s.rotation_deg.to_vec(), phi, b_or.to_vec()].concat()
+}
+
+const LIN_NAMES: [&str; 21] = [
+    "sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz", "xi_yz", "lambda_x", "mu_y", "nu_z", "phi_xx", "phi_xy", "phi_xz",
+    "phi_yx", "phi_yy", "phi_yz", "phi_zx", "phi_zy", "phi_zz", "b_or_x", "b_or_y", "b_or_z",
+];
+
+/// Bounds of the quantities of a linear calibration.
+fn lin_bounds(twin: &Twin, settings: &[Setting], noise: Noise, a: &Matrix3<f64>, b_or: [f64; 3]) -> Vec<f64> {
+    let (rows, covariance) = parts(settings, noise, twin.sensors[0].flicker_lowest_hz);
+    let end_s = settings.last().unwrap().t_end_s;
+    let tau = |t: f64| 2.0 * t / end_s - 1.0;
+    let design =
+        DMatrix::from_fn(rows.len(), 6, |r, c| if c < 3 { rows[r].0.field.0[c] } else { tau(rows[r].1).powi(c as i32 - 3) });
+    let one = smallest(&design, &covariance);
+    let covariance = DMatrix::from_fn(18, 18, |r, c| if r / 6 == c / 6 { one[(r % 6, c % 6)] } else { 0.0 });
+    let mean_square = settings.iter().map(|s| tau(0.5 * (s.t_start_s + s.t_end_s)).powi(2)).sum::<f64>() / settings.len() as f64;
+    let at = DVector::from_fn(18, |k, _| match k % 6 {
+        c if c < 3 => a[(k / 6, c)],
+        3 => b_or[k / 6],
+        _ => 0.0,
+    });
+    let r_nom = twin.places[&1].0.r_nom();
+    let steps: Vec<f64> = (0..18).map(|k| if k % 6 < 3 { 1e-6 } else { 1e-3 }).collect();
+    carried(&covariance, &at, &steps, |x| {
+        let a = Matrix3::from_fn(|i, k| x[6 * i + k]);
+        quantities(&a, &r_nom, std::array::from_fn(|i| x[6 * i + 3] + mean_square * x[6 * i + 5]))
+    })
+}
+
+fn plateaus(run: &SimulatedRun) -> (calfit::run::Run, calfit::plateau::Plateaus) {
+    let mut accumulator = Accumulator::default();
+    let run = run.play(&mut accumulator);
+    (run, accumulator.finish(Settling::Found, LEAST_COVERAGE))
+}
+
+fn of_lin(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
+    let twin = drawn(base, noise, 0, &mut Random::new(seed, &["lin"]));
+    let degc = twin.thermal_box.start_degc;
+    let (result, settings) = simulated(&twin, seed, |run| {
+        let (run, plateaus) = plateaus(run);
+        (lin::lin(&run, &plateaus, &campaign(&twin), &lin::Options::default()).unwrap(), run.settings)
+    });
+    let a = response(&twin, 1, degc);
+    let residual = a * Vector3::from(twin.facility.residual[0].field_nt);
+    let offset = twin.sensors[0].model.offset_ent(degc);
+    let b_or: [f64; 3] = std::array::from_fn(|i| offset[i] + residual[i]);
+    let truth = quantities(&a, &twin.places[&1].0.r_nom(), b_or);
+    let bounds = lin_bounds(&twin, &settings, noise, &a, b_or);
+    let p = &result.parameters;
+    let angles = &p.angle_deg;
+    let values = [
+        (0..3).map(|i| p.matrix.sigma[i][i]).collect(),
+        vec![angles.xi_xy, angles.xi_xz, angles.xi_yz, angles.lambda_x, angles.mu_y, angles.nu_z],
+        p.matrix.phi.concat(),
+        p.offset.b_or_ent.to_vec(),
+    ]
+    .concat();
+    let std = [
+        p.std.sigma.to_vec(),
+        p.std.xi_deg.to_vec(),
+        p.std.lambda_mu_nu_deg.to_vec(),
+        p.std.phi.concat(),
+        p.std.b_or_ent.to_vec(),
+    ]
+    .concat();
+    (0..LIN_NAMES.len())
+        .map(|k| Estimate {
+            name: LIN_NAMES[k].to_owned(),
+            value: values[k],
+            std: std[k],
+            factor_95: NORMAL_95,
+            truth: truth[k],
+            bound: bounds[k],
+        })
+        .collect()
+}
+
+/// Truth and smallest standard deviation of offsets, residual field in coil coordinates, and residual field as the sensor reads it.
+fn offset_bounds(twin: &Twin, settings: &[Setting], noise: Noise, degc: f64) -> (Vec<f64>, Vec<f64>) {
+    let residual = Vector3::from(twin.facility.residual[0].field_nt);
+    let responses: Vec<Matrix3<f64>> = (1..=4).map(|p| response(twin, p, degc)).collect();
+    let offset = twin.sensors[0].model.offset_ent(degc);
+    // Offsets, residual field, then the rows of the response per component and position: only their own readings know them.
+    let (rows, covariance) = parts(settings, noise, twin.sensors[0].flicker_lowest_hz);
+    let lower = covariance.cholesky().unwrap().l();
+    let mut information = DMatrix::zeros(42, 42);
+    for i in 0..3 {
+        let design = DMatrix::from_fn(rows.len(), 42, |r, j| {
+            let Setting { field: FieldCoil(b), position, .. } = rows[r].0;
+            let p = position as usize - 1;
+            match j {
+                0..3 => f64::from(u8::from(j == i)),
+                3..6 => responses[p][(i, j - 3)],
+                _ if (j - 6) / 3 == 4 * i + p => b[(j - 6) % 3] + residual[(j - 6) % 3],
+                _ => 0.0,
+            }
+        });
+        let white = lower.solve_lower_triangular(&design).unwrap();
+        information += white.transpose() * white;
+    }
+    let bound = information.try_inverse().unwrap();
+    let truth_of = |x: &DVector<f64>| {
+        let seen = |i: usize, p: usize| (0..3).map(|k| x[6 + 12 * i + 3 * p + k] * x[3 + k]).sum::<f64>();
+        let half = |i: usize, (normal, turned): (usize, usize)| (seen(i, normal) - seen(i, turned)) / 2.0;
+        let residual_ent = [half(0, (0, 1)), half(1, (0, 1)), half(2, (2, 3))];
+        [x.rows(0, 6).iter().copied().collect::<Vec<f64>>(), residual_ent.to_vec()].concat()
+    };
+    let at = DVector::from_fn(42, |j, _| match j {
+        0..3 => offset[j],
+        3..6 => residual[j - 3],
+        _ => responses[(j - 6) / 3 % 4][((j - 6) / 12, (j - 6) % 3)],
+    });
+    (truth_of(&at), carried(&bound, &at, &[1e-4; 42], truth_of))
+}
+
+fn of_offset(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
+    let twin = drawn(base, noise, 1, &mut Random::new(seed, &["offset"]));
+    let degc = twin.thermal_box.start_degc;
+    let (result, settings) = simulated(&twin, seed, |run| {
+        let (run, plateaus) = plateaus(run);
+        (offset::offset(&run, &plateaus, &campaign(&twin), &offset::Options::default()).unwrap(), run.settings)
+    });
+    let (truth, bounds) = offset_bounds(&twin, &settings, noise, degc);
+    let p = &result.parameters;
+    let names = [
+        "offset_x",
+        "offset_y",
+        "offset_z",
+        "residual_coil_x",
+        "residual_coil_y",
+        "residual_coil_z",
+        "residual_x",
+        "residual_y",
+        "residual_z",
+    ];
+    let values = [p.offset_ent, p.residual_coil_nt, p.residual_ent].concat();
+    let std = [p.offset_std_ent, p.residual_coil_std_nt, p.residual_std_ent].concat();
+    (0..names.len())
+        .map(|k| Estimate {
+            name: names[k].to_owned(),
+            value: values[k],
+            std: std[k],
+            factor_95: NORMAL_95,
+            truth: truth[k],
+            bound: bounds[k],
+        })
+        .collect()
+}
+
+/// Variance of the white noise that would be as dense as the noise at a frequency or its alias: the spectrum of sampled relaxations.
+fn local_variance(twin: &Twin, noise: Noise, f: f64) -> f64 {
+    let sensor = &twin.sensors[0];
+    let slow = relaxations(noise.flicker_ent(), sensor.rate_hz, sensor.flicker_lowest_hz).into_iter().map(|(variance, tau_s)| {
+        let decay = (-1.0 / (tau_s * sensor.rate_hz)).exp();
+        variance * (1.0 - decay * decay) / (1.0 - 2.0 * decay * (TAU * f / sensor.rate_hz).cos() + decay * decay)
+    });
+    noise.white_ent.powi(2) + slow.sum::<f64>()
+}
+
+/// Truth and smallest standard deviation of the -3 dB frequency of a component, from all sines of the programme; a response with its
+/// amplitudes at frequencies of the sines, and the smallest variance of each amplitude.
+struct Tones {
+    corner: (f64, f64),
+    /// Frequency, amplitude, its smallest variance, samples.
+    amplitudes: Vec<(f64, f64, f64, f64)>,
+}
+
+impl Tones {
+    fn of(twin: &Twin, noise: Noise, degc: f64, i: usize, samples: impl Fn(&Step) -> Option<f64>) -> Self {
+        let sensor = &twin.sensors[0];
+        let (shape, shapes) = (sensor.model.response, sensor.model.response_at(degc).unwrap());
+        let full = full_ent(twin, degc, i).abs();
+        let mut fisher = DMatrix::zeros(1 + shapes[i].len(), 1 + shapes[i].len());
+        let mut amplitudes = Vec::new();
+        for step in &twin.programmes[2].steps {
+            let (Some(n), f) = (samples(step), step.frequency_hz) else { continue };
+            let variance = 2.0 * local_variance(twin, noise, f) / n;
+            let (value, slopes) = shape.value_and_slopes(f, &shapes[i]);
+            let row = DVector::from_fn(fisher.nrows(), |k, _| full * if k == 0 { value } else { slopes[k - 1] });
+            fisher += &row * row.transpose() / variance;
+            amplitudes.push((f, full * value, variance, n));
+        }
+        let corner = shape.corner_hz(&shapes[i]).unwrap();
+        let slopes = shape.corner_slopes(corner, &shapes[i]);
+        let row = DVector::from_fn(fisher.nrows(), |k, _| if k == 0 { 0.0 } else { slopes[k - 1] * corner });
+        let bound = (row.transpose() * fisher.try_inverse().unwrap() * row)[0].sqrt();
+        Self { corner: (corner, bound), amplitudes }
+    }
+}
+
+/// Amplitude of a component at low frequencies, enT, with its sign.
+fn full_ent(twin: &Twin, degc: f64, i: usize) -> f64 {
+    (response(twin, 5, degc) * Vector3::new(0.0, 1000.0, 0.0))[i]
+}
+
+fn of_freq(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
+    let twin = drawn(base, noise, 2, &mut Random::new(seed, &["freq"]));
+    let degc = twin.thermal_box.start_degc;
+    let result = simulated(&twin, seed, |run| {
+        let mut sines = Sines::default();
+        let run = run.play(&mut sines);
+        freq::freq(&run, &sines, &campaign(&twin), &freq::Options::default()).unwrap()
+    });
+    let p = &result.parameters;
+    let sensor = &twin.sensors[0];
+    let (shape, shapes) = (sensor.model.response, sensor.model.response_at(degc).unwrap());
+    let mut estimates = Vec::new();
+    let mut information = [0.0; 3];
+    let components = ["x", "y", "z"];
+    for (i, component) in components.into_iter().enumerate() {
+        let used = |f: f64| p.amplitude.iter().find(|a| a.frequency_hz == f);
+        let tones = Tones::of(&twin, noise, degc, i, |step| Some(used(step.frequency_hz)?.samples? as f64));
+        for (f, truth, variance, n) in &tones.amplitudes {
+            let Some(a) = used(*f) else { continue };
+            // The phase of a stretch has the variance of the amplitude over its square; its slope is that of a straight line.
+            information[i] += truth * truth / variance * (TAU * f / sensor.rate_hz.powi(2)).powi(2) * (n * n - 1.0) / 12.0;
+            estimates.push(Estimate {
+                name: format!("amplitude at {f:07.3} Hz"),
+                value: a.b_ent[i],
+                std: a.b_std_ent[i],
+                factor_95: NORMAL_95,
+                truth: *truth,
+                bound: variance.sqrt(),
+            });
+            // Phases of amplitudes near the noise have no normal distribution.
+            let clear = *truth > CLEAR * variance.sqrt();
+            if let (true, Some(phase_deg), Some(std_deg), Some(counter)) = (clear, a.phase_deg, a.phase_std_deg, a.phase_counter)
+            {
+                let sign: f64 = if full_ent(&twin, degc, i) < 0.0 { 180.0 } else { 0.0 };
+                let t_s = (counter as f64 + 0.5) / sensor.rate_hz - start_of(&twin, *f);
+                let wanted = 360.0 * (f * t_s).fract() + shape.phase_rad(*f, &shapes[i]).to_degrees() + sign;
+                let turns = ((phase_deg[i] - wanted) / 360.0).round();
+                estimates.push(Estimate {
+                    name: format!("phase at {f:07.3} Hz"),
+                    value: phase_deg[i] - 360.0 * turns,
+                    std: std_deg[i],
+                    factor_95: NORMAL_95,
+                    truth: wanted,
+                    bound: (variance.sqrt() / truth).to_degrees(),
+                });
+            }
+        }
+        estimates.push(Estimate {
+            name: format!("f_3db_{component}"),
+            value: p.f_3db_model_hz[i],
+            std: p.f_3db_model_std_hz[i],
+            factor_95: NORMAL_95,
+            truth: tones.corner.0,
+            bound: tones.corner.1,
+        });
+    }
+    let (rate, std) = (p.f_s_hz.unwrap(), p.f_s_std_hz.unwrap());
+    for i in 0..3 {
+        estimates.push(Estimate {
+            name: format!("f_s_{}", components[i]),
+            value: rate[i],
+            std: std[i],
+            factor_95: NORMAL_95,
+            truth: sensor.rate_hz,
+            bound: information[i].powf(-0.5),
+        });
+    }
+    estimates.push(Estimate {
+        name: "f_s mean".to_owned(),
+        value: p.mean_f_s_hz.unwrap(),
+        std: p.mean_f_s_std_hz.unwrap(),
+        factor_95: NORMAL_95,
+        truth: sensor.rate_hz,
+        bound: information.iter().sum::<f64>().powf(-0.5),
+    });
+    estimates
+}
+
+/// Begin of the setting with a frequency, s.
+fn start_of(twin: &Twin, f: f64) -> f64 {
+    twin.programmes[2].steps.iter().take_while(|s| s.frequency_hz != f).map(|s| s.duration_s).sum()
+}
+
+fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
+    let mut random = Random::new(seed, &["thermal"]);
+    let mut drawn_once = drawn(base, noise, 0, &mut random);
+    drawn_once.facility.residual[0].field_nt = [0.0; 3];
+    let mut points: Vec<Point> = Vec::new();
+    let mut bounds: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for (index, degc) in TEMPERATURES_DEGC.into_iter().enumerate() {
+        for programme in 0..3 {
+            let mut twin = drawn_once.clone();
+            twin.thermal_box.start_degc = degc;
+            let run = &mut twin.runs[0];
+            run.id = format!("26-03-{:02}_{programme:02}-00-00", index + 1);
+            (run.programme, run.position) = (programme, (programme == 2).then_some(5));
+            let lowest_hz = 1.0 / (TAU * twin.programmes[programme].lasts_s(0.0));
+            twin.sensors[0].flicker_lowest_hz = lowest_hz;
+            let campaign = campaign(&twin);
+            let seed = seed * 100 + 10 * index as u64 + programme as u64;
+            simulated(&twin, seed, |run| match programme {
+                0 => {
+                    let (run, plateaus) = plateaus(run);
+                    let result = lin::lin(&run, &plateaus, &campaign, &lin::Options::default()).unwrap();
+                    points.push(Point::of_lin(&result.parameters));
+                    let a = response(&twin, 1, degc);
+                    let own = lin_bounds(&twin, &run.settings, noise, &a, twin.sensors[0].model.offset_ent(degc));
+                    for (name, bound) in LIN_NAMES.iter().zip(own) {
+                        bounds.entry((*name).to_owned()).or_default().push(bound);
+                    }
+                }
+                1 => {
+                    let (run, plateaus) = plateaus(run);
+                    let result = offset::offset(&run, &plateaus, &campaign, &offset::Options::default()).unwrap();
+                    points.push(Point::of_offset(&result.parameters));
+                    let (_, own) = offset_bounds(&twin, &run.settings, noise, degc);
+                    for (component, bound) in ["x", "y", "z"].into_iter().zip(own) {
+                        bounds.entry(format!("b_off_{component}")).or_default().push(bound);
+                    }
+                }
+                _ => {
+                    let mut sines = Sines::default();
+                    let run = run.play(&mut sines);
+                    let result = freq::freq(&run, &sines, &campaign, &freq::Options::default()).unwrap();
+                    points.push(Point::of_freq(&result.parameters));
+                    for (i, component) in ["x", "y", "z"].into_iter().enumerate() {
+                        let tones = Tones::of(&twin, noise, degc, i, |step| Some(step.duration_s * RATE_HZ));
+                        bounds.entry(format!("f_3db_{component}")).or_default().push(tones.corner.1);
+                    }
+                }
+            });
+        }
+    }
+    let orders = [("sigma", 1), ("xi", 1), ("b_or", 2), ("b_off", 2), ("f_3db", 1)].map(|(n, o)| (n.to_owned(), o));
+    let model = &drawn_once.sensors[0].model;
+    let mut estimates = Vec::new();
+    for group in groups(&points, &[], &orders) {
+        for kind in Kind::ALL {
+            let result = thermal(&group, kind, &[], false).unwrap();
+            for curve in &result.curves {
+                let (family, component) = curve.name.rsplit_once('_').unwrap();
+                let i = ["x", "y", "z"].iter().position(|c| *c == component);
+                let i = i.or_else(|| ["xy", "xz", "yz"].iter().position(|c| *c == component)).unwrap();
+                let truth = match family {
+                    "sigma" => &model.sigma[i],
+                    "xi" => &model.xi_deg[i],
+                    "f_3db" => &model.f_3db_hz[i],
+                    _ => &model.b_off_ent[i],
+                };
+                // The smallest variance with runs at their bounds.
+                let least = bounds.get(&curve.name).map(|bounds| {
+                    let design = DMatrix::from_fn(7, truth.len(), |r, c| TEMPERATURES_DEGC[r].powi(c as i32));
+                    let covariance = DMatrix::from_diagonal(&DVector::from_iterator(7, bounds.iter().map(|b| b * b)));
+                    smallest(&design, &covariance)
+                });
+                for (k, truth) in truth.iter().enumerate() {
+                    estimates.push(Estimate {
+                        name: format!("{} power {k}", curve.name),
+                        value: curve.coefficients[k],
+                        std: result.file.head().covariance[&curve.name][k][k].sqrt(),
+                        factor_95: curve.factor_95,
+                        truth: *truth,
+                        bound: least.as_ref().map_or(f64::NAN, |l| l[(k, k)].sqrt()),
+                    });
+                }
+            }
+        }
+    }
+    estimates
+}
