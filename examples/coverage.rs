@@ -4,10 +4,12 @@
 #[path = "studies/coverage.rs"]
 mod coverage;
 
-use coverage::{NOISES, STUDIES, Tally, study};
+use coverage::{NOISES, Tally, study};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
+
+const STUDIES: [&str; 4] = ["lin", "offset", "freq", "thermal"];
 
 /// Runs of a study, or thermal groups of 21 runs.
 fn count(name: &str, runs: u64) -> u64 {

@@ -87,10 +87,7 @@ impl Tally {
     }
 }
 
-/// The names of the studies.
-pub const STUDIES: [&str; 4] = ["lin", "offset", "freq", "thermal"];
-
-/// Runs a study; parameters in the order of their names.
+/// Runs the study of `lin`, `offset`, `freq` or `thermal`; parameters in the order of their names.
 pub fn study(name: &str, noise: Noise, runs: u64) -> BTreeMap<String, Tally> {
     let base = base();
     let estimates: Vec<Vec<Estimate>> = (0..runs)

@@ -889,6 +889,8 @@ fn respond(mut measured: Vec<AmplitudePart>, run: RunHead, mut warnings: Vec<Str
             parameters: names,
             values: each(&|m| std::iter::once(m.dc_ent).chain(m.parameters.iter().map(|p| p.value)).collect()),
             std: each(&|m| std::iter::once(m.dc_std_ent).chain(m.parameters.iter().map(|p| p.std)).collect()),
+            chi_square: corner.explained.map(|e| e.chi_square),
+            degrees_of_freedom: corner.explained.map(|e| e.dof),
             residual_std: corner
                 .components
                 .iter()

@@ -88,7 +88,16 @@ fn response(out: &mut String, p: &Fpf, head: &str) {
         let cell = |k: usize| value(values.get(k).copied().unwrap_or(f64::NAN), std.get(k).copied().unwrap_or(f64::NAN));
         rows.push(std::iter::once(MEASURED[i].to_owned()).chain((0..p.model.parameters.len()).map(cell)).collect());
     }
-    let _ = writeln!(out, "Model: {}.\n\n{}", p.model.name, table(&rows));
+    let basis = match (p.model.chi_square, p.model.degrees_of_freedom) {
+        (Some(chi_square), Some(dof)) => format!(
+            "It explains the amplitudes within their uncertainties (chi-square {chi_square:.1} with {dof} degrees of freedom), which give \
+             those of its parameters."
+        ),
+        _ => "No model explains the amplitudes within their uncertainties: those of the parameters come from their scatter about the model, \
+              outliers apart, and from leaving out one at a time."
+            .to_owned(),
+    };
+    let _ = writeln!(out, "Model: {}. {basis}\n\n{}", p.model.name, table(&rows));
     let mut candidates: Vec<_> = p.model.candidate.iter().collect();
     candidates.sort_by(|a, b| a.delta_aicc.total_cmp(&b.delta_aicc));
     let mut rows = vec![["model", "ΔAICc", "f_3dB x, Hz", "f_3dB y, Hz", "f_3dB z, Hz"].map(str::to_owned).to_vec()];

@@ -176,8 +176,8 @@ fn uncertainty(out: &mut String, p: &Cpf, head: &str) {
     }
     let _ = writeln!(
         out,
-        "{head} Uncertainty\n\n{}\nStandard uncertainties (coverage factor 1) from the scatter of the plateau means about the model, type A only: \
-         the uncertainty of the coil constants, of the coil angles and of the temperature is not in them. {} degrees of freedom per component, \
+        "{head} Uncertainty\n\n{}\nStandard uncertainties (coverage factor 1) from the scatter of the samples within the plateaus and of the plateau means about \
+         the model, type A only: the uncertainty of the coil constants, of the coil angles and of the temperature is not in them. {} degrees of freedom per component, \
          condition number {:.2}. Noise of a plateau mean {:.3}, {:.3}, {:.3} enT, of which a part of {:.2}, {:.2}, {:.2} of the variance is \
          correlated from plateau to plateau ({:.0}, {:.0}, {:.0} effective plateaus). The full covariance is in the parameter file.\n",
         table(&rows),

@@ -22,7 +22,7 @@ impl Default for Convention {
             model: "B_c = phi (B_r - B_or), phi = r_nom rho omega sigma, phi_tilde = omega sigma".to_owned(),
             frames: "B_c nT in coil coordinates; B_r, B_or enT along the sensor axes; matrices nT/enT; r_nom takes nominal sensor to coil coordinates; times s since the run's start".to_owned(),
             residual: "applied field minus modelled measurement, B_c - phi (B_r - B_or)".to_owned(),
-            uncertainty: "standard uncertainties, coverage factor 1, from the scatter of the plateau means; coil constants and coil angles not included".to_owned(),
+            uncertainty: "standard uncertainties, coverage factor 1, from the scatter of the samples within and of the means between the plateaus, slow noise included: 1.96 of them make an interval of 95 % (with plateau means only, Student's factor for quality.degrees_of_freedom); coil constants and coil angles not included".to_owned(),
         }
     }
 }

@@ -19,7 +19,7 @@ impl Default for FrequencyConvention {
         Self {
             model: "B_r = c + b sin(2 pi f (n - phase_counter) / f_s + phase), n the sample counter and f the frequency by the facility clock; amplitudes are half peak to peak, enT, sensor axes".to_owned(),
             corner: "f_3db_igep_hz: straight line in level against frequency between the neighbours of -3.000 dB below the largest amplitude; f_3db_model_hz: the fitted response at 1/sqrt(2) of its DC gain (-3.0103 dB)".to_owned(),
-            uncertainty: "standard uncertainties, coverage factor 1; that of f_3db_model_hz is the larger one of linearised covariance and delete-one jackknife; the facility clock and the flatness of the coil field are not included".to_owned(),
+            uncertainty: "standard uncertainties, coverage factor 1; that of f_3db_model_hz follows from those of the amplitudes where model.chi_square stands, otherwise it is the larger one of linearised covariance and delete-one jackknife; the facility clock and the flatness of the coil field are not included".to_owned(),
         }
     }
 }
@@ -87,6 +87,13 @@ pub struct ResponsePart {
     pub values: Vec<Vec<f64>>,
     /// Standard uncertainties per component.
     pub std: Vec<Vec<f64>>,
+    /// Chi-square of the amplitudes about the model over the components, where it explains them within their uncertainties; these then
+    /// give the uncertainties. Absent where no model does: the scatter of the amplitudes and the jackknife give them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chi_square: Option<f64>,
+    /// Its degrees of freedom.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub degrees_of_freedom: Option<usize>,
     /// Relative standard deviation of the residuals per component; nan where no model fits.
     pub residual_std: Vec<f64>,
     /// Every model that was tried.

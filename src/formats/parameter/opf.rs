@@ -19,7 +19,7 @@ impl Default for OffsetConvention {
         Self {
             model: "B_r = B_off + A (B_c + B_res,c) in every position, A measured with the applied fields; in a turned pair B_off = (B_normal + B_turned)/2, residual_ent = (B_normal - B_turned)/2".to_owned(),
             frames: "offset_ent and residual_ent along the sensor axes (DUT coordinates), enT, in the normal position; residual_coil_nt in coil coordinates, nT; nan is not determined".to_owned(),
-            uncertainty: "standard uncertainties, coverage factor 1, from the scatter of the plateau means; the field between the positions is taken as constant but for the drift stated".to_owned(),
+            uncertainty: "standard uncertainties, coverage factor 1, from the scatter of the samples within and of the means between the plateaus, slow noise included: 1.96 of them make an interval of 95 %; the field between the positions is taken as constant but for the drift stated".to_owned(),
         }
     }
 }
