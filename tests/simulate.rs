@@ -186,6 +186,17 @@ fn readings_without_noise_are_those_of_the_independent_forward_model_in_every_po
 }
 
 #[test]
+fn a_sensor_turns_with_its_temperature() {
+    // At 20 °C the rotation is that of the independent model: what it has at 0 °C is less by the change.
+    let warm = TWIN
+        .replace("rotation_deg = [0.4, -0.7, 0.25]", "rotation_deg = [0.2, -0.7, 0.45]\nrotation_per_k_deg = [0.01, 0.0, -0.01]");
+    let run = Folder::of(&warm).run();
+    let wanted = Truth::default().reading([1500.0 + 3.0, -5.0, 7.0]);
+    let (_, reading) = run.samples(6.0, 7.0)[0];
+    assert!((0..3).all(|i| (reading[i] - wanted[i]).abs() < 0.000_51), "{reading:?} {wanted:?}");
+}
+
+#[test]
 fn a_step_is_followed_with_the_corner_of_the_component() {
     let run = Folder::of(TWIN).run();
     // From 0 to 1500 nT at 4 s: what is missing falls by exp(-2 pi f_3dB t).

@@ -131,6 +131,7 @@ fn base() -> Twin {
     twin.thermistors.truncate(1);
     twin.thermistors[0].noise_k = 0.0;
     twin.sensors[0].packet_loss = 0.0;
+    twin.sensors[0].rotation_per_k_deg = [0.0; 3];
     let programme = |name: &str| twin.programmes.iter().find(|p| p.name == name).cloned().unwrap();
     let mut sines: Programme = programme("FREQ2000.MAG");
     let shorter = |step: &Step| Step { duration_s: (5.0 / step.frequency_hz).max(10.0), ..*step };

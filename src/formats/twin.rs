@@ -22,8 +22,10 @@ pub struct SensorTwin {
     pub mode: String,
     /// Parameters against temperature, and the AC response.
     pub model: ThermalSensor,
-    /// Rotation vector of the sensor out of its nominal orientation, degrees, along X_m, Y_m, Z_m.
+    /// Rotation vector of the sensor out of its nominal orientation at 0 °C, degrees, along X_m, Y_m, Z_m.
     pub rotation_deg: [f64; 3],
+    /// Its change with the sensor temperature, degrees per K.
+    pub rotation_per_k_deg: [f64; 3],
     /// Nominal sample rate, Hz.
     pub nominal_rate_hz: f64,
     /// Real sample rate, Hz.
@@ -235,13 +237,14 @@ pub struct Twin {
 const ROOT: [&str; 9] = ["seed", "campaign", "place", "sensor", "facility", "box", "temperatures", "run", "electronics"];
 const ELECTRONICS: [&str; 6] =
     ["sample_rate_hz", "range_ent", "resolution_ent", "packet_samples", "packet_loss", "flicker_lowest_hz"];
-const SENSOR: [&str; 9] = [
+const SENSOR: [&str; 10] = [
     "name",
     "mode",
     "real_sample_rate_hz",
     "response",
     "response_parameters",
     "rotation_deg",
+    "rotation_per_k_deg",
     "white_ent",
     "flicker_ent",
     "resolution_ent",
@@ -462,6 +465,7 @@ fn sensors(root: &Group, findings: &mut Vec<Finding>) -> Result<Vec<SensorTwin>,
             mode,
             model: thermal_sensor(&group)?,
             rotation_deg: three(&group, "rotation_deg", [0.0; 3])?,
+            rotation_per_k_deg: three(&group, "rotation_per_k_deg", [0.0; 3])?,
             nominal_rate_hz,
             rate_hz: positive(&group, "real_sample_rate_hz")?.unwrap_or(nominal_rate_hz),
             range_ent,

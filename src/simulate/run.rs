@@ -293,8 +293,9 @@ impl Scene<'_> {
 
     fn sensor_at(&self, stretch: &Stretch, t_s: f64) -> Result<Linear, String> {
         let (position, missed_deg) = self.twin.places.get(&stretch.position).ok_or("a position has no axes")?;
-        let rho = rotation(*missed_deg) * rotation(self.sensor.rotation_deg);
         let temperature_degc = self.sensor_degc(t_s);
+        let turned = |i: usize| self.sensor.rotation_deg[i] + self.sensor.rotation_per_k_deg[i] * temperature_degc;
+        let rho = rotation(*missed_deg) * rotation(std::array::from_fn(turned));
         let sensor = self.sensor.model.at(temperature_degc, &position.r_nom(), &rho);
         sensor.map_err(|e| format!("at {temperature_degc:.1} °C {e}"))
     }
