@@ -49,7 +49,7 @@ impl Kind {
     /// Whether analyses across temperatures rest on runs of this kind.
     #[must_use]
     pub fn is_thermal(self) -> bool {
-        matches!(self, Kind::Linearity | Kind::Offset | Kind::Frequency)
+        matches!(self, Kind::Linearity | Kind::Offset | Kind::Frequency | Kind::Sweep)
     }
 
     /// The kind with this name in files.

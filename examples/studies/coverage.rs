@@ -273,6 +273,19 @@ fn lin_bounds(twin: &Twin, settings: &[Setting], noise: Noise, a: &Matrix3<f64>,
     })
 }
 
+/// Parameters of one run with normal intervals.
+fn estimates(names: &[&str], values: &[f64], std: &[f64], truth: &[f64], bounds: &[f64]) -> Vec<Estimate> {
+    let one = |k: usize| Estimate {
+        name: names[k].to_owned(),
+        value: values[k],
+        std: std[k],
+        factor_95: NORMAL_95,
+        truth: truth[k],
+        bound: bounds[k],
+    };
+    (0..names.len()).map(one).collect()
+}
+
 fn plateaus(run: &SimulatedRun) -> (calfit::run::Run, calfit::plateau::Plateaus) {
     let mut accumulator = Accumulator::default();
     let run = run.play(&mut accumulator);
@@ -309,16 +322,7 @@ fn of_lin(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
         p.std.b_or_ent.to_vec(),
     ]
     .concat();
-    (0..LIN_NAMES.len())
-        .map(|k| Estimate {
-            name: LIN_NAMES[k].to_owned(),
-            value: values[k],
-            std: std[k],
-            factor_95: NORMAL_95,
-            truth: truth[k],
-            bound: bounds[k],
-        })
-        .collect()
+    estimates(&LIN_NAMES, &values, &std, &truth, &bounds)
 }
 
 /// Truth and smallest standard deviation of offsets, residual field in coil coordinates, and residual field as the sensor reads it.
@@ -381,16 +385,7 @@ fn of_offset(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     ];
     let values = [p.offset_ent, p.residual_coil_nt, p.residual_ent].concat();
     let std = [p.offset_std_ent, p.residual_coil_std_nt, p.residual_std_ent].concat();
-    (0..names.len())
-        .map(|k| Estimate {
-            name: names[k].to_owned(),
-            value: values[k],
-            std: std[k],
-            factor_95: NORMAL_95,
-            truth: truth[k],
-            bound: bounds[k],
-        })
-        .collect()
+    estimates(&names, &values, &std, &truth, &bounds)
 }
 
 /// Variance of the white noise that would be as dense as the noise at a frequency or its alias: the spectrum of sampled relaxations.

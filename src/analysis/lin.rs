@@ -258,7 +258,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     Ok(Lin { parameters, blocks, temperatures, samples: None })
 }
 
-fn the_position(plateaus: &Plateaus, campaign: &Campaign) -> Result<(u32, Position), LinError> {
+pub(super) fn the_position(plateaus: &Plateaus, campaign: &Campaign) -> Result<(u32, Position), LinError> {
     let mut ids: Vec<u32> = plateaus.list.iter().map(|p| p.setting.position).collect();
     ids.sort_unstable();
     ids.dedup();
@@ -277,7 +277,7 @@ fn limits_nt(run: &Run, campaign: &Campaign, options: &Options) -> [Option<f64>;
     limits
 }
 
-fn apply_limits(list: &mut [Plateau], position: Position, limits_nt: &[Option<f64>; 3]) {
+pub(super) fn apply_limits(list: &mut [Plateau], position: Position, limits_nt: &[Option<f64>; 3]) {
     for plateau in list.iter_mut().filter(|p| p.dropped.is_none()) {
         let along = position.to_nominal(plateau.setting.field.0);
         plateau.dropped = (0..3).find_map(|component| {

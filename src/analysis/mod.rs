@@ -6,4 +6,5 @@ pub mod freq;
 pub mod joint;
 pub mod lin;
 pub mod offset;
+pub mod sweep;
 pub mod thermal;

@@ -332,6 +332,7 @@ pub fn thermal(group: &Group, kind: Kind, runs: &[&Lin], with_joint: bool) -> Re
             rotation: rotation(&points),
             model_error: model_error(&points, runs, &fitted),
             joint: joint.as_ref().map(joint_part),
+            sweep: None,
             head,
         })),
         Kind::Offset => File::Tof(Box::new(Tof {

@@ -2,6 +2,7 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};
+use crate::analysis::sweep::{self, Window};
 use crate::campaign::Campaign;
 use crate::error::Finding;
 use crate::formats::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
@@ -25,6 +26,12 @@ pub(super) struct Arguments {
     /// leave-one-out error.
     #[arg(long, value_name = "QUANTITY=N", value_parser = order)]
     order: Vec<(String, usize)>,
+    /// Sliding window of a continuous sweep: a number of settings, or of minutes (`12min`).
+    #[arg(long, value_name = "N", default_value = "18", value_parser = window)]
+    window: Window,
+    /// Leave out settings of a continuous sweep at which the temperature moves faster, K/min.
+    #[arg(long, value_name = "K_PER_MIN", value_parser = rate)]
+    max_rate: Option<f64>,
     /// Also fit the temperature-dependent model to the plateaus of all runs at once (needs runs, not parameter files).
     #[arg(long)]
     joint: bool,
@@ -41,9 +48,23 @@ pub(super) fn order(text: &str) -> Result<(String, usize), String> {
     }
 }
 
+fn window(text: &str) -> Result<Window, String> {
+    let minutes = text.strip_suffix("min").map(|number| number.trim().parse::<f64>());
+    match (minutes, text.parse::<usize>()) {
+        (Some(Ok(minutes)), _) if minutes.is_finite() && minutes > 0.0 => Ok(Window::Minutes(minutes)),
+        (None, Ok(settings)) if settings > 4 => Ok(Window::Settings(settings)),
+        _ => Err("write a number of settings above 4, or of minutes, 12min for example".to_owned()),
+    }
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    text.parse::<f64>().ok().filter(|r| r.is_finite() && *r > 0.0).ok_or_else(|| "write a positive number of K/min".to_owned())
+}
+
 #[derive(Serialize)]
 struct Listing<'a> {
     groups: Vec<&'a crate::analysis::thermal::Thermal>,
+    sweeps: Vec<&'a crate::analysis::sweep::Sweep>,
     failed: Vec<&'a Finding>,
 }
 
@@ -72,7 +93,16 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         findings.iter().for_each(|f| terminal.finding(f));
     }
     let campaigns = if campaign_paths.is_empty() { Vec::new() } else { open(&campaign_paths, terminal)? };
-    let (measured, total) = measure(&campaigns, common, terminal, &mut failures);
+    let sweep = sweep::Options {
+        window: arguments.window,
+        most_k_per_min: arguments.max_rate,
+        orders: arguments.order.clone(),
+        ..sweep::Options::default()
+    };
+    let analyses = Analyses { sweep, ..Analyses::default() };
+    let (measured, total) = measure(&analyses, &campaigns, common, terminal, &mut failures);
+    let sweeps: Vec<&sweep::Sweep> =
+        measured.iter().filter_map(|m| if let Measured::Sweep(made) = m { Some(&made.result) } else { None }).collect();
     inputs.extend(inputs_of(&measured));
     points.extend(measured.iter().filter_map(Measured::point));
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
@@ -94,23 +124,27 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
     if common.json {
         let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
-        terminal.print(&json(&Listing { groups: done.iter().map(|d| &d.thermal).collect(), failed })?);
+        terminal.print(&json(&Listing { groups: done.iter().map(|d| &d.thermal).collect(), sweeps: sweeps.clone(), failed })?);
     } else {
         for one in &done {
             let file = common.out.join(one.thermal.file.file_name());
             terminal.tell(&format!("{}  -> {}\n", report::thermal::summary(&one.thermal), file.display()));
         }
+        for sweep in &sweeps {
+            let folder = common.out.join(&sweep.run.id);
+            terminal.tell(&format!("{}  -> {}\n", report::sweep::summary(sweep), folder.display()));
+        }
     }
-    if points.is_empty() && failures.is_empty() {
+    if points.is_empty() && sweeps.is_empty() && failures.is_empty() {
         let shown: Vec<String> = arguments.paths.iter().map(|p| p.display().to_string()).collect();
         return Err(Finding::error(
             &shown.join(", "),
-            "holds no linearity, offset or frequency run",
+            "holds no linearity, offset, frequency or sweep run",
             "list the runs with `calfit inspect`",
         ));
     }
     report_failures(terminal, &failures, total + files.len());
-    Ok(status(done.len(), failures.iter().map(|(_, f)| f)))
+    Ok(status(done.len() + sweeps.len(), failures.iter().map(|(_, f)| f)))
 }
 
 /// The analyses that were made, with their warnings shown; the others go to the failures.
@@ -156,6 +190,7 @@ pub(super) fn inputs_of(measured: &[Measured]) -> HashMap<String, Vec<Input>> {
 
 /// The analyses of all runs that a group can use.
 fn measure(
+    analyses: &Analyses,
     campaigns: &[Campaign],
     common: &Common,
     terminal: &Terminal,
@@ -170,7 +205,7 @@ fn measure(
     let results: Vec<Result<Measured, Failure>> = jobs
         .par_iter()
         .map(|job| {
-            let made = Analyses::default().make(job, &desk, two_threads).and_then(|measured| {
+            let made = analyses.make(job, &desk, two_threads).and_then(|measured| {
                 measured.publish(&desk, LinName::Thermal).map_err(Failure::Refused)?;
                 Ok(measured)
             });

@@ -15,6 +15,7 @@ pub mod offset;
 mod parts;
 pub mod profile;
 mod style;
+pub mod sweep;
 mod text;
 pub mod thermal;
 

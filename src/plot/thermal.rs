@@ -14,7 +14,7 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
     let mut list = vec![Named { stem: "temperature_profile", figure: profile(head, &of) }];
     let curves = |family: &str| thermal.curves.iter().filter(|c| c.name.starts_with(family)).collect::<Vec<&Curve>>();
     let polynomial =
-        |family: &str, title: &str, symbol: &str| polynomials(&curves(family), head, &format!("{title}, {of}"), symbol);
+        |family: &str, title: &str, symbol: &str| polynomials(&curves(family), head, "runs", &format!("{title}, {of}"), symbol);
     match &thermal.file {
         File::Tpf(tpf) => {
             list.push(Named { stem: "sensitivities", figure: polynomial("sigma", "Sensitivities", "σ") });
@@ -149,7 +149,8 @@ fn coil(head: &ThermalHead, of: &str) -> Figure {
     )
 }
 
-fn polynomials(curves: &[&Curve], head: &ThermalHead, title: &str, symbol: &str) -> Figure {
+/// Quantities with their polynomials; `points` says what the points are.
+pub(super) fn polynomials(curves: &[&Curve], head: &ThermalHead, points: &str, title: &str, symbol: &str) -> Figure {
     let has_joint = curves.iter().any(|c| !c.joint.is_empty());
     let orders: Vec<String> = curves
         .iter()
@@ -160,7 +161,7 @@ fn polynomials(curves: &[&Curve], head: &ThermalHead, title: &str, symbol: &str)
     Figure {
         title: title.to_owned(),
         caption: format!(
-            "Values of the runs with their standard uncertainty, polynomial and its 95 % band. Orders: {}.{joint}",
+            "Values of the {points} with their standard uncertainty, polynomial and its 95 % band. Orders: {}.{joint}",
             orders.join(", ")
         ),
         x_label: temperature_label(head),

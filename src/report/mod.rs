@@ -6,6 +6,7 @@ pub mod lin;
 pub mod offset;
 pub mod protocol;
 pub mod runs;
+pub mod sweep;
 pub mod thermal;
 
 use crate::formats::parameter::{Dropped, RunHead};

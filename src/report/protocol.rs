@@ -199,6 +199,7 @@ fn measurements(
             Measured::Lin(_) => "DC-analysis",
             Measured::Offset(_) => "Offset calculation",
             Measured::Freq(_) => "AC-analysis",
+            Measured::Sweep(_) => "Temperature sweep",
             Measured::Other(_) => continue,
         };
         let head = result.head();

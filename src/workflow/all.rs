@@ -2,7 +2,7 @@
 
 use super::{Desk, Drawn, Failure, Job, Made, RunReport, make, parameter_text, publish};
 use crate::analysis::lin::Lin;
-use crate::analysis::{freq, lin, offset};
+use crate::analysis::{freq, lin, offset, sweep};
 use crate::error::Finding;
 use crate::formats::ccr;
 use crate::formats::output::Folder;
@@ -21,6 +21,8 @@ pub struct Analyses {
     pub offset: offset::Options,
     /// Of frequency measurements.
     pub freq: freq::Options,
+    /// Of continuous sweeps.
+    pub sweep: sweep::Options,
 }
 
 /// What a run gave.
@@ -31,6 +33,8 @@ pub enum Measured {
     Offset(Box<Made<offset::Offset>>),
     /// A frequency response.
     Freq(Box<Made<freq::Freq>>),
+    /// Parameters against temperature from a continuous sweep.
+    Sweep(Box<Made<sweep::Sweep>>),
     /// A run that no analysis here is for, or that the campaign takes out.
     Other(Box<Run>),
 }
@@ -47,6 +51,7 @@ impl Analyses {
             Some(Kind::Linearity) => Measured::Lin(Box::new(make(&self.lin, job, desk, two_threads)?)),
             Some(Kind::Offset) => Measured::Offset(Box::new(make(&self.offset, job, desk, two_threads)?)),
             Some(Kind::Frequency) => Measured::Freq(Box::new(make(&self.freq, job, desk, two_threads)?)),
+            Some(Kind::Sweep) => Measured::Sweep(Box::new(make(&self.sweep, job, desk, two_threads)?)),
             _ => {
                 job.unique()?;
                 let run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut ());
@@ -79,6 +84,7 @@ impl Measured {
             }
             Measured::Offset(made) => publish::<offset::Options>(made, desk, &made.result.parameters.file_name()),
             Measured::Freq(made) => publish::<freq::Options>(made, desk, &made.result.parameters.file_name()),
+            Measured::Sweep(made) => publish::<sweep::Options>(made, desk, &made.result.parameters.file_name()),
             Measured::Other(_) => Ok(Vec::new()),
         }
     }
@@ -90,6 +96,7 @@ impl Measured {
             Measured::Lin(made) => made.run.as_ref(),
             Measured::Offset(made) => made.run.as_ref(),
             Measured::Freq(made) => made.run.as_ref(),
+            Measured::Sweep(made) => made.run.as_ref(),
             Measured::Other(run) => Some(run),
         }
     }
@@ -101,7 +108,7 @@ impl Measured {
             Measured::Lin(made) => Some(Point::of_lin(&made.result.parameters)),
             Measured::Offset(made) => Some(Point::of_offset(&made.result.parameters)),
             Measured::Freq(made) => Some(Point::of_freq(&made.result.parameters)),
-            Measured::Other(_) => None,
+            Measured::Sweep(_) | Measured::Other(_) => None,
         }
     }
 
@@ -121,6 +128,7 @@ impl Measured {
             Measured::Lin(made) => Some(&made.result),
             Measured::Offset(made) => Some(&made.result),
             Measured::Freq(made) => Some(&made.result),
+            Measured::Sweep(made) => Some(&made.result),
             Measured::Other(_) => None,
         }
     }
@@ -132,6 +140,7 @@ impl Measured {
             Measured::Lin(made) => Some(&made.provenance),
             Measured::Offset(made) => Some(&made.provenance),
             Measured::Freq(made) => Some(&made.provenance),
+            Measured::Sweep(made) => Some(&made.provenance),
             Measured::Other(_) => None,
         }
     }

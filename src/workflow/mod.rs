@@ -5,6 +5,7 @@ mod all;
 mod freq;
 mod lin;
 mod offset;
+mod sweep;
 mod thermal;
 
 pub use all::{Analyses, LinName, Measured, publish_tables, publish_thermal_names, scale_offsets};

@@ -17,7 +17,10 @@ pub use fpf::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention,
 pub use head::{Conditions, Dropped, Rows, RunHead};
 pub use opf::{Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
 pub use point::{Point, RunPoint, Values, read_point};
-pub use thermal::{JointPart, ModelError, QuantityPart, ResidualField, Rotation, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
+pub use thermal::{
+    JointPart, LagPart, ModelError, QuantityPart, ResidualField, Rotation, SweepPart, Taf, ThermalConvention, ThermalHead, Tof,
+    Tpf,
+};
 
 use super::source::{hex, read_whole};
 use crate::error::Finding;

@@ -93,7 +93,7 @@ pub struct QuantityPart {
 }
 
 /// Keys of the head whose lists may hold nan.
-const MAY_LACK: &[&str] = &["coil_temperature_degc", "quantity", "rotation", "residual_field", "joint"];
+const MAY_LACK: &[&str] = &["coil_temperature_degc", "quantity", "rotation", "residual_field", "joint", "sweep"];
 
 /// Temperature polynomials of the linear calibration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -127,6 +127,49 @@ pub struct Tpf {
     /// The fit of the temperature-dependent model to the plateaus of all runs at once.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint: Option<JointPart>,
+    /// How the polynomials were found, if they are those of one continuous sweep.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sweep: Option<SweepPart>,
+}
+
+/// A continuous sweep: one fit of the temperature-dependent model to all its settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SweepPart {
+    /// Settings used.
+    pub settings_used: usize,
+    /// Settings in the run.
+    pub settings_total: usize,
+    /// Settings left out because the temperature moved too fast.
+    pub settings_too_fast: usize,
+    /// Length of the sliding window whose values stand in `quantity`.
+    pub window: String,
+    /// Root mean square of applied field minus modelled measurement, nT, coil axes.
+    pub residual_nt: [f64; 3],
+    /// How the sensor follows every thermistor that moves.
+    pub lag: Vec<LagPart>,
+}
+
+/// How the sensor follows a thermistor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LagPart {
+    /// Channel.
+    pub channel: String,
+    /// `none`, `delay` or `first order`: what was applied if this channel was used.
+    pub form: String,
+    /// Best delay, s: the sensor is that much later than the thermistor, or earlier if negative.
+    pub delay_s: f64,
+    /// Its standard uncertainty.
+    pub delay_std_s: f64,
+    /// Best time constant, s: the sensor follows the thermistor with it, or the thermistor the sensor if negative.
+    pub time_constant_s: f64,
+    /// Its standard uncertainty.
+    pub time_constant_std_s: f64,
+    /// Deviance (twice the log likelihood) that the better of both gains over no lag.
+    pub gain: f64,
+    /// Deviance by which the delay is better than the time constant.
+    pub delay_over_first_order: f64,
+    /// Standard deviation of the readings about the model with the lag, geometric mean of the components, enT.
+    pub residual_std_ent: f64,
 }
 
 /// Rotation angles of every run, degrees; nan where a file does not tell.

@@ -1,0 +1,84 @@
+//! Continuous sweeps as files, figures and text.
+
+use super::lin::recorded_cut;
+use super::{PerRun, Refusal, RunReport, RunResult};
+use crate::analysis::sweep::{Options, Sweep, WINDOW, Window, sweep};
+use crate::campaign::Campaign;
+use crate::formats::parameter::{RunHead, Tpf};
+#[cfg(feature = "tables")]
+use crate::formats::table::Table;
+use crate::plateau::{self, Accumulator};
+use crate::plot::{self, Named};
+use crate::report;
+use crate::run::{Kind, Run};
+
+impl PerRun for Options {
+    const COMMAND: &'static str = "thermal";
+    const KIND: Kind = Kind::Sweep;
+    const STEM: &'static str = "SWEEP";
+    type Sink = Accumulator;
+    type Result = Sweep;
+
+    fn sink(&self, _figures: bool) -> Self::Sink {
+        Accumulator::default()
+    }
+
+    fn analyse(&self, run: &Run, accumulator: Self::Sink, campaign: &Campaign) -> Result<Sweep, Refusal> {
+        let plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
+        sweep(run, &plateaus, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
+    }
+
+    fn recorded(&self, _result: &Sweep) -> String {
+        let mut text: String = self.orders.iter().map(|(name, order)| format!(" --order {name}={order}")).collect();
+        match self.window {
+            Window::Settings(WINDOW) => {}
+            Window::Settings(n) => text.push_str(&format!(" --window {n}")),
+            Window::Minutes(m) => text.push_str(&format!(" --window {m}min")),
+        }
+        if let Some(most) = self.most_k_per_min {
+            text.push_str(&format!(" --max-rate {most}"));
+        }
+        text + &recorded_cut(self.settling, self.least_coverage)
+    }
+}
+
+impl RunReport for Sweep {
+    fn head(&self) -> &RunHead {
+        &self.run
+    }
+    fn warnings(&self) -> &[String] {
+        &self.parameters.head.warnings
+    }
+    fn figures(&self) -> Vec<Named> {
+        plot::sweep::figures(self)
+    }
+    fn title(&self) -> String {
+        format!("Temperature sweep, run {}", self.run.id)
+    }
+    fn sections(&self, level: usize) -> String {
+        report::sweep::sections(self, level)
+    }
+    fn headline(&self) -> String {
+        report::sweep::headline(self)
+    }
+    fn summary(&self) -> String {
+        report::sweep::summary(self)
+    }
+}
+
+impl RunResult for Sweep {
+    type Parameters = Tpf;
+
+    fn parameters(&self) -> &Tpf {
+        &self.parameters
+    }
+    #[cfg(feature = "tables")]
+    fn tables(&self) -> Vec<(&'static str, String, Table)> {
+        let note = "sliding windows: sigma nT/enT, xi degrees, b_or enT, residuals nT along the coil axes";
+        vec![("SWEEP_WINDOWS", note.to_owned(), report::sweep::window_table(self))]
+    }
+    #[cfg(feature = "tables")]
+    fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
+        ("lags in s, ranges in °C", report::sweep::parameter_table(all))
+    }
+}
