@@ -4,7 +4,9 @@ use crate::campaign::Campaign;
 use crate::error::Severity;
 use crate::fit::correlation::{self, Octave};
 use crate::fit::{FitError, NoiseModel, Solution};
-use crate::formats::parameter::{Conditions, Dropped, RunHead, Spread};
+use crate::formats::facility::Facility;
+use crate::formats::parameter::{Conditions, Dropped, FacilityApplied, RunHead, Spread};
+use crate::model::sensor::SplitError;
 use crate::plateau::{Plateau, Plateaus};
 use crate::run::Run;
 use crate::units::COMPONENTS;
@@ -52,6 +54,52 @@ impl Temperatures {
     pub fn sensor_range_degc(&self) -> Option<[f64; 2]> {
         self.sensor_degc().map(|[low, _, high]| [low, high])
     }
+}
+
+/// Turns the settings of plateaus into fields of the facility, at the mean coil temperature of the plateaus' time.
+///
+/// # Errors
+/// Angles that no three axes have between them.
+pub fn apply_facility(
+    facility: &Facility,
+    run: &Run,
+    campaign: &Campaign,
+    list: &mut [Plateau],
+    warnings: &mut Vec<String>,
+) -> Result<FacilityApplied, SplitError> {
+    if run.header.coil_correction == Some(true) {
+        warnings.push("the run says that its settings are corrected already; --facility corrects them once more".to_owned());
+    }
+    let coil = facility.coil();
+    let axes = coil.axes().ok_or(SplitError::Planar)?;
+    let span_s = [
+        list.iter().map(|p| p.setting.t_start_s).fold(f64::INFINITY, f64::min),
+        list.iter().map(|p| p.setting.t_end_s).fold(f64::NEG_INFINITY, f64::max),
+    ];
+    let channel = campaign.channels(&run.header).1;
+    let readings: Vec<f64> = run.slow_channel(&channel).map_or_else(Vec::new, |series| {
+        let inside = |t: f64, v: f64| (span_s[0]..=span_s[1]).contains(&t) && PLAUSIBLE_DEGC.contains(&v);
+        series.iter().filter(|(t, v)| inside(*t, *v)).map(|(_, v)| *v).collect()
+    });
+    let mean = (!readings.is_empty()).then(|| readings.iter().sum::<f64>() / readings.len() as f64);
+    let coil_degc = mean.filter(|_| facility.follows_coil());
+    if facility.follows_coil() && coil_degc.is_none() {
+        warnings.push(format!(
+            "{} depends on the coil temperature, which the run does not tell (channel {channel}): its values for {:.1} °C were used",
+            facility.input.path, coil.reference_degc
+        ));
+    }
+    if facility.follows_rack() {
+        warnings.push(format!(
+            "{} depends on the rack temperature: its values for {:.1} °C were used",
+            facility.input.path, coil.rack_reference_degc
+        ));
+    }
+    for plateau in list {
+        let setting = plateau.setting.field.0;
+        plateau.setting.field = coil.field(&axes, setting, coil_degc.unwrap_or(coil.reference_degc), coil.rack_reference_degc);
+    }
+    Ok(FacilityApplied { file: facility.input.path.clone(), coil_degc, applied: facility.part.clone() })
 }
 
 /// The head of a parameter file.

@@ -8,6 +8,7 @@ use crate::analysis::conditions::{self, Temperatures};
 use crate::campaign::Campaign;
 use crate::envelope::Column;
 use crate::fit::{FitError, Limits, Propagated, Robust, Solution, linear, propagate, robust};
+use crate::formats::facility::Facility;
 use crate::formats::parameter::{
     Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Quality, Setup, Std, Summary, Validity,
 };
@@ -37,6 +38,8 @@ pub struct Options {
     pub allow_gain: bool,
     /// Go on when the readings do not follow the settings.
     pub allow_mismatch: bool,
+    /// The facility that turns settings into the reference field; `None` takes the settings as the field.
+    pub facility: Option<Facility>,
 }
 
 impl Default for Options {
@@ -49,6 +52,7 @@ impl Default for Options {
             least_coverage: LEAST_COVERAGE,
             allow_gain: false,
             allow_mismatch: false,
+            facility: None,
         }
     }
 }
@@ -123,6 +127,9 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let (position_id, position) = the_position(plateaus, campaign)?;
     let mut list = plateaus.list.clone();
     apply_limits(&mut list, position, &limits_nt(run, campaign, options));
+    let mut warnings = Vec::new();
+    let facility =
+        options.facility.as_ref().map(|f| conditions::apply_facility(f, run, campaign, &mut list, &mut warnings)).transpose()?;
     let used: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
     let count = 4 + order;
     if used.len() <= count {
@@ -172,7 +179,6 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
         used.iter().map(|p| p.used_s[0]).fold(f64::INFINITY, f64::min),
         used.iter().map(|p| p.used_s[1]).fold(f64::NEG_INFINITY, f64::max),
     ];
-    let mut warnings = Vec::new();
     let temperatures = Temperatures::of(run, campaign, span_s, &mut warnings);
     warn_of_axes(&mut warnings, &derived.split);
     conditions::warn_of_plateaus(&mut warnings, run, plateaus);
@@ -252,6 +258,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
             time_s: span_s,
         },
         conditions: temperatures.conditions.clone(),
+        facility,
         dropped: conditions::dropped(&list),
         warnings,
     };

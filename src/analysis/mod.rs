@@ -1,10 +1,13 @@
 //! One file per analysis: runs in, plain results out.
 
+pub mod coil;
 pub mod conditions;
 pub mod corner;
 pub mod freq;
 pub mod joint;
 pub mod lin;
+pub mod null;
 pub mod offset;
 pub mod sweep;
 pub mod thermal;
+pub mod thermistor;

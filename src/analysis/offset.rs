@@ -8,6 +8,7 @@
 use crate::analysis::conditions::{self, Temperatures};
 use crate::campaign::Campaign;
 use crate::fit::{FitError, Limits, Solution, linear, order};
+use crate::formats::facility::Facility;
 use crate::formats::parameter::{
     Covariance, Cpf, Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit,
 };
@@ -31,11 +32,13 @@ pub struct Options {
     pub allow_mismatch: bool,
     /// The linear calibration whose sensitivity turns enT into nT, with its file.
     pub cpf: Option<(Input, Box<Cpf>)>,
+    /// The facility that turns settings into applied fields; its offset field stays part of the residual field that is measured.
+    pub facility: Option<Facility>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { settling: Settling::Found, least_coverage: LEAST_COVERAGE, allow_mismatch: false, cpf: None }
+        Self { settling: Settling::Found, least_coverage: LEAST_COVERAGE, allow_mismatch: false, cpf: None, facility: None }
     }
 }
 
@@ -234,6 +237,7 @@ pub fn offset(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opt
             .collect(),
         refused: solved.refused,
         conditions: temperatures.conditions.clone(),
+        facility: None,
         dropped: conditions::dropped(&plateaus.list),
         warnings,
     };

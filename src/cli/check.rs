@@ -5,7 +5,7 @@ use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::campaign::{Campaign, positions};
 use crate::error::{Finding, Severity};
-use crate::formats::parameter::{Cpf, Fpf, Opf, Taf, Tof, Tpf};
+use crate::formats::parameter::{CoilResidual, CoilScalar, CoilTilt, Cpf, Fpf, Npf, Opf, Taf, ThermistorFile, Tof, Tpf};
 use crate::formats::{amplitudes, campaign, ccr, mag, parameter};
 use clap::Args;
 use rayon::prelude::*;
@@ -82,12 +82,28 @@ fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
     Ok(files)
 }
 
+/// Whether a TOML file is named like a parameter file.
+fn begins(path: &Path, begin: &str) -> bool {
+    let name = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
+    name.starts_with(begin) && name.ends_with(".toml")
+}
+
 fn check(path: &Path, common: &Common) -> Vec<Finding> {
     let shown = path.display().to_string();
     let name = shown.to_ascii_uppercase();
     let mut findings = Vec::new();
     let error = if name.ends_with(".MAG") {
         mag::read(path, &mut findings).err()
+    } else if let Some(method) = coil_file(path) {
+        match method {
+            "SCALAR" => parameter::read::<CoilScalar>(path).err(),
+            "RESIDUAL" => parameter::read::<CoilResidual>(path).err(),
+            _ => parameter::read::<CoilTilt>(path).err(),
+        }
+    } else if begins(path, "NULL_PARAMETER__") {
+        parameter::read::<Npf>(path).err()
+    } else if begins(path, "THERMISTOR__") {
+        parameter::read::<ThermistorFile>(path).err()
     } else if name.ends_with(".TOML") {
         campaign::read(path, &mut findings).and_then(|(file, _)| positions(path, &file)).err()
     } else if name.ends_with(".CSV") {
@@ -111,4 +127,11 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     };
     findings.extend(error);
     findings
+}
+
+/// The method of a facility's own calibration, from the name of its file.
+fn coil_file(path: &Path) -> Option<&'static str> {
+    let name = path.file_name()?.to_string_lossy().to_ascii_uppercase();
+    let method = |m: &&str| name.starts_with(&format!("COIL_{m}__")) && name.ends_with(".TOML");
+    ["SCALAR", "RESIDUAL", "TILT"].into_iter().find(method)
 }

@@ -1,4 +1,4 @@
-//! What `lin`, `offset` and `freq` do alike: every run of a kind on its own, in parallel, and a table of all.
+//! What `lin`, `offset`, `freq` and `null` do alike: every run of a kind on its own, in parallel, and a table of all.
 
 use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};

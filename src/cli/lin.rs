@@ -5,6 +5,7 @@ use super::output::Terminal;
 use super::{Allow, Common, Status, each};
 use crate::analysis::lin::Options;
 use crate::error::Finding;
+use crate::workflow::facility;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -29,6 +30,10 @@ pub(super) struct FitOptions {
     /// Give outlying plateaus less weight (Huber).
     #[arg(long)]
     robust: bool,
+    /// Facility (COIL_SCALAR, COIL_TILT, or keys scale_nt_per_eu, offset_nt, angles_deg) that turns settings into the reference
+    /// field, in place of the settings themselves.
+    #[arg(long, value_name = "FILE")]
+    facility: Option<PathBuf>,
     #[command(flatten)]
     cut: Cut,
 }
@@ -41,12 +46,12 @@ fn axis_limit(text: &str) -> Result<(usize, f64), String> {
 }
 
 impl FitOptions {
-    pub(super) fn options(&self, common: &Common) -> Options {
+    pub(super) fn options(&self, common: &Common) -> Result<Options, Finding> {
         let mut max_field_nt = [None; 3];
         for (axis, limit) in &self.max_field {
             max_field_nt[*axis] = Some(*limit);
         }
-        Options {
+        Ok(Options {
             trend_order: self.order.map(usize::from),
             max_field_nt,
             robust: self.robust,
@@ -54,10 +59,11 @@ impl FitOptions {
             least_coverage: self.cut.coverage,
             allow_gain: common.allows(Allow::Gain),
             allow_mismatch: common.allows(Allow::Mismatch),
-        }
+            facility: facility(self.facility.as_ref())?,
+        })
     }
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    each::run(&arguments.fit.options(common), &arguments.paths, common, terminal)
+    each::run(&arguments.fit.options(common)?, &arguments.paths, common, terminal)
 }

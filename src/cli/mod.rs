@@ -1,10 +1,12 @@
 //! The command line: arguments, progress, exit status. No mathematics, no file layout.
 
 mod check;
+mod coil;
 mod each;
 mod freq;
 mod inspect;
 mod lin;
+mod null;
 mod offset;
 mod options;
 mod output;
@@ -12,6 +14,7 @@ mod report;
 mod shell;
 mod simulate;
 mod thermal;
+mod thermistor;
 mod verify;
 
 use crate::campaign::Campaign;
@@ -44,10 +47,16 @@ enum Command {
     Freq(freq::Arguments),
     /// Temperature polynomials of every sensor and mode, across runs or parameter files.
     Thermal(thermal::Arguments),
+    /// Offset drift, noise spectrum, Allan deviation and correlations of every zero-field run.
+    Null(null::Arguments),
+    /// Polynomial of a thermistor from its calibration table.
+    Thermistor(thermistor::Arguments),
     /// Every analysis that a campaign allows, all files, and the protocol as Markdown and one HTML page.
     Report(report::Arguments),
     /// Write the run files of a campaign whose truth is known, from a twin of sensor, facility and programme.
     Simulate(simulate::Arguments),
+    /// The facility's own calibration: scalar calibration, residual field, sensor and facility from several orientations.
+    Coil(coil::Arguments),
     /// List the runs of a campaign: file, programme, sensor, mode, settings, vectors, losses, temperatures.
     Inspect(inspect::Arguments),
     /// Validate files and say everything that is wrong with each; changes nothing.
@@ -183,8 +192,11 @@ fn execute(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
         Command::Offset(arguments) => offset::run(&arguments, &cli.common, terminal),
         Command::Freq(arguments) => freq::run(&arguments, &cli.common, terminal),
         Command::Thermal(arguments) => thermal::run(&arguments, &cli.common, terminal),
+        Command::Null(arguments) => null::run(&arguments, &cli.common, terminal),
+        Command::Thermistor(arguments) => thermistor::run(&arguments, &cli.common, terminal),
         Command::Report(arguments) => report::run(&arguments, &cli.common, terminal),
         Command::Simulate(arguments) => simulate::run(&arguments, &cli.common, terminal),
+        Command::Coil(arguments) => coil::run(&arguments, &cli.common, terminal),
         Command::Inspect(arguments) => inspect::run(&arguments, &cli.common, terminal),
         Command::Check(arguments) => check::run(&arguments, &cli.common, terminal),
         Command::Verify(arguments) => verify::run(&arguments, &cli.common, terminal),

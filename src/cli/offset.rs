@@ -6,6 +6,7 @@ use super::{Allow, Common, Status, each};
 use crate::analysis::offset::Options;
 use crate::error::Finding;
 use crate::formats::parameter::{self, Cpf};
+use crate::workflow::facility;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -17,6 +18,9 @@ pub(super) struct Arguments {
     /// Linear calibration of the same sensor and mode: its sensitivities give the offsets in nT as well.
     #[arg(long, value_name = "FILE")]
     cpf: Option<PathBuf>,
+    /// Facility whose scale factors and angles turn settings into applied fields; its offset field is part of what is measured here.
+    #[arg(long, value_name = "FILE")]
+    facility: Option<PathBuf>,
     #[command(flatten)]
     cut: Cut,
 }
@@ -34,6 +38,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         least_coverage: arguments.cut.coverage,
         allow_mismatch: common.allows(Allow::Mismatch),
         cpf,
+        facility: facility(arguments.facility.as_ref())?,
     };
     each::run(&options, &arguments.paths, common, terminal)
 }

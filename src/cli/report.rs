@@ -5,6 +5,7 @@ use super::thermal::{gather, inputs_of, order, sort_results};
 use super::{Common, Status, open, report_failures, status};
 use crate::campaign::Campaign;
 use crate::error::Finding;
+use crate::formats::facility::Facility;
 use crate::formats::output::Folder;
 use crate::formats::source::hex;
 use crate::plot::{self, Named};
@@ -12,8 +13,8 @@ use crate::provenance::{Input, Provenance};
 use crate::report::protocol::{self, Protocol, RunPart, ThermalPart};
 use crate::report::{self, Drawn, html};
 use crate::workflow::{
-    Analyses, Failure, LinName, Measured, ThermalOptions, draw, jobs, publish_tables, publish_thermal_names, scale_offsets,
-    thermals,
+    Analyses, Failure, LinName, Measured, ThermalOptions, draw, facility, jobs, publish_tables, publish_thermal_names,
+    scale_offsets, thermals,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -29,6 +30,9 @@ pub(super) struct Arguments {
     /// Order of the polynomial of a quantity or family, as for `calfit thermal`.
     #[arg(long, value_name = "QUANTITY=N", value_parser = order)]
     order: Vec<(String, usize)>,
+    /// Facility that turns the settings of the runs into fields, as for `calfit lin` and `calfit offset`.
+    #[arg(long, value_name = "FILE")]
+    facility: Option<PathBuf>,
 }
 
 #[derive(Serialize)]
@@ -53,12 +57,14 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let (jobs, unmatched) = jobs(&campaigns, None);
     terminal.unmatched(&unmatched);
 
+    let facility = facility(arguments.facility.as_ref())?;
+    let analyses = Analyses::with_facility(facility.as_ref());
     let bar = terminal.progress(2 * jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
     let made: Vec<Result<Measured, Failure>> = jobs
         .par_iter()
         .map(|job| {
-            let measured = Analyses::default().make(job, &desk, two_threads);
+            let measured = analyses.make(job, &desk, two_threads);
             bar.inc(1);
             measured
         })
@@ -96,7 +102,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 
     let points: Vec<_> = measured.iter().filter_map(Measured::point).collect();
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
-    let options = ThermalOptions { orders: arguments.order.clone(), joint: true };
+    let options = ThermalOptions { orders: arguments.order.clone(), joint: true, facility };
     let inputs = inputs_of(&measured);
     let results = thermals(&points, &lins, &campaign.file.thermal, &options, &desk, |used| gather(used, &inputs));
     let groups = sort_results(results, &mut failures, terminal);
@@ -107,6 +113,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let profile = if common.no_plots { None } else { profile(campaign, &measured, &folder)? };
     let mut input: Vec<Input> = measured.iter().filter_map(Measured::run).map(|run| Input::from(&run.input)).collect();
     input.extend(campaign.input.clone());
+    input.extend(options.facility.iter().map(|f| f.input.clone()));
     let failed: Vec<(String, String)> = failures
         .iter()
         .flat_map(|(name, f)| f.errors().map(move |e| (name.clone(), format!("{}; {}", e.rule, e.remedy))))
@@ -118,7 +125,14 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         profile,
         failed,
         files: hashes(&folder, &measured)?,
-        provenance: Provenance::new(format!("calfit report{}", options.recorded_orders()), input),
+        provenance: Provenance::new(
+            format!(
+                "calfit report{}{}",
+                options.recorded_orders(),
+                options.facility.as_ref().map_or_else(String::new, Facility::recorded)
+            ),
+            input,
+        ),
     };
     let markdown = protocol::markdown(&document);
     let page = html::page(&markdown, &protocol::title(campaign), &mut |file| std::fs::read(folder.path().join(file)).ok());

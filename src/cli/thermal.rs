@@ -10,7 +10,7 @@ use crate::formats::output::Folder;
 use crate::formats::parameter::{Point, Values, read_point};
 use crate::provenance::Input;
 use crate::report;
-use crate::workflow::{Analyses, Failure, LinName, Measured, ThermalOptions, ThermalShown, jobs, thermals};
+use crate::workflow::{Analyses, Failure, LinName, Measured, ThermalOptions, ThermalShown, facility, jobs, thermals};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -35,6 +35,9 @@ pub(super) struct Arguments {
     /// Also fit the temperature-dependent model to the plateaus of all runs at once (needs runs, not parameter files).
     #[arg(long)]
     joint: bool,
+    /// Facility that turns the settings of the runs into fields, as for `calfit lin` and `calfit offset`.
+    #[arg(long, value_name = "FILE")]
+    facility: Option<PathBuf>,
 }
 
 pub(super) fn order(text: &str) -> Result<(String, usize), String> {
@@ -70,7 +73,11 @@ struct Listing<'a> {
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let (files, campaign_paths) = sort_paths(&arguments.paths)?;
-    let options = ThermalOptions { orders: arguments.order.clone(), joint: arguments.joint };
+    let options = ThermalOptions {
+        orders: arguments.order.clone(),
+        joint: arguments.joint,
+        facility: facility(arguments.facility.as_ref())?,
+    };
     // Refuse what cannot be written before the work begins.
     Folder::open(&common.out, common.force)?;
     let mut failures: Vec<(String, Failure)> = Vec::new();
@@ -93,14 +100,19 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         findings.iter().for_each(|f| terminal.finding(f));
     }
     let campaigns = if campaign_paths.is_empty() { Vec::new() } else { open(&campaign_paths, terminal)? };
+    if let (Some(facility), true) = (&options.facility, campaigns.is_empty()) {
+        let rule = "changes nothing where only parameter files are named";
+        return Err(Finding::error(&facility.input.path, rule, "name the runs, or leave --facility out"));
+    }
     let sweep = sweep::Options {
         window: arguments.window,
         most_k_per_min: arguments.max_rate,
         orders: arguments.order.clone(),
+        facility: options.facility.clone(),
         ..sweep::Options::default()
     };
-    let analyses = Analyses { sweep, ..Analyses::default() };
-    let (measured, total) = measure(&analyses, &campaigns, common, terminal, &mut failures);
+    let analyses = Analyses { sweep, ..Analyses::with_facility(options.facility.as_ref()) };
+    let (measured, total) = measure(&campaigns, &analyses, common, terminal, &mut failures);
     let sweeps: Vec<&sweep::Sweep> =
         measured.iter().filter_map(|m| if let Measured::Sweep(made) = m { Some(&made.result) } else { None }).collect();
     inputs.extend(inputs_of(&measured));
@@ -190,8 +202,8 @@ pub(super) fn inputs_of(measured: &[Measured]) -> HashMap<String, Vec<Input>> {
 
 /// The analyses of all runs that a group can use.
 fn measure(
-    analyses: &Analyses,
     campaigns: &[Campaign],
+    analyses: &Analyses,
     common: &Common,
     terminal: &Terminal,
     failures: &mut Vec<(String, Failure)>,

@@ -38,6 +38,7 @@ struct Verdict {
 /// Folders above a parameter file, or above the working folder, in which inputs are looked for.
 const LEVELS_ABOVE: usize = 4;
 const PARAMETER_FILES: [&str; 6] = ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF"];
+const PARAMETER_NAMES: [&str; 3] = ["COIL_", "NULL_PARAMETER__", "THERMISTOR__"];
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let mut files = Vec::new();
@@ -53,7 +54,11 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
     if files.is_empty() {
         let shown: Vec<String> = arguments.paths.iter().map(|p| p.display().to_string()).collect();
-        return Err(Finding::error(&shown.join(", "), "holds no parameter file", "name CPF, OPF, FPF, TPF, TOF or TAF files"));
+        return Err(Finding::error(
+            &shown.join(", "),
+            "holds no parameter file",
+            "name CPF, OPF, FPF, TPF, TOF, TAF or COIL files",
+        ));
     }
     let bar = terminal.progress(files.len());
     let verdicts: Vec<Verdict> = files
@@ -81,6 +86,13 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     Ok(if verdicts.iter().all(|v| v.ok) { Status::Done } else { Status::Partly })
 }
 
+/// Parameter files are told by the end of their names, those that are plain TOML by the begin.
+fn is_parameter_file(path: &Path) -> bool {
+    let name = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
+    path.extension().is_some_and(|e| PARAMETER_FILES.iter().any(|k| e.eq_ignore_ascii_case(k)))
+        || (name.ends_with(".toml") && PARAMETER_NAMES.iter().any(|begin| name.starts_with(begin)))
+}
+
 fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), Finding> {
     let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)
         .map_err(|e| Finding::io(folder, "list the folder", &e))?
@@ -93,7 +105,7 @@ fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), 
             if depth == 0 {
                 collect(&path, depth + 1, files)?;
             }
-        } else if path.extension().is_some_and(|e| PARAMETER_FILES.iter().any(|k| e.eq_ignore_ascii_case(k))) {
+        } else if is_parameter_file(&path) {
             files.push(path);
         }
     }
@@ -188,7 +200,7 @@ fn fit_again(file: &Path, stated: &AnyFile, found: &[PathBuf]) -> Result<AnyFile
     const MARK: char = '\u{1}';
     let mut marked = command.clone();
     for (index, input) in stated.provenance.input.iter().enumerate() {
-        for option in ["--cpf", "--amplitudes"] {
+        for option in ["--cpf", "--amplitudes", "--facility", "--reference"] {
             marked = marked.replace(&format!("{option} {}", input.path), &format!("{option} {MARK}{index}"));
         }
     }
@@ -214,7 +226,16 @@ fn fit_again(file: &Path, stated: &AnyFile, found: &[PathBuf]) -> Result<AnyFile
     arguments.push(folder.path().display().to_string());
     let cli = Cli::try_parse_from(&arguments)
         .map_err(|e| vec![format!("the recorded command `{command}` is not one of this version: {}", e.kind())])?;
-    if !matches!(cli.command, Command::Lin(_) | Command::Offset(_) | Command::Freq(_) | Command::Thermal(_)) {
+    if !matches!(
+        cli.command,
+        Command::Lin(_)
+            | Command::Offset(_)
+            | Command::Freq(_)
+            | Command::Thermal(_)
+            | Command::Coil(_)
+            | Command::Null(_)
+            | Command::Thermistor(_)
+    ) {
         return Err(vec![format!("the recorded command `{command}` makes no parameter file")]);
     }
     execute(cli, &Terminal::silent()).map_err(|f| vec![format!("fitting again failed: {f}")])?;

@@ -10,10 +10,13 @@
 //! * [`nonlinear`]: Levenberg-Marquardt for models with a Jacobian or without, polished to the last digits of the model.
 //! * [`robust`]: Huber weights for rows which do not belong.
 //! * [`correlation`]: white and slow noise told apart in the residuals, and what slow noise does to the coefficients.
+//! * [`spectrum`]: amplitude densities of long records, piece by piece, and lines in them.
+//! * [`allan`]: Allan deviations with confidence limits.
 //! * [`propagate`](mod@propagate): covariance through functions of the coefficients.
 //!
 //! Everything is deterministic and nothing panics on data: what cannot be estimated is a [`FitError`].
 
+pub mod allan;
 pub mod choice;
 pub mod contaminated;
 pub mod correlation;
@@ -27,6 +30,7 @@ pub mod propagate;
 pub(crate) mod random;
 pub mod robust;
 pub mod sine;
+pub mod spectrum;
 
 pub use choice::aicc;
 pub use contaminated::Contaminated;

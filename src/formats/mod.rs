@@ -3,11 +3,15 @@
 pub mod amplitudes;
 pub mod campaign;
 pub mod ccr;
+pub mod facility;
 pub mod mag;
+pub mod moduli;
+pub mod orientations;
 pub mod output;
 pub mod parameter;
 pub mod source;
 #[cfg(feature = "tables")]
 pub mod table;
 pub mod text;
+pub mod thermistor;
 pub mod twin;

@@ -378,6 +378,88 @@ fn refuse_semicolons(file: &str, line_number: u64, line: &[u8], section: &str) -
     }
 }
 
+/// A row of a small table: its line number and text, the columns, the cells.
+pub struct TableRow<'a> {
+    /// File.
+    pub file: &'a str,
+    /// Line, from 1.
+    pub number: u64,
+    /// Text of the line.
+    pub line: &'a [u8],
+    /// Where each wanted column stands.
+    pub columns: &'a Columns,
+    /// The cells.
+    pub cells: &'a [Cell<'a>],
+}
+
+impl TableRow<'_> {
+    /// The number in a wanted column.
+    ///
+    /// # Errors
+    /// A cell that is not a number, or no such column.
+    pub fn number(&self, wanted: usize) -> Result<f64, Finding> {
+        self.columns.required(self.file, self.number, self.cells, wanted)
+    }
+
+    /// The number in a wanted column that may be absent or empty.
+    ///
+    /// # Errors
+    /// A cell that is not a number.
+    pub fn optional(&self, wanted: usize) -> Result<Option<f64>, Finding> {
+        self.columns.number(self.file, self.number, self.cells, wanted)
+    }
+
+    /// The text in a wanted column; empty where it is absent.
+    #[must_use]
+    pub fn text(&self, wanted: usize) -> String {
+        let at = self.columns.wanted.get(wanted).copied().flatten();
+        at.and_then(|at| self.cells.get(at)).map_or_else(String::new, |cell| decode(cell.text).into_owned())
+    }
+
+    /// An error about this row.
+    #[must_use]
+    pub fn refuse(&self, rule: &str, remedy: &str) -> Finding {
+        Finding::error(self.file, rule, remedy).at(self.number, 1).found(self.line)
+    }
+}
+
+/// Reads a small CSV table: comments with `#`, a header line with the wanted columns, the first `required` of which must be there,
+/// and one value of `take` per row. Unknown columns become warnings.
+///
+/// # Errors
+/// What is wrong with it, with its place; a table without rows.
+pub fn small_table<T>(
+    file: &str,
+    bytes: &[u8],
+    name: &str,
+    (wanted, required): (&[&str], usize),
+    findings: &mut Vec<Finding>,
+    mut take: impl FnMut(&TableRow) -> Result<T, Finding>,
+) -> Result<Vec<T>, Finding> {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let mut header: Option<Columns> = None;
+    let mut rows = Vec::new();
+    for (line, number) in bytes.split(|b| *b == b'\n').zip(1u64..) {
+        let line = line.strip_suffix(b"\r").unwrap_or(line);
+        if line.trim_ascii().is_empty() || line.starts_with(b"#") {
+            continue;
+        }
+        let Some(columns) = &header else {
+            let found = columns(file, number, line, name, wanted, required)?;
+            findings.extend(found.unknown(file, number, name, wanted));
+            header = Some(found);
+            continue;
+        };
+        let mut cells = Vec::new();
+        columns.row(file, number, line, name, &mut cells)?;
+        rows.push(take(&TableRow { file, number, line, columns, cells: &cells })?);
+    }
+    if rows.is_empty() {
+        return Err(Finding::error(file, format!("{name} holds no rows"), "it needs a header line and at least one row"));
+    }
+    Ok(rows)
+}
+
 impl Columns {
     /// Splits a row and checks its number of cells.
     ///

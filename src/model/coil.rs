@@ -49,6 +49,26 @@ impl Coil {
         super::sensor::base_vectors(self.angles_deg).ok()
     }
 
+    /// Derivatives of [`Coil::axes`] by the angles XY, XZ, YZ, per degree; `None` where there are no axes.
+    #[must_use]
+    pub fn axes_per_degree(&self) -> Option<[Matrix3<f64>; 3]> {
+        let axes = self.axes()?;
+        let [xy, xz, yz] = self.angles_deg.map(f64::to_radians);
+        // The third axis is (cos xz, q, height).
+        let (q, height) = (axes[(1, 2)], axes[(2, 2)]);
+        let q_by = [xz.cos() - q / xy.tan(), xy.cos() * xz.sin() / xy.sin(), -yz.sin() / xy.sin()];
+        let squares_by = [0.0, xz.sin() * xz.cos(), 0.0];
+        Some(std::array::from_fn(|angle| {
+            let mut by = Matrix3::zeros();
+            if angle == 0 {
+                by.set_column(1, &Vector3::new(-xy.sin(), xy.cos(), 0.0));
+            }
+            let x_by = if angle == 1 { -xz.sin() } else { 0.0 };
+            by.set_column(2, &Vector3::new(x_by, q_by[angle], (squares_by[angle] - q * q_by[angle]) / height));
+            by * 1f64.to_radians()
+        }))
+    }
+
     /// The field of a setting at temperatures of coil and rack, °C; `axes` are those of [`Coil::axes`].
     #[must_use]
     pub fn field(&self, axes: &Matrix3<f64>, setting: [f64; 3], coil_degc: f64, rack_degc: f64) -> FieldCoil {
@@ -85,6 +105,20 @@ mod tests {
         let expected = 50_000.0 * 0.99988 * (1.0 + 1.90e-5) * (1.0 + 1.6e-6) + 2.0 + 0.35 - 0.15;
         assert!((field[0] - expected).abs() < 1e-9);
         assert!((field[1] + 2.2).abs() < 1e-9 && (field[2] - (-1.2 + 0.8 - 0.4)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn axes_turn_with_the_angles_as_their_differences_say() {
+        let coil = Coil { angles_deg: [91.3, 87.9, 88.6], ..Coil::IDEAL };
+        let by = coil.axes_per_degree().unwrap();
+        for (angle, by) in by.into_iter().enumerate() {
+            let moved = |deg: f64| {
+                let mut moved = coil.clone();
+                moved.angles_deg[angle] += deg;
+                moved.axes().unwrap()
+            };
+            assert!(((moved(1e-4) - moved(-1e-4)) / 2e-4 - by).amax() < 1e-10);
+        }
     }
 
     #[test]

@@ -79,6 +79,38 @@ impl Position {
         self.axes.map(|(axis, negative)| if negative { -field_coil[axis] } else { field_coil[axis] })
     }
 
+    /// The coil axis (0, 1, 2) along which a sensor axis (0, 1, 2) lies, and its sign: +1, or -1 where it points the other way.
+    #[must_use]
+    pub fn along(&self, sensor_axis: usize) -> (usize, f64) {
+        let (axis, negative) = self.axes[sensor_axis];
+        (axis, if negative { -1.0 } else { 1.0 })
+    }
+
+    /// Reads `-Y +X +Z`, which names the sensor axes along the coil axes X, Y, Z.
+    ///
+    /// # Errors
+    /// As [`Position::from_axes`].
+    pub fn from_orientation(text: &str) -> Result<Self, PositionError> {
+        let named: Vec<String> = text.split_whitespace().map(str::to_owned).collect();
+        let sensor = Self::from_axes(&named)?;
+        // What lies where, turned round: the sensor axis of coil axis k lies along coil axis k.
+        let mut axes = [(0, false); 3];
+        for (coil_axis, (sensor_axis, negative)) in sensor.axes.into_iter().enumerate() {
+            axes[sensor_axis] = (coil_axis, negative);
+        }
+        Ok(Self { axes })
+    }
+
+    /// The sensor axes along the coil axes X, Y, Z: `-Y +X +Z`.
+    #[must_use]
+    pub fn orientation(&self) -> String {
+        let mut names = [""; 3].map(str::to_owned);
+        for (sensor_axis, (coil_axis, negative)) in self.axes.into_iter().enumerate() {
+            names[coil_axis] = format!("{}{}", if negative { '-' } else { '+' }, ["X", "Y", "Z"][sensor_axis]);
+        }
+        names.join(" ")
+    }
+
     /// The names of the axes, `["-Z", "+Y", "+X"]`.
     #[must_use]
     pub fn names(&self) -> [String; 3] {
@@ -120,6 +152,18 @@ mod tests {
         assert_eq!(p.r_nom() * Vector3::y(), Vector3::y());
         assert_eq!(p.r_nom() * Vector3::z(), Vector3::x());
         assert_eq!(p.to_nominal([1.0, 2.0, 3.0]), [-3.0, 2.0, 1.0]);
+    }
+
+    #[test]
+    fn an_orientation_names_the_sensor_axes_along_the_coil_axes() {
+        // Group 2 of CH-GFZ-TR-2601: sensor -Y to the north, +X to the east, +Z to the zenith.
+        let p = Position::from_orientation("-Y +X +Z").unwrap();
+        assert_eq!(p.to_string(), "+Y -X +Z");
+        assert_eq!([p.along(0), p.along(1), p.along(2)], [(1, 1.0), (0, -1.0), (2, 1.0)]);
+        for text in ["+X +Y +Z", "-Y +X +Z", "-Z +Y +X", "-Z +X -Y"] {
+            assert_eq!(Position::from_orientation(text).unwrap().orientation(), text);
+        }
+        assert!(Position::from_orientation("skewed 45 deg").is_err());
     }
 
     #[test]

@@ -6,11 +6,13 @@
 
 mod axis;
 mod canvas;
+pub mod coil;
 mod encode;
 pub mod freq;
 mod legend;
 pub mod lin;
 mod marks;
+pub mod null;
 pub mod offset;
 mod parts;
 pub mod profile;
@@ -18,6 +20,7 @@ mod style;
 pub mod sweep;
 mod text;
 pub mod thermal;
+pub mod thermistor;
 
 use plotters::prelude::RGBColor;
 

@@ -1,13 +1,16 @@
 //! Results as tables for people. Reads result structs and computes nothing about the sensor.
 
+pub mod coil;
 pub mod freq;
 pub mod html;
 pub mod lin;
+pub mod null;
 pub mod offset;
 pub mod protocol;
 pub mod runs;
 pub mod sweep;
 pub mod thermal;
+pub mod thermistor;
 
 use crate::formats::parameter::{Dropped, RunHead};
 use crate::provenance::Provenance;

@@ -5,6 +5,7 @@ use crate::analysis::lin::Lin;
 use crate::analysis::{freq, lin, offset, sweep};
 use crate::error::Finding;
 use crate::formats::ccr;
+use crate::formats::facility::Facility;
 use crate::formats::output::Folder;
 use crate::formats::parameter::{Body, Point};
 use crate::formats::source::hex;
@@ -40,6 +41,17 @@ pub enum Measured {
 }
 
 impl Analyses {
+    /// All analyses as they are by default, with a facility where settings are turned into fields.
+    #[must_use]
+    pub fn with_facility(facility: Option<&Facility>) -> Self {
+        Self {
+            lin: lin::Options { facility: facility.cloned(), ..lin::Options::default() },
+            offset: offset::Options { facility: facility.cloned(), ..offset::Options::default() },
+            freq: freq::Options::default(),
+            sweep: sweep::Options { facility: facility.cloned(), ..sweep::Options::default() },
+        }
+    }
+
     /// Reads and analyses one run.
     ///
     /// # Errors

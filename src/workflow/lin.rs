@@ -9,6 +9,7 @@ use crate::formats::parameter::{Cpf, RunHead};
 use crate::formats::table::Table;
 use crate::plateau::{self, Accumulator, Settling};
 use crate::plot::{self, Named};
+use crate::provenance::Input;
 use crate::report;
 use crate::run::{Kind, Run};
 
@@ -30,6 +31,10 @@ impl PerRun for Options {
         Ok(result)
     }
 
+    fn inputs(&self) -> Vec<Input> {
+        self.facility.iter().map(|f| f.input.clone()).collect()
+    }
+
     fn recorded(&self, result: &Lin) -> String {
         let mut text = format!(" --order {}", result.parameters.offset.trend_order);
         for (axis, limit) in ["x", "y", "z"].into_iter().zip(self.max_field_nt) {
@@ -39,6 +44,9 @@ impl PerRun for Options {
         }
         if self.robust {
             text.push_str(" --robust");
+        }
+        if let Some(facility) = &self.facility {
+            text.push_str(&facility.recorded());
         }
         text.push_str(&recorded_cut(self.settling, self.least_coverage));
         for (allowed, name) in [(self.allow_gain, "gain"), (self.allow_mismatch, "mismatch")] {

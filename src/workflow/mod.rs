@@ -2,13 +2,16 @@
 //! verification have in common.
 
 mod all;
+mod coil;
 mod freq;
 mod lin;
+mod null;
 mod offset;
 mod sweep;
 mod thermal;
 
 pub use all::{Analyses, LinName, Measured, publish_tables, publish_thermal_names, scale_offsets};
+pub use coil::{CoilMade, CoilResult, TiltInput, facility, publish_coil, residual_of, residual_of_table, scalar_of};
 pub use freq::of_table;
 pub use thermal::{ThermalOptions, ThermalShown, thermals};
 

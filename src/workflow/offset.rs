@@ -2,6 +2,7 @@
 
 use super::lin::recorded_cut;
 use super::{PerRun, Refusal, RunReport, RunResult};
+use crate::analysis::conditions::apply_facility;
 use crate::analysis::offset::{Offset, Options, offset};
 use crate::campaign::Campaign;
 use crate::formats::parameter::{Opf, RunHead};
@@ -25,16 +26,31 @@ impl PerRun for Options {
     }
 
     fn analyse(&self, run: &Run, accumulator: Self::Sink, campaign: &Campaign) -> Result<Offset, Refusal> {
-        let plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
-        offset(run, &plateaus, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
+        let mut plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
+        let mut warnings = Vec::new();
+        let applied = self
+            .facility
+            .as_ref()
+            .map(|f| apply_facility(&f.without_offset(), run, campaign, &mut plateaus.list, &mut warnings))
+            .transpose()
+            .map_err(|e| Refusal { rule: e.to_string(), remedy: "correct the facility" })?;
+        let mut result =
+            offset(run, &plateaus, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
+        result.parameters.facility = applied;
+        result.parameters.warnings.extend(warnings);
+        Ok(result)
     }
 
     fn inputs(&self) -> Vec<Input> {
-        self.cpf.iter().map(|(input, _)| input.clone()).collect()
+        let facility = self.facility.iter().map(|f| f.input.clone());
+        self.cpf.iter().map(|(input, _)| input.clone()).chain(facility).collect()
     }
 
     fn recorded(&self, _result: &Offset) -> String {
         let mut text = self.cpf.as_ref().map_or_else(String::new, |(input, _)| format!(" --cpf {}", input.path));
+        if let Some(facility) = &self.facility {
+            text.push_str(&facility.recorded());
+        }
         text.push_str(&recorded_cut(self.settling, self.least_coverage));
         if self.allow_mismatch {
             text.push_str(" --allow mismatch");

@@ -9,6 +9,7 @@ use crate::formats::parameter::{RunHead, Tpf};
 use crate::formats::table::Table;
 use crate::plateau::{self, Accumulator};
 use crate::plot::{self, Named};
+use crate::provenance::Input;
 use crate::report;
 use crate::run::{Kind, Run};
 
@@ -28,6 +29,10 @@ impl PerRun for Options {
         sweep(run, &plateaus, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
     }
 
+    fn inputs(&self) -> Vec<Input> {
+        self.facility.iter().map(|f| f.input.clone()).collect()
+    }
+
     fn recorded(&self, _result: &Sweep) -> String {
         let mut text: String = self.orders.iter().map(|(name, order)| format!(" --order {name}={order}")).collect();
         match self.window {
@@ -37,6 +42,9 @@ impl PerRun for Options {
         }
         if let Some(most) = self.most_k_per_min {
             text.push_str(&format!(" --max-rate {most}"));
+        }
+        if let Some(facility) = &self.facility {
+            text.push_str(&facility.recorded());
         }
         text + &recorded_cut(self.settling, self.least_coverage)
     }

@@ -5,6 +5,7 @@ use crate::analysis::lin::Lin;
 use crate::analysis::thermal::{File, Group, Kind, Thermal, ThermalError, groups, thermal};
 use crate::error::Finding;
 use crate::formats::campaign::ThermalEntry;
+use crate::formats::facility::Facility;
 use crate::formats::output::Folder;
 use crate::formats::parameter::Point;
 use crate::plot;
@@ -19,6 +20,8 @@ pub struct ThermalOptions {
     pub orders: Vec<(String, usize)>,
     /// Fit the plateaus of all runs at once as well.
     pub joint: bool,
+    /// The facility that turns the settings of the runs into fields.
+    pub facility: Option<Facility>,
 }
 
 impl ThermalOptions {
@@ -34,6 +37,9 @@ impl ThermalOptions {
         let mut text = self.recorded_orders();
         if self.joint {
             text.push_str(" --joint");
+        }
+        if let Some(facility) = &self.facility {
+            text.push_str(&facility.recorded());
         }
         text
     }

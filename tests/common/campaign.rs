@@ -1,7 +1,7 @@
 //! A campaign with runs of every kind at four temperatures.
 
 use super::check::Case;
-use super::{POSITIONS, Plan, Run, Setting, Truth, in_positions, offset_fields, programme, sines};
+use super::{POSITIONS, Plan, Run, Setting, Truth, in_positions, offset_fields, programme, sines, with_rows};
 
 /// Temperatures of the sensor, °C.
 pub const TEMPERATURES_DEGC: [f64; 4] = [-60.0, 0.0, 60.0, 120.0];
@@ -77,7 +77,20 @@ pub fn write(case: &Case) {
         put(10, freq.run(), "frequency", "FREQ2000.MAG");
         if index == 0 {
             put(11, plan(vec![Setting::constant(0.0, 60.0, [0.0; 3], 1)], 4).run(), "zero-field", "NULL.MAG");
-            put(12, plan(programme(&[-50_000.0, 50_000.0], 2.0), 5).run(), "sweep", "RANDOM50000.MAG");
+            // Directions that turn by the golden angle, while the temperature rises.
+            let direction = |k: i32| {
+                let (z, turn) = (1.0 - (2.0 * f64::from(k) + 1.0) / 60.0, 2.4 * f64::from(k));
+                let aside = (1.0 - z * z).sqrt();
+                [2000.0 * aside * turn.cos(), 2000.0 * aside * turn.sin(), 2000.0 * z]
+            };
+            let fields: Vec<[f64; 3]> = (0..60).map(|k| direction(7 * k % 60)).collect();
+            let sweep = plan(in_positions(&[1], &fields, 2.0), 5).run();
+            let text = at(sweep, "sweep", "RANDOM50000.MAG", &id(12, 0), degc);
+            let warmer = |cells: &[&str]| match cells[0].parse::<f64>() {
+                Ok(t) => format!("{},{},{}", cells[0], cells[1], degc + 0.5 * t),
+                Err(_) => cells.join(","),
+            };
+            case.put(&format!("{}.CCR", id(12, 0).replace('_', "/")), with_rows(&text, "@TEMPERATURES", warmer));
         }
     }
 }

@@ -1,6 +1,6 @@
 //! CPF: the linear calibration of one run.
 
-use super::{Body, Conditions, Dropped, Rows, RunHead};
+use super::{Body, Conditions, Dropped, FacilityApplied, Rows, RunHead};
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -55,6 +55,9 @@ pub struct Cpf {
     /// Temperatures during the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conditions: Option<Conditions>,
+    /// The facility that turned settings into the reference field; absent if the settings were taken as the field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub facility: Option<FacilityApplied>,
     /// Plateaus that were not used.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub dropped: Vec<Dropped>,

@@ -3,24 +3,36 @@
 //! Numbers are written with as many digits as it takes to read the same number back. `content_sha256` is the hash of the file
 //! without its `created` and `content_sha256` lines, so that equal results have equal hashes and a damaged file shows.
 
+mod coil;
 mod cpf;
 mod emit;
 mod fpf;
 mod head;
+mod null;
 mod opf;
 mod point;
 mod thermal;
+mod thermistor;
 
+pub use coil::{
+    AxisResidual, CoilConvention, CoilResidual, CoilScalar, CoilTilt, FacilityApplied, FacilityPart, ResidualState,
+    ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity, TiltOrientation, TiltValues,
+};
 pub use cpf::{Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Quality, Setup, Spread, Std, Summary, Validity};
 pub use emit::toml;
 pub use fpf::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
 pub use head::{Conditions, Dropped, Rows, RunHead};
+pub use null::{
+    AllanPart, ChannelPart, CornerPart, DensityPart, LinePart, Npf, NullConvention, NullOffset, RecordPart, SpectrumPart,
+    StopPart, TogetherPart,
+};
 pub use opf::{Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
 pub use point::{Point, RunPoint, Values, read_point};
 pub use thermal::{
     JointPart, LagPart, ModelError, QuantityPart, ResidualField, Rotation, SweepPart, Taf, ThermalConvention, ThermalHead, Tof,
     Tpf,
 };
+pub use thermistor::{ComparedPolynomial, OrderPart, ReferencePart, TableRow, ThermistorConvention, ThermistorFile};
 
 use super::source::{hex, read_whole};
 use crate::error::Finding;
@@ -93,7 +105,7 @@ fn holds_gap(value: &serde_json::Value) -> bool {
     }
 }
 
-fn content_hash(text: &str) -> String {
+pub(super) fn content_hash(text: &str) -> String {
     let mut hash = Sha256::new();
     for line in text.lines().filter(|l| !l.starts_with("created = ") && !l.starts_with("content_sha256 = ")) {
         hash.update(line.as_bytes());

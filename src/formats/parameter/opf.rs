@@ -1,6 +1,6 @@
 //! OPF: sensor offset and residual field of the coil system from normal and turned positions.
 
-use super::{Body, Conditions, Dropped, RunHead};
+use super::{Body, Conditions, Dropped, FacilityApplied, RunHead};
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -63,6 +63,9 @@ pub struct Opf {
     /// Temperatures during the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conditions: Option<Conditions>,
+    /// The facility whose scale factors and angles turned settings into applied fields; absent if the settings were taken as fields.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub facility: Option<FacilityApplied>,
     /// Plateaus that were not used.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub dropped: Vec<Dropped>,

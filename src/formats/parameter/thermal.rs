@@ -147,6 +147,9 @@ pub struct SweepPart {
     pub residual_nt: [f64; 3],
     /// How the sensor follows every thermistor that moves.
     pub lag: Vec<LagPart>,
+    /// The facility that turned settings into the reference field; absent if the settings were taken as the field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub facility: Option<super::FacilityApplied>,
 }
 
 /// How the sensor follows a thermistor.

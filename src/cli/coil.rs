@@ -1,0 +1,177 @@
+//! `calfit coil`: the facility's own calibration.
+
+use super::output::{Terminal, json};
+use super::{Common, Status, open, report_failures, status};
+use crate::analysis::coil::{scalar, tilt};
+use crate::analysis::lin;
+use crate::campaign::Campaign;
+use crate::error::Finding;
+use crate::formats::output::Folder;
+use crate::run::Kind;
+use crate::workflow::{
+    CoilMade, CoilResult, Desk, Failure, Job, TiltInput, facility, jobs, publish_coil, residual_of, residual_of_table, scalar_of,
+};
+use clap::{Args, Subcommand};
+use std::path::{Path, PathBuf};
+
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    method: Method,
+}
+
+#[derive(Debug, Subcommand)]
+enum Method {
+    /// Scale factors, offset fields and angles of the coils from settings and moduli of a scalar magnetometer.
+    Scalar(ScalarArguments),
+    /// Residual field per coil axis from moduli at plus and minus F.
+    Residual(ResidualArguments),
+    /// Sensor and facility from runs of one sensor in several orientations.
+    Tilt(TiltArguments),
+}
+
+#[derive(Args, Debug)]
+struct ScalarArguments {
+    /// Campaign folders or run files with @SCALAR rows; several runs are several calibrations of one facility. From three on at
+    /// different temperatures the coefficients of the coil temperature are found as well.
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// Channel of the rack temperature, whose coefficients are found from four calibrations on.
+    #[arg(long, value_name = "CHANNEL")]
+    rack_channel: Option<String>,
+}
+
+#[derive(Args, Debug)]
+struct ResidualArguments {
+    /// Campaign folders or run files whose @SCALAR rows hold +F and -F on one axis, every run a state of the facility; or one table
+    /// axis,state,plus_nt,minus_nt and optionally std_nt (.csv): axis X, Y or Z, state as `before nulling`, moduli at +F and -F.
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+struct TiltArguments {
+    /// Tables of run results (.csv) with the columns run, sensor, orientation, sx_nt_per_eu, sy_, sz_, x0_nt, y0_, z0_, xi_xy_deg,
+    /// xi_xz_, xi_yz_, where orientation names the sensor axes along the coil axes X, Y, Z as in `-Y +X +Z`; linear calibrations
+    /// (.CPF); campaign folders or linearity runs.
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// The facility that the runs were evaluated with: scale_nt_per_eu, offset_nt, angles_deg.
+    #[arg(long, value_name = "FILE")]
+    facility: Option<PathBuf>,
+    /// Sensor, where several were turned.
+    #[arg(long, value_name = "NAME")]
+    sensor: Option<String>,
+    /// Use orientations that do not agree with the others, too.
+    #[arg(long)]
+    keep_all: bool,
+}
+
+pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    // Refuse what cannot be written before the work begins.
+    Folder::open(&common.out, common.force)?;
+    match &arguments.method {
+        Method::Scalar(own) => {
+            let options = scalar::Options { rack_channel: own.rack_channel.clone() };
+            let campaigns = open(&own.paths, terminal)?;
+            let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
+            let mut failures = Vec::new();
+            let made = scalar_of(&jobs, &options, &common.desk(), &mut failures).transpose();
+            finish(made, failures, jobs.len(), common, terminal)
+        }
+        Method::Residual(own) => residual_field(own, common, terminal),
+        Method::Tilt(own) => orientations(own, common, terminal),
+    }
+}
+
+fn jobs_of<'a>(campaigns: &'a [Campaign], paths: &[PathBuf], kind: Kind, terminal: &Terminal) -> Result<Vec<Job<'a>>, Finding> {
+    let (jobs, unmatched) = jobs(campaigns, Some(kind));
+    terminal.unmatched(&unmatched);
+    if jobs.is_empty() {
+        let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
+        let rule = format!("holds no {kind} run");
+        return Err(Finding::error(&shown.join(", "), rule, "list the runs with `calfit inspect`"));
+    }
+    Ok(jobs)
+}
+
+fn ends_with(path: &Path, end: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(end))
+}
+
+fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let desk = common.desk();
+    if let [table] = own.paths.as_slice()
+        && ends_with(table, "csv")
+    {
+        let mut findings = Vec::new();
+        let made = residual_of_table(table, &mut findings)?;
+        findings.iter().for_each(|f| terminal.finding(f));
+        return finish(Some(Ok(made)), Vec::new(), 1, common, terminal);
+    }
+    if let Some(table) = own.paths.iter().find(|p| ends_with(p, "csv")) {
+        return Err(Finding::error(&table.display().to_string(), "is not the only PATH", "name one table alone, or runs"));
+    }
+    let campaigns = open(&own.paths, terminal)?;
+    let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
+    let mut failures = Vec::new();
+    let made = residual_of(&jobs, &desk, &mut failures).transpose();
+    finish(made, failures, jobs.len(), common, terminal)
+}
+
+fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let facility = facility(own.facility.as_ref())?;
+    let mut input = TiltInput::default();
+    let mut failures = Vec::new();
+    let mut campaign_paths = Vec::new();
+    for path in &own.paths {
+        if ends_with(path, "csv") {
+            let mut findings = Vec::new();
+            let read = input.table(path, &mut findings);
+            findings.iter().for_each(|f| terminal.finding(f));
+            read?;
+        } else if ends_with(path, "cpf") {
+            input.cpf(path)?;
+        } else {
+            campaign_paths.push(path.clone());
+        }
+    }
+    let campaigns = if campaign_paths.is_empty() { Vec::new() } else { open(&campaign_paths, terminal)? };
+    if !campaigns.is_empty() {
+        let jobs = jobs_of(&campaigns, &campaign_paths, Kind::Linearity, terminal)?;
+        let options = lin::Options { facility: facility.clone(), ..lin::Options::default() };
+        input.runs(&jobs, &options, &Desk { plots: false, ..common.desk() }, &mut failures);
+    }
+    let options = tilt::Options { sensor: own.sensor.clone(), keep_all: own.keep_all };
+    let made = input.solve(facility.as_ref(), &options);
+    finish(Some(made), failures, own.paths.len(), common, terminal)
+}
+
+/// Writes and prints the result, and the errors of the runs that are not in it.
+fn finish<R: CoilResult>(
+    made: Option<Result<CoilMade<R>, Finding>>,
+    mut failures: Vec<(String, Failure)>,
+    total: usize,
+    common: &Common,
+    terminal: &Terminal,
+) -> Result<Status, Finding> {
+    let published = made.map(|made| made.and_then(|made| publish_coil(&made, &common.desk()).map(|name| (made, name))));
+    let done = match published {
+        Some(Ok((made, name))) => {
+            made.result.warnings().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+            if common.json {
+                terminal.print(&json(&made.result)?);
+            } else {
+                terminal.tell(&format!("{}  -> {}\n", made.result.summary(), common.out.join(&name).display()));
+            }
+            1
+        }
+        Some(Err(finding)) => {
+            failures.push((finding.file.to_string(), Failure::Refused(finding)));
+            0
+        }
+        None => 0,
+    };
+    report_failures(terminal, &failures, total);
+    Ok(status(done, failures.iter().map(|(_, f)| f)))
+}

@@ -1,0 +1,22 @@
+//! `calfit null`: offset drift, noise and correlations of every zero-field run.
+
+use super::output::Terminal;
+use super::{Common, Status, each};
+use crate::analysis::null::Options;
+use crate::error::Finding;
+use clap::Args;
+use std::path::PathBuf;
+
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// Campaign folders or run files.
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// Order of the drift in time, 0 to 3.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(0..=3))]
+    order: u8,
+}
+
+pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    each::run(&Options { order: usize::from(arguments.order) }, &arguments.paths, common, terminal)
+}

@@ -1,0 +1,372 @@
+//! The facility's own calibration as files, figures and text.
+
+use super::{Desk, Failure, Job, draw, make, parameter_text};
+use crate::analysis::coil::{CoilError, Residual, Scalar, Tilt, residual, scalar, tilt};
+use crate::analysis::lin;
+use crate::campaign::Campaign;
+use crate::error::Finding;
+use crate::formats::facility::{self, Facility};
+use crate::formats::orientations::RunResult;
+use crate::formats::output::Folder;
+use crate::formats::parameter::{self, Body, CoilResidual, CoilScalar, CoilTilt, Cpf, FacilityPart};
+use crate::formats::{ccr, moduli, orientations};
+use crate::model::position::Position;
+use crate::plot::{self, Named};
+use crate::provenance::{Input, Provenance};
+use crate::report::{self, FigureLink};
+use crate::run::Run;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// A calibration of the facility for people and programs.
+pub trait CoilResult: Serialize {
+    /// The parameter file.
+    type Parameters: Body;
+    /// What goes into the parameter file.
+    fn parameters(&self) -> &Self::Parameters;
+    /// What a person should know.
+    fn warnings(&self) -> &[String];
+    /// The figures in their order.
+    fn figures(&self) -> Vec<Named>;
+    /// Title of the report.
+    fn title(&self) -> String;
+    /// The sections of the report with headings of the given level.
+    fn sections(&self, level: usize) -> String;
+    /// A few lines for the terminal.
+    fn summary(&self) -> String;
+}
+
+impl CoilResult for Scalar {
+    type Parameters = CoilScalar;
+    fn parameters(&self) -> &CoilScalar {
+        &self.parameters
+    }
+    fn warnings(&self) -> &[String] {
+        &self.parameters.warnings
+    }
+    fn figures(&self) -> Vec<Named> {
+        plot::coil::scalar(self)
+    }
+    fn title(&self) -> String {
+        "Scalar calibration of the coil system".to_owned()
+    }
+    fn sections(&self, level: usize) -> String {
+        report::coil::scalar(self, level)
+    }
+    fn summary(&self) -> String {
+        report::coil::scalar_summary(self)
+    }
+}
+
+impl CoilResult for Residual {
+    type Parameters = CoilResidual;
+    fn parameters(&self) -> &CoilResidual {
+        &self.parameters
+    }
+    fn warnings(&self) -> &[String] {
+        &self.parameters.warnings
+    }
+    fn figures(&self) -> Vec<Named> {
+        plot::coil::residual(self)
+    }
+    fn title(&self) -> String {
+        "Residual field of the coil system".to_owned()
+    }
+    fn sections(&self, level: usize) -> String {
+        report::coil::residual(self, level)
+    }
+    fn summary(&self) -> String {
+        report::coil::residual_summary(self)
+    }
+}
+
+impl CoilResult for Tilt {
+    type Parameters = CoilTilt;
+    fn parameters(&self) -> &CoilTilt {
+        &self.parameters
+    }
+    fn warnings(&self) -> &[String] {
+        &self.parameters.warnings
+    }
+    fn figures(&self) -> Vec<Named> {
+        plot::coil::tilt(self)
+    }
+    fn title(&self) -> String {
+        format!("Sensor {} and coil system from several orientations", report::or_not_stated(&self.parameters.sensor))
+    }
+    fn sections(&self, level: usize) -> String {
+        report::coil::tilt(self, level)
+    }
+    fn summary(&self) -> String {
+        report::coil::tilt_summary(self)
+    }
+}
+
+/// A calibration of the facility with its origin.
+pub struct CoilMade<R> {
+    /// The result.
+    pub result: R,
+    /// Its origin.
+    pub provenance: Provenance,
+}
+
+/// A run that was read without its vectors, with its campaign.
+struct Read<'a> {
+    run: Run,
+    campaign: &'a Campaign,
+}
+
+/// Reads runs; those that cannot be read go to `failures`. The list is in time order.
+fn read<'a>(jobs: &[Job<'a>], desk: &Desk, failures: &mut Vec<(String, Failure)>) -> Vec<Read<'a>> {
+    let mut list = Vec::new();
+    for job in jobs {
+        let made = job
+            .unique()
+            .and_then(|()| ccr::read(&job.path, &desk.reading(&job.recorded, false), &mut ()).map_err(Failure::Unreadable));
+        match made {
+            Ok(run) => list.push(Read { run, campaign: job.campaign }),
+            Err(failure) => failures.push((job.recorded.clone(), failure)),
+        }
+    }
+    list.sort_by(|a, b| a.run.header.start.cmp(&b.run.header.start));
+    list
+}
+
+fn inputs(runs: &[Read]) -> Vec<Input> {
+    let mut list: Vec<Input> = runs.iter().map(|r| Input::from(&r.run.input)).collect();
+    for input in runs.iter().filter_map(|r| r.campaign.input.clone()) {
+        if !list.contains(&input) {
+            list.push(input);
+        }
+    }
+    list
+}
+
+fn refuse(runs: &[Read], error: &CoilError) -> Finding {
+    let names: Vec<&str> = runs.iter().map(|r| r.run.input.path.as_str()).collect();
+    Finding::error(&names.join(", "), error.to_string(), error.remedy())
+}
+
+/// The scalar calibration of some runs. Runs with too few rows for it, such as those of a residual field, are passed over where others
+/// have enough.
+///
+/// # Errors
+/// The runs do not determine the facility.
+pub fn scalar_of(
+    jobs: &[Job],
+    options: &scalar::Options,
+    desk: &Desk,
+    failures: &mut Vec<(String, Failure)>,
+) -> Result<Option<CoilMade<Scalar>>, Finding> {
+    const LEAST_ROWS: usize = 10;
+    let mut runs = read(jobs, desk, failures);
+    if runs.is_empty() {
+        return Ok(None);
+    }
+    let mut warnings = Vec::new();
+    if runs.iter().any(|r| r.run.scalar.len() >= LEAST_ROWS) {
+        runs.retain(|r| {
+            let enough = r.run.scalar.len() >= LEAST_ROWS;
+            if !enough {
+                warnings.push(format!("run {} has {} @SCALAR rows and was not used", r.run.header.run, r.run.scalar.len()));
+            }
+            enough
+        });
+    }
+    let given: Vec<(&Run, &Campaign)> = runs.iter().map(|r| (&r.run, r.campaign)).collect();
+    let mut result = scalar(&given, options).map_err(|e| refuse(&runs, &e))?;
+    result.parameters.warnings.extend(warnings);
+    let channel = options.rack_channel.as_ref().map_or_else(String::new, |c| format!(" --rack-channel {c}"));
+    let provenance = Provenance::new(format!("calfit coil scalar{channel}"), inputs(&runs));
+    Ok(Some(CoilMade { result, provenance }))
+}
+
+/// The residual field from scalar runs.
+///
+/// # Errors
+/// No run has settings of plus and minus F.
+pub fn residual_of(
+    jobs: &[Job],
+    desk: &Desk,
+    failures: &mut Vec<(String, Failure)>,
+) -> Result<Option<CoilMade<Residual>>, Finding> {
+    let mut runs = read(jobs, desk, failures);
+    if runs.is_empty() {
+        return Ok(None);
+    }
+    let given: Vec<&Run> = runs.iter().map(|r| &r.run).collect();
+    let result = residual(&given).map_err(|e| refuse(&runs, &e))?;
+    runs.retain(|r| result.parameters.used.contains(&r.run.header.run));
+    Ok(Some(CoilMade { result, provenance: Provenance::new("calfit coil residual".to_owned(), inputs(&runs)) }))
+}
+
+/// File name without and with its end.
+fn names(path: &Path) -> (String, String) {
+    let text = |part: Option<&std::ffi::OsStr>| part.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    (text(path.file_stem()), text(path.file_name()))
+}
+
+/// The residual field from a table of moduli; its name is the run id. Warnings go to `findings`.
+///
+/// # Errors
+/// The table cannot be read, or its name cannot be a run id.
+pub fn residual_of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<CoilMade<Residual>, Finding> {
+    let (rows, digested) = moduli::read(path, findings)?;
+    let (id, name) = names(path);
+    let shown = path.display().to_string();
+    if !ccr::run_id_is_safe(&id) {
+        return Err(Finding::error(&shown, "its name cannot be a run id", "rename it").found(id.as_bytes()));
+    }
+    let result = residual::of_table(&rows, &id).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
+    let input = Input { path: name, size_bytes: digested.size_bytes, sha256: digested.sha256 };
+    Ok(CoilMade { result, provenance: Provenance::new("calfit coil residual".to_owned(), vec![input]) })
+}
+
+/// What a tilt calibration rests on.
+#[derive(Default)]
+pub struct TiltInput {
+    results: Vec<RunResult>,
+    inputs: Vec<Input>,
+    /// Facilities that the parameter files say they were made with.
+    stated: Vec<Option<FacilityPart>>,
+}
+
+impl TiltInput {
+    /// Takes the rows of a table; warnings go to `findings`.
+    ///
+    /// # Errors
+    /// The table cannot be read.
+    pub fn table(&mut self, path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
+        let (rows, digested) = orientations::read(path, findings)?;
+        self.inputs.push(Input { path: names(path).1, size_bytes: digested.size_bytes, sha256: digested.sha256 });
+        self.results.extend(rows);
+        Ok(())
+    }
+
+    /// Takes a linear calibration.
+    ///
+    /// # Errors
+    /// The file cannot be read, or its position is none.
+    pub fn cpf(&mut self, path: &Path) -> Result<(), Finding> {
+        let file = parameter::read::<Cpf>(path)?;
+        let result = of_cpf(&file.body).map_err(|rule| Finding::error(&path.display().to_string(), rule, "fit the run again"))?;
+        self.inputs.push(file.input);
+        self.stated.push(file.body.facility.as_ref().map(|f| f.applied.clone()));
+        self.results.push(result);
+        Ok(())
+    }
+
+    /// Fits linearity runs with the facility and takes the results; what cannot be fitted goes to `failures`.
+    pub fn runs(&mut self, jobs: &[Job], options: &lin::Options, desk: &Desk, failures: &mut Vec<(String, Failure)>) {
+        for job in jobs {
+            let made = make(options, job, desk, true).and_then(|made| {
+                let result = of_cpf(&made.result.parameters).map_err(|rule| {
+                    Failure::Refused(Finding::error(&job.recorded, rule, "correct the position in campaign.toml"))
+                })?;
+                Ok((result, made.provenance.input))
+            });
+            match made {
+                Ok((result, inputs)) => {
+                    self.results.push(result);
+                    self.inputs.extend(inputs);
+                }
+                Err(failure) => failures.push((job.recorded.clone(), failure)),
+            }
+        }
+    }
+
+    /// Tells sensor and facility apart; `used` is the facility that the runs were evaluated with, unless the files say so.
+    ///
+    /// # Errors
+    /// The orientations do not determine anything, or the files were made with different facilities.
+    pub fn solve(self, used: Option<&Facility>, options: &tilt::Options) -> Result<CoilMade<Tilt>, Finding> {
+        let shown: Vec<&str> = self.inputs.iter().map(|i| i.path.as_str()).collect();
+        let shown = shown.join(", ");
+        let mut warnings = Vec::new();
+        let stated = self.stated.first().cloned().flatten();
+        if self.stated.iter().any(|s| *s != stated) {
+            let rule = "the parameter files were made with different facilities";
+            return Err(Finding::error(&shown, rule, "fit the runs again with the same --facility"));
+        }
+        let before = match (used, stated) {
+            (Some(file), Some(stated)) if file.part != stated => {
+                let rule = format!("the parameter files were made with another facility than {}", file.input.path);
+                return Err(Finding::error(&shown, rule, "leave --facility out, or name the file they were made with"));
+            }
+            (Some(file), _) => file.part.clone(),
+            (None, Some(stated)) => stated,
+            (None, None) => {
+                warnings.push("no --facility: the runs were taken as evaluated with ideal coils".to_owned());
+                FacilityPart::constant([1.0; 3], [0.0; 3], [90.0; 3])
+            }
+        };
+        let mut result = tilt(&self.results, &before, options).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
+        result.parameters.warnings.extend(warnings);
+        let mut command = "calfit coil tilt".to_owned();
+        if let Some(file) = used {
+            command.push_str(&file.recorded());
+        }
+        if let Some(sensor) = &options.sensor {
+            command.push_str(&format!(" --sensor {sensor}"));
+        }
+        if options.keep_all {
+            command.push_str(" --keep-all");
+        }
+        let mut inputs: Vec<Input> = Vec::new();
+        for input in self.inputs.into_iter().chain(used.map(|f| f.input.clone())) {
+            if !inputs.contains(&input) {
+                inputs.push(input);
+            }
+        }
+        Ok(CoilMade { result, provenance: Provenance::new(command, inputs) })
+    }
+}
+
+/// The result of a run in its orientation.
+fn of_cpf(cpf: &Cpf) -> Result<RunResult, String> {
+    let position = Position::from_axes(&cpf.setup.position_axes).map_err(|e| e.to_string())?;
+    let sigma: [f64; 3] = std::array::from_fn(|i| cpf.matrix.sigma[i][i]);
+    let a = &cpf.angle_deg;
+    Ok(RunResult {
+        run: cpf.run.id.clone(),
+        sensor: cpf.run.sensor.clone(),
+        position,
+        sigma,
+        offset_nt: std::array::from_fn(|i| sigma[i] * cpf.offset.b_or_ent[i]),
+        xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
+    })
+}
+
+/// Reads the facility of `--facility`.
+///
+/// # Errors
+/// The file is no facility.
+pub fn facility(path: Option<&PathBuf>) -> Result<Option<Facility>, Finding> {
+    path.map(|path| facility::read(path)).transpose()
+}
+
+/// Writes figures, report and parameter file, the last one last; returns the name of the parameter file.
+///
+/// # Errors
+/// What cannot be drawn or written.
+pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<String, Finding> {
+    let result = &made.result;
+    let name = result.parameters().file_name();
+    let stem = name.trim_end_matches(".toml").to_owned();
+    let (begin, first) = stem.split_once("__").unwrap_or((&stem, ""));
+    let folder = Folder::open(&desk.out, desk.force)?;
+    folder.check(&name)?;
+    let drawn = if desk.plots {
+        draw(&folder, &result.figures(), |figure| format!("{begin}_{figure}__{first}.png"))?
+    } else {
+        Vec::new()
+    };
+    let links = FigureLink::number(&drawn, "", &mut 0);
+    let text = report::standalone(&result.title(), result.warnings(), &result.sections(2), &links, &made.provenance);
+    folder.write(&format!("REPORT_{stem}.md"), text.as_bytes())?;
+    folder.sync()?;
+    let text = parameter_text(&name, result.parameters(), &made.provenance)?;
+    folder.write(&name, text.as_bytes())?;
+    folder.sync()?;
+    Ok(name)
+}

@@ -1,0 +1,70 @@
+//! Zero-field runs as files, figures and text.
+
+use super::{PerRun, Refusal, RunReport, RunResult};
+use crate::analysis::null::{Null, Options, Record, null};
+use crate::campaign::Campaign;
+use crate::envelope::Envelope;
+use crate::formats::parameter::{Npf, RunHead};
+#[cfg(feature = "tables")]
+use crate::formats::table::Table;
+use crate::plot::{self, Named};
+use crate::report;
+use crate::run::{Kind, Run};
+
+impl PerRun for Options {
+    const COMMAND: &'static str = "null";
+    const KIND: Kind = Kind::ZeroField;
+    const STEM: &'static str = "NULL";
+    type Sink = (Record, Option<Envelope>);
+    type Result = Null;
+
+    fn sink(&self, figures: bool) -> Self::Sink {
+        (Record::default(), figures.then(Envelope::default))
+    }
+
+    fn analyse(&self, run: &Run, (record, envelope): Self::Sink, campaign: &Campaign) -> Result<Null, Refusal> {
+        let mut result = null(run, record, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
+        result.samples = envelope.map(|e| e.columns());
+        Ok(result)
+    }
+
+    fn recorded(&self, _result: &Null) -> String {
+        format!(" --order {}", self.order)
+    }
+}
+
+impl RunReport for Null {
+    fn head(&self) -> &RunHead {
+        &self.parameters.run
+    }
+    fn warnings(&self) -> &[String] {
+        &self.parameters.warnings
+    }
+    fn figures(&self) -> Vec<Named> {
+        plot::null::figures(self)
+    }
+    fn title(&self) -> String {
+        format!("Offset drift and noise in zero field, run {}", self.parameters.run.id)
+    }
+    fn sections(&self, level: usize) -> String {
+        report::null::sections(self, level)
+    }
+    fn headline(&self) -> String {
+        report::null::headline(self)
+    }
+    fn summary(&self) -> String {
+        report::null::summary(self)
+    }
+}
+
+impl RunResult for Null {
+    type Parameters = Npf;
+
+    fn parameters(&self) -> &Npf {
+        &self.parameters
+    }
+    #[cfg(feature = "tables")]
+    fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
+        ("readings enT, sensor axes; densities enT/sqrt(Hz)", report::null::parameter_table(all))
+    }
+}

@@ -1,0 +1,559 @@
+//! `calfit coil`: the facility's parameters come back, printed numbers too, and what the data do not determine is refused by name.
+
+mod common;
+
+use calfit::analysis::coil::scalar::{Options, Scalar, scalar};
+use calfit::campaign::Campaign;
+use calfit::fit::student_95;
+use calfit::run::{Header, InputFile, Kind, ReadingUnit, Run, ScalarRow, SlowTable, VectorAccount};
+use common::check::{Case, calfit, close, cpf, number, parameters, says, sigma, text, three};
+use common::{Gauss, Plan, programme};
+use std::path::{Path, PathBuf};
+
+type Three = [f64; 3];
+
+/// The facility of March 1998, CH-GFZ-TR-2601 section 6.
+const SCALE: Three = [0.99988, 0.99993, 0.99994];
+const OFFSET_NT: Three = [2.0, -2.2, -1.2];
+const ANGLES_DEG: Three = [90.0031, 89.9962, 89.9664];
+/// Coil temperatures of its four scalar calibrations, °C, and what the temperature changes.
+const CALIBRATIONS_DEGC: [f64; 4] = [16.56, 16.38, 16.60, 17.03];
+const SCALE_PER_K: Three = [1.90e-5, 1.65e-5, 1.75e-5];
+const OFFSET_PER_K: Three = [0.35, 0.0, 0.80];
+const RACK_SCALE_PER_K: f64 = -8e-7;
+
+fn repository(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+/// A facility of the test's own: the coil axes come from the Cholesky factor of the table of their cosines.
+#[derive(Clone, Copy)]
+struct Facility {
+    scale: Three,
+    offset_nt: Three,
+    angles_deg: Three,
+}
+
+const FACILITY: Facility = Facility { scale: SCALE, offset_nt: OFFSET_NT, angles_deg: ANGLES_DEG };
+
+impl Facility {
+    /// Rows of the matrix from settings to field.
+    fn matrix(&self) -> [Three; 3] {
+        let [xy, xz, yz] = self.angles_deg.map(|a| a.to_radians().cos());
+        let cosines = [[1.0, xy, xz], [xy, 1.0, yz], [xz, yz, 1.0]];
+        let mut lower = [[0.0f64; 3]; 3];
+        for i in 0..3 {
+            for j in 0..=i {
+                let sum: f64 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
+                lower[i][j] = if i == j { (cosines[i][i] - sum).sqrt() } else { (cosines[i][j] - sum) / lower[j][j] };
+            }
+        }
+        std::array::from_fn(|row| std::array::from_fn(|coil| lower[coil][row] * self.scale[coil]))
+    }
+
+    fn field(&self, setting: Three) -> Three {
+        let m = self.matrix();
+        std::array::from_fn(|r| self.offset_nt[r] + (0..3).map(|c| m[r][c] * setting[c]).sum::<f64>())
+    }
+
+    fn modulus(&self, setting: Three) -> f64 {
+        self.field(setting).iter().map(|b| b * b).sum::<f64>().sqrt()
+    }
+}
+
+/// 83 random directions, 30 and 50 µT in turn.
+fn directions(gauss: &mut Gauss) -> Vec<Three> {
+    let direction = |i: usize, gauss: &mut Gauss| {
+        let v = [gauss.normal(), gauss.normal(), gauss.normal()];
+        let size = if i.is_multiple_of(2) { 30_000.0 } else { 50_000.0 } / v.iter().map(|v| v * v).sum::<f64>().sqrt();
+        v.map(|v| v * size)
+    };
+    (0..83).map(|i| direction(i, gauss)).collect()
+}
+
+/// A scalar run with moduli of 0.1 nT noise.
+fn run(day: usize, facility: &Facility, settings: &[Three], channels: &[(&str, f64)], gauss: &mut Gauss) -> Run {
+    let row = |(i, setting): (usize, &Three)| ScalarRow {
+        t_s: 20.0 * i as f64 + 10.0,
+        setting: *setting,
+        modulus_nt: facility.modulus(*setting) + 0.1 * gauss.normal(),
+    };
+    let scalar: Vec<ScalarRow> = settings.iter().enumerate().map(row).collect();
+    Run {
+        header: Header {
+            run: format!("98-03-{day:02}_10-49-00"),
+            start: format!("1998-03-{day:02}T10:49:00Z"),
+            kind: Kind::Scalar,
+            configuration: String::new(),
+            sensor: String::new(),
+            mode: String::new(),
+            sample_rate_hz: 1.0,
+            unit: ReadingUnit::Ent,
+            field_source: String::new(),
+            coil_correction: None,
+            earthfield_compensation: Vec::new(),
+        },
+        settings: Vec::new(),
+        blocks: Vec::new(),
+        temperatures: SlowTable {
+            names: channels.iter().map(|(name, _)| (*name).to_owned()).collect(),
+            t_s: vec![0.0, 2000.0],
+            values: channels.iter().map(|(_, degc)| vec![*degc; 2]).collect(),
+        },
+        channels: SlowTable::default(),
+        scalar,
+        vectors: VectorAccount::default(),
+        input: InputFile { path: "test".to_owned(), size_bytes: 0, sha256: String::new() },
+        findings: Vec::new(),
+    }
+}
+
+fn calibrate(runs: &[Run], options: &Options) -> Scalar {
+    let campaign = Campaign::default();
+    scalar(&runs.iter().map(|run| (run, &campaign)).collect::<Vec<_>>(), options).unwrap()
+}
+
+/// The text of a scalar run.
+fn ccr(run: &Run) -> String {
+    let mut out = format!(
+        "CCR 1\nrun = \"{}\"\nstart = \"{}\"\nkind = \"scalar\"\nsample_rate = 1.0\nunit = \"enT\"\n@SCALAR\nt,bx,by,bz,f\n",
+        run.header.run, run.header.start
+    );
+    for ScalarRow { t_s, setting: [x, y, z], modulus_nt } in &run.scalar {
+        out.push_str(&format!("{t_s:.1},{x:.2},{y:.2},{z:.2},{modulus_nt:.3}\n"));
+    }
+    out + "@END\n"
+}
+
+/// `calfit coil METHOD PATH... -o OUT ...` with its exit status and both outputs.
+fn coil(case: &Case, method: &str, paths: &[&Path], options: &[&str]) -> (Option<i32>, String, String) {
+    let output = calfit().args(["coil", method]).args(paths).arg("-o").arg(case.out()).args(options).output().unwrap();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn nine_parameters_come_back_and_the_intervals_cover() {
+    const SEEDS: u64 = 200;
+    let truth = [SCALE, OFFSET_NT, ANGLES_DEG].concat();
+    let most: Vec<f64> = [[2e-6; 3], [0.1; 3], [1.0 / 3600.0; 3]].concat();
+    let (mut covered, mut beyond, mut worst) = ([0u32; 9], [0u32; 9], [0.0f64; 9]);
+    for seed in 0..SEEDS {
+        let mut gauss = Gauss(1000 + seed);
+        let settings = directions(&mut gauss);
+        let result = calibrate(&[run(23, &FACILITY, &settings, &[], &mut gauss)], &Options::default());
+        let p = &result.parameters;
+        let of =
+            |part: &calfit::formats::parameter::FacilityPart| [part.scale_nt_per_eu, part.offset_nt, part.angles_deg].concat();
+        let (found, std) = (of(&p.facility), of(&p.std));
+        let factor = student_95(p.quality.degrees_of_freedom);
+        for j in 0..9 {
+            let error = (found[j] - truth[j]).abs();
+            beyond[j] += u32::from(error > most[j]);
+            worst[j] = worst[j].max(error);
+            covered[j] += u32::from(error < factor * std[j]);
+        }
+        assert!((0.07..0.13).contains(&p.quality.residual_std_nt) && p.quality.condition < 5.0);
+    }
+    println!("covered of {SEEDS}: {covered:?}; largest errors {worst:?}; beyond {beyond:?}");
+    // 2e-6 are three standard uncertainties of 83 moduli with 0.1 nT of noise: one error in 400 is larger.
+    assert!(beyond[..3].iter().sum::<u32>() <= 5 && worst[..3].iter().all(|w| *w < 3e-6), "{worst:?}");
+    assert!(beyond[3..].iter().all(|b| *b == 0), "{worst:?}");
+    let share = f64::from(covered.iter().sum::<u32>()) / (9.0 * SEEDS as f64);
+    assert!((0.93..0.97).contains(&share), "{covered:?}");
+    assert!(covered.iter().all(|c| (0.90..0.99).contains(&(f64::from(*c) / SEEDS as f64))), "{covered:?}");
+}
+
+#[test]
+fn temperature_coefficients_come_back_from_four_calibrations() {
+    let mut gauss = Gauss(5);
+    let rack_degc = [31.0, 33.4, 30.2, 32.6];
+    let calibration = |i: usize, gauss: &mut Gauss| {
+        let (coil_k, rack_k) = (CALIBRATIONS_DEGC[i] - 16.5, rack_degc[i] - 32.0);
+        let facility = Facility {
+            scale: std::array::from_fn(|k| SCALE[k] * (1.0 + SCALE_PER_K[k] * coil_k) * (1.0 + RACK_SCALE_PER_K * rack_k)),
+            offset_nt: std::array::from_fn(|k| OFFSET_NT[k] + OFFSET_PER_K[k] * coil_k),
+            ..FACILITY
+        };
+        let settings = directions(gauss);
+        run(23 + i, &facility, &settings, &[("T29", CALIBRATIONS_DEGC[i]), ("T55", rack_degc[i])], gauss)
+    };
+    let runs: Vec<Run> = (0..4).map(|i| calibration(i, &mut gauss)).collect();
+    let p = calibrate(&runs, &Options { rack_channel: Some("T55".to_owned()) }).parameters;
+    assert_eq!((p.facility.reference_degc, p.facility.rack_reference_degc), (Some(16.6), Some(31.8)));
+    let within = |found: Option<Three>, std: Option<Three>, truth: Three, most: f64| {
+        for k in 0..3 {
+            let (found, std) = (found.unwrap()[k], std.unwrap()[k]);
+            assert!((found - truth[k]).abs() < 3.5 * std && std < most, "{found} ± {std} is not {}", truth[k]);
+        }
+    };
+    within(p.facility.scale_per_k, p.std.scale_per_k, SCALE_PER_K, 2e-6);
+    within(p.facility.offset_nt_per_k, p.std.offset_nt_per_k, OFFSET_PER_K, 0.06);
+    within(p.facility.rack_scale_per_k, p.std.rack_scale_per_k, [RACK_SCALE_PER_K; 3], 4e-7);
+    within(p.facility.rack_offset_nt_per_k, p.std.rack_offset_nt_per_k, [0.0; 3], 0.02);
+    assert!(p.calibration.len() == 4 && p.warnings.is_empty(), "{:?}", p.warnings);
+}
+
+#[test]
+fn a_facility_that_changed_between_calibrations_has_the_spread_as_uncertainty() {
+    // On 25 March 1998 the offset field of Y went from -2.2 to -4.4 nT.
+    let mut gauss = Gauss(6);
+    let later = Facility { offset_nt: [2.0, -4.4, -1.2], ..FACILITY };
+    let settings = directions(&mut gauss);
+    let runs = [run(23, &FACILITY, &settings, &[], &mut gauss), run(25, &later, &settings, &[], &mut gauss)];
+    let p = calibrate(&runs, &Options::default()).parameters;
+    assert!((p.facility.offset_nt[1] + 3.3).abs() < 0.1 && (p.std.offset_nt[1] - 1.1).abs() < 0.1, "{:?}", p.std);
+    assert!((p.calibration[1].facility.offset_nt[1] + 4.4).abs() < 0.1);
+    says(&p.warnings.join("\n"), &["the offset field of Y differs between the calibrations"]);
+}
+
+#[test]
+fn a_disturbed_row_is_named_and_left_out() {
+    let mut gauss = Gauss(7);
+    let settings = directions(&mut gauss);
+    let mut disturbed = run(23, &FACILITY, &settings, &[], &mut gauss);
+    disturbed.scalar[40].modulus_nt += 25.0;
+    let case = Case::of(ccr(&disturbed));
+    let (status, _, errors) = coil(&case, "scalar", &[&case.campaign()], &["--no-plots"]);
+    assert_eq!(status, Some(0), "{errors}");
+    says(&errors, &["row 41", "810 s", "left out"]);
+    let file = parameters(&case.out().join("COIL_SCALAR__98-03-23_10-49-00.toml"));
+    close(three(&file, "facility.scale_nt_per_eu"), SCALE, 2e-6);
+    close(three(&file, "facility.offset_nt"), OFFSET_NT, 0.1);
+    close(three(&file, "facility.angles_deg"), ANGLES_DEG, 1.0 / 3600.0);
+    assert_eq!((number(&file, "quality.rows_used"), number(&file, "quality.rows_total")), (82.0, 83.0));
+    assert!((file["outlier"][0]["residual_nt"].as_float().unwrap() - 25.0).abs() < 0.5);
+}
+
+#[test]
+fn directions_that_leave_parameters_open_are_refused_by_name() {
+    let mut gauss = Gauss(8);
+    let all = directions(&mut gauss);
+    let flat: Vec<Three> = all.iter().map(|[x, y, _]| [*x, *y, 0.0]).collect();
+    let narrow: Vec<Three> = all.iter().map(|[x, y, z]| [0.02 * x, 0.02 * y, 40_000.0 + 0.02 * z]).collect();
+    for (settings, words, others) in [
+        (flat, vec!["the scale factor of Z", "the angle XZ", "the angle YZ"], vec!["the scale factor of X", "the angle XY"]),
+        (narrow, vec!["condition number"], vec![]),
+    ] {
+        let case = Case::of(ccr(&run(23, &FACILITY, &settings, &[], &mut gauss)));
+        let (status, _, errors) = coil(&case, "scalar", &[&case.campaign()], &["--no-plots"]);
+        assert_eq!(status, Some(1), "{errors}");
+        says(&errors, &words);
+        says(&errors, &["add settings in other directions", "09-22-38.CCR"]);
+        assert!(others.iter().all(|word| !errors.contains(word)), "{errors}");
+        assert!(!case.out().join("COIL_SCALAR__98-03-23_10-49-00.toml").exists());
+    }
+    let few = Case::of(ccr(&run(23, &FACILITY, &all[..9], &[], &mut gauss)));
+    says(&coil(&few, "scalar", &[&few.campaign()], &[]).2, &["9 @SCALAR rows", "longer programme"]);
+}
+
+#[test]
+fn printed_moduli_give_the_printed_residual_fields() {
+    let case = Case::new();
+    let table = repository("tests/data/bepicolombo/residual_field.csv");
+    let (status, shown, errors) = coil(&case, "residual", &[&table], &[]);
+    assert_eq!(status, Some(0), "{errors}");
+    says(&shown, &["X -2.50 ", "Y -1.00 ", "Z -40.00 ", "X +0.00 ", "Y +0.00 ", "Z -7.00 "]);
+    let file = parameters(&case.out().join("COIL_RESIDUAL__residual_field.toml"));
+    let found = |state: usize, axis: usize| file["state"][state]["axis"][axis]["residual_nt"].as_float().unwrap();
+    assert_eq!([0, 1, 2].map(|axis| found(0, axis)), [-2.5, -1.0, -40.0]);
+    assert_eq!([0, 1, 2].map(|axis| found(1, axis)), [0.0, 0.0, -7.0]);
+    assert_eq!(three(&file, "facility.offset_nt"), [0.0, 0.0, -7.0]);
+    // Two moduli in steps of 1 nT, each of uniform distribution, half of their difference.
+    close(three(&file, "std.offset_nt"), [(1.0f64 / 24.0).sqrt(); 3], 1e-12);
+    assert!(case.out().join("COIL_RESIDUAL_fields__residual_field.png").is_file());
+    assert!(case.out().join("REPORT_COIL_RESIDUAL__residual_field.md").is_file());
+    let checked = calfit().args(["verify"]).arg(case.out()).arg(repository("tests/data/bepicolombo")).output().unwrap();
+    assert_eq!(checked.status.code(), Some(0), "{}", text(&checked.stderr));
+}
+
+#[test]
+fn residual_fields_come_back_from_runs_with_both_signs() {
+    let mut gauss = Gauss(9);
+    let residual_nt = [-2.5, 8.0, -40.0];
+    let ideal = Facility { scale: [1.0; 3], offset_nt: residual_nt, angles_deg: [90.0; 3] };
+    let axis = |k: usize, v: f64| -> Three { std::array::from_fn(|i| if i == k { v } else { 0.0 }) };
+    let settings: Vec<Three> = (0..3).flat_map(|k| [49_000.0, -49_000.0, 49_000.0, -49_000.0].map(|v| axis(k, v))).collect();
+    let case = Case::of(ccr(&run(23, &ideal, &settings, &[], &mut gauss)));
+    let (status, _, errors) = coil(&case, "residual", &[&case.campaign()], &["--no-plots"]);
+    assert_eq!(status, Some(0), "{errors}");
+    let file = parameters(&case.out().join("COIL_RESIDUAL__98-03-23_10-49-00.toml"));
+    // Two pairs of 0.1 nT noise each: 0.1 / 2 nT.
+    close(three(&file, "facility.offset_nt"), residual_nt, 0.2);
+    let none = Case::of(ccr(&run(23, &ideal, &directions(&mut gauss), &[], &mut gauss)));
+    says(&coil(&none, "residual", &[&none.campaign()], &[]).2, &["plus and minus F", "both signs"]);
+}
+
+/// The facility file that the runs of 1998 were evaluated with.
+fn facility_file(case: &Case, facility: &Facility) -> PathBuf {
+    let Facility { scale, offset_nt, angles_deg } = facility;
+    case.put("facility.toml", format!("scale_nt_per_eu = {scale:?}\noffset_nt = {offset_nt:?}\nangles_deg = {angles_deg:?}\n"))
+}
+
+#[test]
+fn the_printed_runs_of_1998_agree_once_the_facility_is_corrected() {
+    let case = Case::new();
+    let facility = facility_file(&case, &FACILITY);
+    let table = repository("tests/data/champ/runs_ambient.csv");
+    let options = ["--facility", facility.to_str().unwrap()];
+    let (status, _, errors) = coil(&case, "tilt", &[&table], &options);
+    assert_eq!(status, Some(0), "{errors}");
+    says(&errors, &["run 18 has no orientation", "-Z +X -Y does not agree with the others"]);
+    let file = parameters(&case.out().join("COIL_TILT__1.toml"));
+    for i in 0..3 {
+        let after = |key: &str| number(&file, &format!("spread_after.{key}.{i}"));
+        assert!(after("scale") < 6e-6 && after("offset_nt") < 0.5 && 3600.0 * after("angles_deg") < 2.0);
+        let before = |key: &str| number(&file, &format!("spread_before.{key}.{i}"));
+        assert!(before("scale") > 1e-5 && before("offset_nt") > 1.8 && 3600.0 * before("angles_deg") > 2.8);
+        for key in ["scale_nt_per_eu", "offset_nt", "angles_deg"] {
+            assert!(number(&file, &format!("std.{key}.{i}")) > 0.0);
+        }
+    }
+    // Least squares on the means of groups 1 to 3, done apart with numpy's lstsq.
+    close(three(&file, "correction.scale"), [1.656_6e-6, -18.283_2e-6, 16.626_5e-6], 1e-9);
+    close(three(&file, "correction.offset_nt"), [-3.0, -2.36, -6.315], 1e-9);
+    close(three(&file, "correction.angles_deg").map(|a| 3600.0 * a), [-3.9435, -7.5135, -0.8055], 1e-6);
+    assert_eq!(file["undetermined"].as_array().unwrap().len(), 1);
+    says(file["undetermined"][0].as_str().unwrap(), &["common scale factor"]);
+    assert!(case.out().join("COIL_TILT_offset__1.png").is_file());
+    let (campaign, data) = (case.campaign(), repository("tests/data/champ"));
+    let checked = calfit().args(["verify"]).args([case.out(), campaign, data]).output().unwrap();
+    assert_eq!(checked.status.code(), Some(0), "{}", text(&checked.stderr));
+
+    let (status, _, errors) = coil(&case, "tilt", &[&table], &[&options[..], &["--keep-all", "--no-plots"]].concat());
+    assert_eq!(status, Some(0), "{errors}");
+    let file = parameters(&case.out().join("COIL_TILT__1.toml"));
+    assert!(number(&file, "spread_after.offset_nt.0") > 1.0, "run 17 does not fit the others");
+    assert_eq!(file["used"].as_array().unwrap().len(), 13);
+}
+
+fn product(a: &[Three; 3], b: &[Three; 3]) -> [Three; 3] {
+    std::array::from_fn(|r| std::array::from_fn(|c| (0..3).map(|k| a[r][k] * b[k][c]).sum()))
+}
+
+/// Inverse of an upper triangular matrix.
+fn inverse(m: &[Three; 3]) -> [Three; 3] {
+    let [[a, b, c], [_, d, e], [_, _, f]] = *m;
+    [[1.0 / a, -b / (a * d), (b * e - c * d) / (a * d * f)], [0.0, 1.0 / d, -e / (d * f)], [0.0, 0.0, 1.0 / f]]
+}
+
+#[test]
+fn sensor_and_facility_come_back_from_three_orientations() {
+    let used = Facility { scale: [1.0; 3], offset_nt: [0.0; 3], angles_deg: [90.0; 3] };
+    // The mean of the scale factors is one, as nothing tells it.
+    let real =
+        Facility { scale: [1.000_03, 0.999_98, 0.999_99], offset_nt: [3.0, -5.0, 8.0], angles_deg: [90.003, 89.996, 90.008] };
+    let truth = common::Truth { turned_deg: [0.3, -0.2, 0.4], ..common::Truth::default() };
+    let wrong = product(&real.matrix(), &inverse(&used.matrix()));
+    let mut table =
+        "run,orientation,sx_nt_per_eu,sy_nt_per_eu,sz_nt_per_eu,x0_nt,y0_nt,z0_nt,xi_xy_deg,xi_xz_deg,xi_yz_deg\n".to_owned();
+    for (i, (orientation, axes)) in
+        [("+X +Y +Z", ["+X", "+Y", "+Z"]), ("-Y +X +Z", ["+Y", "-X", "+Z"]), ("-Z +Y +X", ["+Z", "+Y", "-X"])]
+            .into_iter()
+            .enumerate()
+    {
+        let place = common::Truth { axes, ..truth.clone() };
+        // What a fit against the field of the wrong facility finds: its rows are the sensor axes over the sensitivities.
+        let seen = product(&place.response(), &wrong);
+        let zero = place.reading(real.offset_nt);
+        let size = |r: usize| seen[r].iter().map(|v| v * v).sum::<f64>().sqrt();
+        let sigma: Three = std::array::from_fn(|r| 1.0 / size(r));
+        let xi = |a: usize, b: usize| {
+            let cosine = (0..3).map(|k| seen[a][k] * seen[b][k]).sum::<f64>() / (size(a) * size(b));
+            cosine.acos().to_degrees()
+        };
+        let offset: Three = std::array::from_fn(|r| sigma[r] * zero[r]);
+        let cells: Vec<String> =
+            [sigma, offset, [xi(0, 1), xi(0, 2), xi(1, 2)]].concat().iter().map(|v| format!("{v:.12}")).collect();
+        table.push_str(&format!("r{i},{orientation},{}\n", cells.join(",")));
+    }
+    let case = Case::new();
+    let path = case.put("runs.csv", table);
+    let (status, _, errors) = coil(&case, "tilt", &[&path], &["--no-plots"]);
+    assert_eq!(status, Some(0), "{errors}");
+    says(&errors, &["no --facility"]);
+    let file = parameters(&case.out().join("COIL_TILT__r0.toml"));
+    // To first order: the second one is the sensor's turn of half a degree times the corrections.
+    close(three(&file, "facility.scale_nt_per_eu"), real.scale, 1e-6);
+    close(three(&file, "facility.offset_nt"), real.offset_nt, 0.1);
+    close(three(&file, "facility.angles_deg"), real.angles_deg, 0.2 / 3600.0);
+    close(three(&file, "sensor_parameters.scale"), truth.sigma, 1e-6);
+    close(three(&file, "sensor_parameters.angles_deg"), truth.xi_deg, 0.3 / 3600.0);
+}
+
+#[test]
+fn orientations_that_do_not_tell_are_named_or_refused() {
+    let head = "run,orientation,sx_nt_per_eu,sy_nt_per_eu,sz_nt_per_eu,x0_nt,y0_nt,z0_nt,xi_xy_deg,xi_xz_deg,xi_yz_deg\n";
+    let case = Case::new();
+    let one = case.put("one.csv", format!("{head}1,+X +Y +Z,1,1,1,1,2,3,90,90,90\n2,+X +Y +Z,1,1,1,1,2,3,90,90,90\n"));
+    let (status, _, errors) = coil(&case, "tilt", &[&one], &[]);
+    assert_eq!(status, Some(1));
+    says(&errors, &["one.csv", "1 orientation", "turned by 90°"]);
+    // Turned about Z by 180°: the scale factors, the offset along Z and the angle XY stay as they are.
+    let half = case.put("half.csv", format!("{head}1,+X +Y +Z,1,1,1,1,2,3,90,90,90\n2,-X -Y +Z,1,1,1,-1,-2,3,90,90,90\n"));
+    let (status, _, errors) = coil(&case, "tilt", &[&half], &["--no-plots"]);
+    assert_eq!(status, Some(0), "{errors}");
+    let file = parameters(&case.out().join("COIL_TILT__1.toml"));
+    let named: Vec<&str> = file["undetermined"].as_array().unwrap().iter().map(|v| v.as_str().unwrap()).collect();
+    assert_eq!(named.len(), 5, "{named:?}");
+    let about = |what: &str| named.iter().filter(|n| n.starts_with(what)).count();
+    assert_eq!((about("scale factors"), about("offset fields"), about("angles")), (3, 1, 1));
+    close(three(&file, "facility.offset_nt"), [1.0, 2.0, 0.0], 1e-12);
+}
+
+/// Readings in the field that the facility makes of the settings.
+fn in_facility(facility: &Facility) -> (Plan, common::Run) {
+    let settings = programme(&[-40_000.0, -20_000.0, 20_000.0, 40_000.0], 2.0);
+    let mut driven = settings.clone();
+    driven.iter_mut().for_each(|s| s.field = facility.field(s.field));
+    let plan = Plan { settings: driven, noise_ent: 0.05, ..Plan::default() };
+    let mut run = plan.run().key("coil_correction", "false");
+    run.settings = settings;
+    (plan, run)
+}
+
+#[test]
+fn lin_applies_a_facility_to_the_reference_field() {
+    let (plan, run) = in_facility(&FACILITY);
+    let case = Case::of(run.text());
+    let facility = facility_file(&case, &FACILITY);
+    let messages = case.done(&["--facility", facility.to_str().unwrap(), "--order", "0"]);
+    assert!(!messages.contains("facility"), "{messages}");
+    let with = case.cpf();
+    close(sigma(&with), plan.truth.sigma, 1e-6);
+    close(
+        [number(&with, "angle_deg.xi_xy"), number(&with, "angle_deg.xi_xz"), number(&with, "angle_deg.xi_yz")],
+        plan.truth.xi_deg,
+        1e-4,
+    );
+    close(three(&with, "offset.b_or_ent"), plan.truth.reading([0.0; 3]), 0.05);
+    assert_eq!(with["facility"]["file"].as_str(), Some("facility.toml"));
+    close(three(&with, "facility.applied.scale_nt_per_eu"), SCALE, 0.0);
+    let inputs = with["provenance"]["input"].as_array_of_tables().unwrap();
+    assert!(inputs.iter().any(|i| i["path"].as_str() == Some("facility.toml")));
+    let checked = calfit().arg("verify").arg(case.out()).arg(case.campaign()).output().unwrap();
+    assert_eq!(checked.status.code(), Some(0), "{}", text(&checked.stderr));
+
+    case.done(&["--order", "0"]);
+    let without = cpf(&case.out(), common::RUN_ID);
+    assert!((sigma(&without)[0] / plan.truth.sigma[0] - 1.0).abs() > 5e-5, "the settings are not the field");
+    assert!(without.get("facility").is_none());
+}
+
+#[test]
+fn a_facility_that_cannot_be_used_is_refused_and_a_second_correction_is_warned_of() {
+    let (_, run) = in_facility(&FACILITY);
+    let case = Case::of(run.key("coil_correction", "true").text());
+    let facility = facility_file(&case, &FACILITY);
+    says(&case.done(&["--facility", facility.to_str().unwrap()]), &["corrects them once more"]);
+    let broken = case.put("broken.toml", "scale_nt_per_eu = [1, 1, 1]\noffset_nt = [0, 0, 0]\n");
+    let output = case.lin(&["--facility", broken.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["broken.toml", "angles_deg", "missing"]);
+}
+
+#[test]
+fn runs_in_several_orientations_give_the_facility_from_their_parameter_files_and_from_themselves() {
+    let mut paths = Vec::new();
+    let case = Case::new();
+    let real =
+        Facility { scale: [1.000_03, 0.999_98, 0.999_99], offset_nt: [3.0, -5.0, 8.0], angles_deg: [90.003, 89.996, 90.008] };
+    let used = Facility { scale: [1.0; 3], offset_nt: [0.0; 3], angles_deg: [90.0; 3] };
+    let positions = [(1, ["+X", "+Y", "+Z"]), (2, ["+Y", "-X", "+Z"]), (3, ["+Z", "+Y", "-X"])];
+    let entries: Vec<String> = positions.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect();
+    case.put("campaign.toml", entries.join("\n"));
+    for (id, _) in positions {
+        let settings: Vec<common::Setting> = programme(&[-40_000.0, -20_000.0, 20_000.0, 40_000.0], 2.0)
+            .into_iter()
+            .map(|s| common::Setting { position: id, ..s })
+            .collect();
+        let driven = settings.iter().map(|s| common::Setting { field: real.field(s.field), ..*s }).collect();
+        let plan =
+            Plan { settings: driven, positions: positions.to_vec(), noise_ent: 0.02, seed: u64::from(id), ..Plan::default() };
+        let name = format!("13-04-03_0{id}-00-00");
+        let mut run = plan.run().key("coil_correction", "false").named(&name);
+        run.settings = settings;
+        case.put(&format!("13-04-03/0{id}-00-00.CCR"), run.text());
+        paths.push(case.out().join(&name).join(format!("PARAMETER_LIN__{name}.CPF")));
+    }
+    let facility = facility_file(&case, &used);
+    let options = ["--facility", facility.to_str().unwrap(), "--no-plots"];
+    assert_eq!(case.lin(&[&options[..], &["--order", "0"]].concat()).status.code(), Some(0));
+    let files: Vec<&Path> = paths.iter().map(PathBuf::as_path).collect();
+    let campaign = case.campaign();
+    // The parameter files say which facility they were made with.
+    for (paths, options) in [(files, &["--no-plots"][..]), (vec![campaign.as_path()], &options[..])] {
+        let (status, _, errors) = coil(&case, "tilt", &paths, options);
+        assert_eq!(status, Some(0), "{errors}");
+        assert!(!errors.contains("no --facility"), "{errors}");
+        let file = parameters(&case.out().join("COIL_TILT__13-04-03_01-00-00.toml"));
+        close(three(&file, "facility.scale_nt_per_eu"), real.scale, 2e-6);
+        close(three(&file, "facility.offset_nt"), real.offset_nt, 0.2);
+        close(three(&file, "facility.angles_deg"), real.angles_deg, 0.5 / 3600.0);
+    }
+}
+
+#[test]
+fn offset_takes_scale_factors_and_angles_but_measures_the_offset_field_itself() {
+    let settings = common::in_positions(&[1, 2, 3, 4], &common::offset_fields(), 4.0);
+    let residual_nt = [4.0, -7.0, 11.0];
+    let facility = Facility { scale: [1.02, 0.99, 1.01], ..FACILITY };
+    let driven = |s: &common::Setting| {
+        let field = Facility { offset_nt: [0.0; 3], ..facility }.field(s.field);
+        common::Setting { field, ..*s }
+    };
+    let plan = Plan {
+        settings: settings.iter().map(driven).collect(),
+        positions: common::POSITIONS.to_vec(),
+        residual_nt,
+        noise_ent: 0.05,
+        ..Plan::default()
+    };
+    let mut run = plan.run().key("kind", "\"offset\"").key("coil_correction", "false");
+    run.settings = settings;
+    let case = Case::of(run.text());
+    let entries: Vec<String> =
+        common::POSITIONS.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect();
+    case.put("campaign.toml", entries.join("\n"));
+    let path = facility_file(&case, &facility);
+    let output = case.run("offset", &["--no-plots", "--facility", path.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let opf = parameters(&case.out().join("13-04-03_09-22-38/OFF_PARAMETER__13-04-03-09-22-38.OPF"));
+    close(three(&opf, "offset_ent"), plan.truth.offset_ent, 0.1);
+    // Without the facility the response and with it the residual field in nT would be wrong by up to two per cent, 0.2 nT.
+    close(three(&opf, "residual_coil_nt"), residual_nt, 0.08);
+    close(three(&opf, "facility.applied.offset_nt"), [0.0; 3], 0.0);
+    let checked = calfit().arg("verify").args([case.out(), case.campaign()]).output().unwrap();
+    assert_eq!(checked.status.code(), Some(0), "{}", text(&checked.stderr));
+}
+
+#[test]
+fn a_simulated_campaign_has_its_coil_system_back() {
+    let case = Case::new();
+    let twin = std::fs::read_to_string(repository("configs/demo.toml")).unwrap();
+    let (head, _) = twin.split_once("[[run]]").unwrap();
+    let changed = head
+        .replace("scale_nt_per_eu = [1.0, 1.0, 1.0]", &format!("scale_nt_per_eu = {SCALE:?}"))
+        .replace("angles_deg = [90.0, 90.0, 90.0]", &format!("angles_deg = {ANGLES_DEG:?}"))
+        .replace("\noffset_nt = [0.0, 0.0, 0.0]", &format!("\noffset_nt = {OFFSET_NT:?}"))
+        .replace("field_nt = [-0.4, 0.2, -7.0]", "field_nt = [0.0, 0.0, 0.0]")
+        .replace("leakage = [5e-4, 5e-4, 5e-4]", "leakage = [0.0, 0.0, 0.0]");
+    let run = "[[run]]\nstart = \"2026-03-02T07:00:00Z\"\nprogramme = \"SCALAR_83.MAG\"\nsensor = \"FGM\"\nmode = \"science\"\n";
+    let twin = case.put("twin.toml", format!("{changed}{run}"));
+    std::fs::copy(repository("configs/SCALAR_83.MAG"), case.campaign().join("SCALAR_83.MAG")).unwrap();
+    let simulated = case.path().join("simulated");
+    let output = calfit().arg("simulate").arg(&twin).arg("-o").arg(&simulated).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let (status, _, errors) = coil(&case, "scalar", &[&simulated], &[]);
+    assert_eq!(status, Some(0), "{errors}");
+    let file = parameters(&case.out().join("COIL_SCALAR__26-03-02_07-00-00.toml"));
+    close(three(&file, "facility.scale_nt_per_eu"), SCALE, 2e-6);
+    close(three(&file, "facility.offset_nt"), OFFSET_NT, 0.1);
+    close(three(&file, "facility.angles_deg"), ANGLES_DEG, 1.0 / 3600.0);
+    assert!(case.out().join("COIL_SCALAR_residuals_x__26-03-02_07-00-00.png").is_file());
+    // The result is a facility file itself.
+    let (_, run) = in_facility(&FACILITY);
+    let linear = Case::of(run.text());
+    let found = case.out().join("COIL_SCALAR__26-03-02_07-00-00.toml");
+    linear.done(&["--facility", found.to_str().unwrap(), "--order", "0"]);
+    close(sigma(&linear.cpf()), common::Truth::default().sigma, 3e-6);
+}

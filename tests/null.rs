@@ -1,0 +1,127 @@
+//! `calfit null`: offset, drift and noise of zero-field runs come back, and what stops is told. `calfit thermistor`: polynomials of tables.
+
+mod common;
+
+use common::check::{Case, calfit, number, parameters, says, text, tree};
+use common::{Plan, Run, Setting};
+use std::process::Output;
+
+const RATE_HZ: f64 = 16.0;
+const NOISE_ENT: f64 = 0.4;
+const DRIFT_ENT_PER_H: [f64; 3] = [3.0, 0.0, -1.5];
+
+/// An hour of zero field with a drift.
+fn night() -> Run {
+    let plan = Plan {
+        settings: vec![Setting::constant(0.0, 3600.0, [0.0; 3], 1)],
+        rate_hz: RATE_HZ,
+        noise_ent: NOISE_ENT,
+        ..Plan::default()
+    };
+    let mut run = plan.run().key("kind", "\"zero-field\"").key("configuration", "\"NULL.MAG\"");
+    for sample in &mut run.samples {
+        for (value, drift) in sample.reading.iter_mut().zip(DRIFT_ENT_PER_H) {
+            *value += drift * sample.t / 3600.0;
+        }
+    }
+    run
+}
+
+fn analysed(run: &Run, arguments: &[&str]) -> (Case, Output) {
+    let case = Case::of(run.text());
+    let output = case.run("null", arguments);
+    (case, output)
+}
+
+const FILE: &str = "13-04-03_09-22-38/NULL_PARAMETER__13-04-03_09-22-38.toml";
+
+#[test]
+fn offset_drift_and_noise_come_back_from_a_file_and_verify() {
+    let (case, output) = analysed(&night(), &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let p = parameters(&case.out().join(FILE));
+    let offset = Plan::default().truth.offset_ent;
+    // One-sided white density s sqrt(2/f_s).
+    let density = NOISE_ENT * (2.0 / RATE_HZ).sqrt();
+    for c in 0..3 {
+        let at = |path: &str| number(&p, &format!("{path}.{c}"));
+        let mean = offset[c] + 0.5 * DRIFT_ENT_PER_H[c];
+        assert!((at("offset.mean_ent") - mean).abs() < 3.0 * at("offset.mean_std_ent"), "{c}");
+        let (drift, std) = (at("offset.drift_ent_per_h.0"), at("offset.drift_std_ent_per_h.0"));
+        assert!((drift - DRIFT_ENT_PER_H[c]).abs() < 3.0 * std && std < 0.05, "{c}: {drift} ± {std}");
+        assert!((at("density.ent_per_root_hz") - density).abs() < 3.5 * at("density.std_ent_per_root_hz"), "{c}");
+        assert!((at("corner.white_ent_per_root_hz") / density - 1.0).abs() < 0.02, "{c}");
+    }
+    assert!(p.get("stop").is_none());
+    let names: Vec<String> = tree(&case.out()).into_keys().collect();
+    for stem in ["NULL_drift", "NULL_amplitude_density", "NULL_allan_deviation", "NULL_measured_data", "REPORT_NULL"] {
+        assert!(names.iter().any(|n| n.contains(stem)), "{stem} is not in {names:?}");
+    }
+    let verified = calfit().arg("verify").arg(case.out()).arg(case.campaign()).output().unwrap();
+    assert_eq!(verified.status.code(), Some(0), "{}", text(&verified.stderr));
+    let checked = calfit().arg("check").arg(case.out().join(FILE)).output().unwrap();
+    assert_eq!(checked.status.code(), Some(0), "{}", text(&checked.stderr));
+}
+
+#[test]
+fn a_record_that_ends_in_the_night_is_told() {
+    let mut run = night();
+    run.samples.retain(|s| s.t < 2500.0 && !(1000.0..1200.0).contains(&s.t));
+    let (case, output) = analysed(&run, &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["the data end before the setting does", "samples are missing"]);
+    let p = parameters(&case.out().join(FILE));
+    let stops = p["stop"].as_array_of_tables().unwrap();
+    let times = |i: usize| ["from_s", "until_s"].map(|key| stops.get(i).unwrap()[key].as_float().unwrap());
+    for (i, wanted) in [[1000.0, 1200.0], [2500.0, 3600.0]].into_iter().enumerate() {
+        let found = times(i);
+        assert!((found[0] - wanted[0]).abs() < 0.2 && (found[1] - wanted[1]).abs() < 0.2, "{found:?} {wanted:?}");
+    }
+}
+
+#[test]
+fn other_runs_are_refused_with_rule_and_remedy() {
+    let case = Case::of(common::good().text());
+    let output = calfit().arg("null").arg(case.file()).arg("-o").arg(case.out()).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["09-22-38.CCR", "the run is of kind linearity, not zero-field; use the command for that kind"]);
+    let output = case.run("null", &[]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["holds no zero-field run"]);
+}
+
+#[test]
+fn the_pt1000_table_shows_the_printed_cubic_beside_the_best_one() {
+    let case = Case::new();
+    let table = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/rosetta/pt1000_table.csv");
+    // Made of the printed cubic less T_O = -1.5 °C at two voltages.
+    let reference = case.put("reference.csv", "u_volt,reference_degc\n1.25,1.7159\n1.25,1.7161\n");
+    let output = calfit()
+        .args(["thermistor", table, "--order", "3", "--compare=-368.61072,458.49304,-356.02890,180.00644", "--reference"])
+        .arg(&reference)
+        .arg("-o")
+        .arg(case.out())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    says(&text(&output.stdout), &["given  up to 0.6266 °C, best of its order 0.6266 °C", "order 5 is the lowest within 0.01 °C"]);
+    let p = parameters(&case.out().join("THERMISTOR__pt1000_table.toml"));
+    for (k, printed) in [-368.61072, 458.49304, -356.02890, 180.00644].into_iter().enumerate() {
+        assert!((number(&p, &format!("coefficients.{k}")) - printed).abs() < 2e-3, "{k}");
+    }
+    let raw = -368.61072 + 1.25 * (458.49304 + 1.25 * (-356.02890 + 1.25 * 180.00644));
+    assert!((number(&p, "reference.offset_degc") - (raw - 1.716)).abs() < 1e-4);
+    let folder = table.trim_end_matches("/pt1000_table.csv");
+    let verified = calfit().arg("verify").arg(case.out()).arg(case.campaign()).arg(folder).output().unwrap();
+    assert_eq!(verified.status.code(), Some(0), "{}", text(&verified.stderr));
+}
+
+#[test]
+fn damaged_tables_are_refused_with_their_line() {
+    let case = Case::new();
+    let table = case.put("t.csv", "t_degc,u_volt\n0,1.25\n10,1,27\n");
+    let output = calfit().arg("thermistor").arg(&table).arg("-o").arg(case.out()).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["t.csv:3:1", "cells"]);
+    assert!(!case.out().exists() || tree(&case.out()).is_empty());
+}
