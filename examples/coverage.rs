@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let results: Vec<BTreeMap<String, Tally>> = NOISES.into_iter().map(|noise| study(name, noise, count)).collect();
         let _ = write!(
             text,
-            "\n## {name}\n\n{count} {}; one standard deviation of a coverage {:.1} %, of a variance {:.0} % (three components: less by 1.7).\n\n| parameter |",
+            "\n## {name}\n\n{count} {}; one standard deviation of a coverage {:.1} %, of a variance {:.0} % (rows that pool three components: less by 1.7).\n\n| parameter |",
             if name == "thermal" { "groups" } else { "runs" },
             100.0 * (0.95 * 0.05 / count as f64).sqrt(),
             100.0 * (2.0 / count as f64).sqrt(),

@@ -7,7 +7,8 @@
 //! ([`analysis`]) builds a design matrix from settings and plateaus, has it solved by an estimator that knows no magnetometer
 //! ([`fit`]), and gives the coefficients their meaning with the forward model ([`model`]). Its result is a plain struct with
 //! uncertainties beside values; parameter files ([`formats::parameter`]), figures ([`plot`]) and tables ([`report`]) all read
-//! that struct. [`workflow`] takes a run file all the way along this path; the commands ([`cli`]) say which, and what to tell.
+//! that struct. [`simulate`] goes the other way: from a twin, whose sensor and coil system are those of [`model`], to run files whose
+//! truth is known. [`workflow`] takes a run file all the way along this path; the commands ([`cli`]) say which, and what to tell.
 //!
 //! # Frames and units
 //!

@@ -35,8 +35,8 @@ fn all_parameter_files_of_a_campaign_are_verified_and_changes_show() {
     let output = run(&["report", "--no-plots", "-o"], &[&case.out(), &case.campaign()]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let files = parameter_files(&case.out());
-    // Two of lin under two names, two of offset and of freq, and the three thermal ones.
-    assert_eq!(files.len(), 2 * 4 + 3, "{files:?}");
+    // Two of lin under two names, two of offset and of freq, that of the sweep, and the three thermal ones.
+    assert_eq!(files.len(), 2 * 4 + 1 + 3, "{files:?}");
 
     let (status, said) = verify(&[&case.out(), &case.campaign()]);
     assert_eq!(status, Some(0), "{said}");
