@@ -403,6 +403,21 @@ fn an_unknown_key_is_a_warning_and_foreign_files_stay() {
     assert!(fs::read_to_string(&run).unwrap().contains("measured"));
 }
 
+#[test]
+fn twins_are_checked_with_their_programmes() {
+    let check = |path: &Path| {
+        let output = calfit().arg("check").arg(path).output().unwrap();
+        (output.status.code(), text(&output.stdout) + &text(&output.stderr))
+    };
+    for name in ["demo.toml", "magnetsrode-2013.toml"] {
+        let (status, said) = check(&config(name));
+        assert!(status == Some(0) && !said.contains("warning"), "{said}");
+    }
+    let folder = Folder::of(&TWIN.replace("of = \"sensor\"", "of = \"moon\""));
+    let (status, said) = check(&folder.case.path().join("twin.toml"));
+    assert!(status != Some(0) && said.contains("moon"), "{said}");
+}
+
 fn config(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("configs").join(name)
 }

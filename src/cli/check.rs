@@ -6,7 +6,7 @@ use super::{Common, Status};
 use crate::campaign::{Campaign, positions};
 use crate::error::{Finding, Severity};
 use crate::formats::parameter::{CoilResidual, CoilScalar, CoilTilt, Cpf, Fpf, Npf, Opf, Taf, ThermistorFile, Tof, Tpf};
-use crate::formats::{amplitudes, campaign, ccr, mag, parameter};
+use crate::formats::{amplitudes, campaign, ccr, mag, parameter, twin};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -104,6 +104,8 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
         parameter::read::<Npf>(path).err()
     } else if begins(path, "THERMISTOR__") {
         parameter::read::<ThermistorFile>(path).err()
+    } else if name.ends_with(".TOML") && is_twin(path) {
+        twin::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
         campaign::read(path, &mut findings).and_then(|(file, _)| positions(path, &file)).err()
     } else if name.ends_with(".CSV") {
@@ -134,4 +136,9 @@ fn coil_file(path: &Path) -> Option<&'static str> {
     let name = path.file_name()?.to_string_lossy().to_ascii_uppercase();
     let method = |m: &&str| name.starts_with(&format!("COIL_{m}__")) && name.ends_with(".TOML");
     ["SCALAR", "RESIDUAL", "TILT"].into_iter().find(method)
+}
+
+/// By its keys: twins and campaigns are both TOML of any name, and only twins have electronics.
+fn is_twin(path: &Path) -> bool {
+    std::fs::read_to_string(path).is_ok_and(|text| text.lines().any(|line| line.trim() == "[electronics]"))
 }
