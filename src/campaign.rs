@@ -85,7 +85,7 @@ impl Campaign {
         let toml = root.join("campaign.toml");
         let (file, input) = if toml.is_file() {
             let (file, digested) = read(&toml, findings)?;
-            let input = Input { path: "campaign.toml".to_owned(), size_bytes: digested.size_bytes, sha256: digested.sha256 };
+            let input = digested.input("campaign.toml".to_owned());
             (file, Some(input))
         } else {
             (CampaignFile::default(), None)

@@ -14,6 +14,7 @@ use crate::campaign::Campaign;
 use crate::fit::{FitError, Limits, NORMAL_95, Solution, aicc, linear, propagate};
 use crate::formats::facility::Facility;
 use crate::formats::parameter::{LagPart, QuantityPart, Rotation, RunHead, SweepPart, ThermalConvention, ThermalHead, Tpf};
+use crate::model::lag;
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::model::sensor::{Linear, Split, split};
 use crate::plateau::{LEAST_COVERAGE, Plateau, Plateaus, Settling};
@@ -150,11 +151,9 @@ fn lagged(series: &[(f64, f64)], lag: Lag) -> Vec<(f64, f64)> {
             let mut value = series.first().map_or(f64::NAN, |p| p.1);
             let mut last = series.first().copied().unwrap_or_default();
             let follow = |&(t, v): &(f64, f64)| {
-                // Exact for straight lines between the readings.
                 let x = (t - last.0) / tau_s;
                 if x > 0.0 {
-                    let slope = (v - last.1) / x;
-                    value = v - slope + (value - last.1 + slope) * (-x).exp();
+                    value = lag::follow(value, last.1, v, x);
                 }
                 last = (t, v);
                 (t, value)
@@ -425,12 +424,12 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
     }
     let chosen = parts.iter().position(|p| p.channel == channel).unwrap_or_default();
     let (part, series) = (&parts[chosen], &channels[chosen].1);
-    let lag = match part.form.as_str() {
+    let best_lag = match part.form.as_str() {
         "delay" => Lag::Delay(part.delay_s),
         "first order" => Lag::FirstOrder(part.time_constant_s),
         _ => Lag::None,
     };
-    let moved = lagged(series, lag);
+    let moved = lagged(series, best_lag);
     let degc: Vec<f64> = used.iter().map(|p| at(&moved, p.t_s())).collect();
 
     let orders = match (given("sigma"), given("b_or")) {

@@ -1,15 +1,14 @@
 //! `calfit coil`: the facility's own calibration.
 
 use super::output::{Terminal, json};
-use super::{Common, Status, open, report_failures, status};
+use super::{Common, Status, jobs_of, open, report_failures, status};
 use crate::analysis::coil::{scalar, tilt};
 use crate::analysis::lin;
-use crate::campaign::Campaign;
 use crate::error::Finding;
 use crate::formats::output::Folder;
 use crate::run::Kind;
 use crate::workflow::{
-    CoilMade, CoilResult, Desk, Failure, Job, TiltInput, facility, jobs, publish_coil, residual_of, residual_of_table, scalar_of,
+    CoilMade, CoilResult, Desk, Failure, TiltInput, facility, publish_coil, residual_of, residual_of_table, scalar_of,
 };
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
@@ -82,17 +81,6 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         Method::Residual(own) => residual_field(own, common, terminal),
         Method::Tilt(own) => orientations(own, common, terminal),
     }
-}
-
-fn jobs_of<'a>(campaigns: &'a [Campaign], paths: &[PathBuf], kind: Kind, terminal: &Terminal) -> Result<Vec<Job<'a>>, Finding> {
-    let (jobs, unmatched) = jobs(campaigns, Some(kind));
-    terminal.unmatched(&unmatched);
-    if jobs.is_empty() {
-        let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
-        let rule = format!("holds no {kind} run");
-        return Err(Finding::error(&shown.join(", "), rule, "list the runs with `calfit inspect`"));
-    }
-    Ok(jobs)
 }
 
 fn ends_with(path: &Path, end: &str) -> bool {

@@ -1,11 +1,11 @@
 //! What `lin`, `offset`, `freq` and `null` do alike: every run of a kind on its own, in parallel, and a table of all.
 
 use super::output::{Terminal, json};
-use super::{Common, Status, open, report_failures, status};
+use super::{Common, Status, jobs_of, open, report_failures, status};
 use crate::error::Finding;
 use crate::formats::output::Folder;
 use crate::formats::parameter::Body;
-use crate::workflow::{Failure, Made, PerRun, RunReport, RunResult, jobs, make, publish, table_names};
+use crate::workflow::{Failure, Made, PerRun, RunReport, RunResult, make, publish, table_names};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -23,13 +23,7 @@ pub(super) type Attempt<A> = Result<Made<<A as PerRun>::Result>, Failure>;
 /// Analyses every run of the analysis' kind among the paths and writes its files.
 pub(super) fn run<A: PerRun>(analysis: &A, paths: &[PathBuf], common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let campaigns = open(paths, terminal)?;
-    let (jobs, unmatched) = jobs(&campaigns, Some(A::KIND));
-    terminal.unmatched(&unmatched);
-    if jobs.is_empty() {
-        let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
-        let rule = format!("holds no {} run", A::KIND);
-        return Err(Finding::error(&shown.join(", "), rule, "list the runs with `calfit inspect`"));
-    }
+    let jobs = jobs_of(&campaigns, paths, A::KIND, terminal)?;
     let folder = Folder::open(&common.out, common.force)?;
     table_names(A::STEM).iter().try_for_each(|name| folder.check(name))?;
     let desk = common.desk();

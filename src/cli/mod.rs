@@ -19,7 +19,8 @@ mod verify;
 
 use crate::campaign::Campaign;
 use crate::error::Finding;
-use crate::workflow::{Desk, Failure};
+use crate::run::Kind;
+use crate::workflow::{Desk, Failure, Job, jobs};
 use clap::{ArgAction, Args, ColorChoice, Parser, Subcommand, ValueEnum};
 use output::Terminal;
 use std::path::PathBuf;
@@ -211,6 +212,18 @@ fn open(paths: &[PathBuf], terminal: &Terminal) -> Result<Vec<Campaign>, Finding
     let campaigns = Campaign::open(paths, &mut findings)?;
     findings.iter().for_each(|f| terminal.finding(f));
     Ok(campaigns)
+}
+
+/// The runs of a kind in the campaigns of some paths; there must be one.
+fn jobs_of<'a>(campaigns: &'a [Campaign], paths: &[PathBuf], kind: Kind, terminal: &Terminal) -> Result<Vec<Job<'a>>, Finding> {
+    let (jobs, unmatched) = jobs(campaigns, Some(kind));
+    terminal.unmatched(&unmatched);
+    if jobs.is_empty() {
+        let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
+        let rule = format!("holds no {kind} run");
+        return Err(Finding::error(&shown.join(", "), rule, "list the runs with `calfit inspect`"));
+    }
+    Ok(jobs)
 }
 
 /// Prints the errors of the runs that have no result and counts them.

@@ -87,7 +87,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let mut findings = Vec::new();
         match read_point(path, &mut findings) {
             Ok((point, digested)) => {
-                let input = Input { path: point.file.clone(), size_bytes: digested.size_bytes, sha256: digested.sha256 };
+                let input = digested.input(point.file.clone());
                 if let Some(twin) = points.iter().find(|p| p.run.id == point.run.id && same_kind(p, &point)) {
                     terminal.warning(&format!("{}: {} is of the same run and is used", path.display(), twin.file));
                 } else {

@@ -9,9 +9,9 @@ use crate::formats::output::Folder;
 use crate::formats::parameter::Body;
 use crate::formats::thermistor::{REFERENCE, TABLE, read};
 use crate::plot;
-use crate::provenance::{Input, Provenance};
-use crate::report::{self, FigureLink};
-use crate::workflow::{draw, parameter_text};
+use crate::provenance::Provenance;
+use crate::report;
+use crate::workflow::{Outcome, draw, parameter_text};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
@@ -86,9 +86,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let reference = arguments.reference.as_ref().map(|path| read(path, REFERENCE, &mut findings)).transpose();
     findings.iter().for_each(|f| terminal.finding(f));
     let ((rows, digested), reference) = (table?, reference?);
-    let mut input = vec![Input { path: file_name(&arguments.table), size_bytes: digested.size_bytes, sha256: digested.sha256 }];
+    let mut input = vec![digested.input(file_name(&arguments.table))];
     if let (Some(path), Some((_, digested))) = (&arguments.reference, &reference) {
-        input.push(Input { path: file_name(path), size_bytes: digested.size_bytes, sha256: digested.sha256.clone() });
+        input.push(digested.clone().input(file_name(path)));
     }
     let options = Options {
         order: arguments.order.map(usize::from),
@@ -114,13 +114,16 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     } else {
         draw(&folder, &plot::thermistor::figures(&result), |figure| format!("THERMISTOR_{figure}__{stem}.png"))?
     };
-    let links = FigureLink::number(&drawn, "", &mut 0);
-    let title = report::thermistor::title(&result);
-    let text = report::standalone(&title, &p.warnings, &report::thermistor::sections(&result, 2), &links, &provenance);
-    folder.write(&format!("REPORT_THERMISTOR__{stem}.md"), text.as_bytes())?;
-    folder.sync()?;
-    folder.write(&name, parameter_text(&name, p, &provenance)?.as_bytes())?;
-    folder.sync()?;
+    let outcome = Outcome {
+        name: &name,
+        parameters: parameter_text(&name, p, &provenance)?,
+        report: format!("REPORT_THERMISTOR__{stem}.md"),
+        title: report::thermistor::title(&result),
+        warnings: &p.warnings,
+        sections: report::thermistor::sections(&result, 2),
+        provenance: &provenance,
+    };
+    outcome.write(&folder, &drawn)?;
     if common.json {
         terminal.print(&json(&result)?);
     } else {

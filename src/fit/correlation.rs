@@ -502,27 +502,33 @@ struct Likelihood<'a> {
 }
 
 impl Likelihood<'_> {
-    /// Minus twice the log likelihood, profiled over the variance, up to a constant, and that variance.
-    fn deviance(self, share: f64) -> (f64, f64) {
+    /// Logarithm of the determinant of `white I + slow F`, and the data through its inverse.
+    fn reduce(self, white: f64, slow: f64) -> (f64, f64) {
         let (mut log_determinant, mut product) = (0.0, 1.0);
         let (mut inverse, mut reduced, mut squares, mut off) = (0.0, 0.0, 0.0, 0.0);
         for (i, (diagonal, value)) in self.diagonal.iter().zip(self.data).enumerate() {
             let factor = off * inverse;
-            let pivot = (1.0 - share) + share * diagonal - factor * off;
+            let pivot = white + slow * diagonal - factor * off;
             reduced = value - factor * reduced;
             inverse = 1.0 / pivot;
             squares += reduced * reduced * inverse;
-            off = share * self.off_diagonal.get(i).copied().unwrap_or(0.0);
+            off = slow * self.off_diagonal.get(i).copied().unwrap_or(0.0);
             // One logarithm for many pivots.
             product *= pivot;
             if !(1e-200..1e200).contains(&product) {
-                log_determinant += product.ln();
+                log_determinant += f64::ln(product);
                 product = 1.0;
             }
         }
+        (log_determinant + f64::ln(product), squares)
+    }
+
+    /// Minus twice the log likelihood, profiled over the variance, up to a constant, and that variance.
+    fn deviance(self, share: f64) -> (f64, f64) {
+        let (log_determinant, squares) = self.reduce(1.0 - share, share);
         let count = self.data.len() as f64;
         let variance = squares / count;
-        (count * variance.ln() + log_determinant + product.ln(), variance)
+        (count * variance.ln() + log_determinant, variance)
     }
 
     /// Averages over the likelihood and finds its maximum; `independent_rows` is left open.
@@ -563,24 +569,10 @@ impl Likelihood<'_> {
 
     /// Minus twice the log likelihood of given white and slow variances, up to a constant.
     fn absolute(self, white: f64, slow: f64) -> f64 {
-        let (mut log_determinant, mut product, exponent) = (0.0, 1.0, 1.0 / (white + slow));
-        let (white, slow) = (white * exponent, slow * exponent);
-        let (mut inverse, mut reduced, mut squares, mut off) = (0.0, 0.0, 0.0, 0.0);
-        for (i, (diagonal, value)) in self.diagonal.iter().zip(self.data).enumerate() {
-            let factor = off * inverse;
-            let pivot = white + slow * diagonal - factor * off;
-            reduced = value - factor * reduced;
-            inverse = 1.0 / pivot;
-            squares += reduced * reduced * inverse;
-            off = slow * self.off_diagonal.get(i).copied().unwrap_or(0.0);
-            product *= pivot;
-            if !(1e-200..1e200).contains(&product) {
-                log_determinant += f64::ln(product);
-                product = 1.0;
-            }
-        }
-        let count = self.data.len() as f64;
-        -count * exponent.ln() + log_determinant + product.ln() + squares * exponent
+        // Pivots near one do not leave the range of numbers.
+        let scale = 1.0 / (white + slow);
+        let (log_determinant, squares) = self.reduce(white * scale, slow * scale);
+        log_determinant - self.data.len() as f64 * scale.ln() + squares * scale
     }
 
     /// Averages over what the contrasts inside the rows and the residuals say together.

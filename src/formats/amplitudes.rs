@@ -2,7 +2,7 @@
 //! uncertainties `bx_std_ent,by_std_ent,bz_std_ent`. Lines that begin with `#` are comments.
 
 use super::source::{Digested, read_whole};
-use super::text::{Cell, Columns, columns};
+use super::text::{TableForm, TableRow, small_table};
 use crate::error::{Finding, Severity};
 use std::path::Path;
 
@@ -18,8 +18,13 @@ pub struct Row {
 }
 
 const COLUMNS: [&str; 7] = ["frequency_hz", "bx_ent", "by_ent", "bz_ent", "bx_std_ent", "by_std_ent", "bz_std_ent"];
-const REQUIRED: usize = 4;
-const NAME: &str = "the table of amplitudes";
+const FORM: TableForm = TableForm {
+    name: "the table of amplitudes",
+    columns: &COLUMNS,
+    required: 4,
+    alternatives: COLUMNS.len(),
+    empty: ["the table holds no amplitudes", "it needs a header line and one row per frequency"],
+};
 
 /// Reads a table; warnings go to `findings`.
 ///
@@ -31,51 +36,24 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<Row>, Diges
 }
 
 fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<Row>, Finding> {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let mut names: Option<Columns> = None;
-    let mut rows: Vec<Row> = Vec::new();
-    for (line, number) in bytes.split(|b| *b == b'\n').zip(1u64..) {
-        let line = line.strip_suffix(b"\r").unwrap_or(line);
-        if line.trim_ascii().is_empty() || line.starts_with(b"#") {
-            continue;
+    let (mut seen, mut twice) = (Vec::new(), Vec::new());
+    let rows = small_table(file, bytes, &FORM, findings, |line| {
+        let row = row(line)?;
+        if seen.contains(&row.frequency_hz) {
+            let remedy = "take one out if they are the same measurement";
+            twice.push(line.refuse("the frequency stands twice; both rows count", remedy).weighing(Severity::Warning));
         }
-        let Some(columns) = &names else {
-            let found = columns(file, number, line, NAME, &COLUMNS, REQUIRED)?;
-            findings.extend(found.unknown(file, number, NAME, &COLUMNS));
-            names = Some(found);
-            continue;
-        };
-        let mut cells = Vec::new();
-        columns.row(file, number, line, NAME, &mut cells)?;
-        let row = row(file, number, line, columns, &cells)?;
-        if rows.iter().any(|r| r.frequency_hz == row.frequency_hz) {
-            findings.push(
-                Finding::error(
-                    file,
-                    "the frequency stands twice; both rows count",
-                    "take one out if they are the same measurement",
-                )
-                .at(number, 1)
-                .found(line)
-                .weighing(Severity::Warning),
-            );
-        }
-        rows.push(row);
-    }
-    if rows.is_empty() {
-        return Err(Finding::error(file, "the table holds no amplitudes", "it needs a header line and one row per frequency"));
-    }
-    Ok(rows)
+        seen.push(row.frequency_hz);
+        Ok(row)
+    });
+    findings.extend(twice);
+    rows
 }
 
-fn row(file: &str, number: u64, line: &[u8], columns: &Columns, cells: &[Cell]) -> Result<Row, Finding> {
+fn row(row: &TableRow) -> Result<Row, Finding> {
     let mut values = [f64::NAN; COLUMNS.len()];
     for (i, value) in values.iter_mut().enumerate() {
-        *value = if i < REQUIRED {
-            columns.required(file, number, cells, i)?
-        } else {
-            columns.number(file, number, cells, i)?.unwrap_or(f64::NAN)
-        };
+        *value = if i < FORM.required { row.number(i)? } else { row.optional(i)?.unwrap_or(f64::NAN) };
     }
     let [frequency_hz, bx, by, bz, sx, sy, sz] = values;
     let rule = if frequency_hz <= 0.0 {
@@ -88,7 +66,7 @@ fn row(file: &str, number: u64, line: &[u8], columns: &Columns, cells: &[Cell]) 
         None
     };
     match rule {
-        Some(rule) => Err(Finding::error(file, rule, "repair the value or take the row out").at(number, 1).found(line)),
+        Some(rule) => Err(row.refuse(rule, "repair the value or take the row out")),
         None => Ok(Row { frequency_hz, amplitude_ent: [bx, by, bz], std_ent: [sx, sy, sz] }),
     }
 }

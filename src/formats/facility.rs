@@ -3,7 +3,7 @@
 
 use super::parameter::{self, FacilityPart};
 use super::source::read_whole;
-use super::text::{Group, Keys, decode};
+use super::text::{Keys, decode};
 use crate::error::Finding;
 use crate::model::coil::Coil;
 use crate::provenance::Input;
@@ -91,7 +91,7 @@ pub fn read(path: &Path) -> Result<Facility, Finding> {
         ));
     }
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(Facility { input: Input { path: name, size_bytes: digested.size_bytes, sha256: digested.sha256 }, part })
+    Ok(Facility { input: digested.input(name), part })
 }
 
 fn part(keys: &Keys) -> Result<FacilityPart, Finding> {
@@ -100,17 +100,17 @@ fn part(keys: &Keys) -> Result<FacilityPart, Finding> {
         Some(group) => group,
         None => root.group("model")?.unwrap_or(root),
     };
-    let needed = |key: &str| three(&table, key)?.ok_or_else(|| table.missing(key));
+    let needed = |key: &str| table.three(key)?.ok_or_else(|| table.missing(key));
     let either = |one: &str, other: &str| -> Result<Option<f64>, Finding> { Ok(table.number(one)?.or(table.number(other)?)) };
     let part = FacilityPart {
         scale_nt_per_eu: needed("scale_nt_per_eu")?,
         offset_nt: needed("offset_nt")?,
         angles_deg: needed("angles_deg")?,
-        scale_per_k: three(&table, "scale_per_k")?,
-        offset_nt_per_k: three(&table, "offset_nt_per_k")?,
+        scale_per_k: table.three("scale_per_k")?,
+        offset_nt_per_k: table.three("offset_nt_per_k")?,
         reference_degc: either("reference_degc", "reference_temperature_degc")?,
-        rack_scale_per_k: three(&table, "rack_scale_per_k")?,
-        rack_offset_nt_per_k: three(&table, "rack_offset_nt_per_k")?,
+        rack_scale_per_k: table.three("rack_scale_per_k")?,
+        rack_offset_nt_per_k: table.three("rack_offset_nt_per_k")?,
         rack_reference_degc: either("rack_reference_degc", "rack_reference_temperature_degc")?,
     };
     if part.scale_nt_per_eu.iter().any(|s| *s <= 0.0) {
@@ -123,16 +123,6 @@ fn part(keys: &Keys) -> Result<FacilityPart, Finding> {
         return Err(table.missing("rack_reference_degc"));
     }
     Ok(part)
-}
-
-fn three(group: &Group, key: &str) -> Result<Option<[f64; 3]>, Finding> {
-    match group.numbers(key)? {
-        None => Ok(None),
-        Some(values) => {
-            let three = values.try_into().map_err(|_| group.refuse(key, "must be three numbers", "write one per coil axis"));
-            three.map(Some)
-        }
-    }
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 //! `std_nt`, the standard uncertainty of a modulus. `state` names the state of the facility, `before nulling` for example.
 
 use super::source::{Digested, read_whole};
-use super::text::{TableRow, small_table};
+use super::text::{TableForm, TableRow, small_table};
 use crate::error::Finding;
 use std::path::Path;
 
@@ -22,7 +22,13 @@ pub struct Row {
 }
 
 const COLUMNS: [&str; 5] = ["axis", "state", "plus_nt", "minus_nt", "std_nt"];
-const REQUIRED: usize = 4;
+const FORM: TableForm = TableForm {
+    name: "the table of moduli",
+    columns: &COLUMNS,
+    required: 4,
+    alternatives: COLUMNS.len(),
+    empty: ["the table of moduli holds no rows", "it needs a header line and at least one row"],
+};
 
 /// Reads a table; warnings go to `findings`.
 ///
@@ -34,7 +40,7 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<Row>, Diges
 }
 
 fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<Row>, Finding> {
-    small_table(file, bytes, "the table of moduli", (&COLUMNS, REQUIRED), findings, row)
+    small_table(file, bytes, &FORM, findings, row)
 }
 
 fn row(row: &TableRow) -> Result<Row, Finding> {

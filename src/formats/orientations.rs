@@ -3,7 +3,7 @@
 //! axes X, Y, Z, `-Y +X +Z` for example; rows without it are passed over.
 
 use super::source::{Digested, read_whole};
-use super::text::{TableRow, small_table};
+use super::text::{TableForm, TableRow, small_table};
 use crate::error::{Finding, Severity};
 use crate::model::position::Position;
 use std::path::Path;
@@ -41,7 +41,13 @@ const COLUMNS: [&str; 14] = [
     "settings",
     "field_ut",
 ];
-const REQUIRED: usize = 11;
+const FORM: TableForm = TableForm {
+    name: "the table of run results",
+    columns: &COLUMNS,
+    required: 11,
+    alternatives: COLUMNS.len(),
+    empty: ["the table of run results holds no rows", "it needs a header line and at least one row"],
+};
 
 /// Reads a table; warnings and passed-over rows go to `findings`.
 ///
@@ -54,7 +60,7 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<RunResult>,
 
 fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<RunResult>, Finding> {
     let mut passed_over = Vec::new();
-    let rows = small_table(file, bytes, "the table of run results", (&COLUMNS, REQUIRED), findings, |row| {
+    let rows = small_table(file, bytes, &FORM, findings, |row| {
         if row.text(1).is_empty() {
             let rule = format!("run {} has no orientation and was passed over", row.text(0));
             let remedy = "name the sensor axes along the coil axes X, Y, Z, if they lie along them";

@@ -2,6 +2,7 @@
 
 use super::text::LONGEST_LINE;
 use crate::error::Finding;
+use crate::provenance::Input;
 use flate2::bufread::MultiGzDecoder;
 use sha2::{Digest, Sha256};
 use std::fs::File;
@@ -30,6 +31,14 @@ pub struct Digested {
     pub size_bytes: u64,
     /// SHA-256 of the file, hexadecimal.
     pub sha256: String,
+}
+
+impl Digested {
+    /// The file as an input of a result, under the name that is recorded.
+    #[must_use]
+    pub fn input(self, path: String) -> Input {
+        Input { path, size_bytes: self.size_bytes, sha256: self.sha256 }
+    }
 }
 
 /// Hashes what goes through, so that the hash is that of the bytes that were parsed.

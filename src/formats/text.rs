@@ -172,6 +172,18 @@ impl<'a> Group<'a> {
         self.list(key, "a list of finite numbers", as_number)
     }
 
+    /// Three finite numbers.
+    ///
+    /// # Errors
+    /// A value of another type or length.
+    pub fn three(&self, key: &str) -> Result<Option<[f64; 3]>, Finding> {
+        let three = |values: Vec<f64>| {
+            let wrong = |_| self.refuse(key, "must be three numbers", "write one per component or coil axis");
+            values.try_into().map_err(wrong)
+        };
+        self.numbers(key)?.map(three).transpose()
+    }
+
     fn list<T>(&self, key: &str, expected: &str, convert: impl Fn(&Value) -> Option<T>) -> Result<Option<Vec<T>>, Finding> {
         self.value(key)
             .map(|(item, value)| {
@@ -423,16 +435,29 @@ impl TableRow<'_> {
     }
 }
 
-/// Reads a small CSV table: comments with `#`, a header line with the wanted columns, the first `required` of which must be there,
-/// and one value of `take` per row. Unknown columns become warnings.
+/// What a small table holds.
+#[derive(Clone, Copy, Debug)]
+pub struct TableForm<'a> {
+    /// Name in messages.
+    pub name: &'a str,
+    /// Columns that are looked for.
+    pub columns: &'a [&'a str],
+    /// As many of the first ones must be there.
+    pub required: usize,
+    /// From this one on at least one must be there; none are looked at where it is the number of columns.
+    pub alternatives: usize,
+    /// Rule and remedy for a table without rows.
+    pub empty: [&'a str; 2],
+}
+
+/// Reads a small CSV table: comments with `#`, a header line, and one value of `take` per row. Unknown columns become warnings.
 ///
 /// # Errors
 /// What is wrong with it, with its place; a table without rows.
 pub fn small_table<T>(
     file: &str,
     bytes: &[u8],
-    name: &str,
-    (wanted, required): (&[&str], usize),
+    form: &TableForm,
     findings: &mut Vec<Finding>,
     mut take: impl FnMut(&TableRow) -> Result<T, Finding>,
 ) -> Result<Vec<T>, Finding> {
@@ -445,17 +470,25 @@ pub fn small_table<T>(
             continue;
         }
         let Some(columns) = &header else {
-            let found = columns(file, number, line, name, wanted, required)?;
-            findings.extend(found.unknown(file, number, name, wanted));
+            let found = columns(file, number, line, form.name, form.columns, form.required)?;
+            let (names, places) = (form.columns.get(form.alternatives..), found.wanted.get(form.alternatives..));
+            if let (Some(names @ [_, ..]), Some(places)) = (names, places)
+                && places.iter().all(Option::is_none)
+            {
+                let rule = format!("the table holds neither a column {}", names.join(" nor one "));
+                return Err(Finding::error(file, rule, "name the columns in its header line").at(number, 1).found(line));
+            }
+            findings.extend(found.unknown(file, number, form.name, form.columns));
             header = Some(found);
             continue;
         };
         let mut cells = Vec::new();
-        columns.row(file, number, line, name, &mut cells)?;
+        columns.row(file, number, line, form.name, &mut cells)?;
         rows.push(take(&TableRow { file, number, line, columns, cells: &cells })?);
     }
     if rows.is_empty() {
-        return Err(Finding::error(file, format!("{name} holds no rows"), "it needs a header line and at least one row"));
+        let [rule, remedy] = form.empty;
+        return Err(Finding::error(file, rule, remedy));
     }
     Ok(rows)
 }

@@ -2,7 +2,7 @@
 //! thermometer: `reference_degc` and `u_volt` or `r_ohm`. Lines that begin with `#` are comments.
 
 use super::source::{Digested, read_whole};
-use super::text::{Cell, Columns, columns};
+use super::text::{TableForm, TableRow, small_table};
 use crate::error::Finding;
 use std::path::Path;
 
@@ -34,46 +34,27 @@ pub fn read(path: &Path, temperature: &str, findings: &mut Vec<Finding>) -> Resu
 }
 
 fn parse(file: &str, bytes: &[u8], temperature: &str, findings: &mut Vec<Finding>) -> Result<Vec<Row>, Finding> {
-    const NAME: &str = "the thermistor table";
-    let wanted = [temperature, "u_volt", "r_ohm"];
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let mut names: Option<Columns> = None;
-    let mut rows: Vec<Row> = Vec::new();
-    for (line, number) in bytes.split(|b| *b == b'\n').zip(1u64..) {
-        let line = line.strip_suffix(b"\r").unwrap_or(line);
-        if line.trim_ascii().is_empty() || line.starts_with(b"#") {
-            continue;
-        }
-        let Some(columns) = &names else {
-            let found = columns(file, number, line, NAME, &wanted, 1)?;
-            if found.wanted[1..].iter().all(Option::is_none) {
-                let rule = "the table holds neither a column u_volt nor one r_ohm";
-                return Err(Finding::error(file, rule, "name the columns in its header line").at(number, 1).found(line));
-            }
-            findings.extend(found.unknown(file, number, NAME, &wanted));
-            names = Some(found);
-            continue;
-        };
-        let mut cells: Vec<Cell> = Vec::new();
-        columns.row(file, number, line, NAME, &mut cells)?;
-        let optional = |i: usize| columns.number(file, number, &cells, i).map(|v| v.unwrap_or(f64::NAN));
-        let row = Row { t_degc: columns.required(file, number, &cells, 0)?, u_volt: optional(1)?, r_ohm: optional(2)? };
-        let rule = if row.t_degc < LEAST_DEGC {
-            Some("a temperature lies below absolute zero")
-        } else if row.r_ohm <= 0.0 {
-            Some("a resistance must be positive")
-        } else {
-            None
-        };
-        if let Some(rule) = rule {
-            return Err(Finding::error(file, rule, "repair the value or take the row out").at(number, 1).found(line));
-        }
-        rows.push(row);
-    }
-    if rows.is_empty() {
-        return Err(Finding::error(file, "the table holds no rows", "it needs a header line and one row per temperature"));
-    }
-    Ok(rows)
+    let form = TableForm {
+        name: "the thermistor table",
+        columns: &[temperature, "u_volt", "r_ohm"],
+        required: 1,
+        alternatives: 1,
+        empty: ["the table holds no rows", "it needs a header line and one row per temperature"],
+    };
+    small_table(file, bytes, &form, findings, row)
+}
+
+fn row(row: &TableRow) -> Result<Row, Finding> {
+    let optional = |i: usize| row.optional(i).map(|v| v.unwrap_or(f64::NAN));
+    let values = Row { t_degc: row.number(0)?, u_volt: optional(1)?, r_ohm: optional(2)? };
+    let rule = if values.t_degc < LEAST_DEGC {
+        "a temperature lies below absolute zero"
+    } else if values.r_ohm <= 0.0 {
+        "a resistance must be positive"
+    } else {
+        return Ok(values);
+    };
+    Err(row.refuse(rule, "repair the value or take the row out"))
 }
 
 #[cfg(test)]

@@ -403,18 +403,9 @@ fn not_negative(group: &Group, key: &str) -> Result<Option<f64>, Finding> {
     }
 }
 
-fn three(group: &Group, key: &str, default: [f64; 3]) -> Result<[f64; 3], Finding> {
-    match group.numbers(key)? {
-        None => Ok(default),
-        Some(values) => {
-            values.try_into().map_err(|_| group.refuse(key, "must be three numbers", "write one per component or coil axis"))
-        }
-    }
-}
-
 /// Three numbers that are not negative, zero where nothing is said.
 fn three_sizes(group: &Group, key: &str) -> Result<[f64; 3], Finding> {
-    match three(group, key, [0.0; 3])? {
+    match group.three(key)?.unwrap_or_default() {
         values if values.iter().all(|v| *v >= 0.0) => Ok(values),
         _ => Err(group.refuse(key, "must not be negative", "correct the values")),
     }
@@ -431,7 +422,7 @@ fn places(
     for group in root.groups("place")? {
         findings.extend(group.unknown(&["position", "rotation_deg"]));
         let id = group.whole("position")?.ok_or_else(|| group.missing("position"))?;
-        let rotation_deg = three(&group, "rotation_deg", [0.0; 3])?;
+        let rotation_deg = group.three("rotation_deg")?.unwrap_or([0.0; 3]);
         let place = places
             .get_mut(&id)
             .ok_or_else(|| group.refuse("position", "is not in the position table", "add [[campaign.position]]"))?;
@@ -464,8 +455,8 @@ fn sensors(root: &Group, findings: &mut Vec<Finding>) -> Result<Vec<SensorTwin>,
             name,
             mode,
             model: thermal_sensor(&group)?,
-            rotation_deg: three(&group, "rotation_deg", [0.0; 3])?,
-            rotation_per_k_deg: three(&group, "rotation_per_k_deg", [0.0; 3])?,
+            rotation_deg: group.three("rotation_deg")?.unwrap_or([0.0; 3]),
+            rotation_per_k_deg: group.three("rotation_per_k_deg")?.unwrap_or([0.0; 3]),
             nominal_rate_hz,
             rate_hz: positive(&group, "real_sample_rate_hz")?.unwrap_or(nominal_rate_hz),
             range_ent,
@@ -509,13 +500,13 @@ fn facility(root: &Group, findings: &mut Vec<Finding>) -> Result<FacilityTwin, F
     findings.extend(group.unknown(&FACILITY));
     let ideal = Coil::IDEAL;
     let coil = Coil {
-        scale_nt_per_eu: three(&group, "scale_nt_per_eu", ideal.scale_nt_per_eu)?,
-        scale_per_k: three(&group, "scale_per_k", [0.0; 3])?,
-        rack_scale_per_k: three(&group, "rack_scale_per_k", [0.0; 3])?,
-        offset_nt: three(&group, "offset_nt", [0.0; 3])?,
-        offset_nt_per_k: three(&group, "offset_nt_per_k", [0.0; 3])?,
-        rack_offset_nt_per_k: three(&group, "rack_offset_nt_per_k", [0.0; 3])?,
-        angles_deg: three(&group, "angles_deg", ideal.angles_deg)?,
+        scale_nt_per_eu: group.three("scale_nt_per_eu")?.unwrap_or(ideal.scale_nt_per_eu),
+        scale_per_k: group.three("scale_per_k")?.unwrap_or([0.0; 3]),
+        rack_scale_per_k: group.three("rack_scale_per_k")?.unwrap_or([0.0; 3]),
+        offset_nt: group.three("offset_nt")?.unwrap_or([0.0; 3]),
+        offset_nt_per_k: group.three("offset_nt_per_k")?.unwrap_or([0.0; 3]),
+        rack_offset_nt_per_k: group.three("rack_offset_nt_per_k")?.unwrap_or([0.0; 3]),
+        angles_deg: group.three("angles_deg")?.unwrap_or(ideal.angles_deg),
         reference_degc: group.number("reference_degc")?.unwrap_or(ideal.reference_degc),
         rack_reference_degc: group.number("rack_reference_degc")?.unwrap_or(ideal.rack_reference_degc),
     };
@@ -526,7 +517,7 @@ fn facility(root: &Group, findings: &mut Vec<Finding>) -> Result<FacilityTwin, F
     for entry in group.groups("residual")? {
         findings.extend(entry.unknown(&["from", "field_nt"]));
         let from = time(&entry, "from")?.ok_or_else(|| entry.missing("from"))?;
-        residual.push(Residual { from, field_nt: three(&entry, "field_nt", [0.0; 3])? });
+        residual.push(Residual { from, field_nt: entry.three("field_nt")?.unwrap_or([0.0; 3]) });
     }
     residual.sort_by_key(|r| r.from);
     Ok(FacilityTwin {
@@ -538,7 +529,7 @@ fn facility(root: &Group, findings: &mut Vec<Finding>) -> Result<FacilityTwin, F
         residual,
         daily_nt: three_sizes(&group, "daily_nt")?,
         irregular_nt: three_sizes(&group, "irregular_nt")?,
-        leakage: three(&group, "leakage", [0.0; 3])?,
+        leakage: group.three("leakage")?.unwrap_or([0.0; 3]),
         variometer_noise_nt: not_negative(&group, "variometer_noise_nt")?.unwrap_or(0.0),
         scalar_noise_nt: not_negative(&group, "scalar_noise_nt")?.unwrap_or(0.0),
     })
@@ -566,7 +557,7 @@ fn thermal_box(root: &Group, findings: &mut Vec<Finding>) -> Result<BoxTwin, Fin
         Some(entry) => {
             findings.extend(entry.unknown(&HEATER));
             Some(Heater {
-                field_nt: three(&entry, "field_nt", [0.0; 3])?,
+                field_nt: entry.three("field_nt")?.unwrap_or([0.0; 3]),
                 longest_s: positive(&entry, "longest_s")?.ok_or_else(|| entry.missing("longest_s"))?,
                 delay_s: not_negative(&entry, "delay_s")?.unwrap_or(0.0),
             })

@@ -2,6 +2,7 @@
 
 use super::noise::Random;
 use crate::formats::twin::{Approach, Body, BoxTwin, Climate, Phase, Thermistor, Twin};
+use crate::model::lag;
 use crate::run::SlowTable;
 use jiff::Timestamp;
 
@@ -12,15 +13,17 @@ const WARMEST_H: f64 = 15.0;
 /// A thermistor that cannot be trusted keeps a wrong value for this long, s.
 const JUMP_S: f64 = 60.0;
 
-/// Temperatures against time, on a fixed grid.
+/// Values against time, on a grid from time zero.
 #[derive(Clone, Debug)]
-struct History {
-    values: Vec<f64>,
+pub(super) struct History {
+    pub(super) step_s: f64,
+    pub(super) values: Vec<f64>,
 }
 
 impl History {
-    fn at(&self, t_s: f64) -> f64 {
-        let place = (t_s / STEP_S).max(0.0);
+    /// The value at a time; the first or the last one outside of the grid.
+    pub(super) fn at(&self, t_s: f64) -> f64 {
+        let place = (t_s / self.step_s).max(0.0);
         let index = (place as usize).min(self.values.len().saturating_sub(1));
         let here = self.values.get(index).copied().unwrap_or(f64::NAN);
         let next = self.values.get(index + 1).copied().unwrap_or(here);
@@ -32,18 +35,14 @@ impl History {
         if time_constant_s <= 0.0 {
             return self.clone();
         }
-        // Exact for a history of straight lines.
-        let x = STEP_S / time_constant_s;
-        let decay = (-x).exp();
+        let x = self.step_s / time_constant_s;
         let mut value = self.values.first().copied().unwrap_or(f64::NAN);
         let mut values = vec![value];
         for pair in self.values.windows(2) {
-            let (from, to) = (pair[0], pair[1]);
-            let slope = (to - from) / x;
-            value = to - slope + (value - from + slope) * decay;
+            value = lag::follow(value, pair[0], pair[1], x);
             values.push(value);
         }
-        Self { values }
+        Self { values, ..*self }
     }
 }
 
@@ -70,7 +69,7 @@ impl Temperatures {
                 let day = (midnight_s + i as f64 * STEP_S - WARMEST_H * 3600.0) / 86_400.0;
                 climate.mean_degc + climate.daily_k * (std::f64::consts::TAU * day).cos()
             };
-            History { values: (0..count).map(value).collect() }
+            History { step_s: STEP_S, values: (0..count).map(value).collect() }
         };
         let sensor = box_history.delayed(twin.thermal_box.sensor_time_constant_s);
         let bodies = [
@@ -83,7 +82,9 @@ impl Temperatures {
         let thermistors = twin
             .thermistors
             .iter()
-            .map(|t| of(t.of).map_or(History { values: Vec::new() }, |history| history.delayed(t.time_constant_s)))
+            .map(|t| {
+                of(t.of).map_or(History { step_s: STEP_S, values: Vec::new() }, |history| history.delayed(t.time_constant_s))
+            })
             .collect();
         Self { origin, bodies, thermistors }
     }
@@ -145,7 +146,7 @@ fn box_history(twin: &BoxTwin, origin: Timestamp, count: usize) -> History {
         }
         value
     });
-    History { values: values.collect() }
+    History { step_s: STEP_S, values: values.collect() }
 }
 
 #[cfg(test)]
@@ -154,7 +155,7 @@ mod tests {
 
     #[test]
     fn a_ramp_is_followed_at_the_distance_of_the_time_constant() {
-        let history = History { values: (0..2000).map(|i| f64::from(i) * 0.1).collect() };
+        let history = History { step_s: STEP_S, values: (0..2000).map(|i| f64::from(i) * 0.1).collect() };
         let delayed = history.delayed(600.0);
         // Rate 0.01 K/s: the lag is 6 K (1 - exp(-t / 600 s)).
         for t in [100.0, 1000.0, 10_000.0] {

@@ -1,6 +1,6 @@
 //! One simulated run: its timeline of fields, its slow channels, and its samples one by one.
 
-use super::climate::{Temperatures, seconds};
+use super::climate::{History, Temperatures, seconds};
 use super::noise::{Flicker, Random};
 use crate::error::Finding;
 use crate::formats::twin::{Body, FacilityTwin, RunTwin, SensorTwin, Twin};
@@ -35,24 +35,6 @@ struct Stretch {
     heater_nt: [f64; 3],
 }
 
-/// The external field at the variometer, on a grid.
-#[derive(Clone, Debug)]
-struct Variation {
-    interval_s: f64,
-    values_nt: Vec<[f64; 3]>,
-}
-
-impl Variation {
-    fn at(&self, t_s: f64) -> [f64; 3] {
-        let place = (t_s / self.interval_s).max(0.0);
-        let index = (place as usize).min(self.values_nt.len().saturating_sub(1));
-        let here = self.values_nt.get(index).copied().unwrap_or_default();
-        let next = self.values_nt.get(index + 1).copied().unwrap_or(here);
-        let part = (place - index as f64).min(1.0);
-        std::array::from_fn(|k| here[k] + part * (next[k] - here[k]))
-    }
-}
-
 /// A run that was simulated: what stands in its file, and a source of its samples.
 #[derive(Clone, Debug)]
 pub struct SimulatedRun<'a> {
@@ -78,7 +60,8 @@ struct Scene<'a> {
     start: Timestamp,
     climate: &'a Temperatures,
     stretches: Vec<Stretch>,
-    variation: Variation,
+    /// The external field at the variometer, nT, coil axes.
+    variation_nt: [History; 3],
     coil_axes: Matrix3<f64>,
     rate_hz: f64,
 }
@@ -129,9 +112,9 @@ impl<'a> SimulatedRun<'a> {
         let temperatures =
             climate.table(&twin.thermistors, run.start, &slow_s, &mut Random::new(seed, &[&run.id, "thermistors"]));
         let mut random = Random::new(seed, &[&run.id, "variation"]);
-        let variation = variation(facility, run.start, &slow_s, twin.slow_interval_s, &mut random);
+        let variation_nt = variation(facility, run.start, &slow_s, twin.slow_interval_s, &mut random);
         let varies = facility.daily_nt.iter().chain(&facility.irregular_nt).any(|v| *v > 0.0);
-        let channels = if varies { variometer(&variation, facility, &slow_s, &mut random) } else { SlowTable::default() };
+        let channels = if varies { variometer(&variation_nt, facility, &slow_s, &mut random) } else { SlowTable::default() };
 
         let scene = Scene {
             twin,
@@ -139,7 +122,7 @@ impl<'a> SimulatedRun<'a> {
             start: run.start,
             climate,
             stretches,
-            variation,
+            variation_nt,
             coil_axes: facility.coil.axes().unwrap_or_else(Matrix3::identity),
             rate_hz: sensor.rate_hz * nominal_rate_hz / sensor.nominal_rate_hz,
         };
@@ -261,22 +244,25 @@ fn pause(stretches: &mut Vec<Stretch>, pause_s: f64, heater: Option<crate::forma
     }
 }
 
-fn variation(facility: &FacilityTwin, start: Timestamp, t_s: &[f64], interval_s: f64, random: &mut Random) -> Variation {
+fn variation(facility: &FacilityTwin, start: Timestamp, t_s: &[f64], interval_s: f64, random: &mut Random) -> [History; 3] {
     let decay = (-interval_s / IRREGULAR_S).exp();
     let mut irregular: [f64; 3] = std::array::from_fn(|_| random.normal());
     let day_s = start.as_second().rem_euclid(86_400) as f64;
-    let values_nt = t_s.iter().map(|t| {
+    let mut variation_nt = std::array::from_fn(|_| History { step_s: interval_s, values: Vec::with_capacity(t_s.len()) });
+    for t in t_s {
         let angle = TAU * (day_s + t) / 86_400.0;
-        let value = std::array::from_fn(|k| facility.daily_nt[k] * angle.cos() + facility.irregular_nt[k] * irregular[k]);
+        for (k, history) in variation_nt.iter_mut().enumerate() {
+            history.values.push(facility.daily_nt[k] * angle.cos() + facility.irregular_nt[k] * irregular[k]);
+        }
         irregular = irregular.map(|v| decay * v + (1.0 - decay * decay).sqrt() * random.normal());
-        value
-    });
-    Variation { interval_s, values_nt: values_nt.collect() }
+    }
+    variation_nt
 }
 
-fn variometer(variation: &Variation, facility: &FacilityTwin, t_s: &[f64], random: &mut Random) -> SlowTable {
-    let values = (0..3)
-        .map(|k| t_s.iter().map(|t| variation.at(*t)[k] + facility.variometer_noise_nt * random.normal()).collect::<Vec<f64>>());
+fn variometer(variation_nt: &[History; 3], facility: &FacilityTwin, t_s: &[f64], random: &mut Random) -> SlowTable {
+    let values = (0..3).map(|k| {
+        t_s.iter().map(|t| variation_nt[k].at(*t) + facility.variometer_noise_nt * random.normal()).collect::<Vec<f64>>()
+    });
     let values = values.collect();
     SlowTable { names: ["VARX", "VARY", "VARZ"].map(str::to_owned).to_vec(), t_s: t_s.to_vec(), values }
 }
@@ -308,9 +294,8 @@ impl Scene<'_> {
         let FieldCoil(driven) = facility.coil.field(&self.coil_axes, drive, temperature(Body::Coil), temperature(Body::Rack));
         let now = |r: &&crate::formats::twin::Residual| seconds(self.start, r.from) <= t_s;
         let residual_nt = facility.residual.iter().rev().find(now).map_or([0.0; 3], |r| r.field_nt);
-        let variation_nt = self.variation.at(t_s);
         FieldCoil(std::array::from_fn(|k| {
-            driven[k] + residual_nt[k] + facility.leakage[k] * variation_nt[k] + stretch.heater_nt[k]
+            driven[k] + residual_nt[k] + facility.leakage[k] * self.variation_nt[k].at(t_s) + stretch.heater_nt[k]
         }))
     }
 

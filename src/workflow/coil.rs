@@ -1,6 +1,6 @@
 //! The facility's own calibration as files, figures and text.
 
-use super::{Desk, Failure, Job, draw, make, parameter_text};
+use super::{Desk, Failure, Job, Outcome, draw, make, parameter_text};
 use crate::analysis::coil::{CoilError, Residual, Scalar, Tilt, residual, scalar, tilt};
 use crate::analysis::lin;
 use crate::campaign::Campaign;
@@ -13,7 +13,7 @@ use crate::formats::{ccr, moduli, orientations};
 use crate::model::position::Position;
 use crate::plot::{self, Named};
 use crate::provenance::{Input, Provenance};
-use crate::report::{self, FigureLink};
+use crate::report;
 use crate::run::Run;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -218,7 +218,7 @@ pub fn residual_of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Coi
         return Err(Finding::error(&shown, "its name cannot be a run id", "rename it").found(id.as_bytes()));
     }
     let result = residual::of_table(&rows, &id).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
-    let input = Input { path: name, size_bytes: digested.size_bytes, sha256: digested.sha256 };
+    let input = digested.input(name);
     Ok(CoilMade { result, provenance: Provenance::new("calfit coil residual".to_owned(), vec![input]) })
 }
 
@@ -238,7 +238,7 @@ impl TiltInput {
     /// The table cannot be read.
     pub fn table(&mut self, path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
         let (rows, digested) = orientations::read(path, findings)?;
-        self.inputs.push(Input { path: names(path).1, size_bytes: digested.size_bytes, sha256: digested.sha256 });
+        self.inputs.push(digested.input(names(path).1));
         self.results.extend(rows);
         Ok(())
     }
@@ -361,12 +361,15 @@ pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<St
     } else {
         Vec::new()
     };
-    let links = FigureLink::number(&drawn, "", &mut 0);
-    let text = report::standalone(&result.title(), result.warnings(), &result.sections(2), &links, &made.provenance);
-    folder.write(&format!("REPORT_{stem}.md"), text.as_bytes())?;
-    folder.sync()?;
-    let text = parameter_text(&name, result.parameters(), &made.provenance)?;
-    folder.write(&name, text.as_bytes())?;
-    folder.sync()?;
+    let outcome = Outcome {
+        name: &name,
+        parameters: parameter_text(&name, result.parameters(), &made.provenance)?,
+        report: format!("REPORT_{stem}.md"),
+        title: result.title(),
+        warnings: result.warnings(),
+        sections: result.sections(2),
+        provenance: &made.provenance,
+    };
+    outcome.write(&folder, &drawn)?;
     Ok(name)
 }

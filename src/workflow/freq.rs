@@ -9,7 +9,7 @@ use crate::formats::parameter::{Fpf, RunHead};
 #[cfg(feature = "tables")]
 use crate::formats::table::Table;
 use crate::plot::{self, Named};
-use crate::provenance::{Input, Provenance};
+use crate::provenance::Provenance;
 use crate::report;
 use crate::run::{Kind, Run};
 use std::path::Path;
@@ -47,7 +47,7 @@ pub fn of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Made<Freq>, 
         return Err(Finding::error(&path.display().to_string(), "its name cannot be a run id", "rename it to freq_<run id>.csv")
             .found(id.as_bytes()));
     }
-    let input = Input { path: name.clone(), size_bytes: digested.size_bytes, sha256: digested.sha256 };
+    let input = digested.input(name.clone());
     let provenance = Provenance::new(format!("calfit freq --amplitudes {name}"), vec![input]);
     Ok(Made { result: from_table(&rows, id), provenance, run: None })
 }

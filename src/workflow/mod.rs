@@ -309,15 +309,51 @@ pub fn publish<A: PerRun>(made: &Made<A::Result>, desk: &Desk, parameter_name: &
     for (stem, note, table) in result.tables() {
         folder.write(&format!("{stem}__{id}.csv"), &table.csv(&note)?)?;
     }
-    let links: Vec<FigureLink> = FigureLink::number(&drawn, "", &mut 0);
-    let text = report::standalone(&result.title(), result.warnings(), &result.sections(2), &links, &made.provenance);
-    folder.write(&format!("REPORT_{}__{id}.md", A::STEM), text.as_bytes())?;
-    // What the parameter file rests on is safe on disk before it, and its own name after it.
-    folder.sync()?;
-    let text = parameter_text(parameter_name, result.parameters(), &made.provenance)?;
-    folder.write(parameter_name, text.as_bytes())?;
-    folder.sync()?;
+    let outcome = Outcome {
+        name: parameter_name,
+        parameters: parameter_text(parameter_name, result.parameters(), &made.provenance)?,
+        report: format!("REPORT_{}__{id}.md", A::STEM),
+        title: result.title(),
+        warnings: result.warnings(),
+        sections: result.sections(2),
+        provenance: &made.provenance,
+    };
+    outcome.write(&folder, &drawn)?;
     Ok(drawn)
+}
+
+/// Report and parameter file of a result.
+pub struct Outcome<'a> {
+    /// Name of the parameter file.
+    pub name: &'a str,
+    /// Its text.
+    pub parameters: String,
+    /// Name of the report.
+    pub report: String,
+    /// Title of the report.
+    pub title: String,
+    /// What a person should know.
+    pub warnings: &'a [String],
+    /// Sections of the report.
+    pub sections: String,
+    /// Where the result comes from.
+    pub provenance: &'a Provenance,
+}
+
+impl Outcome<'_> {
+    /// Writes the report with its figures, then the parameter file: what that rests on is safe on disk before it, and its own name after
+    /// it.
+    ///
+    /// # Errors
+    /// What cannot be written.
+    pub fn write(&self, folder: &Folder, drawn: &[Drawn]) -> Result<(), Finding> {
+        let links: Vec<FigureLink> = FigureLink::number(drawn, "", &mut 0);
+        let text = report::standalone(&self.title, self.warnings, &self.sections, &links, self.provenance);
+        folder.write(&self.report, text.as_bytes())?;
+        folder.sync()?;
+        folder.write(self.name, self.parameters.as_bytes())?;
+        folder.sync()
+    }
 }
 
 /// Writes the table of all runs of one kind, as CSV and Parquet.

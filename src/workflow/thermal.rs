@@ -1,6 +1,6 @@
 //! Analyses across temperatures as files, figures and text.
 
-use super::{Desk, draw, parameter_text};
+use super::{Desk, Outcome, draw, parameter_text};
 use crate::analysis::lin::Lin;
 use crate::analysis::thermal::{File, Group, Kind, Thermal, ThermalError, groups, thermal};
 use crate::error::Finding;
@@ -10,7 +10,7 @@ use crate::formats::output::Folder;
 use crate::formats::parameter::Point;
 use crate::plot;
 use crate::provenance::{Input, Provenance};
-use crate::report::{self, Drawn, FigureLink};
+use crate::report::{self, Drawn};
 use rayon::prelude::*;
 
 /// How thermal analyses are made.
@@ -102,17 +102,19 @@ fn publish(result: &Thermal, provenance: &Provenance, desk: &Desk) -> Result<Vec
         Vec::new()
     };
     let head = result.file.head();
-    let title = format!("{}, {} {}", report::thermal::title(result.kind), head.sensor, head.mode);
-    let links = FigureLink::number(&drawn, "", &mut 0);
-    let text = report::standalone(&title, &head.warnings, &report::thermal::sections(result, 2), &links, provenance);
-    folder.write(&format!("REPORT_{begin}__{first}.md"), text.as_bytes())?;
-    folder.sync()?;
-    let text = match &result.file {
-        File::Tpf(body) => parameter_text(&name, body.as_ref(), provenance),
-        File::Tof(body) => parameter_text(&name, body.as_ref(), provenance),
-        File::Taf(body) => parameter_text(&name, body.as_ref(), provenance),
-    }?;
-    folder.write(&name, text.as_bytes())?;
-    folder.sync()?;
+    let outcome = Outcome {
+        name: &name,
+        parameters: match &result.file {
+            File::Tpf(body) => parameter_text(&name, body.as_ref(), provenance),
+            File::Tof(body) => parameter_text(&name, body.as_ref(), provenance),
+            File::Taf(body) => parameter_text(&name, body.as_ref(), provenance),
+        }?,
+        report: format!("REPORT_{begin}__{first}.md"),
+        title: format!("{}, {} {}", report::thermal::title(result.kind), head.sensor, head.mode),
+        warnings: &head.warnings,
+        sections: report::thermal::sections(result, 2),
+        provenance,
+    };
+    outcome.write(&folder, &drawn)?;
     Ok(drawn)
 }

@@ -143,7 +143,7 @@ fn open(path: &Path) -> Result<(String, Head, Input), Finding> {
         ));
     }
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok((text, head, Input { path: name, size_bytes: digested.size_bytes, sha256: digested.sha256 }))
+    Ok((text, head, digested.input(name)))
 }
 
 /// Reads a parameter file of any kind and checks its hash.
