@@ -19,6 +19,7 @@
 pub mod analysis;
 pub mod campaign;
 pub mod cli;
+pub mod diagnose;
 pub mod envelope;
 pub mod error;
 pub mod fit;

@@ -2,6 +2,7 @@
 
 mod check;
 mod coil;
+mod diagnose;
 mod each;
 mod freq;
 mod inspect;
@@ -58,6 +59,8 @@ enum Command {
     Simulate(simulate::Arguments),
     /// The facility's own calibration: scalar calibration, residual field, sensor and facility from several orientations.
     Coil(coil::Arguments),
+    /// Find where the data disagree with the model, name the missing effect, add it, and show how the gap shrinks.
+    Diagnose(diagnose::Arguments),
     /// List the runs of a campaign: file, programme, sensor, mode, settings, vectors, losses, temperatures.
     Inspect(inspect::Arguments),
     /// Validate files and say everything that is wrong with each; changes nothing.
@@ -198,6 +201,7 @@ fn execute(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
         Command::Report(arguments) => report::run(&arguments, &cli.common, terminal),
         Command::Simulate(arguments) => simulate::run(&arguments, &cli.common, terminal),
         Command::Coil(arguments) => coil::run(&arguments, &cli.common, terminal),
+        Command::Diagnose(arguments) => diagnose::run(&arguments, &cli.common, terminal),
         Command::Inspect(arguments) => inspect::run(&arguments, &cli.common, terminal),
         Command::Check(arguments) => check::run(&arguments, &cli.common, terminal),
         Command::Verify(arguments) => verify::run(&arguments, &cli.common, terminal),

@@ -10,6 +10,8 @@
 //! * [`nonlinear`]: Levenberg-Marquardt for models with a Jacobian or without, polished to the last digits of the model.
 //! * [`robust`]: Huber weights for rows which do not belong.
 //! * [`correlation`]: white and slow noise told apart in the residuals, and what slow noise does to the coefficients.
+//! * [`colour`]: noise that is white, slow or grows with the field, and its whitening.
+//! * [`scan`]: which of many groups of columns explains what a model leaves, paid for by simulation.
 //! * [`spectrum`]: amplitude densities of long records, piece by piece, and lines in them.
 //! * [`allan`]: Allan deviations with confidence limits.
 //! * [`propagate`](mod@propagate): covariance through functions of the coefficients.
@@ -18,6 +20,7 @@
 
 pub mod allan;
 pub mod choice;
+pub mod colour;
 pub mod contaminated;
 pub mod correlation;
 mod double_double;
@@ -29,6 +32,7 @@ pub mod propagate;
 #[cfg(test)]
 pub(crate) mod random;
 pub mod robust;
+pub mod scan;
 pub mod sine;
 pub mod spectrum;
 

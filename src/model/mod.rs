@@ -1,6 +1,7 @@
 //! The forward model that analysis, simulation and diagnosis share. It knows no files.
 
 pub mod coil;
+pub mod effects;
 pub mod lag;
 pub mod polynomial;
 pub mod position;

@@ -7,6 +7,7 @@
 mod axis;
 mod canvas;
 pub mod coil;
+pub mod diagnose;
 mod encode;
 pub mod freq;
 mod legend;

@@ -1,6 +1,7 @@
 //! Results as tables for people. Reads result structs and computes nothing about the sensor.
 
 pub mod coil;
+pub mod diagnose;
 pub mod freq;
 pub mod html;
 pub mod lin;

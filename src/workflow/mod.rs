@@ -3,6 +3,7 @@
 
 mod all;
 mod coil;
+mod diagnose;
 mod freq;
 mod lin;
 mod null;
@@ -12,6 +13,7 @@ mod thermal;
 
 pub use all::{Analyses, LinName, Measured, publish_tables, publish_thermal_names, scale_offsets};
 pub use coil::{CoilMade, CoilResult, TiltInput, facility, publish_coil, residual_of, residual_of_table, scalar_of};
+pub use diagnose::{Diagnosed, diagnose_run, publish_diagnosis, publish_model, read_model};
 pub use freq::of_table;
 pub use thermal::{ThermalOptions, ThermalShown, thermals};
 

@@ -8,6 +8,7 @@ mod cpf;
 mod emit;
 mod fpf;
 mod head;
+mod model;
 mod null;
 mod opf;
 mod point;
@@ -22,6 +23,7 @@ pub use cpf::{Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Qual
 pub use emit::toml;
 pub use fpf::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
 pub use head::{Conditions, Dropped, Rows, RunHead};
+pub use model::{Model, ModelEffect, ModelParameter};
 pub use null::{
     AllanPart, ChannelPart, CornerPart, DensityPart, LinePart, Npf, NullConvention, NullOffset, RecordPart, SpectrumPart,
     StopPart, TogetherPart,

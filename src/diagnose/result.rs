@@ -1,0 +1,169 @@
+//! What a diagnosis found.
+
+use crate::fit::colour::Colour;
+use crate::model::effects::Spec;
+use serde::Serialize;
+
+/// Everything that was found in one run, or in several that were looked at together.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Diagnosis {
+    /// `diagnosis`.
+    pub format: &'static str,
+    /// 1.
+    pub version: u32,
+    /// Run ids, or names of parameter files.
+    pub runs: Vec<String>,
+    /// Standard deviation of a mean, the noise alone, nT along the sensor axes.
+    pub noise_floor_nt: [f64; 3],
+    /// Shares and exponent of the noise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise: Option<Colour>,
+    /// What was missing, in the order in which it was found.
+    pub steps: Vec<Step>,
+    /// What these data cannot show, whatever its size.
+    pub not_identifiable: Vec<NotIdentifiable>,
+    /// Smallest effects that these data would have shown with a probability of 90 %.
+    pub detection_limits: Vec<DetectionLimit>,
+    /// In one line.
+    pub verdict: String,
+    /// What a person should know.
+    pub warnings: Vec<String>,
+    /// Residuals before, and after each step, for the pictures.
+    #[serde(skip)]
+    pub maps: Vec<Map>,
+}
+
+/// One effect that was missing.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Step {
+    /// Id of the effect.
+    pub effect: String,
+    /// Axes on which it acts.
+    pub axes: Vec<String>,
+    /// Other effects that these data cannot tell from it.
+    pub ambiguous_with: Vec<String>,
+    /// What was fitted, complete with its shape.
+    pub form: Spec,
+    /// Parameters with standard uncertainties, corrected for having been selected.
+    pub parameters: Vec<Parameter>,
+    /// Where the data disagree, in words.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// Probability that noise alone gives this candidate as large a score.
+    pub p_value: f64,
+    /// Candidates that were tried.
+    pub trials: usize,
+    /// Probability that noise alone gives any candidate as much evidence.
+    pub p_value_corrected: f64,
+    /// Disagreement on held-out plateaus without the effect.
+    pub gap_before: Gap,
+    /// Disagreement on held-out plateaus with the effect.
+    pub gap_after: Gap,
+    /// Signal to noise ratio of the effect beside all that is fitted.
+    pub strength_k: f64,
+    /// Family of the effect.
+    pub family: &'static str,
+    /// Whether the name is certain: `is` (alone in its set, strong, nothing left over) or `consistent with`.
+    pub wording: &'static str,
+    /// Evidence of the candidates next to it: id, logarithm of the likelihood ratio to the best.
+    pub runners_up: Vec<RunnerUp>,
+    /// What to measure to tell the members of an ambiguous set apart.
+    pub next_measurement: Option<String>,
+    /// The sentence for the protocol.
+    pub sentence: String,
+    /// What an unknown dependence follows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub covariate: Option<String>,
+    /// The unknown dependence.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub shape: Vec<ShapePoint>,
+}
+
+/// A parameter of an effect.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Parameter {
+    /// Name, as `c3_z`.
+    pub name: String,
+    /// Value.
+    pub value: f64,
+    /// Standard uncertainty; absent for a shape parameter that was found on a grid.
+    pub std: Option<f64>,
+    /// Unit.
+    pub unit: String,
+}
+
+/// How simulated and measured data disagree.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Gap {
+    /// Root mean square, nT along the sensor axes.
+    pub rms_nt: [f64; 3],
+    /// Weighted squares over their number.
+    pub chi2_per_dof: f64,
+    /// Largest deviation, nT.
+    pub max_nt: f64,
+}
+
+/// A candidate beside the one that was taken.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RunnerUp {
+    /// Id, with the covariate of an unknown one.
+    pub effect: String,
+    /// Natural logarithm of its evidence over that of the one that was taken.
+    pub log_ratio: f64,
+    /// How much the two look alike: canonical correlation of their best forms.
+    pub correlation: f64,
+}
+
+/// An effect that these data cannot show.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NotIdentifiable {
+    /// Id.
+    pub effect: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// Smallest effect that would have been found.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DetectionLimit {
+    /// Id.
+    pub effect: String,
+    /// Axis, or several.
+    pub axis: String,
+    /// Largest contribution to a reading, nT.
+    pub amplitude_nt: f64,
+    /// Value of the parameter, with its unit.
+    pub parameter: String,
+}
+
+/// A point of an unknown dependence.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ShapePoint {
+    /// Value of the covariate.
+    pub covariate: f64,
+    /// Contribution, nT along the sensor axis.
+    pub residual_nt: f64,
+    /// Standard uncertainty, nT.
+    pub std_nt: f64,
+}
+
+/// Residuals of one stage for the pictures.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Map {
+    /// What the residuals are drawn over.
+    pub covariate: String,
+    /// Its unit.
+    pub unit: String,
+    /// Component.
+    pub axis: usize,
+    /// Values of the covariate.
+    pub x: Vec<f64>,
+    /// Residuals before, nT.
+    pub before_nt: Vec<f64>,
+    /// Residuals after, nT.
+    pub after_nt: Vec<f64>,
+    /// Noise, nT.
+    pub noise_nt: f64,
+    /// Step, from 0.
+    pub step: usize,
+}

@@ -1,0 +1,701 @@
+//! What happens inside the plateaus: displaced edges, transients after steps, periodic signals.
+
+use super::scene::{Samples, Scene};
+use crate::model::effects::settling::{TAUS_S, transient};
+use crate::model::effects::{Record, Spec, pulse_harmonic};
+use nalgebra::{DMatrix, DVector};
+use realfft::RealFftPlanner;
+use std::f64::consts::TAU;
+
+/// Probability that noise alone shows as much.
+const SIGNIFICANT: f64 = 0.002;
+/// A step of this many standard deviations of the samples shows where its edge is.
+const CLEAR_STEP: f64 = 100.0;
+/// Longest displacement that is looked for, s, and as a part of the shorter neighbour.
+const MOST_SHIFT_S: f64 = 1.0;
+/// Least displacement, in samples.
+const LEAST_SHIFT: f64 = 0.1;
+/// Periodic signals that are looked for at most.
+const MOST_SIGNALS: usize = 4;
+/// Half of the width over which the level of the spectrum is taken, lines.
+const LEVEL: usize = 120;
+/// Harmonics of a switched signal.
+const HARMONICS: usize = 8;
+/// Squares of the expected signal to noise ratio, per parameter, of the evidence.
+const EXPECTED: f64 = 20.0;
+/// Two explanations are told apart by this ratio of likelihoods (logarithm).
+const APART: f64 = 4.605;
+
+/// Something found in the samples.
+#[derive(Clone, Debug)]
+pub struct Inside {
+    /// Effect.
+    pub id: &'static str,
+    /// Form and shape.
+    pub spec: Spec,
+    /// Values and standard uncertainties of the parameters, enT per unit column.
+    pub values: Vec<(f64, f64)>,
+    /// Standard uncertainty of the shape parameters that have one.
+    pub shape_std: Vec<(String, f64)>,
+    /// Signal to noise ratio.
+    pub strength: f64,
+    /// Probability that noise alone gives as much for this candidate.
+    pub p_value: f64,
+    /// Candidates that were tried.
+    pub trials: usize,
+    /// Other effects that the samples cannot tell from it.
+    pub ambiguous_with: Vec<&'static str>,
+    /// Squares of what is left of the used samples around their plateaus before and after, over the noise, and their number.
+    pub squares: [f64; 3],
+    /// Root mean square of the samples of the axes before and after, enT.
+    pub rms_ent: [[f64; 3]; 2],
+}
+
+impl Inside {
+    /// An effect that is known from elsewhere.
+    #[must_use]
+    pub fn known(given: &super::Given) -> Self {
+        Inside {
+            id: given.id,
+            spec: given.spec.clone(),
+            values: given.values.iter().map(|v| (*v, 0.0)).collect(),
+            shape_std: Vec::new(),
+            strength: 0.0,
+            p_value: 1.0,
+            trials: 0,
+            ambiguous_with: Vec::new(),
+            squares: [0.0; 3],
+            rms_ent: [[0.0; 3]; 2],
+        }
+    }
+}
+
+/// Standard deviation of the samples of each component inside the plateaus, from differences of neighbours.
+fn sample_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
+    let mut sums = [0.0; 3];
+    let mut count = 0.0;
+    for [from, to] in windows {
+        for pair in samples.reading_ent[*from..*to].windows(2) {
+            for a in 0..3 {
+                sums[a] += (pair[1][a] - pair[0][a]).powi(2);
+            }
+            count += 1.0;
+        }
+    }
+    sums.map(|s| (s / (2.0 * f64::max(count, 1.0))).sqrt())
+}
+
+/// Whether data and settings step at different times.
+#[must_use]
+pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
+    let std = sample_std(samples, &scene.windows);
+    let steps = &scene.record.steps;
+    let dt = (samples.t_s.last()? - samples.t_s.first()?) / (samples.t_s.len() - 1) as f64;
+    let mut shifts = Vec::new();
+    for (i, step) in steps.iter().enumerate() {
+        let axis = (0..3).max_by(|a, b| step.change_ent[*a].abs().total_cmp(&step.change_ent[*b].abs()))?;
+        let change = step.change_ent[axis];
+        let before = i.checked_sub(1).map_or(f64::INFINITY, |k| step.t_s - steps[k].t_s);
+        let after = steps.get(i + 1).map_or(f64::INFINITY, |s| s.t_s - step.t_s);
+        let half = (0.45 * before.min(after)).min(MOST_SHIFT_S);
+        if change.abs() < CLEAR_STEP * std[axis] || half < 4.0 * dt {
+            continue;
+        }
+        let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
+        let (from, middle, to) = (at(step.t_s - half), at(step.t_s), at(step.t_s + half));
+        if middle < from + 3 || to < middle + 3 {
+            continue;
+        }
+        // The levels on both sides come from the samples themselves, away from the edge.
+        let third = ((middle - from) / 3).max(1).min((to - middle) / 3).max(1);
+        let mean = |r: std::ops::Range<usize>| {
+            let n = r.len() as f64;
+            samples.reading_ent[r].iter().map(|v| v[axis]).sum::<f64>() / n
+        };
+        let (low, high) = (mean(from..from + third), mean(to - third..to));
+        if (high - low - change).abs() > 0.3 * change.abs() {
+            continue;
+        }
+        let sum: f64 =
+            (from..to).map(|k| (high - samples.reading_ent[k][axis]) / (high - low) - if k < middle { 1.0 } else { 0.0 }).sum();
+        shifts.push(sum * dt);
+    }
+    if shifts.len() < 6 {
+        return None;
+    }
+    shifts.sort_by(f64::total_cmp);
+    let shift_s = shifts[shifts.len() / 2];
+    let spread = 1.4826 * {
+        let mut away: Vec<f64> = shifts.iter().map(|s| (s - shift_s).abs()).collect();
+        away.sort_by(f64::total_cmp);
+        away[away.len() / 2]
+    };
+    // A displacement is only known to the sample where all edges agree.
+    let std_s = (1.25 * spread / (shifts.len() as f64).sqrt()).max(0.29 * dt / (shifts.len() as f64).sqrt());
+    let same = shifts.iter().filter(|s| s.signum() == shift_s.signum() && s.abs() > 0.3 * shift_s.abs()).count();
+    let agrees = same as f64 > 0.8 * shifts.len() as f64;
+    (shift_s.abs() > LEAST_SHIFT * dt && shift_s.abs() > 6.0 * std_s && agrees).then(|| Inside {
+        id: "time_shift",
+        spec: Spec::new("edges", &[0, 1, 2]).with("shift", shift_s, "s"),
+        values: vec![(1.0, std_s / shift_s.abs())],
+        shape_std: vec![("shift".to_owned(), std_s)],
+        strength: shift_s.abs() / std_s,
+        p_value: (-0.5 * (shift_s / std_s).powi(2)).exp().max(f64::MIN_POSITIVE),
+        trials: 1,
+        ambiguous_with: Vec::new(),
+        squares: [0.0; 3],
+        rms_ent: [[0.0; 3]; 2],
+    })
+}
+
+/// Phases of a plateau for the stack: ends of bins in samples after its begin, closer where transients are fast.
+fn phases(samples: usize) -> Vec<usize> {
+    let mut edges = vec![0usize];
+    let mut width = 1usize;
+    while edges[edges.len() - 1] + width <= samples {
+        let last = edges[edges.len() - 1] + width;
+        edges.push(last);
+        if edges.len() % 2 == 0 {
+            width = (width * 3).div_ceil(2);
+        }
+    }
+    edges
+}
+
+/// Whether a transient follows the steps: means over the phases of all settings, weighted with how they scatter between the settings.
+#[must_use]
+pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_s: f64) -> Option<Inside> {
+    let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
+    let windows: Vec<[usize; 2]> = settings.iter().map(|[b, e]| [at(b + skip_s), at(e - skip_s)]).collect();
+    let shortest = windows.iter().map(|w| w[1].saturating_sub(w[0])).min()?;
+    let edges = phases(shortest);
+    let bins = edges.len() - 1;
+    let m = windows.len();
+    if bins < 4 || m < 3 * bins {
+        return None;
+    }
+    // One row per plateau and axis: means of the bins less that of the plateau.
+    let reduce = |values: &dyn Fn(usize) -> f64, window: &[usize; 2]| -> DVector<f64> {
+        let mean_of = |r: std::ops::Range<usize>| r.clone().map(values).sum::<f64>() / r.len() as f64;
+        let means = DVector::from_fn(bins, |k, _| mean_of(window[0] + edges[k]..window[0] + edges[k + 1]));
+        let all = mean_of(window[0]..window[0] + edges[bins]);
+        means.add_scalar(-all)
+    };
+    let data: [Vec<DVector<f64>>; 3] =
+        [0, 1, 2].map(|a| windows.iter().map(|w| reduce(&|k| samples.reading_ent[k][a], w)).collect());
+    let mut best: Option<(f64, f64, Vec<usize>, Vec<(f64, f64)>)> = None;
+    let template = |tau: f64| -> [Vec<DVector<f64>>; 3] {
+        let all: Vec<Vec<[f64; 3]>> = windows
+            .iter()
+            .map(|w| (w[0]..w[0] + edges[bins]).map(|k| transient(&scene.record.steps, [samples.t_s[k]; 2], tau)).collect())
+            .collect();
+        [0, 1, 2].map(|a| windows.iter().zip(&all).map(|(w, t)| reduce(&|k| -t[k - w[0]][a], w)).collect())
+    };
+    let fit = |a: usize, template: &[DVector<f64>]| -> Option<(f64, f64)> {
+        // Amplitude, then scatter about it, then amplitude.
+        let mut amplitude = 0.0;
+        let mut information = 0.0;
+        for _ in 0..3 {
+            let mut scatter = DMatrix::zeros(bins, bins);
+            for (d, t) in data[a].iter().zip(template) {
+                let r = d - t * amplitude;
+                scatter += &r * r.transpose();
+            }
+            scatter /= m as f64;
+            // The bins of a plateau sum to nothing: a little on the diagonal keeps the inverse.
+            let ridge = 1e-3 * scatter.trace() / bins as f64;
+            (0..bins).for_each(|k| scatter[(k, k)] += ridge);
+            let inverse = scatter.cholesky()?.inverse();
+            let (mut top, mut bottom) = (0.0, 0.0);
+            for (d, t) in data[a].iter().zip(template) {
+                let weighted = &inverse * t;
+                top += weighted.dot(d);
+                bottom += weighted.dot(t);
+            }
+            amplitude = top / bottom;
+            information = bottom * (m - bins - 1) as f64 / m as f64;
+        }
+        (information > 0.0).then(|| (amplitude, information.sqrt().recip()))
+    };
+    let consider = |tau: f64, best: &mut Option<(f64, f64, Vec<usize>, Vec<(f64, f64)>)>| {
+        let template = template(tau);
+        let each: Vec<Option<(f64, f64)>> = (0..3).map(|a| fit(a, &template[a])).collect();
+        let known: Vec<(usize, f64, f64)> = each.iter().enumerate().filter_map(|(a, f)| f.map(|(v, s)| (a, v, s))).collect();
+        let weight: f64 = known.iter().map(|(_, _, s)| s.powi(-2)).sum();
+        if known.len() == 3 {
+            let common = known.iter().map(|(_, v, s)| v / (s * s)).sum::<f64>() / weight;
+            let chi = common * common * weight;
+            if best.as_ref().is_none_or(|b| chi > b.0) {
+                *best = Some((chi, tau, vec![0, 1, 2], vec![(common, weight.sqrt().recip())]));
+            }
+        }
+        for (a, v, s) in known {
+            // A single axis needs to be much better: currents in a housing act on all.
+            let chi = (v / s).powi(2) - 6.0;
+            if best.as_ref().is_none_or(|b| chi > b.0) {
+                *best = Some((chi, tau, vec![a], vec![(v, s)]));
+            }
+        }
+    };
+    let longest = settings.iter().map(|[b, e]| e - b).fold(f64::INFINITY, f64::min);
+    let taus: Vec<f64> = TAUS_S.into_iter().filter(|t| *t < longest).collect();
+    for tau in &taus {
+        consider(*tau, &mut best);
+    }
+    let trials = 4 * taus.len();
+    let (chi, tau, ..) = best.clone()?;
+    // Scatter of few plateaus has tails: the t distribution, by Bartlett's formula the other way round.
+    let dof = (m - bins - 1) as f64;
+    let effective = dof * (1.0 + chi.max(0.0) / dof).ln();
+    let p_value = two_sided(effective.max(0.0).sqrt());
+    if p_value * trials as f64 > SIGNIFICANT {
+        return None;
+    }
+    let mut finer = best.clone();
+    for step in [0.25, 0.12, 0.06] {
+        let now = finer.as_ref().map_or(tau, |b| b.1);
+        for factor in [1.0 - step, 1.0 + step] {
+            consider(now * factor, &mut finer);
+        }
+    }
+    let (chi, tau, axes, values) = finer?;
+    Some(Inside {
+        id: "settling",
+        spec: Spec::new("exponential", &axes).with("tau", tau, "s"),
+        values,
+        shape_std: vec![("tau".to_owned(), tau * 1.5 / chi.max(1.0).sqrt())],
+        strength: chi.max(0.0).sqrt(),
+        p_value,
+        trials,
+        ambiguous_with: Vec::new(),
+        squares: [0.0; 3],
+        rms_ent: [[0.0; 3]; 2],
+    })
+}
+
+fn two_sided(z: f64) -> f64 {
+    statrs::function::erf::erfc(z / std::f64::consts::SQRT_2).max(f64::MIN_POSITIVE)
+}
+
+/// Squares and scatter of the samples of whole settings around their means, without and with what was found before.
+pub fn measure(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], known: &[Inside], found: &mut Inside) {
+    let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
+    let windows: Vec<[usize; 2]> = settings.iter().map(|[b, e]| [at(*b), at(*e)]).collect();
+    let noise = sample_std(samples, &scene.windows);
+    let count: usize = windows.iter().map(|w| w[1].saturating_sub(w[0])).sum();
+    let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
+    for signal in known {
+        remove_raw(&mut residual, &scene.record, samples, &windows, signal);
+    }
+    demean(&mut residual, &windows);
+    found.rms_ent[0] = rms(&residual, &windows);
+    remove(&mut residual, &scene.record, samples, &windows, found);
+    found.rms_ent[1] = rms(&residual, &windows);
+    let chi = |rms: [f64; 3]| (0..3).map(|a| (rms[a] / noise[a].max(f64::MIN_POSITIVE)).powi(2) * count as f64).sum::<f64>();
+    found.squares = [chi(found.rms_ent[0]), chi(found.rms_ent[1]), 3.0 * count as f64];
+}
+
+/// Periodic signals in what the plateau means leave.
+pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside]) -> Vec<Inside> {
+    let mut found = Vec::new();
+    let Some(rate_hz) = rate_of(samples) else { return found };
+    let mut residual = around_means(scene, samples, known);
+    while found.len() < MOST_SIGNALS {
+        let Some(signal) = strongest(&scene.record, samples, &scene.windows, &residual, rate_hz) else { break };
+        remove(&mut residual, &scene.record, samples, &scene.windows, &signal);
+        found.push(signal);
+    }
+    found
+}
+
+fn rate_of(samples: &Samples) -> Option<f64> {
+    let mut gaps: Vec<f64> = samples.t_s.windows(2).map(|w| w[1] - w[0]).take(1001).collect();
+    if gaps.len() < 100 {
+        return None;
+    }
+    gaps.sort_by(f64::total_cmp);
+    let gap = gaps[gaps.len() / 2];
+    (gap > 0.0).then(|| {
+        // The mean over the record is exact where no samples are lost.
+        let mean = (samples.t_s[samples.t_s.len() - 1] - samples.t_s[0]) / (samples.t_s.len() - 1) as f64;
+        if (mean / gap - 1.0).abs() < 0.01 { mean.recip() } else { gap.recip() }
+    })
+}
+
+/// Readings of the used samples around the means of their plateaus, without what is known already.
+fn around_means(scene: &Scene, samples: &Samples, known: &[Inside]) -> [Vec<f64>; 3] {
+    let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
+    for signal in known {
+        remove_raw(&mut residual, &scene.record, samples, &scene.windows, signal);
+    }
+    demean(&mut residual, &scene.windows);
+    residual
+}
+
+fn demean(residual: &mut [Vec<f64>; 3], windows: &[[usize; 2]]) {
+    for values in residual.iter_mut() {
+        for [from, to] in windows {
+            let part = &mut values[*from..*to];
+            let mean = part.iter().sum::<f64>() / part.len().max(1) as f64;
+            part.iter_mut().for_each(|v| *v -= mean);
+        }
+    }
+}
+
+/// A record whose rows are the samples of the windows: times and steps only.
+fn sample_record(record: &Record, samples: &Samples, windows: &[[usize; 2]]) -> Record {
+    let rows = windows
+        .iter()
+        .flat_map(|[from, to]| *from..*to)
+        .map(|k| crate::model::effects::Row {
+            run: 0,
+            used_s: [samples.t_s[k]; 2],
+            field_coil_nt: [0.0; 3],
+            previous_coil_nt: [0.0; 3],
+            linear_ent: [0.0; 3],
+        })
+        .collect();
+    Record {
+        rows,
+        sensor: None,
+        coil: None,
+        rack: None,
+        variometer: None,
+        thermistors: Vec::new(),
+        others: Vec::new(),
+        ..record.clone()
+    }
+}
+
+fn remove_raw(residual: &mut [Vec<f64>; 3], record: &Record, samples: &Samples, windows: &[[usize; 2]], signal: &Inside) {
+    let record = sample_record(record, samples, windows);
+    let Some(columns) = crate::model::effects::named(signal.id).and_then(|e| e.columns(&record, &signal.spec)) else { return };
+    let places = windows.iter().flat_map(|[from, to]| *from..*to);
+    for (row, k) in places.enumerate() {
+        for (column, (value, _)) in columns.iter().zip(&signal.values) {
+            for a in 0..3 {
+                residual[a][k] -= value * column.values[row][a];
+            }
+        }
+    }
+}
+
+fn remove(residual: &mut [Vec<f64>; 3], record: &Record, samples: &Samples, windows: &[[usize; 2]], signal: &Inside) {
+    remove_raw(residual, record, samples, windows, signal);
+    demean(residual, windows);
+}
+
+/// The strongest line of the spectra of all components together, as a tone or as a switched signal.
+fn strongest(
+    record: &Record,
+    samples: &Samples,
+    windows: &[[usize; 2]],
+    residual: &[Vec<f64>; 3],
+    rate_hz: f64,
+) -> Option<Inside> {
+    let t0 = samples.t_s[0];
+    let length = ((samples.t_s[samples.t_s.len() - 1] - t0) * rate_hz).round() as usize + 1;
+    let size = (2 * length).next_power_of_two();
+    let used: usize = windows.iter().map(|w| w[1].saturating_sub(w[0])).sum();
+    if used < 200 {
+        return None;
+    }
+    let fft = RealFftPlanner::<f64>::new().plan_fft_forward(size);
+    let mut total = vec![0.0; size / 2 + 1];
+    let mut levels: Vec<Vec<f64>> = Vec::with_capacity(3);
+    for values in residual {
+        let mut input = fft.make_input_vec();
+        for k in windows.iter().flat_map(|[from, to]| *from..*to) {
+            let at = ((samples.t_s[k] - t0) * rate_hz).round() as usize;
+            if let Some(cell) = input.get_mut(at) {
+                *cell = values[k];
+            }
+        }
+        let mut output = fft.make_output_vec();
+        fft.process(&mut input, &mut output).ok()?;
+        let power: Vec<f64> = output.iter().map(|c| c.norm_sqr()).collect();
+        let level = level_of(&power);
+        for (sum, (p, l)) in total.iter_mut().zip(power.iter().zip(&level)) {
+            *sum += p / l;
+        }
+        levels.push(level);
+    }
+    let step_hz = rate_hz / size as f64;
+    // Means of the plateaus are taken off: nothing slower than one of them is left.
+    let longest = windows.iter().map(|w| samples.t_s[w[1].max(1) - 1] - samples.t_s[w[0]]).fold(0.0, f64::max);
+    let first = ((1.0 / longest.max(1.0 / rate_hz)) / step_hz).ceil() as usize;
+    let peak = (first.max(2)..size / 2).max_by(|a, b| total[*a].total_cmp(&total[*b]))?;
+    let score = total[peak];
+    let trials = length;
+    // Three exponential powers summed: Gamma of order three.
+    let p_value = (-score).exp() * (1.0 + score + 0.5 * score * score);
+    if p_value * trials as f64 > SIGNIFICANT {
+        return None;
+    }
+    let rows = Rows { samples, windows, residual, levels: &levels, step_hz, used };
+    let line_hz = rows.refine(peak as f64 * step_hz);
+    let (sines, tone) = rows.harmonics(line_hz, 1)?;
+    let tone_evidence = evidence(tone[0], 6.0);
+    // The line may be a harmonic of a switched signal.
+    let mut best: Option<(f64, f64, f64, f64, f64)> = None;
+    for order in 1..=4usize {
+        let base_hz = line_hz / order as f64;
+        let Some((waves, _)) = rows.harmonics(base_hz, HARMONICS) else { continue };
+        let usable = waves.len();
+        for duty in (1..20).map(|d| 0.05 * d as f64) {
+            for delay in (0..64).map(|d| d as f64 / 64.0) {
+                let gain = rows.matched(&waves[..usable], base_hz, duty, delay).0;
+                if best.is_none_or(|b| gain > b.0) {
+                    best = Some((gain, base_hz, duty, delay, order as f64));
+                }
+            }
+        }
+    }
+    let axes_of = |values: &[(f64, f64)]| -> Vec<usize> {
+        (0..3).filter(|a| values[*a].0.abs() > 3.0 * values[*a].1 || values.iter().all(|v| v.0.abs() <= 3.0 * v.1)).collect()
+    };
+    let switched = best.map(|(gain, base_hz, duty, delay, order)| {
+        // Duty, delay and which harmonic were looked for: some ten independent choices.
+        (evidence(gain, 3.0) - 3.0 - order.ln(), gain, base_hz, duty, delay)
+    });
+    let tone_std = |h: &Wave| h.std;
+    let wave = sines.first()?;
+    let tone_axes: Vec<usize> = {
+        let sizes: Vec<(f64, f64)> = (0..3).map(|a| (wave.sin[a].hypot(wave.cos[a]), tone_std(wave)[a] * 1.41)).collect();
+        axes_of(&sizes)
+    };
+    let as_tone = || Inside {
+        id: "interference_tone",
+        spec: Spec::new("sine", &tone_axes).with("frequency", line_hz, "Hz"),
+        values: tone_axes.iter().flat_map(|a| [(wave.sin[*a], wave.std[*a]), (wave.cos[*a], wave.std[*a])]).collect(),
+        shape_std: vec![("frequency".to_owned(), step_hz * size as f64 / length as f64 * 0.55 / (tone[0] / 2.0).sqrt())],
+        strength: tone[0].sqrt(),
+        p_value: p_value.max(f64::MIN_POSITIVE),
+        trials,
+        ambiguous_with: Vec::new(),
+        squares: [0.0; 3],
+        rms_ent: [[0.0; 3]; 2],
+    };
+    let mut inside = match switched {
+        Some((ev, gain, base_hz, duty, delay)) if ev > tone_evidence => {
+            let (_, base_hz, duty, delay) = rows.polish(gain, base_hz, duty, delay);
+            // On and off cannot be told apart: the shorter part is called on.
+            let (duty, delay) = if duty > 0.5 { (1.0 - duty, (delay + duty).rem_euclid(1.0)) } else { (duty, delay) };
+            let waves = rows.harmonics(base_hz, HARMONICS)?.0;
+            let (gain, values) = rows.matched(&waves, base_hz, duty, delay);
+            let axes = axes_of(&values);
+            let period_s = base_hz.recip();
+            Inside {
+                id: "heater_pwm",
+                spec: Spec::new("square", &axes).with("period", period_s, "s").with("duty", duty, "1").with(
+                    "delay",
+                    delay * period_s,
+                    "s",
+                ),
+                values: axes.iter().map(|a| values[*a]).collect(),
+                shape_std: vec![(
+                    "period".to_owned(),
+                    period_s * period_s * 0.55 / (length as f64 / rate_hz) / (gain / 2.0).sqrt(),
+                )],
+                strength: gain.sqrt(),
+                ambiguous_with: if ev - tone_evidence < APART { vec!["interference_tone"] } else { Vec::new() },
+                ..as_tone()
+            }
+        }
+        Some((ev, ..)) if tone_evidence - ev < APART => Inside { ambiguous_with: vec!["heater_pwm"], ..as_tone() },
+        _ => as_tone(),
+    };
+    let before = squares(residual, windows, &rows);
+    let mut after = residual.clone();
+    remove(&mut after, record, samples, windows, &inside);
+    let left = squares(&after, windows, &rows);
+    inside.squares = [before.iter().sum(), left.iter().sum(), 3.0 * used as f64];
+    inside.rms_ent = [rms(residual, windows), rms(&after, windows)];
+    Some(inside)
+}
+
+fn evidence(chi: f64, count: f64) -> f64 {
+    let g = EXPECTED;
+    0.5 * (g / (1.0 + g) * chi - count * (1.0 + g).ln())
+}
+
+fn rms(residual: &[Vec<f64>; 3], windows: &[[usize; 2]]) -> [f64; 3] {
+    [0, 1, 2].map(|a: usize| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for [from, to] in windows {
+            sum += residual[a][*from..*to].iter().map(|v| v * v).sum::<f64>();
+            count += (to - from) as f64;
+        }
+        (sum / f64::max(count, 1.0)).sqrt()
+    })
+}
+
+fn squares(residual: &[Vec<f64>; 3], windows: &[[usize; 2]], rows: &Rows) -> [f64; 3] {
+    // The median level of the spectrum is the variance of a sample of the noise.
+    let of = |a: usize| {
+        let mut level = rows.levels[a].clone();
+        let middle = level.len() / 2;
+        *level.select_nth_unstable_by(middle, f64::total_cmp).1 / rows.used as f64
+    };
+    let rms = rms(residual, windows);
+    [0, 1, 2].map(|a| rms[a] * rms[a] * rows.used as f64 / of(a))
+}
+
+/// Level of a spectrum of noise around each line, from medians: lines do not lift it.
+fn level_of(power: &[f64]) -> Vec<f64> {
+    let n = power.len();
+    let stride = LEVEL / 2;
+    let centres: Vec<usize> = (0..n).step_by(stride).collect();
+    let medians: Vec<f64> = centres
+        .iter()
+        .map(|c| {
+            let mut part = power[c.saturating_sub(LEVEL)..(c + LEVEL).min(n)].to_vec();
+            let middle = part.len() / 2;
+            // The median of exponential powers is ln 2 of their mean.
+            (*part.select_nth_unstable_by(middle, f64::total_cmp).1 / std::f64::consts::LN_2).max(f64::MIN_POSITIVE)
+        })
+        .collect();
+    (0..n)
+        .map(|i| {
+            let k = (i / stride).min(medians.len() - 1);
+            let next = medians[(k + 1).min(medians.len() - 1)];
+            let part = (i % stride) as f64 / stride as f64;
+            medians[k] * (1.0 - part) + next * part
+        })
+        .collect()
+}
+
+struct Rows<'a> {
+    samples: &'a Samples,
+    windows: &'a [[usize; 2]],
+    residual: &'a [Vec<f64>; 3],
+    levels: &'a [Vec<f64>],
+    step_hz: f64,
+    used: usize,
+}
+
+/// Amplitudes of one frequency.
+struct Wave {
+    hz: f64,
+    sin: [f64; 3],
+    cos: [f64; 3],
+    std: [f64; 3],
+}
+
+impl Rows<'_> {
+    /// Sine and cosine parts of the residuals at a frequency, by least squares with the means of the plateaus taken off the waves as well.
+    fn wave(&self, hz: f64) -> Option<Wave> {
+        let (mut ss, mut sc, mut cc) = (0.0, 0.0, 0.0);
+        let (mut ys, mut yc) = ([0.0; 3], [0.0; 3]);
+        let mut waves: Vec<(f64, f64)> = Vec::new();
+        for [from, to] in self.windows {
+            waves.clear();
+            waves.extend((*from..*to).map(|k| (TAU * (hz * self.samples.t_s[k]).fract()).sin_cos()));
+            let n = waves.len().max(1) as f64;
+            let (ms, mc) = waves.iter().fold((0.0, 0.0), |(a, b), (s, c)| (a + s / n, b + c / n));
+            for (k, (s, c)) in (*from..*to).zip(&waves) {
+                let (s, c) = (s - ms, c - mc);
+                ss += s * s;
+                sc += s * c;
+                cc += c * c;
+                for a in 0..3 {
+                    ys[a] += self.residual[a][k] * s;
+                    yc[a] += self.residual[a][k] * c;
+                }
+            }
+        }
+        let determinant = ss * cc - sc * sc;
+        if determinant < 1e-6 * (self.used as f64).powi(2) {
+            return None;
+        }
+        let line = ((hz / self.step_hz).round() as usize).min(self.levels[0].len() - 1);
+        Some(Wave {
+            hz,
+            sin: [0, 1, 2].map(|a: usize| (ys[a] * cc - yc[a] * sc) / determinant),
+            cos: [0, 1, 2].map(|a: usize| (yc[a] * ss - ys[a] * sc) / determinant),
+            std: [0, 1, 2].map(|a: usize| (self.levels[a][line] / self.used as f64 / (0.5 * (ss + cc))).sqrt()),
+        })
+    }
+
+    /// Chi square of a wave.
+    fn chi(wave: &Wave) -> f64 {
+        (0..3).map(|a| (wave.sin[a].powi(2) + wave.cos[a].powi(2)) / wave.std[a].powi(2)).sum()
+    }
+
+    fn harmonics(&self, hz: f64, count: usize) -> Option<(Vec<Wave>, [f64; 1])> {
+        let highest = self.step_hz * (self.levels[0].len() - 1) as f64;
+        let waves: Vec<Wave> =
+            (1..=count).map(|h| h as f64 * hz).take_while(|f| *f < 0.98 * highest).filter_map(|f| self.wave(f)).collect();
+        let chi = waves.first().map(Self::chi)?;
+        Some((waves, [chi]))
+    }
+
+    fn refine(&self, hz: f64) -> f64 {
+        let mut best = (f64::NEG_INFINITY, hz);
+        let mut width = self.step_hz;
+        for _ in 0..5 {
+            let centre = best.1;
+            for k in -2..=2 {
+                let f = centre + 0.4 * width * f64::from(k);
+                let chi = self.wave(f).map_or(f64::NEG_INFINITY, |w| Self::chi(&w));
+                if chi > best.0 {
+                    best = (chi, f);
+                }
+            }
+            width *= 0.4;
+        }
+        best.1
+    }
+
+    /// Chi square of a square wave and its amplitudes with uncertainties.
+    fn matched(&self, waves: &[Wave], base_hz: f64, duty: f64, delay: f64) -> (f64, [(f64, f64); 3]) {
+        let mut gain = 0.0;
+        let values = [0, 1, 2].map(|a: usize| {
+            let (mut top, mut bottom) = (0.0, 0.0);
+            for wave in waves {
+                let order = (wave.hz / base_hz).round() as usize;
+                let (s, c) = pulse_harmonic(order, duty, delay);
+                let weight = wave.std[a].powi(-2);
+                top += weight * (s * wave.sin[a] + c * wave.cos[a]);
+                bottom += weight * (s * s + c * c);
+            }
+            gain += top * top / bottom;
+            (top / bottom, bottom.sqrt().recip())
+        });
+        (gain, values)
+    }
+
+    /// Period, duty and delay, closer.
+    fn polish(&self, gain: f64, base_hz: f64, duty: f64, delay: f64) -> (f64, f64, f64, f64) {
+        let mut best = (gain, base_hz, duty, delay);
+        let (mut df, mut dd, mut dl) = (0.3 * self.step_hz, 0.025, 1.0 / 128.0);
+        for _ in 0..6 {
+            for sign in [-1.0, 1.0] {
+                let f = best.1 + sign * df;
+                if let Some((waves, _)) = self.harmonics(f, HARMONICS) {
+                    // A changed period moves the delay over the record: it is looked for again.
+                    for shift in [-2.0, -1.0, 0.0, 1.0, 2.0] {
+                        let delay = (best.3 + shift * dl).rem_euclid(1.0);
+                        let gain = self.matched(&waves, f, best.2, delay).0;
+                        if gain > best.0 {
+                            best = (gain, f, best.2, delay);
+                        }
+                    }
+                }
+                if let Some((waves, _)) = self.harmonics(best.1, HARMONICS) {
+                    for (d, l) in [(sign * dd, 0.0), (0.0, sign * dl), (sign * dd, -0.5 * sign * dd)] {
+                        let (duty, delay) = ((best.2 + d).clamp(0.02, 0.98), (best.3 + l).rem_euclid(1.0));
+                        let gain = self.matched(&waves, best.1, duty, delay).0;
+                        if gain > best.0 {
+                            best = (gain, best.1, duty, delay);
+                        }
+                    }
+                }
+            }
+            df *= 0.5;
+            dd *= 0.6;
+            dl *= 0.6;
+        }
+        best
+    }
+}

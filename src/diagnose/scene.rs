@@ -1,0 +1,354 @@
+//! A run as rows with covariates, and the linear model that is fitted to them before anything is missed.
+
+use crate::analysis::conditions::apply_facility;
+use crate::campaign::Campaign;
+use crate::formats::facility::Facility;
+use crate::model::effects::record::{Channel, Step, interpolate};
+use crate::model::effects::{Record, Row, Thermal};
+use crate::plateau::{Plateau, Plateaus};
+use crate::run::{Kind, Run, SlowTable, Vector, VectorSink};
+use nalgebra::{DMatrix, Matrix3, Vector3};
+
+/// Default channel of the temperature of the facility's electronics.
+const RACK_CHANNEL: &str = "T55";
+/// Channels of the variometer.
+const VARIOMETER: [&str; 3] = ["VARX", "VARY", "VARZ"];
+/// A sensor temperature that moves by this much is a polynomial in the model of a sweep, K.
+const LEAST_RANGE_K: f64 = 5.0;
+/// Order of the temperature polynomials of a sweep.
+const THERMAL_ORDER: usize = 2;
+/// Order of the offset trend of a linearity run and of a zero-field run.
+pub const TREND_ORDER: usize = 2;
+/// Rows into which a record without settings is divided.
+const PARTS: usize = 200;
+
+/// Samples of a run, kept for what happens inside a plateau.
+#[derive(Clone, Debug, Default)]
+pub struct Samples {
+    /// Time, s since the run's start.
+    pub t_s: Vec<f64>,
+    /// Reading, enT.
+    pub reading_ent: Vec<[f64; 3]>,
+}
+
+impl VectorSink for Samples {
+    fn vector(&mut self, vector: Vector) {
+        self.t_s.push(vector.t_s);
+        self.reading_ent.push(vector.reading.0);
+    }
+}
+
+/// Rows, their mean readings, and the columns of the linear model.
+pub struct Scene {
+    /// Covariates.
+    pub record: Record,
+    /// Mean readings, enT: a row per row, a column per component.
+    pub readings: DMatrix<f64>,
+    /// Columns of the linear model of each component.
+    pub design: DMatrix<f64>,
+    /// White variance of each row relative to the others.
+    pub white: Vec<f64>,
+    /// nT per enT of each component.
+    pub nt_per_ent: [f64; 3],
+    /// Time and settings of the used plateaus, by index into the samples: first and one past the last.
+    pub windows: Vec<[usize; 2]>,
+    /// What a person should know.
+    pub warnings: Vec<String>,
+}
+
+/// Why a run cannot be looked at.
+pub struct Unfit(pub String);
+
+impl Scene {
+    /// The scene of one run.
+    ///
+    /// # Errors
+    /// Too few rows, or fields that do not determine the response.
+    pub fn new(
+        run: &Run,
+        plateaus: &Plateaus,
+        samples: Option<&Samples>,
+        campaign: &Campaign,
+        facility: Option<&Facility>,
+    ) -> Result<Self, Unfit> {
+        let mut warnings = Vec::new();
+        let kind = run.header.kind;
+        let mut list = plateaus.list.clone();
+        if let Some(facility) = facility {
+            apply_facility(facility, run, campaign, &mut list, &mut warnings).map_err(|e| Unfit(e.to_string()))?;
+        }
+        let parts = match (kind, samples) {
+            (Kind::ZeroField, Some(samples)) if run.blocks.is_empty() => parts_of(samples),
+            _ => list.iter().filter(|p| p.dropped.is_none()).map(Part::of).collect(),
+        };
+        if parts.len() < 12 {
+            return Err(Unfit(format!("{} usable plateaus are too few to tell an effect from noise", parts.len())));
+        }
+        let previous = previous_fields(&list, &parts);
+        let readings = DMatrix::from_fn(parts.len(), 3, |i, a| parts[i].mean_ent[a]);
+        let span_s = [parts[0].used_s[0], parts[parts.len() - 1].used_s[1]];
+        let (sensor_name, coil_name) = campaign.channels(&run.header);
+        let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts);
+        let mut sensor = at_rows(&run.temperatures, &sensor_name);
+        let mut thermistors = Vec::new();
+        for name in run.temperatures.names.iter().filter(|n| **n != sensor_name && **n != coil_name && *n != RACK_CHANNEL) {
+            let Some(other) = at_rows(&run.temperatures, name) else { continue };
+            // A sweep names its thermistors as it likes: the first one that moves is the sensor's.
+            if sensor.is_none() { sensor = Some(other) } else { thermistors.push(other) }
+        }
+        let with_temperature = kind == Kind::Sweep && sensor.as_ref().is_some_and(|c| range(&c.values) > LEAST_RANGE_K);
+        let triple = VARIOMETER.map(|name| at_rows(&run.channels, name));
+        let variometer = match triple {
+            [Some(x), Some(y), Some(z)] => Some([x, y, z]),
+            _ => None,
+        };
+        let others = run.channels.names.iter().filter(|n| !VARIOMETER.contains(&n.as_str()));
+        let rows = parts
+            .iter()
+            .zip(previous)
+            .map(|(p, previous_coil_nt)| Row {
+                run: 0,
+                used_s: p.used_s,
+                field_coil_nt: p.field_coil_nt,
+                previous_coil_nt,
+                linear_ent: [0.0; 3],
+            })
+            .collect();
+        let mut record = Record {
+            kind,
+            rows,
+            response: Matrix3::identity(),
+            span_s,
+            steps: Vec::new(),
+            sensor,
+            thermistors,
+            coil: at_rows(&run.temperatures, &coil_name),
+            rack: at_rows(&run.temperatures, RACK_CHANNEL),
+            variometer,
+            others: others.filter_map(|name| at_rows(&run.channels, name)).collect(),
+            thermal: None,
+            has_samples: samples.is_some_and(|s| !s.t_s.is_empty()),
+        };
+        if with_temperature {
+            let degc = record.sensor.as_ref().map(|c| c.values.clone()).unwrap_or_default();
+            set_temperature(&mut record, degc);
+        }
+        let design = design(&record);
+        fit_linear(&mut record, &readings, &design)?;
+        let inverse = record.response.try_inverse().ok_or_else(|| Unfit("the response has no inverse".to_owned()))?;
+        let nt_per_ent = std::array::from_fn(|a| inverse.column(a).norm());
+        let windows = samples.map_or_else(Vec::new, |s| {
+            let at = |t: f64| s.t_s.partition_point(|x| *x < t - 1e-9);
+            parts.iter().map(|p| [at(p.used_s[0]), at(p.used_s[1])]).collect()
+        });
+        let count = |p: &Part| p.count.map_or(1.0, |n| n.max(1) as f64);
+        let most = parts.iter().map(count).fold(1.0, f64::max);
+        let white = parts.iter().map(|p| most / count(p)).collect();
+        let mut scene = Self { record, readings, design, white, nt_per_ent, windows, warnings };
+        if let Some(samples) = samples {
+            scene.record.steps = steps(&scene.record, &list, samples);
+        }
+        Ok(scene)
+    }
+
+    /// What the model of a sweep leaves of the readings with other temperatures of the rows: the sum of its squares, enT².
+    #[must_use]
+    pub fn squares_with(&self, readings: &DMatrix<f64>, degc: &[f64]) -> f64 {
+        let (low, high) = extremes(degc);
+        let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(f64::MIN_POSITIVE));
+        let q = thermal_design(&self.record.rows, |i| (degc[i] - middle) / half).qr().q();
+        (readings - &q * q.tr_mul(readings)).norm_squared()
+    }
+
+    /// Replaces the temperature of every row and fits once more.
+    pub fn with_temperatures(&mut self, degc: Vec<f64>) {
+        set_temperature(&mut self.record, degc);
+        self.design = design(&self.record);
+        // The same rows had a fit before.
+        let _ = fit_linear(&mut self.record, &self.readings, &self.design);
+    }
+}
+
+struct Part {
+    used_s: [f64; 2],
+    field_coil_nt: [f64; 3],
+    mean_ent: [f64; 3],
+    count: Option<u64>,
+    index: Option<usize>,
+}
+
+impl Part {
+    fn of(p: &Plateau) -> Self {
+        Part { used_s: p.used_s, field_coil_nt: p.setting.field.0, mean_ent: p.mean.0, count: p.count, index: Some(p.index) }
+    }
+}
+
+/// Equal parts of a record in zero field.
+fn parts_of(samples: &Samples) -> Vec<Part> {
+    let n = samples.t_s.len();
+    let length = n.div_ceil(PARTS).max(1);
+    samples
+        .t_s
+        .chunks(length)
+        .zip(samples.reading_ent.chunks(length))
+        .filter(|(t, _)| 2 * t.len() >= length)
+        .map(|(t, r)| {
+            let mean = |a: usize| r.iter().map(|v| v[a]).sum::<f64>() / r.len() as f64;
+            Part {
+                used_s: [t[0], t[t.len() - 1]],
+                field_coil_nt: [0.0; 3],
+                mean_ent: [mean(0), mean(1), mean(2)],
+                count: Some(r.len() as u64),
+                index: None,
+            }
+        })
+        .collect()
+}
+
+fn previous_fields(list: &[Plateau], parts: &[Part]) -> Vec<[f64; 3]> {
+    parts
+        .iter()
+        .map(|p| {
+            let before = p.index.and_then(|i| list.iter().position(|q| q.index == i)).and_then(|i| i.checked_sub(1));
+            before.map_or([0.0; 3], |i| list[i].setting.field.0)
+        })
+        .collect()
+}
+
+fn extremes(values: &[f64]) -> (f64, f64) {
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)))
+}
+
+fn range(values: &[f64]) -> f64 {
+    let (low, high) = extremes(values);
+    high - low
+}
+
+/// A channel as means over the time of each part.
+fn channel(table: &SlowTable, name: &str, parts: &[Part]) -> Option<Channel> {
+    let series = table.channel(name).filter(|s| s.len() > 1)?;
+    let values = parts
+        .iter()
+        .map(|p| {
+            let [begin, end] = p.used_s;
+            let inside = &series[series.partition_point(|(t, _)| *t < begin)..series.partition_point(|(t, _)| *t <= end)];
+            if inside.len() > 2 {
+                inside.iter().map(|(_, v)| v).sum::<f64>() / inside.len() as f64
+            } else {
+                interpolate(&series, 0.5 * (begin + end))
+            }
+        })
+        .collect();
+    Some(Channel { name: name.to_owned(), series, values })
+}
+
+fn set_temperature(record: &mut Record, degc: Vec<f64>) {
+    let (low, high) = extremes(&degc);
+    record.thermal = Some(Thermal {
+        middle_degc: 0.5 * (low + high),
+        half_k: (0.5 * (high - low)).max(f64::MIN_POSITIVE),
+        response: vec![Matrix3::zeros(); THERMAL_ORDER + 1],
+        offset_ent: vec![[0.0; 3]; THERMAL_ORDER + 1],
+        degc,
+    });
+}
+
+/// Largest component of the fields, and how many components there are.
+fn fields(rows: &[Row]) -> (f64, usize) {
+    let most = rows.iter().flat_map(|r| r.field_coil_nt).fold(0.0, |m: f64, b| m.max(b.abs()));
+    (most, if most > 0.0 { 3 } else { 0 })
+}
+
+fn thermal_design(rows: &[Row], u: impl Fn(usize) -> f64) -> DMatrix<f64> {
+    let (most, fields) = fields(rows);
+    DMatrix::from_fn(rows.len(), (fields + 1) * (THERMAL_ORDER + 1), |i, j| {
+        let power = u(i).powi((j / (fields + 1)) as i32);
+        let k = j % (fields + 1);
+        power * if k < fields { rows[i].field_coil_nt[k] / most } else { 1.0 }
+    })
+}
+
+/// Columns of the linear model: field and offset with the trend of a run, or with the temperature polynomials of a sweep.
+fn design(record: &Record) -> DMatrix<f64> {
+    let (most, fields) = fields(&record.rows);
+    match &record.thermal {
+        Some(thermal) => thermal_design(&record.rows, |i| thermal.u(i)),
+        None => DMatrix::from_fn(record.rows.len(), fields + 1 + TREND_ORDER, |i, j| {
+            let row = &record.rows[i];
+            if j < fields { row.field_coil_nt[j] / most } else { record.tau(row.t_s()).powi((j - fields) as i32) }
+        }),
+    }
+}
+
+/// Ordinary least squares for what the effects need to know of the sensor: response, and readings without offset.
+fn fit_linear(record: &mut Record, readings: &DMatrix<f64>, design: &DMatrix<f64>) -> Result<(), Unfit> {
+    let (most, fields) = fields(&record.rows);
+    let coefficients = design
+        .tr_mul(design)
+        .cholesky()
+        .map(|c| c.solve(&design.tr_mul(readings)))
+        .ok_or_else(|| Unfit("fields and times do not determine the response".to_owned()))?;
+    let matrix =
+        |from: usize| Matrix3::from_fn(|i, k| if fields == 3 { coefficients[(from + k, i)] / most } else { f64::from(i == k) });
+    match &mut record.thermal {
+        Some(thermal) => {
+            for power in 0..=THERMAL_ORDER {
+                let from = power * (fields + 1);
+                thermal.response[power] = if fields == 3 { matrix(from) } else { Matrix3::zeros() };
+                thermal.offset_ent[power] = std::array::from_fn(|i| coefficients[(from + fields, i)]);
+            }
+            record.response = thermal.response[0];
+        }
+        None => record.response = matrix(0),
+    }
+    for i in 0..record.rows.len() {
+        let response = record.thermal.as_ref().map_or(record.response, |thermal| {
+            let u = thermal.u(i);
+            thermal.response.iter().enumerate().fold(Matrix3::zeros(), |sum, (power, m)| sum + m * u.powi(power as i32))
+        });
+        let row = &mut record.rows[i];
+        row.linear_ent = (response * Vector3::from(row.field_coil_nt)).into();
+    }
+    Ok(())
+}
+
+/// The changes of the field, with what is applied in the pauses: nothing, the setting before, or the one after, as the samples say.
+fn steps(record: &Record, list: &[Plateau], samples: &Samples) -> Vec<Step> {
+    let level = |field: [f64; 3]| record.reading(field);
+    let mut votes = [0usize; 3];
+    for pair in list.windows(2) {
+        let (end, begin) = (pair[0].setting.t_end_s, pair[1].setting.t_start_s);
+        let middle = samples.t_s.partition_point(|t| *t < 0.5 * (end + begin));
+        let Some(reading) = samples.reading_ent.get(middle).filter(|_| begin > end) else { continue };
+        let zero = [0.0; 3];
+        let options = [zero, level(pair[0].setting.field.0), level(pair[1].setting.field.0)];
+        let distance = |o: &[f64; 3]| (0..3).map(|a| (reading[a] - o[a]).powi(2)).sum::<f64>();
+        let best = (0..3).min_by(|a, b| distance(&options[*a]).total_cmp(&distance(&options[*b])));
+        if let Some(best) = best {
+            votes[best] += 1;
+        }
+    }
+    let pause = (0..3).max_by_key(|k| votes[*k]).unwrap_or(0);
+    let mut steps = Vec::new();
+    let mut now = [0.0; 3];
+    let mut turn = |t_s: f64, to: [f64; 3], now: &mut [f64; 3]| {
+        let change_ent: [f64; 3] = std::array::from_fn(|a| to[a] - now[a]);
+        if change_ent.iter().any(|c| c.abs() > 0.0) {
+            steps.push(Step { t_s, change_ent });
+        }
+        *now = to;
+    };
+    for (i, plateau) in list.iter().enumerate() {
+        turn(plateau.setting.t_start_s, level(plateau.setting.field.0), &mut now);
+        let next = list.get(i + 1);
+        if next.is_none_or(|n| n.setting.t_start_s > plateau.setting.t_end_s + 1e-9) {
+            let to = match (pause, next) {
+                (0, _) | (2, None) => [0.0; 3],
+                (2, Some(next)) => level(next.setting.field.0),
+                _ => now,
+            };
+            turn(plateau.setting.t_end_s, to, &mut now);
+        }
+    }
+    steps
+}

@@ -1,0 +1,635 @@
+//! The search: score every candidate, pay for the trials, add the best, refit everything, drop and swap, until nothing is left.
+
+use super::scene::Scene;
+use crate::fit::colour::{Correlations, Noise, Rows};
+use crate::fit::scan::{ABSORBED, Fitted, Group, Score, global_p};
+use crate::model::effects::{self, CATALOGUE, Column, Covariate, Effect, Record, Spec};
+use argmin::core::{CostFunction, Executor};
+use argmin::solver::brent::BrentOpt;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+/// A candidate is taken if noise alone gives as much evidence less often than this.
+pub const SIGNIFICANT: f64 = 0.006;
+/// Below this evidence no simulation is needed: noise alone gives it in one run of a few.
+const HOPELESS: f64 = 2.0;
+/// Prior of a dependence on a covariate that no effect explains, relative to an effect of the catalogue.
+const UNKNOWN_PRIOR: f64 = 0.04;
+/// Most effects of one run.
+const MOST_STEPS: usize = 6;
+/// A term gives way to another one whose evidence is larger by this much.
+const SWAP: f64 = 1.0;
+/// Seed of the simulated noise.
+const SEED: u64 = 0x0ca1_f175;
+/// Folds that are held out in turn.
+pub const FOLDS: usize = 18;
+/// Shape parameters that are continuous; all others name a choice.
+const CONTINUOUS: [&str; 5] = ["lag", "onset", "time constant", "tau", "period"];
+
+/// A term that is tried.
+#[derive(Clone, Debug)]
+pub struct Candidate {
+    /// Effect.
+    pub id: &'static str,
+    /// Id, with the covariate of an unknown one: candidates of one key are one explanation.
+    pub key: String,
+    /// Form, axes and shape.
+    pub spec: Spec,
+    /// Names and units of the parameters.
+    pub parameters: Vec<(String, &'static str)>,
+    /// Contribution per unit of each parameter, enT: component after component.
+    pub stacked: DMatrix<f64>,
+}
+
+impl Candidate {
+    /// From the columns of an effect.
+    #[must_use]
+    pub fn new(id: &'static str, spec: Spec, columns: Vec<Column>) -> Self {
+        let n = columns.first().map_or(0, |c| c.values.len());
+        let stacked = DMatrix::from_fn(3 * n, columns.len(), |i, j| columns[j].values[i % n][i / n]);
+        let key = if id == "unknown" { format!("unknown: {}", spec.form) } else { id.to_owned() };
+        Self { id, key, spec, parameters: columns.into_iter().map(|c| (c.name, c.unit)).collect(), stacked }
+    }
+
+    /// The effect.
+    #[must_use]
+    pub fn effect(&self) -> &'static dyn Effect {
+        effects::named(self.id).unwrap_or(CATALOGUE[CATALOGUE.len() - 1])
+    }
+
+    /// The covariate of an unknown dependence.
+    #[must_use]
+    pub fn covariate(&self) -> Option<&str> {
+        (self.id == "unknown").then_some(self.spec.form.as_str())
+    }
+
+    fn with_shape(&self, record: &Record, name: &str, value: f64) -> Option<Self> {
+        let mut spec = self.spec.clone();
+        spec.shape.iter_mut().find(|(n, _, _)| n == name)?.1 = value;
+        let columns = self.effect().columns(record, &spec)?;
+        Some(Self::new(self.id, spec, columns))
+    }
+
+    fn continuous(&self) -> Option<(&str, f64)> {
+        self.spec.shape.iter().find(|(n, _, _)| CONTINUOUS.contains(&n.as_str())).map(|(n, v, _)| (n.as_str(), *v))
+    }
+}
+
+/// What was accepted, and what it was worth when it was.
+#[derive(Clone, Debug)]
+pub struct Term {
+    /// The term.
+    pub candidate: Candidate,
+    /// Score when it was taken.
+    pub score: Score,
+    /// Probability that noise alone gives as much evidence.
+    pub p_global: f64,
+    /// Candidates that were tried.
+    pub trials: usize,
+    /// Found in the samples: its values are known, and are not fitted to the means.
+    pub fixed: Option<Vec<(f64, f64)>>,
+}
+
+/// A model with its noise.
+pub struct State {
+    /// Noise of the means.
+    pub noise: Noise,
+    /// Whitened residuals.
+    pub fitted: Fitted,
+    /// Whitened columns of the model, those of the terms last.
+    pub columns: DMatrix<f64>,
+    /// Whitened readings.
+    pub readings: DVector<f64>,
+}
+
+/// Why the catalogue has no candidate for an effect.
+pub struct Absent {
+    /// Id.
+    pub id: &'static str,
+    /// Why.
+    pub reason: String,
+}
+
+/// A scene with everything that is tried on it.
+pub struct Search<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Readings less what was found in the samples, enT.
+    pub readings: DMatrix<f64>,
+    /// Candidates.
+    pub bank: Vec<Candidate>,
+    /// Logarithm of the prior weight of each.
+    pub priors: Vec<f64>,
+    /// Effects without a candidate.
+    pub absent: Vec<Absent>,
+    correlations: Correlations,
+    /// Effects that are found elsewhere, in the samples.
+    vetoed: Vec<String>,
+}
+
+/// Evidence of an explanation: all its candidates together, and the best of them.
+#[derive(Clone, Debug)]
+pub struct Explanation {
+    /// Key.
+    pub key: String,
+    /// Logarithm of evidence times prior.
+    pub evidence: f64,
+    /// Best candidate.
+    pub best: usize,
+    /// Evidence of the best candidate with its prior.
+    pub best_evidence: f64,
+    /// Score of the best candidate.
+    pub score: Score,
+}
+
+fn log_sum(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let most = values.clone().fold(f64::NEG_INFINITY, f64::max);
+    if most.is_finite() { most + values.map(|v| (v - most).exp()).sum::<f64>().ln() } else { most }
+}
+
+impl<'a> Search<'a> {
+    /// Everything that can be tried on a scene.
+    #[must_use]
+    pub fn new(scene: &'a Scene, readings: DMatrix<f64>) -> Self {
+        let record = &scene.record;
+        let (mut bank, mut absent) = (Vec::new(), Vec::new());
+        for effect in CATALOGUE.iter().filter(|e| e.id() != "unknown") {
+            match effect.specs(record) {
+                Ok(specs) => bank.extend(specs.into_iter().filter_map(|spec| {
+                    let columns = effect.columns(record, &spec)?;
+                    Some(Candidate::new(effect.id(), spec, columns))
+                })),
+                Err(reason) => absent.push(Absent { id: effect.id(), reason }),
+            }
+        }
+        let unknown = CATALOGUE[CATALOGUE.len() - 1];
+        let covariates = Covariate::all(record);
+        for spec in unknown.specs(record).unwrap_or_default() {
+            let columns =
+                covariates.iter().find(|c| c.name == spec.form).and_then(|c| effects::unknown_columns(record, c, &spec));
+            bank.extend(columns.map(|columns| Candidate::new(unknown.id(), spec, columns)));
+        }
+        let rows = Rows {
+            t_s: record.rows.iter().map(effects::Row::t_s).collect(),
+            white: scene.white.clone(),
+            field: {
+                let most: [f64; 3] = std::array::from_fn(|a| record.most_ent(a).max(f64::MIN_POSITIVE));
+                record.rows.iter().map(|r| std::array::from_fn(|a| r.linear_ent[a] / most[a])).collect()
+            },
+        };
+        let mut search =
+            Self { scene, readings, priors: Vec::new(), bank, absent, correlations: Correlations::new(rows), vetoed: Vec::new() };
+        search.set_priors();
+        search
+    }
+
+    fn set_priors(&mut self) {
+        self.priors = self
+            .bank
+            .iter()
+            .map(|c| {
+                let same = self.bank.iter().filter(|o| o.key == c.key).count() as f64;
+                let own: f64 = if c.id == "unknown" { UNKNOWN_PRIOR } else { 1.0 };
+                if self.vetoed.contains(&c.key) { f64::NEG_INFINITY } else { (own / same).ln() }
+            })
+            .collect();
+    }
+
+    fn rows(&self) -> usize {
+        self.scene.readings.nrows()
+    }
+
+    fn edges(&self) -> [usize; 4] {
+        let n = self.rows();
+        [0, n, 2 * n, 3 * n]
+    }
+
+    fn whiten(&self, noise: &Noise, stacked: &DMatrix<f64>) -> DMatrix<f64> {
+        let n = self.rows();
+        let mut out = stacked.clone();
+        for a in 0..3 {
+            let mut part = out.rows(a * n, n).into_owned();
+            noise.whiten(a, &mut part);
+            out.rows_mut(a * n, n).copy_from(&part);
+        }
+        out
+    }
+
+    /// The linear model and the terms as columns of each component, for the noise.
+    fn designs(&self, terms: &[&Candidate]) -> [DMatrix<f64>; 3] {
+        let n = self.rows();
+        [0, 1, 2].map(|a| {
+            let mut columns: Vec<DVector<f64>> = self.scene.design.column_iter().map(|c| c.into_owned()).collect();
+            for term in terms {
+                for column in term.stacked.column_iter() {
+                    let own = column.rows(a * n, n).into_owned();
+                    if own.norm() > 0.0 {
+                        columns.push(&own / own.norm());
+                    }
+                }
+            }
+            independent(columns)
+        })
+    }
+
+    /// The model with these terms, its noise estimated with them.
+    #[must_use]
+    pub fn state(&self, terms: &[&Candidate]) -> Option<State> {
+        let noise = self.correlations.estimate(&self.readings, &self.designs(terms))?;
+        Some(self.state_with(noise, terms))
+    }
+
+    fn state_with(&self, noise: Noise, terms: &[&Candidate]) -> State {
+        let n = self.rows();
+        let p = self.scene.design.ncols();
+        let extra: usize = terms.iter().map(|t| t.stacked.ncols()).sum();
+        let mut all = DMatrix::zeros(3 * n, 3 * p + extra);
+        for a in 0..3 {
+            all.view_mut((a * n, a * p), (n, p)).copy_from(&self.scene.design);
+        }
+        let mut at = 3 * p;
+        for term in terms {
+            all.columns_mut(at, term.stacked.ncols()).copy_from(&term.stacked);
+            at += term.stacked.ncols();
+        }
+        let columns = self.whiten(&noise, &all);
+        let stacked = DMatrix::from_column_slice(3 * n, 1, self.readings.as_slice());
+        let readings = self.whiten(&noise, &stacked).column(0).into_owned();
+        let fitted = Fitted::new(&readings, &columns, self.edges());
+        State { noise, fitted, columns, readings }
+    }
+
+    /// Another model with the noise of this one.
+    #[must_use]
+    pub fn state_beside(&self, state: &State, terms: &[&Candidate]) -> State {
+        self.state_with(state.noise.clone(), terms)
+    }
+
+    /// All candidates beside a model.
+    #[must_use]
+    pub fn groups(&self, state: &State) -> Vec<Group> {
+        self.bank.par_iter().with_min_len(16).map(|c| state.fitted.group(&self.whiten(&state.noise, &c.stacked))).collect()
+    }
+
+    /// One candidate beside a model.
+    #[must_use]
+    pub fn group(&self, state: &State, candidate: &Candidate) -> Group {
+        state.fitted.group(&self.whiten(&state.noise, &candidate.stacked))
+    }
+
+    /// Explanations by their evidence, the best first.
+    #[must_use]
+    pub fn explanations(&self, state: &State, groups: &[Group]) -> Vec<Explanation> {
+        let scores: Vec<Score> = groups.iter().map(|g| state.fitted.score(g)).collect();
+        let mut keys: Vec<&str> = Vec::new();
+        let mut all: Vec<Explanation> = Vec::new();
+        for candidate in &self.bank {
+            if keys.last() == Some(&candidate.key.as_str()) || keys.contains(&candidate.key.as_str()) {
+                continue;
+            }
+            keys.push(&candidate.key);
+            let own: Vec<usize> = (0..self.bank.len())
+                .filter(|i| self.bank[*i].key == candidate.key && groups[*i].surviving > ABSORBED && self.priors[*i].is_finite())
+                .collect();
+            let weighted = |i: &usize| scores[*i].evidence + self.priors[*i];
+            let Some(best) = own.iter().copied().max_by(|a, b| weighted(a).total_cmp(&weighted(b))) else { continue };
+            all.push(Explanation {
+                key: candidate.key.clone(),
+                evidence: log_sum(own.iter().map(weighted)),
+                best,
+                best_evidence: weighted(&best),
+                score: scores[best],
+            });
+        }
+        all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        all
+    }
+
+    /// Looks for terms, beside those that are given.
+    pub fn run(&mut self, given: &[Candidate]) -> Option<(Vec<Term>, State)> {
+        let mut terms: Vec<Term> = Vec::new();
+        let mut round = 0;
+        loop {
+            round += 1;
+            let now: Vec<&Candidate> = given.iter().chain(terms.iter().map(|t| &t.candidate)).collect();
+            let state = self.state(&now)?;
+            if terms.len() >= MOST_STEPS || round > 2 * MOST_STEPS {
+                return Some((terms, state));
+            }
+            let groups = self.groups(&state);
+            let explanations = self.explanations(&state, &groups);
+            let most = explanations.iter().map(|e| e.best_evidence).fold(f64::NEG_INFINITY, f64::max);
+            let Some(best) = explanations.first().filter(|_| most > HOPELESS) else { return Some((terms, state)) };
+            let usable: Vec<usize> = (0..groups.len())
+                .filter(|i| groups[*i].surviving > ABSORBED && self.priors[*i].is_finite() && groups[*i].count() > 0)
+                .collect();
+            let tried: Vec<&Group> = usable.iter().map(|i| &groups[*i]).collect();
+            let priors: Vec<f64> = usable.iter().map(|i| self.priors[*i]).collect();
+            let maxima = state.fitted.simulate(&tried, &priors, SEED);
+            let p_global = global_p(&maxima, most);
+            if p_global > SIGNIFICANT {
+                return Some((terms, state));
+            }
+            let candidate = self.refined(&state, &self.bank[best.best]);
+            let score = state.fitted.score(&self.group(&state, &candidate));
+            let key = best.key.clone();
+            let before: Vec<&Candidate> = now.clone();
+            let mut after = before.clone();
+            after.push(&candidate);
+            let noise = self.state(&after)?.noise;
+            let (without, with) = (self.held_out(&noise, &before), self.held_out(&noise, &after));
+            if with.sum >= without.sum {
+                // It does not predict what it has not seen.
+                self.vetoed.push(key);
+                self.set_priors();
+                continue;
+            }
+            terms.push(Term { candidate, score, p_global, trials: usable.len(), fixed: None });
+            self.merge(&mut terms);
+            self.repair(given, &mut terms)?;
+        }
+    }
+
+    /// One term in place of two that are the same effect on different axes.
+    fn merge(&self, terms: &mut Vec<Term>) {
+        let Some(last) = terms.pop() else { return };
+        let joins = |t: &Term| {
+            let (a, b) = (&t.candidate, &last.candidate);
+            a.id == b.id && a.id != "unknown" && a.spec.form == b.spec.form && a.spec.shape == b.spec.shape
+        };
+        let Some(index) = terms.iter().position(joins) else { return terms.push(last) };
+        let mut axes = [terms[index].candidate.spec.axes.clone(), last.candidate.spec.axes.clone()].concat();
+        axes.sort_unstable();
+        axes.dedup();
+        let spec = Spec { axes, ..last.candidate.spec.clone() };
+        match last.candidate.effect().columns(&self.scene.record, &spec) {
+            Some(columns) if spec.axes != terms[index].candidate.spec.axes => {
+                let candidate = Candidate::new(last.candidate.id, spec, columns);
+                terms[index].candidate = candidate;
+            }
+            _ => terms.push(last),
+        }
+    }
+
+    /// Drops terms that the others made superfluous, and swaps those for which something better is left.
+    fn repair(&self, given: &[Candidate], terms: &mut Vec<Term>) -> Option<()> {
+        if terms.len() < 2 {
+            return Some(());
+        }
+        for _ in 0..3 {
+            let mut changed = false;
+            let mut index = 0;
+            while index < terms.len() && terms.len() > 1 {
+                let others: Vec<&Candidate> = given
+                    .iter()
+                    .chain(terms.iter().enumerate().filter(|(i, _)| *i != index).map(|(_, t)| &t.candidate))
+                    .collect();
+                let all: Vec<&Candidate> = given.iter().chain(terms.iter().map(|t| &t.candidate)).collect();
+                let noise = self.correlations.estimate(&self.readings, &self.designs(&all))?;
+                let state = self.state_with(noise, &others);
+                let groups = self.groups(&state);
+                let explanations = self.explanations(&state, &groups);
+                let own = explanations.iter().find(|e| e.key == terms[index].candidate.key);
+                let own_group = self.group(&state, &terms[index].candidate);
+                let own_score = state.fitted.score(&own_group);
+                let own_evidence = own.map_or(f64::NEG_INFINITY, |e| e.evidence).max(own_score.evidence - 3.0);
+                if own_evidence < 0.0 {
+                    terms.remove(index);
+                    changed = true;
+                    continue;
+                }
+                if let Some(best) = explanations.first().filter(|b| b.evidence > own_evidence + SWAP)
+                    && best.key != terms[index].candidate.key
+                    && terms.iter().all(|t| t.candidate.key != best.key)
+                {
+                    terms[index].candidate = self.refined(&state, &self.bank[best.best]);
+                    terms[index].score = best.score;
+                    changed = true;
+                } else {
+                    terms[index].candidate = self.refined(&state, &terms[index].candidate);
+                }
+                index += 1;
+            }
+            if !changed {
+                break;
+            }
+        }
+        Some(())
+    }
+
+    /// A candidate with the best value of its continuous shape parameter.
+    fn refined(&self, state: &State, candidate: &Candidate) -> Candidate {
+        let Some((name, value)) = candidate.continuous() else { return candidate.clone() };
+        let record = &self.scene.record;
+        let evaluate = |v: f64| -> Option<f64> {
+            let other = candidate.with_shape(record, name, v)?;
+            Some(state.fitted.score(&self.group(state, &other)).evidence)
+        };
+        let (low, high) = if value > 0.0 { (0.6 * value, 1.6 * value) } else { (1.6 * value, 0.6 * value) };
+        let (low, high) = match name {
+            "onset" if candidate.id == "offset_step" => {
+                let width = (record.span_s[1] - record.span_s[0]) / 40.0;
+                (value - width, value + width)
+            }
+            "onset" => (low, (0.97 * record.most_ent(candidate.spec.axes[0])).max(low)),
+            _ => (low, high),
+        };
+        let cost = Cost(&evaluate);
+        let solver = BrentOpt::new(low, high).set_tolerance(1e-3, 1e-6 * value.abs().max(1e-9));
+        let found = Executor::new(cost, solver).configure(|s| s.max_iters(24)).run().ok();
+        let found = found.and_then(|r| r.state.best_param);
+        let better = found.filter(|v| evaluate(*v) > evaluate(value));
+        better.and_then(|v| candidate.with_shape(record, name, v)).unwrap_or_else(|| candidate.clone())
+    }
+
+    /// Predictions of stretches that were left out of the fit, one after the other.
+    #[must_use]
+    pub fn held_out(&self, noise: &Noise, terms: &[&Candidate]) -> HeldOut {
+        let n = self.rows();
+        let p = self.scene.design.ncols();
+        let extra: usize = terms.iter().map(|t| t.stacked.ncols()).sum();
+        let width = 3 * p + extra;
+        let folds = FOLDS.min(n / 3);
+        let design_row = |a: usize, i: usize| -> DVector<f64> {
+            let mut row = DVector::zeros(width);
+            for j in 0..p {
+                row[a * p + j] = self.scene.design[(i, j)];
+            }
+            let mut at = 3 * p;
+            for term in terms {
+                for column in term.stacked.column_iter() {
+                    row[at] = column[a * n + i];
+                    at += 1;
+                }
+            }
+            row
+        };
+        // Columns of very different size make bad normal equations.
+        let mut sizes = DVector::from_element(width, 0.0);
+        for a in 0..3 {
+            for i in 0..n {
+                sizes.zip_apply(&design_row(a, i), |s: &mut f64, v: f64| *s = s.max(v.abs()));
+            }
+        }
+        sizes.apply(|s| *s = if *s > 0.0 { s.recip() } else { 1.0 });
+        let parts: Vec<(Vec<(usize, usize)>, DMatrix<f64>, DVector<f64>, DMatrix<f64>, DVector<f64>)> = (0..folds)
+            .map(|fold| {
+                let rows: Vec<usize> = (fold * n / folds..(fold + 1) * n / folds).collect();
+                let m = rows.len();
+                let mut x = DMatrix::zeros(3 * m, width);
+                let mut y = DVector::zeros(3 * m);
+                let mut places = Vec::with_capacity(3 * m);
+                let (mut white_x, mut white_y) = (x.clone(), y.clone());
+                for a in 0..3 {
+                    for (k, i) in rows.iter().enumerate() {
+                        x.row_mut(a * m + k).copy_from(&design_row(a, *i).component_mul(&sizes).transpose());
+                        y[a * m + k] = self.readings[(*i, a)];
+                        places.push((*i, a));
+                    }
+                    if let Some(cholesky) = self.correlations.covariance(noise, a, &rows).cholesky() {
+                        let l = cholesky.l();
+                        let solved = l.solve_lower_triangular(&x.rows(a * m, m).into_owned());
+                        let target = l.solve_lower_triangular(&y.rows(a * m, m).into_owned());
+                        if let (Some(solved), Some(target)) = (solved, target) {
+                            white_x.rows_mut(a * m, m).copy_from(&solved);
+                            white_y.rows_mut(a * m, m).copy_from(&target);
+                        }
+                    }
+                }
+                (places, x, y, white_x, white_y)
+            })
+            .collect();
+        let grams: Vec<(DMatrix<f64>, DVector<f64>)> =
+            parts.iter().map(|(_, _, _, wx, wy)| (wx.tr_mul(wx), wx.tr_mul(wy))).collect();
+        let total = grams.iter().fold((DMatrix::zeros(width, width), DVector::zeros(width)), |(g, b), (h, c)| (g + h, b + c));
+        let mut residual = DMatrix::zeros(n, 3);
+        let mut sum = 0.0;
+        let mut by_fold = Vec::with_capacity(folds);
+        for ((places, x, y, wx, wy), (gram, rhs)) in parts.iter().zip(&grams) {
+            let mut others = &total.0 - gram;
+            // What a fold alone determines stays where it is without it.
+            let ridge = 1e-12 * total.0.trace() / width as f64;
+            (0..width).for_each(|j| others[(j, j)] += ridge);
+            let Some(cholesky) = others.cholesky() else { continue };
+            let coefficients = cholesky.solve(&(&total.1 - rhs));
+            let left = y - x * &coefficients;
+            for ((i, a), r) in places.iter().zip(left.iter()) {
+                residual[(*i, *a)] = *r;
+            }
+            let squares = (wy - wx * &coefficients).norm_squared();
+            by_fold.push(squares);
+            sum += squares;
+        }
+        HeldOut { residual_ent: residual, sum, by_fold }
+    }
+
+    /// Noise of every row about the fitted model, enT: slow noise that the model follows is not in it.
+    #[must_use]
+    pub fn row_std(&self, state: &State, terms: &[&Candidate]) -> Vec<[f64; 3]> {
+        let n = self.rows();
+        let designs = self.designs(terms);
+        let level: [f64; 3] = std::array::from_fn(|a| {
+            let reading = self.readings.column(a);
+            let left = reading - &designs[a] * designs[a].tr_mul(&reading);
+            left.norm() / ((n - designs[a].ncols()).max(1) as f64).sqrt()
+        });
+        let total = self.correlations.std(&state.noise);
+        let usual: [f64; 3] = std::array::from_fn(|a| (total.iter().map(|s| s[a] * s[a]).sum::<f64>() / n as f64).sqrt());
+        total.iter().map(|s| std::array::from_fn(|a| s[a] / usual[a] * level[a])).collect()
+    }
+
+    /// An effect that the model has already.
+    pub fn leave_out(&mut self, id: &str) {
+        self.vetoed.push(id.to_owned());
+        self.set_priors();
+    }
+
+    /// Values and covariance of the parameters of the last `count` columns, with the uncertainty of continuous shapes in it.
+    #[must_use]
+    pub fn estimate(&self, state: &State, terms: &[&Candidate], index: usize) -> Option<Vec<(f64, f64)>> {
+        let before: usize = terms[..index].iter().map(|t| t.stacked.ncols()).sum();
+        let extra: usize = terms.iter().map(|t| t.stacked.ncols()).sum();
+        let from = state.columns.ncols() - extra + before;
+        let own = terms[index].stacked.ncols();
+        let solve = |columns: &DMatrix<f64>| -> Option<(DVector<f64>, DMatrix<f64>)> {
+            let sizes: Vec<f64> = columns.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
+            let scaled = DMatrix::from_fn(columns.nrows(), columns.ncols(), |i, j| columns[(i, j)] / sizes[j]);
+            let svd = scaled.svd(true, true);
+            let inverse = svd.pseudo_inverse(1e-10).ok()?;
+            let mut values = &inverse * &state.readings;
+            let mut covariance = &inverse * inverse.transpose();
+            for i in 0..sizes.len() {
+                values[i] /= sizes[i];
+                for j in 0..sizes.len() {
+                    covariance[(i, j)] /= sizes[i] * sizes[j];
+                }
+            }
+            Some((values, covariance))
+        };
+        let (values, covariance) = solve(&state.columns)?;
+        let mut result: Vec<(f64, f64)> =
+            (0..own).map(|j| (values[from + j], covariance[(from + j, from + j)].max(0.0).sqrt())).collect();
+        if let Some((name, value)) = terms[index].continuous() {
+            // The column of the shape parameter, at the amplitude that was found.
+            let step = 1e-3 * value.abs().max(1e-9);
+            let at = |v: f64| terms[index].with_shape(&self.scene.record, name, v).map(|c| c.stacked);
+            if let (Some(up), Some(down)) = (at(value + step), at(value - step)) {
+                let amplitudes = DVector::from_fn(own, |j, _| values[from + j]);
+                let slope = (up - down) * amplitudes / (2.0 * step);
+                if slope.norm() > 0.0 {
+                    let slope = self.whiten(&state.noise, &DMatrix::from_column_slice(slope.len(), 1, slope.as_slice()));
+                    let mut columns = state.columns.clone().insert_column(state.columns.ncols(), 0.0);
+                    let last = columns.ncols() - 1;
+                    columns.column_mut(last).copy_from(&slope.column(0));
+                    if let Some((_, covariance)) = solve(&columns) {
+                        for (j, r) in result.iter_mut().enumerate() {
+                            r.1 = covariance[(from + j, from + j)].max(0.0).sqrt();
+                        }
+                        result.push((value, covariance[(last, last)].max(0.0).sqrt()));
+                    }
+                }
+            }
+        }
+        Some(result)
+    }
+}
+
+/// An orthonormal base of the columns, without those that the others explain.
+fn independent(columns: Vec<DVector<f64>>) -> DMatrix<f64> {
+    let mut base: Vec<DVector<f64>> = Vec::new();
+    for column in columns {
+        let mut rest = column.clone();
+        for _ in 0..2 {
+            for b in &base {
+                let along = b.dot(&rest);
+                rest.axpy(-along, b, 1.0);
+            }
+        }
+        if rest.norm() > 1e-5 * column.norm() {
+            base.push(rest.normalize());
+        }
+    }
+    DMatrix::from_columns(&base)
+}
+
+/// What predictions of held-out stretches leave.
+#[derive(Clone, Debug)]
+pub struct HeldOut {
+    /// Readings minus predictions, enT.
+    pub residual_ent: DMatrix<f64>,
+    /// Squares of the whitened residuals.
+    pub sum: f64,
+    /// The same per fold.
+    pub by_fold: Vec<f64>,
+}
+
+struct Cost<'a>(&'a dyn Fn(f64) -> Option<f64>);
+
+impl CostFunction for Cost<'_> {
+    type Param = f64;
+    type Output = f64;
+
+    fn cost(&self, value: &f64) -> Result<f64, argmin::core::Error> {
+        Ok(-(self.0)(*value).unwrap_or(f64::NEG_INFINITY).max(-1e6))
+    }
+}

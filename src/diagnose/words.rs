@@ -1,0 +1,186 @@
+//! What was found in words, and the numbers that words need.
+
+use super::result::{Gap, ShapePoint, Step};
+use super::samples::Inside;
+use super::search::HeldOut;
+use crate::model::effects::{self, Covariate, Record};
+use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{ContinuousCDF, Normal};
+
+/// Points of an unknown dependence.
+const POINTS: usize = 12;
+/// Standard deviations that an effect of one parameter needs to be found.
+const THRESHOLD: f64 = 4.0;
+
+/// The verdict in one line.
+#[must_use]
+pub fn verdict(steps: &[Step]) -> String {
+    match steps.len() {
+        0 => "no missing effect".to_owned(),
+        1 => "1 effect found".to_owned(),
+        n => format!("{n} effects found"),
+    }
+}
+
+/// A value that was taken because it is large, with the median bias of that taken off: the value for which as much would be seen in half
+/// of the cases in which it is found at all.
+#[must_use]
+pub fn unbiased(value: f64, std: f64, parameters: usize) -> f64 {
+    let z = value.abs() / std;
+    if parameters != 1 || !z.is_finite() || !(THRESHOLD..THRESHOLD + 5.0).contains(&z) {
+        return value;
+    }
+    let Ok(normal) = Normal::new(0.0, 1.0) else { return value };
+    let above = |mu: f64| normal.sf(z - mu) / normal.sf(THRESHOLD - mu);
+    let (mut low, mut high) = (0.0, z);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if above(middle) < 0.5 { low = middle } else { high = middle }
+    }
+    value.signum() * low.max(0.5 * z) * std
+}
+
+/// The covariate that a contribution follows best: name, unit, values.
+#[must_use]
+pub fn follows(record: &Record, contribution: &[f64], given: Option<&str>) -> (String, &'static str, Vec<f64>) {
+    let mut all: Vec<Covariate> = Covariate::all(record).into_iter().collect();
+    if let Some(found) = given.and_then(|name| all.iter().position(|c| c.name == name)) {
+        let c = all.swap_remove(found);
+        return (c.name, c.unit, c.values);
+    }
+    let y = DVector::from_column_slice(contribution);
+    let left =
+        |c: &Covariate| -> f64 {
+            let knots = c.knots();
+            if knots.len() < 2 {
+                return f64::INFINITY;
+            }
+            let columns = DMatrix::from_fn(c.values.len(), knots.len(), |i, j| {
+                if j == 0 { 1.0 } else { effects::spline(&knots, c.values[i])[j - 1] }
+            });
+            let q = columns.qr().q();
+            (&y - &q * q.tr_mul(&y)).norm()
+        };
+    let best = all.iter().filter(|c| !c.gain).min_by(|a, b| left(a).total_cmp(&left(b)));
+    best.map_or_else(
+        || ("time".to_owned(), "s", record.rows.iter().map(effects::Row::t_s).collect()),
+        |c| (c.name.clone(), c.unit, c.values.clone()),
+    )
+}
+
+/// An unknown dependence as a table: means of the contribution over equal numbers of rows.
+#[must_use]
+pub fn shape(
+    x: &[f64],
+    contribution: &[f64],
+    nt_per_ent: f64,
+    after: &HeldOut,
+    axis: usize,
+    row_std: &[[f64; 3]],
+) -> Vec<ShapePoint> {
+    let mut order: Vec<usize> = (0..x.len()).collect();
+    order.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
+    let length = x.len().div_ceil(POINTS).max(1);
+    order
+        .chunks(length)
+        .map(|rows| {
+            let n = rows.len() as f64;
+            let mean = |f: &dyn Fn(usize) -> f64| rows.iter().map(|i| f(*i)).sum::<f64>() / n;
+            let variance = mean(&|i| row_std[i][axis].powi(2)) / n;
+            ShapePoint {
+                covariate: mean(&|i| x[i]),
+                residual_nt: nt_per_ent * mean(&|i| contribution[i] + after.residual_ent[(i, axis)]),
+                std_nt: nt_per_ent * variance.sqrt(),
+            }
+        })
+        .collect()
+}
+
+/// Where something inside the plateaus shows.
+#[must_use]
+pub fn place_inside(found: &Inside) -> String {
+    let axes = found.spec.axis_names().join(", ");
+    match found.id {
+        "settling" => format!("{axes}, the first seconds after every step"),
+        "time_shift" => "all axes, at the edges of the plateaus".to_owned(),
+        "heater_pwm" => {
+            format!(
+                "{axes}, everywhere inside the plateaus with a period of {:.4} s",
+                found.spec.get("period").unwrap_or(f64::NAN)
+            )
+        }
+        _ => format!("{axes}, everywhere inside the plateaus at {:.4} Hz", found.spec.get("frequency").unwrap_or(f64::NAN)),
+    }
+}
+
+/// What to measure to tell the members of an ambiguous set apart.
+#[must_use]
+pub fn next_measurement(id: &str, others: &[String]) -> Option<String> {
+    if others.is_empty() {
+        return None;
+    }
+    let ids = std::iter::once(id).chain(others.iter().map(String::as_str));
+    let all: Vec<String> = ids
+        .filter_map(|id| effects::named(id).filter(|_| id != "unknown").map(|e| format!("{id}: {}", e.about().best_measurement)))
+        .collect();
+    Some(all.join("; "))
+}
+
+/// The sentence for the protocol.
+#[must_use]
+pub fn sentence(step: &Step) -> String {
+    let about = effects::named(&step.effect).map(effects::Effect::about);
+    let what = match (&step.covariate, about) {
+        (Some(covariate), _) => format!("a dependence on the {covariate} that no effect of the catalogue explains"),
+        (None, Some(about)) => format!("{} ({})", step.effect, about.summary),
+        (None, None) => step.effect.clone(),
+    };
+    let on = if step.axes.is_empty() { String::new() } else { format!(" on {}", step.axes.join(", ")) };
+    let values: Vec<String> = step
+        .parameters
+        .iter()
+        .take(4)
+        .filter(|_| step.covariate.is_none())
+        .map(|p| match p.std {
+            Some(std) => format!("{} = {} {}", p.name, number(p.value, std), p.unit),
+            None => format!("{} = {:.4e} {}", p.name, p.value, p.unit),
+        })
+        .collect();
+    let with = if values.is_empty() { String::new() } else { format!(", {}", values.join(", ")) };
+    let rest = if step.ambiguous_with.is_empty() {
+        String::new()
+    } else {
+        format!(" These data cannot tell it from {}.", step.ambiguous_with.join(", "))
+    };
+    let verb = if step.wording == "is" { "show" } else { "are consistent with" };
+    format!(
+        "The data {verb} {what}{on}{with}; on stretches that were left out of the fit, chi square over degrees of freedom goes from {:.2} to {:.2}.{rest}",
+        step.gap_before.chi2_per_dof, step.gap_after.chi2_per_dof
+    )
+}
+
+fn number(value: f64, std: f64) -> String {
+    if value.abs() < 1e-3 || value.abs() >= 1e5 {
+        crate::units::scientific_with_uncertainty(value, std)
+    } else {
+        crate::units::with_uncertainty(value, std)
+    }
+}
+
+/// The sentence for a lag.
+#[must_use]
+pub fn lag(name: &str, form: &str, lag_s: f64, std_s: f64, before: &Gap, after: &Gap) -> String {
+    let (how, size) = match form {
+        "first order" => ("follows", lag_s),
+        "inverse first order" => ("is followed by", lag_s),
+        _ if lag_s > 0.0 => ("comes after", lag_s),
+        _ => ("comes before", -lag_s),
+    };
+    format!(
+        "The part of the sensor that matters {how} the thermistor {name} by {:.2} ± {:.2} min ({form}); with its temperature chi square over degrees of freedom on stretches that were left out goes from {:.2} to {:.2}.",
+        size / 60.0,
+        std_s / 60.0,
+        before.chi2_per_dof,
+        after.chi2_per_dof
+    )
+}

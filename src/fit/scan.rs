@@ -1,0 +1,250 @@
+//! Which of many groups of columns explains what a linear model leaves: scores on whitened residuals, paid for by simulation.
+//!
+//! The evidence of a group is its Bayes factor against no group, with a prior on its size (Zellner's g): on average over noise it is
+//! one, so that evidences of groups of different size, of forms and of shapes compare and add. How often noise alone gives as much is
+//! simulated over all groups at once.
+
+use nalgebra::{DMatrix, DVector};
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
+use rayon::prelude::*;
+
+/// Squares of the signal to noise ratio that a group is expected to have, per column.
+const EXPECTED: f64 = 60.0;
+/// A group of which less than this part is left beside the model is absorbed by it.
+pub const ABSORBED: f64 = 0.02;
+/// Draws of noise for the largest evidence of all groups.
+const DRAWS: usize = 1500;
+/// Draws of one thread at a time.
+const BATCH: usize = 50;
+
+/// A whitened linear model: what it leaves of the readings, and the space of its columns.
+pub struct Fitted {
+    /// Residuals, component after component.
+    pub residual: DVector<f64>,
+    /// Orthonormal base of the columns.
+    base: DMatrix<f64>,
+    /// First row of each component, and the end.
+    edges: [usize; 4],
+    /// Degrees of freedom of each component.
+    freedom: [f64; 3],
+}
+
+/// A group of columns beside the model.
+pub struct Group {
+    /// Orthonormal base of what the model leaves of the columns.
+    base: DMatrix<f64>,
+    /// Part of the columns that the model leaves.
+    pub surviving: f64,
+    /// Norm of what is left of each column.
+    pub norms: Vec<f64>,
+    /// Components on which it acts.
+    on: [bool; 3],
+    /// Cross products of the base, component by component.
+    cross: [DMatrix<f64>; 3],
+}
+
+/// How well a group explains the residuals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Score {
+    /// Signal to noise ratio.
+    pub strength: f64,
+    /// Logarithm of the evidence.
+    pub evidence: f64,
+    /// Chi square with as many degrees of freedom as the group has columns, if there is noise only.
+    pub chi_square: f64,
+    /// Columns of the group.
+    pub count: usize,
+}
+
+impl Score {
+    /// Probability of a score as large for this group alone.
+    #[must_use]
+    pub fn p_value(&self) -> f64 {
+        if self.count == 0 { 1.0 } else { log_tail(self.chi_square, self.count as f64).exp().max(f64::MIN_POSITIVE) }
+    }
+}
+
+/// Orthonormal base of the columns; columns that are no more than rounding are left out.
+fn orthonormal(columns: &DMatrix<f64>, least: f64) -> DMatrix<f64> {
+    let mut base: Vec<DVector<f64>> = Vec::new();
+    for column in columns.column_iter() {
+        let mut rest = column.into_owned();
+        let norm = rest.norm();
+        for _ in 0..2 {
+            for b in &base {
+                let along = b.dot(&rest);
+                rest.axpy(-along, b, 1.0);
+            }
+        }
+        if rest.norm() > least * norm && norm > 0.0 {
+            base.push(rest.normalize());
+        }
+    }
+    if base.is_empty() { DMatrix::zeros(columns.nrows(), 0) } else { DMatrix::from_columns(&base) }
+}
+
+impl Fitted {
+    /// Fits whitened readings; `edges` are the first row of each component, and the end.
+    #[must_use]
+    pub fn new(readings: &DVector<f64>, columns: &DMatrix<f64>, edges: [usize; 4]) -> Self {
+        let base = orthonormal(columns, 1e-9);
+        let mut residual = readings.clone();
+        for _ in 0..2 {
+            residual -= &base * base.tr_mul(&residual);
+        }
+        let freedom = std::array::from_fn(|a| {
+            let rows = base.rows(edges[a], edges[a + 1] - edges[a]);
+            (edges[a + 1] - edges[a]) as f64 - rows.norm_squared()
+        });
+        Self { residual, base, edges, freedom }
+    }
+
+    /// A group of whitened columns beside this model.
+    #[must_use]
+    pub fn group(&self, columns: &DMatrix<f64>) -> Group {
+        let before = columns.norm();
+        let left = columns - &self.base * self.base.tr_mul(columns);
+        let surviving = if before > 0.0 { left.norm() / before } else { 0.0 };
+        let base = if surviving > 1e-7 { orthonormal(&left, 1e-6) } else { DMatrix::zeros(columns.nrows(), 0) };
+        let part = |a: usize| base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]);
+        let cross = [0, 1, 2].map(|a| part(a).tr_mul(&part(a)));
+        let on = std::array::from_fn(|a| columns.rows(self.edges[a], self.edges[a + 1] - self.edges[a]).norm() > 1e-3 * before);
+        Group { norms: left.column_iter().map(|c| c.norm()).collect(), base, surviving, on, cross }
+    }
+
+    fn squares(&self, residual: &DVector<f64>) -> [f64; 3] {
+        std::array::from_fn(|a| residual.rows(self.edges[a], self.edges[a + 1] - self.edges[a]).norm_squared())
+    }
+
+    /// Score of a group on the residuals.
+    #[must_use]
+    pub fn score(&self, group: &Group) -> Score {
+        let along = [0, 1, 2].map(|a| {
+            let rows = self.edges[a]..self.edges[a + 1];
+            group.base.rows(rows.start, rows.len()).tr_mul(&self.residual.rows(rows.start, rows.len()))
+        });
+        self.scored(group, &along, &self.squares(&self.residual))
+    }
+
+    fn scored(&self, group: &Group, along: &[DVector<f64>; 3], squares: &[f64; 3]) -> Score {
+        let count = group.base.ncols() as f64;
+        if count < 1.0 {
+            return Score { strength: 0.0, evidence: f64::NEG_INFINITY, chi_square: 0.0, count: 0 };
+        }
+        let size = &along[0] + &along[1] + &along[2];
+        let (mut likelihood, mut freedom) = (0.0, 0.0);
+        for a in (0..3).filter(|a| group.on[*a]) {
+            let after = squares[a] - 2.0 * along[a].dot(&size) + (&group.cross[a] * &size).dot(&size);
+            likelihood += self.freedom[a] * (squares[a] / after.max(1e-9 * squares[a])).ln();
+            freedom += self.freedom[a];
+        }
+        // Bartlett's correction makes the likelihood ratio a chi square.
+        let rest = (freedom - count).max(1.0);
+        let chi = (rest + 0.5 * count - 1.0) * likelihood / freedom;
+        let g = EXPECTED / count;
+        Score {
+            chi_square: chi,
+            strength: (rest * ((likelihood / freedom).exp() - 1.0)).max(0.0).sqrt(),
+            evidence: 0.5 * (g / (1.0 + g) * chi - count * (1.0 + g).ln()),
+            count: group.base.ncols(),
+        }
+    }
+
+    /// Largest evidences that noise alone gives among all groups with their prior weights (logarithms), ascending.
+    #[must_use]
+    pub fn simulate(&self, groups: &[&Group], log_priors: &[f64], seed: u64) -> Vec<f64> {
+        let n = self.residual.len();
+        let batches: Vec<usize> = (0..DRAWS / BATCH).collect();
+        let all: Vec<DMatrix<f64>> = (0..3)
+            .map(|a| {
+                let columns: usize = groups.iter().map(|g| g.base.ncols()).sum();
+                let mut joined = DMatrix::zeros(self.edges[a + 1] - self.edges[a], columns);
+                let mut at = 0;
+                for group in groups {
+                    let width = group.base.ncols();
+                    joined.columns_mut(at, width).copy_from(&group.base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]));
+                    at += width;
+                }
+                joined
+            })
+            .collect();
+        let mut maxima: Vec<f64> = batches
+            .par_iter()
+            .flat_map_iter(|batch| {
+                let mut random = Xoshiro256PlusPlus::seed_from_u64(seed.wrapping_add(*batch as u64));
+                let draws = DMatrix::from_fn(n, BATCH, |_, _| -> f64 { StandardNormal.sample(&mut random) });
+                let residuals = &draws - &self.base * self.base.tr_mul(&draws);
+                let along: Vec<DMatrix<f64>> =
+                    (0..3).map(|a| all[a].tr_mul(&residuals.rows(self.edges[a], self.edges[a + 1] - self.edges[a]))).collect();
+                (0..BATCH)
+                    .map(|draw| {
+                        let squares = self.squares(&residuals.column(draw).into_owned());
+                        let mut at = 0;
+                        let mut most = f64::NEG_INFINITY;
+                        for (group, prior) in groups.iter().zip(log_priors) {
+                            let width = group.base.ncols();
+                            let own = [0, 1, 2].map(|a| along[a].view((at, draw), (width, 1)).column(0).into_owned());
+                            at += width;
+                            most = most.max(self.scored(group, &own, &squares).evidence + prior);
+                        }
+                        most
+                    })
+                    .collect::<Vec<f64>>()
+            })
+            .collect();
+        maxima.sort_by(f64::total_cmp);
+        maxima
+    }
+
+    /// Canonical correlation of two groups: how much one can stand in for the other.
+    #[must_use]
+    pub fn correlation(a: &Group, b: &Group) -> f64 {
+        if a.base.ncols() == 0 || b.base.ncols() == 0 {
+            return 0.0;
+        }
+        a.base.tr_mul(&b.base).singular_values().max()
+    }
+}
+
+impl Group {
+    /// Number of columns that are left.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.base.ncols()
+    }
+}
+
+/// Probability of a maximum at least as large, from simulated ones; beyond them the tail is exponential, which it is for evidences.
+#[must_use]
+pub fn global_p(maxima: &[f64], evidence: f64) -> f64 {
+    let n = maxima.len();
+    if n == 0 {
+        return 1.0;
+    }
+    let above = n - maxima.partition_point(|m| *m < evidence);
+    let tail = n / 25;
+    if above > tail {
+        return above as f64 / n as f64;
+    }
+    let edge = maxima[n - tail];
+    let excess = maxima[n - tail..].iter().map(|m| m - edge).sum::<f64>() / tail as f64;
+    // Evidences are one on average over noise: their tail falls at least as fast.
+    let rate = (1.0 / excess.max(1e-6)).max(1.0).min(2.0);
+    (tail as f64 / n as f64 * (-(evidence - edge) * rate).exp()).max(f64::MIN_POSITIVE)
+}
+
+/// Logarithm of the probability that a chi square with `d` degrees of freedom is larger.
+fn log_tail(chi: f64, d: f64) -> f64 {
+    use statrs::function::gamma::{gamma_ur, ln_gamma};
+    let direct = if chi <= 0.0 {
+        1.0
+    } else if chi < 1300.0 {
+        gamma_ur(0.5 * d, 0.5 * chi)
+    } else {
+        0.0
+    };
+    // First term of the series, for what a double cannot hold.
+    if direct > 1e-280 { direct.ln() } else { (0.5 * d - 1.0) * (0.5 * chi).ln() - 0.5 * chi - ln_gamma(0.5 * d) }
+}

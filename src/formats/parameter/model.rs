@@ -1,0 +1,54 @@
+//! MODEL: effects beside the linear sensor, as `diagnose` found them, for `diagnose`, `lin`, `thermal` and `simulate`.
+
+use super::Body;
+use serde::{Deserialize, Serialize};
+
+/// Effects of one sensor or facility.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Model {
+    /// Runs in which they were found.
+    pub used: Vec<String>,
+    /// What the numbers mean.
+    pub convention: String,
+    /// The effects.
+    pub effect: Vec<ModelEffect>,
+}
+
+/// One effect.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelEffect {
+    /// Id in the catalogue.
+    pub id: String,
+    /// Which of its forms.
+    pub form: String,
+    /// Axes on which it acts, x, y, z.
+    pub axes: Vec<String>,
+    /// Linear parameters in the order of the form.
+    #[serde(default)]
+    pub parameter: Vec<ModelParameter>,
+    /// Shape parameters.
+    #[serde(default)]
+    pub shape: Vec<ModelParameter>,
+}
+
+/// A parameter with its unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelParameter {
+    /// Name.
+    pub name: String,
+    /// Value.
+    pub value: f64,
+    /// Standard uncertainty, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std: Option<f64>,
+    /// Unit.
+    pub unit: String,
+}
+
+impl Body for Model {
+    const FORMAT: &'static str = "MODEL";
+
+    fn file_name(&self) -> String {
+        "model.toml".to_owned()
+    }
+}

@@ -1,0 +1,172 @@
+//! What a run tells about the conditions of each reading: the covariates that effects are functions of.
+
+use crate::run::Kind;
+use nalgebra::{Matrix3, Vector3};
+
+/// Conditions of one reading, or of the mean of the readings of a plateau.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// Run, by its index.
+    pub run: usize,
+    /// First and last time, s since the run's start; equal for a single sample.
+    pub used_s: [f64; 2],
+    /// Reference field, nT, coil axes.
+    pub field_coil_nt: [f64; 3],
+    /// Reference field of the setting before, nT, coil axes; zero for the first one.
+    pub previous_coil_nt: [f64; 3],
+    /// Reading of the linear sensor without its offset, enT.
+    pub linear_ent: [f64; 3],
+}
+
+impl Row {
+    /// Middle, s since the run's start.
+    #[must_use]
+    pub fn t_s(&self) -> f64 {
+        0.5 * (self.used_s[0] + self.used_s[1])
+    }
+
+    /// Modulus of the reference field, nT.
+    #[must_use]
+    pub fn modulus_nt(&self) -> f64 {
+        Vector3::from(self.field_coil_nt).norm()
+    }
+}
+
+/// A change of the field.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Time, s since the run's start.
+    pub t_s: f64,
+    /// Change of the reading of the linear sensor, enT.
+    pub change_ent: [f64; 3],
+}
+
+/// Response and offset as polynomials of the sensor temperature, of `u = (T - middle) / half`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Thermal {
+    /// Middle of the temperatures, °C.
+    pub middle_degc: f64,
+    /// Half of their range, K.
+    pub half_k: f64,
+    /// Response, enT/nT, one matrix per power of u.
+    pub response: Vec<Matrix3<f64>>,
+    /// Offset, enT, one vector per power of u.
+    pub offset_ent: Vec<[f64; 3]>,
+    /// Temperature of every row, °C.
+    pub degc: Vec<f64>,
+}
+
+impl Thermal {
+    /// `(T - middle) / half` of a row.
+    #[must_use]
+    pub fn u(&self, row: usize) -> f64 {
+        (self.degc[row] - self.middle_degc) / self.half_k
+    }
+
+    /// Change of the reading in a field per kelvin, enT/K.
+    #[must_use]
+    pub fn slope(&self, row: usize, field_coil_nt: [f64; 3]) -> [f64; 3] {
+        let u = self.u(row);
+        let field = Vector3::from(field_coil_nt);
+        let mut slope = Vector3::zeros();
+        for (power, (response, offset)) in self.response.iter().zip(&self.offset_ent).enumerate().skip(1) {
+            slope += (response * field + Vector3::from(*offset)) * (power as f64 * u.powi(power as i32 - 1) / self.half_k);
+        }
+        slope.into()
+    }
+}
+
+/// A slow channel at every row, with its readings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channel {
+    /// Name.
+    pub name: String,
+    /// Readings, (s since the run's start, value).
+    pub series: Vec<(f64, f64)>,
+    /// Mean over the time of each row.
+    pub values: Vec<f64>,
+}
+
+/// The rows of one or several runs with their covariates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Record {
+    /// Kind of the runs.
+    pub kind: Kind,
+    /// Rows in time order, run after run.
+    pub rows: Vec<Row>,
+    /// Response of the linear sensor, enT/nT, coil axes to sensor axes.
+    pub response: Matrix3<f64>,
+    /// First and last time, s.
+    pub span_s: [f64; 2],
+    /// Changes of the field, in time order; pauses between the settings included.
+    pub steps: Vec<Step>,
+    /// Sensor temperature, °C.
+    pub sensor: Option<Channel>,
+    /// Other temperatures of the sensor, °C: more thermistors that move with it.
+    pub thermistors: Vec<Channel>,
+    /// Coil temperature, °C.
+    pub coil: Option<Channel>,
+    /// Temperature of the facility's electronics, °C.
+    pub rack: Option<Channel>,
+    /// Variometer, nT.
+    pub variometer: Option<[Channel; 3]>,
+    /// All other channels.
+    pub others: Vec<Channel>,
+    /// The linear sensor as a function of its temperature, for sweeps.
+    pub thermal: Option<Thermal>,
+    /// Whether the rows are samples or means of samples (and not means that a file brought).
+    pub has_samples: bool,
+}
+
+impl Record {
+    /// Time from -1 to 1 over the record.
+    #[must_use]
+    pub fn tau(&self, t_s: f64) -> f64 {
+        let [begin, end] = self.span_s;
+        if end > begin { 2.0 * (t_s - begin) / (end - begin) - 1.0 } else { 0.0 }
+    }
+
+    /// Largest reading of an axis, enT.
+    #[must_use]
+    pub fn most_ent(&self, axis: usize) -> f64 {
+        self.rows.iter().map(|r| r.linear_ent[axis].abs()).fold(0.0, f64::max)
+    }
+
+    /// Whether fields are applied.
+    #[must_use]
+    pub fn has_fields(&self) -> bool {
+        self.rows.iter().any(|r| r.modulus_nt() > 0.0)
+    }
+
+    /// Change of the reading that a change of the field makes, enT.
+    #[must_use]
+    pub fn reading(&self, field_coil_nt: [f64; 3]) -> [f64; 3] {
+        (self.response * Vector3::from(field_coil_nt)).into()
+    }
+
+    /// What a run without fields cannot show.
+    ///
+    /// # Errors
+    /// The reason.
+    pub fn require_fields(&self) -> Result<(), String> {
+        if self.has_fields() { Ok(()) } else { Err("no field is applied".to_owned()) }
+    }
+}
+
+/// Values of a channel without their mean: what a fit with a constant can tell of it.
+#[must_use]
+pub fn centred(channel: &Channel) -> Vec<f64> {
+    let mean = channel.values.iter().sum::<f64>() / channel.values.len().max(1) as f64;
+    channel.values.iter().map(|v| v - mean).collect()
+}
+
+/// A series at a time, between its readings; the first or last one outside.
+#[must_use]
+pub fn interpolate(series: &[(f64, f64)], t_s: f64) -> f64 {
+    let after = series.partition_point(|(t, _)| *t <= t_s);
+    match (after.checked_sub(1).and_then(|i| series.get(i)), series.get(after)) {
+        (Some((t0, v0)), Some((t1, v1))) => v0 + (v1 - v0) * (t_s - t0) / (t1 - t0),
+        (Some((_, v)), None) | (None, Some((_, v))) => *v,
+        (None, None) => f64::NAN,
+    }
+}

@@ -1,0 +1,37 @@
+//! The sensitivity moves with the sensor temperature inside a run.
+
+use super::coil_temperature::moves;
+use super::record::centred;
+use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
+
+/// The sensitivity moves with the sensor temperature inside a run.
+pub struct SensorTemperatureSensitivity;
+
+impl Effect for SensorTemperatureSensitivity {
+    fn id(&self) -> &'static str {
+        "sensor_temperature_sensitivity"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "σ moves with the sensor temperature inside a run",
+            formula: "σ_i (1 + a_i (T - T_0)): x_i += -a_i (T - T_0) x_i; T_0 is the mean over the run",
+            family: Family::Thermal,
+            seen_in: "lin, sweep",
+            needs: "sensor temperature",
+            source: "CH-GFZ-TR-2601 section 8",
+            best_measurement: "the same settings at two sensor temperatures",
+        }
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+        record.require_fields()?;
+        moves(record.sensor.as_ref(), "sensor temperature")?;
+        Ok(singly_and_together("linear"))
+    }
+
+    fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
+        let deviation = centred(record.sensor.as_ref()?);
+        Some(spec.axes.iter().map(|&a| Column::on("a", a, "1/K", record, |i, r| -deviation[i] * r.linear_ent[a])).collect())
+    }
+}

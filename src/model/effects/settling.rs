@@ -1,0 +1,64 @@
+//! A transient after a step of the field.
+
+use super::record::Step;
+use super::{About, Column, Effect, Family, Record, Spec};
+
+/// Time constants that are tried, s.
+pub const TAUS_S: [f64; 8] = [0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4];
+/// A transient is over after so many time constants.
+const OVER: f64 = 30.0;
+
+/// A transient after a step of the field.
+pub struct Settling;
+
+impl Effect for Settling {
+    fn id(&self) -> &'static str {
+        "settling"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "transient after a field step (eddy currents)",
+            formula: "x -= Σ_steps c ΔB exp(-(t - t_step)/τ), c common or per axis",
+            family: Family::History,
+            seen_in: "lin (samples)",
+            needs: "steps of the field, samples",
+            source: "BC-MAG-TR-0085 section 8",
+            best_measurement: "long plateaus after large steps at full rate",
+        }
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+        if !record.has_samples {
+            return Err("it shows inside the plateaus, and the file brings means only".to_owned());
+        }
+        record.require_fields()?;
+        Ok(TAUS_S.into_iter().map(|tau| Spec::new("exponential", &[0, 1, 2]).with("tau", tau, "s")).collect())
+    }
+
+    fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
+        let tau_s = spec.get("tau").filter(|tau| *tau > 0.0)?;
+        let transient = |used_s: [f64; 2]| -> [f64; 3] { transient(&record.steps, used_s, tau_s) };
+        let all: Vec<[f64; 3]> = record.rows.iter().map(|r| transient(r.used_s)).collect();
+        Some(match spec.axes.as_slice() {
+            [a] => vec![Column::on("fraction", *a, "1", record, |i, _| -all[i][*a])],
+            _ => vec![Column::of("fraction", "1", record, |i, _| all[i].map(|v| -v))],
+        })
+    }
+}
+
+/// Mean over a time of the transients of all steps before it, enT, for a time constant.
+#[must_use]
+pub fn transient(steps: &[Step], used_s: [f64; 2], tau_s: f64) -> [f64; 3] {
+    let [begin, end] = used_s;
+    let mut sum = [0.0; 3];
+    let upto = steps.partition_point(|s| s.t_s <= begin);
+    for step in steps[..upto].iter().rev().take_while(|s| begin - s.t_s < OVER * tau_s) {
+        let first = (-(begin - step.t_s) / tau_s).exp();
+        let share = if end > begin { first * tau_s / (end - begin) * -(-(end - begin) / tau_s).exp_m1() } else { first };
+        for a in 0..3 {
+            sum[a] += share * step.change_ent[a];
+        }
+    }
+    sum
+}

@@ -1,0 +1,174 @@
+//! Structure that no effect of the catalogue explains: a smooth function of one covariate.
+
+use super::record::{Channel, interpolate};
+use super::{About, Column, Effect, Family, Record, Row, Spec, one};
+use crate::units::COMPONENTS;
+
+/// Knots of the smooth function; one less is its degrees of freedom.
+const MOST_KNOTS: usize = 5;
+/// Half of the time over which the rate of a temperature is taken, s.
+const RATE_S: f64 = 15.0;
+
+/// A smooth function of one covariate.
+pub struct Unknown;
+
+/// A quantity that readings may depend on, at every row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Covariate {
+    /// Name, as `field modulus`.
+    pub name: String,
+    /// Unit.
+    pub unit: &'static str,
+    /// Value at every row.
+    pub values: Vec<f64>,
+    /// The function multiplies the reading and does not add to it.
+    pub gain: bool,
+}
+
+impl Covariate {
+    /// Every covariate of a record.
+    #[must_use]
+    pub fn all(record: &Record) -> Vec<Covariate> {
+        let of = |name: String, unit: &'static str, value: &dyn Fn(&Row) -> f64| Covariate {
+            name,
+            unit,
+            values: record.rows.iter().map(value).collect(),
+            gain: false,
+        };
+        let mut all = Vec::new();
+        if record.has_fields() {
+            for (k, axis) in COMPONENTS.iter().enumerate() {
+                all.push(of(format!("field {axis}"), "nT", &|r| r.field_coil_nt[k]));
+            }
+            all.push(of("field modulus".to_owned(), "nT", &Row::modulus_nt));
+            for (k, axis) in COMPONENTS.iter().enumerate() {
+                all.push(of(format!("previous field {axis}"), "nT", &|r| r.previous_coil_nt[k]));
+            }
+        }
+        let mut slow = vec![of("time".to_owned(), "s", &Row::t_s)];
+        let temperatures = [("sensor", &record.sensor), ("coil", &record.coil), ("rack", &record.rack)];
+        for (name, channel) in temperatures {
+            if let Some(channel) = channel {
+                slow.push(of_channel(format!("{name} temperature"), "°C", channel));
+                let rate = |r: &Row| {
+                    let at = |t: f64| interpolate(&channel.series, t);
+                    (at(r.t_s() + RATE_S) - at(r.t_s() - RATE_S)) / (2.0 * RATE_S)
+                };
+                slow.push(of(format!("rate of the {name} temperature"), "K/s", &rate));
+            }
+        }
+        for channel in &record.thermistors {
+            slow.push(of_channel(format!("temperature {}", channel.name), "°C", channel));
+        }
+        if record.has_fields() {
+            let gains: Vec<Covariate> =
+                slow.iter().map(|c| Covariate { name: format!("gain with {}", c.name), gain: true, ..c.clone() }).collect();
+            all.extend(gains);
+        }
+        all.extend(slow);
+        if let Some(variometer) = &record.variometer {
+            for (axis, channel) in COMPONENTS.iter().zip(variometer) {
+                all.push(of_channel(format!("variometer {axis}"), "nT", channel));
+            }
+        }
+        for channel in &record.others {
+            all.push(of_channel(format!("channel {}", channel.name), "", channel));
+        }
+        all.retain(|c| {
+            let (low, high) = c.values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+            c.values.iter().all(|v| v.is_finite()) && high > low
+        });
+        all
+    }
+
+    /// Knots at quantiles of the values, between the extremes; fewer where values coincide.
+    #[must_use]
+    pub fn knots(&self) -> Vec<f64> {
+        let mut sorted = self.values.clone();
+        sorted.sort_by(f64::total_cmp);
+        let (low, high) = (sorted[0], sorted[sorted.len() - 1]);
+        // Half way between equal parts of the range and of the values: programmes put many settings on zero.
+        let mut knots: Vec<f64> = (0..MOST_KNOTS)
+            .map(|k| {
+                let part = k as f64 / (MOST_KNOTS - 1) as f64;
+                let quantile = sorted[(part * (sorted.len() - 1) as f64).round() as usize];
+                0.5 * (low + part * (high - low)) + 0.5 * quantile
+            })
+            .collect();
+        knots.dedup_by(|a, b| *a - *b < 0.02 * (high - low));
+        knots
+    }
+}
+
+fn of_channel(name: String, unit: &'static str, channel: &Channel) -> Covariate {
+    Covariate { name, unit, values: channel.values.clone(), gain: false }
+}
+
+/// Natural cubic spline without its constant: the value over the range of the knots, and one bend per inner knot.
+#[must_use]
+pub fn spline(knots: &[f64], value: f64) -> Vec<f64> {
+    let n = knots.len();
+    let (first, last) = (knots[0], knots[n - 1]);
+    let scale = last - first;
+    let u = |knot: f64| ((value - knot) / scale).max(0.0).powi(3);
+    let mut basis = vec![(value - first) / scale - 0.5];
+    if n > 2 {
+        let bend = |k: usize| (u(knots[k]) - u(last)) * scale / (last - knots[k]);
+        let reference = bend(n - 2);
+        basis.extend((0..n - 2).map(|k| bend(k) - reference));
+    }
+    basis
+}
+
+impl Effect for Unknown {
+    fn id(&self) -> &'static str {
+        "unknown"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "structured, significant, none of the above",
+            formula: "x_i += S(C) or x_i S(C), S a natural cubic spline of one covariate C",
+            family: Family::Unknown,
+            seen_in: "all",
+            needs: "any covariate",
+            source: "diagnosis itself",
+            best_measurement: "settings that spread over the covariate while all else stays",
+        }
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+        let with_knots = |covariate: &Covariate, axis: usize| {
+            let knots = covariate.knots();
+            let spec = Spec::new(&covariate.name, &[axis]);
+            (knots.len() > 1).then(|| {
+                knots.iter().enumerate().fold(spec, |s, (k, knot)| s.with(&format!("knot {}", k + 1), *knot, covariate.unit))
+            })
+        };
+        let all = Covariate::all(record);
+        Ok(all.iter().flat_map(|c| (0..3).filter_map(move |axis| with_knots(c, axis))).collect())
+    }
+
+    fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
+        let covariate = Covariate::all(record).into_iter().find(|c| c.name == spec.form)?;
+        columns(record, &covariate, spec)
+    }
+}
+
+/// The columns of a smooth function of a covariate that is at hand.
+#[must_use]
+pub fn columns(record: &Record, covariate: &Covariate, spec: &Spec) -> Option<Vec<Column>> {
+    let knots: Vec<f64> = spec.shape.iter().map(|(_, knot, _)| *knot).collect();
+    let axis = *spec.axes.first()?;
+    if knots.len() < 2 {
+        return None;
+    }
+    let rows: Vec<Vec<f64>> = covariate.values.iter().map(|v| spline(&knots, *v)).collect();
+    let unit = if covariate.gain { "1" } else { "enT" };
+    let column = |k: usize| {
+        Column::of(format!("s{}_{}", k + 1, COMPONENTS[axis]), unit, record, |i, r| {
+            one(axis, if covariate.gain { rows[i][k] * r.linear_ent[axis] } else { rows[i][k] })
+        })
+    };
+    Some((0..knots.len() - 1).map(column).collect())
+}
