@@ -12,6 +12,8 @@ use std::path::{Path, PathBuf};
 pub const SENSOR_CHANNEL: &str = "T59";
 /// Channel of the coil temperature where nothing else is said.
 pub const COIL_CHANNEL: &str = "T29";
+/// Channel of the temperature of the facility's electronics rack where nothing else is said (CH-GFZ-TR-2601 section 6).
+pub const RACK_CHANNEL: &str = "T55";
 
 /// A run file of a campaign.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -168,6 +170,12 @@ impl Campaign {
                 COIL_CHANNEL,
             ),
         )
+    }
+
+    /// The channel of the rack temperature; the facility has one rack, whichever the sensor.
+    #[must_use]
+    pub fn rack_channel(&self) -> &str {
+        self.file.rack_temperature_channel.as_deref().unwrap_or(RACK_CHANNEL)
     }
 
     /// The field limits of a run along its nominal sensor axes, nT.

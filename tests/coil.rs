@@ -557,3 +557,49 @@ fn a_simulated_campaign_has_its_coil_system_back() {
     linear.done(&["--facility", found.to_str().unwrap(), "--order", "0"]);
     close(sigma(&linear.cpf()), common::Truth::default().sigma, 3e-6);
 }
+
+#[test]
+fn lin_applies_the_temperatures_of_coil_and_rack() {
+    // Ten times the coefficients of CH-GFZ-TR-2601 section 6 and more, at 20.5 °C of the coils and 30 °C of the rack.
+    let (rack_scale_per_k, rack_offset_per_k) = ([-8e-6, 5e-6, 3e-6], [0.75, 0.0, 2.0]);
+    let (coil_k, rack_k) = (20.5 - 16.5, 30.0 - 32.0);
+    let real = Facility {
+        scale: std::array::from_fn(|k| SCALE[k] * (1.0 + SCALE_PER_K[k] * coil_k) * (1.0 + rack_scale_per_k[k] * rack_k)),
+        offset_nt: std::array::from_fn(|k| OFFSET_NT[k] + OFFSET_PER_K[k] * coil_k + rack_offset_per_k[k] * rack_k),
+        ..FACILITY
+    };
+    let (plan, run) = in_facility(&real);
+    let with_rack = |channel: &str| {
+        let rows = format!("@CHANNELS\nt,{channel}\n0,29.9\n10,30.1\n@VECTORS");
+        Case::of(run.text().replacen("@VECTORS", &rows, 1))
+    };
+    let facility = |case: &Case| {
+        let text = format!(
+            "scale_nt_per_eu = {SCALE:?}\noffset_nt = {OFFSET_NT:?}\nangles_deg = {ANGLES_DEG:?}\nreference_degc = 16.5\n\
+             scale_per_k = {SCALE_PER_K:?}\noffset_nt_per_k = {OFFSET_PER_K:?}\nrack_reference_degc = 32.0\n\
+             rack_scale_per_k = {rack_scale_per_k:?}\nrack_offset_nt_per_k = {rack_offset_per_k:?}\n"
+        );
+        case.put("facility.toml", text).to_str().unwrap().to_owned()
+    };
+    let named = with_rack("RACK");
+    named.put("campaign.toml", "rack_temperature_channel = \"RACK\"\n");
+    for case in [with_rack("T55"), named] {
+        let messages = case.done(&["--facility", &facility(&case), "--order", "0"]);
+        assert!(!messages.contains("rack"), "{messages}");
+        let file = case.cpf();
+        close(sigma(&file), plan.truth.sigma, 1e-6);
+        close(three(&file, "offset.b_or_ent"), plan.truth.reading([0.0; 3]), 0.05);
+        assert!((number(&file, "facility.rack_degc") - 30.0).abs() < 1e-12);
+        assert!((number(&file, "facility.coil_degc") - 20.5).abs() < 1e-12);
+    }
+    let case = Case::of(run.text());
+    says(
+        &case.done(&["--facility", &facility(&case), "--order", "0"]),
+        &["rack temperature", "channel T55", "32.0 °C were used"],
+    );
+    let file = case.cpf();
+    assert!(file["facility"].get("rack_degc").is_none());
+    // What the rack did is now in the sensitivities: nT per enT are as much too large as the fields were taken too large.
+    let wanted: Three = std::array::from_fn(|k| plan.truth.sigma[k] / (1.0 + rack_scale_per_k[k] * rack_k));
+    close(sigma(&file), wanted, 1.5e-6);
+}

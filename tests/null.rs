@@ -125,3 +125,34 @@ fn damaged_tables_are_refused_with_their_line() {
     says(&text(&output.stderr), &["t.csv:3:1", "cells"]);
     assert!(!case.out().exists() || tree(&case.out()).is_empty());
 }
+
+#[test]
+fn a_linear_calibration_gives_nanotesla() {
+    let calibrated = Plan::default().run().named("13-04-03_08-00-00");
+    let case = Case::of(night().text());
+    case.put("13-04-03/08-00-00.CCR", calibrated.text());
+    case.done(&[]);
+    let cpf = "13-04-03_08-00-00/PARAMETER_LIN__13-04-03_08-00-00.CPF";
+    let cpf = case.out().join(cpf);
+    let output = case.run("null", &["--no-plots", "--cpf", cpf.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let p = parameters(&case.out().join(FILE));
+    let sigma = common::check::sigma(&parameters(&cpf));
+    for (nt, ent) in [
+        ("mean_nt", "offset.mean_ent"),
+        ("mean_std_nt", "offset.mean_std_ent"),
+        ("drift_nt_per_h.0", "offset.drift_ent_per_h.0"),
+        ("drift_std_nt_per_h.0", "offset.drift_std_ent_per_h.0"),
+        ("nt_per_root_hz", "density.ent_per_root_hz"),
+        ("std_nt_per_root_hz", "density.std_ent_per_root_hz"),
+    ] {
+        for c in 0..3 {
+            let (nt, ent) = (number(&p, &format!("scaled.{nt}.{c}")), number(&p, &format!("{ent}.{c}")));
+            assert!((nt - sigma[c] * ent).abs() <= 1e-12 * nt.abs(), "{nt} {ent}");
+        }
+    }
+    let report = std::fs::read_to_string(case.out().join("13-04-03_09-22-38/REPORT_NULL__13-04-03_09-22-38.md")).unwrap();
+    says(&report, &["With the sensitivities of `PARAMETER_LIN__13-04-03_08-00-00.CPF`", "drift, nT/h", "nT/√Hz"]);
+    let verified = calfit().arg("verify").arg(case.out()).arg(case.campaign()).output().unwrap();
+    assert_eq!(verified.status.code(), Some(0), "{}", text(&verified.stderr));
+}

@@ -4,6 +4,10 @@
 mod browser;
 mod common;
 
+use calfit::formats::{mag, twin};
+use calfit::run::Kind;
+use calfit::simulate::write_campaign;
+use calfit::units::FieldCoil;
 use common::campaign::{self, TEMPERATURES_DEGC, id};
 use common::check::{Case, calfit, number, parameters, says, text, tree};
 use std::fs;
@@ -84,6 +88,7 @@ fn the_report_of_a_campaign_with_all_kinds_of_runs_shows_in_a_browser() {
             "## 1 Introduction",
             "## 2 Measurements on April 3, 2013",
             "NULL.MAG",
+            "Zero-field measurement",
             "RANDOM50000.MAG",
             "## 6 Combined measurements",
             "temperature calibration of the AC transfer function",
@@ -157,4 +162,74 @@ fn the_sample_campaign_gives_what_its_comments_state() {
             assert!((found - residual).abs() < 0.15, "{key} {i}: {found}");
         }
     }
+}
+
+/// The twin of `configs/demo.toml` with a linearity, an offset and a scalar run, a short zero-field run, and a run of plus and minus F
+/// on the coil axes.
+fn twin_with_facility() -> twin::Twin {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut twin = twin::read(&root.join("configs/demo.toml"), &mut Vec::new()).unwrap();
+    let first = twin.runs.clone();
+    twin.runs.retain(|run| {
+        ["26-03-02_07-00-00", "26-03-02_08-00-00", "26-03-02_08-31-00", "26-03-02_16-00-00"].contains(&run.id.as_str())
+    });
+    twin.runs[3].longest_s = Some(1800.0);
+    let axis = |k: usize, value: f64| std::array::from_fn(|i| if i == k { value } else { 0.0 });
+    let steps = (0..3).flat_map(|k| [49_000.0, -49_000.0].map(|value| axis(k, value)));
+    twin.programmes.push(mag::Programme {
+        name: "RESIDUAL.MAG".to_owned(),
+        kind: Kind::Scalar,
+        steps: steps.map(|b| mag::Step { duration_s: 20.0, field: FieldCoil(b), frequency_hz: 0.0, position: 1 }).collect(),
+    });
+    let start = "2026-03-02T07:40:00Z".parse().unwrap();
+    let programme = twin.programmes.len() - 1;
+    twin.runs.push(twin::RunTwin { id: "26-03-02_07-40-00".to_owned(), start, programme, ..first[0].clone() });
+    twin.campaign_toml =
+        twin.campaign_toml.replace("[report]", "[report]\nthermistors = [\"tables/pt1000.csv\", \"tables/missing.csv\"]");
+    twin
+}
+
+#[test]
+fn the_protocol_takes_zero_field_runs_the_coil_system_and_thermistors_in() {
+    let case = Case::new();
+    let twin = twin_with_facility();
+    write_campaign(&twin, 3, &case.campaign(), false, || ()).unwrap();
+    let table = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rosetta/pt1000_table.csv");
+    case.put("tables/pt1000.csv", fs::read(table).unwrap());
+    let output = calfit().arg("report").arg(case.campaign()).arg("-o").arg(case.out()).output().unwrap();
+    // The table that is missing is told; all the rest is there.
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["tables/missing.csv"]);
+    let markdown = fs::read_to_string(case.out().join("REPORT.md")).unwrap();
+    says(
+        &markdown,
+        &[
+            "Zero-field measurement at",
+            "Offset and drift",
+            "With the sensitivities of `PARAMETER_LIN__26-03-02_08-00-00.CPF`",
+            "(26-03-02_16-00-00/NULL_drift__26-03-02_16-00-00.png",
+            "Calibration of the coil system",
+            "Scalar calibration of the coil system",
+            "(COIL_SCALAR_residuals_x__26-03-02_07-00-00.png",
+            "Residual field of the coil system",
+            "(COIL_RESIDUAL_fields__26-03-02_07-40-00.png",
+            "Thermistor calibration, table pt1000",
+            "(THERMISTOR_",
+            "| pt1000.csv |",
+            "| `COIL_RESIDUAL__26-03-02_07-40-00.toml` |",
+            "tables/missing.csv",
+        ],
+    );
+    // The twin's coils are ideal; their residual field is that of the twin, -0.4, 0.2, -7 nT, from two moduli of 0.1 nT noise and
+    // settings that scatter by 0.02 nT.
+    let file = parameters(&case.out().join("COIL_RESIDUAL__26-03-02_07-40-00.toml"));
+    common::check::close(common::check::three(&file, "facility.offset_nt"), [-0.4, 0.2, -7.0], 0.3);
+    let file = parameters(&case.out().join("COIL_SCALAR__26-03-02_07-00-00.toml"));
+    assert_eq!(file["used"].as_array().unwrap().len(), 1);
+    common::check::close(common::check::three(&file, "facility.scale_nt_per_eu"), [1.0; 3], 2e-6);
+    let page = fs::read_to_string(case.out().join("REPORT.html")).unwrap();
+    assert_eq!(page.matches("<img").count(), markdown.matches("\n![").count());
+    // Every parameter file comes back from its inputs.
+    let verified = calfit().arg("verify").arg(case.out()).arg(case.campaign()).output().unwrap();
+    assert_eq!(verified.status.code(), Some(0), "{}", text(&verified.stderr));
 }

@@ -163,6 +163,19 @@ impl Table {
 }
 
 #[test]
+fn a_programme_can_be_repeated_with_other_fields() {
+    let once = Folder::of(TWIN).run();
+    let twice = Folder::of(&format!("{TWIN}repeat = 2\nfield_factor = 0.5\n")).run();
+    let (once, twice) = (once.rows("@FIELDS"), twice.rows("@FIELDS"));
+    assert_eq!(twice.len(), 2 * once.len());
+    for (i, row) in twice.iter().enumerate() {
+        let from = &once[i % once.len()];
+        assert_eq!(row[0], 4.0 * i as f64);
+        assert_eq!(row[2..5], from[2..5].iter().map(|b| 0.5 * b).collect::<Vec<f64>>());
+    }
+}
+
+#[test]
 fn readings_without_noise_are_those_of_the_independent_forward_model_in_every_position() {
     let run = Folder::of(TWIN).run();
     let residual = [3.0, -5.0, 7.0];

@@ -20,7 +20,8 @@ fn verify(paths: &[&Path]) -> (Option<i32>, String) {
 
 fn parameter_files(folder: &Path) -> Vec<PathBuf> {
     let ends = ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF"];
-    let names = check::tree(folder).into_keys().filter(|n| ends.iter().any(|e| n.ends_with(e)));
+    let is_one = |n: &String| ends.iter().any(|e| n.ends_with(e)) || n.contains("/NULL_PARAMETER__");
+    let names = check::tree(folder).into_keys().filter(is_one);
     names.map(|n| folder.join(n)).collect()
 }
 
@@ -35,8 +36,8 @@ fn all_parameter_files_of_a_campaign_are_verified_and_changes_show() {
     let output = run(&["report", "--no-plots", "-o"], &[&case.out(), &case.campaign()]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let files = parameter_files(&case.out());
-    // Two of lin under two names, two of offset and of freq, that of the sweep, and the three thermal ones.
-    assert_eq!(files.len(), 2 * 4 + 1 + 3, "{files:?}");
+    // Two of lin under two names, two of offset and of freq, those of the sweep and of zero field, and the three thermal ones.
+    assert_eq!(files.len(), 2 * 4 + 1 + 1 + 3, "{files:?}");
 
     let (status, said) = verify(&[&case.out(), &case.campaign()]);
     assert_eq!(status, Some(0), "{said}");

@@ -56,7 +56,7 @@ impl Temperatures {
     }
 }
 
-/// Turns the settings of plateaus into fields of the facility, at the mean coil temperature of the plateaus' time.
+/// Turns the settings of plateaus into fields of the facility, at the mean temperatures of coil and rack in the plateaus' time.
 ///
 /// # Errors
 /// Angles that no three axes have between them.
@@ -76,30 +76,36 @@ pub fn apply_facility(
         list.iter().map(|p| p.setting.t_start_s).fold(f64::INFINITY, f64::min),
         list.iter().map(|p| p.setting.t_end_s).fold(f64::NEG_INFINITY, f64::max),
     ];
-    let channel = campaign.channels(&run.header).1;
-    let readings: Vec<f64> = run.slow_channel(&channel).map_or_else(Vec::new, |series| {
-        let inside = |t: f64, v: f64| (span_s[0]..=span_s[1]).contains(&t) && PLAUSIBLE_DEGC.contains(&v);
-        series.iter().filter(|(t, v)| inside(*t, *v)).map(|(_, v)| *v).collect()
-    });
-    let mean = (!readings.is_empty()).then(|| readings.iter().sum::<f64>() / readings.len() as f64);
-    let coil_degc = mean.filter(|_| facility.follows_coil());
-    if facility.follows_coil() && coil_degc.is_none() {
-        warnings.push(format!(
-            "{} depends on the coil temperature, which the run does not tell (channel {channel}): its values for {:.1} °C were used",
-            facility.input.path, coil.reference_degc
-        ));
-    }
-    if facility.follows_rack() {
-        warnings.push(format!(
-            "{} depends on the rack temperature: its values for {:.1} °C were used",
-            facility.input.path, coil.rack_reference_degc
-        ));
-    }
+    let mut degc = |follows: bool, what: &str, channel: &str, reference_degc: f64| {
+        if !follows {
+            return None;
+        }
+        let mean = mean_degc(run, channel, span_s);
+        if mean.is_none() {
+            warnings.push(format!(
+                "{} depends on the {what} temperature, which the run does not tell (channel {channel}): its values for \
+                 {reference_degc:.1} °C were used",
+                facility.input.path
+            ));
+        }
+        mean
+    };
+    let coil_degc = degc(facility.follows_coil(), "coil", &campaign.channels(&run.header).1, coil.reference_degc);
+    let rack_degc = degc(facility.follows_rack(), "rack", campaign.rack_channel(), coil.rack_reference_degc);
     for plateau in list {
         let setting = plateau.setting.field.0;
-        plateau.setting.field = coil.field(&axes, setting, coil_degc.unwrap_or(coil.reference_degc), coil.rack_reference_degc);
+        let (at_coil, at_rack) = (coil_degc.unwrap_or(coil.reference_degc), rack_degc.unwrap_or(coil.rack_reference_degc));
+        plateau.setting.field = coil.field(&axes, setting, at_coil, at_rack);
     }
-    Ok(FacilityApplied { file: facility.input.path.clone(), coil_degc, applied: facility.part.clone() })
+    Ok(FacilityApplied { file: facility.input.path.clone(), coil_degc, rack_degc, applied: facility.part.clone() })
+}
+
+/// Mean of the plausible readings of a channel in a time, °C; `None` without any.
+fn mean_degc(run: &Run, channel: &str, span_s: [f64; 2]) -> Option<f64> {
+    let series = run.slow_channel(channel)?;
+    let inside = |t: f64, v: f64| (span_s[0]..=span_s[1]).contains(&t) && PLAUSIBLE_DEGC.contains(&v);
+    let readings: Vec<f64> = series.iter().filter(|(t, v)| inside(*t, *v)).map(|(_, v)| *v).collect();
+    (!readings.is_empty()).then(|| readings.iter().sum::<f64>() / readings.len() as f64)
 }
 
 /// The head of a parameter file.
@@ -140,13 +146,21 @@ pub fn raw_std(used: &[&Plateau]) -> Option<Spread> {
 /// # Errors
 /// Those of [`correlation::estimate`].
 pub fn noise(solution: &Solution, used: &[&Plateau]) -> Result<NoiseModel, FitError> {
+    noise_of(solution, used, &[0, 1, 2])
+}
+
+/// The same for right-hand sides that are some components of the reading, 0 to 2.
+///
+/// # Errors
+/// Those of [`correlation::estimate`].
+pub fn noise_of(solution: &Solution, used: &[&Plateau], components: &[usize]) -> Result<NoiseModel, FitError> {
     let mut octaves: Vec<Octave> = Vec::new();
     for contrasts in used.iter().flat_map(|p| &p.contrasts) {
         let same = |o: &&mut Octave| (o.length / contrasts.part_s - 1.0).abs() < SAME_LENGTH;
         let octave = match octaves.iter_mut().find(same) {
             Some(octave) => octave,
             None => {
-                octaves.push(Octave { length: contrasts.part_s, count: 0.0, white: 0.0, squares: vec![0.0; 3] });
+                octaves.push(Octave { length: contrasts.part_s, count: 0.0, white: 0.0, squares: vec![0.0; components.len()] });
                 let last = octaves.len() - 1;
                 &mut octaves[last]
             }
@@ -154,8 +168,8 @@ pub fn noise(solution: &Solution, used: &[&Plateau]) -> Result<NoiseModel, FitEr
         let count = contrasts.count as f64;
         octave.count += count;
         octave.white += count * contrasts.inverse_samples;
-        for (sum, mean) in octave.squares.iter_mut().zip(contrasts.mean_square) {
-            *sum += count * mean;
+        for (sum, component) in octave.squares.iter_mut().zip(components) {
+            *sum += count * contrasts.mean_square[*component];
         }
     }
     if octaves.is_empty() {

@@ -5,10 +5,12 @@ mod refusal;
 pub use refusal::LinError;
 
 use crate::analysis::conditions::{self, Temperatures};
+use crate::analysis::linearise;
 use crate::campaign::Campaign;
 use crate::envelope::Column;
 use crate::fit::{FitError, Limits, Propagated, Robust, Solution, linear, propagate, robust};
 use crate::formats::facility::Facility;
+use crate::formats::linearisation::Linearisation;
 use crate::formats::parameter::{
     Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Quality, Setup, Std, Summary, Validity,
 };
@@ -40,6 +42,8 @@ pub struct Options {
     pub allow_mismatch: bool,
     /// The facility that turns settings into the reference field; `None` takes the settings as the field.
     pub facility: Option<Facility>,
+    /// The polynomials that linearise the readings; `None` takes the readings as they are.
+    pub linearisation: Option<Linearisation>,
 }
 
 impl Default for Options {
@@ -53,6 +57,7 @@ impl Default for Options {
             allow_gain: false,
             allow_mismatch: false,
             facility: None,
+            linearisation: None,
         }
     }
 }
@@ -94,6 +99,9 @@ pub struct Lin {
     pub blocks: Vec<Block>,
     /// Temperatures during the run.
     pub temperatures: Temperatures,
+    /// The plateaus that were given, with settings and readings as they are in the file, for another fit.
+    #[serde(skip)]
+    pub given: Plateaus,
     /// Extremes of the raw readings, for the figure of the measured data.
     #[serde(skip)]
     pub samples: Option<Vec<Column>>,
@@ -130,6 +138,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let mut warnings = Vec::new();
     let facility =
         options.facility.as_ref().map(|f| conditions::apply_facility(f, run, campaign, &mut list, &mut warnings)).transpose()?;
+    let linearisation = options.linearisation.as_ref().map(|l| linearise::apply(l, run, &mut list, &mut warnings));
     let used: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
     let count = 4 + order;
     if used.len() <= count {
@@ -145,10 +154,15 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let stacked = stack(&fitted.solution.coefficients);
     let r_nom = position.r_nom();
     let derived = Derived::of(&stacked, &trend, &r_nom)?;
+    let mut covariance_of_coefficients = noise.covariance();
+    if let Some(linearisation) = &options.linearisation {
+        covariance_of_coefficients +=
+            linearise::carried(linearisation, &design(&used, &trend).map_err(LinError::Fit)?, &used).map_err(LinError::Fit)?;
+    }
     let uncertain = propagate(
         |x| Derived::of(x, &trend, &r_nom).map(|d| d.list()).unwrap_or_else(|_| vec![f64::NAN; Derived::COUNT]),
         &stacked,
-        &noise.covariance(),
+        &covariance_of_coefficients,
     )
     .map_err(LinError::Fit)?;
     if !options.allow_gain {
@@ -198,7 +212,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let [lambda_x, mu_y, nu_z] = split.rotation_deg;
     let mut durations: Vec<f64> = used.iter().map(|p| p.setting.t_end_s - p.setting.t_start_s).collect();
     let parameters = Cpf {
-        convention: Convention::default(),
+        convention: if linearisation.is_some() { Convention::linearised() } else { Convention::default() },
         run: conditions::head(run, campaign, &temperatures),
         setup: Setup {
             position: position_id,
@@ -259,10 +273,11 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
         },
         conditions: temperatures.conditions.clone(),
         facility,
+        linearisation,
         dropped: conditions::dropped(&list),
         warnings,
     };
-    Ok(Lin { parameters, blocks, temperatures, samples: None })
+    Ok(Lin { parameters, blocks, temperatures, given: plateaus.clone(), samples: None })
 }
 
 pub(super) fn the_position(plateaus: &Plateaus, campaign: &Campaign) -> Result<(u32, Position), LinError> {
@@ -367,7 +382,7 @@ impl Fitted {
     }
 }
 
-fn fit(used: &[&Plateau], trend: &Trend, is_robust: bool) -> Result<Fitted, LinError> {
+fn design(used: &[&Plateau], trend: &Trend) -> Result<linear::Design, FitError> {
     let columns = DMatrix::from_fn(used.len(), 4 + trend.order, |row, column| {
         let p = used[row];
         if column < 3 { p.setting.field.0[column] } else { trend.tau(p.t_s()).powi(column as i32 - 3) }
@@ -384,13 +399,17 @@ fn fit(used: &[&Plateau], trend: &Trend, is_robust: bool) -> Result<Fitted, LinE
     .take(4 + trend.order)
     .map(str::to_owned)
     .collect();
+    linear::Design::new(names, columns)
+}
+
+fn fit(used: &[&Plateau], trend: &Trend, is_robust: bool) -> Result<Fitted, LinError> {
     let rhs = DMatrix::from_fn(used.len(), 3, |row, component| used[row].mean.0[component]);
     let limits = Limits { max_condition: MOST_CONDITION };
     let explain = |error: FitError| match error {
         FitError::Undetermined { parameters, condition } => LinError::Undetermined { parameters, condition },
         other => LinError::Fit(other),
     };
-    let design = linear::Design::new(names, columns).map_err(explain)?;
+    let design = design(used, trend).map_err(explain)?;
     if is_robust {
         let Robust { solution, pseudo, weights, downweighted, .. } =
             robust::fit(&design, &rhs, None, &limits).map_err(explain)?;

@@ -17,9 +17,10 @@ use crate::fit::correlation::{self, Octave};
 use crate::fit::spectrum::{self, FIRST_BIN, Line, NEXT_BIN, Point, Stage, WhiteAndSlow, limits};
 use crate::fit::{Design, FitError, Limits, solve};
 use crate::formats::parameter::{
-    AllanPart, ChannelPart, CornerPart, DensityPart, LinePart, Npf, NullConvention, NullOffset, RecordPart, SpectrumPart,
-    StopPart, TogetherPart,
+    AllanPart, ChannelPart, CornerPart, Cpf, DensityPart, LinePart, Npf, NullConvention, NullOffset, NullScaled, RecordPart,
+    SpectrumPart, StopPart, TogetherPart,
 };
+use crate::provenance::Input;
 use crate::run::{Kind, Run, SlowTable};
 use crate::units::COMPONENTS;
 use nalgebra::DMatrix;
@@ -51,15 +52,17 @@ const LEAST_VARIATION: f64 = 1e-9;
 const BAD_FIT: f64 = 3.0;
 
 /// How a zero-field run is analysed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Options {
     /// Order of the drift, 0 to 3.
     pub order: usize,
+    /// Linear calibration whose sensitivities give the results in nT as well, with its file.
+    pub cpf: Option<(Input, Box<Cpf>)>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { order: 1 }
+        Self { order: 1, cpf: None }
     }
 }
 
@@ -218,6 +221,7 @@ pub fn null(run: &Run, record: Record, campaign: &Campaign, options: &Options) -
         },
         offset,
         density,
+        scaled: None,
         corner: corner_part(&corner),
         line: lines.iter().map(line_part).collect(),
         spectrum: spectrum_part(&points),
@@ -228,7 +232,36 @@ pub fn null(run: &Run, record: Record, campaign: &Campaign, options: &Options) -
         conditions: temperatures.conditions.clone(),
         warnings,
     };
-    Ok(Null { parameters, rows, channels, temperatures, samples: None })
+    let mut result = Null { parameters, rows, channels, temperatures, samples: None };
+    if let Some((input, cpf)) = &options.cpf {
+        result.scale(&input.path, cpf);
+    }
+    Ok(result)
+}
+
+impl Null {
+    /// Gives reading, drift and density in nT as well, with the sensitivities of a linear calibration; `name` is that of its file.
+    pub fn scale(&mut self, name: &str, cpf: &Cpf) {
+        let p = &mut self.parameters;
+        if (&cpf.run.sensor, &cpf.run.mode) != (&p.run.sensor, &p.run.mode) {
+            p.warnings.push(format!(
+                "the sensitivities of {name} belong to {} {}, the readings to {} {}",
+                cpf.run.sensor, cpf.run.mode, p.run.sensor, p.run.mode
+            ));
+        }
+        let sigma: [f64; 3] = std::array::from_fn(|i| cpf.matrix.sigma[i][i]);
+        let times = |v: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|i| sigma[i] * v[i]) };
+        p.scaled = Some(NullScaled {
+            cpf: name.to_owned(),
+            sigma,
+            mean_nt: times(&p.offset.mean_ent),
+            mean_std_nt: times(&p.offset.mean_std_ent),
+            drift_nt_per_h: p.offset.drift_ent_per_h.iter().map(times).collect(),
+            drift_std_nt_per_h: p.offset.drift_std_ent_per_h.iter().map(times).collect(),
+            nt_per_root_hz: p.density.as_ref().map(|d| times(&d.ent_per_root_hz)),
+            std_nt_per_root_hz: p.density.as_ref().map(|d| times(&d.std_ent_per_root_hz)),
+        });
+    }
 }
 
 /// Where the data begin late, end early, have long gaps, or stand still.

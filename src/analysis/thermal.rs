@@ -171,7 +171,7 @@ pub struct Thermal {
 }
 
 /// Runs within this range are at one temperature, °C.
-const SAME_DEGC: f64 = 0.5;
+pub(super) const SAME_DEGC: f64 = 0.5;
 /// Points of a band.
 const BAND: usize = 121;
 
@@ -546,7 +546,7 @@ fn finite(covariance: &DMatrix<f64>) -> DMatrix<f64> {
     if covariance.iter().all(|v| v.is_finite()) { covariance.clone() } else { DMatrix::zeros(0, 0) }
 }
 
-fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
+pub(super) fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
     matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
 }
 

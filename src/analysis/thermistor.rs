@@ -14,6 +14,9 @@ use thiserror::Error;
 /// The highest order that is fitted.
 pub const HIGHEST_ORDER: usize = 9;
 
+/// Largest residual that is asked for where nothing else is said, °C.
+pub const WITHIN_DEGC: f64 = 0.01;
+
 /// What the polynomial takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
@@ -56,6 +59,12 @@ pub struct Options {
     pub compare: Option<Vec<f64>>,
     /// Largest residual asked for, °C.
     pub within_degc: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { order: None, signal: None, divider: None, compare: None, within_degc: WITHIN_DEGC }
+    }
 }
 
 /// Why a table has no polynomial.

@@ -5,8 +5,9 @@ use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::campaign::{Campaign, positions};
 use crate::error::{Finding, Severity};
-use crate::formats::parameter::{CoilResidual, CoilScalar, CoilTilt, Cpf, Fpf, Npf, Opf, Taf, ThermistorFile, Tof, Tpf};
-use crate::formats::{amplitudes, campaign, ccr, mag, parameter, twin};
+use crate::formats::export::rpcmag;
+use crate::formats::parameter::{CoilResidual, CoilScalar, CoilTilt, Cpf, Fpf, Npf, Opf, Taf, Tcf, ThermistorFile, Tof, Tpf};
+use crate::formats::{amplitudes, campaign, ccr, linearisation, mag, parameter, twin};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -14,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files (.CPF, .OPF, .FPF, .TPF, .TOF, .TAF).
+    /// Campaign folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files (.CPF, .OPF, .FPF, .TPF, .TOF, .TAF, .TCF), ground calibration files (RPCMAG*.TXT).
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -100,8 +101,12 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
             "RESIDUAL" => parameter::read::<CoilResidual>(path).err(),
             _ => parameter::read::<CoilTilt>(path).err(),
         }
+    } else if is_ground_calibration(path) {
+        rpcmag::read(path, &mut findings).err()
     } else if begins(path, "NULL_PARAMETER__") {
         parameter::read::<Npf>(path).err()
+    } else if begins(path, "LINEARISATION__") {
+        linearisation::read(path).err()
     } else if begins(path, "THERMISTOR__") {
         parameter::read::<ThermistorFile>(path).err()
     } else if name.ends_with(".TOML") && is_twin(path) {
@@ -110,13 +115,16 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
         campaign::read(path, &mut findings).and_then(|(file, _)| positions(path, &file)).err()
     } else if name.ends_with(".CSV") {
         amplitudes::read(path, &mut findings).err()
-    } else if let Some(format) = ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF"].iter().find(|f| name.ends_with(&format!(".{f}"))) {
+    } else if let Some(format) =
+        ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF", "TCF"].iter().find(|f| name.ends_with(&format!(".{f}")))
+    {
         match *format {
             "CPF" => parameter::read::<Cpf>(path).err(),
             "OPF" => parameter::read::<Opf>(path).err(),
             "FPF" => parameter::read::<Fpf>(path).err(),
             "TPF" => parameter::read::<Tpf>(path).err(),
             "TOF" => parameter::read::<Tof>(path).err(),
+            "TCF" => parameter::read::<Tcf>(path).err(),
             _ => parameter::read::<Taf>(path).err(),
         }
     } else {
@@ -129,6 +137,12 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     };
     findings.extend(error);
     findings
+}
+
+/// A ground calibration file of `calfit export`, by its name.
+fn is_ground_calibration(path: &Path) -> bool {
+    let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_uppercase()).unwrap_or_default();
+    name.starts_with("RPCMAG") && name.ends_with(".TXT")
 }
 
 /// The method of a facility's own calibration, from the name of its file.

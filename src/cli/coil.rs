@@ -8,7 +8,7 @@ use crate::error::Finding;
 use crate::formats::output::Folder;
 use crate::run::Kind;
 use crate::workflow::{
-    CoilMade, CoilResult, Desk, Failure, TiltInput, facility, publish_coil, residual_of, residual_of_table, scalar_of,
+    CoilMade, CoilResult, Desk, Failure, TiltInput, coil_runs, facility, publish_coil, residual_of, residual_of_table, scalar_of,
 };
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
@@ -35,7 +35,8 @@ struct ScalarArguments {
     /// different temperatures the coefficients of the coil temperature are found as well.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// Channel of the rack temperature, whose coefficients are found from four calibrations on.
+    /// Channel of the rack temperature, whose coefficients are found from four calibrations on [default: `rack_temperature_channel`
+    /// of campaign.toml, or T55].
     #[arg(long, value_name = "CHANNEL")]
     rack_channel: Option<String>,
 }
@@ -75,7 +76,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             let campaigns = open(&own.paths, terminal)?;
             let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
             let mut failures = Vec::new();
-            let made = scalar_of(&jobs, &options, &common.desk(), &mut failures).transpose();
+            let made = scalar_of(coil_runs(&jobs, &common.desk(), &mut failures), &options).transpose();
             finish(made, failures, jobs.len(), common, terminal)
         }
         Method::Residual(own) => residual_field(own, common, terminal),
@@ -103,7 +104,7 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
     let campaigns = open(&own.paths, terminal)?;
     let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
     let mut failures = Vec::new();
-    let made = residual_of(&jobs, &desk, &mut failures).transpose();
+    let made = residual_of(coil_runs(&jobs, &desk, &mut failures)).transpose();
     finish(made, failures, jobs.len(), common, terminal)
 }
 
@@ -143,7 +144,7 @@ fn finish<R: CoilResult>(
     common: &Common,
     terminal: &Terminal,
 ) -> Result<Status, Finding> {
-    let published = made.map(|made| made.and_then(|made| publish_coil(&made, &common.desk()).map(|name| (made, name))));
+    let published = made.map(|made| made.and_then(|made| publish_coil(&made, &common.desk()).map(|(name, _)| (made, name))));
     let done = match published {
         Some(Ok((made, name))) => {
             made.result.warnings().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));

@@ -2,9 +2,11 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status, jobs_of, open, report_failures, status};
+use crate::analysis::linearise::Linearised;
 use crate::error::Finding;
 use crate::formats::output::Folder;
 use crate::formats::parameter::Body;
+use crate::report;
 use crate::workflow::{Failure, Made, PerRun, RunReport, RunResult, make, publish, table_names};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -14,6 +16,8 @@ use std::path::PathBuf;
 #[derive(Serialize)]
 struct Listing<'a, R> {
     runs: Vec<&'a R>,
+    #[serde(skip_serializing_if = "<[Linearised]>::is_empty")]
+    linearisation: &'a [Linearised],
     failed: Vec<&'a Finding>,
 }
 
@@ -41,12 +45,13 @@ pub(super) fn run<A: PerRun>(analysis: &A, paths: &[PathBuf], common: &Common, t
         })
         .collect();
     bar.finish_and_clear();
-    finish::<A>(jobs.iter().map(|j| j.recorded.clone()).zip(results).collect(), &folder, common, terminal)
+    finish::<A>(jobs.iter().map(|j| j.recorded.clone()).zip(results).collect(), &[], &folder, common, terminal)
 }
 
-/// Prints results and failures and writes the table of all runs.
+/// Prints results, linearisations that they share, and failures, and writes the table of all runs.
 pub(super) fn finish<A: PerRun>(
     results: Vec<(String, Attempt<A>)>,
+    linearisation: &[Linearised],
     folder: &Folder,
     common: &Common,
     terminal: &Terminal,
@@ -66,8 +71,12 @@ pub(super) fn finish<A: PerRun>(
     let done: Vec<&A::Result> = done.iter().map(|made| &made.result).collect();
     if common.json {
         let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
-        terminal.print(&json(&Listing { runs: done.clone(), failed })?);
+        terminal.print(&json(&Listing { runs: done.clone(), linearisation, failed })?);
     } else {
+        for result in linearisation {
+            let file = common.out.join(result.parameters.file_name());
+            terminal.tell(&format!("{}  -> {}\n", report::linearise::summary(result), file.display()));
+        }
         for result in &done {
             terminal.tell(&format!("{}  -> {}\n", result.summary(), common.out.join(&result.head().id).display()));
         }

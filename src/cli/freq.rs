@@ -50,5 +50,5 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         findings.iter().for_each(|f| terminal.finding(f));
         results.push((path.display().to_string(), made));
     }
-    each::finish::<Options>(results, &folder, common, terminal)
+    each::finish::<Options>(results, &[], &folder, common, terminal)
 }

@@ -1,12 +1,18 @@
 //! `calfit lin`: the linear calibration of every linearity run.
 
+use super::each::Attempt;
 use super::options::Cut;
 use super::output::Terminal;
-use super::{Allow, Common, Status, each};
+use super::{Allow, Common, Status, each, jobs_of, open};
 use crate::analysis::lin::Options;
 use crate::error::Finding;
-use crate::workflow::facility;
+use crate::formats::output::Folder;
+use crate::formats::parameter::Body;
+use crate::workflow::{
+    Failure, First, PerRun, by_sensor_and_mode, facility, linearisation, linearise_group, make, publish, table_names,
+};
 use clap::Args;
+use rayon::prelude::*;
 use std::path::PathBuf;
 
 #[derive(Args, Debug)]
@@ -14,6 +20,13 @@ pub(super) struct Arguments {
     /// Campaign folders or run files.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
+    /// Find the polynomial of third order per sensor axis that all runs of a sensor and mode share, and fit every run with it:
+    /// the non-linearity of the readings → LINEARISATION.
+    #[arg(long, conflicts_with_all = ["robust", "linearisation"])]
+    linearise: bool,
+    /// Linearise the readings with the polynomials of a LINEARISATION file.
+    #[arg(long, value_name = "FILE")]
+    linearisation: Option<PathBuf>,
     #[command(flatten)]
     fit: FitOptions,
 }
@@ -60,10 +73,70 @@ impl FitOptions {
             allow_gain: common.allows(Allow::Gain),
             allow_mismatch: common.allows(Allow::Mismatch),
             facility: facility(self.facility.as_ref())?,
+            linearisation: None,
         })
     }
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    each::run(&arguments.fit.options(common)?, &arguments.paths, common, terminal)
+    let linearisation = linearisation(arguments.linearisation.as_ref())?;
+    let options = Options { linearisation, ..arguments.fit.options(common)? };
+    if arguments.linearise {
+        linearise(&options, &arguments.paths, common, terminal)
+    } else {
+        each::run(&options, &arguments.paths, common, terminal)
+    }
+}
+
+/// Fits every run, then those of each sensor and mode together, and writes what was found together before the runs that rest on it.
+fn linearise(options: &Options, paths: &[PathBuf], common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let campaigns = open(paths, terminal)?;
+    let jobs = jobs_of(&campaigns, paths, Options::KIND, terminal)?;
+    let folder = Folder::open(&common.out, common.force)?;
+    table_names(Options::STEM).iter().try_for_each(|name| folder.check(name))?;
+    let desk = common.desk();
+    let bar = terminal.progress(jobs.len());
+    let two_threads = jobs.len() < rayon::current_num_threads();
+    let first: Vec<Attempt<Options>> = jobs
+        .par_iter()
+        .map(|job| {
+            let made = make(options, job, &desk, two_threads);
+            bar.inc(1);
+            made
+        })
+        .collect();
+    bar.finish_and_clear();
+    let mut results: Vec<(String, Attempt<Options>)> = Vec::new();
+    let mut runs = Vec::new();
+    for (job, made) in jobs.iter().zip(first) {
+        match made {
+            Ok(made) => runs.push(First { job, made }),
+            Err(failure) => results.push((job.recorded.clone(), Err(failure))),
+        }
+    }
+    let mut found = Vec::new();
+    for group in by_sensor_and_mode(runs) {
+        let names: Vec<String> = group.iter().map(|f| f.job.recorded.clone()).collect();
+        match linearise_group(group, options, &desk) {
+            Ok((result, runs)) => {
+                let name = result.parameters.file_name();
+                result.parameters.warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+                found.push(result);
+                let published: Vec<(String, Attempt<Options>)> = runs
+                    .into_par_iter()
+                    .map(|(job, made)| {
+                        let made = made.and_then(|made| {
+                            publish::<Options>(&made, &desk, &made.result.parameters.file_name())?;
+                            Ok(made)
+                        });
+                        (job.recorded.clone(), made.map_err(Failure::Refused))
+                    })
+                    .collect();
+                results.extend(published);
+            }
+            // Without the linearisation there are no parameters as they were asked for, of none of its runs.
+            Err(finding) => results.push((names.join(", "), Err(Failure::Refused(finding)))),
+        }
+    }
+    each::finish::<Options>(results, &found, &folder, common, terminal)
 }

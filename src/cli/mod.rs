@@ -4,6 +4,7 @@ mod check;
 mod coil;
 mod diagnose;
 mod each;
+mod export;
 mod freq;
 mod inspect;
 mod lin;
@@ -55,6 +56,8 @@ enum Command {
     Thermistor(thermistor::Arguments),
     /// Every analysis that a campaign allows, all files, and the protocol as Markdown and one HTML page.
     Report(report::Arguments),
+    /// Parameter files for other programs: JSON, CSV, a digital calibration certificate, a Rosetta-style ground calibration file.
+    Export(export::Arguments),
     /// Write the run files of a campaign whose truth is known, from a twin of sensor, facility and programme.
     Simulate(simulate::Arguments),
     /// The facility's own calibration: scalar calibration, residual field, sensor and facility from several orientations.
@@ -199,6 +202,7 @@ fn execute(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
         Command::Null(arguments) => null::run(&arguments, &cli.common, terminal),
         Command::Thermistor(arguments) => thermistor::run(&arguments, &cli.common, terminal),
         Command::Report(arguments) => report::run(&arguments, &cli.common, terminal),
+        Command::Export(arguments) => export::run(&arguments, &cli.common, terminal),
         Command::Simulate(arguments) => simulate::run(&arguments, &cli.common, terminal),
         Command::Coil(arguments) => coil::run(&arguments, &cli.common, terminal),
         Command::Diagnose(arguments) => diagnose::run(&arguments, &cli.common, terminal),

@@ -1,5 +1,6 @@
 //! `calfit null`: offset drift, noise and correlations of every zero-field run.
 
+use super::options::sensitivities;
 use super::output::Terminal;
 use super::{Common, Status, each};
 use crate::analysis::null::Options;
@@ -15,8 +16,12 @@ pub(super) struct Arguments {
     /// Order of the drift in time, 0 to 3.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(0..=3))]
     order: u8,
+    /// Linear calibration of the same sensor and mode: its sensitivities give reading, drift and noise in nT as well.
+    #[arg(long, value_name = "FILE")]
+    cpf: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    each::run(&Options { order: usize::from(arguments.order) }, &arguments.paths, common, terminal)
+    let options = Options { order: usize::from(arguments.order), cpf: sensitivities(arguments.cpf.as_ref())? };
+    each::run(&options, &arguments.paths, common, terminal)
 }

@@ -1,11 +1,10 @@
 //! `calfit offset`: sensor offset and residual field of every offset run.
 
-use super::options::Cut;
+use super::options::{Cut, sensitivities};
 use super::output::Terminal;
 use super::{Allow, Common, Status, each};
 use crate::analysis::offset::Options;
 use crate::error::Finding;
-use crate::formats::parameter::{self, Cpf};
 use crate::workflow::facility;
 use clap::Args;
 use std::path::PathBuf;
@@ -26,18 +25,11 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    let cpf = match &arguments.cpf {
-        None => None,
-        Some(path) => {
-            let file = parameter::read::<Cpf>(path)?;
-            Some((file.input, Box::new(file.body)))
-        }
-    };
     let options = Options {
         settling: arguments.cut.settling,
         least_coverage: arguments.cut.coverage,
         allow_mismatch: common.allows(Allow::Mismatch),
-        cpf,
+        cpf: sensitivities(arguments.cpf.as_ref())?,
         facility: facility(arguments.facility.as_ref())?,
     };
     each::run(&options, &arguments.paths, common, terminal)

@@ -1,7 +1,11 @@
 //! Options that several commands share, and their values.
 
+use crate::error::Finding;
+use crate::formats::parameter::{self, Cpf};
 use crate::plateau::{LEAST_COVERAGE, Settling};
+use crate::provenance::Input;
 use clap::Args;
+use std::path::PathBuf;
 
 /// Which part of a plateau is used.
 #[derive(Args, Clone, Debug)]
@@ -12,6 +16,13 @@ pub(super) struct Cut {
     /// Least part of a plateau's samples that must be there.
     #[arg(long, value_name = "PART", default_value_t = LEAST_COVERAGE, value_parser = part)]
     pub coverage: f64,
+}
+
+/// Reads the linear calibration of `--cpf`, whose sensitivities give nT.
+pub(super) fn sensitivities(path: Option<&PathBuf>) -> Result<Option<(Input, Box<Cpf>)>, Finding> {
+    let Some(path) = path else { return Ok(None) };
+    let file = parameter::read::<Cpf>(path)?;
+    Ok(Some((file.input, Box::new(file.body))))
 }
 
 pub(super) fn settling(text: &str) -> Result<Settling, String> {

@@ -3,6 +3,8 @@
 use super::output::{Terminal, json};
 use super::thermal::{gather, inputs_of, order, sort_results};
 use super::{Common, Status, open, report_failures, status};
+use crate::analysis::coil::{residual::is_check, scalar};
+use crate::analysis::thermistor;
 use crate::campaign::Campaign;
 use crate::error::Finding;
 use crate::formats::facility::Facility;
@@ -10,11 +12,13 @@ use crate::formats::output::Folder;
 use crate::formats::source::hex;
 use crate::plot::{self, Named};
 use crate::provenance::{Input, Provenance};
-use crate::report::protocol::{self, Protocol, RunPart, ThermalPart};
+use crate::report::protocol::{self, OtherPart, Protocol, RunPart, ThermalPart};
 use crate::report::{self, Drawn, html};
+use crate::run::{Kind, Run};
 use crate::workflow::{
-    Analyses, Failure, LinName, Measured, ThermalOptions, draw, facility, jobs, publish_tables, publish_thermal_names,
-    scale_offsets, thermals,
+    Analyses, CoilMade, CoilResult, CoilRun, Desk, Failure, LinName, Measured, ThermalOptions, draw, facility, jobs,
+    publish_coil, publish_tables, publish_thermal_names, publish_thermistor, residual_of, scalar_of, scale_to_nt, thermals,
+    thermistor_of,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -39,6 +43,8 @@ pub(super) struct Arguments {
 struct Listing<'a> {
     runs: Vec<String>,
     thermal: Vec<String>,
+    coil: Vec<String>,
+    thermistors: Vec<String>,
     protocol: [&'static str; 2],
     failed: Vec<&'a Finding>,
 }
@@ -76,7 +82,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             Err(failure) => failures.push((job.recorded.clone(), failure)),
         }
     }
-    scale_offsets(&mut measured)?;
+    scale_to_nt(&mut measured)?;
     measured.sort_by_key(key);
     let drawn: Vec<Result<Vec<Drawn>, Finding>> = measured
         .par_iter()
@@ -110,9 +116,12 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         publish_thermal_names(&measured, &group.thermal.file.head().used, &desk)?;
     }
 
+    let coil = coil(campaign, &measured, &desk, terminal, &mut failures);
+    let thermistors = thermistors(campaign, &desk, terminal, &mut failures);
     let profile = if common.no_plots { None } else { profile(campaign, &measured, &folder)? };
     let mut input: Vec<Input> = measured.iter().filter_map(Measured::run).map(|run| Input::from(&run.input)).collect();
     input.extend(campaign.input.clone());
+    input.extend(thermistors.input);
     input.extend(options.facility.iter().map(|f| f.input.clone()));
     let failed: Vec<(String, String)> = failures
         .iter()
@@ -122,6 +131,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         campaign,
         runs: measured.iter().zip(&figures).map(|(measured, figures)| RunPart { measured, figures }).collect(),
         thermals: groups.iter().map(|g| ThermalPart { thermal: &g.thermal, figures: &g.figures }).collect(),
+        coil: coil.parts,
+        thermistors: thermistors.parts,
         profile,
         failed,
         files: hashes(&folder, &measured)?,
@@ -140,12 +151,19 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     folder.write(FILES[1], page.as_bytes())?;
     folder.sync()?;
 
-    let total = jobs.len() + groups.len();
+    let total = jobs.len() + groups.len() + campaign.file.thermistors.len();
     if common.json {
         let runs = measured.iter().filter_map(Measured::run).map(|r| r.header.run.clone()).collect();
         let thermal = groups.iter().map(|g| g.thermal.file.file_name()).collect();
         let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
-        terminal.print(&json(&Listing { runs, thermal, protocol: FILES, failed })?);
+        terminal.print(&json(&Listing {
+            runs,
+            thermal,
+            coil: coil.files,
+            thermistors: thermistors.files,
+            protocol: FILES,
+            failed,
+        })?);
     } else {
         for one in &groups {
             terminal.tell(&report::thermal::summary(&one.thermal));
@@ -160,6 +178,75 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     report_failures(terminal, &failures, total);
     let partial = if measured.iter().any(Measured::is_partial) { Status::Partly } else { Status::Done };
     Ok(status(measured.len(), failures.iter().map(|(_, f)| f)).max(partial))
+}
+
+/// Results that belong to no single run, as they were published.
+#[derive(Default)]
+struct Others {
+    files: Vec<String>,
+    parts: Vec<OtherPart>,
+    input: Vec<Input>,
+}
+
+/// Calibrates the coil system with the scalar runs: those with settings on the axes alone tell the residual field, the others the rest.
+fn coil(
+    campaign: &Campaign,
+    measured: &[Measured],
+    desk: &Desk,
+    terminal: &Terminal,
+    failures: &mut Vec<(String, Failure)>,
+) -> Others {
+    let runs = measured.iter().filter_map(Measured::run).filter(|run| run.header.kind == Kind::Scalar);
+    let (checks, others): (Vec<&Run>, Vec<&Run>) = runs.partition(|run| is_check(run));
+    let given = |runs: Vec<&Run>| runs.into_iter().map(|run| CoilRun { run: run.clone(), campaign }).collect();
+    let mut all = Others::default();
+    if let Some(made) = keep(scalar_of(given(others), &scalar::Options::default()), failures).flatten() {
+        all.add_coil(&made, desk, terminal, failures);
+    }
+    if let Some(made) = keep(residual_of(given(checks)), failures).flatten() {
+        all.add_coil(&made, desk, terminal, failures);
+    }
+    all
+}
+
+/// Calibrates the thermistors whose tables the campaign names.
+fn thermistors(campaign: &Campaign, desk: &Desk, terminal: &Terminal, failures: &mut Vec<(String, Failure)>) -> Others {
+    let mut all = Others::default();
+    for table in &campaign.file.thermistors {
+        let mut findings = Vec::new();
+        let made = thermistor_of(&campaign.root.join(table), None, &thermistor::Options::default(), &mut findings);
+        findings.iter().for_each(|f| terminal.finding(f));
+        let published = made.and_then(|made| publish_thermistor(&made, desk).map(|published| (made, published)));
+        if let Some((made, (name, figures))) = keep(published, failures) {
+            made.result.parameters.warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+            let (title, sections) = (report::thermistor::title(&made.result), report::thermistor::sections(&made.result, 4));
+            all.files.push(name);
+            all.parts.push(OtherPart { title, sections, figures });
+            all.input.extend(made.provenance.input);
+        }
+    }
+    all
+}
+
+/// The value, or its error among the failures.
+fn keep<T>(result: Result<T, Finding>, failures: &mut Vec<(String, Failure)>) -> Option<T> {
+    result.map_err(|finding| failures.push((finding.file.to_string(), Failure::Refused(finding)))).ok()
+}
+
+impl Others {
+    /// Publishes a calibration of the coil system and takes it.
+    fn add_coil<R: CoilResult>(
+        &mut self,
+        made: &CoilMade<R>,
+        desk: &Desk,
+        terminal: &Terminal,
+        failures: &mut Vec<(String, Failure)>,
+    ) {
+        let Some((name, figures)) = keep(publish_coil(made, desk), failures) else { return };
+        made.result.warnings().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+        self.parts.push(OtherPart { title: made.result.title(), sections: made.result.sections(4), figures });
+        self.files.push(name);
+    }
 }
 
 /// Runs in the order of their start.

@@ -3,14 +3,15 @@
 use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};
 use crate::analysis::sweep::{self, Window};
+use crate::analysis::thermal::File;
 use crate::campaign::Campaign;
 use crate::error::Finding;
 use crate::formats::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
 use crate::formats::output::Folder;
-use crate::formats::parameter::{Point, Values, read_point};
+use crate::formats::parameter::{Body, Point, Tcf, Tpf, Values, read, read_point};
 use crate::provenance::Input;
 use crate::report;
-use crate::workflow::{Analyses, Failure, LinName, Measured, ThermalOptions, ThermalShown, facility, jobs, thermals};
+use crate::workflow::{Analyses, Failure, LinName, Measured, PairFiles, ThermalOptions, ThermalShown, facility, jobs, thermals};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, run files, parameter files (.CPF, .OPF, .FPF), or folders of parameter files.
+    /// Campaign folders, run files, parameter files (.CPF, .OPF, .FPF; with --centre also .TPF), or folders of parameter files.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// Order of the polynomial of a quantity or family, sigma=1, b_or_x=3, f_3db=2 for example; others are chosen by AICc and
@@ -38,6 +39,16 @@ pub(super) struct Arguments {
     /// Facility that turns the settings of the runs into fields, as for `calfit lin` and `calfit offset`.
     #[arg(long, value_name = "FILE")]
     facility: Option<PathBuf>,
+    /// Linear calibration at the centre of the coil system: the runs were measured beside it and their polynomials, or those of a TPF
+    /// among the paths, are taken to the centre as well.
+    #[arg(long, value_name = "CPF")]
+    centre: Option<PathBuf>,
+    /// Linear calibration beside the centre at the temperature of --centre [default: the polynomials at that temperature].
+    #[arg(long, value_name = "CPF", requires = "centre")]
+    off_centre: Option<PathBuf>,
+    /// Offset measured by turning the sensor: tells offset and residual field of the temperature cycle apart.
+    #[arg(long, value_name = "OPF", requires = "centre")]
+    offset: Option<PathBuf>,
 }
 
 pub(super) fn order(text: &str) -> Result<(String, usize), String> {
@@ -68,11 +79,18 @@ fn rate(text: &str) -> Result<f64, String> {
 struct Listing<'a> {
     groups: Vec<&'a crate::analysis::thermal::Thermal>,
     sweeps: Vec<&'a crate::analysis::sweep::Sweep>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    centre: Vec<&'a Tcf>,
     failed: Vec<&'a Finding>,
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    let (files, campaign_paths) = sort_paths(&arguments.paths)?;
+    let (polynomials, paths): (Vec<PathBuf>, Vec<PathBuf>) = arguments.paths.iter().cloned().partition(|p| is_polynomial_file(p));
+    if let (Some(path), None) = (polynomials.first(), &arguments.centre) {
+        let rule = "holds polynomials already";
+        return Err(Finding::error(&path.display().to_string(), rule, "name --centre CPF to take them to the centre"));
+    }
+    let (files, campaign_paths) = sort_paths(&paths)?;
     let options = ThermalOptions {
         orders: arguments.order.clone(),
         joint: arguments.joint,
@@ -80,6 +98,12 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     };
     // Refuse what cannot be written before the work begins.
     Folder::open(&common.out, common.force)?;
+    let mut findings = Vec::new();
+    let pair = match &arguments.centre {
+        Some(centre) => Some(PairFiles::read(centre, arguments.off_centre.as_ref(), arguments.offset.as_ref(), &mut findings)?),
+        None => None,
+    };
+    findings.iter().for_each(|f| terminal.finding(f));
     let mut failures: Vec<(String, Failure)> = Vec::new();
     let mut points: Vec<Point> = Vec::new();
     let mut inputs: HashMap<String, Vec<Input>> = HashMap::new();
@@ -117,6 +141,11 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         measured.iter().filter_map(|m| if let Measured::Sweep(made) = m { Some(&made.result) } else { None }).collect();
     inputs.extend(inputs_of(&measured));
     points.extend(measured.iter().filter_map(Measured::point));
+    // The run at the centre is none of those beside it, also where its file lies in their folder.
+    if let Some(pair) = &pair {
+        let centre = pair.pair().centre;
+        points.retain(|p| !(same_kind(p, centre) && p.run.id == centre.run.id));
+    }
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
     let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.thermal.iter().cloned()).collect();
     let results = thermals(&points, &lins, &entries, &options, &common.desk(), |used| gather(used, &inputs));
@@ -134,9 +163,15 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             terminal.warning(&format!("{} states no sensor temperature and was left out", point.file));
         }
     }
+    let centres =
+        to_centre(pair.as_ref(), &polynomials, &done, &options, |used| gather(used, &inputs), &points, common, &mut failures);
+    for tcf in &centres {
+        tcf.warnings.iter().for_each(|w| terminal.warning(&format!("{}: {w}", tcf.file_name())));
+    }
     if common.json {
         let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
-        terminal.print(&json(&Listing { groups: done.iter().map(|d| &d.thermal).collect(), sweeps: sweeps.clone(), failed })?);
+        let groups = done.iter().map(|d| &d.thermal).collect();
+        terminal.print(&json(&Listing { groups, sweeps: sweeps.clone(), centre: centres.iter().collect(), failed })?);
     } else {
         for one in &done {
             let file = common.out.join(one.thermal.file.file_name());
@@ -146,8 +181,12 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             let folder = common.out.join(&sweep.run.id);
             terminal.tell(&format!("{}  -> {}\n", report::sweep::summary(sweep), folder.display()));
         }
+        for tcf in &centres {
+            let file = common.out.join(tcf.file_name());
+            terminal.tell(&format!("{}  -> {}\n", report::centre::summary(tcf), file.display()));
+        }
     }
-    if points.is_empty() && sweeps.is_empty() && failures.is_empty() {
+    if points.is_empty() && sweeps.is_empty() && polynomials.is_empty() && failures.is_empty() {
         let shown: Vec<String> = arguments.paths.iter().map(|p| p.display().to_string()).collect();
         return Err(Finding::error(
             &shown.join(", "),
@@ -155,8 +194,56 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             "list the runs with `calfit inspect`",
         ));
     }
-    report_failures(terminal, &failures, total + files.len());
-    Ok(status(done.len() + sweeps.len(), failures.iter().map(|(_, f)| f)))
+    report_failures(terminal, &failures, total + files.len() + polynomials.len());
+    Ok(status(done.len() + sweeps.len() + centres.len(), failures.iter().map(|(_, f)| f)))
+}
+
+/// Polynomials taken to the centre: those of the groups of the pair's sensor and mode, and those of files.
+#[expect(clippy::too_many_arguments, reason = "what the command has read by then")]
+fn to_centre(
+    pair: Option<&PairFiles>,
+    files: &[PathBuf],
+    done: &[ThermalShown],
+    options: &ThermalOptions,
+    inputs: impl Fn(&[&Point]) -> Vec<Input>,
+    points: &[Point],
+    common: &Common,
+    failures: &mut Vec<(String, Failure)>,
+) -> Vec<Tcf> {
+    let Some(pair) = pair else { return Vec::new() };
+    let mut results = Vec::new();
+    for one in done {
+        if let File::Tpf(tpf) = &one.thermal.file
+            && pair.pair().fits(tpf)
+        {
+            let used: Vec<&Point> = points.iter().filter(|p| tpf.head.used.contains(&p.file)).collect();
+            results.push(pair.publish(tpf, &options.recorded(), inputs(&used), &common.desk()));
+        }
+    }
+    for path in files {
+        let file = read::<Tpf>(path);
+        match file {
+            Ok(file) if pair.pair().fits(&file.body) => {
+                results.push(pair.publish(&file.body, "", vec![file.input], &common.desk()))
+            }
+            Ok(_) => {}
+            Err(finding) => failures.push((path.display().to_string(), Failure::Unreadable(vec![finding]))),
+        }
+    }
+    if results.is_empty() {
+        let run = &pair.pair().centre.run;
+        let rule = format!("no polynomials are of its sensor `{}` and mode `{}`", run.sensor, run.mode);
+        let remedy = "name runs, CPF or TPF files of that sensor and mode measured beside the centre";
+        results.push(Err(Finding::error(&pair.pair().centre.file, rule, remedy)));
+    }
+    let mut centres = Vec::new();
+    for result in results {
+        match result {
+            Ok(tcf) => centres.push(tcf),
+            Err(finding) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
+        }
+    }
+    centres
 }
 
 /// The analyses that were made, with their warnings shown; the others go to the failures.
@@ -264,6 +351,10 @@ fn sort_paths(paths: &[PathBuf]) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Finding
 
 fn is_parameter_file(path: &Path) -> bool {
     path.extension().is_some_and(|e| ["CPF", "OPF", "FPF"].iter().any(|k| e.eq_ignore_ascii_case(k)))
+}
+
+fn is_polynomial_file(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("TPF"))
 }
 
 /// Parameter files of a folder and of the folders in it.

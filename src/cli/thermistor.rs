@@ -2,16 +2,10 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
-use crate::analysis::thermistor::{HIGHEST_ORDER, Options, Signal, thermistor};
+use crate::analysis::thermistor::{HIGHEST_ORDER, Options, Signal, WITHIN_DEGC};
 use crate::error::Finding;
-use crate::formats::ccr::run_id_is_safe;
-use crate::formats::output::Folder;
-use crate::formats::parameter::Body;
-use crate::formats::thermistor::{REFERENCE, TABLE, read};
-use crate::plot;
-use crate::provenance::Provenance;
 use crate::report;
-use crate::workflow::{Outcome, draw, parameter_text};
+use crate::workflow::{publish_thermistor, thermistor_of};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
@@ -36,7 +30,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "TABLE.csv")]
     reference: Option<PathBuf>,
     /// Residual that the table asks for, degrees Celsius: the lowest order that reaches it is named.
-    #[arg(long, value_name = "DEGC", default_value_t = 0.01, value_parser = positive)]
+    #[arg(long, value_name = "DEGC", default_value_t = WITHIN_DEGC, value_parser = positive)]
     within: f64,
 }
 
@@ -74,22 +68,6 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    let shown = arguments.table.display().to_string();
-    let file_name = |path: &PathBuf| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let stem = arguments.table.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    if !run_id_is_safe(&stem) {
-        let remedy = "rename it: letters, digits, `-`, `_` and `.` only";
-        return Err(Finding::error(&shown, "its name cannot be that of a result", remedy).found(stem.as_bytes()));
-    }
-    let mut findings = Vec::new();
-    let table = read(&arguments.table, TABLE, &mut findings);
-    let reference = arguments.reference.as_ref().map(|path| read(path, REFERENCE, &mut findings)).transpose();
-    findings.iter().for_each(|f| terminal.finding(f));
-    let ((rows, digested), reference) = (table?, reference?);
-    let mut input = vec![digested.input(file_name(&arguments.table))];
-    if let (Some(path), Some((_, digested))) = (&arguments.reference, &reference) {
-        input.push(digested.clone().input(file_name(path)));
-    }
     let options = Options {
         order: arguments.order.map(usize::from),
         signal: arguments.signal.map(|s| match s {
@@ -100,57 +78,18 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         compare: arguments.compare.as_ref().map(|c| c.0.clone()),
         within_degc: arguments.within,
     };
-    let result = thermistor(&stem, &rows, reference.as_ref().map(|(rows, _)| rows.as_slice()), &options)
-        .map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
-    let provenance = Provenance::new(recorded(arguments, &options), input);
-    let p = &result.parameters;
-    p.warnings.iter().for_each(|w| terminal.warning(&format!("{shown}: {w}")));
-
-    let folder = Folder::open(&common.out, common.force)?;
-    let name = p.file_name();
-    folder.check(&name)?;
-    let drawn = if common.no_plots {
-        Vec::new()
-    } else {
-        draw(&folder, &plot::thermistor::figures(&result), |figure| format!("THERMISTOR_{figure}__{stem}.png"))?
-    };
-    let outcome = Outcome {
-        name: &name,
-        parameters: parameter_text(&name, p, &provenance)?,
-        report: format!("REPORT_THERMISTOR__{stem}.md"),
-        title: report::thermistor::title(&result),
-        warnings: &p.warnings,
-        sections: report::thermistor::sections(&result, 2),
-        provenance: &provenance,
-    };
-    outcome.write(&folder, &drawn)?;
+    let mut findings = Vec::new();
+    let made = thermistor_of(&arguments.table, arguments.reference.as_deref(), &options, &mut findings);
+    findings.iter().for_each(|f| terminal.finding(f));
+    let made = made?;
+    let shown = arguments.table.display();
+    made.result.parameters.warnings.iter().for_each(|w| terminal.warning(&format!("{shown}: {w}")));
+    let (name, _) = publish_thermistor(&made, &common.desk())?;
     if common.json {
-        terminal.print(&json(&result)?);
+        terminal.print(&json(&made.result)?);
     } else {
-        terminal.tell(&format!("{}  -> {}\n", report::thermistor::summary(&result), common.out.join(name).display()));
+        let summary = report::thermistor::summary(&made.result);
+        terminal.tell(&format!("{summary}  -> {}\n", common.out.join(name).display()));
     }
     Ok(Status::Done)
-}
-
-/// The command with the options that have an influence on the numbers.
-fn recorded(arguments: &Arguments, options: &Options) -> String {
-    let joined = |list: &[f64]| list.iter().map(|v| format!("{v:?}")).collect::<Vec<_>>().join(",");
-    let mut text = "calfit thermistor".to_owned();
-    if let Some(order) = options.order {
-        text.push_str(&format!(" --order {order}"));
-    }
-    if let Some(signal) = options.signal {
-        text.push_str(&format!(" --signal {}", signal.name()));
-    }
-    if let Some(divider) = &options.divider {
-        text.push_str(&format!(" --divider {}", joined(divider)));
-    }
-    if let Some(compare) = &options.compare {
-        text.push_str(&format!(" --compare {}", joined(compare)));
-    }
-    text.push_str(&format!(" --within {:?}", options.within_degc));
-    if let Some(name) = arguments.reference.as_ref().and_then(|p| p.file_name()) {
-        text.push_str(&format!(" --reference {}", name.to_string_lossy()));
-    }
-    text
 }

@@ -37,8 +37,8 @@ struct Verdict {
 
 /// Folders above a parameter file, or above the working folder, in which inputs are looked for.
 const LEVELS_ABOVE: usize = 4;
-const PARAMETER_FILES: [&str; 6] = ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF"];
-const PARAMETER_NAMES: [&str; 3] = ["COIL_", "NULL_PARAMETER__", "THERMISTOR__"];
+const PARAMETER_FILES: [&str; 7] = ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF", "TCF"];
+const PARAMETER_NAMES: [&str; 4] = ["COIL_", "NULL_PARAMETER__", "THERMISTOR__", "LINEARISATION__"];
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let mut files = Vec::new();
@@ -200,7 +200,9 @@ fn fit_again(file: &Path, stated: &AnyFile, found: &[PathBuf]) -> Result<AnyFile
     const MARK: char = '\u{1}';
     let mut marked = command.clone();
     for (index, input) in stated.provenance.input.iter().enumerate() {
-        for option in ["--cpf", "--amplitudes", "--facility", "--reference"] {
+        for option in
+            ["--cpf", "--amplitudes", "--facility", "--reference", "--linearisation", "--centre", "--off-centre", "--offset"]
+        {
             marked = marked.replace(&format!("{option} {}", input.path), &format!("{option} {MARK}{index}"));
         }
     }

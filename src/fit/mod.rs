@@ -5,6 +5,7 @@
 //! * [`contaminated`]: the same with outliers and unknown scatter, by a likelihood models can be compared by.
 //! * [`choice`]: the criterion to compare them by.
 //! * [`sine`]: one sine in samples at counted instants, and the sample rate that many of them share.
+//! * [`partitioned`]: parameters that several data sets share, beside those each has of its own.
 //! * [`polynomial`]: polynomials of any degree the data carry, in raw powers.
 //! * [`order`]: the order of a polynomial, given or chosen from the data.
 //! * [`nonlinear`]: Levenberg-Marquardt for models with a Jacobian or without, polished to the last digits of the model.
@@ -27,6 +28,7 @@ mod double_double;
 pub mod linear;
 pub mod nonlinear;
 pub mod order;
+pub mod partitioned;
 pub mod polynomial;
 pub mod propagate;
 #[cfg(test)]

@@ -72,6 +72,8 @@ pub struct CampaignFile {
     pub temperature_channel: Option<String>,
     /// Channel of the coil temperature for all sensors.
     pub coil_temperature_channel: Option<String>,
+    /// Channel of the temperature of the facility's electronics rack.
+    pub rack_temperature_channel: Option<String>,
     /// Positions.
     pub positions: Vec<PositionEntry>,
     /// Sensors.
@@ -84,6 +86,8 @@ pub struct CampaignFile {
     pub thermal: Vec<ThermalEntry>,
     /// What the protocol states about laboratory, item and persons: the label of the entry and its text.
     pub report: Vec<(&'static str, String)>,
+    /// Calibration tables of thermistors that the protocol shows, paths from the campaign's folder.
+    pub thermistors: Vec<String>,
 }
 
 impl CampaignFile {
@@ -112,12 +116,13 @@ impl CampaignFile {
     ];
 }
 
-const KNOWN: [&str; 13] = [
+const KNOWN: [&str; 14] = [
     "name",
     "instrument",
     "offset_trend_order",
     "temperature_channel",
     "coil_temperature_channel",
+    "rack_temperature_channel",
     "position",
     "sensor",
     "limit",
@@ -152,6 +157,7 @@ pub fn parse(root: &Group, findings: &mut Vec<Finding>) -> Result<CampaignFile, 
         offset_trend_order: root.whole("offset_trend_order")?,
         temperature_channel: root.text("temperature_channel")?,
         coil_temperature_channel: root.text("coil_temperature_channel")?,
+        rack_temperature_channel: root.text("rack_temperature_channel")?,
         ..CampaignFile::default()
     };
     if campaign.offset_trend_order.is_some_and(|order| order > 2) {
@@ -189,7 +195,9 @@ pub fn parse(root: &Group, findings: &mut Vec<Finding>) -> Result<CampaignFile, 
         campaign.thermal.push(thermal(&group, findings)?);
     }
     if let Some(group) = root.group("report")? {
-        findings.extend(group.unknown(&CampaignFile::REPORT.map(|(key, _)| key)));
+        let known: Vec<&str> = CampaignFile::REPORT.iter().map(|(key, _)| *key).chain(["thermistors"]).collect();
+        findings.extend(group.unknown(&known));
+        campaign.thermistors = group.texts("thermistors")?.unwrap_or_default();
         for (key, label) in CampaignFile::REPORT {
             campaign.report.extend(group.text(key)?.map(|text| (label, text)));
         }

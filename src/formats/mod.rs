@@ -3,7 +3,9 @@
 pub mod amplitudes;
 pub mod campaign;
 pub mod ccr;
+pub mod export;
 pub mod facility;
+pub mod linearisation;
 pub mod mag;
 pub mod moduli;
 pub mod orientations;

@@ -5,8 +5,14 @@ use std::fs::{self, File};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// How the files that the tool writes begin: parameter files and CSV tables, Markdown, and (within the head of the picture) figures.
-const BEGINS: [&[u8]; 2] = [b"# calfit ", b"<!-- written by calfit "];
+/// How the files that the tool writes begin: parameter files and CSV tables, Markdown, JSON, XML, and (within the head of the picture)
+/// figures.
+const BEGINS: [&[u8]; 4] = [
+    b"# calfit ",
+    b"<!-- written by calfit ",
+    b"{\n  \"written_by\": \"calfit ",
+    b"<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<!-- written by calfit ",
+];
 const PICTURE: (&[u8], &[u8]) = (b"\x89PNG", b"Software\0calfit ");
 /// Parquet tables hold their mark at the end.
 const TABLE: (&[u8], &[u8]) = (b"PAR1", b"written_by");

@@ -126,11 +126,13 @@ pub struct BoxTwin {
     pub heater: Option<Heater>,
 }
 
-/// A temperature that depends on the time of day.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A temperature that depends on the day and its time.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Climate {
-    /// Mean, °C.
+    /// Mean, °C, where there are no readings.
     pub mean_degc: f64,
+    /// Temperatures that are known at times, °C, in time order: straight lines between them, held beyond them, in place of the mean.
+    pub readings: Vec<(Timestamp, f64)>,
     /// Amplitude of its daily change, K; highest at 15 h.
     pub daily_k: f64,
 }
@@ -201,6 +203,10 @@ pub struct RunTwin {
     pub longest_s: Option<f64>,
     /// Nominal sample rate in place of the sensor's, Hz.
     pub nominal_rate_hz: Option<f64>,
+    /// How often the programme is run through.
+    pub repeat: u32,
+    /// Fields of the programme are multiplied by this.
+    pub field_factor: f64,
 }
 
 /// The whole twin.
@@ -280,7 +286,8 @@ const FACILITY: [&str; 19] = [
 const PHASE: [&str; 4] = ["from", "target_degc", "rate_k_per_h", "time_constant_h"];
 const HEATER: [&str; 3] = ["field_nt", "longest_s", "delay_s"];
 const THERMISTOR: [&str; 6] = ["channel", "of", "time_constant_s", "offset_k", "noise_k", "jump"];
-const RUN: [&str; 8] = ["start", "programme", "sensor", "mode", "position", "pause_s", "longest_s", "sample_rate_hz"];
+const RUN: [&str; 10] =
+    ["start", "programme", "sensor", "mode", "position", "pause_s", "longest_s", "sample_rate_hz", "repeat", "field_factor"];
 /// Slowest 1/f noise where nothing else is said: a day.
 const LOWEST_HZ: f64 = 1e-5;
 
@@ -345,6 +352,8 @@ fn parse(
             pause_s: not_negative(&group, "pause_s")?.unwrap_or(0.0),
             longest_s: positive(&group, "longest_s")?,
             nominal_rate_hz: positive(&group, "sample_rate_hz")?,
+            repeat: group.whole("repeat")?.unwrap_or(1).max(1),
+            field_factor: positive(&group, "field_factor")?.unwrap_or(1.0),
         });
     }
     runs.sort_by_key(|run| run.start);
@@ -577,9 +586,18 @@ fn temperatures(root: &Group, findings: &mut Vec<Finding>) -> Result<(Climate, C
     findings.extend(group.unknown(&["interval_s", "coil", "rack", "thermistor"]));
     let climate = |key: &str, findings: &mut Vec<Finding>| -> Result<Climate, Finding> {
         let entry = group.group(key)?.ok_or_else(|| group.missing(key))?;
-        findings.extend(entry.unknown(&["mean_degc", "daily_k"]));
+        findings.extend(entry.unknown(&["mean_degc", "reading", "daily_k"]));
+        let mut readings = Vec::new();
+        for reading in entry.groups("reading")? {
+            findings.extend(reading.unknown(&["at", "degc"]));
+            let at = time(&reading, "at")?.ok_or_else(|| reading.missing("at"))?;
+            readings.push((at, reading.number("degc")?.ok_or_else(|| reading.missing("degc"))?));
+        }
+        readings.sort_by_key(|(at, _)| *at);
+        let mean = entry.number("mean_degc")?.or_else(|| readings.first().map(|(_, degc)| *degc));
         Ok(Climate {
-            mean_degc: entry.number("mean_degc")?.ok_or_else(|| entry.missing("mean_degc"))?,
+            mean_degc: mean.ok_or_else(|| entry.missing("mean_degc"))?,
+            readings,
             daily_k: entry.number("daily_k")?.unwrap_or(0.0),
         })
     };

@@ -3,6 +3,8 @@
 pub mod coil;
 pub mod effects;
 pub mod lag;
+pub mod linearisation;
+pub mod off_centre;
 pub mod polynomial;
 pub mod position;
 pub mod response;

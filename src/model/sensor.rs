@@ -80,7 +80,7 @@ pub fn split(phi: &Matrix3<f64>, r_nom: &Matrix3<f64>) -> Result<Split, SplitErr
 }
 
 /// Angle between two unit vectors, degrees, accurate near 0 and 90.
-fn angle_deg(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+pub(super) fn angle_deg(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     a.cross(b).norm().atan2(a.dot(b)).to_degrees()
 }
 

@@ -71,6 +71,9 @@ fn measured(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
         Some(_) => {
             "Raw readings along the sensor axes; for every column of the picture the range from the smallest to the largest sample."
         }
+        None if lin.parameters.linearisation.is_some() => {
+            "Mean linearised readings of the plateaus along the sensor axes; the file brings no samples."
+        }
         None => "Mean raw readings of the plateaus along the sensor axes; the file brings no samples.",
     };
     Figure {

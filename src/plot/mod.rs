@@ -12,6 +12,7 @@ mod encode;
 pub mod freq;
 mod legend;
 pub mod lin;
+pub mod linearise;
 mod marks;
 pub mod null;
 pub mod offset;

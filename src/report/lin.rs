@@ -47,10 +47,11 @@ pub fn summary(lin: &Lin) -> String {
     let b_or: Vec<String> = (0..3).map(|i| with_uncertainty(p.offset.b_or_ent[i], p.std.b_or_ent[i])).collect();
     let residual = p.quality.residual_nt.std.map(|s| format!("{s:.3}"));
     format!(
-        "{}  {} of {} blocks\n  σ     {}  nT/enT\n  B_or  {}  enT\n  residual standard deviation {}  nT (X, Y, Z)\n",
+        "{}  {} of {} blocks{}\n  σ     {}  nT/enT\n  B_or  {}  enT\n  residual standard deviation {}  nT (X, Y, Z)\n",
         run_line(&p.run),
         p.quality.blocks_used,
         p.quality.blocks_total,
+        p.linearisation.as_ref().map_or_else(String::new, |l| format!(", linearised with {}", l.file)),
         sigma.join(", "),
         b_or.join(", "),
         residual.join(", "),
@@ -123,6 +124,13 @@ fn offset(out: &mut String, p: &Cpf, head: &str) {
 
 fn raw_data(out: &mut String, p: &Cpf, head: &str) {
     let _ = writeln!(out, "{head} Raw data quality\n");
+    if let Some(linearisation) = &p.linearisation {
+        let _ = writeln!(
+            out,
+            "The readings were linearised with `{}`, `r + c2 r² + c3 r³`; all parameters hold for linearised readings.\n",
+            linearisation.file
+        );
+    }
     match &p.quality.raw_std_ent {
         None => {
             let _ = writeln!(out, "The file brings plateau means without standard deviations.\n");

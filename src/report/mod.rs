@@ -1,10 +1,12 @@
 //! Results as tables for people. Reads result structs and computes nothing about the sensor.
 
+pub mod centre;
 pub mod coil;
 pub mod diagnose;
 pub mod freq;
 pub mod html;
 pub mod lin;
+pub mod linearise;
 pub mod null;
 pub mod offset;
 pub mod protocol;

@@ -30,6 +30,7 @@ pub fn sections(null: &Null, level: usize) -> String {
         r.bridged
     );
     offset(&mut out, p, &head);
+    scaled(&mut out, p);
     noise(&mut out, p, &head);
     lines(&mut out, p, &head);
     allan(&mut out, p, &head);
@@ -58,6 +59,23 @@ fn offset(out: &mut String, p: &Npf, head: &str) {
         table(&rows),
         o.rows
     );
+}
+
+/// The same in nT, where a linear calibration gives the sensitivity.
+fn scaled(out: &mut String, p: &Npf) {
+    let Some(s) = &p.scaled else { return };
+    let mut names = vec!["component".to_owned(), format!("reading at {:.0} s, nT", p.offset.time_s)];
+    names.extend((1..=s.drift_nt_per_h.len()).map(|k| if k == 1 { "drift, nT/h".to_owned() } else { format!("nT/h^{k}") }));
+    let density = s.nt_per_root_hz.as_ref().zip(s.std_nt_per_root_hz.as_ref());
+    names.extend(p.density.as_ref().zip(density).map(|(d, _)| format!("noise at {} Hz, nT/√Hz", d.frequency_hz)));
+    let mut rows = vec![names];
+    for c in 0..3 {
+        let mut row = vec![COMPONENTS[c].to_owned(), value(s.mean_nt[c], s.mean_std_nt[c])];
+        row.extend(s.drift_nt_per_h.iter().zip(&s.drift_std_nt_per_h).map(|(v, std)| value(v[c], std[c])));
+        row.extend(density.map(|(v, std)| value(v[c], std[c]).replace('+', "")));
+        rows.push(row);
+    }
+    let _ = writeln!(out, "With the sensitivities of `{}`:\n\n{}", s.cpf, table(&rows));
 }
 
 /// Density with its limits of 95 %.

@@ -1,5 +1,5 @@
-//! The protocol of a campaign, in the order of BC-MAG-TR-0085: setup, measurements by day, thermal analyses, temperature profile,
-//! mathematical description, nomenclature, origin and uncertainty.
+//! The protocol of a campaign, in the order of BC-MAG-TR-0085: setup, measurements by day, thermal analyses, coil system and
+//! thermistors where they were calibrated, temperature profile, mathematical description, nomenclature, origin and uncertainty.
 
 use super::{Drawn, FigureLink, figures, or_not_stated, runs, table, thermal};
 use crate::analysis::thermal::{Kind, Thermal};
@@ -26,6 +26,16 @@ pub struct ThermalPart<'a> {
     pub figures: &'a [Drawn],
 }
 
+/// A result in the protocol that belongs to no single run: of the coil system, of a thermistor.
+pub struct OtherPart {
+    /// Its title.
+    pub title: String,
+    /// Its sections, with headings of level 4.
+    pub sections: String,
+    /// Its figures.
+    pub figures: Vec<Drawn>,
+}
+
 /// Everything that the protocol is made of.
 pub struct Protocol<'a> {
     /// The campaign.
@@ -34,6 +44,10 @@ pub struct Protocol<'a> {
     pub runs: Vec<RunPart<'a>>,
     /// Thermal analyses by sensor and mode.
     pub thermals: Vec<ThermalPart<'a>>,
+    /// Calibrations of the coil system.
+    pub coil: Vec<OtherPart>,
+    /// Calibration tables of thermistors.
+    pub thermistors: Vec<OtherPart>,
     /// The complete temperature profile.
     pub profile: Option<Drawn>,
     /// What failed: the file or group, and why.
@@ -69,6 +83,12 @@ pub fn markdown(p: &Protocol) -> String {
     }
     chapter += 1;
     thermals(&mut out, p, chapter, &mut figure);
+    for (heading, parts) in [("Calibration of the coil system", &p.coil), ("Thermistors", &p.thermistors)] {
+        if !parts.is_empty() {
+            chapter += 1;
+            others(&mut out, heading, parts, chapter, &mut figure);
+        }
+    }
     chapter += 1;
     let _ = writeln!(out, "## {chapter} Complete temperature profile\n");
     match &p.profile {
@@ -200,6 +220,7 @@ fn measurements(
             Measured::Offset(_) => "Offset calculation",
             Measured::Freq(_) => "AC-analysis",
             Measured::Sweep(_) => "Temperature sweep",
+            Measured::Null(_) => "Zero-field measurement",
             Measured::Other(_) => continue,
         };
         let head = result.head();
@@ -270,6 +291,16 @@ fn thermals(out: &mut String, p: &Protocol, chapter: usize, figure: &mut usize) 
     if !missing.is_empty() {
         let _ =
             writeln!(out, "No thermal analysis of {} runs: there are none, or not at two temperatures.\n", missing.join(" and "));
+    }
+}
+
+/// A chapter of results that belong to no single run.
+fn others(out: &mut String, heading: &str, parts: &[OtherPart], chapter: usize, figure: &mut usize) {
+    let _ = writeln!(out, "## {chapter} {heading}\n");
+    for (section, part) in (1..).zip(parts) {
+        let _ = writeln!(out, "### {chapter}.{section} {}\n", part.title);
+        out.push_str(&part.sections);
+        out.push_str(&figures(&FigureLink::number(&part.figures, "", figure)));
     }
 }
 

@@ -66,8 +66,9 @@ impl Temperatures {
         let climate = |climate: &Climate| {
             let midnight_s = (origin.as_second().rem_euclid(86_400)) as f64;
             let value = |i: usize| {
-                let day = (midnight_s + i as f64 * STEP_S - WARMEST_H * 3600.0) / 86_400.0;
-                climate.mean_degc + climate.daily_k * (std::f64::consts::TAU * day).cos()
+                let now_s = i as f64 * STEP_S;
+                let day = (midnight_s + now_s - WARMEST_H * 3600.0) / 86_400.0;
+                without_day(climate, origin, now_s) + climate.daily_k * (std::f64::consts::TAU * day).cos()
             };
             History { step_s: STEP_S, values: (0..count).map(value).collect() }
         };
@@ -121,6 +122,17 @@ impl Temperatures {
     }
 }
 
+/// A climate without its daily change: between its readings on a straight line, beyond them the nearest; the mean without any.
+fn without_day(climate: &Climate, origin: Timestamp, now_s: f64) -> f64 {
+    let at_s = |reading: &(Timestamp, f64)| seconds(origin, reading.0);
+    let next = climate.readings.partition_point(|r| at_s(r) <= now_s);
+    match (next.checked_sub(1).and_then(|i| climate.readings.get(i)), climate.readings.get(next)) {
+        (Some(last), Some(next)) => last.1 + (next.1 - last.1) * (now_s - at_s(last)) / (at_s(next) - at_s(last)),
+        (Some((_, degc)), None) | (None, Some((_, degc))) => *degc,
+        (None, None) => climate.mean_degc,
+    }
+}
+
 /// Seconds from one time to another.
 #[must_use]
 pub fn seconds(from: Timestamp, to: Timestamp) -> f64 {
@@ -163,6 +175,16 @@ mod tests {
             assert!((delayed.at(t) - expected).abs() < 1e-9, "{t}");
         }
         assert_eq!(history.delayed(0.0).at(55.0), 0.55);
+    }
+
+    #[test]
+    fn a_climate_goes_through_its_readings() {
+        let at = |h: i64| Timestamp::from_second(3600 * h).unwrap();
+        let climate = Climate { mean_degc: 9.0, readings: vec![(at(2), 16.0), (at(4), 17.0)], daily_k: 0.0 };
+        for (hours, expected) in [(0.0, 16.0), (2.0, 16.0), (3.0, 16.5), (3.5, 16.75), (9.0, 17.0)] {
+            assert_eq!(without_day(&climate, at(0), 3600.0 * hours), expected, "{hours}");
+        }
+        assert_eq!(without_day(&Climate { readings: Vec::new(), ..climate }, at(0), 60.0), 9.0);
     }
 
     #[test]

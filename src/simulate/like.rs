@@ -138,6 +138,11 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign) -> Result<(Model, [f
     match header.kind {
         Kind::Linearity => {
             let cpf = the_file(files, header, true, |c: &Cpf| &c.run)?;
+            if let Some(linearisation) = &cpf.linearisation {
+                let rule =
+                    format!("is described by a CPF for readings linearised with {}, which are not raw ones", linearisation.file);
+                return refuse(rule, "give a CPF of the run made without a linearisation");
+            }
             let white_ent = cpf.quality.raw_std_ent.as_ref().map_or([0.0; 3], |s| s.mean);
             let offset = cpf.offset;
             let (trend_ent, tau_span_s) = (offset.trend_ent, offset.tau_span_s);

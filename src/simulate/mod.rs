@@ -32,7 +32,8 @@ impl<'a> Simulation<'a> {
     /// Works out the temperatures of the whole campaign.
     #[must_use]
     pub fn new(twin: &'a Twin, seed: u64) -> Self {
-        let lasts = |run: &RunTwin| twin.programmes.get(run.programme).map_or(0.0, |p| p.lasts_s(run.pause_s));
+        let lasts =
+            |run: &RunTwin| twin.programmes.get(run.programme).map_or(0.0, |p| f64::from(run.repeat) * p.lasts_s(run.pause_s));
         let first = twin.runs.iter().map(|r| r.start).min().unwrap_or_default();
         let ends = twin.runs.iter().map(|r| r.start.saturating_add(jiff::SignedDuration::from_secs(lasts(r) as i64 + 60)));
         let last = ends.filter_map(Result::ok).max().unwrap_or(first);

@@ -83,7 +83,7 @@ impl<'a> SimulatedRun<'a> {
         let mut settings = Vec::new();
         let mut stretches = Vec::new();
         let mut t_s = 0.0;
-        for step in &programme.steps {
+        for step in (0..run.repeat).flat_map(|_| &programme.steps) {
             let t_end_s = run.longest_s.map_or(f64::INFINITY, |longest_s| longest_s).min(t_s + step.duration_s);
             if t_end_s <= t_s {
                 break;
@@ -94,9 +94,10 @@ impl<'a> SimulatedRun<'a> {
                 return Err(refuse(rule, "add [[campaign.position]]"));
             }
             let scatter: [f64; 3] = facility.setting_scatter_nt.map(|s| s * random.normal());
-            let drive = std::array::from_fn(|k| step.field.0[k] + if step.frequency_hz > 0.0 { 0.0 } else { scatter[k] });
+            let field = FieldCoil(step.field.0.map(|b| run.field_factor * b));
+            let drive = std::array::from_fn(|k| field.0[k] + if step.frequency_hz > 0.0 { 0.0 } else { scatter[k] });
             let (frequency_hz, heater_nt) = (step.frequency_hz, [0.0; 3]);
-            settings.push(Setting { t_start_s: t_s, t_end_s, field: step.field, frequency_hz, position });
+            settings.push(Setting { t_start_s: t_s, t_end_s, field, frequency_hz, position });
             stretches.push(Stretch { t_start_s: t_s, t_end_s, drive, frequency_hz, position, heater_nt });
             t_s = t_end_s;
             let heating = climate.body_degc(Body::Box, run.start, t_s + SLOW_S) > climate.body_degc(Body::Box, run.start, t_s);

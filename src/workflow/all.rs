@@ -2,7 +2,7 @@
 
 use super::{Desk, Drawn, Failure, Job, Made, RunReport, make, parameter_text, publish};
 use crate::analysis::lin::Lin;
-use crate::analysis::{freq, lin, offset, sweep};
+use crate::analysis::{freq, lin, null, offset, sweep};
 use crate::error::Finding;
 use crate::formats::ccr;
 use crate::formats::facility::Facility;
@@ -24,6 +24,8 @@ pub struct Analyses {
     pub freq: freq::Options,
     /// Of continuous sweeps.
     pub sweep: sweep::Options,
+    /// Of zero-field runs.
+    pub null: null::Options,
 }
 
 /// What a run gave.
@@ -36,6 +38,8 @@ pub enum Measured {
     Freq(Box<Made<freq::Freq>>),
     /// Parameters against temperature from a continuous sweep.
     Sweep(Box<Made<sweep::Sweep>>),
+    /// Drift and noise in zero field.
+    Null(Box<Made<null::Null>>),
     /// A run that no analysis here is for, or that the campaign takes out.
     Other(Box<Run>),
 }
@@ -49,6 +53,7 @@ impl Analyses {
             offset: offset::Options { facility: facility.cloned(), ..offset::Options::default() },
             freq: freq::Options::default(),
             sweep: sweep::Options { facility: facility.cloned(), ..sweep::Options::default() },
+            null: null::Options::default(),
         }
     }
 
@@ -64,6 +69,7 @@ impl Analyses {
             Some(Kind::Offset) => Measured::Offset(Box::new(make(&self.offset, job, desk, two_threads)?)),
             Some(Kind::Frequency) => Measured::Freq(Box::new(make(&self.freq, job, desk, two_threads)?)),
             Some(Kind::Sweep) => Measured::Sweep(Box::new(make(&self.sweep, job, desk, two_threads)?)),
+            Some(Kind::ZeroField) => Measured::Null(Box::new(make(&self.null, job, desk, two_threads)?)),
             _ => {
                 job.unique()?;
                 let run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut ());
@@ -97,6 +103,7 @@ impl Measured {
             Measured::Offset(made) => publish::<offset::Options>(made, desk, &made.result.parameters.file_name()),
             Measured::Freq(made) => publish::<freq::Options>(made, desk, &made.result.parameters.file_name()),
             Measured::Sweep(made) => publish::<sweep::Options>(made, desk, &made.result.parameters.file_name()),
+            Measured::Null(made) => publish::<null::Options>(made, desk, &made.result.parameters.file_name()),
             Measured::Other(_) => Ok(Vec::new()),
         }
     }
@@ -109,6 +116,7 @@ impl Measured {
             Measured::Offset(made) => made.run.as_ref(),
             Measured::Freq(made) => made.run.as_ref(),
             Measured::Sweep(made) => made.run.as_ref(),
+            Measured::Null(made) => made.run.as_ref(),
             Measured::Other(run) => Some(run),
         }
     }
@@ -120,7 +128,7 @@ impl Measured {
             Measured::Lin(made) => Some(Point::of_lin(&made.result.parameters)),
             Measured::Offset(made) => Some(Point::of_offset(&made.result.parameters)),
             Measured::Freq(made) => Some(Point::of_freq(&made.result.parameters)),
-            Measured::Sweep(_) | Measured::Other(_) => None,
+            Measured::Sweep(_) | Measured::Null(_) | Measured::Other(_) => None,
         }
     }
 
@@ -141,6 +149,7 @@ impl Measured {
             Measured::Offset(made) => Some(&made.result),
             Measured::Freq(made) => Some(&made.result),
             Measured::Sweep(made) => Some(&made.result),
+            Measured::Null(made) => Some(&made.result),
             Measured::Other(_) => None,
         }
     }
@@ -153,6 +162,7 @@ impl Measured {
             Measured::Offset(made) => Some(&made.provenance),
             Measured::Freq(made) => Some(&made.provenance),
             Measured::Sweep(made) => Some(&made.provenance),
+            Measured::Null(made) => Some(&made.provenance),
             Measured::Other(_) => None,
         }
     }
@@ -173,17 +183,20 @@ impl Measured {
     }
 }
 
-/// Gives the offsets in nT as well, each with the sensitivities of the linear calibration of the same sensor and mode that is nearest
-/// in time. Its file becomes an input of theirs.
+/// Gives offsets and zero-field readings in nT as well, each with the sensitivities of the linear calibration of the same sensor and
+/// mode that is nearest in time. Its file becomes an input of theirs.
 ///
 /// # Errors
 /// A calibration without a text form.
-pub fn scale_offsets(all: &mut [Measured]) -> Result<(), Finding> {
+pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
     let seconds = |start: &str| start.parse::<jiff::Timestamp>().map_or(f64::NAN, |t| t.as_second() as f64);
     let mut found = Vec::new();
     for (index, measured) in all.iter().enumerate() {
-        let Measured::Offset(made) = measured else { continue };
-        let head = &made.result.parameters.run;
+        let head = match measured {
+            Measured::Offset(made) => &made.result.parameters.run,
+            Measured::Null(made) => &made.result.parameters.run,
+            _ => continue,
+        };
         let distance = |lin: &&Made<Lin>| (seconds(&lin.result.parameters.run.start) - seconds(&head.start)).abs();
         let nearest = all
             .iter()
@@ -201,11 +214,19 @@ pub fn scale_offsets(all: &mut [Measured]) -> Result<(), Finding> {
         }
     }
     for (index, input, cpf) in found {
-        if let Some(Measured::Offset(made)) = all.get_mut(index) {
-            made.result.scale(&input.path, &cpf);
-            made.provenance.command = format!("{} --cpf {}", made.provenance.command, input.path);
-            made.provenance.input.push(input);
-        }
+        let provenance = match all.get_mut(index) {
+            Some(Measured::Offset(made)) => {
+                made.result.scale(&input.path, &cpf);
+                &mut made.provenance
+            }
+            Some(Measured::Null(made)) => {
+                made.result.scale(&input.path, &cpf);
+                &mut made.provenance
+            }
+            _ => continue,
+        };
+        provenance.command = format!("{} --cpf {}", provenance.command, input.path);
+        provenance.input.push(input);
     }
     Ok(())
 }
@@ -238,7 +259,9 @@ pub fn publish_tables(folder: &Folder, all: &[Measured]) -> Result<(), Finding> 
     let offsets = all.iter().filter_map(|m| if let Measured::Offset(made) = m { Some(&made.result) } else { None });
     super::publish_table::<offset::Options>(folder, &offsets.collect::<Vec<_>>())?;
     let freqs = all.iter().filter_map(|m| if let Measured::Freq(made) = m { Some(&made.result) } else { None });
-    super::publish_table::<freq::Options>(folder, &freqs.collect::<Vec<_>>())
+    super::publish_table::<freq::Options>(folder, &freqs.collect::<Vec<_>>())?;
+    let nulls = all.iter().filter_map(|m| if let Measured::Null(made) = m { Some(&made.result) } else { None });
+    super::publish_table::<null::Options>(folder, &nulls.collect::<Vec<_>>())
 }
 
 /// Without tables there is nothing to write.

@@ -13,7 +13,7 @@ use crate::formats::{ccr, moduli, orientations};
 use crate::model::position::Position;
 use crate::plot::{self, Named};
 use crate::provenance::{Input, Provenance};
-use crate::report;
+use crate::report::{self, Drawn};
 use crate::run::Run;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -111,20 +111,22 @@ pub struct CoilMade<R> {
 }
 
 /// A run that was read without its vectors, with its campaign.
-struct Read<'a> {
-    run: Run,
-    campaign: &'a Campaign,
+pub struct CoilRun<'a> {
+    /// The run.
+    pub run: Run,
+    /// Its campaign.
+    pub campaign: &'a Campaign,
 }
 
 /// Reads runs; those that cannot be read go to `failures`. The list is in time order.
-fn read<'a>(jobs: &[Job<'a>], desk: &Desk, failures: &mut Vec<(String, Failure)>) -> Vec<Read<'a>> {
+pub fn coil_runs<'a>(jobs: &[Job<'a>], desk: &Desk, failures: &mut Vec<(String, Failure)>) -> Vec<CoilRun<'a>> {
     let mut list = Vec::new();
     for job in jobs {
         let made = job
             .unique()
             .and_then(|()| ccr::read(&job.path, &desk.reading(&job.recorded, false), &mut ()).map_err(Failure::Unreadable));
         match made {
-            Ok(run) => list.push(Read { run, campaign: job.campaign }),
+            Ok(run) => list.push(CoilRun { run, campaign: job.campaign }),
             Err(failure) => failures.push((job.recorded.clone(), failure)),
         }
     }
@@ -132,7 +134,7 @@ fn read<'a>(jobs: &[Job<'a>], desk: &Desk, failures: &mut Vec<(String, Failure)>
     list
 }
 
-fn inputs(runs: &[Read]) -> Vec<Input> {
+fn inputs(runs: &[CoilRun]) -> Vec<Input> {
     let mut list: Vec<Input> = runs.iter().map(|r| Input::from(&r.run.input)).collect();
     for input in runs.iter().filter_map(|r| r.campaign.input.clone()) {
         if !list.contains(&input) {
@@ -142,24 +144,18 @@ fn inputs(runs: &[Read]) -> Vec<Input> {
     list
 }
 
-fn refuse(runs: &[Read], error: &CoilError) -> Finding {
+fn refuse(runs: &[CoilRun], error: &CoilError) -> Finding {
     let names: Vec<&str> = runs.iter().map(|r| r.run.input.path.as_str()).collect();
     Finding::error(&names.join(", "), error.to_string(), error.remedy())
 }
 
-/// The scalar calibration of some runs. Runs with too few rows for it, such as those of a residual field, are passed over where others
+/// The scalar calibration of some runs in time order; `None` without any. Runs with too few rows for it, such as those of a residual field, are passed over where others
 /// have enough.
 ///
 /// # Errors
 /// The runs do not determine the facility.
-pub fn scalar_of(
-    jobs: &[Job],
-    options: &scalar::Options,
-    desk: &Desk,
-    failures: &mut Vec<(String, Failure)>,
-) -> Result<Option<CoilMade<Scalar>>, Finding> {
+pub fn scalar_of(mut runs: Vec<CoilRun>, options: &scalar::Options) -> Result<Option<CoilMade<Scalar>>, Finding> {
     const LEAST_ROWS: usize = 10;
-    let mut runs = read(jobs, desk, failures);
     if runs.is_empty() {
         return Ok(None);
     }
@@ -181,16 +177,11 @@ pub fn scalar_of(
     Ok(Some(CoilMade { result, provenance }))
 }
 
-/// The residual field from scalar runs.
+/// The residual field from scalar runs in time order; `None` without any.
 ///
 /// # Errors
 /// No run has settings of plus and minus F.
-pub fn residual_of(
-    jobs: &[Job],
-    desk: &Desk,
-    failures: &mut Vec<(String, Failure)>,
-) -> Result<Option<CoilMade<Residual>>, Finding> {
-    let mut runs = read(jobs, desk, failures);
+pub fn residual_of(mut runs: Vec<CoilRun>) -> Result<Option<CoilMade<Residual>>, Finding> {
     if runs.is_empty() {
         return Ok(None);
     }
@@ -345,11 +336,11 @@ pub fn facility(path: Option<&PathBuf>) -> Result<Option<Facility>, Finding> {
     path.map(|path| facility::read(path)).transpose()
 }
 
-/// Writes figures, report and parameter file, the last one last; returns the name of the parameter file.
+/// Writes figures, report and parameter file, the last one last; returns the name of the parameter file and the figures.
 ///
 /// # Errors
 /// What cannot be drawn or written.
-pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<String, Finding> {
+pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<(String, Vec<Drawn>), Finding> {
     let result = &made.result;
     let name = result.parameters().file_name();
     let stem = name.trim_end_matches(".toml").to_owned();
@@ -371,5 +362,5 @@ pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<St
         provenance: &made.provenance,
     };
     outcome.write(&folder, &drawn)?;
-    Ok(name)
+    Ok((name, drawn))
 }

@@ -32,7 +32,8 @@ impl PerRun for Options {
     }
 
     fn inputs(&self) -> Vec<Input> {
-        self.facility.iter().map(|f| f.input.clone()).collect()
+        let facility = self.facility.iter().map(|f| &f.input);
+        facility.chain(self.linearisation.iter().map(|l| &l.input)).cloned().collect()
     }
 
     fn recorded(&self, result: &Lin) -> String {
@@ -47,6 +48,9 @@ impl PerRun for Options {
         }
         if let Some(facility) = &self.facility {
             text.push_str(&facility.recorded());
+        }
+        if let Some(linearisation) = &self.linearisation {
+            text.push_str(&linearisation.recorded());
         }
         text.push_str(&recorded_cut(self.settling, self.least_coverage));
         for (allowed, name) in [(self.allow_gain, "gain"), (self.allow_mismatch, "mismatch")] {
@@ -103,8 +107,9 @@ impl RunResult for Lin {
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
         let id = &self.parameters.run.id;
+        let readings = if self.parameters.linearisation.is_some() { "linearised readings" } else { "readings" };
         let note = format!(
-            "calfit lin, run {id}: one row per block; fields nT, coil axes; readings enT, sensor axes; times s since the run's start"
+            "calfit lin, run {id}: one row per block; fields nT, coil axes; {readings} enT, sensor axes; times s since the run's start"
         );
         vec![("LIN_BLOCKS", note, report::lin::block_table(self))]
     }

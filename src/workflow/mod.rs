@@ -2,20 +2,28 @@
 //! verification have in common.
 
 mod all;
+mod centre;
 mod coil;
 mod diagnose;
 mod freq;
 mod lin;
+mod linearise;
 mod null;
 mod offset;
 mod sweep;
 mod thermal;
+mod thermistor;
 
-pub use all::{Analyses, LinName, Measured, publish_tables, publish_thermal_names, scale_offsets};
-pub use coil::{CoilMade, CoilResult, TiltInput, facility, publish_coil, residual_of, residual_of_table, scalar_of};
+pub use all::{Analyses, LinName, Measured, publish_tables, publish_thermal_names, scale_to_nt};
+pub use centre::PairFiles;
+pub use coil::{
+    CoilMade, CoilResult, CoilRun, TiltInput, coil_runs, facility, publish_coil, residual_of, residual_of_table, scalar_of,
+};
 pub use diagnose::{Diagnosed, diagnose_run, publish_diagnosis, publish_model, read_model};
 pub use freq::of_table;
+pub use linearise::{First, Refitted, by_sensor_and_mode, linearisation, linearise_group};
 pub use thermal::{ThermalOptions, ThermalShown, thermals};
+pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
 
 use crate::campaign::{Campaign, RunFile};
 use crate::error::{Finding, Severity};
@@ -259,13 +267,19 @@ pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) 
     let mut input = vec![Input::from(&run.input)];
     input.extend(job.campaign.input.clone());
     input.extend(analysis.inputs());
-    let mut command = format!("calfit {}{}", A::COMMAND, analysis.recorded(&result));
+    let provenance = Provenance::new(command(analysis, &result, desk), input);
+    Ok(Made { result, provenance, run: Some(run) })
+}
+
+/// The command that is recorded for a result.
+fn command<A: PerRun>(analysis: &A, result: &A::Result, desk: &Desk) -> String {
+    let mut command = format!("calfit {}{}", A::COMMAND, analysis.recorded(result));
     for (allowed, name) in [(desk.allow_truncated, "truncated"), (desk.allow_duplicates, "duplicates")] {
         if allowed {
             command.push_str(&format!(" --allow {name}"));
         }
     }
-    Ok(Made { result, provenance: Provenance::new(command, input), run: Some(run) })
+    command
 }
 
 /// Draws figures in parallel and writes them in their order.

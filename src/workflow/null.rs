@@ -8,6 +8,7 @@ use crate::formats::parameter::{Npf, RunHead};
 #[cfg(feature = "tables")]
 use crate::formats::table::Table;
 use crate::plot::{self, Named};
+use crate::provenance::Input;
 use crate::report;
 use crate::run::{Kind, Run};
 
@@ -28,8 +29,13 @@ impl PerRun for Options {
         Ok(result)
     }
 
+    fn inputs(&self) -> Vec<Input> {
+        self.cpf.iter().map(|(input, _)| input.clone()).collect()
+    }
+
     fn recorded(&self, _result: &Null) -> String {
-        format!(" --order {}", self.order)
+        let cpf = self.cpf.as_ref().map_or_else(String::new, |(input, _)| format!(" --cpf {}", input.path));
+        format!(" --order {}{cpf}", self.order)
     }
 }
 

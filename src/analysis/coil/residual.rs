@@ -66,18 +66,23 @@ pub fn residual(runs: &[&Run]) -> Result<Residual, CoilError> {
     of_pairs(&pairs, used)
 }
 
+/// Whether a run only checks the residual field: all its settings lie on one axis, which no scalar calibration can do with.
+#[must_use]
+pub fn is_check(run: &Run) -> bool {
+    !run.scalar.is_empty() && run.scalar.iter().all(|row| axis_of(row.setting).is_some())
+}
+
+/// The axis along which a setting lies alone.
+fn axis_of(setting: [f64; 3]) -> Option<usize> {
+    let axis = (0..3).max_by(|a, b| setting[*a].abs().total_cmp(&setting[*b].abs()))?;
+    let alone = (0..3).all(|k| k == axis || setting[k].abs() <= ASIDE * setting[axis].abs());
+    (alone && setting[axis] != 0.0).then_some(axis)
+}
+
 /// Every positive setting on one axis alone with the first negative one of the same size that is not taken.
 fn pairs_of(run: &Run) -> Vec<Pair> {
-    let on_axis: Vec<(usize, f64, f64)> = run
-        .scalar
-        .iter()
-        .filter_map(|row| {
-            let axis = (0..3).max_by(|a, b| row.setting[*a].abs().total_cmp(&row.setting[*b].abs()))?;
-            let setting = row.setting[axis];
-            let alone = (0..3).all(|k| k == axis || row.setting[k].abs() <= ASIDE * setting.abs());
-            (alone && setting != 0.0).then_some((axis, setting, row.modulus_nt))
-        })
-        .collect();
+    let on_axis: Vec<(usize, f64, f64)> =
+        run.scalar.iter().filter_map(|row| axis_of(row.setting).map(|axis| (axis, row.setting[axis], row.modulus_nt))).collect();
     let mut taken = vec![false; on_axis.len()];
     let mut pairs = Vec::new();
     for (axis, plus, plus_nt) in on_axis.iter().filter(|(_, setting, _)| *setting > 0.0) {

@@ -16,7 +16,7 @@ use serde::Serialize;
 /// How a scalar calibration is made.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
-    /// Channel of the rack temperature, if its influence is to be found.
+    /// Channel of the rack temperature in place of the campaign's.
     pub rack_channel: Option<String>,
 }
 
@@ -269,7 +269,9 @@ pub fn scalar(runs: &[(&Run, &Campaign)], options: &Options) -> Result<Scalar, C
     }
     let mut warnings = Vec::new();
     let coil_degc = temperatures(runs, |run, campaign| Some(campaign.channels(&run.header).1));
-    let rack_degc = temperatures(runs, |_, _| options.rack_channel.clone());
+    let rack_degc = temperatures(runs, |_, campaign| {
+        Some(options.rack_channel.clone().unwrap_or_else(|| campaign.rack_channel().to_owned()))
+    });
     if let (None, Some(channel)) = (&rack_degc, &options.rack_channel) {
         warnings.push(format!("not every run has a channel {channel}: the rack temperature was not used"));
     }

@@ -80,7 +80,7 @@ impl Night {
 
     fn result(&self, order: usize, reading: impl FnMut(f64) -> [f64; 3]) -> Null {
         let (record, run) = self.record(reading);
-        null(&run, record, &Campaign::default(), &Options { order }).unwrap()
+        null(&run, record, &Campaign::default(), &Options { order, cpf: None }).unwrap()
     }
 }
 

@@ -322,6 +322,9 @@ pub struct FacilityApplied {
     /// Coil temperature that was used, °C; absent if nothing depends on it or it is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coil_degc: Option<f64>,
+    /// Rack temperature that was used, °C; absent if nothing depends on it or it is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rack_degc: Option<f64>,
     /// Its parameters.
     pub applied: FacilityPart,
 }

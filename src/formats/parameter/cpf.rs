@@ -1,6 +1,6 @@
 //! CPF: the linear calibration of one run.
 
-use super::{Body, Conditions, Dropped, FacilityApplied, Rows, RunHead};
+use super::{Body, Conditions, Dropped, FacilityApplied, LinearisationApplied, Rows, RunHead};
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -23,6 +23,22 @@ impl Default for Convention {
             frames: "B_c nT in coil coordinates; B_r, B_or enT along the sensor axes; matrices nT/enT; r_nom takes nominal sensor to coil coordinates; times s since the run's start".to_owned(),
             residual: "applied field minus modelled measurement, B_c - phi (B_r - B_or)".to_owned(),
             uncertainty: "standard uncertainties, coverage factor 1, from the scatter of the samples within and of the means between the plateaus, slow noise included: 1.96 of them make an interval of 95 % (with plateau means only, Student's factor for quality.degrees_of_freedom); coil constants and coil angles not included".to_owned(),
+        }
+    }
+}
+
+impl Convention {
+    /// For linearised readings, and parameters that hold for those alone.
+    #[must_use]
+    pub fn linearised() -> Self {
+        let plain = Self::default();
+        Self {
+            model: format!(
+                "{}; B_r is the linearised reading, raw reading r + c2 r^2 + c3 r^3 with the coefficients of [linearisation]",
+                plain.model
+            ),
+            uncertainty: format!("{}; that of the linearisation included", plain.uncertainty),
+            ..plain
         }
     }
 }
@@ -58,6 +74,9 @@ pub struct Cpf {
     /// The facility that turned settings into the reference field; absent if the settings were taken as the field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub facility: Option<FacilityApplied>,
+    /// The linearisation of the readings; absent if they were taken as they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub linearisation: Option<LinearisationApplied>,
     /// Plateaus that were not used.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub dropped: Vec<Dropped>,

@@ -3,11 +3,13 @@
 //! Numbers are written with as many digits as it takes to read the same number back. `content_sha256` is the hash of the file
 //! without its `created` and `content_sha256` lines, so that equal results have equal hashes and a damaged file shows.
 
+mod centre;
 mod coil;
 mod cpf;
 mod emit;
 mod fpf;
 mod head;
+mod linearisation;
 mod model;
 mod null;
 mod opf;
@@ -15,6 +17,7 @@ mod point;
 mod thermal;
 mod thermistor;
 
+pub use centre::{CentreConvention, CentreResidual, CentreRun, OffCentrePart, Tcf};
 pub use coil::{
     AxisResidual, CoilConvention, CoilResidual, CoilScalar, CoilTilt, FacilityApplied, FacilityPart, ResidualState,
     ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity, TiltOrientation, TiltValues,
@@ -23,10 +26,14 @@ pub use cpf::{Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Qual
 pub use emit::toml;
 pub use fpf::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
 pub use head::{Conditions, Dropped, Rows, RunHead};
+pub use linearisation::{
+    LinearisationApplied, LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisationPart, LinearisedAxis,
+    LinearisedRun, PanelFit, linearisation_file_name,
+};
 pub use model::{Model, ModelEffect, ModelParameter};
 pub use null::{
-    AllanPart, ChannelPart, CornerPart, DensityPart, LinePart, Npf, NullConvention, NullOffset, RecordPart, SpectrumPart,
-    StopPart, TogetherPart,
+    AllanPart, ChannelPart, CornerPart, DensityPart, LinePart, Npf, NullConvention, NullOffset, NullScaled, RecordPart,
+    SpectrumPart, StopPart, TogetherPart,
 };
 pub use opf::{Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
 pub use point::{Point, RunPoint, Values, read_point};
@@ -107,7 +114,7 @@ fn holds_gap(value: &serde_json::Value) -> bool {
     }
 }
 
-pub(super) fn content_hash(text: &str) -> String {
+pub(in crate::formats) fn content_hash(text: &str) -> String {
     let mut hash = Sha256::new();
     for line in text.lines().filter(|l| !l.starts_with("created = ") && !l.starts_with("content_sha256 = ")) {
         hash.update(line.as_bytes());
@@ -119,6 +126,8 @@ pub(super) fn content_hash(text: &str) -> String {
 /// A parameter file of any kind.
 #[derive(Clone, Debug)]
 pub struct AnyFile {
+    /// The file itself, under its name.
+    pub input: Input,
     /// Where it comes from.
     pub provenance: Provenance,
     /// All of it.
@@ -153,11 +162,11 @@ fn open(path: &Path) -> Result<(String, Head, Input), Finding> {
 /// # Errors
 /// What is wrong with it: not TOML, without the head of a parameter file, another version, a hash that does not match.
 pub fn read_any(path: &Path) -> Result<AnyFile, Finding> {
-    let (text, head, _) = open(path)?;
+    let (text, head, input) = open(path)?;
     let document = text.parse::<toml_edit::DocumentMut>().map_err(|e| {
         Finding::error(&path.display().to_string(), format!("is not TOML: {}", e.message()), "take it from the archive again")
     })?;
-    Ok(AnyFile { provenance: head.provenance, document })
+    Ok(AnyFile { input, provenance: head.provenance, document })
 }
 
 /// Reads a parameter file of a known kind and checks its hash.

@@ -41,6 +41,9 @@ pub struct Npf {
     /// Amplitude density at 1 Hz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub density: Option<DensityPart>,
+    /// Reading, drift and density in nT with the sensitivity of a linear calibration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scaled: Option<NullScaled>,
     /// White and 1/f noise.
     pub corner: CornerPart,
     /// The spectrum.
@@ -69,7 +72,7 @@ pub struct Npf {
 
 impl Body for Npf {
     const FORMAT: &'static str = "NULL";
-    const MAY_LACK: &'static [&'static str] = &["offset", "corner", "line", "channel", "together", "allan", "spectrum"];
+    const MAY_LACK: &'static [&'static str] = &["offset", "scaled", "corner", "line", "channel", "together", "allan", "spectrum"];
     fn file_name(&self) -> String {
         format!("NULL_PARAMETER__{}.toml", self.run.id)
     }
@@ -113,6 +116,29 @@ pub struct NullOffset {
     pub range_ent: [f64; 3],
     /// Means that were fitted.
     pub rows: usize,
+}
+
+/// What a zero-field run shows, in nT.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NullScaled {
+    /// The linear calibration that gave the sensitivity.
+    pub cpf: String,
+    /// Sensitivity, nT/enT.
+    pub sigma: [f64; 3],
+    /// Reading of the drift at `offset.time_s`, nT, sensor axes.
+    pub mean_nt: [f64; 3],
+    /// Its standard uncertainty, nT.
+    pub mean_std_nt: [f64; 3],
+    /// Coefficients of h, h², h³, nT/hᵏ.
+    pub drift_nt_per_h: Vec<[f64; 3]>,
+    /// Their standard uncertainties.
+    pub drift_std_nt_per_h: Vec<[f64; 3]>,
+    /// Amplitude density at the frequency of `density`, nT/√Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nt_per_root_hz: Option<[f64; 3]>,
+    /// Its standard uncertainty.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_nt_per_root_hz: Option<[f64; 3]>,
 }
 
 /// Amplitude density at a frequency.

@@ -1,0 +1,456 @@
+//! Kinds of runs: nuisance parameters, the strength of an effect, and how sensor, noise and effects become runs in memory.
+
+use super::effects::{self, Effect};
+use super::freq;
+use super::noise::{Cell, Family, Noise, Random, Whitener};
+use super::sensor::{Curve, Kind, POSITIONS, Scene, Sensor, product, rotation, times, transposed};
+use super::{Blind, Options, TrueEffect, TrueParameter, Truth};
+use calfit::campaign::Campaign;
+use calfit::formats::campaign::{CampaignFile, PositionEntry};
+use calfit::run::{self, GivenBlock, Header, InputFile, ReadingUnit, Run, SlowTable, Vector, VectorAccount};
+use calfit::units::Reading;
+use std::ops::Range;
+
+/// A column of a design: per block (run times three plus component) its values in the cells of the run.
+pub type Column = Vec<(usize, Vec<f64>)>;
+
+/// Measures columns against the true noise, with the run's own parameters projected out.
+pub struct Measure {
+    cells: Vec<Vec<Cell>>,
+    whiteners: Vec<Whitener>,
+    /// Where the values of a block begin.
+    starts: Vec<usize>,
+    /// Orthonormal, each with the place where it begins.
+    basis: Vec<(usize, Vec<f64>)>,
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+impl Measure {
+    pub fn new(scenes: &[Scene], noise: &Noise, cells: Vec<Vec<Cell>>, nuisance: &[Column]) -> Self {
+        let mut whiteners = Vec::new();
+        let mut starts = vec![0];
+        for (scene, cells) in scenes.iter().zip(&cells) {
+            for component in 0..3 {
+                whiteners.push(Whitener::new(noise, scene, component, cells));
+                starts.push(starts[starts.len() - 1] + cells.len());
+            }
+        }
+        let mut measure = Self { cells, whiteners, starts, basis: Vec::new() };
+        // Narrow columns first: what is taken from a column never reaches beyond it.
+        let mut columns: Vec<(usize, usize, &Column)> = nuisance
+            .iter()
+            .map(|column| {
+                let begin = column.iter().map(|(block, _)| measure.starts[*block]).min().unwrap_or(0);
+                (begin, column.iter().map(|(block, _)| measure.starts[block + 1]).max().unwrap_or(0), column)
+            })
+            .collect();
+        columns.sort_by_key(|(begin, end, _)| end - begin);
+        for (begin, end, column) in columns {
+            let mut white = vec![0.0; end - begin];
+            for (block, values) in column {
+                let at = measure.starts[*block] - begin;
+                white[at..at + values.len()].copy_from_slice(&measure.whiteners[*block].apply(values));
+            }
+            let norm = dot(&white, &white).sqrt();
+            // Twice is enough for orthogonality to rounding.
+            for _ in 0..2 {
+                for (other, unit) in &measure.basis {
+                    let (low, high) = (begin.max(*other), end.min(other + unit.len()));
+                    if low >= high {
+                        continue;
+                    }
+                    let unit = &unit[low - other..high - other];
+                    let along = dot(unit, &white[low - begin..high - begin]);
+                    white[low - begin..high - begin].iter_mut().zip(unit).for_each(|(w, u)| *w -= along * u);
+                }
+            }
+            let rest = dot(&white, &white).sqrt();
+            if rest > 1e-7 * norm {
+                white.iter_mut().for_each(|w| *w /= rest);
+                measure.basis.push((begin, white));
+            }
+        }
+        measure
+    }
+
+    /// Whitened means of records of all runs, and what the nuisance parameters leave of them.
+    pub fn white(&self, records: &[Vec<[f64; 3]>]) -> (Vec<f64>, Vec<f64>) {
+        let mut all = Vec::with_capacity(*self.starts.last().unwrap_or(&0));
+        for (run, cells) in self.cells.iter().enumerate() {
+            for component in 0..3 {
+                let means: Vec<f64> = cells.iter().map(|cell| mean(&records[run], cell, component)).collect();
+                all.extend(self.whiteners[3 * run + component].apply(&means));
+            }
+        }
+        let mut left = all.clone();
+        for _ in 0..2 {
+            for (begin, unit) in &self.basis {
+                let part = &mut left[*begin..begin + unit.len()];
+                let along = dot(unit, part);
+                part.iter_mut().zip(unit).for_each(|(w, u)| *w -= along * u);
+            }
+        }
+        (all, left)
+    }
+
+    /// Strength of records: in multiples of the noise, whitened, and the same without nuisance parameters.
+    pub fn strength(&self, records: &[Vec<[f64; 3]>]) -> (f64, f64) {
+        let (all, left) = self.white(records);
+        (dot(&left, &left).sqrt(), dot(&all, &all).sqrt())
+    }
+}
+
+fn mean(record: &[[f64; 3]], cell: &Cell, component: usize) -> f64 {
+    record[cell.first..cell.first + cell.count].iter().map(|v| v[component]).sum::<f64>() / cell.count as f64
+}
+
+fn as_cells(parts: &[Range<usize>]) -> Vec<Cell> {
+    parts.iter().map(|p| Cell { first: p.start, count: p.len() }).collect()
+}
+
+/// Means of plateaus, blocks, or parts of a night.
+pub fn plateau_cells(scenes: &[Scene]) -> Vec<Vec<Cell>> {
+    scenes.iter().map(|scene| as_cells(&scene.parts())).collect()
+}
+
+/// Every sample inside the settings.
+pub fn sample_cells(scenes: &[Scene]) -> Vec<Vec<Cell>> {
+    scenes
+        .iter()
+        .map(|scene| scene.plateaus.iter().flat_map(Clone::clone).map(|first| Cell { first, count: 1 }).collect())
+        .collect()
+}
+
+/// The run's own parameters: linearity, per component three fields and a trend of order 2; sweep, fields and offset times temperature
+/// to the powers 0 to 2; a night, a trend of order 2; positions, one sensor with a rotation and a trend in each of them.
+pub fn nuisance(scenes: &[Scene], cells: &[Vec<Cell>]) -> Vec<Column> {
+    let kind = scenes[0].kind;
+    let mut columns = Vec::new();
+    if kind == Kind::Frequency {
+        return freq::nuisance(&scenes[0], &cells[0]);
+    }
+    let middle = |cell: &Cell| cell.first + cell.count / 2;
+    let along = |scene: &Scene, cell: &Cell| scene.along(cell.first) + 0.5 * (cell.count - 1) as f64 / scene.count as f64;
+    let mut own = |run: usize, f: &dyn Fn(&Scene, &Cell) -> f64| {
+        let values: Vec<f64> = cells[run].iter().map(|cell| f(&scenes[run], cell)).collect();
+        columns.extend((0..3).map(|component| vec![(3 * run + component, values.clone())]));
+    };
+    for run in 0..scenes.len() {
+        match kind {
+            Kind::Lin => {
+                for k in 0..3 {
+                    own(run, &|scene, cell| scene.field_nt[middle(cell)][k] / scene.range_nt());
+                }
+            }
+            Kind::Sweep => {
+                for power in 0..3 {
+                    for k in 0..4 {
+                        own(run, &|scene, cell| {
+                            let z: f64 = scene.follows_degc(middle(cell)) / 50.0;
+                            z.powi(power) * if k < 3 { scene.field_nt[middle(cell)][k] / scene.range_nt() } else { 1.0 }
+                        });
+                    }
+                }
+            }
+            _ => {}
+        }
+        let powers: &[i32] = match kind {
+            Kind::Lin | Kind::ZeroField => &[0, 1, 2],
+            Kind::Positions => &[1, 2],
+            _ => &[],
+        };
+        for power in powers {
+            own(run, &|scene, cell| along(scene, cell).powi(*power));
+        }
+    }
+    if kind == Kind::Positions {
+        columns.extend(of_positions(scenes, cells));
+    }
+    columns
+}
+
+/// Derivatives of the readings with respect to scale, angles and offset of the sensor and its rotation in every position.
+fn of_positions(scenes: &[Scene], cells: &[Vec<Cell>]) -> Vec<Column> {
+    const STEP: f64 = 1e-4;
+    let mut columns: Vec<Column> = Vec::new();
+    let readings = |run: usize, change: &dyn Fn(&mut Scene)| -> Column {
+        let moved = |sign: f64| {
+            let mut scene = Scene { field_nt: Vec::new(), pure_ent: Vec::new(), ..scenes[run].clone() };
+            change(&mut scene);
+            let response = scene.response_at(0.0);
+            let values = cells[run].iter().map(|c| times(&response, scenes[run].field_nt[c.first]).map(|v| sign * v));
+            values.collect::<Vec<[f64; 3]>>()
+        };
+        let (changed, as_is) = (moved(1.0), cells[run].iter().map(|c| scenes[run].pure_ent[c.first]).collect::<Vec<_>>());
+        (0..3).map(|i| (3 * run + i, changed.iter().zip(&as_is).map(|(a, b)| (a[i] - b[i]) / STEP).collect())).collect()
+    };
+    for i in 0..3 {
+        let everywhere =
+            |change: &dyn Fn(&mut Scene)| (0..scenes.len()).flat_map(|run| readings(run, change)).collect::<Column>();
+        columns.push(everywhere(&|scene| scene.sensor.sigma[i] += STEP));
+        columns.push(everywhere(&|scene| scene.sensor.xi_deg[i] += STEP.to_degrees()));
+        columns.push((0..scenes.len()).map(|run| (3 * run + i, vec![1.0; cells[run].len()])).collect());
+        for run in 0..scenes.len() {
+            columns.push(readings(run, &|scene| {
+                let by = rotation(std::array::from_fn(|k| if k == i { STEP } else { 0.0 }));
+                scene.towards = product(&transposed(&by), &scene.towards);
+            }));
+        }
+    }
+    columns
+}
+
+/// Readings are rounded to this, enT.
+fn resolution_ent(kind: Kind) -> f64 {
+    match kind {
+        Kind::Lin | Kind::Positions | Kind::ZeroField => 1.0 / 32.0,
+        Kind::Sweep | Kind::Frequency => 1e-3,
+    }
+}
+
+/// Makes a run set with a hidden truth.
+///
+/// # Errors
+/// An effect that this kind of run does not have.
+pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, String> {
+    let mut random = Random::new(seed, "scene");
+    let sensor = Sensor::drawn(kind, &mut random);
+    let mut scenes: Vec<Scene> = Vec::new();
+    if kind == Kind::Frequency {
+        scenes.push(freq::scene(sensor.clone(), &mut random));
+    } else {
+        let mut ids: Vec<u32> = POSITIONS.iter().map(|(id, _)| *id).collect();
+        if kind == Kind::Positions {
+            if random.chance(0.4) {
+                ids.remove(1 + random.below(2));
+            }
+        } else {
+            ids.truncate(1);
+        }
+        for id in ids {
+            scenes.push(Scene::drawn(kind, sensor.clone(), id, &mut random));
+        }
+    }
+    let mut random = Random::new(seed, "noise family");
+    let drawn = Family::ALL[random.below(Family::ALL.len())];
+    let family = options.noise.unwrap_or(drawn);
+    let noise = Noise::drawn(family, &scenes[0], &mut random);
+
+    let cells = plateau_cells(&scenes);
+    let mut of_plateaus: Option<Measure> = None;
+    let mut of_samples: Option<Measure> = None;
+    let mut effects: Vec<(Effect, f64)> = Vec::new();
+    let mut contributions: Vec<Vec<Vec<[f64; 3]>>> = Vec::new();
+    let mut true_effects = Vec::new();
+    for (index, name) in options.effects.iter().enumerate() {
+        let mut random = Random::new(seed, &format!("effect {index}"));
+        let unknown = || format!("{name} is not made for runs of kind {}", kind.name());
+        let drawn = if kind == Kind::Frequency {
+            freq::drawn(name, &scenes[0], &mut random)
+        } else if effects::outside(kind).contains(&name.as_str()) {
+            effects::drawn_outside(name, &mut random)
+        } else {
+            effects::drawn(name, &scenes[0], &mut random)
+        };
+        let effect = drawn.ok_or_else(unknown)?;
+        let absorbed = effects::absorbed(kind).contains(&name.as_str());
+        let inside = effect.inside || kind == Kind::Frequency;
+        let slot = if inside { &mut of_samples } else { &mut of_plateaus };
+        let measure = slot.get_or_insert_with(|| {
+            let cells = if inside { sample_cells(&scenes) } else { cells.clone() };
+            let nuisance = nuisance(&scenes, &cells);
+            Measure::new(&scenes, &noise, cells, &nuisance)
+        });
+        let records = |amplitude: f64| -> Vec<Vec<[f64; 3]>> {
+            scenes.iter().enumerate().map(|(run, scene)| effect.contribution(scene, run, amplitude)).collect()
+        };
+        // Forms that are not in proportion to their amplitude come near in a few steps.
+        let mut amplitude = if kind == Kind::Frequency { freq::first_amplitude(name) } else { 1.0 };
+        if name == "thermal_lag" && !effect.natural {
+            amplitude = 0.01;
+        }
+        let mut made = records(amplitude);
+        let mut strength = measure.strength(&made);
+        if !effect.natural {
+            for _ in 0..6 {
+                let (now, wanted) =
+                    if absorbed { (strength.1, 10.0 * options.strength_k) } else { (strength.0, options.strength_k) };
+                if now <= 0.0 || (now / wanted - 1.0).abs() < 1e-6 {
+                    break;
+                }
+                amplitude *= wanted / now;
+                made = records(amplitude);
+                strength = measure.strength(&made);
+            }
+        }
+        let parameters = effect.parameters.iter().map(|p| TrueParameter {
+            name: p.name.clone(),
+            unit: p.unit.to_owned(),
+            value: p.value * if p.scales { amplitude } else { 1.0 },
+        });
+        true_effects.push(TrueEffect {
+            effect: effect.id.to_owned(),
+            drawn_as: name.clone(),
+            form: effect.form.clone(),
+            axes: effect.axes.iter().map(|a| (*a).to_owned()).collect(),
+            covariates: effect.covariates.iter().map(|c| (*c).to_owned()).collect(),
+            parameters: parameters.collect(),
+            exact_form: effect.exact,
+            strength_k: strength.0,
+            natural_size: effect.natural,
+            identifiable: !absorbed,
+            surviving_share: if strength.1 > 0.0 { strength.0 / strength.1 } else { 0.0 },
+            seen_inside_plateaus: inside,
+        });
+        contributions.push(made);
+        effects.push((effect, amplitude));
+    }
+
+    let mut random = Random::new(seed, "noise");
+    let mut slow_random = Random::new(seed, "slow channels");
+    let mut runs = Vec::new();
+    let mut means = Vec::new();
+    for (index, scene) in scenes.iter().enumerate() {
+        let mut record = noise.record(scene, &mut random);
+        let still = (kind == Kind::Lin || kind == Kind::Positions || kind == Kind::ZeroField).then(|| resolution_ent(kind));
+        for (s, reading) in record.iter_mut().enumerate() {
+            let offset = scene.offset_ent(s);
+            for i in 0..3 {
+                let hidden: f64 = contributions.iter().map(|c| c[index][s][i]).sum();
+                reading[i] += scene.pure_ent[s][i] + offset[i] + hidden;
+                if let Some(step) = still {
+                    reading[i] = (reading[i] / step).round() * step;
+                }
+            }
+        }
+        means.push(cells[index].iter().map(|c| std::array::from_fn(|i| mean(&record, c, i))).collect::<Vec<[f64; 3]>>());
+        let changes: Vec<&Effect> = effects.iter().map(|(effect, _)| effect).collect();
+        let mut run = empty_run(scene, index);
+        slow_tables(scene, &changes, &mut slow_random, &mut run);
+        let vectors = if kind == Kind::Sweep {
+            run.blocks = scene.settings.iter().zip(&means[index]).map(|(setting, mean)| given(setting, mean)).collect();
+            run.settings.clear();
+            Vec::new()
+        } else {
+            let lost = if kind == Kind::Frequency { freq::lost(&options.effects, scene, seed) } else { Vec::new() };
+            as_vectors(scene, &record, &lost, &mut run)
+        };
+        runs.push((run, vectors));
+    }
+    let of_effects: Vec<Vec<Vec<[f64; 3]>>> = contributions
+        .iter()
+        .map(|runs| {
+            let of_run = |(run, record): (usize, &Vec<[f64; 3]>)| {
+                cells[run].iter().map(|c| std::array::from_fn(|i| mean(record, c, i))).collect::<Vec<[f64; 3]>>()
+            };
+            runs.iter().enumerate().map(of_run).collect()
+        })
+        .collect();
+    let campaign = campaign(&scenes)?;
+    let sines = (kind == Kind::Frequency).then(|| freq::truth(&scenes[0]));
+    let response_ent_per_nt = if sines.is_some() { Vec::new() } else { scenes.iter().map(|s| s.response_at(0.0)).collect() };
+    let truth = Truth { seed, kind, noise, effects: true_effects, parameters: sensor, response_ent_per_nt, sines };
+    Ok(Blind { runs, campaign, truth, oracle: of_effects, hidden_ent: contributions, means, scenes })
+}
+
+fn campaign(scenes: &[Scene]) -> Result<Campaign, String> {
+    let entry = |scene: &Scene| {
+        let axes = POSITIONS.iter().find(|(id, _)| *id == scene.position).map_or(POSITIONS[0].1, |(_, axes)| *axes);
+        PositionEntry { id: scene.position, axes: axes.map(str::to_owned).to_vec() }
+    };
+    let file = CampaignFile { positions: scenes.iter().map(entry).collect(), ..CampaignFile::default() };
+    Campaign::in_memory(file).map_err(|finding| finding.to_string())
+}
+
+fn given(setting: &run::Setting, mean: &[f64; 3]) -> GivenBlock {
+    let rounded = mean.map(|v| (v * 1e3).round() / 1e3);
+    GivenBlock { setting: *setting, mean: Reading(rounded), std_ent: None, count: None }
+}
+
+fn empty_run(scene: &Scene, index: usize) -> Run {
+    let (kind, configuration, sample_rate_hz) = match scene.kind {
+        Kind::Lin | Kind::Positions => (run::Kind::Linearity, "LIN2000XYZE.MAG", 32.0),
+        Kind::Sweep => (run::Kind::Sweep, "RANDOM50000.MAG", 0.025),
+        Kind::ZeroField => (run::Kind::ZeroField, "NULL_LANG.MAG", scene.rate_hz),
+        Kind::Frequency => (run::Kind::Frequency, "FREQ2000.MAG", 128.0),
+    };
+    let day = index + 1;
+    let header = Header {
+        run: format!("26-05-{day:02}_10-00-00"),
+        start: format!("2026-05-{day:02}T10:00:00Z"),
+        kind,
+        configuration: configuration.to_owned(),
+        sensor: "DUT".to_owned(),
+        mode: "science mode 0".to_owned(),
+        sample_rate_hz,
+        unit: ReadingUnit::Ent,
+        field_source: "FLDS".to_owned(),
+        coil_correction: Some(true),
+        earthfield_compensation: vec!["DYNAMIC".to_owned(); 3],
+    };
+    Run {
+        input: InputFile { path: header.run.clone(), size_bytes: 0, sha256: String::new() },
+        header,
+        settings: scene.settings.clone(),
+        blocks: Vec::new(),
+        temperatures: SlowTable::default(),
+        channels: SlowTable::default(),
+        scalar: Vec::new(),
+        vectors: VectorAccount::default(),
+        findings: Vec::new(),
+    }
+}
+
+/// Thermistors and channels as they are read: with noise, and rounded.
+fn slow_tables(scene: &Scene, effects: &[&Effect], random: &mut Random, run: &mut Run) {
+    const THERMISTOR_NOISE_K: f64 = 0.01;
+    let rounded = |v: f64| (v * 1e3).round() / 1e3;
+    let mut table = |named: Vec<(&str, &Curve, f64)>| {
+        let step_s = named[0].1.step_s;
+        let count = named[0].1.values.len();
+        let t_s: Vec<f64> = (0..count).map(|i| i as f64 * step_s).filter(|t| *t <= scene.count as f64 / scene.rate_hz).collect();
+        let mut values = Vec::new();
+        for (name, curve, noise) in &named {
+            let changed =
+                |t: f64| effects.iter().filter_map(|e| e.channel.as_ref()).filter(|c| c.0 == *name).map(|c| c.1(t)).sum::<f64>();
+            values.push(t_s.iter().map(|t| rounded(curve.at(*t) + noise * random.normal() + changed(*t))).collect());
+        }
+        SlowTable { names: named.iter().map(|(name, _, _)| (*name).to_owned()).collect(), t_s, values }
+    };
+    let mut temperatures = Vec::new();
+    match &scene.second_degc {
+        Some(second) => {
+            temperatures.extend([("TCSC", &scene.sensor_degc, THERMISTOR_NOISE_K), ("TSENS", second, THERMISTOR_NOISE_K)])
+        }
+        None => temperatures.push(("T59", &scene.sensor_degc, THERMISTOR_NOISE_K)),
+    }
+    temperatures.extend([("T29", &scene.coil_degc, THERMISTOR_NOISE_K), ("T55", &scene.rack_degc, THERMISTOR_NOISE_K)]);
+    run.temperatures = table(temperatures);
+    if let (Some([x, y, z]), Some(supply)) = (&scene.variation_nt, &scene.supply_ma) {
+        run.channels = table(vec![("VARX", x, 0.0), ("VARY", y, 0.0), ("VARZ", z, 0.0), ("SUPPLY_MA", supply, 0.0)]);
+    }
+}
+
+/// Samples with their counter; `lost` are counters that were not recorded.
+fn as_vectors(scene: &Scene, record: &[[f64; 3]], lost: &[Range<usize>], run: &mut Run) -> Vec<Vector> {
+    let at = |(n, reading): (usize, &[f64; 3])| Vector {
+        n: n as u64,
+        t_s: n as f64 / scene.rate_hz,
+        reading: Reading(reading.map(|v| (v * 1e3).round() / 1e3)),
+    };
+    // Three decimals of readings in multiples of 1/32 are what a file holds of them.
+    let vectors: Vec<Vector> = record.iter().enumerate().filter(|(n, _)| !lost.iter().any(|l| l.contains(n))).map(at).collect();
+    run.vectors = VectorAccount {
+        count: vectors.len() as u64,
+        lost: lost.iter().map(|l| l.len() as u64).sum(),
+        gap_count: lost.len() as u64,
+        gaps: lost.iter().map(|l| run::Gap { line: 0, t_s: l.end as f64 / scene.rate_hz, lost: l.len() as u64 }).collect(),
+        span_s: vectors.first().zip(vectors.last()).map(|(a, b)| [a.t_s, b.t_s]),
+        measured_rate_hz: Some(scene.rate_hz),
+        ..VectorAccount::default()
+    };
+    vectors
+}

@@ -1,0 +1,155 @@
+//! TCF: temperature polynomials at the centre of the coil system, from those of a position beside it (RO-IGEP-TR0028 section 3).
+
+use super::{Body, Rows};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// What the numbers mean.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CentreConvention {
+    /// Which convention ω, K and K⁻¹ follow.
+    pub omega: String,
+    /// Equations of the model.
+    pub model: String,
+    /// Equations of the offset.
+    pub offset: String,
+    /// Units and frames.
+    pub units: String,
+    /// What the uncertainties are.
+    pub uncertainty: String,
+}
+
+impl Default for CentreConvention {
+    fn default() -> Self {
+        Self {
+            omega: "Rosetta: omega is the upper triangular matrix Q(xi) of direction cosines".to_owned(),
+            model: "p(T) = sum over k of p_k T^k, coefficients lowest order first; superscript 1 off-centre, 0 at the centre: k_i = sigma1_i(T1) / sigma0_i(T1), sigma0_i(T) = sigma1_i(T) / k_i; K = omega0(T1)^-1 omega1(T1), omega0(T) = Q(xi1(T)) K^-1; T1 is reference_degc".to_owned(),
+            offset: "B_off(T) = b_or(T) - B_res, B_res = b_or(T2) - B_off(T2), B_off(T2) measured by turning the sensor at T2".to_owned(),
+            units: "T degC of the channel; sigma nT/enT, xi degrees between sensor axes, b_or, b_off and b_res enT along the sensor axes; sigma, xi, b_off hold at the centre, off_centre.coefficients beside it; the polynomials xi are those closest to the angles of omega0(T), which they miss by xi_remainder_deg at most".to_owned(),
+            uncertainty: "standard uncertainties and covariances of the coefficients, coverage factor 1; polynomials and single runs are taken as independent, which makes sigma and xi at the centre too uncertain, not too certain, where the off-centre run is also one of the polynomials' runs; k and K are taken not to depend on temperature".to_owned(),
+        }
+    }
+}
+
+/// Temperature polynomials at the centre. Quantities without known uncertainty have no covariance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tcf {
+    /// Sensitivity of x, nT/enT.
+    pub sigma_x: Vec<f64>,
+    /// Sensitivity of y, nT/enT.
+    pub sigma_y: Vec<f64>,
+    /// Sensitivity of z, nT/enT.
+    pub sigma_z: Vec<f64>,
+    /// Angle between the sensor axes x and y, degrees.
+    pub xi_xy: Vec<f64>,
+    /// Angle between the sensor axes x and z, degrees.
+    pub xi_xz: Vec<f64>,
+    /// Angle between the sensor axes y and z, degrees.
+    pub xi_yz: Vec<f64>,
+    /// Offset of x, enT; absent without a measurement of the offset at the centre.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub b_off_x: Vec<f64>,
+    /// Offset of y, enT.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub b_off_y: Vec<f64>,
+    /// Offset of z, enT.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub b_off_z: Vec<f64>,
+    /// Largest difference between the polynomials xi and the angles of ω⁰(T) over `valid_degc`, degrees.
+    pub xi_remainder_deg: [f64; 3],
+    /// `k_i`.
+    pub k: [f64; 3],
+    /// Standard uncertainty of `k_i`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub k_std: Option<[f64; 3]>,
+    /// `K`, rows.
+    pub k_matrix: Rows,
+    /// `K⁻¹`, rows.
+    pub k_inverse: Rows,
+    /// Standard uncertainties of the elements of `K⁻¹`, rows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub k_inverse_std: Option<Rows>,
+    /// T1, the sensor temperature of the run at the centre, °C.
+    pub reference_degc: f64,
+    /// Lowest and highest temperature for which the polynomials hold, °C.
+    pub valid_degc: [f64; 2],
+    /// Channel of the sensor temperature.
+    pub channel: String,
+    /// Sensor.
+    pub sensor: String,
+    /// Mode.
+    pub mode: String,
+    /// Parameter files of the off-centre runs.
+    pub used: Vec<String>,
+    /// Run ids, in the order of `used`.
+    pub runs: Vec<String>,
+    /// What the numbers mean.
+    pub convention: CentreConvention,
+    /// Covariance of the coefficients of every quantity at the centre.
+    pub covariance: BTreeMap<String, Vec<Vec<f64>>>,
+    /// The run at the centre.
+    pub centre: CentreRun,
+    /// The polynomials beside the centre and what stands for them at T1.
+    pub off_centre: OffCentrePart,
+    /// Residual field; absent without a measurement of the offset at the centre.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub residual_field: Option<CentreResidual>,
+    /// What a person should know.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+/// A linear calibration that took part in the pair.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CentreRun {
+    /// Parameter file; for the polynomials in place of a run, `polynomials`.
+    pub file: String,
+    /// Sensor temperature, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_degc: Option<f64>,
+    /// Sensitivities, nT/enT.
+    pub sigma: [f64; 3],
+    /// ξ_xy, ξ_xz, ξ_yz, degrees.
+    pub xi_deg: [f64; 3],
+    /// Standard uncertainties of the sensitivities, nT/enT.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma_std: Option<[f64; 3]>,
+    /// Standard uncertainties of the angles, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub xi_std_deg: Option<[f64; 3]>,
+}
+
+/// The position beside the centre.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OffCentrePart {
+    /// What stands for σ¹(T1) and ξ¹(T1).
+    pub at_reference: CentreRun,
+    /// Polynomials of sigma, xi and b_or, lowest order first.
+    pub coefficients: BTreeMap<String, Vec<f64>>,
+    /// Their covariance.
+    pub covariance: BTreeMap<String, Vec<Vec<f64>>>,
+}
+
+/// Residual field of the coil system where the temperature cycle was measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CentreResidual {
+    /// Parameter file of the offset measurement.
+    pub file: String,
+    /// Its sensor temperature T2, °C.
+    pub temperature_degc: f64,
+    /// Its offset, enT.
+    pub b_off_ent: [f64; 3],
+    /// `B_res`, enT, along the sensor axes.
+    pub b_res_ent: [f64; 3],
+    /// Its standard uncertainty, enT.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub b_res_std_ent: Option<[f64; 3]>,
+}
+
+impl Body for Tcf {
+    const FORMAT: &'static str = "TCF";
+    fn file_name(&self) -> String {
+        let first = self.runs.first().map_or_else(String::new, |id| id.replace('_', "-"));
+        format!("THERMAL_CENTRE_PARAMETER__{first}.TCF")
+    }
+}

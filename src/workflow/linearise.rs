@@ -1,0 +1,140 @@
+//! Linearisations as files, figures and text, and the runs fitted once more with them.
+
+use super::{Desk, Job, Made, Outcome, PerRun, command, draw, parameter_text};
+use crate::analysis::lin::{Lin, Options, lin};
+use crate::analysis::linearise::{Linearised, linearise};
+use crate::error::Finding;
+use crate::formats::linearisation::{self, Linearisation};
+use crate::formats::output::Folder;
+use crate::formats::parameter::Body;
+use crate::formats::source::hex;
+use crate::plot;
+use crate::provenance::{Input, Provenance};
+use crate::report;
+use sha2::{Digest, Sha256};
+use std::path::PathBuf;
+
+/// A run that was fitted as it is, with its file.
+pub struct First<'a> {
+    /// The file.
+    pub job: &'a Job<'a>,
+    /// Its linear calibration without a linearisation.
+    pub made: Made<Lin>,
+}
+
+/// A run that was fitted with the linearisation, with its file, or why there is no such fit.
+pub type Refitted<'a> = (&'a Job<'a>, Result<Made<Lin>, Finding>);
+
+/// Reads the linearisation of `--linearisation`.
+///
+/// # Errors
+/// The file is no linearisation.
+pub fn linearisation(path: Option<&PathBuf>) -> Result<Option<Linearisation>, Finding> {
+    path.map(|path| linearisation::read(path)).transpose()
+}
+
+/// Runs of one sensor and mode together, in the order of their first runs; runs of a group in time order.
+#[must_use]
+pub fn by_sensor_and_mode(mut runs: Vec<First>) -> Vec<Vec<First>> {
+    runs.sort_by(|a, b| {
+        let key = |f: &First| (f.made.result.parameters.run.start.clone(), f.made.result.parameters.run.id.clone());
+        key(a).cmp(&key(b))
+    });
+    let mut groups: Vec<Vec<First>> = Vec::new();
+    for run in runs {
+        let of = |f: &First| (f.made.result.parameters.run.sensor.clone(), f.made.result.parameters.run.mode.clone());
+        match groups.iter_mut().find(|g| g.first().is_some_and(|f| of(f) == of(&run))) {
+            Some(group) => group.push(run),
+            None => groups.push(vec![run]),
+        }
+    }
+    groups
+}
+
+/// Finds the linearisation that the runs of a group share, fits each with it, and writes the linearisation. The runs are not written:
+/// their parameter files rest on that of the linearisation and have to follow it.
+///
+/// # Errors
+/// The runs do not determine it, or it cannot be written.
+pub fn linearise_group<'a>(
+    group: Vec<First<'a>>,
+    options: &Options,
+    desk: &Desk,
+) -> Result<(Linearised, Vec<Refitted<'a>>), Finding> {
+    let before: Vec<&Lin> = group.iter().map(|f| &f.made.result).collect();
+    let names: Vec<&str> = group.iter().map(|f| f.job.recorded.as_str()).collect();
+    let estimate = linearise(&before).map_err(|e| Finding::error(&names.join(", "), e.to_string(), e.remedy()))?;
+    let mut options_with = Options { linearisation: Some(estimate.linearisation.clone()), ..options.clone() };
+    let after: Vec<Result<Lin, Finding>> = group.iter().map(|f| again(f, &options_with)).collect();
+    let fitted: Vec<Option<&Lin>> = after.iter().map(|a| a.as_ref().ok()).collect();
+    let result = estimate.complete(&before, &fitted);
+
+    let mut input: Vec<Input> = Vec::new();
+    for one in group.iter().flat_map(|f| &f.made.provenance.input) {
+        if !input.contains(one) {
+            input.push(one.clone());
+        }
+    }
+    // The runs come first, as in every result of several runs.
+    input.sort_by_key(|i| i.path.ends_with(".toml"));
+    let orders: Vec<usize> = before.iter().map(|l| l.parameters.offset.trend_order).collect();
+    let recorded = match group.first() {
+        Some(first) if orders.iter().all(|o| *o == first.made.result.parameters.offset.trend_order) => {
+            command(options, &first.made.result, desk)
+        }
+        // Orders that differ come from the campaigns, which are inputs.
+        _ => format!("calfit {}", Options::COMMAND),
+    };
+    let written = publish(&result, &Provenance::new(format!("{recorded} --linearise"), input), desk)?;
+    // Now the file has a hash, by which the parameter files of the runs refer to it.
+    if let Some(linearisation) = &mut options_with.linearisation {
+        linearisation.input = written;
+    }
+    let runs = group.into_iter().zip(after).map(|(first, after)| {
+        let made = after.map(|result| {
+            let mut input = first.made.provenance.input;
+            input.extend(options_with.linearisation.iter().map(|l| l.input.clone()));
+            let provenance = Provenance::new(command(&options_with, &result, desk), input);
+            Made { result, provenance, run: first.made.run }
+        });
+        (first.job, made)
+    });
+    let runs = runs.collect();
+    Ok((result, runs))
+}
+
+/// Writes figures, report and file of a linearisation, the last one last; returns the file as an input.
+fn publish(result: &Linearised, provenance: &Provenance, desk: &Desk) -> Result<Input, Finding> {
+    let p = &result.parameters;
+    let name = p.file_name();
+    let stem = name.trim_end_matches(".toml");
+    let (begin, first) = stem.split_once("__").unwrap_or((stem, ""));
+    let folder = Folder::open(&desk.out, desk.force)?;
+    folder.check(&name)?;
+    let figures = if desk.plots { plot::linearise::figures(result) } else { Vec::new() };
+    let drawn = draw(&folder, &figures, |figure| format!("{begin}_{figure}__{first}.png"))?;
+    let outcome = Outcome {
+        name: &name,
+        parameters: parameter_text(&name, p, provenance)?,
+        report: format!("REPORT_{stem}.md"),
+        title: format!("Linearisation of {} {}", report::or_not_stated(&p.sensor), report::or_not_stated(&p.mode)),
+        warnings: &p.warnings,
+        sections: report::linearise::sections(result, 2),
+        provenance,
+    };
+    outcome.write(&folder, &drawn)?;
+    let (size_bytes, sha256) = (outcome.parameters.len() as u64, hex(&Sha256::digest(outcome.parameters.as_bytes())));
+    Ok(Input { path: name, size_bytes, sha256 })
+}
+
+/// Fits a run once more.
+fn again(first: &First, options: &Options) -> Result<Lin, Finding> {
+    let refuse = |rule: String, remedy: &str| Finding::error(&first.job.recorded, rule, remedy);
+    let before = &first.made.result;
+    let Some(run) = &first.made.run else {
+        return Err(refuse("was not kept for a second fit".to_owned(), "report this"));
+    };
+    let mut after = lin(run, &before.given, first.job.campaign, options).map_err(|e| refuse(e.to_string(), e.remedy()))?;
+    after.samples.clone_from(&before.samples);
+    Ok(after)
+}
