@@ -5,13 +5,14 @@ use super::scene::Scene;
 use crate::model::effects::{Family, Spec};
 use crate::plateau::median;
 use crate::run::Run;
+use nalgebra::DMatrix;
 
-/// A jump of this many times the usual change between readings, in standard deviations.
-const JUMP: f64 = 12.0;
+/// A jump of this many times the usual size of such steps, in standard deviations.
+const JUMP: f64 = 9.0;
 /// Smallest jump, K.
 const LEAST_JUMP_K: f64 = 0.3;
-/// Readings on both sides that agree among themselves.
-const SIDES: usize = 4;
+/// Readings on both sides.
+const SIDES: usize = 6;
 
 /// Temperature channels that jump.
 #[must_use]
@@ -55,22 +56,27 @@ pub fn thermistors(run: &Run, scene: &Scene) -> Vec<Step> {
     steps
 }
 
-/// Time and size of the largest jump of a channel, if it has one that no neighbour prepares.
+/// Time and size of the largest jump of a channel: a step beside a cubic over the readings around it, against what such steps are elsewhere.
 fn jump(series: &[(f64, f64)]) -> Option<(f64, f64)> {
     if series.len() < 4 * SIDES {
         return None;
     }
-    let changes: Vec<f64> = series.windows(2).map(|w| w[1].1 - w[0].1).collect();
-    let largest = (SIDES..changes.len() - SIDES).max_by(|a, b| changes[*a].abs().total_cmp(&changes[*b].abs()))?;
-    // Against the change of its neighbours: channels that swing have none that stands out.
-    let mut sizes: Vec<f64> = changes.iter().map(|c| c.abs()).collect();
-    let usual = 1.4826 * median(&mut sizes);
-    let beside = changes[largest - SIDES..largest].iter().chain(&changes[largest + 1..=largest + SIDES]);
-    let around = beside.map(|c| c.abs()).fold(0.0, f64::max);
-    let size = changes[largest];
-    let (low, high) = (&series[largest + 1 - SIDES..=largest], &series[largest + 1..=largest + SIDES]);
-    let mean = |part: &[(f64, f64)]| part.iter().map(|(_, v)| v).sum::<f64>() / part.len() as f64;
-    let stays = (mean(high) - mean(low)) / size > 0.5;
-    (size.abs() > LEAST_JUMP_K && size.abs() > JUMP * usual && size.abs() > 3.0 * around && stays)
-        .then(|| (series[largest + 1].0, size))
+    let design = DMatrix::from_fn(2 * SIDES, 5, |i, j| {
+        let x = (i as f64 - SIDES as f64 + 0.5) / SIDES as f64;
+        if j < 4 {
+            x.powi(j as i32)
+        } else if i < SIDES {
+            -0.5
+        } else {
+            0.5
+        }
+    });
+    let inverse = design.pseudo_inverse(1e-12).ok()?;
+    let step = inverse.row(4);
+    let sizes: Vec<f64> = series.windows(2 * SIDES).map(|w| w.iter().zip(step.iter()).map(|((_, v), c)| v * c).sum()).collect();
+    let mut usual: Vec<f64> = sizes.iter().map(|s| s.abs()).collect();
+    let usual = 1.4826 * median(&mut usual);
+    let largest = (0..sizes.len()).max_by(|a, b| sizes[*a].abs().total_cmp(&sizes[*b].abs()))?;
+    let size = sizes[largest];
+    (size.abs() > LEAST_JUMP_K && size.abs() > JUMP * usual).then(|| (series[largest + SIDES].0, size))
 }

@@ -130,6 +130,11 @@ pub fn run(
     if steps_have_lag {
         search.leave_out("thermal_lag");
     }
+    if scene.record.has_samples {
+        // The samples have told already.
+        search.leave_out("settling");
+        search.leave_out("time_shift");
+    }
     let (terms, state) = search.run(&given).ok_or("the noise of the plateau means has no estimate")?;
     let all: Vec<&Candidate> = given.iter().chain(terms.iter().map(|t| &t.candidate)).collect();
 

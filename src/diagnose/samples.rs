@@ -183,6 +183,12 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
     };
     let data: [Vec<DVector<f64>>; 3] =
         [0, 1, 2].map(|a| windows.iter().map(|w| reduce(&|k| samples.reading_ent[k][a], w)).collect());
+    // Settings with more noise count for less.
+    let weights: [Vec<f64>; 3] = [0, 1, 2].map(|a: usize| {
+        let sizes: Vec<f64> = data[a].iter().map(|d| d.norm_squared()).collect();
+        let usual = crate::plateau::median(&mut sizes.clone()).max(f64::MIN_POSITIVE);
+        sizes.iter().map(|s| (2.0 * usual / (usual + s)).sqrt()).collect()
+    });
     let mut best: Option<(f64, f64, Vec<usize>, Vec<(f64, f64)>)> = None;
     let template = |tau: f64| -> [Vec<DVector<f64>>; 3] {
         let all: Vec<Vec<[f64; 3]>> = windows
@@ -197,8 +203,8 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
         let mut information = 0.0;
         for _ in 0..3 {
             let mut scatter = DMatrix::zeros(bins, bins);
-            for (d, t) in data[a].iter().zip(template) {
-                let r = d - t * amplitude;
+            for ((d, t), w) in data[a].iter().zip(template).zip(&weights[a]) {
+                let r = (d - t * amplitude) * *w;
                 scatter += &r * r.transpose();
             }
             scatter /= m as f64;
@@ -207,8 +213,8 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
             (0..bins).for_each(|k| scatter[(k, k)] += ridge);
             let inverse = scatter.cholesky()?.inverse();
             let (mut top, mut bottom) = (0.0, 0.0);
-            for (d, t) in data[a].iter().zip(template) {
-                let weighted = &inverse * t;
+            for ((d, t), w) in data[a].iter().zip(template).zip(&weights[a]) {
+                let weighted = &inverse * t * (w * w);
                 top += weighted.dot(d);
                 bottom += weighted.dot(t);
             }

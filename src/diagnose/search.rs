@@ -1,7 +1,7 @@
 //! The search: score every candidate, pay for the trials, add the best, refit everything, drop and swap, until nothing is left.
 
 use super::scene::Scene;
-use crate::fit::colour::{Correlations, Noise, Rows};
+use crate::fit::colour::{Colour, Correlations, Noise, Rows};
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score, global_p};
 use crate::model::effects::{self, CATALOGUE, Column, Covariate, Effect, Record, Spec};
 use argmin::core::{CostFunction, Executor};
@@ -13,8 +13,15 @@ use rayon::prelude::*;
 pub const SIGNIFICANT: f64 = 0.006;
 /// Below this evidence no simulation is needed: noise alone gives it in one run of a few.
 const HOPELESS: f64 = 2.0;
+/// Evidence, with a noise of its own, that a candidate needs where the noise of the model without it leaves too little of it: an effect that
+/// changes slowly looks like slow noise. Evidence is one on average over noise for each of some twenty explanations.
+const PROFILE: f64 = 10.0;
+/// Explanations that are tried with a noise of their own.
+const PROFILED: usize = 5;
 /// Prior of a dependence on a covariate that no effect explains, relative to an effect of the catalogue.
 const UNKNOWN_PRIOR: f64 = 0.04;
+/// Prior of a drift, relative to other effects: slow noise is the usual cause of what looks like one.
+const DRIFT_PRIOR: f64 = 0.1;
 /// Most effects of one run.
 const MOST_STEPS: usize = 6;
 /// A term gives way to another one whose evidence is larger by this much.
@@ -189,7 +196,11 @@ impl<'a> Search<'a> {
             .iter()
             .map(|c| {
                 let same = self.bank.iter().filter(|o| o.key == c.key).count() as f64;
-                let own: f64 = if c.id == "unknown" { UNKNOWN_PRIOR } else { 1.0 };
+                let own: f64 = match c.id {
+                    "unknown" => UNKNOWN_PRIOR,
+                    "offset_drift" => DRIFT_PRIOR,
+                    _ => 1.0,
+                };
                 if self.vetoed.contains(&c.key) { f64::NEG_INFINITY } else { (own / same).ln() }
             })
             .collect();
@@ -305,6 +316,44 @@ impl<'a> Search<'a> {
         all
     }
 
+    /// The most promising explanations, each with the most likely noise beside it; the best first.
+    fn profiled(&self, state: &State, now: &[&Candidate], explanations: &[Explanation]) -> Vec<Explanation> {
+        let colour = state.noise.colour;
+        let mut chosen: Vec<Explanation> = explanations.iter().take(PROFILED).cloned().collect();
+        if colour.slow + colour.slow_field > 0.0 {
+            // What slow noise hides shows beside white noise.
+            let Some(noise) = self.correlations.with_colour(Colour::WHITE, &self.readings, &self.designs(now)) else {
+                return chosen;
+            };
+            let white = self.state_with(noise, now);
+            let groups = self.groups(&white);
+            for e in self.explanations(&white, &groups).into_iter().take(PROFILED).filter(|e| e.evidence > 0.0) {
+                if !chosen.iter().any(|c| c.key == e.key) {
+                    chosen.push(e);
+                }
+            }
+        }
+        let before = self.correlations.profile(&colour, &self.readings, &self.designs(now));
+        let mut profiled: Vec<Explanation> = chosen
+            .into_par_iter()
+            .map(|mut e| {
+                let candidate = &self.bank[e.best];
+                let with: Vec<&Candidate> = now.iter().copied().chain([candidate]).collect();
+                let after = self.correlations.profile(&colour, &self.readings, &self.designs(&with));
+                let group = self.group(state, candidate);
+                let score = Score::of(2.0 * (after - before), state.fitted.freedom(&group), candidate.stacked.ncols());
+                // All candidates of the explanation gain as its best one does.
+                let gain = score.evidence - e.score.evidence;
+                e.evidence += gain;
+                e.best_evidence += gain;
+                e.score = score;
+                e
+            })
+            .collect();
+        profiled.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        profiled
+    }
+
     /// Looks for terms, beside those that are given.
     pub fn run(&mut self, given: &[Candidate]) -> Option<(Vec<Term>, State)> {
         let mut terms: Vec<Term> = Vec::new();
@@ -318,20 +367,27 @@ impl<'a> Search<'a> {
             }
             let groups = self.groups(&state);
             let explanations = self.explanations(&state, &groups);
-            let most = explanations.iter().map(|e| e.best_evidence).fold(f64::NEG_INFINITY, f64::max);
-            let Some(best) = explanations.first().filter(|_| most > HOPELESS) else { return Some((terms, state)) };
             let usable: Vec<usize> = (0..groups.len())
                 .filter(|i| groups[*i].surviving > ABSORBED && self.priors[*i].is_finite() && groups[*i].count() > 0)
                 .collect();
-            let tried: Vec<&Group> = usable.iter().map(|i| &groups[*i]).collect();
-            let priors: Vec<f64> = usable.iter().map(|i| self.priors[*i]).collect();
-            let maxima = state.fitted.simulate(&tried, &priors, SEED);
-            let p_global = global_p(&maxima, most);
+            let profiled = self.profiled(&state, &now, &explanations);
+            let most = explanations.iter().map(|e| e.best_evidence).fold(f64::NEG_INFINITY, f64::max);
+            let mut p_global = 1.0;
+            if most > HOPELESS {
+                let tried: Vec<&Group> = usable.iter().map(|i| &groups[*i]).collect();
+                let priors: Vec<f64> = usable.iter().map(|i| self.priors[*i]).collect();
+                let maxima = state.fitted.simulate(&tried, &priors, SEED);
+                p_global = global_p(&maxima, most);
+            }
+            let Some(best) = profiled.first().or(explanations.first()) else { return Some((terms, state)) };
             if p_global > SIGNIFICANT {
-                return Some((terms, state));
+                if best.best_evidence < PROFILE {
+                    return Some((terms, state));
+                }
+                p_global = p_global.min((-best.best_evidence).exp());
             }
             let candidate = self.refined(&state, &self.bank[best.best]);
-            let score = state.fitted.score(&self.group(&state, &candidate));
+            let score = best.score;
             let key = best.key.clone();
             let before: Vec<&Candidate> = now.clone();
             let mut after = before.clone();

@@ -59,6 +59,22 @@ pub struct Score {
 }
 
 impl Score {
+    /// From twice the logarithm of the likelihood ratio, the degrees of freedom of the components on which a group acts, and its columns.
+    #[must_use]
+    pub fn of(likelihood: f64, freedom: f64, columns: usize) -> Self {
+        let count = columns as f64;
+        // Bartlett's correction makes the likelihood ratio a chi square.
+        let rest = (freedom - count).max(1.0);
+        let chi_square = (rest + 0.5 * count - 1.0) * likelihood / freedom;
+        let g = EXPECTED / count;
+        Score {
+            chi_square,
+            strength: (rest * ((likelihood / freedom).exp() - 1.0)).max(0.0).sqrt(),
+            evidence: 0.5 * (g / (1.0 + g) * chi_square - count * (1.0 + g).ln()),
+            count: columns,
+        }
+    }
+
     /// Probability of a score as large for this group alone.
     #[must_use]
     pub fn p_value(&self) -> f64 {
@@ -114,6 +130,12 @@ impl Fitted {
         Group { norms: left.column_iter().map(|c| c.norm()).collect(), base, surviving, on, cross }
     }
 
+    /// Degrees of freedom of the components on which a group acts.
+    #[must_use]
+    pub fn freedom(&self, group: &Group) -> f64 {
+        (0..3).filter(|a| group.on[*a]).map(|a| self.freedom[a]).sum()
+    }
+
     fn squares(&self, residual: &DVector<f64>) -> [f64; 3] {
         std::array::from_fn(|a| residual.rows(self.edges[a], self.edges[a + 1] - self.edges[a]).norm_squared())
     }
@@ -140,16 +162,7 @@ impl Fitted {
             likelihood += self.freedom[a] * (squares[a] / after.max(1e-9 * squares[a])).ln();
             freedom += self.freedom[a];
         }
-        // Bartlett's correction makes the likelihood ratio a chi square.
-        let rest = (freedom - count).max(1.0);
-        let chi = (rest + 0.5 * count - 1.0) * likelihood / freedom;
-        let g = EXPECTED / count;
-        Score {
-            chi_square: chi,
-            strength: (rest * ((likelihood / freedom).exp() - 1.0)).max(0.0).sqrt(),
-            evidence: 0.5 * (g / (1.0 + g) * chi - count * (1.0 + g).ln()),
-            count: group.base.ncols(),
-        }
+        Score::of(likelihood, freedom, group.base.ncols())
     }
 
     /// Largest evidences that noise alone gives among all groups with their prior weights (logarithms), ascending.
@@ -209,6 +222,12 @@ impl Fitted {
 }
 
 impl Group {
+    /// Components on which it acts.
+    #[must_use]
+    pub fn components(&self) -> [bool; 3] {
+        self.on
+    }
+
     /// Number of columns that are left.
     #[must_use]
     pub fn count(&self) -> usize {

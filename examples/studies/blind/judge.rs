@@ -1,9 +1,68 @@
 //! The only place that calls the diagnosis. It sees the runs and the campaign, never the truth.
 
-use super::{Blind, Verdict};
+use super::{Amplitude, Blind, Verdict, VerdictStep};
+use calfit::diagnose::result::{Diagnosis, Step};
+use calfit::diagnose::{self, Options, Samples};
+use calfit::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
+use calfit::run::{Run, Vector, VectorSink};
 
 /// What the diagnosis says about a run set.
 pub fn judge(blind: &Blind) -> Verdict {
-    let _ = (&blind.runs, &blind.campaign);
-    Verdict::default()
+    let [(run, vectors)] = blind.runs.as_slice() else { return Verdict::default() };
+    one(run, vectors, blind).map_or_else(Verdict::default, |d| verdict(&d))
+}
+
+fn one(run: &Run, vectors: &[Vector], blind: &Blind) -> Option<Diagnosis> {
+    let mut sink = (Accumulator::default(), Samples::default());
+    sink.begin(&run.header, &run.settings);
+    vectors.iter().for_each(|v| sink.vector(*v));
+    let (accumulator, samples) = sink;
+    let plateaus = plateau::of_run(run, accumulator, Settling::Found, LEAST_COVERAGE);
+    diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, &Options::default()).ok()
+}
+
+fn verdict(diagnosis: &Diagnosis) -> Verdict {
+    Verdict {
+        steps: diagnosis.steps.iter().map(step).collect(),
+        not_identifiable: diagnosis.not_identifiable.iter().map(|n| n.effect.clone()).collect(),
+        oracle_chi2: None,
+    }
+}
+
+fn step(step: &Step) -> VerdictStep {
+    VerdictStep {
+        effect: step.effect.clone(),
+        axes: step.axes.clone(),
+        ambiguous_with: step.ambiguous_with.clone(),
+        family: step.family.to_owned(),
+        confident: step.wording == "is",
+        covariate: step.covariate.clone(),
+        strength_k: step.strength_k,
+        amplitudes: amplitudes(step),
+        gap_before_chi2: step.gap_before.chi2_per_dof,
+        gap_after_chi2: step.gap_after.chi2_per_dof,
+    }
+}
+
+/// Parameters under the names and with the signs of this study.
+fn amplitudes(step: &Step) -> Vec<Amplitude> {
+    let renamed = |name: &str| -> (String, f64) {
+        let axis = name.rsplit('_').next().unwrap_or_default();
+        match step.effect.as_str() {
+            // A sensitivity that grows makes the reading smaller.
+            "sensor_temperature_sensitivity" => (name.to_owned(), -1.0),
+            "offset_step" => (format!("step_{axis}"), 1.0),
+            "earthfield_leakage" => (format!("k_{axis}"), 1.0),
+            "heater_pwm" => (format!("amplitude_{axis}"), 1.0),
+            "time_shift" => ("dt".to_owned(), 1.0),
+            _ => (name.to_owned(), 1.0),
+        }
+    };
+    step.parameters
+        .iter()
+        .filter_map(|p| {
+            let (name, sign) = renamed(&p.name);
+            Some(Amplitude { name, value: sign * p.value, std: p.std? })
+        })
+        .collect()
 }

@@ -16,7 +16,7 @@ impl Effect for OffsetDrift {
     fn about(&self) -> About {
         About {
             summary: "offset drifts beyond the fitted trend",
-            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of order 3 and 4 (polynomial), or c exp(-t/time constant) (decay)",
+            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of order 3 and 4 (polynomial) or 3 to 6 (waves), or c exp(-t/time constant) (decay)",
             family: Family::Time,
             seen_in: "all",
             needs: "time",
@@ -27,6 +27,7 @@ impl Effect for OffsetDrift {
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
         let mut specs = singly_and_together("polynomial");
+        specs.extend(singly_and_together("waves"));
         let length = record.span_s[1] - record.span_s[0];
         for part in DECAYS {
             for axis in 0..3 {
@@ -42,14 +43,20 @@ impl Effect for OffsetDrift {
             let decay = |t: f64| (-(t - record.span_s[0]) / constant_s).exp();
             return Some(spec.axes.iter().map(|&a| Column::on("c", a, "enT", record, |_, r| decay(r.t_s()))).collect());
         }
-        let third = |u: f64| 0.5 * (5.0 * u * u - 3.0) * u;
-        let fourth = |u: f64| 0.125 * ((35.0 * u * u - 30.0) * u * u + 3.0);
+        let orders = if spec.form == "waves" { 3..=6 } else { 3..=4 };
         let columns = spec.axes.iter().flat_map(|&a| {
-            [
-                Column::on("p3", a, "enT", record, |_, r| third(record.tau(r.t_s()))),
-                Column::on("p4", a, "enT", record, |_, r| fourth(record.tau(r.t_s()))),
-            ]
+            orders.clone().map(move |p| Column::on(&format!("p{p}"), a, "enT", record, |_, r| legendre(p, record.tau(r.t_s()))))
         });
         Some(columns.collect())
     }
+}
+
+/// Legendre polynomial of an order, by its recurrence.
+fn legendre(order: u32, u: f64) -> f64 {
+    let (mut before, mut now) = (1.0, u);
+    for n in 1..order {
+        let n = f64::from(n);
+        (before, now) = (now, ((2.0 * n + 1.0) * u * now - n * before) / (n + 1.0));
+    }
+    if order == 0 { before } else { now }
 }

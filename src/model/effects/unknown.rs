@@ -41,6 +41,10 @@ impl Covariate {
                 all.push(of(format!("field {axis}"), "nT", &|r| r.field_coil_nt[k]));
             }
             all.push(of("field modulus".to_owned(), "nT", &Row::modulus_nt));
+            for (j, k) in [(0, 1), (0, 2), (1, 2)] {
+                let name = format!("field {} times field {}", COMPONENTS[j], COMPONENTS[k]);
+                all.push(of(name, "nT^2", &|r| r.field_coil_nt[j] * r.field_coil_nt[k]));
+            }
             for (k, axis) in COMPONENTS.iter().enumerate() {
                 all.push(of(format!("previous field {axis}"), "nT", &|r| r.previous_coil_nt[k]));
             }
