@@ -29,6 +29,7 @@ pub fn thermistors(run: &Run, scene: &Scene) -> Vec<Step> {
             axes: Vec::new(),
             ambiguous_with: Vec::new(),
             form: spec,
+            further: Vec::new(),
             parameters: vec![super::result::Parameter {
                 name: format!("jump of {name}"),
                 value: size,

@@ -153,6 +153,7 @@ pub fn run(
     if maps.is_empty() {
         maps = quiet_maps(&search, &state, &all, noise_floor_nt);
     }
+    let mut steps = joined(steps);
     sufficient(&mut steps);
     let (not_identifiable, detection_limits) = limits(&search, &state, &steps);
     if run.vectors.lost > 0 {
@@ -285,6 +286,7 @@ fn find_lag(scene: &mut Scene, readings: &DMatrix<f64>, given: &[Candidate]) -> 
         covariate: None,
         shape: Vec::new(),
         form: spec,
+        further: Vec::new(),
     })
 }
 
@@ -316,6 +318,7 @@ fn inside_step(found: &Inside, scene: &Scene) -> Step {
         axes: found.spec.axis_names().into_iter().map(str::to_owned).collect(),
         ambiguous_with: found.ambiguous_with.iter().map(|s| (*s).to_owned()).collect(),
         form: found.spec.clone(),
+        further: Vec::new(),
         parameters,
         place: words::place_inside(found),
         p_value: found.p_value,
@@ -466,6 +469,7 @@ fn term_step(
         axes,
         ambiguous_with: ambiguous,
         form: candidate.spec.clone(),
+        further: Vec::new(),
         parameters,
         place,
         p_value: score.p_value(),
@@ -505,6 +509,30 @@ fn quiet_maps(search: &Search, state: &State, all: &[&Candidate], noise_floor_nt
             }
         })
         .collect()
+}
+
+/// One step per effect, whatever the number of its forms.
+fn joined(steps: Vec<Step>) -> Vec<Step> {
+    let mut all: Vec<Step> = Vec::new();
+    for step in steps {
+        let same = |s: &&mut Step| s.effect == step.effect && s.covariate == step.covariate && !s.form.axes.is_empty();
+        let Some(first) = all.iter_mut().find(same).filter(|_| step.family != effects::Family::Periodic.name()) else {
+            all.push(step);
+            continue;
+        };
+        for axis in &step.axes {
+            if !first.axes.contains(axis) {
+                first.axes.push(axis.clone());
+            }
+        }
+        first.axes.sort();
+        first.further.push((step.form.clone(), step.parameters.clone()));
+        first.ambiguous_with.retain(|a| step.ambiguous_with.contains(a));
+        first.gap_after = step.gap_after;
+        first.strength_k = first.strength_k.hypot(step.strength_k);
+        first.sentence = words::sentence(first);
+    }
+    all
 }
 
 /// Names are no longer certain where something unknown was left over on the same axes.

@@ -44,6 +44,9 @@ pub struct Step {
     pub ambiguous_with: Vec<String>,
     /// What was fitted, complete with its shape.
     pub form: Spec,
+    /// Further forms of the same effect, each with its parameters.
+    #[serde(skip)]
+    pub further: Vec<(Spec, Vec<Parameter>)>,
     /// Parameters with standard uncertainties, corrected for having been selected.
     pub parameters: Vec<Parameter>,
     /// Where the data disagree, in words.

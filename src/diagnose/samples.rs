@@ -8,7 +8,7 @@ use realfft::RealFftPlanner;
 use std::f64::consts::TAU;
 
 /// Probability that noise alone shows as much.
-const SIGNIFICANT: f64 = 0.002;
+const SIGNIFICANT: f64 = 0.0006;
 /// A step of this many standard deviations of the samples shows where its edge is.
 const CLEAR_STEP: f64 = 100.0;
 /// Longest displacement that is looked for, s, and as a part of the shorter neighbour.

@@ -5,7 +5,7 @@ use crate::campaign::Campaign;
 use crate::formats::facility::Facility;
 use crate::model::effects::record::{Channel, Step, interpolate};
 use crate::model::effects::{Record, Row, Thermal};
-use crate::plateau::{Plateau, Plateaus};
+use crate::plateau::{Plateau, Plateaus, median};
 use crate::run::{Kind, Run, SlowTable, Vector, VectorSink};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
@@ -19,6 +19,9 @@ const LEAST_RANGE_K: f64 = 5.0;
 const THERMAL_ORDER: usize = 2;
 /// Order of the offset trend of a linearity run and of a zero-field run.
 pub const TREND_ORDER: usize = 2;
+/// A mean so many standard deviations beside its neighbours is an outlier, in a record of at least so many means.
+const OUTLIER: f64 = 5.0;
+const LEAST_FOR_OUTLIERS: usize = 200;
 /// Rows into which a record without settings is divided.
 const PARTS: usize = 200;
 
@@ -141,14 +144,39 @@ impl Scene {
             let at = |t: f64| s.t_s.partition_point(|x| *x < t - 1e-9);
             parts.iter().map(|p| [at(p.used_s[0]), at(p.used_s[1])]).collect()
         });
-        let count = |p: &Part| p.count.map_or(1.0, |n| n.max(1) as f64);
-        let most = parts.iter().map(count).fold(1.0, f64::max);
-        let white = parts.iter().map(|p| most / count(p)).collect();
+        let white = white_variances(&parts);
         let mut scene = Self { record, readings, design, white, nt_per_ent, windows, warnings };
+        scene.doubt_outliers();
         if let Some(samples) = samples {
             scene.record.steps = steps(&scene.record, &list, samples);
         }
         Ok(scene)
+    }
+
+    /// Gives single means that lie far off less weight, where the file brings no more than one value each.
+    fn doubt_outliers(&mut self) {
+        let n = self.readings.nrows();
+        if self.record.has_samples || n < LEAST_FOR_OUTLIERS {
+            return;
+        }
+        let q = self.design.clone().qr().q();
+        let left = &self.readings - &q * q.tr_mul(&self.readings);
+        for a in 0..3 {
+            let column: Vec<f64> = left.column(a).iter().copied().collect();
+            // Against its neighbours: what changes slowly is no outlier.
+            let beside = |i: usize| -> f64 {
+                let mut near: Vec<f64> = (i.saturating_sub(4)..(i + 5).min(n)).filter(|j| *j != i).map(|j| column[j]).collect();
+                column[i] - median(&mut near)
+            };
+            let off: Vec<f64> = (0..n).map(beside).collect();
+            let usual = 1.4826 * median(&mut off.iter().map(|v| v.abs()).collect::<Vec<f64>>());
+            for (white, v) in self.white.iter_mut().zip(&off) {
+                let z = v.abs() / usual.max(f64::MIN_POSITIVE);
+                if z > OUTLIER {
+                    *white = white.max(z * z / 4.0);
+                }
+            }
+        }
     }
 
     /// What the model of a sweep leaves of the readings with other temperatures of the rows: the sum of its squares, enT².
@@ -169,17 +197,39 @@ impl Scene {
     }
 }
 
+/// White variance of each part relative to the others: the scatter of its samples over their number, the components together.
+fn white_variances(parts: &[Part]) -> Vec<f64> {
+    let count = |p: &Part| p.count.map_or(1.0, |n| n.max(1) as f64);
+    let most = parts.iter().map(count).fold(1.0, f64::max);
+    let usual: [f64; 3] = std::array::from_fn(|a| {
+        let mut all: Vec<f64> = parts.iter().map(|p| p.std_ent.map_or(1.0, |s| s[a] * s[a])).collect();
+        median(&mut all).max(f64::MIN_POSITIVE)
+    });
+    let scatter = |p: &Part| p.std_ent.map_or(1.0, |s| (0..3).map(|a| s[a] * s[a] / usual[a]).sum::<f64>() / 3.0);
+    // A single plateau with a spike is no law: at most ten times, at least a fifth of the usual.
+    parts.iter().map(|p| scatter(p).clamp(0.2, 10.0) * most / count(p)).collect()
+}
+
 struct Part {
     used_s: [f64; 2],
     field_coil_nt: [f64; 3],
     mean_ent: [f64; 3],
     count: Option<u64>,
+    /// Standard deviation of the samples, enT, if they are known.
+    std_ent: Option<[f64; 3]>,
     index: Option<usize>,
 }
 
 impl Part {
     fn of(p: &Plateau) -> Self {
-        Part { used_s: p.used_s, field_coil_nt: p.setting.field.0, mean_ent: p.mean.0, count: p.count, index: Some(p.index) }
+        Part {
+            used_s: p.used_s,
+            field_coil_nt: p.setting.field.0,
+            mean_ent: p.mean.0,
+            count: p.count,
+            std_ent: p.std_ent,
+            index: Some(p.index),
+        }
     }
 }
 
@@ -199,6 +249,7 @@ fn parts_of(samples: &Samples) -> Vec<Part> {
                 field_coil_nt: [0.0; 3],
                 mean_ent: [mean(0), mean(1), mean(2)],
                 count: Some(r.len() as u64),
+                std_ent: None,
                 index: None,
             }
         })

@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// A candidate is taken if noise alone gives as much evidence less often than this.
-pub const SIGNIFICANT: f64 = 0.006;
+pub const SIGNIFICANT: f64 = 0.003;
 /// Below this evidence no simulation is needed: noise alone gives it in one run of a few.
 const HOPELESS: f64 = 2.0;
 /// Evidence, with a noise of its own, that a candidate needs where the noise of the model without it leaves too little of it: an effect that

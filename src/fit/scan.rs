@@ -15,7 +15,7 @@ const EXPECTED: f64 = 60.0;
 /// A group of which less than this part is left beside the model is absorbed by it.
 pub const ABSORBED: f64 = 0.02;
 /// Draws of noise for the largest evidence of all groups.
-const DRAWS: usize = 1500;
+const DRAWS: usize = 500;
 /// Draws of one thread at a time.
 const BATCH: usize = 50;
 
@@ -170,12 +170,14 @@ impl Fitted {
     pub fn simulate(&self, groups: &[&Group], log_priors: &[f64], seed: u64) -> Vec<f64> {
         let n = self.residual.len();
         let batches: Vec<usize> = (0..DRAWS / BATCH).collect();
+        // Components on which a group does not act have nothing to add.
+        let acts = |g: &Group, a: usize| g.cross[a].trace() > 0.0;
         let all: Vec<DMatrix<f64>> = (0..3)
             .map(|a| {
-                let columns: usize = groups.iter().map(|g| g.base.ncols()).sum();
+                let columns: usize = groups.iter().filter(|g| acts(g, a)).map(|g| g.base.ncols()).sum();
                 let mut joined = DMatrix::zeros(self.edges[a + 1] - self.edges[a], columns);
                 let mut at = 0;
-                for group in groups {
+                for group in groups.iter().filter(|g| acts(g, a)) {
                     let width = group.base.ncols();
                     joined.columns_mut(at, width).copy_from(&group.base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]));
                     at += width;
@@ -194,12 +196,17 @@ impl Fitted {
                 (0..BATCH)
                     .map(|draw| {
                         let squares = self.squares(&residuals.column(draw).into_owned());
-                        let mut at = 0;
+                        let mut at = [0; 3];
                         let mut most = f64::NEG_INFINITY;
                         for (group, prior) in groups.iter().zip(log_priors) {
                             let width = group.base.ncols();
-                            let own = [0, 1, 2].map(|a| along[a].view((at, draw), (width, 1)).column(0).into_owned());
-                            at += width;
+                            let own = [0, 1, 2].map(|a| {
+                                if !acts(group, a) {
+                                    return DVector::zeros(width);
+                                }
+                                at[a] += width;
+                                along[a].view((at[a] - width, draw), (width, 1)).column(0).into_owned()
+                            });
                             most = most.max(self.scored(group, &own, &squares).evidence + prior);
                         }
                         most

@@ -1,7 +1,7 @@
 //! Diagnoses as files, figures and text.
 
 use super::{Desk, Failure, Job, draw};
-use crate::diagnose::result::{Diagnosis, Step};
+use crate::diagnose::result::{Diagnosis, Parameter};
 use crate::diagnose::{self, Given, Options, Samples};
 use crate::error::Finding;
 use crate::formats::ccr;
@@ -110,10 +110,13 @@ pub fn read_model(path: &Path) -> Result<(ParameterFile<Model>, Vec<Given>), Fin
 pub fn publish_model(path: &Path, all: &[&Diagnosed], given: &[ModelEffect], force: bool) -> Result<(), Finding> {
     let mut effect: Vec<ModelEffect> = given.to_vec();
     for step in all.iter().flat_map(|d| &d.diagnosis.steps) {
-        // What is damaged or only seen between runs is no term of a reading.
-        let Some(entry) = entry(step) else { continue };
-        if !effect.iter().any(|e| e.id == entry.id && e.form == entry.form && e.axes == entry.axes) {
-            effect.push(entry);
+        let first = (step.form.clone(), step.parameters.clone());
+        for (form, parameters) in std::iter::once(&first).chain(&step.further) {
+            // What is damaged or only seen between runs is no term of a reading.
+            let Some(entry) = entry(&step.effect, form, parameters) else { continue };
+            if !effect.iter().any(|e| e.id == entry.id && e.form == entry.form && e.axes == entry.axes) {
+                effect.push(entry);
+            }
         }
     }
     let model = Model {
@@ -132,33 +135,27 @@ pub fn publish_model(path: &Path, all: &[&Diagnosed], given: &[ModelEffect], for
     folder.sync()
 }
 
-fn entry(step: &Step) -> Option<ModelEffect> {
-    let of = |p: &crate::diagnose::result::Parameter| ModelParameter {
-        name: p.name.clone(),
-        value: p.value,
-        std: p.std,
-        unit: p.unit.clone(),
-    };
-    if step.form.axes.is_empty() {
+fn entry(effect: &str, form: &Spec, parameters: &[Parameter]) -> Option<ModelEffect> {
+    let of = |p: &Parameter| ModelParameter { name: p.name.clone(), value: p.value, std: p.std, unit: p.unit.clone() };
+    if form.axes.is_empty() {
         return None;
     }
-    let is_shape = |name: &str| step.form.shape.iter().any(|(n, _, _)| n == name);
-    let shape = step
-        .form
+    let is_shape = |name: &str| form.shape.iter().any(|(n, _, _)| n == name);
+    let shape = form
         .shape
         .iter()
         .map(|(name, value, unit)| ModelParameter {
             name: name.clone(),
             value: *value,
-            std: step.parameters.iter().find(|p| p.name == *name).and_then(|p| p.std),
+            std: parameters.iter().find(|p| p.name == *name).and_then(|p| p.std),
             unit: unit.clone(),
         })
         .collect();
     Some(ModelEffect {
-        id: step.effect.clone(),
-        form: step.form.form.clone(),
-        axes: step.form.axis_names().into_iter().map(str::to_owned).collect(),
-        parameter: step.parameters.iter().filter(|p| !is_shape(&p.name)).map(of).collect(),
+        id: effect.to_owned(),
+        form: form.form.clone(),
+        axes: form.axis_names().into_iter().map(str::to_owned).collect(),
+        parameter: parameters.iter().filter(|p| !is_shape(&p.name)).map(of).collect(),
         shape,
     })
 }

@@ -9,7 +9,8 @@ use calfit::run::{Run, Vector, VectorSink};
 /// What the diagnosis says about a run set.
 pub fn judge(blind: &Blind) -> Verdict {
     let [(run, vectors)] = blind.runs.as_slice() else { return Verdict::default() };
-    one(run, vectors, blind).map_or_else(Verdict::default, |d| verdict(&d))
+    let cells = 3 * blind.means.first().map_or(0, Vec::len);
+    one(run, vectors, blind).map_or_else(Verdict::default, |d| verdict(&d, cells as f64))
 }
 
 fn one(run: &Run, vectors: &[Vector], blind: &Blind) -> Option<Diagnosis> {
@@ -21,27 +22,43 @@ fn one(run: &Run, vectors: &[Vector], blind: &Blind) -> Option<Diagnosis> {
     diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, &Options::default()).ok()
 }
 
-fn verdict(diagnosis: &Diagnosis) -> Verdict {
+fn verdict(diagnosis: &Diagnosis, cells: f64) -> Verdict {
     Verdict {
-        steps: diagnosis.steps.iter().map(step).collect(),
+        steps: diagnosis.steps.iter().map(|s| step(s, cells)).collect(),
         not_identifiable: diagnosis.not_identifiable.iter().map(|n| n.effect.clone()).collect(),
         oracle_chi2: None,
     }
 }
 
-fn step(step: &Step) -> VerdictStep {
+fn step(step: &Step, cells: f64) -> VerdictStep {
     VerdictStep {
         effect: step.effect.clone(),
         axes: step.axes.clone(),
         ambiguous_with: step.ambiguous_with.clone(),
         family: step.family.to_owned(),
         confident: step.wording == "is",
-        covariate: step.covariate.clone(),
+        covariate: step.covariate.as_deref().map(renamed_covariate),
         strength_k: step.strength_k,
         amplitudes: amplitudes(step),
-        gap_before_chi2: step.gap_before.chi2_per_dof,
-        gap_after_chi2: step.gap_after.chi2_per_dof,
+        gap_before_chi2: step.gap_before.chi2_per_dof * cells,
+        gap_after_chi2: step.gap_after.chi2_per_dof * cells,
     }
+}
+
+/// A covariate under the name of this study: channels by their own names, components of the field as bx, by, bz.
+fn renamed_covariate(name: &str) -> String {
+    let mut name = name.to_owned();
+    for (from, to) in [
+        ("the rack temperature", "T55"),
+        ("the sensor temperature", "TCSC"),
+        (" times ", "*"),
+        ("field x", "bx"),
+        ("field y", "by"),
+        ("field z", "bz"),
+    ] {
+        name = name.replace(from, to);
+    }
+    name
 }
 
 /// Parameters under the names and with the signs of this study.
@@ -54,7 +71,7 @@ fn amplitudes(step: &Step) -> Vec<Amplitude> {
             "offset_step" => (format!("step_{axis}"), 1.0),
             "earthfield_leakage" => (format!("k_{axis}"), 1.0),
             "heater_pwm" => (format!("amplitude_{axis}"), 1.0),
-            "time_shift" => ("dt".to_owned(), 1.0),
+            "time_shift" if name == "shift" => ("dt".to_owned(), 1.0),
             _ => (name.to_owned(), 1.0),
         }
     };

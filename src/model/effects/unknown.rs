@@ -6,6 +6,8 @@ use crate::units::COMPONENTS;
 
 /// Knots of the smooth function; one less is its degrees of freedom.
 const MOST_KNOTS: usize = 5;
+/// The same where it is looked at more closely.
+const CLOSE_KNOTS: usize = 13;
 /// Half of the time over which the rate of a temperature is taken, s.
 const RATE_S: f64 = 15.0;
 
@@ -88,13 +90,17 @@ impl Covariate {
     /// Knots at quantiles of the values, between the extremes; fewer where values coincide.
     #[must_use]
     pub fn knots(&self) -> Vec<f64> {
+        self.some_knots(MOST_KNOTS)
+    }
+
+    fn some_knots(&self, most: usize) -> Vec<f64> {
         let mut sorted = self.values.clone();
         sorted.sort_by(f64::total_cmp);
         let (low, high) = (sorted[0], sorted[sorted.len() - 1]);
         // Half way between equal parts of the range and of the values: programmes put many settings on zero.
-        let mut knots: Vec<f64> = (0..MOST_KNOTS)
+        let mut knots: Vec<f64> = (0..most)
             .map(|k| {
-                let part = k as f64 / (MOST_KNOTS - 1) as f64;
+                let part = k as f64 / (most - 1) as f64;
                 let quantile = sorted[(part * (sorted.len() - 1) as f64).round() as usize];
                 0.5 * (low + part * (high - low)) + 0.5 * quantile
             })
@@ -142,15 +148,22 @@ impl Effect for Unknown {
     }
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        let with_knots = |covariate: &Covariate, axis: usize| {
-            let knots = covariate.knots();
+        let with_knots = |covariate: &Covariate, axis: usize, most: usize| {
+            let knots = covariate.some_knots(most);
             let spec = Spec::new(&covariate.name, &[axis]);
             (knots.len() > 1).then(|| {
                 knots.iter().enumerate().fold(spec, |s, (k, knot)| s.with(&format!("knot {}", k + 1), *knot, covariate.unit))
             })
         };
         let all = Covariate::all(record);
-        Ok(all.iter().flat_map(|c| (0..3).filter_map(move |axis| with_knots(c, axis))).collect())
+        let mut specs: Vec<Spec> =
+            all.iter().flat_map(|c| (0..3).filter_map(move |axis| with_knots(c, axis, MOST_KNOTS))).collect();
+        // A converter has steps: the field along the axis is looked at more closely.
+        for (axis, name) in COMPONENTS.iter().enumerate() {
+            let own = all.iter().find(|c| c.name == format!("field {name}"));
+            specs.extend(own.and_then(|c| with_knots(c, axis, CLOSE_KNOTS)));
+        }
+        Ok(specs)
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
