@@ -169,6 +169,9 @@ pub struct Plateaus {
     pub outside: u64,
     /// Plateaus per component in which all samples are equal.
     pub without_scatter: [usize; 3],
+    /// A reading in the middle of every pause between two settings, (s since the run's start, enT): what is applied there.
+    #[serde(skip)]
+    pub pauses: Vec<(f64, [f64; 3])>,
 }
 
 /// Takes vectors and keeps sums per bin.
@@ -183,6 +186,8 @@ pub struct Accumulator {
     end_s: f64,
     bins_per_s: f64,
     outside: u64,
+    pause_s: f64,
+    pauses: Vec<(f64, [f64; 3])>,
     open: Open,
 }
 
@@ -265,6 +270,10 @@ impl VectorSink for Accumulator {
         }
         if vector.t_s < self.begin_s {
             self.outside += 1;
+            if vector.t_s >= self.pause_s {
+                self.pauses.push((vector.t_s, vector.reading.0));
+                self.pause_s = f64::INFINITY;
+            }
             return;
         }
         let Reading(r) = vector.reading;
@@ -279,8 +288,12 @@ impl VectorSink for Accumulator {
 
 impl Accumulator {
     fn enter(&mut self) {
+        self.pause_s = f64::INFINITY;
         match self.settings.get(self.current) {
             Some(s) => {
+                if let Some(before) = self.current.checked_sub(1).and_then(|i| self.settings.get(i)) {
+                    self.pause_s = 0.5 * (before.t_end_s + s.t_start_s);
+                }
                 self.begin_s = s.t_start_s;
                 self.end_s = s.t_end_s;
                 self.bins_per_s = BINS as f64 / (s.t_end_s - s.t_start_s);
@@ -353,6 +366,7 @@ impl Accumulator {
             tolerable_shift_s: 0.25 * self.median_duration_s(),
             outside: self.outside,
             without_scatter,
+            pauses: std::mem::take(&mut self.pauses),
         }
     }
 
@@ -703,6 +717,7 @@ pub fn from_blocks(blocks: &[GivenBlock]) -> Plateaus {
         tolerable_shift_s: f64::INFINITY,
         outside: 0,
         without_scatter: [0; 3],
+        pauses: Vec::new(),
     }
 }
 

@@ -5,10 +5,11 @@ mod refusal;
 pub use refusal::LinError;
 
 use crate::analysis::conditions::{self, Temperatures};
-use crate::analysis::linearise;
+use crate::analysis::{linearise, structure};
 use crate::campaign::Campaign;
+use crate::diagnose::known::{self, Applied, Known};
 use crate::envelope::Column;
-use crate::fit::{FitError, Limits, Propagated, Robust, Solution, linear, propagate, robust};
+use crate::fit::{FitError, Limits, NoiseModel, Propagated, Robust, Solution, linear, propagate, robust};
 use crate::formats::facility::Facility;
 use crate::formats::linearisation::Linearisation;
 use crate::formats::parameter::{
@@ -44,6 +45,8 @@ pub struct Options {
     pub facility: Option<Facility>,
     /// The polynomials that linearise the readings; `None` takes the readings as they are.
     pub linearisation: Option<Linearisation>,
+    /// Known effects, which are taken off the readings.
+    pub model: Option<Known>,
 }
 
 impl Default for Options {
@@ -58,6 +61,7 @@ impl Default for Options {
             allow_mismatch: false,
             facility: None,
             linearisation: None,
+            model: None,
         }
     }
 }
@@ -138,6 +142,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let mut warnings = Vec::new();
     let facility =
         options.facility.as_ref().map(|f| conditions::apply_facility(f, run, campaign, &mut list, &mut warnings)).transpose()?;
+    let known = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, campaign, &mut warnings));
     let linearisation = options.linearisation.as_ref().map(|l| linearise::apply(l, run, &mut list, &mut warnings));
     let used: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
     let count = 4 + order;
@@ -158,6 +163,10 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     if let Some(linearisation) = &options.linearisation {
         covariance_of_coefficients +=
             linearise::carried(linearisation, &design(&used, &trend).map_err(LinError::Fit)?, &used).map_err(LinError::Fit)?;
+    }
+    if let Some(known) = &known {
+        covariance_of_coefficients +=
+            carried(known, &list, &design(&used, &trend).map_err(LinError::Fit)?).map_err(LinError::Fit)?;
     }
     let uncertain = propagate(
         |x| Derived::of(x, &trend, &r_nom).map(|d| d.list()).unwrap_or_else(|_| vec![f64::NAN; Derived::COUNT]),
@@ -199,6 +208,9 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     conditions::warn_of_run(&mut warnings, run);
 
     judge_fit(&mut warnings, &blocks);
+    if !options.robust {
+        warnings.extend(structure_of(&temperatures, &list, &used, &trend, &noise));
+    }
     let readings = used.iter().flat_map(|p| p.mean.0).fold(0.0, |a: f64, v| a.max(v.abs()));
     if noise.noise.iter().any(|n| n.std < 1e-12 * readings) {
         warnings
@@ -211,8 +223,9 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let [xi_xy, xi_xz, xi_yz] = split.xi_deg;
     let [lambda_x, mu_y, nu_z] = split.rotation_deg;
     let mut durations: Vec<f64> = used.iter().map(|p| p.setting.t_end_s - p.setting.t_start_s).collect();
+    let convention = if linearisation.is_some() { Convention::linearised() } else { Convention::default() };
     let parameters = Cpf {
-        convention: if linearisation.is_some() { Convention::linearised() } else { Convention::default() },
+        convention: if known.is_some() { convention.without_effects() } else { convention },
         run: conditions::head(run, campaign, &temperatures),
         setup: Setup {
             position: position_id,
@@ -274,10 +287,38 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
         conditions: temperatures.conditions.clone(),
         facility,
         linearisation,
+        model: known.map(|k| k.part),
         dropped: conditions::dropped(&list),
         warnings,
     };
     Ok(Lin { parameters, blocks, temperatures, given: plateaus.clone(), samples: None })
+}
+
+/// What the uncertainty of known effects adds to the covariance of all coefficients, parameter j of component a at `a * p + j`. The
+/// parameters of the effects are taken as independent of each other.
+fn carried(known: &Applied, list: &[Plateau], design: &linear::Design) -> Result<DMatrix<f64>, FitError> {
+    let places: Vec<usize> = (0..list.len()).filter(|i| list[*i].dropped.is_none()).collect();
+    let count = design.names().len();
+    let mut covariance = DMatrix::zeros(3 * count, 3 * count);
+    for (std, values) in &known.carried {
+        let rhs = DMatrix::from_fn(places.len(), 3, |i, a| std * values[places[i]][a]);
+        let moved = linear::solve(design, &rhs, None, &Limits::default())?.coefficients;
+        let stacked = nalgebra::DVector::from_vec(stack(&moved));
+        covariance += &stacked * stacked.transpose();
+    }
+    Ok(covariance)
+}
+
+/// Whether the residuals depend on something that the model does not have.
+fn structure_of(
+    temperatures: &Temperatures,
+    list: &[Plateau],
+    used: &[&Plateau],
+    trend: &Trend,
+    noise: &NoiseModel,
+) -> Option<String> {
+    let columns = DMatrix::from_fn(used.len(), 4 + trend.order, |i, j| trend.cell(used[i], j));
+    structure::warning(&structure::Rows::of(list, used, &temperatures.sensor, &columns, noise))
 }
 
 pub(super) fn the_position(plateaus: &Plateaus, campaign: &Campaign) -> Result<(u32, Position), LinError> {
@@ -345,6 +386,11 @@ impl Trend {
         trend
     }
 
+    /// An element of the design.
+    fn cell(&self, plateau: &Plateau, column: usize) -> f64 {
+        if column < 3 { plateau.setting.field.0[column] } else { self.tau(plateau.t_s()).powi(column as i32 - 3) }
+    }
+
     fn tau(&self, t_s: f64) -> f64 {
         let [begin, end] = self.span_s;
         if end > begin { 2.0 * (t_s - begin) / (end - begin) - 1.0 } else { 0.0 }
@@ -383,10 +429,7 @@ impl Fitted {
 }
 
 fn design(used: &[&Plateau], trend: &Trend) -> Result<linear::Design, FitError> {
-    let columns = DMatrix::from_fn(used.len(), 4 + trend.order, |row, column| {
-        let p = used[row];
-        if column < 3 { p.setting.field.0[column] } else { trend.tau(p.t_s()).powi(column as i32 - 3) }
-    });
+    let columns = DMatrix::from_fn(used.len(), 4 + trend.order, |row, column| trend.cell(used[row], column));
     let names: Vec<String> = [
         "the response to X_c",
         "the response to Y_c",

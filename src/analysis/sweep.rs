@@ -9,8 +9,10 @@
 
 use super::conditions::{self, Temperatures};
 use super::lin::{apply_limits, the_position};
+use super::structure;
 use super::thermal::Curve;
 use crate::campaign::Campaign;
+use crate::diagnose::known::{self, Known};
 use crate::fit::{FitError, Limits, NORMAL_95, Solution, aicc, linear, propagate};
 use crate::formats::facility::Facility;
 use crate::formats::parameter::{LagPart, QuantityPart, Rotation, RunHead, SweepPart, ThermalConvention, ThermalHead, Tpf};
@@ -38,6 +40,8 @@ const HALVINGS: usize = 7;
 const LAGS: f64 = 4.0;
 /// A thermistor must move by this much to tell anything, K.
 const LEAST_RANGE_K: f64 = 5.0;
+/// Form of a lag that was not found in the run.
+const FROM_MODEL: &str = "of the model";
 /// Half of the time over which the rate of a thermistor is taken, s.
 const RATE_S: f64 = 300.0;
 /// Largest condition number of a window.
@@ -69,6 +73,8 @@ pub struct Options {
     pub orders: Vec<(String, usize)>,
     /// The facility that turns settings into the reference field; `None` takes the settings as the field.
     pub facility: Option<Facility>,
+    /// Known effects, which are taken off the readings; a lag of the thermistor among them is used.
+    pub model: Option<Known>,
 }
 
 impl Default for Options {
@@ -80,6 +86,7 @@ impl Default for Options {
             most_k_per_min: None,
             orders: Vec::new(),
             facility: None,
+            model: None,
         }
     }
 }
@@ -367,6 +374,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
     let mut warnings = Vec::new();
     let facility = options.facility.as_ref().map(|f| conditions::apply_facility(f, run, campaign, &mut list, &mut warnings));
     let facility = facility.transpose().map_err(|e| SweepError::Position(e.to_string()))?;
+    let model = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, campaign, &mut warnings));
     let used: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
     let span_s = [used.first().map_or(0.0, |p| p.used_s[0]), used.last().map_or(0.0, |p| p.used_s[1])];
     let temperatures = Temperatures::of(run, campaign, span_s, &mut Vec::new());
@@ -413,6 +421,11 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
     for (name, series) in &channels {
         parts.push(find_lag(name, series, &used, first)?);
     }
+    let known_lag = options.model.as_ref().and_then(Known::thermal_lag).map(|(form, lag_s)| match form {
+        "first order" => Lag::FirstOrder(lag_s),
+        "inverse first order" => Lag::FirstOrder(-lag_s),
+        _ => Lag::Delay(lag_s),
+    });
     // The one the campaign names, or the one that the sensor follows best.
     let best = parts.iter().min_by(|a, b| a.residual_std_ent.total_cmp(&b.residual_std_ent)).map(|p| p.channel.clone());
     let named = parts.iter().any(|p| p.channel == own);
@@ -423,13 +436,16 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
         warnings.push(format!("the sensor follows {} better than {channel}", best.unwrap_or_default()));
     }
     let chosen = parts.iter().position(|p| p.channel == channel).unwrap_or_default();
+    if known_lag.is_some() {
+        FROM_MODEL.clone_into(&mut parts[chosen].form);
+    }
     let (part, series) = (&parts[chosen], &channels[chosen].1);
     let best_lag = match part.form.as_str() {
         "delay" => Lag::Delay(part.delay_s),
         "first order" => Lag::FirstOrder(part.time_constant_s),
         _ => Lag::None,
     };
-    let moved = lagged(series, best_lag);
+    let moved = lagged(series, known_lag.unwrap_or(best_lag));
     let degc: Vec<f64> = used.iter().map(|p| at(&moved, p.t_s())).collect();
 
     let orders = match (given("sigma"), given("b_or")) {
@@ -495,6 +511,10 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
 
     conditions::warn_of_plateaus(&mut warnings, run, plateaus);
     conditions::warn_of_run(&mut warnings, run);
+    let columns =
+        DMatrix::from_fn(used.len(), orders.count(), |i, j| orders.cell(j, used[i], (degc[i] - joint.middle) / joint.half));
+    // The temperature with its lag: what the polynomials are of.
+    warnings.extend(structure::warning(&structure::Rows::of(&list, &used, &moved, &columns, &noise)));
     let mut head = conditions::head(run, campaign, &temperatures);
     head.temperature_degc = Some(degc.iter().sum::<f64>() / degc.len() as f64);
     let (curves, quantity): (Vec<Curve>, Vec<QuantityPart>) = QUANTITIES
@@ -561,6 +581,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
             residual_nt: std::array::from_fn(|k| rms(&|b: &SweepBlock| b.residual_nt[k])),
             lag: parts,
             facility,
+            model: model.map(|m| m.part),
         }),
     };
     Ok(Sweep { run: head, parameters, windows, curves, blocks, temperatures })

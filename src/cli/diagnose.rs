@@ -2,27 +2,42 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};
+use crate::analysis::lin;
 use crate::diagnose::{self, Options};
 use crate::error::Finding;
 use crate::formats::output::Folder;
-use crate::workflow::{Diagnosed, Failure, diagnose_run, facility, jobs, publish_diagnosis, publish_model, read_model};
+use crate::run::Kind;
+use crate::workflow::{
+    Across, Diagnosed, Failure, diagnose_run, diagnose_table, facility, jobs, publish_diagnosis, publish_model, read_model,
+};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
+#[command(
+    after_help = "Every run gets a folder with diagnosis.json, a report as Markdown and HTML, and figures: where readings and model \
+                        disagree before anything is named, what is left without and with each effect, what happens inside the plateaus, \
+                        and the evidence of the effect beside that of its rivals. `calfit effects` lists what can be named.\n\n\
+                        Examples:\n  calfit diagnose tests/data/cases/26-05-02.CCR.gz -o diagnosis\n  \
+                        calfit diagnose CAMPAIGN --write-model model.toml\n  calfit diagnose CAMPAIGN --model model.toml -o again"
+)]
 pub(super) struct Arguments {
-    /// Campaign folders or run files.
-    #[arg(required = true, value_name = "PATH")]
+    /// Campaign folders or run files; tables of run results (.csv) and linear calibrations (.CPF) of several runs, which are looked
+    /// at together, as are linearity runs of one sensor.
+    #[arg(required_unless_present = "amplitudes", value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// Effects that are known already.
+    /// A table of amplitudes in place of runs, as `calfit freq --amplitudes` reads it.
+    #[arg(long, value_name = "TABLE.csv", conflicts_with_all = ["paths", "model", "write_model", "facility"])]
+    amplitudes: Vec<PathBuf>,
+    /// Effects that are known already, from `--write-model`: their sizes are fitted again between the plateaus and taken off inside them.
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// Write the known effects and those that are found into a model file.
     #[arg(long, value_name = "FILE")]
     write_model: Option<PathBuf>,
-    /// Facility that turns settings into applied fields.
+    /// Facility that turns settings into applied fields: scale, offset and angles of the coil system.
     #[arg(long, value_name = "FILE")]
     facility: Option<PathBuf>,
 }
@@ -35,18 +50,24 @@ struct Listing<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    let campaigns = open(&arguments.paths, terminal)?;
+    if !arguments.amplitudes.is_empty() {
+        return tables(&arguments.amplitudes, common, terminal);
+    }
+    let mut together = Across::default();
+    let paths = parameters(&arguments.paths, &mut together, terminal)?;
+    let campaigns = if paths.is_empty() { Vec::new() } else { open(&paths, terminal)? };
     let model = arguments.model.as_ref().map(|path| read_model(path)).transpose()?;
     let facility = facility(arguments.facility.as_ref())?;
     let mut inputs = Vec::new();
     inputs.extend(model.as_ref().map(|(file, _)| file.input.clone()));
     inputs.extend(facility.as_ref().map(|f| f.input.clone()));
-    let options = Options { facility, given: model.as_ref().map(|(_, given)| given.clone()).unwrap_or_default() };
+    let options =
+        Options { facility: facility.clone(), given: model.as_ref().map(|(_, known)| known.given()).unwrap_or_default() };
     let (mut jobs, unmatched) = jobs(&campaigns, None);
     terminal.unmatched(&unmatched);
     jobs.retain(|job| job.named || job.header.as_ref().is_none_or(|h| diagnose::takes(h.kind)));
-    if jobs.is_empty() {
-        let shown: Vec<String> = arguments.paths.iter().map(|p| p.display().to_string()).collect();
+    if jobs.is_empty() && !paths.is_empty() {
+        let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
         let rule = "holds no run with steps, sines, a sweep or zero field".to_owned();
         return Err(Finding::error(&shown.join(", "), rule, "list the runs with `calfit inspect`"));
     }
@@ -67,16 +88,82 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         })
         .collect();
     bar.finish_and_clear();
+    let mut results: Vec<(String, Result<Diagnosed, Failure>)> =
+        jobs.iter().map(|job| job.recorded.clone()).zip(results).collect();
+    let linear: Vec<_> = jobs.iter().filter(|j| j.header.as_ref().is_some_and(|h| h.kind == Kind::Linearity)).collect();
+    let of_runs = together.count() == 0;
+    if linear.len() > 1 || !of_runs {
+        let lin_options = lin::Options { facility, ..lin::Options::default() };
+        // What cannot be fitted was named when it was looked at by itself.
+        together.runs(&linear, &lin_options, &desk, &mut Vec::new());
+        match together.diagnose() {
+            Ok(made) => {
+                publish_diagnosis(&made, &common.out, &desk)?;
+                results.push(("together".to_owned(), Ok(made)));
+            }
+            // Runs that have nothing in common were looked at one by one.
+            Err(finding) if of_runs => terminal.warning(&format!("together: {finding}")),
+            Err(finding) => return Err(finding),
+        }
+    }
     let total = results.len();
+    let (done, failures) = told(results, common, terminal)?;
+    let all: Vec<&Diagnosed> = done.iter().collect();
+    if let Some(path) = &arguments.write_model {
+        let given = model.map(|(file, _)| file.body.effect).unwrap_or_default();
+        publish_model(path, &all, &given, common.force)?;
+        if !common.json {
+            terminal.tell(&format!("model -> {}\n", path.display()));
+        }
+    }
+    report_failures(terminal, &failures, total);
+    Ok(status(done.len(), failures.iter().map(|(_, f)| f)))
+}
+
+/// Tables of amplitudes, one after the other.
+fn tables(paths: &[PathBuf], common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    Folder::open(&common.out, common.force)?;
+    let desk = common.desk();
+    let mut seen: Vec<String> = Vec::new();
+    let results = paths.iter().map(|path| {
+        let mut findings = Vec::new();
+        let made = diagnose_table(path, &mut findings).map_err(|f| Failure::Unreadable(vec![f])).and_then(|made| {
+            let id = made.diagnosis.runs.concat();
+            if seen.contains(&id) {
+                let rule = format!("gives the run id {id}, as an earlier table does");
+                return Err(Failure::Refused(Finding::error(&path.display().to_string(), rule, "rename one of the two")));
+            }
+            publish_diagnosis(&made, &common.out.join(&id), &desk).map_err(Failure::Refused)?;
+            seen.push(id);
+            Ok(made)
+        });
+        findings.iter().for_each(|f| terminal.finding(f));
+        (path.display().to_string(), made)
+    });
+    let results: Vec<_> = results.collect();
+    let (done, failures) = told(results, common, terminal)?;
+    report_failures(terminal, &failures, paths.len());
+    Ok(status(done.len(), failures.iter().map(|(_, f)| f)))
+}
+
+/// What was made and what failed, by the names of the inputs.
+type Sorted = (Vec<Diagnosed>, Vec<(String, Failure)>);
+
+/// Tells of every result.
+fn told(
+    results: impl IntoIterator<Item = (String, Result<Diagnosed, Failure>)>,
+    common: &Common,
+    terminal: &Terminal,
+) -> Result<Sorted, Finding> {
     let mut done = Vec::new();
     let mut failures = Vec::new();
-    for (job, result) in jobs.iter().zip(results) {
+    for (recorded, result) in results {
         match result {
             Ok(made) => {
-                made.diagnosis.warnings.iter().for_each(|w| terminal.warning(&format!("{}: {w}", job.recorded)));
+                made.diagnosis.warnings.iter().for_each(|w| terminal.warning(&format!("{recorded}: {w}")));
                 done.push(made);
             }
-            Err(failure) => failures.push((job.recorded.clone(), failure)),
+            Err(failure) => failures.push((recorded, failure)),
         }
     }
     let all: Vec<&Diagnosed> = done.iter().collect();
@@ -89,7 +176,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         terminal.print(&text);
     } else {
         for made in &all {
-            let id = made.diagnosis.runs.first().map_or("", String::as_str);
+            // What holds for several runs stands in the folder itself.
+            let id = if made.diagnosis.runs.len() > 1 { "" } else { made.diagnosis.runs.first().map_or("", String::as_str) };
             terminal.tell(&format!(
                 "{}  -> {}\n",
                 crate::report::diagnose::summary(&made.diagnosis),
@@ -97,13 +185,24 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             ));
         }
     }
-    if let Some(path) = &arguments.write_model {
-        let given = model.map(|(file, _)| file.body.effect).unwrap_or_default();
-        publish_model(path, &all, &given, common.force)?;
-        if !common.json {
-            terminal.tell(&format!("model -> {}\n", path.display()));
+    Ok((done, failures))
+}
+
+/// Takes tables and parameter files among the paths; the rest is returned.
+fn parameters(paths: &[PathBuf], together: &mut Across, terminal: &Terminal) -> Result<Vec<PathBuf>, Finding> {
+    let ends_with = |path: &Path, end: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(end));
+    let mut others = Vec::new();
+    for path in paths {
+        if ends_with(path, "csv") {
+            let mut findings = Vec::new();
+            let read = together.table(path, &mut findings);
+            findings.iter().for_each(|f| terminal.finding(f));
+            read?;
+        } else if ends_with(path, "cpf") {
+            together.cpf(path)?;
+        } else {
+            others.push(path.clone());
         }
     }
-    report_failures(terminal, &failures, total);
-    Ok(status(done.len(), failures.iter().map(|(_, f)| f)))
+    Ok(others)
 }

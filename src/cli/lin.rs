@@ -9,7 +9,7 @@ use crate::error::Finding;
 use crate::formats::output::Folder;
 use crate::formats::parameter::Body;
 use crate::workflow::{
-    Failure, First, PerRun, by_sensor_and_mode, facility, linearisation, linearise_group, make, publish, table_names,
+    Failure, First, PerRun, by_sensor_and_mode, facility, known, linearisation, linearise_group, make, publish, table_names,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -47,6 +47,9 @@ pub(super) struct FitOptions {
     /// field, in place of the settings themselves.
     #[arg(long, value_name = "FILE")]
     facility: Option<PathBuf>,
+    /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings before the fit.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
     #[command(flatten)]
     cut: Cut,
 }
@@ -74,6 +77,7 @@ impl FitOptions {
             allow_mismatch: common.allows(Allow::Mismatch),
             facility: facility(self.facility.as_ref())?,
             linearisation: None,
+            model: known(self.model.as_ref())?,
         })
     }
 }

@@ -4,6 +4,7 @@ mod check;
 mod coil;
 mod diagnose;
 mod each;
+mod effects;
 mod export;
 mod freq;
 mod inspect;
@@ -23,7 +24,8 @@ use crate::campaign::Campaign;
 use crate::error::Finding;
 use crate::run::Kind;
 use crate::workflow::{Desk, Failure, Job, jobs};
-use clap::{ArgAction, Args, ColorChoice, Parser, Subcommand, ValueEnum};
+use clap::parser::ValueSource;
+use clap::{ArgAction, ArgMatches, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use output::Terminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -64,6 +66,8 @@ enum Command {
     Coil(coil::Arguments),
     /// Find where the data disagree with the model, name the missing effect, add it, and show how the gap shrinks.
     Diagnose(diagnose::Arguments),
+    /// List the effects that `diagnose` looks for, or explain one: formula, parameters, source, the measurement that shows it best.
+    Effects(effects::Arguments),
     /// List the runs of a campaign: file, programme, sensor, mode, settings, vectors, losses, temperatures.
     Inspect(inspect::Arguments),
     /// Validate files and say everything that is wrong with each; changes nothing.
@@ -82,6 +86,9 @@ struct Common {
     /// Folder for results.
     #[arg(short, long, global = true, value_name = "DIR", default_value = "calfit-out")]
     out: PathBuf,
+    /// Whether the folder was named.
+    #[arg(skip)]
+    out_given: bool,
     /// Print the result as JSON on standard output, and nothing else there.
     #[arg(long, global = true)]
     json: bool,
@@ -109,6 +116,15 @@ struct Common {
     /// The same as `--allow truncated`.
     #[arg(long, global = true)]
     allow_truncated: bool,
+}
+
+impl Cli {
+    fn of(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let mut cli = Self::from_arg_matches(matches)?;
+        let source = matches.subcommand().and_then(|(_, own)| own.value_source("out"));
+        cli.common.out_given = source == Some(ValueSource::CommandLine);
+        Ok(cli)
+    }
 }
 
 /// Threads beside those of the cores: while a file is brought to the disk its thread waits.
@@ -170,7 +186,7 @@ fn status<'a>(succeeded: usize, failures: impl IntoIterator<Item = &'a Failure>)
 /// Runs the program with the arguments of the process.
 #[must_use]
 pub fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let cli = match Cli::command().try_get_matches().and_then(|matches| Cli::of(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
             // Help and version go to standard output and are no error. A closed output is nobody's fault.
@@ -206,6 +222,7 @@ fn execute(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
         Command::Simulate(arguments) => simulate::run(&arguments, &cli.common, terminal),
         Command::Coil(arguments) => coil::run(&arguments, &cli.common, terminal),
         Command::Diagnose(arguments) => diagnose::run(&arguments, &cli.common, terminal),
+        Command::Effects(arguments) => effects::run(&arguments, &cli.common, terminal),
         Command::Inspect(arguments) => inspect::run(&arguments, &cli.common, terminal),
         Command::Check(arguments) => check::run(&arguments, &cli.common, terminal),
         Command::Verify(arguments) => verify::run(&arguments, &cli.common, terminal),

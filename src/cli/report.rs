@@ -1,11 +1,12 @@
 //! `calfit report`: every analysis that the campaign allows, all files, the protocol.
 
 use super::output::{Terminal, json};
-use super::thermal::{gather, inputs_of, order, sort_results};
+use super::thermal::{gather, inputs_of, order, sort_results, warn_of_model};
 use super::{Common, Status, open, report_failures, status};
 use crate::analysis::coil::{residual::is_check, scalar};
 use crate::analysis::thermistor;
 use crate::campaign::Campaign;
+use crate::diagnose::known::Known;
 use crate::error::Finding;
 use crate::formats::facility::Facility;
 use crate::formats::output::Folder;
@@ -16,7 +17,7 @@ use crate::report::protocol::{self, OtherPart, Protocol, RunPart, ThermalPart};
 use crate::report::{self, Drawn, html};
 use crate::run::{Kind, Run};
 use crate::workflow::{
-    Analyses, CoilMade, CoilResult, CoilRun, Desk, Failure, LinName, Measured, ThermalOptions, draw, facility, jobs,
+    Analyses, CoilMade, CoilResult, CoilRun, Desk, Failure, LinName, Measured, ThermalOptions, draw, facility, jobs, known,
     publish_coil, publish_tables, publish_thermal_names, publish_thermistor, residual_of, scalar_of, scale_to_nt, thermals,
     thermistor_of,
 };
@@ -37,6 +38,9 @@ pub(super) struct Arguments {
     /// Facility that turns the settings of the runs into fields, as for `calfit lin` and `calfit offset`.
     #[arg(long, value_name = "FILE")]
     facility: Option<PathBuf>,
+    /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings of linearity runs and sweeps.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
 }
 
 #[derive(Serialize)]
@@ -64,7 +68,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     terminal.unmatched(&unmatched);
 
     let facility = facility(arguments.facility.as_ref())?;
-    let analyses = Analyses::with_facility(facility.as_ref());
+    let model = known(arguments.model.as_ref())?;
+    let analyses = Analyses::with_facility(facility.as_ref()).with_model(model.as_ref());
     let bar = terminal.progress(2 * jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
     let made: Vec<Result<Measured, Failure>> = jobs
@@ -82,6 +87,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             Err(failure) => failures.push((job.recorded.clone(), failure)),
         }
     }
+    warn_of_model(model.as_ref(), &measured, terminal);
     scale_to_nt(&mut measured)?;
     measured.sort_by_key(key);
     let drawn: Vec<Result<Vec<Drawn>, Finding>> = measured
@@ -108,7 +114,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 
     let points: Vec<_> = measured.iter().filter_map(Measured::point).collect();
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
-    let options = ThermalOptions { orders: arguments.order.clone(), joint: true, facility };
+    let options = ThermalOptions { orders: arguments.order.clone(), joint: true, facility, model };
     let inputs = inputs_of(&measured);
     let results = thermals(&points, &lins, &campaign.file.thermal, &options, &desk, |used| gather(used, &inputs));
     let groups = sort_results(results, &mut failures, terminal);
@@ -123,6 +129,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     input.extend(campaign.input.clone());
     input.extend(thermistors.input);
     input.extend(options.facility.iter().map(|f| f.input.clone()));
+    input.extend(options.model.iter().map(|m| m.input.clone()));
     let failed: Vec<(String, String)> = failures
         .iter()
         .flat_map(|(name, f)| f.errors().map(move |e| (name.clone(), format!("{}; {}", e.rule, e.remedy))))
@@ -138,9 +145,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         files: hashes(&folder, &measured)?,
         provenance: Provenance::new(
             format!(
-                "calfit report{}{}",
+                "calfit report{}{}{}",
                 options.recorded_orders(),
-                options.facility.as_ref().map_or_else(String::new, Facility::recorded)
+                options.facility.as_ref().map_or_else(String::new, Facility::recorded),
+                options.model.as_ref().map_or_else(String::new, Known::recorded)
             ),
             input,
         ),

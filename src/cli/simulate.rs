@@ -4,8 +4,9 @@ use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::error::Finding;
 use crate::formats::twin;
-use crate::simulate::like::write_like;
-use crate::simulate::write_campaign;
+use crate::simulate::like::write_like_with;
+use crate::simulate::write_campaign_with;
+use crate::workflow::known;
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -21,6 +22,9 @@ pub(super) struct Arguments {
     /// Parameter files for --like: the CPF of a linearity run, OPF and CPF of an offset run, the FPF of a frequency run.
     #[arg(long, value_name = "FILE", requires = "like", num_args = 1..)]
     parameters: Vec<PathBuf>,
+    /// Model file of `calfit diagnose --write-model`: its effects are added to the readings.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
     /// Seed of the random numbers, in place of the twin's.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -42,7 +46,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 
 fn like(run: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let seed = arguments.seed.unwrap_or(1);
-    let path = write_like(run, &arguments.parameters, seed, &common.out, common.force)?;
+    let (model, mut warnings) = (known(arguments.model.as_ref())?, Vec::new());
+    let path = write_like_with(model.as_ref(), run, &arguments.parameters, seed, &common.out, common.force, &mut warnings)?;
+    warnings.iter().for_each(|w| terminal.warning(w));
     if common.json {
         terminal.print(&json(&Listing { seed, runs: vec![path] })?);
     } else {
@@ -57,8 +63,10 @@ fn campaign(path: &Path, arguments: &Arguments, common: &Common, terminal: &Term
     findings.iter().for_each(|f| terminal.finding(f));
     let seed = arguments.seed.unwrap_or(twin.seed);
     let bar = terminal.progress(twin.runs.len());
-    let runs = write_campaign(&twin, seed, &common.out, common.force, || bar.inc(1))?;
+    let (model, mut warnings) = (known(arguments.model.as_ref())?, Vec::new());
+    let runs = write_campaign_with(model.as_ref(), &twin, seed, &common.out, common.force, || bar.inc(1), &mut warnings)?;
     bar.finish_and_clear();
+    warnings.iter().for_each(|w| terminal.warning(w));
     let (vectors, bytes) = runs.iter().fold((0, 0), |(v, b), run| (v + run.vectors, b + run.size_bytes));
     if common.json {
         terminal.print(&json(&Listing { seed, runs })?);

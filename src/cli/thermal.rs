@@ -5,13 +5,16 @@ use super::{Common, Status, open, report_failures, status};
 use crate::analysis::sweep::{self, Window};
 use crate::analysis::thermal::File;
 use crate::campaign::Campaign;
+use crate::diagnose::known::Known;
 use crate::error::Finding;
 use crate::formats::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
 use crate::formats::output::Folder;
 use crate::formats::parameter::{Body, Point, Tcf, Tpf, Values, read, read_point};
 use crate::provenance::Input;
 use crate::report;
-use crate::workflow::{Analyses, Failure, LinName, Measured, PairFiles, ThermalOptions, ThermalShown, facility, jobs, thermals};
+use crate::workflow::{
+    Analyses, Failure, LinName, Measured, PairFiles, ThermalOptions, ThermalShown, facility, jobs, known, thermals,
+};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -39,6 +42,9 @@ pub(super) struct Arguments {
     /// Facility that turns the settings of the runs into fields, as for `calfit lin` and `calfit offset`.
     #[arg(long, value_name = "FILE")]
     facility: Option<PathBuf>,
+    /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings of linearity runs and sweeps.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
     /// Linear calibration at the centre of the coil system: the runs were measured beside it and their polynomials, or those of a TPF
     /// among the paths, are taken to the centre as well.
     #[arg(long, value_name = "CPF")]
@@ -95,6 +101,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         orders: arguments.order.clone(),
         joint: arguments.joint,
         facility: facility(arguments.facility.as_ref())?,
+        model: known(arguments.model.as_ref())?,
     };
     // Refuse what cannot be written before the work begins.
     Folder::open(&common.out, common.force)?;
@@ -128,15 +135,21 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let rule = "changes nothing where only parameter files are named";
         return Err(Finding::error(&facility.input.path, rule, "name the runs, or leave --facility out"));
     }
+    if let (Some(model), true) = (&options.model, campaigns.is_empty()) {
+        let rule = "changes nothing where only parameter files are named";
+        return Err(Finding::error(&model.input.path, rule, "name the runs, or leave --model out"));
+    }
     let sweep = sweep::Options {
         window: arguments.window,
         most_k_per_min: arguments.max_rate,
         orders: arguments.order.clone(),
         facility: options.facility.clone(),
+        model: options.model.clone(),
         ..sweep::Options::default()
     };
-    let analyses = Analyses { sweep, ..Analyses::with_facility(options.facility.as_ref()) };
+    let analyses = Analyses { sweep, ..Analyses::with_facility(options.facility.as_ref()).with_model(options.model.as_ref()) };
     let (measured, total) = measure(&campaigns, &analyses, common, terminal, &mut failures);
+    warn_of_model(options.model.as_ref(), &measured, terminal);
     let sweeps: Vec<&sweep::Sweep> =
         measured.iter().filter_map(|m| if let Measured::Sweep(made) = m { Some(&made.result) } else { None }).collect();
     inputs.extend(inputs_of(&measured));
@@ -285,6 +298,17 @@ pub(super) fn gather(used: &[&Point], inputs: &HashMap<String, Vec<Input>>) -> V
 pub(super) fn inputs_of(measured: &[Measured]) -> HashMap<String, Vec<Input>> {
     let of = |one: &Measured| Some((one.point()?.file, one.provenance()?.input.clone()));
     measured.iter().filter_map(of).collect()
+}
+
+/// Says which runs are analysed as they are in spite of a model.
+pub(super) fn warn_of_model(model: Option<&Known>, measured: &[Measured], terminal: &Terminal) {
+    let Some(model) = model else { return };
+    let as_it_is = |m: &&Measured| matches!(m, Measured::Offset(_) | Measured::Freq(_) | Measured::Null(_));
+    let count = measured.iter().filter(as_it_is).count();
+    if count > 0 {
+        let file = &model.input.path;
+        terminal.warning(&format!("{file}: its effects have no influence on {count} offset, frequency and zero-field runs"));
+    }
 }
 
 /// The analyses of all runs that a group can use.

@@ -200,9 +200,17 @@ fn fit_again(file: &Path, stated: &AnyFile, found: &[PathBuf]) -> Result<AnyFile
     const MARK: char = '\u{1}';
     let mut marked = command.clone();
     for (index, input) in stated.provenance.input.iter().enumerate() {
-        for option in
-            ["--cpf", "--amplitudes", "--facility", "--reference", "--linearisation", "--centre", "--off-centre", "--offset"]
-        {
+        for option in [
+            "--cpf",
+            "--amplitudes",
+            "--facility",
+            "--reference",
+            "--linearisation",
+            "--centre",
+            "--off-centre",
+            "--offset",
+            "--model",
+        ] {
             marked = marked.replace(&format!("{option} {}", input.path), &format!("{option} {MARK}{index}"));
         }
     }

@@ -17,10 +17,16 @@ const SIDES: usize = 6;
 /// Temperature channels that jump.
 #[must_use]
 pub fn thermistors(run: &Run, scene: &Scene) -> Vec<Step> {
+    thermistors_within(run, scene.record.span_s)
+}
+
+/// Temperature channels that jump between two times, s since the run's start.
+#[must_use]
+pub fn thermistors_within(run: &Run, span_s: [f64; 2]) -> Vec<Step> {
     let mut steps = Vec::new();
     for name in &run.temperatures.names {
         let Some(series) = run.temperatures.channel(name) else { continue };
-        let inside = |t: f64| (scene.record.span_s[0]..=scene.record.span_s[1]).contains(&t);
+        let inside = |t: f64| (span_s[0]..=span_s[1]).contains(&t);
         let Some((t_s, size)) = jump(&series).filter(|(t, _)| inside(*t)) else { continue };
         let spec = Spec::new("jump", &[]).with("time", t_s, "s");
         let gap = Gap::default();

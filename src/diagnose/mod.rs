@@ -6,12 +6,18 @@
 //! for by simulation, the best term is added, all is fitted again, and terms are dropped and swapped, until nothing significant is
 //! left. What is accepted has predicted stretches that were held out. Results are plain structs ([`result`]).
 
+pub mod across;
+pub mod branches;
 pub mod faults;
 pub mod freq;
+pub mod inside_maps;
+pub mod known;
 pub mod result;
 pub mod samples;
 pub mod scene;
 pub mod search;
+pub mod signature;
+pub mod where_map;
 pub mod words;
 
 use crate::campaign::Campaign;
@@ -23,7 +29,9 @@ use crate::plateau::Plateaus;
 use crate::run::{Kind, Run};
 use crate::units::COMPONENTS;
 use nalgebra::DMatrix;
-use result::{DetectionLimit, Diagnosis, Gap, Map, NotIdentifiable, Parameter, RunnerUp, ShapePoint, Step};
+use result::{
+    Branches, DetectionLimit, Diagnosis, Evidence, Gap, Map, NotIdentifiable, Parameter, Pictures, RunnerUp, ShapePoint, Step,
+};
 use samples::Inside;
 pub use scene::Samples;
 use scene::Scene;
@@ -37,6 +45,8 @@ const ALIKE: f64 = 0.99;
 const FOUND_90: f64 = 5.2;
 /// From here on a name may be called certain.
 const CERTAIN: f64 = 10.0;
+/// Rivals of a step whose evidence is drawn.
+const RIVALS: usize = 7;
 /// An effect of which less than this part is left beside the fitted parameters cannot be shown.
 const SHOWN: f64 = 0.02;
 
@@ -60,14 +70,16 @@ pub struct Given {
     pub values: Vec<f64>,
 }
 
+/// Effects that show inside the plateaus and are known from there.
+pub const INSIDE: [&str; 4] = ["settling", "time_shift", "heater_pwm", "interference_tone"];
+
 impl Given {
-    /// Whether it shows inside the plateaus and is known from there.
     fn is_inside(&self) -> bool {
-        ["settling", "time_shift", "heater_pwm", "interference_tone"].contains(&self.id)
+        INSIDE.contains(&self.id)
     }
 }
 
-/// Diagnoses one run with fields in steps, a sweep, or a run in zero field.
+/// Diagnoses one run with fields in steps, a sweep, sines, or a run in zero field.
 ///
 /// # Errors
 /// Why the run cannot be looked at.
@@ -78,6 +90,9 @@ pub fn run(
     campaign: &Campaign,
     options: &Options,
 ) -> Result<Diagnosis, String> {
+    if run.header.kind == Kind::Frequency {
+        return freq::run(run, samples, campaign);
+    }
     let samples = samples.filter(|s| !s.t_s.is_empty());
     let mut scene = Scene::new(run, plateaus, samples, campaign, options.facility.as_ref()).map_err(|e| e.0)?;
     let mut warnings = std::mem::take(&mut scene.warnings);
@@ -86,14 +101,14 @@ pub fn run(
     let known: Vec<Inside> = options.given.iter().filter(|g| g.is_inside()).map(Inside::known).collect();
     let count_known = known.len();
     let mut inside: Vec<Inside> = known;
+    let settings: Vec<[f64; 2]> = plateaus
+        .list
+        .iter()
+        .filter(|p| p.setting.frequency_hz == 0.0)
+        .map(|p| [p.setting.t_start_s, p.setting.t_end_s])
+        .collect();
     if let Some(samples) = samples {
         if scene.record.has_fields() {
-            let settings: Vec<[f64; 2]> = plateaus
-                .list
-                .iter()
-                .filter(|p| p.setting.frequency_hz == 0.0)
-                .map(|p| [p.setting.t_start_s, p.setting.t_end_s])
-                .collect();
             let shift = samples::displaced(&scene, samples);
             let skip_s = shift.as_ref().and_then(|s| s.spec.get("shift")).map_or(0.0, f64::abs) * 1.5;
             let transient = samples::transients(&scene, samples, &settings, skip_s);
@@ -120,10 +135,18 @@ pub fn run(
     let between = options.given.iter().filter(|g| !g.is_inside() && g.id != "thermal_lag");
     let given: Vec<Candidate> = between.filter_map(|g| candidate(&scene.record, g.id, &g.spec)).collect();
 
+    let mut pictures = Pictures::default();
+    let design_before = scene.design.clone();
     // A lag changes the temperatures that the model itself is a polynomial of: it is looked for first, and then built in.
     let mut lag: Option<Step> = None;
-    if scene.record.thermal.is_some() && known_lag.is_none() {
-        lag = find_lag(&mut scene, &readings, &given);
+    let lag_number = steps.len() + inside.len() - count_known;
+    if scene.record.thermal.is_some()
+        && known_lag.is_none()
+        && let Some((step, branches, evidence)) = find_lag(&mut scene, &readings, &given, lag_number)
+    {
+        lag = Some(step);
+        pictures.branches = Some(branches);
+        pictures.evidence.push(evidence);
     }
     let steps_have_lag = lag.is_some() || known_lag.is_some();
     let mut search = Search::new(&scene, readings);
@@ -141,19 +164,33 @@ pub fn run(
     let row_std = search.row_std(&state, &all);
     let noise_floor_nt = std::array::from_fn(|a| row_std[0][a] * scene.nt_per_ent[a]);
     let mut maps = Vec::new();
-    for found in &inside[count_known..] {
+    for (index, found) in inside.iter().enumerate().skip(count_known) {
+        let picture = samples.and_then(|s| inside_maps::of(&scene, s, &settings, &inside[..index], found, steps.len()));
+        pictures.inside.extend(picture);
         steps.push(inside_step(found, &scene));
     }
     steps.extend(lag);
     let found_before = steps.len();
     for (index, term) in terms.iter().enumerate() {
         let at = given.len() + index;
-        steps.push(term_step(&search, &state, &all, at, term, &row_std, found_before + index, &mut maps));
+        steps.push(term_step(&search, &state, &all, at, term, &row_std, found_before + index, &mut maps, &mut pictures));
     }
-    if maps.is_empty() {
-        maps = quiet_maps(&search, &state, &all, noise_floor_nt);
-    }
-    let mut steps = joined(steps);
+    let (mut steps, places) = joined(steps);
+    // A further form of an effect has no picture of its own.
+    let place = |step: usize| places.get(step).copied().flatten();
+    maps = maps.into_iter().filter_map(|m| Some(Map { step: place(m.step)?, ..m })).collect();
+    let evidence = std::mem::take(&mut pictures.evidence);
+    pictures.evidence = evidence.into_iter().filter_map(|e| Some(Evidence { step: place(e.step)?, ..e })).collect();
+    pictures.left = quiet_maps(&search, &state, &all, noise_floor_nt);
+    let raw = corrected(&scene, &inside[..count_known]);
+    let before = where_map::Model {
+        record: &scene.record,
+        readings: &raw,
+        design: &design_before,
+        given: given.iter().map(|g| &g.stacked).collect(),
+        nt_per_ent: scene.nt_per_ent,
+    };
+    pictures.places = where_map::places(&before, &state.noise);
     sufficient(&mut steps);
     let (not_identifiable, detection_limits) = limits(&search, &state, &steps);
     if run.vectors.lost > 0 {
@@ -169,8 +206,14 @@ pub fn run(
         steps,
         not_identifiable,
         detection_limits,
+        response: None,
         warnings,
+        reading_ent: std::array::from_fn(|a| {
+            let readings = search.scene.record.rows.iter().map(|r| r.linear_ent[a]);
+            readings.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
+        }),
         maps,
+        pictures,
     })
 }
 
@@ -196,7 +239,12 @@ fn corrected(scene: &Scene, inside: &[Inside]) -> DMatrix<f64> {
 }
 
 /// Looks for a lag of the thermistor and, if there is one, gives the scene the temperatures of the part that matters.
-fn find_lag(scene: &mut Scene, readings: &DMatrix<f64>, given: &[Candidate]) -> Option<Step> {
+fn find_lag(
+    scene: &mut Scene,
+    readings: &DMatrix<f64>,
+    given: &[Candidate],
+    number: usize,
+) -> Option<(Step, Branches, Evidence)> {
     let series = scene.record.sensor.as_ref()?.series.clone();
     let times: Vec<f64> = scene.record.rows.iter().map(Row::t_s).collect();
     let degc = |form: &str, lag_s: f64| -> Vec<f64> {
@@ -260,13 +308,24 @@ fn find_lag(scene: &mut Scene, readings: &DMatrix<f64>, given: &[Candidate]) -> 
     let nt_per_ent = scene.nt_per_ent;
     let (n, runners_up) = (search.bank.len(), runners(&search, &groups, &explanations, "thermal_lag"));
     let gap_before = gap(&held_before, nt_per_ent);
+    let evidence = bars(&search, &explanations, "thermal_lag", best.evidence, number);
+    let record_before = scene.record.clone();
     scene.with_temperatures(degc(form, lag_s));
     let search = Search::new(scene, readings.clone());
     let state = search.state(&now)?;
     let held_after = search.held_out(&state.noise, &now);
     let gap_after = gap(&held_after, nt_per_ent);
     let name = scene.record.sensor.as_ref().map_or_else(String::new, |c| c.name.clone());
-    Some(Step {
+    let row_std = search.row_std(&state, &now);
+    let branches = branches::of(
+        &branches::Side { record: &record_before, residual_ent: &held_before.residual_ent },
+        &branches::Side { record: &scene.record, residual_ent: &held_after.residual_ent },
+        row_std[0],
+        &name,
+        &series,
+        number,
+    );
+    let step = Step {
         effect: "thermal_lag".to_owned(),
         axes: COMPONENTS.map(str::to_owned).to_vec(),
         ambiguous_with: Vec::new(),
@@ -287,7 +346,8 @@ fn find_lag(scene: &mut Scene, readings: &DMatrix<f64>, given: &[Candidate]) -> 
         shape: Vec::new(),
         form: spec,
         further: Vec::new(),
-    })
+    };
+    Some((step, branches, evidence))
 }
 
 /// A step found in the samples.
@@ -365,6 +425,13 @@ fn runners(
         .collect()
 }
 
+/// Evidence of a step and of the rivals that explain anything at all.
+fn bars(search: &Search, explanations: &[search::Explanation], key: &str, own: f64, step: usize) -> Evidence {
+    let rivals = explanations.iter().filter(|e| e.key != key && e.evidence > 0.0).take(RIVALS);
+    let named = std::iter::once((key.to_owned(), own));
+    Evidence { step, bars: named.chain(rivals.map(|e| (search.bank[e.best].key.clone(), e.evidence))).collect(), apart: APART }
+}
+
 /// A step found in the means.
 #[expect(clippy::too_many_arguments, reason = "what the search knows of one of its terms")]
 fn term_step(
@@ -376,6 +443,7 @@ fn term_step(
     row_std: &[[f64; 3]],
     number: usize,
     maps: &mut Vec<Map>,
+    pictures: &mut Pictures,
 ) -> Step {
     let scene = search.scene;
     let nt_per_ent = scene.nt_per_ent;
@@ -389,6 +457,7 @@ fn term_step(
     let score = without.fitted.score(&own_group);
     let own =
         explanations.iter().find(|e| e.key == candidate.key).map_or(score.evidence, |e| e.evidence).max(score.evidence - 3.0);
+    pictures.evidence.push(bars(search, &explanations, &candidate.key, own, number));
     let mut ambiguous: Vec<String> = Vec::new();
     for e in explanations.iter().filter(|e| e.key != candidate.key) {
         let id = search.bank[e.best].id.to_owned();
@@ -490,7 +559,7 @@ fn term_step(
     step
 }
 
-/// Pictures of a run in which nothing is missing.
+/// What the whole model leaves of the readings.
 fn quiet_maps(search: &Search, state: &State, all: &[&Candidate], noise_floor_nt: [f64; 3]) -> Vec<Map> {
     let held = search.held_out(&state.noise, all);
     (0..3)
@@ -511,15 +580,18 @@ fn quiet_maps(search: &Search, state: &State, all: &[&Candidate], noise_floor_nt
         .collect()
 }
 
-/// One step per effect, whatever the number of its forms.
-fn joined(steps: Vec<Step>) -> Vec<Step> {
+/// One step per effect, whatever the number of its forms, and where each step went; none for one that joined another.
+fn joined(steps: Vec<Step>) -> (Vec<Step>, Vec<Option<usize>>) {
     let mut all: Vec<Step> = Vec::new();
+    let mut places = Vec::with_capacity(steps.len());
     for step in steps {
         let same = |s: &&mut Step| s.effect == step.effect && s.covariate == step.covariate && !s.form.axes.is_empty();
         let Some(first) = all.iter_mut().find(same).filter(|_| step.family != effects::Family::Periodic.name()) else {
+            places.push(Some(all.len()));
             all.push(step);
             continue;
         };
+        places.push(None);
         for axis in &step.axes {
             if !first.axes.contains(axis) {
                 first.axes.push(axis.clone());
@@ -532,7 +604,7 @@ fn joined(steps: Vec<Step>) -> Vec<Step> {
         first.strength_k = first.strength_k.hypot(step.strength_k);
         first.sentence = words::sentence(first);
     }
-    all
+    (all, places)
 }
 
 /// Names are no longer certain where something unknown was left over on the same axes.

@@ -24,13 +24,138 @@ pub struct Diagnosis {
     pub not_identifiable: Vec<NotIdentifiable>,
     /// Smallest effects that these data would have shown with a probability of 90 %.
     pub detection_limits: Vec<DetectionLimit>,
+    /// Response to alternating fields that describes the data, in words; of frequency runs only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub response: Option<String>,
     /// In one line.
     pub verdict: String,
     /// What a person should know.
     pub warnings: Vec<String>,
+    /// Smallest and largest reading of the sensor axes, without offset, enT.
+    #[serde(skip)]
+    pub reading_ent: [[f64; 2]; 3],
     /// Residuals before, and after each step, for the pictures.
     #[serde(skip)]
     pub maps: Vec<Map>,
+    /// Everything else that the pictures show.
+    #[serde(flatten)]
+    pub pictures: Pictures,
+}
+
+/// What the pictures of a diagnosis show beside the residuals of its steps.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Pictures {
+    /// Where readings and model disagree before anything is named: the largest first.
+    #[serde(rename = "where", skip_serializing_if = "Vec::is_empty")]
+    pub places: Vec<Place>,
+    /// Evidence of each step that has rivals.
+    #[serde(skip)]
+    pub evidence: Vec<Evidence>,
+    /// What happens inside the plateaus.
+    #[serde(skip)]
+    pub inside: Vec<InsideMap>,
+    /// Temperatures that the readings speak of.
+    #[serde(skip)]
+    pub branches: Option<Branches>,
+    /// Residuals of the whole model, an entry per component.
+    #[serde(skip)]
+    pub left: Vec<Map>,
+}
+
+/// How the readings of one axis disagree with the model along a covariate, before anything is named.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Place {
+    /// Covariate; one that begins with `gain with` multiplies the reading.
+    pub covariate: String,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Sensor axis.
+    pub axis: &'static str,
+    /// Middle of the bin that disagrees most, in units of the covariate.
+    pub at: f64,
+    /// Its displacement, nT along the sensor axis; of a gain, at the largest reading.
+    pub displacement_nt: f64,
+    /// Its displacement over the standard uncertainty.
+    pub multiples_of_noise: f64,
+    /// All bins in the order of the covariate.
+    #[serde(skip)]
+    pub bins: Vec<Bin>,
+}
+
+/// Rows with similar values of a covariate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bin {
+    /// Where the bin begins and ends when the rows are ordered by the covariate, 0 to 1.
+    pub share: [f64; 2],
+    /// Mean of the covariate.
+    pub at: f64,
+    /// Displacement of the readings of the bin beside the model, nT.
+    pub displacement_nt: f64,
+    /// Displacement over its standard uncertainty.
+    pub multiples_of_noise: f64,
+}
+
+/// Evidence of the effect of a step and of its rivals.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evidence {
+    /// Step, from 0.
+    pub step: usize,
+    /// Id and natural logarithm of the likelihood ratio to a model without it, prior and number of choices included; the step's own first.
+    pub bars: Vec<(String, f64)>,
+    /// Difference below which two explanations are not told apart.
+    pub apart: f64,
+}
+
+/// Means of the samples over their place inside the plateaus, over that around the steps, or over the phase of a periodic signal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InsideMap {
+    /// Step, from 0.
+    pub step: usize,
+    /// What the samples are ordered by, with its unit.
+    pub covariate: String,
+    /// What is shown of them, with its unit.
+    pub quantity: String,
+    /// In the order of the covariate.
+    pub bins: Vec<InsideBin>,
+}
+
+/// Samples of a similar phase. A component without samples is not a number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InsideBin {
+    /// Mean of the covariate.
+    pub x: f64,
+    /// Mean without the effect.
+    pub before: [f64; 3],
+    /// Mean with the effect.
+    pub after: [f64; 3],
+    /// Standard uncertainty of either.
+    pub std: [f64; 3],
+}
+
+/// Difference between the temperature that the readings speak of and that of the thermistor while it rises and while it falls.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Branches {
+    /// Step, from 0.
+    pub step: usize,
+    /// Thermistor.
+    pub thermistor: String,
+    /// Heating.
+    pub rising: Vec<BranchPoint>,
+    /// Cooling.
+    pub falling: Vec<BranchPoint>,
+}
+
+/// Rows of similar temperature on one branch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BranchPoint {
+    /// Mean temperature of the thermistor, °C.
+    pub degc: f64,
+    /// Difference without the lag, K.
+    pub before_k: f64,
+    /// Difference with it, K.
+    pub after_k: f64,
+    /// Standard uncertainty of either, K.
+    pub std_k: f64,
 }
 
 /// One effect that was missing.

@@ -149,7 +149,7 @@ pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
 }
 
 /// Phases of a plateau for the stack: ends of bins in samples after its begin, closer where transients are fast.
-fn phases(samples: usize) -> Vec<usize> {
+pub(super) fn phases(samples: usize) -> Vec<usize> {
     let mut edges = vec![0usize];
     let mut width = 1usize;
     while edges[edges.len() - 1] + width <= samples {
@@ -338,7 +338,7 @@ fn around_means(scene: &Scene, samples: &Samples, known: &[Inside]) -> [Vec<f64>
     residual
 }
 
-fn demean(residual: &mut [Vec<f64>; 3], windows: &[[usize; 2]]) {
+pub(super) fn demean(residual: &mut [Vec<f64>; 3], windows: &[[usize; 2]]) {
     for values in residual.iter_mut() {
         for [from, to] in windows {
             let part = &mut values[*from..*to];
@@ -373,7 +373,13 @@ fn sample_record(record: &Record, samples: &Samples, windows: &[[usize; 2]]) -> 
     }
 }
 
-fn remove_raw(residual: &mut [Vec<f64>; 3], record: &Record, samples: &Samples, windows: &[[usize; 2]], signal: &Inside) {
+pub(super) fn remove_raw(
+    residual: &mut [Vec<f64>; 3],
+    record: &Record,
+    samples: &Samples,
+    windows: &[[usize; 2]],
+    signal: &Inside,
+) {
     let record = sample_record(record, samples, windows);
     let Some(columns) = crate::model::effects::named(signal.id).and_then(|e| e.columns(&record, &signal.spec)) else { return };
     let places = windows.iter().flat_map(|[from, to]| *from..*to);
@@ -386,7 +392,7 @@ fn remove_raw(residual: &mut [Vec<f64>; 3], record: &Record, samples: &Samples, 
     }
 }
 
-fn remove(residual: &mut [Vec<f64>; 3], record: &Record, samples: &Samples, windows: &[[usize; 2]], signal: &Inside) {
+pub(super) fn remove(residual: &mut [Vec<f64>; 3], record: &Record, samples: &Samples, windows: &[[usize; 2]], signal: &Inside) {
     remove_raw(residual, record, samples, windows, signal);
     demean(residual, windows);
 }

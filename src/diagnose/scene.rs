@@ -17,7 +17,7 @@ const VARIOMETER: [&str; 3] = ["VARX", "VARY", "VARZ"];
 const LEAST_RANGE_K: f64 = 5.0;
 /// Order of the temperature polynomials of a sweep.
 const THERMAL_ORDER: usize = 2;
-/// Order of the offset trend of a linearity run and of a zero-field run.
+/// Order of the offset trend of a linearity run and of a zero-field run, unless the campaign states another one.
 pub const TREND_ORDER: usize = 2;
 /// A mean so many standard deviations beside its neighbours is an outlier, in a record of at least so many means.
 const OUTLIER: f64 = 5.0;
@@ -28,6 +28,8 @@ const PARTS: usize = 200;
 /// Samples of a run, kept for what happens inside a plateau.
 #[derive(Clone, Debug, Default)]
 pub struct Samples {
+    /// Sample counter.
+    pub n: Vec<u64>,
     /// Time, s since the run's start.
     pub t_s: Vec<f64>,
     /// Reading, enT.
@@ -36,6 +38,7 @@ pub struct Samples {
 
 impl VectorSink for Samples {
     fn vector(&mut self, vector: Vector) {
+        self.n.push(vector.n);
         self.t_s.push(vector.t_s);
         self.reading_ent.push(vector.reading.0);
     }
@@ -130,6 +133,8 @@ impl Scene {
             variometer,
             others: others.filter_map(|name| at_rows(&run.channels, name)).collect(),
             thermal: None,
+            // What the campaign does not fit is no part of the model, and shows as a drift.
+            trend_order: campaign.file.offset_trend_order.map_or(TREND_ORDER, |o| TREND_ORDER.min(o as usize)),
             has_samples: samples.is_some_and(|s| !s.t_s.is_empty()),
         };
         if with_temperature {
@@ -186,6 +191,12 @@ impl Scene {
         let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(f64::MIN_POSITIVE));
         let q = thermal_design(&self.record.rows, |i| (degc[i] - middle) / half).qr().q();
         (readings - &q * q.tr_mul(readings)).norm_squared()
+    }
+
+    /// Fits the linear model once more, to readings from which something was taken off.
+    pub fn refit(&mut self, readings: &DMatrix<f64>) {
+        // The same rows had a fit before.
+        let _ = fit_linear(&mut self.record, readings, &self.design);
     }
 
     /// Replaces the temperature of every row and fits once more.
@@ -278,7 +289,7 @@ fn range(values: &[f64]) -> f64 {
 /// A channel as means over the time of each part.
 fn channel(table: &SlowTable, name: &str, parts: &[Part]) -> Option<Channel> {
     let series = table.channel(name).filter(|s| s.len() > 1)?;
-    let values = parts
+    let values: Vec<f64> = parts
         .iter()
         .map(|p| {
             let [begin, end] = p.used_s;
@@ -290,7 +301,8 @@ fn channel(table: &SlowTable, name: &str, parts: &[Part]) -> Option<Channel> {
             }
         })
         .collect();
-    Some(Channel { name: name.to_owned(), series, values })
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    Some(Channel { name: name.to_owned(), series, values, mean })
 }
 
 fn set_temperature(record: &mut Record, degc: Vec<f64>) {
@@ -324,7 +336,7 @@ fn design(record: &Record) -> DMatrix<f64> {
     let (most, fields) = fields(&record.rows);
     match &record.thermal {
         Some(thermal) => thermal_design(&record.rows, |i| thermal.u(i)),
-        None => DMatrix::from_fn(record.rows.len(), fields + 1 + TREND_ORDER, |i, j| {
+        None => DMatrix::from_fn(record.rows.len(), fields + 1 + record.trend_order, |i, j| {
             let row = &record.rows[i];
             if j < fields { row.field_coil_nt[j] / most } else { record.tau(row.t_s()).powi((j - fields) as i32) }
         }),

@@ -341,7 +341,7 @@ impl<'a> Search<'a> {
                 let with: Vec<&Candidate> = now.iter().copied().chain([candidate]).collect();
                 let after = self.correlations.profile(&colour, &self.readings, &self.designs(&with));
                 let group = self.group(state, candidate);
-                let score = Score::of(2.0 * (after - before), state.fitted.freedom(&group), candidate.stacked.ncols());
+                let score = Score::of(2.0 * (after - before), state.fitted.freedom_of(&group), candidate.stacked.ncols());
                 // All candidates of the explanation gain as its best one does.
                 let gain = score.evidence - e.score.evidence;
                 e.evidence += gain;

@@ -394,6 +394,15 @@ fn contrast_variance(length: f64, time_constants: &[f64]) -> f64 {
     time_constants.iter().map(one).sum::<f64>() / time_constants.len() as f64
 }
 
+/// Covariance of slow noise with these time constants over intervals, of unit variance in the mean: that of the slow part of a
+/// [`NoiseModel`]. Intervals may have any order, not overlap.
+#[must_use]
+pub fn slow_kernel(intervals: &[[f64; 2]], time_constants: &[f64]) -> DMatrix<f64> {
+    let kernel = mean_kernel(intervals, time_constants);
+    let unit = 1.0 / kernel.diagonal().mean();
+    kernel * unit
+}
+
 /// Covariance of the means over intervals, averaged over the time constants. Intervals may have any order, not overlap.
 fn mean_kernel(intervals: &[[f64; 2]], time_constants: &[f64]) -> DMatrix<f64> {
     let mut order: Vec<usize> = (0..intervals.len()).collect();

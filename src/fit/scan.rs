@@ -117,11 +117,23 @@ impl Fitted {
         Self { residual, base, edges, freedom }
     }
 
+    /// Degrees of freedom of each component.
+    #[must_use]
+    pub fn freedom(&self) -> [f64; 3] {
+        self.freedom
+    }
+
+    /// What the model leaves of whitened columns.
+    #[must_use]
+    pub fn beside(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        columns - &self.base * self.base.tr_mul(columns)
+    }
+
     /// A group of whitened columns beside this model.
     #[must_use]
     pub fn group(&self, columns: &DMatrix<f64>) -> Group {
         let before = columns.norm();
-        let left = columns - &self.base * self.base.tr_mul(columns);
+        let left = self.beside(columns);
         let surviving = if before > 0.0 { left.norm() / before } else { 0.0 };
         let base = if surviving > 1e-7 { orthonormal(&left, 1e-6) } else { DMatrix::zeros(columns.nrows(), 0) };
         let part = |a: usize| base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]);
@@ -132,7 +144,7 @@ impl Fitted {
 
     /// Degrees of freedom of the components on which a group acts.
     #[must_use]
-    pub fn freedom(&self, group: &Group) -> f64 {
+    pub fn freedom_of(&self, group: &Group) -> f64 {
         (0..3).filter(|a| group.on[*a]).map(|a| self.freedom[a]).sum()
     }
 

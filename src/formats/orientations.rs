@@ -23,6 +23,8 @@ pub struct RunResult {
     pub offset_nt: [f64; 3],
     /// ξ_xy, ξ_xz, ξ_yz, degrees.
     pub xi_deg: [f64; 3],
+    /// Largest applied field, nT, where stated.
+    pub field_nt: Option<f64>,
 }
 
 const COLUMNS: [&str; 14] = [
@@ -89,7 +91,8 @@ fn one(row: &TableRow) -> Result<RunResult, Finding> {
     if xi_deg.iter().any(|xi| !(1.0..179.0).contains(xi)) {
         return Err(row.refuse("an angle between sensor axes must lie between 1 and 179 degrees", "write angles in degrees"));
     }
-    Ok(RunResult { run, sensor: row.text(11), position, sigma, offset_nt, xi_deg })
+    let field_nt = if row.text(13).is_empty() { None } else { Some(1000.0 * row.number(13)?) };
+    Ok(RunResult { run, sensor: row.text(11), position, sigma, offset_nt, xi_deg, field_nt })
 }
 
 #[cfg(test)]

@@ -1,19 +1,138 @@
-//! Figures of a diagnosis: what disagrees, and what is left of it with the effect that was named.
+//! Figures of a diagnosis: where readings and model disagree, why an effect was named, and what is left with it.
 
 use super::parts::Named;
-use super::{Band, Figure, Marks, Panel, Scale, Series, Style};
-use crate::diagnose::result::{Diagnosis, Map};
+use super::{Band, CellRow, Figure, Marks, Panel, Scale, Series, Style};
+use crate::diagnose::result::{Branches, Diagnosis, Evidence, InsideMap, Map, Place, Step};
 use crate::units::COMPONENTS;
 
-const STEMS: [&str; 8] = ["step_1", "step_2", "step_3", "step_4", "step_5", "step_6", "step_7", "step_8"];
+/// Steps that have figures; a run has fewer effects.
+const STEPS: usize = 12;
+/// Rows of each panel of the map of disagreement.
+const PLACES: usize = 8;
+const RESIDUALS: [&str; STEPS] =
+    ["step_1", "step_2", "step_3", "step_4", "step_5", "step_6", "step_7", "step_8", "step_9", "step_10", "step_11", "step_12"];
+const INSIDE: [&str; STEPS] = [
+    "step_1_inside",
+    "step_2_inside",
+    "step_3_inside",
+    "step_4_inside",
+    "step_5_inside",
+    "step_6_inside",
+    "step_7_inside",
+    "step_8_inside",
+    "step_9_inside",
+    "step_10_inside",
+    "step_11_inside",
+    "step_12_inside",
+];
+const EVIDENCE: [&str; STEPS] = [
+    "step_1_evidence",
+    "step_2_evidence",
+    "step_3_evidence",
+    "step_4_evidence",
+    "step_5_evidence",
+    "step_6_evidence",
+    "step_7_evidence",
+    "step_8_evidence",
+    "step_9_evidence",
+    "step_10_evidence",
+    "step_11_evidence",
+    "step_12_evidence",
+];
+const STYLES: [Style; 3] = [Style::X, Style::Y, Style::Z];
 
-/// One figure per step: residuals of held-out stretches without the effect above, with it below. One of the axes where nothing is missing.
+/// Stem of the figure of the disagreement before anything is named.
+pub const WHERE: &str = "where";
+/// Stem of the figure of what is left in the end.
+pub const LEFT: &str = "residuals";
+
+/// Stems of the figures of a step.
+#[must_use]
+pub fn stems(step: usize) -> Vec<&'static str> {
+    [RESIDUALS, INSIDE, EVIDENCE].iter().filter_map(|names| names.get(step).copied()).collect()
+}
+
+/// The map of disagreement; residuals, insides of the plateaus and evidence of every step; what is left in the end.
 #[must_use]
 pub fn figures(diagnosis: &Diagnosis) -> Vec<Named> {
-    if diagnosis.steps.is_empty() {
-        return quiet(diagnosis).into_iter().collect();
+    let pictures = &diagnosis.pictures;
+    let mut all: Vec<Named> = places(diagnosis).into_iter().collect();
+    for (index, step) in diagnosis.steps.iter().enumerate().take(STEPS) {
+        let mut add = |stem: &'static str, figure: Figure| all.push(Named { stem, figure });
+        for map in diagnosis.maps.iter().filter(|m| m.step == index) {
+            add(RESIDUALS[index], residuals(diagnosis, step, map));
+        }
+        if let Some(branches) = pictures.branches.as_ref().filter(|b| b.step == index) {
+            add(INSIDE[index], heating_and_cooling(diagnosis, branches));
+        }
+        if let Some(map) = pictures.inside.iter().find(|m| m.step == index) {
+            add(INSIDE[index], inside(diagnosis, step, map));
+        }
+        // A single bar compares nothing.
+        if let Some(evidence) = pictures.evidence.iter().find(|e| e.step == index && e.bars.len() > 1) {
+            add(EVIDENCE[index], bars(diagnosis, step, evidence));
+        }
     }
-    diagnosis.maps.iter().filter_map(|map| step(diagnosis, map)).collect()
+    all.extend(left(diagnosis));
+    all
+}
+
+fn run(diagnosis: &Diagnosis) -> &str {
+    diagnosis.runs.first().map_or("", String::as_str)
+}
+
+fn name(step: &Step) -> String {
+    step.covariate.as_ref().map_or_else(|| step.effect.clone(), |c| format!("unknown ({c})"))
+}
+
+fn with_unit(quantity: &str, unit: &str) -> String {
+    if unit.is_empty() { quantity.to_owned() } else { format!("{quantity}, {unit}") }
+}
+
+/// Covariates that disagree most on any axis, in the same order for all axes.
+fn places(diagnosis: &Diagnosis) -> Option<Named> {
+    let places = &diagnosis.pictures.places;
+    let mut names: Vec<&str> = Vec::new();
+    for place in places {
+        if !names.contains(&place.covariate.as_str()) {
+            names.push(&place.covariate);
+        }
+    }
+    names.truncate(PLACES);
+    if names.is_empty() {
+        return None;
+    }
+    let row = |place: &Place| CellRow {
+        name: place.covariate.clone(),
+        cells: place.bins.iter().map(|b| (100.0 * b.share[0], 100.0 * b.share[1], b.multiples_of_noise)).collect(),
+    };
+    let panel = |axis: &str| Panel {
+        y_label: axis.to_owned(),
+        y_scale: Scale::Linear,
+        series: vec![Series {
+            label: String::new(),
+            style: Style::Single,
+            marks: Marks::Cells(
+                names.iter().filter_map(|n| places.iter().find(|p| p.axis == axis && p.covariate == *n)).map(row).collect(),
+            ),
+        }],
+        bands: Vec::new(),
+    };
+    let figure = Figure {
+        title: format!("Run {}: where readings and model disagree", run(diagnosis)),
+        caption: format!(
+            "Before anything is named: displacement of the readings along the sensor axes x, y, z (top to bottom) for bins of the \
+             covariates, fitted beside the model, in multiples of its standard uncertainty. Blue cells are below the model, orange \
+             ones above; numbers stand where it is 3 or more, which noise alone gives in one cell of 370. {} of {} covariates, the \
+             largest first; a gain multiplies the reading.",
+            names.len(),
+            places.len() / 3
+        ),
+        x_label: "plateaus in the order of the covariate, %".to_owned(),
+        x_scale: Scale::Linear,
+        panels: COMPONENTS.iter().map(|axis| panel(axis)).collect(),
+    };
+    Some(Named { stem: WHERE, figure })
 }
 
 fn panel(map: &Map, y_label: String, values: &[f64], style: Style, label: &str) -> Panel {
@@ -30,48 +149,132 @@ fn panel(map: &Map, y_label: String, values: &[f64], style: Style, label: &str) 
     }
 }
 
-fn x_label(map: &Map) -> String {
-    if map.unit.is_empty() { map.covariate.clone() } else { format!("{}, {}", map.covariate, map.unit) }
+/// Frequencies are spread by ratios.
+fn x_scale(map: &Map) -> Scale {
+    if map.unit == "Hz" { Scale::Logarithmic } else { Scale::Linear }
 }
 
-fn step(diagnosis: &Diagnosis, map: &Map) -> Option<Named> {
-    let step = diagnosis.steps.get(map.step)?;
-    let axis = COMPONENTS[map.axis].to_uppercase();
-    let figure = Figure {
-        title: format!("Run {}: {} on {axis}", diagnosis.runs.first().map_or("", String::as_str), step.effect),
+fn residuals(diagnosis: &Diagnosis, step: &Step, map: &Map) -> Figure {
+    let axis = COMPONENTS[map.axis];
+    Figure {
+        title: format!("Run {}: {} on {axis}, before and after", run(diagnosis), name(step)),
         caption: format!(
-            "Measured minus modelled reading on the sensor axis {axis}, every point predicted by a fit that did not see it: above without {}, \
-             below with it. Root mean square {:.3} and {:.3} nT; the band is twice the noise of a mean.",
+            "Measured minus modelled reading on the sensor axis {axis}, every point predicted by a fit that did not see it: above \
+             without {}, below with it. Root mean square {:.3} and {:.3} nT; the band is twice the noise of a mean.",
             step.effect, step.gap_before.rms_nt[map.axis], step.gap_after.rms_nt[map.axis]
         ),
-        x_label: x_label(map),
-        x_scale: Scale::Linear,
+        x_label: with_unit(&map.covariate, &map.unit),
+        x_scale: x_scale(map),
         panels: vec![
-            panel(map, "without, nT".to_owned(), &map.before_nt, Style::Y, "without the effect"),
-            panel(map, "with, nT".to_owned(), &map.after_nt, Style::X, "with the effect"),
+            panel(map, "residual, nT".to_owned(), &map.before_nt, Style::Y, "without the effect"),
+            panel(map, "residual, nT".to_owned(), &map.after_nt, Style::X, "with the effect"),
         ],
-    };
-    STEMS.get(map.step).map(|stem| Named { stem, figure })
+    }
 }
 
-fn quiet(diagnosis: &Diagnosis) -> Option<Named> {
-    let first = diagnosis.maps.first()?;
-    let styles = [Style::X, Style::Y, Style::Z];
+fn inside(diagnosis: &Diagnosis, step: &Step, map: &InsideMap) -> Figure {
+    let unit = map.quantity.rsplit(", ").next().unwrap_or_default();
+    let panel = |title: &str, after: bool| Panel {
+        y_label: with_unit(title, unit),
+        y_scale: Scale::Linear,
+        series: (0..3)
+            .map(|a| {
+                let value = |b: &crate::diagnose::result::InsideBin| if after { b.after[a] } else { b.before[a] };
+                Series {
+                    label: COMPONENTS[a].to_owned(),
+                    style: STYLES[a],
+                    marks: Marks::Points(map.bins.iter().map(|b| (b.x, value(b), Some(b.std[a]))).collect()),
+                }
+            })
+            .collect(),
+        bands: Vec::new(),
+    };
+    Figure {
+        title: format!("Run {}: {} inside the plateaus", run(diagnosis), step.effect),
+        caption: format!(
+            "Means of the samples ({}) along the sensor axes x, y, z with standard uncertainties: above without {}, below with it. \
+             Chi square over degrees of freedom of the samples goes from {:.2} to {:.2}.",
+            map.quantity, step.effect, step.gap_before.chi2_per_dof, step.gap_after.chi2_per_dof
+        ),
+        x_label: map.covariate.clone(),
+        x_scale: Scale::Linear,
+        panels: vec![panel("without", false), panel("with", true)],
+    }
+}
+
+fn heating_and_cooling(diagnosis: &Diagnosis, branches: &Branches) -> Figure {
+    let panel = |title: &str, after: bool| {
+        let series = |label: &str, style: Style, points: &[crate::diagnose::result::BranchPoint]| Series {
+            label: label.to_owned(),
+            style,
+            marks: Marks::Points(
+                points.iter().map(|p| (p.degc, if after { p.after_k } else { p.before_k }, Some(p.std_k))).collect(),
+            ),
+        };
+        Panel {
+            y_label: title.to_owned(),
+            y_scale: Scale::Linear,
+            series: vec![series("heating", Style::Y, &branches.rising), series("cooling", Style::X, &branches.falling)],
+            bands: Vec::new(),
+        }
+    };
+    Figure {
+        title: format!("Run {}: heating and cooling, thermistor {}", run(diagnosis), branches.thermistor),
+        caption: format!(
+            "Temperature that the readings speak of, from the residuals of held-out stretches over the sensitivity to the \
+             temperature, minus that of the thermistor {}: above without a lag, below with it. Heating and cooling come apart where \
+             the thermistor leads or lags.",
+            branches.thermistor
+        ),
+        x_label: format!("temperature of the thermistor {}, °C", branches.thermistor),
+        x_scale: Scale::Linear,
+        panels: vec![panel("without, K", false), panel("with, K", true)],
+    }
+}
+
+fn bars(diagnosis: &Diagnosis, step: &Step, evidence: &Evidence) -> Figure {
+    let own = evidence.bars.first().map_or(0.0, |b| b.1);
+    let limit = own - evidence.apart;
+    let bottom = 0.5 - evidence.bars.len() as f64;
+    let series = vec![
+        Series { label: "evidence".to_owned(), style: Style::X, marks: Marks::Bars(evidence.bars.clone()) },
+        Series {
+            label: format!("a hundredth of {}", name(step)),
+            style: Style::Y,
+            marks: Marks::Line(vec![(limit, 0.5), (limit, bottom)]),
+        },
+    ];
+    Figure {
+        title: format!("Run {}: evidence of {} and its rivals", run(diagnosis), name(step)),
+        caption: format!(
+            "Natural logarithm of the likelihood ratio of each explanation to a model without it, with its prior and the number of \
+             its forms paid for. Rivals that reach the line, ln 100 = {:.1} below the effect that was named, cannot be told from it.",
+            evidence.apart
+        ),
+        x_label: "ln of the likelihood ratio".to_owned(),
+        x_scale: Scale::Linear,
+        panels: vec![Panel { y_label: String::new(), y_scale: Scale::Linear, series, bands: Vec::new() }],
+    }
+}
+
+fn left(diagnosis: &Diagnosis) -> Option<Named> {
+    let maps = &diagnosis.pictures.left;
+    let first = maps.first()?;
+    let what = if diagnosis.steps.is_empty() { "no missing effect" } else { "what is left with all effects" };
     let figure = Figure {
-        title: format!("Run {}: no missing effect", diagnosis.runs.first().map_or("", String::as_str)),
+        title: format!("Run {}: {what}", run(diagnosis)),
         caption: "Measured minus modelled reading along the sensor axes, every point predicted by a fit that did not see it; the bands are twice \
                   the noise of a mean."
             .to_owned(),
-        x_label: x_label(first),
-        x_scale: Scale::Linear,
-        panels: diagnosis
-            .maps
+        x_label: with_unit(&first.covariate, &first.unit),
+        x_scale: x_scale(first),
+        panels: maps
             .iter()
             .map(|map| {
-                let axis = COMPONENTS[map.axis].to_uppercase();
-                panel(map, format!("{axis}, nT"), &map.before_nt, styles[map.axis], &axis)
+                let axis = COMPONENTS[map.axis];
+                panel(map, format!("{axis}, nT"), &map.after_nt, STYLES[map.axis], axis)
             })
             .collect(),
     };
-    Some(Named { stem: "residuals", figure })
+    Some(Named { stem: LEFT, figure })
 }

@@ -81,6 +81,9 @@ pub(super) fn entries(panel: &Panel, scales: [Scale; 2], span: Option<Span>) -> 
             }
             Marks::Envelope(_) => Sample::Envelope(style, tagged, envelope_alpha(panel)),
             Marks::Ribbon(_) => Sample::Ribbon(style),
+            Marks::Bars(_) => Sample::Envelope(style, false, 1.0),
+            // Their numbers stand in them.
+            Marks::Cells(_) => continue,
         };
         add(sample, &series.label, &extra);
     }

@@ -4,6 +4,7 @@ use plotters::prelude::RGBColor;
 
 use super::axis::{Axis, usable};
 use super::canvas::{Canvas, Point, Rect, rect};
+use super::rows::{draw_bars, draw_cells, place};
 use super::style::{FALLING, Look, ROUND, TRIANGLE, WHITE};
 use super::{Column, Marks, Panel, Scale, Series, Style};
 
@@ -60,13 +61,27 @@ impl Marks {
                     both(x, high);
                 }
             }
+            Marks::Bars(bars) => {
+                for (row, (_, value)) in bars.iter().enumerate() {
+                    both(0.0, place(row) + 0.5);
+                    both(*value, place(row) - 0.5);
+                }
+            }
+            Marks::Cells(rows) => {
+                for (row, cells) in rows.iter().enumerate() {
+                    for (from, to, _) in &cells.cells {
+                        both(*from, place(row) + 0.5);
+                        both(*to, place(row) - 0.5);
+                    }
+                }
+            }
         }
     }
 
     /// Order of drawing: points lie on lines, lines on areas.
     pub(super) fn layer(&self) -> u8 {
         match self {
-            Marks::Ribbon(_) => 0,
+            Marks::Ribbon(_) | Marks::Bars(_) | Marks::Cells(_) => 0,
             Marks::Envelope(_) => 1,
             Marks::Line(_) | Marks::Steps(_) => 2,
             Marks::Points(_) => 3,
@@ -95,7 +110,7 @@ impl Frame<'_> {
     }
 
     /// The place of a point, or `None` for one that cannot be drawn.
-    fn at(&self, x: f64, y: f64) -> Option<Point> {
+    pub fn at(&self, x: f64, y: f64) -> Option<Point> {
         (self.takes_x(x) && self.takes_y(y)).then(|| (self.x(x), self.y(y)))
     }
 
@@ -122,7 +137,7 @@ pub(super) fn is_tagged(panel: &Panel) -> bool {
         Marks::Line(points) => !is_marked(points, series.style) && series.style != Style::Reference,
         Marks::Steps(_) => series.style != Style::Reference,
         Marks::Envelope(_) => true,
-        Marks::Points(_) | Marks::Rejected(_) | Marks::Ribbon(_) => false,
+        _ => false,
     };
     !has_points && panel.series.iter().filter(bare).count() > 1
 }
@@ -175,6 +190,8 @@ fn draw_marks(canvas: &mut Canvas, frame: &Frame, panel: &Panel, series: &Series
             draw_envelope(canvas, frame, columns, look.ink, envelope_alpha(panel));
         }
         Marks::Ribbon(points) => draw_ribbon(canvas, frame, points, series.style, true),
+        Marks::Bars(bars) => draw_bars(canvas, frame, bars, &look),
+        Marks::Cells(rows) => draw_cells(canvas, frame, rows),
     }
 }
 
@@ -190,7 +207,7 @@ fn draw_tags(canvas: &mut Canvas, frame: &Frame, series: &Series) {
             let middle = |c: &Column| (c.x, c.min / 2.0 + c.max / 2.0);
             columns.iter().map(middle).collect()
         }
-        Marks::Points(_) | Marks::Rejected(_) | Marks::Ribbon(_) => return,
+        _ => return,
     };
     let rim = if matches!(series.marks, Marks::Envelope(_)) { RIM } else { 0.0 };
     let stagger = TAG_DISTANCE / 4.0 * f64::from(style as u8 % 3 + 1);

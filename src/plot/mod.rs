@@ -8,6 +8,7 @@ mod axis;
 mod canvas;
 pub mod coil;
 pub mod diagnose;
+pub mod effects;
 mod encode;
 pub mod freq;
 mod legend;
@@ -18,6 +19,7 @@ pub mod null;
 pub mod offset;
 mod parts;
 pub mod profile;
+mod rows;
 mod style;
 pub mod sweep;
 mod text;
@@ -27,6 +29,7 @@ pub mod thermistor;
 use plotters::prelude::RGBColor;
 
 pub use parts::Named;
+pub use rows::CellRow;
 
 use axis::{Axis, Span, Tick};
 use canvas::{Canvas, Rect, rect};
@@ -121,6 +124,10 @@ pub enum Marks {
     /// A band along a curve (x, low, high), behind everything else; an end that is not positive
     /// lies below the panel of a logarithmic y axis.
     Ribbon(Vec<(f64, f64, f64)>),
+    /// Bars from zero to a value in rows with a name each, from top to bottom; the panel has names instead of a y axis.
+    Bars(Vec<(String, f64)>),
+    /// Rows of cells, from top to bottom; the panel has names instead of a y axis.
+    Cells(Vec<CellRow>),
 }
 
 /// Extent of dense data in one column of a picture.
@@ -262,7 +269,8 @@ fn arrange(figure: &Figure, title_lines: i32, caption_lines: i32) -> (Vec<Plot<'
     let foot = TICK + 2 * LABEL_LINE + 14 + caption_lines * CAPTION_LINE + EDGE / 2;
     let strips: i32 = plots.iter().map(|plot| plot.area.top).sum();
     let fixed = head + strips + (count - 1) * PANEL_GAP + foot;
-    let each = ((HEIGHT - fixed) / count).max(LEAST_PANEL);
+    let rows = figure.panels.iter().map(rows::least_height).max().unwrap_or(0);
+    let each = ((HEIGHT - fixed) / count).max(LEAST_PANEL).max(rows);
     let mut top = head;
     for (plot, span) in plots.iter_mut().zip(spans) {
         plot.area.top += top;
@@ -271,6 +279,9 @@ fn arrange(figure: &Figure, title_lines: i32, caption_lines: i32) -> (Vec<Plot<'
         let length = f64::from(each);
         let least = TICK_DISTANCE.max(length * TICK_SHARE);
         plot.y = span.map(|span| Axis::new(span, length, |_, distance| distance >= least));
+        if let Some(axis) = &mut plot.y {
+            rows::name_ticks(plot.panel, axis);
+        }
     }
     (plots, HEIGHT.max(fixed + each * count))
 }

@@ -1,7 +1,8 @@
 //! The report of a diagnosis.
 
 use super::{number, table};
-use crate::diagnose::result::{Diagnosis, Gap, Step};
+use crate::diagnose::result::{Diagnosis, Gap, Place, Step};
+use crate::plot::diagnose::{LEFT, WHERE, stems};
 use crate::units::COMPONENTS;
 use std::fmt::Write;
 
@@ -11,12 +12,20 @@ pub fn title(diagnosis: &Diagnosis) -> String {
     format!("Diagnosis of run {}", diagnosis.runs.join(", "))
 }
 
-/// The blocks of the report with headings of the given level.
+/// Displacements from this many standard uncertainties on are told.
+const TOLD: f64 = 4.0;
+/// Most rows of the table of disagreement.
+const PLACES: usize = 8;
+
+/// The blocks of the report with headings of the given level; `figure` gives the figure of a stem, or nothing.
 #[must_use]
-pub fn sections(diagnosis: &Diagnosis, level: usize) -> String {
+pub fn sections(diagnosis: &Diagnosis, level: usize, figure: &dyn Fn(&str) -> String) -> String {
     let head = "#".repeat(level);
     let floor: Vec<String> = diagnosis.noise_floor_nt.iter().map(|n| number(*n, 4)).collect();
     let mut out = format!("{head} Verdict\n\n**{}.** Noise of a mean: {} nT (x, y, z).", diagnosis.verdict, floor.join(", "));
+    if let Some(response) = &diagnosis.response {
+        let _ = write!(out, " Response: {response}.");
+    }
     if let Some(colour) = diagnosis.noise {
         let _ = write!(
             out,
@@ -39,8 +48,16 @@ pub fn sections(diagnosis: &Diagnosis, level: usize) -> String {
         );
     }
     out.push_str("\n\n");
+    if !diagnosis.pictures.places.is_empty() {
+        let _ = write!(out, "{head} Where the data disagree\n\n{}\n{}", places(&diagnosis.pictures.places), figure(WHERE));
+    }
     for (index, step) in diagnosis.steps.iter().enumerate() {
-        let _ = writeln!(out, "{head} Step {}: {}\n\n{}", index + 1, step.effect, step_text(step));
+        let figures: String = stems(index).into_iter().map(figure).collect();
+        let _ = write!(out, "{head} Step {}: {}\n\n{}\n{figures}", index + 1, step.effect, step_text(step));
+    }
+    let left = figure(LEFT);
+    if !left.is_empty() {
+        let _ = write!(out, "{head} What is left\n\n{left}");
     }
     if !diagnosis.not_identifiable.is_empty() {
         let mut rows = vec![["effect", "why these data cannot show it"].map(str::to_owned).to_vec()];
@@ -62,6 +79,41 @@ pub fn sections(diagnosis: &Diagnosis, level: usize) -> String {
         );
     }
     out
+}
+
+/// The largest disagreements in words and as a table.
+fn places(places: &[Place]) -> String {
+    let told: Vec<&Place> = places.iter().filter(|p| p.multiples_of_noise.abs() >= TOLD).take(PLACES).collect();
+    let Some(first) = places.first() else { return String::new() };
+    let of = |p: &Place| {
+        let unit = if p.unit.is_empty() { String::new() } else { format!(" {}", p.unit) };
+        format!(
+            "{}, where the {} is about {:.4}{unit}: {:+.3} nT, {:.1} times its standard uncertainty",
+            p.axis,
+            p.covariate,
+            p.at,
+            p.displacement_nt,
+            p.multiples_of_noise.abs()
+        )
+    };
+    if told.is_empty() {
+        return format!(
+            "Nowhere by {TOLD} standard uncertainties or more. The largest displacement before anything is named: {}.\n",
+            of(first)
+        );
+    }
+    let mut rows =
+        vec![["axis", "covariate", "at", "displacement, nT", "over its standard uncertainty"].map(str::to_owned).to_vec()];
+    rows.extend(told.iter().map(|p| {
+        vec![
+            p.axis.to_owned(),
+            p.covariate.clone(),
+            format!("{:.4} {}", p.at, p.unit),
+            format!("{:+.3}", p.displacement_nt),
+            format!("{:+.1}", p.multiples_of_noise),
+        ]
+    }));
+    format!("Before anything is named the plateau means disagree most on {}.\n\n{}", of(first), table(&rows))
 }
 
 fn step_text(step: &Step) -> String {
@@ -120,6 +172,9 @@ fn step_text(step: &Step) -> String {
 #[must_use]
 pub fn summary(diagnosis: &Diagnosis) -> String {
     let mut out = format!("{}  {}\n", diagnosis.runs.join(", "), diagnosis.verdict);
+    if let Some(response) = &diagnosis.response {
+        let _ = writeln!(out, "  response: {response}");
+    }
     for step in &diagnosis.steps {
         let set = if step.ambiguous_with.is_empty() { String::new() } else { format!(" or {}", step.ambiguous_with.join(", ")) };
         let covariate = step.covariate.as_ref().map_or_else(String::new, |c| format!(" ({c})"));

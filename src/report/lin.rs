@@ -51,7 +51,8 @@ pub fn summary(lin: &Lin) -> String {
         run_line(&p.run),
         p.quality.blocks_used,
         p.quality.blocks_total,
-        p.linearisation.as_ref().map_or_else(String::new, |l| format!(", linearised with {}", l.file)),
+        p.linearisation.as_ref().map_or_else(String::new, |l| format!(", linearised with {}", l.file))
+            + &p.model.as_ref().map_or_else(String::new, |m| format!(", without the effects of {}", m.file)),
         sigma.join(", "),
         b_or.join(", "),
         residual.join(", "),
@@ -130,6 +131,9 @@ fn raw_data(out: &mut String, p: &Cpf, head: &str) {
             "The readings were linearised with `{}`, `r + c2 r² + c3 r³`; all parameters hold for linearised readings.\n",
             linearisation.file
         );
+    }
+    if let Some(model) = &p.model {
+        let _ = writeln!(out, "{}\n", model.sentence());
     }
     match &p.quality.raw_std_ent {
         None => {

@@ -24,6 +24,9 @@ pub fn sections(sweep: &Sweep, level: usize) -> String {
             p.head.valid_degc[0],
             p.head.valid_degc[1]
         );
+        if let Some(model) = &part.model {
+            let _ = writeln!(out, "{}\n", model.sentence());
+        }
         let mut rows = vec![
             ["channel", "applied", "delay, min", "time constant, min", "gain", "delay over first order", "residuals, enT"]
                 .map(str::to_owned)

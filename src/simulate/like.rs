@@ -3,6 +3,7 @@
 
 use super::noise::Random;
 use crate::campaign::Campaign;
+use crate::diagnose::known::{Added, CHUNK, Known};
 use crate::error::Finding;
 use crate::formats::ccr::{self, Decimals, Section, Writer};
 use crate::formats::output::Folder;
@@ -70,6 +71,22 @@ impl Model {
 /// # Errors
 /// A run or file that cannot be read, a kind of run without a model, a file that is missing, or belongs to another run.
 pub fn write_like(run: &Path, files: &[PathBuf], seed: u64, out: &Path, force: bool) -> Result<String, Finding> {
+    write_like_with(None, run, files, seed, out, force, &mut Vec::new())
+}
+
+/// The same with known effects in the readings. What the run cannot have is warned about.
+///
+/// # Errors
+/// See [`write_like`].
+pub fn write_like_with(
+    known: Option<&Known>,
+    run: &Path,
+    files: &[PathBuf],
+    seed: u64,
+    out: &Path,
+    force: bool,
+    warnings: &mut Vec<String>,
+) -> Result<String, Finding> {
     let mut findings = Vec::new();
     let campaigns = Campaign::open(&[run.to_owned()], &mut findings)?;
     let campaign = campaigns.first().ok_or_else(|| Finding::error(&run.display().to_string(), "is no run", "name a run file"))?;
@@ -77,7 +94,12 @@ pub fn write_like(run: &Path, files: &[PathBuf], seed: u64, out: &Path, force: b
     let mut clock = Clock::default();
     let read = ccr::read(run, &ccr::Options::default(), &mut clock);
     let measured = read.map_err(|mut errors| errors.swap_remove(0))?;
-    let (model, white_ent) = model(&measured, files, campaign)?;
+    let (model, white_ent) = model(&measured, files, campaign, known)?;
+    let level_ent = |t_s: f64| {
+        let holds = |s: &&Setting| (s.t_start_s..s.t_end_s).contains(&t_s);
+        model.reading_ent(measured.settings.iter().find(holds), 0, t_s)
+    };
+    let added = known.and_then(|known| Added::new(known, &measured, level_ent, campaign, warnings));
 
     let root = Folder::open(out, force)?;
     if out.canonicalize().is_ok_and(|out| out == campaign.root) {
@@ -88,7 +110,7 @@ pub fn write_like(run: &Path, files: &[PathBuf], seed: u64, out: &Path, force: b
     let folder = Folder::open(&out.join(day), force)?;
     let failed = |e: std::io::Error| Finding::io(&folder.path().join(name), "write", &e);
     let mut file = folder.create(name)?;
-    write(&mut file, &measured, &clock, &model, white_ent, seed).map_err(failed)?;
+    write(&mut file, &measured, &clock, &model, added, white_ent, seed).map_err(failed)?;
     file.finish()?;
     let toml = campaign.root.join("campaign.toml");
     if campaign.input.is_some() {
@@ -105,6 +127,7 @@ fn write(
     run: &Run,
     clock: &Clock,
     model: &Model,
+    mut added: Option<Added>,
     white_ent: [f64; 3],
     seed: u64,
 ) -> std::io::Result<()> {
@@ -118,19 +141,29 @@ fn write(
     }
     let mut random = Random::new(seed, &[&run.header.run, "like"]);
     let mut settings = run.settings.iter().peekable();
-    writer.vectors(clock.0.iter().map(|(n, t_s)| {
+    let mut chunk: Vec<[f64; 3]> = Vec::new();
+    writer.vectors(clock.0.iter().enumerate().map(|(place, (n, t_s))| {
+        if let Some(added) = added.as_mut().filter(|_| place % CHUNK == 0) {
+            let times: Vec<f64> = clock.0[place..].iter().take(CHUNK).map(|(_, t)| *t).collect();
+            chunk = added.at(&times);
+        }
+        let added_ent = chunk.get(place % CHUNK).copied().unwrap_or_default();
         while settings.peek().is_some_and(|s| s.t_end_s <= *t_s) {
             settings.next();
         }
         let setting = settings.peek().copied().filter(|s| s.t_start_s <= *t_s);
         let level_ent = model.reading_ent(setting, *n, *t_s);
-        Vector { n: *n, t_s: *t_s, reading: Reading(std::array::from_fn(|i| level_ent[i] + white_ent[i] * random.normal())) }
+        Vector {
+            n: *n,
+            t_s: *t_s,
+            reading: Reading(std::array::from_fn(|i| level_ent[i] + added_ent[i] + white_ent[i] * random.normal())),
+        }
     }))?;
     writer.end().map(|_| ())
 }
 
 /// The model of a run, and the standard deviation of its samples, enT.
-fn model(run: &Run, files: &[PathBuf], campaign: &Campaign) -> Result<(Model, [f64; 3]), Finding> {
+fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known>) -> Result<(Model, [f64; 3]), Finding> {
     let header = &run.header;
     let matrix = |rows: [[f64; 3]; 3]| Matrix3::from_fn(|r, c| rows[r][c]);
     let refuse = |rule: String, remedy: &str| Err(Finding::error(&run.input.path, rule, remedy));
@@ -142,6 +175,10 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign) -> Result<(Model, [f
                 let rule =
                     format!("is described by a CPF for readings linearised with {}, which are not raw ones", linearisation.file);
                 return refuse(rule, "give a CPF of the run made without a linearisation");
+            }
+            if let (Some(taken_off), None) = (&cpf.model, known) {
+                let rule = format!("is described by a CPF without the effects of {}", taken_off.file);
+                return refuse(rule, "name that file with --model as well");
             }
             let white_ent = cpf.quality.raw_std_ent.as_ref().map_or([0.0; 3], |s| s.mean);
             let offset = cpf.offset;

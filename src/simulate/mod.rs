@@ -9,6 +9,8 @@ pub mod like;
 pub mod noise;
 pub mod run;
 
+use crate::campaign::Campaign;
+use crate::diagnose::known::Known;
 use crate::error::Finding;
 use crate::formats::ccr::{Decimals, Section, Writer};
 use crate::formats::output::Folder;
@@ -65,14 +67,44 @@ pub struct Written {
 /// # Errors
 /// A run that cannot be made, or what the operating system says.
 pub fn write_campaign(twin: &Twin, seed: u64, out: &Path, force: bool, done: impl Fn() + Sync) -> Result<Vec<Written>, Finding> {
+    write_campaign_with(None, twin, seed, out, force, done, &mut Vec::new())
+}
+
+/// The same with known effects in the readings. What a run cannot have is warned about.
+///
+/// # Errors
+/// See [`write_campaign`].
+pub fn write_campaign_with(
+    model: Option<&Known>,
+    twin: &Twin,
+    seed: u64,
+    out: &Path,
+    force: bool,
+    done: impl Fn() + Sync,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Written>, Finding> {
     let simulation = Simulation::new(twin, seed);
+    let campaign = Campaign::in_memory(twin.campaign.clone())?;
+    let prepare = |run| -> Result<(&RunTwin, SimulatedRun, Vec<String>), Finding> {
+        let (simulated, mut warnings) = (simulation.run(run)?, Vec::new());
+        let simulated = match model {
+            Some(model) => simulated.with_effects(model, &campaign, &mut warnings),
+            None => simulated,
+        };
+        Ok((run, simulated, warnings))
+    };
+    let all = twin.runs.par_iter().map(prepare).collect::<Result<Vec<_>, Finding>>()?;
     // The longest first, so that no core is left alone with one at the end.
-    let mut prepared: Vec<(&RunTwin, SimulatedRun)> =
-        twin.runs.par_iter().map(|run| Ok((run, simulation.run(run)?))).collect::<Result<_, Finding>>()?;
+    let mut prepared: Vec<(&RunTwin, SimulatedRun)> = Vec::new();
+    for (run, simulated, own) in all {
+        warnings.extend(own);
+        prepared.push((run, simulated));
+    }
     prepared.sort_by_key(|(_, simulated)| std::cmp::Reverse(simulated.samples()));
     let root = Folder::open(out, force)?;
     root.check("campaign.toml")?;
-    let remark = format!("simulated by calfit {}, seed {seed}", env!("CARGO_PKG_VERSION"));
+    let with = model.map_or_else(String::new, |m| format!(", with the effects of {}", m.input.path));
+    let remark = format!("simulated by calfit {}, seed {seed}{with}", env!("CARGO_PKG_VERSION"));
     let written: Vec<Result<Written, Finding>> = prepared
         .par_iter()
         .with_max_len(1)

@@ -2,6 +2,8 @@
 
 use super::climate::{History, Temperatures, seconds};
 use super::noise::{Flicker, Random};
+use crate::campaign::Campaign;
+use crate::diagnose::known::{Added, CHUNK, Known};
 use crate::error::Finding;
 use crate::formats::twin::{Body, FacilityTwin, RunTwin, SensorTwin, Twin};
 use crate::model::sensor::Linear;
@@ -50,6 +52,8 @@ pub struct SimulatedRun<'a> {
     pub scalar: Vec<ScalarRow>,
     scene: Scene<'a>,
     seed: u64,
+    /// Known effects beside the linear sensor.
+    added: Option<Added>,
 }
 
 /// All that acts on the sensor during a run.
@@ -153,7 +157,34 @@ impl<'a> SimulatedRun<'a> {
             coil_correction: facility.coil_correction,
             earthfield_compensation: facility.compensation.clone(),
         };
-        Ok(Self { header, settings, temperatures, channels, scalar, scene, seed })
+        Ok(Self { header, settings, temperatures, channels, scalar, scene, seed, added: None })
+    }
+
+    /// The same run with known effects in its readings. What the run cannot have is warned about.
+    #[must_use]
+    pub fn with_effects(mut self, known: &Known, campaign: &Campaign, warnings: &mut Vec<String>) -> Self {
+        let level_ent = |t_s: f64| {
+            let stretches = &self.scene.stretches;
+            let at = stretches.partition_point(|s| s.t_end_s <= t_s).min(stretches.len().saturating_sub(1));
+            stretches.get(at).map_or([f64::NAN; 3], |stretch| self.scene.level_ent(stretch, t_s))
+        };
+        self.added = Added::new(known, &self.run(VectorAccount::default()), level_ent, campaign, warnings);
+        self
+    }
+
+    /// Everything but the samples.
+    fn run(&self, vectors: VectorAccount) -> Run {
+        Run {
+            header: self.header.clone(),
+            settings: self.settings.clone(),
+            blocks: Vec::new(),
+            temperatures: self.temperatures.clone(),
+            channels: self.channels.clone(),
+            scalar: self.scalar.clone(),
+            vectors,
+            input: InputFile { path: self.header.run.clone(), size_bytes: 0, sha256: String::new() },
+            findings: Vec::new(),
+        }
     }
 
     /// Decimals that hold the resolution of the readings.
@@ -186,17 +217,7 @@ impl<'a> SimulatedRun<'a> {
             expected = vector.n + 1;
             sink.vector(vector);
         }
-        Run {
-            header: self.header.clone(),
-            settings: self.settings.clone(),
-            blocks: Vec::new(),
-            temperatures: self.temperatures.clone(),
-            channels: self.channels.clone(),
-            scalar: self.scalar.clone(),
-            vectors: account,
-            input: InputFile { path: self.header.run.clone(), size_bytes: 0, sha256: String::new() },
-            findings: Vec::new(),
-        }
+        self.run(account)
     }
 
     /// The samples in time order; the same ones every time.
@@ -220,6 +241,8 @@ impl<'a> SimulatedRun<'a> {
             random,
             losses: Random::new(self.seed, &[&self.header.run, "losses"]),
             lost: false,
+            added: self.added.clone(),
+            chunk: Vec::new(),
         }
     }
 }
@@ -362,6 +385,9 @@ pub struct Samples<'a> {
     random: Random,
     losses: Random,
     lost: bool,
+    added: Option<Added>,
+    /// What it adds to the samples of the chunk that holds the next one, enT.
+    chunk: Vec<[f64; 3]>,
 }
 
 impl Samples<'_> {
@@ -373,6 +399,16 @@ impl Samples<'_> {
     /// First sample at or after a time.
     fn sample_at(&self, t_s: f64) -> u64 {
         (t_s * self.scene.rate_hz - 0.5).ceil().max(0.0) as u64
+    }
+
+    /// What known effects add to the sample that comes next, worked out for many samples at a time.
+    fn added_ent(&mut self) -> [f64; 3] {
+        let place = (self.sample % CHUNK as u64) as usize;
+        if place == 0 {
+            let times: Vec<f64> = (self.sample..(self.sample + CHUNK as u64).min(self.count)).map(|n| self.t_s(n)).collect();
+            self.chunk = self.added.as_mut().map_or_else(Vec::new, |added| added.at(&times));
+        }
+        self.chunk.get(place).copied().unwrap_or_default()
     }
 
     /// New straight lines from the sample that comes next.
@@ -443,6 +479,10 @@ impl Iterator for Samples<'_> {
                 let turned = tone.sin * tone.turn_cos + tone.cos * tone.turn_sin;
                 tone.cos = tone.cos * tone.turn_cos - tone.sin * tone.turn_sin;
                 tone.sin = turned;
+            }
+            if self.added.is_some() {
+                let added_ent = self.added_ent();
+                (0..3).for_each(|i| reading[i] += added_ent[i]);
             }
             let n = self.sample;
             self.sample += 1;

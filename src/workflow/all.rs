@@ -3,6 +3,7 @@
 use super::{Desk, Drawn, Failure, Job, Made, RunReport, make, parameter_text, publish};
 use crate::analysis::lin::Lin;
 use crate::analysis::{freq, lin, null, offset, sweep};
+use crate::diagnose::known::Known;
 use crate::error::Finding;
 use crate::formats::ccr;
 use crate::formats::facility::Facility;
@@ -55,6 +56,15 @@ impl Analyses {
             sweep: sweep::Options { facility: facility.cloned(), ..sweep::Options::default() },
             null: null::Options::default(),
         }
+    }
+
+    /// The same with known effects, which linear calibrations and sweeps take off the readings; offset, frequency and zero-field runs
+    /// are analysed as they are.
+    #[must_use]
+    pub fn with_model(mut self, model: Option<&Known>) -> Self {
+        self.lin.model = model.cloned();
+        self.sweep.model = model.cloned();
+        self
     }
 
     /// Reads and analyses one run.

@@ -325,6 +325,7 @@ fn of_cpf(cpf: &Cpf) -> Result<RunResult, String> {
         sigma,
         offset_nt: std::array::from_fn(|i| sigma[i] * cpf.offset.b_or_ent[i]),
         xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
+        field_nt: None,
     })
 }
 

@@ -1,23 +1,31 @@
 //! Diagnoses as files, figures and text.
 
 use super::{Desk, Failure, Job, draw};
+use crate::analysis::lin;
+use crate::diagnose::across::{RunValues, across};
+use crate::diagnose::known::{Known, is_of_one_run};
 use crate::diagnose::result::{Diagnosis, Parameter};
-use crate::diagnose::{self, Given, Options, Samples};
+use crate::diagnose::{self, Options, Samples};
 use crate::error::Finding;
-use crate::formats::ccr;
 use crate::formats::output::Folder;
-use crate::formats::parameter::{self, Model, ModelEffect, ModelParameter, ParameterFile};
-use crate::model::effects::{self, Spec};
+use crate::formats::parameter::{self, Cpf, FacilityPart, Model, ModelEffect, ModelParameter, ParameterFile};
+use crate::formats::source::read_whole;
+use crate::formats::text::{Keys, decode};
+use crate::formats::{ccr, orientations};
+use crate::model::effects::Spec;
 use crate::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
 use crate::provenance::{Input, Provenance};
 use crate::report::{self, FigureLink};
-use crate::units::COMPONENTS;
 use serde::Serialize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+const WRITTEN_BY: &str = concat!("calfit ", env!("CARGO_PKG_VERSION"));
 
 /// A diagnosis with what is known of its origin.
 #[derive(Clone, Debug, Serialize)]
 pub struct Diagnosed {
+    /// Program and version: the mark of a file that may be written over.
+    pub written_by: &'static str,
     /// What was found.
     #[serde(flatten)]
     pub diagnosis: Diagnosis,
@@ -48,7 +56,107 @@ pub fn diagnose_run(
     input.extend(job.campaign.input.clone());
     input.extend(inputs.iter().cloned());
     let provenance = Provenance::new("calfit diagnose".to_owned(), input);
-    Ok(Diagnosed { diagnosis, provenance })
+    Ok(Diagnosed { written_by: WRITTEN_BY, diagnosis, provenance })
+}
+
+/// Diagnoses a table of amplitudes; its name without `freq_` is the run id. Warnings go to `findings`.
+///
+/// # Errors
+/// The table cannot be read, or its name cannot be a run id.
+pub fn diagnose_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Diagnosed, Finding> {
+    let (rows, id, provenance) = super::freq::amplitude_table("diagnose", path, findings)?;
+    Ok(Diagnosed { written_by: WRITTEN_BY, diagnosis: diagnose::freq::table(&rows, &id), provenance })
+}
+
+/// Parameters of runs that are looked at together.
+#[derive(Default)]
+pub struct Across {
+    values: Vec<RunValues>,
+    inputs: Vec<Input>,
+    /// Facilities that the parameters were found with.
+    stated: Vec<Option<FacilityPart>>,
+}
+
+impl Across {
+    /// Takes the rows of a table of run results; warnings go to `findings`.
+    ///
+    /// # Errors
+    /// The table cannot be read.
+    pub fn table(&mut self, path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
+        let (rows, digested) = orientations::read(path, findings)?;
+        let name = |part: Option<&std::ffi::OsStr>| part.map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let set = name(path.file_stem());
+        self.values.extend(rows.iter().map(|row| RunValues::of_row(row, &set)));
+        self.inputs.push(digested.input(name(path.file_name())));
+        Ok(())
+    }
+
+    /// Takes a linear calibration.
+    ///
+    /// # Errors
+    /// The file cannot be read, or its position is none.
+    pub fn cpf(&mut self, path: &Path) -> Result<(), Finding> {
+        let file = parameter::read::<Cpf>(path)?;
+        let values = RunValues::of_cpf(&file.body)
+            .map_err(|rule| Finding::error(&path.display().to_string(), rule, "fit the run again"))?;
+        self.values.push(values);
+        self.stated.push(file.body.facility.as_ref().map(|f| f.applied.clone()));
+        self.inputs.push(file.input);
+        Ok(())
+    }
+
+    /// Fits linearity runs and takes their parameters; what cannot be fitted goes to `failures`.
+    pub fn runs(&mut self, jobs: &[&Job], options: &lin::Options, desk: &Desk, failures: &mut Vec<(String, Failure)>) {
+        for job in jobs {
+            let refuse = |rule: String| Failure::Refused(Finding::error(&job.recorded, rule, "see `calfit lin` for this run"));
+            let mut sink = Accumulator::default();
+            let taken = ccr::read(&job.path, &desk.reading(&job.recorded, true), &mut sink)
+                .map_err(Failure::Unreadable)
+                .and_then(|run| {
+                    let plateaus = plateau::of_run(&run, sink, options.settling, options.least_coverage);
+                    let values = RunValues::of_run(&run, &plateaus, job.campaign, options).map_err(refuse)?;
+                    Ok((values, Input::from(&run.input)))
+                });
+            match taken {
+                Ok((values, input)) => {
+                    self.values.push(values);
+                    let facility = options.facility.iter().map(|f| &f.input);
+                    for input in [input].iter().chain(&job.campaign.input).chain(facility) {
+                        if !self.inputs.contains(input) {
+                            self.inputs.push(input.clone());
+                        }
+                    }
+                }
+                Err(failure) => failures.push((job.recorded.clone(), failure)),
+            }
+        }
+    }
+
+    /// Runs there are.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Diagnoses them together.
+    ///
+    /// # Errors
+    /// The parameters were found with different facilities, or show nothing together.
+    pub fn diagnose(self) -> Result<Diagnosed, Finding> {
+        let shown: Vec<&str> = self.inputs.iter().map(|i| i.path.as_str()).collect();
+        let refuse = |rule: String, remedy: &str| Finding::error(&shown.join(", "), rule, remedy);
+        if self.stated.iter().any(|s| s != &self.stated[0]) {
+            let rule = "the parameter files were made with different facilities".to_owned();
+            return Err(refuse(rule, "fit the runs again with the same --facility"));
+        }
+        let diagnosis = across(&self.values)
+            .map_err(|rule| refuse(rule, "add runs of the same sensor: repeats, other orientations, other temperatures"))?;
+        Ok(Diagnosed {
+            written_by: WRITTEN_BY,
+            diagnosis,
+            provenance: Provenance::new("calfit diagnose".to_owned(), self.inputs),
+        })
+    }
 }
 
 /// Writes a diagnosis into a folder: figures, the report as Markdown and HTML, and `diagnosis.json` last.
@@ -60,11 +168,17 @@ pub fn publish_diagnosis(made: &Diagnosed, folder: &Path, desk: &Desk) -> Result
     folder.check("diagnosis.json")?;
     let name = made.diagnosis.runs.first().map_or("", String::as_str);
     let figures = crate::plot::diagnose::figures(&made.diagnosis);
-    let drawn = if desk.plots { draw(&folder, &figures, |stem| format!("DIAGNOSIS_{stem}__{name}.png"))? } else { Vec::new() };
+    let drawn = if desk.plots { draw(&folder, &figures, |stem| figure_name(stem, name))? } else { Vec::new() };
     let title = report::diagnose::title(&made.diagnosis);
     let links: Vec<FigureLink> = FigureLink::number(&drawn, "", &mut 0);
-    let sections = report::diagnose::sections(&made.diagnosis, 2);
-    let text = report::standalone(&title, &made.diagnosis.warnings, &sections, &links, &made.provenance);
+    // Every figure stands in the section that it belongs to.
+    let shown = |stem: &str| {
+        let file = figure_name(stem, name);
+        let own = links.iter().find(|link| link.file == file);
+        own.map_or_else(String::new, |link| report::figures(std::slice::from_ref(link)))
+    };
+    let sections = report::diagnose::sections(&made.diagnosis, 2, &shown);
+    let text = report::standalone(&title, &made.diagnosis.warnings, &sections, &[], &made.provenance);
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.md"), text.as_bytes())?;
     let page = report::html::page(&text, &title, &mut |file| std::fs::read(folder.path().join(file)).ok());
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.html"), page.as_bytes())?;
@@ -75,32 +189,28 @@ pub fn publish_diagnosis(made: &Diagnosed, folder: &Path, desk: &Desk) -> Result
     folder.sync()
 }
 
+fn figure_name(stem: &str, run: &str) -> String {
+    format!("DIAGNOSIS_{stem}__{run}.png")
+}
+
 /// Reads a model file.
 ///
 /// # Errors
-/// As [`parameter::read`], and effects that the catalogue does not have.
-pub fn read_model(path: &Path) -> Result<(ParameterFile<Model>, Vec<Given>), Finding> {
+/// As [`parameter::read`], and effects that the catalogue does not have, or without a parameter, with their lines.
+pub fn read_model(path: &Path) -> Result<(ParameterFile<Model>, Known), Finding> {
     let file = parameter::read::<Model>(path)?;
-    let given = file
-        .body
-        .effect
-        .iter()
-        .map(|e| {
-            let refuse =
-                |rule: String| Finding::error(&path.display().to_string(), rule, "list the catalogue with `calfit effects`");
-            let effect = effects::named(&e.id).ok_or_else(|| refuse(format!("there is no effect {}", e.id)))?;
-            let axes = e.axes.iter().map(|a| COMPONENTS.iter().position(|c| c == a));
-            let axes: Option<Vec<usize>> = axes.collect();
-            let axes = axes.ok_or_else(|| refuse(format!("an axis of {} is none of x, y, z", e.id)))?;
-            let shape = e.shape.iter().map(|s| (s.name.clone(), s.value, s.unit.clone())).collect();
-            Ok(Given {
-                id: effect.id(),
-                spec: Spec { form: e.form.clone(), axes, shape },
-                values: e.parameter.iter().map(|p| p.value).collect(),
-            })
-        })
-        .collect::<Result<Vec<Given>, Finding>>()?;
-    Ok((file, given))
+    let (bytes, _) = read_whole(path)?;
+    let keys = Keys::parse(&path.display().to_string(), 1, decode(&bytes).into_owned())?;
+    let known = Known::of(file.input.clone(), &file.body, &keys.root().groups("effect")?)?;
+    Ok((file, known))
+}
+
+/// Reads the model of `--model`.
+///
+/// # Errors
+/// See [`read_model`].
+pub fn known(path: Option<&PathBuf>) -> Result<Option<Known>, Finding> {
+    path.map(|path| read_model(path).map(|(_, known)| known)).transpose()
 }
 
 /// Writes the effects of some diagnoses as a model file.
@@ -109,12 +219,18 @@ pub fn read_model(path: &Path) -> Result<(ParameterFile<Model>, Vec<Given>), Fin
 /// What cannot be written.
 pub fn publish_model(path: &Path, all: &[&Diagnosed], given: &[ModelEffect], force: bool) -> Result<(), Finding> {
     let mut effect: Vec<ModelEffect> = given.to_vec();
-    for step in all.iter().flat_map(|d| &d.diagnosis.steps) {
+    for (diagnosis, step) in all.iter().flat_map(|d| d.diagnosis.steps.iter().map(|s| (&d.diagnosis, s))) {
         let first = (step.form.clone(), step.parameters.clone());
         for (form, parameters) in std::iter::once(&first).chain(&step.further) {
             // What is damaged or only seen between runs is no term of a reading.
-            let Some(entry) = entry(&step.effect, form, parameters) else { continue };
-            if !effect.iter().any(|e| e.id == entry.id && e.form == entry.form && e.axes == entry.axes) {
+            let Some(mut entry) = entry(&step.effect, form, parameters) else { continue };
+            entry.run = diagnosis.runs.first().cloned();
+            let readings = diagnosis.reading_ent;
+            entry.reading_ent = readings.iter().flatten().all(|v| v.is_finite()).then(|| readings.to_vec());
+            let same = |e: &ModelEffect| e.id == entry.id && e.form == entry.form && e.axes == entry.axes;
+            // What belongs to the time of one run is there once for each.
+            let any_run = !is_of_one_run(&entry.id, &entry.form);
+            if !effect.iter().any(|e| same(e) && (any_run || e.run == entry.run)) {
                 effect.push(entry);
             }
         }
@@ -155,6 +271,8 @@ fn entry(effect: &str, form: &Spec, parameters: &[Parameter]) -> Option<ModelEff
         id: effect.to_owned(),
         form: form.form.clone(),
         axes: form.axis_names().into_iter().map(str::to_owned).collect(),
+        run: None,
+        reading_ent: None,
         parameter: parameters.iter().filter(|p| !is_shape(&p.name)).map(of).collect(),
         shape,
     })

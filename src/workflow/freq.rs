@@ -39,6 +39,16 @@ impl PerRun for Options {
 /// # Errors
 /// The table cannot be read, or its name cannot be a run id.
 pub fn of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Made<Freq>, Finding> {
+    let (rows, id, provenance) = amplitude_table("freq", path, findings)?;
+    Ok(Made { result: from_table(&rows, &id), provenance, run: None })
+}
+
+/// The rows of a table of amplitudes, its run id, and the provenance of what a command makes of it.
+pub(super) fn amplitude_table(
+    command: &str,
+    path: &Path,
+    findings: &mut Vec<Finding>,
+) -> Result<(Vec<amplitudes::Row>, String, Provenance), Finding> {
     let (rows, digested) = amplitudes::read(path, findings)?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = path.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
@@ -48,8 +58,8 @@ pub fn of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Made<Freq>, 
             .found(id.as_bytes()));
     }
     let input = digested.input(name.clone());
-    let provenance = Provenance::new(format!("calfit freq --amplitudes {name}"), vec![input]);
-    Ok(Made { result: from_table(&rows, id), provenance, run: None })
+    let provenance = Provenance::new(format!("calfit {command} --amplitudes {name}"), vec![input]);
+    Ok((rows, id.to_owned(), provenance))
 }
 
 impl RunReport for Freq {

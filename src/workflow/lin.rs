@@ -33,7 +33,8 @@ impl PerRun for Options {
 
     fn inputs(&self) -> Vec<Input> {
         let facility = self.facility.iter().map(|f| &f.input);
-        facility.chain(self.linearisation.iter().map(|l| &l.input)).cloned().collect()
+        let linearisation = self.linearisation.iter().map(|l| &l.input);
+        facility.chain(linearisation).chain(self.model.iter().map(|m| &m.input)).cloned().collect()
     }
 
     fn recorded(&self, result: &Lin) -> String {
@@ -51,6 +52,9 @@ impl PerRun for Options {
         }
         if let Some(linearisation) = &self.linearisation {
             text.push_str(&linearisation.recorded());
+        }
+        if let Some(model) = &self.model {
+            text.push_str(&model.recorded());
         }
         text.push_str(&recorded_cut(self.settling, self.least_coverage));
         for (allowed, name) in [(self.allow_gain, "gain"), (self.allow_mismatch, "mismatch")] {

@@ -19,7 +19,7 @@ pub use centre::PairFiles;
 pub use coil::{
     CoilMade, CoilResult, CoilRun, TiltInput, coil_runs, facility, publish_coil, residual_of, residual_of_table, scalar_of,
 };
-pub use diagnose::{Diagnosed, diagnose_run, publish_diagnosis, publish_model, read_model};
+pub use diagnose::{Across, Diagnosed, diagnose_run, diagnose_table, known, publish_diagnosis, publish_model, read_model};
 pub use freq::of_table;
 pub use linearise::{First, Refitted, by_sensor_and_mode, linearisation, linearise_group};
 pub use thermal::{ThermalOptions, ThermalShown, thermals};

@@ -30,7 +30,8 @@ impl PerRun for Options {
     }
 
     fn inputs(&self) -> Vec<Input> {
-        self.facility.iter().map(|f| f.input.clone()).collect()
+        let facility = self.facility.iter().map(|f| f.input.clone());
+        facility.chain(self.model.iter().map(|m| m.input.clone())).collect()
     }
 
     fn recorded(&self, _result: &Sweep) -> String {
@@ -45,6 +46,9 @@ impl PerRun for Options {
         }
         if let Some(facility) = &self.facility {
             text.push_str(&facility.recorded());
+        }
+        if let Some(model) = &self.model {
+            text.push_str(&model.recorded());
         }
         text + &recorded_cut(self.settling, self.least_coverage)
     }

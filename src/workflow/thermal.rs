@@ -3,6 +3,7 @@
 use super::{Desk, Outcome, draw, parameter_text};
 use crate::analysis::lin::Lin;
 use crate::analysis::thermal::{File, Group, Kind, Thermal, ThermalError, groups, thermal};
+use crate::diagnose::known::Known;
 use crate::error::Finding;
 use crate::formats::campaign::ThermalEntry;
 use crate::formats::facility::Facility;
@@ -22,6 +23,8 @@ pub struct ThermalOptions {
     pub joint: bool,
     /// The facility that turns the settings of the runs into fields.
     pub facility: Option<Facility>,
+    /// Known effects, which are taken off the readings of the runs.
+    pub model: Option<Known>,
 }
 
 impl ThermalOptions {
@@ -40,6 +43,9 @@ impl ThermalOptions {
         }
         if let Some(facility) = &self.facility {
             text.push_str(&facility.recorded());
+        }
+        if let Some(model) = &self.model {
+            text.push_str(&model.recorded());
         }
         text
     }

@@ -31,7 +31,7 @@ const ROUNDING: [f64; 3] = [1e-10, 1e-7, 1e-10];
 /// Eigenvalues of the normal matrix below this are zero: its entries are small whole numbers.
 const NULL: f64 = 1e-9;
 /// Pairs of axes that the three angles lie between.
-const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+pub(crate) const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
 /// Sensor and facility.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -42,17 +42,17 @@ pub struct Tilt {
 
 /// The three families of parameters, which do not mix.
 #[derive(Clone, Copy)]
-enum Family {
+pub(crate) enum Family {
     Scale,
     Offset,
     Angle,
 }
 
 impl Family {
-    const ALL: [Family; 3] = [Family::Scale, Family::Offset, Family::Angle];
+    pub(crate) const ALL: [Family; 3] = [Family::Scale, Family::Offset, Family::Angle];
 
     /// Which parameter of the facility the sensor's parameter `i` sees, and with which factor.
-    fn sees(self, position: &Position, i: usize) -> (usize, f64) {
+    pub(crate) fn sees(self, position: &Position, i: usize) -> (usize, f64) {
         match self {
             Family::Scale => (position.along(i).0, -1.0),
             Family::Offset => position.along(i),
@@ -66,7 +66,7 @@ impl Family {
     }
 
     /// The values of one run or orientation in which the facility acts by addition.
-    fn of(self, values: &TiltValues) -> [f64; 3] {
+    pub(crate) fn of(self, values: &TiltValues) -> [f64; 3] {
         match self {
             Family::Scale => values.scale.map(f64::ln),
             Family::Offset => values.offset_nt,

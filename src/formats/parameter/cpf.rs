@@ -1,6 +1,6 @@
 //! CPF: the linear calibration of one run.
 
-use super::{Body, Conditions, Dropped, FacilityApplied, LinearisationApplied, Rows, RunHead};
+use super::{Body, Conditions, Dropped, FacilityApplied, LinearisationApplied, ModelApplied, Rows, RunHead};
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -41,6 +41,16 @@ impl Convention {
             ..plain
         }
     }
+
+    /// For readings from which known effects were taken off.
+    #[must_use]
+    pub fn without_effects(self) -> Self {
+        Self {
+            model: format!("{}; the effects of [model] were taken off B_r", self.model),
+            uncertainty: format!("{}; that of the parameters of [model] included, taken as independent", self.uncertainty),
+            ..self
+        }
+    }
 }
 
 /// A linear calibration.
@@ -77,6 +87,9 @@ pub struct Cpf {
     /// The linearisation of the readings; absent if they were taken as they are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub linearisation: Option<LinearisationApplied>,
+    /// The known effects that were taken off the readings; absent if none were.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<ModelApplied>,
     /// Plateaus that were not used.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub dropped: Vec<Dropped>,

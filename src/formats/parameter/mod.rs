@@ -30,7 +30,7 @@ pub use linearisation::{
     LinearisationApplied, LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisationPart, LinearisedAxis,
     LinearisedRun, PanelFit, linearisation_file_name,
 };
-pub use model::{Model, ModelEffect, ModelParameter};
+pub use model::{AppliedEffect, Model, ModelApplied, ModelEffect, ModelParameter};
 pub use null::{
     AllanPart, ChannelPart, CornerPart, DensityPart, LinePart, Npf, NullConvention, NullOffset, NullScaled, RecordPart,
     SpectrumPart, StopPart, TogetherPart,

@@ -23,6 +23,12 @@ pub struct ModelEffect {
     pub form: String,
     /// Axes on which it acts, x, y, z.
     pub axes: Vec<String>,
+    /// Run in which it was found; absent if it may be any of `used`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+    /// Smallest and largest reading of the three sensor axes, without offset, with which it was found, enT.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reading_ent: Option<Vec<[f64; 2]>>,
     /// Linear parameters in the order of the form.
     #[serde(default)]
     pub parameter: Vec<ModelParameter>,
@@ -43,6 +49,50 @@ pub struct ModelParameter {
     pub std: Option<f64>,
     /// Unit.
     pub unit: String,
+}
+
+/// A model whose effects were taken off the readings of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelApplied {
+    /// The model file.
+    pub file: String,
+    /// What was taken off.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effect: Vec<AppliedEffect>,
+    /// Effects of the file that were not taken off.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<String>,
+}
+
+impl ModelApplied {
+    /// What was done, in a sentence.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        let names: Vec<String> = self
+            .effect
+            .iter()
+            .map(|e| match e.id.as_str() {
+                "thermal_lag" => format!("{}, whose temperatures were used", e.id),
+                id => format!("{id} on {} (at most {:.3} nT)", e.axes.join(", "), e.largest_nt),
+            })
+            .collect();
+        let names = if names.is_empty() { "nothing".to_owned() } else { names.join("; ") };
+        let left = if self.left_out.is_empty() { String::new() } else { format!("; left out: {}", self.left_out.join(", ")) };
+        format!("The effects of `{}` were taken off the readings before the fit: {names}{left}.", self.file)
+    }
+}
+
+/// An effect that was taken off.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AppliedEffect {
+    /// Id in the catalogue.
+    pub id: String,
+    /// Which of its forms.
+    pub form: String,
+    /// Axes on which it acts.
+    pub axes: Vec<String>,
+    /// Largest contribution to the mean reading of a plateau that was used, nT along a sensor axis.
+    pub largest_nt: f64,
 }
 
 impl Body for Model {

@@ -150,6 +150,9 @@ pub struct SweepPart {
     /// The facility that turned settings into the reference field; absent if the settings were taken as the field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub facility: Option<super::FacilityApplied>,
+    /// The known effects that were taken off the readings; absent if none were.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<super::ModelApplied>,
 }
 
 /// How the sensor follows a thermistor.
@@ -157,7 +160,7 @@ pub struct SweepPart {
 pub struct LagPart {
     /// Channel.
     pub channel: String,
-    /// `none`, `delay` or `first order`: what was applied if this channel was used.
+    /// `none`, `delay` or `first order`, or `of the model` for the lag of a model file: what was applied if this channel was used.
     pub form: String,
     /// Best delay, s: the sensor is that much later than the thermistor, or earlier if negative.
     pub delay_s: f64,

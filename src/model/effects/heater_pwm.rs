@@ -37,6 +37,10 @@ impl Effect for HeaterPwm {
         let on = |used_s: [f64; 2]| pulse(period_s, duty, delay_s, used_s) - duty;
         Some(spec.axes.iter().map(|&a| Column::on("a", a, "enT", record, |_, r| on(r.used_s))).collect())
     }
+
+    fn example(&self, _record: &Record) -> Option<Spec> {
+        Some(Spec::new("square", &[0]).with("period", 2.5, "s").with("duty", 0.3, "1").with("delay", 0.4, "s"))
+    }
 }
 
 /// Part of a time in which a square wave is on.

@@ -44,6 +44,10 @@ impl Effect for InterferenceTone {
         });
         Some(columns.collect())
     }
+
+    fn example(&self, _record: &Record) -> Option<Spec> {
+        Some(Spec::new("sine", &[0]).with("frequency", 0.8, "Hz"))
+    }
 }
 
 /// Means of sine and cosine of a frequency over a time.

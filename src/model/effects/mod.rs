@@ -10,6 +10,7 @@ mod coil_temperature;
 mod cubic_nonlinearity;
 mod earthfield_leakage;
 mod eddy_current_attenuation;
+pub mod example;
 mod facility_angle;
 mod facility_offset;
 mod facility_scale;
@@ -204,6 +205,11 @@ pub trait Effect: Sync {
 
     /// The columns of a term on a record; `None` if the record lacks what the term needs.
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>>;
+
+    /// A term to show what the effect looks like, with an ordinary shape.
+    fn example(&self, record: &Record) -> Option<Spec> {
+        self.specs(record).ok()?.into_iter().next()
+    }
 }
 
 /// The catalogue, in the order of the families.

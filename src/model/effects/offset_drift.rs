@@ -16,7 +16,7 @@ impl Effect for OffsetDrift {
     fn about(&self) -> About {
         About {
             summary: "offset drifts beyond the fitted trend",
-            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of order 3 and 4 (polynomial) or 3 to 6 (waves), or c exp(-t/time constant) (decay)",
+            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of the orders above those of the fitted trend: two (polynomial) or four (waves); or c exp(-t/time constant) (decay)",
             family: Family::Time,
             seen_in: "all",
             needs: "time",
@@ -43,7 +43,8 @@ impl Effect for OffsetDrift {
             let decay = |t: f64| (-(t - record.span_s[0]) / constant_s).exp();
             return Some(spec.axes.iter().map(|&a| Column::on("c", a, "enT", record, |_, r| decay(r.t_s()))).collect());
         }
-        let orders = if spec.form == "waves" { 3..=6 } else { 3..=4 };
+        let first = record.trend_order + 1;
+        let orders = if spec.form == "waves" { first..first + 4 } else { first..first + 2 };
         let columns = spec.axes.iter().flat_map(|&a| {
             orders.clone().map(move |p| Column::on(&format!("p{p}"), a, "enT", record, |_, r| legendre(p, record.tau(r.t_s()))))
         });
@@ -51,12 +52,24 @@ impl Effect for OffsetDrift {
     }
 }
 
-/// Legendre polynomial of an order, by its recurrence.
-fn legendre(order: u32, u: f64) -> f64 {
-    let (mut before, mut now) = (1.0, u);
-    for n in 1..order {
-        let n = f64::from(n);
+/// Legendre polynomial (Bonnet's recursion).
+fn legendre(order: usize, u: f64) -> f64 {
+    let (mut before, mut now) = (0.0, 1.0);
+    for n in 0..order {
+        let n = n as f64;
         (before, now) = (now, ((2.0 * n + 1.0) * u * now - n * before) / (n + 1.0));
     }
-    if order == 0 { before } else { now }
+    now
+}
+
+#[cfg(test)]
+mod tests {
+    /// Against the closed forms of the third and fourth polynomial.
+    #[test]
+    fn legendre_polynomials_are_those_of_the_tables() {
+        for u in [-1.0, -0.3, 0.0, 0.7, 1.0] {
+            assert!((super::legendre(3, u) - 0.5 * (5.0 * u * u - 3.0) * u).abs() < 1e-14);
+            assert!((super::legendre(4, u) - 0.125 * ((35.0 * u * u - 30.0) * u * u + 3.0)).abs() < 1e-14);
+        }
+    }
 }

@@ -85,6 +85,8 @@ pub struct Channel {
     pub series: Vec<(f64, f64)>,
     /// Mean over the time of each row.
     pub values: Vec<f64>,
+    /// Mean over the rows of the run, to which effects refer; the rows may be only a part of them.
+    pub mean: f64,
 }
 
 /// The rows of one or several runs with their covariates.
@@ -114,6 +116,8 @@ pub struct Record {
     pub others: Vec<Channel>,
     /// The linear sensor as a function of its temperature, for sweeps.
     pub thermal: Option<Thermal>,
+    /// Order of the polynomial in time that the model of the offset has where it is no polynomial of the temperature.
+    pub trend_order: usize,
     /// Whether the rows are samples or means of samples (and not means that a file brought).
     pub has_samples: bool,
 }
@@ -156,8 +160,7 @@ impl Record {
 /// Values of a channel without their mean: what a fit with a constant can tell of it.
 #[must_use]
 pub fn centred(channel: &Channel) -> Vec<f64> {
-    let mean = channel.values.iter().sum::<f64>() / channel.values.len().max(1) as f64;
-    channel.values.iter().map(|v| v - mean).collect()
+    channel.values.iter().map(|v| v - channel.mean).collect()
 }
 
 /// A series at a time, between its readings; the first or last one outside.

@@ -45,6 +45,10 @@ impl Effect for Settling {
             _ => vec![Column::of("fraction", "1", record, |i, _| all[i].map(|v| -v))],
         })
     }
+
+    fn example(&self, _record: &Record) -> Option<Spec> {
+        Some(Spec::new("exponential", &[0, 1, 2]).with("tau", 0.8, "s"))
+    }
 }
 
 /// Mean over a time of the transients of all steps before it, enT, for a time constant.

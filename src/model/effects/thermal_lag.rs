@@ -48,6 +48,10 @@ impl Effect for ThermalLag {
             record.rows.iter().zip(&thermal.degc).map(|(row, now)| interpolate(&lagged, row.t_s()) - now).collect();
         Some(vec![Column::of("part", "1", record, |i, r| thermal.slope(i, r.field_coil_nt).map(|s| s * change[i]))])
     }
+
+    fn example(&self, _record: &Record) -> Option<Spec> {
+        Some(Spec::new("first order", &[0, 1, 2]).with("lag", 480.0, "s"))
+    }
 }
 
 /// A series of temperatures as the part that matters has it.

@@ -52,4 +52,8 @@ impl Effect for TimeShift {
         };
         Some(vec![Column::of("part", "1", record, |_, r| wrong(r.used_s))])
     }
+
+    fn example(&self, _record: &Record) -> Option<Spec> {
+        Some(Spec::new("edges", &[0, 1, 2]).with("shift", 0.4, "s"))
+    }
 }

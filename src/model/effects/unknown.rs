@@ -170,6 +170,10 @@ impl Effect for Unknown {
         let covariate = Covariate::all(record).into_iter().find(|c| c.name == spec.form)?;
         columns(record, &covariate, spec)
     }
+
+    fn example(&self, record: &Record) -> Option<Spec> {
+        self.specs(record).ok()?.into_iter().find(|s| s.form == "field modulus")
+    }
 }
 
 /// The columns of a smooth function of a covariate that is at hand.

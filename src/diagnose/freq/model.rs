@@ -1,0 +1,336 @@
+//! A response with what may be missing in it, fitted to amplitudes and phases.
+
+use super::sines::{Sines, Triple};
+use crate::model::response::Response;
+use crate::run::SlowTable;
+use nalgebra::{Complex, DMatrix, DVector};
+use std::f64::consts::TAU;
+
+/// Quality of the two further poles of `response_order`: between those of Bessel and Butterworth.
+const QUALITY: f64 = 0.65;
+/// Step of numeric derivatives, in logarithms, parts, 1e-6 and µs alike.
+const STEP: f64 = 1e-4;
+/// Steps of a fit, and the decrease of chi-square that ends it.
+const MOST_STEPS: usize = 60;
+const FINISHED: f64 = 1e-4;
+/// Poles are looked for between these frequencies, Hz.
+pub const POLES_HZ: [f64; 2] = [0.5, 2e4];
+
+/// What is missing.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Term {
+    /// A part of the field passes a pole: `1 + p (1 / (1 + i f/f_c) - 1)`; with p = 1 a further pole. Parameters p and ln f_c.
+    Pole([bool; 3]),
+    /// The same with two poles, `1 / (1 - x² + i x / Q)`.
+    Order([bool; 3]),
+    /// The sampling frequency changes with run time: its relative change `Σ c_k u^k` with u the time over the length of the run. Parameters
+    /// c_1.. in 1e-6.
+    Clock(usize),
+    /// It changes with a temperature, whose deviation from its mean in K and its integral in K s at the middle of every setting stand here.
+    /// Parameter in 1e-6/K.
+    ClockTemperature(Vec<[f64; 2]>),
+    /// The data are displaced against the settings. Parameter in µs, positive if the data are late.
+    Shift,
+}
+
+impl Term {
+    /// Id in the catalogue.
+    pub fn id(&self) -> &'static str {
+        match self {
+            Term::Pole(_) => "eddy_current_attenuation",
+            Term::Order(_) => "response_order",
+            Term::Clock(_) | Term::ClockTemperature(_) => "clock_drift",
+            Term::Shift => "time_shift",
+        }
+    }
+
+    /// Number of parameters.
+    pub fn count(&self) -> usize {
+        match self {
+            Term::Pole(_) | Term::Order(_) => 2,
+            Term::Clock(degree) => *degree,
+            Term::ClockTemperature(_) | Term::Shift => 1,
+        }
+    }
+
+    /// Axes on which it acts.
+    pub fn axes(&self) -> Vec<usize> {
+        match self {
+            Term::Pole(on) | Term::Order(on) => (0..3).filter(|i| on[*i]).collect(),
+            _ => vec![0, 1, 2],
+        }
+    }
+
+    /// What it adds to amplitude (logarithm), phase and slope.
+    fn add(&self, p: &[f64], sines: &Sines, j: usize, i: usize, to: &mut Triple) {
+        let sine = &sines.list[j];
+        let f = sine.setting.frequency_hz;
+        match self {
+            Term::Pole(on) | Term::Order(on) if on[i] => {
+                let x = f / p[1].exp();
+                let passed = match self {
+                    Term::Pole(_) => Complex::new(1.0, x).inv(),
+                    _ => Complex::new(1.0 - x * x, x / QUALITY).inv(),
+                };
+                let factor = Complex::from(1.0) + (passed - 1.0) * p[0];
+                to[0] += factor.norm().max(f64::MIN_POSITIVE).ln();
+                to[1] += factor.arg();
+            }
+            Term::Pole(_) | Term::Order(_) => {}
+            Term::Clock(_) => {
+                let (length, u) = (sines.length_s, sine.middle_s / sines.length_s);
+                for (k, c) in p.iter().enumerate() {
+                    let power = (k + 1) as i32;
+                    to[1] -= TAU * f * 1e-6 * c * length * u.powi(power + 1) / f64::from(power + 1);
+                    to[2] -= TAU * f * 1e-6 * c * u.powi(power);
+                }
+            }
+            Term::ClockTemperature(values) => {
+                let [now, integral] = values[j];
+                to[1] -= TAU * f * 1e-6 * p[0] * integral;
+                to[2] -= TAU * f * 1e-6 * p[0] * now;
+            }
+            Term::Shift => to[1] -= TAU * f * 1e-6 * p[0],
+        }
+    }
+}
+
+/// The temperature of a channel at the settings, as [`Term::ClockTemperature`] wants it.
+pub fn clock_temperature(sines: &Sines, table: &SlowTable, name: &str) -> Option<Term> {
+    let series = table.channel(name)?;
+    let (first, last) = (series.first()?.0, series.last()?.0);
+    if series.len() < 8 || last <= first {
+        return None;
+    }
+    let mean = series.iter().map(|s| s.1).sum::<f64>() / series.len() as f64;
+    let at = |t: f64| crate::model::effects::record::interpolate(&series, t) - mean;
+    let mut values = Vec::new();
+    let (mut t, mut sum) = (0.0, 0.0);
+    for sine in &sines.list {
+        while t < sine.middle_s {
+            let step = (sine.middle_s - t).min(1.0);
+            sum += step * at(t + 0.5 * step);
+            t += step;
+        }
+        values.push([at(sine.middle_s), sum]);
+    }
+    Some(Term::ClockTemperature(values))
+}
+
+/// A response with terms: per component the logarithms of DC amplitude and parameters of the response and the relative deviation of the
+/// sampling frequency in 1e-6, then the parameters of the terms.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// Response of the instrument.
+    pub response: Response,
+    /// What it has beside.
+    pub terms: Vec<Term>,
+}
+
+impl Model {
+    /// Parameters of one component.
+    fn own(&self) -> usize {
+        2 + self.response.parameters().len()
+    }
+
+    /// All parameters.
+    pub fn count(&self) -> usize {
+        3 * self.own() + self.terms.iter().map(Term::count).sum::<usize>()
+    }
+
+    /// Where the parameters of a term begin.
+    pub fn begin(&self, term: usize) -> usize {
+        3 * self.own() + self.terms[..term].iter().map(Term::count).sum::<usize>()
+    }
+
+    /// What component i shows of setting j.
+    pub fn triple(&self, p: &[f64], shapes: &[Vec<f64>; 3], sines: &Sines, j: usize, i: usize) -> Triple {
+        let own = &p[i * self.own()..(i + 1) * self.own()];
+        let sine = &sines.list[j];
+        let f = sine.setting.frequency_hz;
+        let deviation = 1e-6 * own[self.own() - 1];
+        let mut triple = [
+            own[0] + self.response.value(f, &shapes[i]).max(f64::MIN_POSITIVE).ln(),
+            self.response.phase_rad(f, &shapes[i]) - TAU * f * sine.middle_s * deviation,
+            -TAU * f * deviation,
+        ];
+        for (k, term) in self.terms.iter().enumerate() {
+            term.add(&p[self.begin(k)..], sines, j, i, &mut triple);
+        }
+        triple
+    }
+
+    /// Parameters of the response per component.
+    pub fn shapes(&self, p: &[f64]) -> [Vec<f64>; 3] {
+        std::array::from_fn(|i| p[i * self.own() + 1..(i + 1) * self.own() - 1].iter().map(|l| l.exp()).collect())
+    }
+
+    fn residual(&self, p: &[f64], sines: &Sines) -> DVector<f64> {
+        let shapes = self.shapes(p);
+        sines.residual(|j, i| self.triple(p, &shapes, sines, j, i))
+    }
+
+    /// Derivatives of the prediction, whitened.
+    fn jacobian(&self, p: &[f64], sines: &Sines) -> DMatrix<f64> {
+        let columns: Vec<DVector<f64>> = (0..p.len())
+            .map(|k| {
+                let at = |sign: f64| {
+                    let mut moved = p.to_vec();
+                    moved[k] += sign * STEP;
+                    self.residual(&moved, sines)
+                };
+                (at(-1.0) - at(1.0)) / (2.0 * STEP)
+            })
+            .collect();
+        DMatrix::from_columns(&columns)
+    }
+
+    /// Weighted least squares from a start.
+    pub fn fit(&self, start: &[f64], sines: &Sines) -> Option<Fit> {
+        let mut p = start.to_vec();
+        let mut residual = self.residual(&p, sines);
+        let mut chi2 = residual.norm_squared();
+        if !chi2.is_finite() {
+            return None;
+        }
+        let mut damping = 1e-6;
+        for _ in 0..MOST_STEPS {
+            let j = self.jacobian(&p, sines);
+            let (normal, right) = (j.tr_mul(&j), j.tr_mul(&residual));
+            let mut better = false;
+            for _ in 0..12 {
+                let mut damped = normal.clone();
+                for k in 0..p.len() {
+                    damped[(k, k)] += damping * normal[(k, k)].max(1e-12);
+                }
+                let moved = damped
+                    .cholesky()
+                    .map(|c| c.solve(&right))
+                    .map(|step| -> Vec<f64> { p.iter().zip(step.iter()).map(|(a, b)| a + b).collect() });
+                let new = moved.filter(|m| self.allowed(m)).map(|m| (self.residual(&m, sines), m));
+                match new {
+                    Some((r, m)) if r.norm_squared() < chi2 => {
+                        let gain = chi2 - r.norm_squared();
+                        (p, residual, chi2) = (m, r, chi2 - gain);
+                        damping = (0.1 * damping).max(1e-12);
+                        better = gain > FINISHED;
+                        break;
+                    }
+                    _ => damping = (10.0 * damping).max(1e-9),
+                }
+            }
+            if !better {
+                break;
+            }
+        }
+        let jacobian = self.jacobian(&p, sines);
+        Some(Fit { model: self.clone(), p, residual, jacobian, chi2 })
+    }
+
+    fn allowed(&self, p: &[f64]) -> bool {
+        let pole = |k: usize| {
+            let ln = p[self.begin(k) + 1];
+            (POLES_HZ[0].ln()..POLES_HZ[1].ln()).contains(&ln) && p[self.begin(k)].abs() < 1.5
+        };
+        let poles_fine = self.terms.iter().enumerate().all(|(k, t)| !matches!(t, Term::Pole(_) | Term::Order(_)) || pole(k));
+        poles_fine && self.shapes(p).iter().flatten().all(|s| (1e-3..1e6).contains(s))
+    }
+
+    /// A start for a response whose corner lies near the given frequencies, one per set of [`Response::starts`].
+    pub fn starts(&self, sines: &Sines, corner_hz: [f64; 3]) -> Vec<Vec<f64>> {
+        let sets: [Vec<Vec<f64>>; 3] = corner_hz.map(|c| self.response.starts(c));
+        (0..sets[0].len())
+            .map(|k| {
+                let mut p = Vec::new();
+                for (i, set) in sets.iter().enumerate() {
+                    let lowest = sines.list.iter().min_by(|a, b| a.setting.frequency_hz.total_cmp(&b.setting.frequency_hz));
+                    p.push(lowest.map_or(0.0, |s| s.tones[i].log_amplitude));
+                    p.extend(set[k].iter().map(|v| v.ln()));
+                    p.push(0.0);
+                }
+                p
+            })
+            .collect()
+    }
+}
+
+/// A fitted model.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// The model.
+    pub model: Model,
+    /// Its parameters.
+    pub p: Vec<f64>,
+    /// Measured less fitted, whitened.
+    pub residual: DVector<f64>,
+    /// Derivatives of the prediction, whitened.
+    pub jacobian: DMatrix<f64>,
+    /// Squares of the residuals.
+    pub chi2: f64,
+}
+
+impl Fit {
+    /// Rows less parameters.
+    pub fn dof(&self) -> f64 {
+        self.residual.len().saturating_sub(self.p.len()).max(1) as f64
+    }
+
+    /// With a further term from some of its values.
+    pub fn with(&self, term: &Term, values: &[f64], sines: &Sines) -> Option<Fit> {
+        let mut model = self.model.clone();
+        model.terms.push(term.clone());
+        let mut p = self.p.clone();
+        p.extend_from_slice(values);
+        model.fit(&p, sines)
+    }
+
+    /// Covariance of the parameters.
+    pub fn covariance(&self) -> Option<DMatrix<f64>> {
+        let normal = self.jacobian.tr_mul(&self.jacobian);
+        let scale: Vec<f64> = (0..normal.nrows()).map(|k| normal[(k, k)].sqrt().max(f64::MIN_POSITIVE)).collect();
+        let unit = DMatrix::from_fn(scale.len(), scale.len(), |a, b| normal[(a, b)] / (scale[a] * scale[b]));
+        let inverse = unit.pseudo_inverse(1e-12).ok()?;
+        Some(DMatrix::from_fn(scale.len(), scale.len(), |a, b| inverse[(a, b)] / (scale[a] * scale[b])))
+    }
+
+    /// Derivatives of the prediction by the amplitudes of a term that is not in the model; `hz` is the pole.
+    pub fn columns(&self, term: &Term, hz: f64, sines: &Sines) -> Vec<DVector<f64>> {
+        let linear = if matches!(term, Term::Pole(_) | Term::Order(_)) { 1 } else { term.count() };
+        (0..linear)
+            .map(|k| {
+                let at = |size: f64| {
+                    let mut p = vec![0.0; term.count()];
+                    if linear == 1 && term.count() == 2 {
+                        p[1] = hz.ln();
+                    }
+                    p[k] = size;
+                    sines.whiten(|j, i| {
+                        let mut triple = [0.0; 3];
+                        term.add(&p, sines, j, i, &mut triple);
+                        triple
+                    })
+                };
+                (at(STEP) - at(-STEP)) / (2.0 * STEP)
+            })
+            .collect()
+    }
+
+    /// Residuals of settings predicted by a fit that did not see them, whitened: one stretch of `stretch` settings after the other.
+    pub fn held_out(&self, sines: &Sines, stretch: usize) -> DVector<f64> {
+        let (rows, n) = (sines.rows(), sines.list.len());
+        let (whole, right) = (self.jacobian.tr_mul(&self.jacobian), self.jacobian.tr_mul(&self.residual));
+        let mut out = self.residual.clone();
+        for first in (0..n).step_by(stretch) {
+            let (from, count) = (first * rows, rows * (n - first).min(stretch));
+            let (j, r) = (self.jacobian.rows(from, count), self.residual.rows(from, count));
+            let mut normal = &whole - j.tr_mul(&j);
+            for k in 0..normal.nrows() {
+                normal[(k, k)] *= 1.0 + 1e-10;
+            }
+            let Some(cholesky) = normal.cholesky() else { continue };
+            let moved = cholesky.solve(&(&right - j.tr_mul(&r)));
+            out.rows_mut(from, count).copy_from(&(&r - &j * moved));
+        }
+        out
+    }
+}

@@ -1,0 +1,178 @@
+//! What happens inside the plateaus as means for the pictures: transients over the time since the step, edges, folded signals.
+
+use super::result::{InsideBin, InsideMap};
+use super::samples::{Inside, demean, phases, remove, remove_raw};
+use super::scene::{Samples, Scene};
+
+/// Bins of a period.
+const FOLDS: usize = 40;
+/// Bins around an edge.
+const EDGE_BINS: usize = 60;
+/// An edge is shown this many displacements to either side.
+const EDGE_SHIFTS: f64 = 4.0;
+/// Steps below this part of the largest say little about an edge.
+const LEAST_STEP: f64 = 0.2;
+
+/// Samples of one bin and one component: `weight` times what is looked for, and noise.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    x: f64,
+    count: f64,
+    weights: f64,
+    before: f64,
+    after: f64,
+    after_squares: f64,
+}
+
+#[derive(Clone, Default)]
+struct Cell([Sum; 3]);
+
+impl Cell {
+    fn add(&mut self, axis: usize, x: f64, weight: f64, before: f64, after: f64) {
+        let sum = &mut self.0[axis];
+        sum.x += x;
+        sum.count += 1.0;
+        sum.weights += weight * weight;
+        sum.before += weight * before;
+        sum.after += weight * after;
+        sum.after_squares += after * after;
+    }
+
+    fn bin(&self, factor: f64) -> InsideBin {
+        let count: f64 = self.0.iter().map(|s| s.count).sum();
+        let of = |value: fn(&Sum) -> f64| self.0.map(|s| if s.weights > 0.0 { factor * value(&s) } else { f64::NAN });
+        InsideBin {
+            x: self.0.iter().map(|s| s.x).sum::<f64>() / count,
+            before: of(|s| s.before / s.weights),
+            after: of(|s| s.after / s.weights),
+            // From the scatter about what is left with the effect.
+            std: of(|s| ((s.after_squares - s.after * s.after / s.weights).max(0.0) / s.count / s.weights).sqrt()),
+        }
+    }
+}
+
+fn bins(cells: &[Cell], factor: f64) -> Vec<InsideBin> {
+    cells.iter().filter(|c| c.0.iter().any(|s| s.count > 1.0)).map(|c| c.bin(factor)).collect()
+}
+
+/// The picture of something found in the samples, `earlier` taken off.
+#[must_use]
+pub fn of(
+    scene: &Scene,
+    samples: &Samples,
+    settings: &[[f64; 2]],
+    earlier: &[Inside],
+    found: &Inside,
+    step: usize,
+) -> Option<InsideMap> {
+    let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
+    let windows: Vec<[usize; 2]> = match found.id {
+        "settling" => settings.iter().map(|[b, e]| [at(*b), at(*e)]).filter(|w| w[1] > w[0]).collect(),
+        "time_shift" => vec![[0, samples.t_s.len()]],
+        _ => scene.windows.clone(),
+    };
+    let mut before: [Vec<f64>; 3] = std::array::from_fn(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
+    for signal in earlier {
+        remove_raw(&mut before, &scene.record, samples, &windows, signal);
+    }
+    let mut after = before.clone();
+    if found.id == "time_shift" {
+        remove_raw(&mut after, &scene.record, samples, &windows, found);
+        return edges(scene, samples, &before, &after, found, step);
+    }
+    demean(&mut before, &windows);
+    demean(&mut after, &windows);
+    remove(&mut after, &scene.record, samples, &windows, found);
+    if found.id == "settling" {
+        return transients(scene, samples, &windows, [&before, &after], step);
+    }
+    let period_s = found.spec.get("period").or_else(|| found.spec.get("frequency").map(f64::recip)).filter(|p| *p > 0.0)?;
+    let mut cells = vec![Cell::default(); FOLDS];
+    for k in windows.iter().flat_map(|[from, to]| *from..*to) {
+        let phase = (samples.t_s[k] / period_s).rem_euclid(1.0);
+        let cell = &mut cells[((phase * FOLDS as f64) as usize).min(FOLDS - 1)];
+        (0..3).for_each(|a| cell.add(a, phase * period_s, scene.nt_per_ent[a].recip(), before[a][k], after[a][k]));
+    }
+    // A weight of enT per nT makes nT of readings; the mean over a bin is the sum over the number.
+    Some(InsideMap {
+        step,
+        covariate: format!("time within the period of {period_s:.5} s, s"),
+        quantity: "mean around the plateau, nT".to_owned(),
+        bins: bins(&cells, 1.0),
+    })
+}
+
+/// Means over the time since the step, relative to the step.
+fn transients(
+    scene: &Scene,
+    samples: &Samples,
+    windows: &[[usize; 2]],
+    [before, after]: [&[Vec<f64>; 3]; 2],
+    step: usize,
+) -> Option<InsideMap> {
+    let shortest = windows.iter().map(|w| w[1] - w[0]).min()?;
+    let edges = phases(shortest);
+    let mut cells = vec![Cell::default(); edges.len().saturating_sub(1)];
+    let steps = &scene.record.steps;
+    for [from, _] in windows {
+        // The last step up to the first sample made this plateau.
+        let Some(last) = steps.partition_point(|s| s.t_s <= samples.t_s[*from] + 1e-9).checked_sub(1) else { continue };
+        for (cell, edge) in cells.iter_mut().zip(edges.windows(2)) {
+            for k in from + edge[0]..from + edge[1] {
+                for a in 0..3 {
+                    cell.add(a, samples.t_s[k] - steps[last].t_s, steps[last].change_ent[a], before[a][k], after[a][k]);
+                }
+            }
+        }
+    }
+    Some(InsideMap {
+        step,
+        covariate: "time since the step, s".to_owned(),
+        quantity: "around the plateau, nT per 1000 nT of the step".to_owned(),
+        bins: bins(&cells, 1000.0),
+    })
+}
+
+/// The mean edge: readings around the steps as a part of the step.
+fn edges(
+    scene: &Scene,
+    samples: &Samples,
+    before: &[Vec<f64>; 3],
+    after: &[Vec<f64>; 3],
+    found: &Inside,
+    step: usize,
+) -> Option<InsideMap> {
+    let steps = &scene.record.steps;
+    let half_s = EDGE_SHIFTS * found.spec.get("shift")?.abs();
+    let most: [f64; 3] = std::array::from_fn(|a| steps.iter().map(|s| s.change_ent[a].abs()).fold(f64::MIN_POSITIVE, f64::max));
+    let mut cells = vec![Cell::default(); EDGE_BINS];
+    for (i, edge) in steps.iter().enumerate() {
+        let gap_before = i.checked_sub(1).map_or(f64::INFINITY, |k| edge.t_s - steps[k].t_s);
+        let gap_after = steps.get(i + 1).map_or(f64::INFINITY, |s| s.t_s - edge.t_s);
+        if gap_before.min(gap_after) < 1.5 * half_s {
+            continue;
+        }
+        let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
+        let (from, middle, to) = (at(edge.t_s - half_s), at(edge.t_s), at(edge.t_s + half_s));
+        let third = ((middle - from) / 3).min((to - middle) / 3);
+        if third == 0 {
+            continue;
+        }
+        for a in (0..3).filter(|a| edge.change_ent[*a].abs() > LEAST_STEP * most[*a]) {
+            let mean = |r: std::ops::Range<usize>| before[a][r.clone()].iter().sum::<f64>() / r.len() as f64;
+            let (low, high) = (mean(from..from + third), mean(to - third..to));
+            for k in from..to {
+                let x = samples.t_s[k] - edge.t_s;
+                let cell = (((x / half_s + 1.0) * 0.5 * EDGE_BINS as f64).max(0.0) as usize).min(EDGE_BINS - 1);
+                let part = |values: &[Vec<f64>; 3]| (values[a][k] - low) / (high - low);
+                cells[cell].add(a, x, 1.0, part(before), part(after));
+            }
+        }
+    }
+    Some(InsideMap {
+        step,
+        covariate: "time since the step of the settings, s".to_owned(),
+        quantity: "part of the step, %".to_owned(),
+        bins: bins(&cells, 100.0),
+    })
+}

@@ -1,0 +1,340 @@
+//! A model file does in every command what its effects say: formulas written out here, readings from the forward model of `common`,
+//! which is not the tool's.
+
+mod common;
+
+use calfit::analysis::lin::{Lin, Options, lin};
+use calfit::analysis::sweep;
+use calfit::campaign::Campaign;
+use calfit::diagnose::known::Known;
+use calfit::formats::ccr;
+use calfit::formats::parameter::{self, Model, ModelEffect, ModelParameter};
+use calfit::plateau::Accumulator;
+use calfit::provenance::Provenance;
+use calfit::workflow::{known, read_model};
+use common::check::{Case, calfit, text};
+use common::{Plan, Truth, programme};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const RUN: &str = "13-04-03_09-22-38";
+/// 0.4 enT at 2000 enT.
+const C3: f64 = 5e-11;
+
+fn parameter(name: &str, value: f64, std: Option<f64>, unit: &str) -> ModelParameter {
+    ModelParameter { name: name.to_owned(), value, std, unit: unit.to_owned() }
+}
+
+fn effect(id: &str, form: &str, axes: &[&str], parameters: Vec<ModelParameter>, shape: Vec<ModelParameter>) -> ModelEffect {
+    ModelEffect {
+        id: id.to_owned(),
+        form: form.to_owned(),
+        axes: axes.iter().map(|a| (*a).to_owned()).collect(),
+        run: Some(RUN.to_owned()),
+        reading_ent: None,
+        parameter: parameters,
+        shape,
+    }
+}
+
+fn cubic(value: f64) -> ModelEffect {
+    effect("cubic_nonlinearity", "cubic", &["z"], vec![parameter("c3_z", value, Some(0.02 * value), "enT/enT^3")], Vec::new())
+}
+
+fn write_model(case: &Case, effects: Vec<ModelEffect>) -> PathBuf {
+    let model = Model { used: vec![RUN.to_owned()], convention: "as printed".to_owned(), effect: effects };
+    let text = parameter::to_text(&model, &Provenance::new("calfit diagnose --write-model".to_owned(), Vec::new())).unwrap();
+    let path = case.path().join("model.toml");
+    fs::write(&path, text).unwrap();
+    path
+}
+
+/// 52 plateaus of 2 s at 128 Hz, x += C3 x³ on z, x the reading without its offset.
+fn bent() -> common::Run {
+    let levels: Vec<f64> = (-8..=8).filter(|k| *k != 0).map(|k| 250.0 * f64::from(k)).collect();
+    let zero = Truth::default().offset_ent;
+    Plan { settings: programme(&levels, 2.0), ..Plan::default() }.run().each(|mut r| {
+        r[2] += C3 * (r[2] - zero[2]).powi(3);
+        r
+    })
+}
+
+fn fit(path: &Path, model: Option<Known>) -> Lin {
+    let campaign = Campaign::open(&[path.to_owned()], &mut Vec::new()).unwrap().remove(0);
+    let mut accumulator = Accumulator::default();
+    let run = ccr::read(path, &ccr::Options::default(), &mut accumulator).unwrap();
+    let options = Options { model, trend_order: Some(0), ..Options::default() };
+    let plateaus = accumulator.finish(options.settling, options.least_coverage);
+    lin(&run, &plateaus, &campaign, &options).unwrap()
+}
+
+#[test]
+fn a_known_effect_is_taken_off_and_the_truth_comes_back() {
+    let case = Case::of(bent().text());
+    let path = write_model(&case, vec![cubic(C3)]);
+    let truth = Truth::default().sigma[2];
+    let away = |lin: &Lin| (lin.parameters.matrix.sigma[2][2] - truth) / lin.parameters.std.sigma[2];
+
+    let without = fit(&case.file(), None);
+    // The straight line through x + C3 x³ at the levels: a' = a + C3 a³ ΣB⁴/ΣB², with a = 1/σ.
+    let sum = |power: i32| (1..=8).map(|k| (250.0 * f64::from(k)).powi(power)).sum::<f64>();
+    let bent = 1.0 / (1.0 / truth + C3 * truth.powi(-3) * sum(4) / sum(2));
+    let (found, std) = (without.parameters.matrix.sigma[2][2], without.parameters.std.sigma[2]);
+    assert!((found - bent).abs() < 3.0 * std, "{found} {bent} {std}");
+    assert!(away(&without).abs() > 3.0, "{}", away(&without));
+    let warned = |lin: &Lin| lin.parameters.warnings.iter().any(|w| w.contains("run calfit diagnose"));
+    assert!(warned(&without), "{:?}", without.parameters.warnings);
+
+    let with = fit(&case.file(), known(Some(&path)).unwrap());
+    assert!(away(&with).abs() < 3.0, "{}", away(&with));
+    assert!(!warned(&with), "{:?}", with.parameters.warnings);
+    let applied = with.parameters.model.as_ref().unwrap();
+    // Largest reading of z is 2000 nT over σ; its contribution in nT has σ once more.
+    let wanted = C3 * (2000.0 / truth).powi(3) * truth;
+    assert!((applied.effect[0].largest_nt / wanted - 1.0).abs() < 0.01, "{} {wanted}", applied.effect[0].largest_nt);
+    // The uncertainty of the parameter is carried: 2 % of the bias that the effect has.
+    let bias = without.parameters.matrix.sigma[2][2] - truth;
+    let own = fit(
+        &case.file(),
+        known(Some(&write_model(
+            &case,
+            vec![ModelEffect { parameter: vec![parameter("c3_z", C3, None, "enT/enT^3")], ..cubic(C3) }],
+        )))
+        .unwrap(),
+    );
+    let grown = (with.parameters.std.sigma[2].powi(2) - own.parameters.std.sigma[2].powi(2)).sqrt();
+    assert!((grown / (0.02 * bias).abs() - 1.0).abs() < 0.1, "{grown} {bias}");
+}
+
+#[test]
+fn the_command_states_the_model_and_verify_repeats_it() {
+    let case = Case::of(bent().text());
+    let path = write_model(&case, vec![cubic(C3)]);
+    let stderr = case.done(&["--order", "0", "--model", &path.display().to_string()]);
+    assert!(!stderr.contains("diagnose"), "{stderr}");
+    let cpf = case.cpf();
+    assert_eq!(cpf["model"]["file"].as_str(), Some("model.toml"));
+    assert!(cpf["provenance"]["command"].as_str().unwrap().contains("--model model.toml"));
+    assert_eq!(cpf["model"]["effect"][0]["id"].as_str(), Some("cubic_nonlinearity"));
+    let report = fs::read_to_string(case.out().join(RUN).join(format!("REPORT_LIN__{RUN}.md"))).unwrap();
+    assert!(report.contains("cubic_nonlinearity on z"), "{report}");
+    let verified = calfit().arg("verify").args([case.out(), case.campaign(), case.path().to_owned()]).output().unwrap();
+    assert_eq!(verified.status.code(), Some(0), "{}", text(&verified.stderr));
+}
+
+#[test]
+fn what_belongs_to_another_run_or_goes_beyond_is_said() {
+    let case = Case::of(bent().text());
+    let step = |run: &str, onset: f64| ModelEffect {
+        run: Some(run.to_owned()),
+        ..effect(
+            "offset_step",
+            "step",
+            &["x"],
+            vec![parameter("c_x", 3.0, None, "enT")],
+            vec![parameter("onset", onset, None, "s")],
+        )
+    };
+    let narrow = ModelEffect { reading_ent: Some(vec![[-900.0, 900.0]; 3]), ..cubic(C3) };
+    let path = write_model(&case, vec![narrow, step("13-04-04_00-00-00", 40.0), step(RUN, 1e5)]);
+    let lin = fit(&case.file(), known(Some(&path)).unwrap());
+    let warnings = lin.parameters.warnings.join("\n");
+    for words in ["from -900 to 900 enT", "13-04-04_00-00-00", "outside of the run"] {
+        assert!(warnings.contains(words), "{warnings}");
+    }
+    let applied = lin.parameters.model.unwrap();
+    assert_eq!((applied.effect.len(), applied.left_out.len()), (1, 2));
+    assert!((lin.parameters.offset.b_or_ent[0] - Truth::default().offset_ent[0]).abs() < 0.05);
+}
+
+#[test]
+fn a_model_file_comes_back_as_it_was_written() {
+    let case = Case::new();
+    let tone = effect(
+        "interference_tone",
+        "sine",
+        &["x"],
+        // Not in the order of the catalogue: parameters are told by their names.
+        vec![parameter("c_x", 0.25, Some(0.01), "enT"), parameter("s_x", -0.5, None, "enT")],
+        vec![parameter("frequency", 11.0, None, "Hz")],
+    );
+    let effects = vec![cubic(C3), tone];
+    let (file, known) = read_model(&write_model(&case, effects.clone())).unwrap();
+    assert_eq!(file.body.effect, effects);
+    assert_eq!(known.effects[1].given.values, [-0.5, 0.25]);
+    assert_eq!(known.effects[1].std, [0.0, 0.01]);
+}
+
+#[test]
+fn mistakes_in_a_model_are_named_with_line_and_remedy() {
+    let case = Case::new();
+    let refused = |wrong: ModelEffect, key: &str, words: &[&str]| {
+        let path = write_model(&case, vec![cubic(C3), wrong]);
+        let finding = read_model(&path).unwrap_err();
+        let shown = finding.to_string();
+        words.iter().for_each(|w| assert!(shown.contains(w), "{shown}"));
+        let text = fs::read_to_string(&path).unwrap();
+        let lines = text.lines().enumerate().filter(|(_, l)| l.starts_with(key)).map(|(i, _)| i as u64 + 1);
+        assert_eq!(finding.line, lines.last(), "{shown}");
+    };
+    refused(ModelEffect { id: "cubic".to_owned(), ..cubic(C3) }, "id = ", &["no effect of the catalogue", "`calfit effects`"]);
+    refused(ModelEffect { axes: vec!["w".to_owned()], ..cubic(C3) }, "axes = ", &["\"x\", \"y\", \"z\""]);
+    refused(ModelEffect { axes: vec!["x".to_owned()], ..cubic(C3) }, "id = ", &["`c3_x`", "calfit effects cubic_nonlinearity"]);
+    refused(ModelEffect { form: "quartic".to_owned(), ..cubic(C3) }, "form = ", &["is none of cubic"]);
+    let onset = effect("offset_step", "step", &["x"], vec![parameter("c_x", 1.0, None, "enT")], Vec::new());
+    refused(onset, "id = ", &["shape parameter", "calfit effects offset_step"]);
+}
+
+/// A twin of one run without noise.
+fn twin(noise: &str, mag: &str) -> String {
+    format!(
+        r#"
+seed = 7
+[campaign]
+name = "Twin"
+[[campaign.position]]
+id = 1
+axes = ["+X", "+Y", "+Z"]
+[electronics]
+sample_rate_hz = 32.0
+range_ent = 4000.0
+resolution_ent = 0.001
+[[sensor]]
+name = "FGM"
+mode = "normal"
+real_sample_rate_hz = 32.0
+rotation_deg = [0.4, -0.7, 0.25]
+sigma_x = [0.98]
+sigma_y = [1.02]
+sigma_z = [0.995]
+xi_xy = [89.8]
+xi_xz = [90.3]
+xi_yz = [90.05]
+b_off_x = [12.5]
+b_off_y = [-8.25]
+b_off_z = [3.75]
+f_3db_x = [20.0]
+f_3db_y = [25.0]
+f_3db_z = [15.0]
+response = "first order"
+white_ent = [{noise}, {noise}, {noise}]
+[facility]
+[box]
+start_degc = 20.0
+[temperatures]
+interval_s = 10.0
+coil = {{ mean_degc = 17.0 }}
+rack = {{ mean_degc = 31.0 }}
+[[temperatures.thermistor]]
+channel = "T59"
+of = "sensor"
+[[run]]
+start = "2026-01-02T10:00:00Z"
+programme = "{mag}"
+sensor = "FGM"
+mode = "normal"
+"#
+    )
+}
+
+fn simulated(case: &Case, noise: &str, arguments: &[&str], out: &str) -> PathBuf {
+    let mut steps = "MAG 1\nname = \"LIN.MAG\"\nkind = \"linearity\"\n@STEPS\nduration,bx,by,bz,frequency,position\n".to_owned();
+    for axis in 0..3 {
+        for k in -10..=10 {
+            let mut field = [0.0; 3];
+            // Up and down in leaps, so that the field is no function of time.
+            field[axis] = 200.0 * f64::from((8 * k) % 21 - if (8 * k) % 21 > 10 { 21 } else { 0 });
+            steps += &format!("4,{},{},{},0,1\n", field[0], field[1], field[2]);
+        }
+    }
+    fs::write(case.path().join("LIN.MAG"), steps + "@END\n").unwrap();
+    fs::write(case.path().join("twin.toml"), twin(noise, "LIN.MAG")).unwrap();
+    let out = case.path().join(out);
+    let output =
+        calfit().arg("simulate").arg(case.path().join("twin.toml")).arg("-o").arg(&out).args(arguments).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert_eq!(text(&output.stderr), "");
+    out.join("26-01-02/10-00-00.CCR")
+}
+
+fn samples(path: &Path) -> Vec<[f64; 3]> {
+    let text = fs::read_to_string(path).unwrap();
+    let rows = text.lines().skip_while(|l| *l != "@VECTORS").skip(2).take_while(|l| !l.starts_with('@'));
+    rows.map(|l| l.split(',').map(|c| c.parse().unwrap()).collect::<Vec<f64>>()).map(|r| [r[2], r[3], r[4]]).collect()
+}
+
+#[test]
+fn simulated_samples_have_the_effects_of_the_model() {
+    let case = Case::new();
+    let (period, duty, delay) = (3.0, 0.3, 0.5);
+    let pulse = effect(
+        "heater_pwm",
+        "square",
+        &["x"],
+        vec![parameter("a_x", 2.0, None, "enT")],
+        vec![parameter("period", period, None, "s"), parameter("duty", duty, None, "1"), parameter("delay", delay, None, "s")],
+    );
+    let model = write_model(&case, vec![cubic(C3), pulse]).display().to_string();
+    let without = samples(&simulated(&case, "0.0", &[], "without"));
+    let with = samples(&simulated(&case, "0.0", &["--model", &model], "with"));
+    assert_eq!((without.len(), with.len()), (8064, 8064));
+    for (n, (a, b)) in without.iter().zip(&with).enumerate() {
+        let t = (n as f64 + 0.5) / 32.0;
+        // The step of the field is followed within a quarter of a second; before that x is between two settings.
+        if t % 4.0 < 1.0 {
+            continue;
+        }
+        let on = ((t - delay) / period).rem_euclid(1.0) < duty;
+        let wanted = [2.0 * (f64::from(u8::from(on)) - duty), 0.0, C3 * (a[2] - 3.75).powi(3)];
+        for i in 0..3 {
+            // Both readings are rounded to 0.001, and c3 takes the fitted response for the true one.
+            assert!((b[i] - a[i] - wanted[i]).abs() < 0.0015, "{t} {i}: {} {}", b[i] - a[i], wanted[i]);
+        }
+    }
+}
+
+#[test]
+fn the_diagnosis_finds_a_simulated_effect_again() {
+    let case = Case::new();
+    let model = write_model(&case, vec![cubic(C3)]).display().to_string();
+    let run = simulated(&case, "0.1", &["--model", &model], "campaign");
+    let found = case.path().join("found.toml");
+    let output = calfit()
+        .timeout(std::time::Duration::from_secs(600))
+        .arg("diagnose")
+        .arg(&run)
+        .args(["--no-plots", "-o"])
+        .arg(case.out())
+        .arg("--write-model")
+        .arg(&found)
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let (file, known) = read_model(&found).unwrap();
+    let entry = file.body.effect.iter().find(|e| e.id == "cubic_nonlinearity").expect("the effect");
+    assert_eq!(entry.run.as_deref(), Some("26-01-02_10-00-00"));
+    let c3 = entry.parameter.iter().find(|p| p.name == "c3_z").expect("its parameter");
+    assert!((c3.value - C3).abs() < 4.0 * c3.std.unwrap(), "{c3:?}");
+    // Taken off with what was found, the truth comes back.
+    let lin = fit(&run, Some(known));
+    assert!((lin.parameters.matrix.sigma[2][2] - 0.995).abs() < 3.0 * lin.parameters.std.sigma[2]);
+}
+
+#[test]
+fn a_sweep_uses_the_lag_of_the_model() {
+    let case = Case::new();
+    common::campaign::write(&case);
+    let path = case.campaign().join(format!("{}.CCR", common::campaign::id(12, 0).replace('_', "/")));
+    let lag = effect("thermal_lag", "delay", &["x", "y", "z"], Vec::new(), vec![parameter("lag", 8.0, None, "s")]);
+    let model = known(Some(&write_model(&case, vec![lag]))).unwrap();
+    let campaign = Campaign::open(std::slice::from_ref(&path), &mut Vec::new()).unwrap().remove(0);
+    let mut accumulator = Accumulator::default();
+    let run = ccr::read(&path, &ccr::Options::default(), &mut accumulator).unwrap();
+    let options = sweep::Options { model, ..sweep::Options::default() };
+    let plateaus = accumulator.finish(options.settling, options.least_coverage);
+    let swept = sweep::sweep(&run, &plateaus, &campaign, &options).unwrap();
+    // Half a kelvin per second from -60 °C on, eight seconds late.
+    let last = swept.blocks.last().unwrap();
+    assert!((last.temperature_degc - (-60.0 + 0.5 * (last.t_s - 8.0))).abs() < 1e-6, "{last:?}");
+    assert_eq!(swept.parameters.sweep.unwrap().model.unwrap().file, "model.toml");
+}

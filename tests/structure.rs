@@ -1,0 +1,36 @@
+//! `lin` is silent about its residuals where there is noise alone. `CALFIT_RUNS=200` makes so many runs per family of noise.
+
+#[path = "../examples/studies/blind/mod.rs"]
+#[expect(dead_code, reason = "the study has more than this test needs")]
+mod blind;
+
+use blind::kinds::generate;
+use blind::noise::Family;
+use blind::sensor::Kind;
+use calfit::analysis::lin::{Options, lin};
+use calfit::plateau::{self, Accumulator};
+use calfit::run::VectorSink;
+use rayon::prelude::*;
+
+#[test]
+fn clean_runs_are_not_sent_to_the_diagnosis() {
+    let count: u64 = std::env::var("CALFIT_RUNS").ok().and_then(|v| v.parse().ok()).unwrap_or(12);
+    for family in [Family::White, Family::PowerLaw] {
+        let fired = |seed: u64| -> Option<String> {
+            let options = blind::Options { effects: Vec::new(), strength_k: 0.0, noise: Some(family) };
+            let made = generate(seed, Kind::Lin, &options).unwrap();
+            let (run, vectors) = &made.runs[0];
+            let mut sink = Accumulator::default();
+            sink.begin(&run.header, &run.settings);
+            vectors.iter().for_each(|v| sink.vector(*v));
+            let options = Options::default();
+            let plateaus = plateau::of_run(run, sink, options.settling, options.least_coverage);
+            let result = lin(run, &plateaus, &made.campaign, &options).unwrap();
+            result.parameters.warnings.into_iter().find(|w| w.contains("run calfit diagnose"))
+        };
+        let all: Vec<String> = (0..count).into_par_iter().filter_map(fired).collect();
+        println!("{}: {} of {count} clean runs fired {all:?}", family.name(), all.len());
+        // One in a hundred at most; a few more runs are needed to tell one from none.
+        assert!(all.len() as u64 <= count.div_ceil(100), "{}: {all:?}", family.name());
+    }
+}
