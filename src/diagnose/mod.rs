@@ -300,7 +300,9 @@ fn find_lag(
     let h = 0.05 * lag_s.abs().max(20.0);
     let curvature = (squares(scene, degc(form, lag_s + h)) + squares(scene, degc(form, lag_s - h)) - 2.0 * after) / (h * h);
     let variance = after / (freedom - 3.0 * scene.design.ncols() as f64);
-    let std_s = (2.0 * variance / curvature.max(f64::MIN_POSITIVE)).sqrt();
+    // The instants of the thermistor's readings are known to one reading.
+    let interval_s = (series[series.len() - 1].0 - series[0].0) / (series.len() - 1).max(1) as f64;
+    let std_s = (2.0 * variance / curvature.max(f64::MIN_POSITIVE) + interval_s * interval_s / 12.0).sqrt();
     let strength = (freedom * (before / after).ln()).max(0.0).sqrt();
     let spec = Spec::new(form, &[0, 1, 2]).with("lag", lag_s, "s");
     let held_before = search.held_out(&state.noise, &now);

@@ -162,6 +162,9 @@ pub(super) fn phases(samples: usize) -> Vec<usize> {
     edges
 }
 
+/// Chi square, time constant, axes, amplitudes with uncertainties.
+type Transient = (f64, f64, Vec<usize>, Vec<(f64, f64)>);
+
 /// Whether a transient follows the steps: means over the phases of all settings, weighted with how they scatter between the settings.
 #[must_use]
 pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_s: f64) -> Option<Inside> {
@@ -189,7 +192,7 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
         let usual = crate::plateau::median(&mut sizes.clone()).max(f64::MIN_POSITIVE);
         sizes.iter().map(|s| (2.0 * usual / (usual + s)).sqrt()).collect()
     });
-    let mut best: Option<(f64, f64, Vec<usize>, Vec<(f64, f64)>)> = None;
+    let mut best: Option<Transient> = None;
     let template = |tau: f64| -> [Vec<DVector<f64>>; 3] {
         let all: Vec<Vec<[f64; 3]>> = windows
             .iter()
@@ -223,7 +226,7 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
         }
         (information > 0.0).then(|| (amplitude, information.sqrt().recip()))
     };
-    let consider = |tau: f64, best: &mut Option<(f64, f64, Vec<usize>, Vec<(f64, f64)>)>| {
+    let consider = |tau: f64, best: &mut Option<Transient>| {
         let template = template(tau);
         let each: Vec<Option<(f64, f64)>> = (0..3).map(|a| fit(a, &template[a])).collect();
         let known: Vec<(usize, f64, f64)> = each.iter().enumerate().filter_map(|(a, f)| f.map(|(v, s)| (a, v, s))).collect();

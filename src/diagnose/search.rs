@@ -528,7 +528,7 @@ impl<'a> Search<'a> {
             }
         }
         sizes.apply(|s| *s = if *s > 0.0 { s.recip() } else { 1.0 });
-        let parts: Vec<(Vec<(usize, usize)>, DMatrix<f64>, DVector<f64>, DMatrix<f64>, DVector<f64>)> = (0..folds)
+        let parts: Vec<Fold> = (0..folds)
             .map(|fold| {
                 let rows: Vec<usize> = (fold * n / folds..(fold + 1) * n / folds).collect();
                 let m = rows.len();
@@ -667,6 +667,9 @@ fn independent(columns: Vec<DVector<f64>>) -> DMatrix<f64> {
     }
     DMatrix::from_columns(&base)
 }
+
+/// A stretch: row and component of each reading, columns and readings, the same whitened.
+type Fold = (Vec<(usize, usize)>, DMatrix<f64>, DVector<f64>, DMatrix<f64>, DVector<f64>);
 
 /// What predictions of held-out stretches leave.
 #[derive(Clone, Debug)]

@@ -77,12 +77,14 @@ pub struct Correlations {
     slow: Vec<DMatrix<f64>>,
 }
 
+/// A row conditioned on others: which, their coefficients, and the inverse of what remains.
+type Conditioned = (Vec<usize>, Vec<f64>, f64);
+
 /// The whitening of one component.
 #[derive(Clone)]
 enum Whitener {
     Exact(Arc<Cholesky<f64, Dyn>>),
-    /// For every row the rows it is conditioned on, their coefficients, and the inverse of what remains.
-    Sparse(Arc<Vec<(Vec<usize>, Vec<f64>, f64)>>),
+    Sparse(Arc<Vec<Conditioned>>),
 }
 
 /// Noise of all three components.

@@ -269,7 +269,7 @@ pub fn global_p(maxima: &[f64], evidence: f64) -> f64 {
     let edge = maxima[n - tail];
     let excess = maxima[n - tail..].iter().map(|m| m - edge).sum::<f64>() / tail as f64;
     // Evidences are one on average over noise: their tail falls at least as fast.
-    let rate = (1.0 / excess.max(1e-6)).max(1.0).min(2.0);
+    let rate = (1.0 / excess.max(1e-6)).clamp(1.0, 2.0);
     (tail as f64 / n as f64 * (-(evidence - edge) * rate).exp()).max(f64::MIN_POSITIVE)
 }
 

@@ -1,6 +1,8 @@
 //! The only place that calls the diagnosis. It sees the runs and the campaign, never the truth.
 
 use super::{Amplitude, Blind, Verdict, VerdictStep};
+use calfit::analysis::lin;
+use calfit::diagnose::across::{RunValues, across};
 use calfit::diagnose::result::{Diagnosis, Step};
 use calfit::diagnose::{self, Options, Samples};
 use calfit::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
@@ -8,7 +10,10 @@ use calfit::run::{Run, Vector, VectorSink};
 
 /// What the diagnosis says about a run set.
 pub fn judge(blind: &Blind) -> Verdict {
-    let [(run, vectors)] = blind.runs.as_slice() else { return Verdict::default() };
+    let [(run, vectors)] = blind.runs.as_slice() else {
+        let cells: usize = blind.means.iter().map(|m| 3 * m.len()).sum();
+        return together(blind).map_or_else(Verdict::default, |d| verdict(&d, cells as f64));
+    };
     let cells = 3 * blind.means.first().map_or(0, Vec::len);
     one(run, vectors, blind).map_or_else(Verdict::default, |d| verdict(&d, cells as f64))
 }
@@ -20,6 +25,19 @@ fn one(run: &Run, vectors: &[Vector], blind: &Blind) -> Option<Diagnosis> {
     let (accumulator, samples) = sink;
     let plateaus = plateau::of_run(run, accumulator, Settling::Found, LEAST_COVERAGE);
     diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, &Options::default()).ok()
+}
+
+/// Several runs of one sensor.
+fn together(blind: &Blind) -> Option<Diagnosis> {
+    let of = |(run, vectors): &(Run, Vec<Vector>)| {
+        let mut sink = Accumulator::default();
+        sink.begin(&run.header, &run.settings);
+        vectors.iter().for_each(|v| sink.vector(*v));
+        let plateaus = plateau::of_run(run, sink, Settling::Found, LEAST_COVERAGE);
+        RunValues::of_run(run, &plateaus, &blind.campaign, &lin::Options::default()).ok()
+    };
+    let values: Vec<RunValues> = blind.runs.iter().map(of).collect::<Option<_>>()?;
+    across(&values).ok()
 }
 
 fn verdict(diagnosis: &Diagnosis, cells: f64) -> Verdict {

@@ -329,7 +329,7 @@ impl Fit {
             }
             let Some(cholesky) = normal.cholesky() else { continue };
             let moved = cholesky.solve(&(&right - j.tr_mul(&r)));
-            out.rows_mut(from, count).copy_from(&(&r - &j * moved));
+            out.rows_mut(from, count).copy_from(&(r - j * moved));
         }
         out
     }

@@ -110,7 +110,7 @@ fn linearity() -> Example {
 
 fn sampled() -> Example {
     let per = (SAMPLED_S * RATE_HZ) as usize;
-    let setting = |k: usize| if k % 2 == 0 { [0.0; 3] } else { [MOST_NT, -0.5 * MOST_NT, 0.25 * MOST_NT] };
+    let setting = |k: usize| if k.is_multiple_of(2) { [0.0; 3] } else { [MOST_NT, -0.5 * MOST_NT, 0.25 * MOST_NT] };
     let previous = |k: usize| k.checked_sub(1).map_or([0.0; 3], setting);
     let rows = (0..SAMPLED_SETTINGS * per)
         .map(|i| {
