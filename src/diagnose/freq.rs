@@ -48,6 +48,8 @@ const FALSE_ALARM: f64 = 0.01;
 const MOST_STEPS: usize = 3;
 /// Settings that are held out at once.
 const STRETCH: usize = 3;
+/// Least displacement of time tags that is one, in samples.
+const LEAST_SHIFT: f64 = 0.02;
 /// A setting of which more than this part follows no sine is damaged.
 const DAMAGED_PART: f64 = 0.05;
 /// Rows of a table with less weight in the response are outliers.
@@ -132,12 +134,10 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign) -> Result<
     let noise_floor_nt = std::array::from_fn(|i| {
         median(&mut sines.list.iter().map(|s| s.tones[i].std[0] * s.tones[i].log_amplitude.exp()).collect::<Vec<f64>>())
     });
-    if maps.is_empty() {
-        let held = base.held_out(&sines, STRETCH);
-        maps = (0..3).map(|axis| map(&sines, axis, false, &held, &held, 0)).collect();
-    }
+    let held = base.held_out(&sines, STRETCH);
+    let left = (0..3).map(|axis| map(&sines, axis, false, &held, &held, 0)).collect();
     let (not_identifiable, detection_limits) = limits(&bank, &sines, &steps);
-    let pictures = Pictures { left: if steps.is_empty() { maps.clone() } else { Vec::new() }, ..Pictures::default() };
+    let pictures = Pictures { left, ..Pictures::default() };
     Ok(Diagnosis {
         format: "diagnosis",
         version: 1,
@@ -520,6 +520,9 @@ fn refined(base: &Fit, bank: &Bank, sines: &Sines) -> Vec<Refined> {
                     .filter_map(|s| Some((entry.term.clone(), base.with(&entry.term, &s, sines)?)))
                     .collect::<Vec<_>>()
             });
+            // A hundredth of a sample is the delay of a response and no displacement of time tags.
+            let told = |term: &Term, fit: &Fit| *term != Term::Shift || fit.p[base.p.len()].abs() > LEAST_SHIFT / sines.rate_hz;
+            let fits = fits.filter(|(term, fit)| told(term, fit));
             let scored = fits.filter_map(|(term, fit)| Some((aicc(fit.chi2, fit.p.len(), fit.residual.len())?, term, fit)));
             let best = scored.min_by(|a, b| a.0.total_cmp(&b.0));
             best.map(|(aicc, term, fit)| Refined { term, fit, aicc }).into_iter()

@@ -504,7 +504,10 @@ fn term_step(
             size(*a).total_cmp(&size(*b))
         })
         .unwrap_or(0);
-    let own_part: Vec<f64> = contribution.rows(axis * n, n).iter().copied().collect();
+    // What the parameters of the linear model take of it is no disagreement.
+    let q = scene.design.clone().qr().q();
+    let own_part = contribution.rows(axis * n, n).into_owned();
+    let own_part: Vec<f64> = (&own_part - &q * q.tr_mul(&own_part)).iter().copied().collect();
     let (covariate, unit, x) = words::follows(&scene.record, &own_part, candidate.covariate());
     let nt = |held: &HeldOut| held.residual_ent.column(axis).iter().map(|r| r * nt_per_ent[axis]).collect::<Vec<f64>>();
     let noise_nt = row_std.iter().map(|s| s[axis]).sum::<f64>() / n as f64 * nt_per_ent[axis];

@@ -1,6 +1,6 @@
 //! The search: score every candidate, pay for the trials, add the best, refit everything, drop and swap, until nothing is left.
 
-use super::scene::Scene;
+use super::scene::{Scene, TREND_ORDER};
 use crate::fit::colour::{Colour, Correlations, Noise, Rows};
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score, global_p};
 use crate::model::effects::{self, CATALOGUE, Column, Covariate, Effect, Record, Spec};
@@ -198,7 +198,8 @@ impl<'a> Search<'a> {
                 let same = self.bank.iter().filter(|o| o.key == c.key).count() as f64;
                 let own: f64 = match c.id {
                     "unknown" => UNKNOWN_PRIOR,
-                    "offset_drift" => DRIFT_PRIOR,
+                    // Where the analyst fits no trend there may be one.
+                    "offset_drift" if self.scene.record.trend_order >= TREND_ORDER => DRIFT_PRIOR,
                     _ => 1.0,
                 };
                 if self.vetoed.contains(&c.key) { f64::NEG_INFINITY } else { (own / same).ln() }

@@ -153,10 +153,16 @@ pub fn sentence(step: &Step) -> String {
         format!(" These data cannot tell it from {}.", step.ambiguous_with.join(", "))
     };
     let verb = if step.wording == "is" { "show" } else { "are consistent with" };
-    format!(
-        "The data {verb} {what}{on}{with}; on stretches that were left out of the fit, chi square over degrees of freedom goes from {:.2} to {:.2}.{rest}",
-        step.gap_before.chi2_per_dof, step.gap_after.chi2_per_dof
-    )
+    // Damage is named without a prediction.
+    let gap = if step.gap_before.chi2_per_dof > 0.0 {
+        format!(
+            "; on stretches that were left out of the fit, chi square over degrees of freedom goes from {:.2} to {:.2}",
+            step.gap_before.chi2_per_dof, step.gap_after.chi2_per_dof
+        )
+    } else {
+        String::new()
+    };
+    format!("The data {verb} {what}{on}{with}{gap}.{rest}")
 }
 
 fn number(value: f64, std: f64) -> String {

@@ -178,11 +178,14 @@ pub fn summary(diagnosis: &Diagnosis) -> String {
     for step in &diagnosis.steps {
         let set = if step.ambiguous_with.is_empty() { String::new() } else { format!(" or {}", step.ambiguous_with.join(", ")) };
         let covariate = step.covariate.as_ref().map_or_else(String::new, |c| format!(" ({c})"));
-        let _ = writeln!(
-            out,
-            "  {} {}{covariate}{set}: {}; k {:.1}, held out chi²/dof {:.2} -> {:.2}",
-            step.wording, step.effect, step.place, step.strength_k, step.gap_before.chi2_per_dof, step.gap_after.chi2_per_dof
-        );
+        // Damage is named without a prediction.
+        let gap = if step.gap_before.chi2_per_dof > 0.0 {
+            format!(", held out chi²/dof {:.2} -> {:.2}", step.gap_before.chi2_per_dof, step.gap_after.chi2_per_dof)
+        } else {
+            String::new()
+        };
+        let _ =
+            writeln!(out, "  {} {}{covariate}{set}: {}; k {:.1}{gap}", step.wording, step.effect, step.place, step.strength_k);
     }
     out
 }

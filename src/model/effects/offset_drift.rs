@@ -2,6 +2,8 @@
 
 use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
 
+/// Order of a trend from which on a single order more is no line.
+const FULL_TREND: usize = 2;
 /// Time constants of a decay that are tried, as parts of the run.
 const DECAYS: [f64; 3] = [0.03, 0.08, 0.2];
 
@@ -16,7 +18,7 @@ impl Effect for OffsetDrift {
     fn about(&self) -> About {
         About {
             summary: "offset drifts beyond the fitted trend",
-            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of the orders above those of the fitted trend: two (polynomial) or four (waves); or c exp(-t/time constant) (decay)",
+            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of the orders above those of the fitted trend: one (line, where the trend has less than two), two (polynomial) or four (waves); or c exp(-t/time constant) (decay)",
             family: Family::Time,
             seen_in: "all",
             needs: "time",
@@ -27,6 +29,9 @@ impl Effect for OffsetDrift {
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
         let mut specs = singly_and_together("polynomial");
+        if record.trend_order < FULL_TREND {
+            specs.extend(singly_and_together("line"));
+        }
         specs.extend(singly_and_together("waves"));
         let length = record.span_s[1] - record.span_s[0];
         for part in DECAYS {
@@ -44,7 +49,11 @@ impl Effect for OffsetDrift {
             return Some(spec.axes.iter().map(|&a| Column::on("c", a, "enT", record, |_, r| decay(r.t_s()))).collect());
         }
         let first = record.trend_order + 1;
-        let orders = if spec.form == "waves" { first..first + 4 } else { first..first + 2 };
+        let orders = match spec.form.as_str() {
+            "line" => first..first + 1,
+            "waves" => first..first + 4,
+            _ => first..first + 2,
+        };
         let columns = spec.axes.iter().flat_map(|&a| {
             orders.clone().map(move |p| Column::on(&format!("p{p}"), a, "enT", record, |_, r| legendre(p, record.tau(r.t_s()))))
         });

@@ -114,18 +114,30 @@ fn of_channel(name: String, unit: &'static str, channel: &Channel) -> Covariate 
     Covariate { name, unit, values: channel.values.clone(), gain: false }
 }
 
-/// Natural cubic spline without its constant: the value over the range of the knots, and one bend per inner knot.
+/// Natural cubic spline without its constant: the value over the range of the knots, and one bend per inner knot. The bends have no
+/// constant and no slope over the knots, so that they do not stand in for what a linear sensor is.
 #[must_use]
 pub fn spline(knots: &[f64], value: f64) -> Vec<f64> {
     let n = knots.len();
     let (first, last) = (knots[0], knots[n - 1]);
     let scale = last - first;
-    let u = |knot: f64| ((value - knot) / scale).max(0.0).powi(3);
-    let mut basis = vec![(value - first) / scale - 0.5];
+    let along = |v: f64| (v - first) / scale - 0.5;
+    let mut basis = vec![along(value)];
     if n > 2 {
-        let bend = |k: usize| (u(knots[k]) - u(last)) * scale / (last - knots[k]);
-        let reference = bend(n - 2);
-        basis.extend((0..n - 2).map(|k| bend(k) - reference));
+        let bends = |v: f64| -> Vec<f64> {
+            let u = |knot: f64| ((v - knot) / scale).max(0.0).powi(3);
+            let bend = |k: usize| (u(knots[k]) - u(last)) * scale / (last - knots[k]);
+            let reference = bend(n - 2);
+            (0..n - 2).map(|k| bend(k) - reference).collect()
+        };
+        let at_knots: Vec<Vec<f64>> = knots.iter().map(|k| bends(*k)).collect();
+        let middle = knots.iter().map(|k| along(*k)).sum::<f64>() / n as f64;
+        let spread: f64 = knots.iter().map(|k| (along(*k) - middle).powi(2)).sum();
+        basis.extend(bends(value).into_iter().enumerate().map(|(k, bend)| {
+            let mean = at_knots.iter().map(|b| b[k]).sum::<f64>() / n as f64;
+            let slope = knots.iter().zip(&at_knots).map(|(x, b)| (along(*x) - middle) * b[k]).sum::<f64>() / spread;
+            bend - mean - slope * (along(value) - middle)
+        }));
     }
     basis
 }
@@ -181,7 +193,7 @@ impl Effect for Unknown {
 pub fn columns(record: &Record, covariate: &Covariate, spec: &Spec) -> Option<Vec<Column>> {
     let knots: Vec<f64> = spec.shape.iter().map(|(_, knot, _)| *knot).collect();
     let axis = *spec.axes.first()?;
-    if knots.len() < 2 {
+    if knots.len() < 3 {
         return None;
     }
     let rows: Vec<Vec<f64>> = covariate.values.iter().map(|v| spline(&knots, *v)).collect();
@@ -191,5 +203,7 @@ pub fn columns(record: &Record, covariate: &Covariate, spec: &Spec) -> Option<Ve
             one(axis, if covariate.gain { rows[i][k] * r.linear_ent[axis] } else { rows[i][k] })
         })
     };
-    Some((0..knots.len() - 1).map(column).collect())
+    // What is linear in a component of the field belongs to the linear sensor.
+    let linear = COMPONENTS.iter().any(|a| covariate.name == format!("field {a}"));
+    Some((usize::from(linear)..knots.len() - 1).map(column).collect())
 }
