@@ -75,6 +75,14 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign) -> Result<
 
     let mut sines = Sines::new(samples, &freq)?;
     let mut base = base(&freq, &mut sines)?;
+    // Where the record begins is known to a part of a sample: a small delay belongs to the model and is no effect.
+    if sines.begins_known
+        && !base.model.terms.contains(&Term::Shift)
+        && let Some(with) = base.with(&Term::Shift, &[0.0], &sines)
+        && with.p.last().is_some_and(|us| 1e-6 * us.abs() <= LEAST_SHIFT / sines.rate_hz)
+    {
+        base = with;
+    }
     if !sines.begins_known {
         warnings.push(
             "the phases of the field are not those of sines that begin with their settings: phases count between components and within \
@@ -521,7 +529,8 @@ fn refined(base: &Fit, bank: &Bank, sines: &Sines) -> Vec<Refined> {
                     .collect::<Vec<_>>()
             });
             // A hundredth of a sample is the delay of a response and no displacement of time tags.
-            let told = |term: &Term, fit: &Fit| *term != Term::Shift || fit.p[base.p.len()].abs() > LEAST_SHIFT / sines.rate_hz;
+            let told =
+                |term: &Term, fit: &Fit| *term != Term::Shift || 1e-6 * fit.p[base.p.len()].abs() > LEAST_SHIFT / sines.rate_hz;
             let fits = fits.filter(|(term, fit)| told(term, fit));
             let scored = fits.filter_map(|(term, fit)| Some((aicc(fit.chi2, fit.p.len(), fit.residual.len())?, term, fit)));
             let best = scored.min_by(|a, b| a.0.total_cmp(&b.0));
