@@ -187,6 +187,17 @@ impl SlowTable {
     }
 }
 
+/// A slow channel at a time, straight between its readings; the first or last one outside, NaN without any.
+#[must_use]
+pub fn interpolate(series: &[(f64, f64)], t_s: f64) -> f64 {
+    let after = series.partition_point(|(t, _)| *t <= t_s);
+    match (after.checked_sub(1).and_then(|i| series.get(i)), series.get(after)) {
+        (Some((t0, v0)), Some((t1, v1))) => v0 + (v1 - v0) * (t_s - t0) / (t1 - t0),
+        (Some((_, v)), None) | (None, Some((_, v))) => *v,
+        (None, None) => f64::NAN,
+    }
+}
+
 /// A stretch of lost samples.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Gap {

@@ -6,8 +6,8 @@
 
 use crate::fit::NoiseModel;
 use crate::fit::correlation::slow_kernel;
-use crate::model::effects::record::interpolate;
 use crate::plateau::Plateau;
+use crate::run::interpolate;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 

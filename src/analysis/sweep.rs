@@ -20,7 +20,7 @@ use crate::model::lag;
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::model::sensor::{Linear, Split, split};
 use crate::plateau::{LEAST_COVERAGE, Plateau, Plateaus, Settling};
-use crate::run::{Kind, Run};
+use crate::run::{Kind, Run, interpolate};
 use nalgebra::{DMatrix, Matrix3};
 use serde::Serialize;
 use thiserror::Error;
@@ -168,16 +168,6 @@ fn lagged(series: &[(f64, f64)], lag: Lag) -> Vec<(f64, f64)> {
             series.iter().map(follow).collect()
         }
         Lag::FirstOrder(tau_s) => series.iter().map(|(t, v)| (*t, v - tau_s * rate_k_per_s(series, *t))).collect(),
-    }
-}
-
-/// Value at a time between readings; the first or the last one outside.
-fn at(series: &[(f64, f64)], t_s: f64) -> f64 {
-    let next = series.partition_point(|(t, _)| *t <= t_s);
-    match (next.checked_sub(1).and_then(|i| series.get(i)), series.get(next)) {
-        (Some((t0, v0)), Some((t1, v1))) => v0 + (v1 - v0) * (t_s - t0) / (t1 - t0),
-        (Some((_, v)), None) | (None, Some((_, v))) => *v,
-        (None, None) => f64::NAN,
     }
 }
 
@@ -386,7 +376,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
         .filter(|name| **name != coil)
         .filter_map(|name| Some((name.clone(), run.temperatures.channel(name)?)))
         .filter(|(_, series)| {
-            let seen: Vec<f64> = used.iter().map(|p| at(series, p.t_s())).collect();
+            let seen: Vec<f64> = used.iter().map(|p| interpolate(series, p.t_s())).collect();
             let [low, high] = range(&seen);
             high - low > LEAST_RANGE_K
         })
@@ -446,7 +436,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
         _ => Lag::None,
     };
     let moved = lagged(series, known_lag.unwrap_or(best_lag));
-    let degc: Vec<f64> = used.iter().map(|p| at(&moved, p.t_s())).collect();
+    let degc: Vec<f64> = used.iter().map(|p| interpolate(&moved, p.t_s())).collect();
 
     let orders = match (given("sigma"), given("b_or")) {
         (Some(response), Some(offset)) => Orders { response, offset },
@@ -632,7 +622,7 @@ fn choose_orders(used: &[&Plateau], degc: &[f64], response: Option<usize>, offse
 fn find_lag(channel: &str, series: &[(f64, f64)], used: &[&Plateau], orders: Orders) -> Result<LagPart, SweepError> {
     let squares = |lag: Lag| -> Result<[f64; 3], SweepError> {
         let moved = lagged(series, lag);
-        let degc: Vec<f64> = used.iter().map(|p| at(&moved, p.t_s())).collect();
+        let degc: Vec<f64> = used.iter().map(|p| interpolate(&moved, p.t_s())).collect();
         orders.squares(used, &degc)
     };
     // Components count by their noise, as the best fit without a lag leaves it.
@@ -723,7 +713,7 @@ fn windows(
                 let squares = (0..own.len()).map(|r| (0..3).map(|i| phi[(k, i)] * fit.residuals[(r, i)]).sum::<f64>().powi(2));
                 (squares.sum::<f64>() / fit.dof.max(1) as f64).sqrt()
             });
-            let mean = |series: &[(f64, f64)]| own.iter().map(|p| at(series, p.t_s())).sum::<f64>() / own.len() as f64;
+            let mean = |series: &[(f64, f64)]| own.iter().map(|p| interpolate(series, p.t_s())).sum::<f64>() / own.len() as f64;
             let t_s = own.iter().map(|p| p.t_s()).sum::<f64>() / own.len() as f64;
             Some(WindowFit {
                 t_s,
@@ -806,12 +796,12 @@ mod tests {
     #[test]
     fn lags_do_to_a_ramp_what_they_must() {
         let ramp: Vec<(f64, f64)> = (0..400).map(|i| (30.0 * f64::from(i), 0.01 * 30.0 * f64::from(i))).collect();
-        let value = |lag: Lag| at(&lagged(&ramp, lag), 9000.0);
+        let value = |lag: Lag| interpolate(&lagged(&ramp, lag), 9000.0);
         assert!((value(Lag::None) - 90.0).abs() < 1e-9);
         assert!((value(Lag::Delay(480.0)) - 85.2).abs() < 1e-9);
         assert!((value(Lag::FirstOrder(480.0)) - (90.0 - 4.8 * (1.0 - f64::exp(-9000.0 / 480.0)))).abs() < 1e-6);
         assert!((value(Lag::FirstOrder(-480.0)) - 94.8).abs() < 1e-9);
         assert!((rate_k_per_s(&ramp, 5000.0) - 0.01).abs() < 1e-12);
-        assert!(at(&ramp, -5.0) == 0.0 && (at(&ramp, 1e9) - 119.7).abs() < 1e-12);
+        assert!(interpolate(&ramp, -5.0) == 0.0 && (interpolate(&ramp, 1e9) - 119.7).abs() < 1e-12);
     }
 }

@@ -669,7 +669,10 @@ fn joint_fit(points: &[&Point], runs: &[&Lin], fitted: &[(QuantityPart, Temperat
                     .map(|b| JointPlateau {
                         field_coil_nt: b.plateau.setting.field.0,
                         reading_ent: b.plateau.mean.0,
-                        temperature_degc: interpolate(&lin.temperatures.sensor, b.plateau.t_s()).unwrap_or(mean_degc),
+                        temperature_degc: match lin.temperatures.sensor.as_slice() {
+                            [] => mean_degc,
+                            series => crate::run::interpolate(series, b.plateau.t_s()),
+                        },
                         t_s: b.plateau.t_s(),
                     })
                     .collect(),
@@ -682,16 +685,6 @@ fn joint_fit(points: &[&Point], runs: &[&Lin], fitted: &[(QuantityPart, Temperat
         fitted.iter().find(|(part, _)| part.name == joint::QUANTITIES[i]).map_or_else(Vec::new, |(_, p)| p.coefficients.clone())
     });
     joint::joint(&runs, &start, &Limits::default()).map_err(|e: JointError| e.to_string())
-}
-
-/// A slow channel at a time, straight between its readings and constant beyond them.
-fn interpolate(series: &[(f64, f64)], t_s: f64) -> Option<f64> {
-    let after = series.partition_point(|(t, _)| *t < t_s);
-    match (after.checked_sub(1).and_then(|i| series.get(i)), series.get(after)) {
-        (Some((t0, v0)), Some((t1, v1))) if t1 > t0 => Some(v0 + (v1 - v0) * (t_s - t0) / (t1 - t0)),
-        (Some((_, v)), _) | (None, Some((_, v))) => Some(*v),
-        (None, None) => None,
-    }
 }
 
 fn joint_part(joint: &Joint) -> JointPart {

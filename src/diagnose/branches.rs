@@ -2,7 +2,7 @@
 
 use super::result::{BranchPoint, Branches};
 use crate::model::effects::Record;
-use crate::model::effects::record::interpolate;
+use crate::run::interpolate;
 use nalgebra::DMatrix;
 
 /// Points of a branch.

@@ -15,6 +15,7 @@ use super::{APART, CERTAIN, FOUND_90, faults, words};
 use crate::analysis::freq::{self as analysis, Freq, Sines as Sink};
 use crate::campaign::Campaign;
 use crate::fit::aicc;
+use crate::fit::scan::orthonormal;
 use crate::formats::amplitudes::Row;
 use crate::model::effects::{CATALOGUE, Spec, named};
 use crate::model::response::{RESPONSES, Response};
@@ -48,6 +49,8 @@ const FALSE_ALARM: f64 = 0.01;
 const MOST_STEPS: usize = 3;
 /// Settings that are held out at once.
 const STRETCH: usize = 3;
+/// A column of which less than this part is left beside others is one of them.
+const ROUNDING: f64 = 1e-6;
 /// Least displacement of time tags that is one, in samples.
 const LEAST_SHIFT: f64 = 0.02;
 /// A setting of which more than this part follows no sine is damaged.
@@ -393,14 +396,14 @@ impl Bank {
         if sines.begins_known && new("time_shift") {
             terms.push((Term::Shift, 0.0));
         }
-        let taken = orthonormal(&base.jacobian, None);
+        let taken = orthonormal(&base.jacobian, None, ROUNDING);
         let entries: Vec<Entry> = terms
             .into_par_iter()
             .map(|(term, hz)| {
                 let columns = DMatrix::from_columns(&base.columns(&term, hz, sines));
                 let left = &columns - &taken * taken.tr_mul(&columns);
                 let norm = left.column(0).norm();
-                Entry { term, hz, base: orthonormal(&left, Some(&columns)), norm }
+                Entry { term, hz, base: orthonormal(&left, Some(&columns), ROUNDING), norm }
             })
             .filter(|e| e.base.ncols() > 0)
             .collect();
@@ -441,7 +444,7 @@ impl Bank {
     /// How much two fitted candidates look alike beside the base.
     fn alike(base: &Fit, a: &Refined, b: &Refined, sines: &Sines) -> f64 {
         let change = |r: &Refined| {
-            let taken = orthonormal(&base.jacobian, None);
+            let taken = orthonormal(&base.jacobian, None, ROUNDING);
             let values = &r.fit.p[base.p.len()..];
             let hz = values.get(1).map_or(0.0, |l| l.exp());
             let columns = base.columns(&r.term, hz, sines);
@@ -468,25 +471,6 @@ impl Entry {
 fn tail(drop: f64, count: f64, squares: f64, dof: f64) -> f64 {
     let f = drop / count / ((squares - drop).max(f64::MIN_POSITIVE) / (dof - count));
     FisherSnedecor::new(count, dof - count).map_or(1.0, |d| d.sf(f)).max(f64::MIN_POSITIVE)
-}
-
-/// Orthonormal base of columns; of those that are hardly more than rounding of `of` nothing is left.
-fn orthonormal(columns: &DMatrix<f64>, of: Option<&DMatrix<f64>>) -> DMatrix<f64> {
-    let mut base: Vec<DVector<f64>> = Vec::new();
-    for (k, column) in columns.column_iter().enumerate() {
-        let mut rest = column.into_owned();
-        let size = of.map_or_else(|| rest.norm(), |of| of.column(k).norm());
-        for _ in 0..2 {
-            for b in &base {
-                let along = b.dot(&rest);
-                rest.axpy(-along, b, 1.0);
-            }
-        }
-        if rest.norm() > 1e-6 * size && size > 0.0 {
-            base.push(rest.normalize());
-        }
-    }
-    if base.is_empty() { DMatrix::zeros(columns.nrows(), 0) } else { DMatrix::from_columns(&base) }
 }
 
 /// A candidate that was fitted with everything else.

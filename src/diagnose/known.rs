@@ -9,11 +9,11 @@ use crate::campaign::Campaign;
 use crate::error::Finding;
 use crate::formats::parameter::{AppliedEffect, Model, ModelApplied, ModelEffect};
 use crate::formats::text::Group;
-use crate::model::effects::record::{Channel, interpolate};
-use crate::model::effects::thermal_lag::shifted;
+use crate::model::effects::record::Channel;
 use crate::model::effects::{self, Column, Covariate, Effect, Family, Record, Row, Spec, Thermal, unknown_columns};
 use crate::plateau::{Drop, Plateau, Plateaus, from_blocks};
 use crate::provenance::Input;
+use crate::run::interpolate;
 use crate::run::{Kind, Run, Setting};
 use crate::units::{COMPONENTS, Reading};
 use nalgebra::{Matrix3, Vector3};
@@ -277,7 +277,9 @@ pub fn apply(
             return Applied { part, carried };
         }
     };
-    follow_lag(known, &mut scene);
+    if let Some((form, lag_s)) = known.thermal_lag() {
+        scene.follow(form, lag_s);
+    }
     let mut usable: Vec<&KnownEffect> = Vec::new();
     for effect in &known.effects {
         let of_another = is_of_one_run(effect.given.id, &effect.given.spec.form) && !effect.runs.contains(&run.header.run);
@@ -355,15 +357,6 @@ pub fn apply(
         *values = ordered;
     }
     Applied { part, carried }
-}
-
-/// The temperatures that the sensor has, where the model knows how they follow the thermistor.
-fn follow_lag(known: &Known, scene: &mut Scene) {
-    let series = scene.record.sensor.as_ref().map(|c| c.series.clone());
-    if let (Some((form, lag_s)), Some(series), true) = (known.thermal_lag(), series, scene.record.thermal.is_some()) {
-        let lagged = shifted(&series, form, lag_s);
-        scene.with_temperatures(scene.record.rows.iter().map(|r| interpolate(&lagged, r.t_s())).collect());
-    }
 }
 
 /// The readings in the pauses, which tell what is applied there.

@@ -22,11 +22,10 @@ pub mod words;
 
 use crate::campaign::Campaign;
 use crate::formats::facility::Facility;
-use crate::model::effects::record::interpolate;
 use crate::model::effects::thermal_lag::shifted;
 use crate::model::effects::{self, CATALOGUE, Record, Row, Spec};
 use crate::plateau::Plateaus;
-use crate::run::{Kind, Run};
+use crate::run::{Kind, Run, interpolate};
 use crate::units::COMPONENTS;
 use nalgebra::DMatrix;
 use result::{
@@ -114,8 +113,7 @@ pub fn run(
             let transient = samples::transients(&scene, samples, &settings, skip_s);
             let is_known = |found: &Inside| inside.iter().any(|k: &Inside| k.id == found.id);
             let new: Vec<Inside> = [shift, transient].into_iter().flatten().filter(|f| !is_known(f)).collect();
-            for found in new {
-                let mut found = found;
+            for mut found in new {
                 samples::measure(&scene, samples, &settings, &inside, &mut found);
                 inside.push(found);
             }
@@ -125,12 +123,8 @@ pub fn run(
     }
     let readings = corrected(&scene, &inside);
     let known_lag = options.given.iter().find(|g| g.id == "thermal_lag");
-    if let Some((lag, series)) = known_lag.zip(scene.record.sensor.as_ref().map(|c| c.series.clone()))
-        && scene.record.thermal.is_some()
-    {
-        let lagged = shifted(&series, &lag.spec.form, lag.spec.get("lag").unwrap_or(0.0));
-        let degc = scene.record.rows.iter().map(|r| interpolate(&lagged, r.t_s())).collect();
-        scene.with_temperatures(degc);
+    if let Some(lag) = known_lag {
+        scene.follow(&lag.spec.form, lag.spec.get("lag").unwrap_or(0.0));
     }
     let between = options.given.iter().filter(|g| !g.is_inside() && g.id != "thermal_lag");
     let given: Vec<Candidate> = between.filter_map(|g| candidate(&scene.record, g.id, &g.spec)).collect();

@@ -3,10 +3,11 @@
 use crate::analysis::conditions::apply_facility;
 use crate::campaign::Campaign;
 use crate::formats::facility::Facility;
-use crate::model::effects::record::{Channel, Step, interpolate};
+use crate::model::effects::record::{Channel, Step};
+use crate::model::effects::thermal_lag::shifted;
 use crate::model::effects::{Record, Row, Thermal};
 use crate::plateau::{Plateau, Plateaus, median};
-use crate::run::{Kind, Run, SlowTable, Vector, VectorSink};
+use crate::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Default channel of the temperature of the facility's electronics.
@@ -197,6 +198,16 @@ impl Scene {
     pub fn refit(&mut self, readings: &DMatrix<f64>) {
         // The same rows had a fit before.
         let _ = fit_linear(&mut self.record, readings, &self.design);
+    }
+
+    /// Gives a sweep the temperatures of the part that matters, which follows or leads the thermistor.
+    pub fn follow(&mut self, form: &str, lag_s: f64) {
+        if self.record.thermal.is_some()
+            && let Some(sensor) = &self.record.sensor
+        {
+            let lagged = shifted(&sensor.series, form, lag_s);
+            self.with_temperatures(self.record.rows.iter().map(|r| interpolate(&lagged, r.t_s())).collect());
+        }
     }
 
     /// Replaces the temperature of every row and fits once more.

@@ -2,7 +2,7 @@
 
 use super::scene::{Scene, TREND_ORDER};
 use crate::fit::colour::{Colour, Correlations, Noise, Rows};
-use crate::fit::scan::{ABSORBED, Fitted, Group, Score, global_p};
+use crate::fit::scan::{ABSORBED, Fitted, Group, Score, global_p, orthonormal};
 use crate::model::effects::{self, CATALOGUE, Column, Covariate, Effect, Record, Spec};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::brent::BrentOpt;
@@ -82,19 +82,15 @@ impl Candidate {
     }
 }
 
-/// What was accepted, and what it was worth when it was.
+/// What was accepted.
 #[derive(Clone, Debug)]
 pub struct Term {
     /// The term.
     pub candidate: Candidate,
-    /// Score when it was taken.
-    pub score: Score,
     /// Probability that noise alone gives as much evidence.
     pub p_global: f64,
     /// Candidates that were tried.
     pub trials: usize,
-    /// Found in the samples: its values are known, and are not fitted to the means.
-    pub fixed: Option<Vec<(f64, f64)>>,
 }
 
 /// A model with its noise.
@@ -240,7 +236,7 @@ impl<'a> Search<'a> {
                     }
                 }
             }
-            independent(columns)
+            orthonormal(&DMatrix::from_columns(&columns), None, 1e-5)
         })
     }
 
@@ -388,20 +384,17 @@ impl<'a> Search<'a> {
                 p_global = p_global.min((-best.best_evidence).exp());
             }
             let candidate = self.refined(&state, &self.bank[best.best]);
-            let score = best.score;
             let key = best.key.clone();
-            let before: Vec<&Candidate> = now.clone();
-            let mut after = before.clone();
-            after.push(&candidate);
+            let after: Vec<&Candidate> = now.iter().copied().chain([&candidate]).collect();
             let noise = self.state(&after)?.noise;
-            let (without, with) = (self.held_out(&noise, &before), self.held_out(&noise, &after));
+            let (without, with) = (self.held_out(&noise, &now), self.held_out(&noise, &after));
             if with.sum >= without.sum {
                 // It does not predict what it has not seen.
                 self.vetoed.push(key);
                 self.set_priors();
                 continue;
             }
-            terms.push(Term { candidate, score, p_global, trials: usable.len(), fixed: None });
+            terms.push(Term { candidate, p_global, trials: usable.len() });
             self.merge(&mut terms);
             self.repair(given, &mut terms)?;
         }
@@ -460,7 +453,6 @@ impl<'a> Search<'a> {
                     && terms.iter().all(|t| t.candidate.key != best.key)
                 {
                     terms[index].candidate = self.refined(&state, &self.bank[best.best]);
-                    terms[index].score = best.score;
                     changed = true;
                 } else {
                     terms[index].candidate = self.refined(&state, &terms[index].candidate);
@@ -649,24 +641,6 @@ impl<'a> Search<'a> {
         }
         Some(result)
     }
-}
-
-/// An orthonormal base of the columns, without those that the others explain.
-fn independent(columns: Vec<DVector<f64>>) -> DMatrix<f64> {
-    let mut base: Vec<DVector<f64>> = Vec::new();
-    for column in columns {
-        let mut rest = column.clone();
-        for _ in 0..2 {
-            for b in &base {
-                let along = b.dot(&rest);
-                rest.axpy(-along, b, 1.0);
-            }
-        }
-        if rest.norm() > 1e-5 * column.norm() {
-            base.push(rest.normalize());
-        }
-    }
-    DMatrix::from_columns(&base)
 }
 
 /// A stretch: row and component of each reading, columns and readings, the same whitened.

@@ -82,12 +82,14 @@ impl Score {
     }
 }
 
-/// Orthonormal base of the columns; columns that are no more than rounding are left out.
-fn orthonormal(columns: &DMatrix<f64>, least: f64) -> DMatrix<f64> {
+/// Orthonormal base of the columns. A column of which the others leave less than `least` is left out: of its own length, or of that of the
+/// same column of `of`.
+#[must_use]
+pub fn orthonormal(columns: &DMatrix<f64>, of: Option<&DMatrix<f64>>, least: f64) -> DMatrix<f64> {
     let mut base: Vec<DVector<f64>> = Vec::new();
-    for column in columns.column_iter() {
+    for (k, column) in columns.column_iter().enumerate() {
         let mut rest = column.into_owned();
-        let norm = rest.norm();
+        let norm = of.map_or_else(|| rest.norm(), |of| of.column(k).norm());
         for _ in 0..2 {
             for b in &base {
                 let along = b.dot(&rest);
@@ -105,7 +107,7 @@ impl Fitted {
     /// Fits whitened readings; `edges` are the first row of each component, and the end.
     #[must_use]
     pub fn new(readings: &DVector<f64>, columns: &DMatrix<f64>, edges: [usize; 4]) -> Self {
-        let base = orthonormal(columns, 1e-9);
+        let base = orthonormal(columns, None, 1e-9);
         let mut residual = readings.clone();
         for _ in 0..2 {
             residual -= &base * base.tr_mul(&residual);
@@ -135,7 +137,7 @@ impl Fitted {
         let before = columns.norm();
         let left = self.beside(columns);
         let surviving = if before > 0.0 { left.norm() / before } else { 0.0 };
-        let base = if surviving > 1e-7 { orthonormal(&left, 1e-6) } else { DMatrix::zeros(columns.nrows(), 0) };
+        let base = if surviving > 1e-7 { orthonormal(&left, None, 1e-6) } else { DMatrix::zeros(columns.nrows(), 0) };
         let part = |a: usize| base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]);
         let cross = [0, 1, 2].map(|a| part(a).tr_mul(&part(a)));
         let on = std::array::from_fn(|a| columns.rows(self.edges[a], self.edges[a + 1] - self.edges[a]).norm() > 1e-3 * before);

@@ -9,7 +9,7 @@ use crate::formats::parameter::{
 };
 use crate::model::coil::Coil;
 use crate::plateau::median;
-use crate::run::{Run, ScalarRow};
+use crate::run::{Run, ScalarRow, interpolate};
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 
@@ -225,22 +225,12 @@ fn fit(rows: &[Observation], follows: Follows, most_condition: f64) -> Result<Fi
     Err(CoilError::Fit(FitError::NotSettled { what: "the choice of rows", iterations: ROUNDS }))
 }
 
-/// Temperature of a run at a time, linear between readings and held beyond them.
-fn at(series: &[(f64, f64)], t_s: f64) -> f64 {
-    let after = series.partition_point(|(t, _)| *t < t_s);
-    match (after.checked_sub(1).and_then(|i| series.get(i)), series.get(after)) {
-        (Some((t0, v0)), Some((t1, v1))) => v0 + (v1 - v0) * (t_s - t0) / (t1 - t0),
-        (Some((_, v)), None) | (None, Some((_, v))) => *v,
-        (None, None) => f64::NAN,
-    }
-}
-
 /// Temperatures of the rows of all runs, °C; `None` if a run has none.
 fn temperatures(runs: &[(&Run, &Campaign)], channel: impl Fn(&Run, &Campaign) -> Option<String>) -> Option<Vec<Vec<f64>>> {
     runs.iter()
         .map(|(run, campaign)| {
             let series = run.slow_channel(&channel(run, campaign)?).filter(|s| !s.is_empty())?;
-            Some(run.scalar.iter().map(|row| at(&series, row.t_s)).collect())
+            Some(run.scalar.iter().map(|row| interpolate(&series, row.t_s)).collect())
         })
         .collect()
 }

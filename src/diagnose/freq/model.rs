@@ -103,7 +103,7 @@ pub fn clock_temperature(sines: &Sines, table: &SlowTable, name: &str) -> Option
         return None;
     }
     let mean = series.iter().map(|s| s.1).sum::<f64>() / series.len() as f64;
-    let at = |t: f64| crate::model::effects::record::interpolate(&series, t) - mean;
+    let at = |t: f64| crate::run::interpolate(&series, t) - mean;
     let mut values = Vec::new();
     let (mut t, mut sum) = (0.0, 0.0);
     for sine in &sines.list {

@@ -1,7 +1,8 @@
 //! Structure that no effect of the catalogue explains: a smooth function of one covariate.
 
-use super::record::{Channel, interpolate};
+use super::record::Channel;
 use super::{About, Column, Effect, Family, Record, Row, Spec, one};
+use crate::run::interpolate;
 use crate::units::COMPONENTS;
 
 /// Knots of the smooth function; one less is its degrees of freedom.
