@@ -1,8 +1,7 @@
 //! The blind study in short: its strengths mean what they say, its noise is whitened with its true covariance, its score counts right,
 //! and it comes out the same however many threads make it. The full tables are in `reports`.
 
-#[path = "../examples/studies/blind/mod.rs"]
-mod blind;
+use crate::study::blind;
 
 use blind::kinds::{Measure, generate, nuisance, plateau_cells, sample_cells};
 use blind::noise::{Cell, Family, Noise, Random, Whitener};

@@ -1,7 +1,6 @@
 //! A protocol page in a real browser: it loads whole, fits the window, and prints.
 
-#[path = "common/browser.rs"]
-mod browser;
+use crate::common::browser;
 
 use calfit::report::html;
 use std::fs;

@@ -1,6 +1,6 @@
 //! `calfit coil`: the facility's parameters come back, printed numbers too, and what the data do not determine is refused by name.
 
-mod common;
+use crate::common;
 
 use calfit::analysis::coil::scalar::{Options, Scalar, scalar};
 use calfit::campaign::Campaign;

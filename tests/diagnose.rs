@@ -1,6 +1,6 @@
 //! `calfit diagnose` names what was hidden and is silent where nothing was, on runs of an independent generator; `calfit effects`.
 
-mod common;
+use crate::common;
 
 use common::check::{Case, calfit, says, text, tree};
 use serde_json::Value;

@@ -1,8 +1,6 @@
 //! Several runs together: what the facility gets wrong is named from runs in several orientations, and nothing where nothing is wrong.
 
-#[path = "../examples/studies/blind/mod.rs"]
-#[allow(dead_code)]
-mod blind;
+use crate::study::blind;
 
 use blind::kinds::generate;
 use blind::noise::Family;
@@ -180,7 +178,7 @@ fn blind_sets_of_positions_in_short() {
     }
 }
 
-/// The figures of the study: `cargo test --release --test diagnose_across -- --ignored --nocapture`.
+/// The figures of the study: `cargo test --release diagnose_across -- --ignored --nocapture`.
 #[test]
 #[ignore = "minutes"]
 fn blind_sets_of_positions() {

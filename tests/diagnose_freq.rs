@@ -1,11 +1,10 @@
 //! Diagnosis of frequency runs: silent on runs in which nothing is missing, right on those of the blind generator and of the cases, and
 //! the amplitude tables of 2013.
 
-mod common;
+use crate::common;
 
 #[allow(dead_code)]
-#[path = "../examples/studies/blind/mod.rs"]
-mod blind;
+use crate::study::blind;
 
 use blind::Options;
 use blind::kinds::generate;

@@ -1,6 +1,6 @@
 //! `calfit export`: every format holds what the parameter file holds, and a ground calibration file loses nothing.
 
-mod common;
+use crate::common;
 
 use calfit::formats::export::rpcmag::{RpcMag, parse, read};
 use calfit::provenance::Provenance;

@@ -1,7 +1,7 @@
 //! Files that are no files, that change, that are compressed; campaigns with a bad run; what must not depend on locale, threads or
 //! the order of sections. The rows are those of the table of faults that the tool promises to handle.
 
-mod common;
+use crate::common;
 
 use calfit::formats::ccr;
 use calfit::plateau::Accumulator;

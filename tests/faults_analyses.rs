@@ -1,7 +1,7 @@
 //! Data that are readable and wrong in offset and frequency measurements and in analyses across temperatures: what is left out is
 //! said, what cannot be trusted is refused, and a refusal leaves nothing behind. The rows are those of the table of faults.
 
-mod common;
+use crate::common;
 
 use common::check::{Case, calfit, close, number, parameters, says, text, three, tree};
 use common::{POSITIONS, Plan, RUN_FILE, Run, Setting, Truth, good, in_positions, offset_fields, programme};

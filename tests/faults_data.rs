@@ -1,7 +1,7 @@
 //! Data that are readable and wrong: units, clocks, losses, settings of another run, stuck and swapped axes. The rows are those of
 //! the table of faults that the tool promises to handle.
 
-mod common;
+use crate::common;
 
 use calfit::analysis::lin;
 use calfit::error::Severity;

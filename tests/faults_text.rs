@@ -1,7 +1,7 @@
 //! Damaged text: cut files, foreign bytes, line ends, encodings, numbers that are none, columns. The rows are those of the table of
 //! faults that the tool promises to handle.
 
-mod common;
+use crate::common;
 
 use calfit::analysis::lin;
 use calfit::error::Severity;

@@ -1,6 +1,6 @@
 //! `calfit freq`: sampling frequency, amplitudes and -3 dB corners come back, from waveforms and from tables.
 
-mod common;
+use crate::common;
 
 use common::check::{Case, calfit, number, parameters, says, text};
 use common::{Gauss, Plan, Run, sines};

@@ -1,7 +1,7 @@
 //! `calfit lin --linearise`: polynomials that were put into readings come back, with intervals that hold them; a published run gives what
 //! an independent calculation gives; what runs do not determine is refused.
 
-mod common;
+use crate::common;
 
 use calfit::analysis::lin::{Lin, Options, lin};
 use calfit::analysis::linearise::{Estimate, LineariseError, Linearised, linearise};

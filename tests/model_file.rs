@@ -1,7 +1,7 @@
 //! A model file does in every command what its effects say: formulas written out here, readings from the forward model of `common`,
 //! which is not the tool's.
 
-mod common;
+use crate::common;
 
 use calfit::analysis::lin::{Lin, Options, lin};
 use calfit::analysis::sweep;

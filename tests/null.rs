@@ -1,6 +1,6 @@
 //! `calfit null`: offset, drift and noise of zero-field runs come back, and what stops is told. `calfit thermistor`: polynomials of tables.
 
-mod common;
+use crate::common;
 
 use common::check::{Case, calfit, number, parameters, says, text, tree};
 use common::{Plan, Run, Setting};

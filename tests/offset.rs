@@ -1,6 +1,6 @@
 //! `calfit offset`: offsets and residual fields come back with their signs, and what the positions do not tell is refused by name.
 
-mod common;
+use crate::common;
 
 use common::check::{Case, close, number, parameters, says, text, three};
 use common::{POSITIONS, Plan, Setting, Truth, in_positions, offset_fields};

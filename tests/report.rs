@@ -1,8 +1,6 @@
 //! `calfit report` and `calfit thermal` on a campaign with runs of every kind.
 
-#[path = "common/browser.rs"]
-mod browser;
-mod common;
+use crate::common::{self, browser};
 
 use calfit::formats::{mag, twin};
 use calfit::run::Kind;

@@ -1,7 +1,7 @@
 //! `calfit thermal --centre` on the values of Rosetta RPC-MAG (RO-IGEP-TR0028 section 3.3): a temperature cycle beside the centre of the
 //! coil system, a run at the centre, and the results that the report prints.
 
-mod common;
+use crate::common;
 
 use common::check::{Case, calfit, close, number, parameters, says, text, three};
 use nalgebra::Matrix3;

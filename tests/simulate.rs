@@ -1,7 +1,7 @@
 //! `calfit simulate`: what a twin says is what its run files show, by closed forms and by the forward model of `common`, which is not
 //! the tool's; mistakes in a twin are named.
 
-mod common;
+use crate::common;
 
 use common::check::{Case, calfit, text};
 use common::{POSITIONS, Truth};

@@ -1,8 +1,6 @@
 //! `lin` is silent about its residuals where there is noise alone. `CALFIT_RUNS=200` makes so many runs per family of noise.
 
-#[path = "../examples/studies/blind/mod.rs"]
-#[expect(dead_code, reason = "the study has more than this test needs")]
-mod blind;
+use crate::study::blind;
 
 use blind::kinds::generate;
 use blind::noise::Family;

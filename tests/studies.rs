@@ -1,10 +1,8 @@
 //! Short forms of the studies of `examples`: coverage and efficiency over few runs, the closed loop on one sensor and mode. The full
 //! tables are in `reports`.
 
-#[path = "../examples/studies/closed_loop.rs"]
-mod closed_loop;
-#[path = "../examples/studies/coverage.rs"]
-mod coverage;
+use crate::study::closed_loop;
+use crate::study::coverage;
 
 use calfit::formats::twin;
 use coverage::{NOISES, Tally, study};

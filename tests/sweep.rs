@@ -1,6 +1,6 @@
 //! `calfit thermal` on continuous sweeps of an independent generator: temperature coefficients and lags come back.
 
-mod common;
+use crate::common;
 
 use common::check::{Case, number, parameters, text};
 use std::fs;

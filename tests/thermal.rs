@@ -1,6 +1,6 @@
 //! `calfit thermal` on parameter files: polynomials come back, groups are kept apart, and what is missing is said.
 
-mod common;
+use crate::common;
 
 use common::check::{Case, calfit, parameters, says, text};
 use std::fs;

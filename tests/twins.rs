@@ -1,6 +1,6 @@
 //! The twins of CHAMP, March 1998, and Rosetta: the printed numbers that went in come back through the commands.
 
-mod common;
+use crate::common;
 
 use calfit::formats::twin::{self, Twin};
 use calfit::simulate::write_campaign;

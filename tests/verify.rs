@@ -1,6 +1,6 @@
 //! `calfit verify`: every parameter file of a campaign is made again from its inputs, and what was changed shows.
 
-mod common;
+use crate::common;
 
 use common::check::{Case, calfit, says, text};
 use common::{campaign, check};

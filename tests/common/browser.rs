@@ -1,7 +1,5 @@
 //! A look at a page with the browser of the machine: pictures of it, its printed form, and what the browser made of it.
 
-#![allow(dead_code, reason = "every test file uses its own part")]
-
 use std::collections::HashSet;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};

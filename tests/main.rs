@@ -1,0 +1,45 @@
+//! The promises to users, one module each. They are one program: every program of tests is as large as the library with all that it
+//! uses, and takes as long to link.
+
+mod common;
+
+/// The studies, whose short forms are run here.
+#[allow(dead_code, reason = "the tests use a part of the studies")]
+#[path = "../examples/studies"]
+mod study {
+    pub mod blind;
+    pub mod closed_loop;
+    pub mod coverage;
+}
+
+mod blind;
+mod browser;
+mod coil;
+mod corner;
+mod diagnose;
+mod diagnose_across;
+mod diagnose_freq;
+mod export;
+mod faults;
+mod faults_analyses;
+mod faults_data;
+mod faults_text;
+mod files;
+mod freq;
+mod lin;
+mod linearise;
+mod model_file;
+mod nist_linear;
+mod nist_nonlinear;
+mod nist_sine;
+mod null;
+mod offset;
+mod report;
+mod rosetta;
+mod simulate;
+mod structure;
+mod studies;
+mod sweep;
+mod thermal;
+mod twins;
+mod verify;
