@@ -1,30 +1,34 @@
 //! Noise of a series of means that is white, slow, or grows with the applied field, and its whitening.
 //!
-//! The covariance is `white_i δ_ij (1 + field u_i²) + slow C_ij + slow_field u_i u_j C_ij`, all times a variance per component, with `C` that
-//! of noise with a power density `f^-a`, and `u` the size of the field relative to the largest. Shares and exponent are those of the largest
-//! restricted likelihood (REML), common to all components; the variance is that of each component.
+//! The covariance is `white_i δ_ij (1 + field u_i²) + slow C_ij + slow_field u_i u_j C_ij`, all times a variance per component, with `u`
+//! the size of the field relative to the largest, and `C` that of noise which forgets after a time, or which has a power density `f^-a`: a sum
+//! of relaxations whose time constants lie a fixed factor apart. So the whitening is a Kalman filter and its cost is in proportion to the
+//! rows. Shares and exponent are those of the largest restricted likelihood (REML), common to all components; the variance is that of
+//! each component.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use serde::Serialize;
-use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Slow noise that is tried: exponent of the power density, and the time after which it forgets, in rows; 0 where it never does.
-const SHAPES: [(f64, f64); 7] = [(0.5, 0.0), (1.0, 0.0), (1.5, 0.0), (2.0, 0.0), (2.0, 1.5), (2.0, 4.0), (2.0, 12.0)];
+/// Exponents of the power density of slow noise that are tried.
+const EXPONENTS: [f64; 7] = [0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0];
+/// Times after which slow noise forgets that are tried, in rows.
+const MEMORIES: [f64; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
+/// Every how many of them are tried first.
+const COARSE: usize = 2;
 /// Ratios of slow to white variance of one mean that are tried first.
-const RATIOS: [f64; 8] = [0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 300.0];
+const RATIOS: [f64; 7] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 300.0];
 /// Ratios of the variances that grow with the field, at the largest field, to the white variance.
 const FIELD_RATIOS: [f64; 5] = [0.3, 1.0, 3.0, 10.0, 30.0];
+/// Steps of the ratios from there on.
+const CLOSER: [f64; 4] = [2.0, 1.5, 1.25, 1.1];
 /// Noise that grows with the field is rare: logarithms of its prior, for white and for slow noise.
 const RARE: [f64; 2] = [1.5, 3.0];
-/// Waves that make up the slow noise, per factor of two in frequency.
-const WAVES_PER_OCTAVE: f64 = 3.0;
-/// Longest period of the slow noise, in lengths of the series.
-const LONGEST: f64 = 4.0;
-/// Rows up to which the whitening is exact.
-const EXACT: usize = 256;
-/// Rows before a row on which it is conditioned in a longer series: the nearest, and others further and further away.
-const NEAR: usize = 8;
+/// Time constants of the relaxations of a power density: the shortest in rows, the longest in lengths of the series, and their ratio.
+const SHORTEST: f64 = 0.4;
+const LONGEST: f64 = 3.0;
+const APART: f64 = 3.0;
 
 /// What is known of the rows of a component before the noise is.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,12 +57,30 @@ pub struct Colour {
 }
 
 impl Colour {
+    /// White noise.
+    pub const WHITE: Colour = Colour { exponent: 1.0, memory_rows: 0.0, slow: 0.0, white_field: 0.0, slow_field: 0.0 };
+
+    /// Place of its shape among [`EXPONENTS`] and then [`MEMORIES`].
     fn shape(&self) -> usize {
-        SHAPES.iter().position(|s| *s == (self.exponent, self.memory_rows)).unwrap_or(0)
+        let same = |list: &[f64], value: f64| list.iter().position(|v| *v == value).unwrap_or(0);
+        if self.memory_rows > 0.0 { EXPONENTS.len() + same(&MEMORIES, self.memory_rows) } else { same(&EXPONENTS, self.exponent) }
     }
 
-    fn with_shape(self, (exponent, memory_rows): (f64, f64)) -> Self {
-        Colour { exponent, memory_rows, ..self }
+    fn with_shape(self, shape: usize) -> Self {
+        match shape.checked_sub(EXPONENTS.len()) {
+            None => Colour { exponent: EXPONENTS[shape], memory_rows: 0.0, ..self },
+            Some(memory) => Colour { exponent: 2.0, memory_rows: MEMORIES[memory], ..self },
+        }
+    }
+
+    /// Shapes next to its own.
+    fn neighbours(&self) -> impl Iterator<Item = usize> {
+        let shape = self.shape();
+        [shape.checked_sub(1), Some(shape + 1).filter(|s| *s < SHAPES)].into_iter().flatten()
+    }
+
+    fn is_slow(&self) -> bool {
+        self.slow + self.slow_field > 0.0
     }
 
     /// Logarithm of the prior.
@@ -66,25 +88,34 @@ impl Colour {
         let of = |share: f64, prior: f64| if share > 0.0 { -prior } else { 0.0 };
         of(self.white_field, RARE[0]) + of(self.slow_field, RARE[1])
     }
-
-    /// White noise.
-    pub const WHITE: Colour = Colour { exponent: 1.0, memory_rows: 0.0, slow: 0.0, white_field: 0.0, slow_field: 0.0 };
 }
 
-/// Correlations of slow noise between all rows, one matrix per exponent: they depend on the times only.
+/// Number of shapes of slow noise.
+const SHAPES: usize = EXPONENTS.len() + MEMORIES.len();
+
+/// One shape of slow noise: relaxations.
+struct Slow {
+    /// Time constants, s.
+    tau_s: Vec<f64>,
+    /// Their variances; the sum is one.
+    variance: Vec<f64>,
+    /// What is left of each from the row before, row after row.
+    keep: Vec<f64>,
+}
+
+/// Slow noise of all shapes at the times of the rows.
 pub struct Correlations {
     rows: Rows,
-    slow: Vec<DMatrix<f64>>,
+    slow: Vec<Slow>,
 }
 
-/// A row conditioned on others: which, their coefficients, and the inverse of what remains.
-type Conditioned = (Vec<usize>, Vec<f64>, f64);
-
-/// The whitening of one component.
-#[derive(Clone)]
-enum Whitener {
-    Exact(Arc<Cholesky<f64, Dyn>>),
-    Sparse(Arc<Vec<Conditioned>>),
+/// The whitening of one component: a Kalman filter.
+struct Whitener {
+    states: usize,
+    /// Per row: one over the standard deviation of what is new in it.
+    scale: Vec<f64>,
+    /// Per row and state: what it adds to the row, what is left of it from the row before, its gain.
+    steps: Vec<[f64; 3]>,
 }
 
 /// Noise of all three components.
@@ -94,102 +125,116 @@ pub struct Noise {
     pub colour: Colour,
     /// Standard deviation of the white part of a row of relative variance one, per component.
     pub white_std: [f64; 3],
-    whiteners: Vec<Whitener>,
-    rows: usize,
+    whiteners: [Arc<Whitener>; 3],
+}
+
+impl Slow {
+    fn new(t_s: &[f64], tau_s: Vec<f64>, weights: &[f64]) -> Self {
+        let sum: f64 = weights.iter().sum();
+        let gaps = std::iter::once(0.0).chain(t_s.windows(2).map(|w| w[1] - w[0]));
+        let keep = gaps.flat_map(|gap| tau_s.iter().map(move |tau| (-gap / tau).exp())).collect();
+        Self { variance: weights.iter().map(|w| w / sum).collect(), keep, tau_s }
+    }
+
+    fn correlation(&self, lag_s: f64) -> f64 {
+        self.tau_s.iter().zip(&self.variance).map(|(tau, v)| v * (-lag_s / tau).exp()).sum()
+    }
 }
 
 impl Correlations {
     /// Of rows at these times.
     #[must_use]
     pub fn new(rows: Rows) -> Self {
-        let n = rows.t_s.len();
-        let span = (rows.t_s[n - 1] - rows.t_s[0]).max(f64::MIN_POSITIVE);
-        let mut gaps: Vec<f64> = rows.t_s.windows(2).map(|w| w[1] - w[0]).collect();
+        let t = &rows.t_s;
+        let span = (t[t.len() - 1] - t[0]).max(f64::MIN_POSITIVE);
+        let mut gaps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
         gaps.sort_by(f64::total_cmp);
         let gap = gaps.get(gaps.len() / 2).copied().unwrap_or(span).max(span * 1e-9);
-        let (lowest, highest) = (1.0 / (LONGEST * span), 0.5 / gap);
-        let waves = ((highest / lowest).log2() * WAVES_PER_OCTAVE).ceil().max(2.0);
-        let frequencies: Vec<f64> = (0..=waves as usize).map(|i| lowest * (highest / lowest).powf(i as f64 / waves)).collect();
-        // A mean over the gap smooths the fastest of them.
-        let slow = SHAPES
-            .iter()
-            .map(|(a, memory)| {
-                if *memory > 0.0 {
-                    let of = |i: usize, j: usize| (-(rows.t_s[i] - rows.t_s[j]).abs() / (memory * gap)).exp();
-                    return DMatrix::from_fn(n, n, of);
-                }
-                let weights: Vec<f64> = frequencies
-                    .iter()
-                    .map(|f| {
-                        let x = 0.5 * TAU * f * gap;
-                        f.powf(1.0 - a) * (x.sin() / x).powi(2)
-                    })
-                    .collect();
-                let sum: f64 = weights.iter().sum();
-                // Cosines of sums come from sines and cosines of the rows: n k in place of n² k evaluations.
-                let waves: Vec<DVector<f64>> = frequencies
-                    .iter()
-                    .zip(&weights)
-                    .flat_map(|(f, w)| {
-                        let size = (w / sum).sqrt();
-                        let of = |part: fn(f64) -> f64| DVector::from_fn(n, |i, _| size * part(TAU * f * rows.t_s[i]));
-                        [of(f64::sin), of(f64::cos)]
-                    })
-                    .collect();
-                let basis = DMatrix::from_columns(&waves);
-                &basis * basis.transpose()
-            })
-            .collect();
+        let tau_s: Vec<f64> =
+            std::iter::successors(Some(SHORTEST * gap), |tau| Some(tau * APART)).take_while(|tau| *tau < LONGEST * span).collect();
+        let power = |a: &f64| {
+            let weights: Vec<f64> = tau_s.iter().map(|tau| (tau / gap).powf(a - 1.0)).collect();
+            Slow::new(t, tau_s.clone(), &weights)
+        };
+        let slow = EXPONENTS.iter().map(power).chain(MEMORIES.iter().map(|m| Slow::new(t, vec![m * gap], &[1.0]))).collect();
         Self { rows, slow }
     }
 
-    fn element(&self, colour: &Colour, slow: &DMatrix<f64>, component: usize, i: usize, j: usize) -> f64 {
+    fn element(&self, colour: &Colour, component: usize, i: usize, j: usize) -> f64 {
         let (u, v) = (self.rows.field[i][component], self.rows.field[j][component]);
-        let correlated = (colour.slow + colour.slow_field * u * v) * slow[(i, j)];
-        if i == j { correlated + self.rows.white[i] * (1.0 + colour.white_field * u * u) } else { correlated }
+        let correlated = if colour.is_slow() {
+            let lag_s = (self.rows.t_s[i] - self.rows.t_s[j]).abs();
+            (colour.slow + colour.slow_field * u * v) * self.slow[colour.shape()].correlation(lag_s)
+        } else {
+            0.0
+        };
+        if i == j { correlated + self.white(colour, component, i) } else { correlated }
+    }
+
+    fn white(&self, colour: &Colour, component: usize, row: usize) -> f64 {
+        let u = self.rows.field[row][component];
+        self.rows.white[row] * (1.0 + colour.white_field * u * u)
     }
 
     fn whitener(&self, colour: &Colour, component: usize) -> Option<Whitener> {
         let slow = &self.slow[colour.shape()];
+        let kinds = slow.tau_s.len();
+        // Relaxations that add to every row, and others that add in proportion to the field.
+        let parts: Vec<(f64, bool)> = [(colour.slow, false), (colour.slow_field, true)].into_iter().filter(|p| p.0 > 0.0).collect();
+        let states = kinds * parts.len();
+        let variance: Vec<f64> = parts.iter().flat_map(|(size, _)| slow.variance.iter().map(move |v| size * v)).collect();
         let n = self.rows.t_s.len();
-        let element = |i: usize, j: usize| self.element(colour, slow, component, i, j);
-        if n <= EXACT {
-            return DMatrix::from_fn(n, n, element).cholesky().map(|c| Whitener::Exact(Arc::new(c)));
+        let mut whitener = Whitener { states, scale: Vec::with_capacity(n), steps: Vec::with_capacity(n * states) };
+        let mut covariance = vec![0.0; states * states];
+        for (k, v) in variance.iter().enumerate() {
+            covariance[k * states + k] = *v;
         }
-        let mut rows = Vec::with_capacity(n);
+        let (mut keep, mut load, mut crossed) = (vec![0.0; states], vec![0.0; states], vec![0.0; states]);
         for i in 0..n {
-            let near = i.saturating_sub(NEAR)..i;
-            let mut others: Vec<usize> = Vec::new();
-            let mut back = 2 * NEAR;
-            while colour.slow + colour.slow_field > 0.0 && back <= i {
-                others.push(i - back);
-                back *= 2;
+            for (part, (_, with_field)) in parts.iter().enumerate() {
+                let own = part * kinds..(part + 1) * kinds;
+                keep[own.clone()].copy_from_slice(&slow.keep[i * kinds..(i + 1) * kinds]);
+                load[own].fill(if *with_field { self.rows.field[i][component] } else { 1.0 });
             }
-            others.reverse();
-            others.extend(if colour.slow + colour.slow_field > 0.0 { near } else { i..i });
-            let among = DMatrix::from_fn(others.len(), others.len(), |a, b| element(others[a], others[b]));
-            let with = DVector::from_fn(others.len(), |a, _| element(i, others[a]));
-            let coefficients = if others.is_empty() { with.clone() } else { among.cholesky()?.solve(&with) };
-            let left = element(i, i) - coefficients.dot(&with);
-            if left <= 0.0 {
+            // The lower half of the covariance is kept up.
+            for k in 0..states {
+                for l in 0..=k {
+                    covariance[k * states + l] *= keep[k] * keep[l];
+                }
+                covariance[k * states + k] += variance[k] * (1.0 - keep[k] * keep[k]);
+            }
+            let mut new = self.white(colour, component, i);
+            for k in 0..states {
+                let below: f64 = (k + 1..states).map(|l| covariance[l * states + k] * load[l]).sum();
+                crossed[k] = below + (0..=k).map(|l| covariance[k * states + l] * load[l]).sum::<f64>();
+            }
+            new += load.iter().zip(&crossed).map(|(h, c)| h * c).sum::<f64>();
+            if new.is_nan() || new <= 0.0 {
                 return None;
             }
-            rows.push((others, coefficients.as_slice().to_vec(), left.sqrt().recip()));
+            for k in 0..states {
+                let gain = crossed[k] / new;
+                for l in 0..=k {
+                    covariance[k * states + l] -= gain * crossed[l];
+                }
+                whitener.steps.push([load[k], keep[k], gain]);
+            }
+            whitener.scale.push(new.sqrt().recip());
         }
-        Some(Whitener::Sparse(Arc::new(rows)))
+        Some(whitener)
     }
 
     /// Log likelihood of a colour up to a constant, restricted or not, with the white standard deviation of each component; `None` where
     /// it has none.
-    fn likelihood(&self, colour: &Colour, data: &Data, restricted: bool) -> Option<(f64, [f64; 3], Vec<Whitener>)> {
+    fn likelihood(&self, colour: &Colour, data: &Data, restricted: bool) -> Option<(f64, Noise)> {
         let mut sum = 0.0;
-        let mut std = [0.0; 3];
-        let mut whiteners = Vec::with_capacity(3);
+        let mut white_std = [0.0; 3];
+        let mut whiteners: Vec<Arc<Whitener>> = Vec::with_capacity(3);
         for component in 0..3 {
             // Without a share that grows with the field all components have the same covariance.
             let whitener = match whiteners.last() {
-                Some(same) if colour.white_field + colour.slow_field == 0.0 => Whitener::clone(same),
-                _ => self.whitener(colour, component)?,
+                Some(same) if colour.white_field + colour.slow_field == 0.0 => Arc::clone(same),
+                _ => Arc::new(self.whitener(colour, component)?),
             };
             let left = fit(&whitener, &data.readings.column(component).into_owned(), &data.designs[component])?;
             sum -= 0.5
@@ -198,10 +243,48 @@ impl Correlations {
                 } else {
                     data.readings.nrows() as f64 * left.squares.ln() + left.log_covariance
                 };
-            std[component] = (left.squares / left.freedom).sqrt();
+            white_std[component] = (left.squares / left.freedom).sqrt();
             whiteners.push(whitener);
         }
-        sum.is_finite().then_some((sum, std, whiteners))
+        let whiteners = whiteners.try_into().ok()?;
+        sum.is_finite().then_some((sum, Noise { colour: *colour, white_std, whiteners }))
+    }
+
+    fn value(&self, colour: &Colour, data: &Data, restricted: bool) -> f64 {
+        self.likelihood(colour, data, restricted).map_or(f64::NEG_INFINITY, |(l, _)| l + colour.prior())
+    }
+
+    /// The most likely of some colours, the first of equal ones.
+    fn best(&self, colours: &[Colour], data: &Data, restricted: bool) -> (f64, Colour) {
+        let values: Vec<f64> = colours.par_iter().map(|c| self.value(c, data, restricted)).collect();
+        let first = (f64::NEG_INFINITY, Colour::WHITE);
+        colours.iter().zip(values).fold(first, |best, (c, v)| if v > best.0 { (v, *c) } else { best })
+    }
+
+    /// The most likely colour near another one.
+    fn climb(&self, mut best: (f64, Colour), data: &Data, restricted: bool) -> (f64, Colour) {
+        for factor in CLOSER {
+            let now = best.1;
+            let mut tried: Vec<Colour> = Vec::new();
+            for f in [factor, 1.0 / factor] {
+                tried.push(Colour { slow: now.slow * f, ..now });
+                tried.push(Colour { white_field: now.white_field * f, ..now });
+                tried.push(Colour { slow_field: now.slow_field * f, ..now });
+                // More of all slow noise, or of all that grows.
+                tried.push(Colour { slow: now.slow * f, slow_field: now.slow_field * f, ..now });
+            }
+            if now.is_slow() {
+                for shape in now.neighbours() {
+                    tried.extend([factor, 1.0, 1.0 / factor].map(|f| Colour { slow: now.slow * f, ..now }.with_shape(shape)));
+                }
+            }
+            tried.retain(|c| *c != now);
+            let found = self.best(&tried, data, restricted);
+            if found.0 > best.0 {
+                best = found;
+            }
+        }
+        best
     }
 
     /// Log likelihood of readings with the most likely noise near that of `from`, or without its slow part: how well a model does with a
@@ -209,48 +292,24 @@ impl Correlations {
     #[must_use]
     pub fn profile(&self, from: &Colour, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> f64 {
         let data = Data { readings, designs };
-        let value =
-            |colour: &Colour| self.likelihood(colour, &data, false).map_or(f64::NEG_INFINITY, |(l, _, _)| l + colour.prior());
-        let mut best = (value(from), *from);
-        let consider = |colour: Colour, best: &mut (f64, Colour)| {
-            let likelihood = value(&colour);
-            if likelihood > best.0 {
-                *best = (likelihood, colour);
-            }
-        };
-        consider(Colour::WHITE, &mut best);
-        for factor in [0.03, 0.1, 0.3] {
-            consider(Colour { slow: from.slow * factor, slow_field: from.slow_field * factor, ..*from }, &mut best);
-        }
-        for colour in [
+        let less = |f: f64| Colour { slow: from.slow * f, slow_field: from.slow_field * f, ..*from };
+        let starts = [
+            *from,
+            Colour::WHITE,
+            less(0.3),
+            less(0.1),
+            less(0.03),
             Colour { slow_field: 0.0, ..*from },
             Colour { white_field: 0.0, ..*from },
             Colour { exponent: 1.0, memory_rows: 0.0, slow: from.slow.min(1.0), slow_field: 0.0, ..*from },
-        ] {
-            if colour != *from {
-                consider(colour, &mut best);
-            }
-        }
-        for factor in [0.55, 1.8, 0.75, 1.35] {
-            let now = best.1;
-            for colour in [
-                Colour { slow: now.slow * factor, ..now },
-                Colour { white_field: now.white_field * factor, ..now },
-                Colour { slow_field: now.slow_field * factor, ..now },
-            ] {
-                if colour != now {
-                    consider(colour, &mut best);
-                }
-            }
-        }
-        best.0
+        ];
+        self.climb(self.best(&starts, &data, false), &data, false).0
     }
 
     /// Noise of a given colour, its variances from residuals about a linear model.
     #[must_use]
     pub fn with_colour(&self, colour: Colour, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Option<Noise> {
-        let (_, white_std, whiteners) = self.likelihood(&colour, &Data { readings, designs }, true)?;
-        Some(Noise { colour, white_std, whiteners, rows: self.rows.t_s.len() })
+        self.likelihood(&colour, &Data { readings, designs }, true).map(|(_, noise)| noise)
     }
 
     /// The most likely noise of residuals about a linear model: `readings` has a column per component, `designs` the columns that were
@@ -258,67 +317,38 @@ impl Correlations {
     #[must_use]
     pub fn estimate(&self, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Option<Noise> {
         let data = Data { readings, designs };
-        let value =
-            |colour: &Colour| self.likelihood(colour, &data, true).map_or(f64::NEG_INFINITY, |(l, _, _)| l + colour.prior());
-        let mut best = (value(&Colour::WHITE), Colour::WHITE);
-        let consider = |colour: Colour, best: &mut (f64, Colour)| {
-            let likelihood = value(&colour);
-            if likelihood > best.0 {
-                *best = (likelihood, colour);
-            }
-        };
-        for slow in &RATIOS[1..] {
-            for shape in SHAPES {
-                consider(Colour { slow: *slow, ..Colour::WHITE }.with_shape(shape), &mut best);
-            }
-        }
+        let shapes = || (0..SHAPES).step_by(COARSE);
+        let slow = RATIOS.iter().flat_map(|slow| shapes().map(|s| Colour { slow: *slow, ..Colour::WHITE }.with_shape(s)));
+        let mut best = self.best(&std::iter::once(Colour::WHITE).chain(slow).collect::<Vec<_>>(), &data, true);
         // What grows with the field, beside what does not or in its place.
         let base = best.1;
+        let mut growing = Vec::new();
         for ratio in FIELD_RATIOS {
-            for slow in [base.slow, 0.0] {
-                consider(Colour { white_field: ratio, slow, ..base }, &mut best);
-                let own = [(base.exponent, base.memory_rows)];
-                let shapes = if slow > 0.0 { &own[..] } else { &[(0.5, 0.0), (1.0, 0.0), (2.0, 0.0), (2.0, 4.0)] };
-                for shape in shapes {
-                    consider(Colour { slow_field: ratio, slow, ..base }.with_shape(*shape), &mut best);
-                }
-            }
+            growing.push(Colour { white_field: ratio, ..base });
+            growing.push(Colour { white_field: ratio, slow: 0.0, ..base });
+            growing.push(Colour { slow_field: ratio, ..base });
+            growing.extend(shapes().map(|s| Colour { slow_field: ratio, slow: 0.0, ..base }.with_shape(s)));
         }
-        // Closer, one share after the other.
-        let mut factor: f64 = 1.8;
-        for _ in 0..3 {
-            for f in [factor, 1.0 / factor] {
-                let now = best.1;
-                consider(Colour { slow: now.slow * f, ..now }, &mut best);
-                let now = best.1;
-                consider(Colour { white_field: now.white_field * f, ..now }, &mut best);
-                let now = best.1;
-                consider(Colour { slow_field: now.slow_field * f, ..now }, &mut best);
-            }
-            factor = factor.sqrt();
+        let grown = self.best(&growing, &data, true);
+        if grown.0 > best.0 {
+            best = grown;
         }
-        for shape in SHAPES {
-            let now = best.1;
-            consider(now.with_shape(shape), &mut best);
-        }
-        let (_, white_std, whiteners) = self.likelihood(&best.1, &data, true)?;
-        Some(Noise { colour: best.1, white_std, whiteners, rows: self.rows.t_s.len() })
+        best = self.climb(best, &data, true);
+        self.with_colour(best.1, readings, designs)
     }
 
     /// Standard deviation of every row, per component.
     #[must_use]
     pub fn std(&self, noise: &Noise) -> Vec<[f64; 3]> {
-        let slow = &self.slow[noise.colour.shape()];
-        let one = |i: usize, a: usize| noise.white_std[a] * self.element(&noise.colour, slow, a, i, i).sqrt();
+        let one = |i: usize, a: usize| noise.white_std[a] * self.element(&noise.colour, a, i, i).sqrt();
         (0..self.rows.t_s.len()).map(|i| std::array::from_fn(|a| one(i, a))).collect()
     }
 
     /// Covariance of some rows of a component.
     #[must_use]
     pub fn covariance(&self, noise: &Noise, component: usize, rows: &[usize]) -> DMatrix<f64> {
-        let slow = &self.slow[noise.colour.shape()];
         let variance = noise.white_std[component].powi(2);
-        DMatrix::from_fn(rows.len(), rows.len(), |a, b| variance * self.element(&noise.colour, slow, component, rows[a], rows[b]))
+        DMatrix::from_fn(rows.len(), rows.len(), |a, b| variance * self.element(&noise.colour, component, rows[a], rows[b]))
     }
 }
 
@@ -326,30 +356,41 @@ impl Noise {
     /// Number of rows of a component.
     #[must_use]
     pub fn rows(&self) -> usize {
-        self.rows
+        self.whiteners[0].scale.len()
     }
 
     /// Whitens the columns of a component in place: independent values of variance one.
     pub fn whiten(&self, component: usize, columns: &mut DMatrix<f64>) {
-        whiten(&self.whiteners[component], columns);
+        self.whiteners[component].whiten(columns);
         *columns /= self.white_std[component];
     }
 }
 
-fn whiten(whitener: &Whitener, columns: &mut DMatrix<f64>) {
-    match whitener {
-        Whitener::Exact(cholesky) => {
-            cholesky.l_dirty().solve_lower_triangular_mut(columns);
-        }
-        Whitener::Sparse(rows) => {
-            for mut column in columns.column_iter_mut() {
-                for i in (0..rows.len()).rev() {
-                    let (others, coefficients, scale) = &rows[i];
-                    let expected: f64 = others.iter().zip(coefficients).map(|(j, c)| c * column[*j]).sum();
-                    column[i] = (column[i] - expected) * scale;
+impl Whitener {
+    fn whiten(&self, columns: &mut DMatrix<f64>) {
+        let mut state = vec![0.0; self.states];
+        for mut column in columns.column_iter_mut().filter(|c| c.iter().any(|v| *v != 0.0)) {
+            state.fill(0.0);
+            let mut steps = self.steps.chunks_exact(self.states.max(1));
+            for (value, scale) in column.iter_mut().zip(&self.scale) {
+                if let Some(step) = steps.next() {
+                    let mut new = *value;
+                    for (s, [load, keep, _]) in state.iter_mut().zip(step) {
+                        *s *= keep;
+                        new -= load * *s;
+                    }
+                    for (s, [_, _, gain]) in state.iter_mut().zip(step) {
+                        *s += gain * new;
+                    }
+                    *value = new;
                 }
+                *value *= scale;
             }
         }
+    }
+
+    fn log_covariance(&self) -> f64 {
+        -2.0 * self.scale.iter().map(|s| s.ln()).sum::<f64>()
     }
 }
 
@@ -373,16 +414,12 @@ fn fit(whitener: &Whitener, reading: &DVector<f64>, design: &DMatrix<f64>) -> Op
     let mut all = DMatrix::zeros(n, p + 1);
     all.columns_mut(0, p).copy_from(design);
     all.column_mut(p).copy_from(reading);
-    whiten(whitener, &mut all);
-    let log_covariance = match whitener {
-        Whitener::Exact(cholesky) => 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>(),
-        Whitener::Sparse(rows) => -2.0 * rows.iter().map(|(_, _, scale)| scale.ln()).sum::<f64>(),
-    };
+    whitener.whiten(&mut all);
     let normal = all.columns(0, p).tr_mul(&all.columns(0, p));
     let cholesky = normal.cholesky()?;
     let rhs = all.columns(0, p).tr_mul(&all.column(p));
     let squares = all.column(p).norm_squared() - rhs.dot(&cholesky.solve(&rhs));
     let log_normal = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
     let freedom = n.checked_sub(p).filter(|f| *f > 1)? as f64;
-    (squares > 0.0).then_some(Left { squares, log_covariance, log_normal, freedom })
+    (squares > 0.0).then_some(Left { squares, log_covariance: whitener.log_covariance(), log_normal, freedom })
 }
