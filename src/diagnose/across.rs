@@ -7,7 +7,6 @@
 //! these count as values without parameters; otherwise the scatter is known from repeats and from what the model leaves.
 
 use super::result::{DetectionLimit, Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, RunnerUp, ShapePoint, Step};
-use super::search::SIGNIFICANT;
 use super::words;
 use crate::analysis::coil::tilt::{Family, PAIRS};
 use crate::analysis::lin;
@@ -43,6 +42,8 @@ const LEAST_SHOWN_K: f64 = 0.2;
 const SAME_K: f64 = 1.0;
 /// As many orientations must agree before another one can stand out.
 const LEAST_AGREEING: usize = 3;
+/// A candidate is taken if noise alone gives as much evidence less often than this.
+const SIGNIFICANT: f64 = 0.003;
 /// Below this evidence noise alone gives as much in one case of a few.
 const HOPELESS: f64 = 2.0;
 /// Prior of an orientation or a run that stands out, relative to an effect of the catalogue.

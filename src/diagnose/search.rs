@@ -1,7 +1,7 @@
 //! The search: score every candidate, pay for the trials, add the best, refit everything, drop and swap, until nothing is left.
 
 use super::scene::{Scene, TREND_ORDER};
-use crate::fit::colour::{Colour, Correlations, Noise, Rows};
+use crate::fit::colour::{Correlations, Noise, Rows};
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score, global_p, orthonormal};
 use crate::model::effects::{self, CATALOGUE, Column, Covariate, Effect, Record, Spec};
 use argmin::core::{CostFunction, Executor};
@@ -9,15 +9,10 @@ use argmin::solver::brent::BrentOpt;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// A candidate is taken if noise alone gives as much evidence less often than this.
-pub const SIGNIFICANT: f64 = 0.003;
-/// Below this evidence no simulation is needed: noise alone gives it in one run of a few.
-const HOPELESS: f64 = 2.0;
-/// Evidence, with a noise of its own, that a candidate needs where the noise of the model without it leaves too little of it: an effect that
-/// changes slowly looks like slow noise. Evidence is one on average over noise for each of some twenty explanations.
-const PROFILE: f64 = 10.0;
-/// Explanations that are tried with a noise of their own.
-const PROFILED: usize = 5;
+/// Evidence (logarithm) that a candidate needs. On average over noise it is one for each of some twenty explanations.
+const EVIDENT: f64 = 4.605;
+/// Explanations whose evidence is averaged.
+const PROMISING: usize = 5;
 /// Prior of a dependence on a covariate that no effect explains, relative to an effect of the catalogue.
 const UNKNOWN_PRIOR: f64 = 0.04;
 /// Prior of a drift, relative to other effects: slow noise is the usual cause of what looks like one.
@@ -250,20 +245,26 @@ impl<'a> Search<'a> {
     fn state_with(&self, noise: Noise, terms: &[&Candidate]) -> State {
         let n = self.rows();
         let p = self.scene.design.ncols();
+        let own = [0, 1, 2].map(|a| {
+            let mut design = self.scene.design.clone();
+            noise.whiten(a, &mut design);
+            design
+        });
         let extra: usize = terms.iter().map(|t| t.stacked.ncols()).sum();
-        let mut all = DMatrix::zeros(3 * n, 3 * p + extra);
-        for a in 0..3 {
-            all.view_mut((a * n, a * p), (n, p)).copy_from(&self.scene.design);
-        }
-        let mut at = 3 * p;
+        let mut common = DMatrix::zeros(3 * n, extra);
+        let mut at = 0;
         for term in terms {
-            all.columns_mut(at, term.stacked.ncols()).copy_from(&term.stacked);
+            common.columns_mut(at, term.stacked.ncols()).copy_from(&self.whiten(&noise, &term.stacked));
             at += term.stacked.ncols();
         }
-        let columns = self.whiten(&noise, &all);
+        let mut columns = DMatrix::zeros(3 * n, 3 * p + extra);
+        for (a, design) in own.iter().enumerate() {
+            columns.view_mut((a * n, a * p), (n, p)).copy_from(design);
+        }
+        columns.columns_mut(3 * p, extra).copy_from(&common);
         let stacked = DMatrix::from_column_slice(3 * n, 1, self.readings.as_slice());
         let readings = self.whiten(&noise, &stacked).column(0).into_owned();
-        let fitted = Fitted::new(&readings, &columns, self.edges());
+        let fitted = Fitted::of_components(&readings, &own, &common, self.edges());
         State { noise, fitted, columns, readings }
     }
 
@@ -313,42 +314,41 @@ impl<'a> Search<'a> {
         all
     }
 
-    /// The most promising explanations, each with the most likely noise beside it; the best first.
-    fn profiled(&self, state: &State, now: &[&Candidate], explanations: &[Explanation]) -> Vec<Explanation> {
-        let colour = state.noise.colour;
-        let mut chosen: Vec<Explanation> = explanations.iter().take(PROFILED).cloned().collect();
-        if colour.slow + colour.slow_field > 0.0 {
-            // What slow noise hides shows beside white noise.
-            let Some(noise) = self.correlations.with_colour(Colour::WHITE, &self.readings, &self.designs(now)) else {
-                return chosen;
-            };
-            let white = self.state_with(noise, now);
+    /// The most promising explanations, their evidence averaged over the noise that the readings allow; the best first.
+    fn averaged(&self, state: &State, now: &[&Candidate], explanations: &[Explanation]) -> Vec<Explanation> {
+        let noises = self.correlations.plausible(&state.noise.colour, &self.readings, &self.designs(now));
+        let mut chosen: Vec<Explanation> = explanations.iter().take(PROMISING).cloned().collect();
+        // What slow noise hides shows beside white noise.
+        if let Some((white, _)) = noises.last() {
+            let white = self.state_with(white.clone(), now);
             let groups = self.groups(&white);
-            for e in self.explanations(&white, &groups).into_iter().take(PROFILED).filter(|e| e.evidence > 0.0) {
-                if !chosen.iter().any(|c| c.key == e.key) {
+            for e in self.explanations(&white, &groups).into_iter().take(PROMISING) {
+                if !chosen.iter().any(|c| c.best == e.best) {
                     chosen.push(e);
                 }
             }
         }
-        let before = self.correlations.profile(&colour, &self.readings, &self.designs(now));
-        let mut profiled: Vec<Explanation> = chosen
-            .into_par_iter()
-            .map(|mut e| {
-                let candidate = &self.bank[e.best];
-                let with: Vec<&Candidate> = now.iter().copied().chain([candidate]).collect();
-                let after = self.correlations.profile(&colour, &self.readings, &self.designs(&with));
-                let group = self.group(state, candidate);
-                let score = Score::of(2.0 * (after - before), state.fitted.freedom_of(&group), candidate.stacked.ncols());
-                // All candidates of the explanation gain as its best one does.
-                let gain = score.evidence - e.score.evidence;
-                e.evidence += gain;
-                e.best_evidence += gain;
-                e.score = score;
-                e
+        let scores: Vec<Vec<Score>> = noises
+            .par_iter()
+            .map(|(noise, _)| {
+                let state = self.state_with(noise.clone(), now);
+                chosen.iter().map(|e| state.fitted.score(&self.group(&state, &self.bank[e.best]))).collect()
             })
             .collect();
-        profiled.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-        profiled
+        for (k, e) in chosen.iter_mut().enumerate() {
+            let terms = noises.iter().zip(&scores).map(|((_, weight), scores)| weight + scores[k].evidence);
+            let average = log_sum(terms.clone());
+            let most = (0..noises.len()).zip(terms).max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i);
+            // All candidates of the explanation gain as its best one does.
+            let gain = average - e.score.evidence;
+            e.evidence += gain;
+            e.best_evidence += gain;
+            e.score = scores[most][k];
+        }
+        chosen.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let mut keys: Vec<String> = Vec::new();
+        chosen.retain(|e| !keys.contains(&e.key) && (keys.push(e.key.clone()), true).1);
+        chosen
     }
 
     /// Looks for terms, beside those that are given.
@@ -367,22 +367,13 @@ impl<'a> Search<'a> {
             let usable: Vec<usize> = (0..groups.len())
                 .filter(|i| groups[*i].surviving > ABSORBED && self.priors[*i].is_finite() && groups[*i].count() > 0)
                 .collect();
-            let profiled = self.profiled(&state, &now, &explanations);
+            let averaged = self.averaged(&state, &now, &explanations);
+            let Some(best) = averaged.first().filter(|e| e.best_evidence > EVIDENT) else { return Some((terms, state)) };
+            let tried: Vec<&Group> = usable.iter().map(|i| &groups[*i]).collect();
+            let priors: Vec<f64> = usable.iter().map(|i| self.priors[*i]).collect();
+            let maxima = state.fitted.simulate(&tried, &priors, SEED);
             let most = explanations.iter().map(|e| e.best_evidence).fold(f64::NEG_INFINITY, f64::max);
-            let mut p_global = 1.0;
-            if most > HOPELESS {
-                let tried: Vec<&Group> = usable.iter().map(|i| &groups[*i]).collect();
-                let priors: Vec<f64> = usable.iter().map(|i| self.priors[*i]).collect();
-                let maxima = state.fitted.simulate(&tried, &priors, SEED);
-                p_global = global_p(&maxima, most);
-            }
-            let Some(best) = profiled.first().or(explanations.first()) else { return Some((terms, state)) };
-            if p_global > SIGNIFICANT {
-                if best.best_evidence < PROFILE {
-                    return Some((terms, state));
-                }
-                p_global = p_global.min((-best.best_evidence).exp());
-            }
+            let p_global = global_p(&maxima, most).min((-best.best_evidence).exp());
             let candidate = self.refined(&state, &self.bank[best.best]);
             let key = best.key.clone();
             let after: Vec<&Candidate> = now.iter().copied().chain([&candidate]).collect();

@@ -287,23 +287,39 @@ impl Correlations {
         best
     }
 
-    /// Log likelihood of readings with the most likely noise near that of `from`, or without its slow part: how well a model does with a
-    /// noise of its own. It compares models of different columns.
+    /// The noise that readings about a linear model allow, with the logarithm of the probability of each: slow noise of every kind and size,
+    /// or none, and as much noise that grows as in `from`, or less.
     #[must_use]
-    pub fn profile(&self, from: &Colour, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> f64 {
+    pub fn plausible(&self, from: &Colour, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Vec<(Noise, f64)> {
         let data = Data { readings, designs };
-        let less = |f: f64| Colour { slow: from.slow * f, slow_field: from.slow_field * f, ..*from };
-        let starts = [
-            *from,
-            Colour::WHITE,
-            less(0.3),
-            less(0.1),
-            less(0.03),
-            Colour { slow_field: 0.0, ..*from },
-            Colour { white_field: 0.0, ..*from },
-            Colour { exponent: 1.0, memory_rows: 0.0, slow: from.slow.min(1.0), slow_field: 0.0, ..*from },
-        ];
-        self.climb(self.best(&starts, &data, false), &data, false).0
+        let none = Colour { slow: 0.0, ..*from };
+        let mut colours: Vec<(Colour, f64)> = Vec::new();
+        if from.slow_field > 0.0 {
+            let shapes: Vec<usize> = from.neighbours().chain([from.shape()]).collect();
+            let sizes = if from.slow > 0.0 { vec![from.slow, 0.3 * from.slow, 0.1 * from.slow, 0.0] } else { vec![0.0] };
+            for (field, slow) in [1.0, 0.3, 0.1, 0.03].into_iter().flat_map(|f| sizes.iter().map(move |s| (f, *s))) {
+                let one = Colour { slow, slow_field: field * from.slow_field, ..*from };
+                colours.extend(shapes.iter().map(|s| (one.with_shape(*s), 0.5 / shapes.len() as f64)));
+            }
+            colours.push((Colour { slow_field: 0.0, ..none }, 0.5));
+        } else {
+            let shapes: Vec<usize> = (0..SHAPES).step_by(COARSE).collect();
+            for slow in RATIOS {
+                let part = 0.5 / (RATIOS.len() * shapes.len()) as f64;
+                colours.extend(shapes.iter().map(|s| (Colour { slow, ..none }.with_shape(*s), part)));
+            }
+            colours.push((none, 0.5));
+        }
+        let found: Vec<Option<(f64, Noise)>> = colours.par_iter().map(|(c, _)| self.likelihood(c, &data, true)).collect();
+        let mut all: Vec<(Noise, f64)> = found
+            .into_iter()
+            .zip(&colours)
+            .filter_map(|(found, (_, prior))| found.map(|(likelihood, noise)| (noise, likelihood + prior.ln())))
+            .collect();
+        let most = all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
+        let sum = all.iter().map(|a| (a.1 - most).exp()).sum::<f64>().ln() + most;
+        all.iter_mut().for_each(|a| a.1 -= sum);
+        all
     }
 
     /// Noise of a given colour, its variances from residuals about a linear model.

@@ -14,6 +14,8 @@ use rayon::prelude::*;
 const EXPECTED: f64 = 60.0;
 /// A group of which less than this part is left beside the model is absorbed by it.
 pub const ABSORBED: f64 = 0.02;
+/// A column of which the others leave less than this is theirs.
+const INDEPENDENT: f64 = 1e-9;
 /// Draws of noise for the largest evidence of all groups.
 const DRAWS: usize = 500;
 /// Draws of one thread at a time.
@@ -86,12 +88,17 @@ impl Score {
 /// same column of `of`.
 #[must_use]
 pub fn orthonormal(columns: &DMatrix<f64>, of: Option<&DMatrix<f64>>, least: f64) -> DMatrix<f64> {
-    let mut base: Vec<DVector<f64>> = Vec::new();
+    let mut base = Vec::new();
+    extend(&mut base, columns, of, least);
+    joined(&base, columns.nrows())
+}
+
+fn extend(base: &mut Vec<DVector<f64>>, columns: &DMatrix<f64>, of: Option<&DMatrix<f64>>, least: f64) {
     for (k, column) in columns.column_iter().enumerate() {
         let mut rest = column.into_owned();
         let norm = of.map_or_else(|| rest.norm(), |of| of.column(k).norm());
         for _ in 0..2 {
-            for b in &base {
+            for b in base.iter() {
                 let along = b.dot(&rest);
                 rest.axpy(-along, b, 1.0);
             }
@@ -100,14 +107,35 @@ pub fn orthonormal(columns: &DMatrix<f64>, of: Option<&DMatrix<f64>>, least: f64
             base.push(rest.normalize());
         }
     }
-    if base.is_empty() { DMatrix::zeros(columns.nrows(), 0) } else { DMatrix::from_columns(&base) }
+}
+
+fn joined(base: &[DVector<f64>], rows: usize) -> DMatrix<f64> {
+    if base.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(base) }
 }
 
 impl Fitted {
     /// Fits whitened readings; `edges` are the first row of each component, and the end.
     #[must_use]
     pub fn new(readings: &DVector<f64>, columns: &DMatrix<f64>, edges: [usize; 4]) -> Self {
-        let base = orthonormal(columns, None, 1e-9);
+        Self::beside_base(readings, orthonormal(columns, None, INDEPENDENT), edges)
+    }
+
+    /// The same, where each component has columns of its own beside those that all have in common.
+    #[must_use]
+    pub fn of_components(readings: &DVector<f64>, own: &[DMatrix<f64>; 3], common: &DMatrix<f64>, edges: [usize; 4]) -> Self {
+        let mut base = Vec::new();
+        for (a, columns) in own.iter().enumerate() {
+            for part in orthonormal(columns, None, INDEPENDENT).column_iter() {
+                let mut whole = DVector::zeros(readings.len());
+                whole.rows_mut(edges[a], part.len()).copy_from(&part);
+                base.push(whole);
+            }
+        }
+        extend(&mut base, common, None, INDEPENDENT);
+        Self::beside_base(readings, joined(&base, readings.len()), edges)
+    }
+
+    fn beside_base(readings: &DVector<f64>, base: DMatrix<f64>, edges: [usize; 4]) -> Self {
         let mut residual = readings.clone();
         for _ in 0..2 {
             residual -= &base * base.tr_mul(&residual);
