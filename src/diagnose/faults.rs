@@ -1,10 +1,9 @@
 //! Damaged data, kept apart from physics.
 
-use super::result::{Gap, Step};
-use super::scene::Scene;
+use super::result::{Gap, Parameter, Step};
 use crate::model::effects::{Family, Spec};
 use crate::plateau::median;
-use crate::run::Run;
+use crate::run::{Run, SlowTable};
 use nalgebra::DMatrix;
 
 /// A jump of this many times the usual size of such steps, in standard deviations.
@@ -14,53 +13,67 @@ const LEAST_JUMP_K: f64 = 0.3;
 /// Readings on both sides.
 const SIDES: usize = 6;
 
-/// Temperature channels that jump.
+/// Most jumps of one channel.
+const MOST_JUMPS: usize = 6;
+
+/// Temperature channels that jump between two times (s since the run's start), and the temperatures without the jumps: a model that
+/// believed them would need effects that do not exist.
 #[must_use]
-pub fn thermistors(run: &Run, scene: &Scene) -> Vec<Step> {
-    thermistors_within(run, scene.record.span_s)
+pub fn thermistors(run: &Run, span_s: [f64; 2]) -> (Vec<Step>, SlowTable) {
+    let mut mended = run.temperatures.clone();
+    let mut steps = Vec::new();
+    for (name, values) in mended.names.iter().zip(&mut mended.values) {
+        let mut jumps: Vec<(f64, f64)> = Vec::new();
+        while jumps.len() < MOST_JUMPS {
+            let series: Vec<(f64, f64)> =
+                mended.t_s.iter().copied().zip(values.iter().copied()).filter(|(_, v)| v.is_finite()).collect();
+            let Some((t_s, size)) = jump(&series).filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)) else { break };
+            for (t, value) in mended.t_s.iter().zip(values.iter_mut()) {
+                if *t >= t_s {
+                    *value -= size;
+                }
+            }
+            jumps.push((t_s, size));
+        }
+        steps.extend((!jumps.is_empty()).then(|| step(name, &jumps, values.len())));
+    }
+    (steps, mended)
 }
 
-/// Temperature channels that jump between two times, s since the run's start.
-#[must_use]
-pub fn thermistors_within(run: &Run, span_s: [f64; 2]) -> Vec<Step> {
-    let mut steps = Vec::new();
-    for name in &run.temperatures.names {
-        let Some(series) = run.temperatures.channel(name) else { continue };
-        let inside = |t: f64| (span_s[0]..=span_s[1]).contains(&t);
-        let Some((t_s, size)) = jump(&series).filter(|(t, _)| inside(*t)) else { continue };
-        let spec = Spec::new("jump", &[]).with("time", t_s, "s");
-        let gap = Gap::default();
-        steps.push(Step {
-            effect: "bad_thermistor".to_owned(),
-            axes: Vec::new(),
-            ambiguous_with: Vec::new(),
-            form: spec,
-            further: Vec::new(),
-            parameters: vec![super::result::Parameter {
-                name: format!("jump of {name}"),
-                value: size,
-                std: None,
-                unit: "K".to_owned(),
-            }],
-            place: format!("channel {name} jumps by {size:+.2} K at {t_s:.0} s"),
-            p_value: f64::MIN_POSITIVE,
-            trials: series.len(),
-            p_value_corrected: f64::MIN_POSITIVE,
-            gap_before: gap,
-            gap_after: gap,
-            strength_k: size.abs() / LEAST_JUMP_K,
-            family: Family::DataFault.name(),
-            wording: "is",
-            runners_up: Vec::new(),
-            next_measurement: None,
-            sentence: format!(
-                "The temperature channel {name} jumps by {size:+.2} K at {t_s:.0} s and was not to be trusted there."
-            ),
-            covariate: None,
-            shape: Vec::new(),
-        });
+fn step(name: &str, jumps: &[(f64, f64)], readings: usize) -> Step {
+    let list: Vec<String> = jumps.iter().map(|(t_s, size)| format!("by {size:+.2} K at {t_s:.0} s")).collect();
+    let list = list.join(", ");
+    let parameter = |(k, (_, size)): (usize, &(f64, f64))| Parameter {
+        name: if k == 0 { format!("jump of {name}") } else { format!("jump {} of {name}", k + 1) },
+        value: *size,
+        std: None,
+        unit: "K".to_owned(),
+    };
+    let gap = Gap::default();
+    Step {
+        effect: "bad_thermistor".to_owned(),
+        axes: Vec::new(),
+        ambiguous_with: Vec::new(),
+        form: Spec::new("jump", &[]).with("time", jumps[0].0, "s"),
+        further: Vec::new(),
+        parameters: jumps.iter().enumerate().map(parameter).collect(),
+        place: format!("channel {name} jumps {list}"),
+        p_value: f64::MIN_POSITIVE,
+        trials: readings,
+        p_value_corrected: f64::MIN_POSITIVE,
+        gap_before: gap,
+        gap_after: gap,
+        strength_k: jumps[0].1.abs() / LEAST_JUMP_K,
+        family: Family::DataFault.name(),
+        wording: "is",
+        runners_up: Vec::new(),
+        next_measurement: None,
+        sentence: format!(
+            "The temperature channel {name} jumps {list} and was not to be trusted there; all else was looked for with the jumps taken off."
+        ),
+        covariate: None,
+        shape: Vec::new(),
     }
-    steps
 }
 
 /// Time and size of the largest jump of a channel: a step beside a cubic over the readings around it, against what such steps are elsewhere.

@@ -72,7 +72,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign) -> Result<
     let freq = analysis::freq(run, &sink, campaign, &analysis::Options::default()).map_err(|e| e.to_string())?;
     drop(sink);
     let span_s = [samples.t_s[0], samples.t_s[samples.t_s.len() - 1]];
-    let mut steps = faults::thermistors_within(run, span_s);
+    let (mut steps, _) = faults::thermistors(run, span_s);
     steps.extend(lost(run, samples, &freq));
     let mut warnings = Vec::new();
 

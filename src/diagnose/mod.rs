@@ -95,7 +95,7 @@ pub fn run(
     let samples = samples.filter(|s| !s.t_s.is_empty());
     let mut scene = Scene::new(run, plateaus, samples, campaign, options.facility.as_ref()).map_err(|e| e.0)?;
     let mut warnings = std::mem::take(&mut scene.warnings);
-    let mut steps: Vec<Step> = faults::thermistors(run, &scene);
+    let mut steps: Vec<Step> = std::mem::take(&mut scene.faults);
     // Inside the plateaus first: its consequences for the means are known then.
     let known: Vec<Inside> = options.given.iter().filter(|g| g.is_inside()).map(Inside::known).collect();
     let count_known = known.len();

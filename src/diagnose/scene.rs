@@ -1,5 +1,7 @@
 //! A run as rows with covariates, and the linear model that is fitted to them before anything is missed.
 
+use super::faults;
+use super::result;
 use crate::analysis::conditions::apply_facility;
 use crate::campaign::Campaign;
 use crate::formats::facility::Facility;
@@ -61,6 +63,8 @@ pub struct Scene {
     pub windows: Vec<[usize; 2]>,
     /// What a person should know.
     pub warnings: Vec<String>,
+    /// Damaged data: the temperatures of the record are without it.
+    pub faults: Vec<result::Step>,
 }
 
 /// Why a run cannot be looked at.
@@ -94,12 +98,13 @@ impl Scene {
         let previous = previous_fields(&list, &parts);
         let readings = DMatrix::from_fn(parts.len(), 3, |i, a| parts[i].mean_ent[a]);
         let span_s = [parts[0].used_s[0], parts[parts.len() - 1].used_s[1]];
+        let (faults, temperatures) = faults::thermistors(run, span_s);
         let (sensor_name, coil_name) = campaign.channels(&run.header);
         let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts);
-        let mut sensor = at_rows(&run.temperatures, &sensor_name);
+        let mut sensor = at_rows(&temperatures, &sensor_name);
         let mut thermistors = Vec::new();
-        for name in run.temperatures.names.iter().filter(|n| **n != sensor_name && **n != coil_name && *n != RACK_CHANNEL) {
-            let Some(other) = at_rows(&run.temperatures, name) else { continue };
+        for name in temperatures.names.iter().filter(|n| **n != sensor_name && **n != coil_name && *n != RACK_CHANNEL) {
+            let Some(other) = at_rows(&temperatures, name) else { continue };
             // A sweep names its thermistors as it likes: the first one that moves is the sensor's.
             if sensor.is_none() { sensor = Some(other) } else { thermistors.push(other) }
         }
@@ -129,8 +134,8 @@ impl Scene {
             steps: Vec::new(),
             sensor,
             thermistors,
-            coil: at_rows(&run.temperatures, &coil_name),
-            rack: at_rows(&run.temperatures, RACK_CHANNEL),
+            coil: at_rows(&temperatures, &coil_name),
+            rack: at_rows(&temperatures, RACK_CHANNEL),
             variometer,
             others: others.filter_map(|name| at_rows(&run.channels, name)).collect(),
             thermal: None,
@@ -151,7 +156,7 @@ impl Scene {
             parts.iter().map(|p| [at(p.used_s[0]), at(p.used_s[1])]).collect()
         });
         let white = white_variances(&parts);
-        let mut scene = Self { record, readings, design, white, nt_per_ent, windows, warnings };
+        let mut scene = Self { record, readings, design, white, nt_per_ent, windows, warnings, faults };
         scene.doubt_outliers();
         if let Some(samples) = samples {
             scene.record.steps = steps(&scene.record, &list, samples);
