@@ -2,13 +2,15 @@
 
 use super::scene::{Samples, Scene};
 use crate::model::effects::settling::{TAUS_S, transient};
+use crate::fit::scan::log_tail;
 use crate::model::effects::{Record, Spec, pulse_harmonic};
 use nalgebra::{DMatrix, DVector};
 use realfft::RealFftPlanner;
+use realfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// Probability that noise alone shows as much.
-const SIGNIFICANT: f64 = 0.0006;
+const SIGNIFICANT: f64 = 0.001;
 /// A step of this many standard deviations of the samples shows where its edge is.
 const CLEAR_STEP: f64 = 100.0;
 /// Longest displacement that is looked for, s, and as a part of the shorter neighbour.
@@ -17,6 +19,10 @@ const MOST_SHIFT_S: f64 = 1.0;
 const LEAST_SHIFT: f64 = 0.1;
 /// Periodic signals that are looked for at most.
 const MOST_SIGNALS: usize = 4;
+/// Independent trials per sample of the record, counted on noise: frequencies on each axis and on all together, and for combs phases and
+/// duties, of which there are the more the stronger a signal is.
+const TONES: usize = 12;
+const COMBS: usize = 2500;
 /// Half of the width over which the level of the spectrum is taken, lines.
 const LEVEL: usize = 120;
 /// Harmonics of a switched signal.
@@ -416,7 +422,7 @@ fn strongest(
         return None;
     }
     let fft = RealFftPlanner::<f64>::new().plan_fft_forward(size);
-    let mut total = vec![0.0; size / 2 + 1];
+    let mut lines: Vec<Vec<Complex<f64>>> = Vec::with_capacity(3);
     let mut levels: Vec<Vec<f64>> = Vec::with_capacity(3);
     for values in residual {
         let mut input = fft.make_input_vec();
@@ -429,39 +435,43 @@ fn strongest(
         let mut output = fft.make_output_vec();
         fft.process(&mut input, &mut output).ok()?;
         let power: Vec<f64> = output.iter().map(|c| c.norm_sqr()).collect();
-        let level = level_of(&power);
-        for (sum, (p, l)) in total.iter_mut().zip(power.iter().zip(&level)) {
-            *sum += p / l;
-        }
-        levels.push(level);
+        levels.push(level_of(&power));
+        lines.push(output);
     }
     let step_hz = rate_hz / size as f64;
     // Means of the plateaus are taken off: nothing slower than one of them is left.
     let longest = windows.iter().map(|w| samples.t_s[w[1].max(1) - 1] - samples.t_s[w[0]]).fold(0.0, f64::max);
     let first = ((1.0 / longest.max(1.0 / rate_hz)) / step_hz).ceil() as usize;
-    let peak = (first.max(2)..size / 2).max_by(|a, b| total[*a].total_cmp(&total[*b]))?;
-    let score = total[peak];
-    let trials = length;
-    // Three exponential powers summed: Gamma of order three.
-    let p_value = (-score).exp() * (1.0 + score + 0.5 * score * score);
-    if p_value * trials as f64 > SIGNIFICANT {
-        return None;
-    }
     let rows = Rows { samples, windows, residual, levels: &levels, step_hz, used };
-    let line_hz = rows.refine(peak as f64 * step_hz);
+    let spectra = Spectra { lines: &lines, levels: &levels, middle_lines: length as f64 / size as f64 / 2.0, first: first.max(2) };
+    let (peak, tone_p) = spectra.tone()?;
+    let comb = spectra.comb();
+    let (trials, comb_trials) = (TONES * length, COMBS * length);
+    let is_tone = tone_p + (trials as f64).ln() < SIGNIFICANT.ln();
+    let is_comb = comb.as_ref().is_some_and(|c| c.log_p + (comb_trials as f64).ln() < SIGNIFICANT.ln());
+    let p_value = match &comb {
+        Some(c) if is_comb && !is_tone => (c.log_p + (comb_trials as f64 / trials as f64).ln()).exp(),
+        _ if is_tone => tone_p.exp(),
+        _ => return None,
+    };
+    let line_hz = match &comb {
+        Some(c) if !is_tone => c.strongest as f64 * c.base * step_hz,
+        _ => peak as f64 * step_hz,
+    };
+    let line_hz = rows.refine(line_hz);
     let (sines, tone) = rows.harmonics(line_hz, 1)?;
     let tone_evidence = evidence(tone[0], 6.0);
     // The line may be a harmonic of a switched signal.
     let mut best: Option<(f64, f64, f64, f64, f64)> = None;
-    for order in 1..=4usize {
-        let base_hz = line_hz / order as f64;
+    let orders = (1..=4).map(|order| (order as f64, line_hz / order as f64));
+    for (order, base_hz) in orders.chain(comb.filter(|_| is_comb).map(|c| (c.strongest as f64, c.base * step_hz))) {
         let Some((waves, _)) = rows.harmonics(base_hz, HARMONICS) else { continue };
         let usable = waves.len();
         for duty in (1..20).map(|d| 0.05 * d as f64) {
             for delay in (0..64).map(|d| d as f64 / 64.0) {
                 let gain = rows.matched(&waves[..usable], base_hz, duty, delay).0;
                 if best.is_none_or(|b| gain > b.0) {
-                    best = Some((gain, base_hz, duty, delay, order as f64));
+                    best = Some((gain, base_hz, duty, delay, order));
                 }
             }
         }
@@ -527,6 +537,135 @@ fn strongest(
     inside.squares = [before.iter().sum(), left.iter().sum(), 3.0 * used as f64];
     inside.rms_ent = [rms(residual, windows), rms(&after, windows)];
     Some(inside)
+}
+
+/// Spectra of the axes, with the level of the noise.
+struct Spectra<'a> {
+    lines: &'a [Vec<Complex<f64>>],
+    levels: &'a [Vec<f64>],
+    /// Cycles per line from the begin of the record to its middle, which phases refer to.
+    middle_lines: f64,
+    /// First line that is looked at.
+    first: usize,
+}
+
+/// A comb of lines that a switched signal would make.
+struct Comb {
+    /// Fundamental, in lines.
+    base: f64,
+    /// Harmonic with the largest power.
+    strongest: usize,
+    /// Logarithm of the probability that noise makes as much at this place.
+    log_p: f64,
+}
+
+/// Parts of a line in which the fundamental of a comb is looked for.
+const PARTS: usize = 8;
+/// Combs that are looked at with phases.
+const PROMISING: usize = 24;
+/// Harmonics that are added up to find them.
+const ADDED: [usize; 4] = [2, 3, 5, 8];
+
+/// Logarithm of the probability that a sum of `count` exponential powers is larger than `x`.
+fn log_gamma_tail(count: usize, x: f64) -> f64 {
+    let (mut term, mut sum) = (1.0, 1.0);
+    for i in 1..count {
+        term *= x / i as f64;
+        sum += term;
+    }
+    f64::ln(sum) - x
+}
+
+impl Spectra<'_> {
+    fn power(&self, axis: usize, line: usize) -> f64 {
+        self.lines[axis][line].norm_sqr() / self.levels[axis][line]
+    }
+
+    fn end(&self) -> usize {
+        self.lines[0].len() - 1
+    }
+
+    /// The line that noise makes most seldom, on an axis or on all together, and the logarithm of that probability.
+    fn tone(&self) -> Option<(usize, f64)> {
+        let log_p = |line: usize| {
+            let each = [0, 1, 2].map(|a| self.power(a, line));
+            log_gamma_tail(3, each.iter().sum()).min(-each.iter().fold(0.0, |m: f64, p| m.max(*p)))
+        };
+        (self.first..self.end()).map(|line| (line, log_p(line))).min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// The comb that noise makes most seldom. Powers of harmonics are added up first; the best places are looked at with phases.
+    fn comb(&self) -> Option<Comb> {
+        let mut places: Vec<(f64, usize)> = Vec::new();
+        for place in PARTS * self.first..PARTS * self.end() / 2 {
+            let mut sums = [0.0; 4];
+            let mut best = 0.0_f64;
+            for harmonic in 1..=HARMONICS {
+                let line = (harmonic * place + PARTS / 2) / PARTS;
+                if line >= self.end() {
+                    break;
+                }
+                for axis in 0..3 {
+                    let power = self.power(axis, line);
+                    sums[axis] += power;
+                    sums[3] += power;
+                }
+                if ADDED.contains(&harmonic) {
+                    for (k, sum) in sums.iter().enumerate() {
+                        let count = if k == 3 { 3 * harmonic } else { harmonic };
+                        // Far from what noise does only.
+                        if *sum > count as f64 + 3.0 * (count as f64).sqrt() {
+                            best = best.min(log_gamma_tail(count, *sum));
+                        }
+                    }
+                }
+            }
+            match places.last_mut() {
+                _ if best == 0.0 => {}
+                Some(last) if place - last.1 < PARTS / 2 => {
+                    if best < last.0 {
+                        *last = (best, place);
+                    }
+                }
+                _ => places.push((best, place)),
+            }
+        }
+        places.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let combs = places.iter().take(PROMISING).filter_map(|(_, place)| self.with_phases(*place as f64 / PARTS as f64));
+        combs.min_by(|a, b| a.log_p.total_cmp(&b.log_p))
+    }
+
+    /// A comb with the best duty and delay.
+    fn with_phases(&self, base: f64) -> Option<Comb> {
+        let waves: Vec<(usize, [Complex<f64>; 3])> = (1..=HARMONICS)
+            .map(|h| (h, (h as f64 * base).round() as usize))
+            .take_while(|(_, line)| *line < self.end())
+            .map(|(h, line)| {
+                // In units of the noise of each part, with the phase at the middle of the record.
+                let turn = Complex::from_polar(1.0, TAU * (line as f64 * self.middle_lines).fract());
+                (h, [0, 1, 2].map(|a: usize| self.lines[a][line] * turn * (2.0 / self.levels[a][line]).sqrt()))
+            })
+            .collect();
+        let strength = |(_, w): &&(usize, [Complex<f64>; 3])| w.iter().map(|c| c.norm_sqr()).sum::<f64>();
+        let strongest = waves.iter().max_by(|a, b| strength(a).total_cmp(&strength(b)))?.0;
+        let mut log_p = 0.0_f64;
+        for duty in (1..=10).map(|d| 0.05 * d as f64) {
+            for delay in (0..64).map(|d| d as f64 / 64.0) {
+                let (mut along, mut size) = ([0.0; 3], [0.0; 3]);
+                for (harmonic, wave) in &waves {
+                    let (s, c) = pulse_harmonic(*harmonic, duty, delay);
+                    for a in 0..3 {
+                        along[a] += c * wave[a].re - s * wave[a].im;
+                        size[a] += s * s + c * c;
+                    }
+                }
+                let gains = [0, 1, 2].map(|a: usize| along[a] * along[a] / size[a]);
+                let most = gains.iter().fold(0.0, |m: f64, g| m.max(*g));
+                log_p = log_p.min(two_sided(most.sqrt()).ln()).min(log_tail(gains.iter().sum(), 3.0));
+            }
+        }
+        Some(Comb { base, strongest, log_p })
+    }
 }
 
 fn evidence(chi: f64, count: f64) -> f64 {

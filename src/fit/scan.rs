@@ -304,7 +304,8 @@ pub fn global_p(maxima: &[f64], evidence: f64) -> f64 {
 }
 
 /// Logarithm of the probability that a chi square with `d` degrees of freedom is larger.
-fn log_tail(chi: f64, d: f64) -> f64 {
+#[must_use]
+pub fn log_tail(chi: f64, d: f64) -> f64 {
     use statrs::function::gamma::{gamma_ur, ln_gamma};
     let direct = if chi <= 0.0 {
         1.0
