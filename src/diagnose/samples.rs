@@ -1,8 +1,8 @@
 //! What happens inside the plateaus: displaced edges, transients after steps, periodic signals.
 
 use super::scene::{Samples, Scene};
-use crate::model::effects::settling::{TAUS_S, transient};
 use crate::fit::scan::log_tail;
+use crate::model::effects::settling::{TAUS_S, transient};
 use crate::model::effects::{Record, Spec, pulse_harmonic};
 use nalgebra::{DMatrix, DVector};
 use realfft::RealFftPlanner;
@@ -443,7 +443,8 @@ fn strongest(
     let longest = windows.iter().map(|w| samples.t_s[w[1].max(1) - 1] - samples.t_s[w[0]]).fold(0.0, f64::max);
     let first = ((1.0 / longest.max(1.0 / rate_hz)) / step_hz).ceil() as usize;
     let rows = Rows { samples, windows, residual, levels: &levels, step_hz, used };
-    let spectra = Spectra { lines: &lines, levels: &levels, middle_lines: length as f64 / size as f64 / 2.0, first: first.max(2) };
+    let spectra =
+        Spectra { lines: &lines, levels: &levels, middle_lines: length as f64 / size as f64 / 2.0, first: first.max(2) };
     let (peak, tone_p) = spectra.tone()?;
     let comb = spectra.comb();
     let (trials, comb_trials) = (TONES * length, COMBS * length);

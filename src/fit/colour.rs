@@ -150,8 +150,9 @@ impl Correlations {
         let mut gaps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
         gaps.sort_by(f64::total_cmp);
         let gap = gaps.get(gaps.len() / 2).copied().unwrap_or(span).max(span * 1e-9);
-        let tau_s: Vec<f64> =
-            std::iter::successors(Some(SHORTEST * gap), |tau| Some(tau * APART)).take_while(|tau| *tau < LONGEST * span).collect();
+        let tau_s: Vec<f64> = std::iter::successors(Some(SHORTEST * gap), |tau| Some(tau * APART))
+            .take_while(|tau| *tau < LONGEST * span)
+            .collect();
         let power = |a: &f64| {
             let weights: Vec<f64> = tau_s.iter().map(|tau| (tau / gap).powf(a - 1.0)).collect();
             Slow::new(t, tau_s.clone(), &weights)
@@ -180,7 +181,8 @@ impl Correlations {
         let slow = &self.slow[colour.shape()];
         let kinds = slow.tau_s.len();
         // Relaxations that add to every row, and others that add in proportion to the field.
-        let parts: Vec<(f64, bool)> = [(colour.slow, false), (colour.slow_field, true)].into_iter().filter(|p| p.0 > 0.0).collect();
+        let parts: Vec<(f64, bool)> =
+            [(colour.slow, false), (colour.slow_field, true)].into_iter().filter(|p| p.0 > 0.0).collect();
         let states = kinds * parts.len();
         let variance: Vec<f64> = parts.iter().flat_map(|(size, _)| slow.variance.iter().map(move |v| size * v)).collect();
         let n = self.rows.t_s.len();

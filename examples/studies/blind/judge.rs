@@ -1,11 +1,14 @@
-//! The only place that calls the diagnosis. It sees the runs and the campaign, never the truth.
+//! The only place that calls the diagnosis, which sees the runs and the campaign, never the truth.
 
 use super::{Amplitude, Blind, Verdict, VerdictStep};
 use calfit::analysis::lin;
 use calfit::diagnose::across::{RunValues, across};
 use calfit::diagnose::result::{Diagnosis, Step};
+use calfit::diagnose::scene::Scene;
+use calfit::diagnose::search::{Candidate, Search};
 use calfit::diagnose::{self, Options, Samples};
-use calfit::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
+use calfit::model::effects::{Column, Spec};
+use calfit::plateau::{self, Accumulator, LEAST_COVERAGE, Plateaus, Settling};
 use calfit::run::{Run, Vector, VectorSink};
 
 /// What the diagnosis says about a run set.
@@ -15,16 +18,37 @@ pub fn judge(blind: &Blind) -> Verdict {
         return together(blind).map_or_else(Verdict::default, |d| verdict(&d, cells as f64));
     };
     let cells = 3 * blind.means.first().map_or(0, Vec::len);
-    one(run, vectors, blind).map_or_else(Verdict::default, |d| verdict(&d, cells as f64))
+    let (plateaus, samples) = reduced(run, vectors);
+    let diagnosis = diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, &Options::default());
+    let oracle_chi2 = of_truth(run, &plateaus, &samples, blind);
+    diagnosis.map_or_else(|_| Verdict::default(), |d| Verdict { oracle_chi2, ..verdict(&d, cells as f64) })
 }
 
-fn one(run: &Run, vectors: &[Vector], blind: &Blind) -> Option<Diagnosis> {
+fn reduced(run: &Run, vectors: &[Vector]) -> (Plateaus, Samples) {
     let mut sink = (Accumulator::default(), Samples::default());
     sink.begin(&run.header, &run.settings);
     vectors.iter().for_each(|v| sink.vector(*v));
     let (accumulator, samples) = sink;
-    let plateaus = plateau::of_run(run, accumulator, Settling::Found, LEAST_COVERAGE);
-    diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, &Options::default()).ok()
+    (plateau::of_run(run, accumulator, Settling::Found, LEAST_COVERAGE), samples)
+}
+
+/// Held-out χ² without and with the true effects, by the folds and the noise estimate of the diagnosis: the same measure as its own gaps.
+fn of_truth(run: &Run, plateaus: &Plateaus, samples: &Samples, blind: &Blind) -> Option<[f64; 2]> {
+    let hidden = &blind.truth.effects;
+    if hidden.is_empty() || hidden.iter().any(|e| e.seen_inside_plateaus || !e.identifiable || e.natural_size) {
+        return None;
+    }
+    let scene = Scene::new(run, plateaus, Some(samples), &blind.campaign, None).ok()?;
+    let rows = scene.record.rows.len();
+    let column = |effect: &Vec<Vec<[f64; 3]>>| {
+        let values = effect.first().filter(|v| v.len() == rows)?.clone();
+        Some(Column { name: "truth".to_owned(), unit: "enT", values })
+    };
+    let columns: Vec<Column> = blind.oracle.iter().map(column).collect::<Option<_>>()?;
+    let truth = Candidate::new("unknown", Spec::new("truth", &[0, 1, 2]), columns);
+    let search = Search::new(&scene, scene.readings.clone());
+    let noise = search.state(&[&truth])?.noise;
+    Some([search.held_out(&noise, &[]).sum, search.held_out(&noise, &[&truth]).sum])
 }
 
 /// Several runs of one sensor.

@@ -1,6 +1,7 @@
 //! Noise of the hidden truth: families at sample level, and the exact whitening that belongs to them.
 //!
-//! Slow noise is a sum of relaxations (autoregressive processes of first order) with random corner frequencies. Their covariances are
+//! Slow noise is a sum of relaxations (autoregressive processes of first order) of samples with random corner frequencies and an exponent that
+//! changes at a random one; the diagnosis has no bend, and time constants of its own at fixed ratios between means. Covariances are
 //! closed forms, so that a Kalman filter over means of samples whitens with the true covariance however long the record is.
 
 use super::sensor::{Kind, Scene};
@@ -97,7 +98,7 @@ impl Family {
     pub fn name(self) -> &'static str {
         match self {
             Family::White => "white",
-            Family::PowerLaw => "1/f^a",
+            Family::PowerLaw => "bent 1/f^a",
             Family::Autoregressive => "AR(1)",
             Family::Telegraph => "random telegraph",
             Family::GrowsWithField => "white, grows with the field",
@@ -189,9 +190,9 @@ impl Noise {
         match family {
             Family::White => {}
             Family::PowerLaw => {
-                let exponent = random.between(0.6, 1.8);
+                let exponents = [random.between(0.6, 1.8), random.between(0.6, 1.8)];
                 let share = random.between(0.1, 0.9);
-                noise.slow = sum_of_relaxations(exponent, share, false, scene, random);
+                noise.slow = sum_of_relaxations(exponents, share, false, scene, random);
             }
             Family::Autoregressive | Family::Telegraph => {
                 let (samples, cell_s) = typical_cell(scene);
@@ -210,7 +211,7 @@ impl Noise {
             }
             Family::ProportionalFlicker => {
                 let share = random.between(0.3, 0.85);
-                noise.slow = sum_of_relaxations(random.between(0.8, 1.3), share, true, scene, random);
+                noise.slow = sum_of_relaxations([random.between(0.8, 1.3), random.between(0.8, 1.3)], share, true, scene, random);
             }
             Family::HeavyTails => {
                 noise.tails = if random.chance(0.5) {
@@ -223,7 +224,8 @@ impl Noise {
         }
         let already_slow = !noise.slow.is_empty() && family != Family::ProportionalFlicker;
         if family != Family::White && !already_slow && random.chance(0.5) {
-            noise.slow.extend(sum_of_relaxations(random.between(0.8, 1.2), random.between(0.1, 0.8), false, scene, random));
+            let exponents = [random.between(0.8, 1.2), random.between(0.8, 1.2)];
+            noise.slow.extend(sum_of_relaxations(exponents, random.between(0.1, 0.8), false, scene, random));
         }
         noise
     }
@@ -305,17 +307,25 @@ impl Noise {
     }
 }
 
-/// Relaxations whose sum has a density of about `f^-exponent`: corner frequencies a random two to six times apart. `share` is the
-/// part of the slow noise in the variance of a plateau's mean.
-fn sum_of_relaxations(exponent: f64, share: f64, proportional: bool, scene: &Scene, random: &mut Random) -> Vec<Relaxation> {
-    let (samples, _) = typical_cell(scene);
+/// Relaxations whose sum has a density of about `f^-a`, with one exponent above and another below a random frequency: corner frequencies a
+/// random two to six times apart. `share` is the part of the slow noise in the variance of a plateau's mean.
+fn sum_of_relaxations(
+    exponents: [f64; 2],
+    share: f64,
+    proportional: bool,
+    scene: &Scene,
+    random: &mut Random,
+) -> Vec<Relaxation> {
+    let (samples, cell_s) = typical_cell(scene);
     let length_s = scene.count as f64 / scene.rate_hz;
+    let bend_s = random.log_between(cell_s, length_s);
     let mut slow = Vec::new();
     let mut tau_s = random.between(1.0, 4.0) / scene.rate_hz;
     while tau_s < 2.0 * length_s {
         let ratio = random.log_between(2.0, 6.0);
         // The variance of a relaxation stands for the noise of the frequencies up to its neighbour.
-        let variance_ent2 = tau_s.powf(exponent - 1.0) * ratio.ln();
+        let exponent = if tau_s < bend_s { exponents[0] } else { exponents[1] };
+        let variance_ent2 = (tau_s / bend_s).powf(exponent - 1.0) * ratio.ln();
         slow.push(Relaxation { variance_ent2, tau_s, proportional, telegraph: false });
         tau_s *= ratio;
     }

@@ -348,11 +348,12 @@ impl Score {
         }
         if matches!(case.purpose, Purpose::One | Purpose::Two)
             && case.options.strength_k >= 8.0
-            && let (Some([before, after]), Some(first), Some(last)) =
-                (judged.oracle_chi2, verdict.steps.first(), verdict.steps.last())
+            && let Some([before, after]) = judged.oracle_chi2
             && before > after
+            && !verdict.steps.is_empty()
         {
-            let closed = first.gap_before_chi2 - last.gap_after_chi2;
+            // Every step's gap is that without it beside all others.
+            let closed: f64 = verdict.steps.iter().map(|s| s.gap_before_chi2 - s.gap_after_chi2).sum();
             self.gap_ratio.entry(k).or_default().push(closed / (before - after));
         }
         for effect in truth.effects.iter().filter(|e| e.exact_form) {

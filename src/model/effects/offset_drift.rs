@@ -1,6 +1,7 @@
 //! The offset drifts beyond the fitted trend.
 
 use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
+use std::f64::consts::PI;
 
 /// Order of a trend from which on a single order more is no line.
 const FULL_TREND: usize = 2;
@@ -18,7 +19,7 @@ impl Effect for OffsetDrift {
     fn about(&self) -> About {
         About {
             summary: "offset drifts beyond the fitted trend",
-            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of the orders above those of the fitted trend: one (line, where the trend has less than two), two (polynomial) or four (waves); or c exp(-t/time constant) (decay)",
+            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of the orders above those of the fitted trend: one (line, where the trend has less than two), two (polynomial) or four (waves); or Σ r_m cos(π m (τ + 1) / 2), eight of them (ripples); or c exp(-t/time constant) (decay)",
             family: Family::Time,
             seen_in: "all",
             needs: "time",
@@ -33,6 +34,7 @@ impl Effect for OffsetDrift {
             specs.extend(singly_and_together("line"));
         }
         specs.extend(singly_and_together("waves"));
+        specs.extend(singly_and_together("ripples"));
         let length = record.span_s[1] - record.span_s[0];
         for part in DECAYS {
             for axis in 0..3 {
@@ -49,6 +51,14 @@ impl Effect for OffsetDrift {
             return Some(spec.axes.iter().map(|&a| Column::on("c", a, "enT", record, |_, r| decay(r.t_s()))).collect());
         }
         let first = record.trend_order + 1;
+        if spec.form == "ripples" {
+            // Cosines stay bounded where polynomials of high order run away beyond their data.
+            let cosine = |m: usize, t_s: f64| (0.5 * PI * m as f64 * (record.tau(t_s) + 1.0)).cos();
+            let columns = spec.axes.iter().flat_map(|&a| {
+                (first..first + 8).map(move |m| Column::on(&format!("r{m}"), a, "enT", record, |_, r| cosine(m, r.t_s())))
+            });
+            return Some(columns.collect());
+        }
         let orders = match spec.form.as_str() {
             "line" => first..first + 1,
             "waves" => first..first + 4,
