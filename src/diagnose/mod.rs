@@ -1,10 +1,11 @@
 //! Where simulated and measured data disagree, which effect is missing, and how the gap shrinks with it.
 //!
-//! A run becomes rows with covariates and a linear model ([`scene`]). What happens inside the plateaus is looked for in the samples
-//! ([`samples`]) and taken off. The noise of the means is estimated before anything is named; then every term of the catalogue
-//! ([`crate::model::effects`]) and a smooth function of every covariate are scored beside the model ([`search`]), the trials are paid
-//! for by simulation, the best term is added, all is fitted again, and terms are dropped and swapped, until nothing significant is
-//! left. What is accepted has predicted stretches that were held out. Results are plain structs ([`result`]).
+//! A run becomes rows with covariates and a linear model ([`scene`]); jumps of thermistors are taken off ([`faults`]). What happens inside the
+//! plateaus is looked for in the samples ([`samples`]) and taken off. The noise of the means is estimated before anything is named; then
+//! every term of the catalogue ([`crate::model::effects`]) and a smooth function of every covariate are scored beside the model ([`search`]),
+//! the evidence of the best is averaged over all noise that the readings allow, the best term is added, all is fitted again, and terms
+//! are dropped and swapped, until nothing significant is left. What is accepted has predicted stretches that were held out. Results are
+//! plain structs ([`result`]).
 
 pub mod across;
 pub mod branches;
@@ -44,6 +45,8 @@ const ALIKE: f64 = 0.99;
 const FOUND_90: f64 = 5.2;
 /// From here on a name may be called certain.
 const CERTAIN: f64 = 10.0;
+/// From this many standard deviations on a drift beside white noise is told of.
+const HIDDEN: f64 = 4.0;
 /// Rivals of a step whose evidence is drawn.
 const RIVALS: usize = 7;
 /// An effect of which less than this part is left beside the fitted parameters cannot be shown.
@@ -187,6 +190,7 @@ pub fn run(
     pictures.places = where_map::places(&before, &state.noise);
     sufficient(&mut steps);
     let (not_identifiable, detection_limits) = limits(&search, &state, &steps);
+    warnings.extend(hidden_drifts(&search, &state, &all, &steps));
     if run.vectors.lost > 0 {
         warnings.push(format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count));
     }
@@ -604,6 +608,28 @@ fn joined(steps: Vec<Step>) -> (Vec<Step>, Vec<Option<usize>>) {
         first.sentence = words::sentence(first);
     }
     (all, places)
+}
+
+/// Drifts that would be clear beside white noise and that the slow noise explains as well.
+fn hidden_drifts(search: &Search, state: &State, all: &[&Candidate], steps: &[Step]) -> Vec<String> {
+    let colour = state.noise.colour;
+    let order = search.scene.record.trend_order + 1;
+    let Some(drifts) = search.drifts(all).filter(|_| colour.slow > 0.0) else { return Vec::new() };
+    let named = |axis: &str| steps.iter().any(|s| s.effect == "offset_drift" && s.axes.iter().any(|a| a == axis));
+    (0..3)
+        .filter(|a| drifts[*a].0.abs() > HIDDEN * drifts[*a].1 && !named(COMPONENTS[*a]))
+        .map(|a| {
+            let (c, std) = drifts[a];
+            format!(
+                "the offset of {} drifts in order {order} of time, p{order} = {:+.3} nT, {:.1} times its standard deviation beside white noise; the \
+                 slow noise of this run, {:.1} times the white variance of a mean, makes as much, so that no effect is named",
+                COMPONENTS[a],
+                c * search.scene.nt_per_ent[a],
+                c.abs() / std,
+                colour.slow
+            )
+        })
+        .collect()
 }
 
 /// Names are no longer certain where something unknown was left over on the same axes.

@@ -1,7 +1,7 @@
 //! The search: score every candidate, pay for the trials, add the best, refit everything, drop and swap, until nothing is left.
 
 use super::scene::{Scene, TREND_ORDER};
-use crate::fit::colour::{Correlations, Noise, Rows};
+use crate::fit::colour::{Colour, Correlations, Noise, Rows};
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score, global_p, orthonormal};
 use crate::model::effects::{self, CATALOGUE, Column, Covariate, Effect, Record, Spec};
 use argmin::core::{CostFunction, Executor};
@@ -576,6 +576,21 @@ impl<'a> Search<'a> {
         let total = self.correlations.std(&state.noise);
         let usual: [f64; 3] = std::array::from_fn(|a| (total.iter().map(|s| s[a] * s[a]).sum::<f64>() / n as f64).sqrt());
         total.iter().map(|s| std::array::from_fn(|a| s[a] / usual[a] * level[a])).collect()
+    }
+
+    /// How the offset of each component drifts beside a model with white noise, in the lowest order that is not fitted: amplitude and standard
+    /// uncertainty, enT. It is what slow noise stands for.
+    #[must_use]
+    pub fn drifts(&self, terms: &[&Candidate]) -> Option<[(f64, f64); 3]> {
+        let white = self.correlations.with_colour(Colour::WHITE, &self.readings, &self.designs(terms))?;
+        let of = |axis: usize| {
+            let spec = Spec::new("line", &[axis]);
+            let columns = effects::named("offset_drift")?.columns(&self.scene.record, &spec)?;
+            let line = Candidate::new("offset_drift", spec, columns);
+            let with: Vec<&Candidate> = terms.iter().copied().chain([&line]).collect();
+            self.estimate(&self.state_with(white.clone(), &with), &with, terms.len())?.first().copied()
+        };
+        Some([of(0)?, of(1)?, of(2)?])
     }
 
     /// An effect that the model has already.
