@@ -1,10 +1,10 @@
 //! Noise of a series of means that is white, slow, or grows with the applied field, and its whitening.
 //!
 //! The covariance is `white_i δ_ij (1 + field u_i²) + slow C_ij + slow_field u_i u_j C_ij`, all times a variance per component, with `u`
-//! the size of the field relative to the largest, and `C` that of noise which forgets after a time, or which has a power density `f^-a`: a sum
-//! of relaxations whose time constants lie a fixed factor apart. So the whitening is a Kalman filter and its cost is in proportion to the
-//! rows. Shares and exponent are those of the largest restricted likelihood (REML), common to all components; the variance is that of
-//! each component.
+//! the size of the field relative to the largest, and `C` that of noise which forgets after a time, or which has a power density of about
+//! `f^-a`: a sum of relaxations whose time constants lie a fixed factor apart. So the whitening is a Kalman filter and its cost is in
+//! proportion to the rows. Shares and exponent are those of the largest restricted likelihood (REML), common to all components; the
+//! variance is that of each component.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -290,7 +290,7 @@ impl Correlations {
     }
 
     /// The noise that readings about a linear model allow, with the logarithm of the probability of each: slow noise of every kind and size,
-    /// or none, and as much noise that grows as in `from`, or less.
+    /// or none, and as much noise that grows as in `from`, or less. The last is that without slow noise.
     #[must_use]
     pub fn plausible(&self, from: &Colour, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Vec<(Noise, f64)> {
         let data = Data { readings, designs };
@@ -440,4 +440,60 @@ fn fit(whitener: &Whitener, reading: &DVector<f64>, design: &DMatrix<f64>) -> Op
     let log_normal = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
     let freedom = n.checked_sub(p).filter(|f| *f > 1)? as f64;
     (squares > 0.0).then_some(Left { squares, log_covariance: whitener.log_covariance(), log_normal, freedom })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows() -> Rows {
+        let t_s: Vec<f64> = (0..40).map(|i| 10.0 * f64::from(i) + 3.0 * f64::from(i * i % 7)).collect();
+        let white = (0..40).map(|i| 1.0 + 0.1 * f64::from(i % 5)).collect();
+        let field = (0..40).map(|i| [0, 1, 2].map(|a| f64::from((i * (3 + a)) % 11 - 5) / 5.0)).collect();
+        Rows { t_s, white, field }
+    }
+
+    /// The filter is the inverse of the covariance that the module states, whatever the shares.
+    #[test]
+    fn whitening_is_that_of_the_dense_covariance() {
+        let noises = Correlations::new(rows());
+        let columns = DMatrix::from_fn(40, 3, |i, j| ((i * (j + 2)) as f64 * 0.37).sin());
+        let designs = [0; 3].map(|_| DMatrix::from_element(40, 1, 1.0));
+        let one = Colour { slow: 2.0, white_field: 3.0, slow_field: 0.7, ..Colour::WHITE };
+        let all = (0..SHAPES).map(|s| one.with_shape(s)).chain([Colour::WHITE, Colour { white_field: 2.0, ..Colour::WHITE }]);
+        for colour in all {
+            let noise = noises.with_colour(colour, &columns, &designs).unwrap();
+            for component in 0..3 {
+                let mut white = columns.clone();
+                noise.whiten(component, &mut white);
+                let covariance = noises.covariance(&noise, component, &(0..40).collect::<Vec<_>>());
+                let cholesky = covariance.cholesky().unwrap();
+                let expected = columns.tr_mul(&cholesky.solve(&columns));
+                let difference = (white.tr_mul(&white) - &expected).amax();
+                assert!(difference < 1e-10 * expected.amax(), "{colour:?}: {difference}");
+                let log_determinant = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+                let of_filter = noise.whiteners[component].log_covariance() + 80.0 * noise.white_std[component].ln();
+                assert!((of_filter - log_determinant).abs() < 1e-8, "{colour:?}");
+            }
+        }
+    }
+
+    /// A sum of relaxations with weights `τ^(a-1)` has a power density of about `f^-a` between the inverse time constants at its ends.
+    #[test]
+    fn relaxations_make_a_power_density() {
+        let noises = Correlations::new(Rows {
+            t_s: (0..3000).map(f64::from).collect(),
+            white: vec![1.0; 3000],
+            field: vec![[0.0; 3]; 3000],
+        });
+        // What the ends cut off at a thousandth and a hundredth is below (0.4/16)^0.75 and (160/7900)^0.5 of it for these exponents.
+        for (a, slow) in EXPONENTS.iter().zip(&noises.slow).filter(|(a, _)| (0.75..=1.5).contains(*a)) {
+            let density = |f: f64| {
+                let terms = slow.tau_s.iter().zip(&slow.variance);
+                terms.map(|(tau, v)| v * tau / (1.0 + (std::f64::consts::TAU * f * tau).powi(2))).sum::<f64>()
+            };
+            let slope = (density(1e-3) / density(1e-2)).log10();
+            assert!((slope - a).abs() < 0.06, "{a}: {slope}");
+        }
+    }
 }
