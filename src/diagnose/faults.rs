@@ -22,20 +22,16 @@ const MOST_JUMPS: usize = 6;
 pub fn thermistors(run: &Run, span_s: [f64; 2]) -> (Vec<Step>, SlowTable) {
     let mut mended = run.temperatures.clone();
     let mut steps = Vec::new();
-    for (name, values) in mended.names.iter().zip(&mut mended.values) {
+    for (index, name) in run.temperatures.names.iter().enumerate() {
         let mut jumps: Vec<(f64, f64)> = Vec::new();
         while jumps.len() < MOST_JUMPS {
-            let series: Vec<(f64, f64)> =
-                mended.t_s.iter().copied().zip(values.iter().copied()).filter(|(_, v)| v.is_finite()).collect();
-            let Some((t_s, size)) = jump(&series).filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)) else { break };
-            for (t, value) in mended.t_s.iter().zip(values.iter_mut()) {
-                if *t >= t_s {
-                    *value -= size;
-                }
-            }
+            let found = mended.channel(name).and_then(|series| jump(&series));
+            let Some((t_s, size)) = found.filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)) else { break };
+            let from = mended.t_s.partition_point(|t| *t < t_s);
+            mended.values[index][from..].iter_mut().for_each(|value| *value -= size);
             jumps.push((t_s, size));
         }
-        steps.extend((!jumps.is_empty()).then(|| step(name, &jumps, values.len())));
+        steps.extend((!jumps.is_empty()).then(|| step(name, &jumps, mended.t_s.len())));
     }
     (steps, mended)
 }

@@ -613,8 +613,11 @@ fn joined(steps: Vec<Step>) -> (Vec<Step>, Vec<Option<usize>>) {
 /// Drifts that would be clear beside white noise and that the slow noise explains as well.
 fn hidden_drifts(search: &Search, state: &State, all: &[&Candidate], steps: &[Step]) -> Vec<String> {
     let colour = state.noise.colour;
+    if colour.slow == 0.0 {
+        return Vec::new();
+    }
+    let Some(drifts) = search.drifts(all) else { return Vec::new() };
     let order = search.scene.record.trend_order + 1;
-    let Some(drifts) = search.drifts(all).filter(|_| colour.slow > 0.0) else { return Vec::new() };
     let named = |axis: &str| steps.iter().any(|s| s.effect == "offset_drift" && s.axes.iter().any(|a| a == axis));
     (0..3)
         .filter(|a| drifts[*a].0.abs() > HIDDEN * drifts[*a].1 && !named(COMPONENTS[*a]))

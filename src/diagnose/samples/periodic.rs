@@ -1,0 +1,496 @@
+//! Periodic signals in the samples: lines of the spectrum, and combs of lines that switched signals make.
+
+use super::{APART, Inside, SIGNIFICANT, demean, remove, remove_raw, rms, two_sided};
+use crate::diagnose::scene::{Samples, Scene};
+use crate::fit::scan::log_tail;
+use crate::model::effects::{Record, Spec, pulse_harmonic};
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex;
+use std::f64::consts::TAU;
+
+/// Periodic signals that are looked for at most.
+const MOST_SIGNALS: usize = 4;
+/// Independent trials per sample of the record, counted on noise: frequencies on each axis and on all together, and for combs phases and
+/// duties, of which there are the more the stronger a signal is.
+const TONES: usize = 12;
+const COMBS: usize = 2500;
+/// Half of the width over which the level of the spectrum is taken, lines.
+const LEVEL: usize = 120;
+/// Harmonics of a switched signal.
+const HARMONICS: usize = 8;
+/// Squares of the expected signal to noise ratio, per parameter, of the evidence.
+const EXPECTED: f64 = 20.0;
+/// Parts of a line in which the fundamental of a comb is looked for.
+const PARTS: usize = 8;
+/// Combs that are looked at with phases.
+const PROMISING: usize = 24;
+/// Harmonics that are added up to find them.
+const ADDED: [usize; 4] = [2, 3, 5, 8];
+
+/// Periodic signals in what the plateau means leave.
+pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside]) -> Vec<Inside> {
+    let mut found = Vec::new();
+    let Some(rate_hz) = rate_of(samples) else { return found };
+    let mut residual = around_means(scene, samples, known);
+    while found.len() < MOST_SIGNALS {
+        let Some(signal) = strongest(&scene.record, samples, &scene.windows, &residual, rate_hz) else { break };
+        remove(&mut residual, &scene.record, samples, &scene.windows, &signal);
+        found.push(signal);
+    }
+    found
+}
+
+fn rate_of(samples: &Samples) -> Option<f64> {
+    let mut gaps: Vec<f64> = samples.t_s.windows(2).map(|w| w[1] - w[0]).take(1001).collect();
+    if gaps.len() < 100 {
+        return None;
+    }
+    gaps.sort_by(f64::total_cmp);
+    let gap = gaps[gaps.len() / 2];
+    (gap > 0.0).then(|| {
+        // The mean over the record is exact where no samples are lost.
+        let mean = (samples.t_s[samples.t_s.len() - 1] - samples.t_s[0]) / (samples.t_s.len() - 1) as f64;
+        if (mean / gap - 1.0).abs() < 0.01 { mean.recip() } else { gap.recip() }
+    })
+}
+
+/// Readings of the used samples around the means of their plateaus, without what is known already.
+fn around_means(scene: &Scene, samples: &Samples, known: &[Inside]) -> [Vec<f64>; 3] {
+    let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
+    for signal in known {
+        remove_raw(&mut residual, &scene.record, samples, &scene.windows, signal);
+    }
+    demean(&mut residual, &scene.windows);
+    residual
+}
+
+/// The strongest line of the spectra of all components together, as a tone or as a switched signal.
+fn strongest(
+    record: &Record,
+    samples: &Samples,
+    windows: &[[usize; 2]],
+    residual: &[Vec<f64>; 3],
+    rate_hz: f64,
+) -> Option<Inside> {
+    let t0 = samples.t_s[0];
+    let length = ((samples.t_s[samples.t_s.len() - 1] - t0) * rate_hz).round() as usize + 1;
+    let size = (2 * length).next_power_of_two();
+    let used: usize = windows.iter().map(|w| w[1].saturating_sub(w[0])).sum();
+    if used < 200 {
+        return None;
+    }
+    let fft = RealFftPlanner::<f64>::new().plan_fft_forward(size);
+    let mut lines: Vec<Vec<Complex<f64>>> = Vec::with_capacity(3);
+    let mut levels: Vec<Vec<f64>> = Vec::with_capacity(3);
+    for values in residual {
+        let mut input = fft.make_input_vec();
+        for k in windows.iter().flat_map(|[from, to]| *from..*to) {
+            let at = ((samples.t_s[k] - t0) * rate_hz).round() as usize;
+            if let Some(cell) = input.get_mut(at) {
+                *cell = values[k];
+            }
+        }
+        let mut output = fft.make_output_vec();
+        fft.process(&mut input, &mut output).ok()?;
+        let power: Vec<f64> = output.iter().map(|c| c.norm_sqr()).collect();
+        levels.push(level_of(&power));
+        lines.push(output);
+    }
+    let step_hz = rate_hz / size as f64;
+    // Means of the plateaus are taken off: nothing slower than one of them is left.
+    let longest = windows.iter().map(|w| samples.t_s[w[1].max(1) - 1] - samples.t_s[w[0]]).fold(0.0, f64::max);
+    let first = ((1.0 / longest.max(1.0 / rate_hz)) / step_hz).ceil() as usize;
+    let rows = Rows { samples, windows, residual, levels: &levels, step_hz, used };
+    let spectra =
+        Spectra { lines: &lines, levels: &levels, middle_lines: length as f64 / size as f64 / 2.0, first: first.max(2) };
+    let (peak, tone_p) = spectra.tone()?;
+    let comb = spectra.comb();
+    let (trials, comb_trials) = (TONES * length, COMBS * length);
+    let is_tone = tone_p + (trials as f64).ln() < SIGNIFICANT.ln();
+    let is_comb = comb.as_ref().is_some_and(|c| c.log_p + (comb_trials as f64).ln() < SIGNIFICANT.ln());
+    let p_value = match &comb {
+        Some(c) if is_comb && !is_tone => (c.log_p + (comb_trials as f64 / trials as f64).ln()).exp(),
+        _ if is_tone => tone_p.exp(),
+        _ => return None,
+    };
+    let line_hz = match &comb {
+        Some(c) if !is_tone => c.strongest as f64 * c.base * step_hz,
+        _ => peak as f64 * step_hz,
+    };
+    let line_hz = rows.refine(line_hz);
+    let (sines, tone) = rows.harmonics(line_hz, 1)?;
+    let tone_evidence = evidence(tone[0], 6.0);
+    // The line may be a harmonic of a switched signal.
+    let mut best: Option<(f64, f64, f64, f64, f64)> = None;
+    let orders = (1..=4).map(|order| (order as f64, line_hz / order as f64));
+    for (order, base_hz) in orders.chain(comb.filter(|_| is_comb).map(|c| (c.strongest as f64, c.base * step_hz))) {
+        let Some((waves, _)) = rows.harmonics(base_hz, HARMONICS) else { continue };
+        let usable = waves.len();
+        for duty in (1..20).map(|d| 0.05 * d as f64) {
+            for delay in (0..64).map(|d| d as f64 / 64.0) {
+                let gain = rows.matched(&waves[..usable], base_hz, duty, delay).0;
+                if best.is_none_or(|b| gain > b.0) {
+                    best = Some((gain, base_hz, duty, delay, order));
+                }
+            }
+        }
+    }
+    let axes_of = |values: &[(f64, f64)]| -> Vec<usize> {
+        (0..3).filter(|a| values[*a].0.abs() > 3.0 * values[*a].1 || values.iter().all(|v| v.0.abs() <= 3.0 * v.1)).collect()
+    };
+    let switched = best.map(|(gain, base_hz, duty, delay, order)| {
+        // Duty, delay and which harmonic were looked for: some ten independent choices.
+        (evidence(gain, 3.0) - 3.0 - order.ln(), gain, base_hz, duty, delay)
+    });
+    let tone_std = |h: &Wave| h.std;
+    let wave = sines.first()?;
+    let tone_axes: Vec<usize> = {
+        let sizes: Vec<(f64, f64)> = (0..3).map(|a| (wave.sin[a].hypot(wave.cos[a]), tone_std(wave)[a] * 1.41)).collect();
+        axes_of(&sizes)
+    };
+    let as_tone = || Inside {
+        id: "interference_tone",
+        spec: Spec::new("sine", &tone_axes).with("frequency", line_hz, "Hz"),
+        values: tone_axes.iter().flat_map(|a| [(wave.sin[*a], wave.std[*a]), (wave.cos[*a], wave.std[*a])]).collect(),
+        shape_std: vec![("frequency".to_owned(), step_hz * size as f64 / length as f64 * 0.55 / (tone[0] / 2.0).sqrt())],
+        strength: tone[0].sqrt(),
+        p_value: p_value.max(f64::MIN_POSITIVE),
+        trials,
+        ambiguous_with: Vec::new(),
+        squares: [0.0; 3],
+        rms_ent: [[0.0; 3]; 2],
+    };
+    let mut inside = match switched {
+        Some((ev, gain, base_hz, duty, delay)) if ev > tone_evidence => {
+            let (_, base_hz, duty, delay) = rows.polish(gain, base_hz, duty, delay);
+            // On and off cannot be told apart: the shorter part is called on.
+            let (duty, delay) = if duty > 0.5 { (1.0 - duty, (delay + duty).rem_euclid(1.0)) } else { (duty, delay) };
+            let waves = rows.harmonics(base_hz, HARMONICS)?.0;
+            let (gain, values) = rows.matched(&waves, base_hz, duty, delay);
+            let axes = axes_of(&values);
+            let period_s = base_hz.recip();
+            Inside {
+                id: "heater_pwm",
+                spec: Spec::new("square", &axes).with("period", period_s, "s").with("duty", duty, "1").with(
+                    "delay",
+                    delay * period_s,
+                    "s",
+                ),
+                values: axes.iter().map(|a| values[*a]).collect(),
+                shape_std: vec![(
+                    "period".to_owned(),
+                    period_s * period_s * 0.55 / (length as f64 / rate_hz) / (gain / 2.0).sqrt(),
+                )],
+                strength: gain.sqrt(),
+                ambiguous_with: if ev - tone_evidence < APART { vec!["interference_tone"] } else { Vec::new() },
+                ..as_tone()
+            }
+        }
+        Some((ev, ..)) if tone_evidence - ev < APART => Inside { ambiguous_with: vec!["heater_pwm"], ..as_tone() },
+        _ => as_tone(),
+    };
+    let before = squares(residual, windows, &rows);
+    let mut after = residual.clone();
+    remove(&mut after, record, samples, windows, &inside);
+    let left = squares(&after, windows, &rows);
+    inside.squares = [before.iter().sum(), left.iter().sum(), 3.0 * used as f64];
+    inside.rms_ent = [rms(residual, windows), rms(&after, windows)];
+    Some(inside)
+}
+
+/// Spectra of the axes, with the level of the noise.
+struct Spectra<'a> {
+    lines: &'a [Vec<Complex<f64>>],
+    levels: &'a [Vec<f64>],
+    /// Cycles per line from the begin of the record to its middle, which phases refer to.
+    middle_lines: f64,
+    /// First line that is looked at.
+    first: usize,
+}
+
+/// A comb of lines that a switched signal would make.
+struct Comb {
+    /// Fundamental, in lines.
+    base: f64,
+    /// Harmonic with the largest power.
+    strongest: usize,
+    /// Logarithm of the probability that noise makes as much at this place.
+    log_p: f64,
+}
+
+/// Logarithm of the probability that a sum of `count` exponential powers is larger than `x`.
+fn log_gamma_tail(count: usize, x: f64) -> f64 {
+    let (mut term, mut sum) = (1.0, 1.0);
+    for i in 1..count {
+        term *= x / i as f64;
+        sum += term;
+    }
+    f64::ln(sum) - x
+}
+
+impl Spectra<'_> {
+    fn power(&self, axis: usize, line: usize) -> f64 {
+        self.lines[axis][line].norm_sqr() / self.levels[axis][line]
+    }
+
+    fn end(&self) -> usize {
+        self.lines[0].len() - 1
+    }
+
+    /// The line that noise makes most seldom, on an axis or on all together, and the logarithm of that probability.
+    fn tone(&self) -> Option<(usize, f64)> {
+        let log_p = |line: usize| {
+            let each = [0, 1, 2].map(|a| self.power(a, line));
+            log_gamma_tail(3, each.iter().sum()).min(-each.iter().fold(0.0, |m: f64, p| m.max(*p)))
+        };
+        (self.first..self.end()).map(|line| (line, log_p(line))).min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// The comb that noise makes most seldom. Powers of harmonics are added up first; the best places are looked at with phases.
+    fn comb(&self) -> Option<Comb> {
+        let mut places: Vec<(f64, usize)> = Vec::new();
+        for place in PARTS * self.first..PARTS * self.end() / 2 {
+            let mut sums = [0.0; 4];
+            let mut best = 0.0_f64;
+            for harmonic in 1..=HARMONICS {
+                let line = (harmonic * place + PARTS / 2) / PARTS;
+                if line >= self.end() {
+                    break;
+                }
+                for axis in 0..3 {
+                    let power = self.power(axis, line);
+                    sums[axis] += power;
+                    sums[3] += power;
+                }
+                if ADDED.contains(&harmonic) {
+                    for (k, sum) in sums.iter().enumerate() {
+                        let count = if k == 3 { 3 * harmonic } else { harmonic };
+                        // Far from what noise does only.
+                        if *sum > count as f64 + 3.0 * (count as f64).sqrt() {
+                            best = best.min(log_gamma_tail(count, *sum));
+                        }
+                    }
+                }
+            }
+            match places.last_mut() {
+                _ if best == 0.0 => {}
+                Some(last) if place - last.1 < PARTS / 2 => {
+                    if best < last.0 {
+                        *last = (best, place);
+                    }
+                }
+                _ => places.push((best, place)),
+            }
+        }
+        places.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let combs = places.iter().take(PROMISING).filter_map(|(_, place)| self.with_phases(*place as f64 / PARTS as f64));
+        combs.min_by(|a, b| a.log_p.total_cmp(&b.log_p))
+    }
+
+    /// A comb with the best duty and delay.
+    fn with_phases(&self, base: f64) -> Option<Comb> {
+        let waves: Vec<(usize, [Complex<f64>; 3])> = (1..=HARMONICS)
+            .map(|h| (h, (h as f64 * base).round() as usize))
+            .take_while(|(_, line)| *line < self.end())
+            .map(|(h, line)| {
+                // In units of the noise of each part, with the phase at the middle of the record.
+                let turn = Complex::from_polar(1.0, TAU * (line as f64 * self.middle_lines).fract());
+                (h, [0, 1, 2].map(|a: usize| self.lines[a][line] * turn * (2.0 / self.levels[a][line]).sqrt()))
+            })
+            .collect();
+        let strength = |(_, w): &&(usize, [Complex<f64>; 3])| w.iter().map(|c| c.norm_sqr()).sum::<f64>();
+        let strongest = waves.iter().max_by(|a, b| strength(a).total_cmp(&strength(b)))?.0;
+        let mut log_p = 0.0_f64;
+        for duty in (1..=10).map(|d| 0.05 * d as f64) {
+            for delay in (0..64).map(|d| d as f64 / 64.0) {
+                let (mut along, mut size) = ([0.0; 3], [0.0; 3]);
+                for (harmonic, wave) in &waves {
+                    let (s, c) = pulse_harmonic(*harmonic, duty, delay);
+                    for a in 0..3 {
+                        along[a] += c * wave[a].re - s * wave[a].im;
+                        size[a] += s * s + c * c;
+                    }
+                }
+                let gains = [0, 1, 2].map(|a: usize| along[a] * along[a] / size[a]);
+                let most = gains.iter().fold(0.0, |m: f64, g| m.max(*g));
+                log_p = log_p.min(two_sided(most.sqrt()).ln()).min(log_tail(gains.iter().sum(), 3.0));
+            }
+        }
+        Some(Comb { base, strongest, log_p })
+    }
+}
+
+fn evidence(chi: f64, count: f64) -> f64 {
+    let g = EXPECTED;
+    0.5 * (g / (1.0 + g) * chi - count * (1.0 + g).ln())
+}
+
+fn squares(residual: &[Vec<f64>; 3], windows: &[[usize; 2]], rows: &Rows) -> [f64; 3] {
+    // The median level of the spectrum is the variance of a sample of the noise.
+    let of = |a: usize| {
+        let mut level = rows.levels[a].clone();
+        let middle = level.len() / 2;
+        *level.select_nth_unstable_by(middle, f64::total_cmp).1 / rows.used as f64
+    };
+    let rms = rms(residual, windows);
+    [0, 1, 2].map(|a| rms[a] * rms[a] * rows.used as f64 / of(a))
+}
+
+/// Level of a spectrum of noise around each line, from medians: lines do not lift it.
+fn level_of(power: &[f64]) -> Vec<f64> {
+    let n = power.len();
+    let stride = LEVEL / 2;
+    let centres: Vec<usize> = (0..n).step_by(stride).collect();
+    let medians: Vec<f64> = centres
+        .iter()
+        .map(|c| {
+            let mut part = power[c.saturating_sub(LEVEL)..(c + LEVEL).min(n)].to_vec();
+            let middle = part.len() / 2;
+            // The median of exponential powers is ln 2 of their mean.
+            (*part.select_nth_unstable_by(middle, f64::total_cmp).1 / std::f64::consts::LN_2).max(f64::MIN_POSITIVE)
+        })
+        .collect();
+    (0..n)
+        .map(|i| {
+            let k = (i / stride).min(medians.len() - 1);
+            let next = medians[(k + 1).min(medians.len() - 1)];
+            let part = (i % stride) as f64 / stride as f64;
+            medians[k] * (1.0 - part) + next * part
+        })
+        .collect()
+}
+
+struct Rows<'a> {
+    samples: &'a Samples,
+    windows: &'a [[usize; 2]],
+    residual: &'a [Vec<f64>; 3],
+    levels: &'a [Vec<f64>],
+    step_hz: f64,
+    used: usize,
+}
+
+/// Amplitudes of one frequency.
+struct Wave {
+    hz: f64,
+    sin: [f64; 3],
+    cos: [f64; 3],
+    std: [f64; 3],
+}
+
+impl Rows<'_> {
+    /// Sine and cosine parts of the residuals at a frequency, by least squares with the means of the plateaus taken off the waves as well.
+    fn wave(&self, hz: f64) -> Option<Wave> {
+        let (mut ss, mut sc, mut cc) = (0.0, 0.0, 0.0);
+        let (mut ys, mut yc) = ([0.0; 3], [0.0; 3]);
+        let mut waves: Vec<(f64, f64)> = Vec::new();
+        for [from, to] in self.windows {
+            waves.clear();
+            waves.extend((*from..*to).map(|k| (TAU * (hz * self.samples.t_s[k]).fract()).sin_cos()));
+            let n = waves.len().max(1) as f64;
+            let (ms, mc) = waves.iter().fold((0.0, 0.0), |(a, b), (s, c)| (a + s / n, b + c / n));
+            for (k, (s, c)) in (*from..*to).zip(&waves) {
+                let (s, c) = (s - ms, c - mc);
+                ss += s * s;
+                sc += s * c;
+                cc += c * c;
+                for a in 0..3 {
+                    ys[a] += self.residual[a][k] * s;
+                    yc[a] += self.residual[a][k] * c;
+                }
+            }
+        }
+        let determinant = ss * cc - sc * sc;
+        if determinant < 1e-6 * (self.used as f64).powi(2) {
+            return None;
+        }
+        let line = ((hz / self.step_hz).round() as usize).min(self.levels[0].len() - 1);
+        Some(Wave {
+            hz,
+            sin: [0, 1, 2].map(|a: usize| (ys[a] * cc - yc[a] * sc) / determinant),
+            cos: [0, 1, 2].map(|a: usize| (yc[a] * ss - ys[a] * sc) / determinant),
+            std: [0, 1, 2].map(|a: usize| (self.levels[a][line] / self.used as f64 / (0.5 * (ss + cc))).sqrt()),
+        })
+    }
+
+    /// Chi square of a wave.
+    fn chi(wave: &Wave) -> f64 {
+        (0..3).map(|a| (wave.sin[a].powi(2) + wave.cos[a].powi(2)) / wave.std[a].powi(2)).sum()
+    }
+
+    fn harmonics(&self, hz: f64, count: usize) -> Option<(Vec<Wave>, [f64; 1])> {
+        let highest = self.step_hz * (self.levels[0].len() - 1) as f64;
+        let waves: Vec<Wave> =
+            (1..=count).map(|h| h as f64 * hz).take_while(|f| *f < 0.98 * highest).filter_map(|f| self.wave(f)).collect();
+        let chi = waves.first().map(Self::chi)?;
+        Some((waves, [chi]))
+    }
+
+    fn refine(&self, hz: f64) -> f64 {
+        let mut best = (f64::NEG_INFINITY, hz);
+        let mut width = self.step_hz;
+        for _ in 0..5 {
+            let centre = best.1;
+            for k in -2..=2 {
+                let f = centre + 0.4 * width * f64::from(k);
+                let chi = self.wave(f).map_or(f64::NEG_INFINITY, |w| Self::chi(&w));
+                if chi > best.0 {
+                    best = (chi, f);
+                }
+            }
+            width *= 0.4;
+        }
+        best.1
+    }
+
+    /// Chi square of a square wave and its amplitudes with uncertainties.
+    fn matched(&self, waves: &[Wave], base_hz: f64, duty: f64, delay: f64) -> (f64, [(f64, f64); 3]) {
+        let mut gain = 0.0;
+        let values = [0, 1, 2].map(|a: usize| {
+            let (mut top, mut bottom) = (0.0, 0.0);
+            for wave in waves {
+                let order = (wave.hz / base_hz).round() as usize;
+                let (s, c) = pulse_harmonic(order, duty, delay);
+                let weight = wave.std[a].powi(-2);
+                top += weight * (s * wave.sin[a] + c * wave.cos[a]);
+                bottom += weight * (s * s + c * c);
+            }
+            gain += top * top / bottom;
+            (top / bottom, bottom.sqrt().recip())
+        });
+        (gain, values)
+    }
+
+    /// Period, duty and delay, closer.
+    fn polish(&self, gain: f64, base_hz: f64, duty: f64, delay: f64) -> (f64, f64, f64, f64) {
+        let mut best = (gain, base_hz, duty, delay);
+        let (mut df, mut dd, mut dl) = (0.3 * self.step_hz, 0.025, 1.0 / 128.0);
+        for _ in 0..6 {
+            for sign in [-1.0, 1.0] {
+                let f = best.1 + sign * df;
+                if let Some((waves, _)) = self.harmonics(f, HARMONICS) {
+                    // A changed period moves the delay over the record: it is looked for again.
+                    for shift in [-2.0, -1.0, 0.0, 1.0, 2.0] {
+                        let delay = (best.3 + shift * dl).rem_euclid(1.0);
+                        let gain = self.matched(&waves, f, best.2, delay).0;
+                        if gain > best.0 {
+                            best = (gain, f, best.2, delay);
+                        }
+                    }
+                }
+                if let Some((waves, _)) = self.harmonics(best.1, HARMONICS) {
+                    for (d, l) in [(sign * dd, 0.0), (0.0, sign * dl), (sign * dd, -0.5 * sign * dd)] {
+                        let (duty, delay) = ((best.2 + d).clamp(0.02, 0.98), (best.3 + l).rem_euclid(1.0));
+                        let gain = self.matched(&waves, best.1, duty, delay).0;
+                        if gain > best.0 {
+                            best = (gain, best.1, duty, delay);
+                        }
+                    }
+                }
+            }
+            df *= 0.5;
+            dd *= 0.6;
+            dl *= 0.6;
+        }
+        best
+    }
+}
