@@ -8,10 +8,15 @@
 use crate::analysis::conditions::{self, Temperatures};
 use crate::analysis::corner::{self, Amplitude, Corner};
 use crate::campaign::Campaign;
+use crate::diagnose::known::Known;
+use crate::diagnose::known::in_sines::{InSines, Responses};
 use crate::fit::sine::{self, CommonRate, Oscillator, Packet, Residue, Sine, Sums, Verdict};
 use crate::fit::{Limits, order, polynomial};
 use crate::formats::amplitudes::Row;
-use crate::formats::parameter::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart, RunHead};
+use crate::formats::parameter::{
+    AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ModelApplied, ResponsePart, RunHead,
+};
+use crate::model::response::Response;
 use crate::plateau::{Settling, median};
 use crate::run::{Header, Kind, Run, Setting, Vector, VectorSink};
 use crate::units::COMPONENTS;
@@ -26,11 +31,13 @@ use thiserror::Error;
 pub struct Options {
     /// Time left out after a change of frequency.
     pub settling: Settling,
+    /// Effects that are known: taken off the sines before the response is fitted.
+    pub model: Option<Known>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { settling: Settling::Found }
+        Self { settling: Settling::Found, model: None }
     }
 }
 
@@ -65,6 +72,8 @@ const AMBIGUOUS: f64 = 25.0;
 const KNOWN_RATE: f64 = 1e-3;
 /// A run of which more than this part of the settings hold something else belongs to other settings.
 const MOST_DISTURBED: f64 = 0.5;
+/// Step of the slope of a response, relative to the frequency.
+const SLOPE_STEP: f64 = 1e-4;
 /// A drift of this many standard uncertainties is one.
 const DRIFTS: f64 = 4.0;
 
@@ -235,13 +244,24 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
         return Err(FreqError::NoSamples);
     }
     let records: Vec<&Record> = indices.iter().map(|i| &sines.records[*i]).collect();
-    let settings: Vec<Setting> = indices.iter().map(|i| sines.settings[*i]).collect();
+    let applied: Vec<Setting> = indices.iter().map(|i| sines.settings[*i]).collect();
+    let mut warnings = Vec::new();
+    let known = options.model.as_ref();
+    let known = known.map_or_else(InSines::default, |m| InSines::new(m, run, Responses::OfTheInstrument, &mut warnings));
+    // A clock that is fast sees low frequencies: with these its known course is taken off.
+    let seen = |ranges: &[Range<usize>]| -> Vec<Setting> {
+        let middle = |(record, range): (&&Record, &Range<usize>)| ends_s(record, range).map_or(0.0, |[a, b]| 0.5 * (a + b));
+        let times = records.iter().zip(ranges).map(middle);
+        let hz = |(s, t): (&Setting, f64)| Setting { frequency_hz: s.frequency_hz / (1.0 + known.clock(t)), ..*s };
+        applied.iter().zip(times).map(hz).collect()
+    };
     check_samples(&records)?;
     let nominal_hz = run.header.sample_rate_hz;
 
     // A first sampling frequency from everything that is settled, damage included: settings that disagree do not count in it.
     let settled: Vec<Range<usize>> =
-        records.iter().zip(&settings).map(|(r, s)| settled(r, s, options.settling, 1.0 / nominal_hz)).collect();
+        records.iter().zip(&applied).map(|(r, s)| settled(r, s, options.settling, 1.0 / nominal_hz)).collect();
+    let settings = seen(&settled);
     if settled.iter().all(|range| range.len() < LEAST_SAMPLES) {
         return Err(FreqError::Unsettled);
     }
@@ -253,15 +273,18 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
         None => rates(&records, &settings, &settled, nominal_hz)?,
     };
     let rough_hz = first.mean_hz();
-    let tones = undamaged(&records, &settings, settled, rough_hz);
+    let mut tones = undamaged(&records, &settings, settled, rough_hz);
     let ranges: Vec<Range<usize>> = tones.iter().map(|t| t.used.clone()).collect();
+    let settings = seen(&ranges);
+    tones.iter_mut().zip(&settings).for_each(|(tone, setting)| tone.setting = *setting);
     let disturbed = tones.iter().filter(|t| t.disturbed).count();
     let usable = ranges.iter().filter(|r| !r.is_empty()).count();
     if disturbed as f64 > MOST_DISTURBED * (disturbed + usable) as f64 {
         return Err(FreqError::Mismatch { disturbed, total: settings.len() });
     }
-    if let Some(refused) = tones.iter().find(|t| !t.remark.is_empty()).filter(|_| ranges.iter().all(Range::is_empty)) {
-        return Err(FreqError::NothingUsable { frequency_hz: refused.setting.frequency_hz, why: refused.remark.clone() });
+    let refused = tones.iter().zip(&applied).find(|(t, _)| !t.remark.is_empty());
+    if let Some((refused, setting)) = refused.filter(|_| ranges.iter().all(Range::is_empty)) {
+        return Err(FreqError::NothingUsable { frequency_hz: setting.frequency_hz, why: refused.remark.clone() });
     }
     let found = rates(&records, &settings, &ranges, rough_hz)?;
     let clock = Clock::of(&found);
@@ -269,8 +292,13 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
     let fits: Vec<Result<Option<Fits>, String>> =
         tones.par_iter().zip(&records).map(|(tone, record)| Fits::of(tone, record, &clock)).collect();
     let noise = noise(&tones, &records, &fits, &clock);
-    let measured: Vec<AmplitudePart> = (0..tones.len()).map(|j| amplitude(&tones[j], records[j], &fits[j], noise[j])).collect();
-    let mut warnings = clock.remarks(&found, &settings);
+    let mut measured: Vec<AmplitudePart> =
+        (0..tones.len()).map(|j| amplitude(&tones[j], records[j], &fits[j], noise[j])).collect();
+    for (part, setting) in measured.iter_mut().zip(&applied) {
+        part.frequency_hz = setting.frequency_hz;
+        take_off(&known, part);
+    }
+    warnings.extend(clock.remarks(&found, &applied));
     let refused: Vec<String> = measured
         .iter()
         .filter(|a| a.used_s.is_none())
@@ -289,16 +317,25 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
     };
     let temperatures = Temperatures::of(run, campaign, [span(f64::min, 0), span(f64::max, 1)], &mut warnings);
     conditions::warn_of_run(&mut warnings, run);
-    let stretches = measured.iter().zip(&settings).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
+    let stretches = measured.iter().zip(&applied).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
     let head = conditions::head(run, campaign, &temperatures);
     let mut freq = respond(measured, head, warnings);
+    widen_corners(&known, &mut freq);
     let p = &mut freq.parameters;
-    p.f_s_hz = Some(clock.rate_hz);
+    // The sampling frequency holds where the run tells it best.
+    let moved = 1.0 + known.clock(clock.centre_s);
+    p.f_s_hz = Some(clock.rate_hz.map(|f| f * moved));
     p.f_s_std_hz = Some(clock.std_hz);
-    p.mean_f_s_hz = Some(clock.mean_hz);
+    p.mean_f_s_hz = Some(clock.mean_hz * moved);
     p.mean_f_s_std_hz = Some(clock.mean_std_hz);
     p.scatter_f_s_hz = Some(clock.scatter_hz).filter(|s| s.is_finite());
-    p.clock = Some(clock.part);
+    p.clock =
+        Some(ClockPart { reference_s: clock.part.reference_s.or(known.moves_clock().then_some(clock.centre_s)), ..clock.part });
+    p.effects = options.model.as_ref().map(|model| ModelApplied {
+        file: model.input.path.clone(),
+        effect: known.applied(),
+        left_out: known.left_out.clone(),
+    });
     p.conditions = temperatures.conditions.clone();
     freq.temperatures = temperatures;
     freq.stretches = stretches;
@@ -813,6 +850,44 @@ fn amplitude(tone: &Tone, record: &Record, fits: &Result<Option<Fits>, String>, 
     part
 }
 
+/// Takes known effects off an amplitude and its phase.
+fn take_off(known: &InSines, part: &mut AmplitudePart) {
+    if known.is_empty() {
+        return;
+    }
+    for i in 0..3 {
+        let factor = known.factor(part.frequency_hz, i);
+        let [std, phase_std_rad] = known.factor_std(part.frequency_hz, i);
+        part.b_ent[i] /= factor.norm();
+        part.b_std_ent[i] = (part.b_std_ent[i] / factor.norm()).hypot(std * part.b_ent[i]);
+        if let Some(phase) = &mut part.phase_deg {
+            let cycles = (phase[i] - factor.arg().to_degrees()) / 360.0;
+            phase[i] = 360.0 * (cycles - cycles.round());
+        }
+        if let Some(std) = &mut part.phase_std_deg {
+            std[i] = std[i].hypot(phase_std_rad.to_degrees());
+        }
+    }
+}
+
+/// Carries the uncertainty of known effects, which all amplitudes share, into the -3 dB frequencies.
+fn widen_corners(known: &InSines, freq: &mut Freq) {
+    let Some(response) = freq.corner.model.and_then(Response::named) else { return };
+    let p = &mut freq.parameters;
+    for i in 0..3 {
+        let Some(model) = &freq.corner.components[i].model else { continue };
+        let shape: Vec<f64> = model.parameters.iter().map(|p| p.value).collect();
+        let corner_hz = model.f_3db_model_hz;
+        let value = |f: f64| response.value(f, &shape).ln();
+        let slope_per_hz =
+            (value(corner_hz * (1.0 + SLOPE_STEP)) - value(corner_hz * (1.0 - SLOPE_STEP))) / (2.0 * SLOPE_STEP * corner_hz);
+        let [std, _] = known.factor_std(corner_hz, i);
+        if std > 0.0 {
+            p.f_3db_model_std_hz[i] = p.f_3db_model_std_hz[i].hypot(std / slope_per_hz);
+        }
+    }
+}
+
 fn add_remark(part: &mut AmplitudePart, remark: String) {
     part.remark = if part.remark.is_empty() { remark } else { format!("{}; {remark}", part.remark) };
 }
@@ -909,6 +984,7 @@ fn respond(mut measured: Vec<AmplitudePart>, run: RunHead, mut warnings: Vec<Str
                 .collect(),
         },
         clock: None,
+        effects: None,
         amplitude: measured,
         conditions: None,
         warnings,

@@ -8,7 +8,7 @@ use crate::error::Finding;
 use crate::formats::output::Folder;
 use crate::formats::parameter::Body;
 use crate::plateau::Settling;
-use crate::workflow::{Failure, RunReport, RunResult, of_table, publish};
+use crate::workflow::{Failure, RunReport, RunResult, known, of_table, publish};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -23,10 +23,13 @@ pub(super) struct Arguments {
     /// Time to leave out after every change of frequency, s, or `auto`.
     #[arg(long, value_name = "S", default_value = "auto", value_parser = settling)]
     settling: Settling,
+    /// Model file of `calfit diagnose --write-model`: its effects are taken off the sines before the response is fitted.
+    #[arg(long, value_name = "FILE", conflicts_with = "amplitudes")]
+    model: Option<PathBuf>,
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    let options = Options { settling: arguments.settling };
+    let options = Options { settling: arguments.settling, model: known(arguments.model.as_ref())? };
     if arguments.amplitudes.is_empty() {
         return each::run(&options, &arguments.paths, common, terminal);
     }

@@ -38,7 +38,7 @@ pub(super) struct Arguments {
     /// Facility that turns the settings of the runs into fields, as for `calfit lin` and `calfit offset`.
     #[arg(long, value_name = "FILE")]
     facility: Option<PathBuf>,
-    /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings of linearity runs and sweeps.
+    /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings of linearity runs and sweeps and off sines.
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
 }

@@ -303,11 +303,11 @@ pub(super) fn inputs_of(measured: &[Measured]) -> HashMap<String, Vec<Input>> {
 /// Says which runs are analysed as they are in spite of a model.
 pub(super) fn warn_of_model(model: Option<&Known>, measured: &[Measured], terminal: &Terminal) {
     let Some(model) = model else { return };
-    let as_it_is = |m: &&Measured| matches!(m, Measured::Offset(_) | Measured::Freq(_) | Measured::Null(_));
+    let as_it_is = |m: &&Measured| matches!(m, Measured::Offset(_) | Measured::Null(_));
     let count = measured.iter().filter(as_it_is).count();
     if count > 0 {
         let file = &model.input.path;
-        terminal.warning(&format!("{file}: its effects have no influence on {count} offset, frequency and zero-field runs"));
+        terminal.warning(&format!("{file}: its effects have no influence on {count} offset and zero-field runs"));
     }
 }
 

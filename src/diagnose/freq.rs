@@ -9,14 +9,17 @@
 pub mod model;
 pub mod sines;
 
+use super::known::CORRELATION;
 use super::result::{DetectionLimit, Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, RunnerUp, Step};
 use super::scene::Samples;
-use super::{APART, CERTAIN, FOUND_90, faults, words};
+use super::{APART, CERTAIN, FOUND_90, Options, faults, words};
 use crate::analysis::freq::{self as analysis, Freq, Sines as Sink};
 use crate::campaign::Campaign;
 use crate::fit::aicc;
 use crate::fit::scan::orthonormal;
 use crate::formats::amplitudes::Row;
+use crate::model::effects::clock_drift::{IN_TIME, WITH_TEMPERATURE};
+use crate::model::effects::time_shift::DELAY;
 use crate::model::effects::{CATALOGUE, Spec, named};
 use crate::model::response::{RESPONSES, Response};
 use crate::plateau::median;
@@ -62,7 +65,7 @@ const OUTLIER: f64 = 0.5;
 ///
 /// # Errors
 /// Why the run cannot be looked at.
-pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign) -> Result<Diagnosis, String> {
+pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &Options) -> Result<Diagnosis, String> {
     let samples = samples.filter(|s| !s.t_s.is_empty()).ok_or("the run has no samples")?;
     let mut sink = Sink::default();
     sink.begin(&run.header, &run.settings);
@@ -78,6 +81,8 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign) -> Result<
 
     let mut sines = Sines::new(samples, &freq)?;
     let mut base = base(&freq, &mut sines)?;
+    let given: Vec<(Term, Vec<f64>)> =
+        options.given.iter().filter_map(|g| Term::of(g.in_sine.as_ref()?, &sines, &run.temperatures)).collect();
     // Where the record begins is known to a part of a sample: a small delay belongs to the model and is no effect.
     if sines.begins_known
         && !base.model.terms.contains(&Term::Shift)
@@ -93,6 +98,13 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign) -> Result<
                 .to_owned(),
         );
     }
+    let with_given = |fit: Fit, sines: &Sines| {
+        given.iter().fold(fit, |fit, (term, values)| {
+            let wanted = !fit.model.terms.contains(term);
+            wanted.then(|| fit.with(term, values, sines)).flatten().unwrap_or(fit)
+        })
+    };
+    base = with_given(base, &sines);
     let clocks: Vec<Term> =
         run.temperatures.names.iter().filter_map(|n| clock_temperature(&sines, &run.temperatures, n)).collect();
     let mut found: Vec<Found> = Vec::new();
@@ -109,7 +121,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign) -> Result<
         if !doubted && found.is_empty() && base.chi2 > DOUBTFUL * base.dof() {
             doubted = true;
             if let Some(other) = another_base(&freq, best, &sines) {
-                base = other;
+                base = with_given(other, &sines);
                 continue;
             }
         }
@@ -590,7 +602,7 @@ fn step(found: &Found, k: usize, fit: &Fit, sines: &Sines, number: usize, maps: 
     let scale = (fit.chi2 / fit.dof()).max(1.0).sqrt();
     let std = |n: usize| covariance.as_ref().map(|c| scale * c[(begin + n, begin + n)].max(0.0).sqrt());
     let id = found.term.id();
-    let timing = matches!(found.term, Term::Clock(_) | Term::ClockTemperature(_) | Term::Shift);
+    let timing = matches!(found.term, Term::Clock(_) | Term::ClockTemperature(..) | Term::Shift);
     let axes = found.term.axes();
     let mut form = Spec::new("", &axes);
     let mut parameters = Vec::new();
@@ -604,22 +616,27 @@ fn step(found: &Found, k: usize, fit: &Fit, sines: &Sines, number: usize, maps: 
             form = form.with("f_c", hz, "Hz");
             push("part".to_owned(), values[0], std(0), "1");
             push("f_c".to_owned(), hz, std(1).map(|s| s * hz), "Hz");
+            let correlation = covariance.as_ref().map(|c| {
+                let of = |a: usize, b: usize| c[(begin + a, begin + b)];
+                of(0, 1) / (of(0, 0) * of(1, 1)).sqrt()
+            });
+            push(CORRELATION.to_owned(), correlation.filter(|r| r.is_finite()).unwrap_or(0.0), None, "1");
         }
         Term::Clock(degree) => {
-            form.form = format!("polynomial of degree {degree} in run time");
+            form.form = format!("{IN_TIME}{degree}");
             for (n, c) in values.iter().enumerate() {
                 let unit = sines.rate_hz * 1e-6 / sines.length_s.powi(n as i32 + 1);
                 let name = if n == 0 { "Hz/s".to_owned() } else { format!("Hz/s^{}", n + 1) };
                 push(format!("drift_{}", n + 1), c * unit, std(n).map(|s| s * unit), &name);
             }
         }
-        Term::ClockTemperature(_) => {
-            form.form = "linear in temperature".to_owned();
+        Term::ClockTemperature(channel, _) => {
+            form.form = format!("{WITH_TEMPERATURE}{channel}");
             let unit = 1e-6 * sines.rate_hz;
             push("drift".to_owned(), values[0] * unit, std(0).map(|s| s * unit), "Hz/K");
         }
         Term::Shift => {
-            form.form = "delay".to_owned();
+            form.form = DELAY.to_owned();
             push("shift".to_owned(), 1e-6 * values[0], std(0).map(|s| 1e-6 * s), "s");
         }
     }
@@ -804,12 +821,13 @@ fn limits(bank: &Bank, sines: &Sines, steps: &[Step]) -> (Vec<NotIdentifiable>, 
         if found(id) {
             continue;
         }
-        let is_one = |e: &&Entry| e.term.axes().len() == 3 && e.base.ncols() == 1 && !matches!(e.term, Term::ClockTemperature(_));
+        let is_one =
+            |e: &&Entry| e.term.axes().len() == 3 && e.base.ncols() == 1 && !matches!(e.term, Term::ClockTemperature(..));
         let own = bank.entries.iter().filter(|e| e.term.id() == id).filter(is_one);
         let Some(best) = own.max_by(|a, b| a.norm.total_cmp(&b.norm)) else { continue };
         let least = FOUND_90 / best.norm;
         let (parameter, timing) = match &best.term {
-            Term::Clock(_) | Term::ClockTemperature(_) => {
+            Term::Clock(_) | Term::ClockTemperature(..) => {
                 (format!("drift = {:.2e} Hz/s", least * 1e-6 * sines.rate_hz / sines.length_s), true)
             }
             Term::Shift => (format!("shift = {:.2e} s", 1e-6 * least), true),

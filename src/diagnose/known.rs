@@ -3,12 +3,16 @@
 //! Both evaluate the columns of the catalogue on a [`Record`] of the run, at plateau means or at samples, with the linear sensor that
 //! [`Scene`] fits, as the diagnosis did when it found the effect.
 
+pub mod in_sines;
+
 use super::Given;
 use super::scene::{Samples, Scene};
 use crate::campaign::Campaign;
 use crate::error::Finding;
 use crate::formats::parameter::{AppliedEffect, Model, ModelApplied, ModelEffect};
 use crate::formats::text::Group;
+use crate::model::effects::clock_drift::IN_TIME;
+use crate::model::effects::in_sine::InSine;
 use crate::model::effects::record::Channel;
 use crate::model::effects::{self, Column, Covariate, Effect, Family, Record, Row, Spec, Thermal, unknown_columns};
 use crate::plateau::{Drop, Plateau, Plateaus, from_blocks};
@@ -26,6 +30,8 @@ const FITS: usize = 2;
 pub const CHUNK: usize = 4096;
 /// Samples that stand for a simulated record in zero field.
 const ZERO_FIELD_SAMPLES: usize = 2000;
+/// The parameter that tells how the two others of an effect go together.
+pub const CORRELATION: &str = "correlation";
 
 /// The effects of a model file.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,6 +49,8 @@ pub struct KnownEffect {
     pub given: Given,
     /// Standard uncertainties of the values; zero where the file has none.
     pub std: Vec<f64>,
+    /// What it does to a sine if its parameters move along the axes of their uncertainty by one standard deviation, one after the other.
+    pub sine_variants: Vec<InSine>,
     /// Runs in which it was found.
     pub runs: Vec<String>,
     /// Smallest and largest reading of the sensor axes with which it was found, enT; absent if the file does not tell.
@@ -109,14 +117,17 @@ impl KnownEffect {
         let [plain, thermal] = [specimen(false), specimen(true)];
         let specs = [effect.specs(&plain), effect.specs(&thermal)];
         let forms: Vec<String> = specs.iter().flatten().flatten().map(|s| s.form.clone()).collect();
-        if effect.id() != "unknown" && !forms.is_empty() && !forms.contains(&spec.form) {
+        let is_of_sines = effect.in_sine(&spec, &mut |_| 0.0).is_some();
+        if effect.id() != "unknown" && !forms.is_empty() && !forms.contains(&spec.form) && !is_of_sines {
             let mut names: Vec<&str> = forms.iter().map(String::as_str).collect();
             names.dedup();
             return Err(group.refuse("form", &format!("is none of {}", names.join(", ")), &help));
         }
         // Effects that only show between runs or in sines have no term of a reading.
-        let has_term = specs.iter().any(Result::is_ok);
-        let columns = if effect.id() == "unknown" {
+        let has_term = specs.iter().any(Result::is_ok) && !is_of_sines;
+        let columns = if is_of_sines {
+            None
+        } else if effect.id() == "unknown" {
             let covariate = Covariate { name: spec.form.clone(), unit: "", values: vec![0.0; plain.rows.len()], gain: false };
             unknown_columns(&plain, &covariate, &spec)
         } else {
@@ -135,9 +146,10 @@ impl KnownEffect {
             values.push(found.value);
             std.push(found.std.unwrap_or(0.0));
         }
-        let given = Given { id: effect.id(), spec, values };
+        let (in_sine, sine_variants) = in_sine(effect, &spec, entry, group, &help)?;
+        let given = Given { id: effect.id(), spec, values, in_sine };
         let reading_ent = entry.reading_ent.as_ref().and_then(|r| <[[f64; 2]; 3]>::try_from(r.clone()).ok());
-        Ok(Self { given, std, runs, reading_ent })
+        Ok(Self { given, std, sine_variants, runs, reading_ent })
     }
 
     fn about(&self) -> effects::About {
@@ -197,12 +209,46 @@ impl KnownEffect {
     }
 }
 
+/// What an effect does to sines, and with its parameters moved by their uncertainties.
+fn in_sine(
+    effect: &dyn Effect,
+    spec: &Spec,
+    entry: &ModelEffect,
+    group: &Group,
+    help: &str,
+) -> Result<(Option<InSine>, Vec<InSine>), Finding> {
+    let find = |name: &str| entry.parameter.iter().chain(&entry.shape).find(|p| p.name == name);
+    let mut used: Vec<(f64, f64)> = Vec::new();
+    let mut missing = None;
+    let plain = effect.in_sine(spec, &mut |name| {
+        let found = find(name);
+        missing = missing.take().or_else(|| found.is_none().then(|| name.to_owned()));
+        used.push(found.map_or((f64::NAN, 0.0), |p| (p.value, p.std.unwrap_or(0.0))));
+        used[used.len() - 1].0
+    });
+    if let Some(name) = missing.filter(|_| plain.is_some()) {
+        return Err(group.refuse("id", &format!("lacks its parameter `{name}`"), help));
+    }
+    // The two parameters of a pole go together.
+    let r = find(CORRELATION).map_or(0.0, |p| p.value.clamp(-1.0, 1.0));
+    let moves: Vec<Vec<f64>> = match used.as_slice() {
+        [(_, a), (_, b)] => vec![vec![*a, r * b], vec![0.0, (1.0 - r * r).sqrt() * b]],
+        _ => (0..used.len()).map(|k| (0..used.len()).map(|j| if j == k { used[k].1 } else { 0.0 }).collect()).collect(),
+    };
+    let variants = moves.iter().filter(|m| m.iter().any(|m| *m != 0.0)).filter_map(|moved| {
+        let mut values = used.iter().zip(moved).map(|((value, _), by)| value + by);
+        effect.in_sine(spec, &mut |_| values.next().unwrap_or(f64::NAN))
+    });
+    Ok((plain, variants.collect()))
+}
+
 /// Whether a form of an effect belongs to the times of the run in which it was found.
 #[must_use]
 pub fn is_of_one_run(id: &str, form: &str) -> bool {
     match id {
         "offset_step" | "offset_drift" | "heater_pwm" | "interference_tone" => true,
         "rotation_drift" => form == "time",
+        "clock_drift" => form.starts_with(IN_TIME),
         "unknown" => form == "time" || form == "gain with time",
         _ => false,
     }
@@ -331,7 +377,8 @@ pub fn apply(
                 id: effect.given.id.to_owned(),
                 form: effect.given.spec.form.clone(),
                 axes: effect.given.spec.axis_names().into_iter().map(str::to_owned).collect(),
-                largest_nt: own.iter().take(base).map(size).fold(0.0, f64::max),
+                largest_nt: Some(own.iter().take(base).map(size).fold(0.0, f64::max)),
+                largest_part: None,
             });
             for (total, own) in sum.iter_mut().zip(&own) {
                 (0..3).for_each(|a| total[a] += own[a]);

@@ -23,6 +23,7 @@ pub mod words;
 
 use crate::campaign::Campaign;
 use crate::formats::facility::Facility;
+use crate::model::effects::in_sine::InSine;
 use crate::model::effects::thermal_lag::shifted;
 use crate::model::effects::{self, CATALOGUE, Record, Row, Spec};
 use crate::plateau::Plateaus;
@@ -70,6 +71,8 @@ pub struct Given {
     pub spec: Spec,
     /// Values of the linear parameters.
     pub values: Vec<f64>,
+    /// What it does to sines.
+    pub in_sine: Option<InSine>,
 }
 
 /// Effects that show inside the plateaus and are known from there.
@@ -93,7 +96,7 @@ pub fn run(
     options: &Options,
 ) -> Result<Diagnosis, String> {
     if run.header.kind == Kind::Frequency {
-        return freq::run(run, samples, campaign);
+        return freq::run(run, samples, campaign, options);
     }
     let samples = samples.filter(|s| !s.t_s.is_empty());
     let mut scene = Scene::new(run, plateaus, samples, campaign, options.facility.as_ref()).map_err(|e| e.0)?;

@@ -17,6 +17,9 @@ pub fn sections(freq: &Freq, level: usize) -> String {
     rate(&mut out, p, &head);
     corner(&mut out, p, &head);
     response(&mut out, p, &head);
+    if let Some(effects) = &p.effects {
+        let _ = writeln!(out, "{}\n", effects.sentence());
+    }
     amplitudes(&mut out, p, &head);
     out.push_str(&remarks(&p.warnings, level));
     out

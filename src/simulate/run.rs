@@ -3,6 +3,7 @@
 use super::climate::{History, Temperatures, seconds};
 use super::noise::{Flicker, Random};
 use crate::campaign::Campaign;
+use crate::diagnose::known::in_sines::{InSines, Responses};
 use crate::diagnose::known::{Added, CHUNK, Known};
 use crate::error::Finding;
 use crate::formats::twin::{Body, FacilityTwin, RunTwin, SensorTwin, Twin};
@@ -15,6 +16,8 @@ use std::f64::consts::TAU;
 
 /// The temperatures and slow fields are straight lines over stretches of this length, s.
 const SLOW_S: f64 = 5.0;
+/// A clock that moves is steady over stretches of this length, s.
+const CLOCK_S: f64 = 0.2;
 /// Correlation time of the irregular part of the external field, s.
 const IRREGULAR_S: f64 = 3600.0;
 /// Numbers of this size have no fraction bits, and those of half of it either sign.
@@ -67,7 +70,10 @@ struct Scene<'a> {
     /// The external field at the variometer, nT, coil axes.
     variation_nt: [History; 3],
     coil_axes: Matrix3<f64>,
+    /// Sampling frequency, about which known effects move it.
     rate_hz: f64,
+    /// Known effects in sines.
+    in_sines: InSines,
 }
 
 impl<'a> SimulatedRun<'a> {
@@ -130,6 +136,7 @@ impl<'a> SimulatedRun<'a> {
             variation_nt,
             coil_axes: facility.coil.axes().unwrap_or_else(Matrix3::identity),
             rate_hz: sensor.rate_hz * nominal_rate_hz / sensor.nominal_rate_hz,
+            in_sines: InSines::default(),
         };
         for stretch in &scene.stretches {
             scene.sensor_at(stretch, stretch.t_start_s).map_err(|rule| refuse(rule, "correct the polynomials of the sensor"))?;
@@ -163,6 +170,11 @@ impl<'a> SimulatedRun<'a> {
     /// The same run with known effects in its readings. What the run cannot have is warned about.
     #[must_use]
     pub fn with_effects(mut self, known: &Known, campaign: &Campaign, warnings: &mut Vec<String>) -> Self {
+        if self.header.kind == Kind::Frequency {
+            let run = self.run(VectorAccount::default());
+            self.scene.in_sines = InSines::new(known, &run, Responses::All, warnings);
+            return self;
+        }
         let level_ent = |t_s: f64| {
             let stretches = &self.scene.stretches;
             let at = stretches.partition_point(|s| s.t_end_s <= t_s).min(stretches.len().saturating_sub(1));
@@ -346,12 +358,15 @@ impl Scene<'_> {
         let (model, f) = (&self.sensor.model, stretch.frequency_hz);
         let parameters = model.response_at(self.sensor_degc(t_s))?;
         let phasor = std::array::from_fn(|i| {
-            let (sin, cos) = model.response.phase_rad(f, &parameters[i]).sin_cos();
-            let amplitude_ent = full[i] * model.response.value(f, &parameters[i]);
+            let factor = self.in_sines.factor(f, i);
+            let (sin, cos) = (model.response.phase_rad(f, &parameters[i]) + factor.arg()).sin_cos();
+            let amplitude_ent = full[i] * model.response.value(f, &parameters[i]) * factor.norm();
             (amplitude_ent * cos, amplitude_ent * sin)
         });
-        let (sin, cos) = (TAU * (f * (t_s - stretch.t_start_s)).fract()).sin_cos();
-        let (turn_sin, turn_cos) = (TAU * (f / self.rate_hz).fract()).sin_cos();
+        // The counter tells a time that is ahead of the field's where the clock was fast.
+        let field_s = t_s - self.in_sines.lead_s(t_s);
+        let (sin, cos) = (TAU * (f * (field_s - stretch.t_start_s)).fract()).sin_cos();
+        let (turn_sin, turn_cos) = (TAU * (f / self.rate_hz / (1.0 + self.in_sines.clock(t_s))).fract()).sin_cos();
         Some(Tone { phasor, sin, cos, turn_sin, turn_cos })
     }
 }
@@ -422,7 +437,8 @@ impl Samples<'_> {
         }
         let stretch = &stretches[self.stretch];
         let begin_ent = self.scene.level_ent(stretch, t_s);
-        self.line_end = self.sample_at(stretch.t_end_s.min(t_s + SLOW_S)).max(self.sample + 1);
+        let line_s = if self.scene.in_sines.moves_clock() { CLOCK_S } else { SLOW_S };
+        self.line_end = self.sample_at(stretch.t_end_s.min(t_s + line_s)).max(self.sample + 1);
         let steps = (self.line_end - self.sample) as f64;
         let end_ent = self.scene.level_ent(stretch, t_s + steps / self.scene.rate_hz);
         self.level_ent = begin_ent;

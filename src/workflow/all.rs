@@ -58,12 +58,13 @@ impl Analyses {
         }
     }
 
-    /// The same with known effects, which linear calibrations and sweeps take off the readings; offset, frequency and zero-field runs
-    /// are analysed as they are.
+    /// The same with known effects, which linear calibrations, sweeps and frequency measurements take off; offset and zero-field runs are
+    /// analysed as they are.
     #[must_use]
     pub fn with_model(mut self, model: Option<&Known>) -> Self {
         self.lin.model = model.cloned();
         self.sweep.model = model.cloned();
+        self.freq.model = model.cloned();
         self
     }
 

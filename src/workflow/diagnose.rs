@@ -237,7 +237,8 @@ pub fn publish_model(path: &Path, all: &[&Diagnosed], given: &[ModelEffect], for
     }
     let model = Model {
         used: all.iter().flat_map(|d| d.diagnosis.runs.clone()).collect(),
-        convention: "reading += parameter x column of the form (`calfit effects ID`), enT; fields nT in coil axes, times s from the run's start"
+        convention: "reading += parameter x column of the form (`calfit effects ID`), enT; fields nT in coil axes, times s from the run's start; \
+                     sines: phasor x (1 + part (P(f/f_c) - 1)) with P one or two poles, f_s += drift_k t^k or drift (T - T_mean), readings late by shift"
             .to_owned(),
         effect,
     };

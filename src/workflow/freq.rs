@@ -3,13 +3,14 @@
 use super::{Made, PerRun, Refusal, RunReport, RunResult};
 use crate::analysis::freq::{Freq, Options, Sines, freq, from_table};
 use crate::campaign::Campaign;
+use crate::diagnose::known::Known;
 use crate::error::Finding;
 use crate::formats::amplitudes;
 use crate::formats::parameter::{Fpf, RunHead};
 #[cfg(feature = "tables")]
 use crate::formats::table::Table;
 use crate::plot::{self, Named};
-use crate::provenance::Provenance;
+use crate::provenance::{Input, Provenance};
 use crate::report;
 use crate::run::{Kind, Run};
 use std::path::Path;
@@ -29,8 +30,13 @@ impl PerRun for Options {
         freq(run, &sines, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
     }
 
+    fn inputs(&self) -> Vec<Input> {
+        self.model.iter().map(|m| m.input.clone()).collect()
+    }
+
     fn recorded(&self, _result: &Freq) -> String {
-        super::lin::recorded_cut(self.settling, crate::plateau::LEAST_COVERAGE)
+        let model = self.model.as_ref().map_or_else(String::new, Known::recorded);
+        model + &super::lin::recorded_cut(self.settling, crate::plateau::LEAST_COVERAGE)
     }
 }
 

@@ -1,13 +1,12 @@
 //! A response with what may be missing in it, fitted to amplitudes and phases.
 
 use super::sines::{Sines, Triple};
+use crate::model::effects::in_sine::{InSine, Poles, passed};
 use crate::model::response::Response;
 use crate::run::SlowTable;
-use nalgebra::{Complex, DMatrix, DVector};
+use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 
-/// Quality of the two further poles of `response_order`: between those of Bessel and Butterworth.
-const QUALITY: f64 = 0.65;
 /// Step of numeric derivatives, in logarithms, parts, 1e-6 and µs alike.
 const STEP: f64 = 1e-4;
 /// Steps of a fit, and the decrease of chi-square that ends it.
@@ -26,9 +25,9 @@ pub enum Term {
     /// The sampling frequency changes with run time: its relative change `Σ c_k u^k` with u the time over the length of the run. Parameters
     /// c_1.. in 1e-6.
     Clock(usize),
-    /// It changes with a temperature, whose deviation from its mean in K and its integral in K s at the middle of every setting stand here.
-    /// Parameter in 1e-6/K.
-    ClockTemperature(Vec<[f64; 2]>),
+    /// It changes with the temperature of a channel, whose deviation from its mean in K and its integral in K s at the middle of every
+    /// setting stand beside its name. Parameter in 1e-6/K.
+    ClockTemperature(String, Vec<[f64; 2]>),
     /// The data are displaced against the settings. Parameter in µs, positive if the data are late.
     Shift,
 }
@@ -39,7 +38,7 @@ impl Term {
         match self {
             Term::Pole(_) => "eddy_current_attenuation",
             Term::Order(_) => "response_order",
-            Term::Clock(_) | Term::ClockTemperature(_) => "clock_drift",
+            Term::Clock(_) | Term::ClockTemperature(..) => "clock_drift",
             Term::Shift => "time_shift",
         }
     }
@@ -49,7 +48,7 @@ impl Term {
         match self {
             Term::Pole(_) | Term::Order(_) => 2,
             Term::Clock(degree) => *degree,
-            Term::ClockTemperature(_) | Term::Shift => 1,
+            Term::ClockTemperature(..) | Term::Shift => 1,
         }
     }
 
@@ -61,6 +60,23 @@ impl Term {
         }
     }
 
+    /// A known effect and its parameters; `None` if the run does not have the channel that it needs.
+    pub fn of(known: &InSine, sines: &Sines, table: &SlowTable) -> Option<(Self, Vec<f64>)> {
+        let ppm = 1e6 / sines.rate_hz;
+        Some(match known {
+            InSine::Poles { poles, on, part, corner_hz } => {
+                let term = if *poles == Poles::One { Term::Pole(*on) } else { Term::Order(*on) };
+                (term, vec![*part, corner_hz.ln()])
+            }
+            InSine::Clock(drift) => {
+                let relative = |(k, c): (usize, &f64)| ppm * c * sines.length_s.powi(k as i32 + 1);
+                (Term::Clock(drift.len()), drift.iter().enumerate().map(relative).collect())
+            }
+            InSine::ClockTemperature { channel, hz_per_k } => (clock_temperature(sines, table, channel)?, vec![ppm * hz_per_k]),
+            InSine::Delay(late_s) => (Term::Shift, vec![1e6 * late_s]),
+        })
+    }
+
     /// What it adds to amplitude (logarithm), phase and slope.
     fn add(&self, p: &[f64], sines: &Sines, j: usize, i: usize, to: &mut Triple) {
         let sine = &sines.list[j];
@@ -68,11 +84,7 @@ impl Term {
         match self {
             Term::Pole(on) | Term::Order(on) if on[i] => {
                 let x = f / p[1].exp();
-                let passed = match self {
-                    Term::Pole(_) => Complex::new(1.0, x).inv(),
-                    _ => Complex::new(1.0 - x * x, x / QUALITY).inv(),
-                };
-                let factor = Complex::from(1.0) + (passed - 1.0) * p[0];
+                let factor = passed(if matches!(self, Term::Pole(_)) { Poles::One } else { Poles::Two }, p[0], x);
                 to[0] += factor.norm().max(f64::MIN_POSITIVE).ln();
                 to[1] += factor.arg();
             }
@@ -85,7 +97,7 @@ impl Term {
                     to[2] -= TAU * f * 1e-6 * c * u.powi(power);
                 }
             }
-            Term::ClockTemperature(values) => {
+            Term::ClockTemperature(_, values) => {
                 let [now, integral] = values[j];
                 to[1] -= TAU * f * 1e-6 * p[0] * integral;
                 to[2] -= TAU * f * 1e-6 * p[0] * now;
@@ -114,7 +126,7 @@ pub fn clock_temperature(sines: &Sines, table: &SlowTable, name: &str) -> Option
         }
         values.push([at(sine.middle_s), sum]);
     }
-    Some(Term::ClockTemperature(values))
+    Some(Term::ClockTemperature(name.to_owned(), values))
 }
 
 /// A response with terms: per component the logarithms of DC amplitude and parameters of the response and the relative deviation of the

@@ -1,6 +1,6 @@
 //! FPF: sampling frequency and frequency response of one run.
 
-use super::{Body, Conditions, RunHead};
+use super::{Body, Conditions, ModelApplied, RunHead};
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -57,6 +57,9 @@ pub struct Fpf {
     /// What is known about the clock beside its frequency.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clock: Option<ClockPart>,
+    /// Known effects that were taken off the sines: f_s, amplitudes, phases and -3 dB frequencies are those without them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub effects: Option<ModelApplied>,
     /// One entry per applied frequency, in the order of the run.
     pub amplitude: Vec<AmplitudePart>,
     /// Temperatures during the run.

@@ -1,4 +1,4 @@
-//! MODEL: effects beside the linear sensor, as `diagnose` found them, for `diagnose`, `lin`, `thermal` and `simulate`.
+//! MODEL: effects beside the linear sensor, as `diagnose` found them, for `diagnose`, `lin`, `thermal`, `freq` and `simulate`.
 
 use super::Body;
 use serde::{Deserialize, Serialize};
@@ -73,12 +73,20 @@ impl ModelApplied {
             .iter()
             .map(|e| match e.id.as_str() {
                 "thermal_lag" => format!("{}, whose temperatures were used", e.id),
-                id => format!("{id} on {} (at most {:.3} nT)", e.axes.join(", "), e.largest_nt),
+                id => {
+                    let nt = e.largest_nt.map(|nt| format!("{nt:.3} nT"));
+                    let part = e.largest_part.map(|part| match id {
+                        "clock_drift" => format!("{part:.1e} of the sampling frequency"),
+                        _ => format!("{part:.1e} of a phasor"),
+                    });
+                    let largest: Vec<String> = nt.into_iter().chain(part).collect();
+                    format!("{id} on {} (at most {})", e.axes.join(", "), largest.join(", "))
+                }
             })
             .collect();
         let names = if names.is_empty() { "nothing".to_owned() } else { names.join("; ") };
         let left = if self.left_out.is_empty() { String::new() } else { format!("; left out: {}", self.left_out.join(", ")) };
-        format!("The effects of `{}` were taken off the readings before the fit: {names}{left}.", self.file)
+        format!("The effects of `{}` were taken off before the fit: {names}{left}.", self.file)
     }
 }
 
@@ -91,8 +99,12 @@ pub struct AppliedEffect {
     pub form: String,
     /// Axes on which it acts.
     pub axes: Vec<String>,
-    /// Largest contribution to the mean reading of a plateau that was used, nT along a sensor axis.
-    pub largest_nt: f64,
+    /// Largest contribution to the mean reading of a plateau that was used, nT along a sensor axis; absent for sines.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub largest_nt: Option<f64>,
+    /// Largest change of the phasor of a sine, as a part of it, or of the sampling frequency; absent for plateaus.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub largest_part: Option<f64>,
 }
 
 impl Body for Model {

@@ -1,6 +1,12 @@
 //! The sampling frequency moves during the run.
 
+use super::in_sine::InSine;
 use super::{About, Column, Effect, Family, Record, Spec};
+
+/// Its form in time; the degree follows.
+pub const IN_TIME: &str = "polynomial in run time of degree ";
+/// Its form with temperature; the channel follows.
+pub const WITH_TEMPERATURE: &str = "linear in ";
 
 /// The sampling frequency moves during the run.
 pub struct ClockDrift;
@@ -13,7 +19,7 @@ impl Effect for ClockDrift {
     fn about(&self) -> About {
         About {
             summary: "f_s moves during the run",
-            formula: "f_s (1 + d (t - t_0))",
+            formula: "f_s + Σ d_k t^k, or f_s + d (T - T_mean)",
             family: Family::Periodic,
             seen_in: "freq",
             needs: "phases of sines",
@@ -30,5 +36,14 @@ impl Effect for ClockDrift {
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let _ = (record, spec);
         None
+    }
+
+    fn in_sine(&self, spec: &Spec, value: &mut dyn FnMut(&str) -> f64) -> Option<InSine> {
+        if let Some(degree) = spec.form.strip_prefix(IN_TIME) {
+            let degree: usize = degree.parse().ok().filter(|d| (1..=9).contains(d))?;
+            return Some(InSine::Clock((1..=degree).map(|k| value(&format!("drift_{k}"))).collect()));
+        }
+        let channel = spec.form.strip_prefix(WITH_TEMPERATURE)?.to_owned();
+        Some(InSine::ClockTemperature { channel, hz_per_k: value("drift") })
     }
 }

@@ -1,5 +1,6 @@
 //! Coil, box or housing attenuates alternating fields.
 
+use super::in_sine::{InSine, Poles};
 use super::{About, Column, Effect, Family, Record, Spec};
 
 /// Coil, box or housing attenuates alternating fields.
@@ -13,7 +14,7 @@ impl Effect for EddyCurrentAttenuation {
     fn about(&self) -> About {
         About {
             summary: "coil, box or sensor housing attenuates AC",
-            formula: "response times 1/sqrt(1 + (f/f_c)²)",
+            formula: "phasor times 1 + p (1/(1 + i f/f_c) - 1); p = 1: a further pole",
             family: Family::Response,
             seen_in: "freq",
             needs: "amplitudes of sines",
@@ -30,5 +31,10 @@ impl Effect for EddyCurrentAttenuation {
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let _ = (record, spec);
         None
+    }
+
+    fn in_sine(&self, spec: &Spec, value: &mut dyn FnMut(&str) -> f64) -> Option<InSine> {
+        let mut poles = || InSine::Poles { poles: Poles::One, on: spec.on(), part: value("part"), corner_hz: value("f_c") };
+        (spec.form == "pole in part").then(&mut poles)
     }
 }

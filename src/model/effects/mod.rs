@@ -5,7 +5,7 @@
 //! other. An effect knows covariates and formulas and no statistics; whether it is there is asked in `diagnose`.
 
 mod bad_thermistor;
-mod clock_drift;
+pub mod clock_drift;
 mod coil_temperature;
 mod cubic_nonlinearity;
 mod earthfield_leakage;
@@ -15,6 +15,7 @@ mod facility_angle;
 mod facility_offset;
 mod facility_scale;
 mod heater_pwm;
+pub mod in_sine;
 mod interference_tone;
 mod lost_samples;
 mod off_centre;
@@ -32,7 +33,7 @@ mod sensor_temperature_sensitivity;
 pub mod settling;
 mod thermal_curvature;
 pub mod thermal_lag;
-mod time_shift;
+pub mod time_shift;
 mod transverse_field;
 mod unknown;
 
@@ -41,6 +42,7 @@ pub use record::{Record, Row, Thermal};
 pub use unknown::{Covariate, columns as unknown_columns, spline};
 
 use crate::units::COMPONENTS;
+use in_sine::InSine;
 use serde::Serialize;
 
 /// Where an effect belongs: effects of one family look alike.
@@ -151,6 +153,12 @@ impl Spec {
         self.shape.iter().find(|(n, _, _)| n == name).map(|(_, v, _)| *v)
     }
 
+    /// Whether it acts on x, y, z.
+    #[must_use]
+    pub fn on(&self) -> [bool; 3] {
+        std::array::from_fn(|i| self.axes.contains(&i))
+    }
+
     /// Axes by name.
     #[must_use]
     pub fn axis_names(&self) -> Vec<&'static str> {
@@ -205,6 +213,12 @@ pub trait Effect: Sync {
 
     /// The columns of a term on a record; `None` if the record lacks what the term needs.
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>>;
+
+    /// What a form of it does to sines, by the values of its parameters; `None` if nothing, or if the form is none.
+    fn in_sine(&self, spec: &Spec, value: &mut dyn FnMut(&str) -> f64) -> Option<InSine> {
+        let _ = (spec, value);
+        None
+    }
 
     /// A term to show what the effect looks like, with an ordinary shape.
     fn example(&self, record: &Record) -> Option<Spec> {

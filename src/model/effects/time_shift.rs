@@ -1,6 +1,10 @@
 //! Time tags of vectors and settings differ.
 
+use super::in_sine::InSine;
 use super::{About, Column, Effect, Family, Record, Spec};
+
+/// Its form in sines.
+pub const DELAY: &str = "delay";
 
 /// Time tags of vectors and settings differ.
 pub struct TimeShift;
@@ -51,6 +55,10 @@ impl Effect for TimeShift {
             sum
         };
         Some(vec![Column::of("part", "1", record, |_, r| wrong(r.used_s))])
+    }
+
+    fn in_sine(&self, spec: &Spec, value: &mut dyn FnMut(&str) -> f64) -> Option<InSine> {
+        (spec.form == DELAY).then(|| InSine::Delay(value("shift")))
     }
 
     fn example(&self, _record: &Record) -> Option<Spec> {
