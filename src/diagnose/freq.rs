@@ -17,6 +17,7 @@ use crate::analysis::freq::{self as analysis, Freq, Sines as Sink};
 use crate::campaign::Campaign;
 use crate::fit::aicc;
 use crate::fit::scan::orthonormal;
+use crate::fit::sine::{self, Oscillator};
 use crate::formats::amplitudes::Row;
 use crate::model::effects::clock_drift::{IN_TIME, WITH_TEMPERATURE};
 use crate::model::effects::time_shift::DELAY;
@@ -33,6 +34,7 @@ use rand_xoshiro::rand_core::SeedableRng;
 use rayon::prelude::*;
 use sines::Sines;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use std::ops::Range;
 
 /// Responses of so many parameters are simple: what is missing beside them is an effect.
 const SIMPLE: usize = 2;
@@ -58,6 +60,8 @@ const ROUNDING: f64 = 1e-6;
 const LEAST_SHIFT: f64 = 0.02;
 /// A setting of which more than this part follows no sine is damaged.
 const DAMAGED_PART: f64 = 0.05;
+/// A stretch follows a sine if the median of its residuals is within this factor of that of another one.
+const FOLLOWS: f64 = 2.0;
 /// Rows of a table with less weight in the response are outliers.
 const OUTLIER: f64 = 0.5;
 
@@ -354,10 +358,11 @@ fn another_base(freq: &Freq, best: &Refined, sines: &Sines) -> Option<Fit> {
             if response.freedom() > SIMPLE {
                 return Some((aicc_alone, alone));
             }
-            let with = [Term::Pole([true; 3]), Term::Order([true; 3])].into_iter().flat_map(|term| {
-                let alone = &alone;
-                [0.5, 1.0].into_iter().filter_map(move |part| alone.with(&term, &[part, 300_f64.ln()], sines))
-            });
+            let with =
+                [Term::Pole([true; 3]), Term::Order([true; 3], alone.model.corner_hz(&alone.p))].into_iter().flat_map(|term| {
+                    let alone = &alone;
+                    [0.5, 1.0].into_iter().filter_map(move |part| alone.with(&term, &[part, 300_f64.ln()], sines))
+                });
             let least = with.filter_map(|f| aicc(f.chi2, f.p.len(), f.residual.len())).fold(aicc_alone, f64::min);
             Some((least, alone))
         })
@@ -395,10 +400,13 @@ impl Bank {
     fn new(base: &Fit, sines: &Sines, clocks: &[Term], found: &[Found]) -> Self {
         let mut terms: Vec<(Term, f64)> = Vec::new();
         let new = |id: &str| !found.iter().any(|f| f.term.id() == id) && !base.model.terms.iter().any(|t| t.id() == id);
+        let corner_hz = base.model.corner_hz(&base.p);
         for on in [[true; 3], [true, false, false], [false, true, false], [false, false, true]] {
             for k in 0..POLES {
                 let hz = FIRST_POLE_HZ * POLE_RATIO.powi(k);
-                terms.extend([(Term::Pole(on), hz), (Term::Order(on), hz)].into_iter().filter(|(t, _)| new(t.id())));
+                let poles = [(Term::Pole(on), hz), (Term::Order(on, corner_hz), hz)];
+                let tried = |(t, hz): &(Term, f64)| new(t.id()) && (matches!(t, Term::Pole(_)) || *hz >= corner_hz);
+                terms.extend(poles.into_iter().filter(tried));
             }
         }
         if new("clock_drift") {
@@ -610,7 +618,7 @@ fn step(found: &Found, k: usize, fit: &Fit, sines: &Sines, number: usize, maps: 
         parameters.push(Parameter { name, value, std, unit: unit.to_owned() });
     };
     match &found.term {
-        Term::Pole(_) | Term::Order(_) => {
+        Term::Pole(_) | Term::Order(..) => {
             form.form = if id == "response_order" { "two poles in part" } else { "pole in part" }.to_owned();
             let hz = values[1].exp();
             form = form.with("f_c", hz, "Hz");
@@ -705,6 +713,7 @@ fn step(found: &Found, k: usize, fit: &Fit, sines: &Sines, number: usize, maps: 
 fn lost(run: &Run, samples: &Samples, freq: &Freq) -> Option<Step> {
     let mut damaged: Vec<(usize, String)> = Vec::new();
     let mut missing = 0;
+    let rate_hz = freq.parameters.mean_f_s_hz.unwrap_or(run.header.sample_rate_hz);
     for (k, part) in freq.stretches.iter().enumerate() {
         let setting = &part.setting;
         let from = samples.t_s.partition_point(|t| *t < setting.t_start_s);
@@ -721,7 +730,11 @@ fn lost(run: &Run, samples: &Samples, freq: &Freq) -> Option<Step> {
         let mut words = gaps;
         match part.used_s {
             // The begin of the used stretch holds the settling, at most a second.
-            Some([first, last]) if length_s - (last - first) > DAMAGED_PART * length_s + 1.0 => {
+            Some(used_s)
+                if length_s - (used_s[1] - used_s[0]) > DAMAGED_PART * length_s + 1.0
+                    && !follows(samples, from..to, used_s, setting.frequency_hz, rate_hz) =>
+            {
+                let [first, last] = used_s;
                 words.push(format!("only {first:.1} to {last:.1} s follow one sine"));
             }
             None if length_s * setting.frequency_hz >= 2.0 => {
@@ -769,6 +782,30 @@ fn lost(run: &Run, samples: &Samples, freq: &Freq) -> Option<Step> {
         ),
         covariate: None,
         shape: Vec::new(),
+    })
+}
+
+/// Whether most of what a setting has beside its used stretch follows the sine of that: then single readings are far off, and nothing is
+/// missing.
+fn follows(samples: &Samples, setting: Range<usize>, used_s: [f64; 2], frequency_hz: f64, rate_hz: f64) -> bool {
+    let is_used = |i: &usize| (used_s[0]..=used_s[1]).contains(&samples.t_s[*i]);
+    let used: Vec<usize> = setting.clone().filter(is_used).collect();
+    let others: Vec<usize> = setting.filter(|i| !is_used(i)).collect();
+    (0..3).all(|component| {
+        let readings = |of: &[usize]| -> Vec<f64> { of.iter().map(|i| samples.reading_ent[*i][component]).collect() };
+        let counters: Vec<u64> = used.iter().map(|i| samples.n[*i]).collect();
+        let Ok(fit) = sine::three(&counters, &readings(&used), frequency_hz, rate_hz) else { return false };
+        let mut oscillator = Oscillator::new(frequency_hz, rate_hz);
+        let mut off: Vec<f64> = others
+            .iter()
+            .zip(readings(&others))
+            .map(|(i, y)| {
+                let [sin, cos] = oscillator.at(samples.n[*i]);
+                (y - fit.offset - fit.sin * sin - fit.cos * cos).abs()
+            })
+            .collect();
+        let mut own: Vec<f64> = fit.residuals.iter().map(|r| r.abs()).collect();
+        !off.is_empty() && median(&mut off) < FOLLOWS * median(&mut own)
     })
 }
 

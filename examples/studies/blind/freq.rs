@@ -151,7 +151,7 @@ fn difference(scene: &Scene, changed: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
     changed.into_iter().zip(&scene.pure_ent).map(|(a, b)| std::array::from_fn(|i| a[i] - b[i])).collect()
 }
 
-/// Per component amplitude, corner, quality, offset and sample rate.
+/// Per component amplitude, corner, quality, offset and sample rate; one delay of all readings, which nobody knows to a microsecond.
 pub fn nuisance(scene: &Scene, cells: &[Cell]) -> Vec<Column> {
     let mut columns = Vec::new();
     for i in 0..3 {
@@ -172,6 +172,9 @@ pub fn nuisance(scene: &Scene, cells: &[Cell]) -> Vec<Column> {
         push(&|_| {}, 1e-9);
         columns.push(vec![(i, vec![1.0; cells.len()])]);
     }
+    let late = samples(scene, |_, _, _| [1.0, 0.0], |_, _| 1e-9);
+    let of = |i: usize| (i, cells.iter().map(|c| 1e4 * (late[c.first][i] - scene.pure_ent[c.first][i])).collect());
+    columns.push((0..3).map(of).collect());
     columns
 }
 

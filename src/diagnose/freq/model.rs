@@ -12,16 +12,18 @@ const STEP: f64 = 1e-4;
 /// Steps of a fit, and the decrease of chi-square that ends it.
 const MOST_STEPS: usize = 60;
 const FINISHED: f64 = 1e-4;
-/// Poles are looked for between these frequencies, Hz.
-pub const POLES_HZ: [f64; 2] = [0.5, 2e4];
+/// Poles are looked for between these frequencies, Hz, and parts up to this size.
+const POLES_HZ: [f64; 2] = [0.5, 2e4];
+const MOST_PART: f64 = 1.5;
 
 /// What is missing.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Term {
     /// A part of the field passes a pole: `1 + p (1 / (1 + i f/f_c) - 1)`; with p = 1 a further pole. Parameters p and ln f_c.
     Pole([bool; 3]),
-    /// The same with two poles, `1 / (1 - x² + i x / Q)`.
-    Order([bool; 3]),
+    /// The same with two poles, `1 / (1 - x² + i x / Q)`, no lower than a frequency, Hz: what ends below the corner makes no response fall
+    /// steeper.
+    Order([bool; 3], f64),
     /// The sampling frequency changes with run time: its relative change `Σ c_k u^k` with u the time over the length of the run. Parameters
     /// c_1.. in 1e-6.
     Clock(usize),
@@ -37,7 +39,7 @@ impl Term {
     pub fn id(&self) -> &'static str {
         match self {
             Term::Pole(_) => "eddy_current_attenuation",
-            Term::Order(_) => "response_order",
+            Term::Order(..) => "response_order",
             Term::Clock(_) | Term::ClockTemperature(..) => "clock_drift",
             Term::Shift => "time_shift",
         }
@@ -46,7 +48,7 @@ impl Term {
     /// Number of parameters.
     pub fn count(&self) -> usize {
         match self {
-            Term::Pole(_) | Term::Order(_) => 2,
+            Term::Pole(_) | Term::Order(..) => 2,
             Term::Clock(degree) => *degree,
             Term::ClockTemperature(..) | Term::Shift => 1,
         }
@@ -55,7 +57,7 @@ impl Term {
     /// Axes on which it acts.
     pub fn axes(&self) -> Vec<usize> {
         match self {
-            Term::Pole(on) | Term::Order(on) => (0..3).filter(|i| on[*i]).collect(),
+            Term::Pole(on) | Term::Order(on, _) => (0..3).filter(|i| on[*i]).collect(),
             _ => vec![0, 1, 2],
         }
     }
@@ -65,7 +67,7 @@ impl Term {
         let ppm = 1e6 / sines.rate_hz;
         Some(match known {
             InSine::Poles { poles, on, part, corner_hz } => {
-                let term = if *poles == Poles::One { Term::Pole(*on) } else { Term::Order(*on) };
+                let term = if *poles == Poles::One { Term::Pole(*on) } else { Term::Order(*on, POLES_HZ[0]) };
                 (term, vec![*part, corner_hz.ln()])
             }
             InSine::Clock(drift) => {
@@ -82,13 +84,13 @@ impl Term {
         let sine = &sines.list[j];
         let f = sine.setting.frequency_hz;
         match self {
-            Term::Pole(on) | Term::Order(on) if on[i] => {
+            Term::Pole(on) | Term::Order(on, _) if on[i] => {
                 let x = f / p[1].exp();
                 let factor = passed(if matches!(self, Term::Pole(_)) { Poles::One } else { Poles::Two }, p[0], x);
                 to[0] += factor.norm().max(f64::MIN_POSITIVE).ln();
                 to[1] += factor.arg();
             }
-            Term::Pole(_) | Term::Order(_) => {}
+            Term::Pole(_) | Term::Order(..) => {}
             Term::Clock(_) => {
                 let (length, u) = (sines.length_s, sine.middle_s / sines.length_s);
                 for (k, c) in p.iter().enumerate() {
@@ -172,6 +174,13 @@ impl Model {
         triple
     }
 
+    /// The lowest -3 dB frequency of a component, Hz; zero where none falls as far.
+    pub fn corner_hz(&self, p: &[f64]) -> f64 {
+        let corners = self.shapes(p);
+        let lowest = corners.iter().filter_map(|shape| self.response.corner_hz(shape)).reduce(f64::min);
+        lowest.unwrap_or(0.0).clamp(POLES_HZ[0], POLES_HZ[1])
+    }
+
     /// Parameters of the response per component.
     pub fn shapes(&self, p: &[f64]) -> [Vec<f64>; 3] {
         std::array::from_fn(|i| p[i * self.own() + 1..(i + 1) * self.own() - 1].iter().map(|l| l.exp()).collect())
@@ -199,7 +208,7 @@ impl Model {
 
     /// Weighted least squares from a start.
     pub fn fit(&self, start: &[f64], sines: &Sines) -> Option<Fit> {
-        let mut p = start.to_vec();
+        let mut p = self.inside(start.to_vec());
         let mut residual = self.residual(&p, sines);
         let mut chi2 = residual.norm_squared();
         if !chi2.is_finite() {
@@ -218,7 +227,7 @@ impl Model {
                 let moved = damped
                     .cholesky()
                     .map(|c| c.solve(&right))
-                    .map(|step| -> Vec<f64> { p.iter().zip(step.iter()).map(|(a, b)| a + b).collect() });
+                    .map(|step| -> Vec<f64> { self.inside(p.iter().zip(step.iter()).map(|(a, b)| a + b).collect()) });
                 let new = moved.filter(|m| self.allowed(m)).map(|m| (self.residual(&m, sines), m));
                 match new {
                     Some((r, m)) if r.norm_squared() < chi2 => {
@@ -239,13 +248,24 @@ impl Model {
         Some(Fit { model: self.clone(), p, residual, jacobian, chi2 })
     }
 
+    /// With the poles where they may be.
+    fn inside(&self, mut p: Vec<f64>) -> Vec<f64> {
+        for (k, term) in self.terms.iter().enumerate() {
+            let lowest_hz = match term {
+                Term::Pole(_) => POLES_HZ[0],
+                Term::Order(_, lowest_hz) => *lowest_hz,
+                _ => continue,
+            };
+            let ln = &mut p[self.begin(k) + 1];
+            *ln = ln.clamp(lowest_hz.ln(), POLES_HZ[1].ln());
+        }
+        p
+    }
+
     fn allowed(&self, p: &[f64]) -> bool {
-        let pole = |k: usize| {
-            let ln = p[self.begin(k) + 1];
-            (POLES_HZ[0].ln()..POLES_HZ[1].ln()).contains(&ln) && p[self.begin(k)].abs() < 1.5
-        };
-        let poles_fine = self.terms.iter().enumerate().all(|(k, t)| !matches!(t, Term::Pole(_) | Term::Order(_)) || pole(k));
-        poles_fine && self.shapes(p).iter().flatten().all(|s| (1e-3..1e6).contains(s))
+        let is_pole = |t: &Term| matches!(t, Term::Pole(_) | Term::Order(..));
+        let parts_fine = self.terms.iter().enumerate().all(|(k, t)| !is_pole(t) || p[self.begin(k)].abs() < MOST_PART);
+        parts_fine && self.shapes(p).iter().flatten().all(|s| (1e-3..1e6).contains(s))
     }
 
     /// A start for a response whose corner lies near the given frequencies, one per set of [`Response::starts`].
@@ -307,7 +327,7 @@ impl Fit {
 
     /// Derivatives of the prediction by the amplitudes of a term that is not in the model; `hz` is the pole.
     pub fn columns(&self, term: &Term, hz: f64, sines: &Sines) -> Vec<DVector<f64>> {
-        let linear = if matches!(term, Term::Pole(_) | Term::Order(_)) { 1 } else { term.count() };
+        let linear = if matches!(term, Term::Pole(_) | Term::Order(..)) { 1 } else { term.count() };
         (0..linear)
             .map(|k| {
                 let at = |size: f64| {
