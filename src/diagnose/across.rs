@@ -7,7 +7,7 @@
 //! these count as values without parameters; otherwise the scatter is known from repeats and from what the model leaves.
 
 use super::result::{DetectionLimit, Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, RunnerUp, ShapePoint, Step};
-use super::words;
+use super::{selection, words};
 use crate::analysis::coil::tilt::{Family, PAIRS};
 use crate::analysis::lin;
 use crate::campaign::Campaign;
@@ -44,6 +44,8 @@ const SAME_K: f64 = 1.0;
 const LEAST_AGREEING: usize = 3;
 /// A candidate is taken if noise alone gives as much evidence less often than this.
 const SIGNIFICANT: f64 = 0.003;
+/// Strength from which an effect is significant, about: what selection does to values depends on it little.
+const LEAST: f64 = 4.0;
 /// Below this evidence noise alone gives as much in one case of a few.
 const HOPELESS: f64 = 2.0;
 /// Prior of an orientation or a run that stands out, relative to an effect of the catalogue.
@@ -132,14 +134,11 @@ impl RunValues {
         let scene = super::Scene::new(run, plateaus, None, campaign, options.facility.as_ref()).map_err(|e| e.0)?;
         let (n, p) = scene.design.shape();
         // Where fields beyond a limit were left out, the calibration stands as it is.
-        let state = (n == made.parameters.quality.blocks_used && p > 3)
-            .then(|| super::Search::new(&scene, scene.readings.clone()).state(&[]))
+        let linear = (n == made.parameters.quality.blocks_used && p > 3)
+            .then(|| super::Search::new(&scene, scene.readings.clone()).linear())
             .flatten();
-        let Some(state) = state else { return Ok(own) };
+        let Some((found, covariance)) = linear else { return Ok(own) };
         let most = scene.record.rows.iter().flat_map(|r| r.field_coil_nt).fold(0.0, |m: f64, b| m.max(b.abs()));
-        let normal = state.columns.tr_mul(&state.columns);
-        let Some(covariance) = normal.cholesky().map(|c| c.inverse()) else { return Ok(own) };
-        let found = &covariance * state.columns.tr_mul(&state.readings);
         let r_nom = own.position.r_nom();
         let nine = |x: &[f64]| -> Vec<f64> {
             let a = Matrix3::from_fn(|i, k| x[i * p + k] / most);
@@ -978,13 +977,8 @@ fn step(search: &Search, found: &[(Candidate, f64, usize)], at: usize, scales: &
     let parameters: Vec<Parameter> = candidate
         .parameters
         .iter()
-        .zip(&values)
-        .map(|((name, unit), (value, std))| Parameter {
-            name: name.clone(),
-            value: words::unbiased(*value, *std, own_group.count()),
-            std: Some(*std),
-            unit: (*unit).to_owned(),
-        })
+        .zip(selection::corrected(&values, score.strength, LEAST))
+        .map(|((name, unit), (value, std))| Parameter { name: name.clone(), value, std: Some(std), unit: (*unit).to_owned() })
         .collect();
     let contribution = &candidate.columns * DVector::from_fn(values.len(), |j, _| values[j].0);
     let classes = Search::classes(&[candidate], n);

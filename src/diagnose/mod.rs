@@ -17,6 +17,7 @@ pub mod result;
 pub mod samples;
 pub mod scene;
 pub mod search;
+pub mod selection;
 pub mod signature;
 pub mod where_map;
 pub mod words;
@@ -472,14 +473,18 @@ fn term_step(
         }
     }
     let values = search.estimate(state, all, at).unwrap_or_default();
-    let corrected = |value: f64, std: f64| -> f64 { words::unbiased(value, std, candidate.parameters.len()) };
+    let shown = selection::corrected(
+        &values[..candidate.parameters.len().min(values.len())],
+        score.strength,
+        term.least * score.strength,
+    );
     let mut parameters: Vec<Parameter> = candidate
         .parameters
         .iter()
-        .zip(&values)
+        .zip(&shown)
         .map(|((name, unit), (value, std))| Parameter {
             name: name.clone(),
-            value: corrected(*value, *std),
+            value: *value,
             std: Some(*std),
             unit: (*unit).to_owned(),
         })

@@ -4,6 +4,7 @@ use super::faults;
 use super::result;
 use crate::analysis::conditions::apply_facility;
 use crate::campaign::Campaign;
+use crate::fit::smooth::smoothed;
 use crate::formats::facility::Facility;
 use crate::model::effects::record::{Channel, Step};
 use crate::model::effects::thermal_lag::shifted;
@@ -100,11 +101,13 @@ impl Scene {
         let span_s = [parts[0].used_s[0], parts[parts.len() - 1].used_s[1]];
         let (faults, temperatures) = faults::thermistors(run, span_s);
         let (sensor_name, coil_name) = campaign.channels(&run.header);
-        let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts);
-        let mut sensor = at_rows(&temperatures, &sensor_name);
+        let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts, <[(f64, f64)]>::to_vec);
+        // Thermal masses are slow, their thermistors noisy.
+        let degc = |name: &str| channel(&temperatures, name, &parts, smoothed);
+        let mut sensor = degc(&sensor_name);
         let mut thermistors = Vec::new();
         for name in temperatures.names.iter().filter(|n| **n != sensor_name && **n != coil_name && *n != RACK_CHANNEL) {
-            let Some(other) = at_rows(&temperatures, name) else { continue };
+            let Some(other) = degc(name) else { continue };
             // A sweep names its thermistors as it likes: the first one that moves is the sensor's.
             if sensor.is_none() { sensor = Some(other) } else { thermistors.push(other) }
         }
@@ -134,8 +137,8 @@ impl Scene {
             steps: Vec::new(),
             sensor,
             thermistors,
-            coil: at_rows(&temperatures, &coil_name),
-            rack: at_rows(&temperatures, RACK_CHANNEL),
+            coil: degc(&coil_name),
+            rack: degc(RACK_CHANNEL),
             variometer,
             others: others.filter_map(|name| at_rows(&run.channels, name)).collect(),
             thermal: None,
@@ -303,8 +306,8 @@ fn range(values: &[f64]) -> f64 {
 }
 
 /// A channel as means over the time of each part.
-fn channel(table: &SlowTable, name: &str, parts: &[Part]) -> Option<Channel> {
-    let series = table.channel(name).filter(|s| s.len() > 1)?;
+fn channel(table: &SlowTable, name: &str, parts: &[Part], smooth: impl Fn(&[(f64, f64)]) -> Vec<(f64, f64)>) -> Option<Channel> {
+    let series = smooth(&table.channel(name).filter(|s| s.len() > 1)?);
     let values: Vec<f64> = parts
         .iter()
         .map(|p| {

@@ -17,6 +17,8 @@ const PROMISING: usize = 5;
 const UNKNOWN_PRIOR: f64 = 0.04;
 /// Prior of a drift, relative to other effects: slow noise is the usual cause of what looks like one.
 const DRIFT_PRIOR: f64 = 0.1;
+/// Logarithm of the probability of noise that has no influence on an average.
+const NEGLIGIBLE: f64 = -7.0;
 /// Most effects of one run.
 const MOST_STEPS: usize = 6;
 /// A term gives way to another one whose evidence is larger by this much.
@@ -86,6 +88,8 @@ pub struct Term {
     pub p_global: f64,
     /// Candidates that were tried.
     pub trials: usize,
+    /// Part of its strength with which it would have been accepted just so.
+    pub least: f64,
 }
 
 /// A model with its noise.
@@ -268,6 +272,32 @@ impl<'a> Search<'a> {
         State { noise, fitted, columns, readings }
     }
 
+    /// Parameters of the linear model, component after component, and their covariance: averaged over the noise that the readings allow,
+    /// the scatter of the averaged values included.
+    #[must_use]
+    pub fn linear(&self) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let noise = self.state(&[])?.noise;
+        let noises = self.correlations.plausible(&noise.colour, &self.readings, &self.designs(&[]));
+        let fits: Vec<(f64, DVector<f64>, DMatrix<f64>)> = noises
+            .into_par_iter()
+            .filter(|(_, weight)| *weight > NEGLIGIBLE)
+            .filter_map(|(noise, weight)| {
+                let state = self.state_with(noise, &[]);
+                let covariance = state.columns.tr_mul(&state.columns).cholesky()?.inverse();
+                let values = &covariance * state.columns.tr_mul(&state.readings);
+                Some((weight.exp(), values, covariance))
+            })
+            .collect();
+        let total: f64 = fits.iter().map(|f| f.0).sum();
+        let count = fits.first()?.1.len();
+        let mean = fits.iter().fold(DVector::zeros(count), |sum, (w, values, _)| sum + values * (w / total));
+        let covariance = fits.iter().fold(DMatrix::zeros(count, count), |sum, (w, values, covariance)| {
+            let off = values - &mean;
+            sum + (covariance + &off * off.transpose()) * (w / total)
+        });
+        Some((mean, covariance))
+    }
+
     /// Another model with the noise of this one.
     #[must_use]
     pub fn state_beside(&self, state: &State, terms: &[&Candidate]) -> State {
@@ -385,7 +415,8 @@ impl<'a> Search<'a> {
                 self.set_priors();
                 continue;
             }
-            terms.push(Term { candidate, p_global, trials: usable.len() });
+            let least = best.score.part_for(best.best_evidence - EVIDENT);
+            terms.push(Term { candidate, p_global, trials: usable.len(), least });
             self.merge(&mut terms);
             self.repair(given, &mut terms)?;
         }

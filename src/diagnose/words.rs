@@ -5,12 +5,9 @@ use super::samples::Inside;
 use super::search::HeldOut;
 use crate::model::effects::{self, Covariate, Record};
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Points of an unknown dependence.
 const POINTS: usize = 12;
-/// Standard deviations that an effect of one parameter needs to be found.
-const THRESHOLD: f64 = 4.0;
 
 /// The verdict in one line.
 #[must_use]
@@ -20,24 +17,6 @@ pub fn verdict(steps: &[Step]) -> String {
         1 => "1 effect found".to_owned(),
         n => format!("{n} effects found"),
     }
-}
-
-/// A value that was taken because it is large, with the median bias of that taken off: the value for which as much would be seen in half
-/// of the cases in which it is found at all.
-#[must_use]
-pub fn unbiased(value: f64, std: f64, parameters: usize) -> f64 {
-    let z = value.abs() / std;
-    if parameters != 1 || !z.is_finite() || !(THRESHOLD..THRESHOLD + 5.0).contains(&z) {
-        return value;
-    }
-    let Ok(normal) = Normal::new(0.0, 1.0) else { return value };
-    let above = |mu: f64| normal.sf(z - mu) / normal.sf(THRESHOLD - mu);
-    let (mut low, mut high) = (0.0, z);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if above(middle) < 0.5 { low = middle } else { high = middle }
-    }
-    value.signum() * low.max(0.5 * z) * std
 }
 
 /// The covariate that a contribution follows best: name, unit, values.

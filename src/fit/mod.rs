@@ -14,6 +14,7 @@
 //! * [`colour`]: noise that is white, slow or grows with the field, and its whitening.
 //! * [`scan`]: which of many groups of columns explains what a model leaves, paid for by simulation.
 //! * [`spectrum`]: amplitude densities of long records, piece by piece, and lines in them.
+//! * [`smooth`]: a slow quantity out of noisy readings of it.
 //! * [`allan`]: Allan deviations with confidence limits.
 //! * [`propagate`](mod@propagate): covariance through functions of the coefficients.
 //!
@@ -36,6 +37,7 @@ pub(crate) mod random;
 pub mod robust;
 pub mod scan;
 pub mod sine;
+pub mod smooth;
 pub mod spectrum;
 
 pub use choice::aicc;

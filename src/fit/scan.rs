@@ -77,6 +77,13 @@ impl Score {
         }
     }
 
+    /// The part of its strength with which its evidence would be less by `margin`.
+    #[must_use]
+    pub fn part_for(&self, margin: f64) -> f64 {
+        let g = EXPECTED / self.count as f64;
+        (1.0 - 2.0 * margin * (1.0 + g) / (g * self.chi_square)).max(0.0).sqrt()
+    }
+
     /// Probability of a score as large for this group alone.
     #[must_use]
     pub fn p_value(&self) -> f64 {

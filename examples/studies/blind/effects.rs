@@ -333,15 +333,19 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
         }
         "sensor_temperature_offset" => {
             let w = weights(random);
-            let bend = if exact { 0.0 } else { random.between(-0.2, 0.2) };
+            let bend = if exact { 0.0 } else { random.between(-0.8, 0.8) };
             let shape = prepared(
-                |scene: &Scene| scene.sensor_degc.mean(),
-                move |middle, scene, s| {
+                |scene: &Scene| {
+                    let middle = scene.sensor_degc.mean();
+                    (middle, scene.sensor_degc.values.iter().map(|v| (v - middle).abs()).fold(1e-9, f64::max))
+                },
+                move |(middle, most), scene, s| {
                     let d = scene.sensor_degc.at(scene.t_s(s)) - middle;
-                    scale(w, |_| d + bend * d * d)
+                    scale(w, |_| if bend == 0.0 { d } else { most / bend * (bend * d / most).exp_m1() })
                 },
             );
-            let effect = Effect::new("sensor_temperature_offset", "offset follows the temperature, bent", shape);
+            let effect =
+                Effect::new("sensor_temperature_offset", "offset follows the temperature, bent like an exponential", shape);
             effect.on(w).exact(exact).per_axis("b", "enT/K", w)
         }
         "thermal_lag" => {

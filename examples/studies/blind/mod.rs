@@ -110,6 +110,8 @@ pub struct Verdict {
     pub not_identifiable: Vec<String>,
     /// Held-out χ² without and with the true effects in the folds of the diagnosis, where it can tell; else the study works it out.
     pub oracle_chi2: Option<[f64; 2]>,
+    /// Largest evidence of its candidates with the true covariance of the noise, where the run has one position and plateaus.
+    pub ideal_evidence: Option<f64>,
 }
 
 /// One effect that is named.

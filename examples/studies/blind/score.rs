@@ -295,6 +295,9 @@ pub struct Score {
     pub absorbed_said: BTreeMap<String, Share>,
     pub gap_ratio: BTreeMap<u64, Vec<f64>>,
     pub interval: Share,
+    /// Evidence of noise with its true covariance, and of effects in plateau means by strength, with whether the diagnosis found something.
+    pub ideal_null: Vec<f64>,
+    pub ideal: BTreeMap<u64, Vec<(f64, bool)>>,
 }
 
 /// Standard uncertainties of an interval of 95 %.
@@ -318,7 +321,10 @@ impl Score {
         let hidden: BTreeSet<&str> = truth.effects.iter().map(|e| e.effect.as_str()).collect();
         let said: BTreeSet<&str> = verdict.steps.iter().map(|s| s.effect.as_str()).collect();
         match case.purpose {
-            Purpose::Null => self.false_alarms.entry((case.kind, truth.noise.family)).or_default().add(named),
+            Purpose::Null => {
+                self.false_alarms.entry((case.kind, truth.noise.family)).or_default().add(named);
+                self.ideal_null.extend(verdict.ideal_evidence);
+            }
             Purpose::One => self.add_one(judged, k),
             Purpose::Two => {
                 // Effects that are not scaled to a strength say nothing about it.
@@ -377,6 +383,9 @@ impl Score {
             return;
         }
         self.found.entry((case.kind, k)).or_default().add(first.is_some());
+        if let Some(evidence) = verdict.ideal_evidence.filter(|_| !effect.seen_inside_plateaus) {
+            self.ideal.entry(k).or_default().push((evidence, first.is_some()));
+        }
         self.found_effect.entry((effect.effect.clone(), k)).or_default().add(first.is_some());
         let Some(step) = first else { return };
         self.first_exact.entry(k).or_default().add(step.effect == effect.effect);
@@ -459,6 +468,7 @@ pub fn report(score: &Score, command: &str) -> String {
     for effect in effects {
         row(&mut text, &format!("`{effect}`"), &strengths, |k| score.found_effect.get(&(effect.clone(), k)).copied());
     }
+    possible(&mut text, score, &strengths);
     let _ = writeln!(text, "\n## Names, given that something is named\n\n|  |{} |", header(&strengths));
     let _ = writeln!(text, "|---|{rule}");
     row(&mut text, "first name right", &strengths, |k| score.first_exact.get(&k).copied());
@@ -490,6 +500,30 @@ pub fn report(score: &Score, command: &str) -> String {
     let _ = writeln!(text, "\n## Effects that the run cannot show\n\n| effect | said so, % |\n|---|---|");
     score.absorbed_said.iter().for_each(|(effect, share)| _ = writeln!(text, "| `{effect}` | {} |", counted(*share)));
     text
+}
+
+/// What a search with the true noise finds.
+fn possible(text: &mut String, score: &Score, strengths: &[u64]) {
+    if score.ideal_null.is_empty() || score.ideal.is_empty() {
+        return;
+    }
+    let mut null = score.ideal_null.clone();
+    null.sort_by(f64::total_cmp);
+    let least = null[(null.len() - 1).min(null.len() * 99 / 100)];
+    let _ = writeln!(
+        text,
+        "\n## What is possible\n\nThe candidates of the diagnosis, weighed with the true covariance of the noise, which no one has, and \
+         found where the evidence of the best exceeds that of 99 % of {} null runs (ln {:.1}). Effects in plateau means, runs of one position.\n",
+        null.len(),
+        least.exp()
+    );
+    let _ = writeln!(text, "| found, % |{} |\n|---|{}", header(strengths), "---|".repeat(strengths.len()));
+    let share = |k: u64, hit: &dyn Fn(&(f64, bool)) -> bool| {
+        let all = score.ideal.get(&k)?;
+        Some(Share { hits: all.iter().filter(|e| hit(e)).count() as u64, of: all.len() as u64 })
+    };
+    row(text, "with the true noise", strengths, |k| share(k, &|e| e.0 > least));
+    row(text, "diagnosis", strengths, |k| share(k, &|e| e.1));
 }
 
 fn header(strengths: &[u64]) -> String {

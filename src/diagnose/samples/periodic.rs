@@ -27,17 +27,30 @@ const PROMISING: usize = 24;
 /// Harmonics that are added up to find them.
 const ADDED: [usize; 4] = [2, 3, 5, 8];
 
+/// A line this near to a harmonic of a known one, as a part of its frequency, is what the known one has beside a pure period.
+const SAME_LINE: f64 = 0.005;
+
 /// Periodic signals in what the plateau means leave.
 pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside]) -> Vec<Inside> {
-    let mut found = Vec::new();
+    let mut found: Vec<Inside> = Vec::new();
     let Some(rate_hz) = rate_of(samples) else { return found };
     let mut residual = around_means(scene, samples, known);
-    while found.len() < MOST_SIGNALS {
+    for _ in 0..MOST_SIGNALS {
         let Some(signal) = strongest(&scene.record, samples, &scene.windows, &residual, rate_hz) else { break };
         remove(&mut residual, &scene.record, samples, &scene.windows, &signal);
-        found.push(signal);
+        if !known.iter().chain(&found).any(|k| belongs(&signal, k, rate_hz)) {
+            found.push(signal);
+        }
     }
     found
+}
+
+/// Whether a signal lies on a harmonic of a known one, seen at the sampling frequency.
+fn belongs(signal: &Inside, known: &Inside, rate_hz: f64) -> bool {
+    let fundamental_hz = |i: &Inside| i.spec.get("frequency").or_else(|| i.spec.get("period").map(f64::recip));
+    let (Some(own_hz), Some(known_hz)) = (fundamental_hz(signal), fundamental_hz(known)) else { return false };
+    let seen_hz = |f: f64| (f - rate_hz * (f / rate_hz).round()).abs();
+    (1..=HARMONICS).any(|k| (seen_hz(k as f64 * known_hz) - seen_hz(own_hz)).abs() < SAME_LINE * known_hz)
 }
 
 fn rate_of(samples: &Samples) -> Option<f64> {

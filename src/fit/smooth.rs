@@ -1,0 +1,101 @@
+//! A slow quantity out of noisy readings of it: local parabolas, over as many readings as predict left-out ones best.
+//!
+//! What follows from a temperature, a field of some nT per kelvin, takes its noise along: a thermistor that scatters by 0.01 K makes
+//! a column that scatters as well, and a fit to it finds too little. A thermal mass is smooth over minutes.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// Readings on either side that are tried; none leaves the series as it is.
+const REACHES: [usize; 7] = [0, 2, 4, 8, 16, 32, 64];
+/// Wider windows must predict better by this part, so that what is quick stays.
+const BETTER: f64 = 0.02;
+
+/// The smooth course of a series, (time, value), ascending in time.
+#[must_use]
+pub fn smoothed(series: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    // Two neighbours predict a reading without any smoothing.
+    let between: f64 = (1..series.len().saturating_sub(1))
+        .map(|i| {
+            let [(t0, v0), (t, v), (t1, v1)] = [series[i - 1], series[i], series[i + 1]];
+            let part = if t1 > t0 { (t - t0) / (t1 - t0) } else { 0.5 };
+            (v - v0 - part * (v1 - v0)).powi(2)
+        })
+        .sum();
+    let mut best = (between, series.to_vec());
+    for reach in REACHES.into_iter().filter(|r| *r > 0 && series.len() > 2 * *r + 1) {
+        let (error, values) = parabolas(series, reach);
+        if error < (1.0 - BETTER) * best.0 {
+            best = (error, values);
+        }
+    }
+    best.1
+}
+
+/// Squares of the errors of readings predicted by the others in their windows, and the smooth values; ends do not count.
+fn parabolas(series: &[(f64, f64)], reach: usize) -> (f64, Vec<(f64, f64)>) {
+    let n = series.len();
+    let mut error = 0.0;
+    let values = (0..n)
+        .map(|i| {
+            let window = &series[i.saturating_sub(reach)..(i + reach + 1).min(n)];
+            let (at_s, value) = series[i];
+            let scale = (window[window.len() - 1].0 - window[0].0).max(f64::MIN_POSITIVE);
+            let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+            for (t, v) in window {
+                let x = (t - at_s) / scale;
+                let row = Vector3::new(1.0, x, x * x);
+                normal += row * row.transpose();
+                right += row * (v - value);
+            }
+            let Some(inverse) = normal.try_inverse() else { return (at_s, value) };
+            let fitted = (inverse * right)[0];
+            // The weight of the reading in its own prediction.
+            let own = inverse[(0, 0)];
+            if i > 0 && i + 1 < n && own < 1.0 {
+                error += (fitted / (1.0 - own)).powi(2);
+            }
+            (at_s, value + fitted)
+        })
+        .collect();
+    (error, values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
+
+    fn rms(a: &[(f64, f64)], truth: impl Fn(f64) -> f64) -> f64 {
+        (a.iter().map(|(t, v)| (v - truth(*t)).powi(2)).sum::<f64>() / a.len() as f64).sqrt()
+    }
+
+    #[test]
+    fn noise_of_a_slow_course_goes() {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(3);
+        let truth = |t: f64| 20.0 + 0.4 * (t / 900.0).sin();
+        let series: Vec<(f64, f64)> = (0..400)
+            .map(|i| {
+                let noise: f64 = StandardNormal.sample(&mut random);
+                (10.0 * f64::from(i), truth(10.0 * f64::from(i)) + 0.01 * noise)
+            })
+            .collect();
+        let left = rms(&smoothed(&series), truth);
+        // A parabola over 65 readings leaves 1.5 / sqrt(65) of the noise.
+        assert!(left < 0.0035, "{left}");
+    }
+
+    #[test]
+    fn parabolas_and_single_steps_stay() {
+        let parabola: Vec<(f64, f64)> =
+            (0..200).map(|i| (f64::from(i), 3.0 - 0.2 * f64::from(i) + 1e-3 * f64::from(i * i))).collect();
+        let left = rms(&smoothed(&parabola), |t| 3.0 - 0.2 * t + 1e-3 * t * t);
+        assert!(left < 1e-9, "{left}");
+        let step = |t: f64| if t < 99.5 { 0.0 } else { 5.0 };
+        let series: Vec<(f64, f64)> = (0..200).map(|i| (f64::from(i), step(f64::from(i)))).collect();
+        // Without noise only the step tells, and neighbours describe it better than any parabola.
+        let left = rms(&smoothed(&series), step);
+        assert!(left < 1e-9, "{left}");
+    }
+}
