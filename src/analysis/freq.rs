@@ -320,10 +320,12 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
     let stretches = measured.iter().zip(&applied).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
     let head = conditions::head(run, campaign, &temperatures);
     let mut freq = respond(measured, head, warnings);
-    widen_corners(&known, &mut freq);
+    widen(&known, &mut freq);
     let p = &mut freq.parameters;
-    // The sampling frequency holds where the run tells it best.
-    let moved = 1.0 + known.clock(clock.centre_s);
+    // The sampling frequency holds where the run tells it best; the counter may begin anywhere.
+    let first = records.iter().find_map(|r| Some((*r.n.first()?, *r.t_s.first()?)));
+    let begin_s = first.map_or(0.0, |(n, t_s)| t_s - n as f64 / clock.mean_hz);
+    let moved = 1.0 + known.clock(clock.centre_s + begin_s);
     p.f_s_hz = Some(clock.rate_hz.map(|f| f * moved));
     p.f_s_std_hz = Some(clock.std_hz);
     p.mean_f_s_hz = Some(clock.mean_hz * moved);
@@ -850,37 +852,43 @@ fn amplitude(tone: &Tone, record: &Record, fits: &Result<Option<Fits>, String>, 
     part
 }
 
-/// Takes known effects off an amplitude and its phase.
+/// Takes known effects off an amplitude and its phase; the noise of the amplitude goes with it.
 fn take_off(known: &InSines, part: &mut AmplitudePart) {
     if known.is_empty() {
         return;
     }
     for i in 0..3 {
         let factor = known.factor(part.frequency_hz, i);
-        let [std, phase_std_rad] = known.factor_std(part.frequency_hz, i);
         part.b_ent[i] /= factor.norm();
-        part.b_std_ent[i] = (part.b_std_ent[i] / factor.norm()).hypot(std * part.b_ent[i]);
+        part.b_std_ent[i] /= factor.norm();
         if let Some(phase) = &mut part.phase_deg {
             let cycles = (phase[i] - factor.arg().to_degrees()) / 360.0;
             phase[i] = 360.0 * (cycles - cycles.round());
         }
-        if let Some(std) = &mut part.phase_std_deg {
-            std[i] = std[i].hypot(phase_std_rad.to_degrees());
-        }
     }
 }
 
-/// Carries the uncertainty of known effects, which all amplitudes share, into the -3 dB frequencies.
-fn widen_corners(known: &InSines, freq: &mut Freq) {
-    let Some(response) = freq.corner.model.and_then(Response::named) else { return };
+/// Carries the uncertainty of known effects into amplitudes, phases and -3 dB frequencies. All amplitudes share it, so that it is no noise
+/// and has no part in the fit of the response.
+fn widen(known: &InSines, freq: &mut Freq) {
     let p = &mut freq.parameters;
+    for part in &mut p.amplitude {
+        for i in 0..3 {
+            let [std, phase_std_rad] = known.factor_std(part.frequency_hz, i);
+            part.b_std_ent[i] = part.b_std_ent[i].hypot(std * part.b_ent[i]);
+            if let Some(std) = &mut part.phase_std_deg {
+                std[i] = std[i].hypot(phase_std_rad.to_degrees());
+            }
+        }
+    }
+    let Some(response) = freq.corner.model.and_then(Response::named) else { return };
     for i in 0..3 {
         let Some(model) = &freq.corner.components[i].model else { continue };
         let shape: Vec<f64> = model.parameters.iter().map(|p| p.value).collect();
         let corner_hz = model.f_3db_model_hz;
         let value = |f: f64| response.value(f, &shape).ln();
-        let slope_per_hz =
-            (value(corner_hz * (1.0 + SLOPE_STEP)) - value(corner_hz * (1.0 - SLOPE_STEP))) / (2.0 * SLOPE_STEP * corner_hz);
+        let rise = value(corner_hz * (1.0 + SLOPE_STEP)) - value(corner_hz * (1.0 - SLOPE_STEP));
+        let slope_per_hz = rise / (2.0 * SLOPE_STEP * corner_hz);
         let [std, _] = known.factor_std(corner_hz, i);
         if std > 0.0 {
             p.f_3db_model_std_hz[i] = p.f_3db_model_std_hz[i].hypot(std / slope_per_hz);

@@ -51,8 +51,6 @@ pub struct KnownEffect {
     pub std: Vec<f64>,
     /// What it does to a sine if its parameters move along the axes of their uncertainty by one standard deviation, one after the other.
     pub sine_variants: Vec<InSine>,
-    /// Runs in which it was found.
-    pub runs: Vec<String>,
     /// Smallest and largest reading of the sensor axes with which it was found, enT; absent if the file does not tell.
     pub reading_ent: Option<[[f64; 2]; 3]>,
 }
@@ -147,9 +145,9 @@ impl KnownEffect {
             std.push(found.std.unwrap_or(0.0));
         }
         let (in_sine, sine_variants) = in_sine(effect, &spec, entry, group, &help)?;
-        let given = Given { id: effect.id(), spec, values, in_sine };
+        let given = Given { id: effect.id(), spec, values, in_sine, runs };
         let reading_ent = entry.reading_ent.as_ref().and_then(|r| <[[f64; 2]; 3]>::try_from(r.clone()).ok());
-        Ok(Self { given, std, sine_variants, runs, reading_ent })
+        Ok(Self { given, std, sine_variants, reading_ent })
     }
 
     fn about(&self) -> effects::About {
@@ -229,6 +227,11 @@ fn in_sine(
     if let Some(name) = missing.filter(|_| plain.is_some()) {
         return Err(group.refuse("id", &format!("lacks its parameter `{name}`"), help));
     }
+    if let Some(InSine::Poles { corner_hz, .. }) = plain
+        && corner_hz <= 0.0
+    {
+        return Err(group.refuse("id", "has a frequency f_c that is not positive", "correct the value, or take the effect out"));
+    }
     // The two parameters of a pole go together.
     let r = find(CORRELATION).map_or(0.0, |p| p.value.clamp(-1.0, 1.0));
     let moves: Vec<Vec<f64>> = match used.as_slice() {
@@ -236,7 +239,9 @@ fn in_sine(
         _ => (0..used.len()).map(|k| (0..used.len()).map(|j| if j == k { used[k].1 } else { 0.0 }).collect()).collect(),
     };
     let variants = moves.iter().filter(|m| m.iter().any(|m| *m != 0.0)).filter_map(|moved| {
-        let mut values = used.iter().zip(moved).map(|((value, _), by)| value + by);
+        // A large step keeps the sign, as frequencies must.
+        let mut values =
+            used.iter().zip(moved).map(|((value, _), by)| if *value == 0.0 { *by } else { value * (by / value).exp() });
         effect.in_sine(spec, &mut |_| values.next().unwrap_or(f64::NAN))
     });
     Ok((plain, variants.collect()))
@@ -328,9 +333,9 @@ pub fn apply(
     }
     let mut usable: Vec<&KnownEffect> = Vec::new();
     for effect in &known.effects {
-        let of_another = is_of_one_run(effect.given.id, &effect.given.spec.form) && !effect.runs.contains(&run.header.run);
+        let of_another = effect.given.is_of_another(&run.header.run);
         let reason = if of_another {
-            let runs = effect.runs.join(", ");
+            let runs = effect.given.runs.join(", ");
             Some(format!("{} holds for the times of the run in which it was found ({runs}) alone", effect.given.id))
         } else {
             effect.unusable(&scene.record)

@@ -74,14 +74,22 @@ pub struct Given {
     pub values: Vec<f64>,
     /// What it does to sines.
     pub in_sine: Option<InSine>,
+    /// Runs in which it was found.
+    pub runs: Vec<String>,
 }
 
 /// Effects that show inside the plateaus and are known from there.
 pub const INSIDE: [&str; 4] = ["settling", "time_shift", "heater_pwm", "interference_tone"];
 
 impl Given {
+    /// Whether it belongs to the times of other runs than this one.
+    #[must_use]
+    pub fn is_of_another(&self, run: &str) -> bool {
+        known::is_of_one_run(self.id, &self.spec.form) && !self.runs.iter().any(|r| r == run)
+    }
+
     fn is_inside(&self) -> bool {
-        INSIDE.contains(&self.id)
+        INSIDE.contains(&self.id) && self.in_sine.is_none()
     }
 }
 

@@ -17,8 +17,10 @@ const ENDS: [f64; 2] = [0.025, 0.975];
 #[must_use]
 pub fn corrected(values: &[(f64, f64)], strength: f64, least: f64) -> Vec<(f64, f64)> {
     let Some([low, high]) = interval(strength, least) else { return values.to_vec() };
+    // Just above the threshold the interval shrinks to nothing, which says nothing about the effect.
+    let high = high.max(strength);
+    let width = ((high - low) / (2.0 * crate::fit::NORMAL_95)).max(1.0);
     let middle = 0.5 * (low + high) / strength;
-    let width = (high - low) / (2.0 * crate::fit::NORMAL_95);
     // Of the variance of a parameter, the part along the effect itself changes.
     let of = |(value, std): &(f64, f64)| {
         let along = (value / strength).powi(2);
@@ -57,6 +59,13 @@ mod tests {
         // Just within reach the change is small.
         let [(value, std)] = corrected(&[(8.9, 1.0)], 8.9, 4.0)[..] else { panic!() };
         assert!((value - 8.9).abs() < 1e-2 && (std - 1.0).abs() < 1e-2, "{value} {std}");
+    }
+
+    #[test]
+    fn what_was_just_named_may_be_anything_up_to_what_was_seen() {
+        let [(value, std)] = corrected(&[(4.001, 1.0)], 4.001, 4.0)[..] else { panic!() };
+        assert!(value > 0.0 && value < 4.001 && std >= 1.0, "{value} {std}");
+        assert!((value + 1.96 * std - 4.001).abs() < 0.1 && value - 1.96 * std < 0.1, "{value} {std}");
     }
 
     /// Of what is named, 95 % lie in their intervals, whatever the true strength; without the correction far fewer do.

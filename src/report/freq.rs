@@ -52,6 +52,9 @@ fn rate(out: &mut String, p: &Fpf, head: &str) {
             .collect();
         let is = if clock.drift_is_significant { "is significant and was taken into account" } else { "is not significant" };
         let _ = writeln!(out, "Its drift during the run, {} Hz/s, {is}.", drift.join(", "));
+        if let Some(t_s) = clock.reference_s {
+            let _ = writeln!(out, "The sampling frequencies above hold {t_s:.3} s after sample counter 0.");
+        }
         match (clock.rival_hz, clock.rival_chi_square) {
             (Some(rival), Some(chi)) => {
                 let _ = writeln!(out, "The next best value within 0.1 %, {rival:.5} Hz, is worse by {chi:.0} in chi-square.\n");

@@ -211,6 +211,9 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
             let Some(rate_hz) = fpf.f_s_hz else {
                 return refuse("has no sampling frequency".to_owned(), "analyse its waveforms with `calfit freq`");
             };
+            if fpf.effects.as_ref().is_some_and(|e| !e.effect.is_empty()) {
+                return refuse("is without the effects of a model".to_owned(), "analyse the run without --model");
+            }
             // The variance of an amplitude from N samples is 2 / N of theirs; the median is not led astray by the alias of a disturbance.
             let white_ent = std::array::from_fn(|i| {
                 let of = |a: &parameter::AmplitudePart| Some(a.b_std_ent[i] * (a.samples? as f64 / 2.0).sqrt());

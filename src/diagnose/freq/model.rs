@@ -92,7 +92,7 @@ impl Term {
             }
             Term::Pole(_) | Term::Order(..) => {}
             Term::Clock(_) => {
-                let (length, u) = (sines.length_s, sine.middle_s / sines.length_s);
+                let (length, u) = (sines.length_s, (sine.middle_s + sines.zero_s) / sines.length_s);
                 for (k, c) in p.iter().enumerate() {
                     let power = (k + 1) as i32;
                     to[1] -= TAU * f * 1e-6 * c * length * u.powi(power + 1) / f64::from(power + 1);
@@ -121,12 +121,13 @@ pub fn clock_temperature(sines: &Sines, table: &SlowTable, name: &str) -> Option
     let mut values = Vec::new();
     let (mut t, mut sum) = (0.0, 0.0);
     for sine in &sines.list {
-        while t < sine.middle_s {
-            let step = (sine.middle_s - t).min(1.0);
+        let middle_s = sine.middle_s + sines.zero_s;
+        while t < middle_s {
+            let step = (middle_s - t).min(1.0);
             sum += step * at(t + 0.5 * step);
             t += step;
         }
-        values.push([at(sine.middle_s), sum]);
+        values.push([at(middle_s), sum]);
     }
     Some(Term::ClockTemperature(name.to_owned(), values))
 }
@@ -174,7 +175,7 @@ impl Model {
         triple
     }
 
-    /// The lowest -3 dB frequency of a component, Hz; zero where none falls as far.
+    /// The lowest -3 dB frequency of a component, Hz, within the range of poles; its lower end where none falls as far.
     pub fn corner_hz(&self, p: &[f64]) -> f64 {
         let corners = self.shapes(p);
         let lowest = corners.iter().filter_map(|shape| self.response.corner_hz(shape)).reduce(f64::min);

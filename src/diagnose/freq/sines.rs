@@ -55,7 +55,9 @@ pub struct Sines {
     pub length_s: f64,
     /// Phases of the field are those of a sine that begins with its setting; otherwise every setting has one of its own.
     pub begins_known: bool,
-    /// Standard uncertainty of the time of counter 0, s.
+    /// Run time of counter 0, s, and its standard uncertainty.
+    pub zero_s: f64,
+    /// See there.
     pub zero_std_s: f64,
 }
 
@@ -129,7 +131,7 @@ impl Sines {
             return Err(format!("{} settings hold sines that stand out of the noise, 8 are needed", list.len()));
         }
         let length_s = samples.t_s.last().copied().unwrap_or(1.0);
-        Ok(Self { list, rate_hz, length_s, begins_known: false, zero_std_s })
+        Ok(Self { list, rate_hz, length_s, begins_known: false, zero_s, zero_std_s })
     }
 
     /// Whether the time of counter 0 is too uncertain for the phases.

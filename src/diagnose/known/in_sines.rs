@@ -1,6 +1,6 @@
 //! Known effects in the sines of a frequency run: factors of their phasors, and the course of the sampling frequency.
 
-use super::{Known, KnownEffect, is_of_one_run};
+use super::{Known, KnownEffect};
 use crate::formats::parameter::AppliedEffect;
 use crate::model::effects::in_sine::InSine;
 use crate::run::{Run, interpolate};
@@ -74,12 +74,16 @@ impl InSines {
     fn add(&mut self, effect: &KnownEffect, run: &Run, responses: Responses) -> Result<(), String> {
         let (id, form) = (effect.given.id, effect.given.spec.form.as_str());
         let sine = effect.given.in_sine.as_ref().ok_or_else(|| format!("{id} changes no sines"))?;
-        if is_of_one_run(id, form) && !effect.runs.contains(&run.header.run) {
-            let runs = effect.runs.join(", ");
+        if responses == Responses::OfTheInstrument && effect.given.is_of_another(&run.header.run) {
+            let runs = effect.given.runs.join(", ");
             return Err(format!("{id} holds for the times of the run in which it was found ({runs}) alone"));
         }
         if id == "response_order" && responses == Responses::OfTheInstrument {
             return Err(format!("{id} belongs to the response that is fitted here"));
+        }
+        let axes: Vec<String> = effect.given.spec.axis_names().into_iter().map(str::to_owned).collect();
+        if self.names.iter().any(|n| n.id == id && n.axes.iter().any(|a| axes.contains(a))) {
+            return Err(format!("{id} on {} is there twice, and the first one counts", axes.join(", ")));
         }
         let rate_hz = run.header.sample_rate_hz;
         let settings = || run.settings.iter().filter(|s| s.frequency_hz > 0.0);
@@ -105,7 +109,6 @@ impl InSines {
                 settings().map(|s| size(s.frequency_hz)).fold(0.0, f64::max)
             }
         };
-        let axes = effect.given.spec.axis_names().into_iter().map(str::to_owned).collect();
         let (id, form) = (id.to_owned(), form.to_owned());
         self.names.push(AppliedEffect { id, form, axes, largest_nt: None, largest_part: Some(largest_part) });
         Ok(())

@@ -57,7 +57,8 @@ pub struct Fpf {
     /// What is known about the clock beside its frequency.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clock: Option<ClockPart>,
-    /// Known effects that were taken off the sines: f_s, amplitudes, phases and -3 dB frequencies are those without them.
+    /// Known effects that were taken off the sines: amplitudes, phases and -3 dB frequencies are those without them, with their
+    /// uncertainties; those of the parameters of the response are without. f_s is that at `clock.reference_s`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub effects: Option<ModelApplied>,
     /// One entry per applied frequency, in the order of the run.
@@ -117,11 +118,11 @@ pub struct CandidatePart {
 /// The clock of the instrument against that of the facility.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ClockPart {
-    /// Drift of the sampling frequency during the run per component, Hz/s.
+    /// Drift of the sampling frequency during the run per component beside a known one, Hz/s.
     pub drift_hz_per_s: [f64; 3],
     /// Its standard uncertainty.
     pub drift_std_hz_per_s: [f64; 3],
-    /// Time for which the sampling frequencies hold, s after sample counter 0; absent without a significant drift.
+    /// Time for which the sampling frequencies hold, s after sample counter 0; absent without a significant or a known drift.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference_s: Option<f64>,
     /// The drift is larger than four standard uncertainties in the mean of the components.

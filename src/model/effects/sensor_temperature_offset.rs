@@ -1,11 +1,10 @@
 //! The offset moves with the sensor temperature inside a run.
 
 use super::coil_temperature::moves;
-use super::record::centred;
 use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
 
-/// Its forms; the bent one as the offsets of fluxgates are over wide ranges of temperature.
-const FORMS: [&str; 2] = ["linear", "quadratic"];
+/// The bent form, as the offsets of fluxgates are over wide ranges of temperature.
+const BENT: &str = "quadratic";
 
 /// The offset moves with the sensor temperature inside a run.
 pub struct SensorTemperatureOffset;
@@ -18,7 +17,7 @@ impl Effect for SensorTemperatureOffset {
     fn about(&self) -> About {
         About {
             summary: "offset moves with the sensor temperature inside a run",
-            formula: "x_i += b_i (T - T_0), or b_i (T - T_0) + b2_i (T - T_0)²; T_0 is the mean over the run",
+            formula: "x_i += b_i (T - T_0), or b_i (T - T_0) + b2_i (T - T_0)²; T_0 is the mean over the run in which it was found",
             family: Family::Thermal,
             seen_in: "lin, sweep, zero-field",
             needs: "sensor temperature",
@@ -29,18 +28,47 @@ impl Effect for SensorTemperatureOffset {
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
         moves(record.sensor.as_ref(), "sensor temperature")?;
-        Ok(FORMS.iter().flat_map(|form| singly_and_together(form)).collect())
+        let mean = record.sensor.as_ref().map_or(0.0, |c| c.mean);
+        // The slope of a bent curve holds at a temperature, which goes with it to other runs.
+        let bent = singly_and_together(BENT).into_iter().map(|spec| spec.with("t_0", mean, "degC"));
+        Ok(singly_and_together("linear").into_iter().chain(bent).collect())
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let deviation = centred(record.sensor.as_ref()?);
+        let channel = record.sensor.as_ref()?;
+        let bent = spec.form == BENT;
+        let reference = if bent { spec.get("t_0")? } else { channel.mean };
         let of = |name: &str, unit, power: i32| -> Vec<Column> {
-            spec.axes.iter().map(|&a| Column::on(name, a, unit, record, |i, _| deviation[i].powi(power))).collect()
+            let value = |i: usize| (channel.values[i] - reference).powi(power);
+            spec.axes.iter().map(|&a| Column::on(name, a, unit, record, |i, _| value(i))).collect()
         };
-        let order = FORMS.iter().position(|form| *form == spec.form)?;
-        let names = [("b", "enT/K"), ("b2", "enT/K^2")];
-        let columns =
-            names.into_iter().zip(1..).take(order + 1).flat_map(|((name, unit), power)| of(name, unit, power)).collect();
+        let mut columns = of("b", "enT/K", 1);
+        if bent {
+            columns.extend(of("b2", "enT/K^2", 2));
+        }
         Some(columns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::example;
+    use super::*;
+
+    /// What a bent curve adds at 31 °C does not depend on the mean temperature of the run that asks.
+    #[test]
+    fn the_reference_temperature_of_a_bent_curve_goes_with_it() {
+        let spec = Spec::new(BENT, &[0]).with("t_0", 20.0, "degC");
+        let at_31_degc = |shift_k: f64| {
+            let mut record = example::of(&SensorTemperatureOffset).unwrap().record;
+            let sensor = record.sensor.as_mut().unwrap();
+            sensor.values.iter_mut().for_each(|v| *v += shift_k);
+            sensor.mean += shift_k;
+            sensor.values[3] = 31.0;
+            let columns = SensorTemperatureOffset.columns(&record, &spec).unwrap();
+            [columns[0].values[3][0], columns[1].values[3][0]]
+        };
+        assert_eq!(at_31_degc(0.0), [11.0, 121.0]);
+        assert_eq!(at_31_degc(-40.0), [11.0, 121.0]);
     }
 }
