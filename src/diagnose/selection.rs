@@ -68,7 +68,7 @@ mod tests {
         assert!((value + 1.96 * std - 4.001).abs() < 0.1 && value - 1.96 * std < 0.1, "{value} {std}");
     }
 
-    /// Of what is named, 95 % lie in their intervals, whatever the true strength; without the correction far fewer do.
+    /// Of what is named, at least 95 % lie in their intervals, whatever the true strength; without the correction far fewer do.
     #[test]
     fn intervals_hold_although_only_large_values_are_named() {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(7);
@@ -87,7 +87,9 @@ mod tests {
             }
             // Binomial standard deviation 0.15 %.
             let [held, plain] = [held, plain].map(|n| 100.0 * f64::from(n) / f64::from(named));
-            assert!((held - 95.0).abs() < 0.7, "{truth}: {held} %");
+            // Just above the threshold intervals are longer than they need to be.
+            let most = if truth > least + 2.0 { 95.7 } else { 98.5 };
+            assert!(held > 94.3 && held < most, "{truth}: {held} %");
             assert!(truth > 3.5 || plain < 90.0, "{truth}: {plain} %");
         }
     }
