@@ -553,10 +553,16 @@ fn row(text: &mut String, name: &str, strengths: &[u64], share: impl Fn(u64) -> 
 const WHY: &str = "
 ## Why power is missed
 
-* The noise has to be found from the same ninety plateaus as the effect. With its true covariance the same candidates reach nearly the targets (What is possible, below); what is lost between the two rows is the price of not knowing whether slow noise or an effect is seen. Effects of the field hardly pay it, drifts, steps and temperatures do. The samples inside the plateaus are not asked about slow noise yet.
-* A periodic signal is one of many that could be there. Counted on noise, a record of 20 000 samples holds 240 000 independent tones and 50 million switched signals; what noise reaches in one run of a thousand is k = 6.2 and 6.7. Half of the signals of that strength are found, whatever the method does with so many trials; the targets count twenty.
+* The noise has to be found from the same ninety plateaus as the effect. With its true covariance the same candidates reach \
+nearly the targets (What is possible, below); what is lost between the two rows is the price of not knowing whether slow noise \
+or an effect is seen. Effects of the field hardly pay it, drifts, steps and temperatures do. The samples inside the plateaus are \
+not asked about slow noise yet.
+* A periodic signal is one of many that could be there. Counted on noise, a record of 20 000 samples holds 240 000 independent \
+tones and 50 million switched signals; what noise reaches in one run of a thousand is k = 6.2 and 6.7. Half of the signals of \
+that strength are found, whatever the method does with so many trials; the targets count twenty.
 * Two effects: both have to be found and named, and each has the power of one.
-* Names: one pole and two poles in a part of the field, each at a frequency of its own, are alike to better than 0.99 beside a response that is fitted; both stand in the set, and which of them comes first is little more than chance below k = 15.
+* Names: one pole and two poles in a part of the field, each at a frequency of its own, are nearly alike beside a response that \
+is fitted; both stand in the set, and the first is the right one in four of five runs.
 ";
 
 /// Targets beside figures; a share reaches its target if its value does.
