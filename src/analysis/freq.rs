@@ -72,8 +72,6 @@ const AMBIGUOUS: f64 = 25.0;
 const KNOWN_RATE: f64 = 1e-3;
 /// A run of which more than this part of the settings hold something else belongs to other settings.
 const MOST_DISTURBED: f64 = 0.5;
-/// Step of the slope of a response, relative to the frequency.
-const SLOPE_STEP: f64 = 1e-4;
 /// A drift of this many standard uncertainties is one.
 const DRIFTS: f64 = 4.0;
 
@@ -837,7 +835,7 @@ fn amplitude(tone: &Tone, record: &Record, fits: &Result<Option<Fits>, String>, 
         part.detected[i] = fit.amplitude > DETECTED * std;
         if part.detected[i] {
             let phase = (fit.phase_rad + turned) / TAU;
-            phase_deg[i] = 360.0 * (phase - phase.round());
+            phase_deg[i] = within_a_turn_deg(phase);
             phase_std_deg[i] = of_phase * fit.phase_std_rad.to_degrees();
         }
     }
@@ -852,6 +850,11 @@ fn amplitude(tone: &Tone, record: &Record, fits: &Result<Option<Fits>, String>, 
     part
 }
 
+/// Cycles as an angle from -180 to 180 degrees.
+fn within_a_turn_deg(cycles: f64) -> f64 {
+    360.0 * (cycles - cycles.round())
+}
+
 /// Takes known effects off an amplitude and its phase; the noise of the amplitude goes with it.
 fn take_off(known: &InSines, part: &mut AmplitudePart) {
     if known.is_empty() {
@@ -862,8 +865,7 @@ fn take_off(known: &InSines, part: &mut AmplitudePart) {
         part.b_ent[i] /= factor.norm();
         part.b_std_ent[i] /= factor.norm();
         if let Some(phase) = &mut part.phase_deg {
-            let cycles = (phase[i] - factor.arg().to_degrees()) / 360.0;
-            phase[i] = 360.0 * (cycles - cycles.round());
+            phase[i] = within_a_turn_deg((phase[i] - factor.arg().to_degrees()) / 360.0);
         }
     }
 }
@@ -886,12 +888,10 @@ fn widen(known: &InSines, freq: &mut Freq) {
         let Some(model) = &freq.corner.components[i].model else { continue };
         let shape: Vec<f64> = model.parameters.iter().map(|p| p.value).collect();
         let corner_hz = model.f_3db_model_hz;
-        let value = |f: f64| response.value(f, &shape).ln();
-        let rise = value(corner_hz * (1.0 + SLOPE_STEP)) - value(corner_hz * (1.0 - SLOPE_STEP));
-        let slope_per_hz = rise / (2.0 * SLOPE_STEP * corner_hz);
         let [std, _] = known.factor_std(corner_hz, i);
         if std > 0.0 {
-            p.f_3db_model_std_hz[i] = p.f_3db_model_std_hz[i].hypot(std / slope_per_hz);
+            let moved_hz = corner_hz * std / response.steepness(corner_hz, &shape);
+            p.f_3db_model_std_hz[i] = p.f_3db_model_std_hz[i].hypot(moved_hz);
         }
     }
 }

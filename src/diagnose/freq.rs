@@ -169,7 +169,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
 
 /// The known effects that act on the sines of this run, with their values; what the run cannot have is warned about.
 fn known_terms(run: &Run, options: &Options, sines: &Sines, warnings: &mut Vec<String>) -> Vec<(Term, Vec<f64>)> {
-    let of_this_run = options.given.iter().filter(|g| !g.is_of_another(&run.header.run));
+    let of_this_run = options.given.iter().filter(|g| g.of_another(&run.header.run).is_none());
     of_this_run
         .filter_map(|given| {
             let term = Term::of(given.in_sine.as_ref()?, sines, &run.temperatures);

@@ -115,7 +115,8 @@ impl KnownEffect {
         let [plain, thermal] = [specimen(false), specimen(true)];
         let specs = [effect.specs(&plain), effect.specs(&thermal)];
         let forms: Vec<String> = specs.iter().flatten().flatten().map(|s| s.form.clone()).collect();
-        let is_of_sines = effect.in_sine(&spec, &mut |_| 0.0).is_some();
+        let (in_sine, sine_variants) = in_sine(effect, &spec, entry, group, &help)?;
+        let is_of_sines = in_sine.is_some();
         if effect.id() != "unknown" && !forms.is_empty() && !forms.contains(&spec.form) && !is_of_sines {
             let mut names: Vec<&str> = forms.iter().map(String::as_str).collect();
             names.dedup();
@@ -144,7 +145,6 @@ impl KnownEffect {
             values.push(found.value);
             std.push(found.std.unwrap_or(0.0));
         }
-        let (in_sine, sine_variants) = in_sine(effect, &spec, entry, group, &help)?;
         let given = Given { id: effect.id(), spec, values, in_sine, runs };
         let reading_ent = entry.reading_ent.as_ref().and_then(|r| <[[f64; 2]; 3]>::try_from(r.clone()).ok());
         Ok(Self { given, std, sine_variants, reading_ent })
@@ -333,13 +333,7 @@ pub fn apply(
     }
     let mut usable: Vec<&KnownEffect> = Vec::new();
     for effect in &known.effects {
-        let of_another = effect.given.is_of_another(&run.header.run);
-        let reason = if of_another {
-            let runs = effect.given.runs.join(", ");
-            Some(format!("{} holds for the times of the run in which it was found ({runs}) alone", effect.given.id))
-        } else {
-            effect.unusable(&scene.record)
-        };
+        let reason = effect.given.of_another(&run.header.run).or_else(|| effect.unusable(&scene.record));
         match reason {
             Some(reason) => {
                 warnings.push(format!("MODEL: not taken off: {reason}"));

@@ -82,10 +82,12 @@ pub struct Given {
 pub const INSIDE: [&str; 4] = ["settling", "time_shift", "heater_pwm", "interference_tone"];
 
 impl Given {
-    /// Whether it belongs to the times of other runs than this one.
+    /// Why it does not hold for a run: it belongs to the times of others.
     #[must_use]
-    pub fn is_of_another(&self, run: &str) -> bool {
-        known::is_of_one_run(self.id, &self.spec.form) && !self.runs.iter().any(|r| r == run)
+    pub fn of_another(&self, run: &str) -> Option<String> {
+        let of_others = known::is_of_one_run(self.id, &self.spec.form) && !self.runs.iter().any(|r| r == run);
+        let runs = self.runs.join(", ");
+        of_others.then(|| format!("{} holds for the times of the run in which it was found ({runs}) alone", self.id))
     }
 
     fn is_inside(&self) -> bool {

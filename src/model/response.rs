@@ -288,8 +288,15 @@ impl Response {
     pub fn corner_slopes(&self, corner_hz: f64, parameters: &[f64]) -> Vec<f64> {
         let kinds = self.parameters();
         let (_, slopes) = self.value_and_slopes(corner_hz, parameters);
-        let by_frequency: f64 = kinds.iter().zip(slopes).filter(|(kind, _)| kind.unit == "Hz").map(|(_, slope)| slope).sum();
+        let by_frequency = by_frequency(&kinds, &slopes);
         slopes.iter().take(kinds.len()).map(|slope| slope / by_frequency).collect()
+    }
+
+    /// How steep the response falls: decrease of its logarithm per logarithm of the frequency.
+    #[must_use]
+    pub fn steepness(&self, f: f64, parameters: &[f64]) -> f64 {
+        let (value, slopes) = self.value_and_slopes(f, parameters);
+        by_frequency(&self.parameters(), &slopes) / value
     }
 
     /// Parameters to start a fit from, several sets, for data which fall to -3 dB near `corner_hz`.
@@ -314,6 +321,11 @@ impl Response {
             _ => vec![self.parameters().iter().map(|kind| if kind.unit == "Hz" { corner_hz } else { 1.0 }).collect()],
         }
     }
+}
+
+/// Derivative by the logarithm of all frequencies together: that by the logarithm of f, with the other sign.
+fn by_frequency(kinds: &[Parameter], slopes: &[f64]) -> f64 {
+    kinds.iter().zip(slopes).filter(|(kind, _)| kind.unit == "Hz").map(|(_, slope)| slope).sum()
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! A response with what may be missing in it, fitted to amplitudes and phases.
 
+use super::super::known::in_sines::Clock;
 use super::sines::{Sines, Triple};
 use crate::model::effects::in_sine::{InSine, Poles, passed};
 use crate::model::response::Response;
@@ -116,19 +117,9 @@ pub fn clock_temperature(sines: &Sines, table: &SlowTable, name: &str) -> Option
     if series.len() < 8 || last <= first {
         return None;
     }
-    let mean = series.iter().map(|s| s.1).sum::<f64>() / series.len() as f64;
-    let at = |t: f64| crate::run::interpolate(&series, t) - mean;
-    let mut values = Vec::new();
-    let (mut t, mut sum) = (0.0, 0.0);
-    for sine in &sines.list {
-        let middle_s = sine.middle_s + sines.zero_s;
-        while t < middle_s {
-            let step = (middle_s - t).min(1.0);
-            sum += step * at(t + 0.5 * step);
-            t += step;
-        }
-        values.push([at(middle_s), sum]);
-    }
+    let clock = Clock::proportional(&series, 1.0);
+    let middles_s = sines.list.iter().map(|sine| sine.middle_s + sines.zero_s);
+    let values = middles_s.map(|t| [clock.at(t), clock.lead_s(t)]).collect();
     Some(Term::ClockTemperature(name.to_owned(), values))
 }
 

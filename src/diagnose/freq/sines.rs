@@ -55,9 +55,9 @@ pub struct Sines {
     pub length_s: f64,
     /// Phases of the field are those of a sine that begins with its setting; otherwise every setting has one of its own.
     pub begins_known: bool,
-    /// Run time of counter 0, s, and its standard uncertainty.
+    /// Run time of counter 0, s.
     pub zero_s: f64,
-    /// See there.
+    /// Its standard uncertainty, s.
     pub zero_std_s: f64,
 }
 

@@ -3,7 +3,7 @@
 use super::{Known, KnownEffect};
 use crate::formats::parameter::AppliedEffect;
 use crate::model::effects::in_sine::InSine;
-use crate::run::{Run, interpolate};
+use crate::run::{Run, Setting, interpolate};
 use nalgebra::Complex;
 
 /// What a model does to the sines of one run.
@@ -19,7 +19,7 @@ pub struct InSines {
 
 /// Relative change of the sampling frequency.
 #[derive(Clone, Debug)]
-enum Clock {
+pub enum Clock {
     /// `Σ c_k t^k`, from k = 1.
     Polynomial(Vec<f64>),
     /// In proportion to a temperature: times in s, relative changes there, and their integrals until there, s.
@@ -27,7 +27,21 @@ enum Clock {
 }
 
 impl Clock {
-    fn at(&self, t_s: f64) -> f64 {
+    /// In proportion to the deviation of a temperature from the mean of its readings, (time, value) of at least one.
+    pub fn proportional(series: &[(f64, f64)], per_k: f64) -> Self {
+        let mean = series.iter().map(|s| s.1).sum::<f64>() / series.len() as f64;
+        let values: Vec<(f64, f64)> = series.iter().map(|(t, v)| (*t, per_k * (v - mean))).collect();
+        // The integral counts from 0, which may lie before the first reading.
+        let mut integrals = vec![(0.0, 0.0)];
+        for (t, v) in values.iter().filter(|(t, _)| *t > 0.0) {
+            let (before_s, sum) = integrals[integrals.len() - 1];
+            integrals.push((*t, sum + (t - before_s) * 0.5 * (interpolate(&values, before_s) + v)));
+        }
+        Clock::Series(values, integrals)
+    }
+
+    /// At a run time.
+    pub fn at(&self, t_s: f64) -> f64 {
         match self {
             Clock::Polynomial(c) => c.iter().rev().fold(0.0, |sum, c| (sum + c) * t_s),
             Clock::Series(values, _) => interpolate(values, t_s),
@@ -35,7 +49,7 @@ impl Clock {
     }
 
     /// Integral from 0, s.
-    fn lead_s(&self, t_s: f64) -> f64 {
+    pub fn lead_s(&self, t_s: f64) -> f64 {
         match self {
             Clock::Polynomial(c) => c.iter().enumerate().map(|(k, c)| c * t_s.powi(k as i32 + 2) / (k as f64 + 2.0)).sum(),
             Clock::Series(values, integrals) => {
@@ -74,9 +88,8 @@ impl InSines {
     fn add(&mut self, effect: &KnownEffect, run: &Run, responses: Responses) -> Result<(), String> {
         let (id, form) = (effect.given.id, effect.given.spec.form.as_str());
         let sine = effect.given.in_sine.as_ref().ok_or_else(|| format!("{id} changes no sines"))?;
-        if responses == Responses::OfTheInstrument && effect.given.is_of_another(&run.header.run) {
-            let runs = effect.given.runs.join(", ");
-            return Err(format!("{id} holds for the times of the run in which it was found ({runs}) alone"));
+        if let Some(reason) = effect.given.of_another(&run.header.run).filter(|_| responses == Responses::OfTheInstrument) {
+            return Err(reason);
         }
         if id == "response_order" && responses == Responses::OfTheInstrument {
             return Err(format!("{id} belongs to the response that is fitted here"));
@@ -86,32 +99,29 @@ impl InSines {
             return Err(format!("{id} on {} is there twice, and the first one counts", axes.join(", ")));
         }
         let rate_hz = run.header.sample_rate_hz;
-        let settings = || run.settings.iter().filter(|s| s.frequency_hz > 0.0);
-        let largest_part = match sine {
-            InSine::Clock(drift) => {
-                let clock = Clock::Polynomial(drift.iter().map(|c| c / rate_hz).collect());
-                let largest = settings().map(|s| clock.at(0.5 * (s.t_start_s + s.t_end_s)).abs()).fold(0.0, f64::max);
-                self.clocks.push(clock);
-                largest
-            }
+        let size: Box<dyn Fn(&Setting) -> f64> = match sine {
+            InSine::Clock(drift) => self.moved(Clock::Polynomial(drift.iter().map(|c| c / rate_hz).collect())),
             InSine::ClockTemperature { channel, hz_per_k } => {
                 let series = run.temperatures.channel(channel.as_str()).filter(|s| s.len() > 1);
                 let series =
                     series.ok_or_else(|| format!("{id} needs the temperature {channel}, which the run does not have"))?;
-                let clock = proportional(&series, hz_per_k / rate_hz);
-                let largest = settings().map(|s| clock.at(0.5 * (s.t_start_s + s.t_end_s)).abs()).fold(0.0, f64::max);
-                self.clocks.push(clock);
-                largest
+                self.moved(Clock::proportional(&series, hz_per_k / rate_hz))
             }
             InSine::Poles { .. } | InSine::Delay(_) => {
-                let size = |f: f64| (0..3).map(|i| (sine.factor(f, i) - 1.0).norm()).fold(0.0, f64::max);
                 self.factors.push((sine.clone(), effect.sine_variants.clone()));
-                settings().map(|s| size(s.frequency_hz)).fold(0.0, f64::max)
+                Box::new(|s| (0..3).map(|i| (sine.factor(s.frequency_hz, i) - 1.0).norm()).fold(0.0, f64::max))
             }
         };
+        let largest_part = run.settings.iter().filter(|s| s.frequency_hz > 0.0).map(size).fold(0.0, f64::max);
         let (id, form) = (id.to_owned(), form.to_owned());
         self.names.push(AppliedEffect { id, form, axes, largest_nt: None, largest_part: Some(largest_part) });
         Ok(())
+    }
+
+    /// Adds a course of the sampling frequency, and gives its size in a setting.
+    fn moved(&mut self, clock: Clock) -> Box<dyn Fn(&Setting) -> f64> {
+        self.clocks.push(clock.clone());
+        Box::new(move |s| clock.at(0.5 * (s.t_start_s + s.t_end_s)).abs())
     }
 
     /// Whether nothing acts.
@@ -165,18 +175,6 @@ impl InSines {
     }
 }
 
-fn proportional(series: &[(f64, f64)], per_k: f64) -> Clock {
-    let mean = series.iter().map(|s| s.1).sum::<f64>() / series.len() as f64;
-    let values: Vec<(f64, f64)> = series.iter().map(|(t, v)| (*t, per_k * (v - mean))).collect();
-    // The integral counts from 0, which may lie before the first reading.
-    let mut integrals = vec![(0.0, 0.0)];
-    for (t, v) in values.iter().filter(|(t, _)| *t > 0.0) {
-        let (before_s, sum) = integrals[integrals.len() - 1];
-        integrals.push((*t, sum + (t - before_s) * 0.5 * (interpolate(&values, before_s) + v)));
-    }
-    Clock::Series(values, integrals)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -193,7 +191,7 @@ mod tests {
     fn the_integral_of_a_temperature_that_rises_steadily_is_a_parabola() {
         // T - T_mean = 0.01 (t - 1000) K, known from 100 s on, 2e-8 per K.
         let series: Vec<(f64, f64)> = (0..=18).map(|i| 100.0 + 100.0 * f64::from(i)).map(|t| (t, 20.0 + 0.01 * t)).collect();
-        let clock = proportional(&series, 2e-8);
+        let clock = Clock::proportional(&series, 2e-8);
         assert!((clock.at(1450.0) - 2e-8 * 4.5).abs() < 1e-16);
         let lead = |t: f64| 2e-10 * (0.5 * t * t - 1000.0 * t);
         // Before the first reading the first one holds: 100 s at -9 K instead of -9 to -10 K.
