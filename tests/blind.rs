@@ -108,7 +108,7 @@ fn knows(blind: &Blind) -> Verdict {
         steps: truth.iter().filter(|e| e.identifiable).map(step).collect(),
         not_identifiable: truth.iter().filter(|e| !e.identifiable).map(|e| e.effect.clone()).collect(),
         oracle_chi2: None,
-        ideal_evidence: None,
+        ideal: None,
     }
 }
 

@@ -67,14 +67,17 @@ impl Score {
         let count = columns as f64;
         // Bartlett's correction makes the likelihood ratio a chi square.
         let rest = (freedom - count).max(1.0);
-        let chi_square = (rest + 0.5 * count - 1.0) * likelihood / freedom;
+        let strength = (rest * ((likelihood / freedom).exp() - 1.0)).max(0.0).sqrt();
+        Score { strength, ..Score::known((rest + 0.5 * count - 1.0) * likelihood / freedom, columns) }
+    }
+
+    /// From the squares that a group explains where the size of the noise is known, and its columns.
+    #[must_use]
+    pub fn known(chi_square: f64, columns: usize) -> Self {
+        let count = columns as f64;
         let g = EXPECTED / count;
-        Score {
-            chi_square,
-            strength: (rest * ((likelihood / freedom).exp() - 1.0)).max(0.0).sqrt(),
-            evidence: 0.5 * (g / (1.0 + g) * chi_square - count * (1.0 + g).ln()),
-            count: columns,
-        }
+        let evidence = 0.5 * (g / (1.0 + g) * chi_square - count * (1.0 + g).ln());
+        Score { chi_square, strength: chi_square.max(0.0).sqrt(), evidence, count: columns }
     }
 
     /// The part of its strength with which its evidence would be less by `margin`.

@@ -1,8 +1,6 @@
 //! The only place that calls the diagnosis, which sees the runs and the campaign, never the truth.
 
-use super::kinds;
-use super::noise::Whitener;
-use super::sensor::Kind;
+use super::ideal::ideal;
 use super::{Amplitude, Blind, Verdict, VerdictStep};
 use calfit::analysis::lin;
 use calfit::diagnose::across::{RunValues, across};
@@ -10,11 +8,9 @@ use calfit::diagnose::result::{Diagnosis, Step};
 use calfit::diagnose::scene::Scene;
 use calfit::diagnose::search::{Candidate, Search};
 use calfit::diagnose::{self, Options, Samples};
-use calfit::fit::scan::{ABSORBED, Fitted};
 use calfit::model::effects::{Column, Spec};
 use calfit::plateau::{self, Accumulator, LEAST_COVERAGE, Plateaus, Settling};
 use calfit::run::{Run, Vector, VectorSink};
-use nalgebra::{DMatrix, DVector};
 
 /// What the diagnosis says about a run set.
 pub fn judge(blind: &Blind) -> Verdict {
@@ -27,8 +23,8 @@ pub fn judge(blind: &Blind) -> Verdict {
     let diagnosis = diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, &Options::default());
     let scene = Scene::new(run, &plateaus, Some(&samples), &blind.campaign, None).ok();
     let oracle_chi2 = scene.as_ref().and_then(|scene| of_truth(scene, blind));
-    let ideal_evidence = scene.as_ref().and_then(|scene| with_true_noise(scene, blind));
-    diagnosis.map_or_else(|_| Verdict::default(), |d| Verdict { oracle_chi2, ideal_evidence, ..verdict(&d, cells as f64) })
+    let ideal = scene.as_ref().and_then(|scene| ideal(scene, blind));
+    diagnosis.map_or_else(|_| Verdict::default(), |d| Verdict { oracle_chi2, ideal, ..verdict(&d, cells as f64) })
 }
 
 fn reduced(run: &Run, vectors: &[Vector]) -> (Plateaus, Samples) {
@@ -57,39 +53,6 @@ fn of_truth(scene: &Scene, blind: &Blind) -> Option<[f64; 2]> {
     Some([search.held_out(&noise, &[]).sum, search.held_out(&noise, &[&truth]).sum])
 }
 
-/// Largest evidence of any candidate of the diagnosis beside its model, with the true covariance of the noise in place of its own estimate.
-fn with_true_noise(scene: &Scene, blind: &Blind) -> Option<f64> {
-    let n = scene.record.rows.len();
-    let [cells] = kinds::plateau_cells(&blind.scenes).try_into().ok()?;
-    if blind.truth.kind == Kind::Frequency || cells.len() != n {
-        return None;
-    }
-    let whiteners = [0, 1, 2].map(|i| Whitener::new(&blind.truth.noise, &blind.scenes[0], i, &cells));
-    let white = |stacked: &DMatrix<f64>, i: usize, from: usize| -> DMatrix<f64> {
-        let columns = stacked.rows(from, n);
-        let of = |j: usize| DVector::from_vec(whiteners[i].apply(&columns.column(j).iter().copied().collect::<Vec<f64>>()));
-        DMatrix::from_columns(&(0..columns.ncols()).map(of).collect::<Vec<_>>())
-    };
-    let all = |stacked: &DMatrix<f64>| {
-        let mut out = stacked.clone();
-        (0..3).for_each(|i| out.rows_mut(i * n, n).copy_from(&white(stacked, i, i * n)));
-        out
-    };
-    let mut search = Search::new(scene, scene.readings.clone());
-    if scene.record.has_samples {
-        // These are found in the samples.
-        ["settling", "time_shift"].into_iter().for_each(|id| search.leave_out(id));
-    }
-    let readings = all(&DMatrix::from_column_slice(3 * n, 1, scene.readings.as_slice())).column(0).into_owned();
-    let own = [0, 1, 2].map(|i| white(&scene.design, i, 0));
-    let fitted = Fitted::of_components(&readings, &own, &DMatrix::zeros(3 * n, 0), [0, n, 2 * n, 3 * n]);
-    let evidence = search.bank.iter().zip(&search.priors).filter(|(_, prior)| prior.is_finite()).map(|(candidate, prior)| {
-        let group = fitted.group(&all(&candidate.stacked));
-        if group.surviving > ABSORBED { fitted.score(&group).evidence + prior } else { f64::NEG_INFINITY }
-    });
-    evidence.reduce(f64::max)
-}
-
 /// Several runs of one sensor.
 fn together(blind: &Blind) -> Option<Diagnosis> {
     let of = |(run, vectors): &(Run, Vec<Vector>)| {
@@ -108,7 +71,7 @@ fn verdict(diagnosis: &Diagnosis, cells: f64) -> Verdict {
         steps: diagnosis.steps.iter().map(|s| step(s, cells)).collect(),
         not_identifiable: diagnosis.not_identifiable.iter().map(|n| n.effect.clone()).collect(),
         oracle_chi2: None,
-        ideal_evidence: None,
+        ideal: None,
     }
 }
 

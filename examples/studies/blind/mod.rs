@@ -7,11 +7,13 @@
 //! * `noise`: families, and whitening with their true covariance
 //! * `effects`: what can be hidden
 //! * `kinds`: strength of an effect, and run sets in memory
+//! * `ideal`: what could be found by someone who knows the noise, or the lottery it is drawn from
 //! * `judge`: the call of the diagnosis
 //! * `score`: from verdicts to tables; `picture`: from tables to figures
 
 pub mod effects;
 pub mod freq;
+pub mod ideal;
 pub mod judge;
 pub mod kinds;
 pub mod noise;
@@ -110,8 +112,8 @@ pub struct Verdict {
     pub not_identifiable: Vec<String>,
     /// Held-out χ² without and with the true effects in the folds of the diagnosis, where it can tell; else the study works it out.
     pub oracle_chi2: Option<[f64; 2]>,
-    /// Largest evidence of its candidates with the true covariance of the noise, where the run has one position and plateaus.
-    pub ideal_evidence: Option<f64>,
+    /// What could be found, where the run has one position and plateaus.
+    pub ideal: Option<ideal::Ideal>,
 }
 
 /// One effect that is named.

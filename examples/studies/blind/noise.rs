@@ -448,6 +448,11 @@ impl Whitener {
         whitener
     }
 
+    /// Logarithm of the determinant of the covariance of the means.
+    pub fn log_covariance(&self) -> f64 {
+        -2.0 * self.scale.iter().map(|s| s.ln()).sum::<f64>()
+    }
+
     /// Whitens one column of means.
     pub fn apply(&self, column: &[f64]) -> Vec<f64> {
         let mut state = vec![0.0; self.slow];

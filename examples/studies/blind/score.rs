@@ -1,6 +1,7 @@
 //! The plan of the study, the score of its verdicts, and the report.
 
 use super::effects;
+use super::ideal::{Best, Ideal};
 use super::kinds::{self, Column, generate};
 use super::noise::{Family, Random};
 use super::sensor::Kind;
@@ -295,9 +296,17 @@ pub struct Score {
     pub absorbed_said: BTreeMap<String, Share>,
     pub gap_ratio: BTreeMap<u64, Vec<f64>>,
     pub interval: Share,
-    /// Evidence of noise with its true covariance, and of effects in plateau means by strength, with whether the diagnosis found something.
-    pub ideal_null: Vec<f64>,
-    pub ideal: BTreeMap<u64, Vec<(f64, bool)>>,
+    /// What could be found where there is noise only, and of effects in plateau means by strength.
+    pub ideal_null: Vec<Ideal>,
+    pub ideal: BTreeMap<u64, Vec<Possible>>,
+}
+
+/// What could be found of an effect, and what was.
+pub struct Possible {
+    pub ideal: Ideal,
+    pub effect: String,
+    /// First name of the diagnosis.
+    pub said: Option<String>,
 }
 
 /// Standard uncertainties of an interval of 95 %.
@@ -323,7 +332,7 @@ impl Score {
         match case.purpose {
             Purpose::Null => {
                 self.false_alarms.entry((case.kind, truth.noise.family)).or_default().add(named);
-                self.ideal_null.extend(verdict.ideal_evidence);
+                self.ideal_null.extend(verdict.ideal.clone());
             }
             Purpose::One => self.add_one(judged, k),
             Purpose::Two => {
@@ -383,8 +392,9 @@ impl Score {
             return;
         }
         self.found.entry((case.kind, k)).or_default().add(first.is_some());
-        if let Some(evidence) = verdict.ideal_evidence.filter(|_| !effect.seen_inside_plateaus) {
-            self.ideal.entry(k).or_default().push((evidence, first.is_some()));
+        if let Some(ideal) = verdict.ideal.clone().filter(|_| !effect.seen_inside_plateaus) {
+            let said = first.map(|s| s.effect.clone());
+            self.ideal.entry(k).or_default().push(Possible { ideal, effect: effect.effect.clone(), said });
         }
         self.found_effect.entry((effect.effect.clone(), k)).or_default().add(first.is_some());
         let Some(step) = first else { return };
@@ -502,28 +512,46 @@ pub fn report(score: &Score, command: &str) -> String {
     text
 }
 
-/// What a search with the true noise finds.
+/// What searches find that know more than anyone can.
 fn possible(text: &mut String, score: &Score, strengths: &[u64]) {
     if score.ideal_null.is_empty() || score.ideal.is_empty() {
         return;
     }
-    let mut null = score.ideal_null.clone();
-    null.sort_by(f64::total_cmp);
-    let least = null[(null.len() - 1).min(null.len() * 99 / 100)];
+    type Of = fn(&Ideal) -> &Best;
+    let least = |of: Of| {
+        let mut null: Vec<f64> = score.ideal_null.iter().map(|i| of(i).evidence).collect();
+        null.sort_by(f64::total_cmp);
+        null[(null.len() - 1).min(null.len() * 99 / 100)]
+    };
+    let ways: [(&str, Of); 2] = [("the true noise", |i| &i.known), ("the lottery of the noise", |i| &i.drawn)];
+    let [known, drawn] = ways.map(|(_, of)| least(of));
     let _ = writeln!(
         text,
-        "\n## What is possible\n\nThe candidates of the diagnosis, weighed with the true covariance of the noise, which no one has, and \
-         found where the evidence of the best exceeds that of 99 % of {} null runs (ln {:.1}). Effects in plateau means, runs of one position.\n",
-        null.len(),
-        least.exp()
+        "\n## What is possible\n\nThe candidates of the diagnosis, weighed by someone who knows the true covariance of the noise, or who \
+         knows its white part and the lottery from which the generator draws the rest; found where the evidence of the best exceeds that \
+         of 99 % of {} null runs (ln {:.1}, ln {:.1}). Effects in plateau means, runs of one position.\n",
+        score.ideal_null.len(),
+        known.exp(),
+        drawn.exp()
     );
-    let _ = writeln!(text, "| found, % |{} |\n|---|{}", header(strengths), "---|".repeat(strengths.len()));
-    let share = |k: u64, hit: &dyn Fn(&(f64, bool)) -> bool| {
-        let all = score.ideal.get(&k)?;
-        Some(Share { hits: all.iter().filter(|e| hit(e)).count() as u64, of: all.len() as u64 })
+    let _ = writeln!(text, "|  |{} |\n|---|{}", header(strengths), "---|".repeat(strengths.len()));
+    let share = |k: u64, counts: &dyn Fn(&Possible) -> bool, hit: &dyn Fn(&Possible) -> bool| {
+        let of = score.ideal.get(&k)?.iter().filter(|p| counts(p)).count() as u64;
+        let hits = score.ideal.get(&k)?.iter().filter(|p| counts(p) && hit(p)).count() as u64;
+        Some(Share { hits, of })
     };
-    row(text, "with the true noise", strengths, |k| share(k, &|e| e.0 > least));
-    row(text, "diagnosis", strengths, |k| share(k, &|e| e.1));
+    for ((name, of), least) in ways.into_iter().zip([known, drawn]) {
+        row(text, &format!("found with {name}, %"), strengths, |k| share(k, &|_| true, &|p| of(&p.ideal).evidence > least));
+    }
+    row(text, "found by the diagnosis, %", strengths, |k| share(k, &|_| true, &|p| p.said.is_some()));
+    for ((name, of), least) in ways.into_iter().zip([known, drawn]) {
+        row(text, &format!("first name right with {name}, %"), strengths, |k| {
+            share(k, &|p| of(&p.ideal).evidence > least, &|p| of(&p.ideal).effect == p.effect)
+        });
+    }
+    row(text, "first name right in the diagnosis, %", strengths, |k| {
+        share(k, &|p| p.said.is_some(), &|p| p.said.as_ref() == Some(&p.effect))
+    });
 }
 
 fn header(strengths: &[u64]) -> String {

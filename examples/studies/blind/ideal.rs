@@ -1,0 +1,133 @@
+//! What could be found at all: the candidates of the diagnosis beside the model of the run, weighed with a covariance that only the
+//! generator has. Nothing of the diagnosis' own noise enters.
+
+use super::noise::{Family, Noise, Random, Whitener};
+use super::sensor::Kind;
+use super::{Blind, kinds};
+use calfit::diagnose::scene::Scene;
+use calfit::diagnose::search::Search;
+use calfit::fit::scan::{ABSORBED, Score, orthonormal};
+use nalgebra::{DMatrix, DVector};
+use serde::Serialize;
+
+/// Draws from the lottery of the generator that stand for all its noise.
+const DRAWS: u64 = 200;
+/// Candidates of largest evidence that are weighed with all of them.
+const PROMISING: usize = 12;
+
+/// The best candidate and the logarithm of its evidence times its prior.
+#[derive(Clone, Debug, Serialize)]
+pub struct Best {
+    pub evidence: f64,
+    pub effect: String,
+}
+
+/// What a search finds that knows more than anyone can.
+#[derive(Clone, Debug, Serialize)]
+pub struct Ideal {
+    /// With the true covariance of the noise.
+    pub known: Best,
+    /// With the true white noise, and slow noise that may be any which the generator draws.
+    pub drawn: Best,
+}
+
+/// Means of a run, whitened, beside the run's own parameters.
+struct White {
+    whiteners: [Whitener; 3],
+    /// Orthonormal base of the run's own parameters.
+    bases: [DMatrix<f64>; 3],
+    residual: DVector<f64>,
+    /// Restricted, up to a constant.
+    log_likelihood: f64,
+}
+
+fn whitened(whitener: &Whitener, columns: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut out = columns.clone();
+    for mut column in out.column_iter_mut().filter(|c| c.amax() > 0.0) {
+        let values: Vec<f64> = column.iter().copied().collect();
+        column.copy_from_slice(&whitener.apply(&values));
+    }
+    out
+}
+
+impl White {
+    fn new(noise: &Noise, blind: &Blind, scene: &Scene, cells: &[super::noise::Cell]) -> Self {
+        let whiteners = [0, 1, 2].map(|i| Whitener::new(noise, &blind.scenes[0], i, cells));
+        let n = cells.len();
+        let mut residual = DVector::zeros(3 * n);
+        let mut log_likelihood = 0.0;
+        let bases = [0, 1, 2].map(|i| {
+            let qr = whitened(&whiteners[i], &scene.design).qr();
+            let log_normal: f64 = qr.r().diagonal().iter().map(|d| d.abs().ln()).sum();
+            let base = qr.q();
+            let reading = whitened(&whiteners[i], &scene.readings.columns(i, 1).into_owned());
+            let left = &reading - &base * base.tr_mul(&reading);
+            log_likelihood -= 0.5 * left.norm_squared() + 0.5 * whiteners[i].log_covariance() + log_normal;
+            residual.rows_mut(i * n, n).copy_from(&left);
+            base
+        });
+        Self { whiteners, bases, residual, log_likelihood }
+    }
+
+    /// Logarithm of the evidence of columns, component after component; minus infinity where the run's own parameters absorb them.
+    fn evidence(&self, stacked: &DMatrix<f64>) -> f64 {
+        let n = self.residual.len() / 3;
+        let mut left = stacked.clone();
+        let mut before = 0.0;
+        for i in 0..3 {
+            let white = whitened(&self.whiteners[i], &stacked.rows(i * n, n).into_owned());
+            before += white.norm_squared();
+            left.rows_mut(i * n, n).copy_from(&(&white - &self.bases[i] * self.bases[i].tr_mul(&white)));
+        }
+        if left.norm_squared() <= ABSORBED * ABSORBED * before {
+            return f64::NEG_INFINITY;
+        }
+        let base = orthonormal(&left, None, 1e-6);
+        Score::known(base.tr_mul(&self.residual).norm_squared(), base.ncols()).evidence
+    }
+}
+
+/// What can be found in the plateau means of a run; none where they are not what shows its effects.
+pub fn ideal(scene: &Scene, blind: &Blind) -> Option<Ideal> {
+    let [cells] = kinds::plateau_cells(&blind.scenes).try_into().ok()?;
+    if blind.truth.kind == Kind::Frequency || cells.len() != scene.record.rows.len() {
+        return None;
+    }
+    let mut search = Search::new(scene, scene.readings.clone());
+    if scene.record.has_samples {
+        // These are found in the samples.
+        ["settling", "time_shift"].into_iter().for_each(|id| search.leave_out(id));
+    }
+    let truth = White::new(&blind.truth.noise, blind, scene, &cells);
+    let usable: Vec<usize> = (0..search.bank.len()).filter(|c| search.priors[*c].is_finite()).collect();
+    let of = |white: &White, c: usize| white.evidence(&search.bank[c].stacked);
+    let mut known: Vec<(usize, f64)> = usable.iter().map(|c| (*c, of(&truth, *c) + search.priors[*c])).collect();
+    known.sort_by(|a, b| b.1.total_cmp(&a.1));
+    // What slow noise hides shows beside white noise.
+    let white = White::new(&Noise { slow: Vec::new(), ..blind.truth.noise.clone() }, blind, scene, &cells);
+    let mut without: Vec<(usize, f64)> = usable.iter().map(|c| (*c, of(&white, *c) + search.priors[*c])).collect();
+    without.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let mut promising: Vec<usize> =
+        [&known, &without].into_iter().flat_map(|list| list.iter().take(PROMISING).map(|(c, _)| *c)).collect();
+    promising.sort_unstable();
+    promising.dedup();
+    let draws: Vec<(f64, Vec<f64>)> = (0..DRAWS)
+        .map(|draw| {
+            let mut random = Random::new(blind.truth.seed.wrapping_add(draw), "noise of the ideal");
+            let family = Family::ALL[random.below(Family::ALL.len())];
+            let slow = Noise::drawn(family, &blind.scenes[0], &mut random).slow;
+            let white = White::new(&Noise { slow, ..blind.truth.noise.clone() }, blind, scene, &cells);
+            (white.log_likelihood, promising.iter().map(|c| of(&white, *c)).collect())
+        })
+        .collect();
+    let most = draws.iter().map(|d| d.0).fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = draws.iter().map(|d| (d.0 - most).exp()).sum();
+    let averaged = promising.iter().enumerate().map(|(k, c)| {
+        let largest = draws.iter().map(|d| d.0 - most + d.1[k]).fold(f64::NEG_INFINITY, f64::max);
+        let sum: f64 = draws.iter().map(|d| (d.0 - most + d.1[k] - largest).exp()).sum();
+        (*c, largest + (sum / total).ln() + search.priors[*c])
+    });
+    let drawn = averaged.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let best = |(c, evidence): (usize, f64)| Best { evidence, effect: search.bank[c].id.to_owned() };
+    Some(Ideal { known: best(*known.first()?), drawn: best(drawn) })
+}
