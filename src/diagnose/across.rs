@@ -12,7 +12,7 @@ use crate::analysis::coil::tilt::{Family, PAIRS};
 use crate::analysis::lin;
 use crate::campaign::Campaign;
 use crate::fit::propagate::propagate;
-use crate::fit::scan::{ABSORBED, Fitted, Group, Score, global_p};
+use crate::fit::scan::{ABSORBED, Fitted, Group, Score};
 use crate::formats::orientations::RunResult;
 use crate::formats::parameter::{Cpf, TiltValues};
 use crate::model::effects::{self, Spec};
@@ -766,7 +766,7 @@ impl Search<'_> {
                 .collect();
             let tried: Vec<&Group> = usable.iter().map(|i| &groups[*i]).collect();
             let priors: Vec<f64> = usable.iter().map(|i| self.prior(*i)).collect();
-            let p_global = global_p(&fitted.simulate(&tried, &priors, SEED), most);
+            let p_global = fitted.simulate(&tried, &priors, SEED).global_p(most);
             if p_global > SIGNIFICANT {
                 break;
             }

@@ -114,6 +114,9 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
             }
         }
         let chosen = &best.fit;
+        if bank.corrected(base.p_value_of(chosen)) >= FALSE_ALARM {
+            break;
+        }
         let scale = (chosen.chi2 / chosen.dof()).max(1.0);
         let ambiguous: Vec<&Refined> =
             all[1..].iter().filter(|r| r.aicc - best.aicc < 2.0 * APART && r.id() != best.id()).collect();
@@ -135,6 +138,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
                 .collect(),
         });
         base = best.fit.clone();
+        drop_superfluous(&mut found, &mut base, &bank, &sines);
     }
     let mut maps = Vec::new();
     let number = steps.len();
@@ -165,6 +169,21 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
         maps,
         pictures,
     })
+}
+
+/// Takes out what was found first and is not needed beside what was found since.
+fn drop_superfluous(found: &mut Vec<Found>, base: &mut Fit, bank: &Bank, sines: &Sines) {
+    let first = base.model.terms.len() - found.len();
+    let mut k = 0;
+    while k + 1 < found.len() {
+        match base.without(first + k, sines) {
+            Some(without) if bank.corrected(without.p_value_of(base)) >= FALSE_ALARM => {
+                *base = without;
+                found.remove(k);
+            }
+            _ => k += 1,
+        }
+    }
 }
 
 /// The known effects that act on the sines of this run, with their values; what the run cannot have is warned about.
@@ -347,13 +366,11 @@ fn step(found: &Found, k: usize, fit: &Fit, sines: &Sines, number: usize, maps: 
         }
     }
     let before = found.before.held_out(sines, STRETCH);
-    let without: Vec<f64> = fit.p[..begin].iter().chain(&fit.p[begin + found.term.count()..]).copied().collect();
-    let mut model = fit.model.clone();
-    model.terms.remove(k);
     // The gap is that of this effect alone: with all that was found beside it.
-    let before = model.fit(&without, sines).map_or(before, |f| f.held_out(sines, STRETCH));
+    let before = fit.without(k, sines).map_or(before, |f| f.held_out(sines, STRETCH));
     let after = fit.held_out(sines, STRETCH);
-    let (gap_before, gap_after) = (gap(sines, &before, without.len(), timing), gap(sines, &after, fit.p.len(), timing));
+    let without = fit.p.len() - found.term.count();
+    let (gap_before, gap_after) = (gap(sines, &before, without, timing), gap(sines, &after, fit.p.len(), timing));
     // Where the held-out squares shrink most.
     let rows = sines.rows();
     let gained = |j: usize| before.rows(j * rows, rows).norm_squared() - after.rows(j * rows, rows).norm_squared();

@@ -4,6 +4,7 @@ use super::faults;
 use super::result;
 use crate::analysis::conditions::apply_facility;
 use crate::campaign::Campaign;
+use crate::fit::colour::Inside;
 use crate::fit::smooth::smoothed;
 use crate::formats::facility::Facility;
 use crate::model::effects::record::{Channel, Step};
@@ -26,6 +27,12 @@ pub const TREND_ORDER: usize = 2;
 /// A mean so many standard deviations beside its neighbours is an outlier, in a record of at least so many means.
 const OUTLIER: f64 = 5.0;
 const LEAST_FOR_OUTLIERS: usize = 200;
+/// Samples of usual scatter that are added to those of every row.
+const SHRINK: f64 = 20.0;
+/// Fewest samples of an eighth of a row, and fewest rows, that tell the noise; a row with so many times the usual differences tells nothing.
+const LEAST_IN_EIGHTH: usize = 3;
+const LEAST_FOR_INSIDE: usize = 12;
+const SPIKY: f64 = 10.0;
 /// Rows into which a record without settings is divided.
 const PARTS: usize = 200;
 
@@ -56,8 +63,10 @@ pub struct Scene {
     pub readings: DMatrix<f64>,
     /// Columns of the linear model of each component.
     pub design: DMatrix<f64>,
-    /// White variance of each row relative to the others.
-    pub white: Vec<f64>,
+    /// White variance of each row relative to the others, per component.
+    pub white: Vec<[f64; 3]>,
+    /// White noise by the samples inside the rows.
+    pub inside: Option<Inside>,
     /// nT per enT of each component.
     pub nt_per_ent: [f64; 3],
     /// Time and settings of the used plateaus, by index into the samples: first and one past the last.
@@ -159,7 +168,8 @@ impl Scene {
             parts.iter().map(|p| [at(p.used_s[0]), at(p.used_s[1])]).collect()
         });
         let white = white_variances(&parts);
-        let mut scene = Self { record, readings, design, white, nt_per_ent, windows, warnings, faults };
+        let inside = samples.and_then(|samples| inside(&parts, &white, &windows, samples));
+        let mut scene = Self { record, readings, design, white, inside, nt_per_ent, windows, warnings, faults };
         scene.doubt_outliers();
         if let Some(samples) = samples {
             scene.record.steps = steps(&scene.record, &list, samples);
@@ -187,7 +197,7 @@ impl Scene {
             for (white, v) in self.white.iter_mut().zip(&off) {
                 let z = v.abs() / usual.max(f64::MIN_POSITIVE);
                 if z > OUTLIER {
-                    *white = white.max(z * z / 4.0);
+                    white[a] = white[a].max(z * z / 4.0);
                 }
             }
         }
@@ -227,17 +237,61 @@ impl Scene {
     }
 }
 
-/// White variance of each part relative to the others: the scatter of its samples over their number, the components together.
-fn white_variances(parts: &[Part]) -> Vec<f64> {
+/// White variance of each part relative to the others: the scatter of its samples over their number.
+fn white_variances(parts: &[Part]) -> Vec<[f64; 3]> {
     let count = |p: &Part| p.count.map_or(1.0, |n| n.max(1) as f64);
     let most = parts.iter().map(count).fold(1.0, f64::max);
-    let usual: [f64; 3] = std::array::from_fn(|a| {
+    let usual = usual_variances(parts);
+    let scatter = |p: &Part, a: usize| {
+        let own = p.std_ent.map_or(1.0, |s| s[a] * s[a] / usual[a]);
+        // Few samples say little, and a single part with a spike is no law: at most ten times, at least a fifth of the usual.
+        (((count(p) - 1.0) * own + SHRINK) / (count(p) - 1.0 + SHRINK)).clamp(0.2, 10.0)
+    };
+    parts.iter().map(|p| std::array::from_fn(|a| scatter(p, a) * most / count(p))).collect()
+}
+
+/// Median variance of the samples of a part; one where they are not known, or do not scatter.
+fn usual_variances(parts: &[Part]) -> [f64; 3] {
+    std::array::from_fn(|a| {
         let mut all: Vec<f64> = parts.iter().map(|p| p.std_ent.map_or(1.0, |s| s[a] * s[a])).collect();
-        median(&mut all).max(f64::MIN_POSITIVE)
+        Some(median(&mut all)).filter(|v| *v > 0.0).unwrap_or(1.0)
+    })
+}
+
+/// White noise of a mean by the differences of neighbouring eighths of the parts, which a noise that is white between the samples only, or
+/// not even there, does not deceive.
+fn inside(parts: &[Part], white: &[[f64; 3]], windows: &[[usize; 2]], samples: &Samples) -> Option<Inside> {
+    const EIGHTHS: usize = 8;
+    let mut all: [Vec<f64>; 3] = Default::default();
+    for (part, ([from, to], white)) in parts.iter().zip(windows.iter().zip(white)) {
+        let length = (to - from) / EIGHTHS;
+        if length < LEAST_IN_EIGHTH || part.std_ent.is_none() {
+            continue;
+        }
+        for (a, all) in all.iter_mut().enumerate() {
+            let mean = |k: usize| {
+                let own = &samples.reading_ent[from + k * length..from + (k + 1) * length];
+                own.iter().map(|v| v[a]).sum::<f64>() / length as f64
+            };
+            let squares: f64 = (0..EIGHTHS).step_by(2).map(|k| (mean(k + 1) - mean(k)).powi(2)).sum();
+            // The variance of a difference is twice that of the mean of an eighth.
+            let per_pair = squares / (EIGHTHS / 2) as f64 * 0.5 * length as f64 / (to - from) as f64;
+            all.push(per_pair / white[a]);
+        }
+    }
+    let rows = all[0].len();
+    if rows < LEAST_FOR_INSIDE {
+        return None;
+    }
+    // What happens in single parts is no noise.
+    let mut freedom = f64::INFINITY;
+    let variance = all.map(|mut values| {
+        let most = SPIKY * median(&mut values.clone());
+        values.retain(|v| *v <= most);
+        freedom = freedom.min((values.len() * EIGHTHS / 2) as f64);
+        values.iter().sum::<f64>() / values.len().max(1) as f64
     });
-    let scatter = |p: &Part| p.std_ent.map_or(1.0, |s| (0..3).map(|a| s[a] * s[a] / usual[a]).sum::<f64>() / 3.0);
-    // A single plateau with a spike is no law: at most ten times, at least a fifth of the usual.
-    parts.iter().map(|p| scatter(p).clamp(0.2, 10.0) * most / count(p)).collect()
+    variance.iter().all(|v| *v > 0.0).then_some(Inside { variance, freedom })
 }
 
 struct Part {
@@ -274,12 +328,17 @@ fn parts_of(samples: &Samples) -> Vec<Part> {
         .filter(|(t, _)| 2 * t.len() >= length)
         .map(|(t, r)| {
             let mean = |a: usize| r.iter().map(|v| v[a]).sum::<f64>() / r.len() as f64;
+            let mean_ent = [mean(0), mean(1), mean(2)];
+            let std = |a: usize| {
+                let squares: f64 = r.iter().map(|v| (v[a] - mean_ent[a]).powi(2)).sum();
+                (squares / (r.len() - 1).max(1) as f64).sqrt()
+            };
             Part {
                 used_s: [t[0], t[t.len() - 1]],
                 field_coil_nt: [0.0; 3],
-                mean_ent: [mean(0), mean(1), mean(2)],
+                mean_ent,
                 count: Some(r.len() as u64),
-                std_ent: None,
+                std_ent: Some([std(0), std(1), std(2)]),
                 index: None,
             }
         })

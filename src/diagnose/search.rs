@@ -2,15 +2,17 @@
 
 use super::scene::{Scene, TREND_ORDER};
 use crate::fit::colour::{Colour, Correlations, Noise, Rows};
-use crate::fit::scan::{ABSORBED, Fitted, Group, Score, global_p, orthonormal};
+use crate::fit::scan::{ABSORBED, Fitted, Group, Score, orthonormal};
 use crate::model::effects::{self, CATALOGUE, Column, Covariate, Effect, Record, Spec};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::brent::BrentOpt;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Evidence (logarithm) that a candidate needs. On average over noise it is one for each of some twenty explanations.
-const EVIDENT: f64 = 4.605;
+/// Probability with which noise alone may give as much evidence as a candidate needs.
+const FALSE_ALARM: f64 = 0.01;
+/// Evidence (logarithm) that it needs beyond that, since the noise that the readings allow gives more than the noise that they suggest.
+const NOISE_UNKNOWN: f64 = 1.0;
 /// Explanations whose evidence is averaged.
 const PROMISING: usize = 5;
 /// Prior of a dependence on a covariate that no effect explains, relative to an effect of the catalogue.
@@ -174,6 +176,7 @@ impl<'a> Search<'a> {
         let rows = Rows {
             t_s: record.rows.iter().map(effects::Row::t_s).collect(),
             white: scene.white.clone(),
+            inside: scene.inside,
             field: {
                 let most: [f64; 3] = std::array::from_fn(|a| record.most_ent(a).max(f64::MIN_POSITIVE));
                 record.rows.iter().map(|r| std::array::from_fn(|a| r.linear_ent[a] / most[a])).collect()
@@ -268,7 +271,7 @@ impl<'a> Search<'a> {
         columns.columns_mut(3 * p, extra).copy_from(&common);
         let stacked = DMatrix::from_column_slice(3 * n, 1, self.readings.as_slice());
         let readings = self.whiten(&noise, &stacked).column(0).into_owned();
-        let fitted = Fitted::of_components(&readings, &own, &common, self.edges());
+        let fitted = Fitted::of_components(&readings, &own, &common, self.edges()).with_noise_beside(noise.inside);
         State { noise, fitted, columns, readings }
     }
 
@@ -398,12 +401,15 @@ impl<'a> Search<'a> {
                 .filter(|i| groups[*i].surviving > ABSORBED && self.priors[*i].is_finite() && groups[*i].count() > 0)
                 .collect();
             let averaged = self.averaged(&state, &now, &explanations);
-            let Some(best) = averaged.first().filter(|e| e.best_evidence > EVIDENT) else { return Some((terms, state)) };
+            let Some(best) = averaged.first().filter(|e| e.best_evidence > NOISE_UNKNOWN) else { return Some((terms, state)) };
             let tried: Vec<&Group> = usable.iter().map(|i| &groups[*i]).collect();
             let priors: Vec<f64> = usable.iter().map(|i| self.priors[*i]).collect();
             let maxima = state.fitted.simulate(&tried, &priors, SEED);
-            let most = explanations.iter().map(|e| e.best_evidence).fold(f64::NEG_INFINITY, f64::max);
-            let p_global = global_p(&maxima, most).min((-best.best_evidence).exp());
+            let margin = best.best_evidence - NOISE_UNKNOWN - maxima.evidence_at(FALSE_ALARM);
+            if margin <= 0.0 {
+                return Some((terms, state));
+            }
+            let p_global = maxima.global_p(best.best_evidence - NOISE_UNKNOWN);
             let candidate = self.refined(&state, &self.bank[best.best]);
             let key = best.key.clone();
             let after: Vec<&Candidate> = now.iter().copied().chain([&candidate]).collect();
@@ -415,7 +421,7 @@ impl<'a> Search<'a> {
                 self.set_priors();
                 continue;
             }
-            let least = best.score.part_for(best.best_evidence - EVIDENT);
+            let least = best.score.part_for(margin);
             terms.push(Term { candidate, p_global, trials: usable.len(), least });
             self.merge(&mut terms);
             self.repair(given, &mut terms)?;

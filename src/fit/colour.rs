@@ -9,6 +9,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::Serialize;
+use statrs::function::gamma::ln_gamma;
 use std::sync::Arc;
 
 /// Exponents of the power density of slow noise that are tried.
@@ -25,6 +26,11 @@ const FIELD_RATIOS: [f64; 5] = [0.3, 1.0, 3.0, 10.0, 30.0];
 const CLOSER: [f64; 4] = [2.0, 1.5, 1.25, 1.1];
 /// Noise that grows with the field is rare: logarithms of its prior, for white and for slow noise.
 const RARE: [f64; 2] = [1.5, 3.0];
+/// Prior probability that means scatter more or less than the samples inside them let expect, and the range of logarithms of its factor.
+const APART_PRIOR: f64 = 0.1;
+const APART_RANGE: f64 = 9.0;
+/// Prior probability of noise that grows with the field, where the readings suggest it.
+const GROWING_PRIOR: f64 = 0.2;
 /// Time constants of the relaxations of a power density: the shortest in rows, the longest in lengths of the series, and their ratio.
 const SHORTEST: f64 = 0.4;
 const LONGEST: f64 = 3.0;
@@ -35,10 +41,21 @@ const APART: f64 = 3.0;
 pub struct Rows {
     /// Middle of each row, s; ascending.
     pub t_s: Vec<f64>,
-    /// White variance of each row relative to the others.
-    pub white: Vec<f64>,
+    /// White variance of each row relative to the others, per component.
+    pub white: Vec<[f64; 3]>,
     /// Applied field of each component relative to the largest, -1 to 1.
     pub field: Vec<[f64; 3]>,
+    /// What is known from inside the rows.
+    pub inside: Option<Inside>,
+}
+
+/// White noise by the samples inside the rows: how much neighbouring parts of a row differ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inside {
+    /// Variance of the mean of a row of relative variance one, per component.
+    pub variance: [f64; 3],
+    /// Differences that tell it, per component.
+    pub freedom: f64,
 }
 
 /// Shares and exponent of the noise.
@@ -54,11 +71,14 @@ pub struct Colour {
     pub white_field: f64,
     /// Variance of slow noise of the gain, at the largest field, over the white variance.
     pub slow_field: f64,
+    /// The white noise of the means is not that of the samples inside them, as where a field is set anew for every row.
+    pub apart: bool,
 }
 
 impl Colour {
     /// White noise.
-    pub const WHITE: Colour = Colour { exponent: 1.0, memory_rows: 0.0, slow: 0.0, white_field: 0.0, slow_field: 0.0 };
+    pub const WHITE: Colour =
+        Colour { exponent: 1.0, memory_rows: 0.0, slow: 0.0, white_field: 0.0, slow_field: 0.0, apart: false };
 
     /// Place of its shape among [`EXPONENTS`] and then [`MEMORIES`].
     fn shape(&self) -> usize {
@@ -86,7 +106,8 @@ impl Colour {
     /// Logarithm of the prior.
     fn prior(&self) -> f64 {
         let of = |share: f64, prior: f64| if share > 0.0 { -prior } else { 0.0 };
-        of(self.white_field, RARE[0]) + of(self.slow_field, RARE[1])
+        let apart = if self.apart { APART_PRIOR } else { 1.0 - APART_PRIOR };
+        of(self.white_field, RARE[0]) + of(self.slow_field, RARE[1]) + apart.ln()
     }
 }
 
@@ -106,6 +127,8 @@ struct Slow {
 /// Slow noise of all shapes at the times of the rows.
 pub struct Correlations {
     rows: Rows,
+    /// White variances are those of the first component everywhere.
+    equal: bool,
     slow: Vec<Slow>,
 }
 
@@ -125,6 +148,8 @@ pub struct Noise {
     pub colour: Colour,
     /// Standard deviation of the white part of a row of relative variance one, per component.
     pub white_std: [f64; 3],
+    /// Squares and degrees of freedom of what tells the white noise of each component beside the rows, in units of it.
+    pub inside: [[f64; 2]; 3],
     whiteners: [Arc<Whitener>; 3],
 }
 
@@ -158,7 +183,8 @@ impl Correlations {
             Slow::new(t, tau_s.clone(), &weights)
         };
         let slow = EXPONENTS.iter().map(power).chain(MEMORIES.iter().map(|m| Slow::new(t, vec![m * gap], &[1.0]))).collect();
-        Self { rows, slow }
+        let equal = rows.white.iter().all(|w| w[1] == w[0] && w[2] == w[0]);
+        Self { rows, equal, slow }
     }
 
     fn element(&self, colour: &Colour, component: usize, i: usize, j: usize) -> f64 {
@@ -174,7 +200,7 @@ impl Correlations {
 
     fn white(&self, colour: &Colour, component: usize, row: usize) -> f64 {
         let u = self.rows.field[row][component];
-        self.rows.white[row] * (1.0 + colour.white_field * u * u)
+        self.rows.white[row][component] * (1.0 + colour.white_field * u * u)
     }
 
     fn whitener(&self, colour: &Colour, component: usize) -> Option<Whitener> {
@@ -226,45 +252,50 @@ impl Correlations {
         Some(whitener)
     }
 
-    /// Log likelihood of a colour up to a constant, restricted or not, with the white standard deviation of each component; `None` where
-    /// it has none.
-    fn likelihood(&self, colour: &Colour, data: &Data, restricted: bool) -> Option<(f64, Noise)> {
+    /// Restricted log likelihood of a colour up to a constant, with the white standard deviation of each component; `None` where it has none.
+    fn likelihood(&self, colour: &Colour, data: &Data) -> Option<(f64, Noise)> {
         let mut sum = 0.0;
         let mut white_std = [0.0; 3];
+        let mut inside = [[0.0; 2]; 3];
         let mut whiteners: Vec<Arc<Whitener>> = Vec::with_capacity(3);
+        let equal = colour.white_field + colour.slow_field == 0.0 && self.equal;
         for component in 0..3 {
-            // Without a share that grows with the field all components have the same covariance.
             let whitener = match whiteners.last() {
-                Some(same) if colour.white_field + colour.slow_field == 0.0 => Arc::clone(same),
+                Some(same) if equal => Arc::clone(same),
                 _ => Arc::new(self.whitener(colour, component)?),
             };
             let left = fit(&whitener, &data.readings.column(component).into_owned(), &data.designs[component])?;
-            sum -= 0.5
-                * if restricted {
-                    left.freedom * left.squares.ln() + left.log_covariance + left.log_normal
-                } else {
-                    data.readings.nrows() as f64 * left.squares.ln() + left.log_covariance
-                };
-            white_std[component] = (left.squares / left.freedom).sqrt();
+            let known = self.rows.inside.map(|i| [i.freedom * i.variance[component], i.freedom]);
+            let (squares, freedom) = match known {
+                Some([own, count]) if !colour.apart => (left.squares + own, left.freedom + count),
+                _ => (left.squares, left.freedom),
+            };
+            sum += of_squares(squares, freedom) - 0.5 * (left.log_covariance + left.log_normal);
+            if let Some([own, count]) = known.filter(|_| colour.apart) {
+                sum += of_squares(own, count) - APART_RANGE.ln();
+            }
+            let variance = squares / freedom;
+            white_std[component] = variance.sqrt();
+            inside[component] = known.filter(|_| !colour.apart).map_or([0.0; 2], |[own, count]| [own / variance, count]);
             whiteners.push(whitener);
         }
         let whiteners = whiteners.try_into().ok()?;
-        sum.is_finite().then_some((sum, Noise { colour: *colour, white_std, whiteners }))
+        sum.is_finite().then_some((sum, Noise { colour: *colour, white_std, inside, whiteners }))
     }
 
-    fn value(&self, colour: &Colour, data: &Data, restricted: bool) -> f64 {
-        self.likelihood(colour, data, restricted).map_or(f64::NEG_INFINITY, |(l, _)| l + colour.prior())
+    fn value(&self, colour: &Colour, data: &Data) -> f64 {
+        self.likelihood(colour, data).map_or(f64::NEG_INFINITY, |(l, _)| l + colour.prior())
     }
 
     /// The most likely of some colours, the first of equal ones.
-    fn best(&self, colours: &[Colour], data: &Data, restricted: bool) -> (f64, Colour) {
-        let values: Vec<f64> = colours.par_iter().map(|c| self.value(c, data, restricted)).collect();
+    fn best(&self, colours: &[Colour], data: &Data) -> (f64, Colour) {
+        let values: Vec<f64> = colours.par_iter().map(|c| self.value(c, data)).collect();
         let first = (f64::NEG_INFINITY, Colour::WHITE);
         colours.iter().zip(values).fold(first, |best, (c, v)| if v > best.0 { (v, *c) } else { best })
     }
 
     /// The most likely colour near another one.
-    fn climb(&self, mut best: (f64, Colour), data: &Data, restricted: bool) -> (f64, Colour) {
+    fn climb(&self, mut best: (f64, Colour), data: &Data) -> (f64, Colour) {
         for factor in CLOSER {
             let now = best.1;
             let mut tried: Vec<Colour> = Vec::new();
@@ -281,7 +312,7 @@ impl Correlations {
                 }
             }
             tried.retain(|c| *c != now);
-            let found = self.best(&tried, data, restricted);
+            let found = self.best(&tried, data);
             if found.0 > best.0 {
                 best = found;
             }
@@ -290,29 +321,40 @@ impl Correlations {
     }
 
     /// The noise that readings about a linear model allow, with the logarithm of the probability of each: slow noise of every kind and size,
-    /// or none, and as much noise that grows as in `from`, or less. The last is that without slow noise.
+    /// or none, and as much noise that grows as in `from`, or less, or none: what is not in the model may look like it. The last is white.
     #[must_use]
     pub fn plausible(&self, from: &Colour, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Vec<(Noise, f64)> {
         let data = Data { readings, designs };
-        let none = Colour { slow: 0.0, ..*from };
         let mut colours: Vec<(Colour, f64)> = Vec::new();
-        if from.slow_field > 0.0 {
-            let shapes: Vec<usize> = from.neighbours().chain([from.shape()]).collect();
-            let sizes = if from.slow > 0.0 { vec![from.slow, 0.3 * from.slow, 0.1 * from.slow, 0.0] } else { vec![0.0] };
-            for (field, slow) in [1.0, 0.3, 0.1, 0.03].into_iter().flat_map(|f| sizes.iter().map(move |s| (f, *s))) {
-                let one = Colour { slow, slow_field: field * from.slow_field, ..*from };
-                colours.extend(shapes.iter().map(|s| (one.with_shape(*s), 0.5 / shapes.len() as f64)));
+        let shapes: Vec<usize> = (0..SHAPES).step_by(COARSE).collect();
+        let of_rows =
+            if self.rows.inside.is_some() { vec![(true, APART_PRIOR), (false, 1.0 - APART_PRIOR)] } else { vec![(false, 1.0)] };
+        let of_field =
+            |now: f64| if now > 0.0 { vec![(now, GROWING_PRIOR), (0.0, 1.0 - GROWING_PRIOR)] } else { vec![(0.0, 1.0)] };
+        for ((apart, p), (white_field, q)) in
+            of_rows.iter().flat_map(|a| of_field(from.white_field).into_iter().map(move |w| (*a, w)))
+        {
+            let white = Colour { apart, white_field, ..Colour::WHITE };
+            for (slow_field, r) in of_field(from.slow_field) {
+                let prior = p * q * r;
+                if slow_field > 0.0 {
+                    let shapes: Vec<usize> = from.neighbours().chain([from.shape()]).collect();
+                    let slow = if from.slow > 0.0 { vec![1.0, 0.3, 0.1, 0.0] } else { vec![0.0] };
+                    let part = prior / (4 * slow.len() * shapes.len()) as f64;
+                    for (field, slow) in [1.0, 0.3, 0.1, 0.03].into_iter().flat_map(|f| slow.iter().map(move |s| (f, *s))) {
+                        let one = Colour { slow: slow * from.slow, slow_field: field * slow_field, ..white };
+                        colours.extend(shapes.iter().map(|s| (one.with_shape(*s), part)));
+                    }
+                } else {
+                    let part = 0.5 * prior / (RATIOS.len() * shapes.len()) as f64;
+                    for slow in RATIOS {
+                        colours.extend(shapes.iter().map(|s| (Colour { slow, ..white }.with_shape(*s), part)));
+                    }
+                    colours.push((white, 0.5 * prior));
+                }
             }
-            colours.push((Colour { slow_field: 0.0, ..none }, 0.5));
-        } else {
-            let shapes: Vec<usize> = (0..SHAPES).step_by(COARSE).collect();
-            for slow in RATIOS {
-                let part = 0.5 / (RATIOS.len() * shapes.len()) as f64;
-                colours.extend(shapes.iter().map(|s| (Colour { slow, ..none }.with_shape(*s), part)));
-            }
-            colours.push((none, 0.5));
         }
-        let found: Vec<Option<(f64, Noise)>> = colours.par_iter().map(|(c, _)| self.likelihood(c, &data, true)).collect();
+        let found: Vec<Option<(f64, Noise)>> = colours.par_iter().map(|(c, _)| self.likelihood(c, &data)).collect();
         let mut all: Vec<(Noise, f64)> = found
             .into_iter()
             .zip(&colours)
@@ -327,7 +369,7 @@ impl Correlations {
     /// Noise of a given colour, its variances from residuals about a linear model.
     #[must_use]
     pub fn with_colour(&self, colour: Colour, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Option<Noise> {
-        self.likelihood(&colour, &Data { readings, designs }, true).map(|(_, noise)| noise)
+        self.likelihood(&colour, &Data { readings, designs }).map(|(_, noise)| noise)
     }
 
     /// The most likely noise of residuals about a linear model: `readings` has a column per component, `designs` the columns that were
@@ -337,7 +379,7 @@ impl Correlations {
         let data = Data { readings, designs };
         let shapes = || (0..SHAPES).step_by(COARSE);
         let slow = RATIOS.iter().flat_map(|slow| shapes().map(|s| Colour { slow: *slow, ..Colour::WHITE }.with_shape(s)));
-        let mut best = self.best(&std::iter::once(Colour::WHITE).chain(slow).collect::<Vec<_>>(), &data, true);
+        let mut best = self.best(&std::iter::once(Colour::WHITE).chain(slow).collect::<Vec<_>>(), &data);
         // What grows with the field, beside what does not or in its place.
         let base = best.1;
         let mut growing = Vec::new();
@@ -347,11 +389,18 @@ impl Correlations {
             growing.push(Colour { slow_field: ratio, ..base });
             growing.extend(shapes().map(|s| Colour { slow_field: ratio, slow: 0.0, ..base }.with_shape(s)));
         }
-        let grown = self.best(&growing, &data, true);
+        let grown = self.best(&growing, &data);
         if grown.0 > best.0 {
             best = grown;
         }
-        best = self.climb(best, &data, true);
+        best = self.climb(best, &data);
+        if self.rows.inside.is_some() {
+            let apart = [best.1, Colour { slow: 0.0, ..best.1 }, Colour::WHITE].map(|c| Colour { apart: true, ..c });
+            let found = self.climb(self.best(&apart, &data), &data);
+            if found.0 > best.0 {
+                best = found;
+            }
+        }
         self.with_colour(best.1, readings, designs)
     }
 
@@ -418,6 +467,11 @@ struct Data<'a> {
     designs: &'a [DMatrix<f64>; 3],
 }
 
+/// Logarithm of the probability of squares of a variance of which nothing is known but that its logarithm is uniform, but for powers of π.
+fn of_squares(squares: f64, freedom: f64) -> f64 {
+    ln_gamma(0.5 * freedom) - 0.5 * freedom * (0.5 * squares).ln() - std::f64::consts::LN_2
+}
+
 /// What a whitened fit leaves.
 struct Left {
     squares: f64,
@@ -448,9 +502,9 @@ mod tests {
 
     fn rows() -> Rows {
         let t_s: Vec<f64> = (0..40).map(|i| 10.0 * f64::from(i) + 3.0 * f64::from(i * i % 7)).collect();
-        let white = (0..40).map(|i| 1.0 + 0.1 * f64::from(i % 5)).collect();
+        let white = (0..40).map(|i| [1.0, 1.2, 0.8].map(|w| w + 0.1 * f64::from(i % 5))).collect();
         let field = (0..40).map(|i| [0, 1, 2].map(|a| f64::from((i * (3 + a)) % 11 - 5) / 5.0)).collect();
-        Rows { t_s, white, field }
+        Rows { t_s, white, field, inside: None }
     }
 
     /// The filter is the inverse of the covariance that the module states, whatever the shares.
@@ -483,8 +537,9 @@ mod tests {
     fn relaxations_make_a_power_density() {
         let noises = Correlations::new(Rows {
             t_s: (0..3000).map(f64::from).collect(),
-            white: vec![1.0; 3000],
+            white: vec![[1.0; 3]; 3000],
             field: vec![[0.0; 3]; 3000],
+            inside: None,
         });
         // What the ends cut off at a thousandth and a hundredth is below (0.4/16)^0.75 and (160/7900)^0.5 of it for these exponents.
         for (a, slow) in EXPONENTS.iter().zip(&noises.slow).filter(|(a, _)| (0.75..=1.5).contains(*a)) {

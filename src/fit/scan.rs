@@ -18,6 +18,8 @@ pub const ABSORBED: f64 = 0.02;
 const INDEPENDENT: f64 = 1e-9;
 /// Draws of noise for the largest evidence of all groups.
 const DRAWS: usize = 500;
+/// One in so many of them, the largest, are the tail.
+const TAIL: usize = 25;
 /// Draws of one thread at a time.
 const BATCH: usize = 50;
 
@@ -31,6 +33,8 @@ pub struct Fitted {
     edges: [usize; 4],
     /// Degrees of freedom of each component.
     freedom: [f64; 3],
+    /// Squares that tell the noise of each component beside the residuals.
+    beside: [f64; 3],
 }
 
 /// A group of columns beside the model.
@@ -154,7 +158,17 @@ impl Fitted {
             let rows = base.rows(edges[a], edges[a + 1] - edges[a]);
             (edges[a + 1] - edges[a]) as f64 - rows.norm_squared()
         });
-        Self { residual, base, edges, freedom }
+        Self { residual, base, edges, freedom, beside: [0.0; 3] }
+    }
+
+    /// With squares of independent noise of each component beside the residuals, and their number.
+    #[must_use]
+    pub fn with_noise_beside(mut self, squares_and_count: [[f64; 2]; 3]) -> Self {
+        for (a, [squares, count]) in squares_and_count.into_iter().enumerate() {
+            self.beside[a] += squares;
+            self.freedom[a] += count;
+        }
+        self
     }
 
     /// Degrees of freedom of each component.
@@ -189,7 +203,7 @@ impl Fitted {
     }
 
     fn squares(&self, residual: &DVector<f64>) -> [f64; 3] {
-        std::array::from_fn(|a| residual.rows(self.edges[a], self.edges[a + 1] - self.edges[a]).norm_squared())
+        std::array::from_fn(|a| self.beside[a] + residual.rows(self.edges[a], self.edges[a + 1] - self.edges[a]).norm_squared())
     }
 
     /// Score of a group on the residuals.
@@ -217,9 +231,9 @@ impl Fitted {
         Score::of(likelihood, freedom, group.base.ncols())
     }
 
-    /// Largest evidences that noise alone gives among all groups with their prior weights (logarithms), ascending.
+    /// Largest evidences that noise alone gives among all groups with their prior weights (logarithms).
     #[must_use]
-    pub fn simulate(&self, groups: &[&Group], log_priors: &[f64], seed: u64) -> Vec<f64> {
+    pub fn simulate(&self, groups: &[&Group], log_priors: &[f64], seed: u64) -> Maxima {
         let n = self.residual.len();
         let batches: Vec<usize> = (0..DRAWS / BATCH).collect();
         // Components on which a group does not act have nothing to add.
@@ -267,7 +281,7 @@ impl Fitted {
             })
             .collect();
         maxima.sort_by(f64::total_cmp);
-        maxima
+        Maxima(maxima)
     }
 
     /// Canonical correlation of two groups: how much one can stand in for the other.
@@ -294,23 +308,38 @@ impl Group {
     }
 }
 
-/// Probability of a maximum at least as large, from simulated ones; beyond them the tail is exponential, which it is for evidences.
-#[must_use]
-pub fn global_p(maxima: &[f64], evidence: f64) -> f64 {
-    let n = maxima.len();
-    if n == 0 {
-        return 1.0;
+/// Largest evidences that noise alone gives, ascending. Beyond the simulated ones the tail is exponential, which it is for evidences.
+pub struct Maxima(Vec<f64>);
+
+impl Maxima {
+    /// Number of the largest ones, from where on they are a tail, and how fast it falls.
+    fn tail(&self) -> (usize, f64, f64) {
+        let n = self.0.len();
+        let tail = (n / TAIL).max(1);
+        let edge = self.0[n - tail];
+        let excess = self.0[n - tail..].iter().map(|m| m - edge).sum::<f64>() / tail as f64;
+        // Evidences are one on average over noise: their tail falls at least as fast.
+        (tail, edge, (1.0 / excess.max(1e-6)).clamp(1.0, 2.0))
     }
-    let above = n - maxima.partition_point(|m| *m < evidence);
-    let tail = n / 25;
-    if above > tail {
-        return above as f64 / n as f64;
+
+    /// Probability that noise alone gives at least as much.
+    #[must_use]
+    pub fn global_p(&self, evidence: f64) -> f64 {
+        let n = self.0.len();
+        let above = n - self.0.partition_point(|m| *m < evidence);
+        let (tail, edge, rate) = self.tail();
+        if above > tail {
+            return above as f64 / n as f64;
+        }
+        (tail as f64 / n as f64 * (-(evidence - edge) * rate).exp()).max(f64::MIN_POSITIVE)
     }
-    let edge = maxima[n - tail];
-    let excess = maxima[n - tail..].iter().map(|m| m - edge).sum::<f64>() / tail as f64;
-    // Evidences are one on average over noise: their tail falls at least as fast.
-    let rate = (1.0 / excess.max(1e-6)).clamp(1.0, 2.0);
-    (tail as f64 / n as f64 * (-(evidence - edge) * rate).exp()).max(f64::MIN_POSITIVE)
+
+    /// Evidence that noise alone exceeds with a probability, which is one of the tail.
+    #[must_use]
+    pub fn evidence_at(&self, p: f64) -> f64 {
+        let (tail, edge, rate) = self.tail();
+        edge + (tail as f64 / self.0.len() as f64 / p).ln() / rate
+    }
 }
 
 /// Logarithm of the probability that a chi square with `d` degrees of freedom is larger.

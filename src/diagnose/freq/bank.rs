@@ -141,6 +141,15 @@ fn tail(drop: f64, count: f64, squares: f64, dof: f64) -> f64 {
     FisherSnedecor::new(count, dof - count).map_or(1.0, |d| d.sf(f)).max(f64::MIN_POSITIVE)
 }
 
+impl Fit {
+    /// Probability that noise alone makes a fit with more terms as much better than this one; trials of poles are counted elsewhere.
+    pub fn p_value_of(&self, better: &Fit) -> f64 {
+        let poles = |fit: &Fit| fit.model.terms.iter().filter(|t| matches!(t, Term::Pole(_) | Term::Order(..))).count();
+        let count = better.p.len() - self.p.len() - (poles(better) - poles(self));
+        tail((self.chi2 - better.chi2).max(0.0), count as f64, self.chi2, self.dof())
+    }
+}
+
 /// A candidate that was fitted with everything else.
 pub struct Refined {
     pub term: Term,

@@ -216,10 +216,7 @@ impl Model {
                 for k in 0..p.len() {
                     damped[(k, k)] += damping * normal[(k, k)].max(1e-12);
                 }
-                let moved = damped
-                    .cholesky()
-                    .map(|c| c.solve(&right))
-                    .map(|step| -> Vec<f64> { self.inside(p.iter().zip(step.iter()).map(|(a, b)| a + b).collect()) });
+                let moved = self.step(damped, right.clone(), &p);
                 let new = moved.filter(|m| self.allowed(m)).map(|m| (self.residual(&m, sines), m));
                 match new {
                     Some((r, m)) if r.norm_squared() < chi2 => {
@@ -240,18 +237,43 @@ impl Model {
         Some(Fit { model: self.clone(), p, residual, jacobian, chi2 })
     }
 
-    /// With the poles where they may be.
-    fn inside(&self, mut p: Vec<f64>) -> Vec<f64> {
-        for (k, term) in self.terms.iter().enumerate() {
+    /// Parameters of poles: where they stand, and their lowest and highest value.
+    fn limits(&self) -> impl Iterator<Item = (usize, [f64; 2])> {
+        self.terms.iter().enumerate().filter_map(|(k, term)| {
             let lowest_hz = match term {
                 Term::Pole(_) => POLES_HZ[0],
                 Term::Order(_, lowest_hz) => *lowest_hz,
-                _ => continue,
+                _ => return None,
             };
-            let ln = &mut p[self.begin(k) + 1];
-            *ln = ln.clamp(lowest_hz.ln(), POLES_HZ[1].ln());
-        }
+            Some((self.begin(k) + 1, [lowest_hz.ln(), POLES_HZ[1].ln()]))
+        })
+    }
+
+    /// With the poles where they may be.
+    fn inside(&self, mut p: Vec<f64>) -> Vec<f64> {
+        self.limits().for_each(|(k, [low, high])| p[k] = p[k].clamp(low, high));
         p
+    }
+
+    /// One step of the normal equations; what would leave its limits goes to them, and all others are solved for that.
+    fn step(&self, mut normal: DMatrix<f64>, mut right: DVector<f64>, p: &[f64]) -> Option<Vec<f64>> {
+        loop {
+            let step = normal.clone().cholesky()?.solve(&right);
+            let leaves = |(k, [low, high]): &(usize, [f64; 2])| {
+                // To rounding, what goes to its limit is there.
+                let to = p[*k] + step[*k];
+                to < low - 1e-9 || to > high + 1e-9
+            };
+            let Some((k, [low, high])) = self.limits().find(leaves) else {
+                return Some(self.inside(p.iter().zip(step.iter()).map(|(a, b)| a + b).collect()));
+            };
+            let by = (p[k] + step[k]).clamp(low, high) - p[k];
+            right.axpy(-by, &normal.column(k).into_owned(), 1.0);
+            normal.column_mut(k).fill(0.0);
+            normal.row_mut(k).fill(0.0);
+            normal[(k, k)] = 1.0;
+            right[k] = by;
+        }
     }
 
     fn allowed(&self, p: &[f64]) -> bool {
@@ -305,6 +327,15 @@ impl Fit {
         model.terms.push(term.clone());
         let mut p = self.p.clone();
         p.extend_from_slice(values);
+        model.fit(&p, sines)
+    }
+
+    /// Without one of its terms.
+    pub fn without(&self, term: usize, sines: &Sines) -> Option<Fit> {
+        let (begin, count) = (self.model.begin(term), self.model.terms[term].count());
+        let mut model = self.model.clone();
+        model.terms.remove(term);
+        let p: Vec<f64> = self.p[..begin].iter().chain(&self.p[begin + count..]).copied().collect();
         model.fit(&p, sines)
     }
 
