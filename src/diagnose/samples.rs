@@ -5,7 +5,7 @@ mod periodic;
 use super::scene::{Samples, Scene};
 use crate::model::effects::settling::{TAUS_S, transient};
 use crate::model::effects::{Record, Spec};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix2};
 pub use periodic::periodic;
 
 /// Probability that noise alone shows as much.
@@ -14,8 +14,12 @@ const SIGNIFICANT: f64 = 0.001;
 const CLEAR_STEP: f64 = 100.0;
 /// Longest displacement that is looked for, s, and as a part of the shorter neighbour.
 const MOST_SHIFT_S: f64 = 1.0;
+/// Displacements are looked for again around the last one at most so often.
+const MOST_ROUNDS: usize = 4;
 /// Least displacement, in samples.
 const LEAST_SHIFT: f64 = 0.1;
+/// Step of the derivative by the logarithm of a time constant.
+const TAU_STEP: f64 = 0.01;
 /// Two explanations are told apart by this ratio of likelihoods (logarithm).
 const APART: f64 = 4.605;
 
@@ -78,15 +82,12 @@ fn sample_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
     sums.map(|s| (s / (2.0 * f64::max(count, 1.0))).sqrt())
 }
 
-/// Whether data and settings step at different times.
-#[must_use]
-pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
-    let std = sample_std(samples, &scene.windows);
+/// Displacement of every clear edge, s, looked for around a displacement that is known roughly.
+fn edges_around(scene: &Scene, samples: &Samples, std: [f64; 3], dt: f64, around_s: f64) -> Vec<f64> {
     let steps = &scene.record.steps;
-    let dt = (samples.t_s.last()? - samples.t_s.first()?) / (samples.t_s.len() - 1) as f64;
     let mut shifts = Vec::new();
     for (i, step) in steps.iter().enumerate() {
-        let axis = (0..3).max_by(|a, b| step.change_ent[*a].abs().total_cmp(&step.change_ent[*b].abs()))?;
+        let axis = (0..3).max_by(|a, b| step.change_ent[*a].abs().total_cmp(&step.change_ent[*b].abs())).unwrap_or(0);
         let change = step.change_ent[axis];
         let before = i.checked_sub(1).map_or(f64::INFINITY, |k| step.t_s - steps[k].t_s);
         let after = steps.get(i + 1).map_or(f64::INFINITY, |s| s.t_s - step.t_s);
@@ -95,7 +96,8 @@ pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
             continue;
         }
         let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
-        let (from, middle, to) = (at(step.t_s - half), at(step.t_s), at(step.t_s + half));
+        let edge_s = step.t_s + around_s;
+        let (from, middle, to) = (at(edge_s - half), at(edge_s), at(edge_s + half));
         if middle < from + 3 || to < middle + 3 {
             continue;
         }
@@ -111,12 +113,33 @@ pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
         }
         let sum: f64 =
             (from..to).map(|k| (high - samples.reading_ent[k][axis]) / (high - low) - if k < middle { 1.0 } else { 0.0 }).sum();
-        shifts.push(sum * dt);
+        shifts.push((sum + middle as f64 - at(step.t_s) as f64) * dt);
+    }
+    shifts.sort_by(f64::total_cmp);
+    shifts
+}
+
+/// Whether data and settings step at different times.
+#[must_use]
+pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
+    let std = sample_std(samples, &scene.windows);
+    let dt = (samples.t_s.last()? - samples.t_s.first()?) / (samples.t_s.len() - 1) as f64;
+    let mut shifts = edges_around(scene, samples, std, dt, 0.0);
+    // An edge far off stands in the stretches that tell the levels: once more around where it was seen.
+    for _ in 0..MOST_ROUNDS {
+        let around_s = *shifts.get(shifts.len() / 2)?;
+        let closer = edges_around(scene, samples, std, dt, around_s);
+        if closer.len() < shifts.len() / 2 {
+            break;
+        }
+        shifts = closer;
+        if (shifts[shifts.len() / 2] - around_s).abs() < 0.5 * dt {
+            break;
+        }
     }
     if shifts.len() < 6 {
         return None;
     }
-    shifts.sort_by(f64::total_cmp);
     let shift_s = shifts[shifts.len() / 2];
     let spread = 1.4826 * {
         let mut away: Vec<f64> = shifts.iter().map(|s| (s - shift_s).abs()).collect();
@@ -193,21 +216,24 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
             .collect();
         [0, 1, 2].map(|a| windows.iter().zip(&all).map(|(w, t)| reduce(&|k| -t[k - w[0]][a], w)).collect())
     };
+    let inverse_scatter = |a: usize, template: &[DVector<f64>], amplitude: f64| -> Option<DMatrix<f64>> {
+        let mut scatter = DMatrix::zeros(bins, bins);
+        for ((d, t), w) in data[a].iter().zip(template).zip(&weights[a]) {
+            let r = (d - t * amplitude) * *w;
+            scatter += &r * r.transpose();
+        }
+        scatter /= m as f64;
+        // The bins of a plateau sum to nothing: a little on the diagonal keeps the inverse.
+        let ridge = 1e-3 * scatter.trace() / bins as f64;
+        (0..bins).for_each(|k| scatter[(k, k)] += ridge);
+        Some(scatter.cholesky()?.inverse())
+    };
     let fit = |a: usize, template: &[DVector<f64>]| -> Option<(f64, f64)> {
         // Amplitude, then scatter about it, then amplitude.
         let mut amplitude = 0.0;
         let mut information = 0.0;
         for _ in 0..3 {
-            let mut scatter = DMatrix::zeros(bins, bins);
-            for ((d, t), w) in data[a].iter().zip(template).zip(&weights[a]) {
-                let r = (d - t * amplitude) * *w;
-                scatter += &r * r.transpose();
-            }
-            scatter /= m as f64;
-            // The bins of a plateau sum to nothing: a little on the diagonal keeps the inverse.
-            let ridge = 1e-3 * scatter.trace() / bins as f64;
-            (0..bins).for_each(|k| scatter[(k, k)] += ridge);
-            let inverse = scatter.cholesky()?.inverse();
+            let inverse = inverse_scatter(a, template, amplitude)?;
             let (mut top, mut bottom) = (0.0, 0.0);
             for ((d, t), w) in data[a].iter().zip(template).zip(&weights[a]) {
                 let weighted = &inverse * t * (w * w);
@@ -254,18 +280,35 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
         return None;
     }
     let mut finer = best.clone();
-    for step in [0.25, 0.12, 0.06] {
+    for step in [0.25, 0.12, 0.06, 0.03, 0.015] {
         let now = finer.as_ref().map_or(tau, |b| b.1);
         for factor in [1.0 - step, 1.0 + step] {
             consider(now * factor, &mut finer);
         }
     }
-    let (chi, tau, axes, values) = finer?;
+    let (chi, tau, axes, mut values) = finer?;
+    // Amplitude and time constant go together: the information on both.
+    let amplitude = values[0].0;
+    let (now, later, sooner) = (template(tau), template(tau * (1.0 + TAU_STEP)), template(tau * (1.0 - TAU_STEP)));
+    let mut information = Matrix2::zeros();
+    for &a in &axes {
+        let Some(inverse) = inverse_scatter(a, &now[a], amplitude) else { continue };
+        for (((now, later), sooner), w) in now[a].iter().zip(&later[a]).zip(&sooner[a]).zip(&weights[a]) {
+            let slope = (later - sooner) * (amplitude / (2.0 * TAU_STEP));
+            let both = DMatrix::from_columns(&[now.clone(), slope]);
+            information +=
+                (both.transpose() * &inverse * &both * (w * w * (m - bins - 1) as f64 / m as f64)).fixed_view::<2, 2>(0, 0);
+        }
+    }
+    let std = information.try_inverse().map(|c| [c[(0, 0)].sqrt(), tau * c[(1, 1)].sqrt()]);
+    if let Some([of_amplitude, _]) = std {
+        values[0].1 = of_amplitude;
+    }
     Some(Inside {
         id: "settling",
         spec: Spec::new("exponential", &axes).with("tau", tau, "s"),
         values,
-        shape_std: vec![("tau".to_owned(), tau * 1.5 / chi.max(1.0).sqrt())],
+        shape_std: std.map(|s| ("tau".to_owned(), s[1])).into_iter().collect(),
         strength: chi.max(0.0).sqrt(),
         p_value,
         trials,

@@ -452,7 +452,8 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
                     .collect()
             });
             let effect = Effect::new("settling", "low-pass with two time constants", shape).inside().exact(exact);
-            effect.scaled("fraction", "", 1.0).fixed("tau_s", "s", tau_s)
+            // Its steps come one sample before those of the settings.
+            effect.scaled("fraction", "", (-1.0 / (tau_s * scene.rate_hz)).exp()).fixed("tau_s", "s", tau_s)
         }
         "time_shift" => {
             let shift_s = random.sign() * random.log_between(0.04, 0.6);

@@ -107,6 +107,12 @@ fn mean(record: &[[f64; 3]], cell: &Cell, component: usize) -> f64 {
     record[cell.first..cell.first + cell.count].iter().map(|v| v[component]).sum::<f64>() / cell.count as f64
 }
 
+/// One column of all components: means of records.
+fn column_of(records: &[Vec<[f64; 3]>], cells: &[Vec<Cell>]) -> Column {
+    let of = |run: usize, i: usize| cells[run].iter().map(|cell| mean(&records[run], cell, i)).collect::<Vec<f64>>();
+    (0..records.len()).flat_map(|run| (0..3).map(move |i| (run, i))).map(|(run, i)| (3 * run + i, of(run, i))).collect()
+}
+
 fn as_cells(parts: &[Range<usize>]) -> Vec<Cell> {
     parts.iter().map(|p| Cell { first: p.start, count: p.len() }).collect()
 }
@@ -303,10 +309,20 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
             natural_size: effect.natural,
             identifiable: !absorbed,
             surviving_share: if strength.1 > 0.0 { strength.0 / strength.1 } else { 0.0 },
+            beside_other_k: None,
             seen_inside_plateaus: inside,
         });
         contributions.push(made);
         effects.push((effect, amplitude));
+    }
+
+    if let [first, second] = &contributions[..] {
+        for (k, (own, other)) in [(first, second), (second, first)].into_iter().enumerate() {
+            let cells = if true_effects[k].seen_inside_plateaus { sample_cells(&scenes) } else { cells.clone() };
+            let mut columns = nuisance(&scenes, &cells);
+            columns.push(column_of(other, &cells));
+            true_effects[k].beside_other_k = Some(Measure::new(&scenes, &noise, cells, &columns).strength(own).0);
+        }
     }
 
     let mut random = Random::new(seed, "noise");

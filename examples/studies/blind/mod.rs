@@ -93,6 +93,8 @@ pub struct TrueEffect {
     pub identifiable: bool,
     /// Part of the effect that the run's own parameters leave.
     pub surviving_share: f64,
+    /// Strength with the other effect of a pair among the run's own parameters.
+    pub beside_other_k: Option<f64>,
     pub seen_inside_plateaus: bool,
 }
 

@@ -289,6 +289,9 @@ pub struct Score {
     pub confusion: BTreeMap<(String, String), u64>,
     pub natural: BTreeMap<String, Share>,
     pub two_exact: BTreeMap<u64, Share>,
+    /// The same by kind, and for pairs that the run tells apart.
+    pub two_by_kind: BTreeMap<(Kind, u64), Share>,
+    pub two_apart: BTreeMap<u64, Share>,
     pub further_terms: Vec<f64>,
     pub outside_wrong: BTreeMap<u64, Share>,
     pub outside_covariate: BTreeMap<u64, Share>,
@@ -309,6 +312,8 @@ pub struct Possible {
     pub said: Option<String>,
 }
 
+/// Effects of a pair are told apart where each keeps this part of its strength beside the other.
+const LEAST_APART: f64 = 0.8;
 /// Standard uncertainties of an interval of 95 %.
 const NORMAL_95: f64 = 1.959_963_984_540_054;
 
@@ -338,7 +343,13 @@ impl Score {
             Purpose::Two => {
                 // Effects that are not scaled to a strength say nothing about it.
                 if !truth.effects.iter().any(|e| e.natural_size) {
-                    self.two_exact.entry(k).or_default().add(hidden == said && verdict.steps.len() == hidden.len());
+                    let exact = hidden == said && verdict.steps.len() == hidden.len();
+                    self.two_exact.entry(k).or_default().add(exact);
+                    self.two_by_kind.entry((case.kind, k)).or_default().add(exact);
+                    let least = LEAST_APART * case.options.strength_k;
+                    if truth.effects.iter().all(|e| e.beside_other_k.is_some_and(|k| k >= least)) {
+                        self.two_apart.entry(k).or_default().add(exact);
+                    }
                 }
             }
             Purpose::Outside => {
@@ -497,6 +508,17 @@ pub fn report(score: &Score, command: &str) -> String {
         let _ = writeln!(text, "\nEffects of nature's own size, named first:\n\n| effect | % |\n|---|---|");
         score.natural.iter().for_each(|(effect, share)| _ = writeln!(text, "| `{effect}` | {} |", counted(*share)));
     }
+    let _ = writeln!(
+        text,
+        "\n## Two effects\n\nBoth named, and nothing else, %; number of runs. Told apart are pairs of which each effect keeps {:.0} % of its \
+         strength with the other one among the run's own parameters.\n\n|  | k = 8 | k = 15 |\n|---|---|---|",
+        100.0 * LEAST_APART
+    );
+    let twice = [80, 150];
+    for kind in Kind::ALL {
+        row(&mut text, kind.name(), &twice, |k| score.two_by_kind.get(&(kind, k)).copied());
+    }
+    row(&mut text, "told apart, all kinds", &twice, |k| score.two_apart.get(&k).copied());
     confusion(&mut text, score);
     let _ = writeln!(
         text,
@@ -529,7 +551,7 @@ fn possible(text: &mut String, score: &Score, strengths: &[u64]) {
         text,
         "\n## What is possible\n\nThe candidates of the diagnosis, weighed by someone who knows the true covariance of the noise, or who \
          knows its white part and the lottery from which the generator draws the rest; found where the evidence of the best exceeds that \
-         of 99 % of {} null runs (ln {:.1}, ln {:.1}). Effects in plateau means, runs of one position.\n",
+         of 99 % of {} null runs (ln {:.1}, ln {:.1}). Effects in plateau means, linearity runs and one in four sweeps.\n",
         score.ideal_null.len(),
         known.exp(),
         drawn.exp()
