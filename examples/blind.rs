@@ -66,7 +66,7 @@ fn main() -> Result<(), Failure> {
     let (null, with_effects) = (number("null", 2000)?, number("effects", 3000)?);
     let cases = score::plan(null, with_effects, &kinds);
     let done = AtomicU64::new(0);
-    let judged = score::run(&cases, blind::judge::judge, || {
+    let judged = score::run(&cases, blind::judge::judge_beside_ideal, || {
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         if done.is_multiple_of(100) {
             eprintln!("{done} of {}", cases.len());

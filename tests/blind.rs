@@ -92,6 +92,48 @@ fn a_strength_is_what_a_matched_filter_measures() {
     }
 }
 
+/// Edges displaced by nearly half of the second between the settings: all within three standard uncertainties. From half of it on the
+/// field between the settings cannot be told from that of the setting before or after.
+#[test]
+fn edges_far_from_their_settings_are_measured() {
+    let options = Options { effects: vec!["time_shift".to_owned()], strength_k: 8.0, noise: Some(Family::White) };
+    let mut far = 0;
+    for seed in 0..24 {
+        let blind = generate(seed, Kind::Lin, &options).unwrap();
+        let truth = blind.truth.effects[0].parameters[0].value;
+        if !(0.3..0.5).contains(&truth.abs()) {
+            continue;
+        }
+        let verdict = judge::judge(&blind);
+        let step = verdict.steps.first().unwrap_or_else(|| panic!("{seed}: {truth} s was not found"));
+        assert_eq!(step.effect, "time_shift", "{seed}: {truth} s");
+        let said = step.amplitudes.iter().find(|a| a.name == "dt").unwrap();
+        assert!((said.value - truth).abs() < 3.0 * said.std, "{seed}: {truth} s, said {} +- {} s", said.value, said.std);
+        far += 1;
+    }
+    assert!(far >= 3, "{far}");
+}
+
+/// Fraction and time constant of a transient: standard uncertainties contain that they go together. Of sixteen values at most three lie
+/// beyond two of them, which sixteen of normal noise exceed in one of two hundred sets.
+#[test]
+fn a_transient_and_its_time_constant_have_honest_uncertainties() {
+    let options = Options { effects: vec!["settling".to_owned()], strength_k: 30.0, noise: Some(Family::White) };
+    let exact = (0..).map(|seed| generate(seed, Kind::Lin, &options).unwrap()).filter(|b| b.truth.effects[0].exact_form);
+    let mut off = Vec::new();
+    for blind in exact.take(8) {
+        let verdict = judge::judge(&blind);
+        let step = verdict.steps.iter().find(|s| s.effect == "settling").unwrap();
+        for parameter in &blind.truth.effects[0].parameters {
+            let name = if parameter.name == "tau_s" { "tau" } else { &parameter.name };
+            let said = step.amplitudes.iter().find(|a| a.name == name).unwrap();
+            off.push((said.value - parameter.value) / said.std);
+        }
+    }
+    assert_eq!(off.len(), 16);
+    assert!(off.iter().filter(|z| z.abs() > 2.0).count() <= 3, "{off:?}");
+}
+
 /// Says what is true, as a perfect diagnosis would.
 fn knows(blind: &Blind) -> Verdict {
     let truth = &blind.truth.effects;

@@ -59,6 +59,22 @@ fn strong_effects_are_found_and_named() {
     }
 }
 
+/// A clock that drifts and a pole are two effects and no third one: a pole that stops at the end of its range must not keep a fit from its
+/// minimum. Ten times the strength at which a name is certain.
+#[test]
+fn a_clock_that_drifts_and_a_pole_are_two_effects() {
+    for (seed, pole) in ["eddy_current_attenuation", "response_order"].into_iter().cycle().take(4).enumerate() {
+        let options =
+            Options { effects: vec!["clock_drift".to_owned(), pole.to_owned()], strength_k: 60.0, noise: Some(Family::White) };
+        let (made, _) = diagnosed(100 + seed as u64, &options);
+        let said: Vec<&str> = made.steps.iter().map(|s| s.effect.as_str()).collect();
+        assert!(said.len() == 2 && said.contains(&"clock_drift"), "{pole}: {said:?}");
+        let other = made.steps.iter().find(|s| s.effect != "clock_drift").unwrap();
+        assert!(other.effect == pole || other.ambiguous_with.iter().any(|a| a == pole), "{pole}: {other:?}");
+        assert!(other.strength_k > 10.0, "{other:?}");
+    }
+}
+
 #[test]
 fn the_cases_give_what_is_hidden_in_them() {
     for (name, expected) in [("26-05-07", None), ("26-05-08", Some("lost_samples"))] {

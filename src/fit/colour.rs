@@ -29,8 +29,8 @@ const RARE: [f64; 2] = [1.5, 3.0];
 /// Prior probability that means scatter more or less than the samples inside them let expect, and the range of logarithms of its factor.
 const APART_PRIOR: f64 = 0.1;
 const APART_RANGE: f64 = 9.0;
-/// Prior probability of noise that grows with the field, where the readings suggest it.
-const GROWING_PRIOR: f64 = 0.2;
+/// Prior probabilities of white and of slow noise that grows with the field, where the readings suggest it.
+const GROWING_PRIOR: [f64; 2] = [0.2, 0.5];
 /// Time constants of the relaxations of a power density: the shortest in rows, the longest in lengths of the series, and their ratio.
 const SHORTEST: f64 = 0.4;
 const LONGEST: f64 = 3.0;
@@ -329,13 +329,12 @@ impl Correlations {
         let shapes: Vec<usize> = (0..SHAPES).step_by(COARSE).collect();
         let of_rows =
             if self.rows.inside.is_some() { vec![(true, APART_PRIOR), (false, 1.0 - APART_PRIOR)] } else { vec![(false, 1.0)] };
-        let of_field =
-            |now: f64| if now > 0.0 { vec![(now, GROWING_PRIOR), (0.0, 1.0 - GROWING_PRIOR)] } else { vec![(0.0, 1.0)] };
+        let of_field = |now: f64, prior: f64| if now > 0.0 { vec![(now, prior), (0.0, 1.0 - prior)] } else { vec![(0.0, 1.0)] };
         for ((apart, p), (white_field, q)) in
-            of_rows.iter().flat_map(|a| of_field(from.white_field).into_iter().map(move |w| (*a, w)))
+            of_rows.iter().flat_map(|a| of_field(from.white_field, GROWING_PRIOR[0]).into_iter().map(move |w| (*a, w)))
         {
             let white = Colour { apart, white_field, ..Colour::WHITE };
-            for (slow_field, r) in of_field(from.slow_field) {
+            for (slow_field, r) in of_field(from.slow_field, GROWING_PRIOR[1]) {
                 let prior = p * q * r;
                 if slow_field > 0.0 {
                     let shapes: Vec<usize> = from.neighbours().chain([from.shape()]).collect();
@@ -499,6 +498,9 @@ fn fit(whitener: &Whitener, reading: &DVector<f64>, design: &DMatrix<f64>) -> Op
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
 
     fn rows() -> Rows {
         let t_s: Vec<f64> = (0..40).map(|i| 10.0 * f64::from(i) + 3.0 * f64::from(i * i % 7)).collect();
@@ -550,5 +552,58 @@ mod tests {
             let slope = (density(1e-3) / density(1e-2)).log10();
             assert!((slope - a).abs() < 0.06, "{a}: {slope}");
         }
+    }
+
+    /// Readings of unit noise and their design, a mean and the field, with a factor on the noise.
+    fn noise_of(seed: u64, factor: f64) -> (Rows, DMatrix<f64>, [DMatrix<f64>; 3]) {
+        let rows = Rows { white: vec![[1.0; 3]; 40], inside: Some(Inside { variance: [1.0; 3], freedom: 160.0 }), ..rows() };
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let readings = DMatrix::from_fn(40, 3, |_, _| -> f64 { StandardNormal.sample(&mut random) }) * factor;
+        let designs = [0, 1, 2].map(|a| DMatrix::from_fn(40, 2, |i, j| if j == 0 { 1.0 } else { rows.field[i][a] }));
+        (rows, readings, designs)
+    }
+
+    /// Beside 160 differences inside them, 38 free rows hardly move the white noise: its standard deviation is known to
+    /// `1/sqrt(2 (160 + 38))`, 5 %, of which four are allowed. Rows that scatter three times as much are believed instead: whitened
+    /// they scatter by one, not by nine, give or take `sqrt(2/38)`.
+    #[test]
+    fn white_noise_is_that_inside_the_rows_unless_they_scatter_apart() {
+        for seed in 0..8 {
+            let (rows, readings, designs) = noise_of(seed, 1.0);
+            let noise = Correlations::new(rows).estimate(&readings, &designs).unwrap();
+            assert!(!noise.colour.apart, "{seed}: {:?}", noise.colour);
+            assert!(noise.inside.iter().all(|[_, count]| *count == 160.0));
+            assert!(noise.white_std.iter().all(|s| (s - 1.0).abs() < 4.0 * 0.05), "{seed}: {:?}", noise.white_std);
+
+            let (rows, readings, designs) = noise_of(seed, 3.0);
+            let noise = Correlations::new(rows).estimate(&readings, &designs).unwrap();
+            for (a, design) in designs.iter().enumerate() {
+                let (mut white, mut reading) = (design.clone(), readings.columns(a, 1).into_owned());
+                noise.whiten(a, &mut white);
+                noise.whiten(a, &mut reading);
+                let base = white.qr().q();
+                let left = (&reading - &base * base.tr_mul(&reading)).norm_squared() / 38.0;
+                assert!(left < 1.0 + 4.0 * 0.23, "{seed}, {a}: {left}");
+            }
+        }
+    }
+
+    /// What is not in the model may look like noise that grows with the field: white noise of the samples' size stays one of the
+    /// possibilities, and the probabilities are those of alternatives.
+    #[test]
+    fn noise_that_grows_is_one_possibility_among_others() {
+        let (rows, mut readings, designs) = noise_of(3, 1.0);
+        for i in 0..40 {
+            readings[(i, 1)] += 4.0 * rows.field[i][1].powi(2);
+        }
+        let noises = Correlations::new(rows);
+        let found = Colour { white_field: 3.0, ..Colour::WHITE };
+        let plausible = noises.plausible(&found, &readings, &designs);
+        let total: f64 = plausible.iter().map(|(_, p)| p.exp()).sum();
+        assert!((total - 1.0).abs() < 1e-9, "{total}");
+        let last = plausible.last().unwrap();
+        assert_eq!(last.0.colour, Colour::WHITE);
+        let with = |growth: f64| plausible.iter().filter(|(n, _)| n.colour.white_field == growth).count();
+        assert!(with(0.0) > 0 && with(3.0) == with(0.0));
     }
 }

@@ -29,9 +29,14 @@ pub fn sections(diagnosis: &Diagnosis, level: usize, figure: &dyn Fn(&str) -> St
     if let Some(colour) = diagnosis.noise {
         let _ = write!(
             out,
-            " It is white{}{}{}.",
+            " It is white{}{}{}{}.",
             if colour.slow > 0.0 {
-                format!(" and slow, power density f^-{}, variance {:.2} of the white one", colour.exponent, colour.slow)
+                let shape = if colour.memory_rows > 0.0 {
+                    format!("forgotten after {} means", colour.memory_rows)
+                } else {
+                    format!("power density f^-{}", colour.exponent)
+                };
+                format!(" and slow, {shape}, variance {:.2} of the white one", colour.slow)
             } else {
                 String::new()
             },
@@ -44,7 +49,8 @@ pub fn sections(diagnosis: &Diagnosis, level: usize, figure: &dyn Fn(&str) -> St
                 format!("; slow noise of the gain reaches {:.2} of the white variance at the largest field", colour.slow_field)
             } else {
                 String::new()
-            }
+            },
+            if colour.apart { "; the means scatter otherwise than the samples inside them let expect" } else { "" }
         );
     }
     out.push_str("\n\n");

@@ -21,10 +21,21 @@ pub fn judge(blind: &Blind) -> Verdict {
     let cells = 3 * blind.means.first().map_or(0, Vec::len);
     let (plateaus, samples) = reduced(run, vectors);
     let diagnosis = diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, &Options::default());
-    let scene = Scene::new(run, &plateaus, Some(&samples), &blind.campaign, None).ok();
-    let oracle_chi2 = scene.as_ref().and_then(|scene| of_truth(scene, blind));
-    let ideal = scene.as_ref().and_then(|scene| ideal(scene, blind));
-    diagnosis.map_or_else(|_| Verdict::default(), |d| Verdict { oracle_chi2, ideal, ..verdict(&d, cells as f64) })
+    let oracle_chi2 = scene(blind).and_then(|scene| of_truth(&scene, blind));
+    diagnosis.map_or_else(|_| Verdict::default(), |d| Verdict { oracle_chi2, ..verdict(&d, cells as f64) })
+}
+
+/// The same with what could be found, which takes longer.
+pub fn judge_beside_ideal(blind: &Blind) -> Verdict {
+    let ideal = scene(blind).and_then(|scene| ideal(&scene, blind));
+    Verdict { ideal, ..judge(blind) }
+}
+
+/// The only run as the diagnosis sees it; none of several runs, and of those that it cannot look at in this way.
+fn scene(blind: &Blind) -> Option<Scene> {
+    let [(run, vectors)] = blind.runs.as_slice() else { return None };
+    let (plateaus, samples) = reduced(run, vectors);
+    Scene::new(run, &plateaus, Some(&samples), &blind.campaign, None).ok()
 }
 
 fn reduced(run: &Run, vectors: &[Vector]) -> (Plateaus, Samples) {

@@ -603,14 +603,16 @@ fn row(text: &mut String, name: &str, strengths: &[u64], share: impl Fn(u64) -> 
 const WHY: &str = "
 ## Why power is missed
 
-* The noise has to be found from the same ninety plateaus as the effect. With its true covariance the same candidates reach \
-nearly the targets (What is possible, below); what is lost between the two rows is the price of not knowing whether slow noise \
-or an effect is seen. Effects of the field hardly pay it, drifts, steps and temperatures do. The samples inside the plateaus are \
-not asked about slow noise yet.
+* The noise has to be found from the same ninety plateaus as the effect. Who knows its true covariance reaches nearly the targets \
+with the same candidates, who knows no more than the lottery from which it is drawn does not (What is possible, below): what lies \
+between these rows cannot be had by any method, since it is the price of not knowing whether slow noise or an effect is seen. Drifts, \
+steps and temperatures pay it, effects of the field hardly. That samples inside the plateaus tell the white noise is used; about noise \
+that is slower than a plateau they say nothing.
 * A periodic signal is one of many that could be there. Counted on noise, a record of 20 000 samples holds 240 000 independent \
 tones and 50 million switched signals; what noise reaches in one run of a thousand is k = 6.2 and 6.7. Half of the signals of \
 that strength are found, whatever the method does with so many trials; the targets count twenty.
-* Two effects: both have to be found and named, and each has the power of one.
+* Two effects: both have to be found and named, and each has the power of one. Two poles and one in the same sines are one effect to \
+any fit.
 * Names: one pole and two poles in a part of the field, each at a frequency of its own, are nearly alike beside a response that \
 is fitted; both stand in the set, and the first is the right one in four of five runs.
 ";
