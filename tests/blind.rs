@@ -92,8 +92,8 @@ fn a_strength_is_what_a_matched_filter_measures() {
     }
 }
 
-/// Edges displaced by nearly half of the second between the settings: all within three standard uncertainties. From half of it on the
-/// field between the settings cannot be told from that of the setting before or after.
+/// Edges displaced by up to half of the second between the settings, either way, so that some stand inside the plateaus: all within three
+/// standard uncertainties. From half of it on the field between the settings cannot be told from that of the setting before or after.
 #[test]
 fn edges_far_from_their_settings_are_measured() {
     let options = Options { effects: vec!["time_shift".to_owned()], strength_k: 8.0, noise: Some(Family::White) };
@@ -101,7 +101,7 @@ fn edges_far_from_their_settings_are_measured() {
     for seed in 0..24 {
         let blind = generate(seed, Kind::Lin, &options).unwrap();
         let truth = blind.truth.effects[0].parameters[0].value;
-        if !(0.3..0.5).contains(&truth.abs()) {
+        if truth.abs() > 0.5 {
             continue;
         }
         let verdict = judge::judge(&blind);
@@ -109,7 +109,7 @@ fn edges_far_from_their_settings_are_measured() {
         assert_eq!(step.effect, "time_shift", "{seed}: {truth} s");
         let said = step.amplitudes.iter().find(|a| a.name == "dt").unwrap();
         assert!((said.value - truth).abs() < 3.0 * said.std, "{seed}: {truth} s, said {} +- {} s", said.value, said.std);
-        far += 1;
+        far += usize::from(truth.abs() > 0.3);
     }
     assert!(far >= 3, "{far}");
 }

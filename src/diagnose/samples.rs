@@ -18,6 +18,8 @@ const MOST_SHIFT_S: f64 = 1.0;
 const MOST_ROUNDS: usize = 4;
 /// Least displacement, in samples.
 const LEAST_SHIFT: f64 = 0.1;
+/// Normal noise is within so many standard deviations in nine of ten cases.
+const NORMAL_90: f64 = 1.644_853_626_951_472_2;
 /// Step of the derivative by the logarithm of a time constant.
 const TAU_STEP: f64 = 0.01;
 /// Two explanations are told apart by this ratio of likelihoods (logarithm).
@@ -82,6 +84,19 @@ fn sample_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
     sums.map(|s| (s / (2.0 * f64::max(count, 1.0))).sqrt())
 }
 
+/// The same from the ninetieth percentile of the differences, which edges inside the plateaus do not move; zero where most readings repeat.
+fn quiet_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
+    [0, 1, 2].map(|a| {
+        let pairs = windows.iter().flat_map(|[from, to]| samples.reading_ent[*from..*to].windows(2));
+        let mut sizes: Vec<f64> = pairs.map(|pair| (pair[1][a] - pair[0][a]).abs()).collect();
+        let place = sizes.len() * 9 / 10;
+        if place >= sizes.len() {
+            return 0.0;
+        }
+        *sizes.select_nth_unstable_by(place, f64::total_cmp).1 / (NORMAL_90 * std::f64::consts::SQRT_2)
+    })
+}
+
 /// Displacement of every clear edge, s, looked for around a displacement that is known roughly.
 fn edges_around(scene: &Scene, samples: &Samples, std: [f64; 3], dt: f64, around_s: f64) -> Vec<f64> {
     let steps = &scene.record.steps;
@@ -122,7 +137,7 @@ fn edges_around(scene: &Scene, samples: &Samples, std: [f64; 3], dt: f64, around
 /// Whether data and settings step at different times.
 #[must_use]
 pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
-    let std = sample_std(samples, &scene.windows);
+    let std = quiet_std(samples, &scene.windows);
     let dt = (samples.t_s.last()? - samples.t_s.first()?) / (samples.t_s.len() - 1) as f64;
     let mut shifts = edges_around(scene, samples, std, dt, 0.0);
     // An edge far off stands in the stretches that tell the levels: once more around where it was seen.

@@ -258,8 +258,8 @@ fn usual_variances(parts: &[Part]) -> [f64; 3] {
     })
 }
 
-/// White noise of a mean by the differences of neighbouring eighths of the parts, which a noise that is white between the samples only, or
-/// not even there, does not deceive.
+/// White noise of a mean by the differences of neighbouring eighths of the parts: filtered samples, or a tone between them, do not deceive
+/// it as they do the scatter of samples.
 fn inside(parts: &[Part], white: &[[f64; 3]], windows: &[[usize; 2]], samples: &Samples) -> Option<Inside> {
     const EIGHTHS: usize = 8;
     let mut all: [Vec<f64>; 3] = Default::default();
