@@ -29,7 +29,7 @@ const RARE: [f64; 2] = [1.5, 3.0];
 /// Prior probability that means scatter more or less than the samples inside them let expect, and the range of logarithms of its factor.
 const APART_PRIOR: f64 = 0.1;
 const APART_RANGE: f64 = 9.0;
-/// Prior probabilities of white and of slow noise that grows with the field, where the readings suggest it.
+/// Prior probabilities of white noise that grows with the field, where the readings suggest it, and of slow noise of the gain.
 const GROWING_PRIOR: [f64; 2] = [0.2, 0.5];
 /// Time constants of the relaxations of a power density: the shortest in rows, the longest in lengths of the series, and their ratio.
 const SHORTEST: f64 = 0.4;
@@ -321,36 +321,26 @@ impl Correlations {
     }
 
     /// The noise that readings about a linear model allow, with the logarithm of the probability of each: slow noise of every kind and size,
-    /// or none, and as much noise that grows as in `from`, or less, or none: what is not in the model may look like it. The last is white.
+    /// of the gain too, or none, and white noise that grows as in `from`, or none: what is not in the model may look like it. The last is
+    /// white.
     #[must_use]
     pub fn plausible(&self, from: &Colour, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Vec<(Noise, f64)> {
         let data = Data { readings, designs };
         let mut colours: Vec<(Colour, f64)> = Vec::new();
-        let shapes: Vec<usize> = (0..SHAPES).step_by(COARSE).collect();
         let of_rows =
             if self.rows.inside.is_some() { vec![(true, APART_PRIOR), (false, 1.0 - APART_PRIOR)] } else { vec![(false, 1.0)] };
-        let of_field = |now: f64, prior: f64| if now > 0.0 { vec![(now, prior), (0.0, 1.0 - prior)] } else { vec![(0.0, 1.0)] };
-        for ((apart, p), (white_field, q)) in
-            of_rows.iter().flat_map(|a| of_field(from.white_field, GROWING_PRIOR[0]).into_iter().map(move |w| (*a, w)))
-        {
-            let white = Colour { apart, white_field, ..Colour::WHITE };
-            for (slow_field, r) in of_field(from.slow_field, GROWING_PRIOR[1]) {
-                let prior = p * q * r;
-                if slow_field > 0.0 {
-                    let shapes: Vec<usize> = from.neighbours().chain([from.shape()]).collect();
-                    let slow = if from.slow > 0.0 { vec![1.0, 0.3, 0.1, 0.0] } else { vec![0.0] };
-                    let part = prior / (4 * slow.len() * shapes.len()) as f64;
-                    for (field, slow) in [1.0, 0.3, 0.1, 0.03].into_iter().flat_map(|f| slow.iter().map(move |s| (f, *s))) {
-                        let one = Colour { slow: slow * from.slow, slow_field: field * slow_field, ..white };
-                        colours.extend(shapes.iter().map(|s| (one.with_shape(*s), part)));
-                    }
-                } else {
-                    let part = 0.5 * prior / (RATIOS.len() * shapes.len()) as f64;
-                    for slow in RATIOS {
-                        colours.extend(shapes.iter().map(|s| (Colour { slow, ..white }.with_shape(*s), part)));
-                    }
-                    colours.push((white, 0.5 * prior));
-                }
+        let [of_white, of_gain] = GROWING_PRIOR;
+        let of_gain = if self.rows.field.iter().flatten().any(|u| *u != 0.0) { of_gain } else { 0.0 };
+        let white_fields =
+            if from.white_field > 0.0 { vec![(from.white_field, of_white), (0.0, 1.0 - of_white)] } else { vec![(0.0, 1.0)] };
+        for (apart, p) in of_rows {
+            for (white_field, q) in &white_fields {
+                let white = Colour { apart, white_field: *white_field, ..Colour::WHITE };
+                let gain = if of_gain > 0.0 { slow_of_the_gain(from, white) } else { Vec::new() };
+                let parts = [(gain, of_gain), (slow_of_any_size(white), 1.0 - of_gain)];
+                colours.extend(
+                    parts.into_iter().flat_map(|(all, r)| all.into_iter().map(move |(colour, part)| (colour, p * q * r * part))),
+                );
             }
         }
         let found: Vec<Option<(f64, Noise)>> = colours.par_iter().map(|(c, _)| self.likelihood(c, &data)).collect();
@@ -393,6 +383,14 @@ impl Correlations {
             best = grown;
         }
         best = self.climb(best, &data);
+        if best.1.slow_field > 0.0 && best.1.slow == 0.0 {
+            // A climb does not leave zero.
+            let both: Vec<Colour> = RATIOS.iter().map(|slow| Colour { slow: *slow, ..best.1 }).collect();
+            let found = self.best(&both, &data);
+            if found.0 > best.0 {
+                best = self.climb(found, &data);
+            }
+        }
         if self.rows.inside.is_some() {
             let apart = [best.1, Colour { slow: 0.0, ..best.1 }, Colour::WHITE].map(|c| Colour { apart: true, ..c });
             let found = self.climb(self.best(&apart, &data), &data);
@@ -464,6 +462,29 @@ impl Whitener {
 struct Data<'a> {
     readings: &'a DMatrix<f64>,
     designs: &'a [DMatrix<f64>; 3],
+}
+
+/// White noise with slow noise of every shape and size, or none, which is the last; with their probabilities.
+fn slow_of_any_size(white: Colour) -> Vec<(Colour, f64)> {
+    let shapes = || (0..SHAPES).step_by(COARSE);
+    let part = 0.5 / (RATIOS.len() * shapes().count()) as f64;
+    let slow = RATIOS.iter().flat_map(|slow| shapes().map(move |s| (Colour { slow: *slow, ..white }.with_shape(s), part)));
+    slow.chain([(white, 0.5)]).collect()
+}
+
+/// White noise with slow noise of the gain and other slow noise of every shape, of sizes about those of another colour if it has them; with
+/// their probabilities.
+fn slow_of_the_gain(from: &Colour, white: Colour) -> Vec<(Colour, f64)> {
+    let gain = if from.slow_field > 0.0 { [3.0, 1.0, 0.3, 0.1, 0.03].map(|f| f * from.slow_field) } else { FIELD_RATIOS };
+    let other = if from.slow > 0.0 { [2.0, 1.0, 0.3, 0.0].map(|f| f * from.slow) } else { [0.3, 0.1, 0.03, 0.0] };
+    let shapes: Vec<usize> = (0..SHAPES).step_by(COARSE).collect();
+    let part = 1.0 / (gain.len() * other.len() * shapes.len()) as f64;
+    let sizes = gain.iter().flat_map(|f| other.iter().map(move |s| (*f, *s)));
+    let of_size = |(slow_field, slow): (f64, f64)| {
+        let one = Colour { slow, slow_field, ..white };
+        shapes.iter().map(move |s| (one.with_shape(*s), part))
+    };
+    sizes.flat_map(of_size).collect()
 }
 
 /// Logarithm of the probability of squares of a variance of which nothing is known but that its logarithm is uniform, but for powers of π.

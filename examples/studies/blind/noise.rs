@@ -232,7 +232,7 @@ impl Noise {
 
     /// Factor on the white noise of a sample.
     fn growth_at(&self, scene: &Scene, sample: usize, component: usize) -> f64 {
-        let b = (scene.field_nt[sample][component] / scene.range_nt()).abs();
+        let b = scene.own_field(sample, component).abs();
         match self.growth {
             Growth::None => 1.0,
             Growth::Field { size, power } => 1.0 + size * b.powf(power),
@@ -251,12 +251,12 @@ impl Noise {
             for relaxation in &self.slow {
                 let std = relaxation.variance_ent2.sqrt() * white_ent;
                 let keep = decay(relaxation.tau_s, scene.rate_hz);
-                let factor = |field: &[f64; 3]| if relaxation.proportional { field[component] / scene.range_nt() } else { 1.0 };
+                let factor = |sample: usize| if relaxation.proportional { scene.own_field(sample, component) } else { 1.0 };
                 if relaxation.telegraph {
                     let flips = 0.5 * (1.0 - keep);
                     let mut level = std * random.sign();
-                    for (value, field) in record.iter_mut().zip(&scene.field_nt) {
-                        value[component] += level * factor(field);
+                    for (sample, value) in record.iter_mut().enumerate() {
+                        value[component] += level * factor(sample);
                         if random.uniform() < flips {
                             level = -level;
                         }
@@ -264,8 +264,8 @@ impl Noise {
                 } else {
                     let kick = std * (1.0 - keep * keep).sqrt();
                     let mut level = std * random.normal();
-                    for (value, field) in record.iter_mut().zip(&scene.field_nt) {
-                        value[component] += level * factor(field);
+                    for (sample, value) in record.iter_mut().enumerate() {
+                        value[component] += level * factor(sample);
                         level = keep * level + kick * random.normal();
                     }
                 }
@@ -417,7 +417,7 @@ impl Whitener {
                 (cell.first..cell.first + cell.count).map(|s| noise.growth_at(scene, s, component).powi(2)).sum()
             };
             let mut variance = unit * unit * grown / (cell.count as f64).powi(2);
-            let b = scene.field_nt[cell.first][component] / scene.range_nt();
+            let b = scene.own_field(cell.first, component);
             for (j, relaxation) in noise.slow.iter().enumerate() {
                 loading[j] = if relaxation.proportional { b } else { 1.0 };
             }
@@ -479,7 +479,7 @@ impl Noise {
     /// Standard deviation of the mean of a cell, enT.
     pub fn mean_std_ent(&self, scene: &Scene, component: usize, cell: &Cell) -> f64 {
         let samples = cell.count as f64;
-        let b = scene.field_nt[cell.first][component] / scene.range_nt();
+        let b = scene.own_field(cell.first, component);
         let white: f64 = if self.growth == Growth::None {
             samples
         } else {

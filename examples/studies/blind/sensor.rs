@@ -211,6 +211,11 @@ impl Scene {
         if self.kind == Kind::Sweep { 50_000.0 } else { 2000.0 }
     }
 
+    /// Field along a sensor axis over the range.
+    pub fn own_field(&self, sample: usize, component: usize) -> f64 {
+        times(&self.towards, self.field_nt[sample])[component] / self.range_nt()
+    }
+
     pub fn response_at(&self, degc: f64) -> Matrix {
         self.sensor.response(&self.towards, degc)
     }

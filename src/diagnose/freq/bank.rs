@@ -144,7 +144,7 @@ fn tail(drop: f64, count: f64, squares: f64, dof: f64) -> f64 {
 impl Fit {
     /// Probability that noise alone makes a fit with more terms as much better than this one; trials of poles are counted elsewhere.
     pub fn p_value_of(&self, better: &Fit) -> f64 {
-        let poles = |fit: &Fit| fit.model.terms.iter().filter(|t| matches!(t, Term::Pole(_) | Term::Order(..))).count();
+        let poles = |fit: &Fit| fit.model.terms.iter().filter(|t| t.has_pole()).count();
         let count = better.p.len() - self.p.len() - (poles(better) - poles(self));
         tail((self.chi2 - better.chi2).max(0.0), count as f64, self.chi2, self.dof())
     }

@@ -55,6 +55,11 @@ impl Term {
         }
     }
 
+    /// Whether it is a part that passes poles.
+    pub fn has_pole(&self) -> bool {
+        matches!(self, Term::Pole(_) | Term::Order(..))
+    }
+
     /// Axes on which it acts.
     pub fn axes(&self) -> Vec<usize> {
         match self {
@@ -277,8 +282,7 @@ impl Model {
     }
 
     fn allowed(&self, p: &[f64]) -> bool {
-        let is_pole = |t: &Term| matches!(t, Term::Pole(_) | Term::Order(..));
-        let parts_fine = self.terms.iter().enumerate().all(|(k, t)| !is_pole(t) || p[self.begin(k)].abs() < MOST_PART);
+        let parts_fine = self.terms.iter().enumerate().all(|(k, t)| !t.has_pole() || p[self.begin(k)].abs() < MOST_PART);
         parts_fine && self.shapes(p).iter().flatten().all(|s| (1e-3..1e6).contains(s))
     }
 
@@ -350,7 +354,7 @@ impl Fit {
 
     /// Derivatives of the prediction by the amplitudes of a term that is not in the model; `hz` is the pole.
     pub fn columns(&self, term: &Term, hz: f64, sines: &Sines) -> Vec<DVector<f64>> {
-        let linear = if matches!(term, Term::Pole(_) | Term::Order(..)) { 1 } else { term.count() };
+        let linear = if term.has_pole() { 1 } else { term.count() };
         (0..linear)
             .map(|k| {
                 let at = |size: f64| {
