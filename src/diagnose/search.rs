@@ -12,7 +12,9 @@ use rayon::prelude::*;
 /// Probability with which noise alone may give as much evidence as a candidate needs.
 const FALSE_ALARM: f64 = 0.01;
 /// Evidence (logarithm) that it needs beyond that, since the noise that the readings allow gives more than the noise that they suggest.
-const NOISE_UNKNOWN: f64 = 1.0;
+const NOISE_UNKNOWN: f64 = 1.2;
+/// Explanations beside which a second effect is looked for where none stands out alone.
+const HIDDEN: usize = 3;
 /// Explanations whose evidence is averaged.
 const PROMISING: usize = 5;
 /// Prior of a dependence on a covariate that no effect explains, relative to an effect of the catalogue.
@@ -92,6 +94,15 @@ pub struct Term {
     pub trials: usize,
     /// Part of its strength with which it would have been accepted just so.
     pub least: f64,
+}
+
+/// What is seen beside a model.
+struct Look {
+    state: State,
+    /// Explanations, the best first.
+    averaged: Vec<Explanation>,
+    /// What is no noise, with its key.
+    evident: Option<(String, Term)>,
 }
 
 /// A model with its noise.
@@ -384,6 +395,47 @@ impl<'a> Search<'a> {
         chosen
     }
 
+    /// What stands out beside a model.
+    fn look(&self, now: &[&Candidate]) -> Option<Look> {
+        let state = self.state(now)?;
+        let groups = self.groups(&state);
+        let explanations = self.explanations(&state, &groups);
+        let averaged = self.averaged(&state, now, &explanations);
+        let Some(best) = averaged.first().filter(|e| e.best_evidence > NOISE_UNKNOWN) else {
+            return Some(Look { state, averaged, evident: None });
+        };
+        let usable: Vec<usize> = (0..groups.len())
+            .filter(|i| groups[*i].surviving > ABSORBED && self.priors[*i].is_finite() && groups[*i].count() > 0)
+            .collect();
+        let tried: Vec<&Group> = usable.iter().map(|i| &groups[*i]).collect();
+        let priors: Vec<f64> = usable.iter().map(|i| self.priors[*i]).collect();
+        let maxima = state.fitted.simulate(&tried, &priors, SEED);
+        let evidence = best.best_evidence - NOISE_UNKNOWN;
+        let margin = evidence - maxima.evidence_at(FALSE_ALARM);
+        let evident = (margin > 0.0).then(|| {
+            (
+                best.key.clone(),
+                Term {
+                    candidate: self.refined(&state, &self.bank[best.best]),
+                    p_global: maxima.global_p(evidence),
+                    trials: usable.len(),
+                    least: best.score.part_for(margin),
+                },
+            )
+        });
+        Some(Look { state, averaged, evident })
+    }
+
+    /// Two effects that are noise to each other: each stands out beside the other one alone.
+    fn hidden(&self, look: &Look, now: &[&Candidate]) -> Option<[(String, Term); 2]> {
+        let beside = |c: &Candidate| self.look(&now.iter().copied().chain([c]).collect::<Vec<_>>())?.evident;
+        look.averaged.iter().filter(|e| e.best_evidence > 0.0).take(HIDDEN).find_map(|e| {
+            let second = beside(&self.refined(&look.state, &self.bank[e.best]))?;
+            let first = beside(&second.1.candidate).filter(|first| first.0 == e.key)?;
+            Some([first, second])
+        })
+    }
+
     /// Looks for terms, beside those that are given.
     pub fn run(&mut self, given: &[Candidate]) -> Option<(Vec<Term>, State)> {
         let mut terms: Vec<Term> = Vec::new();
@@ -391,39 +443,31 @@ impl<'a> Search<'a> {
         loop {
             round += 1;
             let now: Vec<&Candidate> = given.iter().chain(terms.iter().map(|t| &t.candidate)).collect();
-            let state = self.state(&now)?;
             if terms.len() >= MOST_STEPS || round > 2 * MOST_STEPS {
+                let state = self.state(&now)?;
                 return Some((terms, state));
             }
-            let groups = self.groups(&state);
-            let explanations = self.explanations(&state, &groups);
-            let usable: Vec<usize> = (0..groups.len())
-                .filter(|i| groups[*i].surviving > ABSORBED && self.priors[*i].is_finite() && groups[*i].count() > 0)
-                .collect();
-            let averaged = self.averaged(&state, &now, &explanations);
-            let Some(best) = averaged.first().filter(|e| e.best_evidence > NOISE_UNKNOWN) else { return Some((terms, state)) };
-            let tried: Vec<&Group> = usable.iter().map(|i| &groups[*i]).collect();
-            let priors: Vec<f64> = usable.iter().map(|i| self.priors[*i]).collect();
-            let maxima = state.fitted.simulate(&tried, &priors, SEED);
-            let margin = best.best_evidence - NOISE_UNKNOWN - maxima.evidence_at(FALSE_ALARM);
-            if margin <= 0.0 {
-                return Some((terms, state));
+            let mut look = self.look(&now)?;
+            let found: Vec<(String, Term)> = match look.evident.take() {
+                Some(one) => vec![one],
+                None => self.hidden(&look, &now).map(Vec::from).unwrap_or_default(),
+            };
+            if found.is_empty() {
+                return Some((terms, look.state));
             }
-            let p_global = maxima.global_p(best.best_evidence - NOISE_UNKNOWN);
-            let candidate = self.refined(&state, &self.bank[best.best]);
-            let key = best.key.clone();
-            let after: Vec<&Candidate> = now.iter().copied().chain([&candidate]).collect();
+            let after: Vec<&Candidate> = now.iter().copied().chain(found.iter().map(|(_, t)| &t.candidate)).collect();
             let noise = self.state(&after)?.noise;
             let (without, with) = (self.held_out(&noise, &now), self.held_out(&noise, &after));
             if with.sum >= without.sum {
                 // It does not predict what it has not seen.
-                self.vetoed.push(key);
+                self.vetoed.extend(found.into_iter().map(|(key, _)| key));
                 self.set_priors();
                 continue;
             }
-            let least = best.score.part_for(margin);
-            terms.push(Term { candidate, p_global, trials: usable.len(), least });
-            self.merge(&mut terms);
+            for (_, term) in found {
+                terms.push(term);
+                self.merge(&mut terms);
+            }
             self.repair(given, &mut terms)?;
         }
     }

@@ -16,6 +16,11 @@ const SINES_HZ: [f64; 37] = [
     12.6, 10.0, 7.9, 6.31, 5.01, 3.98, 3.16, 2.51, 1.99, 1.58, 1.26, 1.0, 0.79, 0.631, 0.501, 0.398, 0.316, 0.251,
 ];
 
+/// From where poles are drawn: frequencies of one, frequencies and Q of two.
+pub const ONE_POLE_HZ: [f64; 2] = [15.0, 250.0];
+pub const TWO_POLES_HZ: [f64; 2] = [60.0, 160.0];
+pub const TWO_POLES_Q: [f64; 2] = [0.5, 0.8];
+
 /// What the sensor does to a sine, per component; worked out from the numbers of the sensor, which mean something else in other runs.
 #[derive(Clone, Copy)]
 struct Response {
@@ -54,7 +59,7 @@ pub fn truth(scene: &Scene) -> TrueSines {
 }
 
 /// Complex product.
-fn multiply(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+pub fn multiply(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]]
 }
 
@@ -63,7 +68,13 @@ fn inverse(a: [f64; 2]) -> [f64; 2] {
     [a[0] / square, -a[1] / square]
 }
 
-fn second_order(hz: f64, f0_hz: f64, q: f64) -> [f64; 2] {
+/// Response of one pole.
+pub fn one_pole(hz: f64, corner_hz: f64) -> [f64; 2] {
+    inverse([1.0, hz / corner_hz])
+}
+
+/// Response of two poles.
+pub fn second_order(hz: f64, f0_hz: f64, q: f64) -> [f64; 2] {
     let x = hz / f0_hz;
     inverse([1.0 - x * x, x / q])
 }
@@ -187,9 +198,9 @@ pub fn first_amplitude(name: &str) -> f64 {
 pub fn drawn(name: &str, _scene: &Scene, random: &mut Random) -> Option<Effect> {
     let effect = match name {
         "eddy_current_attenuation" => {
-            let hz = random.log_between(15.0, 250.0);
+            let hz = random.log_between(ONE_POLE_HZ[0], ONE_POLE_HZ[1]);
             let gain = move |f: f64, part: f64| {
-                let pole = inverse([1.0, f / hz]);
+                let pole = one_pole(f, hz);
                 [1.0 + part * (pole[0] - 1.0), part * pole[1]]
             };
             Effect::of_sines("eddy_current_attenuation", "a pole in part of the field", move |scene, amplitude| {
@@ -197,7 +208,7 @@ pub fn drawn(name: &str, _scene: &Scene, random: &mut Random) -> Option<Effect> 
             })
         }
         "response_order" => {
-            let (hz, q) = (random.between(60.0, 160.0), random.between(0.5, 0.8));
+            let (hz, q) = (random.between(TWO_POLES_HZ[0], TWO_POLES_HZ[1]), random.between(TWO_POLES_Q[0], TWO_POLES_Q[1]));
             Effect::of_sines("response_order", "two more poles, in part", move |scene, amplitude| {
                 let gain = |_: &Scene, _: usize, f: f64| {
                     let more = second_order(f, hz, q);

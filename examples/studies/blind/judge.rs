@@ -79,21 +79,26 @@ fn together(blind: &Blind) -> Option<Diagnosis> {
 
 fn verdict(diagnosis: &Diagnosis, cells: f64) -> Verdict {
     Verdict {
-        steps: diagnosis.steps.iter().map(|s| step(s, cells)).collect(),
+        steps: diagnosis.steps.iter().enumerate().map(|(k, s)| step(s, drawn_over(diagnosis, k), cells)).collect(),
         not_identifiable: diagnosis.not_identifiable.iter().map(|n| n.effect.clone()).collect(),
         oracle_chi2: None,
         ideal: None,
     }
 }
 
-fn step(step: &Step, cells: f64) -> VerdictStep {
+/// What the report draws a step over.
+fn drawn_over(diagnosis: &Diagnosis, step: usize) -> Option<&str> {
+    diagnosis.maps.iter().find(|m| m.step == step).map(|m| m.covariate.as_str())
+}
+
+fn step(step: &Step, drawn_over: Option<&str>, cells: f64) -> VerdictStep {
     VerdictStep {
         effect: step.effect.clone(),
         axes: step.axes.clone(),
         ambiguous_with: step.ambiguous_with.clone(),
         family: step.family.to_owned(),
         confident: step.wording == "is",
-        covariate: step.covariate.as_deref().map(renamed_covariate),
+        covariate: step.covariate.as_deref().or(drawn_over).map(renamed_covariate),
         strength_k: step.strength_k,
         amplitudes: amplitudes(step),
         gap_before_chi2: step.gap_before.chi2_per_dof * cells,

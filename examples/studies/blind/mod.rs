@@ -8,6 +8,7 @@
 //! * `effects`: what can be hidden
 //! * `kinds`: strength of an effect, and run sets in memory
 //! * `ideal`: what could be found by someone who knows the noise, or the lottery it is drawn from
+//! * `poles`: how well one pole and two poles in the field could be told apart
 //! * `judge`: the call of the diagnosis
 //! * `score`: from verdicts to tables; `picture`: from tables to figures
 
@@ -18,6 +19,7 @@ pub mod judge;
 pub mod kinds;
 pub mod noise;
 pub mod picture;
+pub mod poles;
 pub mod score;
 pub mod sensor;
 

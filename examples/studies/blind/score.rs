@@ -4,6 +4,7 @@ use super::effects;
 use super::ideal::{Best, Ideal};
 use super::kinds::{self, Column, generate};
 use super::noise::{Family, Random};
+use super::poles::told_apart;
 use super::sensor::Kind;
 use super::{Blind, Options, Truth, Verdict};
 use nalgebra::{DMatrix, DVector};
@@ -20,6 +21,9 @@ pub enum Purpose {
     Outside,
     Absorbed,
 }
+
+/// Strengths of the table of poles, in tenths.
+const POLES: [u64; 6] = [60, 80, 100, 150, 200, 500];
 
 /// One case of the study.
 #[derive(Clone, Debug)]
@@ -357,7 +361,7 @@ impl Score {
                 self.outside_wrong.entry(k).or_default().add(wrong);
                 self.outside_found.entry(k).or_default().add(named);
                 if let (Some(effect), true) = (truth.effects.first(), named) {
-                    let covariate = verdict.steps.iter().find(|s| s.effect == "unknown").and_then(|s| s.covariate.as_ref());
+                    let covariate = verdict.steps.first().and_then(|s| s.covariate.as_ref());
                     let right = covariate.is_some_and(|c| same_covariate(&effect.covariates, c));
                     self.outside_covariate.entry(k).or_default().add(right);
                 }
@@ -522,7 +526,7 @@ pub fn report(score: &Score, command: &str) -> String {
     confusion(&mut text, score);
     let _ = writeln!(
         text,
-        "\n## Outside the catalogue\n\n| k | found, % | confident wrong name, % | right covariate, % |\n|---|---|---|---|"
+        "\n## Outside the catalogue\n\nThe covariate is that of the first step; of a named effect the one over which the report draws it.\n\n| k | found, % | confident wrong name, % | right covariate, % |\n|---|---|---|---|"
     );
     for (k, share) in &score.outside_wrong {
         let (found, right) = (score.outside_found.get(k), score.outside_covariate.get(k));
@@ -574,6 +578,18 @@ fn possible(text: &mut String, score: &Score, strengths: &[u64]) {
     row(text, "first name right in the diagnosis, %", strengths, |k| {
         share(k, &|p| p.said.is_some(), &|p| p.said.as_ref() == Some(&p.effect))
     });
+    let _ = writeln!(
+        text,
+        "\nOne pole or two poles in a part of the field, weighed by someone who knows from where the generator draws their frequencies: right \
+         names, %. White noise, signatures in proportion to the part.\n\n|  |{} |\n|---|{}",
+        header(&POLES),
+        "---|".repeat(POLES.len())
+    );
+    let right = POLES.map(|k| told_apart(k as f64 / 10.0));
+    for (one, name) in ["eddy_current_attenuation", "response_order"].into_iter().enumerate() {
+        let cells: Vec<String> = right.iter().map(|r| format!(" {:.0}", r[one])).collect();
+        let _ = writeln!(text, "| `{name}` |{} |", cells.join(" |"));
+    }
 }
 
 fn header(strengths: &[u64]) -> String {
