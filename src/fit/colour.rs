@@ -22,6 +22,8 @@ const COARSE: usize = 2;
 const RATIOS: [f64; 7] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 300.0];
 /// Ratios of the variances that grow with the field, at the largest field, to the white variance.
 const FIELD_RATIOS: [f64; 5] = [0.3, 1.0, 3.0, 10.0, 30.0];
+/// The same for slow noise of the gain where the readings suggest none.
+const GAIN_RATIOS: [f64; 4] = [0.3, 1.0, 3.0, 10.0];
 /// Steps of the ratios from there on.
 const CLOSER: [f64; 4] = [2.0, 1.5, 1.25, 1.1];
 /// Noise that grows with the field is rare: logarithms of its prior, for white and for slow noise.
@@ -336,6 +338,8 @@ impl Correlations {
         for (apart, p) in of_rows {
             for (white_field, q) in &white_fields {
                 let white = Colour { apart, white_field: *white_field, ..Colour::WHITE };
+                // Scatter apart and slow noise of the gain are both rare: of one of them nothing else is tried.
+                let of_gain = if apart == from.apart { of_gain } else { 0.0 };
                 let gain = if of_gain > 0.0 { slow_of_the_gain(from, white) } else { Vec::new() };
                 let parts = [(gain, of_gain), (slow_of_any_size(white), 1.0 - of_gain)];
                 colours.extend(
@@ -475,8 +479,8 @@ fn slow_of_any_size(white: Colour) -> Vec<(Colour, f64)> {
 /// White noise with slow noise of the gain and other slow noise of every shape, of sizes about those of another colour if it has them; with
 /// their probabilities.
 fn slow_of_the_gain(from: &Colour, white: Colour) -> Vec<(Colour, f64)> {
-    let gain = if from.slow_field > 0.0 { [3.0, 1.0, 0.3, 0.1, 0.03].map(|f| f * from.slow_field) } else { FIELD_RATIOS };
-    let other = if from.slow > 0.0 { [2.0, 1.0, 0.3, 0.0].map(|f| f * from.slow) } else { [0.3, 0.1, 0.03, 0.0] };
+    let gain = if from.slow_field > 0.0 { [3.0, 1.0, 0.3, 0.1].map(|f| f * from.slow_field) } else { GAIN_RATIOS };
+    let other = if from.slow > 0.0 { [1.0, 0.3, 0.0].map(|f| f * from.slow) } else { [0.3, 0.1, 0.0] };
     let shapes: Vec<usize> = (0..SHAPES).step_by(COARSE).collect();
     let part = 1.0 / (gain.len() * other.len() * shapes.len()) as f64;
     let sizes = gain.iter().flat_map(|f| other.iter().map(move |s| (*f, *s)));
