@@ -630,7 +630,8 @@ that strength are found, whatever the method does with so many trials; the targe
 * Two effects: both have to be found and named, and each has the power of one. Two poles and one in the same sines are one effect to \
 any fit.
 * Names: one pole and two poles in a part of the field, each at a frequency of its own, are nearly alike beside a response that \
-is fitted; both stand in the set, and the first is the right one in four of five runs.
+is fitted; both stand in the set, and the first is the right one in four of five runs, hardly fewer than for someone who knows from \
+where they are drawn (What is possible, below).
 ";
 
 /// Targets beside figures; a share reaches its target if its value does.
