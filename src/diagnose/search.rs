@@ -101,8 +101,8 @@ struct Look {
     state: State,
     /// Explanations, the best first.
     averaged: Vec<Explanation>,
-    /// What is no noise, with its key.
-    evident: Option<(String, Term)>,
+    /// What is no noise.
+    evident: Option<Term>,
 }
 
 /// A model with its noise.
@@ -412,26 +412,21 @@ impl<'a> Search<'a> {
         let maxima = state.fitted.simulate(&tried, &priors, SEED);
         let evidence = best.best_evidence - NOISE_UNKNOWN;
         let margin = evidence - maxima.evidence_at(FALSE_ALARM);
-        let evident = (margin > 0.0).then(|| {
-            (
-                best.key.clone(),
-                Term {
-                    candidate: self.refined(&state, &self.bank[best.best]),
-                    p_global: maxima.global_p(evidence),
-                    trials: usable.len(),
-                    least: best.score.part_for(margin),
-                },
-            )
+        let evident = (margin > 0.0).then(|| Term {
+            candidate: self.refined(&state, &self.bank[best.best]),
+            p_global: maxima.global_p(evidence),
+            trials: usable.len(),
+            least: best.score.part_for(margin),
         });
         Some(Look { state, averaged, evident })
     }
 
     /// Two effects that are noise to each other: each stands out beside the other one alone.
-    fn hidden(&self, look: &Look, now: &[&Candidate]) -> Option<[(String, Term); 2]> {
+    fn hidden(&self, look: &Look, now: &[&Candidate]) -> Option<[Term; 2]> {
         let beside = |c: &Candidate| self.look(&now.iter().copied().chain([c]).collect::<Vec<_>>())?.evident;
         look.averaged.iter().filter(|e| e.best_evidence > 0.0).take(HIDDEN).find_map(|e| {
             let second = beside(&self.refined(&look.state, &self.bank[e.best]))?;
-            let first = beside(&second.1.candidate).filter(|first| first.0 == e.key)?;
+            let first = beside(&second.candidate).filter(|first| first.candidate.key == e.key)?;
             Some([first, second])
         })
     }
@@ -448,23 +443,23 @@ impl<'a> Search<'a> {
                 return Some((terms, state));
             }
             let mut look = self.look(&now)?;
-            let found: Vec<(String, Term)> = match look.evident.take() {
+            let found: Vec<Term> = match look.evident.take() {
                 Some(one) => vec![one],
                 None => self.hidden(&look, &now).map(Vec::from).unwrap_or_default(),
             };
             if found.is_empty() {
                 return Some((terms, look.state));
             }
-            let after: Vec<&Candidate> = now.iter().copied().chain(found.iter().map(|(_, t)| &t.candidate)).collect();
+            let after: Vec<&Candidate> = now.iter().copied().chain(found.iter().map(|t| &t.candidate)).collect();
             let noise = self.state(&after)?.noise;
             let (without, with) = (self.held_out(&noise, &now), self.held_out(&noise, &after));
             if with.sum >= without.sum {
                 // It does not predict what it has not seen.
-                self.vetoed.extend(found.into_iter().map(|(key, _)| key));
+                self.vetoed.extend(found.into_iter().map(|t| t.candidate.key));
                 self.set_priors();
                 continue;
             }
-            for (_, term) in found {
+            for term in found {
                 terms.push(term);
                 self.merge(&mut terms);
             }

@@ -370,8 +370,7 @@ impl Correlations {
     #[must_use]
     pub fn estimate(&self, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Option<Noise> {
         let data = Data { readings, designs };
-        let shapes = || (0..SHAPES).step_by(COARSE);
-        let slow = RATIOS.iter().flat_map(|slow| shapes().map(|s| Colour { slow: *slow, ..Colour::WHITE }.with_shape(s)));
+        let slow = RATIOS.iter().flat_map(|slow| coarse_shapes().map(|s| Colour { slow: *slow, ..Colour::WHITE }.with_shape(s)));
         let mut best = self.best(&std::iter::once(Colour::WHITE).chain(slow).collect::<Vec<_>>(), &data);
         // What grows with the field, beside what does not or in its place.
         let base = best.1;
@@ -380,7 +379,7 @@ impl Correlations {
             growing.push(Colour { white_field: ratio, ..base });
             growing.push(Colour { white_field: ratio, slow: 0.0, ..base });
             growing.push(Colour { slow_field: ratio, ..base });
-            growing.extend(shapes().map(|s| Colour { slow_field: ratio, slow: 0.0, ..base }.with_shape(s)));
+            growing.extend(coarse_shapes().map(|s| Colour { slow_field: ratio, slow: 0.0, ..base }.with_shape(s)));
         }
         let grown = self.best(&growing, &data);
         if grown.0 > best.0 {
@@ -468,11 +467,15 @@ struct Data<'a> {
     designs: &'a [DMatrix<f64>; 3],
 }
 
+/// Shapes that are tried first.
+fn coarse_shapes() -> impl Iterator<Item = usize> {
+    (0..SHAPES).step_by(COARSE)
+}
+
 /// White noise with slow noise of every shape and size, or none, which is the last; with their probabilities.
 fn slow_of_any_size(white: Colour) -> Vec<(Colour, f64)> {
-    let shapes = || (0..SHAPES).step_by(COARSE);
-    let part = 0.5 / (RATIOS.len() * shapes().count()) as f64;
-    let slow = RATIOS.iter().flat_map(|slow| shapes().map(move |s| (Colour { slow: *slow, ..white }.with_shape(s), part)));
+    let part = 0.5 / (RATIOS.len() * coarse_shapes().count()) as f64;
+    let slow = RATIOS.iter().flat_map(|slow| coarse_shapes().map(move |s| (Colour { slow: *slow, ..white }.with_shape(s), part)));
     slow.chain([(white, 0.5)]).collect()
 }
 
@@ -481,12 +484,11 @@ fn slow_of_any_size(white: Colour) -> Vec<(Colour, f64)> {
 fn slow_of_the_gain(from: &Colour, white: Colour) -> Vec<(Colour, f64)> {
     let gain = if from.slow_field > 0.0 { [3.0, 1.0, 0.3, 0.1].map(|f| f * from.slow_field) } else { GAIN_RATIOS };
     let other = if from.slow > 0.0 { [1.0, 0.3, 0.0].map(|f| f * from.slow) } else { [0.3, 0.1, 0.0] };
-    let shapes: Vec<usize> = (0..SHAPES).step_by(COARSE).collect();
-    let part = 1.0 / (gain.len() * other.len() * shapes.len()) as f64;
+    let part = 1.0 / (gain.len() * other.len() * coarse_shapes().count()) as f64;
     let sizes = gain.iter().flat_map(|f| other.iter().map(move |s| (*f, *s)));
     let of_size = |(slow_field, slow): (f64, f64)| {
         let one = Colour { slow, slow_field, ..white };
-        shapes.iter().map(move |s| (one.with_shape(*s), part))
+        coarse_shapes().map(move |s| (one.with_shape(s), part))
     };
     sizes.flat_map(of_size).collect()
 }

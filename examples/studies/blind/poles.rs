@@ -85,10 +85,10 @@ fn evidence(signatures: &[DVector<f64>], data: &DVector<f64>) -> f64 {
     most + (halves.iter().map(|h| (h - most).exp()).sum::<f64>() / halves.len() as f64).ln()
 }
 
-/// Shares of right names at a strength: hidden is one pole, and two poles; %.
-pub fn told_apart(k: f64) -> [f64; 2] {
+/// Shares of right names at each strength: hidden is one pole, and two poles; %.
+pub fn told_apart(strengths: &[f64]) -> [Vec<f64>; 2] {
     [true, false].map(|one| {
-        let right: usize = (0..SENSORS)
+        let right: Vec<Vec<usize>> = (0..SENSORS)
             .into_par_iter()
             .map(|seed| {
                 let mut random = Random::new(seed, "poles");
@@ -114,14 +114,16 @@ pub fn told_apart(k: f64) -> [f64; 2] {
                     let q = random.between(freq::TWO_POLES_Q[0], freq::TWO_POLES_Q[1]);
                     sines.signature(|f| second_order(f, hz, q))
                 };
-                let hits = |_: &usize| {
-                    let noise = DVector::from_fn(truth.len(), |_, _| random.normal());
-                    let data = &truth * k + sines.beside_own(&noise);
+                let noises: Vec<DVector<f64>> =
+                    (0..DRAWS).map(|_| sines.beside_own(&DVector::from_fn(truth.len(), |_, _| random.normal()))).collect();
+                let right = |k: f64, noise: &DVector<f64>| {
+                    let data = &truth * k + noise;
                     (evidence(&single, &data) > evidence(&double, &data)) == one
                 };
-                (0..DRAWS).filter(hits).count()
+                strengths.iter().map(|k| noises.iter().filter(|noise| right(*k, noise)).count()).collect()
             })
-            .sum();
-        100.0 * right as f64 / (SENSORS as usize * DRAWS) as f64
+            .collect();
+        let share = |at: usize| right.iter().map(|r| r[at]).sum::<usize>() as f64 / (SENSORS as usize * DRAWS) as f64;
+        (0..strengths.len()).map(|at| 100.0 * share(at)).collect()
     })
 }

@@ -22,9 +22,6 @@ pub enum Purpose {
     Absorbed,
 }
 
-/// Strengths of the table of poles, in tenths.
-const POLES: [u64; 6] = [60, 80, 100, 150, 200, 500];
-
 /// One case of the study.
 #[derive(Clone, Debug)]
 pub struct Case {
@@ -526,7 +523,8 @@ pub fn report(score: &Score, command: &str) -> String {
     confusion(&mut text, score);
     let _ = writeln!(
         text,
-        "\n## Outside the catalogue\n\nThe covariate is that of the first step; of a named effect the one over which the report draws it.\n\n| k | found, % | confident wrong name, % | right covariate, % |\n|---|---|---|---|"
+        "\n## Outside the catalogue\n\nThe covariate is that of the first step; of a named effect the one over which the report draws it.\n\n\
+         | k | found, % | confident wrong name, % | right covariate, % |\n|---|---|---|---|"
     );
     for (k, share) in &score.outside_wrong {
         let (found, right) = (score.outside_found.get(k), score.outside_covariate.get(k));
@@ -537,6 +535,9 @@ pub fn report(score: &Score, command: &str) -> String {
     score.absorbed_said.iter().for_each(|(effect, share)| _ = writeln!(text, "| `{effect}` | {} |", counted(*share)));
     text
 }
+
+/// Strengths of the table of poles, in tenths.
+const POLES: [u64; 6] = [60, 80, 100, 150, 200, 500];
 
 /// What searches find that know more than anyone can.
 fn possible(text: &mut String, score: &Score, strengths: &[u64]) {
@@ -585,9 +586,9 @@ fn possible(text: &mut String, score: &Score, strengths: &[u64]) {
         header(&POLES),
         "---|".repeat(POLES.len())
     );
-    let right = POLES.map(|k| told_apart(k as f64 / 10.0));
-    for (one, name) in ["eddy_current_attenuation", "response_order"].into_iter().enumerate() {
-        let cells: Vec<String> = right.iter().map(|r| format!(" {:.0}", r[one])).collect();
+    let names = ["eddy_current_attenuation", "response_order"];
+    for (name, right) in names.into_iter().zip(told_apart(&POLES.map(|k| k as f64 / 10.0))) {
+        let cells: Vec<String> = right.iter().map(|share| format!(" {share:.0}")).collect();
         let _ = writeln!(text, "| `{name}` |{} |", cells.join(" |"));
     }
 }
