@@ -42,7 +42,7 @@ const BASES: usize = 3;
 /// Chi-square over degrees of freedom from which the base itself is doubted.
 const DOUBTFUL: f64 = 1.5;
 /// Probability of a false alarm per run.
-const FALSE_ALARM: f64 = 0.01;
+const FALSE_ALARM: f64 = 0.005;
 /// Most effects beside the response.
 const MOST_STEPS: usize = 3;
 /// Settings that are held out at once.

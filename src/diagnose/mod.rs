@@ -162,12 +162,11 @@ pub fn run(
     let steps_have_lag = lag.is_some() || known_lag.is_some();
     let mut search = Search::new(&scene, readings);
     if steps_have_lag {
-        search.leave_out("thermal_lag");
+        search.leave_out(|c| c.id == "thermal_lag");
     }
     if scene.record.has_samples {
         // The samples have told already.
-        search.leave_out("settling");
-        search.leave_out("time_shift");
+        search.leave_out(|c| ["settling", "time_shift"].contains(&c.id));
     }
     let (terms, state) = search.run(&given).ok_or("the noise of the plateau means has no estimate")?;
     let all: Vec<&Candidate> = given.iter().chain(terms.iter().map(|t| &t.candidate)).collect();

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// Probability with which noise alone may give as much evidence as a candidate needs.
 const FALSE_ALARM: f64 = 0.01;
 /// Evidence (logarithm) that it needs beyond that, since the noise that the readings allow gives more than the noise that they suggest.
-const NOISE_UNKNOWN: f64 = 1.2;
+const NOISE_UNKNOWN: f64 = 1.1;
 /// Explanations beside which a second effect is looked for where none stands out alone.
 const HIDDEN: usize = 3;
 /// Explanations whose evidence is averaged.
@@ -138,8 +138,8 @@ pub struct Search<'a> {
     /// Effects without a candidate.
     pub absent: Vec<Absent>,
     correlations: Correlations,
-    /// Effects that are found elsewhere, in the samples.
-    vetoed: Vec<String>,
+    /// Candidates that are not looked for: found elsewhere, or of a form that did not predict.
+    left_out: Vec<bool>,
 }
 
 /// Evidence of an explanation: all its candidates together, and the best of them.
@@ -193,8 +193,9 @@ impl<'a> Search<'a> {
                 record.rows.iter().map(|r| std::array::from_fn(|a| r.linear_ent[a] / most[a])).collect()
             },
         };
+        let left_out = vec![false; bank.len()];
         let mut search =
-            Self { scene, readings, priors: Vec::new(), bank, absent, correlations: Correlations::new(rows), vetoed: Vec::new() };
+            Self { scene, readings, priors: Vec::new(), bank, absent, correlations: Correlations::new(rows), left_out };
         search.set_priors();
         search
     }
@@ -203,7 +204,8 @@ impl<'a> Search<'a> {
         self.priors = self
             .bank
             .iter()
-            .map(|c| {
+            .zip(&self.left_out)
+            .map(|(c, out)| {
                 let same = self.bank.iter().filter(|o| o.key == c.key).count() as f64;
                 let own: f64 = match c.id {
                     "unknown" => UNKNOWN_PRIOR,
@@ -211,7 +213,7 @@ impl<'a> Search<'a> {
                     "offset_drift" if self.scene.record.trend_order >= TREND_ORDER => DRIFT_PRIOR,
                     _ => 1.0,
                 };
-                if self.vetoed.contains(&c.key) { f64::NEG_INFINITY } else { (own / same).ln() }
+                if *out { f64::NEG_INFINITY } else { (own / same).ln() }
             })
             .collect();
     }
@@ -455,8 +457,9 @@ impl<'a> Search<'a> {
             let (without, with) = (self.held_out(&noise, &now), self.held_out(&noise, &after));
             if with.sum >= without.sum {
                 // It does not predict what it has not seen.
-                self.vetoed.extend(found.into_iter().map(|t| t.candidate.key));
-                self.set_priors();
+                for Term { candidate: Candidate { key, spec, .. }, .. } in found {
+                    self.leave_out(|c| c.key == key && c.spec.form == spec.form);
+                }
                 continue;
             }
             for term in found {
@@ -669,9 +672,9 @@ impl<'a> Search<'a> {
         Some([of(0)?, of(1)?, of(2)?])
     }
 
-    /// An effect that the model has already.
-    pub fn leave_out(&mut self, id: &str) {
-        self.vetoed.push(id.to_owned());
+    /// Leaves candidates out.
+    pub fn leave_out(&mut self, which: impl Fn(&Candidate) -> bool) {
+        self.left_out.iter_mut().zip(&self.bank).for_each(|(out, c)| *out |= which(c));
         self.set_priors();
     }
 

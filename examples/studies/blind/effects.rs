@@ -396,11 +396,15 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
             let slow = random.chance(0.6);
             let (turns, phase) = (random.between(1.6, 3.2), random.between(0.0, TAU));
             let quick = random.between(0.06, 0.2);
+            let faster = random.between(-0.3, 0.3);
             let shape = linear(move |scene, s| {
                 let u = scene.along(s);
-                scale(w, |_| if slow { (TAU * turns * u + phase).sin() } else { 1.0 - (-(u + 0.5) / quick).exp() })
+                scale(
+                    w,
+                    |_| if slow { (TAU * turns * (u + faster * u * u) + phase).sin() } else { 1.0 - (-(u + 0.5) / quick).exp() },
+                )
             });
-            Effect::new("offset_drift", if slow { "slow sine" } else { "exponential approach" }, shape).on(w)
+            Effect::new("offset_drift", if slow { "slow wave of changing period" } else { "exponential approach" }, shape).on(w)
         }
         "offset_step" => {
             let w = weights(random);

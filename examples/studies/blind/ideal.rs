@@ -104,7 +104,7 @@ pub fn ideal(scene: &Scene, blind: &Blind) -> Option<Ideal> {
     let mut search = Search::new(scene, scene.readings.clone());
     if scene.record.has_samples {
         // These are found in the samples.
-        ["settling", "time_shift"].into_iter().for_each(|id| search.leave_out(id));
+        search.leave_out(|c| ["settling", "time_shift"].contains(&c.id));
     }
     let truth = White::new(&blind.truth.noise, blind, scene, &cells);
     let usable: Vec<usize> = (0..search.bank.len()).filter(|c| search.priors[*c].is_finite()).collect();

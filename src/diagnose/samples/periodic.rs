@@ -4,9 +4,10 @@ use super::{APART, Inside, SIGNIFICANT, demean, remove, remove_raw, rms, two_sid
 use crate::diagnose::scene::{Samples, Scene};
 use crate::fit::scan::log_tail;
 use crate::model::effects::{Record, Spec, pulse_harmonic};
+use nalgebra::{DMatrix, DVector};
 use realfft::RealFftPlanner;
 use realfft::num_complex::Complex;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// Periodic signals that are looked for at most.
 const MOST_SIGNALS: usize = 4;
@@ -14,6 +15,12 @@ const MOST_SIGNALS: usize = 4;
 /// duties, of which there are the more the stronger a signal is.
 const TONES: usize = 12;
 const COMBS: usize = 2500;
+/// Longest period, in plateaus: their means are taken off, and of a slower signal little is left.
+const SLOWEST: f64 = 2.5;
+/// Smallest variance of a plateau's samples that is believed, over the median of all.
+const LEAST_VARIANCE: f64 = 0.2;
+/// Cosines that slow changes are made of.
+const SLOW: usize = 12;
 /// Half of the width over which the level of the spectrum is taken, lines.
 const LEVEL: usize = 120;
 /// Harmonics of a switched signal.
@@ -35,6 +42,7 @@ pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside]) -> Vec<Insid
     let mut found: Vec<Inside> = Vec::new();
     let Some(rate_hz) = rate_of(samples) else { return found };
     let mut residual = around_means(scene, samples, known);
+    residual.iter_mut().for_each(|values| level(values, samples, &scene.windows));
     for _ in 0..MOST_SIGNALS {
         let Some(signal) = strongest(&scene.record, samples, &scene.windows, &residual, rate_hz) else { break };
         remove(&mut residual, &scene.record, samples, &scene.windows, &signal);
@@ -77,6 +85,41 @@ fn around_means(scene: &Scene, samples: &Samples, known: &[Inside]) -> [Vec<f64>
     residual
 }
 
+/// Takes slow changes off plateaus whose means are zero: they would be a saw at the rate of the settings. Their slopes follow cosines over the
+/// run; where these are no more than noise, nothing is taken.
+fn level(values: &mut [f64], samples: &Samples, windows: &[[usize; 2]]) {
+    let count = SLOW.min(windows.len() / 4);
+    if count == 0 {
+        return;
+    }
+    let middles_s: Vec<f64> = windows.iter().map(|[from, to]| mean(&samples.t_s[*from..*to])).collect();
+    let (begin_s, end_s) = (middles_s[0], middles_s[middles_s.len() - 1]);
+    let along = |i: usize, k: usize| samples.t_s[k] - middles_s[i];
+    // Squares of the time of each plateau, and slopes in units of their standard deviation at noise of 1.
+    let squares: Vec<f64> =
+        windows.iter().enumerate().map(|(i, [from, to])| (*from..*to).map(|k| along(i, k).powi(2)).sum::<f64>()).collect();
+    let slopes = DVector::from_fn(windows.len(), |i, _| {
+        let [from, to] = windows[i];
+        (from..to).map(|k| values[k] * along(i, k)).sum::<f64>() / squares[i].max(f64::MIN_POSITIVE).sqrt()
+    });
+    let cosine = |i: usize, m: usize| (PI * m as f64 * (middles_s[i] - begin_s) / (end_s - begin_s)).cos();
+    let design = DMatrix::from_fn(windows.len(), count, |i, m| squares[i].sqrt() * cosine(i, m));
+    let Ok(coefficients) = design.clone().svd(true, true).solve(&slopes, 1e-9) else { return };
+    let fitted = design * coefficients;
+    // Slopes that do not follow tell their noise.
+    let noise = (slopes - &fitted).norm_squared() / (windows.len() - count) as f64;
+    if log_tail(fitted.norm_squared() / noise, count as f64) < SIGNIFICANT.ln() {
+        for (i, [from, to]) in windows.iter().enumerate() {
+            let slope = fitted[i] / squares[i].max(f64::MIN_POSITIVE).sqrt();
+            (*from..*to).for_each(|k| values[k] -= slope * along(i, k));
+        }
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
 /// The strongest line of the spectra of all components together, as a tone or as a switched signal.
 fn strongest(
     record: &Record,
@@ -95,12 +138,15 @@ fn strongest(
     let fft = RealFftPlanner::<f64>::new().plan_fft_forward(size);
     let mut lines: Vec<Vec<Complex<f64>>> = Vec::with_capacity(3);
     let mut levels: Vec<Vec<f64>> = Vec::with_capacity(3);
-    for values in residual {
+    let weights = [0, 1, 2].map(|a: usize| weights(&residual[a], windows));
+    for (values, weights) in residual.iter().zip(&weights) {
         let mut input = fft.make_input_vec();
-        for k in windows.iter().flat_map(|[from, to]| *from..*to) {
-            let at = ((samples.t_s[k] - t0) * rate_hz).round() as usize;
-            if let Some(cell) = input.get_mut(at) {
-                *cell = values[k];
+        for ([from, to], weight) in windows.iter().zip(weights) {
+            for k in *from..*to {
+                let at = ((samples.t_s[k] - t0) * rate_hz).round() as usize;
+                if let Some(cell) = input.get_mut(at) {
+                    *cell = weight * values[k];
+                }
             }
         }
         let mut output = fft.make_output_vec();
@@ -110,19 +156,19 @@ fn strongest(
         lines.push(output);
     }
     let step_hz = rate_hz / size as f64;
-    // Means of the plateaus are taken off: nothing slower than one of them is left.
-    let longest = windows.iter().map(|w| samples.t_s[w[1].max(1) - 1] - samples.t_s[w[0]]).fold(0.0, f64::max);
-    let first = ((1.0 / longest.max(1.0 / rate_hz)) / step_hz).ceil() as usize;
-    let rows = Rows { samples, windows, residual, levels: &levels, step_hz, used };
+    let longest_s = windows.iter().map(|w| samples.t_s[w[1].max(1) - 1] - samples.t_s[w[0]]).fold(1.0 / rate_hz, f64::max);
+    let first = (1.0 / (SLOWEST * longest_s) / step_hz).ceil() as usize;
+    let rows = Rows { samples, windows, residual, weights: &weights, levels: &levels, step_hz, used };
     let spectra =
         Spectra { lines: &lines, levels: &levels, middle_lines: length as f64 / size as f64 / 2.0, first: first.max(2) };
     let (peak, tone_p) = spectra.tone()?;
     let comb = spectra.comb();
-    let (trials, comb_trials) = (TONES * length, COMBS * length);
+    let trials = TONES * length;
     let is_tone = tone_p + (trials as f64).ln() < SIGNIFICANT.ln();
-    let is_comb = comb.as_ref().is_some_and(|c| c.log_p + (comb_trials as f64).ln() < SIGNIFICANT.ln());
+    let comb_log_trials = (COMBS as f64 * length as f64).ln();
+    let is_comb = comb.as_ref().is_some_and(|c| c.log_p + comb_log_trials < SIGNIFICANT.ln());
     let p_value = match &comb {
-        Some(c) if is_comb && !is_tone => (c.log_p + (comb_trials as f64 / trials as f64).ln()).exp(),
+        Some(c) if is_comb && !is_tone => (c.log_p + comb_log_trials - (trials as f64).ln()).exp(),
         _ if is_tone => tone_p.exp(),
         _ => return None,
     };
@@ -134,27 +180,14 @@ fn strongest(
     let (sines, tone) = rows.harmonics(line_hz, 1)?;
     let tone_evidence = evidence(tone[0], 6.0);
     // The line may be a harmonic of a switched signal.
-    let mut best: Option<(f64, f64, f64, f64, f64)> = None;
     let orders = (1..=4).map(|order| (order as f64, line_hz / order as f64));
-    for (order, base_hz) in orders.chain(comb.filter(|_| is_comb).map(|c| (c.strongest as f64, c.base * step_hz))) {
-        let Some((waves, _)) = rows.harmonics(base_hz, HARMONICS) else { continue };
-        let usable = waves.len();
-        for duty in (1..20).map(|d| 0.05 * d as f64) {
-            for delay in (0..64).map(|d| d as f64 / 64.0) {
-                let gain = rows.matched(&waves[..usable], base_hz, duty, delay).0;
-                if best.is_none_or(|b| gain > b.0) {
-                    best = Some((gain, base_hz, duty, delay, order));
-                }
-            }
-        }
-    }
+    let switched = orders
+        .chain(comb.filter(|_| is_comb).map(|c| (c.strongest as f64, c.base * step_hz)))
+        .filter_map(|(order, base_hz)| rows.switched(base_hz, order))
+        .max_by(|a, b| a.evidence.total_cmp(&b.evidence));
     let axes_of = |values: &[(f64, f64)]| -> Vec<usize> {
         (0..3).filter(|a| values[*a].0.abs() > 3.0 * values[*a].1 || values.iter().all(|v| v.0.abs() <= 3.0 * v.1)).collect()
     };
-    let switched = best.map(|(gain, base_hz, duty, delay, order)| {
-        // Duty, delay and which harmonic were looked for: some ten independent choices.
-        (evidence(gain, 3.0) - 3.0 - order.ln(), gain, base_hz, duty, delay)
-    });
     let tone_std = |h: &Wave| h.std;
     let wave = sines.first()?;
     let tone_axes: Vec<usize> = {
@@ -174,12 +207,16 @@ fn strongest(
         rms_ent: [[0.0; 3]; 2],
     };
     let mut inside = match switched {
-        Some((ev, gain, base_hz, duty, delay)) if ev > tone_evidence => {
-            let (_, base_hz, duty, delay) = rows.polish(gain, base_hz, duty, delay);
+        Some(found) if found.evidence > tone_evidence => {
+            let (_, base_hz, duty, delay) = rows.polish(found.gain, found.base_hz, found.duty, found.delay);
             // On and off cannot be told apart: the shorter part is called on.
             let (duty, delay) = if duty > 0.5 { (1.0 - duty, (delay + duty).rem_euclid(1.0)) } else { (duty, delay) };
             let waves = rows.harmonics(base_hz, HARMONICS)?.0;
             let (gain, values) = rows.matched(&waves, base_hz, duty, delay);
+            // Lines of a spectrum lie beside the harmonics; the fit has to confirm what they showed.
+            if !is_tone && log_p_of_switched(values.map(|v| (v.0 / v.1).powi(2))) + comb_log_trials >= SIGNIFICANT.ln() {
+                return None;
+            }
             let axes = axes_of(&values);
             let period_s = base_hz.recip();
             Inside {
@@ -195,17 +232,17 @@ fn strongest(
                     period_s * period_s * 0.55 / (length as f64 / rate_hz) / (gain / 2.0).sqrt(),
                 )],
                 strength: gain.sqrt(),
-                ambiguous_with: if ev - tone_evidence < APART { vec!["interference_tone"] } else { Vec::new() },
+                ambiguous_with: if found.evidence - tone_evidence < APART { vec!["interference_tone"] } else { Vec::new() },
                 ..as_tone()
             }
         }
-        Some((ev, ..)) if tone_evidence - ev < APART => Inside { ambiguous_with: vec!["heater_pwm"], ..as_tone() },
+        Some(other) if tone_evidence - other.evidence < APART => Inside { ambiguous_with: vec!["heater_pwm"], ..as_tone() },
         _ => as_tone(),
     };
-    let before = squares(residual, windows, &rows);
+    let before = rows.squares(residual);
     let mut after = residual.clone();
     remove(&mut after, record, samples, windows, &inside);
-    let left = squares(&after, windows, &rows);
+    let left = rows.squares(&after);
     inside.squares = [before.iter().sum(), left.iter().sum(), 3.0 * used as f64];
     inside.rms_ent = [rms(residual, windows), rms(&after, windows)];
     Some(inside)
@@ -229,6 +266,12 @@ struct Comb {
     strongest: usize,
     /// Logarithm of the probability that noise makes as much at this place.
     log_p: f64,
+}
+
+/// Logarithm of the probability that noise makes as much along a switched signal, on an axis or on all: from the chi squares of the axes.
+fn log_p_of_switched(gains: [f64; 3]) -> f64 {
+    let most = gains.iter().fold(0.0, |m: f64, g| m.max(*g));
+    two_sided(most.sqrt()).ln().min(log_tail(gains.iter().sum(), 3.0))
 }
 
 /// Logarithm of the probability that a sum of `count` exponential powers is larger than `x`.
@@ -325,8 +368,7 @@ impl Spectra<'_> {
                     }
                 }
                 let gains = [0, 1, 2].map(|a: usize| along[a] * along[a] / size[a]);
-                let most = gains.iter().fold(0.0, |m: f64, g| m.max(*g));
-                log_p = log_p.min(two_sided(most.sqrt()).ln()).min(log_tail(gains.iter().sum(), 3.0));
+                log_p = log_p.min(log_p_of_switched(gains));
             }
         }
         Some(Comb { base, strongest, log_p })
@@ -338,15 +380,16 @@ fn evidence(chi: f64, count: f64) -> f64 {
     0.5 * (g / (1.0 + g) * chi - count * (1.0 + g).ln())
 }
 
-fn squares(residual: &[Vec<f64>; 3], windows: &[[usize; 2]], rows: &Rows) -> [f64; 3] {
-    // The median level of the spectrum is the variance of a sample of the noise.
-    let of = |a: usize| {
-        let mut level = rows.levels[a].clone();
-        let middle = level.len() / 2;
-        *level.select_nth_unstable_by(middle, f64::total_cmp).1 / rows.used as f64
-    };
-    let rms = rms(residual, windows);
-    [0, 1, 2].map(|a| rms[a] * rms[a] * rows.used as f64 / of(a))
+/// What the samples of each plateau count for: noise may grow with the field or with temperature. Their mean over the samples is 1.
+fn weights(values: &[f64], windows: &[[usize; 2]]) -> Vec<f64> {
+    let counts: Vec<f64> = windows.iter().map(|[from, to]| to.saturating_sub(*from) as f64).collect();
+    let squares = windows.iter().map(|[from, to]| values[*from..*to].iter().map(|v| v * v).sum::<f64>());
+    let mut variances: Vec<f64> = squares.zip(&counts).map(|(sum, n)| sum / n.max(1.0)).collect();
+    // Readings that do not move say nothing about noise.
+    let least = LEAST_VARIANCE * crate::plateau::median(&mut variances.clone());
+    variances.iter_mut().for_each(|v| *v = v.max(least).max(f64::MIN_POSITIVE));
+    let mean = variances.iter().zip(&counts).map(|(v, n)| n / v).sum::<f64>() / counts.iter().sum::<f64>();
+    variances.iter().map(|v| 1.0 / (v * mean)).collect()
 }
 
 /// Level of a spectrum of noise around each line, from medians: lines do not lift it.
@@ -377,9 +420,24 @@ struct Rows<'a> {
     samples: &'a Samples,
     windows: &'a [[usize; 2]],
     residual: &'a [Vec<f64>; 3],
+    /// Of each axis and plateau.
+    weights: &'a [Vec<f64>; 3],
+    /// Of the spectra of weighted readings.
     levels: &'a [Vec<f64>],
     step_hz: f64,
     used: usize,
+}
+
+/// The best switched signal of a period.
+struct Switched {
+    base_hz: f64,
+    /// Mean over all duties and delays: that they are free is paid for.
+    evidence: f64,
+    /// Chi square.
+    gain: f64,
+    /// Parts of the period.
+    duty: f64,
+    delay: f64,
 }
 
 /// Amplitudes of one frequency.
@@ -393,35 +451,53 @@ struct Wave {
 impl Rows<'_> {
     /// Sine and cosine parts of the residuals at a frequency, by least squares with the means of the plateaus taken off the waves as well.
     fn wave(&self, hz: f64) -> Option<Wave> {
-        let (mut ss, mut sc, mut cc) = (0.0, 0.0, 0.0);
-        let (mut ys, mut yc) = ([0.0; 3], [0.0; 3]);
+        // Squares and products of the waves, and of the waves and residuals.
+        let (mut squares, mut along) = ([[0.0; 3]; 3], [[0.0; 2]; 3]);
         let mut waves: Vec<(f64, f64)> = Vec::new();
-        for [from, to] in self.windows {
+        for (w, [from, to]) in self.windows.iter().enumerate() {
             waves.clear();
             waves.extend((*from..*to).map(|k| (TAU * (hz * self.samples.t_s[k]).fract()).sin_cos()));
             let n = waves.len().max(1) as f64;
             let (ms, mc) = waves.iter().fold((0.0, 0.0), |(a, b), (s, c)| (a + s / n, b + c / n));
+            let (mut own_squares, mut own_along) = ([0.0; 3], [[0.0; 2]; 3]);
             for (k, (s, c)) in (*from..*to).zip(&waves) {
                 let (s, c) = (s - ms, c - mc);
-                ss += s * s;
-                sc += s * c;
-                cc += c * c;
-                for a in 0..3 {
-                    ys[a] += self.residual[a][k] * s;
-                    yc[a] += self.residual[a][k] * c;
+                own_squares[0] += s * s;
+                own_squares[1] += s * c;
+                own_squares[2] += c * c;
+                for (own, residual) in own_along.iter_mut().zip(self.residual) {
+                    own[0] += residual[k] * s;
+                    own[1] += residual[k] * c;
                 }
             }
-        }
-        let determinant = ss * cc - sc * sc;
-        if determinant < 1e-6 * (self.used as f64).powi(2) {
-            return None;
+            for a in 0..3 {
+                let weight = self.weights[a][w];
+                squares[a].iter_mut().zip(own_squares).for_each(|(sum, own)| *sum += weight * own);
+                along[a].iter_mut().zip(own_along[a]).for_each(|(sum, own)| *sum += weight * own);
+            }
         }
         let line = ((hz / self.step_hz).round() as usize).min(self.levels[0].len() - 1);
-        Some(Wave {
-            hz,
-            sin: [0, 1, 2].map(|a: usize| (ys[a] * cc - yc[a] * sc) / determinant),
-            cos: [0, 1, 2].map(|a: usize| (yc[a] * ss - ys[a] * sc) / determinant),
-            std: [0, 1, 2].map(|a: usize| (self.levels[a][line] / self.used as f64 / (0.5 * (ss + cc))).sqrt()),
+        let mut wave = Wave { hz, sin: [0.0; 3], cos: [0.0; 3], std: [0.0; 3] };
+        for a in 0..3 {
+            let ([ss, sc, cc], [ys, yc]) = (squares[a], along[a]);
+            let determinant = ss * cc - sc * sc;
+            if determinant < 1e-6 * (self.used as f64).powi(2) {
+                return None;
+            }
+            wave.sin[a] = (ys * cc - yc * sc) / determinant;
+            wave.cos[a] = (yc * ss - ys * sc) / determinant;
+            // Means taken off the plateaus lower the level of slow noise as much as the waves.
+            wave.std[a] = (2.0 * self.levels[a][line]).sqrt() / (ss + cc);
+        }
+        Some(wave)
+    }
+
+    /// Weighted squares of residuals of each axis over the variance of a sample, which is the median level of the spectrum.
+    fn squares(&self, residual: &[Vec<f64>; 3]) -> [f64; 3] {
+        [0, 1, 2].map(|a: usize| {
+            let variance = crate::plateau::median(&mut self.levels[a].clone()) / self.used as f64;
+            let of = |[from, to]: &[usize; 2]| residual[a][*from..*to].iter().map(|v| v * v).sum::<f64>();
+            self.windows.iter().zip(&self.weights[a]).map(|(window, weight)| weight * of(window)).sum::<f64>() / variance
         })
     }
 
@@ -471,6 +547,20 @@ impl Rows<'_> {
             (top / bottom, bottom.sqrt().recip())
         });
         (gain, values)
+    }
+
+    /// The switched signal of a period whose harmonic of this order was seen.
+    fn switched(&self, base_hz: f64, order: f64) -> Option<Switched> {
+        let (waves, _) = self.harmonics(base_hz, HARMONICS)?;
+        let duties = (1..20).map(|d| 0.05 * d as f64);
+        let all: Vec<(f64, f64, f64)> = duties
+            .flat_map(|duty| (0..64).map(move |d| (duty, d as f64 / 64.0)))
+            .map(|(duty, delay)| (self.matched(&waves, base_hz, duty, delay).0, duty, delay))
+            .collect();
+        let (gain, duty, delay) = *all.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let most = evidence(gain, 3.0);
+        let mean = all.iter().map(|one| (evidence(one.0, 3.0) - most).exp()).sum::<f64>() / all.len() as f64;
+        Some(Switched { base_hz, evidence: most + mean.ln() - order.ln(), gain, duty, delay })
     }
 
     /// Period, duty and delay, closer.

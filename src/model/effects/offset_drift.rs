@@ -1,12 +1,17 @@
 //! The offset drifts beyond the fitted trend.
 
 use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 /// Order of a trend from which on a single order more is no line.
 const FULL_TREND: usize = 2;
 /// Time constants of a decay that are tried, as parts of the run.
 const DECAYS: [f64; 3] = [0.03, 0.08, 0.2];
+/// Turns of a cycle in a run: the least, for each order of the trend and one more, the most, and the ratio of those that are tried. What turns
+/// less often is a polynomial, and seldom anything but a temperature.
+const LEAST_TURNS: f64 = 0.65;
+const MOST_TURNS: f64 = 4.7;
+const RATIO: f64 = 1.25;
 
 /// The offset drifts beyond the fitted trend.
 pub struct OffsetDrift;
@@ -19,7 +24,7 @@ impl Effect for OffsetDrift {
     fn about(&self) -> About {
         About {
             summary: "offset drifts beyond the fitted trend",
-            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of the orders above those of the fitted trend: one (line, where the trend has less than two), two (polynomial) or four (waves); or Σ r_m cos(π m (τ + 1) / 2), eight of them (ripples); or c exp(-t/time constant) (decay)",
+            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of the orders above those of the fitted trend: one (line, where the trend has less than two), two (polynomial) or four (waves); or Σ r_m cos(π m (τ + 1) / 2), eight of them (ripples); or s sin(2π t/period) + c cos(2π t/period) (cycle); or c exp(-t/time constant) (decay); t since the run's begin",
             family: Family::Time,
             seen_in: "all",
             needs: "time",
@@ -36,10 +41,12 @@ impl Effect for OffsetDrift {
         specs.extend(singly_and_together("waves"));
         specs.extend(singly_and_together("ripples"));
         let length = record.span_s[1] - record.span_s[0];
+        let least = LEAST_TURNS * (record.trend_order + 1) as f64;
+        for turns in std::iter::successors(Some(least), |t| Some(t * RATIO)).take_while(|t| *t < MOST_TURNS) {
+            specs.extend(singly_and_together("cycle").into_iter().map(|s| s.with("period", length / turns, "s")));
+        }
         for part in DECAYS {
-            for axis in 0..3 {
-                specs.push(Spec::new("decay", &[axis]).with("time constant", part * length, "s"));
-            }
+            specs.extend(singly_and_together("decay").into_iter().map(|s| s.with("time constant", part * length, "s")));
         }
         Ok(specs)
     }
@@ -49,6 +56,15 @@ impl Effect for OffsetDrift {
             let constant_s = spec.get("time constant")?;
             let decay = |t: f64| (-(t - record.span_s[0]) / constant_s).exp();
             return Some(spec.axes.iter().map(|&a| Column::on("c", a, "enT", record, |_, r| decay(r.t_s()))).collect());
+        }
+        if spec.form == "cycle" {
+            let period_s = spec.get("period")?;
+            let phase = |t: f64| TAU * (t - record.span_s[0]) / period_s;
+            let columns = spec.axes.iter().flat_map(|&a| {
+                let of = |name, part: fn(f64) -> f64| Column::on(name, a, "enT", record, |_, r| part(phase(r.t_s())));
+                [of("s", f64::sin), of("c", f64::cos)]
+            });
+            return Some(columns.collect());
         }
         let first = record.trend_order + 1;
         if spec.form == "ripples" {
