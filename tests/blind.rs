@@ -285,6 +285,31 @@ fn a_short_study_is_silent_on_noise_and_names_what_is_strong() {
     assert!(cases.len() == 36 && wrong.len() <= 5, "{wrong:?}");
 }
 
+/// First names of single effects in white noise, far beyond what noise makes; the first runs that are `wanted`.
+fn first_names(effect: &str, kind: Kind, strength_k: f64, wanted: impl Fn(&Blind) -> bool) -> Vec<String> {
+    let options = Options { effects: vec![effect.to_owned()], strength_k, noise: Some(Family::White) };
+    (7000..)
+        .map(|seed| generate(seed, kind, &options).unwrap())
+        .filter(wanted)
+        .take(4)
+        .map(|blind| judge::judge(&blind).steps.first().map_or_else(String::new, |s| s.effect.clone()))
+        .collect()
+}
+
+/// A signal whose period is longer than the 6 s of a plateau shows by what is left of it around the means.
+#[test]
+fn signals_slower_than_a_plateau_are_found() {
+    let slow = |b: &Blind| b.truth.effects[0].parameters.iter().any(|p| p.name == "period" && p.value > 7.0);
+    assert_eq!(first_names("heater_pwm", Kind::Lin, 25.0, slow), ["heater_pwm"; 4]);
+}
+
+/// A wave is a drift although its period changes by up to 30 %.
+#[test]
+fn slow_waves_are_drifts() {
+    let wave = |b: &Blind| b.truth.effects[0].form.contains("wave");
+    assert_eq!(first_names("offset_drift", Kind::ZeroField, 50.0, wave), ["offset_drift"; 4]);
+}
+
 /// A thermistor that jumps is a fault of the data; nothing is made up to explain the readings with its temperatures.
 #[test]
 fn a_thermistor_that_jumps_brings_nothing_else() {

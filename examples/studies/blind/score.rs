@@ -633,6 +633,8 @@ any fit.
 * Names: one pole and two poles in a part of the field, each at a frequency of its own, are nearly alike beside a response that \
 is fitted; both stand in the set, and the first is the right one in four of five runs, hardly fewer than for someone who knows from \
 where they are drawn (What is possible, below).
+* Temperatures of the rack reach the readings late in the generator, not in the catalogue: a drift of one period is then nearer to a \
+strong one than the temperature itself.
 ";
 
 /// Targets beside figures; a share reaches its target if its value does.

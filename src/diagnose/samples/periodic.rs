@@ -597,3 +597,73 @@ impl Rows<'_> {
         best
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{demean, level, weights};
+    use crate::diagnose::scene::Samples;
+
+    /// 90 plateaus of 6 s every 7 s at 32 Hz.
+    fn plateaus() -> (Samples, Vec<[usize; 2]>) {
+        let samples = Samples { t_s: (0..90 * 224).map(|k| k as f64 / 32.0).collect(), ..Samples::default() };
+        (samples, (0..90).map(|i| [224 * i, 224 * i + 192]).collect())
+    }
+
+    fn squares(values: &[f64]) -> f64 {
+        values.iter().map(|v| v * v).sum()
+    }
+
+    /// A wave of 400 s leaves a saw of its slopes, and of that its bends: over 6 s with slope `w` and bend `w²` of a unit wave the saw has a
+    /// root mean square of `w · 6 / √12`, the bends `w² · 36 / √720`, each times the mean of a squared cosine.
+    #[test]
+    fn slow_changes_are_taken_off_the_plateaus() {
+        let (samples, windows) = plateaus();
+        let omega = std::f64::consts::TAU / 400.0;
+        let mut values = [0, 1, 2].map(|a| samples.t_s.iter().map(|t| (omega * t + f64::from(a)).sin()).collect::<Vec<f64>>());
+        demean(&mut values, &windows);
+        for values in &mut values {
+            let within = |v: &[f64]| windows.iter().map(|[from, to]| squares(&v[*from..*to])).sum::<f64>() / (90.0 * 192.0);
+            let before = within(values);
+            assert!((before.sqrt() / (omega * 6.0 / 24.0_f64.sqrt()) - 1.0).abs() < 0.05, "{before}");
+            level(values, &samples, &windows);
+            let bends = omega * omega * 36.0 / (2.0 * 720.0_f64).sqrt();
+            // What the cosines do not follow at the ends of the run adds to the bends.
+            assert!(within(values).sqrt() < 0.05 * before.sqrt() + bends, "{}", within(values).sqrt());
+        }
+    }
+
+    /// A saw that changes its sign from plateau to plateau is no slow change.
+    #[test]
+    fn what_is_quick_stays() {
+        let (samples, windows) = plateaus();
+        let mut values = vec![0.0; samples.t_s.len()];
+        for (i, [from, to]) in windows.iter().enumerate() {
+            let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+            (*from..*to).for_each(|k| values[k] = sign * (samples.t_s[k] - samples.t_s[*from] - 191.0 / 64.0));
+        }
+        let before = values.clone();
+        level(&mut values, &samples, &windows);
+        assert_eq!(values, before);
+    }
+
+    /// Weights go with the reciprocal variance, their mean over the samples is 1, and a plateau that stands still does not count for all.
+    #[test]
+    fn noisy_plateaus_count_for_less() {
+        let (_, windows) = plateaus();
+        let mut values = vec![0.0; 90 * 224];
+        for (i, [from, to]) in windows.iter().enumerate() {
+            let size = if i == 0 {
+                0.0
+            } else if i % 3 == 0 {
+                2.0
+            } else {
+                1.0
+            };
+            (*from..*to).for_each(|k| values[k] = if k % 2 == 0 { size } else { -size });
+        }
+        let weights = weights(&values, &windows);
+        assert!((weights.iter().sum::<f64>() / 90.0 - 1.0).abs() < 1e-12);
+        assert!((weights[1] / weights[3] - 4.0).abs() < 1e-12);
+        assert!((weights[0] / weights[1] - 1.0 / super::LEAST_VARIANCE).abs() < 1e-12);
+    }
+}
