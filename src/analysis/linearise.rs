@@ -197,7 +197,9 @@ pub fn linearise(runs: &[&Lin]) -> Result<Estimate, LineariseError> {
     let Some(head) = data.first().map(|d| &d.lin.parameters.run) else {
         return Err(LineariseError::NoRuns);
     };
-    let axes: Vec<AxisFit> = (0..3).into_par_iter().map(|axis| fit_axis(&data, axis)).collect::<Result<_, _>>()?;
+    // The error of the first axis, whichever thread is the first.
+    let fits: Vec<_> = (0..3).into_par_iter().map(|axis| fit_axis(&data, axis)).collect();
+    let axes: Vec<AxisFit> = fits.into_iter().collect::<Result<_, _>>()?;
 
     let weak: Vec<&str> = axes.iter().filter(|a| !a.about.significant).map(|a| a.about.name.as_str()).collect();
     if !weak.is_empty() {

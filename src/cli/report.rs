@@ -303,11 +303,13 @@ fn hashes(folder: &Folder, measured: &[Measured]) -> Result<Vec<(String, String)
         }
     }
     files.sort();
-    files
+    let read: Vec<Result<(String, String), Finding>> = files
         .into_par_iter()
         .map(|(name, path)| {
             let bytes = std::fs::read(&path).map_err(|e| Finding::io(&path, "read", &e))?;
             Ok((name, hex(&Sha256::digest(&bytes))))
         })
-        .collect()
+        .collect();
+    // The error of the first file, whichever thread is the first.
+    read.into_iter().collect()
 }

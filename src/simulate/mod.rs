@@ -93,7 +93,9 @@ pub fn write_campaign_with(
         };
         Ok((run, simulated, warnings))
     };
-    let all = twin.runs.par_iter().map(prepare).collect::<Result<Vec<_>, Finding>>()?;
+    // The error of the first run, whichever thread is the first.
+    let each: Vec<_> = twin.runs.par_iter().map(prepare).collect();
+    let all = each.into_iter().collect::<Result<Vec<_>, Finding>>()?;
     // The longest first, so that no core is left alone with one at the end.
     let mut prepared: Vec<(&RunTwin, SimulatedRun)> = Vec::new();
     for (run, simulated, own) in all {
