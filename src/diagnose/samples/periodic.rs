@@ -2,7 +2,7 @@
 
 use super::{APART, Inside, SIGNIFICANT, demean, remove, remove_raw, rms, two_sided};
 use crate::diagnose::scene::{Samples, Scene};
-use crate::fit::scan::log_tail;
+use crate::fit::scan::{log_tail, orthonormal};
 use crate::model::effects::{Record, Spec, pulse_harmonic};
 use nalgebra::{DMatrix, DVector};
 use realfft::RealFftPlanner;
@@ -42,7 +42,6 @@ pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside]) -> Vec<Insid
     let mut found: Vec<Inside> = Vec::new();
     let Some(rate_hz) = rate_of(samples) else { return found };
     let mut residual = around_means(scene, samples, known);
-    residual.iter_mut().for_each(|values| level(values, samples, &scene.windows));
     for _ in 0..MOST_SIGNALS {
         let Some(signal) = strongest(&scene.record, samples, &scene.windows, &residual, rate_hz) else { break };
         remove(&mut residual, &scene.record, samples, &scene.windows, &signal);
@@ -75,13 +74,14 @@ fn rate_of(samples: &Samples) -> Option<f64> {
     })
 }
 
-/// Readings of the used samples around the means of their plateaus, without what is known already.
+/// Readings of the used samples around the means of their plateaus, without what is known already and without slow changes.
 fn around_means(scene: &Scene, samples: &Samples, known: &[Inside]) -> [Vec<f64>; 3] {
     let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
     for signal in known {
         remove_raw(&mut residual, &scene.record, samples, &scene.windows, signal);
     }
     demean(&mut residual, &scene.windows);
+    residual.iter_mut().for_each(|values| level(values, samples, &scene.windows));
     residual
 }
 
@@ -104,8 +104,8 @@ fn level(values: &mut [f64], samples: &Samples, windows: &[[usize; 2]]) {
     });
     let cosine = |i: usize, m: usize| (PI * m as f64 * (middles_s[i] - begin_s) / (end_s - begin_s)).cos();
     let design = DMatrix::from_fn(windows.len(), count, |i, m| squares[i].sqrt() * cosine(i, m));
-    let Ok(coefficients) = design.clone().svd(true, true).solve(&slopes, 1e-9) else { return };
-    let fitted = design * coefficients;
+    let base = orthonormal(&design, None, 1e-9);
+    let fitted = &base * base.tr_mul(&slopes);
     // Slopes that do not follow tell their noise.
     let noise = (slopes - &fitted).norm_squared() / (windows.len() - count) as f64;
     if log_tail(fitted.norm_squared() / noise, count as f64) < SIGNIFICANT.ln() {
@@ -162,44 +162,39 @@ fn strongest(
     let spectra =
         Spectra { lines: &lines, levels: &levels, middle_lines: length as f64 / size as f64 / 2.0, first: first.max(2) };
     let (peak, tone_p) = spectra.tone()?;
-    let comb = spectra.comb();
     let trials = TONES * length;
     let is_tone = tone_p + (trials as f64).ln() < SIGNIFICANT.ln();
     let comb_log_trials = (COMBS as f64 * length as f64).ln();
-    let is_comb = comb.as_ref().is_some_and(|c| c.log_p + comb_log_trials < SIGNIFICANT.ln());
-    let p_value = match &comb {
-        Some(c) if is_comb && !is_tone => (c.log_p + comb_log_trials - (trials as f64).ln()).exp(),
-        _ if is_tone => tone_p.exp(),
-        _ => return None,
-    };
-    let line_hz = match &comb {
-        Some(c) if !is_tone => c.strongest as f64 * c.base * step_hz,
-        _ => peak as f64 * step_hz,
+    let comb = spectra.comb().filter(|c| c.log_p + comb_log_trials < SIGNIFICANT.ln());
+    let (line_hz, p_value) = match &comb {
+        _ if is_tone => (peak as f64 * step_hz, tone_p.exp()),
+        Some(c) => (c.strongest as f64 * c.base * step_hz, (c.log_p + comb_log_trials - (trials as f64).ln()).exp()),
+        None => return None,
     };
     let line_hz = rows.refine(line_hz);
-    let (sines, tone) = rows.harmonics(line_hz, 1)?;
-    let tone_evidence = evidence(tone[0], 6.0);
+    let sines = rows.harmonics(line_hz, 1)?;
+    let wave = sines.first()?;
+    let tone = Rows::chi(wave);
+    let tone_evidence = evidence(tone, 6.0);
     // The line may be a harmonic of a switched signal.
     let orders = (1..=4).map(|order| (order as f64, line_hz / order as f64));
     let switched = orders
-        .chain(comb.filter(|_| is_comb).map(|c| (c.strongest as f64, c.base * step_hz)))
+        .chain(comb.map(|c| (c.strongest as f64, c.base * step_hz)))
         .filter_map(|(order, base_hz)| rows.switched(base_hz, order))
         .max_by(|a, b| a.evidence.total_cmp(&b.evidence));
     let axes_of = |values: &[(f64, f64)]| -> Vec<usize> {
         (0..3).filter(|a| values[*a].0.abs() > 3.0 * values[*a].1 || values.iter().all(|v| v.0.abs() <= 3.0 * v.1)).collect()
     };
-    let tone_std = |h: &Wave| h.std;
-    let wave = sines.first()?;
     let tone_axes: Vec<usize> = {
-        let sizes: Vec<(f64, f64)> = (0..3).map(|a| (wave.sin[a].hypot(wave.cos[a]), tone_std(wave)[a] * 1.41)).collect();
+        let sizes: Vec<(f64, f64)> = (0..3).map(|a| (wave.sin[a].hypot(wave.cos[a]), wave.std[a] * 1.41)).collect();
         axes_of(&sizes)
     };
     let as_tone = || Inside {
         id: "interference_tone",
         spec: Spec::new("sine", &tone_axes).with("frequency", line_hz, "Hz"),
         values: tone_axes.iter().flat_map(|a| [(wave.sin[*a], wave.std[*a]), (wave.cos[*a], wave.std[*a])]).collect(),
-        shape_std: vec![("frequency".to_owned(), step_hz * size as f64 / length as f64 * 0.55 / (tone[0] / 2.0).sqrt())],
-        strength: tone[0].sqrt(),
+        shape_std: vec![("frequency".to_owned(), step_hz * size as f64 / length as f64 * 0.55 / (tone / 2.0).sqrt())],
+        strength: tone.sqrt(),
         p_value: p_value.max(f64::MIN_POSITIVE),
         trials,
         ambiguous_with: Vec::new(),
@@ -211,7 +206,7 @@ fn strongest(
             let (_, base_hz, duty, delay) = rows.polish(found.gain, found.base_hz, found.duty, found.delay);
             // On and off cannot be told apart: the shorter part is called on.
             let (duty, delay) = if duty > 0.5 { (1.0 - duty, (delay + duty).rem_euclid(1.0)) } else { (duty, delay) };
-            let waves = rows.harmonics(base_hz, HARMONICS)?.0;
+            let waves = rows.harmonics(base_hz, HARMONICS)?;
             let (gain, values) = rows.matched(&waves, base_hz, duty, delay);
             // Lines of a spectrum lie beside the harmonics; the fit has to confirm what they showed.
             if !is_tone && log_p_of_switched(values.map(|v| (v.0 / v.1).powi(2))) + comb_log_trials >= SIGNIFICANT.ln() {
@@ -243,7 +238,7 @@ fn strongest(
     let mut after = residual.clone();
     remove(&mut after, record, samples, windows, &inside);
     let left = rows.squares(&after);
-    inside.squares = [before.iter().sum(), left.iter().sum(), 3.0 * used as f64];
+    inside.squares = [before, left, 3.0 * used as f64];
     inside.rms_ent = [rms(residual, windows), rms(&after, windows)];
     Some(inside)
 }
@@ -492,13 +487,14 @@ impl Rows<'_> {
         Some(wave)
     }
 
-    /// Weighted squares of residuals of each axis over the variance of a sample, which is the median level of the spectrum.
-    fn squares(&self, residual: &[Vec<f64>; 3]) -> [f64; 3] {
-        [0, 1, 2].map(|a: usize| {
+    /// Weighted squares of residuals over the variance of a sample, which is the median level of the spectrum.
+    fn squares(&self, residual: &[Vec<f64>; 3]) -> f64 {
+        let of_axis = |a: usize| {
             let variance = crate::plateau::median(&mut self.levels[a].clone()) / self.used as f64;
             let of = |[from, to]: &[usize; 2]| residual[a][*from..*to].iter().map(|v| v * v).sum::<f64>();
             self.windows.iter().zip(&self.weights[a]).map(|(window, weight)| weight * of(window)).sum::<f64>() / variance
-        })
+        };
+        (0..3).map(of_axis).sum()
     }
 
     /// Chi square of a wave.
@@ -506,12 +502,11 @@ impl Rows<'_> {
         (0..3).map(|a| (wave.sin[a].powi(2) + wave.cos[a].powi(2)) / wave.std[a].powi(2)).sum()
     }
 
-    fn harmonics(&self, hz: f64, count: usize) -> Option<(Vec<Wave>, [f64; 1])> {
+    fn harmonics(&self, hz: f64, count: usize) -> Option<Vec<Wave>> {
         let highest = self.step_hz * (self.levels[0].len() - 1) as f64;
         let waves: Vec<Wave> =
             (1..=count).map(|h| h as f64 * hz).take_while(|f| *f < 0.98 * highest).filter_map(|f| self.wave(f)).collect();
-        let chi = waves.first().map(Self::chi)?;
-        Some((waves, [chi]))
+        (!waves.is_empty()).then_some(waves)
     }
 
     fn refine(&self, hz: f64) -> f64 {
@@ -551,7 +546,7 @@ impl Rows<'_> {
 
     /// The switched signal of a period whose harmonic of this order was seen.
     fn switched(&self, base_hz: f64, order: f64) -> Option<Switched> {
-        let (waves, _) = self.harmonics(base_hz, HARMONICS)?;
+        let waves = self.harmonics(base_hz, HARMONICS)?;
         let duties = (1..20).map(|d| 0.05 * d as f64);
         let all: Vec<(f64, f64, f64)> = duties
             .flat_map(|duty| (0..64).map(move |d| (duty, d as f64 / 64.0)))
@@ -570,7 +565,7 @@ impl Rows<'_> {
         for _ in 0..6 {
             for sign in [-1.0, 1.0] {
                 let f = best.1 + sign * df;
-                if let Some((waves, _)) = self.harmonics(f, HARMONICS) {
+                if let Some(waves) = self.harmonics(f, HARMONICS) {
                     // A changed period moves the delay over the record: it is looked for again.
                     for shift in [-2.0, -1.0, 0.0, 1.0, 2.0] {
                         let delay = (best.3 + shift * dl).rem_euclid(1.0);
@@ -580,7 +575,7 @@ impl Rows<'_> {
                         }
                     }
                 }
-                if let Some((waves, _)) = self.harmonics(best.1, HARMONICS) {
+                if let Some(waves) = self.harmonics(best.1, HARMONICS) {
                     for (d, l) in [(sign * dd, 0.0), (0.0, sign * dl), (sign * dd, -0.5 * sign * dd)] {
                         let (duty, delay) = ((best.2 + d).clamp(0.02, 0.98), (best.3 + l).rem_euclid(1.0));
                         let gain = self.matched(&waves, best.1, duty, delay).0;
