@@ -157,6 +157,36 @@ fn two_effects_that_are_noise_to_each_other_are_found() {
     }
 }
 
+/// Readings that follow the rack late, through a low-pass, are readings that follow the rack: no drift stands in for it, or beside it.
+#[test]
+fn a_late_rack_is_no_drift() {
+    let options = Options { effects: vec!["rack_temperature".to_owned()], strength_k: 30.0, noise: Some(Family::White) };
+    for seed in 0..8 {
+        let steps = judge::judge(&generate(seed, Kind::Lin, &options).unwrap()).steps;
+        let said: Vec<&str> = steps.iter().map(|s| s.effect.as_str()).collect();
+        assert_eq!(said, ["rack_temperature"], "{seed}");
+    }
+}
+
+/// A sensor that follows its thermistor by minutes is no line in the lag, and splines of the temperature follow that line better than the
+/// line does: the lag has to be named all the same, with its time constant within a tenth.
+#[test]
+fn long_lags_are_no_curves_of_the_temperature() {
+    let options = Options { effects: vec!["thermal_lag".to_owned()], strength_k: 6.0, noise: Some(Family::White) };
+    let of_nature = (0..).filter_map(|seed| {
+        let blind = generate(seed, Kind::Sweep, &options).unwrap();
+        let effect = &blind.truth.effects[0];
+        let tau_s = effect.parameters[0].value;
+        (effect.natural_size && tau_s > 600.0).then_some((seed, tau_s, blind))
+    });
+    for (seed, tau_s, blind) in of_nature.take(5) {
+        let steps = judge::judge(&blind).steps;
+        assert_eq!(steps[0].effect, "thermal_lag", "{seed}: {tau_s} s");
+        let said = &steps[0].amplitudes.iter().find(|a| a.name == "lag").unwrap();
+        assert!((said.value / tau_s - 1.0).abs() < 0.1, "{seed}: {tau_s} s, said {} s", said.value);
+    }
+}
+
 /// Without an effect the two names come as often whichever was drawn: their shares of right ones make 100 % within four standard
 /// deviations of 2000 draws each. Far beyond the difference of the signatures every name is right.
 #[test]

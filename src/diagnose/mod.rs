@@ -269,10 +269,10 @@ fn find_lag(
     let groups = search.groups(&state);
     let explanations = search.explanations(&state, &groups);
     let best = explanations.iter().find(|e| e.key == "thermal_lag")?;
-    let rivals = explanations.iter().filter(|e| e.key != "thermal_lag").map(|e| e.evidence).fold(f64::NEG_INFINITY, f64::max);
-    if best.evidence < 12.0 || rivals > best.evidence {
+    if best.evidence < 12.0 {
         return None;
     }
+    let rival = explanations.first().filter(|e| e.key != "thermal_lag").map(|e| &search.bank[e.best]);
     // Each form with its best lag.
     let before = squares(scene, degc("delay", 0.0));
     let length = scene.record.span_s[1] - scene.record.span_s[0];
@@ -322,16 +322,27 @@ fn find_lag(
     let (n, runners_up) = (search.bank.len(), runners(&search, &groups, &explanations, "thermal_lag"));
     let gap_before = gap(&held_before, nt_per_ent);
     let evidence = bars(&search, &explanations, "thermal_lag", best.evidence, number);
-    let record_before = scene.record.clone();
+    let beside_rival = rival.and_then(|rival| {
+        let with: Vec<&Candidate> = now.iter().copied().chain([rival]).collect();
+        let noise = search.state(&with)?.noise;
+        let sum = search.held_out(&noise, &with).sum;
+        Some((noise, sum))
+    });
+    let without_lag = scene.clone();
     scene.with_temperatures(degc(form, lag_s));
     let search = Search::new(scene, readings.clone());
+    // A strong lag is no line, so that what bends freely may follow its line better: the lag itself has to predict more.
+    if beside_rival.is_some_and(|(noise, sum)| search.held_out(&noise, &now).sum >= sum) {
+        *scene = without_lag;
+        return None;
+    }
     let state = search.state(&now)?;
     let held_after = search.held_out(&state.noise, &now);
     let gap_after = gap(&held_after, nt_per_ent);
     let name = scene.record.sensor.as_ref().map_or_else(String::new, |c| c.name.clone());
     let row_std = search.row_std(&state, &now);
     let branches = branches::of(
-        &branches::Side { record: &record_before, residual_ent: &held_before.residual_ent },
+        &branches::Side { record: &without_lag.record, residual_ent: &held_before.residual_ent },
         &branches::Side { record: &scene.record, residual_ent: &held_after.residual_ent },
         row_std[0],
         &name,

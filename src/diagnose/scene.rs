@@ -56,6 +56,7 @@ impl VectorSink for Samples {
 }
 
 /// Rows, their mean readings, and the columns of the linear model.
+#[derive(Clone)]
 pub struct Scene {
     /// Covariates.
     pub record: Record,

@@ -1,9 +1,14 @@
 //! The coil constant follows the temperature of the coils.
 
 use super::one;
-use super::record::{Channel, centred};
+use super::record::{Channel, centred, delayed};
 use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
 use crate::units::COMPONENTS;
+
+/// Delays behind the thermistor that are tried, s: a template serves its neighbours to a factor of two.
+const LAGS_S: [f64; 4] = [15.0, 60.0, 240.0, 900.0];
+/// Shortest and longest delay, as parts of the run: what is later by less is not late.
+const PARTS: [f64; 2] = [0.004, 0.1];
 
 /// The coil constant follows the temperature of the coils.
 pub struct CoilTemperature;
@@ -16,7 +21,7 @@ impl Effect for CoilTemperature {
     fn about(&self) -> About {
         About {
             summary: "coil constant follows the coil temperature",
-            formula: "B_k (1 + α_k (T_coil - T_0)) on coil axis k; T_0 is the mean over the run",
+            formula: "B_k (1 + α_k (T_coil - T_0)) on coil axis k; T_0 is the mean over the run; T_coil at the time t, or at t - lag",
             family: Family::Facility,
             seen_in: "lin, sweep",
             needs: "coil temperature",
@@ -30,11 +35,11 @@ impl Effect for CoilTemperature {
         moves(record.coil.as_ref(), "coil temperature")?;
         let mut specs = singly_and_together("per axis");
         specs.push(Spec::new("common", &[0, 1, 2]));
-        Ok(specs)
+        Ok(now_and_later(specs, record))
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let deviation = centred(record.coil.as_ref()?);
+        let deviation = deviation(record.coil.as_ref()?, record, spec);
         Some(scale_columns(record, spec, "alpha", &deviation))
     }
 }
@@ -47,6 +52,19 @@ pub(super) fn moves(channel: Option<&Channel>, what: &str) -> Result<(), String>
     let channel = channel.ok_or_else(|| format!("no {what} was recorded"))?;
     let spread = centred(channel).iter().map(|v| v.abs()).fold(0.0, f64::max);
     if spread > 0.0 { Ok(()) } else { Err(format!("the {what} stands still")) }
+}
+
+/// The terms of a temperature, and each of them with the delays that the run can show.
+pub(super) fn now_and_later(specs: Vec<Spec>, record: &Record) -> Vec<Spec> {
+    let length_s = record.span_s[1] - record.span_s[0];
+    let lags = LAGS_S.into_iter().filter(|lag| (PARTS[0] * length_s..PARTS[1] * length_s).contains(lag));
+    let late: Vec<Spec> = lags.flat_map(|lag| specs.iter().map(move |s| s.clone().with("lag", lag, "s"))).collect();
+    [specs, late].concat()
+}
+
+/// A temperature without its mean, at every row or by the term's lag before it.
+pub(super) fn deviation(channel: &Channel, record: &Record, spec: &Spec) -> Vec<f64> {
+    spec.get("lag").map_or_else(|| centred(channel), |lag_s| delayed(channel, &record.rows, lag_s))
 }
 
 /// A scale factor that follows a channel: one per coil axis, or one for all.

@@ -5,6 +5,9 @@ use super::record::centred;
 use super::{About, Column, Effect, Family, Record, Spec, one, singly_and_together};
 use crate::units::COMPONENTS;
 
+/// The compensation acts on the wrong axes too, as with coils or a variometer that are turned.
+const CROSSED: &str = "crossed axes";
+
 /// The dynamic compensation of the Earth field is imperfect.
 pub struct EarthfieldLeakage;
 
@@ -16,7 +19,7 @@ impl Effect for EarthfieldLeakage {
     fn about(&self) -> About {
         About {
             summary: "imperfect dynamic compensation of the Earth field",
-            formula: "B_k += κ_k variometer_k on coil axis k",
+            formula: "B_k += κ_k variometer_k on coil axis k (own axis), or B_k += Σ_j κ_kj variometer_j (crossed axes)",
             family: Family::Facility,
             seen_in: "lin, zero-field",
             needs: "variometer",
@@ -28,15 +31,41 @@ impl Effect for EarthfieldLeakage {
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
         let variometer = record.variometer.as_ref().ok_or("no variometer was recorded")?;
         variometer.iter().try_for_each(|channel| moves(Some(channel), "variometer"))?;
-        Ok(singly_and_together("own axis"))
+        let mut specs = singly_and_together("own axis");
+        specs.push(Spec::new(CROSSED, &[0, 1, 2]));
+        Ok(specs)
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let variometer = record.variometer.as_ref()?;
         let deviations = [0, 1, 2].map(|k: usize| centred(&variometer[k]));
-        let column = |&k: &usize| {
-            Column::of(format!("kappa_{}", COMPONENTS[k]), "nT/nT", record, |i, _| record.reading(one(k, deviations[k][i])))
+        let column = |name: String, k: usize, from: usize| {
+            Column::of(name, "nT/nT", record, |i, _| record.reading(one(k, deviations[from][i])))
         };
-        Some(spec.axes.iter().map(column).collect())
+        let own = |&k: &usize| column(format!("kappa_{}", COMPONENTS[k]), k, k);
+        if spec.form != CROSSED {
+            return Some(spec.axes.iter().map(own).collect());
+        }
+        let crossed = |&k: &usize| [0, 1, 2].map(|from| column(format!("kappa_{}{}", COMPONENTS[k], COMPONENTS[from]), k, from));
+        Some(spec.axes.iter().flat_map(crossed).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::example;
+    use super::*;
+
+    /// The sensor of the example stands along the coils and reads nT: what the variometer's y does on coil axis x is read on x alone.
+    #[test]
+    fn crossed_axes_are_read_where_they_act() {
+        let record = example::of(&EarthfieldLeakage).unwrap().record;
+        let columns = EarthfieldLeakage.columns(&record, &Spec::new(CROSSED, &[0, 1, 2])).unwrap();
+        let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(names[..4], ["kappa_xx", "kappa_xy", "kappa_xz", "kappa_yx"]);
+        let y = &record.variometer.as_ref().unwrap()[1];
+        for (value, deviation) in columns[1].values.iter().zip(&y.values) {
+            assert_eq!(*value, [deviation - y.mean, 0.0, 0.0]);
+        }
     }
 }

@@ -1,7 +1,6 @@
 //! The electronics of the facility follow the temperature of their rack.
 
-use super::coil_temperature::{moves, scale_columns};
-use super::record::centred;
+use super::coil_temperature::{deviation, moves, now_and_later, scale_columns};
 use super::{About, Column, Effect, Family, Record, Spec, one, singly_and_together};
 use crate::units::COMPONENTS;
 
@@ -16,7 +15,7 @@ impl Effect for RackTemperature {
     fn about(&self) -> About {
         About {
             summary: "facility electronics follow the rack temperature",
-            formula: "B_k += β_k (T_rack - T_0) (offset) or B_k (1 + β_k (T_rack - T_0)) (scale) on coil axis k; T_0 is the mean over the run",
+            formula: "B_k += β_k (T_rack - T_0) (offset) or B_k (1 + β_k (T_rack - T_0)) (scale) on coil axis k; T_0 is the mean over the run; T_rack at the time t, or at t - lag",
             family: Family::Facility,
             seen_in: "lin, sweep",
             needs: "rack temperature",
@@ -32,11 +31,11 @@ impl Effect for RackTemperature {
             specs.extend(singly_and_together("scale"));
             specs.push(Spec::new("common scale", &[0, 1, 2]));
         }
-        Ok(specs)
+        Ok(now_and_later(specs, record))
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let deviation = centred(record.rack.as_ref()?);
+        let deviation = deviation(record.rack.as_ref()?, record, spec);
         if spec.form != "offset" {
             return Some(scale_columns(record, spec, "scale", &deviation));
         }
@@ -44,5 +43,28 @@ impl Effect for RackTemperature {
             Column::of(format!("offset_{}", COMPONENTS[k]), "nT/K", record, |i, _| record.reading(one(k, deviation[i])))
         };
         Some(spec.axes.iter().map(column).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::example;
+    use super::*;
+
+    /// The rack of the example turns three times, `24 + cos(3 · 2π t/length)` °C: 60 s later the readings have what it was 60 s ago.
+    #[test]
+    fn a_late_rack_is_what_it_was() {
+        let record = example::of(&RackTemperature).unwrap().record;
+        let lags: Vec<f64> = RackTemperature.specs(&record).unwrap().iter().filter_map(|s| s.get("lag")).collect();
+        assert!(!lags.is_empty() && lags.iter().all(|lag| (1.0..200.0).contains(lag)), "{lags:?}");
+        let spec = Spec::new("offset", &[1]).with("lag", 60.0, "s");
+        let column = &RackTemperature.columns(&record, &spec).unwrap()[0];
+        let length_s = record.span_s[1] - record.span_s[0];
+        for (row, value) in record.rows.iter().zip(&column.values).filter(|(row, _)| row.t_s() > 60.0) {
+            let then = (3.0 * std::f64::consts::TAU * (row.t_s() - 60.0) / length_s).cos();
+            let mean = record.rack.as_ref().unwrap().mean - 24.0;
+            // Readings of the rack stand 4 s apart, between which the line lies below the wave by 5e-4 at most.
+            assert!((value[1] - (then - mean)).abs() < 6e-4 && value[0] == 0.0, "{} s: {value:?}", row.t_s());
+        }
     }
 }

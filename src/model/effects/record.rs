@@ -1,6 +1,6 @@
 //! What a run tells about the conditions of each reading: the covariates that effects are functions of.
 
-use crate::run::Kind;
+use crate::run::{Kind, interpolate};
 use nalgebra::{Matrix3, Vector3};
 
 /// Conditions of one reading, or of the mean of the readings of a plateau.
@@ -161,4 +161,10 @@ impl Record {
 #[must_use]
 pub fn centred(channel: &Channel) -> Vec<f64> {
     channel.values.iter().map(|v| v - channel.mean).collect()
+}
+
+/// Values of a channel some time before each row, without the mean of the run; where that is before its first reading, the first one.
+#[must_use]
+pub fn delayed(channel: &Channel, rows: &[Row], lag_s: f64) -> Vec<f64> {
+    rows.iter().map(|row| interpolate(&channel.series, row.t_s() - lag_s) - channel.mean).collect()
 }
