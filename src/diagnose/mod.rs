@@ -539,8 +539,10 @@ fn term_step(
     let noise_nt = row_std.iter().map(|s| s[axis]).sum::<f64>() / n as f64 * nt_per_ent[axis];
     let most = (0..n).max_by(|i, j| own_part[*i].abs().total_cmp(&own_part[*j].abs())).unwrap_or(0);
     let size_nt = own_part[most].abs() * nt_per_ent[axis];
+    // Six digits, of a field or of a temperature.
+    let decimals = (5.0 - x[most].abs().log10().floor()).clamp(0.0, 4.0) as usize;
     let place = format!(
-        "{}, where the {covariate} is {:.4} {unit}: up to {size_nt:.3} nT ({:.1} noise)",
+        "{}, where the {covariate} is {:.decimals$} {unit}: up to {size_nt:.3} nT ({:.1} noise)",
         COMPONENTS[axis],
         x[most],
         size_nt / noise_nt.max(f64::MIN_POSITIVE)

@@ -4,11 +4,15 @@ use super::one;
 use super::record::{Channel, centred, delayed};
 use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
 use crate::units::COMPONENTS;
+use nalgebra::DVector;
 
 /// Delays behind the thermistor that are tried, s: a template serves its neighbours to a factor of two.
 const LAGS_S: [f64; 4] = [15.0, 60.0, 240.0, 900.0];
-/// Shortest and longest delay, as parts of the run: what is later by less is not late.
-const PARTS: [f64; 2] = [0.004, 0.1];
+/// Shortest delay, as a part of the run: what is later by less is not late.
+const LEAST_PART: f64 = 0.004;
+/// Least correlation of a delayed temperature with itself, that of a wave and one an eighth of its period later: a wave that is late by a
+/// quarter is its own rate.
+const LEAST_ALIKE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// The coil constant follows the temperature of the coils.
 pub struct CoilTemperature;
@@ -32,10 +36,10 @@ impl Effect for CoilTemperature {
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
         record.require_fields()?;
-        moves(record.coil.as_ref(), "coil temperature")?;
+        let coil = moves(record.coil.as_ref(), "coil temperature")?;
         let mut specs = singly_and_together("per axis");
         specs.push(Spec::new("common", &[0, 1, 2]));
-        Ok(now_and_later(specs, record))
+        Ok(now_and_later(specs, coil, record))
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
@@ -44,20 +48,25 @@ impl Effect for CoilTemperature {
     }
 }
 
-/// Refuses a channel that is not there or stands still.
+/// A channel; refused if it is not there or stands still.
 ///
 /// # Errors
 /// The reason.
-pub(super) fn moves(channel: Option<&Channel>, what: &str) -> Result<(), String> {
+pub(super) fn moves<'a>(channel: Option<&'a Channel>, what: &str) -> Result<&'a Channel, String> {
     let channel = channel.ok_or_else(|| format!("no {what} was recorded"))?;
     let spread = centred(channel).iter().map(|v| v.abs()).fold(0.0, f64::max);
-    if spread > 0.0 { Ok(()) } else { Err(format!("the {what} stands still")) }
+    if spread > 0.0 { Ok(channel) } else { Err(format!("the {what} stands still")) }
 }
 
 /// The terms of a temperature, and each of them with the delays that the run can show.
-pub(super) fn now_and_later(specs: Vec<Spec>, record: &Record) -> Vec<Spec> {
-    let length_s = record.span_s[1] - record.span_s[0];
-    let lags = LAGS_S.into_iter().filter(|lag| (PARTS[0] * length_s..PARTS[1] * length_s).contains(lag));
+pub(super) fn now_and_later(specs: Vec<Spec>, channel: &Channel, record: &Record) -> Vec<Spec> {
+    let least_s = LEAST_PART * (record.span_s[1] - record.span_s[0]);
+    let now = DVector::from_vec(centred(channel));
+    let alike = |lag_s: f64| {
+        let then = DVector::from_vec(delayed(channel, &record.rows, lag_s));
+        now.dot(&then) > LEAST_ALIKE * now.norm() * then.norm()
+    };
+    let lags = LAGS_S.into_iter().filter(|lag| *lag > least_s && alike(*lag));
     let late: Vec<Spec> = lags.flat_map(|lag| specs.iter().map(move |s| s.clone().with("lag", lag, "s"))).collect();
     [specs, late].concat()
 }

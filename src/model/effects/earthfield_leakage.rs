@@ -30,7 +30,7 @@ impl Effect for EarthfieldLeakage {
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
         let variometer = record.variometer.as_ref().ok_or("no variometer was recorded")?;
-        variometer.iter().try_for_each(|channel| moves(Some(channel), "variometer"))?;
+        variometer.iter().try_for_each(|channel| moves(Some(channel), "variometer").map(|_| ()))?;
         let mut specs = singly_and_together("own axis");
         specs.push(Spec::new(CROSSED, &[0, 1, 2]));
         Ok(specs)

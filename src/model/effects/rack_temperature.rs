@@ -17,7 +17,7 @@ impl Effect for RackTemperature {
             summary: "facility electronics follow the rack temperature",
             formula: "B_k += β_k (T_rack - T_0) (offset) or B_k (1 + β_k (T_rack - T_0)) (scale) on coil axis k; T_0 is the mean over the run; T_rack at the time t, or at t - lag",
             family: Family::Facility,
-            seen_in: "lin, sweep",
+            seen_in: "lin, sweep, zero-field",
             needs: "rack temperature",
             source: "CH-GFZ-TR-2601 section 6",
             best_measurement: "zero and full field by turns while the rack warms up, the coils at one temperature",
@@ -25,13 +25,13 @@ impl Effect for RackTemperature {
     }
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        moves(record.rack.as_ref(), "rack temperature")?;
+        let rack = moves(record.rack.as_ref(), "rack temperature")?;
         let mut specs = singly_and_together("offset");
         if record.has_fields() {
             specs.extend(singly_and_together("scale"));
             specs.push(Spec::new("common scale", &[0, 1, 2]));
         }
-        Ok(now_and_later(specs, record))
+        Ok(now_and_later(specs, rack, record))
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
