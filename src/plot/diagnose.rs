@@ -77,8 +77,12 @@ pub fn figures(diagnosis: &Diagnosis) -> Vec<Named> {
     all
 }
 
-fn run(diagnosis: &Diagnosis) -> &str {
-    diagnosis.runs.first().map_or("", String::as_str)
+/// The run, or the first and the last one of those that were looked at together.
+fn subject(diagnosis: &Diagnosis) -> String {
+    match diagnosis.runs.as_slice() {
+        [first, .., last] => format!("{} runs, {first} to {last}", diagnosis.runs.len()),
+        one => format!("Run {}", one.concat()),
+    }
 }
 
 fn name(step: &Step) -> String {
@@ -119,7 +123,7 @@ fn places(diagnosis: &Diagnosis) -> Option<Named> {
         bands: Vec::new(),
     };
     let figure = Figure {
-        title: format!("Run {}: where readings and model disagree", run(diagnosis)),
+        title: format!("{}: where readings and model disagree", subject(diagnosis)),
         caption: format!(
             "Before anything is named: displacement of the readings along the sensor axes x, y, z (top to bottom) for bins of the \
              covariates, fitted beside the model, in multiples of its standard uncertainty. Blue cells are below the model, orange \
@@ -157,7 +161,7 @@ fn x_scale(map: &Map) -> Scale {
 fn residuals(diagnosis: &Diagnosis, step: &Step, map: &Map) -> Figure {
     let axis = COMPONENTS[map.axis];
     Figure {
-        title: format!("Run {}: {} on {axis}, before and after", run(diagnosis), name(step)),
+        title: format!("{}: {} on {axis}, before and after", subject(diagnosis), name(step)),
         caption: format!(
             "Measured minus modelled reading on the sensor axis {axis}, every point predicted by a fit that did not see it: above \
              without {}, below with it. Root mean square {:.3} and {:.3} nT; the band is twice the noise of a mean.",
@@ -190,7 +194,7 @@ fn inside(diagnosis: &Diagnosis, step: &Step, map: &InsideMap) -> Figure {
         bands: Vec::new(),
     };
     Figure {
-        title: format!("Run {}: {} inside the plateaus", run(diagnosis), step.effect),
+        title: format!("{}: {} inside the plateaus", subject(diagnosis), step.effect),
         caption: format!(
             "Means of the samples ({}) along the sensor axes x, y, z with standard uncertainties: above without {}, below with it. \
              Chi square over degrees of freedom of the samples goes from {:.2} to {:.2}.",
@@ -219,7 +223,7 @@ fn heating_and_cooling(diagnosis: &Diagnosis, branches: &Branches) -> Figure {
         }
     };
     Figure {
-        title: format!("Run {}: heating and cooling, thermistor {}", run(diagnosis), branches.thermistor),
+        title: format!("{}: heating and cooling, thermistor {}", subject(diagnosis), branches.thermistor),
         caption: format!(
             "Temperature that the readings speak of, from the residuals of held-out stretches over the sensitivity to the \
              temperature, minus that of the thermistor {}: above without a lag, below with it. Heating and cooling come apart where \
@@ -245,7 +249,7 @@ fn bars(diagnosis: &Diagnosis, step: &Step, evidence: &Evidence) -> Figure {
         },
     ];
     Figure {
-        title: format!("Run {}: evidence of {} and its rivals", run(diagnosis), name(step)),
+        title: format!("{}: evidence of {} and its rivals", subject(diagnosis), name(step)),
         caption: format!(
             "Natural logarithm of the likelihood ratio of each explanation to a model without it, with its prior and the number of \
              its forms paid for. Rivals that reach the line, ln 100 = {:.1} below the effect that was named, cannot be told from it.",
@@ -262,7 +266,7 @@ fn left(diagnosis: &Diagnosis) -> Option<Named> {
     let first = maps.first()?;
     let what = if diagnosis.steps.is_empty() { "no missing effect" } else { "what is left with all effects" };
     let figure = Figure {
-        title: format!("Run {}: {what}", run(diagnosis)),
+        title: format!("{}: {what}", subject(diagnosis)),
         caption: "Measured minus modelled reading along the sensor axes, every point predicted by a fit that did not see it; the bands are twice \
                   the noise of a mean."
             .to_owned(),

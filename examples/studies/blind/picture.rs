@@ -72,7 +72,7 @@ pub fn confusion(score: &Score) -> Result<Vec<u8>, String> {
         let up = text(16.0).transform(FontTransform::Rotate270).pos(Pos::new(HPos::Left, VPos::Center));
         let centre = |ink: &RGBColor| (NAME, 12.0).into_font().color(ink).pos(Pos::new(HPos::Center, VPos::Center));
         let title = text(20.0).pos(Pos::new(HPos::Left, VPos::Top));
-        area.draw_text("Truth (rows), first name (columns), % of the row", &title, (EDGE / 2, EDGE / 2)).map_err(|e| say(&e))?;
+        area.draw_text("Truth (rows), first name (columns), % of the row", &title, (EDGE, EDGE / 2)).map_err(|e| say(&e))?;
         for (j, name) in names.iter().enumerate() {
             let at = (LEFT + FIELD * j as i32 + FIELD / 2, TOP - 8);
             area.draw_text(name, &up, at).map_err(|e| say(&e))?;

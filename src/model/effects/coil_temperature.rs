@@ -36,7 +36,7 @@ impl Effect for CoilTemperature {
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
         record.require_fields()?;
-        let coil = moves(record.coil.as_ref(), "coil temperature")?;
+        let coil = moving(record.coil.as_ref(), "coil temperature")?;
         let mut specs = singly_and_together("per axis");
         specs.push(Spec::new("common", &[0, 1, 2]));
         Ok(now_and_later(specs, coil, record))
@@ -52,7 +52,7 @@ impl Effect for CoilTemperature {
 ///
 /// # Errors
 /// The reason.
-pub(super) fn moves<'a>(channel: Option<&'a Channel>, what: &str) -> Result<&'a Channel, String> {
+pub(super) fn moving<'a>(channel: Option<&'a Channel>, what: &str) -> Result<&'a Channel, String> {
     let channel = channel.ok_or_else(|| format!("no {what} was recorded"))?;
     let spread = centred(channel).iter().map(|v| v.abs()).fold(0.0, f64::max);
     if spread > 0.0 { Ok(channel) } else { Err(format!("the {what} stands still")) }

@@ -1,6 +1,6 @@
 //! The dynamic compensation of the Earth field is imperfect.
 
-use super::coil_temperature::moves;
+use super::coil_temperature::moving;
 use super::record::centred;
 use super::{About, Column, Effect, Family, Record, Spec, one, singly_and_together};
 use crate::units::COMPONENTS;
@@ -30,7 +30,7 @@ impl Effect for EarthfieldLeakage {
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
         let variometer = record.variometer.as_ref().ok_or("no variometer was recorded")?;
-        variometer.iter().try_for_each(|channel| moves(Some(channel), "variometer").map(|_| ()))?;
+        variometer.iter().try_for_each(|channel| moving(Some(channel), "variometer").map(|_| ()))?;
         let mut specs = singly_and_together("own axis");
         specs.push(Spec::new(CROSSED, &[0, 1, 2]));
         Ok(specs)

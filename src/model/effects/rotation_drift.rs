@@ -1,6 +1,6 @@
 //! The sensor turns in its mount with time or temperature.
 
-use super::coil_temperature::moves;
+use super::coil_temperature::moving;
 use super::record::centred;
 use super::{About, Column, Effect, Family, Record, Spec, one, singly_and_together};
 use crate::units::COMPONENTS;
@@ -29,7 +29,7 @@ impl Effect for RotationDrift {
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
         record.require_fields()?;
         let mut specs = singly_and_together("time");
-        if record.thermal.is_none() && moves(record.sensor.as_ref(), "sensor temperature").is_ok() {
+        if record.thermal.is_none() && moving(record.sensor.as_ref(), "sensor temperature").is_ok() {
             specs.extend(singly_and_together("temperature"));
         }
         Ok(specs)

@@ -1,6 +1,6 @@
 //! The offset moves with the sensor temperature inside a run.
 
-use super::coil_temperature::moves;
+use super::coil_temperature::moving;
 use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
 
 /// The bent form, as the offsets of fluxgates are over wide ranges of temperature.
@@ -27,7 +27,7 @@ impl Effect for SensorTemperatureOffset {
     }
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        moves(record.sensor.as_ref(), "sensor temperature")?;
+        moving(record.sensor.as_ref(), "sensor temperature")?;
         let mean = record.sensor.as_ref().map_or(0.0, |c| c.mean);
         // The slope of a bent curve holds at a temperature, which goes with it to other runs.
         let bent = singly_and_together(BENT).into_iter().map(|spec| spec.with("t_0", mean, "degC"));

@@ -1,6 +1,6 @@
 //! The sensitivity moves with the sensor temperature inside a run.
 
-use super::coil_temperature::moves;
+use super::coil_temperature::moving;
 use super::record::centred;
 use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
 
@@ -26,7 +26,7 @@ impl Effect for SensorTemperatureSensitivity {
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
         record.require_fields()?;
-        moves(record.sensor.as_ref(), "sensor temperature")?;
+        moving(record.sensor.as_ref(), "sensor temperature")?;
         Ok(singly_and_together("linear"))
     }
 
