@@ -19,6 +19,7 @@ mod corner;
 mod diagnose;
 mod diagnose_across;
 mod diagnose_freq;
+mod diagnose_samples;
 mod export;
 mod faults;
 mod faults_analyses;

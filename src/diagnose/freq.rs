@@ -211,7 +211,7 @@ fn base(freq: &Freq, sines: &mut Sines) -> Result<Fit, String> {
         .collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut fits: Vec<(f64, Fit)> =
-        order.iter().take(BASES).filter_map(|(_, response, corners)| fitted(*response, *corners, sines)).collect();
+        order.iter().take(BASES).filter_map(|(_, response, corners)| fitted(*response, *corners, freq, sines)).collect();
     fits.sort_by(|a, b| a.0.total_cmp(&b.0));
     let best = fits.into_iter().next().ok_or("no simple response fits the amplitudes")?.1;
     let shapes = best.model.shapes(&best.p);
@@ -229,10 +229,17 @@ fn base(freq: &Freq, sines: &mut Sines) -> Result<Fit, String> {
     }
 }
 
-/// AICc and fit of a response.
-fn fitted(response: Response, corner_hz: [f64; 3], sines: &Sines) -> Option<(f64, Fit)> {
+/// AICc and fit of a response whose corners are near the given ones. Beside a notch a logarithm has more than one minimum: what the amplitudes
+/// by themselves have told is a start as well.
+fn fitted(response: Response, corner_hz: [f64; 3], freq: &Freq, sines: &Sines) -> Option<(f64, Fit)> {
     let model = Model { response, terms: Vec::new() };
-    let fits = model.starts(sines, corner_hz).into_iter().filter_map(|start| model.fit(&start, sines));
+    let by_amplitudes = freq.corner.components.each_ref().map(|c| {
+        let parameters = c.model.iter().flat_map(|m| &m.parameters);
+        parameters.map(|p| p.value).collect::<Vec<f64>>()
+    });
+    let is_the_same = freq.corner.model == Some(response.name) && freq.corner.components.iter().all(|c| c.model.is_some());
+    let starts = model.starts(corner_hz).into_iter().chain(is_the_same.then_some(by_amplitudes));
+    let fits = starts.filter_map(|shapes| model.fit(&model.start(sines, &shapes), sines));
     let best = fits.min_by(|a, b| a.chi2.total_cmp(&b.chi2))?;
     Some((aicc(best.chi2, best.p.len(), best.residual.len())?, best))
 }
@@ -246,7 +253,7 @@ fn another_base(freq: &Freq, best: &Refined, sines: &Sines) -> Option<Fit> {
     let all: Vec<(f64, Fit)> = RESPONSES
         .par_iter()
         .filter_map(|response| {
-            let (aicc_alone, alone) = fitted(*response, corners, sines)?;
+            let (aicc_alone, alone) = fitted(*response, corners, freq, sines)?;
             if response.freedom() > SIMPLE {
                 return Some((aicc_alone, alone));
             }

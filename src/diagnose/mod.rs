@@ -113,7 +113,6 @@ pub fn run(
     let mut scene = Scene::new(run, plateaus, samples, campaign, options.facility.as_ref()).map_err(|e| e.0)?;
     let mut warnings = std::mem::take(&mut scene.warnings);
     let mut steps: Vec<Step> = std::mem::take(&mut scene.faults);
-    // Inside the plateaus first: its consequences for the means are known then.
     let known: Vec<Inside> = options.given.iter().filter(|g| g.is_inside()).map(Inside::known).collect();
     let count_known = known.len();
     let mut inside: Vec<Inside> = known;
@@ -123,6 +122,30 @@ pub fn run(
         .filter(|p| p.setting.frequency_hz == 0.0)
         .map(|p| [p.setting.t_start_s, p.setting.t_end_s])
         .collect();
+    let known_lag = options.given.iter().find(|g| g.id == "thermal_lag");
+    if let Some(lag) = known_lag {
+        scene.follow(&lag.spec.form, lag.spec.get("lag").unwrap_or(0.0));
+    }
+    let between = options.given.iter().filter(|g| !g.is_inside() && g.id != "thermal_lag");
+    let given: Vec<Candidate> = between.filter_map(|g| candidate(&scene.record, g.id, &g.spec)).collect();
+
+    let mut pictures = Pictures::default();
+    let design_before = scene.design.clone();
+    let raw = corrected(&scene, &inside);
+    // A lag changes the temperatures that the model itself is a polynomial of: it is looked for first, and then built in.
+    let mut has_lag = known_lag.is_some();
+    if scene.record.thermal.is_some()
+        && !has_lag
+        && let Some((step, branches, evidence)) = find_lag(&mut scene, &raw, &given, steps.len())
+    {
+        has_lag = true;
+        steps.push(step);
+        pictures.branches = Some(branches);
+        pictures.evidence.push(evidence);
+    }
+    // What happens inside the plateaus next: its consequences for the means are known then.
+    let steady = samples.map(|samples| scene.at_steady_temperature(samples, &settings));
+    let samples = steady.as_deref();
     if let Some(samples) = samples {
         if scene.record.has_fields() {
             let shift = samples::displaced(&scene, samples);
@@ -139,29 +162,8 @@ pub fn run(
         inside.extend(samples::periodic(&scene, samples, &known));
     }
     let readings = corrected(&scene, &inside);
-    let known_lag = options.given.iter().find(|g| g.id == "thermal_lag");
-    if let Some(lag) = known_lag {
-        scene.follow(&lag.spec.form, lag.spec.get("lag").unwrap_or(0.0));
-    }
-    let between = options.given.iter().filter(|g| !g.is_inside() && g.id != "thermal_lag");
-    let given: Vec<Candidate> = between.filter_map(|g| candidate(&scene.record, g.id, &g.spec)).collect();
-
-    let mut pictures = Pictures::default();
-    let design_before = scene.design.clone();
-    // A lag changes the temperatures that the model itself is a polynomial of: it is looked for first, and then built in.
-    let mut lag: Option<Step> = None;
-    let lag_number = steps.len() + inside.len() - count_known;
-    if scene.record.thermal.is_some()
-        && known_lag.is_none()
-        && let Some((step, branches, evidence)) = find_lag(&mut scene, &readings, &given, lag_number)
-    {
-        lag = Some(step);
-        pictures.branches = Some(branches);
-        pictures.evidence.push(evidence);
-    }
-    let steps_have_lag = lag.is_some() || known_lag.is_some();
     let mut search = Search::new(&scene, readings);
-    if steps_have_lag {
+    if has_lag {
         search.leave_out(|c| c.id == "thermal_lag");
     }
     if scene.record.has_samples {
@@ -179,7 +181,6 @@ pub fn run(
         pictures.inside.extend(picture);
         steps.push(inside_step(found, &scene));
     }
-    steps.extend(lag);
     let found_before = steps.len();
     for (index, term) in terms.iter().enumerate() {
         let at = given.len() + index;
@@ -192,7 +193,6 @@ pub fn run(
     let evidence = std::mem::take(&mut pictures.evidence);
     pictures.evidence = evidence.into_iter().filter_map(|e| Some(Evidence { step: place(e.step)?, ..e })).collect();
     pictures.left = quiet_maps(&search, &state, &all, noise_floor_nt);
-    let raw = corrected(&scene, &inside[..count_known]);
     let before = where_map::Model {
         record: &scene.record,
         readings: &raw,
@@ -249,6 +249,9 @@ fn corrected(scene: &Scene, inside: &[Inside]) -> DMatrix<f64> {
     readings
 }
 
+/// A lag is looked for to this step, s: far below what its readings tell, so that a strong one leaves nothing.
+const FINE_LAG_S: f64 = 0.05;
+
 /// Looks for a lag of the thermistor and, if there is one, gives the scene the temperatures of the part that matters.
 fn find_lag(
     scene: &mut Scene,
@@ -288,7 +291,7 @@ fn find_lag(
             lag *= 1.25;
         }
         let mut width = 0.2 * best.1;
-        for _ in 0..8 {
+        while width > FINE_LAG_S {
             for side in [-1.0, 1.0] {
                 let other = best.1 + side * width;
                 let sum = if other > 0.0 { squares(scene, degc(form, sign * other)) } else { f64::INFINITY };

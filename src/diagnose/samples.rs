@@ -16,8 +16,9 @@ const CLEAR_STEP: f64 = 100.0;
 const MOST_SHIFT_S: f64 = 1.0;
 /// Displacements are looked for again around the last one at most so often.
 const MOST_ROUNDS: usize = 4;
-/// Least displacement, in samples.
-const LEAST_SHIFT: f64 = 0.1;
+/// Least displacement, in samples: data that are late by a part of a sample are what the low-pass of every sensor makes of an edge.
+const LEAST_EARLY: f64 = 0.1;
+const LEAST_LATE: f64 = 1.0;
 /// Normal noise is within so many standard deviations in nine of ten cases.
 const NORMAL_90: f64 = 1.644_853_626_951_472_2;
 /// Step of the derivative by the logarithm of a time constant.
@@ -97,6 +98,11 @@ fn quiet_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
     })
 }
 
+/// Mean time between samples, s.
+fn interval_s(samples: &Samples) -> Option<f64> {
+    Some((samples.t_s.last()? - samples.t_s.first()?) / (samples.t_s.len() - 1).max(1) as f64)
+}
+
 /// Displacement of every clear edge, s, looked for around a displacement that is known roughly.
 fn edges_around(scene: &Scene, samples: &Samples, std: [f64; 3], dt: f64, around_s: f64) -> Vec<f64> {
     let steps = &scene.record.steps;
@@ -138,7 +144,7 @@ fn edges_around(scene: &Scene, samples: &Samples, std: [f64; 3], dt: f64, around
 #[must_use]
 pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
     let std = quiet_std(samples, &scene.windows);
-    let dt = (samples.t_s.last()? - samples.t_s.first()?) / (samples.t_s.len() - 1) as f64;
+    let dt = interval_s(samples)?;
     let mut shifts = edges_around(scene, samples, std, dt, 0.0);
     // An edge far off stands in the stretches that tell the levels: once more around where it was seen.
     for _ in 0..MOST_ROUNDS {
@@ -165,7 +171,8 @@ pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
     let std_s = (1.25 * spread / (shifts.len() as f64).sqrt()).max(0.29 * dt / (shifts.len() as f64).sqrt());
     let same = shifts.iter().filter(|s| s.signum() == shift_s.signum() && s.abs() > 0.3 * shift_s.abs()).count();
     let agrees = same as f64 > 0.8 * shifts.len() as f64;
-    (shift_s.abs() > LEAST_SHIFT * dt && shift_s.abs() > 6.0 * std_s && agrees).then(|| Inside {
+    let least = if shift_s > 0.0 { LEAST_LATE } else { LEAST_EARLY };
+    (shift_s.abs() > least * dt && shift_s.abs() > 6.0 * std_s && agrees).then(|| Inside {
         id: "time_shift",
         spec: Spec::new("edges", &[0, 1, 2]).with("shift", shift_s, "s"),
         values: vec![(1.0, std_s / shift_s.abs())],
@@ -196,10 +203,12 @@ pub(super) fn phases(samples: usize) -> Vec<usize> {
 /// Chi square, time constant, axes, amplitudes with uncertainties.
 type Transient = (f64, f64, Vec<usize>, Vec<(f64, f64)>);
 
-/// Whether a transient follows the steps: means over the phases of all settings, weighted with how they scatter between the settings.
+/// Whether a transient follows the steps: means over the phases of all settings, weighted with how they scatter between the settings. A sample
+/// beside an edge, nearer than `skip_s` or the next one, does not count: the low-pass of every sensor shows in it.
 #[must_use]
 pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_s: f64) -> Option<Inside> {
     let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
+    let skip_s = skip_s.max(interval_s(samples)?);
     let windows: Vec<[usize; 2]> = settings.iter().map(|[b, e]| [at(b + skip_s), at(e - skip_s)]).collect();
     let shortest = windows.iter().map(|w| w[1].saturating_sub(w[0])).min()?;
     let edges = phases(shortest);

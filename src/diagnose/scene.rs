@@ -13,6 +13,7 @@ use crate::model::effects::{Record, Row, Thermal};
 use crate::plateau::{Plateau, Plateaus, median};
 use crate::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate};
 use nalgebra::{DMatrix, Matrix3, Vector3};
+use std::borrow::Cow;
 
 /// Default channel of the temperature of the facility's electronics.
 const RACK_CHANNEL: &str = "T55";
@@ -85,7 +86,7 @@ impl Scene {
     /// The scene of one run.
     ///
     /// # Errors
-    /// Too few rows, or fields that do not determine the response.
+    /// Several positions, too few rows, or fields that do not determine the response.
     pub fn new(
         run: &Run,
         plateaus: &Plateaus,
@@ -96,6 +97,13 @@ impl Scene {
         let mut warnings = Vec::new();
         let kind = run.header.kind;
         let mut list = plateaus.list.clone();
+        let mut positions: Vec<u32> = list.iter().map(|p| p.setting.position).collect();
+        positions.sort_unstable();
+        positions.dedup();
+        if positions.len() > 1 {
+            let all = positions.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+            return Err(Unfit(format!("the run holds settings in positions {all}; a diagnosis needs one position")));
+        }
         if let Some(facility) = facility {
             apply_facility(facility, run, campaign, &mut list, &mut warnings).map_err(|e| Unfit(e.to_string()))?;
         }
@@ -169,13 +177,34 @@ impl Scene {
             parts.iter().map(|p| [at(p.used_s[0]), at(p.used_s[1])]).collect()
         });
         let white = white_variances(&parts);
-        let inside = samples.and_then(|samples| inside(&parts, &white, &windows, samples));
+        let inside = samples.and_then(|samples| inside(&record, &white, &windows, samples));
         let mut scene = Self { record, readings, design, white, inside, nt_per_ent, windows, warnings, faults };
         scene.doubt_outliers();
         if let Some(samples) = samples {
             scene.record.steps = steps(&scene.record, &list, samples);
         }
         Ok(scene)
+    }
+
+    /// Samples of the settings without what the temperature moves while the field stays: a saw and a transient that are no signals.
+    #[must_use]
+    pub fn at_steady_temperature<'a>(&self, samples: &'a Samples, settings: &[[f64; 2]]) -> Cow<'a, Samples> {
+        if self.record.thermal.is_none() {
+            return Cow::Borrowed(samples);
+        }
+        let mut steady = samples.clone();
+        let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
+        for (i, row) in self.record.rows.iter().enumerate() {
+            let Some([begin, end]) = settings.iter().find(|[begin, end]| *begin <= row.t_s() && row.t_s() <= *end) else {
+                continue;
+            };
+            let drift = self.record.drift_ent_per_s(i);
+            for k in at(*begin)..at(*end) {
+                let since_s = samples.t_s[k] - row.t_s();
+                steady.reading_ent[k].iter_mut().zip(drift).for_each(|(reading, drift)| *reading -= drift * since_s);
+            }
+        }
+        Cow::Owned(steady)
     }
 
     /// Gives single means that lie far off less weight, where the file brings no more than one value each.
@@ -261,20 +290,22 @@ fn usual_variances(parts: &[Part]) -> [f64; 3] {
 
 /// White noise of a mean by the differences of neighbouring eighths of the parts: filtered samples, or a tone between them, do not deceive
 /// it as they do the scatter of samples.
-fn inside(parts: &[Part], white: &[[f64; 3]], windows: &[[usize; 2]], samples: &Samples) -> Option<Inside> {
+fn inside(record: &Record, white: &[[f64; 3]], windows: &[[usize; 2]], samples: &Samples) -> Option<Inside> {
     const EIGHTHS: usize = 8;
     let mut all: [Vec<f64>; 3] = Default::default();
-    for (part, ([from, to], white)) in parts.iter().zip(windows.iter().zip(white)) {
+    for (row, ([from, to], white)) in windows.iter().zip(white).enumerate() {
         let length = (to - from) / EIGHTHS;
-        if length < LEAST_IN_EIGHTH || part.std_ent.is_none() {
+        if length < LEAST_IN_EIGHTH {
             continue;
         }
+        let drift = record.drift_ent_per_s(row);
+        let apart_s = samples.t_s[from + length] - samples.t_s[*from];
         for (a, all) in all.iter_mut().enumerate() {
             let mean = |k: usize| {
                 let own = &samples.reading_ent[from + k * length..from + (k + 1) * length];
                 own.iter().map(|v| v[a]).sum::<f64>() / length as f64
             };
-            let squares: f64 = (0..EIGHTHS).step_by(2).map(|k| (mean(k + 1) - mean(k)).powi(2)).sum();
+            let squares: f64 = (0..EIGHTHS).step_by(2).map(|k| (mean(k + 1) - mean(k) - drift[a] * apart_s).powi(2)).sum();
             // The variance of a difference is twice that of the mean of an eighth.
             let per_pair = squares / (EIGHTHS / 2) as f64 * 0.5 * length as f64 / (to - from) as f64;
             all.push(per_pair / white[a]);

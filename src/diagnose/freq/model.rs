@@ -286,21 +286,20 @@ impl Model {
         parts_fine && self.shapes(p).iter().flatten().all(|s| (1e-3..1e6).contains(s))
     }
 
-    /// A start for a response whose corner lies near the given frequencies, one per set of [`Response::starts`].
-    pub fn starts(&self, sines: &Sines, corner_hz: [f64; 3]) -> Vec<Vec<f64>> {
-        let sets: [Vec<Vec<f64>>; 3] = corner_hz.map(|c| self.response.starts(c));
-        (0..sets[0].len())
-            .map(|k| {
-                let mut p = Vec::new();
-                for (i, set) in sets.iter().enumerate() {
-                    let lowest = sines.list.iter().min_by(|a, b| a.setting.frequency_hz.total_cmp(&b.setting.frequency_hz));
-                    p.push(lowest.map_or(0.0, |s| s.tones[i].log_amplitude));
-                    p.extend(set[k].iter().map(|v| v.ln()));
-                    p.push(0.0);
-                }
-                p
-            })
-            .collect()
+    /// Shapes of the components to start from, near whose -3 dB frequencies the given ones lie: one per set of [`Response::starts`].
+    pub fn starts(&self, corner_hz: [f64; 3]) -> Vec<[Vec<f64>; 3]> {
+        let sets = corner_hz.map(|c| self.response.starts(c));
+        (0..sets[0].len()).map(|k| sets.each_ref().map(|set| set[k].clone())).collect()
+    }
+
+    /// Parameters with the shapes of the components, the amplitudes of the lowest frequency and a steady clock.
+    pub fn start(&self, sines: &Sines, shapes: &[Vec<f64>; 3]) -> Vec<f64> {
+        let lowest = sines.list.iter().min_by(|a, b| a.setting.frequency_hz.total_cmp(&b.setting.frequency_hz));
+        let of = |(i, shape): (usize, &Vec<f64>)| {
+            let amplitude = lowest.map_or(0.0, |s| s.tones[i].log_amplitude);
+            std::iter::once(amplitude).chain(shape.iter().map(|v| v.ln())).chain([0.0]).collect::<Vec<f64>>()
+        };
+        shapes.iter().enumerate().flat_map(of).collect()
     }
 }
 

@@ -45,6 +45,8 @@ pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside]) -> Vec<Insid
     for _ in 0..MOST_SIGNALS {
         let Some(signal) = strongest(&scene.record, samples, &scene.windows, &residual, rate_hz) else { break };
         remove(&mut residual, &scene.record, samples, &scene.windows, &signal);
+        // A signal that comes again with the settings had lost a slope that was its own.
+        residual.iter_mut().for_each(|values| level(values, samples, &scene.windows));
         if !known.iter().chain(&found).any(|k| belongs(&signal, k, rate_hz)) {
             found.push(signal);
         }
@@ -136,10 +138,7 @@ fn strongest(
         return None;
     }
     let fft = RealFftPlanner::<f64>::new().plan_fft_forward(size);
-    let mut lines: Vec<Vec<Complex<f64>>> = Vec::with_capacity(3);
-    let mut levels: Vec<Vec<f64>> = Vec::with_capacity(3);
-    let weights = [0, 1, 2].map(|a: usize| weights(&residual[a], windows));
-    for (values, weights) in residual.iter().zip(&weights) {
+    let weighted = |values: &[f64], weights: &[f64]| -> Option<Vec<Complex<f64>>> {
         let mut input = fft.make_input_vec();
         for ([from, to], weight) in windows.iter().zip(weights) {
             for k in *from..*to {
@@ -151,10 +150,15 @@ fn strongest(
         }
         let mut output = fft.make_output_vec();
         fft.process(&mut input, &mut output).ok()?;
-        let power: Vec<f64> = output.iter().map(|c| c.norm_sqr()).collect();
-        levels.push(level_of(&power));
-        lines.push(output);
-    }
+        Some(output)
+    };
+    let spectrum = |residual: &[Vec<f64>; 3]| -> Option<([Vec<f64>; 3], Vec<Vec<Complex<f64>>>, Vec<Vec<f64>>)> {
+        let weights = [0, 1, 2].map(|a: usize| weights(&residual[a], windows));
+        let lines: Option<Vec<Vec<Complex<f64>>>> = residual.iter().zip(&weights).map(|(v, w)| weighted(v, w)).collect();
+        let levels = lines.as_ref()?.iter().map(|l| level_of(&l.iter().map(|c| c.norm_sqr()).collect::<Vec<f64>>())).collect();
+        Some((weights, lines?, levels))
+    };
+    let (weights, lines, levels) = spectrum(residual)?;
     let step_hz = rate_hz / size as f64;
     let longest_s = windows.iter().map(|w| samples.t_s[w[1].max(1) - 1] - samples.t_s[w[0]]).fold(1.0 / rate_hz, f64::max);
     let first = (1.0 / (SLOWEST * longest_s) / step_hz).ceil() as usize;
@@ -171,6 +175,13 @@ fn strongest(
         Some(c) => (c.strongest as f64 * c.base * step_hz, (c.log_p + comb_log_trials - (trials as f64).ln()).exp()),
         None => return None,
     };
+    let line_hz = rows.refine(line_hz);
+    // A signal is no noise: weights and levels are those of what is left without it, and it is measured with them.
+    let mut quiet = residual.clone();
+    rows.harmonics(line_hz, HARMONICS)?.iter().for_each(|wave| rows.take_off(&mut quiet, wave));
+    demean(&mut quiet, windows);
+    let (weights, _, levels) = spectrum(&quiet)?;
+    let rows = Rows { samples, windows, residual, weights: &weights, levels: &levels, step_hz, used };
     let line_hz = rows.refine(line_hz);
     let sines = rows.harmonics(line_hz, 1)?;
     let wave = sines.first()?;
@@ -189,11 +200,20 @@ fn strongest(
         let sizes: Vec<(f64, f64)> = (0..3).map(|a| (wave.sin[a].hypot(wave.cos[a]), wave.std[a] * 1.41)).collect();
         axes_of(&sizes)
     };
+    let frequency_std = step_hz * size as f64 / length as f64 * 0.55 / (tone / 2.0).sqrt();
+    // The phase is known best in the middle of the record; at the run's start the frequency has its part in it.
+    let phase_std = TAU * frequency_std * mean(&samples.t_s);
     let as_tone = || Inside {
         id: "interference_tone",
         spec: Spec::new("sine", &tone_axes).with("frequency", line_hz, "Hz"),
-        values: tone_axes.iter().flat_map(|a| [(wave.sin[*a], wave.std[*a]), (wave.cos[*a], wave.std[*a])]).collect(),
-        shape_std: vec![("frequency".to_owned(), step_hz * size as f64 / length as f64 * 0.55 / (tone / 2.0).sqrt())],
+        values: tone_axes
+            .iter()
+            .flat_map(|a| {
+                let (sin, cos, std) = (wave.sin[*a], wave.cos[*a], wave.std[*a]);
+                [(sin, std.hypot(cos * phase_std)), (cos, std.hypot(sin * phase_std))]
+            })
+            .collect(),
+        shape_std: vec![("frequency".to_owned(), frequency_std)],
         strength: tone.sqrt(),
         p_value: p_value.max(f64::MIN_POSITIVE),
         trials,
@@ -487,6 +507,14 @@ impl Rows<'_> {
         Some(wave)
     }
 
+    /// Takes a wave off the used samples.
+    fn take_off(&self, values: &mut [Vec<f64>; 3], wave: &Wave) {
+        for k in self.windows.iter().flat_map(|[from, to]| *from..*to) {
+            let (sin, cos) = (TAU * (wave.hz * self.samples.t_s[k]).fract()).sin_cos();
+            (0..3).for_each(|a| values[a][k] -= wave.sin[a] * sin + wave.cos[a] * cos);
+        }
+    }
+
     /// Weighted squares of residuals over the variance of a sample, which is the median level of the spectrum.
     fn squares(&self, residual: &[Vec<f64>; 3]) -> f64 {
         let of_axis = |a: usize| {
@@ -509,21 +537,26 @@ impl Rows<'_> {
         (!waves.is_empty()).then_some(waves)
     }
 
+    /// The frequency near a line at which chi square is largest.
     fn refine(&self, hz: f64) -> f64 {
+        let chi = |f: f64| self.wave(f).map_or(f64::NEG_INFINITY, |w| Self::chi(&w));
         let mut best = (f64::NEG_INFINITY, hz);
         let mut width = self.step_hz;
-        for _ in 0..5 {
+        for _ in 0..3 {
             let centre = best.1;
             for k in -2..=2 {
                 let f = centre + 0.4 * width * f64::from(k);
-                let chi = self.wave(f).map_or(f64::NEG_INFINITY, |w| Self::chi(&w));
+                let chi = chi(f);
                 if chi > best.0 {
                     best = (chi, f);
                 }
             }
             width *= 0.4;
         }
-        best.1
+        // So near to the largest value chi square is a parabola.
+        let [low, high] = [-width, width].map(|by| chi(best.1 + by));
+        let bend = low + high - 2.0 * best.0;
+        if bend < 0.0 { best.1 + (0.5 * width * (low - high) / bend).clamp(-width, width) } else { best.1 }
     }
 
     /// Chi square of a square wave and its amplitudes with uncertainties.

@@ -30,7 +30,9 @@ impl Effect for EarthfieldLeakage {
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
         let variometer = record.variometer.as_ref().ok_or("no variometer was recorded")?;
-        variometer.iter().try_for_each(|channel| moving(Some(channel), "variometer").map(|_| ()))?;
+        for channel in variometer {
+            moving(Some(channel), "variometer")?;
+        }
         let mut specs = singly_and_together("own axis");
         specs.push(Spec::new(CROSSED, &[0, 1, 2]));
         Ok(specs)

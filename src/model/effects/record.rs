@@ -148,6 +148,16 @@ impl Record {
         (self.response * Vector3::from(field_coil_nt)).into()
     }
 
+    /// Change of the readings of a row while its field stays, because the temperature moves, enT/s; zero without a model of the temperature.
+    #[must_use]
+    pub fn drift_ent_per_s(&self, row: usize) -> [f64; 3] {
+        let Some(thermal) = &self.thermal else { return [0.0; 3] };
+        let (from, to) = (row.saturating_sub(1), (row + 1).min(self.rows.len() - 1));
+        let seconds = self.rows[to].t_s() - self.rows[from].t_s();
+        let kelvin = thermal.degc[to] - thermal.degc[from];
+        thermal.slope(row, self.rows[row].field_coil_nt).map(|s| if seconds > 0.0 { s * kelvin / seconds } else { 0.0 })
+    }
+
     /// What a run without fields cannot show.
     ///
     /// # Errors

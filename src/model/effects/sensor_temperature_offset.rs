@@ -27,8 +27,7 @@ impl Effect for SensorTemperatureOffset {
     }
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        moving(record.sensor.as_ref(), "sensor temperature")?;
-        let mean = record.sensor.as_ref().map_or(0.0, |c| c.mean);
+        let mean = moving(record.sensor.as_ref(), "sensor temperature")?.mean;
         // The slope of a bent curve holds at a temperature, which goes with it to other runs.
         let bent = singly_and_together(BENT).into_iter().map(|spec| spec.with("t_0", mean, "degC"));
         Ok(singly_and_together("linear").into_iter().chain(bent).collect())

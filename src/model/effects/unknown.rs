@@ -88,6 +88,11 @@ impl Covariate {
         all
     }
 
+    /// Whether no effect of the catalogue is linear in it, and no parameter of a run.
+    fn is_new(&self) -> bool {
+        ["times", "rate of", "channel"].iter().any(|word| self.name.contains(word)) && !self.gain
+    }
+
     /// Knots at quantiles of the values, between the extremes; fewer where values coincide.
     #[must_use]
     pub fn knots(&self) -> Vec<f64> {
@@ -171,6 +176,9 @@ impl Effect for Unknown {
         let all = Covariate::all(record);
         let mut specs: Vec<Spec> =
             all.iter().flat_map(|c| (0..3).filter_map(move |axis| with_knots(c, axis, MOST_KNOTS))).collect();
+        // Of what the catalogue has no effect for, a straight line comes first.
+        let straight = all.iter().filter(|c| c.is_new()).flat_map(|c| (0..3).filter_map(move |axis| with_knots(c, axis, 2)));
+        specs.extend(straight);
         // A converter has steps: the field along the axis is looked at more closely.
         for (axis, name) in COMPONENTS.iter().enumerate() {
             let own = all.iter().find(|c| c.name == format!("field {name}"));
@@ -194,7 +202,7 @@ impl Effect for Unknown {
 pub fn columns(record: &Record, covariate: &Covariate, spec: &Spec) -> Option<Vec<Column>> {
     let knots: Vec<f64> = spec.shape.iter().map(|(_, knot, _)| *knot).collect();
     let axis = *spec.axes.first()?;
-    if knots.len() < 3 {
+    if knots.len() < 2 {
         return None;
     }
     let rows: Vec<Vec<f64>> = covariate.values.iter().map(|v| spline(&knots, *v)).collect();

@@ -1,0 +1,165 @@
+//! Diagnosis of runs with all their samples, simulated by the forward model of the tests: what moves inside a setting because the temperature
+//! moves, and what the low-pass of the sensor makes of an edge, are no effects; what is hidden beside them is found.
+
+use crate::common;
+
+use common::check::{Case, calfit, says, text};
+use common::{Gauss, Plan, RUN_ID, Run, Setting, in_positions, offset_fields, programme, sines};
+use serde_json::Value;
+use std::f64::consts::{PI, TAU};
+use std::fs;
+
+/// Diagnoses a run: `diagnosis.json`.
+fn diagnosed(run: &Run) -> Value {
+    let case = Case::of(run.text());
+    let output = case.run("diagnose", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    serde_json::from_slice(&fs::read(case.out().join(RUN_ID).join("diagnosis.json")).unwrap()).unwrap()
+}
+
+/// Effects that are named.
+fn named(diagnosis: &Value) -> Vec<&str> {
+    diagnosis["steps"].as_array().unwrap().iter().map(|s| s["effect"].as_str().unwrap()).collect()
+}
+
+fn parameter(step: &Value, name: &str) -> [f64; 2] {
+    let all = step["parameters"].as_array().unwrap();
+    let found = all.iter().find(|p| p["name"] == name).unwrap_or_else(|| panic!("no {name} in {all:?}"));
+    ["value", "std"].map(|key| found[key].as_f64().unwrap())
+}
+
+const SWEEP_S: f64 = 12_000.0;
+
+/// Sensor temperature of the sweep, °C: down from 20 to -30 and up again, at most 47 K/h.
+fn degc(t_s: f64) -> f64 {
+    20.0 - 50.0 * (PI * t_s.clamp(0.0, SWEEP_S) / SWEEP_S).sin().powi(2)
+}
+
+/// 300 settings of 40 s at 4 Hz in all directions, every fifth in nearly the same one; the sensor reads 1/50000 more for every kelvin of
+/// the temperature some time ago, so that it moves by half a nanotesla inside a setting, beside white noise of 0.3 enT. Its low-pass takes
+/// 3 ms, and the counter is slow by so much that samples pass the edges. On x is a tone.
+fn sweep(lag_s: f64, tone_ent: f64) -> Run {
+    let field = |i: usize| {
+        let (turn, along) = (TAU * (0.2 + 0.001) * i as f64, (0.37 * i as f64).sin());
+        [40_000.0 * turn.cos(), 40_000.0 * turn.sin(), 40_000.0 * along]
+    };
+    let settings: Vec<Setting> =
+        (0..300).map(|i| Setting::constant(40.0 * i as f64, 40.0 * (i + 1) as f64, field(i), 1)).collect();
+    let plan = Plan { settings, rate_hz: 4.0, rate_factor: 1.0 - 1e-5, noise_ent: 0.0, ..Plan::default() };
+    let truth = plan.truth.clone();
+    let mut run = plan.run().key("kind", "\"sweep\"").key("configuration", "\"RANDOM40000.MAG\"");
+    let mut gauss = Gauss(7);
+    for sample in &mut run.samples {
+        let at = ((sample.t / 40.0) as usize).min(299);
+        let passed = (-(sample.t - 40.0 * at as f64) / 0.003).exp();
+        let level = |i: usize| truth.reading(run.settings[i].field);
+        let (now, before) = (level(at), if at > 0 { level(at - 1) } else { [0.0; 3] });
+        let gain = 1.0 + 2e-5 * (degc(sample.t - lag_s) - 20.0);
+        sample.reading = std::array::from_fn(|i| gain * (now[i] + (before[i] - now[i]) * passed) + 0.3 * gauss.normal());
+        sample.reading[0] += tone_ent * (TAU * 0.7 * sample.t).sin();
+    }
+    run.temperatures = (0..=600).map(|i| 20.0 * f64::from(i)).map(|t| (t, [Some(17.0), Some(degc(t))])).collect();
+    run
+}
+
+#[test]
+fn what_the_temperature_moves_inside_a_setting_is_no_signal() {
+    assert_eq!(named(&diagnosed(&sweep(0.0, 0.0))), [""; 0]);
+}
+
+/// A tone of a frequency whose waves fit into the settings: neither their slopes nor their scatter may take a part of it.
+#[test]
+fn a_tone_is_found_in_a_sweep() {
+    for amplitude_ent in [0.05, 0.5] {
+        let found = diagnosed(&sweep(0.0, amplitude_ent));
+        assert_eq!(named(&found), ["interference_tone"], "{amplitude_ent}");
+        let step = &found["steps"][0];
+        let [[hz, std_hz], [sin, std_sin], [cos, std_cos]] = ["frequency", "s_x", "c_x"].map(|name| parameter(step, name));
+        assert!((hz - 0.7).abs() < 4.0 * std_hz, "{hz} +- {std_hz}");
+        assert!((sin - amplitude_ent).abs() < 4.0 * std_sin && cos.abs() < 4.0 * std_cos, "{sin} +- {std_sin}, {cos} +- {std_cos}");
+        // 0.3 enT of noise in 48 000 samples over 12 000 s: in the middle each part is known to 0.3 √(2 / 48 000), the frequency to
+        // 0.3 √24 / (2π · 12 000 s · amplitude √48 000), and the phase at the begin, by which the cosine differs, to twice that of the middle.
+        let std = 0.3 * (2.0_f64 / 48_000.0).sqrt();
+        let wanted_hz = 0.3 * 24.0_f64.sqrt() / (TAU * SWEEP_S * amplitude_ent * 48_000.0_f64.sqrt());
+        for (found, wanted) in [(std_sin, std), (std_cos, 2.0 * std), (std_hz, wanted_hz)] {
+            assert!((found / wanted - 1.0).abs() < 0.4, "{found} {wanted}");
+        }
+    }
+}
+
+#[test]
+fn a_lag_is_no_signal_inside_the_settings() {
+    let found = diagnosed(&sweep(900.0, 0.0));
+    assert_eq!(named(&found), ["thermal_lag"]);
+    let [lag_s, std_s] = parameter(&found["steps"][0], "lag");
+    assert!((lag_s - 900.0).abs() < 4.0 * std_s && std_s < 20.0, "{lag_s} +- {std_s}");
+}
+
+/// The first sample after an edge is a third on its way; three samples are another matter.
+#[test]
+fn a_sample_on_the_edge_is_no_displacement() {
+    let levels = [-9000.0, -7000.0, -5000.0, -3000.0, -1000.0, 1000.0, 3000.0, 5000.0, 7000.0, 9000.0];
+    let plan = Plan { settings: programme(&levels, 4.0), rate_hz: 32.0, ..Plan::default() };
+    let late = |samples: f64| {
+        let mut run = plan.run();
+        let (whole, part) = (samples.floor() as usize, samples.fract());
+        let readings: Vec<[f64; 3]> = run.samples.iter().map(|s| s.reading).collect();
+        for (k, sample) in run.samples.iter_mut().enumerate() {
+            let [a, b] = [whole, whole + 1].map(|late| readings[k.saturating_sub(late)]);
+            sample.reading = std::array::from_fn(|i| (1.0 - part) * a[i] + part * b[i]);
+        }
+        diagnosed(&run)
+    };
+    assert_eq!(named(&late(0.35)), [""; 0]);
+    let found = late(3.25);
+    assert_eq!(named(&found), ["time_shift"]);
+    let [shift_s, std_s] = parameter(&found["steps"][0], "shift");
+    assert!((shift_s - 3.25 / 32.0).abs() < 4.0 * std_s && std_s < 0.01, "{shift_s} +- {std_s}");
+}
+
+/// A sine beside the notch of a boxcar, at 126 Hz: seen from above the notch a response has another minimum than from below.
+#[test]
+fn a_notch_is_found_from_either_side() {
+    let frequencies_hz: Vec<f64> =
+        (-10..=27).map(|k| 10.0_f64.powf(0.1 * f64::from(k))).map(|f| (100.0 * f).round() / 100.0).collect();
+    let mut settings = sines(&frequencies_hz, 1000.0);
+    settings.iter_mut().for_each(|s| s.field = [800.0, 900.0, 1000.0]);
+    let plan = Plan { settings, noise_ent: 0.0, ..Plan::default() };
+    let (notch_hz, f0_hz, q) = ([127.1, 122.6, 112.9], [81.5, 80.8, 74.9], 0.88);
+    let (response, offset) = (plan.truth.response(), plan.truth.offset_ent);
+    let mut run = plan.run().key("kind", "\"frequency\"").key("configuration", "\"FREQ1000.MAG\"");
+    let mut gauss = Gauss(11);
+    for sample in &mut run.samples {
+        let on = run.settings.iter().find(|s| s.t_start <= sample.t && sample.t < s.t_end);
+        sample.reading = std::array::from_fn(|i| {
+            let sine = on.map_or(0.0, |setting| {
+                let full: f64 = (0..3).map(|j| response[i][j] * setting.field[j]).sum();
+                // A mean over 1/notch: sin(πx)/(πx), late by half of it; then two poles.
+                let f = setting.frequency;
+                let (u, x) = (PI * f / notch_hz[i], f / f0_hz[i]);
+                let (real, imaginary) = (1.0 - x * x, x / q);
+                let gain = u.sin() / u / real.hypot(imaginary);
+                full * gain * ((TAU * f * sample.t) - u - imaginary.atan2(real)).sin()
+            });
+            offset[i] + sine + 0.3 * gauss.normal()
+        });
+    }
+    let found = diagnosed(&run);
+    assert_eq!(named(&found), [""; 0]);
+    let response = found["response"].as_str().unwrap();
+    says(response, &["boxcar x second order"]);
+    let chi: f64 = response.split("chi²/dof ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    // About 200 values: one standard deviation is 0.1.
+    assert!((chi - 1.0).abs() < 0.3, "{response}");
+}
+
+/// A run that turns the sensor has more than one response.
+#[test]
+fn a_run_in_several_positions_is_refused() {
+    let plan = Plan { settings: in_positions(&[1, 2], &offset_fields(), 4.0), ..Plan::default() };
+    let case = Case::of(plan.run().key("kind", "\"offset\"").text());
+    let output = calfit().arg("diagnose").arg(case.file()).arg("-o").arg(case.out()).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["positions 1, 2", "a diagnosis needs one position"]);
+    assert!(!case.out().join(RUN_ID).exists());
+}
