@@ -333,6 +333,19 @@ fn signals_slower_than_a_plateau_are_found() {
     assert_eq!(first_names("heater_pwm", Kind::Lin, 25.0, slow), ["heater_pwm"; 4]);
 }
 
+/// Of the settings of a linearity run a dozen have more than one component: few for a curve, enough for a line.
+#[test]
+fn products_of_components_are_told_with_their_covariate() {
+    for seed in 8000..8006 {
+        let options = Options { effects: vec!["product".to_owned()], strength_k: 20.0, noise: Some(Family::White) };
+        let blind = generate(seed, Kind::Lin, &options).unwrap();
+        let verdict = judge::judge(&blind);
+        let step = verdict.steps.first().unwrap_or_else(|| panic!("seed {seed}: nothing was found"));
+        let right = step.covariate.as_ref().is_some_and(|c| blind.truth.effects[0].covariates.contains(c));
+        assert!(step.effect == "unknown" && right, "seed {seed}: {} {:?}", step.effect, step.covariate);
+    }
+}
+
 /// A wave is a drift although its period changes by up to 30 %.
 #[test]
 fn slow_waves_are_drifts() {

@@ -76,7 +76,10 @@ fn a_tone_is_found_in_a_sweep() {
         let step = &found["steps"][0];
         let [[hz, std_hz], [sin, std_sin], [cos, std_cos]] = ["frequency", "s_x", "c_x"].map(|name| parameter(step, name));
         assert!((hz - 0.7).abs() < 4.0 * std_hz, "{hz} +- {std_hz}");
-        assert!((sin - amplitude_ent).abs() < 4.0 * std_sin && cos.abs() < 4.0 * std_cos, "{sin} +- {std_sin}, {cos} +- {std_cos}");
+        assert!(
+            (sin - amplitude_ent).abs() < 4.0 * std_sin && cos.abs() < 4.0 * std_cos,
+            "{sin} +- {std_sin}, {cos} +- {std_cos}"
+        );
         // 0.3 enT of noise in 48 000 samples over 12 000 s: in the middle each part is known to 0.3 √(2 / 48 000), the frequency to
         // 0.3 √24 / (2π · 12 000 s · amplitude √48 000), and the phase at the begin, by which the cosine differs, to twice that of the middle.
         let std = 0.3 * (2.0_f64 / 48_000.0).sqrt();

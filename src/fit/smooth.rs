@@ -5,10 +5,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Readings on either side that are tried; none leaves the series as it is.
-const REACHES: [usize; 7] = [0, 2, 4, 8, 16, 32, 64];
-/// Wider windows must predict better by this part, so that what is quick stays.
-const BETTER: f64 = 0.02;
+/// Readings on either side that are tried, beside the series as it is.
+const REACHES: [usize; 8] = [2, 4, 8, 16, 32, 64, 128, 256];
 
 /// The smooth course of a series, (time, value), ascending in time.
 #[must_use]
@@ -22,9 +20,9 @@ pub fn smoothed(series: &[(f64, f64)]) -> Vec<(f64, f64)> {
         })
         .sum();
     let mut best = (between, series.to_vec());
-    for reach in REACHES.into_iter().filter(|r| *r > 0 && series.len() > 2 * *r + 1) {
+    for reach in REACHES.into_iter().filter(|r| series.len() > 2 * *r + 1) {
         let (error, values) = parabolas(series, reach);
-        if error < (1.0 - BETTER) * best.0 {
+        if error < best.0 {
             best = (error, values);
         }
     }

@@ -14,7 +14,7 @@ const MOST_SIGNALS: usize = 4;
 /// Independent trials per sample of the record, counted on noise: frequencies on each axis and on all together, and for combs phases and
 /// duties, of which there are the more the stronger a signal is.
 const TONES: usize = 12;
-const COMBS: usize = 2500;
+const COMBS: usize = 7500;
 /// Longest period, in plateaus: their means are taken off, and of a slower signal little is left.
 const SLOWEST: f64 = 2.5;
 /// Smallest variance of a plateau's samples that is believed, over the median of all.
