@@ -884,10 +884,10 @@ pub fn across(runs: &[RunValues]) -> Result<Diagnosis, String> {
     }
     not_identifiable.retain(|e| e.effect == "facility_scale" || steps.iter().all(|s| s.effect != e.effect));
     let detection_limits = limits(&search, &fitted, &scales, &steps, &mut not_identifiable);
+    let orientations = count(&scene.orientation);
     warnings.push(format!(
-        "{} runs, {} orientations; every run in turn was held out; nT of scale factors and angles at the largest field of the run",
-        n,
-        count(&scene.orientation)
+        "{n} runs, {orientations} orientation{}; every run in turn was held out; nT of scale factors and angles at the largest field of the run",
+        if orientations == 1 { "" } else { "s" }
     ));
     let left = if steps.is_empty() { maps.clone() } else { Vec::new() };
     Ok(Diagnosis {

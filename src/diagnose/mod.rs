@@ -265,7 +265,7 @@ fn find_lag(
         let lagged = shifted(&series, form, lag_s);
         times.iter().map(|t| interpolate(&lagged, *t)).collect()
     };
-    let squares = |scene: &Scene, degc: Vec<f64>| scene.squares_with(readings, &degc);
+    let squares = |degc: Vec<f64>| scene.squares_with(readings, &degc);
     let search = Search::new(scene, readings.clone());
     let now: Vec<&Candidate> = given.iter().collect();
     let state = search.state(&now)?;
@@ -277,14 +277,14 @@ fn find_lag(
     }
     let rival = explanations.first().filter(|e| e.key != "thermal_lag").map(|e| &search.bank[e.best]);
     // Each form with its best lag.
-    let before = squares(scene, degc("delay", 0.0));
+    let before = squares(degc("delay", 0.0));
     let length = scene.record.span_s[1] - scene.record.span_s[0];
     let mut found: Option<(f64, &str, f64)> = None;
     for (form, sign) in [("delay", 1.0), ("delay", -1.0), ("first order", 1.0), ("inverse first order", 1.0)] {
         let mut best = (f64::INFINITY, 0.0);
         let mut lag = 30.0;
         while lag < 0.2 * length {
-            let sum = squares(scene, degc(form, sign * lag));
+            let sum = squares(degc(form, sign * lag));
             if sum < best.0 {
                 best = (sum, lag);
             }
@@ -294,7 +294,7 @@ fn find_lag(
         while width > FINE_LAG_S {
             for side in [-1.0, 1.0] {
                 let other = best.1 + side * width;
-                let sum = if other > 0.0 { squares(scene, degc(form, sign * other)) } else { f64::INFINITY };
+                let sum = if other > 0.0 { squares(degc(form, sign * other)) } else { f64::INFINITY };
                 if sum < best.0 {
                     best = (sum, other);
                 }
@@ -312,7 +312,7 @@ fn find_lag(
     }
     // Where a second more or less costs as much as the noise: the curvature of the squares.
     let h = 0.05 * lag_s.abs().max(20.0);
-    let curvature = (squares(scene, degc(form, lag_s + h)) + squares(scene, degc(form, lag_s - h)) - 2.0 * after) / (h * h);
+    let curvature = (squares(degc(form, lag_s + h)) + squares(degc(form, lag_s - h)) - 2.0 * after) / (h * h);
     let variance = after / (freedom - 3.0 * scene.design.ncols() as f64);
     // The instants of the thermistor's readings are known to one reading.
     let interval_s = (series[series.len() - 1].0 - series[0].0) / (series.len() - 1).max(1) as f64;
@@ -331,12 +331,11 @@ fn find_lag(
         let sum = search.held_out(&noise, &with).sum;
         Some((noise, sum))
     });
-    let without_lag = scene.clone();
-    scene.with_temperatures(degc(form, lag_s));
-    let search = Search::new(scene, readings.clone());
+    let mut lagged = scene.clone();
+    lagged.with_temperatures(degc(form, lag_s));
+    let search = Search::new(&lagged, readings.clone());
     // A strong lag is no line, so that what bends freely may follow its line better: the lag itself has to predict more.
     if beside_rival.is_some_and(|(noise, sum)| search.held_out(&noise, &now).sum >= sum) {
-        *scene = without_lag;
         return None;
     }
     let state = search.state(&now)?;
@@ -345,8 +344,8 @@ fn find_lag(
     let name = scene.record.sensor.as_ref().map_or_else(String::new, |c| c.name.clone());
     let row_std = search.row_std(&state, &now);
     let branches = branches::of(
-        &branches::Side { record: &without_lag.record, residual_ent: &held_before.residual_ent },
-        &branches::Side { record: &scene.record, residual_ent: &held_after.residual_ent },
+        &branches::Side { record: &scene.record, residual_ent: &held_before.residual_ent },
+        &branches::Side { record: &lagged.record, residual_ent: &held_after.residual_ent },
         row_std[0],
         &name,
         &series,
@@ -374,6 +373,7 @@ fn find_lag(
         form: spec,
         further: Vec::new(),
     };
+    *scene = lagged;
     Some((step, branches, evidence))
 }
 
