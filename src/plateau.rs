@@ -174,6 +174,17 @@ pub struct Plateaus {
     pub pauses: Vec<(f64, [f64; 3])>,
 }
 
+impl Plateaus {
+    /// Ids of the positions of the settings, in ascending order.
+    #[must_use]
+    pub fn positions(&self) -> Vec<u32> {
+        let mut ids: Vec<u32> = self.list.iter().map(|p| p.setting.position).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        ids
+    }
+}
+
 /// Takes vectors and keeps sums per bin.
 #[derive(Clone, Debug, Default)]
 pub struct Accumulator {

@@ -322,10 +322,7 @@ fn structure_of(
 }
 
 pub(super) fn the_position(plateaus: &Plateaus, campaign: &Campaign) -> Result<(u32, Position), LinError> {
-    let mut ids: Vec<u32> = plateaus.list.iter().map(|p| p.setting.position).collect();
-    ids.sort_unstable();
-    ids.dedup();
-    match ids.as_slice() {
+    match plateaus.positions().as_slice() {
         [id] => campaign.position(*id).map(|p| (*id, p)).ok_or(LinError::UnknownPosition(*id)),
         several => Err(LinError::Positions(several.iter().map(u32::to_string).collect::<Vec<_>>().join(", "))),
     }

@@ -97,9 +97,7 @@ impl Scene {
         let mut warnings = Vec::new();
         let kind = run.header.kind;
         let mut list = plateaus.list.clone();
-        let mut positions: Vec<u32> = list.iter().map(|p| p.setting.position).collect();
-        positions.sort_unstable();
-        positions.dedup();
+        let positions = plateaus.positions();
         if positions.len() > 1 {
             let all = positions.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
             return Err(Unfit(format!("the run holds settings in positions {all}; a diagnosis needs one position")));

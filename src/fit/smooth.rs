@@ -84,6 +84,24 @@ mod tests {
         assert!(left < 0.0035, "{left}");
     }
 
+    /// A day's wave seen for eight hours every 20 s: windows as wide as an hour follow it, and what they leave of the noise is what a fit to a
+    /// part of a hundredth of a kelvin still sees.
+    #[test]
+    fn a_very_slow_course_is_smoothed_far() {
+        let truth = |t: f64| 17.0 + 0.4 * (std::f64::consts::TAU * t / 86_400.0).sin();
+        let left = |seed: u64| {
+            let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+            let reading = |t: f64, noise: f64| (t, truth(t) + 0.02 * noise);
+            let series: Vec<(f64, f64)> =
+                (0..1441).map(|i| reading(20.0 * f64::from(i), StandardNormal.sample(&mut random))).collect();
+            // At its ends a parabola has more freedom.
+            rms(&smoothed(&series)[256..1441 - 256], truth)
+        };
+        let all = ((0..20).map(|seed| left(seed).powi(2)).sum::<f64>() / 20.0).sqrt();
+        // A parabola over 129 readings leaves 1.5 / sqrt(129) of the 0.02 K; a wider one less.
+        assert!(all < 0.02 * 1.5 / 129.0_f64.sqrt(), "{all}");
+    }
+
     #[test]
     fn parabolas_and_single_steps_stay() {
         let parabola: Vec<(f64, f64)> =
