@@ -626,7 +626,7 @@ between these rows cannot be had by any method, since it is the price of not kno
 steps and temperatures pay it, effects of the field hardly. That samples inside the plateaus tell the white noise is used; about noise \
 that is slower than a plateau they say nothing.
 * A periodic signal is one of many that could be there. Counted on noise, a record of 20 000 samples holds 240 000 independent \
-tones and 50 million switched signals; what noise reaches in one run of a thousand is k = 6.2 and 6.7. Half of the signals of \
+tones and 150 million switched signals; what noise reaches in one run of a thousand is k = 6.2 and 6.9. Half of the signals of \
 that strength are found, whatever the method does with so many trials; the targets count twenty.
 * Two effects: both have to be found and named, and each has the power of one. Two poles and one in the same sines are one effect to \
 any fit.
@@ -634,10 +634,8 @@ any fit.
 is fitted; both stand in the set, and the first is the right one in four of five runs, hardly fewer than for someone who knows from \
 where they are drawn (What is possible, below).
 * Wrong terms: at k = 50 the difference between the generator's form of an effect and the catalogue's is four to ten standard \
-deviations by itself, and is named: 0.15 terms per run. At all other strengths together it is 0.04, of which poles that change \
+deviations by itself, and is named: about 0.15 terms per run. At all other strengths together it is about 0.04, of which poles that change \
 places are a third.
-* Outside of the catalogue at k = 10: what is missed are products of two components in linearity runs, which have a dozen settings with \
-more than one component, and memories of an extreme, which look like a step in time.
 ";
 
 /// Targets beside figures; a share reaches its target if its value does.
