@@ -7,6 +7,7 @@ use crate::model::effects::settling::{TAUS_S, transient};
 use crate::model::effects::{Record, Spec};
 use nalgebra::{DMatrix, DVector, Matrix2};
 pub use periodic::periodic;
+use rayon::prelude::*;
 
 /// Probability that noise alone shows as much.
 const SIGNIFICANT: f64 = 0.001;
@@ -235,7 +236,7 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
     let mut best: Option<Transient> = None;
     let template = |tau: f64| -> [Vec<DVector<f64>>; 3] {
         let all: Vec<Vec<[f64; 3]>> = windows
-            .iter()
+            .par_iter()
             .map(|w| (w[0]..w[0] + edges[bins]).map(|k| transient(&scene.record.steps, [samples.t_s[k]; 2], tau)).collect())
             .collect();
         [0, 1, 2].map(|a| windows.iter().zip(&all).map(|(w, t)| reduce(&|k| -t[k - w[0]][a], w)).collect())
