@@ -62,6 +62,17 @@ pub fn scientific_with_uncertainty(value: f64, std: f64) -> String {
     format!("{value:.digits$e} ± {std:.1e}")
 }
 
+/// A value of three digits: `12.5`, in powers of ten where that would need many zeros: `3.71e-7`.
+#[must_use]
+pub fn three_digits(value: f64) -> String {
+    // What is rounded up to the next power of ten is counted as that.
+    let scientific = format!("{value:.2e}");
+    match scientific.split_once('e').and_then(|(_, exponent)| exponent.parse::<i32>().ok()) {
+        Some(exponent @ -3..=2) => format!("{value:.0$}", (2 - exponent) as usize),
+        _ => scientific,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -81,5 +92,22 @@ mod tests {
         assert_eq!(with_uncertainty(12345.0, 130.0), "+12345 ± 130");
         assert_eq!(scientific_with_uncertainty(1.001_000_4, 1.7e-6), "1.0010004e0 ± 1.7e-6");
         assert_eq!(scientific_with_uncertainty(-1.801_8e-5, 1.2e-7), "-1.802e-5 ± 1.2e-7");
+    }
+
+    #[test]
+    fn three_digits_are_plain_where_they_can_be_read() {
+        let pairs = [
+            (1.0, "1.00"),
+            (-12.345, "-12.3"),
+            (999.6, "1.00e3"),
+            (0.001_234_9, "0.00123"),
+            (0.000_999_9, "0.00100"),
+            (3.7e-7, "3.70e-7"),
+            (0.0, "0.00"),
+            (f64::INFINITY, "inf"),
+        ];
+        for (value, text) in pairs {
+            assert_eq!(three_digits(value), text);
+        }
     }
 }

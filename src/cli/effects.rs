@@ -6,6 +6,7 @@ use crate::diagnose::signature::{Explained, explain};
 use crate::error::Finding;
 use crate::formats::output::Folder;
 use crate::model::effects::{self, About, CATALOGUE, Effect};
+use crate::units::three_digits;
 use crate::workflow::draw;
 use clap::Args;
 use serde::Serialize;
@@ -97,7 +98,7 @@ fn text(explained: &Explained) -> String {
     let _ = writeln!(out, "  source            {}", about.source);
     let _ = writeln!(out, "  best measurement  {}", about.best_measurement);
     if let Some(example) = &explained.example {
-        let values: Vec<String> = example.parameters.iter().map(|(n, v, u)| format!("{n} = {v:.2e} {u}")).collect();
+        let values: Vec<String> = example.parameters.iter().map(|(n, v, u)| format!("{n} = {} {u}", three_digits(*v))).collect();
         let _ = writeln!(out, "  1 nT at most      {} in an example run: {}", values.join(", "), example.run);
     }
     out

@@ -27,7 +27,7 @@ use crate::model::effects::{CATALOGUE, Spec, named};
 use crate::model::response::{RESPONSES, Response};
 use crate::plateau::median;
 use crate::run::{Run, Vector, VectorSink};
-use crate::units::{COMPONENTS, Reading};
+use crate::units::{COMPONENTS, Reading, three_digits};
 use bank::{Bank, Entry, Refined, refined};
 use lost::lost;
 use model::{Fit, Model, Term, clock_temperature};
@@ -487,10 +487,10 @@ fn limits(bank: &Bank, sines: &Sines, steps: &[Step]) -> (Vec<NotIdentifiable>, 
         let least = FOUND_90 / best.norm;
         let (parameter, timing) = match &best.term {
             Term::Clock(_) | Term::ClockTemperature(..) => {
-                (format!("drift = {:.2e} Hz/s", least * 1e-6 * sines.rate_hz / sines.length_s), true)
+                (format!("drift = {} Hz/s", three_digits(least * 1e-6 * sines.rate_hz / sines.length_s)), true)
             }
-            Term::Shift => (format!("shift = {:.2e} s", 1e-6 * least), true),
-            _ => (format!("part = {least:.2e} at f_c = {:.0} Hz", best.hz), false),
+            Term::Shift => (format!("shift = {} s", three_digits(1e-6 * least)), true),
+            _ => (format!("part = {} at f_c = {:.0} Hz", three_digits(least), best.hz), false),
         };
         let noise = |s: &sines::SineOf| s.tones[0].std[usize::from(timing)] * s.tones[0].log_amplitude.exp();
         let noise_nt = median(&mut sines.list.iter().map(noise).collect::<Vec<f64>>());

@@ -24,8 +24,6 @@ const LEAST_LATE: f64 = 1.0;
 const NORMAL_90: f64 = 1.644_853_626_951_472_2;
 /// Step of the derivative by the logarithm of a time constant.
 const TAU_STEP: f64 = 0.01;
-/// Two explanations are told apart by this ratio of likelihoods (logarithm).
-const APART: f64 = 4.605;
 
 /// Something found in the samples.
 #[derive(Clone, Debug)]

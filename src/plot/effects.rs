@@ -3,7 +3,7 @@
 use super::parts::Named;
 use super::{Figure, Marks, Panel, Scale, Series, Style};
 use crate::diagnose::signature::{Explained, Point, Signature};
-use crate::units::COMPONENTS;
+use crate::units::{COMPONENTS, three_digits};
 
 /// The contribution against what it follows, and against time; none where the readings of one run do not show the effect.
 #[must_use]
@@ -31,7 +31,7 @@ fn figure(
     let values: Vec<String> = signature
         .parameters
         .iter()
-        .map(|(name, value, unit)| format!("{name} = {value:.2e} {unit}"))
+        .map(|(name, value, unit)| format!("{name} = {} {unit}", three_digits(*value)))
         .chain(signature.form.shape.iter().map(|(name, value, unit)| format!("{name} = {value} {unit}")))
         .collect();
     let panel = |a: usize| {

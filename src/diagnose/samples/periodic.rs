@@ -3,7 +3,8 @@
 mod spectrum;
 mod waves;
 
-use super::{APART, Inside, SIGNIFICANT, demean, remove, remove_raw, rms};
+use super::{Inside, SIGNIFICANT, demean, remove, remove_raw, rms};
+use crate::diagnose::APART;
 use crate::diagnose::scene::{Samples, Scene};
 use crate::fit::scan::{log_tail, orthonormal};
 use crate::model::effects::{Record, Spec};

@@ -1,0 +1,142 @@
+//! A lag of the thermistor, which changes the temperatures that the model of a sweep itself is a polynomial of.
+
+use super::CERTAIN;
+use super::branches;
+use super::result::{Branches, Evidence, Parameter, Step};
+use super::scene::Scene;
+use super::search::{Candidate, Search};
+use super::steps::{bars, gap, runners};
+use super::words;
+use crate::model::effects::thermal_lag::shifted;
+use crate::model::effects::{self, Row, Spec};
+use crate::run::interpolate;
+use crate::units::COMPONENTS;
+use nalgebra::DMatrix;
+
+/// A lag is looked for to this step, s: far below what its readings tell, so that a strong one leaves nothing.
+const FINE_LAG_S: f64 = 0.05;
+
+/// Looks for a lag of the thermistor and, if there is one, gives the scene the temperatures of the part that matters.
+pub(super) fn find(
+    scene: &mut Scene,
+    readings: &DMatrix<f64>,
+    given: &[Candidate],
+    number: usize,
+) -> Option<(Step, Branches, Evidence)> {
+    let series = scene.record.sensor.as_ref()?.series.clone();
+    let times: Vec<f64> = scene.record.rows.iter().map(Row::t_s).collect();
+    let degc = |form: &str, lag_s: f64| -> Vec<f64> {
+        let lagged = shifted(&series, form, lag_s);
+        times.iter().map(|t| interpolate(&lagged, *t)).collect()
+    };
+    let squares = |degc: Vec<f64>| scene.squares_with(readings, &degc);
+    let search = Search::new(scene, readings.clone());
+    let now: Vec<&Candidate> = given.iter().collect();
+    let state = search.state(&now)?;
+    let groups = search.groups(&state);
+    let explanations = search.explanations(&state, &groups);
+    let best = explanations.iter().find(|e| e.key == "thermal_lag")?;
+    if best.evidence < 12.0 {
+        return None;
+    }
+    let rival = explanations.first().filter(|e| e.key != "thermal_lag").map(|e| &search.bank[e.best]);
+    // Each form with its best lag.
+    let before = squares(degc("delay", 0.0));
+    let length = scene.record.span_s[1] - scene.record.span_s[0];
+    let mut found: Option<(f64, &str, f64)> = None;
+    for (form, sign) in [("delay", 1.0), ("delay", -1.0), ("first order", 1.0), ("inverse first order", 1.0)] {
+        let mut best = (f64::INFINITY, 0.0);
+        let mut lag = 30.0;
+        while lag < 0.2 * length {
+            let sum = squares(degc(form, sign * lag));
+            if sum < best.0 {
+                best = (sum, lag);
+            }
+            lag *= 1.25;
+        }
+        let mut width = 0.2 * best.1;
+        while width > FINE_LAG_S {
+            for side in [-1.0, 1.0] {
+                let other = best.1 + side * width;
+                let sum = if other > 0.0 { squares(degc(form, sign * other)) } else { f64::INFINITY };
+                if sum < best.0 {
+                    best = (sum, other);
+                }
+            }
+            width *= 0.6;
+        }
+        if found.is_none_or(|f| best.0 < f.0) {
+            found = Some((best.0, form, sign * best.1));
+        }
+    }
+    let (after, form, lag_s) = found?;
+    let freedom = (3 * readings.nrows()) as f64;
+    if after >= before {
+        return None;
+    }
+    // Where a second more or less costs as much as the noise: the curvature of the squares.
+    let h = 0.05 * lag_s.abs().max(20.0);
+    let curvature = (squares(degc(form, lag_s + h)) + squares(degc(form, lag_s - h)) - 2.0 * after) / (h * h);
+    let variance = after / (freedom - 3.0 * scene.design.ncols() as f64);
+    // The instants of the thermistor's readings are known to one reading.
+    let interval_s = (series[series.len() - 1].0 - series[0].0) / (series.len() - 1).max(1) as f64;
+    let std_s = (2.0 * variance / curvature.max(f64::MIN_POSITIVE) + interval_s * interval_s / 12.0).sqrt();
+    let strength = (freedom * (before / after).ln()).max(0.0).sqrt();
+    let spec = Spec::new(form, &[0, 1, 2]).with("lag", lag_s, "s");
+    let held_before = search.held_out(&state.noise, &now);
+    let p_value = best.score.p_value();
+    let nt_per_ent = scene.nt_per_ent;
+    let (n, runners_up) = (search.bank.len(), runners(&search, &groups, &explanations, "thermal_lag"));
+    let gap_before = gap(&held_before, nt_per_ent);
+    let evidence = bars(&search, &explanations, "thermal_lag", best.evidence, number);
+    let beside_rival = rival.and_then(|rival| {
+        let with: Vec<&Candidate> = now.iter().copied().chain([rival]).collect();
+        let noise = search.state(&with)?.noise;
+        let sum = search.held_out(&noise, &with).sum;
+        Some((noise, sum))
+    });
+    let mut lagged = scene.clone();
+    lagged.with_temperatures(degc(form, lag_s));
+    let search = Search::new(&lagged, readings.clone());
+    // A strong lag is no line, so that what bends freely may follow its line better: the lag itself has to predict more.
+    if beside_rival.is_some_and(|(noise, sum)| search.held_out(&noise, &now).sum >= sum) {
+        return None;
+    }
+    let state = search.state(&now)?;
+    let held_after = search.held_out(&state.noise, &now);
+    let gap_after = gap(&held_after, nt_per_ent);
+    let name = scene.record.sensor.as_ref().map_or_else(String::new, |c| c.name.clone());
+    let row_std = search.row_std(&state, &now);
+    let branches = branches::of(
+        &branches::Side { record: &scene.record, residual_ent: &held_before.residual_ent },
+        &branches::Side { record: &lagged.record, residual_ent: &held_after.residual_ent },
+        row_std[0],
+        &name,
+        &series,
+        number,
+    );
+    let step = Step {
+        effect: "thermal_lag".to_owned(),
+        axes: COMPONENTS.map(str::to_owned).to_vec(),
+        ambiguous_with: Vec::new(),
+        parameters: vec![Parameter { name: "lag".to_owned(), value: lag_s, std: Some(std_s), unit: "s".to_owned() }],
+        place: format!("all axes, where {name} rises or falls: up to {:.2} nT", gap_before.max_nt),
+        p_value,
+        trials: n,
+        p_value_corrected: (p_value * n as f64).clamp(f64::MIN_POSITIVE, 1.0),
+        gap_before,
+        gap_after,
+        strength_k: strength,
+        family: effects::Family::Thermal.name(),
+        wording: if strength > CERTAIN { "is" } else { "consistent with" },
+        runners_up,
+        next_measurement: None,
+        sentence: words::lag(&name, form, lag_s, std_s, &gap_before, &gap_after),
+        covariate: None,
+        shape: Vec::new(),
+        form: spec,
+        further: Vec::new(),
+    };
+    *scene = lagged;
+    Some((step, branches, evidence))
+}

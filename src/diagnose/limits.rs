@@ -1,0 +1,89 @@
+//! What was not found in one run: what it cannot show, how small an effect it would have shown, and drifts that slow noise explains as well.
+
+use super::result::{DetectionLimit, NotIdentifiable, Step};
+use super::search::{Candidate, Search, State};
+use super::{FOUND_90, SHOWN};
+use crate::model::effects::CATALOGUE;
+use crate::units::{COMPONENTS, three_digits};
+
+/// From this many standard deviations on a drift beside white noise is told of.
+const HIDDEN: f64 = 4.0;
+
+/// What cannot be shown, and how small an effect of the rest would have been found.
+pub(super) fn limits(search: &Search, state: &State, steps: &[Step]) -> (Vec<NotIdentifiable>, Vec<DetectionLimit>) {
+    let found = |id: &str| steps.iter().any(|s| s.effect == id);
+    let mut none: Vec<NotIdentifiable> = search
+        .absent
+        .iter()
+        .filter(|a| !found(a.id))
+        .map(|a| NotIdentifiable { effect: a.id.to_owned(), reason: a.reason.clone() })
+        .collect();
+    let groups = search.groups(state);
+    let n = search.scene.readings.nrows();
+    let mut limits = Vec::new();
+    for effect in CATALOGUE.iter().filter(|e| e.id() != "unknown" && !found(e.id())) {
+        let own: Vec<usize> = (0..search.bank.len()).filter(|i| search.bank[*i].id == effect.id()).collect();
+        if own.is_empty() {
+            continue;
+        }
+        if own.iter().all(|i| groups[*i].surviving < SHOWN) {
+            let most = own.iter().map(|i| groups[*i].surviving).fold(0.0, f64::max);
+            let reason = format!("{:.1} % of it is left beside the fitted parameters", 100.0 * most);
+            none.push(NotIdentifiable { effect: effect.id().to_owned(), reason });
+            continue;
+        }
+        for axis in 0..3 {
+            let best = own
+                .iter()
+                .filter(|i| {
+                    search.bank[**i].spec.axes == [axis]
+                        && search.bank[**i].stacked.ncols() == 1
+                        && groups[**i].surviving >= SHOWN
+                })
+                .map(|i| {
+                    let least = FOUND_90 / groups[*i].norms[0];
+                    let size = (0..3)
+                        .map(|a| search.bank[*i].stacked.rows(a * n, n).amax() * search.scene.nt_per_ent[a])
+                        .fold(0.0, f64::max);
+                    (least * size, least, *i)
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            if let Some((amplitude_nt, least, i)) = best {
+                let (name, unit) = &search.bank[i].parameters[0];
+                limits.push(DetectionLimit {
+                    effect: effect.id().to_owned(),
+                    axis: COMPONENTS[axis].to_owned(),
+                    amplitude_nt,
+                    parameter: format!("{name} = {} {unit}", three_digits(least)),
+                });
+            }
+        }
+    }
+    none.sort_by(|a, b| a.effect.cmp(&b.effect));
+    (none, limits)
+}
+
+/// Drifts that would be clear beside white noise and that the slow noise explains as well.
+pub(super) fn hidden_drifts(search: &Search, state: &State, all: &[&Candidate], steps: &[Step]) -> Vec<String> {
+    let colour = state.noise.colour;
+    if colour.slow == 0.0 {
+        return Vec::new();
+    }
+    let Some(drifts) = search.drifts(all) else { return Vec::new() };
+    let order = search.scene.record.trend_order + 1;
+    let named = |axis: &str| steps.iter().any(|s| s.effect == "offset_drift" && s.axes.iter().any(|a| a == axis));
+    (0..3)
+        .filter(|a| drifts[*a].0.abs() > HIDDEN * drifts[*a].1 && !named(COMPONENTS[*a]))
+        .map(|a| {
+            let (c, std) = drifts[a];
+            format!(
+                "the offset of {} drifts in order {order} of time, p{order} = {:+.3} nT, {:.1} times its standard deviation beside white noise; the \
+                 slow noise of this run, {:.1} times the white variance of a mean, makes as much, so that no effect is named",
+                COMPONENTS[a],
+                c * search.scene.nt_per_ent[a],
+                c.abs() / std,
+                colour.slow
+            )
+        })
+        .collect()
+}
