@@ -4,7 +4,7 @@ mod periodic;
 
 use super::scene::{Samples, Scene};
 use crate::model::effects::settling::{TAUS_S, transient};
-use crate::model::effects::{Record, Spec};
+use crate::model::effects::{Record, Row, Spec};
 use nalgebra::{DMatrix, DVector, Matrix2};
 pub use periodic::periodic;
 use rayon::prelude::*;
@@ -22,6 +22,8 @@ const LEAST_EARLY: f64 = 0.1;
 const LEAST_LATE: f64 = 1.0;
 /// Normal noise is within so many standard deviations in nine of ten cases.
 const NORMAL_90: f64 = 1.644_853_626_951_472_2;
+/// Samples whose columns are made at once.
+const AT_ONCE: usize = 1 << 11;
 /// Step of the derivative by the logarithm of a time constant.
 const TAU_STEP: f64 = 0.01;
 
@@ -207,7 +209,8 @@ type Transient = (f64, f64, Vec<usize>, Vec<(f64, f64)>);
 #[must_use]
 pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_s: f64) -> Option<Inside> {
     let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
-    let skip_s = skip_s.max(interval_s(samples)?);
+    let dt_s = interval_s(samples)?;
+    let skip_s = skip_s.max(dt_s);
     let windows: Vec<[usize; 2]> = settings.iter().map(|[b, e]| [at(b + skip_s), at(e - skip_s)]).collect();
     let shortest = windows.iter().map(|w| w[1].saturating_sub(w[0])).min()?;
     let edges = phases(shortest);
@@ -217,14 +220,14 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
         return None;
     }
     // One row per plateau and axis: means of the bins less that of the plateau.
-    let reduce = |values: &dyn Fn(usize) -> f64, window: &[usize; 2]| -> DVector<f64> {
-        let mean_of = |r: std::ops::Range<usize>| r.clone().map(values).sum::<f64>() / r.len() as f64;
-        let means = DVector::from_fn(bins, |k, _| mean_of(window[0] + edges[k]..window[0] + edges[k + 1]));
-        let all = mean_of(window[0]..window[0] + edges[bins]);
-        means.add_scalar(-all)
+    let row = |mean_of: &dyn Fn(std::ops::Range<usize>) -> f64| -> DVector<f64> {
+        let all = mean_of(0..edges[bins]);
+        DVector::from_fn(bins, |k, _| mean_of(edges[k]..edges[k + 1]) - all)
     };
-    let data: [Vec<DVector<f64>>; 3] =
-        [0, 1, 2].map(|a| windows.iter().map(|w| reduce(&|k| samples.reading_ent[k][a], w)).collect());
+    let data: [Vec<DVector<f64>>; 3] = [0, 1, 2].map(|a| {
+        let mean = |r: &[[f64; 3]]| r.iter().map(|v| v[a]).sum::<f64>() / r.len() as f64;
+        windows.iter().map(|w| row(&|r| mean(&samples.reading_ent[w[0] + r.start..w[0] + r.end]))).collect()
+    });
     // Settings with more noise count for less.
     let weights: [Vec<f64>; 3] = [0, 1, 2].map(|a: usize| {
         let sizes: Vec<f64> = data[a].iter().map(|d| d.norm_squared()).collect();
@@ -233,11 +236,15 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
     });
     let mut best: Option<Transient> = None;
     let template = |tau: f64| -> [Vec<DVector<f64>>; 3] {
-        let all: Vec<Vec<[f64; 3]>> = windows
-            .par_iter()
-            .map(|w| (w[0]..w[0] + edges[bins]).map(|k| transient(&scene.record.steps, [samples.t_s[k]; 2], tau)).collect())
-            .collect();
-        [0, 1, 2].map(|a| windows.iter().zip(&all).map(|(w, t)| reduce(&|k| -t[k - w[0]][a], w)).collect())
+        // The mean of equidistant samples of an exponential is that over their time, half an interval more at both ends, times this.
+        let x = 0.5 * dt_s / tau;
+        let sampled = x / x.sinh();
+        let mean = |w: &[usize; 2], r: std::ops::Range<usize>| -> [f64; 3] {
+            let [first_s, last_s] = [samples.t_s[w[0] + r.start], samples.t_s[w[0] + r.end - 1]];
+            transient(&scene.record.steps, [first_s - 0.5 * dt_s, last_s + 0.5 * dt_s], tau).map(|v| -sampled * v)
+        };
+        let all: Vec<[DVector<f64>; 3]> = windows.par_iter().map(|w| [0, 1, 2].map(|a| row(&|r| mean(w, r)[a]))).collect();
+        [0, 1, 2].map(|a| all.iter().map(|rows| rows[a].clone()).collect())
     };
     let inverse_scatter = |a: usize, template: &[DVector<f64>], amplitude: f64| -> Option<DMatrix<f64>> {
         let mut scatter = DMatrix::zeros(bins, bins);
@@ -364,40 +371,16 @@ pub fn measure(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], known: &
 }
 
 pub(super) fn demean(residual: &mut [Vec<f64>; 3], windows: &[[usize; 2]]) {
-    for values in residual.iter_mut() {
+    residual.par_iter_mut().for_each(|values| {
         for [from, to] in windows {
             let part = &mut values[*from..*to];
             let mean = part.iter().sum::<f64>() / part.len().max(1) as f64;
             part.iter_mut().for_each(|v| *v -= mean);
         }
-    }
+    });
 }
 
-/// A record whose rows are the samples of the windows: times and steps only.
-fn sample_record(record: &Record, samples: &Samples, windows: &[[usize; 2]]) -> Record {
-    let rows = windows
-        .iter()
-        .flat_map(|[from, to]| *from..*to)
-        .map(|k| crate::model::effects::Row {
-            run: 0,
-            used_s: [samples.t_s[k]; 2],
-            field_coil_nt: [0.0; 3],
-            previous_coil_nt: [0.0; 3],
-            linear_ent: [0.0; 3],
-        })
-        .collect();
-    Record {
-        rows,
-        sensor: None,
-        coil: None,
-        rack: None,
-        variometer: None,
-        thermistors: Vec::new(),
-        others: Vec::new(),
-        ..record.clone()
-    }
-}
-
+/// Takes a signal off the samples of the windows.
 pub(super) fn remove_raw(
     residual: &mut [Vec<f64>; 3],
     record: &Record,
@@ -405,14 +388,44 @@ pub(super) fn remove_raw(
     windows: &[[usize; 2]],
     signal: &Inside,
 ) {
-    let record = sample_record(record, samples, windows);
-    let Some(columns) = crate::model::effects::named(signal.id).and_then(|e| e.columns(&record, &signal.spec)) else { return };
-    let places = windows.iter().flat_map(|[from, to]| *from..*to);
-    for (row, k) in places.enumerate() {
-        for (column, (value, _)) in columns.iter().zip(&signal.values) {
-            for a in 0..3 {
-                residual[a][k] -= value * column.values[row][a];
-            }
+    let Some(effect) = crate::model::effects::named(signal.id) else { return };
+    // Times and steps only.
+    let bare = Record {
+        rows: Vec::new(),
+        sensor: None,
+        coil: None,
+        rack: None,
+        variometer: None,
+        thermistors: Vec::new(),
+        others: Vec::new(),
+        ..record.clone()
+    };
+    let row = |k: usize| Row {
+        run: 0,
+        used_s: [samples.t_s[k]; 2],
+        field_coil_nt: [0.0; 3],
+        previous_coil_nt: [0.0; 3],
+        linear_ent: [0.0; 3],
+    };
+    let parts: Vec<[usize; 2]> = windows
+        .iter()
+        .flat_map(|[from, to]| (*from..*to).step_by(AT_ONCE).map(|begin| [begin, (begin + AT_ONCE).min(*to)]))
+        .collect();
+    let contributions: Vec<Option<Vec<[f64; 3]>>> = parts
+        .par_iter()
+        .map(|[from, to]| {
+            let record = Record { rows: (*from..*to).map(row).collect(), ..bare.clone() };
+            let columns = effect.columns(&record, &signal.spec)?;
+            let of_row = |row: usize| {
+                let sum = |a: usize| columns.iter().zip(&signal.values).map(|(c, (value, _))| value * c.values[row][a]).sum();
+                [0, 1, 2].map(sum)
+            };
+            Some((0..to - from).map(of_row).collect())
+        })
+        .collect();
+    for ([from, _], own) in parts.iter().zip(&contributions) {
+        for (k, contribution) in own.iter().flatten().enumerate() {
+            residual.iter_mut().zip(contribution).for_each(|(values, part)| values[from + k] -= part);
         }
     }
 }

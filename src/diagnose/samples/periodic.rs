@@ -9,7 +9,8 @@ use crate::diagnose::scene::{Samples, Scene};
 use crate::fit::scan::{log_tail, orthonormal};
 use crate::model::effects::{Record, Spec};
 use nalgebra::{DMatrix, DVector};
-use spectrum::{Grid, log_p_of_switched};
+use rayon::prelude::*;
+use spectrum::{Grid, Spectrum, log_p_of_switched};
 use std::f64::consts::{PI, TAU};
 use waves::{Switched, Waves, evidence};
 
@@ -30,12 +31,14 @@ const SAME_LINE: f64 = 0.005;
 pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside]) -> Vec<Inside> {
     let mut found: Vec<Inside> = Vec::new();
     let Some(rate_hz) = rate_of(samples) else { return found };
+    let Some(grid) = Grid::new(samples, &scene.windows, rate_hz) else { return found };
+    let mut spectrum = Spectrum::new(&grid);
     let mut residual = around_means(scene, samples, known);
     for _ in 0..MOST_SIGNALS {
-        let Some(signal) = strongest(&scene.record, samples, &scene.windows, &residual, rate_hz) else { break };
-        remove(&mut residual, &scene.record, samples, &scene.windows, &signal);
+        let Some((signal, left)) = strongest(&scene.record, &grid, &mut spectrum, &residual) else { break };
+        residual = left;
         // A signal that comes again with the settings had lost a slope that was its own.
-        residual.iter_mut().for_each(|values| level(values, samples, &scene.windows));
+        residual.par_iter_mut().for_each(|values| level(values, samples, &scene.windows));
         if !known.iter().chain(&found).any(|k| belongs(&signal, k, rate_hz)) {
             found.push(signal);
         }
@@ -72,7 +75,7 @@ fn around_means(scene: &Scene, samples: &Samples, known: &[Inside]) -> [Vec<f64>
         remove_raw(&mut residual, &scene.record, samples, &scene.windows, signal);
     }
     demean(&mut residual, &scene.windows);
-    residual.iter_mut().for_each(|values| level(values, samples, &scene.windows));
+    residual.par_iter_mut().for_each(|values| level(values, samples, &scene.windows));
     residual
 }
 
@@ -111,35 +114,31 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// The strongest line of the spectra of all components together, as a tone or as a switched signal.
-fn strongest(
-    record: &Record,
-    samples: &Samples,
-    windows: &[[usize; 2]],
-    residual: &[Vec<f64>; 3],
-    rate_hz: f64,
-) -> Option<Inside> {
-    let grid = Grid::new(samples, windows, rate_hz)?;
+/// The strongest line of the spectra of all components together, as a tone or as a switched signal, and what it leaves.
+fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[Vec<f64>; 3]) -> Option<(Inside, [Vec<f64>; 3])> {
     let (step_hz, length) = (grid.step_hz(), grid.length);
-    let spectrum = grid.spectrum(residual)?;
-    let (peak, tone_p) = spectrum.tone()?;
+    let noise = spectrum.take(grid, residual)?;
+    let lines = spectrum.lines(&noise);
+    let (peak, tone_p) = lines.tone()?;
     let trials = TONES * length;
     let is_tone = tone_p + (trials as f64).ln() < SIGNIFICANT.ln();
     let comb_log_trials = (COMBS as f64 * length as f64).ln();
-    let comb = spectrum.comb().filter(|c| c.log_p + comb_log_trials < SIGNIFICANT.ln());
+    let comb = lines.comb().filter(|c| c.log_p + comb_log_trials < SIGNIFICANT.ln());
     let (line_hz, p_value) = match &comb {
         _ if is_tone => (peak as f64 * step_hz, tone_p.exp()),
         Some(c) => (c.strongest as f64 * c.base * step_hz, (c.log_p + comb_log_trials - (trials as f64).ln()).exp()),
         None => return None,
     };
     // A signal is no noise: weights and levels are those of what is left without it, and it is measured with them.
-    let with_signal = Waves { grid: &grid, spectrum: &spectrum, residual };
+    let end = spectrum.end();
+    let with_signal = Waves { grid, noise: &noise, end, residual };
     let mut quiet = residual.clone();
     let waves = with_signal.harmonics(with_signal.refine(line_hz), HARMONICS)?;
-    waves.iter().for_each(|wave| with_signal.take_off(&mut quiet, wave));
-    demean(&mut quiet, windows);
-    let spectrum = grid.spectrum(&quiet)?;
-    let waves = Waves { grid: &grid, spectrum: &spectrum, residual };
+    with_signal.take_off(&mut quiet, &waves);
+    demean(&mut quiet, grid.windows);
+    let noise = spectrum.take(grid, &quiet)?;
+    drop(quiet);
+    let waves = Waves { grid, noise: &noise, end, residual };
     let line_hz = waves.refine(line_hz);
     let sines = waves.harmonics(line_hz, 1)?;
     let wave = sines.first()?;
@@ -158,9 +157,9 @@ fn strongest(
         let sizes: Vec<(f64, f64)> = (0..3).map(|a| (wave.sin[a].hypot(wave.cos[a]), wave.std[a] * 1.41)).collect();
         axes_of(&sizes)
     };
-    let frequency_std = rate_hz / length as f64 * 0.55 / (tone / 2.0).sqrt();
+    let frequency_std = grid.rate_hz / length as f64 * 0.55 / (tone / 2.0).sqrt();
     // The phase is known best in the middle of the record; at the run's start the frequency has its part in it.
-    let phase_std = TAU * frequency_std * mean(&samples.t_s);
+    let phase_std = TAU * frequency_std * mean(&grid.samples.t_s);
     let as_tone = || Inside {
         id: "interference_tone",
         spec: Spec::new("sine", &tone_axes).with("frequency", line_hz, "Hz"),
@@ -202,7 +201,7 @@ fn strongest(
                 values: axes.iter().map(|a| values[*a]).collect(),
                 shape_std: vec![(
                     "period".to_owned(),
-                    period_s * period_s * 0.55 / (length as f64 / rate_hz) / (gain / 2.0).sqrt(),
+                    period_s * period_s * 0.55 / (length as f64 / grid.rate_hz) / (gain / 2.0).sqrt(),
                 )],
                 strength: gain.sqrt(),
                 ambiguous_with: if found.evidence - tone_evidence < APART { vec!["interference_tone"] } else { Vec::new() },
@@ -212,13 +211,11 @@ fn strongest(
         Some(other) if tone_evidence - other.evidence < APART => Inside { ambiguous_with: vec!["heater_pwm"], ..as_tone() },
         _ => as_tone(),
     };
-    let before = waves.squares(residual);
-    let mut after = residual.clone();
-    remove(&mut after, record, samples, windows, &inside);
-    let left = waves.squares(&after);
-    inside.squares = [before, left, 3.0 * grid.used as f64];
-    inside.rms_ent = [rms(residual, windows), rms(&after, windows)];
-    Some(inside)
+    let mut left = residual.clone();
+    remove(&mut left, record, grid.samples, grid.windows, &inside);
+    inside.squares = [waves.squares(residual), waves.squares(&left), 3.0 * grid.used as f64];
+    inside.rms_ent = [rms(residual, grid.windows), rms(&left, grid.windows)];
+    Some((inside, left))
 }
 
 #[cfg(test)]

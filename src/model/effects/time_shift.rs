@@ -39,7 +39,9 @@ impl Effect for TimeShift {
         let shift_s = spec.get("shift")?;
         let wrong = |used_s: [f64; 2]| -> [f64; 3] {
             let mut sum = [0.0; 3];
-            for step in &record.steps {
+            let [begin, end] = [used_s[0] - shift_s.abs(), used_s[1] + shift_s.abs()];
+            let near = record.steps.partition_point(|s| s.t_s < begin)..record.steps.partition_point(|s| s.t_s <= end);
+            for step in &record.steps[near] {
                 let [from, to] = if shift_s > 0.0 { [step.t_s, step.t_s + shift_s] } else { [step.t_s + shift_s, step.t_s] };
                 let inside = if used_s[1] > used_s[0] {
                     (used_s[1].min(to) - used_s[0].max(from)).max(0.0) / (used_s[1] - used_s[0])

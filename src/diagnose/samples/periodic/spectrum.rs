@@ -5,9 +5,11 @@ use super::HARMONICS;
 use crate::diagnose::scene::Samples;
 use crate::fit::scan::log_tail;
 use crate::model::effects::pulse_harmonic;
-use realfft::RealFftPlanner;
+use rayon::prelude::*;
 use realfft::num_complex::Complex;
+use realfft::{RealFftPlanner, RealToComplex};
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 /// Longest period, in plateaus: their means are taken off, and of a slower signal little is left.
 const SLOWEST: f64 = 2.5;
@@ -17,12 +19,29 @@ const FEWEST: usize = 200;
 const LEAST_VARIANCE: f64 = 0.2;
 /// Half of the width over which the level of the spectrum is taken, lines.
 const LEVEL: usize = 120;
+/// Lines from one level to the next.
+const STRIDE: usize = LEVEL / 2;
 /// Parts of a line in which the fundamental of a comb is looked for.
 const PARTS: usize = 8;
 /// Combs that are looked at with phases.
 const PROMISING: usize = 24;
 /// Harmonics that are added up to find them.
 const ADDED: [usize; 4] = [2, 3, 5, 8];
+/// A stretch of a plateau is at most such a part of the record.
+const STRETCHES: f64 = 500.0;
+/// Intervals between samples, in mean ones, above which samples are missing.
+const GAP: f64 = 1.5;
+
+/// Samples of a plateau at equal intervals, none missing.
+pub struct Stretch {
+    /// Plateau.
+    pub window: usize,
+    /// First sample, and one past the last.
+    pub from: usize,
+    pub to: usize,
+    /// Interval, s.
+    pub dt_s: f64,
+}
 
 /// The samples of the plateaus at equal times, with zeros between them.
 pub struct Grid<'a> {
@@ -33,21 +52,43 @@ pub struct Grid<'a> {
     pub length: usize,
     /// Samples inside the plateaus.
     pub used: usize,
+    /// The same, as stretches, plateau after plateau.
+    pub stretches: Vec<Stretch>,
     /// Samples of the transform.
     size: usize,
 }
 
-/// Spectra of the axes, with what the samples of each plateau count for.
-pub struct Spectrum {
-    /// Of each axis and plateau.
+/// Noise of readings around the means of their plateaus.
+pub struct Noise {
+    /// What the samples of each plateau count for, of each axis and plateau.
     pub weights: [Vec<f64>; 3],
-    lines: Vec<Vec<Complex<f64>>>,
-    /// Level of the noise at every line.
-    pub levels: Vec<Vec<f64>>,
+    /// Levels of the spectra of the axes at every [`STRIDE`]th line.
+    levels: [Vec<f64>; 3],
+}
+
+/// Spectra of the axes.
+pub struct Spectrum {
+    fft: Arc<dyn RealToComplex<f64>>,
+    axes: [Axis; 3],
     /// Cycles per line from the begin of the record to its middle, which phases refer to.
     middle_lines: f64,
     /// First line that is looked at.
     first: usize,
+}
+
+/// One axis of the spectra, and what its transform needs.
+struct Axis {
+    input: Vec<f64>,
+    lines: Vec<Complex<f64>>,
+    scratch: Vec<Complex<f64>>,
+}
+
+/// Powers of the lines of spectra over the noise.
+pub struct Lines<'a> {
+    spectrum: &'a Spectrum,
+    noise: &'a Noise,
+    /// Of the three axes.
+    powers: Vec<[f64; 3]>,
 }
 
 /// A comb of lines that a switched signal would make.
@@ -65,94 +106,130 @@ impl<'a> Grid<'a> {
     pub fn new(samples: &'a Samples, windows: &'a [[usize; 2]], rate_hz: f64) -> Option<Self> {
         let length = ((samples.t_s.last()? - samples.t_s.first()?) * rate_hz).round() as usize + 1;
         let used = windows.iter().map(|w| w[1].saturating_sub(w[0])).sum();
-        (used >= FEWEST).then(|| Self { samples, windows, rate_hz, length, used, size: (2 * length).next_power_of_two() })
+        let longest = ((length as f64 / STRETCHES) as usize).max(2);
+        (used >= FEWEST).then(|| Self {
+            samples,
+            windows,
+            rate_hz,
+            length,
+            used,
+            stretches: stretches(&samples.t_s, windows, longest, GAP / rate_hz),
+            size: (2 * length).next_power_of_two(),
+        })
     }
 
     /// From line to line, Hz.
     pub fn step_hz(&self) -> f64 {
         self.rate_hz / self.size as f64
     }
+}
 
-    /// The spectra of readings.
-    pub fn spectrum(&self, readings: &[Vec<f64>; 3]) -> Option<Spectrum> {
-        let t = &self.samples.t_s;
-        let fft = RealFftPlanner::<f64>::new().plan_fft_forward(self.size);
-        let weights = [0, 1, 2].map(|a: usize| weights(&readings[a], self.windows));
-        let of_axis = |(values, weights): (&Vec<f64>, &Vec<f64>)| -> Option<Vec<Complex<f64>>> {
-            let mut input = fft.make_input_vec();
-            for ([from, to], weight) in self.windows.iter().zip(weights) {
-                for k in *from..*to {
-                    let at = ((t[k] - t[0]) * self.rate_hz).round() as usize;
-                    if let Some(cell) = input.get_mut(at) {
-                        *cell = weight * values[k];
-                    }
-                }
+/// The windows in stretches of at most so many samples, without intervals longer than this.
+fn stretches(t_s: &[f64], windows: &[[usize; 2]], longest: usize, gap_s: f64) -> Vec<Stretch> {
+    let mut all = Vec::new();
+    for (window, [begin, end]) in windows.iter().enumerate() {
+        let mut from = *begin;
+        for k in *begin..*end {
+            let to = k + 1;
+            if to == *end || to - from == longest || t_s[to] - t_s[k] > gap_s {
+                all.push(Stretch { window, from, to, dt_s: (t_s[k] - t_s[from]) / (k - from).max(1) as f64 });
+                from = to;
             }
-            let mut output = fft.make_output_vec();
-            fft.process(&mut input, &mut output).ok()?;
-            Some(output)
-        };
-        let lines: Vec<Vec<Complex<f64>>> = readings.iter().zip(&weights).map(of_axis).collect::<Option<_>>()?;
-        let levels = lines.iter().map(|l| level_of(&l.iter().map(Complex::norm_sqr).collect::<Vec<f64>>())).collect();
-        let longest_s = self.windows.iter().map(|w| t[w[1].max(1) - 1] - t[w[0]]).fold(1.0 / self.rate_hz, f64::max);
-        let first = (1.0 / (SLOWEST * longest_s) / self.step_hz()).ceil() as usize;
-        let middle_lines = self.length as f64 / self.size as f64 / 2.0;
-        Some(Spectrum { weights, lines, levels, middle_lines, first: first.max(2) })
+        }
+    }
+    all
+}
+
+impl Noise {
+    /// Level at a line, between those that are known.
+    pub fn level(&self, axis: usize, line: usize) -> f64 {
+        let levels = &self.levels[axis];
+        let k = (line / STRIDE).min(levels.len() - 1);
+        let next = levels[(k + 1).min(levels.len() - 1)];
+        let part = (line % STRIDE) as f64 / STRIDE as f64;
+        levels[k] * (1.0 - part) + next * part
+    }
+
+    /// Median level of an axis.
+    pub fn usual_level(&self, axis: usize) -> f64 {
+        crate::plateau::median(&mut self.levels[axis].clone())
     }
 }
 
 impl Spectrum {
-    fn power(&self, axis: usize, line: usize) -> f64 {
-        self.lines[axis][line].norm_sqr() / self.levels[axis][line]
+    /// Spectra on a grid, of nothing yet.
+    pub fn new(grid: &Grid) -> Self {
+        let fft = RealFftPlanner::<f64>::new().plan_fft_forward(grid.size);
+        let axis = || Axis { input: fft.make_input_vec(), lines: fft.make_output_vec(), scratch: fft.make_scratch_vec() };
+        let axes = [axis(), axis(), axis()];
+        let t = &grid.samples.t_s;
+        let longest_s = grid.windows.iter().map(|w| t[w[1].max(1) - 1] - t[w[0]]).fold(1.0 / grid.rate_hz, f64::max);
+        let first = (1.0 / (SLOWEST * longest_s) / grid.step_hz()).ceil() as usize;
+        Self { fft, axes, middle_lines: grid.length as f64 / grid.size as f64 / 2.0, first: first.max(2) }
     }
 
-    fn end(&self) -> usize {
-        self.lines[0].len() - 1
+    /// Makes them those of readings, and tells the noise of these.
+    pub fn take(&mut self, grid: &Grid, readings: &[Vec<f64>; 3]) -> Option<Noise> {
+        let t = &grid.samples.t_s;
+        let weights = [0, 1, 2].map(|a: usize| weights(&readings[a], grid.windows));
+        let fft = &self.fft;
+        let of_axis = |((axis, values), weights): ((&mut Axis, &Vec<f64>), &Vec<f64>)| -> Option<Vec<f64>> {
+            axis.input.fill(0.0);
+            for ([from, to], weight) in grid.windows.iter().zip(weights) {
+                for k in *from..*to {
+                    let at = ((t[k] - t[0]) * grid.rate_hz).round() as usize;
+                    if let Some(cell) = axis.input.get_mut(at) {
+                        *cell = weight * values[k];
+                    }
+                }
+            }
+            fft.process_with_scratch(&mut axis.input, &mut axis.lines, &mut axis.scratch).ok()?;
+            Some(levels_of(&axis.lines))
+        };
+        let levels: Vec<Vec<f64>> = self.axes.par_iter_mut().zip(readings).zip(&weights).map(of_axis).collect::<Option<_>>()?;
+        Some(Noise { weights, levels: levels.try_into().ok()? })
     }
 
+    /// Number of the last line.
+    pub fn end(&self) -> usize {
+        self.axes[0].lines.len() - 1
+    }
+
+    /// The lines over the noise.
+    pub fn lines<'a>(&'a self, noise: &'a Noise) -> Lines<'a> {
+        let power = |line: usize| [0, 1, 2].map(|a: usize| self.axes[a].lines[line].norm_sqr() / noise.level(a, line));
+        Lines { spectrum: self, noise, powers: (0..=self.end()).into_par_iter().map(power).collect() }
+    }
+}
+
+impl Lines<'_> {
     /// The line that noise makes most seldom, on an axis or on all together, and the logarithm of that probability.
     pub fn tone(&self) -> Option<(usize, f64)> {
         let log_p = |line: usize| {
-            let each = [0, 1, 2].map(|a| self.power(a, line));
+            let each = self.powers[line];
             log_gamma_tail(3, each.iter().sum()).min(-each.iter().fold(0.0, |m: f64, p| m.max(*p)))
         };
-        (self.first..self.end()).map(|line| (line, log_p(line))).min_by(|a, b| a.1.total_cmp(&b.1))
+        let all = (self.spectrum.first..self.spectrum.end()).into_par_iter().map(|line| (line, log_p(line)));
+        all.min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
     }
 
     /// The comb that noise makes most seldom. Powers of harmonics are added up first; the best places are looked at with phases.
     pub fn comb(&self) -> Option<Comb> {
+        let all: Vec<(f64, usize)> = (PARTS * self.spectrum.first..PARTS * self.spectrum.end() / 2)
+            .into_par_iter()
+            .map(|place| (self.added(place), place))
+            .filter(|(log_p, _)| *log_p < 0.0)
+            .collect();
+        // The best of those that lie together.
         let mut places: Vec<(f64, usize)> = Vec::new();
-        for place in PARTS * self.first..PARTS * self.end() / 2 {
-            let mut sums = [0.0; 4];
-            let mut best = 0.0_f64;
-            for harmonic in 1..=HARMONICS {
-                let line = (harmonic * place + PARTS / 2) / PARTS;
-                if line >= self.end() {
-                    break;
-                }
-                for axis in 0..3 {
-                    let power = self.power(axis, line);
-                    sums[axis] += power;
-                    sums[3] += power;
-                }
-                if ADDED.contains(&harmonic) {
-                    for (k, sum) in sums.iter().enumerate() {
-                        let count = if k == 3 { 3 * harmonic } else { harmonic };
-                        // Far from what noise does only.
-                        if *sum > count as f64 + 3.0 * (count as f64).sqrt() {
-                            best = best.min(log_gamma_tail(count, *sum));
-                        }
-                    }
-                }
-            }
+        for (log_p, place) in all {
             match places.last_mut() {
-                _ if best == 0.0 => {}
                 Some(last) if place - last.1 < PARTS / 2 => {
-                    if best < last.0 {
-                        *last = (best, place);
+                    if log_p < last.0 {
+                        *last = (log_p, place);
                     }
                 }
-                _ => places.push((best, place)),
+                _ => places.push((log_p, place)),
             }
         }
         places.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -160,15 +237,41 @@ impl Spectrum {
         combs.min_by(|a, b| a.log_p.total_cmp(&b.log_p))
     }
 
+    /// Logarithm of the probability that noise makes as much at the harmonics of a place together; 0 where it is no more than noise makes.
+    fn added(&self, place: usize) -> f64 {
+        let mut sums = [0.0; 4];
+        let mut best = 0.0_f64;
+        for harmonic in 1..=HARMONICS {
+            let line = (harmonic * place + PARTS / 2) / PARTS;
+            if line >= self.spectrum.end() {
+                break;
+            }
+            for (axis, power) in self.powers[line].into_iter().enumerate() {
+                sums[axis] += power;
+                sums[3] += power;
+            }
+            if ADDED.contains(&harmonic) {
+                for (sum, count) in sums.into_iter().zip([harmonic, harmonic, harmonic, 3 * harmonic]) {
+                    // Far from what noise does only: more than three standard deviations.
+                    if sum > count as f64 && (sum - count as f64).powi(2) > 9.0 * count as f64 {
+                        best = best.min(log_gamma_tail(count, sum));
+                    }
+                }
+            }
+        }
+        best
+    }
+
     /// A comb with the best duty and delay.
     fn with_phases(&self, base: f64) -> Option<Comb> {
         let waves: Vec<(usize, [Complex<f64>; 3])> = (1..=HARMONICS)
             .map(|h| (h, (h as f64 * base).round() as usize))
-            .take_while(|(_, line)| *line < self.end())
+            .take_while(|(_, line)| *line < self.spectrum.end())
             .map(|(h, line)| {
                 // In units of the noise of each part, with the phase at the middle of the record.
-                let turn = Complex::from_polar(1.0, TAU * (line as f64 * self.middle_lines).fract());
-                (h, [0, 1, 2].map(|a: usize| self.lines[a][line] * turn * (2.0 / self.levels[a][line]).sqrt()))
+                let turn = Complex::from_polar(1.0, TAU * (line as f64 * self.spectrum.middle_lines).fract());
+                let own = |a: usize| self.spectrum.axes[a].lines[line] * turn * (2.0 / self.noise.level(a, line)).sqrt();
+                (h, [0, 1, 2].map(own))
             })
             .collect();
         let strength = |(_, w): &&(usize, [Complex<f64>; 3])| w.iter().map(|c| c.norm_sqr()).sum::<f64>();
@@ -220,28 +323,17 @@ fn weights(values: &[f64], windows: &[[usize; 2]]) -> Vec<f64> {
     variances.iter().map(|v| 1.0 / (v * mean)).collect()
 }
 
-/// Level of a spectrum of noise around each line, from medians: lines do not lift it.
-fn level_of(power: &[f64]) -> Vec<f64> {
-    let n = power.len();
-    let stride = LEVEL / 2;
-    let centres: Vec<usize> = (0..n).step_by(stride).collect();
-    let medians: Vec<f64> = centres
-        .iter()
-        .map(|c| {
-            let mut part = power[c.saturating_sub(LEVEL)..(c + LEVEL).min(n)].to_vec();
-            let middle = part.len() / 2;
-            // The median of exponential powers is ln 2 of their mean.
-            (*part.select_nth_unstable_by(middle, f64::total_cmp).1 / std::f64::consts::LN_2).max(f64::MIN_POSITIVE)
-        })
-        .collect();
-    (0..n)
-        .map(|i| {
-            let k = (i / stride).min(medians.len() - 1);
-            let next = medians[(k + 1).min(medians.len() - 1)];
-            let part = (i % stride) as f64 / stride as f64;
-            medians[k] * (1.0 - part) + next * part
-        })
-        .collect()
+/// Level of a spectrum of noise around every [`STRIDE`]th line, from medians: lines do not lift it.
+fn levels_of(lines: &[Complex<f64>]) -> Vec<f64> {
+    let n = lines.len();
+    let level = |centre: usize| {
+        let around = &lines[centre.saturating_sub(LEVEL)..(centre + LEVEL).min(n)];
+        let mut part: Vec<f64> = around.iter().map(Complex::norm_sqr).collect();
+        let middle = part.len() / 2;
+        // The median of exponential powers is ln 2 of their mean.
+        (*part.select_nth_unstable_by(middle, f64::total_cmp).1 / std::f64::consts::LN_2).max(f64::MIN_POSITIVE)
+    };
+    (0..n).step_by(STRIDE).map(level).collect()
 }
 
 #[cfg(test)]
