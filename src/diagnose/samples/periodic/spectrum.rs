@@ -25,6 +25,8 @@ const STRIDE: usize = LEVEL / 2;
 const PARTS: usize = 8;
 /// Combs that are looked at with phases.
 const PROMISING: usize = 24;
+/// Standard deviations above which a sum of powers is looked at: what is significant with its phases lies beyond.
+const FAR: f64 = 5.0;
 /// Harmonics that are added up to find them.
 const ADDED: [usize; 4] = [2, 3, 5, 8];
 /// A stretch of a plateau is at most such a part of the record.
@@ -87,8 +89,10 @@ struct Axis {
 pub struct Lines<'a> {
     spectrum: &'a Spectrum,
     noise: &'a Noise,
-    /// Of the three axes.
-    powers: Vec<[f64; 3]>,
+    /// Of the three axes, and their sum.
+    powers: Vec<[f64; 4]>,
+    /// Sums of powers of so many harmonics as [`ADDED`] says, beyond which it is worth to look.
+    far: [[f64; 4]; 4],
 }
 
 /// A comb of lines that a switched signal would make.
@@ -138,6 +142,11 @@ fn stretches(t_s: &[f64], windows: &[[usize; 2]], longest: usize, gap_s: f64) ->
         }
     }
     all
+}
+
+/// Axes of which a power is the sum: three for the last one.
+fn parts_of(power: usize) -> usize {
+    if power == 3 { 3 } else { 1 }
 }
 
 impl Noise {
@@ -197,8 +206,12 @@ impl Spectrum {
 
     /// The lines over the noise.
     pub fn lines<'a>(&'a self, noise: &'a Noise) -> Lines<'a> {
-        let power = |line: usize| [0, 1, 2].map(|a: usize| self.axes[a].lines[line].norm_sqr() / noise.level(a, line));
-        Lines { spectrum: self, noise, powers: (0..=self.end()).into_par_iter().map(power).collect() }
+        let power = |line: usize| {
+            let [x, y, z] = [0, 1, 2].map(|a: usize| self.axes[a].lines[line].norm_sqr() / noise.level(a, line));
+            [x, y, z, x + y + z]
+        };
+        let far = ADDED.map(|harmonics| [0, 1, 2, 3].map(|k| (parts_of(k) * harmonics) as f64).map(|n| n + FAR * n.sqrt()));
+        Lines { spectrum: self, noise, powers: (0..=self.end()).into_par_iter().map(power).collect(), far }
     }
 }
 
@@ -206,8 +219,8 @@ impl Lines<'_> {
     /// The line that noise makes most seldom, on an axis or on all together, and the logarithm of that probability.
     pub fn tone(&self) -> Option<(usize, f64)> {
         let log_p = |line: usize| {
-            let each = self.powers[line];
-            log_gamma_tail(3, each.iter().sum()).min(-each.iter().fold(0.0, |m: f64, p| m.max(*p)))
+            let [x, y, z, all] = self.powers[line];
+            log_gamma_tail(parts_of(3), all).min(-x.max(y).max(z))
         };
         let all = (self.spectrum.first..self.spectrum.end()).into_par_iter().map(|line| (line, log_p(line)));
         all.min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
@@ -241,22 +254,18 @@ impl Lines<'_> {
     fn added(&self, place: usize) -> f64 {
         let mut sums = [0.0; 4];
         let mut best = 0.0_f64;
-        for harmonic in 1..=HARMONICS {
-            let line = (harmonic * place + PARTS / 2) / PARTS;
-            if line >= self.spectrum.end() {
-                break;
-            }
-            for (axis, power) in self.powers[line].into_iter().enumerate() {
-                sums[axis] += power;
-                sums[3] += power;
-            }
-            if ADDED.contains(&harmonic) {
-                for (sum, count) in sums.into_iter().zip([harmonic, harmonic, harmonic, 3 * harmonic]) {
-                    // Far from what noise does only: more than three standard deviations.
-                    if sum > count as f64 && (sum - count as f64).powi(2) > 9.0 * count as f64 {
-                        best = best.min(log_gamma_tail(count, sum));
-                    }
+        let mut harmonic = 0;
+        for (upto, far) in ADDED.into_iter().zip(&self.far) {
+            while harmonic < upto {
+                harmonic += 1;
+                let line = (harmonic * place + PARTS / 2) / PARTS;
+                if line >= self.spectrum.end() {
+                    return best;
                 }
+                sums.iter_mut().zip(self.powers[line]).for_each(|(sum, power)| *sum += power);
+            }
+            for k in (0..4).filter(|k| sums[*k] > far[*k]) {
+                best = best.min(log_gamma_tail(parts_of(k) * upto, sums[k]));
             }
         }
         best
@@ -328,12 +337,14 @@ fn levels_of(lines: &[Complex<f64>]) -> Vec<f64> {
     let n = lines.len();
     let level = |centre: usize| {
         let around = &lines[centre.saturating_sub(LEVEL)..(centre + LEVEL).min(n)];
-        let mut part: Vec<f64> = around.iter().map(Complex::norm_sqr).collect();
+        // Numbers that are not negative have the order of their bits, which are quicker to sort.
+        let mut part: Vec<u64> = around.iter().map(|line| line.norm_sqr().to_bits()).collect();
         let middle = part.len() / 2;
+        let median = f64::from_bits(*part.select_nth_unstable(middle).1);
         // The median of exponential powers is ln 2 of their mean.
-        (*part.select_nth_unstable_by(middle, f64::total_cmp).1 / std::f64::consts::LN_2).max(f64::MIN_POSITIVE)
+        (median / std::f64::consts::LN_2).max(f64::MIN_POSITIVE)
     };
-    (0..n).step_by(STRIDE).map(level).collect()
+    (0..n.div_ceil(STRIDE)).into_par_iter().map(|k| level(k * STRIDE)).collect()
 }
 
 #[cfg(test)]
