@@ -3,7 +3,7 @@
 mod periodic;
 
 use super::scene::{Samples, Scene};
-use crate::model::effects::settling::{TAUS_S, transient};
+use crate::model::effects::settling::{TAUS_S, sampled_transient};
 use crate::model::effects::{Record, Row, Spec};
 use nalgebra::{DMatrix, DVector, Matrix2};
 pub use periodic::periodic;
@@ -99,9 +99,17 @@ fn quiet_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
     })
 }
 
-/// Mean time between samples, s.
+/// Time between samples, s.
 fn interval_s(samples: &Samples) -> Option<f64> {
-    Some((samples.t_s.last()? - samples.t_s.first()?) / (samples.t_s.len() - 1).max(1) as f64)
+    let t_s = &samples.t_s;
+    let mut gaps: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).take(1001).collect();
+    if gaps.is_empty() {
+        return None;
+    }
+    let usual = crate::plateau::median(&mut gaps);
+    // The mean over the record is exact where no samples are missing.
+    let mean = (t_s[t_s.len() - 1] - t_s[0]) / (t_s.len() - 1) as f64;
+    Some(if (mean / usual - 1.0).abs() < 0.01 { mean } else { usual }).filter(|dt| *dt > 0.0)
 }
 
 /// Displacement of every clear edge, s, looked for around a displacement that is known roughly.
@@ -236,12 +244,9 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
     });
     let mut best: Option<Transient> = None;
     let template = |tau: f64| -> [Vec<DVector<f64>>; 3] {
-        // The mean of equidistant samples of an exponential is that over their time, half an interval more at both ends, times this.
-        let x = 0.5 * dt_s / tau;
-        let sampled = x / x.sinh();
         let mean = |w: &[usize; 2], r: std::ops::Range<usize>| -> [f64; 3] {
-            let [first_s, last_s] = [samples.t_s[w[0] + r.start], samples.t_s[w[0] + r.end - 1]];
-            transient(&scene.record.steps, [first_s - 0.5 * dt_s, last_s + 0.5 * dt_s], tau).map(|v| -sampled * v)
+            let ends_s = [samples.t_s[w[0] + r.start], samples.t_s[w[0] + r.end - 1]];
+            sampled_transient(&scene.record.steps, ends_s, dt_s, tau).map(|v| -v)
         };
         let all: Vec<[DVector<f64>; 3]> = windows.par_iter().map(|w| [0, 1, 2].map(|a| row(&|r| mean(w, r)[a]))).collect();
         [0, 1, 2].map(|a| all.iter().map(|rows| rows[a].clone()).collect())

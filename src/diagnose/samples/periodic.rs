@@ -3,7 +3,7 @@
 mod spectrum;
 mod waves;
 
-use super::{Inside, SIGNIFICANT, demean, remove, remove_raw, rms};
+use super::{Inside, SIGNIFICANT, demean, interval_s, remove, remove_raw, rms};
 use crate::diagnose::APART;
 use crate::diagnose::scene::{Samples, Scene};
 use crate::fit::scan::{log_tail, orthonormal};
@@ -30,7 +30,7 @@ const SAME_LINE: f64 = 0.005;
 /// Periodic signals in what the plateau means leave.
 pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside]) -> Vec<Inside> {
     let mut found: Vec<Inside> = Vec::new();
-    let Some(rate_hz) = rate_of(samples) else { return found };
+    let Some(rate_hz) = interval_s(samples).map(f64::recip) else { return found };
     let Some(grid) = Grid::new(samples, &scene.windows, rate_hz) else { return found };
     let mut spectrum = Spectrum::new(&grid);
     let mut residual = around_means(scene, samples, known);
@@ -52,20 +52,6 @@ fn belongs(signal: &Inside, known: &Inside, rate_hz: f64) -> bool {
     let (Some(own_hz), Some(known_hz)) = (fundamental_hz(signal), fundamental_hz(known)) else { return false };
     let seen_hz = |f: f64| (f - rate_hz * (f / rate_hz).round()).abs();
     (1..=HARMONICS).any(|k| (seen_hz(k as f64 * known_hz) - seen_hz(own_hz)).abs() < SAME_LINE * known_hz)
-}
-
-fn rate_of(samples: &Samples) -> Option<f64> {
-    let mut gaps: Vec<f64> = samples.t_s.windows(2).map(|w| w[1] - w[0]).take(1001).collect();
-    if gaps.len() < 100 {
-        return None;
-    }
-    gaps.sort_by(f64::total_cmp);
-    let gap = gaps[gaps.len() / 2];
-    (gap > 0.0).then(|| {
-        // The mean over the record is exact where no samples are lost.
-        let mean = (samples.t_s[samples.t_s.len() - 1] - samples.t_s[0]) / (samples.t_s.len() - 1) as f64;
-        if (mean / gap - 1.0).abs() < 0.01 { mean.recip() } else { gap.recip() }
-    })
 }
 
 /// Readings of the used samples around the means of their plateaus, without what is known already and without slow changes.

@@ -66,3 +66,32 @@ pub fn transient(steps: &[Step], used_s: [f64; 2], tau_s: f64) -> [f64; 3] {
     }
     sum
 }
+
+/// Mean of equidistant samples from the first to the last time, no step between them, of the same transients, enT. It is the mean over the time
+/// from half an interval before them to half an interval after them, times `x / sinh x` with half an interval over the time constant as x: both
+/// are geometric sums.
+#[must_use]
+pub fn sampled_transient(steps: &[Step], ends_s: [f64; 2], dt_s: f64, tau_s: f64) -> [f64; 3] {
+    let x = 0.5 * dt_s / tau_s;
+    transient(steps, [ends_s[0] - 0.5 * dt_s, ends_s[1] + 0.5 * dt_s], tau_s).map(|v| v * x / x.sinh())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn means_of_samples_are_their_sums() {
+        let step = |t_s: f64, change_ent: [f64; 3]| Step { t_s, change_ent };
+        let steps = [step(0.0, [100.0, 0.0, -40.0]), step(3.0, [-50.0, 20.0, 0.0])];
+        for (tau_s, dt_s, count) in [(0.05, 0.25, 8), (0.8, 0.25, 1), (0.8, 1.0 / 128.0, 100), (6.4, 0.25, 12)] {
+            let times: Vec<f64> = (0..count).map(|k| 3.3 + f64::from(k) * dt_s).collect();
+            let mean = sampled_transient(&steps, [times[0], times[times.len() - 1]], dt_s, tau_s);
+            for (a, mean) in mean.into_iter().enumerate() {
+                let at = |t: f64| steps.iter().map(|s| s.change_ent[a] * (-(t - s.t_s) / tau_s).exp()).sum::<f64>();
+                let expected = times.iter().map(|t| at(*t)).sum::<f64>() / f64::from(count);
+                assert!((mean - expected).abs() < 1e-9, "{tau_s} {dt_s} {a}: {mean} is not {expected}");
+            }
+        }
+    }
+}
