@@ -13,7 +13,7 @@ use nalgebra::DMatrix;
 const LEAST_SHOWN_K: f64 = 0.2;
 
 /// Everything that is tried, and why the rest of the catalogue is not.
-pub(super) fn bank(scene: &Scene) -> (Vec<Candidate>, Vec<NotIdentifiable>) {
+pub fn bank(scene: &Scene) -> (Vec<Candidate>, Vec<NotIdentifiable>) {
     let (runs, n) = (scene.runs, scene.count());
     let at = |class: usize, run: usize, i: usize| (class * n + run) * 3 + i;
     let sensors = numbered(runs.iter().map(|r| r.sensor.as_str()));

@@ -19,34 +19,34 @@ const SAME_K: f64 = 1.0;
 
 /// Something that may be missing: its columns on all values, class after class, run after run.
 #[derive(Clone)]
-pub(super) struct Candidate {
-    pub(super) id: &'static str,
-    pub(super) key: String,
-    pub(super) spec: Spec,
-    pub(super) parameters: Vec<(String, &'static str)>,
-    pub(super) columns: DMatrix<f64>,
+pub struct Candidate {
+    pub id: &'static str,
+    pub key: String,
+    pub spec: Spec,
+    pub parameters: Vec<(String, &'static str)>,
+    pub columns: DMatrix<f64>,
     /// Orientation or run that it concerns alone.
-    pub(super) alone: Option<Vec<usize>>,
+    pub alone: Option<Vec<usize>>,
 }
 
 /// The runs with what is fitted before anything is missed.
-pub(super) struct Scene<'a> {
-    pub(super) runs: &'a [RunValues],
+pub struct Scene<'a> {
+    pub runs: &'a [RunValues],
     /// Orientation of each run, sensor by sensor.
-    pub(super) orientation: Vec<usize>,
-    pub(super) y: DVector<f64>,
-    pub(super) std: DVector<f64>,
-    pub(super) nuisance: DMatrix<f64>,
-    pub(super) anchors: [usize; 3],
+    pub orientation: Vec<usize>,
+    pub y: DVector<f64>,
+    pub std: DVector<f64>,
+    pub nuisance: DMatrix<f64>,
+    pub anchors: [usize; 3],
 }
 
-pub(super) fn extent(values: impl Iterator<Item = f64>) -> f64 {
+pub fn extent(values: impl Iterator<Item = f64>) -> f64 {
     let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     (high - low).max(0.0)
 }
 
 /// Indices of equal things, in the order of their first appearance.
-pub(super) fn numbered<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<usize> {
+pub fn numbered<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<usize> {
     let mut seen: Vec<T> = Vec::new();
     all.map(|one| {
         seen.iter().position(|s| *s == one).unwrap_or_else(|| {
@@ -57,12 +57,12 @@ pub(super) fn numbered<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<usize>
     .collect()
 }
 
-pub(super) fn count(numbers: &[usize]) -> usize {
+pub fn count(numbers: &[usize]) -> usize {
     numbers.iter().max().map_or(0, |m| m + 1)
 }
 
 impl<'a> Scene<'a> {
-    pub(super) fn new(runs: &'a [RunValues]) -> Self {
+    pub fn new(runs: &'a [RunValues]) -> Self {
         let n = runs.len();
         let at = |class: usize, run: usize, i: usize| (class * n + run) * 3 + i;
         let (mut y, mut std) = (DVector::zeros(9 * n), DVector::zeros(9 * n));
@@ -106,7 +106,7 @@ impl<'a> Scene<'a> {
         Self { runs, orientation, y, std, nuisance, anchors: [0; 3] }
     }
 
-    pub(super) fn count(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.runs.len()
     }
 
@@ -132,23 +132,23 @@ impl<'a> Scene<'a> {
         edges
     }
 
-    pub(super) fn model(&self, terms: &[&Candidate]) -> DMatrix<f64> {
+    pub fn model(&self, terms: &[&Candidate]) -> DMatrix<f64> {
         let mut columns: Vec<DVector<f64>> = self.nuisance.column_iter().map(|c| c.into_owned()).collect();
         columns.extend(terms.iter().flat_map(|t| t.columns.column_iter().map(|c| c.into_owned())));
         DMatrix::from_columns(&columns)
     }
 
-    pub(super) fn fitted(&self, terms: &[&Candidate]) -> Fitted {
+    pub fn fitted(&self, terms: &[&Candidate]) -> Fitted {
         let y = DMatrix::from_column_slice(self.y.len(), 1, self.y.as_slice());
         Fitted::new(&self.whiten(&y, 1.0).column(0).into_owned(), &self.whiten(&self.model(terms), 0.0), self.edges())
     }
 
-    pub(super) fn group(&self, fitted: &Fitted, candidate: &Candidate) -> Group {
+    pub fn group(&self, fitted: &Fitted, candidate: &Candidate) -> Group {
         fitted.group(&self.whiten(&candidate.columns, 0.0))
     }
 
     /// Squares of what a model leaves of a class in units of the uncertainties, anchors not counted, and its degrees of freedom.
-    pub(super) fn left(&self, class: usize, terms: &[&Candidate]) -> (f64, f64) {
+    pub fn left(&self, class: usize, terms: &[&Candidate]) -> (f64, f64) {
         let n = 3 * self.count();
         let part = |m: &DMatrix<f64>| DMatrix::from_fn(n, m.ncols(), |r, c| m[(class * n + r, c)] / self.std[class * n + r]);
         let y = part(&DMatrix::from_column_slice(self.y.len(), 1, self.y.as_slice())).column(0).into_owned();
@@ -157,7 +157,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Believes the uncertainties of those classes whose scatter does not contradict them.
-    pub(super) fn anchor(&mut self, bank: &[Candidate], warnings: &mut Vec<String>) {
+    pub fn anchor(&mut self, bank: &[Candidate], warnings: &mut Vec<String>) {
         let known = self.runs.iter().all(|r| r.std.is_some());
         let number = self.runs.iter().map(|r| r.freedom.max(0.0)).sum::<f64>().clamp(4.0, MOST_ANCHORS) as usize;
         let facility: Vec<&Candidate> = bank.iter().filter(|c| c.id.starts_with("facility") && c.spec.axes.len() == 3).collect();
@@ -191,7 +191,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Standard deviation of each class in units of the uncertainties.
-    pub(super) fn scales(&self, fitted: &Fitted) -> [f64; 3] {
+    pub fn scales(&self, fitted: &Fitted) -> [f64; 3] {
         let (edges, freedom) = (self.edges(), fitted.freedom());
         std::array::from_fn(|c| {
             let squares = fitted.residual.rows(edges[c], edges[c + 1] - edges[c]).norm_squared();
@@ -200,7 +200,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Deviations of every run from a model that has not seen it, in the units of the values.
-    pub(super) fn held_out(&self, terms: &[&Candidate], scales: &[f64; 3]) -> DVector<f64> {
+    pub fn held_out(&self, terms: &[&Candidate], scales: &[f64; 3]) -> DVector<f64> {
         let n = self.count();
         let p = self.nuisance.ncols();
         let weighted = |r: usize, v: f64| v / (self.std[r] * scales[r / (3 * n)]);
@@ -238,13 +238,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Weighted squares of held-out deviations over the runs that `terms` do not concern alone.
-    pub(super) fn gap(
-        &self,
-        deviations: &DVector<f64>,
-        scales: &[f64; 3],
-        terms: &[&Candidate],
-        classes: [bool; 3],
-    ) -> (Gap, f64) {
+    pub fn gap(&self, deviations: &DVector<f64>, scales: &[f64; 3], terms: &[&Candidate], classes: [bool; 3]) -> (Gap, f64) {
         let n = self.count();
         let shared: Vec<usize> =
             (0..n).filter(|r| terms.iter().all(|t| t.alone.as_ref().is_none_or(|own| !own.contains(r)))).collect();
@@ -267,7 +261,7 @@ impl<'a> Scene<'a> {
 }
 
 /// Order of the temperature polynomials of a sensor.
-pub(super) fn thermal_order(runs: &[RunValues], sensors: &[usize], sensor: usize) -> usize {
+pub fn thermal_order(runs: &[RunValues], sensors: &[usize], sensor: usize) -> usize {
     let own: Option<Vec<f64>> = (0..runs.len()).filter(|r| sensors[*r] == sensor).map(|r| runs[r].sensor_degc).collect();
     let Some(mut own) = own else { return 0 };
     if extent(own.iter().copied()) <= LEAST_SPAN_K {
@@ -290,7 +284,7 @@ pub(super) fn thermal_order(runs: &[RunValues], sensors: &[usize], sensor: usize
 }
 
 /// Temperature of the runs of a sensor from -1 to 1.
-pub(super) fn scaled<'a>(runs: &'a [RunValues], sensors: &[usize], sensor: usize) -> impl Fn(usize) -> f64 + 'a {
+pub fn scaled<'a>(runs: &'a [RunValues], sensors: &[usize], sensor: usize) -> impl Fn(usize) -> f64 + 'a {
     let own: Vec<f64> = (0..runs.len()).filter(|r| sensors[*r] == sensor).filter_map(|r| runs[r].sensor_degc).collect();
     let (low, high) = own.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
     let half = (0.5 * (high - low)).max(f64::MIN_POSITIVE);

@@ -17,17 +17,17 @@ const SWAP: f64 = 1.0;
 const SEED: u64 = 0x0ca1_ac05;
 
 /// Evidence of all candidates of one key.
-pub(super) struct Explanation {
-    pub(super) key: String,
-    pub(super) evidence: f64,
-    pub(super) best: usize,
-    pub(super) best_evidence: f64,
+pub struct Explanation {
+    pub key: String,
+    pub evidence: f64,
+    pub best: usize,
+    pub best_evidence: f64,
 }
 
-pub(super) struct Search<'a> {
-    pub(super) scene: Scene<'a>,
-    pub(super) bank: Vec<Candidate>,
-    pub(super) vetoed: Vec<usize>,
+pub struct Search<'a> {
+    pub scene: Scene<'a>,
+    pub bank: Vec<Candidate>,
+    pub vetoed: Vec<usize>,
 }
 
 impl Search<'_> {
@@ -47,7 +47,7 @@ impl Search<'_> {
         !alone(candidate) || count(&self.scene.orientation) > LEAST_AGREEING + terms.iter().filter(|t| alone(t)).count()
     }
 
-    pub(super) fn explanations(&self, fitted: &Fitted, groups: &[Group], terms: &[&Candidate]) -> Vec<Explanation> {
+    pub fn explanations(&self, fitted: &Fitted, groups: &[Group], terms: &[&Candidate]) -> Vec<Explanation> {
         let keys = numbered(self.bank.iter().map(|c| c.key.as_str()));
         let mut all: Vec<Explanation> = (0..count(&keys))
             .filter_map(|key| {
@@ -65,16 +65,16 @@ impl Search<'_> {
         all
     }
 
-    pub(super) fn groups(&self, fitted: &Fitted) -> Vec<Group> {
+    pub fn groups(&self, fitted: &Fitted) -> Vec<Group> {
         self.bank.iter().map(|c| self.scene.group(fitted, c)).collect()
     }
 
-    pub(super) fn classes(candidates: &[&Candidate], n: usize) -> [bool; 3] {
+    pub fn classes(candidates: &[&Candidate], n: usize) -> [bool; 3] {
         std::array::from_fn(|c| candidates.iter().any(|t| t.columns.rows(c * 3 * n, 3 * n).norm() > 0.0))
     }
 
     /// The terms with probability that noise alone gives as much, and how many were tried.
-    pub(super) fn run(&mut self) -> Vec<(Candidate, f64, usize)> {
+    pub fn run(&mut self) -> Vec<(Candidate, f64, usize)> {
         let mut terms: Vec<(Candidate, f64, usize)> = Vec::new();
         for _ in 0..3 * MOST_STEPS {
             if terms.len() >= MOST_STEPS {

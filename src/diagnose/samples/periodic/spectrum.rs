@@ -29,9 +29,9 @@ const PROMISING: usize = 24;
 const FAR: f64 = 5.0;
 /// Harmonics that are added up to find them.
 const ADDED: [usize; 4] = [2, 3, 5, 8];
-/// A stretch of a plateau is at most such a part of the record.
+/// A stretch of a plateau is at most the record over this.
 const STRETCHES: f64 = 500.0;
-/// Intervals between samples, in mean ones, above which samples are missing.
+/// Where two samples are further apart than this, in usual intervals, others are missing.
 const GAP: f64 = 1.5;
 
 /// Samples of a plateau at equal intervals, none missing.
