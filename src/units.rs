@@ -73,6 +73,13 @@ pub fn three_digits(value: f64) -> String {
     }
 }
 
+/// A place on an axis with six digits, four of them decimals at most.
+#[must_use]
+pub fn six_digits(value: f64) -> String {
+    let decimals = (5.0 - value.abs().log10().floor()).clamp(0.0, 4.0) as usize;
+    format!("{value:.decimals$}")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -92,6 +99,14 @@ mod tests {
         assert_eq!(with_uncertainty(12345.0, 130.0), "+12345 ± 130");
         assert_eq!(scientific_with_uncertainty(1.001_000_4, 1.7e-6), "1.0010004e0 ± 1.7e-6");
         assert_eq!(scientific_with_uncertainty(-1.801_8e-5, 1.2e-7), "-1.802e-5 ± 1.2e-7");
+    }
+
+    #[test]
+    fn six_digits_have_no_more_decimals_than_they_need() {
+        let pairs = [(765_605_566.327_9, "765605566"), (-12_345.678, "-12345.7"), (18.5, "18.5000"), (0.0, "0.0000")];
+        for (value, text) in pairs {
+            assert_eq!(six_digits(value), text);
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::search::{Candidate, Explanation, HeldOut, Search, State, Term};
 use super::{ALIKE, APART, CERTAIN, selection, words};
 use crate::fit::scan::{Fitted, Group};
 use crate::model::effects;
-use crate::units::COMPONENTS;
+use crate::units::{COMPONENTS, six_digits};
 
 /// Rivals of a step whose evidence is drawn.
 const RIVALS: usize = 7;
@@ -144,12 +144,10 @@ pub(super) fn term_step(
     let noise_nt = row_std.iter().map(|s| s[axis]).sum::<f64>() / n as f64 * nt_per_ent[axis];
     let most = (0..n).max_by(|i, j| own_part[*i].abs().total_cmp(&own_part[*j].abs())).unwrap_or(0);
     let size_nt = own_part[most].abs() * nt_per_ent[axis];
-    // Six digits, of a field or of a temperature.
-    let decimals = (5.0 - x[most].abs().log10().floor()).clamp(0.0, 4.0) as usize;
     let place = format!(
-        "{}, where the {covariate} is {:.decimals$} {unit}: up to {size_nt:.3} nT ({:.1} noise)",
+        "{}, where the {covariate} is {} {unit}: up to {size_nt:.3} nT ({:.1} noise)",
         COMPONENTS[axis],
-        x[most],
+        six_digits(x[most]),
         size_nt / noise_nt.max(f64::MIN_POSITIVE)
     );
     let shape = if candidate.id == "unknown" {

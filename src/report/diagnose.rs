@@ -3,7 +3,7 @@
 use super::{number, table};
 use crate::diagnose::result::{Diagnosis, Gap, Place, Step};
 use crate::plot::diagnose::{LEFT, WHERE, stems};
-use crate::units::COMPONENTS;
+use crate::units::{COMPONENTS, six_digits};
 use std::fmt::Write;
 
 /// Its title.
@@ -87,6 +87,12 @@ pub fn sections(diagnosis: &Diagnosis, level: usize, figure: &dyn Fn(&str) -> St
     out
 }
 
+/// A probability; numbers end somewhere below the smallest that is written.
+fn probability(p: f64) -> String {
+    const LEAST: f64 = 1e-300;
+    if p < LEAST { format!("less than {LEAST:e}") } else { format!("{p:.1e}") }
+}
+
 /// The largest disagreements in words and as a table.
 fn places(places: &[Place]) -> String {
     let told: Vec<&Place> = places.iter().filter(|p| p.multiples_of_noise.abs() >= TOLD).take(PLACES).collect();
@@ -94,10 +100,10 @@ fn places(places: &[Place]) -> String {
     let of = |p: &Place| {
         let unit = if p.unit.is_empty() { String::new() } else { format!(" {}", p.unit) };
         format!(
-            "{}, where the {} is about {:.4}{unit}: {:+.3} nT, {:.1} times its standard uncertainty",
+            "{}, where the {} is about {}{unit}: {:+.3} nT, {:.1} times its standard uncertainty",
             p.axis,
             p.covariate,
-            p.at,
+            six_digits(p.at),
             p.displacement_nt,
             p.multiples_of_noise.abs()
         )
@@ -114,7 +120,7 @@ fn places(places: &[Place]) -> String {
         vec![
             p.axis.to_owned(),
             p.covariate.clone(),
-            format!("{:.4} {}", p.at, p.unit),
+            format!("{} {}", six_digits(p.at), p.unit),
             format!("{:+.3}", p.displacement_nt),
             format!("{:+.1}", p.multiples_of_noise),
         ]
@@ -136,8 +142,12 @@ fn step_text(step: &Step) -> String {
     out.push_str(&table(&rows));
     let _ = write!(
         out,
-        "\nSignal to noise ratio {:.1}; probability that noise alone gives as much: {:.1e} for this candidate, {:.1e} for any of {} tried. Family: {}.\n\n",
-        step.strength_k, step.p_value, step.p_value_corrected, step.trials, step.family
+        "\nSignal to noise ratio {:.1}; probability that noise alone gives as much: {} for this candidate, {} for any of {} tried. Family: {}.\n\n",
+        step.strength_k,
+        probability(step.p_value),
+        probability(step.p_value_corrected),
+        step.trials,
+        step.family
     );
     let mut rows = vec![
         ["held-out stretches", "rms x, nT", "rms y, nT", "rms z, nT", "chi²/dof", "largest, nT"].map(str::to_owned).to_vec(),

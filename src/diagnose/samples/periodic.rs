@@ -35,23 +35,29 @@ pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside]) -> Vec<Insid
     let mut spectrum = Spectrum::new(&grid);
     let mut residual = around_means(scene, samples, known);
     for _ in 0..MOST_SIGNALS {
-        let Some((signal, left)) = strongest(&scene.record, &grid, &mut spectrum, &residual) else { break };
+        let Some(Found { signal, line_hz, left }) = strongest(&scene.record, &grid, &mut spectrum, &residual) else { break };
         residual = left;
         // A signal that comes again with the settings had lost a slope that was its own.
         residual.par_iter_mut().for_each(|values| level(values, samples, &scene.windows));
-        if !known.iter().chain(&found).any(|k| belongs(&signal, k, rate_hz)) {
+        if !known.iter().chain(&found).any(|k| belongs(line_hz, k, rate_hz)) {
             found.push(signal);
         }
     }
     found
 }
 
-/// Whether a signal lies on a harmonic of a known one, seen at the sampling frequency.
-fn belongs(signal: &Inside, known: &Inside, rate_hz: f64) -> bool {
-    let fundamental_hz = |i: &Inside| i.spec.get("frequency").or_else(|| i.spec.get("period").map(f64::recip));
-    let (Some(own_hz), Some(known_hz)) = (fundamental_hz(signal), fundamental_hz(known)) else { return false };
+/// A periodic signal, the line that showed it, and what it leaves.
+struct Found {
+    signal: Inside,
+    line_hz: f64,
+    left: [Vec<f64>; 3],
+}
+
+/// Whether a line lies on a harmonic of a known signal, seen at the sampling frequency.
+fn belongs(line_hz: f64, known: &Inside, rate_hz: f64) -> bool {
+    let Some(known_hz) = known.spec.get("frequency").or_else(|| known.spec.get("period").map(f64::recip)) else { return false };
     let seen_hz = |f: f64| (f - rate_hz * (f / rate_hz).round()).abs();
-    (1..=HARMONICS).any(|k| (seen_hz(k as f64 * known_hz) - seen_hz(own_hz)).abs() < SAME_LINE * known_hz)
+    (1..=HARMONICS).any(|k| (seen_hz(k as f64 * known_hz) - seen_hz(line_hz)).abs() < SAME_LINE * known_hz)
 }
 
 /// Readings of the used samples around the means of their plateaus, without what is known already and without slow changes.
@@ -100,8 +106,8 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// The strongest line of the spectra of all components together, as a tone or as a switched signal, and what it leaves.
-fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[Vec<f64>; 3]) -> Option<(Inside, [Vec<f64>; 3])> {
+/// The strongest line of the spectra of all components together, as a tone or as a switched signal.
+fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[Vec<f64>; 3]) -> Option<Found> {
     let (step_hz, length) = (grid.step_hz(), grid.length);
     let noise = spectrum.take(grid, residual)?;
     let lines = spectrum.lines(&noise);
@@ -201,7 +207,7 @@ fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[
     remove(&mut left, record, grid.samples, grid.windows, &inside);
     inside.squares = [waves.squares(residual), waves.squares(&left), 3.0 * grid.used as f64];
     inside.rms_ent = [rms(residual, grid.windows), rms(&left, grid.windows)];
-    Some((inside, left))
+    Some(Found { signal: inside, line_hz, left })
 }
 
 #[cfg(test)]
