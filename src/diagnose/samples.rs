@@ -227,14 +227,21 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
     if bins < 4 || m < 3 * bins {
         return None;
     }
-    // One row per plateau and axis: means of the bins less that of the plateau.
-    let row = |mean_of: &dyn Fn(std::ops::Range<usize>) -> f64| -> DVector<f64> {
-        let all = mean_of(0..edges[bins]);
-        DVector::from_fn(bins, |k, _| mean_of(edges[k]..edges[k + 1]) - all)
+    // One row per axis and plateau: means of the bins less that of the plateau.
+    let rows = |mean_of: &(dyn Fn([usize; 2]) -> [f64; 3] + Sync)| -> [Vec<DVector<f64>>; 3] {
+        let of_plateau = |w: &[usize; 2]| -> [DVector<f64>; 3] {
+            let all = mean_of([w[0], w[0] + edges[bins]]);
+            let each: Vec<[f64; 3]> = edges.windows(2).map(|e| mean_of([w[0] + e[0], w[0] + e[1]])).collect();
+            [0, 1, 2].map(|a: usize| DVector::from_fn(bins, |k, _| each[k][a] - all[a]))
+        };
+        let plateaus: Vec<[DVector<f64>; 3]> = windows.par_iter().map(of_plateau).collect();
+        let mut axes: [Vec<DVector<f64>>; 3] = Default::default();
+        plateaus.into_iter().for_each(|plateau| axes.iter_mut().zip(plateau).for_each(|(axis, row)| axis.push(row)));
+        axes
     };
-    let data: [Vec<DVector<f64>>; 3] = [0, 1, 2].map(|a| {
-        let mean = |r: &[[f64; 3]]| r.iter().map(|v| v[a]).sum::<f64>() / r.len() as f64;
-        windows.iter().map(|w| row(&|r| mean(&samples.reading_ent[w[0] + r.start..w[0] + r.end]))).collect()
+    let data = rows(&|[from, to]| {
+        let sum = |a: usize| samples.reading_ent[from..to].iter().map(|v| v[a]).sum::<f64>();
+        [0, 1, 2].map(|a| sum(a) / (to - from) as f64)
     });
     // Settings with more noise count for less.
     let weights: [Vec<f64>; 3] = [0, 1, 2].map(|a: usize| {
@@ -243,13 +250,11 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
         sizes.iter().map(|s| (2.0 * usual / (usual + s)).sqrt()).collect()
     });
     let mut best: Option<Transient> = None;
-    let template = |tau: f64| -> [Vec<DVector<f64>>; 3] {
-        let mean = |w: &[usize; 2], r: std::ops::Range<usize>| -> [f64; 3] {
-            let ends_s = [samples.t_s[w[0] + r.start], samples.t_s[w[0] + r.end - 1]];
+    let template = |tau: f64| {
+        rows(&|[from, to]| {
+            let ends_s = [samples.t_s[from], samples.t_s[to - 1]];
             sampled_transient(&scene.record.steps, ends_s, dt_s, tau).map(|v| -v)
-        };
-        let all: Vec<[DVector<f64>; 3]> = windows.par_iter().map(|w| [0, 1, 2].map(|a| row(&|r| mean(w, r)[a]))).collect();
-        [0, 1, 2].map(|a| all.iter().map(|rows| rows[a].clone()).collect())
+        })
     };
     let inverse_scatter = |a: usize, template: &[DVector<f64>], amplitude: f64| -> Option<DMatrix<f64>> {
         let mut scatter = DMatrix::zeros(bins, bins);

@@ -122,15 +122,14 @@ fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[
         None => return None,
     };
     // A signal is no noise: weights and levels are those of what is left without it, and it is measured with them.
-    let end = spectrum.end();
-    let with_signal = Waves { grid, noise: &noise, end, residual };
+    let with_signal = Waves { grid, noise: &noise, residual };
     let mut quiet = residual.clone();
     let waves = with_signal.harmonics(with_signal.refine(line_hz), HARMONICS)?;
     with_signal.take_off(&mut quiet, &waves);
     demean(&mut quiet, grid.windows);
     let noise = spectrum.take(grid, &quiet)?;
     drop(quiet);
-    let waves = Waves { grid, noise: &noise, end, residual };
+    let waves = Waves { grid, noise: &noise, residual };
     let line_hz = waves.refine(line_hz);
     let sines = waves.harmonics(line_hz, 1)?;
     let wave = sines.first()?;

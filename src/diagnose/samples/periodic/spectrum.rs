@@ -200,7 +200,7 @@ impl Spectrum {
     }
 
     /// Number of the last line.
-    pub fn end(&self) -> usize {
+    fn end(&self) -> usize {
         self.axes[0].lines.len() - 1
     }
 

@@ -14,8 +14,6 @@ const EXPECTED: f64 = 20.0;
 pub struct Waves<'a> {
     pub grid: &'a Grid<'a>,
     pub noise: &'a Noise,
-    /// Number of the last line of a spectrum.
-    pub end: usize,
     pub residual: &'a [Vec<f64>; 3],
 }
 
@@ -109,7 +107,7 @@ impl Waves<'_> {
                 along[a] += (all.along[a] - mean * all.residual[a]) * weight;
             }
         }
-        let line = ((hz / self.grid.step_hz()).round() as usize).min(self.end);
+        let line = (hz / self.grid.step_hz()).round() as usize;
         let mut wave = Wave { hz, sin: [0.0; 3], cos: [0.0; 3], std: [0.0; 3] };
         for a in 0..3 {
             // Squares and products of sine and cosine.
@@ -157,7 +155,7 @@ impl Waves<'_> {
 
     /// Bands of a fundamental and its harmonics, as far as they lie in the spectrum.
     fn bands(&self, hz: f64, count: usize) -> Vec<Band> {
-        let highest = self.grid.step_hz() * self.end as f64;
+        let highest = 0.5 * self.grid.rate_hz;
         (1..=count).map(|h| h as f64 * hz).take_while(|f| *f < 0.98 * highest).map(|f| self.band(f)).collect()
     }
 
@@ -302,7 +300,7 @@ mod tests {
             let grid = Grid::new(&samples, &windows, RATE_HZ).expect("a grid");
             let mut spectrum = Spectrum::new(&grid);
             let noise = spectrum.take(&grid, &residual).expect("a spectrum");
-            let waves = Waves { grid: &grid, noise: &noise, end: spectrum.end(), residual: &residual };
+            let waves = Waves { grid: &grid, noise: &noise, residual: &residual };
             for off in [0.0, 4.0] {
                 let wave = waves.wave(&waves.band(hz - off * grid.step_hz()), hz).expect("a wave");
                 for (a, size) in [(0, 1.0), (1, -2.0), (2, 0.0)] {
