@@ -2,14 +2,14 @@
 //!
 //! All inputs are made here, the same ones every time.
 
-use calfit::analysis::lin::{Lin, Options, lin};
-use calfit::campaign::Campaign;
-use calfit::envelope::Envelope;
-use calfit::formats::ccr::{self, Decimals, Section, Writer};
-use calfit::plateau::{Accumulator, Plateaus};
+use calfit::data::envelope::Envelope;
+use calfit::data::plateau::{Accumulator, Plateaus};
+use calfit::data::run::{Header, Kind, ReadingUnit, Run, Setting, SlowTable, Vector, VectorSink};
+use calfit::data::units::{FieldCoil, Reading};
+use calfit::files::campaign::Campaign;
+use calfit::files::ccr::{self, Decimals, Section, Writer};
+use calfit::measure::lin::{Lin, Options, lin};
 use calfit::plot;
-use calfit::run::{Header, Kind, ReadingUnit, Run, Setting, SlowTable, Vector, VectorSink};
-use calfit::units::{FieldCoil, Reading};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use rayon::prelude::*;
 use std::hint::black_box;

@@ -5,7 +5,7 @@
 #[path = "studies/closed_loop.rs"]
 mod closed_loop;
 
-use calfit::formats::twin;
+use calfit::files::twin;
 use closed_loop::Row;
 use std::fmt::Write;
 use std::path::Path;

@@ -4,8 +4,8 @@
 //!
 //! The whole file is read, hashed, validated and reduced; the best time of all repetitions is printed.
 
-use calfit::formats::ccr;
-use calfit::plateau::{Accumulator, Settling};
+use calfit::data::plateau::{Accumulator, Settling};
+use calfit::files::ccr;
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;

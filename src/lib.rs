@@ -2,11 +2,11 @@
 //!
 //! # The path of the data
 //!
-//! Files become runs ([`formats`], [`run`]): a header, a table of settings, slow channels, and a stream of vectors. While a file is
-//! read its vectors are reduced to plateau statistics ([`plateau`]), so that no run has to fit into memory. An analysis
-//! ([`analysis`]) builds a design matrix from settings and plateaus, has it solved by an estimator that knows no magnetometer
+//! Files become runs ([`files`], [`data::run`]): a header, a table of settings, slow channels, and a stream of vectors. While a file is
+//! read its vectors are reduced to plateau statistics ([`data::plateau`]), so that no run has to fit into memory. An analysis
+//! ([`measure`]) builds a design matrix from settings and plateaus, has it solved by an estimator that knows no magnetometer
 //! ([`fit`]), and gives the coefficients their meaning with the forward model ([`model`]). Its result is a plain struct with
-//! uncertainties beside values; parameter files ([`formats::parameter`]), figures ([`plot`]) and tables ([`report`]) all read
+//! uncertainties beside values; parameter files ([`files::parameter`]), figures ([`plot`]) and tables ([`show`]) all read
 //! that struct. [`simulate`] goes the other way: from a twin, whose sensor and coil system are those of [`model`], to run files whose
 //! truth is known. [`workflow`] takes a run file all the way along this path; the commands ([`cli`]) say which, and what to tell.
 //!
@@ -14,22 +14,17 @@
 //!
 //! `B_c` is the reference field in **coil coordinates**, nT. `B_r` is the raw **reading** along the sensor axes in engineering
 //! nanotesla, enT. `B_r = Φ⁻¹ B_c + B_or`, with `Φ = R_nom ρ ω σ` and `B_or = B_off + B_res`. The table of all units stands in
-//! [`units`].
+//! [`data::units`].
 
-pub mod analysis;
-pub mod campaign;
 pub mod cli;
+pub mod data;
 pub mod diagnose;
-pub mod envelope;
-pub mod error;
+pub mod files;
 pub mod fit;
-pub mod formats;
+pub mod measure;
 pub mod model;
-pub mod plateau;
 pub mod plot;
-pub mod provenance;
-pub mod report;
-pub mod run;
+pub mod record;
+pub mod show;
 pub mod simulate;
-pub mod units;
 pub mod workflow;

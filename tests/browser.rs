@@ -2,7 +2,7 @@
 
 use crate::common::browser;
 
-use calfit::report::html;
+use calfit::show::html;
 use std::fs;
 
 /// A picture with a slope in it.

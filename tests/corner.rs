@@ -1,6 +1,6 @@
 //! The -3 dB corner from tables of amplitudes.
 
-use calfit::analysis::corner::{Amplitude, Corner, Options, Refusal, corner, igep_corner_hz};
+use calfit::measure::corner::{Amplitude, Corner, Options, Refusal, corner, igep_corner_hz};
 use calfit::model::response::{RESPONSES, Response};
 use std::path::{Path, PathBuf};
 use toml_edit::DocumentMut;

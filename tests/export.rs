@@ -2,8 +2,8 @@
 
 use crate::common;
 
-use calfit::formats::export::rpcmag::{RpcMag, parse, read};
-use calfit::provenance::Provenance;
+use calfit::data::provenance::Provenance;
+use calfit::files::export::rpcmag::{RpcMag, parse, read};
 use common::check::{Case, calfit, number, parameters, says, text, three};
 use proptest::prelude::*;
 use std::collections::BTreeMap;

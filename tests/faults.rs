@@ -3,9 +3,9 @@
 
 use crate::common;
 
-use calfit::formats::ccr;
-use calfit::plateau::Accumulator;
-use calfit::run::{Vector, VectorSink};
+use calfit::data::plateau::Accumulator;
+use calfit::data::run::{Vector, VectorSink};
+use calfit::files::ccr;
 use common::check::{Case, Keep, calfit, cpf, fit, numbers, read, refused, refused_file, says, sigma, text, three, tree};
 use common::{Plan, RUN_FILE, RUN_ID, Truth, good, line_of, small, with_cell, with_line};
 use flate2::{Compression, write::GzEncoder};

@@ -3,10 +3,10 @@
 
 use crate::common;
 
-use calfit::analysis::lin;
-use calfit::error::Severity;
-use calfit::formats::ccr;
-use calfit::plateau::Settling;
+use calfit::data::error::Severity;
+use calfit::data::plateau::Settling;
+use calfit::files::ccr;
+use calfit::measure::lin;
 use common::check::{Case, cpf, error_of, fit, fit_with, fitted_sigma, number, read, refused, says, sigma, three};
 use common::check::{close, numbers};
 use common::{Plan, Run, Truth, good, line, line_of, programme, small, with_cell, with_line};

@@ -3,9 +3,9 @@
 
 use crate::common;
 
-use calfit::analysis::lin;
-use calfit::error::Severity;
-use calfit::formats::ccr;
+use calfit::data::error::Severity;
+use calfit::files::ccr;
+use calfit::measure::lin;
 use common::check::{Case, Keep, bits, error_of, fit, fit_with, numbers, read, refused, says};
 use common::{good, line, line_of, small, with_cell, with_line, with_rows};
 use proptest::prelude::*;

@@ -1,8 +1,8 @@
 //! Shipped programmes hold what their names say, and run files survive writing and reading.
 
-use calfit::formats::{ccr, mag};
-use calfit::run::{GivenBlock, Header, Kind, ReadingUnit, Setting, SlowTable, Vector, VectorSink};
-use calfit::units::{FieldCoil, Reading};
+use calfit::data::run::{GivenBlock, Header, Kind, ReadingUnit, Setting, SlowTable, Vector, VectorSink};
+use calfit::data::units::{FieldCoil, Reading};
+use calfit::files::{ccr, mag};
 use std::path::{Path, PathBuf};
 
 fn programme(name: &str) -> mag::Programme {

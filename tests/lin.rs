@@ -1,13 +1,13 @@
 //! The linear calibration gives the published, the true and the hand-made parameters back.
 
-use calfit::analysis::lin::{Lin, Options, lin};
-use calfit::campaign::Campaign;
-use calfit::formats::{ccr, parameter};
+use calfit::data::plateau::{self, Accumulator, Plateau, Plateaus, Settling};
+use calfit::data::run::{Kind, Run, Setting};
+use calfit::data::units::{FieldCoil, Reading};
+use calfit::files::campaign::Campaign;
+use calfit::files::{ccr, parameter};
+use calfit::measure::lin::{Lin, Options, lin};
 use calfit::model::position::Position;
 use calfit::model::sensor::split;
-use calfit::plateau::{self, Accumulator, Plateau, Plateaus, Settling};
-use calfit::run::{Kind, Run, Setting};
-use calfit::units::{FieldCoil, Reading};
 use nalgebra::{Matrix3, Vector3};
 use std::path::{Path, PathBuf};
 use toml_edit::DocumentMut;
@@ -334,7 +334,7 @@ fn nominal_95_percent_intervals_hold_the_truth_in_95_percent_of_made_runs() {
 #[test]
 fn a_parameter_file_reads_back_to_the_last_bit_and_notices_changes() {
     let (run, result) = fit(&repository("runs/sample/26-01-15/09-00-00.CCR"), &Options::default());
-    let provenance = calfit::provenance::Provenance::new("calfit lin".to_owned(), vec![(&run.input).into()]);
+    let provenance = calfit::data::provenance::Provenance::new("calfit lin".to_owned(), vec![(&run.input).into()]);
     let text = parameter::to_text(&result.parameters, &provenance).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.CPF");

@@ -3,13 +3,13 @@
 
 use crate::common;
 
-use calfit::analysis::lin::{Lin, Options, lin};
-use calfit::analysis::linearise::{Estimate, LineariseError, Linearised, linearise};
-use calfit::campaign::Campaign;
-use calfit::formats::ccr;
-use calfit::plateau::{self, Plateau, Plateaus};
-use calfit::run::{Run, Setting};
-use calfit::units::{FieldCoil, Reading};
+use calfit::data::plateau::{self, Plateau, Plateaus};
+use calfit::data::run::{Run, Setting};
+use calfit::data::units::{FieldCoil, Reading};
+use calfit::files::campaign::Campaign;
+use calfit::files::ccr;
+use calfit::measure::lin::{Lin, Options, lin};
+use calfit::measure::linearise::{Estimate, LineariseError, Linearised, linearise};
 use common::Gauss;
 use common::check::{Case, calfit, cpf, number, parameters, says, text, three, tree};
 use std::fmt::Write;

@@ -3,14 +3,14 @@
 
 use crate::common;
 
-use calfit::analysis::lin::{Lin, Options, lin};
-use calfit::analysis::sweep;
-use calfit::campaign::Campaign;
-use calfit::diagnose::known::Known;
-use calfit::formats::ccr;
-use calfit::formats::parameter::{self, Model, ModelEffect, ModelParameter};
-use calfit::plateau::Accumulator;
-use calfit::provenance::Provenance;
+use calfit::data::plateau::Accumulator;
+use calfit::data::provenance::Provenance;
+use calfit::files::campaign::Campaign;
+use calfit::files::ccr;
+use calfit::files::parameter::{self, Model, ModelEffect, ModelParameter};
+use calfit::measure::lin::{Lin, Options, lin};
+use calfit::measure::sweep;
+use calfit::record::known::Known;
 use calfit::workflow::{known, read_model};
 use common::check::{Case, calfit, text};
 use common::{Plan, Truth, programme};

@@ -2,10 +2,10 @@
 
 use crate::common::{self, browser};
 
-use calfit::formats::{mag, twin};
-use calfit::run::Kind;
+use calfit::data::run::Kind;
+use calfit::data::units::FieldCoil;
+use calfit::files::{mag, twin};
 use calfit::simulate::write_campaign;
-use calfit::units::FieldCoil;
 use common::campaign::{self, TEMPERATURES_DEGC, id};
 use common::check::{Case, calfit, number, parameters, says, text, tree};
 use std::fs;

@@ -5,9 +5,9 @@ use crate::study::blind;
 use blind::kinds::generate;
 use blind::noise::Family;
 use blind::sensor::Kind;
-use calfit::analysis::lin::{Options, lin};
-use calfit::plateau::{self, Accumulator};
-use calfit::run::VectorSink;
+use calfit::data::plateau::{self, Accumulator};
+use calfit::data::run::VectorSink;
+use calfit::measure::lin::{Options, lin};
 use rayon::prelude::*;
 
 #[test]

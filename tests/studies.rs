@@ -4,7 +4,7 @@
 use crate::study::closed_loop;
 use crate::study::coverage;
 
-use calfit::formats::twin;
+use calfit::files::twin;
 use coverage::{NOISES, Tally, study};
 use std::collections::BTreeMap;
 use std::path::Path;

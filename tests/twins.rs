@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use calfit::formats::twin::{self, Twin};
+use calfit::files::twin::{self, Twin};
 use calfit::simulate::write_campaign;
 use common::check::{Case, calfit, cpf, number, parameters, says, sigma, text, three};
 use nalgebra::Matrix3;

@@ -1,9 +1,9 @@
 //! A simulated campaign through the whole chain, files included: are the polynomials that went in those that come out?
 
-use calfit::analysis::thermal::{Kind, Thermal, groups, thermal};
-use calfit::campaign::Campaign;
-use calfit::error::Finding;
-use calfit::formats::twin::Twin;
+use calfit::data::error::Finding;
+use calfit::files::campaign::Campaign;
+use calfit::files::twin::Twin;
+use calfit::measure::thermal::{Kind, Thermal, groups, thermal};
 use calfit::simulate::write_campaign;
 use calfit::workflow::{Analyses, Desk, Measured, jobs};
 use rayon::prelude::*;

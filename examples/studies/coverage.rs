@@ -4,21 +4,21 @@
 //! a file between. The bounds are those of Cramér and Rao for the simulated noise, from the closed form of its covariance: for the
 //! means of quarters of the plateaus (linearity, offset), for the density at the frequency of the sine or its alias (frequency).
 
-use calfit::analysis::freq::{self, Sines};
-use calfit::analysis::thermal::{Kind, groups, thermal};
-use calfit::analysis::{lin, offset};
-use calfit::campaign::Campaign;
+use calfit::data::plateau::{Accumulator, LEAST_COVERAGE, Settling};
+use calfit::data::run::Setting;
+use calfit::data::units::FieldCoil;
+use calfit::files::campaign::Campaign;
+use calfit::files::mag::{Programme, Step};
+use calfit::files::parameter::Point;
+use calfit::files::twin::{self, RunTwin, Twin};
 use calfit::fit::NORMAL_95;
-use calfit::formats::mag::{Programme, Step};
-use calfit::formats::parameter::Point;
-use calfit::formats::twin::{self, RunTwin, Twin};
+use calfit::measure::freq::{self, Sines};
+use calfit::measure::thermal::{Kind, groups, thermal};
+use calfit::measure::{lin, offset};
 use calfit::model::sensor::split;
-use calfit::plateau::{Accumulator, LEAST_COVERAGE, Settling};
-use calfit::run::Setting;
 use calfit::simulate::Simulation;
 use calfit::simulate::noise::{Random, relaxations};
 use calfit::simulate::run::SimulatedRun;
-use calfit::units::FieldCoil;
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -286,7 +286,7 @@ fn estimates(names: &[&str], values: &[f64], std: &[f64], truth: &[f64], bounds:
     (0..names.len()).map(one).collect()
 }
 
-fn plateaus(run: &SimulatedRun) -> (calfit::run::Run, calfit::plateau::Plateaus) {
+fn plateaus(run: &SimulatedRun) -> (calfit::data::run::Run, calfit::data::plateau::Plateaus) {
     let mut accumulator = Accumulator::default();
     let run = run.play(&mut accumulator);
     (run, accumulator.finish(Settling::Found, LEAST_COVERAGE))

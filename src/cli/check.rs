@@ -3,11 +3,11 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
-use crate::campaign::{Campaign, positions};
-use crate::error::{Finding, Severity};
-use crate::formats::export::rpcmag;
-use crate::formats::parameter::{CoilResidual, CoilScalar, CoilTilt, Cpf, Fpf, Npf, Opf, Taf, Tcf, ThermistorFile, Tof, Tpf};
-use crate::formats::{amplitudes, campaign, ccr, linearisation, mag, parameter, twin};
+use crate::data::error::{Finding, Severity};
+use crate::files::campaign::{Campaign, positions};
+use crate::files::export::rpcmag;
+use crate::files::parameter::{CoilResidual, CoilScalar, CoilTilt, Cpf, Fpf, Npf, Opf, Taf, Tcf, ThermistorFile, Tof, Tpf};
+use crate::files::{amplitudes, campaign, ccr, linearisation, mag, parameter, twin};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -112,7 +112,7 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     } else if name.ends_with(".TOML") && is_twin(path) {
         twin::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
-        campaign::read(path, &mut findings).and_then(|(file, _)| positions(path, &file)).err()
+        campaign::file::read(path, &mut findings).and_then(|(file, _)| positions(path, &file)).err()
     } else if name.ends_with(".CSV") {
         amplitudes::read(path, &mut findings).err()
     } else if let Some(format) =

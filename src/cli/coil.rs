@@ -2,11 +2,11 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status, jobs_of, open, report_failures, status};
-use crate::analysis::coil::{scalar, tilt};
-use crate::analysis::lin;
-use crate::error::Finding;
-use crate::formats::output::Folder;
-use crate::run::Kind;
+use crate::data::error::Finding;
+use crate::data::run::Kind;
+use crate::files::output::Folder;
+use crate::measure::coil::{scalar, tilt};
+use crate::measure::lin;
 use crate::workflow::{
     CoilMade, CoilResult, Desk, Failure, TiltInput, coil_runs, facility, publish_coil, residual_of, residual_of_table, scalar_of,
 };

@@ -2,11 +2,11 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};
-use crate::analysis::lin;
+use crate::data::error::Finding;
+use crate::data::run::Kind;
 use crate::diagnose::{self, Options};
-use crate::error::Finding;
-use crate::formats::output::Folder;
-use crate::run::Kind;
+use crate::files::output::Folder;
+use crate::measure::lin;
 use crate::workflow::{
     Across, Diagnosed, Failure, diagnose_run, diagnose_table, facility, jobs, publish_diagnosis, publish_model, read_model,
 };
@@ -180,7 +180,7 @@ fn told(
             let id = if made.diagnosis.runs.len() > 1 { "" } else { made.diagnosis.runs.first().map_or("", String::as_str) };
             terminal.tell(&format!(
                 "{}  -> {}\n",
-                crate::report::diagnose::summary(&made.diagnosis),
+                crate::show::diagnose::summary(&made.diagnosis),
                 common.out.join(id).display()
             ));
         }

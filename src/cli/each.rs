@@ -2,11 +2,11 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status, jobs_of, open, report_failures, status};
-use crate::analysis::linearise::Linearised;
-use crate::error::Finding;
-use crate::formats::output::Folder;
-use crate::formats::parameter::Body;
-use crate::report;
+use crate::data::error::Finding;
+use crate::files::output::Folder;
+use crate::files::parameter::Body;
+use crate::measure::linearise::Linearised;
+use crate::show;
 use crate::workflow::{Failure, Made, PerRun, RunReport, RunResult, make, publish, table_names};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -75,7 +75,7 @@ pub(super) fn finish<A: PerRun>(
     } else {
         for result in linearisation {
             let file = common.out.join(result.parameters.file_name());
-            terminal.tell(&format!("{}  -> {}\n", report::linearise::summary(result), file.display()));
+            terminal.tell(&format!("{}  -> {}\n", show::linearise::summary(result), file.display()));
         }
         for result in &done {
             terminal.tell(&format!("{}  -> {}\n", result.summary(), common.out.join(&result.head().id).display()));

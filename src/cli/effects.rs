@@ -2,11 +2,11 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
+use crate::data::error::Finding;
+use crate::data::units::three_digits;
 use crate::diagnose::signature::{Explained, explain};
-use crate::error::Finding;
-use crate::formats::output::Folder;
+use crate::files::output::Folder;
 use crate::model::effects::{self, About, CATALOGUE, Effect};
-use crate::units::three_digits;
 use crate::workflow::draw;
 use clap::Args;
 use serde::Serialize;

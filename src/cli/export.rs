@@ -2,11 +2,11 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
-use crate::error::Finding;
-use crate::formats::campaign;
-use crate::formats::export::{Exported, FORMATS, Options, Source, Write};
-use crate::formats::output::Folder;
-use crate::provenance::Provenance;
+use crate::data::error::Finding;
+use crate::data::provenance::Provenance;
+use crate::files::campaign::file;
+use crate::files::export::{Exported, FORMATS, Options, Source, Write};
+use crate::files::output::Folder;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::collections::HashSet;
@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let report = match &arguments.campaign {
         Some(path) => {
             let mut findings = Vec::new();
-            let read = campaign::read(path, &mut findings);
+            let read = file::read(path, &mut findings);
             findings.iter().for_each(|f| terminal.finding(f));
             let (file, digested) = read?;
             input.push(digested.input("campaign.toml".to_owned()));

@@ -3,11 +3,11 @@
 use super::options::settling;
 use super::output::Terminal;
 use super::{Common, Status, each};
-use crate::analysis::freq::Options;
-use crate::error::Finding;
-use crate::formats::output::Folder;
-use crate::formats::parameter::Body;
-use crate::plateau::Settling;
+use crate::data::error::Finding;
+use crate::data::plateau::Settling;
+use crate::files::output::Folder;
+use crate::files::parameter::Body;
+use crate::measure::freq::Options;
 use crate::workflow::{Failure, RunReport, RunResult, known, of_table, publish};
 use clap::Args;
 use std::path::PathBuf;

@@ -2,9 +2,9 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};
-use crate::error::Finding;
-use crate::formats::ccr;
-use crate::report::runs::{RunLine, markdown};
+use crate::data::error::Finding;
+use crate::files::ccr;
+use crate::show::runs::{RunLine, markdown};
 use crate::workflow::{Failure, jobs};
 use clap::Args;
 use rayon::prelude::*;

@@ -4,10 +4,10 @@ use super::each::Attempt;
 use super::options::Cut;
 use super::output::Terminal;
 use super::{Allow, Common, Status, each, jobs_of, open};
-use crate::analysis::lin::Options;
-use crate::error::Finding;
-use crate::formats::output::Folder;
-use crate::formats::parameter::Body;
+use crate::data::error::Finding;
+use crate::files::output::Folder;
+use crate::files::parameter::Body;
+use crate::measure::lin::Options;
 use crate::workflow::{
     Failure, First, PerRun, by_sensor_and_mode, facility, known, linearisation, linearise_group, make, publish, table_names,
 };

@@ -20,9 +20,9 @@ mod thermal;
 mod thermistor;
 mod verify;
 
-use crate::campaign::Campaign;
-use crate::error::Finding;
-use crate::run::Kind;
+use crate::data::error::Finding;
+use crate::data::run::Kind;
+use crate::files::campaign::Campaign;
 use crate::workflow::{Desk, Failure, Job, jobs};
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};

@@ -3,8 +3,8 @@
 use super::options::sensitivities;
 use super::output::Terminal;
 use super::{Common, Status, each};
-use crate::analysis::null::Options;
-use crate::error::Finding;
+use crate::data::error::Finding;
+use crate::measure::null::Options;
 use clap::Args;
 use std::path::PathBuf;
 

@@ -3,8 +3,8 @@
 use super::options::{Cut, sensitivities};
 use super::output::Terminal;
 use super::{Allow, Common, Status, each};
-use crate::analysis::offset::Options;
-use crate::error::Finding;
+use crate::data::error::Finding;
+use crate::measure::offset::Options;
 use crate::workflow::facility;
 use clap::Args;
 use std::path::PathBuf;

@@ -1,9 +1,9 @@
 //! Options that several commands share, and their values.
 
-use crate::error::Finding;
-use crate::formats::parameter::{self, Cpf};
-use crate::plateau::{LEAST_COVERAGE, Settling};
-use crate::provenance::Input;
+use crate::data::error::Finding;
+use crate::data::plateau::{LEAST_COVERAGE, Settling};
+use crate::data::provenance::Input;
+use crate::files::parameter::{self, Cpf};
 use clap::Args;
 use std::path::PathBuf;
 

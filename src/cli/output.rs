@@ -1,7 +1,7 @@
 //! What is printed: results on standard output, messages and progress on standard error.
 
 use super::Status;
-use crate::error::{Finding, Severity};
+use crate::data::error::{Finding, Severity};
 use clap::ColorChoice;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::cell::Cell;

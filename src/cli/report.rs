@@ -3,19 +3,19 @@
 use super::output::{Terminal, json};
 use super::thermal::{gather, inputs_of, order, sort_results, warn_of_model};
 use super::{Common, Status, open, report_failures, status};
-use crate::analysis::coil::{residual::is_check, scalar};
-use crate::analysis::thermistor;
-use crate::campaign::Campaign;
-use crate::diagnose::known::Known;
-use crate::error::Finding;
-use crate::formats::facility::Facility;
-use crate::formats::output::Folder;
-use crate::formats::source::hex;
+use crate::data::error::Finding;
+use crate::data::provenance::{Input, Provenance};
+use crate::data::run::{Kind, Run};
+use crate::files::campaign::Campaign;
+use crate::files::facility::Facility;
+use crate::files::output::Folder;
+use crate::files::source::hex;
+use crate::measure::coil::{residual::is_check, scalar};
+use crate::measure::thermistor;
 use crate::plot::{self, Named};
-use crate::provenance::{Input, Provenance};
-use crate::report::protocol::{self, OtherPart, Protocol, RunPart, ThermalPart};
-use crate::report::{self, Drawn, html};
-use crate::run::{Kind, Run};
+use crate::record::known::Known;
+use crate::show::protocol::{self, OtherPart, Protocol, RunPart, ThermalPart};
+use crate::show::{self, Drawn, html};
 use crate::workflow::{
     Analyses, CoilMade, CoilResult, CoilRun, Desk, Failure, LinName, Measured, ThermalOptions, draw, facility, jobs, known,
     publish_coil, publish_tables, publish_thermal_names, publish_thermistor, residual_of, scalar_of, scale_to_nt, thermals,
@@ -174,7 +174,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         })?);
     } else {
         for one in &groups {
-            terminal.tell(&report::thermal::summary(&one.thermal));
+            terminal.tell(&show::thermal::summary(&one.thermal));
         }
         terminal.tell(&format!(
             "{} runs, {} thermal analyses\n  -> {}\n",
@@ -227,7 +227,7 @@ fn thermistors(campaign: &Campaign, desk: &Desk, terminal: &Terminal, failures: 
         let published = made.and_then(|made| publish_thermistor(&made, desk).map(|published| (made, published)));
         if let Some((made, (name, figures))) = keep(published, failures) {
             made.result.parameters.warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
-            let (title, sections) = (report::thermistor::title(&made.result), report::thermistor::sections(&made.result, 4));
+            let (title, sections) = (show::thermistor::title(&made.result), show::thermistor::sections(&made.result, 4));
             all.files.push(name);
             all.parts.push(OtherPart { title, sections, figures });
             all.input.extend(made.provenance.input);

@@ -2,7 +2,7 @@
 
 use super::output::Terminal;
 use super::{Cli, Status};
-use crate::error::Finding;
+use crate::data::error::Finding;
 use clap::{Args, CommandFactory};
 use std::path::PathBuf;
 

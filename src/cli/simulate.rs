@@ -2,8 +2,8 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
-use crate::error::Finding;
-use crate::formats::twin;
+use crate::data::error::Finding;
+use crate::files::twin;
 use crate::simulate::like::write_like_with;
 use crate::simulate::write_campaign_with;
 use crate::workflow::known;

@@ -2,16 +2,16 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};
-use crate::analysis::sweep::{self, Window};
-use crate::analysis::thermal::File;
-use crate::campaign::Campaign;
-use crate::diagnose::known::Known;
-use crate::error::Finding;
-use crate::formats::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
-use crate::formats::output::Folder;
-use crate::formats::parameter::{Body, Point, Tcf, Tpf, Values, read, read_point};
-use crate::provenance::Input;
-use crate::report;
+use crate::data::error::Finding;
+use crate::data::provenance::Input;
+use crate::files::campaign::Campaign;
+use crate::files::campaign::file::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
+use crate::files::output::Folder;
+use crate::files::parameter::{Body, Point, Tcf, Tpf, Values, read, read_point};
+use crate::measure::sweep::{self, Window};
+use crate::measure::thermal::File;
+use crate::record::known::Known;
+use crate::show;
 use crate::workflow::{
     Analyses, Failure, LinName, Measured, PairFiles, ThermalOptions, ThermalShown, facility, jobs, known, thermals,
 };
@@ -83,8 +83,8 @@ fn rate(text: &str) -> Result<f64, String> {
 
 #[derive(Serialize)]
 struct Listing<'a> {
-    groups: Vec<&'a crate::analysis::thermal::Thermal>,
-    sweeps: Vec<&'a crate::analysis::sweep::Sweep>,
+    groups: Vec<&'a crate::measure::thermal::Thermal>,
+    sweeps: Vec<&'a crate::measure::sweep::Sweep>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     centre: Vec<&'a Tcf>,
     failed: Vec<&'a Finding>,
@@ -188,15 +188,15 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     } else {
         for one in &done {
             let file = common.out.join(one.thermal.file.file_name());
-            terminal.tell(&format!("{}  -> {}\n", report::thermal::summary(&one.thermal), file.display()));
+            terminal.tell(&format!("{}  -> {}\n", show::thermal::summary(&one.thermal), file.display()));
         }
         for sweep in &sweeps {
             let folder = common.out.join(&sweep.run.id);
-            terminal.tell(&format!("{}  -> {}\n", report::sweep::summary(sweep), folder.display()));
+            terminal.tell(&format!("{}  -> {}\n", show::sweep::summary(sweep), folder.display()));
         }
         for tcf in &centres {
             let file = common.out.join(tcf.file_name());
-            terminal.tell(&format!("{}  -> {}\n", report::centre::summary(tcf), file.display()));
+            terminal.tell(&format!("{}  -> {}\n", show::centre::summary(tcf), file.display()));
         }
     }
     if points.is_empty() && sweeps.is_empty() && polynomials.is_empty() && failures.is_empty() {

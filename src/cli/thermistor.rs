@@ -2,9 +2,9 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
-use crate::analysis::thermistor::{HIGHEST_ORDER, Options, Signal, WITHIN_DEGC};
-use crate::error::Finding;
-use crate::report;
+use crate::data::error::Finding;
+use crate::measure::thermistor::{HIGHEST_ORDER, Options, Signal, WITHIN_DEGC};
+use crate::show;
 use crate::workflow::{publish_thermistor, thermistor_of};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -88,7 +88,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     if common.json {
         terminal.print(&json(&made.result)?);
     } else {
-        let summary = report::thermistor::summary(&made.result);
+        let summary = show::thermistor::summary(&made.result);
         terminal.tell(&format!("{summary}  -> {}\n", common.out.join(name).display()));
     }
     Ok(Status::Done)

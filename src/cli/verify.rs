@@ -2,10 +2,10 @@
 
 use super::output::{Terminal, json};
 use super::{Cli, Command, Common, Status, execute};
-use crate::error::Finding;
-use crate::formats::parameter::{AnyFile, read_any};
-use crate::formats::source::read_pieces;
-use crate::provenance::Input;
+use crate::data::error::Finding;
+use crate::data::provenance::Input;
+use crate::files::parameter::{AnyFile, read_any};
+use crate::files::source::read_pieces;
 use clap::{Args, Parser};
 use serde::Serialize;
 use std::path::{Path, PathBuf};

@@ -13,10 +13,10 @@ mod values;
 
 use super::result::{DetectionLimit, Diagnosis, Map, NotIdentifiable, Parameter, Pictures, RunnerUp, ShapePoint, Step};
 use super::{selection, words};
-use crate::analysis::coil::tilt::PAIRS;
+use crate::data::units::{COMPONENTS, three_digits};
 use crate::fit::scan::{Fitted, Group, Score};
+use crate::measure::coil::tilt::PAIRS;
 use crate::model::effects::{self, Spec};
-use crate::units::{COMPONENTS, three_digits};
 use bank::bank;
 use nalgebra::{DMatrix, DVector};
 use scene::{Candidate, Scene, count};

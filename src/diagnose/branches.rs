@@ -1,8 +1,8 @@
 //! The temperature that the readings of a sweep speak of, against that of the thermistor, while it rises and while it falls.
 
 use super::result::{BranchPoint, Branches};
+use crate::data::run::interpolate;
 use crate::model::effects::Record;
-use crate::run::interpolate;
 use nalgebra::DMatrix;
 
 /// Points of a branch.

@@ -14,20 +14,21 @@ mod table;
 
 pub use table::table;
 
-use super::known::CORRELATION;
 use super::result::{DetectionLimit, Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, RunnerUp, Step};
-use super::scene::Samples;
-use super::{APART, CERTAIN, FOUND_90, Options, faults, words};
-use crate::analysis::freq::{self as analysis, Freq, Sines as Sink};
-use crate::campaign::Campaign;
+use super::{APART, CERTAIN, FOUND_90, Options, steps, words};
+use crate::data::plateau::median;
+use crate::data::run::{Run, Vector, VectorSink};
+use crate::data::units::{COMPONENTS, Reading, three_digits};
+use crate::files::campaign::Campaign;
 use crate::fit::aicc;
+use crate::measure::freq::{self as analysis, Freq, Sines as Sink};
 use crate::model::effects::clock_drift::{IN_TIME, WITH_TEMPERATURE};
 use crate::model::effects::time_shift::DELAY;
 use crate::model::effects::{CATALOGUE, Spec, named};
 use crate::model::response::{RESPONSES, Response};
-use crate::plateau::median;
-use crate::run::{Run, Vector, VectorSink};
-use crate::units::{COMPONENTS, Reading, three_digits};
+use crate::record::faults;
+use crate::record::known::CORRELATION;
+use crate::record::scene::Samples;
 use bank::{Bank, Entry, Refined, refined};
 use lost::lost;
 use model::{Fit, Model, Term, clock_temperature};
@@ -64,7 +65,8 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     let freq = analysis::freq(run, &sink, campaign, &analysis::Options::default()).map_err(|e| e.to_string())?;
     drop(sink);
     let span_s = [samples.t_s[0], samples.t_s[samples.t_s.len() - 1]];
-    let (mut steps, _) = faults::thermistors(run, span_s);
+    let (faults, _) = faults::thermistors(run, span_s);
+    let mut steps: Vec<Step> = faults.iter().map(steps::fault_step).collect();
     steps.extend(lost(run, samples, &freq));
     let mut warnings = Vec::new();
 

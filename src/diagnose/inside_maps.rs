@@ -2,7 +2,7 @@
 
 use super::result::{InsideBin, InsideMap};
 use super::samples::{Inside, demean, phases, remove, remove_raw};
-use super::scene::{Samples, Scene};
+use crate::record::scene::{Samples, Scene};
 
 /// Bins of a period.
 const FOLDS: usize = 40;

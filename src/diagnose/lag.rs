@@ -3,14 +3,14 @@
 use super::CERTAIN;
 use super::branches;
 use super::result::{Branches, Evidence, Parameter, Step};
-use super::scene::Scene;
 use super::search::{Candidate, Search};
 use super::steps::{bars, gap, runners};
 use super::words;
+use crate::data::run::interpolate;
+use crate::data::units::COMPONENTS;
 use crate::model::effects::thermal_lag::shifted;
 use crate::model::effects::{self, Row, Spec};
-use crate::run::interpolate;
-use crate::units::COMPONENTS;
+use crate::record::scene::Scene;
 use nalgebra::DMatrix;
 
 /// A lag is looked for to this step, s: far below what its readings tell, so that a strong one leaves nothing.

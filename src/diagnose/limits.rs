@@ -3,8 +3,8 @@
 use super::result::{DetectionLimit, NotIdentifiable, Step};
 use super::search::{Candidate, Search, State};
 use super::{FOUND_90, SHOWN};
+use crate::data::units::{COMPONENTS, three_digits};
 use crate::model::effects::CATALOGUE;
-use crate::units::{COMPONENTS, three_digits};
 
 /// From this many standard deviations on a drift beside white noise is told of.
 const HIDDEN: f64 = 4.0;

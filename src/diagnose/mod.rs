@@ -1,6 +1,6 @@
 //! Where simulated and measured data disagree, which effect is missing, and how the gap shrinks with it.
 //!
-//! A run becomes rows with covariates and a linear model ([`scene`]); jumps of thermistors are taken off ([`faults`]). What happens inside the
+//! A run becomes rows with covariates and a linear model ([`crate::record::scene`]); jumps of thermistors are taken off ([`crate::record::faults`]). What happens inside the
 //! plateaus is looked for in the samples ([`samples`]) and taken off. The noise of the means is estimated before anything is named; then
 //! every term of the catalogue ([`crate::model::effects`]) and a smooth function of every covariate are scored beside the model ([`search`]),
 //! the evidence of the best is averaged over all noise that the readings allow, the best term is added, all is fitted again, and terms
@@ -9,15 +9,12 @@
 
 pub mod across;
 pub mod branches;
-pub mod faults;
 pub mod freq;
 pub mod inside_maps;
-pub mod known;
 mod lag;
 mod limits;
 pub mod result;
 pub mod samples;
-pub mod scene;
 pub mod search;
 pub mod selection;
 pub mod signature;
@@ -25,18 +22,18 @@ mod steps;
 pub mod where_map;
 pub mod words;
 
-use crate::campaign::Campaign;
-use crate::formats::facility::Facility;
-use crate::model::effects::in_sine::InSine;
+use crate::data::plateau::Plateaus;
+use crate::data::run::{Kind, Run};
+use crate::files::campaign::Campaign;
+use crate::files::facility::Facility;
 use crate::model::effects::{self, Record, Row, Spec};
-use crate::plateau::Plateaus;
-use crate::run::{Kind, Run};
+pub use crate::record::known::Given;
+pub use crate::record::scene::Samples;
+use crate::record::scene::Scene;
 use limits::{hidden_drifts, limits};
 use nalgebra::DMatrix;
 use result::{Diagnosis, Evidence, Map, Pictures, Step};
 use samples::Inside;
-pub use scene::Samples;
-use scene::Scene;
 use search::{Candidate, Search, State};
 use steps::{inside_step, joined, sufficient, term_step};
 
@@ -60,38 +57,6 @@ pub struct Options {
     pub given: Vec<Given>,
 }
 
-/// An effect that is known.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Given {
-    /// Id.
-    pub id: &'static str,
-    /// Form, axes and shape.
-    pub spec: Spec,
-    /// Values of the linear parameters.
-    pub values: Vec<f64>,
-    /// What it does to sines.
-    pub in_sine: Option<InSine>,
-    /// Runs in which it was found.
-    pub runs: Vec<String>,
-}
-
-/// Effects that show inside the plateaus and are known from there.
-pub const INSIDE: [&str; 4] = ["settling", "time_shift", "heater_pwm", "interference_tone"];
-
-impl Given {
-    /// Why it does not hold for a run: it belongs to the times of others.
-    #[must_use]
-    pub fn of_another(&self, run: &str) -> Option<String> {
-        let of_others = known::is_of_one_run(self.id, &self.spec.form) && !self.runs.iter().any(|r| r == run);
-        let runs = self.runs.join(", ");
-        of_others.then(|| format!("{} holds for the times of the run in which it was found ({runs}) alone", self.id))
-    }
-
-    fn is_inside(&self) -> bool {
-        INSIDE.contains(&self.id) && self.in_sine.is_none()
-    }
-}
-
 /// Diagnoses one run with fields in steps, a sweep, sines, or a run in zero field.
 ///
 /// # Errors
@@ -109,7 +74,7 @@ pub fn run(
     let samples = samples.filter(|s| !s.t_s.is_empty());
     let mut scene = Scene::new(run, plateaus, samples, campaign, options.facility.as_ref()).map_err(|e| e.0)?;
     let mut warnings = std::mem::take(&mut scene.warnings);
-    let mut steps: Vec<Step> = std::mem::take(&mut scene.faults);
+    let mut steps: Vec<Step> = scene.faults.iter().map(steps::fault_step).collect();
     let known: Vec<Inside> = options.given.iter().filter(|g| g.is_inside()).map(Inside::known).collect();
     let count_known = known.len();
     let mut inside: Vec<Inside> = known;

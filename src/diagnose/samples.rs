@@ -2,9 +2,9 @@
 
 mod periodic;
 
-use super::scene::{Samples, Scene};
 use crate::model::effects::settling::{TAUS_S, sampled_transient};
 use crate::model::effects::{Record, Row, Spec};
+use crate::record::scene::{Samples, Scene};
 use nalgebra::{DMatrix, DVector, Matrix2};
 pub use periodic::periodic;
 use rayon::prelude::*;
@@ -55,7 +55,7 @@ pub struct Inside {
 impl Inside {
     /// An effect that is known from elsewhere.
     #[must_use]
-    pub fn known(given: &super::Given) -> Self {
+    pub fn known(given: &crate::record::known::Given) -> Self {
         Inside {
             id: given.id,
             spec: given.spec.clone(),
@@ -106,7 +106,7 @@ fn interval_s(samples: &Samples) -> Option<f64> {
     if gaps.is_empty() {
         return None;
     }
-    let usual = crate::plateau::median(&mut gaps);
+    let usual = crate::data::plateau::median(&mut gaps);
     // The mean over the record is exact where no samples are missing.
     let mean = (t_s[t_s.len() - 1] - t_s[0]) / (t_s.len() - 1) as f64;
     Some(if (mean / usual - 1.0).abs() < 0.01 { mean } else { usual }).filter(|dt| *dt > 0.0)
@@ -246,7 +246,7 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
     // Settings with more noise count for less.
     let weights: [Vec<f64>; 3] = [0, 1, 2].map(|a: usize| {
         let sizes: Vec<f64> = data[a].iter().map(|d| d.norm_squared()).collect();
-        let usual = crate::plateau::median(&mut sizes.clone()).max(f64::MIN_POSITIVE);
+        let usual = crate::data::plateau::median(&mut sizes.clone()).max(f64::MIN_POSITIVE);
         sizes.iter().map(|s| (2.0 * usual / (usual + s)).sqrt()).collect()
     });
     let mut best: Option<Transient> = None;

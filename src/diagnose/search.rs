@@ -1,9 +1,9 @@
 //! The search: score every candidate, pay for the trials, add the best, refit everything, drop and swap, until nothing is left.
 
-use super::scene::{Scene, TREND_ORDER};
 use crate::fit::colour::{Colour, Correlations, Noise, Rows};
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score, orthonormal};
 use crate::model::effects::{self, CATALOGUE, Column, Covariate, Effect, Record, Spec};
+use crate::record::scene::{Scene, TREND_ORDER};
 use argmin::core::{CostFunction, Executor};
 use argmin::solver::brent::BrentOpt;
 use nalgebra::{DMatrix, DVector};

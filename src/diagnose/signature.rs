@@ -1,8 +1,9 @@
 //! What an effect looks like: its forms with their parameters, and its contribution to the readings of an example run.
 
-use super::{INSIDE, words};
+use super::words;
 use crate::model::effects::example::{self, Example};
 use crate::model::effects::{About, Effect, Record, Row, Spec};
+use crate::record::known::INSIDE;
 use serde::Serialize;
 
 /// Largest contribution that is shown, nT.

@@ -2,12 +2,13 @@
 
 use super::result::{Evidence, Gap, Map, Parameter, Pictures, RunnerUp, ShapePoint, Step};
 use super::samples::Inside;
-use super::scene::Scene;
 use super::search::{Candidate, Explanation, HeldOut, Search, State, Term};
 use super::{ALIKE, APART, CERTAIN, selection, words};
+use crate::data::units::{COMPONENTS, six_digits};
 use crate::fit::scan::{Fitted, Group};
-use crate::model::effects;
-use crate::units::{COMPONENTS, six_digits};
+use crate::model::effects::{self, Family, Spec};
+use crate::record::faults::Jumps;
+use crate::record::scene::Scene;
 
 /// Rivals of a step whose evidence is drawn.
 const RIVALS: usize = 7;
@@ -256,5 +257,43 @@ pub(super) fn sufficient(steps: &mut [Step]) {
         if left.iter().any(|axes| axes.iter().any(|a| step.axes.contains(a))) {
             step.wording = "consistent with";
         }
+    }
+}
+
+/// The step that tells of a thermistor that jumps.
+pub fn fault_step(fault: &Jumps) -> Step {
+    let Jumps { channel: name, jumps, readings } = fault;
+    let list: Vec<String> = jumps.iter().map(|(t_s, size)| format!("by {size:+.2} K at {t_s:.0} s")).collect();
+    let list = list.join(", ");
+    let parameter = |(k, (_, size)): (usize, &(f64, f64))| Parameter {
+        name: if k == 0 { format!("jump of {name}") } else { format!("jump {} of {name}", k + 1) },
+        value: *size,
+        std: None,
+        unit: "K".to_owned(),
+    };
+    let gap = Gap::default();
+    Step {
+        effect: "bad_thermistor".to_owned(),
+        axes: Vec::new(),
+        ambiguous_with: Vec::new(),
+        form: Spec::new("jump", &[]).with("time", jumps[0].0, "s"),
+        further: Vec::new(),
+        parameters: jumps.iter().enumerate().map(parameter).collect(),
+        place: format!("channel {name} jumps {list}"),
+        p_value: f64::MIN_POSITIVE,
+        trials: *readings,
+        p_value_corrected: f64::MIN_POSITIVE,
+        gap_before: gap,
+        gap_after: gap,
+        strength_k: fault.strength(),
+        family: Family::DataFault.name(),
+        wording: "is",
+        runners_up: Vec::new(),
+        next_measurement: None,
+        sentence: format!(
+            "The temperature channel {name} jumps {list} and was not to be trusted there; all else was looked for with the jumps taken off."
+        ),
+        covariate: None,
+        shape: Vec::new(),
     }
 }

@@ -1,9 +1,9 @@
 //! Where readings and model disagree before anything is named: displacements of bins of every covariate.
 
 use super::result::{Bin, Place};
+use crate::data::units::COMPONENTS;
 use crate::fit::colour::Noise;
 use crate::model::effects::{Covariate, Record};
-use crate::units::COMPONENTS;
 use nalgebra::{DMatrix, DVector};
 
 /// Bins of a covariate, at most.

@@ -146,9 +146,9 @@ pub fn sentence(step: &Step) -> String {
 
 fn number(value: f64, std: f64) -> String {
     if value.abs() < 1e-3 || value.abs() >= 1e5 {
-        crate::units::scientific_with_uncertainty(value, std)
+        crate::data::units::scientific_with_uncertainty(value, std)
     } else {
-        crate::units::with_uncertainty(value, std)
+        crate::data::units::with_uncertainty(value, std)
     }
 }
 

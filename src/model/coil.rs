@@ -1,6 +1,6 @@
 //! The coil system: from settings to the field at its centre (CH-GFZ-TR-2601 section 6; mathematics.md section 5).
 
-use crate::units::FieldCoil;
+use crate::data::units::FieldCoil;
 use nalgebra::{Matrix3, Vector3};
 
 /// What turns settings into a field: scale factors, offset fields, angles between the axes, and what the temperatures of coil and

@@ -1,6 +1,6 @@
 //! The linear sensor: `B_c = Φ B_m`, `Φ = R_nom ρ ω σ`, and its split (BC-MAG-TR-0085 section 15.1).
 
-use crate::units::{FieldCoil, Reading};
+use crate::data::units::{FieldCoil, Reading};
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
@@ -137,7 +137,7 @@ pub fn misplaced_axes(split: &Split) -> Vec<(usize, String)> {
             let axis = axes.column(component);
             let along = axis.iamax();
             let negative = axis[along] < 0.0;
-            let name = format!("{}{}", if negative { '-' } else { '+' }, crate::units::COMPONENTS[along]);
+            let name = format!("{}{}", if negative { '-' } else { '+' }, crate::data::units::COMPONENTS[along]);
             (along != component || negative).then_some((component, name))
         })
         .collect()

@@ -49,7 +49,7 @@ impl ThermalSensor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::units::{FieldCoil, Reading};
+    use crate::data::units::{FieldCoil, Reading};
 
     fn sensor() -> ThermalSensor {
         ThermalSensor {

@@ -2,8 +2,8 @@
 
 use super::parts::{COIL, Named, SENSOR, STYLES, panels};
 use super::{Band, Figure, Marks, Panel, Scale, Series, Style};
-use crate::analysis::coil::{Residual, Scalar, Tilt};
-use crate::formats::parameter::TiltValues;
+use crate::files::parameter::TiltValues;
+use crate::measure::coil::{Residual, Scalar, Tilt};
 
 const ARCSEC: f64 = 3600.0;
 

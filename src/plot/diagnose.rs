@@ -2,8 +2,8 @@
 
 use super::parts::Named;
 use super::{Band, CellRow, Figure, Marks, Panel, Scale, Series, Style};
+use crate::data::units::COMPONENTS;
 use crate::diagnose::result::{Branches, Diagnosis, Evidence, InsideMap, Map, Place, Step};
-use crate::units::COMPONENTS;
 
 /// Steps that have figures; a run has fewer effects.
 const STEPS: usize = 12;

@@ -2,8 +2,8 @@
 
 use super::parts::Named;
 use super::{Figure, Marks, Panel, Scale, Series, Style};
+use crate::data::units::{COMPONENTS, three_digits};
 use crate::diagnose::signature::{Explained, Point, Signature};
-use crate::units::{COMPONENTS, three_digits};
 
 /// The contribution against what it follows, and against time; none where the readings of one run do not show the effect.
 #[must_use]

@@ -2,9 +2,9 @@
 
 use super::parts::{Named, SENSOR, STYLES, TimeAxis, temperatures};
 use super::{Figure, Marks, Panel, Scale, Series, Style};
-use crate::analysis::freq::Freq;
+use crate::data::units::with_uncertainty;
+use crate::measure::freq::Freq;
 use crate::model::response::Response;
-use crate::units::with_uncertainty;
 
 /// Points of a model curve.
 const CURVE: usize = 400;

@@ -2,7 +2,7 @@
 
 use super::parts::{COIL, Named, SENSOR, STYLES, TimeAxis, panels, temperatures};
 use super::{Band, Column, Figure, Marks, Panel, Scale, Series};
-use crate::analysis::lin::{Block, Lin};
+use crate::measure::lin::{Block, Lin};
 
 /// All eight figures.
 #[must_use]

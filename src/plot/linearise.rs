@@ -2,7 +2,7 @@
 
 use super::parts::{COIL, Named, SENSOR, STYLES, panels};
 use super::{Figure, Marks, Panel, Scale, Series, Style};
-use crate::analysis::linearise::{BinMean, Linearised};
+use crate::measure::linearise::{BinMean, Linearised};
 
 /// Nine panels: a figure per coil axis with a panel per sensor axis.
 #[must_use]

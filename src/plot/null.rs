@@ -2,7 +2,7 @@
 
 use super::parts::{Named, SENSOR, STYLES, TimeAxis, panels, temperatures};
 use super::{Column, Figure, Marks, Panel, Scale, Series, Style};
-use crate::analysis::null::{Null, STATED_HZ};
+use crate::measure::null::{Null, STATED_HZ};
 
 /// Stems of the figures of the readings against channels.
 const AGAINST: [&str; 4] = ["correlation_1", "correlation_2", "correlation_3", "correlation_4"];
@@ -81,7 +81,7 @@ fn drift(null: &Null, id: &str, time: TimeAxis) -> Figure {
         x_label: time.label.to_owned(),
         x_scale: Scale::Linear,
         panels: panels(|c| {
-            let at = |r: &crate::analysis::null::Row| time.at(r.t_s());
+            let at = |r: &crate::measure::null::Row| time.at(r.t_s());
             let means = null.rows.iter().map(|r| (at(r), r.mean_ent[c], None)).collect();
             let band = null.rows.iter().map(|r| {
                 let [value, std] = r.drift_ent[c];

@@ -2,7 +2,7 @@
 
 use super::parts::{COIL, Named, SENSOR, STYLES, TimeAxis, panels, temperatures};
 use super::{Figure, Marks, Panel, Scale, Series, Style};
-use crate::analysis::offset::Offset;
+use crate::measure::offset::Offset;
 
 /// All figures.
 #[must_use]

@@ -1,6 +1,6 @@
 //! What the figures of several analyses have in common.
 
-use crate::analysis::conditions::Temperatures;
+use crate::record::conditions::Temperatures;
 
 use super::{Figure, Marks, Panel, Scale, Series, Style};
 

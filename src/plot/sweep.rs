@@ -3,8 +3,8 @@
 use super::parts::{COIL, Named, STYLES, TimeAxis, panels};
 use super::thermal::polynomials;
 use super::{Figure, Marks, Panel, Scale, Series, Style};
-use crate::analysis::sweep::{Sweep, WindowFit};
-use crate::analysis::thermal::Curve;
+use crate::measure::sweep::{Sweep, WindowFit};
+use crate::measure::thermal::Curve;
 use crate::model::polynomial::value;
 
 /// All figures.

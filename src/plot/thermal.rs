@@ -2,9 +2,9 @@
 
 use super::parts::{Named, SENSOR, STYLES, panels};
 use super::{Figure, Marks, Panel, Scale, Series, Style};
-use crate::analysis::thermal::{Curve, File, Thermal};
-use crate::formats::parameter::{ThermalHead, Tpf};
-use crate::run::time_of_id;
+use crate::data::run::time_of_id;
+use crate::files::parameter::{ThermalHead, Tpf};
+use crate::measure::thermal::{Curve, File, Thermal};
 
 /// All figures of one kind of runs of a group.
 #[must_use]

@@ -2,8 +2,8 @@
 
 use super::parts::Named;
 use super::{Band, Figure, Marks, Panel, Scale, Series, Style};
-use crate::analysis::thermistor::Thermistor;
-use crate::formats::parameter::TableRow;
+use crate::files::parameter::TableRow;
+use crate::measure::thermistor::Thermistor;
 
 /// A value with its standard uncertainty, if the row has one.
 type Shown = Option<(f64, Option<f64>)>;

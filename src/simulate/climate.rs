@@ -1,9 +1,9 @@
 //! Temperatures of a campaign: the thermal box and the sensor in it, coil system and rack, and what thermistors show of them.
 
 use super::noise::Random;
-use crate::formats::twin::{Approach, Body, BoxTwin, Climate, Phase, Thermistor, Twin};
+use crate::data::run::SlowTable;
+use crate::files::twin::{Approach, Body, BoxTwin, Climate, Phase, Thermistor, Twin};
 use crate::model::lag;
-use crate::run::SlowTable;
 use jiff::Timestamp;
 
 /// Step of the temperature history, s.

@@ -2,16 +2,16 @@
 //! with white noise. What the measurement has and this has not is what the model misses.
 
 use super::noise::Random;
-use crate::campaign::Campaign;
-use crate::diagnose::known::{Added, CHUNK, Known};
-use crate::error::Finding;
-use crate::formats::ccr::{self, Decimals, Section, Writer};
-use crate::formats::output::Folder;
-use crate::formats::parameter::{self, Cpf, Fpf, Opf};
+use crate::data::error::Finding;
+use crate::data::run::{Header, Kind, Run, Setting, Vector, VectorSink};
+use crate::data::units::{FieldCoil, Reading};
+use crate::files::campaign::Campaign;
+use crate::files::ccr::{self, Decimals, Section, Writer};
+use crate::files::output::Folder;
+use crate::files::parameter::{self, Cpf, Fpf, Opf};
 use crate::model::polynomial;
 use crate::model::sensor::Linear;
-use crate::run::{Header, Kind, Run, Setting, Vector, VectorSink};
-use crate::units::{FieldCoil, Reading};
+use crate::record::known::{Added, CHUNK, Known};
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -218,7 +218,7 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
             let white_ent = std::array::from_fn(|i| {
                 let of = |a: &parameter::AmplitudePart| Some(a.b_std_ent[i] * (a.samples? as f64 / 2.0).sqrt());
                 let mut all: Vec<f64> = fpf.amplitude.iter().filter_map(of).filter(|s| s.is_finite()).collect();
-                if all.is_empty() { 0.0 } else { crate::plateau::median(&mut all) }
+                if all.is_empty() { 0.0 } else { crate::data::plateau::median(&mut all) }
             });
             let tones = fpf.amplitude.iter().filter_map(|a| Some((a.frequency_hz, a.b_ent, a.phase_deg?, a.phase_counter?)));
             Ok((Model::Freq { rate_hz, tones: tones.collect() }, white_ent))

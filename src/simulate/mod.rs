@@ -1,7 +1,7 @@
 //! A twin of facility, sensor and campaign: run files whose truth is known.
 //!
 //! The sensor, its AC response and the coil system are those of [`crate::model`], which the analyses fit; noise, temperatures, losses
-//! and the programme live here. A twin is read by [`crate::formats::twin`]. Every run draws its random numbers from streams of its own
+//! and the programme live here. A twin is read by [`crate::files::twin`]. Every run draws its random numbers from streams of its own
 //! (seed, run id, purpose), so that runs can be made in any order and one by one.
 
 pub mod climate;
@@ -9,12 +9,12 @@ pub mod like;
 pub mod noise;
 pub mod run;
 
-use crate::campaign::Campaign;
-use crate::diagnose::known::Known;
-use crate::error::Finding;
-use crate::formats::ccr::{Decimals, Section, Writer};
-use crate::formats::output::Folder;
-use crate::formats::twin::{RunTwin, Twin};
+use crate::data::error::Finding;
+use crate::files::campaign::Campaign;
+use crate::files::ccr::{Decimals, Section, Writer};
+use crate::files::output::Folder;
+use crate::files::twin::{RunTwin, Twin};
+use crate::record::known::Known;
 use climate::Temperatures;
 use rayon::prelude::*;
 use run::SimulatedRun;

@@ -2,14 +2,16 @@
 
 use super::climate::{History, Temperatures, seconds};
 use super::noise::{Flicker, Random};
-use crate::campaign::Campaign;
-use crate::diagnose::known::in_sines::{InSines, Responses};
-use crate::diagnose::known::{Added, CHUNK, Known};
-use crate::error::Finding;
-use crate::formats::twin::{Body, FacilityTwin, RunTwin, SensorTwin, Twin};
+use crate::data::error::Finding;
+use crate::data::run::{
+    Header, InputFile, Kind, ReadingUnit, Run, ScalarRow, Setting, SlowTable, Vector, VectorAccount, VectorSink,
+};
+use crate::data::units::{FieldCoil, Reading};
+use crate::files::campaign::Campaign;
+use crate::files::twin::{Body, FacilityTwin, RunTwin, SensorTwin, Twin};
 use crate::model::sensor::Linear;
-use crate::run::{Header, InputFile, Kind, ReadingUnit, Run, ScalarRow, Setting, SlowTable, Vector, VectorAccount, VectorSink};
-use crate::units::{FieldCoil, Reading};
+use crate::record::known::in_sines::{InSines, Responses};
+use crate::record::known::{Added, CHUNK, Known};
 use jiff::Timestamp;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use std::f64::consts::TAU;
@@ -260,7 +262,7 @@ impl<'a> SimulatedRun<'a> {
 }
 
 /// Zero field after a setting, with a pulse of the heater in it.
-fn pause(stretches: &mut Vec<Stretch>, pause_s: f64, heater: Option<crate::formats::twin::Heater>, position: u32) {
+fn pause(stretches: &mut Vec<Stretch>, pause_s: f64, heater: Option<crate::files::twin::Heater>, position: u32) {
     let Some(begin_s) = stretches.last().map(|s| s.t_end_s).filter(|_| pause_s > 0.0) else { return };
     let end_s = begin_s + pause_s;
     let mut push = |t_start_s: f64, t_end_s: f64, heater_nt: [f64; 3]| {
@@ -328,7 +330,7 @@ impl Scene<'_> {
         let facility = &self.twin.facility;
         let temperature = |body| self.climate.body_degc(body, self.start, t_s);
         let FieldCoil(driven) = facility.coil.field(&self.coil_axes, drive, temperature(Body::Coil), temperature(Body::Rack));
-        let now = |r: &&crate::formats::twin::Residual| seconds(self.start, r.from) <= t_s;
+        let now = |r: &&crate::files::twin::Residual| seconds(self.start, r.from) <= t_s;
         let residual_nt = facility.residual.iter().rev().find(now).map_or([0.0; 3], |r| r.field_nt);
         FieldCoil(std::array::from_fn(|k| {
             driven[k] + residual_nt[k] + facility.leakage[k] * self.variation_nt[k].at(t_s) + stretch.heater_nt[k]

@@ -1,17 +1,17 @@
 //! Every run of a campaign by the analysis of its kind, each read once.
 
 use super::{Desk, Drawn, Failure, Job, Made, RunReport, make, parameter_text, publish};
-use crate::analysis::lin::Lin;
-use crate::analysis::{freq, lin, null, offset, sweep};
-use crate::diagnose::known::Known;
-use crate::error::Finding;
-use crate::formats::ccr;
-use crate::formats::facility::Facility;
-use crate::formats::output::Folder;
-use crate::formats::parameter::{Body, Point};
-use crate::formats::source::hex;
-use crate::provenance::{Input, Provenance};
-use crate::run::{Kind, Run};
+use crate::data::error::Finding;
+use crate::data::provenance::{Input, Provenance};
+use crate::data::run::{Kind, Run};
+use crate::files::ccr;
+use crate::files::facility::Facility;
+use crate::files::output::Folder;
+use crate::files::parameter::{Body, Point};
+use crate::files::source::hex;
+use crate::measure::lin::Lin;
+use crate::measure::{freq, lin, null, offset, sweep};
+use crate::record::known::Known;
 use sha2::{Digest, Sha256};
 
 /// The options of all analyses of single runs.

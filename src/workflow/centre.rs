@@ -1,12 +1,12 @@
 //! Temperature polynomials at the centre of the coil system as a file and a report.
 
 use super::{Desk, Outcome, parameter_text};
-use crate::analysis::centre::{self, Pair};
-use crate::error::Finding;
-use crate::formats::output::Folder;
-use crate::formats::parameter::{Body, Point, Tcf, Tpf, read_point};
-use crate::provenance::{Input, Provenance};
-use crate::report;
+use crate::data::error::Finding;
+use crate::data::provenance::{Input, Provenance};
+use crate::files::output::Folder;
+use crate::files::parameter::{Body, Point, Tcf, Tpf, read_point};
+use crate::measure::centre::{self, Pair};
+use crate::show;
 use std::path::PathBuf;
 
 /// The files of a pair, and of the offset at the centre.
@@ -73,9 +73,9 @@ impl PairFiles {
             name: &name,
             parameters: parameter_text(&name, &tcf, &provenance)?,
             report: format!("REPORT_{}.md", name.trim_end_matches(".TCF")),
-            title: report::centre::title(&tcf),
+            title: show::centre::title(&tcf),
             warnings: &tcf.warnings,
-            sections: report::centre::sections(&tcf, 2),
+            sections: show::centre::sections(&tcf, 2),
             provenance: &provenance,
         };
         outcome.write(&folder, &[])?;

@@ -1,20 +1,20 @@
 //! The facility's own calibration as files, figures and text.
 
 use super::{Desk, Failure, Job, Outcome, draw, make, parameter_text};
-use crate::analysis::coil::{CoilError, Residual, Scalar, Tilt, residual, scalar, tilt};
-use crate::analysis::lin;
-use crate::campaign::Campaign;
-use crate::error::Finding;
-use crate::formats::facility::{self, Facility};
-use crate::formats::orientations::RunResult;
-use crate::formats::output::Folder;
-use crate::formats::parameter::{self, Body, CoilResidual, CoilScalar, CoilTilt, Cpf, FacilityPart};
-use crate::formats::{ccr, moduli, orientations};
+use crate::data::error::Finding;
+use crate::data::provenance::{Input, Provenance};
+use crate::data::run::Run;
+use crate::files::campaign::Campaign;
+use crate::files::facility::{self, Facility};
+use crate::files::orientations::RunResult;
+use crate::files::output::Folder;
+use crate::files::parameter::{self, Body, CoilResidual, CoilScalar, CoilTilt, Cpf, FacilityPart};
+use crate::files::{ccr, moduli, orientations};
+use crate::measure::coil::{CoilError, Residual, Scalar, Tilt, residual, scalar, tilt};
+use crate::measure::lin;
 use crate::model::position::Position;
 use crate::plot::{self, Named};
-use crate::provenance::{Input, Provenance};
-use crate::report::{self, Drawn};
-use crate::run::Run;
+use crate::show::{self, Drawn};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -51,10 +51,10 @@ impl CoilResult for Scalar {
         "Scalar calibration of the coil system".to_owned()
     }
     fn sections(&self, level: usize) -> String {
-        report::coil::scalar(self, level)
+        show::coil::scalar(self, level)
     }
     fn summary(&self) -> String {
-        report::coil::scalar_summary(self)
+        show::coil::scalar_summary(self)
     }
 }
 
@@ -73,10 +73,10 @@ impl CoilResult for Residual {
         "Residual field of the coil system".to_owned()
     }
     fn sections(&self, level: usize) -> String {
-        report::coil::residual(self, level)
+        show::coil::residual(self, level)
     }
     fn summary(&self) -> String {
-        report::coil::residual_summary(self)
+        show::coil::residual_summary(self)
     }
 }
 
@@ -92,13 +92,13 @@ impl CoilResult for Tilt {
         plot::coil::tilt(self)
     }
     fn title(&self) -> String {
-        format!("Sensor {} and coil system from several orientations", report::or_not_stated(&self.parameters.sensor))
+        format!("Sensor {} and coil system from several orientations", show::or_not_stated(&self.parameters.sensor))
     }
     fn sections(&self, level: usize) -> String {
-        report::coil::tilt(self, level)
+        show::coil::tilt(self, level)
     }
     fn summary(&self) -> String {
-        report::coil::tilt_summary(self)
+        show::coil::tilt_summary(self)
     }
 }
 

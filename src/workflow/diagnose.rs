@@ -1,21 +1,21 @@
 //! Diagnoses as files, figures and text.
 
 use super::{Desk, Failure, Job, draw};
-use crate::analysis::lin;
+use crate::data::error::Finding;
+use crate::data::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
+use crate::data::provenance::{Input, Provenance};
 use crate::diagnose::across::{RunValues, across};
-use crate::diagnose::known::{Known, is_of_one_run};
 use crate::diagnose::result::{Diagnosis, Parameter};
 use crate::diagnose::{self, Options, Samples};
-use crate::error::Finding;
-use crate::formats::output::Folder;
-use crate::formats::parameter::{self, Cpf, FacilityPart, Model, ModelEffect, ModelParameter, ParameterFile};
-use crate::formats::source::read_whole;
-use crate::formats::text::{Keys, decode};
-use crate::formats::{ccr, orientations};
+use crate::files::output::Folder;
+use crate::files::parameter::{self, Cpf, FacilityPart, Model, ModelEffect, ModelParameter, ParameterFile};
+use crate::files::source::read_whole;
+use crate::files::text::{Keys, decode};
+use crate::files::{ccr, orientations};
+use crate::measure::lin;
 use crate::model::effects::Spec;
-use crate::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
-use crate::provenance::{Input, Provenance};
-use crate::report::{self, FigureLink};
+use crate::record::known::{Known, is_of_one_run};
+use crate::show::{self, FigureLink};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -169,18 +169,18 @@ pub fn publish_diagnosis(made: &Diagnosed, folder: &Path, desk: &Desk) -> Result
     let name = made.diagnosis.runs.first().map_or("", String::as_str);
     let figures = crate::plot::diagnose::figures(&made.diagnosis);
     let drawn = if desk.plots { draw(&folder, &figures, |stem| figure_name(stem, name))? } else { Vec::new() };
-    let title = report::diagnose::title(&made.diagnosis);
+    let title = show::diagnose::title(&made.diagnosis);
     let links: Vec<FigureLink> = FigureLink::number(&drawn, "", &mut 0);
     // Every figure stands in the section that it belongs to.
     let shown = |stem: &str| {
         let file = figure_name(stem, name);
         let own = links.iter().find(|link| link.file == file);
-        own.map_or_else(String::new, |link| report::figures(std::slice::from_ref(link)))
+        own.map_or_else(String::new, |link| show::figures(std::slice::from_ref(link)))
     };
-    let sections = report::diagnose::sections(&made.diagnosis, 2, &shown);
-    let text = report::standalone(&title, &made.diagnosis.warnings, &sections, &[], &made.provenance);
+    let sections = show::diagnose::sections(&made.diagnosis, 2, &shown);
+    let text = show::standalone(&title, &made.diagnosis.warnings, &sections, &[], &made.provenance);
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.md"), text.as_bytes())?;
-    let page = report::html::page(&text, &title, &mut |file| std::fs::read(folder.path().join(file)).ok());
+    let page = show::html::page(&text, &title, &mut |file| std::fs::read(folder.path().join(file)).ok());
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.html"), page.as_bytes())?;
     let json = serde_json::to_string_pretty(made)
         .map_err(|e| Finding::error("diagnosis.json", format!("the result has no text form: {e}"), "report this"))?;

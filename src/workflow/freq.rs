@@ -1,18 +1,18 @@
 //! Frequency measurements as files, figures and text.
 
 use super::{Made, PerRun, Refusal, RunReport, RunResult};
-use crate::analysis::freq::{Freq, Options, Sines, freq, from_table};
-use crate::campaign::Campaign;
-use crate::diagnose::known::Known;
-use crate::error::Finding;
-use crate::formats::amplitudes;
-use crate::formats::parameter::{Fpf, RunHead};
+use crate::data::error::Finding;
+use crate::data::provenance::{Input, Provenance};
+use crate::data::run::{Kind, Run};
+use crate::files::amplitudes;
+use crate::files::campaign::Campaign;
+use crate::files::parameter::{Fpf, RunHead};
 #[cfg(feature = "tables")]
-use crate::formats::table::Table;
+use crate::files::table::Table;
+use crate::measure::freq::{Freq, Options, Sines, freq, from_table};
 use crate::plot::{self, Named};
-use crate::provenance::{Input, Provenance};
-use crate::report;
-use crate::run::{Kind, Run};
+use crate::record::known::Known;
+use crate::show;
 use std::path::Path;
 
 impl PerRun for Options {
@@ -36,7 +36,7 @@ impl PerRun for Options {
 
     fn recorded(&self, _result: &Freq) -> String {
         let model = self.model.as_ref().map_or_else(String::new, Known::recorded);
-        model + &super::lin::recorded_cut(self.settling, crate::plateau::LEAST_COVERAGE)
+        model + &super::lin::recorded_cut(self.settling, crate::data::plateau::LEAST_COVERAGE)
     }
 }
 
@@ -59,7 +59,7 @@ pub(super) fn amplitude_table(
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = path.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let id = stem.strip_prefix("freq_").unwrap_or(&stem);
-    if !crate::formats::ccr::run_id_is_safe(id) {
+    if !crate::files::ccr::run_id_is_safe(id) {
         return Err(Finding::error(&path.display().to_string(), "its name cannot be a run id", "rename it to freq_<run id>.csv")
             .found(id.as_bytes()));
     }
@@ -82,13 +82,13 @@ impl RunReport for Freq {
         format!("Frequency measurements, run {}", self.parameters.run.id)
     }
     fn sections(&self, level: usize) -> String {
-        report::freq::sections(self, level)
+        show::freq::sections(self, level)
     }
     fn headline(&self) -> String {
-        report::freq::headline(self)
+        show::freq::headline(self)
     }
     fn summary(&self) -> String {
-        report::freq::summary(self)
+        show::freq::summary(self)
     }
 }
 
@@ -104,10 +104,10 @@ impl RunResult for Freq {
         let note = format!(
             "calfit freq, run {id}: one row per applied frequency; amplitudes half peak to peak, enT, sensor axes; phases at phase_counter"
         );
-        vec![("FREQ_AMPLITUDES", note, report::freq::amplitude_table(self))]
+        vec![("FREQ_AMPLITUDES", note, show::freq::amplitude_table(self))]
     }
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
-        ("frequencies in Hz", report::freq::parameter_table(all))
+        ("frequencies in Hz", show::freq::parameter_table(all))
     }
 }

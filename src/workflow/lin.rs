@@ -1,17 +1,17 @@
 //! Linear calibrations as files, figures and text.
 
 use super::{PerRun, Refusal, RunReport, RunResult};
-use crate::analysis::lin::{Lin, Options, lin};
-use crate::campaign::Campaign;
-use crate::envelope::Envelope;
-use crate::formats::parameter::{Cpf, RunHead};
+use crate::data::envelope::Envelope;
+use crate::data::plateau::{self, Accumulator, Settling};
+use crate::data::provenance::Input;
+use crate::data::run::{Kind, Run};
+use crate::files::campaign::Campaign;
+use crate::files::parameter::{Cpf, RunHead};
 #[cfg(feature = "tables")]
-use crate::formats::table::Table;
-use crate::plateau::{self, Accumulator, Settling};
+use crate::files::table::Table;
+use crate::measure::lin::{Lin, Options, lin};
 use crate::plot::{self, Named};
-use crate::provenance::Input;
-use crate::report;
-use crate::run::{Kind, Run};
+use crate::show;
 
 impl PerRun for Options {
     const COMMAND: &'static str = "lin";
@@ -92,13 +92,13 @@ impl RunReport for Lin {
         format!("Calibration on 3 linear axes, run {}", self.parameters.run.id)
     }
     fn sections(&self, level: usize) -> String {
-        report::lin::sections(self, level)
+        show::lin::sections(self, level)
     }
     fn headline(&self) -> String {
-        report::lin::headline(self)
+        show::lin::headline(self)
     }
     fn summary(&self) -> String {
-        report::lin::summary(self)
+        show::lin::summary(self)
     }
 }
 
@@ -115,10 +115,10 @@ impl RunResult for Lin {
         let note = format!(
             "calfit lin, run {id}: one row per block; fields nT, coil axes; {readings} enT, sensor axes; times s since the run's start"
         );
-        vec![("LIN_BLOCKS", note, report::lin::block_table(self))]
+        vec![("LIN_BLOCKS", note, show::lin::block_table(self))]
     }
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
-        ("readings enT, sensor axes; sensitivities nT/enT; angles in degrees", report::lin::parameter_table(all))
+        ("readings enT, sensor axes; sensitivities nT/enT; angles in degrees", show::lin::parameter_table(all))
     }
 }

@@ -1,16 +1,16 @@
 //! Linearisations as files, figures and text, and the runs fitted once more with them.
 
 use super::{Desk, Job, Made, Outcome, PerRun, command, draw, parameter_text};
-use crate::analysis::lin::{Lin, Options, lin};
-use crate::analysis::linearise::{Linearised, linearise};
-use crate::error::Finding;
-use crate::formats::linearisation::{self, Linearisation};
-use crate::formats::output::Folder;
-use crate::formats::parameter::Body;
-use crate::formats::source::hex;
+use crate::data::error::Finding;
+use crate::data::provenance::{Input, Provenance};
+use crate::files::linearisation::{self, Linearisation};
+use crate::files::output::Folder;
+use crate::files::parameter::Body;
+use crate::files::source::hex;
+use crate::measure::lin::{Lin, Options, lin};
+use crate::measure::linearise::{Linearised, linearise};
 use crate::plot;
-use crate::provenance::{Input, Provenance};
-use crate::report;
+use crate::show;
 use sha2::{Digest, Sha256};
 use std::path::PathBuf;
 
@@ -117,9 +117,9 @@ fn publish(result: &Linearised, provenance: &Provenance, desk: &Desk) -> Result<
         name: &name,
         parameters: parameter_text(&name, p, provenance)?,
         report: format!("REPORT_{stem}.md"),
-        title: format!("Linearisation of {} {}", report::or_not_stated(&p.sensor), report::or_not_stated(&p.mode)),
+        title: format!("Linearisation of {} {}", show::or_not_stated(&p.sensor), show::or_not_stated(&p.mode)),
         warnings: &p.warnings,
-        sections: report::linearise::sections(result, 2),
+        sections: show::linearise::sections(result, 2),
         provenance,
     };
     outcome.write(&folder, &drawn)?;

@@ -25,17 +25,17 @@ pub use linearise::{First, Refitted, by_sensor_and_mode, linearisation, linearis
 pub use thermal::{ThermalOptions, ThermalShown, thermals};
 pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
 
-use crate::campaign::{Campaign, RunFile};
-use crate::error::{Finding, Severity};
-use crate::formats::output::Folder;
-use crate::formats::parameter::{Body, RunHead};
+use crate::data::error::{Finding, Severity};
+use crate::data::provenance::{Input, Provenance};
+use crate::data::run::{Header, Kind, Run, VectorSink};
+use crate::files::campaign::{Campaign, RunFile};
+use crate::files::output::Folder;
+use crate::files::parameter::{Body, RunHead};
 #[cfg(feature = "tables")]
-use crate::formats::table::Table;
-use crate::formats::{ccr, parameter};
+use crate::files::table::Table;
+use crate::files::{ccr, parameter};
 use crate::plot::{self, Named};
-use crate::provenance::{Input, Provenance};
-use crate::report::{self, Drawn, FigureLink};
-use crate::run::{Header, Kind, Run, VectorSink};
+use crate::show::{self, Drawn, FigureLink};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::HashMap;
@@ -364,7 +364,7 @@ impl Outcome<'_> {
     /// What cannot be written.
     pub fn write(&self, folder: &Folder, drawn: &[Drawn]) -> Result<(), Finding> {
         let links: Vec<FigureLink> = FigureLink::number(drawn, "", &mut 0);
-        let text = report::standalone(&self.title, self.warnings, &self.sections, &links, self.provenance);
+        let text = show::standalone(&self.title, self.warnings, &self.sections, &links, self.provenance);
         folder.write(&self.report, text.as_bytes())?;
         folder.sync()?;
         folder.write(self.name, self.parameters.as_bytes())?;

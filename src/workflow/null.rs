@@ -1,16 +1,16 @@
 //! Zero-field runs as files, figures and text.
 
 use super::{PerRun, Refusal, RunReport, RunResult};
-use crate::analysis::null::{Null, Options, Record, null};
-use crate::campaign::Campaign;
-use crate::envelope::Envelope;
-use crate::formats::parameter::{Npf, RunHead};
+use crate::data::envelope::Envelope;
+use crate::data::provenance::Input;
+use crate::data::run::{Kind, Run};
+use crate::files::campaign::Campaign;
+use crate::files::parameter::{Npf, RunHead};
 #[cfg(feature = "tables")]
-use crate::formats::table::Table;
+use crate::files::table::Table;
+use crate::measure::null::{Null, Options, Record, null};
 use crate::plot::{self, Named};
-use crate::provenance::Input;
-use crate::report;
-use crate::run::{Kind, Run};
+use crate::show;
 
 impl PerRun for Options {
     const COMMAND: &'static str = "null";
@@ -53,13 +53,13 @@ impl RunReport for Null {
         format!("Offset drift and noise in zero field, run {}", self.parameters.run.id)
     }
     fn sections(&self, level: usize) -> String {
-        report::null::sections(self, level)
+        show::null::sections(self, level)
     }
     fn headline(&self) -> String {
-        report::null::headline(self)
+        show::null::headline(self)
     }
     fn summary(&self) -> String {
-        report::null::summary(self)
+        show::null::summary(self)
     }
 }
 
@@ -71,6 +71,6 @@ impl RunResult for Null {
     }
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
-        ("readings enT, sensor axes; densities enT/sqrt(Hz)", report::null::parameter_table(all))
+        ("readings enT, sensor axes; densities enT/sqrt(Hz)", show::null::parameter_table(all))
     }
 }

@@ -2,17 +2,17 @@
 
 use super::lin::recorded_cut;
 use super::{PerRun, Refusal, RunReport, RunResult};
-use crate::analysis::conditions::apply_facility;
-use crate::analysis::offset::{Offset, Options, offset};
-use crate::campaign::Campaign;
-use crate::formats::parameter::{Opf, RunHead};
+use crate::data::plateau::{self, Accumulator};
+use crate::data::provenance::Input;
+use crate::data::run::{Kind, Run};
+use crate::files::campaign::Campaign;
+use crate::files::parameter::{Opf, RunHead};
 #[cfg(feature = "tables")]
-use crate::formats::table::Table;
-use crate::plateau::{self, Accumulator};
+use crate::files::table::Table;
+use crate::measure::offset::{Offset, Options, offset};
 use crate::plot::{self, Named};
-use crate::provenance::Input;
-use crate::report;
-use crate::run::{Kind, Run};
+use crate::record::conditions::apply_facility;
+use crate::show;
 
 impl PerRun for Options {
     const COMMAND: &'static str = "offset";
@@ -76,13 +76,13 @@ impl RunReport for Offset {
         format!("Offset calculation, run {}", self.parameters.run.id)
     }
     fn sections(&self, level: usize) -> String {
-        report::offset::sections(self, level)
+        show::offset::sections(self, level)
     }
     fn headline(&self) -> String {
-        report::offset::headline(self)
+        show::offset::headline(self)
     }
     fn summary(&self) -> String {
-        report::offset::summary(self)
+        show::offset::summary(self)
     }
 }
 
@@ -94,6 +94,6 @@ impl RunResult for Offset {
     }
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
-        ("offsets and residual fields enT, sensor axes; coil residual nT, coil axes", report::offset::parameter_table(all))
+        ("offsets and residual fields enT, sensor axes; coil residual nT, coil axes", show::offset::parameter_table(all))
     }
 }

@@ -2,16 +2,16 @@
 
 use super::lin::recorded_cut;
 use super::{PerRun, Refusal, RunReport, RunResult};
-use crate::analysis::sweep::{Options, Sweep, WINDOW, Window, sweep};
-use crate::campaign::Campaign;
-use crate::formats::parameter::{RunHead, Tpf};
+use crate::data::plateau::{self, Accumulator};
+use crate::data::provenance::Input;
+use crate::data::run::{Kind, Run};
+use crate::files::campaign::Campaign;
+use crate::files::parameter::{RunHead, Tpf};
 #[cfg(feature = "tables")]
-use crate::formats::table::Table;
-use crate::plateau::{self, Accumulator};
+use crate::files::table::Table;
+use crate::measure::sweep::{Options, Sweep, WINDOW, Window, sweep};
 use crate::plot::{self, Named};
-use crate::provenance::Input;
-use crate::report;
-use crate::run::{Kind, Run};
+use crate::show;
 
 impl PerRun for Options {
     const COMMAND: &'static str = "thermal";
@@ -68,13 +68,13 @@ impl RunReport for Sweep {
         format!("Temperature sweep, run {}", self.run.id)
     }
     fn sections(&self, level: usize) -> String {
-        report::sweep::sections(self, level)
+        show::sweep::sections(self, level)
     }
     fn headline(&self) -> String {
-        report::sweep::headline(self)
+        show::sweep::headline(self)
     }
     fn summary(&self) -> String {
-        report::sweep::summary(self)
+        show::sweep::summary(self)
     }
 }
 
@@ -87,10 +87,10 @@ impl RunResult for Sweep {
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
         let note = "sliding windows: sigma nT/enT, xi degrees, b_or enT, residuals nT along the coil axes";
-        vec![("SWEEP_WINDOWS", note.to_owned(), report::sweep::window_table(self))]
+        vec![("SWEEP_WINDOWS", note.to_owned(), show::sweep::window_table(self))]
     }
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
-        ("lags in s, ranges in °C", report::sweep::parameter_table(all))
+        ("lags in s, ranges in °C", show::sweep::parameter_table(all))
     }
 }

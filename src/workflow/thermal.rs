@@ -1,17 +1,17 @@
 //! Analyses across temperatures as files, figures and text.
 
 use super::{Desk, Outcome, draw, parameter_text};
-use crate::analysis::lin::Lin;
-use crate::analysis::thermal::{File, Group, Kind, Thermal, ThermalError, groups, thermal};
-use crate::diagnose::known::Known;
-use crate::error::Finding;
-use crate::formats::campaign::ThermalEntry;
-use crate::formats::facility::Facility;
-use crate::formats::output::Folder;
-use crate::formats::parameter::Point;
+use crate::data::error::Finding;
+use crate::data::provenance::{Input, Provenance};
+use crate::files::campaign::file::ThermalEntry;
+use crate::files::facility::Facility;
+use crate::files::output::Folder;
+use crate::files::parameter::Point;
+use crate::measure::lin::Lin;
+use crate::measure::thermal::{File, Group, Kind, Thermal, ThermalError, groups, thermal};
 use crate::plot;
-use crate::provenance::{Input, Provenance};
-use crate::report::{self, Drawn};
+use crate::record::known::Known;
+use crate::show::{self, Drawn};
 use rayon::prelude::*;
 
 /// How thermal analyses are made.
@@ -116,9 +116,9 @@ fn publish(result: &Thermal, provenance: &Provenance, desk: &Desk) -> Result<Vec
             File::Taf(body) => parameter_text(&name, body.as_ref(), provenance),
         }?,
         report: format!("REPORT_{begin}__{first}.md"),
-        title: format!("{}, {} {}", report::thermal::title(result.kind), head.sensor, head.mode),
+        title: format!("{}, {} {}", show::thermal::title(result.kind), head.sensor, head.mode),
         warnings: &head.warnings,
-        sections: report::thermal::sections(result, 2),
+        sections: show::thermal::sections(result, 2),
         provenance,
     };
     outcome.write(&folder, &drawn)?;

@@ -1,15 +1,15 @@
 //! Calibration tables of thermistors as files, figures and text.
 
 use super::{Desk, Outcome, draw, parameter_text};
-use crate::analysis::thermistor::{Options, Thermistor, thermistor};
-use crate::error::Finding;
-use crate::formats::ccr::run_id_is_safe;
-use crate::formats::output::Folder;
-use crate::formats::parameter::Body;
-use crate::formats::thermistor::{REFERENCE, TABLE, read};
+use crate::data::error::Finding;
+use crate::data::provenance::Provenance;
+use crate::files::ccr::run_id_is_safe;
+use crate::files::output::Folder;
+use crate::files::parameter::Body;
+use crate::files::thermistor::{REFERENCE, TABLE, read};
+use crate::measure::thermistor::{Options, Thermistor, thermistor};
 use crate::plot;
-use crate::provenance::Provenance;
-use crate::report::{self, Drawn};
+use crate::show::{self, Drawn};
 use std::path::Path;
 
 /// A thermistor's polynomial with its origin.
@@ -91,9 +91,9 @@ pub fn publish_thermistor(made: &ThermistorMade, desk: &Desk) -> Result<(String,
         name: &name,
         parameters: parameter_text(&name, p, &made.provenance)?,
         report: format!("REPORT_THERMISTOR__{stem}.md"),
-        title: report::thermistor::title(&made.result),
+        title: show::thermistor::title(&made.result),
         warnings: &p.warnings,
-        sections: report::thermistor::sections(&made.result, 2),
+        sections: show::thermistor::sections(&made.result, 2),
         provenance: &made.provenance,
     };
     outcome.write(&folder, &drawn)?;

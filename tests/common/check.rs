@@ -2,12 +2,12 @@
 
 use super::RUN_ID;
 use assert_cmd::Command;
-use calfit::analysis::lin::{self, Lin};
-use calfit::campaign::Campaign;
-use calfit::error::{Finding, Severity};
-use calfit::formats::ccr;
-use calfit::plateau::{self, Accumulator};
-use calfit::run::{Run, Vector, VectorSink};
+use calfit::data::error::{Finding, Severity};
+use calfit::data::plateau::{self, Accumulator};
+use calfit::data::run::{Run, Vector, VectorSink};
+use calfit::files::campaign::Campaign;
+use calfit::files::ccr;
+use calfit::measure::lin::{self, Lin};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};

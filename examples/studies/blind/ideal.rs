@@ -4,9 +4,9 @@
 use super::noise::{Family, Noise, Random, Whitener};
 use super::sensor::Kind;
 use super::{Blind, kinds};
-use calfit::diagnose::scene::Scene;
 use calfit::diagnose::search::Search;
 use calfit::fit::scan::{ABSORBED, Score, orthonormal};
+use calfit::record::scene::Scene;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 

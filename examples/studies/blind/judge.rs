@@ -2,15 +2,15 @@
 
 use super::ideal::ideal;
 use super::{Amplitude, Blind, Verdict, VerdictStep};
-use calfit::analysis::lin;
+use calfit::data::plateau::{self, Accumulator, LEAST_COVERAGE, Plateaus, Settling};
+use calfit::data::run::{Run, Vector, VectorSink};
 use calfit::diagnose::across::{RunValues, across};
 use calfit::diagnose::result::{Diagnosis, Step};
-use calfit::diagnose::scene::Scene;
 use calfit::diagnose::search::{Candidate, Search};
 use calfit::diagnose::{self, Options, Samples};
+use calfit::measure::lin;
 use calfit::model::effects::{Column, Spec};
-use calfit::plateau::{self, Accumulator, LEAST_COVERAGE, Plateaus, Settling};
-use calfit::run::{Run, Vector, VectorSink};
+use calfit::record::scene::Scene;
 
 /// What the diagnosis says about a run set.
 pub fn judge(blind: &Blind) -> Verdict {

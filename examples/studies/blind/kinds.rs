@@ -5,10 +5,10 @@ use super::freq;
 use super::noise::{Cell, Family, Noise, Random, Whitener};
 use super::sensor::{Curve, Kind, POSITIONS, Scene, Sensor, product, rotation, times, transposed};
 use super::{Blind, Options, TrueEffect, TrueParameter, Truth};
-use calfit::campaign::Campaign;
-use calfit::formats::campaign::{CampaignFile, PositionEntry};
-use calfit::run::{self, GivenBlock, Header, InputFile, ReadingUnit, Run, SlowTable, Vector, VectorAccount};
-use calfit::units::Reading;
+use calfit::data::run::{self, GivenBlock, Header, InputFile, ReadingUnit, Run, SlowTable, Vector, VectorAccount};
+use calfit::data::units::Reading;
+use calfit::files::campaign::Campaign;
+use calfit::files::campaign::file::{CampaignFile, PositionEntry};
 use std::ops::Range;
 
 /// A column of a design: per block (run times three plus component) its values in the cells of the run.

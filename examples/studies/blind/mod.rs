@@ -23,8 +23,8 @@ pub mod poles;
 pub mod score;
 pub mod sensor;
 
-use calfit::campaign::Campaign;
-use calfit::run::{Run, Vector};
+use calfit::data::run::{Run, Vector};
+use calfit::files::campaign::Campaign;
 use freq::TrueSines;
 use noise::{Family, Noise};
 use sensor::{Kind, Matrix, Scene, Sensor};

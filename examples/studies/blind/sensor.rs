@@ -1,8 +1,8 @@
 //! The hidden sensor, its programme and its surroundings. All formulas are its own: nothing of the models under test is used.
 
 use super::noise::Random;
-use calfit::run::Setting;
-use calfit::units::FieldCoil;
+use calfit::data::run::Setting;
+use calfit::data::units::FieldCoil;
 use serde::Serialize;
 use std::f64::consts::TAU;
 use std::ops::Range;

@@ -3,10 +3,10 @@
 use super::scene::{Candidate, Scene, count, extent, numbered, scaled, thermal_order};
 use super::values::RunValues;
 use super::{CLASSES, LEAST_AGREEING};
-use crate::analysis::coil::tilt::Family;
+use crate::data::units::COMPONENTS;
 use crate::diagnose::result::NotIdentifiable;
+use crate::measure::coil::tilt::Family;
 use crate::model::effects::Spec;
-use crate::units::COMPONENTS;
 use nalgebra::DMatrix;
 
 /// Temperatures that span less than this show nothing, K.

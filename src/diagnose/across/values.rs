@@ -1,15 +1,15 @@
 //! The parameters of one run, as a comparison of runs takes them.
 
-use crate::analysis::coil::tilt::Family;
-use crate::analysis::lin;
-use crate::campaign::Campaign;
+use crate::data::plateau::Plateaus;
+use crate::data::run::Run;
+use crate::files::campaign::Campaign;
+use crate::files::orientations::RunResult;
+use crate::files::parameter::{Cpf, TiltValues};
 use crate::fit::propagate::propagate;
-use crate::formats::orientations::RunResult;
-use crate::formats::parameter::{Cpf, TiltValues};
+use crate::measure::coil::tilt::Family;
+use crate::measure::lin;
 use crate::model::position::Position;
 use crate::model::sensor::split;
-use crate::plateau::Plateaus;
-use crate::run::Run;
 use nalgebra::Matrix3;
 
 /// Rounding of values that come without uncertainties: ln σ, nT, degrees.

@@ -1,13 +1,13 @@
 //! Lost samples of a frequency run: in the counters, and in stretches that do not follow their sine.
 
 use super::super::result::{Gap, Parameter, Step};
-use super::super::scene::Samples;
 use super::CERTAIN;
-use crate::analysis::freq::Freq;
+use crate::data::run::Run;
+use crate::data::units::COMPONENTS;
 use crate::fit::sine::{self, Oscillator};
+use crate::measure::freq::Freq;
 use crate::model::effects::{Spec, named};
-use crate::run::Run;
-use crate::units::COMPONENTS;
+use crate::record::scene::Samples;
 use std::ops::Range;
 
 /// A setting of which more than this part follows no sine is damaged.

@@ -1,10 +1,10 @@
 //! A response with what may be missing in it, fitted to amplitudes and phases.
 
-use super::super::known::in_sines::Clock;
 use super::sines::{Sines, Triple};
+use crate::data::run::SlowTable;
 use crate::model::effects::in_sine::{InSine, Poles, passed};
 use crate::model::response::Response;
-use crate::run::SlowTable;
+use crate::record::known::in_sines::Clock;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 

@@ -1,9 +1,9 @@
 //! What the samples of every setting tell of its sine: amplitude, phase, and how fast the phase runs away, with their noise.
 
-use super::super::scene::Samples;
-use crate::analysis::freq::Freq;
+use crate::data::run::Setting;
 use crate::fit::sine::{self, Residue};
-use crate::run::Setting;
+use crate::measure::freq::Freq;
+use crate::record::scene::Samples;
 use nalgebra::DVector;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};

@@ -2,10 +2,10 @@
 
 use super::super::result::{Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, Step};
 use super::words;
-use crate::analysis::freq as analysis;
-use crate::formats::amplitudes::Row;
+use crate::data::units::COMPONENTS;
+use crate::files::amplitudes::Row;
+use crate::measure::freq as analysis;
 use crate::model::effects::{CATALOGUE, Spec, named};
-use crate::units::COMPONENTS;
 
 /// Rows of a table with less weight in the response are outliers.
 const OUTLIER: f64 = 0.5;

@@ -5,9 +5,9 @@ mod waves;
 
 use super::{Inside, SIGNIFICANT, demean, interval_s, remove, remove_raw, rms};
 use crate::diagnose::APART;
-use crate::diagnose::scene::{Samples, Scene};
 use crate::fit::scan::{log_tail, orthonormal};
 use crate::model::effects::{Record, Spec};
+use crate::record::scene::{Samples, Scene};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use spectrum::{Grid, Spectrum, log_p_of_switched};
@@ -212,7 +212,7 @@ fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[
 #[cfg(test)]
 mod tests {
     use super::{demean, level};
-    use crate::diagnose::scene::Samples;
+    use crate::record::scene::Samples;
 
     /// 90 plateaus of 6 s every 7 s at 32 Hz.
     fn plateaus() -> (Samples, Vec<[usize; 2]>) {

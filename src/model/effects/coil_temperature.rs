@@ -3,7 +3,7 @@
 use super::one;
 use super::record::{Channel, centred, delayed};
 use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
-use crate::units::COMPONENTS;
+use crate::data::units::COMPONENTS;
 use nalgebra::DVector;
 
 /// Delays behind the thermistor that are tried, s: a template serves its neighbours to a factor of two.

@@ -3,7 +3,7 @@
 use super::coil_temperature::moving;
 use super::record::centred;
 use super::{About, Column, Effect, Family, Record, Spec, one, singly_and_together};
-use crate::units::COMPONENTS;
+use crate::data::units::COMPONENTS;
 
 /// The compensation acts on the wrong axes too, as with coils or a variometer that are turned.
 const CROSSED: &str = "crossed axes";

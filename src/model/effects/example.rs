@@ -2,7 +2,7 @@
 
 use super::record::{Channel, Step};
 use super::{Effect, Record, Row, Thermal};
-use crate::run::Kind;
+use crate::data::run::Kind;
 use nalgebra::Matrix3;
 use std::f64::consts::TAU;
 

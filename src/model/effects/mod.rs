@@ -41,7 +41,7 @@ pub use heater_pwm::harmonic as pulse_harmonic;
 pub use record::{Record, Row, Thermal};
 pub use unknown::{Covariate, columns as unknown_columns, spline};
 
-use crate::units::COMPONENTS;
+use crate::data::units::COMPONENTS;
 use in_sine::InSine;
 use serde::Serialize;
 

@@ -2,7 +2,7 @@
 
 use super::coil_temperature::{deviation, moving, now_and_later, scale_columns};
 use super::{About, Column, Effect, Family, Record, Spec, one, singly_and_together};
-use crate::units::COMPONENTS;
+use crate::data::units::COMPONENTS;
 
 /// The electronics of the facility follow the temperature of their rack.
 pub struct RackTemperature;

@@ -1,6 +1,6 @@
 //! What a run tells about the conditions of each reading: the covariates that effects are functions of.
 
-use crate::run::{Kind, interpolate};
+use crate::data::run::{Kind, interpolate};
 use nalgebra::{Matrix3, Vector3};
 
 /// Conditions of one reading, or of the mean of the readings of a plateau.

@@ -3,7 +3,7 @@
 use super::coil_temperature::moving;
 use super::record::centred;
 use super::{About, Column, Effect, Family, Record, Spec, one, singly_and_together};
-use crate::units::COMPONENTS;
+use crate::data::units::COMPONENTS;
 use nalgebra::Vector3;
 
 /// The sensor turns in its mount with time or temperature.

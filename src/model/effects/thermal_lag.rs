@@ -1,8 +1,8 @@
 //! The thermistor leads or lags the part that matters.
 
 use super::{About, Column, Effect, Family, Record, Spec};
+use crate::data::run::interpolate;
 use crate::model::lag::follow;
-use crate::run::interpolate;
 
 /// Lags that are tried, s: a template serves its neighbours to a factor of two.
 const LAGS_S: [f64; 9] = [60.0, 120.0, 240.0, 360.0, 480.0, 720.0, 1080.0, 1800.0, 3600.0];

@@ -1,7 +1,7 @@
 //! The reading depends on the field across the axis.
 
 use super::{About, Column, Effect, Family, Record, Spec, one};
-use crate::units::COMPONENTS;
+use crate::data::units::COMPONENTS;
 
 /// The reading depends on the field across the axis.
 pub struct TransverseField;

@@ -2,8 +2,8 @@
 
 use super::record::Channel;
 use super::{About, Column, Effect, Family, Record, Row, Spec, one};
-use crate::run::interpolate;
-use crate::units::COMPONENTS;
+use crate::data::run::interpolate;
+use crate::data::units::COMPONENTS;
 
 /// Knots of the smooth function; one less is its degrees of freedom.
 const MOST_KNOTS: usize = 5;

@@ -2,9 +2,9 @@
 
 use super::super::two_sided;
 use super::HARMONICS;
-use crate::diagnose::scene::Samples;
 use crate::fit::scan::log_tail;
 use crate::model::effects::pulse_harmonic;
+use crate::record::scene::Samples;
 use rayon::prelude::*;
 use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
@@ -161,7 +161,7 @@ impl Noise {
 
     /// Median level of an axis.
     pub fn usual_level(&self, axis: usize) -> f64 {
-        crate::plateau::median(&mut self.levels[axis].clone())
+        crate::data::plateau::median(&mut self.levels[axis].clone())
     }
 }
 
@@ -326,7 +326,7 @@ fn weights(values: &[f64], windows: &[[usize; 2]]) -> Vec<f64> {
     let squares = windows.iter().map(|[from, to]| values[*from..*to].iter().map(|v| v * v).sum::<f64>());
     let mut variances: Vec<f64> = squares.zip(&counts).map(|(sum, n)| sum / n.max(1.0)).collect();
     // Readings that do not move say nothing about noise.
-    let least = LEAST_VARIANCE * crate::plateau::median(&mut variances.clone());
+    let least = LEAST_VARIANCE * crate::data::plateau::median(&mut variances.clone());
     variances.iter_mut().for_each(|v| *v = v.max(least).max(f64::MIN_POSITIVE));
     let mean = variances.iter().zip(&counts).map(|(v, n)| n / v).sum::<f64>() / counts.iter().sum::<f64>();
     variances.iter().map(|v| 1.0 / (v * mean)).collect()

@@ -1,0 +1,8 @@
+//! What a run consists of, and what every room speaks of: runs, plateaus, units, findings, where results come from.
+
+pub mod envelope;
+pub mod error;
+pub mod plateau;
+pub mod provenance;
+pub mod run;
+pub mod units;

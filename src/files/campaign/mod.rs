@@ -1,0 +1,259 @@
+//! A folder to runs, positions, channels and limits.
+
+pub mod file;
+
+use crate::data::error::Finding;
+use crate::data::provenance::Input;
+use crate::data::run::Header;
+use crate::model::position::Position;
+use file::{CampaignFile, read};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Channel of the sensor temperature where nothing else is said.
+pub const SENSOR_CHANNEL: &str = "T59";
+/// Channel of the coil temperature where nothing else is said.
+pub const COIL_CHANNEL: &str = "T29";
+/// Channel of the temperature of the facility's electronics rack where nothing else is said (CH-GFZ-TR-2601 section 6).
+pub const RACK_CHANNEL: &str = "T55";
+
+/// A run file of a campaign.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct RunFile {
+    /// Path inside the campaign, with forward slashes; this is what is recorded.
+    pub recorded: String,
+    /// Path to open.
+    pub path: PathBuf,
+    /// The user named this file, so it is used whatever the campaign says.
+    pub named: bool,
+}
+
+/// A campaign: one folder, or single run files of it.
+#[derive(Clone, Debug, Default)]
+pub struct Campaign {
+    /// The folder.
+    pub root: PathBuf,
+    /// What `campaign.toml` says.
+    pub file: CampaignFile,
+    /// `campaign.toml` as an input, if there is one.
+    pub input: Option<Input>,
+    /// Run files in the order of their recorded paths.
+    pub runs: Vec<RunFile>,
+    positions: BTreeMap<u32, Position>,
+}
+
+impl Campaign {
+    /// The campaigns that a list of folders and run files belongs to; warnings go to `findings`.
+    ///
+    /// # Errors
+    /// A path that does not exist, a folder without runs, or a damaged `campaign.toml`.
+    pub fn open(paths: &[PathBuf], findings: &mut Vec<Finding>) -> Result<Vec<Campaign>, Finding> {
+        let mut by_root: BTreeMap<PathBuf, Vec<(PathBuf, bool)>> = BTreeMap::new();
+        for path in paths {
+            // The place of a run decides on its campaign, so names such as `.` are followed to the real folder.
+            let real = path.canonicalize().map_err(|e| Finding::io(path, "open", &e))?;
+            if real.is_dir() {
+                let files = Self::run_files(&real)?;
+                if files.is_empty() {
+                    let shown = path.display().to_string();
+                    return Err(Finding::error(&shown, "the folder holds no run files", "a campaign has YY-MM-DD/hh-mm-ss.CCR"));
+                }
+                by_root.entry(root_of(&real)).or_default().extend(files.into_iter().map(|f| (f, false)));
+            } else {
+                by_root.entry(root_of(&parent(&real))).or_default().push((real, true));
+            }
+        }
+        by_root.into_iter().map(|(root, files)| Self::of(root, files, findings)).collect()
+    }
+
+    /// A campaign without a folder, for runs that are made and not read.
+    ///
+    /// # Errors
+    /// Axes that no right-handed sensor can have.
+    pub fn in_memory(file: CampaignFile) -> Result<Campaign, Finding> {
+        let positions = positions(Path::new("campaign.toml"), &file)?;
+        Ok(Campaign { file, positions, ..Campaign::default() })
+    }
+
+    /// The run files of a folder and of the folders in it.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn run_files(folder: &Path) -> Result<Vec<PathBuf>, Finding> {
+        let mut files = Vec::new();
+        collect(folder, 0, &mut files)?;
+        Ok(files)
+    }
+
+    fn of(root: PathBuf, files: Vec<(PathBuf, bool)>, findings: &mut Vec<Finding>) -> Result<Campaign, Finding> {
+        let toml = root.join("campaign.toml");
+        let (file, input) = if toml.is_file() {
+            let (file, digested) = read(&toml, findings)?;
+            let input = digested.input("campaign.toml".to_owned());
+            (file, Some(input))
+        } else {
+            (CampaignFile::default(), None)
+        };
+        let positions = positions(&toml, &file)?;
+        let mut runs: Vec<RunFile> =
+            files.into_iter().map(|(path, named)| RunFile { recorded: recorded(&root, &path), path, named }).collect();
+        runs.sort();
+        runs.dedup_by(|later, kept| {
+            let same = later.path == kept.path;
+            kept.named |= same && later.named;
+            same
+        });
+        Ok(Campaign { root, file, input, runs, positions })
+    }
+
+    /// Name and instrument, or what is assumed without a campaign file.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        match (&self.input, &self.file.name, &self.file.instrument) {
+            (None, ..) => {
+                format!("no campaign.toml: position 1 is +X +Y +Z, channels {SENSOR_CHANNEL} and {COIL_CHANNEL}, no field limits")
+            }
+            (_, Some(name), Some(instrument)) => format!("{name}; {instrument}"),
+            (_, name, instrument) => name.clone().or_else(|| instrument.clone()).unwrap_or_else(|| "not named".to_owned()),
+        }
+    }
+
+    /// The position with this id.
+    #[must_use]
+    pub fn position(&self, id: u32) -> Option<Position> {
+        self.positions.get(&id).copied()
+    }
+
+    /// What stands in `campaign.toml` and goes with none of the campaign's runs, most likely because of a slip in a name.
+    #[must_use]
+    pub fn unmatched(&self, headers: &[&Header]) -> Vec<String> {
+        let sensor = |name: &str| headers.iter().any(|h| h.sensor == name);
+        let mode = |name: &str| headers.iter().any(|h| h.mode == name);
+        let mut list = Vec::new();
+        for entry in self.file.sensors.iter().filter(|s| !sensor(&s.name)) {
+            list.push(format!("[[sensor]] name = \"{}\"", entry.name));
+        }
+        for entry in &self.file.limits {
+            list.extend(entry.sensor.iter().filter(|s| !sensor(s)).map(|s| format!("[[limit]] sensor = \"{s}\"")));
+            list.extend(entry.mode.iter().filter(|m| !mode(m)).map(|m| format!("[[limit]] mode = \"{m}\"")));
+        }
+        let known = |run: &String| headers.iter().any(|h| h.run == *run);
+        for (kind, runs) in &self.file.runs {
+            let name = CampaignFile::ANALYSES.iter().find(|(_, k)| k == kind).map_or("?", |(name, _)| name);
+            list.extend(runs.iter().filter(|r| !known(r)).map(|run| format!("[{name}] runs \"{run}\"")));
+        }
+        for entry in &self.file.thermal {
+            list.extend(entry.sensor.iter().filter(|s| !sensor(s)).map(|s| format!("[[thermal]] sensor = \"{s}\"")));
+            list.extend(entry.mode.iter().filter(|m| !mode(m)).map(|m| format!("[[thermal]] mode = \"{m}\"")));
+            list.extend(entry.runs.iter().flatten().filter(|r| !known(r)).map(|run| format!("[[thermal]] runs \"{run}\"")));
+        }
+        list
+    }
+
+    /// Whether the analysis of its kind uses a run.
+    #[must_use]
+    pub fn uses(&self, header: &Header) -> bool {
+        let listed = self.file.runs.iter().find(|(kind, _)| *kind == header.kind);
+        listed.is_none_or(|(_, runs)| runs.contains(&header.run))
+    }
+
+    /// The channels of sensor and coil temperature for a run.
+    #[must_use]
+    pub fn channels(&self, header: &Header) -> (String, String) {
+        let sensor = self.file.sensors.iter().find(|s| s.name == header.sensor);
+        let pick = |own: Option<&String>, all: Option<&String>, default: &str| {
+            own.or(all).cloned().unwrap_or_else(|| default.to_owned())
+        };
+        (
+            pick(sensor.and_then(|s| s.temperature_channel.as_ref()), self.file.temperature_channel.as_ref(), SENSOR_CHANNEL),
+            pick(
+                sensor.and_then(|s| s.coil_temperature_channel.as_ref()),
+                self.file.coil_temperature_channel.as_ref(),
+                COIL_CHANNEL,
+            ),
+        )
+    }
+
+    /// The channel of the rack temperature; the facility has one rack, whichever the sensor.
+    #[must_use]
+    pub fn rack_channel(&self) -> &str {
+        self.file.rack_temperature_channel.as_deref().unwrap_or(RACK_CHANNEL)
+    }
+
+    /// The field limits of a run along its nominal sensor axes, nT.
+    #[must_use]
+    pub fn limits_nt(&self, header: &Header) -> [Option<f64>; 3] {
+        let applies = |wanted: &Option<String>, is: &str| wanted.as_deref().is_none_or(|w| w == is);
+        let mut limits = [None; 3];
+        for entry in self.file.limits.iter().filter(|l| applies(&l.sensor, &header.sensor) && applies(&l.mode, &header.mode)) {
+            for (limit, new) in limits.iter_mut().zip(entry.max_field_nt) {
+                *limit = Some(limit.map_or(new, |old: f64| old.min(new)));
+            }
+        }
+        limits
+    }
+}
+
+/// The positions of a campaign file; without any, position 1 is the standard one.
+///
+/// # Errors
+/// Axes that no right-handed sensor can have.
+pub fn positions(path: &Path, file: &CampaignFile) -> Result<BTreeMap<u32, Position>, Finding> {
+    let mut positions = BTreeMap::new();
+    for entry in &file.positions {
+        let position = Position::from_axes(&entry.axes).map_err(|e| {
+            Finding::error(&path.display().to_string(), format!("position {}: {e}", entry.id), "correct its axes")
+        })?;
+        positions.insert(entry.id, position);
+    }
+    if positions.is_empty() {
+        positions.insert(1, Position::STANDARD);
+    }
+    Ok(positions)
+}
+
+/// The campaign that a folder of run files belongs to: it or the folder above it with a `campaign.toml`, else the folder above the
+/// folder of a day.
+fn root_of(folder: &Path) -> PathBuf {
+    let above = parent(folder);
+    if folder.join("campaign.toml").is_file() {
+        folder.to_owned()
+    } else if above.join("campaign.toml").is_file() || is_day(folder) {
+        above
+    } else {
+        folder.to_owned()
+    }
+}
+
+fn parent(path: &Path) -> PathBuf {
+    path.parent().unwrap_or(path).to_owned()
+}
+
+/// Whether a folder is named after a day, YY-MM-DD.
+fn is_day(path: &Path) -> bool {
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    name.len() == 8 && name.bytes().enumerate().all(|(i, b)| if i == 2 || i == 5 { b == b'-' } else { b.is_ascii_digit() })
+}
+
+/// The path of a run file inside its campaign, which is the same wherever the campaign lies.
+fn recorded(root: &Path, path: &Path) -> String {
+    let relative = path.strip_prefix(root).unwrap_or(path);
+    relative.components().map(|c| c.as_os_str().to_string_lossy().into_owned()).collect::<Vec<_>>().join("/")
+}
+
+/// Run files of a folder and of the folders in it.
+fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), Finding> {
+    let listing = std::fs::read_dir(folder).map_err(|e| Finding::io(folder, "list the folder", &e))?;
+    for entry in listing {
+        let path = entry.map_err(|e| Finding::io(folder, "list the folder", &e))?.path();
+        let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_uppercase()).unwrap_or_default();
+        if path.is_dir() {
+            if depth == 0 {
+                collect(&path, depth + 1, files)?;
+            }
+        } else if name.ends_with(".CCR") || name.ends_with(".CCR.GZ") {
+            files.push(path);
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,38 @@
+//! One row per quantity of a parameter file.
+
+use super::quantity::quantities;
+use super::{Exported, Options, Source};
+use crate::data::error::Finding;
+use std::fmt::Write;
+
+/// One CSV file per parameter file. A value or uncertainty that is not known is an empty cell.
+pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Exported>, Finding> {
+    let cell = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:?}"));
+    let one = |source: &Source| {
+        let mut text = format!(
+            "# {} {} quantities of {}, SHA-256 {}; standard uncertainties, coverage factor 1; name_Tk is the coefficient of T^k, T in degC\n\
+             name,component,value,standard_uncertainty,unit,frame,valid_from,valid_to,valid_unit\n",
+            options.provenance.tool,
+            options.provenance.tool_version,
+            source.name(),
+            source.input().sha256
+        );
+        for q in quantities(source)? {
+            let (low, high, unit) = q.valid.map_or((None, None, ""), |([low, high], unit)| (Some(low), Some(high), unit));
+            let _ = writeln!(
+                text,
+                "{},{},{},{},{},{},{},{},{unit}",
+                q.name,
+                q.component,
+                cell(q.value),
+                cell(q.std),
+                q.unit,
+                q.frame,
+                cell(low),
+                cell(high)
+            );
+        }
+        Ok(Exported { name: format!("{}.csv", source.name()), text })
+    };
+    sources.iter().map(one).collect()
+}

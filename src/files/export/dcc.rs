@@ -1,0 +1,155 @@
+//! A digital calibration certificate in the style of the schema of PTB, version 3: administrative data and results with expanded
+//! uncertainties, coverage factor 2. It is well-formed and in the order of the schema; it is not signed.
+
+use super::quantity::{Quantity, quantities};
+use super::{Exported, Options, Source};
+use crate::data::error::Finding;
+use std::fmt::Write;
+
+const COVERAGE_FACTOR: f64 = 2.0;
+const NOT_STATED: &str = "not stated";
+/// The code of ISO 3166 that users may give a meaning: no country is stated.
+const NO_COUNTRY: &str = "ZZ";
+
+/// One certificate per parameter file.
+pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Exported>, Finding> {
+    let one = |source: &Source| {
+        let list = quantities(source)?;
+        Ok(Exported { name: format!("{}.xml", source.name()), text: certificate(source, &list, options) })
+    };
+    sources.iter().map(one).collect()
+}
+
+/// Text as content of an element; characters that XML has no place for become blanks.
+fn escape(text: &str) -> String {
+    let mut out = String::new();
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '\t' | '\n' => out.push(c),
+            c if c < ' ' || matches!(c, '\u{7f}' | '\u{fffe}' | '\u{ffff}') => out.push(' '),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// An element with a text in English.
+fn named(element: &str, text: &str) -> String {
+    format!("<dcc:{element}><dcc:content lang=\"en\">{}</dcc:content></dcc:{element}>", escape(text))
+}
+
+/// First and last day of the measurements: those of the runs, or the day on which the file was made.
+fn days(source: &Source) -> [String; 2] {
+    let of_run = |id: &str| {
+        let day =
+            id.get(..8).filter(|d| d.bytes().enumerate().all(|(i, b)| if i % 3 == 2 { b == b'-' } else { b.is_ascii_digit() }));
+        day.map(|d| format!("20{d}"))
+    };
+    let made = || source.file.provenance.created.get(..10).unwrap_or_default().to_owned();
+    let runs = source.value["runs"].as_array().into_iter().flatten().filter_map(|v| v.as_str());
+    let mut list: Vec<String> = runs.chain(source.text("/run/id")).filter_map(of_run).collect();
+    list.sort();
+    [list.first().cloned().unwrap_or_else(made), list.last().cloned().unwrap_or_else(made)]
+}
+
+fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String {
+    let stated = |label: &str| options.report.iter().find(|(l, _)| *l == label).map_or(NOT_STATED, |(_, text)| text.as_str());
+    let either =
+        |a: &str, b: &str| source.text(a).or_else(|| source.text(b)).filter(|t| !t.is_empty()).unwrap_or(NOT_STATED).to_owned();
+    let (tool, version) = (&options.provenance.tool, &options.provenance.tool_version);
+    let sensor = either("/sensor", "/run/sensor");
+    let mode = either("/mode", "/run/mode");
+    let [begin, end] = days(source);
+    let issued = options.provenance.created.get(..10).unwrap_or_default();
+    let identifier = format!("{} SHA-256 {}", source.name(), source.input().sha256);
+    let uncertainty = source.text("/convention/uncertainty").unwrap_or(NOT_STATED);
+    let model = source.text("/convention/model").unwrap_or(NOT_STATED);
+    let mut out = format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<!-- written by {tool} {version} -->\n\
+         <dcc:digitalCalibrationCertificate xmlns:dcc=\"https://ptb.de/dcc\" xmlns:si=\"https://ptb.de/si\" schemaVersion=\"3.3.0\">\n\
+         <dcc:administrativeData>\n"
+    );
+    let _ = writeln!(
+        out,
+        "<dcc:dccSoftware><dcc:software>{}<dcc:release>{version}</dcc:release></dcc:software></dcc:dccSoftware>\n\
+         <dcc:coreData>\n<dcc:countryCodeISO3166_1>{NO_COUNTRY}</dcc:countryCodeISO3166_1>\n\
+         <dcc:usedLangCodeISO639_1>en</dcc:usedLangCodeISO639_1>\n<dcc:mandatoryLangCodeISO639_1>en</dcc:mandatoryLangCodeISO639_1>\n\
+         <dcc:uniqueIdentifier>{}</dcc:uniqueIdentifier>\n<dcc:beginPerformanceDate>{}</dcc:beginPerformanceDate>\n\
+         <dcc:endPerformanceDate>{}</dcc:endPerformanceDate>\n<dcc:performanceLocation>laboratory</dcc:performanceLocation>\n\
+         <dcc:issueDate>{}</dcc:issueDate>\n</dcc:coreData>",
+        named("name", tool),
+        escape(&identifier),
+        escape(&begin),
+        escape(&end),
+        escape(issued)
+    );
+    let _ = writeln!(
+        out,
+        "<dcc:items><dcc:item>\n{}\n<dcc:model>{}</dcc:model>\n<dcc:identifications><dcc:identification><dcc:issuer>manufacturer</dcc:issuer>\
+         <dcc:value>{}</dcc:value></dcc:identification></dcc:identifications>\n</dcc:item></dcc:items>",
+        named("name", &format!("magnetometer sensor {sensor}, mode {mode}")),
+        escape(stated("Model")),
+        escape(stated("Serial numbers of sensor and electronics"))
+    );
+    let _ = writeln!(
+        out,
+        "<dcc:calibrationLaboratory><dcc:contact>{}<dcc:location><dcc:city>{}</dcc:city></dcc:location></dcc:contact>\
+         </dcc:calibrationLaboratory>\n<dcc:respPersons><dcc:respPerson><dcc:person>{}</dcc:person><dcc:mainSigner>true</dcc:mainSigner>\
+         </dcc:respPerson></dcc:respPersons>\n<dcc:customer>{}<dcc:location><dcc:city>{NOT_STATED}</dcc:city></dcc:location></dcc:customer>",
+        named("name", stated("Laboratory")),
+        escape(stated("Place of the measurements")),
+        named("name", stated("Responsible")),
+        named("name", stated("Customer"))
+    );
+    let statement = |name: &str, text: &str| {
+        format!("<dcc:statement>{}{}</dcc:statement>\n", named("name", name), named("description", text))
+    };
+    let _ = writeln!(
+        out,
+        "<dcc:statements>\n{}{}{}</dcc:statements>\n</dcc:administrativeData>",
+        statement("uncertainty", &format!("expanded uncertainties are {COVERAGE_FACTOR} standard uncertainties; {uncertainty}")),
+        statement("traceability", stated("Traceability of the reference field")),
+        statement(
+            "units",
+            "readings are engineering nanotesla (enT), which stand as nanotesla; sensitivities nT/enT stand as one; nanotesla per \
+             engineering unit of the coil system stand as nanotesla"
+        )
+    );
+    let _ = writeln!(
+        out,
+        "<dcc:measurementResults><dcc:measurementResult>\n{}\n<dcc:usedMethods><dcc:usedMethod>{}{}</dcc:usedMethod></dcc:usedMethods>\n\
+         <dcc:results>",
+        named("name", source.name()),
+        named("name", &source.file.provenance.command),
+        named("description", model)
+    );
+    for q in list {
+        // The schema has no place for a value that was not determined.
+        let Some(value) = q.value else { continue };
+        let component = if q.component.is_empty() { String::new() } else { format!(" {}", q.component) };
+        let valid = q.valid.map_or_else(String::new, |([low, high], unit)| format!("; valid from {low:?} to {high:?} {unit}"));
+        let _ = writeln!(
+            out,
+            "<dcc:result>{}<dcc:data><dcc:quantity>{}<si:real><si:value>{value:?}</si:value><si:unit>{}</si:unit>{}</si:real></dcc:quantity>\
+             </dcc:data></dcc:result>",
+            named("name", &format!("{}{component}", q.name)),
+            named("name", &format!("{}{component}, {}, {}{valid}", q.name, q.unit, q.frame)),
+            q.unit.d_si(),
+            q.std.map_or_else(String::new, expanded)
+        );
+    }
+    out.push_str("</dcc:results>\n</dcc:measurementResult></dcc:measurementResults>\n</dcc:digitalCalibrationCertificate>\n");
+    out
+}
+
+fn expanded(std: f64) -> String {
+    format!(
+        "<si:measurementUncertaintyUnivariate><si:expandedMU><si:valueExpandedMU>{:?}</si:valueExpandedMU>\
+         <si:coverageFactor>{COVERAGE_FACTOR}</si:coverageFactor><si:coverageProbability>0.95</si:coverageProbability>\
+         </si:expandedMU></si:measurementUncertaintyUnivariate>",
+        COVERAGE_FACTOR * std
+    )
+}

@@ -1,0 +1,93 @@
+//! Parameter files in the forms of other programs: one file and one line of [`FORMATS`] per form.
+
+mod csv;
+mod dcc;
+mod json;
+mod quantity;
+pub mod rpcmag;
+
+use super::parameter::{AnyFile, Body, ParameterFile, read, read_any};
+use crate::data::error::Finding;
+use crate::data::provenance::Provenance;
+use std::path::{Path, PathBuf};
+
+/// Writes parameter files in one form.
+pub type Write = fn(&[Source], &Options) -> Result<Vec<Exported>, Finding>;
+
+/// The forms by their names on the command line.
+pub const FORMATS: [(&str, Write); 4] =
+    [("rpcmag", rpcmag::export), ("json", json::export), ("csv", csv::export), ("dcc", dcc::export)];
+
+/// What the forms need beside the files.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Origin of the exported file; its inputs are the parameter files.
+    pub provenance: Provenance,
+    /// The polynomials of a TPF were measured at the centre of the coil system, so that K is the identity.
+    pub at_centre: bool,
+    /// Entries of `[report]` of a campaign file, label and text: laboratory, item and persons.
+    pub report: Vec<(&'static str, String)>,
+}
+
+/// A parameter file to export.
+#[derive(Clone, Debug)]
+pub struct Source {
+    path: PathBuf,
+    file: AnyFile,
+    /// All of it; a number that is none is null.
+    value: serde_json::Value,
+}
+
+/// A file in another form.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Exported {
+    /// Its name.
+    pub name: String,
+    /// Its content.
+    pub text: String,
+}
+
+impl Source {
+    /// Reads a parameter file of any kind and checks its hash.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn read(path: &Path) -> Result<Self, Finding> {
+        let file = read_any(path)?;
+        let value = toml_edit::de::from_document(file.document.clone()).map_err(|e| {
+            Finding::error(&path.display().to_string(), format!("has no JSON form: {}", e.message()), "check the file")
+        })?;
+        Ok(Self { path: path.to_owned(), file, value })
+    }
+
+    /// What it is, with its hash.
+    #[must_use]
+    pub fn input(&self) -> &crate::data::provenance::Input {
+        &self.file.input
+    }
+
+    fn name(&self) -> &str {
+        &self.file.input.path
+    }
+
+    fn format(&self) -> &str {
+        self.value["format"].as_str().unwrap_or_default()
+    }
+
+    fn text(&self, pointer: &str) -> Option<&str> {
+        self.value.pointer(pointer).and_then(serde_json::Value::as_str)
+    }
+
+    fn number(&self, pointer: &str) -> Option<f64> {
+        self.value.pointer(pointer).and_then(serde_json::Value::as_f64)
+    }
+
+    fn refuse(&self, rule: impl Into<Box<str>>, remedy: impl Into<Box<str>>) -> Finding {
+        Finding::error(&self.path.display().to_string(), rule, remedy)
+    }
+
+    /// The file as what its format says.
+    fn typed<B: Body>(&self) -> Result<ParameterFile<B>, Finding> {
+        read::<B>(&self.path)
+    }
+}

@@ -1,0 +1,61 @@
+//! Linearisations to apply: the LINEARISATION files that `calfit lin --linearise` writes.
+
+use super::parameter::{self, LinearisationFile, LinearisationPart};
+use crate::data::error::Finding;
+use crate::data::provenance::Input;
+use crate::data::units::COMPONENTS;
+use crate::model::linearisation::{AxisLinearisation, LEAST_SLOPE};
+use nalgebra::Matrix2;
+use std::path::Path;
+
+/// A linearisation with where it comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Linearisation {
+    /// The file, under its name.
+    pub input: Input,
+    /// Sensor that it was measured with.
+    pub sensor: String,
+    /// Mode.
+    pub mode: String,
+    /// Polynomials.
+    pub part: LinearisationPart,
+    /// Covariance of c2, 1/enT, and c3, 1/enT², per sensor axis.
+    pub covariance: [Matrix2<f64>; 3],
+}
+
+impl Linearisation {
+    /// The polynomial of a sensor axis, 0 to 2.
+    #[must_use]
+    pub fn axis(&self, axis: usize) -> AxisLinearisation {
+        AxisLinearisation { c2_per_ent: self.part.c2_per_ent[axis], c3_per_ent2: self.part.c3_per_ent2[axis] }
+    }
+
+    /// The option that names it, with a space before it.
+    #[must_use]
+    pub fn recorded(&self) -> String {
+        format!(" --linearisation {}", self.input.path)
+    }
+}
+
+/// Reads a LINEARISATION file.
+///
+/// # Errors
+/// No such file, a covariance of another size, or polynomials without an inverse within their range.
+pub fn read(path: &Path) -> Result<Linearisation, Finding> {
+    let parameter::ParameterFile { input, body, .. } = parameter::read::<LinearisationFile>(path)?;
+    let refuse = |rule: String| Finding::error(&path.display().to_string(), rule, "linearise the runs again");
+    let matrix = &body.covariance.matrix;
+    if matrix.len() != 6 || matrix.iter().any(|row| row.len() != 6) {
+        return Err(refuse("the covariance of six coefficients has not six rows and columns".to_owned()));
+    }
+    let covariance = std::array::from_fn(|a| Matrix2::from_fn(|r, c| matrix[2 * a + r][2 * a + c]));
+    let LinearisationFile { sensor, mode, linearisation: part, .. } = body;
+    let linearisation = Linearisation { input, sensor, mode, part, covariance };
+    for (axis, name) in COMPONENTS.into_iter().enumerate() {
+        let slope = linearisation.axis(axis).least_slope(linearisation.part.reading_ent[axis]);
+        if slope.is_nan() || slope < LEAST_SLOPE {
+            return Err(refuse(format!("the polynomial of {name} has a slope of {slope:.2} within its range, not near 1")));
+        }
+    }
+    Ok(linearisation)
+}

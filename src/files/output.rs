@@ -1,0 +1,198 @@
+//! Files are written whole or not at all, and never over a file that this tool did not write.
+
+use crate::data::error::Finding;
+use std::fs::{self, File};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+/// How the files that the tool writes begin: parameter files and CSV tables, Markdown, JSON, XML, and (within the head of the picture)
+/// figures.
+const BEGINS: [&[u8]; 4] = [
+    b"# calfit ",
+    b"<!-- written by calfit ",
+    b"{\n  \"written_by\": \"calfit ",
+    b"<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<!-- written by calfit ",
+];
+const PICTURE: (&[u8], &[u8]) = (b"\x89PNG", b"Software\0calfit ");
+/// Parquet tables hold their mark at the end.
+const TABLE: (&[u8], &[u8]) = (b"PAR1", b"written_by");
+const MARK_WITHIN: u64 = 4096;
+/// Simulated runs say so among their keys.
+const SIMULATED: (&[u8], &[u8]) = (b"CCR 1\n", b"\n# simulated by calfit ");
+const TEMPORARY: &str = ".calfit-partial-";
+
+/// A folder for results.
+#[derive(Clone, Debug)]
+pub struct Folder {
+    path: PathBuf,
+    force: bool,
+}
+
+impl Folder {
+    /// Creates the folder if needed, takes away what an interrupted run left there, and checks that files can be written.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn open(path: &Path, force: bool) -> Result<Self, Finding> {
+        if path.exists() && !path.is_dir() {
+            return Err(Finding::error(&path.display().to_string(), "is not a folder", "choose another output folder with -o"));
+        }
+        fs::create_dir_all(path).map_err(|e| Finding::io(path, "create the folder", &e))?;
+        for entry in fs::read_dir(path).map_err(|e| Finding::io(path, "list the folder", &e))?.flatten() {
+            if is_leftover(&entry.file_name().to_string_lossy()) {
+                // A leftover that cannot be removed does no harm.
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+        Ok(Self { path: path.to_owned(), force })
+    }
+
+    /// Refuses a name that is taken by something this tool did not write.
+    ///
+    /// # Errors
+    /// A folder or a foreign file of that name.
+    pub fn check(&self, name: &str) -> Result<(), Finding> {
+        let path = self.path.join(name);
+        let Ok(existing) = fs::symlink_metadata(&path) else { return Ok(()) };
+        let shown = path.display().to_string();
+        if existing.is_dir() {
+            return Err(Finding::error(&shown, "the name is taken by a folder", "choose another output folder with -o"));
+        }
+        if self.force || (existing.is_file() && is_own(&path)) {
+            return Ok(());
+        }
+        Err(Finding::error(
+            &shown,
+            "the file exists and was not written by calfit",
+            "move it away, choose another folder with -o, or use --force",
+        ))
+    }
+
+    /// Writes a file under its final name once it is complete on disk.
+    ///
+    /// # Errors
+    /// A name that is taken, or what the operating system says.
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Finding> {
+        let mut file = self.create(name)?;
+        file.write_all(bytes).map_err(|e| Finding::io(&file.path, "write", &e))?;
+        file.finish().map(|_| ())
+    }
+
+    /// A file that is written piece by piece, and has its name once it is finished.
+    ///
+    /// # Errors
+    /// A name that is taken, or what the operating system says.
+    pub fn create(&self, name: &str) -> Result<Pending, Finding> {
+        self.check(name)?;
+        let path = self.path.join(name);
+        let file = tempfile::Builder::new()
+            .prefix(&format!("{TEMPORARY}{}-", std::process::id()))
+            .tempfile_in(&self.path)
+            .map_err(|e| Finding::io(&path, "write", &e))?;
+        Ok(Pending { file, path, size_bytes: 0 })
+    }
+
+    /// Makes the names of what was written last through a power loss.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn sync(&self) -> Result<(), Finding> {
+        File::open(&self.path).and_then(|folder| folder.sync_all()).map_err(|e| Finding::io(&self.path, "sync the folder", &e))
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+/// A file under a temporary name. Without [`Pending::finish`] it vanishes.
+pub struct Pending {
+    file: tempfile::NamedTempFile,
+    path: PathBuf,
+    size_bytes: u64,
+}
+
+impl Pending {
+    /// Gives the file its name once it is complete on disk; returns its size.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn finish(mut self) -> Result<u64, Finding> {
+        let failed = |e: &std::io::Error| Finding::io(&self.path, "write", e);
+        self.file.flush().map_err(|e| failed(&e))?;
+        readable(self.file.as_file()).map_err(|e| failed(&e))?;
+        self.file.as_file().sync_data().map_err(|e| failed(&e))?;
+        self.file.persist(&self.path).map_err(|e| Finding::io(&self.path, "write", &e.error))?;
+        Ok(self.size_bytes)
+    }
+}
+
+impl Write for Pending {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let written = self.file.write(bytes)?;
+        self.size_bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// A temporary file, named after the process that writes it, is left over once that process is gone.
+fn is_leftover(name: &str) -> bool {
+    let owner = name.strip_prefix(TEMPORARY).and_then(|rest| rest.split('-').next());
+    owner.is_some_and(|process| !Path::new("/proc").join(process).exists())
+}
+
+/// Temporary files are private; results are as readable as any other file.
+#[cfg(unix)]
+fn readable(file: &File) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    file.set_permissions(fs::Permissions::from_mode(0o644))
+}
+
+#[cfg(not(unix))]
+fn readable(_file: &File) -> std::io::Result<()> {
+    Ok(())
+}
+
+fn is_own(path: &Path) -> bool {
+    let read = || -> std::io::Result<bool> {
+        let mut file = File::open(path)?;
+        let length = file.metadata()?.len();
+        let mut head = Vec::new();
+        (&mut file).take(MARK_WITHIN).read_to_end(&mut head)?;
+        file.seek(SeekFrom::Start(length.saturating_sub(MARK_WITHIN)))?;
+        let mut tail = Vec::new();
+        file.take(MARK_WITHIN).read_to_end(&mut tail)?;
+        let holds = |bytes: &[u8], mark: &[u8]| memchr::memmem::find(bytes, mark).is_some();
+        Ok(BEGINS.iter().any(|begin| head.starts_with(begin))
+            || head.starts_with(SIMULATED.0) && holds(&head, SIMULATED.1)
+            || head.starts_with(PICTURE.0) && holds(&head, PICTURE.1)
+            || head.starts_with(TABLE.0) && holds(&tail, TABLE.1) && holds(&tail, b"calfit"))
+    };
+    read().unwrap_or(false)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn foreign_files_stay_and_own_files_are_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = Folder::open(dir.path(), false).unwrap();
+        fs::write(dir.path().join("a.md"), "my notes on calfit").unwrap();
+        assert!(folder.write("a.md", b"x").is_err());
+        assert_eq!(fs::read(dir.path().join("a.md")).unwrap(), b"my notes on calfit");
+        folder.write("b.md", b"# calfit 1").unwrap();
+        folder.write("b.md", b"# calfit 2").unwrap();
+        assert_eq!(fs::read(dir.path().join("b.md")).unwrap(), b"# calfit 2");
+        Folder::open(dir.path(), true).unwrap().write("a.md", b"calfit").unwrap();
+        fs::create_dir(dir.path().join("c")).unwrap();
+        assert!(folder.check("c").is_err());
+    }
+}

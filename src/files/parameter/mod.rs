@@ -1,0 +1,185 @@
+//! Parameter files: TOML with a common head and one body per kind.
+//!
+//! Numbers are written with as many digits as it takes to read the same number back. `content_sha256` is the hash of the file
+//! without its `created` and `content_sha256` lines, so that equal results have equal hashes and a damaged file shows.
+
+mod centre;
+mod coil;
+mod cpf;
+mod emit;
+mod fpf;
+mod head;
+mod linearisation;
+mod model;
+mod null;
+mod opf;
+mod point;
+mod thermal;
+mod thermistor;
+
+pub use centre::{CentreConvention, CentreResidual, CentreRun, OffCentrePart, Tcf};
+pub use coil::{
+    AxisResidual, CoilConvention, CoilResidual, CoilScalar, CoilTilt, FacilityApplied, FacilityPart, ResidualState,
+    ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity, TiltOrientation, TiltValues,
+};
+pub use cpf::{Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Quality, Setup, Spread, Std, Summary, Validity};
+pub use emit::toml;
+pub use fpf::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
+pub use head::{Conditions, Dropped, Rows, RunHead};
+pub use linearisation::{
+    LinearisationApplied, LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisationPart, LinearisedAxis,
+    LinearisedRun, PanelFit, linearisation_file_name,
+};
+pub use model::{AppliedEffect, Model, ModelApplied, ModelEffect, ModelParameter};
+pub use null::{
+    AllanPart, ChannelPart, CornerPart, DensityPart, LinePart, Npf, NullConvention, NullOffset, NullScaled, RecordPart,
+    SpectrumPart, StopPart, TogetherPart,
+};
+pub use opf::{Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
+pub use point::{Point, RunPoint, Values, read_point};
+pub use thermal::{
+    JointPart, LagPart, ModelError, QuantityPart, ResidualField, Rotation, SweepPart, Taf, ThermalConvention, ThermalHead, Tof,
+    Tpf,
+};
+pub use thermistor::{ComparedPolynomial, OrderPart, ReferencePart, TableRow, ThermistorConvention, ThermistorFile};
+
+use super::source::{hex, read_whole};
+use crate::data::error::Finding;
+use crate::data::provenance::{Input, Provenance};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use sha2::{Digest, Sha256};
+use std::path::Path;
+
+/// A kind of parameter file.
+pub trait Body: Serialize + DeserializeOwned {
+    /// Value of `format`.
+    const FORMAT: &'static str;
+    /// Keys whose lists may hold nan, which stands for a value that was not determined.
+    const MAY_LACK: &'static [&'static str] = &[];
+    /// File name for a run.
+    fn file_name(&self) -> String;
+}
+
+#[derive(Deserialize)]
+struct Head {
+    format: String,
+    version: u32,
+    provenance: Provenance,
+}
+
+/// A parameter file as it was read.
+#[derive(Clone, Debug)]
+pub struct ParameterFile<B> {
+    /// The file itself, under its name.
+    pub input: Input,
+    /// Where it comes from.
+    pub provenance: Provenance,
+    /// What it holds.
+    pub body: B,
+}
+
+/// Version of the layout.
+const VERSION: u32 = 1;
+
+/// The text of a parameter file.
+///
+/// # Errors
+/// Values that have no TOML form.
+pub fn to_text<B: Body>(body: &B, provenance: &Provenance) -> Result<String, serde_json::Error> {
+    let mut document = serde_json::Map::new();
+    document.insert("format".to_owned(), B::FORMAT.into());
+    document.insert("version".to_owned(), VERSION.into());
+    let mut head = serde_json::to_value(provenance)?;
+    if let Some(table) = head.as_object_mut() {
+        table.insert("content_sha256".to_owned(), "".into());
+    }
+    document.insert("provenance".to_owned(), head);
+    if let serde_json::Value::Object(table) = serde_json::to_value(body)? {
+        document.extend(table);
+    }
+    if document.iter().any(|(key, value)| !B::MAY_LACK.contains(&key.as_str()) && holds_gap(value)) {
+        return Err(serde::ser::Error::custom("a value is not finite"));
+    }
+    let text = format!("# calfit {} parameter file\n{}", B::FORMAT, toml(&document));
+    let hash = content_hash(&text);
+    Ok(text.replacen("content_sha256 = \"\"", &format!("content_sha256 = \"{hash}\""), 1))
+}
+
+/// A null within a list is a number that was not finite; a null key is one that is absent.
+fn holds_gap(value: &serde_json::Value) -> bool {
+    match value {
+        serde_json::Value::Array(list) => list.iter().any(|v| v.is_null() || holds_gap(v)),
+        serde_json::Value::Object(table) => table.values().any(holds_gap),
+        _ => false,
+    }
+}
+
+pub(in crate::files) fn content_hash(text: &str) -> String {
+    let mut hash = Sha256::new();
+    for line in text.lines().filter(|l| !l.starts_with("created = ") && !l.starts_with("content_sha256 = ")) {
+        hash.update(line.as_bytes());
+        hash.update(b"\n");
+    }
+    hex(&hash.finalize())
+}
+
+/// A parameter file of any kind.
+#[derive(Clone, Debug)]
+pub struct AnyFile {
+    /// The file itself, under its name.
+    pub input: Input,
+    /// Where it comes from.
+    pub provenance: Provenance,
+    /// All of it.
+    pub document: toml_edit::DocumentMut,
+}
+
+/// Text and head of a parameter file whose hash is right.
+fn open(path: &Path) -> Result<(String, Head, Input), Finding> {
+    let (bytes, digested) = read_whole(path)?;
+    let file = path.display().to_string();
+    let refuse = |rule: String, remedy: &str| Finding::error(&file, rule, remedy);
+    let text = String::from_utf8(bytes)
+        .map_err(|_| refuse("the file is not UTF-8 text".to_owned(), "take it from the archive again"))?;
+    let head: Head = toml_edit::de::from_str(&text)
+        .map_err(|e| refuse(format!("is not a parameter file of this program: {}", e.message()), "check the file"))?;
+    if head.version != VERSION {
+        return Err(refuse(format!("holds version {}, not {VERSION}", head.version), "use the program that wrote it"));
+    }
+    let stated = text.lines().find_map(|l| l.strip_prefix("content_sha256 = "));
+    if stated.is_none_or(|s| s.trim_matches('"') != content_hash(&text)) {
+        return Err(refuse(
+            "was changed after it was written: its hash is missing or does not match".to_owned(),
+            "take the original, or fit again",
+        ));
+    }
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    Ok((text, head, digested.input(name)))
+}
+
+/// Reads a parameter file of any kind and checks its hash.
+///
+/// # Errors
+/// What is wrong with it: not TOML, without the head of a parameter file, another version, a hash that does not match.
+pub fn read_any(path: &Path) -> Result<AnyFile, Finding> {
+    let (text, head, input) = open(path)?;
+    let document = text.parse::<toml_edit::DocumentMut>().map_err(|e| {
+        Finding::error(&path.display().to_string(), format!("is not TOML: {}", e.message()), "take it from the archive again")
+    })?;
+    Ok(AnyFile { input, provenance: head.provenance, document })
+}
+
+/// Reads a parameter file of a known kind and checks its hash.
+///
+/// # Errors
+/// As [`read_any`], and another kind or a key that is missing.
+pub fn read<B: Body>(path: &Path) -> Result<ParameterFile<B>, Finding> {
+    let (text, head, input) = open(path)?;
+    let refuse = |rule: String, remedy: &str| Finding::error(&path.display().to_string(), rule, remedy);
+    if head.format != B::FORMAT {
+        return Err(refuse(format!("holds format {}, not {}", head.format, B::FORMAT), "name a file of the right kind"));
+    }
+    let body: B = toml_edit::de::from_str(&text)
+        .map_err(|e| refuse(format!("is not a {} file: {}", B::FORMAT, e.message()), "check the file"))?;
+    Ok(ParameterFile { input, provenance: head.provenance, body })
+}

@@ -1,0 +1,531 @@
+//! The scalar calibration of the coil system: settings and moduli to scale factors, offset fields and angles, and to what
+//! temperatures do to them (CH-GFZ-TR-2601 section 6; mathematics.md section 5).
+
+use super::{ANGLES, AXES, CoilError};
+use crate::data::plateau::median;
+use crate::data::run::{Run, ScalarRow, interpolate};
+use crate::files::campaign::Campaign;
+use crate::files::parameter::{
+    CoilConvention, CoilScalar, Covariance, FacilityPart, ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity,
+};
+use crate::fit::{FitError, Limits, Model, NonlinearSolution, linear, nonlinear};
+use crate::model::coil::Coil;
+use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
+use serde::Serialize;
+
+/// How a scalar calibration is made.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Options {
+    /// Channel of the rack temperature in place of the campaign's.
+    pub rack_channel: Option<String>,
+}
+
+/// Largest condition number of the design with columns scaled to one. Directions all over the sphere have less than three.
+pub const MOST_CONDITION: f64 = 100.0;
+/// Largest condition number where temperature coefficients are fitted, too.
+const MOST_THERMAL_CONDITION: f64 = 1e3;
+/// A residual of this many robust standard deviations is an outlier.
+const OUTLIER: f64 = 6.0;
+/// Smaller residuals are no outliers, nT.
+const LEAST_OUTLIER_NT: f64 = 1e-3;
+/// Rounds of leaving out.
+const ROUNDS: usize = 10;
+/// A larger share of rows left out asks for a look at the run.
+const MANY_OUTLIERS: f64 = 0.05;
+/// Least range of the temperatures of several calibrations in which coefficients are looked for, K.
+const LEAST_RANGE_K: f64 = 0.2;
+/// Calibrations that differ by this many standard deviations do not describe the same facility.
+const DISAGREEMENT: f64 = 5.0;
+/// Number of parameters at one temperature.
+const CONSTANT: usize = 9;
+
+/// One row in the light of the fit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RowResidual {
+    /// Run id.
+    pub run: String,
+    /// s since the run's start.
+    pub t_s: f64,
+    /// Setting, EU.
+    pub setting_eu: [f64; 3],
+    /// Measured modulus, nT.
+    pub modulus_nt: f64,
+    /// Measured minus modelled modulus, nT.
+    pub residual_nt: f64,
+    /// Whether the row was used.
+    pub used: bool,
+}
+
+/// A scalar calibration.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Scalar {
+    /// What the parameter file holds.
+    pub parameters: CoilScalar,
+    /// Residuals of all rows.
+    pub rows: Vec<RowResidual>,
+}
+
+/// A row with its temperatures as differences from the references, K.
+struct Observation {
+    run: usize,
+    row: usize,
+    scalar: ScalarRow,
+    coil_k: f64,
+    rack_k: f64,
+}
+
+/// Which temperatures the model follows.
+#[derive(Clone, Copy, PartialEq)]
+struct Follows {
+    coil: bool,
+    rack: bool,
+}
+
+impl Follows {
+    fn count(self) -> usize {
+        CONSTANT + 6 * (usize::from(self.coil) + usize::from(self.rack))
+    }
+
+    /// First index of the rack's coefficients.
+    fn rack_at(self) -> usize {
+        CONSTANT + 6 * usize::from(self.coil)
+    }
+
+    /// Names in a parameter file, names for people, units.
+    fn names(self) -> Vec<[String; 3]> {
+        let mut list = Vec::new();
+        let mut of = |key: &str, text: &str, unit: &str, axes: [&str; 3]| {
+            list.extend(axes.map(|a| [format!("{key}_{}", a.to_lowercase()), text.replace('#', a), unit.to_owned()]));
+        };
+        of("scale", "the scale factor of #", "nT/EU", AXES);
+        of("offset", "the offset field of #", "nT", AXES);
+        of("angle", "the angle #", "deg", ANGLES);
+        if self.coil {
+            of("scale_per_k", "the change of the scale factor of # with the coil temperature", "1/K", AXES);
+            of("offset_per_k", "the change of the offset field of # with the coil temperature", "nT/K", AXES);
+        }
+        if self.rack {
+            of("rack_scale_per_k", "the change of the scale factor of # with the rack temperature", "1/K", AXES);
+            of("rack_offset_per_k", "the change of the offset field of # with the rack temperature", "nT/K", AXES);
+        }
+        list
+    }
+
+    fn part(self, values: &[f64]) -> FacilityPart {
+        let three = |from: usize| -> [f64; 3] { std::array::from_fn(|i| values.get(from + i).copied().unwrap_or(f64::NAN)) };
+        let mut part = FacilityPart::constant(three(0), three(3), three(6));
+        if self.coil {
+            part.scale_per_k = Some(three(CONSTANT));
+            part.offset_nt_per_k = Some(three(CONSTANT + 3));
+        }
+        if self.rack {
+            part.rack_scale_per_k = Some(three(self.rack_at()));
+            part.rack_offset_nt_per_k = Some(three(self.rack_at() + 3));
+        }
+        part
+    }
+
+    /// The coil system with these parameters and references of zero.
+    fn coil(self, values: &[f64]) -> Coil {
+        let part = FacilityPart { reference_degc: Some(0.0), rack_reference_degc: Some(0.0), ..self.part(values) };
+        crate::files::facility::coil(&part)
+    }
+}
+
+/// The modulus of the field of every row.
+struct Modulus<'a> {
+    rows: &'a [Observation],
+    follows: Follows,
+}
+
+impl Model for Modulus<'_> {
+    fn names(&self) -> Vec<String> {
+        self.follows.names().into_iter().map(|[_, text, _]| text).collect()
+    }
+
+    fn values(&self, parameters: &[f64], values: &mut [f64]) {
+        let coil = self.follows.coil(parameters);
+        let Some(axes) = coil.axes() else { return values.fill(f64::NAN) };
+        for (value, row) in values.iter_mut().zip(self.rows) {
+            *value = Vector3::from(coil.field(&axes, row.scalar.setting, row.coil_k, row.rack_k).0).norm();
+        }
+    }
+
+    fn jacobian(&self, parameters: &[f64], jacobian: &mut DMatrix<f64>) {
+        let coil = self.follows.coil(parameters);
+        let (Some(axes), Some(by_angle)) = (coil.axes(), coil.axes_per_degree()) else { return jacobian.fill(f64::NAN) };
+        for (i, row) in self.rows.iter().enumerate() {
+            let unit = Vector3::from(coil.field(&axes, row.scalar.setting, row.coil_k, row.rack_k).0).normalize();
+            let along = axes.transpose() * unit;
+            let coil_factor = |k: usize| 1.0 + coil.scale_per_k[k] * row.coil_k;
+            let rack_factor = |k: usize| 1.0 + coil.rack_scale_per_k[k] * row.rack_k;
+            let driven =
+                Vector3::from_fn(|k, _| coil.scale_nt_per_eu[k] * coil_factor(k) * rack_factor(k) * row.scalar.setting[k]);
+            for k in 0..3 {
+                let setting = along[k] * row.scalar.setting[k];
+                jacobian[(i, k)] = setting * coil_factor(k) * rack_factor(k);
+                jacobian[(i, 3 + k)] = unit[k];
+                jacobian[(i, 6 + k)] = unit.dot(&(by_angle[k] * driven));
+                if self.follows.coil {
+                    jacobian[(i, CONSTANT + k)] = setting * coil.scale_nt_per_eu[k] * row.coil_k * rack_factor(k);
+                    jacobian[(i, CONSTANT + 3 + k)] = unit[k] * row.coil_k;
+                }
+                if self.follows.rack {
+                    let at = self.follows.rack_at();
+                    jacobian[(i, at + k)] = setting * coil.scale_nt_per_eu[k] * coil_factor(k) * row.rack_k;
+                    jacobian[(i, at + 3 + k)] = unit[k] * row.rack_k;
+                }
+            }
+        }
+    }
+}
+
+struct Fitted {
+    solution: NonlinearSolution,
+    used: Vec<bool>,
+}
+
+/// Fits rows, leaves out those that stand out, and fits again.
+fn fit(rows: &[Observation], follows: Follows, most_condition: f64) -> Result<Fitted, CoilError> {
+    let limits = Limits { max_condition: most_condition };
+    let explain = |error: FitError| match error {
+        FitError::Undetermined { parameters, condition } => {
+            CoilError::Undetermined { parameters, condition, most: most_condition }
+        }
+        other => CoilError::Fit(other),
+    };
+    if rows.len() <= follows.count() {
+        return Err(CoilError::TooFewRows { rows: rows.len() });
+    }
+    let model = Modulus { rows, follows };
+    let moduli: Vec<f64> = rows.iter().map(|r| r.scalar.modulus_nt).collect();
+    let settings: f64 = rows.iter().map(|r| Vector3::from(r.scalar.setting).norm_squared()).sum();
+    let scale = (moduli.iter().map(|f| f * f).sum::<f64>() / settings).sqrt();
+    let mut start = vec![0.0; follows.count()];
+    start[..3].fill(if scale.is_finite() { scale } else { 1.0 });
+    start[6..9].fill(90.0);
+    // The geometry is the same everywhere: what the directions do not determine is seen at the start, before any search.
+    let mut jacobian = DMatrix::zeros(rows.len(), start.len());
+    model.jacobian(&start, &mut jacobian);
+    let design = linear::Design::new(model.names(), jacobian).map_err(explain)?;
+    linear::solve(&design, &DMatrix::from_column_slice(rows.len(), 1, &moduli), None, &limits).map_err(explain)?;
+
+    let mut used = vec![true; rows.len()];
+    for _ in 0..ROUNDS {
+        let weights: Vec<f64> = used.iter().map(|used| f64::from(u8::from(*used))).collect();
+        let solution = nonlinear::solve(&model, &moduli, Some(&weights), &start, &limits).map_err(explain)?;
+        let mut sizes: Vec<f64> = solution.residuals.iter().map(|r| r.abs()).collect();
+        let limit_nt = (OUTLIER * median(&mut sizes) / 0.6745).max(LEAST_OUTLIER_NT);
+        let now: Vec<bool> = solution.residuals.iter().map(|r| r.abs() <= limit_nt).collect();
+        if now == used || now.iter().filter(|used| **used).count() <= follows.count() {
+            return Ok(Fitted { solution, used });
+        }
+        used = now;
+    }
+    Err(CoilError::Fit(FitError::NotSettled { what: "the choice of rows", iterations: ROUNDS }))
+}
+
+/// Temperatures of the rows of all runs, °C; `None` if a run has none.
+fn temperatures(runs: &[(&Run, &Campaign)], channel: impl Fn(&Run, &Campaign) -> Option<String>) -> Option<Vec<Vec<f64>>> {
+    runs.iter()
+        .map(|(run, campaign)| {
+            let series = run.slow_channel(&channel(run, campaign)?).filter(|s| !s.is_empty())?;
+            Some(run.scalar.iter().map(|row| interpolate(&series, row.t_s)).collect())
+        })
+        .collect()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
+}
+
+/// Mean over the runs, on the tenth of a kelvin, as reference.
+fn reference(degc: &[Vec<f64>]) -> f64 {
+    let means: Vec<f64> = degc.iter().map(|d| mean(d)).collect();
+    (10.0 * mean(&means)).round() / 10.0
+}
+
+/// Calibrates the coil system with the `@SCALAR` rows of some runs, which stand in time order.
+///
+/// # Errors
+/// [`CoilError`]: too few rows, or directions that leave a parameter undetermined.
+pub fn scalar(runs: &[(&Run, &Campaign)], options: &Options) -> Result<Scalar, CoilError> {
+    if runs.iter().all(|(run, _)| run.scalar.is_empty()) {
+        return Err(CoilError::NoRows);
+    }
+    let mut warnings = Vec::new();
+    let coil_degc = temperatures(runs, |run, campaign| Some(campaign.channels(&run.header).1));
+    let rack_degc = temperatures(runs, |_, campaign| {
+        Some(options.rack_channel.clone().unwrap_or_else(|| campaign.rack_channel().to_owned()))
+    });
+    if let (None, Some(channel)) = (&rack_degc, &options.rack_channel) {
+        warnings.push(format!("not every run has a channel {channel}: the rack temperature was not used"));
+    }
+    let coil_reference = coil_degc.as_deref().map(reference);
+    let rack_reference = rack_degc.as_deref().map(reference);
+    let difference = |degc: &Option<Vec<Vec<f64>>>, reference: Option<f64>, run: usize, row: usize| {
+        degc.as_ref().zip(reference).map_or(0.0, |(degc, reference)| degc[run][row] - reference)
+    };
+    let rows: Vec<Observation> = runs
+        .iter()
+        .enumerate()
+        .flat_map(|(run, (data, _))| data.scalar.iter().enumerate().map(move |(row, scalar)| (run, row, *scalar)))
+        .map(|(run, row, scalar)| Observation {
+            run,
+            row,
+            scalar,
+            coil_k: difference(&coil_degc, coil_reference, run, row),
+            rack_k: difference(&rack_degc, rack_reference, run, row),
+        })
+        .collect();
+
+    let constant = Follows { coil: false, rack: false };
+    let mut wanted = Follows { coil: differ(&coil_degc, runs.len(), 3), rack: differ(&rack_degc, runs.len(), 4) };
+    let fitted = loop {
+        let most = if wanted == constant { MOST_CONDITION } else { MOST_THERMAL_CONDITION };
+        match fit(&rows, wanted, most) {
+            Err(CoilError::Undetermined { condition, .. }) if wanted.rack => {
+                warnings.push(format!(
+                    "rack and coil temperatures of the calibrations do not tell their coefficients apart (condition {condition:.0e}): \
+                     the rack temperature was not used"
+                ));
+                wanted.rack = false;
+            }
+            Err(CoilError::Undetermined { .. } | CoilError::TooFewRows { .. }) if wanted != constant => wanted = constant,
+            other => break other?,
+        }
+    };
+    let part = |list: &[f64]| wanted.part(list);
+    let solution = &fitted.solution;
+    let mut std = solution.std();
+    let calibration = each(&rows, runs, &fitted.used, &coil_degc, &rack_degc);
+    widen(&mut std, &calibration, wanted, solution, [coil_reference, rack_reference], &mut warnings);
+    let mut facility = part(&solution.parameters);
+    facility.reference_degc = coil_reference.filter(|_| wanted.coil);
+    facility.rack_reference_degc = rack_reference.filter(|_| wanted.rack);
+    if coil_degc.is_none() {
+        warnings.push("not every run has a coil temperature: the parameters hold for that of the calibration".to_owned());
+    }
+
+    let outlier: Vec<ScalarOutlier> = rows
+        .iter()
+        .zip(&fitted.used)
+        .zip(&solution.residuals)
+        .filter(|((_, used), _)| !**used)
+        .map(|((row, _), residual_nt)| ScalarOutlier {
+            run: runs[row.run].0.header.run.clone(),
+            row: row.row + 1,
+            t_s: row.scalar.t_s,
+            setting_eu: row.scalar.setting,
+            modulus_nt: row.scalar.modulus_nt,
+            residual_nt: *residual_nt,
+        })
+        .collect();
+    warn_of_outliers(&mut warnings, &outlier, rows.len());
+    let own = |row: &&Observation| fitted.used[rows.partition_point(|r| (r.run, r.row) < (row.run, row.row))];
+    let used_rows: Vec<&Observation> = rows.iter().filter(own).collect();
+    let names = wanted.names();
+    let covariance = solution.covariance();
+    let flat = |degc: &Option<Vec<Vec<f64>>>| degc.as_ref().map(|d| range(d.iter().flatten().copied()));
+    let parameters = CoilScalar {
+        convention: CoilConvention::of(
+            "F = |C (S u) + o|, S the scale factors, u the settings, o the offset fields, C the unit vectors along the coils as columns; S changes by the factor 1 + per_k dT, o by per_k dT",
+            "standard uncertainties, coverage factor 1, from the scatter of the moduli (Student's factor for quality.degrees_of_freedom) and, where it is larger, of the calibrations; the scale of the scalar magnetometer and its heading error are not included",
+        ),
+        used: runs.iter().map(|(run, _)| run.header.run.clone()).collect(),
+        campaign: runs.first().map_or_else(String::new, |(_, campaign)| campaign.describe()),
+        facility,
+        std: part(&std),
+        covariance: Covariance {
+            parameters: names.iter().map(|[key, _, _]| key.clone()).collect(),
+            units: names.iter().map(|[_, _, unit]| unit.clone()).collect(),
+            matrix: (0..names.len()).map(|r| (0..names.len()).map(|c| covariance[(r, c)]).collect()).collect(),
+        },
+        quality: ScalarQuality {
+            rows_used: used_rows.len(),
+            rows_total: rows.len(),
+            degrees_of_freedom: solution.dof,
+            condition: solution.condition,
+            direction_share: direction_share(&used_rows),
+            residual_std_nt: solution.residual_std,
+            residual_max_nt: solution
+                .residuals
+                .iter()
+                .zip(&fitted.used)
+                .filter(|(_, u)| **u)
+                .fold(0.0, |m: f64, (r, _)| m.max(r.abs())),
+        },
+        calibration,
+        outlier,
+        valid: ScalarValidity {
+            modulus_nt: range(used_rows.iter().map(|r| r.scalar.modulus_nt)),
+            coil_degc: flat(&coil_degc),
+            rack_degc: flat(&rack_degc),
+        },
+        warnings,
+    };
+    let rows = rows
+        .iter()
+        .zip(&solution.residuals)
+        .zip(&fitted.used)
+        .map(|((row, residual_nt), used)| RowResidual {
+            run: runs[row.run].0.header.run.clone(),
+            t_s: row.scalar.t_s,
+            setting_eu: row.scalar.setting,
+            modulus_nt: row.scalar.modulus_nt,
+            residual_nt: *residual_nt,
+            used: *used,
+        })
+        .collect();
+    Ok(Scalar { parameters, rows })
+}
+
+/// Whether there are enough calibrations at temperatures that differ.
+fn differ(degc: &Option<Vec<Vec<f64>>>, runs: usize, least: usize) -> bool {
+    let Some(degc) = degc else { return false };
+    let [low, high] = range(degc.iter().map(|d| mean(d)));
+    runs >= least && high - low >= LEAST_RANGE_K
+}
+
+/// Every calibration on its own, if it can stand alone.
+fn each(
+    rows: &[Observation],
+    runs: &[(&Run, &Campaign)],
+    used: &[bool],
+    coil_degc: &Option<Vec<Vec<f64>>>,
+    rack_degc: &Option<Vec<Vec<f64>>>,
+) -> Vec<ScalarCalibration> {
+    let constant = Follows { coil: false, rack: false };
+    let one = |(index, (run, _)): (usize, &(&Run, &Campaign))| {
+        let own: Vec<Observation> = rows
+            .iter()
+            .zip(used)
+            .filter(|(row, used)| row.run == index && **used)
+            .map(|(row, _)| Observation { coil_k: 0.0, rack_k: 0.0, ..*row })
+            .collect();
+        let fitted = fit(&own, constant, MOST_CONDITION).ok()?;
+        let mean_of = |degc: &Option<Vec<Vec<f64>>>| degc.as_ref().and_then(|d| d.get(index)).map(|d| mean(d));
+        Some(ScalarCalibration {
+            run: run.header.run.clone(),
+            start: run.header.start.clone(),
+            rows: fitted.used.iter().filter(|used| **used).count(),
+            coil_degc: mean_of(coil_degc),
+            rack_degc: mean_of(rack_degc),
+            residual_std_nt: fitted.solution.residual_std,
+            condition: fitted.solution.condition,
+            facility: constant.part(&fitted.solution.parameters),
+            std: constant.part(&fitted.solution.std()),
+        })
+    };
+    runs.iter().enumerate().filter_map(one).collect()
+}
+
+/// The nine values of one temperature.
+fn nine(part: &FacilityPart) -> [f64; CONSTANT] {
+    std::array::from_fn(|i| [part.scale_nt_per_eu, part.offset_nt, part.angles_deg][i / 3][i % 3])
+}
+
+/// Where several calibrations differ by more than their noise, their spread is the uncertainty, and a warning says so.
+fn widen(
+    std: &mut [f64],
+    calibration: &[ScalarCalibration],
+    follows: Follows,
+    solution: &NonlinearSolution,
+    references: [Option<f64>; 2],
+    warnings: &mut Vec<String>,
+) {
+    let count = calibration.len();
+    if count < 2 {
+        return;
+    }
+    let coil = follows.coil(&solution.parameters);
+    let names = follows.names();
+    for j in 0..CONSTANT {
+        let mut squares = 0.0;
+        let mut worst: f64 = 0.0;
+        for one in calibration {
+            let k = |degc: Option<f64>, reference: Option<f64>| degc.zip(reference).map_or(0.0, |(t, r)| t - r);
+            let (coil_k, rack_k) = (k(one.coil_degc, references[0]), k(one.rack_degc, references[1]));
+            let expected = match j {
+                0..3 => {
+                    coil.scale_nt_per_eu[j] * (1.0 + coil.scale_per_k[j] * coil_k) * (1.0 + coil.rack_scale_per_k[j] * rack_k)
+                }
+                3..6 => coil.offset_nt[j - 3] + coil.offset_nt_per_k[j - 3] * coil_k + coil.rack_offset_nt_per_k[j - 3] * rack_k,
+                _ => coil.angles_deg[j - 6],
+            };
+            let difference = nine(&one.facility)[j] - expected;
+            squares += difference * difference;
+            worst = worst.max(difference.abs() / nine(&one.std)[j]);
+        }
+        let spread = (squares / ((count - 1) * count) as f64).sqrt();
+        std[j] = std[j].max(spread);
+        if worst > DISAGREEMENT {
+            warnings.push(format!(
+                "FIT: {} differs between the calibrations by up to {worst:.0} standard deviations; the facility changed, or follows a \
+                 temperature that was not used",
+                names[j][1]
+            ));
+        }
+    }
+}
+
+fn warn_of_outliers(warnings: &mut Vec<String>, outliers: &[ScalarOutlier], total: usize) {
+    for o in outliers {
+        warnings.push(format!(
+            "row {} of run {} ({:.0} s) stands out by {:+.2} nT and was left out",
+            o.row, o.run, o.t_s, o.residual_nt
+        ));
+    }
+    if outliers.len() as f64 > MANY_OUTLIERS * total as f64 {
+        warnings.push(format!("FIT: {} of {total} rows stand out; check the scalar magnetometer", outliers.len()));
+    }
+}
+
+/// Shares of the squared settings along their principal directions, the largest first.
+fn direction_share(rows: &[&Observation]) -> [f64; 3] {
+    let sum = rows.iter().fold(Matrix3::zeros(), |sum, row| {
+        let u = Vector3::from(row.scalar.setting);
+        sum + u * u.transpose()
+    });
+    let mut shares: Vec<f64> = (SymmetricEigen::new(sum).eigenvalues / sum.trace()).iter().copied().collect();
+    shares.sort_by(|a, b| b.total_cmp(a));
+    std::array::from_fn(|i| shares.get(i).copied().unwrap_or(f64::NAN).max(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_jacobian_is_that_of_differences() {
+        let row = |setting: [f64; 3], coil_k: f64, rack_k: f64| Observation {
+            run: 0,
+            row: 0,
+            scalar: ScalarRow { t_s: 0.0, setting, modulus_nt: 0.0 },
+            coil_k,
+            rack_k,
+        };
+        let rows = [row([3e4, -2e4, 1e4], 0.7, -1.1), row([-1e4, 4e4, 2e4], -0.4, 0.3), row([0.0, 0.0, -5e4], 1.0, 1.0)];
+        let model = Modulus { rows: &rows, follows: Follows { coil: true, rack: true } };
+        let mut parameters = vec![0.99, 1.01, 1.002, 20.0, -30.0, 5.0, 89.7, 90.4, 90.2];
+        parameters.extend([1.9e-3, -1.6e-3, 1.7e-3, 0.3, -0.2, 0.8, -8e-4, 5e-4, 2e-4, 0.1, 0.2, -0.3]);
+        let (mut own, mut differences) = (DMatrix::zeros(3, 21), DMatrix::zeros(3, 21));
+        model.jacobian(&parameters, &mut own);
+        nonlinear::differentiate(&model, &parameters, &mut differences);
+        for i in 0..3 {
+            for j in 0..21 {
+                let size = own.column(j).amax();
+                assert!(
+                    (own[(i, j)] - differences[(i, j)]).abs() <= 1e-7 * size,
+                    "{i} {j}: {} {}",
+                    own[(i, j)],
+                    differences[(i, j)]
+                );
+            }
+        }
+    }
+}

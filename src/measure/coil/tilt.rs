@@ -1,0 +1,387 @@
+//! Sensor and facility from runs of one sensor in several orientations (CH-GFZ-TR-2601 sections 7 and 9; mathematics.md section 5).
+//!
+//! A sensor axis i along the coil axis k with the sign s sees wrong parameters of the facility as its own: the sensitivity
+//! `σ_i (1 - ds_k)`, the offset `o_i + s db_k`, and the angle `ξ_ij + s_i s_j dα_kl` between two axes. In other orientations it sees
+//! those of other coils, so that sensor and facility are told apart. To first order the three families do not mix.
+
+use super::{ANGLES, AXES, CoilError};
+use crate::files::orientations::RunResult;
+use crate::files::parameter::{CoilConvention, CoilTilt, Covariance, FacilityPart, TiltOrientation, TiltValues};
+use crate::fit::{FitError, Limits, linear};
+use crate::model::position::Position;
+use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
+use serde::Serialize;
+
+/// How sensor and facility are told apart.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Options {
+    /// Sensor, where there are several.
+    pub sensor: Option<String>,
+    /// Keep an orientation that does not agree with the others.
+    pub keep_all: bool,
+}
+
+/// An orientation is left out where the scatter without it is less than this share of that with it, as geometric mean over scale
+/// factors, offsets and angles. Of four orientations that differ by noise alone one is left out in 4 of 100 cases.
+const DISAGREES: f64 = 0.5;
+/// So many orientations must remain.
+const LEAST_LEFT: usize = 3;
+/// Scatter of scale factors, offsets (nT) and angles (degrees) that is rounding.
+const ROUNDING: [f64; 3] = [1e-10, 1e-7, 1e-10];
+/// Eigenvalues of the normal matrix below this are zero: its entries are small whole numbers.
+const NULL: f64 = 1e-9;
+/// Pairs of axes that the three angles lie between.
+pub(crate) const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+
+/// Sensor and facility.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Tilt {
+    /// What the parameter file holds.
+    pub parameters: CoilTilt,
+}
+
+/// The three families of parameters, which do not mix.
+#[derive(Clone, Copy)]
+pub(crate) enum Family {
+    Scale,
+    Offset,
+    Angle,
+}
+
+impl Family {
+    pub(crate) const ALL: [Family; 3] = [Family::Scale, Family::Offset, Family::Angle];
+
+    /// Which parameter of the facility the sensor's parameter `i` sees, and with which factor.
+    pub(crate) fn sees(self, position: &Position, i: usize) -> (usize, f64) {
+        match self {
+            Family::Scale => (position.along(i).0, -1.0),
+            Family::Offset => position.along(i),
+            Family::Angle => {
+                let (a, b) = PAIRS[i];
+                let ((k, s), (l, t)) = (position.along(a), position.along(b));
+                let pair = PAIRS.iter().position(|p| *p == (k.min(l), k.max(l))).unwrap_or_default();
+                (pair, s * t)
+            }
+        }
+    }
+
+    /// The values of one run or orientation in which the facility acts by addition.
+    pub(crate) fn of(self, values: &TiltValues) -> [f64; 3] {
+        match self {
+            Family::Scale => values.scale.map(f64::ln),
+            Family::Offset => values.offset_nt,
+            Family::Angle => values.angles_deg,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Family::Scale => "scale factor",
+            Family::Offset => "offset field",
+            Family::Angle => "angle",
+        }
+    }
+}
+
+/// The answer for one family.
+struct Solved {
+    sensor: [f64; 3],
+    facility: [f64; 3],
+    sensor_std: [f64; 3],
+    covariance: Matrix3<f64>,
+    residual_std: f64,
+    dof: usize,
+    /// Directions of the facility that the orientations do not see.
+    unseen: Vec<Vector3<f64>>,
+}
+
+/// Solves one family by least squares. What the orientations leave undetermined the correction of the facility has no part of.
+fn solve(family: Family, orientations: &[(Position, [f64; 3])]) -> Result<Solved, FitError> {
+    let rows = 3 * orientations.len();
+    let mut design = DMatrix::zeros(rows, 6);
+    let mut rhs = DVector::zeros(rows);
+    for (g, (position, values)) in orientations.iter().enumerate() {
+        for i in 0..3 {
+            let (k, factor) = family.sees(position, i);
+            design[(3 * g + i, i)] = 1.0;
+            design[(3 * g + i, 3 + k)] = factor;
+            rhs[3 * g + i] = values[i];
+        }
+    }
+    // A null direction always has a part in the facility: the sensor's own parameters are seen in every orientation.
+    let eigen = SymmetricEigen::new(design.transpose() * &design);
+    let null = (0..6).filter(|j| eigen.eigenvalues[*j] < NULL);
+    let unseen = orthonormal(null.map(|j| Vector3::from_fn(|k, _| eigen.eigenvectors[(3 + k, j)])).collect());
+    let seen = orthonormal(
+        [Vector3::x(), Vector3::y(), Vector3::z()]
+            .into_iter()
+            .map(|axis| unseen.iter().fold(axis, |left, u| left - u * u.dot(&axis)))
+            .collect(),
+    );
+    let basis = DMatrix::from_fn(3, seen.len(), |k, j| seen[j][k]);
+    let columns = DMatrix::from_fn(rows, 3 + seen.len(), |r, c| {
+        if c < 3 { design[(r, c)] } else { (0..3).map(|k| design[(r, 3 + k)] * basis[(k, c - 3)]).sum() }
+    });
+    let names = (0..columns.ncols()).map(|c| format!("{} {c}", family.name())).collect();
+    let design = linear::Design::new(names, columns)?;
+    let solution = linear::solve(&design, &DMatrix::from_column_slice(rows, 1, rhs.as_slice()), None, &Limits::default())?;
+    let found: Vec<f64> = solution.coefficients.iter().copied().collect();
+    let residual_std = solution.residual_std[0];
+    let all = &solution.unscaled_covariance * residual_std.powi(2);
+    let own = all.view((3, 3), (seen.len(), seen.len())).into_owned();
+    let covariance = &basis * own * basis.transpose();
+    Ok(Solved {
+        sensor: std::array::from_fn(|i| found[i]),
+        facility: std::array::from_fn(|k| (0..seen.len()).map(|j| basis[(k, j)] * found[3 + j]).sum()),
+        sensor_std: std::array::from_fn(|i| all[(i, i)].sqrt()),
+        covariance: Matrix3::from_fn(|r, c| covariance[(r, c)]),
+        residual_std,
+        dof: solution.dof,
+        unseen,
+    })
+}
+
+/// An orthonormal basis of what some vectors span, the longest first.
+fn orthonormal(mut vectors: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
+    let mut basis: Vec<Vector3<f64>> = Vec::new();
+    while let Some(longest) = (0..vectors.len()).max_by(|a, b| vectors[*a].norm().total_cmp(&vectors[*b].norm())) {
+        let next = vectors.swap_remove(longest);
+        if next.norm() < 1e-6 {
+            break;
+        }
+        let next = next.normalize();
+        vectors.iter_mut().for_each(|v| *v -= next * next.dot(v));
+        basis.push(next);
+    }
+    basis
+}
+
+/// All three families.
+fn solve_all(orientations: &[(Position, TiltValues)]) -> Result<[Solved; 3], FitError> {
+    let family = |family: Family| {
+        let own: Vec<(Position, [f64; 3])> = orientations.iter().map(|(p, v)| (*p, family.of(v))).collect();
+        solve(family, &own)
+    };
+    let [scale, offset, angle] = Family::ALL.map(family);
+    Ok([scale?, offset?, angle?])
+}
+
+/// The orientation that does not agree with the others, if there is one.
+fn odd_one_out(orientations: &[(Position, TiltValues)]) -> Result<Option<usize>, FitError> {
+    if orientations.len() <= LEAST_LEFT {
+        return Ok(None);
+    }
+    let all = solve_all(orientations)?;
+    if all.iter().zip(ROUNDING).any(|(solved, rounding)| solved.residual_std.is_nan() || solved.residual_std < rounding) {
+        return Ok(None);
+    }
+    let mut best: Option<(usize, f64)> = None;
+    for out in 0..orientations.len() {
+        let others: Vec<(Position, TiltValues)> =
+            orientations.iter().enumerate().filter(|(i, _)| *i != out).map(|(_, o)| *o).collect();
+        let left = solve_all(&others)?;
+        let comparable = left.iter().zip(&all).all(|(l, a)| l.dof > 0 && l.unseen.len() == a.unseen.len());
+        let logs = left.iter().zip(&all).map(|(l, a)| (l.residual_std / a.residual_std).ln()).sum::<f64>();
+        let ratio = (logs / 3.0).exp();
+        if comparable && ratio < DISAGREES && best.is_none_or(|(_, least)| ratio < least) {
+            best = Some((out, ratio));
+        }
+    }
+    Ok(best.map(|(out, _)| out))
+}
+
+fn mean(runs: &[&RunResult]) -> TiltValues {
+    let of = |get: fn(&RunResult) -> [f64; 3]| -> [f64; 3] {
+        std::array::from_fn(|i| runs.iter().map(|r| get(r)[i]).sum::<f64>() / runs.len() as f64)
+    };
+    TiltValues { scale: of(|r| r.sigma), offset_nt: of(|r| r.offset_nt), angles_deg: of(|r| r.xi_deg) }
+}
+
+/// Root mean square deviation of some orientations from their mean.
+fn spread(values: &[TiltValues]) -> TiltValues {
+    let of = |get: fn(&TiltValues) -> [f64; 3]| -> [f64; 3] {
+        std::array::from_fn(|i| {
+            let mean = values.iter().map(|v| get(v)[i]).sum::<f64>() / values.len() as f64;
+            (values.iter().map(|v| (get(v)[i] - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
+        })
+    };
+    TiltValues { scale: of(|v| v.scale), offset_nt: of(|v| v.offset_nt), angles_deg: of(|v| v.angles_deg) }
+}
+
+/// The runs of the sensor that is asked for, or of the only one with several orientations.
+fn runs_of_sensor<'a>(
+    runs: &'a [RunResult],
+    options: &Options,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<&'a RunResult>, CoilError> {
+    let mut sensors: Vec<&str> = Vec::new();
+    for run in runs {
+        if !sensors.contains(&run.sensor.as_str()) {
+            sensors.push(&run.sensor);
+        }
+    }
+    let count = |sensor: &str| {
+        let mut positions: Vec<Position> = Vec::new();
+        for run in runs.iter().filter(|r| r.sensor == sensor) {
+            if !positions.contains(&run.position) {
+                positions.push(run.position);
+            }
+        }
+        positions.len()
+    };
+    let chosen = match &options.sensor {
+        Some(sensor) if sensors.contains(&sensor.as_str()) => sensor.as_str(),
+        Some(sensor) => return Err(CoilError::NoSensor(sensor.clone())),
+        None => match sensors.iter().filter(|s| count(s) > 1).copied().collect::<Vec<_>>().as_slice() {
+            [] => return Err(CoilError::Orientations(sensors.iter().map(|s| count(s)).max().unwrap_or_default())),
+            [only] => only,
+            several => return Err(CoilError::Sensors(several.join(", "))),
+        },
+    };
+    if count(chosen) < 2 {
+        return Err(CoilError::Orientations(count(chosen)));
+    }
+    let others: Vec<&str> = runs.iter().filter(|r| r.sensor != chosen).map(|r| r.run.as_str()).collect();
+    if !others.is_empty() {
+        warnings.push(format!("of another sensor than {chosen} and not used: {}", others.join(", ")));
+    }
+    Ok(runs.iter().filter(|r| r.sensor == chosen).collect())
+}
+
+/// Tells sensor and facility apart; `facility` is the one that the runs were evaluated with.
+///
+/// # Errors
+/// [`CoilError`]: fewer than two orientations, or several sensors.
+pub fn tilt(runs: &[RunResult], facility: &FacilityPart, options: &Options) -> Result<Tilt, CoilError> {
+    let mut warnings = Vec::new();
+    let runs = runs_of_sensor(runs, options, &mut warnings)?;
+    let mut groups: Vec<(Position, Vec<&RunResult>)> = Vec::new();
+    for run in runs {
+        match groups.iter_mut().find(|(position, _)| *position == run.position) {
+            Some((_, members)) => members.push(run),
+            None => groups.push((run.position, vec![run])),
+        }
+    }
+    // The runs of an orientation share place, mounting and state of the facility, so every orientation counts once.
+    let all: Vec<(Position, TiltValues)> = groups.iter().map(|(position, members)| (*position, mean(members))).collect();
+    let mut is_used = vec![true; all.len()];
+    loop {
+        let kept: Vec<usize> = (0..all.len()).filter(|g| is_used[*g]).collect();
+        let own: Vec<(Position, TiltValues)> = kept.iter().map(|g| all[*g]).collect();
+        match odd_one_out(&own)? {
+            Some(out) if !options.keep_all => {
+                is_used[kept[out]] = false;
+                warnings.push(format!(
+                    "FIT: orientation {} does not agree with the others and was left out; the facility may have changed between \
+                     (--keep-all uses it)",
+                    own[out].0.orientation()
+                ));
+            }
+            Some(out) => {
+                warnings.push(format!("FIT: orientation {} does not agree with the others", own[out].0.orientation()));
+                break;
+            }
+            None => break,
+        }
+    }
+    let own: Vec<(Position, TiltValues)> = all.iter().zip(&is_used).filter(|(_, used)| **used).map(|(o, _)| *o).collect();
+    let solved = solve_all(&own)?;
+    let [scale, offset, angle] = &solved;
+    let undetermined = Family::ALL.into_iter().zip(&solved).flat_map(|(f, s)| s.unseen.iter().map(move |u| name(f, u))).collect();
+    if solved.iter().any(|s| s.dof == 0) {
+        warnings.push("there are as many values as parameters: nothing tells the uncertainties".to_owned());
+    }
+
+    let correction = TiltValues { scale: scale.facility, offset_nt: offset.facility, angles_deg: angle.facility };
+    let corrected = |position: &Position, values: &TiltValues| {
+        let seen = |family: Family, solved: &Solved, i: usize| {
+            let (k, factor) = family.sees(position, i);
+            factor * solved.facility[k]
+        };
+        TiltValues {
+            scale: std::array::from_fn(|i| values.scale[i] * (-seen(Family::Scale, scale, i)).exp()),
+            offset_nt: std::array::from_fn(|i| values.offset_nt[i] - seen(Family::Offset, offset, i)),
+            angles_deg: std::array::from_fn(|i| values.angles_deg[i] - seen(Family::Angle, angle, i)),
+        }
+    };
+    let orientation: Vec<TiltOrientation> = groups
+        .iter()
+        .zip(&all)
+        .zip(&is_used)
+        .map(|(((position, members), (_, before)), used)| TiltOrientation {
+            axes: position.orientation(),
+            runs: members.iter().map(|r| r.run.clone()).collect(),
+            used: *used,
+            before: *before,
+            after: corrected(position, before),
+        })
+        .collect();
+    let used: Vec<&TiltOrientation> = orientation.iter().filter(|o| o.used).collect();
+    let add = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { std::array::from_fn(|i| a[i] + b[i]) };
+    let scaled: [f64; 3] = std::array::from_fn(|k| facility.scale_nt_per_eu[k] * scale.facility[k].exp());
+    let root = |s: &Solved| -> [f64; 3] { std::array::from_fn(|k| s.covariance[(k, k)].max(0.0).sqrt()) };
+    let after = FacilityPart {
+        scale_nt_per_eu: scaled,
+        offset_nt: add(facility.offset_nt, offset.facility),
+        angles_deg: add(facility.angles_deg, angle.facility),
+        ..facility.clone()
+    };
+    let std = FacilityPart::constant(std::array::from_fn(|k| scaled[k] * root(scale)[k]), root(offset), root(angle));
+    let sigma = scale.sensor.map(f64::exp);
+    let parameters = CoilTilt {
+        convention: CoilConvention::of(
+            "apparent sensitivity of sensor axis i along coil axis k with sign s: sigma_i (1 - ds_k); apparent offset: o_i + s db_k; apparent angle: xi_ij + s_i s_j da_kl; first order, every orientation counts once; corrections ds relative, db nT, da degrees",
+            "standard uncertainties, coverage factor 1 (Student's factor for degrees_of_freedom), from what the orientations still differ by; undetermined combinations not included",
+        ),
+        sensor: groups.first().and_then(|(_, members)| members.first()).map_or_else(String::new, |r| r.sensor.clone()),
+        used: used.iter().flat_map(|o| o.runs.iter().cloned()).collect(),
+        facility: after,
+        std,
+        facility_before: facility.clone(),
+        correction,
+        sensor_parameters: TiltValues { scale: sigma, offset_nt: offset.sensor, angles_deg: angle.sensor },
+        sensor_std: TiltValues {
+            scale: std::array::from_fn(|i| sigma[i] * scale.sensor_std[i]),
+            offset_nt: offset.sensor_std,
+            angles_deg: angle.sensor_std,
+        },
+        undetermined,
+        spread_before: spread(&used.iter().map(|o| o.before).collect::<Vec<_>>()),
+        spread_after: spread(&used.iter().map(|o| o.after).collect::<Vec<_>>()),
+        residual_std: [scale.residual_std, offset.residual_std, angle.residual_std],
+        degrees_of_freedom: [scale.dof, offset.dof, angle.dof],
+        covariance: covariance(&solved, scaled),
+        orientation,
+        warnings,
+    };
+    Ok(Tilt { parameters })
+}
+
+/// A combination that the orientations do not see, for people.
+fn name(family: Family, direction: &Vector3<f64>) -> String {
+    let names = if matches!(family, Family::Angle) { ANGLES } else { AXES };
+    let what = family.name();
+    let first = direction[0];
+    if matches!(family, Family::Scale) && direction.iter().all(|v| (v - first).abs() < 1e-9) {
+        return "the common scale factor of coil system and sensor".to_owned();
+    }
+    let parts: Vec<String> =
+        (0..3).filter(|k| direction[*k].abs() > 1e-9).map(|k| format!("{:+.2} {}", direction[k], names[k])).collect();
+    format!("{what}s of the coil system against those of the sensor: {}", parts.join(" "))
+}
+
+fn covariance(solved: &[Solved; 3], scale: [f64; 3]) -> Covariance {
+    let lower = |names: [&str; 3], key: &str| names.map(|n| format!("{key}_{}", n.to_lowercase()));
+    let parameters = [lower(AXES, "scale"), lower(AXES, "offset"), lower(ANGLES, "angle")].concat();
+    let units = ["nT/EU", "nT", "deg"].into_iter().flat_map(|u| [u.to_owned(), u.to_owned(), u.to_owned()]).collect();
+    let factor = |family: usize, k: usize| if family == 0 { scale[k] } else { 1.0 };
+    let entry = |r: usize, c: usize| {
+        let family = r / 3;
+        if family == c / 3 {
+            solved[family].covariance[(r % 3, c % 3)] * factor(family, r % 3) * factor(family, c % 3)
+        } else {
+            0.0
+        }
+    };
+    Covariance { parameters, units, matrix: (0..9).map(|r| (0..9).map(|c| entry(r, c)).collect()).collect() }
+}

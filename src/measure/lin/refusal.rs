@@ -1,0 +1,126 @@
+//! Why a run has no linear calibration, and what to do about it.
+
+use super::MOST_CONDITION;
+use crate::data::run::Kind;
+use crate::fit::FitError;
+use crate::model::sensor::SplitError;
+use thiserror::Error;
+
+/// Why a run has no linear calibration.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum LinError {
+    /// Not a linearity run.
+    #[error("the run is of kind {0}, not linearity")]
+    Kind(Kind),
+    /// Nothing to fit.
+    #[error("the run has no plateaus: neither @BLOCKS nor @FIELDS with @VECTORS")]
+    NoPlateaus,
+    /// Several positions in one run.
+    #[error("the run holds settings in positions {0}; a linear calibration needs one position")]
+    Positions(String),
+    /// A position without axes.
+    #[error("position {0} is not in the position table")]
+    UnknownPosition(u32),
+    /// The trend order is not available.
+    #[error("the offset trend must be of order 0, 1 or 2, not {0}")]
+    Order(usize),
+    /// Step edges elsewhere.
+    #[error("the data do not step where the settings do: the edges are displaced by about {shift_s:+.2} s, or by whole settings")]
+    Edges {
+        /// Displacement, s.
+        shift_s: f64,
+    },
+    /// No settled part.
+    #[error("the data still show the step before a setting after {settling_s:.2} s")]
+    Unsettled {
+        /// Time over which the data were followed, s.
+        settling_s: f64,
+    },
+    /// Readings that do not follow the field.
+    #[error("component {component} does not follow the applied field, which explains {:.2} % of its variance", 100.0 * explained)]
+    Unrelated {
+        /// Component of the reading.
+        component: &'static str,
+        /// Part of the variance that the field explains.
+        explained: f64,
+    },
+    /// A component that gives the same reading always.
+    #[error("component {component} is stuck at {reading_ent} enT")]
+    Stuck {
+        /// Component of the reading.
+        component: &'static str,
+        /// Its reading, enT.
+        reading_ent: f64,
+    },
+    /// Not enough excitation.
+    #[error(
+        "the excitation does not determine {}: condition number {condition:.2e}, at most {MOST_CONDITION:.0e} is accepted",
+        parameters.join(", ")
+    )]
+    Undetermined {
+        /// What is not determined.
+        parameters: Vec<String>,
+        /// Condition number of the scaled design.
+        condition: f64,
+    },
+    /// Too few plateaus.
+    #[error(
+        "{used} usable plateaus cannot determine {parameters} parameters per component ({dropped} of {total} were dropped: {reasons})"
+    )]
+    TooFew {
+        /// Plateaus that can be used.
+        used: usize,
+        /// Parameters per component.
+        parameters: usize,
+        /// Plateaus dropped.
+        dropped: usize,
+        /// Plateaus in the run.
+        total: usize,
+        /// Why, the most frequent reason first.
+        reasons: String,
+        /// Settling and early ends leave nothing of most of them.
+        unsettled: bool,
+    },
+    /// An implausible sensitivity.
+    #[error("the sensitivity of component {component} is {sigma:.4} nT per enT, far from 1")]
+    Gain {
+        /// Component of the reading.
+        component: &'static str,
+        /// Sensitivity, nT/enT.
+        sigma: f64,
+    },
+    /// The matrix cannot be split.
+    #[error("{0}")]
+    Split(#[from] SplitError),
+    /// Another failure of the fit.
+    #[error("the fit failed: {0}")]
+    Fit(FitError),
+}
+
+impl LinError {
+    /// What to do about it.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            LinError::Kind(_) => "use the command for that kind",
+            LinError::NoPlateaus => "check the file with `calfit check`",
+            LinError::Positions(_) => "split the run",
+            LinError::UnknownPosition(_) => "add [[position]] with this id and its axes to campaign.toml",
+            LinError::Order(_) => "use the lowest order that the drift needs",
+            LinError::Edges { .. } => {
+                "correct the times of the settings or take those of this run, or go on with --allow mismatch"
+            }
+            LinError::Unsettled { .. } => "hold the fields longer, or say with --settling what can be accepted",
+            LinError::Unrelated { .. } => {
+                "check that the settings are those of this run and that the component works, or go on with --allow mismatch"
+            }
+            LinError::Stuck { .. } => "check the component and its wiring",
+            LinError::Undetermined { .. } => "drive that axis on its own",
+            LinError::TooFew { unsettled: true, .. } => "hold the fields longer, or say with --settling what can be accepted",
+            LinError::TooFew { .. } => "use a longer programme, or less strict limits",
+            LinError::Gain { .. } => "check `unit` and `nominal_factor`, or go on with --allow gain",
+            LinError::Split(_) => "check the excitation and the wiring of the components",
+            LinError::Fit(_) => "check the plateaus in the table of blocks",
+        }
+    }
+}

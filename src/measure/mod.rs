@@ -1,0 +1,15 @@
+//! One file per analysis: runs in, plain results out.
+
+pub mod centre;
+pub mod coil;
+pub mod corner;
+pub mod freq;
+pub mod joint;
+pub mod lin;
+pub mod linearise;
+pub mod null;
+pub mod offset;
+mod structure;
+pub mod sweep;
+pub mod thermal;
+pub mod thermistor;

@@ -1,0 +1,807 @@
+//! Fields of constant modulus and random direction while the temperature moves (CH-GFZ-TR-2601 section 8; mathematics.md section 4).
+//!
+//! The nine parameters are followed by a sliding window of settings, and fitted as polynomials of the temperature to all settings at
+//! once: `B_r = A(T) B_c + B_or(T)`, the elements of `A` and `B_or` polynomials of the temperature at each setting, which is linear. Sensitivities and angles
+//! follow from `A` at as many temperatures as their polynomials have coefficients.
+//!
+//! A thermistor shows the temperature of the part that matters earlier or later. The heating and the cooling branch then split; the lag is the one
+//! that makes them one: either a delay, or the time constant of a body that is heated through its surface (first order).
+
+use super::lin::{apply_limits, the_position};
+use super::structure;
+use super::thermal::Curve;
+use crate::data::plateau::{LEAST_COVERAGE, Plateau, Plateaus, Settling};
+use crate::data::run::{Kind, Run, interpolate};
+use crate::files::campaign::Campaign;
+use crate::files::facility::Facility;
+use crate::files::parameter::{LagPart, QuantityPart, Rotation, RunHead, SweepPart, ThermalConvention, ThermalHead, Tpf};
+use crate::fit::{FitError, Limits, NORMAL_95, Solution, aicc, linear, propagate};
+use crate::model::lag;
+use crate::model::polynomial::TemperaturePolynomial;
+use crate::model::sensor::{Linear, Split, split};
+use crate::record::conditions::{self, Temperatures};
+use crate::record::known::{self, Known};
+use nalgebra::{DMatrix, Matrix3};
+use serde::Serialize;
+use thiserror::Error;
+
+/// Settings of a window where nothing else is said, as in 1998.
+pub const WINDOW: usize = 18;
+/// Orders that are tried where none is given.
+const ORDERS: std::ops::RangeInclusive<usize> = 1..=3;
+/// Longest lag that is looked for, s, and as a part of the sweep.
+const MOST_LAG_S: f64 = 2400.0;
+const MOST_LAG_PART: f64 = 0.125;
+/// Steps of the search to it, on either side.
+const LAG_STEPS: i32 = 20;
+/// Steps that enclose a minimum are halved so often.
+const HALVINGS: usize = 7;
+/// A lag of fewer standard uncertainties is none.
+const LAGS: f64 = 4.0;
+/// A thermistor must move by this much to tell anything, K.
+const LEAST_RANGE_K: f64 = 5.0;
+/// Form of a lag that was not found in the run.
+const FROM_MODEL: &str = "of the model";
+/// Half of the time over which the rate of a thermistor is taken, s.
+const RATE_S: f64 = 300.0;
+/// Largest condition number of a window.
+const MOST_CONDITION: f64 = 1e4;
+/// Temperatures of a band.
+const BAND: usize = 121;
+
+/// Length of the sliding window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Window {
+    /// So many settings.
+    Settings(usize),
+    /// Settings of so many minutes.
+    Minutes(f64),
+}
+
+/// How a sweep is analysed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Settling after a step.
+    pub settling: Settling,
+    /// Least part of the expected samples of a plateau.
+    pub least_coverage: f64,
+    /// Sliding window.
+    pub window: Window,
+    /// Settings at which the temperature moves faster are left out, K/min.
+    pub most_k_per_min: Option<f64>,
+    /// Orders of the polynomials of `sigma` (and `xi`) and of `b_or`, where given.
+    pub orders: Vec<(String, usize)>,
+    /// The facility that turns settings into the reference field; `None` takes the settings as the field.
+    pub facility: Option<Facility>,
+    /// Known effects, which are taken off the readings; a lag of the thermistor among them is used.
+    pub model: Option<Known>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            settling: Settling::Found,
+            least_coverage: LEAST_COVERAGE,
+            window: Window::Settings(WINDOW),
+            most_k_per_min: None,
+            orders: Vec::new(),
+            facility: None,
+            model: None,
+        }
+    }
+}
+
+/// Why a sweep has no result.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum SweepError {
+    /// Not a sweep.
+    #[error("the run is of kind {0}, not sweep")]
+    Kind(Kind),
+    /// Several positions or one without axes.
+    #[error("{0}")]
+    Position(String),
+    /// No thermistor moves.
+    #[error("no temperature channel moves by {LEAST_RANGE_K} K during the settings")]
+    NoTemperature,
+    /// Too few settings.
+    #[error("{used} usable settings of {total} cannot determine {parameters} parameters per component")]
+    TooFew {
+        /// Usable settings.
+        used: usize,
+        /// All settings.
+        total: usize,
+        /// Parameters.
+        parameters: usize,
+    },
+    /// The fit has no answer.
+    #[error("the fit failed: {0}")]
+    Fit(#[from] FitError),
+    /// The response is none of a sensor.
+    #[error("the response at {degc:.1} °C belongs to no sensor with three axes")]
+    NoSensor {
+        /// Temperature, °C.
+        degc: f64,
+    },
+}
+
+impl SweepError {
+    /// What to do about it.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            SweepError::Kind(_) => "use the command for that kind",
+            SweepError::Position(_) => "sweep in one position, and name its axes in campaign.toml",
+            SweepError::NoTemperature => "check the temperature channels of the run",
+            SweepError::TooFew { .. } => "sweep longer, or with lower orders",
+            SweepError::Fit(_) | SweepError::NoSensor { .. } => "check the directions of the fields and the readings",
+        }
+    }
+}
+
+/// How the part that matters follows a thermistor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub enum Lag {
+    /// At once.
+    None,
+    /// Later by a time, s; negative is earlier.
+    Delay(f64),
+    /// With a time constant, s; negative if the thermistor follows the part.
+    FirstOrder(f64),
+}
+
+/// What a lag does to a record of temperatures, (s, °C), at a time.
+fn lagged(series: &[(f64, f64)], lag: Lag) -> Vec<(f64, f64)> {
+    match lag {
+        Lag::None => series.to_vec(),
+        Lag::Delay(delay_s) => series.iter().map(|(t, v)| (t + delay_s, *v)).collect(),
+        Lag::FirstOrder(tau_s) if tau_s > 0.0 => {
+            let mut value = series.first().map_or(f64::NAN, |p| p.1);
+            let mut last = series.first().copied().unwrap_or_default();
+            let follow = |&(t, v): &(f64, f64)| {
+                let x = (t - last.0) / tau_s;
+                if x > 0.0 {
+                    value = lag::follow(value, last.1, v, x);
+                }
+                last = (t, v);
+                (t, value)
+            };
+            series.iter().map(follow).collect()
+        }
+        Lag::FirstOrder(tau_s) => series.iter().map(|(t, v)| (*t, v - tau_s * rate_k_per_s(series, *t))).collect(),
+    }
+}
+
+/// Slope of the straight line through the readings around a time, K/s.
+fn rate_k_per_s(series: &[(f64, f64)], t_s: f64) -> f64 {
+    let from = series.partition_point(|(t, _)| *t < t_s - RATE_S);
+    let to = series.partition_point(|(t, _)| *t <= t_s + RATE_S);
+    let near = &series[from..to];
+    let n = near.len() as f64;
+    let (mt, mv) = near.iter().fold((0.0, 0.0), |(a, b), (t, v)| (a + t / n, b + v / n));
+    let (tv, tt) = near.iter().fold((0.0, 0.0), |(a, b), (t, v)| (a + (t - mt) * (v - mv), b + (t - mt).powi(2)));
+    if tt > 0.0 { tv / tt } else { 0.0 }
+}
+
+/// The parameters of one window.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WindowFit {
+    /// Middle, s since the run's start.
+    pub t_s: f64,
+    /// Mean reading of the thermistor that was used, without and with the lag, °C.
+    pub temperature_degc: [f64; 2],
+    /// The temperature rises.
+    pub heating: bool,
+    /// σ_x, σ_y, σ_z nT/enT; ξ_xy, ξ_xz, ξ_yz degrees; B_or of x, y, z enT.
+    pub values: [f64; 9],
+    /// Their standard uncertainties.
+    pub std: [f64; 9],
+    /// Standard deviation of applied field minus modelled measurement, nT, coil axes.
+    pub residual_nt: [f64; 3],
+}
+
+/// One setting in the light of the joint fit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SweepBlock {
+    /// Middle, s since the run's start.
+    pub t_s: f64,
+    /// Temperature with its lag, °C.
+    pub temperature_degc: f64,
+    /// Applied field minus modelled measurement, nT, coil axes.
+    pub residual_nt: [f64; 3],
+}
+
+/// A sweep with what is needed to judge it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Sweep {
+    /// Run and conditions.
+    pub run: RunHead,
+    /// The parameters, as in the parameter file.
+    pub parameters: Tpf,
+    /// Sliding windows in time order.
+    pub windows: Vec<WindowFit>,
+    /// Polynomials with the windows beside them.
+    pub curves: Vec<Curve>,
+    /// The settings that were used.
+    pub blocks: Vec<SweepBlock>,
+    /// Temperatures during the run.
+    pub temperatures: Temperatures,
+}
+
+/// Names and units of the nine quantities.
+const QUANTITIES: [(&str, &str, &str); 9] = [
+    ("sigma_x", "x", "nT/enT"),
+    ("sigma_y", "y", "nT/enT"),
+    ("sigma_z", "z", "nT/enT"),
+    ("xi_xy", "xy", "deg"),
+    ("xi_xz", "xz", "deg"),
+    ("xi_yz", "yz", "deg"),
+    ("b_or_x", "x", "enT"),
+    ("b_or_y", "y", "enT"),
+    ("b_or_z", "z", "enT"),
+];
+
+/// Orders of the polynomials: of the response and of the offset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Orders {
+    response: usize,
+    offset: usize,
+}
+
+impl Orders {
+    fn count(self) -> usize {
+        3 * (self.response + 1) + self.offset + 1
+    }
+
+    /// An element of the design; `u` is the temperature mapped to -1 to 1.
+    fn cell(self, j: usize, plateau: &Plateau, u: f64) -> f64 {
+        let fields = 3 * (self.response + 1);
+        if j < fields { plateau.setting.field.0[j % 3] * u.powi((j / 3) as i32) } else { u.powi((j - fields) as i32) }
+    }
+
+    /// Squares of what the fit leaves per component: normal equations, since a search asks for hundreds of them and their digits are
+    /// enough for differences far above rounding.
+    fn squares(self, used: &[&Plateau], degc: &[f64]) -> Result<[f64; 3], SweepError> {
+        let (middle, half) = mapped(degc);
+        let most = used.iter().flat_map(|p| p.setting.field.0).fold(f64::MIN_POSITIVE, |most, b| most.max(b.abs()));
+        let (count, fields) = (self.count(), 3 * (self.response + 1));
+        let mut row = vec![0.0; count];
+        let fill = |row: &mut Vec<f64>, plateau: &Plateau, degc: f64| {
+            let u = (degc - middle) / half;
+            for (j, value) in row.iter_mut().enumerate() {
+                *value = self.cell(j, plateau, u) / if j < fields { most } else { 1.0 };
+            }
+        };
+        let (mut normal, mut rhs) = (vec![0.0; count * count], vec![0.0; 3 * count]);
+        for (plateau, degc) in used.iter().zip(degc) {
+            fill(&mut row, plateau, *degc);
+            for j in 0..count {
+                for k in 0..=j {
+                    normal[j * count + k] += row[j] * row[k];
+                }
+                for i in 0..3 {
+                    rhs[i * count + j] += row[j] * plateau.mean.0[i];
+                }
+            }
+        }
+        let matrix = DMatrix::from_fn(count, count, |j, k| normal[j.max(k) * count + j.min(k)]);
+        let coefficients = matrix
+            .cholesky()
+            .map(|c| c.solve(&DMatrix::from_column_slice(count, 3, &rhs)))
+            .ok_or(FitError::NoNoise { why: "the fields and temperatures do not determine the response" })?;
+        let coefficients = coefficients.as_slice();
+        let mut squares = [0.0; 3];
+        for (plateau, degc) in used.iter().zip(degc) {
+            fill(&mut row, plateau, *degc);
+            for (i, sum) in squares.iter_mut().enumerate() {
+                let modelled: f64 = row.iter().zip(&coefficients[i * count..(i + 1) * count]).map(|(x, c)| x * c).sum();
+                *sum += (plateau.mean.0[i] - modelled).powi(2);
+            }
+        }
+        Ok(squares)
+    }
+}
+
+/// Middle and half of a range of temperatures.
+fn mapped(degc: &[f64]) -> (f64, f64) {
+    let [low, high] = range(degc);
+    (0.5 * (low + high), (0.5 * (high - low)).max(f64::MIN_POSITIVE))
+}
+
+/// The joint fit at given temperatures of the settings.
+struct Joint {
+    orders: Orders,
+    /// Middle and half of the range of temperatures, °C: polynomials are of `(T - middle) / half`.
+    middle: f64,
+    half: f64,
+    solution: Solution,
+}
+
+impl Joint {
+    fn fit(used: &[&Plateau], degc: &[f64], orders: Orders) -> Result<Self, SweepError> {
+        let (middle, half) = mapped(degc);
+        let columns =
+            DMatrix::from_fn(used.len(), orders.count(), |row, j| orders.cell(j, used[row], (degc[row] - middle) / half));
+        let names = (0..orders.count())
+            .map(|j| match j / 3 <= orders.response {
+                true => format!("the response to {}_c, power {} of the temperature", ["X", "Y", "Z"][j % 3], j / 3),
+                false => format!("the offset, power {} of the temperature", j - 3 * (orders.response + 1)),
+            })
+            .collect();
+        let readings = DMatrix::from_fn(used.len(), 3, |row, i| used[row].mean.0[i]);
+        let limits = Limits { max_condition: MOST_CONDITION };
+        let solution = linear::solve(&linear::Design::new(names, columns)?, &readings, None, &limits)?;
+        Ok(Self { orders, middle, half, solution })
+    }
+
+    fn stacked(&self) -> Vec<f64> {
+        self.solution.coefficients.as_slice().to_vec()
+    }
+
+    /// Response and offset at a temperature, from the stacked coefficients.
+    fn at(&self, stacked: &[f64], degc: f64) -> (Matrix3<f64>, [f64; 3]) {
+        let (u, count, fields) = ((degc - self.middle) / self.half, self.orders.count(), 3 * (self.orders.response + 1));
+        let sum = |from: usize, step: usize, n: usize| (0..n).map(|k| stacked[from + step * k] * u.powi(k as i32)).sum::<f64>();
+        let response = Matrix3::from_fn(|i, axis| sum(i * count + axis, 3, self.orders.response + 1));
+        (response, std::array::from_fn(|i| sum(i * count + fields, 1, self.orders.offset + 1)))
+    }
+}
+
+fn range(values: &[f64]) -> [f64; 2] {
+    values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)])
+}
+
+/// One sweep.
+///
+/// # Errors
+/// [`SweepError`]: the run is refused, with the reason and what to do.
+pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Options) -> Result<Sweep, SweepError> {
+    if run.header.kind != Kind::Sweep {
+        return Err(SweepError::Kind(run.header.kind));
+    }
+    let (_, position) = the_position(plateaus, campaign).map_err(|e| SweepError::Position(e.to_string()))?;
+    let mut list = plateaus.list.clone();
+    apply_limits(&mut list, position, &campaign.limits_nt(&run.header));
+    let mut warnings = Vec::new();
+    let facility = options.facility.as_ref().map(|f| conditions::apply_facility(f, run, campaign, &mut list, &mut warnings));
+    let facility = facility.transpose().map_err(|e| SweepError::Position(e.to_string()))?;
+    let model = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, campaign, &mut warnings));
+    let used: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
+    let span_s = [used.first().map_or(0.0, |p| p.used_s[0]), used.last().map_or(0.0, |p| p.used_s[1])];
+    let temperatures = Temperatures::of(run, campaign, span_s, &mut Vec::new());
+    let (own, coil) = campaign.channels(&run.header);
+    let channels: Vec<(String, Vec<(f64, f64)>)> = run
+        .temperatures
+        .names
+        .iter()
+        .filter(|name| **name != coil)
+        .filter_map(|name| Some((name.clone(), run.temperatures.channel(name)?)))
+        .filter(|(_, series)| {
+            let seen: Vec<f64> = used.iter().map(|p| interpolate(series, p.t_s())).collect();
+            let [low, high] = range(&seen);
+            high - low > LEAST_RANGE_K
+        })
+        .collect();
+    if channels.is_empty() {
+        return Err(SweepError::NoTemperature);
+    }
+    let slow = |p: &&&Plateau| {
+        let series = channels.iter().find(|(name, _)| *name == own).unwrap_or(&channels[0]);
+        options.most_k_per_min.is_none_or(|most| 60.0 * rate_k_per_s(&series.1, p.t_s()).abs() <= most)
+    };
+    let used: Vec<&Plateau> = used.iter().filter(slow).copied().collect();
+    let left_out = list.iter().filter(|p| p.dropped.is_none()).count() - used.len();
+    // What the analyst asks for now goes before what the campaign says.
+    let applies = |wanted: &Option<String>, is: &str| wanted.as_deref().is_none_or(|w| w == is);
+    let entries = campaign.file.thermal.iter();
+    let entry = entries.filter(|e| applies(&e.sensor, &run.header.sensor) && applies(&e.mode, &run.header.mode));
+    let asked: Vec<(String, usize)> = options
+        .orders
+        .iter()
+        .cloned()
+        .chain(entry.flat_map(|e| e.orders.iter().map(|(n, o)| (n.clone(), *o as usize))))
+        .collect();
+    let given = |name: &str| asked.iter().find(|(n, _)| n == name).map(|(_, order)| *order);
+    let first = Orders { response: given("sigma").unwrap_or(2), offset: given("b_or").unwrap_or(2) };
+    if used.len() < 2 * first.count() {
+        return Err(SweepError::TooFew { used: used.len(), total: list.len(), parameters: first.count() });
+    }
+
+    // Every thermistor with its best lag of both forms.
+    let mut parts: Vec<LagPart> = Vec::new();
+    for (name, series) in &channels {
+        parts.push(find_lag(name, series, &used, first)?);
+    }
+    let known_lag = options.model.as_ref().and_then(Known::thermal_lag).map(|(form, lag_s)| match form {
+        "first order" => Lag::FirstOrder(lag_s),
+        "inverse first order" => Lag::FirstOrder(-lag_s),
+        _ => Lag::Delay(lag_s),
+    });
+    // The one the campaign names, or the one that the sensor follows best.
+    let best = parts.iter().min_by(|a, b| a.residual_std_ent.total_cmp(&b.residual_std_ent)).map(|p| p.channel.clone());
+    let named = parts.iter().any(|p| p.channel == own);
+    let channel = if named { own.clone() } else { best.clone().unwrap_or_default() };
+    if !named {
+        warnings.push(format!("the run has no moving channel {own}; {channel}, which the sensor follows best, is used"));
+    } else if best.as_ref() != Some(&channel) {
+        warnings.push(format!("the sensor follows {} better than {channel}", best.unwrap_or_default()));
+    }
+    let chosen = parts.iter().position(|p| p.channel == channel).unwrap_or_default();
+    if known_lag.is_some() {
+        FROM_MODEL.clone_into(&mut parts[chosen].form);
+    }
+    let (part, series) = (&parts[chosen], &channels[chosen].1);
+    let best_lag = match part.form.as_str() {
+        "delay" => Lag::Delay(part.delay_s),
+        "first order" => Lag::FirstOrder(part.time_constant_s),
+        _ => Lag::None,
+    };
+    let moved = lagged(series, known_lag.unwrap_or(best_lag));
+    let degc: Vec<f64> = used.iter().map(|p| interpolate(&moved, p.t_s())).collect();
+
+    let orders = match (given("sigma"), given("b_or")) {
+        (Some(response), Some(offset)) => Orders { response, offset },
+        (response, offset) => choose_orders(&used, &degc, response, offset)?,
+    };
+    let joint = Joint::fit(&used, &degc, orders)?;
+    let noise = conditions::noise(&joint.solution, &used)?;
+    let r_nom = position.r_nom();
+    let nodes = |order: usize| -> Vec<f64> {
+        // Where interpolation errs least.
+        (0..=order)
+            .map(|k| joint.middle + joint.half * (std::f64::consts::PI * (k as f64 + 0.5) / (order + 1) as f64).cos())
+            .collect()
+    };
+    let (response_nodes, offset_nodes) = (nodes(orders.response), nodes(orders.offset));
+    let sensor = |stacked: &[f64], degc: f64| -> Option<Split> { split(&joint.at(stacked, degc).0.try_inverse()?, &r_nom).ok() };
+    if let Some(degc) = response_nodes.iter().find(|t| sensor(&joint.stacked(), **t).is_none()) {
+        return Err(SweepError::NoSensor { degc: *degc });
+    }
+    // All coefficients of the nine polynomials, one after the other, then the rotation at the middle temperature.
+    let coefficients = |stacked: &[f64]| -> Vec<f64> {
+        let splits: Vec<Option<Split>> = response_nodes.iter().map(|t| sensor(stacked, *t)).collect();
+        let of = |get: &dyn Fn(&Split) -> f64| {
+            let values: Vec<f64> = splits.iter().map(|s| s.as_ref().map_or(f64::NAN, get)).collect();
+            through(&response_nodes, &values)
+        };
+        let mut all: Vec<f64> = (0..3).flat_map(|i| of(&|s| s.sigma[i])).collect();
+        all.extend((0..3).flat_map(|i| of(&|s| s.xi_deg[i])));
+        for i in 0..3 {
+            let values: Vec<f64> = offset_nodes.iter().map(|t| joint.at(stacked, *t).1[i]).collect();
+            all.extend(through(&offset_nodes, &values));
+        }
+        all.extend(sensor(stacked, joint.middle).map_or([f64::NAN; 3], |s| s.rotation_deg));
+        all
+    };
+    let found = propagate(coefficients, &joint.stacked(), &noise.covariance())?;
+    let valid_degc = range(&degc);
+    let mut polynomials: Vec<TemperaturePolynomial> = Vec::new();
+    let mut from = 0;
+    for k in 0..QUANTITIES.len() {
+        let count = if k < 6 { orders.response } else { orders.offset } + 1;
+        polynomials.push(TemperaturePolynomial {
+            coefficients: found.values[from..from + count].to_vec(),
+            covariance: found.covariance.view((from, from), (count, count)).into_owned(),
+            valid_degc,
+        });
+        from += count;
+    }
+
+    let windows = windows(&used, series, &moved, &r_nom, options.window);
+    let stacked = joint.stacked();
+    let blocks: Vec<SweepBlock> = used
+        .iter()
+        .zip(&degc)
+        .map(|(p, degc)| {
+            let (response, b_or) = joint.at(&stacked, *degc);
+            let modelled = response.try_inverse().and_then(|phi| Linear::new(phi).ok()).map(|s| s.field(p.mean, b_or).0);
+            let residual_nt = modelled.map_or([f64::NAN; 3], |m| std::array::from_fn(|k| p.setting.field.0[k] - m[k]));
+            SweepBlock { t_s: p.t_s(), temperature_degc: *degc, residual_nt }
+        })
+        .collect();
+
+    conditions::warn_of_plateaus(&mut warnings, run, plateaus);
+    conditions::warn_of_run(&mut warnings, run);
+    let columns =
+        DMatrix::from_fn(used.len(), orders.count(), |i, j| orders.cell(j, used[i], (degc[i] - joint.middle) / joint.half));
+    // The temperature with its lag: what the polynomials are of.
+    warnings.extend(structure::warning(&structure::Rows::of(&list, &used, &moved, &columns, &noise)));
+    let mut head = conditions::head(run, campaign, &temperatures);
+    head.temperature_degc = Some(degc.iter().sum::<f64>() / degc.len() as f64);
+    let (curves, quantity): (Vec<Curve>, Vec<QuantityPart>) = QUANTITIES
+        .iter()
+        .enumerate()
+        .map(|(k, (name, component, unit))| {
+            let family = if k < 6 { "sigma" } else { "b_or" };
+            describe((name, component, unit), k, &polynomials[k], &windows, &head, given(family).is_some(), used.len())
+        })
+        .unzip();
+    let rotation = |k: usize| (vec![found.values[from + k]], vec![found.std[from + k]]);
+    let [(lambda, lambda_std), (mu, mu_std), (nu, nu_std)] = [rotation(0), rotation(1), rotation(2)];
+    let coefficient = |k: usize| polynomials[k].coefficients.clone();
+    let rms = |of: &dyn Fn(&SweepBlock) -> f64| (blocks.iter().map(|b| of(b).powi(2)).sum::<f64>() / blocks.len() as f64).sqrt();
+    let parameters = Tpf {
+        sigma_x: coefficient(0),
+        sigma_y: coefficient(1),
+        sigma_z: coefficient(2),
+        xi_xy: coefficient(3),
+        xi_xz: coefficient(4),
+        xi_yz: coefficient(5),
+        b_or_x: coefficient(6),
+        b_or_y: coefficient(7),
+        b_or_z: coefficient(8),
+        head: ThermalHead {
+            used: vec![run.input.path.clone()],
+            channel: channel.clone(),
+            valid_degc,
+            sensor: run.header.sensor.clone(),
+            mode: run.header.mode.clone(),
+            runs: vec![run.header.run.clone()],
+            temperature_degc: head.temperature_degc.into_iter().collect(),
+            coil_temperature_degc: vec![head.coil_temperature_degc.unwrap_or(f64::NAN)],
+            convention: ThermalConvention::default(),
+            covariance: QUANTITIES
+                .iter()
+                .zip(&polynomials)
+                .map(|((name, ..), p)| {
+                    ((*name).to_owned(), p.covariance.row_iter().map(|r| r.iter().copied().collect()).collect())
+                })
+                .collect(),
+            quantity,
+            warnings,
+        },
+        rotation: Rotation {
+            lambda_x_deg: lambda,
+            mu_y_deg: mu,
+            nu_z_deg: nu,
+            lambda_x_std_deg: lambda_std,
+            mu_y_std_deg: mu_std,
+            nu_z_std_deg: nu_std,
+            initial: None,
+        },
+        model_error: None,
+        joint: None,
+        sweep: Some(SweepPart {
+            settings_used: used.len(),
+            settings_total: list.len(),
+            settings_too_fast: left_out,
+            window: match options.window {
+                Window::Settings(n) => format!("{n} settings"),
+                Window::Minutes(m) => format!("{m} min"),
+            },
+            residual_nt: std::array::from_fn(|k| rms(&|b: &SweepBlock| b.residual_nt[k])),
+            lag: parts,
+            facility,
+            model: model.map(|m| m.part),
+        }),
+    };
+    Ok(Sweep { run: head, parameters, windows, curves, blocks, temperatures })
+}
+
+/// Coefficients of the polynomial through as many points, lowest order first: Newton's divided differences.
+fn through(x: &[f64], y: &[f64]) -> Vec<f64> {
+    let mut differences = y.to_vec();
+    for k in 1..x.len() {
+        for i in (k..x.len()).rev() {
+            differences[i] = (differences[i] - differences[i - 1]) / (x[i] - x[i - k]);
+        }
+    }
+    let mut coefficients: Vec<f64> = Vec::new();
+    for (difference, x) in differences.iter().zip(x).rev() {
+        // Times (T - x), plus the difference.
+        let mut next = vec![0.0; coefficients.len() + 1];
+        for (k, c) in coefficients.iter().enumerate() {
+            next[k + 1] += c;
+            next[k] -= c * x;
+        }
+        next[0] += difference;
+        coefficients = next;
+    }
+    coefficients.truncate(x.len());
+    coefficients
+}
+
+/// The orders with the least AICc, summed over the components.
+fn choose_orders(used: &[&Plateau], degc: &[f64], response: Option<usize>, offset: Option<usize>) -> Result<Orders, SweepError> {
+    let mut best: Option<(f64, Orders)> = None;
+    for p in ORDERS.filter(|p| response.is_none_or(|r| r == *p)) {
+        for q in ORDERS.filter(|q| offset.is_none_or(|o| o == *q)) {
+            let orders = Orders { response: p, offset: q };
+            let n = used.len() as f64;
+            let deviance: f64 = orders.squares(used, degc)?.iter().map(|s| n * (s / n).ln()).sum();
+            let value = aicc(deviance, 3 * orders.count() + 3, 3 * used.len());
+            if let Some(value) = value.filter(|v| best.is_none_or(|(least, _)| *v < least)) {
+                best = Some((value, orders));
+            }
+        }
+    }
+    let usual = Orders { response: response.unwrap_or(2), offset: offset.unwrap_or(2) };
+    Ok(best.map_or(usual, |(_, orders)| orders))
+}
+
+/// Delay and time constant with which the sensor follows a thermistor.
+fn find_lag(channel: &str, series: &[(f64, f64)], used: &[&Plateau], orders: Orders) -> Result<LagPart, SweepError> {
+    let squares = |lag: Lag| -> Result<[f64; 3], SweepError> {
+        let moved = lagged(series, lag);
+        let degc: Vec<f64> = used.iter().map(|p| interpolate(&moved, p.t_s())).collect();
+        orders.squares(used, &degc)
+    };
+    // Components count by their noise, as the best fit without a lag leaves it.
+    let none = squares(Lag::None)?;
+    let n = used.len() as f64;
+    let span_s = used.last().map_or(0.0, |p| p.t_s()) - used.first().map_or(0.0, |p| p.t_s());
+    let first_step_s = MOST_LAG_S.min(MOST_LAG_PART * span_s) / f64::from(LAG_STEPS);
+    let deviance = |s: [f64; 3]| s.iter().map(|s| n * (s / n).ln()).sum::<f64>();
+    let search = |form: fn(f64) -> Lag| -> Result<(f64, f64, f64), SweepError> {
+        let cost = |lag_s: f64| squares(form(lag_s)).map(deviance);
+        let mut tried: Vec<(f64, f64)> = Vec::new();
+        for k in -LAG_STEPS..=LAG_STEPS {
+            let lag_s = f64::from(k) * first_step_s;
+            tried.push((lag_s, cost(lag_s)?));
+        }
+        let (mut middle, mut least) = tried.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
+        let mut step = first_step_s;
+        for _ in 0..HALVINGS {
+            step *= 0.5;
+            for lag_s in [middle - step, middle + step] {
+                let value = cost(lag_s)?;
+                if value < least {
+                    (middle, least) = (lag_s, value);
+                }
+            }
+        }
+        // The deviance is twice the negative logarithm of the likelihood: its curvature is twice the information.
+        let h = first_step_s;
+        let curvature = (cost(middle + h)? - 2.0 * least + cost(middle - h)?) / (h * h);
+        Ok((middle, if curvature > 0.0 { (2.0 / curvature).sqrt() } else { f64::NAN }, least))
+    };
+    let (delay_s, delay_std_s, delay_deviance) = search(Lag::Delay)?;
+    let (time_constant_s, time_constant_std_s, first_order_deviance) = search(Lag::FirstOrder)?;
+    let (value, std, least, form) = if delay_deviance <= first_order_deviance {
+        (delay_s, delay_std_s, delay_deviance, "delay")
+    } else {
+        (time_constant_s, time_constant_std_s, first_order_deviance, "first order")
+    };
+    let lags = value.abs() > LAGS * std && deviance(none) - least > LAGS * LAGS;
+    let left = if lags { least } else { deviance(none) };
+    Ok(LagPart {
+        channel: channel.to_owned(),
+        form: if lags { form } else { "none" }.to_owned(),
+        delay_s,
+        delay_std_s,
+        time_constant_s,
+        time_constant_std_s,
+        gain: deviance(none) - least,
+        delay_over_first_order: first_order_deviance - delay_deviance,
+        // Geometric mean of the components.
+        residual_std_ent: (0.5 * left / (3.0 * n)).exp(),
+    })
+}
+
+/// Sliding windows; those that do not determine the nine parameters are passed over.
+fn windows(
+    used: &[&Plateau],
+    series: &[(f64, f64)],
+    moved: &[(f64, f64)],
+    r_nom: &Matrix3<f64>,
+    window: Window,
+) -> Vec<WindowFit> {
+    let end_of = |from: usize| match window {
+        Window::Settings(n) => from + n,
+        Window::Minutes(minutes) => used.partition_point(|p| p.t_s() <= used[from].t_s() + 60.0 * minutes),
+    };
+    (0..used.len())
+        .filter(|from| end_of(*from) <= used.len())
+        .filter_map(|from| {
+            let own = &used[from..end_of(from)];
+            let design = DMatrix::from_fn(own.len(), 4, |r, c| if c < 3 { own[r].setting.field.0[c] } else { 1.0 });
+            let names = ["X_c", "Y_c", "Z_c", "offset"].map(str::to_owned).to_vec();
+            let readings = DMatrix::from_fn(own.len(), 3, |r, i| own[r].mean.0[i]);
+            let design = linear::Design::new(names, design).ok()?;
+            let fit = linear::solve(&design, &readings, None, &Limits { max_condition: MOST_CONDITION }).ok()?;
+            let phi = |x: &[f64]| Matrix3::from_fn(|i, k| x[4 * i + k]).try_inverse();
+            let quantities = |x: &[f64]| -> Vec<f64> {
+                let parts = phi(x).and_then(|phi| split(&phi, r_nom).ok());
+                parts.map_or(vec![f64::NAN; 9], |s| [s.sigma, s.xi_deg, [x[3], x[7], x[11]]].concat())
+            };
+            let covariance = DMatrix::from_fn(12, 12, |r, c| {
+                if r / 4 == c / 4 { fit.unscaled_covariance[(r % 4, c % 4)] * fit.residual_std[r / 4].powi(2) } else { 0.0 }
+            });
+            let stacked = fit.coefficients.as_slice().to_vec();
+            let found = propagate(quantities, &stacked, &covariance).ok()?;
+            let phi = phi(&stacked)?;
+            let residual_nt = std::array::from_fn(|k| {
+                let squares = (0..own.len()).map(|r| (0..3).map(|i| phi[(k, i)] * fit.residuals[(r, i)]).sum::<f64>().powi(2));
+                (squares.sum::<f64>() / fit.dof.max(1) as f64).sqrt()
+            });
+            let mean = |series: &[(f64, f64)]| own.iter().map(|p| interpolate(series, p.t_s())).sum::<f64>() / own.len() as f64;
+            let t_s = own.iter().map(|p| p.t_s()).sum::<f64>() / own.len() as f64;
+            Some(WindowFit {
+                t_s,
+                temperature_degc: [mean(series), mean(moved)],
+                heating: rate_k_per_s(series, t_s) > 0.0,
+                values: found.values.try_into().ok()?,
+                std: found.std.try_into().ok()?,
+                residual_nt,
+            })
+        })
+        .collect()
+}
+
+/// A quantity for figures and for the file. Windows that follow each other share settings: every so many of them stand in the file.
+fn describe(
+    (name, component, unit): (&str, &str, &'static str),
+    k: usize,
+    polynomial: &TemperaturePolynomial,
+    windows: &[WindowFit],
+    head: &RunHead,
+    given: bool,
+    settings: usize,
+) -> (Curve, QuantityPart) {
+    let apart: Vec<&WindowFit> = windows.iter().step_by(WINDOW).collect();
+    let residual: Vec<f64> = apart.iter().map(|w| w.values[k] - polynomial.evaluate(w.temperature_degc[1]).0).collect();
+    let [min_error, max_error] = range(&residual);
+    let [low, high] = polynomial.valid_degc;
+    let band = (0..BAND).map(|i| {
+        let t = low + (high - low) * i as f64 / (BAND - 1) as f64;
+        let (value, std) = polynomial.evaluate(t);
+        [t, value, std]
+    });
+    let curve = Curve {
+        name: name.to_owned(),
+        component: component.to_owned(),
+        unit,
+        runs: Vec::new(),
+        points: apart.iter().map(|w| [w.temperature_degc[1], w.values[k], w.std[k]]).collect(),
+        factor_95: NORMAL_95,
+        coefficients: polynomial.coefficients.clone(),
+        band: band.collect(),
+        joint: Vec::new(),
+    };
+    let part = QuantityPart {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        runs: vec![head.id.clone()],
+        valid_degc: polynomial.valid_degc,
+        degrees_of_freedom: settings.saturating_sub(polynomial.coefficients.len()),
+        factor_95: NORMAL_95,
+        order: polynomial.order(),
+        order_by: if given { "given" } else { "AICc" }.to_owned(),
+        aicc: Vec::new(),
+        leave_one_out: Vec::new(),
+        value: apart.iter().map(|w| w.values[k]).collect(),
+        std: apart.iter().map(|w| w.std[k]).collect(),
+        residual,
+        widened: 1.0,
+        min_error,
+        max_error,
+    };
+    (curve, part)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_polynomial_through_points_has_their_coefficients() {
+        let cubic = |t: f64| 2.0 - 0.5 * t + 0.25 * t * t - 0.125 * t * t * t;
+        let x = [-3.0, -1.0, 0.5, 4.0];
+        let found = through(&x, &x.map(cubic));
+        for (found, expected) in found.iter().zip([2.0, -0.5, 0.25, -0.125]) {
+            assert!((found - expected).abs() < 1e-13, "{found}");
+        }
+        assert_eq!(through(&[7.0], &[3.0]), [3.0]);
+    }
+
+    #[test]
+    fn lags_do_to_a_ramp_what_they_must() {
+        let ramp: Vec<(f64, f64)> = (0..400).map(|i| (30.0 * f64::from(i), 0.01 * 30.0 * f64::from(i))).collect();
+        let value = |lag: Lag| interpolate(&lagged(&ramp, lag), 9000.0);
+        assert!((value(Lag::None) - 90.0).abs() < 1e-9);
+        assert!((value(Lag::Delay(480.0)) - 85.2).abs() < 1e-9);
+        assert!((value(Lag::FirstOrder(480.0)) - (90.0 - 4.8 * (1.0 - f64::exp(-9000.0 / 480.0)))).abs() < 1e-6);
+        assert!((value(Lag::FirstOrder(-480.0)) - 94.8).abs() < 1e-9);
+        assert!((rate_k_per_s(&ramp, 5000.0) - 0.01).abs() < 1e-12);
+        assert!(interpolate(&ramp, -5.0) == 0.0 && (interpolate(&ramp, 1e9) - 119.7).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,344 @@
+//! Temperature from the voltage or resistance of a thermistor (RO-IGEP-TR0028 section 3.3.3).
+//!
+//! `T(s) = Σ c_k s^k` is fitted to a calibration table, s the voltage U of a divider, `U = U_ref / (R_ser/R + 1)`, or the resistance R.
+//! The comparison with a reference thermometer gives `T_O`, the mean of polynomial minus reference: `T_c = T_r - T_O`.
+
+use crate::files::parameter::{
+    ComparedPolynomial, Covariance, OrderPart, ReferencePart, TableRow, ThermistorConvention, ThermistorFile,
+};
+use crate::files::thermistor::Row;
+use crate::fit::{FitError, Limits, Polynomial, order, polynomial};
+use serde::Serialize;
+use thiserror::Error;
+
+/// The highest order that is fitted.
+pub const HIGHEST_ORDER: usize = 9;
+
+/// Largest residual that is asked for where nothing else is said, °C.
+pub const WITHIN_DEGC: f64 = 0.01;
+
+/// What the polynomial takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Signal {
+    /// Voltage, V.
+    Voltage,
+    /// Resistance, Ω.
+    Resistance,
+}
+
+impl Signal {
+    /// Name in options and files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Signal::Voltage => "u",
+            Signal::Resistance => "r",
+        }
+    }
+
+    /// Its unit.
+    #[must_use]
+    pub fn unit(self) -> &'static str {
+        match self {
+            Signal::Voltage => "V",
+            Signal::Resistance => "ohm",
+        }
+    }
+}
+
+/// How a table is fitted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Order; chosen by AICc and leave-one-out error if absent.
+    pub order: Option<usize>,
+    /// Signal; the voltage where the table has one, if absent.
+    pub signal: Option<Signal>,
+    /// Reference voltage, V, and series resistance, Ω, of a divider that turns resistances into voltages.
+    pub divider: Option<[f64; 2]>,
+    /// Coefficients of a polynomial to compare with, lowest first.
+    pub compare: Option<Vec<f64>>,
+    /// Largest residual asked for, °C.
+    pub within_degc: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { order: None, signal: None, divider: None, compare: None, within_degc: WITHIN_DEGC }
+    }
+}
+
+/// Why a table has no polynomial.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ThermistorError {
+    /// The wanted signal is missing.
+    #[error("the table holds no {0}")]
+    NoSignal(&'static str),
+    /// The fit has no answer.
+    #[error("the polynomial cannot be fitted: {0}")]
+    Fit(#[from] FitError),
+}
+
+impl ThermistorError {
+    /// What to do.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            ThermistorError::NoSignal(_) => "add the column u_volt or r_ohm, or name --divider to turn resistances into voltages",
+            ThermistorError::Fit(_) => "choose a lower --order, or add rows at other temperatures",
+        }
+    }
+}
+
+/// A polynomial with its table.
+#[derive(Clone, Debug, Serialize)]
+pub struct Thermistor {
+    /// What goes into the parameter file.
+    pub parameters: ThermistorFile,
+}
+
+/// The signal of every row.
+fn signals(rows: &[Row], signal: Signal, divider: Option<[f64; 2]>) -> Result<Vec<f64>, ThermistorError> {
+    let of = |row: &Row| match (signal, divider) {
+        (Signal::Resistance, _) => row.r_ohm,
+        (Signal::Voltage, Some([reference_v, series_ohm])) if row.u_volt.is_nan() => reference_v / (series_ohm / row.r_ohm + 1.0),
+        (Signal::Voltage, _) => row.u_volt,
+    };
+    let list: Vec<f64> = rows.iter().map(of).collect();
+    let missing = match signal {
+        Signal::Voltage => "voltages",
+        Signal::Resistance => "resistances",
+    };
+    if list.iter().any(|s| s.is_nan()) { Err(ThermistorError::NoSignal(missing)) } else { Ok(list) }
+}
+
+fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.map(f64::abs).fold(0.0, f64::max)
+}
+
+fn value(coefficients: &[f64], x: f64) -> f64 {
+    coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
+}
+
+fn leave_one_out(fit: &Polynomial, x: &[f64]) -> f64 {
+    let square = |(r, x): (&f64, &f64)| (r / (1.0 - fit.evaluate_unscaled(*x).1.powi(2))).powi(2);
+    (fit.residuals.iter().zip(x).map(square).sum::<f64>() / x.len() as f64).sqrt()
+}
+
+/// Fits a table; `name` is that of the table without its end.
+///
+/// # Errors
+/// Why it has no polynomial.
+pub fn thermistor(name: &str, rows: &[Row], reference: Option<&[Row]>, options: &Options) -> Result<Thermistor, ThermistorError> {
+    let has_voltage = rows.iter().all(|r| r.u_volt.is_finite()) || options.divider.is_some();
+    let signal = options.signal.unwrap_or(if has_voltage { Signal::Voltage } else { Signal::Resistance });
+    let x = signals(rows, signal, options.divider)?;
+    let y: Vec<f64> = rows.iter().map(|r| r.t_degc).collect();
+    let limits = Limits::default();
+
+    let chosen = order::choose(&x, &y, None, order::HIGHEST_ORDER, None, &limits)?;
+    let (wanted, reason) = match options.order {
+        Some(order) => (order, "given".to_owned()),
+        None => (chosen.order, format!("{:?}", chosen.reason)),
+    };
+    let fit = polynomial::fit(&x, &y, None, wanted, &limits)?;
+    let mut fits: Vec<Polynomial> = Vec::new();
+    for order in 1..=HIGHEST_ORDER.max(wanted).min(rows.len().saturating_sub(2)) {
+        match polynomial::fit(&x, &y, None, order, &limits) {
+            Ok(fit) => fits.push(fit),
+            // Higher orders are no better determined.
+            Err(_) => break,
+        }
+    }
+    let orders: Vec<OrderPart> = fits
+        .iter()
+        .enumerate()
+        .map(|(i, fit)| OrderPart {
+            order: i + 1,
+            residual_max_degc: largest(fit.residuals.iter().copied()),
+            residual_std_degc: fit.residual_std,
+            leave_one_out_degc: leave_one_out(fit, &x),
+            aicc: chosen.candidates.iter().find(|c| c.order == i + 1).and_then(|c| c.aicc).filter(|a| a.is_finite()),
+        })
+        .collect();
+    let mut warnings = Vec::new();
+    let order_within = orders.iter().find(|o| o.residual_max_degc <= options.within_degc).map(|o| o.order);
+    let residual_max_degc = largest(fit.residuals.iter().copied());
+    if residual_max_degc > options.within_degc {
+        let reaches = order_within.map_or_else(|| "no order does".to_owned(), |o| format!("order {o} does"));
+        warnings.push(format!(
+            "the polynomial of order {wanted} leaves up to {residual_max_degc:.4} °C, more than {} °C; {reaches}",
+            options.within_degc
+        ));
+    }
+    let best = options.compare.as_ref().map(|c| polynomial::fit(&x, &y, None, c.len().saturating_sub(1), &limits)).transpose()?;
+    let compared = options.compare.as_ref().zip(best.as_ref()).map(|(c, best)| {
+        let residuals: Vec<f64> = x.iter().zip(&y).map(|(x, y)| y - value(c, *x)).collect();
+        ComparedPolynomial {
+            coefficients: c.clone(),
+            residual_max_degc: largest(residuals.iter().copied()),
+            residual_rms_degc: (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64).sqrt(),
+            best_max_degc: largest(best.residuals.iter().copied()),
+            difference_max_degc: largest(residuals.iter().zip(&best.residuals).map(|(a, b)| a - b)),
+        }
+    });
+    let bounds =
+        |v: &[f64]| [v.iter().copied().fold(f64::INFINITY, f64::min), v.iter().copied().fold(f64::NEG_INFINITY, f64::max)];
+    let reference =
+        reference.map(|rows| compare_with(rows, &fit, signal, options.divider, bounds(&x), &mut warnings)).transpose()?;
+    let covariance = fit.covariance();
+    let row = (0..rows.len()).map(|i| TableRow {
+        signal: x[i],
+        t_degc: y[i],
+        residual_degc: fit.residuals[i],
+        std_degc: fit.evaluate(x[i]).1,
+        compared_residual_degc: options.compare.as_ref().map(|c| y[i] - value(c, x[i])),
+        best_residual_degc: best.as_ref().map(|b| b.residuals[i]),
+    });
+    Ok(Thermistor {
+        parameters: ThermistorFile {
+            table: name.to_owned(),
+            signal: signal.name().to_owned(),
+            signal_unit: signal.unit().to_owned(),
+            order: wanted,
+            reason,
+            coefficients_std: (0..=wanted).map(|k| covariance[(k, k)].sqrt()).collect(),
+            residual_max_degc,
+            residual_std_degc: fit.residual_std,
+            within_degc: options.within_degc,
+            order_within,
+            valid_signal: bounds(&x),
+            valid_degc: bounds(&y),
+            convention: ThermistorConvention::default(),
+            covariance: Covariance {
+                parameters: (0..=wanted).map(|k| format!("c_{k}")).collect(),
+                units: (0..=wanted).map(|k| format!("degC/{}^{k}", signal.unit())).collect(),
+                matrix: covariance.row_iter().map(|r| r.iter().copied().collect()).collect(),
+            },
+            compared,
+            reference,
+            orders,
+            row: row.collect(),
+            warnings,
+            coefficients: fit.coefficients.clone(),
+        },
+    })
+}
+
+/// T_O from readings beside a reference thermometer.
+fn compare_with(
+    rows: &[Row],
+    fit: &Polynomial,
+    signal: Signal,
+    divider: Option<[f64; 2]>,
+    valid: [f64; 2],
+    warnings: &mut Vec<String>,
+) -> Result<ReferencePart, ThermistorError> {
+    let x = signals(rows, signal, divider)?;
+    let outside = x.iter().filter(|x| **x < valid[0] || **x > valid[1]).count();
+    if outside > 0 {
+        warnings.push(format!("{outside} readings beside the reference lie outside the table"));
+    }
+    let t: Vec<f64> = rows.iter().map(|r| r.t_degc).collect();
+    let difference: Vec<f64> = x.iter().zip(&t).map(|(x, t)| fit.evaluate(*x).0 - t).collect();
+    let mean = polynomial::fit(&t, &difference, None, 0, &Limits::default())?;
+    let slope = polynomial::fit(&t, &difference, None, 1, &Limits::default()).ok().filter(|s| s.dof > 0);
+    let slope_std = slope.as_ref().map(|s| s.covariance()[(1, 1)].sqrt());
+    if let (Some(s), Some(std)) = (&slope, slope_std)
+        && s.coefficients[1].abs() > 3.0 * std
+    {
+        warnings
+            .push(format!("the difference to the reference changes by {:+.2e} K per K: T_O is no constant", s.coefficients[1]));
+    }
+    let low = t.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = t.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let offset_std_degc = Some(mean.covariance()[(0, 0)].sqrt()).filter(|s| s.is_finite());
+    if offset_std_degc.is_none() {
+        warnings.push("T_O rests on a single reading, so its uncertainty is not known".to_owned());
+    }
+    Ok(ReferencePart {
+        offset_degc: mean.coefficients[0],
+        offset_std_degc,
+        readings: rows.len(),
+        range_degc: [low, high],
+        slope: slope.as_ref().map(|s| s.coefficients[1]),
+        slope_std,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PRINTED: [f64; 4] = [-368.61072, 458.49304, -356.02890, 180.00644];
+
+    fn pt1000() -> Vec<Row> {
+        let text = include_str!("../../tests/data/rosetta/pt1000_table.csv");
+        let row = |line: &str| {
+            let v: Vec<f64> = line.split(',').map(|c| c.parse().unwrap()).collect();
+            Row { t_degc: v[0], r_ohm: v[1], u_volt: v[2] }
+        };
+        text.lines().skip(1).map(row).collect()
+    }
+
+    fn options() -> Options {
+        Options { order: None, signal: None, divider: None, compare: None, within_degc: 0.01 }
+    }
+
+    fn row(t_degc: f64, u_volt: f64) -> Row {
+        Row { t_degc, u_volt, r_ohm: f64::NAN }
+    }
+
+    #[test]
+    fn the_printed_cubic_leaves_what_the_best_cubic_leaves_and_order_five_a_hundredth() {
+        let options = Options { compare: Some(PRINTED.to_vec()), ..options() };
+        let p = thermistor("pt1000", &pt1000(), None, &options).unwrap().parameters;
+        // By numpy.polynomial.Polynomial.fit.
+        let best = [28.374_304_949, 4.096_588_018, 0.626_568_800_5, 0.094_811_463_53, 0.009_727_525_67, 0.002_814_997_52];
+        for (part, best) in p.orders.iter().zip(best) {
+            assert!((part.residual_max_degc / best - 1.0).abs() < 1e-5, "{part:?} {best}");
+        }
+        assert!((p.orders[2].residual_std_degc - 0.303_384_947).abs() < 1e-8);
+        let compared = p.compared.unwrap();
+        assert!((compared.residual_max_degc - 0.626_556_366_9).abs() < 1e-9);
+        assert!(compared.difference_max_degc < 1e-3, "the printed cubic is the best one");
+        assert_eq!((p.order_within, p.order), (Some(5), 5));
+    }
+
+    #[test]
+    fn voltages_follow_from_resistances() {
+        let divided: Vec<Row> = pt1000().iter().map(|r| Row { u_volt: f64::NAN, ..*r }).collect();
+        let options = Options { divider: Some([2.5, 1000.0]), order: Some(3), ..options() };
+        let p = thermistor("pt1000", &divided, None, &options).unwrap().parameters;
+        // The table rounds its voltages to 1e-5 V.
+        for (k, (c, printed)) in p.coefficients.iter().zip(PRINTED).enumerate() {
+            assert!((c - printed).abs() < 0.2, "{k} {c} {printed}");
+        }
+        let refused = thermistor("t", &divided, None, &Options { signal: Some(Signal::Voltage), ..self::options() }).unwrap_err();
+        assert_eq!(refused, ThermistorError::NoSignal("voltages"));
+        let resistance = thermistor("t", &divided, None, &self::options()).unwrap().parameters;
+        assert_eq!(resistance.signal, "r");
+    }
+
+    #[test]
+    fn the_reference_gives_the_offset() {
+        // T = 10 + 20 U; readings whose polynomial is 1.4, 1.5, 1.6 below the reference: mean -1.5, s 0.1, of the mean 0.1/√3.
+        let table: Vec<Row> = (0..6).map(|i| row(10.0 + 20.0 * f64::from(i), f64::from(i))).collect();
+        let reference = [row(31.4, 1.0), row(51.6, 2.0), row(71.5, 3.0)];
+        let options = Options { order: Some(1), ..options() };
+        let p = thermistor("t", &table, Some(&reference), &options).unwrap().parameters;
+        assert!((p.coefficients[0] - 10.0).abs() < 1e-12 && (p.coefficients[1] - 20.0).abs() < 1e-12);
+        let r = p.reference.unwrap();
+        assert!((r.offset_degc + 1.5).abs() < 1e-12);
+        assert!((r.offset_std_degc.unwrap() - 0.1 / 3f64.sqrt()).abs() < 1e-12);
+        let single = thermistor("t", &table, Some(&reference[..1]), &options).unwrap().parameters;
+        assert!(single.reference.unwrap().offset_std_degc.is_none());
+        assert!(single.warnings.iter().any(|w| w.contains("single reading")));
+    }
+
+    #[test]
+    fn too_high_an_order_is_refused() {
+        let table: Vec<Row> = (0..3).map(|i| row(f64::from(i), f64::from(i))).collect();
+        let error = thermistor("t", &table, None, &Options { order: Some(4), ..options() }).unwrap_err();
+        assert!(error.to_string().contains("cannot be fitted"), "{error}");
+    }
+}

@@ -1,0 +1,269 @@
+//! What the results of all runs say about the run itself: its head, its temperatures, the plateaus left out, and warnings.
+
+use crate::data::error::Severity;
+use crate::data::plateau::{Plateau, Plateaus};
+use crate::data::run::Run;
+use crate::data::units::COMPONENTS;
+use crate::files::campaign::Campaign;
+use crate::files::facility::Facility;
+use crate::files::parameter::{Conditions, Dropped, FacilityApplied, RunHead, Spread};
+use crate::fit::correlation::{self, Octave};
+use crate::fit::{FitError, NoiseModel, Solution};
+use crate::model::sensor::SplitError;
+use serde::Serialize;
+
+/// Temperatures outside are no temperatures of a sensor or coil.
+const PLAUSIBLE_DEGC: std::ops::RangeInclusive<f64> = -200.0..=200.0;
+
+/// Parts of plateaus whose lengths differ by less than this share are compared together.
+const SAME_LENGTH: f64 = 1e-3;
+
+type Series = Vec<(f64, f64)>;
+
+/// Temperatures during a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Temperatures {
+    /// Sensor temperature, (s since the run's start, °C).
+    pub sensor: Series,
+    /// Coil-system temperature, (s since the run's start, °C).
+    pub coil: Series,
+    /// Channels with smallest, mean and largest value while the fields were applied; absent if there is no temperature at all.
+    pub conditions: Option<Conditions>,
+}
+
+impl Temperatures {
+    /// Temperatures of a run over the time in which fields were applied.
+    #[must_use]
+    pub fn of(run: &Run, campaign: &Campaign, span_s: [f64; 2], warnings: &mut Vec<String>) -> Self {
+        let (sensor_channel, coil_channel) = campaign.channels(&run.header);
+        let (sensor, sensor_degc) = temperature(run, &sensor_channel, "sensor", span_s, warnings);
+        let (coil, coil_degc) = temperature(run, &coil_channel, "coil system", span_s, warnings);
+        let any = sensor_degc.is_some() || coil_degc.is_some();
+        let conditions = any.then_some(Conditions { sensor_channel, sensor_degc, coil_channel, coil_degc });
+        Self { sensor, coil, conditions }
+    }
+
+    /// Smallest, mean and largest sensor temperature, °C.
+    #[must_use]
+    pub fn sensor_degc(&self) -> Option<[f64; 3]> {
+        self.conditions.as_ref()?.sensor_degc
+    }
+
+    /// Smallest and largest sensor temperature, °C.
+    #[must_use]
+    pub fn sensor_range_degc(&self) -> Option<[f64; 2]> {
+        self.sensor_degc().map(|[low, _, high]| [low, high])
+    }
+}
+
+/// Turns the settings of plateaus into fields of the facility, at the mean temperatures of coil and rack in the plateaus' time.
+///
+/// # Errors
+/// Angles that no three axes have between them.
+pub fn apply_facility(
+    facility: &Facility,
+    run: &Run,
+    campaign: &Campaign,
+    list: &mut [Plateau],
+    warnings: &mut Vec<String>,
+) -> Result<FacilityApplied, SplitError> {
+    if run.header.coil_correction == Some(true) {
+        warnings.push("the run says that its settings are corrected already; --facility corrects them once more".to_owned());
+    }
+    let coil = facility.coil();
+    let axes = coil.axes().ok_or(SplitError::Planar)?;
+    let span_s = [
+        list.iter().map(|p| p.setting.t_start_s).fold(f64::INFINITY, f64::min),
+        list.iter().map(|p| p.setting.t_end_s).fold(f64::NEG_INFINITY, f64::max),
+    ];
+    let mut degc = |follows: bool, what: &str, channel: &str, reference_degc: f64| {
+        if !follows {
+            return None;
+        }
+        let mean = mean_degc(run, channel, span_s);
+        if mean.is_none() {
+            warnings.push(format!(
+                "{} depends on the {what} temperature, which the run does not tell (channel {channel}): its values for \
+                 {reference_degc:.1} °C were used",
+                facility.input.path
+            ));
+        }
+        mean
+    };
+    let coil_degc = degc(facility.follows_coil(), "coil", &campaign.channels(&run.header).1, coil.reference_degc);
+    let rack_degc = degc(facility.follows_rack(), "rack", campaign.rack_channel(), coil.rack_reference_degc);
+    for plateau in list {
+        let setting = plateau.setting.field.0;
+        let (at_coil, at_rack) = (coil_degc.unwrap_or(coil.reference_degc), rack_degc.unwrap_or(coil.rack_reference_degc));
+        plateau.setting.field = coil.field(&axes, setting, at_coil, at_rack);
+    }
+    Ok(FacilityApplied { file: facility.input.path.clone(), coil_degc, rack_degc, applied: facility.part.clone() })
+}
+
+/// Mean of the plausible readings of a channel in a time, °C; `None` without any.
+fn mean_degc(run: &Run, channel: &str, span_s: [f64; 2]) -> Option<f64> {
+    let series = run.slow_channel(channel)?;
+    let inside = |t: f64, v: f64| (span_s[0]..=span_s[1]).contains(&t) && PLAUSIBLE_DEGC.contains(&v);
+    let readings: Vec<f64> = series.iter().filter(|(t, v)| inside(*t, *v)).map(|(_, v)| *v).collect();
+    (!readings.is_empty()).then(|| readings.iter().sum::<f64>() / readings.len() as f64)
+}
+
+/// The head of a parameter file.
+#[must_use]
+pub fn head(run: &Run, campaign: &Campaign, temperatures: &Temperatures) -> RunHead {
+    let header = &run.header;
+    let mean = |degc: Option<[f64; 3]>| degc.map(|[_, mean, _]| mean);
+    RunHead {
+        id: header.run.clone(),
+        sensor: header.sensor.clone(),
+        mode: header.mode.clone(),
+        temperature_degc: mean(temperatures.sensor_degc()),
+        coil_temperature_degc: mean(temperatures.conditions.as_ref().and_then(|c| c.coil_degc)),
+        campaign: campaign.describe(),
+        start: header.start.clone(),
+        configuration: header.configuration.clone(),
+        field_source: header.field_source.clone(),
+        coil_correction: header.coil_correction,
+        earthfield_compensation: header.earthfield_compensation.clone(),
+    }
+}
+
+/// Smallest, mean and largest standard deviation of the samples within a plateau, enT; `None` if the file brings means only.
+#[must_use]
+pub fn raw_std(used: &[&Plateau]) -> Option<Spread> {
+    let all: Vec<[f64; 3]> = used.iter().map(|p| p.std_ent).collect::<Option<_>>()?;
+    let fold = |start: f64, join: fn(f64, f64) -> f64| std::array::from_fn(|a| all.iter().map(|s| s[a]).fold(start, join));
+    Some(Spread {
+        min: fold(f64::INFINITY, f64::min),
+        mean: std::array::from_fn(|a| all.iter().map(|s| s[a]).sum::<f64>() / all.len() as f64),
+        max: fold(f64::NEG_INFINITY, f64::max),
+    })
+}
+
+/// The noise of the plateau means of a fit, one row per plateau: from what happens within the plateaus and from the residuals,
+/// or from the residuals alone if the file brings means only.
+///
+/// # Errors
+/// Those of [`correlation::estimate`].
+pub fn noise(solution: &Solution, used: &[&Plateau]) -> Result<NoiseModel, FitError> {
+    noise_of(solution, used, &[0, 1, 2])
+}
+
+/// The same for right-hand sides that are some components of the reading, 0 to 2.
+///
+/// # Errors
+/// Those of [`correlation::estimate`].
+pub fn noise_of(solution: &Solution, used: &[&Plateau], components: &[usize]) -> Result<NoiseModel, FitError> {
+    let mut octaves: Vec<Octave> = Vec::new();
+    for contrasts in used.iter().flat_map(|p| &p.contrasts) {
+        let same = |o: &&mut Octave| (o.length / contrasts.part_s - 1.0).abs() < SAME_LENGTH;
+        let octave = match octaves.iter_mut().find(same) {
+            Some(octave) => octave,
+            None => {
+                octaves.push(Octave { length: contrasts.part_s, count: 0.0, white: 0.0, squares: vec![0.0; components.len()] });
+                let last = octaves.len() - 1;
+                &mut octaves[last]
+            }
+        };
+        let count = contrasts.count as f64;
+        octave.count += count;
+        octave.white += count * contrasts.inverse_samples;
+        for (sum, component) in octave.squares.iter_mut().zip(components) {
+            *sum += count * contrasts.mean_square[*component];
+        }
+    }
+    if octaves.is_empty() {
+        let times: Vec<f64> = used.iter().map(|p| p.t_s()).collect();
+        return correlation::estimate(solution, &times);
+    }
+    for octave in &mut octaves {
+        octave.white /= octave.count;
+    }
+    let samples: Vec<f64> = used.iter().map(|p| p.count.map_or(f64::NAN, |n| n as f64)).collect();
+    let intervals: Vec<[f64; 2]> = used.iter().map(|p| p.used_s).collect();
+    correlation::estimate_with(solution, &intervals, &samples, &octaves)
+}
+
+/// The plateaus that were not used, with their reasons.
+#[must_use]
+pub fn dropped(list: &[Plateau]) -> Vec<Dropped> {
+    list.iter()
+        .filter_map(|p| {
+            let reason = p.dropped.as_ref()?.to_string();
+            Some(Dropped { block: p.index + 1, t_start_s: p.setting.t_start_s, field_coil_nt: p.setting.field.0, reason })
+        })
+        .collect()
+}
+
+/// A temperature channel and its smallest, mean and largest value while the fields were applied.
+fn temperature(run: &Run, channel: &str, what: &str, span_s: [f64; 2], warnings: &mut Vec<String>) -> (Series, Option<[f64; 3]>) {
+    let Some(series) = run.slow_channel(channel) else {
+        warnings.push(format!("no {what} temperature: the run has no channel {channel}"));
+        return (Vec::new(), None);
+    };
+    let count = series.len();
+    let series: Series = series.into_iter().filter(|(_, v)| PLAUSIBLE_DEGC.contains(v)).collect();
+    if series.len() < count {
+        let [low, high] = [PLAUSIBLE_DEGC.start(), PLAUSIBLE_DEGC.end()];
+        warnings.push(format!("{} readings of channel {channel} outside {low} to {high} °C were left out", count - series.len()));
+    }
+    let inside: Series = series.iter().copied().filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)).collect();
+    let values: Vec<f64> = inside.iter().map(|(_, v)| *v).collect();
+    if values.is_empty() {
+        warnings.push(format!("no {what} temperature: channel {channel} holds no reading from the time of the settings"));
+        return (series, None);
+    }
+    if let [(t_s, _)] = inside.as_slice() {
+        warnings.push(format!("the {what} temperature (channel {channel}) is a single reading at {t_s} s"));
+    } else {
+        let times = [vec![span_s[0]], inside.iter().map(|(t, _)| *t).collect(), vec![span_s[1]]].concat();
+        let gaps = || times.windows(2).map(|w| w[1] - w[0]);
+        let length = span_s[1] - span_s[0];
+        let at_ends = gaps().next().unwrap_or_default() + gaps().next_back().unwrap_or_default();
+        if let (true, [(first, _), .., (last, _)]) = (at_ends > 0.1 * length, inside.as_slice()) {
+            warnings.push(format!("the {what} temperature (channel {channel}) covers the time from {first} to {last} s only"));
+        } else if let Some(longest) = gaps().reduce(f64::max).filter(|longest| *longest > 0.5 * length) {
+            warnings.push(format!("the {what} temperature (channel {channel}) has no reading for {longest:.0} s of the run"));
+        }
+    }
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    (series, Some([low, mean, high]))
+}
+
+/// What the plateaus show about timing, spikes and stuck components.
+pub fn warn_of_plateaus(warnings: &mut Vec<String>, run: &Run, plateaus: &Plateaus) {
+    for (name, count) in COMPONENTS.into_iter().zip(plateaus.without_scatter) {
+        if count > 0 {
+            warnings.push(format!("component {name} has no scatter at all in {count} plateaus"));
+        }
+    }
+    let shift_s = plateaus.edge_shift_s;
+    if shift_s.abs() > 0.0 && plateaus.list.iter().any(|p| shift_s.abs() > (p.setting.t_end_s - p.setting.t_start_s) / 64.0) {
+        warnings.push(format!(
+            "the data step {shift_s:+.2} s after the settings do; the disturbed ends of the plateaus were left out"
+        ));
+    }
+    if plateaus.settling_found_s > plateaus.settling_s + 1e-9 && run.blocks.is_empty() {
+        warnings.push(format!(
+            "the data show the step before for {:.2} s, longer than the {:.2} s that were left out",
+            plateaus.settling_found_s, plateaus.settling_s
+        ));
+    }
+    let spikes: u64 = plateaus.list.iter().map(|p| p.spike_samples).sum();
+    if spikes > 0 {
+        warnings.push(format!("{spikes} samples in stretches with spikes were left out"));
+    }
+}
+
+/// Lost samples and what the reader found.
+pub fn warn_of_run(warnings: &mut Vec<String>, run: &Run) {
+    if run.vectors.lost > 0 {
+        warnings.push(format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count));
+    }
+    for finding in run.findings.iter().filter(|f| f.severity > Severity::Note) {
+        let place = finding.line.map_or_else(String::new, |line| format!("line {line}: "));
+        warnings.push(format!("{place}{}; {}", finding.rule, finding.remedy));
+    }
+}

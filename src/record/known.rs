@@ -1,0 +1,583 @@
+//! Effects that are known from a model file: taken off the readings of other analyses, or added to simulated ones.
+//!
+//! Both evaluate the columns of the catalogue on a [`Record`] of the run, at plateau means or at samples, with the linear sensor that
+//! [`Scene`] fits, as the diagnosis did when it found the effect.
+
+pub mod in_sines;
+
+use super::scene::{Samples, Scene};
+use crate::data::error::Finding;
+use crate::data::plateau::{Drop, Plateau, Plateaus, from_blocks};
+use crate::data::provenance::Input;
+use crate::data::run::interpolate;
+use crate::data::run::{Kind, Run, Setting};
+use crate::data::units::{COMPONENTS, Reading};
+use crate::files::campaign::Campaign;
+use crate::files::parameter::{AppliedEffect, Model, ModelApplied, ModelEffect};
+use crate::files::text::Group;
+use crate::model::effects::clock_drift::IN_TIME;
+use crate::model::effects::in_sine::InSine;
+use crate::model::effects::record::Channel;
+use crate::model::effects::{self, Column, Covariate, Effect, Family, Record, Row, Spec, Thermal, unknown_columns};
+use nalgebra::{Matrix3, Vector3};
+
+/// Readings beyond those of the runs in which an effect was found by more than this part of their range are an extrapolation.
+const BEYOND: f64 = 0.01;
+/// The linear sensor is fitted so often to readings without the effects: the second time they are the corrected ones.
+const FITS: usize = 2;
+/// Samples that are evaluated at a time, so that memory does not grow with the run.
+pub const CHUNK: usize = 4096;
+/// Samples that stand for a simulated record in zero field.
+const ZERO_FIELD_SAMPLES: usize = 2000;
+/// The parameter that tells how the two others of an effect go together.
+pub const CORRELATION: &str = "correlation";
+
+/// An effect that is known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Given {
+    /// Id.
+    pub id: &'static str,
+    /// Form, axes and shape.
+    pub spec: Spec,
+    /// Values of the linear parameters.
+    pub values: Vec<f64>,
+    /// What it does to sines.
+    pub in_sine: Option<InSine>,
+    /// Runs in which it was found.
+    pub runs: Vec<String>,
+}
+
+/// Effects that show inside the plateaus and are known from there.
+pub const INSIDE: [&str; 4] = ["settling", "time_shift", "heater_pwm", "interference_tone"];
+
+impl Given {
+    /// Why it does not hold for a run: it belongs to the times of others.
+    #[must_use]
+    pub fn of_another(&self, run: &str) -> Option<String> {
+        let of_others = is_of_one_run(self.id, &self.spec.form) && !self.runs.iter().any(|r| r == run);
+        let runs = self.runs.join(", ");
+        of_others.then(|| format!("{} holds for the times of the run in which it was found ({runs}) alone", self.id))
+    }
+
+    /// Whether it shows inside the plateaus and is known from there.
+    #[must_use]
+    pub fn is_inside(&self) -> bool {
+        INSIDE.contains(&self.id) && self.in_sine.is_none()
+    }
+}
+
+/// The effects of a model file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Known {
+    /// The file, under its name.
+    pub input: Input,
+    /// The effects, in the order of the file.
+    pub effects: Vec<KnownEffect>,
+}
+
+/// An effect of a model file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KnownEffect {
+    /// Id, form, axes, shape and values.
+    pub given: Given,
+    /// Standard uncertainties of the values; zero where the file has none.
+    pub std: Vec<f64>,
+    /// What it does to a sine if its parameters move along the axes of their uncertainty by one standard deviation, one after the other.
+    pub sine_variants: Vec<InSine>,
+    /// Smallest and largest reading of the sensor axes with which it was found, enT; absent if the file does not tell.
+    pub reading_ent: Option<[[f64; 2]; 3]>,
+}
+
+/// What was taken off the means of a run.
+#[derive(Clone, Debug)]
+pub struct Applied {
+    /// For the parameter file.
+    pub part: ModelApplied,
+    /// Standard uncertainty of each parameter, and the change of the mean reading of every plateau per unit of it, enT.
+    pub carried: Vec<(f64, Vec<[f64; 3]>)>,
+}
+
+impl Known {
+    /// The effects of a model file; `groups` are its tables `[[effect]]`, for the place of a complaint.
+    ///
+    /// # Errors
+    /// An effect, form or axis that the catalogue does not have, or a parameter that is missing, with its line.
+    pub fn of(input: Input, model: &Model, groups: &[Group]) -> Result<Self, Finding> {
+        let effects = model.effect.iter().zip(groups).map(|(e, group)| {
+            let own = e.run.iter().cloned();
+            let runs = if e.run.is_some() { own.collect() } else { model.used.clone() };
+            KnownEffect::of(e, runs, group)
+        });
+        Ok(Self { input, effects: effects.collect::<Result<_, _>>()? })
+    }
+
+    /// For the diagnosis.
+    #[must_use]
+    pub fn given(&self) -> Vec<Given> {
+        self.effects.iter().map(|e| e.given.clone()).collect()
+    }
+
+    /// The option that names the file, with a space before it.
+    #[must_use]
+    pub fn recorded(&self) -> String {
+        format!(" --model {}", self.input.path)
+    }
+
+    /// Form and lag of the thermistor, s, if it is among the effects.
+    #[must_use]
+    pub fn thermal_lag(&self) -> Option<(&str, f64)> {
+        let lag = self.effects.iter().find(|e| e.given.id == "thermal_lag")?;
+        Some((lag.given.spec.form.as_str(), lag.given.spec.get("lag")?))
+    }
+}
+
+impl KnownEffect {
+    fn of(entry: &ModelEffect, runs: Vec<String>, group: &Group) -> Result<Self, Finding> {
+        let help = format!("see `calfit effects {}`", entry.id);
+        let effect = effects::named(&entry.id)
+            .ok_or_else(|| group.refuse("id", "is no effect of the catalogue", "list the catalogue with `calfit effects`"))?;
+        let axes: Option<Vec<usize>> = entry.axes.iter().map(|a| COMPONENTS.iter().position(|c| c == a)).collect();
+        let axes = axes
+            .filter(|a| !a.is_empty())
+            .ok_or_else(|| group.refuse("axes", "must name sensor axes", "write some of \"x\", \"y\", \"z\""))?;
+        let shape = entry.shape.iter().map(|s| (s.name.clone(), s.value, s.unit.clone())).collect();
+        let spec = Spec { form: entry.form.clone(), axes, shape };
+        if entry.parameter.iter().chain(&entry.shape).any(|p| !p.value.is_finite()) {
+            return Err(group.refuse("id", "has a value that is not finite", "correct the value, or take the effect out"));
+        }
+        let [plain, thermal] = [specimen(false), specimen(true)];
+        let specs = [effect.specs(&plain), effect.specs(&thermal)];
+        let forms: Vec<String> = specs.iter().flatten().flatten().map(|s| s.form.clone()).collect();
+        let (in_sine, sine_variants) = in_sine(effect, &spec, entry, group, &help)?;
+        let is_of_sines = in_sine.is_some();
+        if effect.id() != "unknown" && !forms.is_empty() && !forms.contains(&spec.form) && !is_of_sines {
+            let mut names: Vec<&str> = forms.iter().map(String::as_str).collect();
+            names.dedup();
+            return Err(group.refuse("form", &format!("is none of {}", names.join(", ")), &help));
+        }
+        // Effects that only show between runs or in sines have no term of a reading.
+        let has_term = specs.iter().any(Result::is_ok) && !is_of_sines;
+        let columns = if is_of_sines {
+            None
+        } else if effect.id() == "unknown" {
+            let covariate = Covariate { name: spec.form.clone(), unit: "", values: vec![0.0; plain.rows.len()], gain: false };
+            unknown_columns(&plain, &covariate, &spec)
+        } else {
+            effect.columns(&plain, &spec).or_else(|| effect.columns(&thermal, &spec))
+        };
+        if has_term && columns.is_none() {
+            return Err(group.refuse("id", "lacks a shape parameter of its form", &help));
+        }
+        let names = columns.unwrap_or_default().into_iter().map(|c| c.name);
+        let mut values = Vec::new();
+        let mut std = Vec::new();
+        // A lag changes the temperatures: its column, a part of one, is no parameter.
+        for name in names.filter(|_| effect.id() != "thermal_lag") {
+            let found = entry.parameter.iter().find(|p| p.name == name);
+            let found = found.ok_or_else(|| group.refuse("id", &format!("lacks its parameter `{name}`"), &help))?;
+            values.push(found.value);
+            std.push(found.std.unwrap_or(0.0));
+        }
+        let given = Given { id: effect.id(), spec, values, in_sine, runs };
+        let reading_ent = entry.reading_ent.as_ref().and_then(|r| <[[f64; 2]; 3]>::try_from(r.clone()).ok());
+        Ok(Self { given, std, sine_variants, reading_ent })
+    }
+
+    fn about(&self) -> effects::About {
+        effects::named(self.given.id).map_or_else(|| effects::CATALOGUE[effects::CATALOGUE.len() - 1].about(), Effect::about)
+    }
+
+    fn columns(&self, record: &Record) -> Option<Vec<Column>> {
+        let columns = effects::named(self.given.id)?.columns(record, &self.given.spec)?;
+        (columns.len() == self.given.values.len()).then_some(columns)
+    }
+
+    /// Why it has no term in the readings of a run.
+    fn unusable(&self, record: &Record) -> Option<String> {
+        let (id, kind) = (self.given.id, record.kind);
+        let [begin, end] = record.span_s;
+        if id == "thermal_lag" {
+            return (record.thermal.is_none()).then(|| format!("{id} has no influence on a {kind} run"));
+        }
+        if let Some(onset_s) = self.given.spec.get("onset").filter(|_| id == "offset_step")
+            && !(begin..=end).contains(&onset_s)
+        {
+            return Some(format!("{id} begins at {onset_s:.0} s, outside of the run ({begin:.0} to {end:.0} s)"));
+        }
+        if ["settling", "time_shift"].contains(&id) && record.steps.is_empty() {
+            return Some(format!("{id} needs the steps of the field, which the run does not tell"));
+        }
+        if self.columns(record).is_none() {
+            let needs = self.about().needs;
+            return Some(match effects::named(id).map(|e| e.specs(record)) {
+                Some(Err(reason)) => format!("{id} has no term in this run: {reason}"),
+                _ => format!("{id} needs what the run does not have: {needs}"),
+            });
+        }
+        None
+    }
+
+    /// Says where it is used beyond the readings with which it was found.
+    fn extrapolates(&self, record: &Record, file: &str, warnings: &mut Vec<String>) {
+        let follows_reading =
+            matches!(self.about().family, Family::StaticOdd | Family::StaticEven | Family::CrossField | Family::Unknown);
+        let Some(ranges) = self.reading_ent.filter(|_| follows_reading) else { return };
+        for (axis, [low, high]) in ranges.into_iter().enumerate() {
+            let beyond = |x: f64| (low - x).max(x - high);
+            let farthest = record.rows.iter().map(|r| beyond(r.linear_ent[axis])).fold(0.0, f64::max);
+            if farthest > BEYOND * (high - low) && high > low {
+                warnings.push(format!(
+                    "MODEL: {} of {file} was found with readings of {} from {low:.0} to {high:.0} enT, this run goes {farthest:.0} \
+                     enT beyond",
+                    self.given.id, COMPONENTS[axis]
+                ));
+            }
+        }
+    }
+
+    fn name(&self) -> String {
+        format!("{} {}", self.given.id, self.given.spec.axis_names().concat())
+    }
+}
+
+/// What an effect does to sines, and with its parameters moved by their uncertainties.
+fn in_sine(
+    effect: &dyn Effect,
+    spec: &Spec,
+    entry: &ModelEffect,
+    group: &Group,
+    help: &str,
+) -> Result<(Option<InSine>, Vec<InSine>), Finding> {
+    let find = |name: &str| entry.parameter.iter().chain(&entry.shape).find(|p| p.name == name);
+    let mut used: Vec<(f64, f64)> = Vec::new();
+    let mut missing = None;
+    let plain = effect.in_sine(spec, &mut |name| {
+        let found = find(name);
+        missing = missing.take().or_else(|| found.is_none().then(|| name.to_owned()));
+        used.push(found.map_or((f64::NAN, 0.0), |p| (p.value, p.std.unwrap_or(0.0))));
+        used[used.len() - 1].0
+    });
+    if let Some(name) = missing.filter(|_| plain.is_some()) {
+        return Err(group.refuse("id", &format!("lacks its parameter `{name}`"), help));
+    }
+    if let Some(InSine::Poles { corner_hz, .. }) = plain
+        && corner_hz <= 0.0
+    {
+        return Err(group.refuse("id", "has a frequency f_c that is not positive", "correct the value, or take the effect out"));
+    }
+    // The two parameters of a pole go together.
+    let r = find(CORRELATION).map_or(0.0, |p| p.value.clamp(-1.0, 1.0));
+    let moves: Vec<Vec<f64>> = match used.as_slice() {
+        [(_, a), (_, b)] => vec![vec![*a, r * b], vec![0.0, (1.0 - r * r).sqrt() * b]],
+        _ => (0..used.len()).map(|k| (0..used.len()).map(|j| if j == k { used[k].1 } else { 0.0 }).collect()).collect(),
+    };
+    let variants = moves.iter().filter(|m| m.iter().any(|m| *m != 0.0)).filter_map(|moved| {
+        // A large step keeps the sign, as frequencies must.
+        let mut values =
+            used.iter().zip(moved).map(|((value, _), by)| if *value == 0.0 { *by } else { value * (by / value).exp() });
+        effect.in_sine(spec, &mut |_| values.next().unwrap_or(f64::NAN))
+    });
+    Ok((plain, variants.collect()))
+}
+
+/// Whether a form of an effect belongs to the times of the run in which it was found.
+#[must_use]
+pub fn is_of_one_run(id: &str, form: &str) -> bool {
+    match id {
+        "offset_step" | "offset_drift" | "heater_pwm" | "interference_tone" => true,
+        "rotation_drift" => form == "time",
+        "clock_drift" => form.starts_with(IN_TIME),
+        "unknown" => form == "time" || form == "gain with time",
+        _ => false,
+    }
+}
+
+/// A small record in which every covariate moves: what parameters a form has.
+fn specimen(with_temperature: bool) -> Record {
+    const ROWS: usize = 16;
+    let span_s = [0.0, 4000.0];
+    let at = |i: usize| span_s[1] * i as f64 / (ROWS - 1) as f64;
+    let channel = || {
+        let series: Vec<(f64, f64)> = (0..ROWS).map(|i| (at(i), i as f64)).collect();
+        let values: Vec<f64> = series.iter().map(|(_, v)| *v).collect();
+        let mean = values.iter().sum::<f64>() / ROWS as f64;
+        Channel { name: String::new(), series, values, mean }
+    };
+    let field = |i: usize| [i as f64, -(i as f64), 1.0];
+    let row = |i: usize| Row {
+        run: 0,
+        used_s: [at(i); 2],
+        field_coil_nt: field(i),
+        previous_coil_nt: field(i.saturating_sub(1)),
+        linear_ent: field(i),
+    };
+    let thermal = Thermal {
+        middle_degc: 0.5 * (ROWS - 1) as f64,
+        half_k: 0.5 * (ROWS - 1) as f64,
+        response: vec![Matrix3::identity(); 3],
+        offset_ent: vec![[0.0; 3]; 3],
+        degc: (0..ROWS).map(|i| i as f64).collect(),
+    };
+    Record {
+        trend_order: super::scene::TREND_ORDER,
+        kind: if with_temperature { Kind::Sweep } else { Kind::Linearity },
+        rows: (0..ROWS).map(row).collect(),
+        response: Matrix3::identity(),
+        span_s,
+        steps: Vec::new(),
+        sensor: Some(channel()),
+        thermistors: Vec::new(),
+        coil: Some(channel()),
+        rack: Some(channel()),
+        variometer: Some([channel(), channel(), channel()]),
+        others: Vec::new(),
+        thermal: with_temperature.then_some(thermal),
+        has_samples: true,
+    }
+}
+
+/// Takes the known effects of a model off the means of the plateaus, whose settings are reference fields by now. What cannot be taken
+/// off is left and warned about.
+#[must_use]
+pub fn apply(
+    known: &Known,
+    run: &Run,
+    plateaus: &Plateaus,
+    list: &mut [Plateau],
+    campaign: &Campaign,
+    warnings: &mut Vec<String>,
+) -> Applied {
+    let file = &known.input.path;
+    let mut part = ModelApplied { file: file.clone(), effect: Vec::new(), left_out: Vec::new() };
+    let mut carried = Vec::new();
+    let same = Plateaus { list: list.to_vec(), ..plateaus.clone() };
+    let samples = pauses(plateaus);
+    let samples = run.blocks.is_empty().then_some(&samples);
+    let mut scene = match Scene::new(run, &same, samples, campaign, None) {
+        Ok(scene) => scene,
+        Err(reason) => {
+            warnings.push(format!("MODEL: no effect of {file} was taken off: {}", reason.0));
+            part.left_out = known.effects.iter().map(KnownEffect::name).collect();
+            return Applied { part, carried };
+        }
+    };
+    if let Some((form, lag_s)) = known.thermal_lag() {
+        scene.follow(form, lag_s);
+    }
+    let mut usable: Vec<&KnownEffect> = Vec::new();
+    for effect in &known.effects {
+        let reason = effect.given.of_another(&run.header.run).or_else(|| effect.unusable(&scene.record));
+        match reason {
+            Some(reason) => {
+                warnings.push(format!("MODEL: not taken off: {reason}"));
+                part.left_out.push(effect.name());
+            }
+            None => {
+                effect.extrapolates(&scene.record, file, warnings);
+                usable.push(effect);
+            }
+        }
+    }
+    let base = scene.record.rows.len();
+    let mut rows = Vec::new();
+    for fit in 0..FITS {
+        let mut readings = scene.readings.clone();
+        // The scene has the plateaus that are used; those that are not are corrected too, for their residuals.
+        let places: Vec<usize> = (0..list.len()).filter(|i| list[*i].dropped.is_none()).collect();
+        let others: Vec<usize> =
+            (0..list.len()).filter(|i| list[*i].dropped.as_ref().is_some_and(|d| *d != Drop::Sine)).collect();
+        rows = [places, others.clone()].concat();
+        let tail = others.iter().map(|i| row_of(list, *i)).collect();
+        let mut record = scene.record.clone();
+        set_tail(&mut record, base, tail);
+        part.effect.clear();
+        carried.clear();
+        let mut sum = vec![[0.0; 3]; rows.len()];
+        for effect in &usable {
+            let columns = effect.columns(&record).unwrap_or_default();
+            let mut own = vec![[0.0; 3]; rows.len()];
+            for (column, (value, std)) in columns.into_iter().zip(effect.given.values.iter().zip(&effect.std)) {
+                for (total, unit) in own.iter_mut().zip(&column.values) {
+                    (0..3).for_each(|a| total[a] += value * unit[a]);
+                }
+                if *std > 0.0 {
+                    carried.push((*std, column.values));
+                }
+            }
+            let size = |v: &[f64; 3]| (0..3).map(|a| v[a].abs() * scene.nt_per_ent[a]).fold(0.0, f64::max);
+            part.effect.push(AppliedEffect {
+                id: effect.given.id.to_owned(),
+                form: effect.given.spec.form.clone(),
+                axes: effect.given.spec.axis_names().into_iter().map(str::to_owned).collect(),
+                largest_nt: Some(own.iter().take(base).map(size).fold(0.0, f64::max)),
+                largest_part: None,
+            });
+            for (total, own) in sum.iter_mut().zip(&own) {
+                (0..3).for_each(|a| total[a] += own[a]);
+            }
+        }
+        if fit + 1 < FITS {
+            for i in 0..base {
+                (0..3).for_each(|a| readings[(i, a)] -= sum[i][a]);
+            }
+            scene.refit(&readings);
+        } else {
+            for (own, place) in sum.iter().zip(&rows) {
+                (0..3).for_each(|a| list[*place].mean.0[a] -= own[a]);
+            }
+        }
+    }
+    // From the order of the rows to that of the plateaus.
+    for (_, values) in &mut carried {
+        let mut ordered = vec![[0.0; 3]; list.len()];
+        for (value, place) in values.iter().zip(&rows) {
+            ordered[*place] = *value;
+        }
+        *values = ordered;
+    }
+    Applied { part, carried }
+}
+
+/// The readings in the pauses, which tell what is applied there.
+fn pauses(plateaus: &Plateaus) -> Samples {
+    let (t_s, reading_ent): (Vec<f64>, Vec<[f64; 3]>) = plateaus.pauses.iter().copied().unzip();
+    Samples { n: (0..t_s.len() as u64).collect(), t_s, reading_ent }
+}
+
+fn row_of(list: &[Plateau], index: usize) -> Row {
+    let previous = index.checked_sub(1).map_or([0.0; 3], |i| list[i].setting.field.0);
+    let p = &list[index];
+    Row { run: 0, used_s: p.used_s, field_coil_nt: p.setting.field.0, previous_coil_nt: previous, linear_ent: [0.0; 3] }
+}
+
+/// Puts rows behind the first `base` ones, in place of those that are there: what an effect looks up in the whole record, ranges and
+/// means, stays that of the run.
+fn set_tail(record: &mut Record, base: usize, rows: Vec<Row>) {
+    record.rows.truncate(base);
+    let times: Vec<f64> = rows.iter().map(Row::t_s).collect();
+    record.rows.extend(rows);
+    let channels = record.sensor.iter_mut().chain(&mut record.coil).chain(&mut record.rack);
+    let channels = channels.chain(&mut record.thermistors).chain(&mut record.others);
+    for channel in channels.chain(record.variometer.iter_mut().flatten()) {
+        channel.values.truncate(base);
+        channel.values.extend(times.iter().map(|t| interpolate(&channel.series, *t)));
+    }
+    if let Some(thermal) = &mut record.thermal {
+        thermal.degc.truncate(base);
+        thermal.degc.extend(times.iter().map(|t| record.sensor.as_ref().map_or(f64::NAN, |c| interpolate(&c.series, *t))));
+    }
+    for i in base..record.rows.len() {
+        let response = record.thermal.as_ref().map_or(record.response, |thermal| {
+            let u = thermal.u(i);
+            thermal.response.iter().enumerate().fold(Matrix3::zeros(), |sum, (power, m)| sum + m * u.powi(power as i32))
+        });
+        let row = &mut record.rows[i];
+        row.linear_ent = (response * Vector3::from(row.field_coil_nt)).into();
+    }
+}
+
+/// What known effects add to the samples of a run, a chunk at a time.
+#[derive(Clone, Debug)]
+pub struct Added {
+    record: Record,
+    base: usize,
+    settings: Vec<Setting>,
+    effects: Vec<KnownEffect>,
+}
+
+impl Added {
+    /// For a run whose readings without effects and noise are `level_ent` at any time. What the run cannot have is warned about.
+    pub fn new(
+        known: &Known,
+        run: &Run,
+        level_ent: impl Fn(f64) -> [f64; 3],
+        campaign: &Campaign,
+        warnings: &mut Vec<String>,
+    ) -> Option<Self> {
+        let (file, id, kind) = (&known.input.path, &run.header.run, run.header.kind);
+        if !matches!(kind, Kind::Linearity | Kind::Sweep | Kind::ZeroField) {
+            warnings.push(format!("MODEL: the effects of {file} are not added to run {id}, which is of kind {kind}"));
+            return None;
+        }
+        let plateau = |(index, s): (usize, &Setting)| Plateau {
+            index,
+            setting: *s,
+            used_s: [s.t_start_s, s.t_end_s],
+            mean: Reading(level_ent(0.5 * (s.t_start_s + s.t_end_s))),
+            std_ent: None,
+            count: None,
+            spike_samples: 0,
+            dropped: (s.frequency_hz > 0.0).then_some(Drop::Sine),
+            contrasts: Vec::new(),
+        };
+        let list: Vec<Plateau> = run.settings.iter().enumerate().map(plateau).collect();
+        let times: Vec<f64> = if kind == Kind::ZeroField {
+            let [begin, end] = [list.first().map_or(0.0, |p| p.used_s[0]), list.last().map_or(0.0, |p| p.used_s[1])];
+            (0..ZERO_FIELD_SAMPLES).map(|i| begin + (end - begin) * i as f64 / (ZERO_FIELD_SAMPLES - 1) as f64).collect()
+        } else {
+            let ends = run.settings.windows(2).map(|w| [w[0].t_end_s, w[1].t_start_s]);
+            ends.filter(|[end, begin]| begin > end).map(|[end, begin]| 0.5 * (end + begin)).collect()
+        };
+        let samples = Samples {
+            n: (0..times.len() as u64).collect(),
+            reading_ent: times.iter().map(|t| level_ent(*t)).collect(),
+            t_s: times,
+        };
+        let plateaus = Plateaus { list, ..from_blocks(&[]) };
+        let scene = match Scene::new(run, &plateaus, Some(&samples), campaign, None) {
+            Ok(scene) => scene,
+            Err(reason) => {
+                warnings.push(format!("MODEL: the effects of {file} are not added to run {id}: {}", reason.0));
+                return None;
+            }
+        };
+        let mut effects = Vec::new();
+        for effect in &known.effects {
+            // The readings that are simulated follow the part that matters: its lag is a term of theirs.
+            let effect = match effect.given.id {
+                "thermal_lag" => KnownEffect { given: Given { values: vec![1.0], ..effect.given.clone() }, ..effect.clone() },
+                _ => effect.clone(),
+            };
+            match effect.unusable(&scene.record) {
+                Some(reason) => warnings.push(format!("MODEL: not added to run {id}: {reason}")),
+                None => {
+                    effect.extrapolates(&scene.record, file, warnings);
+                    effects.push(effect);
+                }
+            }
+        }
+        let base = scene.record.rows.len();
+        (!effects.is_empty()).then(|| Self { record: scene.record, base, settings: run.settings.clone(), effects })
+    }
+
+    /// The sum of the effects at some times, ascending, s since the run's start: enT.
+    pub fn at(&mut self, t_s: &[f64]) -> Vec<[f64; 3]> {
+        let row = |t: &f64| {
+            // The setting that holds, or the one before a pause.
+            let last = self.settings.partition_point(|s| s.t_start_s <= *t).checked_sub(1);
+            let setting = last.map(|i| &self.settings[i]);
+            let holds = setting.is_some_and(|s| *t < s.t_end_s && s.frequency_hz == 0.0);
+            let zero = [0.0; 3];
+            let before = last.and_then(|i| i.checked_sub(1)).map_or(zero, |i| self.settings[i].field.0);
+            let field = setting.map_or(zero, |s| s.field.0);
+            Row {
+                run: 0,
+                used_s: [*t; 2],
+                field_coil_nt: if holds { field } else { zero },
+                previous_coil_nt: if holds { before } else { field },
+                linear_ent: zero,
+            }
+        };
+        let rows = t_s.iter().map(row).collect();
+        set_tail(&mut self.record, self.base, rows);
+        let mut sum = vec![[0.0; 3]; t_s.len()];
+        for effect in &self.effects {
+            for (column, value) in effect.columns(&self.record).unwrap_or_default().iter().zip(&effect.given.values) {
+                for (total, unit) in sum.iter_mut().zip(&column.values[self.base..]) {
+                    (0..3).for_each(|a| total[a] += value * unit[a]);
+                }
+            }
+        }
+        sum
+    }
+}

@@ -1,0 +1,6 @@
+//! A run made ready to fit: rows with covariates at their times, corrections applied once, faults taken off once.
+
+pub mod conditions;
+pub mod faults;
+pub mod known;
+pub mod scene;

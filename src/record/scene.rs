@@ -1,0 +1,524 @@
+//! A run as rows with covariates, and the linear model that is fitted to them before anything is missed.
+
+use super::faults;
+use crate::data::plateau::{Plateau, Plateaus, median};
+use crate::data::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate};
+use crate::files::campaign::Campaign;
+use crate::files::facility::Facility;
+use crate::fit::colour::Inside;
+use crate::fit::smooth::smoothed;
+use crate::model::effects::record::{Channel, Step};
+use crate::model::effects::thermal_lag::shifted;
+use crate::model::effects::{Record, Row, Thermal};
+use crate::record::conditions::apply_facility;
+use nalgebra::{DMatrix, Matrix3, Vector3};
+use std::borrow::Cow;
+
+/// Default channel of the temperature of the facility's electronics.
+const RACK_CHANNEL: &str = "T55";
+/// Channels of the variometer.
+const VARIOMETER: [&str; 3] = ["VARX", "VARY", "VARZ"];
+/// A sensor temperature that moves by this much is a polynomial in the model of a sweep, K.
+const LEAST_RANGE_K: f64 = 5.0;
+/// Order of the temperature polynomials of a sweep.
+const THERMAL_ORDER: usize = 2;
+/// Order of the offset trend of a linearity run and of a zero-field run, unless the campaign states another one.
+pub const TREND_ORDER: usize = 2;
+/// A mean so many standard deviations beside its neighbours is an outlier, in a record of at least so many means.
+const OUTLIER: f64 = 5.0;
+const LEAST_FOR_OUTLIERS: usize = 200;
+/// Samples of usual scatter that are added to those of every row.
+const SHRINK: f64 = 20.0;
+/// Fewest samples of an eighth of a row, and fewest rows, that tell the noise; a row with so many times the usual differences tells nothing.
+const LEAST_IN_EIGHTH: usize = 3;
+const LEAST_FOR_INSIDE: usize = 12;
+const SPIKY: f64 = 10.0;
+/// Rows into which a record without settings is divided.
+const PARTS: usize = 200;
+
+/// Samples of a run, kept for what happens inside a plateau.
+#[derive(Clone, Debug, Default)]
+pub struct Samples {
+    /// Sample counter.
+    pub n: Vec<u64>,
+    /// Time, s since the run's start.
+    pub t_s: Vec<f64>,
+    /// Reading, enT.
+    pub reading_ent: Vec<[f64; 3]>,
+}
+
+impl VectorSink for Samples {
+    fn vector(&mut self, vector: Vector) {
+        self.n.push(vector.n);
+        self.t_s.push(vector.t_s);
+        self.reading_ent.push(vector.reading.0);
+    }
+}
+
+/// Rows, their mean readings, and the columns of the linear model.
+#[derive(Clone)]
+pub struct Scene {
+    /// Covariates.
+    pub record: Record,
+    /// Mean readings, enT: a row per row, a column per component.
+    pub readings: DMatrix<f64>,
+    /// Columns of the linear model of each component.
+    pub design: DMatrix<f64>,
+    /// White variance of each row relative to the others, per component.
+    pub white: Vec<[f64; 3]>,
+    /// White noise by the samples inside the rows.
+    pub inside: Option<Inside>,
+    /// nT per enT of each component.
+    pub nt_per_ent: [f64; 3],
+    /// Time and settings of the used plateaus, by index into the samples: first and one past the last.
+    pub windows: Vec<[usize; 2]>,
+    /// What a person should know.
+    pub warnings: Vec<String>,
+    /// Damaged data: the temperatures of the record are without it.
+    pub faults: Vec<faults::Jumps>,
+}
+
+/// Why a run cannot be looked at.
+pub struct Unfit(pub String);
+
+impl Scene {
+    /// The scene of one run.
+    ///
+    /// # Errors
+    /// Several positions, too few rows, or fields that do not determine the response.
+    pub fn new(
+        run: &Run,
+        plateaus: &Plateaus,
+        samples: Option<&Samples>,
+        campaign: &Campaign,
+        facility: Option<&Facility>,
+    ) -> Result<Self, Unfit> {
+        let mut warnings = Vec::new();
+        let kind = run.header.kind;
+        let mut list = plateaus.list.clone();
+        let positions = plateaus.positions();
+        if positions.len() > 1 {
+            let all = positions.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+            return Err(Unfit(format!("the run holds settings in positions {all}; a diagnosis needs one position")));
+        }
+        if let Some(facility) = facility {
+            apply_facility(facility, run, campaign, &mut list, &mut warnings).map_err(|e| Unfit(e.to_string()))?;
+        }
+        let parts = match (kind, samples) {
+            (Kind::ZeroField, Some(samples)) if run.blocks.is_empty() => parts_of(samples),
+            _ => list.iter().filter(|p| p.dropped.is_none()).map(Part::of).collect(),
+        };
+        if parts.len() < 12 {
+            return Err(Unfit(format!("{} usable plateaus are too few to tell an effect from noise", parts.len())));
+        }
+        let previous = previous_fields(&list, &parts);
+        let readings = DMatrix::from_fn(parts.len(), 3, |i, a| parts[i].mean_ent[a]);
+        let span_s = [parts[0].used_s[0], parts[parts.len() - 1].used_s[1]];
+        let (faults, temperatures) = faults::thermistors(run, span_s);
+        let (sensor_name, coil_name) = campaign.channels(&run.header);
+        let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts, <[(f64, f64)]>::to_vec);
+        // Thermal masses are slow, their thermistors noisy.
+        let degc = |name: &str| channel(&temperatures, name, &parts, smoothed);
+        let mut sensor = degc(&sensor_name);
+        let mut thermistors = Vec::new();
+        for name in temperatures.names.iter().filter(|n| **n != sensor_name && **n != coil_name && *n != RACK_CHANNEL) {
+            let Some(other) = degc(name) else { continue };
+            // A sweep names its thermistors as it likes: the first one that moves is the sensor's.
+            if sensor.is_none() { sensor = Some(other) } else { thermistors.push(other) }
+        }
+        let with_temperature = kind == Kind::Sweep && sensor.as_ref().is_some_and(|c| range(&c.values) > LEAST_RANGE_K);
+        let triple = VARIOMETER.map(|name| at_rows(&run.channels, name));
+        let variometer = match triple {
+            [Some(x), Some(y), Some(z)] => Some([x, y, z]),
+            _ => None,
+        };
+        let others = run.channels.names.iter().filter(|n| !VARIOMETER.contains(&n.as_str()));
+        let rows = parts
+            .iter()
+            .zip(previous)
+            .map(|(p, previous_coil_nt)| Row {
+                run: 0,
+                used_s: p.used_s,
+                field_coil_nt: p.field_coil_nt,
+                previous_coil_nt,
+                linear_ent: [0.0; 3],
+            })
+            .collect();
+        let mut record = Record {
+            kind,
+            rows,
+            response: Matrix3::identity(),
+            span_s,
+            steps: Vec::new(),
+            sensor,
+            thermistors,
+            coil: degc(&coil_name),
+            rack: degc(RACK_CHANNEL),
+            variometer,
+            others: others.filter_map(|name| at_rows(&run.channels, name)).collect(),
+            thermal: None,
+            // What the campaign does not fit is no part of the model, and shows as a drift.
+            trend_order: campaign.file.offset_trend_order.map_or(TREND_ORDER, |o| TREND_ORDER.min(o as usize)),
+            has_samples: samples.is_some_and(|s| !s.t_s.is_empty()),
+        };
+        if with_temperature {
+            let degc = record.sensor.as_ref().map(|c| c.values.clone()).unwrap_or_default();
+            set_temperature(&mut record, degc);
+        }
+        let design = design(&record);
+        fit_linear(&mut record, &readings, &design)?;
+        let inverse = record.response.try_inverse().ok_or_else(|| Unfit("the response has no inverse".to_owned()))?;
+        let nt_per_ent = std::array::from_fn(|a| inverse.column(a).norm());
+        let windows = samples.map_or_else(Vec::new, |s| {
+            let at = |t: f64| s.t_s.partition_point(|x| *x < t - 1e-9);
+            parts.iter().map(|p| [at(p.used_s[0]), at(p.used_s[1])]).collect()
+        });
+        let white = white_variances(&parts);
+        let inside = samples.and_then(|samples| inside(&record, &white, &windows, samples));
+        let mut scene = Self { record, readings, design, white, inside, nt_per_ent, windows, warnings, faults };
+        scene.doubt_outliers();
+        if let Some(samples) = samples {
+            scene.record.steps = steps(&scene.record, &list, samples);
+        }
+        Ok(scene)
+    }
+
+    /// Samples of the settings without what the temperature moves while the field stays: a saw and a transient that are no signals.
+    #[must_use]
+    pub fn at_steady_temperature<'a>(&self, samples: &'a Samples, settings: &[[f64; 2]]) -> Cow<'a, Samples> {
+        if self.record.thermal.is_none() {
+            return Cow::Borrowed(samples);
+        }
+        let mut steady = samples.clone();
+        let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
+        for (i, row) in self.record.rows.iter().enumerate() {
+            let Some([begin, end]) = settings.iter().find(|[begin, end]| *begin <= row.t_s() && row.t_s() <= *end) else {
+                continue;
+            };
+            let drift = self.record.drift_ent_per_s(i);
+            for k in at(*begin)..at(*end) {
+                let since_s = samples.t_s[k] - row.t_s();
+                steady.reading_ent[k].iter_mut().zip(drift).for_each(|(reading, drift)| *reading -= drift * since_s);
+            }
+        }
+        Cow::Owned(steady)
+    }
+
+    /// Gives single means that lie far off less weight, where the file brings no more than one value each.
+    fn doubt_outliers(&mut self) {
+        let n = self.readings.nrows();
+        if self.record.has_samples || n < LEAST_FOR_OUTLIERS {
+            return;
+        }
+        let q = self.design.clone().qr().q();
+        let left = &self.readings - &q * q.tr_mul(&self.readings);
+        for a in 0..3 {
+            let column: Vec<f64> = left.column(a).iter().copied().collect();
+            // Against its neighbours: what changes slowly is no outlier.
+            let beside = |i: usize| -> f64 {
+                let mut near: Vec<f64> = (i.saturating_sub(4)..(i + 5).min(n)).filter(|j| *j != i).map(|j| column[j]).collect();
+                column[i] - median(&mut near)
+            };
+            let off: Vec<f64> = (0..n).map(beside).collect();
+            let usual = 1.4826 * median(&mut off.iter().map(|v| v.abs()).collect::<Vec<f64>>());
+            for (white, v) in self.white.iter_mut().zip(&off) {
+                let z = v.abs() / usual.max(f64::MIN_POSITIVE);
+                if z > OUTLIER {
+                    white[a] = white[a].max(z * z / 4.0);
+                }
+            }
+        }
+    }
+
+    /// What the model of a sweep leaves of the readings with other temperatures of the rows: the sum of its squares, enT².
+    #[must_use]
+    pub fn squares_with(&self, readings: &DMatrix<f64>, degc: &[f64]) -> f64 {
+        let (low, high) = extremes(degc);
+        let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(f64::MIN_POSITIVE));
+        let q = thermal_design(&self.record.rows, |i| (degc[i] - middle) / half).qr().q();
+        (readings - &q * q.tr_mul(readings)).norm_squared()
+    }
+
+    /// Fits the linear model once more, to readings from which something was taken off.
+    pub fn refit(&mut self, readings: &DMatrix<f64>) {
+        // The same rows had a fit before.
+        let _ = fit_linear(&mut self.record, readings, &self.design);
+    }
+
+    /// Gives a sweep the temperatures of the part that matters, which follows or leads the thermistor.
+    pub fn follow(&mut self, form: &str, lag_s: f64) {
+        if self.record.thermal.is_some()
+            && let Some(sensor) = &self.record.sensor
+        {
+            let lagged = shifted(&sensor.series, form, lag_s);
+            self.with_temperatures(self.record.rows.iter().map(|r| interpolate(&lagged, r.t_s())).collect());
+        }
+    }
+
+    /// Replaces the temperature of every row and fits once more.
+    pub fn with_temperatures(&mut self, degc: Vec<f64>) {
+        set_temperature(&mut self.record, degc);
+        self.design = design(&self.record);
+        // The same rows had a fit before.
+        let _ = fit_linear(&mut self.record, &self.readings, &self.design);
+    }
+}
+
+/// White variance of each part relative to the others: the scatter of its samples over their number.
+fn white_variances(parts: &[Part]) -> Vec<[f64; 3]> {
+    let count = |p: &Part| p.count.map_or(1.0, |n| n.max(1) as f64);
+    let most = parts.iter().map(count).fold(1.0, f64::max);
+    let usual = usual_variances(parts);
+    let scatter = |p: &Part, a: usize| {
+        let own = p.std_ent.map_or(1.0, |s| s[a] * s[a] / usual[a]);
+        // Few samples say little, and a single part with a spike is no law: at most ten times, at least a fifth of the usual.
+        (((count(p) - 1.0) * own + SHRINK) / (count(p) - 1.0 + SHRINK)).clamp(0.2, 10.0)
+    };
+    parts.iter().map(|p| std::array::from_fn(|a| scatter(p, a) * most / count(p))).collect()
+}
+
+/// Median variance of the samples of a part; one where they are not known, or do not scatter.
+fn usual_variances(parts: &[Part]) -> [f64; 3] {
+    std::array::from_fn(|a| {
+        let mut all: Vec<f64> = parts.iter().map(|p| p.std_ent.map_or(1.0, |s| s[a] * s[a])).collect();
+        Some(median(&mut all)).filter(|v| *v > 0.0).unwrap_or(1.0)
+    })
+}
+
+/// White noise of a mean by the differences of neighbouring eighths of the parts: filtered samples, or a tone between them, do not deceive
+/// it as they do the scatter of samples.
+fn inside(record: &Record, white: &[[f64; 3]], windows: &[[usize; 2]], samples: &Samples) -> Option<Inside> {
+    const EIGHTHS: usize = 8;
+    let mut all: [Vec<f64>; 3] = Default::default();
+    for (row, ([from, to], white)) in windows.iter().zip(white).enumerate() {
+        let length = (to - from) / EIGHTHS;
+        if length < LEAST_IN_EIGHTH {
+            continue;
+        }
+        let drift = record.drift_ent_per_s(row);
+        let apart_s = samples.t_s[from + length] - samples.t_s[*from];
+        for (a, all) in all.iter_mut().enumerate() {
+            let mean = |k: usize| {
+                let own = &samples.reading_ent[from + k * length..from + (k + 1) * length];
+                own.iter().map(|v| v[a]).sum::<f64>() / length as f64
+            };
+            let squares: f64 = (0..EIGHTHS).step_by(2).map(|k| (mean(k + 1) - mean(k) - drift[a] * apart_s).powi(2)).sum();
+            // The variance of a difference is twice that of the mean of an eighth.
+            let per_pair = squares / (EIGHTHS / 2) as f64 * 0.5 * length as f64 / (to - from) as f64;
+            all.push(per_pair / white[a]);
+        }
+    }
+    let rows = all[0].len();
+    if rows < LEAST_FOR_INSIDE {
+        return None;
+    }
+    // What happens in single parts is no noise.
+    let mut freedom = f64::INFINITY;
+    let variance = all.map(|mut values| {
+        let most = SPIKY * median(&mut values.clone());
+        values.retain(|v| *v <= most);
+        freedom = freedom.min((values.len() * EIGHTHS / 2) as f64);
+        values.iter().sum::<f64>() / values.len().max(1) as f64
+    });
+    variance.iter().all(|v| *v > 0.0).then_some(Inside { variance, freedom })
+}
+
+struct Part {
+    used_s: [f64; 2],
+    field_coil_nt: [f64; 3],
+    mean_ent: [f64; 3],
+    count: Option<u64>,
+    /// Standard deviation of the samples, enT, if they are known.
+    std_ent: Option<[f64; 3]>,
+    index: Option<usize>,
+}
+
+impl Part {
+    fn of(p: &Plateau) -> Self {
+        Part {
+            used_s: p.used_s,
+            field_coil_nt: p.setting.field.0,
+            mean_ent: p.mean.0,
+            count: p.count,
+            std_ent: p.std_ent,
+            index: Some(p.index),
+        }
+    }
+}
+
+/// Equal parts of a record in zero field.
+fn parts_of(samples: &Samples) -> Vec<Part> {
+    let n = samples.t_s.len();
+    let length = n.div_ceil(PARTS).max(1);
+    samples
+        .t_s
+        .chunks(length)
+        .zip(samples.reading_ent.chunks(length))
+        .filter(|(t, _)| 2 * t.len() >= length)
+        .map(|(t, r)| {
+            let mean = |a: usize| r.iter().map(|v| v[a]).sum::<f64>() / r.len() as f64;
+            let mean_ent = [mean(0), mean(1), mean(2)];
+            let std = |a: usize| {
+                let squares: f64 = r.iter().map(|v| (v[a] - mean_ent[a]).powi(2)).sum();
+                (squares / (r.len() - 1).max(1) as f64).sqrt()
+            };
+            Part {
+                used_s: [t[0], t[t.len() - 1]],
+                field_coil_nt: [0.0; 3],
+                mean_ent,
+                count: Some(r.len() as u64),
+                std_ent: Some([std(0), std(1), std(2)]),
+                index: None,
+            }
+        })
+        .collect()
+}
+
+fn previous_fields(list: &[Plateau], parts: &[Part]) -> Vec<[f64; 3]> {
+    parts
+        .iter()
+        .map(|p| {
+            let before = p.index.and_then(|i| list.iter().position(|q| q.index == i)).and_then(|i| i.checked_sub(1));
+            before.map_or([0.0; 3], |i| list[i].setting.field.0)
+        })
+        .collect()
+}
+
+fn extremes(values: &[f64]) -> (f64, f64) {
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)))
+}
+
+fn range(values: &[f64]) -> f64 {
+    let (low, high) = extremes(values);
+    high - low
+}
+
+/// A channel as means over the time of each part.
+fn channel(table: &SlowTable, name: &str, parts: &[Part], smooth: impl Fn(&[(f64, f64)]) -> Vec<(f64, f64)>) -> Option<Channel> {
+    let series = smooth(&table.channel(name).filter(|s| s.len() > 1)?);
+    let values: Vec<f64> = parts
+        .iter()
+        .map(|p| {
+            let [begin, end] = p.used_s;
+            let inside = &series[series.partition_point(|(t, _)| *t < begin)..series.partition_point(|(t, _)| *t <= end)];
+            if inside.len() > 2 {
+                inside.iter().map(|(_, v)| v).sum::<f64>() / inside.len() as f64
+            } else {
+                interpolate(&series, 0.5 * (begin + end))
+            }
+        })
+        .collect();
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    Some(Channel { name: name.to_owned(), series, values, mean })
+}
+
+fn set_temperature(record: &mut Record, degc: Vec<f64>) {
+    let (low, high) = extremes(&degc);
+    record.thermal = Some(Thermal {
+        middle_degc: 0.5 * (low + high),
+        half_k: (0.5 * (high - low)).max(f64::MIN_POSITIVE),
+        response: vec![Matrix3::zeros(); THERMAL_ORDER + 1],
+        offset_ent: vec![[0.0; 3]; THERMAL_ORDER + 1],
+        degc,
+    });
+}
+
+/// Largest component of the fields, and how many components there are.
+fn fields(rows: &[Row]) -> (f64, usize) {
+    let most = rows.iter().flat_map(|r| r.field_coil_nt).fold(0.0, |m: f64, b| m.max(b.abs()));
+    (most, if most > 0.0 { 3 } else { 0 })
+}
+
+fn thermal_design(rows: &[Row], u: impl Fn(usize) -> f64) -> DMatrix<f64> {
+    let (most, fields) = fields(rows);
+    DMatrix::from_fn(rows.len(), (fields + 1) * (THERMAL_ORDER + 1), |i, j| {
+        let power = u(i).powi((j / (fields + 1)) as i32);
+        let k = j % (fields + 1);
+        power * if k < fields { rows[i].field_coil_nt[k] / most } else { 1.0 }
+    })
+}
+
+/// Columns of the linear model: field and offset with the trend of a run, or with the temperature polynomials of a sweep.
+fn design(record: &Record) -> DMatrix<f64> {
+    let (most, fields) = fields(&record.rows);
+    match &record.thermal {
+        Some(thermal) => thermal_design(&record.rows, |i| thermal.u(i)),
+        None => DMatrix::from_fn(record.rows.len(), fields + 1 + record.trend_order, |i, j| {
+            let row = &record.rows[i];
+            if j < fields { row.field_coil_nt[j] / most } else { record.tau(row.t_s()).powi((j - fields) as i32) }
+        }),
+    }
+}
+
+/// Ordinary least squares for what the effects need to know of the sensor: response, and readings without offset.
+fn fit_linear(record: &mut Record, readings: &DMatrix<f64>, design: &DMatrix<f64>) -> Result<(), Unfit> {
+    let (most, fields) = fields(&record.rows);
+    let coefficients = design
+        .tr_mul(design)
+        .cholesky()
+        .map(|c| c.solve(&design.tr_mul(readings)))
+        .ok_or_else(|| Unfit("fields and times do not determine the response".to_owned()))?;
+    let matrix =
+        |from: usize| Matrix3::from_fn(|i, k| if fields == 3 { coefficients[(from + k, i)] / most } else { f64::from(i == k) });
+    match &mut record.thermal {
+        Some(thermal) => {
+            for power in 0..=THERMAL_ORDER {
+                let from = power * (fields + 1);
+                thermal.response[power] = if fields == 3 { matrix(from) } else { Matrix3::zeros() };
+                thermal.offset_ent[power] = std::array::from_fn(|i| coefficients[(from + fields, i)]);
+            }
+            record.response = thermal.response[0];
+        }
+        None => record.response = matrix(0),
+    }
+    for i in 0..record.rows.len() {
+        let response = record.thermal.as_ref().map_or(record.response, |thermal| {
+            let u = thermal.u(i);
+            thermal.response.iter().enumerate().fold(Matrix3::zeros(), |sum, (power, m)| sum + m * u.powi(power as i32))
+        });
+        let row = &mut record.rows[i];
+        row.linear_ent = (response * Vector3::from(row.field_coil_nt)).into();
+    }
+    Ok(())
+}
+
+/// The changes of the field, with what is applied in the pauses: nothing, the setting before, or the one after, as the samples say.
+fn steps(record: &Record, list: &[Plateau], samples: &Samples) -> Vec<Step> {
+    let level = |field: [f64; 3]| record.reading(field);
+    let mut votes = [0usize; 3];
+    for pair in list.windows(2) {
+        let (end, begin) = (pair[0].setting.t_end_s, pair[1].setting.t_start_s);
+        let middle = samples.t_s.partition_point(|t| *t < 0.5 * (end + begin));
+        let Some(reading) = samples.reading_ent.get(middle).filter(|_| begin > end) else { continue };
+        let zero = [0.0; 3];
+        let options = [zero, level(pair[0].setting.field.0), level(pair[1].setting.field.0)];
+        let distance = |o: &[f64; 3]| (0..3).map(|a| (reading[a] - o[a]).powi(2)).sum::<f64>();
+        let best = (0..3).min_by(|a, b| distance(&options[*a]).total_cmp(&distance(&options[*b])));
+        if let Some(best) = best {
+            votes[best] += 1;
+        }
+    }
+    let pause = (0..3).max_by_key(|k| votes[*k]).unwrap_or(0);
+    let mut steps = Vec::new();
+    let mut now = [0.0; 3];
+    let mut turn = |t_s: f64, to: [f64; 3], now: &mut [f64; 3]| {
+        let change_ent: [f64; 3] = std::array::from_fn(|a| to[a] - now[a]);
+        if change_ent.iter().any(|c| c.abs() > 0.0) {
+            steps.push(Step { t_s, change_ent });
+        }
+        *now = to;
+    };
+    for (i, plateau) in list.iter().enumerate() {
+        turn(plateau.setting.t_start_s, level(plateau.setting.field.0), &mut now);
+        let next = list.get(i + 1);
+        if next.is_none_or(|n| n.setting.t_start_s > plateau.setting.t_end_s + 1e-9) {
+            let to = match (pause, next) {
+                (0, _) | (2, None) => [0.0; 3],
+                (2, Some(next)) => level(next.setting.field.0),
+                _ => now,
+            };
+            turn(plateau.setting.t_end_s, to, &mut now);
+        }
+    }
+    steps
+}

@@ -1,0 +1,222 @@
+//! The report of a frequency measurement: the blocks of BC-MAG-TR-0085 section 3.6.1 in their order.
+
+use super::{number, remarks, run_line, table, triple, used_file, value};
+use crate::data::units::{COMPONENTS, with_uncertainty};
+use crate::files::parameter::{Body, Fpf};
+use crate::measure::freq::Freq;
+use std::fmt::Write;
+
+const MEASURED: [&str; 3] = ["X", "Y", "Z"];
+
+/// The blocks of the report with headings of the given level.
+#[must_use]
+pub fn sections(freq: &Freq, level: usize) -> String {
+    let p = &freq.parameters;
+    let head = "#".repeat(level);
+    let mut out = used_file(&p.run, &p.file_name(), level);
+    rate(&mut out, p, &head);
+    corner(&mut out, p, &head);
+    response(&mut out, p, &head);
+    if let Some(effects) = &p.effects {
+        let _ = writeln!(out, "{}\n", effects.sentence());
+    }
+    amplitudes(&mut out, p, &head);
+    out.push_str(&remarks(&p.warnings, level));
+    out
+}
+
+fn rate(out: &mut String, p: &Fpf, head: &str) {
+    let _ = writeln!(out, "{head} Sampling frequency\n");
+    let (Some(f_s), Some(std)) = (p.f_s_hz, p.f_s_std_hz) else {
+        let _ = writeln!(out, "A table of amplitudes tells no sampling frequency.\n");
+        return;
+    };
+    let mut rows = vec![["component", "f_s, Hz", "standard uncertainty, Hz"].map(str::to_owned).to_vec()];
+    for i in 0..3 {
+        let std = if std[i].is_finite() { format!("{:.2e}", std[i]) } else { "-".to_owned() };
+        rows.push(vec![MEASURED[i].to_owned(), number(f_s[i], 6), std]);
+    }
+    if let (Some(mean), Some(std)) = (p.mean_f_s_hz, p.mean_f_s_std_hz) {
+        rows.push(vec!["weighted mean".to_owned(), format!("{mean:.6}"), format!("{std:.2e}")]);
+    }
+    let scatter =
+        p.scatter_f_s_hz.map_or_else(String::new, |s| format!("Standard deviation of the three components {s:.2e} Hz. "));
+    let _ = writeln!(
+        out,
+        "{}\n{scatter}All frequencies of the run together give one sampling frequency per component.",
+        table(&rows)
+    );
+    if let Some(clock) = &p.clock {
+        let drift: Vec<String> = (0..3)
+            .map(|i| format!("{} {:+.1e} ± {:.1e}", COMPONENTS[i], clock.drift_hz_per_s[i], clock.drift_std_hz_per_s[i]))
+            .collect();
+        let is = if clock.drift_is_significant { "is significant and was taken into account" } else { "is not significant" };
+        let _ = writeln!(out, "Its drift during the run, {} Hz/s, {is}.", drift.join(", "));
+        if let Some(t_s) = clock.reference_s {
+            let _ = writeln!(out, "The sampling frequencies above hold {t_s:.3} s after sample counter 0.");
+        }
+        match (clock.rival_hz, clock.rival_chi_square) {
+            (Some(rival), Some(chi)) => {
+                let _ = writeln!(out, "The next best value within 0.1 %, {rival:.5} Hz, is worse by {chi:.0} in chi-square.\n");
+            }
+            _ => {
+                let _ = writeln!(out, "There is no other value within 0.1 %.\n");
+            }
+        }
+    }
+}
+
+fn corner(out: &mut String, p: &Fpf, head: &str) {
+    let mut rows = vec![["component", "f_3dB igep, Hz", "f_3dB model, Hz ± standard uncertainty"].map(str::to_owned).to_vec()];
+    for i in 0..3 {
+        rows.push(vec![
+            MEASURED[i].to_owned(),
+            number(p.f_3db_igep_hz[i], 2),
+            value(p.f_3db_model_hz[i], p.f_3db_model_std_hz[i]),
+        ]);
+    }
+    let _ = writeln!(
+        out,
+        "{head} -3 dB corner frequency\n\n{}\nigep: straight line in level against frequency between the neighbours of -3.000 dB below the largest \
+         amplitude. model: where the response fitted to all amplitudes is 1/√2 of its DC gain (-3.0103 dB).\n",
+        table(&rows)
+    );
+}
+
+fn response(out: &mut String, p: &Fpf, head: &str) {
+    let _ = writeln!(out, "{head} Response model\n\n");
+    if p.model.parameters.is_empty() {
+        let _ = writeln!(out, "No model could be fitted.\n");
+        return;
+    }
+    let mut rows = vec![std::iter::once("component".to_owned()).chain(p.model.parameters.iter().cloned()).collect::<Vec<_>>()];
+    for (i, (values, std)) in p.model.values.iter().zip(&p.model.std).enumerate() {
+        let cell = |k: usize| value(values.get(k).copied().unwrap_or(f64::NAN), std.get(k).copied().unwrap_or(f64::NAN));
+        rows.push(std::iter::once(MEASURED[i].to_owned()).chain((0..p.model.parameters.len()).map(cell)).collect());
+    }
+    let basis = match (p.model.chi_square, p.model.degrees_of_freedom) {
+        (Some(chi_square), Some(dof)) => format!(
+            "It explains the amplitudes within their uncertainties (chi-square {chi_square:.1} with {dof} degrees of freedom), which give \
+             those of its parameters."
+        ),
+        _ => "No model explains the amplitudes within their uncertainties: those of the parameters come from their scatter about the model, \
+              outliers apart, and from leaving out one at a time."
+            .to_owned(),
+    };
+    let _ = writeln!(out, "Model: {}. {basis}\n\n{}", p.model.name, table(&rows));
+    let mut candidates: Vec<_> = p.model.candidate.iter().collect();
+    candidates.sort_by(|a, b| a.delta_aicc.total_cmp(&b.delta_aicc));
+    let mut rows = vec![["model", "ΔAICc", "f_3dB x, Hz", "f_3dB y, Hz", "f_3dB z, Hz"].map(str::to_owned).to_vec()];
+    for c in candidates {
+        let mut row = vec![c.name.clone(), format!("{:.1}", c.delta_aicc)];
+        row.extend(c.f_3db_hz.map(|f| number(f, 2)));
+        rows.push(row);
+    }
+    let _ = writeln!(out, "Models that were compared, over the three components:\n\n{}", table(&rows));
+}
+
+fn amplitudes(out: &mut String, p: &Fpf, head: &str) {
+    let mut rows = vec![
+        ["applied frequency, Hz", "Bx, enT", "By, enT", "Bz, enT", "standard uncertainty, enT", "used", "remark"]
+            .map(str::to_owned)
+            .to_vec(),
+    ];
+    for a in &p.amplitude {
+        let std = a.b_std_ent.iter().copied().filter(|s| s.is_finite()).reduce(f64::max);
+        let mut row = vec![format!("{:.3}", a.frequency_hz)];
+        row.extend(a.b_ent.map(|b| number(b, 3)));
+        row.push(std.map_or_else(|| "not known".to_owned(), |s| format!("{s:.4}")));
+        row.push(if a.used { "yes" } else { "no" }.to_owned());
+        row.push(a.remark.clone());
+        rows.push(row);
+    }
+    let _ = writeln!(
+        out,
+        "{head} Applied frequencies and measured amplitudes\n\n{}\nHalf peak to peak, along the sensor axes; the largest uncertainty of the three \
+         components.\n",
+        table(&rows)
+    );
+}
+
+/// The result in one line.
+#[must_use]
+pub fn headline(freq: &Freq) -> String {
+    format!("f_3dB {} Hz", triple(&freq.parameters.f_3db_model_hz, &freq.parameters.f_3db_model_std_hz))
+}
+
+/// A few lines for the terminal.
+#[must_use]
+pub fn summary(freq: &Freq) -> String {
+    let p = &freq.parameters;
+    let used = p.amplitude.iter().filter(|a| a.used).count();
+    let rate = match (p.mean_f_s_hz, p.mean_f_s_std_hz) {
+        (Some(mean), Some(std)) => format!("  f_s    {}  Hz\n", with_uncertainty(mean, std)),
+        _ => String::new(),
+    };
+    let igep: Vec<String> = p.f_3db_igep_hz.iter().map(|f| number(*f, 2)).collect();
+    format!(
+        "{}  {used} of {} frequencies\n{rate}  f_3dB  {}  Hz (igep)\n         {}  Hz ({})\n",
+        run_line(&p.run),
+        p.amplitude.len(),
+        igep.join(", "),
+        triple(&p.f_3db_model_hz, &p.f_3db_model_std_hz),
+        p.model.name
+    )
+}
+
+/// One row per run, for a campaign.
+#[cfg(feature = "tables")]
+#[must_use]
+pub fn parameter_table(runs: &[&Freq]) -> crate::files::table::Table {
+    use crate::files::table::{Table, Values};
+    let mut table = Table::default();
+    super::head_columns(&mut table, runs.iter().map(|f| &f.parameters.run));
+    let numbers = |get: &dyn Fn(&Fpf) -> f64| Values::Numbers(runs.iter().map(|f| get(&f.parameters)).collect());
+    let of = |list: Option<[f64; 3]>, i: usize| list.map_or(f64::NAN, |l| l[i]);
+    for (i, axis) in COMPONENTS.into_iter().enumerate() {
+        table.push(&format!("f_s_{axis}_hz"), numbers(&|p| of(p.f_s_hz, i)));
+        table.push(&format!("f_s_{axis}_std_hz"), numbers(&|p| of(p.f_s_std_hz, i)));
+    }
+    table.push("mean_f_s_hz", numbers(&|p| p.mean_f_s_hz.unwrap_or(f64::NAN)));
+    table.push("mean_f_s_std_hz", numbers(&|p| p.mean_f_s_std_hz.unwrap_or(f64::NAN)));
+    for (i, axis) in COMPONENTS.into_iter().enumerate() {
+        table.push(&format!("f_3db_igep_{axis}_hz"), numbers(&|p| p.f_3db_igep_hz[i]));
+        table.push(&format!("f_3db_model_{axis}_hz"), numbers(&|p| p.f_3db_model_hz[i]));
+        table.push(&format!("f_3db_model_{axis}_std_hz"), numbers(&|p| p.f_3db_model_std_hz[i]));
+    }
+    table.push("model", Values::Text(runs.iter().map(|f| f.parameters.model.name.clone()).collect()));
+    table
+}
+
+/// One row per applied frequency.
+#[cfg(feature = "tables")]
+#[must_use]
+pub fn amplitude_table(freq: &Freq) -> crate::files::table::Table {
+    use crate::files::parameter::AmplitudePart;
+    use crate::files::table::{Table, Values};
+    let rows = &freq.parameters.amplitude;
+    let mut table = Table::default();
+    let numbers = |get: &dyn Fn(&AmplitudePart) -> f64| Values::Numbers(rows.iter().map(get).collect());
+    let of = |list: Option<[f64; 3]>, i: usize| list.map_or(f64::NAN, |l| l[i]);
+    table.push("frequency_hz", numbers(&|a| a.frequency_hz));
+    for (i, axis) in COMPONENTS.into_iter().enumerate() {
+        table.push(&format!("b{axis}_ent"), numbers(&|a| a.b_ent[i]));
+    }
+    for (i, axis) in COMPONENTS.into_iter().enumerate() {
+        table.push(&format!("b{axis}_std_ent"), numbers(&|a| a.b_std_ent[i]));
+    }
+    for (i, axis) in COMPONENTS.into_iter().enumerate() {
+        table.push(&format!("phase_{axis}_deg"), numbers(&|a| of(a.phase_deg, i)));
+        table.push(&format!("phase_{axis}_std_deg"), numbers(&|a| of(a.phase_std_deg, i)));
+    }
+    for (i, axis) in COMPONENTS.into_iter().enumerate() {
+        table.push(&format!("weight_{axis}"), numbers(&|a| a.weight[i]));
+    }
+    table.push("phase_counter", Values::Counts(rows.iter().map(|a| a.phase_counter.unwrap_or_default()).collect()));
+    table.push("alias_hz", numbers(&|a| a.alias_hz.unwrap_or(f64::NAN)));
+    table.push("used_from_s", numbers(&|a| a.used_s.map_or(f64::NAN, |s| s[0])));
+    table.push("used_to_s", numbers(&|a| a.used_s.map_or(f64::NAN, |s| s[1])));
+    table.push("samples", Values::Counts(rows.iter().map(|a| a.samples.unwrap_or_default()).collect()));
+    table.push("remark", Values::Text(rows.iter().map(|a| a.remark.clone()).collect()));
+    table
+}

@@ -1,0 +1,170 @@
+//! The report of an offset measurement: the blocks of BC-MAG-TR-0085 section 3.4.2 in their order.
+
+use super::{not_used, remarks, run_line, table, triple, used_file, value};
+use crate::data::units::{COMPONENTS, with_uncertainty};
+use crate::files::parameter::{Body, Opf};
+use crate::measure::offset::Offset;
+use std::fmt::Write;
+
+const MEASURED: [&str; 3] = ["X", "Y", "Z"];
+
+/// The blocks of the report with headings of the given level.
+#[must_use]
+pub fn sections(offset: &Offset, level: usize) -> String {
+    let p = &offset.parameters;
+    let head = "#".repeat(level);
+    let mut out = used_file(&p.run, &p.file_name(), level);
+    let _ = writeln!(
+        out,
+        "{head} Principle\n\nMeasurements in a normal and a turned position tell the offset of the sensor and the residual field of the coil \
+         system apart: `B_off = (B_normal + B_turned)/2`, `B_res = (B_normal - B_turned)/2`. Where positions are not turned by exactly \
+         180° the response measured in the run itself takes their place.\n"
+    );
+    parameters(&mut out, p, &head);
+    visits(&mut out, p, &head);
+    quality(&mut out, p, &head);
+    out.push_str(&not_used(&p.dropped, level));
+    out.push_str(&remarks(&p.warnings, level));
+    out
+}
+
+fn parameters(out: &mut String, p: &Opf, head: &str) {
+    let mut rows = vec![["component", "offset, enT ± standard uncertainty", "positions"].map(str::to_owned).to_vec()];
+    for i in 0..3 {
+        let positions: Vec<String> = p.method.positions[i].iter().map(u32::to_string).collect();
+        rows.push(vec![
+            MEASURED[i].to_owned(),
+            value(p.offset_ent[i], p.offset_std_ent[i]),
+            if positions.is_empty() {
+                "none".to_owned()
+            } else {
+                format!("{} ({})", positions.join(", "), p.method.component[i])
+            },
+        ]);
+    }
+    let _ = writeln!(out, "{head} Sensor offsets\n\n{}", table(&rows));
+    if let Some(scaled) = &p.scaled {
+        let mut rows = vec![["component", "offset, nT", "residual field, nT"].map(str::to_owned).to_vec()];
+        for i in 0..3 {
+            rows.push(vec![
+                MEASURED[i].to_owned(),
+                value(scaled.offset_nt[i], scaled.offset_std_nt[i]),
+                value(scaled.residual_nt[i], scaled.residual_std_nt[i]),
+            ]);
+        }
+        let _ = writeln!(out, "With the sensitivities of `{}`:\n\n{}", scaled.cpf, table(&rows));
+    }
+    let mut rows = vec![["component", "B_res, enT ± standard uncertainty", "seen along"].map(str::to_owned).to_vec()];
+    for i in 0..3 {
+        rows.push(vec![
+            MEASURED[i].to_owned(),
+            value(p.residual_ent[i], p.residual_std_ent[i]),
+            format!("{}_m = {}_c", MEASURED[i], p.method.normal_axis[i]),
+        ]);
+    }
+    let _ = writeln!(
+        out,
+        "{head} Residual field of the coil system\n\n{}\nRemark: the residual field is given in the coordinates of the sensor in its normal \
+         position, not in coil coordinates. In coil coordinates it is X {}, Y {}, Z {} nT.\n",
+        table(&rows),
+        value(p.residual_coil_nt[0], p.residual_coil_std_nt[0]),
+        value(p.residual_coil_nt[1], p.residual_coil_std_nt[1]),
+        value(p.residual_coil_nt[2], p.residual_coil_std_nt[2]),
+    );
+    if let Some(drift) = &p.drift {
+        let rates: Vec<String> = (0..3)
+            .map(|i| format!("{} {}", COMPONENTS[i], with_uncertainty(drift.ent_per_h[i], drift.std_ent_per_h[i])))
+            .collect();
+        let _ = writeln!(
+            out,
+            "Positions repeat, so a linear drift was estimated with the offsets: {} enT/h. The offsets hold for {:.0} s after the start.\n",
+            rates.join(", "),
+            drift.reference_s
+        );
+    }
+}
+
+fn visits(out: &mut String, p: &Opf, head: &str) {
+    let mut rows =
+        vec![["position", "axes X_m Y_m Z_m", "time, s", "blocks", "x, enT", "y, enT", "z, enT"].map(str::to_owned).to_vec()];
+    for v in &p.visit {
+        let mut row = vec![
+            v.position.to_string(),
+            v.axes.join(" "),
+            format!("{:.0} to {:.0}", v.time_s[0], v.time_s[1]),
+            v.blocks.to_string(),
+        ];
+        row.extend((0..3).map(|i| with_uncertainty(v.reading_ent[i], v.std_ent[i])));
+        rows.push(row);
+    }
+    let _ = writeln!(out, "{head} Readings at zero applied field\n\n{}", table(&rows));
+}
+
+fn quality(out: &mut String, p: &Opf, head: &str) {
+    let q = &p.quality;
+    let samples = q.raw_std_ent.as_ref().map_or_else(
+        || "The file brings plateau means without standard deviations.".to_owned(),
+        |s| {
+            let mean = s.mean.map(|v| format!("{v:.3}"));
+            format!("Mean standard deviation of the samples within a plateau {} enT (x, y, z).", mean.join(", "))
+        },
+    );
+    let scatter = q.plateau_std_ent.map(|v| format!("{v:.3}"));
+    let _ = writeln!(
+        out,
+        "{head} Quality\n\n{} of {} blocks used, {} samples lost. {samples} Standard deviation of a plateau mean {} enT. The zero levels of the \
+         visits have chi-square {:.1} with {} degrees of freedom against one offset and one residual field. Standard uncertainties \
+         (coverage factor 1), type A only, from {} degrees of freedom of the plateau means.\n",
+        q.blocks_used,
+        q.blocks_total,
+        q.lost_samples,
+        scatter.join(", "),
+        q.chi_square,
+        q.degrees_of_freedom,
+        q.plateau_degrees_of_freedom
+    );
+}
+
+/// The result in one line.
+#[must_use]
+pub fn headline(offset: &Offset) -> String {
+    format!("B_off {} enT", triple(&offset.parameters.offset_ent, &offset.parameters.offset_std_ent))
+}
+
+/// A few lines for the terminal.
+#[must_use]
+pub fn summary(offset: &Offset) -> String {
+    let p = &offset.parameters;
+    format!(
+        "{}  {} of {} blocks\n  B_off  {}  enT\n  B_res  {}  enT, seen along {}\n",
+        run_line(&p.run),
+        p.quality.blocks_used,
+        p.quality.blocks_total,
+        triple(&p.offset_ent, &p.offset_std_ent),
+        triple(&p.residual_ent, &p.residual_std_ent),
+        p.method.normal_axis.join(" "),
+    )
+}
+
+/// One row per run, for a campaign.
+#[cfg(feature = "tables")]
+#[must_use]
+pub fn parameter_table(runs: &[&Offset]) -> crate::files::table::Table {
+    use crate::files::table::{Table, Values};
+    let mut table = Table::default();
+    super::head_columns(&mut table, runs.iter().map(|o| &o.parameters.run));
+    let numbers = |get: &dyn Fn(&Opf) -> f64| Values::Numbers(runs.iter().map(|o| get(&o.parameters)).collect());
+    for (i, axis) in COMPONENTS.into_iter().enumerate() {
+        table.push(&format!("b_off_{axis}_ent"), numbers(&|p| p.offset_ent[i]));
+        table.push(&format!("b_off_{axis}_std_ent"), numbers(&|p| p.offset_std_ent[i]));
+    }
+    for (i, axis) in COMPONENTS.into_iter().enumerate() {
+        table.push(&format!("b_res_{axis}_ent"), numbers(&|p| p.residual_ent[i]));
+        table.push(&format!("b_res_{axis}_std_ent"), numbers(&|p| p.residual_std_ent[i]));
+    }
+    for (i, axis) in COMPONENTS.into_iter().enumerate() {
+        table.push(&format!("b_res_coil_{axis}_nt"), numbers(&|p| p.residual_coil_nt[i]));
+        table.push(&format!("b_res_coil_{axis}_std_nt"), numbers(&|p| p.residual_coil_std_nt[i]));
+    }
+    table
+}

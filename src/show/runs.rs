@@ -1,0 +1,179 @@
+//! The run list of a campaign, as in BC-MAG-TR-0085 section 3.3.
+
+use super::{or_not_stated, table};
+use crate::data::run::Run;
+use serde::Serialize;
+
+/// Smallest, mean and largest value of a temperature channel.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TemperatureRange {
+    /// Channel.
+    pub channel: String,
+    /// Smallest, mean, largest, °C.
+    pub degc: [f64; 3],
+}
+
+/// One line of the list.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RunLine {
+    /// File inside the campaign.
+    pub file: String,
+    /// Run id.
+    pub run: String,
+    /// Start, UTC.
+    pub start: String,
+    /// Kind.
+    pub kind: crate::data::run::Kind,
+    /// Field programme.
+    pub configuration: String,
+    /// Sensor.
+    pub sensor: String,
+    /// Mode.
+    pub mode: String,
+    /// Settings, or plateau means where the file brings those.
+    pub settings: usize,
+    /// Samples.
+    pub vectors: u64,
+    /// Samples lost.
+    pub lost: u64,
+    /// Gaps.
+    pub gaps: u64,
+    /// Sample rate measured from counter and time tags, Hz.
+    pub measured_rate_hz: Option<f64>,
+    /// Duration, s.
+    pub duration_s: f64,
+    /// Temperatures.
+    pub temperatures: Vec<TemperatureRange>,
+    /// Size, bytes.
+    pub size_bytes: u64,
+    /// SHA-256.
+    pub sha256: String,
+}
+
+impl RunLine {
+    /// What there is to say about a run.
+    #[must_use]
+    pub fn of(run: &Run) -> Self {
+        let ends = run.settings.iter().map(|s| s.t_end_s).chain(run.blocks.iter().map(|b| b.setting.t_end_s));
+        let ends = ends.chain(run.scalar.iter().map(|s| s.t_s));
+        let duration_s = ends.chain(run.vectors.span_s.map(|s| s[1])).fold(0.0, f64::max);
+        let temperatures = run
+            .temperatures
+            .names
+            .iter()
+            .filter_map(|channel| {
+                let values: Vec<f64> = run.temperatures.channel(channel)?.into_iter().map(|(_, v)| v).collect();
+                let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+                let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                let mean = values.iter().sum::<f64>() / values.len() as f64;
+                (!values.is_empty()).then(|| TemperatureRange { channel: channel.clone(), degc: [low, mean, high] })
+            })
+            .collect();
+        Self {
+            file: run.input.path.clone(),
+            run: run.header.run.clone(),
+            start: run.header.start.clone(),
+            kind: run.header.kind,
+            configuration: run.header.configuration.clone(),
+            sensor: run.header.sensor.clone(),
+            mode: run.header.mode.clone(),
+            settings: run.settings.len().max(run.blocks.len()).max(run.scalar.len()),
+            vectors: run.vectors.count,
+            lost: run.vectors.lost,
+            gaps: run.vectors.gap_count,
+            measured_rate_hz: run.vectors.measured_rate_hz,
+            duration_s,
+            temperatures,
+            size_bytes: run.input.size_bytes,
+            sha256: run.input.sha256.clone(),
+        }
+    }
+}
+
+/// The list as a Markdown table, which is also legible as plain text.
+#[must_use]
+pub fn markdown(lines: &[RunLine]) -> String {
+    let head = [
+        "file",
+        "configuration",
+        "kind",
+        "sensor",
+        "mode",
+        "settings",
+        "vectors",
+        "lost",
+        "rate, Hz",
+        "duration",
+        "temperatures, °C",
+    ];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    for l in lines {
+        let temperatures: Vec<String> = l
+            .temperatures
+            .iter()
+            .map(|t| {
+                let [low, _, high] = t.degc;
+                if format!("{low:.1}") == format!("{high:.1}") {
+                    format!("{} {low:.1}", t.channel)
+                } else {
+                    format!("{} {low:.1}..{high:.1}", t.channel)
+                }
+            })
+            .collect();
+        rows.push(vec![
+            l.file.clone(),
+            or_not_stated(&l.configuration).to_owned(),
+            l.kind.to_string(),
+            or_not_stated(&l.sensor).to_owned(),
+            or_not_stated(&l.mode).to_owned(),
+            l.settings.to_string(),
+            l.vectors.to_string(),
+            if l.lost == 0 { "0".to_owned() } else { format!("{} in {} gaps", l.lost, l.gaps) },
+            l.measured_rate_hz.map_or_else(|| "-".to_owned(), |r| format!("{r:.4}")),
+            duration(l.duration_s),
+            if temperatures.is_empty() { "-".to_owned() } else { temperatures.join(", ") },
+        ]);
+    }
+    table(&aligned(rows))
+}
+
+/// The list of a day in a protocol, narrow enough for an upright page; `sensor_channel` gives the channel of the sensor temperature.
+#[must_use]
+pub fn day_list(lines: &[(RunLine, String)]) -> String {
+    let mut rows =
+        vec![["run", "configuration", "sensor", "mode", "vectors", "lost", "duration", "sensor, °C"].map(str::to_owned).to_vec()];
+    for (l, sensor_channel) in lines {
+        let temperature = l.temperatures.iter().find(|t| t.channel == *sensor_channel);
+        let configuration = if l.configuration.is_empty() { l.kind.to_string() } else { l.configuration.clone() };
+        rows.push(vec![
+            l.run.clone(),
+            configuration,
+            or_not_stated(&l.sensor).to_owned(),
+            or_not_stated(&l.mode).to_owned(),
+            l.vectors.to_string(),
+            l.lost.to_string(),
+            duration(l.duration_s),
+            temperature.map_or_else(|| "-".to_owned(), |t| format!("{:.1}", t.degc[1])),
+        ]);
+    }
+    table(&rows)
+}
+
+fn duration(seconds: f64) -> String {
+    let total = seconds.round();
+    let (hours, minutes) = ((total / 3600.0).floor(), (total / 60.0).floor() % 60.0);
+    if hours > 0.0 { format!("{hours:.0} h {minutes:02.0} min") } else { format!("{minutes:.0} min {:02.0} s", total % 60.0) }
+}
+
+/// Pads cells so that columns line up in a terminal.
+fn aligned(mut rows: Vec<Vec<String>>) -> Vec<Vec<String>> {
+    let columns = rows.first().map_or(0, Vec::len);
+    for column in 0..columns {
+        let width = rows.iter().filter_map(|r| r.get(column)).map(|c| c.chars().count()).max().unwrap_or(0);
+        for cell in rows.iter_mut().filter_map(|r| r.get_mut(column)) {
+            let missing = width - cell.chars().count();
+            cell.push_str(&" ".repeat(missing));
+        }
+    }
+    rows
+}
