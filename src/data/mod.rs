@@ -2,6 +2,7 @@
 
 pub mod envelope;
 pub mod error;
+pub mod note;
 pub mod plateau;
 pub mod provenance;
 pub mod run;

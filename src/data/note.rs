@@ -1,0 +1,105 @@
+//! What a person should know about a result: every warning of an analysis is a [`Note`].
+
+use serde::{Serialize, Serializer};
+use std::fmt;
+
+/// What a note is about. Programs decide by it, never by the text.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum NoteKind {
+    /// The axes of the sensor do not stand as the position table says.
+    Axes,
+    /// The model does not describe the readings, or the run does not determine it well.
+    Fit,
+    /// Known effects of a model file that were taken off, or were not.
+    Model,
+    /// Damaged, lost or unused readings.
+    Data,
+    /// Temperatures that are missing, move, or are no temperatures.
+    Temperature,
+    /// The reference field: coil system, facility file, Earth's field compensation.
+    Facility,
+    /// A limit of the method, or an assumption that the result rests on.
+    Method,
+    /// A run or file that was left out of what was made from several.
+    LeftOut,
+}
+
+impl NoteKind {
+    /// The word that stands before the text; only for kinds that concern a result as a whole.
+    fn label(self) -> Option<&'static str> {
+        match self {
+            NoteKind::Axes => Some("AXES"),
+            NoteKind::Fit => Some("FIT"),
+            NoteKind::Model => Some("MODEL"),
+            _ => None,
+        }
+    }
+}
+
+/// A warning: the result stands, and a person should know this about it.
+///
+/// Parameter files and `--json` hold it as one line of text, which is what [`fmt::Display`] writes.
+///
+/// ```
+/// use calfit::data::note::{Note, NoteKind};
+/// let note = Note::new(NoteKind::Fit, "the residuals follow the time").with_remedy("try --order 2");
+/// assert_eq!(note.to_string(), "FIT: the residuals follow the time; try --order 2");
+/// ```
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Note {
+    /// What it is about.
+    pub kind: NoteKind,
+    /// The channel, file, run or axis that it is about; absent if it is the result as a whole.
+    pub about: Option<String>,
+    /// What is the case, without the label of the kind.
+    pub text: String,
+    /// What to do about it.
+    pub remedy: Option<String>,
+}
+
+impl Note {
+    /// A note about the result as a whole.
+    #[must_use]
+    pub fn new(kind: NoteKind, text: impl Into<String>) -> Self {
+        Self { kind, about: None, text: text.into(), remedy: None }
+    }
+
+    /// About a channel, file, run or axis.
+    #[must_use]
+    pub fn about(mut self, what: impl Into<String>) -> Self {
+        self.about = Some(what.into());
+        self
+    }
+
+    /// With what to do about it.
+    #[must_use]
+    pub fn with_remedy(mut self, remedy: impl Into<String>) -> Self {
+        self.remedy = Some(remedy.into());
+        self
+    }
+
+    /// Whether it concerns the result as a whole, so that a report begins with it.
+    #[must_use]
+    pub fn comes_first(&self) -> bool {
+        matches!(self.kind, NoteKind::Axes | NoteKind::Fit)
+    }
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(label) = self.kind.label() {
+            write!(f, "{label}: ")?;
+        }
+        f.write_str(&self.text)?;
+        match &self.remedy {
+            Some(remedy) => write!(f, "; {remedy}"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Serialize for Note {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
