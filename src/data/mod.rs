@@ -1,9 +1,11 @@
 //! What a run consists of, and what every room speaks of: runs, plateaus, units, findings, where results come from.
 
+pub mod calibration;
 pub mod envelope;
 pub mod error;
 pub mod note;
 pub mod plateau;
 pub mod provenance;
+pub mod result;
 pub mod run;
 pub mod units;

@@ -6,16 +6,16 @@
 //! amplitude.
 
 use crate::data::plateau::{Settling, median};
+use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, Setting, Vector, VectorSink};
 use crate::data::units::COMPONENTS;
 use crate::files::amplitudes::Row;
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{
-    AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ModelApplied, ResponsePart, RunHead,
-};
+use crate::files::parameter::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
 use crate::fit::sine::{self, CommonRate, Oscillator, Packet, Residue, Sine, Sums, Verdict};
 use crate::fit::{Limits, order, polynomial};
 use crate::measure::corner::{self, Amplitude, Corner};
+use crate::model::applied::ModelApplied;
 use crate::model::response::Response;
 use crate::record::conditions::{self, Temperatures};
 use crate::record::known::Known;

@@ -4,16 +4,16 @@ mod refusal;
 
 pub use refusal::LinError;
 
+use crate::data::calibration::{Angles, LinearQuality, LinearStd, LinearValidity, Matrices, OffsetTrend, PlateauNoise, Setup};
 use crate::data::envelope::Column;
 use crate::data::plateau::{Drop, LEAST_COVERAGE, Plateau, Plateaus, Settling, median};
+use crate::data::result::{Covariance, Summary};
 use crate::data::run::{Kind, Run};
 use crate::data::units::{COMPONENTS, FieldCoil};
 use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
 use crate::files::linearisation::Linearisation;
-use crate::files::parameter::{
-    Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Quality, Setup, Std, Summary, Validity,
-};
+use crate::files::parameter::{Convention, Cpf};
 use crate::fit::{FitError, Limits, NoiseModel, Propagated, Robust, Solution, linear, propagate, robust};
 use crate::measure::{linearise, structure};
 use crate::model::polynomial;
@@ -244,13 +244,13 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
             phi_tilde: rows(&split.phi_tilde),
         },
         angle_deg: Angles { xi_xy, xi_xz, xi_yz, lambda_x, mu_y, nu_z },
-        offset: Offset {
+        offset: OffsetTrend {
             b_or_ent: derived.b_or_ent,
             trend_order: order,
             trend_ent: std::array::from_fn(|a| trend.coefficients(&stacked, a).to_vec()),
             tau_span_s: trend.span_s,
         },
-        quality: Quality {
+        quality: LinearQuality {
             blocks_used: used.len(),
             blocks_total: list.len(),
             lost_samples: run.vectors.lost,
@@ -262,7 +262,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
             raw_std_ent: conditions::raw_std(&used),
             residual_nt: residual_summary(&blocks),
         },
-        std: Std {
+        std: LinearStd {
             sigma: three(Derived::SIGMA),
             xi_deg: three(Derived::XI),
             b_or_ent: three(Derived::B_OR),
@@ -271,12 +271,12 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
             phi_tilde: rows_of_std(Derived::PHI_TILDE),
         },
         covariance: covariance(&uncertain),
-        noise: Noise {
+        noise: PlateauNoise {
             std_ent: std::array::from_fn(|a| noise.noise.get(a).map_or(f64::NAN, |n| n.std)),
             correlated_share: std::array::from_fn(|a| noise.noise.get(a).map_or(f64::NAN, |n| n.share)),
             effective_blocks: std::array::from_fn(|a| noise.noise.get(a).map_or(f64::NAN, |n| n.independent_rows)),
         },
-        valid: Validity {
+        valid: LinearValidity {
             field_coil_nt: std::array::from_fn(|axis| {
                 let fields = used.iter().map(|p| p.setting.field.0[axis]);
                 fields.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], b| [low.min(b), high.max(b)])

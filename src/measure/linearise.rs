@@ -8,12 +8,13 @@
 
 use crate::data::plateau::Plateau;
 use crate::data::provenance::Input;
+use crate::data::result::Covariance;
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
 use crate::files::linearisation::Linearisation;
 use crate::files::parameter::{
-    Covariance, LinearisationApplied, LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisationPart,
-    LinearisedAxis, LinearisedRun, PanelFit, linearisation_file_name,
+    LinearisationApplied, LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisationPart, LinearisedAxis,
+    LinearisedRun, PanelFit, linearisation_file_name,
 };
 use crate::fit::partitioned::{self, Part, Projected};
 use crate::fit::{FitError, Limits, linear, order};

@@ -7,13 +7,12 @@
 
 use crate::data::plateau::{LEAST_COVERAGE, Plateau, Plateaus, Settling};
 use crate::data::provenance::Input;
+use crate::data::result::Covariance;
 use crate::data::run::{Kind, Run};
 use crate::data::units::COMPONENTS;
 use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
-use crate::files::parameter::{
-    Covariance, Cpf, Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit,
-};
+use crate::files::parameter::{Cpf, Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
 use crate::fit::{FitError, Limits, Solution, linear, order};
 use crate::model::position::Position;
 use crate::record::conditions::{self, Temperatures};

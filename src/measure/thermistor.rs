@@ -3,9 +3,8 @@
 //! `T(s) = Σ c_k s^k` is fitted to a calibration table, s the voltage U of a divider, `U = U_ref / (R_ser/R + 1)`, or the resistance R.
 //! The comparison with a reference thermometer gives `T_O`, the mean of polynomial minus reference: `T_c = T_r - T_O`.
 
-use crate::files::parameter::{
-    ComparedPolynomial, Covariance, OrderPart, ReferencePart, TableRow, ThermistorConvention, ThermistorFile,
-};
+use crate::data::result::Covariance;
+use crate::files::parameter::{ComparedPolynomial, OrderPart, ReferencePart, TableRow, ThermistorConvention, ThermistorFile};
 use crate::files::thermistor::Row;
 use crate::fit::{FitError, Limits, Polynomial, order, polynomial};
 use serde::Serialize;

@@ -2,11 +2,12 @@
 
 use crate::data::error::Severity;
 use crate::data::plateau::{Plateau, Plateaus};
+use crate::data::result::{Conditions, Dropped, RunHead, Spread};
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
 use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
-use crate::files::parameter::{Conditions, Dropped, FacilityApplied, RunHead, Spread};
+use crate::files::parameter::FacilityApplied;
 use crate::fit::correlation::{self, Octave};
 use crate::fit::{FitError, NoiseModel, Solution};
 use crate::model::sensor::SplitError;

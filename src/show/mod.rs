@@ -16,8 +16,8 @@ pub mod thermal;
 pub mod thermistor;
 
 use crate::data::provenance::Provenance;
+use crate::data::result::{Dropped, RunHead};
 use crate::data::units::with_uncertainty;
-use crate::files::parameter::{Dropped, RunHead};
 use std::fmt::Write;
 
 /// A Markdown table; the first row is its head.

@@ -3,6 +3,7 @@
 
 use super::noise::Random;
 use crate::data::error::Finding;
+use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, Setting, Vector, VectorSink};
 use crate::data::units::{FieldCoil, Reading};
 use crate::files::campaign::Campaign;
@@ -232,7 +233,7 @@ fn the_file<B: parameter::Body>(
     files: &[PathBuf],
     header: &Header,
     own: bool,
-    head: impl Fn(&B) -> &parameter::RunHead,
+    head: impl Fn(&B) -> &RunHead,
 ) -> Result<B, Finding> {
     let format = B::FORMAT;
     let path = files.iter().find(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case(format)));

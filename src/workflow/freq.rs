@@ -3,10 +3,11 @@
 use super::{Made, PerRun, Refusal, RunReport, RunResult};
 use crate::data::error::Finding;
 use crate::data::provenance::{Input, Provenance};
+use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::amplitudes;
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{Fpf, RunHead};
+use crate::files::parameter::Fpf;
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::measure::freq::{Freq, Options, Sines, freq, from_table};

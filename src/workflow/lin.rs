@@ -4,9 +4,10 @@ use super::{PerRun, Refusal, RunReport, RunResult};
 use crate::data::envelope::Envelope;
 use crate::data::plateau::{self, Accumulator, Settling};
 use crate::data::provenance::Input;
+use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{Cpf, RunHead};
+use crate::files::parameter::Cpf;
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::measure::lin::{Lin, Options, lin};

@@ -27,10 +27,11 @@ pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
 
 use crate::data::error::{Finding, Severity};
 use crate::data::provenance::{Input, Provenance};
+use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, VectorSink};
 use crate::files::campaign::{Campaign, RunFile};
 use crate::files::output::Folder;
-use crate::files::parameter::{Body, RunHead};
+use crate::files::parameter::Body;
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::files::{ccr, parameter};

@@ -3,9 +3,10 @@
 use super::{PerRun, Refusal, RunReport, RunResult};
 use crate::data::envelope::Envelope;
 use crate::data::provenance::Input;
+use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{Npf, RunHead};
+use crate::files::parameter::Npf;
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::measure::null::{Null, Options, Record, null};

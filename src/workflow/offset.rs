@@ -4,9 +4,10 @@ use super::lin::recorded_cut;
 use super::{PerRun, Refusal, RunReport, RunResult};
 use crate::data::plateau::{self, Accumulator};
 use crate::data::provenance::Input;
+use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{Opf, RunHead};
+use crate::files::parameter::Opf;
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::measure::offset::{Offset, Options, offset};

@@ -6,8 +6,9 @@
 
 use super::{Exported, Options, Source};
 use crate::data::error::Finding;
+use crate::data::result::Rows;
 use crate::files::ccr::run_id_is_safe;
-use crate::files::parameter::{self, Rows, Tcf, ThermistorFile, Tof, Tpf};
+use crate::files::parameter::{self, Tcf, ThermistorFile, Tof, Tpf};
 use crate::files::source::{Digested, read_whole};
 use crate::files::text::{Group, Keys, decode};
 use serde::Serialize;

@@ -1,6 +1,7 @@
 //! TCF: temperature polynomials at the centre of the coil system, from those of a position beside it (RO-IGEP-TR0028 section 3).
 
-use super::{Body, Rows};
+use super::Body;
+use crate::data::result::Rows;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

@@ -1,6 +1,7 @@
 //! COIL_SCALAR, COIL_RESIDUAL, COIL_TILT: the facility's own calibration.
 
-use super::{Body, Covariance};
+use super::Body;
+use crate::data::result::Covariance;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.

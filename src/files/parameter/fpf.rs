@@ -1,6 +1,8 @@
 //! FPF: sampling frequency and frequency response of one run.
 
-use super::{Body, Conditions, ModelApplied, RunHead};
+use super::Body;
+use crate::data::result::{Conditions, RunHead};
+use crate::model::applied::ModelApplied;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.

@@ -1,6 +1,7 @@
 //! LINEARISATION: the polynomial per sensor axis that linearises the readings of the runs of a sensor and mode.
 
-use super::{Body, Covariance};
+use super::Body;
+use crate::data::result::Covariance;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.

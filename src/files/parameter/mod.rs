@@ -8,7 +8,6 @@ mod coil;
 mod cpf;
 mod emit;
 mod fpf;
-mod head;
 mod linearisation;
 mod model;
 mod null;
@@ -22,15 +21,14 @@ pub use coil::{
     AxisResidual, CoilConvention, CoilResidual, CoilScalar, CoilTilt, FacilityApplied, FacilityPart, ResidualState,
     ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity, TiltOrientation, TiltValues,
 };
-pub use cpf::{Angles, Convention, Covariance, Cpf, Matrices, Noise, Offset, Quality, Setup, Spread, Std, Summary, Validity};
+pub use cpf::{Convention, Cpf};
 pub use emit::toml;
 pub use fpf::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
-pub use head::{Conditions, Dropped, Rows, RunHead};
 pub use linearisation::{
     LinearisationApplied, LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisationPart, LinearisedAxis,
     LinearisedRun, PanelFit, linearisation_file_name,
 };
-pub use model::{AppliedEffect, Model, ModelApplied, ModelEffect, ModelParameter};
+pub use model::{Model, ModelEffect, ModelParameter};
 pub use null::{
     AllanPart, ChannelPart, CornerPart, DensityPart, LinePart, Npf, NullConvention, NullOffset, NullScaled, RecordPart,
     SpectrumPart, StopPart, TogetherPart,

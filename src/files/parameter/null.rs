@@ -1,6 +1,7 @@
 //! NULL: offset drift, noise and what the offset follows, from a long record in zero field.
 
-use super::{Body, Conditions, RunHead};
+use super::Body;
+use crate::data::result::{Conditions, RunHead};
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.

@@ -1,6 +1,7 @@
 //! OPF: sensor offset and residual field of the coil system from normal and turned positions.
 
-use super::{Body, Conditions, Dropped, FacilityApplied, RunHead};
+use super::{Body, FacilityApplied};
+use crate::data::result::{Conditions, Covariance, Dropped, RunHead, Spread};
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -49,7 +50,7 @@ pub struct Opf {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scaled: Option<Scaled>,
     /// Covariance of offsets and residual field.
-    pub covariance: super::Covariance,
+    pub covariance: Covariance,
     /// Drift between visits of the same position.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drift: Option<Drift>,
@@ -143,7 +144,7 @@ pub struct OffsetQuality {
     pub lost_samples: u64,
     /// Smallest, mean and largest standard deviation of the samples within a plateau, enT.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub raw_std_ent: Option<super::Spread>,
+    pub raw_std_ent: Option<Spread>,
     /// Standard deviation of a plateau mean, enT.
     pub plateau_std_ent: [f64; 3],
     /// Plateaus minus fitted levels and responses: the degrees of freedom of the uncertainties.

@@ -1,8 +1,9 @@
 //! What an analysis across temperatures needs of the parameter file of one run. Only these keys must be there, so that files of
 //! other programs can take part.
 
-use super::{Cpf, Fpf, Opf, Rows, content_hash};
+use super::{Cpf, Fpf, Opf, content_hash};
 use crate::data::error::{Finding, Severity};
+use crate::data::result::{Rows, RunHead};
 use crate::files::source::{Digested, read_whole};
 use serde::Deserialize;
 use std::path::Path;
@@ -246,8 +247,8 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Point, Di
     Ok((point, digested))
 }
 
-impl From<&super::RunHead> for RunPoint {
-    fn from(head: &super::RunHead) -> Self {
+impl From<&RunHead> for RunPoint {
+    fn from(head: &RunHead) -> Self {
         Self {
             id: head.id.clone(),
             sensor: head.sensor.clone(),

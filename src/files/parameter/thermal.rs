@@ -1,6 +1,7 @@
 //! TPF, TOF, TAF: temperature polynomials of a sensor in one mode.
 
 use super::Body;
+use crate::data::result::Rows;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -152,7 +153,7 @@ pub struct SweepPart {
     pub facility: Option<super::FacilityApplied>,
     /// The known effects that were taken off the readings; absent if none were.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub model: Option<super::ModelApplied>,
+    pub model: Option<crate::model::applied::ModelApplied>,
 }
 
 /// How the sensor follows a thermistor.
@@ -195,7 +196,7 @@ pub struct Rotation {
     pub nu_z_std_deg: Vec<f64>,
     /// Rotation matrix of the first run, as rows; absent if its file does not tell.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub initial: Option<super::Rows>,
+    pub initial: Option<Rows>,
 }
 
 /// Extremes of applied field minus modelled measurement per run and coil axis, nT.

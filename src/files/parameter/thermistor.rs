@@ -1,6 +1,7 @@
 //! THERMISTOR: temperature from voltage or resistance, from a calibration table.
 
-use super::{Body, Covariance};
+use super::Body;
+use crate::data::result::Covariance;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.

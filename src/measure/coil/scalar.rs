@@ -3,10 +3,11 @@
 
 use super::{ANGLES, AXES, CoilError};
 use crate::data::plateau::median;
+use crate::data::result::Covariance;
 use crate::data::run::{Run, ScalarRow, interpolate};
 use crate::files::campaign::Campaign;
 use crate::files::parameter::{
-    CoilConvention, CoilScalar, Covariance, FacilityPart, ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity,
+    CoilConvention, CoilScalar, FacilityPart, ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity,
 };
 use crate::fit::{FitError, Limits, Model, NonlinearSolution, linear, nonlinear};
 use crate::model::coil::Coil;

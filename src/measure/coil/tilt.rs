@@ -5,8 +5,9 @@
 //! those of other coils, so that sensor and facility are told apart. To first order the three families do not mix.
 
 use super::{ANGLES, AXES, CoilError};
+use crate::data::result::Covariance;
 use crate::files::orientations::RunResult;
-use crate::files::parameter::{CoilConvention, CoilTilt, Covariance, FacilityPart, TiltOrientation, TiltValues};
+use crate::files::parameter::{CoilConvention, CoilTilt, FacilityPart, TiltOrientation, TiltValues};
 use crate::fit::{FitError, Limits, linear};
 use crate::model::position::Position;
 use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};

@@ -2,7 +2,7 @@
 
 use super::{Known, KnownEffect};
 use crate::data::run::{Run, Setting, interpolate};
-use crate::files::parameter::AppliedEffect;
+use crate::model::applied::AppliedEffect;
 use crate::model::effects::in_sine::InSine;
 use nalgebra::Complex;
 

@@ -1,8 +1,10 @@
-//! What the parameter files of single runs have in common.
+//! What the results of several analyses hold: the run, its temperatures, the plateaus left out, spreads and covariances.
+//!
+//! Parameter files hold these types as they are, so that each is defined here only.
 
 use serde::{Deserialize, Serialize};
 
-/// Three rows of three.
+/// A 3 x 3 matrix as its three rows.
 pub type Rows = [[f64; 3]; 3];
 
 /// The run.
@@ -69,4 +71,37 @@ pub struct Dropped {
     pub field_coil_nt: [f64; 3],
     /// Why.
     pub reason: String,
+}
+
+/// Smallest, mean and largest of a quantity per component.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    /// Smallest.
+    pub min: [f64; 3],
+    /// Mean.
+    pub mean: [f64; 3],
+    /// Largest.
+    pub max: [f64; 3],
+}
+
+/// Standard deviation and extremes per component.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Standard deviation (divided by the number of values).
+    pub std: [f64; 3],
+    /// Largest.
+    pub max: [f64; 3],
+    /// Smallest.
+    pub min: [f64; 3],
+}
+
+/// Covariance of `Φ` (nine elements, row by row) and `B_or` (three).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Covariance {
+    /// Names of rows and columns.
+    pub parameters: Vec<String>,
+    /// Units of the parameters.
+    pub units: Vec<String>,
+    /// Rows.
+    pub matrix: Vec<Vec<f64>>,
 }

@@ -1,0 +1,137 @@
+//! The parts of a linear calibration of one run.
+//!
+//! The result of the analysis and its parameter file both hold them, so that each is defined here only.
+
+use super::result::{Rows, Spread, Summary};
+use serde::{Deserialize, Serialize};
+
+/// How the run was made and cut.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Setup {
+    /// Id of the position.
+    pub position: u32,
+    /// Sensor axes along coil axes.
+    pub position_axes: [String; 3],
+    /// Median time for which a field was applied, s.
+    pub field_duration_s: f64,
+    /// Time left out after every step, s.
+    pub settling_s: f64,
+    /// Time left out before every step, s.
+    pub early_end_s: f64,
+}
+
+/// Matrices as rows.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Matrices {
+    /// Which of the two conventions `omega` follows: `BepiColombo` (lower triangular) or `Rosetta`.
+    pub omega_convention: String,
+    /// Nominal sensor to coil coordinates.
+    pub r_nom: Rows,
+    /// Rotation.
+    pub rho: Rows,
+    /// Misalignment.
+    pub omega: Rows,
+    /// Sensitivity, diagonal, nT/enT.
+    pub sigma: Rows,
+    /// `R_nom ρ ω σ`, nT/enT.
+    pub phi: Rows,
+    /// `ω σ`, nT/enT.
+    pub phi_tilde: Rows,
+}
+
+/// Angles, degrees.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Angles {
+    /// Between sensor axes x and y.
+    pub xi_xy: f64,
+    /// Between sensor axes x and z.
+    pub xi_xz: f64,
+    /// Between sensor axes y and z.
+    pub xi_yz: f64,
+    /// Between the real and the nominal X axis.
+    pub lambda_x: f64,
+    /// Between the real and the nominal Y axis.
+    pub mu_y: f64,
+    /// Between the real and the nominal Z axis.
+    pub nu_z: f64,
+}
+
+/// Offset and residual field, `B_or = B_off + B_res`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OffsetTrend {
+    /// Mean over the used plateaus, enT, sensor axes.
+    pub b_or_ent: [f64; 3],
+    /// Order of the polynomial trend fitted together with `Φ`.
+    pub trend_order: usize,
+    /// Coefficients of the trend in `tau`, per component, lowest order first, enT.
+    pub trend_ent: [Vec<f64>; 3],
+    /// The two times, s since the run's start, at which `tau` is -1 and +1.
+    pub tau_span_s: [f64; 2],
+}
+
+/// Quality of data and model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinearQuality {
+    /// Plateaus used.
+    pub blocks_used: usize,
+    /// Plateaus in the run.
+    pub blocks_total: usize,
+    /// Samples lost.
+    pub lost_samples: u64,
+    /// Samples left out beside spikes.
+    pub spike_samples: u64,
+    /// Plateaus with reduced weight in the robust fit; absent if the fit was not robust.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub downweighted_blocks: Option<usize>,
+    /// Condition number of the design with columns scaled to one.
+    pub condition: f64,
+    /// Degrees of freedom per component.
+    pub degrees_of_freedom: usize,
+    /// Determinant of the rotation matrix.
+    pub rotation_determinant: f64,
+    /// Standard deviation of the samples within blocks, enT, sensor axes; absent if the file has plateau means only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub raw_std_ent: Option<Spread>,
+    /// Applied field minus modelled measurement, nT, coil axes.
+    pub residual_nt: Summary,
+}
+
+/// Standard uncertainties.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinearStd {
+    /// σ_x, σ_y, σ_z, nT/enT.
+    pub sigma: [f64; 3],
+    /// ξ_xy, ξ_xz, ξ_yz, degrees.
+    pub xi_deg: [f64; 3],
+    /// `B_or`, enT.
+    pub b_or_ent: [f64; 3],
+    /// λ, μ, ν, degrees.
+    pub lambda_mu_nu_deg: [f64; 3],
+    /// `Φ`, nT/enT.
+    pub phi: Rows,
+    /// `φ̃`, nT/enT.
+    pub phi_tilde: Rows,
+}
+
+/// Noise of the plateau means, per component of the reading.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PlateauNoise {
+    /// Standard deviation, enT.
+    pub std_ent: [f64; 3],
+    /// Part of the variance that is correlated from plateau to plateau.
+    pub correlated_share: [f64; 3],
+    /// Effective number of independent plateaus.
+    pub effective_blocks: [f64; 3],
+}
+
+/// Where the calibration holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinearValidity {
+    /// Smallest and largest applied field of the used plateaus per coil axis, nT.
+    pub field_coil_nt: [[f64; 2]; 3],
+    /// Smallest and largest sensor temperature, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_degc: Option<[f64; 2]>,
+    /// First and last used time, s since the run's start.
+    pub time_s: [f64; 2],
+}
