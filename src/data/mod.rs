@@ -1,6 +1,7 @@
 //! What a run consists of, and what every room speaks of: runs, plateaus, units, findings, where results come from.
 
 pub mod calibration;
+pub mod convention;
 pub mod envelope;
 pub mod error;
 pub mod note;

@@ -3,10 +3,11 @@
 //! A pair of linear calibrations at one temperature T1, off-centre and at the centre, gives `k_i` and `K`; these take the polynomials
 //! measured off-centre to the centre. Without an off-centre run the polynomials themselves stand for it, as in the report.
 
+use crate::data::convention::column_angles_deg;
 use crate::files::parameter::{CentreConvention, CentreResidual, CentreRun, OffCentrePart, Point, Tcf, Tpf, Values};
 use crate::fit::{FitError, Limits, polynomial, propagate};
 use crate::measure::thermal::{SAME_DEGC, rows};
-use crate::model::off_centre::{Transfer, column_angles_deg};
+use crate::model::off_centre::Transfer;
 use crate::model::polynomial::value;
 use nalgebra::{DMatrix, Matrix3};
 use std::collections::BTreeMap;

@@ -10,10 +10,11 @@
 //! factorisations are plain `f64`: the columns are scaled and the temperature mapped to \[-1, 1\], and thousands of rows by a
 //! hundred columns in higher precision would take seconds for digits below the noise.
 
+use crate::data::convention::base_vectors;
 use crate::fit::linear::check_condition;
 use crate::fit::{FitError, Limits, order};
 use crate::model::polynomial::TemperaturePolynomial;
-use crate::model::sensor::{SplitError, base_vectors};
+use crate::model::sensor::SplitError;
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::linalg::QR;
 use nalgebra::{DMatrix, DVector, Dyn, Matrix3, Owned, Rotation3, Vector3};

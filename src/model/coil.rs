@@ -46,7 +46,7 @@ impl Coil {
     /// `None` for angles that no three axes have between them.
     #[must_use]
     pub fn axes(&self) -> Option<Matrix3<f64>> {
-        super::sensor::base_vectors(self.angles_deg).ok()
+        crate::data::convention::base_vectors(self.angles_deg).ok()
     }
 
     /// Derivatives of [`Coil::axes`] by the angles XY, XZ, YZ, per degree; `None` where there are no axes.

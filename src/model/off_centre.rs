@@ -1,8 +1,9 @@
 //! From a position beside the centre of the coil system to the centre (RO-IGEP-TR0028 sections 3.2.2.2 and 3.2.2.3). ω is in the Rosetta
-//! convention here: the upper triangular `Q(ξ)` of [`base_vectors`].
+//! convention here: the upper triangular `Q(ξ)` of [`Convention::Rosetta`].
 
-use super::sensor::{SplitError, angle_deg, base_vectors};
-use nalgebra::{Matrix3, Vector3};
+use super::sensor::SplitError;
+use crate::data::convention::Convention;
+use nalgebra::Matrix3;
 
 /// What a position beside the centre does to sensitivities and angles. It belongs to the coil system and does not depend on temperature.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,7 +26,8 @@ impl Transfer {
         if !k.iter().all(|k| k.is_finite() && *k != 0.0) {
             return Err(SplitError::Singular);
         }
-        let k_matrix = base_vectors(centre.1)?.try_inverse().ok_or(SplitError::Planar)? * base_vectors(off_centre.1)?;
+        let omega = |xi_deg| Convention::Rosetta.omega(xi_deg);
+        let k_matrix = omega(centre.1)?.try_inverse().ok_or(SplitError::Planar)? * omega(off_centre.1)?;
         Ok(Self { k, k_matrix, k_inverse: k_matrix.try_inverse().ok_or(SplitError::Planar)? })
     }
 
@@ -34,20 +36,14 @@ impl Transfer {
     /// # Errors
     /// Angles that no three axes have between them.
     pub fn omega(&self, xi_off_centre_deg: [f64; 3]) -> Result<Matrix3<f64>, SplitError> {
-        Ok(base_vectors(xi_off_centre_deg)? * self.k_inverse)
+        Ok(Convention::Rosetta.omega(xi_off_centre_deg)? * self.k_inverse)
     }
-}
-
-/// Angles ξ_xy, ξ_xz, ξ_yz, degrees, between the columns of ω in the Rosetta convention.
-#[must_use]
-pub fn column_angles_deg(omega: &Matrix3<f64>) -> [f64; 3] {
-    let [x, y, z]: [Vector3<f64>; 3] = std::array::from_fn(|i| omega.column(i).normalize());
-    [angle_deg(&x, &y), angle_deg(&x, &z), angle_deg(&y, &z)]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::convention::column_angles_deg;
 
     #[test]
     fn at_the_temperature_of_the_pair_the_centre_comes_back() {

@@ -1,5 +1,6 @@
 //! The linear sensor: `B_c = Φ B_m`, `Φ = R_nom ρ ω σ`, and its split (BC-MAG-TR-0085 section 15.1).
 
+use crate::data::convention::{Convention, PlanarAxes, angle_deg, base_vectors};
 use crate::data::units::{FieldCoil, Reading};
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
@@ -36,19 +37,10 @@ pub struct Split {
     pub rotation_deg: [f64; 3],
 }
 
-/// `Q(ξ)`, upper triangular: its columns are the sensor axes in the orthogonal system whose x axis is the sensor's x axis and
-/// whose xy plane holds the sensor's y axis. This is ω in the Rosetta convention.
-///
-/// # Errors
-/// Angles that no three axes have between them.
-pub fn base_vectors(xi_deg: [f64; 3]) -> Result<Matrix3<f64>, SplitError> {
-    let [xy, xz, yz] = xi_deg.map(f64::to_radians);
-    let q = (yz.cos() - xy.cos() * xz.cos()) / xy.sin();
-    let height = xz.sin().powi(2) - q * q;
-    if height.is_nan() || height <= 0.0 {
-        return Err(SplitError::Planar);
+impl From<PlanarAxes> for SplitError {
+    fn from(_: PlanarAxes) -> Self {
+        SplitError::Planar
     }
-    Ok(Matrix3::new(1.0, xy.cos(), xz.cos(), 0.0, xy.sin(), q, 0.0, 0.0, height.sqrt()))
 }
 
 /// Splits `Φ` for a nominal orientation.
@@ -79,17 +71,12 @@ pub fn split(phi: &Matrix3<f64>, r_nom: &Matrix3<f64>) -> Result<Split, SplitErr
     Ok(Split { r_nom: *r_nom, rho, omega, sigma, phi: *phi, phi_tilde, xi_deg, rotation_deg })
 }
 
-/// Angle between two unit vectors, degrees, accurate near 0 and 90.
-pub(super) fn angle_deg(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
-    a.cross(b).norm().atan2(a.dot(b)).to_degrees()
-}
-
 /// `Φ = R_nom ρ ω σ` from its parts.
 ///
 /// # Errors
 /// Angles that no three axes have between them.
 pub fn compose(r_nom: &Matrix3<f64>, rho: &Matrix3<f64>, xi_deg: [f64; 3], sigma: [f64; 3]) -> Result<Matrix3<f64>, SplitError> {
-    let omega = base_vectors(xi_deg)?.transpose().try_inverse().ok_or(SplitError::Planar)?;
+    let omega = Convention::BepiColombo.omega(xi_deg)?;
     Ok(r_nom * rho * omega * Matrix3::from_diagonal(&Vector3::from(sigma)))
 }
 
