@@ -3,6 +3,7 @@
 
 use crate::data::run::{GivenBlock, Header, Run, Setting, Vector, VectorSink};
 use crate::data::units::{COMPONENTS, Reading};
+use crate::fit::statistics::median;
 use serde::Serialize;
 use std::cell::OnceCell;
 use std::fmt;
@@ -680,15 +681,6 @@ fn contrasts(bins: &[Bin], spiky: &[bool], bin_s: f64, sample_rate_hz: f64) -> V
         length *= 2;
     }
     list
-}
-
-/// Median (the upper one of an even number); NaN of nothing.
-pub(crate) fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Least part of the expected samples that a plateau must have, where nothing else is said.

@@ -15,13 +15,13 @@ use super::result::{DetectionLimit, Diagnosis, Map, NotIdentifiable, Parameter, 
 use super::{selection, words};
 use crate::data::units::{COMPONENTS, three_digits};
 use crate::fit::scan::{Fitted, Group, Score};
+use crate::fit::statistics::{chi2_tail, fisher_tail};
 use crate::measure::coil::tilt::PAIRS;
 use crate::model::effects::{self, Spec};
 use bank::bank;
 use nalgebra::{DMatrix, DVector};
 use scene::{Candidate, Scene, count};
 use search::Search;
-use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 pub use values::RunValues;
 
 /// Classes of values that have a scatter of their own.
@@ -315,9 +315,9 @@ fn remaining(scene: &Scene, terms: &[&Candidate], warnings: &mut Vec<String>) ->
         }
         let (p, noise) = if within_freedom > 1.5 {
             let noise = within / within_freedom;
-            (FisherSnedecor::new(between_freedom, within_freedom).map_or(1.0, |f| f.sf(between / between_freedom / noise)), noise)
+            (fisher_tail(between / between_freedom / noise, [between_freedom, within_freedom]), noise)
         } else if scene.anchors[class] > 0 {
-            (ChiSquared::new(between_freedom).map_or(1.0, |d| d.sf(between)), 1.0)
+            (chi2_tail(between, between_freedom), 1.0)
         } else {
             continue;
         };

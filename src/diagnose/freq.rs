@@ -16,11 +16,11 @@ pub use table::table;
 
 use super::result::{DetectionLimit, Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, RunnerUp, Step};
 use super::{APART, CERTAIN, FOUND_90, Options, steps, words};
-use crate::data::plateau::median;
 use crate::data::run::{Run, Vector, VectorSink};
 use crate::data::units::{COMPONENTS, Reading, three_digits};
 use crate::files::campaign::Campaign;
 use crate::fit::aicc;
+use crate::fit::statistics::median;
 use crate::measure::freq::{self as analysis, Freq, Sines as Sink};
 use crate::model::effects::clock_drift::{IN_TIME, WITH_TEMPERATURE};
 use crate::model::effects::time_shift::DELAY;

@@ -2,6 +2,7 @@
 
 mod periodic;
 
+use crate::fit::statistics::{median, two_sided_tail};
 use crate::model::effects::settling::{TAUS_S, sampled_transient};
 use crate::model::effects::{Record, Row, Spec};
 use crate::record::scene::{Samples, Scene};
@@ -106,7 +107,7 @@ fn interval_s(samples: &Samples) -> Option<f64> {
     if gaps.is_empty() {
         return None;
     }
-    let usual = crate::data::plateau::median(&mut gaps);
+    let usual = median(&mut gaps);
     // The mean over the record is exact where no samples are missing.
     let mean = (t_s[t_s.len() - 1] - t_s[0]) / (t_s.len() - 1) as f64;
     Some(if (mean / usual - 1.0).abs() < 0.01 { mean } else { usual }).filter(|dt| *dt > 0.0)
@@ -246,7 +247,7 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
     // Settings with more noise count for less.
     let weights: [Vec<f64>; 3] = [0, 1, 2].map(|a: usize| {
         let sizes: Vec<f64> = data[a].iter().map(|d| d.norm_squared()).collect();
-        let usual = crate::data::plateau::median(&mut sizes.clone()).max(f64::MIN_POSITIVE);
+        let usual = median(&mut sizes.clone()).max(f64::MIN_POSITIVE);
         sizes.iter().map(|s| (2.0 * usual / (usual + s)).sqrt()).collect()
     });
     let mut best: Option<Transient> = None;
@@ -315,7 +316,7 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
     // Scatter of few plateaus has tails: the t distribution, by Bartlett's formula the other way round.
     let dof = (m - bins - 1) as f64;
     let effective = dof * (1.0 + chi.max(0.0) / dof).ln();
-    let p_value = two_sided(effective.max(0.0).sqrt());
+    let p_value = two_sided_tail(effective.max(0.0).sqrt()).max(f64::MIN_POSITIVE);
     if p_value * trials as f64 > SIGNIFICANT {
         return None;
     }
@@ -356,10 +357,6 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
         squares: [0.0; 3],
         rms_ent: [[0.0; 3]; 2],
     })
-}
-
-fn two_sided(z: f64) -> f64 {
-    statrs::function::erf::erfc(z / std::f64::consts::SQRT_2).max(f64::MIN_POSITIVE)
 }
 
 /// Squares and scatter of the samples of whole settings around their means, without and with what was found before.

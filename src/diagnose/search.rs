@@ -1,11 +1,10 @@
 //! The search: score every candidate, pay for the trials, add the best, refit everything, drop and swap, until nothing is left.
 
 use crate::fit::colour::{Colour, Correlations, Noise, Rows};
+use crate::fit::scalar::{self, Stop};
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score, orthonormal};
 use crate::model::effects::{self, CATALOGUE, Column, Covariate, Effect, Record, Spec};
 use crate::record::scene::{Scene, TREND_ORDER};
-use argmin::core::{CostFunction, Executor};
-use argmin::solver::brent::BrentOpt;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -553,10 +552,9 @@ impl<'a> Search<'a> {
             "onset" => (low, (0.97 * record.most_ent(candidate.spec.axes[0])).max(low)),
             _ => (low, high),
         };
-        let cost = Cost(&evaluate);
-        let solver = BrentOpt::new(low, high).set_tolerance(1e-3, 1e-6 * value.abs().max(1e-9));
-        let found = Executor::new(cost, solver).configure(|s| s.max_iters(24)).run().ok();
-        let found = found.and_then(|r| r.state.best_param);
+        let cost = |v| -evaluate(v).unwrap_or(f64::NEG_INFINITY).max(-1e6);
+        let stop = Stop { relative: 1e-3, absolute: 1e-6 * value.abs().max(1e-9), steps: 24 };
+        let found = scalar::minimum(cost, [low, high], stop);
         let better = found.filter(|v| evaluate(*v) > evaluate(value));
         better.and_then(|v| candidate.with_shape(record, name, v)).unwrap_or_else(|| candidate.clone())
     }
@@ -740,15 +738,4 @@ pub struct HeldOut {
     pub sum: f64,
     /// The same per fold.
     pub by_fold: Vec<f64>,
-}
-
-struct Cost<'a>(&'a dyn Fn(f64) -> Option<f64>);
-
-impl CostFunction for Cost<'_> {
-    type Param = f64;
-    type Output = f64;
-
-    fn cost(&self, value: &f64) -> Result<f64, argmin::core::Error> {
-        Ok(-(self.0)(*value).unwrap_or(f64::NEG_INFINITY).max(-1e6))
-    }
 }

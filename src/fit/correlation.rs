@@ -31,12 +31,12 @@
 //! slowest few waves of the record only and can double the uncertainty of the mean unseen; no rule holds both white noise and such
 //! noise in 95 % of the cases.
 
-use argmin::core::{CostFunction, Executor};
-use argmin::solver::brent::BrentOpt;
 use nalgebra::linalg::SymmetricTridiagonal;
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use super::linear::Solution;
+use super::scalar::{self, Stop};
+use super::statistics::two_sided_tail;
 use super::{FitError, NORMAL_95, require_finite, require_length};
 
 /// Nominal ratio of neighbouring time constants.
@@ -161,15 +161,7 @@ impl NoiseModel {
         }
         let outside = |x: f64| widths.iter().map(|(p, width)| p * two_sided_tail(x / width)).sum::<f64>();
         let widest = widths.iter().map(|w| w.1).fold(0.0, f64::max);
-        let (mut low, mut high) = (0.0, NORMAL_95 * widest);
-        while high - low > 1e-4 * high {
-            let middle = 0.5 * (low + high);
-            if outside(middle) > 0.05 {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
+        let [_, high] = scalar::bisect(|x| outside(x) > 0.05, [0.0, NORMAL_95 * widest], 1e-4);
         high / (NORMAL_95 * averaged)
     }
 
@@ -665,27 +657,8 @@ impl Likelihood<'_> {
 
     /// Brent's search for a minimum of the deviance between two shares.
     fn search(self, low: f64, high: f64) -> Option<f64> {
-        let solver = BrentOpt::new(low, high).set_tolerance(1e-8, 1e-9);
-        let search = Executor::new(self, solver).configure(|state| state.max_iters(100));
-        search.timer(false).run().ok()?.state().best_param
+        scalar::minimum(|share| self.deviance(share).0, [low, high], Stop { relative: 1e-8, absolute: 1e-9, steps: 100 })
     }
-}
-
-impl CostFunction for Likelihood<'_> {
-    type Param = f64;
-    type Output = f64;
-
-    fn cost(&self, share: &f64) -> Result<f64, argmin::core::Error> {
-        Ok(self.deviance(*share).0)
-    }
-}
-
-/// Probability that a standard normal number is farther from zero than `x`, to seven decimals (Abramowitz and Stegun 7.1.26).
-fn two_sided_tail(x: f64) -> f64 {
-    const COEFFICIENTS: [f64; 5] = [0.254_829_592, -0.284_496_736, 1.421_413_741, -1.453_152_027, 1.061_405_429];
-    let z = x / std::f64::consts::SQRT_2;
-    let t = 1.0 / (1.0 + 0.327_591_1 * z);
-    COEFFICIENTS.iter().rev().fold(0.0, |sum, c| (sum + c) * t) * (-z * z).exp()
 }
 
 /// Ratios of slow noise to white noise of the samples in a row, with their prior probabilities: none, or a size between
@@ -948,13 +921,6 @@ mod tests {
         for length in [0.1, 1.0, 10.0] {
             let variance = contrast_variance(length, &constants) * constants.len() as f64 * step;
             assert_relative(variance, 4.0 * 2f64.ln(), 1e-2);
-        }
-    }
-
-    #[test]
-    fn tails_of_the_normal_distribution() {
-        for (x, tail) in [(0.0, 1.0), (1.0, 0.317_310_5), (NORMAL_95, 0.05), (4.0, 6.334e-5)] {
-            assert!((two_sided_tail(x) - tail).abs() < 2e-7, "{x}");
         }
     }
 

@@ -13,6 +13,8 @@
 //! * [`correlation`]: white and slow noise told apart in the residuals, and what slow noise does to the coefficients.
 //! * [`colour`]: noise that is white, slow or grows with the field, and its whitening.
 //! * [`scan`]: which of many groups of columns explains what a model leaves, paid for by simulation.
+//! * [`statistics`]: quantiles and tails of distributions, medians and extremes.
+//! * [`scalar`]: minima and roots of functions of one number.
 //! * [`spectrum`]: amplitude densities of long records, piece by piece, and lines in them.
 //! * [`smooth`]: a slow quantity out of noisy readings of it.
 //! * [`allan`]: Allan deviations with confidence limits.
@@ -35,10 +37,12 @@ pub mod propagate;
 #[cfg(test)]
 pub(crate) mod random;
 pub mod robust;
+pub mod scalar;
 pub mod scan;
 pub mod sine;
 pub mod smooth;
 pub mod spectrum;
+pub mod statistics;
 
 pub use choice::aicc;
 pub use contaminated::Contaminated;
@@ -49,6 +53,7 @@ pub use order::{Chosen, choose};
 pub use polynomial::Polynomial;
 pub use propagate::{Propagated, propagate};
 pub use robust::Robust;
+pub use statistics::{NORMAL_95, student_95};
 
 /// Why a fit has no answer.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -142,38 +147,4 @@ fn require_finite(what: &'static str, values: &[f64], rows: usize) -> Result<(),
 /// Refuses a length other than the one needed.
 fn require_length(what: &'static str, expected: usize, found: usize) -> Result<(), FitError> {
     if found == expected { Ok(()) } else { Err(FitError::Length { what, expected, found }) }
-}
-
-/// Standard deviations that hold 95 % of a normal distribution.
-pub const NORMAL_95: f64 = 1.959_963_985;
-
-/// Standard deviations that hold 95 % of Student's distribution; infinite without a degree of freedom.
-#[must_use]
-pub fn student_95(dof: usize) -> f64 {
-    // Quantiles at 0.975 for 1 to 10 degrees of freedom, from the tables of the field.
-    const FEW: [f64; 10] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228];
-    match dof {
-        0 => f64::INFINITY,
-        1..=10 => FEW[dof - 1],
-        // Cornish and Fisher's expansion is good to three decimals from here on.
-        _ => {
-            let (z, n) = (NORMAL_95, dof as f64);
-            z + (z.powi(3) + z) / (4.0 * n)
-                + (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / (96.0 * n * n)
-                + (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / (384.0 * n.powi(3))
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn student_quantiles_join_and_end_at_the_normal_one() {
-        // Tables: 11 degrees of freedom 2.201, 30 degrees 2.042.
-        assert!((student_95(11) - 2.201).abs() < 1e-3 && (student_95(30) - 2.042).abs() < 1e-3);
-        assert!((student_95(1_000_000) - NORMAL_95).abs() < 1e-5);
-        assert!((1..200).all(|dof| student_95(dof + 1) < student_95(dof)));
-    }
 }

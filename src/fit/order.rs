@@ -15,6 +15,7 @@ use nalgebra::DMatrix;
 
 use super::linear::Limits;
 use super::polynomial::{self, Polynomial};
+use super::statistics::chi2_tail;
 use super::{FitError, require_finite, require_length};
 
 /// The highest order that is fitted.
@@ -171,25 +172,13 @@ pub fn choose(
     Ok(Chosen { order: candidate.order, reason, polynomial, covariance, inflation, candidates })
 }
 
+/// A sum of squares that chance exceeds less often than this shows that standard deviations are too small.
+const UNLIKELY: f64 = 0.01;
+
 /// Factor on standard deviations which a sum of squares asks for: `sqrt(chi2 / dof)` above the 99 % quantile, otherwise 1.
 #[must_use]
 pub fn excess(chi2: f64, dof: usize) -> f64 {
-    if dof > 0 && chi2 > chi2_quantile_99(dof) { (chi2 / dof as f64).sqrt() } else { 1.0 }
-}
-
-/// The 99 % quantile of χ² by [`chi2_quantile`].
-#[must_use]
-pub fn chi2_quantile_99(dof: usize) -> f64 {
-    const NORMAL_99: f64 = 2.326_347_874;
-    chi2_quantile(dof, NORMAL_99)
-}
-
-/// The quantile of χ² at the level at which `normal` is that of a standard Gaussian, after Wilson and Hilferty: that of 99 % is good
-/// to 1 % for one degree of freedom and better for more.
-#[must_use]
-pub fn chi2_quantile(dof: usize, normal: f64) -> f64 {
-    let spread = 2.0 / (9.0 * dof as f64);
-    dof as f64 * (1.0 - spread + normal * spread.sqrt()).powi(3)
+    if chi2_tail(chi2, dof as f64) < UNLIKELY { (chi2 / dof as f64).sqrt() } else { 1.0 }
 }
 
 fn weights_of(std: &[f64], rows: usize) -> Result<Vec<f64>, FitError> {

@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 
 use super::FitError;
 use super::linear::{Design, Limits, Solution, solve};
+use super::statistics::central_median;
 
 /// Distance, in standard deviations, at which a row starts to lose weight: 95 % efficiency for Gaussian noise.
 const TUNING: f64 = 1.345;
@@ -83,12 +84,7 @@ pub fn fit(design: &Design, rhs: &DMatrix<f64>, weights: Option<&[f64]>, limits:
 /// Standard deviation from the median magnitude.
 fn scale<'a>(residuals: impl Iterator<Item = &'a f64>) -> f64 {
     let mut magnitudes: Vec<f64> = residuals.map(|residual| residual.abs()).collect();
-    magnitudes.sort_by(f64::total_cmp);
-    let (low, high) = (magnitudes.len().saturating_sub(1) / 2, magnitudes.len() / 2);
-    match (magnitudes.get(low), magnitudes.get(high)) {
-        (Some(low), Some(high)) => 0.5 * (low + high) / MEDIAN_MAGNITUDE,
-        _ => 0.0,
-    }
+    if magnitudes.is_empty() { 0.0 } else { central_median(&mut magnitudes) / MEDIAN_MAGNITUDE }
 }
 
 /// Root mean square over right-hand sides.

@@ -4,6 +4,7 @@
 //! one, so that evidences of groups of different size, of forms and of shapes compare and add. How often noise alone gives as much is
 //! simulated over all groups at once.
 
+use super::statistics::log_chi2_tail;
 use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -94,7 +95,7 @@ impl Score {
     /// Probability of a score as large for this group alone.
     #[must_use]
     pub fn p_value(&self) -> f64 {
-        if self.count == 0 { 1.0 } else { log_tail(self.chi_square, self.count as f64).exp().max(f64::MIN_POSITIVE) }
+        if self.count == 0 { 1.0 } else { log_chi2_tail(self.chi_square, self.count as f64).exp().max(f64::MIN_POSITIVE) }
     }
 }
 
@@ -340,19 +341,4 @@ impl Maxima {
         let (tail, edge, rate) = self.tail();
         edge + (tail as f64 / self.0.len() as f64 / p).ln() / rate
     }
-}
-
-/// Logarithm of the probability that a chi square with `d` degrees of freedom is larger.
-#[must_use]
-pub fn log_tail(chi: f64, d: f64) -> f64 {
-    use statrs::function::gamma::{gamma_ur, ln_gamma};
-    let direct = if chi <= 0.0 {
-        1.0
-    } else if chi < 1300.0 {
-        gamma_ur(0.5 * d, 0.5 * chi)
-    } else {
-        0.0
-    };
-    // First term of the series, for what a double cannot hold.
-    if direct > 1e-280 { direct.ln() } else { (0.5 * d - 1.0) * (0.5 * chi).ln() - 0.5 * chi - ln_gamma(0.5 * d) }
 }

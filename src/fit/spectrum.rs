@@ -8,8 +8,8 @@
 //! holds the squared correlations that Hann's window makes between neighbouring bins (2/3, 1/6) and overlapping segments
 //! (1/6, 4/(9π), 1/12, 4/(45π)).
 
-use super::order::chi2_quantile;
-use super::{Limits, NORMAL_95};
+use super::Limits;
+use super::statistics::{chi2_quantile, median};
 use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
 use std::f64::consts::PI;
@@ -220,18 +220,7 @@ impl Point {
 /// Limits of 95 % of an amplitude estimated with some degrees of freedom, as factors on it: `sqrt(ν / χ²)`.
 #[must_use]
 pub fn limits(degrees_of_freedom: f64) -> [f64; 2] {
-    [NORMAL_95, -NORMAL_95].map(|normal| (degrees_of_freedom / chi2(degrees_of_freedom, normal)).sqrt())
-}
-
-/// The quantile of χ² after Wilson and Hilferty, for a fraction of a degree of freedom too.
-fn chi2(degrees_of_freedom: f64, normal: f64) -> f64 {
-    if degrees_of_freedom > 1e6 {
-        return degrees_of_freedom * (1.0 + normal * (2.0 / degrees_of_freedom).sqrt());
-    }
-    let low = degrees_of_freedom.floor().max(1.0);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 1 and 1e6")]
-    let (a, b) = (chi2_quantile(low as usize, normal), chi2_quantile(low as usize + 1, normal));
-    (a + (b - a) * (degrees_of_freedom - low)).max(1e-3)
+    [0.975, 0.025].map(|probability| (degrees_of_freedom / chi2_quantile(degrees_of_freedom, probability)).sqrt())
 }
 
 /// Mean densities in bands of equal ratio, `per_decade` of them in a decade, single bins where bins are wider; bins of lines are left
@@ -289,8 +278,8 @@ const LOBE: usize = 2;
 /// Bins on either side that tell the density beside a line.
 const BESIDE_BINS: usize = 24;
 const LEAST_BESIDE: usize = 6;
-/// Quantile of the normal distribution that a bin exceeds by chance once in 1e9: the level beside a bin is uncertain too.
-const LINE_QUANTILE: f64 = 6.0;
+/// Probability that a bin exceeds the threshold by chance: small, since the level beside a bin is uncertain too.
+const LINE_PROBABILITY: f64 = 1e-9;
 /// A line stands out by this factor of power, whatever the number of segments.
 const LEAST_RATIO: f64 = 1.5;
 
@@ -306,9 +295,9 @@ pub fn lines(stage: &Stage) -> Vec<Line> {
     if density.segments < 8 || end < begin + 2 * BESIDE_BINS {
         return Vec::new();
     }
-    let threshold = (chi2(single, LINE_QUANTILE) / single).max(LEAST_RATIO);
+    let threshold = (chi2_quantile(single, 1.0 - LINE_PROBABILITY) / single).max(LEAST_RATIO);
     // The median of χ² over its mean.
-    let median_share = chi2(single, 0.0) / single;
+    let median_share = chi2_quantile(single, 0.5) / single;
     let mut found = Vec::new();
     for (component, power) in density.power.iter().enumerate() {
         let mut bin = begin;
@@ -317,8 +306,8 @@ pub fn lines(stage: &Stage) -> Vec<Line> {
             let reach = (bin / 2).clamp(LEAST_BESIDE, BESIDE_BINS);
             let lower = bin.saturating_sub(LOBE + reach).max(FIRST_BIN)..bin.saturating_sub(LOBE);
             let upper = (bin + LOBE + 1).min(power.len() - 1)..(bin + LOBE + 1 + reach).min(power.len() - 1);
-            let sides = [lower, upper].map(|side| median(&power[side.start.min(side.end)..side.end]));
-            let [a, b] = sides.map(|level| level.map(|l| l / median_share));
+            let sides = [lower, upper].map(|side| power[side.start.min(side.end)..side.end].to_vec());
+            let [a, b] = sides.map(|mut side| (!side.is_empty()).then(|| median(&mut side) / median_share));
             let (Some(highest), Some(level)) =
                 (a.into_iter().chain(b).reduce(f64::max), a.zip(b).map(|(a, b)| 0.5 * (a + b)).or(a).or(b))
             else {
@@ -356,13 +345,6 @@ pub fn lines(stage: &Stage) -> Vec<Line> {
         }
     }
     found
-}
-
-/// The middle value; `None` of nothing.
-fn median(values: &[f64]) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied()
 }
 
 /// Half of the taps of a half-band filter of 15 taps beside the middle one, which is 1/2: `sin(πk/2) / (πk)` for k = 1, 3, 5, 7,

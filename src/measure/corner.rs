@@ -36,6 +36,7 @@
 
 use crate::fit::contaminated::{self, Contaminated, Data, State};
 use crate::fit::nonlinear::{self, Model};
+use crate::fit::statistics::chi2_tail;
 use crate::fit::{FitError, Limits, aicc, order};
 use crate::model::response::{Parameter, RESPONSES, Response};
 use nalgebra::{DMatrix, DVector};
@@ -71,9 +72,9 @@ const STARTS_CONTINUED: usize = 2;
 const ITERATIONS: usize = 200;
 /// A response that makes outliers of more than this share of the rows does not describe them.
 const MOST_OUTLYING: f64 = 0.4;
-/// Quantile of chi-square, in standard deviations of a Gaussian (99.99 %), and residual over its standard deviation up to which known
-/// noise explains what a response leaves: one run in several thousand with nothing but that noise fails.
-const EXPLAINED_NORMAL: f64 = 3.719;
+/// Least probability of a chi square that large, and residual over its standard deviation, up to which known noise explains what a
+/// response leaves: one run in several thousand with nothing but that noise fails.
+const EXPLAINED_PROBABILITY: f64 = 1e-4;
 const EXPLAINED_RESIDUAL: f64 = 5.0;
 /// As many starts, the closest ones, are followed with known noise.
 const KNOWN_STARTS: usize = 3;
@@ -430,7 +431,7 @@ impl Prepared {
                         best =
                             Some(Contaminated { solution, state, weights: vec![1.0; rows], deviance: chi_square, settled: true });
                         // There is nothing left for another minimum to explain.
-                        if chi_square <= order::chi2_quantile(dof, EXPLAINED_NORMAL) {
+                        if is_likely(chi_square, dof) {
                             break;
                         }
                     }
@@ -582,7 +583,12 @@ fn explain(responses: &[Response], prepared: &[Result<Prepared, Refusal>; 3]) ->
         explained.chi_square += outcome.found.deviance;
         explained.dof += outcome.found.solution.dof;
     }
-    (explained.chi_square <= order::chi2_quantile(explained.dof, EXPLAINED_NORMAL)).then_some((fits, explained))
+    is_likely(explained.chi_square, explained.dof).then_some((fits, explained))
+}
+
+/// Whether known noise gives a chi square as large as this.
+fn is_likely(chi_square: f64, dof: usize) -> bool {
+    dof > 0 && chi2_tail(chi_square, dof as f64) >= EXPLAINED_PROBABILITY
 }
 
 /// Sum over the components that are there; `None` where one has no value.

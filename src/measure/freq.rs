@@ -5,7 +5,7 @@
 //! and tell it best. Stretches that no sine of the setting's frequency describes are left out, instead of letting them lower the
 //! amplitude.
 
-use crate::data::plateau::{Settling, median};
+use crate::data::plateau::Settling;
 use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, Setting, Vector, VectorSink};
 use crate::data::units::COMPONENTS;
@@ -13,6 +13,7 @@ use crate::files::amplitudes::Row;
 use crate::files::campaign::Campaign;
 use crate::files::parameter::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
 use crate::fit::sine::{self, CommonRate, Oscillator, Packet, Residue, Sine, Sums, Verdict};
+use crate::fit::statistics::median;
 use crate::fit::{Limits, order, polynomial};
 use crate::measure::corner::{self, Amplitude, Corner};
 use crate::model::applied::ModelApplied;

@@ -6,7 +6,7 @@ pub use refusal::LinError;
 
 use crate::data::calibration::{Angles, LinearQuality, LinearStd, LinearValidity, Matrices, OffsetTrend, PlateauNoise, Setup};
 use crate::data::envelope::Column;
-use crate::data::plateau::{Drop, LEAST_COVERAGE, Plateau, Plateaus, Settling, median};
+use crate::data::plateau::{Drop, LEAST_COVERAGE, Plateau, Plateaus, Settling};
 use crate::data::result::{Covariance, Summary};
 use crate::data::run::{Kind, Run};
 use crate::data::units::{COMPONENTS, FieldCoil};
@@ -14,6 +14,7 @@ use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
 use crate::files::linearisation::Linearisation;
 use crate::files::parameter::{Convention, Cpf};
+use crate::fit::statistics::median;
 use crate::fit::{FitError, Limits, NoiseModel, Propagated, Robust, Solution, linear, propagate, robust};
 use crate::measure::{linearise, structure};
 use crate::model::polynomial;

@@ -8,8 +8,8 @@ use crate::data::plateau::Plateau;
 use crate::data::run::interpolate;
 use crate::fit::NoiseModel;
 use crate::fit::correlation::slow_kernel;
+use crate::fit::statistics::student_tail;
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Probability that noise alone is as large for the largest of all trials.
 const SIGNIFICANT: f64 = 1e-3;
@@ -123,8 +123,7 @@ pub(super) fn warning(rows: &Rows) -> Option<String> {
         }
     }
     let (score, what, axis) = best?;
-    let distribution = StudentsT::new(0.0, 1.0, freedom as f64).ok()?;
-    let p = 2.0 * distribution.sf(score) * trials as f64;
+    let p = 2.0 * student_tail(score, freedom)? * trials as f64;
     (p < SIGNIFICANT).then(|| {
         format!(
             "FIT: the residuals of {} depend on {what} ({score:.1} standard deviations): run calfit diagnose",

@@ -16,6 +16,7 @@ use crate::data::run::{Kind, Run, interpolate};
 use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
 use crate::files::parameter::{LagPart, QuantityPart, Rotation, SweepPart, ThermalConvention, ThermalHead, Tpf};
+use crate::fit::statistics::extremes;
 use crate::fit::{FitError, Limits, NORMAL_95, Solution, aicc, linear, propagate};
 use crate::model::lag;
 use crate::model::polynomial::TemperaturePolynomial;
@@ -304,7 +305,7 @@ impl Orders {
 
 /// Middle and half of a range of temperatures.
 fn mapped(degc: &[f64]) -> (f64, f64) {
-    let [low, high] = range(degc);
+    let [low, high] = extremes(degc.iter().copied());
     (0.5 * (low + high), (0.5 * (high - low)).max(f64::MIN_POSITIVE))
 }
 
@@ -347,10 +348,6 @@ impl Joint {
     }
 }
 
-fn range(values: &[f64]) -> [f64; 2] {
-    values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)])
-}
-
 /// One sweep.
 ///
 /// # Errors
@@ -378,7 +375,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
         .filter_map(|name| Some((name.clone(), run.temperatures.channel(name)?)))
         .filter(|(_, series)| {
             let seen: Vec<f64> = used.iter().map(|p| interpolate(series, p.t_s())).collect();
-            let [low, high] = range(&seen);
+            let [low, high] = extremes(seen.iter().copied());
             high - low > LEAST_RANGE_K
         })
         .collect();
@@ -474,7 +471,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
         all
     };
     let found = propagate(coefficients, &joint.stacked(), &noise.covariance())?;
-    let valid_degc = range(&degc);
+    let valid_degc = extremes(degc.iter().copied());
     let mut polynomials: Vec<TemperaturePolynomial> = Vec::new();
     let mut from = 0;
     for k in 0..QUANTITIES.len() {
@@ -740,7 +737,7 @@ fn describe(
 ) -> (Curve, QuantityPart) {
     let apart: Vec<&WindowFit> = windows.iter().step_by(WINDOW).collect();
     let residual: Vec<f64> = apart.iter().map(|w| w.values[k] - polynomial.evaluate(w.temperature_degc[1]).0).collect();
-    let [min_error, max_error] = range(&residual);
+    let [min_error, max_error] = extremes(residual.iter().copied());
     let [low, high] = polynomial.valid_degc;
     let band = (0..BAND).map(|i| {
         let t = low + (high - low) * i as f64 / (BAND - 1) as f64;

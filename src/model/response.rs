@@ -2,6 +2,7 @@
 //!
 //! [`RESPONSES`] lists the shapes. A further one is one entry there; a further factor is one variant of [`Factor`].
 
+use crate::fit::scalar::bisect;
 use serde::Serialize;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
@@ -271,13 +272,7 @@ impl Response {
                 return None;
             }
         }
-        while high - low > CORNER_ACCURACY * high {
-            let middle = 0.5 * (low + high);
-            if middle <= low || middle >= high {
-                break;
-            }
-            if self.value(middle, parameters) > FRAC_1_SQRT_2 { low = middle } else { high = middle }
-        }
+        let [low, high] = bisect(|f| self.value(f, parameters) > FRAC_1_SQRT_2, [low, high], CORNER_ACCURACY);
         Some(0.5 * (low + high))
     }
 

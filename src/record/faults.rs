@@ -1,7 +1,7 @@
 //! Damaged data, kept apart from physics.
 
-use crate::data::plateau::median;
 use crate::data::run::{Run, SlowTable};
+use crate::fit::statistics::median;
 use nalgebra::DMatrix;
 
 /// A jump of this many times the usual size of such steps, in standard deviations.

@@ -1,12 +1,13 @@
 //! A run as rows with covariates, and the linear model that is fitted to them before anything is missed.
 
 use super::faults;
-use crate::data::plateau::{Plateau, Plateaus, median};
+use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate};
 use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
 use crate::fit::colour::Inside;
 use crate::fit::smooth::smoothed;
+use crate::fit::statistics::{extent, extremes, median};
 use crate::model::effects::record::{Channel, Step};
 use crate::model::effects::thermal_lag::shifted;
 use crate::model::effects::{Record, Row, Thermal};
@@ -126,7 +127,8 @@ impl Scene {
             // A sweep names its thermistors as it likes: the first one that moves is the sensor's.
             if sensor.is_none() { sensor = Some(other) } else { thermistors.push(other) }
         }
-        let with_temperature = kind == Kind::Sweep && sensor.as_ref().is_some_and(|c| range(&c.values) > LEAST_RANGE_K);
+        let with_temperature =
+            kind == Kind::Sweep && sensor.as_ref().is_some_and(|c| extent(c.values.iter().copied()) > LEAST_RANGE_K);
         let triple = VARIOMETER.map(|name| at_rows(&run.channels, name));
         let variometer = match triple {
             [Some(x), Some(y), Some(z)] => Some([x, y, z]),
@@ -233,7 +235,7 @@ impl Scene {
     /// What the model of a sweep leaves of the readings with other temperatures of the rows: the sum of its squares, enT².
     #[must_use]
     pub fn squares_with(&self, readings: &DMatrix<f64>, degc: &[f64]) -> f64 {
-        let (low, high) = extremes(degc);
+        let [low, high] = extremes(degc.iter().copied());
         let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(f64::MIN_POSITIVE));
         let q = thermal_design(&self.record.rows, |i| (degc[i] - middle) / half).qr().q();
         (readings - &q * q.tr_mul(readings)).norm_squared()
@@ -384,15 +386,6 @@ fn previous_fields(list: &[Plateau], parts: &[Part]) -> Vec<[f64; 3]> {
         .collect()
 }
 
-fn extremes(values: &[f64]) -> (f64, f64) {
-    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)))
-}
-
-fn range(values: &[f64]) -> f64 {
-    let (low, high) = extremes(values);
-    high - low
-}
-
 /// A channel as means over the time of each part.
 fn channel(table: &SlowTable, name: &str, parts: &[Part], smooth: impl Fn(&[(f64, f64)]) -> Vec<(f64, f64)>) -> Option<Channel> {
     let series = smooth(&table.channel(name).filter(|s| s.len() > 1)?);
@@ -413,7 +406,7 @@ fn channel(table: &SlowTable, name: &str, parts: &[Part], smooth: impl Fn(&[(f64
 }
 
 fn set_temperature(record: &mut Record, degc: Vec<f64>) {
-    let (low, high) = extremes(&degc);
+    let [low, high] = extremes(degc.iter().copied());
     record.thermal = Some(Thermal {
         middle_degc: 0.5 * (low + high),
         half_k: (0.5 * (high - low)).max(f64::MIN_POSITIVE),

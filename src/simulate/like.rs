@@ -219,7 +219,7 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
             let white_ent = std::array::from_fn(|i| {
                 let of = |a: &parameter::AmplitudePart| Some(a.b_std_ent[i] * (a.samples? as f64 / 2.0).sqrt());
                 let mut all: Vec<f64> = fpf.amplitude.iter().filter_map(of).filter(|s| s.is_finite()).collect();
-                if all.is_empty() { 0.0 } else { crate::data::plateau::median(&mut all) }
+                if all.is_empty() { 0.0 } else { crate::fit::statistics::median(&mut all) }
             });
             let tones = fpf.amplitude.iter().filter_map(|a| Some((a.frequency_hz, a.b_ent, a.phase_deg?, a.phase_counter?)));
             Ok((Model::Freq { rate_hz, tones: tones.collect() }, white_ent))

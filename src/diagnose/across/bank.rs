@@ -1,10 +1,11 @@
 //! What may be wrong between runs.
 
-use super::scene::{Candidate, Scene, count, extent, numbered, scaled, thermal_order};
+use super::scene::{Candidate, Scene, count, numbered, scaled, thermal_order};
 use super::values::RunValues;
 use super::{CLASSES, LEAST_AGREEING};
 use crate::data::units::COMPONENTS;
 use crate::diagnose::result::NotIdentifiable;
+use crate::fit::statistics::extent;
 use crate::measure::coil::tilt::Family;
 use crate::model::effects::Spec;
 use nalgebra::DMatrix;

@@ -4,9 +4,9 @@ use super::values::RunValues;
 use super::{CLASSES, CONTRADICTED, axis_of};
 use crate::diagnose::result::Gap;
 use crate::fit::scan::{Fitted, Group};
+use crate::fit::statistics::{chi2_tail, extent};
 use crate::model::effects::Spec;
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// Values without parameters that stand for known uncertainties: those of a run are known to a tenth or so themselves.
 const MOST_ANCHORS: f64 = 40.0;
@@ -38,11 +38,6 @@ pub struct Scene<'a> {
     pub std: DVector<f64>,
     pub nuisance: DMatrix<f64>,
     pub anchors: [usize; 3],
-}
-
-pub fn extent(values: impl Iterator<Item = f64>) -> f64 {
-    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-    (high - low).max(0.0)
 }
 
 /// Indices of equal things, in the order of their first appearance.
@@ -168,7 +163,7 @@ impl<'a> Scene<'a> {
             for further in std::iter::once(None).chain(bank.iter().map(Some)) {
                 let terms: Vec<&Candidate> = facility.iter().copied().chain(further).collect();
                 let (sum, freedom) = self.left(class, &terms);
-                let p = if freedom < 0.5 { 1.0 } else { ChiSquared::new(freedom).map_or(1.0, |d| d.sf(sum)) };
+                let p = if freedom < 0.5 { 1.0 } else { chi2_tail(sum, freedom) };
                 if best.is_none_or(|b| p > b) {
                     best = Some(p);
                     squares = (sum, freedom);

@@ -5,12 +5,12 @@ use super::sines::Sines;
 use super::{DOUBTFUL, FALSE_ALARM, Found, LEAST_SHIFT};
 use crate::fit::aicc;
 use crate::fit::scan::orthonormal;
+use crate::fit::statistics::fisher_tail;
 use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use rayon::prelude::*;
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 /// Poles that are tried, Hz: the first, their ratio, and their number.
 const FIRST_POLE_HZ: f64 = 3.0;
@@ -138,7 +138,7 @@ impl Entry {
 /// Probability that noise alone decreases its squares as much by so many columns.
 fn tail(drop: f64, count: f64, squares: f64, dof: f64) -> f64 {
     let f = drop / count / ((squares - drop).max(f64::MIN_POSITIVE) / (dof - count));
-    FisherSnedecor::new(count, dof - count).map_or(1.0, |d| d.sf(f)).max(f64::MIN_POSITIVE)
+    fisher_tail(f, [count, dof - count]).max(f64::MIN_POSITIVE)
 }
 
 impl Fit {

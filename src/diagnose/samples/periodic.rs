@@ -5,7 +5,8 @@ mod waves;
 
 use super::{Inside, SIGNIFICANT, demean, interval_s, remove, remove_raw, rms};
 use crate::diagnose::APART;
-use crate::fit::scan::{log_tail, orthonormal};
+use crate::fit::scan::orthonormal;
+use crate::fit::statistics::log_chi2_tail;
 use crate::model::effects::{Record, Spec};
 use crate::record::scene::{Samples, Scene};
 use nalgebra::{DMatrix, DVector};
@@ -94,7 +95,7 @@ fn level(values: &mut [f64], samples: &Samples, windows: &[[usize; 2]]) {
     let fitted = &base * base.tr_mul(&slopes);
     // Slopes that do not follow tell their noise.
     let noise = (slopes - &fitted).norm_squared() / (windows.len() - count) as f64;
-    if log_tail(fitted.norm_squared() / noise, count as f64) < SIGNIFICANT.ln() {
+    if log_chi2_tail(fitted.norm_squared() / noise, count as f64) < SIGNIFICANT.ln() {
         for (i, [from, to]) in windows.iter().enumerate() {
             let slope = fitted[i] / squares[i].max(f64::MIN_POSITIVE).sqrt();
             (*from..*to).for_each(|k| values[k] -= slope * along(i, k));

@@ -7,6 +7,8 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
+use crate::fit::scalar::minimum_by_thirds;
+
 use super::{BINS, Basis, LEAST_COVERAGE, Oscillator, Turn, check, local_noise_std, periodogram, stretch};
 
 /// Distance of a bin from 0 and half of the rate, in cycles over the stretch: offset and mirrored sine took their share below.
@@ -122,12 +124,8 @@ impl Spectrum {
         };
         let tried = corners.iter().map(|corner| at(*corner)).min_by(|a, b| a.0.total_cmp(&b.0));
         let Some((_, coarse)) = tried.filter(|(_, best)| best.corner > 0.0) else { return at(0.0).1 };
-        let (mut low, mut high) = (coarse.corner / CORNER_RATIO, coarse.corner * CORNER_RATIO);
-        for _ in 0..THIRDS {
-            let (left, right) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
-            (low, high) = if at(left).0 < at(right).0 { (low, right) } else { (left, high) };
-        }
-        at(0.5 * (low + high)).1
+        let around = [coarse.corner / CORNER_RATIO, coarse.corner * CORNER_RATIO];
+        at(minimum_by_thirds(|corner| at(corner).0, around, THIRDS)).1
     }
 
     fn agrees(&self, bins: &Bins) -> bool {

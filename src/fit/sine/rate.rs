@@ -7,6 +7,7 @@
 use std::f64::consts::TAU;
 
 use crate::fit::order::excess;
+use crate::fit::scalar::minimum_by_thirds;
 
 use super::{Fit, Oscillator, Residue, SineRefusal, Turn, check, noise_near, stretch};
 
@@ -504,12 +505,7 @@ fn cut<'a>(packets: &[Packet<'a>], most: f64, rate_hz: f64) -> Vec<Packet<'a>> {
 
 /// The bottom of a valley within a step of `centre`, by thirds, and its depth.
 fn bottom(cost: &impl Fn(f64) -> f64, centre: f64, step: f64) -> (f64, f64) {
-    let (mut low, mut high) = (centre - step, centre + step);
-    for _ in 0..THIRDS {
-        let (left, right) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
-        (low, high) = if cost(left) < cost(right) { (low, right) } else { (left, high) };
-    }
-    let at = 0.5 * (low + high);
+    let at = minimum_by_thirds(cost, [centre - step, centre + step], THIRDS);
     (at, cost(at))
 }
 

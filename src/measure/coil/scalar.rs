@@ -2,13 +2,13 @@
 //! temperatures do to them (CH-GFZ-TR-2601 section 6; mathematics.md section 5).
 
 use super::{ANGLES, AXES, CoilError};
-use crate::data::plateau::median;
 use crate::data::result::Covariance;
 use crate::data::run::{Run, ScalarRow, interpolate};
 use crate::files::campaign::Campaign;
 use crate::files::parameter::{
     CoilConvention, CoilScalar, FacilityPart, ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity,
 };
+use crate::fit::statistics::{extremes, median};
 use crate::fit::{FitError, Limits, Model, NonlinearSolution, linear, nonlinear};
 use crate::model::coil::Coil;
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
@@ -240,10 +240,6 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
-    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
-}
-
 /// Mean over the runs, on the tenth of a kelvin, as reference.
 fn reference(degc: &[Vec<f64>]) -> f64 {
     let means: Vec<f64> = degc.iter().map(|d| mean(d)).collect();
@@ -331,7 +327,7 @@ pub fn scalar(runs: &[(&Run, &Campaign)], options: &Options) -> Result<Scalar, C
     let used_rows: Vec<&Observation> = rows.iter().filter(own).collect();
     let names = wanted.names();
     let covariance = solution.covariance();
-    let flat = |degc: &Option<Vec<Vec<f64>>>| degc.as_ref().map(|d| range(d.iter().flatten().copied()));
+    let flat = |degc: &Option<Vec<Vec<f64>>>| degc.as_ref().map(|d| extremes(d.iter().flatten().copied()));
     let parameters = CoilScalar {
         convention: CoilConvention::of(
             "F = |C (S u) + o|, S the scale factors, u the settings, o the offset fields, C the unit vectors along the coils as columns; S changes by the factor 1 + per_k dT, o by per_k dT",
@@ -363,7 +359,7 @@ pub fn scalar(runs: &[(&Run, &Campaign)], options: &Options) -> Result<Scalar, C
         calibration,
         outlier,
         valid: ScalarValidity {
-            modulus_nt: range(used_rows.iter().map(|r| r.scalar.modulus_nt)),
+            modulus_nt: extremes(used_rows.iter().map(|r| r.scalar.modulus_nt)),
             coil_degc: flat(&coil_degc),
             rack_degc: flat(&rack_degc),
         },
@@ -388,7 +384,7 @@ pub fn scalar(runs: &[(&Run, &Campaign)], options: &Options) -> Result<Scalar, C
 /// Whether there are enough calibrations at temperatures that differ.
 fn differ(degc: &Option<Vec<Vec<f64>>>, runs: usize, least: usize) -> bool {
     let Some(degc) = degc else { return false };
-    let [low, high] = range(degc.iter().map(|d| mean(d)));
+    let [low, high] = extremes(degc.iter().map(|d| mean(d)));
     runs >= least && high - low >= LEAST_RANGE_K
 }
 

@@ -1,8 +1,7 @@
 //! Spectra of what the means of the plateaus leave: lines, and combs of lines, that noise makes seldom.
 
-use super::super::two_sided;
 use super::HARMONICS;
-use crate::fit::scan::log_tail;
+use crate::fit::statistics::{log_chi2_tail, median, two_sided_tail};
 use crate::model::effects::pulse_harmonic;
 use crate::record::scene::Samples;
 use rayon::prelude::*;
@@ -161,7 +160,7 @@ impl Noise {
 
     /// Median level of an axis.
     pub fn usual_level(&self, axis: usize) -> f64 {
-        crate::data::plateau::median(&mut self.levels[axis].clone())
+        median(&mut self.levels[axis].clone())
     }
 }
 
@@ -307,10 +306,11 @@ impl Lines<'_> {
 /// Logarithm of the probability that noise makes as much along a switched signal, on an axis or on all: from the chi squares of the axes.
 pub fn log_p_of_switched(gains: [f64; 3]) -> f64 {
     let most = gains.iter().fold(0.0, |m: f64, g| m.max(*g));
-    two_sided(most.sqrt()).ln().min(log_tail(gains.iter().sum(), 3.0))
+    two_sided_tail(most.sqrt()).max(f64::MIN_POSITIVE).ln().min(log_chi2_tail(gains.iter().sum(), 3.0))
 }
 
-/// Logarithm of the probability that a sum of `count` exponential powers is larger than `x`.
+/// Logarithm of the probability that a sum of `count` exponential powers is larger than `x`: the finite sum of Erlang's distribution,
+/// asked for at every line of a spectrum. The tail of statrs is less than a double can hold where a line is strong.
 fn log_gamma_tail(count: usize, x: f64) -> f64 {
     let (mut term, mut sum) = (1.0, 1.0);
     for i in 1..count {
@@ -326,7 +326,7 @@ fn weights(values: &[f64], windows: &[[usize; 2]]) -> Vec<f64> {
     let squares = windows.iter().map(|[from, to]| values[*from..*to].iter().map(|v| v * v).sum::<f64>());
     let mut variances: Vec<f64> = squares.zip(&counts).map(|(sum, n)| sum / n.max(1.0)).collect();
     // Readings that do not move say nothing about noise.
-    let least = LEAST_VARIANCE * crate::data::plateau::median(&mut variances.clone());
+    let least = LEAST_VARIANCE * median(&mut variances.clone());
     variances.iter_mut().for_each(|v| *v = v.max(least).max(f64::MIN_POSITIVE));
     let mean = variances.iter().zip(&counts).map(|(v, n)| n / v).sum::<f64>() / counts.iter().sum::<f64>();
     variances.iter().map(|v| 1.0 / (v * mean)).collect()
