@@ -2,9 +2,11 @@
 
 use crate::common;
 
-use common::check::{Case, calfit, says, text, tree};
+use common::check::{Case, calfit, parameters, says, text, three, tree};
+use flate2::read::GzDecoder;
 use serde_json::Value;
 use std::fs;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 use std::time::Duration;
@@ -87,6 +89,54 @@ fn a_cubic_of_one_axis_is_named() {
     let sigma = truth["parameters"]["sigma"][0].as_f64().unwrap();
     let c3 = truth["effects"]["cubic_nonlinearity"]["c3_per_nt2"].as_f64().unwrap() * sigma * sigma;
     near(&steps(&found)[0], "c3_x", "enT/enT^3", c3, 0.0);
+}
+
+/// A case with its rack temperature under a channel that `campaign.toml` names, in a folder of its own.
+fn with_rack_channel(case: &str, channel: &str) -> Case {
+    let dir = Case::new();
+    let mut run = String::new();
+    GzDecoder::new(fs::File::open(data(&format!("{case}.CCR.gz"))).unwrap()).read_to_string(&mut run).unwrap();
+    dir.put(&format!("{case}/10-00-00.CCR"), run.replace("t,T59,T29,T55", &format!("t,T59,T29,{channel}")));
+    dir.put("campaign.toml", format!("rack_temperature_channel = \"{channel}\"\n"));
+    dir
+}
+
+/// Runs a command on the folder, which must succeed; its messages.
+fn on_folder(dir: &Case, command: &str, arguments: &[&str]) -> String {
+    let mut calfit = calfit();
+    let calfit = calfit.timeout(PATIENCE).arg(command).arg(dir.campaign()).arg("-o").arg(dir.out()).arg("--no-plots");
+    let output = calfit.args(arguments).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    text(&output.stderr)
+}
+
+/// The rack temperature is what the campaign says it is: no thermistor of the sensor, and a covariate like that of the usual channel.
+#[test]
+fn the_channel_of_the_rack_temperature_is_that_of_the_campaign() {
+    let with = |channel: &str| {
+        let dir = with_rack_channel("26-05-02", channel);
+        on_folder(&dir, "diagnose", &[]);
+        let mut found = written("26-05-02", &dir.out());
+        found.as_object_mut().unwrap().remove("provenance").unwrap();
+        serde_json::from_str::<Value>(&found.to_string().replace(channel, "RACK")).unwrap()
+    };
+    let (usual, named) = (with("T55"), with("T70"));
+    assert_eq!(usual, named);
+    assert!(usual["detection_limits"].as_array().unwrap().iter().any(|l| l["effect"] == "rack_temperature"));
+}
+
+#[test]
+fn a_known_influence_of_the_rack_is_taken_off_by_the_channel_of_the_campaign() {
+    let named = with_rack_channel("26-05-04", "T70");
+    let model = named.path().join("model.toml").display().to_string();
+    on_folder(&named, "diagnose", &["--write-model", &model]);
+    let offset = |dir: &Case| {
+        let messages = on_folder(dir, "lin", &["--model", &model]);
+        assert!(!messages.contains("not taken off"), "{messages}");
+        let file = dir.out().join("26-05-04_10-00-00/PARAMETER_LIN__26-05-04_10-00-00.CPF");
+        three(&parameters(&file), "offset.b_or_ent")
+    };
+    assert_eq!(offset(&with_rack_channel("26-05-04", "T55")), offset(&named));
 }
 
 #[test]

@@ -15,8 +15,6 @@ use crate::record::conditions::apply_facility;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use std::borrow::Cow;
 
-/// Default channel of the temperature of the facility's electronics.
-const RACK_CHANNEL: &str = "T55";
 /// Channels of the variometer.
 const VARIOMETER: [&str; 3] = ["VARX", "VARY", "VARZ"];
 /// A sensor temperature that moves by this much is a polynomial in the model of a sweep, K.
@@ -117,12 +115,13 @@ impl Scene {
         let span_s = [parts[0].used_s[0], parts[parts.len() - 1].used_s[1]];
         let (faults, temperatures) = faults::thermistors(run, span_s);
         let (sensor_name, coil_name) = campaign.channels(&run.header);
+        let rack_name = campaign.rack_channel();
         let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts, <[(f64, f64)]>::to_vec);
         // Thermal masses are slow, their thermistors noisy.
         let degc = |name: &str| channel(&temperatures, name, &parts, smoothed);
         let mut sensor = degc(&sensor_name);
         let mut thermistors = Vec::new();
-        for name in temperatures.names.iter().filter(|n| **n != sensor_name && **n != coil_name && *n != RACK_CHANNEL) {
+        for name in temperatures.names.iter().filter(|n| **n != sensor_name && **n != coil_name && *n != rack_name) {
             let Some(other) = degc(name) else { continue };
             // A sweep names its thermistors as it likes: the first one that moves is the sensor's.
             if sensor.is_none() { sensor = Some(other) } else { thermistors.push(other) }
@@ -155,7 +154,7 @@ impl Scene {
             sensor,
             thermistors,
             coil: degc(&coil_name),
-            rack: degc(RACK_CHANNEL),
+            rack: degc(rack_name),
             variometer,
             others: others.filter_map(|name| at_rows(&run.channels, name)).collect(),
             thermal: None,
