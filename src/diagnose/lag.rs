@@ -8,13 +8,14 @@ use super::steps::{bars, gap, runners};
 use super::words;
 use crate::data::run::interpolate;
 use crate::data::units::COMPONENTS;
-use crate::model::effects::thermal_lag::shifted;
-use crate::model::effects::{self, Row, Spec};
+use crate::model::effects::{self, Row, thermal_lag};
+use crate::model::lag::{self, Lag};
 use crate::record::scene::Scene;
 use nalgebra::DMatrix;
+use std::convert::Infallible;
 
-/// A lag is looked for to this step, s: far below what its readings tell, so that a strong one leaves nothing.
-const FINE_LAG_S: f64 = 0.05;
+/// Longest lag that is looked for, as a part of the record: that of the terms of the catalogue.
+const LONGEST_PART: f64 = 0.2;
 
 /// Looks for a lag of the thermistor and, if there is one, gives the scene the temperatures of the part that matters.
 pub(super) fn find(
@@ -23,10 +24,11 @@ pub(super) fn find(
     given: &[Candidate],
     number: usize,
 ) -> Option<(Step, Branches, Evidence)> {
-    let series = scene.record.sensor.as_ref()?.series.clone();
+    let course = scene.record.sensor.as_ref()?.course.clone();
+    let series = &course.series;
     let times: Vec<f64> = scene.record.rows.iter().map(Row::t_s).collect();
-    let degc = |form: &str, lag_s: f64| -> Vec<f64> {
-        let lagged = shifted(&series, form, lag_s);
+    let degc = |lag: Lag| -> Vec<f64> {
+        let lagged = lag.of(&course);
         times.iter().map(|t| interpolate(&lagged, *t)).collect()
     };
     let squares = |degc: Vec<f64>| scene.squares_with(readings, &degc);
@@ -40,49 +42,24 @@ pub(super) fn find(
         return None;
     }
     let rival = explanations.first().filter(|e| e.key != "thermal_lag").map(|e| &search.bank[e.best]);
-    // Each form with its best lag.
-    let before = squares(degc("delay", 0.0));
-    let length = scene.record.span_s[1] - scene.record.span_s[0];
-    let mut found: Option<(f64, &str, f64)> = None;
-    for (form, sign) in [("delay", 1.0), ("delay", -1.0), ("first order", 1.0), ("inverse first order", 1.0)] {
-        let mut best = (f64::INFINITY, 0.0);
-        let mut lag = 30.0;
-        while lag < 0.2 * length {
-            let sum = squares(degc(form, sign * lag));
-            if sum < best.0 {
-                best = (sum, lag);
-            }
-            lag *= 1.25;
-        }
-        let mut width = 0.2 * best.1;
-        while width > FINE_LAG_S {
-            for side in [-1.0, 1.0] {
-                let other = best.1 + side * width;
-                let sum = if other > 0.0 { squares(degc(form, sign * other)) } else { f64::INFINITY };
-                if sum < best.0 {
-                    best = (sum, other);
-                }
-            }
-            width *= 0.6;
-        }
-        if found.is_none_or(|f| best.0 < f.0) {
-            found = Some((best.0, form, sign * best.1));
-        }
-    }
-    let (after, form, lag_s) = found?;
+    // All components count alike, with the noise that the model leaves.
     let freedom = (3 * readings.nrows()) as f64;
+    let left = freedom - 3.0 * scene.design.ncols() as f64;
+    let length = scene.record.span_s[1] - scene.record.span_s[0];
+    let deviance = |lag: Lag| Ok::<f64, Infallible>(left * squares(degc(lag)).ln());
+    let Ok(found) = lag::search(LONGEST_PART * length, deviance);
+    let [delay, time_constant] = found;
+    let most_likely = if delay.deviance <= time_constant.deviance { delay } else { time_constant };
+    let (lag, lag_s) = (most_likely.lag, most_likely.lag.seconds());
+    let (before, after) = (squares(degc(Lag::Delay(0.0))), squares(degc(lag)));
     if after >= before {
         return None;
     }
-    // Where a second more or less costs as much as the noise: the curvature of the squares.
-    let h = 0.05 * lag_s.abs().max(20.0);
-    let curvature = (squares(degc(form, lag_s + h)) + squares(degc(form, lag_s - h)) - 2.0 * after) / (h * h);
-    let variance = after / (freedom - 3.0 * scene.design.ncols() as f64);
     // The instants of the thermistor's readings are known to one reading.
     let interval_s = (series[series.len() - 1].0 - series[0].0) / (series.len() - 1).max(1) as f64;
-    let std_s = (2.0 * variance / curvature.max(f64::MIN_POSITIVE) + interval_s * interval_s / 12.0).sqrt();
+    let std_s = (most_likely.std_s.powi(2) + interval_s * interval_s / 12.0).sqrt();
     let strength = (freedom * (before / after).ln()).max(0.0).sqrt();
-    let spec = Spec::new(form, &[0, 1, 2]).with("lag", lag_s, "s");
+    let spec = thermal_lag::spec(lag);
     let held_before = search.held_out(&state.noise, &now);
     let p_value = best.score.p_value();
     let nt_per_ent = scene.nt_per_ent;
@@ -96,7 +73,7 @@ pub(super) fn find(
         Some((noise, sum))
     });
     let mut lagged = scene.clone();
-    lagged.with_temperatures(degc(form, lag_s));
+    lagged.with_temperatures(degc(lag));
     let search = Search::new(&lagged, readings.clone());
     // A strong lag is no line, so that what bends freely may follow its line better: the lag itself has to predict more.
     if beside_rival.is_some_and(|(noise, sum)| search.held_out(&noise, &now).sum >= sum) {
@@ -112,7 +89,7 @@ pub(super) fn find(
         &branches::Side { record: &lagged.record, residual_ent: &held_after.residual_ent },
         row_std[0],
         &name,
-        &series,
+        series,
         number,
     );
     let step = Step {
@@ -131,7 +108,7 @@ pub(super) fn find(
         wording: if strength > CERTAIN { "is" } else { "consistent with" },
         runners_up,
         next_measurement: None,
-        sentence: words::lag(&name, form, lag_s, std_s, &gap_before, &gap_after),
+        sentence: words::lag(&name, lag.form(), lag_s, std_s, &gap_before, &gap_after),
         covariate: None,
         shape: Vec::new(),
         form: spec,

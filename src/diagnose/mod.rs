@@ -84,9 +84,9 @@ pub fn run(
         .filter(|p| p.setting.frequency_hz == 0.0)
         .map(|p| [p.setting.t_start_s, p.setting.t_end_s])
         .collect();
-    let known_lag = options.given.iter().find(|g| g.id == "thermal_lag");
+    let known_lag = options.given.iter().find_map(Given::thermal_lag);
     if let Some(lag) = known_lag {
-        scene.follow(&lag.spec.form, lag.spec.get("lag").unwrap_or(0.0));
+        scene.follow(lag);
     }
     let between = options.given.iter().filter(|g| !g.is_inside() && g.id != "thermal_lag");
     let given: Vec<Candidate> = between.filter_map(|g| candidate(&scene.record, g.id, &g.spec)).collect();

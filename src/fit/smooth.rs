@@ -3,14 +3,46 @@
 //! What follows from a temperature, a field of some nT per kelvin, takes its noise along: a thermistor that scatters by 0.01 K makes
 //! a column that scatters as well, and a fit to it finds too little. A thermal mass is smooth over minutes.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
 
 /// Readings on either side that are tried, beside the series as it is.
 const REACHES: [usize; 8] = [2, 4, 8, 16, 32, 64, 128, 256];
 
+/// Readings on either side over which a rate is taken where the readings need no smoothing.
+const LEAST_REACH: usize = 2;
+
+/// A slow quantity in the course of time.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Course {
+    /// Time, s, and value; ascending in time.
+    pub series: Vec<(f64, f64)>,
+    /// Rate of change at each of these times, per second.
+    pub rate_per_s: Vec<f64>,
+}
+
+impl Course {
+    /// The smooth course of noisy readings, (s, value), ascending in time.
+    #[must_use]
+    pub fn smooth(readings: &[(f64, f64)]) -> Self {
+        let (reach, series) = best(readings);
+        Self { rate_per_s: rates(readings, reach.unwrap_or(LEAST_REACH)), series }
+    }
+
+    /// Readings as they are, with the rates of the curve through them.
+    #[must_use]
+    pub fn exact(readings: Vec<(f64, f64)>) -> Self {
+        Self { rate_per_s: rates(&readings, LEAST_REACH), series: readings }
+    }
+}
+
 /// The smooth course of a series, (time, value), ascending in time.
 #[must_use]
 pub fn smoothed(series: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    best(series).1
+}
+
+/// The reach whose parabolas predict left-out readings best, `None` if two neighbours do, with the smooth values.
+fn best(series: &[(f64, f64)]) -> (Option<usize>, Vec<(f64, f64)>) {
     // Two neighbours predict a reading without any smoothing.
     let between: f64 = (1..series.len().saturating_sub(1))
         .map(|i| {
@@ -19,14 +51,42 @@ pub fn smoothed(series: &[(f64, f64)]) -> Vec<(f64, f64)> {
             (v - v0 - part * (v1 - v0)).powi(2)
         })
         .sum();
-    let mut best = (between, series.to_vec());
+    let mut best = (between, None, series.to_vec());
     for reach in REACHES.into_iter().filter(|r| series.len() > 2 * *r + 1) {
         let (error, values) = parabolas(series, reach);
         if error < best.0 {
-            best = (error, values);
+            best = (error, Some(reach), values);
         }
     }
-    best.1
+    (best.1, best.2)
+}
+
+/// Rates of change by local cubics over so many readings on either side. The parabola that gives the best value lags behind in its
+/// slope: where the window is wide enough for the noise, the third derivative of the course moves the slope of a parabola by more than
+/// the noise does, that of a cubic by nothing.
+fn rates(series: &[(f64, f64)], reach: usize) -> Vec<f64> {
+    let n = series.len();
+    let slope = |i: usize| {
+        let window = &series[i.saturating_sub(reach)..(i + reach + 1).min(n)];
+        let (at_s, value) = series[i];
+        let scale = (window[window.len() - 1].0 - window[0].0).max(f64::MIN_POSITIVE);
+        let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
+        for (t, v) in window {
+            let x = (t - at_s) / scale;
+            let row = Vector4::new(1.0, x, x * x, x * x * x);
+            normal += row * row.transpose();
+            right += row * (v - value);
+        }
+        let cubic = (window.len() > 4).then(|| normal.try_inverse()).flatten();
+        cubic.map_or_else(|| chord(series, i), |inverse| (inverse * right)[1] / scale)
+    };
+    (0..n).map(slope).collect()
+}
+
+/// Rate between the neighbours of a reading; zero where there are none.
+fn chord(series: &[(f64, f64)], i: usize) -> f64 {
+    let (a, b) = (series[i.saturating_sub(1)], series[(i + 1).min(series.len() - 1)]);
+    if b.0 > a.0 { (b.1 - a.1) / (b.0 - a.0) } else { 0.0 }
 }
 
 /// Squares of the errors of readings predicted by the others in their windows, and the smooth values; ends do not count.

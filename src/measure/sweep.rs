@@ -15,10 +15,11 @@ use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run, interpolate};
 use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
-use crate::files::parameter::{LagPart, QuantityPart, Rotation, SweepPart, ThermalConvention, ThermalHead, Tpf};
+use crate::files::parameter::{LagForm, LagPart, QuantityPart, Rotation, SweepPart, ThermalConvention, ThermalHead, Tpf};
+use crate::fit::smooth::Course;
 use crate::fit::statistics::extremes;
 use crate::fit::{FitError, Limits, NORMAL_95, Solution, aicc, linear, propagate};
-use crate::model::lag;
+use crate::model::lag::{self, Lag};
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::model::sensor::{Linear, Split, split};
 use crate::record::conditions::{self, Temperatures};
@@ -34,16 +35,10 @@ const ORDERS: std::ops::RangeInclusive<usize> = 1..=3;
 /// Longest lag that is looked for, s, and as a part of the sweep.
 const MOST_LAG_S: f64 = 2400.0;
 const MOST_LAG_PART: f64 = 0.125;
-/// Steps of the search to it, on either side.
-const LAG_STEPS: i32 = 20;
-/// Steps that enclose a minimum are halved so often.
-const HALVINGS: usize = 7;
-/// A lag of fewer standard uncertainties is none.
-const LAGS: f64 = 4.0;
+/// A lag below this many standard uncertainties is not significant.
+const SIGNIFICANT: f64 = 4.0;
 /// A thermistor must move by this much to tell anything, K.
 const LEAST_RANGE_K: f64 = 5.0;
-/// Form of a lag that was not found in the run.
-const FROM_MODEL: &str = "of the model";
 /// Half of the time over which the rate of a thermistor is taken, s.
 const RATE_S: f64 = 300.0;
 /// Largest condition number of a window.
@@ -140,40 +135,7 @@ impl SweepError {
     }
 }
 
-/// How the part that matters follows a thermistor.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub enum Lag {
-    /// At once.
-    None,
-    /// Later by a time, s; negative is earlier.
-    Delay(f64),
-    /// With a time constant, s; negative if the thermistor follows the part.
-    FirstOrder(f64),
-}
-
-/// What a lag does to a record of temperatures, (s, °C), at a time.
-fn lagged(series: &[(f64, f64)], lag: Lag) -> Vec<(f64, f64)> {
-    match lag {
-        Lag::None => series.to_vec(),
-        Lag::Delay(delay_s) => series.iter().map(|(t, v)| (t + delay_s, *v)).collect(),
-        Lag::FirstOrder(tau_s) if tau_s > 0.0 => {
-            let mut value = series.first().map_or(f64::NAN, |p| p.1);
-            let mut last = series.first().copied().unwrap_or_default();
-            let follow = |&(t, v): &(f64, f64)| {
-                let x = (t - last.0) / tau_s;
-                if x > 0.0 {
-                    value = lag::follow(value, last.1, v, x);
-                }
-                last = (t, v);
-                (t, value)
-            };
-            series.iter().map(follow).collect()
-        }
-        Lag::FirstOrder(tau_s) => series.iter().map(|(t, v)| (*t, v - tau_s * rate_k_per_s(series, *t))).collect(),
-    }
-}
-
-/// Slope of the straight line through the readings around a time, K/s.
+/// Slope of the straight line through the readings around a time, K/s: how fast the temperature moves.
 fn rate_k_per_s(series: &[(f64, f64)], t_s: f64) -> f64 {
     let from = series.partition_point(|(t, _)| *t < t_s - RATE_S);
     let to = series.partition_point(|(t, _)| *t <= t_s + RATE_S);
@@ -409,11 +371,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
     for (name, series) in &channels {
         parts.push(find_lag(name, series, &used, first)?);
     }
-    let known_lag = options.model.as_ref().and_then(Known::thermal_lag).map(|(form, lag_s)| match form {
-        "first order" => Lag::FirstOrder(lag_s),
-        "inverse first order" => Lag::FirstOrder(-lag_s),
-        _ => Lag::Delay(lag_s),
-    });
+    let known_lag = options.model.as_ref().and_then(Known::thermal_lag);
     // The one the campaign names, or the one that the sensor follows best.
     let best = parts.iter().min_by(|a, b| a.residual_std_ent.total_cmp(&b.residual_std_ent)).map(|p| p.channel.clone());
     let named = parts.iter().any(|p| p.channel == own);
@@ -425,15 +383,16 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
     }
     let chosen = parts.iter().position(|p| p.channel == channel).unwrap_or_default();
     if known_lag.is_some() {
-        FROM_MODEL.clone_into(&mut parts[chosen].form);
+        parts[chosen].form = LagForm::OfTheModel;
     }
     let (part, series) = (&parts[chosen], &channels[chosen].1);
-    let best_lag = match part.form.as_str() {
-        "delay" => Lag::Delay(part.delay_s),
-        "first order" => Lag::FirstOrder(part.time_constant_s),
-        _ => Lag::None,
+    let lag = match part.form {
+        LagForm::None => None,
+        LagForm::Delay => Some(Lag::Delay(part.delay_s)),
+        LagForm::FirstOrder => Some(Lag::time_constant(part.time_constant_s)),
+        LagForm::OfTheModel => known_lag,
     };
-    let moved = lagged(series, known_lag.unwrap_or(best_lag));
+    let moved = lag.map_or_else(|| series.clone(), |lag| lag.of(&Course::smooth(series)));
     let degc: Vec<f64> = used.iter().map(|p| interpolate(&moved, p.t_s())).collect();
 
     let orders = match (given("sigma"), given("b_or")) {
@@ -618,58 +577,34 @@ fn choose_orders(used: &[&Plateau], degc: &[f64], response: Option<usize>, offse
 
 /// Delay and time constant with which the sensor follows a thermistor.
 fn find_lag(channel: &str, series: &[(f64, f64)], used: &[&Plateau], orders: Orders) -> Result<LagPart, SweepError> {
-    let squares = |lag: Lag| -> Result<[f64; 3], SweepError> {
-        let moved = lagged(series, lag);
-        let degc: Vec<f64> = used.iter().map(|p| interpolate(&moved, p.t_s())).collect();
-        orders.squares(used, &degc)
-    };
-    // Components count by their noise, as the best fit without a lag leaves it.
-    let none = squares(Lag::None)?;
+    let course = Course::smooth(series);
     let n = used.len() as f64;
+    // Components count by their own noise.
+    let deviance = |lag: Lag| -> Result<f64, SweepError> {
+        let moved = lag.of(&course);
+        let degc: Vec<f64> = used.iter().map(|p| interpolate(&moved, p.t_s())).collect();
+        Ok(orders.squares(used, &degc)?.iter().map(|s| n * (s / n).ln()).sum())
+    };
+    let none = deviance(Lag::Delay(0.0))?;
     let span_s = used.last().map_or(0.0, |p| p.t_s()) - used.first().map_or(0.0, |p| p.t_s());
-    let first_step_s = MOST_LAG_S.min(MOST_LAG_PART * span_s) / f64::from(LAG_STEPS);
-    let deviance = |s: [f64; 3]| s.iter().map(|s| n * (s / n).ln()).sum::<f64>();
-    let search = |form: fn(f64) -> Lag| -> Result<(f64, f64, f64), SweepError> {
-        let cost = |lag_s: f64| squares(form(lag_s)).map(deviance);
-        let mut tried: Vec<(f64, f64)> = Vec::new();
-        for k in -LAG_STEPS..=LAG_STEPS {
-            let lag_s = f64::from(k) * first_step_s;
-            tried.push((lag_s, cost(lag_s)?));
-        }
-        let (mut middle, mut least) = tried.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default();
-        let mut step = first_step_s;
-        for _ in 0..HALVINGS {
-            step *= 0.5;
-            for lag_s in [middle - step, middle + step] {
-                let value = cost(lag_s)?;
-                if value < least {
-                    (middle, least) = (lag_s, value);
-                }
-            }
-        }
-        // The deviance is twice the negative logarithm of the likelihood: its curvature is twice the information.
-        let h = first_step_s;
-        let curvature = (cost(middle + h)? - 2.0 * least + cost(middle - h)?) / (h * h);
-        Ok((middle, if curvature > 0.0 { (2.0 / curvature).sqrt() } else { f64::NAN }, least))
-    };
-    let (delay_s, delay_std_s, delay_deviance) = search(Lag::Delay)?;
-    let (time_constant_s, time_constant_std_s, first_order_deviance) = search(Lag::FirstOrder)?;
-    let (value, std, least, form) = if delay_deviance <= first_order_deviance {
-        (delay_s, delay_std_s, delay_deviance, "delay")
-    } else {
-        (time_constant_s, time_constant_std_s, first_order_deviance, "first order")
-    };
-    let lags = value.abs() > LAGS * std && deviance(none) - least > LAGS * LAGS;
-    let left = if lags { least } else { deviance(none) };
+    let [delay, time_constant] = lag::search(MOST_LAG_S.min(MOST_LAG_PART * span_s), deviance)?;
+    let (best, form) =
+        if delay.deviance <= time_constant.deviance { (delay, LagForm::Delay) } else { (time_constant, LagForm::FirstOrder) };
+    let gain = none - best.deviance;
+    let is_significant = best.lag.seconds().abs() > SIGNIFICANT * best.std_s && gain > SIGNIFICANT * SIGNIFICANT;
+    let left = if is_significant { best.deviance } else { none };
     Ok(LagPart {
         channel: channel.to_owned(),
-        form: if lags { form } else { "none" }.to_owned(),
-        delay_s,
-        delay_std_s,
-        time_constant_s,
-        time_constant_std_s,
-        gain: deviance(none) - least,
-        delay_over_first_order: first_order_deviance - delay_deviance,
+        form: if is_significant { form } else { LagForm::None },
+        delay_s: delay.lag.seconds(),
+        delay_std_s: delay.std_s,
+        time_constant_s: match time_constant.lag {
+            Lag::InverseFirstOrder(tau_s) => -tau_s,
+            lag => lag.seconds(),
+        },
+        time_constant_std_s: time_constant.std_s,
+        gain,
+        delay_over_first_order: time_constant.deviance - delay.deviance,
         // Geometric mean of the components.
         residual_std_ent: (0.5 * left / (3.0 * n)).exp(),
     })
@@ -792,13 +727,8 @@ mod tests {
     }
 
     #[test]
-    fn lags_do_to_a_ramp_what_they_must() {
+    fn the_rate_of_a_ramp_is_its_slope() {
         let ramp: Vec<(f64, f64)> = (0..400).map(|i| (30.0 * f64::from(i), 0.01 * 30.0 * f64::from(i))).collect();
-        let value = |lag: Lag| interpolate(&lagged(&ramp, lag), 9000.0);
-        assert!((value(Lag::None) - 90.0).abs() < 1e-9);
-        assert!((value(Lag::Delay(480.0)) - 85.2).abs() < 1e-9);
-        assert!((value(Lag::FirstOrder(480.0)) - (90.0 - 4.8 * (1.0 - f64::exp(-9000.0 / 480.0)))).abs() < 1e-6);
-        assert!((value(Lag::FirstOrder(-480.0)) - 94.8).abs() < 1e-9);
         assert!((rate_k_per_s(&ramp, 5000.0) - 0.01).abs() < 1e-12);
         assert!(interpolate(&ramp, -5.0) == 0.0 && (interpolate(&ramp, 1e9) - 119.7).abs() < 1e-12);
     }

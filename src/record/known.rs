@@ -15,11 +15,14 @@ use crate::data::units::{COMPONENTS, Reading};
 use crate::files::campaign::Campaign;
 use crate::files::parameter::{Model, ModelEffect};
 use crate::files::text::Group;
+use crate::fit::smooth::Course;
 use crate::model::applied::{AppliedEffect, ModelApplied};
 use crate::model::effects::clock_drift::IN_TIME;
 use crate::model::effects::in_sine::InSine;
 use crate::model::effects::record::Channel;
+use crate::model::effects::thermal_lag::ThermalLag;
 use crate::model::effects::{self, Column, Covariate, Effect, Family, Record, Row, Spec, Thermal, unknown_columns};
+use crate::model::lag::Lag;
 use nalgebra::{Matrix3, Vector3};
 
 /// Readings beyond those of the runs in which an effect was found by more than this part of their range are an extrapolation.
@@ -58,6 +61,12 @@ impl Given {
         let of_others = is_of_one_run(self.id, &self.spec.form) && !self.runs.iter().any(|r| r == run);
         let runs = self.runs.join(", ");
         of_others.then(|| format!("{} holds for the times of the run in which it was found ({runs}) alone", self.id))
+    }
+
+    /// The lag of the thermistor, if it is one.
+    #[must_use]
+    pub fn thermal_lag(&self) -> Option<Lag> {
+        effects::thermal_lag::of(&self.spec).filter(|_| self.id == ThermalLag.id())
     }
 
     /// Whether it shows inside the plateaus and is known from there.
@@ -124,11 +133,10 @@ impl Known {
         format!(" --model {}", self.input.path)
     }
 
-    /// Form and lag of the thermistor, s, if it is among the effects.
+    /// The lag of the thermistor, if it is among the effects.
     #[must_use]
-    pub fn thermal_lag(&self) -> Option<(&str, f64)> {
-        let lag = self.effects.iter().find(|e| e.given.id == "thermal_lag")?;
-        Some((lag.given.spec.form.as_str(), lag.given.spec.get("lag")?))
+    pub fn thermal_lag(&self) -> Option<Lag> {
+        self.effects.iter().find_map(|e| e.given.thermal_lag())
     }
 }
 
@@ -302,7 +310,7 @@ fn specimen(with_temperature: bool) -> Record {
         let series: Vec<(f64, f64)> = (0..ROWS).map(|i| (at(i), i as f64)).collect();
         let values: Vec<f64> = series.iter().map(|(_, v)| *v).collect();
         let mean = values.iter().sum::<f64>() / ROWS as f64;
-        Channel { name: String::new(), series, values, mean }
+        Channel { name: String::new(), course: Course::exact(series), values, mean }
     };
     let field = |i: usize| [i as f64, -(i as f64), 1.0];
     let row = |i: usize| Row {
@@ -362,8 +370,8 @@ pub fn apply(
             return Applied { part, carried };
         }
     };
-    if let Some((form, lag_s)) = known.thermal_lag() {
-        scene.follow(form, lag_s);
+    if let Some(lag) = known.thermal_lag() {
+        scene.follow(lag);
     }
     let mut usable: Vec<&KnownEffect> = Vec::new();
     for effect in &known.effects {
@@ -461,11 +469,11 @@ fn set_tail(record: &mut Record, base: usize, rows: Vec<Row>) {
     let channels = channels.chain(&mut record.thermistors).chain(&mut record.others);
     for channel in channels.chain(record.variometer.iter_mut().flatten()) {
         channel.values.truncate(base);
-        channel.values.extend(times.iter().map(|t| interpolate(&channel.series, *t)));
+        channel.values.extend(times.iter().map(|t| interpolate(&channel.course.series, *t)));
     }
     if let Some(thermal) = &mut record.thermal {
         thermal.degc.truncate(base);
-        thermal.degc.extend(times.iter().map(|t| record.sensor.as_ref().map_or(f64::NAN, |c| interpolate(&c.series, *t))));
+        thermal.degc.extend(times.iter().map(|t| record.sensor.as_ref().map_or(f64::NAN, |c| interpolate(&c.course.series, *t))));
     }
     for i in base..record.rows.len() {
         let response = record.thermal.as_ref().map_or(record.response, |thermal| {

@@ -6,11 +6,11 @@ use crate::data::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate};
 use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
 use crate::fit::colour::Inside;
-use crate::fit::smooth::smoothed;
+use crate::fit::smooth::Course;
 use crate::fit::statistics::{extent, extremes, median};
 use crate::model::effects::record::{Channel, Step};
-use crate::model::effects::thermal_lag::shifted;
 use crate::model::effects::{Record, Row, Thermal};
+use crate::model::lag::Lag;
 use crate::record::conditions::apply_facility;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use std::borrow::Cow;
@@ -116,9 +116,9 @@ impl Scene {
         let (faults, temperatures) = faults::thermistors(run, span_s);
         let (sensor_name, coil_name) = campaign.channels(&run.header);
         let rack_name = campaign.rack_channel();
-        let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts, <[(f64, f64)]>::to_vec);
+        let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts, |readings| Course::exact(readings.to_vec()));
         // Thermal masses are slow, their thermistors noisy.
-        let degc = |name: &str| channel(&temperatures, name, &parts, smoothed);
+        let degc = |name: &str| channel(&temperatures, name, &parts, Course::smooth);
         let mut sensor = degc(&sensor_name);
         let mut thermistors = Vec::new();
         for name in temperatures.names.iter().filter(|n| **n != sensor_name && **n != coil_name && *n != rack_name) {
@@ -247,11 +247,11 @@ impl Scene {
     }
 
     /// Gives a sweep the temperatures of the part that matters, which follows or leads the thermistor.
-    pub fn follow(&mut self, form: &str, lag_s: f64) {
+    pub fn follow(&mut self, lag: Lag) {
         if self.record.thermal.is_some()
             && let Some(sensor) = &self.record.sensor
         {
-            let lagged = shifted(&sensor.series, form, lag_s);
+            let lagged = lag.of(&sensor.course);
             self.with_temperatures(self.record.rows.iter().map(|r| interpolate(&lagged, r.t_s())).collect());
         }
     }
@@ -386,8 +386,9 @@ fn previous_fields(list: &[Plateau], parts: &[Part]) -> Vec<[f64; 3]> {
 }
 
 /// A channel as means over the time of each part.
-fn channel(table: &SlowTable, name: &str, parts: &[Part], smooth: impl Fn(&[(f64, f64)]) -> Vec<(f64, f64)>) -> Option<Channel> {
-    let series = smooth(&table.channel(name).filter(|s| s.len() > 1)?);
+fn channel(table: &SlowTable, name: &str, parts: &[Part], course: impl Fn(&[(f64, f64)]) -> Course) -> Option<Channel> {
+    let course = course(&table.channel(name).filter(|s| s.len() > 1)?);
+    let series = &course.series;
     let values: Vec<f64> = parts
         .iter()
         .map(|p| {
@@ -396,12 +397,12 @@ fn channel(table: &SlowTable, name: &str, parts: &[Part], smooth: impl Fn(&[(f64
             if inside.len() > 2 {
                 inside.iter().map(|(_, v)| v).sum::<f64>() / inside.len() as f64
             } else {
-                interpolate(&series, 0.5 * (begin + end))
+                interpolate(series, 0.5 * (begin + end))
             }
         })
         .collect();
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
-    Some(Channel { name: name.to_owned(), series, values, mean })
+    Some(Channel { name: name.to_owned(), course, values, mean })
 }
 
 fn set_temperature(record: &mut Record, degc: Vec<f64>) {

@@ -2,7 +2,7 @@
 
 use super::{number, remarks, run_line, table, used_file};
 use crate::data::units::{scientific_with_uncertainty, with_uncertainty};
-use crate::files::parameter::{Body, LagPart};
+use crate::files::parameter::{Body, LagForm, LagPart};
 use crate::measure::sweep::Sweep;
 use std::fmt::Write;
 
@@ -36,7 +36,7 @@ pub fn sections(sweep: &Sweep, level: usize) -> String {
             let minutes = |value: f64, std: f64| with_uncertainty(value / 60.0, std / 60.0);
             rows.push(vec![
                 lag.channel.clone(),
-                if lag.channel == p.head.channel { lag.form.clone() } else { "not used".to_owned() },
+                if lag.channel == p.head.channel { lag.form.name().to_owned() } else { "not used".to_owned() },
                 minutes(lag.delay_s, lag.delay_std_s),
                 minutes(lag.time_constant_s, lag.time_constant_std_s),
                 format!("{:.1}", lag.gain),
@@ -88,12 +88,12 @@ fn used_lag(sweep: &Sweep) -> Option<&LagPart> {
 #[must_use]
 pub fn headline(sweep: &Sweep) -> String {
     let [low, high] = sweep.parameters.head.valid_degc;
-    let lag = used_lag(sweep).map_or_else(String::new, |l| match l.form.as_str() {
-        "delay" => format!(", delay {} min", with_uncertainty(l.delay_s / 60.0, l.delay_std_s / 60.0)),
-        "first order" => {
+    let lag = used_lag(sweep).map_or_else(String::new, |l| match l.form {
+        LagForm::Delay => format!(", delay {} min", with_uncertainty(l.delay_s / 60.0, l.delay_std_s / 60.0)),
+        LagForm::FirstOrder => {
             format!(", time constant {} min", with_uncertainty(l.time_constant_s / 60.0, l.time_constant_std_s / 60.0))
         }
-        _ => ", no lag".to_owned(),
+        LagForm::None | LagForm::OfTheModel => ", no lag".to_owned(),
     });
     format!("{low:.1} to {high:.1} °C by {}{lag}", sweep.parameters.head.channel)
 }

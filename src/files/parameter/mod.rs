@@ -36,8 +36,8 @@ pub use null::{
 pub use opf::{Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
 pub use point::{Point, RunPoint, Values, read_point};
 pub use thermal::{
-    JointPart, LagPart, ModelError, QuantityPart, ResidualField, Rotation, SweepPart, Taf, ThermalConvention, ThermalHead, Tof,
-    Tpf,
+    JointPart, LagForm, LagPart, ModelError, QuantityPart, ResidualField, Rotation, SweepPart, Taf, ThermalConvention,
+    ThermalHead, Tof, Tpf,
 };
 pub use thermistor::{ComparedPolynomial, OrderPart, ReferencePart, TableRow, ThermistorConvention, ThermistorFile};
 

@@ -156,13 +156,43 @@ pub struct SweepPart {
     pub model: Option<crate::model::applied::ModelApplied>,
 }
 
+/// What is applied of the lags of a thermistor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LagForm {
+    /// Neither: none is significant.
+    #[serde(rename = "none")]
+    None,
+    /// The delay.
+    #[serde(rename = "delay")]
+    Delay,
+    /// The time constant.
+    #[serde(rename = "first order")]
+    FirstOrder,
+    /// The lag of a model file in their place.
+    #[serde(rename = "of the model")]
+    OfTheModel,
+}
+
+impl LagForm {
+    /// The word of files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            LagForm::None => "none",
+            LagForm::Delay => "delay",
+            LagForm::FirstOrder => "first order",
+            LagForm::OfTheModel => "of the model",
+        }
+    }
+}
+
 /// How the sensor follows a thermistor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LagPart {
     /// Channel.
     pub channel: String,
-    /// `none`, `delay` or `first order`, or `of the model` for the lag of a model file: what was applied if this channel was used.
-    pub form: String,
+    /// What was applied if this channel was used.
+    pub form: LagForm,
     /// Best delay, s: the sensor is that much later than the thermistor, or earlier if negative.
     pub delay_s: f64,
     /// Its standard uncertainty.

@@ -3,6 +3,7 @@
 use super::record::{Channel, Step};
 use super::{Effect, Record, Row, Thermal};
 use crate::data::run::Kind;
+use crate::fit::smooth::Course;
 use nalgebra::Matrix3;
 use std::f64::consts::TAU;
 
@@ -64,7 +65,7 @@ fn channel(name: &str, rows: &[Row], span_s: [f64; 2], value: impl Fn(f64) -> f6
     let series = (0..=400).map(|k| span_s[0] + (span_s[1] - span_s[0]) * f64::from(k) / 400.0).map(|t| (t, value(t))).collect();
     let values: Vec<f64> = rows.iter().map(|r| value(r.t_s())).collect();
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
-    Channel { name: name.to_owned(), series, values, mean }
+    Channel { name: name.to_owned(), course: Course::exact(series), values, mean }
 }
 
 fn record(kind: Kind, rows: Vec<Row>, span_s: [f64; 2], has_samples: bool) -> Record {

@@ -1,6 +1,7 @@
 //! What a run tells about the conditions of each reading: the covariates that effects are functions of.
 
 use crate::data::run::{Kind, interpolate};
+use crate::fit::smooth::Course;
 use nalgebra::{Matrix3, Vector3};
 
 /// Conditions of one reading, or of the mean of the readings of a plateau.
@@ -81,8 +82,8 @@ impl Thermal {
 pub struct Channel {
     /// Name.
     pub name: String,
-    /// Readings, (s since the run's start, value).
-    pub series: Vec<(f64, f64)>,
+    /// Readings over the time since the run's start.
+    pub course: Course,
     /// Mean over the time of each row.
     pub values: Vec<f64>,
     /// Mean over the rows of the run, to which effects refer; the rows may be only a part of them.
@@ -176,5 +177,5 @@ pub fn centred(channel: &Channel) -> Vec<f64> {
 /// Values of a channel some time before each row, without the mean of the run; where that is before its first reading, the first one.
 #[must_use]
 pub fn delayed(channel: &Channel, rows: &[Row], lag_s: f64) -> Vec<f64> {
-    rows.iter().map(|row| interpolate(&channel.series, row.t_s() - lag_s) - channel.mean).collect()
+    rows.iter().map(|row| interpolate(&channel.course.series, row.t_s() - lag_s) - channel.mean).collect()
 }

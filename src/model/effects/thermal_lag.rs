@@ -2,7 +2,7 @@
 
 use super::{About, Column, Effect, Family, Record, Spec};
 use crate::data::run::interpolate;
-use crate::model::lag::follow;
+use crate::model::lag::Lag;
 
 /// Lags that are tried, s: a template serves its neighbours to a factor of two.
 const LAGS_S: [f64; 9] = [60.0, 120.0, 240.0, 360.0, 480.0, 720.0, 1080.0, 1800.0, 3600.0];
@@ -36,52 +36,32 @@ impl Effect for ThermalLag {
         let length = record.span_s[1] - record.span_s[0];
         let lags = LAGS_S.into_iter().filter(|lag| *lag < MOST_PART * length);
         Ok(lags
-            .flat_map(|lag| [("delay", lag), ("delay", -lag), ("first order", lag), ("inverse first order", lag)])
-            .map(|(form, lag)| Spec::new(form, &[0, 1, 2]).with("lag", lag, "s"))
+            .flat_map(|lag| [Lag::Delay(lag), Lag::Delay(-lag), Lag::FirstOrder(lag), Lag::InverseFirstOrder(lag)])
+            .map(spec)
             .collect())
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let thermal = record.thermal.as_ref()?;
-        let lagged = shifted(&record.sensor.as_ref()?.series, &spec.form, spec.get("lag")?);
+        let lagged = of(spec)?.of(&record.sensor.as_ref()?.course);
         let change: Vec<f64> =
             record.rows.iter().zip(&thermal.degc).map(|(row, now)| interpolate(&lagged, row.t_s()) - now).collect();
         Some(vec![Column::of("part", "1", record, |i, r| thermal.slope(i, r.field_coil_nt).map(|s| s * change[i]))])
     }
 
     fn example(&self, _record: &Record) -> Option<Spec> {
-        Some(Spec::new("first order", &[0, 1, 2]).with("lag", 480.0, "s"))
+        Some(spec(Lag::FirstOrder(480.0)))
     }
 }
 
-/// A series of temperatures as the part that matters has it.
+/// A lag as a term of the catalogue.
 #[must_use]
-pub fn shifted(series: &[(f64, f64)], form: &str, lag_s: f64) -> Vec<(f64, f64)> {
-    match form {
-        "first order" => {
-            let mut body = series.first().map_or(f64::NAN, |(_, v)| *v);
-            let mut from = series.first().copied().unwrap_or((0.0, f64::NAN));
-            series
-                .iter()
-                .map(|&(t, v)| {
-                    if t > from.0 {
-                        body = follow(body, from.1, v, (t - from.0) / lag_s);
-                        from = (t, v);
-                    }
-                    (t, body)
-                })
-                .collect()
-        }
-        "inverse first order" => {
-            let rate = |i: usize| {
-                let (a, b) = (series[i.saturating_sub(WIDTH)], series[(i + WIDTH).min(series.len() - 1)]);
-                if b.0 > a.0 { (b.1 - a.1) / (b.0 - a.0) } else { 0.0 }
-            };
-            (0..series.len()).map(|i| (series[i].0, series[i].1 + lag_s * rate(i))).collect()
-        }
-        _ => series.iter().map(|&(t, v)| (t + lag_s, v)).collect(),
-    }
+pub fn spec(lag: Lag) -> Spec {
+    Spec::new(lag.form(), &[0, 1, 2]).with("lag", lag.seconds(), "s")
 }
 
-/// Readings to either side over which the rate of a thermistor is taken.
-const WIDTH: usize = 4;
+/// The lag of a term.
+#[must_use]
+pub fn of(spec: &Spec) -> Option<Lag> {
+    Lag::named(&spec.form, spec.get("lag")?)
+}

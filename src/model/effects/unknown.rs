@@ -58,7 +58,7 @@ impl Covariate {
             if let Some(channel) = channel {
                 slow.push(of_channel(format!("{name} temperature"), "°C", channel));
                 let rate = |r: &Row| {
-                    let at = |t: f64| interpolate(&channel.series, t);
+                    let at = |t: f64| interpolate(&channel.course.series, t);
                     (at(r.t_s() + RATE_S) - at(r.t_s() - RATE_S)) / (2.0 * RATE_S)
                 };
                 slow.push(of(format!("rate of the {name} temperature"), "K/s", &rate));
