@@ -1,7 +1,7 @@
 //! `calfit lin`: the linear calibration of every linearity run.
 
 use super::each::Attempt;
-use super::options::Cut;
+use super::options::{Cut, ValueError};
 use super::output::Terminal;
 use super::{Allow, Common, Status, each, jobs_of, open};
 use crate::data::error::Finding;
@@ -54,11 +54,11 @@ pub(super) struct FitOptions {
     cut: Cut,
 }
 
-fn axis_limit(text: &str) -> Result<(usize, f64), String> {
-    let (axis, limit) = text.split_once('=').ok_or("write AXIS=NT, x=1900 for example")?;
-    let axis = ["x", "y", "z"].iter().position(|a| a.eq_ignore_ascii_case(axis)).ok_or("the axis is x, y or z")?;
-    let limit: f64 = limit.parse().map_err(|_| "the limit is a number of nT")?;
-    if limit.is_finite() && limit > 0.0 { Ok((axis, limit)) } else { Err("the limit is a positive number of nT".to_owned()) }
+fn axis_limit(text: &str) -> Result<(usize, f64), ValueError> {
+    let (axis, limit) = text.split_once('=').ok_or(ValueError::Limit)?;
+    let axis = ["x", "y", "z"].iter().position(|a| a.eq_ignore_ascii_case(axis)).ok_or(ValueError::LimitAxis)?;
+    let limit: f64 = limit.parse().map_err(|_| ValueError::LimitNumber)?;
+    if limit.is_finite() && limit > 0.0 { Ok((axis, limit)) } else { Err(ValueError::LimitSign) }
 }
 
 impl FitOptions {

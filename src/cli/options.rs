@@ -3,7 +3,9 @@
 use crate::data::error::Finding;
 use crate::data::plateau::{LEAST_COVERAGE, Settling};
 use crate::data::provenance::Input;
+use crate::files::campaign::file::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES};
 use crate::files::parameter::{self, Cpf};
+use crate::measure::thermistor::HIGHEST_ORDER;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -25,19 +27,52 @@ pub(super) fn sensitivities(path: Option<&PathBuf>) -> Result<Option<(Input, Box
     Ok(Some((file.input, Box::new(file.body))))
 }
 
-pub(super) fn settling(text: &str) -> Result<Settling, String> {
+/// Why the value of an option is refused: what to write in its place.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+pub(super) enum ValueError {
+    #[error("write a number of seconds, 0 or more, or `auto`")]
+    Settling,
+    #[error("write a number from 0 to 1")]
+    Part,
+    #[error("write AXIS=NT, x=1900 for example")]
+    Limit,
+    #[error("the axis is x, y or z")]
+    LimitAxis,
+    #[error("the limit is a number of nT")]
+    LimitNumber,
+    #[error("the limit is a positive number of nT")]
+    LimitSign,
+    #[error("write QUANTITY=N, sigma=1 for example")]
+    Order,
+    #[error("the quantity is one of {}", THERMAL_QUANTITIES.join(", "))]
+    OrderQuantity,
+    #[error("the order is a number from 0 to {MOST_THERMAL_ORDER}")]
+    OrderNumber,
+    #[error("write a number of settings above 4, or of minutes, 12min for example")]
+    Window,
+    #[error("write a positive number of K/min")]
+    Rate,
+    #[error("write 2 to {} numbers with commas between them", HIGHEST_ORDER + 1)]
+    Coefficients,
+    #[error("write V,OHM, 2.5,1000 for example")]
+    Divider,
+    #[error("write a positive number")]
+    Positive,
+}
+
+pub(super) fn settling(text: &str) -> Result<Settling, ValueError> {
     if text == "auto" {
         return Ok(Settling::Found);
     }
     match text.parse::<f64>() {
         Ok(s) if s.is_finite() && s >= 0.0 => Ok(Settling::Given(s)),
-        _ => Err("write a number of seconds, 0 or more, or `auto`".to_owned()),
+        _ => Err(ValueError::Settling),
     }
 }
 
-fn part(text: &str) -> Result<f64, String> {
+fn part(text: &str) -> Result<f64, ValueError> {
     match text.parse::<f64>() {
         Ok(p) if (0.0..=1.0).contains(&p) => Ok(p),
-        _ => Err("write a number from 0 to 1".to_owned()),
+        _ => Err(ValueError::Part),
     }
 }

@@ -1,5 +1,6 @@
 //! `calfit thermal`: temperature polynomials across the runs of every sensor and mode.
 
+use super::options::ValueError;
 use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};
 use crate::data::error::Finding;
@@ -57,28 +58,28 @@ pub(super) struct Arguments {
     offset: Option<PathBuf>,
 }
 
-pub(super) fn order(text: &str) -> Result<(String, usize), String> {
-    let (name, order) = text.split_once('=').ok_or("write QUANTITY=N, sigma=1 for example")?;
+pub(super) fn order(text: &str) -> Result<(String, usize), ValueError> {
+    let (name, order) = text.split_once('=').ok_or(ValueError::Order)?;
     if !THERMAL_QUANTITIES.contains(&name) {
-        return Err(format!("the quantity is one of {}", THERMAL_QUANTITIES.join(", ")));
+        return Err(ValueError::OrderQuantity);
     }
     match order.parse::<usize>() {
         Ok(order) if order <= MOST_THERMAL_ORDER as usize => Ok((name.to_owned(), order)),
-        _ => Err(format!("the order is a number from 0 to {MOST_THERMAL_ORDER}")),
+        _ => Err(ValueError::OrderNumber),
     }
 }
 
-fn window(text: &str) -> Result<Window, String> {
+fn window(text: &str) -> Result<Window, ValueError> {
     let minutes = text.strip_suffix("min").map(|number| number.trim().parse::<f64>());
     match (minutes, text.parse::<usize>()) {
         (Some(Ok(minutes)), _) if minutes.is_finite() && minutes > 0.0 => Ok(Window::Minutes(minutes)),
         (None, Ok(settings)) if settings > 4 => Ok(Window::Settings(settings)),
-        _ => Err("write a number of settings above 4, or of minutes, 12min for example".to_owned()),
+        _ => Err(ValueError::Window),
     }
 }
 
-fn rate(text: &str) -> Result<f64, String> {
-    text.parse::<f64>().ok().filter(|r| r.is_finite() && *r > 0.0).ok_or_else(|| "write a positive number of K/min".to_owned())
+fn rate(text: &str) -> Result<f64, ValueError> {
+    text.parse::<f64>().ok().filter(|r| r.is_finite() && *r > 0.0).ok_or(ValueError::Rate)
 }
 
 #[derive(Serialize)]

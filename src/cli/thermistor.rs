@@ -1,5 +1,6 @@
 //! `calfit thermistor`: temperature from voltage or resistance, from a calibration table.
 
+use super::options::ValueError;
 use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::Finding;
@@ -49,22 +50,19 @@ fn numbers(text: &str) -> Option<Vec<f64>> {
     text.split(',').map(|t| t.trim().parse::<f64>().ok().filter(|v| v.is_finite())).collect()
 }
 
-fn coefficients(text: &str) -> Result<Coefficients, String> {
-    numbers(text)
-        .filter(|c| (2..=HIGHEST_ORDER + 1).contains(&c.len()))
-        .map(Coefficients)
-        .ok_or_else(|| format!("write 2 to {} numbers with commas between them", HIGHEST_ORDER + 1))
+fn coefficients(text: &str) -> Result<Coefficients, ValueError> {
+    numbers(text).filter(|c| (2..=HIGHEST_ORDER + 1).contains(&c.len())).map(Coefficients).ok_or(ValueError::Coefficients)
 }
 
-fn divider(text: &str) -> Result<[f64; 2], String> {
+fn divider(text: &str) -> Result<[f64; 2], ValueError> {
     match numbers(text).as_deref() {
         Some([v, ohm]) if *v > 0.0 && *ohm > 0.0 => Ok([*v, *ohm]),
-        _ => Err("write V,OHM, 2.5,1000 for example".to_owned()),
+        _ => Err(ValueError::Divider),
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
-    text.parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0).ok_or_else(|| "write a positive number".to_owned())
+fn positive(text: &str) -> Result<f64, ValueError> {
+    text.parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0).ok_or(ValueError::Positive)
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {

@@ -135,7 +135,7 @@ fn compare(file: &Path, places: &[PathBuf], tolerance: f64, verdict: &mut Verdic
     for input in &stated.provenance.input {
         match locate(input, file, places) {
             Ok(path) => found.push(path),
-            Err(problem) => problems.push(problem),
+            Err(problem) => problems.push(problem.to_string()),
         }
     }
     if !problems.is_empty() {
@@ -158,8 +158,22 @@ fn compare(file: &Path, places: &[PathBuf], tolerance: f64, verdict: &mut Verdic
     Err(problems)
 }
 
+/// Why an input is not there.
+#[derive(Debug, thiserror::Error)]
+enum NotFound {
+    #[error(
+        "the input {} is not what the file was made from: {} has another SHA-256 than {}",
+        input.path,
+        found.display(),
+        input.sha256.get(..16).unwrap_or_default()
+    )]
+    Another { input: Input, found: PathBuf },
+    #[error("the input {0} is not found; name its campaign folder as a further PATH")]
+    Absent(String),
+}
+
 /// The input with the recorded path and hash: beside the file, in the named places, or in the folders above.
-fn locate(input: &Input, file: &Path, places: &[PathBuf]) -> Result<PathBuf, String> {
+fn locate(input: &Input, file: &Path, places: &[PathBuf]) -> Result<PathBuf, NotFound> {
     let real = file.canonicalize().unwrap_or_else(|_| file.to_owned());
     let work = std::env::current_dir().unwrap_or_default();
     let above = |path: &Path| path.ancestors().take(LEVELS_ABOVE + 1).map(Path::to_owned).collect::<Vec<PathBuf>>();
@@ -182,13 +196,8 @@ fn locate(input: &Input, file: &Path, places: &[PathBuf]) -> Result<PathBuf, Str
         }
     }
     Err(match other {
-        Some(path) => format!(
-            "the input {} is not what the file was made from: {} has another SHA-256 than {}",
-            input.path,
-            path.display(),
-            input.sha256.get(..16).unwrap_or_default()
-        ),
-        None => format!("the input {} is not found; name its campaign folder as a further PATH", input.path),
+        Some(found) => NotFound::Another { input: input.clone(), found },
+        None => NotFound::Absent(input.path.clone()),
     })
 }
 

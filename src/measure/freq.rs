@@ -12,7 +12,7 @@ use crate::data::units::COMPONENTS;
 use crate::files::amplitudes::Row;
 use crate::files::campaign::Campaign;
 use crate::files::parameter::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
-use crate::fit::sine::{self, CommonRate, Oscillator, Packet, Residue, Sine, Sums, Verdict};
+use crate::fit::sine::{self, CommonRate, Oscillator, Packet, RateRefusal, Residue, Sine, SineRefusal, Sums, Verdict};
 use crate::fit::statistics::median;
 use crate::fit::{Limits, order, polynomial};
 use crate::measure::corner::{self, Amplitude, Corner};
@@ -288,7 +288,7 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
     let found = rates(&records, &settings, &ranges, rough_hz)?;
     let clock = Clock::of(&found);
 
-    let fits: Vec<Result<Option<Fits>, String>> =
+    let fits: Vec<Result<Option<Fits>, SineRefusal>> =
         tones.par_iter().zip(&records).map(|(tone, record)| Fits::of(tone, record, &clock)).collect();
     let noise = noise(&tones, &records, &fits, &clock);
     let mut measured: Vec<AmplitudePart> =
@@ -411,7 +411,7 @@ impl Rates {
 
 /// The sampling frequency of every component; an error if none has one. A component that sees nothing of the field tells none.
 fn rates(records: &[&Record], settings: &[Setting], ranges: &[Range<usize>], start_hz: f64) -> Result<Rates, FreqError> {
-    let results: Vec<Result<CommonRate, String>> = (0..3)
+    let results: Vec<Result<CommonRate, RateRefusal>> = (0..3)
         .into_par_iter()
         .map(|component| {
             let packets: Vec<Packet> = records
@@ -424,7 +424,7 @@ fn rates(records: &[&Record], settings: &[Setting], ranges: &[Range<usize>], sta
                     frequency_hz: setting.frequency_hz,
                 })
                 .collect();
-            sine::common_rate(&packets, start_hz).map_err(|e| e.to_string())
+            sine::common_rate(&packets, start_hz)
         })
         .collect();
     // A rate beyond this is that of noise.
@@ -438,7 +438,7 @@ fn rates(records: &[&Record], settings: &[Setting], ranges: &[Range<usize>], sta
                 continue;
             }
             Ok(rate) => format!("it is {:.4} Hz with an uncertainty of {:.4} Hz", rate.rate_hz, rate.std_hz),
-            Err(why) => why,
+            Err(refusal) => refusal.to_string(),
         };
         rates.refused.push(format!("component {} tells no sampling frequency: {why}", COMPONENTS[component]));
         first.get_or_insert(FreqError::NoRate { component: COMPONENTS[component], why });
@@ -748,14 +748,13 @@ struct Fits {
 
 impl Fits {
     /// `None` if no part of the setting is used, or why it has none.
-    fn of(tone: &Tone, record: &Record, clock: &Clock) -> Result<Option<Self>, String> {
+    fn of(tone: &Tone, record: &Record, clock: &Clock) -> Result<Option<Self>, SineRefusal> {
         let used = tone.used.clone();
         let Some([first, last]) = ends_s(record, &used) else { return Ok(None) };
         let rate_hz = clock.at(0.5 * (first + last));
         let three = |i: usize| {
             let readings = &record.y[i][used.clone()];
             sine::three(&record.n[used.clone()], readings, tone.setting.frequency_hz, rate_hz)
-                .map_err(|refusal| refusal.to_string())
         };
         Ok(Some(Self { rate_hz, components: [three(0)?, three(1)?, three(2)?] }))
     }
@@ -771,7 +770,7 @@ fn ends_s(record: &Record, used: &Range<usize>) -> Option<[f64; 2]> {
 fn noise(
     tones: &[Tone],
     records: &[&Record],
-    fits: &[Result<Option<Fits>, String>],
+    fits: &[Result<Option<Fits>, SineRefusal>],
     clock: &Clock,
 ) -> Vec<[Option<[f64; 2]>; 3]> {
     let present: Vec<(usize, &Fits)> =
@@ -794,7 +793,12 @@ fn noise(
 }
 
 /// Amplitude and phase of one setting.
-fn amplitude(tone: &Tone, record: &Record, fits: &Result<Option<Fits>, String>, noise: [Option<[f64; 2]>; 3]) -> AmplitudePart {
+fn amplitude(
+    tone: &Tone,
+    record: &Record,
+    fits: &Result<Option<Fits>, SineRefusal>,
+    noise: [Option<[f64; 2]>; 3],
+) -> AmplitudePart {
     let frequency_hz = tone.setting.frequency_hz;
     let mut part = AmplitudePart {
         frequency_hz,
@@ -815,7 +819,7 @@ fn amplitude(tone: &Tone, record: &Record, fits: &Result<Option<Fits>, String>, 
         Ok(Some(fits)) => fits,
         Ok(None) => return part,
         Err(refusal) => {
-            part.remark.clone_from(refusal);
+            part.remark = refusal.to_string();
             return part;
         }
     };

@@ -43,6 +43,12 @@ pub enum JointError {
     /// Nothing to fit.
     #[error("no runs to fit")]
     NoRuns,
+    /// Results that were read from files, without their plateaus.
+    #[error("the plateaus of {} are not at hand; name the runs in place of the files", files.join(", "))]
+    NotAtHand {
+        /// The files.
+        files: Vec<String>,
+    },
     /// A trend that is not fitted.
     #[error("run {run}: offset trend of order {order}; 0 to {HIGHEST_TREND} are fitted")]
     Trend {

@@ -645,11 +645,11 @@ fn model_error(points: &[&Point], runs: &[&Lin], fitted: &[(QuantityPart, Temper
 }
 
 /// The joint fit of the runs of a group, started at the two-step result.
-fn joint_fit(points: &[&Point], runs: &[&Lin], fitted: &[(QuantityPart, TemperaturePolynomial)]) -> Result<Joint, String> {
+fn joint_fit(points: &[&Point], runs: &[&Lin], fitted: &[(QuantityPart, TemperaturePolynomial)]) -> Result<Joint, JointError> {
     let at_hand = |point: &&&Point| runs.iter().any(|lin| lin.parameters.run.id == point.run.id);
     let missing: Vec<&str> = points.iter().filter(|p| !at_hand(p)).map(|p| p.file.as_str()).collect();
     if !missing.is_empty() {
-        return Err(format!("the plateaus of {} are not at hand; name the runs in place of the files", missing.join(", ")));
+        return Err(JointError::NotAtHand { files: missing.into_iter().map(str::to_owned).collect() });
     }
     let runs: Vec<JointRun> = points
         .iter()
@@ -684,7 +684,7 @@ fn joint_fit(points: &[&Point], runs: &[&Lin], fitted: &[(QuantityPart, Temperat
     let start: [Vec<f64>; 6] = std::array::from_fn(|i| {
         fitted.iter().find(|(part, _)| part.name == joint::QUANTITIES[i]).map_or_else(Vec::new, |(_, p)| p.coefficients.clone())
     });
-    joint::joint(&runs, &start, &Limits::default()).map_err(|e: JointError| e.to_string())
+    joint::joint(&runs, &start, &Limits::default())
 }
 
 fn joint_part(joint: &Joint) -> JointPart {

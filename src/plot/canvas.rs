@@ -5,6 +5,7 @@
 
 use plotters::prelude::{BitMapBackend, Color, DrawingBackend, RGBColor};
 
+use super::PlotError;
 use super::text::{LEVELS, typeface};
 
 pub(super) type Point = (f64, f64);
@@ -53,8 +54,8 @@ impl<'a> Canvas<'a> {
     }
 
     /// Reports the first failure of the backend, if there was one.
-    pub fn finish(self) -> Result<(), String> {
-        self.failure.map_or(Ok(()), Err)
+    pub fn finish(self) -> Result<(), PlotError> {
+        self.failure.map_or(Ok(()), |failure| Err(PlotError::Draw(failure)))
     }
 
     fn note<E: std::fmt::Display>(&mut self, result: Result<(), E>) {

@@ -236,7 +236,7 @@ pub fn render(figure: &Figure) -> Result<Vec<u8>, PlotError> {
         let y = height - 14 - line as i32 * CAPTION_LINE;
         canvas.text(text, CAPTION, (f64::from(EDGE), f64::from(y)), 0.0, false);
     }
-    canvas.finish().map_err(PlotError::Draw)?;
+    canvas.finish()?;
     let inks = Style::ALL.map(|style| style.look().ink);
     // A tint that turned into that of another style would mislead.
     let tint = |ink: &RGBColor| [ink.0, ink.1, ink.2].map(|c| (RIBBON * f64::from(c) + (1.0 - RIBBON) * 255.0).round() as u8);

@@ -9,7 +9,7 @@ use crate::data::run::{
 use crate::data::units::{FieldCoil, Reading};
 use crate::files::campaign::Campaign;
 use crate::files::twin::{Body, FacilityTwin, RunTwin, SensorTwin, Twin};
-use crate::model::sensor::Linear;
+use crate::model::sensor::{Linear, SplitError};
 use crate::record::known::in_sines::{InSines, Responses};
 use crate::record::known::{Added, CHUNK, Known};
 use jiff::Timestamp;
@@ -141,7 +141,9 @@ impl<'a> SimulatedRun<'a> {
             in_sines: InSines::default(),
         };
         for stretch in &scene.stretches {
-            scene.sensor_at(stretch, stretch.t_start_s).map_err(|rule| refuse(rule, "correct the polynomials of the sensor"))?;
+            scene
+                .sensor_at(stretch, stretch.t_start_s)
+                .map_err(|error| refuse(error.to_string(), "correct the polynomials of the sensor"))?;
         }
         let mut scalar = Vec::new();
         if programme.kind == Kind::Scalar {
@@ -310,18 +312,27 @@ fn rotation(vector_deg: [f64; 3]) -> Matrix3<f64> {
     Rotation3::from_scaled_axis(Vector3::from(vector_deg.map(f64::to_radians))).into_inner()
 }
 
+/// Why there is no sensor in a stretch of a run.
+#[derive(Debug, thiserror::Error)]
+enum SensorError {
+    #[error("a position has no axes")]
+    NoAxes,
+    #[error("at {temperature_degc:.1} °C {why}")]
+    Impossible { temperature_degc: f64, why: SplitError },
+}
+
 impl Scene<'_> {
     fn sensor_degc(&self, t_s: f64) -> f64 {
         self.climate.body_degc(Body::Sensor, self.start, t_s)
     }
 
-    fn sensor_at(&self, stretch: &Stretch, t_s: f64) -> Result<Linear, String> {
-        let (position, missed_deg) = self.twin.places.get(&stretch.position).ok_or("a position has no axes")?;
+    fn sensor_at(&self, stretch: &Stretch, t_s: f64) -> Result<Linear, SensorError> {
+        let (position, missed_deg) = self.twin.places.get(&stretch.position).ok_or(SensorError::NoAxes)?;
         let temperature_degc = self.sensor_degc(t_s);
         let turned = |i: usize| self.sensor.rotation_deg[i] + self.sensor.rotation_per_k_deg[i] * temperature_degc;
         let rho = rotation(*missed_deg) * rotation(std::array::from_fn(turned));
         let sensor = self.sensor.model.at(temperature_degc, &position.r_nom(), &rho);
-        sensor.map_err(|e| format!("at {temperature_degc:.1} °C {e}"))
+        sensor.map_err(|why| SensorError::Impossible { temperature_degc, why })
     }
 
     /// The constant part of the field at the sensor, nT, coil axes.

@@ -12,7 +12,7 @@ use crate::files::parameter::{self, Body, CoilResidual, CoilScalar, CoilTilt, Cp
 use crate::files::{ccr, moduli, orientations};
 use crate::measure::coil::{CoilError, Residual, Scalar, Tilt, residual, scalar, tilt};
 use crate::measure::lin;
-use crate::model::position::Position;
+use crate::model::position::{Position, PositionError};
 use crate::plot::{self, Named};
 use crate::show::{self, Drawn};
 use serde::Serialize;
@@ -240,7 +240,8 @@ impl TiltInput {
     /// The file cannot be read, or its position is none.
     pub fn cpf(&mut self, path: &Path) -> Result<(), Finding> {
         let file = parameter::read::<Cpf>(path)?;
-        let result = of_cpf(&file.body).map_err(|rule| Finding::error(&path.display().to_string(), rule, "fit the run again"))?;
+        let result =
+            of_cpf(&file.body).map_err(|e| Finding::error(&path.display().to_string(), e.to_string(), "fit the run again"))?;
         self.inputs.push(file.input);
         self.stated.push(file.body.facility.as_ref().map(|f| f.applied.clone()));
         self.results.push(result);
@@ -251,8 +252,8 @@ impl TiltInput {
     pub fn runs(&mut self, jobs: &[Job], options: &lin::Options, desk: &Desk, failures: &mut Vec<(String, Failure)>) {
         for job in jobs {
             let made = make(options, job, desk, true).and_then(|made| {
-                let result = of_cpf(&made.result.parameters).map_err(|rule| {
-                    Failure::Refused(Finding::error(&job.recorded, rule, "correct the position in campaign.toml"))
+                let result = of_cpf(&made.result.parameters).map_err(|e| {
+                    Failure::Refused(Finding::error(&job.recorded, e.to_string(), "correct the position in campaign.toml"))
                 })?;
                 Ok((result, made.provenance.input))
             });
@@ -314,8 +315,8 @@ impl TiltInput {
 }
 
 /// The result of a run in its orientation.
-fn of_cpf(cpf: &Cpf) -> Result<RunResult, String> {
-    let position = Position::from_axes(&cpf.setup.position_axes).map_err(|e| e.to_string())?;
+fn of_cpf(cpf: &Cpf) -> Result<RunResult, PositionError> {
+    let position = Position::from_axes(&cpf.setup.position_axes)?;
     let sigma: [f64; 3] = std::array::from_fn(|i| cpf.matrix.sigma[i][i]);
     let a = &cpf.angle_deg;
     Ok(RunResult {

@@ -62,6 +62,21 @@ impl Clock {
     }
 }
 
+/// Why an effect of a model does not act on the sines of a run.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+enum NotInSines {
+    #[error("{0} changes no sines")]
+    NoSines(String),
+    #[error("{0}")]
+    AnotherRun(String),
+    #[error("{0} belongs to the response that is fitted here")]
+    Response(String),
+    #[error("{effect} on {} is there twice, and the first one counts", axes.join(", "))]
+    Twice { effect: String, axes: Vec<String> },
+    #[error("{effect} needs the temperature {channel}, which the run does not have")]
+    NoTemperature { effect: String, channel: String },
+}
+
 /// Whose response is looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Responses {
@@ -77,34 +92,34 @@ impl InSines {
     pub fn new(known: &Known, run: &Run, responses: Responses, warnings: &mut Vec<String>) -> Self {
         let mut found = Self::default();
         for effect in &known.effects {
-            if let Err(reason) = found.add(effect, run, responses) {
-                warnings.push(format!("MODEL: not in the sines of run {}: {reason}", run.header.run));
+            if let Err(refusal) = found.add(effect, run, responses) {
+                warnings.push(format!("MODEL: not in the sines of run {}: {refusal}", run.header.run));
                 found.left_out.push(effect.name());
             }
         }
         found
     }
 
-    fn add(&mut self, effect: &KnownEffect, run: &Run, responses: Responses) -> Result<(), String> {
+    fn add(&mut self, effect: &KnownEffect, run: &Run, responses: Responses) -> Result<(), NotInSines> {
         let (id, form) = (effect.given.id, effect.given.spec.form.as_str());
-        let sine = effect.given.in_sine.as_ref().ok_or_else(|| format!("{id} changes no sines"))?;
+        let sine = effect.given.in_sine.as_ref().ok_or_else(|| NotInSines::NoSines(id.to_owned()))?;
         if let Some(reason) = effect.given.of_another(&run.header.run).filter(|_| responses == Responses::OfTheInstrument) {
-            return Err(reason);
+            return Err(NotInSines::AnotherRun(reason));
         }
         if id == "response_order" && responses == Responses::OfTheInstrument {
-            return Err(format!("{id} belongs to the response that is fitted here"));
+            return Err(NotInSines::Response(id.to_owned()));
         }
         let axes: Vec<String> = effect.given.spec.axis_names().into_iter().map(str::to_owned).collect();
         if self.names.iter().any(|n| n.id == id && n.axes.iter().any(|a| axes.contains(a))) {
-            return Err(format!("{id} on {} is there twice, and the first one counts", axes.join(", ")));
+            return Err(NotInSines::Twice { effect: id.to_owned(), axes });
         }
         let rate_hz = run.header.sample_rate_hz;
         let size: Box<dyn Fn(&Setting) -> f64> = match sine {
             InSine::Clock(drift) => self.moved(Clock::Polynomial(drift.iter().map(|c| c / rate_hz).collect())),
             InSine::ClockTemperature { channel, hz_per_k } => {
                 let series = run.temperatures.channel(channel.as_str()).filter(|s| s.len() > 1);
-                let series =
-                    series.ok_or_else(|| format!("{id} needs the temperature {channel}, which the run does not have"))?;
+                let refused = || NotInSines::NoTemperature { effect: id.to_owned(), channel: channel.to_string() };
+                let series = series.ok_or_else(refused)?;
                 self.moved(Clock::proportional(&series, hz_per_k / rate_hz))
             }
             InSine::Poles { .. } | InSine::Delay(_) => {
