@@ -1,0 +1,159 @@
+//! Where the samples of a setting stop to show the step before it, and where they begin to show the one after it.
+
+use super::{Accumulator, BINS, Bin};
+use crate::fit::statistics::median;
+use std::ops::Range;
+
+/// Bins that settling and a late edge may take at most.
+const MOST_SETTLING: usize = 48;
+/// Bins that show the level of a setting, whatever happens at its ends: free of data that are late by up to three eighths or early
+/// by up to a quarter of a plateau.
+const REFERENCE: Range<usize> = 3 * BINS / 8..3 * BINS / 4;
+
+/// How much of a neighbouring step a bin shows.
+#[derive(Clone, Copy, Debug)]
+struct Response {
+    fraction: f64,
+    z: f64,
+}
+
+/// A part of a step that is too small to matter for a sensitivity.
+const NEGLIGIBLE: f64 = 1e-7;
+
+/// How many slots from the begin show the step: up to the first two that do not. `None`: they all do. Significant is what exceeds four
+/// standard errors, so that sixty-four slots raise a false alarm in one run of two hundred and fifty, and `least` of the step.
+fn followed(responses: impl Iterator<Item = Response>, least: f64) -> Option<usize> {
+    let follows: Vec<bool> = responses.map(|r| r.z > 4.0 && r.fraction.abs() > least).collect();
+    follows.windows(2).position(|pair| !pair[0] && !pair[1])
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Edges {
+    pub(super) settling_s: f64,
+    pub(super) still_settling: bool,
+    pub(super) early_end_s: f64,
+    pub(super) shift_s: f64,
+}
+
+impl Accumulator {
+    /// Finds how many bins follow the step before a setting, and how many already follow the step after it: the deviation of every
+    /// bin from the setting's middle is regressed on the step, over all settings and components at once.
+    pub(super) fn find_edges(&self) -> Edges {
+        // All settings share one clock after a step, whatever their length.
+        let slot_s = self.median_duration_s() / BINS as f64;
+        let middle = self.levels(REFERENCE);
+        // Data that step too early show at least one whole sample of the next setting.
+        let one_sample = 1.0 / (slot_s * self.sample_rate_hz).max(1.0);
+        let early = (0..BINS - REFERENCE.end).map(|slot| self.response(&middle, slot, slot_s, false));
+        let early_slots = followed(early, 0.5 * one_sample);
+        // The level that a decay goes to is best seen at the end.
+        let end = BINS - early_slots.map_or(BINS - REFERENCE.end, |slots| if slots == 0 { 0 } else { slots + 1 });
+        let last = self.levels(end - BINS / 4..end);
+        let late = (0..MOST_SETTLING).map(|slot| self.response(&last, slot, slot_s, true));
+        let late_slots = followed(late, NEGLIGIBLE);
+        // A decay that has just become too small to be seen still biases the mean; half as long again makes it negligible.
+        let settling = match late_slots {
+            Some(0) => 0,
+            Some(slots) => (slots + slots / 2 + 1).min(MOST_SETTLING),
+            None => MOST_SETTLING,
+        };
+        let shift_bins = self.step_inside().map_or(0.0, |at| if at < BINS as f64 / 2.0 { at } else { at - BINS as f64 });
+        Edges {
+            settling_s: settling as f64 * slot_s,
+            still_settling: late_slots.is_none(),
+            early_end_s: (BINS - end) as f64 * slot_s,
+            shift_s: shift_bins * slot_s,
+        }
+    }
+
+    /// Mean reading of every setting over some of its bins.
+    fn levels(&self, bins: Range<usize>) -> Vec<Option<[f64; 3]>> {
+        let level = |(all, reference): (&[Bin; BINS], &Option<[f64; 3]>)| {
+            let mut total = Bin::EMPTY;
+            all.get(bins.clone())?.iter().for_each(|b| total.merge(b));
+            let reference = (*reference)?;
+            (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
+        };
+        self.bins.iter().zip(&self.references).map(level).collect()
+    }
+
+    /// Where, in bins, the data step inside the settings, if they do: there most settings jump by a good part of the step of the
+    /// applied field to a neighbouring setting, elsewhere few do.
+    fn step_inside(&self) -> Option<f64> {
+        let distance = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        let fields: Vec<[f64; 3]> = self.settings.iter().map(|s| s.field.0).collect();
+        let smallest_jump = |i: usize| {
+            let steps =
+                [i.checked_sub(1), Some(i + 1)].into_iter().flatten().filter_map(|n| Some(distance(*fields.get(n)?, fields[i])));
+            steps.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min) / 2.0
+        };
+        let jumps: Vec<f64> = (0..fields.len()).map(smallest_jump).collect();
+        let changing = jumps.iter().filter(|j| j.is_finite()).count();
+        // Per bin, for every setting that jumps there, the part of the jump that the bin itself has not yet taken.
+        let parts: Vec<Vec<(f64, f64)>> = (0..BINS - 2)
+            .map(|bin| {
+                let part = |(bins, jump): (&[Bin; BINS], &f64)| {
+                    let [before, at, after] = [0, 1, 2].map(|i| std::array::from_fn(|axis| bins[bin + i].mean(axis)));
+                    let whole = distance(before, after);
+                    (whole.is_finite() && whole > *jump).then(|| ((distance(at, after) / whole).min(1.0), whole / jump))
+                };
+                self.bins.iter().zip(&jumps).filter_map(part).collect()
+            })
+            .collect();
+        let typical = median(&mut parts.iter().map(|p| p.len() as f64).collect::<Vec<f64>>());
+        // The bins beside the step show less of it than the one that holds it.
+        let size = |part: &[(f64, f64)]| (part.len(), median(&mut part.iter().map(|p| p.1).collect::<Vec<f64>>()));
+        let (bin, part) = parts.into_iter().enumerate().max_by(|(_, a), (_, b)| {
+            let (a, b) = (size(a), size(b));
+            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+        })?;
+        let clear = 2 * part.len() > changing && 4.0 * typical < part.len() as f64;
+        clear.then(|| bin as f64 + 1.0 + median(&mut part.iter().map(|p| p.0).collect::<Vec<f64>>()))
+    }
+
+    /// How much of the step before and of the step after a setting its data show at a time after its begin (or before its end), from
+    /// a regression on both steps over all settings and components.
+    fn response(&self, middle: &[Option<[f64; 3]>], slot: usize, slot_s: f64, after_begin: bool) -> Response {
+        let (mut pp, mut pn, mut nn, mut pd, mut nd, mut dd, mut count) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        for (i, (setting, bins)) in self.settings.iter().zip(&self.bins).enumerate() {
+            let level = |i: Option<usize>| i.and_then(|i| middle.get(i)).copied().flatten();
+            let (Some(here), Some(Some(reference))) = (level(Some(i)), self.references.get(i)) else { continue };
+            let (before, after) = (level(i.checked_sub(1)), level(Some(i + 1)));
+            let (Some(before), Some(after)) = (before.or(after.map(|_| here)), after.or(before.map(|_| here))) else { continue };
+            let bin_s = (setting.t_end_s - setting.t_start_s) / BINS as f64;
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates at BINS")]
+            let index = ((slot as f64 + 0.5) * slot_s / bin_s) as usize;
+            let Some(bin) = bins.get(if after_begin { index } else { (BINS - 1).wrapping_sub(index) }).filter(|b| b.count > 0)
+            else {
+                continue;
+            };
+            for axis in 0..3 {
+                let (p, n) = (before[axis] - here[axis], after[axis] - here[axis]);
+                let d = reference[axis] + bin.mean(axis) - here[axis];
+                pp += p * p;
+                pn += p * n;
+                nn += n * n;
+                pd += p * d;
+                nd += n * d;
+                dd += d * d;
+                count += 1.0;
+            }
+        }
+        let (own, own_d) = if after_begin { (pp, pd) } else { (nn, nd) };
+        if count < 6.0 || own <= 0.0 {
+            return Response { fraction: 0.0, z: 0.0 };
+        }
+        let determinant = pp * nn - pn * pn;
+        let (fraction, explained, weight) = if determinant > 1e-6 * pp * nn {
+            let of_before = (pd * nn - nd * pn) / determinant;
+            let of_after = (nd * pp - pd * pn) / determinant;
+            let explained = of_before * pd + of_after * nd;
+            if after_begin { (of_before, explained, nn / determinant) } else { (of_after, explained, pp / determinant) }
+        } else {
+            // Both steps are the same one, as where two fields alternate.
+            (own_d / own, own_d * own_d / own, 1.0 / own)
+        };
+        let std = ((dd - explained).max(0.0) / (count - 2.0) * weight).sqrt();
+        Response { fraction, z: if std > 0.0 { fraction.abs() / std } else { 0.0 } }
+    }
+}

@@ -1,0 +1,89 @@
+//! What the bins of a plateau tell of it: saturation, spikes, and how neighbouring parts differ.
+
+use super::{Bin, Contrasts, Drop, Extremes, Plateau};
+use crate::fit::statistics::median;
+
+/// Expected samples of the shortest parts that are compared within a plateau.
+const FEWEST_IN_PART: f64 = 4.0;
+
+/// A component whose samples of a plateau are all equal, and equal to the largest or smallest reading of all plateaus, is at the end
+/// of its range if that happens with different fields, or if most other plateaus of the component do scatter. Returns the number of
+/// plateaus without scatter.
+pub(super) fn drop_saturated(list: &mut [Plateau], extremes: &[Extremes]) -> [usize; 3] {
+    let mut without_scatter = [0; 3];
+    for (component, silent) in without_scatter.iter_mut().enumerate() {
+        let used: Vec<usize> = (0..list.len()).filter(|i| list[*i].dropped.is_none()).collect();
+        let is_still = |i: &usize| extremes[*i].min[component] == extremes[*i].max[component];
+        let still: Vec<usize> = used.iter().copied().filter(is_still).collect();
+        *silent = still.len();
+        let low = used.iter().map(|i| extremes[*i].min[component]).fold(f64::INFINITY, f64::min);
+        let high = used.iter().map(|i| extremes[*i].max[component]).fold(f64::NEG_INFINITY, f64::max);
+        for end in [low, high] {
+            let rests: Vec<usize> = still.iter().copied().filter(|i| extremes[*i].min[component] == end).collect();
+            let differ = rests.iter().any(|i| list[*i].setting.field != list[rests[0]].setting.field);
+            if low < high && (differ || 2 * (used.len() - still.len()) > used.len()) {
+                for i in rests {
+                    list[i].dropped = Some(Drop::Saturated { component });
+                }
+            }
+        }
+    }
+    without_scatter
+}
+
+/// Bins with a sample that is more than six times as far from the plateau's level as the farthest sample of a typical bin, or, where
+/// typical bins do not scatter at all, as the resolution of the data.
+pub(super) fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: &impl Fn() -> [f64; 3]) -> Vec<bool> {
+    let mut spiky = vec![false; bins.len()];
+    let filled = bins.iter().filter(|b| b.count > 0).count();
+    if filled < 8 {
+        return spiky;
+    }
+    for axis in 0..3 {
+        let level =
+            reference[axis] + median(&mut bins.iter().filter(|b| b.count > 0).map(|b| b.mean(axis)).collect::<Vec<f64>>());
+        let reach = |b: &Bin| (b.max[axis] - level).max(level - b.min[axis]);
+        let mut typical = median(&mut bins.iter().filter(|b| b.count > 0).map(reach).collect::<Vec<f64>>());
+        // Rounding leaves a little of what is nothing.
+        if typical <= 1e-9 * level.abs().max(1.0) && bins.iter().any(|b| b.count > 0 && reach(b) > 1e-6 * level.abs().max(1.0)) {
+            typical = resolution()[axis];
+        }
+        for (flag, bin) in spiky.iter_mut().zip(bins) {
+            *flag |= bin.count > 0 && typical > 0.0 && reach(bin) > 6.0 * typical;
+        }
+    }
+    spiky
+}
+
+/// Contrasts of neighbouring parts at every octave of length, from parts that hold a few samples up to half of the plateau. Bins
+/// with a spike do not count, nor do pairs with a part that lost more than half of its samples.
+#[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
+pub(super) fn contrasts(bins: &[Bin], spiky: &[bool], bin_s: f64, sample_rate_hz: f64) -> Vec<Contrasts> {
+    let expected = bin_s * sample_rate_hz;
+    let mut parts: Vec<Bin> = bins.iter().zip(spiky).map(|(bin, spiky)| if *spiky { Bin::EMPTY } else { *bin }).collect();
+    let (mut length, mut list) = (1, Vec::new());
+    while parts.len() > 1 {
+        let least = 0.5 * expected * length as f64;
+        let (mut count, mut inverse_samples, mut squares) = (0, 0.0, [0.0; 3]);
+        for pair in parts.chunks_exact(2).filter(|p| p.iter().all(|b| b.count as f64 >= least)) {
+            count += 1;
+            inverse_samples += 1.0 / pair[0].count as f64 + 1.0 / pair[1].count as f64;
+            for (axis, square) in squares.iter_mut().enumerate() {
+                *square += (pair[0].mean(axis) - pair[1].mean(axis)).powi(2);
+            }
+        }
+        if count > 0 && least >= 0.5 * FEWEST_IN_PART {
+            let pairs = count as f64;
+            let (inverse_samples, mean_square) = (inverse_samples / pairs, squares.map(|s| s / pairs));
+            list.push(Contrasts { part_s: bin_s * length as f64, count, inverse_samples, mean_square });
+        }
+        let joined = parts.chunks_exact(2).map(|pair| {
+            let mut whole = pair[0];
+            whole.merge(&pair[1]);
+            whole
+        });
+        parts = joined.collect();
+        length *= 2;
+    }
+    list
+}

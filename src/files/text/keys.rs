@@ -1,0 +1,240 @@
+//! TOML keys with the place of every complaint.
+
+use crate::data::error::{Finding, Severity};
+use toml_edit::{Document, Item, TableLike, Value};
+
+/// Line and column, both from 1, of a byte offset in `text`, which begins at `first_line`.
+fn place(text: &str, offset: usize, first_line: u64) -> (u64, u64) {
+    let before = &text.as_bytes()[..offset.min(text.len())];
+    let newlines = memchr::memchr_iter(b'\n', before).count() as u64;
+    let column = before.len() - memchr::memrchr(b'\n', before).map_or(0, |p| p + 1);
+    (first_line + newlines, column as u64 + 1)
+}
+
+/// TOML keys of a file or of a file's head, read with the place of every complaint.
+pub struct Keys {
+    file: String,
+    first_line: u64,
+    document: Document<String>,
+}
+
+impl Keys {
+    /// Parses TOML text that begins at `first_line` of `file`.
+    ///
+    /// # Errors
+    /// Text that is not TOML, with line and column.
+    pub fn parse(file: &str, first_line: u64, text: String) -> Result<Self, Finding> {
+        match Document::parse(text.clone()) {
+            Ok(document) => Ok(Self { file: file.to_owned(), first_line, document }),
+            Err(error) => {
+                let span = error.span().unwrap_or(0..0);
+                let (line, column) = place(&text, span.start, first_line);
+                let offending = text.get(span).unwrap_or_default().to_owned();
+                let message = error.message().trim().replace('\n', ", ");
+                Err(Finding::error(file, format!("not a TOML key: {message}"), "write `key = value`, text in double quotes")
+                    .at(line, column)
+                    .found(offending.as_bytes()))
+            }
+        }
+    }
+
+    /// The table of all keys.
+    #[must_use]
+    pub fn root(&self) -> Group<'_> {
+        Group { keys: self, name: String::new(), table: self.document.as_table() }
+    }
+
+    fn complaint(&self, item: &Item, rule: String, remedy: &str) -> Finding {
+        let finding = Finding::error(&self.file, rule, remedy);
+        match item.span() {
+            Some(span) => {
+                let (line, column) = place(self.document.raw(), span.start, self.first_line);
+                let text = self.document.raw().get(span).unwrap_or_default();
+                finding.at(line, column).found(text.as_bytes())
+            }
+            None => finding,
+        }
+    }
+}
+
+/// One table of [`Keys`].
+pub struct Group<'a> {
+    keys: &'a Keys,
+    name: String,
+    table: &'a dyn TableLike,
+}
+
+impl<'a> Group<'a> {
+    fn full(&self, key: &str) -> String {
+        if self.name.is_empty() { key.to_owned() } else { format!("{}.{key}", self.name) }
+    }
+
+    fn wrong(&self, item: &Item, key: &str, expected: &str) -> Finding {
+        self.keys.complaint(item, format!("`{}` must be {expected}", self.full(key)), "correct the value")
+    }
+
+    /// An error about the value of a key.
+    #[must_use]
+    pub fn refuse(&self, key: &str, rule: &str, remedy: &str) -> Finding {
+        let item = self.table.get(key);
+        let rule = format!("`{}` {rule}", self.full(key));
+        match item {
+            Some(item) => self.keys.complaint(item, rule, remedy),
+            None => Finding::error(&self.keys.file, rule, remedy),
+        }
+    }
+
+    /// An error about a key that must be there.
+    #[must_use]
+    pub fn missing(&self, key: &str) -> Finding {
+        Finding::error(&self.keys.file, format!("the key `{}` is missing", self.full(key)), "add it before the first section")
+            .at(self.keys.first_line, 0)
+    }
+
+    fn value(&self, key: &str) -> Option<(&'a Item, Option<&'a Value>)> {
+        self.table.get(key).map(|item| (item, item.as_value()))
+    }
+
+    /// Text.
+    ///
+    /// # Errors
+    /// A value of another type.
+    pub fn text(&self, key: &str) -> Result<Option<String>, Finding> {
+        self.value(key)
+            .map(|(item, value)| {
+                value.and_then(Value::as_str).map(str::to_owned).ok_or_else(|| self.wrong(item, key, "text in double quotes"))
+            })
+            .transpose()
+    }
+
+    /// A finite number, whole or not.
+    ///
+    /// # Errors
+    /// A value of another type, infinite or NaN.
+    pub fn number(&self, key: &str) -> Result<Option<f64>, Finding> {
+        self.value(key)
+            .map(|(item, value)| value.and_then(as_number).ok_or_else(|| self.wrong(item, key, "a finite number")))
+            .transpose()
+    }
+
+    /// A whole number that is not negative.
+    ///
+    /// # Errors
+    /// A value of another type or sign.
+    pub fn whole(&self, key: &str) -> Result<Option<u32>, Finding> {
+        self.value(key)
+            .map(|(item, value)| {
+                value
+                    .and_then(Value::as_integer)
+                    .and_then(|v| u32::try_from(v).ok())
+                    .ok_or_else(|| self.wrong(item, key, "a whole number, 0 or more"))
+            })
+            .transpose()
+    }
+
+    /// True or false.
+    ///
+    /// # Errors
+    /// A value of another type.
+    pub fn truth(&self, key: &str) -> Result<Option<bool>, Finding> {
+        self.value(key)
+            .map(|(item, value)| value.and_then(Value::as_bool).ok_or_else(|| self.wrong(item, key, "true or false")))
+            .transpose()
+    }
+
+    /// A list of texts.
+    ///
+    /// # Errors
+    /// A value of another type.
+    pub fn texts(&self, key: &str) -> Result<Option<Vec<String>>, Finding> {
+        self.list(key, "a list of texts", |v| v.as_str().map(str::to_owned))
+    }
+
+    /// A list of finite numbers.
+    ///
+    /// # Errors
+    /// A value of another type.
+    pub fn numbers(&self, key: &str) -> Result<Option<Vec<f64>>, Finding> {
+        self.list(key, "a list of finite numbers", as_number)
+    }
+
+    /// Three finite numbers.
+    ///
+    /// # Errors
+    /// A value of another type or length.
+    pub fn three(&self, key: &str) -> Result<Option<[f64; 3]>, Finding> {
+        let three = |values: Vec<f64>| {
+            let wrong = |_| self.refuse(key, "must be three numbers", "write one per component or coil axis");
+            values.try_into().map_err(wrong)
+        };
+        self.numbers(key)?.map(three).transpose()
+    }
+
+    fn list<T>(&self, key: &str, expected: &str, convert: impl Fn(&Value) -> Option<T>) -> Result<Option<Vec<T>>, Finding> {
+        self.value(key)
+            .map(|(item, value)| {
+                value
+                    .and_then(Value::as_array)
+                    .and_then(|array| array.iter().map(&convert).collect::<Option<Vec<T>>>())
+                    .ok_or_else(|| self.wrong(item, key, expected))
+            })
+            .transpose()
+    }
+
+    /// A table below this one.
+    ///
+    /// # Errors
+    /// A value of another type.
+    pub fn group(&self, key: &str) -> Result<Option<Group<'a>>, Finding> {
+        self.table
+            .get(key)
+            .map(|item| {
+                item.as_table_like()
+                    .map(|table| Group { keys: self.keys, name: self.full(key), table })
+                    .ok_or_else(|| self.wrong(item, key, "a table"))
+            })
+            .transpose()
+    }
+
+    /// The tables of an array of tables, `[[key]]`; empty if there is none.
+    ///
+    /// # Errors
+    /// A value of another type.
+    pub fn groups(&self, key: &str) -> Result<Vec<Group<'a>>, Finding> {
+        let Some(item) = self.table.get(key) else { return Ok(Vec::new()) };
+        let tables: Vec<&'a dyn TableLike> = if let Some(tables) = item.as_array_of_tables() {
+            tables.iter().map(|t| t as &dyn TableLike).collect()
+        } else if let Some(array) = item.as_array() {
+            let tables: Option<Vec<_>> = array.iter().map(|v| v.as_inline_table().map(|t| t as &dyn TableLike)).collect();
+            tables.ok_or_else(|| self.wrong(item, key, "an array of tables, `[[...]]`"))?
+        } else {
+            return Err(self.wrong(item, key, "an array of tables, `[[...]]`"));
+        };
+        let name = self.full(key);
+        Ok(tables.into_iter().map(|table| Group { keys: self.keys, name: name.clone(), table }).collect())
+    }
+
+    /// A warning for every key that is not in `known`.
+    #[must_use]
+    pub fn unknown(&self, known: &[&str]) -> Vec<Finding> {
+        self.table
+            .iter()
+            .filter(|(key, _)| !known.contains(key))
+            .map(|(key, item)| {
+                self.keys
+                    .complaint(item, format!("the key `{}` is not known and was not used", self.full(key)), "check its spelling")
+                    .weighing(Severity::Warning)
+            })
+            .collect()
+    }
+}
+
+fn as_number(value: &Value) -> Option<f64> {
+    let number = match value {
+        Value::Float(v) => *v.value(),
+        #[expect(clippy::cast_precision_loss, reason = "a whole number in a header is far below 2^53")]
+        Value::Integer(v) => *v.value() as f64,
+        _ => return None,
+    };
+    number.is_finite().then_some(number)
+}
