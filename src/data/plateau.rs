@@ -414,7 +414,7 @@ impl Accumulator {
             }
             if total.count > 1 {
                 let centred = total.squares[axis] - total.sum[axis] * total.sum[axis] / count;
-                // Equal samples have no scatter, whatever rounding leaves of it.
+                // Equal samples have no scatter; rounding may leave a little.
                 let scatters = total.min[axis] < total.max[axis];
                 std[axis] = if scatters { (centred.max(0.0) / (count - 1.0)).sqrt() } else { 0.0 };
             }
@@ -452,7 +452,7 @@ impl Accumulator {
     }
 }
 
-/// Least part of the expected samples that a plateau must have, where nothing else is said.
+/// Default of the least part of the expected samples that a plateau must have.
 pub const LEAST_COVERAGE: f64 = 0.9;
 
 /// The plateaus of a run: those that the file brings, or those of the vectors that were read.

@@ -13,7 +13,7 @@ pub struct Row {
     pub frequency_hz: f64,
     /// Amplitude per component, half peak to peak, enT.
     pub amplitude_ent: [f64; 3],
-    /// Its standard uncertainty, enT; nan where the table does not tell.
+    /// Its standard uncertainty, enT; NaN if the table does not give it.
     pub std_ent: [f64; 3],
 }
 
@@ -29,7 +29,7 @@ const FORM: TableForm = TableForm {
 /// Reads a table; warnings go to `findings`.
 ///
 /// # Errors
-/// What is wrong with it, with its place.
+/// The first fault of the file, with its place.
 pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<Row>, Digested), Finding> {
     let (bytes, digested) = read_whole(path)?;
     Ok((parse(&path.display().to_string(), &bytes, findings)?, digested))

@@ -47,7 +47,7 @@ const SECTION: &str = "@STEPS";
 /// Reads a programme; warnings go to `findings`.
 ///
 /// # Errors
-/// What is wrong with it, with its place.
+/// The first fault of the file, with its place.
 pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<Programme, Finding> {
     let (bytes, _) = read_whole(path)?;
     parse(&path.display().to_string(), &bytes, findings)
@@ -56,7 +56,7 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<Programme, Findi
 /// As [`read`], from text that is in memory; `file` is its name in messages.
 ///
 /// # Errors
-/// What is wrong with it, with its place.
+/// The first fault of the file, with its place.
 pub fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Programme, Finding> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut lines = bytes.split(|b| *b == b'\n').map(|line| line.strip_suffix(b"\r").unwrap_or(line)).zip(1u64..);
@@ -152,7 +152,7 @@ fn step(file: &str, number: u64, line: &[u8], columns: &Columns, cells: &[Cell])
 /// Writes a programme.
 ///
 /// # Errors
-/// What the writer says.
+/// An error of the writer.
 pub fn write(out: &mut impl Write, programme: &Programme) -> io::Result<()> {
     let name = toml_edit::Value::from(programme.name.as_str()).to_string();
     writeln!(out, "MAG 1\nname = {}\nkind = \"{}\"\n{SECTION}\n{}", name.trim(), programme.kind, COLUMNS.join(","))?;

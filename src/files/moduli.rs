@@ -17,7 +17,7 @@ pub struct Row {
     pub plus_nt: f64,
     /// Modulus at minus F, nT.
     pub minus_nt: f64,
-    /// Standard uncertainty of a modulus, nT, if the table tells.
+    /// Standard uncertainty of a modulus, nT, if the table gives it.
     pub std_nt: Option<f64>,
 }
 
@@ -33,7 +33,7 @@ const FORM: TableForm = TableForm {
 /// Reads a table; warnings go to `findings`.
 ///
 /// # Errors
-/// What is wrong with it, with its place.
+/// The first fault of the file, with its place.
 pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<Row>, Digested), Finding> {
     let (bytes, digested) = read_whole(path)?;
     Ok((parse(&path.display().to_string(), &bytes, findings)?, digested))

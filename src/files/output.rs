@@ -32,7 +32,7 @@ impl Folder {
     /// Creates the folder if needed, takes away what an interrupted run left there, and checks that files can be written.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// An error of the operating system.
     pub fn open(path: &Path, force: bool) -> Result<Self, Finding> {
         if path.exists() && !path.is_dir() {
             return Err(Finding::error(&path.display().to_string(), "is not a folder", "choose another output folder with -o"));
@@ -95,7 +95,7 @@ impl Folder {
     /// Makes the names of what was written last through a power loss.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// An error of the operating system.
     pub fn sync(&self) -> Result<(), Finding> {
         File::open(&self.path).and_then(|folder| folder.sync_all()).map_err(|e| Finding::io(&self.path, "sync the folder", &e))
     }
@@ -118,7 +118,7 @@ impl Pending {
     /// Gives the file its name once it is complete on disk; returns its size.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// An error of the operating system.
     pub fn finish(mut self) -> Result<u64, Finding> {
         let failed = |e: &std::io::Error| Finding::io(&self.path, "write", e);
         self.file.flush().map_err(|e| failed(&e))?;

@@ -172,7 +172,7 @@ impl Cutter {
 /// line end. With `two_threads` reading, decompressing and hashing go on beside `take`.
 ///
 /// # Errors
-/// What the operating system says; a file that is no regular file; one that changes while it is read; the first error of `take`.
+/// An error of the operating system; a file that is no regular file; one that changes while it is read; the first error of `take`.
 pub fn read_pieces(
     path: &Path,
     two_threads: bool,

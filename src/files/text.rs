@@ -8,7 +8,7 @@ pub use rows::{Cell, Columns, TableForm, TableRow, cells, columns, not_a_number,
 
 use std::borrow::Cow;
 
-/// Longest line that is looked at; a longer one is refused, so memory stays bounded.
+/// Longest accepted line, bytes: a longer one is refused, so that memory stays bounded.
 pub const LONGEST_LINE: usize = 1 << 20;
 
 /// Bytes as text: UTF-8, or Latin-1 where they are not UTF-8 (old notes with a degree sign).

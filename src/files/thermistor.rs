@@ -11,9 +11,9 @@ use std::path::Path;
 pub struct Row {
     /// Temperature, °C.
     pub t_degc: f64,
-    /// Voltage, V; NaN if the table has none.
+    /// Voltage, V; NaN if the table does not give it.
     pub u_volt: f64,
-    /// Resistance, Ω; NaN if the table has none.
+    /// Resistance, Ω; NaN if the table does not give it.
     pub r_ohm: f64,
 }
 
@@ -21,13 +21,13 @@ pub struct Row {
 pub const TABLE: &str = "t_degc";
 /// Name of the temperature column of a comparison.
 pub const REFERENCE: &str = "reference_degc";
-/// Temperatures below absolute zero are none.
+/// Absolute zero: lower temperatures are refused.
 const LEAST_DEGC: f64 = -273.15;
 
 /// Reads a table whose temperatures stand in the column `temperature`; warnings go to `findings`.
 ///
 /// # Errors
-/// What is wrong with it, with its place.
+/// The first fault of the file, with its place.
 pub fn read(path: &Path, temperature: &str, findings: &mut Vec<Finding>) -> Result<(Vec<Row>, Digested), Finding> {
     let (bytes, digested) = read_whole(path)?;
     Ok((parse(&path.display().to_string(), &bytes, temperature, findings)?, digested))

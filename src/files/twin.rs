@@ -63,7 +63,7 @@ pub struct FacilityTwin {
     pub coil_correction: Option<bool>,
     /// Earth-field compensation per axis, for the headers.
     pub compensation: Vec<String>,
-    /// What settings turn into.
+    /// The coil system, which turns settings into fields.
     pub coil: Coil,
     /// Scatter of the source from setting to setting per axis, nT.
     pub setting_scatter_nt: [f64; 3],
@@ -147,7 +147,7 @@ pub struct Jump {
     pub by_k: [f64; 2],
 }
 
-/// What a thermistor is attached to.
+/// The body that a thermistor is attached to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Body {
     /// The sensor.
@@ -211,7 +211,7 @@ pub struct RunTwin {
 /// The whole twin.
 #[derive(Clone, Debug)]
 pub struct Twin {
-    /// Seed of the random numbers where none is given.
+    /// Seed of the random numbers unless the command gives another one.
     pub seed: u64,
     /// Text of the `campaign.toml` of the simulated campaign.
     pub campaign_toml: String,

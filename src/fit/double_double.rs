@@ -12,7 +12,7 @@ use nalgebra::DMatrix;
 pub struct DoubleDouble {
     /// The value rounded to `f64`.
     pub hi: f64,
-    /// What the rounding left over.
+    /// Rounding error of the high part.
     pub lo: f64,
 }
 

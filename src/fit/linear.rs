@@ -19,7 +19,7 @@ const STALLED: f64 = 1e-8;
 /// A parameter is named as undetermined where its part of the near-null directions exceeds this share of the largest.
 const NAMED_SHARE: f64 = 0.1;
 
-/// What a fit accepts.
+/// Limits of what a fit accepts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     /// Largest condition number of the design with columns of unit norm.

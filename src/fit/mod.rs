@@ -57,15 +57,11 @@ pub use statistics::{NORMAL_95, student_95};
 
 /// Why a fit has no answer.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages tell what the fields are")]
 pub enum FitError {
     /// There are fewer rows of positive weight than parameters.
     #[error("{rows} rows cannot determine {parameters} parameters")]
-    TooFewRows {
-        /// Rows of positive weight.
-        rows: usize,
-        /// Parameters of the design.
-        parameters: usize,
-    },
+    TooFewRows { rows: usize, parameters: usize },
     /// The columns are dependent, or so nearly that noise decides the answer.
     #[error("the data do not determine {} (condition {condition:.1e})", parameters.join(", "))]
     Undetermined {
@@ -76,18 +72,10 @@ pub enum FitError {
     },
     /// Two inputs which belong together differ in length.
     #[error("{what}: {found} given, {expected} needed")]
-    Length {
-        /// The input at fault.
-        what: &'static str,
-        /// The length the other inputs ask for.
-        expected: usize,
-        /// The length it has.
-        found: usize,
-    },
+    Length { what: &'static str, expected: usize, found: usize },
     /// An input holds a NaN or an infinity, or a result overflowed.
     #[error("{what}: row {row} is not finite")]
     NotFinite {
-        /// The matrix at fault.
         what: &'static str,
         /// Its first such row, counted from zero.
         row: usize,
@@ -106,34 +94,16 @@ pub enum FitError {
     },
     /// A polynomial of this order needs more different points than there are.
     #[error("order {order} needs {} different points; there are {distinct}", order + 1)]
-    TooFewPoints {
-        /// The order asked for.
-        order: usize,
-        /// Different points given.
-        distinct: usize,
-    },
+    TooFewPoints { order: usize, distinct: usize },
     /// A polynomial of this order is beyond what is fitted.
     #[error("order {order} is higher than {highest}, the highest that is fitted")]
-    OrderTooHigh {
-        /// The order asked for.
-        order: usize,
-        /// The highest order.
-        highest: usize,
-    },
+    OrderTooHigh { order: usize, highest: usize },
     /// All rows were measured at the same time, or no degree of freedom is left to see noise in.
     #[error("the residuals carry no information about noise: {why}")]
-    NoNoise {
-        /// What is missing.
-        why: &'static str,
-    },
+    NoNoise { why: &'static str },
     /// An iteration did not settle.
     #[error("{what} did not settle within {iterations} iterations")]
-    NotSettled {
-        /// The iteration.
-        what: &'static str,
-        /// Iterations made.
-        iterations: usize,
-    },
+    NotSettled { what: &'static str, iterations: usize },
 }
 
 /// Refuses a slice or matrix with a value that is not finite; `rows` is the number of rows in column-major order.

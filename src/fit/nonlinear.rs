@@ -74,7 +74,7 @@ pub fn differentiate<M: Model + ?Sized>(model: &M, parameters: &[f64], jacobian:
     for (j, &value) in parameters.iter().enumerate() {
         let mut difference = |step: f64| {
             at[j] = value + step;
-            // What was really added, free of the rounding of the sum.
+            // The step that was really made, free of the rounding of the sum.
             let up = at[j] - value;
             model.values(&at, above.as_mut_slice());
             at[j] = value - step;

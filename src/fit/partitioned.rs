@@ -151,7 +151,7 @@ pub fn solve(parts: &[Projected], names: &[String], limits: &Limits) -> Result<S
 pub struct Uncertainty {
     /// Covariance of the shared parameters from the noise of the sets, q x q.
     pub covariance: DMatrix<f64>,
-    /// What the sets say against the shared values: sum of squares over their variances.
+    /// Misfit of the sets to the shared values: sum of squares over their variances.
     pub chi2: f64,
     /// Its degrees of freedom; zero for a single set.
     pub dof: usize,

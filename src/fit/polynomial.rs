@@ -62,7 +62,7 @@ pub fn fit(x: &[f64], y: &[f64], weights: Option<&[f64]>, degree: usize, limits:
     require_length("y", x.len(), y.len())?;
     require_finite("x", x, x.len())?;
     let (low, high) = x.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| (low.min(x), high.max(x)));
-    // Rounding these two moves the map by a digit nobody sees: they are used exactly from here on.
+    // These two are rounded once and used exactly from here on, which moves the map by less than a digit.
     let centre = 0.5 * low + 0.5 * high;
     let half_range = if high > low { 0.5 * high - 0.5 * low } else { 1.0 };
 

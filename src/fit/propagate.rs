@@ -70,7 +70,7 @@ fn differentiate(
     for _ in 0..STEPS {
         at[j] = x[j] + step;
         let above = f(&at);
-        // What was really added, free of the rounding of the sum.
+        // The step that was really made, free of the rounding of the sum.
         let up = at[j] - x[j];
         at[j] = x[j] - step;
         let below = f(&at);

@@ -10,7 +10,7 @@ use super::statistics::central_median;
 const TUNING: f64 = 1.345;
 /// Median of the magnitude of a standard Gaussian.
 const MEDIAN_MAGNITUDE: f64 = 0.674_489_750_196_081_7;
-/// Iterations in which the scale follows the residuals. With a scale that stays the iteration always converges.
+/// Iterations in which the scale is estimated again. With a fixed scale the iteration always converges.
 const SCALE_ITERATIONS: usize = 50;
 /// Iterations altogether.
 const MAX_ITERATIONS: usize = 500;
@@ -214,7 +214,7 @@ mod tests {
             assert!((fit.weights[row] / weight - 1.0).abs() < 1e-7);
         }
         assert_eq!(fit.downweighted, 3);
-        // What the factor means: sample variance of the pseudo-values over that of the weighted residuals.
+        // Meaning of the factor: sample variance of the pseudo-values over that of the weighted residuals.
         let mean_weight = fit.weights.iter().sum::<f64>() / 21.0;
         let expected = mean_weight * (2.6738028214543816 / fit.solution.residual_std[0]).powi(2);
         assert!((fit.covariance_factor[0] / expected - 1.0).abs() < 1e-7);

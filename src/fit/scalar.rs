@@ -43,7 +43,7 @@ pub fn minimum_by_thirds(cost: impl Fn(f64) -> f64, [mut low, mut high]: [f64; 2
 }
 
 /// The interval in which a condition that holds at its lower end ceases to hold, halved until it is narrower than `relative` times its
-/// upper end, or than doubles can tell.
+/// upper end, or as narrow as doubles allow.
 pub fn bisect(holds: impl Fn(f64) -> bool, [mut low, mut high]: [f64; 2], relative: f64) -> [f64; 2] {
     while high - low > relative * high {
         let middle = 0.5 * (low + high);
@@ -67,7 +67,7 @@ mod tests {
         assert!((minimum_by_thirds(cost, [-1.0, 2.0], 40) - 0.3).abs() < 1e-6);
         let [low, high] = bisect(|x| x * x < 2.0, [0.0, 2.0], 1e-13);
         assert!(low <= 2f64.sqrt() && 2f64.sqrt() <= high && high - low < 1e-12);
-        // More than doubles can tell is not asked for for ever.
+        // An accuracy beyond that of doubles ends the search, too.
         let [low, high] = bisect(|x| x * x < 2.0, [0.0, 2.0], 0.0);
         assert!(high - low <= 4.0 * f64::EPSILON);
     }

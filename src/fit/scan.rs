@@ -15,7 +15,7 @@ use rayon::prelude::*;
 const EXPECTED: f64 = 60.0;
 /// A group of which less than this part is left beside the model is absorbed by it.
 pub const ABSORBED: f64 = 0.02;
-/// A column of which the others leave less than this is theirs.
+/// A column that keeps less than this part of itself after projection on the other columns counts as dependent on them.
 const INDEPENDENT: f64 = 1e-9;
 /// Draws of noise for the largest evidence of all groups.
 const DRAWS: usize = 500;
@@ -34,7 +34,7 @@ pub struct Fitted {
     edges: [usize; 4],
     /// Degrees of freedom of each component.
     freedom: [f64; 3],
-    /// Squares that tell the noise of each component beside the residuals.
+    /// Sums of squares from which the noise of each component is estimated in addition to the residuals.
     beside: [f64; 3],
 }
 
@@ -52,7 +52,7 @@ pub struct Group {
     cross: [DMatrix<f64>; 3],
 }
 
-/// How well a group explains the residuals.
+/// How well a group of columns explains the residuals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Score {
     /// Signal to noise ratio.

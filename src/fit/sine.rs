@@ -58,23 +58,14 @@ const LOG_VARIANCE: f64 = PI * PI / 6.0;
 
 /// Why samples have no answer.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages tell what the fields are")]
 pub enum SineRefusal {
     /// Counters and readings differ in number.
     #[error("{counters} counters are given for {readings} readings")]
-    Length {
-        /// Counters given.
-        counters: usize,
-        /// Readings given.
-        readings: usize,
-    },
+    Length { counters: usize, readings: usize },
     /// Too few samples for a fit with residuals.
     #[error("{samples} samples are given, {needed} needed")]
-    TooFew {
-        /// Samples given.
-        samples: usize,
-        /// Least number for the fit.
-        needed: usize,
-    },
+    TooFew { samples: usize, needed: usize },
     /// A reading is NaN or infinite, or a result overflowed.
     #[error("sample {row} is not finite")]
     NotFinite {
@@ -89,29 +80,17 @@ pub enum SineRefusal {
     },
     /// Frequency or rate is not a positive number.
     #[error("a frequency of {frequency_hz} Hz at {rate_hz} samples per second is no sine")]
-    Frequency {
-        /// Given frequency, Hz.
-        frequency_hz: f64,
-        /// Given sample rate, Hz.
-        rate_hz: f64,
-    },
+    Frequency { frequency_hz: f64, rate_hz: f64 },
     /// The stretch is too short for the frequency.
     #[error("the samples span {cycles:.3} cycles of {frequency_hz} Hz, at least {} are needed", LEAST_CYCLES)]
-    TooShort {
-        /// Frequency, Hz.
-        frequency_hz: f64,
-        /// Cycles in the stretch.
-        cycles: f64,
-    },
+    TooShort { frequency_hz: f64, cycles: f64 },
     /// The samples show the sine as a constant, or as one that changes its sign with every sample.
     #[error(
         "{frequency_hz} Hz at {rate_hz:.6} samples per second looks like {alias_hz:.6} Hz, {cycles:.3} cycles over the samples away \
          from {limit_hz:.6} Hz: sine and cosine cannot be told apart"
     )]
     Alias {
-        /// Frequency, Hz.
         frequency_hz: f64,
-        /// Sample rate, Hz.
         rate_hz: f64,
         /// What the samples show, Hz, between 0 and half of the rate.
         alias_hz: f64,
@@ -122,24 +101,14 @@ pub enum SineRefusal {
     },
     /// The samples there are do not tell sine, cosine and offset apart.
     #[error("the instants of the {samples} samples do not tell sine and cosine of {frequency_hz} Hz apart")]
-    Undetermined {
-        /// Frequency, Hz.
-        frequency_hz: f64,
-        /// Samples given.
-        samples: usize,
-    },
+    Undetermined { frequency_hz: f64, samples: usize },
     /// The free frequency found no minimum near its start.
     #[error("the frequency did not settle near {frequency_hz} Hz within {iterations} steps")]
-    NotSettled {
-        /// Start value, Hz.
-        frequency_hz: f64,
-        /// Steps made.
-        iterations: usize,
-    },
+    NotSettled { frequency_hz: f64, iterations: usize },
 }
 
 impl SineRefusal {
-    /// What to do about it, as an imperative.
+    /// The remedy, as an imperative.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Length { .. } => "give one counter per reading",

@@ -170,7 +170,7 @@ mod tests {
         assert!(left < 1e-9, "{left}");
         let step = |t: f64| if t < 99.5 { 0.0 } else { 5.0 };
         let series: Vec<(f64, f64)> = (0..200).map(|i| (f64::from(i), step(f64::from(i)))).collect();
-        // Without noise only the step tells, and neighbours describe it better than any parabola.
+        // Without noise only the resolution limits, and the neighbours describe the course better than a parabola.
         let left = rms(&smoothed(&series), step);
         assert!(left < 1e-9, "{left}");
     }

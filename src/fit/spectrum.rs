@@ -275,7 +275,7 @@ pub struct Line {
 
 /// Bins on either side of a line that hold it: the main lobe of Hann's window.
 const LOBE: usize = 2;
-/// Bins on either side that tell the density beside a line.
+/// Bins on either side from which the density beside a line is estimated.
 const BESIDE_BINS: usize = 24;
 const LEAST_BESIDE: usize = 6;
 /// Probability that a bin exceeds the threshold by chance: small, since the level beside a bin is uncertain too.
@@ -416,7 +416,7 @@ pub struct WhiteAndSlow {
 }
 
 /// Fits [`WhiteAndSlow`] to points of one component by weights from the model itself, which is maximum likelihood for χ² of many degrees
-/// of freedom. Uncertainties are widened by a χ² above 1. `None` where the points are too few or do not tell.
+/// of freedom. Uncertainties are widened by a χ² above 1. `None` where the points are too few or do not determine it.
 #[must_use]
 pub fn white_and_slow(points: &[&Point], component: usize) -> Option<WhiteAndSlow> {
     use nalgebra::DMatrix;
@@ -443,7 +443,7 @@ pub fn white_and_slow(points: &[&Point], component: usize) -> Option<WhiteAndSlo
     let chi_square_per_degree = solution.residual_std[0].powi(2);
     let widened = chi_square_per_degree.max(1.0);
     let covariance = &solution.unscaled_covariance * widened;
-    // A density below zero is none; where there is no white noise there is no corner.
+    // A negative density is not physical; without white noise there is no corner.
     let corner_hz = if white > 0.0 { slow.max(0.0) / white } else { f64::NAN };
     let variance = (covariance[(1, 1)] - 2.0 * corner_hz * covariance[(0, 1)] + corner_hz * corner_hz * covariance[(0, 0)])
         / (white * white);

@@ -16,7 +16,7 @@ pub struct AxisLinearisation {
 }
 
 impl AxisLinearisation {
-    /// What is added to a reading, enT.
+    /// Correction that is added to a reading, enT.
     #[must_use]
     pub fn correction_ent(&self, reading_ent: f64) -> f64 {
         reading_ent * reading_ent * (self.c2_per_ent + self.c3_per_ent2 * reading_ent)

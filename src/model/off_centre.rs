@@ -5,7 +5,7 @@ use super::sensor::SplitError;
 use crate::data::convention::Convention;
 use nalgebra::Matrix3;
 
-/// What a position beside the centre does to sensitivities and angles. It belongs to the coil system and does not depend on temperature.
+/// Change of sensitivities and angles at a position beside the centre. It belongs to the coil system and does not depend on temperature.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transfer {
     /// `k_i = σ¹_i(T1) / σ⁰_i(T1)`, superscript 1 off-centre, 0 at the centre.

@@ -42,7 +42,7 @@ impl TemperaturePolynomial {
         }
         let powers = DMatrix::from_fn(count, 1, |k, _| temperature_degc.powi(k as i32));
         let variance = powers.dot(&(&self.covariance * &powers));
-        // Rounding may leave a variance near zero on the wrong side; max alone would turn NaN into zero.
+        // Rounding may make a variance near zero negative; `max` would turn NaN into zero.
         (value, if variance < 0.0 { 0.0 } else { variance.sqrt() })
     }
 

@@ -5,7 +5,7 @@ use serde::Serialize;
 use std::fmt;
 use thiserror::Error;
 
-/// What is wrong with a position.
+/// Why a position is refused.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum PositionError {
     /// Not three axes.
@@ -93,7 +93,7 @@ impl Position {
     pub fn from_orientation(text: &str) -> Result<Self, PositionError> {
         let named: Vec<String> = text.split_whitespace().map(str::to_owned).collect();
         let sensor = Self::from_axes(&named)?;
-        // What lies where, turned round: the sensor axis of coil axis k lies along coil axis k.
+        // The inverse assignment: the sensor axis that lies along coil axis k.
         let mut axes = [(0, false); 3];
         for (coil_axis, (sensor_axis, negative)) in sensor.axes.into_iter().enumerate() {
             axes[sensor_axis] = (coil_axis, negative);

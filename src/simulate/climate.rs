@@ -30,7 +30,7 @@ impl History {
         here + (next - here) * (place - index as f64).min(1.0)
     }
 
-    /// What follows this with a time constant, as a body does that is heated through its surface.
+    /// The temperature of a body that follows this one with a time constant.
     fn delayed(&self, time_constant_s: f64) -> Self {
         if time_constant_s <= 0.0 {
             return self.clone();
@@ -97,7 +97,7 @@ impl Temperatures {
         history.map_or(f64::NAN, |(_, history)| history.at(seconds(self.origin, start) + t_s))
     }
 
-    /// What the thermistors show during a run; `random` is a stream of the run.
+    /// Readings of the thermistors during a run; `random` is a stream of the run.
     #[must_use]
     pub fn table(&self, thermistors: &[Thermistor], start: Timestamp, t_s: &[f64], random: &mut Random) -> SlowTable {
         let begin_s = seconds(self.origin, start);

@@ -38,7 +38,7 @@ enum Model {
 }
 
 impl Model {
-    /// Reading without noise; NaN where the parameters do not tell.
+    /// Reading without noise; NaN where the parameters do not determine it.
     fn reading_ent(&self, setting: Option<&Setting>, n: u64, t_s: f64) -> [f64; 3] {
         let field = setting.map_or(FieldCoil([0.0; 3]), |s| s.field);
         match self {
@@ -75,7 +75,7 @@ pub fn write_like(run: &Path, files: &[PathBuf], seed: u64, out: &Path, force: b
     write_like_with(None, run, files, seed, out, force, &mut Vec::new())
 }
 
-/// The same with known effects in the readings. What the run cannot have is warned about.
+/// The same with known effects in the readings. Effects that the run cannot have give a warning.
 ///
 /// # Errors
 /// See [`write_like`].
@@ -215,7 +215,7 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
             if fpf.effects.as_ref().is_some_and(|e| !e.effect.is_empty()) {
                 return refuse("is without the effects of a model".to_owned(), "analyse the run without --model");
             }
-            // The variance of an amplitude from N samples is 2 / N of theirs; the median is not led astray by the alias of a disturbance.
+            // The variance of an amplitude from N samples is 2 / N of theirs; the median is not affected by the alias of a disturbance.
             let white_ent = std::array::from_fn(|i| {
                 let of = |a: &parameter::AmplitudePart| Some(a.b_std_ent[i] * (a.samples? as f64 / 2.0).sqrt());
                 let mut all: Vec<f64> = fpf.amplitude.iter().filter_map(of).filter(|s| s.is_finite()).collect();

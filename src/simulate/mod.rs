@@ -65,12 +65,12 @@ pub struct Written {
 /// Writes the campaign of a twin into a folder, runs side by side, and `campaign.toml` last.
 ///
 /// # Errors
-/// A run that cannot be made, or what the operating system says.
+/// A run that cannot be made, or an error of the operating system.
 pub fn write_campaign(twin: &Twin, seed: u64, out: &Path, force: bool, done: impl Fn() + Sync) -> Result<Vec<Written>, Finding> {
     write_campaign_with(None, twin, seed, out, force, done, &mut Vec::new())
 }
 
-/// The same with known effects in the readings. What a run cannot have is warned about.
+/// The same with known effects in the readings. Effects that a run cannot have give a warning.
 ///
 /// # Errors
 /// See [`write_campaign`].
@@ -96,7 +96,7 @@ pub fn write_campaign_with(
     // The error of the first run, whichever thread is the first.
     let each: Vec<_> = twin.runs.par_iter().map(prepare).collect();
     let all = each.into_iter().collect::<Result<Vec<_>, Finding>>()?;
-    // The longest first, so that no core is left alone with one at the end.
+    // The longest runs first, so that all cores finish at about the same time.
     let mut prepared: Vec<(&RunTwin, SimulatedRun)> = Vec::new();
     for (run, simulated, own) in all {
         warnings.extend(own);
@@ -128,7 +128,7 @@ pub fn write_campaign_with(
 /// Writes one run; `remark` goes into its head.
 ///
 /// # Errors
-/// What the operating system says.
+/// An error of the operating system.
 pub fn write_run(run: &SimulatedRun, remark: &str, folder: &Folder, name: &str) -> Result<Written, Finding> {
     let mut file = folder.create(name)?;
     let failed = |e: std::io::Error| Finding::io(&folder.path().join(name), "write", &e);

@@ -34,7 +34,7 @@ const SETTLED: f64 = 1e-9;
 struct Stretch {
     t_start_s: f64,
     t_end_s: f64,
-    /// What the coils get, with the scatter of the source; the amplitude of a sine.
+    /// Setting of the coils including the scatter of the source; for a sine its amplitude.
     drive: [f64; 3],
     frequency_hz: f64,
     position: u32,
@@ -171,7 +171,7 @@ impl<'a> SimulatedRun<'a> {
         Ok(Self { header, settings, temperatures, channels, scalar, scene, seed, added: None })
     }
 
-    /// The same run with known effects in its readings. What the run cannot have is warned about.
+    /// The same run with known effects in its readings. Effects that the run cannot have give a warning.
     #[must_use]
     pub fn with_effects(mut self, known: &Known, campaign: &Campaign, warnings: &mut Vec<String>) -> Self {
         if self.header.kind == Kind::Frequency {
@@ -351,7 +351,7 @@ impl Scene<'_> {
     /// Reading without noise and sine, enT.
     fn level_ent(&self, stretch: &Stretch, t_s: f64) -> [f64; 3] {
         let offset_ent = self.sensor.model.offset_ent(self.sensor_degc(t_s));
-        // The polynomials were tried out when the run was made ready.
+        // The polynomials were checked when the run was prepared.
         match self.sensor_at(stretch, t_s) {
             Ok(sensor) => sensor.reading(self.field(stretch, t_s), offset_ent).0,
             Err(_) => [f64::NAN; 3],
@@ -376,7 +376,7 @@ impl Scene<'_> {
             let amplitude_ent = full[i] * model.response.value(f, &parameters[i]) * factor.norm();
             (amplitude_ent * cos, amplitude_ent * sin)
         });
-        // The counter tells a time that is ahead of the field's where the clock was fast.
+        // Where the clock was fast, the time of the counter is ahead of that of the field.
         let field_s = t_s - self.in_sines.lead_s(t_s);
         let (sin, cos) = (TAU * (f * (field_s - stretch.t_start_s)).fract()).sin_cos();
         let (turn_sin, turn_cos) = (TAU * (f / self.rate_hz / (1.0 + self.in_sines.clock(t_s))).fract()).sin_cos();
@@ -414,7 +414,7 @@ pub struct Samples<'a> {
     losses: Random,
     lost: bool,
     added: Option<Added>,
-    /// What it adds to the samples of the chunk that holds the next one, enT.
+    /// Its contributions to the samples of the chunk that holds the next sample, enT.
     chunk: Vec<[f64; 3]>,
 }
 
@@ -429,7 +429,7 @@ impl Samples<'_> {
         (t_s * self.scene.rate_hz - 0.5).ceil().max(0.0) as u64
     }
 
-    /// What known effects add to the sample that comes next, worked out for many samples at a time.
+    /// Contribution of the known effects to the next sample, computed for many samples at a time.
     fn added_ent(&mut self) -> [f64; 3] {
         let place = (self.sample % CHUNK as u64) as usize;
         if place == 0 {

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 /// Bins that settling and a late edge may take at most.
 const MOST_SETTLING: usize = 48;
-/// Bins that show the level of a setting, whatever happens at its ends: free of data that are late by up to three eighths or early
+/// Bins that show the level of a setting undisturbed by its ends: free of data that are late by up to three eighths or early
 /// by up to a quarter of a plateau.
 const REFERENCE: Range<usize> = 3 * BINS / 8..3 * BINS / 4;
 

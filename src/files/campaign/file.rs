@@ -136,7 +136,7 @@ const KNOWN: [&str; 14] = [
 /// Reads a campaign file; warnings go to `findings`.
 ///
 /// # Errors
-/// What is wrong with it, with its place.
+/// The first fault of the file, with its place.
 pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(CampaignFile, Digested), Finding> {
     let (bytes, digested) = read_whole(path)?;
     let file = path.display().to_string();
@@ -148,7 +148,7 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(CampaignFile, D
 /// The keys of a campaign; warnings go to `findings`.
 ///
 /// # Errors
-/// What is wrong with them, with its place.
+/// The first fault, with its place.
 pub fn parse(root: &Group, findings: &mut Vec<Finding>) -> Result<CampaignFile, Finding> {
     findings.extend(root.unknown(&KNOWN));
     let mut campaign = CampaignFile {

@@ -10,11 +10,11 @@ use file::{CampaignFile, read};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Channel of the sensor temperature where nothing else is said.
+/// Default channel of the sensor temperature.
 pub const SENSOR_CHANNEL: &str = "T59";
-/// Channel of the coil temperature where nothing else is said.
+/// Default channel of the coil temperature.
 pub const COIL_CHANNEL: &str = "T29";
-/// Channel of the temperature of the facility's electronics rack where nothing else is said (CH-GFZ-TR-2601 section 6).
+/// Default channel of the temperature of the facility's electronics rack (CH-GFZ-TR-2601 section 6).
 pub const RACK_CHANNEL: &str = "T55";
 
 /// A run file of a campaign.
@@ -24,7 +24,7 @@ pub struct RunFile {
     pub recorded: String,
     /// Path to open.
     pub path: PathBuf,
-    /// The user named this file, so it is used whatever the campaign says.
+    /// The user named this file, so it takes precedence over the one of the campaign.
     pub named: bool,
 }
 
@@ -78,7 +78,7 @@ impl Campaign {
     /// The run files of a folder and of the folders in it.
     ///
     /// # Errors
-    /// What the operating system says.
+    /// An error of the operating system.
     pub fn run_files(folder: &Path) -> Result<Vec<PathBuf>, Finding> {
         let mut files = Vec::new();
         collect(folder, 0, &mut files)?;

@@ -142,7 +142,7 @@ impl<W: Write> Writer<W> {
     /// Begins with the keys.
     ///
     /// # Errors
-    /// What the writer says.
+    /// An error of the writer.
     pub fn new(mut out: W, header: &Header, decimals: Decimals) -> io::Result<Self> {
         write_header(&mut out, header)?;
         Ok(Self { out, decimals, units_per_ent: 1.0 / header.unit.ent_per_unit() })
@@ -167,7 +167,7 @@ impl<W: Write> Writer<W> {
     /// A comment among the keys, for a person who reads the file.
     ///
     /// # Errors
-    /// What the writer says.
+    /// An error of the writer.
     pub fn remark(&mut self, text: &str) -> io::Result<()> {
         writeln!(self.out, "# {}", text.replace(['\r', '\n'], " "))
     }
@@ -175,7 +175,7 @@ impl<W: Write> Writer<W> {
     /// `@SCALAR`.
     ///
     /// # Errors
-    /// What the writer says.
+    /// An error of the writer.
     pub fn scalar(&mut self, rows: &[ScalarRow]) -> io::Result<()> {
         self.names(Section::Scalar, 5)?;
         let d = self.decimals;
@@ -190,7 +190,7 @@ impl<W: Write> Writer<W> {
     /// `@FIELDS`.
     ///
     /// # Errors
-    /// What the writer says.
+    /// An error of the writer.
     pub fn fields(&mut self, settings: &[Setting]) -> io::Result<()> {
         self.names(Section::Fields, 7)?;
         for s in settings {
@@ -205,7 +205,7 @@ impl<W: Write> Writer<W> {
     /// `@BLOCKS`; standard deviations and counts are written if every block has them.
     ///
     /// # Errors
-    /// What the writer says.
+    /// An error of the writer.
     pub fn blocks(&mut self, blocks: &[GivenBlock]) -> io::Result<()> {
         let full = blocks.iter().all(|b| b.std_ent.is_some() && b.count.is_some());
         self.names(Section::Blocks, if full { 13 } else { 9 })?;
@@ -226,7 +226,7 @@ impl<W: Write> Writer<W> {
     /// `@TEMPERATURES` or `@CHANNELS`; NaN becomes an empty cell.
     ///
     /// # Errors
-    /// What the writer says.
+    /// An error of the writer.
     pub fn slow(&mut self, section: Section, table: &SlowTable) -> io::Result<()> {
         writeln!(self.out, "{}\nt,{}", section.name(), table.names.join(","))?;
         for (i, t_s) in table.t_s.iter().enumerate() {
@@ -243,7 +243,7 @@ impl<W: Write> Writer<W> {
     /// `@VECTORS`.
     ///
     /// # Errors
-    /// What the writer says.
+    /// An error of the writer.
     pub fn vectors(&mut self, vectors: impl IntoIterator<Item = Vector>) -> io::Result<()> {
         self.names(Section::Vectors, 5)?;
         let d = self.decimals;
@@ -276,7 +276,7 @@ impl<W: Write> Writer<W> {
     /// `@END`; gives the writer back, flushed.
     ///
     /// # Errors
-    /// What the writer says.
+    /// An error of the writer.
     pub fn end(mut self) -> io::Result<W> {
         writeln!(self.out, "@END")?;
         self.out.flush()?;

@@ -64,13 +64,13 @@ const HEATER: [&str; 3] = ["field_nt", "longest_s", "delay_s"];
 const THERMISTOR: [&str; 6] = ["channel", "of", "time_constant_s", "offset_k", "noise_k", "jump"];
 const RUN: [&str; 10] =
     ["start", "programme", "sensor", "mode", "position", "pause_s", "longest_s", "sample_rate_hz", "repeat", "field_factor"];
-/// Slowest 1/f noise where nothing else is said: a day.
+/// Default lowest frequency of the 1/f noise, Hz: a period of about a day.
 const LOWEST_HZ: f64 = 1e-5;
 
 /// Reads a twin, and the field programmes that stand beside it; warnings go to `findings`.
 ///
 /// # Errors
-/// What is wrong with it, with its place.
+/// The first fault of the file, with its place.
 pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<Twin, Finding> {
     let (bytes, _) = read_whole(path)?;
     let text = decode(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes)).into_owned();
@@ -89,7 +89,7 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<Twin, Finding> {
 /// As [`read`], from text that is in memory; `programme` gives the index of a programme by its file name.
 ///
 /// # Errors
-/// What is wrong with it, with its place.
+/// The first fault of the file, with its place.
 fn parse(
     file: &str,
     text: String,

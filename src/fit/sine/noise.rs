@@ -30,7 +30,7 @@ const MANY_CYCLES: f64 = 8.0;
 /// Share of 1/f noise below which it does not matter.
 const NO_COLOUR: f64 = 0.01;
 
-/// What a sine leaves of the readings of a setting.
+/// Residuals of the readings of a setting after the fit of a sine.
 #[derive(Clone, Copy, Debug)]
 pub struct Residue<'a> {
     /// Rising counters.

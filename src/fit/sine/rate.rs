@@ -56,7 +56,7 @@ pub struct Packet<'a> {
     pub frequency_hz: f64,
 }
 
-/// What became of a packet.
+/// How a packet was used.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
     /// It counts.
@@ -70,7 +70,7 @@ pub enum Verdict {
     Refused(SineRefusal),
 }
 
-/// The sample rate by one packet alone.
+/// The sample rate from one packet.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PacketRate {
     /// Rate, Hz; NaN where the packet was refused. Good as long as it is within one peak of the common rate.
@@ -81,7 +81,7 @@ pub struct PacketRate {
     pub time_s: f64,
     /// Standard deviation of one reading, unit of the readings; NaN where the packet was refused.
     pub residual_std: f64,
-    /// What became of it.
+    /// How it was used.
     pub verdict: Verdict,
 }
 
@@ -126,39 +126,28 @@ pub struct CommonRate {
 
 /// Why there is no common rate.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "the messages tell what the fields are")]
 pub enum RateRefusal {
     /// The start value is not a positive number.
     #[error("a sample rate of {rate_hz} Hz to start from is none")]
-    Start {
-        /// Start value, Hz.
-        rate_hz: f64,
-    },
+    Start { rate_hz: f64 },
     /// No packet can be used.
     #[error("none of {packets} sines can be used{}", first.as_ref().map_or_else(String::new, |why| format!(": {why}")))]
     NoPacket {
-        /// Packets given.
         packets: usize,
         /// Why the first one cannot.
         first: Option<SineRefusal>,
     },
     /// The best rate lies outside of the range searched.
     #[error("the best sample rate, {rate_hz:.6} Hz, is more than {:.1} % away from {start_hz} Hz", 100.0 * RANGE)]
-    OutOfRange {
-        /// Start value, Hz.
-        start_hz: f64,
-        /// Best rate, Hz.
-        rate_hz: f64,
-    },
+    OutOfRange { start_hz: f64, rate_hz: f64 },
     /// The iteration did not come to rest.
     #[error("the sample rate did not settle near {rate_hz:.6} Hz")]
-    NotSettled {
-        /// Last value, Hz.
-        rate_hz: f64,
-    },
+    NotSettled { rate_hz: f64 },
 }
 
 impl RateRefusal {
-    /// What to do about it, as an imperative.
+    /// The remedy, as an imperative.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Start { .. } | Self::OutOfRange { .. } => "check the nominal sample rate and the frequencies",

@@ -87,7 +87,7 @@ impl Sums {
         let on_cos = cos * cc + offset * c * 2.0 - cd * 2.0;
         let on_one = offset * self.count as f64 - d * 2.0;
         let rss = (dd + sin * on_sin + cos * on_cos + offset * on_one).value();
-        // Rounding may leave a trifle below zero; NaN has to stay NaN.
+        // Rounding may make it slightly negative; NaN has to stay NaN.
         if rss < 0.0 { 0.0 } else { rss }
     }
 
