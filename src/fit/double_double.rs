@@ -12,7 +12,7 @@ use nalgebra::DMatrix;
 pub struct DoubleDouble {
     /// The value rounded to `f64`.
     pub hi: f64,
-    /// Rounding error of the high part.
+    /// What `hi` lacks of the exact value.
     pub lo: f64,
 }
 
