@@ -2,6 +2,8 @@
 
 use crate::common::browser;
 
+use calfit::data::note::{Note, NoteKind};
+use calfit::show::document::{Block, Cell, Document, Figure, Section, Table, Text};
 use calfit::show::html;
 use std::fs;
 
@@ -19,26 +21,49 @@ fn picture(width: u32, height: u32, colour: [u8; 3]) -> Vec<u8> {
     bytes
 }
 
-fn protocol() -> String {
-    let wide = |cell: &dyn Fn(usize) -> String| format!("| {} |\n", (0..20).map(cell).collect::<Vec<_>>().join(" | "));
-    let mut table = wide(&|i| format!("parameter {i}"));
-    table.push_str(&format!("|{}\n", "---|".repeat(20)));
-    for run in 0..70 {
-        table.push_str(&wide(&|i| if i == 0 { format!("run {run}") } else { format!("+{i}.982145 ± 0.0000{run:02}") }));
-    }
+fn protocol() -> Document {
+    let rows = (0..70).map(|run| {
+        let column = |i: usize| match i {
+            0 => Cell::from(format!("run {run}")),
+            _ => Cell::uncertain(i as f64 + 0.982_145, f64::from(run + 10) * 1e-6),
+        };
+        (0..20).map(column).collect()
+    });
+    let table = Table::new((0..20).map(|i| format!("parameter {i}"))).with_rows(rows);
     let hash = "0123456789abcdef".repeat(4);
-    format!(
-        "<!-- written by calfit 0.0.0 -->\n# Protocol of a <test> campaign\n\n> **WARNING** AXES: `+X` & `-X` are exchanged.\n\nSee [the \
-         runs](#2-runs).\n\n## 1 Sensor\n\n### 1.1 Data\n\n| property | value |\n|---|---|\n| serial number | 3 |\n| hash | `{hash}` |\n\n\
-         ![a slope](figures/a.png \"Figure 1: A slope\")\n\n### 1.2 Matrix\n\n    +0.999988   -0.004363   +0.012217\n\n```\n{hash}{hash}\n\
-         ```\n\n## 2 Runs\n\n{table}\n## 3 Figures\n\n![a steep slope](figures/b.png \"Figure 2: A steep slope\")\n\n![nothing](figures/c.png \
-         \"Figure 3: Lost\")\n\n- <script>alert(1)</script>\n- {hash}{hash}\n"
-    )
+    let figure = |number, file: &str, title: &str, caption: &str| {
+        Block::Figure(Figure { file: file.to_owned(), number, title: title.to_owned(), caption: caption.to_owned() })
+    };
+    let properties = Table::new(["property", "value"])
+        .with_rows([vec!["serial number".into(), 3_usize.into()], vec!["hash".into(), Text::default().code(&hash).into()]]);
+    let data = Section::new("Data").numbered("1.1").with(properties).with(figure(1, "figures/a.png", "A slope", "a slope"));
+    let matrix = Section::new("Matrix")
+        .numbered("1.2")
+        .with(Block::Code("+0.999988   -0.004363   +0.012217\n".to_owned()))
+        .with(Block::Code(hash.repeat(2)));
+    let figures = Section::new("Figures")
+        .numbered("3")
+        .with(figure(2, "figures/b.png", "A steep slope", "a steep slope"))
+        .with(figure(3, "figures/c.png", "Lost", "nothing"))
+        .with(Block::List(vec!["<script>alert(1)</script>".into(), hash.repeat(2).into()]));
+    Document {
+        title: "Protocol \"of\" a <test> \\ campaign".to_owned(),
+        front: vec![
+            Note::new(NoteKind::Axes, "`+X` & `-X` are exchanged.").into(),
+            Text::from("See ").link("the runs", "#2-runs").and(".").into(),
+        ],
+        sections: vec![
+            Section::new("Sensor").numbered("1").with_sections([data, matrix]),
+            Section::new("Runs").numbered("2").with(table),
+            figures,
+        ],
+        colophon: None,
+    }
 }
 
 #[test]
 fn a_page_is_shown_and_printed_whole() {
-    let page = html::page(&protocol(), "Protocol \"of\" a <test> \\ campaign", &mut |path| match path {
+    let page = html::page(&protocol(), &mut |path| match path {
         "figures/a.png" => Some(picture(1200, 750, [0, 114, 178])),
         "figures/b.png" => Some(picture(300, 900, [213, 94, 0])),
         _ => None,

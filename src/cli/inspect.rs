@@ -4,7 +4,8 @@ use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};
 use crate::data::error::Finding;
 use crate::files::ccr;
-use crate::show::runs::{RunLine, markdown};
+use crate::show::markdown::aligned_table;
+use crate::show::runs::{RunLine, run_list};
 use crate::workflow::{Failure, jobs};
 use clap::Args;
 use rayon::prelude::*;
@@ -54,7 +55,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
         terminal.print(&json(&Listing { runs: &lines, failed })?);
     } else if !lines.is_empty() {
-        terminal.print(&markdown(&lines));
+        terminal.print(&aligned_table(&run_list(&lines)));
     }
     report_failures(terminal, &failures, jobs.len());
     Ok(status(lines.len(), failures.iter().map(|(_, f)| f)))

@@ -14,8 +14,8 @@ use crate::measure::coil::{residual::is_check, scalar};
 use crate::measure::thermistor;
 use crate::plot::{self, Named};
 use crate::record::known::Known;
-use crate::show::protocol::{self, OtherPart, Protocol, RunPart, ThermalPart};
-use crate::show::{self, Drawn, html};
+use crate::show::protocol::{self, OtherPart, Protocol, ThermalPart};
+use crate::show::{self, Drawn, html, markdown};
 use crate::workflow::{
     Analyses, CoilMade, CoilResult, CoilRun, Desk, Failure, LinName, Measured, ThermalOptions, draw, facility, jobs, known,
     publish_coil, publish_tables, publish_thermal_names, publish_thermistor, residual_of, scalar_of, scale_to_nt, thermals,
@@ -134,9 +134,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         .iter()
         .flat_map(|(name, f)| f.errors().map(move |e| (name.clone(), format!("{}; {}", e.rule, e.remedy))))
         .collect();
-    let document = Protocol {
+    let document = protocol::document(&Protocol {
         campaign,
-        runs: measured.iter().zip(&figures).map(|(measured, figures)| RunPart { measured, figures }).collect(),
+        runs: measured.iter().zip(&figures).map(|(measured, figures)| measured.part(figures)).collect(),
         thermals: groups.iter().map(|g| ThermalPart { thermal: &g.thermal, figures: &g.figures }).collect(),
         coil: coil.parts,
         thermistors: thermistors.parts,
@@ -152,10 +152,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             ),
             input,
         ),
-    };
-    let markdown = protocol::markdown(&document);
-    let page = html::page(&markdown, &protocol::title(campaign), &mut |file| std::fs::read(folder.path().join(file)).ok());
-    folder.write(FILES[0], markdown.as_bytes())?;
+    });
+    let page = html::page(&document, &mut |file| std::fs::read(folder.path().join(file)).ok());
+    folder.write(FILES[0], markdown::page(&document).as_bytes())?;
     folder.write(FILES[1], page.as_bytes())?;
     folder.sync()?;
 
@@ -227,7 +226,7 @@ fn thermistors(campaign: &Campaign, desk: &Desk, terminal: &Terminal, failures: 
         let published = made.and_then(|made| publish_thermistor(&made, desk).map(|published| (made, published)));
         if let Some((made, (name, figures))) = keep(published, failures) {
             made.result.parameters.warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
-            let (title, sections) = (show::thermistor::title(&made.result), show::thermistor::sections(&made.result, 4));
+            let (title, sections) = (show::thermistor::title(&made.result), show::thermistor::sections(&made.result));
             all.files.push(name);
             all.parts.push(OtherPart { title, sections, figures });
             all.input.extend(made.provenance.input);
@@ -252,7 +251,7 @@ impl Others {
     ) {
         let Some((name, figures)) = keep(publish_coil(made, desk), failures) else { return };
         made.result.warnings().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
-        self.parts.push(OtherPart { title: made.result.title(), sections: made.result.sections(4), figures });
+        self.parts.push(OtherPart { title: made.result.title(), sections: made.result.sections(), figures });
         self.files.push(name);
     }
 }

@@ -1,8 +1,9 @@
 //! The reports of the facility's own calibration.
 
-use super::{number, remarks, table, triple, value};
-use crate::data::units::scientific_with_uncertainty;
-use crate::files::parameter::{Body, FacilityPart, TiltValues};
+use super::document::{Block, Cell, Section, Table, cells};
+use super::{or_not_stated, parameter_file, remarks, triple, value, yes_or_no};
+use crate::data::units::{COMPONENTS, scientific_with_uncertainty};
+use crate::files::parameter::{Body, CoilScalar, CoilTilt, FacilityPart, ScalarOutlier, TiltValues};
 use crate::measure::coil::{ANGLES, AXES, Residual, Scalar, Tilt};
 use std::fmt::Write;
 
@@ -10,19 +11,18 @@ use std::fmt::Write;
 const ARCSEC: f64 = 3600.0;
 
 /// The parameters of a facility with their uncertainties.
-fn parameters(out: &mut String, facility: &FacilityPart, std: &FacilityPart, head: &str) {
-    let mut rows =
-        vec![["axis", "scale factor, nT/EU", "offset field, nT", "angle", "between, degrees"].map(str::to_owned).to_vec()];
+fn parameters(facility: &FacilityPart, std: &FacilityPart) -> Section {
+    let mut table = Table::new(["axis", "scale factor, nT/EU", "offset field, nT", "angle", "between, degrees"]);
     for k in 0..3 {
-        rows.push(vec![
-            AXES[k].to_owned(),
-            value(facility.scale_nt_per_eu[k], std.scale_nt_per_eu[k]),
-            value(facility.offset_nt[k], std.offset_nt[k]),
-            ANGLES[k].to_owned(),
-            value(facility.angles_deg[k], std.angles_deg[k]),
+        table.push(cells![
+            AXES[k],
+            Cell::uncertain(facility.scale_nt_per_eu[k], std.scale_nt_per_eu[k]),
+            Cell::uncertain(facility.offset_nt[k], std.offset_nt[k]),
+            ANGLES[k],
+            Cell::uncertain(facility.angles_deg[k], std.angles_deg[k]),
         ]);
     }
-    let _ = writeln!(out, "{head} The facility\n\n{}", table(&rows));
+    let mut section = Section::new("The facility").with(table);
     for (what, reference, scale, offset, scale_std, offset_std) in [
         ("coil", facility.reference_degc, facility.scale_per_k, facility.offset_nt_per_k, std.scale_per_k, std.offset_nt_per_k),
         (
@@ -36,54 +36,64 @@ fn parameters(out: &mut String, facility: &FacilityPart, std: &FacilityPart, hea
     ] {
         let (Some(reference), Some(scale), Some(offset)) = (reference, scale, offset) else { continue };
         let (scale_std, offset_std) = (scale_std.unwrap_or([f64::NAN; 3]), offset_std.unwrap_or([f64::NAN; 3]));
-        let mut rows = vec![["axis", "scale factor, 1/K", "offset field, nT/K"].map(str::to_owned).to_vec()];
-        for k in 0..3 {
-            rows.push(vec![
-                AXES[k].to_owned(),
-                scientific_with_uncertainty(scale[k], scale_std[k]),
-                value(offset[k], offset_std[k]),
-            ]);
-        }
-        let _ = writeln!(out, "Change with the {what} temperature, from {reference:.1} °C:\n\n{}", table(&rows));
+        let row = |k: usize| cells![AXES[k], Cell::scientific(scale[k], scale_std[k]), Cell::uncertain(offset[k], offset_std[k])];
+        section.push(format!("Change with the {what} temperature, from {reference:.1} °C:"));
+        section.push(Table::new(["axis", "scale factor, 1/K", "offset field, nT/K"]).with_rows((0..3).map(row)));
     }
+    section
 }
 
-/// The report of a scalar calibration.
+/// The sections on a scalar calibration.
 #[must_use]
-pub fn scalar(result: &Scalar, level: usize) -> String {
+pub fn scalar(result: &Scalar) -> Vec<Section> {
     let p = &result.parameters;
-    let head = "#".repeat(level);
-    let mut out = format!(
-        "{head} Principle\n\nSettings in many directions and the modulus of the field that a scalar magnetometer measures at the centre \
-         determine three scale factors, three offset fields and three angles between the coils.\n\nParameter file: `{}`.\n\n",
-        p.file_name()
-    );
-    parameters(&mut out, &p.facility, &p.std, &head);
-    let mut rows = vec![
-        ["run", "coil, °C", "rack, °C", "scale factors, nT/EU", "offset fields, nT", "angles, degrees", "residual, nT"]
-            .map(str::to_owned)
-            .to_vec(),
-    ];
+    let principle = Section::new("Principle")
+        .with(
+            "Settings in many directions and the modulus of the field that a scalar magnetometer measures at the centre determine three \
+             scale factors, three offset fields and three angles between the coils.",
+        )
+        .with(parameter_file(&p.file_name()));
+    let mut single = Table::new([
+        "run",
+        "coil, °C",
+        "rack, °C",
+        "scale factors, nT/EU",
+        "offset fields, nT",
+        "angles, degrees",
+        "residual, nT",
+    ]);
     for c in &p.calibration {
-        let degc = |t: Option<f64>| t.map_or_else(|| "not recorded".to_owned(), |t| format!("{t:.2}"));
-        rows.push(vec![
-            c.run.clone(),
+        let degc = |t: Option<f64>| t.map_or(Cell::Missing("not recorded"), |t| Cell::fixed(t, 2));
+        single.push(cells![
+            &c.run,
             degc(c.coil_degc),
             degc(c.rack_degc),
             triple(&c.facility.scale_nt_per_eu, &c.std.scale_nt_per_eu),
             triple(&c.facility.offset_nt, &c.std.offset_nt),
             triple(&c.facility.angles_deg, &c.std.angles_deg),
-            format!("{:.3}", c.residual_std_nt),
+            Cell::fixed(c.residual_std_nt, 3),
         ]);
     }
-    let _ = writeln!(out, "{head} Every calibration on its own\n\n{}", table(&rows));
+    let single = Section::new("Every calibration on its own").with(single);
+    let mut sections = vec![principle, parameters(&p.facility, &p.std), single, scalar_quality(p)];
+    if !p.outlier.is_empty() {
+        let row = |o: &ScalarOutlier| {
+            cells![&o.run, o.row, Cell::fixed(o.t_s, 1), Cell::fixed(o.modulus_nt, 2), Cell::signed(o.residual_nt, 2)]
+        };
+        let table = Table::new(["run", "row", "time, s", "modulus, nT", "residual, nT"]);
+        sections.push(Section::new("Rows not used").with(table.with_rows(p.outlier.iter().map(row))));
+    }
+    sections.extend(remarks(&p.warnings));
+    sections
+}
+
+fn scalar_quality(p: &CoilScalar) -> Section {
     let q = &p.quality;
     let share = q.direction_share.map(|s| format!("{:.0} %", 100.0 * s));
-    let _ = writeln!(
-        out,
-        "{head} Quality\n\n{} of {} rows used, moduli from {:.0} to {:.0} nT. Standard deviation of measured minus modelled modulus {:.3} nT, \
-         largest {:.3} nT, {} degrees of freedom. The squared settings lie along their principal directions by {} (a third each if \
-         they are spread evenly); condition number {:.1}.\n",
+    Section::new("Quality").with(format!(
+        "{} of {} rows used, moduli from {:.0} to {:.0} nT. Standard deviation of measured minus modelled modulus {:.3} nT, largest {:.3} \
+         nT, {} degrees of freedom. The squared settings lie along their principal directions by {} (a third each if they are spread \
+         evenly); condition number {:.1}.",
         q.rows_used,
         q.rows_total,
         p.valid.modulus_nt[0],
@@ -93,22 +103,7 @@ pub fn scalar(result: &Scalar, level: usize) -> String {
         q.degrees_of_freedom,
         share.join(", "),
         q.condition
-    );
-    if !p.outlier.is_empty() {
-        let mut rows = vec![["run", "row", "time, s", "modulus, nT", "residual, nT"].map(str::to_owned).to_vec()];
-        for o in &p.outlier {
-            rows.push(vec![
-                o.run.clone(),
-                o.row.to_string(),
-                format!("{:.1}", o.t_s),
-                format!("{:.2}", o.modulus_nt),
-                format!("{:+.2}", o.residual_nt),
-            ]);
-        }
-        let _ = writeln!(out, "{head} Rows not used\n\n{}", table(&rows));
-    }
-    out.push_str(&remarks(&p.warnings, level));
-    out
+    ))
 }
 
 fn summary_of(facility: &FacilityPart, std: &FacilityPart) -> String {
@@ -144,32 +139,31 @@ pub fn scalar_summary(result: &Scalar) -> String {
     out
 }
 
-/// The report of residual fields.
+/// The sections on residual fields.
 #[must_use]
-pub fn residual(result: &Residual, level: usize) -> String {
+pub fn residual(result: &Residual) -> Vec<Section> {
     let p = &result.parameters;
-    let head = "#".repeat(level);
-    let mut out = format!(
-        "{head} Principle\n\nThe same field with both signs on one coil axis: half the difference of the moduli is the residual field along \
-         that axis.\n\nParameter file: `{}`.\n\n",
-        p.file_name()
-    );
+    let principle = Section::new("Principle")
+        .with(
+            "The same field with both signs on one coil axis: half the difference of the moduli is the residual field along that axis.",
+        )
+        .with(parameter_file(&p.file_name()));
+    let mut sections = vec![principle];
     for state in &p.state {
-        let mut rows =
-            vec![["axis", "modulus at +F, nT", "modulus at -F, nT", "pairs", "residual field, nT"].map(str::to_owned).to_vec()];
+        let mut table = Table::new(["axis", "modulus at +F, nT", "modulus at -F, nT", "pairs", "residual field, nT"]);
         for a in &state.axis {
-            rows.push(vec![
-                a.axis.clone(),
-                number(a.plus_nt, 2),
-                number(a.minus_nt, 2),
-                a.pairs.to_string(),
-                value(a.residual_nt, a.std_nt),
+            table.push(cells![
+                &a.axis,
+                Cell::fixed(a.plus_nt, 2),
+                Cell::fixed(a.minus_nt, 2),
+                a.pairs,
+                Cell::uncertain(a.residual_nt, a.std_nt),
             ]);
         }
-        let _ = writeln!(out, "{head} Residual field, {}\n\n{}", super::or_not_stated(&state.name), table(&rows));
+        sections.push(Section::new(format!("Residual field, {}", or_not_stated(&state.name))).with(table));
     }
-    out.push_str(&remarks(&p.warnings, level));
-    out
+    sections.extend(remarks(&p.warnings));
+    sections
 }
 
 /// A few lines for the terminal.
@@ -178,100 +172,98 @@ pub fn residual_summary(result: &Residual) -> String {
     let mut out = String::new();
     for state in &result.parameters.state {
         let fields: Vec<String> = state.axis.iter().map(|a| format!("{} {}", a.axis, value(a.residual_nt, a.std_nt))).collect();
-        let _ = writeln!(out, "{}  residual field  {}  nT", super::or_not_stated(&state.name), fields.join(", "));
+        let _ = writeln!(out, "{}  residual field  {}  nT", or_not_stated(&state.name), fields.join(", "));
     }
     out
 }
 
-/// The report of sensor and facility from several orientations.
+/// The sections on sensor and facility from several orientations.
 #[must_use]
-pub fn tilt(result: &Tilt, level: usize) -> String {
+pub fn tilt(result: &Tilt) -> Vec<Section> {
     let p = &result.parameters;
-    let head = "#".repeat(level);
-    let mut out = format!(
-        "{head} Principle\n\nRuns of one sensor in several orientations disagree where the parameters of the facility are wrong: what belongs \
-         to a coil changes to another sensor axis, or its sign, with the orientation. Sensor and facility are solved for together, and \
-         every orientation counts once.\n\nParameter file: `{}`.\n\n",
-        p.file_name()
-    );
-    parameters(&mut out, &p.facility, &p.std, &head);
-    let mut rows =
-        vec![["axis", "scale factor, 1e-6", "offset field, nT", "angle", "by, arc seconds"].map(str::to_owned).to_vec()];
+    let principle = Section::new("Principle")
+        .with(
+            "Runs of one sensor in several orientations disagree where the parameters of the facility are wrong: what belongs to a coil \
+             changes to another sensor axis, or its sign, with the orientation. Sensor and facility are solved for together, and every \
+             orientation counts once.",
+        )
+        .with(parameter_file(&p.file_name()));
+    let facility = parameters(&p.facility, &p.std).with_all(corrections(p));
+    let mut sections = vec![principle, facility, tilt_sensor(p), orientations(p)];
+    sections.extend(remarks(&p.warnings));
+    sections
+}
+
+fn undetermined(p: &CoilTilt) -> String {
+    if p.undetermined.is_empty() { "nothing".to_owned() } else { p.undetermined.join("; ") }
+}
+
+fn corrections(p: &CoilTilt) -> [Block; 3] {
+    let mut table = Table::new(["axis", "scale factor, 1e-6", "offset field, nT", "angle", "by, arc seconds"]);
     for k in 0..3 {
         let relative = 1e6 / p.facility.scale_nt_per_eu[k];
-        rows.push(vec![
-            AXES[k].to_owned(),
-            value(1e6 * p.correction.scale[k], relative * p.std.scale_nt_per_eu[k]),
-            value(p.correction.offset_nt[k], p.std.offset_nt[k]),
-            ANGLES[k].to_owned(),
-            value(ARCSEC * p.correction.angles_deg[k], ARCSEC * p.std.angles_deg[k]),
+        table.push(cells![
+            AXES[k],
+            Cell::uncertain(1e6 * p.correction.scale[k], relative * p.std.scale_nt_per_eu[k]),
+            Cell::uncertain(p.correction.offset_nt[k], p.std.offset_nt[k]),
+            ANGLES[k],
+            Cell::uncertain(ARCSEC * p.correction.angles_deg[k], ARCSEC * p.std.angles_deg[k]),
         ]);
     }
-    let _ = writeln!(out, "Corrections of the facility that the runs were evaluated with:\n\n{}", table(&rows));
-    let undetermined = if p.undetermined.is_empty() { "nothing".to_owned() } else { p.undetermined.join("; ") };
-    let _ = writeln!(out, "The orientations leave undetermined: {undetermined}. The corrections have no part of it.\n");
+    let left = format!("The orientations leave undetermined: {}. The corrections have no part of it.", undetermined(p));
+    ["Corrections of the facility that the runs were evaluated with:".into(), table.into(), left.into()]
+}
 
-    let names = ["x", "y", "z"];
-    let mut rows = vec![
-        [
-            "sensor",
-            "sensitivity, nT/enT",
-            "spread before, 1e-6",
-            "after",
-            "offset, nT",
-            "before, nT",
-            "after",
-            "angle, degrees",
-            "before, ″",
-            "after",
-        ]
-        .map(str::to_owned)
-        .to_vec(),
-    ];
+fn tilt_sensor(p: &CoilTilt) -> Section {
+    let mut table = Table::new([
+        "sensor",
+        "sensitivity, nT/enT",
+        "spread before, 1e-6",
+        "after",
+        "offset, nT",
+        "before, nT",
+        "after",
+        "angle, degrees",
+        "before, ″",
+        "after",
+    ]);
     let (s, std, before, after) = (&p.sensor_parameters, &p.sensor_std, &p.spread_before, &p.spread_after);
     for i in 0..3 {
-        rows.push(vec![
-            format!("{}, {}", names[i], ["xy", "xz", "yz"][i]),
-            value(s.scale[i], std.scale[i]),
-            number(1e6 * before.scale[i], 1),
-            number(1e6 * after.scale[i], 1),
-            value(s.offset_nt[i], std.offset_nt[i]),
-            number(before.offset_nt[i], 2),
-            number(after.offset_nt[i], 2),
-            value(s.angles_deg[i], std.angles_deg[i]),
-            number(ARCSEC * before.angles_deg[i], 1),
-            number(ARCSEC * after.angles_deg[i], 1),
+        table.push(cells![
+            format!("{}, {}", COMPONENTS[i], ["xy", "xz", "yz"][i]),
+            Cell::uncertain(s.scale[i], std.scale[i]),
+            Cell::fixed(1e6 * before.scale[i], 1),
+            Cell::fixed(1e6 * after.scale[i], 1),
+            Cell::uncertain(s.offset_nt[i], std.offset_nt[i]),
+            Cell::fixed(before.offset_nt[i], 2),
+            Cell::fixed(after.offset_nt[i], 2),
+            Cell::uncertain(s.angles_deg[i], std.angles_deg[i]),
+            Cell::fixed(ARCSEC * before.angles_deg[i], 1),
+            Cell::fixed(ARCSEC * after.angles_deg[i], 1),
         ]);
     }
-    let _ = writeln!(
-        out,
-        "{head} The sensor\n\nSpread: root mean square deviation of the {} used orientations from their mean.\n\n{}",
-        p.orientation.iter().filter(|o| o.used).count(),
-        table(&rows)
-    );
-    let mut rows = vec![
-        ["orientation", "runs", "used", "facility", "sensitivities", "offsets, nT", "angles, degrees"]
-            .map(str::to_owned)
-            .to_vec(),
-    ];
+    let used = p.orientation.iter().filter(|o| o.used).count();
+    Section::new("The sensor")
+        .with(format!("Spread: root mean square deviation of the {used} used orientations from their mean."))
+        .with(table)
+}
+
+fn orientations(p: &CoilTilt) -> Section {
+    let mut table = Table::new(["orientation", "runs", "used", "facility", "sensitivities", "offsets, nT", "angles, degrees"]);
     for o in &p.orientation {
-        let mut push = |which: &str, v: &TiltValues| {
-            rows.push(vec![
-                o.axes.clone(),
+        for (which, v) in [("before", &o.before), ("corrected", &o.after)] {
+            table.push(cells![
+                &o.axes,
                 o.runs.join(", "),
-                if o.used { "yes" } else { "no" }.to_owned(),
-                which.to_owned(),
+                yes_or_no(o.used),
+                which,
                 v.scale.map(|s| format!("{s:.6}")).join(", "),
                 v.offset_nt.map(|s| format!("{s:.2}")).join(", "),
                 v.angles_deg.map(|s| format!("{s:.4}")).join(", "),
             ]);
-        };
-        push("before", &o.before);
-        push("corrected", &o.after);
+        }
     }
-    let _ = writeln!(out, "{head} The orientations\n\n{}", table(&rows));
-    out.push_str(&remarks(&p.warnings, level));
-    out
+    Section::new("The orientations").with(table)
 }
 
 /// A few lines for the terminal.
@@ -288,12 +280,12 @@ pub fn tilt_summary(result: &Tilt) -> String {
     };
     format!(
         "{}  {} runs in {} orientations\n{}  spread before  {}\n  spread after   {}\n  undetermined: {}\n",
-        super::or_not_stated(&p.sensor),
+        or_not_stated(&p.sensor),
         p.used.len(),
         p.orientation.iter().filter(|o| o.used).count(),
         summary_of(&p.facility, &p.std),
         line(&p.spread_before),
         line(&p.spread_after),
-        if p.undetermined.is_empty() { "nothing".to_owned() } else { p.undetermined.join("; ") }
+        undetermined(p)
     )
 }

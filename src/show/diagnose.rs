@@ -1,8 +1,9 @@
 //! The report of a diagnosis.
 
-use super::{number, table};
-use crate::data::units::{COMPONENTS, six_digits};
-use crate::diagnose::result::{Diagnosis, Gap, Place, Step};
+use super::document::{Block, Cell, Figure, Section, Table, Text, cells};
+use super::number;
+use crate::data::units::six_digits;
+use crate::diagnose::result::{Diagnosis, Gap, Place, RunnerUp, Step};
 use crate::plot::diagnose::{LEFT, WHERE, stems};
 use std::fmt::Write;
 
@@ -17,18 +18,46 @@ const TOLD: f64 = 4.0;
 /// Most rows of the table of disagreement.
 const PLACES: usize = 8;
 
-/// The blocks of the report with headings of the given level; `figure` gives the figure of a stem, or nothing.
+/// The sections of the report; `figure` gives the figure of a stem, if it was drawn.
 #[must_use]
-pub fn sections(diagnosis: &Diagnosis, level: usize, figure: &dyn Fn(&str) -> String) -> String {
-    let head = "#".repeat(level);
+pub fn sections(diagnosis: &Diagnosis, figure: &dyn Fn(&str) -> Option<Figure>) -> Vec<Section> {
+    let mut sections = vec![verdict(diagnosis)];
+    if !diagnosis.pictures.places.is_empty() {
+        let section = Section::new("Where the data disagree");
+        sections.push(section.with_all(places(&diagnosis.pictures.places)).with_all(figure(WHERE)));
+    }
+    for (index, one) in diagnosis.steps.iter().enumerate() {
+        sections.push(step(index, one).with_all(stems(index).into_iter().filter_map(figure)));
+    }
+    if let Some(left) = figure(LEFT) {
+        sections.push(Section::new("What is left").with(left));
+    }
+    if !diagnosis.not_identifiable.is_empty() {
+        let rows = diagnosis.not_identifiable.iter().map(|n| cells![&n.effect, &n.reason]);
+        let table = Table::new(["effect", "why these data cannot show it"]).with_rows(rows);
+        sections.push(Section::new("What cannot be shown").with(table));
+    }
+    if !diagnosis.detection_limits.is_empty() {
+        let limits = diagnosis.detection_limits.iter();
+        let rows = limits.map(|d| cells![&d.effect, &d.axis, Cell::fixed(d.amplitude_nt, 4), &d.parameter]);
+        sections.push(
+            Section::new("Detection limits")
+                .with("Smallest effects that would have been found in nine of ten such runs.")
+                .with(Table::new(["effect", "axis", "largest contribution, nT", "parameter"]).with_rows(rows)),
+        );
+    }
+    sections
+}
+
+fn verdict(diagnosis: &Diagnosis) -> Section {
     let floor: Vec<String> = diagnosis.noise_floor_nt.iter().map(|n| number(*n, 4)).collect();
-    let mut out = format!("{head} Verdict\n\n**{}.** Noise of a mean: {} nT (x, y, z).", diagnosis.verdict, floor.join(", "));
+    let mut words = format!(" Noise of a mean: {} nT (x, y, z).", floor.join(", "));
     if let Some(response) = &diagnosis.response {
-        let _ = write!(out, " Response: {response}.");
+        let _ = write!(words, " Response: {response}.");
     }
     if let Some(colour) = diagnosis.noise {
         let _ = write!(
-            out,
+            words,
             " It is white{}{}{}{}.",
             if colour.slow > 0.0 {
                 let shape = if colour.memory_rows > 0.0 {
@@ -53,38 +82,7 @@ pub fn sections(diagnosis: &Diagnosis, level: usize, figure: &dyn Fn(&str) -> St
             if colour.apart { "; the means scatter otherwise than the samples inside them let expect" } else { "" }
         );
     }
-    out.push_str("\n\n");
-    if !diagnosis.pictures.places.is_empty() {
-        let _ = write!(out, "{head} Where the data disagree\n\n{}\n{}", places(&diagnosis.pictures.places), figure(WHERE));
-    }
-    for (index, step) in diagnosis.steps.iter().enumerate() {
-        let figures: String = stems(index).into_iter().map(figure).collect();
-        let _ = write!(out, "{head} Step {}: {}\n\n{}\n{figures}", index + 1, step.effect, step_text(step));
-    }
-    let left = figure(LEFT);
-    if !left.is_empty() {
-        let _ = write!(out, "{head} What is left\n\n{left}");
-    }
-    if !diagnosis.not_identifiable.is_empty() {
-        let mut rows = vec![["effect", "why these data cannot show it"].map(str::to_owned).to_vec()];
-        rows.extend(diagnosis.not_identifiable.iter().map(|n| vec![n.effect.clone(), n.reason.clone()]));
-        let _ = writeln!(out, "{head} What cannot be shown\n\n{}", table(&rows));
-    }
-    if !diagnosis.detection_limits.is_empty() {
-        let mut rows = vec![["effect", "axis", "largest contribution, nT", "parameter"].map(str::to_owned).to_vec()];
-        rows.extend(
-            diagnosis
-                .detection_limits
-                .iter()
-                .map(|d| vec![d.effect.clone(), d.axis.clone(), number(d.amplitude_nt, 4), d.parameter.clone()]),
-        );
-        let _ = writeln!(
-            out,
-            "{head} Detection limits\n\nSmallest effects that would have been found in nine of ten such runs.\n\n{}",
-            table(&rows)
-        );
-    }
-    out
+    Section::new("Verdict").with(Text::default().strong(format!("{}.", diagnosis.verdict)).and(words))
 }
 
 /// A probability; numbers end somewhere below the smallest that is written.
@@ -94,9 +92,9 @@ fn probability(p: f64) -> String {
 }
 
 /// The largest disagreements in words and as a table.
-fn places(places: &[Place]) -> String {
+fn places(places: &[Place]) -> Vec<Block> {
     let told: Vec<&Place> = places.iter().filter(|p| p.multiples_of_noise.abs() >= TOLD).take(PLACES).collect();
-    let Some(first) = places.first() else { return String::new() };
+    let Some(first) = places.first() else { return Vec::new() };
     let of = |p: &Place| {
         let unit = if p.unit.is_empty() { String::new() } else { format!(" {}", p.unit) };
         format!(
@@ -109,79 +107,69 @@ fn places(places: &[Place]) -> String {
         )
     };
     if told.is_empty() {
-        return format!(
-            "Nowhere by {TOLD} standard uncertainties or more. The largest displacement before anything is named: {}.\n",
+        let words = format!(
+            "Nowhere by {TOLD} standard uncertainties or more. The largest displacement before anything is named: {}.",
             of(first)
         );
+        return vec![words.into()];
     }
-    let mut rows =
-        vec![["axis", "covariate", "at", "displacement, nT", "over its standard uncertainty"].map(str::to_owned).to_vec()];
-    rows.extend(told.iter().map(|p| {
-        vec![
-            p.axis.to_owned(),
-            p.covariate.clone(),
-            format!("{} {}", six_digits(p.at), p.unit),
-            format!("{:+.3}", p.displacement_nt),
-            format!("{:+.1}", p.multiples_of_noise),
+    let row = |p: &Place| {
+        cells![
+            p.axis,
+            &p.covariate,
+            Cell::six_digits(p.at).with_unit(p.unit),
+            Cell::signed(p.displacement_nt, 3),
+            Cell::signed(p.multiples_of_noise, 1),
         ]
-    }));
-    format!("Before anything is named the plateau means disagree most on {}.\n\n{}", of(first), table(&rows))
+    };
+    let table = Table::new(["axis", "covariate", "at", "displacement, nT", "over its standard uncertainty"])
+        .with_rows(told.into_iter().map(row));
+    vec![format!("Before anything is named the plateau means disagree most on {}.", of(first)).into(), table.into()]
 }
 
-fn step_text(step: &Step) -> String {
-    let mut out = format!("{}\n\nWhere: {}.\n\n", step.sentence, step.place);
-    let mut rows = vec![["parameter", "value", "standard uncertainty", "unit"].map(str::to_owned).to_vec()];
-    rows.extend(step.parameters.iter().map(|p| {
-        vec![
-            p.name.clone(),
-            format!("{:.5e}", p.value),
-            p.std.map_or_else(|| "-".to_owned(), |s| format!("{s:.1e}")),
-            p.unit.clone(),
-        ]
-    }));
-    out.push_str(&table(&rows));
-    let _ = write!(
-        out,
-        "\nSignal to noise ratio {:.1}; probability that noise alone gives as much: {} for this candidate, {} for any of {} tried. Family: {}.\n\n",
-        step.strength_k,
-        probability(step.p_value),
-        probability(step.p_value_corrected),
-        step.trials,
-        step.family
-    );
-    let mut rows = vec![
-        ["held-out stretches", "rms x, nT", "rms y, nT", "rms z, nT", "chi²/dof", "largest, nT"].map(str::to_owned).to_vec(),
-    ];
-    let row = |name: &str, g: &Gap| {
-        let mut row = vec![name.to_owned()];
-        row.extend(COMPONENTS.iter().enumerate().map(|(a, _)| number(g.rms_nt[a], 4)));
-        row.extend([number(g.chi2_per_dof, 3), number(g.max_nt, 3)]);
-        row
-    };
-    rows.push(row("without", &step.gap_before));
-    rows.push(row("with", &step.gap_after));
-    out.push_str(&table(&rows));
+fn step(index: usize, step: &Step) -> Section {
+    let parameters = step.parameters.iter().map(|p| {
+        let std = p.std.map_or(Cell::Missing("-"), |s| Cell::exponent(s, 1));
+        cells![&p.name, Cell::exponent(p.value, 5), std, &p.unit]
+    });
+    let mut section = Section::new(format!("Step {}: {}", index + 1, step.effect))
+        .with(step.sentence.as_str())
+        .with(format!("Where: {}.", step.place))
+        .with(Table::new(["parameter", "value", "standard uncertainty", "unit"]).with_rows(parameters))
+        .with(format!(
+            "Signal to noise ratio {:.1}; probability that noise alone gives as much: {} for this candidate, {} for any of {} tried. Family: {}.",
+            step.strength_k,
+            probability(step.p_value),
+            probability(step.p_value_corrected),
+            step.trials,
+            step.family
+        ))
+        .with(held_out(step));
     if !step.runners_up.is_empty() {
-        let mut rows = vec![["runner-up", "ln of the likelihood ratio to the best", "correlation"].map(str::to_owned).to_vec()];
-        rows.extend(
-            step.runners_up
-                .iter()
-                .map(|r| vec![r.effect.clone(), format!("{:.1}", r.log_ratio), format!("{:.2}", r.correlation)]),
-        );
-        let _ = write!(out, "\n{}", table(&rows));
+        let row = |r: &RunnerUp| cells![&r.effect, Cell::fixed(r.log_ratio, 1), Cell::fixed(r.correlation, 2)];
+        let table = Table::new(["runner-up", "ln of the likelihood ratio to the best", "correlation"]);
+        section.push(table.with_rows(step.runners_up.iter().map(row)));
     }
     if !step.shape.is_empty() {
-        let covariate = step.covariate.clone().unwrap_or_default();
-        let mut rows = vec![vec![covariate, "contribution, nT".to_owned(), "standard uncertainty, nT".to_owned()]];
-        rows.extend(
-            step.shape.iter().map(|p| vec![format!("{:.5}", p.covariate), format!("{:+.4}", p.residual_nt), number(p.std_nt, 4)]),
-        );
-        let _ = write!(out, "\n{}", table(&rows));
+        let covariate = step.covariate.as_deref().unwrap_or_default();
+        let points = step.shape.iter();
+        let rows = points.map(|p| cells![Cell::fixed(p.covariate, 5), Cell::signed(p.residual_nt, 4), Cell::fixed(p.std_nt, 4)]);
+        section.push(Table::new([covariate, "contribution, nT", "standard uncertainty, nT"]).with_rows(rows));
     }
     if let Some(next) = &step.next_measurement {
-        let _ = write!(out, "\nNext measurement: {next}.\n");
+        section.push(format!("Next measurement: {next}."));
     }
-    out
+    section
+}
+
+/// How well the stretches that the fit did not see are predicted without and with the step.
+fn held_out(step: &Step) -> Table {
+    let row = |name: &str, g: &Gap| {
+        let [x, y, z] = g.rms_nt.map(|rms| Cell::fixed(rms, 4));
+        cells![name, x, y, z, Cell::fixed(g.chi2_per_dof, 3), Cell::fixed(g.max_nt, 3)]
+    };
+    Table::new(["held-out stretches", "rms x, nT", "rms y, nT", "rms z, nT", "chi²/dof", "largest, nT"])
+        .with_rows([row("without", &step.gap_before), row("with", &step.gap_after)])
 }
 
 /// A few lines for the terminal.

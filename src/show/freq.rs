@@ -1,6 +1,7 @@
 //! The report of a frequency measurement: the blocks of BC-MAG-TR-0085 section 3.6.1 in their order.
 
-use super::{number, remarks, run_line, table, triple, used_file, value};
+use super::document::{Cell, Section, Table, cells};
+use super::{known_effects, number, remarks, run_line, triple, used_file, yes_or_no};
 use crate::data::units::{COMPONENTS, with_uncertainty};
 use crate::files::parameter::{Body, Fpf};
 use crate::measure::freq::Freq;
@@ -8,91 +9,74 @@ use std::fmt::Write;
 
 const MEASURED: [&str; 3] = ["X", "Y", "Z"];
 
-/// The blocks of the report with headings of the given level.
+/// The sections of the report.
 #[must_use]
-pub fn sections(freq: &Freq, level: usize) -> String {
+pub fn sections(freq: &Freq) -> Vec<Section> {
     let p = &freq.parameters;
-    let head = "#".repeat(level);
-    let mut out = used_file(&p.run, &p.file_name(), level);
-    rate(&mut out, p, &head);
-    corner(&mut out, p, &head);
-    response(&mut out, p, &head);
-    if let Some(effects) = &p.effects {
-        let _ = writeln!(out, "{}\n", effects.sentence());
-    }
-    amplitudes(&mut out, p, &head);
-    out.push_str(&remarks(&p.warnings, level));
-    out
+    let mut response = response(p);
+    response.blocks.extend(p.effects.as_ref().map(|effects| known_effects(effects).into()));
+    let mut sections = vec![used_file(&p.run, &p.file_name()), rate(p), corner(p), response, amplitudes(p)];
+    sections.extend(remarks(&p.warnings));
+    sections
 }
 
-fn rate(out: &mut String, p: &Fpf, head: &str) {
-    let _ = writeln!(out, "{head} Sampling frequency\n");
+fn rate(p: &Fpf) -> Section {
+    let section = Section::new("Sampling frequency");
     let (Some(f_s), Some(std)) = (p.f_s_hz, p.f_s_std_hz) else {
-        let _ = writeln!(out, "A table of amplitudes tells no sampling frequency.\n");
-        return;
+        return section.with("A table of amplitudes tells no sampling frequency.");
     };
-    let mut rows = vec![["component", "f_s, Hz", "standard uncertainty, Hz"].map(str::to_owned).to_vec()];
+    let mut table = Table::new(["component", "f_s, Hz", "standard uncertainty, Hz"]);
     for i in 0..3 {
-        let std = if std[i].is_finite() { format!("{:.2e}", std[i]) } else { "-".to_owned() };
-        rows.push(vec![MEASURED[i].to_owned(), number(f_s[i], 6), std]);
+        table.push(cells![MEASURED[i], Cell::fixed(f_s[i], 6), Cell::exponent(std[i], 2).or("-")]);
     }
     if let (Some(mean), Some(std)) = (p.mean_f_s_hz, p.mean_f_s_std_hz) {
-        rows.push(vec!["weighted mean".to_owned(), format!("{mean:.6}"), format!("{std:.2e}")]);
+        table.push(cells!["weighted mean", Cell::fixed(mean, 6), Cell::exponent(std, 2)]);
     }
     let scatter =
         p.scatter_f_s_hz.map_or_else(String::new, |s| format!("Standard deviation of the three components {s:.2e} Hz. "));
-    let _ = writeln!(
-        out,
-        "{}\n{scatter}All frequencies of the run together give one sampling frequency per component.",
-        table(&rows)
-    );
+    let mut words = format!("{scatter}All frequencies of the run together give one sampling frequency per component.");
     if let Some(clock) = &p.clock {
         let drift: Vec<String> = (0..3)
             .map(|i| format!("{} {:+.1e} ± {:.1e}", COMPONENTS[i], clock.drift_hz_per_s[i], clock.drift_std_hz_per_s[i]))
             .collect();
         let is = if clock.drift_is_significant { "is significant and was taken into account" } else { "is not significant" };
-        let _ = writeln!(out, "Its drift during the run, {} Hz/s, {is}.", drift.join(", "));
+        let _ = write!(words, "\nIts drift during the run, {} Hz/s, {is}.", drift.join(", "));
         if let Some(t_s) = clock.reference_s {
-            let _ = writeln!(out, "The sampling frequencies above hold {t_s:.3} s after sample counter 0.");
+            let _ = write!(words, "\nThe sampling frequencies above hold {t_s:.3} s after sample counter 0.");
         }
-        match (clock.rival_hz, clock.rival_chi_square) {
+        let _ = match (clock.rival_hz, clock.rival_chi_square) {
             (Some(rival), Some(chi)) => {
-                let _ = writeln!(out, "The next best value within 0.1 %, {rival:.5} Hz, is worse by {chi:.0} in chi-square.\n");
+                write!(words, "\nThe next best value within 0.1 %, {rival:.5} Hz, is worse by {chi:.0} in chi-square.")
             }
-            _ => {
-                let _ = writeln!(out, "There is no other value within 0.1 %.\n");
-            }
-        }
+            _ => write!(words, "\nThere is no other value within 0.1 %."),
+        };
     }
+    section.with(table).with(words)
 }
 
-fn corner(out: &mut String, p: &Fpf, head: &str) {
-    let mut rows = vec![["component", "f_3dB igep, Hz", "f_3dB model, Hz ± standard uncertainty"].map(str::to_owned).to_vec()];
+fn corner(p: &Fpf) -> Section {
+    let mut table = Table::new(["component", "f_3dB igep, Hz", "f_3dB model, Hz ± standard uncertainty"]);
     for i in 0..3 {
-        rows.push(vec![
-            MEASURED[i].to_owned(),
-            number(p.f_3db_igep_hz[i], 2),
-            value(p.f_3db_model_hz[i], p.f_3db_model_std_hz[i]),
-        ]);
+        let model = Cell::uncertain(p.f_3db_model_hz[i], p.f_3db_model_std_hz[i]);
+        table.push(cells![MEASURED[i], Cell::fixed(p.f_3db_igep_hz[i], 2), model]);
     }
-    let _ = writeln!(
-        out,
-        "{head} -3 dB corner frequency\n\n{}\nigep: straight line in level against frequency between the neighbours of -3.000 dB below the largest \
-         amplitude. model: where the response fitted to all amplitudes is 1/√2 of its DC gain (-3.0103 dB).\n",
-        table(&rows)
-    );
+    Section::new("-3 dB corner frequency").with(table).with(
+        "igep: straight line in level against frequency between the neighbours of -3.000 dB below the largest amplitude. model: where the \
+         response fitted to all amplitudes is 1/√2 of its DC gain (-3.0103 dB).",
+    )
 }
 
-fn response(out: &mut String, p: &Fpf, head: &str) {
-    let _ = writeln!(out, "{head} Response model\n\n");
+fn response(p: &Fpf) -> Section {
+    // Reports have had one more empty line here from the beginning.
+    let section = Section::new("Response model").with("");
     if p.model.parameters.is_empty() {
-        let _ = writeln!(out, "No model could be fitted.\n");
-        return;
+        return section.with("No model could be fitted.");
     }
-    let mut rows = vec![std::iter::once("component".to_owned()).chain(p.model.parameters.iter().cloned()).collect::<Vec<_>>()];
+    let mut fitted = Table::new(std::iter::once("component").chain(p.model.parameters.iter().map(String::as_str)));
     for (i, (values, std)) in p.model.values.iter().zip(&p.model.std).enumerate() {
-        let cell = |k: usize| value(values.get(k).copied().unwrap_or(f64::NAN), std.get(k).copied().unwrap_or(f64::NAN));
-        rows.push(std::iter::once(MEASURED[i].to_owned()).chain((0..p.model.parameters.len()).map(cell)).collect());
+        let cell =
+            |k: usize| Cell::uncertain(values.get(k).copied().unwrap_or(f64::NAN), std.get(k).copied().unwrap_or(f64::NAN));
+        fitted.push(std::iter::once(MEASURED[i].into()).chain((0..p.model.parameters.len()).map(cell)).collect());
     }
     let basis = match (p.model.chi_square, p.model.degrees_of_freedom) {
         (Some(chi_square), Some(dof)) => format!(
@@ -103,39 +87,31 @@ fn response(out: &mut String, p: &Fpf, head: &str) {
               outliers apart, and from leaving out one at a time."
             .to_owned(),
     };
-    let _ = writeln!(out, "Model: {}. {basis}\n\n{}", p.model.name, table(&rows));
     let mut candidates: Vec<_> = p.model.candidate.iter().collect();
     candidates.sort_by(|a, b| a.delta_aicc.total_cmp(&b.delta_aicc));
-    let mut rows = vec![["model", "ΔAICc", "f_3dB x, Hz", "f_3dB y, Hz", "f_3dB z, Hz"].map(str::to_owned).to_vec()];
-    for c in candidates {
-        let mut row = vec![c.name.clone(), format!("{:.1}", c.delta_aicc)];
-        row.extend(c.f_3db_hz.map(|f| number(f, 2)));
-        rows.push(row);
-    }
-    let _ = writeln!(out, "Models that were compared, over the three components:\n\n{}", table(&rows));
+    let compared = candidates.into_iter().map(|c| {
+        let [x, y, z] = c.f_3db_hz.map(|f| Cell::fixed(f, 2));
+        cells![&c.name, Cell::fixed(c.delta_aicc, 1), x, y, z]
+    });
+    section
+        .with(format!("Model: {}. {basis}", p.model.name))
+        .with(fitted)
+        .with("Models that were compared, over the three components:")
+        .with(Table::new(["model", "ΔAICc", "f_3dB x, Hz", "f_3dB y, Hz", "f_3dB z, Hz"]).with_rows(compared))
 }
 
-fn amplitudes(out: &mut String, p: &Fpf, head: &str) {
-    let mut rows = vec![
-        ["applied frequency, Hz", "Bx, enT", "By, enT", "Bz, enT", "standard uncertainty, enT", "used", "remark"]
-            .map(str::to_owned)
-            .to_vec(),
-    ];
+fn amplitudes(p: &Fpf) -> Section {
+    let mut table =
+        Table::new(["applied frequency, Hz", "Bx, enT", "By, enT", "Bz, enT", "standard uncertainty, enT", "used", "remark"]);
     for a in &p.amplitude {
         let std = a.b_std_ent.iter().copied().filter(|s| s.is_finite()).reduce(f64::max);
-        let mut row = vec![format!("{:.3}", a.frequency_hz)];
-        row.extend(a.b_ent.map(|b| number(b, 3)));
-        row.push(std.map_or_else(|| "not known".to_owned(), |s| format!("{s:.4}")));
-        row.push(if a.used { "yes" } else { "no" }.to_owned());
-        row.push(a.remark.clone());
-        rows.push(row);
+        let std = std.map_or(Cell::Missing("not known"), |s| Cell::fixed(s, 4));
+        let [x, y, z] = a.b_ent.map(|b| Cell::fixed(b, 3));
+        table.push(cells![Cell::fixed(a.frequency_hz, 3), x, y, z, std, yes_or_no(a.used), &a.remark]);
     }
-    let _ = writeln!(
-        out,
-        "{head} Applied frequencies and measured amplitudes\n\n{}\nHalf peak to peak, along the sensor axes; the largest uncertainty of the three \
-         components.\n",
-        table(&rows)
-    );
+    Section::new("Applied frequencies and measured amplitudes")
+        .with(table)
+        .with("Half peak to peak, along the sensor axes; the largest uncertainty of the three components.")
 }
 
 /// The result in one line.

@@ -1,35 +1,37 @@
 //! The report table of a linear calibration: the blocks of BC-MAG-TR-0085 section 3.4.1 in their order.
 
-use super::{degc, not_used, or_not_stated, remarks, run_line, table, triple, used_file};
-use crate::data::units::{degrees_minutes_seconds, with_uncertainty};
+use super::document::{Block, Cell, Section, Table, Text, cells};
+use super::{known_effects, not_used, or_not_stated, remarks, run_line, triple, used_file};
+use crate::data::units::{COMPONENTS, with_uncertainty};
 use crate::files::parameter::{Body, Cpf};
 use crate::measure::lin::Lin;
-use std::fmt::Write;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
-/// A matrix as indented text.
-pub(super) fn matrix(rows: &[[f64; 3]; 3]) -> String {
+/// A matrix as lines of fixed pitch.
+pub(super) fn matrix(rows: &[[f64; 3]; 3]) -> Block {
     // What rounds to zero is printed without a sign of its own.
     let rows = rows.map(|row| row.map(|v| if v.abs() < 5e-7 { 0.0 } else { v }));
-    let lines: Vec<String> = rows.iter().map(|r| format!("    {:+10.6}  {:+10.6}  {:+10.6}", r[0], r[1], r[2])).collect();
-    format!("{}\n", lines.join("\n"))
+    Block::Code(rows.iter().map(|r| format!("{:+10.6}  {:+10.6}  {:+10.6}\n", r[0], r[1], r[2])).collect())
 }
 
-/// The blocks of the report with headings of the given level.
+/// The sections of the report.
 #[must_use]
-pub fn sections(lin: &Lin, level: usize) -> String {
+pub fn sections(lin: &Lin) -> Vec<Section> {
     let p = &lin.parameters;
-    let mut out = used_file(&p.run, &p.file_name(), level);
-    let head = "#".repeat(level);
-    facility(&mut out, p, &head);
-    offset(&mut out, p, &head);
-    raw_data(&mut out, p, &head);
-    parameters(&mut out, p, &head);
-    model_quality(&mut out, lin, &head);
-    uncertainty(&mut out, p, &head);
-    notes(&mut out, p, &head);
-    out
+    let mut sections = vec![
+        used_file(&p.run, &p.file_name()),
+        facility(p),
+        offset(p),
+        raw_data(p),
+        parameters(p),
+        model_quality(p),
+        uncertainty(p),
+        validity(p),
+    ];
+    sections.extend(not_used(&p.dropped));
+    sections.extend(remarks(&p.warnings));
+    sections
 }
 
 /// The result in one line.
@@ -59,29 +61,27 @@ pub fn summary(lin: &Lin) -> String {
     )
 }
 
-fn facility(out: &mut String, p: &Cpf, head: &str) {
+fn facility(p: &Cpf) -> Section {
     let axes = &p.setup.position_axes;
-    let _ = writeln!(
-        out,
-        "{head} Facility parameter\n\nNominal sensor setup, position {}: X_m = {}_c, Y_m = {}_c, Z_m = {}_c; `R_nom` takes nominal sensor coordinates to \
-         coil coordinates:\n\n{}\nCalculated sensor rotation `ρ`:\n\n{}",
-        p.setup.position,
-        axes[0],
-        axes[1],
-        axes[2],
-        matrix(&p.matrix.r_nom),
-        matrix(&p.matrix.rho)
+    let setup = format!(
+        "Nominal sensor setup, position {}: X_m = {}_c, Y_m = {}_c, Z_m = {}_c; ",
+        p.setup.position, axes[0], axes[1], axes[2]
     );
     let angles = [p.angle_deg.lambda_x, p.angle_deg.mu_y, p.angle_deg.nu_z];
-    let mut rows = vec![vec!["rotation angle".to_owned(), "value".to_owned(), "degrees ± standard uncertainty".to_owned()]];
+    let mut rotation = Table::new(["rotation angle", "value", "degrees ± standard uncertainty"]);
     for (i, name) in ["(X_c, X_m): λ_x", "(Y_c, Y_m): μ_y", "(Z_c, Z_m): ν_z"].into_iter().enumerate() {
-        rows.push(vec![
-            name.to_owned(),
-            degrees_minutes_seconds(angles[i]),
-            with_uncertainty(angles[i], p.std.lambda_mu_nu_deg[i]),
-        ]);
+        rotation.push(cells![name, Cell::angle(angles[i]), Cell::uncertain(angles[i], p.std.lambda_mu_nu_deg[i])]);
     }
-    let _ = writeln!(out, "{}", table(&rows));
+    Section::new("Facility parameter")
+        .with(Text::from(setup).code("R_nom").and(" takes nominal sensor coordinates to coil coordinates:"))
+        .with(matrix(&p.matrix.r_nom))
+        .with(Text::from("Calculated sensor rotation ").code("ρ").and(":"))
+        .with(matrix(&p.matrix.rho))
+        .with(rotation)
+        .with(conditions(p))
+}
+
+fn conditions(p: &Cpf) -> Table {
     let correction = match p.run.coil_correction {
         Some(true) => "used",
         Some(false) => "not used",
@@ -92,107 +92,100 @@ fn facility(out: &mut String, p: &Cpf, head: &str) {
     } else {
         AXES.iter().zip(&p.run.earthfield_compensation).map(|(a, c)| format!("{a} = {c}")).collect::<Vec<_>>().join(", ")
     };
-    let rows = [
-        ("Determinant of the rotation matrix", format!("{:.5}", p.quality.rotation_determinant)),
-        ("Nominal field source", or_not_stated(&p.run.field_source).to_owned()),
-        ("Campaign", p.run.campaign.clone()),
-        ("Fields applied for", format!("{:.1} s", p.setup.field_duration_s)),
-        ("Left out after a step", format!("{:.2} s", p.setup.settling_s)),
-        ("Mean sensor temperature", degc(p.run.temperature_degc)),
-        ("Mean coil system temperature", degc(p.run.coil_temperature_degc)),
-        ("Automatic coil correction", correction.to_owned()),
-        ("Earthfield compensation", compensation),
-    ];
-    let mut list = vec![vec!["condition".to_owned(), "value".to_owned()]];
-    list.extend(rows.into_iter().map(|(name, value)| vec![name.to_owned(), value]));
-    let _ = writeln!(out, "{}", table(&list));
+    Table::new(["condition", "value"]).with_rows([
+        cells!["Determinant of the rotation matrix", Cell::fixed(p.quality.rotation_determinant, 5)],
+        cells!["Nominal field source", or_not_stated(&p.run.field_source)],
+        cells!["Campaign", &p.run.campaign],
+        cells!["Fields applied for", Cell::fixed(p.setup.field_duration_s, 1).with_unit("s")],
+        cells!["Left out after a step", Cell::fixed(p.setup.settling_s, 2).with_unit("s")],
+        cells!["Mean sensor temperature", Cell::degc(p.run.temperature_degc)],
+        cells!["Mean coil system temperature", Cell::degc(p.run.coil_temperature_degc)],
+        cells!["Automatic coil correction", correction],
+        cells!["Earthfield compensation", compensation],
+    ])
 }
 
-fn offset(out: &mut String, p: &Cpf, head: &str) {
+fn offset(p: &Cpf) -> Section {
     let trend = match p.offset.trend_order {
         0 => "A constant offset was fitted together with the sensor model.".to_owned(),
         order => format!("A polynomial offset trend of order {order} was fitted together with the sensor model."),
     };
     let values: Vec<String> = (0..3)
-        .map(|i| format!("{} = {} enT", ["x", "y", "z"][i], with_uncertainty(p.offset.b_or_ent[i], p.std.b_or_ent[i])))
+        .map(|i| format!("{} = {} enT", COMPONENTS[i], with_uncertainty(p.offset.b_or_ent[i], p.std.b_or_ent[i])))
         .collect();
-    let _ = writeln!(
-        out,
-        "{head} Offset treatment\n\n{trend}\n\nMean coil system residual + sensor offset `B_or`, along the sensor axes: {}\n",
-        values.join(", ")
-    );
+    let mean = Text::from("Mean coil system residual + sensor offset ").code("B_or");
+    Section::new("Offset treatment").with(trend).with(mean.and(format!(", along the sensor axes: {}", values.join(", "))))
 }
 
-fn raw_data(out: &mut String, p: &Cpf, head: &str) {
-    let _ = writeln!(out, "{head} Raw data quality\n");
+fn raw_data(p: &Cpf) -> Section {
+    let mut section = Section::new("Raw data quality");
     if let Some(linearisation) = &p.linearisation {
-        let _ = writeln!(
-            out,
-            "The readings were linearised with `{}`, `r + c2 r² + c3 r³`; all parameters hold for linearised readings.\n",
-            linearisation.file
-        );
+        section.push(Text::words_and_code([
+            "The readings were linearised with ",
+            &linearisation.file,
+            ", ",
+            "r + c2 r² + c3 r³",
+            "; all parameters hold for linearised readings.",
+        ]));
     }
-    if let Some(model) = &p.model {
-        let _ = writeln!(out, "{}\n", model.sentence());
-    }
+    section.blocks.extend(p.model.as_ref().map(|model| known_effects(model).into()));
     match &p.quality.raw_std_ent {
-        None => {
-            let _ = writeln!(out, "The file brings plateau means without standard deviations.\n");
-        }
+        None => section.push("The file brings plateau means without standard deviations."),
         Some(s) => {
-            let mut rows = vec![["values in enT", "s_x", "s_y", "s_z"].map(str::to_owned).to_vec()];
-            for (name, v) in [("minimum", s.min), ("mean", s.mean), ("maximum", s.max)] {
-                rows.push(vec![name.to_owned(), format!("{:.3}", v[0]), format!("{:.3}", v[1]), format!("{:.3}", v[2])]);
-            }
-            let _ = writeln!(out, "Standard deviation of the used raw data blocks:\n\n{}", table(&rows));
+            section.push("Standard deviation of the used raw data blocks:");
+            let rows = [("minimum", s.min), ("mean", s.mean), ("maximum", s.max)];
+            section.push(three_columns(["values in enT", "s_x", "s_y", "s_z"], rows));
         }
     }
-    let _ = writeln!(
-        out,
-        "{} of {} blocks used; {} samples lost, {} left out beside spikes.\n",
+    section.with(format!(
+        "{} of {} blocks used; {} samples lost, {} left out beside spikes.",
         p.quality.blocks_used, p.quality.blocks_total, p.quality.lost_samples, p.quality.spike_samples
-    );
+    ))
 }
 
-fn parameters(out: &mut String, p: &Cpf, head: &str) {
-    let _ = writeln!(out, "{head} Calibration parameter\n");
-    for (name, rows) in [
-        ("Transfer matrix `Φ = R_nom ρ ω σ`, nT/enT", &p.matrix.phi),
-        ("Reduced transfer matrix `φ̃ = ω σ`, nT/enT", &p.matrix.phi_tilde),
-        ("Sensitivity `σ`, nT/enT", &p.matrix.sigma),
-        ("Misalignment `ω` (BepiColombo convention)", &p.matrix.omega),
+/// Rows of three values with three decimals.
+fn three_columns(head: [&str; 4], rows: [(&str, [f64; 3]); 3]) -> Table {
+    let row = |(name, [x, y, z]): (&str, [f64; 3])| cells![name, Cell::fixed(x, 3), Cell::fixed(y, 3), Cell::fixed(z, 3)];
+    Table::new(head).with_rows(rows.map(row))
+}
+
+fn parameters(p: &Cpf) -> Section {
+    let mut section = Section::new("Calibration parameter");
+    for (words, symbol, unit, rows) in [
+        ("Transfer matrix ", "Φ = R_nom ρ ω σ", ", nT/enT:", &p.matrix.phi),
+        ("Reduced transfer matrix ", "φ̃ = ω σ", ", nT/enT:", &p.matrix.phi_tilde),
+        ("Sensitivity ", "σ", ", nT/enT:", &p.matrix.sigma),
+        ("Misalignment ", "ω", " (BepiColombo convention):", &p.matrix.omega),
     ] {
-        let _ = writeln!(out, "{name}:\n\n{}", matrix(rows));
+        section.push(Text::words_and_code([words, symbol, unit]));
+        section.push(matrix(rows));
     }
-    let mut rows = vec![["sensor misalignment angle", "value", "degrees ± standard uncertainty"].map(str::to_owned).to_vec()];
+    let mut table = Table::new(["sensor misalignment angle", "value", "degrees ± standard uncertainty"]);
     let angles = [p.angle_deg.xi_xy, p.angle_deg.xi_xz, p.angle_deg.xi_yz];
     for (i, name) in ["ξ_xy", "ξ_xz", "ξ_yz"].into_iter().enumerate() {
-        rows.push(vec![name.to_owned(), degrees_minutes_seconds(angles[i]), with_uncertainty(angles[i], p.std.xi_deg[i])]);
+        table.push(cells![name, Cell::angle(angles[i]), Cell::uncertain(angles[i], p.std.xi_deg[i])]);
     }
-    let _ = writeln!(out, "{}", table(&rows));
+    section.with(table)
 }
 
-fn model_quality(out: &mut String, lin: &Lin, head: &str) {
-    let q = &lin.parameters.quality.residual_nt;
-    let mut rows = vec![["values in nT, coil axes", "X", "Y", "Z"].map(str::to_owned).to_vec()];
-    for (name, v) in [("standard deviation", q.std), ("maximum error", q.max), ("minimum error", q.min)] {
-        rows.push(vec![name.to_owned(), format!("{:.3}", v[0]), format!("{:.3}", v[1]), format!("{:.3}", v[2])]);
-    }
-    let _ = writeln!(out, "{head} Model quality\n\nApplied field minus modelled measurement, `B_c - Φ B_m`:\n\n{}", table(&rows));
+fn model_quality(p: &Cpf) -> Section {
+    let q = &p.quality.residual_nt;
+    let rows = [("standard deviation", q.std), ("maximum error", q.max), ("minimum error", q.min)];
+    Section::new("Model quality")
+        .with(Text::words_and_code(["Applied field minus modelled measurement, ", "B_c - Φ B_m", ":"]))
+        .with(three_columns(["values in nT, coil axes", "X", "Y", "Z"], rows))
 }
 
-fn uncertainty(out: &mut String, p: &Cpf, head: &str) {
-    let mut rows = vec![["sensitivity", "nT/enT ± standard uncertainty"].map(str::to_owned).to_vec()];
+fn uncertainty(p: &Cpf) -> Section {
+    let mut table = Table::new(["sensitivity", "nT/enT ± standard uncertainty"]);
     for i in 0..3 {
-        rows.push(vec![format!("σ_{}", ["x", "y", "z"][i]), with_uncertainty(p.matrix.sigma[i][i], p.std.sigma[i])]);
+        table.push(cells![format!("σ_{}", COMPONENTS[i]), Cell::uncertain(p.matrix.sigma[i][i], p.std.sigma[i])]);
     }
-    let _ = writeln!(
-        out,
-        "{head} Uncertainty\n\n{}\nStandard uncertainties (coverage factor 1) from the scatter of the samples within the plateaus and of the plateau means about \
+    Section::new("Uncertainty").with(table).with(format!(
+        "Standard uncertainties (coverage factor 1) from the scatter of the samples within the plateaus and of the plateau means about \
          the model, type A only: the uncertainty of the coil constants, of the coil angles and of the temperature is not in them. {} degrees of freedom per component, \
          condition number {:.2}. Noise of a plateau mean {:.3}, {:.3}, {:.3} enT, of which a part of {:.2}, {:.2}, {:.2} of the variance is \
-         correlated from plateau to plateau ({:.0}, {:.0}, {:.0} effective plateaus). The full covariance is in the parameter file.\n",
-        table(&rows),
+         correlated from plateau to plateau ({:.0}, {:.0}, {:.0} effective plateaus). The full covariance is in the parameter file.",
         p.quality.degrees_of_freedom,
         p.quality.condition,
         p.noise.std_ent[0],
@@ -204,20 +197,17 @@ fn uncertainty(out: &mut String, p: &Cpf, head: &str) {
         p.noise.effective_blocks[0],
         p.noise.effective_blocks[1],
         p.noise.effective_blocks[2],
-    );
+    ))
 }
 
-fn notes(out: &mut String, p: &Cpf, head: &str) {
+fn validity(p: &Cpf) -> Section {
     let field = p.valid.field_coil_nt.map(|[low, high]| format!("{low:.0} to {high:.0} nT"));
     let temperature =
         p.valid.temperature_degc.map_or_else(|| "not recorded".to_owned(), |[low, high]| format!("{low:.1} to {high:.1} °C"));
-    let _ = writeln!(
-        out,
-        "{head} Validity\n\nFields X {}, Y {}, Z {} (coil axes); sensor temperature {temperature}. The results hold for the sensor and mode named above.\n",
+    Section::new("Validity").with(format!(
+        "Fields X {}, Y {}, Z {} (coil axes); sensor temperature {temperature}. The results hold for the sensor and mode named above.",
         field[0], field[1], field[2]
-    );
-    out.push_str(&not_used(&p.dropped, head.len()));
-    out.push_str(&remarks(&p.warnings, head.len()));
+    ))
 }
 
 /// One row per run, for a campaign.

@@ -1,112 +1,121 @@
 //! The report of a linearisation.
 
-use super::{number, or_not_stated, remarks, table};
-use crate::data::units::{scientific_with_uncertainty, with_uncertainty};
-use crate::files::parameter::{Body, LinearisationPanel};
+use super::document::{Cell, Section, Table, Text, cells};
+use super::{NOT_DETERMINED, or_not_stated, parameter_file, remarks, yes_or_no};
+use crate::data::units::scientific_with_uncertainty;
+use crate::files::parameter::{Body, LinearisationFile, LinearisationPanel};
 use crate::measure::linearise::Linearised;
-use std::fmt::Write;
 
 /// Text for a probability.
 fn probability(p: f64) -> String {
     if p < 1e-4 { "below 0.01 %".to_owned() } else { format!("{:.2} %", 100.0 * p) }
 }
 
-/// Blocks of the report with headings of the given level.
+/// The sections of the report.
 #[must_use]
-pub fn sections(result: &Linearised, level: usize) -> String {
+pub fn sections(result: &Linearised) -> Vec<Section> {
     let p = &result.parameters;
-    let head = "#".repeat(level);
-    let mut out = format!(
-        "{head} Principle\n\nThe readings of each sensor axis are linearised by one polynomial, `r + c2 r² + c3 r³`, that all runs of the \
-         sensor and mode share; offset and sensitivity belong to the runs. Polynomials and the parameters of every run are estimated \
-         together.\n\nParameter file: `{}`.\n\n",
-        p.file_name()
-    );
+    let principle = Section::new("Principle")
+        .with(Text::words_and_code([
+            "The readings of each sensor axis are linearised by one polynomial, ",
+            "r + c2 r² + c3 r³",
+            ", that all runs of the sensor and mode share; offset and sensitivity belong to the runs. Polynomials and the parameters of \
+             every run are estimated together.",
+        ]))
+        .with(parameter_file(&p.file_name()));
+    let mut sections = vec![principle, polynomials(p), runs(p), panels(&p.panel)];
+    sections.extend(remarks(&p.warnings));
+    sections
+}
+
+fn polynomials(p: &LinearisationFile) -> Section {
     let c = &p.linearisation;
-    let mut rows = vec![
-        ["axis", "c2, 1/enT", "c3, 1/enT²", "readings, enT", "largest correction, enT", "probability by chance", "significant"]
-            .map(str::to_owned)
-            .to_vec(),
-    ];
+    let mut table = Table::new([
+        "axis",
+        "c2, 1/enT",
+        "c3, 1/enT²",
+        "readings, enT",
+        "largest correction, enT",
+        "probability by chance",
+        "significant",
+    ]);
     for (i, axis) in p.axis.iter().enumerate().take(3) {
-        rows.push(vec![
-            axis.name.clone(),
-            scientific_with_uncertainty(c.c2_per_ent[i], c.c2_std_per_ent[i]),
-            scientific_with_uncertainty(c.c3_per_ent2[i], c.c3_std_per_ent2[i]),
+        table.push(cells![
+            &axis.name,
+            Cell::scientific(c.c2_per_ent[i], c.c2_std_per_ent[i]),
+            Cell::scientific(c.c3_per_ent2[i], c.c3_std_per_ent2[i]),
             format!("{:.0} to {:.0}", c.reading_ent[i][0], c.reading_ent[i][1]),
-            format!("{:.3}", axis.largest_correction_ent),
+            Cell::fixed(axis.largest_correction_ent, 3),
             probability(axis.probability),
-            if axis.significant { "yes" } else { "no" }.to_owned(),
+            yes_or_no(axis.significant),
         ]);
     }
-    let _ = writeln!(out, "{head} Polynomials\n\n{}", table(&rows));
-    let mut rows =
-        vec![["run", "plateaus", "x before, nT", "y", "z", "x after, nT", "y", "z", "took part"].map(str::to_owned).to_vec()];
+    Section::new("Polynomials").with(table)
+}
+
+fn runs(p: &LinearisationFile) -> Section {
+    let mut table = Table::new(["run", "plateaus", "x before, nT", "y", "z", "x after, nT", "y", "z", "took part"]);
     for run in &p.run {
-        let mut row = vec![run.id.clone(), run.blocks.to_string()];
-        row.extend(run.residual_std_before_nt.iter().chain(&run.residual_std_after_nt).map(|s| number(*s, 3)));
-        row.push(if run.used { "yes" } else { "no" }.to_owned());
-        rows.push(row);
+        let mut row = cells![&run.id, run.blocks];
+        row.extend(run.residual_std_before_nt.iter().chain(&run.residual_std_after_nt).map(|s| Cell::fixed(*s, 3)));
+        row.push(yes_or_no(run.used).into());
+        table.push(row);
     }
-    let _ = writeln!(
-        out,
-        "{head} The runs\n\nStandard deviation of applied field minus modelled measurement along the sensor axes, without and with the \
-         linearisation:\n\n{}",
-        table(&rows)
-    );
+    let mut section = Section::new("The runs")
+        .with(
+            "Standard deviation of applied field minus modelled measurement along the sensor axes, without and with the linearisation:",
+        )
+        .with(table);
     if p.axis.iter().any(|a| a.between_degrees_of_freedom > 0) {
         let list: Vec<String> =
             p.axis.iter().map(|a| format!("{} {:.1} for {}", a.name, a.between_chi2, a.between_degrees_of_freedom)).collect();
-        let _ =
-            writeln!(out, "What the runs say against the shared polynomials, χ² for degrees of freedom: {}.\n", list.join(", "));
+        section
+            .push(format!("What the runs say against the shared polynomials, χ² for degrees of freedom: {}.", list.join(", ")));
     }
-    panels(&mut out, &p.panel, &head);
-    out.push_str(&remarks(&p.warnings, level));
-    out
+    section
 }
 
 /// The nine panels as a table.
-fn panels(out: &mut String, list: &[LinearisationPanel], head: &str) {
-    let mut rows = vec![
-        [
-            "sensor axis",
-            "coil axis",
-            "quadratic, 1/nT",
-            "cubic, 1/nT²",
-            "quadratic at the largest field, nT",
-            "cubic",
-            "by chance",
-        ]
-        .map(str::to_owned)
-        .to_vec(),
-    ];
+fn panels(list: &[LinearisationPanel]) -> Section {
+    let mut table = Table::new([
+        "sensor axis",
+        "coil axis",
+        "quadratic, 1/nT",
+        "cubic, 1/nT²",
+        "quadratic at the largest field, nT",
+        "cubic",
+        "by chance",
+    ]);
     for panel in list {
-        let mut row =
-            vec![panel.sensor_axis.clone(), format!("{}{}", panel.coil_axis, if panel.on_axis { " (along it)" } else { "" })];
-        match &panel.fitted {
+        let coil_axis = format!("{}{}", panel.coil_axis, if panel.on_axis { " (along it)" } else { "" });
+        table.push(match &panel.fitted {
             Some(f) => {
                 let (square, cube) = (panel.largest_field_nt.powi(2), panel.largest_field_nt.powi(3));
-                row.extend([
-                    scientific_with_uncertainty(f.quadratic_per_nt, f.quadratic_std_per_nt),
-                    scientific_with_uncertainty(f.cubic_per_nt2, f.cubic_std_per_nt2),
-                    with_uncertainty(f.quadratic_per_nt * square, f.quadratic_std_per_nt * square),
-                    with_uncertainty(f.cubic_per_nt2 * cube, f.cubic_std_per_nt2 * cube),
+                cells![
+                    &panel.sensor_axis,
+                    coil_axis,
+                    Cell::scientific(f.quadratic_per_nt, f.quadratic_std_per_nt),
+                    Cell::scientific(f.cubic_per_nt2, f.cubic_std_per_nt2),
+                    Cell::uncertain(f.quadratic_per_nt * square, f.quadratic_std_per_nt * square),
+                    Cell::uncertain(f.cubic_per_nt2 * cube, f.cubic_std_per_nt2 * cube),
                     probability(f.probability),
-                ]);
+                ]
             }
-            None => row.extend(["not determined", "not determined", "", "", ""].map(str::to_owned)),
-        }
-        rows.push(row);
+            None => {
+                let (unknown, empty) = (Cell::Missing(NOT_DETERMINED), Cell::Missing(""));
+                cells![&panel.sensor_axis, coil_axis, unknown.clone(), unknown, empty.clone(), empty.clone(), empty]
+            }
+        });
     }
-    let _ = writeln!(
-        out,
-        "{head} Dependence on the field along and across the axes\n\nSquare and cube of the applied field in the residual (applied field \
-         minus modelled measurement) of every sensor axis: along the axis itself without the linearisation, across it beside the \
-         linearisation. Across an axis a probability below 1 % would be a transverse effect; one of six is below it in 6 % of all \
-         cases by chance, and drifts can look like one. Where all fields have one magnitude the three squares add to a constant, and the \
-         two across an axis are one effect with two signs.\n\n{}",
-        table(&rows)
-    );
+    Section::new("Dependence on the field along and across the axes")
+        .with(
+            "Square and cube of the applied field in the residual (applied field minus modelled measurement) of every sensor axis: \
+             along the axis itself without the linearisation, across it beside the linearisation. Across an axis a probability below \
+             1 % would be a transverse effect; one of six is below it in 6 % of all cases by chance, and drifts can look like one. \
+             Where all fields have one magnitude the three squares add to a constant, and the two across an axis are one effect with \
+             two signs.",
+        )
+        .with(table)
 }
 
 /// A few lines for the terminal.

@@ -3,10 +3,12 @@
 pub mod centre;
 pub mod coil;
 pub mod diagnose;
+pub mod document;
 pub mod freq;
 pub mod html;
 pub mod lin;
 pub mod linearise;
+pub mod markdown;
 pub mod null;
 pub mod offset;
 pub mod protocol;
@@ -15,24 +17,13 @@ pub mod sweep;
 pub mod thermal;
 pub mod thermistor;
 
-use crate::data::provenance::Provenance;
+use crate::data::note::{Note, NoteKind};
+use crate::data::provenance::{Input, Provenance};
 use crate::data::result::{Dropped, RunHead};
 use crate::data::units::with_uncertainty;
-use std::fmt::Write;
-
-/// A Markdown table; the first row is its head.
-#[must_use]
-pub fn table(rows: &[Vec<String>]) -> String {
-    let mut out = String::new();
-    for (i, row) in rows.iter().enumerate() {
-        let cells: Vec<String> = row.iter().map(|c| c.replace('|', "\\|")).collect();
-        out.push_str(&format!("| {} |\n", cells.join(" | ")));
-        if i == 0 {
-            out.push_str(&format!("|{}\n", "---|".repeat(row.len())));
-        }
-    }
-    out
-}
+use crate::model::applied::ModelApplied;
+use document::{Block, Cell, Document, Figure, NOT_DETERMINED, Section, Table, Text, cells};
+use std::fmt::Display;
 
 /// Text for a value that may be missing.
 #[must_use]
@@ -53,21 +44,32 @@ pub fn run_line(run: &RunHead) -> String {
     format!("{}  {} {}{temperature}", run.id, run.sensor, run.mode)
 }
 
-/// The block of the used file with the name of the parameter file.
+/// The section on the used file with the name of the parameter file.
 #[must_use]
-pub fn used_file(run: &RunHead, parameter_file: &str, level: usize) -> String {
-    let rows = [
-        ["run", "configuration", "sensor", "mode", "start", "sensor temperature"].map(str::to_owned).to_vec(),
-        vec![
-            run.id.clone(),
-            or_not_stated(&run.configuration).to_owned(),
-            or_not_stated(&run.sensor).to_owned(),
-            or_not_stated(&run.mode).to_owned(),
-            run.start.clone(),
-            degc(run.temperature_degc),
-        ],
-    ];
-    format!("{} Used measurement\n\n{}\nParameter file: `{parameter_file}`.\n\n", "#".repeat(level), table(&rows))
+pub fn used_file(run: &RunHead, parameter_file: &str) -> Section {
+    let table = Table::new(["run", "configuration", "sensor", "mode", "start", "sensor temperature"]).with_rows([cells![
+        &run.id,
+        or_not_stated(&run.configuration),
+        or_not_stated(&run.sensor),
+        or_not_stated(&run.mode),
+        &run.start,
+        Cell::degc(run.temperature_degc),
+    ]]);
+    Section::new("Used measurement").with(table).with(self::parameter_file(parameter_file))
+}
+
+/// The name of the parameter file that a report goes with.
+fn parameter_file(name: &str) -> Text {
+    Text::from("Parameter file: ").code(name).and(".")
+}
+
+/// What was taken off the readings before a fit.
+fn known_effects(model: &ModelApplied) -> Text {
+    Text::of_note(&model.sentence())
+}
+
+fn yes_or_no(yes: bool) -> &'static str {
+    if yes { "yes" } else { "no" }
 }
 
 /// A figure as it was written.
@@ -81,90 +83,71 @@ pub struct Drawn {
     pub caption: String,
 }
 
-/// A figure that a report shows.
-pub struct FigureLink {
-    /// Path of the picture from the report.
-    pub file: String,
-    /// Number in the report, from 1.
-    pub number: usize,
-    /// What it shows.
-    pub title: String,
-    /// What to see in it.
-    pub caption: String,
-}
-
-impl FigureLink {
+impl Drawn {
     /// Numbers figures on from the last number used; `folder` leads to them from the report and is empty or ends with `/`.
     #[must_use]
-    pub fn number(drawn: &[Drawn], folder: &str, last: &mut usize) -> Vec<FigureLink> {
-        let link = |d: &Drawn| {
+    pub fn number(drawn: &[Drawn], folder: &str, last: &mut usize) -> Vec<Figure> {
+        let figure = |d: &Drawn| {
             *last += 1;
-            FigureLink { file: format!("{folder}{}", d.file), number: *last, title: d.title.clone(), caption: d.caption.clone() }
+            Figure { file: format!("{folder}{}", d.file), number: *last, title: d.title.clone(), caption: d.caption.clone() }
         };
-        drawn.iter().map(link).collect()
+        drawn.iter().map(figure).collect()
     }
-}
-
-/// Figures with their captions.
-#[must_use]
-pub fn figures(links: &[FigureLink]) -> String {
-    let mut out = String::new();
-    for FigureLink { file, number, title, caption } in links {
-        // The caption is drawn in the picture; here it is for those who cannot see it.
-        let (caption, title) = (caption.replace(['[', ']'], ""), title.replace('"', "'"));
-        let _ = writeln!(out, "![{caption}]({file} \"Figure {number}: {title}\")\n");
-    }
-    out
 }
 
 /// A report of its own: warnings that concern the result as a whole, its sections, its figures and its origin.
 #[must_use]
-pub fn standalone(title: &str, warnings: &[String], sections: &str, links: &[FigureLink], provenance: &Provenance) -> String {
-    let mut out = format!("<!-- written by calfit {} -->\n# {title}\n\n", provenance.tool_version);
-    for warning in warnings.iter().filter(|w| w.starts_with("AXES") || w.starts_with("FIT")) {
-        let _ = writeln!(out, "> **WARNING** {warning}\n");
+pub fn standalone(
+    title: &str,
+    warnings: &[String],
+    mut sections: Vec<Section>,
+    figures: Vec<Figure>,
+    provenance: &Provenance,
+) -> Document {
+    if !figures.is_empty() {
+        // Reports have had one more empty line after their figures from the beginning.
+        sections.push(Section::new("Figures").with_all(figures).with(""));
     }
-    out.push_str(sections);
-    if !links.is_empty() {
-        let _ = writeln!(out, "## Figures\n\n{}", figures(links));
+    sections.push(Section::new("Origin").with(inputs(provenance)));
+    let made = format!("Made by {} {} ({}), ", provenance.tool, provenance.tool_version, provenance.build);
+    Document {
+        title: title.to_owned(),
+        front: first_notes(warnings).into_iter().map(Block::from).collect(),
+        sections,
+        colophon: Some(Text::from(made).code(&provenance.command).and(format!(", {}.", provenance.created))),
     }
-    let mut inputs = vec![["input", "bytes", "SHA-256"].map(str::to_owned).to_vec()];
-    inputs.extend(provenance.input.iter().map(|i| vec![i.path.clone(), i.size_bytes.to_string(), format!("`{}`", i.sha256)]));
-    let _ = writeln!(
-        out,
-        "## Origin\n\n{}\n---\nMade by {} {} ({}), `{}`, {}.",
-        table(&inputs),
-        provenance.tool,
-        provenance.tool_version,
-        provenance.build,
-        provenance.command,
-        provenance.created
-    );
-    out
 }
 
-/// The list of remarks under a heading; nothing without remarks.
-#[must_use]
-pub fn remarks(warnings: &[String], level: usize) -> String {
-    if warnings.is_empty() {
-        return String::new();
-    }
-    let list: Vec<String> = warnings.iter().map(|w| format!("- {w}")).collect();
-    format!("{} Remarks\n\n{}\n\n", "#".repeat(level), list.join("\n"))
+/// The warnings that a report begins with, because they concern the result as a whole.
+fn first_notes(warnings: &[String]) -> Vec<Note> {
+    let kinds = [("AXES: ", NoteKind::Axes), ("FIT: ", NoteKind::Fit)];
+    let note = |warning: &String| kinds.iter().find_map(|(label, kind)| Some(Note::new(*kind, warning.strip_prefix(label)?)));
+    warnings.iter().filter_map(note).collect()
 }
 
-/// The plateaus that were not used under a heading; nothing if all were.
+/// The inputs with their hashes.
+fn inputs(provenance: &Provenance) -> Table {
+    let row = |i: &Input| cells![&i.path, i.size_bytes, Text::default().code(&i.sha256)];
+    Table::new(["input", "bytes", "SHA-256"]).with_rows(provenance.input.iter().map(row))
+}
+
+/// The section with all warnings; nothing without warnings.
 #[must_use]
-pub fn not_used(dropped: &[Dropped], level: usize) -> String {
-    if dropped.is_empty() {
-        return String::new();
-    }
-    let mut rows = vec![["block", "begin, s", "X, nT", "Y, nT", "Z, nT", "not used because"].map(str::to_owned).to_vec()];
-    for d in dropped {
-        let [x, y, z] = d.field_coil_nt.map(|v| format!("{v:.2}"));
-        rows.push(vec![d.block.to_string(), format!("{:.1}", d.t_start_s), x, y, z, d.reason.clone()]);
-    }
-    format!("{} Plateaus not used\n\n{}\n", "#".repeat(level), table(&rows))
+pub fn remarks<W: Display>(warnings: &[W]) -> Option<Section> {
+    let items = || warnings.iter().map(|w| Text::of_note(&w.to_string())).collect();
+    (!warnings.is_empty()).then(|| Section::new("Remarks").with(Block::List(items())))
+}
+
+/// The section with the plateaus that were not used; nothing if all were.
+#[must_use]
+pub fn not_used(dropped: &[Dropped]) -> Option<Section> {
+    let row = |d: &Dropped| {
+        let [x, y, z] = d.field_coil_nt.map(|v| Cell::fixed(v, 2));
+        cells![d.block, Cell::fixed(d.t_start_s, 1), x, y, z, &d.reason]
+    };
+    let table =
+        || Table::new(["block", "begin, s", "X, nT", "Y, nT", "Z, nT", "not used because"]).with_rows(dropped.iter().map(row));
+    (!dropped.is_empty()).then(|| Section::new("Plateaus not used").with(table()))
 }
 
 /// The first columns of a table with one row per run.
@@ -202,5 +185,3 @@ pub fn value(value: f64, std: f64) -> String {
 pub fn number(value: f64, decimals: usize) -> String {
     if value.is_finite() { format!("{value:.decimals$}") } else { NOT_DETERMINED.to_owned() }
 }
-
-const NOT_DETERMINED: &str = "not determined";

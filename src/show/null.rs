@@ -1,25 +1,23 @@
 //! The report of a zero-field run.
 
-use super::{number, remarks, run_line, table, triple, used_file, value};
-use crate::data::units::{COMPONENTS, scientific_with_uncertainty};
-use crate::files::parameter::{Body, ChannelPart, DensityPart, Npf};
+use super::document::{Block, Cell, Section, Table, Text, cells};
+use super::{remarks, run_line, triple, used_file};
+use crate::data::units::COMPONENTS;
+use crate::files::parameter::{Body, ChannelPart, DensityPart, Npf, StopPart};
 use crate::measure::null::Null;
 use std::fmt::Write;
 
 /// Lines that the report shows, the strongest first.
 const MOST_LINES: usize = 20;
 
-/// The blocks of the report with headings of the given level.
+/// The sections of the report.
 #[must_use]
-pub fn sections(null: &Null, level: usize) -> String {
+pub fn sections(null: &Null) -> Vec<Section> {
     let p = &null.parameters;
-    let head = "#".repeat(level);
-    let mut out = used_file(&p.run, &p.file_name(), level);
     let r = &p.record;
-    let _ = writeln!(
-        out,
+    let used = used_file(&p.run, &p.file_name()).with(format!(
         "{} samples from {:.1} to {:.1} s ({:.2} h) at {:.6} Hz; {} samples lost in {} gaps, {} of them in short gaps that a straight line \
-         bridges.\n",
+         bridges.",
         r.samples,
         r.time_s[0],
         r.time_s[1],
@@ -28,54 +26,56 @@ pub fn sections(null: &Null, level: usize) -> String {
         r.lost,
         r.gaps,
         r.bridged
-    );
-    offset(&mut out, p, &head);
-    scaled(&mut out, p);
-    noise(&mut out, p, &head);
-    lines(&mut out, p, &head);
-    allan(&mut out, p, &head);
-    channels(&mut out, p, &head);
-    stops(&mut out, p, &head);
-    out.push_str(&remarks(&p.warnings, level));
-    out
+    ));
+    let mut sections = vec![used, offset(p), noise(p)];
+    sections.extend(lines(p));
+    sections.push(allan(p));
+    sections.extend(channels(p));
+    sections.push(stops(p));
+    sections.extend(remarks(&p.warnings));
+    sections
 }
 
-fn offset(out: &mut String, p: &Npf, head: &str) {
+/// Name of the coefficient of a power of the time, in a unit of the field.
+fn drift_name(power: usize, unit: &str) -> String {
+    if power == 1 { format!("drift, {unit}/h") } else { format!("{unit}/h^{power}") }
+}
+
+fn offset(p: &Npf) -> Section {
     let o = &p.offset;
     let mut names = vec!["component".to_owned(), format!("reading at {:.0} s, enT", o.time_s)];
-    names.extend((1..=o.order).map(|k| if k == 1 { "drift, enT/h".to_owned() } else { format!("enT/h^{k}") }));
+    names.extend((1..=o.order).map(|k| drift_name(k, "enT")));
     names.extend(["rms about it, enT", "range, enT"].map(str::to_owned));
-    let mut rows = vec![names];
+    let mut table = Table::new(names);
     for c in 0..3 {
-        let mut row = vec![COMPONENTS[c].to_owned(), value(o.mean_ent[c], o.mean_std_ent[c])];
-        row.extend((0..o.order).map(|k| value(o.drift_ent_per_h[k][c], o.drift_std_ent_per_h[k][c])));
-        row.extend([number(o.residual_std_ent[c], 4), number(o.range_ent[c], 3)]);
-        rows.push(row);
+        let mut row = cells![COMPONENTS[c], Cell::uncertain(o.mean_ent[c], o.mean_std_ent[c])];
+        row.extend((0..o.order).map(|k| Cell::uncertain(o.drift_ent_per_h[k][c], o.drift_std_ent_per_h[k][c])));
+        row.extend([Cell::fixed(o.residual_std_ent[c], 4), Cell::fixed(o.range_ent[c], 3)]);
+        table.push(row);
     }
-    let _ = writeln!(
-        out,
-        "{head} Offset and drift\n\n{}\nLeast squares of {} means, standard uncertainties with slow noise included. The reading holds the \
-         residual field of the coil system as well as the offset of the sensor.\n",
-        table(&rows),
+    let section = Section::new("Offset and drift").with(table).with(format!(
+        "Least squares of {} means, standard uncertainties with slow noise included. The reading holds the residual field of the coil \
+         system as well as the offset of the sensor.",
         o.rows
-    );
+    ));
+    section.with_all(scaled(p).into_iter().flatten())
 }
 
 /// The same in nT, where a linear calibration gives the sensitivity.
-fn scaled(out: &mut String, p: &Npf) {
-    let Some(s) = &p.scaled else { return };
+fn scaled(p: &Npf) -> Option<[Block; 2]> {
+    let s = p.scaled.as_ref()?;
     let mut names = vec!["component".to_owned(), format!("reading at {:.0} s, nT", p.offset.time_s)];
-    names.extend((1..=s.drift_nt_per_h.len()).map(|k| if k == 1 { "drift, nT/h".to_owned() } else { format!("nT/h^{k}") }));
+    names.extend((1..=s.drift_nt_per_h.len()).map(|k| drift_name(k, "nT")));
     let density = s.nt_per_root_hz.as_ref().zip(s.std_nt_per_root_hz.as_ref());
     names.extend(p.density.as_ref().zip(density).map(|(d, _)| format!("noise at {} Hz, nT/√Hz", d.frequency_hz)));
-    let mut rows = vec![names];
+    let mut table = Table::new(names);
     for c in 0..3 {
-        let mut row = vec![COMPONENTS[c].to_owned(), value(s.mean_nt[c], s.mean_std_nt[c])];
-        row.extend(s.drift_nt_per_h.iter().zip(&s.drift_std_nt_per_h).map(|(v, std)| value(v[c], std[c])));
-        row.extend(density.map(|(v, std)| value(v[c], std[c]).replace('+', "")));
-        rows.push(row);
+        let mut row = cells![COMPONENTS[c], Cell::uncertain(s.mean_nt[c], s.mean_std_nt[c])];
+        row.extend(s.drift_nt_per_h.iter().zip(&s.drift_std_nt_per_h).map(|(v, std)| Cell::uncertain(v[c], std[c])));
+        row.extend(density.map(|(v, std)| Cell::uncertain(v[c], std[c]).unsigned()));
+        table.push(row);
     }
-    let _ = writeln!(out, "With the sensitivities of `{}`:\n\n{}", s.cpf, table(&rows));
+    Some([Text::words_and_code(["With the sensitivities of ", &s.cpf, ":"]).into(), table.into()])
 }
 
 /// Density with its limits of 95 %.
@@ -90,25 +90,24 @@ fn decimals(std: f64) -> usize {
     if std > 0.0 && std.is_finite() { (1.0 - std.log10().floor()).clamp(0.0, 12.0) as usize } else { 4 }
 }
 
-fn noise(out: &mut String, p: &Npf, head: &str) {
+fn noise(p: &Npf) -> Section {
     let k = &p.corner;
-    let mut rows = vec![
-        ["component", "at 1 Hz, enT/√Hz (95 %)", "white, enT/√Hz", "1/f at 1 Hz, enT/√Hz", "corner, Hz", "χ² per degree"]
-            .map(str::to_owned)
-            .to_vec(),
-    ];
+    let mut table = Table::new([
+        "component",
+        "at 1 Hz, enT/√Hz (95 %)",
+        "white, enT/√Hz",
+        "1/f at 1 Hz, enT/√Hz",
+        "corner, Hz",
+        "χ² per degree",
+    ]);
     for c in 0..3 {
-        rows.push(vec![
-            COMPONENTS[c].to_owned(),
-            p.density.as_ref().map_or_else(|| "not reached".to_owned(), |d| with_limits(d, c)),
-            value(k.white_ent_per_root_hz[c], k.white_std_ent_per_root_hz[c]).replace('+', ""),
-            if k.slow_ent_per_root_hz[c].is_finite() { format!("{:.3e}", k.slow_ent_per_root_hz[c]) } else { "-".to_owned() },
-            if k.corner_hz[c].is_finite() {
-                scientific_with_uncertainty(k.corner_hz[c], k.corner_std_hz[c])
-            } else {
-                "-".to_owned()
-            },
-            number(k.chi_square_per_degree[c], 2),
+        table.push(cells![
+            COMPONENTS[c],
+            p.density.as_ref().map_or(Cell::Missing("not reached"), |d| with_limits(d, c).into()),
+            Cell::uncertain(k.white_ent_per_root_hz[c], k.white_std_ent_per_root_hz[c]).unsigned(),
+            Cell::exponent(k.slow_ent_per_root_hz[c], 3).or("-"),
+            Cell::scientific(k.corner_hz[c], k.corner_std_hz[c]).or("-"),
+            Cell::fixed(k.chi_square_per_degree[c], 2),
         ]);
     }
     let band = p.density.as_ref().map_or_else(String::new, |d| {
@@ -118,104 +117,91 @@ fn noise(out: &mut String, p: &Npf, head: &str) {
         )
     });
     let f = &p.spectrum.frequency_hz;
-    let _ = writeln!(
-        out,
-        "{head} Noise\n\n{}\nOne-sided amplitude density by Welch's method, {} bands from {:.1e} to {:.1} Hz, lines left out.{band} White and 1/f \
-         noise are a fit of `S = W + A/f`; a χ² far above 1 means that the noise has another shape.\n",
-        table(&rows),
+    let method = format!(
+        "One-sided amplitude density by Welch's method, {} bands from {:.1e} to {:.1} Hz, lines left out.{band} White and 1/f noise are a \
+         fit of ",
         f.len(),
         f.first().copied().unwrap_or(f64::NAN),
         f.last().copied().unwrap_or(f64::NAN),
     );
+    Section::new("Noise")
+        .with(table)
+        .with(Text::from(method).code("S = W + A/f").and("; a χ² far above 1 means that the noise has another shape."))
 }
 
-fn lines(out: &mut String, p: &Npf, head: &str) {
+fn lines(p: &Npf) -> Option<Section> {
     if p.line.is_empty() {
-        return;
+        return None;
     }
     let mut strongest: Vec<_> = p.line.iter().collect();
     strongest.sort_by(|a, b| b.power_ratio.total_cmp(&a.power_ratio));
-    let mut rows = vec![["component", "frequency, Hz", "amplitude, enT", "power over noise"].map(str::to_owned).to_vec()];
+    let mut table = Table::new(["component", "frequency, Hz", "amplitude, enT", "power over noise"]);
     for l in strongest.iter().take(MOST_LINES) {
-        rows.push(vec![
-            l.component.clone(),
-            format!("{:.4} ± {:.1e}", l.frequency_hz, 0.5 * l.resolution_hz),
-            value(l.amplitude_ent, l.amplitude_std_ent).replace('+', ""),
-            format!("{:.1}", l.power_ratio),
+        table.push(cells![
+            &l.component,
+            Cell::place(l.frequency_hz, 0.5 * l.resolution_hz, 4),
+            Cell::uncertain(l.amplitude_ent, l.amplitude_std_ent).unsigned(),
+            Cell::fixed(l.power_ratio, 1),
         ]);
     }
     let more = strongest.len().saturating_sub(MOST_LINES);
     let more = if more > 0 { format!("{more} weaker ones stand in the parameter file. ") } else { String::new() };
-    let _ = writeln!(
-        out,
-        "{head} Lines\n\n{}\nAmplitudes are half peak to peak. {more}A line may be the alias of a frequency above half the sample rate.\n",
-        table(&rows)
-    );
+    Some(Section::new("Lines").with(table).with(format!(
+        "Amplitudes are half peak to peak. {more}A line may be the alias of a frequency above half the sample rate."
+    )))
 }
 
-fn allan(out: &mut String, p: &Npf, head: &str) {
+fn allan(p: &Npf) -> Section {
     let a = &p.allan;
-    let mut rows = vec![["τ, s", "x, enT", "y, enT", "z, enT", "limits of 95 %"].map(str::to_owned).to_vec()];
+    let mut table = Table::new(["τ, s", "x, enT", "y, enT", "z, enT", "limits of 95 %"]);
     for (i, tau) in a.tau_s.iter().enumerate() {
-        let mut row = vec![format!("{tau:.4}")];
-        row.extend([&a.x_ent, &a.y_ent, &a.z_ent].map(|v| format!("{:.3e}", v[i])));
-        row.push(format!("× {:.3} to {:.3}", a.low_factor[i], a.high_factor[i]));
-        rows.push(row);
+        let [x, y, z] = [&a.x_ent, &a.y_ent, &a.z_ent].map(|v| Cell::exponent(v[i], 3));
+        table.push(cells![Cell::fixed(*tau, 4), x, y, z, format!("× {:.3} to {:.3}", a.low_factor[i], a.high_factor[i])]);
     }
-    let _ = writeln!(out, "{head} Allan deviation\n\n{}", table(&rows));
+    Section::new("Allan deviation").with(table)
 }
 
-fn coefficients(values: &[f64; 3], std: &[f64; 3]) -> Vec<String> {
-    (0..3).map(|c| value(values[c], std[c])).collect()
+fn coefficients(values: &[f64; 3], std: &[f64; 3]) -> [Cell; 3] {
+    std::array::from_fn(|c| Cell::uncertain(values[c], std[c]))
 }
 
-fn channels(out: &mut String, p: &Npf, head: &str) {
+fn channels(p: &Npf) -> Option<Section> {
     if p.channel.is_empty() {
-        return;
+        return None;
     }
-    let mut rows = vec![
-        ["channel", "range", "x, enT per unit", "y, enT per unit", "z, enT per unit", "correlation x, y, z"]
-            .map(str::to_owned)
-            .to_vec(),
-    ];
+    let mut table =
+        Table::new(["channel", "range", "x, enT per unit", "y, enT per unit", "z, enT per unit", "correlation x, y, z"]);
     for ChannelPart { name, unit, range, coefficient_ent, coefficient_std_ent, correlation } in &p.channel {
-        let mut row = vec![name.clone(), format!("{range:.3} {unit}")];
-        row.extend(coefficients(coefficient_ent, coefficient_std_ent));
-        row.push(correlation.map(|r| format!("{r:+.2}")).join(", "));
-        rows.push(row);
+        let [x, y, z] = coefficients(coefficient_ent, coefficient_std_ent);
+        let range = Cell::fixed(*range, 3).with_unit(unit);
+        table.push(cells![name, range, x, y, z, correlation.map(|r| format!("{r:+.2}")).join(", ")]);
     }
-    let _ = writeln!(
-        out,
-        "{head} What the readings follow\n\n{}\nEach channel alone, standard uncertainties with slow noise included. Channels that run alike cannot be \
-         told apart this way.\n",
-        table(&rows)
+    let mut section = Section::new("What the readings follow").with(table).with(
+        "Each channel alone, standard uncertainties with slow noise included. Channels that run alike cannot be told apart this way.",
     );
     if let Some(t) = &p.together {
-        let mut rows = vec![["channel", "x, enT per unit", "y, enT per unit", "z, enT per unit"].map(str::to_owned).to_vec()];
+        let mut table = Table::new(["channel", "x, enT per unit", "y, enT per unit", "z, enT per unit"]);
         for (i, name) in t.channels.iter().enumerate() {
-            let mut row = vec![name.clone()];
-            row.extend(coefficients(&t.coefficient_ent[i], &t.coefficient_std_ent[i]));
-            rows.push(row);
+            let [x, y, z] = coefficients(&t.coefficient_ent[i], &t.coefficient_std_ent[i]);
+            table.push(cells![name, x, y, z]);
         }
         let left = t.residual_std_ent.map(|v| format!("{v:.4}")).join(", ");
-        let _ =
-            writeln!(out, "Sensor temperature and variometer in one fit, which leaves {left} enT (x, y, z):\n\n{}", table(&rows));
+        section.push(format!("Sensor temperature and variometer in one fit, which leaves {left} enT (x, y, z):"));
+        section.push(table);
     }
+    Some(section)
 }
 
-fn stops(out: &mut String, p: &Npf, head: &str) {
-    let mut rows = vec![["from, s", "until, s", "length, min", "what"].map(str::to_owned).to_vec()];
-    for s in &p.stop {
-        rows.push(vec![
-            format!("{:.1}", s.from_s),
-            format!("{:.1}", s.until_s),
-            format!("{:.1}", (s.until_s - s.from_s) / 60.0),
-            s.what.clone(),
-        ]);
+fn stops(p: &Npf) -> Section {
+    let section = Section::new("Stops of the data");
+    if p.stop.is_empty() {
+        return section.with("The data run from the begin to the end of the setting.");
     }
-    let body =
-        if p.stop.is_empty() { "The data run from the begin to the end of the setting.\n".to_owned() } else { table(&rows) };
-    let _ = writeln!(out, "{head} Stops of the data\n\n{body}");
+    let row = |s: &StopPart| {
+        let minutes = Cell::fixed((s.until_s - s.from_s) / 60.0, 1);
+        cells![Cell::fixed(s.from_s, 1), Cell::fixed(s.until_s, 1), minutes, &s.what]
+    };
+    section.with(Table::new(["from, s", "until, s", "length, min", "what"]).with_rows(p.stop.iter().map(row)))
 }
 
 /// The result in one line.

@@ -1,106 +1,89 @@
 //! The report of an offset measurement: the blocks of BC-MAG-TR-0085 section 3.4.2 in their order.
 
-use super::{not_used, remarks, run_line, table, triple, used_file, value};
+use super::document::{Cell, Section, Table, Text, cells};
+use super::{not_used, remarks, run_line, triple, used_file, value};
 use crate::data::units::{COMPONENTS, with_uncertainty};
 use crate::files::parameter::{Body, Opf};
 use crate::measure::offset::Offset;
-use std::fmt::Write;
 
 const MEASURED: [&str; 3] = ["X", "Y", "Z"];
 
-/// The blocks of the report with headings of the given level.
+/// The sections of the report.
 #[must_use]
-pub fn sections(offset: &Offset, level: usize) -> String {
+pub fn sections(offset: &Offset) -> Vec<Section> {
     let p = &offset.parameters;
-    let head = "#".repeat(level);
-    let mut out = used_file(&p.run, &p.file_name(), level);
-    let _ = writeln!(
-        out,
-        "{head} Principle\n\nMeasurements in a normal and a turned position tell the offset of the sensor and the residual field of the coil \
-         system apart: `B_off = (B_normal + B_turned)/2`, `B_res = (B_normal - B_turned)/2`. Where positions are not turned by exactly \
-         180° the response measured in the run itself takes their place.\n"
-    );
-    parameters(&mut out, p, &head);
-    visits(&mut out, p, &head);
-    quality(&mut out, p, &head);
-    out.push_str(&not_used(&p.dropped, level));
-    out.push_str(&remarks(&p.warnings, level));
-    out
+    let principle = Section::new("Principle").with(Text::words_and_code([
+        "Measurements in a normal and a turned position tell the offset of the sensor and the residual field of the coil system apart: ",
+        "B_off = (B_normal + B_turned)/2",
+        ", ",
+        "B_res = (B_normal - B_turned)/2",
+        ". Where positions are not turned by exactly 180° the response measured in the run itself takes their place.",
+    ]));
+    let mut sections = vec![used_file(&p.run, &p.file_name()), principle, offsets(p), residual_field(p), visits(p), quality(p)];
+    sections.extend(not_used(&p.dropped));
+    sections.extend(remarks(&p.warnings));
+    sections
 }
 
-fn parameters(out: &mut String, p: &Opf, head: &str) {
-    let mut rows = vec![["component", "offset, enT ± standard uncertainty", "positions"].map(str::to_owned).to_vec()];
+fn offsets(p: &Opf) -> Section {
+    let mut table = Table::new(["component", "offset, enT ± standard uncertainty", "positions"]);
     for i in 0..3 {
         let positions: Vec<String> = p.method.positions[i].iter().map(u32::to_string).collect();
-        rows.push(vec![
-            MEASURED[i].to_owned(),
-            value(p.offset_ent[i], p.offset_std_ent[i]),
-            if positions.is_empty() {
-                "none".to_owned()
-            } else {
-                format!("{} ({})", positions.join(", "), p.method.component[i])
-            },
-        ]);
+        let positions = if positions.is_empty() {
+            "none".to_owned()
+        } else {
+            format!("{} ({})", positions.join(", "), p.method.component[i])
+        };
+        table.push(cells![MEASURED[i], Cell::uncertain(p.offset_ent[i], p.offset_std_ent[i]), positions]);
     }
-    let _ = writeln!(out, "{head} Sensor offsets\n\n{}", table(&rows));
-    if let Some(scaled) = &p.scaled {
-        let mut rows = vec![["component", "offset, nT", "residual field, nT"].map(str::to_owned).to_vec()];
-        for i in 0..3 {
-            rows.push(vec![
-                MEASURED[i].to_owned(),
-                value(scaled.offset_nt[i], scaled.offset_std_nt[i]),
-                value(scaled.residual_nt[i], scaled.residual_std_nt[i]),
-            ]);
-        }
-        let _ = writeln!(out, "With the sensitivities of `{}`:\n\n{}", scaled.cpf, table(&rows));
-    }
-    let mut rows = vec![["component", "B_res, enT ± standard uncertainty", "seen along"].map(str::to_owned).to_vec()];
+    let section = Section::new("Sensor offsets").with(table);
+    let Some(scaled) = &p.scaled else { return section };
+    let row = |i: usize| {
+        let offset = Cell::uncertain(scaled.offset_nt[i], scaled.offset_std_nt[i]);
+        cells![MEASURED[i], offset, Cell::uncertain(scaled.residual_nt[i], scaled.residual_std_nt[i])]
+    };
+    section
+        .with(Text::words_and_code(["With the sensitivities of ", &scaled.cpf, ":"]))
+        .with(Table::new(["component", "offset, nT", "residual field, nT"]).with_rows((0..3).map(row)))
+}
+
+fn residual_field(p: &Opf) -> Section {
+    let mut table = Table::new(["component", "B_res, enT ± standard uncertainty", "seen along"]);
     for i in 0..3 {
-        rows.push(vec![
-            MEASURED[i].to_owned(),
-            value(p.residual_ent[i], p.residual_std_ent[i]),
-            format!("{}_m = {}_c", MEASURED[i], p.method.normal_axis[i]),
-        ]);
+        let residual = Cell::uncertain(p.residual_ent[i], p.residual_std_ent[i]);
+        table.push(cells![MEASURED[i], residual, format!("{}_m = {}_c", MEASURED[i], p.method.normal_axis[i])]);
     }
-    let _ = writeln!(
-        out,
-        "{head} Residual field of the coil system\n\n{}\nRemark: the residual field is given in the coordinates of the sensor in its normal \
-         position, not in coil coordinates. In coil coordinates it is X {}, Y {}, Z {} nT.\n",
-        table(&rows),
+    let mut section = Section::new("Residual field of the coil system").with(table).with(format!(
+        "Remark: the residual field is given in the coordinates of the sensor in its normal position, not in coil coordinates. In coil \
+         coordinates it is X {}, Y {}, Z {} nT.",
         value(p.residual_coil_nt[0], p.residual_coil_std_nt[0]),
         value(p.residual_coil_nt[1], p.residual_coil_std_nt[1]),
         value(p.residual_coil_nt[2], p.residual_coil_std_nt[2]),
-    );
+    ));
     if let Some(drift) = &p.drift {
         let rates: Vec<String> = (0..3)
             .map(|i| format!("{} {}", COMPONENTS[i], with_uncertainty(drift.ent_per_h[i], drift.std_ent_per_h[i])))
             .collect();
-        let _ = writeln!(
-            out,
-            "Positions repeat, so a linear drift was estimated with the offsets: {} enT/h. The offsets hold for {:.0} s after the start.\n",
+        section.push(format!(
+            "Positions repeat, so a linear drift was estimated with the offsets: {} enT/h. The offsets hold for {:.0} s after the start.",
             rates.join(", "),
             drift.reference_s
-        );
+        ));
     }
+    section
 }
 
-fn visits(out: &mut String, p: &Opf, head: &str) {
-    let mut rows =
-        vec![["position", "axes X_m Y_m Z_m", "time, s", "blocks", "x, enT", "y, enT", "z, enT"].map(str::to_owned).to_vec()];
+fn visits(p: &Opf) -> Section {
+    let mut table = Table::new(["position", "axes X_m Y_m Z_m", "time, s", "blocks", "x, enT", "y, enT", "z, enT"]);
     for v in &p.visit {
-        let mut row = vec![
-            v.position.to_string(),
-            v.axes.join(" "),
-            format!("{:.0} to {:.0}", v.time_s[0], v.time_s[1]),
-            v.blocks.to_string(),
-        ];
-        row.extend((0..3).map(|i| with_uncertainty(v.reading_ent[i], v.std_ent[i])));
-        rows.push(row);
+        let mut row = cells![v.position, v.axes.join(" "), format!("{:.0} to {:.0}", v.time_s[0], v.time_s[1]), v.blocks];
+        row.extend((0..3).map(|i| Cell::uncertain(v.reading_ent[i], v.std_ent[i])));
+        table.push(row);
     }
-    let _ = writeln!(out, "{head} Readings at zero applied field\n\n{}", table(&rows));
+    Section::new("Readings at zero applied field").with(table)
 }
 
-fn quality(out: &mut String, p: &Opf, head: &str) {
+fn quality(p: &Opf) -> Section {
     let q = &p.quality;
     let samples = q.raw_std_ent.as_ref().map_or_else(
         || "The file brings plateau means without standard deviations.".to_owned(),
@@ -110,11 +93,10 @@ fn quality(out: &mut String, p: &Opf, head: &str) {
         },
     );
     let scatter = q.plateau_std_ent.map(|v| format!("{v:.3}"));
-    let _ = writeln!(
-        out,
-        "{head} Quality\n\n{} of {} blocks used, {} samples lost. {samples} Standard deviation of a plateau mean {} enT. The zero levels of the \
-         visits have chi-square {:.1} with {} degrees of freedom against one offset and one residual field. Standard uncertainties \
-         (coverage factor 1), type A only, from {} degrees of freedom of the plateau means.\n",
+    Section::new("Quality").with(format!(
+        "{} of {} blocks used, {} samples lost. {samples} Standard deviation of a plateau mean {} enT. The zero levels of the visits have \
+         chi-square {:.1} with {} degrees of freedom against one offset and one residual field. Standard uncertainties (coverage factor 1), \
+         type A only, from {} degrees of freedom of the plateau means.",
         q.blocks_used,
         q.blocks_total,
         q.lost_samples,
@@ -122,7 +104,7 @@ fn quality(out: &mut String, p: &Opf, head: &str) {
         q.chi_square,
         q.degrees_of_freedom,
         q.plateau_degrees_of_freedom
-    );
+    ))
 }
 
 /// The result in one line.

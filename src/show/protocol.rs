@@ -1,19 +1,38 @@
 //! The protocol of a campaign, in the order of BC-MAG-TR-0085: setup, measurements by day, thermal analyses, coil system and
 //! thermistors where they were calibrated, temperature profile, mathematical description, nomenclature, origin and uncertainty.
 
-use super::{Drawn, FigureLink, figures, or_not_stated, runs, table, thermal};
-use crate::data::provenance::{Input, Provenance};
+mod mathematics;
+
+use super::document::{Block, Cell, Document, Figure, Section, Table, Text, cells};
+use super::{Drawn, inputs, or_not_stated, runs, thermal};
+use crate::data::note::{Note, NoteKind};
+use crate::data::provenance::Provenance;
+use crate::data::result::RunHead;
 use crate::data::run::{Run, time_of_id};
 use crate::files::campaign::Campaign;
 use crate::files::campaign::file::CampaignFile;
 use crate::measure::thermal::{Kind, Thermal};
-use crate::workflow::Measured;
-use std::fmt::Write;
 
 /// A run in the protocol.
 pub struct RunPart<'a> {
-    /// What it gave.
-    pub measured: &'a Measured,
+    /// The run as it was read.
+    pub run: Option<&'a Run>,
+    /// What its analysis gave; absent for a run without one.
+    pub analysis: Option<AnalysisPart<'a>>,
+}
+
+/// What the analysis of a run gave.
+pub struct AnalysisPart<'a> {
+    /// Name of the analysis in the protocol.
+    pub name: &'static str,
+    /// The run.
+    pub head: &'a RunHead,
+    /// The result in one line.
+    pub headline: String,
+    /// How many remarks there are.
+    pub remarks: usize,
+    /// The sections of its report.
+    pub sections: Vec<Section>,
     /// Its figures.
     pub figures: &'a [Drawn],
 }
@@ -30,8 +49,8 @@ pub struct ThermalPart<'a> {
 pub struct OtherPart {
     /// Its title.
     pub title: String,
-    /// Its sections, with headings of level 4.
-    pub sections: String,
+    /// Its sections.
+    pub sections: Vec<Section>,
     /// Its figures.
     pub figures: Vec<Drawn>,
 }
@@ -65,43 +84,44 @@ pub fn title(campaign: &Campaign) -> String {
     stated.or_else(|| campaign.file.name.clone()).unwrap_or_else(|| "Ground calibration of a magnetometer".to_owned())
 }
 
-/// The protocol as Markdown.
+/// The protocol.
 #[must_use]
-pub fn markdown(p: &Protocol) -> String {
-    let mut out = format!("<!-- written by calfit {} -->\n# {}\n\n", p.provenance.tool_version, title(p.campaign));
-    let mut chapter = 0;
-    let mut figure = 0;
-    front(&mut out, p);
-    chapter += 1;
-    setup(&mut out, p, chapter);
-    let mut shown: Vec<(String, String, &str)> = Vec::new();
+pub fn document(p: &Protocol) -> Document {
     let days = days(&p.runs);
-    let combined = chapter + days.len() + 1;
+    let mut chapters = vec![introduction(p)];
+    let mut figure = 0;
+    let mut shown: Vec<(&str, &str, &str)> = Vec::new();
+    // Behind the introduction and the days.
+    let combined = chapters.len() + days.len() + 1;
     for (day, runs) in &days {
-        chapter += 1;
-        measurements(&mut out, p, day, runs, chapter, combined, &mut shown, &mut figure);
+        chapters.push(measurements(p, day, runs, combined, &mut shown, &mut figure));
     }
-    chapter += 1;
-    thermals(&mut out, p, chapter, &mut figure);
-    for (heading, parts) in [("Calibration of the coil system", &p.coil), ("Thermistors", &p.thermistors)] {
+    chapters.push(thermals(p, &mut figure));
+    for (title, parts) in [("Calibration of the coil system", &p.coil), ("Thermistors", &p.thermistors)] {
         if !parts.is_empty() {
-            chapter += 1;
-            others(&mut out, heading, parts, chapter, &mut figure);
+            chapters.push(others(title, parts, &mut figure));
         }
     }
-    chapter += 1;
-    let _ = writeln!(out, "## {chapter} Complete temperature profile\n");
-    match &p.profile {
-        Some(drawn) => out.push_str(&figures(&FigureLink::number(std::slice::from_ref(drawn), "", &mut figure))),
-        None => out.push_str("Drawn without figures, or no run recorded a temperature.\n\n"),
+    let profile = Section::new("Complete temperature profile");
+    chapters.push(match &p.profile {
+        Some(drawn) => profile.with_all(Drawn::number(std::slice::from_ref(drawn), "", &mut figure)),
+        None => profile.with("Drawn without figures, or no run recorded a temperature."),
+    });
+    chapters.push(mathematics::description());
+    chapters.push(mathematics::nomenclature());
+    chapters.push(origin(p));
+    number(&mut chapters);
+    Document { title: title(p.campaign), front: front(p), sections: chapters, colophon: None }
+}
+
+/// Numbers chapters and their sections from 1.
+fn number(chapters: &mut [Section]) {
+    for (c, chapter) in (1..).zip(chapters) {
+        chapter.number = Some(format!("{c}"));
+        for (s, section) in (1..).zip(&mut chapter.sections) {
+            section.number = Some(format!("{c}.{s}"));
+        }
     }
-    chapter += 1;
-    let _ = writeln!(out, "## {chapter} Mathematical description of the calibration\n\n{MATHEMATICS}");
-    chapter += 1;
-    let _ = writeln!(out, "## {chapter} Nomenclature\n\n{NOMENCLATURE}");
-    chapter += 1;
-    origin(&mut out, p, chapter);
-    out
 }
 
 fn day_name(day: &str) -> String {
@@ -112,7 +132,7 @@ fn day_name(day: &str) -> String {
 fn days<'a, 'b>(runs: &'b [RunPart<'a>]) -> Vec<(String, Vec<&'b RunPart<'a>>)> {
     let mut days: Vec<(String, Vec<&RunPart>)> = Vec::new();
     for part in runs {
-        let id = part.measured.run().map_or("", |r| r.header.run.as_str());
+        let id = part.run.map_or("", |r| r.header.run.as_str());
         let day = id.split('_').next().unwrap_or(id);
         match days.last_mut() {
             Some((last, list)) if last == day => list.push(part),
@@ -122,55 +142,52 @@ fn days<'a, 'b>(runs: &'b [RunPart<'a>]) -> Vec<(String, Vec<&'b RunPart<'a>>)> 
     days
 }
 
-fn front(out: &mut String, p: &Protocol) {
-    let starts: Vec<&str> = p.runs.iter().filter_map(|r| r.measured.run()).map(|r| r.header.start.as_str()).collect();
-    let mut rows = vec![["", ""].map(str::to_owned).to_vec()];
-    for (_, label) in CampaignFile::REPORT {
-        if label != "Title" {
-            let text = p.campaign.file.report.iter().find(|(l, _)| *l == label).map_or("not stated", |(_, text)| text.as_str());
-            rows.push(vec![label.to_owned(), text.to_owned()]);
-        }
-    }
-    let instrument = p.campaign.file.instrument.as_deref().unwrap_or("not stated");
-    rows.push(vec!["Instrument".to_owned(), instrument.to_owned()]);
-    if let (Some(first), Some(last)) = (starts.iter().min(), starts.iter().max()) {
-        rows.push(vec!["Measurements".to_owned(), format!("from {first} to {last} (start of the last run)")]);
-    }
-    rows.push(vec!["Date of issue".to_owned(), p.provenance.created.clone()]);
-    rows.push(vec![
-        "Software".to_owned(),
-        format!("{} {} ({})", p.provenance.tool, p.provenance.tool_version, p.provenance.build),
-    ]);
-    let _ = writeln!(out, "{}", table(&rows));
-    let _ = writeln!(out, "The results hold for the sensors and electronics named here only.\n");
-    if !p.failed.is_empty() {
-        let list: Vec<String> = p.failed.iter().map(|(what, why)| format!("- {what}: {why}")).collect();
-        let _ =
-            writeln!(out, "> **WARNING** {} of the analyses failed or were refused:\n\n{}\n", p.failed.len(), list.join("\n"));
-    }
+/// What `campaign.toml` says for the protocol.
+fn stated<'a>(campaign: &'a Campaign, label: &str) -> &'a str {
+    campaign.file.report.iter().find(|(l, _)| *l == label).map_or("not stated", |(_, text)| text.as_str())
 }
 
-fn setup(out: &mut String, p: &Protocol, chapter: usize) {
+/// What stands before the first chapter.
+fn front(p: &Protocol) -> Vec<Block> {
+    let starts: Vec<&str> = p.runs.iter().filter_map(|r| r.run).map(|r| r.header.start.as_str()).collect();
+    let mut table = Table::new(["", ""]);
+    for (_, label) in CampaignFile::REPORT.iter().filter(|(_, label)| *label != "Title") {
+        table.push(cells![*label, stated(p.campaign, label)]);
+    }
+    table.push(cells!["Instrument", p.campaign.file.instrument.as_deref().unwrap_or("not stated")]);
+    if let (Some(first), Some(last)) = (starts.iter().min(), starts.iter().max()) {
+        table.push(cells!["Measurements", format!("from {first} to {last} (start of the last run)")]);
+    }
+    table.push(cells!["Date of issue", &p.provenance.created]);
+    let software = format!("{} {} ({})", p.provenance.tool, p.provenance.tool_version, p.provenance.build);
+    table.push(cells!["Software", software]);
+    let mut front = vec![table.into(), "The results hold for the sensors and electronics named here only.".into()];
+    if !p.failed.is_empty() {
+        let text = format!("{} of the analyses failed or were refused:", p.failed.len());
+        front.push(Note::new(NoteKind::LeftOut, text).into());
+        front.push(Block::List(p.failed.iter().map(|(what, why)| Text::of_note(&format!("{what}: {why}"))).collect()));
+    }
+    front
+}
+
+fn introduction(p: &Protocol) -> Section {
     let c = &p.campaign.file;
-    let _ = writeln!(out, "## {chapter} Introduction\n\n### {chapter}.1 General setup\n");
-    let mut rows = vec![["position", "X_m", "Y_m", "Z_m"].map(str::to_owned).to_vec()];
+    let mut positions = Table::new(["position", "X_m", "Y_m", "Z_m"]);
     for entry in &c.positions {
-        let mut row = vec![entry.id.to_string()];
-        row.extend(entry.axes.iter().map(|a| format!("{a}_c")));
-        rows.push(row);
+        let axes = entry.axes.iter().map(|axis| format!("{axis}_c").into());
+        positions.push(std::iter::once(entry.id.into()).chain(axes).collect());
     }
     if c.positions.is_empty() {
-        rows.push(["1", "+X_c", "+Y_c", "+Z_c"].map(str::to_owned).to_vec());
+        positions.push(cells![1_usize, "+X_c", "+Y_c", "+Z_c"]);
     }
-    let _ = writeln!(out, "Nominal sensor axes along the coil axes, by position:\n\n{}", table(&rows));
-    let heads: Vec<&Run> = p.runs.iter().filter_map(|r| r.measured.run()).collect();
-    let mut sensors: Vec<(String, String)> = heads.iter().map(|r| (r.header.sensor.clone(), r.header.mode.clone())).collect();
-    sensors.sort();
+    let heads: Vec<&Run> = p.runs.iter().filter_map(|r| r.run).collect();
+    let mut sensors: Vec<(&str, &str)> = heads.iter().map(|r| (r.header.sensor.as_str(), r.header.mode.as_str())).collect();
+    sensors.sort_unstable();
     sensors.dedup();
-    let mut rows =
-        vec![["sensor", "mode", "runs", "sensor temperature", "coil temperature", "field limits"].map(str::to_owned).to_vec()];
-    for (sensor, mode) in &sensors {
-        let own: Vec<&&Run> = heads.iter().filter(|r| (&r.header.sensor, &r.header.mode) == (sensor, mode)).collect();
+    let mut table = Table::new(["sensor", "mode", "runs", "sensor temperature", "coil temperature", "field limits"]);
+    for (sensor, mode) in sensors {
+        let own: Vec<&&Run> =
+            heads.iter().filter(|r| (r.header.sensor.as_str(), r.header.mode.as_str()) == (sensor, mode)).collect();
         let Some(first) = own.first() else { continue };
         let (sensor_channel, coil_channel) = p.campaign.channels(&first.header);
         let limits: Vec<String> = ["x", "y", "z"]
@@ -178,144 +195,149 @@ fn setup(out: &mut String, p: &Protocol, chapter: usize) {
             .zip(p.campaign.limits_nt(&first.header))
             .filter_map(|(axis, limit)| Some(format!("{axis} ±{} nT", limit?)))
             .collect();
-        rows.push(vec![
-            or_not_stated(sensor).to_owned(),
-            or_not_stated(mode).to_owned(),
-            own.len().to_string(),
-            sensor_channel,
-            coil_channel,
-            if limits.is_empty() { "none".to_owned() } else { limits.join(", ") },
-        ]);
+        let limits = if limits.is_empty() { "none".to_owned() } else { limits.join(", ") };
+        table.push(cells![or_not_stated(sensor), or_not_stated(mode), own.len(), sensor_channel, coil_channel, limits]);
     }
-    let _ = writeln!(
-        out,
-        "Sensors and modes, temperature channels and limits of the applied field along the nominal sensor axes:\n\n{}",
-        table(&rows)
-    );
+    let setup = Section::new("General setup")
+        .with("Nominal sensor axes along the coil axes, by position:")
+        .with(positions)
+        .with("Sensors and modes, temperature channels and limits of the applied field along the nominal sensor axes:")
+        .with(table);
+    Section::new("Introduction").with_sections([setup])
 }
 
-#[expect(clippy::too_many_arguments, reason = "the numbering runs through all chapters")]
-fn measurements(
-    out: &mut String,
+/// The chapter of a day. Every analysis is shown in full once for a sensor and mode, as in the protocol of 2013, and `shown` holds
+/// those that were; the others are in their own files.
+fn measurements<'a>(
     p: &Protocol,
     day: &str,
-    parts: &[&RunPart],
-    chapter: usize,
+    parts: &[&'a RunPart],
     combined: usize,
-    shown: &mut Vec<(String, String, &'static str)>,
+    shown: &mut Vec<(&'a str, &'a str, &'static str)>,
     figure: &mut usize,
-) {
+) -> Section {
     let lines: Vec<(runs::RunLine, String)> = parts
         .iter()
-        .filter_map(|part| part.measured.run())
+        .filter_map(|part| part.run)
         .map(|run| (runs::RunLine::of(run), p.campaign.channels(&run.header).0))
         .collect();
-    let _ = writeln!(out, "## {chapter} Measurements on {}\n\n### {chapter}.1 Data\n\n{}", day_name(day), runs::day_list(&lines));
-    let mut section = 1;
-    let mut others: Vec<Vec<String>> = Vec::new();
-    for part in parts {
-        let Some(result) = part.measured.report() else { continue };
-        let kind = match part.measured {
-            Measured::Lin(_) => "DC-analysis",
-            Measured::Offset(_) => "Offset calculation",
-            Measured::Freq(_) => "AC-analysis",
-            Measured::Sweep(_) => "Temperature sweep",
-            Measured::Null(_) => "Zero-field measurement",
-            Measured::Other(_) => continue,
-        };
-        let head = result.head();
-        let key = (head.sensor.clone(), head.mode.clone(), kind);
-        let remarks = result.warnings().len();
-        others.push(vec![
-            head.id.clone(),
-            kind.to_owned(),
-            or_not_stated(&head.sensor).to_owned(),
-            or_not_stated(&head.mode).to_owned(),
-            super::degc(head.temperature_degc),
-            result.headline(),
-            if remarks == 0 { String::new() } else { remarks.to_string() },
-        ]);
-        // Every analysis is shown in full once for a sensor and mode, as in the protocol of 2013; the others are in its files.
-        if shown.contains(&key) {
-            continue;
+    let mut chapter = Section::new(format!("Measurements on {}", day_name(day)))
+        .with_sections([Section::new("Data").with(runs::day_list(&lines))]);
+    let analyses: Vec<&AnalysisPart> = parts.iter().filter_map(|part| part.analysis.as_ref()).collect();
+    for &part in &analyses {
+        let key = (part.head.sensor.as_str(), part.head.mode.as_str(), part.name);
+        if !shown.contains(&key) {
+            shown.push(key);
+            chapter.sections.push(analysis(part, figure));
         }
-        shown.push(key);
-        section += 1;
-        let _ = writeln!(
-            out,
-            "### {chapter}.{section} {kind} at {}, {} {}, run {}\n",
-            super::degc(head.temperature_degc),
-            or_not_stated(&head.sensor),
-            or_not_stated(&head.mode),
-            head.id
-        );
-        out.push_str(&result.sections(4));
-        out.push_str(&figures(&FigureLink::number(part.figures, &format!("{}/", head.id), figure)));
     }
-    if others.is_empty() {
-        return;
+    if !analyses.is_empty() {
+        let thermal =
+            if p.thermals.is_empty() { String::new() } else { format!(" Thermal analysis: refer to chapter {combined}.") };
+        let words = format!("The full report of every run stands in its folder.{thermal}");
+        chapter.sections.push(Section::new("Results of the day").with(words).with(results_of_the_day(&analyses)));
     }
-    let mut rows = vec![["run", "analysis", "sensor", "mode", "temperature", "result", "remarks"].map(str::to_owned).to_vec()];
-    rows.extend(others);
-    let thermal = if p.thermals.is_empty() { String::new() } else { format!(" Thermal analysis: refer to chapter {combined}.") };
-    let _ = writeln!(
-        out,
-        "### {chapter}.{} Results of the day\n\nThe full report of every run stands in its folder.{thermal}\n\n{}",
-        section + 1,
-        table(&rows)
-    );
+    chapter
 }
 
-fn thermals(out: &mut String, p: &Protocol, chapter: usize, figure: &mut usize) {
-    let _ = writeln!(out, "## {chapter} Combined measurements\n");
+/// An analysis in full.
+fn analysis(part: &AnalysisPart, figure: &mut usize) -> Section {
+    let head = part.head;
+    let title = format!(
+        "{} at {}, {} {}, run {}",
+        part.name,
+        super::degc(head.temperature_degc),
+        or_not_stated(&head.sensor),
+        or_not_stated(&head.mode),
+        head.id
+    );
+    with_figures(Section::new(title), &part.sections, Drawn::number(part.figures, &format!("{}/", head.id), figure))
+}
+
+/// A section with the sections of a result, and its figures at the end of the last of them.
+fn with_figures(section: Section, sections: &[Section], figures: Vec<Figure>) -> Section {
+    let mut section = section.with_sections(sections.iter().cloned());
+    let blocks = section.sections.last_mut().map_or(&mut section.blocks, |last| &mut last.blocks);
+    blocks.extend(figures.into_iter().map(Block::Figure));
+    section
+}
+
+fn results_of_the_day(analyses: &[&AnalysisPart]) -> Table {
+    let row = |part: &&AnalysisPart| {
+        cells![
+            &part.head.id,
+            part.name,
+            or_not_stated(&part.head.sensor),
+            or_not_stated(&part.head.mode),
+            Cell::degc(part.head.temperature_degc),
+            &part.headline,
+            if part.remarks == 0 { Cell::Missing("") } else { part.remarks.into() },
+        ]
+    };
+    Table::new(["run", "analysis", "sensor", "mode", "temperature", "result", "remarks"]).with_rows(analyses.iter().map(row))
+}
+
+fn thermals(p: &Protocol, figure: &mut usize) -> Section {
+    let mut chapter = Section::new("Combined measurements");
     if p.thermals.is_empty() {
-        let _ = writeln!(out, "The runs are not at different temperatures: there is no thermal analysis.\n");
-        return;
+        return chapter.with("The runs are not at different temperatures: there is no thermal analysis.");
     }
-    let mut section = 0;
     for part in &p.thermals {
-        section += 1;
         let head = part.thermal.file.head();
-        let _ = writeln!(
-            out,
-            "### {chapter}.{section} Thermal analysis, {} {}: {}\n",
+        let title = format!(
+            "Thermal analysis, {} {}: {}",
             or_not_stated(&head.sensor),
             or_not_stated(&head.mode),
             thermal::title(part.thermal.kind).to_lowercase().replace("ac transfer", "AC transfer")
         );
-        out.push_str(&thermal::sections(part.thermal, 4));
-        out.push_str(&figures(&FigureLink::number(part.figures, "", figure)));
+        let figures = Drawn::number(part.figures, "", figure);
+        chapter.sections.push(with_figures(Section::new(title), &thermal::sections(part.thermal), figures));
     }
     let missing: Vec<&str> =
         Kind::ALL.iter().filter(|k| !p.thermals.iter().any(|t| t.thermal.kind == **k)).map(|k| k.name()).collect();
     if !missing.is_empty() {
-        let _ =
-            writeln!(out, "No thermal analysis of {} runs: there are none, or not at two temperatures.\n", missing.join(" and "));
+        let words = format!("No thermal analysis of {} runs: there are none, or not at two temperatures.", missing.join(" and "));
+        last_blocks(&mut chapter).push(words.into());
+    }
+    chapter
+}
+
+/// The blocks at the very end of a section: those of its last section, of that one's last, and so on.
+fn last_blocks(section: &mut Section) -> &mut Vec<Block> {
+    match section.sections.is_empty() {
+        true => &mut section.blocks,
+        false => {
+            let last = section.sections.len() - 1;
+            last_blocks(&mut section.sections[last])
+        }
     }
 }
 
 /// A chapter of results that belong to no single run.
-fn others(out: &mut String, heading: &str, parts: &[OtherPart], chapter: usize, figure: &mut usize) {
-    let _ = writeln!(out, "## {chapter} {heading}\n");
-    for (section, part) in (1..).zip(parts) {
-        let _ = writeln!(out, "### {chapter}.{section} {}\n", part.title);
-        out.push_str(&part.sections);
-        out.push_str(&figures(&FigureLink::number(&part.figures, "", figure)));
-    }
+fn others(title: &str, parts: &[OtherPart], figure: &mut usize) -> Section {
+    let section = |part: &OtherPart| {
+        let figures = Drawn::number(&part.figures, "", figure);
+        with_figures(Section::new(part.title.as_str()), &part.sections, figures)
+    };
+    Section::new(title).with_sections(parts.iter().map(section))
 }
 
-fn origin(out: &mut String, p: &Protocol, chapter: usize) {
-    let stated = |label: &str| {
-        p.campaign.file.report.iter().find(|(l, _)| *l == label).map_or("not stated", |(_, text)| text.as_str()).to_owned()
-    };
-    let _ = writeln!(
-        out,
-        "## {chapter} Origin and uncertainty\n\n### {chapter}.1 Uncertainty\n\nAll uncertainties are standard uncertainties with coverage factor 1; \
-         an interval of 1.96 of them is meant to hold the true value with a probability of 95 %. Degrees of freedom and the full covariance of \
-         every result stand in its parameter file.\n"
-    );
+fn origin(p: &Protocol) -> Section {
+    let hash = |text: &str| Text::default().code(text);
+    let files = p.files.iter().map(|(file, sha256)| cells![hash(file), hash(sha256)]);
+    let method = "Fits and conventions are those of the mathematical description. Samples after a step or a change of frequency are left out \
+                  until the data no longer show it; stretches with spikes, plateaus with missing samples and fields beyond the stated limits \
+                  are left out with their reason. ";
+    Section::new("Origin and uncertainty").with_sections([
+        uncertainty(p.campaign),
+        Section::new("Method").with(Text::words_and_code([method, &p.provenance.command, "."])),
+        Section::new("Inputs").with(inputs(&p.provenance)),
+        Section::new("Files that belong to this protocol").with(Table::new(["file", "SHA-256"]).with_rows(files)),
+    ])
+}
+
+fn uncertainty(campaign: &Campaign) -> Section {
     let rows = [
-        ["contribution", "type", "contained"],
         ["noise of the readings, white and slow", "A", "yes, from the scatter of the data"],
         ["scatter between runs", "A", "in the thermal polynomials, where it exceeds that of the single runs"],
         ["choice of the response model", "A", "in f_3dB, by leaving out one amplitude at a time"],
@@ -325,73 +347,15 @@ fn origin(out: &mut String, p: &Protocol, chapter: usize) {
         ["reading and place of the thermometers", "B", "no"],
         ["facility clock", "B", "no"],
     ];
-    let rows: Vec<Vec<String>> = rows.iter().map(|r| r.map(str::to_owned).to_vec()).collect();
-    let _ = writeln!(
-        out,
-        "{}\nTraceability of the reference field: {}. Uncertainty of the reference field: {}. No statement of conformity is made.\n",
-        table(&rows),
-        stated("Traceability of the reference field"),
-        stated("Uncertainty of the reference field")
-    );
-    let _ = writeln!(
-        out,
-        "### {chapter}.2 Method\n\nFits and conventions are those of the mathematical description. Samples after a step or a change of frequency are \
-         left out until the data no longer show it; stretches with spikes, plateaus with missing samples and fields beyond the stated limits \
-         are left out with their reason. `{}`.\n",
-        p.provenance.command
-    );
-    let mut rows = vec![["input", "bytes", "SHA-256"].map(str::to_owned).to_vec()];
-    let row = |i: &Input| vec![i.path.clone(), i.size_bytes.to_string(), format!("`{}`", i.sha256)];
-    rows.extend(p.provenance.input.iter().map(row));
-    let _ = writeln!(out, "### {chapter}.3 Inputs\n\n{}", table(&rows));
-    let mut rows = vec![["file", "SHA-256"].map(str::to_owned).to_vec()];
-    rows.extend(p.files.iter().map(|(file, hash)| vec![format!("`{file}`"), format!("`{hash}`")]));
-    let _ = writeln!(out, "### {chapter}.4 Files that belong to this protocol\n\n{}", table(&rows));
+    Section::new("Uncertainty")
+        .with(
+            "All uncertainties are standard uncertainties with coverage factor 1; an interval of 1.96 of them is meant to hold the true \
+             value with a probability of 95 %. Degrees of freedom and the full covariance of every result stand in its parameter file.",
+        )
+        .with(Table::new(["contribution", "type", "contained"]).with_rows(rows.map(|r| r.map(Cell::from).to_vec())))
+        .with(format!(
+            "Traceability of the reference field: {}. Uncertainty of the reference field: {}. No statement of conformity is made.",
+            stated(campaign, "Traceability of the reference field"),
+            stated(campaign, "Uncertainty of the reference field")
+        ))
 }
-
-const MATHEMATICS: &str = "\
-**Linear model.** `B_r` is the raw reading along the sensor axes in engineering nanotesla (enT), `B_c` the reference field in coil \
-coordinates in nT, `B_or = B_off + B_res` offset plus residual field:
-
-    B_c = Φ (B_r - B_or),    Φ = R_nom ρ ω σ
-
-`R_nom` takes nominal sensor coordinates to coil coordinates and holds only 0 and ±1. Φ and a polynomial trend of `B_or` in time are \
-fitted in one least-squares problem to the means of all plateaus.
-
-**Split.** With `Ψ = (Φᵀ)⁻¹` the sensitivities are `σ_i = 1 / |column i of Ψ|` and `φ̂ = Φ σ⁻¹`. The columns of `(φ̂ᵀ)⁻¹` are unit vectors \
-along the sensor axes; the angles between them are `ξ_xy`, `ξ_xz`, `ξ_yz`. They fill the upper triangular matrix `Q`, and `ω = (Qᵀ)⁻¹`. The \
-rotation is `ρ = R_nom⁻¹ φ̂ ω⁻¹`, with `λ, μ, ν = arccos(ρ_11), arccos(ρ_22), arccos(ρ_33)`. Flight processing uses `φ̃ = ω σ`.
-
-**Offset and residual field.** In a normal and a turned position
-
-    B_off = (B_normal + B_turned) / 2,    B_res = (B_normal - B_turned) / 2
-
-with the residual field in the coordinates of the sensor; the response measured in every position takes the place of the ideal turn.
-
-**Sampling frequency and response.** A sine of frequency f by the facility clock has the phase `2π f n / f_s` at sample counter n. One `f_s` \
-per component follows from all frequencies; above half of it an alias moves the faster the higher f is. `f_3dB` is given by interpolation \
-(igep) and from the response model with the least AICc.
-
-**Temperature.** `p(T) = Σ p_k T^k` with T in °C, weighted by the uncertainties of the runs. In the joint fit sensitivities and angles are \
-polynomials, and rotation and offset of every run are free.
-";
-
-const NOMENCLATURE: &str = "\
-| item | meaning |
-|---|---|
-| `B_c` | magnetic calibration field generated by the coil system, coil coordinates, nT |
-| `B_r` | magnetic field raw data, enT |
-| `B_off` | offset of the magnetometer, enT |
-| `B_res` | residual field of the coil system, enT |
-| `B_or` | `B_off + B_res`, offset and residual field at the centre of the coils, enT |
-| `Φ` | `R_nom ρ ω σ`, calibration transfer matrix, nT/enT |
-| `φ̃` | `ω σ`, reduced transfer matrix, nT/enT |
-| `σ` | sensitivity, diagonal, nT/enT |
-| `ω`, `ξ_ij` | misalignment matrix (lower triangular) and angles between the sensor axes |
-| `ρ`, `λ, μ, ν` | rotation of the sensor against its nominal orientation and its angles |
-| `R_nom` | nominal sensor coordinates to coil coordinates |
-| `f_s`, `f_3dB` | sampling frequency and -3 dB corner frequency |
-| enT | engineering nanotesla: readings before calibration |
-| AICc | Akaike's criterion for small samples: the least marks the model of best prediction |
-| DUT | device under test |
-";

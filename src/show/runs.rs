@@ -1,6 +1,7 @@
 //! The run list of a campaign, as in BC-MAG-TR-0085 section 3.3.
 
-use super::{or_not_stated, table};
+use super::document::{Cell, Table, cells};
+use super::or_not_stated;
 use crate::data::run::Run;
 use serde::Serialize;
 
@@ -90,9 +91,9 @@ impl RunLine {
     }
 }
 
-/// The list as a Markdown table, which is also legible as plain text.
+/// The list as a table.
 #[must_use]
-pub fn markdown(lines: &[RunLine]) -> String {
+pub fn run_list(lines: &[RunLine]) -> Table {
     let head = [
         "file",
         "configuration",
@@ -106,7 +107,7 @@ pub fn markdown(lines: &[RunLine]) -> String {
         "duration",
         "temperatures, °C",
     ];
-    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    let mut table = Table::new(head);
     for l in lines {
         let temperatures: Vec<String> = l
             .temperatures
@@ -120,60 +121,46 @@ pub fn markdown(lines: &[RunLine]) -> String {
                 }
             })
             .collect();
-        rows.push(vec![
-            l.file.clone(),
-            or_not_stated(&l.configuration).to_owned(),
+        table.push(cells![
+            &l.file,
+            or_not_stated(&l.configuration),
             l.kind.to_string(),
-            or_not_stated(&l.sensor).to_owned(),
-            or_not_stated(&l.mode).to_owned(),
-            l.settings.to_string(),
-            l.vectors.to_string(),
-            if l.lost == 0 { "0".to_owned() } else { format!("{} in {} gaps", l.lost, l.gaps) },
-            l.measured_rate_hz.map_or_else(|| "-".to_owned(), |r| format!("{r:.4}")),
+            or_not_stated(&l.sensor),
+            or_not_stated(&l.mode),
+            l.settings,
+            l.vectors,
+            if l.lost == 0 { l.lost.into() } else { Cell::from(format!("{} in {} gaps", l.lost, l.gaps)) },
+            l.measured_rate_hz.map_or(Cell::Missing("-"), |r| Cell::fixed(r, 4)),
             duration(l.duration_s),
             if temperatures.is_empty() { "-".to_owned() } else { temperatures.join(", ") },
         ]);
     }
-    table(&aligned(rows))
+    table
 }
 
 /// The list of a day in a protocol, narrow enough for an upright page; `sensor_channel` gives the channel of the sensor temperature.
 #[must_use]
-pub fn day_list(lines: &[(RunLine, String)]) -> String {
-    let mut rows =
-        vec![["run", "configuration", "sensor", "mode", "vectors", "lost", "duration", "sensor, °C"].map(str::to_owned).to_vec()];
+pub fn day_list(lines: &[(RunLine, String)]) -> Table {
+    let mut table = Table::new(["run", "configuration", "sensor", "mode", "vectors", "lost", "duration", "sensor, °C"]);
     for (l, sensor_channel) in lines {
         let temperature = l.temperatures.iter().find(|t| t.channel == *sensor_channel);
         let configuration = if l.configuration.is_empty() { l.kind.to_string() } else { l.configuration.clone() };
-        rows.push(vec![
-            l.run.clone(),
+        table.push(cells![
+            &l.run,
             configuration,
-            or_not_stated(&l.sensor).to_owned(),
-            or_not_stated(&l.mode).to_owned(),
-            l.vectors.to_string(),
-            l.lost.to_string(),
+            or_not_stated(&l.sensor),
+            or_not_stated(&l.mode),
+            l.vectors,
+            l.lost,
             duration(l.duration_s),
-            temperature.map_or_else(|| "-".to_owned(), |t| format!("{:.1}", t.degc[1])),
+            temperature.map_or(Cell::Missing("-"), |t| Cell::fixed(t.degc[1], 1)),
         ]);
     }
-    table(&rows)
+    table
 }
 
 fn duration(seconds: f64) -> String {
     let total = seconds.round();
     let (hours, minutes) = ((total / 3600.0).floor(), (total / 60.0).floor() % 60.0);
     if hours > 0.0 { format!("{hours:.0} h {minutes:02.0} min") } else { format!("{minutes:.0} min {:02.0} s", total % 60.0) }
-}
-
-/// Pads cells so that columns line up in a terminal.
-fn aligned(mut rows: Vec<Vec<String>>) -> Vec<Vec<String>> {
-    let columns = rows.first().map_or(0, Vec::len);
-    for column in 0..columns {
-        let width = rows.iter().filter_map(|r| r.get(column)).map(|c| c.chars().count()).max().unwrap_or(0);
-        for cell in rows.iter_mut().filter_map(|r| r.get_mut(column)) {
-            let missing = width - cell.chars().count();
-            cell.push_str(&" ".repeat(missing));
-        }
-    }
-    rows
 }

@@ -1,82 +1,86 @@
 //! The report of a continuous temperature sweep.
 
-use super::{number, remarks, run_line, table, used_file};
-use crate::data::units::{scientific_with_uncertainty, with_uncertainty};
-use crate::files::parameter::{Body, LagForm, LagPart};
+use super::document::{Cell, Section, Table, cells};
+use super::{known_effects, remarks, run_line, used_file};
+use crate::data::units::with_uncertainty;
+use crate::files::parameter::{Body, LagForm, LagPart, SweepPart};
 use crate::measure::sweep::Sweep;
-use std::fmt::Write;
 
-/// The blocks of the report with headings of the given level.
+/// The sections of the report.
 #[must_use]
-pub fn sections(sweep: &Sweep, level: usize) -> String {
+pub fn sections(sweep: &Sweep) -> Vec<Section> {
     let p = &sweep.parameters;
-    let head = "#".repeat(level);
-    let mut out = used_file(&sweep.run, &p.file_name(), level);
-    if let Some(part) = &p.sweep {
-        let _ = writeln!(
-            out,
-            "{} of {} settings are used, {} were left out because the temperature moved too fast. Temperatures of channel {} from {:.1} to {:.1} °C, \
-             its lag included; beyond them the polynomials are extrapolations.\n",
-            part.settings_used,
-            part.settings_total,
-            part.settings_too_fast,
-            p.head.channel,
-            p.head.valid_degc[0],
-            p.head.valid_degc[1]
-        );
-        if let Some(model) = &part.model {
-            let _ = writeln!(out, "{}\n", model.sentence());
-        }
-        let mut rows = vec![
-            ["channel", "applied", "delay, min", "time constant, min", "gain", "delay over first order", "residuals, enT"]
-                .map(str::to_owned)
-                .to_vec(),
-        ];
-        for lag in &part.lag {
-            let minutes = |value: f64, std: f64| with_uncertainty(value / 60.0, std / 60.0);
-            rows.push(vec![
-                lag.channel.clone(),
-                if lag.channel == p.head.channel { lag.form.name().to_owned() } else { "not used".to_owned() },
-                minutes(lag.delay_s, lag.delay_std_s),
-                minutes(lag.time_constant_s, lag.time_constant_std_s),
-                format!("{:.1}", lag.gain),
-                format!("{:+.1}", lag.delay_over_first_order),
-                number(lag.residual_std_ent, 4),
-            ]);
-        }
-        let _ = writeln!(
-            out,
-            "{head} How the sensor follows the thermistors\n\n{}\nPositive: the sensor is later than the thermistor. Gain and difference of the two \
-             forms are in twice the log likelihood. A lag is applied if it exceeds four standard uncertainties.\n",
-            table(&rows)
-        );
-        let residual: Vec<String> = part.residual_nt.iter().map(|r| format!("{r:.3}")).collect();
-        let _ = writeln!(
-            out,
-            "{head} Joint fit of all settings\n\n{}\nCoefficient k multiplies T^k, T in °C. Root mean square of applied field minus modelled measurement \
-             {} nT (X, Y, Z). The figures show a sliding window of {} beside the polynomials.\n",
-            coefficients(sweep),
-            residual.join(", "),
-            part.window
-        );
-    }
-    out.push_str(&remarks(&p.head.warnings, level));
-    out
+    let mut used = used_file(&sweep.run, &p.file_name());
+    let Some(part) = &p.sweep else {
+        return std::iter::once(used).chain(remarks(&p.head.warnings)).collect();
+    };
+    used.push(format!(
+        "{} of {} settings are used, {} were left out because the temperature moved too fast. Temperatures of channel {} from {:.1} to {:.1} °C, \
+         its lag included; beyond them the polynomials are extrapolations.",
+        part.settings_used,
+        part.settings_total,
+        part.settings_too_fast,
+        p.head.channel,
+        p.head.valid_degc[0],
+        p.head.valid_degc[1]
+    ));
+    used.blocks.extend(part.model.as_ref().map(|model| known_effects(model).into()));
+    let mut sections = vec![used, lags(part, &p.head.channel), joint_fit(sweep, part)];
+    sections.extend(remarks(&p.head.warnings));
+    sections
 }
 
-fn coefficients(sweep: &Sweep) -> String {
+/// How the sensor follows each thermistor; the lag of `used` is applied.
+fn lags(part: &SweepPart, used: &str) -> Section {
+    let mut table = Table::new([
+        "channel",
+        "applied",
+        "delay, min",
+        "time constant, min",
+        "gain",
+        "delay over first order",
+        "residuals, enT",
+    ]);
+    for lag in &part.lag {
+        let minutes = |value: f64, std: f64| Cell::uncertain(value / 60.0, std / 60.0);
+        table.push(cells![
+            &lag.channel,
+            if lag.channel == used { lag.form.name() } else { "not used" },
+            minutes(lag.delay_s, lag.delay_std_s),
+            minutes(lag.time_constant_s, lag.time_constant_std_s),
+            Cell::fixed(lag.gain, 1),
+            Cell::signed(lag.delay_over_first_order, 1),
+            Cell::fixed(lag.residual_std_ent, 4),
+        ]);
+    }
+    Section::new("How the sensor follows the thermistors").with(table).with(
+        "Positive: the sensor is later than the thermistor. Gain and difference of the two forms are in twice the log likelihood. A lag is \
+         applied if it exceeds four standard uncertainties.",
+    )
+}
+
+fn joint_fit(sweep: &Sweep, part: &SweepPart) -> Section {
+    let residual: Vec<String> = part.residual_nt.iter().map(|r| format!("{r:.3}")).collect();
+    Section::new("Joint fit of all settings").with(coefficients(sweep)).with(format!(
+        "Coefficient k multiplies T^k, T in °C. Root mean square of applied field minus modelled measurement {} nT (X, Y, Z). The figures \
+         show a sliding window of {} beside the polynomials.",
+        residual.join(", "),
+        part.window
+    ))
+}
+
+fn coefficients(sweep: &Sweep) -> Table {
     let most = sweep.curves.iter().map(|c| c.coefficients.len()).max().unwrap_or(0);
-    let mut rows =
-        vec![std::iter::once("quantity".to_owned()).chain((0..most).map(|k| format!("power {k}"))).collect::<Vec<_>>()];
+    let mut table = Table::new(std::iter::once("quantity".to_owned()).chain((0..most).map(|k| format!("power {k}"))));
     for curve in &sweep.curves {
         let covariance = sweep.parameters.head.covariance.get(&curve.name);
         let cell = |k: usize| {
             let std = covariance.and_then(|c| c.get(k)?.get(k)).map_or(f64::NAN, |v| v.sqrt());
-            curve.coefficients.get(k).map_or_else(String::new, |c| scientific_with_uncertainty(*c, std))
+            curve.coefficients.get(k).map_or(Cell::Missing(""), |c| Cell::scientific(*c, std))
         };
-        rows.push(std::iter::once(format!("{}, {}", curve.name, curve.unit)).chain((0..most).map(cell)).collect());
+        table.push(std::iter::once(format!("{}, {}", curve.name, curve.unit).into()).chain((0..most).map(cell)).collect());
     }
-    table(&rows)
+    table
 }
 
 fn used_lag(sweep: &Sweep) -> Option<&LagPart> {

@@ -1,8 +1,9 @@
 //! The report of a thermistor's calibration table.
 
-use super::{number, remarks, table, value};
+use super::document::{Cell, Section, Table, Text, cells};
+use super::{number, remarks, value};
 use crate::data::units::scientific_with_uncertainty;
-use crate::files::parameter::Body;
+use crate::files::parameter::{Body, ThermistorFile};
 use crate::measure::thermistor::Thermistor;
 use std::fmt::Write;
 
@@ -12,87 +13,87 @@ pub fn title(thermistor: &Thermistor) -> String {
     format!("Thermistor calibration, table {}", thermistor.parameters.table)
 }
 
-/// The blocks of the report with headings of the given level.
+/// The sections of the report.
 #[must_use]
-pub fn sections(thermistor: &Thermistor, level: usize) -> String {
+pub fn sections(thermistor: &Thermistor) -> Vec<Section> {
     let p = &thermistor.parameters;
-    let head = "#".repeat(level);
-    let mut rows = vec![["k", "c_k, °C per unit^k"].map(str::to_owned).to_vec()];
-    for (k, (c, std)) in p.coefficients.iter().zip(&p.coefficients_std).enumerate() {
-        rows.push(vec![k.to_string(), scientific_with_uncertainty(*c, *std)]);
-    }
-    let mut out = format!(
-        "{head} Polynomial\n\n`T = Σ c_k s^k`, s in {}, order {} ({}). It holds from {} to {} {}, {} to {} °C. Parameter file: `{}`.\n\n{}\nIt \
-         leaves up to {:.4} °C, standard deviation {} °C.\n\n",
-        p.signal_unit,
-        p.order,
-        p.reason,
-        p.valid_signal[0],
-        p.valid_signal[1],
-        p.signal_unit,
-        p.valid_degc[0],
-        p.valid_degc[1],
-        p.file_name(),
-        table(&rows),
-        p.residual_max_degc,
-        number(p.residual_std_degc, 4),
-    );
-    let mut rows = vec![
-        ["order", "largest residual, °C", "standard deviation, °C", "leave one out, °C", "AICc"].map(str::to_owned).to_vec(),
-    ];
-    for o in &p.orders {
-        rows.push(vec![
-            o.order.to_string(),
-            number(o.residual_max_degc, 4),
-            number(o.residual_std_degc, 4),
-            number(o.leave_one_out_degc, 4),
-            o.aicc.map_or_else(|| "-".to_owned(), |a| format!("{a:.1}")),
-        ]);
-    }
-    let within =
-        p.order_within.map_or_else(|| "No order reaches".to_owned(), |o| format!("Order {o} is the lowest that reaches"));
-    let _ = writeln!(out, "{head} Orders\n\n{}\n{within} {} °C at every row.\n", table(&rows), p.within_degc);
+    let mut sections = vec![polynomial(p), orders(p)];
     if let Some(c) = &p.compared {
         let list: Vec<String> = c.coefficients.iter().map(|v| format!("{v}")).collect();
-        let _ = writeln!(
-            out,
-            "{head} Comparison\n\nThe given polynomial ({}) leaves up to {:.4} °C, rms {:.4} °C; the best one of its order up to {:.4} °C. They differ by \
-             up to {:.4} °C at the rows of the table.\n",
+        sections.push(Section::new("Comparison").with(format!(
+            "The given polynomial ({}) leaves up to {:.4} °C, rms {:.4} °C; the best one of its order up to {:.4} °C. They differ by up to \
+             {:.4} °C at the rows of the table.",
             list.join(", "),
             c.residual_max_degc,
             c.residual_rms_degc,
             c.best_max_degc,
             c.difference_max_degc
-        );
+        )));
     }
     if let Some(r) = &p.reference {
         let slope = match (r.slope, r.slope_std) {
             (Some(v), Some(s)) => format!(" The difference changes by {} per K.", scientific_with_uncertainty(v, s)),
             _ => String::new(),
         };
-        let _ = writeln!(
-            out,
-            "{head} Reference thermometer\n\nT_O = {} °C, polynomial minus reference, from {} readings between {} and {} °C: `T_c = T_r - T_O`.{slope}\n",
+        let offset = format!(
+            "T_O = {} °C, polynomial minus reference, from {} readings between {} and {} °C: ",
             value(r.offset_degc, r.offset_std_degc.unwrap_or(f64::NAN)),
             r.readings,
             r.range_degc[0],
             r.range_degc[1],
         );
+        sections.push(
+            Section::new("Reference thermometer").with(Text::from(offset).code("T_c = T_r - T_O").and(format!(".{slope}"))),
+        );
     }
-    let mut rows =
-        vec![["T, °C", "signal", "residual, °C", "uncertainty, °C", "given polynomial, °C"].map(str::to_owned).to_vec()];
-    for r in &p.row {
-        rows.push(vec![
-            r.t_degc.to_string(),
-            r.signal.to_string(),
-            format!("{:+.4}", r.residual_degc),
-            number(r.std_degc, 4),
-            r.compared_residual_degc.map_or_else(|| "-".to_owned(), |v| format!("{v:+.4}")),
+    sections.push(rows(p));
+    sections.extend(remarks(&p.warnings));
+    sections
+}
+
+fn polynomial(p: &ThermistorFile) -> Section {
+    let mut table = Table::new(["k", "c_k, °C per unit^k"]);
+    for (k, (c, std)) in p.coefficients.iter().zip(&p.coefficients_std).enumerate() {
+        table.push(cells![k, Cell::scientific(*c, *std)]);
+    }
+    let holds = format!(
+        ", s in {}, order {} ({}). It holds from {} to {} {}, {} to {} °C. Parameter file: ",
+        p.signal_unit, p.order, p.reason, p.valid_signal[0], p.valid_signal[1], p.signal_unit, p.valid_degc[0], p.valid_degc[1],
+    );
+    Section::new("Polynomial")
+        .with(Text::default().code("T = Σ c_k s^k").and(holds).code(p.file_name()).and("."))
+        .with(table)
+        .with(format!("It leaves up to {:.4} °C, standard deviation {} °C.", p.residual_max_degc, number(p.residual_std_degc, 4)))
+}
+
+fn orders(p: &ThermistorFile) -> Section {
+    let mut table = Table::new(["order", "largest residual, °C", "standard deviation, °C", "leave one out, °C", "AICc"]);
+    for o in &p.orders {
+        table.push(cells![
+            o.order,
+            Cell::fixed(o.residual_max_degc, 4),
+            Cell::fixed(o.residual_std_degc, 4),
+            Cell::fixed(o.leave_one_out_degc, 4),
+            o.aicc.map_or(Cell::Missing("-"), |a| Cell::fixed(a, 1)),
         ]);
     }
-    let _ = writeln!(out, "{head} Table\n\n{}", table(&rows));
-    out.push_str(&remarks(&p.warnings, level));
-    out
+    let within =
+        p.order_within.map_or_else(|| "No order reaches".to_owned(), |o| format!("Order {o} is the lowest that reaches"));
+    Section::new("Orders").with(table).with(format!("{within} {} °C at every row.", p.within_degc))
+}
+
+fn rows(p: &ThermistorFile) -> Section {
+    let mut table = Table::new(["T, °C", "signal", "residual, °C", "uncertainty, °C", "given polynomial, °C"]);
+    for r in &p.row {
+        table.push(cells![
+            Cell::exact(r.t_degc),
+            Cell::exact(r.signal),
+            Cell::signed(r.residual_degc, 4),
+            Cell::fixed(r.std_degc, 4),
+            r.compared_residual_degc.map_or(Cell::Missing("-"), |v| Cell::signed(v, 4)),
+        ]);
+    }
+    Section::new("Table").with(table)
 }
 
 /// A few lines for the terminal.

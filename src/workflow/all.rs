@@ -12,6 +12,7 @@ use crate::files::source::hex;
 use crate::measure::lin::Lin;
 use crate::measure::{freq, lin, null, offset, sweep};
 use crate::record::known::Known;
+use crate::show::protocol::{AnalysisPart, RunPart};
 use sha2::{Digest, Sha256};
 
 /// The options of all analyses of single runs.
@@ -163,6 +164,20 @@ impl Measured {
             Measured::Null(made) => Some(&made.result),
             Measured::Other(_) => None,
         }
+    }
+
+    /// Its part in the protocol, with the figures that were drawn.
+    #[must_use]
+    pub fn part<'a>(&'a self, figures: &'a [Drawn]) -> RunPart<'a> {
+        let analysis = self.report().map(|result| AnalysisPart {
+            name: result.analysis(),
+            head: result.head(),
+            headline: result.headline(),
+            remarks: result.warnings().len(),
+            sections: result.sections(),
+            figures,
+        });
+        RunPart { run: self.run(), analysis }
     }
 
     /// Where the result comes from, if there is one.

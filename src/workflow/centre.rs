@@ -75,7 +75,7 @@ impl PairFiles {
             report: format!("REPORT_{}.md", name.trim_end_matches(".TCF")),
             title: show::centre::title(&tcf),
             warnings: &tcf.warnings,
-            sections: show::centre::sections(&tcf, 2),
+            sections: show::centre::sections(&tcf),
             provenance: &provenance,
         };
         outcome.write(&folder, &[])?;

@@ -14,7 +14,7 @@ use crate::measure::coil::{CoilError, Residual, Scalar, Tilt, residual, scalar, 
 use crate::measure::lin;
 use crate::model::position::{Position, PositionError};
 use crate::plot::{self, Named};
-use crate::show::{self, Drawn};
+use crate::show::{self, Drawn, document::Section};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -30,8 +30,8 @@ pub trait CoilResult: Serialize {
     fn figures(&self) -> Vec<Named>;
     /// Title of the report.
     fn title(&self) -> String;
-    /// The sections of the report with headings of the given level.
-    fn sections(&self, level: usize) -> String;
+    /// The sections of the report.
+    fn sections(&self) -> Vec<Section>;
     /// A few lines for the terminal.
     fn summary(&self) -> String;
 }
@@ -50,8 +50,8 @@ impl CoilResult for Scalar {
     fn title(&self) -> String {
         "Scalar calibration of the coil system".to_owned()
     }
-    fn sections(&self, level: usize) -> String {
-        show::coil::scalar(self, level)
+    fn sections(&self) -> Vec<Section> {
+        show::coil::scalar(self)
     }
     fn summary(&self) -> String {
         show::coil::scalar_summary(self)
@@ -72,8 +72,8 @@ impl CoilResult for Residual {
     fn title(&self) -> String {
         "Residual field of the coil system".to_owned()
     }
-    fn sections(&self, level: usize) -> String {
-        show::coil::residual(self, level)
+    fn sections(&self) -> Vec<Section> {
+        show::coil::residual(self)
     }
     fn summary(&self) -> String {
         show::coil::residual_summary(self)
@@ -94,8 +94,8 @@ impl CoilResult for Tilt {
     fn title(&self) -> String {
         format!("Sensor {} and coil system from several orientations", show::or_not_stated(&self.parameters.sensor))
     }
-    fn sections(&self, level: usize) -> String {
-        show::coil::tilt(self, level)
+    fn sections(&self) -> Vec<Section> {
+        show::coil::tilt(self)
     }
     fn summary(&self) -> String {
         show::coil::tilt_summary(self)
@@ -360,7 +360,7 @@ pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<(S
         report: format!("REPORT_{stem}.md"),
         title: result.title(),
         warnings: result.warnings(),
-        sections: result.sections(2),
+        sections: result.sections(),
         provenance: &made.provenance,
     };
     outcome.write(&folder, &drawn)?;

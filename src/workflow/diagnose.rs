@@ -15,7 +15,7 @@ use crate::files::{ccr, orientations};
 use crate::measure::lin;
 use crate::model::effects::Spec;
 use crate::record::known::{Known, is_of_one_run};
-use crate::show::{self, FigureLink};
+use crate::show::{self, Drawn, html, markdown};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -170,17 +170,16 @@ pub fn publish_diagnosis(made: &Diagnosed, folder: &Path, desk: &Desk) -> Result
     let figures = crate::plot::diagnose::figures(&made.diagnosis);
     let drawn = if desk.plots { draw(&folder, &figures, |stem| figure_name(stem, name))? } else { Vec::new() };
     let title = show::diagnose::title(&made.diagnosis);
-    let links: Vec<FigureLink> = FigureLink::number(&drawn, "", &mut 0);
+    let numbered = Drawn::number(&drawn, "", &mut 0);
     // Every figure stands in the section that it belongs to.
     let shown = |stem: &str| {
         let file = figure_name(stem, name);
-        let own = links.iter().find(|link| link.file == file);
-        own.map_or_else(String::new, |link| show::figures(std::slice::from_ref(link)))
+        numbered.iter().find(|figure| figure.file == file).cloned()
     };
-    let sections = show::diagnose::sections(&made.diagnosis, 2, &shown);
-    let text = show::standalone(&title, &made.diagnosis.warnings, &sections, &[], &made.provenance);
-    folder.write(&format!("REPORT_DIAGNOSIS__{name}.md"), text.as_bytes())?;
-    let page = show::html::page(&text, &title, &mut |file| std::fs::read(folder.path().join(file)).ok());
+    let sections = show::diagnose::sections(&made.diagnosis, &shown);
+    let document = show::standalone(&title, &made.diagnosis.warnings, sections, Vec::new(), &made.provenance);
+    folder.write(&format!("REPORT_DIAGNOSIS__{name}.md"), markdown::page(&document).as_bytes())?;
+    let page = html::page(&document, &mut |file| std::fs::read(folder.path().join(file)).ok());
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.html"), page.as_bytes())?;
     let json = serde_json::to_string_pretty(made)
         .map_err(|e| Finding::error("diagnosis.json", format!("the result has no text form: {e}"), "report this"))?;

@@ -13,7 +13,7 @@ use crate::files::table::Table;
 use crate::measure::freq::{Freq, Options, Sines, freq, from_table};
 use crate::plot::{self, Named};
 use crate::record::known::Known;
-use crate::show;
+use crate::show::{self, document::Section};
 use std::path::Path;
 
 impl PerRun for Options {
@@ -82,8 +82,11 @@ impl RunReport for Freq {
     fn title(&self) -> String {
         format!("Frequency measurements, run {}", self.parameters.run.id)
     }
-    fn sections(&self, level: usize) -> String {
-        show::freq::sections(self, level)
+    fn sections(&self) -> Vec<Section> {
+        show::freq::sections(self)
+    }
+    fn analysis(&self) -> &'static str {
+        "AC-analysis"
     }
     fn headline(&self) -> String {
         show::freq::headline(self)

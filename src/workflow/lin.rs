@@ -12,7 +12,7 @@ use crate::files::parameter::Cpf;
 use crate::files::table::Table;
 use crate::measure::lin::{Lin, Options, lin};
 use crate::plot::{self, Named};
-use crate::show;
+use crate::show::{self, document::Section};
 
 impl PerRun for Options {
     const COMMAND: &'static str = "lin";
@@ -92,8 +92,11 @@ impl RunReport for Lin {
     fn title(&self) -> String {
         format!("Calibration on 3 linear axes, run {}", self.parameters.run.id)
     }
-    fn sections(&self, level: usize) -> String {
-        show::lin::sections(self, level)
+    fn sections(&self) -> Vec<Section> {
+        show::lin::sections(self)
+    }
+    fn analysis(&self) -> &'static str {
+        "DC-analysis"
     }
     fn headline(&self) -> String {
         show::lin::headline(self)

@@ -119,11 +119,11 @@ fn publish(result: &Linearised, provenance: &Provenance, desk: &Desk) -> Result<
         report: format!("REPORT_{stem}.md"),
         title: format!("Linearisation of {} {}", show::or_not_stated(&p.sensor), show::or_not_stated(&p.mode)),
         warnings: &p.warnings,
-        sections: show::linearise::sections(result, 2),
+        sections: show::linearise::sections(result),
         provenance,
     };
-    outcome.write(&folder, &drawn)?;
     let (size_bytes, sha256) = (outcome.parameters.len() as u64, hex(&Sha256::digest(outcome.parameters.as_bytes())));
+    outcome.write(&folder, &drawn)?;
     Ok(Input { path: name, size_bytes, sha256 })
 }
 

@@ -36,7 +36,8 @@ use crate::files::parameter::Body;
 use crate::files::table::Table;
 use crate::files::{ccr, parameter};
 use crate::plot::{self, Named};
-use crate::show::{self, Drawn, FigureLink};
+use crate::show::document::Section;
+use crate::show::{self, Drawn, markdown};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::HashMap;
@@ -97,8 +98,10 @@ pub trait RunReport {
     fn figures(&self) -> Vec<Named>;
     /// Title of the report.
     fn title(&self) -> String;
-    /// The sections of the report with headings of the given level.
-    fn sections(&self, level: usize) -> String;
+    /// The sections of the report.
+    fn sections(&self) -> Vec<Section>;
+    /// Name of the analysis in the protocol.
+    fn analysis(&self) -> &'static str;
     /// The result in one line.
     fn headline(&self) -> String;
     /// A few lines for the terminal.
@@ -332,7 +335,7 @@ pub fn publish<A: PerRun>(made: &Made<A::Result>, desk: &Desk, parameter_name: &
         report: format!("REPORT_{}__{id}.md", A::STEM),
         title: result.title(),
         warnings: result.warnings(),
-        sections: result.sections(2),
+        sections: result.sections(),
         provenance: &made.provenance,
     };
     outcome.write(&folder, &drawn)?;
@@ -352,7 +355,7 @@ pub struct Outcome<'a> {
     /// What a person should know.
     pub warnings: &'a [String],
     /// Sections of the report.
-    pub sections: String,
+    pub sections: Vec<Section>,
     /// Where the result comes from.
     pub provenance: &'a Provenance,
 }
@@ -363,10 +366,10 @@ impl Outcome<'_> {
     ///
     /// # Errors
     /// What cannot be written.
-    pub fn write(&self, folder: &Folder, drawn: &[Drawn]) -> Result<(), Finding> {
-        let links: Vec<FigureLink> = FigureLink::number(drawn, "", &mut 0);
-        let text = show::standalone(&self.title, self.warnings, &self.sections, &links, self.provenance);
-        folder.write(&self.report, text.as_bytes())?;
+    pub fn write(self, folder: &Folder, drawn: &[Drawn]) -> Result<(), Finding> {
+        let figures = Drawn::number(drawn, "", &mut 0);
+        let document = show::standalone(&self.title, self.warnings, self.sections, figures, self.provenance);
+        folder.write(&self.report, markdown::page(&document).as_bytes())?;
         folder.sync()?;
         folder.write(self.name, self.parameters.as_bytes())?;
         folder.sync()

@@ -11,7 +11,7 @@ use crate::files::parameter::Npf;
 use crate::files::table::Table;
 use crate::measure::null::{Null, Options, Record, null};
 use crate::plot::{self, Named};
-use crate::show;
+use crate::show::{self, document::Section};
 
 impl PerRun for Options {
     const COMMAND: &'static str = "null";
@@ -53,8 +53,11 @@ impl RunReport for Null {
     fn title(&self) -> String {
         format!("Offset drift and noise in zero field, run {}", self.parameters.run.id)
     }
-    fn sections(&self, level: usize) -> String {
-        show::null::sections(self, level)
+    fn sections(&self) -> Vec<Section> {
+        show::null::sections(self)
+    }
+    fn analysis(&self) -> &'static str {
+        "Zero-field measurement"
     }
     fn headline(&self) -> String {
         show::null::headline(self)

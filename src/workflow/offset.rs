@@ -13,7 +13,7 @@ use crate::files::table::Table;
 use crate::measure::offset::{Offset, Options, offset};
 use crate::plot::{self, Named};
 use crate::record::conditions::apply_facility;
-use crate::show;
+use crate::show::{self, document::Section};
 
 impl PerRun for Options {
     const COMMAND: &'static str = "offset";
@@ -76,8 +76,11 @@ impl RunReport for Offset {
     fn title(&self) -> String {
         format!("Offset calculation, run {}", self.parameters.run.id)
     }
-    fn sections(&self, level: usize) -> String {
-        show::offset::sections(self, level)
+    fn sections(&self) -> Vec<Section> {
+        show::offset::sections(self)
+    }
+    fn analysis(&self) -> &'static str {
+        "Offset calculation"
     }
     fn headline(&self) -> String {
         show::offset::headline(self)

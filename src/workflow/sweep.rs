@@ -12,7 +12,7 @@ use crate::files::parameter::Tpf;
 use crate::files::table::Table;
 use crate::measure::sweep::{Options, Sweep, WINDOW, Window, sweep};
 use crate::plot::{self, Named};
-use crate::show;
+use crate::show::{self, document::Section};
 
 impl PerRun for Options {
     const COMMAND: &'static str = "thermal";
@@ -68,8 +68,11 @@ impl RunReport for Sweep {
     fn title(&self) -> String {
         format!("Temperature sweep, run {}", self.run.id)
     }
-    fn sections(&self, level: usize) -> String {
-        show::sweep::sections(self, level)
+    fn sections(&self) -> Vec<Section> {
+        show::sweep::sections(self)
+    }
+    fn analysis(&self) -> &'static str {
+        "Temperature sweep"
     }
     fn headline(&self) -> String {
         show::sweep::headline(self)

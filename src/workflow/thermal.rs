@@ -118,7 +118,7 @@ fn publish(result: &Thermal, provenance: &Provenance, desk: &Desk) -> Result<Vec
         report: format!("REPORT_{begin}__{first}.md"),
         title: format!("{}, {} {}", show::thermal::title(result.kind), head.sensor, head.mode),
         warnings: &head.warnings,
-        sections: show::thermal::sections(result, 2),
+        sections: show::thermal::sections(result),
         provenance,
     };
     outcome.write(&folder, &drawn)?;

@@ -93,7 +93,7 @@ pub fn publish_thermistor(made: &ThermistorMade, desk: &Desk) -> Result<(String,
         report: format!("REPORT_THERMISTOR__{stem}.md"),
         title: show::thermistor::title(&made.result),
         warnings: &p.warnings,
-        sections: show::thermistor::sections(&made.result, 2),
+        sections: show::thermistor::sections(&made.result),
         provenance: &made.provenance,
     };
     outcome.write(&folder, &drawn)?;
