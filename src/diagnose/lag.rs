@@ -12,7 +12,6 @@ use crate::model::effects::{self, Row, thermal_lag};
 use crate::model::lag::{self, Lag};
 use crate::record::scene::Scene;
 use nalgebra::DMatrix;
-use std::convert::Infallible;
 
 /// Longest lag that is looked for, as a part of the record: that of the terms of the catalogue.
 const LONGEST_PART: f64 = 0.2;
@@ -46,9 +45,8 @@ pub(super) fn find(
     let freedom = (3 * readings.nrows()) as f64;
     let left = freedom - 3.0 * scene.design.ncols() as f64;
     let length = scene.record.span_s[1] - scene.record.span_s[0];
-    let deviance = |lag: Lag| Ok::<f64, Infallible>(left * squares(degc(lag)).ln());
-    let Ok(found) = lag::search(LONGEST_PART * length, deviance);
-    let [delay, time_constant] = found;
+    let deviance = |lag: Lag| left * squares(degc(lag)).ln();
+    let [delay, time_constant] = lag::search(LONGEST_PART * length, deviance);
     let most_likely = if delay.deviance <= time_constant.deviance { delay } else { time_constant };
     let (lag, lag_s) = (most_likely.lag, most_likely.lag.seconds());
     let (before, after) = (squares(degc(Lag::Delay(0.0))), squares(degc(lag)));

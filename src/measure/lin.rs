@@ -14,12 +14,12 @@ use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
 use crate::files::linearisation::Linearisation;
 use crate::files::parameter::{Convention, Cpf};
-use crate::fit::statistics::median;
+use crate::fit::statistics::{extremes, median};
 use crate::fit::{FitError, Limits, NoiseModel, Propagated, Robust, Solution, linear, propagate, robust};
 use crate::measure::{linearise, structure};
-use crate::model::polynomial;
 use crate::model::position::Position;
 use crate::model::sensor::{Linear, Split, SplitError, misplaced_axes, split};
+use crate::record::baseline::Baseline;
 use crate::record::conditions::{self, Temperatures};
 use crate::record::known::{self, Applied, Known};
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -151,26 +151,25 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
         return Err(too_few(&list, used.len(), count));
     }
 
-    let trend = Trend::over(&used, order);
-    let fitted = fit(&used, &trend, options.robust)?;
+    let means = Means::of(&used, order);
+    let fitted = fit(&used, &means, options.robust)?;
     if !options.allow_mismatch {
         check_followed(&used, &fitted.solution)?;
     }
     let noise = conditions::noise(fitted.for_noise(), &used).map_err(LinError::Fit)?;
     let stacked = stack(&fitted.solution.coefficients);
     let r_nom = position.r_nom();
-    let derived = Derived::of(&stacked, &trend, &r_nom)?;
+    let derived = Derived::of(&stacked, &means, &r_nom)?;
     let mut covariance_of_coefficients = noise.covariance();
     if let Some(linearisation) = &options.linearisation {
         covariance_of_coefficients +=
-            linearise::carried(linearisation, &design(&used, &trend).map_err(LinError::Fit)?, &used).map_err(LinError::Fit)?;
+            linearise::carried(linearisation, &means.design().map_err(LinError::Fit)?, &used).map_err(LinError::Fit)?;
     }
     if let Some(known) = &known {
-        covariance_of_coefficients +=
-            carried(known, &list, &design(&used, &trend).map_err(LinError::Fit)?).map_err(LinError::Fit)?;
+        covariance_of_coefficients += carried(known, &list, &means.design().map_err(LinError::Fit)?).map_err(LinError::Fit)?;
     }
     let uncertain = propagate(
-        |x| Derived::of(x, &trend, &r_nom).map(|d| d.list()).unwrap_or_else(|_| vec![f64::NAN; Derived::COUNT]),
+        |x| Derived::of(x, &means, &r_nom).map(|d| d.list()).unwrap_or_else(|_| vec![f64::NAN; Derived::COUNT]),
         &stacked,
         &covariance_of_coefficients,
     )
@@ -185,7 +184,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
 
     let sensor = Linear::new(derived.split.phi)?;
     let model = |p: &Plateau| -> FieldCoil {
-        let modelled = sensor.field(p.mean, trend.at(&stacked, p.t_s()));
+        let modelled = sensor.field(p.mean, means.baseline.at(&stacked, p.t_s()).1);
         FieldCoil(std::array::from_fn(|axis| p.setting.field.0[axis] - modelled.0[axis]))
     };
     let mut weights = fitted.weights.iter();
@@ -210,7 +209,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
 
     judge_fit(&mut warnings, &blocks);
     if !options.robust {
-        warnings.extend(structure_of(&temperatures, &list, &used, &trend, &noise));
+        warnings.extend(structure_of(&temperatures, &list, &used, &means, &noise));
     }
     let readings = used.iter().flat_map(|p| p.mean.0).fold(0.0, |a: f64, v| a.max(v.abs()));
     if noise.noise.iter().any(|n| n.std < 1e-12 * readings) {
@@ -248,8 +247,8 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
         offset: OffsetTrend {
             b_or_ent: derived.b_or_ent,
             trend_order: order,
-            trend_ent: std::array::from_fn(|a| trend.coefficients(&stacked, a).to_vec()),
-            tau_span_s: trend.span_s,
+            trend_ent: std::array::from_fn(|a| means.baseline.offsets_ent(&stacked, a).to_vec()),
+            tau_span_s: means.span_s,
         },
         quality: LinearQuality {
             blocks_used: used.len(),
@@ -315,10 +314,10 @@ fn structure_of(
     temperatures: &Temperatures,
     list: &[Plateau],
     used: &[&Plateau],
-    trend: &Trend,
+    means: &Means,
     noise: &NoiseModel,
 ) -> Option<String> {
-    let columns = DMatrix::from_fn(used.len(), 4 + trend.order, |i, j| trend.cell(used[i], j));
+    let columns = means.baseline.columns(&means.fields_nt, &means.t_s);
     structure::warning(&structure::Rows::of(list, used, &temperatures.sensor, &columns, noise))
 }
 
@@ -365,50 +364,33 @@ fn too_few(list: &[Plateau], used: usize, parameters: usize) -> LinError {
     LinError::TooFew { used, parameters, dropped: list.len() - used, total: list.len(), reasons, unsettled }
 }
 
-/// The polynomial offset trend in `tau`, which runs from -1 to +1 over the used plateaus.
-#[derive(Clone, Debug)]
-struct Trend {
-    order: usize,
+/// The means of a fit with the model that is fitted to them.
+struct Means {
+    baseline: Baseline,
+    fields_nt: Vec<[f64; 3]>,
+    t_s: Vec<f64>,
     span_s: [f64; 2],
-    /// Mean of `tau^k` over the used plateaus.
-    mean_powers: Vec<f64>,
 }
 
-impl Trend {
-    fn over(used: &[&Plateau], order: usize) -> Self {
-        let times = || used.iter().map(|p| p.t_s());
-        let span_s = [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)];
-        let mut trend = Trend { order, span_s, mean_powers: Vec::new() };
-        trend.mean_powers =
-            (0..=order).map(|k| times().map(|t| trend.tau(t).powi(k as i32)).sum::<f64>() / used.len() as f64).collect();
-        trend
+impl Means {
+    /// Of the plateaus that are used; tau runs from -1 to +1 over their middles.
+    fn of(used: &[&Plateau], order: usize) -> Self {
+        let t_s: Vec<f64> = used.iter().map(|p| p.t_s()).collect();
+        let span_s = extremes(t_s.iter().copied());
+        let fields_nt = used.iter().map(|p| p.setting.field.0).collect();
+        Self { baseline: Baseline::in_time(span_s, order), fields_nt, t_s, span_s }
     }
 
-    /// An element of the design.
-    fn cell(&self, plateau: &Plateau, column: usize) -> f64 {
-        if column < 3 { plateau.setting.field.0[column] } else { self.tau(plateau.t_s()).powi(column as i32 - 3) }
+    fn design(&self) -> Result<linear::Design, FitError> {
+        self.baseline.design(&self.fields_nt, &self.t_s)
     }
 
-    fn tau(&self, t_s: f64) -> f64 {
-        let [begin, end] = self.span_s;
-        if end > begin { 2.0 * (t_s - begin) / (end - begin) - 1.0 } else { 0.0 }
-    }
-
-    /// Coefficients per component, after the three of the field, in the stack of all coefficients.
-    fn coefficients<'a>(&self, stacked: &'a [f64], component: usize) -> &'a [f64] {
-        let count = 4 + self.order;
-        stacked.get(component * count + 3..(component + 1) * count).unwrap_or_default()
-    }
-
-    /// `B_or` at a time, enT.
-    fn at(&self, stacked: &[f64], t_s: f64) -> [f64; 3] {
-        let tau = self.tau(t_s);
-        std::array::from_fn(|a| polynomial::value(self.coefficients(stacked, a), tau))
-    }
-
-    /// Mean `B_or` over the used plateaus, enT.
-    fn mean(&self, stacked: &[f64]) -> [f64; 3] {
-        std::array::from_fn(|a| self.coefficients(stacked, a).iter().zip(&self.mean_powers).map(|(c, m)| c * m).sum())
+    /// Mean `B_or` over the plateaus, enT.
+    fn mean_b_or_ent(&self, stacked: &[f64]) -> [f64; 3] {
+        let mean =
+            |k: usize| self.t_s.iter().map(|t| self.baseline.mapped(*t).powi(k as i32)).sum::<f64>() / self.t_s.len() as f64;
+        let powers: Vec<f64> = (0..=self.baseline.offset_order()).map(mean).collect();
+        std::array::from_fn(|a| self.baseline.offsets_ent(stacked, a).iter().zip(&powers).map(|(c, m)| c * m).sum())
     }
 }
 
@@ -426,31 +408,14 @@ impl Fitted {
     }
 }
 
-fn design(used: &[&Plateau], trend: &Trend) -> Result<linear::Design, FitError> {
-    let columns = DMatrix::from_fn(used.len(), 4 + trend.order, |row, column| trend.cell(used[row], column));
-    let names: Vec<String> = [
-        "the response to X_c",
-        "the response to Y_c",
-        "the response to Z_c",
-        "the offset",
-        "the offset's slope",
-        "the offset's curvature",
-    ]
-    .into_iter()
-    .take(4 + trend.order)
-    .map(str::to_owned)
-    .collect();
-    linear::Design::new(names, columns)
-}
-
-fn fit(used: &[&Plateau], trend: &Trend, is_robust: bool) -> Result<Fitted, LinError> {
+fn fit(used: &[&Plateau], means: &Means, is_robust: bool) -> Result<Fitted, LinError> {
     let rhs = DMatrix::from_fn(used.len(), 3, |row, component| used[row].mean.0[component]);
     let limits = Limits { max_condition: MOST_CONDITION };
     let explain = |error: FitError| match error {
         FitError::Undetermined { parameters, condition } => LinError::Undetermined { parameters, condition },
         other => LinError::Fit(other),
     };
-    let design = design(used, trend).map_err(explain)?;
+    let design = means.design().map_err(explain)?;
     if is_robust {
         let Robust { solution, pseudo, weights, downweighted, .. } =
             robust::fit(&design, &rhs, None, &limits).map_err(explain)?;
@@ -499,11 +464,10 @@ impl Derived {
     const PHI_TILDE: usize = 30;
     const COUNT: usize = 39;
 
-    fn of(stacked: &[f64], trend: &Trend, r_nom: &Matrix3<f64>) -> Result<Derived, SplitError> {
-        let count = 4 + trend.order;
-        let a = Matrix3::from_fn(|component, axis| stacked.get(component * count + axis).copied().unwrap_or(f64::NAN));
-        let phi = a.try_inverse().ok_or(SplitError::Singular)?;
-        Ok(Derived { split: split(&phi, r_nom)?, b_or_ent: trend.mean(stacked) })
+    fn of(stacked: &[f64], means: &Means, r_nom: &Matrix3<f64>) -> Result<Derived, SplitError> {
+        let response = means.baseline.responses(stacked).first().copied().ok_or(SplitError::Singular)?;
+        let phi = response.try_inverse().ok_or(SplitError::Singular)?;
+        Ok(Derived { split: split(&phi, r_nom)?, b_or_ent: means.mean_b_or_ent(stacked) })
     }
 
     fn list(&self) -> Vec<f64> {

@@ -18,10 +18,11 @@ use crate::files::facility::Facility;
 use crate::files::parameter::{LagForm, LagPart, QuantityPart, Rotation, SweepPart, ThermalConvention, ThermalHead, Tpf};
 use crate::fit::smooth::Course;
 use crate::fit::statistics::extremes;
-use crate::fit::{FitError, Limits, NORMAL_95, Solution, aicc, linear, propagate};
+use crate::fit::{FitError, Limits, NORMAL_95, aicc, propagate};
 use crate::model::lag::{self, Lag};
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::model::sensor::{Linear, Split, split};
+use crate::record::baseline::Baseline;
 use crate::record::conditions::{self, Temperatures};
 use crate::record::known::{self, Known};
 use nalgebra::{DMatrix, Matrix3};
@@ -215,98 +216,38 @@ impl Orders {
     fn count(self) -> usize {
         3 * (self.response + 1) + self.offset + 1
     }
+}
 
-    /// An element of the design; `u` is the temperature mapped to -1 to 1.
-    fn cell(self, j: usize, plateau: &Plateau, u: f64) -> f64 {
-        let fields = 3 * (self.response + 1);
-        if j < fields { plateau.setting.field.0[j % 3] * u.powi((j / 3) as i32) } else { u.powi((j - fields) as i32) }
-    }
+/// The mean readings of the settings that are used, and their fields.
+struct Means {
+    fields_nt: Vec<[f64; 3]>,
+    t_s: Vec<f64>,
+    readings_ent: DMatrix<f64>,
+}
 
-    /// Squares of what the fit leaves per component: normal equations, since a search asks for hundreds of them and their digits are
-    /// enough for differences far above rounding.
-    fn squares(self, used: &[&Plateau], degc: &[f64]) -> Result<[f64; 3], SweepError> {
-        let (middle, half) = mapped(degc);
-        let most = used.iter().flat_map(|p| p.setting.field.0).fold(f64::MIN_POSITIVE, |most, b| most.max(b.abs()));
-        let (count, fields) = (self.count(), 3 * (self.response + 1));
-        let mut row = vec![0.0; count];
-        let fill = |row: &mut Vec<f64>, plateau: &Plateau, degc: f64| {
-            let u = (degc - middle) / half;
-            for (j, value) in row.iter_mut().enumerate() {
-                *value = self.cell(j, plateau, u) / if j < fields { most } else { 1.0 };
-            }
-        };
-        let (mut normal, mut rhs) = (vec![0.0; count * count], vec![0.0; 3 * count]);
-        for (plateau, degc) in used.iter().zip(degc) {
-            fill(&mut row, plateau, *degc);
-            for j in 0..count {
-                for k in 0..=j {
-                    normal[j * count + k] += row[j] * row[k];
-                }
-                for i in 0..3 {
-                    rhs[i * count + j] += row[j] * plateau.mean.0[i];
-                }
-            }
+impl Means {
+    fn of(used: &[&Plateau]) -> Self {
+        Self {
+            fields_nt: used.iter().map(|p| p.setting.field.0).collect(),
+            t_s: used.iter().map(|p| p.t_s()).collect(),
+            readings_ent: DMatrix::from_fn(used.len(), 3, |row, i| used[row].mean.0[i]),
         }
-        let matrix = DMatrix::from_fn(count, count, |j, k| normal[j.max(k) * count + j.min(k)]);
-        let coefficients = matrix
-            .cholesky()
-            .map(|c| c.solve(&DMatrix::from_column_slice(count, 3, &rhs)))
-            .ok_or(FitError::NoNoise { why: "the fields and temperatures do not determine the response" })?;
-        let coefficients = coefficients.as_slice();
-        let mut squares = [0.0; 3];
-        for (plateau, degc) in used.iter().zip(degc) {
-            fill(&mut row, plateau, *degc);
-            for (i, sum) in squares.iter_mut().enumerate() {
-                let modelled: f64 = row.iter().zip(&coefficients[i * count..(i + 1) * count]).map(|(x, c)| x * c).sum();
-                *sum += (plateau.mean.0[i] - modelled).powi(2);
-            }
-        }
-        Ok(squares)
-    }
-}
-
-/// Middle and half of a range of temperatures.
-fn mapped(degc: &[f64]) -> (f64, f64) {
-    let [low, high] = extremes(degc.iter().copied());
-    (0.5 * (low + high), (0.5 * (high - low)).max(f64::MIN_POSITIVE))
-}
-
-/// The joint fit at given temperatures of the settings.
-struct Joint {
-    orders: Orders,
-    /// Middle and half of the range of temperatures, °C: polynomials are of `(T - middle) / half`.
-    middle: f64,
-    half: f64,
-    solution: Solution,
-}
-
-impl Joint {
-    fn fit(used: &[&Plateau], degc: &[f64], orders: Orders) -> Result<Self, SweepError> {
-        let (middle, half) = mapped(degc);
-        let columns =
-            DMatrix::from_fn(used.len(), orders.count(), |row, j| orders.cell(j, used[row], (degc[row] - middle) / half));
-        let names = (0..orders.count())
-            .map(|j| match j / 3 <= orders.response {
-                true => format!("the response to {}_c, power {} of the temperature", ["X", "Y", "Z"][j % 3], j / 3),
-                false => format!("the offset, power {} of the temperature", j - 3 * (orders.response + 1)),
-            })
-            .collect();
-        let readings = DMatrix::from_fn(used.len(), 3, |row, i| used[row].mean.0[i]);
-        let limits = Limits { max_condition: MOST_CONDITION };
-        let solution = linear::solve(&linear::Design::new(names, columns)?, &readings, None, &limits)?;
-        Ok(Self { orders, middle, half, solution })
     }
 
-    fn stacked(&self) -> Vec<f64> {
-        self.solution.coefficients.as_slice().to_vec()
+    fn baseline(&self, degc: &[f64], orders: Orders) -> Baseline {
+        Baseline::in_temperature(degc, orders.response, orders.offset)
     }
 
-    /// Response and offset at a temperature, from the stacked coefficients.
-    fn at(&self, stacked: &[f64], degc: f64) -> (Matrix3<f64>, [f64; 3]) {
-        let (u, count, fields) = ((degc - self.middle) / self.half, self.orders.count(), 3 * (self.orders.response + 1));
-        let sum = |from: usize, step: usize, n: usize| (0..n).map(|k| stacked[from + step * k] * u.powi(k as i32)).sum::<f64>();
-        let response = Matrix3::from_fn(|i, axis| sum(i * count + axis, 3, self.orders.response + 1));
-        (response, std::array::from_fn(|i| sum(i * count + fields, 1, self.orders.offset + 1)))
+    /// Minus twice the log likelihood of temperatures of the settings: components count by their own noise.
+    fn deviance(&self, degc: &[f64], orders: Orders) -> f64 {
+        let n = degc.len() as f64;
+        let squares = self.baseline(degc, orders).squares_ent2(&self.fields_nt, degc, &self.readings_ent);
+        squares.iter().map(|s| n * (s / n).ln()).sum()
+    }
+
+    /// Temperatures of the settings by a series, (s, °C).
+    fn degc(&self, series: &[(f64, f64)]) -> Vec<f64> {
+        self.t_s.iter().map(|t| interpolate(series, *t)).collect()
     }
 }
 
@@ -366,10 +307,11 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
         return Err(SweepError::TooFew { used: used.len(), total: list.len(), parameters: first.count() });
     }
 
+    let means = Means::of(&used);
     // Every thermistor with its best lag of both forms.
     let mut parts: Vec<LagPart> = Vec::new();
     for (name, series) in &channels {
-        parts.push(find_lag(name, series, &used, first)?);
+        parts.push(find_lag(name, series, &means, first));
     }
     let known_lag = options.model.as_ref().and_then(Known::thermal_lag);
     // The one the campaign names, or the one that the sensor follows best.
@@ -393,24 +335,27 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
         LagForm::OfTheModel => known_lag,
     };
     let moved = lag.map_or_else(|| series.clone(), |lag| lag.of(&Course::smooth(series)));
-    let degc: Vec<f64> = used.iter().map(|p| interpolate(&moved, p.t_s())).collect();
+    let degc = means.degc(&moved);
 
     let orders = match (given("sigma"), given("b_or")) {
         (Some(response), Some(offset)) => Orders { response, offset },
-        (response, offset) => choose_orders(&used, &degc, response, offset)?,
+        (response, offset) => choose_orders(&means, &degc, response, offset),
     };
-    let joint = Joint::fit(&used, &degc, orders)?;
-    let noise = conditions::noise(&joint.solution, &used)?;
+    let joint = means.baseline(&degc, orders);
+    let limits = Limits { max_condition: MOST_CONDITION };
+    let solution = joint.fit(&means.fields_nt, &degc, &means.readings_ent, &limits)?;
+    let stacked = solution.coefficients.as_slice().to_vec();
+    let noise = conditions::noise(&solution, &used)?;
     let r_nom = position.r_nom();
     let nodes = |order: usize| -> Vec<f64> {
         // Where interpolation errs least.
         (0..=order)
-            .map(|k| joint.middle + joint.half * (std::f64::consts::PI * (k as f64 + 0.5) / (order + 1) as f64).cos())
+            .map(|k| joint.middle() + joint.half() * (std::f64::consts::PI * (k as f64 + 0.5) / (order + 1) as f64).cos())
             .collect()
     };
     let (response_nodes, offset_nodes) = (nodes(orders.response), nodes(orders.offset));
     let sensor = |stacked: &[f64], degc: f64| -> Option<Split> { split(&joint.at(stacked, degc).0.try_inverse()?, &r_nom).ok() };
-    if let Some(degc) = response_nodes.iter().find(|t| sensor(&joint.stacked(), **t).is_none()) {
+    if let Some(degc) = response_nodes.iter().find(|t| sensor(&stacked, **t).is_none()) {
         return Err(SweepError::NoSensor { degc: *degc });
     }
     // All coefficients of the nine polynomials, one after the other, then the rotation at the middle temperature.
@@ -426,10 +371,10 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
             let values: Vec<f64> = offset_nodes.iter().map(|t| joint.at(stacked, *t).1[i]).collect();
             all.extend(through(&offset_nodes, &values));
         }
-        all.extend(sensor(stacked, joint.middle).map_or([f64::NAN; 3], |s| s.rotation_deg));
+        all.extend(sensor(stacked, joint.middle()).map_or([f64::NAN; 3], |s| s.rotation_deg));
         all
     };
-    let found = propagate(coefficients, &joint.stacked(), &noise.covariance())?;
+    let found = propagate(coefficients, &stacked, &noise.covariance())?;
     let valid_degc = extremes(degc.iter().copied());
     let mut polynomials: Vec<TemperaturePolynomial> = Vec::new();
     let mut from = 0;
@@ -444,7 +389,6 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
     }
 
     let windows = windows(&used, series, &moved, &r_nom, options.window);
-    let stacked = joint.stacked();
     let blocks: Vec<SweepBlock> = used
         .iter()
         .zip(&degc)
@@ -458,8 +402,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
 
     conditions::warn_of_plateaus(&mut warnings, run, plateaus);
     conditions::warn_of_run(&mut warnings, run);
-    let columns =
-        DMatrix::from_fn(used.len(), orders.count(), |i, j| orders.cell(j, used[i], (degc[i] - joint.middle) / joint.half));
+    let columns = joint.columns(&means.fields_nt, &degc);
     // The temperature with its lag: what the polynomials are of.
     warnings.extend(structure::warning(&structure::Rows::of(&list, &used, &moved, &columns, &noise)));
     let mut head = conditions::head(run, campaign, &temperatures);
@@ -558,42 +501,34 @@ fn through(x: &[f64], y: &[f64]) -> Vec<f64> {
 }
 
 /// The orders with the least AICc, summed over the components.
-fn choose_orders(used: &[&Plateau], degc: &[f64], response: Option<usize>, offset: Option<usize>) -> Result<Orders, SweepError> {
+fn choose_orders(means: &Means, degc: &[f64], response: Option<usize>, offset: Option<usize>) -> Orders {
     let mut best: Option<(f64, Orders)> = None;
     for p in ORDERS.filter(|p| response.is_none_or(|r| r == *p)) {
         for q in ORDERS.filter(|q| offset.is_none_or(|o| o == *q)) {
             let orders = Orders { response: p, offset: q };
-            let n = used.len() as f64;
-            let deviance: f64 = orders.squares(used, degc)?.iter().map(|s| n * (s / n).ln()).sum();
-            let value = aicc(deviance, 3 * orders.count() + 3, 3 * used.len());
+            let value = aicc(means.deviance(degc, orders), 3 * orders.count() + 3, 3 * degc.len());
             if let Some(value) = value.filter(|v| best.is_none_or(|(least, _)| *v < least)) {
                 best = Some((value, orders));
             }
         }
     }
     let usual = Orders { response: response.unwrap_or(2), offset: offset.unwrap_or(2) };
-    Ok(best.map_or(usual, |(_, orders)| orders))
+    best.map_or(usual, |(_, orders)| orders)
 }
 
 /// Delay and time constant with which the sensor follows a thermistor.
-fn find_lag(channel: &str, series: &[(f64, f64)], used: &[&Plateau], orders: Orders) -> Result<LagPart, SweepError> {
+fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orders: Orders) -> LagPart {
     let course = Course::smooth(series);
-    let n = used.len() as f64;
-    // Components count by their own noise.
-    let deviance = |lag: Lag| -> Result<f64, SweepError> {
-        let moved = lag.of(&course);
-        let degc: Vec<f64> = used.iter().map(|p| interpolate(&moved, p.t_s())).collect();
-        Ok(orders.squares(used, &degc)?.iter().map(|s| n * (s / n).ln()).sum())
-    };
-    let none = deviance(Lag::Delay(0.0))?;
-    let span_s = used.last().map_or(0.0, |p| p.t_s()) - used.first().map_or(0.0, |p| p.t_s());
-    let [delay, time_constant] = lag::search(MOST_LAG_S.min(MOST_LAG_PART * span_s), deviance)?;
+    let deviance = |lag: Lag| means.deviance(&means.degc(&lag.of(&course)), orders);
+    let none = deviance(Lag::Delay(0.0));
+    let span_s = means.t_s.last().unwrap_or(&0.0) - means.t_s.first().unwrap_or(&0.0);
+    let [delay, time_constant] = lag::search(MOST_LAG_S.min(MOST_LAG_PART * span_s), deviance);
     let (best, form) =
         if delay.deviance <= time_constant.deviance { (delay, LagForm::Delay) } else { (time_constant, LagForm::FirstOrder) };
     let gain = none - best.deviance;
     let is_significant = best.lag.seconds().abs() > SIGNIFICANT * best.std_s && gain > SIGNIFICANT * SIGNIFICANT;
     let left = if is_significant { best.deviance } else { none };
-    Ok(LagPart {
+    LagPart {
         channel: channel.to_owned(),
         form: if is_significant { form } else { LagForm::None },
         delay_s: delay.lag.seconds(),
@@ -606,8 +541,8 @@ fn find_lag(channel: &str, series: &[(f64, f64)], used: &[&Plateau], orders: Ord
         gain,
         delay_over_first_order: time_constant.deviance - delay.deviance,
         // Geometric mean of the components.
-        residual_std_ent: (0.5 * left / (3.0 * n)).exp(),
-    })
+        residual_std_ent: (0.5 * left / (3.0 * means.t_s.len() as f64)).exp(),
+    }
 }
 
 /// Sliding windows; those that do not determine the nine parameters are passed over.
@@ -626,12 +561,11 @@ fn windows(
         .filter(|from| end_of(*from) <= used.len())
         .filter_map(|from| {
             let own = &used[from..end_of(from)];
-            let design = DMatrix::from_fn(own.len(), 4, |r, c| if c < 3 { own[r].setting.field.0[c] } else { 1.0 });
-            let names = ["X_c", "Y_c", "Z_c", "offset"].map(str::to_owned).to_vec();
-            let readings = DMatrix::from_fn(own.len(), 3, |r, i| own[r].mean.0[i]);
-            let design = linear::Design::new(names, design).ok()?;
-            let fit = linear::solve(&design, &readings, None, &Limits { max_condition: MOST_CONDITION }).ok()?;
-            let phi = |x: &[f64]| Matrix3::from_fn(|i, k| x[4 * i + k]).try_inverse();
+            let means = Means::of(own);
+            let baseline = Baseline::in_time(extremes(means.t_s.iter().copied()), 0);
+            let limits = Limits { max_condition: MOST_CONDITION };
+            let fit = baseline.fit(&means.fields_nt, &means.t_s, &means.readings_ent, &limits).ok()?;
+            let phi = |x: &[f64]| baseline.responses(x).first()?.try_inverse();
             let quantities = |x: &[f64]| -> Vec<f64> {
                 let parts = phi(x).and_then(|phi| split(&phi, r_nom).ok());
                 parts.map_or(vec![f64::NAN; 9], |s| [s.sigma, s.xi_deg, [x[3], x[7], x[11]]].concat())

@@ -96,20 +96,18 @@ pub struct Best {
 }
 
 /// The delay and the time constant, negative ones included, with the least deviance (minus twice the log likelihood) up to `longest_s`.
-///
-/// # Errors
-/// Those of `deviance`.
-pub fn search<E>(longest_s: f64, mut deviance: impl FnMut(Lag) -> Result<f64, E>) -> Result<[Best; 2], E> {
-    Ok([search_in(Lag::Delay, longest_s, &mut deviance)?, search_in(Lag::time_constant, longest_s, &mut deviance)?])
+#[must_use]
+pub fn search(longest_s: f64, deviance: impl Fn(Lag) -> f64) -> [Best; 2] {
+    [search_in(Lag::Delay, longest_s, &deviance), search_in(Lag::time_constant, longest_s, &deviance)]
 }
 
-fn search_in<E>(family: fn(f64) -> Lag, longest_s: f64, deviance: &mut impl FnMut(Lag) -> Result<f64, E>) -> Result<Best, E> {
-    let mut at = |lag_s: f64| deviance(family(lag_s));
+fn search_in(family: fn(f64) -> Lag, longest_s: f64, deviance: &impl Fn(Lag) -> f64) -> Best {
+    let at = |lag_s: f64| deviance(family(lag_s));
     let first_step_s = longest_s / f64::from(STEPS);
     let (mut best_s, mut least) = (0.0, f64::INFINITY);
     for k in -STEPS..=STEPS {
         let lag_s = f64::from(k) * first_step_s;
-        let value = at(lag_s)?;
+        let value = at(lag_s);
         if value < least {
             (best_s, least) = (lag_s, value);
         }
@@ -118,7 +116,7 @@ fn search_in<E>(family: fn(f64) -> Lag, longest_s: f64, deviance: &mut impl FnMu
     while step_s > FINEST_S {
         step_s *= 0.5;
         for lag_s in [best_s - step_s, best_s + step_s] {
-            let value = at(lag_s)?;
+            let value = at(lag_s);
             if value < least {
                 (best_s, least) = (lag_s, value);
             }
@@ -128,14 +126,14 @@ fn search_in<E>(family: fn(f64) -> Lag, longest_s: f64, deviance: &mut impl FnMu
     // strong lag outgrows the noise within a few seconds, and the deviance is no parabola any more.
     let (mut std_s, mut step_s) = (f64::NAN, first_step_s);
     for _ in 0..ROUNDS {
-        let curvature = (at(best_s + step_s)? - 2.0 * least + at(best_s - step_s)?) / (step_s * step_s);
+        let curvature = (at(best_s + step_s) - 2.0 * least + at(best_s - step_s)) / (step_s * step_s);
         std_s = if curvature > 0.0 { (2.0 / curvature).sqrt() } else { f64::NAN };
         if std_s.is_nan() || 4.0 * std_s > step_s || step_s <= FINEST_S {
             break;
         }
         step_s = (2.0 * std_s).max(FINEST_S);
     }
-    Ok(Best { lag: family(best_s), std_s, deviance: least })
+    Best { lag: family(best_s), std_s, deviance: least }
 }
 /// Temperature of the body after a stretch in which the temperature outside went from one value to another in a straight line;
 /// `x` is the length of the stretch over the time constant.
@@ -251,9 +249,9 @@ mod tests {
                 Lag::Delay(s) | Lag::FirstOrder(s) => s - 300.0,
                 Lag::InverseFirstOrder(s) => -s - 300.0,
             };
-            Ok::<f64, ()>(2000.0 * (1.0 + (away / 7.0).powi(2) / 2000.0).ln())
+            2000.0 * (1.0 + (away / 7.0).powi(2) / 2000.0).ln()
         };
-        for best in search(2400.0, deviance).unwrap() {
+        for best in search(2400.0, deviance) {
             assert!((best.lag.seconds() - 300.0).abs() < FINEST_S && best.deviance < 1e-4, "{best:?}");
             // Two standard uncertainties to either side, where the logarithm is below the parabola by 0.1 %.
             assert!((best.std_s / 7.0 - 1.0).abs() < 0.01, "{best:?}");

@@ -1,5 +1,6 @@
 //! A run made ready to fit: rows with covariates at their times, corrections applied once, faults taken off once.
 
+pub mod baseline;
 pub mod conditions;
 pub mod faults;
 pub mod known;

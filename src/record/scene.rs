@@ -5,12 +5,14 @@ use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate};
 use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
+use crate::fit::Limits;
 use crate::fit::colour::Inside;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::{extent, extremes, median};
 use crate::model::effects::record::{Channel, Step};
 use crate::model::effects::{Record, Row, Thermal};
 use crate::model::lag::Lag;
+use crate::record::baseline::Baseline;
 use crate::record::conditions::apply_facility;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use std::borrow::Cow;
@@ -167,7 +169,7 @@ impl Scene {
             set_temperature(&mut record, degc);
         }
         let design = design(&record);
-        fit_linear(&mut record, &readings, &design)?;
+        fit_linear(&mut record, &readings)?;
         let inverse = record.response.try_inverse().ok_or_else(|| Unfit("the response has no inverse".to_owned()))?;
         let nt_per_ent = std::array::from_fn(|a| inverse.column(a).norm());
         let windows = samples.map_or_else(Vec::new, |s| {
@@ -234,16 +236,14 @@ impl Scene {
     /// What the model of a sweep leaves of the readings with other temperatures of the rows: the sum of its squares, enT².
     #[must_use]
     pub fn squares_with(&self, readings: &DMatrix<f64>, degc: &[f64]) -> f64 {
-        let [low, high] = extremes(degc.iter().copied());
-        let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(f64::MIN_POSITIVE));
-        let q = thermal_design(&self.record.rows, |i| (degc[i] - middle) / half).qr().q();
-        (readings - &q * q.tr_mul(readings)).norm_squared()
+        let baseline = Baseline::in_temperature(degc, THERMAL_ORDER, THERMAL_ORDER);
+        baseline.squares_ent2(&fields_nt(&self.record.rows), degc, readings).iter().sum()
     }
 
     /// Fits the linear model once more, to readings from which something was taken off.
     pub fn refit(&mut self, readings: &DMatrix<f64>) {
         // The same rows had a fit before.
-        let _ = fit_linear(&mut self.record, readings, &self.design);
+        let _ = fit_linear(&mut self.record, readings);
     }
 
     /// Gives a sweep the temperatures of the part that matters, which follows or leads the thermistor.
@@ -261,7 +261,7 @@ impl Scene {
         set_temperature(&mut self.record, degc);
         self.design = design(&self.record);
         // The same rows had a fit before.
-        let _ = fit_linear(&mut self.record, &self.readings, &self.design);
+        let _ = fit_linear(&mut self.record, &self.readings);
     }
 }
 
@@ -416,53 +416,41 @@ fn set_temperature(record: &mut Record, degc: Vec<f64>) {
     });
 }
 
-/// Largest component of the fields, and how many components there are.
-fn fields(rows: &[Row]) -> (f64, usize) {
-    let most = rows.iter().flat_map(|r| r.field_coil_nt).fold(0.0, |m: f64, b| m.max(b.abs()));
-    (most, if most > 0.0 { 3 } else { 0 })
+fn fields_nt(rows: &[Row]) -> Vec<[f64; 3]> {
+    rows.iter().map(|r| r.field_coil_nt).collect()
 }
 
-fn thermal_design(rows: &[Row], u: impl Fn(usize) -> f64) -> DMatrix<f64> {
-    let (most, fields) = fields(rows);
-    DMatrix::from_fn(rows.len(), (fields + 1) * (THERMAL_ORDER + 1), |i, j| {
-        let power = u(i).powi((j / (fields + 1)) as i32);
-        let k = j % (fields + 1);
-        power * if k < fields { rows[i].field_coil_nt[k] / most } else { 1.0 }
-    })
+/// The linear model of a record and the times or temperatures of its rows: a trend in a run, temperature polynomials in a sweep.
+fn baseline(record: &Record) -> (Baseline, Vec<f64>) {
+    let fields_nt = fields_nt(&record.rows);
+    let (baseline, x) = match &record.thermal {
+        Some(thermal) => (Baseline::in_temperature(&thermal.degc, THERMAL_ORDER, THERMAL_ORDER), thermal.degc.clone()),
+        None => (Baseline::in_time(record.span_s, record.trend_order), record.rows.iter().map(Row::t_s).collect()),
+    };
+    (baseline.in_units_of(&fields_nt), x)
 }
 
-/// Columns of the linear model: field and offset with the trend of a run, or with the temperature polynomials of a sweep.
+/// Columns of the linear model of a record.
 fn design(record: &Record) -> DMatrix<f64> {
-    let (most, fields) = fields(&record.rows);
-    match &record.thermal {
-        Some(thermal) => thermal_design(&record.rows, |i| thermal.u(i)),
-        None => DMatrix::from_fn(record.rows.len(), fields + 1 + record.trend_order, |i, j| {
-            let row = &record.rows[i];
-            if j < fields { row.field_coil_nt[j] / most } else { record.tau(row.t_s()).powi((j - fields) as i32) }
-        }),
-    }
+    let (baseline, x) = baseline(record);
+    baseline.columns(&fields_nt(&record.rows), &x)
 }
 
 /// Ordinary least squares for what the effects need to know of the sensor: response, and readings without offset.
-fn fit_linear(record: &mut Record, readings: &DMatrix<f64>, design: &DMatrix<f64>) -> Result<(), Unfit> {
-    let (most, fields) = fields(&record.rows);
-    let coefficients = design
-        .tr_mul(design)
-        .cholesky()
-        .map(|c| c.solve(&design.tr_mul(readings)))
-        .ok_or_else(|| Unfit("fields and times do not determine the response".to_owned()))?;
-    let matrix =
-        |from: usize| Matrix3::from_fn(|i, k| if fields == 3 { coefficients[(from + k, i)] / most } else { f64::from(i == k) });
-    match &mut record.thermal {
-        Some(thermal) => {
-            for power in 0..=THERMAL_ORDER {
-                let from = power * (fields + 1);
-                thermal.response[power] = if fields == 3 { matrix(from) } else { Matrix3::zeros() };
-                thermal.offset_ent[power] = std::array::from_fn(|i| coefficients[(from + fields, i)]);
-            }
-            record.response = thermal.response[0];
+fn fit_linear(record: &mut Record, readings: &DMatrix<f64>) -> Result<(), Unfit> {
+    let (baseline, x) = baseline(record);
+    let solution = baseline
+        .fit(&fields_nt(&record.rows), &x, readings, &Limits::default())
+        .map_err(|_| Unfit("fields and times do not determine the response".to_owned()))?;
+    let stacked = solution.coefficients.as_slice();
+    let response = baseline.responses(stacked);
+    // Where no field is applied, every sensor is an ideal one.
+    record.response = response.first().copied().unwrap_or_else(Matrix3::identity);
+    if let Some(thermal) = &mut record.thermal {
+        for power in 0..=THERMAL_ORDER {
+            thermal.response[power] = response.get(power).copied().unwrap_or_else(Matrix3::zeros);
+            thermal.offset_ent[power] = std::array::from_fn(|i| baseline.offsets_ent(stacked, i)[power]);
         }
-        None => record.response = matrix(0),
     }
     for i in 0..record.rows.len() {
         let response = record.thermal.as_ref().map_or(record.response, |thermal| {
