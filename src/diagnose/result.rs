@@ -1,6 +1,6 @@
 //! What a diagnosis found.
 
-use crate::fit::colour::Colour;
+use crate::fit::noise::state_space::Colour;
 use crate::model::effects::Spec;
 use serde::Serialize;
 

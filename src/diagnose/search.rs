@@ -1,6 +1,7 @@
 //! The search: score every candidate, pay for the trials, add the best, refit everything, drop and swap, until nothing is left.
 
-use crate::fit::colour::{Colour, Correlations, Noise, Rows};
+use crate::fit::noise::NoiseModel;
+use crate::fit::noise::state_space::{Colour, Correlations, Noise, Rows};
 use crate::fit::scalar::{self, Stop};
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score, orthonormal};
 use crate::model::effects::{self, CATALOGUE, Column, Covariate, Effect, Record, Spec};
@@ -603,7 +604,7 @@ impl<'a> Search<'a> {
                         y[a * m + k] = self.readings[(*i, a)];
                         places.push((*i, a));
                     }
-                    if let Some(cholesky) = self.correlations.covariance(noise, a, &rows).cholesky() {
+                    if let Some(cholesky) = noise.covariance_of_rows(a, &rows).cholesky() {
                         let l = cholesky.l();
                         let solved = l.solve_lower_triangular(&x.rows(a * m, m).into_owned());
                         let target = l.solve_lower_triangular(&y.rows(a * m, m).into_owned());
@@ -650,7 +651,7 @@ impl<'a> Search<'a> {
             let left = reading - &designs[a] * designs[a].tr_mul(&reading);
             left.norm() / ((n - designs[a].ncols()).max(1) as f64).sqrt()
         });
-        let total = self.correlations.std(&state.noise);
+        let total = state.noise.std();
         let usual: [f64; 3] = std::array::from_fn(|a| (total.iter().map(|s| s[a] * s[a]).sum::<f64>() / n as f64).sqrt());
         total.iter().map(|s| std::array::from_fn(|a| s[a] / usual[a] * level[a])).collect()
     }

@@ -2,7 +2,8 @@
 
 use super::result::{Bin, Place};
 use crate::data::units::COMPONENTS;
-use crate::fit::colour::Noise;
+use crate::fit::noise::NoiseModel;
+use crate::fit::noise::state_space::Noise;
 use crate::model::effects::{Covariate, Record};
 use nalgebra::{DMatrix, DVector};
 

@@ -10,8 +10,7 @@
 //! * [`order`]: the order of a polynomial, given or chosen from the data.
 //! * [`nonlinear`]: Levenberg-Marquardt for models with a Jacobian or without, polished to the last digits of the model.
 //! * [`robust`]: Huber weights for rows which do not belong.
-//! * [`correlation`]: white and slow noise told apart in the residuals, and what slow noise does to the coefficients.
-//! * [`colour`]: noise that is white, slow or grows with the field, and its whitening.
+//! * [`noise`]: the noise of the rows, white, slow or growing with the field, and what it does to the coefficients.
 //! * [`scan`]: which of many groups of columns explains what a model leaves, paid for by simulation.
 //! * [`statistics`]: quantiles and tails of distributions, medians and extremes.
 //! * [`scalar`]: minima and roots of functions of one number.
@@ -24,11 +23,10 @@
 
 pub mod allan;
 pub mod choice;
-pub mod colour;
 pub mod contaminated;
-pub mod correlation;
 mod double_double;
 pub mod linear;
+pub mod noise;
 pub mod nonlinear;
 pub mod order;
 pub mod partitioned;
@@ -46,8 +44,9 @@ pub mod statistics;
 
 pub use choice::aicc;
 pub use contaminated::Contaminated;
-pub use correlation::{Noise, NoiseModel};
 pub use linear::{Design, Limits, Solution, solve};
+pub use noise::NoiseModel;
+pub use noise::dense::DenseNoise;
 pub use nonlinear::{Model, NonlinearSolution};
 pub use order::{Chosen, choose};
 pub use polynomial::Polynomial;

@@ -23,7 +23,7 @@ pub struct Robust {
     /// The weighted fit at the final weights, with the residuals of the data.
     pub solution: Solution,
     /// The plain fit of the pseudo-values: the data with the weight of a row taken from its residual instead. It has the
-    /// same coefficients, and its standard deviations, or those of [`correlation::estimate`](super::correlation::estimate)
+    /// same coefficients, and its standard deviations, or those of [`dense::estimate`](super::noise::dense::estimate)
     /// on it, are the right ones for them with and without slow noise.
     pub pseudo: Solution,
     /// Given weights times Huber weights, one per row.

@@ -15,7 +15,7 @@ use crate::files::facility::Facility;
 use crate::files::linearisation::Linearisation;
 use crate::files::parameter::{Convention, Cpf};
 use crate::fit::statistics::{extremes, median};
-use crate::fit::{FitError, Limits, NoiseModel, Propagated, Robust, Solution, linear, propagate, robust};
+use crate::fit::{DenseNoise, FitError, Limits, Propagated, Robust, Solution, linear, propagate, robust};
 use crate::measure::{linearise, structure};
 use crate::model::position::Position;
 use crate::model::sensor::{Linear, Split, SplitError, misplaced_axes, split};
@@ -315,7 +315,7 @@ fn structure_of(
     list: &[Plateau],
     used: &[&Plateau],
     means: &Means,
-    noise: &NoiseModel,
+    noise: &DenseNoise,
 ) -> Option<String> {
     let columns = means.baseline.columns(&means.fields_nt, &means.t_s);
     structure::warning(&structure::Rows::of(list, used, &temperatures.sensor, &columns, noise))

@@ -19,7 +19,7 @@ use crate::files::parameter::{
     SpectrumPart, StopPart, TogetherPart,
 };
 use crate::fit::allan::{self, Bin, Deviation};
-use crate::fit::correlation::{self, Octave};
+use crate::fit::noise::dense::{self, Octave};
 use crate::fit::spectrum::{self, FIRST_BIN, Line, NEXT_BIN, Point, Stage, WhiteAndSlow, limits};
 use crate::fit::{Design, FitError, Limits, solve};
 use crate::record::conditions::{self, Temperatures};
@@ -376,7 +376,7 @@ impl Fitter<'_> {
         let weights: Vec<f64> = counts.iter().map(|n| n / mean).collect();
         let solution = solve(&design, &rhs, Some(&weights), &Limits::default())?;
         let intervals: Vec<[f64; 2]> = used.iter().map(|i| self.rows[*i].interval_s).collect();
-        let noise = correlation::estimate_with(&solution, &intervals, &counts, self.octaves)?;
+        let noise = dense::estimate_with(&solution, &intervals, &counts, self.octaves)?;
         Ok(Fitted {
             covariance: noise.covariance(),
             residual_std: solution.residual_std.clone(),

@@ -6,9 +6,8 @@
 
 use crate::data::plateau::Plateau;
 use crate::data::run::interpolate;
-use crate::fit::NoiseModel;
-use crate::fit::correlation::slow_kernel;
 use crate::fit::statistics::student_tail;
+use crate::fit::{DenseNoise, NoiseModel};
 use nalgebra::{DMatrix, DVector};
 
 /// Probability that noise alone is as large for the largest of all trials.
@@ -31,7 +30,7 @@ pub(super) struct Rows<'a> {
     /// The columns of the fit.
     pub columns: &'a DMatrix<f64>,
     /// Noise of the fit.
-    pub noise: &'a NoiseModel,
+    pub noise: &'a DenseNoise,
 }
 
 impl<'a> Rows<'a> {
@@ -41,7 +40,7 @@ impl<'a> Rows<'a> {
         used: &[&Plateau],
         sensor: &[(f64, f64)],
         columns: &'a DMatrix<f64>,
-        noise: &'a NoiseModel,
+        noise: &'a DenseNoise,
     ) -> Self {
         let before = |p: &&Plateau| {
             let place = list.iter().position(|q| q.index == p.index).and_then(|i| i.checked_sub(1));
@@ -75,20 +74,18 @@ pub(super) fn warning(rows: &Rows) -> Option<String> {
         column
     };
     let middle = |u: &[f64; 2]| 0.5 * (u[0] + u[1]);
-    let intervals: Vec<[f64; 2]> =
-        if rows.noise.is_from_samples() { rows.used_s.clone() } else { rows.used_s.iter().map(|u| [middle(u); 2]).collect() };
-    let kernel = slow_kernel(&intervals, &rows.noise.time_constants);
     let (begin, end) = (middle(rows.used_s.first()?), middle(rows.used_s.last()?));
     let tau = |i: usize| if end > begin { 2.0 * (middle(&rows.used_s[i]) - begin) / (end - begin) - 1.0 } else { 0.0 };
     let x = |i: usize, a: usize| rows.readings_ent[(i, a)];
     let moves = rows.degc.as_ref().filter(|degc| degc.iter().all(|v| v.is_finite()));
 
+    let all: Vec<usize> = (0..n).collect();
     let mut trials = 0usize;
     let mut best: Option<(f64, &str, usize)> = None;
     for a in 0..3 {
         let (b, c) = ((a + 1) % 3, (a + 2) % 3);
         let residual = free(rows.readings_ent.column(a).into_owned());
-        let noise = rows.noise.noise.get(a)?;
+        let covariance = rows.noise.covariance_of_rows(a, &all);
         let mut attempt = |what: &'static str, value: &dyn Fn(usize) -> f64| {
             let raw = DVector::from_fn(n, |i, _| value(i));
             let before = raw.add_scalar(-raw.mean()).norm();
@@ -99,8 +96,7 @@ pub(super) fn warning(rows: &Rows) -> Option<String> {
             }
             trials += 1;
             let column = column / size;
-            let slow = (&kernel * &column).dot(&column);
-            let variance = noise.std * noise.std * (1.0 - noise.share + noise.share * slow);
+            let variance = (&covariance * &column).dot(&column);
             let score = column.dot(&residual).abs() / variance.sqrt();
             if score.is_finite() && best.is_none_or(|(most, ..)| score > most) {
                 best = Some((score, what, a));

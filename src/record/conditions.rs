@@ -8,8 +8,8 @@ use crate::data::units::COMPONENTS;
 use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
 use crate::files::parameter::FacilityApplied;
-use crate::fit::correlation::{self, Octave};
-use crate::fit::{FitError, NoiseModel, Solution};
+use crate::fit::noise::dense::{self, Octave};
+use crate::fit::{DenseNoise, FitError, Solution};
 use crate::model::sensor::SplitError;
 use serde::Serialize;
 
@@ -145,16 +145,16 @@ pub fn raw_std(used: &[&Plateau]) -> Option<Spread> {
 /// or from the residuals alone if the file brings means only.
 ///
 /// # Errors
-/// Those of [`correlation::estimate`].
-pub fn noise(solution: &Solution, used: &[&Plateau]) -> Result<NoiseModel, FitError> {
+/// Those of [`dense::estimate`].
+pub fn noise(solution: &Solution, used: &[&Plateau]) -> Result<DenseNoise, FitError> {
     noise_of(solution, used, &[0, 1, 2])
 }
 
 /// The same for right-hand sides that are some components of the reading, 0 to 2.
 ///
 /// # Errors
-/// Those of [`correlation::estimate`].
-pub fn noise_of(solution: &Solution, used: &[&Plateau], components: &[usize]) -> Result<NoiseModel, FitError> {
+/// Those of [`dense::estimate`].
+pub fn noise_of(solution: &Solution, used: &[&Plateau], components: &[usize]) -> Result<DenseNoise, FitError> {
     let mut octaves: Vec<Octave> = Vec::new();
     for contrasts in used.iter().flat_map(|p| &p.contrasts) {
         let same = |o: &&mut Octave| (o.length / contrasts.part_s - 1.0).abs() < SAME_LENGTH;
@@ -175,14 +175,14 @@ pub fn noise_of(solution: &Solution, used: &[&Plateau], components: &[usize]) ->
     }
     if octaves.is_empty() {
         let times: Vec<f64> = used.iter().map(|p| p.t_s()).collect();
-        return correlation::estimate(solution, &times);
+        return dense::estimate(solution, &times);
     }
     for octave in &mut octaves {
         octave.white /= octave.count;
     }
     let samples: Vec<f64> = used.iter().map(|p| p.count.map_or(f64::NAN, |n| n as f64)).collect();
     let intervals: Vec<[f64; 2]> = used.iter().map(|p| p.used_s).collect();
-    correlation::estimate_with(solution, &intervals, &samples, &octaves)
+    dense::estimate_with(solution, &intervals, &samples, &octaves)
 }
 
 /// The plateaus that were not used, with their reasons.

@@ -6,7 +6,7 @@ use crate::data::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate};
 use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
 use crate::fit::Limits;
-use crate::fit::colour::Inside;
+use crate::fit::noise::state_space::Inside;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::{extent, extremes, median};
 use crate::model::effects::record::{Channel, Step};

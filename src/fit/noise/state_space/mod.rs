@@ -6,6 +6,7 @@
 //! proportion to the rows. Shares and exponent are those of the largest restricted likelihood (REML), common to all components; the
 //! variance is that of each component.
 
+use super::NoiseModel;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -126,13 +127,16 @@ struct Slow {
     keep: Vec<f64>,
 }
 
-/// Slow noise of all shapes at the times of the rows.
-pub struct Correlations {
+/// Slow noise of all shapes at the times of some rows.
+struct Series {
     rows: Rows,
     /// White variances are those of the first component everywhere.
     equal: bool,
     slow: Vec<Slow>,
 }
+
+/// What finds the noise of some rows.
+pub struct Correlations(Arc<Series>);
 
 /// The whitening of one component: a Kalman filter.
 struct Whitener {
@@ -153,6 +157,7 @@ pub struct Noise {
     /// Squares and degrees of freedom of what tells the white noise of each component beside the rows, in units of it.
     pub inside: [[f64; 2]; 3],
     whiteners: [Arc<Whitener>; 3],
+    series: Arc<Series>,
 }
 
 impl Slow {
@@ -168,27 +173,7 @@ impl Slow {
     }
 }
 
-impl Correlations {
-    /// Of rows at these times.
-    #[must_use]
-    pub fn new(rows: Rows) -> Self {
-        let t = &rows.t_s;
-        let span = (t[t.len() - 1] - t[0]).max(f64::MIN_POSITIVE);
-        let mut gaps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
-        gaps.sort_by(f64::total_cmp);
-        let gap = gaps.get(gaps.len() / 2).copied().unwrap_or(span).max(span * 1e-9);
-        let tau_s: Vec<f64> = std::iter::successors(Some(SHORTEST * gap), |tau| Some(tau * APART))
-            .take_while(|tau| *tau < LONGEST * span)
-            .collect();
-        let power = |a: &f64| {
-            let weights: Vec<f64> = tau_s.iter().map(|tau| (tau / gap).powf(a - 1.0)).collect();
-            Slow::new(t, tau_s.clone(), &weights)
-        };
-        let slow = EXPONENTS.iter().map(power).chain(MEMORIES.iter().map(|m| Slow::new(t, vec![m * gap], &[1.0]))).collect();
-        let equal = rows.white.iter().all(|w| w[1] == w[0] && w[2] == w[0]);
-        Self { rows, equal, slow }
-    }
-
+impl Series {
     fn element(&self, colour: &Colour, component: usize, i: usize, j: usize) -> f64 {
         let (u, v) = (self.rows.field[i][component], self.rows.field[j][component]);
         let correlated = if colour.is_slow() {
@@ -253,6 +238,28 @@ impl Correlations {
         }
         Some(whitener)
     }
+}
+
+impl Correlations {
+    /// Of rows at these times.
+    #[must_use]
+    pub fn new(rows: Rows) -> Self {
+        let t = &rows.t_s;
+        let span = (t[t.len() - 1] - t[0]).max(f64::MIN_POSITIVE);
+        let mut gaps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
+        gaps.sort_by(f64::total_cmp);
+        let gap = gaps.get(gaps.len() / 2).copied().unwrap_or(span).max(span * 1e-9);
+        let tau_s: Vec<f64> = std::iter::successors(Some(SHORTEST * gap), |tau| Some(tau * APART))
+            .take_while(|tau| *tau < LONGEST * span)
+            .collect();
+        let power = |a: &f64| {
+            let weights: Vec<f64> = tau_s.iter().map(|tau| (tau / gap).powf(a - 1.0)).collect();
+            Slow::new(t, tau_s.clone(), &weights)
+        };
+        let slow = EXPONENTS.iter().map(power).chain(MEMORIES.iter().map(|m| Slow::new(t, vec![m * gap], &[1.0]))).collect();
+        let equal = rows.white.iter().all(|w| w[1] == w[0] && w[2] == w[0]);
+        Self(Arc::new(Series { rows, equal, slow }))
+    }
 
     /// Restricted log likelihood of a colour up to a constant, with the white standard deviation of each component; `None` where it has none.
     fn likelihood(&self, colour: &Colour, data: &Data) -> Option<(f64, Noise)> {
@@ -260,14 +267,14 @@ impl Correlations {
         let mut white_std = [0.0; 3];
         let mut inside = [[0.0; 2]; 3];
         let mut whiteners: Vec<Arc<Whitener>> = Vec::with_capacity(3);
-        let equal = colour.white_field + colour.slow_field == 0.0 && self.equal;
+        let equal = colour.white_field + colour.slow_field == 0.0 && self.0.equal;
         for component in 0..3 {
             let whitener = match whiteners.last() {
                 Some(same) if equal => Arc::clone(same),
-                _ => Arc::new(self.whitener(colour, component)?),
+                _ => Arc::new(self.0.whitener(colour, component)?),
             };
             let left = fit(&whitener, &data.readings.column(component).into_owned(), &data.designs[component])?;
-            let known = self.rows.inside.map(|i| [i.freedom * i.variance[component], i.freedom]);
+            let known = self.0.rows.inside.map(|i| [i.freedom * i.variance[component], i.freedom]);
             let (squares, freedom) = match known {
                 Some([own, count]) if !colour.apart => (left.squares + own, left.freedom + count),
                 _ => (left.squares, left.freedom),
@@ -282,7 +289,7 @@ impl Correlations {
             whiteners.push(whitener);
         }
         let whiteners = whiteners.try_into().ok()?;
-        sum.is_finite().then_some((sum, Noise { colour: *colour, white_std, inside, whiteners }))
+        sum.is_finite().then_some((sum, Noise { colour: *colour, white_std, inside, whiteners, series: Arc::clone(&self.0) }))
     }
 
     fn value(&self, colour: &Colour, data: &Data) -> f64 {
@@ -330,9 +337,9 @@ impl Correlations {
         let data = Data { readings, designs };
         let mut colours: Vec<(Colour, f64)> = Vec::new();
         let of_rows =
-            if self.rows.inside.is_some() { vec![(true, APART_PRIOR), (false, 1.0 - APART_PRIOR)] } else { vec![(false, 1.0)] };
+            if self.0.rows.inside.is_some() { vec![(true, APART_PRIOR), (false, 1.0 - APART_PRIOR)] } else { vec![(false, 1.0)] };
         let [of_white, of_gain] = GROWING_PRIOR;
-        let of_gain = if self.rows.field.iter().flatten().any(|u| *u != 0.0) { of_gain } else { 0.0 };
+        let of_gain = if self.0.rows.field.iter().flatten().any(|u| *u != 0.0) { of_gain } else { 0.0 };
         let white_fields =
             if from.white_field > 0.0 { vec![(from.white_field, of_white), (0.0, 1.0 - of_white)] } else { vec![(0.0, 1.0)] };
         for (apart, p) in of_rows {
@@ -394,7 +401,7 @@ impl Correlations {
                 best = self.climb(found, &data);
             }
         }
-        if self.rows.inside.is_some() {
+        if self.0.rows.inside.is_some() {
             let apart = [best.1, Colour { slow: 0.0, ..best.1 }, Colour::WHITE].map(|c| Colour { apart: true, ..c });
             let found = self.climb(self.best(&apart, &data), &data);
             if found.0 > best.0 {
@@ -403,33 +410,35 @@ impl Correlations {
         }
         self.with_colour(best.1, readings, designs)
     }
-
-    /// Standard deviation of every row, per component.
-    #[must_use]
-    pub fn std(&self, noise: &Noise) -> Vec<[f64; 3]> {
-        let one = |i: usize, a: usize| noise.white_std[a] * self.element(&noise.colour, a, i, i).sqrt();
-        (0..self.rows.t_s.len()).map(|i| std::array::from_fn(|a| one(i, a))).collect()
-    }
-
-    /// Covariance of some rows of a component.
-    #[must_use]
-    pub fn covariance(&self, noise: &Noise, component: usize, rows: &[usize]) -> DMatrix<f64> {
-        let variance = noise.white_std[component].powi(2);
-        DMatrix::from_fn(rows.len(), rows.len(), |a, b| variance * self.element(&noise.colour, component, rows[a], rows[b]))
-    }
 }
 
 impl Noise {
-    /// Number of rows of a component.
+    /// Standard deviation of every row, per component.
     #[must_use]
-    pub fn rows(&self) -> usize {
+    pub fn std(&self) -> Vec<[f64; 3]> {
+        let one = |i: usize, a: usize| self.white_std[a] * self.series.element(&self.colour, a, i, i).sqrt();
+        (0..self.rows()).map(|i| std::array::from_fn(|a| one(i, a))).collect()
+    }
+}
+
+impl NoiseModel for Noise {
+    fn rows(&self) -> usize {
         self.whiteners[0].scale.len()
     }
 
-    /// Whitens the columns of a component in place: independent values of variance one.
-    pub fn whiten(&self, component: usize, columns: &mut DMatrix<f64>) {
+    fn covariance_of_rows(&self, component: usize, rows: &[usize]) -> DMatrix<f64> {
+        let variance = self.white_std[component].powi(2);
+        let element = |i: usize, j: usize| variance * self.series.element(&self.colour, component, rows[i], rows[j]);
+        DMatrix::from_fn(rows.len(), rows.len(), element)
+    }
+
+    fn whiten(&self, component: usize, columns: &mut DMatrix<f64>) {
         self.whiteners[component].whiten(columns);
         *columns /= self.white_std[component];
+    }
+
+    fn log_determinant(&self, component: usize) -> f64 {
+        self.whiteners[component].log_covariance() + 2.0 * self.rows() as f64 * self.white_std[component].ln()
     }
 }
 
@@ -523,114 +532,4 @@ fn fit(whitener: &Whitener, reading: &DVector<f64>, design: &DMatrix<f64>) -> Op
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use rand_distr::{Distribution, StandardNormal};
-    use rand_xoshiro::Xoshiro256PlusPlus;
-    use rand_xoshiro::rand_core::SeedableRng;
-
-    fn rows() -> Rows {
-        let t_s: Vec<f64> = (0..40).map(|i| 10.0 * f64::from(i) + 3.0 * f64::from(i * i % 7)).collect();
-        let white = (0..40).map(|i| [1.0, 1.2, 0.8].map(|w| w + 0.1 * f64::from(i % 5))).collect();
-        let field = (0..40).map(|i| [0, 1, 2].map(|a| f64::from((i * (3 + a)) % 11 - 5) / 5.0)).collect();
-        Rows { t_s, white, field, inside: None }
-    }
-
-    /// The filter is the inverse of the covariance that the module states, whatever the shares.
-    #[test]
-    fn whitening_is_that_of_the_dense_covariance() {
-        let noises = Correlations::new(rows());
-        let columns = DMatrix::from_fn(40, 3, |i, j| ((i * (j + 2)) as f64 * 0.37).sin());
-        let designs = [0; 3].map(|_| DMatrix::from_element(40, 1, 1.0));
-        let one = Colour { slow: 2.0, white_field: 3.0, slow_field: 0.7, ..Colour::WHITE };
-        let all = (0..SHAPES).map(|s| one.with_shape(s)).chain([Colour::WHITE, Colour { white_field: 2.0, ..Colour::WHITE }]);
-        for colour in all {
-            let noise = noises.with_colour(colour, &columns, &designs).unwrap();
-            for component in 0..3 {
-                let mut white = columns.clone();
-                noise.whiten(component, &mut white);
-                let covariance = noises.covariance(&noise, component, &(0..40).collect::<Vec<_>>());
-                let cholesky = covariance.cholesky().unwrap();
-                let expected = columns.tr_mul(&cholesky.solve(&columns));
-                let difference = (white.tr_mul(&white) - &expected).amax();
-                assert!(difference < 1e-10 * expected.amax(), "{colour:?}: {difference}");
-                let log_determinant = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-                let of_filter = noise.whiteners[component].log_covariance() + 80.0 * noise.white_std[component].ln();
-                assert!((of_filter - log_determinant).abs() < 1e-8, "{colour:?}");
-            }
-        }
-    }
-
-    /// A sum of relaxations with weights `τ^(a-1)` has a power density of about `f^-a` between the inverse time constants at its ends.
-    #[test]
-    fn relaxations_make_a_power_density() {
-        let noises = Correlations::new(Rows {
-            t_s: (0..3000).map(f64::from).collect(),
-            white: vec![[1.0; 3]; 3000],
-            field: vec![[0.0; 3]; 3000],
-            inside: None,
-        });
-        // What the ends cut off at a thousandth and a hundredth is below (0.4/16)^0.75 and (160/7900)^0.5 of it for these exponents.
-        for (a, slow) in EXPONENTS.iter().zip(&noises.slow).filter(|(a, _)| (0.75..=1.5).contains(*a)) {
-            let density = |f: f64| {
-                let terms = slow.tau_s.iter().zip(&slow.variance);
-                terms.map(|(tau, v)| v * tau / (1.0 + (std::f64::consts::TAU * f * tau).powi(2))).sum::<f64>()
-            };
-            let slope = (density(1e-3) / density(1e-2)).log10();
-            assert!((slope - a).abs() < 0.06, "{a}: {slope}");
-        }
-    }
-
-    /// Readings of unit noise and their design, a mean and the field, with a factor on the noise.
-    fn noise_of(seed: u64, factor: f64) -> (Rows, DMatrix<f64>, [DMatrix<f64>; 3]) {
-        let rows = Rows { white: vec![[1.0; 3]; 40], inside: Some(Inside { variance: [1.0; 3], freedom: 160.0 }), ..rows() };
-        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-        let readings = DMatrix::from_fn(40, 3, |_, _| -> f64 { StandardNormal.sample(&mut random) }) * factor;
-        let designs = [0, 1, 2].map(|a| DMatrix::from_fn(40, 2, |i, j| if j == 0 { 1.0 } else { rows.field[i][a] }));
-        (rows, readings, designs)
-    }
-
-    /// Beside 160 differences inside them, 38 free rows hardly move the white noise: its standard deviation is known to
-    /// `1/sqrt(2 (160 + 38))`, 5 %, of which four are allowed. Rows that scatter three times as much are believed instead: whitened
-    /// they scatter by one, not by nine, give or take `sqrt(2/38)`.
-    #[test]
-    fn white_noise_is_that_inside_the_rows_unless_they_scatter_apart() {
-        for seed in 0..8 {
-            let (rows, readings, designs) = noise_of(seed, 1.0);
-            let noise = Correlations::new(rows).estimate(&readings, &designs).unwrap();
-            assert!(!noise.colour.apart, "{seed}: {:?}", noise.colour);
-            assert!(noise.inside.iter().all(|[_, count]| *count == 160.0));
-            assert!(noise.white_std.iter().all(|s| (s - 1.0).abs() < 4.0 * 0.05), "{seed}: {:?}", noise.white_std);
-
-            let (rows, readings, designs) = noise_of(seed, 3.0);
-            let noise = Correlations::new(rows).estimate(&readings, &designs).unwrap();
-            for (a, design) in designs.iter().enumerate() {
-                let (mut white, mut reading) = (design.clone(), readings.columns(a, 1).into_owned());
-                noise.whiten(a, &mut white);
-                noise.whiten(a, &mut reading);
-                let base = white.qr().q();
-                let left = (&reading - &base * base.tr_mul(&reading)).norm_squared() / 38.0;
-                assert!(left < 1.0 + 4.0 * 0.23, "{seed}, {a}: {left}");
-            }
-        }
-    }
-
-    /// What is not in the model may look like noise that grows with the field: white noise of the samples' size stays one of the
-    /// possibilities, and the probabilities are those of alternatives.
-    #[test]
-    fn noise_that_grows_is_one_possibility_among_others() {
-        let (rows, mut readings, designs) = noise_of(3, 1.0);
-        for i in 0..40 {
-            readings[(i, 1)] += 4.0 * rows.field[i][1].powi(2);
-        }
-        let noises = Correlations::new(rows);
-        let found = Colour { white_field: 3.0, ..Colour::WHITE };
-        let plausible = noises.plausible(&found, &readings, &designs);
-        let total: f64 = plausible.iter().map(|(_, p)| p.exp()).sum();
-        assert!((total - 1.0).abs() < 1e-9, "{total}");
-        let last = plausible.last().unwrap();
-        assert_eq!(last.0.colour, Colour::WHITE);
-        let with = |growth: f64| plausible.iter().filter(|(n, _)| n.colour.white_field == growth).count();
-        assert!(with(0.0) > 0 && with(3.0) == with(0.0));
-    }
-}
+mod tests;

@@ -1,0 +1,115 @@
+//! Covariances of slow noise: sums of exponential correlations, at instants and as exact averages over intervals.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::fit::FitError;
+
+/// Nominal ratio of neighbouring time constants.
+const TIME_STEP: f64 = 4.0;
+/// Shortest time constant of noise seen inside the rows, as a part of the shortest contrast: faster noise is white there.
+pub(super) const SHORTER: f64 = 8.0;
+/// Nominal ratio of its neighbouring time constants.
+const OCTAVE_STEP: f64 = 3.0;
+/// Correlations that do not matter.
+const NEGLIGIBLE: f64 = 1e-12;
+/// Longest time constant as a part of the record: half way between the usual meanings of a cutoff at its inverse.
+pub(super) const LONGER: f64 = 1.3;
+
+/// Time constants of a 1/f noise from `shortest` to `longest` in equal ratios near `OCTAVE_STEP`.
+pub(super) fn octave_constants(shortest: f64, longest: f64) -> Vec<f64> {
+    let ratio = longest / shortest;
+    let steps = (ratio.ln() / OCTAVE_STEP.ln()).round().max(1.0);
+    (0..=steps as i32).map(|k| shortest * ratio.powf(f64::from(k) / steps)).collect()
+}
+
+/// Variance of the mean over an interval of noise of unit variance whose correlation decays with the time constant 1.
+fn mean_variance(length: f64) -> f64 {
+    // The closed form loses all digits for short intervals.
+    if length < 1e-4 { 1.0 - length / 3.0 } else { 2.0 * (length + (-length).exp_m1()) / (length * length) }
+}
+
+/// Mean over an interval of the decay from its beginning, time constant 1.
+fn mean_decay(length: f64) -> f64 {
+    if length < 1e-8 { 1.0 } else { -(-length).exp_m1() / length }
+}
+
+/// Variance of the difference of the means over neighbouring intervals of one length.
+pub(super) fn contrast_variance(length: f64, time_constants: &[f64]) -> f64 {
+    let one = |tau: &f64| 2.0 * (mean_variance(length / tau) - mean_decay(length / tau).powi(2));
+    time_constants.iter().map(one).sum::<f64>() / time_constants.len() as f64
+}
+
+/// Covariance of slow noise with these time constants over intervals, of unit variance in the mean: that of the slow part of
+/// [`DenseNoise`](super::DenseNoise). Intervals may have any order, not overlap.
+#[must_use]
+pub(super) fn slow_kernel(intervals: &[[f64; 2]], time_constants: &[f64]) -> DMatrix<f64> {
+    let kernel = mean_kernel(intervals, time_constants);
+    let unit = 1.0 / kernel.diagonal().mean();
+    kernel * unit
+}
+
+/// Covariance of the means over intervals, averaged over the time constants. Intervals may have any order, not overlap.
+pub(super) fn mean_kernel(intervals: &[[f64; 2]], time_constants: &[f64]) -> DMatrix<f64> {
+    let mut order: Vec<usize> = (0..intervals.len()).collect();
+    order.sort_by(|a, b| intervals[*a][0].total_cmp(&intervals[*b][0]));
+    let mut kernel = DMatrix::zeros(intervals.len(), intervals.len());
+    for tau in time_constants {
+        let lengths: Vec<f64> = order.iter().map(|&i| (intervals[i][1] - intervals[i][0]) / tau).collect();
+        let means: Vec<f64> = lengths.iter().map(|l| mean_decay(*l)).collect();
+        // Decay over an interval and over the gap after it: products of them reach any pair.
+        let across: Vec<f64> = lengths.iter().map(|l| (-l).exp()).collect();
+        let gap = |k: usize| (intervals[order[k + 1]][0] - intervals[order[k]][1]).max(0.0) / tau;
+        let gaps: Vec<f64> = (0..order.len().saturating_sub(1)).map(|k| (-gap(k)).exp()).collect();
+        for k in 0..order.len() {
+            kernel[(order[k], order[k])] += mean_variance(lengths[k]);
+            let mut decay = means[k];
+            for l in k + 1..order.len() {
+                decay *= gaps[l - 1];
+                if decay < NEGLIGIBLE {
+                    break;
+                }
+                kernel[(order[l], order[k])] += decay * means[l];
+                decay *= across[l];
+            }
+        }
+    }
+    let count = time_constants.len() as f64;
+    for k in 0..order.len() {
+        for l in k..order.len() {
+            let value = kernel[(order[l], order[k])] / count;
+            kernel[(order[l], order[k])] = value;
+            kernel[(order[k], order[l])] = value;
+        }
+    }
+    kernel
+}
+
+/// From the median positive spacing to the span in equal ratios near `TIME_STEP`, at least two.
+pub(super) fn time_constants(times: &[f64]) -> Result<Vec<f64>, FitError> {
+    let mut sorted = times.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let spacings = sorted.windows(2).map(|pair| pair[1] - pair[0]);
+    let mut spacings: Vec<f64> = spacings.filter(|&spacing| spacing > 0.0).collect();
+    spacings.sort_by(f64::total_cmp);
+    let Some(&shortest) = spacings.get(spacings.len() / 2) else {
+        let why = "all rows have the same time";
+        return Err(FitError::NoNoise { why });
+    };
+    let ratio = (sorted[sorted.len() - 1] - sorted[0]) / shortest;
+    let steps = (ratio.ln() / TIME_STEP.ln()).round().max(1.0);
+    Ok((0..=steps as i32).map(|k| shortest * ratio.powf(f64::from(k) / steps)).collect())
+}
+
+/// `F` with rows and columns multiplied by `roots`.
+pub(super) fn kernel(times: &[f64], time_constants: &[f64], roots: &DVector<f64>) -> DMatrix<f64> {
+    let mut kernel = DMatrix::zeros(times.len(), times.len());
+    for j in 0..times.len() {
+        for i in j..times.len() {
+            let lag = (times[i] - times[j]).abs();
+            let sum: f64 = time_constants.iter().map(|tau| (-lag / tau).exp()).sum();
+            kernel[(i, j)] = sum / time_constants.len() as f64 * roots[i] * roots[j];
+            kernel[(j, i)] = kernel[(i, j)];
+        }
+    }
+    kernel
+}

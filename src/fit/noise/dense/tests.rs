@@ -1,0 +1,316 @@
+use std::f64::consts::TAU;
+
+use super::*;
+use crate::fit::linear::{Design, Limits, solve};
+use crate::fit::random::Random;
+
+const TIMES: [f64; 12] = [0.0, 1.0, 2.0, 3.5, 4.5, 5.5, 7.0, 8.0, 9.0, 10.5, 12.0, 13.0];
+const X: [f64; 12] = [1.0, -1.0, 2.0, 0.0, -2.0, 1.0, 0.0, -1.0, 2.0, -2.0, 1.0, 0.0];
+const Y: [[f64; 12]; 2] = [
+    [0.3, 0.9, 1.6, 1.1, 0.2, 1.2, 0.4, -0.7, 0.5, -1.6, -0.9, -1.4],
+    [1.2, -0.3, 2.5, -0.4, -1.1, 1.9, 0.6, -1.4, 1.8, -2.6, 0.2, 0.5],
+];
+const WEIGHTS: [f64; 12] = [1.0, 1.0, 0.5, 1.0, 2.0, 1.0, 1.0, 1.0, 0.25, 1.0, 1.0, 1.0];
+
+fn design(columns: DMatrix<f64>) -> Design {
+    Design::new((0..columns.ncols()).map(|j| format!("c{j}")).collect(), columns).unwrap()
+}
+
+fn example(weights: Option<&[f64]>) -> DenseNoise {
+    let columns = DMatrix::from_fn(12, 2, |i, j| [1.0, X[i]][j]);
+    let rhs = DMatrix::from_fn(12, 2, |i, a| Y[a][i]);
+    let fit = solve(&design(columns), &rhs, weights, &Limits::default()).unwrap();
+    estimate(&fit, &TIMES).unwrap()
+}
+
+fn assert_relative(found: f64, expected: f64, tolerance: f64) {
+    assert!((found / expected - 1.0).abs() < tolerance, "{found} is not {expected}");
+}
+
+/// Expected values: the restricted likelihood with dense inverses and determinants, its maximum by bounded search and
+/// its averages by adaptive quadrature, in numpy and scipy.
+#[test]
+fn a_dense_calculation_agrees() {
+    let model = example(None);
+    for (found, expected) in model.time_constants.iter().zip([1.0, 3.605551275463989, 13.0]) {
+        assert_relative(*found, expected, 1e-14);
+    }
+    assert_eq!(model.noise[0].most_likely_share, 0.999);
+    assert_relative(model.noise[0].most_likely_std, 0.8789191757143893, 1e-9);
+    assert_relative(model.noise[0].share, 0.8719740365697541, 1e-4);
+    assert_relative(model.noise[0].std, 0.8660016449102372, 1e-4);
+    assert_relative(model.noise[0].independent_rows, 2.668032053010304, 1e-4);
+    assert_relative(model.noise[1].most_likely_share, 0.4883151307610789, 1e-6);
+    assert_relative(model.noise[1].most_likely_std, 0.6930875705372179, 1e-6);
+    assert_relative(model.noise[1].share, 0.6509654101058637, 1e-4);
+    assert_relative(model.noise[1].std, 0.7506993418555138, 1e-4);
+    assert_relative(model.correlation[(0, 1)], 0.5607100786669085, 1e-12);
+    let covariance = model.averaged_covariance();
+    let expected = [
+        [0.28165235978099956, -0.003994299304120085, 0.1213573810266733, -0.0018238132027509125],
+        [-0.003994299304120085, 0.014976164479596528, -0.0018238132027509097, 0.008045640035809173],
+        [0.1213573810266733, -0.0018238132027509097, 0.16995235303892156, -0.002809798176326363],
+        [-0.0018238132027509125, 0.008045640035809173, -0.002809798176326363, 0.015230173755554452],
+    ];
+    for (row, expected) in covariance.row_iter().zip(&expected) {
+        for (found, expected) in row.iter().zip(expected) {
+            assert_relative(*found, *expected, 1e-4);
+        }
+    }
+}
+
+#[test]
+fn a_dense_calculation_with_weights_agrees() {
+    let model = example(Some(&WEIGHTS));
+    assert_relative(model.noise[1].most_likely_std, 0.8994331254195118, 1e-9);
+    assert_relative(model.noise[1].share, 0.7312699312352156, 1e-4);
+    assert_relative(model.noise[1].std, 0.7872581315628461, 1e-4);
+    assert_relative(model.noise[1].independent_rows, 2.977555858896663, 1e-4);
+    assert_relative(model.correlation[(0, 1)], 0.5754791460775297, 1e-12);
+    let covariance = model.averaged_covariance();
+    assert_relative(covariance[(0, 0)], 0.28812135999874905, 1e-4);
+    assert_relative(covariance[(0, 2)], 0.13900325172168507, 1e-4);
+    assert_relative(covariance[(3, 2)], -0.0022169964597244783, 2e-4);
+    assert_relative(covariance[(3, 3)], 0.019432862172151632, 1e-4);
+    // The unit of the weights is nobody's business.
+    let scaled: Vec<f64> = WEIGHTS.iter().map(|weight| 400.0 * weight).collect();
+    let scaled = example(Some(&scaled));
+    assert_relative(scaled.noise[1].std, model.noise[1].std, 1e-12);
+    assert!((scaled.averaged_covariance() - covariance).amax() < 1e-14);
+}
+
+#[test]
+fn a_row_of_weight_zero_does_not_exist() {
+    let mut weights = [1.0; 12];
+    weights[5] = 0.0;
+    let rows: Vec<usize> = (0..12).filter(|&i| i != 5).collect();
+    let columns = DMatrix::from_fn(11, 2, |i, j| [1.0, X[rows[i]]][j]);
+    let rhs = DMatrix::from_fn(11, 2, |i, a| Y[a][rows[i]]);
+    let fit = solve(&design(columns), &rhs, None, &Limits::default()).unwrap();
+    let times: Vec<f64> = rows.iter().map(|&i| TIMES[i]).collect();
+    let without = estimate(&fit, &times).unwrap();
+    assert!((example(Some(&weights)).averaged_covariance() - without.averaged_covariance()).amax() < 1e-13);
+}
+
+fn mean_of(rhs: DMatrix<f64>, times: &[f64]) -> Result<DenseNoise, FitError> {
+    let ones = design(DMatrix::from_element(rhs.nrows(), 1, 1.0));
+    estimate(&solve(&ones, &rhs, None, &Limits::default()).unwrap(), times)
+}
+
+#[test]
+fn noise_that_alternates_has_no_slow_part() {
+    let rhs = DMatrix::from_fn(20, 1, |i, _| 3.0 + [1.0, -1.0][i % 2]);
+    let times: Vec<f64> = (0..20).map(f64::from).collect();
+    let model = mean_of(rhs, &times).unwrap();
+    assert_eq!(model.noise[0].most_likely_share, 0.0);
+    // White noise of the sample variance 20 / 19, averaged over 20 rows.
+    assert_relative(model.most_likely_covariance()[(0, 0)], 1.0 / 19.0, 1e-12);
+    assert!(model.noise[0].share < 0.2, "{}", model.noise[0].share);
+}
+
+#[test]
+fn a_perfect_fit_has_no_noise() {
+    let rhs = DMatrix::from_fn(6, 2, |i, a| [0.0, 1.0, 0.0, -1.0, 1.0, -1.0][i * a]);
+    let model = mean_of(rhs, &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
+    let covariance = model.covariance();
+    assert_eq!((model.noise[0].std, covariance[(0, 0)], covariance[(0, 1)]), (0.0, 0.0, 0.0));
+    assert!(covariance[(1, 1)] > 0.0);
+}
+
+#[test]
+fn records_without_information_are_refused() {
+    let refused = |rows: usize, times: &[f64]| mean_of(DMatrix::from_fn(rows, 1, |i, _| i as f64), times).unwrap_err();
+    assert!(matches!(refused(2, &[1.0, 1.0]), FitError::NoNoise { .. }));
+    assert!(matches!(refused(1, &[1.0]), FitError::NoNoise { .. }));
+    assert!(matches!(refused(2, &[1.0]), FitError::Length { expected: 2, found: 1, .. }));
+    let error = refused(2, &[1.0, f64::INFINITY]);
+    assert!(matches!(error, FitError::NotFinite { row: 1, .. }));
+    assert!(mean_of(DMatrix::from_row_slice(2, 1, &[1.0, 2.0]), &[0.0, 1.0]).is_ok());
+}
+
+impl Random {
+    /// Noise of unit variance with a spectrum 1/f from 1/2 down to 1 / (2 π n), flat below: a sum of waves, which has
+    /// nothing in common with the kernel of the estimate.
+    fn flicker(&mut self, n: usize) -> Vec<f64> {
+        let waves = 100;
+        // Between these frequencies lie `folds` factors e of equal power, below them the power of one more.
+        let folds = (0.5 * TAU * n as f64).ln();
+        let scale = f64::from(waves).sqrt().recip();
+        let mut noise = vec![0.0; n];
+        for k in 0..waves {
+            let fold = (folds + 1.0) * (f64::from(k) + self.uniform()) / f64::from(waves);
+            let step = if fold < folds { 0.5 * TAU * (-fold).exp() } else { (fold - folds) / n as f64 };
+            let (sine, cosine) = (self.gaussian() * scale, self.gaussian() * scale);
+            for (i, value) in noise.iter_mut().enumerate() {
+                let (s, c) = (step * i as f64).sin_cos();
+                *value += sine * s + cosine * c;
+            }
+        }
+        noise
+    }
+}
+
+/// How often 95 % intervals hold the true value: a quickly changing column and the mean with the averaged covariance,
+/// and the mean with slow noise ignored.
+fn coverage(share: f64) -> [f64; 3] {
+    let (n, records) = (50, 200);
+    let mut random = Random(88_172_645_463_325_252);
+    let columns = DMatrix::from_fn(n, 2, |_, j| [random.uniform() - 0.5, 1.0][j]);
+    let design = design(columns);
+    let times: Vec<f64> = (0..n).map(|i| i as f64).collect();
+    let mut held = [0.0; 3];
+    for _ in 0..records {
+        let slow = random.flicker(n);
+        let mut noise = |i: usize| (1.0 - share).sqrt() * random.gaussian() + share.sqrt() * slow[i];
+        let rhs = DMatrix::from_fn(n, 1, |i, _| noise(i));
+        let fit = solve(&design, &rhs, None, &Limits::default()).unwrap();
+        let std = estimate(&fit, &times).unwrap().covariance().diagonal().map(f64::sqrt);
+        for (held, (j, std)) in held.iter_mut().zip([(0, std[0]), (1, std[1]), (1, fit.std()[1])]) {
+            // Student's t for 48 degrees of freedom.
+            *held += f64::from(fit.coefficients[j].abs() <= 2.011 * std);
+        }
+    }
+    held.map(|count| count / f64::from(records))
+}
+
+#[test]
+fn intervals_hold_the_truth_as_often_as_they_say() {
+    // 200 records: a true coverage of 95 % scatters by 1.5 %.
+    let [quick, mean, ignored] = coverage(0.0);
+    assert!((0.905..0.995).contains(&quick), "{quick}");
+    assert!(mean > 0.95, "{mean}");
+    assert!((0.905..0.995).contains(&ignored), "{ignored}");
+    let [quick, mean, ignored] = coverage(0.5);
+    assert!((0.905..0.995).contains(&quick), "{quick}");
+    assert!((0.905..0.995).contains(&mean), "{mean}");
+    assert!(ignored < 0.7, "{ignored}");
+}
+
+/// Four parts of 3 with a gap of 2 after the second.
+const PARTS: [[f64; 2]; 4] = [[0.0, 3.0], [3.0, 6.0], [8.0, 11.0], [11.0, 14.0]];
+
+#[test]
+fn covariances_of_means_have_their_closed_form() {
+    // Whatever the time constant: a sum over fine steps.
+    for tau in [0.05, 1.0, 40.0] {
+        let kernel = mean_kernel(&PARTS, &[tau]);
+        let steps = 1500;
+        let at = |part: usize, k: usize| PARTS[part][0] + 3.0 * (k as f64 + 0.5) / f64::from(steps);
+        for (a, b) in [(0, 0), (0, 1), (0, 2), (1, 3)] {
+            let one = |k: usize| (0..steps as usize).map(|l| (-(at(a, k) - at(b, l)).abs() / tau).exp()).sum::<f64>();
+            let sum: f64 = (0..steps as usize).map(one).sum::<f64>() / f64::from(steps * steps);
+            assert!((kernel[(a, b)] - sum).abs() < 1e-5, "{tau}: {} is not {sum}", kernel[(a, b)]);
+        }
+    }
+}
+
+#[test]
+fn contrasts_and_means_share_one_covariance() {
+    let constants = octave_constants(0.1, 100.0);
+    let parts = mean_kernel(&PARTS, &constants);
+    let contrast = parts[(0, 0)] + parts[(1, 1)] - 2.0 * parts[(0, 1)];
+    assert_relative(contrast_variance(3.0, &constants), contrast, 1e-12);
+    // Two parts make a whole, also across the gap and in any order.
+    let whole = mean_kernel(&[[8.0, 14.0], [0.0, 6.0]], &constants);
+    let of_parts =
+        |a: [usize; 2], b: [usize; 2]| a.iter().map(|i| b.iter().map(|j| parts[(*i, *j)]).sum::<f64>()).sum::<f64>() / 4.0;
+    assert_relative(whole[(1, 1)], of_parts([0, 1], [0, 1]), 1e-12);
+    assert_relative(whole[(0, 1)], of_parts([0, 1], [2, 3]), 1e-12);
+    // 1/f noise has contrasts of the same variance at every length: 4 ln 2 per octave of the spectrum and unit of ln τ.
+    let constants = octave_constants(1e-6, 1e6);
+    let step = (constants[1] / constants[0]).ln();
+    for length in [0.1, 1.0, 10.0] {
+        let variance = contrast_variance(length, &constants) * constants.len() as f64 * step;
+        assert_relative(variance, 4.0 * 2f64.ln(), 1e-2);
+    }
+}
+
+/// How often 95 % intervals hold a quickly changing column and the mean of rows of 32 samples with contrasts inside, and the
+/// mean standard deviation of both over the true one.
+fn coverage_with_contrasts(share: f64) -> [f64; 4] {
+    let (n, m, records) = (40, 32, 150);
+    let mut random = Random(88_172_645_463_325_252);
+    let columns = DMatrix::from_fn(n, 2, |_, j| [random.uniform() - 0.5, 1.0][j]);
+    let design = design(columns);
+    let intervals: Vec<[f64; 2]> = (0..n).map(|i| [(m * i) as f64, (m * i + m) as f64]).collect();
+    let (mut held, mut errors, mut stated) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+    for _ in 0..records {
+        let slow = if share > 0.0 { random.flicker(n * m) } else { vec![0.0; n * m] };
+        let samples: Vec<f64> = slow.iter().map(|s| (1.0 - share).sqrt() * random.gaussian() + share.sqrt() * s).collect();
+        let mean = |from: usize, length: usize| samples[from..from + length].iter().sum::<f64>() / length as f64;
+        let rhs = DMatrix::from_fn(n, 1, |i, _| mean(m * i, m));
+        let octaves: Vec<Octave> = [4, 8, 16]
+            .into_iter()
+            .map(|length| {
+                let starts = (0..n * m).step_by(2 * length);
+                let squares = starts.map(|k| (mean(k, length) - mean(k + length, length)).powi(2)).sum();
+                let count = (n * m / (2 * length)) as f64;
+                Octave { length: length as f64, count, white: 2.0 / length as f64, squares: vec![squares] }
+            })
+            .collect();
+        let fit = solve(&design, &rhs, None, &Limits::default()).unwrap();
+        let model = estimate_with(&fit, &intervals, &vec![m as f64; n], &octaves).unwrap();
+        let std = model.covariance().diagonal().map(f64::sqrt);
+        for j in 0..2 {
+            held[j] += f64::from(fit.coefficients[j].abs() <= NORMAL_95 * std[j]) / f64::from(records);
+            errors[j] += fit.coefficients[j].powi(2) / f64::from(records);
+            stated[j] += std[j] / f64::from(records);
+        }
+    }
+    [held[0], held[1], stated[0] / errors[0].sqrt(), stated[1] / errors[1].sqrt()]
+}
+
+#[test]
+fn contrasts_inside_the_rows_tell_slow_noise_from_white() {
+    for share in [0.3, 0.9] {
+        let [quick, mean, quick_ratio, mean_ratio] = coverage_with_contrasts(share);
+        // 150 records: a true coverage of 95 % scatters by 1.8 %.
+        assert!((0.895..0.995).contains(&quick), "{share}: {quick}");
+        assert!((0.895..1.0).contains(&mean), "{share}: {mean}");
+        assert!((0.8..1.25).contains(&quick_ratio) && (0.8..1.25).contains(&mean_ratio), "{quick_ratio} {mean_ratio}");
+    }
+    let [quick, mean, quick_ratio, _] = coverage_with_contrasts(0.0);
+    assert!((0.895..0.995).contains(&quick) && mean > 0.9, "{quick} {mean}");
+    assert!((0.85..1.2).contains(&quick_ratio), "{quick_ratio}");
+}
+
+#[test]
+fn rows_that_scatter_more_than_their_samples_are_believed() {
+    // Rows alternate by 1, their samples by a hundredth.
+    let rhs = DMatrix::from_fn(20, 1, |i, _| [1.0, -1.0][i % 2]);
+    let fit = solve(&design(DMatrix::from_element(20, 1, 1.0)), &rhs, None, &Limits::default()).unwrap();
+    let intervals: Vec<[f64; 2]> = (0..20).map(|i| [f64::from(i), f64::from(i) + 1.0]).collect();
+    let octave = |squares: f64| Octave { length: 0.5, count: 20.0, white: 0.5, squares: vec![squares] };
+    let with = estimate_with(&fit, &intervals, &[8.0; 20], &[octave(20.0 * 1e-4)]).unwrap();
+    // Twenty rows tell their scatter with nineteen degrees of freedom: Student's interval in terms of the normal one.
+    let widening = crate::fit::student_95(19) / NORMAL_95;
+    assert_relative(with.covariance()[(0, 0)], widening.powi(2) / 19.0, 0.03);
+    // Samples without scatter leave the noise to the residuals.
+    let without = estimate_with(&fit, &intervals, &[8.0; 20], &[octave(0.0)]).unwrap();
+    let middles: Vec<f64> = intervals.iter().map(|i| i[0] + 0.5).collect();
+    assert_eq!(without.noise, estimate(&fit, &middles).unwrap().noise);
+}
+
+/// The interface speaks of the covariance that the module states, with weights and without.
+#[test]
+fn the_covariance_of_rows_is_that_of_the_module() {
+    for weights in [None, Some(WEIGHTS.as_slice())] {
+        let model = example(weights);
+        let mean_weight = weights.map_or(1.0, |w| w.iter().sum::<f64>() / 12.0);
+        let ComponentNoise { std, share, .. } = model.noise[1];
+        let covariance = model.covariance_of_rows(1, &[2, 7]);
+        let slow = |lag: f64| model.time_constants.iter().map(|tau| (-lag / tau).exp()).sum::<f64>() / 3.0;
+        let white = |i: usize| weights.map_or(1.0, |w| mean_weight / w[i]);
+        assert_relative(covariance[(0, 0)], std * std * ((1.0 - share) * white(2) + share), 1e-12);
+        assert_relative(covariance[(0, 1)], std * std * share * slow(6.0), 1e-12);
+        // What is whitened has the identity as its covariance, and the likelihood is that of a normal distribution.
+        let all = model.covariance_of_rows(1, &(0..12).collect::<Vec<_>>());
+        let mut columns = DMatrix::from_fn(12, 2, |i, j| if j == 0 { X[i] } else { 1.0 });
+        let raw = columns.clone();
+        model.whiten(1, &mut columns);
+        let inverse = all.clone().try_inverse().unwrap();
+        assert!((columns.tr_mul(&columns) - raw.tr_mul(&(&inverse * &raw))).amax() < 1e-10);
+        let normal = -0.5 * ((raw.column(0).transpose() * &inverse * raw.column(0))[0] + (TAU * all).determinant().ln());
+        assert_relative(model.log_likelihood(1, &X), normal, 1e-10);
+    }
+}

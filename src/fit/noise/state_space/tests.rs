@@ -1,0 +1,109 @@
+use super::*;
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
+
+fn rows() -> Rows {
+    let t_s: Vec<f64> = (0..40).map(|i| 10.0 * f64::from(i) + 3.0 * f64::from(i * i % 7)).collect();
+    let white = (0..40).map(|i| [1.0, 1.2, 0.8].map(|w| w + 0.1 * f64::from(i % 5))).collect();
+    let field = (0..40).map(|i| [0, 1, 2].map(|a| f64::from((i * (3 + a)) % 11 - 5) / 5.0)).collect();
+    Rows { t_s, white, field, inside: None }
+}
+
+/// The filter is the inverse of the covariance that the module states, whatever the shares.
+#[test]
+fn whitening_is_that_of_the_dense_covariance() {
+    let noises = Correlations::new(rows());
+    let columns = DMatrix::from_fn(40, 3, |i, j| ((i * (j + 2)) as f64 * 0.37).sin());
+    let designs = [0; 3].map(|_| DMatrix::from_element(40, 1, 1.0));
+    let one = Colour { slow: 2.0, white_field: 3.0, slow_field: 0.7, ..Colour::WHITE };
+    let all = (0..SHAPES).map(|s| one.with_shape(s)).chain([Colour::WHITE, Colour { white_field: 2.0, ..Colour::WHITE }]);
+    for colour in all {
+        let noise = noises.with_colour(colour, &columns, &designs).unwrap();
+        for component in 0..3 {
+            let mut white = columns.clone();
+            noise.whiten(component, &mut white);
+            let covariance = noise.covariance_of_rows(component, &(0..40).collect::<Vec<_>>());
+            let cholesky = covariance.cholesky().unwrap();
+            let expected = columns.tr_mul(&cholesky.solve(&columns));
+            let difference = (white.tr_mul(&white) - &expected).amax();
+            assert!(difference < 1e-10 * expected.amax(), "{colour:?}: {difference}");
+            let log_determinant = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+            let of_filter = noise.log_determinant(component);
+            assert!((of_filter - log_determinant).abs() < 1e-8, "{colour:?}");
+        }
+    }
+}
+
+/// A sum of relaxations with weights `τ^(a-1)` has a power density of about `f^-a` between the inverse time constants at its ends.
+#[test]
+fn relaxations_make_a_power_density() {
+    let noises = Correlations::new(Rows {
+        t_s: (0..3000).map(f64::from).collect(),
+        white: vec![[1.0; 3]; 3000],
+        field: vec![[0.0; 3]; 3000],
+        inside: None,
+    });
+    // What the ends cut off at a thousandth and a hundredth is below (0.4/16)^0.75 and (160/7900)^0.5 of it for these exponents.
+    for (a, slow) in EXPONENTS.iter().zip(&noises.0.slow).filter(|(a, _)| (0.75..=1.5).contains(*a)) {
+        let density = |f: f64| {
+            let terms = slow.tau_s.iter().zip(&slow.variance);
+            terms.map(|(tau, v)| v * tau / (1.0 + (std::f64::consts::TAU * f * tau).powi(2))).sum::<f64>()
+        };
+        let slope = (density(1e-3) / density(1e-2)).log10();
+        assert!((slope - a).abs() < 0.06, "{a}: {slope}");
+    }
+}
+
+/// Readings of unit noise and their design, a mean and the field, with a factor on the noise.
+fn noise_of(seed: u64, factor: f64) -> (Rows, DMatrix<f64>, [DMatrix<f64>; 3]) {
+    let rows = Rows { white: vec![[1.0; 3]; 40], inside: Some(Inside { variance: [1.0; 3], freedom: 160.0 }), ..rows() };
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let readings = DMatrix::from_fn(40, 3, |_, _| -> f64 { StandardNormal.sample(&mut random) }) * factor;
+    let designs = [0, 1, 2].map(|a| DMatrix::from_fn(40, 2, |i, j| if j == 0 { 1.0 } else { rows.field[i][a] }));
+    (rows, readings, designs)
+}
+
+/// Beside 160 differences inside them, 38 free rows hardly move the white noise: its standard deviation is known to
+/// `1/sqrt(2 (160 + 38))`, 5 %, of which four are allowed. Rows that scatter three times as much are believed instead: whitened
+/// they scatter by one, not by nine, give or take `sqrt(2/38)`.
+#[test]
+fn white_noise_is_that_inside_the_rows_unless_they_scatter_apart() {
+    for seed in 0..8 {
+        let (rows, readings, designs) = noise_of(seed, 1.0);
+        let noise = Correlations::new(rows).estimate(&readings, &designs).unwrap();
+        assert!(!noise.colour.apart, "{seed}: {:?}", noise.colour);
+        assert!(noise.inside.iter().all(|[_, count]| *count == 160.0));
+        assert!(noise.white_std.iter().all(|s| (s - 1.0).abs() < 4.0 * 0.05), "{seed}: {:?}", noise.white_std);
+
+        let (rows, readings, designs) = noise_of(seed, 3.0);
+        let noise = Correlations::new(rows).estimate(&readings, &designs).unwrap();
+        for (a, design) in designs.iter().enumerate() {
+            let (mut white, mut reading) = (design.clone(), readings.columns(a, 1).into_owned());
+            noise.whiten(a, &mut white);
+            noise.whiten(a, &mut reading);
+            let base = white.qr().q();
+            let left = (&reading - &base * base.tr_mul(&reading)).norm_squared() / 38.0;
+            assert!(left < 1.0 + 4.0 * 0.23, "{seed}, {a}: {left}");
+        }
+    }
+}
+
+/// What is not in the model may look like noise that grows with the field: white noise of the samples' size stays one of the
+/// possibilities, and the probabilities are those of alternatives.
+#[test]
+fn noise_that_grows_is_one_possibility_among_others() {
+    let (rows, mut readings, designs) = noise_of(3, 1.0);
+    for i in 0..40 {
+        readings[(i, 1)] += 4.0 * rows.field[i][1].powi(2);
+    }
+    let noises = Correlations::new(rows);
+    let found = Colour { white_field: 3.0, ..Colour::WHITE };
+    let plausible = noises.plausible(&found, &readings, &designs);
+    let total: f64 = plausible.iter().map(|(_, p)| p.exp()).sum();
+    assert!((total - 1.0).abs() < 1e-9, "{total}");
+    let last = plausible.last().unwrap();
+    assert_eq!(last.0.colour, Colour::WHITE);
+    let with = |growth: f64| plausible.iter().filter(|(n, _)| n.colour.white_field == growth).count();
+    assert!(with(0.0) > 0 && with(3.0) == with(0.0));
+}
