@@ -1,18 +1,8 @@
 //! Several runs together: what the facility gets wrong is named from runs in several orientations, and nothing where nothing is wrong.
 
-use crate::study::blind;
-
-use blind::kinds::generate;
-use blind::noise::Family;
-use blind::sensor::Kind;
-use blind::{Blind, Options};
-use calfit::data::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
-use calfit::data::run::VectorSink;
 use calfit::diagnose::across::{RunValues, across};
-use calfit::diagnose::result::Diagnosis;
 use calfit::files::orientations;
 use calfit::files::parameter::TiltValues;
-use calfit::measure::lin;
 use calfit::model::position::Position;
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -120,86 +110,4 @@ fn a_run_that_stands_out_is_named() {
     let found = across(&runs).unwrap();
     assert_eq!(found.steps.len(), 1, "{}", found.verdict);
     assert_eq!(found.steps[0].form.form, "run 1-1");
-}
-
-fn diagnosed(blind: &Blind) -> Result<Diagnosis, String> {
-    let values: Vec<RunValues> = blind
-        .runs
-        .iter()
-        .map(|(run, vectors)| {
-            let mut accumulator = Accumulator::default();
-            accumulator.begin(&run.header, &run.settings);
-            vectors.iter().for_each(|v| accumulator.vector(*v));
-            let plateaus = plateau::of_run(run, accumulator, Settling::Found, LEAST_COVERAGE);
-            RunValues::of_run(run, &plateaus, &blind.campaign, &lin::Options::default())
-        })
-        .collect::<Result<_, String>>()?;
-    across(&values)
-}
-
-/// What is hidden, how often it is found, and how often named first, among `count` sets.
-fn score(
-    effect: Option<&str>,
-    strength_k: f64,
-    noise: Option<Family>,
-    seeds: std::ops::Range<u64>,
-) -> (usize, usize, Vec<String>) {
-    let (mut found, mut named, mut words) = (0, 0, Vec::new());
-    for seed in seeds {
-        let options = Options { effects: effect.iter().map(|e| (*e).to_owned()).collect(), strength_k, noise };
-        let blind = generate(seed, Kind::Positions, &options).unwrap();
-        let diagnosis = match diagnosed(&blind) {
-            Ok(diagnosis) => diagnosis,
-            Err(rule) => {
-                words.push(format!("{seed}: {rule}"));
-                continue;
-            }
-        };
-        if let Some(first) = diagnosis.steps.first() {
-            found += 1;
-            named += usize::from(Some(first.effect.as_str()) == effect);
-            if Some(first.effect.as_str()) != effect {
-                words.push(format!("{seed} {}: {} {}", blind.truth.noise.family.name(), diagnosis.verdict, first.place));
-            }
-        }
-    }
-    (found, named, words)
-}
-
-/// Nothing hidden, nothing found; at k = 10 every kind of error of the facility is named. With 16 sets each, one false alarm has a
-/// probability of 16 % at the nominal 1 %, two of 1 %; naming at k = 10 has a floor of 95 % (two misses of 12: 12 %, three: 2 %).
-#[test]
-fn blind_sets_of_positions_in_short() {
-    let (found, _, words) = score(None, 0.0, None, 0..16);
-    assert!(found <= 1, "{words:?}");
-    for effect in ["facility_scale", "facility_offset", "facility_angle"] {
-        let (_, named, words) = score(Some(effect), 10.0, Some(Family::White), 100..112);
-        assert!(named >= 10, "{effect}: {named} {words:?}");
-    }
-}
-
-/// The figures of the study: `cargo test --release diagnose_across -- --ignored --nocapture`.
-#[test]
-#[ignore = "minutes"]
-fn blind_sets_of_positions() {
-    use rayon::prelude::*;
-    let table: Vec<String> = Family::ALL
-        .par_iter()
-        .map(|family| {
-            let (found, _, words) = score(None, 0.0, Some(*family), 1000..1026);
-            format!("null {}: {found} of 26 {words:?}", family.name())
-        })
-        .collect();
-    println!("{}", table.join("\n"));
-    for effect in ["facility_scale", "facility_offset", "facility_angle"] {
-        for k in [6.0, 8.0, 10.0] {
-            let all: Vec<_> =
-                (0..8_u64).into_par_iter().map(|part| score(Some(effect), k, None, 2000 + 5 * part..2005 + 5 * part)).collect();
-            let (found, named) = all.iter().fold((0, 0), |(f, n), a| (f + a.0, n + a.1));
-            println!(
-                "{effect} k = {k}: found {found}, named {named} of 40 {:?}",
-                all.iter().flat_map(|a| &a.2).collect::<Vec<_>>()
-            );
-        }
-    }
 }

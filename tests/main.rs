@@ -3,19 +3,8 @@
 
 mod common;
 
-/// The studies, whose short forms are run here.
-#[allow(dead_code, reason = "the tests use a part of the studies")]
-#[path = "../examples/studies"]
-mod study {
-    pub mod blind;
-    pub mod closed_loop;
-    pub mod coverage;
-}
-
-mod blind;
 mod browser;
 mod coil;
-mod corner;
 mod diagnose;
 mod diagnose_across;
 mod diagnose_freq;
@@ -38,8 +27,6 @@ mod offset;
 mod report;
 mod rosetta;
 mod simulate;
-mod structure;
-mod studies;
 mod sweep;
 mod thermal;
 mod twins;

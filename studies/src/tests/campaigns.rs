@@ -1,13 +1,10 @@
-//! Short forms of the studies of `examples`: coverage and efficiency over few runs, the closed loop on one sensor and mode. The full
+//! Short forms of the studies: coverage and efficiency over few runs, the closed loop on one sensor and mode. The full
 //! tables are in `reports`.
 
-use crate::study::closed_loop;
-use crate::study::coverage;
-
+use crate::{closed_loop, coverage, repository};
 use calfit::files::twin;
 use coverage::{NOISES, Tally, study};
 use std::collections::BTreeMap;
-use std::path::Path;
 
 /// Share of intervals that hold the truth, stated over real errors, and variance over its bound, of all parameters with a name that
 /// begins so.
@@ -52,11 +49,10 @@ fn intervals_of_freq_hold_the_truth_with_white_and_with_slow_noise() {
 
 #[test]
 fn the_printed_polynomials_of_one_sensor_come_back_from_the_simulated_campaign() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut twin = twin::read(&root.join("configs/magnetsrode-2013.toml"), &mut Vec::new()).unwrap();
+    let mut twin = twin::read(&repository("configs/magnetsrode-2013.toml"), &mut Vec::new()).unwrap();
     let group = twin.campaign.thermal[0].runs.clone().unwrap();
     twin.runs.retain(|run| group.contains(&run.id));
-    let printed = std::fs::read_to_string(root.join("tests/data/bepicolombo/thermal.toml")).unwrap();
+    let printed = std::fs::read_to_string(repository("tests/data/bepicolombo/thermal.toml")).unwrap();
     let rows = closed_loop::compare(&twin, &printed, 5).unwrap();
     // Two coefficients each of sigma, xi and f_3db, four each of b_or and b_off, three components.
     assert_eq!(rows.len(), 3 * (2 + 2 + 2 + 4 + 4));

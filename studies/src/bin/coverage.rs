@@ -1,13 +1,10 @@
-//! `cargo run --release --example coverage [-- RUNS [STUDY]]`: how often intervals of 95 % hold the truth, and how far the estimates are
+//! `cargo run --release -p calfit-studies --bin coverage [-- RUNS [STUDY]]`: how often intervals of 95 % hold the truth, and how far the estimates are
 //! from the smallest possible variance, over simulated runs; writes `reports/coverage.md` if all studies were made.
 
-#[path = "studies/coverage.rs"]
-mod coverage;
-
-use coverage::{NOISES, Tally, study};
+use calfit_studies::coverage::{NOISES, Tally, study};
+use calfit_studies::repository;
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::path::Path;
 
 const STUDIES: [&str; 4] = ["lin", "offset", "freq", "thermal"];
 
@@ -24,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let runs: u64 = std::env::args().nth(1).map_or(Ok(1000), |n| n.parse())?;
     let only = std::env::args().nth(2);
     let mut text = format!(
-        "# Coverage and efficiency\n\nMade with `cargo run --release --example coverage -- {runs}`. Sensors, rotations, offsets, residual \
+        "# Coverage and efficiency\n\nMade with `cargo run --release -p calfit-studies --bin coverage -- {runs}`. Sensors, rotations, offsets, residual \
          fields and sample rates are drawn at random; 128 Hz, programmes of 2013 (sines shortened to 10 s). 1/f noise has a memory as long \
          as the run. A thermal group has 21 runs at 7 temperatures.\n\n* coverage: share of the intervals of 95 % that hold the truth \
          (1.96 standard uncertainties; for thermal coefficients the factor that the file states).\n* width: stated over real root mean \
@@ -61,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     if only.is_none() {
-        std::fs::write(Path::new(env!("CARGO_MANIFEST_DIR")).join("reports/coverage.md"), &text)?;
+        std::fs::write(repository("reports/coverage.md"), &text)?;
     }
     print!("{text}");
     Ok(())

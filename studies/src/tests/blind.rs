@@ -1,7 +1,7 @@
 //! The blind study in short: its strengths mean what they say, its noise is whitened with its true covariance, its score counts right,
 //! and it comes out the same however many threads make it. The full tables are in `reports`.
 
-use crate::study::blind;
+use crate::blind;
 
 use blind::kinds::{Measure, generate, nuisance, plateau_cells, sample_cells};
 use blind::noise::{Cell, Family, Noise, Random, Whitener};

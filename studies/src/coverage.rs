@@ -4,6 +4,7 @@
 //! a file between. The bounds are those of Cramér and Rao for the simulated noise, from the closed form of its covariance: for the
 //! means of quarters of the plateaus (linearity, offset), for the density at the frequency of the sine or its alias (frequency).
 
+use crate::repository;
 use calfit::data::plateau::{Accumulator, LEAST_COVERAGE, Settling};
 use calfit::data::run::Setting;
 use calfit::data::units::FieldCoil;
@@ -23,7 +24,6 @@ use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
-use std::path::Path;
 
 /// Noise of the samples.
 #[derive(Clone, Copy)]
@@ -122,7 +122,7 @@ const TEMPERATURES_DEGC: [f64; 7] = [-71.0, -21.0, 17.3, 30.0, 80.0, 130.0, 180.
 
 /// The twin of the demonstration without anything that is not sensor or noise, and with short sines.
 fn base() -> Twin {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/demo.toml");
+    let path = repository("configs/demo.toml");
     let mut twin = twin::read(&path, &mut Vec::new()).unwrap_or_else(|e| panic!("{e}"));
     let facility = &mut twin.facility;
     (facility.setting_scatter_nt, facility.daily_nt, facility.irregular_nt) = ([0.0; 3], [0.0; 3], [0.0; 3]);

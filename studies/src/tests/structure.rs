@@ -1,6 +1,7 @@
-//! `lin` is silent about its residuals where there is noise alone. `CALFIT_RUNS=200` makes so many runs per family of noise.
+//! `lin` is silent about its residuals where there is noise alone.
 
-use crate::study::blind;
+use super::Size;
+use crate::blind;
 
 use blind::kinds::generate;
 use blind::noise::Family;
@@ -12,7 +13,7 @@ use rayon::prelude::*;
 
 #[test]
 fn clean_runs_are_not_sent_to_the_diagnosis() {
-    let count: u64 = std::env::var("CALFIT_RUNS").ok().and_then(|v| v.parse().ok()).unwrap_or(12);
+    let count: u64 = Size::asked().of(12, 200);
     for family in [Family::White, Family::PowerLaw] {
         let fired = |seed: u64| -> Option<String> {
             let options = blind::Options { effects: Vec::new(), strength_k: 0.0, noise: Some(family) };

@@ -1,22 +1,20 @@
 //! The blind study of the diagnosis.
 //!
-//!     cargo run --release --example blind [-- --null 2000 --effects 3000 --kinds lin,sweep]
-//!     cargo run --release --example blind -- --dump DIR --seed N [--kinds lin] [--hide cubic_nonlinearity,...] [--k 8]
-//!     cargo run --release --example blind -- --check 200
+//!     cargo run --release -p calfit-studies --bin blind [-- --null 2000 --effects 3000 --kinds lin,sweep]
+//!     cargo run --release -p calfit-studies --bin blind -- --dump DIR --seed N [--kinds lin] [--hide cubic_nonlinearity,...] [--k 8]
+//!     cargo run --release -p calfit-studies --bin blind -- --check 200
 //!
 //! The first writes `reports/blind-study.md` and its pictures (or into `--out DIR`). The second writes run files with `truth.json` beside
 //! them. The third measures every effect and noise family with a matched filter over many draws of the noise: the mean must be the
 //! strength that was asked for, the standard deviation one.
 
-#[path = "studies/blind/mod.rs"]
-mod blind;
-
-use blind::kinds::{Measure, generate, nuisance, plateau_cells, sample_cells};
-use blind::noise::{Family, Random};
-use blind::sensor::Kind;
-use blind::{Options, effects, picture, score};
 use calfit::files::campaign::file::PositionEntry;
 use calfit::files::ccr::{Decimals, Section, Writer};
+use calfit_studies::blind::kinds::{Measure, generate, nuisance, plateau_cells, sample_cells};
+use calfit_studies::blind::noise::{Family, Random};
+use calfit_studies::blind::sensor::Kind;
+use calfit_studies::blind::{self, Options, effects, picture, score};
+use calfit_studies::repository;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::fs;
@@ -73,10 +71,11 @@ fn main() -> Result<(), Failure> {
         }
     })?;
     let score = score::Score::of(&judged);
-    let out = given.get("out").map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("reports"), PathBuf::from);
+    let out = given.get("out").map_or_else(|| repository("reports"), PathBuf::from);
     fs::create_dir_all(&out)?;
     let names = kinds.iter().map(|k| k.name()).collect::<Vec<_>>().join(",");
-    let command = format!("cargo run --release --example blind -- --null {null} --effects {with_effects} --kinds {names}");
+    let command =
+        format!("cargo run --release -p calfit-studies --bin blind -- --null {null} --effects {with_effects} --kinds {names}");
     let mut text = score::report(&score, &command);
     text.push_str(
         "\n![Effects found against their strength](blind-study-power.png)\n\n![Confusion of names](blind-study-confusion.png)\n",

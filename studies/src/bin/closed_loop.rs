@@ -1,20 +1,16 @@
-//! `cargo run --release --example closed_loop [-- SEEDS]` simulates the campaign of April 2013, analyses it, and writes
+//! `cargo run --release -p calfit-studies --bin closed_loop [-- SEEDS]` simulates the campaign of April 2013, analyses it, and writes
 //! `reports/closed-loop-2013.md`: every coefficient as printed and as found. With several seeds it also counts how many intervals
 //! hold the printed value.
 
-#[path = "studies/closed_loop.rs"]
-mod closed_loop;
-
 use calfit::files::twin;
-use closed_loop::Row;
+use calfit_studies::closed_loop::{self, Row};
+use calfit_studies::repository;
 use std::fmt::Write;
-use std::path::Path;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let seeds: u64 = std::env::args().nth(1).map_or(Ok(1), |n| n.parse())?;
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let twin = twin::read(&root.join("configs/magnetsrode-2013.toml"), &mut Vec::new()).map_err(|e| e.to_string())?;
-    let printed = std::fs::read_to_string(root.join("tests/data/bepicolombo/thermal.toml"))?;
+    let twin = twin::read(&repository("configs/magnetsrode-2013.toml"), &mut Vec::new()).map_err(|e| e.to_string())?;
+    let printed = std::fs::read_to_string(repository("tests/data/bepicolombo/thermal.toml"))?;
     let mut all: Vec<Vec<Row>> = Vec::new();
     for seed in 0..seeds {
         all.push(closed_loop::compare(&twin, &printed, twin.seed + seed).map_err(|e| e.to_string())?);
@@ -51,7 +47,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         text.push('\n');
     }
-    std::fs::write(root.join("reports/closed-loop-2013.md"), &text)?;
+    std::fs::write(repository("reports/closed-loop-2013.md"), &text)?;
     print!("{}", head(&all));
     Ok(())
 }
@@ -63,7 +59,7 @@ fn head(all: &[Vec<Row>]) -> String {
     let mean_square = rows.iter().map(|r| r.z().powi(2)).sum::<f64>() / rows.len() as f64;
     format!(
         "# The campaign of April 2013, simulated and analysed\n\n`configs/magnetsrode-2013.toml` has the polynomials of BC-MAG-TR-0085 \
-         sections 12 and 13 as truth. Made with `cargo run --release --example closed_loop -- {}`.\n\n{} coefficients in {} campaigns: \
+         sections 12 and 13 as truth. Made with `cargo run --release -p calfit-studies --bin closed_loop -- {}`.\n\n{} coefficients in {} campaigns: \
          {held} intervals of 95 % hold the printed value ({:.1} %). Mean square of difference over standard uncertainty {mean_square:.2}, \
          largest {largest:.2}. Sigma in nT/enT, xi in degrees, b_or and b_off in enT, f_3db in Hz, per °C to the power given.\n",
         all.len(),
