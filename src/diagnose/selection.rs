@@ -4,6 +4,7 @@
 //! weak ones were lucky. Given that, `P(K > k | μ, K > t) = Q(k - μ) / Q(t - μ)` has an interval of 95 % for μ of its own, lower and wider
 //! than `k ± 1.96`.
 
+use crate::fit::scalar::bisect;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// So far above the threshold selection does not matter.
@@ -37,11 +38,7 @@ fn interval(strength: f64, least: f64) -> Option<[f64; 2]> {
     let normal = Normal::new(0.0, 1.0).ok()?;
     let above = |mu: f64| normal.sf(strength - mu) / normal.sf(least - mu);
     Some(ENDS.map(|probability| {
-        let (mut low, mut high) = (0.0, strength + FAR);
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            if above(middle) < probability { low = middle } else { high = middle }
-        }
+        let [low, _] = bisect(|mu| above(mu) < probability, [0.0, strength + FAR], f64::EPSILON);
         low
     }))
 }
