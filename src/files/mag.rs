@@ -1,7 +1,7 @@
 //! MAG: a field programme.
 
 use super::source::read_whole;
-use super::text::{Cell, Columns, Keys, columns, decode, fixed};
+use super::text::{Cell, Columns, Keys, columns, decode, fixed, quoted};
 use crate::data::error::Finding;
 use crate::data::run::Kind;
 use crate::data::units::FieldCoil;
@@ -154,8 +154,8 @@ fn step(file: &str, number: u64, line: &[u8], columns: &Columns, cells: &[Cell])
 /// # Errors
 /// An error of the writer.
 pub fn write(out: &mut impl Write, programme: &Programme) -> io::Result<()> {
-    let name = toml_edit::Value::from(programme.name.as_str()).to_string();
-    writeln!(out, "MAG 1\nname = {}\nkind = \"{}\"\n{SECTION}\n{}", name.trim(), programme.kind, COLUMNS.join(","))?;
+    let name = quoted(&programme.name);
+    writeln!(out, "MAG 1\nname = {name}\nkind = \"{}\"\n{SECTION}\n{}", programme.kind, COLUMNS.join(","))?;
     for s in &programme.steps {
         let [bx, by, bz] = s.field.0.map(|b| fixed(b, 2));
         writeln!(out, "{},{bx},{by},{bz},{},{}", s.duration_s, s.frequency_hz, s.position)?;
@@ -170,7 +170,7 @@ mod tests {
     #[test]
     fn a_programme_survives_writing_and_reading() {
         let programme = Programme {
-            name: "TEST.MAG".to_owned(),
+            name: "TEST.MAG\n@END \"of two lines\"".to_owned(),
             kind: Kind::Linearity,
             steps: vec![Step { duration_s: 24.5, field: FieldCoil([-2000.0, 0.25, 1.0]), frequency_hz: 0.316, position: 4 }],
         };

@@ -65,6 +65,27 @@ fn number_like_overflow(text: &[u8]) -> bool {
     std::str::from_utf8(text).ok().and_then(|t| t.parse::<f64>().ok()).is_some_and(f64::is_infinite)
 }
 
+/// A text as a TOML string on one line: formats that are read line by line hold it.
+#[must_use]
+pub fn quoted(text: &str) -> String {
+    if !text.contains(['\n', '\r']) {
+        return toml_edit::Value::from(text).to_string().trim().to_owned();
+    }
+    let mut out = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '"' => out.push_str("\\\""),
+            '\\' => out.push_str("\\\\"),
+            '\n' => out.push_str("\\n"),
+            '\r' => out.push_str("\\r"),
+            c if c.is_control() => out.push_str(&format!("\\u{:04X}", u32::from(c))),
+            c => out.push(c),
+        }
+    }
+    out.push('"');
+    out
+}
+
 /// A number with a fixed number of decimals, without a negative zero.
 #[must_use]
 pub fn fixed(value: f64, decimals: usize) -> String {
@@ -122,6 +143,16 @@ mod tests {
         assert_eq!((error.line, error.column), (Some(3), Some(5)));
         let error = Keys::parse("f", 2, "a = 1\nb = \n".to_owned()).err().unwrap();
         assert_eq!(error.line, Some(3));
+    }
+
+    #[test]
+    fn quoted_texts_stand_on_one_line() {
+        for text in ["plain", "with \"quotes\"", "two\nlines \\ \"a\"\r\n@END\u{7}\u{7f}\tµ", "\n", ""] {
+            let line = quoted(text);
+            assert!(!line.contains('\n'), "{line}");
+            let keys = Keys::parse("f", 1, format!("a = {line}\n")).unwrap();
+            assert_eq!(keys.root().text("a").unwrap().as_deref(), Some(text));
+        }
     }
 
     #[test]

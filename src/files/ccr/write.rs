@@ -2,7 +2,7 @@
 
 use super::Section;
 use crate::data::run::{GivenBlock, Header, ReadingUnit, ScalarRow, Setting, SlowTable, Vector};
-use crate::files::text::fixed;
+use crate::files::text::{fixed, quoted};
 use std::io::{self, Write};
 
 /// Decimals of the numbers that are written.
@@ -94,10 +94,6 @@ impl RowText {
 
 /// Powers of ten.
 const POWERS: [f64; 10] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9];
-
-fn quoted(text: &str) -> String {
-    toml_edit::Value::from(text).to_string().trim().to_owned()
-}
 
 /// The magic line and the keys of a run file.
 fn write_header(out: &mut impl Write, header: &Header) -> io::Result<()> {

@@ -10,7 +10,7 @@ use crate::data::result::Rows;
 use crate::files::ccr::run_id_is_safe;
 use crate::files::parameter::{self, Tcf, ThermistorFile, Tof, Tpf};
 use crate::files::source::{Digested, read_whole};
-use crate::files::text::{Group, Keys, decode};
+use crate::files::text::{Group, Keys, decode, quoted};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -100,7 +100,6 @@ impl RpcMag {
     /// # Errors
     /// An origin that has no text form.
     pub fn to_text(&self, provenance: &crate::data::provenance::Provenance) -> Result<String, serde_json::Error> {
-        let text = |value: &str| toml_edit::Value::from(value).to_string().trim().to_owned();
         let numbers = |values: &[f64]| {
             let list: Vec<String> = values.iter().map(|v| format!("{v:.16e}")).collect();
             if let [one] = list.as_slice() { one.clone() } else { format!("[{}]", list.join(", ")) }
@@ -108,9 +107,9 @@ impl RpcMag {
         let mut out = format!(
             "# calfit {FORMAT} ground calibration file, labels of RO-IGEP-TR0028 section 3.3\nformat = \"{FORMAT}\"\nversion = {VERSION}\n"
         );
-        let _ = writeln!(out, "sensor = {}\nmode = {}", text(&self.sensor), text(&self.mode));
+        let _ = writeln!(out, "sensor = {}\nmode = {}", quoted(&self.sensor), quoted(&self.mode));
         for (key, statement) in STATEMENTS {
-            let _ = writeln!(out, "{key} = {}", text(statement));
+            let _ = writeln!(out, "{key} = {}", quoted(statement));
         }
         let _ = writeln!(out, "valid_degc = {}", numbers(&self.valid_degc));
         for (label, _, what) in LABELS {

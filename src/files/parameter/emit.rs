@@ -1,6 +1,7 @@
 //! TOML text of a tree of values: keys first, then tables, in the order they come; numbers to their last digit. A null in a list is
 //! a number that is none, nan.
 
+use crate::files::text::quoted;
 use serde_json::{Map, Value};
 use std::fmt::Write;
 
@@ -38,11 +39,7 @@ fn write_table(out: &mut String, path: &str, table: &Map<String, Value>) {
 
 fn quoted_key(key: &str) -> String {
     let bare = !key.is_empty() && key.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-');
-    if bare { key.to_owned() } else { text(key) }
-}
-
-fn text(value: &str) -> String {
-    toml_edit::Value::from(value).to_string().trim().to_owned()
+    if bare { key.to_owned() } else { quoted(key) }
 }
 
 fn inline(value: &Value, top: bool) -> String {
@@ -54,7 +51,7 @@ fn inline(value: &Value, top: bool) -> String {
             Some(f) if n.is_f64() => format!("{f:?}"),
             _ => n.to_string(),
         },
-        Value::String(s) => text(s),
+        Value::String(s) => quoted(s),
         Value::Array(list) => {
             let items: Vec<String> = list.iter().map(|v| inline(v, false)).collect();
             if top && list.iter().any(Value::is_array) {
