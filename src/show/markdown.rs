@@ -99,3 +99,44 @@ fn table_of(rows: &[Vec<String>]) -> String {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::note::{Note, NoteKind};
+    use crate::show::document::cells;
+
+    #[test]
+    fn a_document_is_written_as_it_always_was() {
+        let figure =
+            Figure { file: "a/b.png".to_owned(), number: 7, title: "A \"slope\"".to_owned(), caption: "It [rises]".to_owned() };
+        let table = Table::new(["a", "b"]).with_rows([cells![Text::default().code("x|y"), Cell::uncertain(1.5, 0.25)]]);
+        let below = Section::new("Matrix").numbered("1.1").with(Block::Code("+1  +0\n+0  +1\n".to_owned())).with(table);
+        let document = Document {
+            title: "T".to_owned(),
+            front: vec![Note::new(NoteKind::Fit, "the residuals follow the time").into()],
+            sections: vec![
+                Section::new("Sensor")
+                    .numbered("1")
+                    .with(Text::from("In ").code("run").and(", ").strong("twice").and(".").link("2", "#2-b"))
+                    .with(Block::List(vec!["a".into(), "b".into()]))
+                    .with_sections([below]),
+                Section::new("B").with(figure).with(""),
+            ],
+            colophon: Some("Made.".into()),
+        };
+        let (_, text) = page(&document).split_once('\n').map(|(a, b)| (a.to_owned(), b.to_owned())).unwrap();
+        assert_eq!(
+            text,
+            "# T\n\n> **WARNING** FIT: the residuals follow the time\n\n## 1 Sensor\n\nIn `run`, **twice**.[2](#2-b)\n\n- a\n- b\n\n\
+             ### 1.1 Matrix\n\n    +1  +0\n    +0  +1\n\n| a | b |\n|---|---|\n| `x\\|y` | +1.50 ± 0.25 |\n\n\
+             ## B\n\n![It rises](a/b.png \"Figure 7: A 'slope'\")\n\n\n---\nMade.\n"
+        );
+    }
+
+    #[test]
+    fn columns_of_an_aligned_table_stand_below_each_other() {
+        let table = Table::new(["file", "n"]).with_rows([cells!["Φ", 12_usize], cells!["longer", 3_usize]]);
+        assert_eq!(aligned_table(&table), "| file   | n  |\n|---|---|\n| Φ      | 12 |\n| longer | 3  |\n");
+    }
+}
