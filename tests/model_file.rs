@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use calfit::data::plateau::Accumulator;
+use calfit::data::plateau::{Accumulator, from_blocks};
 use calfit::data::provenance::Provenance;
 use calfit::files::campaign::Campaign;
 use calfit::files::campaign::file::CampaignFile;
@@ -348,10 +348,9 @@ fn the_lag_of_a_model_makes_one_series_of_temperatures() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/cases/26-05-06.CCR.gz");
     let file = CampaignFile { temperature_channel: Some("TCSC".to_owned()), ..CampaignFile::default() };
     let campaign = Campaign::in_memory(file).unwrap();
-    let mut accumulator = Accumulator::default();
-    let run = ccr::read(&path, &ccr::Options::default(), &mut accumulator).unwrap();
-    let options = sweep::Options::default();
-    let plateaus = accumulator.finish(options.settling, options.least_coverage);
+    let run = ccr::read(&path, &ccr::Options::default(), &mut Accumulator::default()).unwrap();
+    // The file brings means.
+    let plateaus = from_blocks(&run.blocks);
     for form in ["delay", "first order", "inverse first order"] {
         let case = Case::new();
         let lag = effect("thermal_lag", form, &["x", "y", "z"], Vec::new(), vec![parameter("lag", 480.0, None, "s")]);
