@@ -2,6 +2,7 @@
 
 use super::check::Case;
 use super::{POSITIONS, Plan, Run, Setting, Truth, in_positions, offset_fields, programme, sines, with_rows};
+use std::sync::LazyLock;
 
 /// Temperatures of the sensor, °C.
 pub const TEMPERATURES_DEGC: [f64; 4] = [-60.0, 0.0, 60.0, 120.0];
@@ -48,14 +49,23 @@ pub fn id(hour: usize, index: usize) -> String {
     format!("13-04-{:02}_{hour:02}-00-00", 3 + index)
 }
 
+/// Names and contents of the files, which are simulated once.
+static FILES: LazyLock<Vec<(String, String)>> = LazyLock::new(files);
+
 /// Writes the campaign into a case.
 pub fn write(case: &Case) {
+    for (name, content) in FILES.iter() {
+        case.put(name, content);
+    }
+}
+
+fn files() -> Vec<(String, String)> {
     let mut toml = "name = \"Test campaign\"\ninstrument = \"Fluxgate DUT\"\noffset_trend_order = 0\n".to_owned();
     toml.push_str("[report]\ntitle = \"Ground calibration of a test magnetometer\"\nlaboratory = \"Coil facility\"\nresponsible = \"A. Person\"\n");
     for (id, axes) in POSITIONS {
         toml.push_str(&format!("[[position]]\nid = {id}\naxes = {axes:?}\n"));
     }
-    case.put("campaign.toml", toml);
+    let mut files = vec![("campaign.toml".to_owned(), toml)];
     for (index, degc) in TEMPERATURES_DEGC.into_iter().enumerate() {
         let plan = |settings: Vec<Setting>, seed: u64| Plan {
             truth: truth(degc),
@@ -66,9 +76,9 @@ pub fn write(case: &Case) {
             seed: 100 * index as u64 + seed,
             ..Plan::default()
         };
-        let put = |hour: usize, run: Run, kind: &str, configuration: &str| {
+        let mut put = |hour: usize, run: Run, kind: &str, configuration: &str| {
             let id = id(hour, index);
-            case.put(&format!("{}.CCR", id.replace('_', "/")), at(run, kind, configuration, &id, degc));
+            files.push((format!("{}.CCR", id.replace('_', "/")), at(run, kind, configuration, &id, degc)));
         };
         let levels = [-2000.0, -1200.0, -400.0, 400.0, 1200.0, 2000.0];
         put(8, plan(programme(&levels, 2.0), 1).run(), "linearity", "LIN2000XYZE.MAG");
@@ -90,7 +100,8 @@ pub fn write(case: &Case) {
                 Ok(t) => format!("{},{},{}", cells[0], cells[1], degc + 0.5 * t),
                 Err(_) => cells.join(","),
             };
-            case.put(&format!("{}.CCR", id(12, 0).replace('_', "/")), with_rows(&text, "@TEMPERATURES", warmer));
+            files.push((format!("{}.CCR", id(12, 0).replace('_', "/")), with_rows(&text, "@TEMPERATURES", warmer)));
         }
     }
+    files
 }

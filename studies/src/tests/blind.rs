@@ -9,6 +9,7 @@ use blind::score::{Purpose, Score, Share, family, plan, report, run};
 use blind::sensor::{Kind, Scene, Sensor};
 use blind::{Amplitude, Blind, Options, Verdict, VerdictStep, effects, judge, picture, poles};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 /// A position in which the first axis of the sensor stands along the third one of the coils.
 const TURNED: u32 = 3;
@@ -104,14 +105,16 @@ fn a_strength_is_what_a_matched_filter_measures() {
 #[test]
 fn edges_far_from_their_settings_are_measured() {
     let options = Options { effects: vec!["time_shift".to_owned()], strength_k: 8.0, noise: Some(Family::White) };
+    let made: Vec<(u64, f64, Verdict)> = (0..24_u64)
+        .into_par_iter()
+        .filter_map(|seed| {
+            let blind = generate(seed, Kind::Lin, &options).unwrap();
+            let truth = blind.truth.effects[0].parameters[0].value;
+            (truth.abs() <= 0.5).then(|| (seed, truth, judge::judge(&blind)))
+        })
+        .collect();
     let mut far = 0;
-    for seed in 0..24 {
-        let blind = generate(seed, Kind::Lin, &options).unwrap();
-        let truth = blind.truth.effects[0].parameters[0].value;
-        if truth.abs() > 0.5 {
-            continue;
-        }
-        let verdict = judge::judge(&blind);
+    for (seed, truth, verdict) in made {
         let step = verdict.steps.first().unwrap_or_else(|| panic!("{seed}: {truth} s was not found"));
         assert_eq!(step.effect, "time_shift", "{seed}: {truth} s");
         let said = step.amplitudes.iter().find(|a| a.name == "dt").unwrap();
@@ -127,9 +130,10 @@ fn edges_far_from_their_settings_are_measured() {
 fn a_transient_and_its_time_constant_have_honest_uncertainties() {
     let options = Options { effects: vec!["settling".to_owned()], strength_k: 30.0, noise: Some(Family::White) };
     let exact = (0..).map(|seed| generate(seed, Kind::Lin, &options).unwrap()).filter(|b| b.truth.effects[0].exact_form);
+    let exact: Vec<Blind> = exact.take(8).collect();
+    let verdicts: Vec<Verdict> = exact.par_iter().map(judge::judge).collect();
     let mut off = Vec::new();
-    for blind in exact.take(8) {
-        let verdict = judge::judge(&blind);
+    for (blind, verdict) in exact.iter().zip(&verdicts) {
         let step = verdict.steps.iter().find(|s| s.effect == "settling").unwrap();
         for parameter in &blind.truth.effects[0].parameters {
             let name = if parameter.name == "tau_s" { "tau" } else { &parameter.name };
@@ -148,24 +152,24 @@ fn two_effects_that_are_noise_to_each_other_are_found() {
         (12_168_934_219_992, ["offset_step", "rack_temperature"], Family::White),
         (12_168_934_219_354, ["rack_temperature", "sensor_temperature_offset"], Family::Autoregressive),
     ];
-    for (seed, names, family) in cases {
+    cases.into_par_iter().for_each(|(seed, names, family)| {
         let effects = names.map(str::to_owned).to_vec();
         let blind = generate(seed, Kind::Lin, &Options { effects, strength_k: 8.0, noise: Some(family) }).unwrap();
         let mut said: Vec<String> = judge::judge(&blind).steps.into_iter().map(|s| s.effect).collect();
         said.sort();
         assert_eq!(said, names, "{seed}");
-    }
+    });
 }
 
 /// Readings that follow the rack late, through a low-pass, are readings that follow the rack: no drift stands in for it, or beside it.
 #[test]
 fn a_late_rack_is_no_drift() {
     let options = Options { effects: vec!["rack_temperature".to_owned()], strength_k: 30.0, noise: Some(Family::White) };
-    for seed in 0..8 {
+    (0..8_u64).into_par_iter().for_each(|seed| {
         let steps = judge::judge(&generate(seed, Kind::Lin, &options).unwrap()).steps;
         let said: Vec<&str> = steps.iter().map(|s| s.effect.as_str()).collect();
         assert_eq!(said, ["rack_temperature"], "{seed}");
-    }
+    });
 }
 
 /// A sensor that follows its thermistor by minutes is no line in the lag, and splines of the temperature follow that line better than the
@@ -179,12 +183,13 @@ fn long_lags_are_no_curves_of_the_temperature() {
         let tau_s = effect.parameters[0].value;
         (effect.natural_size && tau_s > 600.0).then_some((seed, tau_s, blind))
     });
-    for (seed, tau_s, blind) in of_nature.take(5) {
+    let of_nature: Vec<(u64, f64, Blind)> = of_nature.take(5).collect();
+    of_nature.into_par_iter().for_each(|(seed, tau_s, blind)| {
         let steps = judge::judge(&blind).steps;
         assert_eq!(steps[0].effect, "thermal_lag", "{seed}: {tau_s} s");
         let said = &steps[0].amplitudes.iter().find(|a| a.name == "lag").unwrap();
         assert!((said.value / tau_s - 1.0).abs() < 0.1, "{seed}: {tau_s} s, said {} s", said.value);
-    }
+    });
 }
 
 /// Without an effect the two names come as often whichever was drawn: their shares of right ones make 100 % within four standard
@@ -304,7 +309,7 @@ fn a_short_study_is_silent_on_noise_and_names_what_is_strong() {
         .flat_map(|(i, name)| [(5000 + i as u64, *name), (6000 + i as u64, *name)])
         .collect();
     let said: Vec<String> = cases
-        .iter()
+        .par_iter()
         .map(|(seed, name)| {
             let options = Options { effects: vec![(*name).to_owned()], strength_k: 15.0, noise: None };
             let verdict = judge::judge(&generate(*seed, Kind::Lin, &options).unwrap());
@@ -318,12 +323,8 @@ fn a_short_study_is_silent_on_noise_and_names_what_is_strong() {
 /// First names of single effects in white noise, far beyond what noise makes; the first runs that are `wanted`.
 fn first_names(effect: &str, kind: Kind, strength_k: f64, wanted: impl Fn(&Blind) -> bool) -> Vec<String> {
     let options = Options { effects: vec![effect.to_owned()], strength_k, noise: Some(Family::White) };
-    (7000..)
-        .map(|seed| generate(seed, kind, &options).unwrap())
-        .filter(wanted)
-        .take(4)
-        .map(|blind| judge::judge(&blind).steps.first().map_or_else(String::new, |s| s.effect.clone()))
-        .collect()
+    let first: Vec<Blind> = (7000..).map(|seed| generate(seed, kind, &options).unwrap()).filter(wanted).take(4).collect();
+    first.par_iter().map(|blind| judge::judge(blind).steps.first().map_or_else(String::new, |s| s.effect.clone())).collect()
 }
 
 /// A signal whose period is longer than the 6 s of a plateau shows by what is left of it around the means.
@@ -336,14 +337,14 @@ fn signals_slower_than_a_plateau_are_found() {
 /// Of the settings of a linearity run a dozen have more than one component: few for a curve, enough for a line.
 #[test]
 fn products_of_components_are_told_with_their_covariate() {
-    for seed in 8000..8006 {
+    (8000..8006_u64).into_par_iter().for_each(|seed| {
         let options = Options { effects: vec!["product".to_owned()], strength_k: 20.0, noise: Some(Family::White) };
         let blind = generate(seed, Kind::Lin, &options).unwrap();
         let verdict = judge::judge(&blind);
         let step = verdict.steps.first().unwrap_or_else(|| panic!("seed {seed}: nothing was found"));
         let right = step.covariate.as_ref().is_some_and(|c| blind.truth.effects[0].covariates.contains(c));
         assert!(step.effect == "unknown" && right, "seed {seed}: {} {:?}", step.effect, step.covariate);
-    }
+    });
 }
 
 /// A wave is a drift although its period changes by up to 30 %.
@@ -356,10 +357,10 @@ fn slow_waves_are_drifts() {
 /// A thermistor that jumps is a fault of the data; nothing is made up to explain the readings with its temperatures.
 #[test]
 fn a_thermistor_that_jumps_brings_nothing_else() {
-    for seed in 5100..5106 {
+    (5100..5106_u64).into_par_iter().for_each(|seed| {
         let options = Options { effects: vec!["bad_thermistor".to_owned()], noise: Some(Family::White), ..Options::default() };
         let verdict = judge::judge(&generate(seed, Kind::Sweep, &options).unwrap());
         let names: Vec<&str> = verdict.steps.iter().map(|s| s.effect.as_str()).collect();
         assert_eq!(names, ["bad_thermistor"], "seed {seed}");
-    }
+    });
 }

@@ -8,6 +8,7 @@ use calfit::data::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
 use calfit::data::run::VectorSink;
 use calfit::diagnose::result::Diagnosis;
 use calfit::diagnose::{self, Samples};
+use rayon::prelude::*;
 
 /// The diagnosis of a run with a hidden truth.
 fn diagnosed(seed: u64, options: &Options) -> (Diagnosis, f64) {
@@ -23,19 +24,20 @@ fn diagnosed(seed: u64, options: &Options) -> (Diagnosis, f64) {
 /// One run per family of noise. A false alarm has a probability of 1 % in each of them: eight runs are silent in 92 of 100 sets of seeds.
 #[test]
 fn runs_without_effects_are_silent() {
-    for (seed, family) in Family::ALL.into_iter().enumerate() {
+    Family::ALL.into_par_iter().enumerate().for_each(|(seed, family)| {
         let (made, _) = diagnosed(seed as u64, &Options { noise: Some(family), ..Options::default() });
         assert!(made.steps.is_empty(), "{}: {:?}", family.name(), made.steps);
         assert_eq!(made.verdict, "no missing effect");
         assert!(made.not_identifiable.iter().any(|n| n.effect == "facility_angle"));
         assert!(made.detection_limits.iter().any(|d| d.effect == "eddy_current_attenuation"));
-    }
+    });
 }
 
 /// Far above the detection limit every effect is found, and its name stands in the set.
 #[test]
 fn strong_effects_are_found_and_named() {
-    for (seed, effect) in ["eddy_current_attenuation", "response_order", "clock_drift", "lost_samples"].into_iter().enumerate() {
+    let effects = ["eddy_current_attenuation", "response_order", "clock_drift", "lost_samples"];
+    effects.into_par_iter().enumerate().for_each(|(seed, effect)| {
         let options = Options { effects: vec![effect.to_owned()], strength_k: 30.0, noise: Some(Family::White) };
         let (made, strength_k) = diagnosed(seed as u64, &options);
         let step = made.steps.first().unwrap_or_else(|| panic!("{effect} was not found at k = {strength_k}"));
@@ -43,14 +45,15 @@ fn strong_effects_are_found_and_named() {
         if effect != "lost_samples" {
             assert!(step.p_value_corrected < 0.01 && step.gap_after.chi2_per_dof < step.gap_before.chi2_per_dof, "{step:?}");
         }
-    }
+    });
 }
 
 /// A clock that drifts and a pole are two effects and no third one: a pole that stops at the end of its range must not keep a fit from its
 /// minimum. Ten times the strength at which a name is certain.
 #[test]
 fn a_clock_that_drifts_and_a_pole_are_two_effects() {
-    for (seed, pole) in ["eddy_current_attenuation", "response_order"].into_iter().cycle().take(4).enumerate() {
+    let poles = ["eddy_current_attenuation", "response_order"].repeat(2);
+    poles.into_par_iter().enumerate().for_each(|(seed, pole)| {
         let options =
             Options { effects: vec!["clock_drift".to_owned(), pole.to_owned()], strength_k: 60.0, noise: Some(Family::White) };
         let (made, _) = diagnosed(100 + seed as u64, &options);
@@ -59,5 +62,5 @@ fn a_clock_that_drifts_and_a_pole_are_two_effects() {
         let other = made.steps.iter().find(|s| s.effect != "clock_drift").unwrap();
         assert!(other.effect == pole || other.ambiguous_with.iter().any(|a| a == pole), "{pole}: {other:?}");
         assert!(other.strength_k > 10.0, "{other:?}");
-    }
+    });
 }
