@@ -2,7 +2,7 @@
 
 #![no_main]
 
-use calfit::workflow::diagnose::read_model;
+use calfit::workflow::read_model;
 use calfit_fuzz::{as_file, sealed, told};
 use libfuzzer_sys::fuzz_target;
 
