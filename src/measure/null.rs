@@ -3,7 +3,7 @@
 //! While the file is read a [`Record`] keeps, in bounded memory, the sums of equal bins, periodograms of the full sample rate, and the
 //! record at a 64th of that rate or less for the low frequencies. Drift and coefficients are least-squares fits to at most
 //! [`ROWS`] means; what slow noise does to them is told from inside the means and between them
-//! ([`crate::fit::correlation`]). Spectrum and Allan deviation are those of [`crate::fit::spectrum`] and [`crate::fit::allan`].
+//! ([`crate::fit::noise`]). Spectrum and Allan deviation are those of [`crate::fit::spectrum`] and [`crate::fit::allan`].
 
 mod record;
 

@@ -188,7 +188,7 @@ impl NoiseModel for DenseNoise {
 ///
 /// Weights of the fit scale the white part alone: `V = s² [(1 - φ) W⁻¹ + φ F]` with weights of mean one, which suits rows that
 /// average different numbers of samples. Rows of weight zero do not count. Of a robust fit pass
-/// [`Robust::pseudo`](super::robust::Robust::pseudo): its weights are no property of the noise.
+/// [`Robust::pseudo`](crate::fit::robust::Robust::pseudo): its weights are no property of the noise.
 ///
 /// Costs O(n³): half a millisecond for 90 rows, half a second and 50 MB for 1000.
 ///
