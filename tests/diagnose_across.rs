@@ -3,6 +3,7 @@
 use calfit::diagnose::across::{RunValues, across};
 use calfit::files::orientations;
 use calfit::files::parameter::TiltValues;
+use calfit::model::effects::Catalogue;
 use calfit::model::position::Position;
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -21,7 +22,7 @@ fn champ() -> Vec<RunValues> {
 #[test]
 fn runs_of_champ_name_the_facility_and_that_an_orientation_does_not_agree() {
     let runs: Vec<RunValues> = champ();
-    let found = across(&runs).unwrap();
+    let found = across(&runs, &Catalogue::default()).unwrap();
     // Run 15 is the only one of another sensor, run 18 has no orientation.
     assert_eq!(found.runs.len(), 13);
     let names: Vec<&str> = found.steps.iter().map(|s| s.effect.as_str()).collect();
@@ -82,7 +83,7 @@ fn an_offset_field_comes_back() {
             v.offset_nt[i] += sign * field[k];
         }
     });
-    let found = across(&runs).unwrap();
+    let found = across(&runs, &Catalogue::default()).unwrap();
     assert_eq!(found.steps.len(), 1, "{}", found.verdict);
     let step = &found.steps[0];
     assert_eq!(step.effect, "facility_offset");
@@ -95,11 +96,11 @@ fn an_offset_field_comes_back() {
 /// One orientation cannot show the facility, and that is said.
 #[test]
 fn one_orientation_shows_no_facility() {
-    let found = across(&drawn(3, &["+X +Y +Z"], 5, &|_, _| ())).unwrap();
+    let found = across(&drawn(3, &["+X +Y +Z"], 5, &|_, _| ()), &Catalogue::default()).unwrap();
     for id in ["facility_scale", "facility_offset", "facility_angle"] {
         assert!(found.not_identifiable.iter().any(|e| e.effect == id && e.reason.contains("one orientation")));
     }
-    assert!(across(&drawn(3, &["+X +Y +Z"], 1, &|_, _| ())).is_err());
+    assert!(across(&drawn(3, &["+X +Y +Z"], 1, &|_, _| ()), &Catalogue::default()).is_err());
 }
 
 /// A run that stands out among repeats is named, and the others are not blamed.
@@ -107,7 +108,7 @@ fn one_orientation_shows_no_facility() {
 fn a_run_that_stands_out_is_named() {
     let mut runs = drawn(11, &["+X +Y +Z", "-Y +X +Z", "-Z +Y +X"], 4, &|_, _| ());
     runs[5].values.offset_nt = runs[5].values.offset_nt.map(|v| v + 0.2);
-    let found = across(&runs).unwrap();
+    let found = across(&runs, &Catalogue::default()).unwrap();
     assert_eq!(found.steps.len(), 1, "{}", found.verdict);
     assert_eq!(found.steps[0].form.form, "run 1-1");
 }

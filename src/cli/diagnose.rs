@@ -7,6 +7,7 @@ use crate::data::run::Kind;
 use crate::diagnose::{self, Options};
 use crate::files::output::Folder;
 use crate::measure::lin;
+use crate::model::effects::Catalogue;
 use crate::workflow::{
     Across, Diagnosed, Failure, diagnose_run, diagnose_table, facility, jobs, publish_diagnosis, publish_model, read_model,
 };
@@ -61,8 +62,11 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let mut inputs = Vec::new();
     inputs.extend(model.as_ref().map(|(file, _)| file.input.clone()));
     inputs.extend(facility.as_ref().map(|f| f.input.clone()));
-    let options =
-        Options { facility: facility.clone(), given: model.as_ref().map(|(_, known)| known.given()).unwrap_or_default() };
+    let options = Options {
+        facility: facility.clone(),
+        given: model.as_ref().map(|(_, known)| known.given()).unwrap_or_default(),
+        catalogue: Catalogue::default(),
+    };
     let (mut jobs, unmatched) = jobs(&campaigns, None);
     terminal.unmatched(&unmatched);
     jobs.retain(|job| job.named || job.header.as_ref().is_none_or(|h| diagnose::takes(h.kind)));

@@ -6,7 +6,7 @@ use crate::data::error::Finding;
 use crate::data::units::three_digits;
 use crate::diagnose::signature::{Explained, explain};
 use crate::files::output::Folder;
-use crate::model::effects::{self, About, CATALOGUE, Effect};
+use crate::model::effects::{About, Catalogue, EffectRef, UNKNOWN};
 use crate::workflow::draw;
 use clap::Args;
 use serde::Serialize;
@@ -33,12 +33,13 @@ struct Entry {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let catalogue = Catalogue::default();
     let Some(name) = &arguments.name else {
-        let entries: Vec<Entry> = CATALOGUE.iter().map(|e| Entry { effect: e.id(), about: e.about() }).collect();
+        let entries: Vec<Entry> = catalogue.iter().chain([UNKNOWN]).map(|e| Entry { effect: e.id(), about: e.about() }).collect();
         terminal.print(&if common.json { json(&entries)? } else { list(&entries) });
         return Ok(Status::Done);
     };
-    let effect = effects::named(name).ok_or_else(|| unknown(name))?;
+    let effect = catalogue.named(name).ok_or_else(|| unknown(name, &catalogue))?;
     let explained = explain(effect);
     terminal.print(&if common.json { json(&explained)? } else { text(&explained) });
     if common.out_given && !common.no_plots {
@@ -58,14 +59,15 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     Ok(Status::Done)
 }
 
-fn reason(effect: &dyn Effect) -> String {
+fn reason(effect: EffectRef) -> String {
     format!("the readings of one run do not show it; it is seen in {}", effect.about().seen_in)
 }
 
 /// A refusal with the name that was perhaps meant.
-fn unknown(name: &str) -> Finding {
+fn unknown(name: &str, catalogue: &Catalogue) -> Finding {
     let parts: Vec<&str> = name.split(['_', '-', ' ']).filter(|p| p.len() > 3).collect();
-    let near: Vec<&str> = CATALOGUE.iter().map(|e| e.id()).filter(|id| parts.iter().any(|p| id.contains(p))).collect();
+    let near: Vec<&str> =
+        catalogue.iter().chain([UNKNOWN]).map(|e| e.id()).filter(|id| parts.iter().any(|p| id.contains(p))).collect();
     let remedy = if near.is_empty() {
         "list the catalogue with `calfit effects`".to_owned()
     } else {

@@ -6,19 +6,19 @@
 //! The scatter of each of the three classes has its own unknown scale. Where the runs bring uncertainties and do not contradict them,
 //! these count as values without parameters; otherwise the scatter is known from repeats and from what the model leaves.
 
-mod bank;
+mod candidates;
 mod scene;
 mod search;
 mod values;
 
 use super::result::{DetectionLimit, Diagnosis, Map, NotIdentifiable, Parameter, Pictures, RunnerUp, ShapePoint, Step};
-use super::{selection, words};
+use super::{DiagnoseError, selection, words};
 use crate::data::units::{COMPONENTS, three_digits};
 use crate::fit::scan::{Fitted, Group, Score};
 use crate::fit::statistics::{chi2_tail, fisher_tail};
-use crate::measure::coil::tilt::PAIRS;
-use crate::model::effects::{self, Spec};
-use bank::bank;
+use crate::model::effects::{Catalogue, EffectRef, Spec, UNKNOWN};
+use crate::model::position::PAIRS;
+use candidates::candidates;
 use nalgebra::{DMatrix, DVector};
 use scene::{Candidate, Scene, count};
 use search::Search;
@@ -42,20 +42,20 @@ fn axis_of(class: usize, i: usize) -> usize {
 ///
 /// # Errors
 /// Why these runs show nothing together.
-pub fn across(runs: &[RunValues]) -> Result<Diagnosis, String> {
+pub fn across(runs: &[RunValues], catalogue: &Catalogue) -> Result<Diagnosis, DiagnoseError> {
     let mut warnings = Vec::new();
     let has_others = |run: &RunValues| runs.iter().filter(|r| r.sensor == run.sensor).count() > 1;
     let (kept, alone): (Vec<RunValues>, Vec<RunValues>) = runs.iter().cloned().partition(has_others);
     if kept.is_empty() {
-        return Err("no sensor has several runs: nothing can disagree".to_owned());
+        return Err(DiagnoseError::SingleRuns);
     }
     warnings.extend(alone.iter().map(|r| format!("run {} is the only one of sensor {} and was not used", r.run, r.sensor)));
     let runs = kept.as_slice();
     let mut scene = Scene::new(runs);
-    let (bank, mut not_identifiable) = bank(&scene);
+    let (bank, mut not_identifiable) = candidates(&scene, catalogue);
     let left: f64 = (0..3).map(|c| scene.left(c, &[]).1).sum();
     if left < 3.0 {
-        return Err("the runs have as many values as parameters".to_owned());
+        return Err(DiagnoseError::NoFreedom);
     }
     if runs.iter().any(|r| r.field_nt.is_none()) {
         warnings.push("a run states no field: the deviations of its scale factors and angles have no size in nT".to_owned());
@@ -93,7 +93,6 @@ pub fn across(runs: &[RunValues]) -> Result<Diagnosis, String> {
         let deviations = scene.held_out(&[], &scales);
         maps = (0..3).map(|a| map_of(scene, 1, a, 0, &deviations, &deviations, noise_floor_nt[a])).collect();
     }
-    not_identifiable.retain(|e| e.effect == "facility_scale" || steps.iter().all(|s| s.effect != e.effect));
     let detection_limits = limits(&search, &fitted, &scales, &steps, &mut not_identifiable);
     let orientations = count(&scene.orientation);
     warnings.push(format!(
@@ -169,15 +168,15 @@ fn step(search: &Search, found: &[(Candidate, f64, usize)], at: usize, scales: &
     let score: Score = without.score(&own_group);
     let explanations = search.explanations(&without, &groups, &others);
     let own =
-        explanations.iter().find(|e| e.key == candidate.key).map_or(score.evidence, |e| e.evidence).max(score.evidence - 3.0);
-    let mut ambiguous: Vec<String> = Vec::new();
+        explanations.iter().find(|e| e.key == candidate.key()).map_or(score.evidence, |e| e.evidence).max(score.evidence - 3.0);
+    let mut ambiguous: Vec<EffectRef> = Vec::new();
     let mut runners_up = Vec::new();
-    for e in explanations.iter().filter(|e| e.key != candidate.key) {
+    for e in explanations.iter().filter(|e| e.key != candidate.key()) {
         let correlation = Fitted::correlation(&groups[e.best], &own_group);
-        let id = search.bank[e.best].id.to_owned();
-        let twin = correlation > super::ALIKE && groups[e.best].count() == own_group.count() && id != "unknown";
-        if (e.evidence > own - super::APART || twin) && id != candidate.id && !ambiguous.contains(&id) {
-            ambiguous.push(id);
+        let effect = search.bank[e.best].effect;
+        let twin = correlation > super::ALIKE && groups[e.best].count() == own_group.count() && !effect.is_unknown();
+        if (e.evidence > own - super::APART || twin) && effect != candidate.effect && !ambiguous.contains(&effect) {
+            ambiguous.push(effect);
         }
         if runners_up.len() < 5 {
             runners_up.push(RunnerUp { effect: e.key.clone(), log_ratio: e.evidence - own, correlation });
@@ -210,10 +209,8 @@ fn step(search: &Search, found: &[(Candidate, f64, usize)], at: usize, scales: &
         in_nt(most).abs(),
         (contribution[most] / (scene.std[most] * scales[class])).abs()
     );
-    let about = effects::named(candidate.id).map(effects::Effect::about);
-    let is_unknown = candidate.id == "unknown";
+    let is_unknown = candidate.effect.is_unknown();
     let certain = ambiguous.is_empty() && score.strength > super::CERTAIN && once.is_none_or(|p| p < 0.01) && !is_unknown;
-    let covariate = is_unknown.then(|| candidate.key.trim_start_matches("unknown: ").to_owned());
     let shape = if is_unknown {
         let own_row = |k: usize| (class * n + k) * 3 + i;
         let point = |k: usize| ShapePoint {
@@ -226,9 +223,9 @@ fn step(search: &Search, found: &[(Candidate, f64, usize)], at: usize, scales: &
         Vec::new()
     };
     let mut step = Step {
-        effect: candidate.id.to_owned(),
+        effect: candidate.effect,
         axes: candidate.spec.axis_names().into_iter().map(str::to_owned).collect(),
-        next_measurement: words::next_measurement(candidate.id, &ambiguous),
+        next_measurement: words::next_measurement(candidate.effect, &ambiguous),
         ambiguous_with: ambiguous,
         // What runs disagree by is no term of a reading: a model file has no use for it.
         form: Spec { axes: Vec::new(), ..candidate.spec.clone() },
@@ -241,11 +238,11 @@ fn step(search: &Search, found: &[(Candidate, f64, usize)], at: usize, scales: &
         gap_before,
         gap_after,
         strength_k: score.strength,
-        family: about.map_or("unknown", |a| a.family.name()),
+        family: candidate.effect.about().family.name(),
         wording: if certain { "is" } else { "consistent with" },
         runners_up,
         sentence: String::new(),
-        covariate,
+        covariate: candidate.covariate.map(str::to_owned),
         shape,
     };
     step.sentence = if is_unknown {
@@ -300,8 +297,9 @@ fn remaining(scene: &Scene, terms: &[&Candidate], warnings: &mut Vec<String>) ->
             if scene.orientation[r] == c / 9 && (c % 9) / 3 == k && c % 3 == i { 1.0 } else { 0.0 }
         });
         let free = Candidate {
-            id: "unknown",
-            key: String::new(),
+            effect: UNKNOWN,
+            covariate: None,
+            cause: None,
             spec: Spec::new("", &[]),
             parameters: Vec::new(),
             columns: own,
@@ -342,15 +340,15 @@ fn limits(
 ) -> Vec<DetectionLimit> {
     let (scene, n) = (&search.scene, search.scene.count());
     let mut limits = Vec::new();
-    let mut ids: Vec<&str> = search.bank.iter().map(|c| c.id).filter(|id| *id != "unknown").collect();
-    ids.dedup();
-    for id in ids.into_iter().filter(|id| steps.iter().all(|s| s.effect != *id)) {
-        let own: Vec<&Candidate> = search.bank.iter().filter(|c| c.id == id).collect();
+    let mut effects: Vec<EffectRef> = search.bank.iter().map(|c| c.effect).filter(|e| !e.is_unknown()).collect();
+    effects.dedup();
+    for effect in effects.into_iter().filter(|effect| steps.iter().all(|s| s.effect != *effect)) {
+        let own: Vec<&Candidate> = search.bank.iter().filter(|c| c.effect == effect).collect();
         let groups: Vec<Group> = own.iter().map(|c| scene.group(fitted, c)).collect();
         if groups.iter().all(|g| g.surviving < super::SHOWN) {
             let most = groups.iter().map(|g| g.surviving).fold(0.0, f64::max);
             let reason = format!("{:.1} % of it is left beside the fitted parameters", 100.0 * most);
-            none.push(NotIdentifiable { effect: id.to_owned(), reason });
+            none.push(NotIdentifiable { effect, reason });
             continue;
         }
         for axis in 0..3 {
@@ -370,7 +368,7 @@ fn limits(
             if let Some((amplitude_nt, least, c)) = best {
                 let (name, unit) = &c.parameters[0];
                 limits.push(DetectionLimit {
-                    effect: id.to_owned(),
+                    effect,
                     axis: COMPONENTS[axis].to_owned(),
                     amplitude_nt,
                     parameter: format!("{name} = {} {unit}", three_digits(least)).trim_end().to_owned(),

@@ -15,23 +15,23 @@ mod table;
 pub use table::table;
 
 use super::result::{DetectionLimit, Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, RunnerUp, Step};
-use super::{APART, CERTAIN, FOUND_90, Options, steps, words};
+use super::{APART, CERTAIN, DiagnoseError, FOUND_90, Options, steps, words};
 use crate::data::run::{Run, Vector, VectorSink};
-use crate::data::units::{COMPONENTS, Reading, three_digits};
+use crate::data::units::{COMPONENTS, Reading};
 use crate::files::campaign::Campaign;
 use crate::fit::aicc;
 use crate::fit::statistics::median;
 use crate::measure::freq::{self as analysis, Freq, Sines as Sink};
-use crate::model::effects::clock_drift::{IN_TIME, WITH_TEMPERATURE};
-use crate::model::effects::time_shift::DELAY;
-use crate::model::effects::{CATALOGUE, Spec, named};
+use crate::model::effects::eddy_current_attenuation::{EddyCurrentAttenuation, one_pole};
+use crate::model::effects::in_sine::SineParameter;
+use crate::model::effects::response_order::{ResponseOrder, two_poles};
+use crate::model::effects::{Catalogue, EffectRef};
 use crate::model::response::{RESPONSES, Response};
 use crate::record::faults;
-use crate::record::known::CORRELATION;
 use crate::record::scene::Samples;
 use bank::{Bank, Entry, Refined, refined};
 use lost::lost;
-use model::{Fit, Model, Term, clock_temperature};
+use model::{Fit, Model, Term};
 use nalgebra::DVector;
 use rayon::prelude::*;
 use sines::Sines;
@@ -48,21 +48,19 @@ const FALSE_ALARM: f64 = 0.005;
 const MOST_STEPS: usize = 3;
 /// Settings that are held out at once.
 const STRETCH: usize = 3;
-/// Least displacement of time tags that is one, in samples.
-const LEAST_SHIFT: f64 = 0.02;
 
 /// Diagnoses a run with sines.
 ///
 /// # Errors
 /// Why the run cannot be looked at.
-pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &Options) -> Result<Diagnosis, String> {
-    let samples = samples.filter(|s| !s.t_s.is_empty()).ok_or("the run has no samples")?;
+pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &Options) -> Result<Diagnosis, DiagnoseError> {
+    let samples = samples.filter(|s| !s.t_s.is_empty()).ok_or(DiagnoseError::NoSamples)?;
     let mut sink = Sink::default();
     sink.begin(&run.header, &run.settings);
     for ((n, t_s), reading) in samples.n.iter().zip(&samples.t_s).zip(&samples.reading_ent) {
         sink.vector(Vector { n: *n, t_s: *t_s, reading: Reading(*reading) });
     }
-    let freq = analysis::freq(run, &sink, campaign, &analysis::Options::default()).map_err(|e| e.to_string())?;
+    let freq = analysis::freq(run, &sink, campaign, &analysis::Options::default())?;
     drop(sink);
     let span_s = [samples.t_s[0], samples.t_s[samples.t_s.len() - 1]];
     let (faults, _) = faults::thermistors(run, span_s);
@@ -70,18 +68,19 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     steps.extend(lost(run, samples, &freq));
     let mut warnings = Vec::new();
 
-    let mut sines = Sines::new(samples, &freq)?;
+    let mut sines = Sines::new(samples, &freq, &run.temperatures)?;
     let mut base = base(&freq, &mut sines)?;
     let given: Vec<(Term, Vec<f64>)> = known_terms(run, options, &sines, &mut warnings);
+    let shift = Term::shift();
     // Where the record begins is known to a part of a sample: a small delay belongs to the model and is no effect.
-    if sines.begins_known
-        && !base.model.terms.contains(&Term::Shift)
-        && let Some(with) = base.with(&Term::Shift, &[0.0], &sines)
-        && with.p.last().is_some_and(|us| 1e-6 * us.abs() <= LEAST_SHIFT / sines.rate_hz)
+    if sines.run.begins_known
+        && !base.model.terms.iter().any(|t| t.is_like(&shift))
+        && let Some(with) = base.with(&shift, &[0.0], &sines)
+        && with.p.last().is_some_and(|us| !shift.is_told(&[*us], &sines.run))
     {
         base = with;
     }
-    if !sines.begins_known {
+    if !sines.run.begins_known {
         warnings.push(
             "the phases of the field are not those of sines that begin with their settings: phases count between components and within \
              settings only"
@@ -90,18 +89,16 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     }
     let with_given = |fit: Fit, sines: &Sines| {
         given.iter().fold(fit, |fit, (term, values)| {
-            let wanted = !fit.model.terms.contains(term);
+            let wanted = !fit.model.terms.iter().any(|t| t.is_same(term));
             wanted.then(|| fit.with(term, values, sines)).flatten().unwrap_or(fit)
         })
     };
     base = with_given(base, &sines);
-    let clocks: Vec<Term> =
-        run.temperatures.names.iter().filter_map(|n| clock_temperature(&sines, &run.temperatures, n)).collect();
     let mut found: Vec<Found> = Vec::new();
     let mut doubted = false;
     let mut bank;
     loop {
-        bank = Bank::new(&base, &sines, &clocks, &found);
+        bank = Bank::new(&base, &sines, &options.catalogue, &found);
         let Some(hit) = bank.best(&base).filter(|_| found.len() < MOST_STEPS) else { break };
         if bank.corrected(hit.p_value) >= FALSE_ALARM {
             break;
@@ -121,7 +118,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
         }
         let scale = (chosen.chi2 / chosen.dof()).max(1.0);
         let ambiguous: Vec<&Refined> =
-            all[1..].iter().filter(|r| r.aicc - best.aicc < 2.0 * APART && r.id() != best.id()).collect();
+            all[1..].iter().filter(|r| r.aicc - best.aicc < 2.0 * APART && r.effect() != best.effect()).collect();
         found.push(Found {
             term: best.term.clone(),
             p_value: hit.p_value,
@@ -129,11 +126,11 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
             corrected: bank.corrected(hit.p_value),
             strength: ((base.chi2 - chosen.chi2) / scale).max(0.0).sqrt(),
             before: base.clone(),
-            ambiguous: ambiguous.iter().map(|r| r.id().to_owned()).collect(),
+            ambiguous: ambiguous.iter().map(|r| r.effect()).collect(),
             runners_up: all[1..]
                 .iter()
                 .map(|r| RunnerUp {
-                    effect: r.id().to_owned(),
+                    effect: r.effect().to_string(),
                     log_ratio: 0.5 * (best.aicc - r.aicc),
                     correlation: Bank::alike(&base, best, r, &sines),
                 })
@@ -153,7 +150,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     });
     let held = base.held_out(&sines, STRETCH);
     let left = (0..3).map(|axis| map(&sines, axis, false, &held, &held, 0)).collect();
-    let (not_identifiable, detection_limits) = limits(&bank, &sines, &steps);
+    let (not_identifiable, detection_limits) = limits(&bank, &sines, &steps, &options.catalogue);
     let pictures = Pictures { left, ..Pictures::default() };
     Ok(Diagnosis {
         format: "diagnosis",
@@ -193,9 +190,10 @@ fn known_terms(run: &Run, options: &Options, sines: &Sines, warnings: &mut Vec<S
     let of_this_run = options.given.iter().filter(|g| g.of_another(&run.header.run).is_none());
     of_this_run
         .filter_map(|given| {
-            let term = Term::of(given.in_sine.as_ref()?, sines, &run.temperatures);
+            let term = given.effect.known_sine_term(given.in_sine.as_ref()?, &sines.run);
+            let term = term.map(|(form, values)| (Term::new(given.effect, form), values));
             if term.is_none() {
-                warnings.push(format!("{} ({}) needs a temperature that the run does not have", given.id, given.spec.form));
+                warnings.push(format!("{} ({}) needs a temperature that the run does not have", given.effect, given.spec.form));
             }
             term
         })
@@ -203,7 +201,7 @@ fn known_terms(run: &Run, options: &Options, sines: &Sines, warnings: &mut Vec<S
 }
 
 /// The simple response that describes the run best, without any effect.
-fn base(freq: &Freq, sines: &mut Sines) -> Result<Fit, String> {
+fn base(freq: &Freq, sines: &mut Sines) -> Result<Fit, DiagnoseError> {
     let simple = |name: &str| Response::named(name).filter(|r| r.freedom() <= SIMPLE);
     let mut order: Vec<(f64, Response, [f64; 3])> = freq
         .corner
@@ -215,20 +213,16 @@ fn base(freq: &Freq, sines: &mut Sines) -> Result<Fit, String> {
     let mut fits: Vec<(f64, Fit)> =
         order.iter().take(BASES).filter_map(|(_, response, corners)| fitted(*response, *corners, freq, sines)).collect();
     fits.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let best = fits.into_iter().next().ok_or("no simple response fits the amplitudes")?.1;
+    let best = fits.into_iter().next().ok_or(DiagnoseError::NoResponse)?.1;
     let shapes = best.model.shapes(&best.p);
     let settings = sines.clone();
     sines.see_begins(|j, i| best.model.triple(&best.p, &shapes, &settings, j, i));
-    if !sines.begins_known {
+    if !sines.run.begins_known {
         return Ok(best);
     }
-    let known = best.model.fit(&best.p, sines).ok_or("the phases have no fit")?;
+    let known = best.model.fit(&best.p, sines).ok_or(DiagnoseError::NoPhases)?;
     // Where rounded time tags leave the time of the counter open, it is a parameter of the base.
-    if sines.tags_are_rounded() {
-        known.with(&Term::Shift, &[0.0], sines).ok_or_else(|| "the phases have no fit".to_owned())
-    } else {
-        Ok(known)
-    }
+    if sines.run.tags_are_rounded { known.with(&Term::shift(), &[0.0], sines).ok_or(DiagnoseError::NoPhases) } else { Ok(known) }
 }
 
 /// AICc and fit of a response whose corners are near the given ones. Beside a notch a logarithm has more than one minimum: what the amplitudes
@@ -259,11 +253,13 @@ fn another_base(freq: &Freq, best: &Refined, sines: &Sines) -> Option<Fit> {
             if response.freedom() > SIMPLE {
                 return Some((aicc_alone, alone));
             }
-            let with =
-                [Term::Pole([true; 3]), Term::Order([true; 3], alone.model.corner_hz(&alone.p))].into_iter().flat_map(|term| {
-                    let alone = &alone;
-                    [0.5, 1.0].into_iter().filter_map(move |part| alone.with(&term, &[part, 300_f64.ln()], sines))
-                });
+            let all = [true; 3];
+            let one = Term::new(EffectRef::new(&EddyCurrentAttenuation), one_pole(all));
+            let two = Term::new(EffectRef::new(&ResponseOrder), two_poles(all, alone.model.corner_hz(&alone.p)));
+            let with = [one, two].into_iter().flat_map(|term| {
+                let alone = &alone;
+                [0.5, 1.0].into_iter().filter_map(move |part| alone.with(&term, &[part, 300_f64.ln()], sines))
+            });
             let least = with.filter_map(|f| aicc(f.chi2, f.p.len(), f.residual.len())).fold(aicc_alone, f64::min);
             Some((least, alone))
         })
@@ -272,7 +268,7 @@ fn another_base(freq: &Freq, best: &Refined, sines: &Sines) -> Option<Fit> {
     let least = all.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
     let now = aicc(best.fit.chi2, best.fit.p.len(), best.fit.residual.len())?;
     let other = Some(least.1).filter(|f| (now - least.0) / scale > 2.0 * APART && f.model.response != best.fit.model.response)?;
-    if sines.begins_known && sines.tags_are_rounded() { other.with(&Term::Shift, &[0.0], sines) } else { Some(other) }
+    if sines.run.begins_known && sines.run.tags_are_rounded { other.with(&Term::shift(), &[0.0], sines) } else { Some(other) }
 }
 
 /// An effect that was accepted.
@@ -283,7 +279,7 @@ struct Found {
     corrected: f64,
     strength: f64,
     before: Fit,
-    ambiguous: Vec<String>,
+    ambiguous: Vec<EffectRef>,
     runners_up: Vec<RunnerUp>,
 }
 
@@ -335,45 +331,15 @@ fn step(found: &Found, k: usize, fit: &Fit, sines: &Sines, number: usize, maps: 
     let covariance = fit.covariance();
     let scale = (fit.chi2 / fit.dof()).max(1.0).sqrt();
     let std = |n: usize| covariance.as_ref().map(|c| scale * c[(begin + n, begin + n)].max(0.0).sqrt());
-    let id = found.term.id();
-    let timing = matches!(found.term, Term::Clock(_) | Term::ClockTemperature(..) | Term::Shift);
-    let axes = found.term.axes();
-    let mut form = Spec::new("", &axes);
-    let mut parameters = Vec::new();
-    let mut push = |name: String, value: f64, std: Option<f64>, unit: &str| {
-        parameters.push(Parameter { name, value, std, unit: unit.to_owned() });
+    let correlation = |a: usize, b: usize| {
+        let c = covariance.as_ref()?;
+        let of = |a: usize, b: usize| c[(begin + a, begin + b)];
+        Some(of(a, b) / (of(a, a) * of(b, b)).sqrt()).filter(|r| r.is_finite())
     };
-    match &found.term {
-        Term::Pole(_) | Term::Order(..) => {
-            form.form = if id == "response_order" { "two poles in part" } else { "pole in part" }.to_owned();
-            let hz = values[1].exp();
-            form = form.with("f_c", hz, "Hz");
-            push("part".to_owned(), values[0], std(0), "1");
-            push("f_c".to_owned(), hz, std(1).map(|s| s * hz), "Hz");
-            let correlation = covariance.as_ref().map(|c| {
-                let of = |a: usize, b: usize| c[(begin + a, begin + b)];
-                of(0, 1) / (of(0, 0) * of(1, 1)).sqrt()
-            });
-            push(CORRELATION.to_owned(), correlation.filter(|r| r.is_finite()).unwrap_or(0.0), None, "1");
-        }
-        Term::Clock(degree) => {
-            form.form = format!("{IN_TIME}{degree}");
-            for (n, c) in values.iter().enumerate() {
-                let unit = sines.rate_hz * 1e-6 / sines.length_s.powi(n as i32 + 1);
-                let name = if n == 0 { "Hz/s".to_owned() } else { format!("Hz/s^{}", n + 1) };
-                push(format!("drift_{}", n + 1), c * unit, std(n).map(|s| s * unit), &name);
-            }
-        }
-        Term::ClockTemperature(channel, _) => {
-            form.form = format!("{WITH_TEMPERATURE}{channel}");
-            let unit = 1e-6 * sines.rate_hz;
-            push("drift".to_owned(), values[0] * unit, std(0).map(|s| s * unit), "Hz/K");
-        }
-        Term::Shift => {
-            form.form = DELAY.to_owned();
-            push("shift".to_owned(), 1e-6 * values[0], std(0).map(|s| 1e-6 * s), "s");
-        }
-    }
+    let (effect, timing, axes) = (found.term.effect, found.term.is_of_timing(), found.term.axes());
+    let (form, reported) = found.term.report(&sines.run, values, &std, &correlation);
+    let parameter = |p: SineParameter| Parameter { name: p.name, value: p.value, std: p.std, unit: p.unit };
+    let parameters = reported.into_iter().map(parameter).collect();
     let before = found.before.held_out(sines, STRETCH);
     // The gap is that of this effect alone: with all that was found beside it.
     let before = fit.without(k, sines).map_or(before, |f| f.held_out(sines, STRETCH));
@@ -408,7 +374,7 @@ fn step(found: &Found, k: usize, fit: &Fit, sines: &Sines, number: usize, maps: 
     );
     let certain = found.ambiguous.is_empty() && found.strength > CERTAIN;
     let mut step = Step {
-        effect: id.to_owned(),
+        effect,
         axes: names.into_iter().map(str::to_owned).collect(),
         ambiguous_with: found.ambiguous.clone(),
         form,
@@ -421,10 +387,10 @@ fn step(found: &Found, k: usize, fit: &Fit, sines: &Sines, number: usize, maps: 
         gap_before,
         gap_after,
         strength_k: found.strength,
-        family: named(id).map_or("", |e| e.about().family.name()),
+        family: effect.about().family.name(),
         wording: if certain { "is" } else { "consistent with" },
         runners_up: found.runners_up.clone(),
-        next_measurement: words::next_measurement(id, &found.ambiguous),
+        next_measurement: words::next_measurement(effect, &found.ambiguous),
         sentence: String::new(),
         covariate: None,
         shape: Vec::new(),
@@ -453,51 +419,27 @@ fn response_words(fit: &Fit, sines: &Sines) -> String {
 }
 
 /// What cannot be shown, and how small an effect of the rest would have been found.
-fn limits(bank: &Bank, sines: &Sines, steps: &[Step]) -> (Vec<NotIdentifiable>, Vec<DetectionLimit>) {
-    let found = |id: &str| steps.iter().any(|s| s.effect == id);
-    let reason = |id: &str| -> Option<&'static str> {
-        match id {
-            "unknown" | "lost_samples" | "bad_thermistor" | "eddy_current_attenuation" | "response_order" | "clock_drift" => None,
-            "time_shift" if sines.begins_known && sines.tags_are_rounded() => {
-                Some("the time tags are rounded: a shift of all samples against the settings is fitted and not judged")
-            }
-            "time_shift" if sines.begins_known => None,
-            "time_shift" => Some("the phase of the field at the begin of a setting is not known"),
-            "offset_drift" | "offset_step" | "sensor_temperature_offset" | "earthfield_leakage" => {
-                Some("every setting has an offset of its own beside its sine")
-            }
-            "interference_tone" | "heater_pwm" => {
-                Some("beside a sine only noise near its frequency is looked at; a run in zero field shows it")
-            }
-            _ => Some("one field direction with one amplitude: it is part of the amplitude"),
-        }
-    };
-    let none = CATALOGUE
+fn limits(bank: &Bank, sines: &Sines, steps: &[Step], catalogue: &Catalogue) -> (Vec<NotIdentifiable>, Vec<DetectionLimit>) {
+    let found = |effect: EffectRef| steps.iter().any(|s| s.effect == effect);
+    let none = catalogue
         .iter()
-        .filter(|e| !found(e.id()))
-        .filter_map(|e| Some(NotIdentifiable { effect: e.id().to_owned(), reason: reason(e.id())?.to_owned() }))
+        .filter(|effect| !found(*effect))
+        .filter_map(|effect| Some(NotIdentifiable { effect, reason: effect.unseen_in_sines(&sines.run)?.to_string() }))
         .collect();
     let mut limits = Vec::new();
-    for id in ["eddy_current_attenuation", "response_order", "clock_drift", "time_shift"] {
-        if found(id) {
+    for effect in bank.effects() {
+        if found(effect) {
             continue;
         }
-        let is_one =
-            |e: &&Entry| e.term.axes().len() == 3 && e.base.ncols() == 1 && !matches!(e.term, Term::ClockTemperature(..));
-        let own = bank.entries.iter().filter(|e| e.term.id() == id).filter(is_one);
+        let is_one = |e: &&Entry| e.term.axes().len() == 3 && e.base.ncols() == 1 && e.term.has_limit();
+        let own = bank.entries.iter().filter(|e| e.term.effect == effect).filter(is_one);
         let Some(best) = own.max_by(|a, b| a.norm.total_cmp(&b.norm)) else { continue };
         let least = FOUND_90 / best.norm;
-        let (parameter, timing) = match &best.term {
-            Term::Clock(_) | Term::ClockTemperature(..) => {
-                (format!("drift = {} Hz/s", three_digits(least * 1e-6 * sines.rate_hz / sines.length_s)), true)
-            }
-            Term::Shift => (format!("shift = {} s", three_digits(1e-6 * least)), true),
-            _ => (format!("part = {} at f_c = {:.0} Hz", three_digits(least), best.hz), false),
-        };
+        let (parameter, timing) = (best.term.limit(&sines.run, least, best.hz), best.term.is_of_timing());
         let noise = |s: &sines::SineOf| s.tones[0].std[usize::from(timing)] * s.tones[0].log_amplitude.exp();
         let noise_nt = median(&mut sines.list.iter().map(noise).collect::<Vec<f64>>());
         limits.push(DetectionLimit {
-            effect: id.to_owned(),
+            effect,
             axis: "x, y, z".to_owned(),
             // Of a part that is spread over all settings as the noise is.
             amplitude_nt: FOUND_90 * noise_nt / (sines.list.len() as f64).sqrt(),

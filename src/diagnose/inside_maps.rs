@@ -2,6 +2,8 @@
 
 use super::result::{InsideBin, InsideMap};
 use super::samples::{Inside, demean, phases, remove, remove_raw};
+use crate::model::effects::in_samples::InSamples;
+use crate::model::effects::time_shift::SHIFT;
 use crate::record::scene::{Samples, Scene};
 
 /// Bins of a period.
@@ -66,27 +68,31 @@ pub fn of(
     step: usize,
 ) -> Option<InsideMap> {
     let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
-    let windows: Vec<[usize; 2]> = match found.id {
-        "settling" => settings.iter().map(|[b, e]| [at(*b), at(*e)]).filter(|w| w[1] > w[0]).collect(),
-        "time_shift" => vec![[0, samples.t_s.len()]],
-        _ => scene.windows.clone(),
+    let kind = found.effect.in_samples()?;
+    let (is_transient, is_displaced) = (matches!(kind, InSamples::Transient(_)), matches!(kind, InSamples::Edges));
+    let windows: Vec<[usize; 2]> = if is_transient {
+        settings.iter().map(|[b, e]| [at(*b), at(*e)]).filter(|w| w[1] > w[0]).collect()
+    } else if is_displaced {
+        vec![[0, samples.t_s.len()]]
+    } else {
+        scene.windows.clone()
     };
     let mut before: [Vec<f64>; 3] = std::array::from_fn(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
     for signal in earlier {
         remove_raw(&mut before, &scene.record, samples, &windows, signal);
     }
     let mut after = before.clone();
-    if found.id == "time_shift" {
+    if is_displaced {
         remove_raw(&mut after, &scene.record, samples, &windows, found);
         return edges(scene, samples, &before, &after, found, step);
     }
     demean(&mut before, &windows);
     demean(&mut after, &windows);
     remove(&mut after, &scene.record, samples, &windows, found);
-    if found.id == "settling" {
+    if is_transient {
         return transients(scene, samples, &windows, [&before, &after], step);
     }
-    let period_s = found.spec.get("period").or_else(|| found.spec.get("frequency").map(f64::recip)).filter(|p| *p > 0.0)?;
+    let period_s = found.effect.period_s(&found.spec).filter(|p| *p > 0.0)?;
     let mut cells = vec![Cell::default(); FOLDS];
     for k in windows.iter().flat_map(|[from, to]| *from..*to) {
         let phase = (samples.t_s[k] / period_s).rem_euclid(1.0);
@@ -143,7 +149,7 @@ fn edges(
     step: usize,
 ) -> Option<InsideMap> {
     let steps = &scene.record.steps;
-    let half_s = EDGE_SHIFTS * found.spec.get("shift")?.abs();
+    let half_s = EDGE_SHIFTS * found.spec.get(SHIFT)?.abs();
     let most: [f64; 3] = std::array::from_fn(|a| steps.iter().map(|s| s.change_ent[a].abs()).fold(f64::MIN_POSITIVE, f64::max));
     let mut cells = vec![Cell::default(); EDGE_BINS];
     for (i, edge) in steps.iter().enumerate() {

@@ -8,7 +8,8 @@ use super::steps::{bars, gap, runners};
 use super::words;
 use crate::data::run::interpolate;
 use crate::data::units::COMPONENTS;
-use crate::model::effects::{self, Row, thermal_lag};
+use crate::model::effects::thermal_lag::{self, ThermalLag};
+use crate::model::effects::{Catalogue, EffectRef, Row};
 use crate::model::lag::{self, Lag};
 use crate::record::scene::Scene;
 use nalgebra::DMatrix;
@@ -22,6 +23,7 @@ pub(super) fn find(
     readings: &DMatrix<f64>,
     given: &[Candidate],
     number: usize,
+    catalogue: &Catalogue,
 ) -> Option<(Step, Branches, Evidence)> {
     let course = scene.record.sensor.as_ref()?.course.clone();
     let series = &course.series;
@@ -31,16 +33,17 @@ pub(super) fn find(
         times.iter().map(|t| interpolate(&lagged, *t)).collect()
     };
     let squares = |degc: Vec<f64>| scene.squares_with(readings, &degc);
-    let search = Search::new(scene, readings.clone());
+    let search = Search::new(scene, readings.clone(), catalogue);
     let now: Vec<&Candidate> = given.iter().collect();
     let state = search.state(&now)?;
     let groups = search.groups(&state);
     let explanations = search.explanations(&state, &groups);
-    let best = explanations.iter().find(|e| e.key == "thermal_lag")?;
+    let effect = EffectRef::new(&ThermalLag);
+    let best = explanations.iter().find(|e| e.key == effect.as_str())?;
     if best.evidence < 12.0 {
         return None;
     }
-    let rival = explanations.first().filter(|e| e.key != "thermal_lag").map(|e| &search.bank[e.best]);
+    let rival = explanations.first().filter(|e| e.key != effect.as_str()).map(|e| &search.bank[e.best]);
     // All components count alike, with the noise that the model leaves.
     let freedom = (3 * readings.nrows()) as f64;
     let left = freedom - 3.0 * scene.design.ncols() as f64;
@@ -61,9 +64,9 @@ pub(super) fn find(
     let held_before = search.held_out(&state.noise, &now);
     let p_value = best.score.p_value();
     let nt_per_ent = scene.nt_per_ent;
-    let (n, runners_up) = (search.bank.len(), runners(&search, &groups, &explanations, "thermal_lag"));
+    let (n, runners_up) = (search.bank.len(), runners(&search, &groups, &explanations, effect.as_str()));
     let gap_before = gap(&held_before, nt_per_ent);
-    let evidence = bars(&search, &explanations, "thermal_lag", best.evidence, number);
+    let evidence = bars(&search, &explanations, effect.as_str(), best.evidence, number);
     let beside_rival = rival.and_then(|rival| {
         let with: Vec<&Candidate> = now.iter().copied().chain([rival]).collect();
         let noise = search.state(&with)?.noise;
@@ -72,7 +75,7 @@ pub(super) fn find(
     });
     let mut lagged = scene.clone();
     lagged.with_temperatures(degc(lag));
-    let search = Search::new(&lagged, readings.clone());
+    let search = Search::new(&lagged, readings.clone(), catalogue);
     // A strong lag is no line, so that what bends freely may follow its line better: the lag itself has to predict more.
     if beside_rival.is_some_and(|(noise, sum)| search.held_out(&noise, &now).sum >= sum) {
         return None;
@@ -91,10 +94,10 @@ pub(super) fn find(
         number,
     );
     let step = Step {
-        effect: "thermal_lag".to_owned(),
+        effect,
         axes: COMPONENTS.map(str::to_owned).to_vec(),
         ambiguous_with: Vec::new(),
-        parameters: vec![Parameter { name: "lag".to_owned(), value: lag_s, std: Some(std_s), unit: "s".to_owned() }],
+        parameters: vec![Parameter { name: thermal_lag::LAG.to_owned(), value: lag_s, std: Some(std_s), unit: "s".to_owned() }],
         place: format!("all axes, where {name} rises or falls: up to {:.2} nT", gap_before.max_nt),
         p_value,
         trials: n,
@@ -102,7 +105,7 @@ pub(super) fn find(
         gap_before,
         gap_after,
         strength_k: strength,
-        family: effects::Family::Thermal.name(),
+        family: effect.about().family.name(),
         wording: if strength > CERTAIN { "is" } else { "consistent with" },
         runners_up,
         next_measurement: None,

@@ -4,32 +4,38 @@ use super::result::{DetectionLimit, NotIdentifiable, Step};
 use super::search::{Candidate, Search, State};
 use super::{FOUND_90, SHOWN};
 use crate::data::units::{COMPONENTS, three_digits};
-use crate::model::effects::CATALOGUE;
+use crate::model::effects::offset_drift::OffsetDrift;
+use crate::model::effects::{Catalogue, EffectRef};
 
 /// From this many standard deviations on a drift beside white noise is told of.
 const HIDDEN: f64 = 4.0;
 
 /// What cannot be shown, and how small an effect of the rest would have been found.
-pub(super) fn limits(search: &Search, state: &State, steps: &[Step]) -> (Vec<NotIdentifiable>, Vec<DetectionLimit>) {
-    let found = |id: &str| steps.iter().any(|s| s.effect == id);
+pub(super) fn limits(
+    search: &Search,
+    state: &State,
+    steps: &[Step],
+    catalogue: &Catalogue,
+) -> (Vec<NotIdentifiable>, Vec<DetectionLimit>) {
+    let found = |effect: EffectRef| steps.iter().any(|s| s.effect == effect);
     let mut none: Vec<NotIdentifiable> = search
         .absent
         .iter()
-        .filter(|a| !found(a.id))
-        .map(|a| NotIdentifiable { effect: a.id.to_owned(), reason: a.reason.clone() })
+        .filter(|a| !found(a.effect))
+        .map(|a| NotIdentifiable { effect: a.effect, reason: a.reason.to_string() })
         .collect();
     let groups = search.groups(state);
     let n = search.scene.readings.nrows();
     let mut limits = Vec::new();
-    for effect in CATALOGUE.iter().filter(|e| e.id() != "unknown" && !found(e.id())) {
-        let own: Vec<usize> = (0..search.bank.len()).filter(|i| search.bank[*i].id == effect.id()).collect();
+    for effect in catalogue.iter().filter(|e| !found(*e)) {
+        let own: Vec<usize> = (0..search.bank.len()).filter(|i| search.bank[*i].effect == effect).collect();
         if own.is_empty() {
             continue;
         }
         if own.iter().all(|i| groups[*i].surviving < SHOWN) {
             let most = own.iter().map(|i| groups[*i].surviving).fold(0.0, f64::max);
             let reason = format!("{:.1} % of it is left beside the fitted parameters", 100.0 * most);
-            none.push(NotIdentifiable { effect: effect.id().to_owned(), reason });
+            none.push(NotIdentifiable { effect, reason });
             continue;
         }
         for axis in 0..3 {
@@ -51,7 +57,7 @@ pub(super) fn limits(search: &Search, state: &State, steps: &[Step]) -> (Vec<Not
             if let Some((amplitude_nt, least, i)) = best {
                 let (name, unit) = &search.bank[i].parameters[0];
                 limits.push(DetectionLimit {
-                    effect: effect.id().to_owned(),
+                    effect,
                     axis: COMPONENTS[axis].to_owned(),
                     amplitude_nt,
                     parameter: format!("{name} = {} {unit}", three_digits(least)),
@@ -59,7 +65,7 @@ pub(super) fn limits(search: &Search, state: &State, steps: &[Step]) -> (Vec<Not
             }
         }
     }
-    none.sort_by(|a, b| a.effect.cmp(&b.effect));
+    none.sort_by_key(|n| n.effect.as_str());
     (none, limits)
 }
 
@@ -71,7 +77,7 @@ pub(super) fn hidden_drifts(search: &Search, state: &State, all: &[&Candidate], 
     }
     let Some(drifts) = search.drifts(all) else { return Vec::new() };
     let order = search.scene.record.trend_order + 1;
-    let named = |axis: &str| steps.iter().any(|s| s.effect == "offset_drift" && s.axes.iter().any(|a| a == axis));
+    let named = |axis: &str| steps.iter().any(|s| s.effect.is(&OffsetDrift) && s.axes.iter().any(|a| a == axis));
     (0..3)
         .filter(|a| drifts[*a].0.abs() > HIDDEN * drifts[*a].1 && !named(COMPONENTS[*a]))
         .map(|a| {

@@ -9,6 +9,7 @@
 
 pub mod across;
 pub mod branches;
+mod error;
 pub mod freq;
 pub mod inside_maps;
 mod lag;
@@ -26,10 +27,13 @@ use crate::data::plateau::Plateaus;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
 use crate::files::facility::Facility;
-use crate::model::effects::{self, Record, Row, Spec};
+use crate::model::effects::thermal_lag::ThermalLag;
+use crate::model::effects::time_shift::SHIFT;
+use crate::model::effects::{Acts, Catalogue, EffectRef, Record, Row, Spec};
 pub use crate::record::known::Given;
 pub use crate::record::scene::Samples;
 use crate::record::scene::Scene;
+pub use error::DiagnoseError;
 use limits::{hidden_drifts, limits};
 use nalgebra::DMatrix;
 use result::{Diagnosis, Evidence, Map, Pictures, Step};
@@ -55,6 +59,8 @@ pub struct Options {
     pub facility: Option<Facility>,
     /// Effects that are known already. What acts between the means is fitted again; what acts inside the plateaus is taken off.
     pub given: Vec<Given>,
+    /// The effects that are looked for.
+    pub catalogue: Catalogue,
 }
 
 /// Diagnoses one run with fields in steps, a sweep, sines, or a run in zero field.
@@ -67,12 +73,13 @@ pub fn run(
     samples: Option<&Samples>,
     campaign: &Campaign,
     options: &Options,
-) -> Result<Diagnosis, String> {
+) -> Result<Diagnosis, DiagnoseError> {
     if run.header.kind == Kind::Frequency {
         return freq::run(run, samples, campaign, options);
     }
     let samples = samples.filter(|s| !s.t_s.is_empty());
-    let mut scene = Scene::new(run, plateaus, samples, campaign, options.facility.as_ref()).map_err(|e| e.0)?;
+    let mut scene =
+        Scene::new(run, plateaus, samples, campaign, options.facility.as_ref()).map_err(|e| DiagnoseError::Record(e.0))?;
     let mut warnings = std::mem::take(&mut scene.warnings);
     let mut steps: Vec<Step> = scene.faults.iter().map(steps::fault_step).collect();
     let known: Vec<Inside> = options.given.iter().filter(|g| g.is_inside()).map(Inside::known).collect();
@@ -88,8 +95,8 @@ pub fn run(
     if let Some(lag) = known_lag {
         scene.follow(lag);
     }
-    let between = options.given.iter().filter(|g| !g.is_inside() && g.id != "thermal_lag");
-    let given: Vec<Candidate> = between.filter_map(|g| candidate(&scene.record, g.id, &g.spec)).collect();
+    let between = options.given.iter().filter(|g| !g.is_inside() && !g.effect.is(&ThermalLag));
+    let given: Vec<Candidate> = between.filter_map(|g| candidate(&scene.record, g.effect, &g.spec)).collect();
 
     let mut pictures = Pictures::default();
     let design_before = scene.design.clone();
@@ -98,7 +105,7 @@ pub fn run(
     let mut has_lag = known_lag.is_some();
     if scene.record.thermal.is_some()
         && !has_lag
-        && let Some((step, branches, evidence)) = lag::find(&mut scene, &raw, &given, steps.len())
+        && let Some((step, branches, evidence)) = lag::find(&mut scene, &raw, &given, steps.len(), &options.catalogue)
     {
         has_lag = true;
         steps.push(step);
@@ -111,9 +118,9 @@ pub fn run(
     if let Some(samples) = samples {
         if scene.record.has_fields() {
             let shift = samples::displaced(&scene, samples);
-            let skip_s = shift.as_ref().and_then(|s| s.spec.get("shift")).map_or(0.0, f64::abs) * 1.5;
-            let transient = samples::transients(&scene, samples, &settings, skip_s);
-            let is_known = |found: &Inside| inside.iter().any(|k: &Inside| k.id == found.id);
+            let skip_s = shift.as_ref().and_then(|s| s.spec.get(SHIFT)).map_or(0.0, f64::abs) * 1.5;
+            let transient = samples::transient(&scene, samples, &settings, skip_s, &options.catalogue);
+            let is_known = |found: &Inside| inside.iter().any(|k: &Inside| k.effect == found.effect);
             let new: Vec<Inside> = [shift, transient].into_iter().flatten().filter(|f| !is_known(f)).collect();
             for mut found in new {
                 samples::measure(&scene, samples, &settings, &inside, &mut found);
@@ -121,18 +128,18 @@ pub fn run(
             }
         }
         let known = inside.clone();
-        inside.extend(samples::periodic(&scene, samples, &known));
+        inside.extend(samples::periodic(&scene, samples, &known, &options.catalogue));
     }
     let readings = corrected(&scene, &inside);
-    let mut search = Search::new(&scene, readings);
+    let mut search = Search::new(&scene, readings, &options.catalogue);
     if has_lag {
-        search.leave_out(|c| c.id == "thermal_lag");
+        search.leave_out(|c| c.effect.is(&ThermalLag));
     }
     if scene.record.has_samples {
         // The samples have told already.
-        search.leave_out(|c| ["settling", "time_shift"].contains(&c.id));
+        search.leave_out(|c| c.effect.acts_in(Acts::Samples));
     }
-    let (terms, state) = search.run(&given).ok_or("the noise of the plateau means has no estimate")?;
+    let (terms, state) = search.run(&given).ok_or(DiagnoseError::NoNoise)?;
     let all: Vec<&Candidate> = given.iter().chain(terms.iter().map(|t| &t.candidate)).collect();
 
     let row_std = search.row_std(&state, &all);
@@ -164,7 +171,7 @@ pub fn run(
     };
     pictures.places = where_map::places(&before, &state.noise);
     sufficient(&mut steps);
-    let (not_identifiable, detection_limits) = limits(&search, &state, &steps);
+    let (not_identifiable, detection_limits) = limits(&search, &state, &steps, &options.catalogue);
     warnings.extend(hidden_drifts(&search, &state, &all, &steps));
     if run.vectors.lost > 0 {
         warnings.push(format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count));
@@ -190,16 +197,15 @@ pub fn run(
     })
 }
 
-fn candidate(record: &Record, id: &str, spec: &Spec) -> Option<Candidate> {
-    let effect = effects::named(id)?;
-    Some(Candidate::new(effect.id(), spec.clone(), effect.columns(record, spec)?))
+fn candidate(record: &Record, effect: EffectRef, spec: &Spec) -> Option<Candidate> {
+    Some(Candidate::new(effect, spec.clone(), effect.columns(record, spec)?))
 }
 
 /// Readings without what was found in the samples, enT.
 fn corrected(scene: &Scene, inside: &[Inside]) -> DMatrix<f64> {
     let mut readings = scene.readings.clone();
     for found in inside {
-        let columns = effects::named(found.id).and_then(|e| e.columns(&scene.record, &found.spec)).unwrap_or_default();
+        let columns = found.effect.columns(&scene.record, &found.spec).unwrap_or_default();
         for (column, (value, _)) in columns.iter().zip(&found.values) {
             for i in 0..readings.nrows() {
                 for a in 0..3 {

@@ -1,7 +1,7 @@
 //! What a diagnosis found.
 
 use crate::fit::noise::state_space::Colour;
-use crate::model::effects::Spec;
+use crate::model::effects::{EffectRef, Spec};
 use serde::Serialize;
 
 /// Everything that was found in one run, or in several that were looked at together.
@@ -161,12 +161,12 @@ pub struct BranchPoint {
 /// One effect that was missing.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Step {
-    /// Id of the effect.
-    pub effect: String,
+    /// The effect.
+    pub effect: EffectRef,
     /// Axes on which it acts.
     pub axes: Vec<String>,
     /// Other effects that these data cannot tell from it.
-    pub ambiguous_with: Vec<String>,
+    pub ambiguous_with: Vec<EffectRef>,
     /// What was fitted, complete with its shape.
     pub form: Spec,
     /// Further forms of the same effect, each with its parameters.
@@ -245,8 +245,8 @@ pub struct RunnerUp {
 /// An effect that these data cannot show.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NotIdentifiable {
-    /// Id.
-    pub effect: String,
+    /// The effect.
+    pub effect: EffectRef,
     /// Why.
     pub reason: String,
 }
@@ -254,8 +254,8 @@ pub struct NotIdentifiable {
 /// Smallest effect that would have been found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DetectionLimit {
-    /// Id.
-    pub effect: String,
+    /// The effect.
+    pub effect: EffectRef,
     /// Axis, or several.
     pub axis: String,
     /// Largest contribution to a reading, nT.

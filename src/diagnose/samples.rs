@@ -3,8 +3,9 @@
 mod periodic;
 
 use crate::fit::statistics::{median, two_sided_tail};
-use crate::model::effects::settling::{TAUS_S, sampled_transient};
-use crate::model::effects::{Record, Row, Spec};
+use crate::model::effects::in_samples::{self, InSamples};
+use crate::model::effects::time_shift::{self, TimeShift};
+use crate::model::effects::{Catalogue, EffectRef, Record, Row, Spec};
 use crate::record::scene::{Samples, Scene};
 use nalgebra::{DMatrix, DVector, Matrix2};
 pub use periodic::periodic;
@@ -32,7 +33,7 @@ const TAU_STEP: f64 = 0.01;
 #[derive(Clone, Debug)]
 pub struct Inside {
     /// Effect.
-    pub id: &'static str,
+    pub effect: EffectRef,
     /// Form and shape.
     pub spec: Spec,
     /// Values and standard uncertainties of the parameters, enT per unit column.
@@ -46,7 +47,7 @@ pub struct Inside {
     /// Candidates that were tried.
     pub trials: usize,
     /// Other effects that the samples cannot tell from it.
-    pub ambiguous_with: Vec<&'static str>,
+    pub ambiguous_with: Vec<EffectRef>,
     /// Squares of what is left of the used samples around their plateaus before and after, over the noise, and their number.
     pub squares: [f64; 3],
     /// Root mean square of the samples of the axes before and after, enT.
@@ -58,7 +59,7 @@ impl Inside {
     #[must_use]
     pub fn known(given: &crate::record::known::Given) -> Self {
         Inside {
-            id: given.id,
+            effect: given.effect,
             spec: given.spec.clone(),
             values: given.values.iter().map(|v| (*v, 0.0)).collect(),
             shape_std: Vec::new(),
@@ -183,10 +184,10 @@ pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
     let agrees = same as f64 > 0.8 * shifts.len() as f64;
     let least = if shift_s > 0.0 { LEAST_LATE } else { LEAST_EARLY };
     (shift_s.abs() > least * dt && shift_s.abs() > 6.0 * std_s && agrees).then(|| Inside {
-        id: "time_shift",
-        spec: Spec::new("edges", &[0, 1, 2]).with("shift", shift_s, "s"),
+        effect: EffectRef::new(&TimeShift),
+        spec: time_shift::edges(shift_s),
         values: vec![(1.0, std_s / shift_s.abs())],
-        shape_std: vec![("shift".to_owned(), std_s)],
+        shape_std: vec![(time_shift::SHIFT.to_owned(), std_s)],
         strength: shift_s.abs() / std_s,
         p_value: (-0.5 * (shift_s / std_s).powi(2)).exp().max(f64::MIN_POSITIVE),
         trials: 1,
@@ -213,10 +214,26 @@ pub(super) fn phases(samples: usize) -> Vec<usize> {
 /// Chi square, time constant, axes, amplitudes with uncertainties.
 type Transient = (f64, f64, Vec<usize>, Vec<(f64, f64)>);
 
+/// The clearest transient of all effects of a catalogue that make some.
+#[must_use]
+pub fn transient(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_s: f64, catalogue: &Catalogue) -> Option<Inside> {
+    let of_effect = |effect: EffectRef| match effect.in_samples()? {
+        InSamples::Transient(form) => transient_of(effect, form, scene, samples, settings, skip_s),
+        _ => None,
+    };
+    catalogue.iter().filter_map(of_effect).max_by(|a, b| a.strength.total_cmp(&b.strength))
+}
+
 /// Whether a transient follows the steps: means over the phases of all settings, weighted with how they scatter between the settings. A sample
 /// beside an edge, nearer than `skip_s` or the next one, does not count: the low-pass of every sensor shows in it.
-#[must_use]
-pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_s: f64) -> Option<Inside> {
+fn transient_of(
+    effect: EffectRef,
+    form: in_samples::Transient,
+    scene: &Scene,
+    samples: &Samples,
+    settings: &[[f64; 2]],
+    skip_s: f64,
+) -> Option<Inside> {
     let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
     let dt_s = interval_s(samples)?;
     let skip_s = skip_s.max(dt_s);
@@ -254,7 +271,7 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
     let template = |tau: f64| {
         rows(&|[from, to]| {
             let ends_s = [samples.t_s[from], samples.t_s[to - 1]];
-            sampled_transient(&scene.record.steps, ends_s, dt_s, tau).map(|v| -v)
+            (form.mean)(&scene.record.steps, ends_s, dt_s, tau).map(|v| -v)
         })
     };
     let inverse_scatter = |a: usize, template: &[DVector<f64>], amplitude: f64| -> Option<DMatrix<f64>> {
@@ -307,7 +324,7 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
         }
     };
     let longest = settings.iter().map(|[b, e]| e - b).fold(f64::INFINITY, f64::min);
-    let taus: Vec<f64> = TAUS_S.into_iter().filter(|t| *t < longest).collect();
+    let taus: Vec<f64> = form.taus_s.iter().copied().filter(|t| *t < longest).collect();
     for tau in &taus {
         consider(*tau, &mut best);
     }
@@ -346,10 +363,10 @@ pub fn transients(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_
         values[0].1 = of_amplitude;
     }
     Some(Inside {
-        id: "settling",
-        spec: Spec::new("exponential", &axes).with("tau", tau, "s"),
+        effect,
+        spec: (form.term)(&axes, tau),
         values,
-        shape_std: std.map(|s| ("tau".to_owned(), s[1])).into_iter().collect(),
+        shape_std: std.map(|s| (form.time_constant.to_owned(), s[1])).into_iter().collect(),
         strength: chi.max(0.0).sqrt(),
         p_value,
         trials,
@@ -395,7 +412,6 @@ pub(super) fn remove_raw(
     windows: &[[usize; 2]],
     signal: &Inside,
 ) {
-    let Some(effect) = crate::model::effects::named(signal.id) else { return };
     // Times and steps only.
     let bare = Record {
         rows: Vec::new(),
@@ -422,7 +438,7 @@ pub(super) fn remove_raw(
         .par_iter()
         .map(|[from, to]| {
             let record = Record { rows: (*from..*to).map(row).collect(), ..bare.clone() };
-            let columns = effect.columns(&record, &signal.spec)?;
+            let columns = signal.effect.columns(&record, &signal.spec)?;
             let of_row = |row: usize| {
                 let sum = |a: usize| columns.iter().zip(&signal.values).map(|(c, (value, _))| value * c.values[row][a]).sum();
                 [0, 1, 2].map(sum)

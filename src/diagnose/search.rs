@@ -4,8 +4,9 @@ use crate::fit::noise::NoiseModel;
 use crate::fit::noise::state_space::{Colour, Correlations, Noise, Rows};
 use crate::fit::scalar::{self, Stop};
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score, orthonormal};
-use crate::model::effects::{self, CATALOGUE, Column, Covariate, Effect, Record, Spec};
-use crate::record::scene::{Scene, TREND_ORDER};
+use crate::model::effects::offset_drift::{self, OffsetDrift};
+use crate::model::effects::{self, Catalogue, Column, Covariate, EffectRef, Record, Spec, UNKNOWN, Unseen};
+use crate::record::scene::Scene;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -17,10 +18,6 @@ const NOISE_UNKNOWN: f64 = 1.1;
 const HIDDEN: usize = 3;
 /// Explanations whose evidence is averaged.
 const PROMISING: usize = 5;
-/// Prior of a dependence on a covariate that no effect explains, relative to an effect of the catalogue.
-const UNKNOWN_PRIOR: f64 = 0.04;
-/// Prior of a drift, relative to other effects: slow noise is the usual cause of what looks like one.
-const DRIFT_PRIOR: f64 = 0.1;
 /// Logarithm of the probability of noise that has no influence on an average.
 const NEGLIGIBLE: f64 = -7.0;
 /// Most effects of one run.
@@ -31,14 +28,12 @@ const SWAP: f64 = 1.0;
 const SEED: u64 = 0x0ca1_f175;
 /// Folds that are held out in turn.
 pub const FOLDS: usize = 18;
-/// Shape parameters that are continuous; all others name a choice.
-const CONTINUOUS: [&str; 5] = ["lag", "onset", "time constant", "tau", "period"];
 
 /// A term that is tried.
 #[derive(Clone, Debug)]
 pub struct Candidate {
     /// Effect.
-    pub id: &'static str,
+    pub effect: EffectRef,
     /// Id, with the covariate of an unknown one: candidates of one key are one explanation.
     pub key: String,
     /// Form, axes and shape.
@@ -52,34 +47,28 @@ pub struct Candidate {
 impl Candidate {
     /// From the columns of an effect.
     #[must_use]
-    pub fn new(id: &'static str, spec: Spec, columns: Vec<Column>) -> Self {
+    pub fn new(effect: EffectRef, spec: Spec, columns: Vec<Column>) -> Self {
         let n = columns.first().map_or(0, |c| c.values.len());
         let stacked = DMatrix::from_fn(3 * n, columns.len(), |i, j| columns[j].values[i % n][i / n]);
-        let key = if id == "unknown" { format!("unknown: {}", spec.form) } else { id.to_owned() };
-        Self { id, key, spec, parameters: columns.into_iter().map(|c| (c.name, c.unit)).collect(), stacked }
-    }
-
-    /// The effect.
-    #[must_use]
-    pub fn effect(&self) -> &'static dyn Effect {
-        effects::named(self.id).unwrap_or(CATALOGUE[CATALOGUE.len() - 1])
+        let key = if effect.is_unknown() { format!("{effect}: {}", spec.form) } else { effect.to_string() };
+        Self { effect, key, spec, parameters: columns.into_iter().map(|c| (c.name, c.unit)).collect(), stacked }
     }
 
     /// The covariate of an unknown dependence.
     #[must_use]
     pub fn covariate(&self) -> Option<&str> {
-        (self.id == "unknown").then_some(self.spec.form.as_str())
+        self.effect.is_unknown().then_some(self.spec.form.as_str())
     }
 
     fn with_shape(&self, record: &Record, name: &str, value: f64) -> Option<Self> {
         let mut spec = self.spec.clone();
         spec.shape.iter_mut().find(|(n, _, _)| n == name)?.1 = value;
-        let columns = self.effect().columns(record, &spec)?;
-        Some(Self::new(self.id, spec, columns))
+        let columns = self.effect.columns(record, &spec)?;
+        Some(Self::new(self.effect, spec, columns))
     }
 
     fn continuous(&self) -> Option<(&str, f64)> {
-        self.spec.shape.iter().find(|(n, _, _)| CONTINUOUS.contains(&n.as_str())).map(|(n, v, _)| (n.as_str(), *v))
+        self.effect.continuous(&self.spec)
     }
 }
 
@@ -119,10 +108,10 @@ pub struct State {
 
 /// Why the catalogue has no candidate for an effect.
 pub struct Absent {
-    /// Id.
-    pub id: &'static str,
+    /// The effect.
+    pub effect: EffectRef,
     /// Why.
-    pub reason: String,
+    pub reason: Unseen,
 }
 
 /// A scene with everything that is tried on it.
@@ -165,24 +154,23 @@ fn log_sum(values: impl Iterator<Item = f64> + Clone) -> f64 {
 impl<'a> Search<'a> {
     /// Everything that can be tried on a scene.
     #[must_use]
-    pub fn new(scene: &'a Scene, readings: DMatrix<f64>) -> Self {
+    pub fn new(scene: &'a Scene, readings: DMatrix<f64>, catalogue: &Catalogue) -> Self {
         let record = &scene.record;
         let (mut bank, mut absent) = (Vec::new(), Vec::new());
-        for effect in CATALOGUE.iter().filter(|e| e.id() != "unknown") {
+        for effect in catalogue.iter() {
             match effect.specs(record) {
                 Ok(specs) => bank.extend(specs.into_iter().filter_map(|spec| {
                     let columns = effect.columns(record, &spec)?;
-                    Some(Candidate::new(effect.id(), spec, columns))
+                    Some(Candidate::new(effect, spec, columns))
                 })),
-                Err(reason) => absent.push(Absent { id: effect.id(), reason }),
+                Err(reason) => absent.push(Absent { effect, reason }),
             }
         }
-        let unknown = CATALOGUE[CATALOGUE.len() - 1];
         let covariates = Covariate::all(record);
-        for spec in unknown.specs(record).unwrap_or_default() {
+        for spec in UNKNOWN.specs(record).unwrap_or_default() {
             let columns =
                 covariates.iter().find(|c| c.name == spec.form).and_then(|c| effects::unknown_columns(record, c, &spec));
-            bank.extend(columns.map(|columns| Candidate::new(unknown.id(), spec, columns)));
+            bank.extend(columns.map(|columns| Candidate::new(UNKNOWN, spec, columns)));
         }
         let rows = Rows {
             t_s: record.rows.iter().map(effects::Row::t_s).collect(),
@@ -207,12 +195,7 @@ impl<'a> Search<'a> {
             .zip(&self.left_out)
             .map(|(c, out)| {
                 let same = self.bank.iter().filter(|o| o.key == c.key).count() as f64;
-                let own: f64 = match c.id {
-                    "unknown" => UNKNOWN_PRIOR,
-                    // Where the analyst fits no trend there may be one.
-                    "offset_drift" if self.scene.record.trend_order >= TREND_ORDER => DRIFT_PRIOR,
-                    _ => 1.0,
-                };
+                let own = c.effect.prior(Some(self.scene.record.trend_order));
                 if *out { f64::NEG_INFINITY } else { (own / same).ln() }
             })
             .collect();
@@ -475,16 +458,16 @@ impl<'a> Search<'a> {
         let Some(last) = terms.pop() else { return };
         let joins = |t: &Term| {
             let (a, b) = (&t.candidate, &last.candidate);
-            a.id == b.id && a.id != "unknown" && a.spec.form == b.spec.form && a.spec.shape == b.spec.shape
+            a.effect == b.effect && !a.effect.is_unknown() && a.spec.form == b.spec.form && a.spec.shape == b.spec.shape
         };
         let Some(index) = terms.iter().position(joins) else { return terms.push(last) };
         let mut axes = [terms[index].candidate.spec.axes.clone(), last.candidate.spec.axes.clone()].concat();
         axes.sort_unstable();
         axes.dedup();
         let spec = Spec { axes, ..last.candidate.spec.clone() };
-        match last.candidate.effect().columns(&self.scene.record, &spec) {
+        match last.candidate.effect.columns(&self.scene.record, &spec) {
             Some(columns) if spec.axes != terms[index].candidate.spec.axes => {
-                let candidate = Candidate::new(last.candidate.id, spec, columns);
+                let candidate = Candidate::new(last.candidate.effect, spec, columns);
                 terms[index].candidate = candidate;
             }
             _ => terms.push(last),
@@ -544,15 +527,7 @@ impl<'a> Search<'a> {
             let other = candidate.with_shape(record, name, v)?;
             Some(state.fitted.score(&self.group(state, &other)).evidence)
         };
-        let (low, high) = if value > 0.0 { (0.6 * value, 1.6 * value) } else { (1.6 * value, 0.6 * value) };
-        let (low, high) = match name {
-            "onset" if candidate.id == "offset_step" => {
-                let width = (record.span_s[1] - record.span_s[0]) / 40.0;
-                (value - width, value + width)
-            }
-            "onset" => (low, (0.97 * record.most_ent(candidate.spec.axes[0])).max(low)),
-            _ => (low, high),
-        };
+        let [low, high] = candidate.effect.shape_range(record, &candidate.spec, name, value);
         let cost = |v| -evaluate(v).unwrap_or(f64::NEG_INFINITY).max(-1e6);
         let stop = Stop { relative: 1e-3, absolute: 1e-6 * value.abs().max(1e-9), steps: 24 };
         let found = scalar::minimum(cost, [low, high], stop);
@@ -662,9 +637,10 @@ impl<'a> Search<'a> {
     pub fn drifts(&self, terms: &[&Candidate]) -> Option<[(f64, f64); 3]> {
         let white = self.correlations.with_colour(Colour::WHITE, &self.readings, &self.designs(terms))?;
         let of = |axis: usize| {
-            let spec = Spec::new("line", &[axis]);
-            let columns = effects::named("offset_drift")?.columns(&self.scene.record, &spec)?;
-            let line = Candidate::new("offset_drift", spec, columns);
+            let spec = Spec::new(offset_drift::LINE, &[axis]);
+            let drift = EffectRef::new(&OffsetDrift);
+            let columns = drift.columns(&self.scene.record, &spec)?;
+            let line = Candidate::new(drift, spec, columns);
             let with: Vec<&Candidate> = terms.iter().copied().chain([&line]).collect();
             self.estimate(&self.state_with(white.clone(), &with), &with, terms.len())?.first().copied()
         };

@@ -2,8 +2,7 @@
 
 use super::words;
 use crate::model::effects::example::{self, Example};
-use crate::model::effects::{About, Effect, Record, Row, Spec};
-use crate::record::known::INSIDE;
+use crate::model::effects::{About, Acts, EffectRef, Record, Row, Spec};
 use serde::Serialize;
 
 /// Largest contribution that is shown, nT.
@@ -67,17 +66,17 @@ pub struct Point {
 
 /// Explains an effect.
 #[must_use]
-pub fn explain(effect: &dyn Effect) -> Explained {
-    let example = example::of(effect);
+pub fn explain(effect: EffectRef) -> Explained {
+    let example = example::of(&*effect);
     let forms = example.as_ref().map_or_else(Vec::new, |e| forms(effect, &e.record));
     let signature = example.and_then(|e| signature(effect, e));
     Explained { effect: effect.id(), about: effect.about(), forms, example: signature }
 }
 
-fn forms(effect: &dyn Effect, record: &Record) -> Vec<Form> {
+fn forms(effect: EffectRef, record: &Record) -> Vec<Form> {
     let mut specs = effect.specs(record).unwrap_or_default();
     specs.extend(effect.example(record).filter(|_| specs.is_empty()));
-    if effect.id() == "unknown" {
+    if effect.is_unknown() {
         // Every covariate is a form: one of them says how they look.
         specs = effect.example(record).into_iter().collect();
     }
@@ -96,7 +95,7 @@ fn forms(effect: &dyn Effect, record: &Record) -> Vec<Form> {
     forms
 }
 
-fn signature(effect: &dyn Effect, example: Example) -> Option<Signature> {
+fn signature(effect: EffectRef, example: Example) -> Option<Signature> {
     let record = &example.record;
     let spec = effect.example(record)?;
     let columns = effect.columns(record, &spec)?;
@@ -127,12 +126,12 @@ fn signature(effect: &dyn Effect, example: Example) -> Option<Signature> {
 }
 
 /// What a contribution follows: inside a plateau the time since the step or within the period.
-fn covariate(effect: &dyn Effect, record: &Record, spec: &Spec, own: &[f64]) -> (String, &'static str, Vec<f64>) {
+fn covariate(effect: EffectRef, record: &Record, spec: &Spec, own: &[f64]) -> (String, &'static str, Vec<f64>) {
     let of = |value: &dyn Fn(f64) -> f64| record.rows.iter().map(Row::t_s).map(value).collect();
-    if !INSIDE.contains(&effect.id()) {
-        return words::follows(record, own, (effect.id() == "unknown").then_some(spec.form.as_str()));
+    if !effect.acts_in(Acts::Samples) {
+        return words::follows(record, own, (effect.is_unknown()).then_some(spec.form.as_str()));
     }
-    if let Some(period_s) = spec.get("period").or_else(|| spec.get("frequency").map(f64::recip)) {
+    if let Some(period_s) = effect.period_s(spec) {
         return ("time within the period".to_owned(), "s", of(&|t| t.rem_euclid(period_s)));
     }
     let since = |t: f64| {

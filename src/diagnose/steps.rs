@@ -6,7 +6,8 @@ use super::search::{Candidate, Explanation, HeldOut, Search, State, Term};
 use super::{ALIKE, APART, CERTAIN, selection, words};
 use crate::data::units::{COMPONENTS, six_digits};
 use crate::fit::scan::{Fitted, Group};
-use crate::model::effects::{self, Family, Spec};
+use crate::model::effects::bad_thermistor::{BadThermistor, JUMP, JUMP_TIME};
+use crate::model::effects::{EffectRef, Family, Spec};
 use crate::record::faults::Jumps;
 use crate::record::scene::Scene;
 
@@ -15,8 +16,8 @@ const RIVALS: usize = 7;
 
 /// A step found in the samples.
 pub(super) fn inside_step(found: &Inside, scene: &Scene) -> Step {
-    let about = effects::named(found.id).map(effects::Effect::about);
-    let columns = effects::named(found.id).and_then(|e| e.columns(&scene.record, &found.spec)).unwrap_or_default();
+    let about = found.effect.about();
+    let columns = found.effect.columns(&scene.record, &found.spec).unwrap_or_default();
     let shape_std = |name: &str| found.shape_std.iter().find(|(n, _)| n == name).map(|(_, s)| *s);
     let mut parameters: Vec<Parameter> = columns
         .iter()
@@ -37,23 +38,23 @@ pub(super) fn inside_step(found: &Inside, scene: &Scene) -> Step {
     };
     let certain = found.ambiguous_with.is_empty() && found.strength > CERTAIN;
     let mut step = Step {
-        effect: found.id.to_owned(),
+        effect: found.effect,
         axes: found.spec.axis_names().into_iter().map(str::to_owned).collect(),
-        ambiguous_with: found.ambiguous_with.iter().map(|s| (*s).to_owned()).collect(),
+        ambiguous_with: found.ambiguous_with.clone(),
         form: found.spec.clone(),
         further: Vec::new(),
         parameters,
-        place: words::place_inside(found),
+        place: found.effect.place_in_samples(&found.spec),
         p_value: found.p_value,
         trials: found.trials,
         p_value_corrected: (found.p_value * found.trials as f64).clamp(f64::MIN_POSITIVE, 1.0),
         gap_before: gap(0),
         gap_after: gap(1),
         strength_k: found.strength,
-        family: about.map_or("unknown", |a| a.family.name()),
+        family: about.family.name(),
         wording: if certain { "is" } else { "consistent with" },
         runners_up: Vec::new(),
-        next_measurement: (!certain).then(|| about.map(|a| a.best_measurement.to_owned())).flatten(),
+        next_measurement: (!certain).then(|| about.best_measurement.to_owned()),
         sentence: String::new(),
         covariate: None,
         shape: Vec::new(),
@@ -88,14 +89,14 @@ pub(super) fn term_step(
     let own =
         explanations.iter().find(|e| e.key == candidate.key).map_or(score.evidence, |e| e.evidence).max(score.evidence - 3.0);
     pictures.evidence.push(bars(search, &explanations, &candidate.key, own, number));
-    let mut ambiguous: Vec<String> = Vec::new();
+    let mut ambiguous: Vec<EffectRef> = Vec::new();
     for e in explanations.iter().filter(|e| e.key != candidate.key) {
-        let id = search.bank[e.best].id.to_owned();
+        let effect = search.bank[e.best].effect;
         let twin = Fitted::correlation(&groups[e.best], &own_group) > ALIKE
             && groups[e.best].count() == own_group.count()
-            && id != "unknown";
-        if (e.evidence > own - APART || twin) && id != candidate.id && !ambiguous.contains(&id) {
-            ambiguous.push(id);
+            && !effect.is_unknown();
+        if (e.evidence > own - APART || twin) && effect != candidate.effect && !ambiguous.contains(&effect) {
+            ambiguous.push(effect);
         }
     }
     let values = search.estimate(state, all, at).unwrap_or_default();
@@ -116,7 +117,7 @@ pub(super) fn term_step(
         })
         .collect();
     let shape_value = values.get(candidate.parameters.len());
-    if candidate.id != "unknown" {
+    if !candidate.effect.is_unknown() {
         parameters.extend(candidate.spec.shape.iter().map(|(name, value, unit)| Parameter {
             name: name.clone(),
             value: *value,
@@ -151,7 +152,7 @@ pub(super) fn term_step(
         six_digits(x[most]),
         size_nt / noise_nt.max(f64::MIN_POSITIVE)
     );
-    let shape = if candidate.id == "unknown" {
+    let shape = if candidate.effect.is_unknown() {
         words::shape(&x, &own_part, nt_per_ent[axis], &after, axis, row_std)
     } else {
         Vec::<ShapePoint>::new()
@@ -166,12 +167,12 @@ pub(super) fn term_step(
         noise_nt,
         step: number,
     });
-    let about = candidate.effect().about();
+    let about = candidate.effect.about();
     let certain = ambiguous.is_empty() && score.strength > CERTAIN;
-    let next_measurement = words::next_measurement(candidate.id, &ambiguous);
+    let next_measurement = words::next_measurement(candidate.effect, &ambiguous);
     let axes: Vec<String> = candidate.spec.axis_names().into_iter().map(str::to_owned).collect();
     let mut step = Step {
-        effect: candidate.id.to_owned(),
+        effect: candidate.effect,
         axes,
         ambiguous_with: ambiguous,
         form: candidate.spec.clone(),
@@ -229,7 +230,7 @@ pub(super) fn joined(steps: Vec<Step>) -> (Vec<Step>, Vec<Option<usize>>) {
     let mut places = Vec::with_capacity(steps.len());
     for step in steps {
         let same = |s: &&mut Step| s.effect == step.effect && s.covariate == step.covariate && !s.form.axes.is_empty();
-        let Some(first) = all.iter_mut().find(same).filter(|_| step.family != effects::Family::Periodic.name()) else {
+        let Some(first) = all.iter_mut().find(same).filter(|_| step.family != Family::Periodic.name()) else {
             places.push(Some(all.len()));
             all.push(step);
             continue;
@@ -252,8 +253,8 @@ pub(super) fn joined(steps: Vec<Step>) -> (Vec<Step>, Vec<Option<usize>>) {
 
 /// Names are no longer certain where something unknown was left over on the same axes.
 pub(super) fn sufficient(steps: &mut [Step]) {
-    let left: Vec<Vec<String>> = steps.iter().filter(|s| s.effect == "unknown").map(|s| s.axes.clone()).collect();
-    for step in steps.iter_mut().filter(|s| s.effect != "unknown" && s.wording == "is") {
+    let left: Vec<Vec<String>> = steps.iter().filter(|s| s.effect.is_unknown()).map(|s| s.axes.clone()).collect();
+    for step in steps.iter_mut().filter(|s| !s.effect.is_unknown() && s.wording == "is") {
         if left.iter().any(|axes| axes.iter().any(|a| step.axes.contains(a))) {
             step.wording = "consistent with";
         }
@@ -273,10 +274,10 @@ pub fn fault_step(fault: &Jumps) -> Step {
     };
     let gap = Gap::default();
     Step {
-        effect: "bad_thermistor".to_owned(),
+        effect: EffectRef::new(&BadThermistor),
         axes: Vec::new(),
         ambiguous_with: Vec::new(),
-        form: Spec::new("jump", &[]).with("time", jumps[0].0, "s"),
+        form: Spec::new(JUMP, &[]).with(JUMP_TIME, jumps[0].0, "s"),
         further: Vec::new(),
         parameters: jumps.iter().enumerate().map(parameter).collect(),
         place: format!("channel {name} jumps {list}"),

@@ -1,9 +1,8 @@
 //! What was found in words, and the numbers that words need.
 
 use super::result::{Gap, ShapePoint, Step};
-use super::samples::Inside;
 use super::search::HeldOut;
-use crate::model::effects::{self, Covariate, Record};
+use crate::model::effects::{self, Covariate, EffectRef, Record};
 use nalgebra::{DMatrix, DVector};
 
 /// Points of an unknown dependence.
@@ -75,44 +74,23 @@ pub fn shape(
         .collect()
 }
 
-/// Where something inside the plateaus shows.
-#[must_use]
-pub fn place_inside(found: &Inside) -> String {
-    let axes = found.spec.axis_names().join(", ");
-    match found.id {
-        "settling" => format!("{axes}, the first seconds after every step"),
-        "time_shift" => "all axes, at the edges of the plateaus".to_owned(),
-        "heater_pwm" => {
-            format!(
-                "{axes}, everywhere inside the plateaus with a period of {:.4} s",
-                found.spec.get("period").unwrap_or(f64::NAN)
-            )
-        }
-        _ => format!("{axes}, everywhere inside the plateaus at {:.4} Hz", found.spec.get("frequency").unwrap_or(f64::NAN)),
-    }
-}
-
 /// What to measure to tell the members of an ambiguous set apart.
 #[must_use]
-pub fn next_measurement(id: &str, others: &[String]) -> Option<String> {
+pub fn next_measurement(effect: EffectRef, others: &[EffectRef]) -> Option<String> {
     if others.is_empty() {
         return None;
     }
-    let ids = std::iter::once(id).chain(others.iter().map(String::as_str));
-    let all: Vec<String> = ids
-        .filter_map(|id| effects::named(id).filter(|_| id != "unknown").map(|e| format!("{id}: {}", e.about().best_measurement)))
-        .collect();
+    let effects = std::iter::once(&effect).chain(others).filter(|e| !e.is_unknown());
+    let all: Vec<String> = effects.map(|e| format!("{e}: {}", e.about().best_measurement)).collect();
     Some(all.join("; "))
 }
 
 /// The sentence for the protocol.
 #[must_use]
 pub fn sentence(step: &Step) -> String {
-    let about = effects::named(&step.effect).map(effects::Effect::about);
-    let what = match (&step.covariate, about) {
-        (Some(covariate), _) => format!("a dependence on the {covariate} that no effect of the catalogue explains"),
-        (None, Some(about)) => format!("{} ({})", step.effect, about.summary),
-        (None, None) => step.effect.clone(),
+    let what = match &step.covariate {
+        Some(covariate) => format!("a dependence on the {covariate} that no effect of the catalogue explains"),
+        None => format!("{} ({})", step.effect, step.effect.about().summary),
     };
     let on = if step.axes.is_empty() { String::new() } else { format!(" on {}", step.axes.join(", ")) };
     let values: Vec<String> = step

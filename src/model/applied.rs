@@ -1,5 +1,6 @@
 //! What was applied to the readings or settings of a run before a fit; results and their files state it.
 
+use super::effects::{Catalogue, Changes};
 use serde::{Deserialize, Serialize};
 
 /// A model whose effects were taken off the readings of a run.
@@ -19,20 +20,20 @@ impl ModelApplied {
     /// What was done, in a sentence.
     #[must_use]
     pub fn sentence(&self) -> String {
+        let catalogue = Catalogue::default();
         let names: Vec<String> = self
             .effect
             .iter()
-            .map(|e| match e.id.as_str() {
-                "thermal_lag" => format!("{}, whose temperatures were used", e.id),
-                id => {
-                    let nt = e.largest_nt.map(|nt| format!("{nt:.3} nT"));
-                    let part = e.largest_part.map(|part| match id {
-                        "clock_drift" => format!("{part:.1e} of the sampling frequency"),
-                        _ => format!("{part:.1e} of a phasor"),
-                    });
-                    let largest: Vec<String> = nt.into_iter().chain(part).collect();
-                    format!("{id} on {} (at most {})", e.axes.join(", "), largest.join(", "))
+            .map(|e| {
+                let changes = catalogue.named(&e.id).map(|effect| effect.changes());
+                if changes == Some(Changes::Temperatures) {
+                    return format!("{}, whose temperatures were used", e.id);
                 }
+                let nt = e.largest_nt.map(|nt| format!("{nt:.3} nT"));
+                let of = if changes == Some(Changes::Clock) { "the sampling frequency" } else { "a phasor" };
+                let part = e.largest_part.map(|part| format!("{part:.1e} of {of}"));
+                let largest: Vec<String> = nt.into_iter().chain(part).collect();
+                format!("{} on {} (at most {})", e.id, e.axes.join(", "), largest.join(", "))
             })
             .collect();
         let names = if names.is_empty() { "nothing".to_owned() } else { names.join("; ") };

@@ -22,6 +22,60 @@ pub enum PositionError {
     LeftHanded(String),
 }
 
+/// Pairs of axes that the three angles lie between.
+pub const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+
+/// The three classes of parameters of sensor and coil system, which do not mix to first order (mathematics.md section 5).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// Scale factors: ln σ of a sensor.
+    Scale,
+    /// Offsets, nT.
+    Offset,
+    /// Angles between the axes, degrees.
+    Angle,
+}
+
+impl Class {
+    /// All of them.
+    pub const ALL: [Class; 3] = [Class::Scale, Class::Offset, Class::Angle];
+
+    /// Which parameter of the facility the sensor's parameter `i` sees, and with which factor.
+    #[must_use]
+    pub fn sees(self, position: &Position, i: usize) -> (usize, f64) {
+        match self {
+            Class::Scale => (position.along(i).0, -1.0),
+            Class::Offset => position.along(i),
+            Class::Angle => {
+                let (a, b) = PAIRS[i];
+                let ((k, s), (l, t)) = (position.along(a), position.along(b));
+                let pair = PAIRS.iter().position(|p| *p == (k.min(l), k.max(l))).unwrap_or_default();
+                (pair, s * t)
+            }
+        }
+    }
+
+    /// A parameter of the facility in words.
+    #[must_use]
+    pub fn facility_name(self) -> &'static str {
+        match self {
+            Class::Scale => "scale factor",
+            Class::Offset => "offset field",
+            Class::Angle => "angle",
+        }
+    }
+
+    /// Name of the sensor's parameters.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Class::Scale => "sigma",
+            Class::Offset => "offset",
+            Class::Angle => "xi",
+        }
+    }
+}
+
 /// How the nominal sensor axes lie along the coil axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Position {

@@ -86,7 +86,7 @@ fn subject(diagnosis: &Diagnosis) -> String {
 }
 
 fn name(step: &Step) -> String {
-    step.covariate.as_ref().map_or_else(|| step.effect.clone(), |c| format!("unknown ({c})"))
+    step.covariate.as_ref().map_or_else(|| step.effect.to_string(), |c| format!("{} ({c})", step.effect))
 }
 
 fn with_unit(quantity: &str, unit: &str) -> String {

@@ -17,11 +17,13 @@ use crate::files::parameter::{Model, ModelEffect};
 use crate::files::text::Group;
 use crate::fit::smooth::Course;
 use crate::model::applied::{AppliedEffect, ModelApplied};
-use crate::model::effects::clock_drift::IN_TIME;
-use crate::model::effects::in_sine::InSine;
+use crate::model::effects::in_samples::InSamples;
+use crate::model::effects::in_sine::{CORRELATION, InSine};
 use crate::model::effects::record::Channel;
-use crate::model::effects::thermal_lag::ThermalLag;
-use crate::model::effects::{self, Column, Covariate, Effect, Family, Record, Row, Spec, Thermal, unknown_columns};
+use crate::model::effects::thermal_lag::{self, ThermalLag};
+use crate::model::effects::{
+    Acts, Catalogue, Changes, Column, Covariate, Effect, EffectRef, Family, Record, Row, Spec, Thermal, unknown_columns,
+};
 use crate::model::lag::Lag;
 use nalgebra::{Matrix3, Vector3};
 
@@ -33,14 +35,12 @@ const FITS: usize = 2;
 pub const CHUNK: usize = 4096;
 /// Samples that stand for a simulated record in zero field.
 const ZERO_FIELD_SAMPLES: usize = 2000;
-/// The parameter that tells how the two others of an effect go together.
-pub const CORRELATION: &str = "correlation";
 
 /// An effect that is known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Given {
-    /// Id.
-    pub id: &'static str,
+    /// The effect.
+    pub effect: EffectRef,
     /// Form, axes and shape.
     pub spec: Spec,
     /// Values of the linear parameters.
@@ -51,28 +51,25 @@ pub struct Given {
     pub runs: Vec<String>,
 }
 
-/// Effects that show inside the plateaus and are known from there.
-pub const INSIDE: [&str; 4] = ["settling", "time_shift", "heater_pwm", "interference_tone"];
-
 impl Given {
     /// Why it does not hold for a run: it belongs to the times of others.
     #[must_use]
     pub fn of_another(&self, run: &str) -> Option<String> {
-        let of_others = is_of_one_run(self.id, &self.spec.form) && !self.runs.iter().any(|r| r == run);
+        let of_others = self.effect.is_of_one_run(&self.spec.form) && !self.runs.iter().any(|r| r == run);
         let runs = self.runs.join(", ");
-        of_others.then(|| format!("{} holds for the times of the run in which it was found ({runs}) alone", self.id))
+        of_others.then(|| format!("{} holds for the times of the run in which it was found ({runs}) alone", self.effect))
     }
 
     /// The lag of the thermistor, if it is one.
     #[must_use]
     pub fn thermal_lag(&self) -> Option<Lag> {
-        effects::thermal_lag::of(&self.spec).filter(|_| self.id == ThermalLag.id())
+        thermal_lag::of(&self.spec).filter(|_| self.effect.is(&ThermalLag))
     }
 
     /// Whether it shows inside the plateaus and is known from there.
     #[must_use]
     pub fn is_inside(&self) -> bool {
-        INSIDE.contains(&self.id) && self.in_sine.is_none()
+        self.effect.acts_in(Acts::Samples) && self.in_sine.is_none()
     }
 }
 
@@ -108,15 +105,15 @@ pub struct Applied {
 }
 
 impl Known {
-    /// The effects of a model file; `groups` are its tables `[[effect]]`, for the place of a complaint.
+    /// The effects of a model file by a catalogue; `groups` are its tables `[[effect]]`, for the place of a complaint.
     ///
     /// # Errors
     /// An effect, form or axis that the catalogue does not have, or a parameter that is missing, with its line.
-    pub fn of(input: Input, model: &Model, groups: &[Group]) -> Result<Self, Finding> {
+    pub fn of(input: Input, model: &Model, groups: &[Group], catalogue: &Catalogue) -> Result<Self, Finding> {
         let effects = model.effect.iter().zip(groups).map(|(e, group)| {
             let own = e.run.iter().cloned();
             let runs = if e.run.is_some() { own.collect() } else { model.used.clone() };
-            KnownEffect::of(e, runs, group)
+            KnownEffect::of(e, runs, group, catalogue)
         });
         Ok(Self { input, effects: effects.collect::<Result<_, _>>()? })
     }
@@ -141,9 +138,10 @@ impl Known {
 }
 
 impl KnownEffect {
-    fn of(entry: &ModelEffect, runs: Vec<String>, group: &Group) -> Result<Self, Finding> {
+    fn of(entry: &ModelEffect, runs: Vec<String>, group: &Group, catalogue: &Catalogue) -> Result<Self, Finding> {
         let help = format!("see `calfit effects {}`", entry.id);
-        let effect = effects::named(&entry.id)
+        let effect = catalogue
+            .named(&entry.id)
             .ok_or_else(|| group.refuse("id", "is no effect of the catalogue", "list the catalogue with `calfit effects`"))?;
         let axes: Option<Vec<usize>> = entry.axes.iter().map(|a| COMPONENTS.iter().position(|c| c == a)).collect();
         let axes = axes
@@ -157,9 +155,9 @@ impl KnownEffect {
         let [plain, thermal] = [specimen(false), specimen(true)];
         let specs = [effect.specs(&plain), effect.specs(&thermal)];
         let forms: Vec<String> = specs.iter().flatten().flatten().map(|s| s.form.clone()).collect();
-        let (in_sine, sine_variants) = in_sine(effect, &spec, entry, group, &help)?;
+        let (in_sine, sine_variants) = in_sine(&*effect, &spec, entry, group, &help)?;
         let is_of_sines = in_sine.is_some();
-        if effect.id() != "unknown" && !forms.is_empty() && !forms.contains(&spec.form) && !is_of_sines {
+        if !effect.is_unknown() && !forms.is_empty() && !forms.contains(&spec.form) && !is_of_sines {
             let mut names: Vec<&str> = forms.iter().map(String::as_str).collect();
             names.dedup();
             return Err(group.refuse("form", &format!("is none of {}", names.join(", ")), &help));
@@ -168,7 +166,7 @@ impl KnownEffect {
         let has_term = specs.iter().any(Result::is_ok) && !is_of_sines;
         let columns = if is_of_sines {
             None
-        } else if effect.id() == "unknown" {
+        } else if effect.is_unknown() {
             let covariate = Covariate { name: spec.form.clone(), unit: "", values: vec![0.0; plain.rows.len()], gain: false };
             unknown_columns(&plain, &covariate, &spec)
         } else {
@@ -181,46 +179,41 @@ impl KnownEffect {
         let mut values = Vec::new();
         let mut std = Vec::new();
         // A lag changes the temperatures: its column, a part of one, is no parameter.
-        for name in names.filter(|_| effect.id() != "thermal_lag") {
+        for name in names.filter(|_| effect.changes() != Changes::Temperatures) {
             let found = entry.parameter.iter().find(|p| p.name == name);
             let found = found.ok_or_else(|| group.refuse("id", &format!("lacks its parameter `{name}`"), &help))?;
             values.push(found.value);
             std.push(found.std.unwrap_or(0.0));
         }
-        let given = Given { id: effect.id(), spec, values, in_sine, runs };
+        let given = Given { effect, spec, values, in_sine, runs };
         let reading_ent = entry.reading_ent.as_ref().and_then(|r| <[[f64; 2]; 3]>::try_from(r.clone()).ok());
         Ok(Self { given, std, sine_variants, reading_ent })
     }
 
-    fn about(&self) -> effects::About {
-        effects::named(self.given.id).map_or_else(|| effects::CATALOGUE[effects::CATALOGUE.len() - 1].about(), Effect::about)
-    }
-
     fn columns(&self, record: &Record) -> Option<Vec<Column>> {
-        let columns = effects::named(self.given.id)?.columns(record, &self.given.spec)?;
+        let columns = self.given.effect.columns(record, &self.given.spec)?;
         (columns.len() == self.given.values.len()).then_some(columns)
     }
 
     /// Why it has no term in the readings of a run.
     fn unusable(&self, record: &Record) -> Option<String> {
-        let (id, kind) = (self.given.id, record.kind);
+        let (effect, kind) = (self.given.effect, record.kind);
         let [begin, end] = record.span_s;
-        if id == "thermal_lag" {
-            return (record.thermal.is_none()).then(|| format!("{id} has no influence on a {kind} run"));
+        if effect.changes() == Changes::Temperatures {
+            return (record.thermal.is_none()).then(|| format!("{effect} has no influence on a {kind} run"));
         }
-        if let Some(onset_s) = self.given.spec.get("onset").filter(|_| id == "offset_step")
+        if let Some(onset_s) = effect.begins_s(&self.given.spec)
             && !(begin..=end).contains(&onset_s)
         {
-            return Some(format!("{id} begins at {onset_s:.0} s, outside of the run ({begin:.0} to {end:.0} s)"));
+            return Some(format!("{effect} begins at {onset_s:.0} s, outside of the run ({begin:.0} to {end:.0} s)"));
         }
-        if ["settling", "time_shift"].contains(&id) && record.steps.is_empty() {
-            return Some(format!("{id} needs the steps of the field, which the run does not tell"));
+        if effect.in_samples().is_some_and(InSamples::follows_steps) && record.steps.is_empty() {
+            return Some(format!("{effect} needs the steps of the field, which the run does not tell"));
         }
         if self.columns(record).is_none() {
-            let needs = self.about().needs;
-            return Some(match effects::named(id).map(|e| e.specs(record)) {
-                Some(Err(reason)) => format!("{id} has no term in this run: {reason}"),
-                _ => format!("{id} needs what the run does not have: {needs}"),
+            return Some(match effect.specs(record) {
+                Err(reason) => format!("{effect} has no term in this run: {reason}"),
+                Ok(_) => format!("{effect} needs what the run does not have: {}", effect.about().needs),
             });
         }
         None
@@ -228,8 +221,10 @@ impl KnownEffect {
 
     /// Says where it is used beyond the readings with which it was found.
     fn extrapolates(&self, record: &Record, file: &str, warnings: &mut Vec<String>) {
-        let follows_reading =
-            matches!(self.about().family, Family::StaticOdd | Family::StaticEven | Family::CrossField | Family::Unknown);
+        let follows_reading = matches!(
+            self.given.effect.about().family,
+            Family::StaticOdd | Family::StaticEven | Family::CrossField | Family::Unknown
+        );
         let Some(ranges) = self.reading_ent.filter(|_| follows_reading) else { return };
         for (axis, [low, high]) in ranges.into_iter().enumerate() {
             let beyond = |x: f64| (low - x).max(x - high);
@@ -238,14 +233,14 @@ impl KnownEffect {
                 warnings.push(format!(
                     "MODEL: {} of {file} was found with readings of {} from {low:.0} to {high:.0} enT, this run goes {farthest:.0} \
                      enT beyond",
-                    self.given.id, COMPONENTS[axis]
+                    self.given.effect, COMPONENTS[axis]
                 ));
             }
         }
     }
 
     fn name(&self) -> String {
-        format!("{} {}", self.given.id, self.given.spec.axis_names().concat())
+        format!("{} {}", self.given.effect, self.given.spec.axis_names().concat())
     }
 }
 
@@ -287,18 +282,6 @@ fn in_sine(
         effect.in_sine(spec, &mut |_| values.next().unwrap_or(f64::NAN))
     });
     Ok((plain, variants.collect()))
-}
-
-/// Whether a form of an effect belongs to the times of the run in which it was found.
-#[must_use]
-pub fn is_of_one_run(id: &str, form: &str) -> bool {
-    match id {
-        "offset_step" | "offset_drift" | "heater_pwm" | "interference_tone" => true,
-        "rotation_drift" => form == "time",
-        "clock_drift" => form.starts_with(IN_TIME),
-        "unknown" => form == "time" || form == "gain with time",
-        _ => false,
-    }
 }
 
 /// A small record in which every covariate moves: what parameters a form has.
@@ -415,7 +398,7 @@ pub fn apply(
             }
             let size = |v: &[f64; 3]| (0..3).map(|a| v[a].abs() * scene.nt_per_ent[a]).fold(0.0, f64::max);
             part.effect.push(AppliedEffect {
-                id: effect.given.id.to_owned(),
+                id: effect.given.effect.to_string(),
                 form: effect.given.spec.form.clone(),
                 axes: effect.given.spec.axis_names().into_iter().map(str::to_owned).collect(),
                 largest_nt: Some(own.iter().take(base).map(size).fold(0.0, f64::max)),
@@ -543,8 +526,10 @@ impl Added {
         let mut effects = Vec::new();
         for effect in &known.effects {
             // The readings that are simulated follow the part that matters: its lag is a term of theirs.
-            let effect = match effect.given.id {
-                "thermal_lag" => KnownEffect { given: Given { values: vec![1.0], ..effect.given.clone() }, ..effect.clone() },
+            let effect = match effect.given.effect.changes() {
+                Changes::Temperatures => {
+                    KnownEffect { given: Given { values: vec![1.0], ..effect.given.clone() }, ..effect.clone() }
+                }
                 _ => effect.clone(),
             };
             match effect.unusable(&scene.record) {

@@ -33,13 +33,13 @@ pub fn sections(diagnosis: &Diagnosis, figure: &dyn Fn(&str) -> Option<Figure>) 
         sections.push(Section::new("What is left").with(left));
     }
     if !diagnosis.not_identifiable.is_empty() {
-        let rows = diagnosis.not_identifiable.iter().map(|n| cells![&n.effect, &n.reason]);
+        let rows = diagnosis.not_identifiable.iter().map(|n| cells![n.effect.as_str(), &n.reason]);
         let table = Table::new(["effect", "why these data cannot show it"]).with_rows(rows);
         sections.push(Section::new("What cannot be shown").with(table));
     }
     if !diagnosis.detection_limits.is_empty() {
         let limits = diagnosis.detection_limits.iter();
-        let rows = limits.map(|d| cells![&d.effect, &d.axis, Cell::fixed(d.amplitude_nt, 4), &d.parameter]);
+        let rows = limits.map(|d| cells![d.effect.as_str(), &d.axis, Cell::fixed(d.amplitude_nt, 4), &d.parameter]);
         sections.push(
             Section::new("Detection limits")
                 .with("Smallest effects that would have been found in nine of ten such runs.")

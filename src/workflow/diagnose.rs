@@ -6,15 +6,15 @@ use crate::data::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
 use crate::data::provenance::{Input, Provenance};
 use crate::diagnose::across::{RunValues, across};
 use crate::diagnose::result::{Diagnosis, Parameter};
-use crate::diagnose::{self, Options, Samples};
+use crate::diagnose::{self, DiagnoseError, Options, Samples};
 use crate::files::output::Folder;
 use crate::files::parameter::{self, Cpf, FacilityPart, Model, ModelEffect, ModelParameter, ParameterFile};
 use crate::files::source::read_whole;
 use crate::files::text::{Keys, decode};
 use crate::files::{ccr, orientations};
 use crate::measure::lin;
-use crate::model::effects::Spec;
-use crate::record::known::{Known, is_of_one_run};
+use crate::model::effects::{Catalogue, EffectRef, Spec};
+use crate::record::known::Known;
 use crate::show::{self, Drawn, html, markdown};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -49,14 +49,18 @@ pub fn diagnose_run(
     let run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut sink).map_err(Failure::Unreadable)?;
     let (accumulator, samples) = sink;
     let plateaus = plateau::of_run(&run, accumulator, Settling::Found, LEAST_COVERAGE);
-    let diagnosis = diagnose::run(&run, &plateaus, Some(&samples), job.campaign, options).map_err(|rule| {
-        Failure::Refused(Finding::error(&job.recorded, rule, "diagnose runs with steps, sweeps, sines or zero field"))
-    })?;
+    let diagnosis = diagnose::run(&run, &plateaus, Some(&samples), job.campaign, options)
+        .map_err(|reason| Failure::Refused(refusal(&job.recorded, &reason)))?;
     let mut input = vec![Input::from(&run.input)];
     input.extend(job.campaign.input.clone());
     input.extend(inputs.iter().cloned());
     let provenance = Provenance::new("calfit diagnose".to_owned(), input);
     Ok(Diagnosed { written_by: WRITTEN_BY, diagnosis, provenance })
+}
+
+/// A refusal of a file or of several.
+fn refusal(place: &str, reason: &DiagnoseError) -> Finding {
+    Finding::error(place, reason.to_string(), reason.remedy())
 }
 
 /// Diagnoses a table of amplitudes; its name without `freq_` is the run id. Warnings go to `findings`.
@@ -97,8 +101,7 @@ impl Across {
     /// The file cannot be read, or its position is none.
     pub fn cpf(&mut self, path: &Path) -> Result<(), Finding> {
         let file = parameter::read::<Cpf>(path)?;
-        let values = RunValues::of_cpf(&file.body)
-            .map_err(|rule| Finding::error(&path.display().to_string(), rule, "fit the run again"))?;
+        let values = RunValues::of_cpf(&file.body).map_err(|reason| refusal(&path.display().to_string(), &reason))?;
         self.values.push(values);
         self.stated.push(file.body.facility.as_ref().map(|f| f.applied.clone()));
         self.inputs.push(file.input);
@@ -108,7 +111,9 @@ impl Across {
     /// Fits linearity runs and takes their parameters; what cannot be fitted goes to `failures`.
     pub fn runs(&mut self, jobs: &[&Job], options: &lin::Options, desk: &Desk, failures: &mut Vec<(String, Failure)>) {
         for job in jobs {
-            let refuse = |rule: String| Failure::Refused(Finding::error(&job.recorded, rule, "see `calfit lin` for this run"));
+            let refuse = |reason: DiagnoseError| {
+                Failure::Refused(Finding::error(&job.recorded, reason.to_string(), "see `calfit lin` for this run"))
+            };
             let mut sink = Accumulator::default();
             let taken = ccr::read(&job.path, &desk.reading(&job.recorded, true), &mut sink)
                 .map_err(Failure::Unreadable)
@@ -144,13 +149,11 @@ impl Across {
     /// The parameters were found with different facilities, or show nothing together.
     pub fn diagnose(self) -> Result<Diagnosed, Finding> {
         let shown: Vec<&str> = self.inputs.iter().map(|i| i.path.as_str()).collect();
-        let refuse = |rule: String, remedy: &str| Finding::error(&shown.join(", "), rule, remedy);
         if self.stated.iter().any(|s| s != &self.stated[0]) {
-            let rule = "the parameter files were made with different facilities".to_owned();
-            return Err(refuse(rule, "fit the runs again with the same --facility"));
+            let rule = "the parameter files were made with different facilities";
+            return Err(Finding::error(&shown.join(", "), rule, "fit the runs again with the same --facility"));
         }
-        let diagnosis = across(&self.values)
-            .map_err(|rule| refuse(rule, "add runs of the same sensor: repeats, other orientations, other temperatures"))?;
+        let diagnosis = across(&self.values, &Catalogue::default()).map_err(|reason| refusal(&shown.join(", "), &reason))?;
         Ok(Diagnosed {
             written_by: WRITTEN_BY,
             diagnosis,
@@ -200,7 +203,7 @@ pub fn read_model(path: &Path) -> Result<(ParameterFile<Model>, Known), Finding>
     let file = parameter::read::<Model>(path)?;
     let (bytes, _) = read_whole(path)?;
     let keys = Keys::parse(&path.display().to_string(), 1, decode(&bytes).into_owned())?;
-    let known = Known::of(file.input.clone(), &file.body, &keys.root().groups("effect")?)?;
+    let known = Known::of(file.input.clone(), &file.body, &keys.root().groups("effect")?, &Catalogue::default())?;
     Ok((file, known))
 }
 
@@ -222,13 +225,13 @@ pub fn publish_model(path: &Path, all: &[&Diagnosed], given: &[ModelEffect], for
         let first = (step.form.clone(), step.parameters.clone());
         for (form, parameters) in std::iter::once(&first).chain(&step.further) {
             // What is damaged or only seen between runs is no term of a reading.
-            let Some(mut entry) = entry(&step.effect, form, parameters) else { continue };
+            let Some(mut entry) = entry(step.effect, form, parameters) else { continue };
             entry.run = diagnosis.runs.first().cloned();
             let readings = diagnosis.reading_ent;
             entry.reading_ent = readings.iter().flatten().all(|v| v.is_finite()).then(|| readings.to_vec());
             let same = |e: &ModelEffect| e.id == entry.id && e.form == entry.form && e.axes == entry.axes;
             // What belongs to the time of one run is there once for each.
-            let any_run = !is_of_one_run(&entry.id, &entry.form);
+            let any_run = !step.effect.is_of_one_run(&entry.form);
             if !effect.iter().any(|e| same(e) && (any_run || e.run == entry.run)) {
                 effect.push(entry);
             }
@@ -251,7 +254,7 @@ pub fn publish_model(path: &Path, all: &[&Diagnosed], given: &[ModelEffect], for
     folder.sync()
 }
 
-fn entry(effect: &str, form: &Spec, parameters: &[Parameter]) -> Option<ModelEffect> {
+fn entry(effect: EffectRef, form: &Spec, parameters: &[Parameter]) -> Option<ModelEffect> {
     let of = |p: &Parameter| ModelParameter { name: p.name.clone(), value: p.value, std: p.std, unit: p.unit.clone() };
     if form.axes.is_empty() {
         return None;
@@ -268,7 +271,7 @@ fn entry(effect: &str, form: &Spec, parameters: &[Parameter]) -> Option<ModelEff
         })
         .collect();
     Some(ModelEffect {
-        id: effect.to_owned(),
+        id: effect.to_string(),
         form: form.form.clone(),
         axes: form.axis_names().into_iter().map(str::to_owned).collect(),
         run: None,

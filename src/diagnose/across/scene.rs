@@ -4,24 +4,24 @@ use super::values::RunValues;
 use super::{CLASSES, CONTRADICTED, axis_of};
 use crate::diagnose::result::Gap;
 use crate::fit::scan::{Fitted, Group};
-use crate::fit::statistics::{chi2_tail, extent};
-use crate::model::effects::Spec;
+use crate::fit::statistics::chi2_tail;
+use crate::model::effects::between::{Cause, Conditions, Runs};
+use crate::model::effects::{EffectRef, Spec};
 use nalgebra::{DMatrix, DVector};
 
 /// Values without parameters that stand for known uncertainties: those of a run are known to a tenth or so themselves.
 const MOST_ANCHORS: f64 = 40.0;
 /// Uncertainties of runs within this factor are pooled: each for itself is known to some ten percent.
 const ALIKE_STD: f64 = 4.0;
-/// Sensor temperatures that span more than this are part of the sensor's model, K.
-const LEAST_SPAN_K: f64 = 5.0;
-/// Temperatures within this are the same, K.
-const SAME_K: f64 = 1.0;
 
 /// Something that may be missing: its columns on all values, class after class, run after run.
 #[derive(Clone)]
 pub struct Candidate {
-    pub id: &'static str,
-    pub key: String,
+    pub effect: EffectRef,
+    /// What an unknown disagreement follows.
+    pub covariate: Option<&'static str>,
+    /// What makes the runs disagree; `None` if that is not known.
+    pub cause: Option<Cause>,
     pub spec: Spec,
     pub parameters: Vec<(String, &'static str)>,
     pub columns: DMatrix<f64>,
@@ -32,6 +32,8 @@ pub struct Candidate {
 /// The runs with what is fitted before anything is missed.
 pub struct Scene<'a> {
     pub runs: &'a [RunValues],
+    /// Their conditions, as effects read them.
+    pub conditions: Runs,
     /// Orientation of each run, sensor by sensor.
     pub orientation: Vec<usize>,
     pub y: DVector<f64>,
@@ -56,6 +58,18 @@ pub fn count(numbers: &[usize]) -> usize {
     numbers.iter().max().map_or(0, |m| m + 1)
 }
 
+impl Candidate {
+    /// The effect, with what an unknown disagreement follows: candidates of one key are one explanation.
+    pub fn key(&self) -> String {
+        self.covariate.map_or_else(|| self.effect.to_string(), |covariate| format!("{}: {covariate}", self.effect))
+    }
+
+    /// Whether it is the same explanation as another one.
+    pub fn explains_as(&self, other: &Candidate) -> bool {
+        self.effect == other.effect && self.covariate == other.covariate
+    }
+}
+
 impl<'a> Scene<'a> {
     pub fn new(runs: &'a [RunValues]) -> Self {
         let n = runs.len();
@@ -70,6 +84,16 @@ impl<'a> Scene<'a> {
             }
         }
         let sensors = numbered(runs.iter().map(|r| r.sensor.as_str()));
+        let sets = numbered(runs.iter().map(|r| r.set.as_str()));
+        let conditions = |(r, run): (usize, &RunValues)| Conditions {
+            sensor: sensors[r],
+            set: sets[r],
+            position: run.position,
+            start_s: run.time,
+            sensor_degc: run.sensor_degc,
+            coil_degc: run.coil_degc,
+        };
+        let conditions = Runs(runs.iter().enumerate().map(conditions).collect());
         for sensor in 0..count(&sensors) {
             for value in 0..9 {
                 let rows: Vec<usize> = (0..n).filter(|r| sensors[*r] == sensor).map(|r| at(value / 3, r, value % 3)).collect();
@@ -82,8 +106,8 @@ impl<'a> Scene<'a> {
         }
         let mut columns = Vec::new();
         for sensor in 0..count(&sensors) {
-            let order = thermal_order(runs, &sensors, sensor);
-            let u = scaled(runs, &sensors, sensor);
+            let order = conditions.thermal_order(sensor);
+            let u = conditions.scaled_temperature(sensor);
             for class in 0..3 {
                 for i in 0..3 {
                     for power in 0..=order {
@@ -98,7 +122,7 @@ impl<'a> Scene<'a> {
         }
         let orientation = numbered(runs.iter().map(|r| (r.sensor.as_str(), r.position.orientation())));
         let nuisance = DMatrix::from_columns(&columns);
-        Self { runs, orientation, y, std, nuisance, anchors: [0; 3] }
+        Self { runs, conditions, orientation, y, std, nuisance, anchors: [0; 3] }
     }
 
     pub fn count(&self) -> usize {
@@ -155,7 +179,8 @@ impl<'a> Scene<'a> {
     pub fn anchor(&mut self, bank: &[Candidate], warnings: &mut Vec<String>) {
         let known = self.runs.iter().all(|r| r.std.is_some());
         let number = self.runs.iter().map(|r| r.freedom.max(0.0)).sum::<f64>().clamp(4.0, MOST_ANCHORS) as usize;
-        let facility: Vec<&Candidate> = bank.iter().filter(|c| c.id.starts_with("facility") && c.spec.axes.len() == 3).collect();
+        let facility: Vec<&Candidate> =
+            bank.iter().filter(|c| c.cause == Some(Cause::Calibration) && c.spec.axes.len() == 3).collect();
         for class in 0..3 {
             // A single further effect is allowed for, so that what is looked for does not pass as noise.
             let mut best: Option<f64> = None;
@@ -253,35 +278,4 @@ impl<'a> Scene<'a> {
         let rms_nt = squares.map(|s| (s / shared.len().max(1) as f64).sqrt());
         (Gap { rms_nt, chi2_per_dof: sum / f64::max(number, 1.0), max_nt: most }, sum)
     }
-}
-
-/// Order of the temperature polynomials of a sensor.
-pub fn thermal_order(runs: &[RunValues], sensors: &[usize], sensor: usize) -> usize {
-    let own: Option<Vec<f64>> = (0..runs.len()).filter(|r| sensors[*r] == sensor).map(|r| runs[r].sensor_degc).collect();
-    let Some(mut own) = own else { return 0 };
-    if extent(own.iter().copied()) <= LEAST_SPAN_K {
-        return 0;
-    }
-    own.sort_by(f64::total_cmp);
-    let mut distinct = 0;
-    let mut last = f64::NEG_INFINITY;
-    for t in own {
-        if t > last + SAME_K {
-            distinct += 1;
-            last = t;
-        }
-    }
-    match distinct {
-        0..=2 => 0,
-        3 | 4 => 1,
-        _ => 2,
-    }
-}
-
-/// Temperature of the runs of a sensor from -1 to 1.
-pub fn scaled<'a>(runs: &'a [RunValues], sensors: &[usize], sensor: usize) -> impl Fn(usize) -> f64 + 'a {
-    let own: Vec<f64> = (0..runs.len()).filter(|r| sensors[*r] == sensor).filter_map(|r| runs[r].sensor_degc).collect();
-    let (low, high) = own.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    let half = (0.5 * (high - low)).max(f64::MIN_POSITIVE);
-    move |r| runs[r].sensor_degc.map_or(0.0, |t| (t - 0.5 * (low + high)) / half)
 }

@@ -1,6 +1,7 @@
 //! Finds what is wrong between runs, one effect after the other.
 
 use super::LEAST_AGREEING;
+use super::candidates::ORIENTATION;
 use super::scene::{Candidate, Scene, count, numbered};
 use crate::fit::scan::{ABSORBED, Fitted, Group};
 
@@ -8,8 +9,6 @@ use crate::fit::scan::{ABSORBED, Fitted, Group};
 const SIGNIFICANT: f64 = 0.003;
 /// Below this evidence noise alone gives as much in one case of a few.
 const HOPELESS: f64 = 2.0;
-/// Prior of an orientation or a run that stands out, relative to an effect of the catalogue.
-const UNKNOWN_PRIOR: f64 = 0.04;
 /// Most effects.
 const MOST_STEPS: usize = 6;
 /// A term gives way to another one whose evidence is larger by this much.
@@ -32,23 +31,22 @@ pub struct Search<'a> {
 
 impl Search<'_> {
     fn prior(&self, index: usize) -> f64 {
-        let key = &self.bank[index].key;
-        let same = self.bank.iter().filter(|c| c.key == *key).count() as f64;
-        ((if self.bank[index].id == "unknown" { UNKNOWN_PRIOR } else { 1.0 }) / same).ln()
+        let same = self.bank.iter().filter(|c| c.explains_as(&self.bank[index])).count() as f64;
+        (self.bank[index].effect.prior(None) / same).ln()
     }
 
     /// A term that leaves too few orientations to compare is no candidate.
     fn is_open(&self, index: usize, terms: &[&Candidate]) -> bool {
         let candidate = &self.bank[index];
-        if self.vetoed.contains(&index) || terms.iter().any(|t| t.key == candidate.key && t.spec == candidate.spec) {
+        if self.vetoed.contains(&index) || terms.iter().any(|t| t.explains_as(candidate) && t.spec == candidate.spec) {
             return false;
         }
-        let alone = |t: &Candidate| t.key == "unknown: orientation";
+        let alone = |t: &Candidate| t.covariate == Some(ORIENTATION);
         !alone(candidate) || count(&self.scene.orientation) > LEAST_AGREEING + terms.iter().filter(|t| alone(t)).count()
     }
 
     pub fn explanations(&self, fitted: &Fitted, groups: &[Group], terms: &[&Candidate]) -> Vec<Explanation> {
-        let keys = numbered(self.bank.iter().map(|c| c.key.as_str()));
+        let keys = numbered(self.bank.iter().map(Candidate::key));
         let mut all: Vec<Explanation> = (0..count(&keys))
             .filter_map(|key| {
                 let own: Vec<(usize, f64)> = (0..self.bank.len())
@@ -58,7 +56,7 @@ impl Search<'_> {
                     .collect();
                 let (best, best_evidence) = own.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
                 let evidence = best_evidence + own.iter().map(|(_, e)| (e - best_evidence).exp()).sum::<f64>().ln();
-                Some(Explanation { key: self.bank[best].key.clone(), evidence, best, best_evidence })
+                Some(Explanation { key: self.bank[best].key(), evidence, best, best_evidence })
             })
             .collect();
         all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
@@ -122,7 +120,10 @@ impl Search<'_> {
         let Some(last) = terms.last().cloned() else { return };
         let earlier = terms.len() - 1;
         let joins = |t: &Candidate| {
-            t.id != "unknown" && t.key == last.0.key && t.spec.form == last.0.spec.form && t.spec.shape == last.0.spec.shape
+            !t.effect.is_unknown()
+                && t.explains_as(&last.0)
+                && t.spec.form == last.0.spec.form
+                && t.spec.shape == last.0.spec.shape
         };
         if let Some(index) = terms[..earlier].iter().position(|t| joins(&t.0))
             && let Some(all) = self.bank.iter().find(|c| joins(c) && c.spec.axes.len() == 3)
@@ -140,9 +141,10 @@ impl Search<'_> {
             let fitted = self.scene.fitted(&others);
             let groups = self.groups(&fitted);
             let explanations = self.explanations(&fitted, &groups, &others);
-            let own = explanations.iter().find(|e| e.key == terms[index].0.key).map_or(f64::NEG_INFINITY, |e| e.evidence);
+            let own = explanations.iter().find(|e| e.key == terms[index].0.key()).map_or(f64::NEG_INFINITY, |e| e.evidence);
             let own = own.max(fitted.score(&self.scene.group(&fitted, &terms[index].0)).evidence - 3.0);
-            let better = explanations.first().filter(|b| b.evidence > own + SWAP && b.key != terms[index].0.key).map(|b| b.best);
+            let better =
+                explanations.first().filter(|b| b.evidence > own + SWAP && b.key != terms[index].0.key()).map(|b| b.best);
             if own < 0.0 {
                 terms.remove(index);
                 continue;

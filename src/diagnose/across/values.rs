@@ -2,13 +2,15 @@
 
 use crate::data::plateau::Plateaus;
 use crate::data::run::Run;
+use crate::diagnose::DiagnoseError;
 use crate::files::campaign::Campaign;
 use crate::files::orientations::RunResult;
 use crate::files::parameter::{Cpf, TiltValues};
 use crate::fit::propagate::propagate;
-use crate::measure::coil::tilt::Family;
+use crate::measure::coil::tilt::additive;
 use crate::measure::lin;
-use crate::model::position::Position;
+use crate::model::effects::Catalogue;
+use crate::model::position::{Class, Position};
 use crate::model::sensor::split;
 use nalgebra::Matrix3;
 
@@ -47,7 +49,7 @@ impl RunValues {
     ///
     /// # Errors
     /// The position is none.
-    pub fn of_cpf(cpf: &Cpf) -> Result<Self, String> {
+    pub fn of_cpf(cpf: &Cpf) -> Result<Self, DiagnoseError> {
         let sigma: [f64; 3] = std::array::from_fn(|i| cpf.matrix.sigma[i][i]);
         let a = &cpf.angle_deg;
         // The mean of a run contains a part of the trend's curvature, which is no property of the sensor; a fitted parabola makes
@@ -67,7 +69,7 @@ impl RunValues {
             run: cpf.run.id.clone(),
             sensor: format!("{}, {}", cpf.run.sensor, cpf.run.mode),
             set: cpf.run.campaign.clone(),
-            position: Position::from_axes(&cpf.setup.position_axes).map_err(|e| e.to_string())?,
+            position: Position::from_axes(&cpf.setup.position_axes)?,
             time: cpf.run.start.parse::<jiff::Timestamp>().ok().map(|t| t.as_second() as f64),
             sensor_degc: cpf.run.temperature_degc,
             coil_degc: cpf.run.coil_temperature_degc,
@@ -87,14 +89,15 @@ impl RunValues {
     ///
     /// # Errors
     /// The run has no linear calibration.
-    pub fn of_run(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &lin::Options) -> Result<Self, String> {
-        let made = lin::lin(run, plateaus, campaign, options).map_err(|e| e.to_string())?;
+    pub fn of_run(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &lin::Options) -> Result<Self, DiagnoseError> {
+        let made = lin::lin(run, plateaus, campaign, options)?;
         let mut own = Self::of_cpf(&made.parameters)?;
-        let scene = crate::diagnose::Scene::new(run, plateaus, None, campaign, options.facility.as_ref()).map_err(|e| e.0)?;
+        let scene = crate::diagnose::Scene::new(run, plateaus, None, campaign, options.facility.as_ref())
+            .map_err(|e| DiagnoseError::Record(e.0))?;
         let (n, p) = scene.design.shape();
         // Where fields beyond a limit were left out, the calibration stands as it is.
         let linear = (n == made.parameters.quality.blocks_used && p > 3)
-            .then(|| crate::diagnose::Search::new(&scene, scene.readings.clone()).linear())
+            .then(|| crate::diagnose::Search::new(&scene, scene.readings.clone(), &Catalogue::default()).linear())
             .flatten();
         let Some((found, covariance)) = linear else { return Ok(own) };
         let most = scene.record.rows.iter().flat_map(|r| r.field_coil_nt).fold(0.0, |m: f64, b| m.max(b.abs()));
@@ -136,7 +139,7 @@ impl RunValues {
 
     /// ln σ, offset nT, ξ degrees.
     pub(super) fn of(&self, class: usize) -> [f64; 3] {
-        Family::ALL[class].of(&self.values)
+        additive(Class::ALL[class], &self.values)
     }
 
     /// Standard uncertainty of the same, or rounding.

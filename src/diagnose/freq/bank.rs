@@ -2,20 +2,17 @@
 
 use super::model::{Fit, Term};
 use super::sines::Sines;
-use super::{DOUBTFUL, FALSE_ALARM, Found, LEAST_SHIFT};
+use super::{DOUBTFUL, FALSE_ALARM, Found};
 use crate::fit::aicc;
 use crate::fit::scan::orthonormal;
 use crate::fit::statistics::fisher_tail;
+use crate::model::effects::{Catalogue, EffectRef};
 use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use rayon::prelude::*;
 
-/// Poles that are tried, Hz: the first, their ratio, and their number.
-const FIRST_POLE_HZ: f64 = 3.0;
-const POLE_RATIO: f64 = 1.6;
-const POLES: i32 = 16;
 /// Draws of noise for the price of the trials.
 const DRAWS: usize = 1000;
 /// A column of which less than this part is left beside others is one of them.
@@ -44,26 +41,24 @@ pub struct Hit {
 }
 
 impl Bank {
-    pub fn new(base: &Fit, sines: &Sines, clocks: &[Term], found: &[Found]) -> Self {
-        let mut terms: Vec<(Term, f64)> = Vec::new();
+    pub fn new(base: &Fit, sines: &Sines, catalogue: &Catalogue, found: &[Found]) -> Self {
         // What was found is not looked for again, what is known only in the same form.
-        let new = |term: &Term| {
-            let same = |t: &Term| std::mem::discriminant(t) == std::mem::discriminant(term) && t.axes() == term.axes();
-            !found.iter().any(|f| f.term.id() == term.id()) && !base.model.terms.iter().any(same)
+        let is_new = |term: &Term| {
+            !found.iter().any(|f| f.term.effect == term.effect) && !base.model.terms.iter().any(|t| t.is_like(term))
         };
         let corner_hz = base.model.corner_hz(&base.p);
-        for on in [[true; 3], [true, false, false], [false, true, false], [false, false, true]] {
-            for k in 0..POLES {
-                let hz = FIRST_POLE_HZ * POLE_RATIO.powi(k);
-                let poles = [(Term::Pole(on), hz), (Term::Order(on, corner_hz), hz)];
-                let tried = |(t, hz): &(Term, f64)| new(t) && (matches!(t, Term::Pole(_)) || *hz >= corner_hz);
-                terms.extend(poles.into_iter().filter(tried));
-            }
-        }
-        terms.extend((1..=3).map(Term::Clock).chain(clocks.iter().cloned()).filter(new).map(|t| (t, 0.0)));
-        if sines.begins_known && new(&Term::Shift) {
-            terms.push((Term::Shift, 0.0));
-        }
+        let mut effects: Vec<EffectRef> = catalogue.iter().collect();
+        effects.sort_by_key(|effect| effect.changes());
+        let of_effect = |effect: EffectRef| {
+            let forms = effect.sine_terms(&sines.run, corner_hz).into_iter();
+            forms.map(move |form| Term::new(effect, form))
+        };
+        let of_poles = |term: Term| {
+            let poles_hz = if term.has_pole() { term.poles_hz() } else { vec![0.0] };
+            poles_hz.into_iter().map(move |hz| (term.clone(), hz))
+        };
+        let terms: Vec<(Term, f64)> =
+            effects.into_iter().flat_map(of_effect).filter(|term| is_new(term)).flat_map(of_poles).collect();
         let taken = orthonormal(&base.jacobian, None, ROUNDING);
         let entries: Vec<Entry> = terms
             .into_par_iter()
@@ -97,6 +92,17 @@ impl Bank {
         let at = (FALSE_ALARM * DRAWS as f64) as usize;
         bank.independent = (FALSE_ALARM / least[at].max(f64::MIN_POSITIVE)).max(1.0);
         bank
+    }
+
+    /// The effects that have candidates, in their order.
+    pub fn effects(&self) -> Vec<EffectRef> {
+        let mut all: Vec<EffectRef> = Vec::new();
+        for effect in self.entries.iter().map(|e| e.term.effect) {
+            if !all.contains(&effect) {
+                all.push(effect);
+            }
+        }
+        all
     }
 
     pub fn best(&self, base: &Fit) -> Option<Hit> {
@@ -159,20 +165,24 @@ pub struct Refined {
 }
 
 impl Refined {
-    pub fn id(&self) -> &'static str {
-        self.term.id()
+    pub fn effect(&self) -> EffectRef {
+        self.term.effect
     }
 }
 
 /// The best form of every effect, fitted with all parameters, best effect first.
 pub fn refined(base: &Fit, bank: &Bank, sines: &Sines) -> Vec<Refined> {
-    let ids = ["eddy_current_attenuation", "response_order", "clock_drift", "time_shift"];
+    let effects = bank.effects();
     let strong = base.chi2 > DOUBTFUL * base.dof();
-    let mut all: Vec<Refined> = ids
+    let mut all: Vec<Refined> = effects
         .par_iter()
-        .flat_map_iter(|id| {
-            let mut own: Vec<(f64, &Entry)> =
-                bank.entries.iter().filter(|e| e.term.id() == *id).map(|e| (e.p_value(&base.residual, base.dof()), e)).collect();
+        .flat_map_iter(|effect| {
+            let mut own: Vec<(f64, &Entry)> = bank
+                .entries
+                .iter()
+                .filter(|e| e.term.effect == *effect)
+                .map(|e| (e.p_value(&base.residual, base.dof()), e))
+                .collect();
             own.sort_by(|a, b| a.0.total_cmp(&b.0));
             let fits = own.iter().take(3).flat_map(move |(_, entry)| {
                 let mut starts: Vec<Vec<f64>> = vec![vec![0.0; entry.term.count()]];
@@ -189,10 +199,7 @@ pub fn refined(base: &Fit, bank: &Bank, sines: &Sines) -> Vec<Refined> {
                     .filter_map(|s| Some((entry.term.clone(), base.with(&entry.term, &s, sines)?)))
                     .collect::<Vec<_>>()
             });
-            // A hundredth of a sample is the delay of a response and no displacement of time tags.
-            let told =
-                |term: &Term, fit: &Fit| *term != Term::Shift || 1e-6 * fit.p[base.p.len()].abs() > LEAST_SHIFT / sines.rate_hz;
-            let fits = fits.filter(|(term, fit)| told(term, fit));
+            let fits = fits.filter(|(term, fit)| term.is_told(&fit.p[base.p.len()..], &sines.run));
             let scored = fits.filter_map(|(term, fit)| Some((aicc(fit.chi2, fit.p.len(), fit.residual.len())?, term, fit)));
             let best = scored.min_by(|a, b| a.0.total_cmp(&b.0));
             best.map(|(aicc, term, fit)| Refined { term, fit, aicc }).into_iter()

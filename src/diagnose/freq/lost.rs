@@ -6,7 +6,8 @@ use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
 use crate::fit::sine::{self, Oscillator};
 use crate::measure::freq::Freq;
-use crate::model::effects::{Spec, named};
+use crate::model::effects::lost_samples::LostSamples;
+use crate::model::effects::{EffectRef, Spec};
 use crate::record::scene::Samples;
 use std::ops::Range;
 
@@ -62,8 +63,9 @@ pub fn lost(run: &Run, samples: &Samples, freq: &Freq) -> Option<Step> {
         .iter()
         .fold(Spec::new("stretches", &[]), |spec, (k, _)| spec.with("frequency", freq.stretches[*k].setting.frequency_hz, "Hz"));
     let count = |name: &str, value: f64| Parameter { name: name.to_owned(), value, std: None, unit: "1".to_owned() };
+    let lost = EffectRef::new(&LostSamples);
     Some(Step {
-        effect: "lost_samples".to_owned(),
+        effect: lost,
         axes: COMPONENTS.map(str::to_owned).to_vec(),
         ambiguous_with: Vec::new(),
         form,
@@ -77,7 +79,7 @@ pub fn lost(run: &Run, samples: &Samples, freq: &Freq) -> Option<Step> {
         gap_after: Gap::default(),
         // Every one of them is seen by itself.
         strength_k: CERTAIN + damaged.len() as f64,
-        family: named("lost_samples").map_or("", |e| e.about().family.name()),
+        family: lost.about().family.name(),
         wording: "is",
         runners_up: Vec::new(),
         next_measurement: None,

@@ -1,131 +1,64 @@
 //! A response with what may be missing in it, fitted to amplitudes and phases.
 
-use super::sines::{Sines, Triple};
-use crate::data::run::SlowTable;
-use crate::model::effects::in_sine::{InSine, Poles, passed};
+use super::sines::Sines;
+use crate::model::effects::EffectRef;
+use crate::model::effects::in_sine::{POLES_HZ, SineTerm, Triple};
+use crate::model::effects::time_shift::{self, TimeShift};
 use crate::model::response::Response;
-use crate::record::known::in_sines::Clock;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
+use std::ops::Deref;
+use std::sync::Arc;
 
 /// Step of numeric derivatives, in logarithms, parts, 1e-6 and µs alike.
 const STEP: f64 = 1e-4;
 /// Steps of a fit, and the decrease of chi-square that ends it.
 const MOST_STEPS: usize = 60;
 const FINISHED: f64 = 1e-4;
-/// Poles are looked for between these frequencies, Hz, and parts up to this size.
-const POLES_HZ: [f64; 2] = [0.5, 2e4];
+/// Parts that pass poles are no larger.
 const MOST_PART: f64 = 1.5;
 
-/// What is missing.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Term {
-    /// A part of the field passes a pole: `1 + p (1 / (1 + i f/f_c) - 1)`; with p = 1 a further pole. Parameters p and ln f_c.
-    Pole([bool; 3]),
-    /// The same with two poles, `1 / (1 - x² + i x / Q)`, no lower than a frequency, Hz: what ends below the corner makes no response fall
-    /// steeper.
-    Order([bool; 3], f64),
-    /// The sampling frequency changes with run time: its relative change `Σ c_k u^k` with u the time over the length of the run. Parameters
-    /// c_1.. in 1e-6.
-    Clock(usize),
-    /// It changes with the temperature of a channel, whose deviation from its mean in K and its integral in K s at the middle of every
-    /// setting stand beside its name. Parameter in 1e-6/K.
-    ClockTemperature(String, Vec<[f64; 2]>),
-    /// The data are displaced against the settings. Parameter in µs, positive if the data are late.
-    Shift,
+/// What may be missing: a term of an effect.
+#[derive(Clone, Debug)]
+pub struct Term {
+    /// The effect.
+    pub effect: EffectRef,
+    form: Arc<dyn SineTerm>,
 }
 
 impl Term {
-    /// Id in the catalogue.
-    pub fn id(&self) -> &'static str {
-        match self {
-            Term::Pole(_) => "eddy_current_attenuation",
-            Term::Order(..) => "response_order",
-            Term::Clock(_) | Term::ClockTemperature(..) => "clock_drift",
-            Term::Shift => "time_shift",
-        }
+    /// A term of an effect.
+    pub fn new(effect: EffectRef, form: Arc<dyn SineTerm>) -> Self {
+        Self { effect, form }
     }
 
-    /// Number of parameters.
-    pub fn count(&self) -> usize {
-        match self {
-            Term::Pole(_) | Term::Order(..) => 2,
-            Term::Clock(degree) => *degree,
-            Term::ClockTemperature(..) | Term::Shift => 1,
-        }
+    /// The term of a displacement.
+    pub fn shift() -> Self {
+        Self::new(EffectRef::new(&TimeShift), time_shift::delay())
     }
 
     /// Whether it is a part that passes poles.
     pub fn has_pole(&self) -> bool {
-        matches!(self, Term::Pole(_) | Term::Order(..))
+        self.pole_range_hz().is_some()
     }
 
-    /// Axes on which it acts.
-    pub fn axes(&self) -> Vec<usize> {
-        match self {
-            Term::Pole(on) | Term::Order(on, _) => (0..3).filter(|i| on[*i]).collect(),
-            _ => vec![0, 1, 2],
-        }
+    /// Whether both are of one kind on the same axes, so that one of them is enough.
+    pub fn is_like(&self, other: &Term) -> bool {
+        self.effect == other.effect && self.kind() == other.kind() && self.axes() == other.axes()
     }
 
-    /// A known effect and its parameters; `None` if the run does not have the channel that it needs.
-    pub fn of(known: &InSine, sines: &Sines, table: &SlowTable) -> Option<(Self, Vec<f64>)> {
-        let ppm = 1e6 / sines.rate_hz;
-        Some(match known {
-            InSine::Poles { poles, on, part, corner_hz } => {
-                let term = if *poles == Poles::One { Term::Pole(*on) } else { Term::Order(*on, POLES_HZ[0]) };
-                (term, vec![*part, corner_hz.ln()])
-            }
-            InSine::Clock(drift) => {
-                let relative = |(k, c): (usize, &f64)| ppm * c * sines.length_s.powi(k as i32 + 1);
-                (Term::Clock(drift.len()), drift.iter().enumerate().map(relative).collect())
-            }
-            InSine::ClockTemperature { channel, hz_per_k } => (clock_temperature(sines, table, channel)?, vec![ppm * hz_per_k]),
-            InSine::Delay(late_s) => (Term::Shift, vec![1e6 * late_s]),
-        })
-    }
-
-    /// What it adds to amplitude (logarithm), phase and slope.
-    fn add(&self, p: &[f64], sines: &Sines, j: usize, i: usize, to: &mut Triple) {
-        let sine = &sines.list[j];
-        let f = sine.setting.frequency_hz;
-        match self {
-            Term::Pole(on) | Term::Order(on, _) if on[i] => {
-                let x = f / p[1].exp();
-                let factor = passed(if matches!(self, Term::Pole(_)) { Poles::One } else { Poles::Two }, p[0], x);
-                to[0] += factor.norm().max(f64::MIN_POSITIVE).ln();
-                to[1] += factor.arg();
-            }
-            Term::Pole(_) | Term::Order(..) => {}
-            Term::Clock(_) => {
-                let (length, u) = (sines.length_s, (sine.middle_s + sines.zero_s) / sines.length_s);
-                for (k, c) in p.iter().enumerate() {
-                    let power = (k + 1) as i32;
-                    to[1] -= TAU * f * 1e-6 * c * length * u.powi(power + 1) / f64::from(power + 1);
-                    to[2] -= TAU * f * 1e-6 * c * u.powi(power);
-                }
-            }
-            Term::ClockTemperature(_, values) => {
-                let [now, integral] = values[j];
-                to[1] -= TAU * f * 1e-6 * p[0] * integral;
-                to[2] -= TAU * f * 1e-6 * p[0] * now;
-            }
-            Term::Shift => to[1] -= TAU * f * 1e-6 * p[0],
-        }
+    /// Whether both are of one form on the same axes.
+    pub fn is_same(&self, other: &Term) -> bool {
+        self.is_like(other) && self.form() == other.form()
     }
 }
 
-/// The temperature of a channel at the settings, as [`Term::ClockTemperature`] wants it.
-pub fn clock_temperature(sines: &Sines, table: &SlowTable, name: &str) -> Option<Term> {
-    let series = table.channel(name)?;
-    let (first, last) = (series.first()?.0, series.last()?.0);
-    if series.len() < 8 || last <= first {
-        return None;
+impl Deref for Term {
+    type Target = dyn SineTerm;
+
+    fn deref(&self) -> &Self::Target {
+        &*self.form
     }
-    let clock = Clock::proportional(&series, 1.0);
-    let middles_s = sines.list.iter().map(|sine| sine.middle_s + sines.zero_s);
-    let values = middles_s.map(|t| [clock.at(t), clock.lead_s(t)]).collect();
-    Some(Term::ClockTemperature(name.to_owned(), values))
 }
 
 /// A response with terms: per component the logarithms of DC amplitude and parameters of the response and the relative deviation of the
@@ -146,12 +79,12 @@ impl Model {
 
     /// All parameters.
     pub fn count(&self) -> usize {
-        3 * self.own() + self.terms.iter().map(Term::count).sum::<usize>()
+        3 * self.own() + self.terms.iter().map(|t| t.count()).sum::<usize>()
     }
 
     /// Where the parameters of a term begin.
     pub fn begin(&self, term: usize) -> usize {
-        3 * self.own() + self.terms[..term].iter().map(Term::count).sum::<usize>()
+        3 * self.own() + self.terms[..term].iter().map(|t| t.count()).sum::<usize>()
     }
 
     /// What component i shows of setting j.
@@ -166,7 +99,8 @@ impl Model {
             -TAU * f * deviation,
         ];
         for (k, term) in self.terms.iter().enumerate() {
-            term.add(&p[self.begin(k)..], sines, j, i, &mut triple);
+            let begin = self.begin(k);
+            term.add(&p[begin..begin + term.count()], &sines.run, j, i, &mut triple);
         }
         triple
     }
@@ -244,14 +178,7 @@ impl Model {
 
     /// Parameters of poles: where they stand, and their lowest and highest value.
     fn limits(&self) -> impl Iterator<Item = (usize, [f64; 2])> {
-        self.terms.iter().enumerate().filter_map(|(k, term)| {
-            let lowest_hz = match term {
-                Term::Pole(_) => POLES_HZ[0],
-                Term::Order(_, lowest_hz) => *lowest_hz,
-                _ => return None,
-            };
-            Some((self.begin(k) + 1, [lowest_hz.ln(), POLES_HZ[1].ln()]))
-        })
+        self.terms.iter().enumerate().filter_map(|(k, term)| Some((self.begin(k) + 1, term.pole_range_hz()?.map(f64::ln))))
     }
 
     /// With the poles where they may be.
@@ -364,7 +291,7 @@ impl Fit {
                     p[k] = size;
                     sines.whiten(|j, i| {
                         let mut triple = [0.0; 3];
-                        term.add(&p, sines, j, i, &mut triple);
+                        term.add(&p, &sines.run, j, i, &mut triple);
                         triple
                     })
                 };

@@ -1,13 +1,17 @@
 //! What the samples of every setting tell of its sine: amplitude, phase, and how fast the phase runs away, with their noise.
 
-use crate::data::run::Setting;
+use crate::data::run::{Setting, SlowTable};
+use crate::diagnose::DiagnoseError;
 use crate::fit::sine::{self, Residue};
 use crate::measure::freq::Freq;
+use crate::model::effects::in_sine::{SineRun, SineSetting, Triple};
 use crate::record::scene::Samples;
 use nalgebra::DVector;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
+/// A response, a clock and an effect need so many settings.
+const LEAST_SINES: usize = 8;
 /// Sines below this many standard uncertainties of their amplitude are left out: the logarithm of the rest is as good as normal.
 const LEAST_RATIO: f64 = 10.0;
 /// Phases refer to the begins of the settings if so many of them agree with the response to within so much, rad.
@@ -23,7 +27,7 @@ pub struct Tone {
     pub log_amplitude: f64,
     /// Phase, rad.
     pub phase_rad: f64,
-    /// Change of the phase beside the sampling frequency of [`Sines::rate_hz`], rad/s.
+    /// Change of the phase beside the sampling frequency of [`SineRun::rate_hz`], rad/s.
     pub slope_rad_per_s: f64,
     /// Standard uncertainties of the three.
     pub std: [f64; 3],
@@ -49,25 +53,14 @@ pub struct SineOf {
 pub struct Sines {
     /// In the order of the run.
     pub list: Vec<SineOf>,
-    /// Sampling frequency to which phases refer, Hz.
-    pub rate_hz: f64,
-    /// Length of the run, s.
-    pub length_s: f64,
-    /// Phases of the field are those of a sine that begins with its setting; otherwise every setting has one of its own.
-    pub begins_known: bool,
-    /// Run time of counter 0, s.
-    pub zero_s: f64,
-    /// Its standard uncertainty, s.
-    pub zero_std_s: f64,
+    /// The run as effects read it.
+    pub run: SineRun,
 }
-
-/// A prediction or a measurement of the sine of one component: logarithm of the amplitude, phase in rad, its slope in rad/s.
-pub type Triple = [f64; 3];
 
 impl Sines {
     /// Of the undamaged stretches that the frequency analysis found.
-    pub fn new(samples: &Samples, freq: &Freq) -> Result<Self, String> {
-        let rate_hz = freq.parameters.mean_f_s_hz.ok_or("the run has no sampling frequency")?;
+    pub fn new(samples: &Samples, freq: &Freq, temperatures: &SlowTable) -> Result<Self, DiagnoseError> {
+        let rate_hz = freq.parameters.mean_f_s_hz.ok_or(DiagnoseError::NoSamplingFrequency)?;
         let (zero_s, zero_std_s) = counter_zero(samples, rate_hz);
         let stretches: Vec<(Setting, usize, usize)> = freq
             .stretches
@@ -127,21 +120,25 @@ impl Sines {
                 list.push(SineOf { setting: **setting, middle_s, length_s, tones, contrasts });
             }
         }
-        if list.len() < 8 {
-            return Err(format!("{} settings hold sines that stand out of the noise, 8 are needed", list.len()));
+        if list.len() < LEAST_SINES {
+            return Err(DiagnoseError::FewSines { found: list.len(), needed: LEAST_SINES });
         }
         let length_s = samples.t_s.last().copied().unwrap_or(1.0);
-        Ok(Self { list, rate_hz, length_s, begins_known: false, zero_s, zero_std_s })
-    }
-
-    /// Whether the time of counter 0 is too uncertain for the phases.
-    pub fn tags_are_rounded(&self) -> bool {
-        self.zero_std_s > LEAST_ROUNDING_S
+        let setting = |sine: &SineOf| SineSetting { frequency_hz: sine.setting.frequency_hz, middle_s: sine.middle_s + zero_s };
+        let run = SineRun {
+            settings: list.iter().map(setting).collect(),
+            rate_hz,
+            length_s,
+            begins_known: false,
+            tags_are_rounded: zero_std_s > LEAST_ROUNDING_S,
+            temperatures: temperatures.clone(),
+        };
+        Ok(Self { list, run })
     }
 
     /// Rows per setting.
     pub fn rows(&self) -> usize {
-        if self.begins_known { 9 } else { 8 }
+        if self.run.begins_known { 9 } else { 8 }
     }
 
     /// Triples of every setting and component in units of their noise: three amplitudes, phases (all, or two contrasts), three slopes.
@@ -151,7 +148,7 @@ impl Sines {
             let raw: [Triple; 3] = std::array::from_fn(|i| triple(j, i));
             let white = |i: usize, what: usize| raw[i][what] / sine.tones[i].std[what];
             out.extend((0..3).map(|i| white(i, 0)));
-            if self.begins_known {
+            if self.run.begins_known {
                 out.extend((0..3).map(|i| white(i, 1)));
             } else {
                 out.extend(sine.contrasts.map(|c| (0..3).map(|i| c[i] * white(i, 1)).sum::<f64>()));
@@ -171,7 +168,7 @@ impl Sines {
                     [tones[i].log_amplitude - a, tones[i].phase_rad - p, tones[i].slope_rad_per_s - s]
                 });
                 // A phase of the setting's own is taken off before whole turns are.
-                let common = if self.begins_known { 0.0 } else { difference[0][1] };
+                let common = if self.run.begins_known { 0.0 } else { difference[0][1] };
                 difference.iter_mut().for_each(|d| d[1] = wrapped(d[1] - common));
                 difference
             })
@@ -185,7 +182,7 @@ impl Sines {
             (0..3).all(|i| wrapped(self.list[j].tones[i].phase_rad - predicted(j, i)[1]).abs() < AGREES_RAD)
         };
         let agreeing = (0..self.list.len()).filter(|j| agree(*j)).count();
-        self.begins_known = agreeing as f64 >= AGREEING * self.list.len() as f64;
+        self.run.begins_known = agreeing as f64 >= AGREEING * self.list.len() as f64;
     }
 }
 

@@ -5,7 +5,8 @@ use super::words;
 use crate::data::units::COMPONENTS;
 use crate::files::amplitudes::Row;
 use crate::measure::freq as analysis;
-use crate::model::effects::{CATALOGUE, Spec, named};
+use crate::model::effects::lost_samples::LostSamples;
+use crate::model::effects::{Catalogue, EffectRef, Spec};
 
 /// Rows of a table with less weight in the response are outliers.
 const OUTLIER: f64 = 0.5;
@@ -59,6 +60,7 @@ pub fn table(rows: &[Row], id: &str) -> Diagnosis {
             step: 0,
         });
     }
+    let lost = EffectRef::new(&LostSamples);
     let steps: Vec<Step> = if outlying.is_empty() {
         Vec::new()
     } else {
@@ -69,7 +71,7 @@ pub fn table(rows: &[Row], id: &str) -> Diagnosis {
         let floor = noise_floor_nt.iter().copied().fold(f64::INFINITY, f64::min);
         let list: Vec<String> = outlying.iter().map(|(_, words)| words.clone()).collect();
         vec![Step {
-            effect: "lost_samples".to_owned(),
+            effect: lost,
             axes: COMPONENTS.map(str::to_owned).to_vec(),
             ambiguous_with: Vec::new(),
             form: outlying
@@ -89,7 +91,7 @@ pub fn table(rows: &[Row], id: &str) -> Diagnosis {
             gap_before: before,
             gap_after: after,
             strength_k: largest.abs() / floor,
-            family: named("lost_samples").map_or("", |e| e.about().family.name()),
+            family: lost.about().family.name(),
             wording: "consistent with",
             runners_up: Vec::new(),
             next_measurement: Some("the runs with these amplitudes as waveforms, or these frequencies once more".to_owned()),
@@ -111,10 +113,10 @@ pub fn table(rows: &[Row], id: &str) -> Diagnosis {
         })
         .collect();
     let reason = "a table of amplitudes has neither samples nor times nor uncertainties; what the response leaves is the only measure of noise";
-    let not_identifiable = CATALOGUE
+    let not_identifiable = Catalogue::default()
         .iter()
-        .filter(|e| !["unknown", "lost_samples"].contains(&e.id()))
-        .map(|e| NotIdentifiable { effect: e.id().to_owned(), reason: reason.to_owned() })
+        .filter(|effect| *effect != lost)
+        .map(|effect| NotIdentifiable { effect, reason: reason.to_owned() })
         .collect();
     let pictures = Pictures { left: if steps.is_empty() { maps.clone() } else { Vec::new() }, ..Pictures::default() };
     Diagnosis {

@@ -7,7 +7,8 @@ use super::{Inside, SIGNIFICANT, demean, interval_s, remove, remove_raw, rms};
 use crate::diagnose::APART;
 use crate::fit::scan::orthonormal;
 use crate::fit::statistics::log_chi2_tail;
-use crate::model::effects::{Record, Spec};
+use crate::model::effects::in_samples::{Comb, Harmonic, InSamples, Line};
+use crate::model::effects::{Catalogue, EffectRef, Record};
 use crate::record::scene::{Samples, Scene};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -29,14 +30,17 @@ const HARMONICS: usize = 8;
 const SAME_LINE: f64 = 0.005;
 
 /// Periodic signals in what the plateau means leave.
-pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside]) -> Vec<Inside> {
+pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside], catalogue: &Catalogue) -> Vec<Inside> {
+    let signals = Signals::of(catalogue);
     let mut found: Vec<Inside> = Vec::new();
     let Some(rate_hz) = interval_s(samples).map(f64::recip) else { return found };
     let Some(grid) = Grid::new(samples, &scene.windows, rate_hz) else { return found };
     let mut spectrum = Spectrum::new(&grid);
     let mut residual = around_means(scene, samples, known);
     for _ in 0..MOST_SIGNALS {
-        let Some(Found { signal, line_hz, left }) = strongest(&scene.record, &grid, &mut spectrum, &residual) else { break };
+        let Some(Found { signal, line_hz, left }) = strongest(&scene.record, &signals, &grid, &mut spectrum, &residual) else {
+            break;
+        };
         residual = left;
         // A signal that comes again with the settings had lost a slope that was its own.
         residual.par_iter_mut().for_each(|values| level(values, samples, &scene.windows));
@@ -45,6 +49,26 @@ pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside]) -> Vec<Insid
         }
     }
     found
+}
+
+/// The effects of a catalogue that make periodic signals: one that makes a line, and those that make combs.
+struct Signals {
+    line: Option<(EffectRef, Line)>,
+    combs: Vec<(EffectRef, Comb)>,
+}
+
+impl Signals {
+    fn of(catalogue: &Catalogue) -> Self {
+        let mut signals = Self { line: None, combs: Vec::new() };
+        for effect in catalogue.iter() {
+            match effect.in_samples() {
+                Some(InSamples::Line(line)) => signals.line = signals.line.or(Some((effect, line))),
+                Some(InSamples::Comb(comb)) => signals.combs.push((effect, comb)),
+                _ => {}
+            }
+        }
+        signals
+    }
 }
 
 /// A periodic signal, the line that showed it, and what it leaves.
@@ -56,7 +80,7 @@ struct Found {
 
 /// Whether a line lies on a harmonic of a known signal, seen at the sampling frequency.
 fn belongs(line_hz: f64, known: &Inside, rate_hz: f64) -> bool {
-    let Some(known_hz) = known.spec.get("frequency").or_else(|| known.spec.get("period").map(f64::recip)) else { return false };
+    let Some(known_hz) = known.effect.period_s(&known.spec).map(f64::recip) else { return false };
     let seen_hz = |f: f64| (f - rate_hz * (f / rate_hz).round()).abs();
     (1..=HARMONICS).any(|k| (seen_hz(k as f64 * known_hz) - seen_hz(line_hz)).abs() < SAME_LINE * known_hz)
 }
@@ -108,7 +132,13 @@ fn mean(values: &[f64]) -> f64 {
 }
 
 /// The strongest line of the spectra of all components together, as a tone or as a switched signal.
-fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[Vec<f64>; 3]) -> Option<Found> {
+fn strongest(
+    record: &Record,
+    signals: &Signals,
+    grid: &Grid,
+    spectrum: &mut Spectrum,
+    residual: &[Vec<f64>; 3],
+) -> Option<Found> {
     let (step_hz, length) = (grid.step_hz(), grid.length);
     let noise = spectrum.take(grid, residual)?;
     let lines = spectrum.lines(&noise);
@@ -116,7 +146,8 @@ fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[
     let trials = TONES * length;
     let is_tone = tone_p + (trials as f64).ln() < SIGNIFICANT.ln();
     let comb_log_trials = (COMBS as f64 * length as f64).ln();
-    let comb = lines.comb().filter(|c| c.log_p + comb_log_trials < SIGNIFICANT.ln());
+    let shapes: Vec<Harmonic> = signals.combs.iter().map(|(_, comb)| comb.harmonic).collect();
+    let comb = lines.comb(&shapes).filter(|c| c.log_p + comb_log_trials < SIGNIFICANT.ln());
     let (line_hz, p_value) = match &comb {
         _ if is_tone => (peak as f64 * step_hz, tone_p.exp()),
         Some(c) => (c.strongest as f64 * c.base * step_hz, (c.log_p + comb_log_trials - (trials as f64).ln()).exp()),
@@ -130,7 +161,7 @@ fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[
     demean(&mut quiet, grid.windows);
     let noise = spectrum.take(grid, &quiet)?;
     drop(quiet);
-    let waves = Waves { grid, noise: &noise, residual };
+    let waves = &Waves { grid, noise: &noise, residual };
     let line_hz = waves.refine(line_hz);
     let sines = waves.harmonics(line_hz, 1)?;
     let wave = sines.first()?;
@@ -140,8 +171,10 @@ fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[
     let orders = (1..=4).map(|order| (order as f64, line_hz / order as f64));
     let switched = orders
         .chain(comb.map(|c| (c.strongest as f64, c.base * step_hz)))
-        .filter_map(|(order, base_hz)| waves.switched(base_hz, order))
-        .max_by(|a, b| a.evidence.total_cmp(&b.evidence));
+        .flat_map(|(order, base_hz)| {
+            signals.combs.iter().filter_map(move |(effect, form)| Some((*effect, *form, waves.switched(form, base_hz, order)?)))
+        })
+        .max_by(|a, b| a.2.evidence.total_cmp(&b.2.evidence));
     let axes_of = |values: &[(f64, f64)]| -> Vec<usize> {
         (0..3).filter(|a| values[*a].0.abs() > 3.0 * values[*a].1 || values.iter().all(|v| v.0.abs() <= 3.0 * v.1)).collect()
     };
@@ -152,9 +185,10 @@ fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[
     let frequency_std = grid.rate_hz / length as f64 * 0.55 / (tone / 2.0).sqrt();
     // The phase is known best in the middle of the record; at the run's start the frequency has its part in it.
     let phase_std = TAU * frequency_std * mean(&grid.samples.t_s);
+    let (tone_effect, line) = signals.line?;
     let as_tone = || Inside {
-        id: "interference_tone",
-        spec: Spec::new("sine", &tone_axes).with("frequency", line_hz, "Hz"),
+        effect: tone_effect,
+        spec: (line.term)(&tone_axes, line_hz),
         values: tone_axes
             .iter()
             .flat_map(|a| {
@@ -162,7 +196,7 @@ fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[
                 [(sin, std.hypot(cos * phase_std)), (cos, std.hypot(sin * phase_std))]
             })
             .collect(),
-        shape_std: vec![("frequency".to_owned(), frequency_std)],
+        shape_std: vec![(line.frequency.to_owned(), frequency_std)],
         strength: tone.sqrt(),
         p_value: p_value.max(f64::MIN_POSITIVE),
         trials,
@@ -171,12 +205,12 @@ fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[
         rms_ent: [[0.0; 3]; 2],
     };
     let mut inside = match switched {
-        Some(found) if found.evidence > tone_evidence => {
-            let Switched { base_hz, duty, delay, .. } = waves.polish(&found);
+        Some((switched_effect, comb_form, found)) if found.evidence > tone_evidence => {
+            let Switched { base_hz, duty, delay, .. } = waves.polish(&comb_form, &found);
             // On and off cannot be told apart: the shorter part is called on.
             let (duty, delay) = if duty > 0.5 { (1.0 - duty, (delay + duty).rem_euclid(1.0)) } else { (duty, delay) };
             let harmonics = waves.harmonics(base_hz, HARMONICS)?;
-            let (gain, values) = waves.matched(&harmonics, base_hz, duty, delay);
+            let (gain, values) = waves.matched(&comb_form, &harmonics, base_hz, duty, delay);
             // Lines of a spectrum lie beside the harmonics; the fit has to confirm what they showed.
             if !is_tone && log_p_of_switched(values.map(|v| (v.0 / v.1).powi(2))) + comb_log_trials >= SIGNIFICANT.ln() {
                 return None;
@@ -184,23 +218,21 @@ fn strongest(record: &Record, grid: &Grid, spectrum: &mut Spectrum, residual: &[
             let axes = axes_of(&values);
             let period_s = base_hz.recip();
             Inside {
-                id: "heater_pwm",
-                spec: Spec::new("square", &axes).with("period", period_s, "s").with("duty", duty, "1").with(
-                    "delay",
-                    delay * period_s,
-                    "s",
-                ),
+                effect: switched_effect,
+                spec: (comb_form.term)(&axes, period_s, duty, delay * period_s),
                 values: axes.iter().map(|a| values[*a]).collect(),
                 shape_std: vec![(
-                    "period".to_owned(),
+                    comb_form.period.to_owned(),
                     period_s * period_s * 0.55 / (length as f64 / grid.rate_hz) / (gain / 2.0).sqrt(),
                 )],
                 strength: gain.sqrt(),
-                ambiguous_with: if found.evidence - tone_evidence < APART { vec!["interference_tone"] } else { Vec::new() },
+                ambiguous_with: if found.evidence - tone_evidence < APART { vec![tone_effect] } else { Vec::new() },
                 ..as_tone()
             }
         }
-        Some(other) if tone_evidence - other.evidence < APART => Inside { ambiguous_with: vec!["heater_pwm"], ..as_tone() },
+        Some((other, _, switched)) if tone_evidence - switched.evidence < APART => {
+            Inside { ambiguous_with: vec![other], ..as_tone() }
+        }
         _ => as_tone(),
     };
     let mut left = residual.clone();

@@ -9,7 +9,7 @@ use crate::data::result::Covariance;
 use crate::files::orientations::RunResult;
 use crate::files::parameter::{CoilConvention, CoilTilt, FacilityPart, TiltOrientation, TiltValues};
 use crate::fit::{FitError, Limits, linear};
-use crate::model::position::Position;
+use crate::model::position::{Class, Position};
 use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 
@@ -31,8 +31,6 @@ const LEAST_LEFT: usize = 3;
 const ROUNDING: [f64; 3] = [1e-10, 1e-7, 1e-10];
 /// Eigenvalues of the normal matrix below this are zero: its entries are small whole numbers.
 const NULL: f64 = 1e-9;
-/// Pairs of axes that the three angles lie between.
-pub(crate) const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
 /// Sensor and facility.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -41,46 +39,12 @@ pub struct Tilt {
     pub parameters: CoilTilt,
 }
 
-/// The three families of parameters, which do not mix.
-#[derive(Clone, Copy)]
-pub(crate) enum Family {
-    Scale,
-    Offset,
-    Angle,
-}
-
-impl Family {
-    pub(crate) const ALL: [Family; 3] = [Family::Scale, Family::Offset, Family::Angle];
-
-    /// Which parameter of the facility the sensor's parameter `i` sees, and with which factor.
-    pub(crate) fn sees(self, position: &Position, i: usize) -> (usize, f64) {
-        match self {
-            Family::Scale => (position.along(i).0, -1.0),
-            Family::Offset => position.along(i),
-            Family::Angle => {
-                let (a, b) = PAIRS[i];
-                let ((k, s), (l, t)) = (position.along(a), position.along(b));
-                let pair = PAIRS.iter().position(|p| *p == (k.min(l), k.max(l))).unwrap_or_default();
-                (pair, s * t)
-            }
-        }
-    }
-
-    /// The values of one run or orientation in which the facility acts by addition.
-    pub(crate) fn of(self, values: &TiltValues) -> [f64; 3] {
-        match self {
-            Family::Scale => values.scale.map(f64::ln),
-            Family::Offset => values.offset_nt,
-            Family::Angle => values.angles_deg,
-        }
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Family::Scale => "scale factor",
-            Family::Offset => "offset field",
-            Family::Angle => "angle",
-        }
+/// The values of one run or orientation in which the facility acts by addition.
+pub(crate) fn additive(class: Class, values: &TiltValues) -> [f64; 3] {
+    match class {
+        Class::Scale => values.scale.map(f64::ln),
+        Class::Offset => values.offset_nt,
+        Class::Angle => values.angles_deg,
     }
 }
 
@@ -97,7 +61,7 @@ struct Solved {
 }
 
 /// Solves one family by least squares. What the orientations leave undetermined the correction of the facility has no part of.
-fn solve(family: Family, orientations: &[(Position, [f64; 3])]) -> Result<Solved, FitError> {
+fn solve(family: Class, orientations: &[(Position, [f64; 3])]) -> Result<Solved, FitError> {
     let rows = 3 * orientations.len();
     let mut design = DMatrix::zeros(rows, 6);
     let mut rhs = DVector::zeros(rows);
@@ -123,7 +87,7 @@ fn solve(family: Family, orientations: &[(Position, [f64; 3])]) -> Result<Solved
     let columns = DMatrix::from_fn(rows, 3 + seen.len(), |r, c| {
         if c < 3 { design[(r, c)] } else { (0..3).map(|k| design[(r, 3 + k)] * basis[(k, c - 3)]).sum() }
     });
-    let names = (0..columns.ncols()).map(|c| format!("{} {c}", family.name())).collect();
+    let names = (0..columns.ncols()).map(|c| format!("{} {c}", family.facility_name())).collect();
     let design = linear::Design::new(names, columns)?;
     let solution = linear::solve(&design, &DMatrix::from_column_slice(rows, 1, rhs.as_slice()), None, &Limits::default())?;
     let found: Vec<f64> = solution.coefficients.iter().copied().collect();
@@ -159,11 +123,11 @@ fn orthonormal(mut vectors: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
 
 /// All three families.
 fn solve_all(orientations: &[(Position, TiltValues)]) -> Result<[Solved; 3], FitError> {
-    let family = |family: Family| {
-        let own: Vec<(Position, [f64; 3])> = orientations.iter().map(|(p, v)| (*p, family.of(v))).collect();
+    let family = |family: Class| {
+        let own: Vec<(Position, [f64; 3])> = orientations.iter().map(|(p, v)| (*p, additive(family, v))).collect();
         solve(family, &own)
     };
-    let [scale, offset, angle] = Family::ALL.map(family);
+    let [scale, offset, angle] = Class::ALL.map(family);
     Ok([scale?, offset?, angle?])
 }
 
@@ -288,21 +252,21 @@ pub fn tilt(runs: &[RunResult], facility: &FacilityPart, options: &Options) -> R
     let own: Vec<(Position, TiltValues)> = all.iter().zip(&is_used).filter(|(_, used)| **used).map(|(o, _)| *o).collect();
     let solved = solve_all(&own)?;
     let [scale, offset, angle] = &solved;
-    let undetermined = Family::ALL.into_iter().zip(&solved).flat_map(|(f, s)| s.unseen.iter().map(move |u| name(f, u))).collect();
+    let undetermined = Class::ALL.into_iter().zip(&solved).flat_map(|(f, s)| s.unseen.iter().map(move |u| name(f, u))).collect();
     if solved.iter().any(|s| s.dof == 0) {
         warnings.push("there are as many values as parameters: nothing tells the uncertainties".to_owned());
     }
 
     let correction = TiltValues { scale: scale.facility, offset_nt: offset.facility, angles_deg: angle.facility };
     let corrected = |position: &Position, values: &TiltValues| {
-        let seen = |family: Family, solved: &Solved, i: usize| {
+        let seen = |family: Class, solved: &Solved, i: usize| {
             let (k, factor) = family.sees(position, i);
             factor * solved.facility[k]
         };
         TiltValues {
-            scale: std::array::from_fn(|i| values.scale[i] * (-seen(Family::Scale, scale, i)).exp()),
-            offset_nt: std::array::from_fn(|i| values.offset_nt[i] - seen(Family::Offset, offset, i)),
-            angles_deg: std::array::from_fn(|i| values.angles_deg[i] - seen(Family::Angle, angle, i)),
+            scale: std::array::from_fn(|i| values.scale[i] * (-seen(Class::Scale, scale, i)).exp()),
+            offset_nt: std::array::from_fn(|i| values.offset_nt[i] - seen(Class::Offset, offset, i)),
+            angles_deg: std::array::from_fn(|i| values.angles_deg[i] - seen(Class::Angle, angle, i)),
         }
     };
     let orientation: Vec<TiltOrientation> = groups
@@ -359,11 +323,11 @@ pub fn tilt(runs: &[RunResult], facility: &FacilityPart, options: &Options) -> R
 }
 
 /// A combination that the orientations do not see, for people.
-fn name(family: Family, direction: &Vector3<f64>) -> String {
-    let names = if matches!(family, Family::Angle) { ANGLES } else { AXES };
-    let what = family.name();
+fn name(family: Class, direction: &Vector3<f64>) -> String {
+    let names = if matches!(family, Class::Angle) { ANGLES } else { AXES };
+    let what = family.facility_name();
     let first = direction[0];
-    if matches!(family, Family::Scale) && direction.iter().all(|v| (v - first).abs() < 1e-9) {
+    if matches!(family, Class::Scale) && direction.iter().all(|v| (v - first).abs() < 1e-9) {
         return "the common scale factor of coil system and sensor".to_owned();
     }
     let parts: Vec<String> =

@@ -1,6 +1,12 @@
 //! A temperature channel jumps or is offset.
 
-use super::{About, Column, Effect, Family, Record, Spec};
+use super::{About, Acts, Effect, Family, Record, Spec, Unseen};
+use crate::data::run::Kind;
+
+/// The form of it that a diagnosis finds.
+pub const JUMP: &str = "jump";
+/// Shape: when the channel jumps for the first time.
+pub const JUMP_TIME: &str = "time";
 
 /// A temperature channel jumps or is offset.
 pub struct BadThermistor;
@@ -22,16 +28,19 @@ impl Effect for BadThermistor {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        if record.sensor.is_none() && record.coil.is_none() && record.rack.is_none() {
-            return Err("no temperature was recorded".to_owned());
-        }
-        // It shows in the channels themselves, not in the readings.
-        Ok(Vec::new())
+    fn acts(&self) -> &'static [Acts] {
+        // It shows in the temperature channels and not in the readings.
+        &[]
     }
 
-    fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let _ = (record, spec);
+    fn unseen_by(&self, _kind: Kind) -> Option<Unseen> {
         None
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
+        if record.sensor.is_none() && record.coil.is_none() && record.rack.is_none() {
+            return Err(Unseen::NotRecorded("temperature"));
+        }
+        Ok(Vec::new())
     }
 }

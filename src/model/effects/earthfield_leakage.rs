@@ -2,10 +2,15 @@
 
 use super::coil_temperature::moving;
 use super::record::centred;
-use super::{About, Column, Effect, Family, Record, Spec, one, singly_and_together};
+use super::{About, Acts, Column, Effect, Family, PART_OF_THE_OFFSETS, Record, Spec, Unseen, one, singly_and_together};
+use crate::data::run::Kind;
 use crate::data::units::COMPONENTS;
 
-/// The compensation acts on the wrong axes too, as with coils or a variometer that are turned.
+/// Form: each axis has a part of its own variometer axis.
+const OWN: &str = "own axis";
+/// The covariate in words.
+const VARIOMETER: &str = "variometer";
+/// Form: the compensation acts on the wrong axes too, as with coils or a variometer that are turned.
 const CROSSED: &str = "crossed axes";
 
 /// The dynamic compensation of the Earth field is imperfect.
@@ -28,12 +33,20 @@ impl Effect for EarthfieldLeakage {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        let variometer = record.variometer.as_ref().ok_or("no variometer was recorded")?;
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means]
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(PART_OF_THE_OFFSETS)
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
+        let variometer = record.variometer.as_ref().ok_or(Unseen::NotRecorded(VARIOMETER))?;
         for channel in variometer {
-            moving(Some(channel), "variometer")?;
+            moving(Some(channel), VARIOMETER)?;
         }
-        let mut specs = singly_and_together("own axis");
+        let mut specs = singly_and_together(OWN);
         specs.push(Spec::new(CROSSED, &[0, 1, 2]));
         Ok(specs)
     }

@@ -1,7 +1,14 @@
 //! Coil, box or housing attenuates alternating fields.
 
-use super::in_sine::{InSine, Poles};
-use super::{About, Column, Effect, Family, Record, Spec};
+use super::in_sine::{
+    CORNER, InSine, PART, POLES_HZ, PartThroughPoles, Poles, SineRun, SineTerm, TOGETHER_AND_SINGLY, known_part,
+};
+use super::{About, Acts, Changes, Effect, Family, Spec, Unseen};
+use crate::data::run::Kind;
+use std::sync::Arc;
+
+/// Its form.
+pub const ONE_POLE: &str = "pole in part";
 
 /// Coil, box or housing attenuates alternating fields.
 pub struct EddyCurrentAttenuation;
@@ -23,18 +30,34 @@ impl Effect for EddyCurrentAttenuation {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        let _ = record;
-        Err("needs a frequency run".to_owned())
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Sines]
     }
 
-    fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let _ = (record, spec);
-        None
+    fn changes(&self) -> Changes {
+        Changes::Response
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind != Kind::Frequency).then_some(Unseen::NeedsSines)
     }
 
     fn in_sine(&self, spec: &Spec, value: &mut dyn FnMut(&str) -> f64) -> Option<InSine> {
-        let mut poles = || InSine::Poles { poles: Poles::One, on: spec.on(), part: value("part"), corner_hz: value("f_c") };
-        (spec.form == "pole in part").then(&mut poles)
+        let mut poles = || InSine::Poles { poles: Poles::One, on: spec.on(), part: value(PART), corner_hz: value(CORNER) };
+        (spec.form == ONE_POLE).then(&mut poles)
     }
+
+    fn sine_terms(&self, _run: &SineRun, _corner_hz: f64) -> Vec<Arc<dyn SineTerm>> {
+        TOGETHER_AND_SINGLY.map(|on| one_pole(on)).into()
+    }
+
+    fn known_sine_term(&self, known: &InSine, _run: &SineRun) -> Option<(Arc<dyn SineTerm>, Vec<f64>)> {
+        known_part(known, ONE_POLE)
+    }
+}
+
+/// A part of the field passes one pole on some axes.
+#[must_use]
+pub fn one_pole(on: [bool; 3]) -> Arc<dyn SineTerm> {
+    Arc::new(PartThroughPoles { poles: Poles::One, on, lowest_hz: POLES_HZ[0], form: ONE_POLE })
 }

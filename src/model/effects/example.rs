@@ -1,7 +1,7 @@
 //! Example runs, built in code: what an effect does to the readings of an ordinary sensor.
 
 use super::record::{Channel, Step};
-use super::{Effect, Record, Row, Thermal};
+use super::{Acts, Effect, Record, Row, Thermal};
 use crate::data::run::Kind;
 use crate::fit::smooth::Course;
 use nalgebra::Matrix3;
@@ -39,7 +39,7 @@ pub fn of(effect: &dyn Effect) -> Option<Example> {
         let spec = effect.example(&example.record);
         spec.and_then(|s| effect.columns(&example.record, &s)).is_some_and(|c| !c.is_empty())
     };
-    let all: &[fn() -> Example] = if effect.about().needs.contains("samples") { &[sampled] } else { &[linearity, sweep] };
+    let all: &[fn() -> Example] = if effect.acts_in(Acts::Samples) { &[sampled] } else { &[linearity, sweep] };
     all.iter().map(|make| make()).find(shows)
 }
 

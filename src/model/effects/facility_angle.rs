@@ -1,6 +1,12 @@
 //! The angles of the coil calibration are wrong.
 
-use super::{About, Column, Effect, Family, Record, Spec};
+use super::between::{BetweenRuns, Runs, calibration};
+use super::{About, Acts, Effect, Family, PART_OF_THE_AMPLITUDE, Unseen};
+use crate::data::run::Kind;
+use crate::model::position::Class;
+
+/// Why one run cannot show it.
+const ABSORBED: Unseen = Unseen::Stated("absorbed by rotation and misalignment in one position");
 
 /// The angles of the coil calibration are wrong.
 pub struct FacilityAngle;
@@ -22,13 +28,15 @@ impl Effect for FacilityAngle {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        let _ = record;
-        Err("absorbed by rotation and misalignment in one position".to_owned())
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::BetweenRuns]
     }
 
-    fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let _ = (record, spec);
-        None
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        Some(if kind == Kind::Frequency { PART_OF_THE_AMPLITUDE } else { ABSORBED })
+    }
+
+    fn between_runs(&self, runs: &Runs) -> Option<BetweenRuns> {
+        Some(calibration(runs, Class::Angle, "angle", "deg"))
     }
 }

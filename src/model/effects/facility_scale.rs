@@ -1,6 +1,15 @@
 //! The scale factors of the coil calibration are wrong.
 
-use super::{About, Column, Effect, Family, Record, Spec};
+use super::between::{BetweenRuns, Runs, calibration};
+use super::{About, Acts, Effect, Family, PART_OF_THE_AMPLITUDE, Unseen};
+use crate::data::run::Kind;
+use crate::model::position::Class;
+
+/// What of it no set of orientations shows.
+const COMMON_SCALE: Unseen =
+    Unseen::Stated("of its three factors two ratios: the common scale of coil system and sensor is seen by no orientation");
+/// Why one run cannot show it.
+const ABSORBED: Unseen = Unseen::Stated("absorbed by the sensitivities in one position");
 
 /// The scale factors of the coil calibration are wrong.
 pub struct FacilityScale;
@@ -22,13 +31,17 @@ impl Effect for FacilityScale {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        let _ = record;
-        Err("absorbed by the sensitivities in one position".to_owned())
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::BetweenRuns]
     }
 
-    fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let _ = (record, spec);
-        None
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        Some(if kind == Kind::Frequency { PART_OF_THE_AMPLITUDE } else { ABSORBED })
+    }
+
+    fn between_runs(&self, runs: &Runs) -> Option<BetweenRuns> {
+        let made = calibration(runs, Class::Scale, "scale", "");
+        let unseen = made.unseen.or(Some(COMMON_SCALE));
+        Some(BetweenRuns { unseen, ..made })
     }
 }

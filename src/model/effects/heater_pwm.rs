@@ -1,7 +1,16 @@
 //! A switched heater current.
 
-use super::{About, Column, Effect, Family, Record, Spec};
+use super::in_samples::{Comb, InSamples};
+use super::{About, Acts, BESIDE_THE_SINES, Column, Effect, Family, Record, ShapeParameter, Spec, Unseen};
+use crate::data::run::Kind;
 use std::f64::consts::{PI, TAU};
+
+/// Its form.
+const SQUARE: &str = "square";
+/// Shape: the period, the part of it in which the current flows, and when it first begins.
+const PERIOD: &str = "period";
+const DUTY: &str = "duty";
+const DELAY: &str = "delay";
 
 /// A switched heater current.
 pub struct HeaterPwm;
@@ -23,24 +32,58 @@ impl Effect for HeaterPwm {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Samples]
+    }
+
+    fn shape(&self) -> &'static [ShapeParameter] {
+        const { &[ShapeParameter::fixed(PERIOD, "s"), ShapeParameter::fixed(DUTY, "1"), ShapeParameter::fixed(DELAY, "s")] }
+    }
+
+    fn is_of_one_run(&self, _form: &str) -> bool {
+        true
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(BESIDE_THE_SINES)
+    }
+
+    fn in_samples(&self) -> Option<InSamples> {
+        Some(InSamples::Comb(Comb { period: PERIOD, term: square, harmonic }))
+    }
+
+    fn period_s(&self, spec: &Spec) -> Option<f64> {
+        spec.get(PERIOD)
+    }
+
+    fn place_in_samples(&self, spec: &Spec) -> String {
+        let period_s = spec.get(PERIOD).unwrap_or(f64::NAN);
+        format!("{}, everywhere inside the plateaus with a period of {period_s:.4} s", spec.axis_names().join(", "))
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         if record.has_samples {
             // Period, duty and delay are found in the spectrum of the samples.
             Ok(Vec::new())
         } else {
-            Err("it shows in the samples, and the file brings means only".to_owned())
+            Err(Unseen::MeansOnly("in the samples"))
         }
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let (period_s, duty, delay_s) = (spec.get("period")?, spec.get("duty")?, spec.get("delay")?);
+        let (period_s, duty, delay_s) = (spec.get(PERIOD)?, spec.get(DUTY)?, spec.get(DELAY)?);
         let on = |used_s: [f64; 2]| pulse(period_s, duty, delay_s, used_s) - duty;
         Some(spec.axes.iter().map(|&a| Column::on("a", a, "enT", record, |_, r| on(r.used_s))).collect())
     }
 
     fn example(&self, _record: &Record) -> Option<Spec> {
-        Some(Spec::new("square", &[0]).with("period", 2.5, "s").with("duty", 0.3, "1").with("delay", 0.4, "s"))
+        Some(square(&[0], 2.5, 0.3, 0.4))
     }
+}
+
+/// The term of a square wave.
+fn square(axes: &[usize], period_s: f64, duty: f64, delay_s: f64) -> Spec {
+    Spec::new(SQUARE, axes).with(PERIOD, period_s, "s").with(DUTY, duty, "1").with(DELAY, delay_s, "s")
 }
 
 /// Part of a time in which a square wave is on.

@@ -1,7 +1,14 @@
 //! A line, perhaps aliased.
 
-use super::{About, Column, Effect, Family, Record, Spec};
+use super::in_samples::{InSamples, Line};
+use super::{About, Acts, BESIDE_THE_SINES, Column, Effect, Family, Record, ShapeParameter, Spec, Unseen};
+use crate::data::run::Kind;
 use std::f64::consts::{PI, TAU};
+
+/// Its form.
+const SINE: &str = "sine";
+/// Shape.
+const FREQUENCY: &str = "frequency";
 
 /// A line, perhaps aliased.
 pub struct InterferenceTone;
@@ -23,17 +30,46 @@ impl Effect for InterferenceTone {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Samples]
+    }
+
+    fn shape(&self) -> &'static [ShapeParameter] {
+        const { &[ShapeParameter::fixed(FREQUENCY, "Hz")] }
+    }
+
+    fn is_of_one_run(&self, _form: &str) -> bool {
+        true
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(BESIDE_THE_SINES)
+    }
+
+    fn in_samples(&self) -> Option<InSamples> {
+        Some(InSamples::Line(Line { frequency: FREQUENCY, term: sine }))
+    }
+
+    fn period_s(&self, spec: &Spec) -> Option<f64> {
+        spec.get(FREQUENCY).map(f64::recip)
+    }
+
+    fn place_in_samples(&self, spec: &Spec) -> String {
+        let frequency_hz = spec.get(FREQUENCY).unwrap_or(f64::NAN);
+        format!("{}, everywhere inside the plateaus at {frequency_hz:.4} Hz", spec.axis_names().join(", "))
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         if record.has_samples {
             // The frequency is found in the spectrum of the samples.
             Ok(Vec::new())
         } else {
-            Err("it shows in the samples, and the file brings means only".to_owned())
+            Err(Unseen::MeansOnly("in the samples"))
         }
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let frequency_hz = spec.get("frequency")?;
+        let frequency_hz = spec.get(FREQUENCY)?;
         let columns = spec.axes.iter().flat_map(|&a| {
             [("s", false), ("c", true)].map(|(name, even)| {
                 Column::on(name, a, "enT", record, |_, r| {
@@ -46,8 +82,13 @@ impl Effect for InterferenceTone {
     }
 
     fn example(&self, _record: &Record) -> Option<Spec> {
-        Some(Spec::new("sine", &[0]).with("frequency", 0.8, "Hz"))
+        Some(sine(&[0], 0.8))
     }
+}
+
+/// The term of a line.
+fn sine(axes: &[usize], frequency_hz: f64) -> Spec {
+    Spec::new(SINE, axes).with(FREQUENCY, frequency_hz, "Hz")
 }
 
 /// Means of sine and cosine of a frequency over a time.

@@ -1,6 +1,7 @@
 //! Stretches of samples are missing or overlap.
 
-use super::{About, Column, Effect, Family, Record, Spec};
+use super::{About, Acts, Effect, Family, Unseen};
+use crate::data::run::Kind;
 
 /// Stretches of samples are missing or overlap.
 pub struct LostSamples;
@@ -22,13 +23,11 @@ impl Effect for LostSamples {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        let _ = record;
-        Err("needs a frequency run".to_owned())
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Sines]
     }
 
-    fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let _ = (record, spec);
-        None
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind != Kind::Frequency).then_some(Unseen::NeedsSines)
     }
 }

@@ -1,6 +1,12 @@
 //! The offset drifts beyond the fitted trend.
 
-use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
+use super::between::{self, BetweenRuns, Cause, Runs, TOGETHER_AND_SINGLY, Term};
+use super::{
+    About, Acts, Column, Effect, Family, PART_OF_THE_OFFSETS, Record, ShapeParameter, Spec, Unseen, singly_and_together,
+};
+use crate::data::run::Kind;
+use crate::fit::statistics::extent;
+use crate::model::position::Class;
 use std::f64::consts::{PI, TAU};
 
 /// Order of a trend from which on a single order more is no line.
@@ -12,6 +18,23 @@ const DECAYS: [f64; 3] = [0.03, 0.08, 0.2];
 const LEAST_TURNS: f64 = 0.65;
 const MOST_TURNS: f64 = 4.7;
 const RATIO: f64 = 1.25;
+
+/// Prior weight beside a trend: slow noise is the usual cause of what looks like a drift.
+const PRIOR: f64 = 0.1;
+/// Form: one Legendre polynomial more than the trend has.
+pub const LINE: &str = "line";
+/// Forms: two and four of them.
+const POLYNOMIAL: &str = "polynomial";
+const WAVES: &str = "waves";
+/// Form: cosines over the run.
+const RIPPLES: &str = "ripples";
+/// Form: a sine of a period.
+const CYCLE: &str = "cycle";
+/// Form: an exponential from the begin of the run.
+const DECAY: &str = "decay";
+/// Shapes of a cycle and of a decay.
+const PERIOD: &str = "period";
+const TIME_CONSTANT: &str = "time constant";
 
 /// The offset drifts beyond the fitted trend.
 pub struct OffsetDrift;
@@ -33,32 +56,53 @@ impl Effect for OffsetDrift {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        let mut specs = singly_and_together("polynomial");
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means, Acts::BetweenRuns]
+    }
+
+    fn shape(&self) -> &'static [ShapeParameter] {
+        const { &[ShapeParameter::continuous(PERIOD, "s"), ShapeParameter::continuous(TIME_CONSTANT, "s")] }
+    }
+
+    /// Slow noise is the usual cause of what looks like a drift; where the analyst fits no trend there may be one.
+    fn prior(&self, trend_order: Option<usize>) -> f64 {
+        if trend_order.is_some_and(|order| order >= FULL_TREND) { PRIOR } else { 1.0 }
+    }
+
+    fn is_of_one_run(&self, _form: &str) -> bool {
+        true
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(PART_OF_THE_OFFSETS)
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
+        let mut specs = singly_and_together(POLYNOMIAL);
         if record.trend_order < FULL_TREND {
-            specs.extend(singly_and_together("line"));
+            specs.extend(singly_and_together(LINE));
         }
-        specs.extend(singly_and_together("waves"));
-        specs.extend(singly_and_together("ripples"));
+        specs.extend(singly_and_together(WAVES));
+        specs.extend(singly_and_together(RIPPLES));
         let length = record.span_s[1] - record.span_s[0];
         let least = LEAST_TURNS * (record.trend_order + 1) as f64;
         for turns in std::iter::successors(Some(least), |t| Some(t * RATIO)).take_while(|t| *t < MOST_TURNS) {
-            specs.extend(singly_and_together("cycle").into_iter().map(|s| s.with("period", length / turns, "s")));
+            specs.extend(singly_and_together(CYCLE).into_iter().map(|s| s.with(PERIOD, length / turns, "s")));
         }
         for part in DECAYS {
-            specs.extend(singly_and_together("decay").into_iter().map(|s| s.with("time constant", part * length, "s")));
+            specs.extend(singly_and_together(DECAY).into_iter().map(|s| s.with(TIME_CONSTANT, part * length, "s")));
         }
         Ok(specs)
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        if spec.form == "decay" {
-            let constant_s = spec.get("time constant")?;
+        if spec.form == DECAY {
+            let constant_s = spec.get(TIME_CONSTANT)?;
             let decay = |t: f64| (-(t - record.span_s[0]) / constant_s).exp();
             return Some(spec.axes.iter().map(|&a| Column::on("c", a, "enT", record, |_, r| decay(r.t_s()))).collect());
         }
-        if spec.form == "cycle" {
-            let period_s = spec.get("period")?;
+        if spec.form == CYCLE {
+            let period_s = spec.get(PERIOD)?;
             let phase = |t: f64| TAU * (t - record.span_s[0]) / period_s;
             let columns = spec.axes.iter().flat_map(|&a| {
                 let of = |name, part: fn(f64) -> f64| Column::on(name, a, "enT", record, |_, r| part(phase(r.t_s())));
@@ -67,7 +111,7 @@ impl Effect for OffsetDrift {
             return Some(columns.collect());
         }
         let first = record.trend_order + 1;
-        if spec.form == "ripples" {
+        if spec.form == RIPPLES {
             // Cosines stay bounded where polynomials of high order run away beyond their data.
             let cosine = |m: usize, t_s: f64| (0.5 * PI * m as f64 * (record.tau(t_s) + 1.0)).cos();
             let columns = spec.axes.iter().flat_map(|&a| {
@@ -76,14 +120,27 @@ impl Effect for OffsetDrift {
             return Some(columns.collect());
         }
         let orders = match spec.form.as_str() {
-            "line" => first..first + 1,
-            "waves" => first..first + 4,
+            LINE => first..first + 1,
+            WAVES => first..first + 4,
             _ => first..first + 2,
         };
         let columns = spec.axes.iter().flat_map(|&a| {
             orders.clone().map(move |p| Column::on(&format!("p{p}"), a, "enT", record, |_, r| legendre(p, record.tau(r.t_s()))))
         });
         Some(columns.collect())
+    }
+
+    fn between_runs(&self, runs: &Runs) -> Option<BetweenRuns> {
+        let Some(starts_s) = runs.starts_s() else {
+            return Some(BetweenRuns::unseen(Cause::Time, between::NO_TIMES));
+        };
+        let (low, span) = (starts_s.iter().copied().fold(f64::INFINITY, f64::min), extent(starts_s.iter().copied()));
+        let tau = |run: usize| 2.0 * (starts_s[run] - low) / span - 1.0;
+        let term = |axes: &[usize]| Term {
+            spec: Spec::new(LINE, axes),
+            columns: between::Column::per_axis("p1", "nT", axes, Class::Offset, runs, tau),
+        };
+        Some(BetweenRuns::tried(Cause::Time, TOGETHER_AND_SINGLY.map(term).into()))
     }
 }
 

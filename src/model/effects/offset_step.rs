@@ -1,11 +1,21 @@
 //! The offset jumps once.
 
-use super::{About, Column, Effect, Family, Record, Row, Spec};
+use super::between::{self, BetweenRuns, Cause, Runs, TOGETHER_AND_SINGLY, Term};
+use super::{About, Acts, Column, Effect, Family, PART_OF_THE_OFFSETS, Record, Row, ShapeParameter, Spec, Unseen};
+use crate::data::run::Kind;
+use crate::model::position::Class;
 
 /// Rows before the first and after the last onset.
 const EDGE: usize = 3;
 /// Most onsets that are tried.
 const MOST_ONSETS: usize = 48;
+
+/// The best onset is looked for within this part of the run to either side of one that was tried: most of the way to the next one.
+const FINER_PARTS: f64 = 40.0;
+/// Its form.
+const STEP: &str = "step";
+/// Shape: when it jumps.
+const ONSET: &str = "onset";
 
 /// The offset jumps once.
 pub struct OffsetStep;
@@ -27,18 +37,61 @@ impl Effect for OffsetStep {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means, Acts::BetweenRuns]
+    }
+
+    fn shape(&self) -> &'static [ShapeParameter] {
+        const { &[ShapeParameter::continuous(ONSET, "s")] }
+    }
+
+    fn is_of_one_run(&self, _form: &str) -> bool {
+        true
+    }
+
+    fn begins_s(&self, spec: &Spec) -> Option<f64> {
+        spec.get(ONSET)
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(PART_OF_THE_OFFSETS)
+    }
+
+    fn shape_range(&self, record: &Record, _spec: &Spec, _name: &str, value: f64) -> [f64; 2] {
+        let width_s = (record.span_s[1] - record.span_s[0]) / FINER_PARTS;
+        [value - width_s, value + width_s]
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         let times: Vec<f64> = record.rows.iter().map(Row::t_s).collect();
         let inner = times.len().saturating_sub(2 * EDGE);
         let stride = (inner / MOST_ONSETS).max(1);
         let onsets = (EDGE..times.len().saturating_sub(EDGE)).step_by(stride).map(|i| 0.5 * (times[i - 1] + times[i]));
         let axes = [&[0][..], &[1], &[2], &[0, 1, 2]];
-        Ok(onsets.flat_map(|onset| axes.map(|a| Spec::new("step", a).with("onset", onset, "s"))).collect())
+        Ok(onsets.flat_map(|onset| axes.map(|a| Spec::new(STEP, a).with(ONSET, onset, "s"))).collect())
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let onset_s = spec.get("onset")?;
+        let onset_s = spec.get(ONSET)?;
         let after = |t: f64| if t > onset_s { 1.0 } else { 0.0 };
         Some(spec.axes.iter().map(|&a| Column::on("c", a, "enT", record, |_, r| after(r.t_s()))).collect())
+    }
+
+    fn between_runs(&self, runs: &Runs) -> Option<BetweenRuns> {
+        let Some(starts_s) = runs.starts_s() else {
+            return Some(BetweenRuns::unseen(Cause::Time, between::NO_TIMES));
+        };
+        let mut order = starts_s.clone();
+        order.sort_by(f64::total_cmp);
+        order.dedup();
+        let middles_s = order.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
+        let terms = middles_s.flat_map(|middle_s| {
+            let after = |run: usize| if starts_s[run] > middle_s { 1.0 } else { 0.0 };
+            TOGETHER_AND_SINGLY.map(|axes| Term {
+                spec: Spec::new(STEP, axes).with("tau_0", middle_s, "s"),
+                columns: between::Column::per_axis("b", "nT", axes, Class::Offset, runs, after),
+            })
+        });
+        Some(BetweenRuns::tried(Cause::Time, terms.collect()))
     }
 }

@@ -1,6 +1,7 @@
 //! Even non-linearity.
 
-use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
+use super::{About, Acts, Column, Effect, Family, PART_OF_THE_AMPLITUDE, Record, Spec, Unseen, singly_and_together};
+use crate::data::run::Kind;
 
 /// Even non-linearity.
 pub struct QuadraticNonlinearity;
@@ -22,7 +23,15 @@ impl Effect for QuadraticNonlinearity {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means]
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(PART_OF_THE_AMPLITUDE)
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         record.require_fields()?;
         Ok(singly_and_together("quadratic"))
     }

@@ -1,8 +1,18 @@
 //! The electronics of the facility follow the temperature of their rack.
 
-use super::coil_temperature::{deviation, moving, now_and_later, scale_columns};
-use super::{About, Column, Effect, Family, Record, Spec, one, singly_and_together};
+use super::coil_temperature::{LAG, deviation, moving, now_and_later, scale_columns};
+use super::{
+    About, Acts, Column, Effect, Family, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen, one, singly_and_together,
+};
+use crate::data::run::Kind;
 use crate::data::units::COMPONENTS;
+
+/// Form: a field along each coil axis.
+const OFFSET: &str = "offset";
+/// Form: a scale factor for each coil axis.
+const SCALE: &str = "scale";
+/// Form: one scale factor for all.
+const COMMON: &str = "common scale";
 
 /// The electronics of the facility follow the temperature of their rack.
 pub struct RackTemperature;
@@ -24,20 +34,32 @@ impl Effect for RackTemperature {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means]
+    }
+
+    fn shape(&self) -> &'static [ShapeParameter] {
+        const { &[ShapeParameter::continuous(LAG, "s")] }
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(PART_OF_THE_AMPLITUDE)
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         let rack = moving(record.rack.as_ref(), "rack temperature")?;
-        let mut specs = singly_and_together("offset");
+        let mut specs = singly_and_together(OFFSET);
         if record.has_fields() {
-            specs.extend(singly_and_together("scale"));
-            specs.push(Spec::new("common scale", &[0, 1, 2]));
+            specs.extend(singly_and_together(SCALE));
+            specs.push(Spec::new(COMMON, &[0, 1, 2]));
         }
         Ok(now_and_later(specs, rack, record))
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let deviation = deviation(record.rack.as_ref()?, record, spec);
-        if spec.form != "offset" {
-            return Some(scale_columns(record, spec, "scale", &deviation));
+        if spec.form != OFFSET {
+            return Some(scale_columns(record, spec, spec.form == COMMON, "scale", &deviation));
         }
         let column = |&k: &usize| {
             Column::of(format!("offset_{}", COMPONENTS[k]), "nT/K", record, |i, _| record.reading(one(k, deviation[i])))
@@ -56,10 +78,10 @@ mod tests {
     #[test]
     fn a_late_rack_is_what_it_was() {
         let record = example::of(&RackTemperature).unwrap().record;
-        let mut lags: Vec<f64> = RackTemperature.specs(&record).unwrap().iter().filter_map(|s| s.get("lag")).collect();
+        let mut lags: Vec<f64> = RackTemperature.specs(&record).unwrap().iter().filter_map(|s| s.get(LAG)).collect();
         lags.dedup();
         assert_eq!(lags, [15.0, 60.0]);
-        let spec = Spec::new("offset", &[1]).with("lag", 60.0, "s");
+        let spec = Spec::new(OFFSET, &[1]).with(LAG, 60.0, "s");
         let column = &RackTemperature.columns(&record, &spec).unwrap()[0];
         let length_s = record.span_s[1] - record.span_s[0];
         for (row, value) in record.rows.iter().zip(&column.values).filter(|(row, _)| row.t_s() > 60.0) {

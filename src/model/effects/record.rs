@@ -1,5 +1,6 @@
 //! What a run tells about the conditions of each reading: the covariates that effects are functions of.
 
+use super::Unseen;
 use crate::data::run::{Kind, interpolate};
 use crate::fit::smooth::Course;
 use nalgebra::{Matrix3, Vector3};
@@ -163,8 +164,8 @@ impl Record {
     ///
     /// # Errors
     /// The reason.
-    pub fn require_fields(&self) -> Result<(), String> {
-        if self.has_fields() { Ok(()) } else { Err("no field is applied".to_owned()) }
+    pub fn require_fields(&self) -> Result<(), Unseen> {
+        if self.has_fields() { Ok(()) } else { Err(Unseen::NoField) }
     }
 }
 

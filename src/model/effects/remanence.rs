@@ -1,6 +1,12 @@
 //! The reading remembers the setting before.
 
-use super::{About, Column, Effect, Family, Record, Row, Spec, singly_and_together};
+use super::{About, Acts, Column, Effect, Family, PART_OF_THE_AMPLITUDE, Record, Row, Spec, Unseen, singly_and_together};
+use crate::data::run::Kind;
+
+/// Form: a factor for each axis.
+const OWN: &str = "own axis";
+/// Form: one factor for all.
+const COMMON: &str = "common";
 
 /// The reading remembers the setting before.
 pub struct Remanence;
@@ -22,17 +28,25 @@ impl Effect for Remanence {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means]
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(PART_OF_THE_AMPLITUDE)
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         record.require_fields()?;
-        let mut specs = singly_and_together("own axis");
-        specs.push(Spec::new("common", &[0, 1, 2]));
+        let mut specs = singly_and_together(OWN);
+        specs.push(Spec::new(COMMON, &[0, 1, 2]));
         Ok(specs)
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let before = |row: &Row| record.reading(row.previous_coil_nt);
         Some(match spec.form.as_str() {
-            "common" => vec![Column::of("c", "enT/enT", record, |_, r| before(r))],
+            COMMON => vec![Column::of("c", "enT/enT", record, |_, r| before(r))],
             _ => spec.axes.iter().map(|&a| Column::on("c", a, "enT/enT", record, |_, r| before(r)[a])).collect(),
         })
     }

@@ -1,7 +1,12 @@
 //! The response falls steeper than the model.
 
-use super::in_sine::{InSine, Poles};
-use super::{About, Column, Effect, Family, Record, Spec};
+use super::in_sine::{CORNER, InSine, PART, PartThroughPoles, Poles, SineRun, SineTerm, TOGETHER_AND_SINGLY, known_part};
+use super::{About, Acts, Changes, Effect, Family, Spec, Unseen};
+use crate::data::run::Kind;
+use std::sync::Arc;
+
+/// Its form.
+pub const TWO_POLES: &str = "two poles in part";
 
 /// The response falls steeper than the model.
 pub struct ResponseOrder;
@@ -23,18 +28,39 @@ impl Effect for ResponseOrder {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
-        let _ = record;
-        Err("needs a frequency run".to_owned())
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Sines]
     }
 
-    fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let _ = (record, spec);
-        None
+    fn changes(&self) -> Changes {
+        Changes::Response
+    }
+
+    fn is_of_the_response(&self) -> bool {
+        true
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind != Kind::Frequency).then_some(Unseen::NeedsSines)
     }
 
     fn in_sine(&self, spec: &Spec, value: &mut dyn FnMut(&str) -> f64) -> Option<InSine> {
-        let mut poles = || InSine::Poles { poles: Poles::Two, on: spec.on(), part: value("part"), corner_hz: value("f_c") };
-        (spec.form == "two poles in part").then(&mut poles)
+        let mut poles = || InSine::Poles { poles: Poles::Two, on: spec.on(), part: value(PART), corner_hz: value(CORNER) };
+        (spec.form == TWO_POLES).then(&mut poles)
     }
+
+    fn sine_terms(&self, _run: &SineRun, corner_hz: f64) -> Vec<Arc<dyn SineTerm>> {
+        TOGETHER_AND_SINGLY.map(|on| two_poles(on, corner_hz)).into()
+    }
+
+    fn known_sine_term(&self, known: &InSine, _run: &SineRun) -> Option<(Arc<dyn SineTerm>, Vec<f64>)> {
+        known_part(known, TWO_POLES)
+    }
+}
+
+/// A part of the field passes two poles on some axes. They are no lower than the corner of the response: what ends below it makes no response
+/// fall steeper.
+#[must_use]
+pub fn two_poles(on: [bool; 3], corner_hz: f64) -> Arc<dyn SineTerm> {
+    Arc::new(PartThroughPoles { poles: Poles::Two, on, lowest_hz: corner_hz, form: TWO_POLES })
 }

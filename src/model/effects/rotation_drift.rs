@@ -2,9 +2,15 @@
 
 use super::coil_temperature::moving;
 use super::record::centred;
-use super::{About, Column, Effect, Family, Record, Spec, one, singly_and_together};
+use super::{About, Acts, Column, Effect, Family, PART_OF_THE_AMPLITUDE, Record, Spec, Unseen, one, singly_and_together};
+use crate::data::run::Kind;
 use crate::data::units::COMPONENTS;
 use nalgebra::Vector3;
+
+/// Form: the angles grow with time.
+const IN_TIME: &str = "time";
+/// Form: the angles follow the temperature of the sensor.
+const WITH_TEMPERATURE: &str = "temperature";
 
 /// The sensor turns in its mount with time or temperature.
 pub struct RotationDrift;
@@ -26,17 +32,29 @@ impl Effect for RotationDrift {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means]
+    }
+
+    fn is_of_one_run(&self, form: &str) -> bool {
+        form == IN_TIME
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(PART_OF_THE_AMPLITUDE)
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         record.require_fields()?;
-        let mut specs = singly_and_together("time");
+        let mut specs = singly_and_together(IN_TIME);
         if record.thermal.is_none() && moving(record.sensor.as_ref(), "sensor temperature").is_ok() {
-            specs.extend(singly_and_together("temperature"));
+            specs.extend(singly_and_together(WITH_TEMPERATURE));
         }
         Ok(specs)
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let with_temperature = spec.form == "temperature";
+        let with_temperature = spec.form == WITH_TEMPERATURE;
         let deviation = if with_temperature { centred(record.sensor.as_ref()?) } else { Vec::new() };
         let unit = if with_temperature { "rad/K" } else { "rad" };
         let column = |&k: &usize| {

@@ -1,8 +1,11 @@
 //! The sensitivity moves with the sensor temperature inside a run.
 
+use super::between::{BetweenRuns, Runs, sensor_temperature};
 use super::coil_temperature::moving;
 use super::record::centred;
-use super::{About, Column, Effect, Family, Record, Spec, singly_and_together};
+use super::{About, Acts, Column, Effect, Family, PART_OF_THE_AMPLITUDE, Record, Spec, Unseen, singly_and_together};
+use crate::data::run::Kind;
+use crate::model::position::Class;
 
 /// The sensitivity moves with the sensor temperature inside a run.
 pub struct SensorTemperatureSensitivity;
@@ -24,7 +27,15 @@ impl Effect for SensorTemperatureSensitivity {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means, Acts::BetweenRuns]
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(PART_OF_THE_AMPLITUDE)
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         record.require_fields()?;
         moving(record.sensor.as_ref(), "sensor temperature")?;
         Ok(singly_and_together("linear"))
@@ -33,5 +44,9 @@ impl Effect for SensorTemperatureSensitivity {
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let deviation = centred(record.sensor.as_ref()?);
         Some(spec.axes.iter().map(|&a| Column::on("a", a, "1/K", record, |i, r| -deviation[i] * r.linear_ent[a])).collect())
+    }
+
+    fn between_runs(&self, runs: &Runs) -> Option<BetweenRuns> {
+        Some(sensor_temperature(runs, Class::Scale, "a", "1/K"))
     }
 }

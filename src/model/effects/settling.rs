@@ -1,12 +1,19 @@
 //! A transient after a step of the field.
 
+use super::in_samples::{InSamples, Transient};
 use super::record::Step;
-use super::{About, Column, Effect, Family, Record, Spec};
+use super::{About, Acts, Column, Effect, Family, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen};
+use crate::data::run::Kind;
 
 /// Time constants that are tried, s.
-pub const TAUS_S: [f64; 8] = [0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4];
+const TAUS_S: [f64; 8] = [0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4];
 /// A transient is over after so many time constants.
 const OVER: f64 = 30.0;
+
+/// Its form.
+const EXPONENTIAL: &str = "exponential";
+/// Shape.
+const TIME_CONSTANT: &str = "tau";
 
 /// A transient after a step of the field.
 pub struct Settling;
@@ -28,16 +35,41 @@ impl Effect for Settling {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means, Acts::Samples]
+    }
+
+    fn shape(&self) -> &'static [ShapeParameter] {
+        const { &[ShapeParameter::continuous(TIME_CONSTANT, "s")] }
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(PART_OF_THE_AMPLITUDE)
+    }
+
+    fn in_samples(&self) -> Option<InSamples> {
+        Some(InSamples::Transient(Transient {
+            taus_s: &TAUS_S,
+            time_constant: TIME_CONSTANT,
+            term: exponential,
+            mean: sampled_transient,
+        }))
+    }
+
+    fn place_in_samples(&self, spec: &Spec) -> String {
+        format!("{}, the first seconds after every step", spec.axis_names().join(", "))
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         if !record.has_samples {
-            return Err("it shows inside the plateaus, and the file brings means only".to_owned());
+            return Err(Unseen::MeansOnly("inside the plateaus"));
         }
         record.require_fields()?;
-        Ok(TAUS_S.into_iter().map(|tau| Spec::new("exponential", &[0, 1, 2]).with("tau", tau, "s")).collect())
+        Ok(TAUS_S.into_iter().map(|tau_s| exponential(&[0, 1, 2], tau_s)).collect())
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let tau_s = spec.get("tau").filter(|tau| *tau > 0.0)?;
+        let tau_s = spec.get(TIME_CONSTANT).filter(|tau| *tau > 0.0)?;
         let transient = |used_s: [f64; 2]| -> [f64; 3] { transient(&record.steps, used_s, tau_s) };
         let all: Vec<[f64; 3]> = record.rows.iter().map(|r| transient(r.used_s)).collect();
         Some(match spec.axes.as_slice() {
@@ -47,8 +79,13 @@ impl Effect for Settling {
     }
 
     fn example(&self, _record: &Record) -> Option<Spec> {
-        Some(Spec::new("exponential", &[0, 1, 2]).with("tau", 0.8, "s"))
+        Some(exponential(&[0, 1, 2], 0.8))
     }
+}
+
+/// The term of a time constant.
+fn exponential(axes: &[usize], tau_s: f64) -> Spec {
+    Spec::new(EXPONENTIAL, axes).with(TIME_CONSTANT, tau_s, "s")
 }
 
 /// Mean over a time of the transients of all steps before it, enT, for a time constant.

@@ -1,6 +1,7 @@
 //! The thermistor leads or lags the part that matters.
 
-use super::{About, Column, Effect, Family, Record, Spec};
+use super::{About, Acts, Changes, Column, Effect, Family, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen};
+use crate::data::run::Kind;
 use crate::data::run::interpolate;
 use crate::model::lag::Lag;
 
@@ -8,6 +9,9 @@ use crate::model::lag::Lag;
 const LAGS_S: [f64; 9] = [60.0, 120.0, 240.0, 360.0, 480.0, 720.0, 1080.0, 1800.0, 3600.0];
 /// Longest lag, as a part of the sweep.
 const MOST_PART: f64 = 0.2;
+
+/// Shape.
+pub const LAG: &str = "lag";
 
 /// The thermistor leads or lags the part that matters.
 pub struct ThermalLag;
@@ -29,9 +33,25 @@ impl Effect for ThermalLag {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means]
+    }
+
+    fn changes(&self) -> Changes {
+        Changes::Temperatures
+    }
+
+    fn shape(&self) -> &'static [ShapeParameter] {
+        const { &[ShapeParameter::continuous(LAG, "s")] }
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(PART_OF_THE_AMPLITUDE)
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         if record.thermal.is_none() {
-            return Err("no polynomials of the temperature are fitted to this kind of run".to_owned());
+            return Err(Unseen::NoThermalModel);
         }
         let length = record.span_s[1] - record.span_s[0];
         let lags = LAGS_S.into_iter().filter(|lag| *lag < MOST_PART * length);
@@ -57,11 +77,11 @@ impl Effect for ThermalLag {
 /// A lag as a term of the catalogue.
 #[must_use]
 pub fn spec(lag: Lag) -> Spec {
-    Spec::new(lag.form(), &[0, 1, 2]).with("lag", lag.seconds(), "s")
+    Spec::new(lag.form(), &[0, 1, 2]).with(LAG, lag.seconds(), "s")
 }
 
 /// The lag of a term.
 #[must_use]
 pub fn of(spec: &Spec) -> Option<Lag> {
-    Lag::named(&spec.form, spec.get("lag")?)
+    Lag::named(&spec.form, spec.get(LAG)?)
 }

@@ -1,7 +1,15 @@
 //! The reading depends on the field across the axis.
 
-use super::{About, Column, Effect, Family, Record, Spec, one};
+use super::{About, Acts, Column, Effect, Family, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen, one};
+use crate::data::run::Kind;
 use crate::data::units::COMPONENTS;
+
+/// Form: the square of the field across the axis.
+const EVEN: &str = "even";
+/// Form: the same times the reading of the axis.
+const ODD: &str = "odd";
+/// Shape: the axis across.
+const FROM: &str = "from";
 
 /// The reading depends on the field across the axis.
 pub struct TransverseField;
@@ -23,18 +31,30 @@ impl Effect for TransverseField {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means]
+    }
+
+    fn shape(&self) -> &'static [ShapeParameter] {
+        const { &[ShapeParameter::fixed(FROM, "sensor axis, 0 to 2")] }
+    }
+
+    fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
+        (kind == Kind::Frequency).then_some(PART_OF_THE_AMPLITUDE)
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         record.require_fields()?;
         let pairs = (0..3).flat_map(|i| (0..3).filter(move |j| *j != i).map(move |j| (i, j)));
         Ok(pairs
-            .flat_map(|(i, j)| ["even", "odd"].map(|form| Spec::new(form, &[i]).with("from", j as f64, "sensor axis, 0 to 2")))
+            .flat_map(|(i, j)| [EVEN, ODD].map(|form| Spec::new(form, &[i]).with(FROM, j as f64, "sensor axis, 0 to 2")))
             .collect())
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let (i, j) = (*spec.axes.first()?, spec.get("from").filter(|f| (0.0..=2.0).contains(f))? as usize);
+        let (i, j) = (*spec.axes.first()?, spec.get(FROM).filter(|f| (0.0..=2.0).contains(f))? as usize);
         let name = format!("c_{}_from_{}", COMPONENTS[i], COMPONENTS[j]);
-        let odd = spec.form == "odd";
+        let odd = spec.form == ODD;
         let unit = if odd { "enT/enT^3" } else { "enT/enT^2" };
         Some(vec![Column::of(name, unit, record, |_, r| {
             let across = r.linear_ent[j].powi(2);

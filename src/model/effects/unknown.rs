@@ -1,7 +1,7 @@
 //! Structure that no effect of the catalogue explains: a smooth function of one covariate.
 
 use super::record::Channel;
-use super::{About, Column, Effect, Family, Record, Row, Spec, one};
+use super::{About, Acts, Column, Effect, Family, Record, Row, Spec, Unseen, one};
 use crate::data::run::interpolate;
 use crate::data::units::COMPONENTS;
 
@@ -11,6 +11,14 @@ const MOST_KNOTS: usize = 5;
 const CLOSE_KNOTS: usize = 13;
 /// Half of the time over which the rate of a temperature is taken, s.
 const RATE_S: f64 = 15.0;
+
+/// Its id, which is the name of its family too.
+pub(super) const ID: &str = "unknown";
+/// Prior weight relative to an effect of the catalogue.
+const PRIOR: f64 = 0.04;
+/// The covariates that belong to the times of one run.
+const TIME: &str = "time";
+const GAIN_WITH_TIME: &str = "gain with time";
 
 /// A smooth function of one covariate.
 pub struct Unknown;
@@ -52,7 +60,7 @@ impl Covariate {
                 all.push(of(format!("previous field {axis}"), "nT", &|r| r.previous_coil_nt[k]));
             }
         }
-        let mut slow = vec![of("time".to_owned(), "s", &Row::t_s)];
+        let mut slow = vec![of(TIME.to_owned(), "s", &Row::t_s)];
         let temperatures = [("sensor", &record.sensor), ("coil", &record.coil), ("rack", &record.rack)];
         for (name, channel) in temperatures {
             if let Some(channel) = channel {
@@ -150,7 +158,7 @@ pub fn spline(knots: &[f64], value: f64) -> Vec<f64> {
 
 impl Effect for Unknown {
     fn id(&self) -> &'static str {
-        "unknown"
+        ID
     }
 
     fn about(&self) -> About {
@@ -165,7 +173,19 @@ impl Effect for Unknown {
         }
     }
 
-    fn specs(&self, record: &Record) -> Result<Vec<Spec>, String> {
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means]
+    }
+
+    fn prior(&self, _trend_order: Option<usize>) -> f64 {
+        PRIOR
+    }
+
+    fn is_of_one_run(&self, form: &str) -> bool {
+        form == TIME || form == GAIN_WITH_TIME
+    }
+
+    fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         let with_knots = |covariate: &Covariate, axis: usize, most: usize| {
             let knots = covariate.some_knots(most);
             let spec = Spec::new(&covariate.name, &[axis]);

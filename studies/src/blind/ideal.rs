@@ -6,6 +6,7 @@ use super::sensor::Kind;
 use super::{Blind, kinds};
 use calfit::diagnose::search::Search;
 use calfit::fit::scan::{ABSORBED, Score, orthonormal};
+use calfit::model::effects::{Acts, Catalogue};
 use calfit::record::scene::Scene;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -101,10 +102,10 @@ pub fn ideal(scene: &Scene, blind: &Blind) -> Option<Ideal> {
     if left_out || cells.len() != scene.record.rows.len() {
         return None;
     }
-    let mut search = Search::new(scene, scene.readings.clone());
+    let mut search = Search::new(scene, scene.readings.clone(), &Catalogue::default());
     if scene.record.has_samples {
         // These are found in the samples.
-        search.leave_out(|c| ["settling", "time_shift"].contains(&c.id));
+        search.leave_out(|c| c.effect.acts_in(Acts::Samples));
     }
     let truth = White::new(&blind.truth.noise, blind, scene, &cells);
     let usable: Vec<usize> = (0..search.bank.len()).filter(|c| search.priors[*c].is_finite()).collect();
@@ -136,6 +137,6 @@ pub fn ideal(scene: &Scene, blind: &Blind) -> Option<Ideal> {
         (*c, largest + (sum / total).ln() + search.priors[*c])
     });
     let drawn = averaged.max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let best = |(c, evidence): (usize, f64)| Best { evidence, effect: search.bank[c].id.to_owned() };
+    let best = |(c, evidence): (usize, f64)| Best { evidence, effect: search.bank[c].effect.to_string() };
     Some(Ideal { known: best(*known.first()?), drawn: best(drawn) })
 }

@@ -9,7 +9,7 @@ use calfit::diagnose::result::{Diagnosis, Step};
 use calfit::diagnose::search::{Candidate, Search};
 use calfit::diagnose::{self, Options, Samples};
 use calfit::measure::lin;
-use calfit::model::effects::{Column, Spec};
+use calfit::model::effects::{Catalogue, Column, Spec, UNKNOWN};
 use calfit::record::scene::Scene;
 
 /// What the diagnosis says about a run set.
@@ -58,8 +58,8 @@ fn of_truth(scene: &Scene, blind: &Blind) -> Option<[f64; 2]> {
         Some(Column { name: "truth".to_owned(), unit: "enT", values })
     };
     let columns: Vec<Column> = blind.oracle.iter().map(column).collect::<Option<_>>()?;
-    let truth = Candidate::new("unknown", Spec::new("truth", &[0, 1, 2]), columns);
-    let search = Search::new(scene, scene.readings.clone());
+    let truth = Candidate::new(UNKNOWN, Spec::new("truth", &[0, 1, 2]), columns);
+    let search = Search::new(scene, scene.readings.clone(), &Catalogue::default());
     let noise = search.state(&[&truth])?.noise;
     Some([search.held_out(&noise, &[]).sum, search.held_out(&noise, &[&truth]).sum])
 }
@@ -74,13 +74,13 @@ fn together(blind: &Blind) -> Option<Diagnosis> {
         RunValues::of_run(run, &plateaus, &blind.campaign, &lin::Options::default()).ok()
     };
     let values: Vec<RunValues> = blind.runs.iter().map(of).collect::<Option<_>>()?;
-    across(&values).ok()
+    across(&values, &Catalogue::default()).ok()
 }
 
 fn verdict(diagnosis: &Diagnosis, cells: f64) -> Verdict {
     Verdict {
         steps: diagnosis.steps.iter().enumerate().map(|(k, s)| step(s, drawn_over(diagnosis, k), cells)).collect(),
-        not_identifiable: diagnosis.not_identifiable.iter().map(|n| n.effect.clone()).collect(),
+        not_identifiable: diagnosis.not_identifiable.iter().map(|n| n.effect.to_string()).collect(),
         oracle_chi2: None,
         ideal: None,
     }
@@ -93,9 +93,9 @@ fn drawn_over(diagnosis: &Diagnosis, step: usize) -> Option<&str> {
 
 fn step(step: &Step, drawn_over: Option<&str>, cells: f64) -> VerdictStep {
     VerdictStep {
-        effect: step.effect.clone(),
+        effect: step.effect.to_string(),
         axes: step.axes.clone(),
-        ambiguous_with: step.ambiguous_with.clone(),
+        ambiguous_with: step.ambiguous_with.iter().map(ToString::to_string).collect(),
         family: step.family.to_owned(),
         confident: step.wording == "is",
         covariate: step.covariate.as_deref().or(drawn_over).map(renamed_covariate),

@@ -10,6 +10,7 @@ use calfit::data::run::VectorSink;
 use calfit::diagnose::across::{RunValues, across};
 use calfit::diagnose::result::Diagnosis;
 use calfit::measure::lin;
+use calfit::model::effects::Catalogue;
 use rayon::prelude::*;
 
 fn diagnosed(blind: &Blind) -> Result<Diagnosis, String> {
@@ -25,7 +26,7 @@ fn diagnosed(blind: &Blind) -> Result<Diagnosis, String> {
         })
         .collect::<Result<_, _>>()
         .map_err(|rule| rule.to_string())?;
-    across(&values).map_err(|rule| rule.to_string())
+    across(&values, &Catalogue::default()).map_err(|rule| rule.to_string())
 }
 
 /// Among some sets: how often something is found, how often the effect is named first, and what else is said.

@@ -8,16 +8,21 @@ use calfit::data::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
 use calfit::data::run::VectorSink;
 use calfit::diagnose::result::Diagnosis;
 use calfit::diagnose::{self, Samples};
+use calfit::model::effects::{About, Acts, Catalogue, Effect, Family as EffectFamily};
 use rayon::prelude::*;
 
 /// The diagnosis of a run with a hidden truth.
 fn diagnosed(seed: u64, options: &Options) -> (Diagnosis, f64) {
+    diagnosed_with(seed, options, &diagnose::Options::default())
+}
+
+fn diagnosed_with(seed: u64, options: &Options, with: &diagnose::Options) -> (Diagnosis, f64) {
     let blind = generate(seed, Kind::Frequency, options).unwrap();
     let (run, vectors) = &blind.runs[0];
     let mut samples = Samples::default();
     vectors.iter().for_each(|v| samples.vector(*v));
     let plateaus = plateau::of_run(run, Accumulator::default(), Settling::Found, LEAST_COVERAGE);
-    let made = diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, &diagnose::Options::default()).unwrap();
+    let made = diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, with).unwrap();
     (made, blind.truth.effects.first().map_or(0.0, |e| e.strength_k))
 }
 
@@ -31,6 +36,45 @@ fn runs_without_effects_are_silent() {
         assert!(made.not_identifiable.iter().any(|n| n.effect == "facility_angle"));
         assert!(made.detection_limits.iter().any(|d| d.effect == "eddy_current_attenuation"));
     });
+}
+
+/// An effect that a user adds and that says nothing of sines.
+struct Silent;
+
+impl Effect for Silent {
+    fn id(&self) -> &'static str {
+        "silent"
+    }
+
+    fn about(&self) -> About {
+        About {
+            summary: "states nothing",
+            formula: "",
+            family: EffectFamily::Thermal,
+            seen_in: "lin",
+            needs: "",
+            source: "",
+            best_measurement: "",
+        }
+    }
+
+    fn acts(&self) -> &'static [Acts] {
+        &[Acts::Means]
+    }
+}
+
+/// What is added to the catalogue is not told what holds for others: that it is part of the amplitude stands at the effects that are.
+#[test]
+fn an_effect_without_a_reason_is_given_none() {
+    let catalogue = Catalogue::default().with(&Silent).unwrap();
+    let (made, _) = diagnosed_with(0, &Options::default(), &diagnose::Options { catalogue, ..diagnose::Options::default() });
+    let reason = |id: &str| made.not_identifiable.iter().find(|n| n.effect == id).map_or("", |n| n.reason.as_str());
+    assert_eq!(reason("silent"), "the catalogue has no form of it for a frequency run");
+    for id in ["cubic_nonlinearity", "remanence", "coil_temperature"] {
+        assert_eq!(reason(id), "one field direction with one amplitude: it is part of the amplitude", "{id}");
+    }
+    assert_eq!(reason("offset_step"), "every setting has an offset of its own beside its sine");
+    assert!(made.not_identifiable.iter().all(|n| !["unknown", "lost_samples", "bad_thermistor"].contains(&n.effect.as_str())));
 }
 
 /// Far above the detection limit every effect is found, and its name stands in the set.

@@ -2,7 +2,7 @@
 
 use super::HARMONICS;
 use crate::fit::statistics::{log_chi2_tail, median, two_sided_tail};
-use crate::model::effects::pulse_harmonic;
+use crate::model::effects::in_samples::Harmonic;
 use crate::record::scene::Samples;
 use rayon::prelude::*;
 use realfft::num_complex::Complex;
@@ -226,7 +226,7 @@ impl Lines<'_> {
     }
 
     /// The comb that noise makes most seldom. Powers of harmonics are added up first; the best places are looked at with phases.
-    pub fn comb(&self) -> Option<Comb> {
+    pub fn comb(&self, shapes: &[Harmonic]) -> Option<Comb> {
         let all: Vec<(f64, usize)> = (PARTS * self.spectrum.first..PARTS * self.spectrum.end() / 2)
             .into_par_iter()
             .map(|place| (self.added(place), place))
@@ -245,7 +245,7 @@ impl Lines<'_> {
             }
         }
         places.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let combs = places.iter().take(PROMISING).filter_map(|(_, place)| self.with_phases(*place as f64 / PARTS as f64));
+        let combs = places.iter().take(PROMISING).filter_map(|(_, place)| self.with_phases(*place as f64 / PARTS as f64, shapes));
         combs.min_by(|a, b| a.log_p.total_cmp(&b.log_p))
     }
 
@@ -270,8 +270,8 @@ impl Lines<'_> {
         best
     }
 
-    /// A comb with the best duty and delay.
-    fn with_phases(&self, base: f64) -> Option<Comb> {
+    /// A comb with the best shape, duty and delay.
+    fn with_phases(&self, base: f64, shapes: &[Harmonic]) -> Option<Comb> {
         let waves: Vec<(usize, [Complex<f64>; 3])> = (1..=HARMONICS)
             .map(|h| (h, (h as f64 * base).round() as usize))
             .take_while(|(_, line)| *line < self.spectrum.end())
@@ -285,11 +285,12 @@ impl Lines<'_> {
         let strength = |(_, w): &&(usize, [Complex<f64>; 3])| w.iter().map(|c| c.norm_sqr()).sum::<f64>();
         let strongest = waves.iter().max_by(|a, b| strength(a).total_cmp(&strength(b)))?.0;
         let mut log_p = 0.0_f64;
-        for duty in (1..=10).map(|d| 0.05 * d as f64) {
+        let duties = (1..=10).map(|d| 0.05 * d as f64);
+        for (shape, duty) in duties.flat_map(|duty| shapes.iter().map(move |shape| (shape, duty))) {
             for delay in (0..64).map(|d| d as f64 / 64.0) {
                 let (mut along, mut size) = ([0.0; 3], [0.0; 3]);
                 for (harmonic, wave) in &waves {
-                    let (s, c) = pulse_harmonic(*harmonic, duty, delay);
+                    let (s, c) = shape(*harmonic, duty, delay);
                     for a in 0..3 {
                         along[a] += c * wave[a].re - s * wave[a].im;
                         size[a] += s * s + c * c;

@@ -2,7 +2,7 @@
 
 use super::HARMONICS;
 use super::spectrum::{Grid, Noise, Stretch};
-use crate::model::effects::pulse_harmonic;
+use crate::model::effects::in_samples::Comb;
 use rayon::prelude::*;
 use realfft::num_complex::Complex;
 use std::f64::consts::TAU;
@@ -189,13 +189,13 @@ impl Waves<'_> {
     }
 
     /// Chi square of a square wave and its amplitudes with uncertainties.
-    pub fn matched(&self, waves: &[Wave], base_hz: f64, duty: f64, delay: f64) -> (f64, [(f64, f64); 3]) {
+    pub fn matched(&self, form: &Comb, waves: &[Wave], base_hz: f64, duty: f64, delay: f64) -> (f64, [(f64, f64); 3]) {
         let mut gain = 0.0;
         let values = [0, 1, 2].map(|a: usize| {
             let (mut top, mut bottom) = (0.0, 0.0);
             for wave in waves {
                 let order = (wave.hz / base_hz).round() as usize;
-                let (s, c) = pulse_harmonic(order, duty, delay);
+                let (s, c) = (form.harmonic)(order, duty, delay);
                 let weight = wave.std[a].powi(-2);
                 top += weight * (s * wave.sin[a] + c * wave.cos[a]);
                 bottom += weight * (s * s + c * c);
@@ -207,12 +207,12 @@ impl Waves<'_> {
     }
 
     /// The switched signal of a period whose harmonic of this order was seen.
-    pub fn switched(&self, base_hz: f64, order: f64) -> Option<Switched> {
+    pub fn switched(&self, form: &Comb, base_hz: f64, order: f64) -> Option<Switched> {
         let waves = self.harmonics(base_hz, HARMONICS)?;
         let duties = (1..20).map(|d| 0.05 * d as f64);
         let all: Vec<(f64, f64, f64)> = duties
             .flat_map(|duty| (0..64).map(move |d| (duty, d as f64 / 64.0)))
-            .map(|(duty, delay)| (self.matched(&waves, base_hz, duty, delay).0, duty, delay))
+            .map(|(duty, delay)| (self.matched(form, &waves, base_hz, duty, delay).0, duty, delay))
             .collect();
         let (gain, duty, delay) = *all.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
         let most = evidence(gain, 3.0);
@@ -221,11 +221,11 @@ impl Waves<'_> {
     }
 
     /// Period, duty and delay, closer.
-    pub fn polish(&self, found: &Switched) -> Switched {
+    pub fn polish(&self, form: &Comb, found: &Switched) -> Switched {
         let mut best = found.clone();
         let better = |best: &mut Switched, waves: &[Wave], base_hz: f64, duty: f64, delay: f64| {
             let (duty, delay) = (duty.clamp(0.02, 0.98), delay.rem_euclid(1.0));
-            let gain = self.matched(waves, base_hz, duty, delay).0;
+            let gain = self.matched(form, waves, base_hz, duty, delay).0;
             if gain > best.gain {
                 *best = Switched { base_hz, gain, duty, delay, ..*best };
             }
