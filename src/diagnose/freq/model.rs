@@ -99,8 +99,7 @@ impl Model {
             -TAU * f * deviation,
         ];
         for (k, term) in self.terms.iter().enumerate() {
-            let begin = self.begin(k);
-            term.add(&p[begin..begin + term.count()], &sines.run, j, i, &mut triple);
+            term.add(&p[self.begin(k)..], &sines.run, j, i, &mut triple);
         }
         triple
     }

@@ -48,7 +48,7 @@ impl Effect for EddyCurrentAttenuation {
     }
 
     fn sine_terms(&self, _run: &SineRun, _corner_hz: f64) -> Vec<Arc<dyn SineTerm>> {
-        TOGETHER_AND_SINGLY.map(|on| one_pole(on)).into()
+        TOGETHER_AND_SINGLY.map(one_pole).into()
     }
 
     fn known_sine_term(&self, known: &InSine, _run: &SineRun) -> Option<(Arc<dyn SineTerm>, Vec<f64>)> {

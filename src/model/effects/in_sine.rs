@@ -71,7 +71,7 @@ pub trait SineTerm: Debug + Send + Sync {
         vec![0, 1, 2]
     }
 
-    /// What it adds to the sine of component `i` in setting `j`.
+    /// What it adds to the sine of component `i` in setting `j`; `p` begins with its parameters.
     fn add(&self, p: &[f64], run: &SineRun, j: usize, i: usize, to: &mut Triple);
 
     /// Between which frequencies its poles are looked for, Hz; `None` without poles.

@@ -444,3 +444,6 @@ const STANDARD: &[&dyn Effect] = &[
 pub fn singly_and_together(form: &str) -> Vec<Spec> {
     [&[0][..], &[1], &[2], &[0, 1, 2]].map(|axes| Spec::new(form, axes)).to_vec()
 }
+
+#[cfg(test)]
+mod tests;
