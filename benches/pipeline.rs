@@ -113,7 +113,7 @@ fn campaign(path: &Path) -> Campaign {
 }
 
 fn fit(run: &Run, plateaus: &Plateaus, campaign: &Campaign) -> Lin {
-    lin(run, plateaus, campaign, &Options::default()).expect("a run that can be fitted")
+    lin(run, plateaus, &campaign.file.instructions, &Options::default()).expect("a run that can be fitted")
 }
 
 /// A million vectors: reading alone on one and on two threads, and with plateaus.

@@ -3,9 +3,9 @@
 use crate::common;
 
 use calfit::data::run::{Header, InputFile, Kind, ReadingUnit, Run, ScalarRow, SlowTable, VectorAccount};
-use calfit::files::campaign::Campaign;
 use calfit::fit::student_95;
 use calfit::measure::coil::scalar::{Options, Scalar, scalar};
+use calfit::model::campaign::Instructions;
 use common::check::{Case, calfit, close, cpf, number, parameters, says, sigma, text, three};
 use common::{Gauss, Plan, programme};
 use std::path::{Path, PathBuf};
@@ -109,8 +109,8 @@ fn run(day: usize, facility: &Facility, settings: &[Three], channels: &[(&str, f
 }
 
 fn calibrate(runs: &[Run], options: &Options) -> Scalar {
-    let campaign = Campaign::default();
-    scalar(&runs.iter().map(|run| (run, &campaign)).collect::<Vec<_>>(), options).unwrap()
+    let instructions = Instructions::default();
+    scalar(&runs.iter().map(|run| (run, &instructions)).collect::<Vec<_>>(), options).unwrap()
 }
 
 /// The text of a scalar run.
@@ -142,7 +142,8 @@ fn nine_parameters_come_back_and_the_intervals_cover() {
         let settings = directions(&mut gauss);
         let result = calibrate(&[run(23, &FACILITY, &settings, &[], &mut gauss)], &Options::default());
         let p = &result.parameters;
-        let of = |part: &calfit::files::parameter::FacilityPart| [part.scale_nt_per_eu, part.offset_nt, part.angles_deg].concat();
+        let of =
+            |part: &calfit::model::facility::FacilityParameters| [part.scale_nt_per_eu, part.offset_nt, part.angles_deg].concat();
         let (found, std) = (of(&p.facility), of(&p.std));
         let factor = student_95(p.quality.degrees_of_freedom);
         for j in 0..9 {

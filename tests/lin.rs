@@ -40,7 +40,7 @@ fn fit(path: &Path, options: &Options) -> (Run, Lin) {
     } else {
         plateau::from_blocks(&run.blocks)
     };
-    let result = lin(&run, &plateaus, &campaign, options).unwrap();
+    let result = lin(&run, &plateaus, &campaign.file.instructions, options).unwrap();
     (run, result)
 }
 
@@ -279,7 +279,7 @@ fn in_a_position_that_is_not_symmetric_rho_is_near_the_identity_and_phi_gives_co
     let sensor = Sensor { axes, sigma: [0.972, 0.996, 0.989], offset_ent: [-0.2, -0.3, -10.5] };
     let campaign = campaign_with(r#"["-Z", "+Y", "+X"]"#);
     let list = plateaus(&sensor, 4, 0.0, &mut Noise(1));
-    let result = lin(&sample_run(), &list, &campaign, &Options::default()).unwrap();
+    let result = lin(&sample_run(), &list, &campaign.file.instructions, &Options::default()).unwrap();
     let p = &result.parameters;
     for (row, rho) in p.matrix.rho.iter().enumerate() {
         for (column, value) in rho.iter().enumerate() {
@@ -317,7 +317,7 @@ fn nominal_95_percent_intervals_hold_the_truth_in_95_percent_of_made_runs() {
     let (runs, mut held) = (500, 0);
     for _ in 0..runs {
         let list = plateaus(&sensor, 4, 0.05, &mut noise);
-        let result = lin(&run, &list, &campaign, &Options::default()).unwrap();
+        let result = lin(&run, &list, &campaign.file.instructions, &Options::default()).unwrap();
         let p = &result.parameters;
         let mine = [p.angle_deg.xi_xy, p.angle_deg.xi_xz, p.angle_deg.xi_yz];
         for i in 0..3 {

@@ -124,7 +124,7 @@ fn constant_offset() -> Options {
 fn first_fits(made: &[(Sensor, Vec<Three>)], noise_ent: f64, gauss: &mut Gauss) -> Vec<Lin> {
     let campaign = its_campaign();
     let fit = |(k, (sensor, fields)): (usize, &(Sensor, Vec<Three>))| {
-        lin(&header(k + 1), &plateaus(sensor, fields, noise_ent, gauss), &campaign, &constant_offset()).unwrap()
+        lin(&header(k + 1), &plateaus(sensor, fields, noise_ent, gauss), &campaign.file.instructions, &constant_offset()).unwrap()
     };
     made.iter().enumerate().map(fit).collect()
 }
@@ -133,7 +133,7 @@ fn first_fits(made: &[(Sensor, Vec<Three>)], noise_ent: f64, gauss: &mut Gauss) 
 fn second_fits(first: &[Lin], estimate: &Estimate) -> Vec<Lin> {
     let options = Options { linearisation: Some(estimate.linearisation.clone()), ..constant_offset() };
     let campaign = its_campaign();
-    let fit = |(k, l): (usize, &Lin)| lin(&header(k + 1), &l.given, &campaign, &options).unwrap();
+    let fit = |(k, l): (usize, &Lin)| lin(&header(k + 1), &l.given, &campaign.file.instructions, &options).unwrap();
     first.iter().enumerate().map(fit).collect()
 }
 
@@ -351,7 +351,7 @@ fn champ_run_04_gives_what_an_independent_calculation_gives() {
     let path = repository("runs/champ-1998/98-03-23/00-00-04.CCR");
     let run = ccr::read(&path, &ccr::Options::default(), &mut ()).unwrap();
     let campaign = Campaign::open(&[path], &mut Vec::new()).unwrap().remove(0);
-    let first = vec![lin(&run, &plateau::from_blocks(&run.blocks), &campaign, &Options::default()).unwrap()];
+    let first = vec![lin(&run, &plateau::from_blocks(&run.blocks), &campaign.file.instructions, &Options::default()).unwrap()];
     let estimate = linearise(&first.iter().collect::<Vec<_>>()).unwrap();
     // Gauss-Newton in numpy: coefficients, standard deviations for independent noise of 74 degrees of freedom, and that noise, enT.
     let c2 = [5.050314014255466e-11, 9.308327191199887e-12, -3.008700455783988e-11];

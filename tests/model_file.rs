@@ -6,11 +6,11 @@ use crate::common;
 use calfit::data::plateau::{Accumulator, from_blocks};
 use calfit::data::provenance::Provenance;
 use calfit::files::campaign::Campaign;
-use calfit::files::campaign::file::CampaignFile;
 use calfit::files::ccr;
 use calfit::files::parameter::{self, Model, ModelEffect, ModelParameter};
 use calfit::measure::lin::{Lin, Options, lin};
 use calfit::measure::sweep;
+use calfit::model::campaign::Instructions;
 use calfit::record::known::Known;
 use calfit::record::scene::Scene;
 use calfit::workflow::{known, read_model};
@@ -67,7 +67,7 @@ fn fit(path: &Path, model: Option<Known>) -> Lin {
     let run = ccr::read(path, &ccr::Options::default(), &mut accumulator).unwrap();
     let options = Options { model, trend_order: Some(0), ..Options::default() };
     let plateaus = accumulator.finish(options.settling, options.least_coverage);
-    lin(&run, &plateaus, &campaign, &options).unwrap()
+    lin(&run, &plateaus, &campaign.file.instructions, &options).unwrap()
 }
 
 #[test]
@@ -335,19 +335,18 @@ fn a_sweep_uses_the_lag_of_the_model() {
     let run = ccr::read(&path, &ccr::Options::default(), &mut accumulator).unwrap();
     let options = sweep::Options { model, ..sweep::Options::default() };
     let plateaus = accumulator.finish(options.settling, options.least_coverage);
-    let swept = sweep::sweep(&run, &plateaus, &campaign, &options).unwrap();
+    let swept = sweep::sweep(&run, &plateaus, &campaign.file.instructions, &options).unwrap();
     // Half a kelvin per second from -60 °C on, eight seconds late.
     let last = swept.blocks.last().unwrap();
     assert!((last.temperature_degc - (-60.0 + 0.5 * (last.t_s - 8.0))).abs() < 1e-6, "{last:?}");
-    assert_eq!(swept.parameters.sweep.unwrap().model.unwrap().file, "model.toml");
+    assert_eq!(swept.model.unwrap().file, "model.toml");
 }
 
 /// The effects of a model are taken off by the temperatures that the fit of the sweep has, whatever the form of the lag.
 #[test]
 fn the_lag_of_a_model_makes_one_series_of_temperatures() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/cases/26-05-06.CCR.gz");
-    let file = CampaignFile { temperature_channel: Some("TCSC".to_owned()), ..CampaignFile::default() };
-    let campaign = Campaign::in_memory(file).unwrap();
+    let instructions = Instructions { temperature_channel: Some("TCSC".to_owned()), ..Instructions::default() };
     let run = ccr::read(&path, &ccr::Options::default(), &mut Accumulator::default()).unwrap();
     // The file brings means.
     let plateaus = from_blocks(&run.blocks);
@@ -355,10 +354,10 @@ fn the_lag_of_a_model_makes_one_series_of_temperatures() {
         let case = Case::new();
         let lag = effect("thermal_lag", form, &["x", "y", "z"], Vec::new(), vec![parameter("lag", 480.0, None, "s")]);
         let model = known(Some(&write_model(&case, vec![lag]))).unwrap().unwrap();
-        let mut scene = Scene::new(&run, &plateaus, None, &campaign, None).ok().unwrap();
+        let mut scene = Scene::new(&run, &plateaus, None, &instructions, None).ok().unwrap();
         scene.follow(model.thermal_lag().unwrap());
         let options = sweep::Options { model: Some(model), ..sweep::Options::default() };
-        let swept = sweep::sweep(&run, &plateaus, &campaign, &options).unwrap();
+        let swept = sweep::sweep(&run, &plateaus, &instructions, &options).unwrap();
         let degc = scene.record.thermal.unwrap().degc;
         assert_eq!(degc.len(), swept.blocks.len());
         for (degc, block) in degc.iter().zip(&swept.blocks) {

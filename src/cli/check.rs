@@ -4,7 +4,7 @@
 use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::{Finding, Severity};
-use crate::files::campaign::{Campaign, positions};
+use crate::files::campaign::Campaign;
 use crate::files::export::rpcmag;
 use crate::files::parameter::{CoilResidual, CoilScalar, CoilTilt, Cpf, Fpf, Npf, Opf, Taf, Tcf, ThermistorFile, Tof, Tpf};
 use crate::files::{amplitudes, campaign, ccr, linearisation, mag, parameter, twin};
@@ -112,7 +112,7 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     } else if name.ends_with(".TOML") && is_twin(path) {
         twin::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
-        campaign::file::read(path, &mut findings).and_then(|(file, _)| positions(path, &file)).err()
+        campaign::file::read(path, &mut findings).err()
     } else if name.ends_with(".CSV") {
         amplitudes::read(path, &mut findings).err()
     } else if let Some(format) =

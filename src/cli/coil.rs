@@ -147,7 +147,7 @@ fn finish<R: CoilResult>(
     let published = made.map(|made| made.and_then(|made| publish_coil(&made, &common.desk()).map(|(name, _)| (made, name))));
     let done = match published {
         Some(Ok((made, name))) => {
-            made.result.warnings().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+            made.result.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
             if common.json {
                 terminal.print(&json(&made.result)?);
             } else {

@@ -15,7 +15,7 @@ use std::path::PathBuf;
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Listing<'a, R> {
-    runs: Vec<&'a R>,
+    runs: Vec<R>,
     #[serde(skip_serializing_if = "<[Linearised]>::is_empty")]
     linearisation: &'a [Linearised],
     failed: Vec<&'a Finding>,
@@ -62,7 +62,7 @@ pub(super) fn finish<A: PerRun>(
     for (name, result) in results {
         match result {
             Ok(made) => {
-                made.result.warnings().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+                made.result.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
                 done.push(made);
             }
             Err(failure) => failures.push((name, failure)),
@@ -71,7 +71,7 @@ pub(super) fn finish<A: PerRun>(
     let done: Vec<&A::Result> = done.iter().map(|made| &made.result).collect();
     if common.json {
         let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
-        terminal.print(&json(&Listing { runs: done.clone(), linearisation, failed })?);
+        terminal.print(&json(&Listing { runs: done.iter().map(|r| r.view()).collect(), linearisation, failed })?);
     } else {
         for result in linearisation {
             let file = common.out.join(result.parameters.file_name());

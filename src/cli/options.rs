@@ -3,9 +3,9 @@
 use crate::data::error::Finding;
 use crate::data::plateau::{LEAST_COVERAGE, Settling};
 use crate::data::provenance::Input;
-use crate::files::campaign::file::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES};
 use crate::files::parameter::{self, Cpf};
 use crate::measure::thermistor::HIGHEST_ORDER;
+use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES};
 use clap::Args;
 use std::path::PathBuf;
 

@@ -7,11 +7,11 @@ use crate::data::error::Finding;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::facility::Facility;
 use crate::files::output::Folder;
 use crate::files::source::hex;
 use crate::measure::coil::{residual::is_check, scalar};
 use crate::measure::thermistor;
+use crate::model::facility::Facility;
 use crate::plot::{self, Named};
 use crate::record::known::Known;
 use crate::show::protocol::{self, OtherPart, Protocol, ThermalPart};
@@ -102,7 +102,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let mut figures = Vec::new();
     for (one, result) in measured.iter().zip(drawn) {
         let name = one.run().map_or_else(String::new, |r| r.input.path.clone());
-        one.warnings().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+        one.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
         figures.push(result.unwrap_or_else(|finding| {
             failures.push((name, Failure::Refused(finding)));
             Vec::new()
@@ -116,10 +116,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
     let options = ThermalOptions { orders: arguments.order.clone(), joint: true, facility, model };
     let inputs = inputs_of(&measured);
-    let results = thermals(&points, &lins, &campaign.file.thermal, &options, &desk, |used| gather(used, &inputs));
+    let results = thermals(&points, &lins, &campaign.file.instructions.thermal, &options, &desk, |used| gather(used, &inputs));
     let groups = sort_results(results, &mut failures, terminal);
     for group in &groups {
-        publish_thermal_names(&measured, &group.thermal.file.head().used, &desk)?;
+        publish_thermal_names(&measured, &group.thermal.runs.files, &desk)?;
     }
 
     let coil = coil(campaign, &measured, &desk, terminal, &mut failures);
@@ -137,7 +137,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let document = protocol::document(&Protocol {
         campaign,
         runs: measured.iter().zip(&figures).map(|(measured, figures)| measured.part(figures)).collect(),
-        thermals: groups.iter().map(|g| ThermalPart { thermal: &g.thermal, figures: &g.figures }).collect(),
+        thermals: groups
+            .iter()
+            .map(|g| ThermalPart { thermal: &g.thermal, file_name: g.file.file_name(), figures: &g.figures })
+            .collect(),
         coil: coil.parts,
         thermistors: thermistors.parts,
         profile,
@@ -161,7 +164,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let total = jobs.len() + groups.len() + campaign.file.thermistors.len();
     if common.json {
         let runs = measured.iter().filter_map(Measured::run).map(|r| r.header.run.clone()).collect();
-        let thermal = groups.iter().map(|g| g.thermal.file.file_name()).collect();
+        let thermal = groups.iter().map(|g| g.file.file_name()).collect();
         let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
         terminal.print(&json(&Listing {
             runs,
@@ -250,7 +253,7 @@ impl Others {
         failures: &mut Vec<(String, Failure)>,
     ) {
         let Some((name, figures)) = keep(publish_coil(made, desk), failures) else { return };
-        made.result.warnings().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+        made.result.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
         self.parts.push(OtherPart { title: made.result.title(), sections: made.result.sections(), figures });
         self.files.push(name);
     }
@@ -268,7 +271,7 @@ fn profile(campaign: &Campaign, measured: &[Measured], folder: &Folder) -> Resul
         .filter_map(Measured::run)
         .filter_map(|run| {
             let start: jiff::Timestamp = run.header.start.parse().ok()?;
-            let (sensor, coil) = campaign.channels(&run.header);
+            let (sensor, coil) = campaign.file.instructions.channels(&run.header);
             let channel = |name: &str| run.slow_channel(name).unwrap_or_default();
             Some(plot::profile::ProfileRun { start_s: start.as_second() as f64, sensor: channel(&sensor), coil: channel(&coil) })
         })

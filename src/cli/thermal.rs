@@ -3,18 +3,20 @@
 use super::options::ValueError;
 use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};
+use crate::data::across::{CalibratedRun, RunValues};
 use crate::data::error::Finding;
+use crate::data::note::NoteKind;
 use crate::data::provenance::Input;
 use crate::files::campaign::Campaign;
-use crate::files::campaign::file::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
 use crate::files::output::Folder;
-use crate::files::parameter::{Body, Point, Tcf, Tpf, Values, read, read_point};
+use crate::files::parameter::{Body, Tcf, Tpf, read, read_point};
 use crate::measure::sweep::{self, Window};
-use crate::measure::thermal::File;
+use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
 use crate::record::known::Known;
 use crate::show;
 use crate::workflow::{
-    Analyses, Failure, LinName, Measured, PairFiles, ThermalOptions, ThermalShown, facility, jobs, known, thermals,
+    Analyses, CentreMade, Failure, LinName, Measured, PairFiles, RunResult, ThermalFile, ThermalOptions, ThermalShown, facility,
+    jobs, known, thermals,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -83,9 +85,9 @@ fn rate(text: &str) -> Result<f64, ValueError> {
 }
 
 #[derive(Serialize)]
-struct Listing<'a> {
-    groups: Vec<&'a crate::measure::thermal::Thermal>,
-    sweeps: Vec<&'a crate::measure::sweep::Sweep>,
+struct Listing<'a, G, S> {
+    groups: Vec<G>,
+    sweeps: Vec<S>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     centre: Vec<&'a Tcf>,
     failed: Vec<&'a Finding>,
@@ -113,7 +115,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     };
     findings.iter().for_each(|f| terminal.finding(f));
     let mut failures: Vec<(String, Failure)> = Vec::new();
-    let mut points: Vec<Point> = Vec::new();
+    let mut points: Vec<CalibratedRun> = Vec::new();
     let mut inputs: HashMap<String, Vec<Input>> = HashMap::new();
     for path in &files {
         let mut findings = Vec::new();
@@ -161,7 +163,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         points.retain(|p| !(same_kind(p, centre) && p.run.id == centre.run.id));
     }
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
-    let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.thermal.iter().cloned()).collect();
+    let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
     let results = thermals(&points, &lins, &entries, &options, &common.desk(), |used| gather(used, &inputs));
     if results.is_empty() && !points.is_empty() {
         let files: Vec<&str> = points.iter().map(|p| p.file.as_str()).collect();
@@ -172,32 +174,35 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let done = sort_results(results, &mut failures, terminal);
     // A run without temperature may be of a sensor and mode that no other run has.
     for point in points.iter().filter(|p| p.run.temperature_degc.is_none()) {
-        let told = |warnings: &[String]| warnings.iter().any(|w| w.contains(&point.file));
-        if !done.iter().any(|d| told(&d.thermal.file.head().warnings)) {
+        let is_told = |d: &ThermalShown| {
+            d.thermal.notes.iter().any(|n| n.kind == NoteKind::LeftOut && n.about.as_ref() == Some(&point.file))
+        };
+        if !done.iter().any(is_told) {
             terminal.warning(&format!("{} states no sensor temperature and was left out", point.file));
         }
     }
     let centres =
         to_centre(pair.as_ref(), &polynomials, &done, &options, |used| gather(used, &inputs), &points, common, &mut failures);
-    for tcf in &centres {
-        tcf.warnings.iter().for_each(|w| terminal.warning(&format!("{}: {w}", tcf.file_name())));
+    for made in &centres {
+        made.result.notes.iter().for_each(|w| terminal.warning(&format!("{}: {w}", made.file.file_name())));
     }
     if common.json {
         let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
-        let groups = done.iter().map(|d| &d.thermal).collect();
-        terminal.print(&json(&Listing { groups, sweeps: sweeps.clone(), centre: centres.iter().collect(), failed })?);
+        let groups = done.iter().map(ThermalShown::view).collect();
+        let sweeps = sweeps.iter().map(|s| s.view()).collect();
+        terminal.print(&json(&Listing { groups, sweeps, centre: centres.iter().map(|c| &c.file).collect(), failed })?);
     } else {
         for one in &done {
-            let file = common.out.join(one.thermal.file.file_name());
+            let file = common.out.join(one.file.file_name());
             terminal.tell(&format!("{}  -> {}\n", show::thermal::summary(&one.thermal), file.display()));
         }
         for sweep in &sweeps {
             let folder = common.out.join(&sweep.run.id);
             terminal.tell(&format!("{}  -> {}\n", show::sweep::summary(sweep), folder.display()));
         }
-        for tcf in &centres {
-            let file = common.out.join(tcf.file_name());
-            terminal.tell(&format!("{}  -> {}\n", show::centre::summary(tcf), file.display()));
+        for made in &centres {
+            let file = common.out.join(made.file.file_name());
+            terminal.tell(&format!("{}  -> {}\n", show::centre::summary(&made.result), file.display()));
         }
     }
     if points.is_empty() && sweeps.is_empty() && polynomials.is_empty() && failures.is_empty() {
@@ -219,25 +224,25 @@ fn to_centre(
     files: &[PathBuf],
     done: &[ThermalShown],
     options: &ThermalOptions,
-    inputs: impl Fn(&[&Point]) -> Vec<Input>,
-    points: &[Point],
+    inputs: impl Fn(&[&CalibratedRun]) -> Vec<Input>,
+    points: &[CalibratedRun],
     common: &Common,
     failures: &mut Vec<(String, Failure)>,
-) -> Vec<Tcf> {
+) -> Vec<CentreMade> {
     let Some(pair) = pair else { return Vec::new() };
     let mut results = Vec::new();
     for one in done {
-        if let File::Tpf(tpf) = &one.thermal.file
-            && pair.pair().fits(tpf)
+        if let ThermalFile::Tpf(tpf) = &one.file
+            && pair.pair().fits(&tpf.head.sensor, &tpf.head.mode)
         {
-            let used: Vec<&Point> = points.iter().filter(|p| tpf.head.used.contains(&p.file)).collect();
+            let used: Vec<&CalibratedRun> = points.iter().filter(|p| tpf.head.used.contains(&p.file)).collect();
             results.push(pair.publish(tpf, &options.recorded(), inputs(&used), &common.desk()));
         }
     }
     for path in files {
         let file = read::<Tpf>(path);
         match file {
-            Ok(file) if pair.pair().fits(&file.body) => {
+            Ok(file) if pair.pair().fits(&file.body.head.sensor, &file.body.head.mode) => {
                 results.push(pair.publish(&file.body, "", vec![file.input], &common.desk()))
             }
             Ok(_) => {}
@@ -253,7 +258,7 @@ fn to_centre(
     let mut centres = Vec::new();
     for result in results {
         match result {
-            Ok(tcf) => centres.push(tcf),
+            Ok(made) => centres.push(made),
             Err(finding) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
         }
     }
@@ -270,8 +275,8 @@ pub(super) fn sort_results(
     for result in results {
         match result {
             Ok(one) => {
-                let name = one.thermal.file.file_name();
-                one.thermal.file.head().warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+                let name = one.file.file_name();
+                one.thermal.notes.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
                 done.push(one);
             }
             Err(finding) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
@@ -280,12 +285,12 @@ pub(super) fn sort_results(
     done
 }
 
-fn same_kind(a: &Point, b: &Point) -> bool {
-    std::mem::discriminant::<Values>(&a.values) == std::mem::discriminant(&b.values)
+fn same_kind(a: &CalibratedRun, b: &CalibratedRun) -> bool {
+    std::mem::discriminant::<RunValues>(&a.values) == std::mem::discriminant(&b.values)
 }
 
 /// The inputs of some points, each once, in the order of the points.
-pub(super) fn gather(used: &[&Point], inputs: &HashMap<String, Vec<Input>>) -> Vec<Input> {
+pub(super) fn gather(used: &[&CalibratedRun], inputs: &HashMap<String, Vec<Input>>) -> Vec<Input> {
     let mut list: Vec<Input> = Vec::new();
     for input in used.iter().filter_map(|p| inputs.get(&p.file)).flatten() {
         if !list.contains(input) {
@@ -342,7 +347,7 @@ fn measure(
     for (job, result) in jobs.iter().zip(results) {
         match result {
             Ok(measured) => {
-                measured.warnings().iter().for_each(|w| terminal.warning(&format!("{}: {w}", job.recorded)));
+                measured.notes().iter().for_each(|w| terminal.warning(&format!("{}: {w}", job.recorded)));
                 done.push(measured);
             }
             Err(failure) => failures.push((job.recorded.clone(), failure)),

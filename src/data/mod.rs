@@ -1,5 +1,6 @@
 //! What a run consists of, and what every room speaks of: runs, plateaus, units, findings, where results come from.
 
+pub mod across;
 pub mod calibration;
 pub mod convention;
 pub mod envelope;
@@ -9,4 +10,5 @@ pub mod plateau;
 pub mod provenance;
 pub mod result;
 pub mod run;
+pub mod tables;
 pub mod units;

@@ -60,7 +60,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     for ((n, t_s), reading) in samples.n.iter().zip(&samples.t_s).zip(&samples.reading_ent) {
         sink.vector(Vector { n: *n, t_s: *t_s, reading: Reading(*reading) });
     }
-    let freq = analysis::freq(run, &sink, campaign, &analysis::Options::default())?;
+    let freq = analysis::freq(run, &sink, &campaign.file.instructions, &analysis::Options::default())?;
     drop(sink);
     let span_s = [samples.t_s[0], samples.t_s[samples.t_s.len() - 1]];
     let (faults, _) = faults::thermistors(run, span_s);

@@ -26,10 +26,10 @@ pub mod words;
 use crate::data::plateau::Plateaus;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::facility::Facility;
 use crate::model::effects::thermal_lag::ThermalLag;
 use crate::model::effects::time_shift::SHIFT;
 use crate::model::effects::{Acts, Catalogue, EffectRef, Record, Row, Spec};
+use crate::model::facility::Facility;
 pub use crate::record::known::Given;
 pub use crate::record::scene::Samples;
 use crate::record::scene::Scene;
@@ -79,7 +79,7 @@ pub fn run(
     }
     let samples = samples.filter(|s| !s.t_s.is_empty());
     let mut scene =
-        Scene::new(run, plateaus, samples, campaign, options.facility.as_ref()).map_err(|e| DiagnoseError::Record(e.0))?;
+        Scene::new(run, plateaus, samples, &campaign.file.instructions, options.facility.as_ref()).map_err(|e| DiagnoseError::Record(e.0))?;
     let mut warnings = std::mem::take(&mut scene.warnings);
     let mut steps: Vec<Step> = scene.faults.iter().map(steps::fault_step).collect();
     let known: Vec<Inside> = options.given.iter().filter(|g| g.is_inside()).map(Inside::known).collect();

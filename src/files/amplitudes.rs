@@ -4,18 +4,8 @@
 use super::source::{Digested, read_whole};
 use super::text::{TableForm, TableRow, small_table};
 use crate::data::error::{Finding, Severity};
+use crate::data::tables::AmplitudeRow;
 use std::path::Path;
-
-/// One row.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
-    /// Frequency of the field, Hz.
-    pub frequency_hz: f64,
-    /// Amplitude per component, half peak to peak, enT.
-    pub amplitude_ent: [f64; 3],
-    /// Its standard uncertainty, enT; NaN if the table does not give it.
-    pub std_ent: [f64; 3],
-}
 
 const COLUMNS: [&str; 7] = ["frequency_hz", "bx_ent", "by_ent", "bz_ent", "bx_std_ent", "by_std_ent", "bz_std_ent"];
 const FORM: TableForm = TableForm {
@@ -30,12 +20,12 @@ const FORM: TableForm = TableForm {
 ///
 /// # Errors
 /// The first fault of the file, with its place.
-pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<Row>, Digested), Finding> {
+pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<AmplitudeRow>, Digested), Finding> {
     let (bytes, digested) = read_whole(path)?;
     Ok((parse(&path.display().to_string(), &bytes, findings)?, digested))
 }
 
-fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<Row>, Finding> {
+fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<AmplitudeRow>, Finding> {
     let (mut seen, mut twice) = (Vec::new(), Vec::new());
     let rows = small_table(file, bytes, &FORM, findings, |line| {
         let row = row(line)?;
@@ -50,7 +40,7 @@ fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<Ro
     rows
 }
 
-fn row(row: &TableRow) -> Result<Row, Finding> {
+fn row(row: &TableRow) -> Result<AmplitudeRow, Finding> {
     let mut values = [f64::NAN; COLUMNS.len()];
     for (i, value) in values.iter_mut().enumerate() {
         *value = if i < FORM.required { row.number(i)? } else { row.optional(i)?.unwrap_or(f64::NAN) };
@@ -67,7 +57,7 @@ fn row(row: &TableRow) -> Result<Row, Finding> {
     };
     match rule {
         Some(rule) => Err(row.refuse(rule, "repair the value or take the row out")),
-        None => Ok(Row { frequency_hz, amplitude_ent: [bx, by, bz], std_ent: [sx, sy, sz] }),
+        None => Ok(AmplitudeRow { frequency_hz, amplitude_ent: [bx, by, bz], std_ent: [sx, sy, sz] }),
     }
 }
 
@@ -75,7 +65,7 @@ fn row(row: &TableRow) -> Result<Row, Finding> {
 mod tests {
     use super::*;
 
-    fn table(text: &str) -> Result<Vec<Row>, Finding> {
+    fn table(text: &str) -> Result<Vec<AmplitudeRow>, Finding> {
         parse("t.csv", text.as_bytes(), &mut Vec::new())
     }
 

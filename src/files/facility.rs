@@ -1,73 +1,12 @@
 //! Facility files, TOML: `scale_nt_per_eu`, `offset_nt`, `angles_deg`, and optionally what temperatures do to them, in a table
 //! `facility` or `model` or among the keys of the file. The files that `calfit coil` writes are among them.
 
-use super::parameter::{self, FacilityPart};
+use super::parameter;
 use super::source::read_whole;
 use super::text::{Keys, decode};
 use crate::data::error::Finding;
-use crate::data::provenance::Input;
-use crate::model::coil::Coil;
+use crate::model::facility::{Facility, FacilityParameters};
 use std::path::Path;
-
-/// A facility as it was read.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Facility {
-    /// The file, under its name.
-    pub input: Input,
-    /// Its values.
-    pub part: FacilityPart,
-}
-
-impl Facility {
-    /// The coil system with these parameters.
-    #[must_use]
-    pub fn coil(&self) -> Coil {
-        coil(&self.part)
-    }
-
-    /// The same without offset fields.
-    #[must_use]
-    pub fn without_offset(&self) -> Facility {
-        let part = FacilityPart { offset_nt: [0.0; 3], offset_nt_per_k: None, rack_offset_nt_per_k: None, ..self.part.clone() };
-        Facility { input: self.input.clone(), part }
-    }
-
-    /// The option that names it, with a space before it.
-    #[must_use]
-    pub fn recorded(&self) -> String {
-        format!(" --facility {}", self.input.path)
-    }
-
-    /// Whether its values depend on the rack temperature.
-    #[must_use]
-    pub fn follows_rack(&self) -> bool {
-        let acts = |v: Option<[f64; 3]>| v.is_some_and(|v| v.iter().any(|v| *v != 0.0));
-        acts(self.part.rack_scale_per_k) || acts(self.part.rack_offset_nt_per_k)
-    }
-
-    /// Whether its values depend on the coil temperature.
-    #[must_use]
-    pub fn follows_coil(&self) -> bool {
-        let acts = |v: Option<[f64; 3]>| v.is_some_and(|v| v.iter().any(|v| *v != 0.0));
-        acts(self.part.scale_per_k) || acts(self.part.offset_nt_per_k)
-    }
-}
-
-/// The coil system with the parameters of a file.
-#[must_use]
-pub fn coil(part: &FacilityPart) -> Coil {
-    Coil {
-        scale_nt_per_eu: part.scale_nt_per_eu,
-        offset_nt: part.offset_nt,
-        angles_deg: part.angles_deg,
-        scale_per_k: part.scale_per_k.unwrap_or_default(),
-        offset_nt_per_k: part.offset_nt_per_k.unwrap_or_default(),
-        rack_scale_per_k: part.rack_scale_per_k.unwrap_or_default(),
-        rack_offset_nt_per_k: part.rack_offset_nt_per_k.unwrap_or_default(),
-        reference_degc: part.reference_degc.unwrap_or(Coil::IDEAL.reference_degc),
-        rack_reference_degc: part.rack_reference_degc.unwrap_or(Coil::IDEAL.rack_reference_degc),
-    }
-}
 
 /// Reads a facility file.
 ///
@@ -83,7 +22,7 @@ pub fn read(path: &Path) -> Result<Facility, Finding> {
     }
     let keys = Keys::parse(&shown, 1, text)?;
     let part = part(&keys)?;
-    if coil(&part).axes().is_none() {
+    if part.coil().axes().is_none() {
         return Err(Finding::error(
             &shown,
             "no three axes have the angles angles_deg between them",
@@ -94,7 +33,7 @@ pub fn read(path: &Path) -> Result<Facility, Finding> {
     Ok(Facility { input: digested.input(name), part })
 }
 
-fn part(keys: &Keys) -> Result<FacilityPart, Finding> {
+fn part(keys: &Keys) -> Result<FacilityParameters, Finding> {
     let root = keys.root();
     let table = match root.group("facility")? {
         Some(group) => group,
@@ -102,7 +41,7 @@ fn part(keys: &Keys) -> Result<FacilityPart, Finding> {
     };
     let needed = |key: &str| table.three(key)?.ok_or_else(|| table.missing(key));
     let either = |one: &str, other: &str| -> Result<Option<f64>, Finding> { Ok(table.number(one)?.or(table.number(other)?)) };
-    let part = FacilityPart {
+    let part = FacilityParameters {
         scale_nt_per_eu: needed("scale_nt_per_eu")?,
         offset_nt: needed("offset_nt")?,
         angles_deg: needed("angles_deg")?,
@@ -129,14 +68,14 @@ fn part(keys: &Keys) -> Result<FacilityPart, Finding> {
 mod tests {
     use super::*;
 
-    fn parse(text: &str) -> Result<FacilityPart, Finding> {
+    fn parse(text: &str) -> Result<FacilityParameters, Finding> {
         part(&Keys::parse("facility.toml", 1, text.to_owned()).unwrap())
     }
 
     #[test]
     fn keys_are_found_in_a_table_or_without_one() {
         let plain = "scale_nt_per_eu = [0.9, 1.0, 1.1]\noffset_nt = [1, 2, 3]\nangles_deg = [90.1, 90.0, 89.9]\n";
-        let expected = FacilityPart::constant([0.9, 1.0, 1.1], [1.0, 2.0, 3.0], [90.1, 90.0, 89.9]);
+        let expected = FacilityParameters::constant([0.9, 1.0, 1.1], [1.0, 2.0, 3.0], [90.1, 90.0, 89.9]);
         assert_eq!(parse(plain).unwrap(), expected);
         assert_eq!(parse(&format!("[facility]\n{plain}")).unwrap(), expected);
         let model = parse(&format!(

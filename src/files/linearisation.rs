@@ -1,41 +1,11 @@
 //! Linearisations to apply: the LINEARISATION files that `calfit lin --linearise` writes.
 
-use super::parameter::{self, LinearisationFile, LinearisationPart};
+use super::parameter::{self, LinearisationFile};
 use crate::data::error::Finding;
-use crate::data::provenance::Input;
 use crate::data::units::COMPONENTS;
-use crate::model::linearisation::{AxisLinearisation, LEAST_SLOPE};
+use crate::model::linearisation::{LEAST_SLOPE, Linearisation};
 use nalgebra::Matrix2;
 use std::path::Path;
-
-/// A linearisation with where it comes from.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Linearisation {
-    /// The file, under its name.
-    pub input: Input,
-    /// Sensor that it was measured with.
-    pub sensor: String,
-    /// Mode.
-    pub mode: String,
-    /// Polynomials.
-    pub part: LinearisationPart,
-    /// Covariance of c2, 1/enT, and c3, 1/enT², per sensor axis.
-    pub covariance: [Matrix2<f64>; 3],
-}
-
-impl Linearisation {
-    /// The polynomial of a sensor axis, 0 to 2.
-    #[must_use]
-    pub fn axis(&self, axis: usize) -> AxisLinearisation {
-        AxisLinearisation { c2_per_ent: self.part.c2_per_ent[axis], c3_per_ent2: self.part.c3_per_ent2[axis] }
-    }
-
-    /// The option that names it, with a space before it.
-    #[must_use]
-    pub fn recorded(&self) -> String {
-        format!(" --linearisation {}", self.input.path)
-    }
-}
 
 /// Reads a LINEARISATION file.
 ///

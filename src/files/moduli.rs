@@ -4,22 +4,8 @@
 use super::source::{Digested, read_whole};
 use super::text::{TableForm, TableRow, small_table};
 use crate::data::error::Finding;
+use crate::data::tables::ModulusRow;
 use std::path::Path;
-
-/// One row.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Row {
-    /// Coil axis, 0 to 2.
-    pub axis: usize,
-    /// State of the facility.
-    pub state: String,
-    /// Modulus at plus F, nT.
-    pub plus_nt: f64,
-    /// Modulus at minus F, nT.
-    pub minus_nt: f64,
-    /// Standard uncertainty of a modulus, nT, if the table gives it.
-    pub std_nt: Option<f64>,
-}
 
 const COLUMNS: [&str; 5] = ["axis", "state", "plus_nt", "minus_nt", "std_nt"];
 const FORM: TableForm = TableForm {
@@ -34,16 +20,16 @@ const FORM: TableForm = TableForm {
 ///
 /// # Errors
 /// The first fault of the file, with its place.
-pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<Row>, Digested), Finding> {
+pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<ModulusRow>, Digested), Finding> {
     let (bytes, digested) = read_whole(path)?;
     Ok((parse(&path.display().to_string(), &bytes, findings)?, digested))
 }
 
-fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<Row>, Finding> {
+fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<ModulusRow>, Finding> {
     small_table(file, bytes, &FORM, findings, row)
 }
 
-fn row(row: &TableRow) -> Result<Row, Finding> {
+fn row(row: &TableRow) -> Result<ModulusRow, Finding> {
     let axis = row.text(0);
     let axis = ["X", "Y", "Z"]
         .iter()
@@ -56,7 +42,7 @@ fn row(row: &TableRow) -> Result<Row, Finding> {
     if std_nt.is_some_and(|s| s <= 0.0) {
         return Err(row.refuse("a standard uncertainty must be positive", "repair the value, or leave the cell empty"));
     }
-    Ok(Row { axis, state: row.text(1), plus_nt, minus_nt, std_nt })
+    Ok(ModulusRow { axis, state: row.text(1), plus_nt, minus_nt, std_nt })
 }
 
 #[cfg(test)]

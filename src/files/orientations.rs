@@ -5,27 +5,8 @@
 use super::source::{Digested, read_whole};
 use super::text::{TableForm, TableRow, small_table};
 use crate::data::error::{Finding, Severity};
-use crate::model::position::Position;
+use crate::model::position::{OrientedRun, Position};
 use std::path::Path;
-
-/// The result of one run.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RunResult {
-    /// Run.
-    pub run: String,
-    /// Sensor, empty if not stated.
-    pub sensor: String,
-    /// Orientation.
-    pub position: Position,
-    /// Sensitivities along the sensor axes, nT/enT.
-    pub sigma: [f64; 3],
-    /// Offsets, nT.
-    pub offset_nt: [f64; 3],
-    /// ξ_xy, ξ_xz, ξ_yz, degrees.
-    pub xi_deg: [f64; 3],
-    /// Largest applied field, nT, where stated.
-    pub field_nt: Option<f64>,
-}
 
 const COLUMNS: [&str; 14] = [
     "run",
@@ -55,12 +36,12 @@ const FORM: TableForm = TableForm {
 ///
 /// # Errors
 /// The first fault of the file, with its place.
-pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<RunResult>, Digested), Finding> {
+pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<OrientedRun>, Digested), Finding> {
     let (bytes, digested) = read_whole(path)?;
     Ok((parse(&path.display().to_string(), &bytes, findings)?, digested))
 }
 
-fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<RunResult>, Finding> {
+fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<OrientedRun>, Finding> {
     let mut passed_over = Vec::new();
     let rows = small_table(file, bytes, &FORM, findings, |row| {
         if row.text(1).is_empty() {
@@ -75,7 +56,7 @@ fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<Ru
     Ok(rows.into_iter().flatten().collect())
 }
 
-fn one(row: &TableRow) -> Result<RunResult, Finding> {
+fn one(row: &TableRow) -> Result<OrientedRun, Finding> {
     let run = row.text(0);
     if !super::ccr::run_id_is_safe(&run) {
         return Err(row.refuse("the run cannot be part of a file name", "use letters, digits, `-`, `_` and `.`"));
@@ -92,7 +73,7 @@ fn one(row: &TableRow) -> Result<RunResult, Finding> {
         return Err(row.refuse("an angle between sensor axes must lie between 1 and 179 degrees", "write angles in degrees"));
     }
     let field_nt = if row.text(13).is_empty() { None } else { Some(1000.0 * row.number(13)?) };
-    Ok(RunResult { run, sensor: row.text(11), position, sigma, offset_nt, xi_deg, field_nt })
+    Ok(OrientedRun { run, sensor: row.text(11), position, sigma, offset_nt, xi_deg, field_nt })
 }
 
 #[cfg(test)]

@@ -4,18 +4,8 @@
 use super::source::{Digested, read_whole};
 use super::text::{TableForm, TableRow, small_table};
 use crate::data::error::Finding;
+use crate::data::tables::ThermistorRow;
 use std::path::Path;
-
-/// One row.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
-    /// Temperature, °C.
-    pub t_degc: f64,
-    /// Voltage, V; NaN if the table does not give it.
-    pub u_volt: f64,
-    /// Resistance, Ω; NaN if the table does not give it.
-    pub r_ohm: f64,
-}
 
 /// Name of the temperature column of a calibration table.
 pub const TABLE: &str = "t_degc";
@@ -28,12 +18,12 @@ const LEAST_DEGC: f64 = -273.15;
 ///
 /// # Errors
 /// The first fault of the file, with its place.
-pub fn read(path: &Path, temperature: &str, findings: &mut Vec<Finding>) -> Result<(Vec<Row>, Digested), Finding> {
+pub fn read(path: &Path, temperature: &str, findings: &mut Vec<Finding>) -> Result<(Vec<ThermistorRow>, Digested), Finding> {
     let (bytes, digested) = read_whole(path)?;
     Ok((parse(&path.display().to_string(), &bytes, temperature, findings)?, digested))
 }
 
-fn parse(file: &str, bytes: &[u8], temperature: &str, findings: &mut Vec<Finding>) -> Result<Vec<Row>, Finding> {
+fn parse(file: &str, bytes: &[u8], temperature: &str, findings: &mut Vec<Finding>) -> Result<Vec<ThermistorRow>, Finding> {
     let form = TableForm {
         name: "the thermistor table",
         columns: &[temperature, "u_volt", "r_ohm"],
@@ -44,9 +34,9 @@ fn parse(file: &str, bytes: &[u8], temperature: &str, findings: &mut Vec<Finding
     small_table(file, bytes, &form, findings, row)
 }
 
-fn row(row: &TableRow) -> Result<Row, Finding> {
+fn row(row: &TableRow) -> Result<ThermistorRow, Finding> {
     let optional = |i: usize| row.optional(i).map(|v| v.unwrap_or(f64::NAN));
-    let values = Row { t_degc: row.number(0)?, u_volt: optional(1)?, r_ohm: optional(2)? };
+    let values = ThermistorRow { t_degc: row.number(0)?, u_volt: optional(1)?, r_ohm: optional(2)? };
     let rule = if values.t_degc < LEAST_DEGC {
         "a temperature lies below absolute zero"
     } else if values.r_ohm <= 0.0 {
@@ -61,7 +51,7 @@ fn row(row: &TableRow) -> Result<Row, Finding> {
 mod tests {
     use super::*;
 
-    fn table(text: &str) -> Result<Vec<Row>, Finding> {
+    fn table(text: &str) -> Result<Vec<ThermistorRow>, Finding> {
         parse("t.csv", text.as_bytes(), TABLE, &mut Vec::new())
     }
 

@@ -12,6 +12,7 @@
 //! by one unknown factor, `n ln(χ²/n) + n + penalty(k + 1)`, which costs a parameter. Each order counts with the better.
 
 use nalgebra::DMatrix;
+use std::fmt;
 
 use super::linear::Limits;
 use super::polynomial::{self, Polynomial};
@@ -65,6 +66,18 @@ pub enum Reason {
     LeaveOneOut,
     /// There are too few points for the criterion at any order.
     TooFewPoints,
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Reason::Given => "given",
+            Reason::Exact => "the lowest that leaves only rounding",
+            Reason::LeastAicc => "AICc",
+            Reason::LeaveOneOut => "leave-one-out error",
+            Reason::TooFewPoints => "too few points for more",
+        })
+    }
 }
 
 /// A polynomial of the order given or chosen.

@@ -8,15 +8,15 @@
 use crate::data::plateau::Settling;
 use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, Setting, Vector, VectorSink};
+use crate::data::tables::AmplitudeRow;
 use crate::data::units::COMPONENTS;
-use crate::files::amplitudes::Row;
-use crate::files::campaign::Campaign;
 use crate::files::parameter::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
 use crate::fit::sine::{self, CommonRate, Oscillator, Packet, RateRefusal, Residue, Sine, SineRefusal, Sums, Verdict};
 use crate::fit::statistics::median;
 use crate::fit::{Limits, order, polynomial};
 use crate::measure::corner::{self, Amplitude, Corner};
 use crate::model::applied::ModelApplied;
+use crate::model::campaign::Instructions;
 use crate::model::response::Response;
 use crate::record::conditions::{self, Temperatures};
 use crate::record::known::Known;
@@ -228,7 +228,7 @@ struct Tone {
 ///
 /// # Errors
 /// [`FreqError`]: the run is refused. Single frequencies are refused in the result.
-pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) -> Result<Freq, FreqError> {
+pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Options) -> Result<Freq, FreqError> {
     if run.header.kind != Kind::Frequency {
         return Err(FreqError::Kind(run.header.kind));
     }
@@ -314,10 +314,10 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
     let span = |join: fn(f64, f64) -> f64, end: usize| {
         measured.iter().filter_map(|a| a.used_s).map(|s| s[end]).reduce(join).unwrap_or_default()
     };
-    let temperatures = Temperatures::of(run, campaign, [span(f64::min, 0), span(f64::max, 1)], &mut warnings);
+    let temperatures = Temperatures::of(run, instructions, [span(f64::min, 0), span(f64::max, 1)], &mut warnings);
     conditions::warn_of_run(&mut warnings, run);
     let stretches = measured.iter().zip(&applied).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
-    let head = conditions::head(run, campaign, &temperatures);
+    let head = conditions::head(run, instructions, &temperatures);
     let mut freq = respond(measured, head, warnings);
     widen(&known, &mut freq);
     let p = &mut freq.parameters;
@@ -345,7 +345,7 @@ pub fn freq(run: &Run, sines: &Sines, campaign: &Campaign, options: &Options) ->
 
 /// The response alone, from a table of amplitudes; `id` names it.
 #[must_use]
-pub fn from_table(rows: &[Row], id: &str) -> Freq {
+pub fn from_table(rows: &[AmplitudeRow], id: &str) -> Freq {
     let measured = rows
         .iter()
         .map(|row| AmplitudePart {

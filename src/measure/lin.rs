@@ -6,17 +6,18 @@ pub use refusal::LinError;
 
 use crate::data::calibration::{Angles, LinearQuality, LinearStd, LinearValidity, Matrices, OffsetTrend, PlateauNoise, Setup};
 use crate::data::envelope::Column;
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Drop, LEAST_COVERAGE, Plateau, Plateaus, Settling};
 use crate::data::result::{Covariance, Summary};
 use crate::data::run::{Kind, Run};
 use crate::data::units::{COMPONENTS, FieldCoil};
-use crate::files::campaign::Campaign;
-use crate::files::facility::Facility;
-use crate::files::linearisation::Linearisation;
 use crate::files::parameter::{Convention, Cpf};
 use crate::fit::statistics::{extremes, median};
 use crate::fit::{DenseNoise, FitError, Limits, Propagated, Robust, Solution, linear, propagate, robust};
 use crate::measure::{linearise, structure};
+use crate::model::campaign::Instructions;
+use crate::model::facility::Facility;
+use crate::model::linearisation::Linearisation;
 use crate::model::position::Position;
 use crate::model::sensor::{Linear, Split, SplitError, misplaced_axes, split};
 use crate::record::baseline::Baseline;
@@ -100,6 +101,9 @@ pub struct Block {
 pub struct Lin {
     /// The parameters, as in the parameter file.
     pub parameters: Cpf,
+    /// What a person should know.
+    #[serde(skip)]
+    pub notes: Vec<Note>,
     /// Every plateau of the run.
     pub blocks: Vec<Block>,
     /// Temperatures during the run.
@@ -116,14 +120,14 @@ pub struct Lin {
 ///
 /// # Errors
 /// [`LinError`]: the run is refused, with the reason and what to do.
-pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Options) -> Result<Lin, LinError> {
+pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options: &Options) -> Result<Lin, LinError> {
     let header = &run.header;
     if header.kind != Kind::Linearity {
         return Err(LinError::Kind(header.kind));
     }
     let order = options
         .trend_order
-        .or_else(|| campaign.file.offset_trend_order.and_then(|o| usize::try_from(o).ok()))
+        .or_else(|| instructions.offset_trend_order.and_then(|o| usize::try_from(o).ok()))
         .unwrap_or(DEFAULT_ORDER);
     if order > 2 {
         return Err(LinError::Order(order));
@@ -137,14 +141,14 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     if plateaus.still_settling {
         return Err(LinError::Unsettled { settling_s: plateaus.settling_s });
     }
-    let (position_id, position) = the_position(plateaus, campaign)?;
+    let (position_id, position) = the_position(plateaus, instructions)?;
     let mut list = plateaus.list.clone();
-    apply_limits(&mut list, position, &limits_nt(run, campaign, options));
-    let mut warnings = Vec::new();
+    apply_limits(&mut list, position, &limits_nt(run, instructions, options));
+    let mut notes: Vec<Note> = Vec::new();
     let facility =
-        options.facility.as_ref().map(|f| conditions::apply_facility(f, run, campaign, &mut list, &mut warnings)).transpose()?;
-    let known = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, campaign, &mut warnings));
-    let linearisation = options.linearisation.as_ref().map(|l| linearise::apply(l, run, &mut list, &mut warnings));
+        options.facility.as_ref().map(|f| conditions::apply_facility(f, run, instructions, &mut list, &mut notes)).transpose()?;
+    let known = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, instructions, &mut notes));
+    let linearisation = options.linearisation.as_ref().map(|l| linearise::apply(l, run, &mut list, &mut notes));
     let used: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
     let count = 4 + order;
     if used.len() <= count {
@@ -202,19 +206,19 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
         used.iter().map(|p| p.used_s[0]).fold(f64::INFINITY, f64::min),
         used.iter().map(|p| p.used_s[1]).fold(f64::NEG_INFINITY, f64::max),
     ];
-    let temperatures = Temperatures::of(run, campaign, span_s, &mut warnings);
-    warn_of_axes(&mut warnings, &derived.split);
-    conditions::warn_of_plateaus(&mut warnings, run, plateaus);
-    conditions::warn_of_run(&mut warnings, run);
+    let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
+    warn_of_axes(&mut notes, &derived.split);
+    conditions::warn_of_plateaus(&mut notes, run, plateaus);
+    conditions::warn_of_run(&mut notes, run);
 
-    judge_fit(&mut warnings, &blocks);
+    judge_fit(&mut notes, &blocks);
     if !options.robust {
-        warnings.extend(structure_of(&temperatures, &list, &used, &means, &noise));
+        notes.extend(structure_of(&temperatures, &list, &used, &means, &noise));
     }
     let readings = used.iter().flat_map(|p| p.mean.0).fold(0.0, |a: f64, v| a.max(v.abs()));
     if noise.noise.iter().any(|n| n.std < 1e-12 * readings) {
-        warnings
-            .push("the readings follow the model to the last digit: their scatter does not tell the uncertainties".to_owned());
+        let text = "the readings follow the model to the last digit: their scatter does not tell the uncertainties";
+        notes.push(Note::new(NoteKind::Method, text));
     }
     let std = |range: std::ops::Range<usize>| uncertain.std.get(range).map_or_else(|| vec![f64::NAN; 9], <[f64]>::to_vec);
     let three = |from: usize| -> [f64; 3] { std(from..from + 3).try_into().unwrap_or([f64::NAN; 3]) };
@@ -226,7 +230,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
     let convention = if linearisation.is_some() { Convention::linearised() } else { Convention::default() };
     let parameters = Cpf {
         convention: if known.is_some() { convention.without_effects() } else { convention },
-        run: conditions::head(run, campaign, &temperatures),
+        run: conditions::head(run, instructions, &temperatures),
         setup: Setup {
             position: position_id,
             position_axes: position.names(),
@@ -289,9 +293,9 @@ pub fn lin(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Option
         linearisation,
         model: known.map(|k| k.part),
         dropped: conditions::dropped(&list),
-        warnings,
+        warnings: notes.iter().map(Note::to_string).collect(),
     };
-    Ok(Lin { parameters, blocks, temperatures, given: plateaus.clone(), samples: None })
+    Ok(Lin { parameters, notes, blocks, temperatures, given: plateaus.clone(), samples: None })
 }
 
 /// What the uncertainty of known effects adds to the covariance of all coefficients, parameter j of component a at `a * p + j`. The
@@ -316,20 +320,20 @@ fn structure_of(
     used: &[&Plateau],
     means: &Means,
     noise: &DenseNoise,
-) -> Option<String> {
+) -> Option<Note> {
     let columns = means.baseline.columns(&means.fields_nt, &means.t_s);
-    structure::warning(&structure::Rows::of(list, used, &temperatures.sensor, &columns, noise))
+    structure::note(&structure::Rows::of(list, used, &temperatures.sensor, &columns, noise))
 }
 
-pub(super) fn the_position(plateaus: &Plateaus, campaign: &Campaign) -> Result<(u32, Position), LinError> {
+pub(super) fn the_position(plateaus: &Plateaus, instructions: &Instructions) -> Result<(u32, Position), LinError> {
     match plateaus.positions().as_slice() {
-        [id] => campaign.position(*id).map(|p| (*id, p)).ok_or(LinError::UnknownPosition(*id)),
+        [id] => instructions.position(*id).map(|p| (*id, p)).ok_or(LinError::UnknownPosition(*id)),
         several => Err(LinError::Positions(several.iter().map(u32::to_string).collect::<Vec<_>>().join(", "))),
     }
 }
 
-fn limits_nt(run: &Run, campaign: &Campaign, options: &Options) -> [Option<f64>; 3] {
-    let mut limits = campaign.limits_nt(&run.header);
+fn limits_nt(run: &Run, instructions: &Instructions, options: &Options) -> [Option<f64>; 3] {
+    let mut limits = instructions.limits_nt(&run.header);
     for (limit, own) in limits.iter_mut().zip(options.max_field_nt) {
         // What the analyst asks for now replaces what the campaign says.
         *limit = own.or(*limit);
@@ -537,7 +541,7 @@ fn standard_error_coil_nt(plateau: &Plateau, phi: &Matrix3<f64>) -> Option<[f64;
 }
 
 /// Says where the residuals are larger than what the samples scatter, and which plateaus stand out.
-fn judge_fit(warnings: &mut Vec<String>, blocks: &[Block]) {
+fn judge_fit(notes: &mut Vec<Note>, blocks: &[Block]) {
     let used: Vec<&Block> = blocks.iter().filter(|b| b.plateau.dropped.is_none()).collect();
     for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
         let residuals: Vec<f64> = used.iter().filter_map(|b| b.residual_coil_nt).map(|r| r.0[axis]).collect();
@@ -545,10 +549,11 @@ fn judge_fit(warnings: &mut Vec<String>, blocks: &[Block]) {
         let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
         let scatter = rms(&residuals);
         if let Some(expected) = errors.map(|e| rms(&e)).filter(|e| *e > 0.0 && scatter > LACK_OF_FIT * *e) {
-            warnings.push(format!(
-                "FIT: the {name} residuals scatter by {scatter:.3} nT where the samples of the plateaus let expect {expected:.3} nT; \
+            let text = format!(
+                "the {name} residuals scatter by {scatter:.3} nT where the samples of the plateaus let expect {expected:.3} nT; \
                  the model lacks something, or plateaus are disturbed"
-            ));
+            );
+            notes.push(Note::new(NoteKind::Fit, text).about(name));
         }
         let mut magnitudes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
         let robust_std = median(&mut magnitudes) / 0.6745;
@@ -558,23 +563,21 @@ fn judge_fit(warnings: &mut Vec<String>, blocks: &[Block]) {
             .map(|b| (b.plateau.index + 1).to_string())
             .collect();
         if !outliers.is_empty() {
-            warnings.push(format!(
-                "FIT: blocks {} stand out in {name} by more than {OUTLIER} standard deviations; look at them, or use --robust",
-                outliers.join(", ")
-            ));
+            let text = format!("blocks {} stand out in {name} by more than {OUTLIER} standard deviations", outliers.join(", "));
+            notes.push(Note::new(NoteKind::Fit, text).about(name).with_remedy("look at them, or use --robust"));
         }
     }
 }
 
-fn warn_of_axes(warnings: &mut Vec<String>, split: &Split) {
+fn warn_of_axes(notes: &mut Vec<Note>, split: &Split) {
     let misplaced = misplaced_axes(split);
     if split.rho.determinant() < 0.0 {
-        warnings.push("AXES: the sensor axes are left-handed against the position; two components are swapped or one has the wrong sign, and no rotation leads there".to_owned());
+        let text = "the sensor axes are left-handed against the position; two components are swapped or one has the wrong sign, and no rotation leads there";
+        notes.push(Note::new(NoteKind::Axes, text));
     }
     for (component, along) in misplaced {
         let name = COMPONENTS.get(component).copied().unwrap_or("?");
-        warnings.push(format!(
-            "AXES: component {name} looks along the nominal {along} axis; check the position, the wiring and the signs"
-        ));
+        let text = format!("component {name} looks along the nominal {along} axis");
+        notes.push(Note::new(NoteKind::Axes, text).about(name).with_remedy("check the position, the wiring and the signs"));
     }
 }

@@ -6,19 +6,22 @@
 //! and Gauss-Newton steps lead to the least squares of the readings themselves. In every step the runs' own parameters are projected
 //! out ([`partitioned`]).
 
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::provenance::Input;
 use crate::data::result::Covariance;
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
-use crate::files::linearisation::Linearisation;
 use crate::files::parameter::{
-    LinearisationApplied, LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisationPart, LinearisedAxis,
-    LinearisedRun, PanelFit, linearisation_file_name,
+    LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisedAxis, LinearisedRun, PanelFit,
+    linearisation_file_name,
 };
 use crate::fit::partitioned::{self, Part, Projected};
 use crate::fit::{FitError, Limits, linear, order};
 use crate::measure::lin::Lin;
+use crate::model::linearisation::Linearisation;
+use crate::model::linearisation::LinearisationApplied;
+use crate::model::linearisation::LinearisationPolynomials;
 use crate::model::linearisation::{AxisLinearisation, LEAST_SLOPE};
 use crate::record::conditions;
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2, Vector3};
@@ -216,7 +219,7 @@ pub fn linearise(runs: &[&Lin]) -> Result<Estimate, LineariseError> {
             a.about.name, a.about.inflation
         ));
     }
-    let part = LinearisationPart {
+    let part = LinearisationPolynomials {
         c2_per_ent: std::array::from_fn(|a| axes[a].polynomial.c2_per_ent),
         c2_std_per_ent: std::array::from_fn(|a| axes[a].covariance[(0, 0)].sqrt()),
         c3_per_ent2: std::array::from_fn(|a| axes[a].polynomial.c3_per_ent2),
@@ -486,14 +489,15 @@ pub(super) fn apply(
     linearisation: &Linearisation,
     run: &Run,
     list: &mut [Plateau],
-    warnings: &mut Vec<String>,
+    notes: &mut impl Extend<Note>,
 ) -> LinearisationApplied {
     let header = &run.header;
     if (header.sensor.as_str(), header.mode.as_str()) != (linearisation.sensor.as_str(), linearisation.mode.as_str()) {
-        warnings.push(format!(
+        let text = format!(
             "{} was made with {} {}, the run is of {} {}",
             linearisation.input.path, linearisation.sensor, linearisation.mode, header.sensor, header.mode
-        ));
+        );
+        notes.extend([Note::new(NoteKind::Data, text).about(&linearisation.input.path)]);
     }
     for (axis, name) in COMPONENTS.into_iter().enumerate() {
         let [low, high] = linearisation.part.reading_ent[axis];
@@ -502,10 +506,11 @@ pub(super) fn apply(
             beyond.fold((0, 0.0_f64), |(n, far), p| (n + 1, far.max(low - p.mean.0[axis]).max(p.mean.0[axis] - high)));
         // Runs of one programme end within a small part of each other.
         if farthest > 0.01 * (high - low) {
-            warnings.push(format!(
+            let text = format!(
                 "{count} mean readings of {name} lie up to {farthest:.0} enT beyond the range of {}, {low:.0} to {high:.0} enT",
                 linearisation.input.path
-            ));
+            );
+            notes.extend([Note::new(NoteKind::Method, text).about(name)]);
         }
     }
     for plateau in list {

@@ -13,7 +13,6 @@ use crate::data::envelope;
 use crate::data::provenance::Input;
 use crate::data::run::{Kind, Run, SlowTable};
 use crate::data::units::COMPONENTS;
-use crate::files::campaign::Campaign;
 use crate::files::parameter::{
     AllanPart, ChannelPart, CornerPart, Cpf, DensityPart, LinePart, Npf, NullConvention, NullOffset, NullScaled, RecordPart,
     SpectrumPart, StopPart, TogetherPart,
@@ -22,6 +21,7 @@ use crate::fit::allan::{self, Bin, Deviation};
 use crate::fit::noise::dense::{self, Octave};
 use crate::fit::spectrum::{self, FIRST_BIN, Line, NEXT_BIN, Point, Stage, WhiteAndSlow, limits};
 use crate::fit::{Design, FitError, Limits, solve};
+use crate::model::campaign::Instructions;
 use crate::record::conditions::{self, Temperatures};
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -144,7 +144,7 @@ pub struct Null {
 ///
 /// # Errors
 /// Why the run has no result.
-pub fn null(run: &Run, record: Record, campaign: &Campaign, options: &Options) -> Result<Null, NullError> {
+pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Options) -> Result<Null, NullError> {
     if run.header.kind != Kind::ZeroField {
         return Err(NullError::Kind(run.header.kind));
     }
@@ -165,7 +165,7 @@ pub fn null(run: &Run, record: Record, campaign: &Campaign, options: &Options) -
     for s in &stop {
         warnings.push(format!("STOP {} from {:.1} to {:.1} s, {:.0} s", s.what, s.from_s, s.until_s, s.until_s - s.from_s));
     }
-    let temperatures = Temperatures::of(run, campaign, span_s, &mut warnings);
+    let temperatures = Temperatures::of(run, instructions, span_s, &mut warnings);
 
     let bin_s = record.bin_samples as f64 / rate_hz;
     let (mut rows, width) = rows(&record, span_s[0], bin_s);
@@ -180,7 +180,7 @@ pub fn null(run: &Run, record: Record, campaign: &Campaign, options: &Options) -
 
     let fitter = Fitter { rows: &rows, octaves: &octaves };
     let channels = channel_rows(run, &rows);
-    let sensor_channel = campaign.channels(&run.header).0;
+    let sensor_channel = instructions.channels(&run.header).0;
     let channel: Vec<ChannelPart> =
         channels.iter().filter_map(|(name, values)| fitter.channel(name, unit(run, name), values)).collect();
     let main: Vec<&(String, Vec<f64>)> = channels
@@ -210,7 +210,7 @@ pub fn null(run: &Run, record: Record, campaign: &Campaign, options: &Options) -
     conditions::warn_of_run(&mut warnings, run);
     let parameters = Npf {
         convention: NullConvention::default(),
-        run: conditions::head(run, campaign, &temperatures),
+        run: conditions::head(run, instructions, &temperatures),
         record: RecordPart {
             samples: run.vectors.count,
             lost: run.vectors.lost,

@@ -10,10 +10,10 @@ use crate::data::provenance::Input;
 use crate::data::result::Covariance;
 use crate::data::run::{Kind, Run};
 use crate::data::units::COMPONENTS;
-use crate::files::campaign::Campaign;
-use crate::files::facility::Facility;
 use crate::files::parameter::{Cpf, Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
 use crate::fit::{FitError, Limits, Solution, linear, order};
+use crate::model::campaign::Instructions;
+use crate::model::facility::Facility;
 use crate::model::position::Position;
 use crate::record::conditions::{self, Temperatures};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -173,7 +173,7 @@ impl Stay<'_> {
 ///
 /// # Errors
 /// [`OffsetError`]: the run is refused. Components without a turned position are refused by name in the result.
-pub fn offset(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Options) -> Result<Offset, OffsetError> {
+pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options: &Options) -> Result<Offset, OffsetError> {
     let header = &run.header;
     if header.kind != Kind::Offset {
         return Err(OffsetError::Kind(header.kind));
@@ -184,7 +184,7 @@ pub fn offset(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opt
     if plateaus.edge_shift_s.abs() > plateaus.tolerable_shift_s && !options.allow_mismatch {
         return Err(OffsetError::Edges { shift_s: plateaus.edge_shift_s });
     }
-    let stays = stays(plateaus, campaign)?;
+    let stays = stays(plateaus, instructions)?;
     let levels = Levels::measure(&stays)?;
     check_components(&stays, &levels, options)?;
     let solved = Solved::of(&stays, &levels)?;
@@ -192,11 +192,11 @@ pub fn offset(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opt
     let used: Vec<&Plateau> = stays.iter().flat_map(|s| s.plateaus.iter().copied()).collect();
     let span_s = [stays.first().map_or(0.0, |s| s.time_s()[0]), stays.last().map_or(0.0, |s| s.time_s()[1])];
     let mut warnings = solved.remarks(&levels);
-    let temperatures = Temperatures::of(run, campaign, span_s, &mut warnings);
+    let temperatures = Temperatures::of(run, instructions, span_s, &mut warnings);
     conditions::warn_of_plateaus(&mut warnings, run, plateaus);
     conditions::warn_of_run(&mut warnings, run);
 
-    let head = conditions::head(run, campaign, &temperatures);
+    let head = conditions::head(run, instructions, &temperatures);
     let parameters = Opf {
         offset_ent: solved.offset_ent,
         offset_std_ent: solved.offset_std_ent,
@@ -275,14 +275,14 @@ impl Offset {
 }
 
 /// The visits of positions in time order; plateaus that are dropped belong to none.
-fn stays<'a>(plateaus: &'a Plateaus, campaign: &Campaign) -> Result<Vec<Stay<'a>>, OffsetError> {
+fn stays<'a>(plateaus: &'a Plateaus, instructions: &Instructions) -> Result<Vec<Stay<'a>>, OffsetError> {
     let mut stays: Vec<Stay> = Vec::new();
     for plateau in plateaus.list.iter().filter(|p| p.dropped.is_none()) {
         let id = plateau.setting.position;
         match stays.last_mut() {
             Some(stay) if stay.id == id => stay.plateaus.push(plateau),
             _ => {
-                let position = campaign.position(id).ok_or(OffsetError::UnknownPosition(id))?;
+                let position = instructions.position(id).ok_or(OffsetError::UnknownPosition(id))?;
                 stays.push(Stay { id, position, plateaus: vec![plateau] });
             }
         }

@@ -4,8 +4,10 @@
 //! Every trial column is freed of the columns of the fit; its product with the residuals is compared with what the noise of the fit,
 //! white and slow, lets expect of it.
 
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::run::interpolate;
+use crate::data::units::COMPONENTS;
 use crate::fit::statistics::student_tail;
 use crate::fit::{DenseNoise, NoiseModel};
 use nalgebra::{DMatrix, DVector};
@@ -57,8 +59,8 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// The warning about residuals that depend on something, naming the dependence with the least probability of being noise.
-pub(super) fn warning(rows: &Rows) -> Option<String> {
+/// The note about residuals that depend on something, naming the dependence with the least probability of being noise.
+pub(super) fn note(rows: &Rows) -> Option<Note> {
     let n = rows.readings_ent.nrows();
     let freedom = n.checked_sub(rows.columns.ncols() + 1).filter(|f| *f >= LEAST_FREEDOM)?;
     let scaled = DMatrix::from_fn(n, rows.columns.ncols(), |i, j| {
@@ -121,9 +123,8 @@ pub(super) fn warning(rows: &Rows) -> Option<String> {
     let (score, what, axis) = best?;
     let p = 2.0 * student_tail(score, freedom)? * trials as f64;
     (p < SIGNIFICANT).then(|| {
-        format!(
-            "FIT: the residuals of {} depend on {what} ({score:.1} standard deviations): run calfit diagnose",
-            ["x", "y", "z"][axis]
-        )
+        let name = COMPONENTS[axis];
+        let text = format!("the residuals of {name} depend on {what} ({score:.1} standard deviations): run calfit diagnose");
+        Note::new(NoteKind::Fit, text).about(name)
     })
 }

@@ -9,16 +9,19 @@
 
 use super::lin::{apply_limits, the_position};
 use super::structure;
-use super::thermal::Curve;
+use super::thermal::{QuantityFit, band};
+use crate::data::across::{LagForm, RunRotations, ThermistorLag};
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{LEAST_COVERAGE, Plateau, Plateaus, Settling};
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run, interpolate};
-use crate::files::campaign::Campaign;
-use crate::files::facility::Facility;
-use crate::files::parameter::{LagForm, LagPart, QuantityPart, Rotation, SweepPart, ThermalConvention, ThermalHead, Tpf};
+use crate::fit::order::Reason;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::extremes;
 use crate::fit::{FitError, Limits, NORMAL_95, aicc, propagate};
+use crate::model::applied::ModelApplied;
+use crate::model::campaign::Instructions;
+use crate::model::facility::{Facility, FacilityApplied};
 use crate::model::lag::{self, Lag};
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::model::sensor::{Linear, Split, split};
@@ -27,6 +30,7 @@ use crate::record::conditions::{self, Temperatures};
 use crate::record::known::{self, Known};
 use nalgebra::{DMatrix, Matrix3};
 use serde::Serialize;
+use std::fmt;
 use thiserror::Error;
 
 /// Settings of a window where nothing else is said, as in 1998.
@@ -44,8 +48,6 @@ const LEAST_RANGE_K: f64 = 5.0;
 const RATE_S: f64 = 300.0;
 /// Largest condition number of a window.
 const MOST_CONDITION: f64 = 1e4;
-/// Temperatures of a band.
-const BAND: usize = 121;
 
 /// Length of the sliding window.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +56,15 @@ pub enum Window {
     Settings(usize),
     /// Settings of so many minutes.
     Minutes(f64),
+}
+
+impl fmt::Display for Window {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Window::Settings(n) => write!(f, "{n} settings"),
+            Window::Minutes(m) => write!(f, "{m} min"),
+        }
+    }
 }
 
 /// How a sweep is analysed.
@@ -176,20 +187,51 @@ pub struct SweepBlock {
 }
 
 /// A sweep with what is needed to judge it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Sweep {
     /// Run and conditions.
     pub run: RunHead,
-    /// The parameters, as in the parameter file.
-    pub parameters: Tpf,
+    /// File of the run.
+    pub file: String,
+    /// Thermistor that the polynomials are of.
+    pub channel: String,
+    /// Lowest and highest temperature of the settings, with the lag, °C.
+    pub valid_degc: [f64; 2],
+    /// The nine polynomials, with the values of windows that share no settings beside them.
+    pub quantities: Vec<QuantityFit>,
+    /// Rotation of the sensor against its nominal orientation.
+    pub rotation: RunRotations,
+    /// Settings used, in the run, and left out because the temperature moved too fast.
+    pub settings: SettingCounts,
+    /// Sliding window.
+    pub window: Window,
+    /// Root mean square of applied field minus modelled measurement, nT, coil axes.
+    pub residual_nt: [f64; 3],
+    /// How the sensor follows every thermistor that moves.
+    pub lags: Vec<ThermistorLag>,
+    /// The facility that turned settings into the reference field; absent if the settings were taken as the field.
+    pub facility: Option<FacilityApplied>,
+    /// The known effects that were taken off the readings; absent if none were.
+    pub model: Option<ModelApplied>,
+    /// What a person should know.
+    pub notes: Vec<Note>,
     /// Sliding windows in time order.
     pub windows: Vec<WindowFit>,
-    /// Polynomials with the windows beside them.
-    pub curves: Vec<Curve>,
     /// The settings that were used.
     pub blocks: Vec<SweepBlock>,
     /// Temperatures during the run.
     pub temperatures: Temperatures,
+}
+
+/// Numbers of settings of a sweep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SettingCounts {
+    /// Used.
+    pub used: usize,
+    /// In the run.
+    pub total: usize,
+    /// Left out because the temperature moved too fast.
+    pub too_fast: usize,
 }
 
 /// Names and units of the nine quantities.
@@ -255,21 +297,21 @@ impl Means {
 ///
 /// # Errors
 /// [`SweepError`]: the run is refused, with the reason and what to do.
-pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Options) -> Result<Sweep, SweepError> {
+pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options: &Options) -> Result<Sweep, SweepError> {
     if run.header.kind != Kind::Sweep {
         return Err(SweepError::Kind(run.header.kind));
     }
-    let (_, position) = the_position(plateaus, campaign).map_err(|e| SweepError::Position(e.to_string()))?;
+    let (_, position) = the_position(plateaus, instructions).map_err(|e| SweepError::Position(e.to_string()))?;
     let mut list = plateaus.list.clone();
-    apply_limits(&mut list, position, &campaign.limits_nt(&run.header));
-    let mut warnings = Vec::new();
-    let facility = options.facility.as_ref().map(|f| conditions::apply_facility(f, run, campaign, &mut list, &mut warnings));
+    apply_limits(&mut list, position, &instructions.limits_nt(&run.header));
+    let mut notes: Vec<Note> = Vec::new();
+    let facility = options.facility.as_ref().map(|f| conditions::apply_facility(f, run, instructions, &mut list, &mut notes));
     let facility = facility.transpose().map_err(|e| SweepError::Position(e.to_string()))?;
-    let model = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, campaign, &mut warnings));
+    let model = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, instructions, &mut notes));
     let used: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
     let span_s = [used.first().map_or(0.0, |p| p.used_s[0]), used.last().map_or(0.0, |p| p.used_s[1])];
-    let temperatures = Temperatures::of(run, campaign, span_s, &mut Vec::new());
-    let (own, coil) = campaign.channels(&run.header);
+    let temperatures = Temperatures::of(run, instructions, span_s, &mut Vec::<Note>::new());
+    let (own, coil) = instructions.channels(&run.header);
     let channels: Vec<(String, Vec<(f64, f64)>)> = run
         .temperatures
         .names
@@ -293,7 +335,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
     let left_out = list.iter().filter(|p| p.dropped.is_none()).count() - used.len();
     // What the analyst asks for now goes before what the campaign says.
     let applies = |wanted: &Option<String>, is: &str| wanted.as_deref().is_none_or(|w| w == is);
-    let entries = campaign.file.thermal.iter();
+    let entries = instructions.thermal.iter();
     let entry = entries.filter(|e| applies(&e.sensor, &run.header.sensor) && applies(&e.mode, &run.header.mode));
     let asked: Vec<(String, usize)> = options
         .orders
@@ -309,7 +351,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
 
     let means = Means::of(&used);
     // Every thermistor with its best lag of both forms.
-    let mut parts: Vec<LagPart> = Vec::new();
+    let mut parts: Vec<ThermistorLag> = Vec::new();
     for (name, series) in &channels {
         parts.push(find_lag(name, series, &means, first));
     }
@@ -319,9 +361,11 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
     let named = parts.iter().any(|p| p.channel == own);
     let channel = if named { own.clone() } else { best.clone().unwrap_or_default() };
     if !named {
-        warnings.push(format!("the run has no moving channel {own}; {channel}, which the sensor follows best, is used"));
+        let text = format!("the run has no moving channel {own}; {channel}, which the sensor follows best, is used");
+        notes.push(Note::new(NoteKind::Temperature, text).about(&own));
     } else if best.as_ref() != Some(&channel) {
-        warnings.push(format!("the sensor follows {} better than {channel}", best.unwrap_or_default()));
+        let text = format!("the sensor follows {} better than {channel}", best.unwrap_or_default());
+        notes.push(Note::new(NoteKind::Temperature, text).about(&channel));
     }
     let chosen = parts.iter().position(|p| p.channel == channel).unwrap_or_default();
     if known_lag.is_some() {
@@ -400,56 +444,31 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
         })
         .collect();
 
-    conditions::warn_of_plateaus(&mut warnings, run, plateaus);
-    conditions::warn_of_run(&mut warnings, run);
+    conditions::warn_of_plateaus(&mut notes, run, plateaus);
+    conditions::warn_of_run(&mut notes, run);
     let columns = joint.columns(&means.fields_nt, &degc);
     // The temperature with its lag: what the polynomials are of.
-    warnings.extend(structure::warning(&structure::Rows::of(&list, &used, &moved, &columns, &noise)));
-    let mut head = conditions::head(run, campaign, &temperatures);
+    notes.extend(structure::note(&structure::Rows::of(&list, &used, &moved, &columns, &noise)));
+    let mut head = conditions::head(run, instructions, &temperatures);
     head.temperature_degc = Some(degc.iter().sum::<f64>() / degc.len() as f64);
-    let (curves, quantity): (Vec<Curve>, Vec<QuantityPart>) = QUANTITIES
+    let quantities = QUANTITIES
         .iter()
         .enumerate()
-        .map(|(k, (name, component, unit))| {
+        .map(|(k, quantity)| {
             let family = if k < 6 { "sigma" } else { "b_or" };
-            describe((name, component, unit), k, &polynomials[k], &windows, &head, given(family).is_some(), used.len())
+            describe(*quantity, k, &polynomials[k], &windows, given(family).is_some(), used.len())
         })
-        .unzip();
+        .collect();
     let rotation = |k: usize| (vec![found.values[from + k]], vec![found.std[from + k]]);
     let [(lambda, lambda_std), (mu, mu_std), (nu, nu_std)] = [rotation(0), rotation(1), rotation(2)];
-    let coefficient = |k: usize| polynomials[k].coefficients.clone();
     let rms = |of: &dyn Fn(&SweepBlock) -> f64| (blocks.iter().map(|b| of(b).powi(2)).sum::<f64>() / blocks.len() as f64).sqrt();
-    let parameters = Tpf {
-        sigma_x: coefficient(0),
-        sigma_y: coefficient(1),
-        sigma_z: coefficient(2),
-        xi_xy: coefficient(3),
-        xi_xz: coefficient(4),
-        xi_yz: coefficient(5),
-        b_or_x: coefficient(6),
-        b_or_y: coefficient(7),
-        b_or_z: coefficient(8),
-        head: ThermalHead {
-            used: vec![run.input.path.clone()],
-            channel: channel.clone(),
-            valid_degc,
-            sensor: run.header.sensor.clone(),
-            mode: run.header.mode.clone(),
-            runs: vec![run.header.run.clone()],
-            temperature_degc: head.temperature_degc.into_iter().collect(),
-            coil_temperature_degc: vec![head.coil_temperature_degc.unwrap_or(f64::NAN)],
-            convention: ThermalConvention::default(),
-            covariance: QUANTITIES
-                .iter()
-                .zip(&polynomials)
-                .map(|((name, ..), p)| {
-                    ((*name).to_owned(), p.covariance.row_iter().map(|r| r.iter().copied().collect()).collect())
-                })
-                .collect(),
-            quantity,
-            warnings,
-        },
-        rotation: Rotation {
+    Ok(Sweep {
+        run: head,
+        file: run.input.path.clone(),
+        channel,
+        valid_degc,
+        quantities,
+        rotation: RunRotations {
             lambda_x_deg: lambda,
             mu_y_deg: mu,
             nu_z_deg: nu,
@@ -458,23 +477,17 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &Opti
             nu_z_std_deg: nu_std,
             initial: None,
         },
-        model_error: None,
-        joint: None,
-        sweep: Some(SweepPart {
-            settings_used: used.len(),
-            settings_total: list.len(),
-            settings_too_fast: left_out,
-            window: match options.window {
-                Window::Settings(n) => format!("{n} settings"),
-                Window::Minutes(m) => format!("{m} min"),
-            },
-            residual_nt: std::array::from_fn(|k| rms(&|b: &SweepBlock| b.residual_nt[k])),
-            lag: parts,
-            facility,
-            model: model.map(|m| m.part),
-        }),
-    };
-    Ok(Sweep { run: head, parameters, windows, curves, blocks, temperatures })
+        settings: SettingCounts { used: used.len(), total: list.len(), too_fast: left_out },
+        window: options.window,
+        residual_nt: std::array::from_fn(|k| rms(&|b: &SweepBlock| b.residual_nt[k])),
+        lags: parts,
+        facility,
+        model: model.map(|m| m.part),
+        notes,
+        windows,
+        blocks,
+        temperatures,
+    })
 }
 
 /// Coefficients of the polynomial through as many points, lowest order first: Newton's divided differences.
@@ -517,7 +530,7 @@ fn choose_orders(means: &Means, degc: &[f64], response: Option<usize>, offset: O
 }
 
 /// Delay and time constant with which the sensor follows a thermistor.
-fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orders: Orders) -> LagPart {
+fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orders: Orders) -> ThermistorLag {
     let course = Course::smooth(series);
     let deviance = |lag: Lag| means.deviance(&means.degc(&lag.of(&course)), orders);
     let none = deviance(Lag::Delay(0.0));
@@ -528,7 +541,7 @@ fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orders: Orders)
     let gain = none - best.deviance;
     let is_significant = best.lag.seconds().abs() > SIGNIFICANT * best.std_s && gain > SIGNIFICANT * SIGNIFICANT;
     let left = if is_significant { best.deviance } else { none };
-    LagPart {
+    ThermistorLag {
         channel: channel.to_owned(),
         form: if is_significant { form } else { LagForm::None },
         delay_s: delay.lag.seconds(),
@@ -594,55 +607,36 @@ fn windows(
         .collect()
 }
 
-/// A quantity for figures and for the file. Windows that follow each other share settings: every so many of them stand in the file.
+/// A quantity with its polynomial. Windows that follow each other share settings: those stand beside it that share none.
 fn describe(
     (name, component, unit): (&str, &str, &'static str),
     k: usize,
     polynomial: &TemperaturePolynomial,
     windows: &[WindowFit],
-    head: &RunHead,
     given: bool,
     settings: usize,
-) -> (Curve, QuantityPart) {
+) -> QuantityFit {
     let apart: Vec<&WindowFit> = windows.iter().step_by(WINDOW).collect();
     let residual: Vec<f64> = apart.iter().map(|w| w.values[k] - polynomial.evaluate(w.temperature_degc[1]).0).collect();
-    let [min_error, max_error] = extremes(residual.iter().copied());
-    let [low, high] = polynomial.valid_degc;
-    let band = (0..BAND).map(|i| {
-        let t = low + (high - low) * i as f64 / (BAND - 1) as f64;
-        let (value, std) = polynomial.evaluate(t);
-        [t, value, std]
-    });
-    let curve = Curve {
+    QuantityFit {
         name: name.to_owned(),
         component: component.to_owned(),
         unit,
         runs: Vec::new(),
         points: apart.iter().map(|w| [w.temperature_degc[1], w.values[k], w.std[k]]).collect(),
-        factor_95: NORMAL_95,
-        coefficients: polynomial.coefficients.clone(),
-        band: band.collect(),
-        joint: Vec::new(),
-    };
-    let part = QuantityPart {
-        name: name.to_owned(),
-        unit: unit.to_owned(),
-        runs: vec![head.id.clone()],
-        valid_degc: polynomial.valid_degc,
+        std_known: true,
+        error_range: extremes(residual.iter().copied()),
+        residual,
         degrees_of_freedom: settings.saturating_sub(polynomial.coefficients.len()),
         factor_95: NORMAL_95,
-        order: polynomial.order(),
-        order_by: if given { "given" } else { "AICc" }.to_owned(),
+        order_by: if given { Reason::Given } else { Reason::LeastAicc },
         aicc: Vec::new(),
         leave_one_out: Vec::new(),
-        value: apart.iter().map(|w| w.values[k]).collect(),
-        std: apart.iter().map(|w| w.std[k]).collect(),
-        residual,
         widened: 1.0,
-        min_error,
-        max_error,
-    };
-    (curve, part)
+        polynomial: polynomial.clone(),
+        band: band(polynomial.valid_degc, |t| polynomial.evaluate(t)),
+        joint_band: Vec::new(),
+    }
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@
 //! The comparison with a reference thermometer gives `T_O`, the mean of polynomial minus reference: `T_c = T_r - T_O`.
 
 use crate::data::result::Covariance;
+use crate::data::tables::ThermistorRow;
 use crate::files::parameter::{ComparedPolynomial, OrderPart, ReferencePart, TableRow, ThermistorConvention, ThermistorFile};
-use crate::files::thermistor::Row;
 use crate::fit::{FitError, Limits, Polynomial, order, polynomial};
 use serde::Serialize;
 use thiserror::Error;
@@ -96,8 +96,8 @@ pub struct Thermistor {
 }
 
 /// The signal of every row.
-fn signals(rows: &[Row], signal: Signal, divider: Option<[f64; 2]>) -> Result<Vec<f64>, ThermistorError> {
-    let of = |row: &Row| match (signal, divider) {
+fn signals(rows: &[ThermistorRow], signal: Signal, divider: Option<[f64; 2]>) -> Result<Vec<f64>, ThermistorError> {
+    let of = |row: &ThermistorRow| match (signal, divider) {
         (Signal::Resistance, _) => row.r_ohm,
         (Signal::Voltage, Some([reference_v, series_ohm])) if row.u_volt.is_nan() => reference_v / (series_ohm / row.r_ohm + 1.0),
         (Signal::Voltage, _) => row.u_volt,
@@ -127,7 +127,12 @@ fn leave_one_out(fit: &Polynomial, x: &[f64]) -> f64 {
 ///
 /// # Errors
 /// Why it has no polynomial.
-pub fn thermistor(name: &str, rows: &[Row], reference: Option<&[Row]>, options: &Options) -> Result<Thermistor, ThermistorError> {
+pub fn thermistor(
+    name: &str,
+    rows: &[ThermistorRow],
+    reference: Option<&[ThermistorRow]>,
+    options: &Options,
+) -> Result<Thermistor, ThermistorError> {
     let has_voltage = rows.iter().all(|r| r.u_volt.is_finite()) || options.divider.is_some();
     let signal = options.signal.unwrap_or(if has_voltage { Signal::Voltage } else { Signal::Resistance });
     let x = signals(rows, signal, options.divider)?;
@@ -225,7 +230,7 @@ pub fn thermistor(name: &str, rows: &[Row], reference: Option<&[Row]>, options: 
 
 /// T_O from readings beside a reference thermometer.
 fn compare_with(
-    rows: &[Row],
+    rows: &[ThermistorRow],
     fit: &Polynomial,
     signal: Signal,
     divider: Option<[f64; 2]>,
@@ -270,11 +275,11 @@ mod tests {
 
     const PRINTED: [f64; 4] = [-368.61072, 458.49304, -356.02890, 180.00644];
 
-    fn pt1000() -> Vec<Row> {
+    fn pt1000() -> Vec<ThermistorRow> {
         let text = include_str!("../../tests/data/rosetta/pt1000_table.csv");
         let row = |line: &str| {
             let v: Vec<f64> = line.split(',').map(|c| c.parse().unwrap()).collect();
-            Row { t_degc: v[0], r_ohm: v[1], u_volt: v[2] }
+            ThermistorRow { t_degc: v[0], r_ohm: v[1], u_volt: v[2] }
         };
         text.lines().skip(1).map(row).collect()
     }
@@ -283,8 +288,8 @@ mod tests {
         Options { order: None, signal: None, divider: None, compare: None, within_degc: 0.01 }
     }
 
-    fn row(t_degc: f64, u_volt: f64) -> Row {
-        Row { t_degc, u_volt, r_ohm: f64::NAN }
+    fn row(t_degc: f64, u_volt: f64) -> ThermistorRow {
+        ThermistorRow { t_degc, u_volt, r_ohm: f64::NAN }
     }
 
     #[test]
@@ -305,7 +310,7 @@ mod tests {
 
     #[test]
     fn voltages_follow_from_resistances() {
-        let divided: Vec<Row> = pt1000().iter().map(|r| Row { u_volt: f64::NAN, ..*r }).collect();
+        let divided: Vec<ThermistorRow> = pt1000().iter().map(|r| ThermistorRow { u_volt: f64::NAN, ..*r }).collect();
         let options = Options { divider: Some([2.5, 1000.0]), order: Some(3), ..options() };
         let p = thermistor("pt1000", &divided, None, &options).unwrap().parameters;
         // The table rounds its voltages to 1e-5 V.
@@ -321,7 +326,7 @@ mod tests {
     #[test]
     fn the_reference_gives_the_offset() {
         // T = 10 + 20 U; readings whose polynomial is 1.4, 1.5, 1.6 below the reference: mean -1.5, s 0.1, of the mean 0.1/√3.
-        let table: Vec<Row> = (0..6).map(|i| row(10.0 + 20.0 * f64::from(i), f64::from(i))).collect();
+        let table: Vec<ThermistorRow> = (0..6).map(|i| row(10.0 + 20.0 * f64::from(i), f64::from(i))).collect();
         let reference = [row(31.4, 1.0), row(51.6, 2.0), row(71.5, 3.0)];
         let options = Options { order: Some(1), ..options() };
         let p = thermistor("t", &table, Some(&reference), &options).unwrap().parameters;
@@ -336,7 +341,7 @@ mod tests {
 
     #[test]
     fn too_high_an_order_is_refused() {
-        let table: Vec<Row> = (0..3).map(|i| row(f64::from(i), f64::from(i))).collect();
+        let table: Vec<ThermistorRow> = (0..3).map(|i| row(f64::from(i), f64::from(i))).collect();
         let error = thermistor("t", &table, None, &Options { order: Some(4), ..options() }).unwrap_err();
         assert!(error.to_string().contains("cannot be fitted"), "{error}");
     }

@@ -1,6 +1,10 @@
 //! The linearisation of readings: `B_l = B_r + c2 B_r² + c3 B_r³` (CH-GFZ-TR-2601 section 7). The constant and the linear part belong
 //! to offset and sensitivity.
 
+use crate::data::provenance::Input;
+use nalgebra::Matrix2;
+use serde::{Deserialize, Serialize};
+
 /// A polynomial of this slope somewhere is no small correction of a reading, and its inverse is not safe to search for.
 pub const LEAST_SLOPE: f64 = 0.5;
 /// Newton steps of the inverse; each squares an error that starts far below one.
@@ -61,6 +65,59 @@ impl AxisLinearisation {
         let inside = if vertex > low && vertex < high { vertex } else { low };
         [low, high, inside].into_iter().map(|r| self.slope(r)).fold(f64::INFINITY, f64::min)
     }
+}
+
+/// Polynomials of the three sensor axes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinearisationPolynomials {
+    /// Coefficients of the square, 1/enT.
+    pub c2_per_ent: [f64; 3],
+    /// Their standard uncertainties.
+    pub c2_std_per_ent: [f64; 3],
+    /// Coefficients of the cube, 1/enT².
+    pub c3_per_ent2: [f64; 3],
+    /// Their standard uncertainties.
+    pub c3_std_per_ent2: [f64; 3],
+    /// Smallest and largest reading they hold for, enT.
+    pub reading_ent: [[f64; 2]; 3],
+}
+
+/// A linearisation with where it comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Linearisation {
+    /// The file, under its name.
+    pub input: Input,
+    /// Sensor that it was measured with.
+    pub sensor: String,
+    /// Mode.
+    pub mode: String,
+    /// Polynomials.
+    pub part: LinearisationPolynomials,
+    /// Covariance of c2, 1/enT, and c3, 1/enT², per sensor axis.
+    pub covariance: [Matrix2<f64>; 3],
+}
+
+impl Linearisation {
+    /// The polynomial of a sensor axis, 0 to 2.
+    #[must_use]
+    pub fn axis(&self, axis: usize) -> AxisLinearisation {
+        AxisLinearisation { c2_per_ent: self.part.c2_per_ent[axis], c3_per_ent2: self.part.c3_per_ent2[axis] }
+    }
+
+    /// The option that names it, with a space before it.
+    #[must_use]
+    pub fn recorded(&self) -> String {
+        format!(" --linearisation {}", self.input.path)
+    }
+}
+
+/// The linearisation that was applied to the readings of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinearisationApplied {
+    /// File it came from, which is among the inputs.
+    pub file: String,
+    /// Its polynomials.
+    pub applied: LinearisationPolynomials,
 }
 
 #[cfg(test)]

@@ -1,8 +1,10 @@
 //! The forward model that analysis, simulation and diagnosis share. It knows no files.
 
 pub mod applied;
+pub mod campaign;
 pub mod coil;
 pub mod effects;
+pub mod facility;
 pub mod lag;
 pub mod linearisation;
 pub mod off_centre;

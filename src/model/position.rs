@@ -180,6 +180,25 @@ impl fmt::Display for Position {
     }
 }
 
+/// The linear calibration of a sensor in a position that is named by its orientation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OrientedRun {
+    /// Run.
+    pub run: String,
+    /// Sensor, empty if not stated.
+    pub sensor: String,
+    /// Orientation.
+    pub position: Position,
+    /// Sensitivities along the sensor axes, nT/enT.
+    pub sigma: [f64; 3],
+    /// Offsets, nT.
+    pub offset_nt: [f64; 3],
+    /// ξ_xy, ξ_xz, ξ_yz, degrees.
+    pub xi_deg: [f64; 3],
+    /// Largest applied field, nT, where stated.
+    pub field_nt: Option<f64>,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

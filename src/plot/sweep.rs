@@ -4,19 +4,18 @@ use super::parts::{COIL, Named, STYLES, TimeAxis, panels};
 use super::thermal::polynomials;
 use super::{Figure, Marks, Panel, Scale, Series, Style};
 use crate::measure::sweep::{Sweep, WindowFit};
-use crate::measure::thermal::Curve;
+use crate::measure::thermal::QuantityFit;
 use crate::model::polynomial::value;
 
 /// All figures.
 #[must_use]
 pub fn figures(sweep: &Sweep) -> Vec<Named> {
-    let head = &sweep.parameters.head;
     let of = format!("run {}", sweep.run.id);
     let end_s = sweep.blocks.iter().map(|b| b.t_s).fold(0.0, f64::max);
     let time = TimeAxis::of(end_s);
     let figure = |family: &str, title: &str, symbol: &str| {
-        let curves: Vec<&Curve> = sweep.curves.iter().filter(|c| c.name.starts_with(family)).collect();
-        polynomials(&curves, head, "sliding windows", &format!("{title}, {of}"), symbol)
+        let curves: Vec<&QuantityFit> = sweep.quantities.iter().filter(|c| c.name.starts_with(family)).collect();
+        polynomials(&curves, Some(&sweep.channel), "sliding windows", &format!("{title}, {of}"), symbol)
     };
     vec![
         Named { stem: "branches", figure: branches(sweep, &of) },
@@ -30,11 +29,11 @@ pub fn figures(sweep: &Sweep) -> Vec<Named> {
 
 /// Heating and cooling before and after the lag: how far the sensitivities are from their polynomials.
 fn branches(sweep: &Sweep, of: &str) -> Figure {
-    let curves: Vec<&Curve> = sweep.curves.iter().filter(|c| c.name.starts_with("sigma")).collect();
+    let curves: Vec<&QuantityFit> = sweep.quantities.iter().filter(|c| c.name.starts_with("sigma")).collect();
     let points = |which: usize, heating: bool| -> Vec<(f64, f64, Option<f64>)> {
         let off = |w: &WindowFit| {
             let t = w.temperature_degc[which];
-            let each = curves.iter().enumerate().map(|(i, c)| 1e6 * (w.values[i] / value(&c.coefficients, t) - 1.0));
+            let each = curves.iter().enumerate().map(|(i, c)| 1e6 * (w.values[i] / value(&c.polynomial.coefficients, t) - 1.0));
             (t, each.sum::<f64>() / curves.len() as f64, None)
         };
         sweep.windows.iter().step_by(6).filter(|w| w.heating == heating).map(off).collect()
@@ -53,9 +52,9 @@ fn branches(sweep: &Sweep, of: &str) -> Figure {
         caption: format!(
             "Sensitivities of sliding windows against their polynomials, mean of the components, with the reading of channel {} and with its \
              lag. A lag splits the branches; the right one joins them.",
-            sweep.parameters.head.channel
+            sweep.channel
         ),
-        x_label: format!("sensor temperature {}, °C", sweep.parameters.head.channel),
+        x_label: format!("sensor temperature {}, °C", sweep.channel),
         x_scale: Scale::Linear,
         panels: vec![panel(0, "without lag"), panel(1, "with lag")],
     }
@@ -65,7 +64,7 @@ fn temperature(sweep: &Sweep, of: &str, time: TimeAxis) -> Figure {
     let line = |which: usize| sweep.windows.iter().map(|w| (time.at(w.t_s), w.temperature_degc[which])).collect();
     Figure {
         title: format!("Temperature of the sensor, {of}"),
-        caption: format!("Channel {}, means of the sliding windows, as read and with the lag.", sweep.parameters.head.channel),
+        caption: format!("Channel {}, means of the sliding windows, as read and with the lag.", sweep.channel),
         x_label: time.label.to_owned(),
         x_scale: Scale::Linear,
         panels: vec![Panel {

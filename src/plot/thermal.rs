@@ -2,21 +2,22 @@
 
 use super::parts::{Named, SENSOR, STYLES, panels};
 use super::{Figure, Marks, Panel, Scale, Series, Style};
+use crate::data::across::{RunModelErrors, RunRotations};
 use crate::data::run::time_of_id;
-use crate::files::parameter::{ThermalHead, Tpf};
-use crate::measure::thermal::{Curve, File, Thermal};
+use crate::measure::thermal::{OfKind, QuantityFit, RunsUsed, Thermal};
 
 /// All figures of one kind of runs of a group.
 #[must_use]
 pub fn figures(thermal: &Thermal) -> Vec<Named> {
-    let head = thermal.file.head();
+    let head = &thermal.runs;
     let of = format!("{} {}", head.sensor, head.mode);
     let mut list = vec![Named { stem: "temperature_profile", figure: profile(head, &of) }];
-    let curves = |family: &str| thermal.curves.iter().filter(|c| c.name.starts_with(family)).collect::<Vec<&Curve>>();
-    let polynomial =
-        |family: &str, title: &str, symbol: &str| polynomials(&curves(family), head, "runs", &format!("{title}, {of}"), symbol);
-    match &thermal.file {
-        File::Tpf(tpf) => {
+    let curves = |family: &str| thermal.quantities.iter().filter(|c| c.name.starts_with(family)).collect::<Vec<&QuantityFit>>();
+    let polynomial = |family: &str, title: &str, symbol: &str| {
+        polynomials(&curves(family), head.channel.as_deref(), "runs", &format!("{title}, {of}"), symbol)
+    };
+    match &thermal.of_kind {
+        OfKind::Lin(lin) => {
             list.push(Named { stem: "sensitivities", figure: polynomial("sigma", "Sensitivities", "σ") });
             list.push(Named { stem: "misalignment", figure: polynomial("xi", "Misalignment angles", "ξ") });
             list.push(Named {
@@ -24,14 +25,13 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
                 figure: polynomial("b_or", "Offset and residual field", "B_or"),
             });
             list.push(Named { stem: "residuals", figure: residuals(thermal, &of) });
-            if let Some(figure) = model_errors(tpf, &of) {
-                list.push(Named { stem: "model_errors", figure });
+            if let Some(error) = &lin.model_error {
+                list.push(Named { stem: "model_errors", figure: model_errors(error, head, &of) });
             }
-            list.push(Named { stem: "rotation", figure: rotation(tpf, &of) });
+            list.push(Named { stem: "rotation", figure: rotation(&lin.rotation, head, &of) });
         }
-        File::Tof(tof) => {
+        OfKind::Offset(field) => {
             list.push(Named { stem: "offsets", figure: polynomial("b_off", "Sensor offsets", "B_off") });
-            let field = &tof.residual_field;
             let seen = if field.seen_along.is_empty() {
                 String::new()
             } else {
@@ -53,25 +53,25 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
                 ),
             });
         }
-        File::Taf(taf) => {
+        OfKind::Freq(sampling) => {
             list.push(Named { stem: "corner_frequency", figure: polynomial("f_3db", "-3 dB corner frequency", "f_3dB") });
-            let points = (0..head.runs.len()).map(|i| {
-                let std = taf.f_s_std_hz[i];
-                (head.temperature_degc[i], taf.f_s_hz[i], std.is_finite().then_some(std))
+            let points = (0..head.ids.len()).map(|i| {
+                let std = sampling.f_s_std_hz[i];
+                (head.temperature_degc[i], sampling.f_s_hz[i], std.is_finite().then_some(std))
             });
             list.push(Named {
                 stem: "sampling_frequency",
                 figure: Figure {
                     title: format!("Sampling frequency, {of}"),
-                    caption: match (taf.mean_sample_rate_hz, taf.mean_std_sample_rate_hz) {
-                        (Some(mean), Some(std)) => {
+                    caption: match sampling.means_hz() {
+                        [Some(mean), Some(std)] => {
                             format!(
                                 "Mean of the components per run; mean of the runs {mean:.6} Hz, mean uncertainty {std:.1e} Hz."
                             )
                         }
                         _ => "The files tell no sampling frequency.".to_owned(),
                     },
-                    x_label: temperature_label(head),
+                    x_label: temperature_label(head.channel.as_deref()),
                     x_scale: Scale::Linear,
                     panels: vec![Panel {
                         y_label: "f_s, Hz".to_owned(),
@@ -91,23 +91,23 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
     list
 }
 
-fn temperature_label(head: &ThermalHead) -> String {
-    match head.channel.as_str() {
-        "not stated" => "sensor temperature, °C".to_owned(),
-        channel => format!("sensor temperature {channel}, °C"),
+fn temperature_label(channel: Option<&str>) -> String {
+    match channel {
+        None => "sensor temperature, °C".to_owned(),
+        Some(channel) => format!("sensor temperature {channel}, °C"),
     }
 }
 
 /// Hours between the first run and every run, if the run ids tell.
-fn hours(head: &ThermalHead) -> Option<Vec<f64>> {
-    let times: Vec<_> = head.runs.iter().map(|id| time_of_id(id)).collect::<Option<_>>()?;
+fn hours(head: &RunsUsed) -> Option<Vec<f64>> {
+    let times: Vec<_> = head.ids.iter().map(|id| time_of_id(id)).collect::<Option<_>>()?;
     let first = *times.first()?;
     Some(times.iter().map(|t| t.duration_since(first).as_secs_f64() / 3600.0).collect())
 }
 
-fn against_time(head: &ThermalHead, title: String, caption: &str, y_label: &str, values: &[f64]) -> Figure {
+fn against_time(head: &RunsUsed, title: String, caption: &str, y_label: &str, values: &[f64]) -> Figure {
     let (x, x_label) = match hours(head) {
-        Some(hours) => (hours, format!("time since run {}, h", head.runs[0])),
+        Some(hours) => (hours, format!("time since run {}, h", head.ids[0])),
         None => ((0..values.len()).map(|i| i as f64 + 1.0).collect(), "run in the order of the group".to_owned()),
     };
     let points: Vec<(f64, f64, Option<f64>)> = x.iter().zip(values).map(|(x, v)| (*x, *v, None)).collect();
@@ -129,17 +129,17 @@ fn against_time(head: &ThermalHead, title: String, caption: &str, y_label: &str,
     }
 }
 
-fn profile(head: &ThermalHead, of: &str) -> Figure {
+fn profile(head: &RunsUsed, of: &str) -> Figure {
     against_time(
         head,
         format!("Temperature profile, {of}"),
         "Mean sensor temperature of the runs in the group; what lies between them is not known from these runs.",
-        &format!("{}, °C", head.channel),
+        &format!("{}, °C", head.channel.as_deref().unwrap_or("not stated")),
         &head.temperature_degc,
     )
 }
 
-fn coil(head: &ThermalHead, of: &str) -> Figure {
+fn coil(head: &RunsUsed, of: &str) -> Figure {
     against_time(
         head,
         format!("Coil system temperature, {of}"),
@@ -150,13 +150,9 @@ fn coil(head: &ThermalHead, of: &str) -> Figure {
 }
 
 /// Quantities with their polynomials; `points` says what the points are.
-pub(super) fn polynomials(curves: &[&Curve], head: &ThermalHead, points: &str, title: &str, symbol: &str) -> Figure {
-    let has_joint = curves.iter().any(|c| !c.joint.is_empty());
-    let orders: Vec<String> = curves
-        .iter()
-        .filter_map(|c| head.quantity.iter().find(|q| q.name == c.name))
-        .map(|q| format!("{} {}", q.name, q.order))
-        .collect();
+pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: &str, title: &str, symbol: &str) -> Figure {
+    let has_joint = fits.iter().any(|f| !f.joint_band.is_empty());
+    let orders: Vec<String> = fits.iter().map(|f| format!("{} {}", f.name, f.polynomial.order())).collect();
     let joint = if has_joint { " The dashed purple line is the joint fit to the plateaus of all runs." } else { "" };
     Figure {
         title: title.to_owned(),
@@ -164,9 +160,9 @@ pub(super) fn polynomials(curves: &[&Curve], head: &ThermalHead, points: &str, t
             "Values of the {points} with their standard uncertainty, polynomial and its 95 % band. Orders: {}.{joint}",
             orders.join(", ")
         ),
-        x_label: temperature_label(head),
+        x_label: temperature_label(channel),
         x_scale: Scale::Linear,
-        panels: curves
+        panels: fits
             .iter()
             .zip(STYLES)
             .map(|(curve, style)| {
@@ -184,11 +180,11 @@ pub(super) fn polynomials(curves: &[&Curve], head: &ThermalHead, points: &str, t
                         marks: Marks::Line(curve.band.iter().map(|[t, v, _]| (*t, *v)).collect()),
                     },
                 ];
-                if !curve.joint.is_empty() {
+                if !curve.joint_band.is_empty() {
                     series.push(Series {
                         label: "joint fit".to_owned(),
                         style: Style::Second,
-                        marks: Marks::Line(curve.joint.iter().map(|[t, v, _]| (*t, *v)).collect()),
+                        marks: Marks::Line(curve.joint_band.iter().map(|[t, v, _]| (*t, *v)).collect()),
                     });
                 }
                 series.push(Series {
@@ -209,25 +205,24 @@ pub(super) fn polynomials(curves: &[&Curve], head: &ThermalHead, points: &str, t
 
 /// What the polynomials leave of the values of the runs.
 fn residuals(thermal: &Thermal, of: &str) -> Figure {
-    let head = thermal.file.head();
+    let head = &thermal.runs;
     let panel = |family: &str, y_label: &str, factor: f64| Panel {
         y_label: y_label.to_owned(),
         y_scale: Scale::Linear,
         series: thermal
-            .curves
+            .quantities
             .iter()
             .filter(|c| c.name.starts_with(family))
             .zip(STYLES)
-            .filter_map(|(curve, style)| {
-                let quantity = head.quantity.iter().find(|q| q.name == curve.name)?;
-                let points = curve.points.iter().zip(&quantity.residual);
-                Some(Series {
+            .map(|(curve, style)| {
+                let points = curve.points.iter().zip(&curve.residual);
+                Series {
                     label: curve.component.clone(),
                     style,
                     marks: Marks::Points(
                         points.map(|([t, _, s], r)| (*t, factor * r, s.is_finite().then_some(factor * s))).collect(),
                     ),
-                })
+                }
             })
             .collect(),
         bands: vec![],
@@ -235,24 +230,23 @@ fn residuals(thermal: &Thermal, of: &str) -> Figure {
     Figure {
         title: format!("Residuals of the thermal model, {of}"),
         caption: "Value of a run minus polynomial, with the standard uncertainty of the value.".to_owned(),
-        x_label: temperature_label(head),
+        x_label: temperature_label(head.channel.as_deref()),
         x_scale: Scale::Linear,
         panels: vec![panel("sigma", "σ, 1e-6 nT/enT", 1e6), panel("xi", "ξ, arcsec", 3600.0), panel("b_or", "B_or, enT", 1.0)],
     }
 }
 
-fn model_errors(tpf: &Tpf, of: &str) -> Option<Figure> {
-    let error = tpf.model_error.as_ref()?;
-    Some(Figure {
+fn model_errors(error: &RunModelErrors, head: &RunsUsed, of: &str) -> Figure {
+    Figure {
         title: format!("Errors of the thermal model, {of}"),
         caption: "Smallest and largest applied field minus modelled measurement of every run, with the polynomials for sensitivity and angles and \
                   the run's own rotation and offset."
             .to_owned(),
-        x_label: temperature_label(&tpf.head),
+        x_label: temperature_label(head.channel.as_deref()),
         x_scale: Scale::Linear,
         panels: panels(|axis| {
             let of = |rows: &[[f64; 3]]| {
-                Marks::Points(rows.iter().zip(&tpf.head.temperature_degc).map(|(e, t)| (*t, e[axis], None)).collect())
+                Marks::Points(rows.iter().zip(&head.temperature_degc).map(|(e, t)| (*t, e[axis], None)).collect())
             };
             Panel {
                 y_label: format!("{} error, nT", ["X", "Y", "Z"][axis]),
@@ -264,13 +258,12 @@ fn model_errors(tpf: &Tpf, of: &str) -> Option<Figure> {
                 bands: vec![],
             }
         }),
-    })
+    }
 }
 
-fn rotation(tpf: &Tpf, of: &str) -> Figure {
-    let r = &tpf.rotation;
+fn rotation(r: &RunRotations, head: &RunsUsed, of: &str) -> Figure {
     against_temperature(
-        &tpf.head,
+        head,
         &format!("Rotation of the sensor, {of}"),
         "Angle between each real and nominal sensor axis. A change with temperature is the mount's, a step one of handling.",
         [
@@ -282,11 +275,11 @@ fn rotation(tpf: &Tpf, of: &str) -> Figure {
 }
 
 /// Three quantities with their standard uncertainties, nan where not known, against the temperature of the runs.
-fn against_temperature(head: &ThermalHead, title: &str, caption: &str, values: [(&str, &Vec<f64>, &Vec<f64>); 3]) -> Figure {
+fn against_temperature(head: &RunsUsed, title: &str, caption: &str, values: [(&str, &Vec<f64>, &Vec<f64>); 3]) -> Figure {
     Figure {
         title: title.to_owned(),
         caption: caption.to_owned(),
-        x_label: temperature_label(head),
+        x_label: temperature_label(head.channel.as_deref()),
         x_scale: Scale::Linear,
         panels: panels(|i| {
             let (label, values, std) = values[i];

@@ -1,15 +1,15 @@
-//! What the results of all runs say about the run itself: its head, its temperatures, the plateaus left out, and warnings.
+//! What the results of all runs say about the run itself: its head, its temperatures, the plateaus left out, and notes.
 
 use crate::data::error::Severity;
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::result::{Conditions, Dropped, RunHead, Spread};
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
-use crate::files::campaign::Campaign;
-use crate::files::facility::Facility;
-use crate::files::parameter::FacilityApplied;
 use crate::fit::noise::dense::{self, Octave};
 use crate::fit::{DenseNoise, FitError, Solution};
+use crate::model::campaign::Instructions;
+use crate::model::facility::{Facility, FacilityApplied};
 use crate::model::sensor::SplitError;
 use serde::Serialize;
 
@@ -35,10 +35,10 @@ pub struct Temperatures {
 impl Temperatures {
     /// Temperatures of a run over the time in which fields were applied.
     #[must_use]
-    pub fn of(run: &Run, campaign: &Campaign, span_s: [f64; 2], warnings: &mut Vec<String>) -> Self {
-        let (sensor_channel, coil_channel) = campaign.channels(&run.header);
-        let (sensor, sensor_degc) = temperature(run, &sensor_channel, "sensor", span_s, warnings);
-        let (coil, coil_degc) = temperature(run, &coil_channel, "coil system", span_s, warnings);
+    pub fn of(run: &Run, instructions: &Instructions, span_s: [f64; 2], notes: &mut impl Extend<Note>) -> Self {
+        let (sensor_channel, coil_channel) = instructions.channels(&run.header);
+        let (sensor, sensor_degc) = temperature(run, &sensor_channel, "sensor", span_s, notes);
+        let (coil, coil_degc) = temperature(run, &coil_channel, "coil system", span_s, notes);
         let any = sensor_degc.is_some() || coil_degc.is_some();
         let conditions = any.then_some(Conditions { sensor_channel, sensor_degc, coil_channel, coil_degc });
         Self { sensor, coil, conditions }
@@ -64,12 +64,15 @@ impl Temperatures {
 pub fn apply_facility(
     facility: &Facility,
     run: &Run,
-    campaign: &Campaign,
+    instructions: &Instructions,
     list: &mut [Plateau],
-    warnings: &mut Vec<String>,
+    notes: &mut impl Extend<Note>,
 ) -> Result<FacilityApplied, SplitError> {
     if run.header.coil_correction == Some(true) {
-        warnings.push("the run says that its settings are corrected already; --facility corrects them once more".to_owned());
+        notes.extend([Note::new(
+            NoteKind::Facility,
+            "the run says that its settings are corrected already; --facility corrects them once more",
+        )]);
     }
     let coil = facility.coil();
     let axes = coil.axes().ok_or(SplitError::Planar)?;
@@ -83,16 +86,17 @@ pub fn apply_facility(
         }
         let mean = mean_degc(run, channel, span_s);
         if mean.is_none() {
-            warnings.push(format!(
+            let text = format!(
                 "{} depends on the {what} temperature, which the run does not tell (channel {channel}): its values for \
                  {reference_degc:.1} °C were used",
                 facility.input.path
-            ));
+            );
+            notes.extend([Note::new(NoteKind::Temperature, text).about(channel)]);
         }
         mean
     };
-    let coil_degc = degc(facility.follows_coil(), "coil", &campaign.channels(&run.header).1, coil.reference_degc);
-    let rack_degc = degc(facility.follows_rack(), "rack", campaign.rack_channel(), coil.rack_reference_degc);
+    let coil_degc = degc(facility.follows_coil(), "coil", &instructions.channels(&run.header).1, coil.reference_degc);
+    let rack_degc = degc(facility.follows_rack(), "rack", instructions.rack_channel(), coil.rack_reference_degc);
     for plateau in list {
         let setting = plateau.setting.field.0;
         let (at_coil, at_rack) = (coil_degc.unwrap_or(coil.reference_degc), rack_degc.unwrap_or(coil.rack_reference_degc));
@@ -111,7 +115,7 @@ fn mean_degc(run: &Run, channel: &str, span_s: [f64; 2]) -> Option<f64> {
 
 /// The head of a parameter file.
 #[must_use]
-pub fn head(run: &Run, campaign: &Campaign, temperatures: &Temperatures) -> RunHead {
+pub fn head(run: &Run, instructions: &Instructions, temperatures: &Temperatures) -> RunHead {
     let header = &run.header;
     let mean = |degc: Option<[f64; 3]>| degc.map(|[_, mean, _]| mean);
     RunHead {
@@ -120,7 +124,7 @@ pub fn head(run: &Run, campaign: &Campaign, temperatures: &Temperatures) -> RunH
         mode: header.mode.clone(),
         temperature_degc: mean(temperatures.sensor_degc()),
         coil_temperature_degc: mean(temperatures.conditions.as_ref().and_then(|c| c.coil_degc)),
-        campaign: campaign.describe(),
+        campaign: instructions.description.clone(),
         start: header.start.clone(),
         configuration: header.configuration.clone(),
         field_source: header.field_source.clone(),
@@ -197,34 +201,62 @@ pub fn dropped(list: &[Plateau]) -> Vec<Dropped> {
 }
 
 /// A temperature channel and its smallest, mean and largest value while the fields were applied.
-fn temperature(run: &Run, channel: &str, what: &str, span_s: [f64; 2], warnings: &mut Vec<String>) -> (Series, Option<[f64; 3]>) {
+fn temperature(
+    run: &Run,
+    channel: &str,
+    what: &str,
+    span_s: [f64; 2],
+    notes: &mut impl Extend<Note>,
+) -> (Series, Option<[f64; 3]>) {
     let Some(series) = run.slow_channel(channel) else {
-        warnings.push(format!("no {what} temperature: the run has no channel {channel}"));
+        notes
+            .extend([Note::new(NoteKind::Temperature, format!("no {what} temperature: the run has no channel {channel}"))
+                .about(channel)]);
         return (Vec::new(), None);
     };
     let count = series.len();
     let series: Series = series.into_iter().filter(|(_, v)| PLAUSIBLE_DEGC.contains(v)).collect();
     if series.len() < count {
         let [low, high] = [PLAUSIBLE_DEGC.start(), PLAUSIBLE_DEGC.end()];
-        warnings.push(format!("{} readings of channel {channel} outside {low} to {high} °C were left out", count - series.len()));
+        notes.extend([Note::new(
+            NoteKind::Temperature,
+            format!("{} readings of channel {channel} outside {low} to {high} °C were left out", count - series.len()),
+        )
+        .about(channel)]);
     }
     let inside: Series = series.iter().copied().filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)).collect();
     let values: Vec<f64> = inside.iter().map(|(_, v)| *v).collect();
     if values.is_empty() {
-        warnings.push(format!("no {what} temperature: channel {channel} holds no reading from the time of the settings"));
+        notes.extend([Note::new(
+            NoteKind::Temperature,
+            format!("no {what} temperature: channel {channel} holds no reading from the time of the settings"),
+        )
+        .about(channel)]);
         return (series, None);
     }
     if let [(t_s, _)] = inside.as_slice() {
-        warnings.push(format!("the {what} temperature (channel {channel}) is a single reading at {t_s} s"));
+        notes.extend([Note::new(
+            NoteKind::Temperature,
+            format!("the {what} temperature (channel {channel}) is a single reading at {t_s} s"),
+        )
+        .about(channel)]);
     } else {
         let times = [vec![span_s[0]], inside.iter().map(|(t, _)| *t).collect(), vec![span_s[1]]].concat();
         let gaps = || times.windows(2).map(|w| w[1] - w[0]);
         let length = span_s[1] - span_s[0];
         let at_ends = gaps().next().unwrap_or_default() + gaps().next_back().unwrap_or_default();
         if let (true, [(first, _), .., (last, _)]) = (at_ends > 0.1 * length, inside.as_slice()) {
-            warnings.push(format!("the {what} temperature (channel {channel}) covers the time from {first} to {last} s only"));
+            notes.extend([Note::new(
+                NoteKind::Temperature,
+                format!("the {what} temperature (channel {channel}) covers the time from {first} to {last} s only"),
+            )
+            .about(channel)]);
         } else if let Some(longest) = gaps().reduce(f64::max).filter(|longest| *longest > 0.5 * length) {
-            warnings.push(format!("the {what} temperature (channel {channel}) has no reading for {longest:.0} s of the run"));
+            notes.extend([Note::new(
+                NoteKind::Temperature,
+                format!("the {what} temperature (channel {channel}) has no reading for {longest:.0} s of the run"),
+            )
+            .about(channel)]);
         }
     }
     let mean = values.iter().sum::<f64>() / values.len() as f64;
@@ -234,37 +266,46 @@ fn temperature(run: &Run, channel: &str, what: &str, span_s: [f64; 2], warnings:
 }
 
 /// What the plateaus show about timing, spikes and stuck components.
-pub fn warn_of_plateaus(warnings: &mut Vec<String>, run: &Run, plateaus: &Plateaus) {
+pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Plateaus) {
     for (name, count) in COMPONENTS.into_iter().zip(plateaus.without_scatter) {
         if count > 0 {
-            warnings.push(format!("component {name} has no scatter at all in {count} plateaus"));
+            notes.extend([
+                Note::new(NoteKind::Data, format!("component {name} has no scatter at all in {count} plateaus")).about(name)
+            ]);
         }
     }
     let shift_s = plateaus.edge_shift_s;
     if shift_s.abs() > 0.0 && plateaus.list.iter().any(|p| shift_s.abs() > (p.setting.t_end_s - p.setting.t_start_s) / 64.0) {
-        warnings.push(format!(
-            "the data step {shift_s:+.2} s after the settings do; the disturbed ends of the plateaus were left out"
-        ));
+        notes.extend([Note::new(
+            NoteKind::Data,
+            format!("the data step {shift_s:+.2} s after the settings do; the disturbed ends of the plateaus were left out"),
+        )]);
     }
     if plateaus.settling_found_s > plateaus.settling_s + 1e-9 && run.blocks.is_empty() {
-        warnings.push(format!(
-            "the data show the step before for {:.2} s, longer than the {:.2} s that were left out",
-            plateaus.settling_found_s, plateaus.settling_s
-        ));
+        notes.extend([Note::new(
+            NoteKind::Data,
+            format!(
+                "the data show the step before for {:.2} s, longer than the {:.2} s that were left out",
+                plateaus.settling_found_s, plateaus.settling_s
+            ),
+        )]);
     }
     let spikes: u64 = plateaus.list.iter().map(|p| p.spike_samples).sum();
     if spikes > 0 {
-        warnings.push(format!("{spikes} samples in stretches with spikes were left out"));
+        notes.extend([Note::new(NoteKind::Data, format!("{spikes} samples in stretches with spikes were left out"))]);
     }
 }
 
 /// Lost samples and what the reader found.
-pub fn warn_of_run(warnings: &mut Vec<String>, run: &Run) {
+pub fn warn_of_run(notes: &mut impl Extend<Note>, run: &Run) {
     if run.vectors.lost > 0 {
-        warnings.push(format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count));
+        notes.extend([Note::new(
+            NoteKind::Data,
+            format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count),
+        )]);
     }
     for finding in run.findings.iter().filter(|f| f.severity > Severity::Note) {
         let place = finding.line.map_or_else(String::new, |line| format!("line {line}: "));
-        warnings.push(format!("{place}{}; {}", finding.rule, finding.remedy));
+        notes.extend([Note::new(NoteKind::Data, format!("{place}{}", finding.rule)).with_remedy(finding.remedy.as_ref())]);
     }
 }

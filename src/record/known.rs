@@ -7,18 +7,19 @@ pub mod in_sines;
 
 use super::scene::{Samples, Scene};
 use crate::data::error::Finding;
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Drop, Plateau, Plateaus, from_blocks};
 use crate::data::provenance::Input;
 use crate::data::run::interpolate;
 use crate::data::run::{Kind, Run, Setting};
 use crate::data::units::{COMPONENTS, Reading};
-use crate::files::campaign::Campaign;
 use crate::files::parameter::{Model, ModelEffect};
 use crate::files::text::Group;
 use crate::fit::smooth::Course;
 use crate::model::applied::{AppliedEffect, ModelApplied};
 use crate::model::effects::in_samples::InSamples;
 use crate::model::effects::in_sine::{CORRELATION, InSine};
+use crate::model::campaign::Instructions;
 use crate::model::effects::record::Channel;
 use crate::model::effects::thermal_lag::{self, ThermalLag};
 use crate::model::effects::{
@@ -220,7 +221,7 @@ impl KnownEffect {
     }
 
     /// Says where it is used beyond the readings with which it was found.
-    fn extrapolates(&self, record: &Record, file: &str, warnings: &mut Vec<String>) {
+    fn extrapolates(&self, record: &Record, file: &str, notes: &mut impl Extend<Note>) {
         let follows_reading = matches!(
             self.given.effect.about().family,
             Family::StaticOdd | Family::StaticEven | Family::CrossField | Family::Unknown
@@ -230,11 +231,15 @@ impl KnownEffect {
             let beyond = |x: f64| (low - x).max(x - high);
             let farthest = record.rows.iter().map(|r| beyond(r.linear_ent[axis])).fold(0.0, f64::max);
             if farthest > BEYOND * (high - low) && high > low {
-                warnings.push(format!(
-                    "MODEL: {} of {file} was found with readings of {} from {low:.0} to {high:.0} enT, this run goes {farthest:.0} \
+                notes.extend([Note::new(
+                    NoteKind::Model,
+                    format!(
+                        "{} of {file} was found with readings of {} from {low:.0} to {high:.0} enT, this run goes {farthest:.0} \
                      enT beyond",
-                    self.given.effect, COMPONENTS[axis]
-                ));
+                        self.given.effect, COMPONENTS[axis]
+                    ),
+                )
+                .about(self.given.effect.id())]);
             }
         }
     }
@@ -336,8 +341,8 @@ pub fn apply(
     run: &Run,
     plateaus: &Plateaus,
     list: &mut [Plateau],
-    campaign: &Campaign,
-    warnings: &mut Vec<String>,
+    instructions: &Instructions,
+    notes: &mut impl Extend<Note>,
 ) -> Applied {
     let file = &known.input.path;
     let mut part = ModelApplied { file: file.clone(), effect: Vec::new(), left_out: Vec::new() };
@@ -345,10 +350,12 @@ pub fn apply(
     let same = Plateaus { list: list.to_vec(), ..plateaus.clone() };
     let samples = pauses(plateaus);
     let samples = run.blocks.is_empty().then_some(&samples);
-    let mut scene = match Scene::new(run, &same, samples, campaign, None) {
+    let mut scene = match Scene::new(run, &same, samples, instructions, None) {
         Ok(scene) => scene,
         Err(reason) => {
-            warnings.push(format!("MODEL: no effect of {file} was taken off: {}", reason.0));
+            notes.extend([
+                Note::new(NoteKind::Model, format!("no effect of {file} was taken off: {}", reason.0)).about(file.as_str())
+            ]);
             part.left_out = known.effects.iter().map(KnownEffect::name).collect();
             return Applied { part, carried };
         }
@@ -361,11 +368,11 @@ pub fn apply(
         let reason = effect.given.of_another(&run.header.run).or_else(|| effect.unusable(&scene.record));
         match reason {
             Some(reason) => {
-                warnings.push(format!("MODEL: not taken off: {reason}"));
+                notes.extend([Note::new(NoteKind::Model, format!("not taken off: {reason}")).about(effect.name())]);
                 part.left_out.push(effect.name());
             }
             None => {
-                effect.extrapolates(&scene.record, file, warnings);
+                effect.extrapolates(&scene.record, file, notes);
                 usable.push(effect);
             }
         }
@@ -483,12 +490,16 @@ impl Added {
         known: &Known,
         run: &Run,
         level_ent: impl Fn(f64) -> [f64; 3],
-        campaign: &Campaign,
-        warnings: &mut Vec<String>,
+        instructions: &Instructions,
+        notes: &mut impl Extend<Note>,
     ) -> Option<Self> {
         let (file, id, kind) = (&known.input.path, &run.header.run, run.header.kind);
         if !matches!(kind, Kind::Linearity | Kind::Sweep | Kind::ZeroField) {
-            warnings.push(format!("MODEL: the effects of {file} are not added to run {id}, which is of kind {kind}"));
+            notes.extend([Note::new(
+                NoteKind::Model,
+                format!("the effects of {file} are not added to run {id}, which is of kind {kind}"),
+            )
+            .about(id.as_str())]);
             return None;
         }
         let plateau = |(index, s): (usize, &Setting)| Plateau {
@@ -516,10 +527,14 @@ impl Added {
             t_s: times,
         };
         let plateaus = Plateaus { list, ..from_blocks(&[]) };
-        let scene = match Scene::new(run, &plateaus, Some(&samples), campaign, None) {
+        let scene = match Scene::new(run, &plateaus, Some(&samples), instructions, None) {
             Ok(scene) => scene,
             Err(reason) => {
-                warnings.push(format!("MODEL: the effects of {file} are not added to run {id}: {}", reason.0));
+                notes.extend([Note::new(
+                    NoteKind::Model,
+                    format!("the effects of {file} are not added to run {id}: {}", reason.0),
+                )
+                .about(id.as_str())]);
                 return None;
             }
         };
@@ -533,9 +548,11 @@ impl Added {
                 _ => effect.clone(),
             };
             match effect.unusable(&scene.record) {
-                Some(reason) => warnings.push(format!("MODEL: not added to run {id}: {reason}")),
+                Some(reason) => {
+                    notes.extend([Note::new(NoteKind::Model, format!("not added to run {id}: {reason}")).about(effect.name())])
+                }
                 None => {
-                    effect.extrapolates(&scene.record, file, warnings);
+                    effect.extrapolates(&scene.record, file, notes);
                     effects.push(effect);
                 }
             }

@@ -3,14 +3,14 @@
 use super::faults;
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate};
-use crate::files::campaign::Campaign;
-use crate::files::facility::Facility;
 use crate::fit::Limits;
 use crate::fit::noise::state_space::Inside;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::{extent, extremes, median};
+use crate::model::campaign::Instructions;
 use crate::model::effects::record::{Channel, Step};
 use crate::model::effects::{Record, Row, Thermal};
+use crate::model::facility::Facility;
 use crate::model::lag::Lag;
 use crate::record::baseline::Baseline;
 use crate::record::conditions::apply_facility;
@@ -91,7 +91,7 @@ impl Scene {
         run: &Run,
         plateaus: &Plateaus,
         samples: Option<&Samples>,
-        campaign: &Campaign,
+        instructions: &Instructions,
         facility: Option<&Facility>,
     ) -> Result<Self, Unfit> {
         let mut warnings = Vec::new();
@@ -103,7 +103,7 @@ impl Scene {
             return Err(Unfit(format!("the run holds settings in positions {all}; a diagnosis needs one position")));
         }
         if let Some(facility) = facility {
-            apply_facility(facility, run, campaign, &mut list, &mut warnings).map_err(|e| Unfit(e.to_string()))?;
+            apply_facility(facility, run, instructions, &mut list, &mut warnings).map_err(|e| Unfit(e.to_string()))?;
         }
         let parts = match (kind, samples) {
             (Kind::ZeroField, Some(samples)) if run.blocks.is_empty() => parts_of(samples),
@@ -116,8 +116,8 @@ impl Scene {
         let readings = DMatrix::from_fn(parts.len(), 3, |i, a| parts[i].mean_ent[a]);
         let span_s = [parts[0].used_s[0], parts[parts.len() - 1].used_s[1]];
         let (faults, temperatures) = faults::thermistors(run, span_s);
-        let (sensor_name, coil_name) = campaign.channels(&run.header);
-        let rack_name = campaign.rack_channel();
+        let (sensor_name, coil_name) = instructions.channels(&run.header);
+        let rack_name = instructions.rack_channel();
         let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts, |readings| Course::exact(readings.to_vec()));
         // Thermal masses are slow, their thermistors noisy.
         let degc = |name: &str| channel(&temperatures, name, &parts, Course::smooth);
@@ -161,7 +161,7 @@ impl Scene {
             others: others.filter_map(|name| at_rows(&run.channels, name)).collect(),
             thermal: None,
             // What the campaign does not fit is no part of the model, and shows as a drift.
-            trend_order: campaign.file.offset_trend_order.map_or(TREND_ORDER, |o| TREND_ORDER.min(o as usize)),
+            trend_order: instructions.offset_trend_order.map_or(TREND_ORDER, |o| TREND_ORDER.min(o as usize)),
             has_samples: samples.is_some_and(|s| !s.t_s.is_empty()),
         };
         if with_temperature {

@@ -3,15 +3,16 @@
 use super::document::{Block, Cell, Section, Table, cells};
 use super::{or_not_stated, parameter_file, remarks, triple, value, yes_or_no};
 use crate::data::units::{COMPONENTS, scientific_with_uncertainty};
-use crate::files::parameter::{Body, CoilScalar, CoilTilt, FacilityPart, ScalarOutlier, TiltValues};
+use crate::files::parameter::{Body, CoilScalar, CoilTilt, ScalarOutlier, TiltValues};
 use crate::measure::coil::{ANGLES, AXES, Residual, Scalar, Tilt};
+use crate::model::facility::FacilityParameters;
 use std::fmt::Write;
 
 /// Arc seconds in a degree.
 const ARCSEC: f64 = 3600.0;
 
 /// The parameters of a facility with their uncertainties.
-fn parameters(facility: &FacilityPart, std: &FacilityPart) -> Section {
+fn parameters(facility: &FacilityParameters, std: &FacilityParameters) -> Section {
     let mut table = Table::new(["axis", "scale factor, nT/EU", "offset field, nT", "angle", "between, degrees"]);
     for k in 0..3 {
         table.push(cells![
@@ -106,7 +107,7 @@ fn scalar_quality(p: &CoilScalar) -> Section {
     ))
 }
 
-fn summary_of(facility: &FacilityPart, std: &FacilityPart) -> String {
+fn summary_of(facility: &FacilityParameters, std: &FacilityParameters) -> String {
     format!(
         "  scale   {}  nT/EU\n  offset  {}  nT\n  angles  {}  degrees\n",
         triple(&facility.scale_nt_per_eu, &std.scale_nt_per_eu),

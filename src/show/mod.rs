@@ -17,7 +17,7 @@ pub mod sweep;
 pub mod thermal;
 pub mod thermistor;
 
-use crate::data::note::{Note, NoteKind};
+use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::result::{Dropped, RunHead};
 use crate::data::units::with_uncertainty;
@@ -95,11 +95,11 @@ impl Drawn {
     }
 }
 
-/// A report of its own: warnings that concern the result as a whole, its sections, its figures and its origin.
+/// A report of its own: notes that concern the result as a whole, its sections, its figures and its origin.
 #[must_use]
 pub fn standalone(
     title: &str,
-    warnings: &[String],
+    notes: &[Note],
     mut sections: Vec<Section>,
     figures: Vec<Figure>,
     provenance: &Provenance,
@@ -112,17 +112,10 @@ pub fn standalone(
     let made = format!("Made by {} {} ({}), ", provenance.tool, provenance.tool_version, provenance.build);
     Document {
         title: title.to_owned(),
-        front: first_notes(warnings).into_iter().map(Block::from).collect(),
+        front: notes.iter().filter(|n| n.comes_first()).cloned().map(Block::from).collect(),
         sections,
         colophon: Some(Text::from(made).code(&provenance.command).and(format!(", {}.", provenance.created))),
     }
-}
-
-/// The warnings that a report begins with, because they concern the result as a whole.
-fn first_notes(warnings: &[String]) -> Vec<Note> {
-    let kinds = [("AXES: ", NoteKind::Axes), ("FIT: ", NoteKind::Fit)];
-    let note = |warning: &String| kinds.iter().find_map(|(label, kind)| Some(Note::new(*kind, warning.strip_prefix(label)?)));
-    warnings.iter().filter_map(note).collect()
 }
 
 /// The inputs with their hashes.

@@ -41,6 +41,8 @@ pub struct AnalysisPart<'a> {
 pub struct ThermalPart<'a> {
     /// The analysis.
     pub thermal: &'a Thermal,
+    /// Name of its parameter file.
+    pub file_name: String,
     /// Its figures.
     pub figures: &'a [Drawn],
 }
@@ -173,12 +175,9 @@ fn front(p: &Protocol) -> Vec<Block> {
 fn introduction(p: &Protocol) -> Section {
     let c = &p.campaign.file;
     let mut positions = Table::new(["position", "X_m", "Y_m", "Z_m"]);
-    for entry in &c.positions {
-        let axes = entry.axes.iter().map(|axis| format!("{axis}_c").into());
-        positions.push(std::iter::once(entry.id.into()).chain(axes).collect());
-    }
-    if c.positions.is_empty() {
-        positions.push(cells![1_usize, "+X_c", "+Y_c", "+Z_c"]);
+    for (id, position) in &c.instructions.positions {
+        let axes = position.names().map(|axis| format!("{axis}_c").into());
+        positions.push(std::iter::once((*id).into()).chain(axes).collect());
     }
     let heads: Vec<&Run> = p.runs.iter().filter_map(|r| r.run).collect();
     let mut sensors: Vec<(&str, &str)> = heads.iter().map(|r| (r.header.sensor.as_str(), r.header.mode.as_str())).collect();
@@ -189,10 +188,10 @@ fn introduction(p: &Protocol) -> Section {
         let own: Vec<&&Run> =
             heads.iter().filter(|r| (r.header.sensor.as_str(), r.header.mode.as_str()) == (sensor, mode)).collect();
         let Some(first) = own.first() else { continue };
-        let (sensor_channel, coil_channel) = p.campaign.channels(&first.header);
+        let (sensor_channel, coil_channel) = p.campaign.file.instructions.channels(&first.header);
         let limits: Vec<String> = ["x", "y", "z"]
             .iter()
-            .zip(p.campaign.limits_nt(&first.header))
+            .zip(p.campaign.file.instructions.limits_nt(&first.header))
             .filter_map(|(axis, limit)| Some(format!("{axis} ±{} nT", limit?)))
             .collect();
         let limits = if limits.is_empty() { "none".to_owned() } else { limits.join(", ") };
@@ -219,7 +218,7 @@ fn measurements<'a>(
     let lines: Vec<(runs::RunLine, String)> = parts
         .iter()
         .filter_map(|part| part.run)
-        .map(|run| (runs::RunLine::of(run), p.campaign.channels(&run.header).0))
+        .map(|run| (runs::RunLine::of(run), p.campaign.file.instructions.channels(&run.header).0))
         .collect();
     let mut chapter = Section::new(format!("Measurements on {}", day_name(day)))
         .with_sections([Section::new("Data").with(runs::day_list(&lines))]);
@@ -283,18 +282,18 @@ fn thermals(p: &Protocol, figure: &mut usize) -> Section {
         return chapter.with("The runs are not at different temperatures: there is no thermal analysis.");
     }
     for part in &p.thermals {
-        let head = part.thermal.file.head();
+        let head = &part.thermal.runs;
         let title = format!(
             "Thermal analysis, {} {}: {}",
             or_not_stated(&head.sensor),
             or_not_stated(&head.mode),
-            thermal::title(part.thermal.kind).to_lowercase().replace("ac transfer", "AC transfer")
+            thermal::title(part.thermal.kind()).to_lowercase().replace("ac transfer", "AC transfer")
         );
         let figures = Drawn::number(part.figures, "", figure);
-        chapter.sections.push(with_figures(Section::new(title), &thermal::sections(part.thermal), figures));
+        chapter.sections.push(with_figures(Section::new(title), &thermal::sections(part.thermal, &part.file_name), figures));
     }
     let missing: Vec<&str> =
-        Kind::ALL.iter().filter(|k| !p.thermals.iter().any(|t| t.thermal.kind == **k)).map(|k| k.name()).collect();
+        Kind::ALL.iter().filter(|k| !p.thermals.iter().any(|t| t.thermal.kind() == **k)).map(|k| k.name()).collect();
     if !missing.is_empty() {
         let words = format!("No thermal analysis of {} runs: there are none, or not at two temperatures.", missing.join(" and "));
         last_blocks(&mut chapter).push(words.into());

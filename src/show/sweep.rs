@@ -2,36 +2,32 @@
 
 use super::document::{Cell, Section, Table, cells};
 use super::{known_effects, remarks, run_line, used_file};
+use crate::data::across::{LagForm, ThermistorLag};
 use crate::data::units::with_uncertainty;
-use crate::files::parameter::{Body, LagForm, LagPart, SweepPart};
 use crate::measure::sweep::Sweep;
 
 /// The sections of the report.
 #[must_use]
-pub fn sections(sweep: &Sweep) -> Vec<Section> {
-    let p = &sweep.parameters;
-    let mut used = used_file(&sweep.run, &p.file_name());
-    let Some(part) = &p.sweep else {
-        return std::iter::once(used).chain(remarks(&p.head.warnings)).collect();
-    };
+pub fn sections(sweep: &Sweep, file_name: &str) -> Vec<Section> {
+    let mut used = used_file(&sweep.run, file_name);
     used.push(format!(
         "{} of {} settings are used, {} were left out because the temperature moved too fast. Temperatures of channel {} from {:.1} to {:.1} °C, \
          its lag included; beyond them the polynomials are extrapolations.",
-        part.settings_used,
-        part.settings_total,
-        part.settings_too_fast,
-        p.head.channel,
-        p.head.valid_degc[0],
-        p.head.valid_degc[1]
+        sweep.settings.used,
+        sweep.settings.total,
+        sweep.settings.too_fast,
+        sweep.channel,
+        sweep.valid_degc[0],
+        sweep.valid_degc[1]
     ));
-    used.blocks.extend(part.model.as_ref().map(|model| known_effects(model).into()));
-    let mut sections = vec![used, lags(part, &p.head.channel), joint_fit(sweep, part)];
-    sections.extend(remarks(&p.head.warnings));
+    used.blocks.extend(sweep.model.as_ref().map(|model| known_effects(model).into()));
+    let mut sections = vec![used, lags(sweep), joint_fit(sweep)];
+    sections.extend(remarks(&sweep.notes));
     sections
 }
 
-/// How the sensor follows each thermistor; the lag of `used` is applied.
-fn lags(part: &SweepPart, used: &str) -> Section {
+/// How the sensor follows each thermistor; the lag of the one that the polynomials are of is applied.
+fn lags(sweep: &Sweep) -> Section {
     let mut table = Table::new([
         "channel",
         "applied",
@@ -41,11 +37,11 @@ fn lags(part: &SweepPart, used: &str) -> Section {
         "delay over first order",
         "residuals, enT",
     ]);
-    for lag in &part.lag {
+    for lag in &sweep.lags {
         let minutes = |value: f64, std: f64| Cell::uncertain(value / 60.0, std / 60.0);
         table.push(cells![
             &lag.channel,
-            if lag.channel == used { lag.form.name() } else { "not used" },
+            if lag.channel == sweep.channel { lag.form.name() } else { "not used" },
             minutes(lag.delay_s, lag.delay_std_s),
             minutes(lag.time_constant_s, lag.time_constant_std_s),
             Cell::fixed(lag.gain, 1),
@@ -59,39 +55,37 @@ fn lags(part: &SweepPart, used: &str) -> Section {
     )
 }
 
-fn joint_fit(sweep: &Sweep, part: &SweepPart) -> Section {
-    let residual: Vec<String> = part.residual_nt.iter().map(|r| format!("{r:.3}")).collect();
+fn joint_fit(sweep: &Sweep) -> Section {
+    let residual: Vec<String> = sweep.residual_nt.iter().map(|r| format!("{r:.3}")).collect();
     Section::new("Joint fit of all settings").with(coefficients(sweep)).with(format!(
         "Coefficient k multiplies T^k, T in °C. Root mean square of applied field minus modelled measurement {} nT (X, Y, Z). The figures \
          show a sliding window of {} beside the polynomials.",
         residual.join(", "),
-        part.window
+        sweep.window
     ))
 }
 
 fn coefficients(sweep: &Sweep) -> Table {
-    let most = sweep.curves.iter().map(|c| c.coefficients.len()).max().unwrap_or(0);
+    let most = sweep.quantities.iter().map(|q| q.polynomial.coefficients.len()).max().unwrap_or(0);
     let mut table = Table::new(std::iter::once("quantity".to_owned()).chain((0..most).map(|k| format!("power {k}"))));
-    for curve in &sweep.curves {
-        let covariance = sweep.parameters.head.covariance.get(&curve.name);
+    for curve in &sweep.quantities {
         let cell = |k: usize| {
-            let std = covariance.and_then(|c| c.get(k)?.get(k)).map_or(f64::NAN, |v| v.sqrt());
-            curve.coefficients.get(k).map_or(Cell::Missing(""), |c| Cell::scientific(*c, std))
+            let std = curve.polynomial.covariance.get((k, k)).map_or(f64::NAN, |v| v.sqrt());
+            curve.polynomial.coefficients.get(k).map_or(Cell::Missing(""), |c| Cell::scientific(*c, std))
         };
         table.push(std::iter::once(format!("{}, {}", curve.name, curve.unit).into()).chain((0..most).map(cell)).collect());
     }
     table
 }
 
-fn used_lag(sweep: &Sweep) -> Option<&LagPart> {
-    let p = &sweep.parameters;
-    p.sweep.as_ref()?.lag.iter().find(|l| l.channel == p.head.channel)
+fn used_lag(sweep: &Sweep) -> Option<&ThermistorLag> {
+    sweep.lags.iter().find(|l| l.channel == sweep.channel)
 }
 
 /// The result in one line.
 #[must_use]
 pub fn headline(sweep: &Sweep) -> String {
-    let [low, high] = sweep.parameters.head.valid_degc;
+    let [low, high] = sweep.valid_degc;
     let lag = used_lag(sweep).map_or_else(String::new, |l| match l.form {
         LagForm::Delay => format!(", delay {} min", with_uncertainty(l.delay_s / 60.0, l.delay_std_s / 60.0)),
         LagForm::FirstOrder => {
@@ -99,14 +93,13 @@ pub fn headline(sweep: &Sweep) -> String {
         }
         LagForm::None | LagForm::OfTheModel => ", no lag".to_owned(),
     });
-    format!("{low:.1} to {high:.1} °C by {}{lag}", sweep.parameters.head.channel)
+    format!("{low:.1} to {high:.1} °C by {}{lag}", sweep.channel)
 }
 
 /// A few lines for the terminal.
 #[must_use]
 pub fn summary(sweep: &Sweep) -> String {
-    let p = &sweep.parameters;
-    let orders: Vec<String> = p.head.quantity.iter().map(|q| format!("{} {}", q.name, q.order)).collect();
+    let orders: Vec<String> = sweep.quantities.iter().map(|q| format!("{} {}", q.name, q.polynomial.order())).collect();
     format!("{}\n  {}\n  orders {}\n", run_line(&sweep.run), headline(sweep), orders.join(", "))
 }
 
@@ -121,7 +114,7 @@ pub fn window_table(sweep: &Sweep) -> crate::files::table::Table {
     table.push("t_s", column(&|w| w.t_s));
     table.push("temperature_degc", column(&|w| w.temperature_degc[0]));
     table.push("temperature_with_lag_degc", column(&|w| w.temperature_degc[1]));
-    for (k, curve) in sweep.curves.iter().enumerate() {
+    for (k, curve) in sweep.quantities.iter().enumerate() {
         table.push(&curve.name, column(&|w| w.values[k]));
         table.push(&format!("{}_std", curve.name), column(&|w| w.std[k]));
     }
@@ -139,9 +132,9 @@ pub fn parameter_table(runs: &[&Sweep]) -> crate::files::table::Table {
     let mut table = Table::default();
     super::head_columns(&mut table, runs.iter().map(|s| &s.run));
     let numbers = |get: &dyn Fn(&Sweep) -> f64| Values::Numbers(runs.iter().map(|s| get(s)).collect());
-    let lag = |s: &Sweep, of: fn(&LagPart) -> f64| used_lag(s).map_or(f64::NAN, of);
-    table.push("low_degc", numbers(&|s| s.parameters.head.valid_degc[0]));
-    table.push("high_degc", numbers(&|s| s.parameters.head.valid_degc[1]));
+    let lag = |s: &Sweep, of: fn(&ThermistorLag) -> f64| used_lag(s).map_or(f64::NAN, of);
+    table.push("low_degc", numbers(&|s| s.valid_degc[0]));
+    table.push("high_degc", numbers(&|s| s.valid_degc[1]));
     table.push("delay_s", numbers(&|s| lag(s, |l| l.delay_s)));
     table.push("delay_std_s", numbers(&|s| lag(s, |l| l.delay_std_s)));
     table.push("time_constant_s", numbers(&|s| lag(s, |l| l.time_constant_s)));

@@ -2,8 +2,10 @@
 
 use super::document::{Block, Cell, Section, Table, Text, cells};
 use super::remarks;
-use crate::files::parameter::{QuantityPart, Taf, ThermalHead, Tof, Tpf};
-use crate::measure::thermal::{File, Kind, Thermal};
+use crate::data::across::RunResidualFields;
+use crate::measure::joint::QUANTITIES;
+use crate::measure::thermal::{Corner, Kind, LinAcross, OfKind, QuantityFit, RunsUsed, SamplingAcross, Thermal};
+use crate::model::polynomial::TemperaturePolynomial;
 
 /// Title of a section on one kind of runs.
 #[must_use]
@@ -17,64 +19,65 @@ pub fn title(kind: Kind) -> &'static str {
 
 /// The sections of the report.
 #[must_use]
-pub fn sections(thermal: &Thermal) -> Vec<Section> {
-    let h = thermal.file.head();
-    let mut sections = vec![used(thermal)];
-    match &thermal.file {
-        File::Tpf(tpf) => {
-            rotation(tpf, &mut sections);
+pub fn sections(thermal: &Thermal, file_name: &str) -> Vec<Section> {
+    let mut sections = vec![used(thermal, file_name)];
+    match &thermal.of_kind {
+        OfKind::Lin(lin) => {
+            rotation(&thermal.runs, lin, &mut sections);
             sections.push(family(thermal, "sigma", "Sensitivity σ against temperature", "nT/enT, °C"));
             sections.push(family(thermal, "xi", "Misalignment angles ξ against temperature", "deg, °C"));
             sections.push(family(thermal, "b_or", "Offset and residual field B_or against temperature", "enT, °C"));
-            sections.push(quality(h).with_all(model_error(tpf).into_iter().flatten()));
-            sections.extend(joint(thermal, tpf));
+            sections.push(quality(thermal).with_all(model_error(&thermal.runs, lin).into_iter().flatten()));
+            sections.extend(joint(thermal, lin));
         }
-        File::Tof(tof) => {
+        OfKind::Offset(field) => {
             sections.push(family(thermal, "b_off", "Sensor offset B_off against temperature", "enT, °C"));
-            sections.push(quality(h));
-            sections.push(residual_field(tof));
+            sections.push(quality(thermal));
+            sections.push(residual_field(&thermal.runs, field));
         }
-        File::Taf(taf) => {
-            let how = if taf.corner == "model" { "of the response models" } else { "by interpolation (igep)" };
+        OfKind::Freq(sampling) => {
+            let how = if sampling.corner == Corner::Model { "of the response models" } else { "by interpolation (igep)" };
             let title = format!("-3 dB corner frequency {how} against temperature");
             sections.push(family(thermal, "f_3db", &title, "Hz, °C"));
-            sections.push(quality(h));
-            sections.push(sampling_frequency(taf));
+            sections.push(quality(thermal));
+            sections.push(sampling_frequency(&thermal.runs, sampling));
         }
     }
-    sections.extend(remarks(&h.warnings));
+    sections.extend(remarks(&thermal.notes));
     sections
 }
 
-fn used(thermal: &Thermal) -> Section {
-    let h = thermal.file.head();
+fn used(thermal: &Thermal, file_name: &str) -> Section {
+    let h = &thermal.runs;
     let mut table = Table::new(["calibration parameter file", "sensor temperature", "coil system temperature"]);
-    for (i, file) in h.used.iter().enumerate() {
+    for (i, file) in h.files.iter().enumerate() {
         let coil = Some(h.coil_temperature_degc[i]).filter(|t| t.is_finite());
         table.push(cells![Text::default().code(file), Cell::degc(Some(h.temperature_degc[i])), Cell::degc(coil)]);
     }
-    Section::new("Used temperature measurements").with(table).with(
-        Text::from("Thermal parameter file: ").code(thermal.file.file_name()).and(format!(
+    Section::new("Used temperature measurements").with(table).with(Text::from("Thermal parameter file: ").code(file_name).and(
+        format!(
             ". Sensor-temperature channel {}, valid from {:.1} to {:.1} °C; beyond it the polynomials are extrapolations.",
-            h.channel, h.valid_degc[0], h.valid_degc[1]
-        )),
-    )
+            h.channel.as_deref().unwrap_or("not stated"),
+            thermal.valid_degc[0],
+            thermal.valid_degc[1]
+        ),
+    ))
 }
 
 /// The rotation of the sensor in every run, under a heading of its own where the first run gave one.
-fn rotation(tpf: &Tpf, sections: &mut Vec<Section>) {
-    let r = &tpf.rotation;
+fn rotation(runs: &RunsUsed, lin: &LinAcross, sections: &mut Vec<Section>) {
+    let r = &lin.rotation;
     if let Some(rho) = &r.initial {
         let words = Text::from("Calculated initial sensor rotation ").code("ρ").and(":");
         sections.push(Section::new("Facility parameter").with(words).with(super::lin::matrix(rho)));
     }
     let mut table = Table::new(["run", "sensor temperature", "λ_x", "μ_y", "ν_z", "standard uncertainty, degrees"]);
-    for (i, run) in tpf.head.runs.iter().enumerate() {
+    for (i, run) in runs.ids.iter().enumerate() {
         let [lambda, mu, nu] = [r.lambda_x_deg[i], r.mu_y_deg[i], r.nu_z_deg[i]].map(Cell::angle);
         let std = [r.lambda_x_std_deg[i], r.mu_y_std_deg[i], r.nu_z_std_deg[i]];
         let std =
             if std.iter().all(|s| s.is_finite()) { std.map(|s| format!("{s:.1e}")).join(", ") } else { "not known".to_owned() };
-        table.push(cells![run, Cell::degc(Some(tpf.head.temperature_degc[i])), lambda, mu, nu, std]);
+        table.push(cells![run, Cell::degc(Some(runs.temperature_degc[i])), lambda, mu, nu, std]);
     }
     if let Some(section) = sections.last_mut() {
         section.push("Rotation of the sensor in every run:");
@@ -82,8 +85,7 @@ fn rotation(tpf: &Tpf, sections: &mut Vec<Section>) {
     }
 }
 
-fn residual_field(tof: &Tof) -> Section {
-    let f = &tof.residual_field;
+fn residual_field(runs: &RunsUsed, f: &RunResidualFields) -> Section {
     let axes = if f.seen_along.is_empty() {
         String::new()
     } else {
@@ -91,7 +93,7 @@ fn residual_field(tof: &Tof) -> Section {
         format!(" The axes of this table are {}.", axes.join(", "))
     };
     let mut table = Table::new(["run", "B_res x, enT", "B_res y, enT", "B_res z, enT"]);
-    for (i, run) in tof.head.runs.iter().enumerate() {
+    for (i, run) in runs.ids.iter().enumerate() {
         let [x, y, z] = [f.x_ent[i], f.y_ent[i], f.z_ent[i]].map(|v| Cell::fixed(v, 3));
         table.push(cells![run, x, y, z]);
     }
@@ -100,40 +102,37 @@ fn residual_field(tof: &Tof) -> Section {
         .with(table)
 }
 
-fn sampling_frequency(taf: &Taf) -> Section {
+fn sampling_frequency(runs: &RunsUsed, sampling: &SamplingAcross) -> Section {
     let section = Section::new("Instrument sampling frequency");
-    let (Some(mean), Some(std)) = (taf.mean_sample_rate_hz, taf.mean_std_sample_rate_hz) else {
+    let [Some(mean), Some(std)] = sampling.means_hz() else {
         return section.with("The files tell no sampling frequency.");
     };
     let mut table = Table::new(["run", "sensor temperature", "f_s, Hz"]);
-    for (i, run) in taf.head.runs.iter().enumerate() {
-        let temperature = Cell::degc(Some(taf.head.temperature_degc[i]));
-        table.push(cells![run, temperature, Cell::uncertain(taf.f_s_hz[i], taf.f_s_std_hz[i])]);
+    for (i, run) in runs.ids.iter().enumerate() {
+        let temperature = Cell::degc(Some(runs.temperature_degc[i]));
+        table.push(cells![run, temperature, Cell::uncertain(sampling.f_s_hz[i], sampling.f_s_std_hz[i])]);
     }
     section.with(table).with(format!("Mean sample rate {mean:.6} Hz, mean standard uncertainty of the sample rate {std:.1e} Hz."))
 }
 
-fn coefficients<'a>(thermal: &'a Thermal, name: &str) -> &'a [f64] {
-    thermal.curves.iter().find(|c| c.name == name).map_or(&[], |c| &c.coefficients)
+/// Variance of a coefficient; nan where it is not known.
+fn variance(polynomial: &TemperaturePolynomial, k: usize) -> f64 {
+    polynomial.covariance.get((k, k)).copied().unwrap_or(f64::NAN)
 }
 
 /// Coefficients with their standard uncertainties, and how the order was found.
 fn family(thermal: &Thermal, family: &str, title: &str, units: &str) -> Section {
-    let h = thermal.file.head();
-    let quantities: Vec<&QuantityPart> = h.quantity.iter().filter(|q| q.name.starts_with(family)).collect();
+    let quantities: Vec<&QuantityFit> = thermal.quantities.iter().filter(|q| q.name.starts_with(family)).collect();
     let section = Section::new(title);
     if quantities.is_empty() {
         return section.with("Not determined.");
     }
-    let most = quantities.iter().map(|q| q.order).max().unwrap_or(0);
+    let most = quantities.iter().map(|q| q.polynomial.order()).max().unwrap_or(0);
     let mut table = Table::new(std::iter::once("quantity".to_owned()).chain((0..=most).map(|k| format!("T^{k}"))));
     for q in &quantities {
-        let covariance = h.covariance.get(&q.name).map(Vec::as_slice).unwrap_or_default();
         let cell = |k: usize| {
-            coefficients(thermal, &q.name).get(k).map_or(Cell::Missing(""), |value| {
-                let variance = covariance.get(k).and_then(|r| r.get(k)).copied().unwrap_or(f64::NAN);
-                Cell::scientific(*value, variance.sqrt())
-            })
+            let value = q.polynomial.coefficients.get(k);
+            value.map_or(Cell::Missing(""), |value| Cell::scientific(*value, variance(&q.polynomial, k).sqrt()))
         };
         table.push(std::iter::once((&q.name).into()).chain((0..=most).map(cell)).collect());
     }
@@ -144,12 +143,12 @@ fn family(thermal: &Thermal, family: &str, title: &str, units: &str) -> Section 
         .with(orders(&quantities))
 }
 
-fn orders(quantities: &[&QuantityPart]) -> Table {
+fn orders(quantities: &[&QuantityFit]) -> Table {
     let orders = quantities.iter().map(|q| q.aicc.len().max(q.leave_one_out.len())).max().unwrap_or(0);
     let head = ["quantity", "order", "chosen by"].map(str::to_owned);
     let mut table = Table::new(head.into_iter().chain((0..orders).map(|k| format!("order {k}"))));
     for q in quantities {
-        let mut row = cells![&q.name, q.order, &q.order_by];
+        let mut row = cells![&q.name, q.polynomial.order(), q.order_by.to_string()];
         for k in 0..orders {
             let cell = |list: &[f64], form: &dyn Fn(f64) -> String| {
                 list.get(k).filter(|v| v.is_finite()).map_or_else(|| "-".to_owned(), |v| form(*v))
@@ -162,17 +161,17 @@ fn orders(quantities: &[&QuantityPart]) -> Table {
     table
 }
 
-fn quality(h: &ThermalHead) -> Section {
+fn quality(thermal: &Thermal) -> Section {
     let mut table =
         Table::new(["quantity", "unit", "runs", "valid, °C", "smallest error", "largest error", "widened by", "95 % factor"]);
-    for q in &h.quantity {
+    for q in &thermal.quantities {
         table.push(cells![
             &q.name,
-            &q.unit,
+            q.unit,
             q.runs.len(),
-            format!("{:.1} to {:.1}", q.valid_degc[0], q.valid_degc[1]),
-            Cell::exponent(q.min_error, 2),
-            Cell::exponent(q.max_error, 2),
+            format!("{:.1} to {:.1}", q.polynomial.valid_degc[0], q.polynomial.valid_degc[1]),
+            Cell::exponent(q.error_range[0], 2),
+            Cell::exponent(q.error_range[1], 2),
             Cell::fixed(q.widened, 1),
             Cell::fixed(q.factor_95, 2).or("-"),
         ]);
@@ -185,11 +184,11 @@ fn quality(h: &ThermalHead) -> Section {
         .with(table)
 }
 
-fn model_error(tpf: &Tpf) -> Option<[Block; 2]> {
-    let error = tpf.model_error.as_ref()?;
+fn model_error(runs: &RunsUsed, lin: &LinAcross) -> Option<[Block; 2]> {
+    let error = lin.model_error.as_ref()?;
     let mut table = Table::new(["run", "sensor temperature", "X, nT", "Y, nT", "Z, nT"]);
-    for (i, run) in tpf.head.runs.iter().enumerate() {
-        let mut row = cells![run, Cell::degc(Some(tpf.head.temperature_degc[i]))];
+    for (i, run) in runs.ids.iter().enumerate() {
+        let mut row = cells![run, Cell::degc(Some(runs.temperature_degc[i]))];
         row.extend((0..3).map(|axis| format!("{:.3} to {:.3}", error.min_nt[i][axis], error.max_nt[i][axis]).into()));
         table.push(row);
     }
@@ -198,21 +197,19 @@ fn model_error(tpf: &Tpf) -> Option<[Block; 2]> {
     Some([words.into(), table.into()])
 }
 
-fn joint(thermal: &Thermal, tpf: &Tpf) -> Option<Section> {
-    let joint = tpf.joint.as_ref()?;
+fn joint(thermal: &Thermal, lin: &LinAcross) -> Option<Section> {
+    let joint = lin.joint.as_ref()?;
     let mut table = Table::new(["quantity", "k", "two steps", "joint fit", "difference, standard uncertainties"]);
-    for (name, values) in &joint.coefficients {
-        let std = |covariance: Option<&Vec<Vec<f64>>>, k: usize| {
-            covariance.and_then(|c| c.get(k)).and_then(|r| r.get(k)).map_or(f64::NAN, |v| v.max(0.0).sqrt())
-        };
-        let two_steps = coefficients(thermal, name);
-        for (k, value) in values.iter().enumerate() {
-            let (two, std_two) = (two_steps.get(k).copied().unwrap_or(f64::NAN), std(tpf.head.covariance.get(name), k));
-            let std_joint = std(joint.covariance.get(name), k);
+    for (name, polynomial) in QUANTITIES.into_iter().zip(&joint.polynomials) {
+        let std = |p: &TemperaturePolynomial, k: usize| variance(p, k).max(0.0).sqrt();
+        let two_steps = thermal.quantity(name).map(|q| &q.polynomial);
+        for (k, value) in polynomial.coefficients.iter().enumerate() {
+            let two = two_steps.and_then(|p| p.coefficients.get(k)).copied().unwrap_or(f64::NAN);
+            let std_joint = std(polynomial, k);
             table.push(cells![
                 name,
                 k,
-                Cell::scientific(two, std_two),
+                Cell::scientific(two, two_steps.map_or(f64::NAN, |p| std(p, k))),
                 Cell::scientific(*value, std_joint),
                 Cell::signed((value - two) / std_joint, 1),
             ]);
@@ -221,7 +218,7 @@ fn joint(thermal: &Thermal, tpf: &Tpf) -> Option<Section> {
     let section = Section::new("Joint fit").with(format!(
         "The temperature-dependent model fitted to the plateaus of all runs at once, with the temperature at every plateau; rotation and \
          offset of every run are free. Chi-square {:.0} with {} degrees of freedom, {} evaluations; uncertainties widened by {:.1}.",
-        joint.chi_square, joint.degrees_of_freedom, joint.evaluations, joint.widened
+        joint.chi2, joint.dof, joint.evaluations, joint.inflation_within
     ));
     Some(section.with(table))
 }
@@ -229,16 +226,16 @@ fn joint(thermal: &Thermal, tpf: &Tpf) -> Option<Section> {
 /// A few lines for the terminal.
 #[must_use]
 pub fn summary(thermal: &Thermal) -> String {
-    let h = thermal.file.head();
-    let orders: Vec<String> = h.quantity.iter().map(|q| format!("{} {}", q.name, q.order)).collect();
+    let h = &thermal.runs;
+    let orders: Vec<String> = thermal.quantities.iter().map(|q| format!("{} {}", q.name, q.polynomial.order())).collect();
     format!(
         "{} {}  {} {} runs, {:.1} to {:.1} °C\n  orders {}\n",
         h.sensor,
         h.mode,
-        h.runs.len(),
-        thermal.kind.name(),
-        h.valid_degc[0],
-        h.valid_degc[1],
+        h.ids.len(),
+        thermal.kind().name(),
+        thermal.valid_degc[0],
+        thermal.valid_degc[1],
         orders.join(", ")
     )
 }

@@ -100,7 +100,7 @@ pub fn write_like_with(
         let holds = |s: &&Setting| (s.t_start_s..s.t_end_s).contains(&t_s);
         model.reading_ent(measured.settings.iter().find(holds), 0, t_s)
     };
-    let added = known.and_then(|known| Added::new(known, &measured, level_ent, campaign, warnings));
+    let added = known.and_then(|known| Added::new(known, &measured, level_ent, &campaign.file.instructions, warnings));
 
     let root = Folder::open(out, force)?;
     if out.canonicalize().is_ok_and(|out| out == campaign.root) {
@@ -198,7 +198,7 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
             ids.dedup();
             let mut places = Vec::new();
             for id in ids {
-                let Some(position) = campaign.position(id) else {
+                let Some(position) = campaign.file.instructions.position(id) else {
                     return refuse(format!("position {id} is not in the position table"), "add it to campaign.toml");
                 };
                 let sensor = linear(position.r_nom() * turned)?;

@@ -10,7 +10,6 @@ pub mod noise;
 pub mod run;
 
 use crate::data::error::Finding;
-use crate::files::campaign::Campaign;
 use crate::files::ccr::{Decimals, Section, Writer};
 use crate::files::output::Folder;
 use crate::files::twin::{RunTwin, Twin};
@@ -84,11 +83,11 @@ pub fn write_campaign_with(
     warnings: &mut Vec<String>,
 ) -> Result<Vec<Written>, Finding> {
     let simulation = Simulation::new(twin, seed);
-    let campaign = Campaign::in_memory(twin.campaign.clone())?;
+    let instructions = &twin.campaign.instructions;
     let prepare = |run| -> Result<(&RunTwin, SimulatedRun, Vec<String>), Finding> {
         let (simulated, mut warnings) = (simulation.run(run)?, Vec::new());
         let simulated = match model {
-            Some(model) => simulated.with_effects(model, &campaign, &mut warnings),
+            Some(model) => simulated.with_effects(model, instructions, &mut warnings),
             None => simulated,
         };
         Ok((run, simulated, warnings))

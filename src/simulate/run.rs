@@ -7,8 +7,8 @@ use crate::data::run::{
     Header, InputFile, Kind, ReadingUnit, Run, ScalarRow, Setting, SlowTable, Vector, VectorAccount, VectorSink,
 };
 use crate::data::units::{FieldCoil, Reading};
-use crate::files::campaign::Campaign;
 use crate::files::twin::{Body, FacilityTwin, RunTwin, SensorTwin, Twin};
+use crate::model::campaign::Instructions;
 use crate::model::sensor::{Linear, SplitError};
 use crate::record::known::in_sines::{InSines, Responses};
 use crate::record::known::{Added, CHUNK, Known};
@@ -173,7 +173,7 @@ impl<'a> SimulatedRun<'a> {
 
     /// The same run with known effects in its readings. Effects that the run cannot have give a warning.
     #[must_use]
-    pub fn with_effects(mut self, known: &Known, campaign: &Campaign, warnings: &mut Vec<String>) -> Self {
+    pub fn with_effects(mut self, known: &Known, instructions: &Instructions, warnings: &mut Vec<String>) -> Self {
         if self.header.kind == Kind::Frequency {
             let run = self.run(VectorAccount::default());
             self.scene.in_sines = InSines::new(known, &run, Responses::All, warnings);
@@ -184,7 +184,7 @@ impl<'a> SimulatedRun<'a> {
             let at = stretches.partition_point(|s| s.t_end_s <= t_s).min(stretches.len().saturating_sub(1));
             stretches.get(at).map_or([f64::NAN; 3], |stretch| self.scene.level_ent(stretch, t_s))
         };
-        self.added = Added::new(known, &self.run(VectorAccount::default()), level_ent, campaign, warnings);
+        self.added = Added::new(known, &self.run(VectorAccount::default()), level_ent, instructions, warnings);
         self
     }
 

@@ -1,16 +1,18 @@
 //! Every run of a campaign by the analysis of its kind, each read once.
 
-use super::{Desk, Drawn, Failure, Job, Made, RunReport, make, parameter_text, publish};
+use super::{Desk, Drawn, Failure, Job, Made, RunReport, RunResult, make, parameter_text, publish};
+use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
+use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::run::{Kind, Run};
 use crate::files::ccr;
-use crate::files::facility::Facility;
 use crate::files::output::Folder;
-use crate::files::parameter::{Body, Point};
+use crate::files::parameter::Body;
 use crate::files::source::hex;
 use crate::measure::lin::Lin;
 use crate::measure::{freq, lin, null, offset, sweep};
+use crate::model::facility::Facility;
 use crate::record::known::Known;
 use crate::show::protocol::{AnalysisPart, RunPart};
 use sha2::{Digest, Sha256};
@@ -114,7 +116,7 @@ impl Measured {
             }
             Measured::Offset(made) => publish::<offset::Options>(made, desk, &made.result.parameters.file_name()),
             Measured::Freq(made) => publish::<freq::Options>(made, desk, &made.result.parameters.file_name()),
-            Measured::Sweep(made) => publish::<sweep::Options>(made, desk, &made.result.parameters.file_name()),
+            Measured::Sweep(made) => publish::<sweep::Options>(made, desk, &made.result.parameters().file_name()),
             Measured::Null(made) => publish::<null::Options>(made, desk, &made.result.parameters.file_name()),
             Measured::Other(_) => Ok(Vec::new()),
         }
@@ -135,11 +137,11 @@ impl Measured {
 
     /// Its part in an analysis across temperatures.
     #[must_use]
-    pub fn point(&self) -> Option<Point> {
+    pub fn point(&self) -> Option<CalibratedRun> {
         match self {
-            Measured::Lin(made) => Some(Point::of_lin(&made.result.parameters)),
-            Measured::Offset(made) => Some(Point::of_offset(&made.result.parameters)),
-            Measured::Freq(made) => Some(Point::of_freq(&made.result.parameters)),
+            Measured::Lin(made) => Some((&made.result.parameters).into()),
+            Measured::Offset(made) => Some((&made.result.parameters).into()),
+            Measured::Freq(made) => Some((&made.result.parameters).into()),
             Measured::Sweep(_) | Measured::Null(_) | Measured::Other(_) => None,
         }
     }
@@ -173,7 +175,7 @@ impl Measured {
             name: result.analysis(),
             head: result.head(),
             headline: result.headline(),
-            remarks: result.warnings().len(),
+            remarks: result.notes().len(),
             sections: result.sections(),
             figures,
         });
@@ -195,10 +197,12 @@ impl Measured {
 
     /// What a person should know.
     #[must_use]
-    pub fn warnings(&self) -> Vec<String> {
+    pub fn notes(&self) -> Vec<Note> {
         match (self, self.report()) {
-            (Measured::Other(run), _) => run.findings.iter().map(|f| format!("{}; {}", f.rule, f.remedy)).collect(),
-            (_, report) => report.map_or_else(Vec::new, |r| r.warnings().to_vec()),
+            (Measured::Other(run), _) => {
+                run.findings.iter().map(|f| Note::new(NoteKind::Data, f.rule.as_ref()).with_remedy(f.remedy.as_ref())).collect()
+            }
+            (_, report) => report.map_or_else(Vec::new, RunReport::notes),
         }
     }
 

@@ -1,20 +1,26 @@
 //! Temperature polynomials at the centre of the coil system as a file and a report.
 
+use super::thermal::rows;
 use super::{Desk, Outcome, parameter_text};
+use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::files::output::Folder;
-use crate::files::parameter::{Body, Point, Tcf, Tpf, read_point};
-use crate::measure::centre::{self, Pair};
+use crate::files::parameter::{Body, CentreConvention, OffCentrePart, Tcf, Tpf, read_point};
+use crate::measure::centre::{self, AtCentre, OffCentre, Pair};
+use crate::model::polynomial::TemperaturePolynomial;
 use crate::show;
+use nalgebra::{DMatrix, Matrix3};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// The files of a pair, and of the offset at the centre.
 #[derive(Clone, Debug)]
 pub struct PairFiles {
-    centre: (Point, Input),
-    off_centre: Option<(Point, Input)>,
-    offset: Option<(Point, Input)>,
+    centre: (CalibratedRun, Input),
+    off_centre: Option<(CalibratedRun, Input)>,
+    offset: Option<(CalibratedRun, Input)>,
 }
 
 impl PairFiles {
@@ -62,23 +68,121 @@ impl PairFiles {
     ///
     /// # Errors
     /// Why that is not possible, or what cannot be written.
-    pub fn publish(&self, tpf: &Tpf, recorded: &str, mut inputs: Vec<Input>, desk: &Desk) -> Result<Tcf, Finding> {
-        let tcf = centre::centre(tpf, self.pair()).map_err(|e| Finding::error(&tpf.file_name(), e.to_string(), e.remedy()))?;
+    pub fn publish(&self, tpf: &Tpf, recorded: &str, mut inputs: Vec<Input>, desk: &Desk) -> Result<CentreMade, Finding> {
+        let result = centre::centre(&off_centre(tpf), self.pair())
+            .map_err(|e| Finding::error(&tpf.file_name(), e.to_string(), e.remedy()))?;
         inputs.extend(self.inputs().cloned());
         let provenance = Provenance::new(format!("calfit thermal{recorded}{}", self.recorded()), inputs);
-        let name = tcf.file_name();
+        let file = tcf(&result, tpf);
+        let name = file.file_name();
         let folder = Folder::open(&desk.out, desk.force)?;
         folder.check(&name)?;
         let outcome = Outcome {
             name: &name,
-            parameters: parameter_text(&name, &tcf, &provenance)?,
+            parameters: parameter_text(&name, &file, &provenance)?,
             report: format!("REPORT_{}.md", name.trim_end_matches(".TCF")),
-            title: show::centre::title(&tcf),
-            warnings: &tcf.warnings,
-            sections: show::centre::sections(&tcf),
+            title: show::centre::title(&result),
+            notes: &result.notes,
+            sections: show::centre::sections(&result, &name),
             provenance: &provenance,
         };
         outcome.write(&folder, &[])?;
-        Ok(tcf)
+        Ok(CentreMade { result, file })
     }
+}
+
+/// Polynomials that were taken to the centre, with what their file holds.
+pub struct CentreMade {
+    /// The result.
+    pub result: AtCentre,
+    /// What its parameter file holds.
+    pub file: Tcf,
+}
+
+const SIGMA: [&str; 3] = ["sigma_x", "sigma_y", "sigma_z"];
+const XI: [&str; 3] = ["xi_xy", "xi_xz", "xi_yz"];
+const B_OR: [&str; 3] = ["b_or_x", "b_or_y", "b_or_z"];
+const B_OFF: [&str; 3] = ["b_off_x", "b_off_y", "b_off_z"];
+
+/// The polynomials of a file, with the covariances that it states.
+fn off_centre(tpf: &Tpf) -> OffCentre {
+    let polynomials = |names: [&str; 3], coefficients: [&Vec<f64>; 3]| {
+        std::array::from_fn(|i| {
+            let n = coefficients[i].len();
+            let stated = tpf.head.covariance.get(names[i]).filter(|c| c.len() == n && c.iter().all(|row| row.len() == n));
+            TemperaturePolynomial {
+                coefficients: coefficients[i].clone(),
+                covariance: stated.map_or_else(|| DMatrix::zeros(0, 0), |c| DMatrix::from_fn(n, n, |i, k| c[i][k])),
+                valid_degc: tpf.head.valid_degc,
+            }
+        })
+    };
+    OffCentre {
+        sensor: tpf.head.sensor.clone(),
+        mode: tpf.head.mode.clone(),
+        runs: tpf.head.runs.clone(),
+        valid_degc: tpf.head.valid_degc,
+        sigma: polynomials(SIGMA, [&tpf.sigma_x, &tpf.sigma_y, &tpf.sigma_z]),
+        xi_deg: polynomials(XI, [&tpf.xi_xy, &tpf.xi_xz, &tpf.xi_yz]),
+        b_or_ent: polynomials(B_OR, [&tpf.b_or_x, &tpf.b_or_y, &tpf.b_or_z]),
+    }
+}
+
+/// What the file of a result holds; `tpf` are the polynomials that it was made from.
+fn tcf(result: &AtCentre, tpf: &Tpf) -> Tcf {
+    let coefficients = |p: &[TemperaturePolynomial; 3]| p.clone().map(|p| p.coefficients);
+    let matrix = |m: &Matrix3<f64>| std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]));
+    let [sigma_x, sigma_y, sigma_z] = coefficients(&result.sigma);
+    let [xi_xy, xi_xz, xi_yz] = coefficients(&result.xi_deg);
+    let offset = result.offset.as_ref();
+    let [b_off_x, b_off_y, b_off_z] = offset.map(|o| coefficients(&o.b_off_ent)).unwrap_or_default();
+    let covariance = [(SIGMA, Some(&result.sigma)), (XI, Some(&result.xi_deg)), (B_OFF, offset.map(|o| &o.b_off_ent))]
+        .into_iter()
+        .flat_map(|(names, polynomials)| names.into_iter().zip(polynomials.into_iter().flatten()))
+        .filter(|(_, p)| !p.covariance.is_empty())
+        .map(|(name, p)| (name.to_owned(), rows(&p.covariance)))
+        .collect();
+    Tcf {
+        sigma_x,
+        sigma_y,
+        sigma_z,
+        xi_xy,
+        xi_xz,
+        xi_yz,
+        b_off_x,
+        b_off_y,
+        b_off_z,
+        xi_remainder_deg: result.xi_remainder_deg,
+        k: result.transfer.k,
+        k_std: result.k_std,
+        k_matrix: matrix(&result.transfer.k_matrix),
+        k_inverse: matrix(&result.transfer.k_inverse),
+        k_inverse_std: result.k_inverse_std,
+        reference_degc: result.reference_degc,
+        valid_degc: tpf.head.valid_degc,
+        channel: tpf.head.channel.clone(),
+        sensor: tpf.head.sensor.clone(),
+        mode: tpf.head.mode.clone(),
+        used: tpf.head.used.clone(),
+        runs: tpf.head.runs.clone(),
+        convention: CentreConvention::default(),
+        covariance,
+        centre: result.centre.clone(),
+        off_centre: OffCentrePart {
+            at_reference: result.at_reference.clone(),
+            coefficients: beside(&result.beside),
+            covariance: tpf.head.covariance.clone(),
+        },
+        residual_field: offset.map(|o| o.residual.clone()),
+        warnings: result.notes.iter().map(Note::to_string).collect(),
+    }
+}
+
+/// The coefficients beside the centre by their names.
+fn beside(off: &OffCentre) -> BTreeMap<String, Vec<f64>> {
+    [(SIGMA, &off.sigma), (XI, &off.xi_deg), (B_OR, &off.b_or_ent)]
+        .into_iter()
+        .flat_map(|(names, p)| names.into_iter().zip(p))
+        .map(|(name, p)| (name.to_owned(), p.coefficients.clone()))
+        .collect()
 }

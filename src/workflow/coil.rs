@@ -1,18 +1,20 @@
 //! The facility's own calibration as files, figures and text.
 
-use super::{Desk, Failure, Job, Outcome, draw, make, parameter_text};
+use super::{Desk, Failure, Job, Outcome, draw, make, notes_of, parameter_text};
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::run::Run;
 use crate::files::campaign::Campaign;
-use crate::files::facility::{self, Facility};
-use crate::files::orientations::RunResult;
+use crate::files::facility;
 use crate::files::output::Folder;
-use crate::files::parameter::{self, Body, CoilResidual, CoilScalar, CoilTilt, Cpf, FacilityPart};
+use crate::files::parameter::{self, Body, CoilResidual, CoilScalar, CoilTilt, Cpf};
 use crate::files::{ccr, moduli, orientations};
 use crate::measure::coil::{CoilError, Residual, Scalar, Tilt, residual, scalar, tilt};
 use crate::measure::lin;
-use crate::model::position::{Position, PositionError};
+use crate::model::campaign::Instructions;
+use crate::model::facility::{Facility, FacilityParameters};
+use crate::model::position::{OrientedRun, Position, PositionError};
 use crate::plot::{self, Named};
 use crate::show::{self, Drawn, document::Section};
 use serde::Serialize;
@@ -25,7 +27,7 @@ pub trait CoilResult: Serialize {
     /// What goes into the parameter file.
     fn parameters(&self) -> &Self::Parameters;
     /// What a person should know.
-    fn warnings(&self) -> &[String];
+    fn notes(&self) -> Vec<Note>;
     /// The figures in their order.
     fn figures(&self) -> Vec<Named>;
     /// Title of the report.
@@ -41,8 +43,8 @@ impl CoilResult for Scalar {
     fn parameters(&self) -> &CoilScalar {
         &self.parameters
     }
-    fn warnings(&self) -> &[String] {
-        &self.parameters.warnings
+    fn notes(&self) -> Vec<Note> {
+        notes_of(&self.parameters.warnings)
     }
     fn figures(&self) -> Vec<Named> {
         plot::coil::scalar(self)
@@ -63,8 +65,8 @@ impl CoilResult for Residual {
     fn parameters(&self) -> &CoilResidual {
         &self.parameters
     }
-    fn warnings(&self) -> &[String] {
-        &self.parameters.warnings
+    fn notes(&self) -> Vec<Note> {
+        notes_of(&self.parameters.warnings)
     }
     fn figures(&self) -> Vec<Named> {
         plot::coil::residual(self)
@@ -85,8 +87,8 @@ impl CoilResult for Tilt {
     fn parameters(&self) -> &CoilTilt {
         &self.parameters
     }
-    fn warnings(&self) -> &[String] {
-        &self.parameters.warnings
+    fn notes(&self) -> Vec<Note> {
+        notes_of(&self.parameters.warnings)
     }
     fn figures(&self) -> Vec<Named> {
         plot::coil::tilt(self)
@@ -169,7 +171,7 @@ pub fn scalar_of(mut runs: Vec<CoilRun>, options: &scalar::Options) -> Result<Op
             enough
         });
     }
-    let given: Vec<(&Run, &Campaign)> = runs.iter().map(|r| (&r.run, r.campaign)).collect();
+    let given: Vec<(&Run, &Instructions)> = runs.iter().map(|r| (&r.run, &r.campaign.file.instructions)).collect();
     let mut result = scalar(&given, options).map_err(|e| refuse(&runs, &e))?;
     result.parameters.warnings.extend(warnings);
     let channel = options.rack_channel.as_ref().map_or_else(String::new, |c| format!(" --rack-channel {c}"));
@@ -216,10 +218,10 @@ pub fn residual_of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Coi
 /// What a tilt calibration rests on.
 #[derive(Default)]
 pub struct TiltInput {
-    results: Vec<RunResult>,
+    results: Vec<OrientedRun>,
     inputs: Vec<Input>,
     /// Facilities that the parameter files say they were made with.
-    stated: Vec<Option<FacilityPart>>,
+    stated: Vec<Option<FacilityParameters>>,
 }
 
 impl TiltInput {
@@ -289,7 +291,7 @@ impl TiltInput {
             (None, Some(stated)) => stated,
             (None, None) => {
                 warnings.push("no --facility: the runs were taken as evaluated with ideal coils".to_owned());
-                FacilityPart::constant([1.0; 3], [0.0; 3], [90.0; 3])
+                FacilityParameters::constant([1.0; 3], [0.0; 3], [90.0; 3])
             }
         };
         let mut result = tilt(&self.results, &before, options).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
@@ -315,11 +317,11 @@ impl TiltInput {
 }
 
 /// The result of a run in its orientation.
-fn of_cpf(cpf: &Cpf) -> Result<RunResult, PositionError> {
+fn of_cpf(cpf: &Cpf) -> Result<OrientedRun, PositionError> {
     let position = Position::from_axes(&cpf.setup.position_axes)?;
     let sigma: [f64; 3] = std::array::from_fn(|i| cpf.matrix.sigma[i][i]);
     let a = &cpf.angle_deg;
-    Ok(RunResult {
+    Ok(OrientedRun {
         run: cpf.run.id.clone(),
         sensor: cpf.run.sensor.clone(),
         position,
@@ -359,7 +361,7 @@ pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<(S
         parameters: parameter_text(&name, result.parameters(), &made.provenance)?,
         report: format!("REPORT_{stem}.md"),
         title: result.title(),
-        warnings: result.warnings(),
+        notes: &result.notes(),
         sections: result.sections(),
         provenance: &made.provenance,
     };

@@ -1,6 +1,6 @@
 //! Diagnoses as files, figures and text.
 
-use super::{Desk, Failure, Job, draw};
+use super::{Desk, Failure, Job, draw, notes_of};
 use crate::data::error::Finding;
 use crate::data::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
 use crate::data::provenance::{Input, Provenance};
@@ -8,12 +8,13 @@ use crate::diagnose::across::{RunValues, across};
 use crate::diagnose::result::{Diagnosis, Parameter};
 use crate::diagnose::{self, DiagnoseError, Options, Samples};
 use crate::files::output::Folder;
-use crate::files::parameter::{self, Cpf, FacilityPart, Model, ModelEffect, ModelParameter, ParameterFile};
+use crate::files::parameter::{self, Cpf, Model, ModelEffect, ModelParameter, ParameterFile};
 use crate::files::source::read_whole;
 use crate::files::text::{Keys, decode};
 use crate::files::{ccr, orientations};
 use crate::measure::lin;
 use crate::model::effects::{Catalogue, EffectRef, Spec};
+use crate::model::facility::FacilityParameters;
 use crate::record::known::Known;
 use crate::show::{self, Drawn, html, markdown};
 use serde::Serialize;
@@ -78,7 +79,7 @@ pub struct Across {
     values: Vec<RunValues>,
     inputs: Vec<Input>,
     /// Facilities that the parameters were found with.
-    stated: Vec<Option<FacilityPart>>,
+    stated: Vec<Option<FacilityParameters>>,
 }
 
 impl Across {
@@ -180,7 +181,8 @@ pub fn publish_diagnosis(made: &Diagnosed, folder: &Path, desk: &Desk) -> Result
         numbered.iter().find(|figure| figure.file == file).cloned()
     };
     let sections = show::diagnose::sections(&made.diagnosis, &shown);
-    let document = show::standalone(&title, &made.diagnosis.warnings, sections, Vec::new(), &made.provenance);
+    let notes = notes_of(&made.diagnosis.warnings);
+    let document = show::standalone(&title, &notes, sections, Vec::new(), &made.provenance);
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.md"), markdown::page(&document).as_bytes())?;
     let page = html::page(&document, &mut |file| std::fs::read(folder.path().join(file)).ok());
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.html"), page.as_bytes())?;

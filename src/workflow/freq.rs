@@ -1,10 +1,12 @@
 //! Frequency measurements as files, figures and text.
 
-use super::{Made, PerRun, Refusal, RunReport, RunResult};
+use super::{Made, PerRun, Refusal, RunReport, RunResult, notes_of};
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
+use crate::data::tables::AmplitudeRow;
 use crate::files::amplitudes;
 use crate::files::campaign::Campaign;
 use crate::files::parameter::Fpf;
@@ -14,6 +16,7 @@ use crate::measure::freq::{Freq, Options, Sines, freq, from_table};
 use crate::plot::{self, Named};
 use crate::record::known::Known;
 use crate::show::{self, document::Section};
+use serde::Serialize;
 use std::path::Path;
 
 impl PerRun for Options {
@@ -28,7 +31,7 @@ impl PerRun for Options {
     }
 
     fn analyse(&self, run: &Run, sines: Self::Sink, campaign: &Campaign) -> Result<Freq, Refusal> {
-        freq(run, &sines, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
+        freq(run, &sines, &campaign.file.instructions, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
     }
 
     fn inputs(&self) -> Vec<Input> {
@@ -55,7 +58,7 @@ pub(super) fn amplitude_table(
     command: &str,
     path: &Path,
     findings: &mut Vec<Finding>,
-) -> Result<(Vec<amplitudes::Row>, String, Provenance), Finding> {
+) -> Result<(Vec<AmplitudeRow>, String, Provenance), Finding> {
     let (rows, digested) = amplitudes::read(path, findings)?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = path.file_stem().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
@@ -73,8 +76,8 @@ impl RunReport for Freq {
     fn head(&self) -> &RunHead {
         &self.parameters.run
     }
-    fn warnings(&self) -> &[String] {
-        &self.parameters.warnings
+    fn notes(&self) -> Vec<Note> {
+        notes_of(&self.parameters.warnings)
     }
     fn figures(&self) -> Vec<Named> {
         plot::freq::figures(self)
@@ -99,8 +102,11 @@ impl RunReport for Freq {
 impl RunResult for Freq {
     type Parameters = Fpf;
 
-    fn parameters(&self) -> &Fpf {
-        &self.parameters
+    fn parameters(&self) -> Fpf {
+        self.parameters.clone()
+    }
+    fn view(&self) -> impl Serialize + '_ {
+        self
     }
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {

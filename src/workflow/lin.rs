@@ -2,6 +2,7 @@
 
 use super::{PerRun, Refusal, RunReport, RunResult};
 use crate::data::envelope::Envelope;
+use crate::data::note::Note;
 use crate::data::plateau::{self, Accumulator, Settling};
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
@@ -13,6 +14,7 @@ use crate::files::table::Table;
 use crate::measure::lin::{Lin, Options, lin};
 use crate::plot::{self, Named};
 use crate::show::{self, document::Section};
+use serde::Serialize;
 
 impl PerRun for Options {
     const COMMAND: &'static str = "lin";
@@ -27,7 +29,8 @@ impl PerRun for Options {
 
     fn analyse(&self, run: &Run, (accumulator, envelope): Self::Sink, campaign: &Campaign) -> Result<Lin, Refusal> {
         let plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
-        let mut result = lin(run, &plateaus, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
+        let mut result = lin(run, &plateaus, &campaign.file.instructions, self)
+            .map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
         result.samples = envelope.filter(|_| run.blocks.is_empty()).map(|e| e.columns());
         Ok(result)
     }
@@ -83,8 +86,8 @@ impl RunReport for Lin {
     fn head(&self) -> &RunHead {
         &self.parameters.run
     }
-    fn warnings(&self) -> &[String] {
-        &self.parameters.warnings
+    fn notes(&self) -> Vec<Note> {
+        self.notes.clone()
     }
     fn figures(&self) -> Vec<Named> {
         plot::lin::figures(self)
@@ -109,8 +112,11 @@ impl RunReport for Lin {
 impl RunResult for Lin {
     type Parameters = Cpf;
 
-    fn parameters(&self) -> &Cpf {
-        &self.parameters
+    fn parameters(&self) -> Cpf {
+        self.parameters.clone()
+    }
+    fn view(&self) -> impl Serialize + '_ {
+        self
     }
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {

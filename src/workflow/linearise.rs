@@ -1,14 +1,15 @@
 //! Linearisations as files, figures and text, and the runs fitted once more with them.
 
-use super::{Desk, Job, Made, Outcome, PerRun, command, draw, parameter_text};
+use super::{Desk, Job, Made, Outcome, PerRun, command, draw, notes_of, parameter_text};
 use crate::data::error::Finding;
 use crate::data::provenance::{Input, Provenance};
-use crate::files::linearisation::{self, Linearisation};
+use crate::files::linearisation;
 use crate::files::output::Folder;
 use crate::files::parameter::Body;
 use crate::files::source::hex;
 use crate::measure::lin::{Lin, Options, lin};
 use crate::measure::linearise::{Linearised, linearise};
+use crate::model::linearisation::Linearisation;
 use crate::plot;
 use crate::show;
 use sha2::{Digest, Sha256};
@@ -118,7 +119,7 @@ fn publish(result: &Linearised, provenance: &Provenance, desk: &Desk) -> Result<
         parameters: parameter_text(&name, p, provenance)?,
         report: format!("REPORT_{stem}.md"),
         title: format!("Linearisation of {} {}", show::or_not_stated(&p.sensor), show::or_not_stated(&p.mode)),
-        warnings: &p.warnings,
+        notes: &notes_of(&p.warnings),
         sections: show::linearise::sections(result),
         provenance,
     };
@@ -134,7 +135,8 @@ fn again(first: &First, options: &Options) -> Result<Lin, Finding> {
     let Some(run) = &first.made.run else {
         return Err(refuse("was not kept for a second fit".to_owned(), "report this"));
     };
-    let mut after = lin(run, &before.given, first.job.campaign, options).map_err(|e| refuse(e.to_string(), e.remedy()))?;
+    let mut after =
+        lin(run, &before.given, &first.job.campaign.file.instructions, options).map_err(|e| refuse(e.to_string(), e.remedy()))?;
     after.samples.clone_from(&before.samples);
     Ok(after)
 }

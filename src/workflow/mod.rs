@@ -15,17 +15,18 @@ mod thermal;
 mod thermistor;
 
 pub use all::{Analyses, LinName, Measured, publish_tables, publish_thermal_names, scale_to_nt};
-pub use centre::PairFiles;
+pub use centre::{CentreMade, PairFiles};
 pub use coil::{
     CoilMade, CoilResult, CoilRun, TiltInput, coil_runs, facility, publish_coil, residual_of, residual_of_table, scalar_of,
 };
 pub use diagnose::{Across, Diagnosed, diagnose_run, diagnose_table, known, publish_diagnosis, publish_model, read_model};
 pub use freq::of_table;
 pub use linearise::{First, Refitted, by_sensor_and_mode, linearisation, linearise_group};
-pub use thermal::{ThermalOptions, ThermalShown, thermals};
+pub use thermal::{ThermalFile, ThermalOptions, ThermalShown, thermals};
 pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
 
 use crate::data::error::{Finding, Severity};
+use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, VectorSink};
@@ -89,8 +90,8 @@ pub trait RunReport {
     /// The run.
     fn head(&self) -> &RunHead;
     /// What a person should know.
-    fn warnings(&self) -> &[String];
-    /// Part of what was asked for is refused; the warnings say what.
+    fn notes(&self) -> Vec<Note>;
+    /// Part of what was asked for is refused; the notes say what.
     fn is_partial(&self) -> bool {
         false
     }
@@ -108,12 +109,23 @@ pub trait RunReport {
     fn summary(&self) -> String;
 }
 
+/// Notes from the lines of text of a parameter file.
+fn notes_of(lines: &[String]) -> Vec<Note> {
+    let note = |line: &String| match line.strip_prefix("FIT: ") {
+        Some(text) => Note::new(NoteKind::Fit, text),
+        None => Note::new(NoteKind::Method, line),
+    };
+    lines.iter().map(note).collect()
+}
+
 /// The result of one run for programs: parameter file and tables.
-pub trait RunResult: RunReport + Serialize + Send + Sync {
+pub trait RunResult: RunReport + Send + Sync {
     /// The parameter file.
     type Parameters: Body;
     /// What goes into the parameter file.
-    fn parameters(&self) -> &Self::Parameters;
+    fn parameters(&self) -> Self::Parameters;
+    /// The result as `--json` prints it.
+    fn view(&self) -> impl Serialize + '_;
     /// Tables beside the report: begin of the file name, note, table.
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
@@ -331,10 +343,10 @@ pub fn publish<A: PerRun>(made: &Made<A::Result>, desk: &Desk, parameter_name: &
     }
     let outcome = Outcome {
         name: parameter_name,
-        parameters: parameter_text(parameter_name, result.parameters(), &made.provenance)?,
+        parameters: parameter_text(parameter_name, &result.parameters(), &made.provenance)?,
         report: format!("REPORT_{}__{id}.md", A::STEM),
         title: result.title(),
-        warnings: result.warnings(),
+        notes: &result.notes(),
         sections: result.sections(),
         provenance: &made.provenance,
     };
@@ -353,7 +365,7 @@ pub struct Outcome<'a> {
     /// Title of the report.
     pub title: String,
     /// What a person should know.
-    pub warnings: &'a [String],
+    pub notes: &'a [Note],
     /// Sections of the report.
     pub sections: Vec<Section>,
     /// Where the result comes from.
@@ -368,7 +380,7 @@ impl Outcome<'_> {
     /// What cannot be written.
     pub fn write(self, folder: &Folder, drawn: &[Drawn]) -> Result<(), Finding> {
         let figures = Drawn::number(drawn, "", &mut 0);
-        let document = show::standalone(&self.title, self.warnings, self.sections, figures, self.provenance);
+        let document = show::standalone(&self.title, self.notes, self.sections, figures, self.provenance);
         folder.write(&self.report, markdown::page(&document).as_bytes())?;
         folder.sync()?;
         folder.write(self.name, self.parameters.as_bytes())?;

@@ -1,7 +1,8 @@
 //! Zero-field runs as files, figures and text.
 
-use super::{PerRun, Refusal, RunReport, RunResult};
+use super::{PerRun, Refusal, RunReport, RunResult, notes_of};
 use crate::data::envelope::Envelope;
+use crate::data::note::Note;
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
@@ -12,6 +13,7 @@ use crate::files::table::Table;
 use crate::measure::null::{Null, Options, Record, null};
 use crate::plot::{self, Named};
 use crate::show::{self, document::Section};
+use serde::Serialize;
 
 impl PerRun for Options {
     const COMMAND: &'static str = "null";
@@ -25,7 +27,8 @@ impl PerRun for Options {
     }
 
     fn analyse(&self, run: &Run, (record, envelope): Self::Sink, campaign: &Campaign) -> Result<Null, Refusal> {
-        let mut result = null(run, record, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
+        let mut result = null(run, record, &campaign.file.instructions, self)
+            .map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
         result.samples = envelope.map(|e| e.columns());
         Ok(result)
     }
@@ -44,8 +47,8 @@ impl RunReport for Null {
     fn head(&self) -> &RunHead {
         &self.parameters.run
     }
-    fn warnings(&self) -> &[String] {
-        &self.parameters.warnings
+    fn notes(&self) -> Vec<Note> {
+        notes_of(&self.parameters.warnings)
     }
     fn figures(&self) -> Vec<Named> {
         plot::null::figures(self)
@@ -70,8 +73,11 @@ impl RunReport for Null {
 impl RunResult for Null {
     type Parameters = Npf;
 
-    fn parameters(&self) -> &Npf {
-        &self.parameters
+    fn parameters(&self) -> Npf {
+        self.parameters.clone()
+    }
+    fn view(&self) -> impl Serialize + '_ {
+        self
     }
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table) {

@@ -1,7 +1,8 @@
 //! Offset measurements as files, figures and text.
 
 use super::lin::recorded_cut;
-use super::{PerRun, Refusal, RunReport, RunResult};
+use super::{PerRun, Refusal, RunReport, RunResult, notes_of};
+use crate::data::note::Note;
 use crate::data::plateau::{self, Accumulator};
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
@@ -14,6 +15,7 @@ use crate::measure::offset::{Offset, Options, offset};
 use crate::plot::{self, Named};
 use crate::record::conditions::apply_facility;
 use crate::show::{self, document::Section};
+use serde::Serialize;
 
 impl PerRun for Options {
     const COMMAND: &'static str = "offset";
@@ -28,15 +30,15 @@ impl PerRun for Options {
 
     fn analyse(&self, run: &Run, accumulator: Self::Sink, campaign: &Campaign) -> Result<Offset, Refusal> {
         let mut plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
-        let mut warnings = Vec::new();
+        let mut warnings: Vec<String> = Vec::new();
         let applied = self
             .facility
             .as_ref()
-            .map(|f| apply_facility(&f.without_offset(), run, campaign, &mut plateaus.list, &mut warnings))
+            .map(|f| apply_facility(&f.without_offset(), run, &campaign.file.instructions, &mut plateaus.list, &mut warnings))
             .transpose()
             .map_err(|e| Refusal { rule: e.to_string(), remedy: "correct the facility" })?;
-        let mut result =
-            offset(run, &plateaus, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
+        let mut result = offset(run, &plateaus, &campaign.file.instructions, self)
+            .map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
         result.parameters.facility = applied;
         result.parameters.warnings.extend(warnings);
         Ok(result)
@@ -64,8 +66,8 @@ impl RunReport for Offset {
     fn head(&self) -> &RunHead {
         &self.parameters.run
     }
-    fn warnings(&self) -> &[String] {
-        &self.parameters.warnings
+    fn notes(&self) -> Vec<Note> {
+        notes_of(&self.parameters.warnings)
     }
     fn is_partial(&self) -> bool {
         !self.parameters.refused.is_empty()
@@ -93,8 +95,11 @@ impl RunReport for Offset {
 impl RunResult for Offset {
     type Parameters = Opf;
 
-    fn parameters(&self) -> &Opf {
-        &self.parameters
+    fn parameters(&self) -> Opf {
+        self.parameters.clone()
+    }
+    fn view(&self) -> impl Serialize + '_ {
+        self
     }
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table) {

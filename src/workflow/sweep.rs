@@ -1,18 +1,22 @@
 //! Continuous sweeps as files, figures and text.
 
 use super::lin::recorded_cut;
+use super::thermal::{CurveView, covariances, quantity_part, tpf};
 use super::{PerRun, Refusal, RunReport, RunResult};
+use crate::data::note::Note;
 use crate::data::plateau::{self, Accumulator};
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::parameter::Tpf;
+use crate::files::parameter::{Body, SweepPart, ThermalConvention, ThermalHead, Tpf};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
-use crate::measure::sweep::{Options, Sweep, WINDOW, Window, sweep};
+use crate::measure::sweep::{Options, Sweep, SweepBlock, WINDOW, Window, WindowFit, sweep};
 use crate::plot::{self, Named};
+use crate::record::conditions::Temperatures;
 use crate::show::{self, document::Section};
+use serde::Serialize;
 
 impl PerRun for Options {
     const COMMAND: &'static str = "thermal";
@@ -27,7 +31,7 @@ impl PerRun for Options {
 
     fn analyse(&self, run: &Run, accumulator: Self::Sink, campaign: &Campaign) -> Result<Sweep, Refusal> {
         let plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
-        sweep(run, &plateaus, campaign, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
+        sweep(run, &plateaus, &campaign.file.instructions, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
     }
 
     fn inputs(&self) -> Vec<Input> {
@@ -59,8 +63,8 @@ impl RunReport for Sweep {
     fn head(&self) -> &RunHead {
         &self.run
     }
-    fn warnings(&self) -> &[String] {
-        &self.parameters.head.warnings
+    fn notes(&self) -> Vec<Note> {
+        self.notes.clone()
     }
     fn figures(&self) -> Vec<Named> {
         plot::sweep::figures(self)
@@ -69,7 +73,7 @@ impl RunReport for Sweep {
         format!("Temperature sweep, run {}", self.run.id)
     }
     fn sections(&self) -> Vec<Section> {
-        show::sweep::sections(self)
+        show::sweep::sections(self, &self.parameters().file_name())
     }
     fn analysis(&self) -> &'static str {
         "Temperature sweep"
@@ -85,8 +89,18 @@ impl RunReport for Sweep {
 impl RunResult for Sweep {
     type Parameters = Tpf;
 
-    fn parameters(&self) -> &Tpf {
-        &self.parameters
+    fn parameters(&self) -> Tpf {
+        Tpf { sweep: Some(sweep_part(self)), ..tpf(&self.quantities, thermal_head(self), self.rotation.clone()) }
+    }
+    fn view(&self) -> impl Serialize + '_ {
+        SweepView {
+            run: &self.run,
+            parameters: self.parameters(),
+            windows: &self.windows,
+            curves: self.quantities.iter().map(CurveView::from).collect(),
+            blocks: &self.blocks,
+            temperatures: &self.temperatures,
+        }
     }
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
@@ -96,5 +110,46 @@ impl RunResult for Sweep {
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
         ("lags in s, ranges in °C", show::sweep::parameter_table(all))
+    }
+}
+
+/// A sweep as `--json` prints it.
+#[derive(Serialize)]
+struct SweepView<'a> {
+    run: &'a RunHead,
+    parameters: Tpf,
+    windows: &'a [WindowFit],
+    curves: Vec<CurveView<'a>>,
+    blocks: &'a [SweepBlock],
+    temperatures: &'a Temperatures,
+}
+
+fn thermal_head(sweep: &Sweep) -> ThermalHead {
+    ThermalHead {
+        used: vec![sweep.file.clone()],
+        channel: sweep.channel.clone(),
+        valid_degc: sweep.valid_degc,
+        sensor: sweep.run.sensor.clone(),
+        mode: sweep.run.mode.clone(),
+        runs: vec![sweep.run.id.clone()],
+        temperature_degc: sweep.run.temperature_degc.into_iter().collect(),
+        coil_temperature_degc: vec![sweep.run.coil_temperature_degc.unwrap_or(f64::NAN)],
+        convention: ThermalConvention::default(),
+        covariance: covariances(&sweep.quantities),
+        quantity: sweep.quantities.iter().map(|q| quantity_part(q, vec![sweep.run.id.clone()])).collect(),
+        warnings: sweep.notes.iter().map(Note::to_string).collect(),
+    }
+}
+
+fn sweep_part(sweep: &Sweep) -> SweepPart {
+    SweepPart {
+        settings_used: sweep.settings.used,
+        settings_total: sweep.settings.total,
+        settings_too_fast: sweep.settings.too_fast,
+        window: sweep.window.to_string(),
+        residual_nt: sweep.residual_nt,
+        lag: sweep.lags.clone(),
+        facility: sweep.facility.clone(),
+        model: sweep.model.clone(),
     }
 }

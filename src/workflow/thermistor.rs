@@ -1,6 +1,6 @@
 //! Calibration tables of thermistors as files, figures and text.
 
-use super::{Desk, Outcome, draw, parameter_text};
+use super::{Desk, Outcome, draw, notes_of, parameter_text};
 use crate::data::error::Finding;
 use crate::data::provenance::Provenance;
 use crate::files::ccr::run_id_is_safe;
@@ -92,7 +92,7 @@ pub fn publish_thermistor(made: &ThermistorMade, desk: &Desk) -> Result<(String,
         parameters: parameter_text(&name, p, &made.provenance)?,
         report: format!("REPORT_THERMISTOR__{stem}.md"),
         title: show::thermistor::title(&made.result),
-        warnings: &p.warnings,
+        notes: &notes_of(&p.warnings),
         sections: show::thermistor::sections(&made.result),
         provenance: &made.provenance,
     };

@@ -54,10 +54,10 @@ pub fn compare(twin: &Twin, printed: &str, seed: u64) -> Result<Vec<Row>, Findin
         .map_err(|e| Finding::error("the printed polynomials", format!("are no TOML: {e}"), "use thermal.toml"))?;
     let files: Vec<&Table> = document["file"].as_array_of_tables().into_iter().flatten().collect();
     let mut rows = Vec::new();
-    for group in groups(&points, &campaigns[0].file.thermal, &[]) {
+    for group in groups(&points, &campaigns[0].file.instructions.thermal, &[]) {
         for kind in Kind::ALL.into_iter().filter(|kind| group.has(*kind)) {
             let Ok(result) = thermal(&group, kind, &lins, false) else { continue };
-            let first = digits(&result.file.head().used[0]);
+            let first = digits(&result.runs.files[0]);
             let file = files.iter().find(|f| f["used"][0].as_str().is_some_and(|used| digits(used) == first));
             if let Some(file) = file {
                 rows.extend(rows_of(&result, file));
@@ -74,9 +74,9 @@ fn digits(name: &str) -> String {
 }
 
 fn rows_of(result: &Thermal, file: &Table) -> Vec<Row> {
-    let head = result.file.head();
+    let head = &result.runs;
     let mut rows = Vec::new();
-    for curve in &result.curves {
+    for curve in &result.quantities {
         let Some(printed) = file.get(&curve.name).and_then(|item| item.as_array()) else { continue };
         for (power, value) in printed.iter().enumerate() {
             rows.push(Row {
@@ -85,8 +85,8 @@ fn rows_of(result: &Thermal, file: &Table) -> Vec<Row> {
                 quantity: curve.name.clone(),
                 power,
                 printed: value.as_float().unwrap_or(f64::NAN),
-                found: curve.coefficients.get(power).copied().unwrap_or(f64::NAN),
-                std: head.covariance[&curve.name].get(power).map_or(f64::NAN, |row| row[power].sqrt()),
+                found: curve.polynomial.coefficients.get(power).copied().unwrap_or(f64::NAN),
+                std: curve.polynomial.covariance.get((power, power)).map_or(f64::NAN, |v| v.sqrt()),
                 factor_95: curve.factor_95,
             });
         }

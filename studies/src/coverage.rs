@@ -5,12 +5,11 @@
 //! means of quarters of the plateaus (linearity, offset), for the density at the frequency of the sine or its alias (frequency).
 
 use crate::repository;
+use calfit::data::across::CalibratedRun;
 use calfit::data::plateau::{Accumulator, LEAST_COVERAGE, Settling};
 use calfit::data::run::Setting;
 use calfit::data::units::FieldCoil;
-use calfit::files::campaign::Campaign;
 use calfit::files::mag::{Programme, Step};
-use calfit::files::parameter::Point;
 use calfit::files::twin::{self, RunTwin, Twin};
 use calfit::fit::NORMAL_95;
 use calfit::measure::freq::{self, Sines};
@@ -166,10 +165,6 @@ fn drawn(base: &Twin, noise: Noise, programme: usize, random: &mut Random) -> Tw
     twin
 }
 
-fn campaign(twin: &Twin) -> Campaign {
-    Campaign::in_memory(twin.campaign.clone()).unwrap_or_else(|e| panic!("{e}"))
-}
-
 fn simulated<T>(twin: &Twin, seed: u64, then: impl FnOnce(&SimulatedRun) -> T) -> T {
     let simulation = Simulation::new(twin, seed);
     let run = simulation.run(&twin.runs[0]).unwrap_or_else(|e| panic!("{e}"));
@@ -297,7 +292,7 @@ fn of_lin(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     let degc = twin.thermal_box.start_degc;
     let (result, settings) = simulated(&twin, seed, |run| {
         let (run, plateaus) = plateaus(run);
-        (lin::lin(&run, &plateaus, &campaign(&twin), &lin::Options::default()).unwrap(), run.settings)
+        (lin::lin(&run, &plateaus, &twin.campaign.instructions, &lin::Options::default()).unwrap(), run.settings)
     });
     let a = response(&twin, 1, degc);
     let residual = a * Vector3::from(twin.facility.residual[0].field_nt);
@@ -368,7 +363,7 @@ fn of_offset(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     let degc = twin.thermal_box.start_degc;
     let (result, settings) = simulated(&twin, seed, |run| {
         let (run, plateaus) = plateaus(run);
-        (offset::offset(&run, &plateaus, &campaign(&twin), &offset::Options::default()).unwrap(), run.settings)
+        (offset::offset(&run, &plateaus, &twin.campaign.instructions, &offset::Options::default()).unwrap(), run.settings)
     });
     let (truth, bounds) = offset_bounds(&twin, &settings, noise, degc);
     let p = &result.parameters;
@@ -440,7 +435,7 @@ fn of_freq(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     let result = simulated(&twin, seed, |run| {
         let mut sines = Sines::default();
         let run = run.play(&mut sines);
-        freq::freq(&run, &sines, &campaign(&twin), &freq::Options::default()).unwrap()
+        freq::freq(&run, &sines, &twin.campaign.instructions, &freq::Options::default()).unwrap()
     });
     let p = &result.parameters;
     let sensor = &twin.sensors[0];
@@ -521,7 +516,7 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     let mut random = Random::new(seed, &["thermal"]);
     let mut drawn_once = drawn(base, noise, 0, &mut random);
     drawn_once.facility.residual[0].field_nt = [0.0; 3];
-    let mut points: Vec<Point> = Vec::new();
+    let mut points: Vec<CalibratedRun> = Vec::new();
     let mut bounds: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for (index, degc) in TEMPERATURES_DEGC.into_iter().enumerate() {
         for programme in 0..3 {
@@ -532,13 +527,13 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
             (run.programme, run.position) = (programme, (programme == 2).then_some(5));
             let lowest_hz = 1.0 / (TAU * twin.programmes[programme].lasts_s(0.0));
             twin.sensors[0].flicker_lowest_hz = lowest_hz;
-            let campaign = campaign(&twin);
+            let instructions = &twin.campaign.instructions;
             let seed = seed * 100 + 10 * index as u64 + programme as u64;
             simulated(&twin, seed, |run| match programme {
                 0 => {
                     let (run, plateaus) = plateaus(run);
-                    let result = lin::lin(&run, &plateaus, &campaign, &lin::Options::default()).unwrap();
-                    points.push(Point::of_lin(&result.parameters));
+                    let result = lin::lin(&run, &plateaus, instructions, &lin::Options::default()).unwrap();
+                    points.push((&result.parameters).into());
                     let a = response(&twin, 1, degc);
                     let own = lin_bounds(&twin, &run.settings, noise, &a, twin.sensors[0].model.offset_ent(degc));
                     for (name, bound) in LIN_NAMES.iter().zip(own) {
@@ -547,8 +542,8 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
                 }
                 1 => {
                     let (run, plateaus) = plateaus(run);
-                    let result = offset::offset(&run, &plateaus, &campaign, &offset::Options::default()).unwrap();
-                    points.push(Point::of_offset(&result.parameters));
+                    let result = offset::offset(&run, &plateaus, instructions, &offset::Options::default()).unwrap();
+                    points.push((&result.parameters).into());
                     let (_, own) = offset_bounds(&twin, &run.settings, noise, degc);
                     for (component, bound) in ["x", "y", "z"].into_iter().zip(own) {
                         bounds.entry(format!("b_off_{component}")).or_default().push(bound);
@@ -557,8 +552,8 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
                 _ => {
                     let mut sines = Sines::default();
                     let run = run.play(&mut sines);
-                    let result = freq::freq(&run, &sines, &campaign, &freq::Options::default()).unwrap();
-                    points.push(Point::of_freq(&result.parameters));
+                    let result = freq::freq(&run, &sines, instructions, &freq::Options::default()).unwrap();
+                    points.push((&result.parameters).into());
                     for (i, component) in ["x", "y", "z"].into_iter().enumerate() {
                         let tones = Tones::of(&twin, noise, degc, i, |step| Some(step.duration_s * RATE_HZ));
                         bounds.entry(format!("f_3db_{component}")).or_default().push(tones.corner.1);
@@ -573,7 +568,7 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     for group in groups(&points, &[], &orders) {
         for kind in Kind::ALL {
             let result = thermal(&group, kind, &[], false).unwrap();
-            for curve in &result.curves {
+            for curve in &result.quantities {
                 let (family, component) = curve.name.rsplit_once('_').unwrap();
                 let i = ["x", "y", "z"].iter().position(|c| *c == component);
                 let i = i.or_else(|| ["xy", "xz", "yz"].iter().position(|c| *c == component)).unwrap();
@@ -592,8 +587,8 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
                 for (k, truth) in truth.iter().enumerate() {
                     estimates.push(Estimate {
                         name: format!("{} power {k}", curve.name),
-                        value: curve.coefficients[k],
-                        std: result.file.head().covariance[&curve.name][k][k].sqrt(),
+                        value: curve.polynomial.coefficients[k],
+                        std: curve.polynomial.covariance[(k, k)].sqrt(),
                         factor_95: curve.factor_95,
                         truth: *truth,
                         bound: least.as_ref().map_or(f64::NAN, |l| l[(k, k)].sqrt()),

@@ -274,7 +274,7 @@ pub fn fit_with(path: &Path, reading: &ccr::Options, options: &lin::Options) -> 
     } else {
         plateau::from_blocks(&run.blocks)
     };
-    lin::lin(&run, &plateaus, &campaigns[0], options).map_err(|e| format!("{e}; {}", e.remedy()))
+    lin::lin(&run, &plateaus, &campaigns[0].file.instructions, options).map_err(|e| format!("{e}; {}", e.remedy()))
 }
 
 /// Fits a text through the library.

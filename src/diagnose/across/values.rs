@@ -4,13 +4,12 @@ use crate::data::plateau::Plateaus;
 use crate::data::run::Run;
 use crate::diagnose::DiagnoseError;
 use crate::files::campaign::Campaign;
-use crate::files::orientations::RunResult;
 use crate::files::parameter::{Cpf, TiltValues};
 use crate::fit::propagate::propagate;
 use crate::measure::coil::tilt::additive;
 use crate::measure::lin;
 use crate::model::effects::Catalogue;
-use crate::model::position::{Class, Position};
+use crate::model::position::{Class, OrientedRun, Position};
 use crate::model::sensor::split;
 use nalgebra::Matrix3;
 
@@ -90,9 +89,9 @@ impl RunValues {
     /// # Errors
     /// The run has no linear calibration.
     pub fn of_run(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &lin::Options) -> Result<Self, DiagnoseError> {
-        let made = lin::lin(run, plateaus, campaign, options)?;
+        let made = lin::lin(run, plateaus, &campaign.file.instructions, options)?;
         let mut own = Self::of_cpf(&made.parameters)?;
-        let scene = crate::diagnose::Scene::new(run, plateaus, None, campaign, options.facility.as_ref())
+        let scene = crate::diagnose::Scene::new(run, plateaus, None, &campaign.file.instructions, options.facility.as_ref())
             .map_err(|e| DiagnoseError::Record(e.0))?;
         let (n, p) = scene.design.shape();
         // Where fields beyond a limit were left out, the calibration stands as it is.
@@ -120,7 +119,7 @@ impl RunValues {
 
     /// From a row of a table of run results.
     #[must_use]
-    pub fn of_row(row: &RunResult, table: &str) -> Self {
+    pub fn of_row(row: &OrientedRun, table: &str) -> Self {
         Self {
             run: row.run.clone(),
             sensor: row.sensor.clone(),

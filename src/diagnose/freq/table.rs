@@ -2,8 +2,8 @@
 
 use super::super::result::{Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, Step};
 use super::words;
+use crate::data::tables::AmplitudeRow;
 use crate::data::units::COMPONENTS;
-use crate::files::amplitudes::Row;
 use crate::measure::freq as analysis;
 use crate::model::effects::lost_samples::LostSamples;
 use crate::model::effects::{Catalogue, EffectRef, Spec};
@@ -13,7 +13,7 @@ const OUTLIER: f64 = 0.5;
 
 /// Diagnoses a table of amplitudes; `id` names it.
 #[must_use]
-pub fn table(rows: &[Row], id: &str) -> Diagnosis {
+pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
     let freq = analysis::from_table(rows, id);
     let part = &freq.parameters.model;
     let mut maps = Vec::new();

@@ -5,17 +5,9 @@ pub mod file;
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
 use crate::data::run::Header;
-use crate::model::position::Position;
 use file::{CampaignFile, read};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-/// Default channel of the sensor temperature.
-pub const SENSOR_CHANNEL: &str = "T59";
-/// Default channel of the coil temperature.
-pub const COIL_CHANNEL: &str = "T29";
-/// Default channel of the temperature of the facility's electronics rack (CH-GFZ-TR-2601 section 6).
-pub const RACK_CHANNEL: &str = "T55";
 
 /// A run file of a campaign.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -39,7 +31,6 @@ pub struct Campaign {
     pub input: Option<Input>,
     /// Run files in the order of their recorded paths.
     pub runs: Vec<RunFile>,
-    positions: BTreeMap<u32, Position>,
 }
 
 impl Campaign {
@@ -67,12 +58,9 @@ impl Campaign {
     }
 
     /// A campaign without a folder, for runs that are made and not read.
-    ///
-    /// # Errors
-    /// Axes that no right-handed sensor can have.
-    pub fn in_memory(file: CampaignFile) -> Result<Campaign, Finding> {
-        let positions = positions(Path::new("campaign.toml"), &file)?;
-        Ok(Campaign { file, positions, ..Campaign::default() })
+    #[must_use]
+    pub fn in_memory(file: CampaignFile) -> Campaign {
+        Campaign { file, ..Campaign::default() }
     }
 
     /// The run files of a folder and of the folders in it.
@@ -94,7 +82,6 @@ impl Campaign {
         } else {
             (CampaignFile::default(), None)
         };
-        let positions = positions(&toml, &file)?;
         let mut runs: Vec<RunFile> =
             files.into_iter().map(|(path, named)| RunFile { recorded: recorded(&root, &path), path, named }).collect();
         runs.sort();
@@ -103,25 +90,7 @@ impl Campaign {
             kept.named |= same && later.named;
             same
         });
-        Ok(Campaign { root, file, input, runs, positions })
-    }
-
-    /// Name and instrument, or what is assumed without a campaign file.
-    #[must_use]
-    pub fn describe(&self) -> String {
-        match (&self.input, &self.file.name, &self.file.instrument) {
-            (None, ..) => {
-                format!("no campaign.toml: position 1 is +X +Y +Z, channels {SENSOR_CHANNEL} and {COIL_CHANNEL}, no field limits")
-            }
-            (_, Some(name), Some(instrument)) => format!("{name}; {instrument}"),
-            (_, name, instrument) => name.clone().or_else(|| instrument.clone()).unwrap_or_else(|| "not named".to_owned()),
-        }
-    }
-
-    /// The position with this id.
-    #[must_use]
-    pub fn position(&self, id: u32) -> Option<Position> {
-        self.positions.get(&id).copied()
+        Ok(Campaign { root, file, input, runs })
     }
 
     /// What stands in `campaign.toml` and goes with none of the campaign's runs, most likely because of a slip in a name.
@@ -130,10 +99,10 @@ impl Campaign {
         let sensor = |name: &str| headers.iter().any(|h| h.sensor == name);
         let mode = |name: &str| headers.iter().any(|h| h.mode == name);
         let mut list = Vec::new();
-        for entry in self.file.sensors.iter().filter(|s| !sensor(&s.name)) {
+        for entry in self.file.instructions.sensors.iter().filter(|s| !sensor(&s.name)) {
             list.push(format!("[[sensor]] name = \"{}\"", entry.name));
         }
-        for entry in &self.file.limits {
+        for entry in &self.file.instructions.limits {
             list.extend(entry.sensor.iter().filter(|s| !sensor(s)).map(|s| format!("[[limit]] sensor = \"{s}\"")));
             list.extend(entry.mode.iter().filter(|m| !mode(m)).map(|m| format!("[[limit]] mode = \"{m}\"")));
         }
@@ -142,7 +111,7 @@ impl Campaign {
             let name = CampaignFile::ANALYSES.iter().find(|(_, k)| k == kind).map_or("?", |(name, _)| name);
             list.extend(runs.iter().filter(|r| !known(r)).map(|run| format!("[{name}] runs \"{run}\"")));
         }
-        for entry in &self.file.thermal {
+        for entry in &self.file.instructions.thermal {
             list.extend(entry.sensor.iter().filter(|s| !sensor(s)).map(|s| format!("[[thermal]] sensor = \"{s}\"")));
             list.extend(entry.mode.iter().filter(|m| !mode(m)).map(|m| format!("[[thermal]] mode = \"{m}\"")));
             list.extend(entry.runs.iter().flatten().filter(|r| !known(r)).map(|run| format!("[[thermal]] runs \"{run}\"")));
@@ -156,60 +125,6 @@ impl Campaign {
         let listed = self.file.runs.iter().find(|(kind, _)| *kind == header.kind);
         listed.is_none_or(|(_, runs)| runs.contains(&header.run))
     }
-
-    /// The channels of sensor and coil temperature for a run.
-    #[must_use]
-    pub fn channels(&self, header: &Header) -> (String, String) {
-        let sensor = self.file.sensors.iter().find(|s| s.name == header.sensor);
-        let pick = |own: Option<&String>, all: Option<&String>, default: &str| {
-            own.or(all).cloned().unwrap_or_else(|| default.to_owned())
-        };
-        (
-            pick(sensor.and_then(|s| s.temperature_channel.as_ref()), self.file.temperature_channel.as_ref(), SENSOR_CHANNEL),
-            pick(
-                sensor.and_then(|s| s.coil_temperature_channel.as_ref()),
-                self.file.coil_temperature_channel.as_ref(),
-                COIL_CHANNEL,
-            ),
-        )
-    }
-
-    /// The channel of the rack temperature; the facility has one rack, whichever the sensor.
-    #[must_use]
-    pub fn rack_channel(&self) -> &str {
-        self.file.rack_temperature_channel.as_deref().unwrap_or(RACK_CHANNEL)
-    }
-
-    /// The field limits of a run along its nominal sensor axes, nT.
-    #[must_use]
-    pub fn limits_nt(&self, header: &Header) -> [Option<f64>; 3] {
-        let applies = |wanted: &Option<String>, is: &str| wanted.as_deref().is_none_or(|w| w == is);
-        let mut limits = [None; 3];
-        for entry in self.file.limits.iter().filter(|l| applies(&l.sensor, &header.sensor) && applies(&l.mode, &header.mode)) {
-            for (limit, new) in limits.iter_mut().zip(entry.max_field_nt) {
-                *limit = Some(limit.map_or(new, |old: f64| old.min(new)));
-            }
-        }
-        limits
-    }
-}
-
-/// The positions of a campaign file; without any, position 1 is the standard one.
-///
-/// # Errors
-/// Axes that no right-handed sensor can have.
-pub fn positions(path: &Path, file: &CampaignFile) -> Result<BTreeMap<u32, Position>, Finding> {
-    let mut positions = BTreeMap::new();
-    for entry in &file.positions {
-        let position = Position::from_axes(&entry.axes).map_err(|e| {
-            Finding::error(&path.display().to_string(), format!("position {}: {e}", entry.id), "correct its axes")
-        })?;
-        positions.insert(entry.id, position);
-    }
-    if positions.is_empty() {
-        positions.insert(1, Position::STANDARD);
-    }
-    Ok(positions)
 }
 
 /// The campaign that a folder of run files belongs to: it or the folder above it with a `campaign.toml`, else the folder above the

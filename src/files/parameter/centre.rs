@@ -1,6 +1,7 @@
 //! TCF: temperature polynomials at the centre of the coil system, from those of a position beside it (RO-IGEP-TR0028 section 3).
 
 use super::Body;
+use crate::data::across::{CentreResidual, PairedCalibration};
 use crate::data::result::Rows;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -89,7 +90,7 @@ pub struct Tcf {
     /// Covariance of the coefficients of every quantity at the centre.
     pub covariance: BTreeMap<String, Vec<Vec<f64>>>,
     /// The run at the centre.
-    pub centre: CentreRun,
+    pub centre: PairedCalibration,
     /// The polynomials beside the centre and what stands for them at T1.
     pub off_centre: OffCentrePart,
     /// Residual field; absent without a measurement of the offset at the centre.
@@ -100,51 +101,15 @@ pub struct Tcf {
     pub warnings: Vec<String>,
 }
 
-/// A linear calibration that took part in the pair.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CentreRun {
-    /// Parameter file; for the polynomials in place of a run, `polynomials`.
-    pub file: String,
-    /// Sensor temperature, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub temperature_degc: Option<f64>,
-    /// Sensitivities, nT/enT.
-    pub sigma: [f64; 3],
-    /// ξ_xy, ξ_xz, ξ_yz, degrees.
-    pub xi_deg: [f64; 3],
-    /// Standard uncertainties of the sensitivities, nT/enT.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sigma_std: Option<[f64; 3]>,
-    /// Standard uncertainties of the angles, degrees.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub xi_std_deg: Option<[f64; 3]>,
-}
-
 /// The position beside the centre.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OffCentrePart {
     /// What stands for σ¹(T1) and ξ¹(T1).
-    pub at_reference: CentreRun,
+    pub at_reference: PairedCalibration,
     /// Polynomials of sigma, xi and b_or, lowest order first.
     pub coefficients: BTreeMap<String, Vec<f64>>,
     /// Their covariance.
     pub covariance: BTreeMap<String, Vec<Vec<f64>>>,
-}
-
-/// Residual field of the coil system where the temperature cycle was measured.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CentreResidual {
-    /// Parameter file of the offset measurement.
-    pub file: String,
-    /// Its sensor temperature T2, °C.
-    pub temperature_degc: f64,
-    /// Its offset, enT.
-    pub b_off_ent: [f64; 3],
-    /// `B_res`, enT, along the sensor axes.
-    pub b_res_ent: [f64; 3],
-    /// Its standard uncertainty, enT.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub b_res_std_ent: Option<[f64; 3]>,
 }
 
 impl Body for Tcf {

@@ -2,6 +2,7 @@
 
 use super::Body;
 use crate::data::result::Covariance;
+use crate::model::facility::FacilityParameters;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -27,53 +28,6 @@ impl CoilConvention {
     }
 }
 
-/// Parameters of the facility, or their standard uncertainties.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FacilityPart {
-    /// Scale factors, nT/EU.
-    pub scale_nt_per_eu: [f64; 3],
-    /// Offset fields, nT.
-    pub offset_nt: [f64; 3],
-    /// Angles between the coils XY, XZ, YZ, degrees.
-    pub angles_deg: [f64; 3],
-    /// Relative change of the scale factors with the coil temperature, 1/K.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub scale_per_k: Option<[f64; 3]>,
-    /// Change of the offset fields with the coil temperature, nT/K.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub offset_nt_per_k: Option<[f64; 3]>,
-    /// Coil temperature for which scale factors and offset fields hold, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub reference_degc: Option<f64>,
-    /// Relative change of the scale factors with the rack temperature, 1/K.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rack_scale_per_k: Option<[f64; 3]>,
-    /// Change of the offset fields with the rack temperature, nT/K.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rack_offset_nt_per_k: Option<[f64; 3]>,
-    /// Rack temperature for which they hold, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rack_reference_degc: Option<f64>,
-}
-
-impl FacilityPart {
-    /// Scale factors, offset fields and angles that do not depend on temperature.
-    #[must_use]
-    pub fn constant(scale_nt_per_eu: [f64; 3], offset_nt: [f64; 3], angles_deg: [f64; 3]) -> Self {
-        Self {
-            scale_nt_per_eu,
-            offset_nt,
-            angles_deg,
-            scale_per_k: None,
-            offset_nt_per_k: None,
-            reference_degc: None,
-            rack_scale_per_k: None,
-            rack_offset_nt_per_k: None,
-            rack_reference_degc: None,
-        }
-    }
-}
-
 /// The scalar calibration of the coil system.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CoilScalar {
@@ -84,9 +38,9 @@ pub struct CoilScalar {
     /// Campaign and instrument.
     pub campaign: String,
     /// The facility.
-    pub facility: FacilityPart,
+    pub facility: FacilityParameters,
     /// Standard uncertainties.
-    pub std: FacilityPart,
+    pub std: FacilityParameters,
     /// Covariance of all fitted parameters.
     pub covariance: Covariance,
     /// Quality of data and model.
@@ -142,9 +96,9 @@ pub struct ScalarCalibration {
     /// Condition number of its design.
     pub condition: f64,
     /// The facility at these temperatures.
-    pub facility: FacilityPart,
+    pub facility: FacilityParameters,
     /// Standard uncertainties.
-    pub std: FacilityPart,
+    pub std: FacilityParameters,
 }
 
 /// A row that stands out.
@@ -192,9 +146,9 @@ pub struct CoilResidual {
     /// Runs, or the name of the table.
     pub used: Vec<String>,
     /// The facility: the residual field of the last state as offset field, ideal coils otherwise.
-    pub facility: FacilityPart,
+    pub facility: FacilityParameters,
     /// Standard uncertainties; nan for what is not measured.
-    pub std: FacilityPart,
+    pub std: FacilityParameters,
     /// States of the facility in their order.
     pub state: Vec<ResidualState>,
     /// What a person should know.
@@ -246,11 +200,11 @@ pub struct CoilTilt {
     /// Runs that were used.
     pub used: Vec<String>,
     /// The facility that makes the orientations agree.
-    pub facility: FacilityPart,
+    pub facility: FacilityParameters,
     /// Standard uncertainties; nan where as many orientations as parameters leave nothing to see scatter in.
-    pub std: FacilityPart,
+    pub std: FacilityParameters,
     /// The facility that the runs were evaluated with.
-    pub facility_before: FacilityPart,
+    pub facility_before: FacilityParameters,
     /// Corrections of the facility: relative (scale), nT (offset), degrees (angles).
     pub correction: TiltValues,
     /// The sensor as all orientations see it with the corrected facility.
@@ -313,19 +267,4 @@ impl Body for CoilTilt {
 /// Name of the file for the first of some runs.
 fn name(format: &str, used: &[String]) -> String {
     format!("{format}__{}.toml", used.first().map_or("none", String::as_str))
-}
-
-/// The facility that turned the settings of a run into the reference field.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FacilityApplied {
-    /// File it came from, which is among the inputs.
-    pub file: String,
-    /// Coil temperature that was used, °C; absent if nothing depends on it or it is not known.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub coil_degc: Option<f64>,
-    /// Rack temperature that was used, °C; absent if nothing depends on it or it is not known.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rack_degc: Option<f64>,
-    /// Its parameters.
-    pub applied: FacilityPart,
 }

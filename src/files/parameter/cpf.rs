@@ -1,9 +1,11 @@
 //! CPF: the linear calibration of one run.
 
-use super::{Body, FacilityApplied, LinearisationApplied};
+use super::Body;
 use crate::data::calibration::{Angles, LinearQuality, LinearStd, LinearValidity, Matrices, OffsetTrend, PlateauNoise, Setup};
 use crate::data::result::{Conditions, Covariance, Dropped, RunHead};
 use crate::model::applied::ModelApplied;
+use crate::model::facility::FacilityApplied;
+use crate::model::linearisation::LinearisationApplied;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.

@@ -2,6 +2,7 @@
 
 use super::Body;
 use crate::data::result::Covariance;
+use crate::model::linearisation::LinearisationPolynomials;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -26,21 +27,6 @@ impl Default for LinearisationConvention {
     }
 }
 
-/// Polynomials of the three sensor axes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LinearisationPart {
-    /// Coefficients of the square, 1/enT.
-    pub c2_per_ent: [f64; 3],
-    /// Their standard uncertainties.
-    pub c2_std_per_ent: [f64; 3],
-    /// Coefficients of the cube, 1/enT².
-    pub c3_per_ent2: [f64; 3],
-    /// Their standard uncertainties.
-    pub c3_std_per_ent2: [f64; 3],
-    /// Smallest and largest reading they hold for, enT.
-    pub reading_ent: [[f64; 2]; 3],
-}
-
 /// A linearisation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LinearisationFile {
@@ -55,7 +41,7 @@ pub struct LinearisationFile {
     /// Runs in time order.
     pub used: Vec<String>,
     /// The polynomials.
-    pub linearisation: LinearisationPart,
+    pub linearisation: LinearisationPolynomials,
     /// Covariance of the six coefficients.
     pub covariance: Covariance,
     /// What is known of each sensor axis.
@@ -149,13 +135,4 @@ impl Body for LinearisationFile {
 #[must_use]
 pub fn linearisation_file_name(used: &[String]) -> String {
     format!("LINEARISATION__{}.toml", used.first().map_or("none", String::as_str))
-}
-
-/// The linearisation that was applied to the readings of a run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LinearisationApplied {
-    /// File it came from, which is among the inputs.
-    pub file: String,
-    /// Its polynomials.
-    pub applied: LinearisationPart,
 }

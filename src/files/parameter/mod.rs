@@ -16,17 +16,17 @@ mod point;
 mod thermal;
 mod thermistor;
 
-pub use centre::{CentreConvention, CentreResidual, CentreRun, OffCentrePart, Tcf};
+pub use centre::{CentreConvention, OffCentrePart, Tcf};
 pub use coil::{
-    AxisResidual, CoilConvention, CoilResidual, CoilScalar, CoilTilt, FacilityApplied, FacilityPart, ResidualState,
-    ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity, TiltOrientation, TiltValues,
+    AxisResidual, CoilConvention, CoilResidual, CoilScalar, CoilTilt, ResidualState, ScalarCalibration, ScalarOutlier,
+    ScalarQuality, ScalarValidity, TiltOrientation, TiltValues,
 };
 pub use cpf::{Convention, Cpf};
 pub use emit::toml;
 pub use fpf::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
 pub use linearisation::{
-    LinearisationApplied, LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisationPart, LinearisedAxis,
-    LinearisedRun, PanelFit, linearisation_file_name,
+    LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisedAxis, LinearisedRun, PanelFit,
+    linearisation_file_name,
 };
 pub use model::{Model, ModelEffect, ModelParameter};
 pub use null::{
@@ -34,11 +34,8 @@ pub use null::{
     SpectrumPart, StopPart, TogetherPart,
 };
 pub use opf::{Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
-pub use point::{Point, RunPoint, Values, read_point};
-pub use thermal::{
-    JointPart, LagForm, LagPart, ModelError, QuantityPart, ResidualField, Rotation, SweepPart, Taf, ThermalConvention,
-    ThermalHead, Tof, Tpf,
-};
+pub use point::read_point;
+pub use thermal::{JointPart, QuantityPart, SweepPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
 pub use thermistor::{ComparedPolynomial, OrderPart, ReferencePart, TableRow, ThermistorConvention, ThermistorFile};
 
 use super::source::{hex, read_whole};

@@ -1,7 +1,8 @@
 //! OPF: sensor offset and residual field of the coil system from normal and turned positions.
 
-use super::{Body, FacilityApplied};
+use super::Body;
 use crate::data::result::{Conditions, Covariance, Dropped, RunHead, Spread};
+use crate::model::facility::FacilityApplied;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.

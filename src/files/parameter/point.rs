@@ -1,90 +1,13 @@
 //! What an analysis across temperatures needs of the parameter file of one run. Only these keys must be there, so that files of
 //! other programs can take part.
 
-use super::{Cpf, Fpf, Opf, content_hash};
+use super::{Body, Cpf, Fpf, Opf, content_hash};
+use crate::data::across::{CalibratedRun, RunAtTemperature, RunValues};
 use crate::data::error::{Finding, Severity};
-use crate::data::result::{Rows, RunHead};
+use crate::data::result::Rows;
 use crate::files::source::{Digested, read_whole};
 use serde::Deserialize;
 use std::path::Path;
-
-/// Run and temperature.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-pub struct RunPoint {
-    /// Run id.
-    pub id: String,
-    /// Sensor.
-    #[serde(default)]
-    pub sensor: String,
-    /// Mode.
-    #[serde(default)]
-    pub mode: String,
-    /// Mean sensor temperature, °C.
-    pub temperature_degc: Option<f64>,
-    /// Mean coil-system temperature, °C.
-    pub coil_temperature_degc: Option<f64>,
-}
-
-/// Values of one run that depend on temperature.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Values {
-    /// Of a linear calibration.
-    Lin {
-        /// Sensitivity, nT/enT.
-        sigma: [f64; 3],
-        /// ξ_xy, ξ_xz, ξ_yz, degrees.
-        xi_deg: [f64; 3],
-        /// Offset and residual field, enT.
-        b_or_ent: [f64; 3],
-        /// Standard uncertainties of the three in turn; `None` if the file does not tell.
-        std: [Option<[f64; 3]>; 3],
-        /// λ_x, μ_y, ν_z, degrees; nan where the file does not tell.
-        rotation_deg: [f64; 3],
-        /// Their standard uncertainties, degrees; nan where the file does not tell.
-        rotation_std_deg: [f64; 3],
-        /// Rotation matrix.
-        rho: Option<Rows>,
-    },
-    /// Of an offset measurement.
-    Offset {
-        /// Offset, enT.
-        offset_ent: [f64; 3],
-        /// Its standard uncertainty, enT.
-        std: Option<[f64; 3]>,
-        /// Residual field, enT.
-        residual_ent: [f64; 3],
-        /// Its standard uncertainty, enT; nan where the file does not tell.
-        residual_std: [f64; 3],
-        /// Coil axes along which the components saw it.
-        seen_along: Vec<String>,
-    },
-    /// Of a frequency measurement.
-    Freq {
-        /// -3 dB frequency of the model, Hz.
-        model_hz: Option<[f64; 3]>,
-        /// Its standard uncertainty, Hz.
-        model_std_hz: Option<[f64; 3]>,
-        /// -3 dB frequency from the neighbouring amplitudes, Hz.
-        igep_hz: Option<[f64; 3]>,
-        /// Mean sampling frequency, Hz.
-        f_s_hz: Option<f64>,
-        /// Its standard uncertainty, Hz.
-        f_s_std_hz: Option<f64>,
-    },
-}
-
-/// One run in an analysis across temperatures.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Point {
-    /// Name of the parameter file.
-    pub file: String,
-    /// The run.
-    pub run: RunPoint,
-    /// Channel of the sensor temperature, if the file tells it.
-    pub channel: Option<String>,
-    /// Its values.
-    pub values: Values,
-}
 
 #[derive(Deserialize)]
 struct Head {
@@ -99,7 +22,7 @@ struct ConditionsKeys {
 
 #[derive(Deserialize)]
 struct CpfKeys {
-    run: RunPoint,
+    run: RunAtTemperature,
     matrix: MatrixKeys,
     angle_deg: AngleKeys,
     offset: OffsetKeys,
@@ -139,7 +62,7 @@ struct StdKeys {
 
 #[derive(Deserialize)]
 struct OpfKeys {
-    run: RunPoint,
+    run: RunAtTemperature,
     offset_ent: [f64; 3],
     offset_std_ent: Option<[f64; 3]>,
     residual_ent: Option<[f64; 3]>,
@@ -155,7 +78,7 @@ struct MethodKeys {
 
 #[derive(Deserialize)]
 struct FpfKeys {
-    run: RunPoint,
+    run: RunAtTemperature,
     f_3db_model_hz: Option<[f64; 3]>,
     f_3db_model_std_hz: Option<[f64; 3]>,
     f_3db_igep_hz: Option<[f64; 3]>,
@@ -170,7 +93,7 @@ const NONE: [f64; 3] = [f64::NAN; 3];
 ///
 /// # Errors
 /// Not TOML, another format, a missing key, or a hash that does not match.
-pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Point, Digested), Finding> {
+pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(CalibratedRun, Digested), Finding> {
     let (bytes, digested) = read_whole(path)?;
     let shown = path.display().to_string();
     let refuse = |rule: String, remedy: &str| Finding::error(&shown, rule, remedy);
@@ -204,7 +127,7 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Point, Di
         "CPF" => {
             let CpfKeys { run, matrix, angle_deg: a, offset, std, conditions } = toml_edit::de::from_str(&text).map_err(wrong)?;
             let or_nan = |v: Option<f64>| v.unwrap_or(f64::NAN);
-            let values = Values::Lin {
+            let values = RunValues::Lin {
                 sigma: std::array::from_fn(|i| matrix.sigma[i][i]),
                 xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
                 b_or_ent: offset.b_or_ent,
@@ -213,29 +136,29 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Point, Di
                 rotation_std_deg: std.lambda_mu_nu_deg.unwrap_or(NONE),
                 rho: matrix.rho,
             };
-            Point { file, run, channel: channel(conditions), values }
+            CalibratedRun { file, run, channel: channel(conditions), values }
         }
         "OPF" => {
             let keys: OpfKeys = toml_edit::de::from_str(&text).map_err(wrong)?;
-            let values = Values::Offset {
+            let values = RunValues::Offset {
                 offset_ent: keys.offset_ent,
                 std: keys.offset_std_ent,
                 residual_ent: keys.residual_ent.unwrap_or(NONE),
                 residual_std: keys.residual_std_ent.unwrap_or(NONE),
                 seen_along: keys.method.and_then(|m| m.normal_axis).unwrap_or_default(),
             };
-            Point { file, run: keys.run, channel: channel(keys.conditions), values }
+            CalibratedRun { file, run: keys.run, channel: channel(keys.conditions), values }
         }
         "FPF" => {
             let keys: FpfKeys = toml_edit::de::from_str(&text).map_err(wrong)?;
-            let values = Values::Freq {
+            let values = RunValues::Freq {
                 model_hz: keys.f_3db_model_hz,
                 model_std_hz: keys.f_3db_model_std_hz,
                 igep_hz: keys.f_3db_igep_hz,
                 f_s_hz: keys.mean_f_s_hz,
                 f_s_std_hz: keys.mean_f_s_std_hz,
             };
-            Point { file, run: keys.run, channel: channel(keys.conditions), values }
+            CalibratedRun { file, run: keys.run, channel: channel(keys.conditions), values }
         }
         other => {
             return Err(refuse(
@@ -247,28 +170,15 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Point, Di
     Ok((point, digested))
 }
 
-impl From<&RunHead> for RunPoint {
-    fn from(head: &RunHead) -> Self {
-        Self {
-            id: head.id.clone(),
-            sensor: head.sensor.clone(),
-            mode: head.mode.clone(),
-            temperature_degc: head.temperature_degc,
-            coil_temperature_degc: head.coil_temperature_degc,
-        }
-    }
-}
-
-impl Point {
-    /// A linear calibration under the name of its file in a thermal group.
-    #[must_use]
-    pub fn of_lin(cpf: &Cpf) -> Self {
+/// A linear calibration under the name of its file in a thermal group.
+impl From<&Cpf> for CalibratedRun {
+    fn from(cpf: &Cpf) -> Self {
         let a = &cpf.angle_deg;
         Self {
             file: cpf.thermal_file_name(),
             run: (&cpf.run).into(),
             channel: cpf.conditions.as_ref().map(|c| c.sensor_channel.clone()),
-            values: Values::Lin {
+            values: RunValues::Lin {
                 sigma: std::array::from_fn(|i| cpf.matrix.sigma[i][i]),
                 xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
                 b_or_ent: cpf.offset.b_or_ent,
@@ -279,16 +189,15 @@ impl Point {
             },
         }
     }
+}
 
-    /// An offset measurement.
-    #[must_use]
-    pub fn of_offset(opf: &Opf) -> Self {
-        use super::Body;
+impl From<&Opf> for CalibratedRun {
+    fn from(opf: &Opf) -> Self {
         Self {
             file: opf.file_name(),
             run: (&opf.run).into(),
             channel: opf.conditions.as_ref().map(|c| c.sensor_channel.clone()),
-            values: Values::Offset {
+            values: RunValues::Offset {
                 offset_ent: opf.offset_ent,
                 std: Some(opf.offset_std_ent),
                 residual_ent: opf.residual_ent,
@@ -297,16 +206,15 @@ impl Point {
             },
         }
     }
+}
 
-    /// A frequency measurement.
-    #[must_use]
-    pub fn of_freq(fpf: &Fpf) -> Self {
-        use super::Body;
+impl From<&Fpf> for CalibratedRun {
+    fn from(fpf: &Fpf) -> Self {
         Self {
             file: fpf.file_name(),
             run: (&fpf.run).into(),
             channel: fpf.conditions.as_ref().map(|c| c.sensor_channel.clone()),
-            values: Values::Freq {
+            values: RunValues::Freq {
                 model_hz: Some(fpf.f_3db_model_hz),
                 model_std_hz: Some(fpf.f_3db_model_std_hz),
                 igep_hz: Some(fpf.f_3db_igep_hz),

@@ -1,7 +1,7 @@
 //! TPF, TOF, TAF: temperature polynomials of a sensor in one mode.
 
 use super::Body;
-use crate::data::result::Rows;
+use crate::data::across::{RunModelErrors, RunResidualFields, RunRotations, ThermistorLag};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -121,10 +121,10 @@ pub struct Tpf {
     #[serde(flatten)]
     pub head: ThermalHead,
     /// Rotation of the sensor against its nominal orientation in every run.
-    pub rotation: Rotation,
+    pub rotation: RunRotations,
     /// What the polynomials leave of the applied fields in every run, with its own rotation and offset; absent for parameter files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub model_error: Option<ModelError>,
+    pub model_error: Option<RunModelErrors>,
     /// The fit of the temperature-dependent model to the plateaus of all runs at once.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint: Option<JointPart>,
@@ -147,95 +147,13 @@ pub struct SweepPart {
     /// Root mean square of applied field minus modelled measurement, nT, coil axes.
     pub residual_nt: [f64; 3],
     /// How the sensor follows every thermistor that moves.
-    pub lag: Vec<LagPart>,
+    pub lag: Vec<ThermistorLag>,
     /// The facility that turned settings into the reference field; absent if the settings were taken as the field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub facility: Option<super::FacilityApplied>,
+    pub facility: Option<crate::model::facility::FacilityApplied>,
     /// The known effects that were taken off the readings; absent if none were.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<crate::model::applied::ModelApplied>,
-}
-
-/// What is applied of the lags of a thermistor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum LagForm {
-    /// Neither: none is significant.
-    #[serde(rename = "none")]
-    None,
-    /// The delay.
-    #[serde(rename = "delay")]
-    Delay,
-    /// The time constant.
-    #[serde(rename = "first order")]
-    FirstOrder,
-    /// The lag of a model file in their place.
-    #[serde(rename = "of the model")]
-    OfTheModel,
-}
-
-impl LagForm {
-    /// The word of files.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            LagForm::None => "none",
-            LagForm::Delay => "delay",
-            LagForm::FirstOrder => "first order",
-            LagForm::OfTheModel => "of the model",
-        }
-    }
-}
-
-/// How the sensor follows a thermistor.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LagPart {
-    /// Channel.
-    pub channel: String,
-    /// What was applied if this channel was used.
-    pub form: LagForm,
-    /// Best delay, s: the sensor is that much later than the thermistor, or earlier if negative.
-    pub delay_s: f64,
-    /// Its standard uncertainty.
-    pub delay_std_s: f64,
-    /// Best time constant, s: the sensor follows the thermistor with it, or the thermistor the sensor if negative.
-    pub time_constant_s: f64,
-    /// Its standard uncertainty.
-    pub time_constant_std_s: f64,
-    /// Deviance (twice the log likelihood) that the better of both gains over no lag.
-    pub gain: f64,
-    /// Deviance by which the delay is better than the time constant.
-    pub delay_over_first_order: f64,
-    /// Standard deviation of the readings about the model with the lag, geometric mean of the components, enT.
-    pub residual_std_ent: f64,
-}
-
-/// Rotation angles of every run, degrees; nan where a file does not tell.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Rotation {
-    /// λ_x.
-    pub lambda_x_deg: Vec<f64>,
-    /// μ_y.
-    pub mu_y_deg: Vec<f64>,
-    /// ν_z.
-    pub nu_z_deg: Vec<f64>,
-    /// Standard uncertainty of λ_x.
-    pub lambda_x_std_deg: Vec<f64>,
-    /// Standard uncertainty of μ_y.
-    pub mu_y_std_deg: Vec<f64>,
-    /// Standard uncertainty of ν_z.
-    pub nu_z_std_deg: Vec<f64>,
-    /// Rotation matrix of the first run, as rows; absent if its file does not tell.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub initial: Option<Rows>,
-}
-
-/// Extremes of applied field minus modelled measurement per run and coil axis, nT.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct ModelError {
-    /// Smallest, one row per run.
-    pub min_nt: Vec<[f64; 3]>,
-    /// Largest, one row per run.
-    pub max_nt: Vec<[f64; 3]>,
 }
 
 /// The joint fit beside the two-step one: sensitivities and angles as polynomials, rotation and offset of every run free.
@@ -279,26 +197,7 @@ pub struct Tof {
     #[serde(flatten)]
     pub head: ThermalHead,
     /// Residual field of the coil system in every run.
-    pub residual_field: ResidualField,
-}
-
-/// Residual field of the coil system in every run, along the sensor axes in their normal position, enT; nan where it is not known.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct ResidualField {
-    /// x.
-    pub x_ent: Vec<f64>,
-    /// y.
-    pub y_ent: Vec<f64>,
-    /// z.
-    pub z_ent: Vec<f64>,
-    /// Standard uncertainty of x, enT.
-    pub x_std_ent: Vec<f64>,
-    /// Standard uncertainty of y, enT.
-    pub y_std_ent: Vec<f64>,
-    /// Standard uncertainty of z, enT.
-    pub z_std_ent: Vec<f64>,
-    /// Coil axes along which x, y and z saw it in the first run; empty if its file does not tell.
-    pub seen_along: Vec<String>,
+    pub residual_field: RunResidualFields,
 }
 
 impl Body for Tof {

@@ -104,7 +104,7 @@ fn parse(
     let campaign = file::parse(&campaign_group, findings)?;
     let sensors = sensors(&root, findings)?;
     let facility = facility(&root, findings)?;
-    let places = places(&root, file, &campaign, findings)?;
+    let places = places(&root, &campaign, findings)?;
     let (coil_climate, rack_climate, thermistors, slow_interval_s) = temperatures(&root, findings)?;
     let mut runs = Vec::new();
     for group in root.groups("run")? {
@@ -198,12 +198,11 @@ fn three_sizes(group: &Group, key: &str) -> Result<[f64; 3], Finding> {
 
 fn places(
     root: &Group,
-    file: &str,
     campaign: &CampaignFile,
     findings: &mut Vec<Finding>,
 ) -> Result<BTreeMap<u32, (Position, [f64; 3])>, Finding> {
-    let nominal = crate::files::campaign::positions(Path::new(file), campaign)?;
-    let mut places: BTreeMap<u32, (Position, [f64; 3])> = nominal.into_iter().map(|(id, p)| (id, (p, [0.0; 3]))).collect();
+    let nominal = &campaign.instructions.positions;
+    let mut places: BTreeMap<u32, (Position, [f64; 3])> = nominal.iter().map(|(id, p)| (*id, (*p, [0.0; 3]))).collect();
     for group in root.groups("place")? {
         findings.extend(group.unknown(&["position", "rotation_deg"]));
         let id = group.whole("position")?.ok_or_else(|| group.missing("position"))?;

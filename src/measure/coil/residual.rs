@@ -3,8 +3,9 @@
 
 use super::{AXES, CoilError};
 use crate::data::run::Run;
-use crate::files::moduli::Row;
-use crate::files::parameter::{AxisResidual, CoilConvention, CoilResidual, FacilityPart, ResidualState};
+use crate::data::tables::ModulusRow;
+use crate::files::parameter::{AxisResidual, CoilConvention, CoilResidual, ResidualState};
+use crate::model::facility::FacilityParameters;
 use serde::Serialize;
 
 /// Other axes are at zero if their settings are below this share of that of the axis.
@@ -37,8 +38,8 @@ struct Pair {
 ///
 /// # Errors
 /// No rows.
-pub fn of_table(rows: &[Row], used: &str) -> Result<Residual, CoilError> {
-    let pair = |r: &Row| Pair {
+pub fn of_table(rows: &[ModulusRow], used: &str) -> Result<Residual, CoilError> {
+    let pair = |r: &ModulusRow| Pair {
         state: r.state.clone(),
         axis: r.axis,
         plus_nt: r.plus_nt,
@@ -128,8 +129,8 @@ fn of_pairs(pairs: &[Pair], used: Vec<String>) -> Result<Residual, CoilError> {
         })
         .collect();
     let mut warnings = Vec::new();
-    let mut facility = FacilityPart::constant([1.0; 3], [0.0; 3], [90.0; 3]);
-    let mut std = FacilityPart::constant([f64::NAN; 3], [f64::NAN; 3], [f64::NAN; 3]);
+    let mut facility = FacilityParameters::constant([1.0; 3], [0.0; 3], [90.0; 3]);
+    let mut std = FacilityParameters::constant([f64::NAN; 3], [f64::NAN; 3], [f64::NAN; 3]);
     if let Some(last) = state.last() {
         for (k, name) in AXES.into_iter().enumerate() {
             match last.axis.iter().find(|a| a.axis == name) {

@@ -4,13 +4,12 @@
 use super::{ANGLES, AXES, CoilError};
 use crate::data::result::Covariance;
 use crate::data::run::{Run, ScalarRow, interpolate};
-use crate::files::campaign::Campaign;
-use crate::files::parameter::{
-    CoilConvention, CoilScalar, FacilityPart, ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity,
-};
+use crate::files::parameter::{CoilConvention, CoilScalar, ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity};
 use crate::fit::statistics::{extremes, median};
 use crate::fit::{FitError, Limits, Model, NonlinearSolution, linear, nonlinear};
+use crate::model::campaign::Instructions;
 use crate::model::coil::Coil;
+use crate::model::facility::FacilityParameters;
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 
@@ -112,9 +111,9 @@ impl Follows {
         list
     }
 
-    fn part(self, values: &[f64]) -> FacilityPart {
+    fn part(self, values: &[f64]) -> FacilityParameters {
         let three = |from: usize| -> [f64; 3] { std::array::from_fn(|i| values.get(from + i).copied().unwrap_or(f64::NAN)) };
-        let mut part = FacilityPart::constant(three(0), three(3), three(6));
+        let mut part = FacilityParameters::constant(three(0), three(3), three(6));
         if self.coil {
             part.scale_per_k = Some(three(CONSTANT));
             part.offset_nt_per_k = Some(three(CONSTANT + 3));
@@ -128,8 +127,8 @@ impl Follows {
 
     /// The coil system with these parameters and references of zero.
     fn coil(self, values: &[f64]) -> Coil {
-        let part = FacilityPart { reference_degc: Some(0.0), rack_reference_degc: Some(0.0), ..self.part(values) };
-        crate::files::facility::coil(&part)
+        let part = FacilityParameters { reference_degc: Some(0.0), rack_reference_degc: Some(0.0), ..self.part(values) };
+        part.coil()
     }
 }
 
@@ -227,10 +226,13 @@ fn fit(rows: &[Observation], follows: Follows, most_condition: f64) -> Result<Fi
 }
 
 /// Temperatures of the rows of all runs, °C; `None` if a run has none.
-fn temperatures(runs: &[(&Run, &Campaign)], channel: impl Fn(&Run, &Campaign) -> Option<String>) -> Option<Vec<Vec<f64>>> {
+fn temperatures(
+    runs: &[(&Run, &Instructions)],
+    channel: impl Fn(&Run, &Instructions) -> Option<String>,
+) -> Option<Vec<Vec<f64>>> {
     runs.iter()
-        .map(|(run, campaign)| {
-            let series = run.slow_channel(&channel(run, campaign)?).filter(|s| !s.is_empty())?;
+        .map(|(run, instructions)| {
+            let series = run.slow_channel(&channel(run, instructions)?).filter(|s| !s.is_empty())?;
             Some(run.scalar.iter().map(|row| interpolate(&series, row.t_s)).collect())
         })
         .collect()
@@ -250,14 +252,14 @@ fn reference(degc: &[Vec<f64>]) -> f64 {
 ///
 /// # Errors
 /// [`CoilError`]: too few rows, or directions that leave a parameter undetermined.
-pub fn scalar(runs: &[(&Run, &Campaign)], options: &Options) -> Result<Scalar, CoilError> {
+pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scalar, CoilError> {
     if runs.iter().all(|(run, _)| run.scalar.is_empty()) {
         return Err(CoilError::NoRows);
     }
     let mut warnings = Vec::new();
-    let coil_degc = temperatures(runs, |run, campaign| Some(campaign.channels(&run.header).1));
-    let rack_degc = temperatures(runs, |_, campaign| {
-        Some(options.rack_channel.clone().unwrap_or_else(|| campaign.rack_channel().to_owned()))
+    let coil_degc = temperatures(runs, |run, instructions| Some(instructions.channels(&run.header).1));
+    let rack_degc = temperatures(runs, |_, instructions| {
+        Some(options.rack_channel.clone().unwrap_or_else(|| instructions.rack_channel().to_owned()))
     });
     if let (None, Some(channel)) = (&rack_degc, &options.rack_channel) {
         warnings.push(format!("not every run has a channel {channel}: the rack temperature was not used"));
@@ -334,7 +336,7 @@ pub fn scalar(runs: &[(&Run, &Campaign)], options: &Options) -> Result<Scalar, C
             "standard uncertainties, coverage factor 1, from the scatter of the moduli (Student's factor for quality.degrees_of_freedom) and, where it is larger, of the calibrations; the scale of the scalar magnetometer and its heading error are not included",
         ),
         used: runs.iter().map(|(run, _)| run.header.run.clone()).collect(),
-        campaign: runs.first().map_or_else(String::new, |(_, campaign)| campaign.describe()),
+        campaign: runs.first().map_or_else(String::new, |(_, instructions)| instructions.description.clone()),
         facility,
         std: part(&std),
         covariance: Covariance {
@@ -391,13 +393,13 @@ fn differ(degc: &Option<Vec<Vec<f64>>>, runs: usize, least: usize) -> bool {
 /// Every calibration on its own, if it can stand alone.
 fn each(
     rows: &[Observation],
-    runs: &[(&Run, &Campaign)],
+    runs: &[(&Run, &Instructions)],
     used: &[bool],
     coil_degc: &Option<Vec<Vec<f64>>>,
     rack_degc: &Option<Vec<Vec<f64>>>,
 ) -> Vec<ScalarCalibration> {
     let constant = Follows { coil: false, rack: false };
-    let one = |(index, (run, _)): (usize, &(&Run, &Campaign))| {
+    let one = |(index, (run, _)): (usize, &(&Run, &Instructions))| {
         let own: Vec<Observation> = rows
             .iter()
             .zip(used)
@@ -422,7 +424,7 @@ fn each(
 }
 
 /// The nine values of one temperature.
-fn nine(part: &FacilityPart) -> [f64; CONSTANT] {
+fn nine(part: &FacilityParameters) -> [f64; CONSTANT] {
     std::array::from_fn(|i| [part.scale_nt_per_eu, part.offset_nt, part.angles_deg][i / 3][i % 3])
 }
 

@@ -6,10 +6,10 @@
 
 use super::{ANGLES, AXES, CoilError};
 use crate::data::result::Covariance;
-use crate::files::orientations::RunResult;
-use crate::files::parameter::{CoilConvention, CoilTilt, FacilityPart, TiltOrientation, TiltValues};
+use crate::files::parameter::{CoilConvention, CoilTilt, TiltOrientation, TiltValues};
 use crate::fit::{FitError, Limits, linear};
-use crate::model::position::{Class, Position};
+use crate::model::facility::FacilityParameters;
+use crate::model::position::{Class, OrientedRun, Position};
 use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 
@@ -155,8 +155,8 @@ fn odd_one_out(orientations: &[(Position, TiltValues)]) -> Result<Option<usize>,
     Ok(best.map(|(out, _)| out))
 }
 
-fn mean(runs: &[&RunResult]) -> TiltValues {
-    let of = |get: fn(&RunResult) -> [f64; 3]| -> [f64; 3] {
+fn mean(runs: &[&OrientedRun]) -> TiltValues {
+    let of = |get: fn(&OrientedRun) -> [f64; 3]| -> [f64; 3] {
         std::array::from_fn(|i| runs.iter().map(|r| get(r)[i]).sum::<f64>() / runs.len() as f64)
     };
     TiltValues { scale: of(|r| r.sigma), offset_nt: of(|r| r.offset_nt), angles_deg: of(|r| r.xi_deg) }
@@ -175,10 +175,10 @@ fn spread(values: &[TiltValues]) -> TiltValues {
 
 /// The runs of the sensor that is asked for, or of the only one with several orientations.
 fn runs_of_sensor<'a>(
-    runs: &'a [RunResult],
+    runs: &'a [OrientedRun],
     options: &Options,
     warnings: &mut Vec<String>,
-) -> Result<Vec<&'a RunResult>, CoilError> {
+) -> Result<Vec<&'a OrientedRun>, CoilError> {
     let mut sensors: Vec<&str> = Vec::new();
     for run in runs {
         if !sensors.contains(&run.sensor.as_str()) {
@@ -217,10 +217,10 @@ fn runs_of_sensor<'a>(
 ///
 /// # Errors
 /// [`CoilError`]: fewer than two orientations, or several sensors.
-pub fn tilt(runs: &[RunResult], facility: &FacilityPart, options: &Options) -> Result<Tilt, CoilError> {
+pub fn tilt(runs: &[OrientedRun], facility: &FacilityParameters, options: &Options) -> Result<Tilt, CoilError> {
     let mut warnings = Vec::new();
     let runs = runs_of_sensor(runs, options, &mut warnings)?;
-    let mut groups: Vec<(Position, Vec<&RunResult>)> = Vec::new();
+    let mut groups: Vec<(Position, Vec<&OrientedRun>)> = Vec::new();
     for run in runs {
         match groups.iter_mut().find(|(position, _)| *position == run.position) {
             Some((_, members)) => members.push(run),
@@ -285,13 +285,13 @@ pub fn tilt(runs: &[RunResult], facility: &FacilityPart, options: &Options) -> R
     let add = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { std::array::from_fn(|i| a[i] + b[i]) };
     let scaled: [f64; 3] = std::array::from_fn(|k| facility.scale_nt_per_eu[k] * scale.facility[k].exp());
     let root = |s: &Solved| -> [f64; 3] { std::array::from_fn(|k| s.covariance[(k, k)].max(0.0).sqrt()) };
-    let after = FacilityPart {
+    let after = FacilityParameters {
         scale_nt_per_eu: scaled,
         offset_nt: add(facility.offset_nt, offset.facility),
         angles_deg: add(facility.angles_deg, angle.facility),
         ..facility.clone()
     };
-    let std = FacilityPart::constant(std::array::from_fn(|k| scaled[k] * root(scale)[k]), root(offset), root(angle));
+    let std = FacilityParameters::constant(std::array::from_fn(|k| scaled[k] * root(scale)[k]), root(offset), root(angle));
     let sigma = scale.sensor.map(f64::exp);
     let parameters = CoilTilt {
         convention: CoilConvention::of(

@@ -2,6 +2,9 @@ use super::*;
 use crate::fit::random::Random;
 use crate::fit::{linear, polynomial};
 use crate::model::sensor::split;
+use levenberg_marquardt::LeastSquaresProblem;
+use nalgebra::linalg::QR;
+use nalgebra::{DMatrix, Vector3};
 use std::f64::consts::TAU;
 
 /// Sensor of runs BS_11 of 2013 (BC-MAG-TR-0085 section 12.1), angles in degrees.
@@ -160,7 +163,7 @@ fn two_steps(runs: &mut [JointRun], truth: &[Vec<f64>; 6]) -> ([Vec<f64>; 6], [V
     (fits.map(|fit| fit.coefficients), std)
 }
 
-fn fitted(p: Programme, truth: &[Vec<f64>; 6], seed: u64) -> (Simulated, [Vec<f64>; 6], Joint) {
+fn fitted(p: Programme, truth: &[Vec<f64>; 6], seed: u64) -> (Simulated, [Vec<f64>; 6], JointFit) {
     let mut simulated = simulate(p, truth, seed);
     let (start, _) = two_steps(&mut simulated.runs, truth);
     let joint = joint(&simulated.runs, &start, &Limits::default()).unwrap();
@@ -203,12 +206,12 @@ fn derivatives_are_those_of_the_model() {
     let truth = truth();
     let simulated = simulate(Programme { every: 9, runs: 2, slope_degc: 30.0, ..GROUP }, &truth, 1);
     let layout = Layout::over(&simulated.runs, &truth).unwrap();
-    let data: Vec<Data> = simulated.runs.iter().map(|run| Data::of(run, &layout)).collect();
+    let data: Vec<RunRows> = simulated.runs.iter().map(|run| RunRows::of(run, &layout)).collect();
     let mut parameters = layout.start(&truth);
     // Far from right angles and from no rotation, where every derivative counts.
     [0.2, -0.15, 0.1].iter().enumerate().for_each(|(i, d)| parameters[layout.starts[3 + i]] += d);
     parameters.rows_mut(layout.starts[6], 6).copy_from_slice(&[0.3, -0.2, 0.5, 1e-4, 2e-4, -1e-4]);
-    let mut point = Point { layout: &layout, data: &data, parameters, residuals: None, evaluations: 0 };
+    let mut point = SearchPoint { layout: &layout, data: &data, parameters, residuals: None, evaluations: 0 };
     let jacobian = point.jacobian().unwrap();
     for j in 0..layout.count() {
         let mut at = |step: f64| {

@@ -80,7 +80,7 @@ impl Night {
 
     fn result(&self, order: usize, reading: impl FnMut(f64) -> [f64; 3]) -> Null {
         let (record, run) = self.record(reading);
-        null(&run, record, &Campaign::default(), &Options { order, cpf: None }).unwrap()
+        null(&run, record, &Instructions::default(), &Options { order, cpf: None }).unwrap()
     }
 }
 
@@ -380,7 +380,7 @@ fn what_is_no_zero_field_run_is_refused() {
         let mut noise = white(1, 1.0);
         let (record, mut run) = Night::new(4.0, 2000).record(|_| noise());
         change(&mut run);
-        null(&run, record, &Campaign::default(), &Options::default()).unwrap_err()
+        null(&run, record, &Instructions::default(), &Options::default()).unwrap_err()
     };
     assert_eq!(refusal(&|run| run.header.kind = Kind::Offset), NullError::Kind(Kind::Offset));
     assert_eq!(refusal(&|run| run.settings[0].field.0[1] = 5.0), NullError::Field(1));

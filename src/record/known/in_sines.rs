@@ -1,6 +1,7 @@
 //! Known effects in the sines of a frequency run: factors of their phasors, and the course of the sampling frequency.
 
 use super::{Known, KnownEffect};
+use crate::data::note::{Note, NoteKind};
 use crate::data::run::{Run, Setting};
 use crate::model::applied::AppliedEffect;
 use crate::model::effects::EffectRef;
@@ -46,11 +47,12 @@ pub enum Responses {
 impl InSines {
     /// What of a model acts on the sines of a run. What does not is warned about.
     #[must_use]
-    pub fn new(known: &Known, run: &Run, responses: Responses, warnings: &mut Vec<String>) -> Self {
+    pub fn new(known: &Known, run: &Run, responses: Responses, notes: &mut impl Extend<Note>) -> Self {
         let mut found = Self::default();
         for effect in &known.effects {
             if let Err(refusal) = found.add(effect, run, responses) {
-                warnings.push(format!("MODEL: not in the sines of run {}: {refusal}", run.header.run));
+                notes.extend([Note::new(NoteKind::Model, format!("not in the sines of run {}: {refusal}", run.header.run))
+                    .about(effect.name())]);
                 found.left_out.push(effect.name());
             }
         }

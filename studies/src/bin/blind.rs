@@ -8,8 +8,8 @@
 //! them. The third measures every effect and noise family with a matched filter over many draws of the noise: the mean must be the
 //! strength that was asked for, the standard deviation one.
 
-use calfit::files::campaign::file::PositionEntry;
 use calfit::files::ccr::{Decimals, Section, Writer};
+use calfit::model::position::Position;
 use calfit_studies::blind::kinds::{Measure, generate, nuisance, plateau_cells, sample_cells};
 use calfit_studies::blind::noise::{Family, Random};
 use calfit_studies::blind::sensor::Kind;
@@ -89,8 +89,8 @@ fn main() -> Result<(), Failure> {
 
 /// `campaign.toml` with the positions.
 fn campaign_text(blind: &blind::Blind) -> String {
-    let entry = |p: &PositionEntry| format!("[[position]]\nid = {}\naxes = {:?}\n", p.id, p.axes);
-    blind.campaign.file.positions.iter().map(entry).collect::<Vec<_>>().join("\n")
+    let entry = |(id, position): &(u32, Position)| format!("[[position]]\nid = {id}\naxes = {:?}\n", position.names());
+    blind.campaign.file.instructions.positions.iter().map(entry).collect::<Vec<_>>().join("\n")
 }
 
 /// Run files of one set in a campaign folder, with `truth.json`.

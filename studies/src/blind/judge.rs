@@ -35,7 +35,7 @@ pub fn judge_beside_ideal(blind: &Blind) -> Verdict {
 fn scene(blind: &Blind) -> Option<Scene> {
     let [(run, vectors)] = blind.runs.as_slice() else { return None };
     let (plateaus, samples) = reduced(run, vectors);
-    Scene::new(run, &plateaus, Some(&samples), &blind.campaign, None).ok()
+    Scene::new(run, &plateaus, Some(&samples), &blind.campaign.file.instructions, None).ok()
 }
 
 fn reduced(run: &Run, vectors: &[Vector]) -> (Plateaus, Samples) {

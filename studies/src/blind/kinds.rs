@@ -8,7 +8,9 @@ use super::{Blind, Options, TrueEffect, TrueParameter, Truth};
 use calfit::data::run::{self, GivenBlock, Header, InputFile, ReadingUnit, Run, SlowTable, Vector, VectorAccount};
 use calfit::data::units::Reading;
 use calfit::files::campaign::Campaign;
-use calfit::files::campaign::file::{CampaignFile, PositionEntry};
+use calfit::files::campaign::file::CampaignFile;
+use calfit::model::campaign::Instructions;
+use calfit::model::position::Position;
 use std::ops::Range;
 
 /// A column of a design: per block (run times three plus component) its values in the cells of the run.
@@ -375,10 +377,11 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
 fn campaign(scenes: &[Scene]) -> Result<Campaign, String> {
     let entry = |scene: &Scene| {
         let axes = POSITIONS.iter().find(|(id, _)| *id == scene.position).map_or(POSITIONS[0].1, |(_, axes)| *axes);
-        PositionEntry { id: scene.position, axes: axes.map(str::to_owned).to_vec() }
+        Ok((scene.position, Position::from_axes(&axes.map(str::to_owned)).map_err(|e| e.to_string())?))
     };
-    let file = CampaignFile { positions: scenes.iter().map(entry).collect(), ..CampaignFile::default() };
-    Campaign::in_memory(file).map_err(|finding| finding.to_string())
+    let positions = scenes.iter().map(entry).collect::<Result<_, String>>()?;
+    let instructions = Instructions { positions, ..Instructions::default() };
+    Ok(Campaign::in_memory(CampaignFile { instructions, ..CampaignFile::default() }))
 }
 
 fn given(setting: &run::Setting, mean: &[f64; 3]) -> GivenBlock {

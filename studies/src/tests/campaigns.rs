@@ -50,7 +50,7 @@ fn intervals_of_freq_hold_the_truth_with_white_and_with_slow_noise() {
 #[test]
 fn the_printed_polynomials_of_one_sensor_come_back_from_the_simulated_campaign() {
     let mut twin = twin::read(&repository("configs/magnetsrode-2013.toml"), &mut Vec::new()).unwrap();
-    let group = twin.campaign.thermal[0].runs.clone().unwrap();
+    let group = twin.campaign.instructions.thermal[0].runs.clone().unwrap();
     twin.runs.retain(|run| group.contains(&run.id));
     let printed = std::fs::read_to_string(repository("tests/data/bepicolombo/thermal.toml")).unwrap();
     let rows = closed_loop::compare(&twin, &printed, 5).unwrap();

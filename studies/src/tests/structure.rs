@@ -24,7 +24,7 @@ fn clean_runs_are_not_sent_to_the_diagnosis() {
             vectors.iter().for_each(|v| sink.vector(*v));
             let options = Options::default();
             let plateaus = plateau::of_run(run, sink, options.settling, options.least_coverage);
-            let result = lin(run, &plateaus, &made.campaign, &options).unwrap();
+            let result = lin(run, &plateaus, &made.campaign.file.instructions, &options).unwrap();
             result.parameters.warnings.into_iter().find(|w| w.contains("run calfit diagnose"))
         };
         let all: Vec<String> = (0..count).into_par_iter().filter_map(fired).collect();

@@ -1,0 +1,233 @@
+//! What an analysis across temperatures takes of every run, and what it says of every run.
+//!
+//! Parameter files hold these types as they are, so that each is defined here only.
+
+use super::result::{Rows, RunHead};
+use serde::{Deserialize, Serialize};
+
+/// A run and its temperatures.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct RunAtTemperature {
+    /// Run id.
+    pub id: String,
+    /// Sensor.
+    #[serde(default)]
+    pub sensor: String,
+    /// Mode.
+    #[serde(default)]
+    pub mode: String,
+    /// Mean sensor temperature, °C.
+    pub temperature_degc: Option<f64>,
+    /// Mean coil-system temperature, °C.
+    pub coil_temperature_degc: Option<f64>,
+}
+
+impl From<&RunHead> for RunAtTemperature {
+    fn from(head: &RunHead) -> Self {
+        Self {
+            id: head.id.clone(),
+            sensor: head.sensor.clone(),
+            mode: head.mode.clone(),
+            temperature_degc: head.temperature_degc,
+            coil_temperature_degc: head.coil_temperature_degc,
+        }
+    }
+}
+
+/// Values of one run that depend on temperature.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RunValues {
+    /// Of a linear calibration.
+    Lin {
+        /// Sensitivity, nT/enT.
+        sigma: [f64; 3],
+        /// ξ_xy, ξ_xz, ξ_yz, degrees.
+        xi_deg: [f64; 3],
+        /// Offset and residual field, enT.
+        b_or_ent: [f64; 3],
+        /// Standard uncertainties of the three in turn; `None` if the file does not tell.
+        std: [Option<[f64; 3]>; 3],
+        /// λ_x, μ_y, ν_z, degrees; nan where the file does not tell.
+        rotation_deg: [f64; 3],
+        /// Their standard uncertainties, degrees; nan where the file does not tell.
+        rotation_std_deg: [f64; 3],
+        /// Rotation matrix.
+        rho: Option<Rows>,
+    },
+    /// Of an offset measurement.
+    Offset {
+        /// Offset, enT.
+        offset_ent: [f64; 3],
+        /// Its standard uncertainty, enT.
+        std: Option<[f64; 3]>,
+        /// Residual field, enT.
+        residual_ent: [f64; 3],
+        /// Its standard uncertainty, enT; nan where the file does not tell.
+        residual_std: [f64; 3],
+        /// Coil axes along which the components saw it.
+        seen_along: Vec<String>,
+    },
+    /// Of a frequency measurement.
+    Freq {
+        /// -3 dB frequency of the model, Hz.
+        model_hz: Option<[f64; 3]>,
+        /// Its standard uncertainty, Hz.
+        model_std_hz: Option<[f64; 3]>,
+        /// -3 dB frequency from the neighbouring amplitudes, Hz.
+        igep_hz: Option<[f64; 3]>,
+        /// Mean sampling frequency, Hz.
+        f_s_hz: Option<f64>,
+        /// Its standard uncertainty, Hz.
+        f_s_std_hz: Option<f64>,
+    },
+}
+
+/// One calibrated run in an analysis across temperatures.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CalibratedRun {
+    /// Name of its parameter file.
+    pub file: String,
+    /// The run.
+    pub run: RunAtTemperature,
+    /// Channel of the sensor temperature, if the file tells it.
+    pub channel: Option<String>,
+    /// Its values.
+    pub values: RunValues,
+}
+
+/// Rotation angles of every run, degrees; nan where a file does not tell.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunRotations {
+    /// λ_x.
+    pub lambda_x_deg: Vec<f64>,
+    /// μ_y.
+    pub mu_y_deg: Vec<f64>,
+    /// ν_z.
+    pub nu_z_deg: Vec<f64>,
+    /// Standard uncertainty of λ_x.
+    pub lambda_x_std_deg: Vec<f64>,
+    /// Standard uncertainty of μ_y.
+    pub mu_y_std_deg: Vec<f64>,
+    /// Standard uncertainty of ν_z.
+    pub nu_z_std_deg: Vec<f64>,
+    /// Rotation matrix of the first run, as rows; absent if its file does not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub initial: Option<Rows>,
+}
+
+/// Extremes of applied field minus modelled measurement per run and coil axis, nT.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunModelErrors {
+    /// Smallest, one row per run.
+    pub min_nt: Vec<[f64; 3]>,
+    /// Largest, one row per run.
+    pub max_nt: Vec<[f64; 3]>,
+}
+
+/// Residual field of the coil system in every run, along the sensor axes in their normal position, enT; nan where it is not known.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunResidualFields {
+    /// x.
+    pub x_ent: Vec<f64>,
+    /// y.
+    pub y_ent: Vec<f64>,
+    /// z.
+    pub z_ent: Vec<f64>,
+    /// Standard uncertainty of x, enT.
+    pub x_std_ent: Vec<f64>,
+    /// Standard uncertainty of y, enT.
+    pub y_std_ent: Vec<f64>,
+    /// Standard uncertainty of z, enT.
+    pub z_std_ent: Vec<f64>,
+    /// Coil axes along which x, y and z saw it in the first run; empty if its file does not tell.
+    pub seen_along: Vec<String>,
+}
+
+/// A linear calibration that took part in the pair.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PairedCalibration {
+    /// Parameter file; for the polynomials in place of a run, `polynomials`.
+    pub file: String,
+    /// Sensor temperature, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_degc: Option<f64>,
+    /// Sensitivities, nT/enT.
+    pub sigma: [f64; 3],
+    /// ξ_xy, ξ_xz, ξ_yz, degrees.
+    pub xi_deg: [f64; 3],
+    /// Standard uncertainties of the sensitivities, nT/enT.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sigma_std: Option<[f64; 3]>,
+    /// Standard uncertainties of the angles, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub xi_std_deg: Option<[f64; 3]>,
+}
+
+/// Residual field of the coil system where the temperature cycle was measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CentreResidual {
+    /// Parameter file of the offset measurement.
+    pub file: String,
+    /// Its sensor temperature T2, °C.
+    pub temperature_degc: f64,
+    /// Its offset, enT.
+    pub b_off_ent: [f64; 3],
+    /// `B_res`, enT, along the sensor axes.
+    pub b_res_ent: [f64; 3],
+    /// Its standard uncertainty, enT.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub b_res_std_ent: Option<[f64; 3]>,
+}
+
+/// What is applied of the lags of a thermistor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LagForm {
+    /// Neither: none is significant.
+    #[serde(rename = "none")]
+    None,
+    /// The delay.
+    #[serde(rename = "delay")]
+    Delay,
+    /// The time constant.
+    #[serde(rename = "first order")]
+    FirstOrder,
+    /// The lag of a model file in their place.
+    #[serde(rename = "of the model")]
+    OfTheModel,
+}
+
+impl LagForm {
+    /// The word of files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            LagForm::None => "none",
+            LagForm::Delay => "delay",
+            LagForm::FirstOrder => "first order",
+            LagForm::OfTheModel => "of the model",
+        }
+    }
+}
+
+/// How the sensor follows a thermistor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ThermistorLag {
+    /// Channel.
+    pub channel: String,
+    /// What was applied if this channel was used.
+    pub form: LagForm,
+    /// Best delay, s: the sensor is that much later than the thermistor, or earlier if negative.
+    pub delay_s: f64,
+    /// Its standard uncertainty.
+    pub delay_std_s: f64,
+    /// Best time constant, s: the sensor follows the thermistor with it, or the thermistor the sensor if negative.
+    pub time_constant_s: f64,
+    /// Its standard uncertainty.
+    pub time_constant_std_s: f64,
+    /// Deviance (twice the log likelihood) that the better of both gains over no lag.
+    pub gain: f64,
+    /// Deviance by which the delay is better than the time constant.
+    pub delay_over_first_order: f64,
+    /// Standard deviation of the readings about the model with the lag, geometric mean of the components, enT.
+    pub residual_std_ent: f64,
+}

@@ -1,0 +1,139 @@
+//! Where the parameters of the joint fit stand, and the plateaus of a run made ready for it.
+
+use super::{JointError, JointRun, QUANTITIES};
+use crate::fit::{FitError, order};
+use nalgebra::linalg::QR;
+use nalgebra::{DMatrix, DVector, Vector3};
+
+/// Where the parameters stand: the coefficients of the quantities in powers of the mapped temperature, angles in radians, then
+/// for each run the rotation vector from its start, radians.
+pub(super) struct Layout {
+    /// First coefficient of each quantity, and the end of the last.
+    pub(super) starts: [usize; 7],
+    pub(super) centre_degc: f64,
+    pub(super) half_range_degc: f64,
+    pub(super) span_degc: [f64; 2],
+    pub(super) runs: usize,
+    pub(super) rows: usize,
+    pub(super) names: Vec<String>,
+}
+
+impl Layout {
+    pub(super) fn over(runs: &[JointRun], start: &[Vec<f64>; 6]) -> Result<Self, JointError> {
+        if runs.is_empty() {
+            return Err(JointError::NoRuns);
+        }
+        let temperatures = || runs.iter().flat_map(|run| &run.plateaus).map(|p| p.temperature_degc);
+        let low = temperatures().fold(f64::INFINITY, f64::min);
+        let high = temperatures().fold(f64::NEG_INFINITY, f64::max);
+        let mut starts = [0; 7];
+        let mut names = Vec::new();
+        for (i, (coefficients, quantity)) in start.iter().zip(QUANTITIES).enumerate() {
+            if coefficients.is_empty() || coefficients.iter().any(|c| !c.is_finite()) {
+                return Err(JointError::Start { quantity });
+            }
+            let order = coefficients.len() - 1;
+            if order > order::HIGHEST_ORDER {
+                return Err(FitError::OrderTooHigh { order, highest: order::HIGHEST_ORDER }.into());
+            }
+            starts[i + 1] = starts[i] + coefficients.len();
+            names.extend((0..=order).map(|k| format!("{quantity} T^{k}")));
+        }
+        for run in runs {
+            names.extend(["x", "y", "z"].map(|axis| format!("the rotation of run {} about {axis}", run.run)));
+        }
+        Ok(Layout {
+            starts,
+            centre_degc: 0.5 * (low + high),
+            half_range_degc: if high > low { 0.5 * (high - low) } else { 1.0 },
+            span_degc: [low, high],
+            runs: runs.len(),
+            rows: runs.iter().map(|run| 3 * run.plateaus.len()).sum(),
+            names,
+        })
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.starts[6] + 3 * self.runs
+    }
+
+    pub(super) fn range(&self, quantity: usize) -> std::ops::Range<usize> {
+        self.starts[quantity]..self.starts[quantity + 1]
+    }
+
+    /// Factor from the unit in which a quantity is fitted to the one it is given in.
+    pub(super) fn unit(quantity: usize) -> f64 {
+        if quantity < 3 { 1.0 } else { 1f64.to_degrees() }
+    }
+
+    /// Column k holds `((T - centre) / half range)^k` in powers of T.
+    pub(super) fn to_raw(&self, count: usize) -> DMatrix<f64> {
+        powers_of_line(count, -self.centre_degc / self.half_range_degc, 1.0 / self.half_range_degc)
+    }
+
+    /// The start in mapped powers; the rotations start at zero.
+    pub(super) fn start(&self, start: &[Vec<f64>; 6]) -> DVector<f64> {
+        let mut parameters = DVector::zeros(self.count());
+        for (i, coefficients) in start.iter().enumerate() {
+            let to_mapped = powers_of_line(coefficients.len(), self.centre_degc, self.half_range_degc);
+            let mapped = to_mapped * DVector::from_column_slice(coefficients) / Self::unit(i);
+            parameters.rows_mut(self.starts[i], coefficients.len()).copy_from(&mapped);
+        }
+        parameters
+    }
+}
+
+/// Column k holds the coefficients of `(constant + slope x)^k`.
+pub(super) fn powers_of_line(count: usize, constant: f64, slope: f64) -> DMatrix<f64> {
+    let mut map = DMatrix::zeros(count, count);
+    map[(0, 0)] = 1.0;
+    for k in 1..count {
+        for j in 0..=k {
+            let shifted = if j > 0 { map[(j - 1, k - 1)] } else { 0.0 };
+            map[(j, k)] = slope * shifted + constant * map[(j, k - 1)];
+        }
+    }
+    map
+}
+
+/// A run made ready.
+pub(super) struct RunRows {
+    /// The applied field along the sensor axes of the start were they orthogonal, `ρ⁻¹ R_nom⁻¹ B_c`, nT.
+    pub(super) fields: Vec<Vector3<f64>>,
+    pub(super) readings: Vec<[f64; 3]>,
+    /// Mapped temperatures.
+    pub(super) mapped: Vec<f64>,
+    /// Orthonormal columns that span the offset trend.
+    pub(super) trend: DMatrix<f64>,
+    pub(super) noise: [f64; 3],
+}
+
+impl RunRows {
+    pub(super) fn of(run: &JointRun, layout: &Layout) -> Self {
+        let to_sensor = run.rho.transpose() * run.r_nom.transpose();
+        let plateaus = || run.plateaus.iter();
+        let begin = plateaus().map(|p| p.t_s).fold(f64::INFINITY, f64::min);
+        let end = plateaus().map(|p| p.t_s).fold(f64::NEG_INFINITY, f64::max);
+        let tau = |t_s: f64| if end > begin { 2.0 * (t_s - begin) / (end - begin) - 1.0 } else { 0.0 };
+        let powers = DMatrix::from_fn(run.plateaus.len(), run.trend_order + 1, |k, j| tau(run.plateaus[k].t_s).powi(j as i32));
+        RunRows {
+            fields: plateaus().map(|p| to_sensor * Vector3::from(p.field_coil_nt)).collect(),
+            readings: plateaus().map(|p| p.reading_ent).collect(),
+            mapped: plateaus().map(|p| (p.temperature_degc - layout.centre_degc) / layout.half_range_degc).collect(),
+            trend: QR::new(powers).q(),
+            noise: run.noise_ent,
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.fields.len()
+    }
+
+    /// Takes the part along the trend out of a column, one value per plateau.
+    pub(super) fn project(&self, column: &mut [f64]) {
+        for direction in self.trend.column_iter() {
+            let share: f64 = direction.iter().zip(column.iter()).map(|(a, b)| a * b).sum();
+            column.iter_mut().zip(direction.iter()).for_each(|(value, d)| *value -= share * d);
+        }
+    }
+}

@@ -1,0 +1,193 @@
+//! Temperature polynomials across the runs of a sensor in one mode (BC-MAG-TR-0085 sections 12 and 13).
+
+mod group;
+mod parts;
+mod quantity;
+mod result;
+
+pub use group::{Kind, RunGroup, groups};
+pub use result::{Corner, LinAcross, OfKind, QuantityFit, RunsUsed, SamplingAcross, Thermal};
+
+pub(super) use result::band;
+
+use crate::data::across::{CalibratedRun, RunValues};
+use crate::data::note::{Note, NoteKind};
+use crate::fit::FitError;
+use crate::measure::lin::Lin;
+use parts::{joint_fit, model_error, residual_field, rotation};
+use quantity::{different_temperatures, fit, quantities};
+use thiserror::Error;
+
+/// Why a group has no polynomials.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ThermalError {
+    /// Not enough to compare.
+    #[error("its {kind} runs ({files}) are at {temperatures} different temperature, polynomials need two")]
+    TooFew {
+        /// What the runs are.
+        kind: &'static str,
+        /// Their parameter files.
+        files: String,
+        /// Different temperatures.
+        temperatures: usize,
+    },
+    /// A polynomial cannot be fitted.
+    #[error("{quantity}: {error}")]
+    Fit {
+        /// Quantity.
+        quantity: String,
+        /// Why.
+        error: FitError,
+    },
+}
+
+impl ThermalError {
+    /// What to do about it.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            ThermalError::TooFew { .. } => "measure at further temperatures, or check the temperature channel of the runs",
+            ThermalError::Fit { error: FitError::OrderTooHigh { .. } | FitError::TooFewPoints { .. }, .. } => {
+                "give a lower order for it with --order or in campaign.toml"
+            }
+            ThermalError::Fit { .. } => "check the values of the runs",
+        }
+    }
+}
+
+/// Runs within this range are at one temperature, °C: a chamber holds its temperature within a few tenths during a run.
+pub(super) const SAME_DEGC: f64 = 0.5;
+
+/// The polynomials of one kind of runs of a group. `runs` are the linear calibrations with their plateaus, as far as they are at hand;
+/// a joint fit needs them.
+///
+/// # Errors
+/// [`ThermalError`]: too few temperatures, or an order that they do not carry.
+pub fn thermal(group: &RunGroup, kind: Kind, runs: &[&Lin], with_joint: bool) -> Result<Thermal, ThermalError> {
+    let points = group.of_kind(kind);
+    let temperatures: Vec<f64> = points.iter().filter_map(|p| p.run.temperature_degc).collect();
+    let mut notes = left_out(group, kind);
+    check_temperatures(group, kind, &points, &temperatures)?;
+    let corner = corner_of(&points, kind, &mut notes);
+    let mut fits = Vec::new();
+    for quantity in quantities(&points, kind, corner) {
+        match fit(group, &quantity, &points, &temperatures, &mut notes)? {
+            Some(fitted) => fits.push(fitted),
+            None => {
+                let text = format!("{} is not determined in enough of the runs", quantity.name);
+                notes.push(Note::new(NoteKind::Data, text).about(&quantity.name));
+            }
+        }
+    }
+    let channel = common_channel(&points, &mut notes);
+    let joint = if with_joint && kind == Kind::Lin {
+        joint_fit(&points, runs, &fits)
+            .map_err(|error| notes.push(Note::new(NoteKind::Method, format!("no joint fit: {error}"))))
+            .ok()
+    } else {
+        None
+    };
+    for (fitted, polynomial) in fits.iter_mut().zip(joint.iter().flat_map(|j| &j.polynomials)) {
+        fitted.joint_band = band(polynomial.valid_degc, |t| polynomial.evaluate(t));
+    }
+    let of_kind = match kind {
+        Kind::Lin => OfKind::Lin(Box::new(LinAcross {
+            rotation: rotation(&points),
+            model_error: model_error(&points, runs, &fits),
+            joint,
+        })),
+        Kind::Offset => OfKind::Offset(residual_field(&points, &mut notes)),
+        Kind::Freq => OfKind::Freq(sampling(&points, corner)),
+    };
+    Ok(Thermal {
+        valid_degc: common_range(&fits),
+        runs: RunsUsed {
+            files: points.iter().map(|p| p.file.clone()).collect(),
+            ids: points.iter().map(|p| p.run.id.clone()).collect(),
+            sensor: group.sensor.clone(),
+            mode: group.mode.clone(),
+            channel,
+            temperature_degc: temperatures,
+            coil_temperature_degc: points.iter().map(|p| p.run.coil_temperature_degc.unwrap_or(f64::NAN)).collect(),
+        },
+        quantities: fits,
+        of_kind,
+        notes,
+    })
+}
+
+/// Files of runs of a kind that state no sensor temperature.
+fn without_temperature(group: &RunGroup, kind: Kind) -> impl Iterator<Item = &str> {
+    group.without_temperature.iter().filter(move |(k, _)| *k == kind).map(|(_, file)| file.as_str())
+}
+
+/// A note about every run without a sensor temperature.
+fn left_out(group: &RunGroup, kind: Kind) -> Vec<Note> {
+    let note = |file| Note::new(NoteKind::LeftOut, format!("{file} states no sensor temperature and was left out")).about(file);
+    without_temperature(group, kind).map(note).collect()
+}
+
+/// Refuses runs that are all at one temperature.
+fn check_temperatures(
+    group: &RunGroup,
+    kind: Kind,
+    points: &[&CalibratedRun],
+    temperatures_degc: &[f64],
+) -> Result<(), ThermalError> {
+    let temperatures = different_temperatures(temperatures_degc);
+    if temperatures >= 2 {
+        return Ok(());
+    }
+    let mut files = points.iter().map(|p| p.file.as_str()).collect::<Vec<_>>().join(", ");
+    let without: Vec<&str> = without_temperature(group, kind).collect();
+    if !without.is_empty() {
+        files.push_str(&format!("; without one: {}", without.join(", ")));
+    }
+    Err(ThermalError::TooFew { kind: kind.name(), files, temperatures })
+}
+
+/// Which -3 dB frequency all runs have: that of a model if each has one.
+fn corner_of(points: &[&CalibratedRun], kind: Kind, notes: &mut Vec<Note>) -> Corner {
+    let has_model =
+        |p: &&&CalibratedRun| matches!(&p.values, RunValues::Freq { model_hz: Some(hz), .. } if hz.iter().any(|v| v.is_finite()));
+    let without: Vec<&str> = points.iter().filter(|p| !has_model(p)).map(|p| p.file.as_str()).collect();
+    if without.is_empty() {
+        return Corner::Model;
+    }
+    if kind == Kind::Freq && without.len() < points.len() {
+        let text = format!("f_3dB by interpolation (igep) is used for all runs: {} hold none of a model", without.join(", "));
+        notes.push(Note::new(NoteKind::Method, text));
+    }
+    Corner::Interpolated
+}
+
+/// The channel of the sensor temperature, the first by name if the runs took it from several.
+fn common_channel(points: &[&CalibratedRun], notes: &mut Vec<Note>) -> Option<String> {
+    let mut channels: Vec<&str> = points.iter().filter_map(|p| p.channel.as_deref()).collect();
+    channels.sort_unstable();
+    channels.dedup();
+    if channels.len() > 1 {
+        let text = format!("the runs took their temperature from different channels: {}", channels.join(", "));
+        notes.push(Note::new(NoteKind::Temperature, text));
+    }
+    channels.first().map(|c| (*c).to_owned())
+}
+
+/// The temperatures for which all polynomials hold, °C.
+fn common_range(fits: &[QuantityFit]) -> [f64; 2] {
+    fits.iter()
+        .map(|f| f.polynomial.valid_degc)
+        .fold([f64::NEG_INFINITY, f64::INFINITY], |[low, high], [from, to]| [low.max(from), high.min(to)])
+}
+
+/// Sampling frequencies of frequency measurements.
+fn sampling(points: &[&CalibratedRun], corner: Corner) -> SamplingAcross {
+    let (f_s_hz, f_s_std_hz) = points
+        .iter()
+        .map(|p| match &p.values {
+            RunValues::Freq { f_s_hz, f_s_std_hz, .. } => (f_s_hz.unwrap_or(f64::NAN), f_s_std_hz.unwrap_or(f64::NAN)),
+            _ => (f64::NAN, f64::NAN),
+        })
+        .unzip();
+    SamplingAcross { corner, f_s_hz, f_s_std_hz }
+}

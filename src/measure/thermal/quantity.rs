@@ -1,0 +1,203 @@
+//! The polynomial of one quantity through the values of the runs.
+
+use super::result::band;
+use super::{Corner, Kind, QuantityFit, RunGroup, SAME_DEGC, ThermalError};
+use crate::data::across::{CalibratedRun, RunValues};
+use crate::data::note::{Note, NoteKind};
+use crate::data::units::COMPONENTS;
+use crate::fit::order::{self, Chosen};
+use crate::fit::{FitError, Limits, NORMAL_95, student_95};
+use crate::model::campaign::MOST_THERMAL_ORDER;
+use crate::model::polynomial::TemperaturePolynomial;
+use nalgebra::DMatrix;
+
+/// One quantity of the runs before its polynomial is fitted.
+pub(super) struct Quantity {
+    /// `sigma_x`, for example.
+    pub(super) name: String,
+    component: String,
+    unit: &'static str,
+    /// Value and standard uncertainty per run; nan where there is none.
+    values: Vec<(f64, f64)>,
+    /// Whether too few runs may determine it.
+    may_be_missing: bool,
+}
+
+/// Value and standard uncertainty of the three components of a family in one run.
+type Triple = ([f64; 3], Option<[f64; 3]>);
+
+/// Number of temperatures that differ by more than those of runs at one temperature do.
+pub(super) fn different_temperatures(temperatures_degc: &[f64]) -> usize {
+    let mut sorted = temperatures_degc.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let mut last = f64::NEG_INFINITY;
+    sorted
+        .into_iter()
+        .filter(|t| {
+            let new = *t > last + SAME_DEGC;
+            last = if new { *t } else { last };
+            new
+        })
+        .count()
+}
+
+/// The quantities of a kind in the order of the file.
+pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) -> Vec<Quantity> {
+    const PAIRS: [&str; 3] = ["xy", "xz", "yz"];
+    const NONE: Triple = ([f64::NAN; 3], None);
+    let triple = |family: &str, components: [&str; 3], unit: &'static str, get: &dyn Fn(&RunValues) -> Triple| {
+        let all: Vec<Triple> = points.iter().map(|p| get(&p.values)).collect();
+        (0..3)
+            .map(|i| Quantity {
+                name: format!("{family}_{}", components[i]),
+                component: components[i].to_owned(),
+                unit,
+                values: all.iter().map(|(value, std)| (value[i], std.map_or(f64::NAN, |s| s[i]))).collect(),
+                may_be_missing: kind != Kind::Lin,
+            })
+            .collect::<Vec<Quantity>>()
+    };
+    match kind {
+        Kind::Lin => {
+            let part = |which: usize| {
+                move |values: &RunValues| match values {
+                    RunValues::Lin { sigma, xi_deg, b_or_ent, std, .. } => ([*sigma, *xi_deg, *b_or_ent][which], std[which]),
+                    _ => NONE,
+                }
+            };
+            [
+                triple("sigma", COMPONENTS, "nT/enT", &part(0)),
+                triple("xi", PAIRS, "deg", &part(1)),
+                triple("b_or", COMPONENTS, "enT", &part(2)),
+            ]
+            .into_iter()
+            .flatten()
+            .collect()
+        }
+        Kind::Offset => triple("b_off", COMPONENTS, "enT", &|values| match values {
+            RunValues::Offset { offset_ent, std, .. } => (*offset_ent, *std),
+            _ => NONE,
+        }),
+        Kind::Freq => triple("f_3db", COMPONENTS, "Hz", &|values| match values {
+            RunValues::Freq { model_hz: Some(hz), model_std_hz, .. } if corner == Corner::Model => (*hz, *model_std_hz),
+            RunValues::Freq { igep_hz: Some(hz), .. } => (*hz, None),
+            _ => NONE,
+        }),
+    }
+}
+
+/// The values of the runs that determine a quantity.
+struct Values {
+    /// Indices of the runs.
+    runs: Vec<usize>,
+    degc: Vec<f64>,
+    value: Vec<f64>,
+    std: Vec<f64>,
+    /// Whether all standard uncertainties are usable.
+    std_known: bool,
+}
+
+impl Values {
+    fn of(quantity: &Quantity, temperatures_degc: &[f64], notes: &mut Vec<Note>) -> Self {
+        let runs: Vec<usize> = (0..temperatures_degc.len()).filter(|i| quantity.values[*i].0.is_finite()).collect();
+        let std: Vec<f64> = runs.iter().map(|i| quantity.values[*i].1).collect();
+        let usable = |s: &f64| s.is_finite() && *s > 0.0;
+        let std_known = std.iter().all(usable);
+        if !std_known && std.iter().any(usable) {
+            let text = format!("{}: not all runs state an uncertainty; all count alike", quantity.name);
+            notes.push(Note::new(NoteKind::Data, text).about(&quantity.name));
+        }
+        Self {
+            degc: runs.iter().map(|i| temperatures_degc[*i]).collect(),
+            value: runs.iter().map(|i| quantity.values[*i].0).collect(),
+            runs,
+            std,
+            std_known,
+        }
+    }
+}
+
+/// The polynomial of one quantity; `None` where too few runs determine it and it may be missing.
+pub(super) fn fit(
+    group: &RunGroup,
+    quantity: &Quantity,
+    points: &[&CalibratedRun],
+    temperatures_degc: &[f64],
+    notes: &mut Vec<Note>,
+) -> Result<Option<QuantityFit>, ThermalError> {
+    let values = Values::of(quantity, temperatures_degc, notes);
+    let refuse = |error| ThermalError::Fit { quantity: quantity.name.clone(), error };
+    let different = different_temperatures(&values.degc);
+    if different < 2 {
+        let error = FitError::TooFewPoints { order: 1, distinct: different };
+        return if quantity.may_be_missing { Ok(None) } else { Err(refuse(error)) };
+    }
+    let highest = (MOST_THERMAL_ORDER as usize).min(different.saturating_sub(1));
+    let std = values.std_known.then_some(values.std.as_slice());
+    let chosen = match group.order(&quantity.name) {
+        Some(order) if order > highest => Err(FitError::TooFewPoints { order, distinct: different }),
+        wanted => order::choose(&values.degc, &values.value, std, highest, wanted, &Limits::default()),
+    }
+    .map_err(refuse)?;
+    let valid_degc = [
+        values.degc.iter().copied().fold(f64::INFINITY, f64::min),
+        values.degc.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+    ];
+    if values.runs.len() < points.len() {
+        let text = format!(
+            "{}: {} of {} runs determine it, {:.1} to {:.1} °C",
+            quantity.name,
+            values.runs.len(),
+            points.len(),
+            valid_degc[0],
+            valid_degc[1]
+        );
+        notes.push(Note::new(NoteKind::Data, text).about(&quantity.name));
+    }
+    if chosen.inflation > 1.0 && values.std_known {
+        let text = format!(
+            "{}: the runs scatter by {:.1} times what their uncertainties let expect; the uncertainty of the polynomial was widened by it",
+            quantity.name, chosen.inflation
+        );
+        notes.push(Note::new(NoteKind::Method, text).about(&quantity.name));
+    }
+    Ok(Some(described(quantity, values, &chosen, valid_degc)))
+}
+
+/// The polynomial with its values.
+fn described(quantity: &Quantity, values: Values, chosen: &Chosen, valid_degc: [f64; 2]) -> QuantityFit {
+    let Values { runs, degc, value, std, std_known } = values;
+    // Where the scatter of a few runs tells the uncertainties, intervals are wider than where they are known.
+    let degrees_of_freedom = chosen.polynomial.dof;
+    let factor_95 = if std_known && chosen.inflation == 1.0 { NORMAL_95 } else { student_95(degrees_of_freedom) };
+    let residual = chosen.polynomial.residuals.clone();
+    let extreme = |join: fn(f64, f64) -> f64| residual.iter().copied().reduce(join).unwrap_or(f64::NAN);
+    QuantityFit {
+        name: quantity.name.clone(),
+        component: quantity.component.clone(),
+        unit: quantity.unit,
+        runs,
+        points: (0..degc.len()).map(|i| [degc[i], value[i], if std_known { std[i] } else { f64::NAN }]).collect(),
+        std_known,
+        error_range: [extreme(f64::min), extreme(f64::max)],
+        residual,
+        degrees_of_freedom,
+        factor_95,
+        order_by: chosen.reason,
+        aicc: chosen.candidates.iter().map(|c| c.aicc.unwrap_or(f64::NAN)).collect(),
+        leave_one_out: chosen.candidates.iter().map(|c| c.leave_one_out.unwrap_or(f64::NAN)).collect(),
+        widened: if std_known { chosen.inflation } else { 1.0 },
+        polynomial: TemperaturePolynomial {
+            coefficients: chosen.polynomial.coefficients.clone(),
+            covariance: finite(&chosen.covariance),
+            valid_degc,
+        },
+        band: band(valid_degc, |t| chosen.evaluate(t)),
+        joint_band: Vec::new(),
+    }
+}
+
+/// The covariance, or none of size zero: without a degree of freedom the scatter tells nothing, and zeros would claim certainty.
+fn finite(covariance: &DMatrix<f64>) -> DMatrix<f64> {
+    if covariance.iter().all(|v| v.is_finite()) { covariance.clone() } else { DMatrix::zeros(0, 0) }
+}

@@ -1,0 +1,166 @@
+//! What a thermal analysis finds.
+
+use super::group::Kind;
+use crate::data::across::{RunModelErrors, RunResidualFields, RunRotations};
+use crate::data::note::Note;
+use crate::fit::order::Reason;
+use crate::measure::joint::JointFit;
+use crate::model::polynomial::TemperaturePolynomial;
+
+/// Temperatures at which a band is given.
+const BAND: usize = 121;
+
+/// The runs that an analysis rests on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunsUsed {
+    /// Their parameter files.
+    pub files: Vec<String>,
+    /// Their ids, in the order of the files.
+    pub ids: Vec<String>,
+    /// Sensor.
+    pub sensor: String,
+    /// Mode.
+    pub mode: String,
+    /// Channel of the sensor temperature; absent if no file tells it.
+    pub channel: Option<String>,
+    /// Mean sensor temperature of every run, °C.
+    pub temperature_degc: Vec<f64>,
+    /// Mean coil-system temperature of every run, °C; nan where there is none.
+    pub coil_temperature_degc: Vec<f64>,
+}
+
+/// The polynomial of one quantity with the values it rests on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct QuantityFit {
+    /// `sigma_x`, for example.
+    pub name: String,
+    /// Component or pair of components, `x` or `xy`.
+    pub component: String,
+    /// Unit.
+    pub unit: &'static str,
+    /// Runs that determine it, as indices into the runs of the group; empty for the windows of a sweep.
+    pub runs: Vec<usize>,
+    /// Temperature, °C, value and standard uncertainty of those runs or windows.
+    pub points: Vec<[f64; 3]>,
+    /// Whether the standard uncertainties of the values are known; without them they are nan in `points`.
+    pub std_known: bool,
+    /// Value minus polynomial.
+    pub residual: Vec<f64>,
+    /// Smallest and largest value minus polynomial.
+    pub error_range: [f64; 2],
+    /// Runs, or settings of a sweep, minus coefficients.
+    pub degrees_of_freedom: usize,
+    /// Standard uncertainties that make an interval of 95 %: more than 1.96 where the scatter of the runs told them.
+    pub factor_95: f64,
+    /// How the order was chosen.
+    pub order_by: Reason,
+    /// AICc of the orders 0, 1, ... that could be tried; nan where it is not defined.
+    pub aicc: Vec<f64>,
+    /// Root mean square of the leave-one-out errors of the same orders, in the unit of the quantity; nan where not defined.
+    pub leave_one_out: Vec<f64>,
+    /// Factor by which the uncertainties were widened because the runs scatter by more than their own uncertainties.
+    pub widened: f64,
+    /// The polynomial.
+    pub polynomial: TemperaturePolynomial,
+    /// Temperature, value and standard uncertainty of the polynomial at even steps over its range.
+    pub band: Vec<[f64; 3]>,
+    /// The polynomial of the joint fit at the same temperatures, if there is one.
+    pub joint_band: Vec<[f64; 3]>,
+}
+
+/// The thermal analysis of one kind of runs of one group.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Thermal {
+    /// The runs.
+    pub runs: RunsUsed,
+    /// Lowest and highest temperature for which all polynomials hold, °C.
+    pub valid_degc: [f64; 2],
+    /// The polynomials with their runs.
+    pub quantities: Vec<QuantityFit>,
+    /// What only this kind of runs has.
+    pub of_kind: OfKind,
+    /// What a person should know.
+    pub notes: Vec<Note>,
+}
+
+/// What only one kind of runs has.
+#[derive(Clone, Debug, PartialEq)]
+pub enum OfKind {
+    /// Linear calibrations.
+    Lin(Box<LinAcross>),
+    /// Offset measurements: the residual field of the coil system in every run.
+    Offset(RunResidualFields),
+    /// Frequency measurements.
+    Freq(SamplingAcross),
+}
+
+/// Linear calibrations across temperatures, beside their polynomials.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinAcross {
+    /// Rotation of the sensor against its nominal orientation in every run.
+    pub rotation: RunRotations,
+    /// What the polynomials leave of the applied fields in every run; absent unless all runs are at hand with their plateaus.
+    pub model_error: Option<RunModelErrors>,
+    /// The fit of the temperature-dependent model to the plateaus of all runs at once.
+    pub joint: Option<JointFit>,
+}
+
+/// Which -3 dB frequency the polynomials are of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Corner {
+    /// That of the response models.
+    Model,
+    /// That between neighbouring amplitudes (igep).
+    Interpolated,
+}
+
+/// Frequency measurements across temperatures, beside their polynomials.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SamplingAcross {
+    /// Which -3 dB frequency.
+    pub corner: Corner,
+    /// Sampling frequency of every run, Hz; nan where it is not known.
+    pub f_s_hz: Vec<f64>,
+    /// Its standard uncertainty, Hz.
+    pub f_s_std_hz: Vec<f64>,
+}
+
+impl SamplingAcross {
+    /// Means over the runs of the sampling frequency and of its standard uncertainty, Hz.
+    #[must_use]
+    pub fn means_hz(&self) -> [Option<f64>; 2] {
+        [&self.f_s_hz, &self.f_s_std_hz].map(|values| {
+            let known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+            (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+        })
+    }
+}
+
+impl Thermal {
+    /// Which runs.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        match self.of_kind {
+            OfKind::Lin(_) => Kind::Lin,
+            OfKind::Offset(_) => Kind::Offset,
+            OfKind::Freq(_) => Kind::Freq,
+        }
+    }
+
+    /// The quantity of a name.
+    #[must_use]
+    pub fn quantity(&self, name: &str) -> Option<&QuantityFit> {
+        self.quantities.iter().find(|q| q.name == name)
+    }
+}
+
+/// Temperature, value and standard uncertainty at even steps over a range.
+pub(in crate::measure) fn band(range_degc: [f64; 2], evaluate: impl Fn(f64) -> (f64, f64)) -> Vec<[f64; 3]> {
+    (0..BAND)
+        .map(|i| {
+            let t = range_degc[0] + (range_degc[1] - range_degc[0]) * i as f64 / (BAND - 1) as f64;
+            let (value, std) = evaluate(t);
+            [t, value, std]
+        })
+        .collect()
+}

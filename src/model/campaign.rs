@@ -1,0 +1,136 @@
+//! What a campaign says of its runs beside their headers: positions, temperature channels, field limits, orders.
+
+use super::position::Position;
+use crate::data::run::Header;
+
+/// Channel of the sensor temperature where nothing else is said.
+pub const SENSOR_CHANNEL: &str = "T59";
+/// Channel of the coil temperature where nothing else is said.
+pub const COIL_CHANNEL: &str = "T29";
+/// Channel of the temperature of the facility's electronics rack where nothing else is said (CH-GFZ-TR-2601 section 6).
+pub const RACK_CHANNEL: &str = "T55";
+
+/// Channels of a sensor.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SensorChannels {
+    /// Name as in the run headers.
+    pub name: String,
+    /// Channel of the sensor temperature.
+    pub temperature_channel: Option<String>,
+    /// Channel of the coil system's temperature.
+    pub coil_temperature_channel: Option<String>,
+}
+
+/// Field limits of a sensor and mode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FieldLimits {
+    /// Sensor; `None` is any.
+    pub sensor: Option<String>,
+    /// Mode; `None` is any.
+    pub mode: Option<String>,
+    /// Largest magnitude along the nominal sensor axes, nT.
+    pub max_field_nt: [f64; 3],
+}
+
+/// Runs that are compared across temperatures.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ThermalEntry {
+    /// Sensor; `None` is any.
+    pub sensor: Option<String>,
+    /// Mode; `None` is any.
+    pub mode: Option<String>,
+    /// Run ids; `None` is all of sensor and mode.
+    pub runs: Option<Vec<String>>,
+    /// Polynomial order per quantity, `sigma`, `sigma_x`, `xi`, `b_or`, `b_off`, `f_3db` for example.
+    pub orders: Vec<(String, u32)>,
+}
+
+/// Quantities of a thermal analysis, and the names under which several share one order.
+pub const THERMAL_QUANTITIES: [&str; 20] = [
+    "sigma", "xi", "b_or", "b_off", "f_3db", "sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz", "xi_yz", "b_or_x", "b_or_y",
+    "b_or_z", "b_off_x", "b_off_y", "b_off_z", "f_3db_x", "f_3db_y", "f_3db_z",
+];
+/// Largest order of a temperature polynomial.
+pub const MOST_THERMAL_ORDER: u32 = 5;
+
+/// What a campaign says of its runs beside their headers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Instructions {
+    /// Name and instrument, or what is assumed without a campaign file.
+    pub description: String,
+    /// Order of the offset trend in linearity runs.
+    pub offset_trend_order: Option<u32>,
+    /// Channel of the sensor temperature for all sensors.
+    pub temperature_channel: Option<String>,
+    /// Channel of the coil temperature for all sensors.
+    pub coil_temperature_channel: Option<String>,
+    /// Channel of the temperature of the facility's electronics rack.
+    pub rack_temperature_channel: Option<String>,
+    /// Positions with the id that settings use, in the order of the file.
+    pub positions: Vec<(u32, Position)>,
+    /// Channels of single sensors.
+    pub sensors: Vec<SensorChannels>,
+    /// Field limits.
+    pub limits: Vec<FieldLimits>,
+    /// Thermal groups; without any they follow from sensor and mode.
+    pub thermal: Vec<ThermalEntry>,
+}
+
+impl Default for Instructions {
+    /// Without a campaign file.
+    fn default() -> Self {
+        Self {
+            description: format!(
+                "no campaign.toml: position 1 is +X +Y +Z, channels {SENSOR_CHANNEL} and {COIL_CHANNEL}, no field limits"
+            ),
+            offset_trend_order: None,
+            temperature_channel: None,
+            coil_temperature_channel: None,
+            rack_temperature_channel: None,
+            positions: vec![(1, Position::STANDARD)],
+            sensors: Vec::new(),
+            limits: Vec::new(),
+            thermal: Vec::new(),
+        }
+    }
+}
+
+impl Instructions {
+    /// The position with this id.
+    #[must_use]
+    pub fn position(&self, id: u32) -> Option<Position> {
+        self.positions.iter().find(|(own, _)| *own == id).map(|(_, position)| *position)
+    }
+
+    /// The channels of sensor and coil temperature for a run.
+    #[must_use]
+    pub fn channels(&self, header: &Header) -> (String, String) {
+        let sensor = self.sensors.iter().find(|s| s.name == header.sensor);
+        let pick = |own: Option<&String>, all: Option<&String>, default: &str| {
+            own.or(all).cloned().unwrap_or_else(|| default.to_owned())
+        };
+        (
+            pick(sensor.and_then(|s| s.temperature_channel.as_ref()), self.temperature_channel.as_ref(), SENSOR_CHANNEL),
+            pick(sensor.and_then(|s| s.coil_temperature_channel.as_ref()), self.coil_temperature_channel.as_ref(), COIL_CHANNEL),
+        )
+    }
+
+    /// The channel of the rack temperature; the facility has one rack, whichever the sensor.
+    #[must_use]
+    pub fn rack_channel(&self) -> &str {
+        self.rack_temperature_channel.as_deref().unwrap_or(RACK_CHANNEL)
+    }
+
+    /// The field limits of a run along its nominal sensor axes, nT.
+    #[must_use]
+    pub fn limits_nt(&self, header: &Header) -> [Option<f64>; 3] {
+        let applies = |wanted: &Option<String>, is: &str| wanted.as_deref().is_none_or(|w| w == is);
+        let mut limits = [None; 3];
+        for entry in self.limits.iter().filter(|l| applies(&l.sensor, &header.sensor) && applies(&l.mode, &header.mode)) {
+            for (limit, new) in limits.iter_mut().zip(entry.max_field_nt) {
+                *limit = Some(limit.map_or(new, |old: f64| old.min(new)));
+            }
+        }
+        limits
+    }
+}
