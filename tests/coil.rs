@@ -141,7 +141,7 @@ fn nine_parameters_come_back_and_the_intervals_cover() {
         let mut gauss = Gauss(1000 + seed);
         let settings = directions(&mut gauss);
         let result = calibrate(&[run(23, &FACILITY, &settings, &[], &mut gauss)], &Options::default());
-        let p = &result.parameters;
+        let p = &result;
         let of =
             |part: &calfit::model::facility::FacilityParameters| [part.scale_nt_per_eu, part.offset_nt, part.angles_deg].concat();
         let (found, std) = (of(&p.facility), of(&p.std));
@@ -178,7 +178,7 @@ fn temperature_coefficients_come_back_from_four_calibrations() {
         run(23 + i, &facility, &settings, &[("T29", CALIBRATIONS_DEGC[i]), ("T55", rack_degc[i])], gauss)
     };
     let runs: Vec<Run> = (0..4).map(|i| calibration(i, &mut gauss)).collect();
-    let p = calibrate(&runs, &Options { rack_channel: Some("T55".to_owned()) }).parameters;
+    let p = calibrate(&runs, &Options { rack_channel: Some("T55".to_owned()) });
     assert_eq!((p.facility.reference_degc, p.facility.rack_reference_degc), (Some(16.6), Some(31.8)));
     let within = |found: Option<Three>, std: Option<Three>, truth: Three, most: f64| {
         for k in 0..3 {
@@ -190,7 +190,7 @@ fn temperature_coefficients_come_back_from_four_calibrations() {
     within(p.facility.offset_nt_per_k, p.std.offset_nt_per_k, OFFSET_PER_K, 0.06);
     within(p.facility.rack_scale_per_k, p.std.rack_scale_per_k, [RACK_SCALE_PER_K; 3], 4e-7);
     within(p.facility.rack_offset_nt_per_k, p.std.rack_offset_nt_per_k, [0.0; 3], 0.02);
-    assert!(p.calibration.len() == 4 && p.warnings.is_empty(), "{:?}", p.warnings);
+    assert!(p.calibration.len() == 4 && p.notes.is_empty(), "{:?}", p.notes);
 }
 
 #[test]
@@ -200,10 +200,13 @@ fn a_facility_that_changed_between_calibrations_has_the_spread_as_uncertainty() 
     let later = Facility { offset_nt: [2.0, -4.4, -1.2], ..FACILITY };
     let settings = directions(&mut gauss);
     let runs = [run(23, &FACILITY, &settings, &[], &mut gauss), run(25, &later, &settings, &[], &mut gauss)];
-    let p = calibrate(&runs, &Options::default()).parameters;
+    let p = calibrate(&runs, &Options::default());
     assert!((p.facility.offset_nt[1] + 3.3).abs() < 0.1 && (p.std.offset_nt[1] - 1.1).abs() < 0.1, "{:?}", p.std);
     assert!((p.calibration[1].facility.offset_nt[1] + 4.4).abs() < 0.1);
-    says(&p.warnings.join("\n"), &["the offset field of Y differs between the calibrations"]);
+    says(
+        &p.notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"),
+        &["the offset field of Y differs between the calibrations"],
+    );
 }
 
 #[test]

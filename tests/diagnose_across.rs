@@ -2,8 +2,8 @@
 
 use calfit::diagnose::across::{RunValues, across};
 use calfit::files::orientations;
-use calfit::files::parameter::TiltValues;
 use calfit::model::effects::Catalogue;
+use calfit::model::facility_calibration::SensorValues;
 use calfit::model::position::Position;
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -39,15 +39,16 @@ fn runs_of_champ_name_the_facility_and_that_an_orientation_does_not_agree() {
 }
 
 /// Runs without repeats whose parameters are drawn with known uncertainties.
-fn drawn(seed: u64, orientations: &[&str], repeats: usize, wrong: &dyn Fn(&mut TiltValues, &Position)) -> Vec<RunValues> {
+fn drawn(seed: u64, orientations: &[&str], repeats: usize, wrong: &dyn Fn(&mut SensorValues, &Position)) -> Vec<RunValues> {
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut normal = move || -> f64 { StandardNormal.sample(&mut random) };
-    let std = TiltValues { scale: [2e-6; 3], offset_nt: [0.01; 3], angles_deg: [1e-4; 3] };
+    let std = SensorValues { scale: [2e-6; 3], offset_nt: [0.01; 3], angles_deg: [1e-4; 3] };
     let mut runs = Vec::new();
     for (o, axes) in orientations.iter().enumerate() {
         for repeat in 0..repeats {
             let position = Position::from_orientation(axes).unwrap();
-            let mut values = TiltValues { scale: [1.01, 0.99, 1.0], offset_nt: [5.0, -3.0, 1.0], angles_deg: [90.2, 89.8, 90.0] };
+            let mut values =
+                SensorValues { scale: [1.01, 0.99, 1.0], offset_nt: [5.0, -3.0, 1.0], angles_deg: [90.2, 89.8, 90.0] };
             wrong(&mut values, &position);
             for i in 0..3 {
                 values.scale[i] += std.scale[i] * normal();

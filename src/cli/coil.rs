@@ -149,7 +149,7 @@ fn finish<R: CoilResult>(
         Some(Ok((made, name))) => {
             made.result.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
             if common.json {
-                terminal.print(&json(&made.result)?);
+                terminal.print(&json(&made.result.view())?);
             } else {
                 terminal.tell(&format!("{}  -> {}\n", made.result.summary(), common.out.join(&name).display()));
             }

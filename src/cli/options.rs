@@ -1,5 +1,6 @@
 //! Options that several commands share, and their values.
 
+use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
 use crate::data::plateau::{LEAST_COVERAGE, Settling};
 use crate::data::provenance::Input;
@@ -21,10 +22,10 @@ pub(super) struct Cut {
 }
 
 /// Reads the linear calibration of `--cpf`, whose sensitivities give nT.
-pub(super) fn sensitivities(path: Option<&PathBuf>) -> Result<Option<(Input, Box<Cpf>)>, Finding> {
+pub(super) fn sensitivities(path: Option<&PathBuf>) -> Result<Option<(Input, Sensitivities)>, Finding> {
     let Some(path) = path else { return Ok(None) };
     let file = parameter::read::<Cpf>(path)?;
-    Ok(Some((file.input, Box::new(file.body))))
+    Ok(Some((file.input, (&file.body).into())))
 }
 
 /// Why the value of an option is refused: what to write in its place.

@@ -228,8 +228,8 @@ fn thermistors(campaign: &Campaign, desk: &Desk, terminal: &Terminal, failures: 
         findings.iter().for_each(|f| terminal.finding(f));
         let published = made.and_then(|made| publish_thermistor(&made, desk).map(|published| (made, published)));
         if let Some((made, (name, figures))) = keep(published, failures) {
-            made.result.parameters.warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
-            let (title, sections) = (show::thermistor::title(&made.result), show::thermistor::sections(&made.result));
+            made.result.notes.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+            let (title, sections) = (show::thermistor::title(&made.result), show::thermistor::sections(&made.result, &name));
             all.files.push(name);
             all.parts.push(OtherPart { title, sections, figures });
             all.input.extend(made.provenance.input);

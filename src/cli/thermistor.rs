@@ -81,10 +81,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     findings.iter().for_each(|f| terminal.finding(f));
     let made = made?;
     let shown = arguments.table.display();
-    made.result.parameters.warnings.iter().for_each(|w| terminal.warning(&format!("{shown}: {w}")));
+    made.result.notes.iter().for_each(|w| terminal.warning(&format!("{shown}: {w}")));
     let (name, _) = publish_thermistor(&made, &common.desk())?;
     if common.json {
-        terminal.print(&json(&made.result)?);
+        terminal.print(&json(&made.view())?);
     } else {
         let summary = show::thermistor::summary(&made.result);
         terminal.tell(&format!("{summary}  -> {}\n", common.out.join(name).display()));

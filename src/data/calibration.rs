@@ -135,3 +135,22 @@ pub struct LinearValidity {
     /// First and last used time, s since the run's start.
     pub time_s: [f64; 2],
 }
+
+/// The sensitivities of a sensor in a mode, which turn enT into nT.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensitivities {
+    /// Sensor.
+    pub sensor: String,
+    /// Mode.
+    pub mode: String,
+    /// σ_x, σ_y, σ_z, nT/enT.
+    pub sigma_nt_per_ent: [f64; 3],
+}
+
+impl Sensitivities {
+    /// A quantity in enT along the sensor axes, or a multiple of it such as a drift or density, in nT.
+    #[must_use]
+    pub fn to_nt(&self, ent: &[f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|i| self.sigma_nt_per_ent[i] * ent[i])
+    }
+}

@@ -78,8 +78,8 @@ pub fn run(
         return freq::run(run, samples, campaign, options);
     }
     let samples = samples.filter(|s| !s.t_s.is_empty());
-    let mut scene =
-        Scene::new(run, plateaus, samples, &campaign.file.instructions, options.facility.as_ref()).map_err(|e| DiagnoseError::Record(e.0))?;
+    let mut scene = Scene::new(run, plateaus, samples, &campaign.file.instructions, options.facility.as_ref())
+        .map_err(|e| DiagnoseError::Record(e.0))?;
     let mut warnings = std::mem::take(&mut scene.warnings);
     let mut steps: Vec<Step> = scene.faults.iter().map(steps::fault_step).collect();
     let known: Vec<Inside> = options.given.iter().filter(|g| g.is_inside()).map(Inside::known).collect();

@@ -34,6 +34,7 @@
 //! Neither knows of several rows that are missing together. Where lost samples spoil most of the rows around the corner, another
 //! response may fit what is left: [`ModelCorner::neighbours_left_out`] counts them.
 
+use crate::data::frequency::{ComparedResponse, FittedResponse};
 use crate::fit::contaminated::{self, Contaminated, Data, State};
 use crate::fit::nonlinear::{self, Model};
 use crate::fit::statistics::chi2_tail;
@@ -253,6 +254,58 @@ pub struct Corner {
     pub components: [Component; 3],
     /// Every response that was tried, in the order given.
     pub candidates: Vec<Candidate>,
+}
+
+impl Corner {
+    /// Corners by interpolation, Hz; nan where there is none.
+    #[must_use]
+    pub fn igep_hz(&self) -> [f64; 3] {
+        self.components.each_ref().map(|c| c.f_3db_igep_hz.unwrap_or(f64::NAN))
+    }
+
+    /// Corners by the response chosen, Hz; nan where there is none.
+    #[must_use]
+    pub fn model_hz(&self) -> [f64; 3] {
+        self.components.each_ref().map(|c| c.model.as_ref().map_or(f64::NAN, |m| m.f_3db_model_hz))
+    }
+
+    /// Their standard uncertainties, Hz.
+    #[must_use]
+    pub fn model_std_hz(&self) -> [f64; 3] {
+        self.components.each_ref().map(|c| c.model.as_ref().map_or(f64::NAN, |m| m.f_3db_model_std_hz))
+    }
+
+    /// The response chosen, with the others that were compared.
+    #[must_use]
+    pub fn response(&self) -> FittedResponse {
+        let models = || self.components.iter().map(|c| c.model.as_ref());
+        let each = |get: &dyn Fn(&ModelCorner) -> Vec<f64>| models().map(|m| m.map_or_else(Vec::new, get)).collect();
+        let parameters = models().flatten().next().map_or_else(Vec::new, |m| {
+            let own = m.parameters.iter().map(|p| match p.parameter.unit {
+                "1" => p.parameter.name.to_owned(),
+                unit => format!("{} ({unit})", p.parameter.name),
+            });
+            std::iter::once("DC gain (enT)".to_owned()).chain(own).collect()
+        });
+        let least = self.candidates.iter().filter_map(|c| c.aicc).reduce(f64::min).unwrap_or(f64::NAN);
+        let compared = |c: &Candidate| {
+            Some(ComparedResponse {
+                name: c.model.to_owned(),
+                f_3db_hz: c.f_3db_hz.map(|f| f.unwrap_or(f64::NAN)),
+                delta_aicc: c.aicc? - least,
+            })
+        };
+        FittedResponse {
+            name: self.model.unwrap_or("none").to_owned(),
+            parameters,
+            values: each(&|m| std::iter::once(m.dc_ent).chain(m.parameters.iter().map(|p| p.value)).collect()),
+            std: each(&|m| std::iter::once(m.dc_std_ent).chain(m.parameters.iter().map(|p| p.std)).collect()),
+            chi_square: self.explained.map(|e| e.chi_square),
+            degrees_of_freedom: self.explained.map(|e| e.dof),
+            residual_std: models().map(|m| m.map_or(f64::NAN, |m| m.residual_std_ent / m.dc_ent)).collect(),
+            candidate: self.candidates.iter().filter_map(compared).collect(),
+        }
+    }
 }
 
 /// The corner by interpolation, Hz, from points (Hz, positive amplitude) by ascending frequency.

@@ -5,12 +5,13 @@
 //! and tell it best. Stretches that no sine of the setting's frequency describes are left out, instead of letting them lower the
 //! amplitude.
 
+use crate::data::frequency::{ClockDrift, SineAmplitude};
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Settling;
 use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, Setting, Vector, VectorSink};
 use crate::data::tables::AmplitudeRow;
 use crate::data::units::COMPONENTS;
-use crate::files::parameter::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
 use crate::fit::sine::{self, CommonRate, Oscillator, Packet, RateRefusal, Residue, Sine, SineRefusal, Sums, Verdict};
 use crate::fit::statistics::median;
 use crate::fit::{Limits, order, polynomial};
@@ -202,17 +203,48 @@ pub struct Stretch {
     pub used_s: Option<[f64; 2]>,
 }
 
+/// The sampling frequency against the clock of the facility.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SamplingRate {
+    /// Per component, Hz; nan where a component tells none.
+    pub component_hz: [f64; 3],
+    /// Its standard uncertainty, Hz.
+    pub component_std_hz: [f64; 3],
+    /// Weighted mean of the components, Hz.
+    pub mean_hz: f64,
+    /// Its standard uncertainty, Hz.
+    pub mean_std_hz: f64,
+    /// Standard deviation of the components about their mean, Hz; absent if fewer than two tell one.
+    pub scatter_hz: Option<f64>,
+    /// Drift and the next best value.
+    pub clock: ClockDrift,
+}
+
 /// A frequency analysis with what is needed to judge it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Freq {
-    /// The parameters, as in the parameter file.
-    pub parameters: Fpf,
-    /// The response fit; its rows are the amplitudes of the parameters in their order.
+    /// The run.
+    pub run: RunHead,
+    /// Sampling frequency; absent for a table of amplitudes.
+    pub rate: Option<SamplingRate>,
+    /// -3 dB frequency from the two neighbouring amplitudes, Hz; nan where the amplitudes do not fall by 3 dB.
+    pub f_3db_igep_hz: [f64; 3],
+    /// -3 dB frequency of the model, Hz; nan where no model fits.
+    pub f_3db_model_hz: [f64; 3],
+    /// Its standard uncertainty with that of the known effects, Hz.
+    pub f_3db_model_std_hz: [f64; 3],
+    /// The response fit; its rows are the amplitudes in their order.
     pub corner: Corner,
+    /// Known effects that were taken off the sines.
+    pub effects: Option<ModelApplied>,
+    /// One entry per applied frequency, in the order of the run.
+    pub amplitude: Vec<SineAmplitude>,
     /// The settings and the parts of them that were used; empty for a table of amplitudes.
     pub stretches: Vec<Stretch>,
     /// Temperatures during the run.
     pub temperatures: Temperatures,
+    /// What a person should know.
+    pub notes: Vec<Note>,
 }
 
 /// What was found of one setting.
@@ -244,9 +276,9 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     }
     let records: Vec<&Record> = indices.iter().map(|i| &sines.records[*i]).collect();
     let applied: Vec<Setting> = indices.iter().map(|i| sines.settings[*i]).collect();
-    let mut warnings = Vec::new();
+    let mut notes: Vec<Note> = Vec::new();
     let known = options.model.as_ref();
-    let known = known.map_or_else(InSines::default, |m| InSines::new(m, run, Responses::OfTheInstrument, &mut warnings));
+    let known = known.map_or_else(InSines::default, |m| InSines::new(m, run, Responses::OfTheInstrument, &mut notes));
     // A clock that is fast sees low frequencies: with these its known course is taken off.
     let seen = |ranges: &[Range<usize>]| -> Vec<Setting> {
         let middle = |(record, range): (&&Record, &Range<usize>)| ends_s(record, range).map_or(0.0, |[a, b]| 0.5 * (a + b));
@@ -291,64 +323,66 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     let fits: Vec<Result<Option<Fits>, SineRefusal>> =
         tones.par_iter().zip(&records).map(|(tone, record)| Fits::of(tone, record, &clock)).collect();
     let noise = noise(&tones, &records, &fits, &clock);
-    let mut measured: Vec<AmplitudePart> =
+    let mut measured: Vec<SineAmplitude> =
         (0..tones.len()).map(|j| amplitude(&tones[j], records[j], &fits[j], noise[j])).collect();
     for (part, setting) in measured.iter_mut().zip(&applied) {
         part.frequency_hz = setting.frequency_hz;
         take_off(&known, part);
     }
-    warnings.extend(clock.remarks(&found, &applied));
-    let refused: Vec<String> = measured
-        .iter()
-        .filter(|a| a.used_s.is_none())
-        .map(|a| format!("{} Hz was refused: {}", a.frequency_hz, a.remark))
-        .collect();
-    warnings.extend(refused);
-    let damaged: Vec<String> = measured
-        .iter()
-        .filter(|a| a.used_s.is_some() && !a.remark.is_empty())
-        .map(|a| format!("{} Hz: {}", a.frequency_hz, a.remark))
-        .collect();
-    warnings.extend(damaged);
+    notes.extend(clock.notes(&found, &applied));
+    notes.extend(refusals_and_damage(&measured));
 
     let span = |join: fn(f64, f64) -> f64, end: usize| {
         measured.iter().filter_map(|a| a.used_s).map(|s| s[end]).reduce(join).unwrap_or_default()
     };
-    let temperatures = Temperatures::of(run, instructions, [span(f64::min, 0), span(f64::max, 1)], &mut warnings);
-    conditions::warn_of_run(&mut warnings, run);
+    let temperatures = Temperatures::of(run, instructions, [span(f64::min, 0), span(f64::max, 1)], &mut notes);
+    conditions::warn_of_run(&mut notes, run);
     let stretches = measured.iter().zip(&applied).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
-    let head = conditions::head(run, instructions, &temperatures);
-    let mut freq = respond(measured, head, warnings);
-    widen(&known, &mut freq);
-    let p = &mut freq.parameters;
+    let corner = respond(&mut measured, &mut notes);
+    let f_3db_model_std_hz = widen(&known, &mut measured, &corner);
     // The sampling frequency holds where the run tells it best; the counter may begin anywhere.
     let first = records.iter().find_map(|r| Some((*r.n.first()?, *r.t_s.first()?)));
     let begin_s = first.map_or(0.0, |(n, t_s)| t_s - n as f64 / clock.mean_hz);
-    let moved = 1.0 + known.clock(clock.centre_s + begin_s);
-    p.f_s_hz = Some(clock.rate_hz.map(|f| f * moved));
-    p.f_s_std_hz = Some(clock.std_hz);
-    p.mean_f_s_hz = Some(clock.mean_hz * moved);
-    p.mean_f_s_std_hz = Some(clock.mean_std_hz);
-    p.scatter_f_s_hz = Some(clock.scatter_hz).filter(|s| s.is_finite());
-    p.clock =
-        Some(ClockPart { reference_s: clock.part.reference_s.or(known.moves_clock().then_some(clock.centre_s)), ..clock.part });
-    p.effects = options.model.as_ref().map(|model| ModelApplied {
+    let effects = options.model.as_ref().map(|model| ModelApplied {
         file: model.input.path.clone(),
         effect: known.applied(),
         left_out: known.left_out.clone(),
     });
-    p.conditions = temperatures.conditions.clone();
-    freq.temperatures = temperatures;
-    freq.stretches = stretches;
-    Ok(freq)
+    Ok(Freq {
+        run: conditions::head(run, instructions, &temperatures),
+        rate: Some(clock.rate(1.0 + known.clock(clock.centre_s + begin_s), known.moves_clock())),
+        f_3db_igep_hz: corner.igep_hz(),
+        f_3db_model_hz: corner.model_hz(),
+        f_3db_model_std_hz,
+        corner,
+        effects,
+        amplitude: measured,
+        stretches,
+        temperatures,
+        notes,
+    })
+}
+
+/// Frequencies that were refused, then those of which a part was left out.
+fn refusals_and_damage(measured: &[SineAmplitude]) -> Vec<Note> {
+    let about = |a: &SineAmplitude| format!("{} Hz", a.frequency_hz);
+    let refused = measured
+        .iter()
+        .filter(|a| a.used_s.is_none())
+        .map(|a| Note::new(NoteKind::Data, format!("{} Hz was refused: {}", a.frequency_hz, a.remark)).about(about(a)));
+    let damaged = measured
+        .iter()
+        .filter(|a| a.used_s.is_some() && !a.remark.is_empty())
+        .map(|a| Note::new(NoteKind::Data, format!("{} Hz: {}", a.frequency_hz, a.remark)).about(about(a)));
+    refused.chain(damaged).collect()
 }
 
 /// The response alone, from a table of amplitudes; `id` names it.
 #[must_use]
 pub fn from_table(rows: &[AmplitudeRow], id: &str) -> Freq {
-    let measured = rows
+    let mut measured: Vec<SineAmplitude> = rows
         .iter()
-        .map(|row| AmplitudePart {
+        .map(|row| SineAmplitude {
             frequency_hz: row.frequency_hz,
             b_ent: row.amplitude_ent,
             b_std_ent: row.std_ent,
@@ -380,8 +414,22 @@ pub fn from_table(rows: &[AmplitudeRow], id: &str) -> Freq {
         coil_correction: None,
         earthfield_compensation: Vec::new(),
     };
-    let warnings = vec!["the table tells neither sensor, mode nor temperature, and no sampling frequency".to_owned()];
-    respond(measured, head, warnings)
+    let text = "the table tells neither sensor, mode nor temperature, and no sampling frequency";
+    let mut notes = vec![Note::new(NoteKind::Method, text)];
+    let corner = respond(&mut measured, &mut notes);
+    Freq {
+        run: head,
+        rate: None,
+        f_3db_igep_hz: corner.igep_hz(),
+        f_3db_model_hz: corner.model_hz(),
+        f_3db_model_std_hz: corner.model_std_hz(),
+        corner,
+        effects: None,
+        amplitude: measured,
+        stretches: Vec::new(),
+        temperatures: Temperatures::default(),
+        notes,
+    }
 }
 
 /// The settled samples of a setting, without the one at its end, which may belong to the next by rounding of the times.
@@ -612,7 +660,7 @@ struct Clock {
     centre_s: f64,
     /// Factor by which the uncertainty of each component was widened.
     inflation: [f64; 3],
-    part: ClockPart,
+    part: ClockDrift,
 }
 
 impl Clock {
@@ -666,7 +714,7 @@ impl Clock {
             drift_hz_per_s: drift_is_significant.then_some(common),
             centre_s,
             inflation,
-            part: ClockPart {
+            part: ClockDrift {
                 reference_s: drift_is_significant.then_some(centre_s),
                 drift_hz_per_s,
                 drift_std_hz_per_s: drift_std,
@@ -682,15 +730,33 @@ impl Clock {
         self.mean_hz + self.drift_hz_per_s.map_or(0.0, |d| d * (t_s - self.centre_s))
     }
 
-    fn remarks(&self, rates: &Rates, settings: &[Setting]) -> Vec<String> {
-        let mut remarks = rates.refused.clone();
+    /// The sampling frequency without a known drift, by which it is `moved` at its time; `known_drift` gives it a time even if it has
+    /// no drift of its own.
+    fn rate(&self, moved: f64, known_drift: bool) -> SamplingRate {
+        SamplingRate {
+            component_hz: self.rate_hz.map(|f| f * moved),
+            component_std_hz: self.std_hz,
+            mean_hz: self.mean_hz * moved,
+            mean_std_hz: self.mean_std_hz,
+            scatter_hz: Some(self.scatter_hz).filter(|s| s.is_finite()),
+            clock: ClockDrift {
+                reference_s: self.part.reference_s.or(known_drift.then_some(self.centre_s)),
+                ..self.part.clone()
+            },
+        }
+    }
+
+    fn notes(&self, rates: &Rates, settings: &[Setting]) -> Vec<Note> {
+        let note = |text: String| Note::new(NoteKind::Method, text);
+        let mut notes: Vec<Note> = rates.refused.iter().cloned().map(note).collect();
         for ((component, rate), inflation) in COMPONENTS.into_iter().zip(&rates.found).zip(self.inflation) {
             let Some(rate) = rate else { continue };
+            let note = |text: String| note(text).about(component);
             if let Some(rival) = rate.runner_up.as_ref().filter(|r| r.chi_square_excess < AMBIGUOUS) {
-                remarks.push(format!(
+                notes.push(note(format!(
                     "the sampling frequency of {component} is ambiguous: {:.5} Hz describes the data almost as well (chi-square {:.1} more)",
                     rival.rate_hz, rival.chi_square_excess
-                ));
+                )));
             }
             let apart: Vec<String> = rate
                 .packets
@@ -700,30 +766,32 @@ impl Clock {
                 .map(|(_, s)| format!("{} Hz", s.frequency_hz))
                 .collect();
             if !apart.is_empty() {
-                remarks.push(format!(
+                notes.push(note(format!(
                     "the sampling frequency of {component} rests on the other frequencies than {}",
                     apart.join(", ")
-                ));
+                )));
             }
             if inflation > 1.0 {
-                remarks.push(format!(
-                    "the sampling frequencies that the settings give for {component} scatter by {:.1} times what their noise lets expect; its \
-                     uncertainty was widened by it",
-                    inflation
-                ));
+                notes.push(note(format!(
+                    "the sampling frequencies that the settings give for {component} scatter by {inflation:.1} times what their noise lets \
+                     expect; its uncertainty was widened by it"
+                )));
             }
         }
         if self.disagree {
-            remarks.push("the components disagree on the sampling frequency by more than their uncertainties; that of the mean was widened".to_owned());
+            notes.push(note(
+                "the components disagree on the sampling frequency by more than their uncertainties; that of the mean was widened"
+                    .to_owned(),
+            ));
         }
         if let Some(drift) = self.drift_hz_per_s {
-            remarks.push(format!(
+            notes.push(note(format!(
                 "the sampling frequency drifts by {drift:+.2e} Hz/s; the value given holds {:.3} s after sample counter 0, and amplitudes take the \
                  drift into account",
                 self.centre_s
-            ));
+            )));
         }
-        remarks
+        notes
     }
 }
 
@@ -798,9 +866,9 @@ fn amplitude(
     record: &Record,
     fits: &Result<Option<Fits>, SineRefusal>,
     noise: [Option<[f64; 2]>; 3],
-) -> AmplitudePart {
+) -> SineAmplitude {
     let frequency_hz = tone.setting.frequency_hz;
-    let mut part = AmplitudePart {
+    let mut part = SineAmplitude {
         frequency_hz,
         b_ent: [f64::NAN; 3],
         b_std_ent: [f64::NAN; 3],
@@ -861,7 +929,7 @@ fn within_a_turn_deg(cycles: f64) -> f64 {
 }
 
 /// Takes known effects off an amplitude and its phase; the noise of the amplitude goes with it.
-fn take_off(known: &InSines, part: &mut AmplitudePart) {
+fn take_off(known: &InSines, part: &mut SineAmplitude) {
     if known.is_empty() {
         return;
     }
@@ -876,10 +944,9 @@ fn take_off(known: &InSines, part: &mut AmplitudePart) {
 }
 
 /// Carries the uncertainty of known effects into amplitudes, phases and -3 dB frequencies. All amplitudes share it, so that it is no noise
-/// and has no part in the fit of the response.
-fn widen(known: &InSines, freq: &mut Freq) {
-    let p = &mut freq.parameters;
-    for part in &mut p.amplitude {
+/// and has no part in the fit of the response. Returns the standard uncertainties of the -3 dB frequencies.
+fn widen(known: &InSines, measured: &mut [SineAmplitude], corner: &Corner) -> [f64; 3] {
+    for part in measured {
         for i in 0..3 {
             let [std, phase_std_rad] = known.factor_std(part.frequency_hz, i);
             part.b_std_ent[i] = part.b_std_ent[i].hypot(std * part.b_ent[i]);
@@ -888,25 +955,27 @@ fn widen(known: &InSines, freq: &mut Freq) {
             }
         }
     }
-    let Some(response) = freq.corner.model.and_then(Response::named) else { return };
+    let mut model_std_hz = corner.model_std_hz();
+    let Some(response) = corner.model.and_then(Response::named) else { return model_std_hz };
     for i in 0..3 {
-        let Some(model) = &freq.corner.components[i].model else { continue };
+        let Some(model) = &corner.components[i].model else { continue };
         let shape: Vec<f64> = model.parameters.iter().map(|p| p.value).collect();
         let corner_hz = model.f_3db_model_hz;
         let [std, _] = known.factor_std(corner_hz, i);
         if std > 0.0 {
             let moved_hz = corner_hz * std / response.steepness(corner_hz, &shape);
-            p.f_3db_model_std_hz[i] = p.f_3db_model_std_hz[i].hypot(moved_hz);
+            model_std_hz[i] = model_std_hz[i].hypot(moved_hz);
         }
     }
+    model_std_hz
 }
 
-fn add_remark(part: &mut AmplitudePart, remark: String) {
+fn add_remark(part: &mut SineAmplitude, remark: String) {
     part.remark = if part.remark.is_empty() { remark } else { format!("{}; {remark}", part.remark) };
 }
 
 /// Fits the response to the amplitudes.
-fn respond(mut measured: Vec<AmplitudePart>, run: RunHead, mut warnings: Vec<String>) -> Freq {
+fn respond(measured: &mut [SineAmplitude], notes: &mut Vec<Note>) -> Corner {
     let table: Vec<Amplitude> = measured
         .iter()
         .map(|a| Amplitude {
@@ -940,67 +1009,10 @@ fn respond(mut measured: Vec<AmplitudePart>, run: RunHead, mut warnings: Vec<Str
         let reasons = [(&component.igep_refusal, "by interpolation"), (&component.model_refusal, "by a model")];
         for (refusal, how) in reasons {
             if let Some(refusal) = refusal {
-                warnings.push(format!("{name} has no -3 dB frequency {how}: {refusal}"));
+                let text = format!("{name} has no -3 dB frequency {how}: {refusal}");
+                notes.push(Note::new(NoteKind::Method, text).about(name));
             }
         }
     }
-    let of = |get: &dyn Fn(&corner::Component) -> Option<f64>| -> [f64; 3] {
-        std::array::from_fn(|i| get(&corner.components[i]).unwrap_or(f64::NAN))
-    };
-    let each = |get: &dyn Fn(&corner::ModelCorner) -> Vec<f64>| -> Vec<Vec<f64>> {
-        corner.components.iter().map(|c| c.model.as_ref().map_or_else(Vec::new, get)).collect()
-    };
-    let names = corner.components.iter().find_map(|c| c.model.as_ref()).map_or_else(Vec::new, |m| {
-        let own = m.parameters.iter().map(|p| {
-            if p.parameter.unit == "1" {
-                p.parameter.name.to_owned()
-            } else {
-                format!("{} ({})", p.parameter.name, p.parameter.unit)
-            }
-        });
-        std::iter::once("DC gain (enT)".to_owned()).chain(own).collect()
-    });
-    let least = corner.candidates.iter().filter_map(|c| c.aicc).reduce(f64::min).unwrap_or(f64::NAN);
-    let parameters = Fpf {
-        f_s_hz: None,
-        f_s_std_hz: None,
-        mean_f_s_hz: None,
-        mean_f_s_std_hz: None,
-        scatter_f_s_hz: None,
-        f_3db_igep_hz: of(&|c| c.f_3db_igep_hz),
-        f_3db_model_hz: of(&|c| c.model.as_ref().map(|m| m.f_3db_model_hz)),
-        f_3db_model_std_hz: of(&|c| c.model.as_ref().map(|m| m.f_3db_model_std_hz)),
-        convention: FrequencyConvention::default(),
-        run,
-        model: ResponsePart {
-            name: corner.model.unwrap_or("none").to_owned(),
-            parameters: names,
-            values: each(&|m| std::iter::once(m.dc_ent).chain(m.parameters.iter().map(|p| p.value)).collect()),
-            std: each(&|m| std::iter::once(m.dc_std_ent).chain(m.parameters.iter().map(|p| p.std)).collect()),
-            chi_square: corner.explained.map(|e| e.chi_square),
-            degrees_of_freedom: corner.explained.map(|e| e.dof),
-            residual_std: corner
-                .components
-                .iter()
-                .map(|c| c.model.as_ref().map_or(f64::NAN, |m| m.residual_std_ent / m.dc_ent))
-                .collect(),
-            candidate: corner
-                .candidates
-                .iter()
-                .filter_map(|c| {
-                    Some(CandidatePart {
-                        name: c.model.to_owned(),
-                        f_3db_hz: c.f_3db_hz.map(|f| f.unwrap_or(f64::NAN)),
-                        delta_aicc: c.aicc? - least,
-                    })
-                })
-                .collect(),
-        },
-        clock: None,
-        effects: None,
-        amplitude: measured,
-        conditions: None,
-        warnings,
-    };
-    Freq { parameters, corner, stretches: Vec::new(), temperatures: Temperatures::default() }
+    corner
 }

@@ -7,16 +7,19 @@
 
 mod record;
 
+use crate::data::zero_field::{
+    AllanDeviations, ChannelDependence, DataStop, JointDependence, NoiseCorner, NoiseDensity, NoiseSpectrum, RecordExtent,
+    ScaledZeroField, SpectralLine, ZeroFieldOffset,
+};
 pub use record::{BLOCK, CHUNK, MOST_FILLED, Record};
 
+use crate::data::calibration::Sensitivities;
 use crate::data::envelope;
+use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Input;
+use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run, SlowTable};
 use crate::data::units::COMPONENTS;
-use crate::files::parameter::{
-    AllanPart, ChannelPart, CornerPart, Cpf, DensityPart, LinePart, Npf, NullConvention, NullOffset, NullScaled, RecordPart,
-    SpectrumPart, StopPart, TogetherPart,
-};
 use crate::fit::allan::{self, Bin, Deviation};
 use crate::fit::noise::dense::{self, Octave};
 use crate::fit::spectrum::{self, FIRST_BIN, Line, NEXT_BIN, Point, Stage, WhiteAndSlow, limits};
@@ -57,7 +60,7 @@ pub struct Options {
     /// Order of the drift, 0 to 3.
     pub order: usize,
     /// Linear calibration whose sensitivities give the results in nT as well, with its file.
-    pub cpf: Option<(Input, Box<Cpf>)>,
+    pub cpf: Option<(Input, Sensitivities)>,
 }
 
 impl Default for Options {
@@ -124,11 +127,33 @@ impl Row {
     }
 }
 
-/// The result of a zero-field run.
-#[derive(Clone, Debug, Serialize)]
+/// The result of a zero-field run. Values that are not determined are nan.
+#[derive(Clone, Debug)]
 pub struct Null {
-    /// What goes into the parameter file.
-    pub parameters: Npf,
+    /// Run and conditions.
+    pub run: RunHead,
+    /// The record.
+    pub record: RecordExtent,
+    /// Offset and drift.
+    pub offset: ZeroFieldOffset,
+    /// Amplitude density at 1 Hz.
+    pub density: Option<NoiseDensity>,
+    /// Reading, drift and density in nT with the sensitivity of a linear calibration.
+    pub scaled: Option<ScaledZeroField>,
+    /// White and 1/f noise.
+    pub corner: NoiseCorner,
+    /// The spectrum.
+    pub spectrum: NoiseSpectrum,
+    /// The Allan deviation.
+    pub allan: AllanDeviations,
+    /// Lines in the spectrum.
+    pub line: Vec<SpectralLine>,
+    /// The offset against each slow channel.
+    pub channel: Vec<ChannelDependence>,
+    /// The offset against sensor temperature and variometer at once.
+    pub together: Option<JointDependence>,
+    /// Where the data stop.
+    pub stop: Vec<DataStop>,
     /// The means with the drift.
     pub rows: Vec<Row>,
     /// Mean of every channel over every row; NaN where it has no reading.
@@ -136,8 +161,9 @@ pub struct Null {
     /// Temperatures.
     pub temperatures: Temperatures,
     /// Extent of the raw data.
-    #[serde(skip)]
     pub samples: Option<Vec<envelope::Column>>,
+    /// What a person should know.
+    pub notes: Vec<Note>,
 }
 
 /// Analyses a zero-field run.
@@ -158,14 +184,15 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
     let (Some(span_s), true) = (run.vectors.span_s, run.vectors.count >= LEAST_SAMPLES) else {
         return Err(NullError::TooShort(run.vectors.count));
     };
-    let mut warnings = Vec::new();
+    let mut notes = Vec::new();
     let rate_hz = run.vectors.measured_rate_hz.unwrap_or(run.header.sample_rate_hz);
     let record = record.finish();
     let stop = stops(run, &record, span_s, rate_hz);
     for s in &stop {
-        warnings.push(format!("STOP {} from {:.1} to {:.1} s, {:.0} s", s.what, s.from_s, s.until_s, s.until_s - s.from_s));
+        let text = format!("STOP {} from {:.1} to {:.1} s, {:.0} s", s.what, s.from_s, s.until_s, s.until_s - s.from_s);
+        notes.push(Note::new(NoteKind::Data, text));
     }
-    let temperatures = Temperatures::of(run, instructions, span_s, &mut warnings);
+    let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
 
     let bin_s = record.bin_samples as f64 / rate_hz;
     let (mut rows, width) = rows(&record, span_s[0], bin_s);
@@ -181,7 +208,7 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
     let fitter = Fitter { rows: &rows, octaves: &octaves };
     let channels = channel_rows(run, &rows);
     let sensor_channel = instructions.channels(&run.header).0;
-    let channel: Vec<ChannelPart> =
+    let channel: Vec<ChannelDependence> =
         channels.iter().filter_map(|(name, values)| fitter.channel(name, unit(run, name), values)).collect();
     let main: Vec<&(String, Vec<f64>)> = channels
         .iter()
@@ -195,23 +222,24 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
     let points = spectrum::bands(&stages, PER_DECADE, &lines);
     let density = density(&stages, &lines);
     if density.is_none() {
-        warnings.push(format!("no density at {STATED_HZ} Hz: the sample rate or the record does not reach it"));
+        let text = format!("no density at {STATED_HZ} Hz: the sample rate or the record does not reach it");
+        notes.push(Note::new(NoteKind::Method, text));
     }
     let corner = corner(&points, rate_hz);
     for (i, c) in corner.iter().enumerate().filter_map(|(i, c)| c.as_ref().map(|c| (i, c))) {
         if c.chi_square_per_degree > BAD_FIT {
-            warnings.push(format!(
+            let text = format!(
                 "{}: white and 1/f noise do not describe the spectrum (χ² {:.1} per degree of freedom)",
                 COMPONENTS[i], c.chi_square_per_degree
-            ));
+            );
+            notes.push(Note::new(NoteKind::Method, text).about(COMPONENTS[i]));
         }
     }
     let allan = allan::deviations(&record.within, &record.bins, record.bin_samples, rate_hz);
-    conditions::warn_of_run(&mut warnings, run);
-    let parameters = Npf {
-        convention: NullConvention::default(),
+    conditions::warn_of_run(&mut notes, run);
+    let mut result = Null {
         run: conditions::head(run, instructions, &temperatures),
-        record: RecordPart {
+        record: RecordExtent {
             samples: run.vectors.count,
             lost: run.vectors.lost,
             gaps: run.vectors.gap_count,
@@ -229,55 +257,56 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
         channel,
         together,
         stop,
-        conditions: temperatures.conditions.clone(),
-        warnings,
+        rows,
+        channels,
+        temperatures,
+        samples: None,
+        notes,
     };
-    let mut result = Null { parameters, rows, channels, temperatures, samples: None };
-    if let Some((input, cpf)) = &options.cpf {
-        result.scale(&input.path, cpf);
+    if let Some((input, sensitivities)) = &options.cpf {
+        result.scale(&input.path, sensitivities);
     }
     Ok(result)
 }
 
 impl Null {
     /// Gives reading, drift and density in nT as well, with the sensitivities of a linear calibration; `name` is that of its file.
-    pub fn scale(&mut self, name: &str, cpf: &Cpf) {
-        let p = &mut self.parameters;
-        if (&cpf.run.sensor, &cpf.run.mode) != (&p.run.sensor, &p.run.mode) {
-            p.warnings.push(format!(
+    pub fn scale(&mut self, name: &str, of: &Sensitivities) {
+        if (&of.sensor, &of.mode) != (&self.run.sensor, &self.run.mode) {
+            let text = format!(
                 "the sensitivities of {name} belong to {} {}, the readings to {} {}",
-                cpf.run.sensor, cpf.run.mode, p.run.sensor, p.run.mode
-            ));
+                of.sensor, of.mode, self.run.sensor, self.run.mode
+            );
+            self.notes.push(Note::new(NoteKind::Method, text).about(name));
         }
-        let sigma: [f64; 3] = std::array::from_fn(|i| cpf.matrix.sigma[i][i]);
-        let times = |v: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|i| sigma[i] * v[i]) };
-        p.scaled = Some(NullScaled {
+        let each = |list: &[[f64; 3]]| list.iter().map(|ent| of.to_nt(ent)).collect();
+        self.scaled = Some(ScaledZeroField {
             cpf: name.to_owned(),
-            sigma,
-            mean_nt: times(&p.offset.mean_ent),
-            mean_std_nt: times(&p.offset.mean_std_ent),
-            drift_nt_per_h: p.offset.drift_ent_per_h.iter().map(times).collect(),
-            drift_std_nt_per_h: p.offset.drift_std_ent_per_h.iter().map(times).collect(),
-            nt_per_root_hz: p.density.as_ref().map(|d| times(&d.ent_per_root_hz)),
-            std_nt_per_root_hz: p.density.as_ref().map(|d| times(&d.std_ent_per_root_hz)),
+            sigma: of.sigma_nt_per_ent,
+            mean_nt: of.to_nt(&self.offset.mean_ent),
+            mean_std_nt: of.to_nt(&self.offset.mean_std_ent),
+            drift_nt_per_h: each(&self.offset.drift_ent_per_h),
+            drift_std_nt_per_h: each(&self.offset.drift_std_ent_per_h),
+            nt_per_root_hz: self.density.as_ref().map(|d| of.to_nt(&d.ent_per_root_hz)),
+            std_nt_per_root_hz: self.density.as_ref().map(|d| of.to_nt(&d.std_ent_per_root_hz)),
         });
     }
 }
 
 /// Where the data begin late, end early, have long gaps, or stand still.
-fn stops(run: &Run, record: &record::Kept, span_s: [f64; 2], rate_hz: f64) -> Vec<StopPart> {
+fn stops(run: &Run, record: &record::Kept, span_s: [f64; 2], rate_hz: f64) -> Vec<DataStop> {
     let mut list = Vec::new();
     let least_s = (2.0 / rate_hz).max(1.0);
     if let (Some(first), Some(last)) = (run.settings.first(), run.settings.last()) {
         if span_s[0] > first.t_start_s + least_s {
-            list.push(StopPart {
+            list.push(DataStop {
                 what: "the data begin after the setting does".to_owned(),
                 from_s: first.t_start_s,
                 until_s: span_s[0],
             });
         }
         if span_s[1] + least_s < last.t_end_s {
-            list.push(StopPart {
+            list.push(DataStop {
                 what: "the data end before the setting does".to_owned(),
                 from_s: span_s[1],
                 until_s: last.t_end_s,
@@ -287,14 +316,14 @@ fn stops(run: &Run, record: &record::Kept, span_s: [f64; 2], rate_hz: f64) -> Ve
     for gap in &run.vectors.gaps {
         let length_s = gap.lost as f64 / rate_hz;
         if length_s >= STOP_S {
-            list.push(StopPart { what: "samples are missing".to_owned(), from_s: gap.t_s - length_s, until_s: gap.t_s });
+            list.push(DataStop { what: "samples are missing".to_owned(), from_s: gap.t_s - length_s, until_s: gap.t_s });
         }
     }
     if let Some([from_s, until_s]) = record.frozen_s
         && until_s - from_s >= FROZEN_S
         && (until_s - from_s) * rate_hz >= FROZEN_SAMPLES as f64
     {
-        list.push(StopPart { what: "all three readings stand still".to_owned(), from_s, until_s });
+        list.push(DataStop { what: "all three readings stand still".to_owned(), from_s, until_s });
     }
     list.sort_by(|a, b| a.from_s.total_cmp(&b.from_s));
     list
@@ -385,7 +414,7 @@ impl Fitter<'_> {
     }
 
     /// The drift, a polynomial of `(t - centre) / half`, and its value and uncertainty at every row.
-    fn drift(&self, order: usize, centre_s: f64, half_s: f64) -> Result<(NullOffset, Vec<Level>), FitError> {
+    fn drift(&self, order: usize, centre_s: f64, half_s: f64) -> Result<(ZeroFieldOffset, Vec<Level>), FitError> {
         let x: Vec<f64> = self.rows.iter().map(|r| (r.t_s() - centre_s) / half_s).collect();
         let names = &["mean", "drift", "drift^2", "drift^3"][..=order];
         let columns: Vec<Vec<f64>> = (0..=order as i32).map(|k| x.iter().map(|x| x.powi(k)).collect()).collect();
@@ -408,7 +437,7 @@ impl Fitter<'_> {
             let means = self.rows.iter().map(|r| r.mean_ent[c]);
             means.clone().fold(f64::NEG_INFINITY, f64::max) - means.fold(f64::INFINITY, f64::min)
         };
-        let offset = NullOffset {
+        let offset = ZeroFieldOffset {
             time_s: centre_s,
             order,
             mean_ent: values(0),
@@ -423,7 +452,7 @@ impl Fitter<'_> {
     }
 
     /// The means against one channel; `None` if that does not vary.
-    fn channel(&self, name: &str, unit: &str, values: &[f64]) -> Option<ChannelPart> {
+    fn channel(&self, name: &str, unit: &str, values: &[f64]) -> Option<ChannelDependence> {
         let (centred, spread) = centred(values)?;
         let fit = self.fit(&["mean", name], &[vec![1.0; values.len()], centred.clone()]).ok()?;
         let correlation = |c: usize| {
@@ -434,7 +463,7 @@ impl Fitter<'_> {
             let squares: f64 = pairs.iter().map(|(_, y)| (y - mean).powi(2)).sum();
             product / (squares * pairs.iter().map(|(x, _)| x * x).sum::<f64>()).sqrt()
         };
-        Some(ChannelPart {
+        Some(ChannelDependence {
             name: name.to_owned(),
             unit: unit.to_owned(),
             range: spread,
@@ -445,7 +474,7 @@ impl Fitter<'_> {
     }
 
     /// The means against several channels at once; `None` if they cannot be told apart.
-    fn together(&self, channels: &[&(String, Vec<f64>)]) -> Option<TogetherPart> {
+    fn together(&self, channels: &[&(String, Vec<f64>)]) -> Option<JointDependence> {
         let mut names = vec!["mean"];
         let mut columns = vec![vec![1.0; self.rows.len()]];
         for (name, values) in channels {
@@ -454,7 +483,7 @@ impl Fitter<'_> {
         }
         let fit = self.fit(&names, &columns).ok()?;
         let p = names.len();
-        Some(TogetherPart {
+        Some(JointDependence {
             channels: channels.iter().map(|(name, _)| name.clone()).collect(),
             coefficient_ent: (1..p).map(|j| std::array::from_fn(|c| fit.coefficients[(j, c)])).collect(),
             coefficient_std_ent: (1..p).map(|j| std::array::from_fn(|c| fit.covariance[(c * p + j, c * p + j)].sqrt())).collect(),
@@ -557,7 +586,7 @@ fn stages(record: &record::Kept, rate_hz: f64) -> Vec<Stage> {
 }
 
 /// Amplitude density at 1 Hz from the bins around it.
-fn density(stages: &[Stage], lines: &[Line]) -> Option<DensityPart> {
+fn density(stages: &[Stage], lines: &[Line]) -> Option<NoiseDensity> {
     let [low, high] = [STATED_HZ / STATED_RATIO, STATED_HZ * STATED_RATIO];
     let stage = stages.iter().find(|s| {
         let step = s.density.step_hz;
@@ -569,7 +598,7 @@ fn density(stages: &[Stage], lines: &[Line]) -> Option<DensityPart> {
     let point = *spectrum::bands(&[part], 0.5, lines).first()?;
     let [low, high] = point.limits();
     let amplitude: [f64; 3] = std::array::from_fn(|c| point.amplitude(c));
-    Some(DensityPart {
+    Some(NoiseDensity {
         frequency_hz: STATED_HZ,
         band_hz: point.band_hz,
         ent_per_root_hz: amplitude,
@@ -586,9 +615,9 @@ fn corner(points: &[Point], rate_hz: f64) -> [Option<WhiteAndSlow>; 3] {
     std::array::from_fn(|c| spectrum::white_and_slow(&used, c))
 }
 
-fn corner_part(corner: &[Option<WhiteAndSlow>; 3]) -> CornerPart {
+fn corner_part(corner: &[Option<WhiteAndSlow>; 3]) -> NoiseCorner {
     let get = |f: &dyn Fn(&WhiteAndSlow) -> f64| std::array::from_fn(|c| corner[c].as_ref().map_or(f64::NAN, f));
-    CornerPart {
+    NoiseCorner {
         white_ent_per_root_hz: get(&|w| w.white.max(0.0).sqrt()),
         white_std_ent_per_root_hz: get(&|w| 0.5 * w.white_std / w.white.sqrt()),
         slow_ent_per_root_hz: get(&|w| w.slow.max(0.0).sqrt()),
@@ -598,8 +627,8 @@ fn corner_part(corner: &[Option<WhiteAndSlow>; 3]) -> CornerPart {
     }
 }
 
-fn line_part(line: &Line) -> LinePart {
-    LinePart {
+fn line_part(line: &Line) -> SpectralLine {
+    SpectralLine {
         component: COMPONENTS[line.component].to_owned(),
         frequency_hz: line.frequency_hz,
         resolution_hz: line.step_hz,
@@ -609,9 +638,9 @@ fn line_part(line: &Line) -> LinePart {
     }
 }
 
-fn spectrum_part(points: &[Point]) -> SpectrumPart {
+fn spectrum_part(points: &[Point]) -> NoiseSpectrum {
     let density = |c: usize| points.iter().map(|p| p.amplitude(c)).collect();
-    SpectrumPart {
+    NoiseSpectrum {
         frequency_hz: points.iter().map(|p| p.frequency_hz).collect(),
         x_ent_per_root_hz: density(0),
         y_ent_per_root_hz: density(1),
@@ -622,9 +651,9 @@ fn spectrum_part(points: &[Point]) -> SpectrumPart {
     }
 }
 
-fn allan_part(list: &[Deviation]) -> AllanPart {
+fn allan_part(list: &[Deviation]) -> AllanDeviations {
     let deviation = |c: usize| list.iter().map(|d| d.deviation[c]).collect();
-    AllanPart {
+    AllanDeviations {
         tau_s: list.iter().map(|d| d.tau_s).collect(),
         x_ent: deviation(0),
         y_ent: deviation(1),

@@ -5,19 +5,21 @@
 //! the run itself, so that a sensor which is turned by not quite 180° takes no part of the residual field for offset. For a turned
 //! pair of an ideal sensor this is `B_off = (B_0 + B_180) / 2`, `B_res = (B_0 - B_180) / 2`.
 
+use crate::data::calibration::Sensitivities;
+use crate::data::note::{Note, NoteKind};
+use crate::data::offset::{OffsetDrift, OffsetMethod, OffsetQuality, PositionVisit, RefusedComponent, ScaledOffset};
 use crate::data::plateau::{LEAST_COVERAGE, Plateau, Plateaus, Settling};
 use crate::data::provenance::Input;
-use crate::data::result::Covariance;
+use crate::data::result::{Covariance, Dropped, RunHead};
 use crate::data::run::{Kind, Run};
 use crate::data::units::COMPONENTS;
-use crate::files::parameter::{Cpf, Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
 use crate::fit::{FitError, Limits, Solution, linear, order};
 use crate::model::campaign::Instructions;
-use crate::model::facility::Facility;
+use crate::model::facility::{Facility, FacilityApplied};
 use crate::model::position::Position;
+use crate::model::sensor::SplitError;
 use crate::record::conditions::{self, Temperatures};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
-use serde::Serialize;
 use thiserror::Error;
 
 /// How an offset analysis is made.
@@ -30,7 +32,7 @@ pub struct Options {
     /// Go on when the readings do not follow the settings.
     pub allow_mismatch: bool,
     /// The linear calibration whose sensitivity turns enT into nT, with its file.
-    pub cpf: Option<(Input, Box<Cpf>)>,
+    pub cpf: Option<(Input, Sensitivities)>,
     /// The facility that turns settings into applied fields; its offset field stays part of the residual field that is measured.
     pub facility: Option<Facility>,
 }
@@ -109,6 +111,9 @@ pub enum OffsetError {
     /// The positions determine no component.
     #[error("no component has an offset: {0}")]
     NoPairs(String),
+    /// A facility that no coil system can be.
+    #[error(transparent)]
+    Facility(#[from] SplitError),
     /// Another failure of the fit.
     #[error("the fit failed: {0}")]
     Fit(#[from] FitError),
@@ -133,20 +138,53 @@ impl OffsetError {
             }
             OffsetError::Stuck { .. } => "check the component and its wiring",
             OffsetError::NoPairs(_) => "measure every component in a normal and a turned position",
+            OffsetError::Facility(_) => "correct the facility",
             OffsetError::Fit(_) => "check the plateaus of the run",
         }
     }
 }
 
-/// Offsets with what is needed to judge them.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// Offsets and residual field of one run, with what is needed to judge them. What is not determined is nan.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Offset {
-    /// The parameters, as in the parameter file.
-    pub parameters: Opf,
+    /// Offset of the sensor, enT, sensor axes.
+    pub offset_ent: [f64; 3],
+    /// Standard uncertainty of the offset, enT.
+    pub offset_std_ent: [f64; 3],
+    /// Residual field of the coil system, enT, along the sensor axes in the normal position.
+    pub residual_ent: [f64; 3],
+    /// Standard uncertainty of the residual field, enT.
+    pub residual_std_ent: [f64; 3],
+    /// Residual field of the coil system, nT, coil axes.
+    pub residual_coil_nt: [f64; 3],
+    /// Its standard uncertainty, nT.
+    pub residual_coil_std_nt: [f64; 3],
+    /// Run and conditions.
+    pub run: RunHead,
+    /// How the offsets were found, per component.
+    pub method: OffsetMethod,
+    /// Offsets in nT with the sensitivity of a linear calibration.
+    pub scaled: Option<ScaledOffset>,
+    /// Covariance of offsets and residual field.
+    pub covariance: Covariance,
+    /// OffsetDrift between visits of the same position.
+    pub drift: Option<OffsetDrift>,
+    /// Quality of the data.
+    pub quality: OffsetQuality,
+    /// The visits of positions in time order.
+    pub visit: Vec<PositionVisit>,
+    /// Components that were refused.
+    pub refused: Vec<RefusedComponent>,
+    /// The facility whose scale factors and angles turned settings into applied fields; absent if the settings were taken as fields.
+    pub facility: Option<FacilityApplied>,
+    /// Plateaus that were not used.
+    pub dropped: Vec<Dropped>,
     /// Every plateau of the run.
     pub plateaus: Vec<Plateau>,
     /// Temperatures during the run.
     pub temperatures: Temperatures,
+    /// What a person should know.
+    pub notes: Vec<Note>,
 }
 
 /// Consecutive plateaus in one position.
@@ -184,92 +222,100 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     if plateaus.edge_shift_s.abs() > plateaus.tolerable_shift_s && !options.allow_mismatch {
         return Err(OffsetError::Edges { shift_s: plateaus.edge_shift_s });
     }
-    let stays = stays(plateaus, instructions)?;
+    let mut plateaus = plateaus.clone();
+    let mut of_facility: Vec<Note> = Vec::new();
+    let facility = options
+        .facility
+        .as_ref()
+        .map(|f| conditions::apply_facility(&f.without_offset(), run, instructions, &mut plateaus.list, &mut of_facility))
+        .transpose()?;
+    let stays = stays(&plateaus, instructions)?;
     let levels = Levels::measure(&stays)?;
     check_components(&stays, &levels, options)?;
     let solved = Solved::of(&stays, &levels)?;
+    if solved.offset_ent.iter().all(|v| v.is_nan()) {
+        let reasons: Vec<String> = solved.refused.iter().map(|r| format!("{}: {}", r.component, r.reason)).collect();
+        return Err(OffsetError::NoPairs(reasons.join("; ")));
+    }
 
-    let used: Vec<&Plateau> = stays.iter().flat_map(|s| s.plateaus.iter().copied()).collect();
     let span_s = [stays.first().map_or(0.0, |s| s.time_s()[0]), stays.last().map_or(0.0, |s| s.time_s()[1])];
-    let mut warnings = solved.remarks(&levels);
-    let temperatures = Temperatures::of(run, instructions, span_s, &mut warnings);
-    conditions::warn_of_plateaus(&mut warnings, run, plateaus);
-    conditions::warn_of_run(&mut warnings, run);
-
-    let head = conditions::head(run, instructions, &temperatures);
-    let parameters = Opf {
+    let mut notes = solved.notes(&levels);
+    let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
+    conditions::warn_of_plateaus(&mut notes, run, &plateaus);
+    conditions::warn_of_run(&mut notes, run);
+    let mut offset = Offset {
+        run: conditions::head(run, instructions, &temperatures),
+        scaled: None,
+        quality: quality(run, &plateaus, &stays, &levels, &solved),
+        visit: visits(&stays, &levels, &solved),
         offset_ent: solved.offset_ent,
         offset_std_ent: solved.offset_std_ent,
         residual_ent: solved.residual_ent,
         residual_std_ent: solved.residual_std_ent,
         residual_coil_nt: solved.residual_coil_nt,
         residual_coil_std_nt: solved.residual_coil_std_nt,
-        convention: OffsetConvention::default(),
-        run: head,
         method: solved.method,
-        scaled: None,
         covariance: solved.covariance,
         drift: solved.drift,
-        quality: OffsetQuality {
-            blocks_used: used.len(),
-            blocks_total: plateaus.list.len(),
-            lost_samples: run.vectors.lost,
-            raw_std_ent: conditions::raw_std(&used),
-            plateau_std_ent: levels.plateau_std_ent,
-            chi_square: solved.chi_square,
-            degrees_of_freedom: solved.degrees_of_freedom,
-            plateau_degrees_of_freedom: levels.degrees_of_freedom,
-            widened: solved.widened,
-        },
-        visit: stays
-            .iter()
-            .enumerate()
-            .map(|(v, stay)| Visit {
-                position: stay.id,
-                axes: stay.position.names(),
-                time_s: stay.time_s(),
-                blocks: stay.plateaus.len(),
-                reading_ent: std::array::from_fn(|i| levels.reading_ent[(v, i)]),
-                std_ent: std::array::from_fn(|i| levels.std_ent(v, i)),
-                residual_ent: solved.residuals_ent.get(v).cloned().unwrap_or_default(),
-            })
-            .collect(),
         refused: solved.refused,
-        conditions: temperatures.conditions.clone(),
-        facility: None,
+        facility,
         dropped: conditions::dropped(&plateaus.list),
-        warnings,
+        plateaus: plateaus.list.clone(),
+        temperatures,
+        notes,
     };
-    if parameters.offset_ent.iter().all(|v| v.is_nan()) {
-        let reasons: Vec<String> = parameters.refused.iter().map(|r| format!("{}: {}", r.component, r.reason)).collect();
-        return Err(OffsetError::NoPairs(reasons.join("; ")));
+    if let Some((input, sensitivities)) = &options.cpf {
+        offset.scale(&input.path, sensitivities);
     }
-    let mut offset = Offset { parameters, plateaus: plateaus.list.clone(), temperatures };
-    if let Some((input, cpf)) = &options.cpf {
-        offset.scale(&input.path, cpf);
-    }
+    offset.notes.extend(of_facility);
     Ok(offset)
+}
+
+fn quality(run: &Run, plateaus: &Plateaus, stays: &[Stay], levels: &Levels, solved: &Solved) -> OffsetQuality {
+    let used: Vec<&Plateau> = stays.iter().flat_map(|s| s.plateaus.iter().copied()).collect();
+    OffsetQuality {
+        blocks_used: used.len(),
+        blocks_total: plateaus.list.len(),
+        lost_samples: run.vectors.lost,
+        raw_std_ent: conditions::raw_std(&used),
+        plateau_std_ent: levels.plateau_std_ent,
+        chi_square: solved.chi_square,
+        degrees_of_freedom: solved.degrees_of_freedom,
+        plateau_degrees_of_freedom: levels.degrees_of_freedom,
+        widened: solved.widened,
+    }
+}
+
+fn visits(stays: &[Stay], levels: &Levels, solved: &Solved) -> Vec<PositionVisit> {
+    let visit = |(v, stay): (usize, &Stay)| PositionVisit {
+        position: stay.id,
+        axes: stay.position.names(),
+        time_s: stay.time_s(),
+        blocks: stay.plateaus.len(),
+        reading_ent: std::array::from_fn(|i| levels.reading_ent[(v, i)]),
+        std_ent: std::array::from_fn(|i| levels.std_ent(v, i)),
+        residual_ent: solved.residuals_ent.get(v).cloned().unwrap_or_default(),
+    };
+    stays.iter().enumerate().map(visit).collect()
 }
 
 impl Offset {
     /// Gives the offsets in nT as well, with the sensitivities of a linear calibration; `name` is that of its file.
-    pub fn scale(&mut self, name: &str, cpf: &Cpf) {
-        let p = &mut self.parameters;
-        if (&cpf.run.sensor, &cpf.run.mode) != (&p.run.sensor, &p.run.mode) {
-            p.warnings.push(format!(
+    pub fn scale(&mut self, name: &str, of: &Sensitivities) {
+        if (&of.sensor, &of.mode) != (&self.run.sensor, &self.run.mode) {
+            let text = format!(
                 "the sensitivities of {name} belong to {} {}, the offsets to {} {}",
-                cpf.run.sensor, cpf.run.mode, p.run.sensor, p.run.mode
-            ));
+                of.sensor, of.mode, self.run.sensor, self.run.mode
+            );
+            self.notes.push(Note::new(NoteKind::Method, text).about(name));
         }
-        let sigma: [f64; 3] = std::array::from_fn(|i| cpf.matrix.sigma[i][i]);
-        let times = |v: [f64; 3]| -> [f64; 3] { std::array::from_fn(|i| sigma[i] * v[i]) };
-        p.scaled = Some(Scaled {
+        self.scaled = Some(ScaledOffset {
             cpf: name.to_owned(),
-            sigma,
-            offset_nt: times(p.offset_ent),
-            offset_std_nt: times(p.offset_std_ent),
-            residual_nt: times(p.residual_ent),
-            residual_std_nt: times(p.residual_std_ent),
+            sigma: of.sigma_nt_per_ent,
+            offset_nt: of.to_nt(&self.offset_ent),
+            offset_std_nt: of.to_nt(&self.offset_std_ent),
+            residual_nt: of.to_nt(&self.residual_ent),
+            residual_std_nt: of.to_nt(&self.residual_std_ent),
         });
     }
 }
@@ -513,8 +559,8 @@ struct Solved {
     residual_std_ent: [f64; 3],
     residual_coil_nt: [f64; 3],
     residual_coil_std_nt: [f64; 3],
-    drift: Option<Drift>,
-    method: Method,
+    drift: Option<OffsetDrift>,
+    method: OffsetMethod,
     covariance: Covariance,
     refused: Vec<RefusedComponent>,
     residuals_ent: Vec<Vec<f64>>,
@@ -621,7 +667,7 @@ impl Solved {
             residual_coil_nt: [f64::NAN; 3],
             residual_coil_std_nt: [f64::NAN; 3],
             drift: None,
-            method: Method {
+            method: OffsetMethod {
                 component: std::array::from_fn(|_| "none".to_owned()),
                 positions: std::array::from_fn(|_| Vec::new()),
                 normal_axis: std::array::from_fn(|_| String::new()),
@@ -666,7 +712,7 @@ impl Solved {
             solved.residual_std_ent[i] = variance(&combination).sqrt();
         }
         if parameters == 9 {
-            solved.drift = Some(Drift {
+            solved.drift = Some(OffsetDrift {
                 ent_per_h: std::array::from_fn(|i| coefficient(DRIFT + i).unwrap_or(f64::NAN)),
                 std_ent_per_h: std::array::from_fn(|i| variance(&unit(DRIFT + i)).sqrt()),
                 reference_s,
@@ -685,9 +731,12 @@ impl Solved {
         Ok(solved)
     }
 
-    fn remarks(&self, levels: &Levels) -> Vec<String> {
-        let mut remarks: Vec<String> =
-            self.refused.iter().map(|r| format!("component {} is refused: {}; {}", r.component, r.reason, r.remedy)).collect();
+    fn notes(&self, levels: &Levels) -> Vec<Note> {
+        let refused = |r: &RefusedComponent| {
+            let text = format!("component {} is refused: {}", r.component, r.reason);
+            Note::new(NoteKind::Method, text).about(r.component.as_str()).with_remedy(r.remedy.as_str())
+        };
+        let mut notes: Vec<Note> = self.refused.iter().map(refused).collect();
         for axis in &self.open_axes {
             let leaks: Vec<String> = (0..3)
                 .filter(|i| self.offset_ent[*i].is_finite())
@@ -697,34 +746,36 @@ impl Solved {
                 })
                 .collect();
             if !leaks.is_empty() {
-                remarks.push(format!(
+                let text = format!(
                     "the residual field along {}_c is not determined and taken as 0 ± {:.1} nT, which is in the uncertainties; it enters the \
                      offsets with {}",
                     COIL_AXES[*axis],
                     self.assumed_nt,
                     leaks.join(", ")
-                ));
+                );
+                notes.push(Note::new(NoteKind::Method, text).about(COIL_AXES[*axis]));
             }
         }
         if self.method.response == "nominal" {
-            remarks.push(format!(
+            let text = format!(
                 "fields were not applied along all axes in every position: the sensor is taken to lie along the nominal axes within {:.1}°",
                 NOMINAL_TILT.to_degrees()
-            ));
+            );
+            notes.push(Note::new(NoteKind::Method, text));
         }
         if self.drift_is_open {
-            remarks.push(
-                "a position repeats, but the visits do not separate a drift from the offsets; none was estimated".to_owned(),
-            );
+            let text = "a position repeats, but the visits do not separate a drift from the offsets; none was estimated";
+            notes.push(Note::new(NoteKind::Method, text));
         }
         if self.widened > 1.0 {
-            remarks.push(format!(
+            let text = format!(
                 "the zero levels of the visits disagree with one offset and one residual field (chi-square {:.1} with {} degrees of freedom); \
                  the uncertainties were multiplied by {:.1}",
                 self.chi_square, self.degrees_of_freedom, self.widened
-            ));
+            );
+            notes.push(Note::new(NoteKind::Method, text));
         }
-        remarks
+        notes
     }
 }
 

@@ -3,11 +3,11 @@
 //! `T(s) = Σ c_k s^k` is fitted to a calibration table, s the voltage U of a divider, `U = U_ref / (R_ser/R + 1)`, or the resistance R.
 //! The comparison with a reference thermometer gives `T_O`, the mean of polynomial minus reference: `T_c = T_r - T_O`.
 
+use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
 use crate::data::tables::ThermistorRow;
-use crate::files::parameter::{ComparedPolynomial, OrderPart, ReferencePart, TableRow, ThermistorConvention, ThermistorFile};
+use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, TriedOrder};
 use crate::fit::{FitError, Limits, Polynomial, order, polynomial};
-use serde::Serialize;
 use thiserror::Error;
 
 /// The highest order that is fitted.
@@ -89,10 +89,46 @@ impl ThermistorError {
 }
 
 /// A polynomial with its table.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub struct Thermistor {
-    /// What goes into the parameter file.
-    pub parameters: ThermistorFile,
+    /// Name of the table without its end.
+    pub table: String,
+    /// `u` or `r`.
+    pub signal: String,
+    /// `V` or `ohm`.
+    pub signal_unit: String,
+    /// Order of the polynomial.
+    pub order: usize,
+    /// Why this one.
+    pub reason: String,
+    /// Coefficients, °C per unitᵏ, lowest first.
+    pub coefficients: Vec<f64>,
+    /// Their standard uncertainties.
+    pub coefficients_std: Vec<f64>,
+    /// Largest residual, °C.
+    pub residual_max_degc: f64,
+    /// Standard deviation of the residuals, °C.
+    pub residual_std_degc: f64,
+    /// Largest residual that is asked for, °C.
+    pub within_degc: f64,
+    /// The lowest order whose residuals are within that.
+    pub order_within: Option<usize>,
+    /// Smallest and largest signal of the table: the polynomial holds between them.
+    pub valid_signal: [f64; 2],
+    /// Smallest and largest temperature of the table, °C.
+    pub valid_degc: [f64; 2],
+    /// Covariance of the coefficients.
+    pub covariance: Covariance,
+    /// A polynomial given for comparison.
+    pub compared: Option<ComparedPolynomial>,
+    /// Comparison with a reference thermometer.
+    pub reference: Option<ReferenceComparison>,
+    /// All orders that were fitted.
+    pub orders: Vec<TriedOrder>,
+    /// The table with its residuals.
+    pub row: Vec<FittedTableRow>,
+    /// What a person should know.
+    pub notes: Vec<Note>,
 }
 
 /// The signal of every row.
@@ -153,10 +189,10 @@ pub fn thermistor(
             Err(_) => break,
         }
     }
-    let orders: Vec<OrderPart> = fits
+    let orders: Vec<TriedOrder> = fits
         .iter()
         .enumerate()
-        .map(|(i, fit)| OrderPart {
+        .map(|(i, fit)| TriedOrder {
             order: i + 1,
             residual_max_degc: largest(fit.residuals.iter().copied()),
             residual_std_degc: fit.residual_std,
@@ -164,14 +200,17 @@ pub fn thermistor(
             aicc: chosen.candidates.iter().find(|c| c.order == i + 1).and_then(|c| c.aicc).filter(|a| a.is_finite()),
         })
         .collect();
-    let mut warnings = Vec::new();
+    let mut notes = Vec::new();
     let order_within = orders.iter().find(|o| o.residual_max_degc <= options.within_degc).map(|o| o.order);
     let residual_max_degc = largest(fit.residuals.iter().copied());
     if residual_max_degc > options.within_degc {
         let reaches = order_within.map_or_else(|| "no order does".to_owned(), |o| format!("order {o} does"));
-        warnings.push(format!(
-            "the polynomial of order {wanted} leaves up to {residual_max_degc:.4} °C, more than {} °C; {reaches}",
-            options.within_degc
+        notes.push(Note::new(
+            NoteKind::Method,
+            format!(
+                "the polynomial of order {wanted} leaves up to {residual_max_degc:.4} °C, more than {} °C; {reaches}",
+                options.within_degc
+            ),
         ));
     }
     let best = options.compare.as_ref().map(|c| polynomial::fit(&x, &y, None, c.len().saturating_sub(1), &limits)).transpose()?;
@@ -188,9 +227,9 @@ pub fn thermistor(
     let bounds =
         |v: &[f64]| [v.iter().copied().fold(f64::INFINITY, f64::min), v.iter().copied().fold(f64::NEG_INFINITY, f64::max)];
     let reference =
-        reference.map(|rows| compare_with(rows, &fit, signal, options.divider, bounds(&x), &mut warnings)).transpose()?;
+        reference.map(|rows| compare_with(rows, &fit, signal, options.divider, bounds(&x), &mut notes)).transpose()?;
     let covariance = fit.covariance();
-    let row = (0..rows.len()).map(|i| TableRow {
+    let row = (0..rows.len()).map(|i| FittedTableRow {
         signal: x[i],
         t_degc: y[i],
         residual_degc: fit.residuals[i],
@@ -199,32 +238,29 @@ pub fn thermistor(
         best_residual_degc: best.as_ref().map(|b| b.residuals[i]),
     });
     Ok(Thermistor {
-        parameters: ThermistorFile {
-            table: name.to_owned(),
-            signal: signal.name().to_owned(),
-            signal_unit: signal.unit().to_owned(),
-            order: wanted,
-            reason,
-            coefficients_std: (0..=wanted).map(|k| covariance[(k, k)].sqrt()).collect(),
-            residual_max_degc,
-            residual_std_degc: fit.residual_std,
-            within_degc: options.within_degc,
-            order_within,
-            valid_signal: bounds(&x),
-            valid_degc: bounds(&y),
-            convention: ThermistorConvention::default(),
-            covariance: Covariance {
-                parameters: (0..=wanted).map(|k| format!("c_{k}")).collect(),
-                units: (0..=wanted).map(|k| format!("degC/{}^{k}", signal.unit())).collect(),
-                matrix: covariance.row_iter().map(|r| r.iter().copied().collect()).collect(),
-            },
-            compared,
-            reference,
-            orders,
-            row: row.collect(),
-            warnings,
-            coefficients: fit.coefficients.clone(),
+        table: name.to_owned(),
+        signal: signal.name().to_owned(),
+        signal_unit: signal.unit().to_owned(),
+        order: wanted,
+        reason,
+        coefficients_std: (0..=wanted).map(|k| covariance[(k, k)].sqrt()).collect(),
+        residual_max_degc,
+        residual_std_degc: fit.residual_std,
+        within_degc: options.within_degc,
+        order_within,
+        valid_signal: bounds(&x),
+        valid_degc: bounds(&y),
+        covariance: Covariance {
+            parameters: (0..=wanted).map(|k| format!("c_{k}")).collect(),
+            units: (0..=wanted).map(|k| format!("degC/{}^{k}", signal.unit())).collect(),
+            matrix: covariance.row_iter().map(|r| r.iter().copied().collect()).collect(),
         },
+        compared,
+        reference,
+        orders,
+        row: row.collect(),
+        notes,
+        coefficients: fit.coefficients.clone(),
     })
 }
 
@@ -235,12 +271,12 @@ fn compare_with(
     signal: Signal,
     divider: Option<[f64; 2]>,
     valid: [f64; 2],
-    warnings: &mut Vec<String>,
-) -> Result<ReferencePart, ThermistorError> {
+    notes: &mut Vec<Note>,
+) -> Result<ReferenceComparison, ThermistorError> {
     let x = signals(rows, signal, divider)?;
     let outside = x.iter().filter(|x| **x < valid[0] || **x > valid[1]).count();
     if outside > 0 {
-        warnings.push(format!("{outside} readings beside the reference lie outside the table"));
+        notes.push(Note::new(NoteKind::Data, format!("{outside} readings beside the reference lie outside the table")));
     }
     let t: Vec<f64> = rows.iter().map(|r| r.t_degc).collect();
     let difference: Vec<f64> = x.iter().zip(&t).map(|(x, t)| fit.evaluate(*x).0 - t).collect();
@@ -250,16 +286,18 @@ fn compare_with(
     if let (Some(s), Some(std)) = (&slope, slope_std)
         && s.coefficients[1].abs() > 3.0 * std
     {
-        warnings
-            .push(format!("the difference to the reference changes by {:+.2e} K per K: T_O is no constant", s.coefficients[1]));
+        notes.push(Note::new(
+            NoteKind::Method,
+            format!("the difference to the reference changes by {:+.2e} K per K: T_O is no constant", s.coefficients[1]),
+        ));
     }
     let low = t.iter().copied().fold(f64::INFINITY, f64::min);
     let high = t.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let offset_std_degc = Some(mean.covariance()[(0, 0)].sqrt()).filter(|s| s.is_finite());
     if offset_std_degc.is_none() {
-        warnings.push("T_O rests on a single reading, so its uncertainty is not known".to_owned());
+        notes.push(Note::new(NoteKind::Method, "T_O rests on a single reading, so its uncertainty is not known"));
     }
-    Ok(ReferencePart {
+    Ok(ReferenceComparison {
         offset_degc: mean.coefficients[0],
         offset_std_degc,
         readings: rows.len(),
@@ -295,7 +333,7 @@ mod tests {
     #[test]
     fn the_printed_cubic_leaves_what_the_best_cubic_leaves_and_order_five_a_hundredth() {
         let options = Options { compare: Some(PRINTED.to_vec()), ..options() };
-        let p = thermistor("pt1000", &pt1000(), None, &options).unwrap().parameters;
+        let p = thermistor("pt1000", &pt1000(), None, &options).unwrap();
         // By numpy.polynomial.Polynomial.fit.
         let best = [28.374_304_949, 4.096_588_018, 0.626_568_800_5, 0.094_811_463_53, 0.009_727_525_67, 0.002_814_997_52];
         for (part, best) in p.orders.iter().zip(best) {
@@ -312,14 +350,14 @@ mod tests {
     fn voltages_follow_from_resistances() {
         let divided: Vec<ThermistorRow> = pt1000().iter().map(|r| ThermistorRow { u_volt: f64::NAN, ..*r }).collect();
         let options = Options { divider: Some([2.5, 1000.0]), order: Some(3), ..options() };
-        let p = thermistor("pt1000", &divided, None, &options).unwrap().parameters;
+        let p = thermistor("pt1000", &divided, None, &options).unwrap();
         // The table rounds its voltages to 1e-5 V.
         for (k, (c, printed)) in p.coefficients.iter().zip(PRINTED).enumerate() {
             assert!((c - printed).abs() < 0.2, "{k} {c} {printed}");
         }
         let refused = thermistor("t", &divided, None, &Options { signal: Some(Signal::Voltage), ..self::options() }).unwrap_err();
         assert_eq!(refused, ThermistorError::NoSignal("voltages"));
-        let resistance = thermistor("t", &divided, None, &self::options()).unwrap().parameters;
+        let resistance = thermistor("t", &divided, None, &self::options()).unwrap();
         assert_eq!(resistance.signal, "r");
     }
 
@@ -329,14 +367,14 @@ mod tests {
         let table: Vec<ThermistorRow> = (0..6).map(|i| row(10.0 + 20.0 * f64::from(i), f64::from(i))).collect();
         let reference = [row(31.4, 1.0), row(51.6, 2.0), row(71.5, 3.0)];
         let options = Options { order: Some(1), ..options() };
-        let p = thermistor("t", &table, Some(&reference), &options).unwrap().parameters;
+        let p = thermistor("t", &table, Some(&reference), &options).unwrap();
         assert!((p.coefficients[0] - 10.0).abs() < 1e-12 && (p.coefficients[1] - 20.0).abs() < 1e-12);
         let r = p.reference.unwrap();
         assert!((r.offset_degc + 1.5).abs() < 1e-12);
         assert!((r.offset_std_degc.unwrap() - 0.1 / 3f64.sqrt()).abs() < 1e-12);
-        let single = thermistor("t", &table, Some(&reference[..1]), &options).unwrap().parameters;
+        let single = thermistor("t", &table, Some(&reference[..1]), &options).unwrap();
         assert!(single.reference.unwrap().offset_std_degc.is_none());
-        assert!(single.warnings.iter().any(|w| w.contains("single reading")));
+        assert!(single.notes.iter().any(|n| n.text.contains("single reading")));
     }
 
     #[test]

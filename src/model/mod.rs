@@ -5,6 +5,7 @@ pub mod campaign;
 pub mod coil;
 pub mod effects;
 pub mod facility;
+pub mod facility_calibration;
 pub mod lag;
 pub mod linearisation;
 pub mod off_centre;

@@ -2,15 +2,15 @@
 
 use super::parts::{COIL, Named, SENSOR, STYLES, panels};
 use super::{Band, Figure, Marks, Panel, Scale, Series, Style};
-use crate::files::parameter::TiltValues;
 use crate::measure::coil::{Residual, Scalar, Tilt};
+use crate::model::facility_calibration::SensorValues;
 
 const ARCSEC: f64 = 3600.0;
 
 /// Residuals of the moduli against the settings of the three axes.
 #[must_use]
 pub fn scalar(result: &Scalar) -> Vec<Named> {
-    let p = &result.parameters;
+    let p = result;
     let std_nt = p.quality.residual_std_nt;
     let figure = |axis: usize| Figure {
         title: format!("Moduli, measured minus modelled, against the {} setting, {}", COIL[axis], p.used.join(", ")),
@@ -53,7 +53,7 @@ fn points(result: &Scalar, axis: usize, used: bool) -> Vec<(f64, f64)> {
 /// Residual fields state by state.
 #[must_use]
 pub fn residual(result: &Residual) -> Vec<Named> {
-    let p = &result.parameters;
+    let p = result;
     let names: Vec<String> = p.state.iter().enumerate().map(|(i, s)| format!("{}: {}", i + 1, s.name)).collect();
     let figure = Figure {
         title: format!("Residual field of the coil system, {}", p.used.join(", ")),
@@ -85,14 +85,14 @@ pub fn residual(result: &Residual) -> Vec<Named> {
 /// Sensor parameters of the orientations against their mean, before and after the correction of the facility.
 #[must_use]
 pub fn tilt(result: &Tilt) -> Vec<Named> {
-    let p = &result.parameters;
+    let p = result;
     let names: Vec<String> = p
         .orientation
         .iter()
         .enumerate()
         .map(|(g, o)| format!("{}: {}{}", g + 1, o.axes, if o.used { "" } else { " (not used)" }))
         .collect();
-    let figure = |what: &str, unit: &str, components: [&str; 3], get: &dyn Fn(&TiltValues, usize) -> f64| Figure {
+    let figure = |what: &str, unit: &str, components: [&str; 3], get: &dyn Fn(&SensorValues, usize) -> f64| Figure {
         title: format!("{what} of sensor {} in {} orientations", p.sensor, p.orientation.len()),
         caption: format!(
             "Deviation from the mean of the used orientations with the facility as it was and with the corrected facility. Orientations, as \
@@ -102,7 +102,7 @@ pub fn tilt(result: &Tilt) -> Vec<Named> {
         x_label: "orientation".to_owned(),
         x_scale: Scale::Linear,
         panels: panels(|i| {
-            let series = |label: &str, style: Style, of: &dyn Fn(usize) -> TiltValues| {
+            let series = |label: &str, style: Style, of: &dyn Fn(usize) -> SensorValues| {
                 let values: Vec<f64> = (0..p.orientation.len()).map(|g| get(&of(g), i)).collect();
                 let used: Vec<f64> = values.iter().zip(&p.orientation).filter(|(_, o)| o.used).map(|(v, _)| *v).collect();
                 let mean = used.iter().sum::<f64>() / used.len() as f64;

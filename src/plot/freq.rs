@@ -12,7 +12,7 @@ const CURVE: usize = 400;
 /// All figures; a table of amplitudes has the response only.
 #[must_use]
 pub fn figures(freq: &Freq) -> Vec<Named> {
-    let id = &freq.parameters.run.id;
+    let id = &freq.run.id;
     let mut list = Vec::new();
     let end_s = freq.stretches.iter().map(|s| s.setting.t_end_s).fold(0.0, f64::max);
     let time = TimeAxis::of(end_s);
@@ -83,7 +83,7 @@ fn used(freq: &Freq, id: &str, time: TimeAxis) -> Figure {
 }
 
 fn response(freq: &Freq, id: &str) -> Figure {
-    let p = &freq.parameters;
+    let p = freq;
     let db = |ratio: f64| 20.0 * ratio.log10();
     let known: Vec<f64> = p.amplitude.iter().map(|a| a.frequency_hz).filter(|f| *f > 0.0).collect();
     let low = known.iter().copied().fold(f64::INFINITY, f64::min);
@@ -147,7 +147,7 @@ fn response(freq: &Freq, id: &str) -> Figure {
     } else {
         format!(
             "Amplitudes relative to the DC gain of the fitted model ({}), and what it leaves. -3 dB: {}.",
-            p.model.name,
+            p.corner.model.unwrap_or("none"),
             corners.join(", ")
         )
     };

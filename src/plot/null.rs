@@ -10,7 +10,7 @@ const AGAINST: [&str; 4] = ["correlation_1", "correlation_2", "correlation_3", "
 /// All figures.
 #[must_use]
 pub fn figures(null: &Null) -> Vec<Named> {
-    let p = &null.parameters;
+    let p = null;
     let id = &p.run.id;
     let time = TimeAxis::of(p.record.time_s[1]);
     let mut list = vec![
@@ -36,7 +36,7 @@ fn line(label: &str, style: Style, points: Vec<(f64, f64)>) -> Series {
 }
 
 fn measured(null: &Null, id: &str, time: TimeAxis) -> Figure {
-    let o = &null.parameters.offset;
+    let o = &null.offset;
     Figure {
         title: format!("Readings in zero field, run {id}"),
         caption: format!(
@@ -66,7 +66,7 @@ fn measured(null: &Null, id: &str, time: TimeAxis) -> Figure {
 }
 
 fn drift(null: &Null, id: &str, time: TimeAxis) -> Figure {
-    let o = &null.parameters.offset;
+    let o = &null.offset;
     let (span, count) = match (null.rows.first(), null.rows.len()) {
         (Some(row), count) => (row.interval_s[1] - row.interval_s[0], count),
         (None, _) => (f64::NAN, 0),
@@ -102,7 +102,7 @@ fn drift(null: &Null, id: &str, time: TimeAxis) -> Figure {
 }
 
 fn density(null: &Null, id: &str) -> Figure {
-    let p = &null.parameters;
+    let p = null;
     let s = &p.spectrum;
     let values = [&s.x_ent_per_root_hz, &s.y_ent_per_root_hz, &s.z_ent_per_root_hz];
     let stated = p.density.as_ref().map_or_else(String::new, |d| {
@@ -141,7 +141,7 @@ fn density(null: &Null, id: &str) -> Figure {
 }
 
 fn allan(null: &Null, id: &str) -> Figure {
-    let a = &null.parameters.allan;
+    let a = &null.allan;
     let values = [&a.x_ent, &a.y_ent, &a.z_ent];
     let tau = || a.tau_s.iter().copied().enumerate();
     let mut series = Vec::new();
@@ -171,7 +171,7 @@ fn allan(null: &Null, id: &str) -> Figure {
 }
 
 fn against(null: &Null, id: &str, name: &str) -> Option<Figure> {
-    let part = null.parameters.channel.iter().find(|c| c.name == name)?;
+    let part = null.channel.iter().find(|c| c.name == name)?;
     let values = &null.channels.iter().find(|(n, _)| n == name)?.1;
     let known: Vec<(f64, usize)> =
         values.iter().copied().enumerate().filter(|(_, v)| v.is_finite()).map(|(i, v)| (v, i)).collect();

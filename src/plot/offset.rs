@@ -7,7 +7,7 @@ use crate::measure::offset::Offset;
 /// All figures.
 #[must_use]
 pub fn figures(offset: &Offset) -> Vec<Named> {
-    let id = &offset.parameters.run.id;
+    let id = &offset.run.id;
     let end_s = offset.plateaus.iter().map(|p| p.setting.t_end_s).fold(0.0, f64::max);
     let time = TimeAxis::of(end_s);
     let mut list = vec![
@@ -19,8 +19,7 @@ pub fn figures(offset: &Offset) -> Vec<Named> {
 }
 
 fn applied(offset: &Offset, id: &str, time: TimeAxis) -> Figure {
-    let positions: Vec<String> =
-        offset.parameters.visit.iter().map(|v| format!("{} ({})", v.position, v.axes.join(" "))).collect();
+    let positions: Vec<String> = offset.visit.iter().map(|v| format!("{} ({})", v.position, v.axes.join(" "))).collect();
     Figure {
         title: format!("Applied fields, run {id}"),
         caption: format!("Reference field in coil coordinates. Positions in turn: {}.", positions.join(", ")),
@@ -46,7 +45,7 @@ fn applied(offset: &Offset, id: &str, time: TimeAxis) -> Figure {
 }
 
 fn zero_levels(offset: &Offset, id: &str, time: TimeAxis) -> Figure {
-    let p = &offset.parameters;
+    let p = offset;
     Figure {
         title: format!("Readings at zero applied field, run {id}"),
         caption: format!(

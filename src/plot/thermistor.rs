@@ -2,7 +2,7 @@
 
 use super::parts::Named;
 use super::{Band, Figure, Marks, Panel, Scale, Series, Style};
-use crate::files::parameter::TableRow;
+use crate::data::thermistor::FittedTableRow;
 use crate::measure::thermistor::Thermistor;
 
 /// A value with its standard uncertainty, if the row has one.
@@ -11,8 +11,8 @@ type Shown = Option<(f64, Option<f64>)>;
 /// Residuals against temperature: those of the polynomial, and above them those of the one given for comparison.
 #[must_use]
 pub fn figures(thermistor: &Thermistor) -> Vec<Named> {
-    let p = &thermistor.parameters;
-    let series = |label: String, style: Style, get: &dyn Fn(&TableRow) -> Shown| {
+    let p = thermistor;
+    let series = |label: String, style: Style, get: &dyn Fn(&FittedTableRow) -> Shown| {
         let points = p.row.iter().filter_map(|r| get(r).map(|(value, std)| (r.t_degc, value, std))).collect();
         Series { label, style, marks: Marks::Points(points) }
     };

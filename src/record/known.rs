@@ -17,9 +17,9 @@ use crate::files::parameter::{Model, ModelEffect};
 use crate::files::text::Group;
 use crate::fit::smooth::Course;
 use crate::model::applied::{AppliedEffect, ModelApplied};
+use crate::model::campaign::Instructions;
 use crate::model::effects::in_samples::InSamples;
 use crate::model::effects::in_sine::{CORRELATION, InSine};
-use crate::model::campaign::Instructions;
 use crate::model::effects::record::Channel;
 use crate::model::effects::thermal_lag::{self, ThermalLag};
 use crate::model::effects::{

@@ -2,59 +2,61 @@
 
 use super::document::{Cell, Section, Table, cells};
 use super::{known_effects, number, remarks, run_line, triple, used_file, yes_or_no};
+#[cfg(feature = "tables")]
+use crate::data::frequency::SineAmplitude;
 use crate::data::units::{COMPONENTS, with_uncertainty};
-use crate::files::parameter::{Body, Fpf};
-use crate::measure::freq::Freq;
+use crate::measure::freq::{Freq, SamplingRate};
 use std::fmt::Write;
 
 const MEASURED: [&str; 3] = ["X", "Y", "Z"];
 
 /// The sections of the report.
 #[must_use]
-pub fn sections(freq: &Freq) -> Vec<Section> {
-    let p = &freq.parameters;
+pub fn sections(freq: &Freq, file_name: &str) -> Vec<Section> {
+    let p = freq;
     let mut response = response(p);
     response.blocks.extend(p.effects.as_ref().map(|effects| known_effects(effects).into()));
-    let mut sections = vec![used_file(&p.run, &p.file_name()), rate(p), corner(p), response, amplitudes(p)];
-    sections.extend(remarks(&p.warnings));
+    let mut sections = vec![used_file(&p.run, file_name), rate(p), corner(p), response, amplitudes(p)];
+    sections.extend(remarks(&p.notes));
     sections
 }
 
-fn rate(p: &Fpf) -> Section {
+fn rate(p: &Freq) -> Section {
     let section = Section::new("Sampling frequency");
-    let (Some(f_s), Some(std)) = (p.f_s_hz, p.f_s_std_hz) else {
+    let Some(rate) = &p.rate else {
         return section.with("A table of amplitudes tells no sampling frequency.");
     };
     let mut table = Table::new(["component", "f_s, Hz", "standard uncertainty, Hz"]);
     for i in 0..3 {
-        table.push(cells![MEASURED[i], Cell::fixed(f_s[i], 6), Cell::exponent(std[i], 2).or("-")]);
+        table.push(cells![
+            MEASURED[i],
+            Cell::fixed(rate.component_hz[i], 6),
+            Cell::exponent(rate.component_std_hz[i], 2).or("-")
+        ]);
     }
-    if let (Some(mean), Some(std)) = (p.mean_f_s_hz, p.mean_f_s_std_hz) {
-        table.push(cells!["weighted mean", Cell::fixed(mean, 6), Cell::exponent(std, 2)]);
-    }
+    table.push(cells!["weighted mean", Cell::fixed(rate.mean_hz, 6), Cell::exponent(rate.mean_std_hz, 2)]);
     let scatter =
-        p.scatter_f_s_hz.map_or_else(String::new, |s| format!("Standard deviation of the three components {s:.2e} Hz. "));
+        rate.scatter_hz.map_or_else(String::new, |s| format!("Standard deviation of the three components {s:.2e} Hz. "));
     let mut words = format!("{scatter}All frequencies of the run together give one sampling frequency per component.");
-    if let Some(clock) = &p.clock {
-        let drift: Vec<String> = (0..3)
-            .map(|i| format!("{} {:+.1e} ± {:.1e}", COMPONENTS[i], clock.drift_hz_per_s[i], clock.drift_std_hz_per_s[i]))
-            .collect();
-        let is = if clock.drift_is_significant { "is significant and was taken into account" } else { "is not significant" };
-        let _ = write!(words, "\nIts drift during the run, {} Hz/s, {is}.", drift.join(", "));
-        if let Some(t_s) = clock.reference_s {
-            let _ = write!(words, "\nThe sampling frequencies above hold {t_s:.3} s after sample counter 0.");
-        }
-        let _ = match (clock.rival_hz, clock.rival_chi_square) {
-            (Some(rival), Some(chi)) => {
-                write!(words, "\nThe next best value within 0.1 %, {rival:.5} Hz, is worse by {chi:.0} in chi-square.")
-            }
-            _ => write!(words, "\nThere is no other value within 0.1 %."),
-        };
+    let clock = &rate.clock;
+    let drift: Vec<String> = (0..3)
+        .map(|i| format!("{} {:+.1e} ± {:.1e}", COMPONENTS[i], clock.drift_hz_per_s[i], clock.drift_std_hz_per_s[i]))
+        .collect();
+    let is = if clock.drift_is_significant { "is significant and was taken into account" } else { "is not significant" };
+    let _ = write!(words, "\nIts drift during the run, {} Hz/s, {is}.", drift.join(", "));
+    if let Some(t_s) = clock.reference_s {
+        let _ = write!(words, "\nThe sampling frequencies above hold {t_s:.3} s after sample counter 0.");
     }
+    let _ = match (clock.rival_hz, clock.rival_chi_square) {
+        (Some(rival), Some(chi)) => {
+            write!(words, "\nThe next best value within 0.1 %, {rival:.5} Hz, is worse by {chi:.0} in chi-square.")
+        }
+        _ => write!(words, "\nThere is no other value within 0.1 %."),
+    };
     section.with(table).with(words)
 }
 
-fn corner(p: &Fpf) -> Section {
+fn corner(p: &Freq) -> Section {
     let mut table = Table::new(["component", "f_3dB igep, Hz", "f_3dB model, Hz ± standard uncertainty"]);
     for i in 0..3 {
         let model = Cell::uncertain(p.f_3db_model_hz[i], p.f_3db_model_std_hz[i]);
@@ -66,19 +68,20 @@ fn corner(p: &Fpf) -> Section {
     )
 }
 
-fn response(p: &Fpf) -> Section {
+fn response(p: &Freq) -> Section {
     // Reports have had one more empty line here from the beginning.
     let section = Section::new("Response model").with("");
-    if p.model.parameters.is_empty() {
+    let model = p.corner.response();
+    if model.parameters.is_empty() {
         return section.with("No model could be fitted.");
     }
-    let mut fitted = Table::new(std::iter::once("component").chain(p.model.parameters.iter().map(String::as_str)));
-    for (i, (values, std)) in p.model.values.iter().zip(&p.model.std).enumerate() {
+    let mut fitted = Table::new(std::iter::once("component").chain(model.parameters.iter().map(String::as_str)));
+    for (i, (values, std)) in model.values.iter().zip(&model.std).enumerate() {
         let cell =
             |k: usize| Cell::uncertain(values.get(k).copied().unwrap_or(f64::NAN), std.get(k).copied().unwrap_or(f64::NAN));
-        fitted.push(std::iter::once(MEASURED[i].into()).chain((0..p.model.parameters.len()).map(cell)).collect());
+        fitted.push(std::iter::once(MEASURED[i].into()).chain((0..model.parameters.len()).map(cell)).collect());
     }
-    let basis = match (p.model.chi_square, p.model.degrees_of_freedom) {
+    let basis = match (model.chi_square, model.degrees_of_freedom) {
         (Some(chi_square), Some(dof)) => format!(
             "It explains the amplitudes within their uncertainties (chi-square {chi_square:.1} with {dof} degrees of freedom), which give \
              those of its parameters."
@@ -87,20 +90,20 @@ fn response(p: &Fpf) -> Section {
               outliers apart, and from leaving out one at a time."
             .to_owned(),
     };
-    let mut candidates: Vec<_> = p.model.candidate.iter().collect();
+    let mut candidates: Vec<_> = model.candidate.iter().collect();
     candidates.sort_by(|a, b| a.delta_aicc.total_cmp(&b.delta_aicc));
     let compared = candidates.into_iter().map(|c| {
         let [x, y, z] = c.f_3db_hz.map(|f| Cell::fixed(f, 2));
         cells![&c.name, Cell::fixed(c.delta_aicc, 1), x, y, z]
     });
     section
-        .with(format!("Model: {}. {basis}", p.model.name))
+        .with(format!("Model: {}. {basis}", model.name))
         .with(fitted)
         .with("Models that were compared, over the three components:")
         .with(Table::new(["model", "ΔAICc", "f_3dB x, Hz", "f_3dB y, Hz", "f_3dB z, Hz"]).with_rows(compared))
 }
 
-fn amplitudes(p: &Fpf) -> Section {
+fn amplitudes(p: &Freq) -> Section {
     let mut table =
         Table::new(["applied frequency, Hz", "Bx, enT", "By, enT", "Bz, enT", "standard uncertainty, enT", "used", "remark"]);
     for a in &p.amplitude {
@@ -117,18 +120,16 @@ fn amplitudes(p: &Fpf) -> Section {
 /// The result in one line.
 #[must_use]
 pub fn headline(freq: &Freq) -> String {
-    format!("f_3dB {} Hz", triple(&freq.parameters.f_3db_model_hz, &freq.parameters.f_3db_model_std_hz))
+    format!("f_3dB {} Hz", triple(&freq.f_3db_model_hz, &freq.f_3db_model_std_hz))
 }
 
 /// A few lines for the terminal.
 #[must_use]
 pub fn summary(freq: &Freq) -> String {
-    let p = &freq.parameters;
+    let p = freq;
     let used = p.amplitude.iter().filter(|a| a.used).count();
-    let rate = match (p.mean_f_s_hz, p.mean_f_s_std_hz) {
-        (Some(mean), Some(std)) => format!("  f_s    {}  Hz\n", with_uncertainty(mean, std)),
-        _ => String::new(),
-    };
+    let of_rate = |r: &SamplingRate| format!("  f_s    {}  Hz\n", with_uncertainty(r.mean_hz, r.mean_std_hz));
+    let rate = p.rate.as_ref().map_or_else(String::new, of_rate);
     let igep: Vec<String> = p.f_3db_igep_hz.iter().map(|f| number(*f, 2)).collect();
     format!(
         "{}  {used} of {} frequencies\n{rate}  f_3dB  {}  Hz (igep)\n         {}  Hz ({})\n",
@@ -136,7 +137,7 @@ pub fn summary(freq: &Freq) -> String {
         p.amplitude.len(),
         igep.join(", "),
         triple(&p.f_3db_model_hz, &p.f_3db_model_std_hz),
-        p.model.name
+        p.corner.model.unwrap_or("none")
     )
 }
 
@@ -146,21 +147,21 @@ pub fn summary(freq: &Freq) -> String {
 pub fn parameter_table(runs: &[&Freq]) -> crate::files::table::Table {
     use crate::files::table::{Table, Values};
     let mut table = Table::default();
-    super::head_columns(&mut table, runs.iter().map(|f| &f.parameters.run));
-    let numbers = |get: &dyn Fn(&Fpf) -> f64| Values::Numbers(runs.iter().map(|f| get(&f.parameters)).collect());
-    let of = |list: Option<[f64; 3]>, i: usize| list.map_or(f64::NAN, |l| l[i]);
+    super::head_columns(&mut table, runs.iter().map(|f| &f.run));
+    let numbers = |get: &dyn Fn(&Freq) -> f64| Values::Numbers(runs.iter().map(|f| get(f)).collect());
+    let of = |freq: &Freq, get: &dyn Fn(&SamplingRate) -> f64| freq.rate.as_ref().map_or(f64::NAN, get);
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
-        table.push(&format!("f_s_{axis}_hz"), numbers(&|p| of(p.f_s_hz, i)));
-        table.push(&format!("f_s_{axis}_std_hz"), numbers(&|p| of(p.f_s_std_hz, i)));
+        table.push(&format!("f_s_{axis}_hz"), numbers(&|p| of(p, &|r| r.component_hz[i])));
+        table.push(&format!("f_s_{axis}_std_hz"), numbers(&|p| of(p, &|r| r.component_std_hz[i])));
     }
-    table.push("mean_f_s_hz", numbers(&|p| p.mean_f_s_hz.unwrap_or(f64::NAN)));
-    table.push("mean_f_s_std_hz", numbers(&|p| p.mean_f_s_std_hz.unwrap_or(f64::NAN)));
+    table.push("mean_f_s_hz", numbers(&|p| of(p, &|r| r.mean_hz)));
+    table.push("mean_f_s_std_hz", numbers(&|p| of(p, &|r| r.mean_std_hz)));
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
         table.push(&format!("f_3db_igep_{axis}_hz"), numbers(&|p| p.f_3db_igep_hz[i]));
         table.push(&format!("f_3db_model_{axis}_hz"), numbers(&|p| p.f_3db_model_hz[i]));
         table.push(&format!("f_3db_model_{axis}_std_hz"), numbers(&|p| p.f_3db_model_std_hz[i]));
     }
-    table.push("model", Values::Text(runs.iter().map(|f| f.parameters.model.name.clone()).collect()));
+    table.push("model", Values::Text(runs.iter().map(|f| f.corner.response().name).collect()));
     table
 }
 
@@ -168,11 +169,10 @@ pub fn parameter_table(runs: &[&Freq]) -> crate::files::table::Table {
 #[cfg(feature = "tables")]
 #[must_use]
 pub fn amplitude_table(freq: &Freq) -> crate::files::table::Table {
-    use crate::files::parameter::AmplitudePart;
     use crate::files::table::{Table, Values};
-    let rows = &freq.parameters.amplitude;
+    let rows = &freq.amplitude;
     let mut table = Table::default();
-    let numbers = |get: &dyn Fn(&AmplitudePart) -> f64| Values::Numbers(rows.iter().map(get).collect());
+    let numbers = |get: &dyn Fn(&SineAmplitude) -> f64| Values::Numbers(rows.iter().map(get).collect());
     let of = |list: Option<[f64; 3]>, i: usize| list.map_or(f64::NAN, |l| l[i]);
     table.push("frequency_hz", numbers(&|a| a.frequency_hz));
     for (i, axis) in COMPONENTS.into_iter().enumerate() {

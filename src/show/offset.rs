@@ -3,15 +3,14 @@
 use super::document::{Cell, Section, Table, Text, cells};
 use super::{not_used, remarks, run_line, triple, used_file, value};
 use crate::data::units::{COMPONENTS, with_uncertainty};
-use crate::files::parameter::{Body, Opf};
 use crate::measure::offset::Offset;
 
 const MEASURED: [&str; 3] = ["X", "Y", "Z"];
 
 /// The sections of the report.
 #[must_use]
-pub fn sections(offset: &Offset) -> Vec<Section> {
-    let p = &offset.parameters;
+pub fn sections(offset: &Offset, file_name: &str) -> Vec<Section> {
+    let p = offset;
     let principle = Section::new("Principle").with(Text::words_and_code([
         "Measurements in a normal and a turned position tell the offset of the sensor and the residual field of the coil system apart: ",
         "B_off = (B_normal + B_turned)/2",
@@ -19,13 +18,13 @@ pub fn sections(offset: &Offset) -> Vec<Section> {
         "B_res = (B_normal - B_turned)/2",
         ". Where positions are not turned by exactly 180° the response measured in the run itself takes their place.",
     ]));
-    let mut sections = vec![used_file(&p.run, &p.file_name()), principle, offsets(p), residual_field(p), visits(p), quality(p)];
+    let mut sections = vec![used_file(&p.run, file_name), principle, offsets(p), residual_field(p), visits(p), quality(p)];
     sections.extend(not_used(&p.dropped));
-    sections.extend(remarks(&p.warnings));
+    sections.extend(remarks(&p.notes));
     sections
 }
 
-fn offsets(p: &Opf) -> Section {
+fn offsets(p: &Offset) -> Section {
     let mut table = Table::new(["component", "offset, enT ± standard uncertainty", "positions"]);
     for i in 0..3 {
         let positions: Vec<String> = p.method.positions[i].iter().map(u32::to_string).collect();
@@ -47,7 +46,7 @@ fn offsets(p: &Opf) -> Section {
         .with(Table::new(["component", "offset, nT", "residual field, nT"]).with_rows((0..3).map(row)))
 }
 
-fn residual_field(p: &Opf) -> Section {
+fn residual_field(p: &Offset) -> Section {
     let mut table = Table::new(["component", "B_res, enT ± standard uncertainty", "seen along"]);
     for i in 0..3 {
         let residual = Cell::uncertain(p.residual_ent[i], p.residual_std_ent[i]);
@@ -73,7 +72,7 @@ fn residual_field(p: &Opf) -> Section {
     section
 }
 
-fn visits(p: &Opf) -> Section {
+fn visits(p: &Offset) -> Section {
     let mut table = Table::new(["position", "axes X_m Y_m Z_m", "time, s", "blocks", "x, enT", "y, enT", "z, enT"]);
     for v in &p.visit {
         let mut row = cells![v.position, v.axes.join(" "), format!("{:.0} to {:.0}", v.time_s[0], v.time_s[1]), v.blocks];
@@ -83,7 +82,7 @@ fn visits(p: &Opf) -> Section {
     Section::new("Readings at zero applied field").with(table)
 }
 
-fn quality(p: &Opf) -> Section {
+fn quality(p: &Offset) -> Section {
     let q = &p.quality;
     let samples = q.raw_std_ent.as_ref().map_or_else(
         || "The file brings plateau means without standard deviations.".to_owned(),
@@ -110,13 +109,13 @@ fn quality(p: &Opf) -> Section {
 /// The result in one line.
 #[must_use]
 pub fn headline(offset: &Offset) -> String {
-    format!("B_off {} enT", triple(&offset.parameters.offset_ent, &offset.parameters.offset_std_ent))
+    format!("B_off {} enT", triple(&offset.offset_ent, &offset.offset_std_ent))
 }
 
 /// A few lines for the terminal.
 #[must_use]
 pub fn summary(offset: &Offset) -> String {
-    let p = &offset.parameters;
+    let p = offset;
     format!(
         "{}  {} of {} blocks\n  B_off  {}  enT\n  B_res  {}  enT, seen along {}\n",
         run_line(&p.run),
@@ -134,8 +133,8 @@ pub fn summary(offset: &Offset) -> String {
 pub fn parameter_table(runs: &[&Offset]) -> crate::files::table::Table {
     use crate::files::table::{Table, Values};
     let mut table = Table::default();
-    super::head_columns(&mut table, runs.iter().map(|o| &o.parameters.run));
-    let numbers = |get: &dyn Fn(&Opf) -> f64| Values::Numbers(runs.iter().map(|o| get(&o.parameters)).collect());
+    super::head_columns(&mut table, runs.iter().map(|o| &o.run));
+    let numbers = |get: &dyn Fn(&Offset) -> f64| Values::Numbers(runs.iter().map(|o| get(o)).collect());
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
         table.push(&format!("b_off_{axis}_ent"), numbers(&|p| p.offset_ent[i]));
         table.push(&format!("b_off_{axis}_std_ent"), numbers(&|p| p.offset_std_ent[i]));

@@ -3,21 +3,20 @@
 use super::document::{Cell, Section, Table, Text, cells};
 use super::{number, remarks, value};
 use crate::data::units::scientific_with_uncertainty;
-use crate::files::parameter::{Body, ThermistorFile};
 use crate::measure::thermistor::Thermistor;
 use std::fmt::Write;
 
 /// Its title.
 #[must_use]
 pub fn title(thermistor: &Thermistor) -> String {
-    format!("Thermistor calibration, table {}", thermistor.parameters.table)
+    format!("Thermistor calibration, table {}", thermistor.table)
 }
 
 /// The sections of the report.
 #[must_use]
-pub fn sections(thermistor: &Thermistor) -> Vec<Section> {
-    let p = &thermistor.parameters;
-    let mut sections = vec![polynomial(p), orders(p)];
+pub fn sections(thermistor: &Thermistor, file_name: &str) -> Vec<Section> {
+    let p = thermistor;
+    let mut sections = vec![polynomial(p, file_name), orders(p)];
     if let Some(c) = &p.compared {
         let list: Vec<String> = c.coefficients.iter().map(|v| format!("{v}")).collect();
         sections.push(Section::new("Comparison").with(format!(
@@ -47,11 +46,11 @@ pub fn sections(thermistor: &Thermistor) -> Vec<Section> {
         );
     }
     sections.push(rows(p));
-    sections.extend(remarks(&p.warnings));
+    sections.extend(remarks(&p.notes));
     sections
 }
 
-fn polynomial(p: &ThermistorFile) -> Section {
+fn polynomial(p: &Thermistor, file_name: &str) -> Section {
     let mut table = Table::new(["k", "c_k, °C per unit^k"]);
     for (k, (c, std)) in p.coefficients.iter().zip(&p.coefficients_std).enumerate() {
         table.push(cells![k, Cell::scientific(*c, *std)]);
@@ -61,12 +60,12 @@ fn polynomial(p: &ThermistorFile) -> Section {
         p.signal_unit, p.order, p.reason, p.valid_signal[0], p.valid_signal[1], p.signal_unit, p.valid_degc[0], p.valid_degc[1],
     );
     Section::new("Polynomial")
-        .with(Text::default().code("T = Σ c_k s^k").and(holds).code(p.file_name()).and("."))
+        .with(Text::default().code("T = Σ c_k s^k").and(holds).code(file_name).and("."))
         .with(table)
         .with(format!("It leaves up to {:.4} °C, standard deviation {} °C.", p.residual_max_degc, number(p.residual_std_degc, 4)))
 }
 
-fn orders(p: &ThermistorFile) -> Section {
+fn orders(p: &Thermistor) -> Section {
     let mut table = Table::new(["order", "largest residual, °C", "standard deviation, °C", "leave one out, °C", "AICc"]);
     for o in &p.orders {
         table.push(cells![
@@ -82,7 +81,7 @@ fn orders(p: &ThermistorFile) -> Section {
     Section::new("Orders").with(table).with(format!("{within} {} °C at every row.", p.within_degc))
 }
 
-fn rows(p: &ThermistorFile) -> Section {
+fn rows(p: &Thermistor) -> Section {
     let mut table = Table::new(["T, °C", "signal", "residual, °C", "uncertainty, °C", "given polynomial, °C"]);
     for r in &p.row {
         table.push(cells![
@@ -99,7 +98,7 @@ fn rows(p: &ThermistorFile) -> Section {
 /// A few lines for the terminal.
 #[must_use]
 pub fn summary(thermistor: &Thermistor) -> String {
-    let p = &thermistor.parameters;
+    let p = thermistor;
     let list: Vec<String> = p.coefficients.iter().map(|c| format!("{c:.6}")).collect();
     let mut out = format!(
         "{}  order {}, {} rows, up to {:.4} °C\n  c      {}  °C/{}^k\n",

@@ -217,7 +217,7 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
             }
             // The variance of an amplitude from N samples is 2 / N of theirs; the median is not affected by the alias of a disturbance.
             let white_ent = std::array::from_fn(|i| {
-                let of = |a: &parameter::AmplitudePart| Some(a.b_std_ent[i] * (a.samples? as f64 / 2.0).sqrt());
+                let of = |a: &crate::data::frequency::SineAmplitude| Some(a.b_std_ent[i] * (a.samples? as f64 / 2.0).sqrt());
                 let mut all: Vec<f64> = fpf.amplitude.iter().filter_map(of).filter(|s| s.is_finite()).collect();
                 if all.is_empty() { 0.0 } else { crate::fit::statistics::median(&mut all) }
             });

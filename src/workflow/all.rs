@@ -2,6 +2,7 @@
 
 use super::{Desk, Drawn, Failure, Job, Made, RunReport, RunResult, make, parameter_text, publish};
 use crate::data::across::CalibratedRun;
+use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
@@ -114,10 +115,10 @@ impl Measured {
                 let file = if name == LinName::Single { p.file_name() } else { p.thermal_file_name() };
                 publish::<lin::Options>(made, desk, &file)
             }
-            Measured::Offset(made) => publish::<offset::Options>(made, desk, &made.result.parameters.file_name()),
-            Measured::Freq(made) => publish::<freq::Options>(made, desk, &made.result.parameters.file_name()),
+            Measured::Offset(made) => publish::<offset::Options>(made, desk, &made.result.parameters().file_name()),
+            Measured::Freq(made) => publish::<freq::Options>(made, desk, &made.result.parameters().file_name()),
             Measured::Sweep(made) => publish::<sweep::Options>(made, desk, &made.result.parameters().file_name()),
-            Measured::Null(made) => publish::<null::Options>(made, desk, &made.result.parameters.file_name()),
+            Measured::Null(made) => publish::<null::Options>(made, desk, &made.result.parameters().file_name()),
             Measured::Other(_) => Ok(Vec::new()),
         }
     }
@@ -140,8 +141,8 @@ impl Measured {
     pub fn point(&self) -> Option<CalibratedRun> {
         match self {
             Measured::Lin(made) => Some((&made.result.parameters).into()),
-            Measured::Offset(made) => Some((&made.result.parameters).into()),
-            Measured::Freq(made) => Some((&made.result.parameters).into()),
+            Measured::Offset(made) => Some((&made.result.parameters()).into()),
+            Measured::Freq(made) => Some((&made.result.parameters()).into()),
             Measured::Sweep(_) | Measured::Null(_) | Measured::Other(_) => None,
         }
     }
@@ -223,8 +224,8 @@ pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
     let mut found = Vec::new();
     for (index, measured) in all.iter().enumerate() {
         let head = match measured {
-            Measured::Offset(made) => &made.result.parameters.run,
-            Measured::Null(made) => &made.result.parameters.run,
+            Measured::Offset(made) => &made.result.run,
+            Measured::Null(made) => &made.result.run,
             _ => continue,
         };
         let distance = |lin: &&Made<Lin>| (seconds(&lin.result.parameters.run.start) - seconds(&head.start)).abs();
@@ -240,17 +241,17 @@ pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
             let name = lin.result.parameters.file_name();
             let text = parameter_text(&name, &lin.result.parameters, &lin.provenance)?;
             let input = Input { path: name, size_bytes: text.len() as u64, sha256: hex(&Sha256::digest(text.as_bytes())) };
-            found.push((index, input, lin.result.parameters.clone()));
+            found.push((index, input, Sensitivities::from(&lin.result.parameters)));
         }
     }
-    for (index, input, cpf) in found {
+    for (index, input, sensitivities) in found {
         let provenance = match all.get_mut(index) {
             Some(Measured::Offset(made)) => {
-                made.result.scale(&input.path, &cpf);
+                made.result.scale(&input.path, &sensitivities);
                 &mut made.provenance
             }
             Some(Measured::Null(made)) => {
-                made.result.scale(&input.path, &cpf);
+                made.result.scale(&input.path, &sensitivities);
                 &mut made.provenance
             }
             _ => continue,

@@ -1,14 +1,14 @@
 //! The facility's own calibration as files, figures and text.
 
-use super::{Desk, Failure, Job, Outcome, draw, make, notes_of, parameter_text};
+use super::{Desk, Failure, Job, Outcome, draw, make, parameter_text};
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::run::Run;
 use crate::files::campaign::Campaign;
 use crate::files::facility;
 use crate::files::output::Folder;
-use crate::files::parameter::{self, Body, CoilResidual, CoilScalar, CoilTilt, Cpf};
+use crate::files::parameter::{self, Body, CoilConvention, CoilResidual, CoilScalar, CoilTilt, Cpf};
 use crate::files::{ccr, moduli, orientations};
 use crate::measure::coil::{CoilError, Residual, Scalar, Tilt, residual, scalar, tilt};
 use crate::measure::lin;
@@ -21,11 +21,15 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// A calibration of the facility for people and programs.
-pub trait CoilResult: Serialize {
+pub trait CoilResult {
     /// The parameter file.
     type Parameters: Body;
     /// What goes into the parameter file.
-    fn parameters(&self) -> &Self::Parameters;
+    fn parameters(&self) -> Self::Parameters;
+    /// The result as `--json` prints it.
+    fn view(&self) -> impl Serialize + '_ {
+        ParametersView { parameters: self.parameters() }
+    }
     /// What a person should know.
     fn notes(&self) -> Vec<Note>;
     /// The figures in their order.
@@ -38,13 +42,41 @@ pub trait CoilResult: Serialize {
     fn summary(&self) -> String;
 }
 
+/// A result that is its parameter file, as `--json` prints it.
+#[derive(Serialize)]
+struct ParametersView<P> {
+    parameters: P,
+}
+
+/// A scalar calibration as `--json` prints it.
+#[derive(Serialize)]
+struct ScalarView<'a> {
+    parameters: CoilScalar,
+    rows: &'a [crate::measure::coil::scalar::RowResidual],
+}
+
 impl CoilResult for Scalar {
     type Parameters = CoilScalar;
-    fn parameters(&self) -> &CoilScalar {
-        &self.parameters
+    fn parameters(&self) -> CoilScalar {
+        CoilScalar {
+            convention: CoilConvention::scalar(),
+            used: self.used.clone(),
+            campaign: self.campaign.clone(),
+            facility: self.facility.clone(),
+            std: self.std.clone(),
+            covariance: self.covariance.clone(),
+            quality: self.quality.clone(),
+            calibration: self.calibration.clone(),
+            outlier: self.outlier.clone(),
+            valid: self.valid.clone(),
+            warnings: self.notes.iter().map(Note::to_string).collect(),
+        }
+    }
+    fn view(&self) -> impl Serialize + '_ {
+        ScalarView { parameters: self.parameters(), rows: &self.rows }
     }
     fn notes(&self) -> Vec<Note> {
-        notes_of(&self.parameters.warnings)
+        self.notes.clone()
     }
     fn figures(&self) -> Vec<Named> {
         plot::coil::scalar(self)
@@ -53,7 +85,7 @@ impl CoilResult for Scalar {
         "Scalar calibration of the coil system".to_owned()
     }
     fn sections(&self) -> Vec<Section> {
-        show::coil::scalar(self)
+        show::coil::scalar(self, &self.parameters().file_name())
     }
     fn summary(&self) -> String {
         show::coil::scalar_summary(self)
@@ -62,11 +94,18 @@ impl CoilResult for Scalar {
 
 impl CoilResult for Residual {
     type Parameters = CoilResidual;
-    fn parameters(&self) -> &CoilResidual {
-        &self.parameters
+    fn parameters(&self) -> CoilResidual {
+        CoilResidual {
+            convention: CoilConvention::residual(),
+            used: self.used.clone(),
+            facility: self.facility.clone(),
+            std: self.std.clone(),
+            state: self.state.clone(),
+            warnings: self.notes.iter().map(Note::to_string).collect(),
+        }
     }
     fn notes(&self) -> Vec<Note> {
-        notes_of(&self.parameters.warnings)
+        self.notes.clone()
     }
     fn figures(&self) -> Vec<Named> {
         plot::coil::residual(self)
@@ -75,7 +114,7 @@ impl CoilResult for Residual {
         "Residual field of the coil system".to_owned()
     }
     fn sections(&self) -> Vec<Section> {
-        show::coil::residual(self)
+        show::coil::residual(self, &self.parameters().file_name())
     }
     fn summary(&self) -> String {
         show::coil::residual_summary(self)
@@ -84,20 +123,38 @@ impl CoilResult for Residual {
 
 impl CoilResult for Tilt {
     type Parameters = CoilTilt;
-    fn parameters(&self) -> &CoilTilt {
-        &self.parameters
+    fn parameters(&self) -> CoilTilt {
+        CoilTilt {
+            convention: CoilConvention::tilt(),
+            sensor: self.sensor.clone(),
+            used: self.used.clone(),
+            facility: self.facility.clone(),
+            std: self.std.clone(),
+            facility_before: self.facility_before.clone(),
+            correction: self.correction,
+            sensor_parameters: self.sensor_parameters,
+            sensor_std: self.sensor_std,
+            undetermined: self.undetermined.clone(),
+            spread_before: self.spread_before,
+            spread_after: self.spread_after,
+            residual_std: self.residual_std,
+            degrees_of_freedom: self.degrees_of_freedom,
+            covariance: self.covariance.clone(),
+            orientation: self.orientation.clone(),
+            warnings: self.notes.iter().map(Note::to_string).collect(),
+        }
     }
     fn notes(&self) -> Vec<Note> {
-        notes_of(&self.parameters.warnings)
+        self.notes.clone()
     }
     fn figures(&self) -> Vec<Named> {
         plot::coil::tilt(self)
     }
     fn title(&self) -> String {
-        format!("Sensor {} and coil system from several orientations", show::or_not_stated(&self.parameters.sensor))
+        format!("Sensor {} and coil system from several orientations", show::or_not_stated(&self.sensor))
     }
     fn sections(&self) -> Vec<Section> {
-        show::coil::tilt(self)
+        show::coil::tilt(self, &self.parameters().file_name())
     }
     fn summary(&self) -> String {
         show::coil::tilt_summary(self)
@@ -161,19 +218,21 @@ pub fn scalar_of(mut runs: Vec<CoilRun>, options: &scalar::Options) -> Result<Op
     if runs.is_empty() {
         return Ok(None);
     }
-    let mut warnings = Vec::new();
+    let mut notes: Vec<Note> = Vec::new();
     if runs.iter().any(|r| r.run.scalar.len() >= LEAST_ROWS) {
         runs.retain(|r| {
             let enough = r.run.scalar.len() >= LEAST_ROWS;
             if !enough {
-                warnings.push(format!("run {} has {} @SCALAR rows and was not used", r.run.header.run, r.run.scalar.len()));
+                let id = &r.run.header.run;
+                let text = format!("run {id} has {} @SCALAR rows and was not used", r.run.scalar.len());
+                notes.push(Note::new(NoteKind::LeftOut, text).about(id.as_str()));
             }
             enough
         });
     }
     let given: Vec<(&Run, &Instructions)> = runs.iter().map(|r| (&r.run, &r.campaign.file.instructions)).collect();
     let mut result = scalar(&given, options).map_err(|e| refuse(&runs, &e))?;
-    result.parameters.warnings.extend(warnings);
+    result.notes.extend(notes);
     let channel = options.rack_channel.as_ref().map_or_else(String::new, |c| format!(" --rack-channel {c}"));
     let provenance = Provenance::new(format!("calfit coil scalar{channel}"), inputs(&runs));
     Ok(Some(CoilMade { result, provenance }))
@@ -189,7 +248,7 @@ pub fn residual_of(mut runs: Vec<CoilRun>) -> Result<Option<CoilMade<Residual>>,
     }
     let given: Vec<&Run> = runs.iter().map(|r| &r.run).collect();
     let result = residual(&given).map_err(|e| refuse(&runs, &e))?;
-    runs.retain(|r| result.parameters.used.contains(&r.run.header.run));
+    runs.retain(|r| result.used.contains(&r.run.header.run));
     Ok(Some(CoilMade { result, provenance: Provenance::new("calfit coil residual".to_owned(), inputs(&runs)) }))
 }
 
@@ -276,7 +335,7 @@ impl TiltInput {
     pub fn solve(self, used: Option<&Facility>, options: &tilt::Options) -> Result<CoilMade<Tilt>, Finding> {
         let shown: Vec<&str> = self.inputs.iter().map(|i| i.path.as_str()).collect();
         let shown = shown.join(", ");
-        let mut warnings = Vec::new();
+        let mut notes: Vec<Note> = Vec::new();
         let stated = self.stated.first().cloned().flatten();
         if self.stated.iter().any(|s| *s != stated) {
             let rule = "the parameter files were made with different facilities";
@@ -290,12 +349,13 @@ impl TiltInput {
             (Some(file), _) => file.part.clone(),
             (None, Some(stated)) => stated,
             (None, None) => {
-                warnings.push("no --facility: the runs were taken as evaluated with ideal coils".to_owned());
+                let text = "no --facility: the runs were taken as evaluated with ideal coils";
+                notes.push(Note::new(NoteKind::Facility, text));
                 FacilityParameters::constant([1.0; 3], [0.0; 3], [90.0; 3])
             }
         };
         let mut result = tilt(&self.results, &before, options).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
-        result.parameters.warnings.extend(warnings);
+        result.notes.extend(notes);
         let mut command = "calfit coil tilt".to_owned();
         if let Some(file) = used {
             command.push_str(&file.recorded());
@@ -346,7 +406,8 @@ pub fn facility(path: Option<&PathBuf>) -> Result<Option<Facility>, Finding> {
 /// What cannot be drawn or written.
 pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<(String, Vec<Drawn>), Finding> {
     let result = &made.result;
-    let name = result.parameters().file_name();
+    let parameters = result.parameters();
+    let name = parameters.file_name();
     let stem = name.trim_end_matches(".toml").to_owned();
     let (begin, first) = stem.split_once("__").unwrap_or((&stem, ""));
     let folder = Folder::open(&desk.out, desk.force)?;
@@ -358,7 +419,7 @@ pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<(S
     };
     let outcome = Outcome {
         name: &name,
-        parameters: parameter_text(&name, result.parameters(), &made.provenance)?,
+        parameters: parameter_text(&name, &parameters, &made.provenance)?,
         report: format!("REPORT_{stem}.md"),
         title: result.title(),
         notes: &result.notes(),

@@ -1,6 +1,6 @@
 //! Frequency measurements as files, figures and text.
 
-use super::{Made, PerRun, Refusal, RunReport, RunResult, notes_of};
+use super::{Made, PerRun, Refusal, RunReport, RunResult};
 use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
@@ -9,11 +9,13 @@ use crate::data::run::{Kind, Run};
 use crate::data::tables::AmplitudeRow;
 use crate::files::amplitudes;
 use crate::files::campaign::Campaign;
-use crate::files::parameter::Fpf;
+use crate::files::parameter::{Body, Fpf, FrequencyConvention};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
-use crate::measure::freq::{Freq, Options, Sines, freq, from_table};
+use crate::measure::corner::Corner;
+use crate::measure::freq::{Freq, Options, Sines, Stretch, freq, from_table};
 use crate::plot::{self, Named};
+use crate::record::conditions::Temperatures;
 use crate::record::known::Known;
 use crate::show::{self, document::Section};
 use serde::Serialize;
@@ -74,19 +76,19 @@ pub(super) fn amplitude_table(
 
 impl RunReport for Freq {
     fn head(&self) -> &RunHead {
-        &self.parameters.run
+        &self.run
     }
     fn notes(&self) -> Vec<Note> {
-        notes_of(&self.parameters.warnings)
+        self.notes.clone()
     }
     fn figures(&self) -> Vec<Named> {
         plot::freq::figures(self)
     }
     fn title(&self) -> String {
-        format!("Frequency measurements, run {}", self.parameters.run.id)
+        format!("Frequency measurements, run {}", self.run.id)
     }
     fn sections(&self) -> Vec<Section> {
-        show::freq::sections(self)
+        show::freq::sections(self, &self.parameters().file_name())
     }
     fn analysis(&self) -> &'static str {
         "AC-analysis"
@@ -99,18 +101,50 @@ impl RunReport for Freq {
     }
 }
 
+/// A frequency measurement as `--json` prints it.
+#[derive(Serialize)]
+struct FreqView<'a> {
+    parameters: Fpf,
+    corner: &'a Corner,
+    stretches: &'a [Stretch],
+    temperatures: &'a Temperatures,
+}
+
 impl RunResult for Freq {
     type Parameters = Fpf;
 
     fn parameters(&self) -> Fpf {
-        self.parameters.clone()
+        let rate = self.rate.as_ref();
+        Fpf {
+            f_s_hz: rate.map(|r| r.component_hz),
+            f_s_std_hz: rate.map(|r| r.component_std_hz),
+            mean_f_s_hz: rate.map(|r| r.mean_hz),
+            mean_f_s_std_hz: rate.map(|r| r.mean_std_hz),
+            scatter_f_s_hz: rate.and_then(|r| r.scatter_hz),
+            f_3db_igep_hz: self.f_3db_igep_hz,
+            f_3db_model_hz: self.f_3db_model_hz,
+            f_3db_model_std_hz: self.f_3db_model_std_hz,
+            convention: FrequencyConvention::default(),
+            run: self.run.clone(),
+            model: self.corner.response(),
+            clock: rate.map(|r| r.clock.clone()),
+            effects: self.effects.clone(),
+            amplitude: self.amplitude.clone(),
+            conditions: self.temperatures.conditions.clone(),
+            warnings: self.notes.iter().map(Note::to_string).collect(),
+        }
     }
     fn view(&self) -> impl Serialize + '_ {
-        self
+        FreqView {
+            parameters: self.parameters(),
+            corner: &self.corner,
+            stretches: &self.stretches,
+            temperatures: &self.temperatures,
+        }
     }
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
-        let id = &self.parameters.run.id;
+        let id = &self.run.id;
         let note = format!(
             "calfit freq, run {id}: one row per applied frequency; amplitudes half peak to peak, enT, sensor axes; phases at phase_counter"
         );

@@ -1,17 +1,18 @@
 //! Zero-field runs as files, figures and text.
 
-use super::{PerRun, Refusal, RunReport, RunResult, notes_of};
+use super::{PerRun, Refusal, RunReport, RunResult};
 use crate::data::envelope::Envelope;
 use crate::data::note::Note;
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::parameter::Npf;
+use crate::files::parameter::{Body, Npf, NullConvention};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
-use crate::measure::null::{Null, Options, Record, null};
+use crate::measure::null::{Null, Options, Record, Row, null};
 use crate::plot::{self, Named};
+use crate::record::conditions::Temperatures;
 use crate::show::{self, document::Section};
 use serde::Serialize;
 
@@ -45,19 +46,19 @@ impl PerRun for Options {
 
 impl RunReport for Null {
     fn head(&self) -> &RunHead {
-        &self.parameters.run
+        &self.run
     }
     fn notes(&self) -> Vec<Note> {
-        notes_of(&self.parameters.warnings)
+        self.notes.clone()
     }
     fn figures(&self) -> Vec<Named> {
         plot::null::figures(self)
     }
     fn title(&self) -> String {
-        format!("Offset drift and noise in zero field, run {}", self.parameters.run.id)
+        format!("Offset drift and noise in zero field, run {}", self.run.id)
     }
     fn sections(&self) -> Vec<Section> {
-        show::null::sections(self)
+        show::null::sections(self, &self.parameters().file_name())
     }
     fn analysis(&self) -> &'static str {
         "Zero-field measurement"
@@ -70,14 +71,39 @@ impl RunReport for Null {
     }
 }
 
+/// A zero-field run as `--json` prints it.
+#[derive(Serialize)]
+struct NullView<'a> {
+    parameters: Npf,
+    rows: &'a [Row],
+    channels: &'a [(String, Vec<f64>)],
+    temperatures: &'a Temperatures,
+}
+
 impl RunResult for Null {
     type Parameters = Npf;
 
     fn parameters(&self) -> Npf {
-        self.parameters.clone()
+        Npf {
+            convention: NullConvention::default(),
+            run: self.run.clone(),
+            record: self.record.clone(),
+            offset: self.offset.clone(),
+            density: self.density.clone(),
+            scaled: self.scaled.clone(),
+            corner: self.corner.clone(),
+            spectrum: self.spectrum.clone(),
+            allan: self.allan.clone(),
+            line: self.line.clone(),
+            channel: self.channel.clone(),
+            together: self.together.clone(),
+            stop: self.stop.clone(),
+            conditions: self.temperatures.conditions.clone(),
+            warnings: self.notes.iter().map(Note::to_string).collect(),
+        }
     }
     fn view(&self) -> impl Serialize + '_ {
-        self
+        NullView { parameters: self.parameters(), rows: &self.rows, channels: &self.channels, temperatures: &self.temperatures }
     }
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table) {

@@ -1,19 +1,19 @@
 //! Offset measurements as files, figures and text.
 
 use super::lin::recorded_cut;
-use super::{PerRun, Refusal, RunReport, RunResult, notes_of};
+use super::{PerRun, Refusal, RunReport, RunResult};
 use crate::data::note::Note;
-use crate::data::plateau::{self, Accumulator};
+use crate::data::plateau::{self, Accumulator, Plateau};
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::parameter::Opf;
+use crate::files::parameter::{Body, OffsetConvention, Opf};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::measure::offset::{Offset, Options, offset};
 use crate::plot::{self, Named};
-use crate::record::conditions::apply_facility;
+use crate::record::conditions::Temperatures;
 use crate::show::{self, document::Section};
 use serde::Serialize;
 
@@ -29,19 +29,8 @@ impl PerRun for Options {
     }
 
     fn analyse(&self, run: &Run, accumulator: Self::Sink, campaign: &Campaign) -> Result<Offset, Refusal> {
-        let mut plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
-        let mut warnings: Vec<String> = Vec::new();
-        let applied = self
-            .facility
-            .as_ref()
-            .map(|f| apply_facility(&f.without_offset(), run, &campaign.file.instructions, &mut plateaus.list, &mut warnings))
-            .transpose()
-            .map_err(|e| Refusal { rule: e.to_string(), remedy: "correct the facility" })?;
-        let mut result = offset(run, &plateaus, &campaign.file.instructions, self)
-            .map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
-        result.parameters.facility = applied;
-        result.parameters.warnings.extend(warnings);
-        Ok(result)
+        let plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
+        offset(run, &plateaus, &campaign.file.instructions, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
     }
 
     fn inputs(&self) -> Vec<Input> {
@@ -64,22 +53,22 @@ impl PerRun for Options {
 
 impl RunReport for Offset {
     fn head(&self) -> &RunHead {
-        &self.parameters.run
+        &self.run
     }
     fn notes(&self) -> Vec<Note> {
-        notes_of(&self.parameters.warnings)
+        self.notes.clone()
     }
     fn is_partial(&self) -> bool {
-        !self.parameters.refused.is_empty()
+        !self.refused.is_empty()
     }
     fn figures(&self) -> Vec<Named> {
         plot::offset::figures(self)
     }
     fn title(&self) -> String {
-        format!("Offset calculation, run {}", self.parameters.run.id)
+        format!("Offset calculation, run {}", self.run.id)
     }
     fn sections(&self) -> Vec<Section> {
-        show::offset::sections(self)
+        show::offset::sections(self, &self.parameters().file_name())
     }
     fn analysis(&self) -> &'static str {
         "Offset calculation"
@@ -92,14 +81,42 @@ impl RunReport for Offset {
     }
 }
 
+/// An offset measurement as `--json` prints it.
+#[derive(Serialize)]
+struct OffsetView<'a> {
+    parameters: Opf,
+    plateaus: &'a [Plateau],
+    temperatures: &'a Temperatures,
+}
+
 impl RunResult for Offset {
     type Parameters = Opf;
 
     fn parameters(&self) -> Opf {
-        self.parameters.clone()
+        Opf {
+            offset_ent: self.offset_ent,
+            offset_std_ent: self.offset_std_ent,
+            residual_ent: self.residual_ent,
+            residual_std_ent: self.residual_std_ent,
+            residual_coil_nt: self.residual_coil_nt,
+            residual_coil_std_nt: self.residual_coil_std_nt,
+            convention: OffsetConvention::default(),
+            run: self.run.clone(),
+            method: self.method.clone(),
+            scaled: self.scaled.clone(),
+            covariance: self.covariance.clone(),
+            drift: self.drift.clone(),
+            quality: self.quality.clone(),
+            visit: self.visit.clone(),
+            refused: self.refused.clone(),
+            conditions: self.temperatures.conditions.clone(),
+            facility: self.facility.clone(),
+            dropped: self.dropped.clone(),
+            warnings: self.notes.iter().map(Note::to_string).collect(),
+        }
     }
     fn view(&self) -> impl Serialize + '_ {
-        self
+        OffsetView { parameters: self.parameters(), plateaus: &self.plateaus, temperatures: &self.temperatures }
     }
     #[cfg(feature = "tables")]
     fn campaign_table(all: &[&Self]) -> (&'static str, Table) {

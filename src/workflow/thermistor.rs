@@ -1,15 +1,17 @@
 //! Calibration tables of thermistors as files, figures and text.
 
-use super::{Desk, Outcome, draw, notes_of, parameter_text};
+use super::{Desk, Outcome, draw, parameter_text};
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::data::provenance::Provenance;
 use crate::files::ccr::run_id_is_safe;
 use crate::files::output::Folder;
-use crate::files::parameter::Body;
+use crate::files::parameter::{Body, ThermistorConvention, ThermistorFile};
 use crate::files::thermistor::{REFERENCE, TABLE, read};
 use crate::measure::thermistor::{Options, Thermistor, thermistor};
 use crate::plot;
 use crate::show::{self, Drawn};
+use serde::Serialize;
 use std::path::Path;
 
 /// A thermistor's polynomial with its origin.
@@ -18,6 +20,46 @@ pub struct ThermistorMade {
     pub result: Thermistor,
     /// Its origin.
     pub provenance: Provenance,
+}
+
+impl ThermistorMade {
+    /// What goes into the parameter file.
+    #[must_use]
+    pub fn parameters(&self) -> ThermistorFile {
+        ThermistorFile {
+            table: self.result.table.clone(),
+            signal: self.result.signal.clone(),
+            signal_unit: self.result.signal_unit.clone(),
+            order: self.result.order,
+            reason: self.result.reason.clone(),
+            coefficients: self.result.coefficients.clone(),
+            coefficients_std: self.result.coefficients_std.clone(),
+            residual_max_degc: self.result.residual_max_degc,
+            residual_std_degc: self.result.residual_std_degc,
+            within_degc: self.result.within_degc,
+            order_within: self.result.order_within,
+            valid_signal: self.result.valid_signal,
+            valid_degc: self.result.valid_degc,
+            convention: ThermistorConvention::default(),
+            covariance: self.result.covariance.clone(),
+            compared: self.result.compared.clone(),
+            reference: self.result.reference.clone(),
+            orders: self.result.orders.clone(),
+            row: self.result.row.clone(),
+            warnings: self.result.notes.iter().map(Note::to_string).collect(),
+        }
+    }
+
+    /// The result as `--json` prints it.
+    #[must_use]
+    pub fn view(&self) -> impl Serialize {
+        ThermistorView { parameters: self.parameters() }
+    }
+}
+
+#[derive(Serialize)]
+struct ThermistorView {
+    parameters: ThermistorFile,
 }
 
 /// The polynomial of a calibration table, compared with a reference thermometer where there are readings beside one. Warnings of the
@@ -77,7 +119,7 @@ fn recorded(options: &Options) -> String {
 /// # Errors
 /// What cannot be drawn or written.
 pub fn publish_thermistor(made: &ThermistorMade, desk: &Desk) -> Result<(String, Vec<Drawn>), Finding> {
-    let p = &made.result.parameters;
+    let p = &made.parameters();
     let folder = Folder::open(&desk.out, desk.force)?;
     let name = p.file_name();
     folder.check(&name)?;
@@ -92,8 +134,8 @@ pub fn publish_thermistor(made: &ThermistorMade, desk: &Desk) -> Result<(String,
         parameters: parameter_text(&name, p, &made.provenance)?,
         report: format!("REPORT_THERMISTOR__{stem}.md"),
         title: show::thermistor::title(&made.result),
-        notes: &notes_of(&p.warnings),
-        sections: show::thermistor::sections(&made.result),
+        notes: &made.result.notes,
+        sections: show::thermistor::sections(&made.result, &name),
         provenance: &made.provenance,
     };
     outcome.write(&folder, &drawn)?;

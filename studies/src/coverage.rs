@@ -19,6 +19,7 @@ use calfit::model::sensor::split;
 use calfit::simulate::Simulation;
 use calfit::simulate::noise::{Random, relaxations};
 use calfit::simulate::run::SimulatedRun;
+use calfit::workflow::RunResult;
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -366,7 +367,7 @@ fn of_offset(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
         (offset::offset(&run, &plateaus, &twin.campaign.instructions, &offset::Options::default()).unwrap(), run.settings)
     });
     let (truth, bounds) = offset_bounds(&twin, &settings, noise, degc);
-    let p = &result.parameters;
+    let p = &result;
     let names = [
         "offset_x",
         "offset_y",
@@ -437,7 +438,7 @@ fn of_freq(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
         let run = run.play(&mut sines);
         freq::freq(&run, &sines, &twin.campaign.instructions, &freq::Options::default()).unwrap()
     });
-    let p = &result.parameters;
+    let p = &result;
     let sensor = &twin.sensors[0];
     let (shape, shapes) = (sensor.model.response, sensor.model.response_at(degc).unwrap());
     let mut estimates = Vec::new();
@@ -485,12 +486,12 @@ fn of_freq(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
             bound: tones.corner.1,
         });
     }
-    let (rate, std) = (p.f_s_hz.unwrap(), p.f_s_std_hz.unwrap());
+    let rate = p.rate.as_ref().unwrap();
     for i in 0..3 {
         estimates.push(Estimate {
             name: format!("f_s_{}", components[i]),
-            value: rate[i],
-            std: std[i],
+            value: rate.component_hz[i],
+            std: rate.component_std_hz[i],
             factor_95: NORMAL_95,
             truth: sensor.rate_hz,
             bound: information[i].powf(-0.5),
@@ -498,8 +499,8 @@ fn of_freq(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     }
     estimates.push(Estimate {
         name: "f_s mean".to_owned(),
-        value: p.mean_f_s_hz.unwrap(),
-        std: p.mean_f_s_std_hz.unwrap(),
+        value: rate.mean_hz,
+        std: rate.mean_std_hz,
         factor_95: NORMAL_95,
         truth: sensor.rate_hz,
         bound: information.iter().sum::<f64>().powf(-0.5),
@@ -543,7 +544,7 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
                 1 => {
                     let (run, plateaus) = plateaus(run);
                     let result = offset::offset(&run, &plateaus, instructions, &offset::Options::default()).unwrap();
-                    points.push((&result.parameters).into());
+                    points.push((&result.parameters()).into());
                     let (_, own) = offset_bounds(&twin, &run.settings, noise, degc);
                     for (component, bound) in ["x", "y", "z"].into_iter().zip(own) {
                         bounds.entry(format!("b_off_{component}")).or_default().push(bound);
@@ -553,7 +554,7 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
                     let mut sines = Sines::default();
                     let run = run.play(&mut sines);
                     let result = freq::freq(&run, &sines, instructions, &freq::Options::default()).unwrap();
-                    points.push((&result.parameters).into());
+                    points.push((&result.parameters()).into());
                     for (i, component) in ["x", "y", "z"].into_iter().enumerate() {
                         let tones = Tones::of(&twin, noise, degc, i, |step| Some(step.duration_s * RATE_HZ));
                         bounds.entry(format!("f_3db_{component}")).or_default().push(tones.corner.1);

@@ -4,11 +4,12 @@ use crate::data::plateau::Plateaus;
 use crate::data::run::Run;
 use crate::diagnose::DiagnoseError;
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{Cpf, TiltValues};
+use crate::files::parameter::Cpf;
 use crate::fit::propagate::propagate;
 use crate::measure::coil::tilt::additive;
 use crate::measure::lin;
 use crate::model::effects::Catalogue;
+use crate::model::facility_calibration::SensorValues;
 use crate::model::position::{Class, OrientedRun, Position};
 use crate::model::sensor::split;
 use nalgebra::Matrix3;
@@ -36,9 +37,9 @@ pub struct RunValues {
     /// Largest applied field, nT: deviations of scale factors and angles are given in nT at this field.
     pub field_nt: Option<f64>,
     /// Sensitivity nT/enT, offset nT, angles degrees.
-    pub values: TiltValues,
+    pub values: SensorValues,
     /// Their standard uncertainties, where known.
-    pub std: Option<TiltValues>,
+    pub std: Option<SensorValues>,
     /// Independent values from which the uncertainties are known.
     pub freedom: f64,
 }
@@ -57,7 +58,7 @@ impl RunValues {
             0 | 1 => (cpf.offset.b_or_ent, 1.0),
             _ => (std::array::from_fn(|i| cpf.offset.trend_ent[i].first().copied().unwrap_or(cpf.offset.b_or_ent[i])), 1.5),
         };
-        let std = TiltValues {
+        let std = SensorValues {
             scale: cpf.std.sigma,
             offset_nt: std::array::from_fn(|i| factor * sigma[i] * cpf.std.b_or_ent[i]),
             angles_deg: cpf.std.xi_deg,
@@ -73,7 +74,7 @@ impl RunValues {
             sensor_degc: cpf.run.temperature_degc,
             coil_degc: cpf.run.coil_temperature_degc,
             field_nt: Some(most).filter(|m| m.is_finite() && *m > 0.0),
-            values: TiltValues {
+            values: SensorValues {
                 scale: sigma,
                 offset_nt: std::array::from_fn(|i| sigma[i] * offset_ent[i]),
                 angles_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
@@ -110,7 +111,7 @@ impl RunValues {
         };
         let Ok(made) = propagate(nine, found.as_slice(), &covariance) else { return Ok(own) };
         let values =
-            |v: &[f64]| TiltValues { scale: [v[0], v[1], v[2]], offset_nt: [v[3], v[4], v[5]], angles_deg: [v[6], v[7], v[8]] };
+            |v: &[f64]| SensorValues { scale: [v[0], v[1], v[2]], offset_nt: [v[3], v[4], v[5]], angles_deg: [v[6], v[7], v[8]] };
         own.values = values(&made.values);
         own.std = Some(values(&made.std));
         own.freedom = (n - p) as f64;
@@ -130,7 +131,7 @@ impl RunValues {
             sensor_degc: None,
             coil_degc: None,
             field_nt: row.field_nt,
-            values: TiltValues { scale: row.sigma, offset_nt: row.offset_nt, angles_deg: row.xi_deg },
+            values: SensorValues { scale: row.sigma, offset_nt: row.offset_nt, angles_deg: row.xi_deg },
             std: None,
             freedom: 0.0,
         }

@@ -22,7 +22,7 @@ const FOLLOWS: f64 = 2.0;
 pub fn lost(run: &Run, samples: &Samples, freq: &Freq) -> Option<Step> {
     let mut damaged: Vec<(usize, String)> = Vec::new();
     let mut missing = 0;
-    let rate_hz = freq.parameters.mean_f_s_hz.unwrap_or(run.header.sample_rate_hz);
+    let rate_hz = freq.rate.as_ref().map_or(run.header.sample_rate_hz, |r| r.mean_hz);
     for (k, part) in freq.stretches.iter().enumerate() {
         let setting = &part.setting;
         let from = samples.t_s.partition_point(|t| *t < setting.t_start_s);
@@ -46,7 +46,7 @@ pub fn lost(run: &Run, samples: &Samples, freq: &Freq) -> Option<Step> {
                 words.push(format!("only {first:.1} to {last:.1} s follow one sine"));
             }
             None if length_s * setting.frequency_hz >= 2.0 => {
-                let remark = freq.parameters.amplitude.get(k).map_or("", |a| a.remark.as_str());
+                let remark = freq.amplitude.get(k).map_or("", |a| a.remark.as_str());
                 words.push(remark.to_owned());
             }
             _ => {}

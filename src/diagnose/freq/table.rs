@@ -15,7 +15,7 @@ const OUTLIER: f64 = 0.5;
 #[must_use]
 pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
     let freq = analysis::from_table(rows, id);
-    let part = &freq.parameters.model;
+    let part = &freq.corner.response();
     let mut maps = Vec::new();
     let mut noise_floor_nt = [f64::NAN; 3];
     let mut outlying: Vec<(usize, String)> = Vec::new();
@@ -23,7 +23,7 @@ pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
         let parts: Vec<String> = (0..3)
             .filter_map(|i| {
                 let model = freq.corner.components[i].model.as_ref()?;
-                let is_out = freq.parameters.amplitude[row].detected[i] && model.weight[row] < OUTLIER;
+                let is_out = freq.amplitude[row].detected[i] && model.weight[row] < OUTLIER;
                 is_out.then(|| {
                     format!("{} {:.2} instead of {:.2} enT", COMPONENTS[i], amplitude.amplitude_ent[i], model.fitted_ent[row])
                 })
@@ -105,12 +105,7 @@ pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
         }]
     };
     let corners: Vec<String> = (0..3)
-        .map(|i| {
-            format!(
-                "{} {:.2} ± {:.2} Hz",
-                COMPONENTS[i], freq.parameters.f_3db_model_hz[i], freq.parameters.f_3db_model_std_hz[i]
-            )
-        })
+        .map(|i| format!("{} {:.2} ± {:.2} Hz", COMPONENTS[i], freq.f_3db_model_hz[i], freq.f_3db_model_std_hz[i]))
         .collect();
     let reason = "a table of amplitudes has neither samples nor times nor uncertainties; what the response leaves is the only measure of noise";
     let not_identifiable = Catalogue::default()
@@ -130,7 +125,7 @@ pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
         not_identifiable,
         detection_limits: Vec::new(),
         response: Some(format!("{}, -3 dB at {}", part.name, corners.join(", "))),
-        warnings: freq.parameters.warnings.clone(),
+        warnings: freq.notes.iter().map(ToString::to_string).collect(),
         reading_ent: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
         maps,
         pictures,

@@ -3,6 +3,9 @@
 use super::Body;
 use crate::data::result::Covariance;
 use crate::model::facility::FacilityParameters;
+use crate::model::facility_calibration::{
+    ResidualState, ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity, SensorValues, TiltOrientation,
+};
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -17,9 +20,35 @@ pub struct CoilConvention {
 }
 
 impl CoilConvention {
-    /// The frames are the same for all; model and uncertainty are those of the method.
+    /// Of a scalar calibration.
     #[must_use]
-    pub fn of(model: &str, uncertainty: &str) -> Self {
+    pub fn scalar() -> Self {
+        Self::of(
+            "F = |C (S u) + o|, S the scale factors, u the settings, o the offset fields, C the unit vectors along the coils as columns; S changes by the factor 1 + per_k dT, o by per_k dT",
+            "standard uncertainties, coverage factor 1, from the scatter of the moduli (Student's factor for quality.degrees_of_freedom) and, where it is larger, of the calibrations; the scale of the scalar magnetometer and its heading error are not included",
+        )
+    }
+
+    /// Of residual fields.
+    #[must_use]
+    pub fn residual() -> Self {
+        Self::of(
+            "residual field = (F at plus - F at minus) / 2 per coil axis, less half the difference of the settings' magnitudes",
+            "standard uncertainties, coverage factor 1, from the scatter of repeated pairs, from std_nt of the table, or from the resolution of the moduli; scale factors and angles are not measured and taken as ideal",
+        )
+    }
+
+    /// Of a sensor in several orientations.
+    #[must_use]
+    pub fn tilt() -> Self {
+        Self::of(
+            "apparent sensitivity of sensor axis i along coil axis k with sign s: sigma_i (1 - ds_k); apparent offset: o_i + s db_k; apparent angle: xi_ij + s_i s_j da_kl; first order, every orientation counts once; corrections ds relative, db nT, da degrees",
+            "standard uncertainties, coverage factor 1 (Student's factor for degrees_of_freedom), from what the orientations still differ by; undetermined combinations not included",
+        )
+    }
+
+    /// The frames are the same for all; model and uncertainty are those of the method.
+    fn of(model: &str, uncertainty: &str) -> Self {
         Self {
             model: model.to_owned(),
             frames: "settings EU along the coils, fields nT in coil coordinates: X_c along the coil X, Y_c in the plane of the coils X and Y; angles between the coils XY, XZ, YZ in degrees; per_k relative (scale) or nT (offset) per kelvin from the reference temperature".to_owned(),
@@ -57,80 +86,6 @@ pub struct CoilScalar {
     pub warnings: Vec<String>,
 }
 
-/// Quality of a scalar calibration.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ScalarQuality {
-    /// Rows used.
-    pub rows_used: usize,
-    /// Rows of the runs.
-    pub rows_total: usize,
-    /// Degrees of freedom.
-    pub degrees_of_freedom: usize,
-    /// Condition number of the design with columns scaled to one.
-    pub condition: f64,
-    /// Share of the squared settings along the three principal directions, the largest first; a third each if spread evenly.
-    pub direction_share: [f64; 3],
-    /// Standard deviation of measured minus modelled modulus, nT.
-    pub residual_std_nt: f64,
-    /// Largest magnitude of it, nT.
-    pub residual_max_nt: f64,
-}
-
-/// One calibration of several.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ScalarCalibration {
-    /// Run id.
-    pub run: String,
-    /// Start, UTC.
-    pub start: String,
-    /// Rows used.
-    pub rows: usize,
-    /// Mean coil temperature, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub coil_degc: Option<f64>,
-    /// Mean rack temperature, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rack_degc: Option<f64>,
-    /// Standard deviation of measured minus modelled modulus, nT.
-    pub residual_std_nt: f64,
-    /// Condition number of its design.
-    pub condition: f64,
-    /// The facility at these temperatures.
-    pub facility: FacilityParameters,
-    /// Standard uncertainties.
-    pub std: FacilityParameters,
-}
-
-/// A row that stands out.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ScalarOutlier {
-    /// Run id.
-    pub run: String,
-    /// Row of `@SCALAR`, from 1.
-    pub row: usize,
-    /// s since the run's start.
-    pub t_s: f64,
-    /// Setting, EU.
-    pub setting_eu: [f64; 3],
-    /// Measured modulus, nT.
-    pub modulus_nt: f64,
-    /// Measured minus modelled modulus, nT.
-    pub residual_nt: f64,
-}
-
-/// Where a scalar calibration holds.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ScalarValidity {
-    /// Smallest and largest modulus, nT.
-    pub modulus_nt: [f64; 2],
-    /// Smallest and largest coil temperature, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub coil_degc: Option<[f64; 2]>,
-    /// Smallest and largest rack temperature, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rack_degc: Option<[f64; 2]>,
-}
-
 impl Body for CoilScalar {
     const FORMAT: &'static str = "COIL_SCALAR";
     fn file_name(&self) -> String {
@@ -154,32 +109,6 @@ pub struct CoilResidual {
     /// What a person should know.
     #[serde(default)]
     pub warnings: Vec<String>,
-}
-
-/// Residual field in one state of the facility, before or after nulling for example.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ResidualState {
-    /// Its name.
-    pub name: String,
-    /// The axes that were measured.
-    pub axis: Vec<AxisResidual>,
-}
-
-/// Residual field along one coil axis.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AxisResidual {
-    /// `X`, `Y` or `Z`.
-    pub axis: String,
-    /// Mean modulus at plus F, nT.
-    pub plus_nt: f64,
-    /// Mean modulus at minus F, nT.
-    pub minus_nt: f64,
-    /// Residual field, nT.
-    pub residual_nt: f64,
-    /// Its standard uncertainty, nT.
-    pub std_nt: f64,
-    /// Pairs of plus and minus.
-    pub pairs: usize,
 }
 
 impl Body for CoilResidual {
@@ -206,17 +135,17 @@ pub struct CoilTilt {
     /// The facility that the runs were evaluated with.
     pub facility_before: FacilityParameters,
     /// Corrections of the facility: relative (scale), nT (offset), degrees (angles).
-    pub correction: TiltValues,
+    pub correction: SensorValues,
     /// The sensor as all orientations see it with the corrected facility.
-    pub sensor_parameters: TiltValues,
+    pub sensor_parameters: SensorValues,
     /// Standard uncertainties of them.
-    pub sensor_std: TiltValues,
+    pub sensor_std: SensorValues,
     /// Combinations that the orientations leave undetermined; the corrections have no part along them.
     pub undetermined: Vec<String>,
     /// Root mean square deviation of the used orientations from their mean, with the facility as it was.
-    pub spread_before: TiltValues,
+    pub spread_before: SensorValues,
     /// The same with the corrected facility.
-    pub spread_after: TiltValues,
+    pub spread_after: SensorValues,
     /// Standard deviation of one value of one orientation: relative (scale), nT, degrees.
     pub residual_std: [f64; 3],
     /// Degrees of freedom of scale factors, offsets, angles.
@@ -228,32 +157,6 @@ pub struct CoilTilt {
     /// What a person should know.
     #[serde(default)]
     pub warnings: Vec<String>,
-}
-
-/// Three sensitivities or scale factors, three offsets, three angles.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TiltValues {
-    /// Sensitivities, nT/enT, or a relative change.
-    pub scale: [f64; 3],
-    /// Offsets, nT.
-    pub offset_nt: [f64; 3],
-    /// Angles or a change of them, degrees.
-    pub angles_deg: [f64; 3],
-}
-
-/// One orientation of the sensor: means of its runs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TiltOrientation {
-    /// Sensor axes along the coil axes X, Y, Z.
-    pub axes: String,
-    /// Its runs.
-    pub runs: Vec<String>,
-    /// Whether it took part in the fit.
-    pub used: bool,
-    /// Sensor parameters with the facility as it was.
-    pub before: TiltValues,
-    /// Sensor parameters with the corrected facility.
-    pub after: TiltValues,
 }
 
 impl Body for CoilTilt {

@@ -1,6 +1,7 @@
 //! CPF: the linear calibration of one run.
 
 use super::Body;
+use crate::data::calibration::Sensitivities;
 use crate::data::calibration::{Angles, LinearQuality, LinearStd, LinearValidity, Matrices, OffsetTrend, PlateauNoise, Setup};
 use crate::data::result::{Conditions, Covariance, Dropped, RunHead};
 use crate::model::applied::ModelApplied;
@@ -115,5 +116,15 @@ impl Cpf {
     #[must_use]
     pub fn thermal_file_name(&self) -> String {
         format!("PARAMETER_TEMPLIN__{}.CPF", self.run.id)
+    }
+}
+
+impl From<&Cpf> for Sensitivities {
+    fn from(cpf: &Cpf) -> Self {
+        Self {
+            sensor: cpf.run.sensor.clone(),
+            mode: cpf.run.mode.clone(),
+            sigma_nt_per_ent: std::array::from_fn(|i| cpf.matrix.sigma[i][i]),
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! FPF: sampling frequency and frequency response of one run.
 
 use super::Body;
+use crate::data::frequency::{ClockDrift, FittedResponse, SineAmplitude};
 use crate::data::result::{Conditions, RunHead};
 use crate::model::applied::ModelApplied;
 use serde::{Deserialize, Serialize};
@@ -55,16 +56,16 @@ pub struct Fpf {
     /// Run and conditions.
     pub run: RunHead,
     /// The response model.
-    pub model: ResponsePart,
+    pub model: FittedResponse,
     /// What is known about the clock beside its frequency.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub clock: Option<ClockPart>,
+    pub clock: Option<ClockDrift>,
     /// Known effects that were taken off the sines: amplitudes, phases and -3 dB frequencies are those without them, with their
     /// uncertainties; those of the parameters of the response are without. f_s is that at `clock.reference_s`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub effects: Option<ModelApplied>,
     /// One entry per applied frequency, in the order of the run.
-    pub amplitude: Vec<AmplitudePart>,
+    pub amplitude: Vec<SineAmplitude>,
     /// Temperatures during the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conditions: Option<Conditions>,
@@ -80,97 +81,4 @@ impl Body for Fpf {
     fn file_name(&self) -> String {
         format!("FREQ_PARAMETER__{}.FPF", self.run.dashed_id())
     }
-}
-
-/// A fitted response model.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ResponsePart {
-    /// Its name; `none` if the amplitudes determine no model.
-    pub name: String,
-    /// Names of its parameters with their units.
-    pub parameters: Vec<String>,
-    /// Values per component.
-    pub values: Vec<Vec<f64>>,
-    /// Standard uncertainties per component.
-    pub std: Vec<Vec<f64>>,
-    /// Chi-square of the amplitudes about the model over the components, where it explains them within their uncertainties; these then
-    /// give the uncertainties. Absent where no model does: the scatter of the amplitudes and the jackknife give them.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub chi_square: Option<f64>,
-    /// Its degrees of freedom.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub degrees_of_freedom: Option<usize>,
-    /// Relative standard deviation of the residuals per component; nan where no model fits.
-    pub residual_std: Vec<f64>,
-    /// Every model that was tried.
-    pub candidate: Vec<CandidatePart>,
-}
-
-/// A model that was tried.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CandidatePart {
-    /// Name.
-    pub name: String,
-    /// -3 dB frequency that it gives per component, Hz; nan where it gives none.
-    pub f_3db_hz: [f64; 3],
-    /// AICc over the three components, less that of the best.
-    pub delta_aicc: f64,
-}
-
-/// The clock of the instrument against that of the facility.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ClockPart {
-    /// Drift of the sampling frequency during the run per component beside a known one, Hz/s.
-    pub drift_hz_per_s: [f64; 3],
-    /// Its standard uncertainty.
-    pub drift_std_hz_per_s: [f64; 3],
-    /// Time for which the sampling frequencies hold, s after sample counter 0; absent without a significant or a known drift.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub reference_s: Option<f64>,
-    /// The drift is larger than four standard uncertainties in the mean of the components.
-    pub drift_is_significant: bool,
-    /// The next best sampling frequency, Hz.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rival_hz: Option<f64>,
-    /// How much worse it describes the data, as a difference of chi-square.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rival_chi_square: Option<f64>,
-}
-
-/// One applied frequency.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AmplitudePart {
-    /// Applied frequency, Hz.
-    pub frequency_hz: f64,
-    /// Amplitude per component, enT; nan if it was refused.
-    pub b_ent: [f64; 3],
-    /// Its standard uncertainty, enT; nan if not known.
-    pub b_std_ent: [f64; 3],
-    /// Sample counter for which the phase holds: the middle of the used stretch.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub phase_counter: Option<u64>,
-    /// Phase per component at that counter, degrees; nan where the amplitude is not detected.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub phase_deg: Option<[f64; 3]>,
-    /// Its standard uncertainty, degrees.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub phase_std_deg: Option<[f64; 3]>,
-    /// The amplitude counts in the response model, for every component.
-    pub used: bool,
-    /// Weight in the response model per component.
-    pub weight: [f64; 3],
-    /// The amplitude stands out of the noise, per component.
-    pub detected: [bool; 3],
-    /// Frequency at which the samples show it, Hz.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub alias_hz: Option<f64>,
-    /// Used stretch, s since the run's start.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub used_s: Option<[f64; 2]>,
-    /// Used samples.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub samples: Option<u64>,
-    /// Why it was refused, or part of it left out.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    pub remark: String,
 }

@@ -17,26 +17,20 @@ mod thermal;
 mod thermistor;
 
 pub use centre::{CentreConvention, OffCentrePart, Tcf};
-pub use coil::{
-    AxisResidual, CoilConvention, CoilResidual, CoilScalar, CoilTilt, ResidualState, ScalarCalibration, ScalarOutlier,
-    ScalarQuality, ScalarValidity, TiltOrientation, TiltValues,
-};
+pub use coil::{CoilConvention, CoilResidual, CoilScalar, CoilTilt};
 pub use cpf::{Convention, Cpf};
 pub use emit::toml;
-pub use fpf::{AmplitudePart, CandidatePart, ClockPart, Fpf, FrequencyConvention, ResponsePart};
+pub use fpf::{Fpf, FrequencyConvention};
 pub use linearisation::{
     LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisedAxis, LinearisedRun, PanelFit,
     linearisation_file_name,
 };
 pub use model::{Model, ModelEffect, ModelParameter};
-pub use null::{
-    AllanPart, ChannelPart, CornerPart, DensityPart, LinePart, Npf, NullConvention, NullOffset, NullScaled, RecordPart,
-    SpectrumPart, StopPart, TogetherPart,
-};
-pub use opf::{Drift, Method, OffsetConvention, OffsetQuality, Opf, RefusedComponent, Scaled, Visit};
+pub use null::{Npf, NullConvention};
+pub use opf::{OffsetConvention, Opf};
 pub use point::read_point;
 pub use thermal::{JointPart, QuantityPart, SweepPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
-pub use thermistor::{ComparedPolynomial, OrderPart, ReferencePart, TableRow, ThermistorConvention, ThermistorFile};
+pub use thermistor::{ThermistorConvention, ThermistorFile};
 
 use super::source::{hex, read_whole};
 use crate::data::error::Finding;

@@ -1,7 +1,8 @@
 //! OPF: sensor offset and residual field of the coil system from normal and turned positions.
 
 use super::Body;
-use crate::data::result::{Conditions, Covariance, Dropped, RunHead, Spread};
+use crate::data::offset::{OffsetDrift, OffsetMethod, OffsetQuality, PositionVisit, RefusedComponent, ScaledOffset};
+use crate::data::result::{Conditions, Covariance, Dropped, RunHead};
 use crate::model::facility::FacilityApplied;
 use serde::{Deserialize, Serialize};
 
@@ -46,19 +47,19 @@ pub struct Opf {
     /// Run and conditions.
     pub run: RunHead,
     /// How the offsets were found, per component.
-    pub method: Method,
+    pub method: OffsetMethod,
     /// Offsets in nT with the sensitivity of a linear calibration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub scaled: Option<Scaled>,
+    pub scaled: Option<ScaledOffset>,
     /// Covariance of offsets and residual field.
     pub covariance: Covariance,
-    /// Drift between visits of the same position.
+    /// OffsetDrift between visits of the same position.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub drift: Option<Drift>,
+    pub drift: Option<OffsetDrift>,
     /// Quality of the data.
     pub quality: OffsetQuality,
     /// The visits of positions in time order.
-    pub visit: Vec<Visit>,
+    pub visit: Vec<PositionVisit>,
     /// Components that were refused.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub refused: Vec<RefusedComponent>,
@@ -90,101 +91,4 @@ impl Body for Opf {
     fn file_name(&self) -> String {
         format!("OFF_PARAMETER__{}.OPF", self.run.dashed_id())
     }
-}
-
-/// How the components were separated.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Method {
-    /// Per component `turned` (the axis flips sign between two positions), `tilted` (it looks along several coil axes), or `none`.
-    pub component: [String; 3],
-    /// Per component the positions that were compared, the normal one first.
-    pub positions: [Vec<u32>; 3],
-    /// Per component the coil axis along which it looks in the normal position, `+X` for example: the axis whose residual field
-    /// `residual_ent` shows.
-    pub normal_axis: [String; 3],
-    /// Where the response of the sensor to a field comes from: `run` or `nominal`.
-    pub response: String,
-}
-
-/// Offsets in nT.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Scaled {
-    /// The linear calibration that gave the sensitivity.
-    pub cpf: String,
-    /// Sensitivity, nT/enT.
-    pub sigma: [f64; 3],
-    /// Offset, nT, sensor axes.
-    pub offset_nt: [f64; 3],
-    /// Its standard uncertainty, nT.
-    pub offset_std_nt: [f64; 3],
-    /// Residual field along the sensor axes in the normal position, nT.
-    pub residual_nt: [f64; 3],
-    /// Its standard uncertainty, nT.
-    pub residual_std_nt: [f64; 3],
-}
-
-/// Linear drift of the readings, estimated because a position was visited more than once.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Drift {
-    /// enT per hour.
-    pub ent_per_h: [f64; 3],
-    /// Its standard uncertainty.
-    pub std_ent_per_h: [f64; 3],
-    /// Time for which the offsets hold, s since the run's start.
-    pub reference_s: f64,
-}
-
-/// Quality of an offset measurement.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct OffsetQuality {
-    /// Plateaus used.
-    pub blocks_used: usize,
-    /// Plateaus in the run.
-    pub blocks_total: usize,
-    /// Samples lost.
-    pub lost_samples: u64,
-    /// Smallest, mean and largest standard deviation of the samples within a plateau, enT.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub raw_std_ent: Option<Spread>,
-    /// Standard deviation of a plateau mean, enT.
-    pub plateau_std_ent: [f64; 3],
-    /// Plateaus minus fitted levels and responses: the degrees of freedom of the uncertainties.
-    pub plateau_degrees_of_freedom: usize,
-    /// Chi-square of the visits against the model.
-    pub chi_square: f64,
-    /// Its degrees of freedom.
-    pub degrees_of_freedom: usize,
-    /// Factor by which the uncertainties were widened because the visits disagree; 1 where they agree.
-    pub widened: f64,
-}
-
-/// Zero-field reading in one visit of a position.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Visit {
-    /// Id of the position.
-    pub position: u32,
-    /// Sensor axes along coil axes.
-    pub axes: [String; 3],
-    /// First and last used time, s since the run's start.
-    pub time_s: [f64; 2],
-    /// Plateaus used.
-    pub blocks: usize,
-    /// Reading at zero applied field, enT.
-    pub reading_ent: [f64; 3],
-    /// Its standard uncertainty, enT.
-    pub std_ent: [f64; 3],
-    /// Reading minus model, enT; absent for components that were refused.
-    #[serde(default)]
-    pub residual_ent: Vec<f64>,
-}
-
-/// A component that the positions do not determine.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RefusedComponent {
-    /// `x`, `y` or `z`.
-    pub component: String,
-    /// Why.
-    pub reason: String,
-    /// What to do.
-    pub remedy: String,
 }

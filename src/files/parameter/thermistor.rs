@@ -2,6 +2,7 @@
 
 use super::Body;
 use crate::data::result::Covariance;
+use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, TriedOrder};
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -61,11 +62,11 @@ pub struct ThermistorFile {
     pub compared: Option<ComparedPolynomial>,
     /// Comparison with a reference thermometer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub reference: Option<ReferencePart>,
+    pub reference: Option<ReferenceComparison>,
     /// All orders that were fitted.
-    pub orders: Vec<OrderPart>,
+    pub orders: Vec<TriedOrder>,
     /// The table with its residuals.
-    pub row: Vec<TableRow>,
+    pub row: Vec<FittedTableRow>,
     /// What a person should know.
     #[serde(default)]
     pub warnings: Vec<String>,
@@ -77,74 +78,4 @@ impl Body for ThermistorFile {
     fn file_name(&self) -> String {
         format!("THERMISTOR__{}.toml", self.table)
     }
-}
-
-/// One order.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct OrderPart {
-    /// The order.
-    pub order: usize,
-    /// Largest residual, °C.
-    pub residual_max_degc: f64,
-    /// Standard deviation of the residuals, °C.
-    pub residual_std_degc: f64,
-    /// Root mean square of the error at each row of the fit without it, °C.
-    pub leave_one_out_degc: f64,
-    /// Corrected information criterion, where it was computed.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub aicc: Option<f64>,
-}
-
-/// A polynomial given for comparison.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ComparedPolynomial {
-    /// Its coefficients, lowest first.
-    pub coefficients: Vec<f64>,
-    /// Largest residual of the table, °C.
-    pub residual_max_degc: f64,
-    /// Root mean square of the residuals, °C.
-    pub residual_rms_degc: f64,
-    /// Largest residual of the best polynomial of the same order, °C.
-    pub best_max_degc: f64,
-    /// Largest difference from that polynomial at the rows of the table, °C.
-    pub difference_max_degc: f64,
-}
-
-/// Comparison with a reference thermometer.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ReferencePart {
-    /// T_O, mean of polynomial minus reference, °C.
-    pub offset_degc: f64,
-    /// Its standard uncertainty, °C; absent for a single reading.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub offset_std_degc: Option<f64>,
-    /// Readings.
-    pub readings: usize,
-    /// Smallest and largest reference temperature, °C.
-    pub range_degc: [f64; 2],
-    /// Change of the difference per K of the reference; absent where that does not vary.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub slope: Option<f64>,
-    /// Its standard uncertainty.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub slope_std: Option<f64>,
-}
-
-/// A row of the table.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TableRow {
-    /// Signal, V or Ω.
-    pub signal: f64,
-    /// Temperature of the table, °C.
-    pub t_degc: f64,
-    /// Table minus polynomial, °C.
-    pub residual_degc: f64,
-    /// Standard uncertainty of the polynomial here, °C.
-    pub std_degc: f64,
-    /// Table minus the polynomial given for comparison, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub compared_residual_degc: Option<f64>,
-    /// Table minus the best polynomial of that one's order, °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub best_residual_degc: Option<f64>,
 }

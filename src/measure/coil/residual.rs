@@ -2,10 +2,11 @@
 //! section 1; mathematics.md section 5). Fields across the axis act on both alike.
 
 use super::{AXES, CoilError};
+use crate::data::note::{Note, NoteKind};
 use crate::data::run::Run;
 use crate::data::tables::ModulusRow;
-use crate::files::parameter::{AxisResidual, CoilConvention, CoilResidual, ResidualState};
 use crate::model::facility::FacilityParameters;
+use crate::model::facility_calibration::{AxisResidual, ResidualState};
 use serde::Serialize;
 
 /// Other axes are at zero if their settings are below this share of that of the axis.
@@ -18,8 +19,16 @@ const MOST_DECIMALS: i32 = 6;
 /// Residual fields.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Residual {
-    /// What the parameter file holds.
-    pub parameters: CoilResidual,
+    /// Runs, or the name of the table.
+    pub used: Vec<String>,
+    /// The facility: the residual field of the last state as offset field, ideal coils otherwise.
+    pub facility: FacilityParameters,
+    /// Standard uncertainties; nan for what is not measured.
+    pub std: FacilityParameters,
+    /// States of the facility in their order.
+    pub state: Vec<ResidualState>,
+    /// What a person should know.
+    pub notes: Vec<Note>,
 }
 
 /// One pair of moduli, with the magnitudes of the settings.
@@ -128,7 +137,7 @@ fn of_pairs(pairs: &[Pair], used: Vec<String>) -> Result<Residual, CoilError> {
             }
         })
         .collect();
-    let mut warnings = Vec::new();
+    let mut notes = Vec::new();
     let mut facility = FacilityParameters::constant([1.0; 3], [0.0; 3], [90.0; 3]);
     let mut std = FacilityParameters::constant([f64::NAN; 3], [f64::NAN; 3], [f64::NAN; 3]);
     if let Some(last) = state.last() {
@@ -138,25 +147,17 @@ fn of_pairs(pairs: &[Pair], used: Vec<String>) -> Result<Residual, CoilError> {
                     facility.offset_nt[k] = found.residual_nt;
                     std.offset_nt[k] = found.std_nt;
                 }
-                None => warnings.push(format!(
-                    "the {name} axis has no pair of moduli in the last state ({}): its offset field is taken as zero",
-                    last.name
-                )),
+                None => {
+                    let text = format!(
+                        "the {name} axis has no pair of moduli in the last state ({}): its offset field is taken as zero",
+                        last.name
+                    );
+                    notes.push(Note::new(NoteKind::Method, text).about(name));
+                }
             }
         }
     }
-    let parameters = CoilResidual {
-        convention: CoilConvention::of(
-            "residual field = (F at plus - F at minus) / 2 per coil axis, less half the difference of the settings' magnitudes",
-            "standard uncertainties, coverage factor 1, from the scatter of repeated pairs, from std_nt of the table, or from the resolution of the moduli; scale factors and angles are not measured and taken as ideal",
-        ),
-        used,
-        facility,
-        std,
-        state,
-        warnings,
-    };
-    Ok(Residual { parameters })
+    Ok(Residual { used, facility, std, state, notes })
 }
 
 /// The residual field along one axis in one state.

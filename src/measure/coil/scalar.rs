@@ -2,14 +2,15 @@
 //! temperatures do to them (CH-GFZ-TR-2601 section 6; mathematics.md section 5).
 
 use super::{ANGLES, AXES, CoilError};
+use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
 use crate::data::run::{Run, ScalarRow, interpolate};
-use crate::files::parameter::{CoilConvention, CoilScalar, ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity};
 use crate::fit::statistics::{extremes, median};
 use crate::fit::{FitError, Limits, Model, NonlinearSolution, linear, nonlinear};
 use crate::model::campaign::Instructions;
 use crate::model::coil::Coil;
 use crate::model::facility::FacilityParameters;
+use crate::model::facility_calibration::{ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity};
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 
@@ -57,12 +58,30 @@ pub struct RowResidual {
 }
 
 /// A scalar calibration.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Scalar {
-    /// What the parameter file holds.
-    pub parameters: CoilScalar,
+    /// Runs in time order.
+    pub used: Vec<String>,
+    /// Campaign and instrument.
+    pub campaign: String,
+    /// The facility.
+    pub facility: FacilityParameters,
+    /// Standard uncertainties.
+    pub std: FacilityParameters,
+    /// Covariance of all fitted parameters.
+    pub covariance: Covariance,
+    /// Quality of data and model.
+    pub quality: ScalarQuality,
+    /// Every calibration on its own.
+    pub calibration: Vec<ScalarCalibration>,
+    /// Rows that stand out and were left out.
+    pub outlier: Vec<ScalarOutlier>,
+    /// Where the calibration holds.
+    pub valid: ScalarValidity,
     /// Residuals of all rows.
     pub rows: Vec<RowResidual>,
+    /// What a person should know.
+    pub notes: Vec<Note>,
 }
 
 /// A row with its temperatures as differences from the references, K.
@@ -256,13 +275,16 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
     if runs.iter().all(|(run, _)| run.scalar.is_empty()) {
         return Err(CoilError::NoRows);
     }
-    let mut warnings = Vec::new();
+    let mut notes = Vec::new();
     let coil_degc = temperatures(runs, |run, instructions| Some(instructions.channels(&run.header).1));
     let rack_degc = temperatures(runs, |_, instructions| {
         Some(options.rack_channel.clone().unwrap_or_else(|| instructions.rack_channel().to_owned()))
     });
     if let (None, Some(channel)) = (&rack_degc, &options.rack_channel) {
-        warnings.push(format!("not every run has a channel {channel}: the rack temperature was not used"));
+        notes.push(Note::new(
+            NoteKind::Temperature,
+            format!("not every run has a channel {channel}: the rack temperature was not used"),
+        ));
     }
     let coil_reference = coil_degc.as_deref().map(reference);
     let rack_reference = rack_degc.as_deref().map(reference);
@@ -288,10 +310,10 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
         let most = if wanted == constant { MOST_CONDITION } else { MOST_THERMAL_CONDITION };
         match fit(&rows, wanted, most) {
             Err(CoilError::Undetermined { condition, .. }) if wanted.rack => {
-                warnings.push(format!(
+                notes.push(Note::new(NoteKind::Temperature, format!(
                     "rack and coil temperatures of the calibrations do not tell their coefficients apart (condition {condition:.0e}): \
                      the rack temperature was not used"
-                ));
+                )));
                 wanted.rack = false;
             }
             Err(CoilError::Undetermined { .. } | CoilError::TooFewRows { .. }) if wanted != constant => wanted = constant,
@@ -302,12 +324,15 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
     let solution = &fitted.solution;
     let mut std = solution.std();
     let calibration = each(&rows, runs, &fitted.used, &coil_degc, &rack_degc);
-    widen(&mut std, &calibration, wanted, solution, [coil_reference, rack_reference], &mut warnings);
+    widen(&mut std, &calibration, wanted, solution, [coil_reference, rack_reference], &mut notes);
     let mut facility = part(&solution.parameters);
     facility.reference_degc = coil_reference.filter(|_| wanted.coil);
     facility.rack_reference_degc = rack_reference.filter(|_| wanted.rack);
     if coil_degc.is_none() {
-        warnings.push("not every run has a coil temperature: the parameters hold for that of the calibration".to_owned());
+        notes.push(Note::new(
+            NoteKind::Temperature,
+            "not every run has a coil temperature: the parameters hold for that of the calibration",
+        ));
     }
 
     let outlier: Vec<ScalarOutlier> = rows
@@ -324,17 +349,13 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
             residual_nt: *residual_nt,
         })
         .collect();
-    warn_of_outliers(&mut warnings, &outlier, rows.len());
+    warn_of_outliers(&mut notes, &outlier, rows.len());
     let own = |row: &&Observation| fitted.used[rows.partition_point(|r| (r.run, r.row) < (row.run, row.row))];
     let used_rows: Vec<&Observation> = rows.iter().filter(own).collect();
     let names = wanted.names();
     let covariance = solution.covariance();
     let flat = |degc: &Option<Vec<Vec<f64>>>| degc.as_ref().map(|d| extremes(d.iter().flatten().copied()));
-    let parameters = CoilScalar {
-        convention: CoilConvention::of(
-            "F = |C (S u) + o|, S the scale factors, u the settings, o the offset fields, C the unit vectors along the coils as columns; S changes by the factor 1 + per_k dT, o by per_k dT",
-            "standard uncertainties, coverage factor 1, from the scatter of the moduli (Student's factor for quality.degrees_of_freedom) and, where it is larger, of the calibrations; the scale of the scalar magnetometer and its heading error are not included",
-        ),
+    Ok(Scalar {
         used: runs.iter().map(|(run, _)| run.header.run.clone()).collect(),
         campaign: runs.first().map_or_else(String::new, |(_, instructions)| instructions.description.clone()),
         facility,
@@ -365,11 +386,15 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
             coil_degc: flat(&coil_degc),
             rack_degc: flat(&rack_degc),
         },
-        warnings,
-    };
-    let rows = rows
-        .iter()
-        .zip(&solution.residuals)
+        rows: residuals(&rows, runs, &fitted),
+        notes,
+    })
+}
+
+/// Every row with what the calibration leaves of its modulus.
+fn residuals(rows: &[Observation], runs: &[(&Run, &Instructions)], fitted: &Fitted) -> Vec<RowResidual> {
+    rows.iter()
+        .zip(&fitted.solution.residuals)
         .zip(&fitted.used)
         .map(|((row, residual_nt), used)| RowResidual {
             run: runs[row.run].0.header.run.clone(),
@@ -379,8 +404,7 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
             residual_nt: *residual_nt,
             used: *used,
         })
-        .collect();
-    Ok(Scalar { parameters, rows })
+        .collect()
 }
 
 /// Whether there are enough calibrations at temperatures that differ.
@@ -435,7 +459,7 @@ fn widen(
     follows: Follows,
     solution: &NonlinearSolution,
     references: [Option<f64>; 2],
-    warnings: &mut Vec<String>,
+    notes: &mut Vec<Note>,
 ) {
     let count = calibration.len();
     if count < 2 {
@@ -463,24 +487,27 @@ fn widen(
         let spread = (squares / ((count - 1) * count) as f64).sqrt();
         std[j] = std[j].max(spread);
         if worst > DISAGREEMENT {
-            warnings.push(format!(
-                "FIT: {} differs between the calibrations by up to {worst:.0} standard deviations; the facility changed, or follows a \
+            notes.push(Note::new(NoteKind::Fit, format!(
+                "{} differs between the calibrations by up to {worst:.0} standard deviations; the facility changed, or follows a \
                  temperature that was not used",
                 names[j][1]
-            ));
+            )));
         }
     }
 }
 
-fn warn_of_outliers(warnings: &mut Vec<String>, outliers: &[ScalarOutlier], total: usize) {
+fn warn_of_outliers(notes: &mut Vec<Note>, outliers: &[ScalarOutlier], total: usize) {
     for o in outliers {
-        warnings.push(format!(
-            "row {} of run {} ({:.0} s) stands out by {:+.2} nT and was left out",
-            o.row, o.run, o.t_s, o.residual_nt
+        notes.push(Note::new(
+            NoteKind::Data,
+            format!("row {} of run {} ({:.0} s) stands out by {:+.2} nT and was left out", o.row, o.run, o.t_s, o.residual_nt),
         ));
     }
     if outliers.len() as f64 > MANY_OUTLIERS * total as f64 {
-        warnings.push(format!("FIT: {} of {total} rows stand out; check the scalar magnetometer", outliers.len()));
+        notes.push(Note::new(
+            NoteKind::Fit,
+            format!("{} of {total} rows stand out; check the scalar magnetometer", outliers.len()),
+        ));
     }
 }
 

@@ -5,10 +5,11 @@
 //! those of other coils, so that sensor and facility are told apart. To first order the three families do not mix.
 
 use super::{ANGLES, AXES, CoilError};
+use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
-use crate::files::parameter::{CoilConvention, CoilTilt, TiltOrientation, TiltValues};
 use crate::fit::{FitError, Limits, linear};
 use crate::model::facility::FacilityParameters;
+use crate::model::facility_calibration::{SensorValues, TiltOrientation};
 use crate::model::position::{Class, OrientedRun, Position};
 use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
@@ -35,12 +36,42 @@ const NULL: f64 = 1e-9;
 /// Sensor and facility.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Tilt {
-    /// What the parameter file holds.
-    pub parameters: CoilTilt,
+    /// Sensor.
+    pub sensor: String,
+    /// Runs that were used.
+    pub used: Vec<String>,
+    /// The facility that makes the orientations agree.
+    pub facility: FacilityParameters,
+    /// Standard uncertainties; nan where as many orientations as parameters leave nothing to see scatter in.
+    pub std: FacilityParameters,
+    /// The facility that the runs were evaluated with.
+    pub facility_before: FacilityParameters,
+    /// Corrections of the facility: relative (scale), nT (offset), degrees (angles).
+    pub correction: SensorValues,
+    /// The sensor as all orientations see it with the corrected facility.
+    pub sensor_parameters: SensorValues,
+    /// Standard uncertainties of them.
+    pub sensor_std: SensorValues,
+    /// Combinations that the orientations leave undetermined; the corrections have no part along them.
+    pub undetermined: Vec<String>,
+    /// Root mean square deviation of the used orientations from their mean, with the facility as it was.
+    pub spread_before: SensorValues,
+    /// The same with the corrected facility.
+    pub spread_after: SensorValues,
+    /// Standard deviation of one value of one orientation: relative (scale), nT, degrees.
+    pub residual_std: [f64; 3],
+    /// Degrees of freedom of scale factors, offsets, angles.
+    pub degrees_of_freedom: [usize; 3],
+    /// Covariance of the facility's nine parameters.
+    pub covariance: Covariance,
+    /// The orientations.
+    pub orientation: Vec<TiltOrientation>,
+    /// What a person should know.
+    pub notes: Vec<Note>,
 }
 
 /// The values of one run or orientation in which the facility acts by addition.
-pub(crate) fn additive(class: Class, values: &TiltValues) -> [f64; 3] {
+pub(crate) fn additive(class: Class, values: &SensorValues) -> [f64; 3] {
     match class {
         Class::Scale => values.scale.map(f64::ln),
         Class::Offset => values.offset_nt,
@@ -122,7 +153,7 @@ fn orthonormal(mut vectors: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
 }
 
 /// All three families.
-fn solve_all(orientations: &[(Position, TiltValues)]) -> Result<[Solved; 3], FitError> {
+fn solve_all(orientations: &[(Position, SensorValues)]) -> Result<[Solved; 3], FitError> {
     let family = |family: Class| {
         let own: Vec<(Position, [f64; 3])> = orientations.iter().map(|(p, v)| (*p, additive(family, v))).collect();
         solve(family, &own)
@@ -132,7 +163,7 @@ fn solve_all(orientations: &[(Position, TiltValues)]) -> Result<[Solved; 3], Fit
 }
 
 /// The orientation that does not agree with the others, if there is one.
-fn odd_one_out(orientations: &[(Position, TiltValues)]) -> Result<Option<usize>, FitError> {
+fn odd_one_out(orientations: &[(Position, SensorValues)]) -> Result<Option<usize>, FitError> {
     if orientations.len() <= LEAST_LEFT {
         return Ok(None);
     }
@@ -142,7 +173,7 @@ fn odd_one_out(orientations: &[(Position, TiltValues)]) -> Result<Option<usize>,
     }
     let mut best: Option<(usize, f64)> = None;
     for out in 0..orientations.len() {
-        let others: Vec<(Position, TiltValues)> =
+        let others: Vec<(Position, SensorValues)> =
             orientations.iter().enumerate().filter(|(i, _)| *i != out).map(|(_, o)| *o).collect();
         let left = solve_all(&others)?;
         let comparable = left.iter().zip(&all).all(|(l, a)| l.dof > 0 && l.unseen.len() == a.unseen.len());
@@ -155,29 +186,29 @@ fn odd_one_out(orientations: &[(Position, TiltValues)]) -> Result<Option<usize>,
     Ok(best.map(|(out, _)| out))
 }
 
-fn mean(runs: &[&OrientedRun]) -> TiltValues {
+fn mean(runs: &[&OrientedRun]) -> SensorValues {
     let of = |get: fn(&OrientedRun) -> [f64; 3]| -> [f64; 3] {
         std::array::from_fn(|i| runs.iter().map(|r| get(r)[i]).sum::<f64>() / runs.len() as f64)
     };
-    TiltValues { scale: of(|r| r.sigma), offset_nt: of(|r| r.offset_nt), angles_deg: of(|r| r.xi_deg) }
+    SensorValues { scale: of(|r| r.sigma), offset_nt: of(|r| r.offset_nt), angles_deg: of(|r| r.xi_deg) }
 }
 
 /// Root mean square deviation of some orientations from their mean.
-fn spread(values: &[TiltValues]) -> TiltValues {
-    let of = |get: fn(&TiltValues) -> [f64; 3]| -> [f64; 3] {
+fn spread(values: &[SensorValues]) -> SensorValues {
+    let of = |get: fn(&SensorValues) -> [f64; 3]| -> [f64; 3] {
         std::array::from_fn(|i| {
             let mean = values.iter().map(|v| get(v)[i]).sum::<f64>() / values.len() as f64;
             (values.iter().map(|v| (get(v)[i] - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
         })
     };
-    TiltValues { scale: of(|v| v.scale), offset_nt: of(|v| v.offset_nt), angles_deg: of(|v| v.angles_deg) }
+    SensorValues { scale: of(|v| v.scale), offset_nt: of(|v| v.offset_nt), angles_deg: of(|v| v.angles_deg) }
 }
 
 /// The runs of the sensor that is asked for, or of the only one with several orientations.
 fn runs_of_sensor<'a>(
     runs: &'a [OrientedRun],
     options: &Options,
-    warnings: &mut Vec<String>,
+    notes: &mut Vec<Note>,
 ) -> Result<Vec<&'a OrientedRun>, CoilError> {
     let mut sensors: Vec<&str> = Vec::new();
     for run in runs {
@@ -208,7 +239,7 @@ fn runs_of_sensor<'a>(
     }
     let others: Vec<&str> = runs.iter().filter(|r| r.sensor != chosen).map(|r| r.run.as_str()).collect();
     if !others.is_empty() {
-        warnings.push(format!("of another sensor than {chosen} and not used: {}", others.join(", ")));
+        notes.push(Note::new(NoteKind::LeftOut, format!("of another sensor than {chosen} and not used: {}", others.join(", "))));
     }
     Ok(runs.iter().filter(|r| r.sensor == chosen).collect())
 }
@@ -218,8 +249,8 @@ fn runs_of_sensor<'a>(
 /// # Errors
 /// [`CoilError`]: fewer than two orientations, or several sensors.
 pub fn tilt(runs: &[OrientedRun], facility: &FacilityParameters, options: &Options) -> Result<Tilt, CoilError> {
-    let mut warnings = Vec::new();
-    let runs = runs_of_sensor(runs, options, &mut warnings)?;
+    let mut notes = Vec::new();
+    let runs = runs_of_sensor(runs, options, &mut notes)?;
     let mut groups: Vec<(Position, Vec<&OrientedRun>)> = Vec::new();
     for run in runs {
         match groups.iter_mut().find(|(position, _)| *position == run.position) {
@@ -228,42 +259,48 @@ pub fn tilt(runs: &[OrientedRun], facility: &FacilityParameters, options: &Optio
         }
     }
     // The runs of an orientation share place, mounting and state of the facility, so every orientation counts once.
-    let all: Vec<(Position, TiltValues)> = groups.iter().map(|(position, members)| (*position, mean(members))).collect();
+    let all: Vec<(Position, SensorValues)> = groups.iter().map(|(position, members)| (*position, mean(members))).collect();
     let mut is_used = vec![true; all.len()];
     loop {
         let kept: Vec<usize> = (0..all.len()).filter(|g| is_used[*g]).collect();
-        let own: Vec<(Position, TiltValues)> = kept.iter().map(|g| all[*g]).collect();
+        let own: Vec<(Position, SensorValues)> = kept.iter().map(|g| all[*g]).collect();
         match odd_one_out(&own)? {
             Some(out) if !options.keep_all => {
                 is_used[kept[out]] = false;
-                warnings.push(format!(
-                    "FIT: orientation {} does not agree with the others and was left out; the facility may have changed between \
+                notes.push(Note::new(
+                    NoteKind::Fit,
+                    format!(
+                        "orientation {} does not agree with the others and was left out; the facility may have changed between \
                      (--keep-all uses it)",
-                    own[out].0.orientation()
+                        own[out].0.orientation()
+                    ),
                 ));
             }
             Some(out) => {
-                warnings.push(format!("FIT: orientation {} does not agree with the others", own[out].0.orientation()));
+                notes.push(Note::new(
+                    NoteKind::Fit,
+                    format!("orientation {} does not agree with the others", own[out].0.orientation()),
+                ));
                 break;
             }
             None => break,
         }
     }
-    let own: Vec<(Position, TiltValues)> = all.iter().zip(&is_used).filter(|(_, used)| **used).map(|(o, _)| *o).collect();
+    let own: Vec<(Position, SensorValues)> = all.iter().zip(&is_used).filter(|(_, used)| **used).map(|(o, _)| *o).collect();
     let solved = solve_all(&own)?;
     let [scale, offset, angle] = &solved;
     let undetermined = Class::ALL.into_iter().zip(&solved).flat_map(|(f, s)| s.unseen.iter().map(move |u| name(f, u))).collect();
     if solved.iter().any(|s| s.dof == 0) {
-        warnings.push("there are as many values as parameters: nothing tells the uncertainties".to_owned());
+        notes.push(Note::new(NoteKind::Method, "there are as many values as parameters: nothing tells the uncertainties"));
     }
 
-    let correction = TiltValues { scale: scale.facility, offset_nt: offset.facility, angles_deg: angle.facility };
-    let corrected = |position: &Position, values: &TiltValues| {
+    let correction = SensorValues { scale: scale.facility, offset_nt: offset.facility, angles_deg: angle.facility };
+    let corrected = |position: &Position, values: &SensorValues| {
         let seen = |family: Class, solved: &Solved, i: usize| {
             let (k, factor) = family.sees(position, i);
             factor * solved.facility[k]
         };
-        TiltValues {
+        SensorValues {
             scale: std::array::from_fn(|i| values.scale[i] * (-seen(Class::Scale, scale, i)).exp()),
             offset_nt: std::array::from_fn(|i| values.offset_nt[i] - seen(Class::Offset, offset, i)),
             angles_deg: std::array::from_fn(|i| values.angles_deg[i] - seen(Class::Angle, angle, i)),
@@ -293,19 +330,15 @@ pub fn tilt(runs: &[OrientedRun], facility: &FacilityParameters, options: &Optio
     };
     let std = FacilityParameters::constant(std::array::from_fn(|k| scaled[k] * root(scale)[k]), root(offset), root(angle));
     let sigma = scale.sensor.map(f64::exp);
-    let parameters = CoilTilt {
-        convention: CoilConvention::of(
-            "apparent sensitivity of sensor axis i along coil axis k with sign s: sigma_i (1 - ds_k); apparent offset: o_i + s db_k; apparent angle: xi_ij + s_i s_j da_kl; first order, every orientation counts once; corrections ds relative, db nT, da degrees",
-            "standard uncertainties, coverage factor 1 (Student's factor for degrees_of_freedom), from what the orientations still differ by; undetermined combinations not included",
-        ),
+    Ok(Tilt {
         sensor: groups.first().and_then(|(_, members)| members.first()).map_or_else(String::new, |r| r.sensor.clone()),
         used: used.iter().flat_map(|o| o.runs.iter().cloned()).collect(),
         facility: after,
         std,
         facility_before: facility.clone(),
         correction,
-        sensor_parameters: TiltValues { scale: sigma, offset_nt: offset.sensor, angles_deg: angle.sensor },
-        sensor_std: TiltValues {
+        sensor_parameters: SensorValues { scale: sigma, offset_nt: offset.sensor, angles_deg: angle.sensor },
+        sensor_std: SensorValues {
             scale: std::array::from_fn(|i| sigma[i] * scale.sensor_std[i]),
             offset_nt: offset.sensor_std,
             angles_deg: angle.sensor_std,
@@ -317,9 +350,8 @@ pub fn tilt(runs: &[OrientedRun], facility: &FacilityParameters, options: &Optio
         degrees_of_freedom: [scale.dof, offset.dof, angle.dof],
         covariance: covariance(&solved, scaled),
         orientation,
-        warnings,
-    };
-    Ok(Tilt { parameters })
+        notes,
+    })
 }
 
 /// A combination that the orientations do not see, for people.

@@ -1,0 +1,132 @@
+//! The parts of the facility's own calibration.
+//!
+//! The result of the analysis and its parameter file both hold them, so that each is defined here only.
+
+use super::facility::FacilityParameters;
+use serde::{Deserialize, Serialize};
+
+/// Quality of a scalar calibration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScalarQuality {
+    /// Rows used.
+    pub rows_used: usize,
+    /// Rows of the runs.
+    pub rows_total: usize,
+    /// Degrees of freedom.
+    pub degrees_of_freedom: usize,
+    /// Condition number of the design with columns scaled to one.
+    pub condition: f64,
+    /// Share of the squared settings along the three principal directions, the largest first; a third each if spread evenly.
+    pub direction_share: [f64; 3],
+    /// Standard deviation of measured minus modelled modulus, nT.
+    pub residual_std_nt: f64,
+    /// Largest magnitude of it, nT.
+    pub residual_max_nt: f64,
+}
+
+/// One calibration of several.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScalarCalibration {
+    /// Run id.
+    pub run: String,
+    /// Start, UTC.
+    pub start: String,
+    /// Rows used.
+    pub rows: usize,
+    /// Mean coil temperature, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coil_degc: Option<f64>,
+    /// Mean rack temperature, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rack_degc: Option<f64>,
+    /// Standard deviation of measured minus modelled modulus, nT.
+    pub residual_std_nt: f64,
+    /// Condition number of its design.
+    pub condition: f64,
+    /// The facility at these temperatures.
+    pub facility: FacilityParameters,
+    /// Standard uncertainties.
+    pub std: FacilityParameters,
+}
+
+/// A row that stands out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScalarOutlier {
+    /// Run id.
+    pub run: String,
+    /// Row of `@SCALAR`, from 1.
+    pub row: usize,
+    /// s since the run's start.
+    pub t_s: f64,
+    /// Setting, EU.
+    pub setting_eu: [f64; 3],
+    /// Measured modulus, nT.
+    pub modulus_nt: f64,
+    /// Measured minus modelled modulus, nT.
+    pub residual_nt: f64,
+}
+
+/// Where a scalar calibration holds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScalarValidity {
+    /// Smallest and largest modulus, nT.
+    pub modulus_nt: [f64; 2],
+    /// Smallest and largest coil temperature, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coil_degc: Option<[f64; 2]>,
+    /// Smallest and largest rack temperature, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rack_degc: Option<[f64; 2]>,
+}
+
+/// Residual field in one state of the facility, before or after nulling for example.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResidualState {
+    /// Its name.
+    pub name: String,
+    /// The axes that were measured.
+    pub axis: Vec<AxisResidual>,
+}
+
+/// Residual field along one coil axis.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AxisResidual {
+    /// `X`, `Y` or `Z`.
+    pub axis: String,
+    /// Mean modulus at plus F, nT.
+    pub plus_nt: f64,
+    /// Mean modulus at minus F, nT.
+    pub minus_nt: f64,
+    /// Residual field, nT.
+    pub residual_nt: f64,
+    /// Its standard uncertainty, nT.
+    pub std_nt: f64,
+    /// Pairs of plus and minus.
+    pub pairs: usize,
+}
+
+/// Three sensitivities or scale factors, three offsets, three angles.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SensorValues {
+    /// Sensitivities, nT/enT, or a relative change.
+    pub scale: [f64; 3],
+    /// Offsets, nT.
+    pub offset_nt: [f64; 3],
+    /// Angles or a change of them, degrees.
+    pub angles_deg: [f64; 3],
+}
+
+/// One orientation of the sensor: means of its runs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TiltOrientation {
+    /// Sensor axes along the coil axes X, Y, Z.
+    pub axes: String,
+    /// Its runs.
+    pub runs: Vec<String>,
+    /// Whether it took part in the fit.
+    pub used: bool,
+    /// Sensor parameters with the facility as it was.
+    pub before: SensorValues,
+    /// Sensor parameters with the corrected facility.
+    pub after: SensorValues,
+}
