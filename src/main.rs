@@ -1,5 +1,12 @@
 //! The `calfit` program.
 
-fn main() -> std::process::ExitCode {
-    calfit::cli::main()
+use calfit::cli::{Output, run};
+use std::io::{IsTerminal, stderr, stdout};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let (mut out, mut err) = (stdout(), stderr());
+    let out = Output { is_terminal: out.is_terminal(), to: &mut out };
+    let err = Output { is_terminal: err.is_terminal(), to: &mut err };
+    run(std::env::args_os(), out, err).into()
 }

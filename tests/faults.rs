@@ -6,7 +6,9 @@ use crate::common;
 use calfit::data::plateau::Accumulator;
 use calfit::data::run::{Vector, VectorSink};
 use calfit::files::ccr;
-use common::check::{Case, Keep, calfit, cpf, fit, numbers, read, refused, refused_file, says, sigma, text, three, tree};
+use common::check::{
+    Case, Keep, calfit, cpf, fit, numbers, process, read, refused, refused_file, says, sigma, text, three, tree,
+};
 use common::{Plan, RUN_FILE, RUN_ID, Truth, good, line_of, small, with_cell, with_line};
 use flate2::{Compression, write::GzEncoder};
 use std::fs::{self, File, OpenOptions};
@@ -51,7 +53,7 @@ fn output_does_not_depend_on_the_locale() {
     let locales = ["C", "de_DE.UTF-8", "tr_TR.UTF-8"];
     let outputs = locales.map(|locale| {
         let out = case.path().join(locale);
-        let mut command = calfit();
+        let mut command = process();
         for name in ["LC_ALL", "LC_NUMERIC", "LANG"] {
             command.env(name, locale);
         }
@@ -64,7 +66,7 @@ fn output_does_not_depend_on_the_locale() {
     // A file that is refused has the same message.
     let bad = Case::of(with_cell(&good().text(), "@VECTORS", 9, "x", "1,5").text);
     let messages = locales.map(|locale| {
-        let output = calfit().env("LC_ALL", locale).arg("lin").arg(bad.campaign()).arg("-o").arg(bad.out()).output().unwrap();
+        let output = process().env("LC_ALL", locale).arg("lin").arg(bad.campaign()).arg("-o").arg(bad.out()).output().unwrap();
         (output.status.code(), output.stderr)
     });
     assert!(messages[1] == messages[0] && messages[2] == messages[0]);
@@ -367,8 +369,14 @@ fn output_does_not_depend_on_the_number_of_threads() {
     let case = three_runs(Plan { seed: 2, ..Plan::default() }.run().named("13-04-03_10-00-00").text().as_bytes());
     let outputs = ["1", "2", "7"].map(|threads| {
         let out = case.path().join(threads);
-        let output =
-            calfit().arg("lin").arg(case.campaign()).arg("-o").arg(&out).args(["--json", "--threads", threads]).output().unwrap();
+        let output = process()
+            .arg("lin")
+            .arg(case.campaign())
+            .arg("-o")
+            .arg(&out)
+            .args(["--json", "--threads", threads])
+            .output()
+            .unwrap();
         assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
         (tree(&out), output.stdout)
     });

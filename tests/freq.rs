@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use common::check::{Case, calfit, number, parameters, says, text};
+use common::check::{Case, calfit, number, parameters, process, says, text};
 use common::{Gauss, Plan, Run, sines};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -171,7 +171,7 @@ fn one_table_gives_the_same_file_with_one_and_two_threads() {
     let bytes = |threads: &str| {
         let folder = out.path().join(threads);
         let table = data("bepicolombo/freq_13-04-09-12-26-36.csv");
-        let run = calfit()
+        let run = process()
             .args(["freq", "--no-plots", "--threads", threads, "--amplitudes"])
             .arg(table)
             .arg("-o")

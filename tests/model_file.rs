@@ -303,7 +303,6 @@ fn the_diagnosis_finds_a_simulated_effect_again() {
     let run = simulated(&case, "0.1", &["--model", &model], "campaign");
     let found = case.path().join("found.toml");
     let output = calfit()
-        .timeout(std::time::Duration::from_secs(600))
         .arg("diagnose")
         .arg(&run)
         .args(["--no-plots", "-o"])

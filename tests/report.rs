@@ -7,7 +7,7 @@ use calfit::data::units::FieldCoil;
 use calfit::files::{mag, twin};
 use calfit::simulate::write_campaign;
 use common::campaign::{self, TEMPERATURES_DEGC, id};
-use common::check::{Case, calfit, number, parameters, says, text, tree};
+use common::check::{Case, calfit, number, parameters, process, says, text, tree};
 use std::fs;
 use toml_edit::DocumentMut;
 
@@ -50,7 +50,6 @@ fn the_report_of_a_campaign_with_all_kinds_of_runs_shows_in_a_browser() {
         .arg("-o")
         .arg(case.out())
         .args(["--order", "b_or=2", "--order", "b_off=2"])
-        .timeout(std::time::Duration::from_secs(300))
         .output()
         .unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
@@ -114,7 +113,7 @@ fn the_report_is_the_same_with_one_and_two_threads() {
     campaign::write(&case);
     let run = |threads: &str| {
         let out = case.path().join(threads);
-        let output = calfit()
+        let output = process()
             .arg("report")
             .arg(case.campaign())
             .arg("-o")
@@ -137,12 +136,7 @@ const SAMPLE_SIGMA: [(f64, [f64; 3]); 3] =
 fn the_sample_campaign_gives_what_its_comments_state() {
     let out = tempfile::tempdir().unwrap();
     let sample = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("runs/sample");
-    let output = calfit()
-        .args(["report", "--no-plots", "-o"])
-        .args([out.path(), sample.as_path()])
-        .timeout(std::time::Duration::from_secs(300))
-        .output()
-        .unwrap();
+    let output = calfit().args(["report", "--no-plots", "-o"]).args([out.path(), sample.as_path()]).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let tpf = parameters(&out.path().join("THERMAL_PARAMETER__26-01-15-09-00-00.TPF"));
     for (degc, sigma) in SAMPLE_SIGMA {

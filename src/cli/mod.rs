@@ -26,7 +26,9 @@ use crate::files::campaign::Campaign;
 use crate::workflow::{Desk, Failure, Job, jobs};
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
+pub use output::Output;
 use output::Terminal;
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -162,7 +164,7 @@ impl Common {
 
 /// How a command ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Status {
+pub enum Status {
     /// Everything was done.
     Done = 0,
     /// Something failed or was refused.
@@ -183,29 +185,52 @@ fn status<'a>(succeeded: usize, failures: impl IntoIterator<Item = &'a Failure>)
     }
 }
 
-/// Runs the program with the arguments of the process.
-#[must_use]
-pub fn main() -> ExitCode {
-    let cli = match Cli::command().try_get_matches().and_then(|matches| Cli::of(&matches)) {
+impl From<Status> for ExitCode {
+    fn from(status: Status) -> Self {
+        Self::from(status as u8)
+    }
+}
+
+/// Runs the program. The first argument is its name; results go to `out`, messages to `err`.
+///
+/// Nothing of the process is changed: the threads belong to the call, and the working folder is only read.
+pub fn run<'a>(arguments: impl IntoIterator<Item = OsString>, out: Output<'a>, err: Output<'a>) -> Status {
+    let cli = match Cli::command().try_get_matches_from(arguments).and_then(|matches| Cli::of(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
             // Help and version go to standard output and are no error. A closed output is nobody's fault.
-            let _ = error.print();
-            return ExitCode::from(if error.use_stderr() { Status::Unusable as u8 } else { Status::Done as u8 });
+            let (output, status) = if error.use_stderr() { (err, Status::Unusable) } else { (out, Status::Done) };
+            let text = error.render();
+            let _ = if output.is_colored(ColorChoice::Auto) {
+                write!(output.to, "{}", text.ansi())
+            } else {
+                write!(output.to, "{text}")
+            };
+            return status;
         }
     };
-    let terminal = Terminal::new(cli.common.color, cli.common.quiet, cli.common.verbose > 0);
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = if cli.common.threads > 0 { cli.common.threads } else { cores + WAITING };
-    // Fails only if the pool exists already, which cannot be this early.
-    let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    let result = execute(cli, &terminal);
-    let status = result.unwrap_or_else(|finding| {
+    match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+        Ok(pool) => pool.install(|| told(cli, out, err)),
+        Err(error) => {
+            let remedy = "ask for fewer with --threads";
+            let terminal = Terminal::new(out, err, cli.common.color, false, false);
+            terminal.finding(&Finding::error("calfit", format!("{threads} threads cannot be started: {error}"), remedy));
+            Status::Unusable
+        }
+    }
+}
+
+/// Runs one command and tells why it could not be run.
+fn told<'a>(cli: Cli, out: Output<'a>, err: Output<'a>) -> Status {
+    let terminal = Terminal::new(out, err, cli.common.color, cli.common.quiet, cli.common.verbose > 0);
+    let status = execute(cli, &terminal).unwrap_or_else(|finding| {
         terminal.finding(&finding);
         Status::Unusable
     });
     // Output that could not be printed is a failure, a reader that has seen enough is not.
-    ExitCode::from(terminal.finish(status) as u8)
+    terminal.finish(status)
 }
 
 /// Runs one command.

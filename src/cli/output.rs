@@ -4,41 +4,62 @@ use super::Status;
 use crate::data::error::{Finding, Severity};
 use clap::ColorChoice;
 use indicatif::{ProgressBar, ProgressStyle};
-use std::cell::Cell;
-use std::io::{self, IsTerminal, Write};
+use std::cell::{Cell, RefCell};
+use std::io::{self, Write};
 
-/// The two outputs of the program.
-pub(super) struct Terminal {
+/// Standard output or standard error of the program.
+pub struct Output<'a> {
+    /// Where the text goes.
+    pub to: &'a mut (dyn Write + Send),
+    /// Whether it is a terminal: then messages have colours, and on standard error there is a progress bar.
+    pub is_terminal: bool,
+}
+
+impl Output<'_> {
+    /// Whether text has colours.
+    pub(super) fn is_colored(&self, color: ColorChoice) -> bool {
+        match color {
+            ColorChoice::Always => true,
+            ColorChoice::Never => false,
+            ColorChoice::Auto => self.is_terminal && std::env::var_os("NO_COLOR").is_none(),
+        }
+    }
+}
+
+/// The two outputs of a command.
+pub(super) struct Terminal<'a> {
+    /// Standard output and standard error; none of work whose outcome is told by another command.
+    outputs: Option<RefCell<[Output<'a>; 2]>>,
     colored: bool,
     quiet: bool,
     verbose: bool,
-    silent: bool,
     failed: Cell<bool>,
     closed: Cell<bool>,
 }
 
-impl Terminal {
-    pub fn new(color: ColorChoice, quiet: bool, verbose: bool) -> Self {
-        let colored = match color {
-            ColorChoice::Always => true,
-            ColorChoice::Never => false,
-            ColorChoice::Auto => io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none(),
-        };
-        Self { colored, quiet, verbose, silent: false, failed: Cell::new(false), closed: Cell::new(false) }
+impl<'a> Terminal<'a> {
+    pub fn new(out: Output<'a>, err: Output<'a>, color: ColorChoice, quiet: bool, verbose: bool) -> Self {
+        let colored = err.is_colored(color);
+        let outputs = Some(RefCell::new([out, err]));
+        Self { outputs, colored, quiet, verbose, failed: Cell::new(false), closed: Cell::new(false) }
     }
 
     /// Prints nothing at all, not even errors: for work whose outcome is told by another command.
     pub fn silent() -> Self {
-        Self { silent: true, ..Self::new(ColorChoice::Never, true, false) }
+        Self { outputs: None, colored: false, quiet: true, verbose: false, failed: Cell::new(false), closed: Cell::new(false) }
     }
 
     /// Text on standard output. A reader that hangs up ends the output quietly; a full disk is an error.
     pub fn print(&self, text: &str) {
-        if self.silent || self.closed.get() || self.failed.get() {
+        let Some(outputs) = &self.outputs else { return };
+        if self.closed.get() || self.failed.get() {
             return;
         }
-        let mut out = io::stdout().lock();
-        if let Err(error) = out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        let printed = {
+            let out = &mut outputs.borrow_mut()[0].to;
+            out.write_all(text.as_bytes()).and_then(|()| out.flush())
+        };
+        if let Err(error) = printed {
             if error.kind() == io::ErrorKind::BrokenPipe {
                 self.closed.set(true);
             } else {
@@ -85,20 +106,16 @@ impl Terminal {
     }
 
     fn line(&self, label: &str, color: &str, text: &str) {
-        if self.silent {
-            return;
-        }
+        let Some(outputs) = &self.outputs else { return };
+        let line = if self.colored { format!("\x1b[{color}m{label}\x1b[0m: {text}\n") } else { format!("{label}: {text}\n") };
         // Nobody is left to be told that standard error is closed.
-        let _ = if self.colored {
-            writeln!(io::stderr(), "\x1b[{color}m{label}\x1b[0m: {text}")
-        } else {
-            writeln!(io::stderr(), "{label}: {text}")
-        };
+        let _ = outputs.borrow_mut()[1].to.write_all(line.as_bytes());
     }
 
     /// A progress bar on standard error when that is a terminal and the work has several parts.
     pub fn progress(&self, parts: usize) -> ProgressBar {
-        if self.quiet || parts < 2 || !io::stderr().is_terminal() {
+        let is_terminal = self.outputs.as_ref().is_some_and(|outputs| outputs.borrow()[1].is_terminal);
+        if self.quiet || parts < 2 || !is_terminal {
             return ProgressBar::hidden();
         }
         let bar = ProgressBar::new(parts as u64);

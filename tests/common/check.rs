@@ -2,6 +2,7 @@
 
 use super::RUN_ID;
 use assert_cmd::Command;
+use calfit::cli;
 use calfit::data::error::{Finding, Severity};
 use calfit::data::plateau::{self, Accumulator};
 use calfit::data::run::{Run, Vector, VectorSink};
@@ -9,9 +10,11 @@ use calfit::files::campaign::Campaign;
 use calfit::files::ccr;
 use calfit::measure::lin::{self, Lin};
 use std::collections::BTreeMap;
+use std::ffi::{OsStr, OsString};
 use std::fs;
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{ExitStatus, Output};
 use std::time::Duration;
 use tempfile::TempDir;
 
@@ -79,8 +82,38 @@ impl Case {
     }
 }
 
-/// The binary, with a fixed time, and an end to hanging.
-pub fn calfit() -> Command {
+/// The command line in this process.
+pub fn calfit() -> Call {
+    Call(vec!["calfit".into()])
+}
+
+/// A command with its arguments, called like one of a process.
+pub struct Call(Vec<OsString>);
+
+impl Call {
+    pub fn arg(&mut self, argument: impl AsRef<OsStr>) -> &mut Self {
+        self.0.push(argument.as_ref().to_owned());
+        self
+    }
+
+    pub fn args<I: IntoIterator<Item: AsRef<OsStr>>>(&mut self, arguments: I) -> &mut Self {
+        self.0.extend(arguments.into_iter().map(|a| a.as_ref().to_owned()));
+        self
+    }
+
+    pub fn output(&self) -> std::io::Result<Output> {
+        let (mut stdout, mut stderr) = (Vec::new(), Vec::new());
+        let out = cli::Output { to: &mut stdout, is_terminal: false };
+        let err = cli::Output { to: &mut stderr, is_terminal: false };
+        let status = cli::run(self.0.clone(), out, err);
+        // The status that a process has when it ends with this one.
+        Ok(Output { status: ExitStatus::from_raw((status as i32) << 8), stdout, stderr })
+    }
+}
+
+/// The program as a process of its own, with a fixed time, and an end to hanging: for what only a process shows, and where bytes of
+/// results are compared, which hold the time.
+pub fn process() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_calfit"));
     command.env("SOURCE_DATE_EPOCH", "1365000000").timeout(Duration::from_secs(60));
     command
