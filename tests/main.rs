@@ -16,6 +16,7 @@ mod faults_data;
 mod faults_text;
 mod files;
 mod freq;
+mod house;
 mod lin;
 mod linearise;
 mod model_file;
