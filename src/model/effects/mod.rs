@@ -5,7 +5,7 @@
 //! other. An effect knows covariates and formulas and no statistics; whether it is there is asked in `diagnose`.
 //!
 //! Everything that is particular to one effect stands in its own file: formula, forms, shape parameters, prior, words, where it acts and
-//! why a kind of run cannot show it. A new effect is such a file, its `mod` line and its line in [`STANDARD`].
+//! why a kind of run cannot show it. A new effect is such a file, its `mod` line and its line in `STANDARD`.
 
 pub mod bad_thermistor;
 pub mod between;
