@@ -27,12 +27,12 @@ fn main() -> Result<(), Box<dyn Error>> {
             let plateaus = plateau::of_run(&run, means, options.settling, options.least_coverage);
             match lin(&run, &plateaus, &campaign.file.instructions, &options) {
                 Ok(result) => {
-                    let (matrix, std) = (&result.parameters.matrix, &result.parameters.std);
+                    let (matrix, std) = (&result.calibration.matrix, &result.calibration.std);
                     println!("{}", run.header.run);
                     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
                         println!("  sigma_{axis} = {:.8} ± {:.8} nT/enT", matrix.sigma[i][i], std.sigma[i]);
                     }
-                    result.parameters.warnings.iter().for_each(|warning| println!("  {warning}"));
+                    result.notes.iter().for_each(|note| println!("  {note}"));
                 }
                 Err(refusal) => println!("{}: {refusal}; {}", run.header.run, refusal.remedy()),
             }

@@ -7,6 +7,7 @@ use calfit::data::error::Severity;
 use calfit::data::plateau::Settling;
 use calfit::files::ccr;
 use calfit::measure::lin;
+use calfit::workflow::RunResult;
 use common::check::{Case, cpf, error_of, fit, fit_with, fitted_sigma, number, read, refused, says, sigma, three};
 use common::check::{close, numbers};
 use common::{Plan, Run, Truth, good, line, line_of, programme, small, with_cell, with_line};
@@ -109,8 +110,8 @@ fn an_allowed_gain_is_recorded() {
 /// Numbers of a fit without the sentences about it.
 fn fitted(run: &Run) -> (String, Vec<String>) {
     let mut lin = fit(run.text()).unwrap();
-    let warnings = std::mem::take(&mut lin.parameters.warnings);
-    (serde_json::to_string(&lin).unwrap(), warnings)
+    let warnings = std::mem::take(&mut lin.notes).iter().map(ToString::to_string).collect();
+    (serde_json::to_string(&lin.view()).unwrap(), warnings)
 }
 
 proptest! {
@@ -223,11 +224,11 @@ proptest! {
         let run = run.lose(first..first + lost);
         let text = run.text();
         let lin = fit(&text).unwrap();
-        let quality = &lin.parameters.quality;
+        let quality = &lin.calibration.quality;
         prop_assert_eq!(quality.lost_samples, lost as u64);
         let warning = format!("{lost} samples are missing in 1 gap");
-        prop_assert!(lin.parameters.warnings.iter().any(|w| w.contains(&warning)));
-        let blocks: Vec<usize> = lin.parameters.dropped.iter().map(|d| d.block).collect();
+        prop_assert!(lin.notes.iter().any(|n| n.to_string().contains(&warning)));
+        let blocks: Vec<usize> = lin.dropped.iter().map(|d| d.block).collect();
         prop_assert_eq!(blocks, if much { vec![plateau + 1] } else { vec![] });
         prop_assert_eq!(quality.blocks_used, if much { 21 } else { 22 });
         let case = Case::of(&text);
@@ -332,9 +333,9 @@ fn no_clock_offset_gives_a_wrong_result() {
         match fit(good().shift_settings(shift).text()) {
             Ok(lin) => {
                 let worst = (0..3).map(|i| (fitted_sigma(&lin)[i] - Truth::default().sigma[i]).abs()).fold(0.0, f64::max);
-                let told = lin.parameters.warnings.iter().any(|w| w.contains("settings"));
+                let told = lin.notes.iter().any(|n| n.to_string().contains("settings"));
                 if worst > SIGMA_TOLERANCE || !told {
-                    wrong.push(format!("{shift} s: accepted, off by {worst}, {:?}", lin.parameters.warnings));
+                    wrong.push(format!("{shift} s: accepted, off by {worst}, {:?}", lin.notes));
                 }
             }
             Err(message) if message.contains("settings") && message.contains("--allow mismatch") => {}
@@ -400,9 +401,9 @@ proptest! {
         let left = 22 - empty.len();
         match fit(run.text()) {
             Ok(lin) => {
-                let blocks: Vec<usize> = lin.parameters.dropped.iter().map(|d| d.block - 1).collect();
+                let blocks: Vec<usize> = lin.dropped.iter().map(|d| d.block - 1).collect();
                 prop_assert_eq!(blocks, empty.into_iter().collect::<Vec<_>>());
-                prop_assert_eq!(lin.parameters.quality.blocks_used, left);
+                prop_assert_eq!(lin.calibration.quality.blocks_used, left);
                 // Three responses, an offset, its slope and its curvature.
                 prop_assert!(left > 6);
                 for (found, wanted) in fitted_sigma(&lin).into_iter().zip(Truth::default().sigma) {
@@ -492,9 +493,9 @@ proptest! {
     ) {
         let run = places.iter().fold(good(), |run, place| run.spike(*place, component, by));
         let lin = fit(run.text()).unwrap();
-        let left_out = lin.parameters.quality.spike_samples;
+        let left_out = lin.calibration.quality.spike_samples;
         prop_assert!(left_out >= places.len() as u64, "{} of {}", left_out, places.len());
-        prop_assert!(lin.parameters.warnings.iter().any(|w| w.contains("spikes") && w.contains(&left_out.to_string())));
+        prop_assert!(lin.notes.iter().any(|n| n.text.contains("spikes") && n.text.contains(&left_out.to_string())));
         for (found, wanted) in fitted_sigma(&lin).into_iter().zip(Truth::default().sigma) {
             prop_assert!((found - wanted).abs() < SIGMA_TOLERANCE, "{} is not {}", found, wanted);
         }

@@ -103,7 +103,7 @@ fn a_truncated_file_that_is_allowed_never_gives_a_silent_result() {
         if let Ok(lin) = fit_with(&path, &options, &lin::Options::default()) {
             results += 1;
             assert_ne!(bits(&lin), full);
-            assert!(lin.parameters.warnings.iter().any(|w| w.contains("@END")), "cut at {at}: {:?}", lin.parameters.warnings);
+            assert!(lin.notes.iter().any(|n| n.to_string().contains("@END")), "cut at {at}: {:?}", lin.notes);
         }
     }
     assert!(results > 100, "{results}");

@@ -9,9 +9,6 @@ const FLOORS: [&str; 12] =
 /// Calls down that are not wanted all the same: results know no layout of a file.
 const FORBIDDEN: [(&str, &str); 1] = [("measure", "files")];
 
-/// Files that do not keep this yet: their results hold the struct of the parameter file. The list may only become shorter.
-const NOT_YET: [(&str, &str); 2] = [("measure/lin.rs", "files"), ("measure/linearise.rs", "files")];
-
 /// A source file: its path below `src`, with `/`, and its text.
 type Source = (String, String);
 
@@ -64,7 +61,6 @@ fn violations(sources: &[Source]) -> Vec<String> {
             let told = match floor(&called) {
                 _ if called == "super" => "goes up with `super` to the root; name the room with `crate::`".to_owned(),
                 Some(other) if other < own => format!("calls `{called}`, which stands above `{room}`"),
-                Some(_) if NOT_YET.contains(&(source.0.as_str(), called.as_str())) => continue,
                 Some(_) if FORBIDDEN.contains(&(room, called.as_str())) => {
                     format!("calls `{called}`, which `{room}` must not know")
                 }
@@ -103,15 +99,6 @@ fn rooms_call_down_only() {
     assert!(FLOORS.iter().all(|f| rooms.contains(f)), "a room of the table is not there: {rooms:?}");
     let list = violations(&sources);
     assert!(list.is_empty(), "{} calls that the table of floors does not allow:\n{}", list.len(), list.join("\n"));
-}
-
-#[test]
-fn what_is_not_yet_kept_is_really_not_kept() {
-    let sources = house();
-    for (path, room) in NOT_YET {
-        let source = sources.iter().find(|(p, _)| p == path).unwrap_or_else(|| panic!("src/{path} is not there any more"));
-        assert!(calls(source).iter().any(|(_, called)| called == room), "src/{path} keeps the walls now: take it off the list");
-    }
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The linear calibration gives the published, the true and the hand-made parameters back.
 
+use calfit::data::note::NoteKind;
 use calfit::data::plateau::{self, Accumulator, Plateau, Plateaus, Settling};
 use calfit::data::run::{Kind, Run, Setting};
 use calfit::data::units::{FieldCoil, Reading};
@@ -8,6 +9,7 @@ use calfit::files::{ccr, parameter};
 use calfit::measure::lin::{Lin, Options, lin};
 use calfit::model::position::Position;
 use calfit::model::sensor::split;
+use calfit::workflow::RunResult;
 use nalgebra::{Matrix3, Vector3};
 use std::path::{Path, PathBuf};
 use toml_edit::DocumentMut;
@@ -134,7 +136,7 @@ fn the_shipped_champ_run_is_what_the_report_prints() {
 fn champ_run_04_gives_the_published_parameters() {
     let published = champ();
     let (_, result) = fit(&repository("runs/champ-1998/98-03-23/00-00-04.CCR"), &Options::default());
-    let p = &result.parameters;
+    let p = &result.calibration;
     assert_eq!(p.offset.trend_order, 0, "campaign.toml asks for the constant offset of the report");
     let xi = [p.angle_deg.xi_xy, p.angle_deg.xi_xz, p.angle_deg.xi_yz];
     for i in 0..3 {
@@ -158,8 +160,8 @@ fn the_cases_are_fitted_and_the_one_without_a_hidden_effect_gives_the_truth() {
         let (run, result) = fit(&repository(&format!("tests/data/cases/{case}.CCR.gz")), &Options::default());
         assert_eq!(run.header.kind, Kind::Linearity);
         assert_eq!(run.vectors.lost, 0);
-        let p = &result.parameters;
-        assert_eq!(p.quality.blocks_used, p.quality.blocks_total, "{case}: {:?}", p.dropped);
+        let p = &result.calibration;
+        assert_eq!(p.quality.blocks_used, p.quality.blocks_total, "{case}: {:?}", result.dropped);
         let text = std::fs::read_to_string(repository(&format!("tests/data/cases/{case}.json"))).unwrap();
         let truth: serde_json::Value = serde_json::from_str(&text).unwrap();
         if !truth["effects"].as_object().unwrap().is_empty() {
@@ -189,9 +191,9 @@ fn the_cases_are_fitted_and_the_one_without_a_hidden_effect_gives_the_truth() {
 fn settling_is_found_where_there_is_some_and_not_where_there_is_none() {
     let (_, with) = fit(&repository("tests/data/cases/26-05-03.CCR.gz"), &Options::default());
     // 0.2 % of the step decays with 0.676 s: after 1.5 s a tenth of it is left, 1/5000 of a step.
-    assert!(with.parameters.setup.settling_s > 1.5, "{}", with.parameters.setup.settling_s);
+    assert!(with.calibration.setup.settling_s > 1.5, "{}", with.calibration.setup.settling_s);
     let (_, without) = fit(&repository("tests/data/cases/26-05-01.CCR.gz"), &Options::default());
-    assert_eq!(without.parameters.setup.settling_s, 0.0);
+    assert_eq!(without.calibration.setup.settling_s, 0.0);
 }
 
 /// A generator of its own for the tests: uniform bits to Gaussian numbers.
@@ -280,7 +282,7 @@ fn in_a_position_that_is_not_symmetric_rho_is_near_the_identity_and_phi_gives_co
     let campaign = campaign_with(r#"["-Z", "+Y", "+X"]"#);
     let list = plateaus(&sensor, 4, 0.0, &mut Noise(1));
     let result = lin(&sample_run(), &list, &campaign.file.instructions, &Options::default()).unwrap();
-    let p = &result.parameters;
+    let p = &result.calibration;
     for (row, rho) in p.matrix.rho.iter().enumerate() {
         for (column, value) in rho.iter().enumerate() {
             let identity = if row == column { 1.0 } else { 0.0 };
@@ -296,7 +298,7 @@ fn in_a_position_that_is_not_symmetric_rho_is_near_the_identity_and_phi_gives_co
     for i in 0..3 {
         assert!((p.matrix.sigma[i][i] - sensor.sigma[i]).abs() < 1e-12);
     }
-    assert!(p.warnings.iter().all(|w| !w.starts_with("AXES")), "{:?}", p.warnings);
+    assert!(result.notes.iter().all(|n| n.kind != NoteKind::Axes), "{:?}", result.notes);
     let between = |a: usize, b: usize| axes[a].dot(&axes[b]).acos().to_degrees();
     assert!((p.angle_deg.xi_xy - between(0, 1)).abs() < 1e-9 && (p.angle_deg.xi_yz - between(1, 2)).abs() < 1e-9);
     assert_eq!(Position::from_axes(p.setup.position_axes.as_ref()).unwrap().to_string(), "-Z +Y +X");
@@ -318,7 +320,7 @@ fn nominal_95_percent_intervals_hold_the_truth_in_95_percent_of_made_runs() {
     for _ in 0..runs {
         let list = plateaus(&sensor, 4, 0.05, &mut noise);
         let result = lin(&run, &list, &campaign.file.instructions, &Options::default()).unwrap();
-        let p = &result.parameters;
+        let p = &result.calibration;
         let mine = [p.angle_deg.xi_xy, p.angle_deg.xi_xz, p.angle_deg.xi_yz];
         for i in 0..3 {
             held += usize::from((p.matrix.sigma[i][i] - sensor.sigma[i]).abs() < T_24 * p.std.sigma[i]);
@@ -335,12 +337,12 @@ fn nominal_95_percent_intervals_hold_the_truth_in_95_percent_of_made_runs() {
 fn a_parameter_file_reads_back_to_the_last_bit_and_notices_changes() {
     let (run, result) = fit(&repository("runs/sample/26-01-15/09-00-00.CCR"), &Options::default());
     let provenance = calfit::data::provenance::Provenance::new("calfit lin".to_owned(), vec![(&run.input).into()]);
-    let text = parameter::to_text(&result.parameters, &provenance).unwrap();
+    let text = parameter::to_text(&result.parameters(), &provenance).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.CPF");
     std::fs::write(&path, &text).unwrap();
     let back = parameter::read::<parameter::Cpf>(&path).unwrap();
-    assert_eq!(back.body, result.parameters);
+    assert_eq!(back.body, result.parameters());
     assert_eq!(back.provenance, provenance);
     std::fs::write(&path, text.replacen("trend_order = 2", "trend_order = 1", 1)).unwrap();
     assert!(parameter::read::<parameter::Cpf>(&path).unwrap_err().rule.contains("hash"));
@@ -351,8 +353,8 @@ fn the_sample_run_gives_its_truth_and_leaves_out_what_the_campaign_says() {
     let (run, result) =
         fit(&repository("runs/sample/26-01-15/09-00-00.CCR"), &Options { settling: Settling::Found, ..Options::default() });
     assert_eq!((run.vectors.lost, run.vectors.gap_count), (56, 2));
-    let p = &result.parameters;
-    assert_eq!(p.dropped.iter().map(|d| d.block).collect::<Vec<_>>(), [8, 9]);
+    let p = &result.calibration;
+    assert_eq!(result.dropped.iter().map(|d| d.block).collect::<Vec<_>>(), [8, 9]);
     // The truth stands in the head of the file.
     for (i, (sigma, xi)) in [(0.9723, 89.79), (0.9962, 90.05), (0.9887, 90.01)].into_iter().enumerate() {
         let mine = [p.angle_deg.xi_xy, p.angle_deg.xi_xz, p.angle_deg.xi_yz][i];

@@ -10,6 +10,7 @@ use calfit::files::campaign::Campaign;
 use calfit::files::ccr;
 use calfit::measure::lin::{Lin, Options, lin};
 use calfit::measure::linearise::{Estimate, LineariseError, Linearised, linearise};
+use calfit::workflow::RunResult;
 use common::Gauss;
 use common::check::{Case, calfit, cpf, number, parameters, process, says, text, three, tree};
 use std::fmt::Write;
@@ -164,13 +165,13 @@ fn readings_without_noise_give_the_polynomials_and_the_linear_parameters_of_ever
         assert!((part.c3_per_ent2[a] - C3[a]).abs() * 6e4_f64.powi(3) < 1e-7, "{:?}", part.c3_per_ent2);
     }
     for ((sensor, _), after) in made.iter().zip(second_fits(&first, &estimate)) {
-        let p = &after.parameters;
+        let p = &after.calibration;
         for i in 0..3 {
             assert!((p.matrix.sigma[i][i] - sensor.sigma(i)).abs() < 1e-11);
             assert!((p.offset.b_or_ent[i] - sensor.offset_ent[i]).abs() < 1e-6);
         }
-        assert!(p.convention.model.contains("linearised reading"));
-        assert_eq!(p.linearisation.as_ref().unwrap().applied, *part);
+        assert!(after.parameters().convention.model.contains("linearised reading"));
+        assert_eq!(after.linearisation.as_ref().unwrap().applied, *part);
     }
 }
 
@@ -196,7 +197,7 @@ fn intervals_of_polynomials_and_of_what_rests_on_them_hold_the_truth_in_95_perce
             }
         }
         for ((sensor, _), after) in made.iter().zip(second_fits(&first, &estimate)) {
-            let p = &after.parameters;
+            let p = &after.calibration;
             for i in 0..3 {
                 linear += usize::from((p.matrix.sigma[i][i] - sensor.sigma(i)).abs() < T_36 * p.std.sigma[i]);
                 linear += usize::from((p.offset.b_or_ent[i] - sensor.offset_ent[i]).abs() < T_36 * p.std.b_or_ent[i]);
@@ -220,9 +221,9 @@ fn one_campaign_is_within_three_standard_deviations_and_the_residuals_fall_to_th
     let first = first_fits(&made, NOISE_ENT, &mut gauss);
     let estimate = linearise(&first.iter().collect::<Vec<_>>()).unwrap();
     let (result, _) = complete(&first, estimate);
-    let p = &result.parameters;
+    let p = &result.shared;
     for a in 0..3 {
-        let c = &p.linearisation;
+        let c = &p.polynomials;
         assert!((c.c2_per_ent[a] - C2[a]).abs() < 3.0 * c.c2_std_per_ent[a]);
         assert!((c.c3_per_ent2[a] - C3[a]).abs() < 3.0 * c.c3_std_per_ent2[a]);
         assert!(p.axis[a].significant && p.axis[a].degrees_of_freedom == 166 && p.axis[a].between_degrees_of_freedom == 4);
@@ -261,7 +262,7 @@ fn a_transverse_effect_is_found_in_its_panel_and_leaves_the_polynomial_alone() {
     let first = first_fits(&runs, NOISE_ENT, &mut gauss);
     let estimate = linearise(&first.iter().collect::<Vec<_>>()).unwrap();
     let (result, _) = complete(&first, estimate);
-    let panel = &result.parameters.panel[1];
+    let panel = &result.shared.panel[1];
     assert_eq!((panel.sensor_axis.as_str(), panel.coil_axis.as_str()), ("x", "Y"));
     let fit = panel.fitted.unwrap();
     // Applied minus modelled field is too small where the reading is too large.
@@ -269,7 +270,7 @@ fn a_transverse_effect_is_found_in_its_panel_and_leaves_the_polynomial_alone() {
     assert!((fit.quadratic_per_nt - wanted).abs() < 3.0 * fit.quadratic_std_per_nt, "{fit:?}, truth {wanted}");
     assert!(fit.cubic_per_nt2.abs() < 3.0 * fit.cubic_std_per_nt2, "{fit:?}");
     assert!(fit.probability < 1e-6);
-    let others = [(1, 0), (1, 2), (2, 0), (2, 1)].map(|(i, j)| result.parameters.panel[3 * i + j].fitted.unwrap().probability);
+    let others = [(1, 0), (1, 2), (2, 0), (2, 1)].map(|(i, j)| result.shared.panel[3 * i + j].fitted.unwrap().probability);
     assert!(others.into_iter().all(|p| p > 1e-4), "{others:?}");
 }
 
@@ -285,7 +286,7 @@ fn programmes_along_the_axes_are_shown_axis_by_axis() {
         assert_eq!(data.points.len(), 14);
         assert!(data.points.iter().filter(|p| p[0] == 0.0).count() == 6, "panel {i}");
     }
-    let c = &result.parameters.linearisation;
+    let c = &result.shared.polynomials;
     for a in 0..3 {
         assert!((c.c2_per_ent[a] - C2[a]).abs() < 3.5 * c.c2_std_per_ent[a]);
         assert!((c.c3_per_ent2[a] - C3[a]).abs() < 3.5 * c.c3_std_per_ent2[a]);
@@ -322,13 +323,13 @@ fn a_small_range_shows_nothing_and_says_so() {
     let first = first_fits(&[(Sensor::with_offset([0.0; 3]), fields)], NOISE_ENT, &mut gauss);
     let estimate = linearise(&first.iter().collect::<Vec<_>>()).unwrap();
     let (result, second) = complete(&first, estimate);
-    let p = &result.parameters;
+    let p = &result.shared;
     assert!(p.axis.iter().all(|a| !a.significant), "{:?}", p.axis);
-    says(&p.warnings.join("\n"), &["x, y, z", "not significant"]);
+    says(&result.notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"), &["x, y, z", "not significant"]);
     // The range is stated, and the sensitivity pays for the cube.
-    assert!(p.linearisation.reading_ent.iter().all(|[low, high]| *low < -1990.0 && *high < 2010.0));
+    assert!(p.polynomials.reading_ent.iter().all(|[low, high]| *low < -1990.0 && *high < 2010.0));
     for a in 0..3 {
-        assert!(second[0].parameters.std.sigma[a] > 1.3 * first[0].parameters.std.sigma[a]);
+        assert!(second[0].calibration.std.sigma[a] > 1.3 * first[0].calibration.std.sigma[a]);
     }
 }
 
@@ -360,9 +361,9 @@ fn champ_run_04_gives_what_an_independent_calculation_gives() {
     let c3_std = [5.448404008878606e-16, 4.343224831820165e-16, 4.644581088523955e-16];
     let noise_ent = [0.15830224891392455, 0.12564504152942393, 0.1403327003561601];
     let (result, _) = complete(&first, estimate);
-    let p = &result.parameters;
+    let p = &result.shared;
     for a in 0..3 {
-        let c = &p.linearisation;
+        let c = &p.polynomials;
         assert!((c.c2_per_ent[a] / c2[a] - 1.0).abs() < 1e-6, "{:?}", c.c2_per_ent);
         assert!((c.c3_per_ent2[a] / c3[a] - 1.0).abs() < 1e-6, "{:?}", c.c3_per_ent2);
         // Slow noise only adds; for the slowest columns it is known to double white uncertainties.

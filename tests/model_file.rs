@@ -75,28 +75,28 @@ fn a_known_effect_is_taken_off_and_the_truth_comes_back() {
     let case = Case::of(bent().text());
     let path = write_model(&case, vec![cubic(C3)]);
     let truth = Truth::default().sigma[2];
-    let away = |lin: &Lin| (lin.parameters.matrix.sigma[2][2] - truth) / lin.parameters.std.sigma[2];
+    let away = |lin: &Lin| (lin.calibration.matrix.sigma[2][2] - truth) / lin.calibration.std.sigma[2];
 
     let without = fit(&case.file(), None);
     // The straight line through x + C3 x³ at the levels: a' = a + C3 a³ ΣB⁴/ΣB², with a = 1/σ.
     let sum = |power: i32| (1..=8).map(|k| (250.0 * f64::from(k)).powi(power)).sum::<f64>();
     let bent = 1.0 / (1.0 / truth + C3 * truth.powi(-3) * sum(4) / sum(2));
-    let (found, std) = (without.parameters.matrix.sigma[2][2], without.parameters.std.sigma[2]);
+    let (found, std) = (without.calibration.matrix.sigma[2][2], without.calibration.std.sigma[2]);
     assert!((found - bent).abs() < 3.0 * std, "{found} {bent} {std}");
     assert!(away(&without).abs() > 3.0, "{}", away(&without));
-    let warned = |lin: &Lin| lin.parameters.warnings.iter().any(|w| w.contains("run calfit diagnose"));
-    assert!(warned(&without), "{:?}", without.parameters.warnings);
+    let warned = |lin: &Lin| lin.notes.iter().any(|n| n.to_string().contains("run calfit diagnose"));
+    assert!(warned(&without), "{:?}", without.notes);
 
     let with = fit(&case.file(), known(Some(&path)).unwrap());
     assert!(away(&with).abs() < 3.0, "{}", away(&with));
-    assert!(!warned(&with), "{:?}", with.parameters.warnings);
-    let applied = with.parameters.model.as_ref().unwrap();
+    assert!(!warned(&with), "{:?}", with.notes);
+    let applied = with.model.as_ref().unwrap();
     // Largest reading of z is 2000 nT over σ; its contribution in nT has σ once more.
     let wanted = C3 * (2000.0 / truth).powi(3) * truth;
     let largest_nt = applied.effect[0].largest_nt.unwrap();
     assert!((largest_nt / wanted - 1.0).abs() < 0.01, "{largest_nt} {wanted}");
     // The uncertainty of the parameter is carried: 2 % of the bias that the effect has.
-    let bias = without.parameters.matrix.sigma[2][2] - truth;
+    let bias = without.calibration.matrix.sigma[2][2] - truth;
     let own = fit(
         &case.file(),
         known(Some(&write_model(
@@ -105,7 +105,7 @@ fn a_known_effect_is_taken_off_and_the_truth_comes_back() {
         )))
         .unwrap(),
     );
-    let grown = (with.parameters.std.sigma[2].powi(2) - own.parameters.std.sigma[2].powi(2)).sqrt();
+    let grown = (with.calibration.std.sigma[2].powi(2) - own.calibration.std.sigma[2].powi(2)).sqrt();
     assert!((grown / (0.02 * bias).abs() - 1.0).abs() < 0.1, "{grown} {bias}");
 }
 
@@ -141,13 +141,13 @@ fn what_belongs_to_another_run_or_goes_beyond_is_said() {
     let narrow = ModelEffect { reading_ent: Some(vec![[-900.0, 900.0]; 3]), ..cubic(C3) };
     let path = write_model(&case, vec![narrow, step("13-04-04_00-00-00", 40.0), step(RUN, 1e5)]);
     let lin = fit(&case.file(), known(Some(&path)).unwrap());
-    let warnings = lin.parameters.warnings.join("\n");
+    let warnings = lin.notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
     for words in ["from -900 to 900 enT", "13-04-04_00-00-00", "outside of the run"] {
         assert!(warnings.contains(words), "{warnings}");
     }
-    let applied = lin.parameters.model.unwrap();
+    let applied = lin.model.unwrap();
     assert_eq!((applied.effect.len(), applied.left_out.len()), (1, 2));
-    assert!((lin.parameters.offset.b_or_ent[0] - Truth::default().offset_ent[0]).abs() < 0.05);
+    assert!((lin.calibration.offset.b_or_ent[0] - Truth::default().offset_ent[0]).abs() < 0.05);
 }
 
 #[test]
@@ -319,7 +319,7 @@ fn the_diagnosis_finds_a_simulated_effect_again() {
     assert!((c3.value - C3).abs() < 4.0 * c3.std.unwrap(), "{c3:?}");
     // Taken off with what was found, the truth comes back.
     let lin = fit(&run, Some(known));
-    assert!((lin.parameters.matrix.sigma[2][2] - 0.995).abs() < 3.0 * lin.parameters.std.sigma[2]);
+    assert!((lin.calibration.matrix.sigma[2][2] - 0.995).abs() < 3.0 * lin.calibration.std.sigma[2]);
 }
 
 #[test]

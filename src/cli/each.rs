@@ -4,10 +4,10 @@ use super::output::{Terminal, json};
 use super::{Common, Status, jobs_of, open, report_failures, status};
 use crate::data::error::Finding;
 use crate::files::output::Folder;
-use crate::files::parameter::Body;
+use crate::files::parameter::{Body, LinearisationFile};
 use crate::measure::linearise::Linearised;
 use crate::show;
-use crate::workflow::{Failure, Made, PerRun, RunReport, RunResult, make, publish, table_names};
+use crate::workflow::{Failure, LinearisedView, Made, PerRun, RunReport, RunResult, make, publish, table_names};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -16,8 +16,8 @@ use std::path::PathBuf;
 #[derive(Serialize)]
 struct Listing<'a, R> {
     runs: Vec<R>,
-    #[serde(skip_serializing_if = "<[Linearised]>::is_empty")]
-    linearisation: &'a [Linearised],
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    linearisation: Vec<LinearisedView<'a>>,
     failed: Vec<&'a Finding>,
 }
 
@@ -71,10 +71,12 @@ pub(super) fn finish<A: PerRun>(
     let done: Vec<&A::Result> = done.iter().map(|made| &made.result).collect();
     if common.json {
         let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
-        terminal.print(&json(&Listing { runs: done.iter().map(|r| r.view()).collect(), linearisation, failed })?);
+        let runs = done.iter().map(|r| r.view()).collect();
+        let linearisation = linearisation.iter().map(LinearisedView::from).collect();
+        terminal.print(&json(&Listing { runs, linearisation, failed })?);
     } else {
         for result in linearisation {
-            let file = common.out.join(result.parameters.file_name());
+            let file = common.out.join(LinearisationFile::from(result).file_name());
             terminal.tell(&format!("{}  -> {}\n", show::linearise::summary(result), file.display()));
         }
         for result in &done {

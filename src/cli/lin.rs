@@ -6,10 +6,11 @@ use super::output::Terminal;
 use super::{Allow, Common, Status, each, jobs_of, open};
 use crate::data::error::Finding;
 use crate::files::output::Folder;
-use crate::files::parameter::Body;
+use crate::files::parameter::{Body, LinearisationFile};
 use crate::measure::lin::Options;
 use crate::workflow::{
-    Failure, First, PerRun, by_sensor_and_mode, facility, known, linearisation, linearise_group, make, publish, table_names,
+    Failure, First, PerRun, RunResult, by_sensor_and_mode, facility, known, linearisation, linearise_group, make, publish,
+    table_names,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -123,14 +124,14 @@ fn linearise(options: &Options, paths: &[PathBuf], common: &Common, terminal: &T
         let names: Vec<String> = group.iter().map(|f| f.job.recorded.clone()).collect();
         match linearise_group(group, options, &desk) {
             Ok((result, runs)) => {
-                let name = result.parameters.file_name();
-                result.parameters.warnings.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+                let name = LinearisationFile::from(&result).file_name();
+                result.notes.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
                 found.push(result);
                 let published: Vec<(String, Attempt<Options>)> = runs
                     .into_par_iter()
                     .map(|(job, made)| {
                         let made = made.and_then(|made| {
-                            publish::<Options>(&made, &desk, &made.result.parameters.file_name())?;
+                            publish::<Options>(&made, &desk, &made.result.parameters().file_name())?;
                             Ok(made)
                         });
                         (job.recorded.clone(), made.map_err(Failure::Refused))

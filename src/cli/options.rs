@@ -25,7 +25,7 @@ pub(super) struct Cut {
 pub(super) fn sensitivities(path: Option<&PathBuf>) -> Result<Option<(Input, Sensitivities)>, Finding> {
     let Some(path) = path else { return Ok(None) };
     let file = parameter::read::<Cpf>(path)?;
-    Ok(Some((file.input, (&file.body).into())))
+    Ok(Some((file.input, (&file.body.calibration).into())))
 }
 
 /// Why the value of an option is refused: what to write in its place.

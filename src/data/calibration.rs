@@ -1,9 +1,43 @@
 //! The parts of a linear calibration of one run.
 //!
-//! The result of the analysis and its parameter file both hold them, so that each is defined here only.
+//! The result of the analysis and its parameter file both hold them, and analyses of several runs take them from either, so that each
+//! is defined here only.
 
-use super::result::{Rows, Spread, Summary};
+use super::result::{Covariance, Rows, RunHead, Spread, Summary};
 use serde::{Deserialize, Serialize};
+
+/// What a run says of its sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinearCalibration {
+    /// The run.
+    pub run: RunHead,
+    /// Position and timing.
+    pub setup: Setup,
+    /// `Φ` and its parts.
+    pub matrix: Matrices,
+    /// Angles, degrees.
+    pub angle_deg: Angles,
+    /// Offset and residual field.
+    pub offset: OffsetTrend,
+    /// Quality of data and model.
+    pub quality: LinearQuality,
+    /// Standard uncertainties (coverage factor 1).
+    pub std: LinearStd,
+    /// Covariance of the fitted quantities.
+    pub covariance: Covariance,
+    /// Noise of the plateau means.
+    pub noise: PlateauNoise,
+    /// Where the calibration holds.
+    pub valid: LinearValidity,
+}
+
+impl LinearCalibration {
+    /// σ_x, σ_y, σ_z, nT/enT.
+    #[must_use]
+    pub fn sigma_nt_per_ent(&self) -> [f64; 3] {
+        std::array::from_fn(|i| self.matrix.sigma[i][i])
+    }
+}
 
 /// How the run was made and cut.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -145,6 +179,16 @@ pub struct Sensitivities {
     pub mode: String,
     /// σ_x, σ_y, σ_z, nT/enT.
     pub sigma_nt_per_ent: [f64; 3],
+}
+
+impl From<&LinearCalibration> for Sensitivities {
+    fn from(calibration: &LinearCalibration) -> Self {
+        Self {
+            sensor: calibration.run.sensor.clone(),
+            mode: calibration.run.mode.clone(),
+            sigma_nt_per_ent: calibration.sigma_nt_per_ent(),
+        }
+    }
 }
 
 impl Sensitivities {

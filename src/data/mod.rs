@@ -6,6 +6,7 @@ pub mod convention;
 pub mod envelope;
 pub mod error;
 pub mod frequency;
+pub mod linearisation;
 pub mod note;
 pub mod offset;
 pub mod plateau;

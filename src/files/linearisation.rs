@@ -2,6 +2,7 @@
 
 use super::parameter::{self, LinearisationFile};
 use crate::data::error::Finding;
+use crate::data::linearisation::SharedLinearisation;
 use crate::data::units::COMPONENTS;
 use crate::model::linearisation::{LEAST_SLOPE, Linearisation};
 use nalgebra::Matrix2;
@@ -14,12 +15,12 @@ use std::path::Path;
 pub fn read(path: &Path) -> Result<Linearisation, Finding> {
     let parameter::ParameterFile { input, body, .. } = parameter::read::<LinearisationFile>(path)?;
     let refuse = |rule: String| Finding::error(&path.display().to_string(), rule, "linearise the runs again");
-    let matrix = &body.covariance.matrix;
+    let SharedLinearisation { sensor, mode, polynomials: part, covariance, .. } = body.shared;
+    let matrix = &covariance.matrix;
     if matrix.len() != 6 || matrix.iter().any(|row| row.len() != 6) {
         return Err(refuse("the covariance of six coefficients has not six rows and columns".to_owned()));
     }
     let covariance = std::array::from_fn(|a| Matrix2::from_fn(|r, c| matrix[2 * a + r][2 * a + c]));
-    let LinearisationFile { sensor, mode, linearisation: part, .. } = body;
     let linearisation = Linearisation { input, sensor, mode, part, covariance };
     for (axis, name) in COMPONENTS.into_iter().enumerate() {
         let slope = linearisation.axis(axis).least_slope(linearisation.part.reading_ent[axis]);

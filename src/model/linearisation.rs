@@ -1,6 +1,7 @@
 //! The linearisation of readings: `B_l = B_r + c2 B_r² + c3 B_r³` (CH-GFZ-TR-2601 section 7). The constant and the linear part belong
 //! to offset and sensitivity.
 
+use crate::data::linearisation::LinearisationPolynomials;
 use crate::data::provenance::Input;
 use nalgebra::Matrix2;
 use serde::{Deserialize, Serialize};
@@ -65,21 +66,6 @@ impl AxisLinearisation {
         let inside = if vertex > low && vertex < high { vertex } else { low };
         [low, high, inside].into_iter().map(|r| self.slope(r)).fold(f64::INFINITY, f64::min)
     }
-}
-
-/// Polynomials of the three sensor axes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LinearisationPolynomials {
-    /// Coefficients of the square, 1/enT.
-    pub c2_per_ent: [f64; 3],
-    /// Their standard uncertainties.
-    pub c2_std_per_ent: [f64; 3],
-    /// Coefficients of the cube, 1/enT².
-    pub c3_per_ent2: [f64; 3],
-    /// Their standard uncertainties.
-    pub c3_std_per_ent2: [f64; 3],
-    /// Smallest and largest reading they hold for, enT.
-    pub reading_ent: [[f64; 2]; 3],
 }
 
 /// A linearisation with where it comes from.

@@ -7,7 +7,7 @@ use crate::measure::lin::{Block, Lin};
 /// All eight figures.
 #[must_use]
 pub fn figures(lin: &Lin) -> Vec<Named> {
-    let id = &lin.parameters.run.id;
+    let id = &lin.calibration.run.id;
     let time = TimeAxis::of(lin.blocks.iter().map(|b| b.plateau.setting.t_end_s).fold(0.0, f64::max));
     let [x, y, z] = [0, 1, 2].map(|axis| residuals_against_field(lin, axis));
     let mut list = vec![
@@ -23,7 +23,7 @@ pub fn figures(lin: &Lin) -> Vec<Named> {
 }
 
 fn applied(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
-    let used = lin.parameters.quality.blocks_used;
+    let used = lin.calibration.quality.blocks_used;
     Figure {
         title: format!("Applied fields, run {id}"),
         caption: if used == lin.blocks.len() {
@@ -71,7 +71,7 @@ fn measured(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
         Some(_) => {
             "Raw readings along the sensor axes; for every column of the picture the range from the smallest to the largest sample."
         }
-        None if lin.parameters.linearisation.is_some() => {
+        None if lin.linearisation.is_some() => {
             "Mean linearised readings of the plateaus along the sensor axes; the file brings no samples."
         }
         None => "Mean raw readings of the plateaus along the sensor axes; the file brings no samples.",
@@ -105,7 +105,7 @@ fn measured(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
 
 /// Residuals of one coil component with their noise and the band of one standard deviation.
 fn residual_panel(lin: &Lin, axis: usize, x: impl Fn(&Block) -> f64) -> Panel {
-    let std_nt = lin.parameters.quality.residual_nt.std[axis];
+    let std_nt = lin.calibration.quality.residual_nt.std[axis];
     let used = lin.blocks.iter().filter(|b| b.plateau.dropped.is_none());
     let has_errors = lin.blocks.iter().any(|b| b.standard_error_coil_nt.is_some());
     let label = format!("{} residual{}", COIL[axis], if has_errors { " ± standard error of the mean" } else { "" });
@@ -138,7 +138,7 @@ fn differences(lin: &Lin, id: &str, time: TimeAxis) -> Figure {
 fn residuals_against_field(lin: &Lin, field_axis: usize) -> Figure {
     let axis = COIL[field_axis];
     Figure {
-        title: format!("Residuals against the {axis} field, run {}", lin.parameters.run.id),
+        title: format!("Residuals against the {axis} field, run {}", lin.calibration.run.id),
         caption: format!(
             "Applied field minus modelled measurement against the applied {axis} field. A curve means non-linearity, in another \
              component than {axis} a transverse effect."

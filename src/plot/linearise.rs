@@ -12,7 +12,7 @@ pub fn figures(result: &Linearised) -> Vec<Named> {
 }
 
 fn against(result: &Linearised, coil: usize) -> Figure {
-    let p = &result.parameters;
+    let p = &result.shared;
     let runs = match p.used.as_slice() {
         [one] => format!("run {one}"),
         several => format!("{} runs", several.len()),

@@ -2,8 +2,9 @@
 
 use plotters::prelude::RGBColor;
 
-use super::axis::{Axis, usable};
-use super::canvas::{Canvas, Point, Rect, rect};
+use super::axis::usable;
+use super::canvas::{Canvas, Point, rect};
+use super::frame::Frame;
 use super::rows::{draw_bars, draw_cells, place};
 use super::style::{FALLING, Look, ROUND, TRIANGLE, WHITE};
 use super::{Column, Marks, Panel, Scale, Series, Style};
@@ -87,39 +88,6 @@ impl Marks {
             Marks::Points(_) => 3,
             Marks::Rejected(_) => 4,
         }
-    }
-}
-
-/// Places data on the page.
-pub(super) struct Frame<'a> {
-    pub x: &'a Axis,
-    pub y: &'a Axis,
-    pub area: Rect,
-}
-
-impl Frame<'_> {
-    fn x(&self, value: f64) -> f64 {
-        let (left, right) = (self.area.left, self.area.right);
-        self.x.at(value, f64::from(left), f64::from(right))
-    }
-
-    fn y(&self, value: f64) -> f64 {
-        let (bottom, top) = (self.area.bottom, self.area.top);
-        // The place of a value a logarithmic axis does not take is not finite.
-        self.y.at(value, f64::from(bottom), f64::from(top)).min(f64::from(bottom + 20))
-    }
-
-    /// The place of a point, or `None` for one that cannot be drawn.
-    pub fn at(&self, x: f64, y: f64) -> Option<Point> {
-        (self.takes_x(x) && self.takes_y(y)).then(|| (self.x(x), self.y(y)))
-    }
-
-    fn takes_x(&self, value: f64) -> bool {
-        self.x.span.scale.takes(value)
-    }
-
-    fn takes_y(&self, value: f64) -> bool {
-        self.y.span.scale.takes(value)
     }
 }
 

@@ -11,6 +11,7 @@ pub mod diagnose;
 pub mod effects;
 mod encode;
 mod figure;
+mod frame;
 pub mod freq;
 mod legend;
 pub mod lin;
@@ -35,8 +36,9 @@ pub use rows::CellRow;
 
 use axis::{Axis, Span, Tick};
 use canvas::{Canvas, Rect, rect};
+use frame::Frame;
 use legend::{Entry, LEGEND_ROW, draw_legend, entries, flow};
-use marks::{Frame, RIBBON, draw_series};
+use marks::{RIBBON, draw_series};
 use style::{
     AXIS_INK, BAND_EDGE, BANDS, CAPTION, CAPTION_LINE, EXACT, GRID, HALF_DIGIT, LABEL, LABEL_LINE, NUMBER, TITLE, TITLE_LINE,
     ZERO,

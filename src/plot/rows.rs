@@ -4,7 +4,7 @@ use plotters::prelude::RGBColor;
 
 use super::axis::{Axis, Tick};
 use super::canvas::{Canvas, Type, rect};
-use super::marks::Frame;
+use super::frame::Frame;
 use super::style::{AXIS_INK, INK, Look};
 use super::{Marks, Panel};
 

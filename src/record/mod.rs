@@ -4,4 +4,5 @@ pub mod baseline;
 pub mod conditions;
 pub mod faults;
 pub mod known;
+pub mod linearised;
 pub mod scene;

@@ -2,8 +2,8 @@
 
 use super::document::{Block, Cell, Section, Table, Text, cells};
 use super::{known_effects, not_used, or_not_stated, remarks, run_line, triple, used_file};
+use crate::data::calibration::LinearCalibration;
 use crate::data::units::{COMPONENTS, with_uncertainty};
-use crate::files::parameter::{Body, Cpf};
 use crate::measure::lin::Lin;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
@@ -15,36 +15,36 @@ pub(super) fn matrix(rows: &[[f64; 3]; 3]) -> Block {
     Block::Code(rows.iter().map(|r| format!("{:+10.6}  {:+10.6}  {:+10.6}\n", r[0], r[1], r[2])).collect())
 }
 
-/// The sections of the report.
+/// The sections of the report, with the name of the parameter file.
 #[must_use]
-pub fn sections(lin: &Lin) -> Vec<Section> {
-    let p = &lin.parameters;
+pub fn sections(lin: &Lin, parameter_file: &str) -> Vec<Section> {
+    let p = &lin.calibration;
     let mut sections = vec![
-        used_file(&p.run, &p.file_name()),
+        used_file(&p.run, parameter_file),
         facility(p),
         offset(p),
-        raw_data(p),
+        raw_data(lin),
         parameters(p),
         model_quality(p),
         uncertainty(p),
         validity(p),
     ];
-    sections.extend(not_used(&p.dropped));
-    sections.extend(remarks(&p.warnings));
+    sections.extend(not_used(&lin.dropped));
+    sections.extend(remarks(&lin.notes));
     sections
 }
 
 /// The result in one line.
 #[must_use]
 pub fn headline(lin: &Lin) -> String {
-    let p = &lin.parameters;
-    format!("σ {} nT/enT", triple(&std::array::from_fn(|i| p.matrix.sigma[i][i]), &p.std.sigma))
+    let p = &lin.calibration;
+    format!("σ {} nT/enT", triple(&p.sigma_nt_per_ent(), &p.std.sigma))
 }
 
 /// A few lines for the terminal.
 #[must_use]
 pub fn summary(lin: &Lin) -> String {
-    let p = &lin.parameters;
+    let p = &lin.calibration;
     let sigma: Vec<String> = (0..3).map(|i| with_uncertainty(p.matrix.sigma[i][i], p.std.sigma[i])).collect();
     let b_or: Vec<String> = (0..3).map(|i| with_uncertainty(p.offset.b_or_ent[i], p.std.b_or_ent[i])).collect();
     let residual = p.quality.residual_nt.std.map(|s| format!("{s:.3}"));
@@ -53,15 +53,15 @@ pub fn summary(lin: &Lin) -> String {
         run_line(&p.run),
         p.quality.blocks_used,
         p.quality.blocks_total,
-        p.linearisation.as_ref().map_or_else(String::new, |l| format!(", linearised with {}", l.file))
-            + &p.model.as_ref().map_or_else(String::new, |m| format!(", without the effects of {}", m.file)),
+        lin.linearisation.as_ref().map_or_else(String::new, |l| format!(", linearised with {}", l.file))
+            + &lin.model.as_ref().map_or_else(String::new, |m| format!(", without the effects of {}", m.file)),
         sigma.join(", "),
         b_or.join(", "),
         residual.join(", "),
     )
 }
 
-fn facility(p: &Cpf) -> Section {
+fn facility(p: &LinearCalibration) -> Section {
     let axes = &p.setup.position_axes;
     let setup = format!(
         "Nominal sensor setup, position {}: X_m = {}_c, Y_m = {}_c, Z_m = {}_c; ",
@@ -81,7 +81,7 @@ fn facility(p: &Cpf) -> Section {
         .with(conditions(p))
 }
 
-fn conditions(p: &Cpf) -> Table {
+fn conditions(p: &LinearCalibration) -> Table {
     let correction = match p.run.coil_correction {
         Some(true) => "used",
         Some(false) => "not used",
@@ -105,7 +105,7 @@ fn conditions(p: &Cpf) -> Table {
     ])
 }
 
-fn offset(p: &Cpf) -> Section {
+fn offset(p: &LinearCalibration) -> Section {
     let trend = match p.offset.trend_order {
         0 => "A constant offset was fitted together with the sensor model.".to_owned(),
         order => format!("A polynomial offset trend of order {order} was fitted together with the sensor model."),
@@ -117,9 +117,10 @@ fn offset(p: &Cpf) -> Section {
     Section::new("Offset treatment").with(trend).with(mean.and(format!(", along the sensor axes: {}", values.join(", "))))
 }
 
-fn raw_data(p: &Cpf) -> Section {
+fn raw_data(lin: &Lin) -> Section {
+    let quality = &lin.calibration.quality;
     let mut section = Section::new("Raw data quality");
-    if let Some(linearisation) = &p.linearisation {
+    if let Some(linearisation) = &lin.linearisation {
         section.push(Text::words_and_code([
             "The readings were linearised with ",
             &linearisation.file,
@@ -128,8 +129,8 @@ fn raw_data(p: &Cpf) -> Section {
             "; all parameters hold for linearised readings.",
         ]));
     }
-    section.blocks.extend(p.model.as_ref().map(|model| known_effects(model).into()));
-    match &p.quality.raw_std_ent {
+    section.blocks.extend(lin.model.as_ref().map(|model| known_effects(model).into()));
+    match &quality.raw_std_ent {
         None => section.push("The file brings plateau means without standard deviations."),
         Some(s) => {
             section.push("Standard deviation of the used raw data blocks:");
@@ -139,7 +140,7 @@ fn raw_data(p: &Cpf) -> Section {
     }
     section.with(format!(
         "{} of {} blocks used; {} samples lost, {} left out beside spikes.",
-        p.quality.blocks_used, p.quality.blocks_total, p.quality.lost_samples, p.quality.spike_samples
+        quality.blocks_used, quality.blocks_total, quality.lost_samples, quality.spike_samples
     ))
 }
 
@@ -149,7 +150,7 @@ fn three_columns(head: [&str; 4], rows: [(&str, [f64; 3]); 3]) -> Table {
     Table::new(head).with_rows(rows.map(row))
 }
 
-fn parameters(p: &Cpf) -> Section {
+fn parameters(p: &LinearCalibration) -> Section {
     let mut section = Section::new("Calibration parameter");
     for (words, symbol, unit, rows) in [
         ("Transfer matrix ", "Φ = R_nom ρ ω σ", ", nT/enT:", &p.matrix.phi),
@@ -168,7 +169,7 @@ fn parameters(p: &Cpf) -> Section {
     section.with(table)
 }
 
-fn model_quality(p: &Cpf) -> Section {
+fn model_quality(p: &LinearCalibration) -> Section {
     let q = &p.quality.residual_nt;
     let rows = [("standard deviation", q.std), ("maximum error", q.max), ("minimum error", q.min)];
     Section::new("Model quality")
@@ -176,7 +177,7 @@ fn model_quality(p: &Cpf) -> Section {
         .with(three_columns(["values in nT, coil axes", "X", "Y", "Z"], rows))
 }
 
-fn uncertainty(p: &Cpf) -> Section {
+fn uncertainty(p: &LinearCalibration) -> Section {
     let mut table = Table::new(["sensitivity", "nT/enT ± standard uncertainty"]);
     for i in 0..3 {
         table.push(cells![format!("σ_{}", COMPONENTS[i]), Cell::uncertain(p.matrix.sigma[i][i], p.std.sigma[i])]);
@@ -200,7 +201,7 @@ fn uncertainty(p: &Cpf) -> Section {
     ))
 }
 
-fn validity(p: &Cpf) -> Section {
+fn validity(p: &LinearCalibration) -> Section {
     let field = p.valid.field_coil_nt.map(|[low, high]| format!("{low:.0} to {high:.0} nT"));
     let temperature =
         p.valid.temperature_degc.map_or_else(|| "not recorded".to_owned(), |[low, high]| format!("{low:.1} to {high:.1} °C"));
@@ -216,8 +217,8 @@ fn validity(p: &Cpf) -> Section {
 pub fn parameter_table(runs: &[&Lin]) -> crate::files::table::Table {
     use crate::files::table::{Table, Values};
     let mut table = Table::default();
-    let numbers = |get: &dyn Fn(&Cpf) -> f64| Values::Numbers(runs.iter().map(|l| get(&l.parameters)).collect());
-    super::head_columns(&mut table, runs.iter().map(|l| &l.parameters.run));
+    let numbers = |get: &dyn Fn(&LinearCalibration) -> f64| Values::Numbers(runs.iter().map(|l| get(&l.calibration)).collect());
+    super::head_columns(&mut table, runs.iter().map(|l| &l.calibration.run));
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
         table.push(&format!("sigma_{axis}"), numbers(&|p| p.matrix.sigma[i][i]));
         table.push(&format!("sigma_{axis}_std"), numbers(&|p| p.std.sigma[i]));
@@ -237,8 +238,8 @@ pub fn parameter_table(runs: &[&Lin]) -> crate::files::table::Table {
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
         table.push(&format!("residual_{axis}_std_nt"), numbers(&|p| p.quality.residual_nt.std[i]));
     }
-    table.push("blocks_used", Values::Counts(runs.iter().map(|l| l.parameters.quality.blocks_used as u64).collect()));
-    table.push("blocks_total", Values::Counts(runs.iter().map(|l| l.parameters.quality.blocks_total as u64).collect()));
+    table.push("blocks_used", Values::Counts(runs.iter().map(|l| l.calibration.quality.blocks_used as u64).collect()));
+    table.push("blocks_total", Values::Counts(runs.iter().map(|l| l.calibration.quality.blocks_total as u64).collect()));
     table
 }
 

@@ -2,8 +2,8 @@
 
 use super::document::{Cell, Section, Table, Text, cells};
 use super::{NOT_DETERMINED, or_not_stated, parameter_file, remarks, yes_or_no};
+use crate::data::linearisation::{LinearisationPanel, SharedLinearisation};
 use crate::data::units::scientific_with_uncertainty;
-use crate::files::parameter::{Body, LinearisationFile, LinearisationPanel};
 use crate::measure::linearise::Linearised;
 
 /// Text for a probability.
@@ -11,10 +11,10 @@ fn probability(p: f64) -> String {
     if p < 1e-4 { "below 0.01 %".to_owned() } else { format!("{:.2} %", 100.0 * p) }
 }
 
-/// The sections of the report.
+/// The sections of the report, with the name of the parameter file.
 #[must_use]
-pub fn sections(result: &Linearised) -> Vec<Section> {
-    let p = &result.parameters;
+pub fn sections(result: &Linearised, file: &str) -> Vec<Section> {
+    let p = &result.shared;
     let principle = Section::new("Principle")
         .with(Text::words_and_code([
             "The readings of each sensor axis are linearised by one polynomial, ",
@@ -22,14 +22,14 @@ pub fn sections(result: &Linearised) -> Vec<Section> {
             ", that all runs of the sensor and mode share; offset and sensitivity belong to the runs. Polynomials and the parameters of \
              every run are estimated together.",
         ]))
-        .with(parameter_file(&p.file_name()));
+        .with(parameter_file(file));
     let mut sections = vec![principle, polynomials(p), runs(p), panels(&p.panel)];
-    sections.extend(remarks(&p.warnings));
+    sections.extend(remarks(&result.notes));
     sections
 }
 
-fn polynomials(p: &LinearisationFile) -> Section {
-    let c = &p.linearisation;
+fn polynomials(p: &SharedLinearisation) -> Section {
+    let c = &p.polynomials;
     let mut table = Table::new([
         "axis",
         "c2, 1/enT",
@@ -53,7 +53,7 @@ fn polynomials(p: &LinearisationFile) -> Section {
     Section::new("Polynomials").with(table)
 }
 
-fn runs(p: &LinearisationFile) -> Section {
+fn runs(p: &SharedLinearisation) -> Section {
     let mut table = Table::new(["run", "plateaus", "x before, nT", "y", "z", "x after, nT", "y", "z", "took part"]);
     for run in &p.run {
         let mut row = cells![&run.id, run.blocks];
@@ -121,8 +121,8 @@ fn panels(list: &[LinearisationPanel]) -> Section {
 /// A few lines for the terminal.
 #[must_use]
 pub fn summary(result: &Linearised) -> String {
-    let p = &result.parameters;
-    let c = &p.linearisation;
+    let p = &result.shared;
+    let c = &p.polynomials;
     let three = |get: &dyn Fn(usize) -> String| (0..3).map(get).collect::<Vec<_>>().join(", ");
     let corrections: Vec<String> = p
         .axis

@@ -23,7 +23,6 @@ use crate::data::result::{Dropped, RunHead};
 use crate::data::units::with_uncertainty;
 use crate::model::applied::ModelApplied;
 use document::{Block, Cell, Document, Figure, NOT_DETERMINED, Section, Table, Text, cells};
-use std::fmt::Display;
 
 /// Text for a value that may be missing.
 #[must_use]
@@ -124,11 +123,11 @@ fn inputs(provenance: &Provenance) -> Table {
     Table::new(["input", "bytes", "SHA-256"]).with_rows(provenance.input.iter().map(row))
 }
 
-/// The section with all warnings; nothing without warnings.
+/// The section with all notes; nothing without notes.
 #[must_use]
-pub fn remarks<W: Display>(warnings: &[W]) -> Option<Section> {
-    let items = || warnings.iter().map(|w| Text::of_note(&w.to_string())).collect();
-    (!warnings.is_empty()).then(|| Section::new("Remarks").with(Block::List(items())))
+pub fn remarks(notes: &[Note]) -> Option<Section> {
+    let items = || notes.iter().map(|note| Text::of_note(&note.to_string())).collect();
+    (!notes.is_empty()).then(|| Section::new("Remarks").with(Block::List(items())))
 }
 
 /// The section with the plateaus that were not used; nothing if all were.

@@ -171,7 +171,7 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
     let linear = |phi: Matrix3<f64>| Linear::new(phi).map_err(|e| Finding::error(&header.run, e.to_string(), "check the CPF"));
     match header.kind {
         Kind::Linearity => {
-            let cpf = the_file(files, header, true, |c: &Cpf| &c.run)?;
+            let cpf = the_file(files, header, true, |c: &Cpf| &c.calibration.run)?;
             if let Some(linearisation) = &cpf.linearisation {
                 let rule =
                     format!("is described by a CPF for readings linearised with {}, which are not raw ones", linearisation.file);
@@ -181,18 +181,20 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
                 let rule = format!("is described by a CPF without the effects of {}", taken_off.file);
                 return refuse(rule, "name that file with --model as well");
             }
-            let white_ent = cpf.quality.raw_std_ent.as_ref().map_or([0.0; 3], |s| s.mean);
-            let offset = cpf.offset;
+            let calibration = cpf.calibration;
+            let white_ent = calibration.quality.raw_std_ent.as_ref().map_or([0.0; 3], |s| s.mean);
+            let offset = calibration.offset;
             let (trend_ent, tau_span_s) = (offset.trend_ent, offset.tau_span_s);
-            Ok((Model::Lin { sensor: linear(matrix(cpf.matrix.phi))?, trend_ent, tau_span_s }, white_ent))
+            Ok((Model::Lin { sensor: linear(matrix(calibration.matrix.phi))?, trend_ent, tau_span_s }, white_ent))
         }
         Kind::Offset => {
             let opf = the_file(files, header, true, |o: &Opf| &o.run)?;
-            let cpf = the_file(files, header, false, |c: &Cpf| &c.run)?;
+            let cpf = the_file(files, header, false, |c: &Cpf| &c.calibration.run)?;
             if opf.offset_ent.iter().chain(&opf.residual_coil_nt).any(|v| v.is_nan()) {
                 return refuse("has no offset or residual field in some component".to_owned(), "measure further positions");
             }
-            let turned = matrix(cpf.matrix.rho) * matrix(cpf.matrix.phi_tilde);
+            let split = &cpf.calibration.matrix;
+            let turned = matrix(split.rho) * matrix(split.phi_tilde);
             let mut ids: Vec<u32> = run.settings.iter().map(|s| s.position).collect();
             ids.sort_unstable();
             ids.dedup();

@@ -111,7 +111,7 @@ impl Measured {
     pub fn publish(&self, desk: &Desk, name: LinName) -> Result<Vec<Drawn>, Finding> {
         match self {
             Measured::Lin(made) => {
-                let p = &made.result.parameters;
+                let p = made.result.parameters();
                 let file = if name == LinName::Single { p.file_name() } else { p.thermal_file_name() };
                 publish::<lin::Options>(made, desk, &file)
             }
@@ -140,7 +140,7 @@ impl Measured {
     #[must_use]
     pub fn point(&self) -> Option<CalibratedRun> {
         match self {
-            Measured::Lin(made) => Some((&made.result.parameters).into()),
+            Measured::Lin(made) => Some((&made.result.parameters()).into()),
             Measured::Offset(made) => Some((&made.result.parameters()).into()),
             Measured::Freq(made) => Some((&made.result.parameters()).into()),
             Measured::Sweep(_) | Measured::Null(_) | Measured::Other(_) => None,
@@ -228,20 +228,21 @@ pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
             Measured::Null(made) => &made.result.run,
             _ => continue,
         };
-        let distance = |lin: &&Made<Lin>| (seconds(&lin.result.parameters.run.start) - seconds(&head.start)).abs();
+        let distance = |lin: &&Made<Lin>| (seconds(&lin.result.calibration.run.start) - seconds(&head.start)).abs();
         let nearest = all
             .iter()
             .filter_map(Measured::lin)
             .filter(|lin| {
-                let other = &lin.result.parameters.run;
+                let other = &lin.result.calibration.run;
                 (&other.sensor, &other.mode) == (&head.sensor, &head.mode)
             })
             .min_by(|a, b| distance(a).total_cmp(&distance(b)));
         if let Some(lin) = nearest {
-            let name = lin.result.parameters.file_name();
-            let text = parameter_text(&name, &lin.result.parameters, &lin.provenance)?;
+            let parameters = lin.result.parameters();
+            let name = parameters.file_name();
+            let text = parameter_text(&name, &parameters, &lin.provenance)?;
             let input = Input { path: name, size_bytes: text.len() as u64, sha256: hex(&Sha256::digest(text.as_bytes())) };
-            found.push((index, input, Sensitivities::from(&lin.result.parameters)));
+            found.push((index, input, Sensitivities::from(&lin.result.calibration)));
         }
     }
     for (index, input, sensitivities) in found {
@@ -268,11 +269,11 @@ pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
 /// What cannot be written.
 pub fn publish_thermal_names(all: &[Measured], used: &[String], desk: &Desk) -> Result<(), Finding> {
     for made in all.iter().filter_map(Measured::lin) {
-        let p = &made.result.parameters;
+        let p = made.result.parameters();
         let name = p.thermal_file_name();
         if used.contains(&name) {
-            let folder = Folder::open(&desk.out.join(&p.run.id), desk.force)?;
-            folder.write(&name, parameter_text(&name, p, &made.provenance)?.as_bytes())?;
+            let folder = Folder::open(&desk.out.join(&p.calibration.run.id), desk.force)?;
+            folder.write(&name, parameter_text(&name, &p, &made.provenance)?.as_bytes())?;
             folder.sync()?;
         }
     }

@@ -1,6 +1,7 @@
 //! The facility's own calibration as files, figures and text.
 
 use super::{Desk, Failure, Job, Outcome, draw, make, parameter_text};
+use crate::data::calibration::LinearCalibration;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
@@ -301,8 +302,8 @@ impl TiltInput {
     /// The file cannot be read, or its position is none.
     pub fn cpf(&mut self, path: &Path) -> Result<(), Finding> {
         let file = parameter::read::<Cpf>(path)?;
-        let result =
-            of_cpf(&file.body).map_err(|e| Finding::error(&path.display().to_string(), e.to_string(), "fit the run again"))?;
+        let result = of_calibration(&file.body.calibration)
+            .map_err(|e| Finding::error(&path.display().to_string(), e.to_string(), "fit the run again"))?;
         self.inputs.push(file.input);
         self.stated.push(file.body.facility.as_ref().map(|f| f.applied.clone()));
         self.results.push(result);
@@ -313,7 +314,7 @@ impl TiltInput {
     pub fn runs(&mut self, jobs: &[Job], options: &lin::Options, desk: &Desk, failures: &mut Vec<(String, Failure)>) {
         for job in jobs {
             let made = make(options, job, desk, true).and_then(|made| {
-                let result = of_cpf(&made.result.parameters).map_err(|e| {
+                let result = of_calibration(&made.result.calibration).map_err(|e| {
                     Failure::Refused(Finding::error(&job.recorded, e.to_string(), "correct the position in campaign.toml"))
                 })?;
                 Ok((result, made.provenance.input))
@@ -377,16 +378,16 @@ impl TiltInput {
 }
 
 /// The result of a run in its orientation.
-fn of_cpf(cpf: &Cpf) -> Result<OrientedRun, PositionError> {
-    let position = Position::from_axes(&cpf.setup.position_axes)?;
-    let sigma: [f64; 3] = std::array::from_fn(|i| cpf.matrix.sigma[i][i]);
-    let a = &cpf.angle_deg;
+fn of_calibration(calibration: &LinearCalibration) -> Result<OrientedRun, PositionError> {
+    let position = Position::from_axes(&calibration.setup.position_axes)?;
+    let sigma = calibration.sigma_nt_per_ent();
+    let a = &calibration.angle_deg;
     Ok(OrientedRun {
-        run: cpf.run.id.clone(),
-        sensor: cpf.run.sensor.clone(),
+        run: calibration.run.id.clone(),
+        sensor: calibration.run.sensor.clone(),
         position,
         sigma,
-        offset_nt: std::array::from_fn(|i| sigma[i] * cpf.offset.b_or_ent[i]),
+        offset_nt: std::array::from_fn(|i| sigma[i] * calibration.offset.b_or_ent[i]),
         xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
         field_nt: None,
     })

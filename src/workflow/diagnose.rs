@@ -1,6 +1,6 @@
 //! Diagnoses as files, figures and text.
 
-use super::{Desk, Failure, Job, draw, notes_of};
+use super::{Desk, Failure, Job, draw};
 use crate::data::error::Finding;
 use crate::data::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
 use crate::data::provenance::{Input, Provenance};
@@ -102,7 +102,8 @@ impl Across {
     /// The file cannot be read, or its position is none.
     pub fn cpf(&mut self, path: &Path) -> Result<(), Finding> {
         let file = parameter::read::<Cpf>(path)?;
-        let values = RunValues::of_cpf(&file.body).map_err(|reason| refusal(&path.display().to_string(), &reason))?;
+        let values =
+            RunValues::of_calibration(&file.body.calibration).map_err(|reason| refusal(&path.display().to_string(), &reason))?;
         self.values.push(values);
         self.stated.push(file.body.facility.as_ref().map(|f| f.applied.clone()));
         self.inputs.push(file.input);
@@ -181,8 +182,7 @@ pub fn publish_diagnosis(made: &Diagnosed, folder: &Path, desk: &Desk) -> Result
         numbered.iter().find(|figure| figure.file == file).cloned()
     };
     let sections = show::diagnose::sections(&made.diagnosis, &shown);
-    let notes = notes_of(&made.diagnosis.warnings);
-    let document = show::standalone(&title, &notes, sections, Vec::new(), &made.provenance);
+    let document = show::standalone(&title, &[], sections, Vec::new(), &made.provenance);
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.md"), markdown::page(&document).as_bytes())?;
     let page = html::page(&document, &mut |file| std::fs::read(folder.path().join(file)).ok());
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.html"), page.as_bytes())?;

@@ -8,11 +8,12 @@ use crate::data::provenance::Input;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::parameter::Cpf;
+use crate::files::parameter::{Body, Convention, Cpf};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
-use crate::measure::lin::{Lin, Options, lin};
+use crate::measure::lin::{Block, Lin, Options, lin};
 use crate::plot::{self, Named};
+use crate::record::conditions::Temperatures;
 use crate::show::{self, document::Section};
 use serde::Serialize;
 
@@ -42,7 +43,7 @@ impl PerRun for Options {
     }
 
     fn recorded(&self, result: &Lin) -> String {
-        let mut text = format!(" --order {}", result.parameters.offset.trend_order);
+        let mut text = format!(" --order {}", result.calibration.offset.trend_order);
         for (axis, limit) in ["x", "y", "z"].into_iter().zip(self.max_field_nt) {
             if let Some(limit) = limit {
                 text.push_str(&format!(" --max-field {axis}={limit}"));
@@ -84,7 +85,7 @@ pub(super) fn recorded_cut(settling: Settling, least_coverage: f64) -> String {
 
 impl RunReport for Lin {
     fn head(&self) -> &RunHead {
-        &self.parameters.run
+        &self.calibration.run
     }
     fn notes(&self) -> Vec<Note> {
         self.notes.clone()
@@ -93,10 +94,10 @@ impl RunReport for Lin {
         plot::lin::figures(self)
     }
     fn title(&self) -> String {
-        format!("Calibration on 3 linear axes, run {}", self.parameters.run.id)
+        format!("Calibration on 3 linear axes, run {}", self.calibration.run.id)
     }
     fn sections(&self) -> Vec<Section> {
-        show::lin::sections(self)
+        show::lin::sections(self, &self.parameters().file_name())
     }
     fn analysis(&self) -> &'static str {
         "DC-analysis"
@@ -109,19 +110,37 @@ impl RunReport for Lin {
     }
 }
 
+/// A linear calibration as `--json` prints it.
+#[derive(Serialize)]
+struct LinView<'a> {
+    parameters: Cpf,
+    blocks: &'a [Block],
+    temperatures: &'a Temperatures,
+}
+
 impl RunResult for Lin {
     type Parameters = Cpf;
 
     fn parameters(&self) -> Cpf {
-        self.parameters.clone()
+        let convention = if self.linearisation.is_some() { Convention::linearised() } else { Convention::default() };
+        Cpf {
+            convention: if self.model.is_some() { convention.without_effects() } else { convention },
+            calibration: self.calibration.clone(),
+            conditions: self.temperatures.conditions.clone(),
+            facility: self.facility.clone(),
+            linearisation: self.linearisation.clone(),
+            model: self.model.clone(),
+            dropped: self.dropped.clone(),
+            warnings: self.notes.iter().map(Note::to_string).collect(),
+        }
     }
     fn view(&self) -> impl Serialize + '_ {
-        self
+        LinView { parameters: self.parameters(), blocks: &self.blocks, temperatures: &self.temperatures }
     }
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
-        let id = &self.parameters.run.id;
-        let readings = if self.parameters.linearisation.is_some() { "linearised readings" } else { "readings" };
+        let id = &self.calibration.run.id;
+        let readings = if self.linearisation.is_some() { "linearised readings" } else { "readings" };
         let note = format!(
             "calfit lin, run {id}: one row per block; fields nT, coil axes; {readings} enT, sensor axes; times s since the run's start"
         );

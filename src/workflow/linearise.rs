@@ -1,17 +1,19 @@
 //! Linearisations as files, figures and text, and the runs fitted once more with them.
 
-use super::{Desk, Job, Made, Outcome, PerRun, command, draw, notes_of, parameter_text};
+use super::{Desk, Job, Made, Outcome, PerRun, command, draw, parameter_text};
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::files::linearisation;
 use crate::files::output::Folder;
-use crate::files::parameter::Body;
+use crate::files::parameter::{Body, LinearisationConvention, LinearisationFile, linearisation_file_name};
 use crate::files::source::hex;
 use crate::measure::lin::{Lin, Options, lin};
-use crate::measure::linearise::{Linearised, linearise};
+use crate::measure::linearise::{Linearised, PanelData, linearise};
 use crate::model::linearisation::Linearisation;
 use crate::plot;
 use crate::show;
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::path::PathBuf;
 
@@ -26,6 +28,29 @@ pub struct First<'a> {
 /// A run that was fitted with the linearisation, with its file, or why there is no such fit.
 pub type Refitted<'a> = (&'a Job<'a>, Result<Made<Lin>, Finding>);
 
+/// A linearisation as `--json` prints it.
+#[derive(Serialize)]
+pub struct LinearisedView<'a> {
+    parameters: LinearisationFile,
+    panels: &'a [PanelData],
+}
+
+impl<'a> From<&'a Linearised> for LinearisedView<'a> {
+    fn from(result: &'a Linearised) -> Self {
+        Self { parameters: result.into(), panels: &result.panels }
+    }
+}
+
+impl From<&Linearised> for LinearisationFile {
+    fn from(result: &Linearised) -> Self {
+        Self {
+            convention: LinearisationConvention::default(),
+            shared: result.shared.clone(),
+            warnings: result.notes.iter().map(Note::to_string).collect(),
+        }
+    }
+}
+
 /// Reads the linearisation of `--linearisation`.
 ///
 /// # Errors
@@ -38,12 +63,12 @@ pub fn linearisation(path: Option<&PathBuf>) -> Result<Option<Linearisation>, Fi
 #[must_use]
 pub fn by_sensor_and_mode(mut runs: Vec<First>) -> Vec<Vec<First>> {
     runs.sort_by(|a, b| {
-        let key = |f: &First| (f.made.result.parameters.run.start.clone(), f.made.result.parameters.run.id.clone());
+        let key = |f: &First| (f.made.result.calibration.run.start.clone(), f.made.result.calibration.run.id.clone());
         key(a).cmp(&key(b))
     });
     let mut groups: Vec<Vec<First>> = Vec::new();
     for run in runs {
-        let of = |f: &First| (f.made.result.parameters.run.sensor.clone(), f.made.result.parameters.run.mode.clone());
+        let of = |f: &First| (f.made.result.calibration.run.sensor.clone(), f.made.result.calibration.run.mode.clone());
         match groups.iter_mut().find(|g| g.first().is_some_and(|f| of(f) == of(&run))) {
             Some(group) => group.push(run),
             None => groups.push(vec![run]),
@@ -64,7 +89,8 @@ pub fn linearise_group<'a>(
 ) -> Result<(Linearised, Vec<Refitted<'a>>), Finding> {
     let before: Vec<&Lin> = group.iter().map(|f| &f.made.result).collect();
     let names: Vec<&str> = group.iter().map(|f| f.job.recorded.as_str()).collect();
-    let estimate = linearise(&before).map_err(|e| Finding::error(&names.join(", "), e.to_string(), e.remedy()))?;
+    let mut estimate = linearise(&before).map_err(|e| Finding::error(&names.join(", "), e.to_string(), e.remedy()))?;
+    estimate.linearisation.input.path = linearisation_file_name(&estimate.shared.used);
     let mut options_with = Options { linearisation: Some(estimate.linearisation.clone()), ..options.clone() };
     let after: Vec<Result<Lin, Finding>> = group.iter().map(|f| again(f, &options_with)).collect();
     let fitted: Vec<Option<&Lin>> = after.iter().map(|a| a.as_ref().ok()).collect();
@@ -78,9 +104,9 @@ pub fn linearise_group<'a>(
     }
     // The runs come first, as in every result of several runs.
     input.sort_by_key(|i| i.path.ends_with(".toml"));
-    let orders: Vec<usize> = before.iter().map(|l| l.parameters.offset.trend_order).collect();
+    let orders: Vec<usize> = before.iter().map(|l| l.calibration.offset.trend_order).collect();
     let recorded = match group.first() {
-        Some(first) if orders.iter().all(|o| *o == first.made.result.parameters.offset.trend_order) => {
+        Some(first) if orders.iter().all(|o| *o == first.made.result.calibration.offset.trend_order) => {
             command(options, &first.made.result, desk)
         }
         // Orders that differ come from the campaigns, which are inputs.
@@ -106,7 +132,7 @@ pub fn linearise_group<'a>(
 
 /// Writes figures, report and file of a linearisation, the last one last; returns the file as an input.
 fn publish(result: &Linearised, provenance: &Provenance, desk: &Desk) -> Result<Input, Finding> {
-    let p = &result.parameters;
+    let p = LinearisationFile::from(result);
     let name = p.file_name();
     let stem = name.trim_end_matches(".toml");
     let (begin, first) = stem.split_once("__").unwrap_or((stem, ""));
@@ -116,11 +142,11 @@ fn publish(result: &Linearised, provenance: &Provenance, desk: &Desk) -> Result<
     let drawn = draw(&folder, &figures, |figure| format!("{begin}_{figure}__{first}.png"))?;
     let outcome = Outcome {
         name: &name,
-        parameters: parameter_text(&name, p, provenance)?,
+        parameters: parameter_text(&name, &p, provenance)?,
         report: format!("REPORT_{stem}.md"),
-        title: format!("Linearisation of {} {}", show::or_not_stated(&p.sensor), show::or_not_stated(&p.mode)),
-        notes: &notes_of(&p.warnings),
-        sections: show::linearise::sections(result),
+        title: format!("Linearisation of {} {}", show::or_not_stated(&p.shared.sensor), show::or_not_stated(&p.shared.mode)),
+        notes: &result.notes,
+        sections: show::linearise::sections(result, &name),
         provenance,
     };
     let (size_bytes, sha256) = (outcome.parameters.len() as u64, hex(&Sha256::digest(outcome.parameters.as_bytes())));

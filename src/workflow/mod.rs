@@ -21,12 +21,12 @@ pub use coil::{
 };
 pub use diagnose::{Across, Diagnosed, diagnose_run, diagnose_table, known, publish_diagnosis, publish_model, read_model};
 pub use freq::of_table;
-pub use linearise::{First, Refitted, by_sensor_and_mode, linearisation, linearise_group};
+pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
 pub use thermal::{ThermalFile, ThermalOptions, ThermalShown, thermals};
 pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
 
 use crate::data::error::{Finding, Severity};
-use crate::data::note::{Note, NoteKind};
+use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, VectorSink};
@@ -107,15 +107,6 @@ pub trait RunReport {
     fn headline(&self) -> String;
     /// A few lines for the terminal.
     fn summary(&self) -> String;
-}
-
-/// Notes from the lines of text of a parameter file.
-fn notes_of(lines: &[String]) -> Vec<Note> {
-    let note = |line: &String| match line.strip_prefix("FIT: ") {
-        Some(text) => Note::new(NoteKind::Fit, text),
-        None => Note::new(NoteKind::Method, line),
-    };
-    lines.iter().map(note).collect()
 }
 
 /// The result of one run for programs: parameter file and tables.

@@ -301,7 +301,7 @@ fn of_lin(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     let b_or: [f64; 3] = std::array::from_fn(|i| offset[i] + residual[i]);
     let truth = quantities(&a, &twin.places[&1].0.r_nom(), b_or);
     let bounds = lin_bounds(&twin, &settings, noise, &a, b_or);
-    let p = &result.parameters;
+    let p = &result.calibration;
     let angles = &p.angle_deg;
     let values = [
         (0..3).map(|i| p.matrix.sigma[i][i]).collect(),
@@ -534,7 +534,7 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
                 0 => {
                     let (run, plateaus) = plateaus(run);
                     let result = lin::lin(&run, &plateaus, instructions, &lin::Options::default()).unwrap();
-                    points.push((&result.parameters).into());
+                    points.push((&result.parameters()).into());
                     let a = response(&twin, 1, degc);
                     let own = lin_bounds(&twin, &run.settings, noise, &a, twin.sensors[0].model.offset_ent(degc));
                     for (name, bound) in LIN_NAMES.iter().zip(own) {

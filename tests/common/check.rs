@@ -9,6 +9,7 @@ use calfit::data::run::{Run, Vector, VectorSink};
 use calfit::files::campaign::Campaign;
 use calfit::files::ccr;
 use calfit::measure::lin::{self, Lin};
+use calfit::workflow::RunResult;
 use std::collections::BTreeMap;
 use std::ffi::{OsStr, OsString};
 use std::fs;
@@ -318,11 +319,11 @@ pub fn fit(bytes: impl AsRef<[u8]>) -> Result<Lin, String> {
 
 /// All numbers of a result to their last bit.
 pub fn bits(lin: &Lin) -> String {
-    serde_json::to_string(lin).unwrap()
+    serde_json::to_string(&lin.view()).unwrap()
 }
 
 pub fn fitted_sigma(lin: &Lin) -> [f64; 3] {
-    std::array::from_fn(|i| lin.parameters.matrix.sigma[i][i])
+    lin.calibration.sigma_nt_per_ent()
 }
 
 /// Keeps every vector.

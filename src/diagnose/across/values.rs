@@ -1,10 +1,10 @@
 //! The parameters of one run, as a comparison of runs takes them.
 
+use crate::data::calibration::LinearCalibration;
 use crate::data::plateau::Plateaus;
 use crate::data::run::Run;
 use crate::diagnose::DiagnoseError;
 use crate::files::campaign::Campaign;
-use crate::files::parameter::Cpf;
 use crate::fit::propagate::propagate;
 use crate::measure::coil::tilt::additive;
 use crate::measure::lin;
@@ -49,30 +49,35 @@ impl RunValues {
     ///
     /// # Errors
     /// The position is none.
-    pub fn of_cpf(cpf: &Cpf) -> Result<Self, DiagnoseError> {
-        let sigma: [f64; 3] = std::array::from_fn(|i| cpf.matrix.sigma[i][i]);
-        let a = &cpf.angle_deg;
+    pub fn of_calibration(calibration: &LinearCalibration) -> Result<Self, DiagnoseError> {
+        let sigma = calibration.sigma_nt_per_ent();
+        let a = &calibration.angle_deg;
         // The mean of a run contains a part of the trend's curvature, which is no property of the sensor; a fitted parabola makes
         // the value in the middle 3/2 times as uncertain as the mean (equidistant times).
-        let (offset_ent, factor): ([f64; 3], f64) = match cpf.offset.trend_order {
-            0 | 1 => (cpf.offset.b_or_ent, 1.0),
-            _ => (std::array::from_fn(|i| cpf.offset.trend_ent[i].first().copied().unwrap_or(cpf.offset.b_or_ent[i])), 1.5),
+        let (offset_ent, factor): ([f64; 3], f64) = match calibration.offset.trend_order {
+            0 | 1 => (calibration.offset.b_or_ent, 1.0),
+            _ => (
+                std::array::from_fn(|i| {
+                    calibration.offset.trend_ent[i].first().copied().unwrap_or(calibration.offset.b_or_ent[i])
+                }),
+                1.5,
+            ),
         };
         let std = SensorValues {
-            scale: cpf.std.sigma,
-            offset_nt: std::array::from_fn(|i| factor * sigma[i] * cpf.std.b_or_ent[i]),
-            angles_deg: cpf.std.xi_deg,
+            scale: calibration.std.sigma,
+            offset_nt: std::array::from_fn(|i| factor * sigma[i] * calibration.std.b_or_ent[i]),
+            angles_deg: calibration.std.xi_deg,
         };
         let known = [std.scale, std.offset_nt, std.angles_deg].iter().flatten().all(|s| s.is_finite() && *s > 0.0);
-        let most = cpf.valid.field_coil_nt.iter().flatten().fold(0.0, |m: f64, b| m.max(b.abs()));
+        let most = calibration.valid.field_coil_nt.iter().flatten().fold(0.0, |m: f64, b| m.max(b.abs()));
         Ok(Self {
-            run: cpf.run.id.clone(),
-            sensor: format!("{}, {}", cpf.run.sensor, cpf.run.mode),
-            set: cpf.run.campaign.clone(),
-            position: Position::from_axes(&cpf.setup.position_axes)?,
-            time: cpf.run.start.parse::<jiff::Timestamp>().ok().map(|t| t.as_second() as f64),
-            sensor_degc: cpf.run.temperature_degc,
-            coil_degc: cpf.run.coil_temperature_degc,
+            run: calibration.run.id.clone(),
+            sensor: format!("{}, {}", calibration.run.sensor, calibration.run.mode),
+            set: calibration.run.campaign.clone(),
+            position: Position::from_axes(&calibration.setup.position_axes)?,
+            time: calibration.run.start.parse::<jiff::Timestamp>().ok().map(|t| t.as_second() as f64),
+            sensor_degc: calibration.run.temperature_degc,
+            coil_degc: calibration.run.coil_temperature_degc,
             field_nt: Some(most).filter(|m| m.is_finite() && *m > 0.0),
             values: SensorValues {
                 scale: sigma,
@@ -91,12 +96,12 @@ impl RunValues {
     /// The run has no linear calibration.
     pub fn of_run(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &lin::Options) -> Result<Self, DiagnoseError> {
         let made = lin::lin(run, plateaus, &campaign.file.instructions, options)?;
-        let mut own = Self::of_cpf(&made.parameters)?;
+        let mut own = Self::of_calibration(&made.calibration)?;
         let scene = crate::diagnose::Scene::new(run, plateaus, None, &campaign.file.instructions, options.facility.as_ref())
             .map_err(|e| DiagnoseError::Record(e.0))?;
         let (n, p) = scene.design.shape();
         // Where fields beyond a limit were left out, the calibration stands as it is.
-        let linear = (n == made.parameters.quality.blocks_used && p > 3)
+        let linear = (n == made.calibration.quality.blocks_used && p > 3)
             .then(|| crate::diagnose::Search::new(&scene, scene.readings.clone(), &Catalogue::default()).linear())
             .flatten();
         let Some((found, covariance)) = linear else { return Ok(own) };

@@ -1,9 +1,8 @@
 //! CPF: the linear calibration of one run.
 
 use super::Body;
-use crate::data::calibration::Sensitivities;
-use crate::data::calibration::{Angles, LinearQuality, LinearStd, LinearValidity, Matrices, OffsetTrend, PlateauNoise, Setup};
-use crate::data::result::{Conditions, Covariance, Dropped, RunHead};
+use crate::data::calibration::LinearCalibration;
+use crate::data::result::{Conditions, Dropped};
 use crate::model::applied::ModelApplied;
 use crate::model::facility::FacilityApplied;
 use crate::model::linearisation::LinearisationApplied;
@@ -64,26 +63,9 @@ impl Convention {
 pub struct Cpf {
     /// What the numbers mean.
     pub convention: Convention,
-    /// The run.
-    pub run: RunHead,
-    /// Position and timing.
-    pub setup: Setup,
-    /// `Φ` and its parts.
-    pub matrix: Matrices,
-    /// Angles, degrees.
-    pub angle_deg: Angles,
-    /// Offset and residual field.
-    pub offset: OffsetTrend,
-    /// Quality of data and model.
-    pub quality: LinearQuality,
-    /// Standard uncertainties (coverage factor 1).
-    pub std: LinearStd,
-    /// Covariance of the fitted quantities.
-    pub covariance: Covariance,
-    /// Noise of the plateau means.
-    pub noise: PlateauNoise,
-    /// Where the calibration holds.
-    pub valid: LinearValidity,
+    /// What the run says of its sensor.
+    #[serde(flatten)]
+    pub calibration: LinearCalibration,
     /// Temperatures during the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conditions: Option<Conditions>,
@@ -107,7 +89,7 @@ pub struct Cpf {
 impl Body for Cpf {
     const FORMAT: &'static str = "CPF";
     fn file_name(&self) -> String {
-        format!("PARAMETER_LIN__{}.CPF", self.run.id)
+        format!("PARAMETER_LIN__{}.CPF", self.calibration.run.id)
     }
 }
 
@@ -115,16 +97,6 @@ impl Cpf {
     /// Name of the file that a thermal group rests on.
     #[must_use]
     pub fn thermal_file_name(&self) -> String {
-        format!("PARAMETER_TEMPLIN__{}.CPF", self.run.id)
-    }
-}
-
-impl From<&Cpf> for Sensitivities {
-    fn from(cpf: &Cpf) -> Self {
-        Self {
-            sensor: cpf.run.sensor.clone(),
-            mode: cpf.run.mode.clone(),
-            sigma_nt_per_ent: std::array::from_fn(|i| cpf.matrix.sigma[i][i]),
-        }
+        format!("PARAMETER_TEMPLIN__{}.CPF", self.calibration.run.id)
     }
 }

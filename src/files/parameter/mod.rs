@@ -21,10 +21,7 @@ pub use coil::{CoilConvention, CoilResidual, CoilScalar, CoilTilt};
 pub use cpf::{Convention, Cpf};
 pub use emit::toml;
 pub use fpf::{Fpf, FrequencyConvention};
-pub use linearisation::{
-    LinearisationConvention, LinearisationFile, LinearisationPanel, LinearisedAxis, LinearisedRun, PanelFit,
-    linearisation_file_name,
-};
+pub use linearisation::{LinearisationConvention, LinearisationFile, linearisation_file_name};
 pub use model::{Model, ModelEffect, ModelParameter};
 pub use null::{Npf, NullConvention};
 pub use opf::{OffsetConvention, Opf};

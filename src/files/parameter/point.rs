@@ -173,19 +173,20 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Calibrate
 /// A linear calibration under the name of its file in a thermal group.
 impl From<&Cpf> for CalibratedRun {
     fn from(cpf: &Cpf) -> Self {
-        let a = &cpf.angle_deg;
+        let own = &cpf.calibration;
+        let a = &own.angle_deg;
         Self {
             file: cpf.thermal_file_name(),
-            run: (&cpf.run).into(),
+            run: (&own.run).into(),
             channel: cpf.conditions.as_ref().map(|c| c.sensor_channel.clone()),
             values: RunValues::Lin {
-                sigma: std::array::from_fn(|i| cpf.matrix.sigma[i][i]),
+                sigma: own.sigma_nt_per_ent(),
                 xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
-                b_or_ent: cpf.offset.b_or_ent,
-                std: [Some(cpf.std.sigma), Some(cpf.std.xi_deg), Some(cpf.std.b_or_ent)],
+                b_or_ent: own.offset.b_or_ent,
+                std: [Some(own.std.sigma), Some(own.std.xi_deg), Some(own.std.b_or_ent)],
                 rotation_deg: [a.lambda_x, a.mu_y, a.nu_z],
-                rotation_std_deg: cpf.std.lambda_mu_nu_deg,
-                rho: Some(cpf.matrix.rho),
+                rotation_std_deg: own.std.lambda_mu_nu_deg,
+                rho: Some(own.matrix.rho),
             },
         }
     }

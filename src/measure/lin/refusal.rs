@@ -1,10 +1,13 @@
 //! Why a run has no linear calibration, and what to do about it.
 
-use super::MOST_CONDITION;
 use crate::data::run::Kind;
 use crate::fit::FitError;
 use crate::model::sensor::SplitError;
 use thiserror::Error;
+
+/// Largest condition number of the design with columns scaled to one. A programme that drives the three axes has less than ten; at
+/// this value the uncertainty of a sensitivity is four orders worse than the same programme could give.
+pub(super) const MOST_CONDITION: f64 = 1e4;
 
 /// Why a run has no linear calibration.
 #[derive(Clone, Debug, Error, PartialEq)]

@@ -70,15 +70,15 @@ pub(super) fn residual_field(points: &[&CalibratedRun], notes: &mut Vec<Note>) -
 pub(super) fn model_error(points: &[&CalibratedRun], runs: &[&Lin], fits: &[QuantityFit]) -> Option<RunModelErrors> {
     let mut error = RunModelErrors::default();
     for point in points {
-        let p = *runs.iter().find(|lin| lin.parameters.run.id == point.run.id)?;
+        let p = *runs.iter().find(|lin| lin.calibration.run.id == point.run.id)?;
         let t = point.run.temperature_degc?;
         let at = |name: &str| fits.iter().find(|f| f.name == name).map(|f| f.polynomial.evaluate(t).0);
         let three = |names: [&str; 3]| -> Option<[f64; 3]> { Some([at(names[0])?, at(names[1])?, at(names[2])?]) };
         let sigma = three(["sigma_x", "sigma_y", "sigma_z"])?;
         let xi_deg = three(["xi_xy", "xi_xz", "xi_yz"])?;
-        let modelled = compose(&matrix(&p.parameters.matrix.r_nom), &matrix(&p.parameters.matrix.rho), xi_deg, sigma).ok()?;
+        let modelled = compose(&matrix(&p.calibration.matrix.r_nom), &matrix(&p.calibration.matrix.rho), xi_deg, sigma).ok()?;
         // The run's own model leaves its residual; the two models differ in the matrix only.
-        let own = matrix(&p.parameters.matrix.phi);
+        let own = matrix(&p.calibration.matrix.phi);
         let change = (modelled - own) * own.try_inverse()?;
         let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for block in p.blocks.iter().filter(|b| b.plateau.dropped.is_none()) {
@@ -98,7 +98,7 @@ pub(super) fn model_error(points: &[&CalibratedRun], runs: &[&Lin], fits: &[Quan
 
 /// The joint fit of the runs of a group, started at the two-step result.
 pub(super) fn joint_fit(points: &[&CalibratedRun], runs: &[&Lin], fits: &[QuantityFit]) -> Result<JointFit, JointError> {
-    let own = |point: &CalibratedRun| runs.iter().find(|lin| lin.parameters.run.id == point.run.id);
+    let own = |point: &CalibratedRun| runs.iter().find(|lin| lin.calibration.run.id == point.run.id);
     let missing: Vec<&str> = points.iter().filter(|p| own(p).is_none()).map(|p| p.file.as_str()).collect();
     if !missing.is_empty() {
         return Err(JointError::NotAtHand { files: missing.into_iter().map(str::to_owned).collect() });
@@ -112,7 +112,7 @@ pub(super) fn joint_fit(points: &[&CalibratedRun], runs: &[&Lin], fits: &[Quanti
 
 /// A linear calibration as a run of the joint fit.
 fn joint_run(lin: &Lin) -> JointRun {
-    let mean_degc = lin.parameters.run.temperature_degc.unwrap_or(f64::NAN);
+    let mean_degc = lin.calibration.run.temperature_degc.unwrap_or(f64::NAN);
     let plateau = |p: &crate::data::plateau::Plateau| JointPlateau {
         field_coil_nt: p.setting.field.0,
         reading_ent: p.mean.0,
@@ -123,12 +123,12 @@ fn joint_run(lin: &Lin) -> JointRun {
         t_s: p.t_s(),
     };
     JointRun {
-        run: lin.parameters.run.id.clone(),
-        r_nom: matrix(&lin.parameters.matrix.r_nom),
-        rho: matrix(&lin.parameters.matrix.rho),
+        run: lin.calibration.run.id.clone(),
+        r_nom: matrix(&lin.calibration.matrix.r_nom),
+        rho: matrix(&lin.calibration.matrix.rho),
         plateaus: lin.blocks.iter().map(|b| &b.plateau).filter(|p| p.dropped.is_none()).map(plateau).collect(),
-        trend_order: lin.parameters.offset.trend_order,
-        noise_ent: lin.parameters.noise.std_ent,
+        trend_order: lin.calibration.offset.trend_order,
+        noise_ent: lin.calibration.noise.std_ent,
     }
 }
 

@@ -25,7 +25,7 @@ fn clean_runs_are_not_sent_to_the_diagnosis() {
             let options = Options::default();
             let plateaus = plateau::of_run(run, sink, options.settling, options.least_coverage);
             let result = lin(run, &plateaus, &made.campaign.file.instructions, &options).unwrap();
-            result.parameters.warnings.into_iter().find(|w| w.contains("run calfit diagnose"))
+            result.notes.iter().map(ToString::to_string).find(|n| n.contains("run calfit diagnose"))
         };
         let all: Vec<String> = (0..count).into_par_iter().filter_map(fired).collect();
         println!("{}: {} of {count} clean runs fired {all:?}", family.name(), all.len());

@@ -1,0 +1,107 @@
+//! The linear model of a run and its fit to the means of the plateaus.
+
+use super::refusal::{LinError, MOST_CONDITION};
+use crate::data::plateau::Plateau;
+use crate::data::units::COMPONENTS;
+use crate::fit::statistics::extremes;
+use crate::fit::{FitError, Limits, Robust, Solution, linear, robust};
+use crate::record::baseline::Baseline;
+use nalgebra::DMatrix;
+
+/// Least part of the variance of a component that the applied field must explain.
+const LEAST_EXPLAINED: f64 = 0.99;
+
+/// The means of a fit with the model that is fitted to them.
+pub(super) struct Means {
+    /// The model.
+    pub baseline: Baseline,
+    /// Reference fields, nT.
+    pub fields_nt: Vec<[f64; 3]>,
+    /// Middles of the plateaus, s since the run's start.
+    pub t_s: Vec<f64>,
+    /// First and last of them.
+    pub span_s: [f64; 2],
+}
+
+impl Means {
+    /// Of the plateaus that are used; tau runs from -1 to +1 over their middles.
+    pub fn of(used: &[&Plateau], order: usize) -> Self {
+        let t_s: Vec<f64> = used.iter().map(|p| p.t_s()).collect();
+        let span_s = extremes(t_s.iter().copied());
+        let fields_nt = used.iter().map(|p| p.setting.field.0).collect();
+        Self { baseline: Baseline::in_time(span_s, order), fields_nt, t_s, span_s }
+    }
+
+    /// The design matrix of a component.
+    pub fn design(&self) -> Result<linear::Design, FitError> {
+        self.baseline.design(&self.fields_nt, &self.t_s)
+    }
+
+    /// Mean `B_or` over the plateaus, enT.
+    pub fn mean_b_or_ent(&self, stacked: &[f64]) -> [f64; 3] {
+        let mean =
+            |k: usize| self.t_s.iter().map(|t| self.baseline.mapped(*t).powi(k as i32)).sum::<f64>() / self.t_s.len() as f64;
+        let powers: Vec<f64> = (0..=self.baseline.offset_order()).map(mean).collect();
+        std::array::from_fn(|a| self.baseline.offsets_ent(stacked, a).iter().zip(&powers).map(|(c, m)| c * m).sum())
+    }
+}
+
+/// A fit of the means.
+pub(super) struct Fitted {
+    /// The solution.
+    pub solution: Solution,
+    pseudo: Option<Solution>,
+    /// Weights of the plateaus in a robust fit, otherwise 1.
+    pub weights: Vec<f64>,
+    /// Plateaus with reduced weight; absent if the fit was not robust.
+    pub downweighted: Option<usize>,
+}
+
+impl Fitted {
+    /// The solution whose residuals show the noise.
+    pub fn for_noise(&self) -> &Solution {
+        self.pseudo.as_ref().unwrap_or(&self.solution)
+    }
+}
+
+/// Fits the means by least squares, or with less weight for outlying plateaus.
+pub(super) fn fit(used: &[&Plateau], means: &Means, is_robust: bool) -> Result<Fitted, LinError> {
+    let rhs = DMatrix::from_fn(used.len(), 3, |row, component| used[row].mean.0[component]);
+    let limits = Limits { max_condition: MOST_CONDITION };
+    let explain = |error: FitError| match error {
+        FitError::Undetermined { parameters, condition } => LinError::Undetermined { parameters, condition },
+        other => LinError::Fit(other),
+    };
+    let design = means.design().map_err(explain)?;
+    if is_robust {
+        let Robust { solution, pseudo, weights, downweighted, .. } =
+            robust::fit(&design, &rhs, None, &limits).map_err(explain)?;
+        Ok(Fitted { solution, pseudo: Some(pseudo), weights, downweighted: Some(downweighted) })
+    } else {
+        let solution = linear::solve(&design, &rhs, None, &limits).map_err(explain)?;
+        Ok(Fitted { solution, pseudo: None, weights: vec![1.0; used.len()], downweighted: None })
+    }
+}
+
+/// A component whose variance the field does not explain belongs to other settings, or is stuck.
+pub(super) fn check_followed(used: &[&Plateau], solution: &Solution) -> Result<(), LinError> {
+    for (component, name) in COMPONENTS.into_iter().enumerate() {
+        let values: Vec<f64> = used.iter().map(|p| p.mean.0[component]).collect();
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let total: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+        let left: f64 = solution.residuals.column(component).norm_squared();
+        if total == 0.0 {
+            return Err(LinError::Stuck { component: name, reading_ent: mean });
+        }
+        let explained = 1.0 - left / total;
+        if explained < LEAST_EXPLAINED {
+            return Err(LinError::Unrelated { component: name, explained });
+        }
+    }
+    Ok(())
+}
+
+/// The coefficients of all components in one list, component after component.
+pub(super) fn stack(coefficients: &DMatrix<f64>) -> Vec<f64> {
+    coefficients.column_iter().flat_map(|column| column.iter().copied().collect::<Vec<f64>>()).collect()
+}

@@ -1,0 +1,128 @@
+//! What a linear fit leaves, plateau by plateau, and what a person should know about it.
+
+use super::fit::Means;
+use super::result::Block;
+use crate::data::note::{Note, NoteKind};
+use crate::data::plateau::Plateau;
+use crate::data::result::Summary;
+use crate::data::units::{COMPONENTS, FieldCoil};
+use crate::fit::DenseNoise;
+use crate::fit::statistics::median;
+use crate::measure::structure;
+use crate::model::sensor::{Linear, Split, SplitError, misplaced_axes};
+use crate::record::conditions::Temperatures;
+use nalgebra::Matrix3;
+
+/// A residual scatter of this many times the standard error of the plateau means is not noise of the samples.
+const LACK_OF_FIT: f64 = 10.0;
+/// A residual of this many robust standard deviations is an outlier.
+const OUTLIER: f64 = 8.0;
+/// A noise below this part of the largest reading is rounding.
+const ROUNDING: f64 = 1e-12;
+
+/// Every plateau with its residual; `weights` are those of the used ones in turn.
+pub(super) fn blocks(
+    list: &[Plateau],
+    weights: &[f64],
+    split: &Split,
+    means: &Means,
+    stacked: &[f64],
+) -> Result<Vec<Block>, SplitError> {
+    let sensor = Linear::new(split.phi)?;
+    let residual = |p: &Plateau| -> FieldCoil {
+        let modelled = sensor.field(p.mean, means.baseline.at(stacked, p.t_s()).1);
+        FieldCoil(std::array::from_fn(|axis| p.setting.field.0[axis] - modelled.0[axis]))
+    };
+    let mut weights = weights.iter();
+    let block = |p: &Plateau| Block {
+        residual_coil_nt: p.mean.0.iter().all(|v| v.is_finite()).then(|| residual(p)),
+        standard_error_coil_nt: standard_error_coil_nt(p, &split.phi),
+        weight: if p.dropped.is_none() { weights.next().copied().unwrap_or(1.0) } else { 0.0 },
+        plateau: p.clone(),
+    };
+    Ok(list.iter().map(block).collect())
+}
+
+/// Standard deviation and extremes of the residuals of the used plateaus.
+pub(super) fn residual_summary(blocks: &[Block]) -> Summary {
+    let used: Vec<[f64; 3]> =
+        blocks.iter().filter(|b| b.plateau.dropped.is_none()).filter_map(|b| b.residual_coil_nt).map(|r| r.0).collect();
+    let n = used.len() as f64;
+    Summary {
+        std: std::array::from_fn(|a| {
+            let mean = used.iter().map(|r| r[a]).sum::<f64>() / n;
+            (used.iter().map(|r| (r[a] - mean).powi(2)).sum::<f64>() / n).sqrt()
+        }),
+        max: std::array::from_fn(|a| used.iter().map(|r| r[a]).fold(f64::NEG_INFINITY, f64::max)),
+        min: std::array::from_fn(|a| used.iter().map(|r| r[a]).fold(f64::INFINITY, f64::min)),
+    }
+}
+
+/// Standard error of a plateau mean carried to coil axes, nT.
+fn standard_error_coil_nt(plateau: &Plateau, phi: &Matrix3<f64>) -> Option<[f64; 3]> {
+    let (std_ent, count) = (plateau.std_ent?, plateau.count.filter(|n| *n > 0)?);
+    let variance_ent2 = std_ent.map(|s| s * s / count as f64);
+    Some(std::array::from_fn(|axis| (0..3).map(|c| phi[(axis, c)].powi(2) * variance_ent2[c]).sum::<f64>().sqrt()))
+}
+
+/// Says where the residuals are larger than what the samples scatter, and which plateaus stand out.
+pub(super) fn judge_fit(notes: &mut Vec<Note>, blocks: &[Block]) {
+    let used: Vec<&Block> = blocks.iter().filter(|b| b.plateau.dropped.is_none()).collect();
+    for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
+        let residuals: Vec<f64> = used.iter().filter_map(|b| b.residual_coil_nt).map(|r| r.0[axis]).collect();
+        let errors: Option<Vec<f64>> = used.iter().map(|b| b.standard_error_coil_nt.map(|e| e[axis])).collect();
+        let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
+        let scatter = rms(&residuals);
+        if let Some(expected) = errors.map(|e| rms(&e)).filter(|e| *e > 0.0 && scatter > LACK_OF_FIT * *e) {
+            let text = format!(
+                "the {name} residuals scatter by {scatter:.3} nT where the samples of the plateaus let expect {expected:.3} nT; \
+                 the model lacks something, or plateaus are disturbed"
+            );
+            notes.push(Note::new(NoteKind::Fit, text).about(name));
+        }
+        let mut magnitudes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
+        let robust_std = median(&mut magnitudes) / 0.6745;
+        let outliers: Vec<String> = used
+            .iter()
+            .filter(|b| b.residual_coil_nt.is_some_and(|r| robust_std > 0.0 && r.0[axis].abs() > OUTLIER * robust_std))
+            .map(|b| (b.plateau.index + 1).to_string())
+            .collect();
+        if !outliers.is_empty() {
+            let text = format!("blocks {} stand out in {name} by more than {OUTLIER} standard deviations", outliers.join(", "));
+            notes.push(Note::new(NoteKind::Fit, text).about(name).with_remedy("look at them, or use --robust"));
+        }
+    }
+}
+
+/// Says which axes do not stand as the position has them.
+pub(super) fn warn_of_axes(notes: &mut Vec<Note>, split: &Split) {
+    let misplaced = misplaced_axes(split);
+    if split.rho.determinant() < 0.0 {
+        let text = "the sensor axes are left-handed against the position; two components are swapped or one has the wrong sign, and no rotation leads there";
+        notes.push(Note::new(NoteKind::Axes, text));
+    }
+    for (component, along) in misplaced {
+        let name = COMPONENTS.get(component).copied().unwrap_or("?");
+        let text = format!("component {name} looks along the nominal {along} axis");
+        notes.push(Note::new(NoteKind::Axes, text).about(name).with_remedy("check the position, the wiring and the signs"));
+    }
+}
+
+/// Whether the residuals depend on something that the model does not have.
+pub(super) fn structure_of(
+    temperatures: &Temperatures,
+    list: &[Plateau],
+    used: &[&Plateau],
+    means: &Means,
+    noise: &DenseNoise,
+) -> Option<Note> {
+    let columns = means.baseline.columns(&means.fields_nt, &means.t_s);
+    structure::note(&structure::Rows::of(list, used, &temperatures.sensor, &columns, noise))
+}
+
+/// Says where readings without noise leave the uncertainties open.
+pub(super) fn rounding_of(used: &[&Plateau], noise: &DenseNoise) -> Option<Note> {
+    let readings = used.iter().flat_map(|p| p.mean.0).fold(0.0, |a: f64, v| a.max(v.abs()));
+    let text = "the readings follow the model to the last digit: their scatter does not tell the uncertainties";
+    noise.noise.iter().any(|n| n.std < ROUNDING * readings).then(|| Note::new(NoteKind::Method, text))
+}

@@ -1,0 +1,48 @@
+//! How a linear calibration is made.
+
+use crate::data::plateau::{LEAST_COVERAGE, Settling};
+use crate::model::facility::Facility;
+use crate::model::linearisation::Linearisation;
+use crate::record::known::Known;
+
+/// How a linear calibration is made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Order of the offset trend, 0 to 2; `None` takes that of the campaign, or 2.
+    pub trend_order: Option<usize>,
+    /// Largest magnitude of the field along a nominal sensor axis, nT, beside those of the campaign.
+    pub max_field_nt: [Option<f64>; 3],
+    /// Give outlying plateaus less weight.
+    pub robust: bool,
+    /// Settling after a step.
+    pub settling: Settling,
+    /// Least part of the expected samples of a plateau.
+    pub least_coverage: f64,
+    /// Go on when a sensitivity is far from its nominal value.
+    pub allow_gain: bool,
+    /// Go on when the readings do not follow the settings.
+    pub allow_mismatch: bool,
+    /// The facility that turns settings into the reference field; `None` takes the settings as the field.
+    pub facility: Option<Facility>,
+    /// The polynomials that linearise the readings; `None` takes the readings as they are.
+    pub linearisation: Option<Linearisation>,
+    /// Known effects, which are taken off the readings.
+    pub model: Option<Known>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            trend_order: None,
+            max_field_nt: [None; 3],
+            robust: false,
+            settling: Settling::Found,
+            least_coverage: LEAST_COVERAGE,
+            allow_gain: false,
+            allow_mismatch: false,
+            facility: None,
+            linearisation: None,
+            model: None,
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! A run made ready for its linear fit: what refuses it before any fit, and the plateaus as the fit takes them.
+
+use super::fit::{Means, stack};
+use super::options::Options;
+use super::refusal::LinError;
+use crate::data::note::Note;
+use crate::data::plateau::{Drop, Plateau, Plateaus};
+use crate::data::run::{Kind, Run};
+use crate::fit::{DenseNoise, FitError, Limits, linear};
+use crate::model::campaign::Instructions;
+use crate::model::facility::FacilityApplied;
+use crate::model::linearisation::LinearisationApplied;
+use crate::model::position::Position;
+use crate::record::known::{self, Applied};
+use crate::record::{conditions, linearised};
+use nalgebra::{DMatrix, DVector};
+
+/// Order of the offset trend where nothing else is said, as in the campaign of 2013.
+const DEFAULT_ORDER: usize = 2;
+
+/// Order of the offset trend of a run that can be fitted.
+pub(super) fn trend_order(
+    run: &Run,
+    plateaus: &Plateaus,
+    instructions: &Instructions,
+    options: &Options,
+) -> Result<usize, LinError> {
+    if run.header.kind != Kind::Linearity {
+        return Err(LinError::Kind(run.header.kind));
+    }
+    let order = options
+        .trend_order
+        .or_else(|| instructions.offset_trend_order.and_then(|o| usize::try_from(o).ok()))
+        .unwrap_or(DEFAULT_ORDER);
+    if order > 2 {
+        return Err(LinError::Order(order));
+    }
+    if plateaus.list.is_empty() {
+        return Err(LinError::NoPlateaus);
+    }
+    if plateaus.edge_shift_s.abs() > plateaus.tolerable_shift_s && !options.allow_mismatch {
+        return Err(LinError::Edges { shift_s: plateaus.edge_shift_s });
+    }
+    if plateaus.still_settling {
+        return Err(LinError::Unsettled { settling_s: plateaus.settling_s });
+    }
+    Ok(order)
+}
+
+/// The plateaus of a run with reference fields and corrected readings, and what was applied to them.
+pub(super) struct Prepared<'a> {
+    options: &'a Options,
+    /// Id of the position.
+    pub position_id: u32,
+    /// The position of all plateaus.
+    pub position: Position,
+    /// All plateaus; those that the fit does not take have a reason.
+    pub list: Vec<Plateau>,
+    /// The facility that turned settings into fields.
+    pub facility: Option<FacilityApplied>,
+    /// The known effects that were taken off.
+    pub known: Option<Applied>,
+    /// The linearisation of the readings.
+    pub linearisation: Option<LinearisationApplied>,
+}
+
+impl<'a> Prepared<'a> {
+    /// Applies limits, facility, known effects and linearisation, each once and in this order.
+    pub fn of(
+        run: &Run,
+        plateaus: &Plateaus,
+        instructions: &Instructions,
+        options: &'a Options,
+        notes: &mut Vec<Note>,
+    ) -> Result<Self, LinError> {
+        let (position_id, position) = the_position(plateaus, instructions)?;
+        let mut list = plateaus.list.clone();
+        apply_limits(&mut list, position, &limits_nt(run, instructions, options));
+        let facility =
+            options.facility.as_ref().map(|f| conditions::apply_facility(f, run, instructions, &mut list, notes)).transpose()?;
+        let known = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, instructions, notes));
+        let linearisation = options.linearisation.as_ref().map(|l| linearised::apply(l, run, &mut list, notes));
+        Ok(Self { options, position_id, position, list, facility, known, linearisation })
+    }
+
+    /// The plateaus that the fit takes, or why they are too few for a trend of this order.
+    pub fn used(&self, order: usize) -> Result<Vec<&Plateau>, LinError> {
+        let used: Vec<&Plateau> = self.list.iter().filter(|p| p.dropped.is_none()).collect();
+        let parameters = 4 + order;
+        if used.len() > parameters { Ok(used) } else { Err(too_few(&self.list, used.len(), parameters)) }
+    }
+
+    /// Covariance of all coefficients, parameter j of component a at `a * p + j`: from the noise, and from the uncertainty of what was
+    /// applied to the readings.
+    pub fn covariance(&self, noise: &DenseNoise, means: &Means, used: &[&Plateau]) -> Result<DMatrix<f64>, FitError> {
+        let mut covariance = noise.covariance();
+        if let Some(linearisation) = &self.options.linearisation {
+            covariance += linearised::carried(linearisation, &means.design()?, used)?;
+        }
+        if let Some(known) = &self.known {
+            covariance += carried(known, &self.list, &means.design()?)?;
+        }
+        Ok(covariance)
+    }
+}
+
+/// What the uncertainty of known effects adds to the covariance of all coefficients, parameter j of component a at `a * p + j`. The
+/// parameters of the effects are taken as independent of each other.
+fn carried(known: &Applied, list: &[Plateau], design: &linear::Design) -> Result<DMatrix<f64>, FitError> {
+    let places: Vec<usize> = (0..list.len()).filter(|i| list[*i].dropped.is_none()).collect();
+    let count = design.names().len();
+    let mut covariance = DMatrix::zeros(3 * count, 3 * count);
+    for (std, values) in &known.carried {
+        let rhs = DMatrix::from_fn(places.len(), 3, |i, a| std * values[places[i]][a]);
+        let moved = linear::solve(design, &rhs, None, &Limits::default())?.coefficients;
+        let stacked = DVector::from_vec(stack(&moved));
+        covariance += &stacked * stacked.transpose();
+    }
+    Ok(covariance)
+}
+
+/// The one position of all settings.
+pub(in crate::measure) fn the_position(plateaus: &Plateaus, instructions: &Instructions) -> Result<(u32, Position), LinError> {
+    match plateaus.positions().as_slice() {
+        [id] => instructions.position(*id).map(|p| (*id, p)).ok_or(LinError::UnknownPosition(*id)),
+        several => Err(LinError::Positions(several.iter().map(u32::to_string).collect::<Vec<_>>().join(", "))),
+    }
+}
+
+fn limits_nt(run: &Run, instructions: &Instructions, options: &Options) -> [Option<f64>; 3] {
+    let mut limits = instructions.limits_nt(&run.header);
+    for (limit, own) in limits.iter_mut().zip(options.max_field_nt) {
+        // What the analyst asks for now replaces what the campaign says.
+        *limit = own.or(*limit);
+    }
+    limits
+}
+
+/// Drops plateaus whose field along a nominal sensor axis is beyond a limit.
+pub(in crate::measure) fn apply_limits(list: &mut [Plateau], position: Position, limits_nt: &[Option<f64>; 3]) {
+    for plateau in list.iter_mut().filter(|p| p.dropped.is_none()) {
+        let along = position.to_nominal(plateau.setting.field.0);
+        plateau.dropped = (0..3).find_map(|component| {
+            let limit_nt = limits_nt[component]?;
+            (along[component].abs() > limit_nt).then_some(Drop::FieldLimit { component, limit_nt })
+        });
+    }
+}
+
+fn too_few(list: &[Plateau], used: usize, parameters: usize) -> LinError {
+    let mut reasons: Vec<(String, usize)> = Vec::new();
+    for reason in list.iter().filter_map(|p| p.dropped.as_ref()).map(Drop::to_string) {
+        match reasons.iter_mut().find(|(r, _)| *r == reason) {
+            Some((_, n)) => *n += 1,
+            None => reasons.push((reason, 1)),
+        }
+    }
+    reasons.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
+    let unsettled = reasons.first().is_some_and(|(reason, _)| *reason == Drop::NoSamples.to_string());
+    let reasons = match reasons.as_slice() {
+        [] => "none".to_owned(),
+        some => some.iter().take(3).map(|(reason, n)| format!("{n} x {reason}")).collect::<Vec<_>>().join(", "),
+    };
+    LinError::TooFew { used, parameters, dropped: list.len() - used, total: list.len(), reasons, unsettled }
+}
