@@ -144,15 +144,15 @@ fn nine_parameters_come_back_and_the_intervals_cover() {
         let p = &result;
         let of =
             |part: &calfit::model::facility::FacilityParameters| [part.scale_nt_per_eu, part.offset_nt, part.angles_deg].concat();
-        let (found, std) = (of(&p.facility), of(&p.std));
-        let factor = student_95(p.quality.degrees_of_freedom);
+        let (found, std) = (of(&p.found.facility), of(&p.found.std));
+        let factor = student_95(p.found.quality.degrees_of_freedom);
         for j in 0..9 {
             let error = (found[j] - truth[j]).abs();
             beyond[j] += u32::from(error > most[j]);
             worst[j] = worst[j].max(error);
             covered[j] += u32::from(error < factor * std[j]);
         }
-        assert!((0.07..0.13).contains(&p.quality.residual_std_nt) && p.quality.condition < 5.0);
+        assert!((0.07..0.13).contains(&p.found.quality.residual_std_nt) && p.found.quality.condition < 5.0);
     }
     println!("covered of {SEEDS}: {covered:?}; largest errors {worst:?}; beyond {beyond:?}");
     // 2e-6 are three standard uncertainties of 83 moduli with 0.1 nT of noise: one error in 400 is larger.
@@ -179,18 +179,18 @@ fn temperature_coefficients_come_back_from_four_calibrations() {
     };
     let runs: Vec<Run> = (0..4).map(|i| calibration(i, &mut gauss)).collect();
     let p = calibrate(&runs, &Options { rack_channel: Some("T55".to_owned()) });
-    assert_eq!((p.facility.reference_degc, p.facility.rack_reference_degc), (Some(16.6), Some(31.8)));
+    assert_eq!((p.found.facility.reference_degc, p.found.facility.rack_reference_degc), (Some(16.6), Some(31.8)));
     let within = |found: Option<Three>, std: Option<Three>, truth: Three, most: f64| {
         for k in 0..3 {
             let (found, std) = (found.unwrap()[k], std.unwrap()[k]);
             assert!((found - truth[k]).abs() < 3.5 * std && std < most, "{found} ± {std} is not {}", truth[k]);
         }
     };
-    within(p.facility.scale_per_k, p.std.scale_per_k, SCALE_PER_K, 2e-6);
-    within(p.facility.offset_nt_per_k, p.std.offset_nt_per_k, OFFSET_PER_K, 0.06);
-    within(p.facility.rack_scale_per_k, p.std.rack_scale_per_k, [RACK_SCALE_PER_K; 3], 4e-7);
-    within(p.facility.rack_offset_nt_per_k, p.std.rack_offset_nt_per_k, [0.0; 3], 0.02);
-    assert!(p.calibration.len() == 4 && p.notes.is_empty(), "{:?}", p.notes);
+    within(p.found.facility.scale_per_k, p.found.std.scale_per_k, SCALE_PER_K, 2e-6);
+    within(p.found.facility.offset_nt_per_k, p.found.std.offset_nt_per_k, OFFSET_PER_K, 0.06);
+    within(p.found.facility.rack_scale_per_k, p.found.std.rack_scale_per_k, [RACK_SCALE_PER_K; 3], 4e-7);
+    within(p.found.facility.rack_offset_nt_per_k, p.found.std.rack_offset_nt_per_k, [0.0; 3], 0.02);
+    assert!(p.found.calibration.len() == 4 && p.notes.is_empty(), "{:?}", p.notes);
 }
 
 #[test]
@@ -201,8 +201,12 @@ fn a_facility_that_changed_between_calibrations_has_the_spread_as_uncertainty() 
     let settings = directions(&mut gauss);
     let runs = [run(23, &FACILITY, &settings, &[], &mut gauss), run(25, &later, &settings, &[], &mut gauss)];
     let p = calibrate(&runs, &Options::default());
-    assert!((p.facility.offset_nt[1] + 3.3).abs() < 0.1 && (p.std.offset_nt[1] - 1.1).abs() < 0.1, "{:?}", p.std);
-    assert!((p.calibration[1].facility.offset_nt[1] + 4.4).abs() < 0.1);
+    assert!(
+        (p.found.facility.offset_nt[1] + 3.3).abs() < 0.1 && (p.found.std.offset_nt[1] - 1.1).abs() < 0.1,
+        "{:?}",
+        p.found.std
+    );
+    assert!((p.found.calibration[1].facility.offset_nt[1] + 4.4).abs() < 0.1);
     says(
         &p.notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"),
         &["the offset field of Y differs between the calibrations"],

@@ -5,6 +5,35 @@
 use super::result::Spread;
 use serde::{Deserialize, Serialize};
 
+/// Offset and residual field with their uncertainties. What is not determined is nan.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OffsetValues {
+    /// Offset of the sensor, enT, sensor axes.
+    pub offset_ent: [f64; 3],
+    /// Standard uncertainty of the offset, enT.
+    pub offset_std_ent: [f64; 3],
+    /// Residual field of the coil system, enT, along the sensor axes in the normal position.
+    pub residual_ent: [f64; 3],
+    /// Standard uncertainty of the residual field, enT.
+    pub residual_std_ent: [f64; 3],
+    /// Residual field of the coil system, nT, coil axes.
+    pub residual_coil_nt: [f64; 3],
+    /// Its standard uncertainty, nT.
+    pub residual_coil_std_nt: [f64; 3],
+}
+
+impl OffsetValues {
+    /// Nothing is determined.
+    pub const UNDETERMINED: Self = Self {
+        offset_ent: [f64::NAN; 3],
+        offset_std_ent: [f64::NAN; 3],
+        residual_ent: [f64::NAN; 3],
+        residual_std_ent: [f64::NAN; 3],
+        residual_coil_nt: [f64::NAN; 3],
+        residual_coil_std_nt: [f64::NAN; 3],
+    };
+}
+
 /// How the components were separated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OffsetMethod {

@@ -4,6 +4,38 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Temperature from the signal of a thermistor, and how well it describes the table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ThermistorPolynomial {
+    /// Name of the table without its end.
+    pub table: String,
+    /// `u` or `r`.
+    pub signal: String,
+    /// `V` or `ohm`.
+    pub signal_unit: String,
+    /// Order of the polynomial.
+    pub order: usize,
+    /// Why this one.
+    pub reason: String,
+    /// Coefficients, °C per unitᵏ, lowest first.
+    pub coefficients: Vec<f64>,
+    /// Their standard uncertainties.
+    pub coefficients_std: Vec<f64>,
+    /// Largest residual, °C.
+    pub residual_max_degc: f64,
+    /// Standard deviation of the residuals, °C.
+    pub residual_std_degc: f64,
+    /// Largest residual that is asked for, °C.
+    pub within_degc: f64,
+    /// The lowest order whose residuals are within that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub order_within: Option<usize>,
+    /// Smallest and largest signal of the table: the polynomial holds between them.
+    pub valid_signal: [f64; 2],
+    /// Smallest and largest temperature of the table, °C.
+    pub valid_degc: [f64; 2],
+}
+
 /// One order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TriedOrder {

@@ -6,7 +6,8 @@
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
 use crate::data::tables::ThermistorRow;
-use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, TriedOrder};
+use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, ThermistorPolynomial, TriedOrder};
+use crate::fit::statistics::extremes;
 use crate::fit::{FitError, Limits, Polynomial, order, polynomial};
 use thiserror::Error;
 
@@ -91,32 +92,8 @@ impl ThermistorError {
 /// A polynomial with its table.
 #[derive(Clone, Debug)]
 pub struct Thermistor {
-    /// Name of the table without its end.
-    pub table: String,
-    /// `u` or `r`.
-    pub signal: String,
-    /// `V` or `ohm`.
-    pub signal_unit: String,
-    /// Order of the polynomial.
-    pub order: usize,
-    /// Why this one.
-    pub reason: String,
-    /// Coefficients, °C per unitᵏ, lowest first.
-    pub coefficients: Vec<f64>,
-    /// Their standard uncertainties.
-    pub coefficients_std: Vec<f64>,
-    /// Largest residual, °C.
-    pub residual_max_degc: f64,
-    /// Standard deviation of the residuals, °C.
-    pub residual_std_degc: f64,
-    /// Largest residual that is asked for, °C.
-    pub within_degc: f64,
-    /// The lowest order whose residuals are within that.
-    pub order_within: Option<usize>,
-    /// Smallest and largest signal of the table: the polynomial holds between them.
-    pub valid_signal: [f64; 2],
-    /// Smallest and largest temperature of the table, °C.
-    pub valid_degc: [f64; 2],
+    /// The polynomial.
+    pub polynomial: ThermistorPolynomial,
     /// Covariance of the coefficients.
     pub covariance: Covariance,
     /// A polynomial given for comparison.
@@ -224,10 +201,9 @@ pub fn thermistor(
             difference_max_degc: largest(residuals.iter().zip(&best.residuals).map(|(a, b)| a - b)),
         }
     });
-    let bounds =
-        |v: &[f64]| [v.iter().copied().fold(f64::INFINITY, f64::min), v.iter().copied().fold(f64::NEG_INFINITY, f64::max)];
-    let reference =
-        reference.map(|rows| compare_with(rows, &fit, signal, options.divider, bounds(&x), &mut notes)).transpose()?;
+    let reference = reference
+        .map(|rows| compare_with(rows, &fit, signal, options.divider, extremes(x.iter().copied()), &mut notes))
+        .transpose()?;
     let covariance = fit.covariance();
     let row = (0..rows.len()).map(|i| FittedTableRow {
         signal: x[i],
@@ -238,18 +214,21 @@ pub fn thermistor(
         best_residual_degc: best.as_ref().map(|b| b.residuals[i]),
     });
     Ok(Thermistor {
-        table: name.to_owned(),
-        signal: signal.name().to_owned(),
-        signal_unit: signal.unit().to_owned(),
-        order: wanted,
-        reason,
-        coefficients_std: (0..=wanted).map(|k| covariance[(k, k)].sqrt()).collect(),
-        residual_max_degc,
-        residual_std_degc: fit.residual_std,
-        within_degc: options.within_degc,
-        order_within,
-        valid_signal: bounds(&x),
-        valid_degc: bounds(&y),
+        polynomial: ThermistorPolynomial {
+            table: name.to_owned(),
+            signal: signal.name().to_owned(),
+            signal_unit: signal.unit().to_owned(),
+            order: wanted,
+            reason,
+            coefficients: fit.coefficients.clone(),
+            coefficients_std: (0..=wanted).map(|k| covariance[(k, k)].sqrt()).collect(),
+            residual_max_degc,
+            residual_std_degc: fit.residual_std,
+            within_degc: options.within_degc,
+            order_within,
+            valid_signal: extremes(x.iter().copied()),
+            valid_degc: extremes(y.iter().copied()),
+        },
         covariance: Covariance {
             parameters: (0..=wanted).map(|k| format!("c_{k}")).collect(),
             units: (0..=wanted).map(|k| format!("degC/{}^{k}", signal.unit())).collect(),
@@ -260,7 +239,6 @@ pub fn thermistor(
         orders,
         row: row.collect(),
         notes,
-        coefficients: fit.coefficients.clone(),
     })
 }
 
@@ -343,7 +321,7 @@ mod tests {
         let compared = p.compared.unwrap();
         assert!((compared.residual_max_degc - 0.626_556_366_9).abs() < 1e-9);
         assert!(compared.difference_max_degc < 1e-3, "the printed cubic is the best one");
-        assert_eq!((p.order_within, p.order), (Some(5), 5));
+        assert_eq!((p.polynomial.order_within, p.polynomial.order), (Some(5), 5));
     }
 
     #[test]
@@ -352,13 +330,13 @@ mod tests {
         let options = Options { divider: Some([2.5, 1000.0]), order: Some(3), ..options() };
         let p = thermistor("pt1000", &divided, None, &options).unwrap();
         // The table rounds its voltages to 1e-5 V.
-        for (k, (c, printed)) in p.coefficients.iter().zip(PRINTED).enumerate() {
+        for (k, (c, printed)) in p.polynomial.coefficients.iter().zip(PRINTED).enumerate() {
             assert!((c - printed).abs() < 0.2, "{k} {c} {printed}");
         }
         let refused = thermistor("t", &divided, None, &Options { signal: Some(Signal::Voltage), ..self::options() }).unwrap_err();
         assert_eq!(refused, ThermistorError::NoSignal("voltages"));
         let resistance = thermistor("t", &divided, None, &self::options()).unwrap();
-        assert_eq!(resistance.signal, "r");
+        assert_eq!(resistance.polynomial.signal, "r");
     }
 
     #[test]
@@ -368,7 +346,7 @@ mod tests {
         let reference = [row(31.4, 1.0), row(51.6, 2.0), row(71.5, 3.0)];
         let options = Options { order: Some(1), ..options() };
         let p = thermistor("t", &table, Some(&reference), &options).unwrap();
-        assert!((p.coefficients[0] - 10.0).abs() < 1e-12 && (p.coefficients[1] - 20.0).abs() < 1e-12);
+        assert!((p.polynomial.coefficients[0] - 10.0).abs() < 1e-12 && (p.polynomial.coefficients[1] - 20.0).abs() < 1e-12);
         let r = p.reference.unwrap();
         assert!((r.offset_degc + 1.5).abs() < 1e-12);
         assert!((r.offset_std_degc.unwrap() - 0.1 / 3f64.sqrt()).abs() < 1e-12);

@@ -3,7 +3,80 @@
 //! The result of the analysis and its parameter file both hold them, so that each is defined here only.
 
 use super::facility::FacilityParameters;
+use crate::data::result::Covariance;
 use serde::{Deserialize, Serialize};
+
+/// What a scalar calibration of the coil system finds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScalarFound {
+    /// Runs in time order.
+    pub used: Vec<String>,
+    /// Campaign and instrument.
+    pub campaign: String,
+    /// The facility.
+    pub facility: FacilityParameters,
+    /// Standard uncertainties.
+    pub std: FacilityParameters,
+    /// Covariance of all fitted parameters.
+    pub covariance: Covariance,
+    /// Quality of data and model.
+    pub quality: ScalarQuality,
+    /// Every calibration on its own.
+    pub calibration: Vec<ScalarCalibration>,
+    /// Rows that stand out and were left out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub outlier: Vec<ScalarOutlier>,
+    /// Where the calibration holds.
+    pub valid: ScalarValidity,
+}
+
+/// What moduli at plus and minus F say of the residual field.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResidualFound {
+    /// Runs, or the name of the table.
+    pub used: Vec<String>,
+    /// The facility: the residual field of the last state as offset field, ideal coils otherwise.
+    pub facility: FacilityParameters,
+    /// Standard uncertainties; nan for what is not measured.
+    pub std: FacilityParameters,
+    /// States of the facility in their order.
+    pub state: Vec<ResidualState>,
+}
+
+/// What runs of a sensor in several orientations say of sensor and facility.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TiltFound {
+    /// Sensor.
+    pub sensor: String,
+    /// Runs that were used.
+    pub used: Vec<String>,
+    /// The facility that makes the orientations agree.
+    pub facility: FacilityParameters,
+    /// Standard uncertainties; nan where as many orientations as parameters leave nothing to see scatter in.
+    pub std: FacilityParameters,
+    /// The facility that the runs were evaluated with.
+    pub facility_before: FacilityParameters,
+    /// Corrections of the facility: relative (scale), nT (offset), degrees (angles).
+    pub correction: SensorValues,
+    /// The sensor as all orientations see it with the corrected facility.
+    pub sensor_parameters: SensorValues,
+    /// Standard uncertainties of them.
+    pub sensor_std: SensorValues,
+    /// Combinations that the orientations leave undetermined; the corrections have no part along them.
+    pub undetermined: Vec<String>,
+    /// Root mean square deviation of the used orientations from their mean, with the facility as it was.
+    pub spread_before: SensorValues,
+    /// The same with the corrected facility.
+    pub spread_after: SensorValues,
+    /// Standard deviation of one value of one orientation: relative (scale), nT, degrees.
+    pub residual_std: [f64; 3],
+    /// Degrees of freedom of scale factors, offsets, angles.
+    pub degrees_of_freedom: [usize; 3],
+    /// Covariance of the facility's nine parameters.
+    pub covariance: Covariance,
+    /// The orientations.
+    pub orientation: Vec<TiltOrientation>,
+}
 
 /// Quality of a scalar calibration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

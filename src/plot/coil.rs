@@ -10,7 +10,7 @@ const ARCSEC: f64 = 3600.0;
 /// Residuals of the moduli against the settings of the three axes.
 #[must_use]
 pub fn scalar(result: &Scalar) -> Vec<Named> {
-    let p = result;
+    let p = &result.found;
     let std_nt = p.quality.residual_std_nt;
     let figure = |axis: usize| Figure {
         title: format!("Moduli, measured minus modelled, against the {} setting, {}", COIL[axis], p.used.join(", ")),
@@ -53,7 +53,7 @@ fn points(result: &Scalar, axis: usize, used: bool) -> Vec<(f64, f64)> {
 /// Residual fields state by state.
 #[must_use]
 pub fn residual(result: &Residual) -> Vec<Named> {
-    let p = result;
+    let p = &result.found;
     let names: Vec<String> = p.state.iter().enumerate().map(|(i, s)| format!("{}: {}", i + 1, s.name)).collect();
     let figure = Figure {
         title: format!("Residual field of the coil system, {}", p.used.join(", ")),
@@ -85,7 +85,7 @@ pub fn residual(result: &Residual) -> Vec<Named> {
 /// Sensor parameters of the orientations against their mean, before and after the correction of the facility.
 #[must_use]
 pub fn tilt(result: &Tilt) -> Vec<Named> {
-    let p = result;
+    let p = &result.found;
     let names: Vec<String> = p
         .orientation
         .iter()

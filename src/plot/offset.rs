@@ -75,9 +75,9 @@ fn zero_levels(offset: &Offset, id: &str, time: TimeAxis) -> Figure {
                         marks: Marks::Points(levels.collect()),
                     },
                     Series {
-                        label: if p.offset_ent[axis].is_finite() { "offset".to_owned() } else { String::new() },
+                        label: if p.values.offset_ent[axis].is_finite() { "offset".to_owned() } else { String::new() },
                         style: Style::Reference,
-                        marks: Marks::Line(span(p.offset_ent[axis])),
+                        marks: Marks::Line(span(p.values.offset_ent[axis])),
                     },
                 ],
                 bands: vec![],

@@ -17,7 +17,7 @@ pub fn figures(thermistor: &Thermistor) -> Vec<Named> {
         Series { label, style, marks: Marks::Points(points) }
     };
     let mut panels = Vec::new();
-    let mut caption = format!("Temperature of the table minus polynomial in {}.", p.signal_unit);
+    let mut caption = format!("Temperature of the table minus polynomial in {}.", p.polynomial.signal_unit);
     if let Some(c) = &p.compared {
         let order = c.coefficients.len() - 1;
         panels.push(Panel {
@@ -41,14 +41,18 @@ pub fn figures(thermistor: &Thermistor) -> Vec<Named> {
     panels.push(Panel {
         y_label: "residual, °C".to_owned(),
         y_scale: Scale::Linear,
-        series: vec![series(format!("order {} ± its uncertainty", p.order), Style::X, &|r| {
+        series: vec![series(format!("order {} ± its uncertainty", p.polynomial.order), Style::X, &|r| {
             Some((r.residual_degc, Some(r.std_degc).filter(|s| s.is_finite())))
         })],
-        bands: vec![Band { label: format!("±{} °C", p.within_degc), low: -p.within_degc, high: p.within_degc }],
+        bands: vec![Band {
+            label: format!("±{} °C", p.polynomial.within_degc),
+            low: -p.polynomial.within_degc,
+            high: p.polynomial.within_degc,
+        }],
     });
-    caption.push_str(&format!(" Order {} leaves up to {:.4} °C.", p.order, p.residual_max_degc));
+    caption.push_str(&format!(" Order {} leaves up to {:.4} °C.", p.polynomial.order, p.polynomial.residual_max_degc));
     let figure = Figure {
-        title: format!("Residuals of the thermistor table {}", p.table),
+        title: format!("Residuals of the thermistor table {}", p.polynomial.table),
         caption,
         x_label: "temperature, °C".to_owned(),
         x_scale: Scale::Linear,

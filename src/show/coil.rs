@@ -5,7 +5,7 @@ use super::{or_not_stated, parameter_file, remarks, triple, value, yes_or_no};
 use crate::data::units::{COMPONENTS, scientific_with_uncertainty};
 use crate::measure::coil::{ANGLES, AXES, Residual, Scalar, Tilt};
 use crate::model::facility::FacilityParameters;
-use crate::model::facility_calibration::{ScalarOutlier, SensorValues};
+use crate::model::facility_calibration::{ScalarFound, ScalarOutlier, SensorValues, TiltFound};
 use std::fmt::Write;
 
 /// Arc seconds in a degree.
@@ -47,7 +47,7 @@ fn parameters(facility: &FacilityParameters, std: &FacilityParameters) -> Sectio
 /// The sections on a scalar calibration.
 #[must_use]
 pub fn scalar(result: &Scalar, file_name: &str) -> Vec<Section> {
-    let p = result;
+    let p = &result.found;
     let principle = Section::new("Principle")
         .with(
             "Settings in many directions and the modulus of the field that a scalar magnetometer measures at the centre determine three \
@@ -84,11 +84,11 @@ pub fn scalar(result: &Scalar, file_name: &str) -> Vec<Section> {
         let table = Table::new(["run", "row", "time, s", "modulus, nT", "residual, nT"]);
         sections.push(Section::new("Rows not used").with(table.with_rows(p.outlier.iter().map(row))));
     }
-    sections.extend(remarks(&p.notes));
+    sections.extend(remarks(&result.notes));
     sections
 }
 
-fn scalar_quality(p: &Scalar) -> Section {
+fn scalar_quality(p: &ScalarFound) -> Section {
     let q = &p.quality;
     let share = q.direction_share.map(|s| format!("{:.0} %", 100.0 * s));
     Section::new("Quality").with(format!(
@@ -119,7 +119,7 @@ fn summary_of(facility: &FacilityParameters, std: &FacilityParameters) -> String
 /// A few lines for the terminal.
 #[must_use]
 pub fn scalar_summary(result: &Scalar) -> String {
-    let p = result;
+    let p = &result.found;
     let mut out = format!(
         "{}  {} of {} rows, residual standard deviation {:.3} nT, condition {:.1}\n{}",
         p.used.join(", "),
@@ -143,7 +143,7 @@ pub fn scalar_summary(result: &Scalar) -> String {
 /// The sections on residual fields.
 #[must_use]
 pub fn residual(result: &Residual, file_name: &str) -> Vec<Section> {
-    let p = result;
+    let p = &result.found;
     let principle = Section::new("Principle")
         .with(
             "The same field with both signs on one coil axis: half the difference of the moduli is the residual field along that axis.",
@@ -163,7 +163,7 @@ pub fn residual(result: &Residual, file_name: &str) -> Vec<Section> {
         }
         sections.push(Section::new(format!("Residual field, {}", or_not_stated(&state.name))).with(table));
     }
-    sections.extend(remarks(&p.notes));
+    sections.extend(remarks(&result.notes));
     sections
 }
 
@@ -171,7 +171,7 @@ pub fn residual(result: &Residual, file_name: &str) -> Vec<Section> {
 #[must_use]
 pub fn residual_summary(result: &Residual) -> String {
     let mut out = String::new();
-    for state in &result.state {
+    for state in &result.found.state {
         let fields: Vec<String> = state.axis.iter().map(|a| format!("{} {}", a.axis, value(a.residual_nt, a.std_nt))).collect();
         let _ = writeln!(out, "{}  residual field  {}  nT", or_not_stated(&state.name), fields.join(", "));
     }
@@ -181,7 +181,7 @@ pub fn residual_summary(result: &Residual) -> String {
 /// The sections on sensor and facility from several orientations.
 #[must_use]
 pub fn tilt(result: &Tilt, file_name: &str) -> Vec<Section> {
-    let p = result;
+    let p = &result.found;
     let principle = Section::new("Principle")
         .with(
             "Runs of one sensor in several orientations disagree where the parameters of the facility are wrong: what belongs to a coil \
@@ -191,15 +191,15 @@ pub fn tilt(result: &Tilt, file_name: &str) -> Vec<Section> {
         .with(parameter_file(file_name));
     let facility = parameters(&p.facility, &p.std).with_all(corrections(p));
     let mut sections = vec![principle, facility, tilt_sensor(p), orientations(p)];
-    sections.extend(remarks(&p.notes));
+    sections.extend(remarks(&result.notes));
     sections
 }
 
-fn undetermined(p: &Tilt) -> String {
+fn undetermined(p: &TiltFound) -> String {
     if p.undetermined.is_empty() { "nothing".to_owned() } else { p.undetermined.join("; ") }
 }
 
-fn corrections(p: &Tilt) -> [Block; 3] {
+fn corrections(p: &TiltFound) -> [Block; 3] {
     let mut table = Table::new(["axis", "scale factor, 1e-6", "offset field, nT", "angle", "by, arc seconds"]);
     for k in 0..3 {
         let relative = 1e6 / p.facility.scale_nt_per_eu[k];
@@ -215,7 +215,7 @@ fn corrections(p: &Tilt) -> [Block; 3] {
     ["Corrections of the facility that the runs were evaluated with:".into(), table.into(), left.into()]
 }
 
-fn tilt_sensor(p: &Tilt) -> Section {
+fn tilt_sensor(p: &TiltFound) -> Section {
     let mut table = Table::new([
         "sensor",
         "sensitivity, nT/enT",
@@ -249,7 +249,7 @@ fn tilt_sensor(p: &Tilt) -> Section {
         .with(table)
 }
 
-fn orientations(p: &Tilt) -> Section {
+fn orientations(p: &TiltFound) -> Section {
     let mut table = Table::new(["orientation", "runs", "used", "facility", "sensitivities", "offsets, nT", "angles, degrees"]);
     for o in &p.orientation {
         for (which, v) in [("before", &o.before), ("corrected", &o.after)] {
@@ -270,7 +270,7 @@ fn orientations(p: &Tilt) -> Section {
 /// A few lines for the terminal.
 #[must_use]
 pub fn tilt_summary(result: &Tilt) -> String {
-    let p = result;
+    let p = &result.found;
     let line = |v: &SensorValues| {
         format!(
             "{} e-6, {} nT, {} arc seconds",

@@ -33,7 +33,7 @@ fn offsets(p: &Offset) -> Section {
         } else {
             format!("{} ({})", positions.join(", "), p.method.component[i])
         };
-        table.push(cells![MEASURED[i], Cell::uncertain(p.offset_ent[i], p.offset_std_ent[i]), positions]);
+        table.push(cells![MEASURED[i], Cell::uncertain(p.values.offset_ent[i], p.values.offset_std_ent[i]), positions]);
     }
     let section = Section::new("Sensor offsets").with(table);
     let Some(scaled) = &p.scaled else { return section };
@@ -49,15 +49,15 @@ fn offsets(p: &Offset) -> Section {
 fn residual_field(p: &Offset) -> Section {
     let mut table = Table::new(["component", "B_res, enT ± standard uncertainty", "seen along"]);
     for i in 0..3 {
-        let residual = Cell::uncertain(p.residual_ent[i], p.residual_std_ent[i]);
+        let residual = Cell::uncertain(p.values.residual_ent[i], p.values.residual_std_ent[i]);
         table.push(cells![MEASURED[i], residual, format!("{}_m = {}_c", MEASURED[i], p.method.normal_axis[i])]);
     }
     let mut section = Section::new("Residual field of the coil system").with(table).with(format!(
         "Remark: the residual field is given in the coordinates of the sensor in its normal position, not in coil coordinates. In coil \
          coordinates it is X {}, Y {}, Z {} nT.",
-        value(p.residual_coil_nt[0], p.residual_coil_std_nt[0]),
-        value(p.residual_coil_nt[1], p.residual_coil_std_nt[1]),
-        value(p.residual_coil_nt[2], p.residual_coil_std_nt[2]),
+        value(p.values.residual_coil_nt[0], p.values.residual_coil_std_nt[0]),
+        value(p.values.residual_coil_nt[1], p.values.residual_coil_std_nt[1]),
+        value(p.values.residual_coil_nt[2], p.values.residual_coil_std_nt[2]),
     ));
     if let Some(drift) = &p.drift {
         let rates: Vec<String> = (0..3)
@@ -109,7 +109,7 @@ fn quality(p: &Offset) -> Section {
 /// The result in one line.
 #[must_use]
 pub fn headline(offset: &Offset) -> String {
-    format!("B_off {} enT", triple(&offset.offset_ent, &offset.offset_std_ent))
+    format!("B_off {} enT", triple(&offset.values.offset_ent, &offset.values.offset_std_ent))
 }
 
 /// A few lines for the terminal.
@@ -121,8 +121,8 @@ pub fn summary(offset: &Offset) -> String {
         run_line(&p.run),
         p.quality.blocks_used,
         p.quality.blocks_total,
-        triple(&p.offset_ent, &p.offset_std_ent),
-        triple(&p.residual_ent, &p.residual_std_ent),
+        triple(&p.values.offset_ent, &p.values.offset_std_ent),
+        triple(&p.values.residual_ent, &p.values.residual_std_ent),
         p.method.normal_axis.join(" "),
     )
 }
@@ -136,16 +136,16 @@ pub fn parameter_table(runs: &[&Offset]) -> crate::files::table::Table {
     super::head_columns(&mut table, runs.iter().map(|o| &o.run));
     let numbers = |get: &dyn Fn(&Offset) -> f64| Values::Numbers(runs.iter().map(|o| get(o)).collect());
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
-        table.push(&format!("b_off_{axis}_ent"), numbers(&|p| p.offset_ent[i]));
-        table.push(&format!("b_off_{axis}_std_ent"), numbers(&|p| p.offset_std_ent[i]));
+        table.push(&format!("b_off_{axis}_ent"), numbers(&|p| p.values.offset_ent[i]));
+        table.push(&format!("b_off_{axis}_std_ent"), numbers(&|p| p.values.offset_std_ent[i]));
     }
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
-        table.push(&format!("b_res_{axis}_ent"), numbers(&|p| p.residual_ent[i]));
-        table.push(&format!("b_res_{axis}_std_ent"), numbers(&|p| p.residual_std_ent[i]));
+        table.push(&format!("b_res_{axis}_ent"), numbers(&|p| p.values.residual_ent[i]));
+        table.push(&format!("b_res_{axis}_std_ent"), numbers(&|p| p.values.residual_std_ent[i]));
     }
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
-        table.push(&format!("b_res_coil_{axis}_nt"), numbers(&|p| p.residual_coil_nt[i]));
-        table.push(&format!("b_res_coil_{axis}_std_nt"), numbers(&|p| p.residual_coil_std_nt[i]));
+        table.push(&format!("b_res_coil_{axis}_nt"), numbers(&|p| p.values.residual_coil_nt[i]));
+        table.push(&format!("b_res_coil_{axis}_std_nt"), numbers(&|p| p.values.residual_coil_std_nt[i]));
     }
     table
 }

@@ -9,7 +9,7 @@ use std::fmt::Write;
 /// Its title.
 #[must_use]
 pub fn title(thermistor: &Thermistor) -> String {
-    format!("Thermistor calibration, table {}", thermistor.table)
+    format!("Thermistor calibration, table {}", thermistor.polynomial.table)
 }
 
 /// The sections of the report.
@@ -52,17 +52,27 @@ pub fn sections(thermistor: &Thermistor, file_name: &str) -> Vec<Section> {
 
 fn polynomial(p: &Thermistor, file_name: &str) -> Section {
     let mut table = Table::new(["k", "c_k, °C per unit^k"]);
-    for (k, (c, std)) in p.coefficients.iter().zip(&p.coefficients_std).enumerate() {
+    for (k, (c, std)) in p.polynomial.coefficients.iter().zip(&p.polynomial.coefficients_std).enumerate() {
         table.push(cells![k, Cell::scientific(*c, *std)]);
     }
     let holds = format!(
         ", s in {}, order {} ({}). It holds from {} to {} {}, {} to {} °C. Parameter file: ",
-        p.signal_unit, p.order, p.reason, p.valid_signal[0], p.valid_signal[1], p.signal_unit, p.valid_degc[0], p.valid_degc[1],
+        p.polynomial.signal_unit,
+        p.polynomial.order,
+        p.polynomial.reason,
+        p.polynomial.valid_signal[0],
+        p.polynomial.valid_signal[1],
+        p.polynomial.signal_unit,
+        p.polynomial.valid_degc[0],
+        p.polynomial.valid_degc[1],
     );
-    Section::new("Polynomial")
-        .with(Text::default().code("T = Σ c_k s^k").and(holds).code(file_name).and("."))
-        .with(table)
-        .with(format!("It leaves up to {:.4} °C, standard deviation {} °C.", p.residual_max_degc, number(p.residual_std_degc, 4)))
+    Section::new("Polynomial").with(Text::default().code("T = Σ c_k s^k").and(holds).code(file_name).and(".")).with(table).with(
+        format!(
+            "It leaves up to {:.4} °C, standard deviation {} °C.",
+            p.polynomial.residual_max_degc,
+            number(p.polynomial.residual_std_degc, 4)
+        ),
+    )
 }
 
 fn orders(p: &Thermistor) -> Section {
@@ -76,9 +86,11 @@ fn orders(p: &Thermistor) -> Section {
             o.aicc.map_or(Cell::Missing("-"), |a| Cell::fixed(a, 1)),
         ]);
     }
-    let within =
-        p.order_within.map_or_else(|| "No order reaches".to_owned(), |o| format!("Order {o} is the lowest that reaches"));
-    Section::new("Orders").with(table).with(format!("{within} {} °C at every row.", p.within_degc))
+    let within = p
+        .polynomial
+        .order_within
+        .map_or_else(|| "No order reaches".to_owned(), |o| format!("Order {o} is the lowest that reaches"));
+    Section::new("Orders").with(table).with(format!("{within} {} °C at every row.", p.polynomial.within_degc))
 }
 
 fn rows(p: &Thermistor) -> Section {
@@ -99,21 +111,21 @@ fn rows(p: &Thermistor) -> Section {
 #[must_use]
 pub fn summary(thermistor: &Thermistor) -> String {
     let p = thermistor;
-    let list: Vec<String> = p.coefficients.iter().map(|c| format!("{c:.6}")).collect();
+    let list: Vec<String> = p.polynomial.coefficients.iter().map(|c| format!("{c:.6}")).collect();
     let mut out = format!(
         "{}  order {}, {} rows, up to {:.4} °C\n  c      {}  °C/{}^k\n",
-        p.table,
-        p.order,
+        p.polynomial.table,
+        p.polynomial.order,
         p.row.len(),
-        p.residual_max_degc,
+        p.polynomial.residual_max_degc,
         list.join(", "),
-        p.signal_unit
+        p.polynomial.signal_unit
     );
     if let Some(c) = &p.compared {
         let _ = writeln!(out, "  given  up to {:.4} °C, best of its order {:.4} °C", c.residual_max_degc, c.best_max_degc);
     }
-    if let Some(order) = p.order_within {
-        let _ = writeln!(out, "  order {order} is the lowest within {} °C", p.within_degc);
+    if let Some(order) = p.polynomial.order_within {
+        let _ = writeln!(out, "  order {order} is the lowest within {} °C", p.polynomial.within_degc);
     }
     if let Some(r) = &p.reference {
         let _ = writeln!(out, "  T_O    {}  °C", value(r.offset_degc, r.offset_std_degc.unwrap_or(f64::NAN)));

@@ -190,7 +190,7 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
         Kind::Offset => {
             let opf = the_file(files, header, true, |o: &Opf| &o.run)?;
             let cpf = the_file(files, header, false, |c: &Cpf| &c.calibration.run)?;
-            if opf.offset_ent.iter().chain(&opf.residual_coil_nt).any(|v| v.is_nan()) {
+            if opf.values.offset_ent.iter().chain(&opf.values.residual_coil_nt).any(|v| v.is_nan()) {
                 return refuse("has no offset or residual field in some component".to_owned(), "measure further positions");
             }
             let split = &cpf.calibration.matrix;
@@ -204,8 +204,8 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
                     return refuse(format!("position {id} is not in the position table"), "add it to campaign.toml");
                 };
                 let sensor = linear(position.r_nom() * turned)?;
-                let seen = sensor.response() * Vector3::from(opf.residual_coil_nt);
-                places.push((id, sensor, (Vector3::from(opf.offset_ent) + seen).into()));
+                let seen = sensor.response() * Vector3::from(opf.values.residual_coil_nt);
+                places.push((id, sensor, (Vector3::from(opf.values.offset_ent) + seen).into()));
             }
             Ok((Model::Offset(places), opf.quality.raw_std_ent.map_or([0.0; 3], |s| s.mean)))
         }

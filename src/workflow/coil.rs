@@ -61,15 +61,7 @@ impl CoilResult for Scalar {
     fn parameters(&self) -> CoilScalar {
         CoilScalar {
             convention: CoilConvention::scalar(),
-            used: self.used.clone(),
-            campaign: self.campaign.clone(),
-            facility: self.facility.clone(),
-            std: self.std.clone(),
-            covariance: self.covariance.clone(),
-            quality: self.quality.clone(),
-            calibration: self.calibration.clone(),
-            outlier: self.outlier.clone(),
-            valid: self.valid.clone(),
+            found: self.found.clone(),
             warnings: self.notes.iter().map(Note::to_string).collect(),
         }
     }
@@ -98,10 +90,7 @@ impl CoilResult for Residual {
     fn parameters(&self) -> CoilResidual {
         CoilResidual {
             convention: CoilConvention::residual(),
-            used: self.used.clone(),
-            facility: self.facility.clone(),
-            std: self.std.clone(),
-            state: self.state.clone(),
+            found: self.found.clone(),
             warnings: self.notes.iter().map(Note::to_string).collect(),
         }
     }
@@ -127,21 +116,7 @@ impl CoilResult for Tilt {
     fn parameters(&self) -> CoilTilt {
         CoilTilt {
             convention: CoilConvention::tilt(),
-            sensor: self.sensor.clone(),
-            used: self.used.clone(),
-            facility: self.facility.clone(),
-            std: self.std.clone(),
-            facility_before: self.facility_before.clone(),
-            correction: self.correction,
-            sensor_parameters: self.sensor_parameters,
-            sensor_std: self.sensor_std,
-            undetermined: self.undetermined.clone(),
-            spread_before: self.spread_before,
-            spread_after: self.spread_after,
-            residual_std: self.residual_std,
-            degrees_of_freedom: self.degrees_of_freedom,
-            covariance: self.covariance.clone(),
-            orientation: self.orientation.clone(),
+            found: self.found.clone(),
             warnings: self.notes.iter().map(Note::to_string).collect(),
         }
     }
@@ -152,7 +127,7 @@ impl CoilResult for Tilt {
         plot::coil::tilt(self)
     }
     fn title(&self) -> String {
-        format!("Sensor {} and coil system from several orientations", show::or_not_stated(&self.sensor))
+        format!("Sensor {} and coil system from several orientations", show::or_not_stated(&self.found.sensor))
     }
     fn sections(&self) -> Vec<Section> {
         show::coil::tilt(self, &self.parameters().file_name())
@@ -249,7 +224,7 @@ pub fn residual_of(mut runs: Vec<CoilRun>) -> Result<Option<CoilMade<Residual>>,
     }
     let given: Vec<&Run> = runs.iter().map(|r| &r.run).collect();
     let result = residual(&given).map_err(|e| refuse(&runs, &e))?;
-    runs.retain(|r| result.used.contains(&r.run.header.run));
+    runs.retain(|r| result.found.used.contains(&r.run.header.run));
     Ok(Some(CoilMade { result, provenance: Provenance::new("calfit coil residual".to_owned(), inputs(&runs)) }))
 }
 

@@ -94,12 +94,7 @@ impl RunResult for Offset {
 
     fn parameters(&self) -> Opf {
         Opf {
-            offset_ent: self.offset_ent,
-            offset_std_ent: self.offset_std_ent,
-            residual_ent: self.residual_ent,
-            residual_std_ent: self.residual_std_ent,
-            residual_coil_nt: self.residual_coil_nt,
-            residual_coil_std_nt: self.residual_coil_std_nt,
+            values: self.values,
             convention: OffsetConvention::default(),
             run: self.run.clone(),
             method: self.method.clone(),

@@ -27,19 +27,7 @@ impl ThermistorMade {
     #[must_use]
     pub fn parameters(&self) -> ThermistorFile {
         ThermistorFile {
-            table: self.result.table.clone(),
-            signal: self.result.signal.clone(),
-            signal_unit: self.result.signal_unit.clone(),
-            order: self.result.order,
-            reason: self.result.reason.clone(),
-            coefficients: self.result.coefficients.clone(),
-            coefficients_std: self.result.coefficients_std.clone(),
-            residual_max_degc: self.result.residual_max_degc,
-            residual_std_degc: self.result.residual_std_degc,
-            within_degc: self.result.within_degc,
-            order_within: self.result.order_within,
-            valid_signal: self.result.valid_signal,
-            valid_degc: self.result.valid_degc,
+            polynomial: self.result.polynomial.clone(),
             convention: ThermistorConvention::default(),
             covariance: self.result.covariance.clone(),
             compared: self.result.compared.clone(),
@@ -123,7 +111,7 @@ pub fn publish_thermistor(made: &ThermistorMade, desk: &Desk) -> Result<(String,
     let folder = Folder::open(&desk.out, desk.force)?;
     let name = p.file_name();
     folder.check(&name)?;
-    let stem = &p.table;
+    let stem = &p.polynomial.table;
     let drawn = if desk.plots {
         draw(&folder, &plot::thermistor::figures(&made.result), |figure| format!("THERMISTOR_{figure}__{stem}.png"))?
     } else {

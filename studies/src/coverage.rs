@@ -379,8 +379,8 @@ fn of_offset(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
         "residual_y",
         "residual_z",
     ];
-    let values = [p.offset_ent, p.residual_coil_nt, p.residual_ent].concat();
-    let std = [p.offset_std_ent, p.residual_coil_std_nt, p.residual_std_ent].concat();
+    let values = [p.values.offset_ent, p.values.residual_coil_nt, p.values.residual_ent].concat();
+    let std = [p.values.offset_std_ent, p.values.residual_coil_std_nt, p.values.residual_std_ent].concat();
     estimates(&names, &values, &std, &truth, &bounds)
 }
 

@@ -309,13 +309,14 @@ pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Export
         None => lacking.push("T_0 to T_3 and T_OFF lack a THERMISTOR file (`calfit thermistor --reference`)"),
         Some(source) => {
             let body = source.typed::<ThermistorFile>()?.body;
-            if body.signal != "u" || body.order > 3 {
-                let rule = format!("is of order {} in {}; T_0 to T_3 are a cubic in V", body.order, body.signal_unit);
+            let polynomial = &body.polynomial;
+            if polynomial.signal != "u" || polynomial.order > 3 {
+                let rule = format!("is of order {} in {}; T_0 to T_3 are a cubic in V", polynomial.order, polynomial.signal_unit);
                 return Err(source.refuse(rule, "fit again with `calfit thermistor --signal u --order 3`"));
             }
-            for (k, c) in body.coefficients.iter().enumerate() {
+            for (k, c) in polynomial.coefficients.iter().enumerate() {
                 file.thermistor[k] = *c;
-                let std = body.coefficients_std.get(k).filter(|s| s.is_finite());
+                let std = polynomial.coefficients_std.get(k).filter(|s| s.is_finite());
                 file.std.extend(std.map(|s| (format!("T_{k}"), vec![*s])));
             }
             match &body.reference {

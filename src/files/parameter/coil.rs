@@ -1,11 +1,7 @@
 //! COIL_SCALAR, COIL_RESIDUAL, COIL_TILT: the facility's own calibration.
 
 use super::Body;
-use crate::data::result::Covariance;
-use crate::model::facility::FacilityParameters;
-use crate::model::facility_calibration::{
-    ResidualState, ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity, SensorValues, TiltOrientation,
-};
+use crate::model::facility_calibration::{ResidualFound, ScalarFound, TiltFound};
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -62,25 +58,9 @@ impl CoilConvention {
 pub struct CoilScalar {
     /// What the numbers mean.
     pub convention: CoilConvention,
-    /// Runs in time order.
-    pub used: Vec<String>,
-    /// Campaign and instrument.
-    pub campaign: String,
-    /// The facility.
-    pub facility: FacilityParameters,
-    /// Standard uncertainties.
-    pub std: FacilityParameters,
-    /// Covariance of all fitted parameters.
-    pub covariance: Covariance,
-    /// Quality of data and model.
-    pub quality: ScalarQuality,
-    /// Every calibration on its own.
-    pub calibration: Vec<ScalarCalibration>,
-    /// Rows that stand out and were left out.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub outlier: Vec<ScalarOutlier>,
-    /// Where the calibration holds.
-    pub valid: ScalarValidity,
+    /// What was found.
+    #[serde(flatten)]
+    pub found: ScalarFound,
     /// What a person should know.
     #[serde(default)]
     pub warnings: Vec<String>,
@@ -89,7 +69,7 @@ pub struct CoilScalar {
 impl Body for CoilScalar {
     const FORMAT: &'static str = "COIL_SCALAR";
     fn file_name(&self) -> String {
-        name(Self::FORMAT, &self.used)
+        name(Self::FORMAT, &self.found.used)
     }
 }
 
@@ -98,14 +78,9 @@ impl Body for CoilScalar {
 pub struct CoilResidual {
     /// What the numbers mean.
     pub convention: CoilConvention,
-    /// Runs, or the name of the table.
-    pub used: Vec<String>,
-    /// The facility: the residual field of the last state as offset field, ideal coils otherwise.
-    pub facility: FacilityParameters,
-    /// Standard uncertainties; nan for what is not measured.
-    pub std: FacilityParameters,
-    /// States of the facility in their order.
-    pub state: Vec<ResidualState>,
+    /// What was found.
+    #[serde(flatten)]
+    pub found: ResidualFound,
     /// What a person should know.
     #[serde(default)]
     pub warnings: Vec<String>,
@@ -115,7 +90,7 @@ impl Body for CoilResidual {
     const FORMAT: &'static str = "COIL_RESIDUAL";
     const MAY_LACK: &'static [&'static str] = &["std"];
     fn file_name(&self) -> String {
-        name(Self::FORMAT, &self.used)
+        name(Self::FORMAT, &self.found.used)
     }
 }
 
@@ -124,36 +99,9 @@ impl Body for CoilResidual {
 pub struct CoilTilt {
     /// What the numbers mean.
     pub convention: CoilConvention,
-    /// Sensor.
-    pub sensor: String,
-    /// Runs that were used.
-    pub used: Vec<String>,
-    /// The facility that makes the orientations agree.
-    pub facility: FacilityParameters,
-    /// Standard uncertainties; nan where as many orientations as parameters leave nothing to see scatter in.
-    pub std: FacilityParameters,
-    /// The facility that the runs were evaluated with.
-    pub facility_before: FacilityParameters,
-    /// Corrections of the facility: relative (scale), nT (offset), degrees (angles).
-    pub correction: SensorValues,
-    /// The sensor as all orientations see it with the corrected facility.
-    pub sensor_parameters: SensorValues,
-    /// Standard uncertainties of them.
-    pub sensor_std: SensorValues,
-    /// Combinations that the orientations leave undetermined; the corrections have no part along them.
-    pub undetermined: Vec<String>,
-    /// Root mean square deviation of the used orientations from their mean, with the facility as it was.
-    pub spread_before: SensorValues,
-    /// The same with the corrected facility.
-    pub spread_after: SensorValues,
-    /// Standard deviation of one value of one orientation: relative (scale), nT, degrees.
-    pub residual_std: [f64; 3],
-    /// Degrees of freedom of scale factors, offsets, angles.
-    pub degrees_of_freedom: [usize; 3],
-    /// Covariance of the facility's nine parameters.
-    pub covariance: Covariance,
-    /// The orientations.
-    pub orientation: Vec<TiltOrientation>,
+    /// What was found.
+    #[serde(flatten)]
+    pub found: TiltFound,
     /// What a person should know.
     #[serde(default)]
     pub warnings: Vec<String>,
@@ -163,7 +111,7 @@ impl Body for CoilTilt {
     const FORMAT: &'static str = "COIL_TILT";
     const MAY_LACK: &'static [&'static str] = &["std", "sensor_std", "residual_std", "covariance"];
     fn file_name(&self) -> String {
-        name(Self::FORMAT, &self.used)
+        name(Self::FORMAT, &self.found.used)
     }
 }
 

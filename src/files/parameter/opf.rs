@@ -1,7 +1,9 @@
 //! OPF: sensor offset and residual field of the coil system from normal and turned positions.
 
 use super::Body;
-use crate::data::offset::{OffsetDrift, OffsetMethod, OffsetQuality, PositionVisit, RefusedComponent, ScaledOffset};
+use crate::data::offset::{
+    OffsetDrift, OffsetMethod, OffsetQuality, OffsetValues, PositionVisit, RefusedComponent, ScaledOffset,
+};
 use crate::data::result::{Conditions, Covariance, Dropped, RunHead};
 use crate::model::facility::FacilityApplied;
 use serde::{Deserialize, Serialize};
@@ -30,18 +32,9 @@ impl Default for OffsetConvention {
 /// Offset and residual field. Components that the positions do not determine are nan and stand in `refused`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Opf {
-    /// Offset of the sensor, enT, sensor axes.
-    pub offset_ent: [f64; 3],
-    /// Standard uncertainty of the offset, enT.
-    pub offset_std_ent: [f64; 3],
-    /// Residual field of the coil system, enT, along the sensor axes in the normal position.
-    pub residual_ent: [f64; 3],
-    /// Standard uncertainty of the residual field, enT.
-    pub residual_std_ent: [f64; 3],
-    /// Residual field of the coil system, nT, coil axes.
-    pub residual_coil_nt: [f64; 3],
-    /// Its standard uncertainty, nT.
-    pub residual_coil_std_nt: [f64; 3],
+    /// Offset and residual field.
+    #[serde(flatten)]
+    pub values: OffsetValues,
     /// What the numbers mean.
     pub convention: OffsetConvention,
     /// Run and conditions.

@@ -199,10 +199,10 @@ impl From<&Opf> for CalibratedRun {
             run: (&opf.run).into(),
             channel: opf.conditions.as_ref().map(|c| c.sensor_channel.clone()),
             values: RunValues::Offset {
-                offset_ent: opf.offset_ent,
-                std: Some(opf.offset_std_ent),
-                residual_ent: opf.residual_ent,
-                residual_std: opf.residual_std_ent,
+                offset_ent: opf.values.offset_ent,
+                std: Some(opf.values.offset_std_ent),
+                residual_ent: opf.values.residual_ent,
+                residual_std: opf.values.residual_std_ent,
                 seen_along: opf.method.normal_axis.to_vec(),
             },
         }

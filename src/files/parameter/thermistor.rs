@@ -2,7 +2,7 @@
 
 use super::Body;
 use crate::data::result::Covariance;
-use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, TriedOrder};
+use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, ThermistorPolynomial, TriedOrder};
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -26,33 +26,9 @@ impl Default for ThermistorConvention {
 /// The result of a calibration table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ThermistorFile {
-    /// Name of the table without its end.
-    pub table: String,
-    /// `u` or `r`.
-    pub signal: String,
-    /// `V` or `ohm`.
-    pub signal_unit: String,
-    /// Order of the polynomial.
-    pub order: usize,
-    /// Why this one.
-    pub reason: String,
-    /// Coefficients, °C per unitᵏ, lowest first.
-    pub coefficients: Vec<f64>,
-    /// Their standard uncertainties.
-    pub coefficients_std: Vec<f64>,
-    /// Largest residual, °C.
-    pub residual_max_degc: f64,
-    /// Standard deviation of the residuals, °C.
-    pub residual_std_degc: f64,
-    /// Largest residual that is asked for, °C.
-    pub within_degc: f64,
-    /// The lowest order whose residuals are within that.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub order_within: Option<usize>,
-    /// Smallest and largest signal of the table: the polynomial holds between them.
-    pub valid_signal: [f64; 2],
-    /// Smallest and largest temperature of the table, °C.
-    pub valid_degc: [f64; 2],
+    /// The polynomial.
+    #[serde(flatten)]
+    pub polynomial: ThermistorPolynomial,
     /// What the numbers mean.
     pub convention: ThermistorConvention,
     /// Covariance of the coefficients.
@@ -76,6 +52,6 @@ impl Body for ThermistorFile {
     const FORMAT: &'static str = "THERMISTOR";
     const MAY_LACK: &'static [&'static str] = &["coefficients_std", "covariance", "orders", "row"];
     fn file_name(&self) -> String {
-        format!("THERMISTOR__{}.toml", self.table)
+        format!("THERMISTOR__{}.toml", self.polynomial.table)
     }
 }

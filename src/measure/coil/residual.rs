@@ -6,8 +6,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::run::Run;
 use crate::data::tables::ModulusRow;
 use crate::model::facility::FacilityParameters;
-use crate::model::facility_calibration::{AxisResidual, ResidualState};
-use serde::Serialize;
+use crate::model::facility_calibration::{AxisResidual, ResidualFound, ResidualState};
 
 /// Other axes are at zero if their settings are below this share of that of the axis.
 const ASIDE: f64 = 1e-6;
@@ -17,16 +16,10 @@ const SAME: f64 = 1e-3;
 const MOST_DECIMALS: i32 = 6;
 
 /// Residual fields.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Residual {
-    /// Runs, or the name of the table.
-    pub used: Vec<String>,
-    /// The facility: the residual field of the last state as offset field, ideal coils otherwise.
-    pub facility: FacilityParameters,
-    /// Standard uncertainties; nan for what is not measured.
-    pub std: FacilityParameters,
-    /// States of the facility in their order.
-    pub state: Vec<ResidualState>,
+    /// What was found.
+    pub found: ResidualFound,
     /// What a person should know.
     pub notes: Vec<Note>,
 }
@@ -157,7 +150,7 @@ fn of_pairs(pairs: &[Pair], used: Vec<String>) -> Result<Residual, CoilError> {
             }
         }
     }
-    Ok(Residual { used, facility, std, state, notes })
+    Ok(Residual { found: ResidualFound { used, facility, std, state }, notes })
 }
 
 /// The residual field along one axis in one state.

@@ -10,7 +10,7 @@ use crate::fit::{FitError, Limits, Model, NonlinearSolution, linear, nonlinear};
 use crate::model::campaign::Instructions;
 use crate::model::coil::Coil;
 use crate::model::facility::FacilityParameters;
-use crate::model::facility_calibration::{ScalarCalibration, ScalarOutlier, ScalarQuality, ScalarValidity};
+use crate::model::facility_calibration::{ScalarCalibration, ScalarFound, ScalarOutlier, ScalarQuality, ScalarValidity};
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 
@@ -60,24 +60,8 @@ pub struct RowResidual {
 /// A scalar calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scalar {
-    /// Runs in time order.
-    pub used: Vec<String>,
-    /// Campaign and instrument.
-    pub campaign: String,
-    /// The facility.
-    pub facility: FacilityParameters,
-    /// Standard uncertainties.
-    pub std: FacilityParameters,
-    /// Covariance of all fitted parameters.
-    pub covariance: Covariance,
-    /// Quality of data and model.
-    pub quality: ScalarQuality,
-    /// Every calibration on its own.
-    pub calibration: Vec<ScalarCalibration>,
-    /// Rows that stand out and were left out.
-    pub outlier: Vec<ScalarOutlier>,
-    /// Where the calibration holds.
-    pub valid: ScalarValidity,
+    /// What was found.
+    pub found: ScalarFound,
     /// Residuals of all rows.
     pub rows: Vec<RowResidual>,
     /// What a person should know.
@@ -101,6 +85,9 @@ struct Follows {
 }
 
 impl Follows {
+    /// None.
+    const CONSTANT: Self = Self { coil: false, rack: false };
+
     fn count(self) -> usize {
         CONSTANT + 6 * (usize::from(self.coil) + usize::from(self.rack))
     }
@@ -244,27 +231,96 @@ fn fit(rows: &[Observation], follows: Follows, most_condition: f64) -> Result<Fi
     Err(CoilError::Fit(FitError::NotSettled { what: "the choice of rows", iterations: ROUNDS }))
 }
 
-/// Temperatures of the rows of all runs, °C; `None` if a run has none.
-fn temperatures(
-    runs: &[(&Run, &Instructions)],
-    channel: impl Fn(&Run, &Instructions) -> Option<String>,
-) -> Option<Vec<Vec<f64>>> {
-    runs.iter()
-        .map(|(run, instructions)| {
-            let series = run.slow_channel(&channel(run, instructions)?).filter(|s| !s.is_empty())?;
+/// Temperatures of the rows of all runs in one channel.
+struct RowTemperatures {
+    /// Run by run, °C.
+    degc: Vec<Vec<f64>>,
+    /// Mean over the runs, on the tenth of a kelvin.
+    reference_degc: f64,
+}
+
+impl RowTemperatures {
+    /// `None` if a run has none.
+    fn of(runs: &[(&Run, &Instructions)], channel: impl Fn(&Run, &Instructions) -> String) -> Option<Self> {
+        let rows = |(run, instructions): &(&Run, &Instructions)| -> Option<Vec<f64>> {
+            let series = run.slow_channel(&channel(run, instructions)).filter(|s| !s.is_empty())?;
             Some(run.scalar.iter().map(|row| interpolate(&series, row.t_s)).collect())
-        })
-        .collect()
+        };
+        let degc: Vec<Vec<f64>> = runs.iter().map(rows).collect::<Option<_>>()?;
+        let means: Vec<f64> = degc.iter().map(|d| mean(d)).collect();
+        Some(Self { degc, reference_degc: (10.0 * mean(&means)).round() / 10.0 })
+    }
+
+    fn mean_of(&self, run: usize) -> Option<f64> {
+        self.degc.get(run).map(|d| mean(d))
+    }
+
+    fn difference_k(&self, run: usize, row: usize) -> f64 {
+        self.degc[run][row] - self.reference_degc
+    }
+
+    /// Smallest and largest, °C.
+    fn range_degc(&self) -> [f64; 2] {
+        extremes(self.degc.iter().flatten().copied())
+    }
+
+    /// Whether there are enough calibrations, at temperatures that differ.
+    fn tell_coefficients(&self, least: usize) -> bool {
+        let [low, high] = extremes(self.degc.iter().map(|d| mean(d)));
+        self.degc.len() >= least && high - low >= LEAST_RANGE_K
+    }
 }
 
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Mean over the runs, on the tenth of a kelvin, as reference.
-fn reference(degc: &[Vec<f64>]) -> f64 {
-    let means: Vec<f64> = degc.iter().map(|d| mean(d)).collect();
-    (10.0 * mean(&means)).round() / 10.0
+/// Temperatures of coil system and rack, as far as every run has them.
+struct Climate {
+    coil: Option<RowTemperatures>,
+    rack: Option<RowTemperatures>,
+}
+
+impl Climate {
+    fn of(runs: &[(&Run, &Instructions)], options: &Options, notes: &mut Vec<Note>) -> Self {
+        let coil = RowTemperatures::of(runs, |run, instructions| instructions.channels(&run.header).1);
+        let rack = RowTemperatures::of(runs, |_, instructions| {
+            options.rack_channel.clone().unwrap_or_else(|| instructions.rack_channel().to_owned())
+        });
+        if let (None, Some(channel)) = (&rack, &options.rack_channel) {
+            let text = format!("not every run has a channel {channel}: the rack temperature was not used");
+            notes.push(Note::new(NoteKind::Temperature, text));
+        }
+        Self { coil, rack }
+    }
+
+    /// All rows of all runs.
+    fn rows(&self, runs: &[(&Run, &Instructions)]) -> Vec<Observation> {
+        let difference_k = |channel: &Option<RowTemperatures>, run: usize, row: usize| {
+            channel.as_ref().map_or(0.0, |t| t.difference_k(run, row))
+        };
+        let all = runs.iter().enumerate();
+        all.flat_map(|(run, (data, _))| data.scalar.iter().enumerate().map(move |(row, scalar)| (run, row, *scalar)))
+            .map(|(run, row, scalar)| Observation {
+                run,
+                row,
+                scalar,
+                coil_k: difference_k(&self.coil, run, row),
+                rack_k: difference_k(&self.rack, run, row),
+            })
+            .collect()
+    }
+
+    /// The temperatures whose coefficients the runs may tell.
+    fn follows(&self) -> Follows {
+        let tells = |channel: &Option<RowTemperatures>, least| channel.as_ref().is_some_and(|t| t.tell_coefficients(least));
+        Follows { coil: tells(&self.coil, 3), rack: tells(&self.rack, 4) }
+    }
+
+    /// Reference temperatures of coil and rack, °C.
+    fn references_degc(&self) -> [Option<f64>; 2] {
+        [&self.coil, &self.rack].map(|channel| channel.as_ref().map(|t| t.reference_degc))
+    }
 }
 
 /// Calibrates the coil system with the `@SCALAR` rows of some runs, which stand in time order.
@@ -276,69 +332,67 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
         return Err(CoilError::NoRows);
     }
     let mut notes = Vec::new();
-    let coil_degc = temperatures(runs, |run, instructions| Some(instructions.channels(&run.header).1));
-    let rack_degc = temperatures(runs, |_, instructions| {
-        Some(options.rack_channel.clone().unwrap_or_else(|| instructions.rack_channel().to_owned()))
-    });
-    if let (None, Some(channel)) = (&rack_degc, &options.rack_channel) {
-        notes.push(Note::new(
-            NoteKind::Temperature,
-            format!("not every run has a channel {channel}: the rack temperature was not used"),
-        ));
+    let climate = Climate::of(runs, options, &mut notes);
+    let rows = climate.rows(runs);
+    let (fitted, follows) = fit_what_they_tell(&rows, climate.follows(), &mut notes)?;
+    let solution = &fitted.solution;
+    let calibration = each(&rows, runs, &fitted.used, &climate);
+    let references_degc = climate.references_degc();
+    let mut std = solution.std();
+    widen(&mut std, &calibration, follows, solution, references_degc, &mut notes);
+    let mut facility = follows.part(&solution.parameters);
+    facility.reference_degc = references_degc[0].filter(|_| follows.coil);
+    facility.rack_reference_degc = references_degc[1].filter(|_| follows.rack);
+    if climate.coil.is_none() {
+        let text = "not every run has a coil temperature: the parameters hold for that of the calibration";
+        notes.push(Note::new(NoteKind::Temperature, text));
     }
-    let coil_reference = coil_degc.as_deref().map(reference);
-    let rack_reference = rack_degc.as_deref().map(reference);
-    let difference = |degc: &Option<Vec<Vec<f64>>>, reference: Option<f64>, run: usize, row: usize| {
-        degc.as_ref().zip(reference).map_or(0.0, |(degc, reference)| degc[run][row] - reference)
+    let outlier = outliers(&rows, runs, &fitted);
+    warn_of_outliers(&mut notes, &outlier, rows.len());
+    let used_rows: Vec<&Observation> = rows.iter().zip(&fitted.used).filter(|(_, used)| **used).map(|(row, _)| row).collect();
+    let found = ScalarFound {
+        used: runs.iter().map(|(run, _)| run.header.run.clone()).collect(),
+        campaign: runs.first().map_or_else(String::new, |(_, instructions)| instructions.description.clone()),
+        facility,
+        std: follows.part(&std),
+        covariance: covariance(solution, follows),
+        quality: quality(&used_rows, rows.len(), &fitted),
+        calibration,
+        outlier,
+        valid: ScalarValidity {
+            modulus_nt: extremes(used_rows.iter().map(|r| r.scalar.modulus_nt)),
+            coil_degc: climate.coil.as_ref().map(RowTemperatures::range_degc),
+            rack_degc: climate.rack.as_ref().map(RowTemperatures::range_degc),
+        },
     };
-    let rows: Vec<Observation> = runs
-        .iter()
-        .enumerate()
-        .flat_map(|(run, (data, _))| data.scalar.iter().enumerate().map(move |(row, scalar)| (run, row, *scalar)))
-        .map(|(run, row, scalar)| Observation {
-            run,
-            row,
-            scalar,
-            coil_k: difference(&coil_degc, coil_reference, run, row),
-            rack_k: difference(&rack_degc, rack_reference, run, row),
-        })
-        .collect();
+    Ok(Scalar { found, rows: residuals(&rows, runs, &fitted), notes })
+}
 
-    let constant = Follows { coil: false, rack: false };
-    let mut wanted = Follows { coil: differ(&coil_degc, runs.len(), 3), rack: differ(&rack_degc, runs.len(), 4) };
-    let fitted = loop {
-        let most = if wanted == constant { MOST_CONDITION } else { MOST_THERMAL_CONDITION };
-        match fit(&rows, wanted, most) {
-            Err(CoilError::Undetermined { condition, .. }) if wanted.rack => {
-                notes.push(Note::new(NoteKind::Temperature, format!(
+/// Fits with the coefficients of all temperatures that may be told, and with fewer where they cannot.
+fn fit_what_they_tell(rows: &[Observation], mut follows: Follows, notes: &mut Vec<Note>) -> Result<(Fitted, Follows), CoilError> {
+    let constant = Follows::CONSTANT;
+    loop {
+        let most = if follows == constant { MOST_CONDITION } else { MOST_THERMAL_CONDITION };
+        match fit(rows, follows, most) {
+            Err(CoilError::Undetermined { condition, .. }) if follows.rack => {
+                let text = format!(
                     "rack and coil temperatures of the calibrations do not tell their coefficients apart (condition {condition:.0e}): \
                      the rack temperature was not used"
-                )));
-                wanted.rack = false;
+                );
+                notes.push(Note::new(NoteKind::Temperature, text));
+                follows.rack = false;
             }
-            Err(CoilError::Undetermined { .. } | CoilError::TooFewRows { .. }) if wanted != constant => wanted = constant,
-            other => break other?,
+            Err(CoilError::Undetermined { .. } | CoilError::TooFewRows { .. }) if follows != constant => follows = constant,
+            other => return Ok((other?, follows)),
         }
-    };
-    let part = |list: &[f64]| wanted.part(list);
-    let solution = &fitted.solution;
-    let mut std = solution.std();
-    let calibration = each(&rows, runs, &fitted.used, &coil_degc, &rack_degc);
-    widen(&mut std, &calibration, wanted, solution, [coil_reference, rack_reference], &mut notes);
-    let mut facility = part(&solution.parameters);
-    facility.reference_degc = coil_reference.filter(|_| wanted.coil);
-    facility.rack_reference_degc = rack_reference.filter(|_| wanted.rack);
-    if coil_degc.is_none() {
-        notes.push(Note::new(
-            NoteKind::Temperature,
-            "not every run has a coil temperature: the parameters hold for that of the calibration",
-        ));
     }
+}
 
-    let outlier: Vec<ScalarOutlier> = rows
-        .iter()
+/// The rows that were left out.
+fn outliers(rows: &[Observation], runs: &[(&Run, &Instructions)], fitted: &Fitted) -> Vec<ScalarOutlier> {
+    rows.iter()
         .zip(&fitted.used)
-        .zip(&solution.residuals)
+        .zip(&fitted.solution.residuals)
         .filter(|((_, used), _)| !**used)
         .map(|((row, _), residual_nt)| ScalarOutlier {
             run: runs[row.run].0.header.run.clone(),
@@ -348,47 +402,31 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
             modulus_nt: row.scalar.modulus_nt,
             residual_nt: *residual_nt,
         })
-        .collect();
-    warn_of_outliers(&mut notes, &outlier, rows.len());
-    let own = |row: &&Observation| fitted.used[rows.partition_point(|r| (r.run, r.row) < (row.run, row.row))];
-    let used_rows: Vec<&Observation> = rows.iter().filter(own).collect();
-    let names = wanted.names();
-    let covariance = solution.covariance();
-    let flat = |degc: &Option<Vec<Vec<f64>>>| degc.as_ref().map(|d| extremes(d.iter().flatten().copied()));
-    Ok(Scalar {
-        used: runs.iter().map(|(run, _)| run.header.run.clone()).collect(),
-        campaign: runs.first().map_or_else(String::new, |(_, instructions)| instructions.description.clone()),
-        facility,
-        std: part(&std),
-        covariance: Covariance {
-            parameters: names.iter().map(|[key, _, _]| key.clone()).collect(),
-            units: names.iter().map(|[_, _, unit]| unit.clone()).collect(),
-            matrix: (0..names.len()).map(|r| (0..names.len()).map(|c| covariance[(r, c)]).collect()).collect(),
-        },
-        quality: ScalarQuality {
-            rows_used: used_rows.len(),
-            rows_total: rows.len(),
-            degrees_of_freedom: solution.dof,
-            condition: solution.condition,
-            direction_share: direction_share(&used_rows),
-            residual_std_nt: solution.residual_std,
-            residual_max_nt: solution
-                .residuals
-                .iter()
-                .zip(&fitted.used)
-                .filter(|(_, u)| **u)
-                .fold(0.0, |m: f64, (r, _)| m.max(r.abs())),
-        },
-        calibration,
-        outlier,
-        valid: ScalarValidity {
-            modulus_nt: extremes(used_rows.iter().map(|r| r.scalar.modulus_nt)),
-            coil_degc: flat(&coil_degc),
-            rack_degc: flat(&rack_degc),
-        },
-        rows: residuals(&rows, runs, &fitted),
-        notes,
-    })
+        .collect()
+}
+
+fn covariance(solution: &NonlinearSolution, follows: Follows) -> Covariance {
+    let names = follows.names();
+    let matrix = solution.covariance();
+    Covariance {
+        parameters: names.iter().map(|[key, _, _]| key.clone()).collect(),
+        units: names.iter().map(|[_, _, unit]| unit.clone()).collect(),
+        matrix: (0..names.len()).map(|r| (0..names.len()).map(|c| matrix[(r, c)]).collect()).collect(),
+    }
+}
+
+fn quality(used: &[&Observation], total: usize, fitted: &Fitted) -> ScalarQuality {
+    let solution = &fitted.solution;
+    let kept = solution.residuals.iter().zip(&fitted.used).filter(|(_, used)| **used);
+    ScalarQuality {
+        rows_used: used.len(),
+        rows_total: total,
+        degrees_of_freedom: solution.dof,
+        condition: solution.condition,
+        direction_share: direction_share(used),
+        residual_std_nt: solution.residual_std,
+        residual_max_nt: kept.fold(0.0, |most: f64, (r, _)| most.max(r.abs())),
+    }
 }
 
 /// Every row with what the calibration leaves of its modulus.
@@ -407,22 +445,8 @@ fn residuals(rows: &[Observation], runs: &[(&Run, &Instructions)], fitted: &Fitt
         .collect()
 }
 
-/// Whether there are enough calibrations at temperatures that differ.
-fn differ(degc: &Option<Vec<Vec<f64>>>, runs: usize, least: usize) -> bool {
-    let Some(degc) = degc else { return false };
-    let [low, high] = extremes(degc.iter().map(|d| mean(d)));
-    runs >= least && high - low >= LEAST_RANGE_K
-}
-
 /// Every calibration on its own, if it can stand alone.
-fn each(
-    rows: &[Observation],
-    runs: &[(&Run, &Instructions)],
-    used: &[bool],
-    coil_degc: &Option<Vec<Vec<f64>>>,
-    rack_degc: &Option<Vec<Vec<f64>>>,
-) -> Vec<ScalarCalibration> {
-    let constant = Follows { coil: false, rack: false };
+fn each(rows: &[Observation], runs: &[(&Run, &Instructions)], used: &[bool], climate: &Climate) -> Vec<ScalarCalibration> {
     let one = |(index, (run, _)): (usize, &(&Run, &Instructions))| {
         let own: Vec<Observation> = rows
             .iter()
@@ -430,18 +454,17 @@ fn each(
             .filter(|(row, used)| row.run == index && **used)
             .map(|(row, _)| Observation { coil_k: 0.0, rack_k: 0.0, ..*row })
             .collect();
-        let fitted = fit(&own, constant, MOST_CONDITION).ok()?;
-        let mean_of = |degc: &Option<Vec<Vec<f64>>>| degc.as_ref().and_then(|d| d.get(index)).map(|d| mean(d));
+        let fitted = fit(&own, Follows::CONSTANT, MOST_CONDITION).ok()?;
         Some(ScalarCalibration {
             run: run.header.run.clone(),
             start: run.header.start.clone(),
             rows: fitted.used.iter().filter(|used| **used).count(),
-            coil_degc: mean_of(coil_degc),
-            rack_degc: mean_of(rack_degc),
+            coil_degc: climate.coil.as_ref().and_then(|t| t.mean_of(index)),
+            rack_degc: climate.rack.as_ref().and_then(|t| t.mean_of(index)),
             residual_std_nt: fitted.solution.residual_std,
             condition: fitted.solution.condition,
-            facility: constant.part(&fitted.solution.parameters),
-            std: constant.part(&fitted.solution.std()),
+            facility: Follows::CONSTANT.part(&fitted.solution.parameters),
+            std: Follows::CONSTANT.part(&fitted.solution.std()),
         })
     };
     runs.iter().enumerate().filter_map(one).collect()

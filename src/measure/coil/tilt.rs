@@ -9,10 +9,9 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
 use crate::fit::{FitError, Limits, linear};
 use crate::model::facility::FacilityParameters;
-use crate::model::facility_calibration::{SensorValues, TiltOrientation};
+use crate::model::facility_calibration::{SensorValues, TiltFound, TiltOrientation};
 use crate::model::position::{Class, OrientedRun, Position};
 use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
-use serde::Serialize;
 
 /// How sensor and facility are told apart.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -34,38 +33,10 @@ const ROUNDING: [f64; 3] = [1e-10, 1e-7, 1e-10];
 const NULL: f64 = 1e-9;
 
 /// Sensor and facility.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Tilt {
-    /// Sensor.
-    pub sensor: String,
-    /// Runs that were used.
-    pub used: Vec<String>,
-    /// The facility that makes the orientations agree.
-    pub facility: FacilityParameters,
-    /// Standard uncertainties; nan where as many orientations as parameters leave nothing to see scatter in.
-    pub std: FacilityParameters,
-    /// The facility that the runs were evaluated with.
-    pub facility_before: FacilityParameters,
-    /// Corrections of the facility: relative (scale), nT (offset), degrees (angles).
-    pub correction: SensorValues,
-    /// The sensor as all orientations see it with the corrected facility.
-    pub sensor_parameters: SensorValues,
-    /// Standard uncertainties of them.
-    pub sensor_std: SensorValues,
-    /// Combinations that the orientations leave undetermined; the corrections have no part along them.
-    pub undetermined: Vec<String>,
-    /// Root mean square deviation of the used orientations from their mean, with the facility as it was.
-    pub spread_before: SensorValues,
-    /// The same with the corrected facility.
-    pub spread_after: SensorValues,
-    /// Standard deviation of one value of one orientation: relative (scale), nT, degrees.
-    pub residual_std: [f64; 3],
-    /// Degrees of freedom of scale factors, offsets, angles.
-    pub degrees_of_freedom: [usize; 3],
-    /// Covariance of the facility's nine parameters.
-    pub covariance: Covariance,
-    /// The orientations.
-    pub orientation: Vec<TiltOrientation>,
+    /// What was found.
+    pub found: TiltFound,
     /// What a person should know.
     pub notes: Vec<Note>,
 }
@@ -244,68 +215,25 @@ fn runs_of_sensor<'a>(
     Ok(runs.iter().filter(|r| r.sensor == chosen).collect())
 }
 
+/// The runs of one orientation.
+type Group<'a> = (Position, Vec<&'a OrientedRun>);
+
 /// Tells sensor and facility apart; `facility` is the one that the runs were evaluated with.
 ///
 /// # Errors
 /// [`CoilError`]: fewer than two orientations, or several sensors.
 pub fn tilt(runs: &[OrientedRun], facility: &FacilityParameters, options: &Options) -> Result<Tilt, CoilError> {
     let mut notes = Vec::new();
-    let runs = runs_of_sensor(runs, options, &mut notes)?;
-    let mut groups: Vec<(Position, Vec<&OrientedRun>)> = Vec::new();
-    for run in runs {
-        match groups.iter_mut().find(|(position, _)| *position == run.position) {
-            Some((_, members)) => members.push(run),
-            None => groups.push((run.position, vec![run])),
-        }
-    }
+    let groups = by_orientation(runs_of_sensor(runs, options, &mut notes)?);
     // The runs of an orientation share place, mounting and state of the facility, so every orientation counts once.
     let all: Vec<(Position, SensorValues)> = groups.iter().map(|(position, members)| (*position, mean(members))).collect();
-    let mut is_used = vec![true; all.len()];
-    loop {
-        let kept: Vec<usize> = (0..all.len()).filter(|g| is_used[*g]).collect();
-        let own: Vec<(Position, SensorValues)> = kept.iter().map(|g| all[*g]).collect();
-        match odd_one_out(&own)? {
-            Some(out) if !options.keep_all => {
-                is_used[kept[out]] = false;
-                notes.push(Note::new(
-                    NoteKind::Fit,
-                    format!(
-                        "orientation {} does not agree with the others and was left out; the facility may have changed between \
-                     (--keep-all uses it)",
-                        own[out].0.orientation()
-                    ),
-                ));
-            }
-            Some(out) => {
-                notes.push(Note::new(
-                    NoteKind::Fit,
-                    format!("orientation {} does not agree with the others", own[out].0.orientation()),
-                ));
-                break;
-            }
-            None => break,
-        }
-    }
+    let is_used = agreeing(&all, options, &mut notes)?;
     let own: Vec<(Position, SensorValues)> = all.iter().zip(&is_used).filter(|(_, used)| **used).map(|(o, _)| *o).collect();
     let solved = solve_all(&own)?;
-    let [scale, offset, angle] = &solved;
-    let undetermined = Class::ALL.into_iter().zip(&solved).flat_map(|(f, s)| s.unseen.iter().map(move |u| name(f, u))).collect();
     if solved.iter().any(|s| s.dof == 0) {
         notes.push(Note::new(NoteKind::Method, "there are as many values as parameters: nothing tells the uncertainties"));
     }
 
-    let correction = SensorValues { scale: scale.facility, offset_nt: offset.facility, angles_deg: angle.facility };
-    let corrected = |position: &Position, values: &SensorValues| {
-        let seen = |family: Class, solved: &Solved, i: usize| {
-            let (k, factor) = family.sees(position, i);
-            factor * solved.facility[k]
-        };
-        SensorValues {
-            scale: std::array::from_fn(|i| values.scale[i] * (-seen(Class::Scale, scale, i)).exp()),
-            offset_nt: std::array::from_fn(|i| values.offset_nt[i] - seen(Class::Offset, offset, i)),
-            angles_deg: std::array::from_fn(|i| values.angles_deg[i] - seen(Class::Angle, angle, i)),
-        }
-    };
     let orientation: Vec<TiltOrientation> = groups
         .iter()
         .zip(&all)
@@ -315,43 +243,100 @@ pub fn tilt(runs: &[OrientedRun], facility: &FacilityParameters, options: &Optio
             runs: members.iter().map(|r| r.run.clone()).collect(),
             used: *used,
             before: *before,
-            after: corrected(position, before),
+            after: corrected(position, before, &solved),
         })
         .collect();
     let used: Vec<&TiltOrientation> = orientation.iter().filter(|o| o.used).collect();
-    let add = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { std::array::from_fn(|i| a[i] + b[i]) };
-    let scaled: [f64; 3] = std::array::from_fn(|k| facility.scale_nt_per_eu[k] * scale.facility[k].exp());
-    let root = |s: &Solved| -> [f64; 3] { std::array::from_fn(|k| s.covariance[(k, k)].max(0.0).sqrt()) };
-    let after = FacilityParameters {
-        scale_nt_per_eu: scaled,
-        offset_nt: add(facility.offset_nt, offset.facility),
-        angles_deg: add(facility.angles_deg, angle.facility),
-        ..facility.clone()
-    };
-    let std = FacilityParameters::constant(std::array::from_fn(|k| scaled[k] * root(scale)[k]), root(offset), root(angle));
+    let [scale, offset, angle] = &solved;
+    let (after, std) = corrected_facility(facility, &solved);
     let sigma = scale.sensor.map(f64::exp);
-    Ok(Tilt {
+    let found = TiltFound {
         sensor: groups.first().and_then(|(_, members)| members.first()).map_or_else(String::new, |r| r.sensor.clone()),
         used: used.iter().flat_map(|o| o.runs.iter().cloned()).collect(),
+        covariance: covariance(&solved, after.scale_nt_per_eu),
         facility: after,
         std,
         facility_before: facility.clone(),
-        correction,
+        correction: SensorValues { scale: scale.facility, offset_nt: offset.facility, angles_deg: angle.facility },
         sensor_parameters: SensorValues { scale: sigma, offset_nt: offset.sensor, angles_deg: angle.sensor },
         sensor_std: SensorValues {
             scale: std::array::from_fn(|i| sigma[i] * scale.sensor_std[i]),
             offset_nt: offset.sensor_std,
             angles_deg: angle.sensor_std,
         },
-        undetermined,
+        undetermined: Class::ALL.into_iter().zip(&solved).flat_map(|(f, s)| s.unseen.iter().map(move |u| name(f, u))).collect(),
         spread_before: spread(&used.iter().map(|o| o.before).collect::<Vec<_>>()),
         spread_after: spread(&used.iter().map(|o| o.after).collect::<Vec<_>>()),
         residual_std: [scale.residual_std, offset.residual_std, angle.residual_std],
         degrees_of_freedom: [scale.dof, offset.dof, angle.dof],
-        covariance: covariance(&solved, scaled),
         orientation,
-        notes,
-    })
+    };
+    Ok(Tilt { found, notes })
+}
+
+/// The runs of every orientation, in the order of their first runs.
+fn by_orientation(runs: Vec<&OrientedRun>) -> Vec<Group<'_>> {
+    let mut groups: Vec<Group> = Vec::new();
+    for run in runs {
+        match groups.iter_mut().find(|(position, _)| *position == run.position) {
+            Some((_, members)) => members.push(run),
+            None => groups.push((run.position, vec![run])),
+        }
+    }
+    groups
+}
+
+/// Which orientations are used: those that do not agree with the others are left out one after the other, unless all are wanted.
+fn agreeing(all: &[(Position, SensorValues)], options: &Options, notes: &mut Vec<Note>) -> Result<Vec<bool>, FitError> {
+    let mut is_used = vec![true; all.len()];
+    loop {
+        let kept: Vec<usize> = (0..all.len()).filter(|g| is_used[*g]).collect();
+        let own: Vec<(Position, SensorValues)> = kept.iter().map(|g| all[*g]).collect();
+        let Some(out) = odd_one_out(&own)? else { return Ok(is_used) };
+        let orientation = own[out].0.orientation();
+        if options.keep_all {
+            let text = format!("orientation {orientation} does not agree with the others");
+            notes.push(Note::new(NoteKind::Fit, text));
+            return Ok(is_used);
+        }
+        is_used[kept[out]] = false;
+        let text = format!(
+            "orientation {orientation} does not agree with the others and was left out; the facility may have changed between \
+             (--keep-all uses it)"
+        );
+        notes.push(Note::new(NoteKind::Fit, text));
+    }
+}
+
+/// What the runs of an orientation would have given with the corrected facility.
+fn corrected(position: &Position, values: &SensorValues, [scale, offset, angle]: &[Solved; 3]) -> SensorValues {
+    let seen = |family: Class, solved: &Solved, i: usize| {
+        let (k, factor) = family.sees(position, i);
+        factor * solved.facility[k]
+    };
+    SensorValues {
+        scale: std::array::from_fn(|i| values.scale[i] * (-seen(Class::Scale, scale, i)).exp()),
+        offset_nt: std::array::from_fn(|i| values.offset_nt[i] - seen(Class::Offset, offset, i)),
+        angles_deg: std::array::from_fn(|i| values.angles_deg[i] - seen(Class::Angle, angle, i)),
+    }
+}
+
+/// The facility with its corrections, and its standard uncertainties.
+fn corrected_facility(
+    before: &FacilityParameters,
+    [scale, offset, angle]: &[Solved; 3],
+) -> (FacilityParameters, FacilityParameters) {
+    let add = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { std::array::from_fn(|i| a[i] + b[i]) };
+    let scaled: [f64; 3] = std::array::from_fn(|k| before.scale_nt_per_eu[k] * scale.facility[k].exp());
+    let root = |s: &Solved| -> [f64; 3] { std::array::from_fn(|k| s.covariance[(k, k)].max(0.0).sqrt()) };
+    let after = FacilityParameters {
+        scale_nt_per_eu: scaled,
+        offset_nt: add(before.offset_nt, offset.facility),
+        angles_deg: add(before.angles_deg, angle.facility),
+        ..before.clone()
+    };
+    let std = FacilityParameters::constant(std::array::from_fn(|k| scaled[k] * root(scale)[k]), root(offset), root(angle));
+    (after, std)
 }
 
 /// A combination that the orientations do not see, for people.
