@@ -3,6 +3,7 @@
 //! The result of the analysis and its parameter file both hold them, and analyses of several runs take them from either, so that each
 //! is defined here only.
 
+use super::note::{Note, NoteKind};
 use super::result::{Covariance, Rows, RunHead, Spread, Summary};
 use serde::{Deserialize, Serialize};
 
@@ -192,6 +193,17 @@ impl From<&LinearCalibration> for Sensitivities {
 }
 
 impl Sensitivities {
+    /// Says that they belong to another sensor or mode than a run whose `what` they turn into nT; `name` is that of their file.
+    #[must_use]
+    pub fn of_another(&self, name: &str, what: &str, run: &RunHead) -> Option<Note> {
+        let text = format!(
+            "the sensitivities of {name} belong to {} {}, the {what} to {} {}",
+            self.sensor, self.mode, run.sensor, run.mode
+        );
+        let same = (&self.sensor, &self.mode) == (&run.sensor, &run.mode);
+        (!same).then(|| Note::new(NoteKind::Method, text).about(name))
+    }
+
     /// A quantity in enT along the sensor axes, or a multiple of it such as a drift or density, in nT.
     #[must_use]
     pub fn to_nt(&self, ent: &[f64; 3]) -> [f64; 3] {

@@ -2,7 +2,7 @@
 //!
 //! The result of the analysis and its parameter file both hold them, so that each is defined here only.
 
-use super::result::Spread;
+use super::result::{Covariance, RunHead, Spread};
 use serde::{Deserialize, Serialize};
 
 /// Offset and residual field with their uncertainties. What is not determined is nan.
@@ -32,6 +32,30 @@ impl OffsetValues {
         residual_coil_nt: [f64::NAN; 3],
         residual_coil_std_nt: [f64::NAN; 3],
     };
+}
+
+/// How offset and residual field were found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OffsetFound {
+    /// Run and conditions.
+    pub run: RunHead,
+    /// How the offsets were found, per component.
+    pub method: OffsetMethod,
+    /// Offsets in nT with the sensitivity of a linear calibration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scaled: Option<ScaledOffset>,
+    /// Covariance of offsets and residual field.
+    pub covariance: Covariance,
+    /// Drift between visits of the same position.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drift: Option<OffsetDrift>,
+    /// Quality of the data.
+    pub quality: OffsetQuality,
+    /// The visits of positions in time order.
+    pub visit: Vec<PositionVisit>,
+    /// Components that were refused.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub refused: Vec<RefusedComponent>,
 }
 
 /// How the components were separated.

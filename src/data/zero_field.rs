@@ -2,7 +2,43 @@
 //!
 //! The result of the analysis and its parameter file both hold them, so that each is defined here only.
 
+use super::result::RunHead;
 use serde::{Deserialize, Serialize};
+
+/// What a zero-field run says of its sensor. Values that are not determined are nan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ZeroFieldFound {
+    /// Run and conditions.
+    pub run: RunHead,
+    /// The record.
+    pub record: RecordExtent,
+    /// Offset and drift.
+    pub offset: ZeroFieldOffset,
+    /// Amplitude density at 1 Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub density: Option<NoiseDensity>,
+    /// Reading, drift and density in nT with the sensitivity of a linear calibration.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scaled: Option<ScaledZeroField>,
+    /// White and 1/f noise.
+    pub corner: NoiseCorner,
+    /// The spectrum.
+    pub spectrum: NoiseSpectrum,
+    /// The Allan deviation.
+    pub allan: AllanDeviations,
+    /// Lines in the spectrum.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub line: Vec<SpectralLine>,
+    /// The offset against each slow channel.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub channel: Vec<ChannelDependence>,
+    /// The offset against sensor temperature and variometer at once.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub together: Option<JointDependence>,
+    /// Where the data stop.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stop: Vec<DataStop>,
+}
 
 /// The record.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

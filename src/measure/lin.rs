@@ -29,6 +29,7 @@ use prepare::{Prepared, trend_order};
 
 /// A sensitivity outside this factor of the nominal conversion means a wrong unit or factor.
 const PLAUSIBLE_GAIN: f64 = 1.5;
+
 /// Fits one run.
 ///
 /// # Errors

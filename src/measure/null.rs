@@ -9,7 +9,7 @@ mod record;
 
 use crate::data::zero_field::{
     AllanDeviations, ChannelDependence, DataStop, JointDependence, NoiseCorner, NoiseDensity, NoiseSpectrum, RecordExtent,
-    ScaledZeroField, SpectralLine, ZeroFieldOffset,
+    ScaledZeroField, SpectralLine, ZeroFieldFound, ZeroFieldOffset,
 };
 pub use record::{BLOCK, CHUNK, MOST_FILLED, Record};
 
@@ -17,7 +17,6 @@ use crate::data::calibration::Sensitivities;
 use crate::data::envelope;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Input;
-use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run, SlowTable};
 use crate::data::units::COMPONENTS;
 use crate::fit::allan::{self, Bin, Deviation};
@@ -130,30 +129,8 @@ impl Row {
 /// The result of a zero-field run. Values that are not determined are nan.
 #[derive(Clone, Debug)]
 pub struct Null {
-    /// Run and conditions.
-    pub run: RunHead,
-    /// The record.
-    pub record: RecordExtent,
-    /// Offset and drift.
-    pub offset: ZeroFieldOffset,
-    /// Amplitude density at 1 Hz.
-    pub density: Option<NoiseDensity>,
-    /// Reading, drift and density in nT with the sensitivity of a linear calibration.
-    pub scaled: Option<ScaledZeroField>,
-    /// White and 1/f noise.
-    pub corner: NoiseCorner,
-    /// The spectrum.
-    pub spectrum: NoiseSpectrum,
-    /// The Allan deviation.
-    pub allan: AllanDeviations,
-    /// Lines in the spectrum.
-    pub line: Vec<SpectralLine>,
-    /// The offset against each slow channel.
-    pub channel: Vec<ChannelDependence>,
-    /// The offset against sensor temperature and variometer at once.
-    pub together: Option<JointDependence>,
-    /// Where the data stop.
-    pub stop: Vec<DataStop>,
+    /// What was found.
+    pub found: ZeroFieldFound,
     /// The means with the drift.
     pub rows: Vec<Row>,
     /// Mean of every channel over every row; NaN where it has no reading.
@@ -237,7 +214,7 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
     }
     let allan = allan::deviations(&record.within, &record.bins, record.bin_samples, rate_hz);
     conditions::warn_of_run(&mut notes, run);
-    let mut result = Null {
+    let found = ZeroFieldFound {
         run: conditions::head(run, instructions, &temperatures),
         record: RecordExtent {
             samples: run.vectors.count,
@@ -257,12 +234,8 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
         channel,
         together,
         stop,
-        rows,
-        channels,
-        temperatures,
-        samples: None,
-        notes,
     };
+    let mut result = Null { found, rows, channels, temperatures, samples: None, notes };
     if let Some((input, sensitivities)) = &options.cpf {
         result.scale(&input.path, sensitivities);
     }
@@ -272,23 +245,17 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
 impl Null {
     /// Gives reading, drift and density in nT as well, with the sensitivities of a linear calibration; `name` is that of its file.
     pub fn scale(&mut self, name: &str, of: &Sensitivities) {
-        if (&of.sensor, &of.mode) != (&self.run.sensor, &self.run.mode) {
-            let text = format!(
-                "the sensitivities of {name} belong to {} {}, the readings to {} {}",
-                of.sensor, of.mode, self.run.sensor, self.run.mode
-            );
-            self.notes.push(Note::new(NoteKind::Method, text).about(name));
-        }
+        self.notes.extend(of.of_another(name, "readings", &self.found.run));
         let each = |list: &[[f64; 3]]| list.iter().map(|ent| of.to_nt(ent)).collect();
-        self.scaled = Some(ScaledZeroField {
+        self.found.scaled = Some(ScaledZeroField {
             cpf: name.to_owned(),
             sigma: of.sigma_nt_per_ent,
-            mean_nt: of.to_nt(&self.offset.mean_ent),
-            mean_std_nt: of.to_nt(&self.offset.mean_std_ent),
-            drift_nt_per_h: each(&self.offset.drift_ent_per_h),
-            drift_std_nt_per_h: each(&self.offset.drift_std_ent_per_h),
-            nt_per_root_hz: self.density.as_ref().map(|d| of.to_nt(&d.ent_per_root_hz)),
-            std_nt_per_root_hz: self.density.as_ref().map(|d| of.to_nt(&d.std_ent_per_root_hz)),
+            mean_nt: of.to_nt(&self.found.offset.mean_ent),
+            mean_std_nt: of.to_nt(&self.found.offset.mean_std_ent),
+            drift_nt_per_h: each(&self.found.offset.drift_ent_per_h),
+            drift_std_nt_per_h: each(&self.found.offset.drift_std_ent_per_h),
+            nt_per_root_hz: self.found.density.as_ref().map(|d| of.to_nt(&d.ent_per_root_hz)),
+            std_nt_per_root_hz: self.found.density.as_ref().map(|d| of.to_nt(&d.std_ent_per_root_hz)),
         });
     }
 }

@@ -14,13 +14,11 @@ mod stay;
 pub use refusal::OffsetError;
 
 use crate::data::calibration::Sensitivities;
-use crate::data::note::{Note, NoteKind};
-use crate::data::offset::{
-    OffsetDrift, OffsetMethod, OffsetQuality, OffsetValues, PositionVisit, RefusedComponent, ScaledOffset,
-};
+use crate::data::note::Note;
+use crate::data::offset::{OffsetFound, OffsetQuality, OffsetValues, PositionVisit, ScaledOffset};
 use crate::data::plateau::{LEAST_COVERAGE, Plateau, Plateaus, Settling};
 use crate::data::provenance::Input;
-use crate::data::result::{Covariance, Dropped, RunHead};
+use crate::data::result::Dropped;
 use crate::data::run::{Kind, Run};
 use crate::model::campaign::Instructions;
 use crate::model::facility::{Facility, FacilityApplied};
@@ -55,22 +53,8 @@ impl Default for Options {
 pub struct Offset {
     /// Offset and residual field.
     pub values: OffsetValues,
-    /// Run and conditions.
-    pub run: RunHead,
-    /// How the offsets were found, per component.
-    pub method: OffsetMethod,
-    /// Offsets in nT with the sensitivity of a linear calibration.
-    pub scaled: Option<ScaledOffset>,
-    /// Covariance of offsets and residual field.
-    pub covariance: Covariance,
-    /// OffsetDrift between visits of the same position.
-    pub drift: Option<OffsetDrift>,
-    /// Quality of the data.
-    pub quality: OffsetQuality,
-    /// The visits of positions in time order.
-    pub visit: Vec<PositionVisit>,
-    /// Components that were refused.
-    pub refused: Vec<RefusedComponent>,
+    /// How they were found.
+    pub found: OffsetFound,
     /// The facility whose scale factors and angles turned settings into applied fields; absent if the settings were taken as fields.
     pub facility: Option<FacilityApplied>,
     /// Plateaus that were not used.
@@ -119,16 +103,19 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
     conditions::warn_of_plateaus(&mut notes, run, &plateaus);
     conditions::warn_of_run(&mut notes, run);
-    let mut offset = Offset {
+    let found = OffsetFound {
         run: conditions::head(run, instructions, &temperatures),
         scaled: None,
         quality: quality(run, &plateaus, &stays, &levels, &solved),
         visit: visits(&stays, &levels, &solved),
-        values: solved.values,
         method: solved.method,
         covariance: solved.covariance,
         drift: solved.drift,
         refused: solved.refused,
+    };
+    let mut offset = Offset {
+        values: solved.values,
+        found,
         facility,
         dropped: conditions::dropped(&plateaus.list),
         plateaus: plateaus.list.clone(),
@@ -173,14 +160,8 @@ fn visits(stays: &[Stay], levels: &Levels, solved: &Solved) -> Vec<PositionVisit
 impl Offset {
     /// Gives the offsets in nT as well, with the sensitivities of a linear calibration; `name` is that of its file.
     pub fn scale(&mut self, name: &str, of: &Sensitivities) {
-        if (&of.sensor, &of.mode) != (&self.run.sensor, &self.run.mode) {
-            let text = format!(
-                "the sensitivities of {name} belong to {} {}, the offsets to {} {}",
-                of.sensor, of.mode, self.run.sensor, self.run.mode
-            );
-            self.notes.push(Note::new(NoteKind::Method, text).about(name));
-        }
-        self.scaled = Some(ScaledOffset {
+        self.notes.extend(of.of_another(name, "offsets", &self.found.run));
+        self.found.scaled = Some(ScaledOffset {
             cpf: name.to_owned(),
             sigma: of.sigma_nt_per_ent,
             offset_nt: of.to_nt(&self.values.offset_ent),

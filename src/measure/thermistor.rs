@@ -8,7 +8,7 @@ use crate::data::result::Covariance;
 use crate::data::tables::ThermistorRow;
 use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, ThermistorPolynomial, TriedOrder};
 use crate::fit::statistics::extremes;
-use crate::fit::{FitError, Limits, Polynomial, order, polynomial};
+use crate::fit::{Chosen, FitError, Limits, Polynomial, order, polynomial};
 use thiserror::Error;
 
 /// The highest order that is fitted.
@@ -158,25 +158,7 @@ pub fn thermistor(
         None => (chosen.order, format!("{:?}", chosen.reason)),
     };
     let fit = polynomial::fit(&x, &y, None, wanted, &limits)?;
-    let mut fits: Vec<Polynomial> = Vec::new();
-    for order in 1..=HIGHEST_ORDER.max(wanted).min(rows.len().saturating_sub(2)) {
-        match polynomial::fit(&x, &y, None, order, &limits) {
-            Ok(fit) => fits.push(fit),
-            // Higher orders are no better determined.
-            Err(_) => break,
-        }
-    }
-    let orders: Vec<TriedOrder> = fits
-        .iter()
-        .enumerate()
-        .map(|(i, fit)| TriedOrder {
-            order: i + 1,
-            residual_max_degc: largest(fit.residuals.iter().copied()),
-            residual_std_degc: fit.residual_std,
-            leave_one_out_degc: leave_one_out(fit, &x),
-            aicc: chosen.candidates.iter().find(|c| c.order == i + 1).and_then(|c| c.aicc).filter(|a| a.is_finite()),
-        })
-        .collect();
+    let orders = tried(&x, &y, wanted, &chosen);
     let mut notes = Vec::new();
     let order_within = orders.iter().find(|o| o.residual_max_degc <= options.within_degc).map(|o| o.order);
     let residual_max_degc = largest(fit.residuals.iter().copied());
@@ -191,16 +173,7 @@ pub fn thermistor(
         ));
     }
     let best = options.compare.as_ref().map(|c| polynomial::fit(&x, &y, None, c.len().saturating_sub(1), &limits)).transpose()?;
-    let compared = options.compare.as_ref().zip(best.as_ref()).map(|(c, best)| {
-        let residuals: Vec<f64> = x.iter().zip(&y).map(|(x, y)| y - value(c, *x)).collect();
-        ComparedPolynomial {
-            coefficients: c.clone(),
-            residual_max_degc: largest(residuals.iter().copied()),
-            residual_rms_degc: (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64).sqrt(),
-            best_max_degc: largest(best.residuals.iter().copied()),
-            difference_max_degc: largest(residuals.iter().zip(&best.residuals).map(|(a, b)| a - b)),
-        }
-    });
+    let compared = options.compare.as_ref().zip(best.as_ref()).map(|(c, best)| compared(c, best, &x, &y));
     let reference = reference
         .map(|rows| compare_with(rows, &fit, signal, options.divider, extremes(x.iter().copied()), &mut notes))
         .transpose()?;
@@ -240,6 +213,33 @@ pub fn thermistor(
         row: row.collect(),
         notes,
     })
+}
+
+/// The polynomials of all orders that the table determines.
+fn tried(x: &[f64], y: &[f64], wanted: usize, chosen: &Chosen) -> Vec<TriedOrder> {
+    let highest = HIGHEST_ORDER.max(wanted).min(x.len().saturating_sub(2));
+    // Above an order that is not determined no other is better determined.
+    let fits = (1..=highest).map_while(|order| Some((order, polynomial::fit(x, y, None, order, &Limits::default()).ok()?)));
+    fits.map(|(order, fit)| TriedOrder {
+        order,
+        residual_max_degc: largest(fit.residuals.iter().copied()),
+        residual_std_degc: fit.residual_std,
+        leave_one_out_degc: leave_one_out(&fit, x),
+        aicc: chosen.candidates.iter().find(|c| c.order == order).and_then(|c| c.aicc).filter(|a| a.is_finite()),
+    })
+    .collect()
+}
+
+/// A polynomial that was given, beside the best one of its order.
+fn compared(given: &[f64], best: &Polynomial, x: &[f64], y: &[f64]) -> ComparedPolynomial {
+    let residuals: Vec<f64> = x.iter().zip(y).map(|(x, y)| y - value(given, *x)).collect();
+    ComparedPolynomial {
+        coefficients: given.to_vec(),
+        residual_max_degc: largest(residuals.iter().copied()),
+        residual_rms_degc: (residuals.iter().map(|r| r * r).sum::<f64>() / residuals.len() as f64).sqrt(),
+        best_max_degc: largest(best.residuals.iter().copied()),
+        difference_max_degc: largest(residuals.iter().zip(&best.residuals).map(|(a, b)| a - b)),
+    }
 }
 
 /// T_O from readings beside a reference thermometer.

@@ -11,8 +11,8 @@ const AGAINST: [&str; 4] = ["correlation_1", "correlation_2", "correlation_3", "
 #[must_use]
 pub fn figures(null: &Null) -> Vec<Named> {
     let p = null;
-    let id = &p.run.id;
-    let time = TimeAxis::of(p.record.time_s[1]);
+    let id = &p.found.run.id;
+    let time = TimeAxis::of(p.found.record.time_s[1]);
     let mut list = vec![
         Named { stem: "measured_data", figure: measured(null, id, time) },
         Named { stem: "drift", figure: drift(null, id, time) },
@@ -20,9 +20,9 @@ pub fn figures(null: &Null) -> Vec<Named> {
         Named { stem: "allan_deviation", figure: allan(null, id) },
     ];
     // Sensor temperature and variometer; without them the first channels there are.
-    let main: Vec<&str> = match &p.together {
+    let main: Vec<&str> = match &p.found.together {
         Some(t) => t.channels.iter().map(String::as_str).collect(),
-        None => p.channel.iter().map(|c| c.name.as_str()).collect(),
+        None => p.found.channel.iter().map(|c| c.name.as_str()).collect(),
     };
     for (stem, name) in AGAINST.into_iter().zip(main) {
         list.extend(against(null, id, name).map(|figure| Named { stem, figure }));
@@ -36,7 +36,7 @@ fn line(label: &str, style: Style, points: Vec<(f64, f64)>) -> Series {
 }
 
 fn measured(null: &Null, id: &str, time: TimeAxis) -> Figure {
-    let o = &null.offset;
+    let o = &null.found.offset;
     Figure {
         title: format!("Readings in zero field, run {id}"),
         caption: format!(
@@ -66,7 +66,7 @@ fn measured(null: &Null, id: &str, time: TimeAxis) -> Figure {
 }
 
 fn drift(null: &Null, id: &str, time: TimeAxis) -> Figure {
-    let o = &null.offset;
+    let o = &null.found.offset;
     let (span, count) = match (null.rows.first(), null.rows.len()) {
         (Some(row), count) => (row.interval_s[1] - row.interval_s[0], count),
         (None, _) => (f64::NAN, 0),
@@ -103,9 +103,9 @@ fn drift(null: &Null, id: &str, time: TimeAxis) -> Figure {
 
 fn density(null: &Null, id: &str) -> Figure {
     let p = null;
-    let s = &p.spectrum;
+    let s = &p.found.spectrum;
     let values = [&s.x_ent_per_root_hz, &s.y_ent_per_root_hz, &s.z_ent_per_root_hz];
-    let stated = p.density.as_ref().map_or_else(String::new, |d| {
+    let stated = p.found.density.as_ref().map_or_else(String::new, |d| {
         let [x, y, z] = d.ent_per_root_hz.map(|v| format!("{v:.3e}"));
         format!(" The points mark {STATED_HZ} Hz: {x}, {y}, {z} enT/√Hz.")
     });
@@ -120,7 +120,7 @@ fn density(null: &Null, id: &str) -> Figure {
         panels: panels(|c| {
             let f = || s.frequency_hz.iter().copied().enumerate();
             let band = f().map(|(i, f)| (f, values[c][i] * s.low_factor[i], values[c][i] * s.high_factor[i])).collect();
-            let (white, slow) = (p.corner.white_ent_per_root_hz[c], p.corner.slow_ent_per_root_hz[c]);
+            let (white, slow) = (p.found.corner.white_ent_per_root_hz[c], p.found.corner.slow_ent_per_root_hz[c]);
             let mut series = vec![
                 Series { label: String::new(), style: STYLES[c], marks: Marks::Ribbon(band) },
                 line(SENSOR[c], STYLES[c], f().map(|(i, f)| (f, values[c][i])).collect()),
@@ -130,7 +130,7 @@ fn density(null: &Null, id: &str) -> Figure {
                 let model = f().map(|(_, f)| (f, (white * white + slow * slow / f).sqrt())).collect();
                 series.push(line(label, Style::Reference, model));
             }
-            if let Some(d) = &p.density {
+            if let Some(d) = &p.found.density {
                 let label = if c == 0 { "1 Hz" } else { "" };
                 let point = (d.frequency_hz, d.ent_per_root_hz[c], None);
                 series.push(Series { label: label.to_owned(), style: Style::Single, marks: Marks::Points(vec![point]) });
@@ -141,7 +141,7 @@ fn density(null: &Null, id: &str) -> Figure {
 }
 
 fn allan(null: &Null, id: &str) -> Figure {
-    let a = &null.allan;
+    let a = &null.found.allan;
     let values = [&a.x_ent, &a.y_ent, &a.z_ent];
     let tau = || a.tau_s.iter().copied().enumerate();
     let mut series = Vec::new();
@@ -171,7 +171,7 @@ fn allan(null: &Null, id: &str) -> Figure {
 }
 
 fn against(null: &Null, id: &str, name: &str) -> Option<Figure> {
-    let part = null.channel.iter().find(|c| c.name == name)?;
+    let part = null.found.channel.iter().find(|c| c.name == name)?;
     let values = &null.channels.iter().find(|(n, _)| n == name)?.1;
     let known: Vec<(f64, usize)> =
         values.iter().copied().enumerate().filter(|(_, v)| v.is_finite()).map(|(i, v)| (v, i)).collect();

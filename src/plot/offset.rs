@@ -7,7 +7,7 @@ use crate::measure::offset::Offset;
 /// All figures.
 #[must_use]
 pub fn figures(offset: &Offset) -> Vec<Named> {
-    let id = &offset.run.id;
+    let id = &offset.found.run.id;
     let end_s = offset.plateaus.iter().map(|p| p.setting.t_end_s).fold(0.0, f64::max);
     let time = TimeAxis::of(end_s);
     let mut list = vec![
@@ -19,7 +19,7 @@ pub fn figures(offset: &Offset) -> Vec<Named> {
 }
 
 fn applied(offset: &Offset, id: &str, time: TimeAxis) -> Figure {
-    let positions: Vec<String> = offset.visit.iter().map(|v| format!("{} ({})", v.position, v.axes.join(" "))).collect();
+    let positions: Vec<String> = offset.found.visit.iter().map(|v| format!("{} ({})", v.position, v.axes.join(" "))).collect();
     Figure {
         title: format!("Applied fields, run {id}"),
         caption: format!("Reference field in coil coordinates. Positions in turn: {}.", positions.join(", ")),
@@ -51,18 +51,18 @@ fn zero_levels(offset: &Offset, id: &str, time: TimeAxis) -> Figure {
         caption: format!(
             "Zero level in positions {} in turn, with standard uncertainty, and the offset of the sensor. The levels of a component in its \
              normal and its turned position lie as far above as below the offset: by the residual field of the coil system.",
-            p.visit.iter().map(|v| v.position.to_string()).collect::<Vec<_>>().join(", ")
+            p.found.visit.iter().map(|v| v.position.to_string()).collect::<Vec<_>>().join(", ")
         ),
         x_label: time.label.to_owned(),
         x_scale: Scale::Linear,
         panels: panels(|axis| {
-            let levels = p.visit.iter().map(|v| {
+            let levels = p.found.visit.iter().map(|v| {
                 let middle = 0.5 * (v.time_s[0] + v.time_s[1]);
                 (time.at(middle), v.reading_ent[axis], Some(v.std_ent[axis]))
             });
             let span = |value: f64| {
-                let first = p.visit.first().map_or(0.0, |v| v.time_s[0]);
-                let last = p.visit.last().map_or(0.0, |v| v.time_s[1]);
+                let first = p.found.visit.first().map_or(0.0, |v| v.time_s[0]);
+                let last = p.found.visit.last().map_or(0.0, |v| v.time_s[1]);
                 vec![(time.at(first), value), (time.at(last), value)]
             };
             Panel {

@@ -3,7 +3,7 @@
 use super::document::{Block, Cell, Section, Table, Text, cells};
 use super::{remarks, run_line, triple, used_file};
 use crate::data::units::COMPONENTS;
-use crate::data::zero_field::{ChannelDependence, DataStop, NoiseDensity};
+use crate::data::zero_field::{ChannelDependence, DataStop, NoiseDensity, ZeroFieldFound};
 use crate::measure::null::Null;
 use std::fmt::Write;
 
@@ -13,7 +13,7 @@ const MOST_LINES: usize = 20;
 /// The sections of the report.
 #[must_use]
 pub fn sections(null: &Null, file_name: &str) -> Vec<Section> {
-    let p = null;
+    let p = &null.found;
     let r = &p.record;
     let used = used_file(&p.run, file_name).with(format!(
         "{} samples from {:.1} to {:.1} s ({:.2} h) at {:.6} Hz; {} samples lost in {} gaps, {} of them in short gaps that a straight line \
@@ -32,7 +32,7 @@ pub fn sections(null: &Null, file_name: &str) -> Vec<Section> {
     sections.push(allan(p));
     sections.extend(channels(p));
     sections.push(stops(p));
-    sections.extend(remarks(&p.notes));
+    sections.extend(remarks(&null.notes));
     sections
 }
 
@@ -41,7 +41,7 @@ fn drift_name(power: usize, unit: &str) -> String {
     if power == 1 { format!("drift, {unit}/h") } else { format!("{unit}/h^{power}") }
 }
 
-fn offset(p: &Null) -> Section {
+fn offset(p: &ZeroFieldFound) -> Section {
     let o = &p.offset;
     let mut names = vec!["component".to_owned(), format!("reading at {:.0} s, enT", o.time_s)];
     names.extend((1..=o.order).map(|k| drift_name(k, "enT")));
@@ -62,7 +62,7 @@ fn offset(p: &Null) -> Section {
 }
 
 /// The same in nT, where a linear calibration gives the sensitivity.
-fn scaled(p: &Null) -> Option<[Block; 2]> {
+fn scaled(p: &ZeroFieldFound) -> Option<[Block; 2]> {
     let s = p.scaled.as_ref()?;
     let mut names = vec!["component".to_owned(), format!("reading at {:.0} s, nT", p.offset.time_s)];
     names.extend((1..=s.drift_nt_per_h.len()).map(|k| drift_name(k, "nT")));
@@ -90,7 +90,7 @@ fn decimals(std: f64) -> usize {
     if std > 0.0 && std.is_finite() { (1.0 - std.log10().floor()).clamp(0.0, 12.0) as usize } else { 4 }
 }
 
-fn noise(p: &Null) -> Section {
+fn noise(p: &ZeroFieldFound) -> Section {
     let k = &p.corner;
     let mut table = Table::new([
         "component",
@@ -129,7 +129,7 @@ fn noise(p: &Null) -> Section {
         .with(Text::from(method).code("S = W + A/f").and("; a χ² far above 1 means that the noise has another shape."))
 }
 
-fn lines(p: &Null) -> Option<Section> {
+fn lines(p: &ZeroFieldFound) -> Option<Section> {
     if p.line.is_empty() {
         return None;
     }
@@ -151,7 +151,7 @@ fn lines(p: &Null) -> Option<Section> {
     )))
 }
 
-fn allan(p: &Null) -> Section {
+fn allan(p: &ZeroFieldFound) -> Section {
     let a = &p.allan;
     let mut table = Table::new(["τ, s", "x, enT", "y, enT", "z, enT", "limits of 95 %"]);
     for (i, tau) in a.tau_s.iter().enumerate() {
@@ -165,7 +165,7 @@ fn coefficients(values: &[f64; 3], std: &[f64; 3]) -> [Cell; 3] {
     std::array::from_fn(|c| Cell::uncertain(values[c], std[c]))
 }
 
-fn channels(p: &Null) -> Option<Section> {
+fn channels(p: &ZeroFieldFound) -> Option<Section> {
     if p.channel.is_empty() {
         return None;
     }
@@ -192,7 +192,7 @@ fn channels(p: &Null) -> Option<Section> {
     Some(section)
 }
 
-fn stops(p: &Null) -> Section {
+fn stops(p: &ZeroFieldFound) -> Section {
     let section = Section::new("Stops of the data");
     if p.stop.is_empty() {
         return section.with("The data run from the begin to the end of the setting.");
@@ -207,7 +207,7 @@ fn stops(p: &Null) -> Section {
 /// The result in one line.
 #[must_use]
 pub fn headline(null: &Null) -> String {
-    let p = null;
+    let p = &null.found;
     let drift = p.offset.drift_ent_per_h.first().zip(p.offset.drift_std_ent_per_h.first());
     let density = p.density.as_ref().map_or_else(String::new, |d| {
         format!(", {} enT/√Hz at 1 Hz", triple(&d.ent_per_root_hz, &d.std_ent_per_root_hz).replace('+', ""))
@@ -218,7 +218,7 @@ pub fn headline(null: &Null) -> String {
 /// A few lines for the terminal.
 #[must_use]
 pub fn summary(null: &Null) -> String {
-    let p = null;
+    let p = &null.found;
     let mut out = format!(
         "{}  {} samples, {:.2} h\n  mean   {}  enT\n",
         run_line(&p.run),
@@ -245,15 +245,16 @@ pub fn summary(null: &Null) -> String {
 pub fn parameter_table(runs: &[&Null]) -> crate::files::table::Table {
     use crate::files::table::{Table, Values};
     let mut table = Table::default();
-    super::head_columns(&mut table, runs.iter().map(|o| &o.run));
-    let numbers = |get: &dyn Fn(&Null) -> f64| Values::Numbers(runs.iter().map(|o| get(o)).collect());
+    super::head_columns(&mut table, runs.iter().map(|o| &o.found.run));
+    let numbers = |get: &dyn Fn(&ZeroFieldFound) -> f64| Values::Numbers(runs.iter().map(|o| get(&o.found)).collect());
     let first = |list: &[[f64; 3]], i: usize| list.first().map_or(f64::NAN, |v| v[i]);
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
         table.push(&format!("mean_{axis}_ent"), numbers(&|p| p.offset.mean_ent[i]));
         table.push(&format!("mean_{axis}_std_ent"), numbers(&|p| p.offset.mean_std_ent[i]));
         table.push(&format!("drift_{axis}_ent_per_h"), numbers(&|p| first(&p.offset.drift_ent_per_h, i)));
         table.push(&format!("drift_{axis}_std_ent_per_h"), numbers(&|p| first(&p.offset.drift_std_ent_per_h, i)));
-        let density = |p: &Null, get: fn(&NoiseDensity) -> &[f64; 3]| p.density.as_ref().map_or(f64::NAN, |d| get(d)[i]);
+        let density =
+            |p: &ZeroFieldFound, get: fn(&NoiseDensity) -> &[f64; 3]| p.density.as_ref().map_or(f64::NAN, |d| get(d)[i]);
         table.push(&format!("density_1hz_{axis}_ent"), numbers(&|p| density(p, |d| &d.ent_per_root_hz)));
         table.push(&format!("density_1hz_{axis}_std_ent"), numbers(&|p| density(p, |d| &d.std_ent_per_root_hz)));
         table.push(&format!("corner_{axis}_hz"), numbers(&|p| p.corner.corner_hz[i]));

@@ -18,7 +18,7 @@ pub fn sections(offset: &Offset, file_name: &str) -> Vec<Section> {
         "B_res = (B_normal - B_turned)/2",
         ". Where positions are not turned by exactly 180° the response measured in the run itself takes their place.",
     ]));
-    let mut sections = vec![used_file(&p.run, file_name), principle, offsets(p), residual_field(p), visits(p), quality(p)];
+    let mut sections = vec![used_file(&p.found.run, file_name), principle, offsets(p), residual_field(p), visits(p), quality(p)];
     sections.extend(not_used(&p.dropped));
     sections.extend(remarks(&p.notes));
     sections
@@ -27,16 +27,16 @@ pub fn sections(offset: &Offset, file_name: &str) -> Vec<Section> {
 fn offsets(p: &Offset) -> Section {
     let mut table = Table::new(["component", "offset, enT ± standard uncertainty", "positions"]);
     for i in 0..3 {
-        let positions: Vec<String> = p.method.positions[i].iter().map(u32::to_string).collect();
+        let positions: Vec<String> = p.found.method.positions[i].iter().map(u32::to_string).collect();
         let positions = if positions.is_empty() {
             "none".to_owned()
         } else {
-            format!("{} ({})", positions.join(", "), p.method.component[i])
+            format!("{} ({})", positions.join(", "), p.found.method.component[i])
         };
         table.push(cells![MEASURED[i], Cell::uncertain(p.values.offset_ent[i], p.values.offset_std_ent[i]), positions]);
     }
     let section = Section::new("Sensor offsets").with(table);
-    let Some(scaled) = &p.scaled else { return section };
+    let Some(scaled) = &p.found.scaled else { return section };
     let row = |i: usize| {
         let offset = Cell::uncertain(scaled.offset_nt[i], scaled.offset_std_nt[i]);
         cells![MEASURED[i], offset, Cell::uncertain(scaled.residual_nt[i], scaled.residual_std_nt[i])]
@@ -50,7 +50,7 @@ fn residual_field(p: &Offset) -> Section {
     let mut table = Table::new(["component", "B_res, enT ± standard uncertainty", "seen along"]);
     for i in 0..3 {
         let residual = Cell::uncertain(p.values.residual_ent[i], p.values.residual_std_ent[i]);
-        table.push(cells![MEASURED[i], residual, format!("{}_m = {}_c", MEASURED[i], p.method.normal_axis[i])]);
+        table.push(cells![MEASURED[i], residual, format!("{}_m = {}_c", MEASURED[i], p.found.method.normal_axis[i])]);
     }
     let mut section = Section::new("Residual field of the coil system").with(table).with(format!(
         "Remark: the residual field is given in the coordinates of the sensor in its normal position, not in coil coordinates. In coil \
@@ -59,7 +59,7 @@ fn residual_field(p: &Offset) -> Section {
         value(p.values.residual_coil_nt[1], p.values.residual_coil_std_nt[1]),
         value(p.values.residual_coil_nt[2], p.values.residual_coil_std_nt[2]),
     ));
-    if let Some(drift) = &p.drift {
+    if let Some(drift) = &p.found.drift {
         let rates: Vec<String> = (0..3)
             .map(|i| format!("{} {}", COMPONENTS[i], with_uncertainty(drift.ent_per_h[i], drift.std_ent_per_h[i])))
             .collect();
@@ -74,7 +74,7 @@ fn residual_field(p: &Offset) -> Section {
 
 fn visits(p: &Offset) -> Section {
     let mut table = Table::new(["position", "axes X_m Y_m Z_m", "time, s", "blocks", "x, enT", "y, enT", "z, enT"]);
-    for v in &p.visit {
+    for v in &p.found.visit {
         let mut row = cells![v.position, v.axes.join(" "), format!("{:.0} to {:.0}", v.time_s[0], v.time_s[1]), v.blocks];
         row.extend((0..3).map(|i| Cell::uncertain(v.reading_ent[i], v.std_ent[i])));
         table.push(row);
@@ -83,7 +83,7 @@ fn visits(p: &Offset) -> Section {
 }
 
 fn quality(p: &Offset) -> Section {
-    let q = &p.quality;
+    let q = &p.found.quality;
     let samples = q.raw_std_ent.as_ref().map_or_else(
         || "The file brings plateau means without standard deviations.".to_owned(),
         |s| {
@@ -118,12 +118,12 @@ pub fn summary(offset: &Offset) -> String {
     let p = offset;
     format!(
         "{}  {} of {} blocks\n  B_off  {}  enT\n  B_res  {}  enT, seen along {}\n",
-        run_line(&p.run),
-        p.quality.blocks_used,
-        p.quality.blocks_total,
+        run_line(&p.found.run),
+        p.found.quality.blocks_used,
+        p.found.quality.blocks_total,
         triple(&p.values.offset_ent, &p.values.offset_std_ent),
         triple(&p.values.residual_ent, &p.values.residual_std_ent),
-        p.method.normal_axis.join(" "),
+        p.found.method.normal_axis.join(" "),
     )
 }
 
@@ -133,7 +133,7 @@ pub fn summary(offset: &Offset) -> String {
 pub fn parameter_table(runs: &[&Offset]) -> crate::files::table::Table {
     use crate::files::table::{Table, Values};
     let mut table = Table::default();
-    super::head_columns(&mut table, runs.iter().map(|o| &o.run));
+    super::head_columns(&mut table, runs.iter().map(|o| &o.found.run));
     let numbers = |get: &dyn Fn(&Offset) -> f64| Values::Numbers(runs.iter().map(|o| get(o)).collect());
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
         table.push(&format!("b_off_{axis}_ent"), numbers(&|p| p.values.offset_ent[i]));

@@ -188,7 +188,7 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
             Ok((Model::Lin { sensor: linear(matrix(calibration.matrix.phi))?, trend_ent, tau_span_s }, white_ent))
         }
         Kind::Offset => {
-            let opf = the_file(files, header, true, |o: &Opf| &o.run)?;
+            let opf = the_file(files, header, true, |o: &Opf| &o.found.run)?;
             let cpf = the_file(files, header, false, |c: &Cpf| &c.calibration.run)?;
             if opf.values.offset_ent.iter().chain(&opf.values.residual_coil_nt).any(|v| v.is_nan()) {
                 return refuse("has no offset or residual field in some component".to_owned(), "measure further positions");
@@ -207,7 +207,7 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
                 let seen = sensor.response() * Vector3::from(opf.values.residual_coil_nt);
                 places.push((id, sensor, (Vector3::from(opf.values.offset_ent) + seen).into()));
             }
-            Ok((Model::Offset(places), opf.quality.raw_std_ent.map_or([0.0; 3], |s| s.mean)))
+            Ok((Model::Offset(places), opf.found.quality.raw_std_ent.map_or([0.0; 3], |s| s.mean)))
         }
         Kind::Frequency => {
             let fpf = the_file(files, header, true, |f: &Fpf| &f.run)?;

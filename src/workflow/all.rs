@@ -224,8 +224,8 @@ pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
     let mut found = Vec::new();
     for (index, measured) in all.iter().enumerate() {
         let head = match measured {
-            Measured::Offset(made) => &made.result.run,
-            Measured::Null(made) => &made.result.run,
+            Measured::Offset(made) => &made.result.found.run,
+            Measured::Null(made) => &made.result.found.run,
             _ => continue,
         };
         let distance = |lin: &&Made<Lin>| (seconds(&lin.result.calibration.run.start) - seconds(&head.start)).abs();

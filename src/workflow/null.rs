@@ -46,7 +46,7 @@ impl PerRun for Options {
 
 impl RunReport for Null {
     fn head(&self) -> &RunHead {
-        &self.run
+        &self.found.run
     }
     fn notes(&self) -> Vec<Note> {
         self.notes.clone()
@@ -55,7 +55,7 @@ impl RunReport for Null {
         plot::null::figures(self)
     }
     fn title(&self) -> String {
-        format!("Offset drift and noise in zero field, run {}", self.run.id)
+        format!("Offset drift and noise in zero field, run {}", self.found.run.id)
     }
     fn sections(&self) -> Vec<Section> {
         show::null::sections(self, &self.parameters().file_name())
@@ -86,18 +86,7 @@ impl RunResult for Null {
     fn parameters(&self) -> Npf {
         Npf {
             convention: NullConvention::default(),
-            run: self.run.clone(),
-            record: self.record.clone(),
-            offset: self.offset.clone(),
-            density: self.density.clone(),
-            scaled: self.scaled.clone(),
-            corner: self.corner.clone(),
-            spectrum: self.spectrum.clone(),
-            allan: self.allan.clone(),
-            line: self.line.clone(),
-            channel: self.channel.clone(),
-            together: self.together.clone(),
-            stop: self.stop.clone(),
+            found: self.found.clone(),
             conditions: self.temperatures.conditions.clone(),
             warnings: self.notes.iter().map(Note::to_string).collect(),
         }

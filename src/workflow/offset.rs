@@ -53,19 +53,19 @@ impl PerRun for Options {
 
 impl RunReport for Offset {
     fn head(&self) -> &RunHead {
-        &self.run
+        &self.found.run
     }
     fn notes(&self) -> Vec<Note> {
         self.notes.clone()
     }
     fn is_partial(&self) -> bool {
-        !self.refused.is_empty()
+        !self.found.refused.is_empty()
     }
     fn figures(&self) -> Vec<Named> {
         plot::offset::figures(self)
     }
     fn title(&self) -> String {
-        format!("Offset calculation, run {}", self.run.id)
+        format!("Offset calculation, run {}", self.found.run.id)
     }
     fn sections(&self) -> Vec<Section> {
         show::offset::sections(self, &self.parameters().file_name())
@@ -96,14 +96,7 @@ impl RunResult for Offset {
         Opf {
             values: self.values,
             convention: OffsetConvention::default(),
-            run: self.run.clone(),
-            method: self.method.clone(),
-            scaled: self.scaled.clone(),
-            covariance: self.covariance.clone(),
-            drift: self.drift.clone(),
-            quality: self.quality.clone(),
-            visit: self.visit.clone(),
-            refused: self.refused.clone(),
+            found: self.found.clone(),
             conditions: self.temperatures.conditions.clone(),
             facility: self.facility.clone(),
             dropped: self.dropped.clone(),

@@ -1,11 +1,8 @@
 //! NULL: offset drift, noise and what the offset follows, from a long record in zero field.
 
 use super::Body;
-use crate::data::result::{Conditions, RunHead};
-use crate::data::zero_field::{
-    AllanDeviations, ChannelDependence, DataStop, JointDependence, NoiseCorner, NoiseDensity, NoiseSpectrum, RecordExtent,
-    ScaledZeroField, SpectralLine, ZeroFieldOffset,
-};
+use crate::data::result::Conditions;
+use crate::data::zero_field::ZeroFieldFound;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -37,36 +34,9 @@ impl Default for NullConvention {
 pub struct Npf {
     /// What the numbers mean.
     pub convention: NullConvention,
-    /// Run and conditions.
-    pub run: RunHead,
-    /// The record.
-    pub record: RecordExtent,
-    /// Offset and drift.
-    pub offset: ZeroFieldOffset,
-    /// Amplitude density at 1 Hz.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub density: Option<NoiseDensity>,
-    /// Reading, drift and density in nT with the sensitivity of a linear calibration.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub scaled: Option<ScaledZeroField>,
-    /// White and 1/f noise.
-    pub corner: NoiseCorner,
-    /// The spectrum.
-    pub spectrum: NoiseSpectrum,
-    /// The Allan deviation.
-    pub allan: AllanDeviations,
-    /// Lines in the spectrum.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub line: Vec<SpectralLine>,
-    /// The offset against each slow channel.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub channel: Vec<ChannelDependence>,
-    /// The offset against sensor temperature and variometer at once.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub together: Option<JointDependence>,
-    /// Where the data stop.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub stop: Vec<DataStop>,
+    /// What was found.
+    #[serde(flatten)]
+    pub found: ZeroFieldFound,
     /// Temperatures during the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conditions: Option<Conditions>,
@@ -79,6 +49,6 @@ impl Body for Npf {
     const FORMAT: &'static str = "NULL";
     const MAY_LACK: &'static [&'static str] = &["offset", "scaled", "corner", "line", "channel", "together", "allan", "spectrum"];
     fn file_name(&self) -> String {
-        format!("NULL_PARAMETER__{}.toml", self.run.id)
+        format!("NULL_PARAMETER__{}.toml", self.found.run.id)
     }
 }

@@ -1,10 +1,8 @@
 //! OPF: sensor offset and residual field of the coil system from normal and turned positions.
 
 use super::Body;
-use crate::data::offset::{
-    OffsetDrift, OffsetMethod, OffsetQuality, OffsetValues, PositionVisit, RefusedComponent, ScaledOffset,
-};
-use crate::data::result::{Conditions, Covariance, Dropped, RunHead};
+use crate::data::offset::{OffsetFound, OffsetValues};
+use crate::data::result::{Conditions, Dropped};
 use crate::model::facility::FacilityApplied;
 use serde::{Deserialize, Serialize};
 
@@ -37,25 +35,9 @@ pub struct Opf {
     pub values: OffsetValues,
     /// What the numbers mean.
     pub convention: OffsetConvention,
-    /// Run and conditions.
-    pub run: RunHead,
-    /// How the offsets were found, per component.
-    pub method: OffsetMethod,
-    /// Offsets in nT with the sensitivity of a linear calibration.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub scaled: Option<ScaledOffset>,
-    /// Covariance of offsets and residual field.
-    pub covariance: Covariance,
-    /// OffsetDrift between visits of the same position.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub drift: Option<OffsetDrift>,
-    /// Quality of the data.
-    pub quality: OffsetQuality,
-    /// The visits of positions in time order.
-    pub visit: Vec<PositionVisit>,
-    /// Components that were refused.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub refused: Vec<RefusedComponent>,
+    /// How they were found.
+    #[serde(flatten)]
+    pub found: OffsetFound,
     /// Temperatures during the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conditions: Option<Conditions>,
@@ -82,6 +64,6 @@ impl Body for Opf {
         "scaled",
     ];
     fn file_name(&self) -> String {
-        format!("OFF_PARAMETER__{}.OPF", self.run.dashed_id())
+        format!("OFF_PARAMETER__{}.OPF", self.found.run.dashed_id())
     }
 }

@@ -196,14 +196,14 @@ impl From<&Opf> for CalibratedRun {
     fn from(opf: &Opf) -> Self {
         Self {
             file: opf.file_name(),
-            run: (&opf.run).into(),
+            run: (&opf.found.run).into(),
             channel: opf.conditions.as_ref().map(|c| c.sensor_channel.clone()),
             values: RunValues::Offset {
                 offset_ent: opf.values.offset_ent,
                 std: Some(opf.values.offset_std_ent),
                 residual_ent: opf.values.residual_ent,
                 residual_std: opf.values.residual_std_ent,
-                seen_along: opf.method.normal_axis.to_vec(),
+                seen_along: opf.found.method.normal_axis.to_vec(),
             },
         }
     }

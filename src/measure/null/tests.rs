@@ -134,20 +134,21 @@ fn white_noise_has_its_density_within_the_stated_limits() {
     for seed in 0..8 {
         let mut noise = white(seed, std);
         let p = Night::new(rate_hz, 120_000).result(1, |_| noise());
-        let d = p.density.unwrap();
+        let d = p.found.density.unwrap();
         for c in 0..3 {
             inside += i32::from(d.low_ent_per_root_hz[c] < expected && expected < d.high_ent_per_root_hz[c]);
             sum += d.ent_per_root_hz[c] / expected;
-            assert!((p.corner.white_ent_per_root_hz[c] / expected - 1.0).abs() < 0.01);
-            assert!(p.corner.corner_hz[c] < 3.0 * p.corner.corner_std_hz[c] + 1e-4);
+            assert!((p.found.corner.white_ent_per_root_hz[c] / expected - 1.0).abs() < 0.01);
+            assert!(p.found.corner.corner_hz[c] < 3.0 * p.found.corner.corner_std_hz[c] + 1e-4);
         }
-        for (i, x) in p.spectrum.x_ent_per_root_hz.iter().enumerate() {
+        for (i, x) in p.found.spectrum.x_ent_per_root_hz.iter().enumerate() {
             bands += 1;
-            held += i32::from(x * p.spectrum.low_factor[i] < expected && expected < x * p.spectrum.high_factor[i]);
+            held += i32::from(x * p.found.spectrum.low_factor[i] < expected && expected < x * p.found.spectrum.high_factor[i]);
         }
-        assert!(p.line.is_empty(), "{:?}", p.line);
+        assert!(p.found.line.is_empty(), "{:?}", p.found.line);
         assert!(
-            p.spectrum.frequency_hz[0] < 4.0 / (120_000.0 / rate_hz / 2.0) && *p.spectrum.frequency_hz.last().unwrap() > 55.0
+            p.found.spectrum.frequency_hz[0] < 4.0 / (120_000.0 / rate_hz / 2.0)
+                && *p.found.spectrum.frequency_hz.last().unwrap() > 55.0
         );
     }
     assert!((sum / 24.0 - 1.0).abs() < 0.015, "{}", sum / 24.0);
@@ -163,14 +164,14 @@ fn slow_noise_has_its_density_at_every_frequency() {
     for seed in 0..4 {
         let mut slow = Slow::new(seed, 0.1);
         let p = Night::new(rate_hz, 200_000).result(1, |_| slow.next());
-        for (i, f) in p.spectrum.frequency_hz.iter().enumerate() {
+        for (i, f) in p.found.spectrum.frequency_hz.iter().enumerate() {
             let truth = slow.density(*f, rate_hz).sqrt();
-            for x in [p.spectrum.x_ent_per_root_hz[i], p.spectrum.z_ent_per_root_hz[i]] {
+            for x in [p.found.spectrum.x_ent_per_root_hz[i], p.found.spectrum.z_ent_per_root_hz[i]] {
                 bands += 1;
-                held += i32::from(x * p.spectrum.low_factor[i] < truth && truth < x * p.spectrum.high_factor[i]);
+                held += i32::from(x * p.found.spectrum.low_factor[i] < truth && truth < x * p.found.spectrum.high_factor[i]);
             }
         }
-        assert!(p.line.is_empty(), "{:?}", p.line);
+        assert!(p.found.line.is_empty(), "{:?}", p.found.line);
     }
     let part = f64::from(held) / f64::from(bands);
     assert!((0.91..0.99).contains(&part), "{part} of {bands} bands hold the density");
@@ -187,14 +188,14 @@ fn a_line_has_its_frequency_and_amplitude() {
             sample
         });
         let p = result;
-        let [line] = p.line.as_slice() else { panic!("{:?}", p.line) };
+        let [line] = p.found.line.as_slice() else { panic!("{:?}", p.found.line) };
         assert_eq!(line.component, "y");
         assert!((line.frequency_hz - f_hz).abs() < line.resolution_hz, "{line:?}");
         assert!((line.amplitude_ent - amplitude).abs() < 3.5 * line.amplitude_std_ent, "{line:?}");
         assert!(line.amplitude_std_ent < 0.1 * amplitude, "{line:?}");
         // A line is no noise.
         let expected = 0.3 * (2.0f64 / 128.0).sqrt();
-        assert!((p.density.unwrap().ent_per_root_hz[1] / expected - 1.0).abs() < 0.1);
+        assert!((p.found.density.unwrap().ent_per_root_hz[1] / expected - 1.0).abs() < 0.1);
     }
 }
 
@@ -202,7 +203,7 @@ fn a_line_has_its_frequency_and_amplitude() {
 fn allan_deviations_of_white_noise_and_of_a_drift_are_the_closed_forms() {
     let rate_hz = 64.0;
     let mut noise = white(5, 0.2);
-    let a = Night::new(rate_hz, 150_000).result(1, |_| noise()).allan;
+    let a = Night::new(rate_hz, 150_000).result(1, |_| noise()).found.allan;
     let mut held = 0;
     for (i, tau) in a.tau_s.iter().enumerate() {
         let expected = 0.2 / (tau * rate_hz).sqrt();
@@ -213,14 +214,14 @@ fn allan_deviations_of_white_noise_and_of_a_drift_are_the_closed_forms() {
     }
     assert!(a.tau_s.len() >= 15 && held as f64 >= 0.88 * 3.0 * a.tau_s.len() as f64, "{held} of {}", 3 * a.tau_s.len());
     let mut noise = white(6, 1e-9);
-    let a = Night::new(rate_hz, 150_000).result(1, |t| noise().map(|n| n + 0.003 * t)).allan;
+    let a = Night::new(rate_hz, 150_000).result(1, |t| noise().map(|n| n + 0.003 * t)).found.allan;
     for (tau, v) in a.tau_s.iter().zip(&a.y_ent).filter(|(tau, _)| **tau > 1.0) {
         assert!((v / (0.003 * tau / 2f64.sqrt()) - 1.0).abs() < 1e-6, "{tau} s: {v}");
     }
     // 1/f noise of density A/f is level at sqrt(2 ln2 A).
     let mut slow = Slow::new(7, 0.1);
     let level = (2.0 * LN_2 * 0.03 * slow.density(0.03, rate_hz)).sqrt();
-    let a = Night::new(rate_hz, 150_000).result(1, |_| slow.next()).allan;
+    let a = Night::new(rate_hz, 150_000).result(1, |_| slow.next()).found.allan;
     for (i, tau) in a.tau_s.iter().enumerate().filter(|(_, tau)| (4.0..40.0).contains(*tau)) {
         assert!((a.x_ent[i] / level - 1.0).abs() < 0.2, "{tau} s: {} {level}", a.x_ent[i]);
     }
@@ -238,6 +239,7 @@ fn coverage(mut noise: impl FnMut(u64) -> Box<dyn FnMut() -> [f64; 3]>) -> f64 {
                 let n = noise();
                 std::array::from_fn(|c| 100.0 + truth[c] * t / 3600.0 + n[c])
             })
+            .found
             .offset;
         for c in 0..3 {
             held += u32::from((o.drift_ent_per_h[0][c] - truth[c]).abs() < 1.96 * o.drift_std_ent_per_h[0][c]);
@@ -265,6 +267,7 @@ fn a_drift_of_higher_order_is_found_in_its_units() {
             let h = (t - 1799.875) / 3600.0;
             noise().map(|n| n + 5.0 - 2.0 * h + 3.0 * h * h + 7.0 * h * h * h)
         })
+        .found
         .offset;
     assert_eq!(o.order, 3);
     // A mean over a row of 113 s differs from the value in its middle by 1e-4 of the curvature.
@@ -283,13 +286,13 @@ fn stops_are_found_where_they_are() {
     let result = night.result(1, |t| if (3000.0..3100.0).contains(&t) { [1.0, 2.0, 3.0] } else { noise() });
     let p = result;
     let found: Vec<(&str, f64, f64)> =
-        p.stop.iter().map(|s| (s.what.as_str(), s.from_s - START_S, s.until_s - START_S)).collect();
+        p.found.stop.iter().map(|s| (s.what.as_str(), s.from_s - START_S, s.until_s - START_S)).collect();
     assert_eq!(found.len(), 3, "{found:?}");
     assert_eq!(found[0], ("samples are missing", 1250.0, 1500.0));
     assert!(found[1].0.contains("stand still") && (found[1].1 - 3000.0).abs() < 0.1 && (found[1].2 - 3100.0).abs() < 0.1);
     assert!(found[2].0.contains("end before") && (found[2].1 - 64_000.0 / 16.0).abs() < 0.1 && found[2].2 == 5000.0);
     assert!(p.notes.iter().any(|n| n.text.starts_with("STOP the data end before")));
-    assert_eq!((p.record.bridged, p.record.lost), (10, 4010));
+    assert_eq!((p.found.record.bridged, p.found.record.lost), (10, 4010));
 }
 
 #[test]
@@ -299,7 +302,7 @@ fn gaps_leave_the_density_as_it_is() {
     let mut night = Night::new(32.0, 300_000);
     // Short ones now and then, and one of three minutes.
     night.lost = (1..30).map(|k| k * 9_000..k * 9_000 + 16).chain(std::iter::once(141_000..147_000)).collect();
-    let s = night.result(1, |_| noise()).spectrum;
+    let s = night.result(1, |_| noise()).found.spectrum;
     let within = s
         .x_ent_per_root_hz
         .iter()
@@ -327,7 +330,7 @@ fn the_coefficient_of_the_temperature_comes_back() {
             let n = slow.next();
             [n[0] + 0.3 * temperature(t), n[1], n[2] - 0.1 * temperature(t)]
         });
-        let part = &p.channel[0];
+        let part = &p.found.channel[0];
         assert_eq!((part.name.as_str(), part.unit.as_str()), ("T59", "K"));
         for (c, truth) in [0.3, 0.0, -0.1].into_iter().enumerate() {
             held += usize::from((part.coefficient_ent[c] - truth).abs() < 1.96 * part.coefficient_std_ent[c]);
@@ -365,9 +368,9 @@ fn a_short_record_has_a_spectrum_too() {
     let mut noise = white(9, 0.5);
     let p = Night::new(4.0, 4_000).result(1, |_| noise());
     let expected = 0.5 * (2.0f64 / 4.0).sqrt();
-    let d = p.density.unwrap();
+    let d = p.found.density.unwrap();
     assert!((d.ent_per_root_hz[0] / expected - 1.0).abs() < 0.2, "{d:?}");
-    assert!(p.spectrum.frequency_hz[0] < 0.01);
+    assert!(p.found.spectrum.frequency_hz[0] < 0.01);
 }
 
 #[test]
