@@ -1,0 +1,59 @@
+//! How a sweep is analysed.
+
+use crate::data::plateau::{LEAST_COVERAGE, Settling};
+use crate::model::facility::Facility;
+use crate::record::known::Known;
+use std::fmt;
+
+/// Settings of a window where nothing else is said, as in 1998.
+pub const WINDOW: usize = 18;
+/// Length of the sliding window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Window {
+    /// So many settings.
+    Settings(usize),
+    /// Settings of so many minutes.
+    Minutes(f64),
+}
+
+impl fmt::Display for Window {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Window::Settings(n) => write!(f, "{n} settings"),
+            Window::Minutes(m) => write!(f, "{m} min"),
+        }
+    }
+}
+
+/// How a sweep is analysed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Settling after a step.
+    pub settling: Settling,
+    /// Least part of the expected samples of a plateau.
+    pub least_coverage: f64,
+    /// Sliding window.
+    pub window: Window,
+    /// Settings at which the temperature moves faster are left out, K/min.
+    pub most_k_per_min: Option<f64>,
+    /// Orders of the polynomials of `sigma` (and `xi`) and of `b_or`, where given.
+    pub orders: Vec<(String, usize)>,
+    /// The facility that turns settings into the reference field; `None` takes the settings as the field.
+    pub facility: Option<Facility>,
+    /// Known effects, which are taken off the readings; a lag of the thermistor among them is used.
+    pub model: Option<Known>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            settling: Settling::Found,
+            least_coverage: LEAST_COVERAGE,
+            window: Window::Settings(WINDOW),
+            most_k_per_min: None,
+            orders: Vec::new(),
+            facility: None,
+            model: None,
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! Why a sweep has no result, and what to do about it.
+
+use crate::data::run::Kind;
+use crate::fit::FitError;
+use thiserror::Error;
+
+/// A thermistor must move by this much to tell anything, K.
+pub(super) const LEAST_RANGE_K: f64 = 5.0;
+
+/// Why a sweep has no result.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum SweepError {
+    /// Not a sweep.
+    #[error("the run is of kind {0}, not sweep")]
+    Kind(Kind),
+    /// Several positions or one without axes.
+    #[error("{0}")]
+    Position(String),
+    /// No thermistor moves.
+    #[error("no temperature channel moves by {LEAST_RANGE_K} K during the settings")]
+    NoTemperature,
+    /// Too few settings.
+    #[error("{used} usable settings of {total} cannot determine {parameters} parameters per component")]
+    TooFew {
+        /// Usable settings.
+        used: usize,
+        /// All settings.
+        total: usize,
+        /// Parameters.
+        parameters: usize,
+    },
+    /// The fit has no answer.
+    #[error("the fit failed: {0}")]
+    Fit(#[from] FitError),
+    /// The response is none of a sensor.
+    #[error("the response at {degc:.1} °C belongs to no sensor with three axes")]
+    NoSensor {
+        /// Temperature, °C.
+        degc: f64,
+    },
+}
+
+impl SweepError {
+    /// What to do about it.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            SweepError::Kind(_) => "use the command for that kind",
+            SweepError::Position(_) => "sweep in one position, and name its axes in campaign.toml",
+            SweepError::NoTemperature => "check the temperature channels of the run",
+            SweepError::TooFew { .. } => "sweep longer, or with lower orders",
+            SweepError::Fit(_) | SweepError::NoSensor { .. } => "check the directions of the fields and the readings",
+        }
+    }
+}

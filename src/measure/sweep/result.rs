@@ -1,0 +1,87 @@
+//! What a sweep gives.
+
+use super::options::Window;
+use crate::data::across::{RunRotations, ThermistorLag};
+use crate::data::note::Note;
+use crate::data::result::RunHead;
+use crate::measure::thermal::QuantityFit;
+use crate::model::applied::ModelApplied;
+use crate::model::facility::FacilityApplied;
+use crate::record::conditions::Temperatures;
+use serde::Serialize;
+
+/// The parameters of one window.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WindowFit {
+    /// Middle, s since the run's start.
+    pub t_s: f64,
+    /// Mean reading of the thermistor that was used, without and with the lag, °C.
+    pub temperature_degc: [f64; 2],
+    /// The temperature rises.
+    pub heating: bool,
+    /// σ_x, σ_y, σ_z nT/enT; ξ_xy, ξ_xz, ξ_yz degrees; B_or of x, y, z enT.
+    pub values: [f64; 9],
+    /// Their standard uncertainties.
+    pub std: [f64; 9],
+    /// Standard deviation of applied field minus modelled measurement, nT, coil axes.
+    pub residual_nt: [f64; 3],
+}
+
+/// One setting in the light of the joint fit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SweepBlock {
+    /// Middle, s since the run's start.
+    pub t_s: f64,
+    /// Temperature with its lag, °C.
+    pub temperature_degc: f64,
+    /// Applied field minus modelled measurement, nT, coil axes.
+    pub residual_nt: [f64; 3],
+}
+
+/// A sweep with what is needed to judge it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sweep {
+    /// Run and conditions.
+    pub run: RunHead,
+    /// File of the run.
+    pub file: String,
+    /// Thermistor that the polynomials are of.
+    pub channel: String,
+    /// Lowest and highest temperature of the settings, with the lag, °C.
+    pub valid_degc: [f64; 2],
+    /// The nine polynomials, with the values of windows that share no settings beside them.
+    pub quantities: Vec<QuantityFit>,
+    /// Rotation of the sensor against its nominal orientation.
+    pub rotation: RunRotations,
+    /// Settings used, in the run, and left out because the temperature moved too fast.
+    pub settings: SettingCounts,
+    /// Sliding window.
+    pub window: Window,
+    /// Root mean square of applied field minus modelled measurement, nT, coil axes.
+    pub residual_nt: [f64; 3],
+    /// How the sensor follows every thermistor that moves.
+    pub lags: Vec<ThermistorLag>,
+    /// The facility that turned settings into the reference field; absent if the settings were taken as the field.
+    pub facility: Option<FacilityApplied>,
+    /// The known effects that were taken off the readings; absent if none were.
+    pub model: Option<ModelApplied>,
+    /// What a person should know.
+    pub notes: Vec<Note>,
+    /// Sliding windows in time order.
+    pub windows: Vec<WindowFit>,
+    /// The settings that were used.
+    pub blocks: Vec<SweepBlock>,
+    /// Temperatures during the run.
+    pub temperatures: Temperatures,
+}
+
+/// Numbers of settings of a sweep.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SettingCounts {
+    /// Used.
+    pub used: usize,
+    /// In the run.
+    pub total: usize,
+    /// Left out because the temperature moved too fast.
+    pub too_fast: usize,
+}

@@ -1,0 +1,134 @@
+//! Which thermistor the sensor follows, and with which lag.
+
+use super::means::{Means, Orders};
+use super::refusal::{LEAST_RANGE_K, SweepError};
+use crate::data::across::{LagForm, ThermistorLag};
+use crate::data::note::{Note, NoteKind};
+use crate::data::plateau::Plateau;
+use crate::data::run::{Run, interpolate};
+use crate::fit::smooth::Course;
+use crate::fit::statistics::extent;
+use crate::model::lag::{self, Lag};
+
+/// Longest lag that is looked for, s, and as a part of the sweep.
+const MOST_LAG_S: f64 = 2400.0;
+const MOST_LAG_PART: f64 = 0.125;
+/// A lag below this many standard uncertainties is not significant.
+const SIGNIFICANT: f64 = 4.0;
+/// Half of the time over which the rate of a thermistor is taken, s.
+const RATE_S: f64 = 300.0;
+
+/// Readings of a temperature channel, (s since the run's start, °C).
+pub(super) type Series = Vec<(f64, f64)>;
+
+/// The temperature channels that move during the settings, with their names; that of the coil system is none of them.
+pub(super) fn moving(run: &Run, coil: &str, used: &[&Plateau]) -> Result<Vec<(String, Series)>, SweepError> {
+    let names = run.temperatures.names.iter().filter(|name| *name != coil);
+    let channels: Vec<(String, Series)> = names
+        .filter_map(|name| Some((name.clone(), run.temperatures.channel(name)?)))
+        .filter(|(_, series)| extent(used.iter().map(|p| interpolate(series, p.t_s()))) > LEAST_RANGE_K)
+        .collect();
+    if channels.is_empty() { Err(SweepError::NoTemperature) } else { Ok(channels) }
+}
+
+/// The thermistor that the polynomials are of.
+pub(super) struct Followed<'a> {
+    /// Its channel.
+    pub channel: String,
+    /// Its readings.
+    pub series: &'a [(f64, f64)],
+    /// Its readings with the lag.
+    pub moved: Series,
+    /// How the sensor follows every thermistor that moves.
+    pub lags: Vec<ThermistorLag>,
+}
+
+impl<'a> Followed<'a> {
+    /// The one that the campaign names, `own`, or the one that the sensor follows best; with a lag that is known, or its best one.
+    pub fn of(
+        channels: &'a [(String, Series)],
+        own: &str,
+        means: &Means,
+        orders: Orders,
+        known: Option<Lag>,
+        notes: &mut Vec<Note>,
+    ) -> Self {
+        let mut lags: Vec<ThermistorLag> = channels.iter().map(|(name, series)| find_lag(name, series, means, orders)).collect();
+        let least = lags.iter().min_by(|a, b| a.residual_std_ent.total_cmp(&b.residual_std_ent));
+        let best = least.map_or_else(String::new, |lag| lag.channel.clone());
+        let is_there = lags.iter().any(|lag| lag.channel == own);
+        let channel = if is_there { own.to_owned() } else { best.clone() };
+        if !is_there {
+            let text = format!("the run has no moving channel {own}; {channel}, which the sensor follows best, is used");
+            notes.push(Note::new(NoteKind::Temperature, text).about(own));
+        } else if best != channel {
+            let text = format!("the sensor follows {best} better than {channel}");
+            notes.push(Note::new(NoteKind::Temperature, text).about(&channel));
+        }
+        let chosen = lags.iter().position(|lag| lag.channel == channel).unwrap_or_default();
+        if known.is_some() {
+            lags[chosen].form = LagForm::OfTheModel;
+        }
+        let series = &channels[chosen].1;
+        let lag = match lags[chosen].form {
+            LagForm::None => None,
+            LagForm::Delay => Some(Lag::Delay(lags[chosen].delay_s)),
+            LagForm::FirstOrder => Some(Lag::time_constant(lags[chosen].time_constant_s)),
+            LagForm::OfTheModel => known,
+        };
+        let moved = lag.map_or_else(|| series.clone(), |lag| lag.of(&Course::smooth(series)));
+        Self { channel, series, moved, lags }
+    }
+}
+
+/// Delay and time constant with which the sensor follows a thermistor.
+fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orders: Orders) -> ThermistorLag {
+    let course = Course::smooth(series);
+    let deviance = |lag: Lag| means.deviance(&means.degc(&lag.of(&course)), orders);
+    let none = deviance(Lag::Delay(0.0));
+    let span_s = means.t_s.last().unwrap_or(&0.0) - means.t_s.first().unwrap_or(&0.0);
+    let [delay, time_constant] = lag::search(MOST_LAG_S.min(MOST_LAG_PART * span_s), deviance);
+    let (best, form) =
+        if delay.deviance <= time_constant.deviance { (delay, LagForm::Delay) } else { (time_constant, LagForm::FirstOrder) };
+    let gain = none - best.deviance;
+    let is_significant = best.lag.seconds().abs() > SIGNIFICANT * best.std_s && gain > SIGNIFICANT * SIGNIFICANT;
+    let left = if is_significant { best.deviance } else { none };
+    ThermistorLag {
+        channel: channel.to_owned(),
+        form: if is_significant { form } else { LagForm::None },
+        delay_s: delay.lag.seconds(),
+        delay_std_s: delay.std_s,
+        time_constant_s: match time_constant.lag {
+            Lag::InverseFirstOrder(tau_s) => -tau_s,
+            lag => lag.seconds(),
+        },
+        time_constant_std_s: time_constant.std_s,
+        gain,
+        delay_over_first_order: time_constant.deviance - delay.deviance,
+        // Geometric mean of the components.
+        residual_std_ent: (0.5 * left / (3.0 * means.t_s.len() as f64)).exp(),
+    }
+}
+
+/// Slope of the straight line through the readings around a time, K/s: how fast the temperature moves.
+pub(super) fn rate_k_per_s(series: &[(f64, f64)], t_s: f64) -> f64 {
+    let from = series.partition_point(|(t, _)| *t < t_s - RATE_S);
+    let to = series.partition_point(|(t, _)| *t <= t_s + RATE_S);
+    let near = &series[from..to];
+    let n = near.len() as f64;
+    let (mt, mv) = near.iter().fold((0.0, 0.0), |(a, b), (t, v)| (a + t / n, b + v / n));
+    let (tv, tt) = near.iter().fold((0.0, 0.0), |(a, b), (t, v)| (a + (t - mt) * (v - mv), b + (t - mt).powi(2)));
+    if tt > 0.0 { tv / tt } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rate_of_a_ramp_is_its_slope() {
+        let ramp: Vec<(f64, f64)> = (0..400).map(|i| (30.0 * f64::from(i), 0.01 * 30.0 * f64::from(i))).collect();
+        assert!((rate_k_per_s(&ramp, 5000.0) - 0.01).abs() < 1e-12);
+        assert!(interpolate(&ramp, -5.0) == 0.0 && (interpolate(&ramp, 1e9) - 119.7).abs() < 1e-12);
+    }
+}

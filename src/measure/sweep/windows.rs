@@ -1,0 +1,59 @@
+//! The nine parameters in a sliding window of settings.
+
+use super::joint::MOST_CONDITION;
+use super::means::Means;
+use super::options::Window;
+use super::result::WindowFit;
+use super::thermistors::{Followed, rate_k_per_s};
+use crate::data::plateau::Plateau;
+use crate::data::run::interpolate;
+use crate::fit::statistics::extremes;
+use crate::fit::{Limits, propagate};
+use crate::model::sensor::split;
+use crate::record::baseline::Baseline;
+use nalgebra::{DMatrix, Matrix3};
+
+/// Sliding windows; those that do not determine the nine parameters are passed over.
+pub(super) fn windows(used: &[&Plateau], followed: &Followed, r_nom: &Matrix3<f64>, window: Window) -> Vec<WindowFit> {
+    let end_of = |from: usize| match window {
+        Window::Settings(n) => from + n,
+        Window::Minutes(minutes) => used.partition_point(|p| p.t_s() <= used[from].t_s() + 60.0 * minutes),
+    };
+    (0..used.len())
+        .filter(|from| end_of(*from) <= used.len())
+        .filter_map(|from| fit(&used[from..end_of(from)], followed, r_nom))
+        .collect()
+}
+
+/// The fit of one window.
+fn fit(own: &[&Plateau], followed: &Followed, r_nom: &Matrix3<f64>) -> Option<WindowFit> {
+    let means = Means::of(own);
+    let baseline = Baseline::in_time(extremes(means.t_s.iter().copied()), 0);
+    let limits = Limits { max_condition: MOST_CONDITION };
+    let fit = baseline.fit(&means.fields_nt, &means.t_s, &means.readings_ent, &limits).ok()?;
+    let phi = |x: &[f64]| baseline.responses(x).first()?.try_inverse();
+    let quantities = |x: &[f64]| -> Vec<f64> {
+        let parts = phi(x).and_then(|phi| split(&phi, r_nom).ok());
+        parts.map_or(vec![f64::NAN; 9], |s| [s.sigma, s.xi_deg, [x[3], x[7], x[11]]].concat())
+    };
+    let covariance = DMatrix::from_fn(12, 12, |r, c| {
+        if r / 4 == c / 4 { fit.unscaled_covariance[(r % 4, c % 4)] * fit.residual_std[r / 4].powi(2) } else { 0.0 }
+    });
+    let stacked = fit.coefficients.as_slice().to_vec();
+    let found = propagate(quantities, &stacked, &covariance).ok()?;
+    let phi = phi(&stacked)?;
+    let residual_nt = std::array::from_fn(|k| {
+        let squares = (0..own.len()).map(|r| (0..3).map(|i| phi[(k, i)] * fit.residuals[(r, i)]).sum::<f64>().powi(2));
+        (squares.sum::<f64>() / fit.dof.max(1) as f64).sqrt()
+    });
+    let mean = |series: &[(f64, f64)]| own.iter().map(|p| interpolate(series, p.t_s())).sum::<f64>() / own.len() as f64;
+    let t_s = own.iter().map(|p| p.t_s()).sum::<f64>() / own.len() as f64;
+    Some(WindowFit {
+        t_s,
+        temperature_degc: [mean(followed.series), mean(&followed.moved)],
+        heating: rate_k_per_s(followed.series, t_s) > 0.0,
+        values: found.values.try_into().ok()?,
+        std: found.std.try_into().ok()?,
+        residual_nt,
+    })
+}
