@@ -1,0 +1,136 @@
+//! Drift of the offset, and what the offset follows.
+
+use super::rows::{Level, Row};
+use crate::data::zero_field::{ChannelDependence, JointDependence, ZeroFieldOffset};
+use crate::fit::noise::dense::{self, Octave};
+use crate::fit::{Design, FitError, Limits, solve};
+use nalgebra::DMatrix;
+
+/// A channel whose means vary by less than this part of their size does not vary.
+const LEAST_VARIATION: f64 = 1e-9;
+
+/// Coefficients of one component with their covariance.
+struct Fitted {
+    coefficients: DMatrix<f64>,
+    /// Parameter j of component a at `a * p + j`.
+    covariance: DMatrix<f64>,
+    residual_std: Vec<f64>,
+}
+
+/// Fits to the means of a record.
+pub(super) struct Fitter<'a> {
+    /// The means.
+    pub rows: &'a [Row],
+    /// Contrasts within them, which show slow noise.
+    pub octaves: &'a [Octave],
+}
+
+impl Fitter<'_> {
+    /// Least squares of all three components; rows with a gap in a column do not count.
+    fn fit(&self, names: &[&str], columns: &[Vec<f64>]) -> Result<Fitted, FitError> {
+        let used: Vec<usize> = (0..self.rows.len()).filter(|i| columns.iter().all(|c| c[*i].is_finite())).collect();
+        let design = Design::new(
+            names.iter().map(|n| (*n).to_owned()).collect(),
+            DMatrix::from_fn(used.len(), columns.len(), |i, j| columns[j][used[i]]),
+        )?;
+        let rhs = DMatrix::from_fn(used.len(), 3, |i, c| self.rows[used[i]].mean_ent[c]);
+        let counts: Vec<f64> = used.iter().map(|i| self.rows[*i].count as f64).collect();
+        let mean = counts.iter().sum::<f64>() / counts.len().max(1) as f64;
+        let weights: Vec<f64> = counts.iter().map(|n| n / mean).collect();
+        let solution = solve(&design, &rhs, Some(&weights), &Limits::default())?;
+        let intervals: Vec<[f64; 2]> = used.iter().map(|i| self.rows[*i].interval_s).collect();
+        let noise = dense::estimate_with(&solution, &intervals, &counts, self.octaves)?;
+        Ok(Fitted {
+            covariance: noise.covariance(),
+            residual_std: solution.residual_std.clone(),
+            coefficients: solution.coefficients,
+        })
+    }
+
+    /// The drift, a polynomial of `(t - centre) / half`, and its value and uncertainty at every row.
+    pub fn drift(&self, order: usize, centre_s: f64, half_s: f64) -> Result<(ZeroFieldOffset, Vec<Level>), FitError> {
+        let x: Vec<f64> = self.rows.iter().map(|r| (r.t_s() - centre_s) / half_s).collect();
+        let names = &["mean", "drift", "drift^2", "drift^3"][..=order];
+        let columns: Vec<Vec<f64>> = (0..=order as i32).map(|k| x.iter().map(|x| x.powi(k)).collect()).collect();
+        let fit = self.fit(names, &columns)?;
+        let p = order + 1;
+        let std = |c: usize, j: usize| fit.covariance[(c * p + j, c * p + j)].sqrt();
+        let per_h = |j: usize| (3600.0 / half_s).powi(j as i32);
+        let values = |j: usize| std::array::from_fn(|c| fit.coefficients[(j, c)] * per_h(j));
+        let stds = |j: usize| std::array::from_fn(|c| std(c, j) * per_h(j));
+        let at = |x: f64, c: usize| {
+            let value = (0..p).map(|j| fit.coefficients[(j, c)] * x.powi(j as i32)).sum();
+            let variance: f64 = (0..p)
+                .flat_map(|j| (0..p).map(move |k| (j, k)))
+                .map(|(j, k)| fit.covariance[(c * p + j, c * p + k)] * x.powi((j + k) as i32))
+                .sum();
+            [value, variance.sqrt()]
+        };
+        let drift = x.iter().map(|x| std::array::from_fn(|c| at(*x, c))).collect();
+        let range = |c: usize| {
+            let means = self.rows.iter().map(|r| r.mean_ent[c]);
+            means.clone().fold(f64::NEG_INFINITY, f64::max) - means.fold(f64::INFINITY, f64::min)
+        };
+        let offset = ZeroFieldOffset {
+            time_s: centre_s,
+            order,
+            mean_ent: values(0),
+            mean_std_ent: stds(0),
+            drift_ent_per_h: (1..p).map(values).collect(),
+            drift_std_ent_per_h: (1..p).map(stds).collect(),
+            residual_std_ent: std::array::from_fn(|c| fit.residual_std[c]),
+            range_ent: std::array::from_fn(range),
+            rows: self.rows.len(),
+        };
+        Ok((offset, drift))
+    }
+
+    /// The means against one channel; `None` if that does not vary.
+    pub fn channel(&self, name: &str, unit: &str, values: &[f64]) -> Option<ChannelDependence> {
+        let (centred, spread) = centred(values)?;
+        let fit = self.fit(&["mean", name], &[vec![1.0; values.len()], centred.clone()]).ok()?;
+        let correlation = |c: usize| {
+            let pairs: Vec<(f64, f64)> =
+                centred.iter().zip(self.rows).filter(|(x, _)| x.is_finite()).map(|(x, r)| (*x, r.mean_ent[c])).collect();
+            let mean = pairs.iter().map(|(_, y)| y).sum::<f64>() / pairs.len() as f64;
+            let product: f64 = pairs.iter().map(|(x, y)| x * (y - mean)).sum();
+            let squares: f64 = pairs.iter().map(|(_, y)| (y - mean).powi(2)).sum();
+            product / (squares * pairs.iter().map(|(x, _)| x * x).sum::<f64>()).sqrt()
+        };
+        Some(ChannelDependence {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            range: spread,
+            coefficient_ent: std::array::from_fn(|c| fit.coefficients[(1, c)]),
+            coefficient_std_ent: std::array::from_fn(|c| fit.covariance[(c * 2 + 1, c * 2 + 1)].sqrt()),
+            correlation: std::array::from_fn(correlation),
+        })
+    }
+
+    /// The means against several channels at once; `None` if they cannot be told apart.
+    pub fn together(&self, channels: &[&(String, Vec<f64>)]) -> Option<JointDependence> {
+        let mut names = vec!["mean"];
+        let mut columns = vec![vec![1.0; self.rows.len()]];
+        for (name, values) in channels {
+            names.push(name);
+            columns.push(centred(values)?.0);
+        }
+        let fit = self.fit(&names, &columns).ok()?;
+        let p = names.len();
+        Some(JointDependence {
+            channels: channels.iter().map(|(name, _)| name.clone()).collect(),
+            coefficient_ent: (1..p).map(|j| std::array::from_fn(|c| fit.coefficients[(j, c)])).collect(),
+            coefficient_std_ent: (1..p).map(|j| std::array::from_fn(|c| fit.covariance[(c * p + j, c * p + j)].sqrt())).collect(),
+            residual_std_ent: std::array::from_fn(|c| fit.residual_std[c]),
+        })
+    }
+}
+
+/// Values less their mean, with their range; `None` if they hardly vary or are few.
+fn centred(values: &[f64]) -> Option<(Vec<f64>, f64)> {
+    let known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    let mean = known.iter().sum::<f64>() / known.len() as f64;
+    let (low, high) = known.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let varies = known.len() >= 8 && high - low > LEAST_VARIATION * mean.abs().max(1.0);
+    varies.then(|| (values.iter().map(|v| v - mean).collect(), high - low))
+}
