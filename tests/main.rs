@@ -17,6 +17,7 @@ mod faults_text;
 mod files;
 mod freq;
 mod house;
+mod kinds;
 mod lin;
 mod linearise;
 mod model_file;

@@ -1,13 +1,13 @@
 //! `calfit check`: everything that is wrong with each file. Run files, programmes, tables of amplitudes, campaign files and parameter files are told
-//! apart by their names.
+//! apart by their names or by a key of theirs, never by trial.
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::{Finding, Severity};
 use crate::files::campaign::Campaign;
 use crate::files::export::rpcmag;
-use crate::files::parameter::{CoilResidual, CoilScalar, CoilTilt, Cpf, Fpf, Npf, Opf, Taf, Tcf, ThermistorFile, Tof, Tpf};
-use crate::files::{amplitudes, campaign, ccr, linearisation, mag, parameter, twin};
+use crate::files::parameter::FileKind;
+use crate::files::{amplitudes, campaign, ccr, mag, twin};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files (.CPF, .OPF, .FPF, .TPF, .TOF, .TAF, .TCF), ground calibration files (RPCMAG*.TXT).
+    /// Campaign folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files and model files of calfit, ground calibration files (RPCMAG*.TXT).
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -83,50 +83,22 @@ fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
     Ok(files)
 }
 
-/// Whether a TOML file is named like a parameter file.
-fn begins(path: &Path, begin: &str) -> bool {
-    let name = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
-    name.starts_with(begin) && name.ends_with(".toml")
-}
-
 fn check(path: &Path, common: &Common) -> Vec<Finding> {
     let shown = path.display().to_string();
     let name = shown.to_ascii_uppercase();
     let mut findings = Vec::new();
-    let error = if name.ends_with(".MAG") {
+    let error = if let Some(kind) = FileKind::of_file(path) {
+        kind.check(path).err()
+    } else if name.ends_with(".MAG") {
         mag::read(path, &mut findings).err()
-    } else if let Some(method) = coil_file(path) {
-        match method {
-            "SCALAR" => parameter::read::<CoilScalar>(path).err(),
-            "RESIDUAL" => parameter::read::<CoilResidual>(path).err(),
-            _ => parameter::read::<CoilTilt>(path).err(),
-        }
     } else if is_ground_calibration(path) {
         rpcmag::read(path, &mut findings).err()
-    } else if begins(path, "NULL_PARAMETER__") {
-        parameter::read::<Npf>(path).err()
-    } else if begins(path, "LINEARISATION__") {
-        linearisation::read(path).err()
-    } else if begins(path, "THERMISTOR__") {
-        parameter::read::<ThermistorFile>(path).err()
     } else if name.ends_with(".TOML") && is_twin(path) {
         twin::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
         campaign::file::read(path, &mut findings).err()
     } else if name.ends_with(".CSV") {
         amplitudes::read(path, &mut findings).err()
-    } else if let Some(format) =
-        ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF", "TCF"].iter().find(|f| name.ends_with(&format!(".{f}")))
-    {
-        match *format {
-            "CPF" => parameter::read::<Cpf>(path).err(),
-            "OPF" => parameter::read::<Opf>(path).err(),
-            "FPF" => parameter::read::<Fpf>(path).err(),
-            "TPF" => parameter::read::<Tpf>(path).err(),
-            "TOF" => parameter::read::<Tof>(path).err(),
-            "TCF" => parameter::read::<Tcf>(path).err(),
-            _ => parameter::read::<Taf>(path).err(),
-        }
     } else {
         let options = ccr::Options { collect: true, ..common.desk().reading(&shown, false) };
         match ccr::read(path, &options, &mut ()) {
@@ -143,13 +115,6 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
 fn is_ground_calibration(path: &Path) -> bool {
     let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_uppercase()).unwrap_or_default();
     name.starts_with("RPCMAG") && name.ends_with(".TXT")
-}
-
-/// The method of a facility's own calibration, from the name of its file.
-fn coil_file(path: &Path) -> Option<&'static str> {
-    let name = path.file_name()?.to_string_lossy().to_ascii_uppercase();
-    let method = |m: &&str| name.starts_with(&format!("COIL_{m}__")) && name.ends_with(".TOML");
-    ["SCALAR", "RESIDUAL", "TILT"].into_iter().find(method)
 }
 
 /// By its keys: twins and campaigns are both TOML of any name, and only twins have electronics.

@@ -5,6 +5,7 @@ use super::{Common, Status, jobs_of, open, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::run::Kind;
 use crate::files::output::Folder;
+use crate::files::parameter::{Cpf, is_named};
 use crate::measure::coil::{scalar, tilt};
 use crate::measure::lin;
 use crate::workflow::{
@@ -119,7 +120,7 @@ fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Re
             let read = input.table(path, &mut findings);
             findings.iter().for_each(|f| terminal.finding(f));
             read?;
-        } else if ends_with(path, "cpf") {
+        } else if is_named::<Cpf>(path) {
             input.cpf(path)?;
         } else {
             campaign_paths.push(path.clone());

@@ -6,6 +6,7 @@ use crate::data::error::Finding;
 use crate::data::run::Kind;
 use crate::diagnose::{self, Options};
 use crate::files::output::Folder;
+use crate::files::parameter::{Cpf, is_named};
 use crate::measure::lin;
 use crate::model::effects::Catalogue;
 use crate::workflow::{
@@ -14,7 +15,7 @@ use crate::workflow::{
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Args, Debug)]
 #[command(
@@ -194,15 +195,14 @@ fn told(
 
 /// Takes tables and parameter files among the paths; the rest is returned.
 fn parameters(paths: &[PathBuf], together: &mut Across, terminal: &Terminal) -> Result<Vec<PathBuf>, Finding> {
-    let ends_with = |path: &Path, end: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(end));
     let mut others = Vec::new();
     for path in paths {
-        if ends_with(path, "csv") {
+        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {
             let mut findings = Vec::new();
             let read = together.table(path, &mut findings);
             findings.iter().for_each(|f| terminal.finding(f));
             read?;
-        } else if ends_with(path, "cpf") {
+        } else if is_named::<Cpf>(path) {
             together.cpf(path)?;
         } else {
             others.push(path.clone());

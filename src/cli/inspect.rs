@@ -4,6 +4,7 @@ use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};
 use crate::data::error::Finding;
 use crate::files::ccr;
+use crate::files::parameter::FileKind;
 use crate::show::markdown::aligned_table;
 use crate::show::runs::{RunLine, run_list};
 use crate::workflow::{Failure, jobs};
@@ -26,6 +27,10 @@ struct Listing<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    if let Some((path, kind)) = arguments.paths.iter().find_map(|path| Some((path, FileKind::of_name(path)?))) {
+        let rule = format!("is a {} parameter file and no run", kind.format);
+        return Err(Finding::error(&path.display().to_string(), rule, "look at it with `calfit check` or `calfit verify`"));
+    }
     let campaigns = open(&arguments.paths, terminal)?;
     let (jobs, unmatched) = jobs(&campaigns, None);
     terminal.unmatched(&unmatched);

@@ -9,7 +9,7 @@ use crate::data::note::NoteKind;
 use crate::data::provenance::Input;
 use crate::files::campaign::Campaign;
 use crate::files::output::Folder;
-use crate::files::parameter::{Body, Tcf, Tpf, read, read_point};
+use crate::files::parameter::{Body, FileKind, Tcf, Tpf, is_named, read, read_point};
 use crate::measure::sweep::{self, Window};
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
 use crate::record::known::Known;
@@ -94,7 +94,7 @@ struct Listing<'a, G, S> {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    let (polynomials, paths): (Vec<PathBuf>, Vec<PathBuf>) = arguments.paths.iter().cloned().partition(|p| is_polynomial_file(p));
+    let (polynomials, paths): (Vec<PathBuf>, Vec<PathBuf>) = arguments.paths.iter().cloned().partition(|p| is_named::<Tpf>(p));
     if let (Some(path), None) = (polynomials.first(), &arguments.centre) {
         let rule = "holds polynomials already";
         return Err(Finding::error(&path.display().to_string(), rule, "name --centre CPF to take them to the centre"));
@@ -379,12 +379,9 @@ fn sort_paths(paths: &[PathBuf]) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Finding
     Ok((files, campaigns))
 }
 
+/// Whether a file is named like the results of single runs that take part.
 fn is_parameter_file(path: &Path) -> bool {
-    path.extension().is_some_and(|e| ["CPF", "OPF", "FPF"].iter().any(|k| e.eq_ignore_ascii_case(k)))
-}
-
-fn is_polynomial_file(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("TPF"))
+    FileKind::of_name(path).is_some_and(|kind| kind.point.is_some())
 }
 
 /// Parameter files of a folder and of the folders in it.

@@ -4,7 +4,7 @@ use super::output::{Terminal, json};
 use super::{Cli, Command, Common, Status, execute};
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
-use crate::files::parameter::{AnyFile, read_any};
+use crate::files::parameter::{AnyFile, FileKind, read_any};
 use crate::files::source::read_pieces;
 use clap::{Args, Parser};
 use serde::Serialize;
@@ -37,8 +37,6 @@ struct Verdict {
 
 /// Folders above a parameter file, or above the working folder, in which inputs are looked for.
 const LEVELS_ABOVE: usize = 4;
-const PARAMETER_FILES: [&str; 7] = ["CPF", "OPF", "FPF", "TPF", "TOF", "TAF", "TCF"];
-const PARAMETER_NAMES: [&str; 4] = ["COIL_", "NULL_PARAMETER__", "THERMISTOR__", "LINEARISATION__"];
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let mut files = Vec::new();
@@ -57,7 +55,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         return Err(Finding::error(
             &shown.join(", "),
             "holds no parameter file",
-            "name CPF, OPF, FPF, TPF, TOF, TAF or COIL files",
+            "name parameter files of calfit, or folders that hold them",
         ));
     }
     let bar = terminal.progress(files.len());
@@ -86,13 +84,6 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     Ok(if verdicts.iter().all(|v| v.ok) { Status::Done } else { Status::Partly })
 }
 
-/// Parameter files are told by the end of their names, those that are plain TOML by the begin.
-fn is_parameter_file(path: &Path) -> bool {
-    let name = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
-    path.extension().is_some_and(|e| PARAMETER_FILES.iter().any(|k| e.eq_ignore_ascii_case(k)))
-        || (name.ends_with(".toml") && PARAMETER_NAMES.iter().any(|begin| name.starts_with(begin)))
-}
-
 fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), Finding> {
     let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)
         .map_err(|e| Finding::io(folder, "list the folder", &e))?
@@ -105,7 +96,7 @@ fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), 
             if depth == 0 {
                 collect(&path, depth + 1, files)?;
             }
-        } else if is_parameter_file(&path) {
+        } else if FileKind::of_name(&path).is_some() {
             files.push(path);
         }
     }

@@ -21,6 +21,12 @@ pub struct AxisLinearisation {
 }
 
 impl AxisLinearisation {
+    /// The polynomial of a sensor axis, 0 to 2.
+    #[must_use]
+    pub fn of(polynomials: &LinearisationPolynomials, axis: usize) -> Self {
+        Self { c2_per_ent: polynomials.c2_per_ent[axis], c3_per_ent2: polynomials.c3_per_ent2[axis] }
+    }
+
     /// Correction that is added to a reading, enT.
     #[must_use]
     pub fn correction_ent(&self, reading_ent: f64) -> f64 {
@@ -87,7 +93,7 @@ impl Linearisation {
     /// The polynomial of a sensor axis, 0 to 2.
     #[must_use]
     pub fn axis(&self, axis: usize) -> AxisLinearisation {
-        AxisLinearisation { c2_per_ent: self.part.c2_per_ent[axis], c3_per_ent2: self.part.c3_per_ent2[axis] }
+        AxisLinearisation::of(&self.part, axis)
     }
 
     /// The option that names it, with a space before it.

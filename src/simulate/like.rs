@@ -238,7 +238,7 @@ fn the_file<B: parameter::Body>(
     head: impl Fn(&B) -> &RunHead,
 ) -> Result<B, Finding> {
     let format = B::FORMAT;
-    let path = files.iter().find(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case(format)));
+    let path = files.iter().find(|f| parameter::is_named::<B>(f));
     let Some(path) = path else {
         let rule = format!("a {} run needs a {format} to be simulated from", header.kind);
         return Err(Finding::error(&header.run, rule, "analyse the run first, and name the file with --parameters"));

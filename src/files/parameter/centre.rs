@@ -1,6 +1,9 @@
 //! TCF: temperature polynomials at the centre of the coil system, from those of a position beside it (RO-IGEP-TR0028 section 3).
 
 use super::Body;
+use super::kind::Naming;
+use super::quantity::Shape::{Matrix, Vector};
+use super::quantity::{Entry, OF_TEMPERATURE, Quantities, SENSOR, VALID_DEGC};
 use crate::data::across::{CentreResidual, PairedCalibration};
 use crate::data::result::Rows;
 use serde::{Deserialize, Serialize};
@@ -114,6 +117,16 @@ pub struct OffCentrePart {
 
 impl Body for Tcf {
     const FORMAT: &'static str = "TCF";
+    const NAMING: Naming = Naming::Extension;
+    const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
+        polynomials: &OF_TEMPERATURE,
+        entries: &[
+            Entry::of("k", Vector, "/k", "/k_std", "1", SENSOR),
+            Entry::of("k_inverse", Matrix, "/k_inverse", "/k_inverse_std", "1", "orthogonal sensor system"),
+            Entry::of("b_res", Vector, "/residual_field/b_res_ent", "/residual_field/b_res_std_ent", "enT", SENSOR),
+        ],
+        valid_degc: VALID_DEGC,
+    });
     fn file_name(&self) -> String {
         let first = self.runs.first().map_or_else(String::new, |id| id.replace('_', "-"));
         format!("THERMAL_CENTRE_PARAMETER__{first}.TCF")

@@ -1,6 +1,9 @@
 //! COIL_SCALAR, COIL_RESIDUAL, COIL_TILT: the facility's own calibration.
 
 use super::Body;
+use super::kind::Naming;
+use super::quantity::Shape::{Pairs, Vector};
+use super::quantity::{COIL, Entry, Quantities};
 use crate::model::facility_calibration::{ResidualFound, ScalarFound, TiltFound};
 use serde::{Deserialize, Serialize};
 
@@ -68,6 +71,16 @@ pub struct CoilScalar {
 
 impl Body for CoilScalar {
     const FORMAT: &'static str = "COIL_SCALAR";
+    const NAMING: Naming = Naming::Begin("COIL_SCALAR__");
+    const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
+        polynomials: &[],
+        entries: &[
+            Entry::of("scale", Vector, "/facility/scale_nt_per_eu", "/std/scale_nt_per_eu", "nT/EU", COIL),
+            Entry::of("offset", Vector, "/facility/offset_nt", "/std/offset_nt", "nT", COIL),
+            Entry::of("angle", Pairs, "/facility/angles_deg", "/std/angles_deg", "deg", "between coil axes"),
+        ],
+        valid_degc: None,
+    });
     fn file_name(&self) -> String {
         name(Self::FORMAT, &self.found.used)
     }
@@ -88,6 +101,7 @@ pub struct CoilResidual {
 
 impl Body for CoilResidual {
     const FORMAT: &'static str = "COIL_RESIDUAL";
+    const NAMING: Naming = Naming::Begin("COIL_RESIDUAL__");
     const MAY_LACK: &'static [&'static str] = &["std"];
     fn file_name(&self) -> String {
         name(Self::FORMAT, &self.found.used)
@@ -109,6 +123,7 @@ pub struct CoilTilt {
 
 impl Body for CoilTilt {
     const FORMAT: &'static str = "COIL_TILT";
+    const NAMING: Naming = Naming::Begin("COIL_TILT__");
     const MAY_LACK: &'static [&'static str] = &["std", "sensor_std", "residual_std", "covariance"];
     fn file_name(&self) -> String {
         name(Self::FORMAT, &self.found.used)

@@ -1,6 +1,10 @@
 //! CPF: the linear calibration of one run.
 
 use super::Body;
+use super::kind::Naming;
+use super::point::{self, Point};
+use super::quantity::Shape::{Diagonal, Matrix, Scalar, Vector};
+use super::quantity::{BETWEEN, Entry, Quantities, SENSOR};
 use crate::data::calibration::LinearCalibration;
 use crate::data::result::{Conditions, Dropped};
 use crate::model::applied::ModelApplied;
@@ -58,6 +62,9 @@ impl Convention {
     }
 }
 
+/// Frame of the rotation angles.
+const TURNED: &str = "real against nominal sensor axis";
+
 /// A linear calibration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Cpf {
@@ -88,6 +95,32 @@ pub struct Cpf {
 
 impl Body for Cpf {
     const FORMAT: &'static str = "CPF";
+    const NAMING: Naming = Naming::Extension;
+    const POINT: Option<Point> = Some(point::cpf);
+    const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
+        polynomials: &[],
+        entries: &[
+            Entry::of("sigma", Diagonal, "/matrix/sigma", "/std/sigma", "nT/enT", SENSOR),
+            Entry::of("xi", Scalar("xy"), "/angle_deg/xi_xy", "/std/xi_deg/0", "deg", BETWEEN),
+            Entry::of("xi", Scalar("xz"), "/angle_deg/xi_xz", "/std/xi_deg/1", "deg", BETWEEN),
+            Entry::of("xi", Scalar("yz"), "/angle_deg/xi_yz", "/std/xi_deg/2", "deg", BETWEEN),
+            Entry::of("lambda", Scalar("x"), "/angle_deg/lambda_x", "/std/lambda_mu_nu_deg/0", "deg", TURNED),
+            Entry::of("mu", Scalar("y"), "/angle_deg/mu_y", "/std/lambda_mu_nu_deg/1", "deg", TURNED),
+            Entry::of("nu", Scalar("z"), "/angle_deg/nu_z", "/std/lambda_mu_nu_deg/2", "deg", TURNED),
+            Entry::of("b_or", Vector, "/offset/b_or_ent", "/std/b_or_ent", "enT", SENSOR),
+            Entry::of("phi", Matrix, "/matrix/phi", "/std/phi", "nT/enT", "sensor axes to coil axes"),
+            Entry::of(
+                "phi_tilde",
+                Matrix,
+                "/matrix/phi_tilde",
+                "/std/phi_tilde",
+                "nT/enT",
+                "sensor axes to orthogonal sensor system",
+            ),
+            Entry::of("temperature", Scalar(""), "/run/temperature_degc", "", "degC", "sensor"),
+        ],
+        valid_degc: Some(["/valid/temperature_degc/0", "/valid/temperature_degc/1"]),
+    });
     fn file_name(&self) -> String {
         format!("PARAMETER_LIN__{}.CPF", self.calibration.run.id)
     }

@@ -1,6 +1,10 @@
 //! FPF: sampling frequency and frequency response of one run.
 
 use super::Body;
+use super::kind::Naming;
+use super::point::{self, Point};
+use super::quantity::Shape::{Scalar, Vector};
+use super::quantity::{Entry, Quantities, RUN_DEGC, SENSOR};
 use crate::data::frequency::{ClockDrift, FittedResponse, SineAmplitude};
 use crate::data::result::{Conditions, RunHead};
 use crate::model::applied::ModelApplied;
@@ -76,6 +80,19 @@ pub struct Fpf {
 
 impl Body for Fpf {
     const FORMAT: &'static str = "FPF";
+    const NAMING: Naming = Naming::Extension;
+    const POINT: Option<Point> = Some(point::fpf);
+    const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
+        polynomials: &[],
+        entries: &[
+            Entry::of("f_3db_model", Vector, "/f_3db_model_hz", "/f_3db_model_std_hz", "Hz", SENSOR),
+            Entry::of("f_3db_igep", Vector, "/f_3db_igep_hz", "", "Hz", SENSOR),
+            Entry::of("f_s", Vector, "/f_s_hz", "/f_s_std_hz", "Hz", SENSOR),
+            Entry::of("mean_f_s", Scalar(""), "/mean_f_s_hz", "/mean_f_s_std_hz", "Hz", "facility clock"),
+            Entry::of("temperature", Scalar(""), "/run/temperature_degc", "", "degC", "sensor"),
+        ],
+        valid_degc: RUN_DEGC,
+    });
     const MAY_LACK: &'static [&'static str] =
         &["f_3db_igep_hz", "f_3db_model_hz", "f_3db_model_std_hz", "f_s_hz", "f_s_std_hz", "model", "clock", "amplitude"];
     fn file_name(&self) -> String {

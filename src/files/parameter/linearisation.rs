@@ -1,8 +1,12 @@
 //! LINEARISATION: the polynomial per sensor axis that linearises the readings of the runs of a sensor and mode.
 
 use super::Body;
+use super::kind::Naming;
+use crate::data::error::Finding;
 use crate::data::linearisation::SharedLinearisation;
+use crate::files::linearisation;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// What the numbers mean.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,8 +45,12 @@ pub struct LinearisationFile {
 
 impl Body for LinearisationFile {
     const FORMAT: &'static str = "LINEARISATION";
+    const NAMING: Naming = Naming::Begin("LINEARISATION__");
     fn file_name(&self) -> String {
         linearisation_file_name(&self.shared.used)
+    }
+    fn validate(&self, path: &Path) -> Result<(), Finding> {
+        linearisation::covariances(self, path).map(drop)
     }
 }
 

@@ -8,11 +8,13 @@ mod coil;
 mod cpf;
 mod emit;
 mod fpf;
+mod kind;
 mod linearisation;
 mod model;
 mod null;
 mod opf;
 mod point;
+mod quantity;
 mod thermal;
 mod thermistor;
 
@@ -21,11 +23,13 @@ pub use coil::{CoilConvention, CoilResidual, CoilScalar, CoilTilt};
 pub use cpf::{Convention, Cpf};
 pub use emit::toml;
 pub use fpf::{Fpf, FrequencyConvention};
+pub use kind::{FileKind, KINDS, Naming, is_named};
 pub use linearisation::{LinearisationConvention, LinearisationFile, linearisation_file_name};
 pub use model::{Model, ModelEffect, ModelParameter};
 pub use null::{Npf, NullConvention};
 pub use opf::{OffsetConvention, Opf};
-pub use point::read_point;
+pub use point::{Point, read_point};
+pub use quantity::{Argument, Entry, Polynomial, Quantities, Shape};
 pub use thermal::{JointPart, QuantityPart, SweepPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
 pub use thermistor::{ThermistorConvention, ThermistorFile};
 
@@ -36,14 +40,27 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 use std::path::Path;
 
-/// A kind of parameter file.
+/// What a kind of parameter file holds. Its line in [`KINDS`] makes it known to all commands.
 pub trait Body: Serialize + DeserializeOwned {
     /// Value of `format`.
     const FORMAT: &'static str;
+    /// How its files are named.
+    const NAMING: Naming;
+    /// Where its quantities stand for the exports that list them.
+    const QUANTITIES: Option<&'static Quantities> = None;
+    /// Its part in analyses across temperatures.
+    const POINT: Option<Point> = None;
     /// Keys whose lists may hold nan, which stands for a value that was not determined.
     const MAY_LACK: &'static [&'static str] = &[];
     /// File name for a run.
     fn file_name(&self) -> String;
+    /// Looks at what the types alone do not tell.
+    ///
+    /// # Errors
+    /// An impossible value.
+    fn validate(&self, _path: &Path) -> Result<(), Finding> {
+        Ok(())
+    }
 }
 
 #[derive(Deserialize)]

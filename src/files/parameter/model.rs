@@ -1,6 +1,7 @@
 //! MODEL: effects beside the linear sensor, as `diagnose` found them, for `diagnose`, `lin`, `thermal`, `freq` and `simulate`.
 
 use super::Body;
+use super::kind::Naming;
 use serde::{Deserialize, Serialize};
 
 /// Effects of one sensor or facility.
@@ -53,6 +54,7 @@ pub struct ModelParameter {
 
 impl Body for Model {
     const FORMAT: &'static str = "MODEL";
+    const NAMING: Naming = Naming::Free;
 
     fn file_name(&self) -> String {
         "model.toml".to_owned()

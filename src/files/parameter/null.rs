@@ -1,6 +1,7 @@
 //! NULL: offset drift, noise and what the offset follows, from a long record in zero field.
 
 use super::Body;
+use super::kind::Naming;
 use crate::data::result::Conditions;
 use crate::data::zero_field::ZeroFieldFound;
 use serde::{Deserialize, Serialize};
@@ -47,6 +48,7 @@ pub struct Npf {
 
 impl Body for Npf {
     const FORMAT: &'static str = "NULL";
+    const NAMING: Naming = Naming::Begin("NULL_PARAMETER__");
     const MAY_LACK: &'static [&'static str] = &["offset", "scaled", "corner", "line", "channel", "together", "allan", "spectrum"];
     fn file_name(&self) -> String {
         format!("NULL_PARAMETER__{}.toml", self.found.run.id)

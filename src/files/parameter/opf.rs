@@ -1,6 +1,10 @@
 //! OPF: sensor offset and residual field of the coil system from normal and turned positions.
 
 use super::Body;
+use super::kind::Naming;
+use super::point::{self, Point};
+use super::quantity::Shape::{Scalar, Vector};
+use super::quantity::{COIL, Entry, Quantities, RUN_DEGC, SENSOR};
 use crate::data::offset::{OffsetFound, OffsetValues};
 use crate::data::result::{Conditions, Dropped};
 use crate::model::facility::FacilityApplied;
@@ -54,6 +58,18 @@ pub struct Opf {
 
 impl Body for Opf {
     const FORMAT: &'static str = "OPF";
+    const NAMING: Naming = Naming::Extension;
+    const POINT: Option<Point> = Some(point::opf);
+    const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
+        polynomials: &[],
+        entries: &[
+            Entry::of("b_off", Vector, "/offset_ent", "/offset_std_ent", "enT", SENSOR),
+            Entry::of("b_res", Vector, "/residual_ent", "/residual_std_ent", "enT", "sensor axes in the normal position"),
+            Entry::of("b_res_coil", Vector, "/residual_coil_nt", "/residual_coil_std_nt", "nT", COIL),
+            Entry::of("temperature", Scalar(""), "/run/temperature_degc", "", "degC", "sensor"),
+        ],
+        valid_degc: RUN_DEGC,
+    });
     const MAY_LACK: &'static [&'static str] = &[
         "offset_ent",
         "offset_std_ent",

@@ -1,7 +1,7 @@
 //! What an analysis across temperatures needs of the parameter file of one run. Only these keys must be there, so that files of
 //! other programs can take part.
 
-use super::{Body, Cpf, Fpf, Opf, content_hash};
+use super::{Body, Cpf, FileKind, Fpf, Opf, content_hash};
 use crate::data::across::{CalibratedRun, RunAtTemperature, RunValues};
 use crate::data::error::{Finding, Severity};
 use crate::data::result::Rows;
@@ -122,52 +122,64 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Calibrate
         }
     }
     let file = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let channel = |c: Option<ConditionsKeys>| c.and_then(|c| c.sensor_channel);
-    let point = match head.format.as_str() {
-        "CPF" => {
-            let CpfKeys { run, matrix, angle_deg: a, offset, std, conditions } = toml_edit::de::from_str(&text).map_err(wrong)?;
-            let or_nan = |v: Option<f64>| v.unwrap_or(f64::NAN);
-            let values = RunValues::Lin {
-                sigma: std::array::from_fn(|i| matrix.sigma[i][i]),
-                xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
-                b_or_ent: offset.b_or_ent,
-                std: [std.sigma, std.xi_deg, std.b_or_ent],
-                rotation_deg: [or_nan(a.lambda_x), or_nan(a.mu_y), or_nan(a.nu_z)],
-                rotation_std_deg: std.lambda_mu_nu_deg.unwrap_or(NONE),
-                rho: matrix.rho,
-            };
-            CalibratedRun { file, run, channel: channel(conditions), values }
-        }
-        "OPF" => {
-            let keys: OpfKeys = toml_edit::de::from_str(&text).map_err(wrong)?;
-            let values = RunValues::Offset {
-                offset_ent: keys.offset_ent,
-                std: keys.offset_std_ent,
-                residual_ent: keys.residual_ent.unwrap_or(NONE),
-                residual_std: keys.residual_std_ent.unwrap_or(NONE),
-                seen_along: keys.method.and_then(|m| m.normal_axis).unwrap_or_default(),
-            };
-            CalibratedRun { file, run: keys.run, channel: channel(keys.conditions), values }
-        }
-        "FPF" => {
-            let keys: FpfKeys = toml_edit::de::from_str(&text).map_err(wrong)?;
-            let values = RunValues::Freq {
-                model_hz: keys.f_3db_model_hz,
-                model_std_hz: keys.f_3db_model_std_hz,
-                igep_hz: keys.f_3db_igep_hz,
-                f_s_hz: keys.mean_f_s_hz,
-                f_s_std_hz: keys.mean_f_s_std_hz,
-            };
-            CalibratedRun { file, run: keys.run, channel: channel(keys.conditions), values }
-        }
-        other => {
-            return Err(refuse(
-                format!("holds format {other}, which is not the result of a single run"),
-                "name CPF, OPF or FPF files",
-            ));
-        }
+    let Some(point) = FileKind::of_format(&head.format).and_then(|kind| kind.point) else {
+        let rule = format!("holds format {}, which is not the result of a single run", head.format);
+        return Err(refuse(rule, "name CPF, OPF or FPF files"));
     };
-    Ok((point, digested))
+    let RunKeys { run, conditions, values } = point(&text).map_err(wrong)?;
+    Ok((CalibratedRun { file, run, channel: conditions.and_then(|c| c.sensor_channel), values }, digested))
+}
+
+/// Reads what an analysis across temperatures needs of the text of a parameter file.
+pub type Point = fn(&str) -> Result<RunKeys, toml_edit::de::Error>;
+
+/// What every file of a single run has.
+pub struct RunKeys {
+    run: RunAtTemperature,
+    conditions: Option<ConditionsKeys>,
+    values: RunValues,
+}
+
+/// The point of a linear calibration.
+pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
+    let CpfKeys { run, matrix, angle_deg: a, offset, std, conditions } = toml_edit::de::from_str(text)?;
+    let or_nan = |v: Option<f64>| v.unwrap_or(f64::NAN);
+    let values = RunValues::Lin {
+        sigma: std::array::from_fn(|i| matrix.sigma[i][i]),
+        xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
+        b_or_ent: offset.b_or_ent,
+        std: [std.sigma, std.xi_deg, std.b_or_ent],
+        rotation_deg: [or_nan(a.lambda_x), or_nan(a.mu_y), or_nan(a.nu_z)],
+        rotation_std_deg: std.lambda_mu_nu_deg.unwrap_or(NONE),
+        rho: matrix.rho,
+    };
+    Ok(RunKeys { run, conditions, values })
+}
+
+/// The point of an offset measurement.
+pub(super) fn opf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
+    let keys: OpfKeys = toml_edit::de::from_str(text)?;
+    let values = RunValues::Offset {
+        offset_ent: keys.offset_ent,
+        std: keys.offset_std_ent,
+        residual_ent: keys.residual_ent.unwrap_or(NONE),
+        residual_std: keys.residual_std_ent.unwrap_or(NONE),
+        seen_along: keys.method.and_then(|m| m.normal_axis).unwrap_or_default(),
+    };
+    Ok(RunKeys { run: keys.run, conditions: keys.conditions, values })
+}
+
+/// The point of a frequency measurement.
+pub(super) fn fpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
+    let keys: FpfKeys = toml_edit::de::from_str(text)?;
+    let values = RunValues::Freq {
+        model_hz: keys.f_3db_model_hz,
+        model_std_hz: keys.f_3db_model_std_hz,
+        igep_hz: keys.f_3db_igep_hz,
+        f_s_hz: keys.mean_f_s_hz,
+        f_s_std_hz: keys.mean_f_s_std_hz,
+    };
+    Ok(RunKeys { run: keys.run, conditions: keys.conditions, values })
 }
 
 /// A linear calibration under the name of its file in a thermal group.

@@ -1,6 +1,9 @@
 //! TPF, TOF, TAF: temperature polynomials of a sensor in one mode.
 
 use super::Body;
+use super::kind::Naming;
+use super::quantity::Shape::Scalar;
+use super::quantity::{Entry, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC};
 use crate::data::across::{RunModelErrors, RunResidualFields, RunRotations, ThermistorLag};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -175,6 +178,8 @@ pub struct JointPart {
 
 impl Body for Tpf {
     const FORMAT: &'static str = "TPF";
+    const NAMING: Naming = Naming::Extension;
+    const QUANTITIES: Option<&'static Quantities> = Some(&POLYNOMIALS);
     const MAY_LACK: &'static [&'static str] = MAY_LACK;
     fn file_name(&self) -> String {
         format!("THERMAL_PARAMETER__{}.TPF", self.head.first_run())
@@ -202,6 +207,8 @@ pub struct Tof {
 
 impl Body for Tof {
     const FORMAT: &'static str = "TOF";
+    const NAMING: Naming = Naming::Extension;
+    const QUANTITIES: Option<&'static Quantities> = Some(&POLYNOMIALS);
     const MAY_LACK: &'static [&'static str] = MAY_LACK;
     fn file_name(&self) -> String {
         format!("THERMAL_OFF_PARAMETER__{}.TOF", self.head.first_run())
@@ -239,6 +246,12 @@ pub struct Taf {
 
 impl Body for Taf {
     const FORMAT: &'static str = "TAF";
+    const NAMING: Naming = Naming::Extension;
+    const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
+        polynomials: &OF_TEMPERATURE,
+        entries: &[Entry::of("mean_f_s", Scalar(""), "/mean_sample_rate_hz", "/mean_std_sample_rate_hz", "Hz", "facility clock")],
+        valid_degc: VALID_DEGC,
+    });
     const MAY_LACK: &'static [&'static str] =
         &["coil_temperature_degc", "quantity", "rotation", "residual_field", "joint", "f_s_hz", "f_s_std_hz"];
     fn file_name(&self) -> String {

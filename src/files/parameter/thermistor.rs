@@ -1,6 +1,9 @@
 //! THERMISTOR: temperature from voltage or resistance, from a calibration table.
 
 use super::Body;
+use super::kind::Naming;
+use super::quantity::Shape::Scalar;
+use super::quantity::{Argument, Entry, Polynomial, Quantities, VALID_DEGC};
 use crate::data::result::Covariance;
 use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, ThermistorPolynomial, TriedOrder};
 use serde::{Deserialize, Serialize};
@@ -50,6 +53,26 @@ pub struct ThermistorFile {
 
 impl Body for ThermistorFile {
     const FORMAT: &'static str = "THERMISTOR";
+    const NAMING: Naming = Naming::Begin("THERMISTOR__");
+    const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
+        polynomials: &[Polynomial {
+            key: "coefficients",
+            name: "c_",
+            component: "",
+            unit: "degC",
+            frame: "thermistor",
+            of: Argument::Signal,
+        }],
+        entries: &[Entry::of(
+            "T_O",
+            Scalar(""),
+            "/reference/offset_degc",
+            "/reference/offset_std_degc",
+            "degC",
+            "thermistor minus reference thermometer",
+        )],
+        valid_degc: VALID_DEGC,
+    });
     const MAY_LACK: &'static [&'static str] = &["coefficients_std", "covariance", "orders", "row"];
     fn file_name(&self) -> String {
         format!("THERMISTOR__{}.toml", self.polynomial.table)

@@ -1,0 +1,149 @@
+//! The kinds of parameter files, one line each: what every command that takes parameter files needs to know of them.
+
+use super::point::Point;
+use super::quantity::Quantities;
+use super::{
+    Body, CoilResidual, CoilScalar, CoilTilt, Cpf, Fpf, LinearisationFile, Model, Npf, Opf, Taf, Tcf, ThermistorFile, Tof, Tpf,
+    read, to_text,
+};
+use crate::data::error::Finding;
+use std::fmt;
+use std::path::Path;
+
+/// All kinds of parameter files.
+pub static KINDS: [FileKind; 14] = [
+    FileKind::of::<Cpf>(),
+    FileKind::of::<Opf>(),
+    FileKind::of::<Fpf>(),
+    FileKind::of::<Tpf>(),
+    FileKind::of::<Tof>(),
+    FileKind::of::<Taf>(),
+    FileKind::of::<Tcf>(),
+    FileKind::of::<Npf>(),
+    FileKind::of::<LinearisationFile>(),
+    FileKind::of::<ThermistorFile>(),
+    FileKind::of::<CoilScalar>(),
+    FileKind::of::<CoilResidual>(),
+    FileKind::of::<CoilTilt>(),
+    FileKind::of::<Model>(),
+];
+
+/// How files of a kind are named.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Naming {
+    /// The part after the last point is the format, in letters of any case.
+    Extension,
+    /// TOML whose name begins with this.
+    Begin(&'static str),
+    /// TOML of any name; the key `format` tells the kind.
+    Free,
+}
+
+/// A kind of parameter file.
+pub struct FileKind {
+    /// Value of the key `format`.
+    pub format: &'static str,
+    naming: Naming,
+    check: fn(&Path) -> Result<(), Finding>,
+    rewritten: fn(&Path) -> Result<String, Finding>,
+    /// Where its quantities stand for the exports that list them; absent for a kind without such a list.
+    pub quantities: Option<&'static Quantities>,
+    /// Its part in analyses across temperatures; absent for a kind that takes no part.
+    pub point: Option<Point>,
+}
+
+impl FileKind {
+    const fn of<B: Body>() -> Self {
+        Self {
+            format: B::FORMAT,
+            naming: B::NAMING,
+            check: check::<B>,
+            rewritten: rewritten::<B>,
+            quantities: B::QUANTITIES,
+            point: B::POINT,
+        }
+    }
+
+    /// The kind with this value of the key `format`.
+    #[must_use]
+    pub fn of_format(format: &str) -> Option<&'static Self> {
+        KINDS.iter().find(|kind| kind.format == format)
+    }
+
+    /// The kind whose files are named like this one.
+    #[must_use]
+    pub fn of_name(path: &Path) -> Option<&'static Self> {
+        let name = path.file_name()?.to_string_lossy().to_ascii_uppercase();
+        KINDS.iter().find(|kind| match kind.naming {
+            Naming::Extension => name.rsplit_once('.').is_some_and(|(_, end)| end == kind.format),
+            Naming::Begin(begin) => name.starts_with(begin) && name.ends_with(".TOML"),
+            Naming::Free => false,
+        })
+    }
+
+    /// The kind of a file by its name, or, of TOML of any name, by its key `format`.
+    #[must_use]
+    pub fn of_file(path: &Path) -> Option<&'static Self> {
+        if let Some(kind) = Self::of_name(path) {
+            return Some(kind);
+        }
+        if !path.extension().is_some_and(|end| end.eq_ignore_ascii_case("toml")) {
+            return None;
+        }
+        let text = std::fs::read_to_string(path).ok()?;
+        let document: toml_edit::DocumentMut = text.parse().ok()?;
+        Self::of_format(document.get("format")?.as_str()?)
+    }
+
+    /// Whether files of the kind are named like this one.
+    #[must_use]
+    pub fn names(&self, path: &Path) -> bool {
+        Self::of_name(path) == Some(self)
+    }
+
+    /// Reads a file as one of this kind.
+    ///
+    /// # Errors
+    /// What is wrong with it: no such file, another format, a hash that does not match, a missing key, an impossible value.
+    pub fn check(&self, path: &Path) -> Result<(), Finding> {
+        (self.check)(path)
+    }
+
+    /// The text of a file of this kind as it is written from what was read.
+    ///
+    /// # Errors
+    /// As [`FileKind::check`], or values that have no text form.
+    pub fn rewritten(&self, path: &Path) -> Result<String, Finding> {
+        (self.rewritten)(path)
+    }
+}
+
+impl PartialEq for FileKind {
+    fn eq(&self, other: &Self) -> bool {
+        self.format == other.format
+    }
+}
+
+impl Eq for FileKind {}
+
+impl fmt::Debug for FileKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.format)
+    }
+}
+
+/// Whether a file is named like those of a kind.
+#[must_use]
+pub fn is_named<B: Body>(path: &Path) -> bool {
+    FileKind::of_name(path).is_some_and(|kind| kind.format == B::FORMAT)
+}
+
+fn check<B: Body>(path: &Path) -> Result<(), Finding> {
+    read::<B>(path)?.body.validate(path)
+}
+
+fn rewritten<B: Body>(path: &Path) -> Result<String, Finding> {
+    let file = read::<B>(path)?;
+    to_text(&file.body, &file.provenance)
+        .map_err(|e| Finding::error(&path.display().to_string(), format!("has no text form: {e}"), "check the file"))
+}
