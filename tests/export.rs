@@ -3,6 +3,7 @@
 use crate::common;
 
 use calfit::data::provenance::Provenance;
+use calfit::data::recipe::Recipe;
 use calfit::files::export::rpcmag::{RpcMag, parse, read};
 use common::check::{Case, calfit, number, parameters, says, text, three};
 use proptest::prelude::*;
@@ -64,7 +65,7 @@ prop_compose! {
 proptest! {
     #[test]
     fn a_ground_calibration_file_read_back_holds_every_bit(file in calibration()) {
-        let text = file.to_text(&Provenance::new("calfit export".to_owned(), Vec::new())).unwrap();
+        let text = file.to_text(&Provenance::new(Recipe::plain("export"), Vec::new())).unwrap();
         let mut findings = Vec::new();
         let back = parse("file", &text, &mut findings).unwrap();
         prop_assert_eq!(format!("{:?}", back), format!("{:?}", file));

@@ -91,7 +91,7 @@ fn every_kind_of_parameter_file_is_read_checked_verified_and_exported() {
         let own = verdicts.as_array().unwrap().iter().find(|v| v["file"] == shown.to_string()).unwrap();
         if kind.format == "MODEL" {
             // A diagnosis is not made again: its model file is complete with what it says of its inputs.
-            assert_eq!(own["ok"].as_bool(), Some(false), "{own}");
+            says(&own["problems"].to_string(), &["makes no parameter file"]);
         } else {
             assert_eq!((own["ok"].as_bool(), own["largest_difference"].as_f64()), (Some(true), Some(0.0)), "{own}");
             assert!(own["values"].as_u64().unwrap() > 20, "{own}");

@@ -336,7 +336,8 @@ fn nominal_95_percent_intervals_hold_the_truth_in_95_percent_of_made_runs() {
 #[test]
 fn a_parameter_file_reads_back_to_the_last_bit_and_notices_changes() {
     let (run, result) = fit(&repository("runs/sample/26-01-15/09-00-00.CCR"), &Options::default());
-    let provenance = calfit::data::provenance::Provenance::new("calfit lin".to_owned(), vec![(&run.input).into()]);
+    let provenance =
+        calfit::data::provenance::Provenance::new(calfit::data::recipe::Recipe::plain("lin"), vec![(&run.input).into()]);
     let text = parameter::to_text(&result.parameters(), &provenance).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.CPF");

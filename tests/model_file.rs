@@ -45,7 +45,7 @@ fn cubic(value: f64) -> ModelEffect {
 
 fn write_model(case: &Case, effects: Vec<ModelEffect>) -> PathBuf {
     let model = Model { used: vec![RUN.to_owned()], convention: "as printed".to_owned(), effect: effects };
-    let text = parameter::to_text(&model, &Provenance::new("calfit diagnose --write-model".to_owned(), Vec::new())).unwrap();
+    let text = parameter::to_text(&model, &Provenance::new(calfit::data::recipe::Recipe::plain("diagnose"), Vec::new())).unwrap();
     let path = case.path().join("model.toml");
     fs::write(&path, text).unwrap();
     path

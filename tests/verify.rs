@@ -76,26 +76,50 @@ fn a_value_that_the_inputs_do_not_give_shows_even_with_a_right_hash() {
     let output = run(&["lin", "--no-plots", "--order", "1", "-o"], &[&case.out(), &case.campaign()]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let cpf = case.out().join(common::RUN_ID).join(format!("PARAMETER_LIN__{}.CPF", common::RUN_ID));
-    // The same run with another option gives a file with a right hash; the command of the first one put in makes it false.
+    // The same run with another option gives a file with a right hash; the recipe of the first one put in makes it false.
     let other = case.path().join("other");
     let output = run(&["lin", "--no-plots", "--order", "0", "-o"], &[&other, &case.campaign()]);
     assert_eq!(output.status.code(), Some(0));
     let text_of = fs::read_to_string(other.join(common::RUN_ID).join(cpf.file_name().unwrap())).unwrap();
-    let forged = text_of.replace("calfit lin --order 0", "calfit lin --order 1");
-    fs::write(&cpf, with_right_hash(&forged)).unwrap();
-    let (status, said) = verify(&[&cpf, &case.campaign()]);
-    assert_eq!(status, Some(1), "{said}");
-    says(&said, &["matrix.rho.0.1 = ", "comes back as", "more values differ"]);
-
-    // A recorded command that makes no parameter file is not run, nor is one that this version does not know.
-    for (command, words) in
-        [("calfit inspect", "makes no parameter file"), ("calfit lin --sideways", "is not one of this version")]
-    {
-        fs::write(&cpf, with_right_hash(&text_of.replace("calfit lin --order 0", command))).unwrap();
+    let verdict_on = |changes: &[(&str, &str)]| {
+        let mut forged = text_of.clone();
+        for (from, to) in changes {
+            assert!(forged.contains(from), "`{from}` is not in the file");
+            forged = forged.replace(from, to);
+        }
+        fs::write(&cpf, with_right_hash(&forged)).unwrap();
         let (status, said) = verify(&[&cpf, &case.campaign()]);
         assert_eq!(status, Some(1), "{said}");
-        says(&said, &[words]);
-    }
+        said
+    };
+    let command = ("calfit lin --order 0", "calfit lin --order 1");
+    let option = ("[provenance.recipe.options]\norder = 0", "[provenance.recipe.options]\norder = 1");
+    says(&verdict_on(&[command, option]), &["matrix.rho.0.1 = ", "comes back as", "more values differ"]);
+    // The command is that of the recipe.
+    says(&verdict_on(&[command]), &["the command `calfit lin --order 1` does not say what the recipe says"]);
+
+    // A recipe that makes no parameter file is not followed, nor is one that this version does not know.
+    let analysis = |to| ("[provenance.recipe]\nanalysis = \"lin\"", to);
+    let inspect = verdict_on(&[command_to("inspect --order 0"), analysis("[provenance.recipe]\nanalysis = \"inspect\"")]);
+    says(&inspect, &["makes no parameter file"]);
+    let sideways = verdict_on(&[("[provenance.recipe.options]\n", "[provenance.recipe.options]\nsideways = true\n")]);
+    says(&sideways, &["the recipe of `lin` is not one of this version", "sideways"]);
+    // A file without a recipe is made again from its command.
+    let without = |to| {
+        let recipe = "[provenance.recipe]\nanalysis = \"lin\"\n\n[provenance.recipe.options]\norder = 0\n\n";
+        verdict_on(&[(recipe, ""), command_to(to)])
+    };
+    says(&without("lin --order 1"), &["comes back as"]);
+    says(&without("inspect"), &["the recorded command `calfit inspect` is not one of this version"]);
+    says(&without("lin --sideways"), &["there is no option `--sideways`"]);
+    says(&without("lin --order much"), &["`--order much` has no such value"]);
+    says(&without("lin --joint"), &["the recipe of `lin` is not one of this version", "joint"]);
+    says(&without("lin --facility f.toml"), &["f.toml of `--facility` is not among the recorded inputs"]);
+}
+
+/// Another command in place of that of the file.
+fn command_to(other: &'static str) -> (&'static str, &'static str) {
+    ("lin --order 0\"", Box::leak(format!("{other}\"").into_boxed_str()))
 }
 
 /// The hash as README and the parameter files define it: SHA-256 of all lines but `created` and `content_sha256`.

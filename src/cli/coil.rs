@@ -76,8 +76,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             let options = scalar::Options { rack_channel: own.rack_channel.clone() };
             let campaigns = open(&own.paths, terminal)?;
             let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
-            let mut failures = Vec::new();
-            let made = scalar_of(coil_runs(&jobs, &common.desk(), &mut failures), &options).transpose();
+            let (desk, mut failures) = (common.desk(), Vec::new());
+            let made = scalar_of(coil_runs(&jobs, &desk, &mut failures), &options, &desk).transpose();
             finish(made, failures, jobs.len(), common, terminal)
         }
         Method::Residual(own) => residual_field(own, common, terminal),
@@ -105,7 +105,7 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
     let campaigns = open(&own.paths, terminal)?;
     let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
     let mut failures = Vec::new();
-    let made = residual_of(coil_runs(&jobs, &desk, &mut failures)).transpose();
+    let made = residual_of(coil_runs(&jobs, &desk, &mut failures), &desk).transpose();
     finish(made, failures, jobs.len(), common, terminal)
 }
 

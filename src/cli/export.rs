@@ -3,7 +3,8 @@
 use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::Finding;
-use crate::data::provenance::Provenance;
+use crate::data::provenance::{Provenance, Role};
+use crate::data::recipe::Recipe;
 use crate::files::campaign::file;
 use crate::files::export::{Exported, FORMATS, Options, Source, Write};
 use crate::files::output::Folder;
@@ -58,13 +59,13 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             let read = file::read(path, &mut findings);
             findings.iter().for_each(|f| terminal.finding(f));
             let (file, digested) = read?;
-            input.push(digested.input("campaign.toml".to_owned()));
+            input.push(digested.input("campaign.toml".to_owned()).with_role(Role::Campaign));
             file.report
         }
         None => Vec::new(),
     };
-    let at_centre = if arguments.at_centre { " --at-centre" } else { "" };
-    let provenance = Provenance::new(format!("calfit export --format {}{at_centre}", arguments.format.name), input);
+    let recorded = serde_json::json!({ "format": arguments.format.name, "at_centre": arguments.at_centre });
+    let provenance = Provenance::new(Recipe::new("export", &recorded), input);
     let exported = (arguments.format.write)(&sources, &Options { provenance, at_centre: arguments.at_centre, report })?;
     let mut names = HashSet::new();
     if let Some(twice) = exported.iter().find(|e| !names.insert(e.name.as_str())) {

@@ -1,10 +1,10 @@
 //! `calfit null`: offset drift, noise and correlations of every zero-field run.
 
-use super::options::sensitivities;
 use super::output::Terminal;
 use super::{Common, Status, each};
 use crate::data::error::Finding;
 use crate::measure::null::Options;
+use crate::workflow::sensitivities;
 use clap::Args;
 use std::path::PathBuf;
 

@@ -1,11 +1,11 @@
 //! `calfit offset`: sensor offset and residual field of every offset run.
 
-use super::options::{Cut, sensitivities};
+use super::options::Cut;
 use super::output::Terminal;
 use super::{Allow, Common, Status, each};
 use crate::data::error::Finding;
 use crate::measure::offset::Options;
-use crate::workflow::facility;
+use crate::workflow::{facility, sensitivities};
 use clap::Args;
 use std::path::PathBuf;
 

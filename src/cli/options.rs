@@ -1,14 +1,9 @@
 //! Options that several commands share, and their values.
 
-use crate::data::calibration::Sensitivities;
-use crate::data::error::Finding;
 use crate::data::plateau::{LEAST_COVERAGE, Settling};
-use crate::data::provenance::Input;
-use crate::files::parameter::{self, Cpf};
 use crate::measure::thermistor::HIGHEST_ORDER;
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES};
 use clap::Args;
-use std::path::PathBuf;
 
 /// Which part of a plateau is used.
 #[derive(Args, Clone, Debug)]
@@ -19,13 +14,6 @@ pub(super) struct Cut {
     /// Least part of a plateau's samples that must be there.
     #[arg(long, value_name = "PART", default_value_t = LEAST_COVERAGE, value_parser = part)]
     pub coverage: f64,
-}
-
-/// Reads the linear calibration of `--cpf`, whose sensitivities give nT.
-pub(super) fn sensitivities(path: Option<&PathBuf>) -> Result<Option<(Input, Sensitivities)>, Finding> {
-    let Some(path) = path else { return Ok(None) };
-    let file = parameter::read::<Cpf>(path)?;
-    Ok(Some((file.input, (&file.body.calibration).into())))
 }
 
 /// Why the value of an option is refused: what to write in its place.

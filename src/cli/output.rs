@@ -29,7 +29,7 @@ impl Output<'_> {
 /// The two outputs of a command.
 pub(super) struct Terminal<'a> {
     /// Standard output and standard error; none of work whose outcome is told by another command.
-    outputs: Option<RefCell<[Output<'a>; 2]>>,
+    outputs: RefCell<[Output<'a>; 2]>,
     colored: bool,
     quiet: bool,
     verbose: bool,
@@ -40,23 +40,17 @@ pub(super) struct Terminal<'a> {
 impl<'a> Terminal<'a> {
     pub fn new(out: Output<'a>, err: Output<'a>, color: ColorChoice, quiet: bool, verbose: bool) -> Self {
         let colored = err.is_colored(color);
-        let outputs = Some(RefCell::new([out, err]));
+        let outputs = RefCell::new([out, err]);
         Self { outputs, colored, quiet, verbose, failed: Cell::new(false), closed: Cell::new(false) }
-    }
-
-    /// Prints nothing at all, not even errors: for work whose outcome is told by another command.
-    pub fn silent() -> Self {
-        Self { outputs: None, colored: false, quiet: true, verbose: false, failed: Cell::new(false), closed: Cell::new(false) }
     }
 
     /// Text on standard output. A reader that hangs up ends the output quietly; a full disk is an error.
     pub fn print(&self, text: &str) {
-        let Some(outputs) = &self.outputs else { return };
         if self.closed.get() || self.failed.get() {
             return;
         }
         let printed = {
-            let out = &mut outputs.borrow_mut()[0].to;
+            let out = &mut self.outputs.borrow_mut()[0].to;
             out.write_all(text.as_bytes()).and_then(|()| out.flush())
         };
         if let Err(error) = printed {
@@ -106,15 +100,14 @@ impl<'a> Terminal<'a> {
     }
 
     fn line(&self, label: &str, color: &str, text: &str) {
-        let Some(outputs) = &self.outputs else { return };
         let line = if self.colored { format!("\x1b[{color}m{label}\x1b[0m: {text}\n") } else { format!("{label}: {text}\n") };
         // Nobody is left to be told that standard error is closed.
-        let _ = outputs.borrow_mut()[1].to.write_all(line.as_bytes());
+        let _ = self.outputs.borrow_mut()[1].to.write_all(line.as_bytes());
     }
 
     /// A progress bar on standard error when that is a terminal and the work has several parts.
     pub fn progress(&self, parts: usize) -> ProgressBar {
-        let is_terminal = self.outputs.as_ref().is_some_and(|outputs| outputs.borrow()[1].is_terminal);
+        let is_terminal = self.outputs.borrow()[1].is_terminal;
         if self.quiet || parts < 2 || !is_terminal {
             return ProgressBar::hidden();
         }

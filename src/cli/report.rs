@@ -1,24 +1,23 @@
 //! `calfit report`: every analysis that the campaign allows, all files, the protocol.
 
 use super::output::{Terminal, json};
-use super::thermal::{gather, inputs_of, order, sort_results, warn_of_model};
+use super::thermal::{order, sort_results, warn_of_model};
 use super::{Common, Status, open, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::provenance::{Input, Provenance};
+use crate::data::recipe::Recipe;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
 use crate::files::output::Folder;
 use crate::files::source::hex;
 use crate::measure::coil::{residual::is_check, scalar};
 use crate::measure::thermistor;
-use crate::model::facility::Facility;
 use crate::plot::{self, Named};
-use crate::record::known::Known;
 use crate::show::protocol::{self, OtherPart, Protocol, ThermalPart};
 use crate::show::{self, Drawn, html, markdown};
 use crate::workflow::{
-    Analyses, CoilMade, CoilResult, CoilRun, Desk, Failure, LinName, Measured, ThermalOptions, draw, facility, jobs, known,
-    publish_coil, publish_tables, publish_thermal_names, publish_thermistor, residual_of, scalar_of, scale_to_nt, thermals,
+    Analyses, CoilMade, CoilResult, CoilRun, Desk, Failure, LinName, Measured, ThermalInput, ThermalOptions, draw, facility,
+    jobs, known, publish_coil, publish_tables, publish_thermal_names, publish_thermistor, residual_of, scalar_of, scale_to_nt,
     thermistor_of,
 };
 use clap::Args;
@@ -112,11 +111,11 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         failures.push(("the tables of all runs".to_owned(), Failure::Refused(finding)));
     }
 
-    let points: Vec<_> = measured.iter().filter_map(Measured::point).collect();
+    let mut across = ThermalInput::default();
+    across.measured(&measured);
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
     let options = ThermalOptions { orders: arguments.order.clone(), joint: true, facility, model };
-    let inputs = inputs_of(&measured);
-    let results = thermals(&points, &lins, &campaign.file.instructions.thermal, &options, &desk, |used| gather(used, &inputs));
+    let results = across.groups(&lins, &campaign.file.instructions.thermal, &options, &desk);
     let groups = sort_results(results, &mut failures, terminal);
     for group in &groups {
         publish_thermal_names(&measured, &group.thermal.runs.files, &desk)?;
@@ -134,6 +133,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         .iter()
         .flat_map(|(name, f)| f.errors().map(move |e| (name.clone(), format!("{}; {}", e.rule, e.remedy))))
         .collect();
+    // The joint fit belongs to every report.
+    let recorded = ThermalOptions { joint: false, ..options };
     let document = protocol::document(&Protocol {
         campaign,
         runs: measured.iter().zip(&figures).map(|(measured, figures)| measured.part(figures)).collect(),
@@ -146,15 +147,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         profile,
         failed,
         files: hashes(&folder, &measured)?,
-        provenance: Provenance::new(
-            format!(
-                "calfit report{}{}{}",
-                options.recorded_orders(),
-                options.facility.as_ref().map_or_else(String::new, Facility::recorded),
-                options.model.as_ref().map_or_else(String::new, Known::recorded)
-            ),
-            input,
-        ),
+        provenance: Provenance::new(Recipe::new("report", &recorded).reading(desk.allowed()), input),
     });
     let page = html::page(&document, &mut |file| std::fs::read(folder.path().join(file)).ok());
     folder.write(FILES[0], markdown::page(&document).as_bytes())?;
@@ -210,10 +203,10 @@ fn coil(
     let (checks, others): (Vec<&Run>, Vec<&Run>) = runs.partition(|run| is_check(run));
     let given = |runs: Vec<&Run>| runs.into_iter().map(|run| CoilRun { run: run.clone(), campaign }).collect();
     let mut all = Others::default();
-    if let Some(made) = keep(scalar_of(given(others), &scalar::Options::default()), failures).flatten() {
+    if let Some(made) = keep(scalar_of(given(others), &scalar::Options::default(), desk), failures).flatten() {
         all.add_coil(&made, desk, terminal, failures);
     }
-    if let Some(made) = keep(residual_of(given(checks)), failures).flatten() {
+    if let Some(made) = keep(residual_of(given(checks), desk), failures).flatten() {
         all.add_coil(&made, desk, terminal, failures);
     }
     all

@@ -3,25 +3,23 @@
 use super::options::ValueError;
 use super::output::{Terminal, json};
 use super::{Common, Status, open, report_failures, status};
-use crate::data::across::{CalibratedRun, RunValues};
+use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
 use crate::data::note::NoteKind;
-use crate::data::provenance::Input;
 use crate::files::campaign::Campaign;
 use crate::files::output::Folder;
-use crate::files::parameter::{Body, FileKind, Tcf, Tpf, is_named, read, read_point};
+use crate::files::parameter::{Body, FileKind, Tcf, Tpf, is_named};
 use crate::measure::sweep::{self, Window};
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
 use crate::record::known::Known;
 use crate::show;
 use crate::workflow::{
-    Analyses, CentreMade, Failure, LinName, Measured, PairFiles, RunResult, ThermalFile, ThermalOptions, ThermalShown, facility,
-    jobs, known, thermals,
+    Analyses, CentreMade, Failure, LinName, Measured, PairFiles, RunResult, ThermalInput, ThermalOptions, ThermalShown, facility,
+    jobs, known,
 };
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
@@ -108,104 +106,36 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     };
     // Refuse what cannot be written before the work begins.
     Folder::open(&common.out, common.force)?;
-    let mut findings = Vec::new();
-    let pair = match &arguments.centre {
-        Some(centre) => Some(PairFiles::read(centre, arguments.off_centre.as_ref(), arguments.offset.as_ref(), &mut findings)?),
-        None => None,
-    };
-    findings.iter().for_each(|f| terminal.finding(f));
+    let pair = pair(arguments, terminal)?;
     let mut failures: Vec<(String, Failure)> = Vec::new();
-    let mut points: Vec<CalibratedRun> = Vec::new();
-    let mut inputs: HashMap<String, Vec<Input>> = HashMap::new();
-    for path in &files {
-        let mut findings = Vec::new();
-        match read_point(path, &mut findings) {
-            Ok((point, digested)) => {
-                let input = digested.input(point.file.clone());
-                if let Some(twin) = points.iter().find(|p| p.run.id == point.run.id && same_kind(p, &point)) {
-                    terminal.warning(&format!("{}: {} is of the same run and is used", path.display(), twin.file));
-                } else {
-                    inputs.insert(point.file.clone(), vec![input]);
-                    points.push(point);
-                }
-            }
-            Err(finding) => failures.push((path.display().to_string(), Failure::Unreadable(vec![finding]))),
-        }
-        findings.iter().for_each(|f| terminal.finding(f));
-    }
+    let mut input = ThermalInput::default();
+    read_files(&files, &mut input, terminal, &mut failures);
     let campaigns = if campaign_paths.is_empty() { Vec::new() } else { open(&campaign_paths, terminal)? };
-    if let (Some(facility), true) = (&options.facility, campaigns.is_empty()) {
-        let rule = "changes nothing where only parameter files are named";
-        return Err(Finding::error(&facility.input.path, rule, "name the runs, or leave --facility out"));
+    if campaigns.is_empty() {
+        refuse_without_runs(&options)?;
     }
-    if let (Some(model), true) = (&options.model, campaigns.is_empty()) {
-        let rule = "changes nothing where only parameter files are named";
-        return Err(Finding::error(&model.input.path, rule, "name the runs, or leave --model out"));
-    }
-    let sweep = sweep::Options {
-        window: arguments.window,
-        most_k_per_min: arguments.max_rate,
-        orders: arguments.order.clone(),
-        facility: options.facility.clone(),
-        model: options.model.clone(),
-        ..sweep::Options::default()
-    };
-    let analyses = Analyses { sweep, ..Analyses::with_facility(options.facility.as_ref()).with_model(options.model.as_ref()) };
-    let (measured, total) = measure(&campaigns, &analyses, common, terminal, &mut failures);
+    let (measured, total) = measure(&campaigns, &arguments.analyses(&options), common, terminal, &mut failures);
     warn_of_model(options.model.as_ref(), &measured, terminal);
-    let sweeps: Vec<&sweep::Sweep> =
-        measured.iter().filter_map(|m| if let Measured::Sweep(made) = m { Some(&made.result) } else { None }).collect();
-    inputs.extend(inputs_of(&measured));
-    points.extend(measured.iter().filter_map(Measured::point));
-    // The run at the centre is none of those beside it, also where its file lies in their folder.
+    input.measured(&measured);
     if let Some(pair) = &pair {
-        let centre = pair.pair().centre;
-        points.retain(|p| !(same_kind(p, centre) && p.run.id == centre.run.id));
+        input.leave_out_centre(pair);
     }
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
     let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
-    let results = thermals(&points, &lins, &entries, &options, &common.desk(), |used| gather(used, &inputs));
-    if results.is_empty() && !points.is_empty() {
-        let files: Vec<&str> = points.iter().map(|p| p.file.as_str()).collect();
-        let rule = "states no sensor temperature, nor does any other run";
-        let remedy = "check the temperature channels of the runs, or temperature_degc in the files";
-        failures.push((files.join(", "), Failure::Refused(Finding::error(&files.join(", "), rule, remedy))));
+    let results = input.groups(&lins, &entries, &options, &common.desk());
+    if results.is_empty() && !input.points().is_empty() {
+        failures.push(no_temperature(input.points()));
     }
-    let done = sort_results(results, &mut failures, terminal);
-    // A run without temperature may be of a sensor and mode that no other run has.
-    for point in points.iter().filter(|p| p.run.temperature_degc.is_none()) {
-        let is_told = |d: &ThermalShown| {
-            d.thermal.notes.iter().any(|n| n.kind == NoteKind::LeftOut && n.about.as_ref() == Some(&point.file))
-        };
-        if !done.iter().any(is_told) {
-            terminal.warning(&format!("{} states no sensor temperature and was left out", point.file));
-        }
-    }
-    let centres =
-        to_centre(pair.as_ref(), &polynomials, &done, &options, |used| gather(used, &inputs), &points, common, &mut failures);
-    for made in &centres {
-        made.result.notes.iter().for_each(|w| terminal.warning(&format!("{}: {w}", made.file.file_name())));
-    }
-    if common.json {
-        let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
-        let groups = done.iter().map(ThermalShown::view).collect();
-        let sweeps = sweeps.iter().map(|s| s.view()).collect();
-        terminal.print(&json(&Listing { groups, sweeps, centre: centres.iter().map(|c| &c.file).collect(), failed })?);
-    } else {
-        for one in &done {
-            let file = common.out.join(one.file.file_name());
-            terminal.tell(&format!("{}  -> {}\n", show::thermal::summary(&one.thermal), file.display()));
-        }
-        for sweep in &sweeps {
-            let folder = common.out.join(&sweep.run.id);
-            terminal.tell(&format!("{}  -> {}\n", show::sweep::summary(sweep), folder.display()));
-        }
-        for made in &centres {
-            let file = common.out.join(made.file.file_name());
-            terminal.tell(&format!("{}  -> {}\n", show::centre::summary(&made.result), file.display()));
-        }
-    }
-    if points.is_empty() && sweeps.is_empty() && polynomials.is_empty() && failures.is_empty() {
+    let groups = sort_results(results, &mut failures, terminal);
+    warn_of_left_out(input.points(), &groups, terminal);
+    let taken = pair.as_ref().map(|pair| input.to_centre(pair, &polynomials, &groups, &options, &common.desk()));
+    let done = Done {
+        centres: sort_centres(taken.unwrap_or_default(), &mut failures, terminal),
+        sweeps: measured.iter().filter_map(Measured::sweep).collect(),
+        groups,
+    };
+    done.tell(&failures, common, terminal)?;
+    if done.is_empty() && input.points().is_empty() && polynomials.is_empty() && failures.is_empty() {
         let shown: Vec<String> = arguments.paths.iter().map(|p| p.display().to_string()).collect();
         return Err(Finding::error(
             &shown.join(", "),
@@ -214,55 +144,141 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         ));
     }
     report_failures(terminal, &failures, total + files.len() + polynomials.len());
-    Ok(status(done.len() + sweeps.len() + centres.len(), failures.iter().map(|(_, f)| f)))
+    Ok(status(done.count(), failures.iter().map(|(_, f)| f)))
 }
 
-/// Polynomials taken to the centre: those of the groups of the pair's sensor and mode, and those of files.
-#[expect(clippy::too_many_arguments, reason = "what the command has read by then")]
-fn to_centre(
-    pair: Option<&PairFiles>,
-    files: &[PathBuf],
-    done: &[ThermalShown],
-    options: &ThermalOptions,
-    inputs: impl Fn(&[&CalibratedRun]) -> Vec<Input>,
-    points: &[CalibratedRun],
-    common: &Common,
-    failures: &mut Vec<(String, Failure)>,
-) -> Vec<CentreMade> {
-    let Some(pair) = pair else { return Vec::new() };
-    let mut results = Vec::new();
-    for one in done {
-        if let ThermalFile::Tpf(tpf) = &one.file
-            && pair.pair().fits(&tpf.head.sensor, &tpf.head.mode)
-        {
-            let used: Vec<&CalibratedRun> = points.iter().filter(|p| tpf.head.used.contains(&p.file)).collect();
-            results.push(pair.publish(tpf, &options.recorded(), inputs(&used), &common.desk()));
-        }
+impl Arguments {
+    /// The analyses of the single runs.
+    fn analyses(&self, options: &ThermalOptions) -> Analyses {
+        let sweep = sweep::Options {
+            window: self.window,
+            most_k_per_min: self.max_rate,
+            orders: self.order.clone(),
+            facility: options.facility.clone(),
+            model: options.model.clone(),
+            ..sweep::Options::default()
+        };
+        Analyses { sweep, ..Analyses::with_facility(options.facility.as_ref()).with_model(options.model.as_ref()) }
     }
+}
+
+/// The files of `--centre`, `--off-centre` and `--offset`.
+fn pair(arguments: &Arguments, terminal: &Terminal) -> Result<Option<PairFiles>, Finding> {
+    let Some(centre) = &arguments.centre else { return Ok(None) };
+    let mut findings = Vec::new();
+    let read = PairFiles::read(centre, arguments.off_centre.as_ref(), arguments.offset.as_ref(), &mut findings)?;
+    findings.iter().for_each(|f| terminal.finding(f));
+    Ok(Some(read))
+}
+
+/// Takes the parameter files of runs.
+fn read_files(files: &[PathBuf], input: &mut ThermalInput, terminal: &Terminal, failures: &mut Vec<(String, Failure)>) {
     for path in files {
-        let file = read::<Tpf>(path);
-        match file {
-            Ok(file) if pair.pair().fits(&file.body.head.sensor, &file.body.head.mode) => {
-                results.push(pair.publish(&file.body, "", vec![file.input], &common.desk()))
+        let mut findings = Vec::new();
+        match input.file(path, &mut findings) {
+            Ok(Some(earlier)) => {
+                terminal.warning(&format!("{}: {earlier} is of the same run and is used", path.display()));
             }
-            Ok(_) => {}
+            Ok(None) => {}
             Err(finding) => failures.push((path.display().to_string(), Failure::Unreadable(vec![finding]))),
         }
+        findings.iter().for_each(|f| terminal.finding(f));
     }
-    if results.is_empty() {
-        let run = &pair.pair().centre.run;
-        let rule = format!("no polynomials are of its sensor `{}` and mode `{}`", run.sensor, run.mode);
-        let remedy = "name runs, CPF or TPF files of that sensor and mode measured beside the centre";
-        results.push(Err(Finding::error(&pair.pair().centre.file, rule, remedy)));
+}
+
+/// Options that say how runs are analysed need runs.
+fn refuse_without_runs(options: &ThermalOptions) -> Result<(), Finding> {
+    let rule = "changes nothing where only parameter files are named";
+    if let Some(facility) = &options.facility {
+        return Err(Finding::error(&facility.input.path, rule, "name the runs, or leave --facility out"));
     }
-    let mut centres = Vec::new();
-    for result in results {
-        match result {
-            Ok(made) => centres.push(made),
-            Err(finding) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
+    if let Some(model) = &options.model {
+        return Err(Finding::error(&model.input.path, rule, "name the runs, or leave --model out"));
+    }
+    Ok(())
+}
+
+/// No run has a temperature.
+fn no_temperature(points: &[CalibratedRun]) -> (String, Failure) {
+    let files: Vec<&str> = points.iter().map(|p| p.file.as_str()).collect();
+    let rule = "states no sensor temperature, nor does any other run";
+    let remedy = "check the temperature channels of the runs, or temperature_degc in the files";
+    (files.join(", "), Failure::Refused(Finding::error(&files.join(", "), rule, remedy)))
+}
+
+/// Names the runs without temperature that no group tells of: they may be of a sensor and mode that no other run has.
+fn warn_of_left_out(points: &[CalibratedRun], groups: &[ThermalShown], terminal: &Terminal) {
+    for point in points.iter().filter(|p| p.run.temperature_degc.is_none()) {
+        let is_told = |d: &ThermalShown| {
+            d.thermal.notes.iter().any(|n| n.kind == NoteKind::LeftOut && n.about.as_ref() == Some(&point.file))
+        };
+        if !groups.iter().any(is_told) {
+            terminal.warning(&format!("{} states no sensor temperature and was left out", point.file));
         }
     }
-    centres
+}
+
+/// The polynomials that were taken to the centre, with their warnings shown; the others go to the failures.
+fn sort_centres(
+    results: Vec<Result<CentreMade, Failure>>,
+    failures: &mut Vec<(String, Failure)>,
+    terminal: &Terminal,
+) -> Vec<CentreMade> {
+    let mut done = Vec::new();
+    for result in results {
+        match result {
+            Ok(made) => {
+                made.result.notes.iter().for_each(|w| terminal.warning(&format!("{}: {w}", made.file.file_name())));
+                done.push(made);
+            }
+            Err(failure) => {
+                let file = failure.errors().next().map_or_else(String::new, |f| f.file.to_string());
+                failures.push((file, failure));
+            }
+        }
+    }
+    done
+}
+
+/// What the command made.
+struct Done<'a> {
+    groups: Vec<ThermalShown>,
+    sweeps: Vec<&'a sweep::Sweep>,
+    centres: Vec<CentreMade>,
+}
+
+impl Done<'_> {
+    fn count(&self) -> usize {
+        self.groups.len() + self.sweeps.len() + self.centres.len()
+    }
+
+    fn is_empty(&self) -> bool {
+        self.count() == 0
+    }
+
+    fn tell(&self, failures: &[(String, Failure)], common: &Common, terminal: &Terminal) -> Result<(), Finding> {
+        if common.json {
+            let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
+            let groups = self.groups.iter().map(ThermalShown::view).collect();
+            let sweeps = self.sweeps.iter().map(|s| s.view()).collect();
+            let centre = self.centres.iter().map(|c| &c.file).collect();
+            terminal.print(&json(&Listing { groups, sweeps, centre, failed })?);
+            return Ok(());
+        }
+        let tell = |summary: String, place: &str| {
+            terminal.tell(&format!("{summary}  -> {}\n", common.out.join(place).display()));
+        };
+        for one in &self.groups {
+            tell(show::thermal::summary(&one.thermal), &one.file.file_name());
+        }
+        for sweep in &self.sweeps {
+            tell(show::sweep::summary(sweep), &sweep.run.id);
+        }
+        for made in &self.centres {
+            tell(show::centre::summary(&made.result), &made.file.file_name());
+        }
+        Ok(())
+    }
 }
 
 /// The analyses that were made, with their warnings shown; the others go to the failures.
@@ -283,27 +299,6 @@ pub(super) fn sort_results(
         }
     }
     done
-}
-
-fn same_kind(a: &CalibratedRun, b: &CalibratedRun) -> bool {
-    std::mem::discriminant::<RunValues>(&a.values) == std::mem::discriminant(&b.values)
-}
-
-/// The inputs of some points, each once, in the order of the points.
-pub(super) fn gather(used: &[&CalibratedRun], inputs: &HashMap<String, Vec<Input>>) -> Vec<Input> {
-    let mut list: Vec<Input> = Vec::new();
-    for input in used.iter().filter_map(|p| inputs.get(&p.file)).flatten() {
-        if !list.contains(input) {
-            list.push(input.clone());
-        }
-    }
-    list
-}
-
-/// The inputs of every run that takes part in analyses across temperatures, by the name of its parameter file.
-pub(super) fn inputs_of(measured: &[Measured]) -> HashMap<String, Vec<Input>> {
-    let of = |one: &Measured| Some((one.point()?.file, one.provenance()?.input.clone()));
-    measured.iter().filter_map(of).collect()
 }
 
 /// Says which runs are analysed as they are in spite of a model.

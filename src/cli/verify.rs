@@ -1,12 +1,14 @@
 //! `calfit verify`: re-reads the inputs of parameter files, compares their hashes, fits again and compares the values.
 
 use super::output::{Terminal, json};
-use super::{Cli, Command, Common, Status, execute};
+use super::{Common, Status};
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
+use crate::data::recipe::Recipe;
 use crate::files::parameter::{AnyFile, FileKind, read_any};
 use crate::files::source::read_pieces;
-use clap::{Args, Parser};
+use crate::workflow::{Desk, Ingredients, again};
+use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -121,20 +123,26 @@ fn verify(file: &Path, places: &[PathBuf], tolerance: f64) -> Verdict {
 
 fn compare(file: &Path, places: &[PathBuf], tolerance: f64, verdict: &mut Verdict) -> Result<(), Vec<String>> {
     let one = |f: Finding| vec![format!("{}; {}", f.rule, f.remedy)];
-    let stated = read_any(file).map_err(one)?;
+    let mut stated = read_any(file).map_err(one)?;
+    let recipe = stated.provenance.recipe().map_err(|e| vec![e.to_string()])?;
     let (mut found, mut problems) = (Vec::new(), Vec::new());
     for input in &stated.provenance.input {
         match locate(input, file, places) {
-            Ok(path) => found.push(path),
+            Ok(path) => found.push((input.clone(), path)),
             Err(problem) => problems.push(problem.to_string()),
         }
+    }
+    // People read the command; it must be that of the recipe.
+    let command = &stated.provenance.command;
+    if stated.provenance.recipe.is_some() && *command != recipe.command(&stated.provenance.input) {
+        problems.push(format!("the command `{command}` does not say what the recipe says"));
     }
     if !problems.is_empty() {
         return Err(problems);
     }
     verdict.inputs = found.len();
-    let again = fit_again(file, &stated, &found)?;
-    let differences = Differences::of(&stated.document, &again.document, tolerance);
+    let made = make_again(file, &stated, &recipe, &Ingredients::of(found))?;
+    let differences = Differences::of(&stated.document, &made.document, tolerance);
     verdict.values = differences.values;
     verdict.largest_difference = differences.largest;
     if differences.list.is_empty() {
@@ -192,72 +200,24 @@ fn locate(input: &Input, file: &Path, places: &[PathBuf]) -> Result<PathBuf, Not
     })
 }
 
-/// Repeats the recorded command on the inputs, in a folder of its own.
-fn fit_again(file: &Path, stated: &AnyFile, found: &[PathBuf]) -> Result<AnyFile, Vec<String>> {
+/// Makes the result again in a folder of its own.
+fn make_again(file: &Path, stated: &AnyFile, recipe: &Recipe, with: &Ingredients) -> Result<AnyFile, Vec<String>> {
     let folder = tempfile::tempdir().map_err(|e| vec![format!("no temporary folder: {e}")])?;
-    let command = &stated.provenance.command;
-    // A file that an option names is one of the inputs; its name may hold spaces.
-    const MARK: char = '\u{1}';
-    let mut marked = command.clone();
-    for (index, input) in stated.provenance.input.iter().enumerate() {
-        for option in [
-            "--cpf",
-            "--amplitudes",
-            "--facility",
-            "--reference",
-            "--linearisation",
-            "--centre",
-            "--off-centre",
-            "--offset",
-            "--model",
-        ] {
-            marked = marked.replace(&format!("{option} {}", input.path), &format!("{option} {MARK}{index}"));
-        }
+    let desk =
+        Desk { out: folder.path().to_owned(), force: false, plots: false, allow_truncated: false, allow_duplicates: false };
+    again(recipe, with, &desk).map_err(|e| vec![e.to_string()])?;
+    let mut paths = Vec::new();
+    collect(folder.path(), 0, &mut paths).map_err(|f| vec![f.to_string()])?;
+    let read = paths.iter().map(|path| read_any(path)).collect::<Result<Vec<AnyFile>, Finding>>();
+    let made = read.map_err(|f| vec![f.to_string()])?;
+    // The file may have another name by now, or that of a run in a thermal group.
+    let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let format = |file: &AnyFile| file.document.get("format").and_then(|f| f.as_str()).map(str::to_owned);
+    let same = made.iter().position(|one| one.input.path == name);
+    match same.or_else(|| made.iter().position(|one| format(one) == format(stated))) {
+        Some(index) => Ok(made[index].clone()),
+        None => Err(vec!["fitting again gave no result; run the recorded command on the inputs to see why".to_owned()]),
     }
-    let mut arguments: Vec<String> = Vec::new();
-    let mut as_option = Vec::new();
-    for word in marked.split(' ') {
-        match word.strip_prefix(MARK).and_then(|index| index.parse::<usize>().ok()) {
-            Some(index) => {
-                as_option.push(index);
-                arguments.push(found[index].display().to_string());
-            }
-            None => arguments.push(word.to_owned()),
-        }
-    }
-    // Runs that were analysed; where there are some, a parameter file among the inputs only gave sensitivities.
-    let path_of = |index: &usize| stated.provenance.input[*index].path.to_ascii_uppercase();
-    let is_run = |index: &usize| path_of(index).ends_with(".CCR") || path_of(index).ends_with(".CCR.GZ");
-    let all: Vec<usize> = (0..found.len()).filter(|i| !as_option.contains(i) && path_of(i) != "CAMPAIGN.TOML").collect();
-    let any_run = all.iter().any(is_run);
-    let own = all.iter().filter(|i| is_run(i) || !any_run);
-    arguments.extend(own.map(|i| found[*i].display().to_string()));
-    arguments.extend(["--no-plots", "-q", "--out"].map(str::to_owned));
-    arguments.push(folder.path().display().to_string());
-    let cli = Cli::try_parse_from(&arguments)
-        .map_err(|e| vec![format!("the recorded command `{command}` is not one of this version: {}", e.kind())])?;
-    if !matches!(
-        cli.command,
-        Command::Lin(_)
-            | Command::Offset(_)
-            | Command::Freq(_)
-            | Command::Thermal(_)
-            | Command::Coil(_)
-            | Command::Null(_)
-            | Command::Thermistor(_)
-    ) {
-        return Err(vec![format!("the recorded command `{command}` makes no parameter file")]);
-    }
-    execute(cli, &Terminal::silent()).map_err(|f| vec![format!("fitting again failed: {f}")])?;
-    let name = file.file_name().unwrap_or_default();
-    let mut made = Vec::new();
-    collect(folder.path(), 0, &mut made).map_err(|f| vec![f.to_string()])?;
-    let again = made
-        .iter()
-        .find(|p| p.file_name() == Some(name))
-        .or_else(|| made.iter().find(|p| p.extension() == file.extension()))
-        .ok_or_else(|| vec!["fitting again gave no result; run the recorded command on the inputs to see why".to_owned()])?;
-    read_any(again).map_err(|f| vec![f.to_string()])
 }
 
 /// Values of two parameter files side by side.

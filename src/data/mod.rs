@@ -11,6 +11,7 @@ pub mod note;
 pub mod offset;
 pub mod plateau;
 pub mod provenance;
+pub mod recipe;
 pub mod result;
 pub mod run;
 pub mod tables;

@@ -8,7 +8,7 @@ use crate::data::run::{GivenBlock, Header, Run, Setting, Vector, VectorSink};
 use crate::data::units::{COMPONENTS, Reading};
 use crate::fit::statistics::median;
 use inside::{contrasts, drop_saturated, spiky_bins};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::cell::OnceCell;
 use std::fmt;
 use std::ops::Range;
@@ -45,13 +45,29 @@ impl Bin {
     }
 }
 
-/// Where a setting's samples stop to be influenced by the step before it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Where a setting's samples stop to be influenced by the step before it. As data it is a number of seconds, or nothing where it is found.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Option<f64>", into = "Option<f64>")]
 pub enum Settling {
     /// Found from the data.
     Found,
     /// Given, s after the begin of the setting.
     Given(f64),
+}
+
+impl From<Option<f64>> for Settling {
+    fn from(given_s: Option<f64>) -> Self {
+        given_s.map_or(Settling::Found, Settling::Given)
+    }
+}
+
+impl From<Settling> for Option<f64> {
+    fn from(settling: Settling) -> Self {
+        match settling {
+            Settling::Found => None,
+            Settling::Given(s) => Some(s),
+        }
+    }
 }
 
 /// Why a plateau is not used.
@@ -454,6 +470,12 @@ impl Accumulator {
 
 /// Default of the least part of the expected samples that a plateau must have.
 pub const LEAST_COVERAGE: f64 = 0.9;
+
+/// Whether a coverage is the usual one, which a recipe does not name.
+#[must_use]
+pub fn is_usual_coverage(least: &f64) -> bool {
+    *least == LEAST_COVERAGE
+}
 
 /// The plateaus of a run: those that the file brings, or those of the vectors that were read.
 #[must_use]

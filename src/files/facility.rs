@@ -5,6 +5,7 @@ use super::parameter;
 use super::source::read_whole;
 use super::text::{Keys, decode};
 use crate::data::error::Finding;
+use crate::data::provenance::Role;
 use crate::model::facility::{Facility, FacilityParameters};
 use std::path::Path;
 
@@ -30,7 +31,7 @@ pub fn read(path: &Path) -> Result<Facility, Finding> {
         ));
     }
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(Facility { input: digested.input(name), part })
+    Ok(Facility { input: digested.input(name).with_role(Role::Facility), part })
 }
 
 fn part(keys: &Keys) -> Result<FacilityParameters, Finding> {

@@ -3,6 +3,7 @@
 use super::parameter::{self, LinearisationFile};
 use crate::data::error::Finding;
 use crate::data::linearisation::SharedLinearisation;
+use crate::data::provenance::Role;
 use crate::data::units::COMPONENTS;
 use crate::model::linearisation::{AxisLinearisation, LEAST_SLOPE, Linearisation};
 use nalgebra::Matrix2;
@@ -16,7 +17,7 @@ pub fn read(path: &Path) -> Result<Linearisation, Finding> {
     let parameter::ParameterFile { input, body, .. } = parameter::read::<LinearisationFile>(path)?;
     let covariance = covariances(&body, path)?;
     let SharedLinearisation { sensor, mode, polynomials: part, .. } = body.shared;
-    Ok(Linearisation { input, sensor, mode, part, covariance })
+    Ok(Linearisation { input: input.with_role(Role::Linearisation), sensor, mode, part, covariance })
 }
 
 /// The covariances of the two coefficients of every axis, of polynomials that have an inverse.

@@ -23,17 +23,20 @@ use crate::record::conditions::{self, Temperatures};
 use crate::record::known::Known;
 use crate::record::known::in_sines::{InSines, Responses};
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::ops::Range;
 use thiserror::Error;
 
 /// How a frequency analysis is made.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Options {
     /// Time left out after a change of frequency.
+    #[serde(rename = "settling_s")]
     pub settling: Settling,
     /// Effects that are known: taken off the sines before the response is fitted.
+    #[serde(skip)]
     pub model: Option<Known>,
 }
 

@@ -83,7 +83,7 @@ pub fn linearise(runs: &[&Lin]) -> Result<Estimate, LineariseError> {
     let covariance = std::array::from_fn(|a| axes[a].covariance);
     Ok(Estimate {
         linearisation: Linearisation {
-            input: Input { path: String::new(), size_bytes: 0, sha256: String::new() },
+            input: Input::default(),
             sensor: head.sensor.clone(),
             mode: head.mode.clone(),
             part: polynomials.clone(),

@@ -28,14 +28,17 @@ use crate::record::conditions::{self, Temperatures};
 use drift::Fitter;
 use noise::Noise;
 use rows::{channel_rows, octaves, rows, unit};
+use serde::{Deserialize, Serialize};
 use stops::stops;
 
 /// How a zero-field run is analysed.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Options {
     /// Order of the drift, 0 to 3.
     pub order: usize,
     /// Linear calibration whose sensitivities give the results in nT as well, with its file.
+    #[serde(skip)]
     pub cpf: Option<(Input, Sensitivities)>,
 }
 

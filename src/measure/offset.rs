@@ -16,7 +16,7 @@ pub use refusal::OffsetError;
 use crate::data::calibration::Sensitivities;
 use crate::data::note::Note;
 use crate::data::offset::{OffsetFound, OffsetQuality, OffsetValues, PositionVisit, ScaledOffset};
-use crate::data::plateau::{LEAST_COVERAGE, Plateau, Plateaus, Settling};
+use crate::data::plateau::{LEAST_COVERAGE, Plateau, Plateaus, Settling, is_usual_coverage};
 use crate::data::provenance::Input;
 use crate::data::result::Dropped;
 use crate::data::run::{Kind, Run};
@@ -24,21 +24,28 @@ use crate::model::campaign::Instructions;
 use crate::model::facility::{Facility, FacilityApplied};
 use crate::record::conditions::{self, Temperatures};
 use levels::{Levels, check_components};
+use serde::{Deserialize, Serialize};
 use solved::Solved;
 use stay::{Stay, stays};
 
 /// How an offset analysis is made.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Options {
     /// Settling after a step.
+    #[serde(rename = "settling_s")]
     pub settling: Settling,
     /// Least part of the expected samples of a plateau.
+    #[serde(rename = "coverage", skip_serializing_if = "is_usual_coverage")]
     pub least_coverage: f64,
     /// Go on when the readings do not follow the settings.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub allow_mismatch: bool,
     /// The linear calibration whose sensitivity turns enT into nT, with its file.
+    #[serde(skip)]
     pub cpf: Option<(Input, Sensitivities)>,
     /// The facility that turns settings into applied fields; its offset field stays part of the residual field that is measured.
+    #[serde(skip)]
     pub facility: Option<Facility>,
 }
 

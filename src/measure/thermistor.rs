@@ -9,6 +9,7 @@ use crate::data::tables::ThermistorRow;
 use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, ThermistorPolynomial, TriedOrder};
 use crate::fit::statistics::extremes;
 use crate::fit::{Chosen, FitError, Limits, Polynomial, order, polynomial};
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// The highest order that is fitted.
@@ -18,11 +19,13 @@ pub const HIGHEST_ORDER: usize = 9;
 pub const WITHIN_DEGC: f64 = 0.01;
 
 /// What the polynomial takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Signal {
     /// Voltage, V.
+    #[serde(rename = "u")]
     Voltage,
     /// Resistance, Ω.
+    #[serde(rename = "r")]
     Resistance,
 }
 
@@ -47,7 +50,8 @@ impl Signal {
 }
 
 /// How a table is fitted.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Options {
     /// Order; chosen by AICc and leave-one-out error if absent.
     pub order: Option<usize>,

@@ -28,12 +28,6 @@ impl Facility {
         Facility { input: self.input.clone(), part }
     }
 
-    /// The option that names it, with a space before it.
-    #[must_use]
-    pub fn recorded(&self) -> String {
-        format!(" --facility {}", self.input.path)
-    }
-
     /// Whether its values depend on the rack temperature.
     #[must_use]
     pub fn follows_rack(&self) -> bool {

@@ -95,12 +95,6 @@ impl Linearisation {
     pub fn axis(&self, axis: usize) -> AxisLinearisation {
         AxisLinearisation::of(&self.part, axis)
     }
-
-    /// The option that names it, with a space before it.
-    #[must_use]
-    pub fn recorded(&self) -> String {
-        format!(" --linearisation {}", self.input.path)
-    }
 }
 
 /// The linearisation that was applied to the readings of a run.

@@ -125,12 +125,6 @@ impl Known {
         self.effects.iter().map(|e| e.given.clone()).collect()
     }
 
-    /// The option that names the file, with a space before it.
-    #[must_use]
-    pub fn recorded(&self) -> String {
-        format!(" --model {}", self.input.path)
-    }
-
     /// The lag of the thermistor, if it is among the effects.
     #[must_use]
     pub fn thermal_lag(&self) -> Option<Lag> {

@@ -5,7 +5,7 @@ use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
-use crate::data::provenance::{Input, Provenance};
+use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::run::{Kind, Run};
 use crate::files::ccr;
 use crate::files::output::Folder;
@@ -156,6 +156,15 @@ impl Measured {
         }
     }
 
+    /// The sweep, if it is one.
+    #[must_use]
+    pub fn sweep(&self) -> Option<&sweep::Sweep> {
+        match self {
+            Measured::Sweep(made) => Some(&made.result),
+            _ => None,
+        }
+    }
+
     /// The result for people, if there is one.
     #[must_use]
     pub fn report(&self) -> Option<&dyn RunReport> {
@@ -241,7 +250,12 @@ pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
             let parameters = lin.result.parameters();
             let name = parameters.file_name();
             let text = parameter_text(&name, &parameters, &lin.provenance)?;
-            let input = Input { path: name, size_bytes: text.len() as u64, sha256: hex(&Sha256::digest(text.as_bytes())) };
+            let input = Input {
+                path: name,
+                size_bytes: text.len() as u64,
+                sha256: hex(&Sha256::digest(text.as_bytes())),
+                role: Some(Role::Cpf),
+            };
             found.push((index, input, Sensitivities::from(&lin.result.calibration)));
         }
     }
@@ -257,8 +271,7 @@ pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
             }
             _ => continue,
         };
-        provenance.command = format!("{} --cpf {}", provenance.command, input.path);
-        provenance.input.push(input);
+        *provenance = provenance.clone().with_input(input);
     }
     Ok(())
 }

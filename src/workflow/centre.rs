@@ -1,11 +1,11 @@
 //! Temperature polynomials at the centre of the coil system as a file and a report.
 
-use super::thermal::rows;
+use super::thermal::{ThermalOptions, rows};
 use super::{Desk, Outcome, parameter_text};
 use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
 use crate::data::note::Note;
-use crate::data::provenance::{Input, Provenance};
+use crate::data::provenance::{Input, Provenance, Role};
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, CentreConvention, OffCentrePart, Tcf, Tpf, read_point};
 use crate::measure::centre::{self, AtCentre, OffCentre, Pair};
@@ -34,8 +34,14 @@ impl PairFiles {
         offset: Option<&PathBuf>,
         findings: &mut Vec<Finding>,
     ) -> Result<Self, Finding> {
-        let mut one = |path: &PathBuf| read_point(path, findings).map(|(point, d)| (point.clone(), d.input(point.file)));
-        Ok(Self { centre: one(centre)?, off_centre: off_centre.map(&mut one).transpose()?, offset: offset.map(one).transpose()? })
+        let mut one = |path: &PathBuf, role| {
+            read_point(path, findings).map(|(point, d)| (point.clone(), d.input(point.file).with_role(role)))
+        };
+        Ok(Self {
+            centre: one(centre, Role::Centre)?,
+            off_centre: off_centre.map(|path| one(path, Role::OffCentre)).transpose()?,
+            offset: offset.map(|path| one(path, Role::Offset)).transpose()?,
+        })
     }
 
     /// The pair.
@@ -48,31 +54,25 @@ impl PairFiles {
         }
     }
 
-    /// The options that name the files, each with a space before it.
-    fn recorded(&self) -> String {
-        let mut text = format!(" --centre {}", self.centre.0.file);
-        for (option, named) in [("--off-centre", &self.off_centre), ("--offset", &self.offset)] {
-            if let Some((point, _)) = named {
-                text.push_str(&format!(" {option} {}", point.file));
-            }
-        }
-        text
-    }
-
     fn inputs(&self) -> impl Iterator<Item = &Input> {
         std::iter::once(&self.centre).chain(&self.off_centre).chain(&self.offset).map(|(_, input)| input)
     }
 
-    /// Takes polynomials to the centre and writes file and report. `recorded` are the other options, `inputs` the inputs of the
-    /// polynomials.
+    /// Takes polynomials to the centre and writes file and report. `options` and `inputs` are those of the polynomials.
     ///
     /// # Errors
     /// Why that is not possible, or what cannot be written.
-    pub fn publish(&self, tpf: &Tpf, recorded: &str, mut inputs: Vec<Input>, desk: &Desk) -> Result<CentreMade, Finding> {
+    pub fn publish(
+        &self,
+        tpf: &Tpf,
+        options: &ThermalOptions,
+        mut inputs: Vec<Input>,
+        desk: &Desk,
+    ) -> Result<CentreMade, Finding> {
         let result = centre::centre(&off_centre(tpf), self.pair())
             .map_err(|e| Finding::error(&tpf.file_name(), e.to_string(), e.remedy()))?;
         inputs.extend(self.inputs().cloned());
-        let provenance = Provenance::new(format!("calfit thermal{recorded}{}", self.recorded()), inputs);
+        let provenance = Provenance::new(options.recipe(desk), inputs);
         let file = tcf(&result, tpf);
         let name = file.file_name();
         let folder = Folder::open(&desk.out, desk.force)?;

@@ -5,6 +5,7 @@ use crate::data::calibration::LinearCalibration;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
+use crate::data::recipe::{Reading, Recipe};
 use crate::data::run::Run;
 use crate::files::campaign::Campaign;
 use crate::files::facility;
@@ -189,7 +190,7 @@ fn refuse(runs: &[CoilRun], error: &CoilError) -> Finding {
 ///
 /// # Errors
 /// The runs do not determine the facility.
-pub fn scalar_of(mut runs: Vec<CoilRun>, options: &scalar::Options) -> Result<Option<CoilMade<Scalar>>, Finding> {
+pub fn scalar_of(mut runs: Vec<CoilRun>, options: &scalar::Options, desk: &Desk) -> Result<Option<CoilMade<Scalar>>, Finding> {
     const LEAST_ROWS: usize = 10;
     if runs.is_empty() {
         return Ok(None);
@@ -209,8 +210,7 @@ pub fn scalar_of(mut runs: Vec<CoilRun>, options: &scalar::Options) -> Result<Op
     let given: Vec<(&Run, &Instructions)> = runs.iter().map(|r| (&r.run, &r.campaign.file.instructions)).collect();
     let mut result = scalar(&given, options).map_err(|e| refuse(&runs, &e))?;
     result.notes.extend(notes);
-    let channel = options.rack_channel.as_ref().map_or_else(String::new, |c| format!(" --rack-channel {c}"));
-    let provenance = Provenance::new(format!("calfit coil scalar{channel}"), inputs(&runs));
+    let provenance = Provenance::new(Recipe::new("coil scalar", options).reading(desk.allowed()), inputs(&runs));
     Ok(Some(CoilMade { result, provenance }))
 }
 
@@ -218,14 +218,17 @@ pub fn scalar_of(mut runs: Vec<CoilRun>, options: &scalar::Options) -> Result<Op
 ///
 /// # Errors
 /// No run has settings of plus and minus F.
-pub fn residual_of(mut runs: Vec<CoilRun>) -> Result<Option<CoilMade<Residual>>, Finding> {
+pub fn residual_of(mut runs: Vec<CoilRun>, desk: &Desk) -> Result<Option<CoilMade<Residual>>, Finding> {
     if runs.is_empty() {
         return Ok(None);
     }
     let given: Vec<&Run> = runs.iter().map(|r| &r.run).collect();
     let result = residual(&given).map_err(|e| refuse(&runs, &e))?;
     runs.retain(|r| result.found.used.contains(&r.run.header.run));
-    Ok(Some(CoilMade { result, provenance: Provenance::new("calfit coil residual".to_owned(), inputs(&runs)) }))
+    Ok(Some(CoilMade {
+        result,
+        provenance: Provenance::new(Recipe::plain("coil residual").reading(desk.allowed()), inputs(&runs)),
+    }))
 }
 
 /// File name without and with its end.
@@ -247,7 +250,7 @@ pub fn residual_of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Coi
     }
     let result = residual::of_table(&rows, &id).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
     let input = digested.input(name);
-    Ok(CoilMade { result, provenance: Provenance::new("calfit coil residual".to_owned(), vec![input]) })
+    Ok(CoilMade { result, provenance: Provenance::new(Recipe::plain("coil residual"), vec![input]) })
 }
 
 /// What a tilt calibration rests on.
@@ -255,6 +258,8 @@ pub fn residual_of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Coi
 pub struct TiltInput {
     results: Vec<OrientedRun>,
     inputs: Vec<Input>,
+    /// What was allowed when runs were read.
+    reading: Reading,
     /// Facilities that the parameter files say they were made with.
     stated: Vec<Option<FacilityParameters>>,
 }
@@ -287,6 +292,7 @@ impl TiltInput {
 
     /// Fits linearity runs with the facility and takes the results; what cannot be fitted goes to `failures`.
     pub fn runs(&mut self, jobs: &[Job], options: &lin::Options, desk: &Desk, failures: &mut Vec<(String, Failure)>) {
+        self.reading = desk.allowed();
         for job in jobs {
             let made = make(options, job, desk, true).and_then(|made| {
                 let result = of_calibration(&made.result.calibration).map_err(|e| {
@@ -332,23 +338,14 @@ impl TiltInput {
         };
         let mut result = tilt(&self.results, &before, options).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
         result.notes.extend(notes);
-        let mut command = "calfit coil tilt".to_owned();
-        if let Some(file) = used {
-            command.push_str(&file.recorded());
-        }
-        if let Some(sensor) = &options.sensor {
-            command.push_str(&format!(" --sensor {sensor}"));
-        }
-        if options.keep_all {
-            command.push_str(" --keep-all");
-        }
         let mut inputs: Vec<Input> = Vec::new();
         for input in self.inputs.into_iter().chain(used.map(|f| f.input.clone())) {
             if !inputs.contains(&input) {
                 inputs.push(input);
             }
         }
-        Ok(CoilMade { result, provenance: Provenance::new(command, inputs) })
+        let recipe = Recipe::new("coil tilt", options).reading(self.reading);
+        Ok(CoilMade { result, provenance: Provenance::new(recipe, inputs) })
     }
 }
 

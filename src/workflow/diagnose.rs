@@ -3,7 +3,8 @@
 use super::{Desk, Failure, Job, draw};
 use crate::data::error::Finding;
 use crate::data::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
-use crate::data::provenance::{Input, Provenance};
+use crate::data::provenance::{Input, Provenance, Role};
+use crate::data::recipe::Recipe;
 use crate::diagnose::across::{RunValues, across};
 use crate::diagnose::result::{Diagnosis, Parameter};
 use crate::diagnose::{self, DiagnoseError, Options, Samples};
@@ -55,7 +56,7 @@ pub fn diagnose_run(
     let mut input = vec![Input::from(&run.input)];
     input.extend(job.campaign.input.clone());
     input.extend(inputs.iter().cloned());
-    let provenance = Provenance::new("calfit diagnose".to_owned(), input);
+    let provenance = Provenance::new(Recipe::plain("diagnose").reading(desk.allowed()), input);
     Ok(Diagnosed { written_by: WRITTEN_BY, diagnosis, provenance })
 }
 
@@ -156,11 +157,7 @@ impl Across {
             return Err(Finding::error(&shown.join(", "), rule, "fit the runs again with the same --facility"));
         }
         let diagnosis = across(&self.values, &Catalogue::default()).map_err(|reason| refusal(&shown.join(", "), &reason))?;
-        Ok(Diagnosed {
-            written_by: WRITTEN_BY,
-            diagnosis,
-            provenance: Provenance::new("calfit diagnose".to_owned(), self.inputs),
-        })
+        Ok(Diagnosed { written_by: WRITTEN_BY, diagnosis, provenance: Provenance::new(Recipe::plain("diagnose"), self.inputs) })
     }
 }
 
@@ -205,7 +202,8 @@ pub fn read_model(path: &Path) -> Result<(ParameterFile<Model>, Known), Finding>
     let file = parameter::read::<Model>(path)?;
     let (bytes, _) = read_whole(path)?;
     let keys = Keys::parse(&path.display().to_string(), 1, decode(&bytes).into_owned())?;
-    let known = Known::of(file.input.clone(), &file.body, &keys.root().groups("effect")?, &Catalogue::default())?;
+    let known =
+        Known::of(file.input.clone().with_role(Role::Model), &file.body, &keys.root().groups("effect")?, &Catalogue::default())?;
     Ok((file, known))
 }
 
@@ -247,7 +245,7 @@ pub fn publish_model(path: &Path, all: &[&Diagnosed], given: &[ModelEffect], for
         effect,
     };
     let input = all.iter().flat_map(|d| d.provenance.input.clone()).collect();
-    let provenance = Provenance::new("calfit diagnose --write-model".to_owned(), input);
+    let provenance = Provenance::new(Recipe::new("diagnose", &serde_json::json!({ "write_model": true })), input);
     let name = path.file_name().map_or_else(|| "model.toml".to_owned(), |n| n.to_string_lossy().into_owned());
     let text = super::parameter_text(&name, &model, &provenance)?;
     let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));

@@ -1,9 +1,10 @@
 //! Frequency measurements as files, figures and text.
 
-use super::{Made, PerRun, Refusal, RunReport, RunResult};
+use super::{Ingredients, Made, PerRun, Refusal, RunReport, RunResult};
 use crate::data::error::Finding;
 use crate::data::note::Note;
-use crate::data::provenance::{Input, Provenance};
+use crate::data::provenance::{Input, Provenance, Role};
+use crate::data::recipe::Recipe;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::data::tables::AmplitudeRow;
@@ -16,12 +17,12 @@ use crate::measure::corner::Corner;
 use crate::measure::freq::{Freq, Options, Sines, Stretch, freq, from_table};
 use crate::plot::{self, Named};
 use crate::record::conditions::Temperatures;
-use crate::record::known::Known;
 use crate::show::{self, document::Section};
 use serde::Serialize;
 use std::path::Path;
 
 impl PerRun for Options {
+    const ANALYSIS: &'static str = "freq";
     const COMMAND: &'static str = "freq";
     const KIND: Kind = Kind::Frequency;
     const STEM: &'static str = "FREQ";
@@ -40,9 +41,8 @@ impl PerRun for Options {
         self.model.iter().map(|m| m.input.clone()).collect()
     }
 
-    fn recorded(&self, _result: &Freq) -> String {
-        let model = self.model.as_ref().map_or_else(String::new, Known::recorded);
-        model + &super::lin::recorded_cut(self.settling, crate::data::plateau::LEAST_COVERAGE)
+    fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
+        Ok(Self { model: files.model()?, ..self })
     }
 }
 
@@ -55,9 +55,9 @@ pub fn of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Made<Freq>, 
     Ok(Made { result: from_table(&rows, &id), provenance, run: None })
 }
 
-/// The rows of a table of amplitudes, its run id, and the provenance of what a command makes of it.
+/// The rows of a table of amplitudes, its run id, and the provenance of what an analysis makes of it.
 pub(super) fn amplitude_table(
-    command: &str,
+    analysis: &str,
     path: &Path,
     findings: &mut Vec<Finding>,
 ) -> Result<(Vec<AmplitudeRow>, String, Provenance), Finding> {
@@ -69,8 +69,8 @@ pub(super) fn amplitude_table(
         return Err(Finding::error(&path.display().to_string(), "its name cannot be a run id", "rename it to freq_<run id>.csv")
             .found(id.as_bytes()));
     }
-    let input = digested.input(name.clone());
-    let provenance = Provenance::new(format!("calfit {command} --amplitudes {name}"), vec![input]);
+    let input = digested.input(name).with_role(Role::Amplitudes);
+    let provenance = Provenance::new(Recipe::plain(analysis), vec![input]);
     Ok((rows, id.to_owned(), provenance))
 }
 

@@ -1,9 +1,10 @@
 //! Linear calibrations as files, figures and text.
 
-use super::{PerRun, Refusal, RunReport, RunResult};
+use super::{Ingredients, PerRun, Refusal, RunReport, RunResult};
 use crate::data::envelope::Envelope;
+use crate::data::error::Finding;
 use crate::data::note::Note;
-use crate::data::plateau::{self, Accumulator, Settling};
+use crate::data::plateau::{self, Accumulator};
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
@@ -18,6 +19,7 @@ use crate::show::{self, document::Section};
 use serde::Serialize;
 
 impl PerRun for Options {
+    const ANALYSIS: &'static str = "lin";
     const COMMAND: &'static str = "lin";
     const KIND: Kind = Kind::Linearity;
     const STEM: &'static str = "LIN";
@@ -42,45 +44,13 @@ impl PerRun for Options {
         facility.chain(linearisation).chain(self.model.iter().map(|m| &m.input)).cloned().collect()
     }
 
-    fn recorded(&self, result: &Lin) -> String {
-        let mut text = format!(" --order {}", result.calibration.offset.trend_order);
-        for (axis, limit) in ["x", "y", "z"].into_iter().zip(self.max_field_nt) {
-            if let Some(limit) = limit {
-                text.push_str(&format!(" --max-field {axis}={limit}"));
-            }
-        }
-        if self.robust {
-            text.push_str(" --robust");
-        }
-        if let Some(facility) = &self.facility {
-            text.push_str(&facility.recorded());
-        }
-        if let Some(linearisation) = &self.linearisation {
-            text.push_str(&linearisation.recorded());
-        }
-        if let Some(model) = &self.model {
-            text.push_str(&model.recorded());
-        }
-        text.push_str(&recorded_cut(self.settling, self.least_coverage));
-        for (allowed, name) in [(self.allow_gain, "gain"), (self.allow_mismatch, "mismatch")] {
-            if allowed {
-                text.push_str(&format!(" --allow {name}"));
-            }
-        }
-        text
+    fn settled(&self, result: &Lin) -> Self {
+        Self { trend_order: Some(result.calibration.offset.trend_order), ..self.clone() }
     }
-}
 
-/// Options that say which part of a plateau is used.
-pub(super) fn recorded_cut(settling: Settling, least_coverage: f64) -> String {
-    let mut text = String::new();
-    if let Settling::Given(s) = settling {
-        text.push_str(&format!(" --settling {s}"));
+    fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
+        Ok(Self { facility: files.facility()?, linearisation: files.linearisation()?, model: files.model()?, ..self })
     }
-    if least_coverage != plateau::LEAST_COVERAGE {
-        text.push_str(&format!(" --coverage {least_coverage}"));
-    }
-    text
 }
 
 impl RunReport for Lin {

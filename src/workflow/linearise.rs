@@ -1,9 +1,10 @@
 //! Linearisations as files, figures and text, and the runs fitted once more with them.
 
-use super::{Desk, Job, Made, Outcome, PerRun, command, draw, parameter_text};
+use super::{Desk, Job, Made, Outcome, draw, parameter_text, recipe};
 use crate::data::error::Finding;
 use crate::data::note::Note;
-use crate::data::provenance::{Input, Provenance};
+use crate::data::provenance::{Input, Provenance, Role};
+use crate::data::recipe::Recipe;
 use crate::files::linearisation;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationConvention, LinearisationFile, linearisation_file_name};
@@ -105,14 +106,11 @@ pub fn linearise_group<'a>(
     // The runs come first, as in every result of several runs.
     input.sort_by_key(|i| i.path.ends_with(".toml"));
     let orders: Vec<usize> = before.iter().map(|l| l.calibration.offset.trend_order).collect();
-    let recorded = match group.first() {
-        Some(first) if orders.iter().all(|o| *o == first.made.result.calibration.offset.trend_order) => {
-            command(options, &first.made.result, desk)
-        }
-        // Orders that differ come from the campaigns, which are inputs.
-        _ => format!("calfit {}", Options::COMMAND),
-    };
-    let written = publish(&result, &Provenance::new(format!("{recorded} --linearise"), input), desk)?;
+    // Orders that differ come from the campaigns, which are inputs.
+    let shared = orders.first().copied().filter(|first| orders.iter().all(|o| o == first));
+    let recorded = Options { trend_order: shared.or(options.trend_order), ..options.clone() };
+    let linearise = Recipe::new("linearise", &recorded).reading(desk.allowed());
+    let written = publish(&result, &Provenance::new(linearise, input), desk)?;
     // Now the file has a hash, by which the parameter files of the runs refer to it.
     if let Some(linearisation) = &mut options_with.linearisation {
         linearisation.input = written;
@@ -121,7 +119,7 @@ pub fn linearise_group<'a>(
         let made = after.map(|result| {
             let mut input = first.made.provenance.input;
             input.extend(options_with.linearisation.iter().map(|l| l.input.clone()));
-            let provenance = Provenance::new(command(&options_with, &result, desk), input);
+            let provenance = Provenance::new(recipe(&options_with, &result, desk), input);
             Made { result, provenance, run: first.made.run }
         });
         (first.job, made)
@@ -151,7 +149,7 @@ fn publish(result: &Linearised, provenance: &Provenance, desk: &Desk) -> Result<
     };
     let (size_bytes, sha256) = (outcome.parameters.len() as u64, hex(&Sha256::digest(outcome.parameters.as_bytes())));
     outcome.write(&folder, &drawn)?;
-    Ok(Input { path: name, size_bytes, sha256 })
+    Ok(Input { path: name, size_bytes, sha256, role: Some(Role::Linearisation) })
 }
 
 /// Fits a run once more.

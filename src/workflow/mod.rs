@@ -1,6 +1,7 @@
 //! A run file to its result, and a result to its files: what the commands for single runs, the thermal analysis, the protocol and the
 //! verification have in common.
 
+mod again;
 mod all;
 mod centre;
 mod coil;
@@ -14,6 +15,7 @@ mod sweep;
 mod thermal;
 mod thermistor;
 
+pub use again::{AgainError, Ingredients, again, sensitivities};
 pub use all::{Analyses, LinName, Measured, publish_tables, publish_thermal_names, scale_to_nt};
 pub use centre::{CentreMade, PairFiles};
 pub use coil::{
@@ -22,12 +24,13 @@ pub use coil::{
 pub use diagnose::{Across, Diagnosed, diagnose_run, diagnose_table, known, publish_diagnosis, publish_model, read_model};
 pub use freq::of_table;
 pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
-pub use thermal::{ThermalFile, ThermalOptions, ThermalShown, thermals};
+pub use thermal::{ThermalFile, ThermalInput, ThermalOptions, ThermalShown};
 pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
 
 use crate::data::error::{Finding, Severity};
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
+use crate::data::recipe::{Reading, Recipe};
 use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, VectorSink};
 use crate::files::campaign::{Campaign, RunFile};
@@ -41,12 +44,15 @@ use crate::show::document::Section;
 use crate::show::{self, Drawn, markdown};
 use rayon::prelude::*;
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::path::PathBuf;
 
 /// An analysis of single runs: its options are the value, what it keeps while a file is read is its sink.
-pub trait PerRun: Sync {
+pub trait PerRun: Clone + Serialize + DeserializeOwned + Sync {
+    /// Name of the analysis in recipes.
+    const ANALYSIS: &'static str;
     /// Name of the command.
     const COMMAND: &'static str;
     /// Kind of runs.
@@ -72,8 +78,16 @@ pub trait PerRun: Sync {
         Vec::new()
     }
 
-    /// The options that have an influence on the numbers, as on the command line, each with a space before it.
-    fn recorded(&self, result: &Self::Result) -> String;
+    /// The options with what the analysis chose where they leave it open.
+    fn settled(&self, _result: &Self::Result) -> Self {
+        self.clone()
+    }
+
+    /// The same options with the files that they name.
+    ///
+    /// # Errors
+    /// A file that is none of its kind.
+    fn with_files(self, files: &Ingredients) -> Result<Self, Finding>;
 }
 
 /// Why an analysis refuses a run.
@@ -143,6 +157,12 @@ pub struct Desk {
 }
 
 impl Desk {
+    /// What is allowed of run files, for the recipe.
+    #[must_use]
+    pub fn allowed(&self) -> Reading {
+        Reading { allow_truncated: self.allow_truncated, allow_duplicates: self.allow_duplicates }
+    }
+
     /// How a run file is read.
     #[must_use]
     pub fn reading(&self, recorded: &str, two_threads: bool) -> ccr::Options {
@@ -274,19 +294,13 @@ pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) 
     let mut input = vec![Input::from(&run.input)];
     input.extend(job.campaign.input.clone());
     input.extend(analysis.inputs());
-    let provenance = Provenance::new(command(analysis, &result, desk), input);
+    let provenance = Provenance::new(recipe(analysis, &result, desk), input);
     Ok(Made { result, provenance, run: Some(run) })
 }
 
-/// The command that is recorded for a result.
-fn command<A: PerRun>(analysis: &A, result: &A::Result, desk: &Desk) -> String {
-    let mut command = format!("calfit {}{}", A::COMMAND, analysis.recorded(result));
-    for (allowed, name) in [(desk.allow_truncated, "truncated"), (desk.allow_duplicates, "duplicates")] {
-        if allowed {
-            command.push_str(&format!(" --allow {name}"));
-        }
-    }
-    command
+/// What a result is made with.
+fn recipe<A: PerRun>(analysis: &A, result: &A::Result, desk: &Desk) -> Recipe {
+    Recipe::new(A::ANALYSIS, &analysis.settled(result)).reading(desk.allowed())
 }
 
 /// Draws figures in parallel and writes them in their order.

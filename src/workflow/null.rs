@@ -1,7 +1,8 @@
 //! Zero-field runs as files, figures and text.
 
-use super::{PerRun, Refusal, RunReport, RunResult};
+use super::{Ingredients, PerRun, Refusal, RunReport, RunResult};
 use crate::data::envelope::Envelope;
+use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
@@ -17,6 +18,7 @@ use crate::show::{self, document::Section};
 use serde::Serialize;
 
 impl PerRun for Options {
+    const ANALYSIS: &'static str = "null";
     const COMMAND: &'static str = "null";
     const KIND: Kind = Kind::ZeroField;
     const STEM: &'static str = "NULL";
@@ -38,9 +40,8 @@ impl PerRun for Options {
         self.cpf.iter().map(|(input, _)| input.clone()).collect()
     }
 
-    fn recorded(&self, _result: &Null) -> String {
-        let cpf = self.cpf.as_ref().map_or_else(String::new, |(input, _)| format!(" --cpf {}", input.path));
-        format!(" --order {}{cpf}", self.order)
+    fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
+        Ok(Self { cpf: files.sensitivities()?, ..self })
     }
 }
 

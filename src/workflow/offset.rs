@@ -1,7 +1,7 @@
 //! Offset measurements as files, figures and text.
 
-use super::lin::recorded_cut;
-use super::{PerRun, Refusal, RunReport, RunResult};
+use super::{Ingredients, PerRun, Refusal, RunReport, RunResult};
+use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::plateau::{self, Accumulator, Plateau};
 use crate::data::provenance::Input;
@@ -18,6 +18,7 @@ use crate::show::{self, document::Section};
 use serde::Serialize;
 
 impl PerRun for Options {
+    const ANALYSIS: &'static str = "offset";
     const COMMAND: &'static str = "offset";
     const KIND: Kind = Kind::Offset;
     const STEM: &'static str = "OFFSET";
@@ -38,16 +39,8 @@ impl PerRun for Options {
         self.cpf.iter().map(|(input, _)| input.clone()).chain(facility).collect()
     }
 
-    fn recorded(&self, _result: &Offset) -> String {
-        let mut text = self.cpf.as_ref().map_or_else(String::new, |(input, _)| format!(" --cpf {}", input.path));
-        if let Some(facility) = &self.facility {
-            text.push_str(&facility.recorded());
-        }
-        text.push_str(&recorded_cut(self.settling, self.least_coverage));
-        if self.allow_mismatch {
-            text.push_str(" --allow mismatch");
-        }
-        text
+    fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
+        Ok(Self { cpf: files.sensitivities()?, facility: files.facility()?, ..self })
     }
 }
 

@@ -1,8 +1,8 @@
 //! Continuous sweeps as files, figures and text.
 
-use super::lin::recorded_cut;
 use super::thermal::{CurveView, covariances, quantity_part, tpf};
-use super::{PerRun, Refusal, RunReport, RunResult};
+use super::{Ingredients, PerRun, Refusal, RunReport, RunResult};
+use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::plateau::{self, Accumulator};
 use crate::data::provenance::Input;
@@ -12,13 +12,14 @@ use crate::files::campaign::Campaign;
 use crate::files::parameter::{Body, SweepPart, ThermalConvention, ThermalHead, Tpf};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
-use crate::measure::sweep::{Options, Sweep, SweepBlock, WINDOW, Window, WindowFit, sweep};
+use crate::measure::sweep::{Options, Sweep, SweepBlock, WindowFit, sweep};
 use crate::plot::{self, Named};
 use crate::record::conditions::Temperatures;
 use crate::show::{self, document::Section};
 use serde::Serialize;
 
 impl PerRun for Options {
+    const ANALYSIS: &'static str = "sweep";
     const COMMAND: &'static str = "thermal";
     const KIND: Kind = Kind::Sweep;
     const STEM: &'static str = "SWEEP";
@@ -39,23 +40,8 @@ impl PerRun for Options {
         facility.chain(self.model.iter().map(|m| m.input.clone())).collect()
     }
 
-    fn recorded(&self, _result: &Sweep) -> String {
-        let mut text: String = self.orders.iter().map(|(name, order)| format!(" --order {name}={order}")).collect();
-        match self.window {
-            Window::Settings(WINDOW) => {}
-            Window::Settings(n) => text.push_str(&format!(" --window {n}")),
-            Window::Minutes(m) => text.push_str(&format!(" --window {m}min")),
-        }
-        if let Some(most) = self.most_k_per_min {
-            text.push_str(&format!(" --max-rate {most}"));
-        }
-        if let Some(facility) = &self.facility {
-            text.push_str(&facility.recorded());
-        }
-        if let Some(model) = &self.model {
-            text.push_str(&model.recorded());
-        }
-        text + &recorded_cut(self.settling, self.least_coverage)
+    fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
+        Ok(Self { facility: files.facility()?, model: files.model()?, ..self })
     }
 }
 

@@ -1,12 +1,13 @@
 //! Analyses across temperatures as files, figures and text.
 
-use super::{Desk, Outcome, draw, parameter_text};
-use crate::data::across::{CalibratedRun, RunRotations};
+use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw, parameter_text};
+use crate::data::across::{CalibratedRun, RunRotations, RunValues};
 use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
+use crate::data::recipe::Recipe;
 use crate::files::output::Folder;
-use crate::files::parameter::{Body, JointPart, QuantityPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
+use crate::files::parameter::{Body, JointPart, QuantityPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point};
 use crate::measure::joint::{JointFit, QUANTITIES};
 use crate::measure::lin::Lin;
 use crate::measure::thermal::{
@@ -19,44 +20,159 @@ use crate::record::known::Known;
 use crate::show::{self, Drawn};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
-use serde::Serialize;
-use std::collections::BTreeMap;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
 
 /// How thermal analyses are made.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct ThermalOptions {
     /// Order per quantity or family, in place of the choice.
+    #[serde(rename = "order", skip_serializing_if = "Vec::is_empty")]
     pub orders: Vec<(String, usize)>,
     /// Fit the plateaus of all runs at once as well.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub joint: bool,
     /// The facility that turns the settings of the runs into fields.
+    #[serde(skip)]
     pub facility: Option<Facility>,
     /// Known effects, which are taken off the readings of the runs.
+    #[serde(skip)]
     pub model: Option<Known>,
 }
 
 impl ThermalOptions {
-    /// The orders as on the command line, each with a space before it.
-    #[must_use]
-    pub fn recorded_orders(&self) -> String {
-        self.orders.iter().map(|(name, order)| format!(" --order {name}={order}")).collect()
+    /// What an analysis across temperatures is made with.
+    pub(super) fn recipe(&self, desk: &Desk) -> Recipe {
+        Recipe::new("thermal", self).reading(desk.allowed())
+    }
+}
+
+/// What analyses across temperatures rest on: results of single runs, with the inputs of each.
+#[derive(Default)]
+pub struct ThermalInput {
+    points: Vec<CalibratedRun>,
+    /// By the names of the parameter files.
+    inputs: HashMap<String, Vec<Input>>,
+}
+
+impl ThermalInput {
+    /// Takes the parameter file of a run; notes on it go to `findings`. Where there is an earlier one of the same run, that is used and its
+    /// name returned.
+    ///
+    /// # Errors
+    /// What is wrong with the file.
+    pub fn file(&mut self, path: &Path, findings: &mut Vec<Finding>) -> Result<Option<String>, Finding> {
+        let (point, digested) = read_point(path, findings)?;
+        if let Some(twin) = self.points.iter().find(|p| p.run.id == point.run.id && same_kind(p, &point)) {
+            return Ok(Some(twin.file.clone()));
+        }
+        self.inputs.insert(point.file.clone(), vec![digested.input(point.file.clone())]);
+        self.points.push(point);
+        Ok(None)
     }
 
-    /// All options as on the command line, each with a space before it.
-    #[must_use]
-    pub fn recorded(&self) -> String {
-        let mut text = self.recorded_orders();
-        if self.joint {
-            text.push_str(" --joint");
+    /// Takes what runs gave.
+    pub fn measured(&mut self, measured: &[Measured]) {
+        for one in measured {
+            let Some(point) = one.point() else { continue };
+            self.inputs.extend(one.provenance().map(|p| (point.file.clone(), p.input.clone())));
+            self.points.push(point);
         }
-        if let Some(facility) = &self.facility {
-            text.push_str(&facility.recorded());
-        }
-        if let Some(model) = &self.model {
-            text.push_str(&model.recorded());
-        }
-        text
     }
+
+    /// Leaves out the run at the centre, which is none of those beside it, also where its file lies in their folder.
+    pub fn leave_out_centre(&mut self, pair: &PairFiles) {
+        let centre = pair.pair().centre;
+        self.points.retain(|p| !(same_kind(p, centre) && p.run.id == centre.run.id));
+    }
+
+    /// The results of single runs.
+    #[must_use]
+    pub fn points(&self) -> &[CalibratedRun] {
+        &self.points
+    }
+
+    /// The inputs of some points, each once, in the order of the points.
+    fn inputs(&self, used: &[&CalibratedRun]) -> Vec<Input> {
+        let mut list: Vec<Input> = Vec::new();
+        for input in used.iter().filter_map(|p| self.inputs.get(&p.file)).flatten() {
+            if !list.contains(input) {
+                list.push(input.clone());
+            }
+        }
+        list
+    }
+
+    /// All thermal analyses that the runs allow, each published or with the reason why not.
+    pub fn groups(
+        &self,
+        lins: &[&Lin],
+        entries: &[ThermalEntry],
+        options: &ThermalOptions,
+        desk: &Desk,
+    ) -> Vec<Result<ThermalShown, Finding>> {
+        let groups = groups(&self.points, entries, &options.orders);
+        let tasks: Vec<(&RunGroup, Kind)> =
+            groups.iter().flat_map(|g| Kind::ALL.into_iter().filter(|k| g.has(*k)).map(move |k| (g, k))).collect();
+        tasks
+            .par_iter()
+            .map(|(group, kind)| {
+                let result = thermal(group, *kind, lins, options.joint).map_err(|e: ThermalError| {
+                    Finding::error(&format!("{} {}", group.sensor, group.mode), e.to_string(), e.remedy())
+                })?;
+                let file = ThermalFile::of(&result);
+                let used: Vec<&CalibratedRun> = group.points.iter().filter(|p| result.runs.files.contains(&p.file)).collect();
+                let provenance = Provenance::new(options.recipe(desk), self.inputs(&used));
+                let figures = publish(&result, &file, &provenance, desk)?;
+                Ok(ThermalShown { thermal: result, file, figures })
+            })
+            .collect()
+    }
+
+    /// Polynomials taken to the centre: those of the groups of the pair's sensor and mode, and those of files.
+    pub fn to_centre(
+        &self,
+        pair: &PairFiles,
+        files: &[PathBuf],
+        done: &[ThermalShown],
+        options: &ThermalOptions,
+        desk: &Desk,
+    ) -> Vec<Result<CentreMade, Failure>> {
+        let mut results = Vec::new();
+        for one in done {
+            if let ThermalFile::Tpf(tpf) = &one.file
+                && pair.pair().fits(&tpf.head.sensor, &tpf.head.mode)
+            {
+                let used: Vec<&CalibratedRun> = self.points.iter().filter(|p| tpf.head.used.contains(&p.file)).collect();
+                results.push(pair.publish(tpf, options, self.inputs(&used), desk).map_err(Failure::Refused));
+            }
+        }
+        let mut unreadable = Vec::new();
+        for path in files {
+            match read::<Tpf>(path) {
+                Ok(file) if pair.pair().fits(&file.body.head.sensor, &file.body.head.mode) => {
+                    let made = pair.publish(&file.body, &ThermalOptions::default(), vec![file.input], desk);
+                    results.push(made.map_err(Failure::Refused));
+                }
+                Ok(_) => {}
+                Err(finding) => unreadable.push(Err(Failure::Unreadable(vec![finding]))),
+            }
+        }
+        if results.is_empty() {
+            let run = &pair.pair().centre.run;
+            let rule = format!("no polynomials are of its sensor `{}` and mode `{}`", run.sensor, run.mode);
+            let remedy = "name runs, CPF or TPF files of that sensor and mode measured beside the centre";
+            results.push(Err(Failure::Refused(Finding::error(&pair.pair().centre.file, rule, remedy))));
+        }
+        unreadable.into_iter().chain(results).collect()
+    }
+}
+
+/// Whether two results are of the same analysis.
+fn same_kind(a: &CalibratedRun, b: &CalibratedRun) -> bool {
+    std::mem::discriminant::<RunValues>(&a.values) == std::mem::discriminant(&b.values)
 }
 
 /// A thermal analysis with its file and figures.
@@ -276,34 +392,6 @@ fn joint_part(joint: &JointFit) -> JointPart {
 /// A matrix as its rows.
 pub(super) fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
     matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
-}
-
-/// All thermal analyses that a list of runs allows, each published or with the reason why not. `inputs` gives the inputs of the
-/// points of a group.
-pub fn thermals(
-    points: &[CalibratedRun],
-    lins: &[&Lin],
-    entries: &[ThermalEntry],
-    options: &ThermalOptions,
-    desk: &Desk,
-    inputs: impl Fn(&[&CalibratedRun]) -> Vec<Input> + Sync,
-) -> Vec<Result<ThermalShown, Finding>> {
-    let groups = groups(points, entries, &options.orders);
-    let tasks: Vec<(&RunGroup, Kind)> =
-        groups.iter().flat_map(|g| Kind::ALL.into_iter().filter(|k| g.has(*k)).map(move |k| (g, k))).collect();
-    tasks
-        .par_iter()
-        .map(|(group, kind)| {
-            let result = thermal(group, *kind, lins, options.joint).map_err(|e: ThermalError| {
-                Finding::error(&format!("{} {}", group.sensor, group.mode), e.to_string(), e.remedy())
-            })?;
-            let file = ThermalFile::of(&result);
-            let used: Vec<&CalibratedRun> = group.points.iter().filter(|p| result.runs.files.contains(&p.file)).collect();
-            let provenance = Provenance::new(format!("calfit thermal{}", options.recorded()), inputs(&used));
-            let figures = publish(&result, &file, &provenance, desk)?;
-            Ok(ThermalShown { thermal: result, file, figures })
-        })
-        .collect()
 }
 
 /// Begin of the names of figures and report.

@@ -3,7 +3,8 @@
 use super::{Desk, Outcome, draw, parameter_text};
 use crate::data::error::Finding;
 use crate::data::note::Note;
-use crate::data::provenance::Provenance;
+use crate::data::provenance::{Provenance, Role};
+use crate::data::recipe::Recipe;
 use crate::files::ccr::run_id_is_safe;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, ThermistorConvention, ThermistorFile};
@@ -70,36 +71,14 @@ pub fn thermistor_of(
     }
     let (rows, digested) = read(path, TABLE, findings)?;
     let mut input = vec![digested.input(file_name(path))];
-    let mut command = recorded(options);
     let beside = reference.map(|path| read(path, REFERENCE, findings)).transpose()?;
     let beside = reference.zip(beside).map(|(path, (rows, digested))| {
-        command.push_str(&format!(" --reference {}", file_name(path)));
-        input.push(digested.input(file_name(path)));
+        input.push(digested.input(file_name(path)).with_role(Role::Reference));
         rows
     });
     let result =
         thermistor(&stem, &rows, beside.as_deref(), options).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
-    Ok(ThermistorMade { result, provenance: Provenance::new(command, input) })
-}
-
-/// The command with the options that have an influence on the numbers.
-fn recorded(options: &Options) -> String {
-    let joined = |list: &[f64]| list.iter().map(|v| format!("{v:?}")).collect::<Vec<_>>().join(",");
-    let mut text = "calfit thermistor".to_owned();
-    if let Some(order) = options.order {
-        text.push_str(&format!(" --order {order}"));
-    }
-    if let Some(signal) = options.signal {
-        text.push_str(&format!(" --signal {}", signal.name()));
-    }
-    if let Some(divider) = &options.divider {
-        text.push_str(&format!(" --divider {}", joined(divider)));
-    }
-    if let Some(compare) = &options.compare {
-        text.push_str(&format!(" --compare {}", joined(compare)));
-    }
-    text.push_str(&format!(" --within {:?}", options.within_degc));
-    text
+    Ok(ThermistorMade { result, provenance: Provenance::new(Recipe::new("thermistor", options), input) })
 }
 
 /// Writes figures, report and parameter file, the last one last; returns the name of the parameter file and the figures.

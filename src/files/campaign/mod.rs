@@ -3,7 +3,7 @@
 pub mod file;
 
 use crate::data::error::Finding;
-use crate::data::provenance::Input;
+use crate::data::provenance::{Input, Role};
 use crate::data::run::Header;
 use file::{CampaignFile, read};
 use std::collections::BTreeMap;
@@ -77,7 +77,7 @@ impl Campaign {
         let toml = root.join("campaign.toml");
         let (file, input) = if toml.is_file() {
             let (file, digested) = read(&toml, findings)?;
-            let input = digested.input("campaign.toml".to_owned());
+            let input = digested.input("campaign.toml".to_owned()).with_role(Role::Campaign);
             (file, Some(input))
         } else {
             (CampaignFile::default(), None)

@@ -12,10 +12,11 @@ use crate::model::coil::Coil;
 use crate::model::facility::FacilityParameters;
 use crate::model::facility_calibration::{ScalarCalibration, ScalarFound, ScalarOutlier, ScalarQuality, ScalarValidity};
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// How a scalar calibration is made.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Options {
     /// Channel of the rack temperature in place of the campaign's.
     pub rack_channel: Option<String>,

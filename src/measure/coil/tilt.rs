@@ -12,13 +12,16 @@ use crate::model::facility::FacilityParameters;
 use crate::model::facility_calibration::{SensorValues, TiltFound, TiltOrientation};
 use crate::model::position::{Class, OrientedRun, Position};
 use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// How sensor and facility are told apart.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Options {
     /// Sensor, where there are several.
     pub sensor: Option<String>,
     /// Keep an orientation that does not agree with the others.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub keep_all: bool,
 }
 

@@ -1,19 +1,29 @@
 //! How a sweep is analysed.
 
-use crate::data::plateau::{LEAST_COVERAGE, Settling};
+use crate::data::plateau::{LEAST_COVERAGE, Settling, is_usual_coverage};
 use crate::model::facility::Facility;
 use crate::record::known::Known;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// Settings of a window where nothing else is said, as in 1998.
 pub const WINDOW: usize = 18;
 /// Length of the sliding window.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Window {
     /// So many settings.
     Settings(usize),
     /// Settings of so many minutes.
     Minutes(f64),
+}
+
+impl Window {
+    /// Whether it is the usual one, which a recipe does not name.
+    #[must_use]
+    pub fn is_usual(&self) -> bool {
+        *self == Window::Settings(WINDOW)
+    }
 }
 
 impl fmt::Display for Window {
@@ -26,21 +36,29 @@ impl fmt::Display for Window {
 }
 
 /// How a sweep is analysed.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Options {
     /// Settling after a step.
+    #[serde(rename = "settling_s")]
     pub settling: Settling,
     /// Least part of the expected samples of a plateau.
+    #[serde(rename = "coverage", skip_serializing_if = "is_usual_coverage")]
     pub least_coverage: f64,
     /// Sliding window.
+    #[serde(skip_serializing_if = "Window::is_usual")]
     pub window: Window,
     /// Settings at which the temperature moves faster are left out, K/min.
+    #[serde(rename = "max_rate_k_per_min")]
     pub most_k_per_min: Option<f64>,
     /// Orders of the polynomials of `sigma` (and `xi`) and of `b_or`, where given.
+    #[serde(rename = "order", skip_serializing_if = "Vec::is_empty")]
     pub orders: Vec<(String, usize)>,
     /// The facility that turns settings into the reference field; `None` takes the settings as the field.
+    #[serde(skip)]
     pub facility: Option<Facility>,
     /// Known effects, which are taken off the readings; a lag of the thermistor among them is used.
+    #[serde(skip)]
     pub model: Option<Known>,
 }
 

@@ -1,0 +1,181 @@
+//! What a result was made with, as data: nothing of the options is lost on the way through a file, nor through the command that people
+//! read, and files that were made before there were recipes are made again from that command.
+
+use crate::common;
+
+use calfit::data::plateau::Settling;
+use calfit::data::provenance::{Input, Provenance, Role};
+use calfit::data::recipe::{ANALYSES, Reading, Recipe, RecipeError};
+use calfit::files::parameter::{FileKind, KINDS, toml};
+use calfit::measure::coil::{scalar, tilt};
+use calfit::measure::sweep::Window;
+use calfit::measure::thermistor::Signal;
+use calfit::measure::{freq, lin, null, offset, sweep, thermistor};
+use calfit::workflow::ThermalOptions;
+use common::check::{calfit, says, text, tree};
+use proptest::prelude::*;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeSet;
+use std::fmt::Debug;
+use std::path::{Path, PathBuf};
+
+/// A recipe through the text of a file, with the options at its end, and once more through the command of that.
+fn round<O: Serialize + DeserializeOwned + Debug + PartialEq>(analysis: &str, options: O, reading: Reading, files: &[Role]) {
+    let input =
+        |role: &Role| Input { path: format!("a {} file.toml", role.option()), sha256: format!("{role:?}"), ..Input::default() };
+    let inputs: Vec<Input> = files.iter().map(|role| input(role).with_role(*role)).collect();
+    let recipe = Recipe::new(analysis, &options).reading(reading);
+    let provenance = Provenance::new(recipe.clone(), inputs.clone());
+    let serde_json::Value::Object(table) = serde_json::to_value(&provenance).unwrap() else { panic!("no table") };
+    let mut read: Provenance = toml_edit::de::from_str(&toml(&table)).unwrap();
+    assert_eq!(read, provenance);
+    assert_eq!(read.recipe().unwrap().options::<O>().unwrap(), options);
+
+    // As it was recorded before there were recipes.
+    let mut without: Vec<Input> = files.iter().map(input).collect();
+    let mut from_command = Recipe::of_command(&provenance.command, &mut without).unwrap();
+    assert_eq!(without, inputs, "{}", provenance.command);
+    if analysis == "sweep" {
+        // Its command is that of the groups; its run tells them apart.
+        assert_eq!(from_command.analysis, "thermal");
+        from_command.analysis = "sweep".to_owned();
+    }
+    assert_eq!(from_command, recipe, "{}", provenance.command);
+    assert_eq!(from_command.options::<O>().unwrap(), options, "{}", provenance.command);
+}
+
+fn positive() -> impl Strategy<Value = f64> {
+    any::<u64>().prop_map(f64::from_bits).prop_filter("a number", |v| v.is_finite() && *v > 0.0)
+}
+
+fn finite() -> impl Strategy<Value = f64> {
+    any::<u64>().prop_map(f64::from_bits).prop_filter("a number", |v| v.is_finite())
+}
+
+fn settling() -> impl Strategy<Value = Settling> {
+    prop_oneof![Just(Settling::Found), positive().prop_map(Settling::Given)]
+}
+
+fn window() -> impl Strategy<Value = Window> {
+    prop_oneof![(5..10_000usize).prop_map(Window::Settings), positive().prop_map(Window::Minutes)]
+}
+
+fn orders() -> impl Strategy<Value = Vec<(String, usize)>> {
+    proptest::collection::vec(("[a-z_]{1,8}", 0..9usize), 0..4)
+}
+
+prop_compose! {
+    fn reading()(allow_truncated: bool, allow_duplicates: bool) -> Reading {
+        Reading { allow_truncated, allow_duplicates }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn options_come_back_from_a_recipe_and_from_its_command(
+        (settling, coverage) in (settling(), 0.0..1.0f64),
+        (trend_order, order) in (proptest::option::of(0..3usize), 0..4usize),
+        max_field_nt in proptest::array::uniform3(proptest::option::of(positive())),
+        [robust, gain, mismatch, joint, keep] in any::<[bool; 5]>(),
+        (orders, window, most_k_per_min) in (orders(), window(), proptest::option::of(positive())),
+        (signal, within_degc) in (proptest::option::of(any::<bool>()), positive()),
+        divider in proptest::option::of([positive(), positive()]),
+        compare in proptest::option::of(proptest::collection::vec(finite(), 2..6)),
+        // A name as a laboratory gives it.
+        name in proptest::option::of("[A-Za-z0-9_°][A-Za-z0-9 _.\"'°-]{0,12}[A-Za-z0-9]").prop_filter("no option", |n| !n.as_ref().is_some_and(|n| n.contains(" --"))),
+        reading in reading(),
+    ) {
+        let linear = lin::Options {
+            trend_order,
+            max_field_nt,
+            robust,
+            settling,
+            least_coverage: coverage,
+            allow_gain: gain,
+            allow_mismatch: mismatch,
+            ..lin::Options::default()
+        };
+        round("lin", linear.clone(), reading, &[Role::Facility, Role::Linearisation, Role::Model]);
+        round("linearise", linear, reading, &[Role::Facility, Role::Model]);
+        let offsets = offset::Options { settling, least_coverage: coverage, allow_mismatch: mismatch, ..offset::Options::default() };
+        round("offset", offsets, reading, &[Role::Cpf, Role::Facility]);
+        round("freq", freq::Options { settling, ..freq::Options::default() }, reading, &[Role::Model]);
+        round("freq", freq::Options::default(), Reading::default(), &[Role::Amplitudes]);
+        round("null", null::Options { order, ..null::Options::default() }, reading, &[Role::Cpf]);
+        let swept = sweep::Options {
+            settling,
+            least_coverage: coverage,
+            window,
+            most_k_per_min,
+            orders: orders.clone(),
+            ..sweep::Options::default()
+        };
+        round("sweep", swept, reading, &[Role::Facility, Role::Model]);
+        let groups = ThermalOptions { orders, joint, ..ThermalOptions::default() };
+        round("thermal", groups, reading, &[Role::Facility, Role::Model, Role::Centre, Role::OffCentre, Role::Offset]);
+        let signal = signal.map(|volt| if volt { Signal::Voltage } else { Signal::Resistance });
+        let polynomial = thermistor::Options { order: trend_order, signal, divider, compare, within_degc };
+        round("thermistor", polynomial, Reading::default(), &[Role::Reference]);
+        round("coil scalar", scalar::Options { rack_channel: name.clone() }, reading, &[]);
+        round("coil residual", std::collections::BTreeMap::<String, f64>::new(), reading, &[]);
+        round("coil tilt", tilt::Options { sensor: name, keep_all: keep }, reading, &[Role::Facility]);
+    }
+}
+
+#[test]
+fn an_option_of_another_analysis_is_refused_and_named() {
+    let refused = |command: &str| Recipe::of_command(command, &mut []).and_then(|r| r.options::<null::Options>()).unwrap_err();
+    assert_eq!(refused("calfit"), RecipeError::Command("calfit".to_owned()));
+    assert_eq!(refused("calfit man"), RecipeError::Command("calfit man".to_owned()));
+    assert_eq!(refused("calfit null --orders 1"), RecipeError::Option("orders".to_owned()));
+    let value = |value: &str| RecipeError::Value { option: "order".to_owned(), value: value.to_owned() };
+    assert_eq!(refused("calfit null --order 1.5"), value("1.5"));
+    assert_eq!(refused("calfit null --order"), value(""));
+    says(&refused("calfit null --robust").to_string(), &["`null`", "robust"]);
+    let facility = Input { path: "f".to_owned(), ..Input::default() };
+    let other = Recipe::of_command("calfit null --facility f", &mut [facility]).unwrap_err();
+    assert_eq!(other, RecipeError::Option("facility".to_owned()));
+}
+
+fn data(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+/// Parameter files of every kind that were made before there were recipes; see `tests/data/README.md`.
+#[test]
+fn files_without_a_recipe_are_read_checked_and_made_again() {
+    let folder = data("tests/data/version-1/files");
+    let all: Vec<PathBuf> = tree(&folder).into_keys().map(|name| folder.join(name)).collect();
+    let files: Vec<&PathBuf> = all.iter().filter(|path| FileKind::of_name(path).is_some()).collect();
+    let output = calfit().arg("check").args(&all).arg(data("tests/data/version-1/inputs/model.toml")).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+
+    let places = ["tests/data/version-1", "tests/data/version-1/files", "tests/data", "runs"].map(data);
+    let output = calfit().arg("verify").args(&files).args(&places).output().unwrap();
+    let said = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    for file in &files {
+        says(&said, &[&format!("{}: verified", file.display())]);
+    }
+    let formats: BTreeSet<&str> = files.iter().map(|path| FileKind::of_name(path).unwrap().format).collect();
+    let kinds: BTreeSet<&str> = KINDS.iter().map(|kind| kind.format).filter(|format| *format != "MODEL").collect();
+    assert_eq!(formats, kinds);
+
+    // Every analysis that makes them is among them, and every file is one without a recipe.
+    let mut analyses = BTreeSet::new();
+    for file in &files {
+        let mut provenance = calfit::files::parameter::read_any(file).unwrap().provenance;
+        assert!(provenance.recipe.is_none());
+        let command = provenance.command.clone();
+        let recipe = provenance.recipe().unwrap();
+        // The command is the same text as before.
+        assert_eq!(recipe.command(&provenance.input), command);
+        analyses.insert(recipe.analysis);
+    }
+    let making = |name: &&str| !["sweep", "diagnose", "report", "export"].contains(name);
+    let expected: BTreeSet<String> = ANALYSES.iter().map(|a| a.name).filter(making).map(str::to_owned).collect();
+    assert_eq!(analyses, expected);
+}
