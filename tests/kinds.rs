@@ -109,7 +109,7 @@ fn every_kind_of_parameter_file_is_read_checked_verified_and_exported() {
 
         // A file that was changed is no file of its kind any more.
         let changed = changed.join(path.file_name().unwrap());
-        fs::write(&changed, written.replacen("version = 1\n", "version = 1\nadded = 1\n", 1)).unwrap();
+        fs::write(&changed, written.replacen("version = ", "added = 1\nversion = ", 1)).unwrap();
         says(&kind.check(&changed).unwrap_err().to_string(), &["was changed after it was written"]);
         let output = run(&["check"], &[&changed]);
         assert_eq!(output.status.code(), Some(1));

@@ -149,6 +149,20 @@ fn data(path: &str) -> PathBuf {
 fn files_without_a_recipe_are_read_checked_and_made_again() {
     let folder = data("tests/data/version-1/files");
     let all: Vec<PathBuf> = tree(&folder).into_keys().map(|name| folder.join(name)).collect();
+    // Files whose misalignment has the wrong sign are refused, with the reason.
+    let (refused, all): (Vec<PathBuf>, Vec<PathBuf>) =
+        all.into_iter().partition(|path| path.extension().is_some_and(|e| e == "TCF" || e == "TXT"));
+    assert_eq!(refused.len(), 3);
+    for path in &refused {
+        for command in ["check", "verify"] {
+            if command == "verify" && path.extension().is_some_and(|e| e == "TXT") {
+                continue;
+            }
+            let output = calfit().arg(command).arg(path).output().unwrap();
+            assert_eq!(output.status.code(), Some(1), "{command} {}", path.display());
+            says(&text(&output.stderr), &["misalignment has the wrong sign"]);
+        }
+    }
     let files: Vec<&PathBuf> = all.iter().filter(|path| FileKind::of_name(path).is_some()).collect();
     let output = calfit().arg("check").args(&all).arg(data("tests/data/version-1/inputs/model.toml")).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
@@ -156,12 +170,16 @@ fn files_without_a_recipe_are_read_checked_and_made_again() {
     let places = ["tests/data/version-1", "tests/data/version-1/files", "tests/data", "runs"].map(data);
     let output = calfit().arg("verify").args(&files).args(&places).output().unwrap();
     let said = text(&output.stdout);
-    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    // The folders among the places hold the refused files too.
+    let told = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.lines().all(|line| line.is_empty() || line.contains("is a TCF file of version 1")), "{told}");
     for file in &files {
         says(&said, &[&format!("{}: verified", file.display())]);
     }
     let formats: BTreeSet<&str> = files.iter().map(|path| FileKind::of_name(path).unwrap().format).collect();
-    let kinds: BTreeSet<&str> = KINDS.iter().map(|kind| kind.format).filter(|format| *format != "MODEL").collect();
+    let kinds: BTreeSet<&str> =
+        KINDS.iter().map(|kind| kind.format).filter(|format| !["MODEL", "TCF"].contains(format)).collect();
     assert_eq!(formats, kinds);
 
     // Every analysis that makes them is among them, and every file is one without a recipe.

@@ -234,8 +234,10 @@ impl Differences {
         let (mut a, mut b) = (Vec::new(), Vec::new());
         flatten("", stated.as_item(), &mut a);
         flatten("", again.as_item(), &mut b);
-        let own =
-            |list: Vec<(String, String)>| list.into_iter().filter(|(k, _)| !k.starts_with("provenance")).collect::<Vec<_>>();
+        // Files of the time before `[apply]` have no such table.
+        let old = stated.get("apply").is_none();
+        let compared = |key: &str| !(key.starts_with("provenance") || old && key.starts_with("apply."));
+        let own = |list: Vec<(String, String)>| list.into_iter().filter(|(k, _)| compared(k)).collect::<Vec<_>>();
         let (a, b) = (own(a), own(b));
         for (key, value) in &a {
             differences.values += 1;

@@ -19,6 +19,7 @@ pub struct PlanarAxes;
 
 /// How the angles ξ make the misalignment matrix ω.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Convention {
     /// `ω = (Q(ξ)ᵀ)⁻¹`, lower triangular; ξ are the angles between the sensor axes.
     BepiColombo,
@@ -36,6 +37,9 @@ pub struct Alignment {
     /// ξ_xy, ξ_xz, ξ_yz, degrees.
     pub xi_deg: [f64; 3],
 }
+
+/// Standard uncertainties of σ_x, σ_y, σ_z, nT/enT, and of ξ_xy, ξ_xz, ξ_yz, degrees, as far as they are known.
+pub type AlignmentStd = [Option<[f64; 3]>; 2];
 
 /// An [`Alignment`] in the other convention.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,6 +100,27 @@ impl Convention {
         match self {
             Convention::BepiColombo => q.transpose().try_inverse().ok_or(PlanarAxes),
             Convention::Rosetta => Ok(q),
+        }
+    }
+
+    /// ω as a function of ξ, in words that a program can follow.
+    #[must_use]
+    pub fn formula(self) -> &'static str {
+        match self {
+            Convention::BepiColombo => "omega = inverse(transpose(Q(xi)))",
+            Convention::Rosetta => "omega = Q(xi)",
+        }
+    }
+
+    /// The frame in which `ω σ` gives the field.
+    #[must_use]
+    pub fn sensor_frame(self) -> &'static str {
+        match self {
+            Convention::BepiColombo => "sensor (BepiColombo): x along sensor axis x, y in the plane of x and y",
+            Convention::Rosetta => {
+                "sensor (Rosetta): x along the first column of omega, y in the plane of the first two columns; the columns are the \
+                 directions in which a field shows on one component only"
+            }
         }
     }
 
@@ -168,6 +193,32 @@ impl Alignment {
         }
         let rotation = self.transfer()? * alignment.transfer()?.try_inverse().ok_or(PlanarAxes)?;
         Ok(Converted { alignment, jacobian, rotation })
+    }
+
+    /// The sensor in the convention that is wanted, with the standard uncertainties of sensitivities and angles (degrees) carried along;
+    /// those are taken as independent, and are unknown in the other convention where one of the two is.
+    ///
+    /// # Errors
+    /// Angles that no three axes have between them, or a sensitivity of zero; only where there is something to convert.
+    pub fn in_convention(
+        &self,
+        wanted: Convention,
+        [sigma_std, xi_std_deg]: AlignmentStd,
+    ) -> Result<(Self, AlignmentStd), PlanarAxes> {
+        if self.convention == wanted {
+            return Ok((*self, [sigma_std, xi_std_deg]));
+        }
+        let converted = self.to_other()?;
+        let std = match (sigma_std, xi_std_deg) {
+            (Some(sigma), Some(xi)) => {
+                let variances = Vector6::from_fn(|i, _| if i < 3 { sigma[i].powi(2) } else { xi[i - 3].powi(2) });
+                let covariance = converted.covariance(&Matrix6::from_diagonal(&variances));
+                let std = |from: usize| Some(std::array::from_fn(|i| covariance[(from + i, from + i)].sqrt()));
+                [std(0), std(3)]
+            }
+            _ => [None, None],
+        };
+        Ok((converted.alignment, std))
     }
 
     /// Change of the columns `Q(ξ) diag(length)` per unit of one of (σ_x, σ_y, σ_z, ξ_xy, ξ_xz, ξ_yz), angles in degrees.

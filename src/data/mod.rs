@@ -1,6 +1,7 @@
 //! What a run consists of, and what every room speaks of: runs, plateaus, units, findings, where results come from.
 
 pub mod across;
+pub mod apply;
 pub mod calibration;
 pub mod convention;
 pub mod envelope;

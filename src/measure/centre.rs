@@ -2,22 +2,28 @@
 //!
 //! A pair of linear calibrations at one temperature T1, off-centre and at the centre, gives `k_i` and `K`; these take the polynomials
 //! measured off-centre to the centre. Without an off-centre run the polynomials themselves stand for it, as in the report.
+//!
+//! The report's ω is that of the Rosetta convention; the calibrations of runs and their polynomials state angles and sensitivities in the
+//! BepiColombo convention. Everything is converted exactly before `k` and `K` are formed.
 
 use crate::data::across::{CalibratedRun, CentreResidual, PairedCalibration, RunValues};
-use crate::data::convention::column_angles_deg;
+use crate::data::convention::{Alignment, Convention};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Rows;
-use crate::fit::{FitError, Limits, polynomial, propagate};
+use crate::fit::{FitError, propagate};
 use crate::measure::thermal::SAME_DEGC;
+use crate::model::alignment::{AlignmentPolynomials, Through, nodes_degc};
 use crate::model::off_centre::Transfer;
 use crate::model::polynomial::{TemperaturePolynomial, value};
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::DMatrix;
 use thiserror::Error;
 
 /// Polynomials of a temperature cycle beside the centre. A covariance of another size than the coefficients stands for one that is not
 /// known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OffCentre {
+    /// Convention of σ and ξ: BepiColombo as they come in, Rosetta in a result.
+    pub convention: Convention,
     /// Sensor.
     pub sensor: String,
     /// Mode.
@@ -53,7 +59,7 @@ impl Pair<'_> {
     }
 }
 
-/// Temperature polynomials at the centre. A covariance of size zero is not known.
+/// Temperature polynomials at the centre, everything in the Rosetta convention of ω. A covariance of size zero is not known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AtCentre {
     /// The polynomials they were made from.
@@ -64,8 +70,12 @@ pub struct AtCentre {
     pub xi_deg: [TemperaturePolynomial; 3],
     /// Offset and residual field of the coil system, where the offset at the centre was measured.
     pub offset: Option<OffsetAtCentre>,
+    /// Largest difference between the polynomials σ and the lengths of the columns of ω⁰(T) σ⁰(T) over the range, nT/enT.
+    pub sigma_remainder: [f64; 3],
     /// Largest difference between the polynomials ξ and the angles of ω⁰(T) over the range, degrees.
     pub xi_remainder_deg: [f64; 3],
+    /// Covariance of all coefficients of σ and ξ at the centre, of ξ beside it, and of `K⁻¹` row by row; `None` if it is not known.
+    pub together: Option<DMatrix<f64>>,
     /// `k`, `K` and `K⁻¹`.
     pub transfer: Transfer,
     /// Standard uncertainty of `k_i`.
@@ -140,9 +150,6 @@ impl CentreError {
     }
 }
 
-/// Temperatures at which the angles of ω⁰ are compared with their polynomials: several per coefficient at the highest order, 5.
-const NODES: usize = 33;
-
 /// Values that are carried on, with their covariance as far as it is known.
 struct Uncertain {
     x: Vec<f64>,
@@ -192,28 +199,52 @@ pub fn centre(beside: &OffCentre, pair: Pair) -> Result<AtCentre, CentreError> {
     let t1_degc = centre.temperature_degc.ok_or_else(|| CentreError::NoTemperature(centre.file.clone()))?;
     let off_run = pair.off_centre.map(|p| linear(p, pair.centre)).transpose()?;
     let members = Members { beside, centre, off_run, t1_degc };
-    let at_reference = members.at_reference();
-    let mut notes = members.notes(&at_reference);
-    let transfer = Transfer::new((at_reference.sigma, at_reference.xi_deg), (members.centre.sigma, members.centre.xi_deg))
-        .map_err(|_| CentreError::NoTransfer(members.centre.file.clone()))?;
-    let (sigma, k_std) = members.sensitivities()?;
-    let angles = members.angles(at_reference.sigma)?;
+    let mut notes = members.notes();
+    let linear = members.linear()?;
     let offset = pair.offset.map(|p| members.offset(residual(p, pair.centre)?, &mut notes)).transpose()?;
-    notes.extend(unknown_uncertainties(&sigma, &angles.xi_deg, offset.as_ref()));
+    notes.extend(unknown_uncertainties(&linear.sigma, &linear.xi_deg, offset.as_ref()));
+    let [centre, off_centre] = linear.found.pair;
     Ok(AtCentre {
-        beside: beside.clone(),
-        sigma,
-        xi_deg: angles.xi_deg,
+        beside: OffCentre {
+            convention: Convention::Rosetta,
+            sigma: linear.beside_sigma,
+            xi_deg: linear.beside_xi_deg,
+            ..beside.clone()
+        },
+        sigma: linear.sigma,
+        xi_deg: linear.xi_deg,
         offset,
-        xi_remainder_deg: angles.remainder_deg,
-        transfer,
-        k_std,
-        k_inverse_std: angles.k_inverse_std,
+        sigma_remainder: linear.found.centre.sigma_remainder,
+        xi_remainder_deg: linear.found.centre.xi_remainder_deg,
+        together: linear.together,
+        transfer: linear.found.transfer,
+        k_std: linear.k_std,
+        k_inverse_std: linear.k_inverse_std,
         reference_degc: t1_degc,
-        centre: members.centre,
-        at_reference,
+        centre: in_rosetta(&members.centre, centre)?,
+        at_reference: match &members.off_run {
+            Some(run) => in_rosetta(run, off_centre)?,
+            None => PairedCalibration {
+                file: "polynomials".to_owned(),
+                temperature_degc: Some(t1_degc),
+                sigma: off_centre.sigma,
+                xi_deg: off_centre.xi_deg,
+                sigma_std: None,
+                xi_std_deg: None,
+            },
+        },
         notes,
     })
+}
+
+/// A calibration of a run in the Rosetta convention, with its uncertainties.
+fn in_rosetta(run: &PairedCalibration, alignment: Alignment) -> Result<PairedCalibration, CentreError> {
+    let stated = Alignment { convention: Convention::BepiColombo, sigma: run.sigma, xi_deg: run.xi_deg };
+    let (_, [sigma_std, xi_std_deg]) = stated
+        .in_convention(Convention::Rosetta, [run.sigma_std, run.xi_std_deg])
+        .map_err(|_| CentreError::NoTransfer(run.file.clone()))?;
+    let (sigma, xi_deg) = (alignment.sigma, alignment.xi_deg);
+    Ok(PairedCalibration { sigma, xi_deg, sigma_std, xi_std_deg, ..run.clone() })
 }
 
 /// A note that names the quantities at the centre without an uncertainty.
@@ -244,29 +275,39 @@ struct Members<'a> {
     t1_degc: f64,
 }
 
-/// Angles at the centre.
-struct AnglesAtCentre {
+/// The transfer, everything in the Rosetta convention.
+struct Transferred {
+    beside: Through,
+    centre: Through,
+    transfer: Transfer,
+    /// The sensor at T1, at the centre and beside it.
+    pair: [Alignment; 2],
+}
+
+impl Transferred {
+    /// Sensitivities and angles at the centre, angles and sensitivities beside it, `k`, `K⁻¹` row by row.
+    fn values(&self) -> Vec<f64> {
+        let (centre, beside) = (&self.centre.polynomials, &self.beside.polynomials);
+        let polynomials = centre.sigma.iter().chain(&centre.xi_deg).chain(&beside.xi_deg).chain(&beside.sigma).flatten();
+        polynomials.chain(&self.transfer.k).chain(self.transfer.k_inverse.transpose().iter()).copied().collect()
+    }
+}
+
+/// σ and ω at the centre.
+struct LinearAtCentre {
+    sigma: [TemperaturePolynomial; 3],
     xi_deg: [TemperaturePolynomial; 3],
+    beside_sigma: [TemperaturePolynomial; 3],
+    beside_xi_deg: [TemperaturePolynomial; 3],
+    k_std: Option<[f64; 3]>,
     k_inverse_std: Option<Rows>,
-    remainder_deg: [f64; 3],
+    together: Option<DMatrix<f64>>,
+    found: Transferred,
 }
 
 impl Members<'_> {
-    /// What stands for σ¹(T1) and ξ¹(T1): the run beside the centre, or the polynomials.
-    fn at_reference(&self) -> PairedCalibration {
-        let each = |p: &[TemperaturePolynomial; 3]| std::array::from_fn(|i| value(&p[i].coefficients, self.t1_degc));
-        self.off_run.clone().unwrap_or_else(|| PairedCalibration {
-            file: "polynomials".to_owned(),
-            temperature_degc: Some(self.t1_degc),
-            sigma: each(&self.beside.sigma),
-            xi_deg: each(&self.beside.xi_deg),
-            sigma_std: None,
-            xi_std_deg: None,
-        })
-    }
-
     /// Whether the pair is at one temperature, within those of the polynomials.
-    fn notes(&self, off: &PairedCalibration) -> Vec<Note> {
+    fn notes(&self) -> Vec<Note> {
         let mut notes = Vec::new();
         let t1 = self.t1_degc;
         let [low, high] = self.beside.valid_degc;
@@ -275,6 +316,8 @@ impl Members<'_> {
                 format!("T1 = {t1:.2} °C lies outside of the temperatures {low:.1} to {high:.1} °C of the off-centre runs");
             notes.push(Note::new(NoteKind::Temperature, text));
         }
+        // Polynomials that stand for the run beside the centre are taken at T1.
+        let Some(off) = &self.off_run else { return notes };
         match off.temperature_degc {
             None => {
                 let text = format!("{} states no sensor temperature: whether it was at T1 cannot be told", off.file);
@@ -302,99 +345,90 @@ impl Members<'_> {
         TemperaturePolynomial { coefficients, covariance, valid_degc: self.beside.valid_degc }
     }
 
-    /// `σ⁰(T) = σ¹(T) / k` and the standard uncertainties of `k`.
-    fn sensitivities(&self) -> Result<([TemperaturePolynomial; 3], Option<[f64; 3]>), CentreError> {
-        let mut found = self.beside.sigma.clone();
-        let mut k_std = Some([0.0; 3]);
-        for i in 0..3 {
-            let p = &self.beside.sigma[i];
-            let n = p.coefficients.len();
-            let mut known = Uncertain::new().polynomial(p).value(self.centre.sigma[i], self.centre.sigma_std.map(|s| s[i]));
-            if let Some(run) = &self.off_run {
-                known = known.value(run.sigma[i], run.sigma_std.map(|s| s[i]));
-            }
-            let (mut values, c) = known.carry(|x| {
-                let at_t1 = x.get(n + 1).copied().unwrap_or_else(|| value(&x[..n], self.t1_degc));
-                let k = at_t1 / x[n];
-                x[..n].iter().map(|p| p / k).chain([k]).collect()
-            })?;
-            values.truncate(n);
-            keep_std(&mut k_std, i, c.as_ref(), n);
-            found[i] = self.polynomial(values, c.map(|c| c.view((0, 0), (n, n)).into_owned()));
-        }
-        Ok((found, k_std))
+    /// The polynomials beside the centre, the run at the centre, and the run beside it if there is one, each as its file has it.
+    fn known(&self) -> Uncertain {
+        let polynomials = self.beside.sigma.iter().chain(&self.beside.xi_deg).fold(Uncertain::new(), Uncertain::polynomial);
+        std::iter::once(&self.centre).chain(&self.off_run).fold(polynomials, |known, run| {
+            let sigma = (0..3).map(|i| (run.sigma[i], run.sigma_std.map(|s| s[i])));
+            let xi = (0..3).map(|i| (run.xi_deg[i], run.xi_std_deg.map(|s| s[i])));
+            sigma.chain(xi).fold(known, |known, (value, std)| known.value(value, std))
+        })
     }
 
-    /// `ω⁰(T) = Q(ξ¹(T)) K⁻¹` as polynomials of its angles.
-    fn angles(&self, sigma_off: [f64; 3]) -> Result<AnglesAtCentre, CentreError> {
-        let mut known = self.beside.xi_deg.iter().fold(Uncertain::new(), Uncertain::polynomial);
-        for run in std::iter::once(&self.centre).chain(&self.off_run) {
-            for i in 0..3 {
-                known = known.value(run.xi_deg[i], run.xi_std_deg.map(|s| s[i]));
-            }
-        }
-        let order = self.beside.xi_deg.iter().map(|p| p.coefficients.len()).max().unwrap_or(1).saturating_sub(1);
-        let nodes = self.nodes_degc();
-        let flat = |x: &[f64]| match self.angle_fits(x, sigma_off, &nodes, order) {
-            Some((k_inverse, fits)) => {
-                fits.iter().flat_map(|f| f.coefficients.iter().copied()).chain(k_inverse.transpose().iter().copied()).collect()
-            }
-            None => vec![f64::NAN; 3 * (order + 1) + 9],
+    /// The transfer in the Rosetta convention for the values `x`, in the order of [`Members::known`].
+    fn transferred(&self, x: &[f64], nodes_degc: &[f64]) -> Option<Transferred> {
+        let mut rest = x;
+        let mut take = |n: usize| {
+            let (taken, left) = rest.split_at(n);
+            rest = left;
+            taken.to_vec()
         };
-        let (values, c) = known.carry(flat)?;
+        let sigma = self.beside.sigma.each_ref().map(|p| take(p.coefficients.len()));
+        let xi_deg = self.beside.xi_deg.each_ref().map(|p| take(p.coefficients.len()));
+        let beside = AlignmentPolynomials { convention: self.beside.convention, sigma, xi_deg };
+        let in_rosetta = |stated: Alignment| stated.to_other().ok().map(|c| c.alignment);
+        let mut run = || {
+            let [sigma, xi_deg] = [take(3), take(3)];
+            in_rosetta(Alignment {
+                convention: Convention::BepiColombo,
+                sigma: std::array::from_fn(|i| sigma[i]),
+                xi_deg: std::array::from_fn(|i| xi_deg[i]),
+            })
+        };
+        let centre = run()?;
+        let off_centre = if self.off_run.is_some() { run()? } else { in_rosetta(beside.at(self.t1_degc))? };
+        let transfer = Transfer::new((off_centre.sigma, off_centre.xi_deg), (centre.sigma, centre.xi_deg)).ok()?;
+        let at_beside: Vec<Alignment> = nodes_degc.iter().map(|t| in_rosetta(beside.at(*t))).collect::<Option<_>>()?;
+        let at_centre: Vec<Alignment> = at_beside.iter().map(|a| transfer.to_centre(a).ok()).collect::<Option<_>>()?;
+        let orders = beside.orders_in_other();
+        Some(Transferred {
+            beside: AlignmentPolynomials::through(nodes_degc, &at_beside, orders)?,
+            centre: AlignmentPolynomials::through(nodes_degc, &at_centre, orders)?,
+            transfer,
+            pair: [centre, off_centre],
+        })
+    }
+
+    /// σ and ω at the centre with all uncertainties.
+    fn linear(&self) -> Result<LinearAtCentre, CentreError> {
+        let impossible = || CentreError::NoTransfer(self.centre.file.clone());
+        let nodes = nodes_degc(self.beside.valid_degc);
+        let known = self.known();
+        let found = self.transferred(&known.x, &nodes).ok_or_else(impossible)?;
+        let count = found.values().len();
+        let (values, covariance) =
+            known.carry(|x| self.transferred(x, &nodes).map_or_else(|| vec![f64::NAN; count], |t| t.values()))?;
         if values.iter().any(|v| !v.is_finite()) {
-            return Err(CentreError::NoTransfer(self.centre.file.clone()));
+            return Err(impossible());
         }
-        let n = order + 1;
-        let xi_deg = std::array::from_fn(|i| {
-            let own = c.as_ref().map(|c| c.view((i * n, i * n), (n, n)).into_owned());
-            self.polynomial(values[i * n..(i + 1) * n].to_vec(), own)
-        });
-        let element = |c: &DMatrix<f64>, at: usize| c[(3 * n + at, 3 * n + at)].max(0.0).sqrt();
-        let k_inverse_std = c.map(|c| std::array::from_fn(|r| std::array::from_fn(|s| element(&c, 3 * r + s))));
-        let largest = |f: &polynomial::Polynomial| f.residuals.iter().copied().map(f64::abs).fold(0.0, f64::max);
-        let remainder_deg = self
-            .angle_fits(&known.x, sigma_off, &nodes, order)
-            .map_or([f64::NAN; 3], |(_, fits)| std::array::from_fn(|i| largest(&fits[i])));
-        Ok(AnglesAtCentre { xi_deg, k_inverse_std, remainder_deg })
-    }
-
-    /// Chebyshev's temperatures, both ends among them, which keep a polynomial close everywhere in the range, °C.
-    fn nodes_degc(&self) -> Vec<f64> {
-        let [low, high] = self.beside.valid_degc;
-        let node = |i: usize| {
-            let phase = std::f64::consts::PI * i as f64 / (NODES - 1) as f64;
-            0.5 * (low + high) + 0.5 * (high - low) * phase.cos()
+        let mut at = 0;
+        let mut next = |coefficients: &Vec<f64>| {
+            let n = coefficients.len();
+            let own = covariance.as_ref().map(|c| c.view((at, at), (n, n)).into_owned());
+            at += n;
+            self.polynomial(coefficients.clone(), own)
         };
-        (0..NODES).map(node).collect()
-    }
-
-    /// `K⁻¹` and the polynomials of the angles of ω⁰ for the values `x`: coefficients of ξ¹, the angles at the centre, those of the run
-    /// beside it if there is one.
-    fn angle_fits(
-        &self,
-        x: &[f64],
-        sigma_off: [f64; 3],
-        nodes_degc: &[f64],
-        order: usize,
-    ) -> Option<(Matrix3<f64>, [polynomial::Polynomial; 3])> {
-        let mut from = 0;
-        let p: [&[f64]; 3] = std::array::from_fn(|i| {
-            let n = self.beside.xi_deg[i].coefficients.len();
-            from += n;
-            &x[from - n..from]
-        });
-        let coefficients = from;
-        let three = |at: usize| -> [f64; 3] { std::array::from_fn(|i| x[coefficients + at + i]) };
-        let at_t1 = if x.len() > coefficients + 3 { three(3) } else { p.map(|p| value(p, self.t1_degc)) };
-        let transfer = Transfer::new((sigma_off, at_t1), (self.centre.sigma, three(0))).ok()?;
-        let at = |t: &f64| Some(column_angles_deg(&transfer.omega(p.map(|p| value(p, *t))).ok()?));
-        let xi: Vec<[f64; 3]> = nodes_degc.iter().map(at).collect::<Option<_>>()?;
-        let one = |i: usize| {
-            let y: Vec<f64> = xi.iter().map(|xi| xi[i]).collect();
-            polynomial::fit(nodes_degc, &y, None, order, &Limits::default()).ok()
-        };
-        Some((transfer.k_inverse, [one(0)?, one(1)?, one(2)?]))
+        let sigma = found.centre.polynomials.sigma.each_ref().map(&mut next);
+        let xi_deg = found.centre.polynomials.xi_deg.each_ref().map(&mut next);
+        let beside_xi_deg = found.beside.polynomials.xi_deg.each_ref().map(&mut next);
+        let beside_sigma = found.beside.polynomials.sigma.each_ref().map(&mut next);
+        let std = |from: usize| covariance.as_ref().map(|c| std::array::from_fn(|i| c[(from + i, from + i)].max(0.0).sqrt()));
+        // Sensitivities and angles at the centre, angles beside it, and K⁻¹: what a ground calibration file takes.
+        let (beside_sigma_from, k_inverse_from) = (at - 3 * beside_sigma[0].coefficients.len(), at + 3);
+        let places: Vec<usize> = (0..beside_sigma_from).chain(k_inverse_from..k_inverse_from + 9).collect();
+        let together =
+            covariance.as_ref().map(|c| DMatrix::from_fn(places.len(), places.len(), |i, k| c[(places[i], places[k])]));
+        let rows = |from: usize| std(from).zip(std(from + 3)).zip(std(from + 6)).map(|((a, b), c)| [a, b, c]);
+        Ok(LinearAtCentre {
+            k_std: std(at),
+            k_inverse_std: rows(k_inverse_from),
+            sigma,
+            xi_deg,
+            beside_sigma,
+            beside_xi_deg,
+            together,
+            found,
+        })
     }
 
     /// `B_off(T) = B_or(T) - B_res` with the residual field from the offset that was measured at T2.

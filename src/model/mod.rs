@@ -1,5 +1,6 @@
 //! The forward model that analysis, simulation and diagnosis share. It knows no files.
 
+pub mod alignment;
 pub mod applied;
 pub mod campaign;
 pub mod coil;

@@ -2,8 +2,8 @@
 //! convention here: the upper triangular `Q(ξ)` of [`Convention::Rosetta`].
 
 use super::sensor::SplitError;
-use crate::data::convention::Convention;
-use nalgebra::Matrix3;
+use crate::data::convention::{Alignment, Convention, column_angles_deg};
+use nalgebra::{Matrix3, Vector3};
 
 /// Change of sensitivities and angles at a position beside the centre. It belongs to the coil system and does not depend on temperature.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +31,21 @@ impl Transfer {
         Ok(Self { k, k_matrix, k_inverse: k_matrix.try_inverse().ok_or(SplitError::Planar)? })
     }
 
+    /// The sensor at the centre from the sensor beside it, both in the Rosetta convention: lengths of and angles between the columns of
+    /// `ω¹ K⁻¹ σ¹ / k`.
+    ///
+    /// # Errors
+    /// Angles that no three axes have between them.
+    pub fn to_centre(&self, beside: &Alignment) -> Result<Alignment, SplitError> {
+        let sigma = Vector3::from_fn(|i, _| beside.sigma[i] / self.k[i]);
+        let columns = self.omega(beside.xi_deg)? * Matrix3::from_diagonal(&sigma);
+        Ok(Alignment {
+            convention: Convention::Rosetta,
+            sigma: std::array::from_fn(|i| columns.column(i).norm()),
+            xi_deg: column_angles_deg(&columns),
+        })
+    }
+
     /// `ω⁰(T) = ω¹(T) K⁻¹` from the angles ξ¹(T) off-centre, degrees.
     ///
     /// # Errors
@@ -43,7 +58,6 @@ impl Transfer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::convention::column_angles_deg;
 
     #[test]
     fn at_the_temperature_of_the_pair_the_centre_comes_back() {

@@ -3,9 +3,11 @@
 use super::thermal::{ThermalOptions, rows};
 use super::{Desk, Outcome, parameter_text};
 use crate::data::across::CalibratedRun;
+use crate::data::convention::Convention;
 use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance, Role};
+use crate::data::result::Covariance;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, CentreConvention, OffCentrePart, Tcf, Tpf, read_point};
 use crate::measure::centre::{self, AtCentre, OffCentre, Pair};
@@ -106,25 +108,15 @@ const B_OFF: [&str; 3] = ["b_off_x", "b_off_y", "b_off_z"];
 
 /// The polynomials of a file, with the covariances that it states.
 fn off_centre(tpf: &Tpf) -> OffCentre {
-    let polynomials = |names: [&str; 3], coefficients: [&Vec<f64>; 3]| {
-        std::array::from_fn(|i| {
-            let n = coefficients[i].len();
-            let stated = tpf.head.covariance.get(names[i]).filter(|c| c.len() == n && c.iter().all(|row| row.len() == n));
-            TemperaturePolynomial {
-                coefficients: coefficients[i].clone(),
-                covariance: stated.map_or_else(|| DMatrix::zeros(0, 0), |c| DMatrix::from_fn(n, n, |i, k| c[i][k])),
-                valid_degc: tpf.head.valid_degc,
-            }
-        })
-    };
     OffCentre {
+        convention: Convention::BepiColombo,
         sensor: tpf.head.sensor.clone(),
         mode: tpf.head.mode.clone(),
         runs: tpf.head.runs.clone(),
         valid_degc: tpf.head.valid_degc,
-        sigma: polynomials(SIGMA, [&tpf.sigma_x, &tpf.sigma_y, &tpf.sigma_z]),
-        xi_deg: polynomials(XI, [&tpf.xi_xy, &tpf.xi_xz, &tpf.xi_yz]),
-        b_or_ent: polynomials(B_OR, [&tpf.b_or_x, &tpf.b_or_y, &tpf.b_or_z]),
+        sigma: tpf.sigma(),
+        xi_deg: tpf.xi_deg(),
+        b_or_ent: tpf.b_or_ent(),
     }
 }
 
@@ -152,6 +144,7 @@ fn tcf(result: &AtCentre, tpf: &Tpf) -> Tcf {
         b_off_x,
         b_off_y,
         b_off_z,
+        sigma_remainder: result.sigma_remainder,
         xi_remainder_deg: result.xi_remainder_deg,
         k: result.transfer.k,
         k_std: result.k_std,
@@ -167,15 +160,50 @@ fn tcf(result: &AtCentre, tpf: &Tpf) -> Tcf {
         runs: tpf.head.runs.clone(),
         convention: CentreConvention::default(),
         covariance,
+        together: result.together.as_ref().map(|c| together(result, c)),
         centre: result.centre.clone(),
         off_centre: OffCentrePart {
             at_reference: result.at_reference.clone(),
             coefficients: beside(&result.beside),
-            covariance: tpf.head.covariance.clone(),
+            covariance: named_covariances(&result.beside),
         },
         residual_field: offset.map(|o| o.residual.clone()),
         warnings: result.notes.iter().map(Note::to_string).collect(),
     }
+}
+
+/// The covariance of everything that a ground calibration file takes, with its names.
+fn together(result: &AtCentre, covariance: &DMatrix<f64>) -> Covariance {
+    let families = [
+        ("", SIGMA, &result.sigma, "nT/enT"),
+        ("", XI, &result.xi_deg, "deg"),
+        ("off_centre.", XI, &result.beside.xi_deg, "deg"),
+    ];
+    let mut parameters = Vec::new();
+    let mut units = Vec::new();
+    for (place, names, polynomials, unit) in families {
+        for (name, p) in names.into_iter().zip(polynomials) {
+            for k in 0..p.coefficients.len() {
+                parameters.push(format!("{place}{name}.{k}"));
+                units.push(if k == 0 { unit.to_owned() } else { format!("{unit}/degC^{k}") });
+            }
+        }
+    }
+    for place in 0..9 {
+        parameters.push(format!("k_inverse.{}.{}", place / 3, place % 3));
+        units.push("1".to_owned());
+    }
+    Covariance { parameters, units, matrix: rows(covariance) }
+}
+
+/// The known covariances of the polynomials beside the centre by their names.
+fn named_covariances(off: &OffCentre) -> BTreeMap<String, Vec<Vec<f64>>> {
+    [(SIGMA, &off.sigma), (XI, &off.xi_deg), (B_OR, &off.b_or_ent)]
+        .into_iter()
+        .flat_map(|(names, p)| names.into_iter().zip(p))
+        .filter(|(_, p)| !p.covariance.is_empty())
+        .map(|(name, p)| (name.to_owned(), rows(&p.covariance)))
+        .collect()
 }
 
 /// The coefficients beside the centre by their names.

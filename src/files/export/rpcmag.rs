@@ -5,12 +5,18 @@
 //! `B_RES`, since the report subtracts it from `A_0 + A_1 T` in section 3.3.1.1 and leaves it out in section 4.2.3.2.
 
 use super::{Exported, Options, Source};
+use crate::data::apply::{Apply, OffsetQuantity};
+use crate::data::convention::Convention;
 use crate::data::error::Finding;
 use crate::data::result::Rows;
 use crate::files::ccr::run_id_is_safe;
 use crate::files::parameter::{self, Tcf, ThermistorFile, Tof, Tpf};
 use crate::files::source::{Digested, read_whole};
 use crate::files::text::{Group, Keys, decode, quoted};
+use crate::fit::FitError;
+use crate::model::alignment;
+use crate::model::polynomial::TemperaturePolynomial;
+use nalgebra::DMatrix;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -70,8 +76,17 @@ const STATEMENTS: [(&str, &str); 5] = [
     ("model", "B = omega sigma (B_r - B_off)"),
 ];
 const FORMAT: &str = "RPCMAG";
-const VERSION: u32 = 1;
+/// In version 1 this program wrote the angles between the sensor axes, which belong into the formula of the other convention.
+const VERSION: u32 = 2;
 const REMEDY: &str = "take the file from its source again, or correct it";
+
+/// The table `[apply]`.
+fn how_it_is_applied() -> Apply {
+    Apply {
+        omega_formula: Some("omega = Q(xi) inverse(K), the rows of inverse(K) are K_0, K_1, K_2".to_owned()),
+        ..Apply::to_sensor_frame(Convention::Rosetta, Some(OffsetQuantity::BOff))
+    }
+}
 
 impl RpcMag {
     /// The values of a label.
@@ -115,6 +130,10 @@ impl RpcMag {
         for (label, _, what) in LABELS {
             let _ = writeln!(out, "\n# {what}\n{label} = {}", numbers(&self.values(label)));
         }
+        let mut apply = serde_json::Map::new();
+        apply.insert("apply".to_owned(), serde_json::to_value(how_it_is_applied())?);
+        out.push('\n');
+        out.push_str(&parameter::toml(&apply));
         out.push_str("\n# standard uncertainties, coverage factor 1, as far as they are known\n[std]\n");
         for (label, _, _) in LABELS {
             if let Some(std) = self.std.get(label) {
@@ -153,8 +172,17 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
     if needed("format")? != FORMAT {
         return Err(root.refuse("format", &format!("is not {FORMAT}"), "name a ground calibration file"));
     }
-    if root.whole("version")?.is_none_or(|v| v != VERSION) {
-        return Err(root.refuse("version", &format!("is not {VERSION}"), "use the program that wrote it"));
+    let version = root.whole("version")?;
+    let tool = root.group("provenance")?.map(|p| p.text("tool")).transpose()?.flatten();
+    match version {
+        Some(VERSION) => {}
+        // Other programs may have written version 1 with the angles that it states.
+        Some(1) if tool.as_deref() != Some("calfit") => {}
+        Some(1) => {
+            let rule = "is 1: in such files of calfit every misalignment has the wrong sign";
+            return Err(root.refuse("version", rule, "export it again from the files that it names"));
+        }
+        _ => return Err(root.refuse("version", &format!("is not {VERSION}"), "use the program that wrote it")),
     }
     match text.lines().find_map(|l| l.strip_prefix("content_sha256 = ")) {
         Some(stated) if stated.trim_matches('"') != parameter::content_hash(text) => {
@@ -178,7 +206,7 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
         }
     }
     let labels = || LABELS.iter().map(|(label, _, _)| *label);
-    let known = ["format", "version", "sensor", "mode", "valid_degc", "std", "provenance"];
+    let known = ["format", "version", "sensor", "mode", "valid_degc", "apply", "std", "provenance"];
     let stated = STATEMENTS.iter().map(|(key, _)| *key);
     findings.extend(root.unknown(&known.into_iter().chain(stated).chain(labels()).collect::<Vec<_>>()));
     if let Some(group) = &uncertain {
@@ -294,8 +322,10 @@ pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Export
     } else if let (Some(source), true) = (tpf, options.at_centre) {
         let body = source.typed::<Tpf>()?.body;
         file.of(source, [&body.head.sensor, &body.head.mode], body.head.valid_degc)?;
-        file.sigma = file.lines(source, SIGMA, [&body.sigma_x, &body.sigma_y, &body.sigma_z], &body.head.covariance)?;
-        file.xi = file.lines(source, XI, [&body.xi_xy, &body.xi_xz, &body.xi_yz], &body.head.covariance)?;
+        let refused = |e: FitError| source.refuse(format!("has no form in the Rosetta convention: {e}"), "check its values");
+        let [sigma, xi] = alignment::in_other(Convention::BepiColombo, &body.sigma(), &body.xi_deg()).map_err(refused)?;
+        file.sigma = file.lines(source, SIGMA, sigma.each_ref().map(|p| &p.coefficients), &named(SIGMA.names, &sigma))?;
+        file.xi = file.lines(source, XI, xi.each_ref().map(|p| &p.coefficients), &named(XI.names, &xi))?;
     }
     if let Some(source) = tof {
         let body = source.typed::<Tof>()?.body;
@@ -346,6 +376,13 @@ pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Export
         .to_text(&options.provenance)
         .map_err(|e| Finding::error(&name, format!("the result has no text form: {e}"), "report this"))?;
     Ok(vec![Exported { name, text }])
+}
+
+/// The known covariances of polynomials by their names.
+fn named(names: [&str; 3], polynomials: &[TemperaturePolynomial; 3]) -> BTreeMap<String, Vec<Vec<f64>>> {
+    let rows = |c: &DMatrix<f64>| c.row_iter().map(|row| row.iter().copied().collect()).collect();
+    let known = names.into_iter().zip(polynomials).filter(|(_, p)| !p.covariance.is_empty());
+    known.map(|(name, p)| (name.to_owned(), rows(&p.covariance))).collect()
 }
 
 /// Labels of a family with the names of its polynomials.

@@ -5,7 +5,9 @@ use super::kind::Naming;
 use super::quantity::Shape::{Matrix, Vector};
 use super::quantity::{Entry, OF_TEMPERATURE, Quantities, SENSOR, VALID_DEGC};
 use crate::data::across::{CentreResidual, PairedCalibration};
-use crate::data::result::Rows;
+use crate::data::apply::{Apply, OffsetQuantity};
+use crate::data::convention::Convention;
+use crate::data::result::{Covariance, Rows};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -27,10 +29,10 @@ pub struct CentreConvention {
 impl Default for CentreConvention {
     fn default() -> Self {
         Self {
-            omega: "Rosetta: omega is the upper triangular matrix Q(xi) of direction cosines".to_owned(),
-            model: "p(T) = sum over k of p_k T^k, coefficients lowest order first; superscript 1 off-centre, 0 at the centre: k_i = sigma1_i(T1) / sigma0_i(T1), sigma0_i(T) = sigma1_i(T) / k_i; K = omega0(T1)^-1 omega1(T1), omega0(T) = Q(xi1(T)) K^-1; T1 is reference_degc".to_owned(),
+            omega: "Rosetta: omega is the upper triangular matrix Q(xi) of direction cosines; every sigma, xi and K of this file is in this convention, those of the calibrations of single runs and of their polynomials (BepiColombo: omega = inverse(transpose(Q(xi)))) were converted exactly".to_owned(),
+            model: "p(T) = sum over k of p_k T^k, coefficients lowest order first; superscript 1 off-centre, 0 at the centre: k_i = sigma1_i(T1) / sigma0_i(T1), sigma0_i(T) = sigma1_i(T) / k_i; K = omega0(T1)^-1 omega1(T1), omega0(T) = Q(xi1(T)) K^-1; the polynomials sigma and xi are lengths of and angles between the columns of omega0(T) sigma0(T); T1 is reference_degc".to_owned(),
             offset: "B_off(T) = b_or(T) - B_res, B_res = b_or(T2) - B_off(T2), B_off(T2) measured by turning the sensor at T2".to_owned(),
-            units: "T degC of the channel; sigma nT/enT, xi degrees between sensor axes, b_or, b_off and b_res enT along the sensor axes; sigma, xi, b_off hold at the centre, off_centre.coefficients beside it; the polynomials xi are those closest to the angles of omega0(T), which they miss by xi_remainder_deg at most".to_owned(),
+            units: "T degC of the channel; sigma nT/enT, xi degrees between sensor axes, b_or, b_off and b_res enT along the sensor axes; sigma, xi, b_off hold at the centre, off_centre.coefficients beside it; the polynomials sigma and xi miss the columns of omega0(T) sigma0(T) by sigma_remainder and xi_remainder_deg at most".to_owned(),
             uncertainty: "standard uncertainties and covariances of the coefficients, coverage factor 1; polynomials and single runs are taken as independent, which makes sigma and xi at the centre too uncertain, not too certain, where the off-centre run is also one of the polynomials' runs; k and K are taken not to depend on temperature".to_owned(),
         }
     }
@@ -60,6 +62,8 @@ pub struct Tcf {
     /// Offset of z, enT.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub b_off_z: Vec<f64>,
+    /// Largest difference between the polynomials sigma and the lengths of the columns of ω⁰(T) σ⁰(T) over `valid_degc`, nT/enT.
+    pub sigma_remainder: [f64; 3],
     /// Largest difference between the polynomials xi and the angles of ω⁰(T) over `valid_degc`, degrees.
     pub xi_remainder_deg: [f64; 3],
     /// `k_i`.
@@ -92,7 +96,10 @@ pub struct Tcf {
     pub convention: CentreConvention,
     /// Covariance of the coefficients of every quantity at the centre.
     pub covariance: BTreeMap<String, Vec<Vec<f64>>>,
-    /// The run at the centre.
+    /// Covariance of sigma and xi at the centre, xi beside it, and k_inverse together; absent if one of them is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub together: Option<Covariance>,
+    /// The run at the centre, in the Rosetta convention.
     pub centre: PairedCalibration,
     /// The polynomials beside the centre and what stands for them at T1.
     pub off_centre: OffCentrePart,
@@ -109,13 +116,21 @@ pub struct Tcf {
 pub struct OffCentrePart {
     /// What stands for σ¹(T1) and ξ¹(T1).
     pub at_reference: PairedCalibration,
-    /// Polynomials of sigma, xi and b_or, lowest order first.
+    /// Polynomials of sigma and xi in the Rosetta convention, and of b_or, lowest order first.
     pub coefficients: BTreeMap<String, Vec<f64>>,
     /// Their covariance.
     pub covariance: BTreeMap<String, Vec<Vec<f64>>>,
 }
 
 impl Body for Tcf {
+    const VERSION: u32 = 2;
+    const REFUSED_BEFORE: Option<&'static str> = Some(
+        "its angles are those between the sensor axes in the formula of the other convention, so that every misalignment has the wrong sign",
+    );
+    fn apply(&self) -> Option<Apply> {
+        let offset = (!self.b_off_x.is_empty()).then_some(OffsetQuantity::BOff);
+        Some(Apply::to_sensor_frame(Convention::Rosetta, offset))
+    }
     const FORMAT: &'static str = "TCF";
     const NAMING: Naming = Naming::Extension;
     const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {

@@ -5,7 +5,9 @@ use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Diagonal, Matrix, Scalar, Vector};
 use super::quantity::{BETWEEN, Entry, Quantities, SENSOR};
+use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::calibration::LinearCalibration;
+use crate::data::convention as data_convention;
 use crate::data::result::{Conditions, Dropped};
 use crate::model::applied::ModelApplied;
 use crate::model::facility::FacilityApplied;
@@ -94,6 +96,10 @@ pub struct Cpf {
 }
 
 impl Body for Cpf {
+    fn apply(&self) -> Option<Apply> {
+        let apply = Apply::to_sensor_frame(data_convention::Convention::BepiColombo, Some(OffsetQuantity::BOr)).on_to_coil_axes();
+        Some(if self.linearisation.is_some() { apply.of_linearised_readings() } else { apply })
+    }
     const FORMAT: &'static str = "CPF";
     const NAMING: Naming = Naming::Extension;
     const POINT: Option<Point> = Some(point::cpf);

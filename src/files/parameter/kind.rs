@@ -43,6 +43,9 @@ pub enum Naming {
 pub struct FileKind {
     /// Value of the key `format`.
     pub format: &'static str,
+    /// Version of the layout that is written; earlier ones are read unless `refused_before` says why not.
+    version: u32,
+    refused_before: Option<&'static str>,
     naming: Naming,
     check: fn(&Path) -> Result<(), Finding>,
     rewritten: fn(&Path) -> Result<String, Finding>,
@@ -56,6 +59,8 @@ impl FileKind {
     const fn of<B: Body>() -> Self {
         Self {
             format: B::FORMAT,
+            version: B::VERSION,
+            refused_before: B::REFUSED_BEFORE,
             naming: B::NAMING,
             check: check::<B>,
             rewritten: rewritten::<B>,
@@ -129,6 +134,23 @@ impl Eq for FileKind {}
 impl fmt::Debug for FileKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.format)
+    }
+}
+
+/// Whether a version of a format can be read. A format that is not in the table is left to the reader, which knows what it wants.
+///
+/// # Errors
+/// The rule that the version breaks, and what to do.
+pub(super) fn readable_version(format: &str, version: u32) -> Result<(), (String, &'static str)> {
+    let Some(kind) = FileKind::of_format(format) else { return Ok(()) };
+    match kind.refused_before {
+        Some(reason) if version < kind.version => {
+            Err((format!("is a {format} file of version {version}: {reason}"), "make it again from the files that it names"))
+        }
+        _ if version == 0 || version > kind.version => {
+            Err((format!("holds version {version}, not {}", kind.version), "use the program that wrote it"))
+        }
+        _ => Ok(()),
     }
 }
 

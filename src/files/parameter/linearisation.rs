@@ -2,6 +2,7 @@
 
 use super::Body;
 use super::kind::Naming;
+use crate::data::apply::Apply;
 use crate::data::error::Finding;
 use crate::data::linearisation::SharedLinearisation;
 use crate::files::linearisation;
@@ -44,6 +45,9 @@ pub struct LinearisationFile {
 }
 
 impl Body for LinearisationFile {
+    fn apply(&self) -> Option<Apply> {
+        Some(Apply::linearisation_alone())
+    }
     const FORMAT: &'static str = "LINEARISATION";
     const NAMING: Naming = Naming::Begin("LINEARISATION__");
     fn file_name(&self) -> String {

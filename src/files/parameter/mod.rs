@@ -34,6 +34,7 @@ pub use thermal::{JointPart, QuantityPart, SweepPart, Taf, ThermalConvention, Th
 pub use thermistor::{ThermistorConvention, ThermistorFile};
 
 use super::source::{hex, read_whole};
+use crate::data::apply::Apply;
 use crate::data::error::Finding;
 use crate::data::provenance::{Input, Provenance};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
@@ -52,8 +53,16 @@ pub trait Body: Serialize + DeserializeOwned {
     const POINT: Option<Point> = None;
     /// Keys whose lists may hold nan, which stands for a value that was not determined.
     const MAY_LACK: &'static [&'static str] = &[];
+    /// Version of the layout that is written.
+    const VERSION: u32 = 1;
+    /// Why files of an earlier version are refused; without a reason they are read.
+    const REFUSED_BEFORE: Option<&'static str> = None;
     /// File name for a run.
     fn file_name(&self) -> String;
+    /// How the coefficients are applied; `None` for a kind that is not applied to readings.
+    fn apply(&self) -> Option<Apply> {
+        None
+    }
     /// Looks at what the types alone do not tell.
     ///
     /// # Errors
@@ -81,9 +90,6 @@ pub struct ParameterFile<B> {
     pub body: B,
 }
 
-/// Version of the layout.
-const VERSION: u32 = 1;
-
 /// The text of a parameter file.
 ///
 /// # Errors
@@ -91,12 +97,15 @@ const VERSION: u32 = 1;
 pub fn to_text<B: Body>(body: &B, provenance: &Provenance) -> Result<String, serde_json::Error> {
     let mut document = serde_json::Map::new();
     document.insert("format".to_owned(), B::FORMAT.into());
-    document.insert("version".to_owned(), VERSION.into());
+    document.insert("version".to_owned(), B::VERSION.into());
     let mut head = serde_json::to_value(provenance)?;
     if let Some(table) = head.as_object_mut() {
         table.insert("content_sha256".to_owned(), "".into());
     }
     document.insert("provenance".to_owned(), head);
+    if let Some(apply) = body.apply() {
+        document.insert("apply".to_owned(), serde_json::to_value(apply)?);
+    }
     if let serde_json::Value::Object(table) = serde_json::to_value(body)? {
         document.extend(table);
     }
@@ -146,9 +155,7 @@ fn open(path: &Path) -> Result<(String, Head, Input), Finding> {
         .map_err(|_| refuse("the file is not UTF-8 text".to_owned(), "take it from the archive again"))?;
     let head: Head = toml_edit::de::from_str(&text)
         .map_err(|e| refuse(format!("is not a parameter file of this program: {}", e.message()), "check the file"))?;
-    if head.version != VERSION {
-        return Err(refuse(format!("holds version {}, not {VERSION}", head.version), "use the program that wrote it"));
-    }
+    kind::readable_version(&head.format, head.version).map_err(|(rule, remedy)| refuse(rule, remedy))?;
     let stated = text.lines().find_map(|l| l.strip_prefix("content_sha256 = "));
     if stated.is_none_or(|s| s.trim_matches('"') != content_hash(&text)) {
         return Err(refuse(

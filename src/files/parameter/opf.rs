@@ -5,6 +5,7 @@ use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Scalar, Vector};
 use super::quantity::{COIL, Entry, Quantities, RUN_DEGC, SENSOR};
+use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::offset::{OffsetFound, OffsetValues};
 use crate::data::result::{Conditions, Dropped};
 use crate::model::facility::FacilityApplied;
@@ -57,6 +58,9 @@ pub struct Opf {
 }
 
 impl Body for Opf {
+    fn apply(&self) -> Option<Apply> {
+        Some(Apply::offset_alone(OffsetQuantity::BOff))
+    }
     const FORMAT: &'static str = "OPF";
     const NAMING: Naming = Naming::Extension;
     const POINT: Option<Point> = Some(point::opf);

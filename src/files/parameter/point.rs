@@ -3,6 +3,7 @@
 
 use super::{Body, Cpf, FileKind, Fpf, Opf, content_hash};
 use crate::data::across::{CalibratedRun, RunAtTemperature, RunValues};
+use crate::data::convention::{Alignment, Convention};
 use crate::data::error::{Finding, Severity};
 use crate::data::result::Rows;
 use crate::files::source::{Digested, read_whole};
@@ -35,6 +36,7 @@ struct CpfKeys {
 struct MatrixKeys {
     sigma: Rows,
     rho: Option<Rows>,
+    omega_convention: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -101,9 +103,7 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Calibrate
         .map_err(|_| refuse("the file is not UTF-8 text".to_owned(), "take it from the archive again"))?;
     let wrong = |e: toml_edit::de::Error| refuse(format!("is not a parameter file: {}", e.message()), "check the file");
     let head: Head = toml_edit::de::from_str(&text).map_err(wrong)?;
-    if head.version != super::VERSION {
-        return Err(refuse(format!("holds version {}, not {}", head.version, super::VERSION), "use the program that wrote it"));
-    }
+    super::kind::readable_version(&head.format, head.version).map_err(|(rule, remedy)| refuse(rule, remedy))?;
     match text.lines().find_map(|l| l.strip_prefix("content_sha256 = ")) {
         None => findings.push(
             Finding::error(
@@ -144,11 +144,24 @@ pub struct RunKeys {
 pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
     let CpfKeys { run, matrix, angle_deg: a, offset, std, conditions } = toml_edit::de::from_str(text)?;
     let or_nan = |v: Option<f64>| v.unwrap_or(f64::NAN);
+    let convention = match matrix.omega_convention.as_deref() {
+        None | Some("BepiColombo") => Convention::BepiColombo,
+        Some("Rosetta") => Convention::Rosetta,
+        Some(other) => {
+            let rule = format!("`omega_convention` is `{other}`, neither `BepiColombo` nor `Rosetta`");
+            return Err(serde::de::Error::custom(rule));
+        }
+    };
+    let sigma = std::array::from_fn(|i| matrix.sigma[i][i]);
+    let stated = Alignment { convention, sigma, xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz] };
+    let (alignment, [sigma_std, xi_std_deg]) = stated
+        .in_convention(Convention::BepiColombo, [std.sigma, std.xi_deg])
+        .map_err(|_| <toml_edit::de::Error as serde::de::Error>::custom("no three axes have such angles between them"))?;
     let values = RunValues::Lin {
-        sigma: std::array::from_fn(|i| matrix.sigma[i][i]),
-        xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
+        sigma: alignment.sigma,
+        xi_deg: alignment.xi_deg,
         b_or_ent: offset.b_or_ent,
-        std: [std.sigma, std.xi_deg, std.b_or_ent],
+        std: [sigma_std, xi_std_deg, std.b_or_ent],
         rotation_deg: [or_nan(a.lambda_x), or_nan(a.mu_y), or_nan(a.nu_z)],
         rotation_std_deg: std.lambda_mu_nu_deg.unwrap_or(NONE),
         rho: matrix.rho,

@@ -5,6 +5,10 @@ use super::kind::Naming;
 use super::quantity::Shape::Scalar;
 use super::quantity::{Entry, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC};
 use crate::data::across::{RunModelErrors, RunResidualFields, RunRotations, ThermistorLag};
+use crate::data::apply::{Apply, OffsetQuantity};
+use crate::data::convention::Convention;
+use crate::model::polynomial::TemperaturePolynomial;
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -176,7 +180,42 @@ pub struct JointPart {
     pub evaluations: usize,
 }
 
+impl Tpf {
+    /// The sensitivities with the covariances that the file states, nT/enT; a covariance of size zero is not known.
+    #[must_use]
+    pub fn sigma(&self) -> [TemperaturePolynomial; 3] {
+        self.polynomials([("sigma_x", &self.sigma_x), ("sigma_y", &self.sigma_y), ("sigma_z", &self.sigma_z)])
+    }
+
+    /// The angles between the sensor axes, degrees, likewise.
+    #[must_use]
+    pub fn xi_deg(&self) -> [TemperaturePolynomial; 3] {
+        self.polynomials([("xi_xy", &self.xi_xy), ("xi_xz", &self.xi_xz), ("xi_yz", &self.xi_yz)])
+    }
+
+    /// Offset and residual field together, enT, likewise.
+    #[must_use]
+    pub fn b_or_ent(&self) -> [TemperaturePolynomial; 3] {
+        self.polynomials([("b_or_x", &self.b_or_x), ("b_or_y", &self.b_or_y), ("b_or_z", &self.b_or_z)])
+    }
+
+    fn polynomials(&self, named: [(&str, &Vec<f64>); 3]) -> [TemperaturePolynomial; 3] {
+        named.map(|(name, coefficients)| {
+            let n = coefficients.len();
+            let stated = self.head.covariance.get(name).filter(|c| c.len() == n && c.iter().all(|row| row.len() == n));
+            TemperaturePolynomial {
+                coefficients: coefficients.clone(),
+                covariance: stated.map_or_else(|| DMatrix::zeros(0, 0), |c| DMatrix::from_fn(n, n, |i, k| c[i][k])),
+                valid_degc: self.head.valid_degc,
+            }
+        })
+    }
+}
+
 impl Body for Tpf {
+    fn apply(&self) -> Option<Apply> {
+        Some(Apply::to_sensor_frame(Convention::BepiColombo, Some(OffsetQuantity::BOr)))
+    }
     const FORMAT: &'static str = "TPF";
     const NAMING: Naming = Naming::Extension;
     const QUANTITIES: Option<&'static Quantities> = Some(&POLYNOMIALS);
@@ -206,6 +245,9 @@ pub struct Tof {
 }
 
 impl Body for Tof {
+    fn apply(&self) -> Option<Apply> {
+        Some(Apply::offset_alone(OffsetQuantity::BOff))
+    }
     const FORMAT: &'static str = "TOF";
     const NAMING: Naming = Naming::Extension;
     const QUANTITIES: Option<&'static Quantities> = Some(&POLYNOMIALS);
