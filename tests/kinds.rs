@@ -3,7 +3,9 @@
 
 use crate::common;
 
+use calfit::data::run::Kind;
 use calfit::files::parameter::{FileKind, KINDS};
+use calfit::workflow::RUN_KINDS;
 use common::check::{Case, calfit, says, text};
 use std::collections::BTreeSet;
 use std::fs;
@@ -126,4 +128,14 @@ fn a_parameter_file_is_no_run() {
     let output = run(&["inspect"], &[&cpf]);
     assert_eq!(output.status.code(), Some(2));
     says(&text(&output.stderr), &["is a CPF parameter file and no run", "calfit check"]);
+}
+
+#[test]
+fn every_kind_of_run_has_one_analysis_or_is_analysed_with_others() {
+    for (kind, name) in Kind::NAMES {
+        let analyses = RUN_KINDS.iter().filter(|line| line.kind == kind).count();
+        assert_eq!(analyses, usize::from(kind != Kind::Scalar), "{name}");
+    }
+    let names: BTreeSet<&str> = RUN_KINDS.iter().map(|line| line.analysis).collect();
+    assert_eq!(names.len(), RUN_KINDS.len(), "two kinds of runs have the same analysis");
 }

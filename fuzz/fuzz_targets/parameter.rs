@@ -13,7 +13,7 @@ fuzz_target!(|bytes: &[u8]| {
         let mut findings = Vec::new();
         let point = read_point(path, &mut findings);
         told(point, &findings);
-        for kind in &KINDS {
+        for kind in KINDS {
             told(kind.check(path), &[]);
             // Values that have no text form are told as such.
             let Ok(text) = kind.rewritten(path) else { continue };

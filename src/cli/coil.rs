@@ -152,7 +152,7 @@ fn finish<R: CoilResult>(
             if common.json {
                 terminal.print(&json(&made.result.view())?);
             } else {
-                terminal.tell(&format!("{}  -> {}\n", made.result.summary(), common.out.join(&name).display()));
+                terminal.tell(&format!("{}  -> {}\n", (R::SHOWN.summary)(&made.result), common.out.join(&name).display()));
             }
             1
         }

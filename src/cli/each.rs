@@ -7,7 +7,7 @@ use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationFile};
 use crate::measure::linearise::Linearised;
 use crate::show;
-use crate::workflow::{Failure, LinearisedView, Made, PerRun, RunReport, RunResult, make, publish, table_names};
+use crate::workflow::{Failure, LinearisedView, Made, PerRun, RunResult, make, publish, table_names};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;

@@ -8,7 +8,7 @@ use crate::data::plateau::Settling;
 use crate::files::output::Folder;
 use crate::files::parameter::Body;
 use crate::measure::freq::Options;
-use crate::workflow::{Failure, RunReport, RunResult, known, of_table, publish};
+use crate::workflow::{Failure, RunResult, known, of_table, publish};
 use clap::Args;
 use std::path::PathBuf;
 

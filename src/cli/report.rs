@@ -16,9 +16,8 @@ use crate::plot::{self, Named};
 use crate::show::protocol::{self, OtherPart, Protocol, ThermalPart};
 use crate::show::{self, Drawn, html, markdown};
 use crate::workflow::{
-    Analyses, CoilMade, CoilResult, CoilRun, Desk, Failure, LinName, Measured, ThermalInput, ThermalOptions, draw, facility,
-    jobs, known, publish_coil, publish_tables, publish_thermal_names, publish_thermistor, residual_of, scalar_of, scale_to_nt,
-    thermistor_of,
+    Analyses, CoilMade, CoilResult, CoilRun, Desk, Failure, Measured, ThermalInput, ThermalOptions, draw, facility, jobs, known,
+    publish_coil, publish_tables, publish_thermal_names, publish_thermistor, residual_of, scalar_of, scale_to_nt, thermistor_of,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -68,7 +67,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 
     let facility = facility(arguments.facility.as_ref())?;
     let model = known(arguments.model.as_ref())?;
-    let analyses = Analyses::with_facility(facility.as_ref()).with_model(model.as_ref());
+    let analyses = Analyses::new(facility.as_ref(), model.as_ref());
     let bar = terminal.progress(2 * jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
     let made: Vec<Result<Measured, Failure>> = jobs
@@ -92,7 +91,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let drawn: Vec<Result<Vec<Drawn>, Finding>> = measured
         .par_iter()
         .map(|one| {
-            let figures = one.publish(&desk, LinName::Single);
+            let figures = one.publish(&desk, false);
             bar.inc(1);
             figures
         })
@@ -247,7 +246,7 @@ impl Others {
     ) {
         let Some((name, figures)) = keep(publish_coil(made, desk), failures) else { return };
         made.result.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
-        self.parts.push(OtherPart { title: made.result.title(), sections: made.result.sections(), figures });
+        self.parts.push(OtherPart { title: made.result.title(), sections: (R::SHOWN.sections)(&made.result, &name), figures });
         self.files.push(name);
     }
 }
@@ -291,7 +290,7 @@ fn hashes(folder: &Folder, measured: &[Measured]) -> Result<Vec<(String, String)
         Ok(())
     };
     list("", folder.path())?;
-    for run in measured.iter().filter(|m| !matches!(m, Measured::Other(_))).filter_map(Measured::run) {
+    for run in measured.iter().filter(|m| m.made().is_some()).filter_map(Measured::run) {
         let id = &run.header.run;
         if folder.path().join(id).is_dir() {
             list(&format!("{id}/"), &folder.path().join(id))?;

@@ -14,8 +14,8 @@ use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntr
 use crate::record::known::Known;
 use crate::show;
 use crate::workflow::{
-    Analyses, CentreMade, Failure, LinName, Measured, PairFiles, RunResult, ThermalInput, ThermalOptions, ThermalShown, facility,
-    jobs, known,
+    Analyses, CentreMade, Failure, Measured, PairFiles, RunResult, ThermalInput, ThermalOptions, ThermalShown, facility, jobs,
+    known,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -158,7 +158,7 @@ impl Arguments {
             model: options.model.clone(),
             ..sweep::Options::default()
         };
-        Analyses { sweep, ..Analyses::with_facility(options.facility.as_ref()).with_model(options.model.as_ref()) }
+        Analyses::new(options.facility.as_ref(), options.model.as_ref()).with(sweep)
     }
 }
 
@@ -304,7 +304,7 @@ pub(super) fn sort_results(
 /// Says which runs are analysed as they are in spite of a model.
 pub(super) fn warn_of_model(model: Option<&Known>, measured: &[Measured], terminal: &Terminal) {
     let Some(model) = model else { return };
-    let as_it_is = |m: &&Measured| matches!(m, Measured::Offset(_) | Measured::Null(_));
+    let as_it_is = |m: &&Measured| m.made().is_some_and(|made| !made.takes_model());
     let count = measured.iter().filter(as_it_is).count();
     if count > 0 {
         let file = &model.input.path;
@@ -330,7 +330,7 @@ fn measure(
         .par_iter()
         .map(|job| {
             let made = analyses.make(job, &desk, two_threads).and_then(|measured| {
-                measured.publish(&desk, LinName::Thermal).map_err(Failure::Refused)?;
+                measured.publish(&desk, true).map_err(Failure::Refused)?;
                 Ok(measured)
             });
             bar.inc(1);

@@ -11,7 +11,7 @@ use thiserror::Error;
 /// What a result was made with, beside its inputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Recipe {
-    /// The analysis, one of the names of [`ANALYSES`].
+    /// The analysis.
     pub analysis: String,
     /// Its options that have an influence on the numbers.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
@@ -54,7 +54,8 @@ const fn recorded(name: &'static str, command: &'static str, files: &'static [Ro
     Recorded { name, command, flag: None, files }
 }
 
-/// All analyses that are recorded. Those of the same command stand together, the one without a flag after the others.
+/// The analyses of which there are files without a recipe, and those with another name than their command or other inputs than their own.
+/// Those of the same command stand together, the one without a flag after the others.
 pub const ANALYSES: [Recorded; 14] = [
     Recorded { flag: Some("linearise"), ..recorded("linearise", "lin", &[Role::Facility, Role::Model]) },
     recorded("lin", "lin", &[Role::Facility, Role::Linearisation, Role::Model]),
@@ -209,7 +210,7 @@ impl Recipe {
         let recorded = self.recorded();
         let mut text = format!("calfit {}", recorded.map_or(self.analysis.as_str(), |a| a.command));
         for (key, option, form) in OPTIONS {
-            let of = |role: Role| recorded.is_some_and(|a| a.files.contains(&role)).then_some(role);
+            let of = |role: Role| recorded.is_none_or(|a| a.files.contains(&role)).then_some(role);
             let words = match form {
                 Form::File(role) => of(role).map_or_else(Vec::new, |role| names(inputs, role)),
                 _ => self.options.get(key).map_or_else(Vec::new, |value| form.written(value)),

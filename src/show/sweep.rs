@@ -123,21 +123,3 @@ pub fn window_table(sweep: &Sweep) -> crate::files::table::Table {
     }
     table
 }
-
-/// One row per run, for a campaign.
-#[cfg(feature = "tables")]
-#[must_use]
-pub fn parameter_table(runs: &[&Sweep]) -> crate::files::table::Table {
-    use crate::files::table::{Table, Values};
-    let mut table = Table::default();
-    super::head_columns(&mut table, runs.iter().map(|s| &s.run));
-    let numbers = |get: &dyn Fn(&Sweep) -> f64| Values::Numbers(runs.iter().map(|s| get(s)).collect());
-    let lag = |s: &Sweep, of: fn(&ThermistorLag) -> f64| used_lag(s).map_or(f64::NAN, of);
-    table.push("low_degc", numbers(&|s| s.valid_degc[0]));
-    table.push("high_degc", numbers(&|s| s.valid_degc[1]));
-    table.push("delay_s", numbers(&|s| lag(s, |l| l.delay_s)));
-    table.push("delay_std_s", numbers(&|s| lag(s, |l| l.delay_std_s)));
-    table.push("time_constant_s", numbers(&|s| lag(s, |l| l.time_constant_s)));
-    table.push("time_constant_std_s", numbers(&|s| lag(s, |l| l.time_constant_std_s)));
-    table
-}

@@ -6,7 +6,7 @@ use super::linearise::{First, by_sensor_and_mode, linearisation, linearise_group
 use super::thermal::ThermalInput;
 use super::thermistor::{publish_thermistor, thermistor_of};
 use super::{
-    Analyses, CoilMade, CoilResult, Desk, Failure, Job, LinName, PairFiles, PerRun, RunResult, ThermalOptions, facility, jobs,
+    Analyses, CoilMade, CoilResult, Desk, Failure, Job, PairFiles, PerRun, RUN_KINDS, RunResult, ThermalOptions, facility, jobs,
     make, of_table, publish,
 };
 use crate::data::calibration::Sensitivities;
@@ -17,7 +17,7 @@ use crate::data::run::Kind;
 use crate::files::campaign::Campaign;
 use crate::files::ccr;
 use crate::files::parameter::{self, Body, Cpf, Tpf, is_named};
-use crate::measure::{freq, lin, null, offset, sweep, thermistor};
+use crate::measure::{freq, lin, sweep, thermistor};
 use crate::model::facility::Facility;
 use crate::model::linearisation::Linearisation;
 use crate::record::known::Known;
@@ -139,24 +139,22 @@ pub fn again(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Aga
         ..desk.clone()
     };
     match recipe.analysis.as_str() {
-        "lin" => runs::<lin::Options>(recipe, with, desk),
-        "offset" => runs::<offset::Options>(recipe, with, desk),
         "freq" if with.file(Role::Amplitudes).is_some() => amplitudes(with, desk),
-        "freq" => runs::<freq::Options>(recipe, with, desk),
-        "null" => runs::<null::Options>(recipe, with, desk),
-        "sweep" => runs::<sweep::Options>(recipe, with, desk),
         // Recorded without a recipe, a sweep is told by its run.
         "thermal" if is_sweep(with) => runs::<sweep::Options>(recipe, with, desk),
         "thermal" => thermal(recipe, with, desk),
         "linearise" => linearise(recipe, with, desk),
         "thermistor" => thermistor(recipe, with, desk),
         "coil scalar" | "coil residual" | "coil tilt" => coil(recipe, with, desk),
-        other => Err(AgainError::NoParameters(other.to_owned())),
+        other => match RUN_KINDS.iter().find(|kind| kind.analysis == other) {
+            Some(kind) => kind.again(recipe, with, desk),
+            None => Err(AgainError::NoParameters(other.to_owned())),
+        },
     }
 }
 
 /// Analyses runs, each on its own.
-fn runs<A: PerRun>(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), AgainError> {
+pub(super) fn runs<A: PerRun>(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), AgainError> {
     let options = recipe.options::<A>()?.with_files(with)?;
     of_runs(&with.data, A::KIND, |jobs| {
         for job in jobs {
@@ -211,11 +209,11 @@ fn thermal(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Again
     }
     let paths: Vec<PathBuf> = runs.into_iter().cloned().collect();
     let campaigns = if paths.is_empty() { Vec::new() } else { Campaign::open(&paths, &mut Vec::new())? };
-    let analyses = Analyses::with_facility(options.facility.as_ref()).with_model(options.model.as_ref());
+    let analyses = Analyses::new(options.facility.as_ref(), options.model.as_ref());
     let mut measured = Vec::new();
     for job in jobs(&campaigns, None).0 {
         let one = analyses.make(&job, desk, false)?;
-        one.publish(desk, LinName::Thermal)?;
+        one.publish(desk, true)?;
         measured.push(one);
     }
     input.measured(&measured);

@@ -1,137 +1,114 @@
 //! Every run of a campaign by the analysis of its kind, each read once.
 
-use super::{Desk, Drawn, Failure, Job, Made, RunReport, RunResult, make, parameter_text, publish};
+use super::kind::{RUN_KINDS, RunAnalysis, RunMade};
+use super::{Desk, Drawn, Failure, Job, Made, PerRun, RunResult, parameter_text};
 use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance, Role};
-use crate::data::run::{Kind, Run};
+use crate::data::run::Run;
 use crate::files::ccr;
 use crate::files::output::Folder;
 use crate::files::parameter::Body;
 use crate::files::source::hex;
 use crate::measure::lin::Lin;
-use crate::measure::{freq, lin, null, offset, sweep};
+use crate::measure::sweep::Sweep;
 use crate::model::facility::Facility;
 use crate::record::known::Known;
-use crate::show::protocol::{AnalysisPart, RunPart};
+use crate::show::protocol::RunPart;
 use sha2::{Digest, Sha256};
 
-/// The options of all analyses of single runs.
-#[derive(Clone, Debug, Default)]
-pub struct Analyses {
-    /// Of linear calibrations.
-    pub lin: lin::Options,
-    /// Of offset measurements.
-    pub offset: offset::Options,
-    /// Of frequency measurements.
-    pub freq: freq::Options,
-    /// Of continuous sweeps.
-    pub sweep: sweep::Options,
-    /// Of zero-field runs.
-    pub null: null::Options,
-}
+/// The analyses of single runs with their options.
+pub struct Analyses(Vec<Box<dyn RunAnalysis>>);
 
-/// What a run gave.
-pub enum Measured {
-    /// A linear calibration.
-    Lin(Box<Made<Lin>>),
-    /// Offsets.
-    Offset(Box<Made<offset::Offset>>),
-    /// A frequency response.
-    Freq(Box<Made<freq::Freq>>),
-    /// Parameters against temperature from a continuous sweep.
-    Sweep(Box<Made<sweep::Sweep>>),
-    /// Drift and noise in zero field.
-    Null(Box<Made<null::Null>>),
-    /// A run that no analysis here is for, or that the campaign takes out.
-    Other(Box<Run>),
+impl Default for Analyses {
+    fn default() -> Self {
+        Self::new(None, None)
+    }
 }
 
 impl Analyses {
-    /// All analyses as they are by default, with a facility where settings are turned into fields.
+    /// All analyses as they are by default, with a facility that turns settings into fields and known effects where they take them.
     #[must_use]
-    pub fn with_facility(facility: Option<&Facility>) -> Self {
-        Self {
-            lin: lin::Options { facility: facility.cloned(), ..lin::Options::default() },
-            offset: offset::Options { facility: facility.cloned(), ..offset::Options::default() },
-            freq: freq::Options::default(),
-            sweep: sweep::Options { facility: facility.cloned(), ..sweep::Options::default() },
-            null: null::Options::default(),
-        }
+    pub fn new(facility: Option<&Facility>, model: Option<&Known>) -> Self {
+        Self(RUN_KINDS.iter().map(|kind| kind.usual(facility, model)).collect())
     }
 
-    /// The same with known effects, which linear calibrations, sweeps and frequency measurements take off; offset and zero-field runs are
-    /// analysed as they are.
+    /// The same with other options of one analysis.
     #[must_use]
-    pub fn with_model(mut self, model: Option<&Known>) -> Self {
-        self.lin.model = model.cloned();
-        self.sweep.model = model.cloned();
-        self.freq.model = model.cloned();
+    pub fn with<A: PerRun>(mut self, options: A) -> Self {
+        self.0.retain(|analysis| analysis.kind() != A::KIND);
+        self.0.push(Box::new(options));
         self
     }
 
-    /// Reads and analyses one run.
+    /// Reads and analyses one run. A run that its analysis does not use is read for the run list only.
     ///
     /// # Errors
     /// The run cannot be read or is refused.
     pub fn make(&self, job: &Job, desk: &Desk, two_threads: bool) -> Result<Measured, Failure> {
-        // A run that its analysis does not use is read for the run list only.
         let kind = job.header.as_ref().filter(|h| job.named || job.campaign.uses(h)).map(|h| h.kind);
-        Ok(match kind {
-            Some(Kind::Linearity) => Measured::Lin(Box::new(make(&self.lin, job, desk, two_threads)?)),
-            Some(Kind::Offset) => Measured::Offset(Box::new(make(&self.offset, job, desk, two_threads)?)),
-            Some(Kind::Frequency) => Measured::Freq(Box::new(make(&self.freq, job, desk, two_threads)?)),
-            Some(Kind::Sweep) => Measured::Sweep(Box::new(make(&self.sweep, job, desk, two_threads)?)),
-            Some(Kind::ZeroField) => Measured::Null(Box::new(make(&self.null, job, desk, two_threads)?)),
-            _ => {
+        match self.0.iter().find(|analysis| Some(analysis.kind()) == kind) {
+            Some(analysis) => Ok(Measured::Analysed(analysis.make(job, desk, two_threads)?)),
+            None => {
                 job.unique()?;
                 let run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut ());
-                Measured::Other(Box::new(run.map_err(Failure::Unreadable)?))
+                Ok(Measured::Other(Box::new(run.map_err(Failure::Unreadable)?)))
             }
-        })
+        }
     }
 }
 
-/// Under which name the parameter file of a linear calibration is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LinName {
-    /// That of a single run.
-    Single,
-    /// That of a run in a thermal group.
-    Thermal,
+/// A run that was read, with what it gave.
+pub enum Measured {
+    /// A run with the result of its analysis.
+    Analysed(Box<dyn RunMade>),
+    /// A run that no analysis here is for, or that the campaign takes out.
+    Other(Box<Run>),
 }
 
 impl Measured {
-    /// Writes what the run gave; returns the figures.
+    /// What it gave, if there is a result.
+    #[must_use]
+    pub fn made(&self) -> Option<&dyn RunMade> {
+        match self {
+            Measured::Analysed(made) => Some(made.as_ref()),
+            Measured::Other(_) => None,
+        }
+    }
+
+    /// The result of one analysis, if it is of that.
+    #[must_use]
+    pub fn of<R: RunResult>(&self) -> Option<&Made<R>> {
+        self.made()?.as_any().downcast_ref()
+    }
+
+    /// The linear calibration, if it is one.
+    #[must_use]
+    pub fn lin(&self) -> Option<&Made<Lin>> {
+        self.of()
+    }
+
+    /// The sweep, if it is one.
+    #[must_use]
+    pub fn sweep(&self) -> Option<&Sweep> {
+        self.of().map(|made| &made.result)
+    }
+
+    /// Writes what the run gave, under the names in a thermal group or those of a single run; returns the figures.
     ///
     /// # Errors
     /// What cannot be drawn or written.
-    pub fn publish(&self, desk: &Desk, name: LinName) -> Result<Vec<Drawn>, Finding> {
-        match self {
-            Measured::Lin(made) => {
-                let p = made.result.parameters();
-                let file = if name == LinName::Single { p.file_name() } else { p.thermal_file_name() };
-                publish::<lin::Options>(made, desk, &file)
-            }
-            Measured::Offset(made) => publish::<offset::Options>(made, desk, &made.result.parameters().file_name()),
-            Measured::Freq(made) => publish::<freq::Options>(made, desk, &made.result.parameters().file_name()),
-            Measured::Sweep(made) => publish::<sweep::Options>(made, desk, &made.result.parameters().file_name()),
-            Measured::Null(made) => publish::<null::Options>(made, desk, &made.result.parameters().file_name()),
-            Measured::Other(_) => Ok(Vec::new()),
-        }
+    pub fn publish(&self, desk: &Desk, in_group: bool) -> Result<Vec<Drawn>, Finding> {
+        self.made().map_or_else(|| Ok(Vec::new()), |made| made.publish(desk, in_group))
     }
 
     /// The run as it was read.
     #[must_use]
     pub fn run(&self) -> Option<&Run> {
         match self {
-            Measured::Lin(made) => made.run.as_ref(),
-            Measured::Offset(made) => made.run.as_ref(),
-            Measured::Freq(made) => made.run.as_ref(),
-            Measured::Sweep(made) => made.run.as_ref(),
-            Measured::Null(made) => made.run.as_ref(),
+            Measured::Analysed(made) => made.run(),
             Measured::Other(run) => Some(run),
         }
     }
@@ -139,104 +116,52 @@ impl Measured {
     /// Its part in an analysis across temperatures.
     #[must_use]
     pub fn point(&self) -> Option<CalibratedRun> {
-        match self {
-            Measured::Lin(made) => Some((&made.result.parameters()).into()),
-            Measured::Offset(made) => Some((&made.result.parameters()).into()),
-            Measured::Freq(made) => Some((&made.result.parameters()).into()),
-            Measured::Sweep(_) | Measured::Null(_) | Measured::Other(_) => None,
-        }
-    }
-
-    /// The linear calibration, if it is one.
-    #[must_use]
-    pub fn lin(&self) -> Option<&Made<Lin>> {
-        match self {
-            Measured::Lin(made) => Some(made),
-            _ => None,
-        }
-    }
-
-    /// The sweep, if it is one.
-    #[must_use]
-    pub fn sweep(&self) -> Option<&sweep::Sweep> {
-        match self {
-            Measured::Sweep(made) => Some(&made.result),
-            _ => None,
-        }
-    }
-
-    /// The result for people, if there is one.
-    #[must_use]
-    pub fn report(&self) -> Option<&dyn RunReport> {
-        match self {
-            Measured::Lin(made) => Some(&made.result),
-            Measured::Offset(made) => Some(&made.result),
-            Measured::Freq(made) => Some(&made.result),
-            Measured::Sweep(made) => Some(&made.result),
-            Measured::Null(made) => Some(&made.result),
-            Measured::Other(_) => None,
-        }
+        self.made()?.point()
     }
 
     /// Its part in the protocol, with the figures that were drawn.
     #[must_use]
     pub fn part<'a>(&'a self, figures: &'a [Drawn]) -> RunPart<'a> {
-        let analysis = self.report().map(|result| AnalysisPart {
-            name: result.analysis(),
-            head: result.head(),
-            headline: result.headline(),
-            remarks: result.notes().len(),
-            sections: result.sections(),
-            figures,
-        });
-        RunPart { run: self.run(), analysis }
+        RunPart { run: self.run(), analysis: self.made().map(|made| made.part(figures)) }
     }
 
     /// Where the result comes from, if there is one.
     #[must_use]
     pub fn provenance(&self) -> Option<&Provenance> {
-        match self {
-            Measured::Lin(made) => Some(&made.provenance),
-            Measured::Offset(made) => Some(&made.provenance),
-            Measured::Freq(made) => Some(&made.provenance),
-            Measured::Sweep(made) => Some(&made.provenance),
-            Measured::Null(made) => Some(&made.provenance),
-            Measured::Other(_) => None,
-        }
+        self.made().map(RunMade::provenance)
     }
 
     /// What a person should know.
     #[must_use]
     pub fn notes(&self) -> Vec<Note> {
-        match (self, self.report()) {
-            (Measured::Other(run), _) => {
+        match self {
+            Measured::Analysed(made) => made.notes().to_vec(),
+            Measured::Other(run) => {
                 run.findings.iter().map(|f| Note::new(NoteKind::Data, f.rule.as_ref()).with_remedy(f.remedy.as_ref())).collect()
             }
-            (_, report) => report.map_or_else(Vec::new, RunReport::notes),
         }
     }
 
     /// Part of what was asked for is refused.
     #[must_use]
     pub fn is_partial(&self) -> bool {
-        self.report().is_some_and(RunReport::is_partial)
+        self.made().is_some_and(RunMade::is_partial)
     }
 }
 
-/// Gives offsets and zero-field readings in nT as well, each with the sensitivities of the linear calibration of the same sensor and
-/// mode that is nearest in time. Its file becomes an input of theirs.
+/// Gives results in enT in nT as well, each with the sensitivities of the linear calibration of the same sensor and mode that is nearest in
+/// time. Its file becomes an input of theirs.
 ///
 /// # Errors
 /// A calibration without a text form.
 pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
     let seconds = |start: &str| start.parse::<jiff::Timestamp>().map_or(f64::NAN, |t| t.as_second() as f64);
     let mut found = Vec::new();
-    for (index, measured) in all.iter().enumerate() {
-        let head = match measured {
-            Measured::Offset(made) => &made.result.found.run,
-            Measured::Null(made) => &made.result.found.run,
-            _ => continue,
-        };
+    for (index, made) in all.iter().enumerate().filter_map(|(index, one)| Some((index, one.made()?))) {
+        if !made.is_scalable() {
+            continue;
+        }
+        let head = made.head();
         let distance = |lin: &&Made<Lin>| (seconds(&lin.result.calibration.run.start) - seconds(&head.start)).abs();
         let nearest = all
             .iter()
@@ -248,30 +173,17 @@ pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
             .min_by(|a, b| distance(a).total_cmp(&distance(b)));
         if let Some(lin) = nearest {
             let parameters = lin.result.parameters();
-            let name = parameters.file_name();
-            let text = parameter_text(&name, &parameters, &lin.provenance)?;
-            let input = Input {
-                path: name,
-                size_bytes: text.len() as u64,
-                sha256: hex(&Sha256::digest(text.as_bytes())),
-                role: Some(Role::Cpf),
-            };
+            let path = parameters.file_name();
+            let text = parameter_text(&path, &parameters, &lin.provenance)?;
+            let sha256 = hex(&Sha256::digest(text.as_bytes()));
+            let input = Input { path, size_bytes: text.len() as u64, sha256, role: Some(Role::Cpf) };
             found.push((index, input, Sensitivities::from(&lin.result.calibration)));
         }
     }
     for (index, input, sensitivities) in found {
-        let provenance = match all.get_mut(index) {
-            Some(Measured::Offset(made)) => {
-                made.result.scale(&input.path, &sensitivities);
-                &mut made.provenance
-            }
-            Some(Measured::Null(made)) => {
-                made.result.scale(&input.path, &sensitivities);
-                &mut made.provenance
-            }
-            _ => continue,
-        };
-        *provenance = provenance.clone().with_input(input);
+        if let Some(Measured::Analysed(made)) = all.get_mut(index) {
+            made.scale(input, &sensitivities);
+        }
     }
     Ok(())
 }
@@ -297,23 +209,6 @@ pub fn publish_thermal_names(all: &[Measured], used: &[String], desk: &Desk) -> 
 ///
 /// # Errors
 /// What cannot be written.
-#[cfg(feature = "tables")]
 pub fn publish_tables(folder: &Folder, all: &[Measured]) -> Result<(), Finding> {
-    let lins: Vec<&Lin> = all.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
-    super::publish_table::<lin::Options>(folder, &lins)?;
-    let offsets = all.iter().filter_map(|m| if let Measured::Offset(made) = m { Some(&made.result) } else { None });
-    super::publish_table::<offset::Options>(folder, &offsets.collect::<Vec<_>>())?;
-    let freqs = all.iter().filter_map(|m| if let Measured::Freq(made) = m { Some(&made.result) } else { None });
-    super::publish_table::<freq::Options>(folder, &freqs.collect::<Vec<_>>())?;
-    let nulls = all.iter().filter_map(|m| if let Measured::Null(made) = m { Some(&made.result) } else { None });
-    super::publish_table::<null::Options>(folder, &nulls.collect::<Vec<_>>())
-}
-
-/// Without tables there is nothing to write.
-///
-/// # Errors
-/// None.
-#[cfg(not(feature = "tables"))]
-pub fn publish_tables(_folder: &Folder, _all: &[Measured]) -> Result<(), Finding> {
-    Ok(())
+    RUN_KINDS.iter().try_for_each(|kind| kind.publish_table(folder, all))
 }

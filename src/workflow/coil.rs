@@ -1,6 +1,6 @@
 //! The facility's own calibration as files, figures and text.
 
-use super::{Desk, Failure, Job, Outcome, draw, make, parameter_text};
+use super::{Desk, Failure, Job, Outcome, Shown, draw, make, parameter_text};
 use crate::data::calibration::LinearCalibration;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
@@ -17,15 +17,17 @@ use crate::measure::lin;
 use crate::model::campaign::Instructions;
 use crate::model::facility::{Facility, FacilityParameters};
 use crate::model::position::{OrientedRun, Position, PositionError};
-use crate::plot::{self, Named};
-use crate::show::{self, Drawn, document::Section};
+use crate::plot;
+use crate::show::{self, Drawn};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// A calibration of the facility for people and programs.
-pub trait CoilResult {
+pub trait CoilResult: Sized {
     /// The parameter file.
     type Parameters: Body;
+    /// Figures and text.
+    const SHOWN: Shown<Self>;
     /// What goes into the parameter file.
     fn parameters(&self) -> Self::Parameters;
     /// The result as `--json` prints it.
@@ -33,15 +35,9 @@ pub trait CoilResult {
         ParametersView { parameters: self.parameters() }
     }
     /// What a person should know.
-    fn notes(&self) -> Vec<Note>;
-    /// The figures in their order.
-    fn figures(&self) -> Vec<Named>;
+    fn notes(&self) -> &[Note];
     /// Title of the report.
     fn title(&self) -> String;
-    /// The sections of the report.
-    fn sections(&self) -> Vec<Section>;
-    /// A few lines for the terminal.
-    fn summary(&self) -> String;
 }
 
 /// A result that is its parameter file, as `--json` prints it.
@@ -59,6 +55,9 @@ struct ScalarView<'a> {
 
 impl CoilResult for Scalar {
     type Parameters = CoilScalar;
+    const SHOWN: Shown<Self> =
+        Shown { figures: plot::coil::scalar, sections: show::coil::scalar, summary: show::coil::scalar_summary };
+
     fn parameters(&self) -> CoilScalar {
         CoilScalar {
             convention: CoilConvention::scalar(),
@@ -69,25 +68,19 @@ impl CoilResult for Scalar {
     fn view(&self) -> impl Serialize + '_ {
         ScalarView { parameters: self.parameters(), rows: &self.rows }
     }
-    fn notes(&self) -> Vec<Note> {
-        self.notes.clone()
-    }
-    fn figures(&self) -> Vec<Named> {
-        plot::coil::scalar(self)
+    fn notes(&self) -> &[Note] {
+        &self.notes
     }
     fn title(&self) -> String {
         "Scalar calibration of the coil system".to_owned()
-    }
-    fn sections(&self) -> Vec<Section> {
-        show::coil::scalar(self, &self.parameters().file_name())
-    }
-    fn summary(&self) -> String {
-        show::coil::scalar_summary(self)
     }
 }
 
 impl CoilResult for Residual {
     type Parameters = CoilResidual;
+    const SHOWN: Shown<Self> =
+        Shown { figures: plot::coil::residual, sections: show::coil::residual, summary: show::coil::residual_summary };
+
     fn parameters(&self) -> CoilResidual {
         CoilResidual {
             convention: CoilConvention::residual(),
@@ -95,25 +88,18 @@ impl CoilResult for Residual {
             warnings: self.notes.iter().map(Note::to_string).collect(),
         }
     }
-    fn notes(&self) -> Vec<Note> {
-        self.notes.clone()
-    }
-    fn figures(&self) -> Vec<Named> {
-        plot::coil::residual(self)
+    fn notes(&self) -> &[Note] {
+        &self.notes
     }
     fn title(&self) -> String {
         "Residual field of the coil system".to_owned()
-    }
-    fn sections(&self) -> Vec<Section> {
-        show::coil::residual(self, &self.parameters().file_name())
-    }
-    fn summary(&self) -> String {
-        show::coil::residual_summary(self)
     }
 }
 
 impl CoilResult for Tilt {
     type Parameters = CoilTilt;
+    const SHOWN: Shown<Self> = Shown { figures: plot::coil::tilt, sections: show::coil::tilt, summary: show::coil::tilt_summary };
+
     fn parameters(&self) -> CoilTilt {
         CoilTilt {
             convention: CoilConvention::tilt(),
@@ -121,20 +107,11 @@ impl CoilResult for Tilt {
             warnings: self.notes.iter().map(Note::to_string).collect(),
         }
     }
-    fn notes(&self) -> Vec<Note> {
-        self.notes.clone()
-    }
-    fn figures(&self) -> Vec<Named> {
-        plot::coil::tilt(self)
+    fn notes(&self) -> &[Note] {
+        &self.notes
     }
     fn title(&self) -> String {
         format!("Sensor {} and coil system from several orientations", show::or_not_stated(&self.found.sensor))
-    }
-    fn sections(&self) -> Vec<Section> {
-        show::coil::tilt(self, &self.parameters().file_name())
-    }
-    fn summary(&self) -> String {
-        show::coil::tilt_summary(self)
     }
 }
 
@@ -386,7 +363,7 @@ pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<(S
     let folder = Folder::open(&desk.out, desk.force)?;
     folder.check(&name)?;
     let drawn = if desk.plots {
-        draw(&folder, &result.figures(), |figure| format!("{begin}_{figure}__{first}.png"))?
+        draw(&folder, &(R::SHOWN.figures)(result), |figure| format!("{begin}_{figure}__{first}.png"))?
     } else {
         Vec::new()
     };
@@ -395,8 +372,8 @@ pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<(S
         parameters: parameter_text(&name, &parameters, &made.provenance)?,
         report: format!("REPORT_{stem}.md"),
         title: result.title(),
-        notes: &result.notes(),
-        sections: result.sections(),
+        notes: result.notes(),
+        sections: (R::SHOWN.sections)(result, &name),
         provenance: &made.provenance,
     };
     outcome.write(&folder, &drawn)?;

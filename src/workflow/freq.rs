@@ -1,6 +1,7 @@
 //! Frequency measurements as files, figures and text.
 
-use super::{Ingredients, Made, PerRun, Refusal, RunReport, RunResult};
+use super::{Ingredients, Made, PerRun, Refusal, RunResult, Shown};
+use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance, Role};
@@ -10,14 +11,16 @@ use crate::data::run::{Kind, Run};
 use crate::data::tables::AmplitudeRow;
 use crate::files::amplitudes;
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{Body, Fpf, FrequencyConvention};
+use crate::files::parameter::{Fpf, FrequencyConvention};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::measure::corner::Corner;
 use crate::measure::freq::{Freq, Options, Sines, Stretch, freq, from_table};
-use crate::plot::{self, Named};
+use crate::model::facility::Facility;
+use crate::plot;
 use crate::record::conditions::Temperatures;
-use crate::show::{self, document::Section};
+use crate::record::known::Known;
+use crate::show;
 use serde::Serialize;
 use std::path::Path;
 
@@ -26,6 +29,7 @@ impl PerRun for Options {
     const COMMAND: &'static str = "freq";
     const KIND: Kind = Kind::Frequency;
     const STEM: &'static str = "FREQ";
+    const TAKES_MODEL: bool = true;
     type Sink = Sines;
     type Result = Freq;
 
@@ -39,6 +43,10 @@ impl PerRun for Options {
 
     fn inputs(&self) -> Vec<Input> {
         self.model.iter().map(|m| m.input.clone()).collect()
+    }
+
+    fn with_corrections(self, _facility: Option<&Facility>, model: Option<&Known>) -> Self {
+        Self { model: model.cloned(), ..self }
     }
 
     fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
@@ -74,33 +82,6 @@ pub(super) fn amplitude_table(
     Ok((rows, id.to_owned(), provenance))
 }
 
-impl RunReport for Freq {
-    fn head(&self) -> &RunHead {
-        &self.run
-    }
-    fn notes(&self) -> Vec<Note> {
-        self.notes.clone()
-    }
-    fn figures(&self) -> Vec<Named> {
-        plot::freq::figures(self)
-    }
-    fn title(&self) -> String {
-        format!("Frequency measurements, run {}", self.run.id)
-    }
-    fn sections(&self) -> Vec<Section> {
-        show::freq::sections(self, &self.parameters().file_name())
-    }
-    fn analysis(&self) -> &'static str {
-        "AC-analysis"
-    }
-    fn headline(&self) -> String {
-        show::freq::headline(self)
-    }
-    fn summary(&self) -> String {
-        show::freq::summary(self)
-    }
-}
-
 /// A frequency measurement as `--json` prints it.
 #[derive(Serialize)]
 struct FreqView<'a> {
@@ -111,8 +92,23 @@ struct FreqView<'a> {
 }
 
 impl RunResult for Freq {
+    type Analysis = Options;
     type Parameters = Fpf;
+    const NAME: &'static str = "AC-analysis";
+    const TITLE: &'static str = "Frequency measurements";
+    const HEADLINE: fn(&Self) -> String = show::freq::headline;
+    const SHOWN: Shown<Self> =
+        Shown { figures: plot::freq::figures, sections: show::freq::sections, summary: show::freq::summary };
 
+    fn head(&self) -> &RunHead {
+        &self.run
+    }
+    fn notes(&self) -> &[Note] {
+        &self.notes
+    }
+    fn point(&self) -> Option<CalibratedRun> {
+        Some((&self.parameters()).into())
+    }
     fn parameters(&self) -> Fpf {
         let rate = self.rate.as_ref();
         Fpf {
@@ -151,7 +147,7 @@ impl RunResult for Freq {
         vec![("FREQ_AMPLITUDES", note, show::freq::amplitude_table(self))]
     }
     #[cfg(feature = "tables")]
-    fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
-        ("frequencies in Hz", show::freq::parameter_table(all))
+    fn campaign_table(all: &[&Self]) -> Option<(&'static str, Table)> {
+        Some(("frequencies in Hz", show::freq::parameter_table(all)))
     }
 }

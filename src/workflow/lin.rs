@@ -1,6 +1,7 @@
 //! Linear calibrations as files, figures and text.
 
-use super::{Ingredients, PerRun, Refusal, RunReport, RunResult};
+use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
+use crate::data::across::CalibratedRun;
 use crate::data::envelope::Envelope;
 use crate::data::error::Finding;
 use crate::data::note::Note;
@@ -9,13 +10,15 @@ use crate::data::provenance::Input;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{Body, Convention, Cpf};
+use crate::files::parameter::{Convention, Cpf};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::measure::lin::{Block, Lin, Options, lin};
-use crate::plot::{self, Named};
+use crate::model::facility::Facility;
+use crate::plot;
 use crate::record::conditions::Temperatures;
-use crate::show::{self, document::Section};
+use crate::record::known::Known;
+use crate::show;
 use serde::Serialize;
 
 impl PerRun for Options {
@@ -23,6 +26,7 @@ impl PerRun for Options {
     const COMMAND: &'static str = "lin";
     const KIND: Kind = Kind::Linearity;
     const STEM: &'static str = "LIN";
+    const TAKES_MODEL: bool = true;
     type Sink = (Accumulator, Option<Envelope>);
     type Result = Lin;
 
@@ -48,35 +52,12 @@ impl PerRun for Options {
         Self { trend_order: Some(result.calibration.offset.trend_order), ..self.clone() }
     }
 
+    fn with_corrections(self, facility: Option<&Facility>, model: Option<&Known>) -> Self {
+        Self { facility: facility.cloned(), model: model.cloned(), ..self }
+    }
+
     fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
         Ok(Self { facility: files.facility()?, linearisation: files.linearisation()?, model: files.model()?, ..self })
-    }
-}
-
-impl RunReport for Lin {
-    fn head(&self) -> &RunHead {
-        &self.calibration.run
-    }
-    fn notes(&self) -> Vec<Note> {
-        self.notes.clone()
-    }
-    fn figures(&self) -> Vec<Named> {
-        plot::lin::figures(self)
-    }
-    fn title(&self) -> String {
-        format!("Calibration on 3 linear axes, run {}", self.calibration.run.id)
-    }
-    fn sections(&self) -> Vec<Section> {
-        show::lin::sections(self, &self.parameters().file_name())
-    }
-    fn analysis(&self) -> &'static str {
-        "DC-analysis"
-    }
-    fn headline(&self) -> String {
-        show::lin::headline(self)
-    }
-    fn summary(&self) -> String {
-        show::lin::summary(self)
     }
 }
 
@@ -89,8 +70,25 @@ struct LinView<'a> {
 }
 
 impl RunResult for Lin {
+    type Analysis = Options;
     type Parameters = Cpf;
+    const NAME: &'static str = "DC-analysis";
+    const TITLE: &'static str = "Calibration on 3 linear axes";
+    const HEADLINE: fn(&Self) -> String = show::lin::headline;
+    const SHOWN: Shown<Self> = Shown { figures: plot::lin::figures, sections: show::lin::sections, summary: show::lin::summary };
 
+    fn head(&self) -> &RunHead {
+        &self.calibration.run
+    }
+    fn notes(&self) -> &[Note] {
+        &self.notes
+    }
+    fn name_in_group(&self) -> Option<String> {
+        Some(self.parameters().thermal_file_name())
+    }
+    fn point(&self) -> Option<CalibratedRun> {
+        Some((&self.parameters()).into())
+    }
     fn parameters(&self) -> Cpf {
         let convention = if self.linearisation.is_some() { Convention::linearised() } else { Convention::default() };
         Cpf {
@@ -117,7 +115,7 @@ impl RunResult for Lin {
         vec![("LIN_BLOCKS", note, show::lin::block_table(self))]
     }
     #[cfg(feature = "tables")]
-    fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
-        ("readings enT, sensor axes; sensitivities nT/enT; angles in degrees", show::lin::parameter_table(all))
+    fn campaign_table(all: &[&Self]) -> Option<(&'static str, Table)> {
+        Some(("readings enT, sensor axes; sensitivities nT/enT; angles in degrees", show::lin::parameter_table(all)))
     }
 }

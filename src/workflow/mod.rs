@@ -7,6 +7,7 @@ mod centre;
 mod coil;
 mod diagnose;
 mod freq;
+mod kind;
 mod lin;
 mod linearise;
 mod null;
@@ -16,17 +17,20 @@ mod thermal;
 mod thermistor;
 
 pub use again::{AgainError, Ingredients, again, sensitivities};
-pub use all::{Analyses, LinName, Measured, publish_tables, publish_thermal_names, scale_to_nt};
+pub use all::{Analyses, Measured, publish_tables, publish_thermal_names, scale_to_nt};
 pub use centre::{CentreMade, PairFiles};
 pub use coil::{
     CoilMade, CoilResult, CoilRun, TiltInput, coil_runs, facility, publish_coil, residual_of, residual_of_table, scalar_of,
 };
 pub use diagnose::{Across, Diagnosed, diagnose_run, diagnose_table, known, publish_diagnosis, publish_model, read_model};
 pub use freq::of_table;
+pub use kind::{RUN_KINDS, RunKind, RunMade};
 pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
 pub use thermal::{ThermalFile, ThermalInput, ThermalOptions, ThermalShown};
 pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
 
+use crate::data::across::CalibratedRun;
+use crate::data::calibration::Sensitivities;
 use crate::data::error::{Finding, Severity};
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
@@ -39,7 +43,9 @@ use crate::files::parameter::Body;
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::files::{ccr, parameter};
+use crate::model::facility::Facility;
 use crate::plot::{self, Named};
+use crate::record::known::Known;
 use crate::show::document::Section;
 use crate::show::{self, Drawn, markdown};
 use rayon::prelude::*;
@@ -50,7 +56,7 @@ use std::collections::hash_map::Entry;
 use std::path::PathBuf;
 
 /// An analysis of single runs: its options are the value, what it keeps while a file is read is its sink.
-pub trait PerRun: Clone + Serialize + DeserializeOwned + Sync {
+pub trait PerRun: Clone + Default + Serialize + DeserializeOwned + Send + Sync + 'static {
     /// Name of the analysis in recipes.
     const ANALYSIS: &'static str;
     /// Name of the command.
@@ -62,7 +68,9 @@ pub trait PerRun: Clone + Serialize + DeserializeOwned + Sync {
     /// Takes the vectors.
     type Sink: VectorSink;
     /// What comes out.
-    type Result: RunResult;
+    type Result: RunResult<Analysis = Self>;
+    /// Whether known effects are taken off its readings.
+    const TAKES_MODEL: bool = false;
 
     /// A sink for a run; with `figures` it also keeps what they show of the raw data.
     fn sink(&self, figures: bool) -> Self::Sink;
@@ -83,6 +91,11 @@ pub trait PerRun: Clone + Serialize + DeserializeOwned + Sync {
         self.clone()
     }
 
+    /// The same options with a facility that turns settings into fields and known effects, as far as the analysis takes them.
+    fn with_corrections(self, _facility: Option<&Facility>, _model: Option<&Known>) -> Self {
+        self
+    }
+
     /// The same options with the files that they name.
     ///
     /// # Errors
@@ -99,46 +112,68 @@ pub struct Refusal {
     pub remedy: &'static str,
 }
 
-/// The result of one run for people: figures and text.
-pub trait RunReport {
+/// How people see a result.
+pub struct Shown<R> {
+    /// The figures in their order.
+    pub figures: fn(&R) -> Vec<Named>,
+    /// The sections of the report; the name is that of the parameter file.
+    pub sections: fn(&R, &str) -> Vec<Section>,
+    /// A few lines for the terminal.
+    pub summary: fn(&R) -> String,
+}
+
+/// The result of one run: for people, for programs, and for other analyses.
+pub trait RunResult: Sized + Send + Sync + 'static {
+    /// The analysis that it comes from.
+    type Analysis: PerRun<Result = Self>;
+    /// The parameter file.
+    type Parameters: Body;
+    /// Name of the analysis in the protocol.
+    const NAME: &'static str;
+    /// Title of the report, which the run id follows.
+    const TITLE: &'static str;
+    /// The result in one line.
+    const HEADLINE: fn(&Self) -> String;
+    /// Figures and text.
+    const SHOWN: Shown<Self>;
+    /// Gives it in nT as well, with the sensitivities of the linear calibration of the same sensor and mode whose file is named; absent
+    /// where there is nothing in enT alone.
+    const SCALE: Option<fn(&mut Self, &str, &Sensitivities)> = None;
+
     /// The run.
     fn head(&self) -> &RunHead;
     /// What a person should know.
-    fn notes(&self) -> Vec<Note>;
+    fn notes(&self) -> &[Note];
     /// Part of what was asked for is refused; the notes say what.
     fn is_partial(&self) -> bool {
         false
     }
-    /// The figures in their order.
-    fn figures(&self) -> Vec<Named>;
-    /// Title of the report.
-    fn title(&self) -> String;
-    /// The sections of the report.
-    fn sections(&self) -> Vec<Section>;
-    /// Name of the analysis in the protocol.
-    fn analysis(&self) -> &'static str;
-    /// The result in one line.
-    fn headline(&self) -> String;
-    /// A few lines for the terminal.
-    fn summary(&self) -> String;
-}
-
-/// The result of one run for programs: parameter file and tables.
-pub trait RunResult: RunReport + Send + Sync {
-    /// The parameter file.
-    type Parameters: Body;
     /// What goes into the parameter file.
     fn parameters(&self) -> Self::Parameters;
+    /// Name of the parameter file in a thermal group, where it is another one there.
+    fn name_in_group(&self) -> Option<String> {
+        None
+    }
+    /// Its part in an analysis across temperatures.
+    fn point(&self) -> Option<CalibratedRun> {
+        None
+    }
     /// The result as `--json` prints it.
     fn view(&self) -> impl Serialize + '_;
+    /// A few lines for the terminal.
+    fn summary(&self) -> String {
+        (Self::SHOWN.summary)(self)
+    }
     /// Tables beside the report: begin of the file name, note, table.
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
         Vec::new()
     }
-    /// One row per run, with a note.
+    /// One row per run, with a note; absent for a kind of which there is no such table.
     #[cfg(feature = "tables")]
-    fn campaign_table(all: &[&Self]) -> (&'static str, Table);
+    fn campaign_table(_all: &[&Self]) -> Option<(&'static str, Table)> {
+        None
+    }
 }
 
 /// Where results go, and what is allowed.
@@ -340,8 +375,11 @@ pub fn publish<A: PerRun>(made: &Made<A::Result>, desk: &Desk, parameter_name: &
     let id = &result.head().id;
     let folder = Folder::open(&desk.out.join(id), desk.force)?;
     folder.check(parameter_name)?;
-    let drawn =
-        if desk.plots { draw(&folder, &result.figures(), |stem| format!("{}_{stem}__{id}.png", A::STEM))? } else { Vec::new() };
+    let drawn = if desk.plots {
+        draw(&folder, &(A::Result::SHOWN.figures)(result), |stem| format!("{}_{stem}__{id}.png", A::STEM))?
+    } else {
+        Vec::new()
+    };
     #[cfg(feature = "tables")]
     for (stem, note, table) in result.tables() {
         folder.write(&format!("{stem}__{id}.csv"), &table.csv(&note)?)?;
@@ -350,9 +388,9 @@ pub fn publish<A: PerRun>(made: &Made<A::Result>, desk: &Desk, parameter_name: &
         name: parameter_name,
         parameters: parameter_text(parameter_name, &result.parameters(), &made.provenance)?,
         report: format!("REPORT_{}__{id}.md", A::STEM),
-        title: result.title(),
-        notes: &result.notes(),
-        sections: result.sections(),
+        title: format!("{}, run {id}", A::Result::TITLE),
+        notes: result.notes(),
+        sections: (A::Result::SHOWN.sections)(result, parameter_name),
         provenance: &made.provenance,
     };
     outcome.write(&folder, &drawn)?;
@@ -402,7 +440,7 @@ pub fn publish_table<A: PerRun>(folder: &Folder, results: &[&A::Result]) -> Resu
     if results.is_empty() {
         return Ok(());
     }
-    let (note, table) = A::Result::campaign_table(results);
+    let Some((note, table)) = A::Result::campaign_table(results) else { return Ok(()) };
     let [csv, parquet] = table_names(A::STEM);
     folder.write(&csv, &table.csv(&format!("calfit {}: one row per run; {note}", A::COMMAND))?)?;
     folder.write(&parquet, &table.parquet()?)

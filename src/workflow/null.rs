@@ -1,6 +1,7 @@
 //! Zero-field runs as files, figures and text.
 
-use super::{Ingredients, PerRun, Refusal, RunReport, RunResult};
+use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
+use crate::data::calibration::Sensitivities;
 use crate::data::envelope::Envelope;
 use crate::data::error::Finding;
 use crate::data::note::Note;
@@ -8,13 +9,13 @@ use crate::data::provenance::Input;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{Body, Npf, NullConvention};
+use crate::files::parameter::{Npf, NullConvention};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::measure::null::{Null, Options, Record, Row, null};
-use crate::plot::{self, Named};
+use crate::plot;
 use crate::record::conditions::Temperatures;
-use crate::show::{self, document::Section};
+use crate::show;
 use serde::Serialize;
 
 impl PerRun for Options {
@@ -45,33 +46,6 @@ impl PerRun for Options {
     }
 }
 
-impl RunReport for Null {
-    fn head(&self) -> &RunHead {
-        &self.found.run
-    }
-    fn notes(&self) -> Vec<Note> {
-        self.notes.clone()
-    }
-    fn figures(&self) -> Vec<Named> {
-        plot::null::figures(self)
-    }
-    fn title(&self) -> String {
-        format!("Offset drift and noise in zero field, run {}", self.found.run.id)
-    }
-    fn sections(&self) -> Vec<Section> {
-        show::null::sections(self, &self.parameters().file_name())
-    }
-    fn analysis(&self) -> &'static str {
-        "Zero-field measurement"
-    }
-    fn headline(&self) -> String {
-        show::null::headline(self)
-    }
-    fn summary(&self) -> String {
-        show::null::summary(self)
-    }
-}
-
 /// A zero-field run as `--json` prints it.
 #[derive(Serialize)]
 struct NullView<'a> {
@@ -82,8 +56,21 @@ struct NullView<'a> {
 }
 
 impl RunResult for Null {
+    type Analysis = Options;
     type Parameters = Npf;
+    const NAME: &'static str = "Zero-field measurement";
+    const TITLE: &'static str = "Offset drift and noise in zero field";
+    const HEADLINE: fn(&Self) -> String = show::null::headline;
+    const SHOWN: Shown<Self> =
+        Shown { figures: plot::null::figures, sections: show::null::sections, summary: show::null::summary };
+    const SCALE: Option<fn(&mut Self, &str, &Sensitivities)> = Some(Null::scale);
 
+    fn head(&self) -> &RunHead {
+        &self.found.run
+    }
+    fn notes(&self) -> &[Note] {
+        &self.notes
+    }
     fn parameters(&self) -> Npf {
         Npf {
             convention: NullConvention::default(),
@@ -96,7 +83,7 @@ impl RunResult for Null {
         NullView { parameters: self.parameters(), rows: &self.rows, channels: &self.channels, temperatures: &self.temperatures }
     }
     #[cfg(feature = "tables")]
-    fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
-        ("readings enT, sensor axes; densities enT/sqrt(Hz)", show::null::parameter_table(all))
+    fn campaign_table(all: &[&Self]) -> Option<(&'static str, Table)> {
+        Some(("readings enT, sensor axes; densities enT/sqrt(Hz)", show::null::parameter_table(all)))
     }
 }

@@ -1,6 +1,8 @@
 //! Offset measurements as files, figures and text.
 
-use super::{Ingredients, PerRun, Refusal, RunReport, RunResult};
+use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
+use crate::data::across::CalibratedRun;
+use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::plateau::{self, Accumulator, Plateau};
@@ -8,13 +10,15 @@ use crate::data::provenance::Input;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{Body, OffsetConvention, Opf};
+use crate::files::parameter::{OffsetConvention, Opf};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::measure::offset::{Offset, Options, offset};
-use crate::plot::{self, Named};
+use crate::model::facility::Facility;
+use crate::plot;
 use crate::record::conditions::Temperatures;
-use crate::show::{self, document::Section};
+use crate::record::known::Known;
+use crate::show;
 use serde::Serialize;
 
 impl PerRun for Options {
@@ -39,38 +43,12 @@ impl PerRun for Options {
         self.cpf.iter().map(|(input, _)| input.clone()).chain(facility).collect()
     }
 
+    fn with_corrections(self, facility: Option<&Facility>, _model: Option<&Known>) -> Self {
+        Self { facility: facility.cloned(), ..self }
+    }
+
     fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
         Ok(Self { cpf: files.sensitivities()?, facility: files.facility()?, ..self })
-    }
-}
-
-impl RunReport for Offset {
-    fn head(&self) -> &RunHead {
-        &self.found.run
-    }
-    fn notes(&self) -> Vec<Note> {
-        self.notes.clone()
-    }
-    fn is_partial(&self) -> bool {
-        !self.found.refused.is_empty()
-    }
-    fn figures(&self) -> Vec<Named> {
-        plot::offset::figures(self)
-    }
-    fn title(&self) -> String {
-        format!("Offset calculation, run {}", self.found.run.id)
-    }
-    fn sections(&self) -> Vec<Section> {
-        show::offset::sections(self, &self.parameters().file_name())
-    }
-    fn analysis(&self) -> &'static str {
-        "Offset calculation"
-    }
-    fn headline(&self) -> String {
-        show::offset::headline(self)
-    }
-    fn summary(&self) -> String {
-        show::offset::summary(self)
     }
 }
 
@@ -83,8 +61,27 @@ struct OffsetView<'a> {
 }
 
 impl RunResult for Offset {
+    type Analysis = Options;
     type Parameters = Opf;
+    const NAME: &'static str = "Offset calculation";
+    const TITLE: &'static str = "Offset calculation";
+    const HEADLINE: fn(&Self) -> String = show::offset::headline;
+    const SHOWN: Shown<Self> =
+        Shown { figures: plot::offset::figures, sections: show::offset::sections, summary: show::offset::summary };
+    const SCALE: Option<fn(&mut Self, &str, &Sensitivities)> = Some(Offset::scale);
 
+    fn head(&self) -> &RunHead {
+        &self.found.run
+    }
+    fn notes(&self) -> &[Note] {
+        &self.notes
+    }
+    fn is_partial(&self) -> bool {
+        !self.found.refused.is_empty()
+    }
+    fn point(&self) -> Option<CalibratedRun> {
+        Some((&self.parameters()).into())
+    }
     fn parameters(&self) -> Opf {
         Opf {
             values: self.values,
@@ -100,7 +97,7 @@ impl RunResult for Offset {
         OffsetView { parameters: self.parameters(), plateaus: &self.plateaus, temperatures: &self.temperatures }
     }
     #[cfg(feature = "tables")]
-    fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
-        ("offsets and residual fields enT, sensor axes; coil residual nT, coil axes", show::offset::parameter_table(all))
+    fn campaign_table(all: &[&Self]) -> Option<(&'static str, Table)> {
+        Some(("offsets and residual fields enT, sensor axes; coil residual nT, coil axes", show::offset::parameter_table(all)))
     }
 }

@@ -1,7 +1,7 @@
 //! Continuous sweeps as files, figures and text.
 
 use super::thermal::{CurveView, covariances, quantity_part, tpf};
-use super::{Ingredients, PerRun, Refusal, RunReport, RunResult};
+use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
 use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::plateau::{self, Accumulator};
@@ -9,13 +9,15 @@ use crate::data::provenance::Input;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{Body, SweepPart, ThermalConvention, ThermalHead, Tpf};
+use crate::files::parameter::{SweepPart, ThermalConvention, ThermalHead, Tpf};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::measure::sweep::{Options, Sweep, SweepBlock, WindowFit, sweep};
-use crate::plot::{self, Named};
+use crate::model::facility::Facility;
+use crate::plot;
 use crate::record::conditions::Temperatures;
-use crate::show::{self, document::Section};
+use crate::record::known::Known;
+use crate::show;
 use serde::Serialize;
 
 impl PerRun for Options {
@@ -23,6 +25,7 @@ impl PerRun for Options {
     const COMMAND: &'static str = "thermal";
     const KIND: Kind = Kind::Sweep;
     const STEM: &'static str = "SWEEP";
+    const TAKES_MODEL: bool = true;
     type Sink = Accumulator;
     type Result = Sweep;
 
@@ -40,41 +43,30 @@ impl PerRun for Options {
         facility.chain(self.model.iter().map(|m| m.input.clone())).collect()
     }
 
+    fn with_corrections(self, facility: Option<&Facility>, model: Option<&Known>) -> Self {
+        Self { facility: facility.cloned(), model: model.cloned(), ..self }
+    }
+
     fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
         Ok(Self { facility: files.facility()?, model: files.model()?, ..self })
     }
 }
 
-impl RunReport for Sweep {
+impl RunResult for Sweep {
+    type Analysis = Options;
+    type Parameters = Tpf;
+    const NAME: &'static str = "Temperature sweep";
+    const TITLE: &'static str = "Temperature sweep";
+    const HEADLINE: fn(&Self) -> String = show::sweep::headline;
+    const SHOWN: Shown<Self> =
+        Shown { figures: plot::sweep::figures, sections: show::sweep::sections, summary: show::sweep::summary };
+
     fn head(&self) -> &RunHead {
         &self.run
     }
-    fn notes(&self) -> Vec<Note> {
-        self.notes.clone()
+    fn notes(&self) -> &[Note] {
+        &self.notes
     }
-    fn figures(&self) -> Vec<Named> {
-        plot::sweep::figures(self)
-    }
-    fn title(&self) -> String {
-        format!("Temperature sweep, run {}", self.run.id)
-    }
-    fn sections(&self) -> Vec<Section> {
-        show::sweep::sections(self, &self.parameters().file_name())
-    }
-    fn analysis(&self) -> &'static str {
-        "Temperature sweep"
-    }
-    fn headline(&self) -> String {
-        show::sweep::headline(self)
-    }
-    fn summary(&self) -> String {
-        show::sweep::summary(self)
-    }
-}
-
-impl RunResult for Sweep {
-    type Parameters = Tpf;
-
     fn parameters(&self) -> Tpf {
         Tpf { sweep: Some(sweep_part(self)), ..tpf(&self.quantities, thermal_head(self), self.rotation.clone()) }
     }
@@ -92,10 +84,6 @@ impl RunResult for Sweep {
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
         let note = "sliding windows: sigma nT/enT, xi degrees, b_or enT, residuals nT along the coil axes";
         vec![("SWEEP_WINDOWS", note.to_owned(), show::sweep::window_table(self))]
-    }
-    #[cfg(feature = "tables")]
-    fn campaign_table(all: &[&Self]) -> (&'static str, Table) {
-        ("lags in s, ranges in °C", show::sweep::parameter_table(all))
     }
 }
 

@@ -11,7 +11,7 @@ use std::fmt;
 use std::path::Path;
 
 /// All kinds of parameter files.
-pub static KINDS: [FileKind; 14] = [
+pub static KINDS: &[FileKind] = &[
     FileKind::of::<Cpf>(),
     FileKind::of::<Opf>(),
     FileKind::of::<Fpf>(),

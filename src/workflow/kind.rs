@@ -1,0 +1,188 @@
+//! The kinds of runs that are analysed one by one, one line each, and what a run gave whatever its kind. Scalar runs are analysed together
+//! (`coil`).
+
+use super::again::{AgainError, runs};
+use super::{Desk, Failure, Ingredients, Job, Made, Measured, PerRun, RunResult, make, publish};
+use crate::data::across::CalibratedRun;
+use crate::data::calibration::Sensitivities;
+use crate::data::error::Finding;
+use crate::data::note::Note;
+use crate::data::provenance::{Input, Provenance};
+use crate::data::recipe::Recipe;
+use crate::data::result::RunHead;
+use crate::data::run::{Kind, Run};
+use crate::files::output::Folder;
+use crate::files::parameter::Body;
+use crate::measure::{freq, lin, null, offset, sweep};
+use crate::model::facility::Facility;
+use crate::record::known::Known;
+use crate::show::Drawn;
+use crate::show::protocol::AnalysisPart;
+use std::any::Any;
+
+/// All kinds of runs that are analysed one by one, in the order of their tables.
+pub static RUN_KINDS: &[RunKind] = &[
+    RunKind::of::<lin::Options>(),
+    RunKind::of::<offset::Options>(),
+    RunKind::of::<freq::Options>(),
+    RunKind::of::<null::Options>(),
+    RunKind::of::<sweep::Options>(),
+];
+
+/// A kind of runs with its analysis.
+pub struct RunKind {
+    /// The kind.
+    pub kind: Kind,
+    /// Name of the analysis in recipes.
+    pub analysis: &'static str,
+    usual: fn(Option<&Facility>, Option<&Known>) -> Box<dyn RunAnalysis>,
+    again: fn(&Recipe, &Ingredients, &Desk) -> Result<(), AgainError>,
+    table: fn(&Folder, &[Measured]) -> Result<(), Finding>,
+}
+
+impl RunKind {
+    const fn of<A: PerRun>() -> Self {
+        Self {
+            kind: A::KIND,
+            analysis: A::ANALYSIS,
+            usual: |facility, model| Box::new(A::default().with_corrections(facility, model)),
+            again: runs::<A>,
+            table: table::<A>,
+        }
+    }
+
+    /// The usual options of the analysis, with a facility and known effects where it takes them.
+    #[must_use]
+    pub fn usual(&self, facility: Option<&Facility>, model: Option<&Known>) -> Box<dyn RunAnalysis> {
+        (self.usual)(facility, model)
+    }
+
+    /// Follows a recipe of the analysis.
+    ///
+    /// # Errors
+    /// See [`again`](super::again).
+    pub fn again(&self, recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), AgainError> {
+        (self.again)(recipe, with, desk)
+    }
+
+    /// Writes the table of all runs of the kind.
+    ///
+    /// # Errors
+    /// What cannot be written.
+    pub fn publish_table(&self, folder: &Folder, all: &[Measured]) -> Result<(), Finding> {
+        (self.table)(folder, all)
+    }
+}
+
+#[cfg(feature = "tables")]
+fn table<A: PerRun>(folder: &Folder, all: &[Measured]) -> Result<(), Finding> {
+    let results: Vec<&A::Result> = all.iter().filter_map(Measured::of).map(|made| &made.result).collect();
+    super::publish_table::<A>(folder, &results)
+}
+
+/// Without tables there is nothing to write.
+#[cfg(not(feature = "tables"))]
+fn table<A: PerRun>(_folder: &Folder, _all: &[Measured]) -> Result<(), Finding> {
+    Ok(())
+}
+
+/// The analysis of a kind of runs with its options.
+pub trait RunAnalysis: Send + Sync {
+    /// The kind of runs.
+    fn kind(&self) -> Kind;
+    /// Reads and analyses one run.
+    ///
+    /// # Errors
+    /// The file cannot be read, or the analysis refuses it.
+    fn make(&self, job: &Job, desk: &Desk, two_threads: bool) -> Result<Box<dyn RunMade>, Failure>;
+}
+
+impl<A: PerRun> RunAnalysis for A {
+    fn kind(&self) -> Kind {
+        A::KIND
+    }
+    fn make(&self, job: &Job, desk: &Desk, two_threads: bool) -> Result<Box<dyn RunMade>, Failure> {
+        Ok(Box::new(make(self, job, desk, two_threads)?))
+    }
+}
+
+/// What a run gave, whatever its kind.
+pub trait RunMade: Send + Sync {
+    /// Whether known effects are taken off the readings of such runs.
+    fn takes_model(&self) -> bool;
+    /// The run.
+    fn head(&self) -> &RunHead;
+    /// The run as it was read.
+    fn run(&self) -> Option<&Run>;
+    /// Where the result comes from.
+    fn provenance(&self) -> &Provenance;
+    /// What a person should know.
+    fn notes(&self) -> &[Note];
+    /// Part of what was asked for is refused.
+    fn is_partial(&self) -> bool;
+    /// Its part in an analysis across temperatures.
+    fn point(&self) -> Option<CalibratedRun>;
+    /// Its part in the protocol, with the figures that were drawn.
+    fn part<'a>(&'a self, figures: &'a [Drawn]) -> AnalysisPart<'a>;
+    /// Writes its files, under their names in a thermal group or those of a single run; returns the figures.
+    ///
+    /// # Errors
+    /// What cannot be drawn or written.
+    fn publish(&self, desk: &Desk, in_group: bool) -> Result<Vec<Drawn>, Finding>;
+    /// Whether [`RunMade::scale`] gives it in nT as well.
+    fn is_scalable(&self) -> bool;
+    /// Gives it in nT as well, with the sensitivities of a linear calibration, whose file becomes an input.
+    fn scale(&mut self, cpf: Input, sensitivities: &Sensitivities);
+    /// Itself, for who knows the analysis.
+    fn as_any(&self) -> &dyn Any;
+}
+
+impl<R: RunResult> RunMade for Made<R> {
+    fn takes_model(&self) -> bool {
+        R::Analysis::TAKES_MODEL
+    }
+    fn head(&self) -> &RunHead {
+        self.result.head()
+    }
+    fn run(&self) -> Option<&Run> {
+        self.run.as_ref()
+    }
+    fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+    fn notes(&self) -> &[Note] {
+        self.result.notes()
+    }
+    fn is_partial(&self) -> bool {
+        self.result.is_partial()
+    }
+    fn point(&self) -> Option<CalibratedRun> {
+        self.result.point()
+    }
+    fn part<'a>(&'a self, figures: &'a [Drawn]) -> AnalysisPart<'a> {
+        AnalysisPart {
+            name: R::NAME,
+            head: self.result.head(),
+            headline: R::HEADLINE(&self.result),
+            remarks: self.result.notes().len(),
+            sections: (R::SHOWN.sections)(&self.result, &self.result.parameters().file_name()),
+            figures,
+        }
+    }
+    fn publish(&self, desk: &Desk, in_group: bool) -> Result<Vec<Drawn>, Finding> {
+        let other = self.result.name_in_group().filter(|_| in_group);
+        publish::<R::Analysis>(self, desk, &other.unwrap_or_else(|| self.result.parameters().file_name()))
+    }
+    fn is_scalable(&self) -> bool {
+        R::SCALE.is_some()
+    }
+    fn scale(&mut self, cpf: Input, sensitivities: &Sensitivities) {
+        if let Some(scale) = R::SCALE {
+            scale(&mut self.result, &cpf.path, sensitivities);
+            self.provenance = self.provenance.clone().with_input(cpf);
+        }
+    }
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+}
