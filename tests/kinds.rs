@@ -6,7 +6,7 @@ use crate::common;
 use calfit::data::run::Kind;
 use calfit::files::parameter::{FileKind, KINDS};
 use calfit::workflow::RUN_KINDS;
-use common::check::{Case, calfit, says, text};
+use common::check::{Case, calfit, data, says, text};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,45 +17,32 @@ const INPUTS: &str = "tests/data/version-1";
 /// Run of the campaign at the temperature that takes polynomials to the centre.
 const CENTRE: &str = "26-03-02_08-00-00";
 
-fn data(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
-}
-
 fn run(arguments: &[&str], paths: &[&Path]) -> Output {
     calfit().args(arguments).args(paths).output().unwrap()
-}
-
-/// Runs a command whose results go into a folder of their own; the folder.
-fn made(case: &Case, name: &str, arguments: &[&str], paths: &[&Path]) -> PathBuf {
-    let out = case.path().join(name);
-    let output = calfit().args(arguments).args(paths).args(["--no-plots", "-o"]).arg(&out).output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{name}: {}", text(&output.stderr));
-    out
 }
 
 /// The parameter files of every kind that commands make.
 fn files_of_every_kind(case: &Case) -> Vec<PathBuf> {
     let inputs = |name: &str| data(INPUTS).join(name);
     let campaign = inputs("campaign");
-    let thermal = made(case, "thermal", &["thermal", "--order", "xi=1", "--order", "b_or=1", "--order", "b_off=1"], &[&campaign]);
+    let thermal = case.made("thermal", &["thermal", "--order", "xi=1", "--order", "b_or=1", "--order", "b_off=1"], &[&campaign]);
     let centre = thermal.join(CENTRE).join(format!("PARAMETER_TEMPLIN__{CENTRE}.CPF"));
     let polynomials = thermal.join("THERMAL_PARAMETER__26-03-02-08-00-00.TPF");
     let model = case.path().join("model.toml");
     let reference = inputs("inputs/reference.csv");
     let folders = [
-        made(case, "centre", &["thermal"], &[&polynomials, Path::new("--centre"), &centre]),
-        made(case, "null", &["null"], &[&campaign]),
-        made(case, "linearise", &["lin", "--linearise", "--order", "0"], &[&data("runs/champ-1998")]),
-        made(
-            case,
+        case.made("centre", &["thermal"], &[&polynomials, Path::new("--centre"), &centre]),
+        case.made("null", &["null"], &[&campaign]),
+        case.made("linearise", &["lin", "--linearise", "--order", "0"], &[&data("runs/champ-1998")]),
+        case.made(
             "thermistor",
             &["thermistor"],
             &[&data("tests/data/rosetta/pt1000_table.csv"), Path::new("--reference"), &reference],
         ),
-        made(case, "scalar", &["coil", "scalar"], &[&campaign.join("26-03-02/07-00-00.CCR.gz")]),
-        made(case, "residual", &["coil", "residual"], &[&campaign.join("26-03-02/07-30-00.CCR.gz")]),
-        made(case, "tilt", &["coil", "tilt"], &[&inputs("turned")]),
-        made(case, "diagnosis", &["diagnose"], &[&data("tests/data/cases/26-05-02.CCR.gz"), Path::new("--write-model"), &model]),
+        case.made("scalar", &["coil", "scalar"], &[&campaign.join("26-03-02/07-00-00.CCR.gz")]),
+        case.made("residual", &["coil", "residual"], &[&campaign.join("26-03-02/07-30-00.CCR.gz")]),
+        case.made("tilt", &["coil", "tilt"], &[&inputs("turned")]),
+        case.made("diagnosis", &["diagnose"], &[&data("tests/data/cases/26-05-02.CCR.gz"), Path::new("--write-model"), &model]),
         thermal,
     ];
     let in_folders = |folder: &PathBuf| -> Vec<PathBuf> {

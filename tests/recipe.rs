@@ -12,7 +12,7 @@ use calfit::measure::sweep::Window;
 use calfit::measure::thermistor::Signal;
 use calfit::measure::{freq, lin, null, offset, sweep, thermistor};
 use calfit::workflow::ThermalOptions;
-use common::check::{calfit, says, text, tree};
+use common::check::{calfit, data, says, text, tree};
 use proptest::prelude::*;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -138,10 +138,6 @@ fn an_option_of_another_analysis_is_refused_and_named() {
     let facility = Input { path: "f".to_owned(), ..Input::default() };
     let other = Recipe::of_command("calfit null --facility f", &mut [facility]).unwrap_err();
     assert_eq!(other, RecipeError::Option("facility".to_owned()));
-}
-
-fn data(path: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
 /// Parameter files of every kind that were made before there were recipes; see `tests/data/README.md`.

@@ -60,6 +60,15 @@ impl Case {
         path
     }
 
+    /// Runs a command whose results go into a folder of their own; the folder.
+    #[track_caller]
+    pub fn made(&self, name: &str, arguments: &[&str], paths: &[&Path]) -> PathBuf {
+        let out = self.path().join(name);
+        let output = calfit().args(arguments).args(paths).args(["--no-plots", "-o"]).arg(&out).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{name}: {}", text(&output.stderr));
+        out
+    }
+
     /// `calfit lin` on the campaign.
     pub fn lin(&self, arguments: &[&str]) -> Output {
         self.run("lin", arguments)
@@ -81,6 +90,11 @@ impl Case {
     pub fn cpf(&self) -> toml_edit::DocumentMut {
         cpf(&self.out(), RUN_ID)
     }
+}
+
+/// A file or folder of the project.
+pub fn data(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
 /// The command line in this process.

@@ -6,6 +6,7 @@
 pub mod browser;
 pub mod campaign;
 pub mod check;
+pub mod python;
 
 use std::fmt::Write;
 
