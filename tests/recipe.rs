@@ -18,7 +18,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeSet;
 use std::fmt::Debug;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// A recipe through the text of a file, with the options at its end, and once more through the command of that.
 fn round<O: Serialize + DeserializeOwned + Debug + PartialEq>(analysis: &str, options: O, reading: Reading, files: &[Role]) {
