@@ -40,16 +40,31 @@ def test_every_file_of_the_program_is_read():
     formats = set()
     for path in Path(FOLDER).rglob("*"):
         named = path.name.removesuffix(".json")
-        if named.endswith((".CPF", ".OPF", ".FPF", ".TPF", ".TOF", ".TAF", ".TCF", ".TXT")) or named.startswith(
-            ("LINEARISATION__", "THERMISTOR__", "NULL_PARAMETER__", "COIL_")
-        ) and named.endswith(".toml"):
+        if (
+            named.endswith((".CPF", ".OPF", ".FPF", ".TPF", ".TOF", ".TAF", ".TCF", ".TXT"))
+            or named.startswith(("LINEARISATION__", "THERMISTOR__", "NULL_PARAMETER__", "COIL_"))
+            and named.endswith(".toml")
+        ):
             p = calfit.read(path)
             assert p.values and p.units, path
             # The hash that the program wrote is the one that is found here.
             assert path.suffix == ".json" or not any("hash" in note for note in p.notes), path
             formats.add(p.format)
-    wanted = {"CPF", "OPF", "FPF", "TPF", "TOF", "TAF", "TCF", "RPCMAG", "LINEARISATION", "THERMISTOR", "NULL", "COIL_SCALAR",
-              "COIL_RESIDUAL"}
+    wanted = {
+        "CPF",
+        "OPF",
+        "FPF",
+        "TPF",
+        "TOF",
+        "TAF",
+        "TCF",
+        "RPCMAG",
+        "LINEARISATION",
+        "THERMISTOR",
+        "NULL",
+        "COIL_SCALAR",
+        "COIL_RESIDUAL",
+    }
     assert formats >= wanted
 
 

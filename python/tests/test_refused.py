@@ -115,7 +115,8 @@ def test_a_file_that_was_changed(tmp_path):
 
 def test_what_is_no_parameter_file(tmp_path):
     refused(lambda: calfit.read(tmp_path / "NONE.CPF"), "NONE.CPF", "", "cannot be read")
-    for content, rule in ((b"a = [", "is not TOML"), (b"{ \"a\": ", "is not JSON"), (b"\xff\xfe", "is not UTF-8"), (b"a = 1", "is missing")):
+    contents = ((b"a = [", "is not TOML"), (b'{ "a": ', "is not JSON"), (b"\xff\xfe", "is not UTF-8"), (b"a = 1", "is missing"))
+    for content, rule in contents:
         path = tmp_path / "A.CPF"
         path.write_bytes(content)
         with pytest.raises(calfit.Refused, match=rule):

@@ -194,8 +194,9 @@ def test_polynomials_at_the_centre_with_what_they_miss(tmp_path, t):
     np.testing.assert_allclose(calfit.read(make.put(tmp_path, "A.TCF", tcf)).apply(*RAW, t)[1], wanted, rtol=1e-12)
 
 
+@pytest.mark.parametrize("form", ["TCF", "TPF"])
 @pytest.mark.parametrize("t", [-30.0, 0.0, 55.0])
-def test_a_covariance_of_all_coefficients_is_used_whole(tmp_path, t):
+def test_a_covariance_of_all_coefficients_is_used_whole(tmp_path, t, form):
     lines = right(make.LINES)
     names = [f"{n}.{k}" for n in NAMES[:6] for k in range(len(lines[n]))]
     # A thousandth of a degree moves the field as much as 2e-5 of a sensitivity.
@@ -207,7 +208,13 @@ def test_a_covariance_of_all_coefficients_is_used_whole(tmp_path, t):
     wide[4, 4] = 7.0
     together = {"parameters": [*names[:4], "k_inverse.0.1", *names[4:]], "units": [""] * (len(names) + 1), "matrix": wide}
     covariance = make.covariances(lines, 1e-5) | make.covariances(make.B_OFF, 0.2)
-    tcf, jacobian = centre(t, covariance, together)
+    document, jacobian = centre(t, covariance, together)
+    if form == "TPF":
+        # In this convention B_y takes xi_xy times sigma_x m_x, and so on.
+        document |= {"format": "TPF", "version": 1, "apply": make.apply(offset="b_off")}
+        s_m = np.array(make.at(lines, "sigma", t)) * (RAW - np.array(make.at(make.B_OFF, "b_off", t)))
+        jacobian[:, 3:6] = 0.0
+        jacobian[1, 3], jacobian[2, 4], jacobian[2, 5] = s_m[0] * RAD, s_m[0] * RAD, s_m[1] * RAD
     by = np.zeros((6, len(names)))
     for column, name in enumerate(names):
         by[NAMES.index(name[:-2]), column] = t ** int(name[-1])
@@ -215,11 +222,30 @@ def test_a_covariance_of_all_coefficients_is_used_whole(tmp_path, t):
     whole[:6, :6] = by @ joint @ by.T
     whole[6:, 6:] = np.diag([polynomial(covariance[n], t) for n in NAMES[6:]])
     wanted = np.sqrt(np.diagonal(jacobian @ whole @ jacobian.T))
-    found = calfit.read(make.put(tmp_path, "A.TCF", tcf)).apply(*RAW, t)[1]
+    found = calfit.read(make.put(tmp_path, "A", document)).apply(*RAW, t)[1]
     np.testing.assert_allclose(found, wanted, rtol=1e-11)
     # Without the cross-covariances it would be another number.
     without = np.sqrt((jacobian**2) @ np.diagonal(whole))
     assert np.abs(found / without - 1.0).max() > 0.01
+    # Combined covariances of the polynomials are not replaced by one of type A.
+    combined = calfit.read(make.put(tmp_path, "B", document | {"covariance_combined": covariance}))
+    variances = [polynomial(covariance[n], t) for n in NAMES]
+    np.testing.assert_allclose(combined.apply(*RAW, t)[1], np.sqrt((jacobian**2) @ variances), rtol=1e-12)
+
+
+def test_the_covariance_of_a_measured_offset_is_used_whole(tmp_path):
+    opf = make.opf()
+    matrix = np.array([[0.01, 0.018, 0.0, 0.5], [0.018, 0.04, -0.03, 0.5], [0.0, -0.03, 0.09, 0.5], [0.5, 0.5, 0.5, 100.0]])
+    names = ["offset_x", "offset_y", "offset_z", "residual_coil_x"]
+    opf["covariance"] = {"parameters": names, "units": ["enT", "enT", "enT", "nT"], "matrix": matrix}
+    # Certain sensitivities and angles, so that the offset alone is uncertain.
+    tpf = make.tpf()
+    tpf["covariance"] = {n: [[0.0 * v for v in row] for row in rows] for n, rows in tpf["covariance"].items()}
+    p = calfit.read(make.put(tmp_path, "A.TPF", tpf), make.put(tmp_path, "A.OPF", opf))
+    t = 20.0
+    transfer = np.linalg.inv(make.axes(make.at(make.LINES, "xi", t))) * make.at(make.LINES, "sigma", t)
+    _, u, _ = p.apply(*RAW, t)
+    np.testing.assert_allclose(u, np.sqrt(np.diagonal(transfer @ matrix[:3, :3] @ transfer.T)), rtol=1e-12)
 
 
 @pytest.mark.parametrize("t", [-30.0, 0.0, 55.0])
@@ -237,8 +263,10 @@ def test_a_ground_calibration_file(tmp_path, t):
     for label in labels:
         for i in range(3):
             # Nearly linear within the uncertainty, so that central differences of that size are exact to their square.
-            up, down = ({**ground, label: [v + sign * ground["std"][label][i] * (j == i) for j, v in enumerate(ground[label])]}
-                        for sign in (1.0, -1.0))
+            up, down = (
+                {**ground, label: [v + sign * ground["std"][label][i] * (j == i) for j, v in enumerate(ground[label])]}
+                for sign in (1.0, -1.0)
+            )
             variance += ((field(up) - field(down)) / 2.0) ** 2
     p = calfit.read(make.put(tmp_path, "A.TXT", ground))
     np.testing.assert_allclose(p.apply(*RAW, t)[1], np.sqrt(variance), rtol=1e-7)
@@ -246,7 +274,8 @@ def test_a_ground_calibration_file(tmp_path, t):
 
 def test_without_a_transfer_and_a_residual_field_nothing_is_uncertain_of_them(tmp_path):
     ground = make.rpcmag() | {"B_RES": [0.0] * 3, "K_0": [1.0, 0.0, 0.0], "K_1": [0.0, 1.0, 0.0], "K_2": [0.0, 0.0, 1.0]}
-    stated = calfit.read(make.put(tmp_path, "A.TXT", ground | {"std": ground["std"] | {f"K_{r}": [0.0] * 3 for r in range(3)} | {"B_RES": [0.0] * 3}}))
+    zero = {label: [0.0] * 3 for label in ("K_0", "K_1", "K_2", "B_RES")}
+    stated = calfit.read(make.put(tmp_path, "A.TXT", ground | {"std": ground["std"] | zero}))
     std = {k: v for k, v in ground["std"].items() if not k.startswith("K_") and k != "B_RES"}
     left_out = calfit.read(make.put(tmp_path, "B.TXT", ground | {"std": std}))
     np.testing.assert_array_equal(left_out.apply(*RAW, 5.0)[1], stated.apply(*RAW, 5.0)[1])

@@ -58,8 +58,13 @@ KINDS = [
     ("thermal/*.TAF", "f_3db_x", None, "Hz", None),
     ("thermistor/*", "reference.offset_degc", 0.084785730529553058, "degC", 0.14704758205314700),
     ("linearise/LINEARISATION*", "linearisation.c2_per_ent", None, "1/enT", None),
-    ("scalar/*", "facility.scale_nt_per_eu", [1.0000018573048974, 0.9999979618759538, 0.9999967738155386], "nT/EU",
-     [1.8818086161997419e-6, 1.8023817318887243e-6, 1.7229405805127364e-6]),
+    (
+        "scalar/*",
+        "facility.scale_nt_per_eu",
+        [1.0000018573048974, 0.9999979618759538, 0.9999967738155386],
+        "nT/EU",
+        [1.8818086161997419e-6, 1.8023817318887243e-6, 1.7229405805127364e-6],
+    ),
     ("scalar/*", "facility.offset_nt", [-0.361026022190658, 0.21049259791669356, -6.938207273053807], "nT", None),
     ("tilt/*", "facility.angles_deg", None, "deg", None),
     ("residual/*", "facility.offset_nt", [-0.43000000000029104, 0.24499999999898137, -6.970000000001164], "nT", None),
@@ -123,8 +128,9 @@ def test_files_of_version_1_are_read_by_their_rules_or_refused_with_the_reason()
     t = 35.0
     p = old("thermal/*.TPF")
     at = lambda name: np.polyval(p.documents[0].data[name][::-1], t)  # noqa: E731
-    sigma, xi, offset = ([at(f"{stem}_{c}") for c in of] for stem, of in
-                         (("sigma", "xyz"), ("xi", ("xy", "xz", "yz")), ("b_or", "xyz")))
+    sigma, xi, offset = (
+        [at(f"{stem}_{c}") for c in of] for stem, of in (("sigma", "xyz"), ("xi", ("xy", "xz", "yz")), ("b_or", "xyz"))
+    )
     # What the sensor reads comes back.
     field = [1000.0, -2000.0, 3000.0]
     np.testing.assert_allclose(p.apply(*make.reading(field, sigma, xi, offset), t)[0], field, rtol=1e-12)

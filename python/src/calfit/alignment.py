@@ -12,9 +12,7 @@ ROSETTA = "rosetta"
 FORMULA = {BEPICOLOMBO: "omega = inverse(transpose(Q(xi)))", ROSETTA: "omega = Q(xi)"}
 #: The same with the transfer to the centre of the coil system behind it.
 FORMULA_WITH_K = "omega = Q(xi) inverse(K), the rows of inverse(K) are K_0, K_1, K_2"
-Q_FORMULA = (
-    "Q = [[1, cos(xy), cos(xz)], [0, sin(xy), q], [0, 0, sqrt(sin(xz)^2 - q^2)]], q = (cos(yz) - cos(xy) cos(xz)) / sin(xy)"
-)
+Q_FORMULA = "Q = [[1, cos(xy), cos(xz)], [0, sin(xy), q], [0, 0, sqrt(sin(xz)^2 - q^2)]], q = (cos(yz) - cos(xy) cos(xz)) / sin(xy)"
 
 
 def base_vectors(xi_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -122,18 +122,17 @@ class RunCalibration:
         document = self.document
         self.unknown: list[str] = []
         self._std: dict[str, np.ndarray] = {}
-        self._covariance = covariance_table(document, "covariance_combined")
-        if self._covariance is None and not document.table("std_combined"):
-            self._covariance = covariance_table(document, "covariance")
-        if self._covariance is not None:
-            names = [f"phi_{row}{column}" for row in AXES for column in AXES] + [f"b_or_{axis}" for axis in AXES]
-            where = [self._covariance.parameters.index(n) if n in self._covariance.parameters else None for n in names]
-            if None not in where and self.rotation is not None:
-                self._joint = self._covariance.matrix[np.ix_(where, where)]
-                if not np.isfinite(self._joint).all():
-                    raise document.refuse("covariance.matrix", "holds a value that is not determined (nan)")
-                return
+        table = covariance_table(document, "covariance_combined")
+        if table is None and not document.table("std_combined"):
+            table = covariance_table(document, "covariance")
         self._joint = None
+        if table is not None and self.rotation is not None:
+            names = [f"phi_{row}{column}" for row in AXES for column in AXES] + [f"b_or_{axis}" for axis in AXES]
+            self._joint = table.of(names)
+        if self._joint is not None:
+            if not np.isfinite(self._joint).all():
+                raise document.refuse("covariance.matrix", "holds a value that is not determined (nan)")
+            return
         for key, shape in (("sigma", (3,)), ("xi_deg", (3,)), ("b_or_ent", (3,)), ("phi", (3, 3))):
             std = stated_std(document, f"std.{key}")
             if std is not None and (std.shape != shape or not (std >= 0.0).all()):
@@ -194,6 +193,7 @@ class RunCalibration:
         return [self._with_offset(triangular @ self.transfer)]
 
     def _with_offset(self, by_phi: np.ndarray) -> Term:
+        assert self._joint is not None
         d_matrix = np.concatenate([by_phi, np.zeros((3, 3, 3))])
         d_offset = np.concatenate([np.zeros((9, 3)), np.eye(3)])
         return Term(d_matrix[None], d_offset[None], self._joint[None])
@@ -253,11 +253,10 @@ class TemperatureCalibration:
         if table is None:
             return None
         wanted = [f"{n}.{k}" for n, c in zip(names, self._polynomials.coefficients) for k in range(len(c))]
-        missing = [name for name in wanted if name not in table.parameters]
-        if missing:
+        found = table.of(wanted)
+        if found is None:
+            missing = [name for name in wanted if name not in table.parameters]
             raise document.refuse("together.parameters", f"lacks {', '.join(missing)}")
-        where = [table.parameters.index(name) for name in wanted]
-        found = table.matrix[np.ix_(where, where)]
         if not np.isfinite(found).all():
             raise document.refuse("together.matrix", "holds a value that is not determined (nan)")
         return found
@@ -394,12 +393,13 @@ class MeasuredOffset:
 
     def __init__(self, document: Document, quantity: str) -> None:
         self.quantity = quantity
-        self._offset = document.numbers("offset_ent", (3,), finite=False)
-        if self._offset is None:
+        offset = document.numbers("offset_ent", (3,), finite=False)
+        if offset is None:
             raise document.refuse("offset_ent", "is missing")
-        if not np.isfinite(self._offset).all():
-            names = ", ".join(a for a, v in zip(AXES, self._offset) if not np.isfinite(v))
+        if not np.isfinite(offset).all():
+            names = ", ".join(a for a, v in zip(AXES, offset) if not np.isfinite(v))
             raise document.refuse("offset_ent", f"is not determined for {names}", "name an offset of all components")
+        self._offset = offset
         self.unknown: list[str] = []
         self._covariance = self._stated(document)
         spread = document.numbers("conditions.sensor_degc", (3,))
@@ -411,9 +411,9 @@ class MeasuredOffset:
         names = [f"offset_{axis}" for axis in AXES]
         for path in ("covariance_combined", "covariance"):
             table = covariance_table(document, path)
-            if table is not None and all(name in table.parameters for name in names):
-                where = [table.parameters.index(name) for name in names]
-                return table.matrix[np.ix_(where, where)]
+            found = table.of(names) if table is not None else None
+            if found is not None:
+                return found
         std = document.numbers("offset_std_ent", (3,))
         if std is None:
             self.unknown.append("offset_std_ent")

@@ -140,7 +140,7 @@ def load(path: str | os.PathLike[str]) -> Document:
             data = tomllib.loads(text)
         except (tomllib.TOMLDecodeError, RecursionError) as error:
             raise Refused(file, "", f"is not TOML: {error}", "take it from the archive again") from error
-        stated = next((line[len("content_sha256 = "):] for line in text.split("\n") if line.startswith("content_sha256 = ")), None)
+        stated = next((line[len("content_sha256 = ") :] for line in text.split("\n") if line.startswith("content_sha256 = ")), None)
         if stated is None:
             notes.append(f"{file} carries no hash of its content, so that a change would not show")
         elif stated.strip().strip('"') != content_hash(text):

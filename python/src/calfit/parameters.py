@@ -13,7 +13,7 @@ from .calibrations import Range
 from .document import Document, load
 from .errors import Refused
 from .kinds import AXES, Kind, kind_of
-from .quantities import Covariance, quantities
+from .quantities import Covariance, Quantities, quantities
 from .state import State
 from .steps import Applied, applied
 
@@ -53,25 +53,22 @@ class Parameters:
         self.notes: list[str] = []
         _together(documents)
         self.sensor, self.mode = _sensor(documents[0])
-        #: The frames that ``apply`` can give, with what the file says of the first.
-        self.frame: str | None = None
-        for found in self._applied:
-            if found is not None and found.convention is not None:
-                self.frame = found.frame
+        #: The frame of the result, in the words of the file that has sigma and omega.
+        self.frame: str | None = next((how.frame for how in self._applied if how is not None and how.convention is not None), None)
         self._cannot: Refused | None = None
         self._effects = _effects(documents)
         self._calibration: Any = None
         self._offset: Any = None
         self._compose(documents)
         for document, kind in zip(documents, self._kinds):
-            found = quantities(document, kind)
-            if len(documents) > 1 and not found.values.keys().isdisjoint(self.values):
+            stated = quantities(document, kind)
+            if not stated.values.keys().isdisjoint(self.values):
                 # The range of temperatures stands in several files; its name says whose it is.
-                found = _renamed(found, self.values, document.format)
-            self.values |= found.values
-            self.units |= found.units
-            self.std |= found.std
-            self.covariance |= found.covariance
+                stated = _renamed(stated, self.values, document.format)
+            self.values |= stated.values
+            self.units |= stated.units
+            self.std |= stated.std
+            self.covariance |= stated.covariance
             self.notes += document.notes
 
     def __repr__(self) -> str:
@@ -99,11 +96,11 @@ class Parameters:
         if document.format in ("CPF", "RPCMAG"):
             self._own_offset = how.offset
         elif offsets:
-            self._measured(offsets[0])
+            self._take_offset(offsets[0], "b_off")
         elif how.offset is None:
             self._cannot = document.refuse("apply.offset", "is missing: the file has no offset", "name a TOF or OPF beside it")
         else:
-            self._own(document, how.offset)
+            self._take_offset(document, how.offset)
         if self.offset == "b_or":
             self.notes.append(
                 f"{document.file}: the offset is b_or, that of the sensor and the residual field of the facility together"
@@ -112,16 +109,11 @@ class Parameters:
         if unknown:
             self.notes.append(f"{', '.join(self.files)}: no uncertainty is stated for {', '.join(unknown)}; u is nan")
 
-    def _measured(self, document: Document) -> None:
-        kind = calibrations.PolynomialOffset if document.format == "TOF" else calibrations.MeasuredOffset
+    def _take_offset(self, document: Document, quantity: str) -> None:
+        """An offset. One with a component that is not known is read, and refused by ``apply``."""
+        kind = calibrations.MeasuredOffset if document.format == "OPF" else calibrations.PolynomialOffset
         try:
-            self._offset = kind(document, "b_off")
-        except Refused as refused:
-            self._cannot = refused
-
-    def _own(self, document: Document, quantity: str) -> None:
-        try:
-            self._offset = calibrations.PolynomialOffset(document, quantity)
+            self._offset = kind(document, quantity)
         except Refused as refused:
             self._cannot = refused
 
@@ -362,13 +354,13 @@ def _taken_off(document: Document, key: str) -> Refused:
     return document.refuse(key, rule, "take them off, and say so by effects_taken_off=True; or fit without --model")
 
 
-def _renamed(found: Any, taken: dict[str, Any], form: str) -> Any:
+def _renamed(found: Quantities, taken: dict[str, Any], form: str) -> Quantities:
     """Names that another file has already, with the format before them."""
 
     def of(names: dict[str, Any]) -> dict[str, Any]:
         return {(f"{form}.{name}" if name in taken else name): value for name, value in names.items()}
 
-    return type(found)(*(of(part) for part in found))
+    return Quantities(*(of(part) for part in found))
 
 
 def _real(where: str, name: str, value: Any) -> np.ndarray:
@@ -399,5 +391,3 @@ def _turn(where: str, frame: str, rotation: Any, std_deg: Any) -> tuple[np.ndarr
     if std.shape not in ((), (3,)) or not (std >= 0.0).all():
         raise Refused(where, "rotation_std_deg", "must be one or three numbers from zero on", "give degrees")
     return matrix, np.radians(np.broadcast_to(std, (3,))) ** 2
-
-

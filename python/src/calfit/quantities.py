@@ -47,6 +47,13 @@ class Covariance(NamedTuple):
     units: tuple[str, ...]
     matrix: np.ndarray
 
+    def of(self, names: list[str]) -> np.ndarray | None:
+        """The part of some parameters in their order; None where one of them is not among them."""
+        if not set(names) <= set(self.parameters):
+            return None
+        where = [self.parameters.index(name) for name in names]
+        return self.matrix[np.ix_(where, where)]
+
 
 class Quantities(NamedTuple):
     """What a file states, by the path of its keys."""
@@ -142,11 +149,11 @@ def quantities(document: Document, kind: Kind) -> Quantities:
     if kind.quantities is None:
         _every_number(document, all_of)
     for path in ("covariance_combined", "covariance"):
-        if (found := covariance_table(document, path)) is not None:
-            all_of.covariance["covariance"] = found
+        if (table := covariance_table(document, path)) is not None:
+            all_of.covariance["covariance"] = table
             break
-    if (found := covariance_table(document, "together")) is not None:
-        all_of.covariance["together"] = found
+    if (table := covariance_table(document, "together")) is not None:
+        all_of.covariance["together"] = table
     return all_of
 
 

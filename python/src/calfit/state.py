@@ -20,7 +20,7 @@ class Term(NamedTuple):
 
     def variance(self, matrix: np.ndarray, without_offset: np.ndarray, rotation: np.ndarray | None) -> np.ndarray:
         """Variance of `matrix (reading - offset)` by these parameters: the diagonal of J C J^T, (n, 3)."""
-        jacobian = 0.0
+        jacobian: np.ndarray | float = 0.0
         if self.d_matrix is not None:
             by_matrix = self.d_matrix @ without_offset[:, None, :, None]
             jacobian = np.swapaxes(by_matrix[..., 0], 1, 2)

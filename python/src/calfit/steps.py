@@ -98,7 +98,9 @@ def _convention(document: Document, core: bool) -> str | None:
         known = alignment.FORMULA_WITH_K
     formula = document.text("apply.omega_formula")
     if formula != known:
-        raise document.refuse("apply.omega_formula", f"is `{formula}`, which is not `{known}` of the convention {convention}", _REMEDY)
+        raise document.refuse(
+            "apply.omega_formula", f"is `{formula}`, which is not `{known}` of the convention {convention}", _REMEDY
+        )
     q_formula = document.text("apply.q_formula")
     if q_formula is not None and q_formula != alignment.Q_FORMULA:
         raise document.refuse("apply.q_formula", "is not the one that is known", _REMEDY)
