@@ -2,6 +2,7 @@
 
 use crate::common;
 
+use calfit::files::parameter::KINDS;
 use common::check::{Case, data, text};
 use common::python::Environment;
 use std::path::Path;
@@ -52,6 +53,7 @@ fn the_package_reads_and_applies_what_the_program_writes() {
         .args(["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider"])
         .arg(data("python/tests"))
         .env("CALFIT_FILES", case.path())
+        .env("CALFIT_KINDS", KINDS.iter().map(|kind| kind.format).collect::<Vec<_>>().join(" "))
         .output()
         .unwrap();
     let said = text(&output.stdout);

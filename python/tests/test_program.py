@@ -1,4 +1,5 @@
-"""Files that the program made of a simulated campaign whose truth is known. `CALFIT_FILES` names their folder."""
+"""Files that the program made of a simulated campaign whose truth is known. `CALFIT_FILES` names their folder, `CALFIT_KINDS` the kinds
+that the program knows."""
 
 import json
 import os
@@ -9,6 +10,7 @@ import calfit
 import make
 import numpy as np
 import pytest
+from calfit.kinds import KINDS
 
 FOLDER = os.environ.get("CALFIT_FILES")
 if not FOLDER:
@@ -34,6 +36,12 @@ def one(pattern):
 def true_readings(t, offset="b_off"):
     sigma, xi = (make.at(TWIN, stem, t) for stem in ("sigma", "xi"))
     return np.array([make.reading(f, sigma, xi, make.at(TWIN, offset, t)) for f in FIELDS]).T
+
+
+def test_the_kinds_are_those_of_the_program():
+    known = os.environ["CALFIT_KINDS"].split()
+    # Ground calibration files are exported, not written by an analysis.
+    assert set(KINDS) == {*known, "RPCMAG"}
 
 
 def test_every_file_of_the_program_is_read():
