@@ -1,227 +1,217 @@
-//! What was found in one run, as steps of its diagnosis.
+//! The one builder of steps: the facts of something that was found, whatever the data were, and the step that tells of it.
 
-use super::result::{Evidence, Gap, Map, Parameter, Pictures, RunnerUp, ShapePoint, Step};
+use super::result::{Gap, Parameter, RunnerUp, ShapePoint, Step};
 use super::samples::Inside;
-use super::search::{Candidate, Explanation, HeldOut, Search, State, Term};
-use super::{ALIKE, APART, CERTAIN, selection, words};
-use crate::data::units::{COMPONENTS, six_digits};
-use crate::fit::scan::{Fitted, Group};
+use super::{CERTAIN, words};
 use crate::model::effects::bad_thermistor::{BadThermistor, JUMP, JUMP_TIME};
 use crate::model::effects::{EffectRef, Family, Spec};
 use crate::record::faults::Jumps;
 use crate::record::scene::Scene;
 
-/// Rivals of a step whose evidence is drawn.
-const RIVALS: usize = 7;
+/// How sure it is that something was found.
+#[derive(Clone, Copy, Debug)]
+pub struct Significance {
+    /// Probability that noise alone gives this candidate as large a score.
+    pub p_value: f64,
+    /// Candidates that were tried.
+    pub trials: usize,
+    /// Probability that noise alone gives any candidate as much.
+    pub p_value_corrected: f64,
+    /// Signal to noise ratio.
+    pub strength_k: f64,
+}
+
+impl Significance {
+    /// Of something that is seen without statistics.
+    pub fn seen(trials: usize, strength_k: f64) -> Self {
+        Self { p_value: f64::MIN_POSITIVE, trials, p_value_corrected: f64::MIN_POSITIVE, strength_k }
+    }
+
+    /// Of the best of independent trials, by Bonferroni's inequality.
+    pub fn of_trials(p_value: f64, trials: usize, strength_k: f64) -> Self {
+        let p_value_corrected = (p_value * trials as f64).clamp(f64::MIN_POSITIVE, 1.0);
+        Self { p_value, trials, p_value_corrected, strength_k }
+    }
+}
+
+/// How sure a name may be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Name {
+    /// Certain if the effect is strong and has no rival.
+    ByStrength,
+    /// Certain: damage is seen, not inferred.
+    Certain,
+    /// Not certain, however strong the effect is.
+    Doubted,
+}
+
+/// The facts that tell of something that was found: [`Facts::step`] makes the step.
+pub struct Facts {
+    /// The effect.
+    pub effect: EffectRef,
+    /// Axes on which it acts.
+    pub axes: Vec<&'static str>,
+    /// What was fitted.
+    pub form: Spec,
+    /// Its parameters.
+    pub parameters: Vec<Parameter>,
+    /// Where the data disagree, in words.
+    pub place: String,
+    /// How sure it is.
+    pub significance: Significance,
+    /// Disagreement on held-out data without and with it.
+    pub gaps: [Gap; 2],
+    /// Other effects that these data cannot tell from it.
+    pub ambiguous_with: Vec<EffectRef>,
+    /// The candidates next to it.
+    pub runners_up: Vec<RunnerUp>,
+    /// How sure the name may be.
+    pub name: Name,
+    /// What to measure, if it is more than what tells the rivals apart.
+    pub next_measurement: Option<String>,
+    /// The sentence for the protocol, if it is not the usual one.
+    pub sentence: Option<String>,
+    /// What the sentence is followed by.
+    pub remark: Option<String>,
+    /// What an unknown dependence follows.
+    pub covariate: Option<String>,
+    /// The unknown dependence.
+    pub shape: Vec<ShapePoint>,
+}
+
+impl Facts {
+    /// Facts that have to be known; there are no rivals, and nothing is told of the size.
+    pub fn new(effect: EffectRef, form: Spec, significance: Significance) -> Self {
+        Self {
+            effect,
+            axes: form.axis_names(),
+            form,
+            parameters: Vec::new(),
+            place: String::new(),
+            significance,
+            gaps: [Gap::default(); 2],
+            ambiguous_with: Vec::new(),
+            runners_up: Vec::new(),
+            name: Name::ByStrength,
+            next_measurement: None,
+            sentence: None,
+            remark: None,
+            covariate: None,
+            shape: Vec::new(),
+        }
+    }
+
+    /// Whether the name is certain.
+    pub fn is_certain(&self) -> bool {
+        match self.name {
+            Name::ByStrength => self.ambiguous_with.is_empty() && self.significance.strength_k > CERTAIN,
+            Name::Certain => true,
+            Name::Doubted => false,
+        }
+    }
+
+    /// The step that tells of it.
+    pub fn step(self) -> Step {
+        let wording = if self.is_certain() { "is" } else { "consistent with" };
+        let apart = || words::next_measurement(self.effect, &self.ambiguous_with);
+        let next_measurement = self.next_measurement.or_else(apart);
+        let Significance { p_value, trials, p_value_corrected, strength_k } = self.significance;
+        let [gap_before, gap_after] = self.gaps;
+        let mut step = Step {
+            effect: self.effect,
+            axes: self.axes.into_iter().map(str::to_owned).collect(),
+            ambiguous_with: self.ambiguous_with,
+            form: self.form,
+            further: Vec::new(),
+            parameters: self.parameters,
+            place: self.place,
+            p_value,
+            trials,
+            p_value_corrected,
+            gap_before,
+            gap_after,
+            strength_k,
+            family: self.effect.about().family.name(),
+            wording,
+            runners_up: self.runners_up,
+            next_measurement,
+            sentence: String::new(),
+            covariate: self.covariate,
+            shape: self.shape,
+        };
+        step.sentence = self.sentence.unwrap_or_else(|| words::sentence(&step));
+        step.sentence.push_str(self.remark.as_deref().unwrap_or_default());
+        step
+    }
+}
+
+/// Linear parameters by their names and units, with values and standard uncertainties.
+pub fn linear_parameters<'a>(names: impl IntoIterator<Item = (&'a str, &'static str)>, values: &[(f64, f64)]) -> Vec<Parameter> {
+    let parameter = |((name, unit), (value, std)): ((&str, &'static str), &(f64, f64))| Parameter {
+        name: name.to_owned(),
+        value: *value,
+        std: Some(*std),
+        unit: unit.to_owned(),
+    };
+    names.into_iter().zip(values).map(parameter).collect()
+}
+
+/// Shape parameters of a form; those that were found on a grid have no uncertainty.
+pub fn shape_parameters(form: &Spec, std: impl Fn(&str, f64) -> Option<f64>) -> impl Iterator<Item = Parameter> {
+    form.shape.iter().map(move |(name, value, unit)| Parameter {
+        name: name.clone(),
+        value: *value,
+        std: std(name, *value),
+        unit: unit.clone(),
+    })
+}
 
 /// A step found in the samples.
 pub(super) fn inside_step(found: &Inside, scene: &Scene) -> Step {
-    let about = found.effect.about();
     let columns = found.effect.columns(&scene.record, &found.spec).unwrap_or_default();
-    let shape_std = |name: &str| found.shape_std.iter().find(|(n, _)| n == name).map(|(_, s)| *s);
-    let mut parameters: Vec<Parameter> = columns
-        .iter()
-        .zip(&found.values)
-        .map(|(c, (value, std))| Parameter { name: c.name.clone(), value: *value, std: Some(*std), unit: c.unit.to_owned() })
-        .collect();
-    parameters.extend(found.spec.shape.iter().map(|(name, value, unit)| Parameter {
-        name: name.clone(),
-        value: *value,
-        std: shape_std(name),
-        unit: unit.clone(),
-    }));
+    let shape_std = |name: &str, _| found.shape_std.iter().find(|(n, _)| n == name).map(|(_, s)| *s);
+    let mut parameters = linear_parameters(columns.iter().map(|c| (c.name.as_str(), c.unit)), &found.values);
+    parameters.extend(shape_parameters(&found.spec, shape_std));
     let nt = |ent: [f64; 3]| std::array::from_fn(|a| ent[a] * scene.nt_per_ent[a]);
     let gap = |k: usize| Gap {
         rms_nt: nt(found.rms_ent[k]),
         chi2_per_dof: found.squares[k] / found.squares[2].max(1.0),
         max_nt: nt(found.rms_ent[k]).into_iter().fold(0.0, f64::max),
     };
-    let certain = found.ambiguous_with.is_empty() && found.strength > CERTAIN;
-    let mut step = Step {
-        effect: found.effect,
-        axes: found.spec.axis_names().into_iter().map(str::to_owned).collect(),
-        ambiguous_with: found.ambiguous_with.clone(),
-        form: found.spec.clone(),
-        further: Vec::new(),
+    let significance = Significance::of_trials(found.p_value, found.trials, found.strength);
+    let facts = Facts {
         parameters,
         place: found.effect.place_in_samples(&found.spec),
-        p_value: found.p_value,
-        trials: found.trials,
-        p_value_corrected: (found.p_value * found.trials as f64).clamp(f64::MIN_POSITIVE, 1.0),
-        gap_before: gap(0),
-        gap_after: gap(1),
-        strength_k: found.strength,
-        family: about.family.name(),
-        wording: if certain { "is" } else { "consistent with" },
-        runners_up: Vec::new(),
-        next_measurement: (!certain).then(|| about.best_measurement.to_owned()),
-        sentence: String::new(),
-        covariate: None,
-        shape: Vec::new(),
+        gaps: [gap(0), gap(1)],
+        ambiguous_with: found.ambiguous_with.clone(),
+        ..Facts::new(found.effect, found.spec.clone(), significance)
     };
-    step.sentence = words::sentence(&step);
-    step
+    let next_measurement = (!facts.is_certain()).then(|| found.effect.about().best_measurement.to_owned());
+    Facts { next_measurement, ..facts }.step()
 }
 
-/// A step found in the means.
-#[expect(clippy::too_many_arguments, reason = "what the search knows of one of its terms")]
-pub(super) fn term_step(
-    search: &Search,
-    state: &State,
-    all: &[&Candidate],
-    at: usize,
-    term: &Term,
-    row_std: &[[f64; 3]],
-    number: usize,
-    maps: &mut Vec<Map>,
-    pictures: &mut Pictures,
-) -> Step {
-    let scene = search.scene;
-    let nt_per_ent = scene.nt_per_ent;
-    let others: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| *i != at).map(|(_, c)| *c).collect();
-    let candidate = all[at];
-    // The evidence of everything else in place of this term, with the noise of the full model.
-    let without = search.state_beside(state, &others);
-    let groups = search.groups(&without);
-    let explanations = search.explanations(&without, &groups);
-    let own_group = search.group(&without, candidate);
-    let score = without.fitted.score(&own_group);
-    let own =
-        explanations.iter().find(|e| e.key == candidate.key).map_or(score.evidence, |e| e.evidence).max(score.evidence - 3.0);
-    pictures.evidence.push(bars(search, &explanations, &candidate.key, own, number));
-    let mut ambiguous: Vec<EffectRef> = Vec::new();
-    for e in explanations.iter().filter(|e| e.key != candidate.key) {
-        let effect = search.bank[e.best].effect;
-        let twin = Fitted::correlation(&groups[e.best], &own_group) > ALIKE
-            && groups[e.best].count() == own_group.count()
-            && !effect.is_unknown();
-        if (e.evidence > own - APART || twin) && effect != candidate.effect && !ambiguous.contains(&effect) {
-            ambiguous.push(effect);
-        }
+/// The step that tells of a thermistor that jumps.
+pub(super) fn fault_step(fault: &Jumps) -> Step {
+    let Jumps { channel: name, jumps, readings } = fault;
+    let list: Vec<String> = jumps.iter().map(|(t_s, size)| format!("by {size:+.2} K at {t_s:.0} s")).collect();
+    let list = list.join(", ");
+    let parameter = |(k, (_, size)): (usize, &(f64, f64))| Parameter {
+        name: if k == 0 { format!("jump of {name}") } else { format!("jump {} of {name}", k + 1) },
+        value: *size,
+        std: None,
+        unit: "K".to_owned(),
+    };
+    let form = Spec::new(JUMP, &[]).with(JUMP_TIME, jumps[0].0, "s");
+    Facts {
+        parameters: jumps.iter().enumerate().map(parameter).collect(),
+        place: format!("channel {name} jumps {list}"),
+        name: Name::Certain,
+        sentence: Some(format!(
+            "The temperature channel {name} jumps {list} and was not to be trusted there; all else was looked for with the jumps taken off."
+        )),
+        ..Facts::new(EffectRef::new(&BadThermistor), form, Significance::seen(*readings, fault.strength()))
     }
-    let values = search.estimate(state, all, at).unwrap_or_default();
-    let shown = selection::corrected(
-        &values[..candidate.parameters.len().min(values.len())],
-        score.strength,
-        term.least * score.strength,
-    );
-    let mut parameters: Vec<Parameter> = candidate
-        .parameters
-        .iter()
-        .zip(&shown)
-        .map(|((name, unit), (value, std))| Parameter {
-            name: name.clone(),
-            value: *value,
-            std: Some(*std),
-            unit: (*unit).to_owned(),
-        })
-        .collect();
-    let shape_value = values.get(candidate.parameters.len());
-    if !candidate.effect.is_unknown() {
-        parameters.extend(candidate.spec.shape.iter().map(|(name, value, unit)| Parameter {
-            name: name.clone(),
-            value: *value,
-            std: shape_value.filter(|(v, _)| v == value).map(|(_, s)| *s),
-            unit: unit.clone(),
-        }));
-    }
-    let amplitudes = nalgebra::DVector::from_fn(candidate.stacked.ncols(), |j, _| values.get(j).map_or(0.0, |v| v.0));
-    let contribution = &candidate.stacked * amplitudes;
-    let before = search.held_out(&state.noise, &others);
-    let after = search.held_out(&state.noise, all);
-    let n = scene.readings.nrows();
-    // Drawn over the covariate which the contribution follows best, on the axis on which it is largest.
-    let axis = (0..3)
-        .max_by(|a, b| {
-            let size = |a: usize| contribution.rows(a * n, n).norm() * nt_per_ent[a];
-            size(*a).total_cmp(&size(*b))
-        })
-        .unwrap_or(0);
-    // What the parameters of the linear model take of it is no disagreement.
-    let q = scene.design.clone().qr().q();
-    let own_part = contribution.rows(axis * n, n).into_owned();
-    let own_part: Vec<f64> = (&own_part - &q * q.tr_mul(&own_part)).iter().copied().collect();
-    let (covariate, unit, x) = words::follows(&scene.record, &own_part, candidate.covariate());
-    let nt = |held: &HeldOut| held.residual_ent.column(axis).iter().map(|r| r * nt_per_ent[axis]).collect::<Vec<f64>>();
-    let noise_nt = row_std.iter().map(|s| s[axis]).sum::<f64>() / n as f64 * nt_per_ent[axis];
-    let most = (0..n).max_by(|i, j| own_part[*i].abs().total_cmp(&own_part[*j].abs())).unwrap_or(0);
-    let size_nt = own_part[most].abs() * nt_per_ent[axis];
-    let place = format!(
-        "{}, where the {covariate} is {} {unit}: up to {size_nt:.3} nT ({:.1} noise)",
-        COMPONENTS[axis],
-        six_digits(x[most]),
-        size_nt / noise_nt.max(f64::MIN_POSITIVE)
-    );
-    let shape = if candidate.effect.is_unknown() {
-        words::shape(&x, &own_part, nt_per_ent[axis], &after, axis, row_std)
-    } else {
-        Vec::<ShapePoint>::new()
-    };
-    maps.push(Map {
-        covariate: covariate.clone(),
-        unit: unit.to_owned(),
-        axis,
-        x,
-        before_nt: nt(&before),
-        after_nt: nt(&after),
-        noise_nt,
-        step: number,
-    });
-    let about = candidate.effect.about();
-    let certain = ambiguous.is_empty() && score.strength > CERTAIN;
-    let next_measurement = words::next_measurement(candidate.effect, &ambiguous);
-    let axes: Vec<String> = candidate.spec.axis_names().into_iter().map(str::to_owned).collect();
-    let mut step = Step {
-        effect: candidate.effect,
-        axes,
-        ambiguous_with: ambiguous,
-        form: candidate.spec.clone(),
-        further: Vec::new(),
-        parameters,
-        place,
-        p_value: score.p_value(),
-        trials: term.trials,
-        p_value_corrected: term.p_global,
-        gap_before: gap(&before, nt_per_ent),
-        gap_after: gap(&after, nt_per_ent),
-        strength_k: score.strength,
-        family: about.family.name(),
-        wording: if certain { "is" } else { "consistent with" },
-        runners_up: runners(search, &groups, &explanations, &candidate.key),
-        next_measurement,
-        sentence: String::new(),
-        covariate: candidate.covariate().map(str::to_owned),
-        shape,
-    };
-    step.sentence = words::sentence(&step);
-    step
-}
-
-pub(super) fn gap(held: &HeldOut, nt_per_ent: [f64; 3]) -> Gap {
-    let n = held.residual_ent.nrows();
-    let rms_nt: [f64; 3] =
-        std::array::from_fn(|a| (held.residual_ent.column(a).norm_squared() / n as f64).sqrt() * nt_per_ent[a]);
-    let max_nt = (0..3).map(|a| held.residual_ent.column(a).amax() * nt_per_ent[a]).fold(0.0, f64::max);
-    Gap { rms_nt, chi2_per_dof: held.sum / (3 * n) as f64, max_nt }
-}
-
-pub(super) fn runners(search: &Search, groups: &[Group], explanations: &[Explanation], own: &str) -> Vec<RunnerUp> {
-    let Some(reference) = explanations.iter().find(|e| e.key == own) else { return Vec::new() };
-    let others = explanations.iter().filter(|e| e.key != own && e.evidence > reference.evidence - 60.0).take(5);
-    others
-        .map(|e| RunnerUp {
-            effect: search.bank[e.best].key.clone(),
-            log_ratio: e.evidence - reference.evidence,
-            correlation: Fitted::correlation(&groups[e.best], &groups[reference.best]),
-        })
-        .collect()
-}
-
-/// Evidence of a step and of the rivals that explain anything at all.
-pub(super) fn bars(search: &Search, explanations: &[Explanation], key: &str, own: f64, step: usize) -> Evidence {
-    let rivals = explanations.iter().filter(|e| e.key != key && e.evidence > 0.0).take(RIVALS);
-    let named = std::iter::once((key.to_owned(), own));
-    Evidence { step, bars: named.chain(rivals.map(|e| (search.bank[e.best].key.clone(), e.evidence))).collect(), apart: APART }
+    .step()
 }
 
 /// One step per effect, whatever the number of its forms, and where each step went; none for one that joined another.
@@ -258,43 +248,5 @@ pub(super) fn sufficient(steps: &mut [Step]) {
         if left.iter().any(|axes| axes.iter().any(|a| step.axes.contains(a))) {
             step.wording = "consistent with";
         }
-    }
-}
-
-/// The step that tells of a thermistor that jumps.
-pub fn fault_step(fault: &Jumps) -> Step {
-    let Jumps { channel: name, jumps, readings } = fault;
-    let list: Vec<String> = jumps.iter().map(|(t_s, size)| format!("by {size:+.2} K at {t_s:.0} s")).collect();
-    let list = list.join(", ");
-    let parameter = |(k, (_, size)): (usize, &(f64, f64))| Parameter {
-        name: if k == 0 { format!("jump of {name}") } else { format!("jump {} of {name}", k + 1) },
-        value: *size,
-        std: None,
-        unit: "K".to_owned(),
-    };
-    let gap = Gap::default();
-    Step {
-        effect: EffectRef::new(&BadThermistor),
-        axes: Vec::new(),
-        ambiguous_with: Vec::new(),
-        form: Spec::new(JUMP, &[]).with(JUMP_TIME, jumps[0].0, "s"),
-        further: Vec::new(),
-        parameters: jumps.iter().enumerate().map(parameter).collect(),
-        place: format!("channel {name} jumps {list}"),
-        p_value: f64::MIN_POSITIVE,
-        trials: *readings,
-        p_value_corrected: f64::MIN_POSITIVE,
-        gap_before: gap,
-        gap_after: gap,
-        strength_k: fault.strength(),
-        family: Family::DataFault.name(),
-        wording: "is",
-        runners_up: Vec::new(),
-        next_measurement: None,
-        sentence: format!(
-            "The temperature channel {name} jumps {list} and was not to be trusted there; all else was looked for with the jumps taken off."
-        ),
-        covariate: None,
-        shape: Vec::new(),
     }
 }

@@ -1,7 +1,7 @@
 //! What was found in words, and the numbers that words need.
 
+use super::means::HeldOut;
 use super::result::{Gap, ShapePoint, Step};
-use super::search::HeldOut;
 use crate::model::effects::{self, Covariate, EffectRef, Record};
 use nalgebra::{DMatrix, DVector};
 

@@ -1,9 +1,10 @@
 //! Lost samples of a frequency run: in the counters, and in stretches that do not follow their sine.
 
-use super::super::result::{Gap, Parameter, Step};
-use super::CERTAIN;
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
+use crate::diagnose::CERTAIN;
+use crate::diagnose::result::{Parameter, Step};
+use crate::diagnose::steps::{Facts, Name, Significance};
 use crate::fit::sine::{self, Oscillator};
 use crate::measure::freq::Freq;
 use crate::model::effects::lost_samples::LostSamples;
@@ -15,83 +16,73 @@ use std::ops::Range;
 const DAMAGED_PART: f64 = 0.05;
 /// The begin of a setting may not follow its sine yet, s.
 const SETTLING_S: f64 = 1.0;
+/// A setting of fewer cycles has no sine to follow.
+const LEAST_CYCLES: f64 = 2.0;
 /// A stretch follows a sine if its residuals, but for a tenth of them, are within this factor of those of another one.
 const FOLLOWS: f64 = 2.0;
 
 /// Settings with missing samples, or with stretches that do not follow their sine.
 pub fn lost(run: &Run, samples: &Samples, freq: &Freq) -> Option<Step> {
-    let mut damaged: Vec<(usize, String)> = Vec::new();
-    let mut missing = 0;
     let rate_hz = freq.rate.as_ref().map_or(run.header.sample_rate_hz, |r| r.mean_hz);
+    let mut damaged: Vec<(f64, String)> = Vec::new();
+    let mut missing = 0;
     for (k, part) in freq.stretches.iter().enumerate() {
         let setting = &part.setting;
-        let from = samples.t_s.partition_point(|t| *t < setting.t_start_s);
-        let to = samples.t_s.partition_point(|t| *t < setting.t_end_s);
-        let gaps: Vec<String> = (from + 1..to)
-            .filter(|i| samples.n[*i] > samples.n[i - 1] + 1)
-            .map(|i| {
-                let lost = samples.n[i] - samples.n[i - 1] - 1;
-                missing += lost;
-                format!("{lost} samples missing at {:.1} s", samples.t_s[i - 1])
-            })
-            .collect();
+        let at = |t_s: f64| samples.t_s.partition_point(|t| *t < t_s);
+        let range = at(setting.t_start_s)..at(setting.t_end_s);
+        let gaps = gaps(samples, range.clone());
+        missing += gaps.iter().map(|(lost, _)| lost).sum::<u64>();
+        let mut words: Vec<String> = gaps.iter().map(|(lost, t_s)| format!("{lost} samples missing at {t_s:.1} s")).collect();
         let length_s = setting.t_end_s - setting.t_start_s;
-        let mut words = gaps;
         match part.used_s {
             Some(used_s)
                 if length_s - (used_s[1] - used_s[0]) > DAMAGED_PART * length_s + SETTLING_S
-                    && !follows(samples, from..to, used_s, setting.frequency_hz, rate_hz) =>
+                    && !follows(samples, range, used_s, setting.frequency_hz, rate_hz) =>
             {
                 let [first, last] = used_s;
                 words.push(format!("only {first:.1} to {last:.1} s follow one sine"));
             }
-            None if length_s * setting.frequency_hz >= 2.0 => {
+            None if length_s * setting.frequency_hz >= LEAST_CYCLES => {
                 let remark = freq.amplitude.get(k).map_or("", |a| a.remark.as_str());
                 words.push(remark.to_owned());
             }
             _ => {}
         }
         if !words.is_empty() {
-            damaged.push((k, format!("{} Hz: {}", setting.frequency_hz, words.join(", "))));
+            damaged.push((setting.frequency_hz, format!("{} Hz: {}", setting.frequency_hz, words.join(", "))));
         }
     }
-    if damaged.is_empty() {
-        return None;
-    }
-    let list: Vec<String> = damaged.iter().map(|(_, words)| words.clone()).collect();
-    let form = damaged
-        .iter()
-        .fold(Spec::new("stretches", &[]), |spec, (k, _)| spec.with("frequency", freq.stretches[*k].setting.frequency_hz, "Hz"));
+    (!damaged.is_empty()).then(|| step(run, freq, &damaged, missing))
+}
+
+/// Samples missing between the samples of a range: how many, and at which time, s.
+fn gaps(samples: &Samples, range: Range<usize>) -> Vec<(u64, f64)> {
+    let after_gap = (range.start + 1..range.end).filter(|i| samples.n[*i] > samples.n[i - 1] + 1);
+    after_gap.map(|i| (samples.n[i] - samples.n[i - 1] - 1, samples.t_s[i - 1])).collect()
+}
+
+/// The step that tells of damaged settings, by their frequency and in words.
+fn step(run: &Run, freq: &Freq, damaged: &[(f64, String)], missing: u64) -> Step {
+    let list: Vec<&str> = damaged.iter().map(|(_, words)| words.as_str()).collect();
+    let form = Spec::new("stretches", &[]);
+    let form = damaged.iter().fold(form, |spec, (frequency_hz, _)| spec.with("frequency", *frequency_hz, "Hz"));
     let count = |name: &str, value: f64| Parameter { name: name.to_owned(), value, std: None, unit: "1".to_owned() };
-    let lost = EffectRef::new(&LostSamples);
-    Some(Step {
-        effect: lost,
-        axes: COMPONENTS.map(str::to_owned).to_vec(),
-        ambiguous_with: Vec::new(),
-        form,
-        further: Vec::new(),
+    // Every one of them is seen by itself.
+    let significance = Significance::seen(freq.stretches.len(), CERTAIN + damaged.len() as f64);
+    Facts {
+        axes: COMPONENTS.to_vec(),
         parameters: vec![count("damaged settings", damaged.len() as f64), count("missing samples", missing as f64)],
         place: list.join("; "),
-        p_value: f64::MIN_POSITIVE,
-        trials: freq.stretches.len(),
-        p_value_corrected: f64::MIN_POSITIVE,
-        gap_before: Gap::default(),
-        gap_after: Gap::default(),
-        // Every one of them is seen by itself.
-        strength_k: CERTAIN + damaged.len() as f64,
-        family: lost.about().family.name(),
-        wording: "is",
-        runners_up: Vec::new(),
-        next_measurement: None,
-        sentence: format!(
+        name: Name::Certain,
+        sentence: Some(format!(
             "In {} of {} settings of run {} stretches are missing or do not follow their sine; amplitudes and phases rest on the rest.",
             damaged.len(),
             freq.stretches.len(),
             run.header.run
-        ),
-        covariate: None,
-        shape: Vec::new(),
-    })
+        )),
+        ..Facts::new(EffectRef::new(&LostSamples), form, significance)
+    }
+    .step()
 }
 
 /// What nine tenths of some values do not exceed.

@@ -20,13 +20,13 @@ const MOST_PART: f64 = 1.5;
 
 /// What may be missing: a term of an effect.
 #[derive(Clone, Debug)]
-pub struct Term {
+pub struct EffectTerm {
     /// The effect.
     pub effect: EffectRef,
     form: Arc<dyn SineTerm>,
 }
 
-impl Term {
+impl EffectTerm {
     /// A term of an effect.
     pub fn new(effect: EffectRef, form: Arc<dyn SineTerm>) -> Self {
         Self { effect, form }
@@ -43,17 +43,17 @@ impl Term {
     }
 
     /// Whether both are of one kind on the same axes, so that one of them is enough.
-    pub fn is_like(&self, other: &Term) -> bool {
+    pub fn is_like(&self, other: &EffectTerm) -> bool {
         self.effect == other.effect && self.kind() == other.kind() && self.axes() == other.axes()
     }
 
     /// Whether both are of one form on the same axes.
-    pub fn is_same(&self, other: &Term) -> bool {
+    pub fn is_same(&self, other: &EffectTerm) -> bool {
         self.is_like(other) && self.form() == other.form()
     }
 }
 
-impl Deref for Term {
+impl Deref for EffectTerm {
     type Target = dyn SineTerm;
 
     fn deref(&self) -> &Self::Target {
@@ -68,7 +68,7 @@ pub struct Model {
     /// Response of the instrument.
     pub response: Response,
     /// What it has beside.
-    pub terms: Vec<Term>,
+    pub terms: Vec<EffectTerm>,
 }
 
 impl Model {
@@ -251,7 +251,7 @@ impl Fit {
     }
 
     /// With a further term from some of its values.
-    pub fn with(&self, term: &Term, values: &[f64], sines: &Sines) -> Option<Fit> {
+    pub fn with(&self, term: &EffectTerm, values: &[f64], sines: &Sines) -> Option<Fit> {
         let mut model = self.model.clone();
         model.terms.push(term.clone());
         let mut p = self.p.clone();
@@ -278,7 +278,7 @@ impl Fit {
     }
 
     /// Derivatives of the prediction by the amplitudes of a term that is not in the model; `hz` is the pole.
-    pub fn columns(&self, term: &Term, hz: f64, sines: &Sines) -> Vec<DVector<f64>> {
+    pub fn columns(&self, term: &EffectTerm, hz: f64, sines: &Sines) -> Vec<DVector<f64>> {
         let linear = if term.has_pole() { 1 } else { term.count() };
         (0..linear)
             .map(|k| {

@@ -1,10 +1,12 @@
 //! Tables of amplitudes: their outliers, and the response that the rest has.
 
-use super::super::result::{Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, Step};
-use super::words;
 use crate::data::tables::AmplitudeRow;
 use crate::data::units::COMPONENTS;
-use crate::measure::freq as analysis;
+use crate::diagnose::result::{Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, Step};
+use crate::diagnose::steps::{Facts, Name, Significance};
+use crate::diagnose::words;
+use crate::measure::corner::Component;
+use crate::measure::freq::{self as analysis, Freq};
 use crate::model::effects::lost_samples::LostSamples;
 use crate::model::effects::{Catalogue, EffectRef, Spec};
 
@@ -15,119 +17,132 @@ const OUTLIER: f64 = 0.5;
 #[must_use]
 pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
     let freq = analysis::from_table(rows, id);
-    let part = &freq.corner.response();
-    let mut maps = Vec::new();
-    let mut noise_floor_nt = [f64::NAN; 3];
-    let mut outlying: Vec<(usize, String)> = Vec::new();
-    for (row, amplitude) in rows.iter().enumerate() {
-        let parts: Vec<String> = (0..3)
-            .filter_map(|i| {
-                let model = freq.corner.components[i].model.as_ref()?;
-                let is_out = freq.amplitude[row].detected[i] && model.weight[row] < OUTLIER;
-                is_out.then(|| {
-                    format!("{} {:.2} instead of {:.2} enT", COMPONENTS[i], amplitude.amplitude_ent[i], model.fitted_ent[row])
-                })
-            })
-            .collect();
-        if !parts.is_empty() {
-            outlying.push((row, format!("{} Hz ({})", amplitude.frequency_hz, parts.join(", "))));
-        }
-    }
-    let (mut before, mut after) = (Gap::default(), Gap::default());
-    for (i, component) in freq.corner.components.iter().enumerate() {
-        let Some(model) = &component.model else { continue };
-        noise_floor_nt[i] = model.residual_std_ent;
-        let of = |keep: &dyn Fn(usize) -> bool| -> Vec<f64> {
-            model.residual_ent.iter().enumerate().filter(|(k, r)| r.is_finite() && keep(*k)).map(|(_, r)| *r).collect()
-        };
-        let (all, kept) = (of(&|_| true), of(&|k| !outlying.iter().any(|(row, _)| *row == k)));
-        for (gap, residuals) in [(&mut before, &all), (&mut after, &kept)] {
-            let squares = residuals.iter().map(|r| r * r).sum::<f64>();
-            gap.rms_nt[i] = (squares / residuals.len().max(1) as f64).sqrt();
-            gap.max_nt = residuals.iter().fold(gap.max_nt, |m, r| m.max(r.abs()));
-            gap.chi2_per_dof += squares / (3.0 * residuals.len().max(1) as f64 * model.residual_std_ent.powi(2));
-        }
-        maps.push(Map {
-            covariate: "frequency".to_owned(),
-            unit: "Hz".to_owned(),
-            axis: i,
-            x: rows.iter().map(|r| r.frequency_hz).collect(),
-            before_nt: model.residual_ent.clone(),
-            after_nt: (0..rows.len())
-                .map(|k| if outlying.iter().any(|(row, _)| *row == k) { f64::NAN } else { model.residual_ent[k] })
-                .collect(),
-            noise_nt: model.residual_std_ent,
-            step: 0,
-        });
-    }
-    let lost = EffectRef::new(&LostSamples);
-    let steps: Vec<Step> = if outlying.is_empty() {
-        Vec::new()
-    } else {
-        let largest = outlying
-            .iter()
-            .flat_map(|(row, _)| freq.corner.components.iter().filter_map(|c| Some(c.model.as_ref()?.residual_ent[*row])))
-            .fold(0.0_f64, |m, r| if r.abs() > m.abs() { r } else { m });
-        let floor = noise_floor_nt.iter().copied().fold(f64::INFINITY, f64::min);
-        let list: Vec<String> = outlying.iter().map(|(_, words)| words.clone()).collect();
-        vec![Step {
-            effect: lost,
-            axes: COMPONENTS.map(str::to_owned).to_vec(),
-            ambiguous_with: Vec::new(),
-            form: outlying
-                .iter()
-                .fold(Spec::new("outliers", &[]), |spec, (row, _)| spec.with("frequency", rows[*row].frequency_hz, "Hz")),
-            further: Vec::new(),
-            parameters: vec![Parameter {
-                name: "outlying amplitudes".to_owned(),
-                value: outlying.len() as f64,
-                std: None,
-                unit: "1".to_owned(),
-            }],
-            place: list.join("; "),
-            p_value: f64::MIN_POSITIVE,
-            trials: rows.len(),
-            p_value_corrected: f64::MIN_POSITIVE,
-            gap_before: before,
-            gap_after: after,
-            strength_k: largest.abs() / floor,
-            family: lost.about().family.name(),
-            wording: "consistent with",
-            runners_up: Vec::new(),
-            next_measurement: Some("the runs with these amplitudes as waveforms, or these frequencies once more".to_owned()),
-            sentence: format!(
-                "{} of {} frequencies do not follow the response, as amplitudes of stretches with lost samples or of two settings do not.",
-                outlying.len(),
-                rows.len()
-            ),
-            covariate: None,
-            shape: Vec::new(),
-        }]
-    };
-    let corners: Vec<String> = (0..3)
-        .map(|i| format!("{} {:.2} ± {:.2} Hz", COMPONENTS[i], freq.f_3db_model_hz[i], freq.f_3db_model_std_hz[i]))
-        .collect();
-    let reason = "a table of amplitudes has neither samples nor times nor uncertainties; what the response leaves is the only measure of noise";
-    let not_identifiable = Catalogue::default()
-        .iter()
-        .filter(|effect| *effect != lost)
-        .map(|effect| NotIdentifiable { effect, reason: reason.to_owned() })
-        .collect();
+    let outliers = outliers(rows, &freq);
+    let noise_ent: [f64; 3] =
+        std::array::from_fn(|i| freq.corner.components[i].model.as_ref().map_or(f64::NAN, |m| m.residual_std_ent));
+    let maps = maps(rows, &freq, &outliers);
+    let steps: Vec<Step> = if outliers.is_empty() { Vec::new() } else { vec![step(rows, &freq, &outliers, noise_ent)] };
     let pictures = Pictures { left: if steps.is_empty() { maps.clone() } else { Vec::new() }, ..Pictures::default() };
     Diagnosis {
         format: "diagnosis",
         version: 1,
         runs: vec![id.to_owned()],
-        noise_floor_nt,
+        noise_floor_nt: noise_ent,
         noise: None,
         verdict: words::verdict(&steps),
         steps,
-        not_identifiable,
+        not_identifiable: not_identifiable(),
         detection_limits: Vec::new(),
-        response: Some(format!("{}, -3 dB at {}", part.name, corners.join(", "))),
+        response: Some(response_words(&freq)),
         warnings: freq.notes.iter().map(ToString::to_string).collect(),
         reading_ent: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
         maps,
         pictures,
     }
+}
+
+/// A row that does not follow the response, by its index, in words.
+struct Outlier {
+    row: usize,
+    words: String,
+}
+
+fn is_outlier(outliers: &[Outlier], row: usize) -> bool {
+    outliers.iter().any(|o| o.row == row)
+}
+
+fn outliers(rows: &[AmplitudeRow], freq: &Freq) -> Vec<Outlier> {
+    let of_row = |(row, amplitude): (usize, &AmplitudeRow)| {
+        let of_component = |i: usize| {
+            let model = freq.corner.components[i].model.as_ref()?;
+            let is_out = freq.amplitude[row].detected[i] && model.weight[row] < OUTLIER;
+            is_out.then(|| {
+                format!("{} {:.2} instead of {:.2} enT", COMPONENTS[i], amplitude.amplitude_ent[i], model.fitted_ent[row])
+            })
+        };
+        let parts: Vec<String> = (0..3).filter_map(of_component).collect();
+        (!parts.is_empty()).then(|| Outlier { row, words: format!("{} Hz ({})", amplitude.frequency_hz, parts.join(", ")) })
+    };
+    rows.iter().enumerate().filter_map(of_row).collect()
+}
+
+/// What the response leaves of the amplitudes, with and without the outliers.
+fn maps(rows: &[AmplitudeRow], freq: &Freq, outliers: &[Outlier]) -> Vec<Map> {
+    let of_component = |(axis, component): (usize, &Component)| {
+        let model = component.model.as_ref()?;
+        let kept = |k: usize| if is_outlier(outliers, k) { f64::NAN } else { model.residual_ent[k] };
+        Some(Map {
+            covariate: "frequency".to_owned(),
+            unit: "Hz".to_owned(),
+            axis,
+            x: rows.iter().map(|r| r.frequency_hz).collect(),
+            before_nt: model.residual_ent.clone(),
+            after_nt: (0..rows.len()).map(kept).collect(),
+            noise_nt: model.residual_std_ent,
+            step: 0,
+        })
+    };
+    freq.corner.components.iter().enumerate().filter_map(of_component).collect()
+}
+
+/// What the response leaves of the amplitudes in rows that are kept.
+fn gap(freq: &Freq, is_kept: impl Fn(usize) -> bool) -> Gap {
+    let mut gap = Gap::default();
+    for (i, component) in freq.corner.components.iter().enumerate() {
+        let Some(model) = &component.model else { continue };
+        let kept = model.residual_ent.iter().enumerate().filter(|(k, r)| r.is_finite() && is_kept(*k));
+        let residuals: Vec<f64> = kept.map(|(_, r)| *r).collect();
+        let squares = residuals.iter().map(|r| r * r).sum::<f64>();
+        gap.rms_nt[i] = (squares / residuals.len().max(1) as f64).sqrt();
+        gap.max_nt = residuals.iter().fold(gap.max_nt, |m, r| m.max(r.abs()));
+        gap.chi2_per_dof += squares / (3.0 * residuals.len().max(1) as f64 * model.residual_std_ent.powi(2));
+    }
+    gap
+}
+
+/// The step that tells of the outliers.
+fn step(rows: &[AmplitudeRow], freq: &Freq, outliers: &[Outlier], noise_ent: [f64; 3]) -> Step {
+    let components = || freq.corner.components.iter();
+    let residuals = outliers.iter().flat_map(|o| components().filter_map(|c| Some(c.model.as_ref()?.residual_ent[o.row])));
+    let largest = residuals.fold(0.0_f64, |m, r| if r.abs() > m.abs() { r } else { m });
+    let least_noise_ent = noise_ent.iter().copied().fold(f64::INFINITY, f64::min);
+    let list: Vec<&str> = outliers.iter().map(|o| o.words.as_str()).collect();
+    let form = Spec::new("outliers", &[]);
+    let form = outliers.iter().fold(form, |spec, o| spec.with("frequency", rows[o.row].frequency_hz, "Hz"));
+    Facts {
+        axes: COMPONENTS.to_vec(),
+        parameters: vec![Parameter {
+            name: "outlying amplitudes".to_owned(),
+            value: outliers.len() as f64,
+            std: None,
+            unit: "1".to_owned(),
+        }],
+        place: list.join("; "),
+        gaps: [gap(freq, |_| true), gap(freq, |row| !is_outlier(outliers, row))],
+        name: Name::Doubted,
+        next_measurement: Some("the runs with these amplitudes as waveforms, or these frequencies once more".to_owned()),
+        sentence: Some(format!(
+            "{} of {} frequencies do not follow the response, as amplitudes of stretches with lost samples or of two settings do not.",
+            outliers.len(),
+            rows.len()
+        )),
+        ..Facts::new(EffectRef::new(&LostSamples), form, Significance::seen(rows.len(), largest.abs() / least_noise_ent))
+    }
+    .step()
+}
+
+/// Everything but outliers.
+fn not_identifiable() -> Vec<NotIdentifiable> {
+    let reason = "a table of amplitudes has neither samples nor times nor uncertainties; what the response leaves is the only measure of noise";
+    let catalogue = Catalogue::default();
+    let others = catalogue.iter().filter(|effect| !effect.is(&LostSamples));
+    others.map(|effect| NotIdentifiable { effect, reason: reason.to_owned() }).collect()
+}
+
+/// The response in words, with its -3 dB frequencies.
+fn response_words(freq: &Freq) -> String {
+    let corners: Vec<String> = (0..3)
+        .map(|i| format!("{} {:.2} ± {:.2} Hz", COMPONENTS[i], freq.f_3db_model_hz[i], freq.f_3db_model_std_hz[i]))
+        .collect();
+    format!("{}, -3 dB at {}", freq.corner.response().name, corners.join(", "))
 }

@@ -1,4 +1,11 @@
 //! Periodic signals in the samples: lines of the spectrum, and combs of lines that switched signals make.
+//!
+//! This is no choice among candidates of a [`Problem`](crate::diagnose::problem::Problem) but a scan of a spectrum: a record of 20,000 samples
+//! holds 240,000 independent tones and 150 million switched signals, far too many for columns that are scored one by one. The strongest line
+//! of all is taken, its frequency, duty and delay are fitted to the samples, and it is taken off, until lines are no more than noise. The
+//! probability of noise comes from numbers of independent trials that were counted on noise, and a single signal is measured on what the
+//! others leave, so that there is nothing to drop or to swap. What is shared with the search is the difference of evidence that tells two
+//! explanations apart, and the builder of steps.
 
 mod spectrum;
 mod waves;
@@ -12,9 +19,9 @@ use crate::model::effects::{Catalogue, EffectRef, Record};
 use crate::record::scene::{Samples, Scene};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use spectrum::{Grid, Spectrum, log_p_of_switched};
+use spectrum::{Grid, Noise, Spectrum, log_p_of_switched};
 use std::f64::consts::{PI, TAU};
-use waves::{Switched, Waves, evidence};
+use waves::{Switched, Wave, Waves, evidence};
 
 /// Periodic signals that are looked for at most.
 const MOST_SIGNALS: usize = 4;
@@ -26,6 +33,15 @@ const COMBS: usize = 7500;
 const SLOW: usize = 12;
 /// Harmonics of a switched signal.
 const HARMONICS: usize = 8;
+/// A line may be any harmonic of a switched signal up to this one.
+const MOST_ORDER: usize = 4;
+/// Sine and cosine of three axes.
+const TONE_PARAMETERS: f64 = 6.0;
+/// An axis has a signal if its amplitude is beyond so many standard uncertainties; the modulus of sine and cosine has √2 that of either.
+const STANDS_OUT: f64 = 3.0;
+const OF_MODULUS: f64 = 1.41;
+/// Standard uncertainty of the frequency of a sine in white noise at a signal to noise ratio of one, in units of one over the record: √6/(√2 π).
+const OF_FREQUENCY: f64 = 0.55;
 /// A line this near to a harmonic of a known one, as a part of its frequency, is what the known one has beside a pure period.
 const SAME_LINE: f64 = 0.005;
 
@@ -131,6 +147,60 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
+/// A line that is no noise, or the strongest line of a comb that is none.
+struct Shown {
+    line_hz: f64,
+    /// Probability of one tone; that of a comb as if it had been one of as many trials.
+    p_value: f64,
+    is_tone: bool,
+    comb: Option<spectrum::Comb>,
+}
+
+/// What the numbers of independent trials of a record are.
+#[derive(Clone, Copy)]
+struct Trials {
+    tones: usize,
+    /// Logarithm.
+    combs: f64,
+}
+
+impl Trials {
+    fn of(grid: &Grid) -> Self {
+        Self { tones: TONES * grid.length, combs: (COMBS as f64 * grid.length as f64).ln() }
+    }
+
+    fn log_tones(self) -> f64 {
+        (self.tones as f64).ln()
+    }
+}
+
+/// The strongest line of the spectra of all components together, if it is no noise, and the noise beside which it stands.
+fn shown(signals: &Signals, grid: &Grid, spectrum: &mut Spectrum, residual: &[Vec<f64>; 3]) -> Option<(Shown, Noise)> {
+    let (step_hz, trials) = (grid.step_hz(), Trials::of(grid));
+    let noise = spectrum.take(grid, residual)?;
+    let lines = spectrum.lines(&noise);
+    let (peak, log_p_tone) = lines.tone()?;
+    let is_tone = log_p_tone + trials.log_tones() < SIGNIFICANT.ln();
+    let shapes: Vec<Harmonic> = signals.combs.iter().map(|(_, comb)| comb.harmonic).collect();
+    let comb = lines.comb(&shapes).filter(|c| c.log_p + trials.combs < SIGNIFICANT.ln());
+    let (line_hz, p_value) = match &comb {
+        _ if is_tone => (peak as f64 * step_hz, log_p_tone.exp()),
+        Some(c) => (c.strongest as f64 * c.base * step_hz, (c.log_p + trials.combs - trials.log_tones()).exp()),
+        None => return None,
+    };
+    Some((Shown { line_hz, p_value, is_tone, comb }, noise))
+}
+
+/// Weights and levels of the noise beside a line: a signal is no noise, and it is measured with what is left without it.
+fn noise_beside(line_hz: f64, noise: &Noise, grid: &Grid, spectrum: &mut Spectrum, residual: &[Vec<f64>; 3]) -> Option<Noise> {
+    let with_signal = Waves { grid, noise, residual };
+    let mut quiet = residual.clone();
+    let waves = with_signal.harmonics(with_signal.refine(line_hz), HARMONICS)?;
+    with_signal.take_off(&mut quiet, &waves);
+    demean(&mut quiet, grid.windows);
+    spectrum.take(grid, &quiet)
+}
+
 /// The strongest line of the spectra of all components together, as a tone or as a switched signal.
 fn strongest(
     record: &Record,
@@ -139,107 +209,98 @@ fn strongest(
     spectrum: &mut Spectrum,
     residual: &[Vec<f64>; 3],
 ) -> Option<Found> {
-    let (step_hz, length) = (grid.step_hz(), grid.length);
-    let noise = spectrum.take(grid, residual)?;
-    let lines = spectrum.lines(&noise);
-    let (peak, tone_p) = lines.tone()?;
-    let trials = TONES * length;
-    let is_tone = tone_p + (trials as f64).ln() < SIGNIFICANT.ln();
-    let comb_log_trials = (COMBS as f64 * length as f64).ln();
-    let shapes: Vec<Harmonic> = signals.combs.iter().map(|(_, comb)| comb.harmonic).collect();
-    let comb = lines.comb(&shapes).filter(|c| c.log_p + comb_log_trials < SIGNIFICANT.ln());
-    let (line_hz, p_value) = match &comb {
-        _ if is_tone => (peak as f64 * step_hz, tone_p.exp()),
-        Some(c) => (c.strongest as f64 * c.base * step_hz, (c.log_p + comb_log_trials - (trials as f64).ln()).exp()),
-        None => return None,
-    };
-    // A signal is no noise: weights and levels are those of what is left without it, and it is measured with them.
-    let with_signal = Waves { grid, noise: &noise, residual };
-    let mut quiet = residual.clone();
-    let waves = with_signal.harmonics(with_signal.refine(line_hz), HARMONICS)?;
-    with_signal.take_off(&mut quiet, &waves);
-    demean(&mut quiet, grid.windows);
-    let noise = spectrum.take(grid, &quiet)?;
-    drop(quiet);
+    let (shown, noise) = shown(signals, grid, spectrum, residual)?;
+    let noise = noise_beside(shown.line_hz, &noise, grid, spectrum, residual)?;
     let waves = &Waves { grid, noise: &noise, residual };
-    let line_hz = waves.refine(line_hz);
+    let line_hz = waves.refine(shown.line_hz);
     let sines = waves.harmonics(line_hz, 1)?;
     let wave = sines.first()?;
-    let tone = Waves::chi(wave);
-    let tone_evidence = evidence(tone, 6.0);
-    // The line may be a harmonic of a switched signal.
-    let orders = (1..=4).map(|order| (order as f64, line_hz / order as f64));
-    let switched = orders
-        .chain(comb.map(|c| (c.strongest as f64, c.base * step_hz)))
+    let (tone_effect, line) = signals.line?;
+    let tone = as_tone(tone_effect, line, wave, line_hz, shown.p_value, grid);
+    let tone_evidence = evidence(Waves::chi(wave), TONE_PARAMETERS);
+    let mut signal = match switched(signals, waves, line_hz, shown.comb.as_ref()) {
+        Some((effect, form, found)) if found.evidence > tone_evidence => {
+            let near = found.evidence - tone_evidence < APART;
+            let signal = as_switched(effect, &form, &found, waves, &shown)?;
+            Inside { ambiguous_with: if near { vec![tone_effect] } else { Vec::new() }, ..signal }
+        }
+        Some((other, _, found)) if tone_evidence - found.evidence < APART => Inside { ambiguous_with: vec![other], ..tone },
+        _ => tone,
+    };
+    let mut left = residual.clone();
+    remove(&mut left, record, grid.samples, grid.windows, &signal);
+    signal.squares = [waves.squares(residual), waves.squares(&left), 3.0 * grid.used as f64];
+    signal.rms_ent = [rms(residual, grid.windows), rms(&left, grid.windows)];
+    Some(Found { signal, line_hz, left })
+}
+
+/// Axes on which values stand out of their uncertainties; all where none does.
+fn axes_of(values: &[(f64, f64); 3]) -> Vec<usize> {
+    let stands_out = |v: &(f64, f64)| v.0.abs() > STANDS_OUT * v.1;
+    let none = !values.iter().any(stands_out);
+    (0..3).filter(|a| none || stands_out(&values[*a])).collect()
+}
+
+/// A line as a tone. The phase is known best in the middle of the record; at the run's start the frequency has its part in it.
+fn as_tone(effect: EffectRef, line: Line, wave: &Wave, line_hz: f64, p_value: f64, grid: &Grid) -> Inside {
+    let axes = axes_of(&[0, 1, 2].map(|a: usize| (wave.sin[a].hypot(wave.cos[a]), wave.std[a] * OF_MODULUS)));
+    let chi = Waves::chi(wave);
+    let frequency_std = grid.rate_hz / grid.length as f64 * OF_FREQUENCY / (chi / 2.0).sqrt();
+    let phase_std = TAU * frequency_std * mean(&grid.samples.t_s);
+    let values = axes.iter().flat_map(|a| {
+        let (sin, cos, std) = (wave.sin[*a], wave.cos[*a], wave.std[*a]);
+        [(sin, std.hypot(cos * phase_std)), (cos, std.hypot(sin * phase_std))]
+    });
+    Inside {
+        values: values.collect(),
+        shape_std: vec![(line.frequency.to_owned(), frequency_std)],
+        strength: chi.sqrt(),
+        p_value: p_value.max(f64::MIN_POSITIVE),
+        trials: Trials::of(grid).tones,
+        ..Inside::new(effect, (line.term)(&axes, line_hz))
+    }
+}
+
+/// The best switched signal of which a line may be a harmonic.
+fn switched(
+    signals: &Signals,
+    waves: &Waves,
+    line_hz: f64,
+    comb: Option<&spectrum::Comb>,
+) -> Option<(EffectRef, Comb, Switched)> {
+    let orders = (1..=MOST_ORDER).map(|order| (order as f64, line_hz / order as f64));
+    orders
+        .chain(comb.map(|c| (c.strongest as f64, c.base * waves.grid.step_hz())))
         .flat_map(|(order, base_hz)| {
             signals.combs.iter().filter_map(move |(effect, form)| Some((*effect, *form, waves.switched(form, base_hz, order)?)))
         })
-        .max_by(|a, b| a.2.evidence.total_cmp(&b.2.evidence));
-    let axes_of = |values: &[(f64, f64)]| -> Vec<usize> {
-        (0..3).filter(|a| values[*a].0.abs() > 3.0 * values[*a].1 || values.iter().all(|v| v.0.abs() <= 3.0 * v.1)).collect()
-    };
-    let tone_axes: Vec<usize> = {
-        let sizes: Vec<(f64, f64)> = (0..3).map(|a| (wave.sin[a].hypot(wave.cos[a]), wave.std[a] * 1.41)).collect();
-        axes_of(&sizes)
-    };
-    let frequency_std = grid.rate_hz / length as f64 * 0.55 / (tone / 2.0).sqrt();
-    // The phase is known best in the middle of the record; at the run's start the frequency has its part in it.
-    let phase_std = TAU * frequency_std * mean(&grid.samples.t_s);
-    let (tone_effect, line) = signals.line?;
-    let as_tone = || Inside {
-        effect: tone_effect,
-        spec: (line.term)(&tone_axes, line_hz),
-        values: tone_axes
-            .iter()
-            .flat_map(|a| {
-                let (sin, cos, std) = (wave.sin[*a], wave.cos[*a], wave.std[*a]);
-                [(sin, std.hypot(cos * phase_std)), (cos, std.hypot(sin * phase_std))]
-            })
-            .collect(),
-        shape_std: vec![(line.frequency.to_owned(), frequency_std)],
-        strength: tone.sqrt(),
-        p_value: p_value.max(f64::MIN_POSITIVE),
-        trials,
-        ambiguous_with: Vec::new(),
-        squares: [0.0; 3],
-        rms_ent: [[0.0; 3]; 2],
-    };
-    let mut inside = match switched {
-        Some((switched_effect, comb_form, found)) if found.evidence > tone_evidence => {
-            let Switched { base_hz, duty, delay, .. } = waves.polish(&comb_form, &found);
-            // On and off cannot be told apart: the shorter part is called on.
-            let (duty, delay) = if duty > 0.5 { (1.0 - duty, (delay + duty).rem_euclid(1.0)) } else { (duty, delay) };
-            let harmonics = waves.harmonics(base_hz, HARMONICS)?;
-            let (gain, values) = waves.matched(&comb_form, &harmonics, base_hz, duty, delay);
-            // Lines of a spectrum lie beside the harmonics; the fit has to confirm what they showed.
-            if !is_tone && log_p_of_switched(values.map(|v| (v.0 / v.1).powi(2))) + comb_log_trials >= SIGNIFICANT.ln() {
-                return None;
-            }
-            let axes = axes_of(&values);
-            let period_s = base_hz.recip();
-            Inside {
-                effect: switched_effect,
-                spec: (comb_form.term)(&axes, period_s, duty, delay * period_s),
-                values: axes.iter().map(|a| values[*a]).collect(),
-                shape_std: vec![(
-                    comb_form.period.to_owned(),
-                    period_s * period_s * 0.55 / (length as f64 / grid.rate_hz) / (gain / 2.0).sqrt(),
-                )],
-                strength: gain.sqrt(),
-                ambiguous_with: if found.evidence - tone_evidence < APART { vec![tone_effect] } else { Vec::new() },
-                ..as_tone()
-            }
-        }
-        Some((other, _, switched)) if tone_evidence - switched.evidence < APART => {
-            Inside { ambiguous_with: vec![other], ..as_tone() }
-        }
-        _ => as_tone(),
-    };
-    let mut left = residual.clone();
-    remove(&mut left, record, grid.samples, grid.windows, &inside);
-    inside.squares = [waves.squares(residual), waves.squares(&left), 3.0 * grid.used as f64];
-    inside.rms_ent = [rms(residual, grid.windows), rms(&left, grid.windows)];
-    Some(Found { signal: inside, line_hz, left })
+        .max_by(|a, b| a.2.evidence.total_cmp(&b.2.evidence))
+}
+
+/// A switched signal with its best period, duty and delay; `None` where the fit does not confirm what lines showed that are no tone by
+/// themselves: lines of a spectrum lie beside the harmonics.
+fn as_switched(effect: EffectRef, form: &Comb, found: &Switched, waves: &Waves, shown: &Shown) -> Option<Inside> {
+    let (grid, trials) = (waves.grid, Trials::of(waves.grid));
+    let Switched { base_hz, duty, delay, .. } = waves.polish(form, found);
+    // On and off cannot be told apart: the shorter part is called on.
+    let (duty, delay) = if duty > 0.5 { (1.0 - duty, (delay + duty).rem_euclid(1.0)) } else { (duty, delay) };
+    let harmonics = waves.harmonics(base_hz, HARMONICS)?;
+    let (gain, values) = waves.matched(form, &harmonics, base_hz, duty, delay);
+    if !shown.is_tone && log_p_of_switched(values.map(|v| (v.0 / v.1).powi(2))) + trials.combs >= SIGNIFICANT.ln() {
+        return None;
+    }
+    let axes = axes_of(&values);
+    let period_s = base_hz.recip();
+    let record_s = grid.length as f64 / grid.rate_hz;
+    let period_std_s = period_s * period_s * OF_FREQUENCY / record_s / (gain / 2.0).sqrt();
+    Some(Inside {
+        values: axes.iter().map(|a| values[*a]).collect(),
+        shape_std: vec![(form.period.to_owned(), period_std_s)],
+        strength: gain.sqrt(),
+        p_value: shown.p_value.max(f64::MIN_POSITIVE),
+        trials: trials.tones,
+        ..Inside::new(effect, (form.term)(&axes, period_s, duty, delay * period_s))
+    })
 }
 
 #[cfg(test)]

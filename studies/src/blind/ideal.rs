@@ -4,7 +4,7 @@
 use super::noise::{Family, Noise, Random, Whitener};
 use super::sensor::Kind;
 use super::{Blind, kinds};
-use calfit::diagnose::search::Search;
+use calfit::diagnose::means::Means;
 use calfit::fit::scan::{ABSORBED, Score, orthonormal};
 use calfit::model::effects::{Acts, Catalogue};
 use calfit::record::scene::Scene;
@@ -102,19 +102,19 @@ pub fn ideal(scene: &Scene, blind: &Blind) -> Option<Ideal> {
     if left_out || cells.len() != scene.record.rows.len() {
         return None;
     }
-    let mut search = Search::new(scene, scene.readings.clone(), &Catalogue::default());
+    let mut means = Means::new(scene, scene.readings.clone(), &Catalogue::default(), Vec::new());
     if scene.record.has_samples {
         // These are found in the samples.
-        search.leave_out(|c| c.effect.acts_in(Acts::Samples));
+        means.leave_out(|c| c.effect.acts_in(Acts::Samples));
     }
     let truth = White::new(&blind.truth.noise, blind, scene, &cells);
-    let usable: Vec<usize> = (0..search.bank.len()).filter(|c| search.priors[*c].is_finite()).collect();
-    let of = |white: &White, c: usize| white.evidence(&search.bank[c].stacked);
-    let mut known: Vec<(usize, f64)> = usable.iter().map(|c| (*c, of(&truth, *c) + search.priors[*c])).collect();
+    let usable: Vec<usize> = (0..means.candidates.len()).filter(|c| means.log_priors[*c].is_finite()).collect();
+    let of = |white: &White, c: usize| white.evidence(&means.candidates[c].columns);
+    let mut known: Vec<(usize, f64)> = usable.iter().map(|c| (*c, of(&truth, *c) + means.log_priors[*c])).collect();
     known.sort_by(|a, b| b.1.total_cmp(&a.1));
     // What slow noise hides shows beside white noise.
     let white = White::new(&Noise { slow: Vec::new(), ..blind.truth.noise.clone() }, blind, scene, &cells);
-    let mut without: Vec<(usize, f64)> = usable.iter().map(|c| (*c, of(&white, *c) + search.priors[*c])).collect();
+    let mut without: Vec<(usize, f64)> = usable.iter().map(|c| (*c, of(&white, *c) + means.log_priors[*c])).collect();
     without.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut promising: Vec<usize> =
         [&known, &without].into_iter().flat_map(|list| list.iter().take(PROMISING).map(|(c, _)| *c)).collect();
@@ -134,9 +134,9 @@ pub fn ideal(scene: &Scene, blind: &Blind) -> Option<Ideal> {
     let averaged = promising.iter().enumerate().map(|(k, c)| {
         let largest = draws.iter().map(|d| d.0 - most + d.1[k]).fold(f64::NEG_INFINITY, f64::max);
         let sum: f64 = draws.iter().map(|d| (d.0 - most + d.1[k] - largest).exp()).sum();
-        (*c, largest + (sum / total).ln() + search.priors[*c])
+        (*c, largest + (sum / total).ln() + means.log_priors[*c])
     });
     let drawn = averaged.max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let best = |(c, evidence): (usize, f64)| Best { evidence, effect: search.bank[c].effect.to_string() };
+    let best = |(c, evidence): (usize, f64)| Best { evidence, effect: means.candidates[c].effect.to_string() };
     Some(Ideal { known: best(*known.first()?), drawn: best(drawn) })
 }

@@ -5,8 +5,9 @@ use super::{Amplitude, Blind, Verdict, VerdictStep};
 use calfit::data::plateau::{self, Accumulator, LEAST_COVERAGE, Plateaus, Settling};
 use calfit::data::run::{Run, Vector, VectorSink};
 use calfit::diagnose::across::{RunValues, across};
+use calfit::diagnose::candidate::Candidate;
+use calfit::diagnose::means::Means;
 use calfit::diagnose::result::{Diagnosis, Step};
-use calfit::diagnose::search::{Candidate, Search};
 use calfit::diagnose::{self, Options, Samples};
 use calfit::measure::lin;
 use calfit::model::effects::{Catalogue, Column, Spec, UNKNOWN};
@@ -58,10 +59,10 @@ fn of_truth(scene: &Scene, blind: &Blind) -> Option<[f64; 2]> {
         Some(Column { name: "truth".to_owned(), unit: "enT", values })
     };
     let columns: Vec<Column> = blind.oracle.iter().map(column).collect::<Option<_>>()?;
-    let truth = Candidate::new(UNKNOWN, Spec::new("truth", &[0, 1, 2]), columns);
-    let search = Search::new(scene, scene.readings.clone(), &Catalogue::default());
-    let noise = search.state(&[&truth])?.noise;
-    Some([search.held_out(&noise, &[]).sum, search.held_out(&noise, &[&truth]).sum])
+    let truth = Candidate::of_readings(UNKNOWN, Spec::new("truth", &[0, 1, 2]), columns);
+    let means = Means::new(scene, scene.readings.clone(), &Catalogue::default(), Vec::new());
+    let noise = means.model(&[&truth])?.noise;
+    Some([means.predicted(&noise, &[]).sum, means.predicted(&noise, &[&truth]).sum])
 }
 
 /// Several runs of one sensor.

@@ -2,35 +2,47 @@
 
 use super::values::RunValues;
 use super::{CLASSES, CONTRADICTED, axis_of};
+use crate::diagnose::candidate::Candidate;
 use crate::diagnose::result::Gap;
 use crate::fit::scan::{Fitted, Group};
 use crate::fit::statistics::chi2_tail;
 use crate::model::effects::between::{Cause, Conditions, Runs};
-use crate::model::effects::{EffectRef, Spec};
 use nalgebra::{DMatrix, DVector};
+use std::ops::Deref;
 
 /// Values without parameters that stand for known uncertainties: those of a run are known to a tenth or so themselves.
 const MOST_ANCHORS: f64 = 40.0;
 /// Uncertainties of runs within this factor are pooled: each for itself is known to some ten percent.
 const ALIKE_STD: f64 = 4.0;
 
-/// Something that may be missing: its columns on all values, class after class, run after run.
+/// Something that may make runs disagree. Its columns have a row per value, class after class, run after run.
 #[derive(Clone)]
-pub struct Candidate {
-    pub effect: EffectRef,
-    /// What an unknown disagreement follows.
-    pub covariate: Option<&'static str>,
+pub struct Suspect {
+    /// The term.
+    pub candidate: Candidate,
     /// What makes the runs disagree; `None` if that is not known.
     pub cause: Option<Cause>,
-    pub spec: Spec,
-    pub parameters: Vec<(String, &'static str)>,
-    pub columns: DMatrix<f64>,
-    /// Orientation or run that it concerns alone.
+    /// The runs that it concerns alone: those of an orientation, or a single one.
     pub alone: Option<Vec<usize>>,
 }
 
-/// The runs with what is fitted before anything is missed.
-pub struct Scene<'a> {
+impl Suspect {
+    /// Whether both are one explanation in the same form.
+    pub fn is_same_term(&self, other: &Suspect) -> bool {
+        self.key == other.key && self.spec == other.spec
+    }
+}
+
+impl Deref for Suspect {
+    type Target = Candidate;
+
+    fn deref(&self) -> &Candidate {
+        &self.candidate
+    }
+}
+
+/// The runs with what is fitted before anything is named.
+pub struct RunSet<'a> {
     pub runs: &'a [RunValues],
     /// Their conditions, as effects read them.
     pub conditions: Runs,
@@ -58,19 +70,7 @@ pub fn count(numbers: &[usize]) -> usize {
     numbers.iter().max().map_or(0, |m| m + 1)
 }
 
-impl Candidate {
-    /// The effect, with what an unknown disagreement follows: candidates of one key are one explanation.
-    pub fn key(&self) -> String {
-        self.covariate.map_or_else(|| self.effect.to_string(), |covariate| format!("{}: {covariate}", self.effect))
-    }
-
-    /// Whether it is the same explanation as another one.
-    pub fn explains_as(&self, other: &Candidate) -> bool {
-        self.effect == other.effect && self.covariate == other.covariate
-    }
-}
-
-impl<'a> Scene<'a> {
+impl<'a> RunSet<'a> {
     pub fn new(runs: &'a [RunValues]) -> Self {
         let n = runs.len();
         let at = |class: usize, run: usize, i: usize| (class * n + run) * 3 + i;
@@ -151,13 +151,13 @@ impl<'a> Scene<'a> {
         edges
     }
 
-    pub fn model(&self, terms: &[&Candidate]) -> DMatrix<f64> {
+    pub fn model(&self, terms: &[&Suspect]) -> DMatrix<f64> {
         let mut columns: Vec<DVector<f64>> = self.nuisance.column_iter().map(|c| c.into_owned()).collect();
         columns.extend(terms.iter().flat_map(|t| t.columns.column_iter().map(|c| c.into_owned())));
         DMatrix::from_columns(&columns)
     }
 
-    pub fn fitted(&self, terms: &[&Candidate]) -> Fitted {
+    pub fn fitted(&self, terms: &[&Suspect]) -> Fitted {
         let y = DMatrix::from_column_slice(self.y.len(), 1, self.y.as_slice());
         Fitted::new(&self.whiten(&y, 1.0).column(0).into_owned(), &self.whiten(&self.model(terms), 0.0), self.edges())
     }
@@ -167,7 +167,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Squares of what a model leaves of a class in units of the uncertainties, anchors not counted, and its degrees of freedom.
-    pub fn left(&self, class: usize, terms: &[&Candidate]) -> (f64, f64) {
+    pub fn left(&self, class: usize, terms: &[&Suspect]) -> (f64, f64) {
         let n = 3 * self.count();
         let part = |m: &DMatrix<f64>| DMatrix::from_fn(n, m.ncols(), |r, c| m[(class * n + r, c)] / self.std[class * n + r]);
         let y = part(&DMatrix::from_column_slice(self.y.len(), 1, self.y.as_slice())).column(0).into_owned();
@@ -176,17 +176,17 @@ impl<'a> Scene<'a> {
     }
 
     /// Believes the uncertainties of those classes whose scatter does not contradict them.
-    pub fn anchor(&mut self, bank: &[Candidate], warnings: &mut Vec<String>) {
+    pub fn anchor(&mut self, suspects: &[Suspect], warnings: &mut Vec<String>) {
         let known = self.runs.iter().all(|r| r.std.is_some());
         let number = self.runs.iter().map(|r| r.freedom.max(0.0)).sum::<f64>().clamp(4.0, MOST_ANCHORS) as usize;
-        let facility: Vec<&Candidate> =
-            bank.iter().filter(|c| c.cause == Some(Cause::Calibration) && c.spec.axes.len() == 3).collect();
+        let facility: Vec<&Suspect> =
+            suspects.iter().filter(|c| c.cause == Some(Cause::Calibration) && c.spec.axes.len() == 3).collect();
         for class in 0..3 {
             // A single further effect is allowed for, so that what is looked for does not pass as noise.
             let mut best: Option<f64> = None;
             let mut squares = (f64::INFINITY, 0.0);
-            for further in std::iter::once(None).chain(bank.iter().map(Some)) {
-                let terms: Vec<&Candidate> = facility.iter().copied().chain(further).collect();
+            for further in std::iter::once(None).chain(suspects.iter().map(Some)) {
+                let terms: Vec<&Suspect> = facility.iter().copied().chain(further).collect();
                 let (sum, freedom) = self.left(class, &terms);
                 let p = if freedom < 0.5 { 1.0 } else { chi2_tail(sum, freedom) };
                 if best.is_none_or(|b| p > b) {
@@ -220,7 +220,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Deviations of every run from a model that has not seen it, in the units of the values.
-    pub fn held_out(&self, terms: &[&Candidate], scales: &[f64; 3]) -> DVector<f64> {
+    pub fn held_out(&self, terms: &[&Suspect], scales: &[f64; 3]) -> DVector<f64> {
         let n = self.count();
         let p = self.nuisance.ncols();
         let weighted = |r: usize, v: f64| v / (self.std[r] * scales[r / (3 * n)]);
@@ -257,8 +257,14 @@ impl<'a> Scene<'a> {
         out
     }
 
+    /// Classes of values on which terms act.
+    pub fn classes(&self, terms: &[&Suspect]) -> [bool; 3] {
+        let n = 3 * self.count();
+        std::array::from_fn(|c| terms.iter().any(|t| t.columns.rows(c * n, n).norm() > 0.0))
+    }
+
     /// Weighted squares of held-out deviations over the runs that `terms` do not concern alone.
-    pub fn gap(&self, deviations: &DVector<f64>, scales: &[f64; 3], terms: &[&Candidate], classes: [bool; 3]) -> (Gap, f64) {
+    pub fn gap(&self, deviations: &DVector<f64>, scales: &[f64; 3], terms: &[&Suspect], classes: [bool; 3]) -> (Gap, f64) {
         let n = self.count();
         let shared: Vec<usize> =
             (0..n).filter(|r| terms.iter().all(|t| t.alone.as_ref().is_none_or(|own| !own.contains(r)))).collect();

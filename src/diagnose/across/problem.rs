@@ -1,0 +1,155 @@
+//! Runs that disagree as a problem of the search.
+
+use super::candidates::ORIENTATION;
+use super::run_set::{RunSet, Suspect, count};
+use super::{LEAST_AGREEING, told};
+use crate::diagnose::candidate::{Accepted, Candidate, Threshold};
+use crate::diagnose::explanations::{self, Scored};
+use crate::diagnose::problem::{Problem, Revision, Told};
+use crate::fit::scan::{Fitted, Group};
+
+/// Below this evidence (logarithm) noise alone gives as much in one case of a few, so that nothing has to be simulated.
+const HOPELESS: f64 = 2.0;
+/// A model with fewer degrees of freedom tells no scatter, and nothing is looked for beside it.
+const LEAST_FREEDOM: f64 = 2.0;
+/// Signal to noise ratio from which an effect is significant, about: what selection does to values depends on it little.
+const LEAST: f64 = 4.0;
+/// Seed of the simulated noise.
+const SEED: u64 = 0x0ca1_ac05;
+
+/// A term that was accepted.
+pub type Term = Accepted<Suspect>;
+
+/// The runs with everything that may make them disagree.
+pub struct Comparison<'a> {
+    pub set: RunSet<'a>,
+    pub suspects: Vec<Suspect>,
+    /// Logarithm of the prior of each; minus infinity for those that did not predict.
+    log_priors: Vec<f64>,
+}
+
+/// The terms of a search.
+pub fn suspects(chosen: &[Term]) -> Vec<&Suspect> {
+    chosen.iter().map(|t| &t.candidate).collect()
+}
+
+/// All but one.
+pub fn others<'a>(all: &[&'a Suspect], index: usize) -> Vec<&'a Suspect> {
+    all.iter().enumerate().filter(|(i, _)| *i != index).map(|(_, s)| *s).collect()
+}
+
+impl Problem for Comparison<'_> {
+    type Term = Term;
+    type Fit = Fitted;
+
+    /// Three sets in a thousand: the scatter of few runs is known badly, and reports/blind-study.md counts their false alarms among those of
+    /// all runs.
+    const FALSE_ALARM: f64 = 0.003;
+    /// As in reports/blind-study.md. A dozen runs do not determine more.
+    const MOST_TERMS: usize = 6;
+    /// Twice as many rounds may rule something out.
+    const MOST_ROUNDS: usize = 3 * Self::MOST_TERMS;
+    /// Once: nothing is refined.
+    const MOST_REVISIONS: usize = 1;
+
+    fn fitted(&self, chosen: &[Term]) -> Option<Fitted> {
+        Some(self.set.fitted(&suspects(chosen)))
+    }
+
+    fn evident(&self, fitted: &Fitted, chosen: &[Term]) -> Option<Vec<Term>> {
+        Some(self.most_evident(fitted, &suspects(chosen)).into_iter().collect())
+    }
+
+    /// Every run in turn, with the scatter that is left with the further terms, in the classes on which these act.
+    fn predicts(&self, chosen: &[Term], further: &[Term]) -> Option<bool> {
+        let (now, further) = (suspects(chosen), suspects(further));
+        let with = [now.clone(), further.clone()].concat();
+        let scales = self.set.scales(&self.set.fitted(&with));
+        let classes = self.set.classes(&further);
+        let squares = |terms: &[&Suspect]| self.set.gap(&self.set.held_out(terms, &scales), &scales, &with, classes).1;
+        Some(squares(&with) < squares(&now))
+    }
+
+    /// This term alone: an orientation may stand alone in one class and not in another.
+    fn rule_out(&mut self, term: &Term) {
+        for (log_prior, suspect) in self.log_priors.iter_mut().zip(&self.suspects) {
+            if suspect.is_same_term(&term.candidate) && suspect.parameters == term.candidate.parameters {
+                *log_prior = f64::NEG_INFINITY;
+            }
+        }
+    }
+
+    fn belong_together(&self, earlier: &Term, last: &Term) -> bool {
+        earlier.candidate.is_same_form(&last.candidate)
+    }
+
+    /// On all axes: wrong parameters of a facility have no axis of the sensor.
+    fn merged(&self, earlier: &Term, last: &Term) -> Option<Term> {
+        let on_all = |s: &&Suspect| s.is_same_form(&last.candidate) && s.spec.axes.len() == 3;
+        let candidate = self.suspects.iter().find(on_all)?.clone();
+        Some(Term { candidate, ..earlier.clone() })
+    }
+
+    fn revised(&self, chosen: &mut [Term], index: usize) -> Option<Revision<Term>> {
+        let all = suspects(chosen);
+        let others = others(&all, index);
+        let fitted = self.set.fitted(&others);
+        let own = all[index];
+        let score = fitted.score(&self.set.group(&fitted, own));
+        Some(match self.scored(&fitted, &others).revised(&own.key, &score) {
+            Revision::Keep => Revision::Keep,
+            Revision::Drop => Revision::Drop,
+            Revision::Swap(better) => Revision::Swap(Term { candidate: self.suspects[better].clone(), ..chosen[index].clone() }),
+        })
+    }
+
+    fn told(&self, fitted: &Fitted, chosen: &[Term], index: usize, number: usize) -> Told {
+        told::told(self, fitted, chosen, index, number)
+    }
+}
+
+impl<'a> Comparison<'a> {
+    pub fn new(set: RunSet<'a>, suspects: Vec<Suspect>) -> Self {
+        let log_priors = explanations::log_priors(suspects.iter().map(|s| &s.candidate), |effect| effect.prior(None));
+        Self { set, suspects, log_priors }
+    }
+
+    /// A term that leaves too few orientations to compare is not looked for, nor one that is there.
+    fn is_open(&self, suspect: &Suspect, terms: &[&Suspect]) -> bool {
+        if terms.iter().any(|t| t.is_same_term(suspect)) {
+            return false;
+        }
+        let is_orientation = |s: &Suspect| s.covariate.as_deref() == Some(ORIENTATION);
+        let stand_alone = terms.iter().filter(|t| is_orientation(t)).count();
+        !is_orientation(suspect) || count(&self.set.orientation) > LEAST_AGREEING + stand_alone
+    }
+
+    pub fn groups(&self, fitted: &Fitted) -> Vec<Group> {
+        self.suspects.iter().map(|s| self.set.group(fitted, s)).collect()
+    }
+
+    /// All candidates scored beside a model with these terms.
+    pub fn scored<'b>(&'b self, fitted: &'b Fitted, terms: &[&Suspect]) -> Scored<'b> {
+        let log_prior = |(s, own): (&Suspect, &f64)| if self.is_open(s, terms) { *own } else { f64::NEG_INFINITY };
+        let log_priors = self.suspects.iter().zip(&self.log_priors).map(log_prior).collect();
+        let candidates: Vec<&Candidate> = self.suspects.iter().map(|s| &s.candidate).collect();
+        Scored::new(fitted, candidates, self.groups(fitted), log_priors)
+    }
+
+    /// The most evident term beside others, if it is no noise.
+    fn most_evident(&self, fitted: &Fitted, now: &[&Suspect]) -> Option<Term> {
+        if fitted.freedom().iter().sum::<f64>() < LEAST_FREEDOM {
+            return None;
+        }
+        let scored = self.scored(fitted, now);
+        let most = scored.explanations.iter().map(|e| e.best_evidence).fold(f64::NEG_INFINITY, f64::max);
+        let best = scored.explanations.first().filter(|_| most > HOPELESS)?;
+        let evident = scored.evident(most, Self::FALSE_ALARM, SEED)?;
+        Some(Term {
+            candidate: self.suspects[best.best].clone(),
+            p_global: evident.p_global,
+            trials: evident.trials,
+            threshold: Threshold::Strength(LEAST),
+        })
+    }
+}

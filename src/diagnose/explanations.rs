@@ -1,0 +1,209 @@
+//! Candidates scored beside a linear model: their evidence, effect by effect, what noise alone would give, and the rivals of a term.
+//!
+//! The evidence of a candidate is the logarithm of its Bayes factor against no effect ([`crate::fit::scan`]) plus the logarithm of its prior.
+//! All candidates of one key (an effect, or an unknown dependence on one covariate) are one explanation: their evidences are added, the prior
+//! of the effect is shared out among them.
+
+use super::candidate::Candidate;
+use super::problem::Revision;
+use super::result::{Evidence, RunnerUp};
+use super::{ALIKE, APART};
+use crate::fit::scan::{ABSORBED, Fitted, Group, Score};
+use crate::model::effects::EffectRef;
+
+/// A term gives way to another one whose evidence (logarithm) is larger by this much, a ratio of e: equals do not change places.
+const SWAP: f64 = 1.0;
+/// The prior of an effect is shared among its candidates; a term whose shape was refined is none of them and is judged as if it were one of
+/// e³, about twenty.
+const SHARE: f64 = 3.0;
+/// Rivals of a term that are listed.
+const RUNNERS_UP: usize = 5;
+/// Rivals of a term whose evidence is drawn.
+const BARS: usize = 7;
+
+/// Evidence of an explanation: all its candidates together, and the best of them.
+#[derive(Clone, Debug)]
+pub struct Explanation {
+    /// Key of its candidates.
+    pub key: String,
+    /// Logarithm of evidence times prior.
+    pub evidence: f64,
+    /// Index of its best candidate.
+    pub best: usize,
+    /// Evidence of the best candidate with its prior.
+    pub best_evidence: f64,
+    /// Score of the best candidate.
+    pub score: Score,
+}
+
+/// Evidence that is more than noise alone gives.
+pub struct Evident {
+    /// Probability that noise alone gives any candidate as much.
+    pub p_global: f64,
+    /// Candidates that were tried.
+    pub trials: usize,
+    /// Evidence beyond that which noise alone gives at the level of false alarms.
+    pub margin: f64,
+}
+
+/// Logarithm of the prior of every candidate: that of its effect, shared out among the candidates of one key.
+pub fn log_priors<'a>(candidates: impl Iterator<Item = &'a Candidate> + Clone, prior: impl Fn(EffectRef) -> f64) -> Vec<f64> {
+    let of = |candidate: &Candidate| {
+        let same = candidates.clone().filter(|other| other.key == candidate.key).count() as f64;
+        (prior(candidate.effect) / same).ln()
+    };
+    candidates.clone().map(of).collect()
+}
+
+/// All candidates beside a model.
+pub struct Scored<'a> {
+    fitted: &'a Fitted,
+    candidates: Vec<&'a Candidate>,
+    log_priors: Vec<f64>,
+    /// What the model leaves of the columns of each candidate.
+    pub groups: Vec<Group>,
+    /// Explanations by their evidence, the best first.
+    pub explanations: Vec<Explanation>,
+}
+
+impl<'a> Scored<'a> {
+    /// Scores candidates; those with a prior of zero (minus infinity) are not looked for.
+    pub fn new(fitted: &'a Fitted, candidates: Vec<&'a Candidate>, groups: Vec<Group>, log_priors: Vec<f64>) -> Self {
+        let mut scored = Self { fitted, candidates, log_priors, groups, explanations: Vec::new() };
+        scored.explanations = scored.explained();
+        scored
+    }
+
+    /// Whether a candidate is looked for and the model does not absorb it.
+    fn is_open(&self, index: usize) -> bool {
+        self.groups[index].surviving > ABSORBED && self.log_priors[index].is_finite()
+    }
+
+    fn explained(&self) -> Vec<Explanation> {
+        let mut keys: Vec<&str> = Vec::new();
+        let mut own: Vec<Vec<(usize, f64, Score)>> = Vec::new();
+        for (i, candidate) in self.candidates.iter().enumerate() {
+            let key = candidate.key.as_str();
+            let place = keys.iter().position(|k| *k == key).unwrap_or_else(|| {
+                keys.push(key);
+                own.push(Vec::new());
+                keys.len() - 1
+            });
+            if self.is_open(i) {
+                let score = self.fitted.score(&self.groups[i]);
+                own[place].push((i, score.evidence + self.log_priors[i], score));
+            }
+        }
+        let explanation = |(key, own): (&str, Vec<(usize, f64, Score)>)| {
+            let (best, best_evidence, score) = own.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
+            let evidence = log_sum(own.iter().map(|(_, evidence, _)| *evidence));
+            Some(Explanation { key: key.to_owned(), evidence, best, best_evidence, score })
+        };
+        let mut all: Vec<Explanation> = keys.into_iter().zip(own).filter_map(explanation).collect();
+        all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        all
+    }
+
+    /// Whether noise alone gives so much evidence less often than `false_alarm`, simulated over all candidates at once; `None` if it does not.
+    pub fn evident(&self, evidence: f64, false_alarm: f64, seed: u64) -> Option<Evident> {
+        let usable: Vec<usize> = (0..self.candidates.len()).filter(|i| self.is_open(*i) && self.groups[*i].count() > 0).collect();
+        let tried: Vec<&Group> = usable.iter().map(|i| &self.groups[*i]).collect();
+        let priors: Vec<f64> = usable.iter().map(|i| self.log_priors[*i]).collect();
+        let maxima = self.fitted.simulate(&tried, &priors, seed);
+        let margin = evidence - maxima.evidence_at(false_alarm);
+        (margin > 0.0).then(|| Evident { p_global: maxima.global_p(evidence), trials: usable.len(), margin })
+    }
+
+    /// The explanation of a key.
+    pub fn explanation(&self, key: &str) -> Option<&Explanation> {
+        self.explanations.iter().find(|e| e.key == key)
+    }
+
+    /// What becomes of a term whose own score beside all other terms is this one; a better term is named by its index.
+    pub fn revised(&self, key: &str, own: &Score) -> Revision<usize> {
+        let evidence = self.explanation(key).map_or(f64::NEG_INFINITY, |e| e.evidence).max(own.evidence - SHARE);
+        if evidence < 0.0 {
+            return Revision::Drop;
+        }
+        let better = self.explanations.first().filter(|b| b.evidence > evidence + SWAP && b.key != key);
+        better.map_or(Revision::Keep, |b| Revision::Swap(b.best))
+    }
+
+    /// A term beside everything that could stand in its place.
+    pub fn rivals<'s>(&'s self, candidate: &'s Candidate, group: &'s Group) -> Rivals<'s> {
+        let score = self.fitted.score(group);
+        let own = self.explanation(&candidate.key);
+        let evidence = own.map_or(score.evidence, |e| e.evidence).max(score.evidence - SHARE);
+        Rivals { scored: self, candidate, group, score, evidence }
+    }
+}
+
+/// A term beside everything that could stand in its place.
+pub struct Rivals<'a> {
+    scored: &'a Scored<'a>,
+    candidate: &'a Candidate,
+    group: &'a Group,
+    /// Score of the term.
+    pub score: Score,
+    /// Evidence of its explanation.
+    evidence: f64,
+}
+
+impl Rivals<'_> {
+    fn others(&self) -> impl Iterator<Item = &Explanation> {
+        self.scored.explanations.iter().filter(|e| e.key != self.candidate.key)
+    }
+
+    /// Other effects that these data cannot tell from it: their evidence is hardly less, or they look alike.
+    pub fn ambiguous(&self) -> Vec<EffectRef> {
+        let mut ambiguous: Vec<EffectRef> = Vec::new();
+        for e in self.others() {
+            let effect = self.scored.candidates[e.best].effect;
+            let group = &self.scored.groups[e.best];
+            let twin =
+                Fitted::correlation(group, self.group) > ALIKE && group.count() == self.group.count() && !effect.is_unknown();
+            if (e.evidence > self.evidence - APART || twin) && effect != self.candidate.effect && !ambiguous.contains(&effect) {
+                ambiguous.push(effect);
+            }
+        }
+        ambiguous
+    }
+
+    /// The rivals of largest evidence, beside the term as it was fitted.
+    pub fn runners_up(&self) -> Vec<RunnerUp> {
+        self.others().take(RUNNERS_UP).map(|e| self.scored.runner_up(e, self.evidence, self.group)).collect()
+    }
+
+    /// Evidence of the term and of the rivals that explain anything at all.
+    pub fn bars(&self, step: usize) -> Evidence {
+        self.scored.bars(&self.candidate.key, self.evidence, step)
+    }
+}
+
+impl Scored<'_> {
+    fn runner_up(&self, e: &Explanation, evidence: f64, group: &Group) -> RunnerUp {
+        let correlation = Fitted::correlation(&self.groups[e.best], group);
+        RunnerUp { effect: e.key.clone(), log_ratio: e.evidence - evidence, correlation }
+    }
+
+    /// The rivals of the explanation of a key whose evidence is not hopelessly less than that of the explanation itself (a logarithm of
+    /// `least`), beside its best candidate; none where there is no such explanation.
+    pub fn runners_up(&self, key: &str, least: f64) -> Vec<RunnerUp> {
+        let Some(own) = self.explanation(key) else { return Vec::new() };
+        let others = self.explanations.iter().filter(|e| e.key != key && e.evidence > own.evidence - least);
+        others.take(RUNNERS_UP).map(|e| self.runner_up(e, own.evidence, &self.groups[own.best])).collect()
+    }
+
+    /// Evidence of a step with this key and of the rivals that explain anything at all.
+    pub fn bars(&self, key: &str, evidence: f64, step: usize) -> Evidence {
+        let rivals = self.explanations.iter().filter(|e| e.key != key && e.evidence > 0.0).take(BARS);
+        let named = std::iter::once((key.to_owned(), evidence));
+        Evidence { step, bars: named.chain(rivals.map(|e| (e.key.clone(), e.evidence))).collect(), apart: APART }
+    }
+}
+
+/// Logarithm of the sum of numbers that are given by their logarithms.
+pub fn log_sum(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let most = values.clone().fold(f64::NEG_INFINITY, f64::max);
+    if most.is_finite() { most + values.map(|v| (v - most).exp()).sum::<f64>().ln() } else { most }
+}

@@ -1,0 +1,223 @@
+//! Plateau means of one run: what is tried on them, the model with chosen terms, and its noise.
+//!
+//! The noise of the means is estimated anew with every set of terms, since a missing effect passes as slow noise; the evidence of the most
+//! promising candidates is averaged over all noise that the readings allow ([`super::problem`] has the search, `problem` what it asks).
+
+mod estimate;
+mod held_out;
+mod problem;
+mod told;
+
+use super::candidate::{Accepted, Candidate};
+use super::explanations::{self, Scored};
+use crate::fit::noise::NoiseModel;
+use crate::fit::noise::state_space::{Correlations, Noise, Rows};
+use crate::fit::scan::{Fitted, Group, orthonormal};
+use crate::model::effects::{self, Catalogue, Covariate, EffectRef, Record, UNKNOWN, Unseen};
+use crate::record::scene::Scene;
+pub use held_out::HeldOut;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+pub(super) use told::{HOPELESS, gap};
+
+/// A column of which the others leave less than this part counts as one of them when the noise is estimated.
+const INDEPENDENT: f64 = 1e-5;
+/// Candidates that one thread whitens at a time.
+const AT_ONCE: usize = 16;
+
+/// A term of the means that was accepted.
+pub type Term = Accepted<Candidate>;
+
+/// The linear model with chosen terms, and the noise that is left beside it.
+pub struct MeansModel {
+    /// Noise of the means.
+    pub noise: Noise,
+    /// Whitened residuals.
+    pub fitted: Fitted,
+    /// Whitened columns of the model, those of the terms last.
+    pub columns: DMatrix<f64>,
+    /// Whitened readings.
+    pub readings: DVector<f64>,
+}
+
+/// Why the catalogue has no candidate for an effect.
+pub struct Absent {
+    /// The effect.
+    pub effect: EffectRef,
+    /// Why.
+    pub reason: Unseen,
+}
+
+/// The plateau means of a run with everything that is tried on them.
+pub struct Means<'a> {
+    /// The run.
+    pub scene: &'a Scene,
+    /// Readings less what was found in the samples, enT.
+    pub readings: DMatrix<f64>,
+    /// Terms that are there for sure: effects that were known before.
+    pub given: Vec<Candidate>,
+    /// Candidates.
+    pub candidates: Vec<Candidate>,
+    /// Logarithm of the prior of each; minus infinity for those that are not looked for.
+    pub log_priors: Vec<f64>,
+    /// Effects without a candidate.
+    pub absent: Vec<Absent>,
+    correlations: Correlations,
+}
+
+/// Candidates of all effects of a catalogue and of all unknown dependences, and the effects that have none.
+fn candidates(record: &Record, catalogue: &Catalogue) -> (Vec<Candidate>, Vec<Absent>) {
+    let (mut candidates, mut absent) = (Vec::new(), Vec::new());
+    for effect in catalogue.iter() {
+        match effect.specs(record) {
+            Ok(specs) => candidates.extend(specs.into_iter().filter_map(|spec| {
+                let columns = effect.columns(record, &spec)?;
+                Some(Candidate::of_readings(effect, spec, columns))
+            })),
+            Err(reason) => absent.push(Absent { effect, reason }),
+        }
+    }
+    let covariates = Covariate::all(record);
+    for spec in UNKNOWN.specs(record).unwrap_or_default() {
+        let columns = covariates.iter().find(|c| c.name == spec.form).and_then(|c| effects::unknown_columns(record, c, &spec));
+        candidates.extend(columns.map(|columns| Candidate::of_readings(UNKNOWN, spec, columns)));
+    }
+    (candidates, absent)
+}
+
+/// What the noise depends on: times, white variances and fields of the rows.
+fn noise_rows(scene: &Scene) -> Rows {
+    let record = &scene.record;
+    let most: [f64; 3] = std::array::from_fn(|a| record.most_ent(a).max(f64::MIN_POSITIVE));
+    Rows {
+        t_s: record.rows.iter().map(effects::Row::t_s).collect(),
+        white: scene.white.clone(),
+        inside: scene.inside,
+        field: record.rows.iter().map(|r| std::array::from_fn(|a| r.linear_ent[a] / most[a])).collect(),
+    }
+}
+
+impl<'a> Means<'a> {
+    /// Everything that can be tried on a run beside the effects that are given.
+    #[must_use]
+    pub fn new(scene: &'a Scene, readings: DMatrix<f64>, catalogue: &Catalogue, given: Vec<Candidate>) -> Self {
+        let (candidates, absent) = candidates(&scene.record, catalogue);
+        let trend_order = Some(scene.record.trend_order);
+        let log_priors = explanations::log_priors(candidates.iter(), |effect| effect.prior(trend_order));
+        let correlations = Correlations::new(noise_rows(scene));
+        Self { scene, readings, given, candidates, log_priors, absent, correlations }
+    }
+
+    /// Leaves candidates out: they are looked for elsewhere, or did not predict.
+    pub fn leave_out(&mut self, which: impl Fn(&Candidate) -> bool) {
+        let left_out = self.log_priors.iter_mut().zip(&self.candidates).filter(|(_, c)| which(c));
+        left_out.for_each(|(log_prior, _)| *log_prior = f64::NEG_INFINITY);
+    }
+
+    /// The given terms and the chosen ones.
+    #[must_use]
+    pub fn all<'b>(&'b self, chosen: &'b [Term]) -> Vec<&'b Candidate> {
+        self.given.iter().chain(chosen.iter().map(|t| &t.candidate)).collect()
+    }
+
+    fn rows(&self) -> usize {
+        self.scene.readings.nrows()
+    }
+
+    fn edges(&self) -> [usize; 4] {
+        let n = self.rows();
+        [0, n, 2 * n, 3 * n]
+    }
+
+    fn whiten(&self, noise: &Noise, stacked: &DMatrix<f64>) -> DMatrix<f64> {
+        let n = self.rows();
+        let mut out = stacked.clone();
+        for a in 0..3 {
+            let mut part = out.rows(a * n, n).into_owned();
+            noise.whiten(a, &mut part);
+            out.rows_mut(a * n, n).copy_from(&part);
+        }
+        out
+    }
+
+    /// The linear model and the terms as columns of each component, for the noise.
+    fn designs(&self, terms: &[&Candidate]) -> [DMatrix<f64>; 3] {
+        let n = self.rows();
+        [0, 1, 2].map(|a| {
+            let mut columns: Vec<DVector<f64>> = self.scene.design.column_iter().map(|c| c.into_owned()).collect();
+            for term in terms {
+                for column in term.columns.column_iter() {
+                    let own = column.rows(a * n, n).into_owned();
+                    if own.norm() > 0.0 {
+                        columns.push(&own / own.norm());
+                    }
+                }
+            }
+            orthonormal(&DMatrix::from_columns(&columns), None, INDEPENDENT)
+        })
+    }
+
+    /// The model with these terms, its noise estimated with them.
+    #[must_use]
+    pub fn model(&self, terms: &[&Candidate]) -> Option<MeansModel> {
+        let noise = self.correlations.estimate(&self.readings, &self.designs(terms))?;
+        Some(self.model_with(noise, terms))
+    }
+
+    fn model_with(&self, noise: Noise, terms: &[&Candidate]) -> MeansModel {
+        let n = self.rows();
+        let p = self.scene.design.ncols();
+        let own = [0, 1, 2].map(|a| {
+            let mut design = self.scene.design.clone();
+            noise.whiten(a, &mut design);
+            design
+        });
+        let extra: usize = terms.iter().map(|t| t.columns.ncols()).sum();
+        let mut common = DMatrix::zeros(3 * n, extra);
+        let mut at = 0;
+        for term in terms {
+            common.columns_mut(at, term.columns.ncols()).copy_from(&self.whiten(&noise, &term.columns));
+            at += term.columns.ncols();
+        }
+        let mut columns = DMatrix::zeros(3 * n, 3 * p + extra);
+        for (a, design) in own.iter().enumerate() {
+            columns.view_mut((a * n, a * p), (n, p)).copy_from(design);
+        }
+        columns.columns_mut(3 * p, extra).copy_from(&common);
+        let stacked = DMatrix::from_column_slice(3 * n, 1, self.readings.as_slice());
+        let readings = self.whiten(&noise, &stacked).column(0).into_owned();
+        let fitted = Fitted::of_components(&readings, &own, &common, self.edges()).with_noise_beside(noise.inside);
+        MeansModel { noise, fitted, columns, readings }
+    }
+
+    /// Another model with the noise of this one.
+    #[must_use]
+    pub fn model_beside(&self, model: &MeansModel, terms: &[&Candidate]) -> MeansModel {
+        self.model_with(model.noise.clone(), terms)
+    }
+
+    /// All candidates beside a model.
+    #[must_use]
+    pub fn groups(&self, model: &MeansModel) -> Vec<Group> {
+        self.candidates.par_iter().with_min_len(AT_ONCE).map(|c| self.group(model, c)).collect()
+    }
+
+    /// One candidate beside a model.
+    #[must_use]
+    pub fn group(&self, model: &MeansModel, candidate: &Candidate) -> Group {
+        model.fitted.group(&self.whiten(&model.noise, &candidate.columns))
+    }
+
+    /// All candidates scored beside a model.
+    pub(super) fn scored<'b>(&'b self, model: &'b MeansModel) -> Scored<'b> {
+        Scored::new(&model.fitted, self.candidates.iter().collect(), self.groups(model), self.log_priors.clone())
+    }
+}
+
+/// A candidate with another value of a shape parameter.
+fn with_shape(candidate: &Candidate, record: &Record, name: &str, value: f64) -> Option<Candidate> {
+    let mut spec = candidate.spec.clone();
+    spec.shape.iter_mut().find(|(n, _, _)| n == name)?.1 = value;
+    let columns = candidate.effect.columns(record, &spec)?;
+    Some(Candidate::of_readings(candidate.effect, spec, columns))
+}

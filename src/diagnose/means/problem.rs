@@ -1,0 +1,201 @@
+//! Plateau means as a problem of the search.
+
+use super::{Means, MeansModel, Term, told, with_shape};
+use crate::diagnose::candidate::{Candidate, Threshold};
+use crate::diagnose::explanations::{Explanation, Scored, log_sum};
+use crate::diagnose::problem::{Problem, Revision, Told};
+use crate::fit::scalar::{self, Stop};
+use crate::fit::scan::Score;
+use crate::model::effects::Spec;
+use rayon::prelude::*;
+
+/// Evidence (logarithm) that a term needs beyond what simulated noise gives, since the noise that the readings allow gives more than the
+/// noise that they suggest; as in reports/blind-study.md.
+const NOISE_UNKNOWN: f64 = 1.1;
+/// Explanations beside which a second effect is looked for where none stands out alone; as in reports/blind-study.md.
+const HIDDEN: usize = 3;
+/// Explanations whose evidence is averaged over the noise; as in reports/blind-study.md.
+const PROMISING: usize = 5;
+/// Seed of the simulated noise.
+const SEED: u64 = 0x0ca1_f175;
+/// Where the search for the best value of a shape parameter ends, as a part of the value, and after how many steps.
+const SHAPE_PART: f64 = 1e-3;
+const SHAPE_STEPS: u64 = 24;
+
+/// What stands out beside chosen terms.
+struct Look {
+    /// Explanations with averaged evidence, the best first.
+    averaged: Vec<Explanation>,
+    /// The best of them, if it is no noise.
+    evident: Option<Term>,
+}
+
+impl Problem for Means<'_> {
+    type Term = Term;
+    type Fit = MeansModel;
+
+    /// One false alarm in a hundred runs: the target of reports/blind-study.md.
+    const FALSE_ALARM: f64 = 0.01;
+    /// As in reports/blind-study.md. More would fit the noise of a hundred means.
+    const MOST_TERMS: usize = 6;
+    /// As many rounds may rule something out.
+    const MOST_ROUNDS: usize = 2 * Self::MOST_TERMS;
+    /// Two terms that change places would do so for ever; as in reports/blind-study.md.
+    const MOST_REVISIONS: usize = 3;
+
+    fn fitted(&self, chosen: &[Term]) -> Option<MeansModel> {
+        self.model(&self.all(chosen))
+    }
+
+    fn evident(&self, model: &MeansModel, chosen: &[Term]) -> Option<Vec<Term>> {
+        let now = self.all(chosen);
+        let look = self.look(model, &now);
+        let found = match look.evident {
+            Some(one) => Some(vec![one]),
+            None => self.hidden(&look.averaged, model, &now).map(Vec::from),
+        };
+        Some(found.unwrap_or_default())
+    }
+
+    /// With the noise that is left with the further terms.
+    fn predicts(&self, chosen: &[Term], further: &[Term]) -> Option<bool> {
+        let now = self.all(chosen);
+        let with: Vec<&Candidate> = now.iter().copied().chain(further.iter().map(|t| &t.candidate)).collect();
+        let noise = self.model(&with)?.noise;
+        Some(self.predicted(&noise, &with).sum < self.predicted(&noise, &now).sum)
+    }
+
+    /// The whole form: its other axes and shapes are alike.
+    fn rule_out(&mut self, term: &Term) {
+        let Candidate { key, spec, .. } = &term.candidate;
+        self.leave_out(|c| c.key == *key && c.spec.form == spec.form);
+    }
+
+    fn belong_together(&self, earlier: &Term, last: &Term) -> bool {
+        earlier.candidate.is_same_form(&last.candidate)
+    }
+
+    /// On the axes of both.
+    fn merged(&self, earlier: &Term, last: &Term) -> Option<Term> {
+        let (earlier_axes, last) = (&earlier.candidate.spec.axes, &last.candidate);
+        let mut axes = [earlier_axes.clone(), last.spec.axes.clone()].concat();
+        axes.sort_unstable();
+        axes.dedup();
+        if axes == *earlier_axes {
+            return None;
+        }
+        let spec = Spec { axes, ..last.spec.clone() };
+        let columns = last.effect.columns(&self.scene.record, &spec)?;
+        Some(Term { candidate: Candidate::of_readings(last.effect, spec, columns), ..earlier.clone() })
+    }
+
+    /// Beside all other terms, with the noise that is left with all of them.
+    fn revised(&self, chosen: &mut [Term], index: usize) -> Option<Revision<Term>> {
+        let all = self.all(chosen);
+        let at = self.given.len() + index;
+        let others: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| *i != at).map(|(_, c)| *c).collect();
+        let noise = self.correlations.estimate(&self.readings, &self.designs(&all))?;
+        let model = self.model_with(noise, &others);
+        let scored = self.scored(&model);
+        let own = all[at];
+        let score = model.fitted.score(&self.group(&model, own));
+        let is_new = |c: &Candidate| chosen.iter().all(|t| t.candidate.key != c.key);
+        let candidate = match scored.revised(&own.key, &score) {
+            Revision::Drop => return Some(Revision::Drop),
+            Revision::Swap(better) if is_new(&self.candidates[better]) => {
+                let candidate = self.refined(&model, &self.candidates[better]);
+                return Some(Revision::Swap(Term { candidate, ..chosen[index].clone() }));
+            }
+            _ => self.refined(&model, own),
+        };
+        chosen[index].candidate = candidate;
+        Some(Revision::Keep)
+    }
+
+    fn told(&self, model: &MeansModel, chosen: &[Term], index: usize, number: usize) -> Told {
+        told::told(self, model, chosen, index, number)
+    }
+}
+
+impl Means<'_> {
+    /// What stands out beside a model.
+    fn look(&self, model: &MeansModel, now: &[&Candidate]) -> Look {
+        let scored = self.scored(model);
+        let averaged = self.averaged(&scored, model, now);
+        let evident = averaged.first().filter(|e| e.best_evidence > NOISE_UNKNOWN).and_then(|best| {
+            let evident = scored.evident(best.best_evidence - NOISE_UNKNOWN, Self::FALSE_ALARM, SEED)?;
+            Some(Term {
+                candidate: self.refined(model, &self.candidates[best.best]),
+                p_global: evident.p_global,
+                trials: evident.trials,
+                threshold: Threshold::Part(best.score.part_for(evident.margin)),
+            })
+        });
+        Look { averaged, evident }
+    }
+
+    /// Two effects that are noise to each other: each stands out beside the other one alone.
+    fn hidden(&self, averaged: &[Explanation], model: &MeansModel, now: &[&Candidate]) -> Option<[Term; 2]> {
+        let beside = |c: &Candidate| {
+            let with: Vec<&Candidate> = now.iter().copied().chain([c]).collect();
+            self.look(&self.model(&with)?, &with).evident
+        };
+        averaged.iter().filter(|e| e.best_evidence > 0.0).take(HIDDEN).find_map(|e| {
+            let second = beside(&self.refined(model, &self.candidates[e.best]))?;
+            let first = beside(&second.candidate).filter(|first| first.candidate.key == e.key)?;
+            Some([first, second])
+        })
+    }
+
+    /// The most promising explanations, their evidence averaged over the noise that the readings allow; the best first.
+    fn averaged(&self, scored: &Scored, model: &MeansModel, now: &[&Candidate]) -> Vec<Explanation> {
+        let noises = self.correlations.plausible(&model.noise.colour, &self.readings, &self.designs(now));
+        let mut chosen: Vec<Explanation> = scored.explanations.iter().take(PROMISING).cloned().collect();
+        // What slow noise hides shows beside white noise.
+        if let Some((white, _)) = noises.last() {
+            let white = self.model_with(white.clone(), now);
+            for e in self.scored(&white).explanations.into_iter().take(PROMISING) {
+                if !chosen.iter().any(|c| c.best == e.best) {
+                    chosen.push(e);
+                }
+            }
+        }
+        let scores: Vec<Vec<Score>> = noises
+            .par_iter()
+            .map(|(noise, _)| {
+                let model = self.model_with(noise.clone(), now);
+                chosen.iter().map(|e| model.fitted.score(&self.group(&model, &self.candidates[e.best]))).collect()
+            })
+            .collect();
+        for (k, e) in chosen.iter_mut().enumerate() {
+            let terms = noises.iter().zip(&scores).map(|((_, weight), scores)| weight + scores[k].evidence);
+            let average = log_sum(terms.clone());
+            let most = (0..noises.len()).zip(terms).max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i);
+            // All candidates of the explanation gain as its best one does.
+            let gain = average - e.score.evidence;
+            e.evidence += gain;
+            e.best_evidence += gain;
+            e.score = scores[most][k];
+        }
+        chosen.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let mut keys: Vec<String> = Vec::new();
+        chosen.retain(|e| !keys.contains(&e.key) && (keys.push(e.key.clone()), true).1);
+        chosen
+    }
+
+    /// A candidate with the best value of its continuous shape parameter.
+    fn refined(&self, model: &MeansModel, candidate: &Candidate) -> Candidate {
+        let Some((name, value)) = candidate.effect.continuous(&candidate.spec) else { return candidate.clone() };
+        let record = &self.scene.record;
+        let evaluate = |v: f64| -> Option<f64> {
+            let other = with_shape(candidate, record, name, v)?;
+            Some(model.fitted.score(&self.group(model, &other)).evidence)
+        };
+        let [low, high] = candidate.effect.shape_range(record, &candidate.spec, name, value);
+        let cost = |v| -evaluate(v).unwrap_or(f64::NEG_INFINITY).max(-1e6);
+        let stop = Stop { relative: SHAPE_PART, absolute: 1e-6 * value.abs().max(1e-9), steps: SHAPE_STEPS };
+        let found = scalar::minimum(cost, [low, high], stop);
+        let better = found.filter(|v| evaluate(*v) > evaluate(value));
+        better.and_then(|v| with_shape(candidate, record, name, v)).unwrap_or_else(|| candidate.clone())
+    }
+}

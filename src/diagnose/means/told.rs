@@ -1,0 +1,133 @@
+//! What is told of a term of the plateau means.
+
+use super::{HeldOut, Means, MeansModel, Term};
+use crate::data::units::{COMPONENTS, six_digits};
+use crate::diagnose::candidate::Candidate;
+use crate::diagnose::problem::Told;
+use crate::diagnose::result::{Gap, Map, Parameter};
+use crate::diagnose::steps::{Facts, Significance, linear_parameters, shape_parameters};
+use crate::diagnose::{selection, words};
+use nalgebra::DVector;
+
+/// Rivals whose evidence (logarithm) is less than that of a term by more than this are not listed.
+pub const HOPELESS: f64 = 60.0;
+
+/// What a term contributes to the means, where it disagrees most with the linear model.
+struct Contribution {
+    /// Axis on which it is largest.
+    axis: usize,
+    /// Contribution to the readings of that axis that the linear model cannot take, enT.
+    own_ent: Vec<f64>,
+    /// The covariate that it follows best.
+    covariate: String,
+    unit: &'static str,
+    x: Vec<f64>,
+}
+
+impl Contribution {
+    fn new(means: &Means, candidate: &Candidate, values: &[(f64, f64)]) -> Self {
+        let scene = means.scene;
+        let n = means.rows();
+        let amplitudes = DVector::from_fn(candidate.columns.ncols(), |j, _| values.get(j).map_or(0.0, |v| v.0));
+        let contribution = &candidate.columns * amplitudes;
+        let size = |a: usize| contribution.rows(a * n, n).norm() * scene.nt_per_ent[a];
+        let axis = (0..3).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0);
+        // What the parameters of the linear model take of it is no disagreement.
+        let q = scene.design.clone().qr().q();
+        let own = contribution.rows(axis * n, n).into_owned();
+        let own_ent: Vec<f64> = (&own - &q * q.tr_mul(&own)).iter().copied().collect();
+        let (covariate, unit, x) = words::follows(&scene.record, &own_ent, candidate.covariate.as_deref());
+        Self { axis, own_ent, covariate, unit, x }
+    }
+
+    /// Where it is largest, in words.
+    fn place(&self, nt_per_ent: f64, noise_nt: f64) -> String {
+        let largest = |i: &usize, j: &usize| self.own_ent[*i].abs().total_cmp(&self.own_ent[*j].abs());
+        let most = (0..self.own_ent.len()).max_by(largest).unwrap_or(0);
+        let size_nt = self.own_ent[most].abs() * nt_per_ent;
+        format!(
+            "{}, where the {} is {} {}: up to {size_nt:.3} nT ({:.1} noise)",
+            COMPONENTS[self.axis],
+            self.covariate,
+            six_digits(self.x[most]),
+            self.unit,
+            size_nt / noise_nt.max(f64::MIN_POSITIVE)
+        )
+    }
+}
+
+/// The facts of a chosen term beside all others, with the noise of the full model.
+pub(super) fn told(means: &Means, model: &MeansModel, chosen: &[Term], index: usize, number: usize) -> Told {
+    let term = &chosen[index];
+    let all = means.all(chosen);
+    let at = means.given.len() + index;
+    let candidate = all[at];
+    let others: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| *i != at).map(|(_, c)| *c).collect();
+    let without = means.model_beside(model, &others);
+    let scored = means.scored(&without);
+    let own_group = means.group(&without, candidate);
+    let rivals = scored.rivals(candidate, &own_group);
+    let score = rivals.score;
+    let values = means.estimate(model, &all, at).unwrap_or_default();
+    let [before, after] = [&others, &all].map(|terms| means.predicted(&model.noise, terms));
+    let contribution = Contribution::new(means, candidate, &values);
+    let axis = contribution.axis;
+    let nt_per_ent = means.scene.nt_per_ent[axis];
+    let row_std = means.row_std(model, &all);
+    let noise_nt = row_std.iter().map(|s| s[axis]).sum::<f64>() / means.rows() as f64 * nt_per_ent;
+    let shape = if candidate.effect.is_unknown() {
+        words::shape(&contribution.x, &contribution.own_ent, nt_per_ent, &after, axis, &row_std)
+    } else {
+        Vec::new()
+    };
+    let significance = Significance {
+        p_value: score.p_value(),
+        trials: term.trials,
+        p_value_corrected: term.p_global,
+        strength_k: score.strength,
+    };
+    let facts = Facts {
+        parameters: parameters(candidate, &values, score.strength, term.threshold.strength(score.strength)),
+        place: contribution.place(nt_per_ent, noise_nt),
+        gaps: [&before, &after].map(|held| gap(held, means.scene.nt_per_ent)),
+        ambiguous_with: rivals.ambiguous(),
+        runners_up: scored.runners_up(&candidate.key, HOPELESS),
+        covariate: candidate.covariate.clone(),
+        shape,
+        ..Facts::new(candidate.effect, candidate.spec.clone(), significance)
+    };
+    let nt = |held: &HeldOut| held.residual_ent.column(axis).iter().map(|r| r * nt_per_ent).collect::<Vec<f64>>();
+    let map = Map {
+        covariate: contribution.covariate,
+        unit: contribution.unit.to_owned(),
+        axis,
+        x: contribution.x,
+        before_nt: nt(&before),
+        after_nt: nt(&after),
+        noise_nt,
+        step: number,
+    };
+    Told { facts, map, evidence: Some(rivals.bars(number)) }
+}
+
+/// Linear parameters, corrected for having been selected, and those of the shape, of which the one that was refined has an uncertainty.
+fn parameters(candidate: &Candidate, values: &[(f64, f64)], strength: f64, least: f64) -> Vec<Parameter> {
+    let linear = candidate.parameters.len();
+    let shown = selection::corrected(&values[..linear.min(values.len())], strength, least);
+    let mut parameters = linear_parameters(candidate.parameters.iter().map(|(name, unit)| (name.as_str(), *unit)), &shown);
+    if !candidate.effect.is_unknown() {
+        let refined = values.get(linear);
+        let std = |_: &str, value: f64| refined.filter(|(v, _)| *v == value).map(|(_, std)| *std);
+        parameters.extend(shape_parameters(&candidate.spec, std));
+    }
+    parameters
+}
+
+/// Held-out residuals as a gap.
+pub fn gap(held: &HeldOut, nt_per_ent: [f64; 3]) -> Gap {
+    let n = held.residual_ent.nrows();
+    let rms_nt: [f64; 3] =
+        std::array::from_fn(|a| (held.residual_ent.column(a).norm_squared() / n as f64).sqrt() * nt_per_ent[a]);
+    let max_nt = (0..3).map(|a| held.residual_ent.column(a).amax() * nt_per_ent[a]).fold(0.0, f64::max);
+    Gap { rms_nt, chi2_per_dof: held.sum / (3 * n) as f64, max_nt }
+}

@@ -1,0 +1,240 @@
+//! One run with plateaus: damaged data, then a lag of the thermistor, then the samples, then the plateau means.
+
+use super::candidate::Candidate;
+use super::lag::FoundLag;
+use super::limits::{hidden_drifts, limits};
+use super::means::{Means, MeansModel, Term};
+use super::problem::{self, Outcome};
+use super::result::{Diagnosis, Evidence, Map, Pictures, Step};
+use super::samples::{self, Inside};
+use super::steps::{fault_step, inside_step, joined, sufficient};
+use super::{DiagnoseError, Given, Options, inside_maps, lag, where_map, words};
+use crate::data::plateau::Plateaus;
+use crate::data::run::Run;
+use crate::files::campaign::Campaign;
+use crate::model::effects::thermal_lag::ThermalLag;
+use crate::model::effects::time_shift::SHIFT;
+use crate::model::effects::{Acts, Catalogue, EffectRef, Record, Row, Spec};
+use crate::record::scene::{Samples, Scene};
+use nalgebra::DMatrix;
+
+/// Samples nearer to an edge than this many displacements do not tell of transients.
+const SKIPPED_SHIFTS: f64 = 1.5;
+
+/// What the samples show.
+struct InSamples {
+    /// What was known before, then what was found.
+    all: Vec<Inside>,
+    /// How many were known before.
+    known: usize,
+}
+
+impl InSamples {
+    fn found(&self) -> &[Inside] {
+        &self.all[self.known..]
+    }
+}
+
+/// Diagnoses one run with plateaus.
+///
+/// # Errors
+/// Why the run cannot be looked at.
+pub(super) fn run(
+    run: &Run,
+    plateaus: &Plateaus,
+    samples: Option<&Samples>,
+    campaign: &Campaign,
+    options: &Options,
+) -> Result<Diagnosis, DiagnoseError> {
+    let samples = samples.filter(|s| !s.t_s.is_empty());
+    let mut scene = Scene::new(run, plateaus, samples, &campaign.file.instructions, options.facility.as_ref())
+        .map_err(|e| DiagnoseError::Record(e.0))?;
+    let mut warnings = std::mem::take(&mut scene.warnings);
+    let mut steps: Vec<Step> = scene.faults.iter().map(fault_step).collect();
+    let known_lag = options.given.iter().find_map(Given::thermal_lag);
+    if let Some(lag) = known_lag {
+        scene.follow(lag);
+    }
+    let given = given_between(&scene.record, &options.given);
+    let known: Vec<Inside> = options.given.iter().filter(|g| g.is_inside()).map(Inside::known).collect();
+
+    let mut pictures = Pictures::default();
+    let design_before = scene.design.clone();
+    let raw = corrected(&scene, &known);
+    // A lag changes the temperatures that the model itself is a polynomial of: it is looked for first, and then built in.
+    let lag = (known_lag.is_none() && scene.record.thermal.is_some())
+        .then(|| lag::find(&mut scene, &raw, &given, steps.len(), &options.catalogue))
+        .flatten();
+    let has_lag = known_lag.is_some() || lag.is_some();
+    if let Some(FoundLag { facts, branches, evidence }) = lag {
+        steps.push(facts.step());
+        pictures.branches = Some(branches);
+        pictures.evidence.push(evidence);
+    }
+    // What happens inside the plateaus next: its consequences for the means are known then.
+    let settings = settings_s(plateaus);
+    let steady = samples.map(|samples| scene.at_steady_temperature(samples, &settings));
+    let samples = steady.as_deref();
+    let inside = in_samples(&scene, samples, &settings, known, &options.catalogue);
+
+    let mut means = Means::new(&scene, corrected(&scene, &inside.all), &options.catalogue, given);
+    means.leave_out(|c| is_found_elsewhere(c.effect, &scene.record, has_lag));
+    let outcome = problem::search(&mut means).ok_or(DiagnoseError::NoNoise)?;
+    let all = means.all(&outcome.terms);
+
+    for (index, found) in inside.found().iter().enumerate() {
+        let earlier = &inside.all[..inside.known + index];
+        let picture = samples.and_then(|s| inside_maps::of(&scene, s, &settings, earlier, found, steps.len()));
+        pictures.inside.extend(picture);
+        steps.push(inside_step(found, &scene));
+    }
+    let (steps, maps) = steps_of_all(&means, &outcome, steps, &mut pictures);
+    let noise_floor_nt = noise_floor_nt(&means, &outcome.fit, &all);
+    pictures.left = quiet_maps(&means, &outcome.fit, &all, noise_floor_nt);
+    let before = where_map::Model {
+        record: &scene.record,
+        readings: &raw,
+        design: &design_before,
+        given: means.given.iter().map(|g| &g.columns).collect(),
+        nt_per_ent: scene.nt_per_ent,
+    };
+    pictures.places = where_map::places(&before, &outcome.fit.noise);
+    let (not_identifiable, detection_limits) = limits(&means, &outcome.fit, &steps, &options.catalogue);
+    warnings.extend(hidden_drifts(&means, &outcome.fit, &all, &steps));
+    if run.vectors.lost > 0 {
+        warnings.push(format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count));
+    }
+    Ok(Diagnosis {
+        format: "diagnosis",
+        version: 1,
+        runs: vec![run.header.run.clone()],
+        noise_floor_nt,
+        noise: Some(outcome.fit.noise.colour),
+        verdict: words::verdict(&steps),
+        steps,
+        not_identifiable,
+        detection_limits,
+        response: None,
+        warnings,
+        reading_ent: reading_ranges_ent(&scene.record),
+        maps,
+        pictures,
+    })
+}
+
+/// Known effects that act between the means: their sizes are fitted again. A lag is built into the temperatures.
+fn given_between(record: &Record, given: &[Given]) -> Vec<Candidate> {
+    let between = given.iter().filter(|g| !g.is_inside() && !g.effect.is(&ThermalLag));
+    between.filter_map(|g| candidate(record, g.effect, &g.spec)).collect()
+}
+
+fn candidate(record: &Record, effect: EffectRef, spec: &Spec) -> Option<Candidate> {
+    Some(Candidate::of_readings(effect, spec.clone(), effect.columns(record, spec)?))
+}
+
+/// Begin and end of the settings without sines, s.
+fn settings_s(plateaus: &Plateaus) -> Vec<[f64; 2]> {
+    let steady = plateaus.list.iter().filter(|p| p.setting.frequency_hz == 0.0);
+    steady.map(|p| [p.setting.t_start_s, p.setting.t_end_s]).collect()
+}
+
+/// What happens inside the plateaus: displaced edges and transients where fields are applied, and periodic signals.
+fn in_samples(
+    scene: &Scene,
+    samples: Option<&Samples>,
+    settings: &[[f64; 2]],
+    known: Vec<Inside>,
+    catalogue: &Catalogue,
+) -> InSamples {
+    let mut inside = InSamples { known: known.len(), all: known };
+    let Some(samples) = samples else { return inside };
+    if scene.record.has_fields() {
+        let shift = samples::displaced(scene, samples);
+        let skip_s = shift.as_ref().and_then(|s| s.spec.get(SHIFT)).map_or(0.0, f64::abs) * SKIPPED_SHIFTS;
+        let transient = samples::transient(scene, samples, settings, skip_s, catalogue);
+        let is_known = |found: &Inside| inside.all.iter().any(|k: &Inside| k.effect == found.effect);
+        let new: Vec<Inside> = [shift, transient].into_iter().flatten().filter(|f| !is_known(f)).collect();
+        for mut found in new {
+            samples::measure(scene, samples, settings, &inside.all, &mut found);
+            inside.all.push(found);
+        }
+    }
+    let periodic = samples::periodic(scene, samples, &inside.all, catalogue);
+    inside.all.extend(periodic);
+    inside
+}
+
+/// Whether an effect was looked for before the means were: a lag in the temperatures, what the samples show in the samples.
+fn is_found_elsewhere(effect: EffectRef, record: &Record, has_lag: bool) -> bool {
+    (has_lag && effect.is(&ThermalLag)) || (record.has_samples && effect.acts_in(Acts::Samples))
+}
+
+/// Readings without what was found in the samples, enT.
+fn corrected(scene: &Scene, inside: &[Inside]) -> DMatrix<f64> {
+    let mut readings = scene.readings.clone();
+    for found in inside {
+        let columns = found.effect.columns(&scene.record, &found.spec).unwrap_or_default();
+        for (column, (value, _)) in columns.iter().zip(&found.values) {
+            for i in 0..readings.nrows() {
+                for a in 0..3 {
+                    readings[(i, a)] -= value * column.values[i][a];
+                }
+            }
+        }
+    }
+    readings
+}
+
+/// The steps so far and those of the means, one per effect, with their maps; their evidence goes to the pictures.
+fn steps_of_all(
+    means: &Means,
+    outcome: &Outcome<Term, MeansModel>,
+    mut steps: Vec<Step>,
+    pictures: &mut Pictures,
+) -> (Vec<Step>, Vec<Map>) {
+    let (of_means, maps, evidence) = problem::steps(means, outcome, steps.len());
+    steps.extend(of_means);
+    pictures.evidence.extend(evidence);
+    let (mut steps, places) = joined(steps);
+    // A further form of an effect has no picture of its own.
+    let place = |step: usize| places.get(step).copied().flatten();
+    let maps = maps.into_iter().filter_map(|m| Some(Map { step: place(m.step)?, ..m })).collect();
+    let evidence = std::mem::take(&mut pictures.evidence);
+    pictures.evidence = evidence.into_iter().filter_map(|e| Some(Evidence { step: place(e.step)?, ..e })).collect();
+    sufficient(&mut steps);
+    (steps, maps)
+}
+
+fn noise_floor_nt(means: &Means, model: &MeansModel, all: &[&Candidate]) -> [f64; 3] {
+    let row_std = means.row_std(model, all);
+    std::array::from_fn(|a| row_std[0][a] * means.scene.nt_per_ent[a])
+}
+
+/// What the whole model leaves of the readings.
+fn quiet_maps(means: &Means, model: &MeansModel, all: &[&Candidate], noise_floor_nt: [f64; 3]) -> Vec<Map> {
+    let held = means.predicted(&model.noise, all);
+    (0..3)
+        .map(|axis| {
+            let record = &means.scene.record;
+            let nt: Vec<f64> = held.residual_ent.column(axis).iter().map(|r| r * means.scene.nt_per_ent[axis]).collect();
+            Map {
+                covariate: "time".to_owned(),
+                unit: "s".to_owned(),
+                axis,
+                x: record.rows.iter().map(Row::t_s).collect(),
+                before_nt: nt.clone(),
+                after_nt: nt,
+                noise_nt: noise_floor_nt[axis],
+                step: 0,
+            }
+        })
+        .collect()
+}
+
+/// Smallest and largest reading of each axis, without offset, enT.
+fn reading_ranges_ent(record: &Record) -> [[f64; 2]; 3] {
+    std::array::from_fn(|a| {
+        let readings = record.rows.iter().map(|r| r.linear_ent[a]);
+        readings.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
+    })
+}

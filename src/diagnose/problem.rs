@@ -1,0 +1,156 @@
+//! One search for missing effects, whatever the data are: plateau means of a run, parameters of several runs, sines.
+//!
+//! A [`Problem`] knows its data: which terms may be missing, how the model with some of them is fitted, what noise alone would show, which
+//! terms exclude each other, which stretches can be held out, and the facts that tell of an accepted term. [`search`] knows the way: the
+//! most evident term is added if it predicts what it has not seen, terms of one effect are merged, and terms that another one made
+//! superfluous or that something else explains better are dropped or swapped, until noise alone explains what is left.
+
+use super::result::{Evidence, Map, Step};
+use super::steps::Facts;
+
+/// Data with everything that may be missing in their model.
+pub trait Problem {
+    /// A term that was accepted.
+    type Term: Clone;
+    /// The model with the chosen terms, fitted.
+    type Fit;
+
+    /// Probability with which noise alone may give as much evidence as a term needs.
+    const FALSE_ALARM: f64;
+    /// Most terms.
+    const MOST_TERMS: usize;
+    /// Rounds after which the search ends; a round adds terms, or rules some out because they predict nothing.
+    const MOST_ROUNDS: usize;
+    /// How often all terms are revised after one was added; earlier if nothing changes.
+    const MOST_REVISIONS: usize;
+
+    /// The model with the chosen terms; `None` if it has no fit.
+    fn fitted(&self, chosen: &[Self::Term]) -> Option<Self::Fit>;
+
+    /// What is evident beside the chosen terms: one term, or several that show only together; none where noise alone explains what is left.
+    /// `None` if a model has no fit.
+    fn evident(&self, fit: &Self::Fit, chosen: &[Self::Term]) -> Option<Vec<Self::Term>>;
+
+    /// Whether the model with further terms predicts stretches that were held out better than the model without them. `None` if a model has no
+    /// fit.
+    fn predicts(&self, chosen: &[Self::Term], further: &[Self::Term]) -> Option<bool>;
+
+    /// Rules out what did not predict stretches that were held out.
+    fn rule_out(&mut self, term: &Self::Term);
+
+    /// Whether two terms are one effect on different axes.
+    fn belong_together(&self, earlier: &Self::Term, last: &Self::Term) -> bool;
+
+    /// One term in place of two that belong together; `None` if both have to stay.
+    fn merged(&self, earlier: &Self::Term, last: &Self::Term) -> Option<Self::Term>;
+
+    /// What becomes of a term now that others were added; its parameters may be refined where it stays. `None` if a model has no fit.
+    fn revised(&self, chosen: &mut [Self::Term], index: usize) -> Option<Revision<Self::Term>>;
+
+    /// The facts that tell of a chosen term; `number` is that of its step.
+    fn told(&self, fit: &Self::Fit, chosen: &[Self::Term], index: usize, number: usize) -> Told;
+}
+
+/// What becomes of a term.
+pub enum Revision<T> {
+    /// It stays.
+    Keep,
+    /// Something else explains the data better.
+    Swap(T),
+    /// The other terms made it superfluous.
+    Drop,
+}
+
+/// The facts that tell of a term, with what is drawn of it.
+pub struct Told {
+    /// The facts.
+    pub facts: Facts,
+    /// Residuals without and with it.
+    pub map: Map,
+    /// Its evidence and that of its rivals, if they are drawn.
+    pub evidence: Option<Evidence>,
+}
+
+/// The terms that a search accepted, and the model with them.
+pub struct Outcome<T, F> {
+    /// Terms in the order in which they were accepted.
+    pub terms: Vec<T>,
+    /// The model with all of them.
+    pub fit: F,
+}
+
+/// [`Outcome`] of a problem.
+pub type OutcomeOf<P> = Outcome<<P as Problem>::Term, <P as Problem>::Fit>;
+
+/// Looks for missing terms, one after the other. `None` if a model has no fit.
+pub fn search<P: Problem>(problem: &mut P) -> Option<OutcomeOf<P>> {
+    let mut terms: Vec<P::Term> = Vec::new();
+    for _ in 0..P::MOST_ROUNDS {
+        if terms.len() >= P::MOST_TERMS {
+            break;
+        }
+        let fit = problem.fitted(&terms)?;
+        let found = problem.evident(&fit, &terms)?;
+        if found.is_empty() {
+            return Some(Outcome { terms, fit });
+        }
+        if !problem.predicts(&terms, &found)? {
+            found.iter().for_each(|term| problem.rule_out(term));
+            continue;
+        }
+        for term in found {
+            add(problem, &mut terms, term);
+        }
+        repair(problem, &mut terms)?;
+    }
+    let fit = problem.fitted(&terms)?;
+    Some(Outcome { terms, fit })
+}
+
+/// Adds a term, merged with an earlier one of the same effect on other axes.
+fn add<P: Problem>(problem: &P, terms: &mut Vec<P::Term>, last: P::Term) {
+    let earlier = terms.iter().position(|t| problem.belong_together(t, &last));
+    match earlier.and_then(|index| Some((index, problem.merged(&terms[index], &last)?))) {
+        Some((index, merged)) => terms[index] = merged,
+        None => terms.push(last),
+    }
+}
+
+/// Drops terms that the others made superfluous, and swaps those for which something better is left. A single term stays: it has just been
+/// accepted.
+fn repair<P: Problem>(problem: &P, terms: &mut Vec<P::Term>) -> Option<()> {
+    for _ in 0..P::MOST_REVISIONS {
+        let mut changed = false;
+        let mut index = 0;
+        while index < terms.len() && terms.len() > 1 {
+            match problem.revised(terms, index)? {
+                Revision::Keep => index += 1,
+                Revision::Swap(better) => {
+                    terms[index] = better;
+                    changed = true;
+                    index += 1;
+                }
+                Revision::Drop => {
+                    terms.remove(index);
+                    changed = true;
+                }
+            }
+        }
+        if !changed {
+            break;
+        }
+    }
+    Some(())
+}
+
+/// The accepted terms as steps, numbered from `first`, with what is drawn of them.
+pub fn steps<P: Problem>(problem: &P, outcome: &OutcomeOf<P>, first: usize) -> (Vec<Step>, Vec<Map>, Vec<Evidence>) {
+    let (mut steps, mut maps, mut evidence) = (Vec::new(), Vec::new(), Vec::new());
+    for index in 0..outcome.terms.len() {
+        let told = problem.told(&outcome.fit, &outcome.terms, index, first + index);
+        steps.push(told.facts.step());
+        maps.push(told.map);
+        evidence.extend(told.evidence);
+    }
+    (steps, maps, evidence)
+}

@@ -1,0 +1,270 @@
+//! Transients after the steps of the field: means over the phases of all settings, on top of each other.
+
+use super::{Inside, SIGNIFICANT, interval_s};
+use crate::fit::statistics::{median, two_sided_tail};
+use crate::model::effects::in_samples::{self, InSamples};
+use crate::model::effects::{Catalogue, EffectRef};
+use crate::record::scene::{Samples, Scene};
+use nalgebra::{DMatrix, DVector, Matrix2};
+use rayon::prelude::*;
+
+/// Fewest bins of a plateau, and fewest plateaus per bin: the scatter of the bins is a matrix that has to have an inverse.
+const LEAST_BINS: usize = 4;
+const LEAST_PER_BIN: usize = 3;
+/// The bins of a plateau sum to nothing: this part of their mean variance on the diagonal keeps the inverse of their covariance.
+const RIDGE: f64 = 1e-3;
+/// Rounds of an amplitude, the scatter about it, and the amplitude again.
+const ROUNDS: usize = 3;
+/// A single axis needs to be better than all together by so much of chi square: currents in a housing act on all.
+const SINGLE_AXIS: f64 = 6.0;
+/// Parts by which a time constant is refined.
+const FINER: [f64; 5] = [0.25, 0.12, 0.06, 0.03, 0.015];
+/// Step of the derivative by the logarithm of a time constant.
+const TAU_STEP: f64 = 0.01;
+
+/// Bins of one axis, plateau after plateau.
+type Bins = Vec<DVector<f64>>;
+
+/// Phases of a plateau for the stack: ends of bins in samples after its begin, closer where transients are fast.
+pub fn phases(samples: usize) -> Vec<usize> {
+    let mut edges = vec![0usize];
+    let mut width = 1usize;
+    while edges[edges.len() - 1] + width <= samples {
+        let last = edges[edges.len() - 1] + width;
+        edges.push(last);
+        if edges.len() % 2 == 0 {
+            width = (width * 3).div_ceil(2);
+        }
+    }
+    edges
+}
+
+/// The clearest transient of all effects of a catalogue that make some.
+#[must_use]
+pub fn transient(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_s: f64, catalogue: &Catalogue) -> Option<Inside> {
+    let of_effect = |effect: EffectRef| match effect.in_samples()? {
+        InSamples::Transient(form) => transient_of(effect, form, scene, samples, settings, skip_s),
+        _ => None,
+    };
+    catalogue.iter().filter_map(of_effect).max_by(|a, b| a.strength.total_cmp(&b.strength))
+}
+
+/// A transient with its time constant, amplitude and chi square.
+#[derive(Clone)]
+struct Transient {
+    chi_square: f64,
+    tau_s: f64,
+    axes: Vec<usize>,
+    amplitude: f64,
+    std: f64,
+}
+
+/// The plateaus on top of each other: means of the samples over bins of the time since the step, less those of the plateaus.
+struct Stack<'a> {
+    scene: &'a Scene,
+    samples: &'a Samples,
+    form: in_samples::Transient,
+    interval_s: f64,
+    /// First sample of each plateau.
+    begins: Vec<usize>,
+    /// Ends of the bins, in samples after the begin.
+    edges: Vec<usize>,
+    data: [Bins; 3],
+    /// Settings with more noise count for less.
+    weights: [Vec<f64>; 3],
+}
+
+impl<'a> Stack<'a> {
+    /// A sample beside an edge, nearer than `skip_s` or the next one, does not count: the low-pass of every sensor shows in it. `None` where
+    /// there are too few plateaus.
+    fn new(
+        form: in_samples::Transient,
+        scene: &'a Scene,
+        samples: &'a Samples,
+        settings: &[[f64; 2]],
+        skip_s: f64,
+    ) -> Option<Self> {
+        let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
+        let interval_s = interval_s(samples)?;
+        let skip_s = skip_s.max(interval_s);
+        let windows: Vec<[usize; 2]> = settings.iter().map(|[b, e]| [at(b + skip_s), at(e - skip_s)]).collect();
+        let shortest = windows.iter().map(|w| w[1].saturating_sub(w[0])).min()?;
+        let edges = phases(shortest);
+        let bins = edges.len() - 1;
+        if bins < LEAST_BINS || windows.len() < LEAST_PER_BIN * bins {
+            return None;
+        }
+        let begins = windows.into_iter().map(|[begin, _]| begin).collect();
+        let mut stack =
+            Self { scene, samples, form, interval_s, begins, edges, data: Default::default(), weights: Default::default() };
+        stack.data = stack.bins_of(&|[from, to]| {
+            let sum = |a: usize| samples.reading_ent[from..to].iter().map(|v| v[a]).sum::<f64>();
+            [0, 1, 2].map(|a| sum(a) / (to - from) as f64)
+        });
+        stack.weights = [0, 1, 2].map(|a: usize| {
+            let sizes: Vec<f64> = stack.data[a].iter().map(|d| d.norm_squared()).collect();
+            let usual = median(&mut sizes.clone()).max(f64::MIN_POSITIVE);
+            sizes.iter().map(|s| (2.0 * usual / (usual + s)).sqrt()).collect()
+        });
+        Some(stack)
+    }
+
+    fn bins(&self) -> usize {
+        self.edges.len() - 1
+    }
+
+    /// Plateaus beyond those that the scatter of the bins needs.
+    fn freedom(&self) -> f64 {
+        (self.begins.len() - self.bins() - 1) as f64
+    }
+
+    /// Means over ranges of samples as bins, each less the mean of its plateau.
+    fn bins_of(&self, mean_of: &(dyn Fn([usize; 2]) -> [f64; 3] + Sync)) -> [Bins; 3] {
+        let bins = self.bins();
+        let of_plateau = |begin: &usize| -> [DVector<f64>; 3] {
+            let all = mean_of([*begin, begin + self.edges[bins]]);
+            let each: Vec<[f64; 3]> = self.edges.windows(2).map(|e| mean_of([begin + e[0], begin + e[1]])).collect();
+            [0, 1, 2].map(|a: usize| DVector::from_fn(bins, |k, _| each[k][a] - all[a]))
+        };
+        let plateaus: Vec<[DVector<f64>; 3]> = self.begins.par_iter().map(of_plateau).collect();
+        let mut axes: [Bins; 3] = Default::default();
+        plateaus.into_iter().for_each(|plateau| axes.iter_mut().zip(plateau).for_each(|(axis, row)| axis.push(row)));
+        axes
+    }
+
+    /// What a transient of unit amplitude makes of the bins.
+    fn template(&self, tau_s: f64) -> [Bins; 3] {
+        self.bins_of(&|[from, to]| {
+            let ends_s = [self.samples.t_s[from], self.samples.t_s[to - 1]];
+            (self.form.mean)(&self.scene.record.steps, ends_s, self.interval_s, tau_s).map(|v| -v)
+        })
+    }
+
+    /// Bins of data and template with their weights, plateau after plateau.
+    fn plateaus<'b>(
+        &'b self,
+        axis: usize,
+        template: &'b Bins,
+    ) -> impl Iterator<Item = (&'b DVector<f64>, &'b DVector<f64>, f64)> {
+        self.data[axis].iter().zip(template).zip(&self.weights[axis]).map(|((data, template), weight)| (data, template, *weight))
+    }
+
+    /// Inverse of the covariance of the bins about a transient, from their scatter between the plateaus.
+    fn inverse_scatter(&self, axis: usize, template: &Bins, amplitude: f64) -> Option<DMatrix<f64>> {
+        let bins = self.bins();
+        let mut scatter = DMatrix::zeros(bins, bins);
+        for (data, template, weight) in self.plateaus(axis, template) {
+            let left = (data - template * amplitude) * weight;
+            scatter += &left * left.transpose();
+        }
+        scatter /= self.begins.len() as f64;
+        let ridge = RIDGE * scatter.trace() / bins as f64;
+        (0..bins).for_each(|k| scatter[(k, k)] += ridge);
+        Some(scatter.cholesky()?.inverse())
+    }
+
+    /// Amplitude of a template on one axis and its standard uncertainty.
+    fn amplitude(&self, axis: usize, template: &Bins) -> Option<(f64, f64)> {
+        let mut amplitude = 0.0;
+        let mut information = 0.0;
+        for _ in 0..ROUNDS {
+            let inverse = self.inverse_scatter(axis, template, amplitude)?;
+            let (mut top, mut bottom) = (0.0, 0.0);
+            for (data, template, weight) in self.plateaus(axis, template) {
+                let weighted = &inverse * template * (weight * weight);
+                top += weighted.dot(data);
+                bottom += weighted.dot(template);
+            }
+            amplitude = top / bottom;
+            information = bottom * self.freedom() / self.begins.len() as f64;
+        }
+        (information > 0.0).then(|| (amplitude, information.sqrt().recip()))
+    }
+
+    /// The transients with a time constant: on all axes with one amplitude, and on each axis by itself.
+    fn transients(&self, tau_s: f64) -> Vec<Transient> {
+        let template = self.template(tau_s);
+        let each: Vec<Option<(f64, f64)>> = (0..3).map(|a| self.amplitude(a, &template[a])).collect();
+        let known: Vec<(usize, f64, f64)> = each.iter().enumerate().filter_map(|(a, f)| f.map(|(v, s)| (a, v, s))).collect();
+        let weight: f64 = known.iter().map(|(_, _, s)| s.powi(-2)).sum();
+        let mut all = Vec::new();
+        if known.len() == 3 {
+            let amplitude = known.iter().map(|(_, v, s)| v / (s * s)).sum::<f64>() / weight;
+            let chi_square = amplitude * amplitude * weight;
+            all.push(Transient { chi_square, tau_s, axes: vec![0, 1, 2], amplitude, std: weight.sqrt().recip() });
+        }
+        all.extend(known.into_iter().map(|(a, amplitude, std)| {
+            let chi_square = (amplitude / std).powi(2) - SINGLE_AXIS;
+            Transient { chi_square, tau_s, axes: vec![a], amplitude, std }
+        }));
+        all
+    }
+
+    /// The best of time constants, beginning with one that is known: the first of those of equal chi square.
+    fn best(&self, known: Option<Transient>, taus_s: impl IntoIterator<Item = f64>) -> Option<Transient> {
+        let all = taus_s.into_iter().flat_map(|tau_s| self.transients(tau_s));
+        all.fold(known, |best, next| match best {
+            Some(best) if next.chi_square.partial_cmp(&best.chi_square) != Some(std::cmp::Ordering::Greater) => Some(best),
+            _ => Some(next),
+        })
+    }
+
+    /// A transient with the best time constant near its own.
+    fn refined(&self, transient: Transient) -> Option<Transient> {
+        FINER.into_iter().try_fold(transient, |best, step| {
+            let tau_s = best.tau_s;
+            self.best(Some(best), [1.0 - step, 1.0 + step].map(|factor| tau_s * factor))
+        })
+    }
+
+    /// Standard uncertainties of amplitude and time constant, which go together: from the information on both.
+    fn std(&self, transient: &Transient) -> Option<[f64; 2]> {
+        let Transient { tau_s, axes, amplitude, .. } = transient;
+        let [now, later, sooner] = [1.0, 1.0 + TAU_STEP, 1.0 - TAU_STEP].map(|factor| self.template(tau_s * factor));
+        let part = self.freedom() / self.begins.len() as f64;
+        let mut information = Matrix2::zeros();
+        for &a in axes {
+            let Some(inverse) = self.inverse_scatter(a, &now[a], *amplitude) else { continue };
+            for (((now, later), sooner), w) in now[a].iter().zip(&later[a]).zip(&sooner[a]).zip(&self.weights[a]) {
+                let slope = (later - sooner) * (amplitude / (2.0 * TAU_STEP));
+                let both = DMatrix::from_columns(&[now.clone(), slope]);
+                information += (both.transpose() * &inverse * &both * (w * w * part)).fixed_view::<2, 2>(0, 0);
+            }
+        }
+        information.try_inverse().map(|c| [c[(0, 0)].sqrt(), tau_s * c[(1, 1)].sqrt()])
+    }
+}
+
+/// Whether a transient of an effect follows the steps.
+fn transient_of(
+    effect: EffectRef,
+    form: in_samples::Transient,
+    scene: &Scene,
+    samples: &Samples,
+    settings: &[[f64; 2]],
+    skip_s: f64,
+) -> Option<Inside> {
+    let stack = Stack::new(form, scene, samples, settings, skip_s)?;
+    let longest = settings.iter().map(|[b, e]| e - b).fold(f64::INFINITY, f64::min);
+    let taus: Vec<f64> = form.taus_s.iter().copied().filter(|t| *t < longest).collect();
+    // A time constant is tried on all axes together and on each of them.
+    let trials = 4 * taus.len();
+    let coarse = stack.best(None, taus)?;
+    // Scatter of few plateaus has tails: the t distribution, by Bartlett's formula the other way round.
+    let freedom = stack.freedom();
+    let effective = freedom * (1.0 + coarse.chi_square.max(0.0) / freedom).ln();
+    let p_value = two_sided_tail(effective.max(0.0).sqrt()).max(f64::MIN_POSITIVE);
+    if p_value * trials as f64 > SIGNIFICANT {
+        return None;
+    }
+    let found = stack.refined(coarse)?;
+    let std = stack.std(&found);
+    Some(Inside {
+        values: vec![(found.amplitude, std.map_or(found.std, |[of_amplitude, _]| of_amplitude))],
+        shape_std: std.map(|[_, of_tau]| (form.time_constant.to_owned(), of_tau)).into_iter().collect(),
+        strength: found.chi_square.max(0.0).sqrt(),
+        p_value,
+        trials,
+        ..Inside::new(effect, (form.term)(&found.axes, found.tau_s))
+    })
+}
