@@ -69,6 +69,23 @@ fn near(step: &Value, name: &str, unit: &str, wanted: f64, open: f64) {
     assert!((value - wanted).abs() <= 4.0 * std + open, "{name} = {value} ± {std} is not {wanted}");
 }
 
+/// The slow noise of this run hides a drift, which is no effect but has to be said.
+#[test]
+fn a_report_shows_the_notes_that_the_diagnosis_holds() {
+    let (case, dir) = ("26-05-01", Case::new());
+    let output = diagnose(case, &dir.out(), &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let found = written(case, &dir.out());
+    let [note] = found["warnings"].as_array().unwrap().as_slice() else { panic!("{}", found["warnings"]) };
+    let note = note.as_str().unwrap();
+    assert!(note.starts_with("the offset of z drifts in order 3 of time, p3 = "), "{note}");
+    assert!(text(&output.stderr).contains(note), "{}", text(&output.stderr));
+    let folder = dir.out().join(format!("{case}_10-00-00"));
+    let page = fs::read_to_string(folder.join(format!("REPORT_DIAGNOSIS__{case}_10-00-00.md"))).unwrap();
+    let remarks = page.split_once("## Remarks").unwrap_or_else(|| panic!("{page}")).1;
+    assert!(remarks.split("\n## ").next().unwrap().contains(note), "{remarks}");
+}
+
 #[test]
 fn runs_without_an_effect_are_silent() {
     for case in ["26-05-01", "26-05-05"] {

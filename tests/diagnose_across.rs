@@ -34,7 +34,7 @@ fn runs_of_champ_name_the_facility_and_that_an_orientation_does_not_agree() {
     assert!(alone.form.form.starts_with("orientation"), "{}", alone.form.form);
     assert!(found.not_identifiable.iter().any(|e| e.effect == "facility_scale" && e.reason.contains("common scale")));
     // What remains exceeds the repeats, and is said.
-    assert!(found.warnings.iter().any(|w| w.contains("still differ")), "{:?}", found.warnings);
+    assert!(found.notes.iter().any(|n| n.text.contains("still differ")), "{:?}", found.notes);
     assert!(found.steps.iter().all(|s| s.p_value_corrected < 0.01 && s.gap_after.chi2_per_dof < s.gap_before.chi2_per_dof));
 }
 

@@ -12,7 +12,7 @@ use calfit::measure::lin::{Lin, Options, lin};
 use calfit::measure::sweep;
 use calfit::model::campaign::Instructions;
 use calfit::record::known::Known;
-use calfit::record::scene::Scene;
+use calfit::record::prepared::PreparedRun;
 use calfit::workflow::{known, read_model};
 use common::check::{Case, calfit, text};
 use common::{Plan, Truth, programme};
@@ -353,11 +353,11 @@ fn the_lag_of_a_model_makes_one_series_of_temperatures() {
         let case = Case::new();
         let lag = effect("thermal_lag", form, &["x", "y", "z"], Vec::new(), vec![parameter("lag", 480.0, None, "s")]);
         let model = known(Some(&write_model(&case, vec![lag]))).unwrap().unwrap();
-        let mut scene = Scene::new(&run, &plateaus, None, &instructions, None).ok().unwrap();
-        scene.follow(model.thermal_lag().unwrap());
+        let mut prepared = PreparedRun::new(&run, &plateaus, None, &instructions, None).ok().unwrap();
+        prepared.follow(model.thermal_lag().unwrap());
         let options = sweep::Options { model: Some(model), ..sweep::Options::default() };
         let swept = sweep::sweep(&run, &plateaus, &instructions, &options).unwrap();
-        let degc = scene.record.thermal.unwrap().degc;
+        let degc = prepared.record.thermal.unwrap().degc;
         assert_eq!(degc.len(), swept.blocks.len());
         for (degc, block) in degc.iter().zip(&swept.blocks) {
             assert!((degc - block.temperature_degc).abs() < 1e-12, "{form}: {degc} {block:?}");

@@ -165,7 +165,7 @@ fn told(
     for (recorded, result) in results {
         match result {
             Ok(made) => {
-                made.diagnosis.warnings.iter().for_each(|w| terminal.warning(&format!("{recorded}: {w}")));
+                made.diagnosis.notes.iter().for_each(|w| terminal.warning(&format!("{recorded}: {w}")));
                 done.push(made);
             }
             Err(failure) => failures.push((recorded, failure)),

@@ -46,9 +46,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 
 fn like(run: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let seed = arguments.seed.unwrap_or(1);
-    let (model, mut warnings) = (known(arguments.model.as_ref())?, Vec::new());
-    let path = write_like_with(model.as_ref(), run, &arguments.parameters, seed, &common.out, common.force, &mut warnings)?;
-    warnings.iter().for_each(|w| terminal.warning(w));
+    let (model, mut notes) = (known(arguments.model.as_ref())?, Vec::new());
+    let path = write_like_with(model.as_ref(), run, &arguments.parameters, seed, &common.out, common.force, &mut notes)?;
+    notes.iter().for_each(|w| terminal.warning(&w.to_string()));
     if common.json {
         terminal.print(&json(&Listing { seed, runs: vec![path] })?);
     } else {
@@ -63,10 +63,10 @@ fn campaign(path: &Path, arguments: &Arguments, common: &Common, terminal: &Term
     findings.iter().for_each(|f| terminal.finding(f));
     let seed = arguments.seed.unwrap_or(twin.seed);
     let bar = terminal.progress(twin.runs.len());
-    let (model, mut warnings) = (known(arguments.model.as_ref())?, Vec::new());
-    let runs = write_campaign_with(model.as_ref(), &twin, seed, &common.out, common.force, || bar.inc(1), &mut warnings)?;
+    let (model, mut notes) = (known(arguments.model.as_ref())?, Vec::new());
+    let runs = write_campaign_with(model.as_ref(), &twin, seed, &common.out, common.force, || bar.inc(1), &mut notes)?;
     bar.finish_and_clear();
-    warnings.iter().for_each(|w| terminal.warning(w));
+    notes.iter().for_each(|w| terminal.warning(&w.to_string()));
     let (vectors, bytes) = runs.iter().fold((0, 0), |(v, b), run| (v + run.vectors, b + run.size_bytes));
     if common.json {
         terminal.print(&json(&Listing { seed, runs })?);

@@ -103,10 +103,3 @@ impl Serialize for Note {
         serializer.collect_str(self)
     }
 }
-
-/// As the lines of text that files and `--json` hold.
-impl Extend<Note> for Vec<String> {
-    fn extend<I: IntoIterator<Item = Note>>(&mut self, notes: I) {
-        Extend::<String>::extend(self, notes.into_iter().map(|note| note.to_string()));
-    }
-}

@@ -7,25 +7,26 @@
 //! these count as values without parameters; otherwise the scatter is known from repeats and from what the model leaves.
 
 mod candidates;
+mod describe;
 mod limits;
 mod problem;
 mod run_set;
-mod told;
 mod values;
 
 use super::candidate::Candidate;
 use super::problem::{search, steps};
 use super::result::{Diagnosis, NotIdentifiable, Pictures};
 use super::{DiagnoseError, words};
+use crate::data::note::{Note, NoteKind};
 use crate::fit::statistics::{chi2_tail, fisher_tail};
 use crate::model::effects::{Catalogue, Spec, UNKNOWN};
 use crate::model::position::PAIRS;
 use candidates::candidates;
+use describe::map_of;
 use limits::limits;
 use nalgebra::DMatrix;
-use problem::{Comparison, suspects};
-use run_set::{RunSet, Suspect, count};
-use told::map_of;
+use problem::{Comparison, chosen_candidates};
+use run_set::{RunCandidate, RunSet, count};
 pub use values::RunValues;
 
 /// Classes of values that have a scatter of their own, as parameters are named and in words.
@@ -48,17 +49,17 @@ fn axis_of(class: usize, i: usize) -> usize {
 /// # Errors
 /// Why these runs show nothing together.
 pub fn across(runs: &[RunValues], catalogue: &Catalogue) -> Result<Diagnosis, DiagnoseError> {
-    let mut warnings = Vec::new();
-    let runs = of_sensors_with_several(runs, &mut warnings)?;
-    let (mut comparison, mut not_identifiable) = comparison(&runs, catalogue, &mut warnings)?;
+    let mut notes = Vec::new();
+    let runs = of_sensors_with_several(runs, &mut notes)?;
+    let (mut comparison, mut not_identifiable) = comparison(&runs, catalogue, &mut notes)?;
     // A model of few linear terms always has a fit.
     let outcome = search(&mut comparison).ok_or(DiagnoseError::NoFreedom)?;
     let set = &comparison.set;
-    let terms = suspects(&outcome.terms);
+    let terms = chosen_candidates(&outcome.terms);
     let scales = set.scales(&outcome.fit);
     let (mut steps, mut maps, _) = steps(&comparison, &outcome, 0);
     let noise_floor_nt = noise_floor_nt(set, &scales);
-    if remaining(set, &terms, &mut warnings) {
+    if remaining(set, &terms, &mut notes) {
         steps.iter_mut().for_each(|s| s.wording = "consistent with");
     }
     if maps.is_empty() {
@@ -67,10 +68,11 @@ pub fn across(runs: &[RunValues], catalogue: &Catalogue) -> Result<Diagnosis, Di
     }
     let detection_limits = limits(&comparison, &outcome.fit, &scales, &steps, &mut not_identifiable);
     let (n, orientations) = (set.count(), count(&set.orientation));
-    warnings.push(format!(
+    let text = format!(
         "{n} runs, {orientations} orientation{}; every run in turn was held out; nT of scale factors and angles at the largest field of the run",
         if orientations == 1 { "" } else { "s" }
-    ));
+    );
+    notes.push(Note::new(NoteKind::Method, text));
     let left = if steps.is_empty() { maps.clone() } else { Vec::new() };
     Ok(Diagnosis {
         format: "diagnosis",
@@ -82,7 +84,7 @@ pub fn across(runs: &[RunValues], catalogue: &Catalogue) -> Result<Diagnosis, Di
         steps,
         not_identifiable,
         detection_limits,
-        warnings,
+        notes,
         reading_ent: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
         maps,
         response: None,
@@ -91,13 +93,17 @@ pub fn across(runs: &[RunValues], catalogue: &Catalogue) -> Result<Diagnosis, Di
 }
 
 /// The runs of sensors that have several.
-fn of_sensors_with_several(runs: &[RunValues], warnings: &mut Vec<String>) -> Result<Vec<RunValues>, DiagnoseError> {
+fn of_sensors_with_several(runs: &[RunValues], notes: &mut Vec<Note>) -> Result<Vec<RunValues>, DiagnoseError> {
     let has_others = |run: &RunValues| runs.iter().filter(|r| r.sensor == run.sensor).count() > 1;
     let (kept, alone): (Vec<RunValues>, Vec<RunValues>) = runs.iter().cloned().partition(has_others);
     if kept.is_empty() {
         return Err(DiagnoseError::SingleRuns);
     }
-    warnings.extend(alone.iter().map(|r| format!("run {} is the only one of sensor {} and was not used", r.run, r.sensor)));
+    let note = |r: &RunValues| {
+        let text = format!("run {} is the only one of sensor {} and was not used", r.run, r.sensor);
+        Note::new(NoteKind::LeftOut, text).about(r.run.as_str())
+    };
+    notes.extend(alone.iter().map(note));
     Ok(kept)
 }
 
@@ -105,19 +111,20 @@ fn of_sensors_with_several(runs: &[RunValues], warnings: &mut Vec<String>) -> Re
 fn comparison<'a>(
     runs: &'a [RunValues],
     catalogue: &Catalogue,
-    warnings: &mut Vec<String>,
+    notes: &mut Vec<Note>,
 ) -> Result<(Comparison<'a>, Vec<NotIdentifiable>), DiagnoseError> {
     let mut set = RunSet::new(runs);
-    let (suspects, not_identifiable) = candidates(&set, catalogue);
+    let (candidates, not_identifiable) = candidates(&set, catalogue);
     let left: f64 = (0..3).map(|c| set.left(c, &[]).1).sum();
     if left < LEAST_FREEDOM {
         return Err(DiagnoseError::NoFreedom);
     }
     if runs.iter().any(|r| r.field_nt.is_none()) {
-        warnings.push("a run states no field: the deviations of its scale factors and angles have no size in nT".to_owned());
+        let text = "a run states no field: the deviations of its scale factors and angles have no size in nT";
+        notes.push(Note::new(NoteKind::Method, text));
     }
-    set.anchor(&suspects, warnings);
-    Ok((Comparison::new(set, suspects), not_identifiable))
+    set.anchor(&candidates, notes);
+    Ok((Comparison::new(set, candidates), not_identifiable))
 }
 
 /// Noise of a run along each sensor axis, nT: of all values that belong to the axis together.
@@ -137,7 +144,7 @@ fn noise_floor_nt(set: &RunSet, scales: &[f64; 3]) -> [f64; 3] {
 }
 
 /// Whether the runs still disagree; says by how much.
-fn remaining(set: &RunSet, terms: &[&Suspect], warnings: &mut Vec<String>) -> bool {
+fn remaining(set: &RunSet, terms: &[&RunCandidate], notes: &mut Vec<Note>) -> bool {
     let (n, orientations) = (set.count(), count(&set.orientation));
     let mut disagree = false;
     for class in 0..3 {
@@ -148,8 +155,8 @@ fn remaining(set: &RunSet, terms: &[&Suspect], warnings: &mut Vec<String>) -> bo
             if set.orientation[r] == c / 9 && (c % 9) / 3 == k && c % 3 == i { 1.0 } else { 0.0 }
         });
         let free = Candidate::new(UNKNOWN, None, Spec::new("", &[]), Vec::new(), own);
-        let free = Suspect { candidate: free, cause: None, alone: None };
-        let with: Vec<&Suspect> = terms.iter().copied().chain(std::iter::once(&free)).collect();
+        let free = RunCandidate { candidate: free, cause: None, alone: None };
+        let with: Vec<&RunCandidate> = terms.iter().copied().chain(std::iter::once(&free)).collect();
         let (within, within_freedom) = set.left(class, &with);
         let (between, between_freedom) = (sum - within, freedom - within_freedom);
         if between_freedom < 0.5 {
@@ -166,10 +173,11 @@ fn remaining(set: &RunSet, terms: &[&Suspect], warnings: &mut Vec<String>) -> bo
         if p < CONTRADICTED {
             disagree = true;
             let ratio = (between / between_freedom / noise).sqrt();
-            warnings.push(format!(
+            let text = format!(
                 "{}: the orientations still differ by {ratio:.1} times what repeats let expect (p = {p:.1e}), and nothing that was tried explains it",
                 CLASSES[class]
-            ));
+            );
+            notes.push(Note::new(NoteKind::Method, text).about(CLASSES[class]));
         }
     }
     disagree

@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 
 /// Points of a branch.
 const POINTS: usize = 16;
-/// Half of the time over which rising and falling are told apart, s.
+/// Half of the time over which rising and falling temperatures are distinguished, s.
 const HALF_S: f64 = 60.0;
 
 /// Residuals and sensitivities to the temperature of one model of a sweep.

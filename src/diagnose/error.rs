@@ -11,7 +11,7 @@ pub enum DiagnoseError {
     /// The plateaus of the run make no record that can be fitted.
     #[error("{0}")]
     Record(String),
-    /// The residuals of the plateau means do not tell their noise.
+    /// The residuals of the plateau means do not determine their noise.
     #[error("the noise of the plateau means has no estimate")]
     NoNoise,
     /// A frequency run is diagnosed with its samples.
@@ -20,7 +20,7 @@ pub enum DiagnoseError {
     /// The frequency analysis refuses the run.
     #[error(transparent)]
     Frequency(#[from] FreqError),
-    /// No sine tells the sampling frequency.
+    /// No sine determines the sampling frequency.
     #[error("the run has no sampling frequency")]
     NoSamplingFrequency,
     /// Too few sines stand out of the noise.

@@ -154,7 +154,7 @@ impl Rivals<'_> {
         self.scored.explanations.iter().filter(|e| e.key != self.candidate.key)
     }
 
-    /// Other effects that these data cannot tell from it: their evidence is hardly less, or they look alike.
+    /// Other effects that these data cannot distinguish from it: their evidence is hardly less, or they look alike.
     pub fn ambiguous(&self) -> Vec<EffectRef> {
         let mut ambiguous: Vec<EffectRef> = Vec::new();
         for e in self.others() {

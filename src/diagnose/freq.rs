@@ -1,4 +1,4 @@
-//! Frequency runs: what amplitudes and phases of sines tell beside a simple response and a steady clock.
+//! Frequency runs: what amplitudes and phases of sines show beside a simple response and a steady clock.
 //!
 //! Every undamaged setting becomes three numbers per component ([`sines`]): amplitude, phase, and how fast the phase runs away. A response
 //! of at most two parameters is fitted to all of them ([`model`]; mathematics section 3), with a sampling frequency per component. Where the
@@ -7,6 +7,7 @@
 //! the counters and in stretches that do not follow their sine.
 
 mod candidates;
+mod describe;
 mod limits;
 mod lost;
 pub mod model;
@@ -14,7 +15,6 @@ mod problem;
 mod response;
 pub mod sines;
 mod table;
-mod told;
 
 pub use table::table;
 
@@ -22,20 +22,21 @@ use super::problem::{search, steps};
 use super::result::{Diagnosis, Pictures, Step};
 use super::steps::fault_step;
 use super::{DiagnoseError, Options, words};
+use crate::data::note::{Note, NoteKind};
 use crate::data::run::{Run, Vector, VectorSink};
 use crate::data::units::Reading;
 use crate::files::campaign::Campaign;
 use crate::fit::statistics::median;
 use crate::measure::freq::{self as analysis, Freq, Sines as Sink};
 use crate::record::faults;
-use crate::record::scene::Samples;
+use crate::record::prepared::Samples;
+use describe::map;
 use limits::limits;
 use lost::lost;
 use model::{EffectTerm, Fit};
 use problem::SineSearch;
 use response::{another_base, base, response_words};
 use sines::Sines;
-use told::map;
 
 /// Chi-square over degrees of freedom from which the base itself is doubted.
 const DOUBTFUL: f64 = 1.5;
@@ -53,18 +54,18 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     let (faults, _) = faults::thermistors(run, span_s);
     let mut found: Vec<Step> = faults.iter().map(fault_step).collect();
     found.extend(lost(run, samples, &freq));
-    let mut warnings = Vec::new();
+    let mut notes = Vec::new();
 
     let mut sines = Sines::new(samples, &freq, &run.temperatures)?;
     let simple = base(&freq, &mut sines)?;
     let sines = sines;
-    let given = known_terms(run, options, &sines, &mut warnings);
+    let given = known_terms(run, options, &sines, &mut notes);
     if !sines.run.begins_known {
-        warnings.push(
+        notes.push(Note::new(
+            NoteKind::Method,
             "the phases of the field are not those of sines that begin with their settings: phases count between components and within \
-             settings only"
-                .to_owned(),
-        );
+             settings only",
+        ));
     }
     let simple = with_given(with_small_delay(simple, &sines), &given, &sines);
     let mut problem = SineSearch { sines: &sines, catalogue: &options.catalogue, base: simple };
@@ -91,7 +92,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
         not_identifiable,
         detection_limits,
         response: Some(response_words(fit, &sines)),
-        warnings,
+        notes,
         reading_ent: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
         maps,
         pictures: Pictures { left, ..Pictures::default() },
@@ -114,7 +115,7 @@ fn with_small_delay(base: Fit, sines: &Sines) -> Fit {
     if !sines.run.begins_known || base.model.terms.iter().any(|t| t.is_like(&shift)) {
         return base;
     }
-    let is_small = |with: &Fit| with.p.last().is_some_and(|us| !shift.is_told(&[*us], &sines.run));
+    let is_small = |with: &Fit| with.p.last().is_some_and(|us| !shift.is_reported(&[*us], &sines.run));
     base.with(&shift, &[0.0], sines).filter(is_small).unwrap_or(base)
 }
 
@@ -142,15 +143,16 @@ fn noise_floor_nt(sines: &Sines) -> [f64; 3] {
     })
 }
 
-/// The known effects that act on the sines of this run, with their values; what the run cannot have is warned about.
-fn known_terms(run: &Run, options: &Options, sines: &Sines, warnings: &mut Vec<String>) -> Vec<(EffectTerm, Vec<f64>)> {
+/// The known effects that act on the sines of this run, with their values; a note tells what the run cannot have.
+fn known_terms(run: &Run, options: &Options, sines: &Sines, notes: &mut Vec<Note>) -> Vec<(EffectTerm, Vec<f64>)> {
     let of_this_run = options.given.iter().filter(|g| g.of_another(&run.header.run).is_none());
     of_this_run
         .filter_map(|given| {
             let term = given.effect.known_sine_term(given.in_sine.as_ref()?, &sines.run);
             let term = term.map(|(form, values)| (EffectTerm::new(given.effect, form), values));
             if term.is_none() {
-                warnings.push(format!("{} ({}) needs a temperature that the run does not have", given.effect, given.spec.form));
+                let text = format!("{} ({}) needs a temperature that the run does not have", given.effect, given.spec.form);
+                notes.push(Note::new(NoteKind::Temperature, text).about(given.effect.as_str()));
             }
             term
         })

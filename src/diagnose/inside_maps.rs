@@ -4,7 +4,7 @@ use super::result::{InsideBin, InsideMap};
 use super::samples::{Inside, demean, phases, remove, remove_raw};
 use crate::model::effects::in_samples::InSamples;
 use crate::model::effects::time_shift::SHIFT;
-use crate::record::scene::{Samples, Scene};
+use crate::record::prepared::{PreparedRun, Samples};
 
 /// Bins of a period.
 const FOLDS: usize = 40;
@@ -60,7 +60,7 @@ fn bins(cells: &[Cell], factor: f64) -> Vec<InsideBin> {
 /// The picture of something found in the samples, `earlier` taken off.
 #[must_use]
 pub fn of(
-    scene: &Scene,
+    prepared: &PreparedRun,
     samples: &Samples,
     settings: &[[f64; 2]],
     earlier: &[Inside],
@@ -75,29 +75,29 @@ pub fn of(
     } else if is_displaced {
         vec![[0, samples.t_s.len()]]
     } else {
-        scene.windows.clone()
+        prepared.windows.clone()
     };
     let mut before: [Vec<f64>; 3] = std::array::from_fn(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
     for signal in earlier {
-        remove_raw(&mut before, &scene.record, samples, &windows, signal);
+        remove_raw(&mut before, &prepared.record, samples, &windows, signal);
     }
     let mut after = before.clone();
     if is_displaced {
-        remove_raw(&mut after, &scene.record, samples, &windows, found);
-        return edges(scene, samples, &before, &after, found, step);
+        remove_raw(&mut after, &prepared.record, samples, &windows, found);
+        return edges(prepared, samples, &before, &after, found, step);
     }
     demean(&mut before, &windows);
     demean(&mut after, &windows);
-    remove(&mut after, &scene.record, samples, &windows, found);
+    remove(&mut after, &prepared.record, samples, &windows, found);
     if is_transient {
-        return transients(scene, samples, &windows, [&before, &after], step);
+        return transients(prepared, samples, &windows, [&before, &after], step);
     }
     let period_s = found.effect.period_s(&found.spec).filter(|p| *p > 0.0)?;
     let mut cells = vec![Cell::default(); FOLDS];
     for k in windows.iter().flat_map(|[from, to]| *from..*to) {
         let phase = (samples.t_s[k] / period_s).rem_euclid(1.0);
         let cell = &mut cells[((phase * FOLDS as f64) as usize).min(FOLDS - 1)];
-        (0..3).for_each(|a| cell.add(a, phase * period_s, scene.nt_per_ent[a].recip(), before[a][k], after[a][k]));
+        (0..3).for_each(|a| cell.add(a, phase * period_s, prepared.nt_per_ent[a].recip(), before[a][k], after[a][k]));
     }
     // A weight of enT per nT makes nT of readings; the mean over a bin is the sum over the number.
     Some(InsideMap {
@@ -110,7 +110,7 @@ pub fn of(
 
 /// Means over the time since the step, relative to the step.
 fn transients(
-    scene: &Scene,
+    prepared: &PreparedRun,
     samples: &Samples,
     windows: &[[usize; 2]],
     [before, after]: [&[Vec<f64>; 3]; 2],
@@ -119,7 +119,7 @@ fn transients(
     let shortest = windows.iter().map(|w| w[1] - w[0]).min()?;
     let edges = phases(shortest);
     let mut cells = vec![Cell::default(); edges.len().saturating_sub(1)];
-    let steps = &scene.record.steps;
+    let steps = &prepared.record.steps;
     for [from, _] in windows {
         // The last step up to the first sample made this plateau.
         let Some(last) = steps.partition_point(|s| s.t_s <= samples.t_s[*from] + 1e-9).checked_sub(1) else { continue };
@@ -141,14 +141,14 @@ fn transients(
 
 /// The mean edge: readings around the steps as a part of the step.
 fn edges(
-    scene: &Scene,
+    prepared: &PreparedRun,
     samples: &Samples,
     before: &[Vec<f64>; 3],
     after: &[Vec<f64>; 3],
     found: &Inside,
     step: usize,
 ) -> Option<InsideMap> {
-    let steps = &scene.record.steps;
+    let steps = &prepared.record.steps;
     let half_s = EDGE_SHIFTS * found.spec.get(SHIFT)?.abs();
     let most: [f64; 3] = std::array::from_fn(|a| steps.iter().map(|s| s.change_ent[a].abs()).fold(f64::MIN_POSITIVE, f64::max));
     let mut cells = vec![Cell::default(); EDGE_BINS];

@@ -13,7 +13,7 @@ use crate::fit::smooth::Course;
 use crate::model::effects::thermal_lag::{self, ThermalLag};
 use crate::model::effects::{Catalogue, EffectRef, Row};
 use crate::model::lag::{self, Lag};
-use crate::record::scene::Scene;
+use crate::record::prepared::PreparedRun;
 use nalgebra::DMatrix;
 
 /// Longest lag that is looked for, as a part of the record: that of the terms of the catalogue.
@@ -46,26 +46,26 @@ struct Compared {
     row_std_ent: Vec<[f64; 3]>,
 }
 
-/// Looks for a lag of the thermistor and, if there is one, gives the scene the temperatures of the part that matters.
+/// Looks for a lag of the thermistor and, if there is one, gives the run the temperatures of the part that matters.
 pub(super) fn find(
-    scene: &mut Scene,
+    prepared: &mut PreparedRun,
     readings: &DMatrix<f64>,
     given: &[Candidate],
     number: usize,
     catalogue: &Catalogue,
 ) -> Option<FoundLag> {
-    let sensor = scene.record.sensor.clone()?;
+    let sensor = prepared.record.sensor.clone()?;
     let effect = EffectRef::new(&ThermalLag);
-    let means = Means::new(scene, readings.clone(), catalogue, given.to_vec());
+    let means = Means::new(prepared, readings.clone(), catalogue, given.to_vec());
     let model = means.model(&means.all(&[]))?;
     let scored = means.scored(&model);
     let best = scored.explanation(effect.as_str()).filter(|e| e.evidence >= LEAST_EVIDENCE)?;
     let rival = scored.explanations.first().filter(|e| e.key != effect.as_str()).map(|e| &means.candidates[e.best]);
-    let MostLikely { lag, std_s, strength, degc } = most_likely(scene, readings, &sensor.course)?;
-    let mut lagged = scene.clone();
+    let MostLikely { lag, std_s, strength, degc } = most_likely(prepared, readings, &sensor.course)?;
+    let mut lagged = prepared.clone();
     lagged.with_temperatures(degc);
     let Compared { without, with, row_std_ent } = compared(&means, &model, rival, &lagged, catalogue)?;
-    let gaps = [&without, &with].map(|held| gap(held, scene.nt_per_ent));
+    let gaps = [&without, &with].map(|held| gap(held, prepared.nt_per_ent));
     let significance = Significance::of_trials(best.score.p_value(), means.candidates.len(), strength);
     let (name, lag_s) = (&sensor.name, lag.seconds());
     let facts = Facts {
@@ -78,7 +78,7 @@ pub(super) fn find(
         ..Facts::new(effect, thermal_lag::spec(lag), significance)
     };
     let branches = branches::of(
-        &Side { record: &scene.record, residual_ent: &without.residual_ent },
+        &Side { record: &prepared.record, residual_ent: &without.residual_ent },
         &Side { record: &lagged.record, residual_ent: &with.residual_ent },
         row_std_ent[0],
         name,
@@ -86,23 +86,23 @@ pub(super) fn find(
         number,
     );
     let evidence = scored.bars(effect.as_str(), best.evidence, number);
-    *scene = lagged;
+    *prepared = lagged;
     Some(FoundLag { facts, branches, evidence })
 }
 
-/// The lag with which the model of the sweep leaves least; `None` where it leaves no less than without one. All components count alike, with
-/// the noise that the model leaves.
-fn most_likely(scene: &Scene, readings: &DMatrix<f64>, course: &Course) -> Option<MostLikely> {
+/// The lag with which the model of the sweep leaves the smallest residuals; `None` where they are no smaller than without one. All components
+/// count alike, with the noise that the model leaves.
+fn most_likely(prepared: &PreparedRun, readings: &DMatrix<f64>, course: &Course) -> Option<MostLikely> {
     let series = &course.series;
-    let times: Vec<f64> = scene.record.rows.iter().map(Row::t_s).collect();
+    let times: Vec<f64> = prepared.record.rows.iter().map(Row::t_s).collect();
     let degc = |lag: Lag| -> Vec<f64> {
         let lagged = lag.of(course);
         times.iter().map(|t| interpolate(&lagged, *t)).collect()
     };
-    let squares = |degc: &[f64]| scene.squares_with(readings, degc);
+    let squares = |degc: &[f64]| prepared.squares_with(readings, degc);
     let values = (3 * readings.nrows()) as f64;
-    let freedom = values - 3.0 * scene.design.ncols() as f64;
-    let length = scene.record.span_s[1] - scene.record.span_s[0];
+    let freedom = values - 3.0 * prepared.design.ncols() as f64;
+    let length = prepared.record.span_s[1] - prepared.record.span_s[0];
     let [delay, time_constant] = lag::search(LONGEST_PART * length, |lag| freedom * squares(&degc(lag)).ln());
     let best = if delay.deviance <= time_constant.deviance { delay } else { time_constant };
     let lagged = degc(best.lag);
@@ -110,7 +110,7 @@ fn most_likely(scene: &Scene, readings: &DMatrix<f64>, course: &Course) -> Optio
     if after >= before {
         return None;
     }
-    // The instants of the thermistor's readings are known to one reading.
+    // The times of the thermistor's readings are known to one interval between them.
     let interval_s = (series[series.len() - 1].0 - series[0].0) / (series.len() - 1).max(1) as f64;
     Some(MostLikely {
         lag: best.lag,
@@ -120,13 +120,13 @@ fn most_likely(scene: &Scene, readings: &DMatrix<f64>, course: &Course) -> Optio
     })
 }
 
-/// Held-out stretches without and with a lag; `None` where a rival predicts as much. A strong lag is no line, so that what bends freely may
-/// follow its line better: the lag itself has to predict more.
+/// Held-out stretches without and with a lag; `None` where a rival predicts as much. The column by which a lag is scored is its first order
+/// only. Of a strong lag a free function of a covariate may follow this column better than the lag does: the lag itself has to predict more.
 fn compared(
     means: &Means,
     model: &MeansModel,
     rival: Option<&Candidate>,
-    lagged: &Scene,
+    lagged: &PreparedRun,
     catalogue: &Catalogue,
 ) -> Option<Compared> {
     let now = means.all(&[]);

@@ -4,11 +4,12 @@ use super::candidate::Candidate;
 use super::means::{Means, MeansModel};
 use super::result::{DetectionLimit, NotIdentifiable, Step};
 use super::{FOUND_90, SHOWN};
+use crate::data::note::{Note, NoteKind};
 use crate::data::units::{COMPONENTS, three_digits};
 use crate::model::effects::offset_drift::OffsetDrift;
 use crate::model::effects::{Catalogue, EffectRef};
 
-/// From this many standard deviations on a drift beside white noise is told of.
+/// From this many standard deviations on a drift beside white noise is reported.
 const HIDDEN: f64 = 4.0;
 
 /// What cannot be shown, and how small an effect of the rest would have been found.
@@ -26,7 +27,7 @@ pub(super) fn limits(
         .map(|a| NotIdentifiable { effect: a.effect, reason: a.reason.to_string() })
         .collect();
     let groups = means.groups(model);
-    let n = means.scene.readings.nrows();
+    let n = means.prepared.readings.nrows();
     let mut limits = Vec::new();
     for effect in catalogue.iter().filter(|e| !found(*e)) {
         let own: Vec<usize> = (0..means.candidates.len()).filter(|i| means.candidates[*i].effect == effect).collect();
@@ -50,7 +51,7 @@ pub(super) fn limits(
                 .map(|i| {
                     let least = FOUND_90 / groups[*i].norms[0];
                     let size = (0..3)
-                        .map(|a| means.candidates[*i].columns.rows(a * n, n).amax() * means.scene.nt_per_ent[a])
+                        .map(|a| means.candidates[*i].columns.rows(a * n, n).amax() * means.prepared.nt_per_ent[a])
                         .fold(0.0, f64::max);
                     (least * size, least, *i)
                 })
@@ -71,26 +72,27 @@ pub(super) fn limits(
 }
 
 /// Drifts that would be clear beside white noise and that the slow noise explains as well.
-pub(super) fn hidden_drifts(means: &Means, model: &MeansModel, all: &[&Candidate], steps: &[Step]) -> Vec<String> {
-    let colour = model.noise.colour;
-    if colour.slow == 0.0 {
+pub(super) fn hidden_drifts(means: &Means, model: &MeansModel, all: &[&Candidate], steps: &[Step]) -> Vec<Note> {
+    let noise = model.noise.parameters;
+    if noise.slow == 0.0 {
         return Vec::new();
     }
     let Some(drifts) = means.drifts(all) else { return Vec::new() };
-    let order = means.scene.record.trend_order + 1;
+    let order = means.prepared.record.trend_order + 1;
     let named = |axis: &str| steps.iter().any(|s| s.effect.is(&OffsetDrift) && s.axes.iter().any(|a| a == axis));
     (0..3)
         .filter(|a| drifts[*a].0.abs() > HIDDEN * drifts[*a].1 && !named(COMPONENTS[*a]))
         .map(|a| {
             let (c, std) = drifts[a];
-            format!(
+            let text = format!(
                 "the offset of {} drifts in order {order} of time, p{order} = {:+.3} nT, {:.1} times its standard deviation beside white noise; the \
                  slow noise of this run, {:.1} times the white variance of a mean, makes as much, so that no effect is named",
                 COMPONENTS[a],
-                c * means.scene.nt_per_ent[a],
+                c * means.prepared.nt_per_ent[a],
                 c.abs() / std,
-                colour.slow
-            )
+                noise.slow
+            );
+            Note::new(NoteKind::Method, text).about(COMPONENTS[a])
         })
         .collect()
 }

@@ -1,11 +1,12 @@
 //! Where simulated and measured data disagree, which effect is missing, and how the gap shrinks with it.
 //!
-//! A run becomes rows with covariates and a linear model ([`crate::record::scene`]); jumps of thermistors are taken off ([`crate::record::faults`]). What happens inside the
-//! plateaus is looked for in the samples ([`samples`]) and taken off. The noise of the means is estimated before anything is named; then
-//! every term of the catalogue ([`crate::model::effects`]) and a smooth function of every covariate are scored beside the model ([`means`]).
-//! One search ([`problem`]) serves these means, the parameters of several runs ([`across`]) and sines ([`freq`]): the best term is added if
-//! it predicts stretches that were held out, all is fitted again, and terms are dropped and swapped, until nothing significant is left. One
-//! builder (`steps`) makes a step of whatever was found. Results are plain structs ([`result`]).
+//! A run becomes rows with covariates and a linear model ([`crate::record::prepared`]); jumps of thermistors are taken off
+//! ([`crate::record::faults`]). What happens inside the plateaus is looked for in the samples ([`samples`]) and taken off. The noise of the
+//! means is estimated before anything is named; then every term of the catalogue ([`crate::model::effects`]) and a smooth function of every
+//! covariate are scored beside the model ([`means`]). One search ([`problem`]) serves these means, the parameters of several runs
+//! ([`across`]) and sines ([`freq`]): the best term is added if it predicts stretches that were held out, all is fitted again, and terms are
+//! dropped and swapped, until nothing significant is left. One builder (`steps`) makes a step of whatever was found. Results are plain
+//! structs ([`result`]).
 
 pub mod across;
 pub mod branches;
@@ -33,13 +34,13 @@ use crate::files::campaign::Campaign;
 use crate::model::effects::Catalogue;
 use crate::model::facility::Facility;
 pub use crate::record::known::Given;
-pub use crate::record::scene::Samples;
+pub use crate::record::prepared::Samples;
 pub use error::DiagnoseError;
 use result::Diagnosis;
 
-/// Two explanations are told apart by this ratio of likelihoods (logarithm): one in a hundred.
+/// Two explanations are distinguished if their likelihoods differ by this ratio (natural logarithm): one in a hundred.
 const APART: f64 = 4.605;
-/// Candidates with this canonical correlation beside the model look alike: at a signal to noise ratio of twenty they are just told apart.
+/// Candidates with this canonical correlation beside the model look alike: a signal to noise ratio of twenty just distinguishes them.
 const ALIKE: f64 = 0.99;
 /// Signal to noise ratio of an effect of three parameters that is found with a probability of 90 %, at one false alarm in a hundred runs and
 /// about twenty independent trials.

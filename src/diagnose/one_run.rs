@@ -9,16 +9,17 @@ use super::result::{Diagnosis, Evidence, Map, Pictures, Step};
 use super::samples::{self, Inside};
 use super::steps::{fault_step, inside_step, joined, sufficient};
 use super::{DiagnoseError, Given, Options, inside_maps, lag, where_map, words};
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateaus;
 use crate::data::run::Run;
 use crate::files::campaign::Campaign;
 use crate::model::effects::thermal_lag::ThermalLag;
 use crate::model::effects::time_shift::SHIFT;
 use crate::model::effects::{Acts, Catalogue, EffectRef, Record, Row, Spec};
-use crate::record::scene::{Samples, Scene};
+use crate::record::prepared::{PreparedRun, Samples};
 use nalgebra::DMatrix;
 
-/// Samples nearer to an edge than this many displacements do not tell of transients.
+/// Samples nearer to an edge than this many displacements do not show transients.
 const SKIPPED_SHIFTS: f64 = 1.5;
 
 /// What the samples show.
@@ -47,23 +48,23 @@ pub(super) fn run(
     options: &Options,
 ) -> Result<Diagnosis, DiagnoseError> {
     let samples = samples.filter(|s| !s.t_s.is_empty());
-    let mut scene = Scene::new(run, plateaus, samples, &campaign.file.instructions, options.facility.as_ref())
+    let mut prepared = PreparedRun::new(run, plateaus, samples, &campaign.file.instructions, options.facility.as_ref())
         .map_err(|e| DiagnoseError::Record(e.0))?;
-    let mut warnings = std::mem::take(&mut scene.warnings);
-    let mut steps: Vec<Step> = scene.faults.iter().map(fault_step).collect();
+    let mut notes = std::mem::take(&mut prepared.notes);
+    let mut steps: Vec<Step> = prepared.faults.iter().map(fault_step).collect();
     let known_lag = options.given.iter().find_map(Given::thermal_lag);
     if let Some(lag) = known_lag {
-        scene.follow(lag);
+        prepared.follow(lag);
     }
-    let given = given_between(&scene.record, &options.given);
+    let given = given_between(&prepared.record, &options.given);
     let known: Vec<Inside> = options.given.iter().filter(|g| g.is_inside()).map(Inside::known).collect();
 
     let mut pictures = Pictures::default();
-    let design_before = scene.design.clone();
-    let raw = corrected(&scene, &known);
+    let design_before = prepared.design.clone();
+    let raw = corrected(&prepared, &known);
     // A lag changes the temperatures that the model itself is a polynomial of: it is looked for first, and then built in.
-    let lag = (known_lag.is_none() && scene.record.thermal.is_some())
-        .then(|| lag::find(&mut scene, &raw, &given, steps.len(), &options.catalogue))
+    let lag = (known_lag.is_none() && prepared.record.thermal.is_some())
+        .then(|| lag::find(&mut prepared, &raw, &given, steps.len(), &options.catalogue))
         .flatten();
     let has_lag = known_lag.is_some() || lag.is_some();
     if let Some(FoundLag { facts, branches, evidence }) = lag {
@@ -73,50 +74,51 @@ pub(super) fn run(
     }
     // What happens inside the plateaus next: its consequences for the means are known then.
     let settings = settings_s(plateaus);
-    let steady = samples.map(|samples| scene.at_steady_temperature(samples, &settings));
+    let steady = samples.map(|samples| prepared.at_steady_temperature(samples, &settings));
     let samples = steady.as_deref();
-    let inside = in_samples(&scene, samples, &settings, known, &options.catalogue);
+    let inside = in_samples(&prepared, samples, &settings, known, &options.catalogue);
 
-    let mut means = Means::new(&scene, corrected(&scene, &inside.all), &options.catalogue, given);
-    means.leave_out(|c| is_found_elsewhere(c.effect, &scene.record, has_lag));
+    let mut means = Means::new(&prepared, corrected(&prepared, &inside.all), &options.catalogue, given);
+    means.leave_out(|c| is_found_elsewhere(c.effect, &prepared.record, has_lag));
     let outcome = problem::search(&mut means).ok_or(DiagnoseError::NoNoise)?;
     let all = means.all(&outcome.terms);
 
     for (index, found) in inside.found().iter().enumerate() {
         let earlier = &inside.all[..inside.known + index];
-        let picture = samples.and_then(|s| inside_maps::of(&scene, s, &settings, earlier, found, steps.len()));
+        let picture = samples.and_then(|s| inside_maps::of(&prepared, s, &settings, earlier, found, steps.len()));
         pictures.inside.extend(picture);
-        steps.push(inside_step(found, &scene));
+        steps.push(inside_step(found, &prepared));
     }
     let (steps, maps) = steps_of_all(&means, &outcome, steps, &mut pictures);
     let noise_floor_nt = noise_floor_nt(&means, &outcome.fit, &all);
     pictures.left = quiet_maps(&means, &outcome.fit, &all, noise_floor_nt);
     let before = where_map::Model {
-        record: &scene.record,
+        record: &prepared.record,
         readings: &raw,
         design: &design_before,
         given: means.given.iter().map(|g| &g.columns).collect(),
-        nt_per_ent: scene.nt_per_ent,
+        nt_per_ent: prepared.nt_per_ent,
     };
     pictures.places = where_map::places(&before, &outcome.fit.noise);
     let (not_identifiable, detection_limits) = limits(&means, &outcome.fit, &steps, &options.catalogue);
-    warnings.extend(hidden_drifts(&means, &outcome.fit, &all, &steps));
+    notes.extend(hidden_drifts(&means, &outcome.fit, &all, &steps));
     if run.vectors.lost > 0 {
-        warnings.push(format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count));
+        let text = format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count);
+        notes.push(Note::new(NoteKind::Data, text));
     }
     Ok(Diagnosis {
         format: "diagnosis",
         version: 1,
         runs: vec![run.header.run.clone()],
         noise_floor_nt,
-        noise: Some(outcome.fit.noise.colour),
+        noise: Some(outcome.fit.noise.parameters),
         verdict: words::verdict(&steps),
         steps,
         not_identifiable,
         detection_limits,
         response: None,
-        warnings,
-        reading_ent: reading_ranges_ent(&scene.record),
+        notes,
+        reading_ent: reading_ranges_ent(&prepared.record),
         maps,
         pictures,
     })
@@ -140,7 +142,7 @@ fn settings_s(plateaus: &Plateaus) -> Vec<[f64; 2]> {
 
 /// What happens inside the plateaus: displaced edges and transients where fields are applied, and periodic signals.
 fn in_samples(
-    scene: &Scene,
+    prepared: &PreparedRun,
     samples: Option<&Samples>,
     settings: &[[f64; 2]],
     known: Vec<Inside>,
@@ -148,18 +150,18 @@ fn in_samples(
 ) -> InSamples {
     let mut inside = InSamples { known: known.len(), all: known };
     let Some(samples) = samples else { return inside };
-    if scene.record.has_fields() {
-        let shift = samples::displaced(scene, samples);
+    if prepared.record.has_fields() {
+        let shift = samples::displaced(prepared, samples);
         let skip_s = shift.as_ref().and_then(|s| s.spec.get(SHIFT)).map_or(0.0, f64::abs) * SKIPPED_SHIFTS;
-        let transient = samples::transient(scene, samples, settings, skip_s, catalogue);
+        let transient = samples::transient(prepared, samples, settings, skip_s, catalogue);
         let is_known = |found: &Inside| inside.all.iter().any(|k: &Inside| k.effect == found.effect);
         let new: Vec<Inside> = [shift, transient].into_iter().flatten().filter(|f| !is_known(f)).collect();
         for mut found in new {
-            samples::measure(scene, samples, settings, &inside.all, &mut found);
+            samples::measure(prepared, samples, settings, &inside.all, &mut found);
             inside.all.push(found);
         }
     }
-    let periodic = samples::periodic(scene, samples, &inside.all, catalogue);
+    let periodic = samples::periodic(prepared, samples, &inside.all, catalogue);
     inside.all.extend(periodic);
     inside
 }
@@ -170,10 +172,10 @@ fn is_found_elsewhere(effect: EffectRef, record: &Record, has_lag: bool) -> bool
 }
 
 /// Readings without what was found in the samples, enT.
-fn corrected(scene: &Scene, inside: &[Inside]) -> DMatrix<f64> {
-    let mut readings = scene.readings.clone();
+fn corrected(prepared: &PreparedRun, inside: &[Inside]) -> DMatrix<f64> {
+    let mut readings = prepared.readings.clone();
     for found in inside {
-        let columns = found.effect.columns(&scene.record, &found.spec).unwrap_or_default();
+        let columns = found.effect.columns(&prepared.record, &found.spec).unwrap_or_default();
         for (column, (value, _)) in columns.iter().zip(&found.values) {
             for i in 0..readings.nrows() {
                 for a in 0..3 {
@@ -207,7 +209,7 @@ fn steps_of_all(
 
 fn noise_floor_nt(means: &Means, model: &MeansModel, all: &[&Candidate]) -> [f64; 3] {
     let row_std = means.row_std(model, all);
-    std::array::from_fn(|a| row_std[0][a] * means.scene.nt_per_ent[a])
+    std::array::from_fn(|a| row_std[0][a] * means.prepared.nt_per_ent[a])
 }
 
 /// What the whole model leaves of the readings.
@@ -215,8 +217,8 @@ fn quiet_maps(means: &Means, model: &MeansModel, all: &[&Candidate], noise_floor
     let held = means.predicted(&model.noise, all);
     (0..3)
         .map(|axis| {
-            let record = &means.scene.record;
-            let nt: Vec<f64> = held.residual_ent.column(axis).iter().map(|r| r * means.scene.nt_per_ent[axis]).collect();
+            let record = &means.prepared.record;
+            let nt: Vec<f64> = held.residual_ent.column(axis).iter().map(|r| r * means.prepared.nt_per_ent[axis]).collect();
             Map {
                 covariate: "time".to_owned(),
                 unit: "s".to_owned(),

@@ -1,7 +1,7 @@
 //! One search for missing effects, whatever the data are: plateau means of a run, parameters of several runs, sines.
 //!
 //! A [`Problem`] knows its data: which terms may be missing, how the model with some of them is fitted, what noise alone would show, which
-//! terms exclude each other, which stretches can be held out, and the facts that tell of an accepted term. [`search`] knows the way: the
+//! terms exclude each other, which stretches can be held out, and the facts that describe an accepted term. [`search`] knows the way: the
 //! most evident term is added if it predicts what it has not seen, terms of one effect are merged, and terms that another one made
 //! superfluous or that something else explains better are dropped or swapped, until noise alone explains what is left.
 
@@ -47,8 +47,8 @@ pub trait Problem {
     /// What becomes of a term now that others were added; its parameters may be refined where it stays. `None` if a model has no fit.
     fn revised(&self, chosen: &mut [Self::Term], index: usize) -> Option<Revision<Self::Term>>;
 
-    /// The facts that tell of a chosen term; `number` is that of its step.
-    fn told(&self, fit: &Self::Fit, chosen: &[Self::Term], index: usize, number: usize) -> Told;
+    /// The facts that describe a chosen term; `number` is that of its step.
+    fn describe(&self, fit: &Self::Fit, chosen: &[Self::Term], index: usize, number: usize) -> Description;
 }
 
 /// What becomes of a term.
@@ -61,8 +61,8 @@ pub enum Revision<T> {
     Drop,
 }
 
-/// The facts that tell of a term, with what is drawn of it.
-pub struct Told {
+/// The facts that describe a term, with what is drawn of it.
+pub struct Description {
     /// The facts.
     pub facts: Facts,
     /// Residuals without and with it.
@@ -147,10 +147,10 @@ fn repair<P: Problem>(problem: &P, terms: &mut Vec<P::Term>) -> Option<()> {
 pub fn steps<P: Problem>(problem: &P, outcome: &OutcomeOf<P>, first: usize) -> (Vec<Step>, Vec<Map>, Vec<Evidence>) {
     let (mut steps, mut maps, mut evidence) = (Vec::new(), Vec::new(), Vec::new());
     for index in 0..outcome.terms.len() {
-        let told = problem.told(&outcome.fit, &outcome.terms, index, first + index);
-        steps.push(told.facts.step());
-        maps.push(told.map);
-        evidence.extend(told.evidence);
+        let description = problem.describe(&outcome.fit, &outcome.terms, index, first + index);
+        steps.push(description.facts.step());
+        maps.push(description.map);
+        evidence.extend(description.evidence);
     }
     (steps, maps, evidence)
 }

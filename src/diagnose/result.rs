@@ -1,6 +1,7 @@
 //! What a diagnosis found.
 
-use crate::fit::noise::state_space::Colour;
+use crate::data::note::Note;
+use crate::fit::noise::state_space::NoiseParameters;
 use crate::model::effects::{EffectRef, Spec};
 use serde::Serialize;
 
@@ -15,9 +16,9 @@ pub struct Diagnosis {
     pub runs: Vec<String>,
     /// Standard deviation of a mean, the noise alone, nT along the sensor axes.
     pub noise_floor_nt: [f64; 3],
-    /// Shares and exponent of the noise.
+    /// Parameters of the noise: shares of its parts, and exponent or memory of the slow one.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub noise: Option<Colour>,
+    pub noise: Option<NoiseParameters>,
     /// What was missing, in the order in which it was found.
     pub steps: Vec<Step>,
     /// What these data cannot show, whatever its size.
@@ -30,7 +31,8 @@ pub struct Diagnosis {
     /// In one line.
     pub verdict: String,
     /// What a person should know.
-    pub warnings: Vec<String>,
+    #[serde(rename = "warnings")]
+    pub notes: Vec<Note>,
     /// Smallest and largest reading of the sensor axes, without offset, enT.
     #[serde(skip)]
     pub reading_ent: [[f64; 2]; 3],
@@ -102,7 +104,7 @@ pub struct Evidence {
     pub step: usize,
     /// Id and natural logarithm of the likelihood ratio to a model without it, prior and number of choices included; the step's own first.
     pub bars: Vec<(String, f64)>,
-    /// Difference below which two explanations are not told apart.
+    /// Difference below which two explanations are not distinguished.
     pub apart: f64,
 }
 
@@ -165,7 +167,7 @@ pub struct Step {
     pub effect: EffectRef,
     /// Axes on which it acts.
     pub axes: Vec<String>,
-    /// Other effects that these data cannot tell from it.
+    /// Other effects that these data cannot distinguish from it.
     pub ambiguous_with: Vec<EffectRef>,
     /// What was fitted, complete with its shape.
     pub form: Spec,
@@ -195,7 +197,7 @@ pub struct Step {
     pub wording: &'static str,
     /// Evidence of the candidates next to it: id, logarithm of the likelihood ratio to the best.
     pub runners_up: Vec<RunnerUp>,
-    /// What to measure to tell the members of an ambiguous set apart.
+    /// What to measure to distinguish the members of an ambiguous set.
     pub next_measurement: Option<String>,
     /// The sentence for the protocol.
     pub sentence: String,

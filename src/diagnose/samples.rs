@@ -6,7 +6,7 @@ mod transients;
 
 use crate::fit::statistics::median;
 use crate::model::effects::{EffectRef, Record, Row, Spec};
-use crate::record::scene::{Samples, Scene};
+use crate::record::prepared::{PreparedRun, Samples};
 pub use edges::displaced;
 pub use periodic::periodic;
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ pub use transients::transient;
 
 /// Probability that noise alone shows as much, all trials counted: a tenth of the false alarms of a run, as in reports/blind-study.md.
 const SIGNIFICANT: f64 = 0.001;
-/// Samples whose columns are made at once.
+/// Samples whose columns are evaluated at once, so that memory does not grow with the run.
 const AT_ONCE: usize = 1 << 11;
 
 /// Something found in the samples.
@@ -35,7 +35,7 @@ pub struct Inside {
     pub p_value: f64,
     /// Candidates that were tried.
     pub trials: usize,
-    /// Other effects that the samples cannot tell from it.
+    /// Other effects that the samples cannot distinguish from it.
     pub ambiguous_with: Vec<EffectRef>,
     /// Squares of what is left of the used samples around their plateaus before and after, over the noise, and their number.
     pub squares: [f64; 3],
@@ -96,18 +96,18 @@ fn interval_s(samples: &Samples) -> Option<f64> {
 }
 
 /// Squares and scatter of the samples of whole settings around their means, without and with what was found before.
-pub fn measure(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], known: &[Inside], found: &mut Inside) {
+pub fn measure(prepared: &PreparedRun, samples: &Samples, settings: &[[f64; 2]], known: &[Inside], found: &mut Inside) {
     let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
     let windows: Vec<[usize; 2]> = settings.iter().map(|[b, e]| [at(*b), at(*e)]).collect();
-    let noise = sample_std(samples, &scene.windows);
+    let noise = sample_std(samples, &prepared.windows);
     let count: usize = windows.iter().map(|w| w[1].saturating_sub(w[0])).sum();
     let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
     for signal in known {
-        remove_raw(&mut residual, &scene.record, samples, &windows, signal);
+        remove_raw(&mut residual, &prepared.record, samples, &windows, signal);
     }
     demean(&mut residual, &windows);
     found.rms_ent[0] = rms(&residual, &windows);
-    remove(&mut residual, &scene.record, samples, &windows, found);
+    remove(&mut residual, &prepared.record, samples, &windows, found);
     found.rms_ent[1] = rms(&residual, &windows);
     let chi = |rms: [f64; 3]| (0..3).map(|a| (rms[a] / noise[a].max(f64::MIN_POSITIVE)).powi(2) * count as f64).sum::<f64>();
     found.squares = [chi(found.rms_ent[0]), chi(found.rms_ent[1]), 3.0 * count as f64];

@@ -1,4 +1,4 @@
-//! The one builder of steps: the facts of something that was found, whatever the data were, and the step that tells of it.
+//! The one builder of steps: the facts of something that was found, whatever the data were, and the step made of them.
 
 use super::result::{Gap, Parameter, RunnerUp, ShapePoint, Step};
 use super::samples::Inside;
@@ -6,7 +6,7 @@ use super::{CERTAIN, words};
 use crate::model::effects::bad_thermistor::{BadThermistor, JUMP, JUMP_TIME};
 use crate::model::effects::{EffectRef, Family, Spec};
 use crate::record::faults::Jumps;
-use crate::record::scene::Scene;
+use crate::record::prepared::PreparedRun;
 
 /// How sure it is that something was found.
 #[derive(Clone, Copy, Debug)]
@@ -45,7 +45,7 @@ pub enum Name {
     Doubted,
 }
 
-/// The facts that tell of something that was found: [`Facts::step`] makes the step.
+/// The facts that describe something that was found: [`Facts::step`] makes the step.
 pub struct Facts {
     /// The effect.
     pub effect: EffectRef,
@@ -61,13 +61,13 @@ pub struct Facts {
     pub significance: Significance,
     /// Disagreement on held-out data without and with it.
     pub gaps: [Gap; 2],
-    /// Other effects that these data cannot tell from it.
+    /// Other effects that these data cannot distinguish from it.
     pub ambiguous_with: Vec<EffectRef>,
     /// The candidates next to it.
     pub runners_up: Vec<RunnerUp>,
     /// How sure the name may be.
     pub name: Name,
-    /// What to measure, if it is more than what tells the rivals apart.
+    /// What to measure, if it is more than what distinguishes the rivals.
     pub next_measurement: Option<String>,
     /// The sentence for the protocol, if it is not the usual one.
     pub sentence: Option<String>,
@@ -80,7 +80,7 @@ pub struct Facts {
 }
 
 impl Facts {
-    /// Facts that have to be known; there are no rivals, and nothing is told of the size.
+    /// Facts that have to be known; there are no rivals, and nothing is known of the size.
     pub fn new(effect: EffectRef, form: Spec, significance: Significance) -> Self {
         Self {
             effect,
@@ -110,7 +110,7 @@ impl Facts {
         }
     }
 
-    /// The step that tells of it.
+    /// The step that describes it.
     pub fn step(self) -> Step {
         let wording = if self.is_certain() { "is" } else { "consistent with" };
         let apart = || words::next_measurement(self.effect, &self.ambiguous_with);
@@ -167,12 +167,12 @@ pub fn shape_parameters(form: &Spec, std: impl Fn(&str, f64) -> Option<f64>) -> 
 }
 
 /// A step found in the samples.
-pub(super) fn inside_step(found: &Inside, scene: &Scene) -> Step {
-    let columns = found.effect.columns(&scene.record, &found.spec).unwrap_or_default();
+pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun) -> Step {
+    let columns = found.effect.columns(&prepared.record, &found.spec).unwrap_or_default();
     let shape_std = |name: &str, _| found.shape_std.iter().find(|(n, _)| n == name).map(|(_, s)| *s);
     let mut parameters = linear_parameters(columns.iter().map(|c| (c.name.as_str(), c.unit)), &found.values);
     parameters.extend(shape_parameters(&found.spec, shape_std));
-    let nt = |ent: [f64; 3]| std::array::from_fn(|a| ent[a] * scene.nt_per_ent[a]);
+    let nt = |ent: [f64; 3]| std::array::from_fn(|a| ent[a] * prepared.nt_per_ent[a]);
     let gap = |k: usize| Gap {
         rms_nt: nt(found.rms_ent[k]),
         chi2_per_dof: found.squares[k] / found.squares[2].max(1.0),
@@ -190,7 +190,7 @@ pub(super) fn inside_step(found: &Inside, scene: &Scene) -> Step {
     Facts { next_measurement, ..facts }.step()
 }
 
-/// The step that tells of a thermistor that jumps.
+/// The step that describes a thermistor that jumps.
 pub(super) fn fault_step(fault: &Jumps) -> Step {
     let Jumps { channel: name, jumps, readings } = fault;
     let list: Vec<String> = jumps.iter().map(|(t_s, size)| format!("by {size:+.2} K at {t_s:.0} s")).collect();

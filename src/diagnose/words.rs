@@ -74,7 +74,7 @@ pub fn shape(
         .collect()
 }
 
-/// What to measure to tell the members of an ambiguous set apart.
+/// What to measure to distinguish the members of an ambiguous set.
 #[must_use]
 pub fn next_measurement(effect: EffectRef, others: &[EffectRef]) -> Option<String> {
     if others.is_empty() {

@@ -1,11 +1,11 @@
 //! Effects that are known from a model file: taken off the readings of other analyses, or added to simulated ones.
 //!
 //! Both evaluate the columns of the catalogue on a [`Record`] of the run, at plateau means or at samples, with the linear sensor that
-//! [`Scene`] fits, as the diagnosis did when it found the effect.
+//! [`PreparedRun`] fits, as the diagnosis did when it found the effect.
 
 pub mod in_sines;
 
-use super::scene::{Samples, Scene};
+use super::prepared::{PreparedRun, Samples};
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Drop, Plateau, Plateaus, from_blocks};
@@ -310,7 +310,7 @@ fn specimen(with_temperature: bool) -> Record {
         degc: (0..ROWS).map(|i| i as f64).collect(),
     };
     Record {
-        trend_order: super::scene::TREND_ORDER,
+        trend_order: super::prepared::TREND_ORDER,
         kind: if with_temperature { Kind::Sweep } else { Kind::Linearity },
         rows: (0..ROWS).map(row).collect(),
         response: Matrix3::identity(),
@@ -344,8 +344,8 @@ pub fn apply(
     let same = Plateaus { list: list.to_vec(), ..plateaus.clone() };
     let samples = pauses(plateaus);
     let samples = run.blocks.is_empty().then_some(&samples);
-    let mut scene = match Scene::new(run, &same, samples, instructions, None) {
-        Ok(scene) => scene,
+    let mut prepared = match PreparedRun::new(run, &same, samples, instructions, None) {
+        Ok(prepared) => prepared,
         Err(reason) => {
             notes.extend([
                 Note::new(NoteKind::Model, format!("no effect of {file} was taken off: {}", reason.0)).about(file.as_str())
@@ -355,33 +355,33 @@ pub fn apply(
         }
     };
     if let Some(lag) = known.thermal_lag() {
-        scene.follow(lag);
+        prepared.follow(lag);
     }
     let mut usable: Vec<&KnownEffect> = Vec::new();
     for effect in &known.effects {
-        let reason = effect.given.of_another(&run.header.run).or_else(|| effect.unusable(&scene.record));
+        let reason = effect.given.of_another(&run.header.run).or_else(|| effect.unusable(&prepared.record));
         match reason {
             Some(reason) => {
                 notes.extend([Note::new(NoteKind::Model, format!("not taken off: {reason}")).about(effect.name())]);
                 part.left_out.push(effect.name());
             }
             None => {
-                effect.extrapolates(&scene.record, file, notes);
+                effect.extrapolates(&prepared.record, file, notes);
                 usable.push(effect);
             }
         }
     }
-    let base = scene.record.rows.len();
+    let base = prepared.record.rows.len();
     let mut rows = Vec::new();
     for fit in 0..FITS {
-        let mut readings = scene.readings.clone();
-        // The scene has the plateaus that are used; those that are not are corrected too, for their residuals.
+        let mut readings = prepared.readings.clone();
+        // The prepared run has the plateaus that are used; those that are not are corrected too, for their residuals.
         let places: Vec<usize> = (0..list.len()).filter(|i| list[*i].dropped.is_none()).collect();
         let others: Vec<usize> =
             (0..list.len()).filter(|i| list[*i].dropped.as_ref().is_some_and(|d| *d != Drop::Sine)).collect();
         rows = [places, others.clone()].concat();
         let tail = others.iter().map(|i| row_of(list, *i)).collect();
-        let mut record = scene.record.clone();
+        let mut record = prepared.record.clone();
         set_tail(&mut record, base, tail);
         part.effect.clear();
         carried.clear();
@@ -397,7 +397,7 @@ pub fn apply(
                     carried.push((*std, column.values));
                 }
             }
-            let size = |v: &[f64; 3]| (0..3).map(|a| v[a].abs() * scene.nt_per_ent[a]).fold(0.0, f64::max);
+            let size = |v: &[f64; 3]| (0..3).map(|a| v[a].abs() * prepared.nt_per_ent[a]).fold(0.0, f64::max);
             part.effect.push(AppliedEffect {
                 id: effect.given.effect.to_string(),
                 form: effect.given.spec.form.clone(),
@@ -413,7 +413,7 @@ pub fn apply(
             for i in 0..base {
                 (0..3).for_each(|a| readings[(i, a)] -= sum[i][a]);
             }
-            scene.refit(&readings);
+            prepared.refit(&readings);
         } else {
             for (own, place) in sum.iter().zip(&rows) {
                 (0..3).for_each(|a| list[*place].mean.0[a] -= own[a]);
@@ -521,8 +521,8 @@ impl Added {
             t_s: times,
         };
         let plateaus = Plateaus { list, ..from_blocks(&[]) };
-        let scene = match Scene::new(run, &plateaus, Some(&samples), instructions, None) {
-            Ok(scene) => scene,
+        let prepared = match PreparedRun::new(run, &plateaus, Some(&samples), instructions, None) {
+            Ok(prepared) => prepared,
             Err(reason) => {
                 notes.extend([Note::new(
                     NoteKind::Model,
@@ -541,18 +541,18 @@ impl Added {
                 }
                 _ => effect.clone(),
             };
-            match effect.unusable(&scene.record) {
+            match effect.unusable(&prepared.record) {
                 Some(reason) => {
                     notes.extend([Note::new(NoteKind::Model, format!("not added to run {id}: {reason}")).about(effect.name())])
                 }
                 None => {
-                    effect.extrapolates(&scene.record, file, notes);
+                    effect.extrapolates(&prepared.record, file, notes);
                     effects.push(effect);
                 }
             }
         }
-        let base = scene.record.rows.len();
-        (!effects.is_empty()).then(|| Self { record: scene.record, base, settings: run.settings.clone(), effects })
+        let base = prepared.record.rows.len();
+        (!effects.is_empty()).then(|| Self { record: prepared.record, base, settings: run.settings.clone(), effects })
     }
 
     /// The sum of the effects at some times, ascending, s since the run's start: enT.

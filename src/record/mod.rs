@@ -5,4 +5,4 @@ pub mod conditions;
 pub mod faults;
 pub mod known;
 pub mod linearised;
-pub mod scene;
+pub mod prepared;

@@ -1,7 +1,7 @@
 //! The report of a diagnosis.
 
 use super::document::{Block, Cell, Figure, Section, Table, Text, cells};
-use super::number;
+use super::{number, remarks};
 use crate::data::units::six_digits;
 use crate::diagnose::result::{Diagnosis, Gap, Place, RunnerUp, Step};
 use crate::plot::diagnose::{LEFT, WHERE, stems};
@@ -46,6 +46,7 @@ pub fn sections(diagnosis: &Diagnosis, figure: &dyn Fn(&str) -> Option<Figure>) 
                 .with(Table::new(["effect", "axis", "largest contribution, nT", "parameter"]).with_rows(rows)),
         );
     }
+    sections.extend(remarks(&diagnosis.notes));
     sections
 }
 
@@ -55,31 +56,31 @@ fn verdict(diagnosis: &Diagnosis) -> Section {
     if let Some(response) = &diagnosis.response {
         let _ = write!(words, " Response: {response}.");
     }
-    if let Some(colour) = diagnosis.noise {
+    if let Some(noise) = diagnosis.noise {
         let _ = write!(
             words,
             " It is white{}{}{}{}.",
-            if colour.slow > 0.0 {
-                let shape = if colour.memory_rows > 0.0 {
-                    format!("forgotten after {} means", colour.memory_rows)
+            if noise.slow > 0.0 {
+                let shape = if noise.memory_rows > 0.0 {
+                    format!("forgotten after {} means", noise.memory_rows)
                 } else {
-                    format!("power density f^-{}", colour.exponent)
+                    format!("power density f^-{}", noise.exponent)
                 };
-                format!(" and slow, {shape}, variance {:.2} of the white one", colour.slow)
+                format!(" and slow, {shape}, variance {:.2} of the white one", noise.slow)
             } else {
                 String::new()
             },
-            if colour.white_field > 0.0 {
-                format!("; its white variance grows {:.1}-fold to the largest field", 1.0 + colour.white_field)
+            if noise.white_field > 0.0 {
+                format!("; its white variance grows {:.1}-fold to the largest field", 1.0 + noise.white_field)
             } else {
                 String::new()
             },
-            if colour.slow_field > 0.0 {
-                format!("; slow noise of the gain reaches {:.2} of the white variance at the largest field", colour.slow_field)
+            if noise.slow_field > 0.0 {
+                format!("; slow noise of the gain reaches {:.2} of the white variance at the largest field", noise.slow_field)
             } else {
                 String::new()
             },
-            if colour.apart { "; the means scatter otherwise than the samples inside them let expect" } else { "" }
+            if noise.apart { "; the means scatter otherwise than the samples inside them let expect" } else { "" }
         );
     }
     Section::new("Verdict").with(Text::default().strong(format!("{}.", diagnosis.verdict)).and(words))

@@ -3,6 +3,7 @@
 
 use super::noise::Random;
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, Setting, Vector, VectorSink};
 use crate::data::units::{FieldCoil, Reading};
@@ -86,7 +87,7 @@ pub fn write_like_with(
     seed: u64,
     out: &Path,
     force: bool,
-    warnings: &mut Vec<String>,
+    notes: &mut Vec<Note>,
 ) -> Result<String, Finding> {
     let mut findings = Vec::new();
     let campaigns = Campaign::open(&[run.to_owned()], &mut findings)?;
@@ -100,7 +101,7 @@ pub fn write_like_with(
         let holds = |s: &&Setting| (s.t_start_s..s.t_end_s).contains(&t_s);
         model.reading_ent(measured.settings.iter().find(holds), 0, t_s)
     };
-    let added = known.and_then(|known| Added::new(known, &measured, level_ent, &campaign.file.instructions, warnings));
+    let added = known.and_then(|known| Added::new(known, &measured, level_ent, &campaign.file.instructions, notes));
 
     let root = Folder::open(out, force)?;
     if out.canonicalize().is_ok_and(|out| out == campaign.root) {

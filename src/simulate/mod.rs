@@ -10,6 +10,7 @@ pub mod noise;
 pub mod run;
 
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::files::ccr::{Decimals, Section, Writer};
 use crate::files::output::Folder;
 use crate::files::twin::{RunTwin, Twin};
@@ -80,17 +81,17 @@ pub fn write_campaign_with(
     out: &Path,
     force: bool,
     done: impl Fn() + Sync,
-    warnings: &mut Vec<String>,
+    notes: &mut Vec<Note>,
 ) -> Result<Vec<Written>, Finding> {
     let simulation = Simulation::new(twin, seed);
     let instructions = &twin.campaign.instructions;
-    let prepare = |run| -> Result<(&RunTwin, SimulatedRun, Vec<String>), Finding> {
-        let (simulated, mut warnings) = (simulation.run(run)?, Vec::new());
+    let prepare = |run| -> Result<(&RunTwin, SimulatedRun, Vec<Note>), Finding> {
+        let (simulated, mut notes) = (simulation.run(run)?, Vec::new());
         let simulated = match model {
-            Some(model) => simulated.with_effects(model, instructions, &mut warnings),
+            Some(model) => simulated.with_effects(model, instructions, &mut notes),
             None => simulated,
         };
-        Ok((run, simulated, warnings))
+        Ok((run, simulated, notes))
     };
     // The error of the first run, whichever thread is the first.
     let each: Vec<_> = twin.runs.par_iter().map(prepare).collect();
@@ -98,7 +99,7 @@ pub fn write_campaign_with(
     // The longest runs first, so that all cores finish at about the same time.
     let mut prepared: Vec<(&RunTwin, SimulatedRun)> = Vec::new();
     for (run, simulated, own) in all {
-        warnings.extend(own);
+        notes.extend(own);
         prepared.push((run, simulated));
     }
     prepared.sort_by_key(|(_, simulated)| std::cmp::Reverse(simulated.samples()));

@@ -3,6 +3,7 @@
 use super::climate::{History, Temperatures, seconds};
 use super::noise::{Flicker, Random};
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::data::run::{
     Header, InputFile, Kind, ReadingUnit, Run, ScalarRow, Setting, SlowTable, Vector, VectorAccount, VectorSink,
 };
@@ -55,7 +56,7 @@ pub struct SimulatedRun<'a> {
     pub channels: SlowTable,
     /// Moduli of a scalar calibration.
     pub scalar: Vec<ScalarRow>,
-    scene: Scene<'a>,
+    influences: Influences<'a>,
     seed: u64,
     /// Known effects beside the linear sensor.
     added: Option<Added>,
@@ -63,7 +64,7 @@ pub struct SimulatedRun<'a> {
 
 /// All that acts on the sensor during a run.
 #[derive(Clone, Debug)]
-struct Scene<'a> {
+struct Influences<'a> {
     twin: &'a Twin,
     sensor: &'a SensorTwin,
     start: Timestamp,
@@ -129,7 +130,7 @@ impl<'a> SimulatedRun<'a> {
         let varies = facility.daily_nt.iter().chain(&facility.irregular_nt).any(|v| *v > 0.0);
         let channels = if varies { variometer(&variation_nt, facility, &slow_s, &mut random) } else { SlowTable::default() };
 
-        let scene = Scene {
+        let influences = Influences {
             twin,
             sensor,
             start: run.start,
@@ -140,8 +141,8 @@ impl<'a> SimulatedRun<'a> {
             rate_hz: sensor.rate_hz * nominal_rate_hz / sensor.nominal_rate_hz,
             in_sines: InSines::default(),
         };
-        for stretch in &scene.stretches {
-            scene
+        for stretch in &influences.stretches {
+            influences
                 .sensor_at(stretch, stretch.t_start_s)
                 .map_err(|error| refuse(error.to_string(), "correct the polynomials of the sensor"))?;
         }
@@ -150,8 +151,9 @@ impl<'a> SimulatedRun<'a> {
             for setting in &settings {
                 let t_s = 0.5 * (setting.t_start_s + setting.t_end_s);
                 let holds = |s: &&Stretch| (s.t_start_s..s.t_end_s).contains(&t_s);
-                let Some(stretch) = scene.stretches.iter().find(holds) else { continue };
-                let modulus_nt = Vector3::from(scene.field(stretch, t_s).0).norm() + facility.scalar_noise_nt * random.normal();
+                let Some(stretch) = influences.stretches.iter().find(holds) else { continue };
+                let modulus_nt =
+                    Vector3::from(influences.field(stretch, t_s).0).norm() + facility.scalar_noise_nt * random.normal();
                 scalar.push(ScalarRow { t_s, setting: setting.field.0, modulus_nt });
             }
         }
@@ -168,23 +170,23 @@ impl<'a> SimulatedRun<'a> {
             coil_correction: facility.coil_correction,
             earthfield_compensation: facility.compensation.clone(),
         };
-        Ok(Self { header, settings, temperatures, channels, scalar, scene, seed, added: None })
+        Ok(Self { header, settings, temperatures, channels, scalar, influences, seed, added: None })
     }
 
     /// The same run with known effects in its readings. Effects that the run cannot have give a warning.
     #[must_use]
-    pub fn with_effects(mut self, known: &Known, instructions: &Instructions, warnings: &mut Vec<String>) -> Self {
+    pub fn with_effects(mut self, known: &Known, instructions: &Instructions, notes: &mut Vec<Note>) -> Self {
         if self.header.kind == Kind::Frequency {
             let run = self.run(VectorAccount::default());
-            self.scene.in_sines = InSines::new(known, &run, Responses::All, warnings);
+            self.influences.in_sines = InSines::new(known, &run, Responses::All, notes);
             return self;
         }
         let level_ent = |t_s: f64| {
-            let stretches = &self.scene.stretches;
+            let stretches = &self.influences.stretches;
             let at = stretches.partition_point(|s| s.t_end_s <= t_s).min(stretches.len().saturating_sub(1));
-            stretches.get(at).map_or([f64::NAN; 3], |stretch| self.scene.level_ent(stretch, t_s))
+            stretches.get(at).map_or([f64::NAN; 3], |stretch| self.influences.level_ent(stretch, t_s))
         };
-        self.added = Added::new(known, &self.run(VectorAccount::default()), level_ent, instructions, warnings);
+        self.added = Added::new(known, &self.run(VectorAccount::default()), level_ent, instructions, notes);
         self
     }
 
@@ -207,7 +209,7 @@ impl<'a> SimulatedRun<'a> {
     #[must_use]
     pub fn decimals(&self) -> usize {
         let whole = |d: &usize| {
-            let scaled = self.scene.sensor.resolution_ent * 10f64.powi(*d as i32);
+            let scaled = self.influences.sensor.resolution_ent * 10f64.powi(*d as i32);
             (scaled - scaled.round()).abs() < 1e-9 * scaled
         };
         (0..MOST_DECIMALS).find(whole).unwrap_or(MOST_DECIMALS)
@@ -216,14 +218,14 @@ impl<'a> SimulatedRun<'a> {
     /// Number of samples, lost ones included.
     #[must_use]
     pub fn samples(&self) -> u64 {
-        let end_s = self.scene.stretches.last().map_or(0.0, |s| s.t_end_s);
-        if self.header.kind == Kind::Scalar { 0 } else { (end_s * self.scene.rate_hz - 0.5).ceil().max(0.0) as u64 }
+        let end_s = self.influences.stretches.last().map_or(0.0, |s| s.t_end_s);
+        if self.header.kind == Kind::Scalar { 0 } else { (end_s * self.influences.rate_hz - 0.5).ceil().max(0.0) as u64 }
     }
 
     /// Gives the run to an analysis without a file: the samples go to `sink`. Times are exact, and gaps are counted but not listed.
     pub fn play(&self, sink: &mut impl VectorSink) -> Run {
         sink.begin(&self.header, &self.settings);
-        let mut account = VectorAccount { measured_rate_hz: Some(self.scene.rate_hz), ..VectorAccount::default() };
+        let mut account = VectorAccount { measured_rate_hz: Some(self.influences.rate_hz), ..VectorAccount::default() };
         let mut expected = 0;
         for vector in self.vectors() {
             account.span_s = Some([account.span_s.map_or(vector.t_s, |[first, _]| first), vector.t_s]);
@@ -240,10 +242,10 @@ impl<'a> SimulatedRun<'a> {
     #[must_use]
     pub fn vectors(&self) -> Samples<'_> {
         let mut random = Random::new(self.seed, &[&self.header.run, "samples"]);
-        let sensor = self.scene.sensor;
-        let flicker = sensor.flicker_ent.map(|a| Flicker::new(a, self.scene.rate_hz, sensor.flicker_lowest_hz, &mut random));
+        let sensor = self.influences.sensor;
+        let flicker = sensor.flicker_ent.map(|a| Flicker::new(a, self.influences.rate_hz, sensor.flicker_lowest_hz, &mut random));
         Samples {
-            scene: &self.scene,
+            influences: &self.influences,
             count: self.samples(),
             sample: 0,
             line_end: 0,
@@ -321,7 +323,7 @@ enum SensorError {
     Impossible { temperature_degc: f64, why: SplitError },
 }
 
-impl Scene<'_> {
+impl Influences<'_> {
     fn sensor_degc(&self, t_s: f64) -> f64 {
         self.climate.body_degc(Body::Sensor, self.start, t_s)
     }
@@ -398,7 +400,7 @@ struct Tone {
 /// The samples of a run.
 #[derive(Clone, Debug)]
 pub struct Samples<'a> {
-    scene: &'a Scene<'a>,
+    influences: &'a Influences<'a>,
     count: u64,
     sample: u64,
     /// The straight lines hold before this sample.
@@ -421,12 +423,12 @@ pub struct Samples<'a> {
 impl Samples<'_> {
     /// Time of a sample: the middle of its period.
     fn t_s(&self, sample: u64) -> f64 {
-        (sample as f64 + 0.5) / self.scene.rate_hz
+        (sample as f64 + 0.5) / self.influences.rate_hz
     }
 
     /// First sample at or after a time.
     fn sample_at(&self, t_s: f64) -> u64 {
-        (t_s * self.scene.rate_hz - 0.5).ceil().max(0.0) as u64
+        (t_s * self.influences.rate_hz - 0.5).ceil().max(0.0) as u64
     }
 
     /// Contribution of the known effects to the next sample, computed for many samples at a time.
@@ -442,21 +444,21 @@ impl Samples<'_> {
     /// New straight lines from the sample that comes next.
     #[cold]
     fn enter(&mut self) {
-        let stretches = &self.scene.stretches;
+        let stretches = &self.influences.stretches;
         let t_s = self.t_s(self.sample);
         let before = self.stretch;
         while self.stretch + 1 < stretches.len() && stretches[self.stretch].t_end_s <= t_s {
             self.stretch += 1;
         }
         let stretch = &stretches[self.stretch];
-        let begin_ent = self.scene.level_ent(stretch, t_s);
-        let line_s = if self.scene.in_sines.moves_clock() { CLOCK_S } else { SLOW_S };
+        let begin_ent = self.influences.level_ent(stretch, t_s);
+        let line_s = if self.influences.in_sines.moves_clock() { CLOCK_S } else { SLOW_S };
         self.line_end = self.sample_at(stretch.t_end_s.min(t_s + line_s)).max(self.sample + 1);
         let steps = (self.line_end - self.sample) as f64;
-        let end_ent = self.scene.level_ent(stretch, t_s + steps / self.scene.rate_hz);
+        let end_ent = self.influences.level_ent(stretch, t_s + steps / self.influences.rate_hz);
         self.level_ent = begin_ent;
         self.slope_ent = std::array::from_fn(|i| (end_ent[i] - begin_ent[i]) / steps);
-        self.tone = self.scene.tone(stretch, t_s);
+        self.tone = self.influences.tone(stretch, t_s);
         if self.stretch != before {
             self.step(&stretches[before], stretch, t_s);
         } else if self.transient_ent.iter().zip(begin_ent).all(|(left, level)| left.abs() < SETTLED * level.abs().max(1.0)) {
@@ -471,12 +473,12 @@ impl Samples<'_> {
             return;
         }
         let edge_s = after.t_start_s;
-        let (old, new) = (self.scene.level_ent(before, edge_s), self.scene.level_ent(after, edge_s));
-        let model = &self.scene.sensor.model;
-        let temperature_degc = self.scene.sensor_degc(edge_s);
+        let (old, new) = (self.influences.level_ent(before, edge_s), self.influences.level_ent(after, edge_s));
+        let model = &self.influences.sensor.model;
+        let temperature_degc = self.influences.sensor_degc(edge_s);
         for i in 0..3 {
             let rate = TAU * crate::model::polynomial::value(&model.f_3db_hz[i], temperature_degc);
-            self.transient_decay[i] = (-rate / self.scene.rate_hz).exp();
+            self.transient_decay[i] = (-rate / self.influences.rate_hz).exp();
             self.transient_ent[i] = (old[i] - new[i]) * (-rate * (t_s - edge_s)).exp();
         }
     }
@@ -486,7 +488,7 @@ impl Iterator for Samples<'_> {
     type Item = Vector;
 
     fn next(&mut self) -> Option<Vector> {
-        let sensor = self.scene.sensor;
+        let sensor = self.influences.sensor;
         loop {
             if self.sample >= self.count {
                 return None;

@@ -179,7 +179,7 @@ pub fn publish_diagnosis(made: &Diagnosed, folder: &Path, desk: &Desk) -> Result
         numbered.iter().find(|figure| figure.file == file).cloned()
     };
     let sections = show::diagnose::sections(&made.diagnosis, &shown);
-    let document = show::standalone(&title, &[], sections, Vec::new(), &made.provenance);
+    let document = show::standalone(&title, &made.diagnosis.notes, sections, Vec::new(), &made.provenance);
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.md"), markdown::page(&document).as_bytes())?;
     let page = html::page(&document, &mut |file| std::fs::read(folder.path().join(file)).ok());
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.html"), page.as_bytes())?;

@@ -1,6 +1,6 @@
 //! What is tried between runs: the effects of a catalogue, and an orientation or a run that stands alone.
 
-use super::run_set::{RunSet, Suspect, count};
+use super::run_set::{RunCandidate, RunSet, count};
 use super::{CLASSES, LEAST_AGREEING};
 use crate::data::units::COMPONENTS;
 use crate::diagnose::candidate::Candidate;
@@ -14,7 +14,7 @@ pub const ORIENTATION: &str = "orientation";
 pub const RUN: &str = "run";
 
 /// Everything that is tried, and what of the catalogue these runs cannot show.
-pub fn candidates(set: &RunSet, catalogue: &Catalogue) -> (Vec<Suspect>, Vec<NotIdentifiable>) {
+pub fn candidates(set: &RunSet, catalogue: &Catalogue) -> (Vec<RunCandidate>, Vec<NotIdentifiable>) {
     let mut effects: Vec<(EffectRef, BetweenRuns)> =
         catalogue.iter().filter_map(|effect| Some((effect, effect.between_runs(&set.conditions)?))).collect();
     effects.sort_by_key(|(_, made)| made.cause);
@@ -24,7 +24,11 @@ pub fn candidates(set: &RunSet, catalogue: &Catalogue) -> (Vec<Suspect>, Vec<Not
         all.extend(terms.into_iter().map(|term| {
             let columns = DMatrix::from_fn(9 * set.count(), term.columns.len(), |row, c| term.columns[c].values[row]);
             let parameters = term.columns.into_iter().map(|c| (c.name, c.unit)).collect();
-            Suspect { candidate: Candidate::new(effect, None, term.spec, parameters, columns), cause: Some(cause), alone: None }
+            RunCandidate {
+                candidate: Candidate::new(effect, None, term.spec, parameters, columns),
+                cause: Some(cause),
+                alone: None,
+            }
         }));
     }
     all.extend(alone(set));
@@ -32,7 +36,7 @@ pub fn candidates(set: &RunSet, catalogue: &Catalogue) -> (Vec<Suspect>, Vec<Not
 }
 
 /// An orientation or a run by itself, in all classes and in each of them.
-fn alone(set: &RunSet) -> Vec<Suspect> {
+fn alone(set: &RunSet) -> Vec<RunCandidate> {
     let n = set.count();
     let orientations = count(&set.orientation);
     let members = |o: usize| (0..n).filter(|r| set.orientation[*r] == o).collect::<Vec<usize>>();
@@ -53,7 +57,7 @@ fn alone(set: &RunSet) -> Vec<Suspect> {
             let parameters = classes.iter().flat_map(|class| (0..3).map(|i| parameter(*class, i))).collect();
             let spec = Spec::new(&format!("{what} {name}"), &[0, 1, 2]);
             let candidate = Candidate::new(UNKNOWN, Some(what.to_owned()), spec, parameters, columns);
-            Suspect { candidate, cause: None, alone: Some(own.clone()) }
+            RunCandidate { candidate, cause: None, alone: Some(own.clone()) }
         })
     };
     outliers.into_iter().flat_map(of).collect()

@@ -1,7 +1,7 @@
 //! What was not found between runs: what they cannot show, and how small an effect they would have shown.
 
 use super::problem::Comparison;
-use super::run_set::Suspect;
+use super::run_set::RunCandidate;
 use crate::data::units::{COMPONENTS, three_digits};
 use crate::diagnose::result::{DetectionLimit, NotIdentifiable, Step};
 use crate::diagnose::{FOUND_90, SHOWN};
@@ -18,10 +18,10 @@ pub(super) fn limits(
 ) -> Vec<DetectionLimit> {
     let (set, n) = (&comparison.set, comparison.set.count());
     let mut limits = Vec::new();
-    let mut effects: Vec<EffectRef> = comparison.suspects.iter().map(|c| c.effect).filter(|e| !e.is_unknown()).collect();
+    let mut effects: Vec<EffectRef> = comparison.candidates.iter().map(|c| c.effect).filter(|e| !e.is_unknown()).collect();
     effects.dedup();
     for effect in effects.into_iter().filter(|effect| steps.iter().all(|s| s.effect != *effect)) {
-        let own: Vec<&Suspect> = comparison.suspects.iter().filter(|c| c.effect == effect).collect();
+        let own: Vec<&RunCandidate> = comparison.candidates.iter().filter(|c| c.effect == effect).collect();
         let groups: Vec<Group> = own.iter().map(|c| set.group(fitted, c)).collect();
         if groups.iter().all(|g| g.surviving < SHOWN) {
             let most = groups.iter().map(|g| g.surviving).fold(0.0, f64::max);

@@ -1,16 +1,16 @@
 //! Runs that disagree as a problem of the search.
 
 use super::candidates::ORIENTATION;
-use super::run_set::{RunSet, Suspect, count};
-use super::{LEAST_AGREEING, told};
+use super::run_set::{RunCandidate, RunSet, count};
+use super::{LEAST_AGREEING, describe};
 use crate::diagnose::candidate::{Accepted, Candidate, Threshold};
 use crate::diagnose::explanations::{self, Scored};
-use crate::diagnose::problem::{Problem, Revision, Told};
+use crate::diagnose::problem::{Description, Problem, Revision};
 use crate::fit::scan::{Fitted, Group};
 
 /// Below this evidence (logarithm) noise alone gives as much in one case of a few, so that nothing has to be simulated.
 const HOPELESS: f64 = 2.0;
-/// A model with fewer degrees of freedom tells no scatter, and nothing is looked for beside it.
+/// A model with fewer degrees of freedom determines no scatter, and nothing is looked for beside it.
 const LEAST_FREEDOM: f64 = 2.0;
 /// Signal to noise ratio from which an effect is significant, about: what selection does to values depends on it little.
 const LEAST: f64 = 4.0;
@@ -18,23 +18,23 @@ const LEAST: f64 = 4.0;
 const SEED: u64 = 0x0ca1_ac05;
 
 /// A term that was accepted.
-pub type Term = Accepted<Suspect>;
+pub type Term = Accepted<RunCandidate>;
 
 /// The runs with everything that may make them disagree.
 pub struct Comparison<'a> {
     pub set: RunSet<'a>,
-    pub suspects: Vec<Suspect>,
+    pub candidates: Vec<RunCandidate>,
     /// Logarithm of the prior of each; minus infinity for those that did not predict.
     log_priors: Vec<f64>,
 }
 
 /// The terms of a search.
-pub fn suspects(chosen: &[Term]) -> Vec<&Suspect> {
+pub fn chosen_candidates(chosen: &[Term]) -> Vec<&RunCandidate> {
     chosen.iter().map(|t| &t.candidate).collect()
 }
 
 /// All but one.
-pub fn others<'a>(all: &[&'a Suspect], index: usize) -> Vec<&'a Suspect> {
+pub fn others<'a>(all: &[&'a RunCandidate], index: usize) -> Vec<&'a RunCandidate> {
     all.iter().enumerate().filter(|(i, _)| *i != index).map(|(_, s)| *s).collect()
 }
 
@@ -53,27 +53,27 @@ impl Problem for Comparison<'_> {
     const MOST_REVISIONS: usize = 1;
 
     fn fitted(&self, chosen: &[Term]) -> Option<Fitted> {
-        Some(self.set.fitted(&suspects(chosen)))
+        Some(self.set.fitted(&chosen_candidates(chosen)))
     }
 
     fn evident(&self, fitted: &Fitted, chosen: &[Term]) -> Option<Vec<Term>> {
-        Some(self.most_evident(fitted, &suspects(chosen)).into_iter().collect())
+        Some(self.most_evident(fitted, &chosen_candidates(chosen)).into_iter().collect())
     }
 
     /// Every run in turn, with the scatter that is left with the further terms, in the classes on which these act.
     fn predicts(&self, chosen: &[Term], further: &[Term]) -> Option<bool> {
-        let (now, further) = (suspects(chosen), suspects(further));
+        let (now, further) = (chosen_candidates(chosen), chosen_candidates(further));
         let with = [now.clone(), further.clone()].concat();
         let scales = self.set.scales(&self.set.fitted(&with));
         let classes = self.set.classes(&further);
-        let squares = |terms: &[&Suspect]| self.set.gap(&self.set.held_out(terms, &scales), &scales, &with, classes).1;
+        let squares = |terms: &[&RunCandidate]| self.set.gap(&self.set.held_out(terms, &scales), &scales, &with, classes).1;
         Some(squares(&with) < squares(&now))
     }
 
     /// This term alone: an orientation may stand alone in one class and not in another.
     fn rule_out(&mut self, term: &Term) {
-        for (log_prior, suspect) in self.log_priors.iter_mut().zip(&self.suspects) {
-            if suspect.is_same_term(&term.candidate) && suspect.parameters == term.candidate.parameters {
+        for (log_prior, candidate) in self.log_priors.iter_mut().zip(&self.candidates) {
+            if candidate.is_same_term(&term.candidate) && candidate.parameters == term.candidate.parameters {
                 *log_prior = f64::NEG_INFINITY;
             }
         }
@@ -85,13 +85,13 @@ impl Problem for Comparison<'_> {
 
     /// On all axes: wrong parameters of a facility have no axis of the sensor.
     fn merged(&self, earlier: &Term, last: &Term) -> Option<Term> {
-        let on_all = |s: &&Suspect| s.is_same_form(&last.candidate) && s.spec.axes.len() == 3;
-        let candidate = self.suspects.iter().find(on_all)?.clone();
+        let on_all = |s: &&RunCandidate| s.is_same_form(&last.candidate) && s.spec.axes.len() == 3;
+        let candidate = self.candidates.iter().find(on_all)?.clone();
         Some(Term { candidate, ..earlier.clone() })
     }
 
     fn revised(&self, chosen: &mut [Term], index: usize) -> Option<Revision<Term>> {
-        let all = suspects(chosen);
+        let all = chosen_candidates(chosen);
         let others = others(&all, index);
         let fitted = self.set.fitted(&others);
         let own = all[index];
@@ -99,45 +99,47 @@ impl Problem for Comparison<'_> {
         Some(match self.scored(&fitted, &others).revised(&own.key, &score) {
             Revision::Keep => Revision::Keep,
             Revision::Drop => Revision::Drop,
-            Revision::Swap(better) => Revision::Swap(Term { candidate: self.suspects[better].clone(), ..chosen[index].clone() }),
+            Revision::Swap(better) => {
+                Revision::Swap(Term { candidate: self.candidates[better].clone(), ..chosen[index].clone() })
+            }
         })
     }
 
-    fn told(&self, fitted: &Fitted, chosen: &[Term], index: usize, number: usize) -> Told {
-        told::told(self, fitted, chosen, index, number)
+    fn describe(&self, fitted: &Fitted, chosen: &[Term], index: usize, number: usize) -> Description {
+        describe::describe(self, fitted, chosen, index, number)
     }
 }
 
 impl<'a> Comparison<'a> {
-    pub fn new(set: RunSet<'a>, suspects: Vec<Suspect>) -> Self {
-        let log_priors = explanations::log_priors(suspects.iter().map(|s| &s.candidate), |effect| effect.prior(None));
-        Self { set, suspects, log_priors }
+    pub fn new(set: RunSet<'a>, candidates: Vec<RunCandidate>) -> Self {
+        let log_priors = explanations::log_priors(candidates.iter().map(|s| &s.candidate), |effect| effect.prior(None));
+        Self { set, candidates, log_priors }
     }
 
     /// A term that leaves too few orientations to compare is not looked for, nor one that is there.
-    fn is_open(&self, suspect: &Suspect, terms: &[&Suspect]) -> bool {
-        if terms.iter().any(|t| t.is_same_term(suspect)) {
+    fn is_open(&self, candidate: &RunCandidate, terms: &[&RunCandidate]) -> bool {
+        if terms.iter().any(|t| t.is_same_term(candidate)) {
             return false;
         }
-        let is_orientation = |s: &Suspect| s.covariate.as_deref() == Some(ORIENTATION);
+        let is_orientation = |s: &RunCandidate| s.covariate.as_deref() == Some(ORIENTATION);
         let stand_alone = terms.iter().filter(|t| is_orientation(t)).count();
-        !is_orientation(suspect) || count(&self.set.orientation) > LEAST_AGREEING + stand_alone
+        !is_orientation(candidate) || count(&self.set.orientation) > LEAST_AGREEING + stand_alone
     }
 
     pub fn groups(&self, fitted: &Fitted) -> Vec<Group> {
-        self.suspects.iter().map(|s| self.set.group(fitted, s)).collect()
+        self.candidates.iter().map(|s| self.set.group(fitted, s)).collect()
     }
 
     /// All candidates scored beside a model with these terms.
-    pub fn scored<'b>(&'b self, fitted: &'b Fitted, terms: &[&Suspect]) -> Scored<'b> {
-        let log_prior = |(s, own): (&Suspect, &f64)| if self.is_open(s, terms) { *own } else { f64::NEG_INFINITY };
-        let log_priors = self.suspects.iter().zip(&self.log_priors).map(log_prior).collect();
-        let candidates: Vec<&Candidate> = self.suspects.iter().map(|s| &s.candidate).collect();
+    pub fn scored<'b>(&'b self, fitted: &'b Fitted, terms: &[&RunCandidate]) -> Scored<'b> {
+        let log_prior = |(s, own): (&RunCandidate, &f64)| if self.is_open(s, terms) { *own } else { f64::NEG_INFINITY };
+        let log_priors = self.candidates.iter().zip(&self.log_priors).map(log_prior).collect();
+        let candidates: Vec<&Candidate> = self.candidates.iter().map(|s| &s.candidate).collect();
         Scored::new(fitted, candidates, self.groups(fitted), log_priors)
     }
 
     /// The most evident term beside others, if it is no noise.
-    fn most_evident(&self, fitted: &Fitted, now: &[&Suspect]) -> Option<Term> {
+    fn most_evident(&self, fitted: &Fitted, now: &[&RunCandidate]) -> Option<Term> {
         if fitted.freedom().iter().sum::<f64>() < LEAST_FREEDOM {
             return None;
         }
@@ -146,7 +148,7 @@ impl<'a> Comparison<'a> {
         let best = scored.explanations.first().filter(|_| most > HOPELESS)?;
         let evident = scored.evident(most, Self::FALSE_ALARM, SEED)?;
         Some(Term {
-            candidate: self.suspects[best.best].clone(),
+            candidate: self.candidates[best.best].clone(),
             p_global: evident.p_global,
             trials: evident.trials,
             threshold: Threshold::Strength(LEAST),

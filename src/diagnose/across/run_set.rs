@@ -2,6 +2,7 @@
 
 use super::values::RunValues;
 use super::{CLASSES, CONTRADICTED, axis_of};
+use crate::data::note::{Note, NoteKind};
 use crate::diagnose::candidate::Candidate;
 use crate::diagnose::result::Gap;
 use crate::fit::scan::{Fitted, Group};
@@ -17,7 +18,7 @@ const ALIKE_STD: f64 = 4.0;
 
 /// Something that may make runs disagree. Its columns have a row per value, class after class, run after run.
 #[derive(Clone)]
-pub struct Suspect {
+pub struct RunCandidate {
     /// The term.
     pub candidate: Candidate,
     /// What makes the runs disagree; `None` if that is not known.
@@ -26,14 +27,14 @@ pub struct Suspect {
     pub alone: Option<Vec<usize>>,
 }
 
-impl Suspect {
+impl RunCandidate {
     /// Whether both are one explanation in the same form.
-    pub fn is_same_term(&self, other: &Suspect) -> bool {
+    pub fn is_same_term(&self, other: &RunCandidate) -> bool {
         self.key == other.key && self.spec == other.spec
     }
 }
 
-impl Deref for Suspect {
+impl Deref for RunCandidate {
     type Target = Candidate;
 
     fn deref(&self) -> &Candidate {
@@ -151,13 +152,13 @@ impl<'a> RunSet<'a> {
         edges
     }
 
-    pub fn model(&self, terms: &[&Suspect]) -> DMatrix<f64> {
+    pub fn model(&self, terms: &[&RunCandidate]) -> DMatrix<f64> {
         let mut columns: Vec<DVector<f64>> = self.nuisance.column_iter().map(|c| c.into_owned()).collect();
         columns.extend(terms.iter().flat_map(|t| t.columns.column_iter().map(|c| c.into_owned())));
         DMatrix::from_columns(&columns)
     }
 
-    pub fn fitted(&self, terms: &[&Suspect]) -> Fitted {
+    pub fn fitted(&self, terms: &[&RunCandidate]) -> Fitted {
         let y = DMatrix::from_column_slice(self.y.len(), 1, self.y.as_slice());
         Fitted::new(&self.whiten(&y, 1.0).column(0).into_owned(), &self.whiten(&self.model(terms), 0.0), self.edges())
     }
@@ -167,7 +168,7 @@ impl<'a> RunSet<'a> {
     }
 
     /// Squares of what a model leaves of a class in units of the uncertainties, anchors not counted, and its degrees of freedom.
-    pub fn left(&self, class: usize, terms: &[&Suspect]) -> (f64, f64) {
+    pub fn left(&self, class: usize, terms: &[&RunCandidate]) -> (f64, f64) {
         let n = 3 * self.count();
         let part = |m: &DMatrix<f64>| DMatrix::from_fn(n, m.ncols(), |r, c| m[(class * n + r, c)] / self.std[class * n + r]);
         let y = part(&DMatrix::from_column_slice(self.y.len(), 1, self.y.as_slice())).column(0).into_owned();
@@ -176,17 +177,17 @@ impl<'a> RunSet<'a> {
     }
 
     /// Believes the uncertainties of those classes whose scatter does not contradict them.
-    pub fn anchor(&mut self, suspects: &[Suspect], warnings: &mut Vec<String>) {
+    pub fn anchor(&mut self, candidates: &[RunCandidate], notes: &mut Vec<Note>) {
         let known = self.runs.iter().all(|r| r.std.is_some());
         let number = self.runs.iter().map(|r| r.freedom.max(0.0)).sum::<f64>().clamp(4.0, MOST_ANCHORS) as usize;
-        let facility: Vec<&Suspect> =
-            suspects.iter().filter(|c| c.cause == Some(Cause::Calibration) && c.spec.axes.len() == 3).collect();
+        let facility: Vec<&RunCandidate> =
+            candidates.iter().filter(|c| c.cause == Some(Cause::Calibration) && c.spec.axes.len() == 3).collect();
         for class in 0..3 {
             // A single further effect is allowed for, so that what is looked for does not pass as noise.
             let mut best: Option<f64> = None;
             let mut squares = (f64::INFINITY, 0.0);
-            for further in std::iter::once(None).chain(suspects.iter().map(Some)) {
-                let terms: Vec<&Suspect> = facility.iter().copied().chain(further).collect();
+            for further in std::iter::once(None).chain(candidates.iter().map(Some)) {
+                let terms: Vec<&RunCandidate> = facility.iter().copied().chain(further).collect();
                 let (sum, freedom) = self.left(class, &terms);
                 let p = if freedom < 0.5 { 1.0 } else { chi2_tail(sum, freedom) };
                 if best.is_none_or(|b| p > b) {
@@ -201,11 +202,12 @@ impl<'a> RunSet<'a> {
             if agrees {
                 self.anchors[class] = number;
             } else if known {
-                warnings.push(format!(
+                let text = format!(
                     "{}: the runs scatter {:.1} times as much as their own uncertainties; the scatter itself is taken as noise",
                     CLASSES[class],
                     (squares.0 / squares.1.max(1.0)).sqrt()
-                ));
+                );
+                notes.push(Note::new(NoteKind::Method, text).about(CLASSES[class]));
             }
         }
     }
@@ -220,7 +222,7 @@ impl<'a> RunSet<'a> {
     }
 
     /// Deviations of every run from a model that has not seen it, in the units of the values.
-    pub fn held_out(&self, terms: &[&Suspect], scales: &[f64; 3]) -> DVector<f64> {
+    pub fn held_out(&self, terms: &[&RunCandidate], scales: &[f64; 3]) -> DVector<f64> {
         let n = self.count();
         let p = self.nuisance.ncols();
         let weighted = |r: usize, v: f64| v / (self.std[r] * scales[r / (3 * n)]);
@@ -258,13 +260,13 @@ impl<'a> RunSet<'a> {
     }
 
     /// Classes of values on which terms act.
-    pub fn classes(&self, terms: &[&Suspect]) -> [bool; 3] {
+    pub fn classes(&self, terms: &[&RunCandidate]) -> [bool; 3] {
         let n = 3 * self.count();
         std::array::from_fn(|c| terms.iter().any(|t| t.columns.rows(c * n, n).norm() > 0.0))
     }
 
     /// Weighted squares of held-out deviations over the runs that `terms` do not concern alone.
-    pub fn gap(&self, deviations: &DVector<f64>, scales: &[f64; 3], terms: &[&Suspect], classes: [bool; 3]) -> (Gap, f64) {
+    pub fn gap(&self, deviations: &DVector<f64>, scales: &[f64; 3], terms: &[&RunCandidate], classes: [bool; 3]) -> (Gap, f64) {
         let n = self.count();
         let shared: Vec<usize> =
             (0..n).filter(|r| terms.iter().all(|t| t.alone.as_ref().is_none_or(|own| !own.contains(r)))).collect();

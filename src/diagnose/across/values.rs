@@ -13,7 +13,7 @@ use crate::model::effects::Catalogue;
 use crate::model::facility_calibration::SensorValues;
 use crate::model::position::{Class, OrientedRun, Position};
 use crate::model::sensor::split;
-use crate::record::scene::Scene;
+use crate::record::prepared::PreparedRun;
 use nalgebra::Matrix3;
 
 /// Rounding of values that come without uncertainties: ln σ, nT, degrees.
@@ -99,15 +99,15 @@ impl RunValues {
     pub fn of_run(run: &Run, plateaus: &Plateaus, campaign: &Campaign, options: &lin::Options) -> Result<Self, DiagnoseError> {
         let made = lin::lin(run, plateaus, &campaign.file.instructions, options)?;
         let mut own = Self::of_calibration(&made.calibration)?;
-        let scene = Scene::new(run, plateaus, None, &campaign.file.instructions, options.facility.as_ref())
+        let prepared = PreparedRun::new(run, plateaus, None, &campaign.file.instructions, options.facility.as_ref())
             .map_err(|e| DiagnoseError::Record(e.0))?;
-        let (n, p) = scene.design.shape();
+        let (n, p) = prepared.design.shape();
         // Where fields beyond a limit were left out, the calibration stands as it is.
         let linear = (n == made.calibration.quality.blocks_used && p > 3)
-            .then(|| Means::new(&scene, scene.readings.clone(), &Catalogue::default(), Vec::new()).linear())
+            .then(|| Means::new(&prepared, prepared.readings.clone(), &Catalogue::default(), Vec::new()).linear())
             .flatten();
         let Some((found, covariance)) = linear else { return Ok(own) };
-        let most = scene.record.rows.iter().flat_map(|r| r.field_coil_nt).fold(0.0, |m: f64, b| m.max(b.abs()));
+        let most = prepared.record.rows.iter().flat_map(|r| r.field_coil_nt).fold(0.0, |m: f64, b| m.max(b.abs()));
         let r_nom = own.position.r_nom();
         let nine = |x: &[f64]| -> Vec<f64> {
             let a = Matrix3::from_fn(|i, k| x[i * p + k] / most);

@@ -204,8 +204,8 @@ fn best_of_effect(effect: EffectRef, base: &Fit, scored: &Scored, sines: &Sines)
         let fits = starts(base, e, sines).into_iter().filter_map(|s| base.with(&e.term, &s, sines));
         fits.map(|fit| (e.term.clone(), fit)).collect::<Vec<_>>()
     });
-    let told = fits.filter(|(term, fit)| term.is_told(&fit.p[base.p.len()..], &sines.run));
-    let with_aicc = told.filter_map(|(term, fit)| Some((aicc(fit.chi2, fit.p.len(), fit.residual.len())?, term, fit)));
+    let reported = fits.filter(|(term, fit)| term.is_reported(&fit.p[base.p.len()..], &sines.run));
+    let with_aicc = reported.filter_map(|(term, fit)| Some((aicc(fit.chi2, fit.p.len(), fit.residual.len())?, term, fit)));
     let (aicc, term, fit) = with_aicc.min_by(|a, b| a.0.total_cmp(&b.0))?;
     Some(Refined { term, fit, aicc })
 }

@@ -9,7 +9,7 @@ use crate::fit::sine::{self, Oscillator};
 use crate::measure::freq::Freq;
 use crate::model::effects::lost_samples::LostSamples;
 use crate::model::effects::{EffectRef, Spec};
-use crate::record::scene::Samples;
+use crate::record::prepared::Samples;
 use std::ops::Range;
 
 /// A setting of which more than this part follows no sine is damaged.
@@ -61,7 +61,7 @@ fn gaps(samples: &Samples, range: Range<usize>) -> Vec<(u64, f64)> {
     after_gap.map(|i| (samples.n[i] - samples.n[i - 1] - 1, samples.t_s[i - 1])).collect()
 }
 
-/// The step that tells of damaged settings, by their frequency and in words.
+/// The step that describes damaged settings, by their frequency and in words.
 fn step(run: &Run, freq: &Freq, damaged: &[(f64, String)], missing: u64) -> Step {
     let list: Vec<&str> = damaged.iter().map(|(_, words)| words.as_str()).collect();
     let form = Spec::new("stretches", &[]);

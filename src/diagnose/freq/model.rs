@@ -15,7 +15,7 @@ const STEP: f64 = 1e-4;
 /// Steps of a fit, and the decrease of chi-square that ends it.
 const MOST_STEPS: usize = 60;
 const FINISHED: f64 = 1e-4;
-/// Parts that pass poles are no larger.
+/// Largest part of the field behind a pole.
 const MOST_PART: f64 = 1.5;
 
 /// What may be missing: a term of an effect.

@@ -1,16 +1,16 @@
 //! A response with terms of effects in it as a problem of the search.
 
 use super::candidates::{Refined, Scored, corrected, refined};
+use super::describe;
 use super::model::{EffectTerm, Fit};
 use super::sines::Sines;
-use super::told;
 use crate::diagnose::APART;
-use crate::diagnose::problem::{Problem, Revision, Told};
+use crate::diagnose::problem::{Description, Problem, Revision};
 use crate::diagnose::result::RunnerUp;
 use crate::diagnose::steps::Significance;
 use crate::model::effects::{Catalogue, EffectRef};
 
-/// Two explanations are told apart by this difference of AICc, which is twice that of the logarithms of likelihoods.
+/// Two explanations are distinguished by this difference of AICc, which is twice that of the logarithms of likelihoods.
 pub const APART_AICC: f64 = 2.0 * APART;
 
 /// The sines of a run, and the response with the terms that are there for sure.
@@ -66,7 +66,7 @@ impl Problem for SineSearch<'_> {
         Some(best.into_iter().collect())
     }
 
-    /// Settings that are held out are told of, but have no veto, as in reports/blind-study.md.
+    /// Settings that are held out are reported, but have no veto, as in reports/blind-study.md.
     fn predicts(&self, _: &[Term], _: &[Term]) -> Option<bool> {
         Some(true)
     }
@@ -99,8 +99,8 @@ impl Problem for SineSearch<'_> {
         Some(Revision::Drop)
     }
 
-    fn told(&self, fit: &Fit, chosen: &[Term], index: usize, number: usize) -> Told {
-        told::told(self, fit, &chosen[index], index, number)
+    fn describe(&self, fit: &Fit, chosen: &[Term], index: usize, number: usize) -> Description {
+        describe::describe(self, fit, &chosen[index], index, number)
     }
 }
 

@@ -52,7 +52,7 @@ pub(super) fn base(freq: &Freq, sines: &mut Sines) -> Result<Fit, DiagnoseError>
 }
 
 /// AICc and fit of a response whose corners are near the given ones. Beside a notch a logarithm has more than one minimum: what the amplitudes
-/// by themselves have told is a start as well.
+/// by themselves show is a start as well.
 fn fitted(response: Response, corner_hz: [f64; 3], freq: &Freq, sines: &Sines) -> Option<(f64, Fit)> {
     let model = Model { response, terms: Vec::new() };
     let by_amplitudes = freq.corner.components.each_ref().map(|c| {

@@ -1,16 +1,16 @@
-//! What the samples of every setting tell of its sine: amplitude, phase, and how fast the phase runs away, with their noise.
+//! What the samples of every setting show of its sine: amplitude, phase, and how fast the phase runs away, with their noise.
 
 use crate::data::run::{Setting, SlowTable};
 use crate::diagnose::DiagnoseError;
 use crate::fit::sine::{self, Residue};
 use crate::measure::freq::Freq;
 use crate::model::effects::in_sine::{SineRun, SineSetting, Triple};
-use crate::record::scene::Samples;
+use crate::record::prepared::Samples;
 use nalgebra::DVector;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
-/// A response, a clock and an effect need so many settings.
+/// Fewest settings with sines: they have to determine a response, a clock and an effect.
 const LEAST_SINES: usize = 8;
 /// Sines below this many standard uncertainties of their amplitude are left out: the logarithm of the rest is as good as normal.
 const LEAST_RATIO: f64 = 10.0;

@@ -34,7 +34,7 @@ pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
         not_identifiable: not_identifiable(),
         detection_limits: Vec::new(),
         response: Some(response_words(&freq)),
-        warnings: freq.notes.iter().map(ToString::to_string).collect(),
+        notes: freq.notes,
         reading_ent: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
         maps,
         pictures,
@@ -100,7 +100,7 @@ fn gap(freq: &Freq, is_kept: impl Fn(usize) -> bool) -> Gap {
     gap
 }
 
-/// The step that tells of the outliers.
+/// The step that describes the outliers.
 fn step(rows: &[AmplitudeRow], freq: &Freq, outliers: &[Outlier], noise_ent: [f64; 3]) -> Step {
     let components = || freq.corner.components.iter();
     let residuals = outliers.iter().flat_map(|o| components().filter_map(|c| Some(c.model.as_ref()?.residual_ent[o.row])));

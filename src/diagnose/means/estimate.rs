@@ -2,7 +2,7 @@
 
 use super::{Means, MeansModel, with_shape};
 use crate::diagnose::candidate::Candidate;
-use crate::fit::noise::state_space::Colour;
+use crate::fit::noise::state_space::NoiseParameters;
 use crate::model::effects::offset_drift::{self, OffsetDrift};
 use crate::model::effects::{EffectRef, Spec};
 use nalgebra::{DMatrix, DVector};
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 const NEGLIGIBLE: f64 = -7.0;
 /// Step of the derivative by a shape parameter, as a part of its value.
 const STEP: f64 = 1e-3;
-/// Columns of unit length whose singular values are less than this are not told apart.
+/// Singular values of columns of unit length below this are those of columns that depend on each other.
 const APART: f64 = 1e-10;
 
 impl Means<'_> {
@@ -21,7 +21,7 @@ impl Means<'_> {
     #[must_use]
     pub fn linear(&self) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let noise = self.model(&[])?.noise;
-        let noises = self.correlations.plausible(&noise.colour, &self.readings, &self.designs(&[]));
+        let noises = self.correlations.plausible(&noise.parameters, &self.readings, &self.designs(&[]));
         let fits: Vec<(f64, DVector<f64>, DMatrix<f64>)> = noises
             .into_par_iter()
             .filter(|(_, weight)| *weight > NEGLIGIBLE)
@@ -61,11 +61,11 @@ impl Means<'_> {
     /// uncertainty, enT. It is what slow noise stands for.
     #[must_use]
     pub fn drifts(&self, terms: &[&Candidate]) -> Option<[(f64, f64); 3]> {
-        let white = self.correlations.with_colour(Colour::WHITE, &self.readings, &self.designs(terms))?;
+        let white = self.correlations.with_parameters(NoiseParameters::WHITE, &self.readings, &self.designs(terms))?;
         let of = |axis: usize| {
             let spec = Spec::new(offset_drift::LINE, &[axis]);
             let drift = EffectRef::new(&OffsetDrift);
-            let columns = drift.columns(&self.scene.record, &spec)?;
+            let columns = drift.columns(&self.prepared.record, &spec)?;
             let line = Candidate::of_readings(drift, spec, columns);
             let with: Vec<&Candidate> = terms.iter().copied().chain([&line]).collect();
             self.estimate(&self.model_with(white.clone(), &with), &with, terms.len())?.first().copied()
@@ -101,7 +101,7 @@ impl Means<'_> {
     fn shape_column(&self, term: &Candidate, amplitudes: &DVector<f64>, model: &MeansModel) -> Option<DVector<f64>> {
         let (name, value) = term.effect.continuous(&term.spec)?;
         let step = STEP * value.abs().max(1e-9);
-        let at = |v: f64| with_shape(term, &self.scene.record, name, v).map(|c| c.columns);
+        let at = |v: f64| with_shape(term, &self.prepared.record, name, v).map(|c| c.columns);
         let (up, down) = (at(value + step)?, at(value - step)?);
         let slope = (up - down) * amplitudes / (2.0 * step);
         let slope = DMatrix::from_column_slice(slope.len(), 1, slope.as_slice());

@@ -41,7 +41,7 @@ struct Design<'a> {
 
 impl<'a> Design<'a> {
     fn new(means: &'a Means<'a>, terms: &'a [&'a Candidate]) -> Self {
-        let width = 3 * means.scene.design.ncols() + terms.iter().map(|t| t.columns.ncols()).sum::<usize>();
+        let width = 3 * means.prepared.design.ncols() + terms.iter().map(|t| t.columns.ncols()).sum::<usize>();
         let mut design = Self { means, terms, inverse_sizes: DVector::from_element(width, 1.0) };
         let mut sizes = DVector::from_element(width, 0.0);
         for a in 0..3 {
@@ -59,10 +59,10 @@ impl<'a> Design<'a> {
     }
 
     fn row(&self, component: usize, i: usize) -> DVector<f64> {
-        let (n, p) = self.means.scene.design.shape();
+        let (n, p) = self.means.prepared.design.shape();
         let mut row = DVector::zeros(self.width());
         for j in 0..p {
-            row[component * p + j] = self.means.scene.design[(i, j)];
+            row[component * p + j] = self.means.prepared.design[(i, j)];
         }
         let columns = self.terms.iter().flat_map(|t| t.columns.column_iter());
         for (at, column) in columns.enumerate() {

@@ -3,10 +3,10 @@
 //! The noise of the means is estimated anew with every set of terms, since a missing effect passes as slow noise; the evidence of the most
 //! promising candidates is averaged over all noise that the readings allow ([`super::problem`] has the search, `problem` what it asks).
 
+mod describe;
 mod estimate;
 mod held_out;
 mod problem;
-mod told;
 
 use super::candidate::{Accepted, Candidate};
 use super::explanations::{self, Scored};
@@ -14,11 +14,11 @@ use crate::fit::noise::NoiseModel;
 use crate::fit::noise::state_space::{Correlations, Noise, Rows};
 use crate::fit::scan::{Fitted, Group, orthonormal};
 use crate::model::effects::{self, Catalogue, Covariate, EffectRef, Record, UNKNOWN, Unseen};
-use crate::record::scene::Scene;
+use crate::record::prepared::PreparedRun;
+pub(super) use describe::{HOPELESS, gap};
 pub use held_out::HeldOut;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-pub(super) use told::{HOPELESS, gap};
 
 /// A column of which the others leave less than this part counts as one of them when the noise is estimated.
 const INDEPENDENT: f64 = 1e-5;
@@ -51,7 +51,7 @@ pub struct Absent {
 /// The plateau means of a run with everything that is tried on them.
 pub struct Means<'a> {
     /// The run.
-    pub scene: &'a Scene,
+    pub prepared: &'a PreparedRun,
     /// Readings less what was found in the samples, enT.
     pub readings: DMatrix<f64>,
     /// Terms that are there for sure: effects that were known before.
@@ -86,13 +86,13 @@ fn candidates(record: &Record, catalogue: &Catalogue) -> (Vec<Candidate>, Vec<Ab
 }
 
 /// What the noise depends on: times, white variances and fields of the rows.
-fn noise_rows(scene: &Scene) -> Rows {
-    let record = &scene.record;
+fn noise_rows(prepared: &PreparedRun) -> Rows {
+    let record = &prepared.record;
     let most: [f64; 3] = std::array::from_fn(|a| record.most_ent(a).max(f64::MIN_POSITIVE));
     Rows {
         t_s: record.rows.iter().map(effects::Row::t_s).collect(),
-        white: scene.white.clone(),
-        inside: scene.inside,
+        white: prepared.white.clone(),
+        inside: prepared.inside,
         field: record.rows.iter().map(|r| std::array::from_fn(|a| r.linear_ent[a] / most[a])).collect(),
     }
 }
@@ -100,12 +100,12 @@ fn noise_rows(scene: &Scene) -> Rows {
 impl<'a> Means<'a> {
     /// Everything that can be tried on a run beside the effects that are given.
     #[must_use]
-    pub fn new(scene: &'a Scene, readings: DMatrix<f64>, catalogue: &Catalogue, given: Vec<Candidate>) -> Self {
-        let (candidates, absent) = candidates(&scene.record, catalogue);
-        let trend_order = Some(scene.record.trend_order);
+    pub fn new(prepared: &'a PreparedRun, readings: DMatrix<f64>, catalogue: &Catalogue, given: Vec<Candidate>) -> Self {
+        let (candidates, absent) = candidates(&prepared.record, catalogue);
+        let trend_order = Some(prepared.record.trend_order);
         let log_priors = explanations::log_priors(candidates.iter(), |effect| effect.prior(trend_order));
-        let correlations = Correlations::new(noise_rows(scene));
-        Self { scene, readings, given, candidates, log_priors, absent, correlations }
+        let correlations = Correlations::new(noise_rows(prepared));
+        Self { prepared, readings, given, candidates, log_priors, absent, correlations }
     }
 
     /// Leaves candidates out: they are looked for elsewhere, or did not predict.
@@ -121,7 +121,7 @@ impl<'a> Means<'a> {
     }
 
     fn rows(&self) -> usize {
-        self.scene.readings.nrows()
+        self.prepared.readings.nrows()
     }
 
     fn edges(&self) -> [usize; 4] {
@@ -144,7 +144,7 @@ impl<'a> Means<'a> {
     fn designs(&self, terms: &[&Candidate]) -> [DMatrix<f64>; 3] {
         let n = self.rows();
         [0, 1, 2].map(|a| {
-            let mut columns: Vec<DVector<f64>> = self.scene.design.column_iter().map(|c| c.into_owned()).collect();
+            let mut columns: Vec<DVector<f64>> = self.prepared.design.column_iter().map(|c| c.into_owned()).collect();
             for term in terms {
                 for column in term.columns.column_iter() {
                     let own = column.rows(a * n, n).into_owned();
@@ -166,9 +166,9 @@ impl<'a> Means<'a> {
 
     fn model_with(&self, noise: Noise, terms: &[&Candidate]) -> MeansModel {
         let n = self.rows();
-        let p = self.scene.design.ncols();
+        let p = self.prepared.design.ncols();
         let own = [0, 1, 2].map(|a| {
-            let mut design = self.scene.design.clone();
+            let mut design = self.prepared.design.clone();
             noise.whiten(a, &mut design);
             design
         });

@@ -1,9 +1,9 @@
 //! Plateau means as a problem of the search.
 
-use super::{Means, MeansModel, Term, told, with_shape};
+use super::{Means, MeansModel, Term, describe, with_shape};
 use crate::diagnose::candidate::{Candidate, Threshold};
 use crate::diagnose::explanations::{Explanation, Scored, log_sum};
-use crate::diagnose::problem::{Problem, Revision, Told};
+use crate::diagnose::problem::{Description, Problem, Revision};
 use crate::fit::scalar::{self, Stop};
 use crate::fit::scan::Score;
 use crate::model::effects::Spec;
@@ -85,7 +85,7 @@ impl Problem for Means<'_> {
             return None;
         }
         let spec = Spec { axes, ..last.spec.clone() };
-        let columns = last.effect.columns(&self.scene.record, &spec)?;
+        let columns = last.effect.columns(&self.prepared.record, &spec)?;
         Some(Term { candidate: Candidate::of_readings(last.effect, spec, columns), ..earlier.clone() })
     }
 
@@ -112,8 +112,8 @@ impl Problem for Means<'_> {
         Some(Revision::Keep)
     }
 
-    fn told(&self, model: &MeansModel, chosen: &[Term], index: usize, number: usize) -> Told {
-        told::told(self, model, chosen, index, number)
+    fn describe(&self, model: &MeansModel, chosen: &[Term], index: usize, number: usize) -> Description {
+        describe::describe(self, model, chosen, index, number)
     }
 }
 
@@ -149,7 +149,7 @@ impl Means<'_> {
 
     /// The most promising explanations, their evidence averaged over the noise that the readings allow; the best first.
     fn averaged(&self, scored: &Scored, model: &MeansModel, now: &[&Candidate]) -> Vec<Explanation> {
-        let noises = self.correlations.plausible(&model.noise.colour, &self.readings, &self.designs(now));
+        let noises = self.correlations.plausible(&model.noise.parameters, &self.readings, &self.designs(now));
         let mut chosen: Vec<Explanation> = scored.explanations.iter().take(PROMISING).cloned().collect();
         // What slow noise hides shows beside white noise.
         if let Some((white, _)) = noises.last() {
@@ -186,7 +186,7 @@ impl Means<'_> {
     /// A candidate with the best value of its continuous shape parameter.
     fn refined(&self, model: &MeansModel, candidate: &Candidate) -> Candidate {
         let Some((name, value)) = candidate.effect.continuous(&candidate.spec) else { return candidate.clone() };
-        let record = &self.scene.record;
+        let record = &self.prepared.record;
         let evaluate = |v: f64| -> Option<f64> {
             let other = with_shape(candidate, record, name, v)?;
             Some(model.fitted.score(&self.group(model, &other)).evidence)

@@ -3,14 +3,14 @@
 use super::{Inside, interval_s};
 use crate::model::effects::EffectRef;
 use crate::model::effects::time_shift::{self, TimeShift};
-use crate::record::scene::{Samples, Scene};
+use crate::record::prepared::{PreparedRun, Samples};
 
 /// A step of this many standard deviations of the samples shows where its edge is.
 const CLEAR_STEP: f64 = 100.0;
 /// Longest displacement that is looked for, s, and as a part of the shorter neighbour.
 const MOST_SHIFT_S: f64 = 1.0;
 const MOST_PART: f64 = 0.45;
-/// Displacements are looked for again around the last one at most so often.
+/// Most rounds in which displacements are looked for again around the last one.
 const MOST_ROUNDS: usize = 4;
 /// Fewest clear edges.
 const LEAST_EDGES: usize = 6;
@@ -19,7 +19,7 @@ const LEAST_EARLY: f64 = 0.1;
 const LEAST_LATE: f64 = 1.0;
 /// Least displacement in standard uncertainties.
 const SIGNIFICANT: f64 = 6.0;
-/// An edge agrees if its displacement has the sign of the median and at least this part of it; so many have to.
+/// An edge agrees if its displacement has the sign of the median and at least this part of it; this part of all edges has to.
 const AGREES: f64 = 0.3;
 const AGREEING: f64 = 0.8;
 /// The levels beside an edge are those of the settings if their difference is within this part of the step.
@@ -46,8 +46,8 @@ fn quiet_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
 }
 
 /// Displacement of every clear edge, s, looked for around a displacement that is known roughly.
-fn edges_around(scene: &Scene, samples: &Samples, std: [f64; 3], dt: f64, around_s: f64) -> Vec<f64> {
-    let steps = &scene.record.steps;
+fn edges_around(prepared: &PreparedRun, samples: &Samples, std: [f64; 3], dt: f64, around_s: f64) -> Vec<f64> {
+    let steps = &prepared.record.steps;
     let mut shifts = Vec::new();
     for (i, step) in steps.iter().enumerate() {
         let axis = (0..3).max_by(|a, b| step.change_ent[*a].abs().total_cmp(&step.change_ent[*b].abs())).unwrap_or(0);
@@ -84,14 +84,14 @@ fn edges_around(scene: &Scene, samples: &Samples, std: [f64; 3], dt: f64, around
 
 /// Whether data and settings step at different times.
 #[must_use]
-pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
-    let std = quiet_std(samples, &scene.windows);
+pub fn displaced(prepared: &PreparedRun, samples: &Samples) -> Option<Inside> {
+    let std = quiet_std(samples, &prepared.windows);
     let dt = interval_s(samples)?;
-    let mut shifts = edges_around(scene, samples, std, dt, 0.0);
-    // An edge far off stands in the stretches that tell the levels: once more around where it was seen.
+    let mut shifts = edges_around(prepared, samples, std, dt, 0.0);
+    // An edge that is far off lies within the stretches from which the levels are taken: it is looked for once more around where it was seen.
     for _ in 0..MOST_ROUNDS {
         let around_s = *shifts.get(shifts.len() / 2)?;
-        let closer = edges_around(scene, samples, std, dt, around_s);
+        let closer = edges_around(prepared, samples, std, dt, around_s);
         if closer.len() < shifts.len() / 2 {
             break;
         }
@@ -109,7 +109,7 @@ pub fn displaced(scene: &Scene, samples: &Samples) -> Option<Inside> {
         away.sort_by(f64::total_cmp);
         away[away.len() / 2]
     };
-    // A displacement is only known to the sample where all edges agree.
+    // Where all edges agree, a displacement is known no better than to the rounding of its edges to samples.
     let std_s = (OF_MEDIAN * spread / (shifts.len() as f64).sqrt()).max(ROUNDING * dt / (shifts.len() as f64).sqrt());
     let same = shifts.iter().filter(|s| s.signum() == shift_s.signum() && s.abs() > AGREES * shift_s.abs()).count();
     let agrees = same as f64 > AGREEING * shifts.len() as f64;

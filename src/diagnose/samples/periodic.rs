@@ -4,8 +4,8 @@
 //! holds 240,000 independent tones and 150 million switched signals, far too many for columns that are scored one by one. The strongest line
 //! of all is taken, its frequency, duty and delay are fitted to the samples, and it is taken off, until lines are no more than noise. The
 //! probability of noise comes from numbers of independent trials that were counted on noise, and a single signal is measured on what the
-//! others leave, so that there is nothing to drop or to swap. What is shared with the search is the difference of evidence that tells two
-//! explanations apart, and the builder of steps.
+//! others leave, so that there is nothing to drop or to swap. What is shared with the search is the difference of evidence that distinguishes
+//! two explanations, and the builder of steps.
 
 mod spectrum;
 mod waves;
@@ -16,7 +16,7 @@ use crate::fit::scan::orthonormal;
 use crate::fit::statistics::log_chi2_tail;
 use crate::model::effects::in_samples::{Comb, Harmonic, InSamples, Line};
 use crate::model::effects::{Catalogue, EffectRef, Record};
-use crate::record::scene::{Samples, Scene};
+use crate::record::prepared::{PreparedRun, Samples};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use spectrum::{Grid, Noise, Spectrum, log_p_of_switched};
@@ -46,20 +46,20 @@ const OF_FREQUENCY: f64 = 0.55;
 const SAME_LINE: f64 = 0.005;
 
 /// Periodic signals in what the plateau means leave.
-pub fn periodic(scene: &Scene, samples: &Samples, known: &[Inside], catalogue: &Catalogue) -> Vec<Inside> {
+pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], catalogue: &Catalogue) -> Vec<Inside> {
     let signals = Signals::of(catalogue);
     let mut found: Vec<Inside> = Vec::new();
     let Some(rate_hz) = interval_s(samples).map(f64::recip) else { return found };
-    let Some(grid) = Grid::new(samples, &scene.windows, rate_hz) else { return found };
+    let Some(grid) = Grid::new(samples, &prepared.windows, rate_hz) else { return found };
     let mut spectrum = Spectrum::new(&grid);
-    let mut residual = around_means(scene, samples, known);
+    let mut residual = around_means(prepared, samples, known);
     for _ in 0..MOST_SIGNALS {
-        let Some(Found { signal, line_hz, left }) = strongest(&scene.record, &signals, &grid, &mut spectrum, &residual) else {
+        let Some(Found { signal, line_hz, left }) = strongest(&prepared.record, &signals, &grid, &mut spectrum, &residual) else {
             break;
         };
         residual = left;
         // A signal that comes again with the settings had lost a slope that was its own.
-        residual.par_iter_mut().for_each(|values| level(values, samples, &scene.windows));
+        residual.par_iter_mut().for_each(|values| level(values, samples, &prepared.windows));
         if !known.iter().chain(&found).any(|k| belongs(line_hz, k, rate_hz)) {
             found.push(signal);
         }
@@ -102,13 +102,13 @@ fn belongs(line_hz: f64, known: &Inside, rate_hz: f64) -> bool {
 }
 
 /// Readings of the used samples around the means of their plateaus, without what is known already and without slow changes.
-fn around_means(scene: &Scene, samples: &Samples, known: &[Inside]) -> [Vec<f64>; 3] {
+fn around_means(prepared: &PreparedRun, samples: &Samples, known: &[Inside]) -> [Vec<f64>; 3] {
     let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
     for signal in known {
-        remove_raw(&mut residual, &scene.record, samples, &scene.windows, signal);
+        remove_raw(&mut residual, &prepared.record, samples, &prepared.windows, signal);
     }
-    demean(&mut residual, &scene.windows);
-    residual.par_iter_mut().for_each(|values| level(values, samples, &scene.windows));
+    demean(&mut residual, &prepared.windows);
+    residual.par_iter_mut().for_each(|values| level(values, samples, &prepared.windows));
     residual
 }
 
@@ -133,7 +133,7 @@ fn level(values: &mut [f64], samples: &Samples, windows: &[[usize; 2]]) {
     let design = DMatrix::from_fn(windows.len(), count, |i, m| squares[i].sqrt() * cosine(i, m));
     let base = orthonormal(&design, None, 1e-9);
     let fitted = &base * base.tr_mul(&slopes);
-    // Slopes that do not follow tell their noise.
+    // The slopes that do not follow give their noise.
     let noise = (slopes - &fitted).norm_squared() / (windows.len() - count) as f64;
     if log_chi2_tail(fitted.norm_squared() / noise, count as f64) < SIGNIFICANT.ln() {
         for (i, [from, to]) in windows.iter().enumerate() {
@@ -282,7 +282,7 @@ fn switched(
 fn as_switched(effect: EffectRef, form: &Comb, found: &Switched, waves: &Waves, shown: &Shown) -> Option<Inside> {
     let (grid, trials) = (waves.grid, Trials::of(waves.grid));
     let Switched { base_hz, duty, delay, .. } = waves.polish(form, found);
-    // On and off cannot be told apart: the shorter part is called on.
+    // On and off cannot be distinguished: the shorter part is called on.
     let (duty, delay) = if duty > 0.5 { (1.0 - duty, (delay + duty).rem_euclid(1.0)) } else { (duty, delay) };
     let harmonics = waves.harmonics(base_hz, HARMONICS)?;
     let (gain, values) = waves.matched(form, &harmonics, base_hz, duty, delay);
@@ -306,7 +306,7 @@ fn as_switched(effect: EffectRef, form: &Comb, found: &Switched, waves: &Waves, 
 #[cfg(test)]
 mod tests {
     use super::{demean, level};
-    use crate::record::scene::Samples;
+    use crate::record::prepared::Samples;
 
     /// 90 plateaus of 6 s every 7 s at 32 Hz.
     fn plateaus() -> (Samples, Vec<[usize; 2]>) {

@@ -4,7 +4,7 @@ use super::{Inside, SIGNIFICANT, interval_s};
 use crate::fit::statistics::{median, two_sided_tail};
 use crate::model::effects::in_samples::{self, InSamples};
 use crate::model::effects::{Catalogue, EffectRef};
-use crate::record::scene::{Samples, Scene};
+use crate::record::prepared::{PreparedRun, Samples};
 use nalgebra::{DMatrix, DVector, Matrix2};
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ const LEAST_PER_BIN: usize = 3;
 const RIDGE: f64 = 1e-3;
 /// Rounds of an amplitude, the scatter about it, and the amplitude again.
 const ROUNDS: usize = 3;
-/// A single axis needs to be better than all together by so much of chi square: currents in a housing act on all.
+/// Chi square by which a single axis has to be better than all together: currents in a housing act on all.
 const SINGLE_AXIS: f64 = 6.0;
 /// Parts by which a time constant is refined.
 const FINER: [f64; 5] = [0.25, 0.12, 0.06, 0.03, 0.015];
@@ -41,9 +41,15 @@ pub fn phases(samples: usize) -> Vec<usize> {
 
 /// The clearest transient of all effects of a catalogue that make some.
 #[must_use]
-pub fn transient(scene: &Scene, samples: &Samples, settings: &[[f64; 2]], skip_s: f64, catalogue: &Catalogue) -> Option<Inside> {
+pub fn transient(
+    prepared: &PreparedRun,
+    samples: &Samples,
+    settings: &[[f64; 2]],
+    skip_s: f64,
+    catalogue: &Catalogue,
+) -> Option<Inside> {
     let of_effect = |effect: EffectRef| match effect.in_samples()? {
-        InSamples::Transient(form) => transient_of(effect, form, scene, samples, settings, skip_s),
+        InSamples::Transient(form) => transient_of(effect, form, prepared, samples, settings, skip_s),
         _ => None,
     };
     catalogue.iter().filter_map(of_effect).max_by(|a, b| a.strength.total_cmp(&b.strength))
@@ -61,7 +67,7 @@ struct Transient {
 
 /// The plateaus on top of each other: means of the samples over bins of the time since the step, less those of the plateaus.
 struct Stack<'a> {
-    scene: &'a Scene,
+    prepared: &'a PreparedRun,
     samples: &'a Samples,
     form: in_samples::Transient,
     interval_s: f64,
@@ -79,7 +85,7 @@ impl<'a> Stack<'a> {
     /// there are too few plateaus.
     fn new(
         form: in_samples::Transient,
-        scene: &'a Scene,
+        prepared: &'a PreparedRun,
         samples: &'a Samples,
         settings: &[[f64; 2]],
         skip_s: f64,
@@ -96,7 +102,7 @@ impl<'a> Stack<'a> {
         }
         let begins = windows.into_iter().map(|[begin, _]| begin).collect();
         let mut stack =
-            Self { scene, samples, form, interval_s, begins, edges, data: Default::default(), weights: Default::default() };
+            Self { prepared, samples, form, interval_s, begins, edges, data: Default::default(), weights: Default::default() };
         stack.data = stack.bins_of(&|[from, to]| {
             let sum = |a: usize| samples.reading_ent[from..to].iter().map(|v| v[a]).sum::<f64>();
             [0, 1, 2].map(|a| sum(a) / (to - from) as f64)
@@ -136,7 +142,7 @@ impl<'a> Stack<'a> {
     fn template(&self, tau_s: f64) -> [Bins; 3] {
         self.bins_of(&|[from, to]| {
             let ends_s = [self.samples.t_s[from], self.samples.t_s[to - 1]];
-            (self.form.mean)(&self.scene.record.steps, ends_s, self.interval_s, tau_s).map(|v| -v)
+            (self.form.mean)(&self.prepared.record.steps, ends_s, self.interval_s, tau_s).map(|v| -v)
         })
     }
 
@@ -239,18 +245,19 @@ impl<'a> Stack<'a> {
 fn transient_of(
     effect: EffectRef,
     form: in_samples::Transient,
-    scene: &Scene,
+    prepared: &PreparedRun,
     samples: &Samples,
     settings: &[[f64; 2]],
     skip_s: f64,
 ) -> Option<Inside> {
-    let stack = Stack::new(form, scene, samples, settings, skip_s)?;
+    let stack = Stack::new(form, prepared, samples, settings, skip_s)?;
     let longest = settings.iter().map(|[b, e]| e - b).fold(f64::INFINITY, f64::min);
     let taus: Vec<f64> = form.taus_s.iter().copied().filter(|t| *t < longest).collect();
     // A time constant is tried on all axes together and on each of them.
     let trials = 4 * taus.len();
     let coarse = stack.best(None, taus)?;
-    // Scatter of few plateaus has tails: the t distribution, by Bartlett's formula the other way round.
+    // The scatter is estimated from few plateaus, so that chi square has the tails of the t distribution: Bartlett's formula, inverted, gives
+    // the value of normal noise that is as improbable.
     let freedom = stack.freedom();
     let effective = freedom * (1.0 + coarse.chi_square.max(0.0) / freedom).ln();
     let p_value = two_sided_tail(effective.max(0.0).sqrt()).max(f64::MIN_POSITIVE);

@@ -266,16 +266,16 @@ impl State {
 fn settle(packets: &[Packet], captured_hz: f64) -> Result<(f64, Vec<State>), RateRefusal> {
     let mut rate_hz = captured_hz;
     // Noise near the frequency over that of all residuals, per packet: it is looked at once, near the end.
-    let mut colours: Option<Vec<f64>> = None;
+    let mut ratios: Option<Vec<f64>> = None;
     for step in 0..MAX_STEPS {
         let profile = step < PROFILE_STEPS;
-        if !profile && colours.is_none() {
-            colours = Some(self::colours(packets, rate_hz));
+        if !profile && ratios.is_none() {
+            ratios = Some(noise_ratios(packets, rate_hz));
         }
         let mut states: Vec<State> = packets
             .iter()
             .enumerate()
-            .map(|(i, packet)| state(packet, rate_hz, if profile { None } else { colours.as_ref().map(|c| c[i]) }))
+            .map(|(i, packet)| state(packet, rate_hz, if profile { None } else { ratios.as_ref().map(|c| c[i]) }))
             .collect();
         if !profile {
             choose(&mut states);
@@ -299,9 +299,9 @@ fn settle(packets: &[Packet], captured_hz: f64) -> Result<(f64, Vec<State>), Rat
     Err(RateRefusal::NotSettled { rate_hz })
 }
 
-/// A packet at a rate. With a colour its noise is that around its own rate, times the colour; without one it is all that the
-/// common rate leaves over, so that packets of another rate weigh little.
-fn state(packet: &Packet, rate_hz: f64, colour: Option<f64>) -> State {
+/// A packet at a rate. Its noise is that around its own rate times the ratio of the noise near its frequency to all of it; where that is not
+/// given, it is all that the common rate leaves over, so that packets of another rate weigh little.
+fn state(packet: &Packet, rate_hz: f64, noise_ratio: Option<f64>) -> State {
     let Some(fit) = fit(packet, rate_hz) else {
         return State::SILENT;
     };
@@ -310,15 +310,15 @@ fn state(packet: &Packet, rate_hz: f64, colour: Option<f64>) -> State {
         return State::SILENT;
     };
     let rss = fit.rss();
-    let own = if colour.is_some() { (rss - slope.gradient * slope.step()).max(0.0) } else { rss };
+    let own = if noise_ratio.is_some() { (rss - slope.gradient * slope.step()).max(0.0) } else { rss };
     // Readings without noise still have rounding.
     let residual_std = (own / (packet.n.len() - 4) as f64).sqrt().max(f64::EPSILON * fit.size());
-    let noise = residual_std * colour.unwrap_or(1.0);
+    let noise = residual_std * noise_ratio.unwrap_or(1.0);
     State { offset: slope.step(), std: noise / slope.information.sqrt(), rss, residual_std, noise, used: true }
 }
 
 /// Noise near the frequency of every packet over that of all its residuals.
-fn colours(packets: &[Packet], rate_hz: f64) -> Vec<f64> {
+fn noise_ratios(packets: &[Packet], rate_hz: f64) -> Vec<f64> {
     // Residuals around the sine at the own rate, and its phase.
     let own = |packet: &Packet| {
         let fit = fit(packet, rate_hz)?;

@@ -95,7 +95,7 @@ pub trait SineTerm: Debug + Send + Sync {
     }
 
     /// Whether these parameters are more than what every response has of it.
-    fn is_told(&self, p: &[f64], run: &SineRun) -> bool {
+    fn is_reported(&self, p: &[f64], run: &SineRun) -> bool {
         let _ = (p, run);
         true
     }

@@ -145,7 +145,7 @@ impl SineTerm for Delayed {
         to[1] -= TAU * run.settings[j].frequency_hz * 1e-6 * p[0];
     }
 
-    fn is_told(&self, p: &[f64], run: &SineRun) -> bool {
+    fn is_reported(&self, p: &[f64], run: &SineRun) -> bool {
         1e-6 * p[0].abs() > LEAST_SHIFT / run.rate_hz
     }
 

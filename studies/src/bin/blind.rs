@@ -158,9 +158,10 @@ fn check(kinds: &[Kind], draws: u64) -> Result<(), Failure> {
                 );
                 continue;
             }
-            let cells = if effect.seen_inside_plateaus { sample_cells(&blind.scenes) } else { plateau_cells(&blind.scenes) };
-            let own = nuisance(&blind.scenes, &cells);
-            let measure = Measure::new(&blind.scenes, &blind.truth.noise, cells, &own);
+            let cells =
+                if effect.seen_inside_plateaus { sample_cells(&blind.clean_runs) } else { plateau_cells(&blind.clean_runs) };
+            let own = nuisance(&blind.clean_runs, &cells);
+            let measure = Measure::new(&blind.clean_runs, &blind.truth.noise, cells, &own);
             let hidden = hidden_records(&blind);
             let (_, template) = measure.white(&hidden);
             let norm = template.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -169,7 +170,7 @@ fn check(kinds: &[Kind], draws: u64) -> Result<(), Failure> {
                 .map(|draw| {
                     let mut random = Random::new(draw, "matched filter");
                     let mut records: Vec<Vec<[f64; 3]>> =
-                        blind.scenes.iter().map(|s| blind.truth.noise.record(s, &mut random)).collect();
+                        blind.clean_runs.iter().map(|s| blind.truth.noise.record(s, &mut random)).collect();
                     for (record, hidden) in records.iter_mut().zip(&hidden) {
                         record.iter_mut().zip(hidden).for_each(|(r, h)| (0..3).for_each(|i| r[i] += h[i]));
                     }
@@ -193,7 +194,7 @@ fn check(kinds: &[Kind], draws: u64) -> Result<(), Failure> {
 
 /// The effects alone, in the samples.
 fn hidden_records(blind: &blind::Blind) -> Vec<Vec<[f64; 3]>> {
-    let mut sum: Vec<Vec<[f64; 3]>> = blind.scenes.iter().map(|s| vec![[0.0; 3]; s.count]).collect();
+    let mut sum: Vec<Vec<[f64; 3]>> = blind.clean_runs.iter().map(|s| vec![[0.0; 3]; s.count]).collect();
     for effect in &blind.hidden_ent {
         for (total, record) in sum.iter_mut().zip(effect) {
             total.iter_mut().zip(record).for_each(|(t, r)| (0..3).for_each(|i| t[i] += r[i]));

@@ -4,11 +4,11 @@
 //! (`exact`), which is the one whose amplitude can be compared.
 
 use super::noise::Random;
-use super::sensor::{Curve, Kind, Scene, cross, times};
+use super::sensor::{CleanRun, Curve, Kind, cross, times};
 use std::f64::consts::TAU;
 
 /// Adds to the readings of a run, enT per sample, at an amplitude.
-type Shape = Box<dyn Fn(&Scene, usize, f64) -> Vec<[f64; 3]> + Send + Sync>;
+type Shape = Box<dyn Fn(&CleanRun, usize, f64) -> Vec<[f64; 3]> + Send + Sync>;
 
 /// Adds to a slow channel at a time, s.
 type Change = Box<dyn Fn(f64) -> f64 + Send + Sync>;
@@ -60,8 +60,8 @@ impl Effect {
     }
 
     /// An effect on sines, which is seen in the samples.
-    pub fn of_sines(id: &'static str, form: &str, f: impl Fn(&Scene, f64) -> Vec<[f64; 3]> + Send + Sync + 'static) -> Self {
-        Self::new(id, form, Box::new(move |scene, _, amplitude| f(scene, amplitude))).inside()
+    pub fn of_sines(id: &'static str, form: &str, f: impl Fn(&CleanRun, f64) -> Vec<[f64; 3]> + Send + Sync + 'static) -> Self {
+        Self::new(id, form, Box::new(move |clean, _, amplitude| f(clean, amplitude))).inside()
     }
 
     /// Of nature's own size, not scaled.
@@ -116,26 +116,26 @@ impl Effect {
     }
 
     /// What it adds to the readings of a run at an amplitude, enT per sample.
-    pub fn contribution(&self, scene: &Scene, run: usize, amplitude: f64) -> Vec<[f64; 3]> {
-        (self.shape)(scene, run, amplitude)
+    pub fn contribution(&self, clean: &CleanRun, run: usize, amplitude: f64) -> Vec<[f64; 3]> {
+        (self.shape)(clean, run, amplitude)
     }
 }
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// A contribution from a function of the sample, in proportion to the amplitude.
-fn linear(f: impl Fn(&Scene, usize) -> [f64; 3] + Send + Sync + 'static) -> Shape {
-    Box::new(move |scene, _, amplitude| (0..scene.count).map(|s| f(scene, s).map(|v| amplitude * v)).collect())
+fn linear(f: impl Fn(&CleanRun, usize) -> [f64; 3] + Send + Sync + 'static) -> Shape {
+    Box::new(move |clean, _, amplitude| (0..clean.count).map(|s| f(clean, s).map(|v| amplitude * v)).collect())
 }
 
 /// As [`linear`], with something worked out once per run.
 fn prepared<P>(
-    prepare: impl Fn(&Scene) -> P + Send + Sync + 'static,
-    f: impl Fn(&P, &Scene, usize) -> [f64; 3] + Send + Sync + 'static,
+    prepare: impl Fn(&CleanRun) -> P + Send + Sync + 'static,
+    f: impl Fn(&P, &CleanRun, usize) -> [f64; 3] + Send + Sync + 'static,
 ) -> Shape {
-    Box::new(move |scene, _, amplitude| {
-        let ready = prepare(scene);
-        (0..scene.count).map(|s| f(&ready, scene, s).map(|v| amplitude * v)).collect()
+    Box::new(move |clean, _, amplitude| {
+        let ready = prepare(clean);
+        (0..clean.count).map(|s| f(&ready, clean, s).map(|v| amplitude * v)).collect()
     })
 }
 
@@ -226,15 +226,15 @@ pub fn outside(kind: Kind) -> &'static [&'static str] {
     }
 }
 
-fn own(scene: &Scene, s: usize, i: usize) -> f64 {
-    scene.pure_ent[s][i] / scene.range_nt()
+fn own(clean: &CleanRun, s: usize, i: usize) -> f64 {
+    clean.pure_ent[s][i] / clean.range_nt()
 }
 
 /// An effect of the catalogue, form and axes drawn; none for an id that is not made here.
-pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
+pub fn drawn(id: &str, clean: &CleanRun, random: &mut Random) -> Option<Effect> {
     let exact = random.chance(0.34);
-    let range = scene.range_nt();
-    let length_s = scene.count as f64 / scene.rate_hz;
+    let range = clean.range_nt();
+    let length_s = clean.count as f64 / clean.rate_hz;
     Some(match id {
         "cubic_nonlinearity" => {
             let w = weights(random);
@@ -246,23 +246,23 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
                 2 => u.powi(3) + 0.5 * u.powi(5),
                 _ => (1.6 * u).sinh(),
             };
-            let shape = linear(move |scene, s| scale(w, |i| curve(own(scene, s, i))));
+            let shape = linear(move |clean, s| scale(w, |i| curve(own(clean, s, i))));
             let effect = Effect::new("cubic_nonlinearity", form, shape).on(w).exact(exact);
             if exact { effect.per_axis("c3", "enT/enT^3", w.map(|w| w / range.powi(3))) } else { effect }
         }
         "quadratic_nonlinearity" => {
             let w = weights(random);
             let power = if exact { 2.0 } else { random.between(1.6, 2.6) };
-            let shape = linear(move |scene, s| scale(w, |i| own(scene, s, i).abs().powf(power)));
+            let shape = linear(move |clean, s| scale(w, |i| own(clean, s, i).abs().powf(power)));
             let effect = Effect::new("quadratic_nonlinearity", format!("|x|^{power:.2}"), shape).on(w).exact(exact);
             if exact { effect.per_axis("c2", "enT/enT^2", w.map(|w| w / range.powi(2))) } else { effect }
         }
         "saturation" => {
             let w = one(random).map(f64::abs);
             let (onset, knee) = (random.between(0.55, 0.85), random.between(0.15, 0.6));
-            let shape = linear(move |scene, s| {
+            let shape = linear(move |clean, s| {
                 scale(w, |i| {
-                    let u = own(scene, s, i);
+                    let u = own(clean, s, i);
                     let beyond = (u.abs() - onset).max(0.0) / knee;
                     -u.signum() * (beyond - beyond.tanh())
                 })
@@ -273,8 +273,8 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
             let i = random.below(3);
             let (j, sign) = ((i + 1 + random.below(2)) % 3, random.sign());
             let form = if exact { random.below(2) } else { 2 };
-            let shape = linear(move |scene, s| {
-                let (a, b) = (own(scene, s, i), own(scene, s, j));
+            let shape = linear(move |clean, s| {
+                let (a, b) = (own(clean, s, i), own(clean, s, j));
                 let value = sign * [b * b, a * b * b, b.abs().powf(1.8)][form];
                 std::array::from_fn(|k| if k == i { value } else { 0.0 })
             });
@@ -289,13 +289,13 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
             let bend = if exact { 0.0 } else { random.between(-0.15, 0.15) };
             let tau_s = if exact { 0.0 } else { 0.02 * length_s * random.uniform() };
             let shape = prepared(
-                move |scene: &Scene| {
-                    let curve = if tau_s > 0.0 { scene.coil_degc.low_pass(tau_s) } else { scene.coil_degc.clone() };
-                    (curve.mean(), curve, scene.response_at(scene.follows_degc(scene.count / 2)))
+                move |clean: &CleanRun| {
+                    let curve = if tau_s > 0.0 { clean.coil_degc.low_pass(tau_s) } else { clean.coil_degc.clone() };
+                    (curve.mean(), curve, clean.response_at(clean.follows_degc(clean.count / 2)))
                 },
-                move |(middle, curve, response), scene, s| {
-                    let d = curve.at(scene.t_s(s)) - middle;
-                    times(response, scale(w, |k| scene.field_nt[s][k] * (d + bend * d * d)))
+                move |(middle, curve, response), clean, s| {
+                    let d = curve.at(clean.t_s(s)) - middle;
+                    times(response, scale(w, |k| clean.field_nt[s][k] * (d + bend * d * d)))
                 },
             );
             Effect::new("coil_temperature", "coil constant linear in a coil temperature, bent and slower", shape)
@@ -307,13 +307,13 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
             let offset = several(random);
             let tau_s = if exact { 0.0 } else { random.between(0.0, 0.04) * length_s };
             let shape = prepared(
-                move |scene: &Scene| {
-                    let curve = if tau_s > 0.0 { scene.rack_degc.low_pass(tau_s) } else { scene.rack_degc.clone() };
+                move |clean: &CleanRun| {
+                    let curve = if tau_s > 0.0 { clean.rack_degc.low_pass(tau_s) } else { clean.rack_degc.clone() };
                     (curve.mean(), curve)
                 },
-                move |(middle, curve), scene, s| {
-                    let d = curve.at(scene.t_s(s)) - middle;
-                    let gain = |i: usize| if with_scale { own(scene, s, i) } else { 0.0 };
+                move |(middle, curve), clean, s| {
+                    let d = curve.at(clean.t_s(s)) - middle;
+                    let gain = |i: usize| if with_scale { own(clean, s, i) } else { 0.0 };
                     scale(offset, |i| d * (1.0 + gain(i)))
                 },
             );
@@ -323,10 +323,10 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
         "sensor_temperature_sensitivity" => {
             let w = if random.chance(0.5) { [1.0; 3] } else { weights(random) };
             let shape = prepared(
-                |scene: &Scene| scene.sensor_degc.mean(),
-                move |middle, scene, s| {
-                    let d = scene.sensor_degc.at(scene.t_s(s)) - middle;
-                    scale(w, |i| scene.pure_ent[s][i] * d)
+                |clean: &CleanRun| clean.sensor_degc.mean(),
+                move |middle, clean, s| {
+                    let d = clean.sensor_degc.at(clean.t_s(s)) - middle;
+                    scale(w, |i| clean.pure_ent[s][i] * d)
                 },
             );
             Effect::new("sensor_temperature_sensitivity", "scale linear in the temperature", shape).on(w).per_axis("a", "1/K", w)
@@ -335,12 +335,12 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
             let w = weights(random);
             let bend = if exact { 0.0 } else { random.between(-0.8, 0.8) };
             let shape = prepared(
-                |scene: &Scene| {
-                    let middle = scene.sensor_degc.mean();
-                    (middle, scene.sensor_degc.values.iter().map(|v| (v - middle).abs()).fold(1e-9, f64::max))
+                |clean: &CleanRun| {
+                    let middle = clean.sensor_degc.mean();
+                    (middle, clean.sensor_degc.values.iter().map(|v| (v - middle).abs()).fold(1e-9, f64::max))
                 },
-                move |(middle, most), scene, s| {
-                    let d = scene.sensor_degc.at(scene.t_s(s)) - middle;
+                move |(middle, most), clean, s| {
+                    let d = clean.sensor_degc.at(clean.t_s(s)) - middle;
                     scale(w, |_| if bend == 0.0 { d } else { most / bend * (bend * d / most).exp_m1() })
                 },
             );
@@ -351,16 +351,16 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
         "thermal_lag" => {
             // The part that matters follows the thermistor through a low-pass, in part: the weight sets the strength.
             let tau_s = random.log_between(120.0, 1800.0);
-            let shape: Shape = Box::new(move |scene, _, amplitude| {
-                let late = scene.sensor_degc.low_pass(tau_s);
-                (0..scene.count)
+            let shape: Shape = Box::new(move |clean, _, amplitude| {
+                let late = clean.sensor_degc.low_pass(tau_s);
+                (0..clean.count)
                     .map(|s| {
-                        let t_s = scene.t_s(s);
-                        let shown = scene.sensor_degc.at(t_s);
+                        let t_s = clean.t_s(s);
+                        let shown = clean.sensor_degc.at(t_s);
                         let degc = shown + amplitude * (late.at(t_s) - shown);
-                        let moved = times(&scene.response_at(degc), scene.field_nt[s]);
+                        let moved = times(&clean.response_at(degc), clean.field_nt[s]);
                         std::array::from_fn(|i| {
-                            moved[i] - scene.pure_ent[s][i] + scene.sensor.offset_ent_per_k[i] * (degc - shown)
+                            moved[i] - clean.pure_ent[s][i] + clean.sensor.offset_ent_per_k[i] * (degc - shown)
                         })
                     })
                     .collect()
@@ -374,10 +374,10 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
             let w = weights(random);
             let of_offset = random.chance(0.4);
             let fourth = if exact { 0.0 } else { random.between(-0.4, 0.4) };
-            let shape = linear(move |scene, s| {
-                let z = scene.sensor_degc.at(scene.t_s(s)) / 50.0;
+            let shape = linear(move |clean, s| {
+                let z = clean.sensor_degc.at(clean.t_s(s)) / 50.0;
                 let curve = z.powi(3) * (1.0 + fourth * z);
-                scale(w, |i| curve * if of_offset { 1.0 } else { own(scene, s, i) })
+                scale(w, |i| curve * if of_offset { 1.0 } else { own(clean, s, i) })
             });
             let form = if of_offset { "offset with T³ and T⁴" } else { "scale with T³ and T⁴" };
             Effect::new("thermal_curvature", form, shape).on(w).exact(exact)
@@ -385,9 +385,9 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
         "rotation_drift" => {
             let axis = several(random);
             let bend = if exact { 0.0 } else { random.between(-0.5, 0.5) };
-            let shape = linear(move |scene, s| {
-                let u = scene.along(s);
-                cross(axis.map(|a| a * (u + bend * u * u)), scene.pure_ent[s])
+            let shape = linear(move |clean, s| {
+                let u = clean.along(s);
+                cross(axis.map(|a| a * (u + bend * u * u)), clean.pure_ent[s])
             });
             Effect::new("rotation_drift", "small rotation about a fixed axis with time, bent", shape).exact(exact)
         }
@@ -397,8 +397,8 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
             let (turns, phase) = (random.between(1.6, 3.2), random.between(0.0, TAU));
             let quick = random.between(0.06, 0.2);
             let faster = random.between(-0.3, 0.3);
-            let shape = linear(move |scene, s| {
-                let u = scene.along(s);
+            let shape = linear(move |clean, s| {
+                let u = clean.along(s);
                 scale(
                     w,
                     |_| if slow { (TAU * turns * (u + faster * u * u) + phase).sin() } else { 1.0 - (-(u + 0.5) / quick).exp() },
@@ -410,7 +410,7 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
             let w = weights(random);
             let place = random.between(0.2, 0.8) - 0.5;
             let ramp = if exact { 1e-9 } else { random.between(0.003, 0.03) };
-            let shape = linear(move |scene, s| scale(w, |_| ((scene.along(s) - place) / ramp).clamp(0.0, 1.0)));
+            let shape = linear(move |clean, s| scale(w, |_| ((clean.along(s) - place) / ramp).clamp(0.0, 1.0)));
             let effect = Effect::new("offset_step", "ramped step", shape).on(w).exact(exact);
             effect.per_axis("step", "enT", w).fixed("tau_0", "s", (place + 0.5) * length_s)
         }
@@ -418,18 +418,18 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
             let w = if random.chance(0.6) { [1.0; 3] } else { weights(random) };
             let soft = if exact { 0.0 } else { random.between(0.5, 1.2) };
             let shape = prepared(
-                |scene: &Scene| {
-                    let mut before = vec![[0.0; 3]; scene.count];
-                    for (j, plateau) in scene.plateaus.iter().enumerate() {
+                |clean: &CleanRun| {
+                    let mut before = vec![[0.0; 3]; clean.count];
+                    for (j, plateau) in clean.plateaus.iter().enumerate() {
                         // A field is remembered from its end to the end of the next setting.
-                        let end = scene.plateaus.get(j + 1).map_or(scene.count, |next| next.end);
-                        before[plateau.end..end].fill(scene.pure_ent[plateau.start]);
+                        let end = clean.plateaus.get(j + 1).map_or(clean.count, |next| next.end);
+                        before[plateau.end..end].fill(clean.pure_ent[plateau.start]);
                     }
                     before
                 },
-                move |before: &Vec<[f64; 3]>, scene, s| {
+                move |before: &Vec<[f64; 3]>, clean, s| {
                     scale(w, |i| {
-                        let u = before[s][i] / scene.range_nt();
+                        let u = before[s][i] / clean.range_nt();
                         if soft > 0.0 { (u / soft).tanh() } else { u }
                     })
                 },
@@ -441,10 +441,10 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
         "settling" => {
             let tau_s = random.between(0.2, 1.5);
             let (second, share) = (tau_s * random.between(2.0, 5.0), if exact { 0.0 } else { random.between(0.1, 0.5) });
-            let shape: Shape = Box::new(move |scene, _, amplitude| {
-                let keeps = [tau_s, second].map(|tau_s| (-1.0 / (tau_s * scene.rate_hz)).exp());
+            let shape: Shape = Box::new(move |clean, _, amplitude| {
+                let keeps = [tau_s, second].map(|tau_s| (-1.0 / (tau_s * clean.rate_hz)).exp());
                 let mut levels = [[0.0; 3]; 2];
-                scene
+                clean
                     .pure_ent
                     .iter()
                     .map(|now| {
@@ -457,18 +457,18 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
             });
             let effect = Effect::new("settling", "low-pass with two time constants", shape).inside().exact(exact);
             // Its steps come one sample before those of the settings.
-            effect.scaled("fraction", "", (-1.0 / (tau_s * scene.rate_hz)).exp()).fixed("tau_s", "s", tau_s)
+            effect.scaled("fraction", "", (-1.0 / (tau_s * clean.rate_hz)).exp()).fixed("tau_s", "s", tau_s)
         }
         "time_shift" => {
             let shift_s = random.sign() * random.log_between(0.04, 0.6);
-            let shape: Shape = Box::new(move |scene, _, amplitude| {
-                let late = amplitude * shift_s * scene.rate_hz;
+            let shape: Shape = Box::new(move |clean, _, amplitude| {
+                let late = amplitude * shift_s * clean.rate_hz;
                 let (whole, part) = (late.floor() as isize, late - late.floor());
-                let last = scene.count as isize - 1;
-                (0..scene.count as isize)
+                let last = clean.count as isize - 1;
+                (0..clean.count as isize)
                     .map(|s| {
-                        let [a, b] = [s - whole, s - whole - 1].map(|k| scene.pure_ent[k.clamp(0, last) as usize]);
-                        let now = scene.pure_ent[s as usize];
+                        let [a, b] = [s - whole, s - whole - 1].map(|k| clean.pure_ent[k.clamp(0, last) as usize]);
+                        let now = clean.pure_ent[s as usize];
                         std::array::from_fn(|i| (1.0 - part) * a[i] + part * b[i] - now[i])
                     })
                     .collect()
@@ -479,11 +479,11 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
         "earthfield_leakage" => {
             let w = weights(random);
             let mix = if exact { 0.0 } else { random.between(-0.3, 0.3) };
-            let shape = linear(move |scene, s| {
-                let t_s = scene.t_s(s);
-                let Some(variation) = &scene.variation_nt else { return [0.0; 3] };
+            let shape = linear(move |clean, s| {
+                let t_s = clean.t_s(s);
+                let Some(variation) = &clean.variation_nt else { return [0.0; 3] };
                 let v: [f64; 3] = std::array::from_fn(|k| variation[k].at(t_s));
-                let own = times(&scene.towards, v);
+                let own = times(&clean.towards, v);
                 scale(w, |i| own[i] + mix * own[(i + 1) % 3])
             });
             let effect = Effect::new("earthfield_leakage", "variometer, with some of the next axis", shape).on(w).exact(exact);
@@ -491,10 +491,10 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
         }
         "heater_pwm" => {
             let w = several(random);
-            let period_s = random.log_between(1.3, if scene.kind == Kind::ZeroField { 30.0 } else { 12.0 });
+            let period_s = random.log_between(1.3, if clean.kind == Kind::ZeroField { 30.0 } else { 12.0 });
             let (duty, edge, phase) = (random.between(0.2, 0.7), random.between(0.01, 0.08), random.uniform());
-            let shape = linear(move |scene, s| {
-                let place = (scene.t_s(s) / period_s + phase).rem_euclid(1.0);
+            let shape = linear(move |clean, s| {
+                let place = (clean.t_s(s) / period_s + phase).rem_euclid(1.0);
                 let level = (place / edge).min((duty - place) / edge + 1.0).clamp(0.0, 1.0);
                 scale(w, |_| level)
             });
@@ -504,21 +504,21 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
         "interference_tone" => {
             let w = several(random);
             let aliased = random.chance(0.25);
-            let nyquist_hz = 0.5 * scene.rate_hz;
+            let nyquist_hz = 0.5 * clean.rate_hz;
             let seen_hz = nyquist_hz * random.between(0.04, 0.92);
-            let hz = if aliased { scene.rate_hz - seen_hz } else { seen_hz };
+            let hz = if aliased { clean.rate_hz - seen_hz } else { seen_hz };
             let depth = if exact { 0.0 } else { random.between(0.2, 0.8) };
             let phases: [f64; 3] = std::array::from_fn(|_| random.between(0.0, TAU));
-            let shape = linear(move |scene, s| {
-                let t_s = scene.t_s(s);
-                let wander = depth * (TAU * 1.3 * (scene.along(s) + 0.5)).sin();
+            let shape = linear(move |clean, s| {
+                let t_s = clean.t_s(s);
+                let wander = depth * (TAU * 1.3 * (clean.along(s) + 0.5)).sin();
                 scale(w, |i| (TAU * hz * t_s + wander + phases[i]).sin())
             });
             let effect = Effect::new("interference_tone", "sine, slightly frequency modulated", shape).inside().exact(exact);
             effect.fixed("frequency", "Hz", seen_hz).per_axis("amplitude", "enT", w.map(f64::abs))
         }
         "bad_thermistor" => {
-            let name = match scene.kind {
+            let name = match clean.kind {
                 Kind::Sweep => ["TSENS", "TCSC", "T29", "T55"][random.below(4)],
                 _ => ["T59", "T29", "T55"][random.below(3)],
             };
@@ -533,15 +533,15 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
         "facility_scale" | "facility_offset" | "facility_angle" => {
             let size: [f64; 3] = several(random);
             let id = visible(Kind::Positions).iter().copied().find(|known| *known == id)?;
-            let shape = linear(move |scene, s| {
-                let b = scene.field_nt[s];
+            let shape = linear(move |clean, s| {
+                let b = clean.field_nt[s];
                 let wrong = match id {
                     "facility_scale" => std::array::from_fn(|k| size[k] * b[k]),
                     "facility_offset" => size,
                     // The second and third coil stand askew.
                     _ => [size[0] * b[1] + size[1] * b[2], size[2] * b[2], 0.0],
                 };
-                times(&scene.response_at(scene.follows_degc(s)), wrong)
+                times(&clean.response_at(clean.follows_degc(s)), wrong)
             });
             let (stem, unit) = [("scale", ""), ("offset", "nT"), ("angle", "rad")]
                 [["facility_scale", "facility_offset", "facility_angle"].iter().position(|k| *k == id)?];
@@ -554,12 +554,12 @@ pub fn drawn(id: &str, scene: &Scene, random: &mut Random) -> Option<Effect> {
 /// An effect outside the catalogue.
 pub fn drawn_outside(name: &str, random: &mut Random) -> Option<Effect> {
     let w = one(random);
-    let turned = |scene: &Scene, s: usize| scene.pure_ent[s].map(|v| v / scene.range_nt());
+    let turned = |clean: &CleanRun, s: usize| clean.pure_ent[s].map(|v| v / clean.range_nt());
     let (form, names, shape): (&str, &[&'static str], Shape) = match name {
         "modulus" => {
             let power = random.between(0.7, 1.4);
-            let shape = linear(move |scene, s| {
-                let b = scene.field_nt[s].iter().map(|b| (b / scene.range_nt()).powi(2)).sum::<f64>().sqrt();
+            let shape = linear(move |clean, s| {
+                let b = clean.field_nt[s].iter().map(|b| (b / clean.range_nt()).powi(2)).sum::<f64>().sqrt();
                 scale(w, |_| b.powf(power))
             });
             ("power of the modulus", &["field modulus", "modulus", "|B|"], shape)
@@ -567,8 +567,8 @@ pub fn drawn_outside(name: &str, random: &mut Random) -> Option<Effect> {
         "product" => {
             let third = random.below(3);
             let w: [f64; 3] = std::array::from_fn(|i| if i == third { 1.0 } else { 0.0 });
-            let shape = linear(move |scene, s| {
-                let u = turned(scene, s);
+            let shape = linear(move |clean, s| {
+                let u = turned(clean, s);
                 scale(w, |i| u[(i + 1) % 3] * u[(i + 2) % 3])
             });
             let names: &[&'static str] = [
@@ -581,14 +581,14 @@ pub fn drawn_outside(name: &str, random: &mut Random) -> Option<Effect> {
         "extreme" => {
             let memory = random.between(0.75, 0.95);
             let shape = prepared(
-                move |scene: &Scene| {
+                move |clean: &CleanRun| {
                     // The last extreme is forgotten slowly and replaced by a larger one.
                     let mut level = [0.0_f64; 3];
-                    let mut levels = vec![[0.0; 3]; scene.count];
-                    for (j, plateau) in scene.plateaus.iter().enumerate() {
-                        let end = scene.plateaus.get(j + 1).map_or(scene.count, |next| next.start);
+                    let mut levels = vec![[0.0; 3]; clean.count];
+                    for (j, plateau) in clean.plateaus.iter().enumerate() {
+                        let end = clean.plateaus.get(j + 1).map_or(clean.count, |next| next.start);
                         for i in 0..3 {
-                            let b = scene.pure_ent[plateau.start][i] / scene.range_nt();
+                            let b = clean.pure_ent[plateau.start][i] / clean.range_nt();
                             level[i] *= memory;
                             if b.abs() > level[i].abs() {
                                 level[i] = b;
@@ -605,10 +605,10 @@ pub fn drawn_outside(name: &str, random: &mut Random) -> Option<Effect> {
         "supply" => {
             let bend = random.between(-0.5, 0.5);
             let shape = prepared(
-                |scene: &Scene| scene.supply_ma.as_ref().map_or(0.0, Curve::mean),
-                move |middle, scene, s| {
-                    let Some(supply) = &scene.supply_ma else { return [0.0; 3] };
-                    let d = supply.at(scene.t_s(s)) - middle;
+                |clean: &CleanRun| clean.supply_ma.as_ref().map_or(0.0, Curve::mean),
+                move |middle, clean, s| {
+                    let Some(supply) = &clean.supply_ma else { return [0.0; 3] };
+                    let d = supply.at(clean.t_s(s)) - middle;
                     scale(w, |_| d + bend * d * d)
                 },
             );
@@ -616,10 +616,10 @@ pub fn drawn_outside(name: &str, random: &mut Random) -> Option<Effect> {
         }
         "staircase" => {
             let (steps, phase) = (random.between(2.5, 6.0), random.uniform());
-            let shape = linear(move |scene, s| {
+            let shape = linear(move |clean, s| {
                 scale(w, |i| {
                     // Integral non-linearity of a converter: a saw-tooth.
-                    let place = own(scene, s, i) * steps + phase;
+                    let place = own(clean, s, i) * steps + phase;
                     place - place.floor() - 0.5
                 })
             });
@@ -627,8 +627,8 @@ pub fn drawn_outside(name: &str, random: &mut Random) -> Option<Effect> {
         }
         "rack rate" | "temperature rate" => {
             let rack = name == "rack rate";
-            let shape = linear(move |scene, s| {
-                let (t_s, curve) = (scene.t_s(s), if rack { &scene.rack_degc } else { &scene.sensor_degc });
+            let shape = linear(move |clean, s| {
+                let (t_s, curve) = (clean.t_s(s), if rack { &clean.rack_degc } else { &clean.sensor_degc });
                 let rate = (curve.at(t_s + 1.5 * curve.step_s) - curve.at(t_s - 1.5 * curve.step_s)) / (3.0 * curve.step_s);
                 scale(w, |_| rate * 30.0)
             });

@@ -3,7 +3,7 @@
 use super::effects::Effect;
 use super::kinds::Column;
 use super::noise::{Cell, Random};
-use super::sensor::{Curve, Scene, Sensor};
+use super::sensor::{CleanRun, Curve, Sensor};
 use calfit::data::run::Setting;
 use calfit::data::units::FieldCoil;
 use serde::Serialize;
@@ -29,11 +29,11 @@ struct Response {
     q: f64,
 }
 
-fn responses(scene: &Scene) -> [Response; 3] {
+fn responses(clean: &CleanRun) -> [Response; 3] {
     std::array::from_fn(|i| Response {
-        amplitude_ent: 577.0 + 1000.0 * (scene.sensor.sigma[i] - 1.0),
-        f0_hz: 62.0 + 5.0 * (scene.sensor.xi_deg[i] - 90.0),
-        q: 0.7 + 0.006 * scene.sensor.offset_ent[i],
+        amplitude_ent: 577.0 + 1000.0 * (clean.sensor.sigma[i] - 1.0),
+        f0_hz: 62.0 + 5.0 * (clean.sensor.xi_deg[i] - 90.0),
+        q: 0.7 + 0.006 * clean.sensor.offset_ent[i],
     })
 }
 
@@ -48,10 +48,10 @@ pub struct TrueSines {
 }
 
 /// The truth of a run.
-pub fn truth(scene: &Scene) -> TrueSines {
-    let all = responses(scene);
+pub fn truth(clean: &CleanRun) -> TrueSines {
+    let all = responses(clean);
     TrueSines {
-        f_s_hz: scene.rate_hz,
+        f_s_hz: clean.rate_hz,
         amplitude_ent: all.map(|r| r.amplitude_ent),
         f0_hz: all.map(|r| r.f0_hz),
         q: all.map(|r| r.q),
@@ -98,9 +98,9 @@ fn sine(
 }
 
 /// The run without noise.
-pub fn scene(sensor: Sensor, random: &mut Random) -> Scene {
+pub fn clean_run(sensor: Sensor, random: &mut Random) -> CleanRun {
     let rate_hz = 128.0 - 0.001 * random.between(0.3, 1.5);
-    let mut scene = Scene {
+    let mut clean = CleanRun {
         kind: super::sensor::Kind::Frequency,
         rate_hz,
         count: 0,
@@ -121,60 +121,64 @@ pub fn scene(sensor: Sensor, random: &mut Random) -> Scene {
     };
     // The corner of a sensor must be one: draws far out are brought back.
     for i in 0..3 {
-        scene.sensor.xi_deg[i] = scene.sensor.xi_deg[i].clamp(89.2, 90.8);
-        scene.sensor.offset_ent[i] = scene.sensor.offset_ent[i].clamp(-12.0, 12.0);
+        clean.sensor.xi_deg[i] = clean.sensor.xi_deg[i].clamp(89.2, 90.8);
+        clean.sensor.offset_ent[i] = clean.sensor.offset_ent[i].clamp(-12.0, 12.0);
     }
     let mut t_s = 2.0;
     for hz in SINES_HZ {
         let length_s = f64::max(12.0, (5.0 / hz * 1e3).round() / 1e3);
         let (t_end_s, field) = (t_s + length_s, FieldCoil([0.0, 1000.0, 0.0]));
-        scene.settings.push(Setting { t_start_s: t_s, t_end_s, field, frequency_hz: hz, position: 1 });
-        scene.plateaus.push((t_s * rate_hz).ceil() as usize..(t_end_s * rate_hz).floor() as usize);
+        clean.settings.push(Setting { t_start_s: t_s, t_end_s, field, frequency_hz: hz, position: 1 });
+        clean.plateaus.push((t_s * rate_hz).ceil() as usize..(t_end_s * rate_hz).floor() as usize);
         t_s = t_end_s + 0.5;
     }
-    scene.count = ((t_s + 0.5) * rate_hz) as usize;
-    scene.field_nt = vec![[0.0; 3]; scene.count];
-    let length_s = scene.count as f64 / rate_hz;
+    clean.count = ((t_s + 0.5) * rate_hz) as usize;
+    clean.field_nt = vec![[0.0; 3]; clean.count];
+    let length_s = clean.count as f64 / rate_hz;
     let (degc, phase) = ([-70.0, 17.0, 60.0][random.below(3)], random.between(0.0, TAU));
     let wave = |middle: f64, size: f64, period_s: f64| {
         Curve::of(10.0, length_s, move |t| middle + size * (TAU * t / period_s + phase).sin())
     };
-    (scene.sensor_degc, scene.coil_degc, scene.rack_degc) =
+    (clean.sensor_degc, clean.coil_degc, clean.rack_degc) =
         (wave(degc, 0.03, 900.0), wave(16.4, 0.02, 700.0), wave(32.0, 1.5, 180.0));
-    scene.pure_ent = samples(&scene, |_, _, _| [1.0, 0.0], |_, _| 0.0);
-    scene
+    clean.pure_ent = samples(&clean, |_, _, _| [1.0, 0.0], |_, _| 0.0);
+    clean
 }
 
 /// Readings of all components, with a further response per component and frequency, and times moved.
-fn samples(scene: &Scene, gain: impl Fn(&Scene, usize, f64) -> [f64; 2], moved: impl Fn(&Scene, usize) -> f64) -> Vec<[f64; 3]> {
-    let mut record = vec![[0.0; 3]; scene.count];
-    for (i, response) in responses(scene).into_iter().enumerate() {
-        for (setting, plateau) in scene.settings.iter().zip(&scene.plateaus) {
-            let gain = gain(scene, i, setting.frequency_hz);
-            let values = sine(setting, plateau.clone(), scene.rate_hz, response, gain, &|n| moved(scene, n));
+fn samples(
+    clean: &CleanRun,
+    gain: impl Fn(&CleanRun, usize, f64) -> [f64; 2],
+    moved: impl Fn(&CleanRun, usize) -> f64,
+) -> Vec<[f64; 3]> {
+    let mut record = vec![[0.0; 3]; clean.count];
+    for (i, response) in responses(clean).into_iter().enumerate() {
+        for (setting, plateau) in clean.settings.iter().zip(&clean.plateaus) {
+            let gain = gain(clean, i, setting.frequency_hz);
+            let values = sine(setting, plateau.clone(), clean.rate_hz, response, gain, &|n| moved(clean, n));
             record[plateau.clone()].iter_mut().zip(values).for_each(|(r, v)| r[i] = v);
         }
     }
     record
 }
 
-fn difference(scene: &Scene, changed: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
-    changed.into_iter().zip(&scene.pure_ent).map(|(a, b)| std::array::from_fn(|i| a[i] - b[i])).collect()
+fn difference(clean: &CleanRun, changed: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
+    changed.into_iter().zip(&clean.pure_ent).map(|(a, b)| std::array::from_fn(|i| a[i] - b[i])).collect()
 }
 
 /// Per component amplitude, corner, quality, offset and sample rate; one delay of all readings, which nobody knows to a microsecond.
-pub fn nuisance(scene: &Scene, cells: &[Cell]) -> Vec<Column> {
+pub fn nuisance(clean: &CleanRun, cells: &[Cell]) -> Vec<Column> {
     let mut columns = Vec::new();
     for i in 0..3 {
         let mut push = |change: &dyn Fn(&mut Response), rate: f64| {
-            let mut response = responses(scene)[i];
+            let mut response = responses(clean)[i];
             change(&mut response);
-            let mut record = vec![0.0; scene.count];
-            for (setting, plateau) in scene.settings.iter().zip(&scene.plateaus) {
-                let values = sine(setting, plateau.clone(), scene.rate_hz + rate, response, [1.0, 0.0], &|_| 0.0);
+            let mut record = vec![0.0; clean.count];
+            for (setting, plateau) in clean.settings.iter().zip(&clean.plateaus) {
+                let values = sine(setting, plateau.clone(), clean.rate_hz + rate, response, [1.0, 0.0], &|_| 0.0);
                 record[plateau.clone()].copy_from_slice(&values);
             }
-            let values = cells.iter().map(|c| 1e4 * (record[c.first] - scene.pure_ent[c.first][i])).collect();
+            let values = cells.iter().map(|c| 1e4 * (record[c.first] - clean.pure_ent[c.first][i])).collect();
             columns.push(vec![(i, values)]);
         };
         push(&|r| r.amplitude_ent *= 1.0 + 1e-5, 0.0);
@@ -183,8 +187,8 @@ pub fn nuisance(scene: &Scene, cells: &[Cell]) -> Vec<Column> {
         push(&|_| {}, 1e-9);
         columns.push(vec![(i, vec![1.0; cells.len()])]);
     }
-    let late = samples(scene, |_, _, _| [1.0, 0.0], |_, _| 1e-9);
-    let of = |i: usize| (i, cells.iter().map(|c| 1e4 * (late[c.first][i] - scene.pure_ent[c.first][i])).collect());
+    let late = samples(clean, |_, _, _| [1.0, 0.0], |_, _| 1e-9);
+    let of = |i: usize| (i, cells.iter().map(|c| 1e4 * (late[c.first][i] - clean.pure_ent[c.first][i])).collect());
     columns.push((0..3).map(of).collect());
     columns
 }
@@ -195,7 +199,7 @@ pub fn first_amplitude(name: &str) -> f64 {
 }
 
 /// An effect on a run of sines.
-pub fn drawn(name: &str, _scene: &Scene, random: &mut Random) -> Option<Effect> {
+pub fn drawn(name: &str, _scene: &CleanRun, random: &mut Random) -> Option<Effect> {
     let effect = match name {
         "eddy_current_attenuation" => {
             let hz = random.log_between(ONE_POLE_HZ[0], ONE_POLE_HZ[1]);
@@ -203,33 +207,33 @@ pub fn drawn(name: &str, _scene: &Scene, random: &mut Random) -> Option<Effect> 
                 let pole = one_pole(f, hz);
                 [1.0 + part * (pole[0] - 1.0), part * pole[1]]
             };
-            Effect::of_sines("eddy_current_attenuation", "a pole in part of the field", move |scene, amplitude| {
-                difference(scene, samples(scene, |_, _, f| gain(f, amplitude), |_, _| 0.0))
+            Effect::of_sines("eddy_current_attenuation", "a pole in part of the field", move |clean, amplitude| {
+                difference(clean, samples(clean, |_, _, f| gain(f, amplitude), |_, _| 0.0))
             })
         }
         "response_order" => {
             let (hz, q) = (random.between(TWO_POLES_HZ[0], TWO_POLES_HZ[1]), random.between(TWO_POLES_Q[0], TWO_POLES_Q[1]));
-            Effect::of_sines("response_order", "two more poles, in part", move |scene, amplitude| {
-                let gain = |_: &Scene, _: usize, f: f64| {
+            Effect::of_sines("response_order", "two more poles, in part", move |clean, amplitude| {
+                let gain = |_: &CleanRun, _: usize, f: f64| {
                     let more = second_order(f, hz, q);
                     [1.0 + amplitude * (more[0] - 1.0), amplitude * more[1]]
                 };
-                difference(scene, samples(scene, gain, |_, _| 0.0))
+                difference(clean, samples(clean, gain, |_, _| 0.0))
             })
         }
         "clock_drift" => {
             let (bend, turns) = (random.between(-0.3, 0.3), random.between(0.5, 1.0));
-            Effect::of_sines("clock_drift", "sample rate moves with time, bent", move |scene, amplitude| {
-                let length_s = scene.count as f64 / scene.rate_hz;
-                let moved = |scene: &Scene, n: usize| {
-                    let u = scene.along(n);
+            Effect::of_sines("clock_drift", "sample rate moves with time, bent", move |clean, amplitude| {
+                let length_s = clean.count as f64 / clean.rate_hz;
+                let moved = |clean: &CleanRun, n: usize| {
+                    let u = clean.along(n);
                     amplitude * length_s * (u * u + bend * (TAU * turns * u).sin())
                 };
-                difference(scene, samples(scene, |_, _, _| [1.0, 0.0], moved))
+                difference(clean, samples(clean, |_, _, _| [1.0, 0.0], moved))
             })
         }
         "lost_samples" => {
-            Effect::of_sines("lost_samples", "stretches that were not recorded", |scene, _| vec![[0.0; 3]; scene.count])
+            Effect::of_sines("lost_samples", "stretches that were not recorded", |clean, _| vec![[0.0; 3]; clean.count])
                 .of_nature()
         }
         _ => return None,
@@ -238,20 +242,20 @@ pub fn drawn(name: &str, _scene: &Scene, random: &mut Random) -> Option<Effect> 
 }
 
 /// Stretches that are missing, if that is hidden in the run.
-pub fn lost(effects: &[String], scene: &Scene, seed: u64) -> Vec<Range<usize>> {
+pub fn lost(effects: &[String], clean: &CleanRun, seed: u64) -> Vec<Range<usize>> {
     if !effects.iter().any(|name| name == "lost_samples") {
         return Vec::new();
     }
     let mut random = Random::new(seed, "lost samples");
     let mut stretches = Vec::new();
-    for plateau in &scene.plateaus {
+    for plateau in &clean.plateaus {
         if random.chance(0.3) {
             let first = plateau.start + random.below(plateau.len() - 80);
             stretches.push(first..first + 18 + random.below(50));
         }
     }
     if stretches.is_empty() {
-        stretches.push(scene.plateaus[20].start + 300..scene.plateaus[20].start + 340);
+        stretches.push(clean.plateaus[20].start + 300..clean.plateaus[20].start + 340);
     }
     stretches
 }

@@ -7,7 +7,7 @@ use super::{Blind, kinds};
 use calfit::diagnose::means::Means;
 use calfit::fit::scan::{ABSORBED, Score, orthonormal};
 use calfit::model::effects::{Acts, Catalogue};
-use calfit::record::scene::Scene;
+use calfit::record::prepared::PreparedRun;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
@@ -54,16 +54,16 @@ fn whitened(whitener: &Whitener, columns: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 impl White {
-    fn new(noise: &Noise, blind: &Blind, scene: &Scene, cells: &[super::noise::Cell]) -> Self {
-        let whiteners = [0, 1, 2].map(|i| Whitener::new(noise, &blind.scenes[0], i, cells));
+    fn new(noise: &Noise, blind: &Blind, prepared: &PreparedRun, cells: &[super::noise::Cell]) -> Self {
+        let whiteners = [0, 1, 2].map(|i| Whitener::new(noise, &blind.clean_runs[0], i, cells));
         let n = cells.len();
         let mut residual = DVector::zeros(3 * n);
         let mut log_likelihood = 0.0;
         let bases = [0, 1, 2].map(|i| {
-            let qr = whitened(&whiteners[i], &scene.design).qr();
+            let qr = whitened(&whiteners[i], &prepared.design).qr();
             let log_normal: f64 = qr.r().diagonal().iter().map(|d| d.abs().ln()).sum();
             let base = qr.q();
-            let reading = whitened(&whiteners[i], &scene.readings.columns(i, 1).into_owned());
+            let reading = whitened(&whiteners[i], &prepared.readings.columns(i, 1).into_owned());
             let left = &reading - &base * base.tr_mul(&reading);
             log_likelihood -= 0.5 * left.norm_squared() + 0.5 * whiteners[i].log_covariance() + log_normal;
             residual.rows_mut(i * n, n).copy_from(&left);
@@ -91,29 +91,29 @@ impl White {
 }
 
 /// What can be found in the plateau means of a run; none where they are not what shows its effects, and in most of the sweeps.
-pub fn ideal(scene: &Scene, blind: &Blind) -> Option<Ideal> {
-    let [cells] = kinds::plateau_cells(&blind.scenes).try_into().ok()?;
+pub fn ideal(prepared: &PreparedRun, blind: &Blind) -> Option<Ideal> {
+    let [cells] = kinds::plateau_cells(&blind.clean_runs).try_into().ok()?;
     let left_out = match blind.truth.kind {
         Kind::Frequency => true,
         // Hundreds of rows take their time.
         Kind::Sweep => !blind.truth.seed.is_multiple_of(SWEEPS),
         _ => false,
     };
-    if left_out || cells.len() != scene.record.rows.len() {
+    if left_out || cells.len() != prepared.record.rows.len() {
         return None;
     }
-    let mut means = Means::new(scene, scene.readings.clone(), &Catalogue::default(), Vec::new());
-    if scene.record.has_samples {
+    let mut means = Means::new(prepared, prepared.readings.clone(), &Catalogue::default(), Vec::new());
+    if prepared.record.has_samples {
         // These are found in the samples.
         means.leave_out(|c| c.effect.acts_in(Acts::Samples));
     }
-    let truth = White::new(&blind.truth.noise, blind, scene, &cells);
+    let truth = White::new(&blind.truth.noise, blind, prepared, &cells);
     let usable: Vec<usize> = (0..means.candidates.len()).filter(|c| means.log_priors[*c].is_finite()).collect();
     let of = |white: &White, c: usize| white.evidence(&means.candidates[c].columns);
     let mut known: Vec<(usize, f64)> = usable.iter().map(|c| (*c, of(&truth, *c) + means.log_priors[*c])).collect();
     known.sort_by(|a, b| b.1.total_cmp(&a.1));
     // What slow noise hides shows beside white noise.
-    let white = White::new(&Noise { slow: Vec::new(), ..blind.truth.noise.clone() }, blind, scene, &cells);
+    let white = White::new(&Noise { slow: Vec::new(), ..blind.truth.noise.clone() }, blind, prepared, &cells);
     let mut without: Vec<(usize, f64)> = usable.iter().map(|c| (*c, of(&white, *c) + means.log_priors[*c])).collect();
     without.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut promising: Vec<usize> =
@@ -124,8 +124,8 @@ pub fn ideal(scene: &Scene, blind: &Blind) -> Option<Ideal> {
         .map(|draw| {
             let mut random = Random::new(blind.truth.seed.wrapping_add(draw), "noise of the ideal");
             let family = Family::ALL[random.below(Family::ALL.len())];
-            let slow = Noise::drawn(family, &blind.scenes[0], &mut random).slow;
-            let white = White::new(&Noise { slow, ..blind.truth.noise.clone() }, blind, scene, &cells);
+            let slow = Noise::drawn(family, &blind.clean_runs[0], &mut random).slow;
+            let white = White::new(&Noise { slow, ..blind.truth.noise.clone() }, blind, prepared, &cells);
             (white.log_likelihood, promising.iter().map(|c| of(&white, *c)).collect())
         })
         .collect();

@@ -11,7 +11,7 @@ use calfit::diagnose::result::{Diagnosis, Step};
 use calfit::diagnose::{self, Options, Samples};
 use calfit::measure::lin;
 use calfit::model::effects::{Catalogue, Column, Spec, UNKNOWN};
-use calfit::record::scene::Scene;
+use calfit::record::prepared::PreparedRun;
 
 /// What the diagnosis says about a run set.
 pub fn judge(blind: &Blind) -> Verdict {
@@ -22,21 +22,21 @@ pub fn judge(blind: &Blind) -> Verdict {
     let cells = 3 * blind.means.first().map_or(0, Vec::len);
     let (plateaus, samples) = reduced(run, vectors);
     let diagnosis = diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, &Options::default());
-    let oracle_chi2 = scene(blind).and_then(|scene| of_truth(&scene, blind));
+    let oracle_chi2 = prepared(blind).and_then(|prepared| of_truth(&prepared, blind));
     diagnosis.map_or_else(|_| Verdict::default(), |d| Verdict { oracle_chi2, ..verdict(&d, cells as f64) })
 }
 
 /// The same with what could be found, which takes longer.
 pub fn judge_beside_ideal(blind: &Blind) -> Verdict {
-    let ideal = scene(blind).and_then(|scene| ideal(&scene, blind));
+    let ideal = prepared(blind).and_then(|prepared| ideal(&prepared, blind));
     Verdict { ideal, ..judge(blind) }
 }
 
 /// The only run as the diagnosis sees it; none of several runs, and of those that it cannot look at in this way.
-fn scene(blind: &Blind) -> Option<Scene> {
+fn prepared(blind: &Blind) -> Option<PreparedRun> {
     let [(run, vectors)] = blind.runs.as_slice() else { return None };
     let (plateaus, samples) = reduced(run, vectors);
-    Scene::new(run, &plateaus, Some(&samples), &blind.campaign.file.instructions, None).ok()
+    PreparedRun::new(run, &plateaus, Some(&samples), &blind.campaign.file.instructions, None).ok()
 }
 
 fn reduced(run: &Run, vectors: &[Vector]) -> (Plateaus, Samples) {
@@ -48,19 +48,19 @@ fn reduced(run: &Run, vectors: &[Vector]) -> (Plateaus, Samples) {
 }
 
 /// Held-out χ² without and with the true effects, by the folds and the noise estimate of the diagnosis: the same measure as its own gaps.
-fn of_truth(scene: &Scene, blind: &Blind) -> Option<[f64; 2]> {
+fn of_truth(prepared: &PreparedRun, blind: &Blind) -> Option<[f64; 2]> {
     let hidden = &blind.truth.effects;
     if hidden.is_empty() || hidden.iter().any(|e| e.seen_inside_plateaus || !e.identifiable || e.natural_size) {
         return None;
     }
-    let rows = scene.record.rows.len();
+    let rows = prepared.record.rows.len();
     let column = |effect: &Vec<Vec<[f64; 3]>>| {
         let values = effect.first().filter(|v| v.len() == rows)?.clone();
         Some(Column { name: "truth".to_owned(), unit: "enT", values })
     };
     let columns: Vec<Column> = blind.oracle.iter().map(column).collect::<Option<_>>()?;
     let truth = Candidate::of_readings(UNKNOWN, Spec::new("truth", &[0, 1, 2]), columns);
-    let means = Means::new(scene, scene.readings.clone(), &Catalogue::default(), Vec::new());
+    let means = Means::new(prepared, prepared.readings.clone(), &Catalogue::default(), Vec::new());
     let noise = means.model(&[&truth])?.noise;
     Some([means.predicted(&noise, &[]).sum, means.predicted(&noise, &[&truth]).sum])
 }

@@ -3,7 +3,7 @@
 use super::effects::{self, Effect};
 use super::freq;
 use super::noise::{Cell, Family, Noise, Random, Whitener};
-use super::sensor::{Curve, Kind, POSITIONS, Scene, Sensor, product, rotation, times, transposed};
+use super::sensor::{CleanRun, Curve, Kind, POSITIONS, Sensor, product, rotation, times, transposed};
 use super::{Blind, Options, TrueEffect, TrueParameter, Truth};
 use calfit::data::run::{self, GivenBlock, Header, InputFile, ReadingUnit, Run, SlowTable, Vector, VectorAccount};
 use calfit::data::units::Reading;
@@ -31,12 +31,12 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 impl Measure {
-    pub fn new(scenes: &[Scene], noise: &Noise, cells: Vec<Vec<Cell>>, nuisance: &[Column]) -> Self {
+    pub fn new(clean_runs: &[CleanRun], noise: &Noise, cells: Vec<Vec<Cell>>, nuisance: &[Column]) -> Self {
         let mut whiteners = Vec::new();
         let mut starts = vec![0];
-        for (scene, cells) in scenes.iter().zip(&cells) {
+        for (clean, cells) in clean_runs.iter().zip(&cells) {
             for component in 0..3 {
-                whiteners.push(Whitener::new(noise, scene, component, cells));
+                whiteners.push(Whitener::new(noise, clean, component, cells));
                 starts.push(starts[starts.len() - 1] + cells.len());
             }
         }
@@ -120,45 +120,45 @@ fn as_cells(parts: &[Range<usize>]) -> Vec<Cell> {
 }
 
 /// Means of plateaus, blocks, or parts of a night.
-pub fn plateau_cells(scenes: &[Scene]) -> Vec<Vec<Cell>> {
-    scenes.iter().map(|scene| as_cells(&scene.parts())).collect()
+pub fn plateau_cells(clean_runs: &[CleanRun]) -> Vec<Vec<Cell>> {
+    clean_runs.iter().map(|clean| as_cells(&clean.parts())).collect()
 }
 
 /// Every sample inside the settings.
-pub fn sample_cells(scenes: &[Scene]) -> Vec<Vec<Cell>> {
-    scenes
+pub fn sample_cells(clean_runs: &[CleanRun]) -> Vec<Vec<Cell>> {
+    clean_runs
         .iter()
-        .map(|scene| scene.plateaus.iter().flat_map(Clone::clone).map(|first| Cell { first, count: 1 }).collect())
+        .map(|clean| clean.plateaus.iter().flat_map(Clone::clone).map(|first| Cell { first, count: 1 }).collect())
         .collect()
 }
 
 /// The run's own parameters: linearity, per component three fields and a trend of order 2; sweep, fields and offset times temperature
 /// to the powers 0 to 2; a night, a trend of order 2; positions, one sensor with a rotation and a trend in each of them.
-pub fn nuisance(scenes: &[Scene], cells: &[Vec<Cell>]) -> Vec<Column> {
-    let kind = scenes[0].kind;
+pub fn nuisance(clean_runs: &[CleanRun], cells: &[Vec<Cell>]) -> Vec<Column> {
+    let kind = clean_runs[0].kind;
     let mut columns = Vec::new();
     if kind == Kind::Frequency {
-        return freq::nuisance(&scenes[0], &cells[0]);
+        return freq::nuisance(&clean_runs[0], &cells[0]);
     }
     let middle = |cell: &Cell| cell.first + cell.count / 2;
-    let along = |scene: &Scene, cell: &Cell| scene.along(cell.first) + 0.5 * (cell.count - 1) as f64 / scene.count as f64;
-    let mut own = |run: usize, f: &dyn Fn(&Scene, &Cell) -> f64| {
-        let values: Vec<f64> = cells[run].iter().map(|cell| f(&scenes[run], cell)).collect();
+    let along = |clean: &CleanRun, cell: &Cell| clean.along(cell.first) + 0.5 * (cell.count - 1) as f64 / clean.count as f64;
+    let mut own = |run: usize, f: &dyn Fn(&CleanRun, &Cell) -> f64| {
+        let values: Vec<f64> = cells[run].iter().map(|cell| f(&clean_runs[run], cell)).collect();
         columns.extend((0..3).map(|component| vec![(3 * run + component, values.clone())]));
     };
-    for run in 0..scenes.len() {
+    for run in 0..clean_runs.len() {
         match kind {
             Kind::Lin => {
                 for k in 0..3 {
-                    own(run, &|scene, cell| scene.field_nt[middle(cell)][k] / scene.range_nt());
+                    own(run, &|clean, cell| clean.field_nt[middle(cell)][k] / clean.range_nt());
                 }
             }
             Kind::Sweep => {
                 for power in 0..3 {
                     for k in 0..4 {
-                        own(run, &|scene, cell| {
-                            let z: f64 = scene.follows_degc(middle(cell)) / 50.0;
-                            z.powi(power) * if k < 3 { scene.field_nt[middle(cell)][k] / scene.range_nt() } else { 1.0 }
+                        own(run, &|clean, cell| {
+                            let z: f64 = clean.follows_degc(middle(cell)) / 50.0;
+                            z.powi(power) * if k < 3 { clean.field_nt[middle(cell)][k] / clean.range_nt() } else { 1.0 }
                         });
                     }
                 }
@@ -171,40 +171,40 @@ pub fn nuisance(scenes: &[Scene], cells: &[Vec<Cell>]) -> Vec<Column> {
             _ => &[],
         };
         for power in powers {
-            own(run, &|scene, cell| along(scene, cell).powi(*power));
+            own(run, &|clean, cell| along(clean, cell).powi(*power));
         }
     }
     if kind == Kind::Positions {
-        columns.extend(of_positions(scenes, cells));
+        columns.extend(of_positions(clean_runs, cells));
     }
     columns
 }
 
 /// Derivatives of the readings with respect to scale, angles and offset of the sensor and its rotation in every position.
-fn of_positions(scenes: &[Scene], cells: &[Vec<Cell>]) -> Vec<Column> {
+fn of_positions(clean_runs: &[CleanRun], cells: &[Vec<Cell>]) -> Vec<Column> {
     const STEP: f64 = 1e-4;
     let mut columns: Vec<Column> = Vec::new();
-    let readings = |run: usize, change: &dyn Fn(&mut Scene)| -> Column {
+    let readings = |run: usize, change: &dyn Fn(&mut CleanRun)| -> Column {
         let moved = |sign: f64| {
-            let mut scene = Scene { field_nt: Vec::new(), pure_ent: Vec::new(), ..scenes[run].clone() };
-            change(&mut scene);
-            let response = scene.response_at(0.0);
-            let values = cells[run].iter().map(|c| times(&response, scenes[run].field_nt[c.first]).map(|v| sign * v));
+            let mut clean = CleanRun { field_nt: Vec::new(), pure_ent: Vec::new(), ..clean_runs[run].clone() };
+            change(&mut clean);
+            let response = clean.response_at(0.0);
+            let values = cells[run].iter().map(|c| times(&response, clean_runs[run].field_nt[c.first]).map(|v| sign * v));
             values.collect::<Vec<[f64; 3]>>()
         };
-        let (changed, as_is) = (moved(1.0), cells[run].iter().map(|c| scenes[run].pure_ent[c.first]).collect::<Vec<_>>());
+        let (changed, as_is) = (moved(1.0), cells[run].iter().map(|c| clean_runs[run].pure_ent[c.first]).collect::<Vec<_>>());
         (0..3).map(|i| (3 * run + i, changed.iter().zip(&as_is).map(|(a, b)| (a[i] - b[i]) / STEP).collect())).collect()
     };
     for i in 0..3 {
         let everywhere =
-            |change: &dyn Fn(&mut Scene)| (0..scenes.len()).flat_map(|run| readings(run, change)).collect::<Column>();
-        columns.push(everywhere(&|scene| scene.sensor.sigma[i] += STEP));
-        columns.push(everywhere(&|scene| scene.sensor.xi_deg[i] += STEP.to_degrees()));
-        columns.push((0..scenes.len()).map(|run| (3 * run + i, vec![1.0; cells[run].len()])).collect());
-        for run in 0..scenes.len() {
-            columns.push(readings(run, &|scene| {
+            |change: &dyn Fn(&mut CleanRun)| (0..clean_runs.len()).flat_map(|run| readings(run, change)).collect::<Column>();
+        columns.push(everywhere(&|clean| clean.sensor.sigma[i] += STEP));
+        columns.push(everywhere(&|clean| clean.sensor.xi_deg[i] += STEP.to_degrees()));
+        columns.push((0..clean_runs.len()).map(|run| (3 * run + i, vec![1.0; cells[run].len()])).collect());
+        for run in 0..clean_runs.len() {
+            columns.push(readings(run, &|clean| {
                 let by = rotation(std::array::from_fn(|k| if k == i { STEP } else { 0.0 }));
-                scene.towards = product(&transposed(&by), &scene.towards);
+                clean.towards = product(&transposed(&by), &clean.towards);
             }));
         }
     }
@@ -226,9 +226,9 @@ fn resolution_ent(kind: Kind) -> f64 {
 pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, String> {
     let mut random = Random::new(seed, "scene");
     let sensor = Sensor::drawn(kind, &mut random);
-    let mut scenes: Vec<Scene> = Vec::new();
+    let mut clean_runs: Vec<CleanRun> = Vec::new();
     if kind == Kind::Frequency {
-        scenes.push(freq::scene(sensor.clone(), &mut random));
+        clean_runs.push(freq::clean_run(sensor.clone(), &mut random));
     } else {
         let mut ids: Vec<u32> = POSITIONS.iter().map(|(id, _)| *id).collect();
         if kind == Kind::Positions {
@@ -239,15 +239,15 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
             ids.truncate(1);
         }
         for id in ids {
-            scenes.push(Scene::drawn(kind, sensor.clone(), id, &mut random));
+            clean_runs.push(CleanRun::drawn(kind, sensor.clone(), id, &mut random));
         }
     }
     let mut random = Random::new(seed, "noise family");
     let drawn = Family::ALL[random.below(Family::ALL.len())];
     let family = options.noise.unwrap_or(drawn);
-    let noise = Noise::drawn(family, &scenes[0], &mut random);
+    let noise = Noise::drawn(family, &clean_runs[0], &mut random);
 
-    let cells = plateau_cells(&scenes);
+    let cells = plateau_cells(&clean_runs);
     let mut of_plateaus: Option<Measure> = None;
     let mut of_samples: Option<Measure> = None;
     let mut effects: Vec<(Effect, f64)> = Vec::new();
@@ -257,23 +257,23 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
         let mut random = Random::new(seed, &format!("effect {index}"));
         let unknown = || format!("{name} is not made for runs of kind {}", kind.name());
         let drawn = if kind == Kind::Frequency {
-            freq::drawn(name, &scenes[0], &mut random)
+            freq::drawn(name, &clean_runs[0], &mut random)
         } else if effects::outside(kind).contains(&name.as_str()) {
             effects::drawn_outside(name, &mut random)
         } else {
-            effects::drawn(name, &scenes[0], &mut random)
+            effects::drawn(name, &clean_runs[0], &mut random)
         };
         let effect = drawn.ok_or_else(unknown)?;
         let absorbed = effects::absorbed(kind).contains(&name.as_str());
         let inside = effect.inside || kind == Kind::Frequency;
         let slot = if inside { &mut of_samples } else { &mut of_plateaus };
         let measure = slot.get_or_insert_with(|| {
-            let cells = if inside { sample_cells(&scenes) } else { cells.clone() };
-            let nuisance = nuisance(&scenes, &cells);
-            Measure::new(&scenes, &noise, cells, &nuisance)
+            let cells = if inside { sample_cells(&clean_runs) } else { cells.clone() };
+            let nuisance = nuisance(&clean_runs, &cells);
+            Measure::new(&clean_runs, &noise, cells, &nuisance)
         });
         let records = |amplitude: f64| -> Vec<Vec<[f64; 3]>> {
-            scenes.iter().enumerate().map(|(run, scene)| effect.contribution(scene, run, amplitude)).collect()
+            clean_runs.iter().enumerate().map(|(run, clean)| effect.contribution(clean, run, amplitude)).collect()
         };
         // Forms that are not in proportion to their amplitude come near in a few steps.
         let mut amplitude = if kind == Kind::Frequency { freq::first_amplitude(name) } else { 1.0 };
@@ -320,10 +320,10 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
 
     if let [first, second] = &contributions[..] {
         for (k, (own, other)) in [(first, second), (second, first)].into_iter().enumerate() {
-            let cells = if true_effects[k].seen_inside_plateaus { sample_cells(&scenes) } else { cells.clone() };
-            let mut columns = nuisance(&scenes, &cells);
+            let cells = if true_effects[k].seen_inside_plateaus { sample_cells(&clean_runs) } else { cells.clone() };
+            let mut columns = nuisance(&clean_runs, &cells);
             columns.push(column_of(other, &cells));
-            true_effects[k].beside_other_k = Some(Measure::new(&scenes, &noise, cells, &columns).strength(own).0);
+            true_effects[k].beside_other_k = Some(Measure::new(&clean_runs, &noise, cells, &columns).strength(own).0);
         }
     }
 
@@ -331,14 +331,14 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
     let mut slow_random = Random::new(seed, "slow channels");
     let mut runs = Vec::new();
     let mut means = Vec::new();
-    for (index, scene) in scenes.iter().enumerate() {
-        let mut record = noise.record(scene, &mut random);
+    for (index, clean) in clean_runs.iter().enumerate() {
+        let mut record = noise.record(clean, &mut random);
         let still = (kind == Kind::Lin || kind == Kind::Positions || kind == Kind::ZeroField).then(|| resolution_ent(kind));
         for (s, reading) in record.iter_mut().enumerate() {
-            let offset = scene.offset_ent(s);
+            let offset = clean.offset_ent(s);
             for i in 0..3 {
                 let hidden: f64 = contributions.iter().map(|c| c[index][s][i]).sum();
-                reading[i] += scene.pure_ent[s][i] + offset[i] + hidden;
+                reading[i] += clean.pure_ent[s][i] + offset[i] + hidden;
                 if let Some(step) = still {
                     reading[i] = (reading[i] / step).round() * step;
                 }
@@ -346,15 +346,15 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
         }
         means.push(cells[index].iter().map(|c| std::array::from_fn(|i| mean(&record, c, i))).collect::<Vec<[f64; 3]>>());
         let changes: Vec<&Effect> = effects.iter().map(|(effect, _)| effect).collect();
-        let mut run = empty_run(scene, index);
-        slow_tables(scene, &changes, &mut slow_random, &mut run);
+        let mut run = empty_run(clean, index);
+        slow_tables(clean, &changes, &mut slow_random, &mut run);
         let vectors = if kind == Kind::Sweep {
-            run.blocks = scene.settings.iter().zip(&means[index]).map(|(setting, mean)| given(setting, mean)).collect();
+            run.blocks = clean.settings.iter().zip(&means[index]).map(|(setting, mean)| given(setting, mean)).collect();
             run.settings.clear();
             Vec::new()
         } else {
-            let lost = if kind == Kind::Frequency { freq::lost(&options.effects, scene, seed) } else { Vec::new() };
-            as_vectors(scene, &record, &lost, &mut run)
+            let lost = if kind == Kind::Frequency { freq::lost(&options.effects, clean, seed) } else { Vec::new() };
+            as_vectors(clean, &record, &lost, &mut run)
         };
         runs.push((run, vectors));
     }
@@ -367,19 +367,19 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
             runs.iter().enumerate().map(of_run).collect()
         })
         .collect();
-    let campaign = campaign(&scenes)?;
-    let sines = (kind == Kind::Frequency).then(|| freq::truth(&scenes[0]));
-    let response_ent_per_nt = if sines.is_some() { Vec::new() } else { scenes.iter().map(|s| s.response_at(0.0)).collect() };
+    let campaign = campaign(&clean_runs)?;
+    let sines = (kind == Kind::Frequency).then(|| freq::truth(&clean_runs[0]));
+    let response_ent_per_nt = if sines.is_some() { Vec::new() } else { clean_runs.iter().map(|s| s.response_at(0.0)).collect() };
     let truth = Truth { seed, kind, noise, effects: true_effects, parameters: sensor, response_ent_per_nt, sines };
-    Ok(Blind { runs, campaign, truth, oracle: of_effects, hidden_ent: contributions, means, scenes })
+    Ok(Blind { runs, campaign, truth, oracle: of_effects, hidden_ent: contributions, means, clean_runs })
 }
 
-fn campaign(scenes: &[Scene]) -> Result<Campaign, String> {
-    let entry = |scene: &Scene| {
-        let axes = POSITIONS.iter().find(|(id, _)| *id == scene.position).map_or(POSITIONS[0].1, |(_, axes)| *axes);
-        Ok((scene.position, Position::from_axes(&axes.map(str::to_owned)).map_err(|e| e.to_string())?))
+fn campaign(clean_runs: &[CleanRun]) -> Result<Campaign, String> {
+    let entry = |clean: &CleanRun| {
+        let axes = POSITIONS.iter().find(|(id, _)| *id == clean.position).map_or(POSITIONS[0].1, |(_, axes)| *axes);
+        Ok((clean.position, Position::from_axes(&axes.map(str::to_owned)).map_err(|e| e.to_string())?))
     };
-    let positions = scenes.iter().map(entry).collect::<Result<_, String>>()?;
+    let positions = clean_runs.iter().map(entry).collect::<Result<_, String>>()?;
     let instructions = Instructions { positions, ..Instructions::default() };
     Ok(Campaign::in_memory(CampaignFile { instructions, ..CampaignFile::default() }))
 }
@@ -389,11 +389,11 @@ fn given(setting: &run::Setting, mean: &[f64; 3]) -> GivenBlock {
     GivenBlock { setting: *setting, mean: Reading(rounded), std_ent: None, count: None }
 }
 
-fn empty_run(scene: &Scene, index: usize) -> Run {
-    let (kind, configuration, sample_rate_hz) = match scene.kind {
+fn empty_run(clean: &CleanRun, index: usize) -> Run {
+    let (kind, configuration, sample_rate_hz) = match clean.kind {
         Kind::Lin | Kind::Positions => (run::Kind::Linearity, "LIN2000XYZE.MAG", 32.0),
         Kind::Sweep => (run::Kind::Sweep, "RANDOM50000.MAG", 0.025),
-        Kind::ZeroField => (run::Kind::ZeroField, "NULL_LANG.MAG", scene.rate_hz),
+        Kind::ZeroField => (run::Kind::ZeroField, "NULL_LANG.MAG", clean.rate_hz),
         Kind::Frequency => (run::Kind::Frequency, "FREQ2000.MAG", 128.0),
     };
     let day = index + 1;
@@ -413,7 +413,7 @@ fn empty_run(scene: &Scene, index: usize) -> Run {
     Run {
         input: InputFile { path: header.run.clone(), size_bytes: 0, sha256: String::new() },
         header,
-        settings: scene.settings.clone(),
+        settings: clean.settings.clone(),
         blocks: Vec::new(),
         temperatures: SlowTable::default(),
         channels: SlowTable::default(),
@@ -424,13 +424,13 @@ fn empty_run(scene: &Scene, index: usize) -> Run {
 }
 
 /// Thermistors and channels as they are read: with noise, and rounded.
-fn slow_tables(scene: &Scene, effects: &[&Effect], random: &mut Random, run: &mut Run) {
+fn slow_tables(clean: &CleanRun, effects: &[&Effect], random: &mut Random, run: &mut Run) {
     const THERMISTOR_NOISE_K: f64 = 0.01;
     let rounded = |v: f64| (v * 1e3).round() / 1e3;
     let mut table = |named: Vec<(&str, &Curve, f64)>| {
         let step_s = named[0].1.step_s;
         let count = named[0].1.values.len();
-        let t_s: Vec<f64> = (0..count).map(|i| i as f64 * step_s).filter(|t| *t <= scene.count as f64 / scene.rate_hz).collect();
+        let t_s: Vec<f64> = (0..count).map(|i| i as f64 * step_s).filter(|t| *t <= clean.count as f64 / clean.rate_hz).collect();
         let mut values = Vec::new();
         for (name, curve, noise) in &named {
             let changed =
@@ -440,24 +440,24 @@ fn slow_tables(scene: &Scene, effects: &[&Effect], random: &mut Random, run: &mu
         SlowTable { names: named.iter().map(|(name, _, _)| (*name).to_owned()).collect(), t_s, values }
     };
     let mut temperatures = Vec::new();
-    match &scene.second_degc {
+    match &clean.second_degc {
         Some(second) => {
-            temperatures.extend([("TCSC", &scene.sensor_degc, THERMISTOR_NOISE_K), ("TSENS", second, THERMISTOR_NOISE_K)])
+            temperatures.extend([("TCSC", &clean.sensor_degc, THERMISTOR_NOISE_K), ("TSENS", second, THERMISTOR_NOISE_K)])
         }
-        None => temperatures.push(("T59", &scene.sensor_degc, THERMISTOR_NOISE_K)),
+        None => temperatures.push(("T59", &clean.sensor_degc, THERMISTOR_NOISE_K)),
     }
-    temperatures.extend([("T29", &scene.coil_degc, THERMISTOR_NOISE_K), ("T55", &scene.rack_degc, THERMISTOR_NOISE_K)]);
+    temperatures.extend([("T29", &clean.coil_degc, THERMISTOR_NOISE_K), ("T55", &clean.rack_degc, THERMISTOR_NOISE_K)]);
     run.temperatures = table(temperatures);
-    if let (Some([x, y, z]), Some(supply)) = (&scene.variation_nt, &scene.supply_ma) {
+    if let (Some([x, y, z]), Some(supply)) = (&clean.variation_nt, &clean.supply_ma) {
         run.channels = table(vec![("VARX", x, 0.0), ("VARY", y, 0.0), ("VARZ", z, 0.0), ("SUPPLY_MA", supply, 0.0)]);
     }
 }
 
 /// Samples with their counter; `lost` are counters that were not recorded.
-fn as_vectors(scene: &Scene, record: &[[f64; 3]], lost: &[Range<usize>], run: &mut Run) -> Vec<Vector> {
+fn as_vectors(clean: &CleanRun, record: &[[f64; 3]], lost: &[Range<usize>], run: &mut Run) -> Vec<Vector> {
     let at = |(n, reading): (usize, &[f64; 3])| Vector {
         n: n as u64,
-        t_s: n as f64 / scene.rate_hz,
+        t_s: n as f64 / clean.rate_hz,
         reading: Reading(reading.map(|v| (v * 1e3).round() / 1e3)),
     };
     // Three decimals of readings in multiples of 1/32 are what a file holds of them.
@@ -466,9 +466,9 @@ fn as_vectors(scene: &Scene, record: &[[f64; 3]], lost: &[Range<usize>], run: &m
         count: vectors.len() as u64,
         lost: lost.iter().map(|l| l.len() as u64).sum(),
         gap_count: lost.len() as u64,
-        gaps: lost.iter().map(|l| run::Gap { line: 0, t_s: l.end as f64 / scene.rate_hz, lost: l.len() as u64 }).collect(),
+        gaps: lost.iter().map(|l| run::Gap { line: 0, t_s: l.end as f64 / clean.rate_hz, lost: l.len() as u64 }).collect(),
         span_s: vectors.first().zip(vectors.last()).map(|(a, b)| [a.t_s, b.t_s]),
-        measured_rate_hz: Some(scene.rate_hz),
+        measured_rate_hz: Some(clean.rate_hz),
         ..VectorAccount::default()
     };
     vectors

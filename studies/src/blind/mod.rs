@@ -27,7 +27,7 @@ use calfit::data::run::{Run, Vector};
 use calfit::files::campaign::Campaign;
 use freq::TrueSines;
 use noise::{Family, Noise};
-use sensor::{Kind, Matrix, Scene, Sensor};
+use sensor::{CleanRun, Kind, Matrix, Sensor};
 use serde::Serialize;
 
 /// What is hidden.
@@ -55,7 +55,7 @@ pub struct Blind {
     /// Mean readings of the same plateaus, enT.
     pub means: Vec<Vec<[f64; 3]>>,
     /// The runs without noise and effects.
-    pub scenes: Vec<Scene>,
+    pub clean_runs: Vec<CleanRun>,
 }
 
 /// Everything that is true about a run set.

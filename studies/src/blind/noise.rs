@@ -4,7 +4,7 @@
 //! changes at a random one; the diagnosis has no bend, and time constants of its own at fixed ratios between means. Covariances are
 //! closed forms, so that a Kalman filter over means of samples whitens with the true covariance however long the record is.
 
-use super::sensor::{Kind, Scene};
+use super::sensor::{CleanRun, Kind};
 use rand_distr::{Distribution, StandardNormal, StudentT};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
@@ -170,15 +170,15 @@ pub struct Noise {
 }
 
 /// Means of this many samples decide on shares of slow noise.
-fn typical_cell(scene: &Scene) -> (f64, f64) {
-    let samples = scene.plateaus.first().map_or(1, |p| p.len());
-    (samples as f64, samples as f64 / scene.rate_hz)
+fn typical_cell(clean: &CleanRun) -> (f64, f64) {
+    let samples = clean.plateaus.first().map_or(1, |p| p.len());
+    (samples as f64, samples as f64 / clean.rate_hz)
 }
 
 impl Noise {
     /// Draws the parameters of a family.
-    pub fn drawn(family: Family, scene: &Scene, random: &mut Random) -> Self {
-        let around = match scene.kind {
+    pub fn drawn(family: Family, clean: &CleanRun, random: &mut Random) -> Self {
+        let around = match clean.kind {
             Kind::Lin | Kind::Positions => 0.38,
             Kind::Sweep => 0.36,
             Kind::ZeroField => 0.30,
@@ -186,20 +186,20 @@ impl Noise {
         };
         let white_ent = std::array::from_fn(|_| around * random.between(0.8, 1.2));
         let mut noise = Self { family, white_ent, growth: Growth::None, tails: Tails::Normal, slow: Vec::new() };
-        let length_s = scene.count as f64 / scene.rate_hz;
+        let length_s = clean.count as f64 / clean.rate_hz;
         match family {
             Family::White => {}
             Family::PowerLaw => {
                 let exponents = [random.between(0.6, 1.8), random.between(0.6, 1.8)];
                 let share = random.between(0.1, 0.9);
-                noise.slow = sum_of_relaxations(exponents, share, false, scene, random);
+                noise.slow = sum_of_relaxations(exponents, share, false, clean, random);
             }
             Family::Autoregressive | Family::Telegraph => {
-                let (samples, cell_s) = typical_cell(scene);
-                let tau_s = random.log_between((0.3 * cell_s).max(1.0 / scene.rate_hz), 0.1 * length_s);
+                let (samples, cell_s) = typical_cell(clean);
+                let tau_s = random.log_between((0.3 * cell_s).max(1.0 / clean.rate_hz), 0.1 * length_s);
                 let share = random.between(0.15, 0.8);
                 let one = Relaxation { variance_ent2: 1.0, tau_s, proportional: false, telegraph: family == Family::Telegraph };
-                let mean = mean_variance(decay(tau_s, scene.rate_hz), samples);
+                let mean = mean_variance(decay(tau_s, clean.rate_hz), samples);
                 noise.slow = vec![Relaxation { variance_ent2: share / (1.0 - share) / samples / mean, ..one }];
             }
             Family::GrowsWithField => {
@@ -211,7 +211,7 @@ impl Noise {
             }
             Family::ProportionalFlicker => {
                 let share = random.between(0.3, 0.85);
-                noise.slow = sum_of_relaxations([random.between(0.8, 1.3), random.between(0.8, 1.3)], share, true, scene, random);
+                noise.slow = sum_of_relaxations([random.between(0.8, 1.3), random.between(0.8, 1.3)], share, true, clean, random);
             }
             Family::HeavyTails => {
                 noise.tails = if random.chance(0.5) {
@@ -225,33 +225,33 @@ impl Noise {
         let already_slow = !noise.slow.is_empty() && family != Family::ProportionalFlicker;
         if family != Family::White && !already_slow && random.chance(0.5) {
             let exponents = [random.between(0.8, 1.2), random.between(0.8, 1.2)];
-            noise.slow.extend(sum_of_relaxations(exponents, random.between(0.1, 0.8), false, scene, random));
+            noise.slow.extend(sum_of_relaxations(exponents, random.between(0.1, 0.8), false, clean, random));
         }
         noise
     }
 
     /// Factor on the white noise of a sample.
-    fn growth_at(&self, scene: &Scene, sample: usize, component: usize) -> f64 {
-        let b = scene.own_field(sample, component).abs();
+    fn growth_at(&self, clean: &CleanRun, sample: usize, component: usize) -> f64 {
+        let b = clean.own_field(sample, component).abs();
         match self.growth {
             Growth::None => 1.0,
             Growth::Field { size, power } => 1.0 + size * b.powf(power),
             Growth::FieldBeyond { size, onset } => 1.0 + size * (b - onset).max(0.0) / (1.0 - onset),
             Growth::Temperature { size } => {
-                let (low, high) = scene.sensor_degc.limits();
-                1.0 + size * (scene.sensor_degc.at(scene.t_s(sample)) - low) / (high - low).max(1e-9)
+                let (low, high) = clean.sensor_degc.limits();
+                1.0 + size * (clean.sensor_degc.at(clean.t_s(sample)) - low) / (high - low).max(1e-9)
             }
         }
     }
 
     /// One record of noise, enT.
-    pub fn record(&self, scene: &Scene, random: &mut Random) -> Vec<[f64; 3]> {
-        let mut record = self.white(scene, random);
+    pub fn record(&self, clean: &CleanRun, random: &mut Random) -> Vec<[f64; 3]> {
+        let mut record = self.white(clean, random);
         for (component, white_ent) in self.white_ent.into_iter().enumerate() {
             for relaxation in &self.slow {
                 let std = relaxation.variance_ent2.sqrt() * white_ent;
-                let keep = decay(relaxation.tau_s, scene.rate_hz);
-                let factor = |sample: usize| if relaxation.proportional { scene.own_field(sample, component) } else { 1.0 };
+                let keep = decay(relaxation.tau_s, clean.rate_hz);
+                let factor = |sample: usize| if relaxation.proportional { clean.own_field(sample, component) } else { 1.0 };
                 if relaxation.telegraph {
                     let flips = 0.5 * (1.0 - keep);
                     let mut level = std * random.sign();
@@ -274,7 +274,7 @@ impl Noise {
         record
     }
 
-    fn white(&self, scene: &Scene, random: &mut Random) -> Vec<[f64; 3]> {
+    fn white(&self, clean: &CleanRun, random: &mut Random) -> Vec<[f64; 3]> {
         let student = match self.tails {
             Tails::Student { freedom } => StudentT::new(freedom).ok().map(|t| (t, ((freedom - 2.0) / freedom).sqrt())),
             _ => None,
@@ -287,19 +287,19 @@ impl Noise {
             (_, Some((t, to_unit))) => t.sample(&mut random.0) * to_unit,
             _ => random.normal(),
         };
-        if scene.kind == Kind::Sweep && self.tails != Tails::Normal {
+        if clean.kind == Kind::Sweep && self.tails != Tails::Normal {
             // Only means of a block are seen: the tails are those of the means.
-            let mut record = vec![[0.0; 3]; scene.count];
-            for block in &scene.plateaus {
+            let mut record = vec![[0.0; 3]; clean.count];
+            for block in &clean.plateaus {
                 let mean: [f64; 3] = std::array::from_fn(|i| self.white_ent[i] / (block.len() as f64).sqrt() * unit(random));
                 record[block.clone()].fill(mean);
             }
             return record;
         }
-        (0..scene.count)
+        (0..clean.count)
             .map(|sample| {
                 std::array::from_fn(|i| {
-                    let grown = if self.growth == Growth::None { 1.0 } else { self.growth_at(scene, sample, i) };
+                    let grown = if self.growth == Growth::None { 1.0 } else { self.growth_at(clean, sample, i) };
                     self.white_ent[i] * grown * unit(random)
                 })
             })
@@ -313,14 +313,14 @@ fn sum_of_relaxations(
     exponents: [f64; 2],
     share: f64,
     proportional: bool,
-    scene: &Scene,
+    clean: &CleanRun,
     random: &mut Random,
 ) -> Vec<Relaxation> {
-    let (samples, cell_s) = typical_cell(scene);
-    let length_s = scene.count as f64 / scene.rate_hz;
+    let (samples, cell_s) = typical_cell(clean);
+    let length_s = clean.count as f64 / clean.rate_hz;
     let bend_s = random.log_between(cell_s, length_s);
     let mut slow = Vec::new();
-    let mut tau_s = random.between(1.0, 4.0) / scene.rate_hz;
+    let mut tau_s = random.between(1.0, 4.0) / clean.rate_hz;
     while tau_s < 2.0 * length_s {
         let ratio = random.log_between(2.0, 6.0);
         // The variance of a relaxation stands for the noise of the frequencies up to its neighbour.
@@ -329,7 +329,7 @@ fn sum_of_relaxations(
         slow.push(Relaxation { variance_ent2, tau_s, proportional, telegraph: false });
         tau_s *= ratio;
     }
-    let mean: f64 = slow.iter().map(|r| r.variance_ent2 * mean_variance(decay(r.tau_s, scene.rate_hz), samples)).sum();
+    let mean: f64 = slow.iter().map(|r| r.variance_ent2 * mean_variance(decay(r.tau_s, clean.rate_hz), samples)).sum();
     // A field component is a third of its range in the mean square.
     let wanted = share / (1.0 - share) / samples * if proportional { 3.0 } else { 1.0 };
     slow.iter_mut().for_each(|r| r.variance_ent2 *= wanted / mean);
@@ -393,10 +393,10 @@ pub struct Whitener {
 
 impl Whitener {
     /// The Kalman filter of the noise over the cells.
-    pub fn new(noise: &Noise, scene: &Scene, component: usize, cells: &[Cell]) -> Self {
+    pub fn new(noise: &Noise, clean: &CleanRun, component: usize, cells: &[Cell]) -> Self {
         let slow = noise.slow.len();
         let unit = noise.white_ent[component];
-        let keeps: Vec<f64> = noise.slow.iter().map(|r| decay(r.tau_s, scene.rate_hz)).collect();
+        let keeps: Vec<f64> = noise.slow.iter().map(|r| decay(r.tau_s, clean.rate_hz)).collect();
         let variances: Vec<f64> = noise.slow.iter().map(|r| r.variance_ent2 * unit * unit).collect();
         let mut covariance: Vec<Vec<f64>> =
             (0..slow).map(|i| (0..slow).map(|j| if i == j { variances[i] } else { 0.0 }).collect()).collect();
@@ -414,10 +414,10 @@ impl Whitener {
             let grown: f64 = if noise.growth == Growth::None {
                 cell.count as f64
             } else {
-                (cell.first..cell.first + cell.count).map(|s| noise.growth_at(scene, s, component).powi(2)).sum()
+                (cell.first..cell.first + cell.count).map(|s| noise.growth_at(clean, s, component).powi(2)).sum()
             };
             let mut variance = unit * unit * grown / (cell.count as f64).powi(2);
-            let b = scene.own_field(cell.first, component);
+            let b = clean.own_field(cell.first, component);
             for (j, relaxation) in noise.slow.iter().enumerate() {
                 loading[j] = if relaxation.proportional { b } else { 1.0 };
             }
@@ -477,17 +477,17 @@ impl Whitener {
 
 impl Noise {
     /// Standard deviation of the mean of a cell, enT.
-    pub fn mean_std_ent(&self, scene: &Scene, component: usize, cell: &Cell) -> f64 {
+    pub fn mean_std_ent(&self, clean: &CleanRun, component: usize, cell: &Cell) -> f64 {
         let samples = cell.count as f64;
-        let b = scene.own_field(cell.first, component);
+        let b = clean.own_field(cell.first, component);
         let white: f64 = if self.growth == Growth::None {
             samples
         } else {
-            (cell.first..cell.first + cell.count).map(|s| self.growth_at(scene, s, component).powi(2)).sum()
+            (cell.first..cell.first + cell.count).map(|s| self.growth_at(clean, s, component).powi(2)).sum()
         };
         let slow = self.slow.iter().map(|r| {
             let factor = if r.proportional { b * b } else { 1.0 };
-            factor * r.variance_ent2 * mean_variance(decay(r.tau_s, scene.rate_hz), samples)
+            factor * r.variance_ent2 * mean_variance(decay(r.tau_s, clean.rate_hz), samples)
         });
         self.white_ent[component] * (white / (samples * samples) + slow.sum::<f64>()).sqrt()
     }

@@ -3,7 +3,7 @@
 
 use super::freq::{self, multiply, one_pole, second_order};
 use super::noise::Random;
-use super::sensor::{Kind, Scene, Sensor};
+use super::sensor::{CleanRun, Kind, Sensor};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -23,15 +23,15 @@ struct Sines {
 }
 
 impl Sines {
-    fn new(scene: &Scene) -> Self {
-        let truth = freq::truth(scene);
-        let frequencies_hz: Vec<f64> = scene.settings.iter().map(|s| s.frequency_hz).collect();
-        let weights = scene.settings.iter().map(|s| (s.t_end_s - s.t_start_s).sqrt()).collect();
+    fn new(clean: &CleanRun) -> Self {
+        let truth = freq::truth(clean);
+        let frequencies_hz: Vec<f64> = clean.settings.iter().map(|s| s.frequency_hz).collect();
+        let weights = clean.settings.iter().map(|s| (s.t_end_s - s.t_start_s).sqrt()).collect();
         let of = |f: f64, i: usize, change: [f64; 2]| second_order(f, truth.f0_hz[i] * change[0], truth.q[i] * change[1]);
         let base = (0..3).flat_map(|i| frequencies_hz.iter().map(move |f| (*f, i))).map(|(f, i)| of(f, i, [1.0, 1.0])).collect();
         let mut sines = Self { base, frequencies_hz, weights, own: DMatrix::zeros(0, 0) };
         let n = sines.frequencies_hz.len();
-        let middle_s: Vec<f64> = scene.settings.iter().map(|s| 0.5 * (s.t_start_s + s.t_end_s)).collect();
+        let middle_s: Vec<f64> = clean.settings.iter().map(|s| 0.5 * (s.t_start_s + s.t_end_s)).collect();
         let mut columns = Vec::new();
         for i in 0..3 {
             let own = |value: &dyn Fn(usize) -> [f64; 2]| {
@@ -92,8 +92,8 @@ pub fn told_apart(strengths: &[f64]) -> [Vec<f64>; 2] {
             .into_par_iter()
             .map(|seed| {
                 let mut random = Random::new(seed, "poles");
-                let scene = freq::scene(Sensor::drawn(Kind::Frequency, &mut random), &mut random);
-                let sines = Sines::new(&scene);
+                let clean = freq::clean_run(Sensor::drawn(Kind::Frequency, &mut random), &mut random);
+                let sines = Sines::new(&clean);
                 let between = |[low, high]: [f64; 2], part: f64| low + (high - low) * part;
                 let place = |j: usize, of: usize| (j as f64 + 0.5) / of as f64;
                 let low_high = freq::ONE_POLE_HZ.map(f64::ln);

@@ -157,11 +157,11 @@ pub fn oracle(blind: &Blind) -> Option<[f64; 2]> {
     if hidden.is_empty() || hidden.iter().any(|e| e.seen_inside_plateaus || !e.identifiable || e.natural_size) {
         return None;
     }
-    let cells = kinds::plateau_cells(&blind.scenes);
-    let mut design = kinds::nuisance(&blind.scenes, &cells);
+    let cells = kinds::plateau_cells(&blind.clean_runs);
+    let mut design = kinds::nuisance(&blind.clean_runs, &cells);
     let own = design.len();
     for effect in &blind.oracle {
-        let blocks = (0..3 * blind.scenes.len()).map(|b| (b, effect[b / 3].iter().map(|v| v[b % 3]).collect::<Vec<f64>>()));
+        let blocks = (0..3 * blind.clean_runs.len()).map(|b| (b, effect[b / 3].iter().map(|v| v[b % 3]).collect::<Vec<f64>>()));
         design.push(blocks.collect::<Column>());
     }
     let starts: Vec<usize> = cells
@@ -180,10 +180,10 @@ pub fn oracle(blind: &Blind) -> Option<[f64; 2]> {
                 y[row] = blind.means[run][j][component];
                 if blind.truth.kind == Kind::Positions {
                     // Its own parameters are changes of the response and the offset.
-                    y[row] -= blind.scenes[run].pure_ent[cell.first][component];
+                    y[row] -= blind.clean_runs[run].pure_ent[cell.first][component];
                 }
                 fold[row] = (j * STRETCHES / cells.len()) % FOLDS;
-                weight[row] = 1.0 / blind.truth.noise.mean_std_ent(&blind.scenes[run], component, cell);
+                weight[row] = 1.0 / blind.truth.noise.mean_std_ent(&blind.clean_runs[run], component, cell);
             }
         }
     }

@@ -154,7 +154,7 @@ impl Curve {
 
 /// One run without noise and without hidden effects.
 #[derive(Clone, Debug)]
-pub struct Scene {
+pub struct CleanRun {
     pub kind: Kind,
     /// Samples that are simulated; a sweep shows means of nine.
     pub rate_hz: f64,
@@ -195,7 +195,7 @@ pub fn nominal(position: u32) -> Matrix {
     })
 }
 
-impl Scene {
+impl CleanRun {
     /// Middle of a sample, s; the time tag of a sample that stands for an instant.
     pub fn t_s(&self, sample: usize) -> f64 {
         (sample as f64 + if self.kind == Kind::Sweep { 0.5 } else { 0.0 }) / self.rate_hz
@@ -238,7 +238,7 @@ impl Scene {
     pub fn drawn(kind: Kind, sensor: Sensor, position: u32, random: &mut Random) -> Self {
         let small: [f64; 3] = std::array::from_fn(|_| 0.012 * random.normal());
         let towards = product(&transposed(&rotation(small)), &nominal(position));
-        let mut scene = Self {
+        let mut clean = Self {
             kind,
             rate_hz: 32.0,
             count: 0,
@@ -258,16 +258,16 @@ impl Scene {
             pure_ent: Vec::new(),
         };
         match kind {
-            Kind::Lin | Kind::Positions => scene.staircases(random),
-            Kind::Sweep => scene.sweep(random),
-            Kind::ZeroField => scene.night(random),
+            Kind::Lin | Kind::Positions => clean.staircases(random),
+            Kind::Sweep => clean.sweep(random),
+            Kind::ZeroField => clean.night(random),
             Kind::Frequency => {}
         }
-        let constant = (kind != Kind::Sweep).then(|| scene.response_at(0.0));
-        scene.pure_ent = (0..scene.count)
-            .map(|s| times(constant.as_ref().unwrap_or(&scene.response_at(scene.follows_degc(s))), scene.field_nt[s]))
+        let constant = (kind != Kind::Sweep).then(|| clean.response_at(0.0));
+        clean.pure_ent = (0..clean.count)
+            .map(|s| times(constant.as_ref().unwrap_or(&clean.response_at(clean.follows_degc(s))), clean.field_nt[s]))
             .collect();
-        scene
+        clean
     }
 
     fn setting(&mut self, t_start_s: f64, length_s: f64, field: [f64; 3]) {

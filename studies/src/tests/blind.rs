@@ -6,7 +6,7 @@ use crate::blind;
 use blind::kinds::{Measure, generate, nuisance, plateau_cells, sample_cells};
 use blind::noise::{Cell, Family, Noise, Random, Whitener};
 use blind::score::{Purpose, Score, Share, family, plan, report, run};
-use blind::sensor::{Kind, Scene, Sensor};
+use blind::sensor::{CleanRun, Kind, Sensor};
 use blind::{Amplitude, Blind, Options, Verdict, VerdictStep, effects, judge, picture, poles};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -15,14 +15,14 @@ use rayon::prelude::*;
 const TURNED: u32 = 3;
 
 /// Covariance of the means by the double sum over the samples, from the autocorrelation of each process.
-fn covariance(noise: &Noise, scene: &Scene, component: usize, cells: &[Cell]) -> DMatrix<f64> {
+fn covariance(noise: &Noise, clean: &CleanRun, component: usize, cells: &[Cell]) -> DMatrix<f64> {
     let unit = noise.white_ent[component];
     DMatrix::from_fn(cells.len(), cells.len(), |i, j| {
         let (a, b) = (cells[i], cells[j]);
         // The field along the axis of the sensor, which stands turned.
         let factor = |cell: Cell| {
-            let (axis, field) = (scene.towards[component], scene.field_nt[cell.first]);
-            (axis[0] * field[0] + axis[1] * field[1] + axis[2] * field[2]) / scene.range_nt()
+            let (axis, field) = (clean.towards[component], clean.field_nt[cell.first]);
+            (axis[0] * field[0] + axis[1] * field[1] + axis[2] * field[2]) / clean.range_nt()
         };
         let slow: f64 = noise
             .slow
@@ -31,7 +31,7 @@ fn covariance(noise: &Noise, scene: &Scene, component: usize, cells: &[Cell]) ->
                 let mut sum = 0.0;
                 for s in a.first..a.first + a.count {
                     for t in b.first..b.first + b.count {
-                        sum += (-(s.abs_diff(t) as f64) / (r.tau_s * scene.rate_hz)).exp();
+                        sum += (-(s.abs_diff(t) as f64) / (r.tau_s * clean.rate_hz)).exp();
                     }
                 }
                 let both = if r.proportional { factor(a) * factor(b) } else { 1.0 };
@@ -46,15 +46,15 @@ fn covariance(noise: &Noise, scene: &Scene, component: usize, cells: &[Cell]) ->
 fn whitening_is_that_of_the_true_covariance() {
     for family in [Family::PowerLaw, Family::Autoregressive, Family::Telegraph, Family::ProportionalFlicker] {
         let mut random = Random::new(5, family.name());
-        let scene = Scene::drawn(Kind::Lin, Sensor::drawn(Kind::Lin, &mut random), TURNED, &mut random);
-        let noise = Noise::drawn(family, &scene, &mut random);
+        let clean = CleanRun::drawn(Kind::Lin, Sensor::drawn(Kind::Lin, &mut random), TURNED, &mut random);
+        let noise = Noise::drawn(family, &clean, &mut random);
         let cells: Vec<Cell> =
-            scene.plateaus.iter().take(14).map(|p| Cell { first: p.start, count: p.len() - 50 * random.below(3) }).collect();
+            clean.plateaus.iter().take(14).map(|p| Cell { first: p.start, count: p.len() - 50 * random.below(3) }).collect();
         let column: Vec<f64> = cells.iter().map(|_| random.normal()).collect();
-        let white = Whitener::new(&noise, &scene, 0, &cells).apply(&column);
+        let white = Whitener::new(&noise, &clean, 0, &cells).apply(&column);
         let length = white.iter().map(|v| v * v).sum::<f64>();
         let x = DVector::from_column_slice(&column);
-        let expected = (x.transpose() * covariance(&noise, &scene, 0, &cells).cholesky().unwrap().solve(&x))[0];
+        let expected = (x.transpose() * covariance(&noise, &clean, 0, &cells).cholesky().unwrap().solve(&x))[0];
         assert!((length / expected - 1.0).abs() < 1e-6, "{}: {length} {expected}", family.name());
     }
 }
@@ -77,16 +77,16 @@ fn a_strength_is_what_a_matched_filter_measures() {
         let blind = (3..20).map(|seed| generate(seed, kind, &options).unwrap()).find(scaled).unwrap();
         let effect = &blind.truth.effects[0];
         assert!((effect.strength_k - 6.0).abs() < 1e-5, "{name}: {}", effect.strength_k);
-        let cells = if effect.seen_inside_plateaus { sample_cells(&blind.scenes) } else { plateau_cells(&blind.scenes) };
-        let own = nuisance(&blind.scenes, &cells);
-        let measure = Measure::new(&blind.scenes, &blind.truth.noise, cells, &own);
+        let cells = if effect.seen_inside_plateaus { sample_cells(&blind.clean_runs) } else { plateau_cells(&blind.clean_runs) };
+        let own = nuisance(&blind.clean_runs, &cells);
+        let measure = Measure::new(&blind.clean_runs, &blind.truth.noise, cells, &own);
         let (_, template) = measure.white(&blind.hidden_ent[0]);
         let norm = template.iter().map(|v| v * v).sum::<f64>().sqrt();
         let values: Vec<f64> = (0..DRAWS)
             .map(|draw| {
                 let mut random = Random::new(draw, "matched filter");
                 let mut records: Vec<Vec<[f64; 3]>> =
-                    blind.scenes.iter().map(|s| blind.truth.noise.record(s, &mut random)).collect();
+                    blind.clean_runs.iter().map(|s| blind.truth.noise.record(s, &mut random)).collect();
                 for (record, hidden) in records.iter_mut().zip(&blind.hidden_ent[0]) {
                     record.iter_mut().zip(hidden).for_each(|(r, h)| (0..3).for_each(|i| r[i] += h[i]));
                 }

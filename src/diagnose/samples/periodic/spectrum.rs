@@ -3,7 +3,7 @@
 use super::HARMONICS;
 use crate::fit::statistics::{log_chi2_tail, median, two_sided_tail};
 use crate::model::effects::in_samples::Harmonic;
-use crate::record::scene::Samples;
+use crate::record::prepared::Samples;
 use rayon::prelude::*;
 use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
@@ -176,7 +176,7 @@ impl Spectrum {
         Self { fft, axes, middle_lines: grid.length as f64 / grid.size as f64 / 2.0, first: first.max(2) }
     }
 
-    /// Makes them those of readings, and tells the noise of these.
+    /// Makes them those of readings, and determines the noise of these.
     pub fn take(&mut self, grid: &Grid, readings: &[Vec<f64>; 3]) -> Option<Noise> {
         let t = &grid.samples.t_s;
         let weights = [0, 1, 2].map(|a: usize| weights(&readings[a], grid.windows));

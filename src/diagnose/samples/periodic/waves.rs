@@ -270,7 +270,7 @@ mod tests {
     use super::super::super::demean;
     use super::super::spectrum::{Grid, Spectrum};
     use super::Waves;
-    use crate::record::scene::Samples;
+    use crate::record::prepared::Samples;
     use std::f64::consts::TAU;
 
     const RATE_HZ: f64 = 32.0;

@@ -61,9 +61,9 @@ pub struct Inside {
     pub freedom: f64,
 }
 
-/// Shares and exponent of the noise.
+/// Parameters of the noise: shares of its parts, and exponent or memory of the slow one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Colour {
+pub struct NoiseParameters {
     /// Exponent `a` of the power density `f^-a` of the slow noise.
     pub exponent: f64,
     /// Rows after which the slow noise is forgotten; 0 where it never is.
@@ -78,10 +78,10 @@ pub struct Colour {
     pub apart: bool,
 }
 
-impl Colour {
+impl NoiseParameters {
     /// White noise.
-    pub const WHITE: Colour =
-        Colour { exponent: 1.0, memory_rows: 0.0, slow: 0.0, white_field: 0.0, slow_field: 0.0, apart: false };
+    pub const WHITE: NoiseParameters =
+        NoiseParameters { exponent: 1.0, memory_rows: 0.0, slow: 0.0, white_field: 0.0, slow_field: 0.0, apart: false };
 
     /// Place of its shape among [`EXPONENTS`] and then [`MEMORIES`].
     fn shape(&self) -> usize {
@@ -91,8 +91,8 @@ impl Colour {
 
     fn with_shape(self, shape: usize) -> Self {
         match shape.checked_sub(EXPONENTS.len()) {
-            None => Colour { exponent: EXPONENTS[shape], memory_rows: 0.0, ..self },
-            Some(memory) => Colour { exponent: 2.0, memory_rows: MEMORIES[memory], ..self },
+            None => NoiseParameters { exponent: EXPONENTS[shape], memory_rows: 0.0, ..self },
+            Some(memory) => NoiseParameters { exponent: 2.0, memory_rows: MEMORIES[memory], ..self },
         }
     }
 
@@ -150,8 +150,8 @@ struct Whitener {
 /// Noise of all three components.
 #[derive(Clone)]
 pub struct Noise {
-    /// Shares and exponent.
-    pub colour: Colour,
+    /// Its parameters.
+    pub parameters: NoiseParameters,
     /// Standard deviation of the white part of a row of relative variance one, per component.
     pub white_std: [f64; 3],
     /// Squares and degrees of freedom of what tells the white noise of each component beside the rows, in units of it.
@@ -174,28 +174,28 @@ impl Slow {
 }
 
 impl Series {
-    fn element(&self, colour: &Colour, component: usize, i: usize, j: usize) -> f64 {
+    fn element(&self, parameters: &NoiseParameters, component: usize, i: usize, j: usize) -> f64 {
         let (u, v) = (self.rows.field[i][component], self.rows.field[j][component]);
-        let correlated = if colour.is_slow() {
+        let correlated = if parameters.is_slow() {
             let lag_s = (self.rows.t_s[i] - self.rows.t_s[j]).abs();
-            (colour.slow + colour.slow_field * u * v) * self.slow[colour.shape()].correlation(lag_s)
+            (parameters.slow + parameters.slow_field * u * v) * self.slow[parameters.shape()].correlation(lag_s)
         } else {
             0.0
         };
-        if i == j { correlated + self.white(colour, component, i) } else { correlated }
+        if i == j { correlated + self.white(parameters, component, i) } else { correlated }
     }
 
-    fn white(&self, colour: &Colour, component: usize, row: usize) -> f64 {
+    fn white(&self, parameters: &NoiseParameters, component: usize, row: usize) -> f64 {
         let u = self.rows.field[row][component];
-        self.rows.white[row][component] * (1.0 + colour.white_field * u * u)
+        self.rows.white[row][component] * (1.0 + parameters.white_field * u * u)
     }
 
-    fn whitener(&self, colour: &Colour, component: usize) -> Option<Whitener> {
-        let slow = &self.slow[colour.shape()];
+    fn whitener(&self, parameters: &NoiseParameters, component: usize) -> Option<Whitener> {
+        let slow = &self.slow[parameters.shape()];
         let kinds = slow.tau_s.len();
         // Relaxations that add to every row, and others that add in proportion to the field.
         let parts: Vec<(f64, bool)> =
-            [(colour.slow, false), (colour.slow_field, true)].into_iter().filter(|p| p.0 > 0.0).collect();
+            [(parameters.slow, false), (parameters.slow_field, true)].into_iter().filter(|p| p.0 > 0.0).collect();
         let states = kinds * parts.len();
         let variance: Vec<f64> = parts.iter().flat_map(|(size, _)| slow.variance.iter().map(move |v| size * v)).collect();
         let n = self.rows.t_s.len();
@@ -218,7 +218,7 @@ impl Series {
                 }
                 covariance[k * states + k] += variance[k] * (1.0 - keep[k] * keep[k]);
             }
-            let mut new = self.white(colour, component, i);
+            let mut new = self.white(parameters, component, i);
             for k in 0..states {
                 let below: f64 = (k + 1..states).map(|l| covariance[l * states + k] * load[l]).sum();
                 crossed[k] = below + (0..=k).map(|l| covariance[k * states + l] * load[l]).sum::<f64>();
@@ -261,63 +261,66 @@ impl Correlations {
         Self(Arc::new(Series { rows, equal, slow }))
     }
 
-    /// Restricted log likelihood of a colour up to a constant, with the white standard deviation of each component; `None` where it has none.
-    fn likelihood(&self, colour: &Colour, data: &Data) -> Option<(f64, Noise)> {
+    /// Restricted log likelihood of noise with some parameters, up to a constant, with the white standard deviation of each component; `None` where it has none.
+    fn likelihood(&self, parameters: &NoiseParameters, data: &Data) -> Option<(f64, Noise)> {
         let mut sum = 0.0;
         let mut white_std = [0.0; 3];
         let mut inside = [[0.0; 2]; 3];
         let mut whiteners: Vec<Arc<Whitener>> = Vec::with_capacity(3);
-        let equal = colour.white_field + colour.slow_field == 0.0 && self.0.equal;
+        let equal = parameters.white_field + parameters.slow_field == 0.0 && self.0.equal;
         for component in 0..3 {
             let whitener = match whiteners.last() {
                 Some(same) if equal => Arc::clone(same),
-                _ => Arc::new(self.0.whitener(colour, component)?),
+                _ => Arc::new(self.0.whitener(parameters, component)?),
             };
             let left = fit(&whitener, &data.readings.column(component).into_owned(), &data.designs[component])?;
             let known = self.0.rows.inside.map(|i| [i.freedom * i.variance[component], i.freedom]);
             let (squares, freedom) = match known {
-                Some([own, count]) if !colour.apart => (left.squares + own, left.freedom + count),
+                Some([own, count]) if !parameters.apart => (left.squares + own, left.freedom + count),
                 _ => (left.squares, left.freedom),
             };
             sum += of_squares(squares, freedom) - 0.5 * (left.log_covariance + left.log_normal);
-            if let Some([own, count]) = known.filter(|_| colour.apart) {
+            if let Some([own, count]) = known.filter(|_| parameters.apart) {
                 sum += of_squares(own, count) - APART_RANGE.ln();
             }
             let variance = squares / freedom;
             white_std[component] = variance.sqrt();
-            inside[component] = known.filter(|_| !colour.apart).map_or([0.0; 2], |[own, count]| [own / variance, count]);
+            inside[component] = known.filter(|_| !parameters.apart).map_or([0.0; 2], |[own, count]| [own / variance, count]);
             whiteners.push(whitener);
         }
         let whiteners = whiteners.try_into().ok()?;
-        sum.is_finite().then_some((sum, Noise { colour: *colour, white_std, inside, whiteners, series: Arc::clone(&self.0) }))
+        sum.is_finite()
+            .then_some((sum, Noise { parameters: *parameters, white_std, inside, whiteners, series: Arc::clone(&self.0) }))
     }
 
-    fn value(&self, colour: &Colour, data: &Data) -> f64 {
-        self.likelihood(colour, data).map_or(f64::NEG_INFINITY, |(l, _)| l + colour.prior())
+    fn value(&self, parameters: &NoiseParameters, data: &Data) -> f64 {
+        self.likelihood(parameters, data).map_or(f64::NEG_INFINITY, |(l, _)| l + parameters.prior())
     }
 
-    /// The most likely of some colours, the first of equal ones.
-    fn best(&self, colours: &[Colour], data: &Data) -> (f64, Colour) {
-        let values: Vec<f64> = colours.par_iter().map(|c| self.value(c, data)).collect();
-        let first = (f64::NEG_INFINITY, Colour::WHITE);
-        colours.iter().zip(values).fold(first, |best, (c, v)| if v > best.0 { (v, *c) } else { best })
+    /// The most likely of some parameters, the first of equal ones.
+    fn best(&self, tried: &[NoiseParameters], data: &Data) -> (f64, NoiseParameters) {
+        let values: Vec<f64> = tried.par_iter().map(|c| self.value(c, data)).collect();
+        let first = (f64::NEG_INFINITY, NoiseParameters::WHITE);
+        tried.iter().zip(values).fold(first, |best, (c, v)| if v > best.0 { (v, *c) } else { best })
     }
 
-    /// The most likely colour near another one.
-    fn climb(&self, mut best: (f64, Colour), data: &Data) -> (f64, Colour) {
+    /// The most likely parameters near others.
+    fn climb(&self, mut best: (f64, NoiseParameters), data: &Data) -> (f64, NoiseParameters) {
         for factor in CLOSER {
             let now = best.1;
-            let mut tried: Vec<Colour> = Vec::new();
+            let mut tried: Vec<NoiseParameters> = Vec::new();
             for f in [factor, 1.0 / factor] {
-                tried.push(Colour { slow: now.slow * f, ..now });
-                tried.push(Colour { white_field: now.white_field * f, ..now });
-                tried.push(Colour { slow_field: now.slow_field * f, ..now });
+                tried.push(NoiseParameters { slow: now.slow * f, ..now });
+                tried.push(NoiseParameters { white_field: now.white_field * f, ..now });
+                tried.push(NoiseParameters { slow_field: now.slow_field * f, ..now });
                 // More of all slow noise, or of all that grows.
-                tried.push(Colour { slow: now.slow * f, slow_field: now.slow_field * f, ..now });
+                tried.push(NoiseParameters { slow: now.slow * f, slow_field: now.slow_field * f, ..now });
             }
             if now.is_slow() {
                 for shape in now.neighbours() {
-                    tried.extend([factor, 1.0, 1.0 / factor].map(|f| Colour { slow: now.slow * f, ..now }.with_shape(shape)));
+                    tried.extend(
+                        [factor, 1.0, 1.0 / factor].map(|f| NoiseParameters { slow: now.slow * f, ..now }.with_shape(shape)),
+                    );
                 }
             }
             tried.retain(|c| *c != now);
@@ -333,9 +336,9 @@ impl Correlations {
     /// of the gain too, or none, and white noise that grows as in `from`, or none: what is not in the model may look like it. The last is
     /// white.
     #[must_use]
-    pub fn plausible(&self, from: &Colour, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Vec<(Noise, f64)> {
+    pub fn plausible(&self, from: &NoiseParameters, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Vec<(Noise, f64)> {
         let data = Data { readings, designs };
-        let mut colours: Vec<(Colour, f64)> = Vec::new();
+        let mut tried: Vec<(NoiseParameters, f64)> = Vec::new();
         let of_rows =
             if self.0.rows.inside.is_some() { vec![(true, APART_PRIOR), (false, 1.0 - APART_PRIOR)] } else { vec![(false, 1.0)] };
         let [of_white, of_gain] = GROWING_PRIOR;
@@ -344,20 +347,22 @@ impl Correlations {
             if from.white_field > 0.0 { vec![(from.white_field, of_white), (0.0, 1.0 - of_white)] } else { vec![(0.0, 1.0)] };
         for (apart, p) in of_rows {
             for (white_field, q) in &white_fields {
-                let white = Colour { apart, white_field: *white_field, ..Colour::WHITE };
+                let white = NoiseParameters { apart, white_field: *white_field, ..NoiseParameters::WHITE };
                 // Scatter apart and slow noise of the gain are both rare: of one of them nothing else is tried.
                 let of_gain = if apart == from.apart { of_gain } else { 0.0 };
                 let gain = if of_gain > 0.0 { slow_of_the_gain(from, white) } else { Vec::new() };
                 let parts = [(gain, of_gain), (slow_of_any_size(white), 1.0 - of_gain)];
-                colours.extend(
-                    parts.into_iter().flat_map(|(all, r)| all.into_iter().map(move |(colour, part)| (colour, p * q * r * part))),
+                tried.extend(
+                    parts
+                        .into_iter()
+                        .flat_map(|(all, r)| all.into_iter().map(move |(parameters, part)| (parameters, p * q * r * part))),
                 );
             }
         }
-        let found: Vec<Option<(f64, Noise)>> = colours.par_iter().map(|(c, _)| self.likelihood(c, &data)).collect();
+        let found: Vec<Option<(f64, Noise)>> = tried.par_iter().map(|(c, _)| self.likelihood(c, &data)).collect();
         let mut all: Vec<(Noise, f64)> = found
             .into_iter()
-            .zip(&colours)
+            .zip(&tried)
             .filter_map(|(found, (_, prior))| found.map(|(likelihood, noise)| (noise, likelihood + prior.ln())))
             .collect();
         let most = all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
@@ -366,10 +371,15 @@ impl Correlations {
         all
     }
 
-    /// Noise of a given colour, its variances from residuals about a linear model.
+    /// Noise of given parameters, its variances from residuals about a linear model.
     #[must_use]
-    pub fn with_colour(&self, colour: Colour, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Option<Noise> {
-        self.likelihood(&colour, &Data { readings, designs }).map(|(_, noise)| noise)
+    pub fn with_parameters(
+        &self,
+        parameters: NoiseParameters,
+        readings: &DMatrix<f64>,
+        designs: &[DMatrix<f64>; 3],
+    ) -> Option<Noise> {
+        self.likelihood(&parameters, &Data { readings, designs }).map(|(_, noise)| noise)
     }
 
     /// The most likely noise of residuals about a linear model: `readings` has a column per component, `designs` the columns that were
@@ -377,16 +387,18 @@ impl Correlations {
     #[must_use]
     pub fn estimate(&self, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Option<Noise> {
         let data = Data { readings, designs };
-        let slow = RATIOS.iter().flat_map(|slow| coarse_shapes().map(|s| Colour { slow: *slow, ..Colour::WHITE }.with_shape(s)));
-        let mut best = self.best(&std::iter::once(Colour::WHITE).chain(slow).collect::<Vec<_>>(), &data);
+        let slow = RATIOS
+            .iter()
+            .flat_map(|slow| coarse_shapes().map(|s| NoiseParameters { slow: *slow, ..NoiseParameters::WHITE }.with_shape(s)));
+        let mut best = self.best(&std::iter::once(NoiseParameters::WHITE).chain(slow).collect::<Vec<_>>(), &data);
         // What grows with the field, beside what does not or in its place.
         let base = best.1;
         let mut growing = Vec::new();
         for ratio in FIELD_RATIOS {
-            growing.push(Colour { white_field: ratio, ..base });
-            growing.push(Colour { white_field: ratio, slow: 0.0, ..base });
-            growing.push(Colour { slow_field: ratio, ..base });
-            growing.extend(coarse_shapes().map(|s| Colour { slow_field: ratio, slow: 0.0, ..base }.with_shape(s)));
+            growing.push(NoiseParameters { white_field: ratio, ..base });
+            growing.push(NoiseParameters { white_field: ratio, slow: 0.0, ..base });
+            growing.push(NoiseParameters { slow_field: ratio, ..base });
+            growing.extend(coarse_shapes().map(|s| NoiseParameters { slow_field: ratio, slow: 0.0, ..base }.with_shape(s)));
         }
         let grown = self.best(&growing, &data);
         if grown.0 > best.0 {
@@ -395,20 +407,21 @@ impl Correlations {
         best = self.climb(best, &data);
         if best.1.slow_field > 0.0 && best.1.slow == 0.0 {
             // A climb does not leave zero.
-            let both: Vec<Colour> = RATIOS.iter().map(|slow| Colour { slow: *slow, ..best.1 }).collect();
+            let both: Vec<NoiseParameters> = RATIOS.iter().map(|slow| NoiseParameters { slow: *slow, ..best.1 }).collect();
             let found = self.best(&both, &data);
             if found.0 > best.0 {
                 best = self.climb(found, &data);
             }
         }
         if self.0.rows.inside.is_some() {
-            let apart = [best.1, Colour { slow: 0.0, ..best.1 }, Colour::WHITE].map(|c| Colour { apart: true, ..c });
+            let apart = [best.1, NoiseParameters { slow: 0.0, ..best.1 }, NoiseParameters::WHITE]
+                .map(|c| NoiseParameters { apart: true, ..c });
             let found = self.climb(self.best(&apart, &data), &data);
             if found.0 > best.0 {
                 best = found;
             }
         }
-        self.with_colour(best.1, readings, designs)
+        self.with_parameters(best.1, readings, designs)
     }
 }
 
@@ -416,7 +429,7 @@ impl Noise {
     /// Standard deviation of every row, per component.
     #[must_use]
     pub fn std(&self) -> Vec<[f64; 3]> {
-        let one = |i: usize, a: usize| self.white_std[a] * self.series.element(&self.colour, a, i, i).sqrt();
+        let one = |i: usize, a: usize| self.white_std[a] * self.series.element(&self.parameters, a, i, i).sqrt();
         (0..self.rows()).map(|i| std::array::from_fn(|a| one(i, a))).collect()
     }
 }
@@ -428,7 +441,7 @@ impl NoiseModel for Noise {
 
     fn covariance_of_rows(&self, component: usize, rows: &[usize]) -> DMatrix<f64> {
         let variance = self.white_std[component].powi(2);
-        let element = |i: usize, j: usize| variance * self.series.element(&self.colour, component, rows[i], rows[j]);
+        let element = |i: usize, j: usize| variance * self.series.element(&self.parameters, component, rows[i], rows[j]);
         DMatrix::from_fn(rows.len(), rows.len(), element)
     }
 
@@ -482,21 +495,23 @@ fn coarse_shapes() -> impl Iterator<Item = usize> {
 }
 
 /// White noise with slow noise of every shape and size, or none, which is the last; with their probabilities.
-fn slow_of_any_size(white: Colour) -> Vec<(Colour, f64)> {
+fn slow_of_any_size(white: NoiseParameters) -> Vec<(NoiseParameters, f64)> {
     let part = 0.5 / (RATIOS.len() * coarse_shapes().count()) as f64;
-    let slow = RATIOS.iter().flat_map(|slow| coarse_shapes().map(move |s| (Colour { slow: *slow, ..white }.with_shape(s), part)));
+    let slow = RATIOS
+        .iter()
+        .flat_map(|slow| coarse_shapes().map(move |s| (NoiseParameters { slow: *slow, ..white }.with_shape(s), part)));
     slow.chain([(white, 0.5)]).collect()
 }
 
-/// White noise with slow noise of the gain and other slow noise of every shape, of sizes about those of another colour if it has them; with
+/// White noise with slow noise of the gain and other slow noise of every shape, of sizes about those of other parameters if these have them; with
 /// their probabilities.
-fn slow_of_the_gain(from: &Colour, white: Colour) -> Vec<(Colour, f64)> {
+fn slow_of_the_gain(from: &NoiseParameters, white: NoiseParameters) -> Vec<(NoiseParameters, f64)> {
     let gain = if from.slow_field > 0.0 { [3.0, 1.0, 0.3, 0.1].map(|f| f * from.slow_field) } else { GAIN_RATIOS };
     let other = if from.slow > 0.0 { [1.0, 0.3, 0.0].map(|f| f * from.slow) } else { [0.3, 0.1, 0.0] };
     let part = 1.0 / (gain.len() * other.len() * coarse_shapes().count()) as f64;
     let sizes = gain.iter().flat_map(|f| other.iter().map(move |s| (*f, *s)));
     let of_size = |(slow_field, slow): (f64, f64)| {
-        let one = Colour { slow, slow_field, ..white };
+        let one = NoiseParameters { slow, slow_field, ..white };
         coarse_shapes().map(move |s| (one.with_shape(s), part))
     };
     sizes.flat_map(of_size).collect()

@@ -16,10 +16,12 @@ fn whitening_is_that_of_the_dense_covariance() {
     let noises = Correlations::new(rows());
     let columns = DMatrix::from_fn(40, 3, |i, j| ((i * (j + 2)) as f64 * 0.37).sin());
     let designs = [0; 3].map(|_| DMatrix::from_element(40, 1, 1.0));
-    let one = Colour { slow: 2.0, white_field: 3.0, slow_field: 0.7, ..Colour::WHITE };
-    let all = (0..SHAPES).map(|s| one.with_shape(s)).chain([Colour::WHITE, Colour { white_field: 2.0, ..Colour::WHITE }]);
-    for colour in all {
-        let noise = noises.with_colour(colour, &columns, &designs).unwrap();
+    let one = NoiseParameters { slow: 2.0, white_field: 3.0, slow_field: 0.7, ..NoiseParameters::WHITE };
+    let all = (0..SHAPES)
+        .map(|s| one.with_shape(s))
+        .chain([NoiseParameters::WHITE, NoiseParameters { white_field: 2.0, ..NoiseParameters::WHITE }]);
+    for parameters in all {
+        let noise = noises.with_parameters(parameters, &columns, &designs).unwrap();
         for component in 0..3 {
             let mut white = columns.clone();
             noise.whiten(component, &mut white);
@@ -27,10 +29,10 @@ fn whitening_is_that_of_the_dense_covariance() {
             let cholesky = covariance.cholesky().unwrap();
             let expected = columns.tr_mul(&cholesky.solve(&columns));
             let difference = (white.tr_mul(&white) - &expected).amax();
-            assert!(difference < 1e-10 * expected.amax(), "{colour:?}: {difference}");
+            assert!(difference < 1e-10 * expected.amax(), "{parameters:?}: {difference}");
             let log_determinant = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
             let of_filter = noise.log_determinant(component);
-            assert!((of_filter - log_determinant).abs() < 1e-8, "{colour:?}");
+            assert!((of_filter - log_determinant).abs() < 1e-8, "{parameters:?}");
         }
     }
 }
@@ -72,7 +74,7 @@ fn white_noise_is_that_inside_the_rows_unless_they_scatter_apart() {
     for seed in 0..8 {
         let (rows, readings, designs) = noise_of(seed, 1.0);
         let noise = Correlations::new(rows).estimate(&readings, &designs).unwrap();
-        assert!(!noise.colour.apart, "{seed}: {:?}", noise.colour);
+        assert!(!noise.parameters.apart, "{seed}: {:?}", noise.parameters);
         assert!(noise.inside.iter().all(|[_, count]| *count == 160.0));
         assert!(noise.white_std.iter().all(|s| (s - 1.0).abs() < 4.0 * 0.05), "{seed}: {:?}", noise.white_std);
 
@@ -98,12 +100,12 @@ fn noise_that_grows_is_one_possibility_among_others() {
         readings[(i, 1)] += 4.0 * rows.field[i][1].powi(2);
     }
     let noises = Correlations::new(rows);
-    let found = Colour { white_field: 3.0, ..Colour::WHITE };
+    let found = NoiseParameters { white_field: 3.0, ..NoiseParameters::WHITE };
     let plausible = noises.plausible(&found, &readings, &designs);
     let total: f64 = plausible.iter().map(|(_, p)| p.exp()).sum();
     assert!((total - 1.0).abs() < 1e-9, "{total}");
     let last = plausible.last().unwrap();
-    assert_eq!(last.0.colour, Colour::WHITE);
-    let with = |growth: f64| plausible.iter().filter(|(n, _)| n.colour.white_field == growth).count();
+    assert_eq!(last.0.parameters, NoiseParameters::WHITE);
+    let with = |growth: f64| plausible.iter().filter(|(n, _)| n.parameters.white_field == growth).count();
     assert!(with(0.0) > 0 && with(3.0) == with(0.0));
 }

@@ -1,6 +1,7 @@
-//! A run as rows with covariates, and the linear model that is fitted to them before anything is missed.
+//! A run as rows with covariates, and the linear model that is fitted to them before any effect is looked for.
 
 use super::faults;
+use crate::data::note::Note;
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate};
 use crate::fit::Limits;
@@ -30,7 +31,8 @@ const OUTLIER: f64 = 5.0;
 const LEAST_FOR_OUTLIERS: usize = 200;
 /// Samples of usual scatter that are added to those of every row.
 const SHRINK: f64 = 20.0;
-/// Fewest samples of an eighth of a row, and fewest rows, that tell the noise; a row with so many times the usual differences tells nothing.
+/// Fewest samples of an eighth of a row, and fewest rows, from which the noise is estimated; rows with this many times the usual differences
+/// are left out of it.
 const LEAST_IN_EIGHTH: usize = 3;
 const LEAST_FOR_INSIDE: usize = 12;
 const SPIKY: f64 = 10.0;
@@ -58,7 +60,7 @@ impl VectorSink for Samples {
 
 /// Rows, their mean readings, and the columns of the linear model.
 #[derive(Clone)]
-pub struct Scene {
+pub struct PreparedRun {
     /// Covariates.
     pub record: Record,
     /// Mean readings, enT: a row per row, a column per component.
@@ -74,7 +76,7 @@ pub struct Scene {
     /// Time and settings of the used plateaus, by index into the samples: first and one past the last.
     pub windows: Vec<[usize; 2]>,
     /// What a person should know.
-    pub warnings: Vec<String>,
+    pub notes: Vec<Note>,
     /// Damaged data: the temperatures of the record are without it.
     pub faults: Vec<faults::Jumps>,
 }
@@ -82,8 +84,8 @@ pub struct Scene {
 /// Why a run cannot be looked at.
 pub struct Unfit(pub String);
 
-impl Scene {
-    /// The scene of one run.
+impl PreparedRun {
+    /// One run made ready to fit.
     ///
     /// # Errors
     /// Several positions, too few rows, or fields that do not determine the response.
@@ -94,7 +96,7 @@ impl Scene {
         instructions: &Instructions,
         facility: Option<&Facility>,
     ) -> Result<Self, Unfit> {
-        let mut warnings = Vec::new();
+        let mut notes = Vec::new();
         let kind = run.header.kind;
         let mut list = plateaus.list.clone();
         let positions = plateaus.positions();
@@ -103,7 +105,7 @@ impl Scene {
             return Err(Unfit(format!("the run holds settings in positions {all}; a diagnosis needs one position")));
         }
         if let Some(facility) = facility {
-            apply_facility(facility, run, instructions, &mut list, &mut warnings).map_err(|e| Unfit(e.to_string()))?;
+            apply_facility(facility, run, instructions, &mut list, &mut notes).map_err(|e| Unfit(e.to_string()))?;
         }
         let parts = match (kind, samples) {
             (Kind::ZeroField, Some(samples)) if run.blocks.is_empty() => parts_of(samples),
@@ -119,7 +121,7 @@ impl Scene {
         let (sensor_name, coil_name) = instructions.channels(&run.header);
         let rack_name = instructions.rack_channel();
         let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts, |readings| Course::exact(readings.to_vec()));
-        // Thermal masses are slow, their thermistors noisy.
+        // Thermal masses are slow and their thermistors noisy: a smooth course stands for the readings.
         let degc = |name: &str| channel(&temperatures, name, &parts, Course::smooth);
         let mut sensor = degc(&sensor_name);
         let mut thermistors = Vec::new();
@@ -178,12 +180,12 @@ impl Scene {
         });
         let white = white_variances(&parts);
         let inside = samples.and_then(|samples| inside(&record, &white, &windows, samples));
-        let mut scene = Self { record, readings, design, white, inside, nt_per_ent, windows, warnings, faults };
-        scene.doubt_outliers();
+        let mut prepared = Self { record, readings, design, white, inside, nt_per_ent, windows, notes, faults };
+        prepared.doubt_outliers();
         if let Some(samples) = samples {
-            scene.record.steps = steps(&scene.record, &list, samples);
+            prepared.record.steps = steps(&prepared.record, &list, samples);
         }
-        Ok(scene)
+        Ok(prepared)
     }
 
     /// Samples of the settings without what the temperature moves while the field stays: a saw and a transient that are no signals.

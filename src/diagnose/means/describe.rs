@@ -1,9 +1,9 @@
-//! What is told of a term of the plateau means.
+//! The description of a term of the plateau means.
 
 use super::{HeldOut, Means, MeansModel, Term};
 use crate::data::units::{COMPONENTS, six_digits};
 use crate::diagnose::candidate::Candidate;
-use crate::diagnose::problem::Told;
+use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Gap, Map, Parameter};
 use crate::diagnose::steps::{Facts, Significance, linear_parameters, shape_parameters};
 use crate::diagnose::{selection, words};
@@ -26,17 +26,17 @@ struct Contribution {
 
 impl Contribution {
     fn new(means: &Means, candidate: &Candidate, values: &[(f64, f64)]) -> Self {
-        let scene = means.scene;
+        let prepared = means.prepared;
         let n = means.rows();
         let amplitudes = DVector::from_fn(candidate.columns.ncols(), |j, _| values.get(j).map_or(0.0, |v| v.0));
         let contribution = &candidate.columns * amplitudes;
-        let size = |a: usize| contribution.rows(a * n, n).norm() * scene.nt_per_ent[a];
+        let size = |a: usize| contribution.rows(a * n, n).norm() * prepared.nt_per_ent[a];
         let axis = (0..3).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0);
         // What the parameters of the linear model take of it is no disagreement.
-        let q = scene.design.clone().qr().q();
+        let q = prepared.design.clone().qr().q();
         let own = contribution.rows(axis * n, n).into_owned();
         let own_ent: Vec<f64> = (&own - &q * q.tr_mul(&own)).iter().copied().collect();
-        let (covariate, unit, x) = words::follows(&scene.record, &own_ent, candidate.covariate.as_deref());
+        let (covariate, unit, x) = words::follows(&prepared.record, &own_ent, candidate.covariate.as_deref());
         Self { axis, own_ent, covariate, unit, x }
     }
 
@@ -57,7 +57,7 @@ impl Contribution {
 }
 
 /// The facts of a chosen term beside all others, with the noise of the full model.
-pub(super) fn told(means: &Means, model: &MeansModel, chosen: &[Term], index: usize, number: usize) -> Told {
+pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index: usize, number: usize) -> Description {
     let term = &chosen[index];
     let all = means.all(chosen);
     let at = means.given.len() + index;
@@ -72,7 +72,7 @@ pub(super) fn told(means: &Means, model: &MeansModel, chosen: &[Term], index: us
     let [before, after] = [&others, &all].map(|terms| means.predicted(&model.noise, terms));
     let contribution = Contribution::new(means, candidate, &values);
     let axis = contribution.axis;
-    let nt_per_ent = means.scene.nt_per_ent[axis];
+    let nt_per_ent = means.prepared.nt_per_ent[axis];
     let row_std = means.row_std(model, &all);
     let noise_nt = row_std.iter().map(|s| s[axis]).sum::<f64>() / means.rows() as f64 * nt_per_ent;
     let shape = if candidate.effect.is_unknown() {
@@ -89,7 +89,7 @@ pub(super) fn told(means: &Means, model: &MeansModel, chosen: &[Term], index: us
     let facts = Facts {
         parameters: parameters(candidate, &values, score.strength, term.threshold.strength(score.strength)),
         place: contribution.place(nt_per_ent, noise_nt),
-        gaps: [&before, &after].map(|held| gap(held, means.scene.nt_per_ent)),
+        gaps: [&before, &after].map(|held| gap(held, means.prepared.nt_per_ent)),
         ambiguous_with: rivals.ambiguous(),
         runners_up: scored.runners_up(&candidate.key, HOPELESS),
         covariate: candidate.covariate.clone(),
@@ -107,7 +107,7 @@ pub(super) fn told(means: &Means, model: &MeansModel, chosen: &[Term], index: us
         noise_nt,
         step: number,
     };
-    Told { facts, map, evidence: Some(rivals.bars(number)) }
+    Description { facts, map, evidence: Some(rivals.bars(number)) }
 }
 
 /// Linear parameters, corrected for having been selected, and those of the shape, of which the one that was refined has an uncertainty.

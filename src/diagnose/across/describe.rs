@@ -1,10 +1,10 @@
-//! What is told of a term between runs.
+//! The description of a term between runs.
 
-use super::problem::{Comparison, Term, others, suspects};
-use super::run_set::{RunSet, Suspect, count};
+use super::problem::{Comparison, Term, chosen_candidates, others};
+use super::run_set::{RunCandidate, RunSet, count};
 use super::{CLASSES_IN_WORDS, axis_of};
 use crate::data::units::COMPONENTS;
-use crate::diagnose::problem::Told;
+use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Map, ShapePoint};
 use crate::diagnose::selection;
 use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters};
@@ -27,9 +27,9 @@ struct Contribution {
 }
 
 impl Contribution {
-    fn new(set: &RunSet, suspect: &Suspect, amplitudes: &[(f64, f64)]) -> Self {
+    fn new(set: &RunSet, candidate: &RunCandidate, amplitudes: &[(f64, f64)]) -> Self {
         let n = set.count();
-        let values = &suspect.columns * DVector::from_fn(amplitudes.len(), |j, _| amplitudes[j].0);
+        let values = &candidate.columns * DVector::from_fn(amplitudes.len(), |j, _| amplitudes[j].0);
         let in_nt = |row: usize| values[row] * set.runs[(row / 3) % n].nt_per_unit(row / (3 * n));
         // Without a field scale factors and angles have no size in nT: the size beside the uncertainty decides.
         let size = |row: usize| in_nt(row).abs() + 1e-9 * (values[row] / set.std[row]).abs().min(1.0);
@@ -69,27 +69,27 @@ impl Contribution {
 }
 
 /// The facts of a chosen term beside all others.
-pub(super) fn told(comparison: &Comparison, fitted: &Fitted, chosen: &[Term], index: usize, number: usize) -> Told {
+pub(super) fn describe(comparison: &Comparison, fitted: &Fitted, chosen: &[Term], index: usize, number: usize) -> Description {
     let (set, term) = (&comparison.set, &chosen[index]);
-    let terms = suspects(chosen);
-    let (suspect, others) = (terms[index], others(&terms, index));
+    let terms = chosen_candidates(chosen);
+    let (candidate, others) = (terms[index], others(&terms, index));
     let scales = set.scales(fitted);
     let without = set.fitted(&others);
     let scored = comparison.scored(&without, &others);
-    let own_group = set.group(&without, suspect);
-    let rivals = scored.rivals(suspect, &own_group);
+    let own_group = set.group(&without, candidate);
+    let rivals = scored.rivals(candidate, &own_group);
     let score = rivals.score;
-    let is_unknown = suspect.effect.is_unknown();
-    let once = counted_once(set, &others, suspect);
+    let is_unknown = candidate.effect.is_unknown();
+    let once = counted_once(set, &others, candidate);
     let amplitudes = estimate(set, &terms, index, &scales);
     let shown = selection::corrected(&amplitudes, score.strength, term.threshold.strength(score.strength));
-    let contribution = Contribution::new(set, suspect, &amplitudes);
+    let contribution = Contribution::new(set, candidate, &amplitudes);
     let [before, after] = [&others, &terms].map(|terms| set.held_out(terms, &scales));
-    let classes = set.classes(&[suspect]);
+    let classes = set.classes(&[candidate]);
     let gaps = [&before, &after].map(|deviations| set.gap(deviations, &scales, &terms, classes).0);
     let sentence = format!(
         "{} does not agree with the others, by up to {:.2} nT, in a way that no effect of the catalogue explains; without it chi square over degrees of freedom of the others, held out, goes from {:.2} to {:.2}.",
-        suspect.spec.form, contribution.size_nt, gaps[0].chi2_per_dof, gaps[1].chi2_per_dof
+        candidate.spec.form, contribution.size_nt, gaps[0].chi2_per_dof, gaps[1].chi2_per_dof
     );
     let remark = |p: f64| {
         format!(
@@ -103,10 +103,10 @@ pub(super) fn told(comparison: &Comparison, fitted: &Fitted, chosen: &[Term], in
         strength_k: score.strength,
     };
     // What runs disagree by is no term of a reading: a model file has no use for its axes.
-    let form = Spec { axes: Vec::new(), ..suspect.spec.clone() };
+    let form = Spec { axes: Vec::new(), ..candidate.spec.clone() };
     let facts = Facts {
-        axes: suspect.spec.axis_names(),
-        parameters: linear_parameters(suspect.parameters.iter().map(|(name, unit)| (name.as_str(), *unit)), &shown),
+        axes: candidate.spec.axis_names(),
+        parameters: linear_parameters(candidate.parameters.iter().map(|(name, unit)| (name.as_str(), *unit)), &shown),
         place: contribution.place(set, &scales),
         gaps,
         ambiguous_with: rivals.ambiguous(),
@@ -114,18 +114,18 @@ pub(super) fn told(comparison: &Comparison, fitted: &Fitted, chosen: &[Term], in
         name: if is_unknown || once.is_some_and(|p| p >= DOUBTED) { Name::Doubted } else { Name::ByStrength },
         sentence: is_unknown.then_some(sentence),
         remark: once.filter(|_| !is_unknown).map(remark),
-        covariate: suspect.covariate.clone(),
+        covariate: candidate.covariate.clone(),
         shape: if is_unknown { contribution.shape(set, &scales) } else { Vec::new() },
-        ..Facts::new(suspect.effect, form, significance)
+        ..Facts::new(candidate.effect, form, significance)
     };
     let Contribution { class, run, i, .. } = contribution;
     let noise_nt = set.std[contribution.row(set, run)] * scales[class] * set.runs[run].nt_per_unit(class);
     let map = map_of(set, class, i, number, [&before, &after], noise_nt);
-    Told { facts, map, evidence: None }
+    Description { facts, map, evidence: None }
 }
 
 /// Estimates of a term beside the others: the shortest solution, so that what the runs do not determine is not in it.
-fn estimate(set: &RunSet, terms: &[&Suspect], at: usize, scales: &[f64; 3]) -> Vec<(f64, f64)> {
+fn estimate(set: &RunSet, terms: &[&RunCandidate], at: usize, scales: &[f64; 3]) -> Vec<(f64, f64)> {
     let n = 3 * set.count();
     let weighted = |m: &DMatrix<f64>| DMatrix::from_fn(m.nrows(), m.ncols(), |r, c| m[(r, c)] / (set.std[r] * scales[r / n]));
     let y = weighted(&DMatrix::from_column_slice(set.y.len(), 1, set.y.as_slice())).column(0).into_owned();
@@ -147,7 +147,7 @@ fn estimate(set: &RunSet, terms: &[&Suspect], at: usize, scales: &[f64; 3]) -> V
 
 /// Probability of a term where every orientation counts once, with the scatter between the orientations as noise: what would be left
 /// of the evidence if the orientations differed by themselves. `None` without repeats.
-fn counted_once(set: &RunSet, others: &[&Suspect], suspect: &Suspect) -> Option<f64> {
+fn counted_once(set: &RunSet, others: &[&RunCandidate], candidate: &RunCandidate) -> Option<f64> {
     let (n, g) = (set.count(), count(&set.orientation));
     if n == g {
         return None;
@@ -159,7 +159,7 @@ fn counted_once(set: &RunSet, others: &[&Suspect], suspect: &Suspect) -> Option<
         if same { 1.0 / number(o) } else { 0.0 }
     });
     let fitted = Fitted::new(&(&mean * &set.y), &(&mean * set.model(others)), [0, 3 * g, 6 * g, 9 * g]);
-    let group = fitted.group(&(&mean * &suspect.columns));
+    let group = fitted.group(&(&mean * &candidate.columns));
     let score = fitted.score(&group);
     let left: f64 = fitted.freedom().iter().sum();
     (left > score.count as f64 + 1.0).then(|| score.p_value())

@@ -1,11 +1,11 @@
-//! What is told of an effect in sines.
+//! The description of an effect in sines.
 
 use super::STRETCH;
 use super::model::Fit;
 use super::problem::{SineSearch, Term};
 use super::sines::{SineOf, Sines};
 use crate::data::units::COMPONENTS;
-use crate::diagnose::problem::Told;
+use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Gap, Map, Parameter};
 use crate::diagnose::steps::Facts;
 use crate::fit::statistics::median;
@@ -17,7 +17,7 @@ use nalgebra::DVector;
 const NAMED: usize = 3;
 
 /// The facts of an accepted term; `index` is its number among those of the search.
-pub(super) fn told(search: &SineSearch, fit: &Fit, found: &Term, index: usize, number: usize) -> Told {
+pub(super) fn describe(search: &SineSearch, fit: &Fit, found: &Term, index: usize, number: usize) -> Description {
     let sines = search.sines;
     let k = search.base.model.terms.len() + index;
     let (effect, timing, axes) = (found.term.effect, found.term.is_of_timing(), found.term.axes());
@@ -47,7 +47,7 @@ pub(super) fn told(search: &SineSearch, fit: &Fit, found: &Term, index: usize, n
         runners_up: found.runners_up.clone(),
         ..Facts::new(effect, form, found.significance)
     };
-    Told { facts, map, evidence: None }
+    Description { facts, map, evidence: None }
 }
 
 /// Form and parameters of term `k` of a fit, with uncertainties by the noise that the fit leaves.
