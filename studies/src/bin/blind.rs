@@ -13,7 +13,7 @@ use calfit::model::position::Position;
 use calfit_studies::blind::kinds::{Measure, generate, nuisance, plateau_cells, sample_cells};
 use calfit_studies::blind::noise::{Family, Random};
 use calfit_studies::blind::sensor::Kind;
-use calfit_studies::blind::{self, Options, effects, picture, score};
+use calfit_studies::blind::{self, Options, effects, picture, report, score};
 use calfit_studies::repository;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -76,7 +76,7 @@ fn main() -> Result<(), Failure> {
     let names = kinds.iter().map(|k| k.name()).collect::<Vec<_>>().join(",");
     let command =
         format!("cargo run --release -p calfit-studies --bin blind -- --null {null} --effects {with_effects} --kinds {names}");
-    let mut text = score::report(&score, &command);
+    let mut text = report::report(&score, &command);
     text.push_str(
         "\n![Effects found against their strength](blind-study-power.png)\n\n![Confusion of names](blind-study-confusion.png)\n",
     );

@@ -11,7 +11,7 @@ use calfit::record::prepared::PreparedRun;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-/// Draws from the lottery of the generator that stand for all its noise.
+/// Draws from the generator's distribution of noise that stand for all of it.
 const DRAWS: u64 = 100;
 /// One in so many sweeps is looked at.
 const SWEEPS: u64 = 4;

@@ -226,127 +226,35 @@ fn resolution_ent(kind: Kind) -> f64 {
 pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, String> {
     let mut random = Random::new(seed, "scene");
     let sensor = Sensor::drawn(kind, &mut random);
-    let mut clean_runs: Vec<CleanRun> = Vec::new();
-    if kind == Kind::Frequency {
-        clean_runs.push(freq::clean_run(sensor.clone(), &mut random));
-    } else {
-        let mut ids: Vec<u32> = POSITIONS.iter().map(|(id, _)| *id).collect();
-        if kind == Kind::Positions {
-            if random.chance(0.4) {
-                ids.remove(1 + random.below(2));
-            }
-        } else {
-            ids.truncate(1);
-        }
-        for id in ids {
-            clean_runs.push(CleanRun::drawn(kind, sensor.clone(), id, &mut random));
-        }
-    }
+    let clean_runs = drawn_runs(kind, &sensor, &mut random);
     let mut random = Random::new(seed, "noise family");
     let drawn = Family::ALL[random.below(Family::ALL.len())];
     let family = options.noise.unwrap_or(drawn);
     let noise = Noise::drawn(family, &clean_runs[0], &mut random);
 
-    let cells = plateau_cells(&clean_runs);
-    let mut of_plateaus: Option<Measure> = None;
-    let mut of_samples: Option<Measure> = None;
-    let mut effects: Vec<(Effect, f64)> = Vec::new();
-    let mut contributions: Vec<Vec<Vec<[f64; 3]>>> = Vec::new();
-    let mut true_effects = Vec::new();
+    let mut measures = Measures { clean_runs: &clean_runs, noise: &noise, of_plateaus: None, of_samples: None };
+    let mut hidden = Vec::new();
     for (index, name) in options.effects.iter().enumerate() {
-        let mut random = Random::new(seed, &format!("effect {index}"));
-        let unknown = || format!("{name} is not made for runs of kind {}", kind.name());
-        let drawn = if kind == Kind::Frequency {
-            freq::drawn(name, &clean_runs[0], &mut random)
-        } else if effects::outside(kind).contains(&name.as_str()) {
-            effects::drawn_outside(name, &mut random)
-        } else {
-            effects::drawn(name, &clean_runs[0], &mut random)
-        };
-        let effect = drawn.ok_or_else(unknown)?;
-        let absorbed = effects::absorbed(kind).contains(&name.as_str());
-        let inside = effect.inside || kind == Kind::Frequency;
-        let slot = if inside { &mut of_samples } else { &mut of_plateaus };
-        let measure = slot.get_or_insert_with(|| {
-            let cells = if inside { sample_cells(&clean_runs) } else { cells.clone() };
-            let nuisance = nuisance(&clean_runs, &cells);
-            Measure::new(&clean_runs, &noise, cells, &nuisance)
-        });
-        let records = |amplitude: f64| -> Vec<Vec<[f64; 3]>> {
-            clean_runs.iter().enumerate().map(|(run, clean)| effect.contribution(clean, run, amplitude)).collect()
-        };
-        // Forms that are not in proportion to their amplitude come near in a few steps.
-        let mut amplitude = if kind == Kind::Frequency { freq::first_amplitude(name) } else { 1.0 };
-        if name == "thermal_lag" && !effect.natural {
-            amplitude = 0.01;
-        }
-        let mut made = records(amplitude);
-        let mut strength = measure.strength(&made);
-        if !effect.natural {
-            for _ in 0..6 {
-                let (now, wanted) =
-                    if absorbed { (strength.1, 10.0 * options.strength_k) } else { (strength.0, options.strength_k) };
-                if now <= 0.0 || (now / wanted - 1.0).abs() < 1e-6 {
-                    break;
-                }
-                amplitude *= wanted / now;
-                made = records(amplitude);
-                strength = measure.strength(&made);
-            }
-        }
-        let parameters = effect.parameters.iter().map(|p| TrueParameter {
-            name: p.name.clone(),
-            unit: p.unit.to_owned(),
-            value: p.value * if p.scales { amplitude } else { 1.0 },
-        });
-        true_effects.push(TrueEffect {
-            effect: effect.id.to_owned(),
-            drawn_as: name.clone(),
-            form: effect.form.clone(),
-            axes: effect.axes.iter().map(|a| (*a).to_owned()).collect(),
-            covariates: effect.covariates.iter().map(|c| (*c).to_owned()).collect(),
-            parameters: parameters.collect(),
-            exact_form: effect.exact,
-            strength_k: strength.0,
-            natural_size: effect.natural,
-            identifiable: !absorbed,
-            surviving_share: if strength.1 > 0.0 { strength.0 / strength.1 } else { 0.0 },
-            beside_other_k: None,
-            seen_inside_plateaus: inside,
-        });
-        contributions.push(made);
-        effects.push((effect, amplitude));
+        hidden.push(Hidden::new(
+            name,
+            kind,
+            options.strength_k,
+            &mut measures,
+            &mut Random::new(seed, &format!("effect {index}")),
+        )?);
     }
+    measure_beside_each_other(&mut hidden, &measures);
 
-    if let [first, second] = &contributions[..] {
-        for (k, (own, other)) in [(first, second), (second, first)].into_iter().enumerate() {
-            let cells = if true_effects[k].seen_inside_plateaus { sample_cells(&clean_runs) } else { cells.clone() };
-            let mut columns = nuisance(&clean_runs, &cells);
-            columns.push(column_of(other, &cells));
-            true_effects[k].beside_other_k = Some(Measure::new(&clean_runs, &noise, cells, &columns).strength(own).0);
-        }
-    }
-
+    let cells = plateau_cells(&clean_runs);
     let mut random = Random::new(seed, "noise");
     let mut slow_random = Random::new(seed, "slow channels");
     let mut runs = Vec::new();
     let mut means = Vec::new();
     for (index, clean) in clean_runs.iter().enumerate() {
-        let mut record = noise.record(clean, &mut random);
-        let still = (kind == Kind::Lin || kind == Kind::Positions || kind == Kind::ZeroField).then(|| resolution_ent(kind));
-        for (s, reading) in record.iter_mut().enumerate() {
-            let offset = clean.offset_ent(s);
-            for i in 0..3 {
-                let hidden: f64 = contributions.iter().map(|c| c[index][s][i]).sum();
-                reading[i] += clean.pure_ent[s][i] + offset[i] + hidden;
-                if let Some(step) = still {
-                    reading[i] = (reading[i] / step).round() * step;
-                }
-            }
-        }
-        means.push(cells[index].iter().map(|c| std::array::from_fn(|i| mean(&record, c, i))).collect::<Vec<[f64; 3]>>());
-        let changes: Vec<&Effect> = effects.iter().map(|(effect, _)| effect).collect();
+        let record = readings(clean, index, &hidden, noise.record(clean, &mut random));
+        means.push(cell_means(&record, &cells[index]));
         let mut run = empty_run(clean, index);
+        let changes: Vec<&Effect> = hidden.iter().map(|h| &h.effect).collect();
         slow_tables(clean, &changes, &mut slow_random, &mut run);
         let vectors = if kind == Kind::Sweep {
             run.blocks = clean.settings.iter().zip(&means[index]).map(|(setting, mean)| given(setting, mean)).collect();
@@ -358,20 +266,160 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
         };
         runs.push((run, vectors));
     }
-    let of_effects: Vec<Vec<Vec<[f64; 3]>>> = contributions
-        .iter()
-        .map(|runs| {
-            let of_run = |(run, record): (usize, &Vec<[f64; 3]>)| {
-                cells[run].iter().map(|c| std::array::from_fn(|i| mean(record, c, i))).collect::<Vec<[f64; 3]>>()
-            };
-            runs.iter().enumerate().map(of_run).collect()
-        })
-        .collect();
+    let of_cells = |h: &Hidden| h.contribution.iter().zip(&cells).map(|(record, cells)| cell_means(record, cells)).collect();
+    let oracle = hidden.iter().map(of_cells).collect();
+    let (effects, hidden_ent) = hidden.into_iter().map(|h| (h.truth, h.contribution)).unzip();
     let campaign = campaign(&clean_runs)?;
     let sines = (kind == Kind::Frequency).then(|| freq::truth(&clean_runs[0]));
     let response_ent_per_nt = if sines.is_some() { Vec::new() } else { clean_runs.iter().map(|s| s.response_at(0.0)).collect() };
-    let truth = Truth { seed, kind, noise, effects: true_effects, parameters: sensor, response_ent_per_nt, sines };
-    Ok(Blind { runs, campaign, truth, oracle: of_effects, hidden_ent: contributions, means, clean_runs })
+    let truth = Truth { seed, kind, noise, effects, parameters: sensor, response_ent_per_nt, sines };
+    Ok(Blind { runs, campaign, truth, oracle, hidden_ent, means, clean_runs })
+}
+
+/// The runs of a sensor without noise and effects: one, or one per position.
+fn drawn_runs(kind: Kind, sensor: &Sensor, random: &mut Random) -> Vec<CleanRun> {
+    if kind == Kind::Frequency {
+        return vec![freq::clean_run(sensor.clone(), random)];
+    }
+    let mut ids: Vec<u32> = POSITIONS.iter().map(|(id, _)| *id).collect();
+    if kind == Kind::Positions {
+        if random.chance(0.4) {
+            ids.remove(1 + random.below(2));
+        }
+    } else {
+        ids.truncate(1);
+    }
+    ids.into_iter().map(|id| CleanRun::drawn(kind, sensor.clone(), id, random)).collect()
+}
+
+/// Measures of strength on plateau means and on samples, each made when it is needed first.
+struct Measures<'a> {
+    clean_runs: &'a [CleanRun],
+    noise: &'a Noise,
+    of_plateaus: Option<Measure>,
+    of_samples: Option<Measure>,
+}
+
+impl Measures<'_> {
+    /// Where an effect is measured: on the samples if it is seen inside the plateaus, else on their means.
+    fn cells(&self, inside: bool) -> Vec<Vec<Cell>> {
+        if inside { sample_cells(self.clean_runs) } else { plateau_cells(self.clean_runs) }
+    }
+
+    /// The measure beside the run's own parameters and further columns.
+    fn beside(&self, inside: bool, further: impl FnOnce(&[Vec<Cell>]) -> Option<Column>) -> Measure {
+        let cells = self.cells(inside);
+        let mut columns = nuisance(self.clean_runs, &cells);
+        columns.extend(further(&cells));
+        Measure::new(self.clean_runs, self.noise, cells, &columns)
+    }
+
+    /// The measure beside the run's own parameters.
+    fn of(&mut self, inside: bool) -> &Measure {
+        let made = if inside { self.of_samples.take() } else { self.of_plateaus.take() };
+        let measure = made.unwrap_or_else(|| self.beside(inside, |_| None));
+        if inside { self.of_samples.insert(measure) } else { self.of_plateaus.insert(measure) }
+    }
+}
+
+/// An effect that is hidden in the runs of a set.
+struct Hidden {
+    effect: Effect,
+    /// What it adds to every sample of every run, enT.
+    contribution: Vec<Vec<[f64; 3]>>,
+    truth: TrueEffect,
+}
+
+impl Hidden {
+    /// An effect of this strength, or of nature's own size.
+    fn new(name: &str, kind: Kind, strength_k: f64, measures: &mut Measures, random: &mut Random) -> Result<Self, String> {
+        let clean_runs = measures.clean_runs;
+        let drawn = if kind == Kind::Frequency {
+            freq::drawn(name, &clean_runs[0], random)
+        } else if effects::outside(kind).contains(&name) {
+            effects::drawn_outside(name, random)
+        } else {
+            effects::drawn(name, &clean_runs[0], random)
+        };
+        let effect = drawn.ok_or_else(|| format!("{name} is not made for runs of kind {}", kind.name()))?;
+        let absorbed = effects::absorbed(kind).contains(&name);
+        let inside = effect.inside || kind == Kind::Frequency;
+        let measure = measures.of(inside);
+        let records = |amplitude: f64| -> Vec<Vec<[f64; 3]>> {
+            clean_runs.iter().enumerate().map(|(run, clean)| effect.contribution(clean, run, amplitude)).collect()
+        };
+        // Forms that are not in proportion to their amplitude come near in a few steps.
+        let mut amplitude = if kind == Kind::Frequency { freq::first_amplitude(name) } else { 1.0 };
+        if name == "thermal_lag" && !effect.natural {
+            amplitude = 0.01;
+        }
+        let mut contribution = records(amplitude);
+        let mut strength = measure.strength(&contribution);
+        if !effect.natural {
+            for _ in 0..6 {
+                let (now, wanted) = if absorbed { (strength.1, 10.0 * strength_k) } else { (strength.0, strength_k) };
+                if now <= 0.0 || (now / wanted - 1.0).abs() < 1e-6 {
+                    break;
+                }
+                amplitude *= wanted / now;
+                contribution = records(amplitude);
+                strength = measure.strength(&contribution);
+            }
+        }
+        let parameter = |p: &effects::Parameter| TrueParameter {
+            name: p.name.clone(),
+            unit: p.unit.to_owned(),
+            value: p.value * if p.scales { amplitude } else { 1.0 },
+        };
+        let truth = TrueEffect {
+            effect: effect.id.to_owned(),
+            drawn_as: name.to_owned(),
+            form: effect.form.clone(),
+            axes: effect.axes.iter().map(|a| (*a).to_owned()).collect(),
+            covariates: effect.covariates.iter().map(|c| (*c).to_owned()).collect(),
+            parameters: effect.parameters.iter().map(parameter).collect(),
+            exact_form: effect.exact,
+            strength_k: strength.0,
+            natural_size: effect.natural,
+            identifiable: !absorbed,
+            surviving_share: if strength.1 > 0.0 { strength.0 / strength.1 } else { 0.0 },
+            beside_other_k: None,
+            seen_inside_plateaus: inside,
+        };
+        Ok(Self { effect, contribution, truth })
+    }
+}
+
+/// The strength of each of two effects with the other one among the run's own parameters.
+fn measure_beside_each_other(hidden: &mut [Hidden], measures: &Measures) {
+    let [first, second] = hidden else { return };
+    let strength = |own: &Hidden, other: &Hidden| {
+        let measure = measures.beside(own.truth.seen_inside_plateaus, |cells| Some(column_of(&other.contribution, cells)));
+        Some(measure.strength(&own.contribution).0)
+    };
+    first.truth.beside_other_k = strength(first, second);
+    second.truth.beside_other_k = strength(second, first);
+}
+
+/// Noise, field, offset and hidden effects of a run together, rounded as the instrument does.
+fn readings(clean: &CleanRun, index: usize, hidden: &[Hidden], mut record: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
+    let rounded = matches!(clean.kind, Kind::Lin | Kind::Positions | Kind::ZeroField).then(|| resolution_ent(clean.kind));
+    for (s, reading) in record.iter_mut().enumerate() {
+        let offset = clean.offset_ent(s);
+        for i in 0..3 {
+            let hidden: f64 = hidden.iter().map(|h| h.contribution[index][s][i]).sum();
+            reading[i] += clean.pure_ent[s][i] + offset[i] + hidden;
+            if let Some(step) = rounded {
+                reading[i] = (reading[i] / step).round() * step;
+            }
+        }
+    }
+    record
+}
+
+/// Means of a record over some cells.
+fn cell_means(record: &[[f64; 3]], cells: &[Cell]) -> Vec<[f64; 3]> {
+    cells.iter().map(|c| std::array::from_fn(|i| mean(record, c, i))).collect()
 }
 
 fn campaign(clean_runs: &[CleanRun]) -> Result<Campaign, String> {

@@ -7,10 +7,10 @@
 //! * `noise`: families, and whitening with their true covariance
 //! * `effects`: what can be hidden
 //! * `kinds`: strength of an effect, and run sets in memory
-//! * `ideal`: what could be found by someone who knows the noise, or the lottery it is drawn from
-//! * `poles`: how well one pole and two poles in the field could be told apart
+//! * `ideal`: what could be found by someone who knows the noise, or the distribution from which it is drawn
+//! * `poles`: how well one pole and two poles in the field could be distinguished
 //! * `judge`: the call of the diagnosis
-//! * `score`: from verdicts to tables; `picture`: from tables to figures
+//! * `score`: from verdicts to counts; `report` and `picture`: from counts to tables and figures
 
 pub mod effects;
 pub mod freq;
@@ -20,6 +20,7 @@ pub mod kinds;
 pub mod noise;
 pub mod picture;
 pub mod poles;
+pub mod report;
 pub mod score;
 pub mod sensor;
 

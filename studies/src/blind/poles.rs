@@ -1,4 +1,5 @@
-//! One pole or two in a part of the field: how often they could be told apart by someone who knows from where the generator draws them.
+//! One pole or two in a part of the field: how often they could be distinguished by someone who knows the distribution from which the generator
+//! draws them.
 //! Signatures in the response are linear in the part, noise is white.
 
 use super::freq::{self, multiply, one_pole, second_order};

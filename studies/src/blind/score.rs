@@ -1,16 +1,14 @@
 //! The plan of the study, the score of its verdicts, and the report.
 
 use super::effects;
-use super::ideal::{Best, Ideal};
+use super::ideal::Ideal;
 use super::kinds::{self, Column, generate};
 use super::noise::{Family, Random};
-use super::poles::told_apart;
 use super::sensor::Kind;
 use super::{Blind, Options, Truth, Verdict};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write;
 
 /// What a case is made for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -290,7 +288,7 @@ pub struct Score {
     pub confusion: BTreeMap<(String, String), u64>,
     pub natural: BTreeMap<String, Share>,
     pub two_exact: BTreeMap<u64, Share>,
-    /// The same by kind, and for pairs that the run tells apart.
+    /// The same by kind, and for pairs that the run distinguishes.
     pub two_by_kind: BTreeMap<(Kind, u64), Share>,
     pub two_apart: BTreeMap<u64, Share>,
     pub further_terms: Vec<f64>,
@@ -313,12 +311,12 @@ pub struct Possible {
     pub said: Option<String>,
 }
 
-/// Effects of a pair are told apart where each keeps this part of its strength beside the other.
-const LEAST_APART: f64 = 0.8;
+/// Effects of a pair are distinguished where each keeps this part of its strength beside the other.
+pub(super) const LEAST_APART: f64 = 0.8;
 /// Standard uncertainties of an interval of 95 %.
 const NORMAL_95: f64 = 1.959_963_984_540_054;
 
-fn tenths(k: f64) -> u64 {
+pub(super) fn tenths(k: f64) -> u64 {
     (10.0 * k).round() as u64
 }
 
@@ -421,7 +419,7 @@ impl Score {
     }
 
     /// Share of false alarms of a family, of all kinds together.
-    fn alarms(&self, of: Option<Family>) -> Share {
+    pub(super) fn alarms(&self, of: Option<Family>) -> Share {
         pooled(self.false_alarms.iter().filter(|((_, family), _)| of.is_none_or(|f| f == *family)).map(|(_, s)| *s))
     }
 
@@ -431,7 +429,7 @@ impl Score {
     }
 }
 
-fn pooled(shares: impl Iterator<Item = Share>) -> Share {
+pub(super) fn pooled(shares: impl Iterator<Item = Share>) -> Share {
     shares.fold(Share::default(), |a, b| Share { hits: a.hits + b.hits, of: a.of + b.of })
 }
 
@@ -444,289 +442,12 @@ fn same_covariate(accepted: &[String], said: &str) -> bool {
     })
 }
 
-fn mean(values: &[f64]) -> f64 {
+pub(super) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-fn median(values: &[f64]) -> f64 {
+pub(super) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-/// The report, Markdown.
-pub fn report(score: &Score, command: &str) -> String {
-    let mut text = format!(
-        "# Blind study of the diagnosis\n\nMade with `{command}`. Random sensors, programmes, noise and hidden effects; the diagnosis sees \
-         runs and positions only. Forms and noise of the generator are its own: low-passes, tanh knees, bent curves, sums of \
-         relaxations of samples with random corners and a bend. The slow noise of the diagnosis is a sum of relaxations of means as well, \
-         with fixed ratios of its corners and no bend. Strength k: the effect on the plateau means (on the samples where it is seen inside plateaus), whitened with the \
-         true covariance of the noise, the run's own parameters projected out. In brackets the one-sided limits of 95 % of a share.\n"
-    );
-    targets(&mut text, score);
-    text.push_str(WHY);
-    let _ = write!(text, "\n## False alarms\n\n| noise |");
-    Kind::ALL.iter().for_each(|kind| _ = write!(text, " {} |", kind.name()));
-    let _ = writeln!(text, " all, % (upper limit) |\n|---|---|---|---|---|---|---|");
-    for family in Family::ALL {
-        let _ = write!(text, "| {} |", family.name());
-        for kind in Kind::ALL {
-            let share = score.false_alarms.get(&(kind, family)).copied().unwrap_or_default();
-            let _ = write!(text, " {} |", counted(share));
-        }
-        let all = score.alarms(Some(family));
-        let _ = writeln!(text, " {} |", upper(all));
-    }
-    let strengths: Vec<u64> = STRENGTHS.iter().map(|k| tenths(*k)).collect();
-    let _ = write!(text, "\n## Power\n\nPart of runs with one effect in which something is named, %; number of runs.\n\n|  |");
-    strengths.iter().for_each(|k| _ = write!(text, " k = {} |", *k as f64 / 10.0));
-    let rule = "---|".repeat(strengths.len());
-    let _ = writeln!(text, "\n|---|{rule}");
-    for kind in Kind::ALL {
-        row(&mut text, kind.name(), &strengths, |k| score.found.get(&(kind, k)).copied());
-    }
-    row(&mut text, "all", &strengths, |k| Some(score.found_at(k)));
-    let effects: BTreeSet<&String> = score.found_effect.keys().map(|(e, _)| e).collect();
-    for effect in effects {
-        row(&mut text, &format!("`{effect}`"), &strengths, |k| score.found_effect.get(&(effect.clone(), k)).copied());
-    }
-    possible(&mut text, score, &strengths);
-    let _ = writeln!(text, "\n## Names, given that something is named\n\n|  |{} |", header(&strengths));
-    let _ = writeln!(text, "|---|{rule}");
-    row(&mut text, "first name right", &strengths, |k| score.first_exact.get(&k).copied());
-    row(&mut text, "its family right", &strengths, |k| score.first_family.get(&k).copied());
-    row(&mut text, "its axes right", &strengths, |k| score.axes_right.get(&k).copied());
-    row(&mut text, "set holds the truth", &strengths, |k| score.set_holds.get(&k).copied());
-    let _ = write!(text, "| mean size of the set |");
-    for k in &strengths {
-        let _ = match score.set_sizes.get(k) {
-            Some(sizes) => write!(text, " {:.2} |", mean(sizes)),
-            None => write!(text, " - |"),
-        };
-    }
-    text.push('\n');
-    if !score.natural.is_empty() {
-        let _ = writeln!(text, "\nEffects of nature's own size, named first:\n\n| effect | % |\n|---|---|");
-        score.natural.iter().for_each(|(effect, share)| _ = writeln!(text, "| `{effect}` | {} |", counted(*share)));
-    }
-    let _ = writeln!(
-        text,
-        "\n## Two effects\n\nBoth named, and nothing else, %; number of runs. Told apart are pairs of which each effect keeps {:.0} % of its \
-         strength with the other one among the run's own parameters.\n\n|  | k = 8 | k = 15 |\n|---|---|---|",
-        100.0 * LEAST_APART
-    );
-    let twice = [80, 150];
-    for kind in Kind::ALL {
-        row(&mut text, kind.name(), &twice, |k| score.two_by_kind.get(&(kind, k)).copied());
-    }
-    row(&mut text, "told apart, all kinds", &twice, |k| score.two_apart.get(&k).copied());
-    confusion(&mut text, score);
-    let _ = writeln!(
-        text,
-        "\n## Outside the catalogue\n\nThe covariate is that of the first step; of a named effect the one over which the report draws it.\n\n\
-         | k | found, % | confident wrong name, % | right covariate, % |\n|---|---|---|---|"
-    );
-    for (k, share) in &score.outside_wrong {
-        let (found, right) = (score.outside_found.get(k), score.outside_covariate.get(k));
-        let [found, right] = [found, right].map(|s| counted(s.copied().unwrap_or_default()));
-        let _ = writeln!(text, "| {} | {found} | {} | {right} |", *k as f64 / 10.0, upper(*share));
-    }
-    let _ = writeln!(text, "\n## Effects that the run cannot show\n\n| effect | said so, % |\n|---|---|");
-    score.absorbed_said.iter().for_each(|(effect, share)| _ = writeln!(text, "| `{effect}` | {} |", counted(*share)));
-    text
-}
-
-/// Strengths of the table of poles, in tenths.
-const POLES: [u64; 6] = [60, 80, 100, 150, 200, 500];
-
-/// What searches find that know more than anyone can.
-fn possible(text: &mut String, score: &Score, strengths: &[u64]) {
-    if score.ideal_null.is_empty() || score.ideal.is_empty() {
-        return;
-    }
-    type Of = fn(&Ideal) -> &Best;
-    let least = |of: Of| {
-        let mut null: Vec<f64> = score.ideal_null.iter().map(|i| of(i).evidence).collect();
-        null.sort_by(f64::total_cmp);
-        null[(null.len() - 1).min(null.len() * 99 / 100)]
-    };
-    let ways: [(&str, Of); 2] = [("the true noise", |i| &i.known), ("the lottery of the noise", |i| &i.drawn)];
-    let [known, drawn] = ways.map(|(_, of)| least(of));
-    let _ = writeln!(
-        text,
-        "\n## What is possible\n\nThe candidates of the diagnosis, weighed by someone who knows the true covariance of the noise, or who \
-         knows its white part and the lottery from which the generator draws the rest; found where the evidence of the best exceeds that \
-         of 99 % of {} null runs (ln {:.1}, ln {:.1}). Effects in plateau means, linearity runs and one in four sweeps.\n",
-        score.ideal_null.len(),
-        known.exp(),
-        drawn.exp()
-    );
-    let _ = writeln!(text, "|  |{} |\n|---|{}", header(strengths), "---|".repeat(strengths.len()));
-    let share = |k: u64, counts: &dyn Fn(&Possible) -> bool, hit: &dyn Fn(&Possible) -> bool| {
-        let of = score.ideal.get(&k)?.iter().filter(|p| counts(p)).count() as u64;
-        let hits = score.ideal.get(&k)?.iter().filter(|p| counts(p) && hit(p)).count() as u64;
-        Some(Share { hits, of })
-    };
-    for ((name, of), least) in ways.into_iter().zip([known, drawn]) {
-        row(text, &format!("found with {name}, %"), strengths, |k| share(k, &|_| true, &|p| of(&p.ideal).evidence > least));
-    }
-    row(text, "found by the diagnosis, %", strengths, |k| share(k, &|_| true, &|p| p.said.is_some()));
-    for ((name, of), least) in ways.into_iter().zip([known, drawn]) {
-        row(text, &format!("first name right with {name}, %"), strengths, |k| {
-            share(k, &|p| of(&p.ideal).evidence > least, &|p| of(&p.ideal).effect == p.effect)
-        });
-    }
-    row(text, "first name right in the diagnosis, %", strengths, |k| {
-        share(k, &|p| p.said.is_some(), &|p| p.said.as_ref() == Some(&p.effect))
-    });
-    let _ = writeln!(
-        text,
-        "\nOne pole or two poles in a part of the field, weighed by someone who knows from where the generator draws their frequencies: right \
-         names, %. White noise, signatures in proportion to the part.\n\n|  |{} |\n|---|{}",
-        header(&POLES),
-        "---|".repeat(POLES.len())
-    );
-    let names = ["eddy_current_attenuation", "response_order"];
-    for (name, right) in names.into_iter().zip(told_apart(&POLES.map(|k| k as f64 / 10.0))) {
-        let cells: Vec<String> = right.iter().map(|share| format!(" {share:.0}")).collect();
-        let _ = writeln!(text, "| `{name}` |{} |", cells.join(" |"));
-    }
-}
-
-fn header(strengths: &[u64]) -> String {
-    strengths.iter().map(|k| format!(" k = {}", *k as f64 / 10.0)).collect::<Vec<_>>().join(" |")
-}
-
-fn counted(share: Share) -> String {
-    if share.of == 0 { "-".to_owned() } else { format!("{:.1} of {}", share.percent(), share.of) }
-}
-
-fn upper(share: Share) -> String {
-    if share.of == 0 { "-".to_owned() } else { format!("{:.2} ({:.2}) of {}", share.percent(), share.upper_percent(), share.of) }
-}
-
-fn row(text: &mut String, name: &str, strengths: &[u64], share: impl Fn(u64) -> Option<Share>) {
-    let _ = write!(text, "| {name} |");
-    for k in strengths {
-        let _ = match share(*k).filter(|s| s.of > 0) {
-            Some(s) => write!(text, " {:.0} of {} |", s.percent(), s.of),
-            None => write!(text, " - |"),
-        };
-    }
-    text.push('\n');
-}
-
-/// What the rows that fall short have in common.
-const WHY: &str = "
-## Why figures are missed
-
-* The noise has to be found from the same ninety plateaus as the effect. Who knows its true covariance reaches nearly the targets \
-with the same candidates, who knows no more than the lottery from which it is drawn does not (What is possible, below): what lies \
-between these rows cannot be had by any method, since it is the price of not knowing whether slow noise or an effect is seen. Drifts, \
-steps and temperatures pay it, effects of the field hardly. That samples inside the plateaus tell the white noise is used; about noise \
-that is slower than a plateau they say nothing.
-* A periodic signal is one of many that could be there. Counted on noise, a record of 20 000 samples holds 240 000 independent \
-tones and 150 million switched signals; what noise reaches in one run of a thousand is k = 6.2 and 6.9. Half of the signals of \
-that strength are found, whatever the method does with so many trials; the targets count twenty.
-* Two effects: both have to be found and named, and each has the power of one. Two poles and one in the same sines are one effect to \
-any fit.
-* Names: one pole and two poles in a part of the field, each at a frequency of its own, are nearly alike beside a response that \
-is fitted; both stand in the set, and the first is the right one in four of five runs, hardly fewer than for someone who knows from \
-where they are drawn (What is possible, below).
-* Families: of 378 runs at k = 8 and 10 in which something is named, twelve have another family first. Six are slow waves, an \
-approach or a ramped step of the offset that a temperature or an unknown follows as well; three are offsets of the facility in few \
-turned runs, of which one axis is called a drift or a step and another one is named right; two begin with a periodic signal, of \
-noise and of a slow temperature; one is the temperature of the sensor in place of that of the coils. In eleven of the twelve the \
-truth is in the set or is the second step.
-* Wrong terms: at k = 50 the difference between the generator's form of an effect and the catalogue's is four to ten standard \
-deviations by itself, and is named: about 0.15 terms per run. At all other strengths together it is about 0.04, of which poles that change \
-places are a third.
-";
-
-/// Targets beside figures; a share reaches its target if its value does.
-fn targets(text: &mut String, score: &Score) {
-    let _ = writeln!(text, "\n## Targets\n\n| quantity | target | figure | |\n|---|---|---|---|");
-    let mut line = |name: &str, target: f64, at_least: bool, value: f64, figure: String, unit: &str| {
-        let short = if at_least { target - value } else { value - target };
-        let mark = match short {
-            s if s.is_nan() => "not measured".to_owned(),
-            s if s <= 0.0 => "✔".to_owned(),
-            s => format!("short by {s:.2}"),
-        };
-        let _ = writeln!(text, "| {name} | {} {target}{unit} | {figure} | {mark} |", if at_least { "≥" } else { "≤" });
-    };
-    let all = score.alarms(None);
-    line("false alarms on null runs", 1.0, false, all.percent(), upper(all), " %");
-    let per_family = || Family::ALL.into_iter().map(|f| (f, score.alarms(Some(f)))).filter(|(_, s)| s.of > 0);
-    if let Some((family, share)) = per_family().max_by(|a, b| a.1.percent().total_cmp(&b.1.percent())) {
-        let name = format!("the same, worst noise family ({})", family.name());
-        line(&name, 2.0, false, share.percent(), upper(share), " %");
-    }
-    let at = |map: &BTreeMap<u64, Share>, k: u64| map.get(&k).copied().unwrap_or_default();
-    let mut share_line = |name: String, target: f64, share: Share| {
-        let figure = if share.of == 0 {
-            "-".to_owned()
-        } else {
-            format!("{:.1} ({:.1}) of {}", share.percent(), share.lower_percent(), share.of)
-        };
-        line(&name, target, true, share.percent(), figure, " %");
-    };
-    for (k, target) in [(50, 82.0), (60, 96.0), (80, 99.0)] {
-        share_line(format!("found at k = {}", k / 10), target, score.found_at(k));
-    }
-    for (k, target, family) in [(60, 90.0, 95.0), (80, 95.0, 98.0), (100, 98.0, 99.0)] {
-        share_line(format!("first name right at k = {}", k / 10), target, at(&score.first_exact, k));
-        share_line(format!("family right at k = {}", k / 10), family, at(&score.first_family, k));
-    }
-    share_line("ambiguous set holds the truth, all k".to_owned(), 97.0, pooled(score.set_holds.values().copied()));
-    for (k, target) in [(80, 88.0), (150, 96.0)] {
-        share_line(format!("two effects, both exact, at k = {}", k / 10), target, at(&score.two_exact, k));
-    }
-    for k in [100, 200] {
-        share_line(format!("outside the catalogue, right covariate, k = {}", k / 10), 85.0, at(&score.outside_covariate, k));
-    }
-    share_line("effects that the run cannot show, said so".to_owned(), 99.0, pooled(score.absorbed_said.values().copied()));
-    for (k, target) in [(100, 10.0), (200, 3.0)] {
-        let share = at(&score.outside_wrong, k);
-        line(
-            &format!("outside the catalogue, confident wrong name, k = {}", k / 10),
-            target,
-            false,
-            share.percent(),
-            upper(share),
-            " %",
-        );
-    }
-    let size = score.set_sizes.get(&60).map_or(f64::NAN, |s| mean(s));
-    line("mean size of the set at k = 6", 1.6, false, size, format!("{size:.2}"), "");
-    let ratios: Vec<f64> = score.gap_ratio.values().flatten().copied().collect();
-    let ratio = if ratios.is_empty() { f64::NAN } else { median(&ratios) };
-    line(
-        "held-out gap closed over that of the true model, k ≥ 8, median",
-        0.95,
-        true,
-        ratio,
-        format!("{ratio:.3} of {}", ratios.len()),
-        "",
-    );
-    let further = if score.further_terms.is_empty() { f64::NAN } else { mean(&score.further_terms) };
-    line("wrong terms per run with effects", 0.03, false, further, format!("{further:.3}"), "");
-    let cover = score.interval;
-    let inside = if cover.of == 0 { f64::NAN } else { (cover.percent() - 95.0).abs() };
-    line("intervals of 95 % of amplitudes: distance of their coverage from 95 %", 2.0, false, inside, counted(cover), " %");
-}
-
-fn confusion(text: &mut String, score: &Score) {
-    let _ = writeln!(
-        text,
-        "\n## Confusion\n\nOne effect, all strengths: which name came first.\n\n| truth | first names |\n|---|---|"
-    );
-    let truths: BTreeSet<&String> = score.confusion.keys().map(|(t, _)| t).collect();
-    for truth in truths {
-        let mut names: Vec<(&String, u64)> =
-            score.confusion.iter().filter(|((t, _), _)| t == truth).map(|((_, n), c)| (n, *c)).collect();
-        names.sort_by(|a, b| b.1.cmp(&a.1).then(a.0.cmp(b.0)));
-        let list: Vec<String> = names.iter().map(|(name, count)| format!("{name} {count}")).collect();
-        let _ = writeln!(text, "| `{truth}` | {} |", list.join(", "));
-    }
 }

@@ -5,7 +5,8 @@ use crate::blind;
 
 use blind::kinds::{Measure, generate, nuisance, plateau_cells, sample_cells};
 use blind::noise::{Cell, Family, Noise, Random, Whitener};
-use blind::score::{Purpose, Score, Share, family, plan, report, run};
+use blind::report::report;
+use blind::score::{Purpose, Score, Share, family, plan, run};
 use blind::sensor::{CleanRun, Kind, Sensor};
 use blind::{Amplitude, Blind, Options, Verdict, VerdictStep, effects, judge, picture, poles};
 use nalgebra::{DMatrix, DVector};
