@@ -96,7 +96,11 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     } else if name.ends_with(".TOML") && is_twin(path) {
         twin::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
-        campaign::file::read(path, &mut findings).err()
+        let checked = campaign::file::read(path, &mut findings).and_then(|(file, _)| match path.file_name() {
+            Some(name) if name == "campaign.toml" => campaign::check_locations(path.parent().unwrap_or(path), &file),
+            _ => Ok(()),
+        });
+        checked.err()
     } else if name.ends_with(".CSV") {
         amplitudes::read(path, &mut findings).err()
     } else {

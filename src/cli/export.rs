@@ -8,6 +8,7 @@ use crate::data::recipe::Recipe;
 use crate::files::campaign::file;
 use crate::files::export::{Exported, FORMATS, Options, Source, Write};
 use crate::files::output::Folder;
+use crate::workflow::ExportRecipe;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::collections::HashSet;
@@ -64,7 +65,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         }
         None => Vec::new(),
     };
-    let recorded = serde_json::json!({ "format": arguments.format.name, "at_centre": arguments.at_centre });
+    let recorded = ExportRecipe { format: arguments.format.name, at_centre: arguments.at_centre };
     let provenance = Provenance::new(Recipe::new("export", &recorded), input);
     let exported = (arguments.format.write)(&sources, &Options { provenance, at_centre: arguments.at_centre, report })?;
     let mut names = HashSet::new();

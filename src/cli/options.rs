@@ -1,7 +1,7 @@
 //! Options that several commands share, and their values.
 
 use crate::data::plateau::{LEAST_COVERAGE, Settling};
-use crate::measure::thermistor::HIGHEST_ORDER;
+use crate::data::thermistor::HIGHEST_ORDER;
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES};
 use clap::Args;
 

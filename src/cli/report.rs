@@ -1,23 +1,27 @@
 //! `calfit report`: every analysis that the campaign allows, all files, the protocol.
 
 use super::output::{Terminal, json};
-use super::thermal::{order, sort_results, warn_of_model};
+use super::thermal::{order, sort_centres, sort_results, warn_of_model};
 use super::{Common, Status, open, report_failures, status};
 use crate::data::error::Finding;
+use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::Recipe;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
 use crate::files::output::Folder;
+use crate::files::parameter::Body;
 use crate::files::source::hex;
 use crate::measure::coil::{residual::is_check, scalar};
-use crate::measure::thermistor;
+use crate::measure::{thermal, thermistor};
 use crate::plot::{self, Named};
+use crate::show::document::{Section, Text};
 use crate::show::protocol::{self, OtherPart, Protocol, ThermalPart};
 use crate::show::{self, Drawn, html, markdown};
 use crate::workflow::{
-    Analyses, CoilMade, CoilResult, CoilRun, Desk, Failure, Measured, ThermalInput, ThermalOptions, draw, facility, jobs, known,
-    publish_coil, publish_tables, publish_thermal_names, publish_thermistor, residual_of, scalar_of, scale_to_nt, thermistor_of,
+    Analyses, CentreMade, CoilMade, CoilResult, CoilRun, Desk, Failure, Measured, NoGround, ThermalInput, ThermalOptions,
+    ThermalShown, draw, facility, ground_calibration, jobs, known, publish_coil, publish_tables, publish_thermal_names,
+    publish_thermistor, residual_of, scalar_of, scale_to_nt, thermistor_of,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -45,6 +49,10 @@ pub(super) struct Arguments {
 struct Listing<'a> {
     runs: Vec<String>,
     thermal: Vec<String>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    centre: Vec<String>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    ground: Vec<String>,
     coil: Vec<String>,
     thermistors: Vec<String>,
     protocol: [&'static str; 2],
@@ -115,17 +123,22 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
     let options = ThermalOptions { orders: arguments.order.clone(), joint: true, facility, model };
     let results = across.groups(&lins, &campaign.file.instructions.thermal, &options, &desk);
-    let groups = sort_results(results, &mut failures, terminal);
-    for group in &groups {
-        publish_thermal_names(&measured, &group.thermal.runs.files, &desk)?;
+    let (groups, at_one_temperature) = sort_results(results, &mut failures, terminal);
+    let not_applied: Vec<String> = at_one_temperature.iter().map(|f| format!("{}: {}", f.file, f.rule)).collect();
+    let centres = sort_centres(across.to_own_centre(&groups, &options, &desk), &mut failures, terminal);
+    for files in groups.iter().map(|group| &group.thermal.runs.files).chain(centres.iter().map(|made| &made.pair)) {
+        publish_thermal_names(&measured, files, &desk)?;
     }
 
     let coil = coil(campaign, &measured, &desk, terminal, &mut failures);
     let thermistors = thermistors(campaign, &desk, terminal, &mut failures);
+    let ground = ground(&groups, &centres, &thermistors.of_sensor, &desk, &mut failures);
+    let beside_alone = across.without_centre(&groups);
+    beside_alone.iter().chain(&ground.lacking).for_each(|note| terminal.warning(&note.to_string()));
     let profile = if common.no_plots { None } else { profile(campaign, &measured, &folder)? };
     let mut input: Vec<Input> = measured.iter().filter_map(Measured::run).map(|run| Input::from(&run.input)).collect();
     input.extend(campaign.input.clone());
-    input.extend(thermistors.input);
+    input.extend(thermistors.others.input);
     input.extend(options.facility.iter().map(|f| f.input.clone()));
     input.extend(options.model.iter().map(|m| m.input.clone()));
     let failed: Vec<(String, String)> = failures
@@ -141,8 +154,11 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             .iter()
             .map(|g| ThermalPart { thermal: &g.thermal, file_name: g.file.file_name(), figures: &g.figures })
             .collect(),
+        not_applied,
+        centres: ground.parts,
+        beside_alone,
         coil: coil.parts,
-        thermistors: thermistors.parts,
+        thermistors: thermistors.others.parts,
         profile,
         failed,
         files: hashes(&folder, &measured)?,
@@ -153,7 +169,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     folder.write(FILES[1], page.as_bytes())?;
     folder.sync()?;
 
-    let total = jobs.len() + groups.len() + campaign.file.thermistors.len();
+    let total = jobs.len() + groups.len() + centres.len() + campaign.file.thermistors.len();
     if common.json {
         let runs = measured.iter().filter_map(Measured::run).map(|r| r.header.run.clone()).collect();
         let thermal = groups.iter().map(|g| g.file.file_name()).collect();
@@ -161,14 +177,19 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         terminal.print(&json(&Listing {
             runs,
             thermal,
+            centre: centres.iter().map(|made| made.file.file_name()).collect(),
+            ground: ground.files,
             coil: coil.files,
-            thermistors: thermistors.files,
+            thermistors: thermistors.others.files,
             protocol: FILES,
             failed,
         })?);
     } else {
         for one in &groups {
             terminal.tell(&show::thermal::summary(&one.thermal));
+        }
+        for made in &centres {
+            terminal.tell(&show::centre::summary(&made.result));
         }
         terminal.tell(&format!(
             "{} runs, {} thermal analyses\n  -> {}\n",
@@ -212,20 +233,85 @@ fn coil(
 }
 
 /// Calibrates the thermistors whose tables the campaign names.
-fn thermistors(campaign: &Campaign, desk: &Desk, terminal: &Terminal, failures: &mut Vec<(String, Failure)>) -> Others {
-    let mut all = Others::default();
-    for table in &campaign.file.thermistors {
+fn thermistors(campaign: &Campaign, desk: &Desk, terminal: &Terminal, failures: &mut Vec<(String, Failure)>) -> Thermistors {
+    let (mut all, mut of_sensor) = (Others::default(), Vec::new());
+    for entry in &campaign.file.thermistors {
         let mut findings = Vec::new();
-        let made = thermistor_of(&campaign.root.join(table), None, &thermistor::Options::default(), &mut findings);
+        let order = entry.order.map(|order| order as usize);
+        let options = thermistor::Options { order, divider: entry.divider, ..thermistor::Options::default() };
+        let reference = entry.reference.as_ref().map(|table| campaign.root.join(table));
+        let made = thermistor_of(&campaign.root.join(&entry.table), reference.as_deref(), &options, &mut findings);
         findings.iter().for_each(|f| terminal.finding(f));
         let published = made.and_then(|made| publish_thermistor(&made, desk).map(|published| (made, published)));
         if let Some((made, (name, figures))) = keep(published, failures) {
             made.result.notes.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
             let (title, sections) = (show::thermistor::title(&made.result), show::thermistor::sections(&made.result, &name));
+            of_sensor.push((entry.sensor.clone(), name.clone()));
             all.files.push(name);
             all.parts.push(OtherPart { title, sections, figures });
             all.input.extend(made.provenance.input);
         }
+    }
+    Thermistors { others: all, of_sensor }
+}
+
+/// Thermistors that were calibrated: their parts, and their files with the sensors that they sit in.
+struct Thermistors {
+    others: Others,
+    of_sensor: Vec<(Option<String>, String)>,
+}
+
+/// The calibrations at the centre, each with its ground calibration file or what that lacks.
+#[derive(Default)]
+struct Ground {
+    files: Vec<String>,
+    lacking: Vec<Note>,
+    parts: Vec<OtherPart>,
+}
+
+/// Writes the ground calibration files of the sensors that were taken to the centre. What is missing for one is no failure: nobody asked
+/// for it, and the files that it would rest on are there.
+fn ground(
+    groups: &[ThermalShown],
+    centres: &[CentreMade],
+    thermistors: &[(Option<String>, String)],
+    desk: &Desk,
+    failures: &mut Vec<(String, Failure)>,
+) -> Ground {
+    let mut all = Ground::default();
+    for made in centres {
+        let tcf = &made.file;
+        let own_offsets = |g: &&ThermalShown| {
+            let runs = &g.thermal.runs;
+            g.thermal.kind() == thermal::Kind::Offset && (&runs.sensor, &runs.mode) == (&tcf.sensor, &tcf.mode)
+        };
+        let tof = groups.iter().find(own_offsets).filter(|_| tcf.residual_field.is_none()).map(|g| g.file.file_name());
+        // The thermistor of the sensor goes before one that goes with every sensor.
+        let of = |sensor: Option<&String>| thermistors.iter().find(|(own, _)| own.as_ref() == sensor).map(|(_, name)| name);
+        let thermistor = of(Some(&tcf.sensor)).or_else(|| of(None)).map(String::as_str);
+        let name = tcf.file_name();
+        let section = Section::new("Ground calibration file");
+        let section = match ground_calibration(&name, tof.as_deref(), thermistor, desk) {
+            Ok(file) => {
+                let section =
+                    section.with(Text::default().code(&file).and(" holds these values with the labels of RO-IGEP-TR0028."));
+                all.files.push(file);
+                section
+            }
+            Err(NoGround::Failed(finding)) => {
+                failures.push((name.clone(), Failure::Refused(finding)));
+                section
+            }
+            Err(NoGround::Lacking(finding)) => {
+                let text = format!("there is no ground calibration file of {} {}: {}", tcf.sensor, tcf.mode, finding.rule);
+                let note = Note::new(NoteKind::LeftOut, text).about(&tcf.sensor).with_remedy(finding.remedy.as_ref());
+                all.lacking.push(note.clone());
+                section.with(note)
+            }
+        };
+        let mut sections = show::centre::sections(&made.result, &name);
+        sections.push(section);
+        all.parts.push(OtherPart { title: show::centre::title(&made.result), sections, figures: Vec::new() });
     }
     all
 }

@@ -14,8 +14,8 @@ use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntr
 use crate::record::known::Known;
 use crate::show;
 use crate::workflow::{
-    Analyses, CentreMade, Failure, Measured, PairFiles, RunResult, ThermalInput, ThermalOptions, ThermalShown, facility, jobs,
-    known,
+    Analyses, CentreMade, Failure, Measured, NoThermal, PairFiles, RunResult, ThermalInput, ThermalOptions, ThermalShown,
+    facility, jobs, known,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -123,14 +123,22 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
     let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
     let results = input.groups(&lins, &entries, &options, &common.desk());
-    if results.is_empty() && !input.points().is_empty() {
+    let has_temperature = |p: &CalibratedRun| p.run.temperature_degc.is_some_and(f64::is_finite);
+    if !input.points().is_empty() && !input.points().iter().any(has_temperature) {
         failures.push(no_temperature(input.points()));
     }
-    let groups = sort_results(results, &mut failures, terminal);
+    let (groups, at_one_temperature) = sort_results(results, &mut failures, terminal);
+    failures.extend(at_one_temperature.into_iter().map(|f| (f.file.to_string(), Failure::Refused(f))));
     warn_of_left_out(input.points(), &groups, terminal);
-    let taken = pair.as_ref().map(|pair| input.to_centre(pair, &polynomials, &groups, &options, &common.desk()));
+    if pair.is_none() {
+        input.without_centre(&groups).iter().for_each(|note| terminal.warning(&note.to_string()));
+    }
+    let taken = match &pair {
+        Some(pair) => input.to_centre(pair, &polynomials, &groups, &options, &common.desk()),
+        None => input.to_own_centre(&groups, &options, &common.desk()),
+    };
     let done = Done {
-        centres: sort_centres(taken.unwrap_or_default(), &mut failures, terminal),
+        centres: sort_centres(taken, &mut failures, terminal),
         sweeps: measured.iter().filter_map(Measured::sweep).collect(),
         groups,
     };
@@ -219,7 +227,7 @@ fn warn_of_left_out(points: &[CalibratedRun], groups: &[ThermalShown], terminal:
 }
 
 /// The polynomials that were taken to the centre, with their warnings shown; the others go to the failures.
-fn sort_centres(
+pub(super) fn sort_centres(
     results: Vec<Result<CentreMade, Failure>>,
     failures: &mut Vec<(String, Failure)>,
     terminal: &Terminal,
@@ -281,13 +289,14 @@ impl Done<'_> {
     }
 }
 
-/// The analyses that were made, with their warnings shown; the others go to the failures.
+/// The analyses that were made, with their warnings shown, and those that do not apply to runs at one temperature; those that are refused
+/// go to the failures.
 pub(super) fn sort_results(
-    results: Vec<Result<ThermalShown, Finding>>,
+    results: Vec<Result<ThermalShown, NoThermal>>,
     failures: &mut Vec<(String, Failure)>,
     terminal: &Terminal,
-) -> Vec<ThermalShown> {
-    let mut done = Vec::new();
+) -> (Vec<ThermalShown>, Vec<Finding>) {
+    let (mut done, mut at_one_temperature) = (Vec::new(), Vec::new());
     for result in results {
         match result {
             Ok(one) => {
@@ -295,10 +304,12 @@ pub(super) fn sort_results(
                 one.thermal.notes.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
                 done.push(one);
             }
-            Err(finding) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
+            Err(NoThermal::OfPair) => {}
+            Err(NoThermal::OneTemperature(finding)) => at_one_temperature.push(finding),
+            Err(NoThermal::Refused(finding)) => failures.push((finding.file.to_string(), Failure::Refused(finding))),
         }
     }
-    done
+    (done, at_one_temperature)
 }
 
 /// Says which runs are analysed as they are in spite of a model.

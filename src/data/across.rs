@@ -3,6 +3,7 @@
 //! Parameter files hold these types as they are, so that each is defined here only.
 
 use super::result::{Rows, RunHead};
+use super::run::Location;
 use serde::{Deserialize, Serialize};
 
 /// A run and its temperatures.
@@ -16,6 +17,9 @@ pub struct RunAtTemperature {
     /// Mode.
     #[serde(default)]
     pub mode: String,
+    /// Where the sensor stood.
+    #[serde(default)]
+    pub location: Location,
     /// Mean sensor temperature, °C.
     pub temperature_degc: Option<f64>,
     /// Mean coil-system temperature, °C.
@@ -28,6 +32,7 @@ impl From<&RunHead> for RunAtTemperature {
             id: head.id.clone(),
             sensor: head.sensor.clone(),
             mode: head.mode.clone(),
+            location: head.location,
             temperature_degc: head.temperature_degc,
             coil_temperature_degc: head.coil_temperature_degc,
         }

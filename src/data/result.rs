@@ -2,6 +2,7 @@
 //!
 //! Parameter files hold these types as they are, so that each is defined here only.
 
+use super::run::Location;
 use serde::{Deserialize, Serialize};
 
 /// A 3 x 3 matrix as its three rows.
@@ -16,6 +17,9 @@ pub struct RunHead {
     pub sensor: String,
     /// Mode.
     pub mode: String,
+    /// Where the sensor stood.
+    #[serde(default, skip_serializing_if = "Location::is_centre")]
+    pub location: Location,
     /// Mean sensor temperature, °C.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature_degc: Option<f64>,

@@ -23,6 +23,43 @@ pub enum Kind {
     Scalar,
 }
 
+/// Where the sensor stood in the coil system during a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Location {
+    /// At the centre of the coil system, where the reference field holds.
+    #[default]
+    Centre,
+    /// Beside the centre: the field differs from the reference field by constant factors (RO-IGEP-TR0028 section 3.2.2).
+    OffCentre,
+}
+
+impl Location {
+    /// All locations with the names used in files.
+    pub const NAMES: [(Location, &'static str); 2] = [(Location::Centre, "centre"), (Location::OffCentre, "off-centre")];
+
+    /// The location with this name in files.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Location> {
+        Self::NAMES.iter().find(|(_, n)| *n == name).map(|(location, _)| *location)
+    }
+
+    /// Whether it is the centre, which files do not state.
+    #[must_use]
+    pub fn is_centre(&self) -> bool {
+        *self == Location::Centre
+    }
+
+    /// What stands behind sensor and mode where people read them: nothing at the centre.
+    #[must_use]
+    pub fn suffix(self) -> &'static str {
+        match self {
+            Location::Centre => "",
+            Location::OffCentre => ", off-centre",
+        }
+    }
+}
+
 /// The time that a run id tells, `13-04-03_09-22-38`; years below 70 belong to this century.
 #[must_use]
 pub fn time_of_id(id: &str) -> Option<jiff::civil::DateTime> {

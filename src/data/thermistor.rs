@@ -4,6 +4,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// The highest order that is fitted.
+pub const HIGHEST_ORDER: usize = 9;
+
 /// Temperature from the signal of a thermistor, and how well it describes the table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ThermistorPolynomial {

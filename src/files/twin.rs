@@ -6,6 +6,7 @@ pub use read::read;
 
 use super::campaign::file::CampaignFile;
 use super::mag::Programme;
+use crate::data::run::Location;
 use crate::model::coil::Coil;
 use crate::model::position::Position;
 use crate::model::thermal::ThermalSensor;
@@ -19,6 +20,8 @@ pub struct SensorTwin {
     pub name: String,
     /// Mode as in the run headers.
     pub mode: String,
+    /// Where in the coil system the sensor reads as described; the runs of `[[campaign.at]]` tell where they were made.
+    pub location: Location,
     /// Parameters against temperature, and the AC response.
     pub model: ThermalSensor,
     /// Rotation vector of the sensor out of its nominal orientation at 0 °C, degrees, along X_m, Y_m, Z_m.

@@ -59,6 +59,83 @@ impl Pair<'_> {
     }
 }
 
+/// The results of runs of one kind, sensor and mode at the centre as one: the mean of those at one temperature, each weighted with its
+/// uncertainty, which is widened where they scatter by more. That temperature is the one nearest to `near_degc`, or without it the one at
+/// which there are most runs, the first of them where it is a draw. Runs at other temperatures, or without one, are left out, and a note
+/// names them.
+///
+/// The mean has the names of its files and runs with commas between them.
+#[must_use]
+pub fn together(runs: &[&CalibratedRun], near_degc: Option<f64>) -> Option<(CalibratedRun, Vec<String>, Option<Note>)> {
+    let degc = |p: &CalibratedRun| p.run.temperature_degc.filter(|t| t.is_finite());
+    let beside = |at: f64| runs.iter().filter(move |p| degc(p).is_some_and(|t| (t - at).abs() <= SAME_DEGC));
+    let mut temperatures: Vec<f64> = runs.iter().filter_map(|p| degc(p)).collect();
+    match near_degc {
+        Some(near) => temperatures.sort_by(|a, b| (a - near).abs().total_cmp(&(b - near).abs())),
+        None => temperatures.sort_by_key(|t| std::cmp::Reverse(beside(*t).count())),
+    }
+    let used: Vec<&CalibratedRun> = beside(*temperatures.first()?).copied().collect();
+    let files: Vec<String> = used.iter().map(|p| p.file.clone()).collect();
+    let left_out: Vec<&str> = runs.iter().map(|p| p.file.as_str()).filter(|file| !files.iter().any(|f| f == file)).collect();
+    let note = (!left_out.is_empty()).then(|| {
+        let text = format!("{} took no part: at the centre, {} was used", left_out.join(", "), files.join(", "));
+        Note::new(NoteKind::LeftOut, text)
+    });
+    let first = *used.first()?;
+    let mean = |get: &dyn Fn(&RunValues) -> Option<Triple>| -> Option<Triple> {
+        Some(weighted_mean(&used.iter().map(|p| get(&p.values)).collect::<Option<Vec<Triple>>>()?))
+    };
+    let mut point = first.clone();
+    if used.len() > 1 {
+        point.file = files.join(", ");
+        point.run.id = used.iter().map(|p| p.run.id.as_str()).collect::<Vec<_>>().join(", ");
+        point.run.temperature_degc = Some(used.iter().filter_map(|p| degc(p)).sum::<f64>() / used.len() as f64);
+        match &mut point.values {
+            RunValues::Lin { sigma, xi_deg, std, .. } => {
+                (*sigma, std[0]) = mean(&|v| match v {
+                    RunValues::Lin { sigma, std, .. } => Some((*sigma, std[0])),
+                    _ => None,
+                })?;
+                (*xi_deg, std[1]) = mean(&|v| match v {
+                    RunValues::Lin { xi_deg, std, .. } => Some((*xi_deg, std[1])),
+                    _ => None,
+                })?;
+            }
+            RunValues::Offset { offset_ent, std, .. } => {
+                (*offset_ent, *std) = mean(&|v| match v {
+                    RunValues::Offset { offset_ent, std, .. } => Some((*offset_ent, *std)),
+                    _ => None,
+                })?;
+            }
+            RunValues::Freq { .. } => return None,
+        }
+    }
+    Some((point, files, note))
+}
+
+/// Values of three components with their standard uncertainties, if those are known.
+type Triple = ([f64; 3], Option<[f64; 3]>);
+
+/// Mean per component with the weights of known uncertainties, or of equal ones whose size is then not known.
+fn weighted_mean(all: &[Triple]) -> Triple {
+    let (mut value, mut std) = ([f64::NAN; 3], Some([f64::NAN; 3]));
+    for i in 0..3 {
+        let weights: Option<Vec<f64>> = all.iter().map(|(_, s)| s.map(|s| s[i].powi(-2)).filter(|w| w.is_finite())).collect();
+        let known = weights.is_some();
+        let weights = weights.unwrap_or_else(|| vec![1.0; all.len()]);
+        let sum: f64 = weights.iter().sum();
+        let mean = all.iter().zip(&weights).map(|((v, _), w)| w * v[i]).sum::<f64>() / sum;
+        let chi2: f64 = all.iter().zip(&weights).map(|((v, _), w)| w * (v[i] - mean).powi(2)).sum();
+        value[i] = mean;
+        let widened = (chi2 / (all.len() as f64 - 1.0)).max(1.0).sqrt();
+        std = std.filter(|_| known).map(|mut std| {
+            std[i] = widened / sum.sqrt();
+            std
+        });
+    }
+    (value, std)
+}
+
 /// Temperature polynomials at the centre, everything in the Rosetta convention of ω. A covariance of size zero is not known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AtCentre {

@@ -9,7 +9,7 @@ use crate::data::frequency::{ClockDrift, SineAmplitude};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Settling;
 use crate::data::result::RunHead;
-use crate::data::run::{Header, Kind, Run, Setting, Vector, VectorSink};
+use crate::data::run::{Header, Kind, Location, Run, Setting, Vector, VectorSink};
 use crate::data::tables::AmplitudeRow;
 use crate::data::units::COMPONENTS;
 use crate::fit::sine::{self, CommonRate, Oscillator, Packet, RateRefusal, Residue, Sine, SineRefusal, Sums, Verdict};
@@ -408,6 +408,7 @@ pub fn from_table(rows: &[AmplitudeRow], id: &str) -> Freq {
         id: id.to_owned(),
         sensor: String::new(),
         mode: String::new(),
+        location: Location::Centre,
         temperature_degc: None,
         coil_temperature_degc: None,
         campaign: "a table of amplitudes, without a campaign".to_owned(),

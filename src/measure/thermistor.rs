@@ -6,14 +6,13 @@
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
 use crate::data::tables::ThermistorRow;
-use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, ThermistorPolynomial, TriedOrder};
+use crate::data::thermistor::{
+    ComparedPolynomial, FittedTableRow, HIGHEST_ORDER, ReferenceComparison, ThermistorPolynomial, TriedOrder,
+};
 use crate::fit::statistics::extremes;
 use crate::fit::{Chosen, FitError, Limits, Polynomial, order, polynomial};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-
-/// The highest order that is fitted.
-pub const HIGHEST_ORDER: usize = 9;
 
 /// Largest residual that is asked for where nothing else is said, °C.
 pub const WITHIN_DEGC: f64 = 0.01;

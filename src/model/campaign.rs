@@ -1,7 +1,8 @@
 //! What a campaign says of its runs beside their headers: positions, temperature channels, field limits, orders.
 
 use super::position::Position;
-use crate::data::run::Header;
+use crate::data::run::{Header, Location};
+use std::collections::BTreeMap;
 
 /// Channel of the sensor temperature where nothing else is said.
 pub const SENSOR_CHANNEL: &str = "T59";
@@ -72,8 +73,10 @@ pub struct Instructions {
     pub sensors: Vec<SensorChannels>,
     /// Field limits.
     pub limits: Vec<FieldLimits>,
-    /// Thermal groups; without any they follow from sensor and mode.
+    /// Thermal groups; without any they follow from sensor, mode and location.
     pub thermal: Vec<ThermalEntry>,
+    /// Where the sensor stood, by run id; the centre where nothing is said.
+    pub at: BTreeMap<String, Location>,
 }
 
 impl Default for Instructions {
@@ -91,6 +94,7 @@ impl Default for Instructions {
             sensors: Vec::new(),
             limits: Vec::new(),
             thermal: Vec::new(),
+            at: BTreeMap::new(),
         }
     }
 }
@@ -100,6 +104,12 @@ impl Instructions {
     #[must_use]
     pub fn position(&self, id: u32) -> Option<Position> {
         self.positions.iter().find(|(own, _)| *own == id).map(|(_, position)| *position)
+    }
+
+    /// Where the sensor stood in a run.
+    #[must_use]
+    pub fn location(&self, run: &str) -> Location {
+        self.at.get(run).copied().unwrap_or_default()
     }
 
     /// The channels of sensor and coil temperature for a run.

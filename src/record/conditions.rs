@@ -122,6 +122,7 @@ pub fn head(run: &Run, instructions: &Instructions, temperatures: &Temperatures)
         id: header.run.clone(),
         sensor: header.sensor.clone(),
         mode: header.mode.clone(),
+        location: instructions.location(&header.run),
         temperature_degc: mean(temperatures.sensor_degc()),
         coil_temperature_degc: mean(temperatures.conditions.as_ref().and_then(|c| c.coil_degc)),
         campaign: instructions.description.clone(),

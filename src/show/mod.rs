@@ -20,6 +20,7 @@ pub mod thermistor;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::result::{Dropped, RunHead};
+use crate::data::run::Location;
 use crate::data::units::with_uncertainty;
 use crate::model::applied::ModelApplied;
 use document::{Block, Cell, Document, Figure, NOT_DETERMINED, Section, Table, Text, cells};
@@ -28,6 +29,12 @@ use document::{Block, Cell, Document, Figure, NOT_DETERMINED, Section, Table, Te
 #[must_use]
 pub fn or_not_stated(text: &str) -> &str {
     if text.is_empty() { "not stated" } else { text }
+}
+
+/// A mode that may be missing, with the location of the sensor where that is not the centre.
+#[must_use]
+pub fn mode_at(mode: &str, location: Location) -> String {
+    format!("{}{}", or_not_stated(mode), location.suffix())
 }
 
 /// A temperature that may be missing.
@@ -40,7 +47,7 @@ pub fn degc(value: Option<f64>) -> String {
 #[must_use]
 pub fn run_line(run: &RunHead) -> String {
     let temperature = run.temperature_degc.map_or_else(String::new, |t| format!(", {t:.1} °C"));
-    format!("{}  {} {}{temperature}", run.id, run.sensor, run.mode)
+    format!("{}  {} {}{}{temperature}", run.id, run.sensor, run.mode, run.location.suffix())
 }
 
 /// The section on the used file with the name of the parameter file.
@@ -50,7 +57,7 @@ pub fn used_file(run: &RunHead, parameter_file: &str) -> Section {
         &run.id,
         or_not_stated(&run.configuration),
         or_not_stated(&run.sensor),
-        or_not_stated(&run.mode),
+        mode_at(&run.mode, run.location),
         &run.start,
         Cell::degc(run.temperature_degc),
     ]]);
@@ -152,6 +159,10 @@ pub fn head_columns<'a>(table: &mut crate::files::table::Table, runs: impl Itera
     table.push("run", text(|r| &r.id));
     table.push("sensor", text(|r| &r.sensor));
     table.push("mode", text(|r| &r.mode));
+    if runs.iter().any(|r| !r.location.is_centre()) {
+        let names = runs.iter().map(|r| Location::NAMES.iter().find(|(l, _)| *l == r.location).map_or("", |(_, name)| name));
+        table.push("location", Values::Text(names.map(str::to_owned).collect()));
+    }
     table.push("temperature_degc", degc(|r| r.temperature_degc));
     table.push("coil_temperature_degc", degc(|r| r.coil_temperature_degc));
 }

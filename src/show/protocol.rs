@@ -4,11 +4,11 @@
 mod mathematics;
 
 use super::document::{Block, Cell, Document, Figure, Section, Table, Text, cells};
-use super::{Drawn, inputs, or_not_stated, runs, thermal};
+use super::{Drawn, inputs, mode_at, or_not_stated, runs, thermal};
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Provenance;
 use crate::data::result::RunHead;
-use crate::data::run::{Run, time_of_id};
+use crate::data::run::{Location, Run, time_of_id};
 use crate::files::campaign::Campaign;
 use crate::files::campaign::file::CampaignFile;
 use crate::measure::thermal::{Kind, Thermal};
@@ -65,6 +65,12 @@ pub struct Protocol<'a> {
     pub runs: Vec<RunPart<'a>>,
     /// Thermal analyses by sensor and mode.
     pub thermals: Vec<ThermalPart<'a>>,
+    /// Runs that are at one temperature: which, and that there are no polynomials through them.
+    pub not_applied: Vec<String>,
+    /// Calibrations across temperatures that were taken to the centre of the coil system.
+    pub centres: Vec<OtherPart>,
+    /// Calibrations across temperatures that hold beside the centre only.
+    pub beside_alone: Vec<Note>,
     /// Calibrations of the coil system.
     pub coil: Vec<OtherPart>,
     /// Calibration tables of thermistors.
@@ -92,14 +98,19 @@ pub fn document(p: &Protocol) -> Document {
     let days = days(&p.runs);
     let mut chapters = vec![introduction(p)];
     let mut figure = 0;
-    let mut shown: Vec<(&str, &str, &str)> = Vec::new();
+    let mut shown: Vec<Shown> = Vec::new();
     // Behind the introduction and the days.
     let combined = chapters.len() + days.len() + 1;
     for (day, runs) in &days {
         chapters.push(measurements(p, day, runs, combined, &mut shown, &mut figure));
     }
     chapters.push(thermals(p, &mut figure));
-    for (title, parts) in [("Calibration of the coil system", &p.coil), ("Thermistors", &p.thermistors)] {
+    let parts = [
+        ("Calibration at the centre of the coil system", &p.centres),
+        ("Calibration of the coil system", &p.coil),
+        ("Thermistors", &p.thermistors),
+    ];
+    for (title, parts) in parts {
         if !parts.is_empty() {
             chapters.push(others(title, parts, &mut figure));
         }
@@ -205,14 +216,17 @@ fn introduction(p: &Protocol) -> Section {
     Section::new("Introduction").with_sections([setup])
 }
 
-/// The chapter of a day. Every analysis is shown in full once for a sensor and mode, as in the protocol of 2013, and `shown` holds
+/// Sensor, mode, location and analysis.
+type Shown<'a> = (&'a str, &'a str, Location, &'static str);
+
+/// The chapter of a day. Every analysis is shown in full once for a sensor, mode and location, as in the protocol of 2013, and `shown` holds
 /// those that were; the others are in their own files.
 fn measurements<'a>(
     p: &Protocol,
     day: &str,
     parts: &[&'a RunPart],
     combined: usize,
-    shown: &mut Vec<(&'a str, &'a str, &'static str)>,
+    shown: &mut Vec<Shown<'a>>,
     figure: &mut usize,
 ) -> Section {
     let lines: Vec<(runs::RunLine, String)> = parts
@@ -224,7 +238,7 @@ fn measurements<'a>(
         .with_sections([Section::new("Data").with(runs::day_list(&lines))]);
     let analyses: Vec<&AnalysisPart> = parts.iter().filter_map(|part| part.analysis.as_ref()).collect();
     for &part in &analyses {
-        let key = (part.head.sensor.as_str(), part.head.mode.as_str(), part.name);
+        let key = (part.head.sensor.as_str(), part.head.mode.as_str(), part.head.location, part.name);
         if !shown.contains(&key) {
             shown.push(key);
             chapter.sections.push(analysis(part, figure));
@@ -247,7 +261,7 @@ fn analysis(part: &AnalysisPart, figure: &mut usize) -> Section {
         part.name,
         super::degc(head.temperature_degc),
         or_not_stated(&head.sensor),
-        or_not_stated(&head.mode),
+        mode_at(&head.mode, head.location),
         head.id
     );
     with_figures(Section::new(title), &part.sections, Drawn::number(part.figures, &format!("{}/", head.id), figure))
@@ -267,7 +281,7 @@ fn results_of_the_day(analyses: &[&AnalysisPart]) -> Table {
             &part.head.id,
             part.name,
             or_not_stated(&part.head.sensor),
-            or_not_stated(&part.head.mode),
+            mode_at(&part.head.mode, part.head.location),
             Cell::degc(part.head.temperature_degc),
             &part.headline,
             if part.remarks == 0 { Cell::Missing("") } else { part.remarks.into() },
@@ -278,15 +292,17 @@ fn results_of_the_day(analyses: &[&AnalysisPart]) -> Table {
 
 fn thermals(p: &Protocol, figure: &mut usize) -> Section {
     let mut chapter = Section::new("Combined measurements");
+    let not_applied = || p.not_applied.iter().map(|which| Block::from(format!("No polynomials: {which}.")));
     if p.thermals.is_empty() {
-        return chapter.with("The runs are not at different temperatures: there is no thermal analysis.");
+        let words = "The runs are not at different temperatures: there is no thermal analysis.";
+        return chapter.with(words).with_all(not_applied());
     }
     for part in &p.thermals {
         let head = &part.thermal.runs;
         let title = format!(
             "Thermal analysis, {} {}: {}",
             or_not_stated(&head.sensor),
-            or_not_stated(&head.mode),
+            mode_at(&head.mode, head.location),
             thermal::title(part.thermal.kind()).to_lowercase().replace("ac transfer", "AC transfer")
         );
         let figures = Drawn::number(part.figures, "", figure);
@@ -298,6 +314,9 @@ fn thermals(p: &Protocol, figure: &mut usize) -> Section {
         let words = format!("No thermal analysis of {} runs: there are none, or not at two temperatures.", missing.join(" and "));
         last_blocks(&mut chapter).push(words.into());
     }
+    let last = last_blocks(&mut chapter);
+    last.extend(not_applied());
+    last.extend(p.beside_alone.iter().cloned().map(Block::from));
     chapter
 }
 

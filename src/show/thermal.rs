@@ -229,9 +229,10 @@ pub fn summary(thermal: &Thermal) -> String {
     let h = &thermal.runs;
     let orders: Vec<String> = thermal.quantities.iter().map(|q| format!("{} {}", q.name, q.polynomial.order())).collect();
     format!(
-        "{} {}  {} {} runs, {:.1} to {:.1} °C\n  orders {}\n",
+        "{} {}{}  {} {} runs, {:.1} to {:.1} °C\n  orders {}\n",
         h.sensor,
         h.mode,
+        h.location.suffix(),
         h.ids.len(),
         thermal.kind().name(),
         thermal.valid_degc[0],

@@ -6,8 +6,8 @@ use super::linearise::{First, by_sensor_and_mode, linearisation, linearise_group
 use super::thermal::ThermalInput;
 use super::thermistor::{publish_thermistor, thermistor_of};
 use super::{
-    Analyses, CoilMade, CoilResult, Desk, Failure, Job, PairFiles, PerRun, RUN_KINDS, RunResult, ThermalOptions, facility, jobs,
-    make, of_table, publish,
+    Analyses, CoilMade, CoilResult, Desk, Failure, Job, NoThermal, PairFiles, PerRun, RUN_KINDS, RunResult, ThermalOptions,
+    facility, jobs, make, of_table, publish,
 };
 use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
@@ -225,12 +225,18 @@ fn thermal(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Again
     let entries: Vec<_> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
     let mut groups = Vec::new();
     for group in input.groups(&lins, &entries, &options, desk) {
-        groups.push(group?);
-    }
-    if let Some(pair) = &pair {
-        for made in input.to_centre(pair, &polynomials.into_iter().cloned().collect::<Vec<_>>(), &groups, &options, desk) {
-            made?;
+        match group {
+            Ok(group) => groups.push(group),
+            Err(NoThermal::OfPair) => {}
+            Err(NoThermal::OneTemperature(finding) | NoThermal::Refused(finding)) => return Err(finding.into()),
         }
+    }
+    let made = match &pair {
+        Some(pair) => input.to_centre(pair, &polynomials.into_iter().cloned().collect::<Vec<_>>(), &groups, &options, desk),
+        None => input.to_own_centre(&groups, &options, desk),
+    };
+    for one in made {
+        one?;
     }
     Ok(())
 }

@@ -17,12 +17,24 @@ use nalgebra::{DMatrix, Matrix3};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// The files of a pair, and of the offset at the centre.
+/// A result that takes part in a pair.
+#[derive(Clone, Debug)]
+pub(super) struct Member {
+    /// The result.
+    pub point: CalibratedRun,
+    /// The parameter files that it was made of.
+    pub files: Vec<String>,
+    /// What it rests on.
+    pub inputs: Vec<Input>,
+}
+
+/// A pair, and the offset at the centre: parameter files that were named, or results of a campaign.
 #[derive(Clone, Debug)]
 pub struct PairFiles {
-    centre: (CalibratedRun, Input),
-    off_centre: Option<(CalibratedRun, Input)>,
-    offset: Option<(CalibratedRun, Input)>,
+    centre: Member,
+    off_centre: Option<Member>,
+    offset: Option<Member>,
+    notes: Vec<Note>,
 }
 
 impl PairFiles {
@@ -37,27 +49,38 @@ impl PairFiles {
         findings: &mut Vec<Finding>,
     ) -> Result<Self, Finding> {
         let mut one = |path: &PathBuf, role| {
-            read_point(path, findings).map(|(point, d)| (point.clone(), d.input(point.file).with_role(role)))
+            read_point(path, findings).map(|(point, d)| Member {
+                files: vec![point.file.clone()],
+                inputs: vec![d.input(point.file.clone()).with_role(role)],
+                point,
+            })
         };
         Ok(Self {
             centre: one(centre, Role::Centre)?,
             off_centre: off_centre.map(|path| one(path, Role::OffCentre)).transpose()?,
             offset: offset.map(|path| one(path, Role::Offset)).transpose()?,
+            notes: Vec::new(),
         })
+    }
+
+    /// Results of runs at the centre, which stand among those that the polynomials come from; the polynomials stand for the run beside
+    /// the centre.
+    pub(super) fn of_campaign(centre: Member, offset: Option<Member>, notes: Vec<Note>) -> Self {
+        Self { centre, off_centre: None, offset, notes }
     }
 
     /// The pair.
     #[must_use]
     pub fn pair(&self) -> Pair<'_> {
         Pair {
-            centre: &self.centre.0,
-            off_centre: self.off_centre.as_ref().map(|(point, _)| point),
-            offset: self.offset.as_ref().map(|(point, _)| point),
+            centre: &self.centre.point,
+            off_centre: self.off_centre.as_ref().map(|member| &member.point),
+            offset: self.offset.as_ref().map(|member| &member.point),
         }
     }
 
-    fn inputs(&self) -> impl Iterator<Item = &Input> {
-        std::iter::once(&self.centre).chain(&self.off_centre).chain(&self.offset).map(|(_, input)| input)
+    fn members(&self) -> impl Iterator<Item = &Member> {
+        std::iter::once(&self.centre).chain(&self.off_centre).chain(&self.offset)
     }
 
     /// Takes polynomials to the centre and writes file and report. `options` and `inputs` are those of the polynomials.
@@ -71,9 +94,15 @@ impl PairFiles {
         mut inputs: Vec<Input>,
         desk: &Desk,
     ) -> Result<CentreMade, Finding> {
-        let result = centre::centre(&off_centre(tpf), self.pair())
+        let mut result = centre::centre(&off_centre(tpf), self.pair())
             .map_err(|e| Finding::error(&tpf.file_name(), e.to_string(), e.remedy()))?;
-        inputs.extend(self.inputs().cloned());
+        result.notes.extend(self.notes.iter().cloned());
+        for input in self.members().flat_map(|member| &member.inputs) {
+            // What the runs of a campaign have in common, such as its campaign.toml, is one input.
+            if !inputs.contains(input) {
+                inputs.push(input.clone());
+            }
+        }
         let provenance = Provenance::new(options.recipe(desk), inputs);
         let file = tcf(&result, tpf);
         let name = file.file_name();
@@ -89,7 +118,7 @@ impl PairFiles {
             provenance: &provenance,
         };
         outcome.write(&folder, &[])?;
-        Ok(CentreMade { result, file })
+        Ok(CentreMade { result, file, pair: self.members().flat_map(|member| member.files.clone()).collect() })
     }
 }
 
@@ -99,6 +128,8 @@ pub struct CentreMade {
     pub result: AtCentre,
     /// What its parameter file holds.
     pub file: Tcf,
+    /// The parameter files of the runs at the centre, and of the one beside it where that is a run.
+    pub pair: Vec<String>,
 }
 
 const SIGMA: [&str; 3] = ["sigma_x", "sigma_y", "sigma_z"];

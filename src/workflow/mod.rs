@@ -7,6 +7,7 @@ mod centre;
 mod coil;
 mod diagnose;
 mod freq;
+mod ground;
 mod kind;
 mod lin;
 mod linearise;
@@ -24,9 +25,10 @@ pub use coil::{
 };
 pub use diagnose::{Across, Diagnosed, diagnose_run, diagnose_table, known, publish_diagnosis, publish_model, read_model};
 pub use freq::of_table;
+pub use ground::{ExportRecipe, NoGround, ground_calibration};
 pub use kind::{RUN_KINDS, RunKind, RunMade};
 pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
-pub use thermal::{ThermalFile, ThermalInput, ThermalOptions, ThermalShown};
+pub use thermal::{NoThermal, ThermalFile, ThermalInput, ThermalOptions, ThermalShown};
 pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
 
 use crate::data::across::CalibratedRun;

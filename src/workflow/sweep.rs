@@ -105,6 +105,7 @@ fn thermal_head(sweep: &Sweep) -> ThermalHead {
         valid_degc: sweep.valid_degc,
         sensor: sweep.run.sensor.clone(),
         mode: sweep.run.mode.clone(),
+        location: sweep.run.location,
         runs: vec![sweep.run.id.clone()],
         temperature_degc: sweep.run.temperature_degc.into_iter().collect(),
         coil_temperature_degc: vec![sweep.run.coil_temperature_degc.unwrap_or(f64::NAN)],

@@ -1,13 +1,16 @@
 //! Analyses across temperatures as files, figures and text.
 
+use super::centre::Member;
 use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw, parameter_text};
 use crate::data::across::{CalibratedRun, RunRotations, RunValues};
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::Recipe;
+use crate::data::run::Location;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, JointPart, QuantityPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point};
+use crate::measure::centre::together;
 use crate::measure::joint::{JointFit, QUANTITIES};
 use crate::measure::lin::Lin;
 use crate::measure::thermal::{
@@ -112,23 +115,101 @@ impl ThermalInput {
         entries: &[ThermalEntry],
         options: &ThermalOptions,
         desk: &Desk,
-    ) -> Vec<Result<ThermalShown, Finding>> {
+    ) -> Vec<Result<ThermalShown, NoThermal>> {
         let groups = groups(&self.points, entries, &options.orders);
         let tasks: Vec<(&RunGroup, Kind)> =
             groups.iter().flat_map(|g| Kind::ALL.into_iter().filter(|k| g.has(*k)).map(move |k| (g, k))).collect();
         tasks
             .par_iter()
             .map(|(group, kind)| {
-                let result = thermal(group, *kind, lins, options.joint).map_err(|e: ThermalError| {
-                    Finding::error(&format!("{} {}", group.sensor, group.mode), e.to_string(), e.remedy())
+                let result = thermal(group, *kind, lins, options.joint).map_err(|e| {
+                    let finding = Finding::error(&group.name(), e.to_string(), e.remedy());
+                    match e {
+                        ThermalError::TooFew { .. } if self.goes_with_a_cycle(group) => NoThermal::OfPair,
+                        ThermalError::TooFew { .. } if !group.is_listed => NoThermal::OneTemperature(finding),
+                        _ => NoThermal::Refused(finding),
+                    }
                 })?;
                 let file = ThermalFile::of(&result);
                 let used: Vec<&CalibratedRun> = group.points.iter().filter(|p| result.runs.files.contains(&p.file)).collect();
                 let provenance = Provenance::new(options.recipe(desk), self.inputs(&used));
-                let figures = publish(&result, &file, &provenance, desk)?;
+                let figures = publish(&result, &file, &provenance, desk).map_err(NoThermal::Refused)?;
                 Ok(ThermalShown { thermal: result, file, figures })
             })
             .collect()
+    }
+
+    /// Whether the runs of a group were made at the centre, and linearity runs of the same sensor and mode beside it.
+    fn goes_with_a_cycle(&self, group: &RunGroup) -> bool {
+        let beside = |p: &CalibratedRun| {
+            matches!(p.values, RunValues::Lin { .. })
+                && p.run.location == Location::OffCentre
+                && (&p.run.sensor, &p.run.mode) == (&group.sensor, &group.mode)
+        };
+        group.location.is_centre() && self.points.iter().any(beside)
+    }
+
+    /// Polynomials that were measured beside the centre, taken to it with the linearity and offset runs at the centre of the same sensor
+    /// and mode; nothing for polynomials without a linearity run there.
+    pub fn to_own_centre(
+        &self,
+        done: &[ThermalShown],
+        options: &ThermalOptions,
+        desk: &Desk,
+    ) -> Vec<Result<CentreMade, Failure>> {
+        let polynomials = done.iter().filter_map(|one| match &one.file {
+            ThermalFile::Tpf(tpf) if tpf.head.location == Location::OffCentre => Some(tpf),
+            _ => None,
+        });
+        let made = polynomials.filter_map(|tpf| {
+            let pair = self.own_pair(tpf)?;
+            let used: Vec<&CalibratedRun> = self.points.iter().filter(|p| tpf.head.used.contains(&p.file)).collect();
+            Some(pair.publish(tpf, options, self.inputs(&used), desk).map_err(Failure::Refused))
+        });
+        made.collect()
+    }
+
+    /// Says of polynomials measured beside the centre which stay there, for want of a linearity run at the centre.
+    #[must_use]
+    pub fn without_centre(&self, done: &[ThermalShown]) -> Vec<Note> {
+        let stays = done.iter().filter_map(|one| match &one.file {
+            ThermalFile::Tpf(tpf) if tpf.head.location == Location::OffCentre && self.own_pair(tpf).is_none() => Some(tpf),
+            _ => None,
+        });
+        let note = |tpf: &Tpf| {
+            let ThermalHead { sensor, mode, .. } = &tpf.head;
+            let text = format!(
+                "{} holds beside the centre of the coil system only: there is no linearity run of {sensor} {mode} at the centre with a \
+                 sensor temperature",
+                tpf.file_name()
+            );
+            Note::new(NoteKind::LeftOut, text).about(tpf.file_name())
+        };
+        stays.map(|tpf| note(tpf)).collect()
+    }
+
+    /// The runs at the centre that go with polynomials measured beside it.
+    fn own_pair(&self, tpf: &Tpf) -> Option<PairFiles> {
+        let at_centre = |of: fn(&RunValues) -> bool| -> Vec<&CalibratedRun> {
+            let own = |p: &&CalibratedRun| (&p.run.sensor, &p.run.mode) == (&tpf.head.sensor, &tpf.head.mode);
+            let mut runs: Vec<&CalibratedRun> =
+                self.points.iter().filter(|p| p.run.location.is_centre() && of(&p.values)).filter(own).collect();
+            runs.sort_by(|a, b| a.run.id.cmp(&b.run.id));
+            runs
+        };
+        let mut notes = Vec::new();
+        let mut member = |runs: Vec<&CalibratedRun>, near_degc: Option<f64>| {
+            let (point, files, note) = together(&runs, near_degc)?;
+            notes.extend(note);
+            let used: Vec<&CalibratedRun> = runs.into_iter().filter(|p| files.contains(&p.file)).collect();
+            Some(Member { point, inputs: self.inputs(&used), files })
+        };
+        let centre = member(at_centre(|v| matches!(v, RunValues::Lin { .. })), None)?;
+        // An offset of which a component is missing tells no residual field.
+        let offsets =
+            at_centre(|v| matches!(v, RunValues::Offset { offset_ent, .. } if offset_ent.iter().all(|o| o.is_finite())));
+        let offset = member(offsets, centre.point.run.temperature_degc);
+        Some(PairFiles::of_campaign(centre, offset, notes))
     }
 
     /// Polynomials taken to the centre: those of the groups of the pair's sensor and mode, and those of files.
@@ -141,10 +222,15 @@ impl ThermalInput {
         desk: &Desk,
     ) -> Vec<Result<CentreMade, Failure>> {
         let mut results = Vec::new();
-        for one in done {
-            if let ThermalFile::Tpf(tpf) = &one.file
-                && pair.pair().fits(&tpf.head.sensor, &tpf.head.mode)
-            {
+        let fits = |one: &&ThermalShown| match &one.file {
+            ThermalFile::Tpf(tpf) => pair.pair().fits(&tpf.head.sensor, &tpf.head.mode),
+            _ => false,
+        };
+        // Polynomials that say that they were measured beside the centre go before those that say nothing.
+        let is_beside = |one: &ThermalShown| one.thermal.runs.location == Location::OffCentre;
+        let any_beside = done.iter().filter(fits).any(is_beside);
+        for one in done.iter().filter(fits).filter(|one| !any_beside || is_beside(one)) {
+            if let ThermalFile::Tpf(tpf) = &one.file {
                 let used: Vec<&CalibratedRun> = self.points.iter().filter(|p| tpf.head.used.contains(&p.file)).collect();
                 results.push(pair.publish(tpf, options, self.inputs(&used), desk).map_err(Failure::Refused));
             }
@@ -168,6 +254,17 @@ impl ThermalInput {
         }
         unreadable.into_iter().chain(results).collect()
     }
+}
+
+/// Why there is no analysis across temperatures.
+#[derive(Clone, Debug)]
+pub enum NoThermal {
+    /// The runs were made at the centre at one temperature, and belong to a temperature cycle beside it.
+    OfPair,
+    /// The runs were made at one temperature, and nobody asked for polynomials.
+    OneTemperature(Finding),
+    /// The runs are refused, or the result cannot be written.
+    Refused(Finding),
 }
 
 /// Whether two results are of the same analysis.
@@ -333,13 +430,14 @@ pub(super) fn tpf(quantities: &[QuantityFit], head: ThermalHead, rotation: RunRo
 }
 
 fn head(result: &Thermal) -> ThermalHead {
-    let RunsUsed { files, ids, sensor, mode, channel, temperature_degc, coil_temperature_degc } = result.runs.clone();
+    let RunsUsed { files, ids, sensor, mode, location, channel, temperature_degc, coil_temperature_degc } = result.runs.clone();
     ThermalHead {
         used: files,
         channel: channel.unwrap_or_else(|| "not stated".to_owned()),
         valid_degc: result.valid_degc,
         sensor,
         mode,
+        location,
         temperature_degc,
         coil_temperature_degc,
         convention: ThermalConvention::default(),
@@ -419,7 +517,10 @@ fn publish(result: &Thermal, file: &ThermalFile, provenance: &Provenance, desk: 
         name: &name,
         parameters: file.text(provenance)?,
         report: format!("REPORT_{begin}__{first}.md"),
-        title: format!("{}, {} {}", show::thermal::title(result.kind()), result.runs.sensor, result.runs.mode),
+        title: {
+            let RunsUsed { sensor, mode, location, .. } = &result.runs;
+            format!("{}, {sensor} {mode}{}", show::thermal::title(result.kind()), location.suffix())
+        },
         notes: &result.notes,
         sections: show::thermal::sections(result, &name),
         provenance,

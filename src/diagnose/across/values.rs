@@ -24,7 +24,7 @@ const ROUNDING: [f64; 3] = [1e-10, 1e-7, 1e-10];
 pub struct RunValues {
     /// Run id.
     pub run: String,
-    /// Sensor and mode: runs of one name have one sensor.
+    /// Sensor, mode and location: runs of one name have one sensor.
     pub sensor: String,
     /// Set of runs that was made in one place: the campaign, or the table.
     pub set: String,
@@ -74,7 +74,7 @@ impl RunValues {
         let most = calibration.valid.field_coil_nt.iter().flatten().fold(0.0, |m: f64, b| m.max(b.abs()));
         Ok(Self {
             run: calibration.run.id.clone(),
-            sensor: format!("{}, {}", calibration.run.sensor, calibration.run.mode),
+            sensor: format!("{}, {}{}", calibration.run.sensor, calibration.run.mode, calibration.run.location.suffix()),
             set: calibration.run.campaign.clone(),
             position: Position::from_axes(&calibration.setup.position_axes)?,
             time: calibration.run.start.parse::<jiff::Timestamp>().ok().map(|t| t.as_second() as f64),

@@ -1,11 +1,13 @@
 //! `campaign.toml`: what the run headers do not tell.
 
 use crate::data::error::Finding;
-use crate::data::run::Kind;
+use crate::data::run::{Kind, Location};
+use crate::data::thermistor::HIGHEST_ORDER;
 use crate::files::source::{Digested, read_whole};
 use crate::files::text::{Group, Keys, decode};
 use crate::model::campaign::{FieldLimits, Instructions, MOST_THERMAL_ORDER, SensorChannels, THERMAL_QUANTITIES, ThermalEntry};
 use crate::model::position::Position;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The whole file.
@@ -21,8 +23,23 @@ pub struct CampaignFile {
     pub runs: Vec<(Kind, Vec<String>)>,
     /// What the protocol states about laboratory, item and persons: the label of the entry and its text.
     pub report: Vec<(&'static str, String)>,
-    /// Calibration tables of thermistors that the protocol shows, paths from the campaign's folder.
-    pub thermistors: Vec<String>,
+    /// Calibration tables of thermistors.
+    pub thermistors: Vec<ThermistorEntry>,
+}
+
+/// A calibration table of a thermistor, which the protocol shows and ground calibration files take. Paths are from the campaign's folder.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ThermistorEntry {
+    /// The table.
+    pub table: String,
+    /// Readings beside a reference thermometer, as `calfit thermistor --reference` takes them.
+    pub reference: Option<String>,
+    /// The sensor that the thermistor sits in; absent for one that goes with every sensor.
+    pub sensor: Option<String>,
+    /// Order of the polynomial; chosen if absent.
+    pub order: Option<u32>,
+    /// Reference voltage, V, and series resistance, Ω, of its divider.
+    pub divider: Option<[f64; 2]>,
 }
 
 impl CampaignFile {
@@ -51,7 +68,7 @@ impl CampaignFile {
     ];
 }
 
-const KNOWN: [&str; 14] = [
+const KNOWN: [&str; 16] = [
     "name",
     "instrument",
     "offset_trend_order",
@@ -65,6 +82,8 @@ const KNOWN: [&str; 14] = [
     "offset",
     "freq",
     "thermal",
+    "at",
+    "thermistor",
     "report",
 ];
 
@@ -95,10 +114,15 @@ pub fn parse(root: &Group, findings: &mut Vec<Finding>) -> Result<CampaignFile, 
             campaign.runs.extend(group.texts("runs")?.map(|runs| (kind, runs)));
         }
     }
+    for group in root.groups("thermistor")? {
+        findings.extend(group.unknown(&["sensor", "table", "reference", "order", "divider"]));
+        campaign.thermistors.push(thermistor(&group)?);
+    }
     if let Some(group) = root.group("report")? {
         let known: Vec<&str> = CampaignFile::REPORT.iter().map(|(key, _)| *key).chain(["thermistors"]).collect();
         findings.extend(group.unknown(&known));
-        campaign.thermistors = group.texts("thermistors")?.unwrap_or_default();
+        let tables = group.texts("thermistors")?.unwrap_or_default();
+        campaign.thermistors.extend(tables.into_iter().map(|table| ThermistorEntry { table, ..ThermistorEntry::default() }));
         for (key, label) in CampaignFile::REPORT {
             campaign.report.extend(group.text(key)?.map(|text| (label, text)));
         }
@@ -145,6 +169,7 @@ fn instructions(root: &Group, findings: &mut Vec<Finding>) -> Result<Instruction
         findings.extend(group.unknown(&["sensor", "mode", "runs", "order"]));
         instructions.thermal.push(thermal(&group, findings)?);
     }
+    instructions.at = locations(root, findings)?;
     Ok(instructions)
 }
 
@@ -162,6 +187,56 @@ fn positions(root: &Group, findings: &mut Vec<Finding>) -> Result<Vec<(u32, Posi
         positions.push((id, position));
     }
     Ok(positions)
+}
+
+/// `[[at]]`: where the sensor stood, by run.
+fn locations(root: &Group, findings: &mut Vec<Finding>) -> Result<BTreeMap<String, Location>, Finding> {
+    let mut locations = BTreeMap::new();
+    for group in root.groups("at")? {
+        findings.extend(group.unknown(&["runs", "location"]));
+        let location = location(&group)?;
+        for run in group.texts("runs")?.ok_or_else(|| group.missing("runs"))? {
+            if locations.contains_key(&run) {
+                let rule = format!("name the run {run} a second time, and a run has one location");
+                return Err(group.refuse("runs", &rule, "take it out of one of the lists"));
+            }
+            locations.insert(run, location);
+        }
+    }
+    Ok(locations)
+}
+
+/// The key `location`; the centre where it is missing.
+///
+/// # Errors
+/// Another name.
+pub fn location(group: &Group) -> Result<Location, Finding> {
+    let Some(name) = group.text("location")? else { return Ok(Location::Centre) };
+    Location::from_name(&name).ok_or_else(|| {
+        let names = Location::NAMES.map(|(_, name)| format!("\"{name}\"")).join(" or ");
+        group.refuse("location", "is no place of a sensor", &format!("write {names}"))
+    })
+}
+
+fn thermistor(group: &Group) -> Result<ThermistorEntry, Finding> {
+    let order = group.whole("order")?;
+    if order.is_some_and(|order| !(1..=HIGHEST_ORDER).contains(&(order as usize))) {
+        let rule = format!("must be 1 to {HIGHEST_ORDER}");
+        return Err(group.refuse("order", &rule, "ground calibration files take 3 at most"));
+    }
+    let divider = group.numbers("divider")?.map(|values| match values[..] {
+        [v, ohm] if v > 0.0 && ohm > 0.0 => Ok([v, ohm]),
+        _ => {
+            Err(group.refuse("divider", "must be two positive numbers", "write reference voltage, V, and series resistance, ohm"))
+        }
+    });
+    Ok(ThermistorEntry {
+        table: group.text("table")?.ok_or_else(|| group.missing("table"))?,
+        reference: group.text("reference")?,
+        sensor: group.text("sensor")?,
+        order,
+        divider: divider.transpose()?,
+    })
 }
 
 fn thermal(group: &Group, findings: &mut Vec<Finding>) -> Result<ThermalEntry, Finding> {

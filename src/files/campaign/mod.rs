@@ -5,8 +5,9 @@ pub mod file;
 use crate::data::error::Finding;
 use crate::data::provenance::{Input, Role};
 use crate::data::run::Header;
+use crate::files::ccr;
 use file::{CampaignFile, read};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// A run file of a campaign.
@@ -77,6 +78,10 @@ impl Campaign {
         let toml = root.join("campaign.toml");
         let (file, input) = if toml.is_file() {
             let (file, digested) = read(&toml, findings)?;
+            // Who names single runs may have no others.
+            if files.iter().any(|(_, named)| !named) {
+                check_locations(&root, &file)?;
+            }
             let input = digested.input("campaign.toml".to_owned()).with_role(Role::Campaign);
             (file, Some(input))
         } else {
@@ -124,6 +129,33 @@ impl Campaign {
     pub fn uses(&self, header: &Header) -> bool {
         let listed = self.file.runs.iter().find(|(kind, _)| *kind == header.kind);
         listed.is_none_or(|(_, runs)| runs.contains(&header.run))
+    }
+}
+
+/// Refuses a run of `[[at]]` that the folder of a campaign does not have: a slip in its name would put the sensor to the centre.
+///
+/// # Errors
+/// The first such run, or an error of the operating system.
+pub fn check_locations(root: &Path, file: &CampaignFile) -> Result<(), Finding> {
+    let at = &file.instructions.at;
+    if at.is_empty() {
+        return Ok(());
+    }
+    let mut known = BTreeSet::new();
+    for path in Campaign::run_files(root)? {
+        // The place tells the id of a run whose head cannot be read, which is not the fault of the list.
+        let place = recorded(root, &path).replace('/', "_");
+        known.insert(place.split('.').next().unwrap_or_default().to_owned());
+        known.extend(ccr::peek(&path).ok().map(|header| header.run));
+    }
+    match at.keys().find(|run| !known.contains(*run)) {
+        Some(run) => Err(Finding::error(
+            &root.join("campaign.toml").display().to_string(),
+            format!("`at.runs` name the run {run}, which is none of the campaign"),
+            "correct its id, or take it out; `calfit inspect` lists the runs",
+        )
+        .found(run.as_bytes())),
+        None => Ok(()),
     }
 }
 

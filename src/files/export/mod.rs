@@ -16,7 +16,7 @@ pub type Write = fn(&[Source], &Options) -> Result<Vec<Exported>, Finding>;
 
 /// The forms by their names on the command line.
 pub const FORMATS: [(&str, Write); 4] =
-    [("rpcmag", rpcmag::export), ("json", json::export), ("csv", csv::export), ("dcc", dcc::export)];
+    [("rpcmag", rpcmag::export_all), ("json", json::export), ("csv", csv::export), ("dcc", dcc::export)];
 
 /// What the forms need beside the files.
 #[derive(Clone, Debug)]

@@ -262,8 +262,16 @@ fn of_label(group: &Group, label: &str, count: usize) -> Result<Option<Vec<f64>>
     }
 }
 
-/// One file from the results of a sensor: TCF, or TPF with K the identity; TOF; THERMISTOR.
-pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Exported>, Finding> {
+/// The file of a sensor, as the forms that make several.
+pub(super) fn export_all(sources: &[Source], options: &Options) -> Result<Vec<Exported>, Finding> {
+    Ok(vec![export(sources, options)?])
+}
+
+/// The file of a sensor from its results: TCF, or TPF with K the identity; TOF; THERMISTOR.
+///
+/// # Errors
+/// What it lacks, in words, or why a file does not fit.
+pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding> {
     for source in sources {
         if !["TCF", "TPF", "TOF", "THERMISTOR"].contains(&source.format()) {
             let rule = format!("holds format {}, of which a ground calibration file takes nothing", source.format());
@@ -375,7 +383,7 @@ pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Export
     let text = file
         .to_text(&options.provenance)
         .map_err(|e| Finding::error(&name, format!("the result has no text form: {e}"), "report this"))?;
-    Ok(vec![Exported { name, text }])
+    Ok(Exported { name, text })
 }
 
 /// The known covariances of polynomials by their names.

@@ -7,6 +7,7 @@ use super::quantity::{Entry, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC
 use crate::data::across::{RunModelErrors, RunResidualFields, RunRotations, ThermistorLag};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::Convention;
+use crate::data::run::Location;
 use crate::model::polynomial::TemperaturePolynomial;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -46,6 +47,9 @@ pub struct ThermalHead {
     pub sensor: String,
     /// Mode.
     pub mode: String,
+    /// Where the sensor stood.
+    #[serde(default, skip_serializing_if = "Location::is_centre")]
+    pub location: Location,
     /// Run ids, in the order of `used`.
     pub runs: Vec<String>,
     /// Mean sensor temperature of every run, °C.

@@ -4,6 +4,7 @@ use super::{
     Approach, Body, BoxTwin, Climate, FacilityTwin, Heater, Jump, Phase, Residual, RunTwin, SensorTwin, Thermistor, Twin,
 };
 use crate::data::error::Finding;
+use crate::data::run::Location;
 use crate::files::campaign::file::{self, CampaignFile};
 use crate::files::mag::{self, Programme};
 use crate::files::source::read_whole;
@@ -19,9 +20,10 @@ use std::path::Path;
 const ROOT: [&str; 9] = ["seed", "campaign", "place", "sensor", "facility", "box", "temperatures", "run", "electronics"];
 const ELECTRONICS: [&str; 6] =
     ["sample_rate_hz", "range_ent", "resolution_ent", "packet_samples", "packet_loss", "flicker_lowest_hz"];
-const SENSOR: [&str; 10] = [
+const SENSOR: [&str; 11] = [
     "name",
     "mode",
+    "location",
     "real_sample_rate_hz",
     "response",
     "response_parameters",
@@ -116,12 +118,19 @@ fn parse(
         if position.is_some_and(|id| !places.contains_key(&id)) {
             return Err(group.refuse("position", "is not in the position table", "add [[campaign.position]]"));
         }
+        let id = jiff::fmt::strtime::format("%y-%m-%d_%H-%M-%S", start)
+            .map_err(|_| group.refuse("start", "is not a time that a run id can tell", "use the years 1970 to 2069"))?;
+        // A sensor that is described at one place only is the same at the other one.
+        let described = |location: Option<Location>| {
+            let here = |s: &SensorTwin| location.is_none_or(|l| l == s.location);
+            sensors.iter().position(|s| s.name == sensor && s.mode == mode && here(s))
+        };
+        let location = campaign.instructions.location(&id);
         runs.push(RunTwin {
-            id: jiff::fmt::strtime::format("%y-%m-%d_%H-%M-%S", start)
-                .map_err(|_| group.refuse("start", "is not a time that a run id can tell", "use the years 1970 to 2069"))?,
+            id,
             start,
             programme: programme(&name, findings)?,
-            sensor: sensors.iter().position(|s| s.name == sensor && s.mode == mode).ok_or_else(|| {
+            sensor: described(Some(location)).or_else(|| described(None)).ok_or_else(|| {
                 group.refuse("sensor", "and `mode` are not those of a [[sensor]]", "use the name and mode of one of them")
             })?,
             position,
@@ -131,6 +140,10 @@ fn parse(
             repeat: group.whole("repeat")?.unwrap_or(1).max(1),
             field_factor: positive(&group, "field_factor")?.unwrap_or(1.0),
         });
+    }
+    if let Some(run) = campaign.instructions.at.keys().find(|id| runs.iter().all(|run| run.id != **id)) {
+        let rule = format!("`campaign.at.runs` name the run {run}, which is none of the twin");
+        return Err(Finding::error(file, rule, "correct its id: its start as YY-MM-DD_hh-mm-ss").found(run.as_bytes()));
     }
     runs.sort_by_key(|run| run.start);
     if let Some(pair) = runs.windows(2).find(|pair| pair[0].id == pair[1].id) {
@@ -232,12 +245,15 @@ fn sensors(root: &Group, findings: &mut Vec<Finding>) -> Result<Vec<SensorTwin>,
         let known: Vec<&str> = SENSOR.iter().copied().chain(POLYNOMIALS.into_iter().flatten()).collect();
         findings.extend(group.unknown(&known));
         let (name, mode) = (group.text("name")?.ok_or_else(|| group.missing("name"))?, group.text("mode")?.unwrap_or_default());
-        if sensors.iter().any(|s| s.name == name && s.mode == mode) {
-            return Err(group.refuse("mode", "stands twice for this sensor", "describe every sensor and mode once"));
+        let location = file::location(&group)?;
+        if sensors.iter().any(|s| s.name == name && s.mode == mode && s.location == location) {
+            let remedy = "describe every sensor and mode once at every location";
+            return Err(group.refuse("mode", "stands twice for this sensor", remedy));
         }
         sensors.push(SensorTwin {
             name,
             mode,
+            location,
             model: thermal_sensor(&group)?,
             rotation_deg: group.three("rotation_deg")?.unwrap_or([0.0; 3]),
             rotation_per_k_deg: group.three("rotation_per_k_deg")?.unwrap_or([0.0; 3]),

@@ -1,6 +1,7 @@
-//! Which runs are compared: those of one sensor in one mode, or those that the campaign names.
+//! Which runs are compared: those of one sensor in one mode at one location, or those that the campaign names.
 
 use crate::data::across::{CalibratedRun, RunValues};
+use crate::data::run::Location;
 use crate::model::campaign::ThermalEntry;
 use serde::Serialize;
 
@@ -11,11 +12,15 @@ pub struct RunGroup {
     pub sensor: String,
     /// Mode.
     pub mode: String,
+    /// Where the sensor stood.
+    pub location: Location,
+    /// The campaign names the runs: polynomials through them are asked for.
+    pub is_listed: bool,
     /// Order per quantity or family of quantities, where given.
     pub orders: Vec<(String, usize)>,
     /// The runs by their ids, which is in time order.
     pub points: Vec<CalibratedRun>,
-    /// Runs of the same sensor and mode that state no sensor temperature: their kind and file.
+    /// Runs of the same sensor, mode and location that state no sensor temperature: their kind and file.
     pub without_temperature: Vec<(Kind, String)>,
 }
 
@@ -53,38 +58,42 @@ impl Kind {
     }
 }
 
-/// Sorts runs into groups: those that the campaign names, or one per sensor and mode. Runs without a sensor temperature make none.
+/// Sorts runs into groups: those that the campaign names, or one per sensor, mode and location. Runs without a sensor temperature make none.
 /// `orders`, of the command line, count before those of the campaign, the last of them first.
 #[must_use]
 pub fn groups(points: &[CalibratedRun], entries: &[ThermalEntry], orders: &[(String, usize)]) -> Vec<RunGroup> {
     let (mut points, without): (Vec<&CalibratedRun>, Vec<&CalibratedRun>) =
         points.iter().partition(|p| p.run.temperature_degc.is_some_and(f64::is_finite));
     points.sort_by(|a, b| (&a.run.id, &a.file).cmp(&(&b.run.id, &b.file)));
-    let mut keys: Vec<(&str, &str)> = points.iter().map(|p| (p.run.sensor.as_str(), p.run.mode.as_str())).collect();
+    let key = |p: &CalibratedRun| (p.run.sensor.clone(), p.run.mode.clone(), p.run.location);
+    let mut keys: Vec<(String, String, Location)> = points.iter().map(|p| key(p)).collect();
     keys.sort_unstable();
     keys.dedup();
     let mut groups = Vec::new();
-    for (sensor, mode) in keys {
-        let is_own = |p: &&&CalibratedRun| (p.run.sensor.as_str(), p.run.mode.as_str()) == (sensor, mode);
+    for own_key in keys {
+        let (sensor, mode, location) = &own_key;
+        let is_own = |p: &&&CalibratedRun| key(p) == own_key;
         let applies = |wanted: &Option<String>, is: &str| wanted.as_deref().is_none_or(|w| w == is);
         let entries: Vec<&ThermalEntry> =
             entries.iter().filter(|e| applies(&e.sensor, sensor) && applies(&e.mode, mode)).collect();
-        let group = |orders: Vec<(String, usize)>, points: Vec<CalibratedRun>| RunGroup {
-            sensor: sensor.to_owned(),
-            mode: mode.to_owned(),
+        let group = |is_listed: bool, orders: Vec<(String, usize)>, points: Vec<CalibratedRun>| RunGroup {
+            sensor: sensor.clone(),
+            mode: mode.clone(),
+            location: *location,
+            is_listed,
             orders,
             points,
             without_temperature: without.iter().filter(is_own).map(|p| (Kind::of(&p.values), p.file.clone())).collect(),
         };
         let given = || orders.iter().rev().cloned();
         if entries.is_empty() {
-            groups.push(group(given().collect(), points.iter().filter(is_own).map(|p| (*p).clone()).collect()));
+            groups.push(group(false, given().collect(), points.iter().filter(is_own).map(|p| (*p).clone()).collect()));
         }
         for entry in entries {
             let listed = |p: &&&CalibratedRun| entry.runs.as_ref().is_none_or(|runs| runs.contains(&p.run.id));
             let own = points.iter().filter(is_own).filter(listed).map(|p| (*p).clone()).collect();
             let orders = entry.orders.iter().map(|(name, order)| (name.clone(), *order as usize));
-            groups.push(group(given().chain(orders).collect(), own));
+            groups.push(group(entry.runs.is_some(), given().chain(orders).collect(), own));
         }
     }
     groups.retain(|g| !g.points.is_empty());
@@ -92,6 +101,12 @@ pub fn groups(points: &[CalibratedRun], entries: &[ThermalEntry], orders: &[(Str
 }
 
 impl RunGroup {
+    /// Sensor, mode and location, as people read them.
+    #[must_use]
+    pub fn name(&self) -> String {
+        format!("{} {}{}", self.sensor, self.mode, self.location.suffix())
+    }
+
     /// Runs of a kind.
     pub(super) fn of_kind(&self, kind: Kind) -> Vec<&CalibratedRun> {
         self.points.iter().filter(|p| Kind::of(&p.values) == kind).collect()

@@ -106,6 +106,7 @@ pub fn thermal(group: &RunGroup, kind: Kind, runs: &[&Lin], with_joint: bool) ->
             ids: points.iter().map(|p| p.run.id.clone()).collect(),
             sensor: group.sensor.clone(),
             mode: group.mode.clone(),
+            location: group.location,
             channel,
             temperature_degc: temperatures,
             coil_temperature_degc: points.iter().map(|p| p.run.coil_temperature_degc.unwrap_or(f64::NAN)).collect(),

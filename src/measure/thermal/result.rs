@@ -3,6 +3,7 @@
 use super::group::Kind;
 use crate::data::across::{RunModelErrors, RunResidualFields, RunRotations};
 use crate::data::note::Note;
+use crate::data::run::Location;
 use crate::fit::order::Reason;
 use crate::measure::joint::JointFit;
 use crate::model::polynomial::TemperaturePolynomial;
@@ -21,6 +22,8 @@ pub struct RunsUsed {
     pub sensor: String,
     /// Mode.
     pub mode: String,
+    /// Where the sensor stood.
+    pub location: Location,
     /// Channel of the sensor temperature; absent if no file tells it.
     pub channel: Option<String>,
     /// Mean sensor temperature of every run, °C.
