@@ -7,6 +7,7 @@ use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance, Role};
+use crate::data::result::RunHead;
 use crate::data::run::Run;
 use crate::files::ccr;
 use crate::files::output::Folder;
@@ -149,29 +150,17 @@ impl Measured {
     }
 }
 
-/// Gives results in enT in nT as well, each with the sensitivities of the linear calibration of the same sensor and mode that is nearest in
-/// time. Its file becomes an input of theirs.
+/// Gives results in enT in nT as well, each with the sensitivities of a linear calibration, whose file becomes an input of theirs.
 ///
 /// # Errors
 /// A calibration without a text form.
 pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
-    let seconds = |start: &str| start.parse::<jiff::Timestamp>().map_or(f64::NAN, |t| t.as_second() as f64);
     let mut found = Vec::new();
     for (index, made) in all.iter().enumerate().filter_map(|(index, one)| Some((index, one.made()?))) {
         if !made.is_scalable() {
             continue;
         }
-        let head = made.head();
-        let distance = |lin: &&Made<Lin>| (seconds(&lin.result.calibration.run.start) - seconds(&head.start)).abs();
-        let nearest = all
-            .iter()
-            .filter_map(Measured::lin)
-            .filter(|lin| {
-                let other = &lin.result.calibration.run;
-                (&other.sensor, &other.mode) == (&head.sensor, &head.mode)
-            })
-            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
-        if let Some(lin) = nearest {
+        if let Some(lin) = nearest(made.head(), all.iter().filter_map(Measured::lin), |lin| &lin.result.calibration.run) {
             let parameters = lin.result.parameters();
             let path = parameters.file_name();
             let text = parameter_text(&path, &parameters, &lin.provenance)?;
@@ -186,6 +175,27 @@ pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
         }
     }
     Ok(())
+}
+
+/// Temperatures that differ by less are one: the mean of a run is known to some hundredths of a degree.
+const SAME_DEGC: f64 = 0.1;
+
+/// Of the runs of the same sensor, mode and location the one nearest in sensor temperature, since the sensitivities follow it; of several
+/// at one temperature, or where a run states none, the one nearest in time.
+fn nearest<'a, T>(own: &RunHead, all: impl Iterator<Item = &'a T>, head: impl Fn(&T) -> &RunHead) -> Option<&'a T> {
+    let seconds = |run: &RunHead| run.start.parse::<jiff::Timestamp>().map_or(f64::NAN, |t| t.as_second() as f64);
+    let key = |run: &RunHead| (run.sensor.clone(), run.mode.clone(), run.location);
+    let distance = |one: &&T| {
+        let run = head(one);
+        let degc = run.temperature_degc.zip(own.temperature_degc).map_or(f64::INFINITY, |(a, b)| (a - b).abs());
+        let steps = (degc / SAME_DEGC).floor();
+        (steps, (seconds(run) - seconds(own)).abs())
+    };
+    let fits = all.filter(|one| key(head(one)) == key(own));
+    fits.min_by(|a, b| {
+        let ((a_degc, a_s), (b_degc, b_s)) = (distance(a), distance(b));
+        a_degc.total_cmp(&b_degc).then(a_s.total_cmp(&b_s))
+    })
 }
 
 /// Writes the linear calibrations on which a thermal group rests under their names there.
@@ -211,4 +221,53 @@ pub fn publish_thermal_names(all: &[Measured], used: &[String], desk: &Desk) -> 
 /// What cannot be written.
 pub fn publish_tables(folder: &Folder, all: &[Measured]) -> Result<(), Finding> {
     RUN_KINDS.iter().try_for_each(|kind| kind.publish_table(folder, all))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::run::Location;
+
+    fn head(id: &str, degc: Option<f64>, start: &str) -> RunHead {
+        RunHead {
+            id: id.to_owned(),
+            sensor: "S".to_owned(),
+            mode: "m".to_owned(),
+            location: Location::Centre,
+            temperature_degc: degc,
+            coil_temperature_degc: None,
+            campaign: String::new(),
+            start: format!("2013-04-03T{start}:00Z"),
+            configuration: String::new(),
+            field_source: String::new(),
+            coil_correction: None,
+            earthfield_compensation: Vec::new(),
+        }
+    }
+
+    fn found(own: &RunHead, all: &[RunHead]) -> Option<String> {
+        nearest(own, all.iter(), |run| run).map(|run| run.id.clone())
+    }
+
+    #[test]
+    fn the_temperature_decides_before_the_time() {
+        let own = head("own", Some(17.30), "09:53");
+        let cold = head("cold", Some(4.63), "10:15");
+        let same = head("same", Some(17.31), "09:22");
+        assert_eq!(found(&own, &[cold.clone(), same.clone()]).as_deref(), Some("same"));
+        // At one temperature the time decides, and a thousandth of a degree does not.
+        let earlier = head("earlier", Some(17.30), "08:00");
+        assert_eq!(found(&own, &[earlier, same.clone()]).as_deref(), Some("same"));
+        // Without a temperature the time is all there is.
+        let unknown = head("unknown", None, "09:50");
+        assert_eq!(found(&unknown, &[cold.clone(), same.clone()]).as_deref(), Some("cold"));
+        assert_eq!(found(&own, &[unknown, cold]).as_deref(), Some("cold"));
+        // Another sensor, mode or place has other sensitivities.
+        let others = [
+            RunHead { sensor: "T".to_owned(), ..same.clone() },
+            RunHead { mode: "n".to_owned(), ..same.clone() },
+            RunHead { location: Location::OffCentre, ..same },
+        ];
+        assert_eq!(found(&own, &others), None);
+    }
 }
