@@ -2,8 +2,10 @@
 
 use crate::common;
 
+use calfit::data::convention::Convention;
 use calfit::data::provenance::Provenance;
 use calfit::data::recipe::Recipe;
+use calfit::data::reference::Reference;
 use calfit::files::export::rpcmag::{RpcMag, parse, read};
 use common::check::{Case, calfit, number, parameters, says, text, three};
 use proptest::prelude::*;
@@ -30,6 +32,12 @@ fn three_of() -> impl Strategy<Value = [f64; 3]> {
     proptest::array::uniform3(finite())
 }
 
+/// A rotation about z.
+fn rotation(deg: f64) -> [[f64; 3]; 3] {
+    let (sin, cos) = deg.to_radians().sin_cos();
+    [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
+}
+
 prop_compose! {
     fn calibration()(
         sensor in "[ -~°ξ\n\"\\\\]{1,12}",
@@ -45,6 +53,7 @@ prop_compose! {
         std in three_of(),
         low in -300.0..0.0f64,
         high in 0.0..300.0f64,
+        turn_deg in proptest::option::of(-180.0..180.0f64),
     ) -> RpcMag {
         RpcMag {
             mode: sensor.chars().rev().collect(),
@@ -58,6 +67,12 @@ prop_compose! {
             thermistor,
             t_off_degc,
             std: BTreeMap::from([("A_1".to_owned(), std.to_vec()), ("K_2".to_owned(), std.to_vec()), ("T_OFF".to_owned(), vec![std[0]])]),
+            reference: turn_deg.map(|deg| Reference {
+                rotation: rotation(deg),
+                std_deg: deg.abs(),
+                from: Convention::Rosetta.sensor_frame().to_owned(),
+                stated_for: Convention::BepiColombo,
+            }),
         }
     }
 }

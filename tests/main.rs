@@ -26,6 +26,7 @@ mod nist_nonlinear;
 mod nist_sine;
 mod null;
 mod offset;
+mod places;
 mod python;
 mod recipe;
 mod report;

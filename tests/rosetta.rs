@@ -407,3 +407,93 @@ fn the_field_comes_back_from_the_files_alone() {
         }
     }
 }
+
+/// The text of a run of the cycle, which says that it was made beside the centre.
+fn beside(text: &str) -> String {
+    text.replacen("mode = \"m\"\n", "mode = \"m\"\nlocation = \"off-centre\"\n", 1)
+}
+
+/// `thermal` on the folder of all files.
+fn paired(case: &Case) -> (DocumentMut, String) {
+    let messages = done(&transfer(case, &[]));
+    (parameters(&case.out().join(TCF)), messages)
+}
+
+#[test]
+fn files_that_say_where_they_were_made_find_each_other() {
+    let sensor = Sensor::new("ib");
+    let named = Case::new();
+    sensor.cycle(&named, Some([2e-6, 3e-4]));
+    let at_centre = sensor.centre(Some([5e-6, 7e-4])).text("01-06-08_09-00-00");
+    let turned = sensor.offset("offset_std_ent = [0.3, 0.3, 0.3]\n");
+    let (centre, offset) = (put(&named, "CENTRE.CPF", &at_centre), put(&named, "OFFSET.OPF", &turned));
+    done(&transfer(&named, &[("--centre", &centre), ("--offset", &offset)]));
+
+    let own = Case::new();
+    for (i, degc) in CYCLE_DEGC.into_iter().enumerate() {
+        let run = format!("01-06-0{}_09-00-00", i + 1);
+        own.put(&format!("{run}.CPF"), beside(&sensor.off_centre(degc, Some([2e-6, 3e-4])).text(&run)));
+    }
+    own.put("CENTRE.CPF", &at_centre);
+    own.put("OFFSET.OPF", &turned);
+    // Another sensor and another mode at the centre are none of its runs.
+    own.put("OTHER.CPF", at_centre.replacen("\"ib\"", "\"ob\"", 1).replacen("01-06-08", "01-06-07", 1));
+    own.put("MODE.CPF", at_centre.replacen("mode = \"m\"", "mode = \"n\"", 1).replacen("01-06-08", "01-06-06", 1));
+    let output = transfer(&own, &[]);
+    // The other two are at one temperature and belong to no cycle.
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["ob m: its linearity runs (OTHER.CPF)", "ib n: its linearity runs (MODE.CPF)", "2 of "]);
+    let [by_name, by_place] = [&named, &own].map(|case| parameters(&case.out().join(TCF)));
+    assert_eq!(common::check::numbers(&by_name), common::check::numbers(&by_place));
+    let tpf = parameters(&own.out().join(TPF));
+    assert_eq!(tpf["location"].as_str(), Some("off-centre"));
+    assert_eq!(tpf["used"].as_array().unwrap().len(), 5);
+    for file in [TCF, TPF] {
+        let output = calfit().arg("verify").arg(own.out().join(file)).arg(own.campaign()).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    }
+
+    // Without a run at the centre the polynomials stay where they are, and that is said.
+    for file in ["CENTRE.CPF", "OTHER.CPF", "MODE.CPF", "OFFSET.OPF"] {
+        fs::remove_file(own.campaign().join(file)).unwrap();
+    }
+    fs::remove_file(own.out().join(TCF)).unwrap();
+    says(&done(&transfer(&own, &[])), &[TPF, "no linearity run of ib m at the centre"]);
+    assert!(!own.out().join(TCF).exists());
+}
+
+#[test]
+fn several_runs_at_the_centre_count_by_their_uncertainties() {
+    let sensor = Sensor::new("ib");
+    let case = Case::new();
+    for (i, degc) in CYCLE_DEGC.into_iter().enumerate() {
+        let run = format!("01-06-0{}_09-00-00", i + 1);
+        case.put(&format!("{run}.CPF"), beside(&sensor.off_centre(degc, Some([2e-6, 3e-4])).text(&run)));
+    }
+    // Two of them agree within their uncertainties, 3e-6 and 4e-6: weights 16 to 9, uncertainty 3 · 4 / 5. The third is warmer.
+    let good = sensor.centre(None);
+    let run = |shift: f64, std: f64, degc: f64, id: &str| {
+        let sigma = good.sigma.map(|s| s + shift);
+        Linear { sigma, std: Some([std, 100.0 * std]), degc: Some(degc), ..good.clone() }.text(id)
+    };
+    case.put("A.CPF", run(9e-7, 3e-6, T1, "01-06-06_09-00-00"));
+    case.put("B.CPF", run(-16e-7, 4e-6, T1 + 0.1, "01-06-07_09-00-00"));
+    case.put("WARM.CPF", run(1e-3, 3e-6, T1 + 20.0, "01-06-08_09-00-00"));
+    // Two centre temperatures make polynomials there as well.
+    let (found, _) = paired(&case);
+    assert_eq!(found["centre"]["file"].as_str(), Some("A.CPF, B.CPF"));
+    assert!((number(&found, "reference_degc") - (T1 + 0.05)).abs() < 1e-12);
+    says(&found["warnings"].to_string(), &["WARM.CPF took no part"]);
+    for i in 0..3 {
+        // The misalignment of 1e-3 carries the mean of the angles into the other convention and back.
+        assert!((number(&found, &format!("centre.sigma.{i}")) - good.sigma[i]).abs() < 1e-11);
+        assert!((number(&found, &format!("centre.sigma_std.{i}")) / 2.4e-6 - 1.0).abs() < 1e-4);
+    }
+    assert_eq!(parameters(&case.out().join(TPF))["used"].as_array().unwrap().len(), 5);
+
+    // Runs that scatter by more than that: 9e-6 and -16e-6 are chi² = 9 + 16 with one degree of freedom, five times the uncertainty.
+    case.put("A.CPF", run(9e-6, 3e-6, T1, "01-06-06_09-00-00"));
+    case.put("B.CPF", run(-16e-6, 4e-6, T1, "01-06-07_09-00-00"));
+    let (found, _) = paired(&case);
+    assert!((number(&found, "centre.sigma_std.0") / 12e-6 - 1.0).abs() < 1e-4);
+}

@@ -143,3 +143,48 @@ fn a_file_that_was_changed_is_refused_and_one_without_a_hash_is_warned_about() {
     assert_eq!(output.status.code(), Some(1));
     says(&text(&output.stderr), &["A.CPF", "was changed after it was written", "A.OPF", "carries no hash"]);
 }
+
+#[test]
+fn both_corners_have_polynomials_and_that_between_amplitudes_is_the_printed_one() {
+    let document = published();
+    let of_sines = |file: &&Table| file["name"].as_str().unwrap().ends_with(".TAF");
+    let mut files = 0;
+    for file in document["file"].as_array_of_tables().unwrap().iter().filter(of_sines) {
+        let case = Case::new();
+        // The corners of the models lie lower, on a line of their own.
+        let model = |i: usize, degc: f64| 50.0 + i as f64 - 0.03 * degc;
+        for (used, degc) in file["used"].as_array().unwrap().iter().zip(TEMPERATURES_DEGC) {
+            let used = used.as_str().unwrap();
+            let hz: Vec<f64> = (0..3).map(|i| model(i, degc)).collect();
+            let text = parameter_file(file, used, degc);
+            let more = format!("f_3db_model_hz = {hz:?}\nf_3db_model_std_hz = [0.1, 0.1, 0.1]\nf_3db_igep_hz");
+            case.put(used, text.replacen("f_3db_igep_hz", &more, 1));
+        }
+        let order = coefficients(file, "f_3db_x").len() - 1;
+        let output = case.run("thermal", &["--no-plots", "--order", "f_3db=1", "--order", &format!("f_3db_igep={order}")]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let first = file["used"][0].as_str().unwrap().split("__").nth(1).unwrap().split('.').next().unwrap();
+        let found = parameters(&case.out().join(format!("THERMAL_AC_PARAMETER__{first}.TAF")));
+        assert_eq!(found["corner"].as_str(), Some("model"));
+        for (i, component) in ["x", "y", "z"].into_iter().enumerate() {
+            let list =
+                |key: String| -> Vec<f64> { found[&key].as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect() };
+            let printed = coefficients(file, &format!("f_3db_{component}"));
+            let igep = list(format!("f_3db_igep_{component}"));
+            assert_eq!(igep.len(), printed.len());
+            for (g, e) in igep.iter().zip(&printed) {
+                assert!(((g - e) / e).abs() < 1e-9, "{component}: {igep:?} is not {printed:?}");
+            }
+            let own = list(format!("f_3db_{component}"));
+            assert!((own[0] - 50.0 - i as f64).abs() < 1e-9 && (own[1] + 0.03).abs() < 1e-11, "{own:?}");
+            assert!(found["covariance"].get(format!("f_3db_igep_{component}")).is_some());
+        }
+        // Without an order of its own the corner between amplitudes takes that of the other.
+        let output = case.run("thermal", &["--no-plots", "--order", "f_3db=0"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let found = parameters(&case.out().join(format!("THERMAL_AC_PARAMETER__{first}.TAF")));
+        assert_eq!(found["f_3db_igep_x"].as_array().unwrap().len(), 1);
+        files += 1;
+    }
+    assert_eq!(files, 4);
+}

@@ -238,6 +238,31 @@ fn rosetta_runs_through_lin_offset_and_thermal() {
             near(&format!("{sensor} residual field {i}"), coil_nt[i], field[i], 4.0 * coil_std_nt[i]);
         }
 
+        // At the centre, from the polynomials beside it and the two runs there, which find each other by their places.
+        let tcf = parameters(&case.out().join(format!("THERMAL_CENTRE_PARAMETER__01-06-{day}-09-00-00.TCF")));
+        for i in 0..3 {
+            // k is cut off to 1e-5, K is printed to 1e-5.
+            near(&format!("{sensor} k {i}"), three(&tcf, "k")[i], of("k")[i], 4.0 * three(&tcf, "k_std")[i] + 1e-5);
+            for c in 0..3 {
+                let [found, wanted, std] = ["k_inverse", "k_matrix_inverse", "k_inverse_std"].map(|key| {
+                    if key == "k_matrix_inverse" {
+                        three(&printed, &format!("{sensor}.{key}.{i}"))[c]
+                    } else {
+                        three(&tcf, &format!("{key}.{i}"))[c]
+                    }
+                });
+                near(&format!("{sensor} K inverse {i} {c}"), found, wanted, 4.0 * std + 1e-5);
+            }
+            for degc in [-55.0, T1_DEGC, 100.0] {
+                let (value, std) = at(&tcf, ["sigma_x", "sigma_y", "sigma_z"][i], degc);
+                let wanted = of("sigma_centre_0")[i] + of("sigma_centre_1_per_k")[i] * degc;
+                near(&format!("{sensor} sigma {i} at the centre at {degc}"), value, wanted, 4.0 * std + 1e-5);
+            }
+            // The residual field as the sensor reads it beside the centre, up to the variation that is left, as below.
+            let (b_res_ent, std) = (three(&tcf, "residual_field.b_res_ent")[i], three(&tcf, "residual_field.b_res_std_ent")[i]);
+            near(&format!("{sensor} B_res {i}"), b_res_ent, b_res[i], 4.0 * std + 0.035);
+        }
+
         let file = parameters(&case.out().join(format!("THERMAL_PARAMETER__01-06-{day}-09-00-00.TPF")));
         assert_eq!(file["used"].as_array().unwrap().len(), 6);
         for degc in [-55.0, T1_DEGC, 100.0] {
@@ -260,4 +285,90 @@ fn rosetta_runs_through_lin_offset_and_thermal() {
             }
         }
     }
+}
+
+#[test]
+fn the_report_of_rosetta_ends_with_ground_calibration_files() {
+    let mut twin = read("rosetta-ground");
+    // The first sensor has a thermistor, the printed cubic 1.5 degrees below a reference thermometer, and both have a reference cube.
+    twin.campaign_toml.push_str(
+        "\n[[thermistor]]\nsensor = \"FM-IB\"\ntable = \"tables/ib.csv\"\nreference = \"tables/beside.csv\"\norder = 3\n\
+         [[reference]]\nsensor = \"FM-IB\"\nrotation = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]\nstd_deg = 0.01\n\
+         convention = \"rosetta\"\n",
+    );
+    let case = simulated(&twin);
+    let cubic = |u: f64| -368.61072 + u * (458.49304 + u * (-356.0289 + u * 180.00644));
+    let table = |head: &str, shift: f64| -> String {
+        let rows: String =
+            (0..12).map(|i| 0.9 + 0.05 * f64::from(i)).map(|u| format!("{:?},{u:?}\n", cubic(u) + shift)).collect();
+        format!("{head},u_volt\n{rows}")
+    };
+    case.put("tables/ib.csv", table("t_degc", 0.0));
+    case.put("tables/beside.csv", table("reference_degc", 1.5));
+    let messages = done(&case, &["report"], false);
+    assert!(!messages.contains("error"), "{messages}");
+    let lacking = ["there is no ground calibration file of FM-OB burst", "T_0 to T_3 and T_OFF lack a THERMISTOR file"];
+    says(&messages, &lacking);
+    let protocol = std::fs::read_to_string(case.out().join("REPORT.md")).unwrap();
+    says(&protocol, &["Calibration at the centre of the coil system", "RPCMAG_GND_CALIB_FM-IB.TXT", "FM-OB burst, off-centre"]);
+    says(&protocol, &lacking);
+    assert!(!protocol.contains("failed or were refused") && !protocol.contains("No polynomials"));
+    assert!(!case.out().join("RPCMAG_GND_CALIB_FM-OB.TXT").exists());
+
+    let path = case.out().join("RPCMAG_GND_CALIB_FM-IB.TXT");
+    let (ground, _) = calfit::files::export::rpcmag::read(&path, &mut Vec::new()).unwrap();
+    let printed = printed("tests/data/rosetta/ground_calibration.toml");
+    let of = |key: &str| three(&printed, &format!("ib.{key}"));
+    let std = |label: &str| -> Three { ground.std[label].clone().try_into().unwrap() };
+    for i in 0..3 {
+        near("A_0", ground.a[0][i], of("a0_nt")[i], 4.0 * std("A_0")[i] + 0.035);
+        near("A_1", ground.a[1][i], of("a1_nt_per_k")[i], 4.0 * std("A_1")[i] + 0.035 / 55.0);
+        near("B_RES", ground.b_res_ent[i], of("b_res_nt")[i], 4.0 * std("B_RES")[i] + 0.035);
+        near("SIGMA_00", ground.sigma[0][i], of("sigma_centre_0")[i], 4.0 * std("SIGMA_00")[i] + 1e-5);
+        near("SIGMA_01", ground.sigma[1][i], of("sigma_centre_1_per_k")[i], 4.0 * std("SIGMA_01")[i] + 1e-8);
+        near("XI_10", ground.xi[0][i], of("xi_off_centre_0_deg")[i], 4.0 * std("XI_10")[i] + 1e-4);
+        near("XI_11", ground.xi[1][i], of("xi_off_centre_1_deg_per_k")[i], 4.0 * std("XI_11")[i] + 1e-6);
+    }
+    near("T_3", ground.thermistor[3], 180.00644, 1e-6);
+    near("T_OFF", ground.t_off_degc, -1.5, 1e-9);
+    // It was stated for the sensor frame of the file, and is carried as it is; the file of a run has the other frame.
+    let stated = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]];
+    let reference = ground.reference.unwrap();
+    let most = |rows: [Three; 3]| (0..9).map(|i| (rows[i / 3][i % 3] - stated[i / 3][i % 3]).abs()).fold(0.0, f64::max);
+    assert!(most(reference.rotation) < 1e-12 && reference.std_deg == 0.01, "{reference:?}");
+    let run = cpf(&case.out(), "01-06-11_07-00-00");
+    // Between the frames lie misalignments of some hundredths of a degree.
+    let apart = most(std::array::from_fn(|r| three(&run, &format!("reference.rotation.{r}"))));
+    assert!((1e-5..1e-2).contains(&apart), "{apart}");
+    assert!(cpf(&case.out(), "01-06-13_07-00-00").get("reference").is_none());
+    // The offset at the centre is scaled with the run at the centre.
+    let opf = parameters(&case.out().join("01-06-11_07-35-00/OFF_PARAMETER__01-06-11-07-35-00.OPF"));
+    says(&opf.to_string(), &["PARAMETER_LIN__01-06-11_07-00-00.CPF"]);
+
+    let verified = calfit().arg("verify").arg(case.out()).arg(case.campaign()).output().unwrap();
+    assert_eq!(verified.status.code(), Some(0), "{}", text(&verified.stderr));
+    let checked = calfit().arg("check").arg(&path).arg(case.campaign()).output().unwrap();
+    assert_eq!(checked.status.code(), Some(0), "{}", text(&checked.stderr));
+}
+
+#[test]
+fn champ_has_no_polynomials_across_runs_and_nothing_failed() {
+    let mut champ = read("champ-1998");
+    // Linearity runs at one temperature and a sweep; the campaign takes its polynomials from the sweeps alone.
+    let kept = ["98-03-23_18-02-00", "98-03-23_21-12-00", "98-03-26_13-01-00"];
+    champ.runs.retain(|run| kept.contains(&run.id.as_str()));
+    champ.runs[2].longest_s = Some(3.0 * 3600.0);
+    let case = simulated(&champ);
+    for command in ["thermal", "report"] {
+        let messages = done(&case, &[command], false);
+        assert!(!messages.contains("no sensor temperature") && !messages.contains("error"), "{messages}");
+    }
+    assert!(case.out().join("98-03-26_13-01-00/THERMAL_PARAMETER__98-03-26-13-01-00.TPF").is_file());
+    // Without that instruction, runs at one temperature are no failure of a report, which nobody asked for polynomials through them.
+    let toml = std::fs::read_to_string(case.campaign().join("campaign.toml")).unwrap();
+    case.put("campaign.toml", toml.replace("runs = []\n", ""));
+    let messages = done(&case, &["report"], false);
+    assert!(!messages.contains("error"), "{messages}");
+    let protocol = std::fs::read_to_string(case.out().join("REPORT.md")).unwrap();
+    says(&protocol, &["No polynomials: CSC1 EM electronics: its linearity runs", "at 1 different temperature"]);
 }

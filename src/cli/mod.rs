@@ -52,7 +52,7 @@ enum Command {
     Offset(offset::Arguments),
     /// Sampling frequency and frequency response of every frequency run, or of a table of amplitudes.
     Freq(freq::Arguments),
-    /// Temperature polynomials of every sensor and mode, across runs or parameter files.
+    /// Temperature polynomials of every sensor, mode and location, across runs or parameter files, and at the centre of the coil system.
     Thermal(thermal::Arguments),
     /// Offset drift, noise spectrum, Allan deviation and correlations of every zero-field run.
     Null(null::Arguments),

@@ -27,7 +27,7 @@ pub(super) struct Arguments {
     /// Campaign folders, run files, parameter files (.CPF, .OPF, .FPF; with --centre also .TPF), or folders of parameter files.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// Order of the polynomial of a quantity or family, sigma=1, b_or_x=3, f_3db=2 for example; others are chosen by AICc and
+    /// Order of the polynomial of a quantity or family, sigma=1, b_or_x=3, f_3db=2, f_3db_igep=1 for example; others are chosen by AICc and
     /// leave-one-out error.
     #[arg(long, value_name = "QUANTITY=N", value_parser = order)]
     order: Vec<(String, usize)>,
@@ -47,7 +47,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// Linear calibration at the centre of the coil system: the runs were measured beside it and their polynomials, or those of a TPF
-    /// among the paths, are taken to the centre as well.
+    /// among the paths, are taken to the centre as well [default: where runs say that they were made beside the centre, `[[at]]` of
+    /// campaign.toml, the linearity and offset runs at the centre of the same sensor and mode].
     #[arg(long, value_name = "CPF")]
     centre: Option<PathBuf>,
     /// Linear calibration beside the centre at the temperature of --centre [default: the polynomials at that temperature].

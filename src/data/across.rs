@@ -2,6 +2,7 @@
 //!
 //! Parameter files hold these types as they are, so that each is defined here only.
 
+use super::reference::StatedReference;
 use super::result::{Rows, RunHead};
 use super::run::Location;
 use serde::{Deserialize, Serialize};
@@ -98,6 +99,8 @@ pub struct CalibratedRun {
     pub channel: Option<String>,
     /// Its values.
     pub values: RunValues,
+    /// How the sensor stands in its reference cube, if the file tells it.
+    pub reference: Option<StatedReference>,
 }
 
 /// Rotation angles of every run, degrees; nan where a file does not tell.

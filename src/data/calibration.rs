@@ -3,7 +3,9 @@
 //! The result of the analysis and its parameter file both hold them, and analyses of several runs take them from either, so that each
 //! is defined here only.
 
+use super::convention::{Alignment, Convention};
 use super::note::{Note, NoteKind};
+use super::reference::{Reference, StatedReference};
 use super::result::{Covariance, Rows, RunHead, Spread, Summary};
 use serde::{Deserialize, Serialize};
 
@@ -30,6 +32,9 @@ pub struct LinearCalibration {
     pub noise: PlateauNoise,
     /// Where the calibration holds.
     pub valid: LinearValidity,
+    /// How the sensor stands in its reference cube, if that is stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference: Option<Reference>,
 }
 
 impl LinearCalibration {
@@ -37,6 +42,20 @@ impl LinearCalibration {
     #[must_use]
     pub fn sigma_nt_per_ent(&self) -> [f64; 3] {
         std::array::from_fn(|i| self.matrix.sigma[i][i])
+    }
+
+    /// Sensitivities and angles.
+    #[must_use]
+    pub fn alignment(&self) -> Alignment {
+        let a = &self.angle_deg;
+        let (sigma, xi_deg) = (self.sigma_nt_per_ent(), [a.xi_xy, a.xi_xz, a.xi_yz]);
+        Alignment { convention: Convention::BepiColombo, sigma, xi_deg }
+    }
+
+    /// How the sensor stands in its reference cube, as it was stated.
+    #[must_use]
+    pub fn stated_reference(&self) -> Option<StatedReference> {
+        self.reference.as_ref()?.stated(&self.alignment()).ok()
     }
 }
 

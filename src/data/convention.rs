@@ -124,6 +124,16 @@ impl Convention {
         }
     }
 
+    /// The convention with this name in files.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        match name {
+            "bepicolombo" => Some(Convention::BepiColombo),
+            "rosetta" => Some(Convention::Rosetta),
+            _ => None,
+        }
+    }
+
     /// The other one.
     #[must_use]
     pub fn other(self) -> Self {

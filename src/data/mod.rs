@@ -13,6 +13,7 @@ pub mod offset;
 pub mod plateau;
 pub mod provenance;
 pub mod recipe;
+pub mod reference;
 pub mod result;
 pub mod run;
 pub mod tables;

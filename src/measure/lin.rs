@@ -67,7 +67,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     }
     notes.extend(judge::rounding_of(&used, &noise));
 
-    let calibration = LinearCalibration {
+    let mut calibration = LinearCalibration {
         run: conditions::head(run, instructions, &temperatures),
         setup: setup(&prepared, &used, plateaus),
         matrix: parameters.matrices(),
@@ -94,7 +94,10 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         covariance: parameters.covariance(),
         noise: noise_of_plateaus(&noise),
         valid: validity(&used, &temperatures, span_s),
+        reference: None,
     };
+    let stated = instructions.references.get(&run.header.sensor);
+    calibration.reference = stated.and_then(|stated| stated.in_frame_of(&calibration.alignment()).ok());
     Ok(Lin {
         calibration,
         facility: prepared.facility,

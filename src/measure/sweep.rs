@@ -113,6 +113,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         lags: followed.lags,
         facility,
         model: model.map(|m| m.part),
+        reference: instructions.references.get(&run.header.sensor).copied(),
         notes,
         windows,
         blocks,

@@ -1,6 +1,7 @@
 //! What a campaign says of its runs beside their headers: positions, temperature channels, field limits, orders.
 
 use super::position::Position;
+use crate::data::reference::StatedReference;
 use crate::data::run::{Header, Location};
 use std::collections::BTreeMap;
 
@@ -47,9 +48,31 @@ pub struct ThermalEntry {
 }
 
 /// Quantities of a thermal analysis, and the names under which several share one order.
-pub const THERMAL_QUANTITIES: [&str; 20] = [
-    "sigma", "xi", "b_or", "b_off", "f_3db", "sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz", "xi_yz", "b_or_x", "b_or_y",
-    "b_or_z", "b_off_x", "b_off_y", "b_off_z", "f_3db_x", "f_3db_y", "f_3db_z",
+pub const THERMAL_QUANTITIES: [&str; 24] = [
+    "sigma",
+    "xi",
+    "b_or",
+    "b_off",
+    "f_3db",
+    "f_3db_igep",
+    "sigma_x",
+    "sigma_y",
+    "sigma_z",
+    "xi_xy",
+    "xi_xz",
+    "xi_yz",
+    "b_or_x",
+    "b_or_y",
+    "b_or_z",
+    "b_off_x",
+    "b_off_y",
+    "b_off_z",
+    "f_3db_x",
+    "f_3db_y",
+    "f_3db_z",
+    "f_3db_igep_x",
+    "f_3db_igep_y",
+    "f_3db_igep_z",
 ];
 /// Largest order of a temperature polynomial.
 pub const MOST_THERMAL_ORDER: u32 = 5;
@@ -77,6 +100,8 @@ pub struct Instructions {
     pub thermal: Vec<ThermalEntry>,
     /// Where the sensor stood, by run id; the centre where nothing is said.
     pub at: BTreeMap<String, Location>,
+    /// How sensors stand in their reference cubes, by sensor.
+    pub references: BTreeMap<String, StatedReference>,
 }
 
 impl Default for Instructions {
@@ -95,6 +120,7 @@ impl Default for Instructions {
             limits: Vec::new(),
             thermal: Vec::new(),
             at: BTreeMap::new(),
+            references: BTreeMap::new(),
         }
     }
 }

@@ -12,7 +12,7 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
     let head = &thermal.runs;
     let of = format!("{} {}{}", head.sensor, head.mode, head.location.suffix());
     let mut list = vec![Named { stem: "temperature_profile", figure: profile(head, &of) }];
-    let curves = |family: &str| thermal.quantities.iter().filter(|c| c.name.starts_with(family)).collect::<Vec<&QuantityFit>>();
+    let curves = |family: &str| thermal.quantities.iter().filter(|c| c.family() == family).collect::<Vec<&QuantityFit>>();
     let polynomial = |family: &str, title: &str, symbol: &str| {
         polynomials(&curves(family), head.channel.as_deref(), "runs", &format!("{title}, {of}"), symbol)
     };

@@ -39,6 +39,10 @@ pub fn sections(thermal: &Thermal, file_name: &str) -> Vec<Section> {
             let how = if sampling.corner == Corner::Model { "of the response models" } else { "by interpolation (igep)" };
             let title = format!("-3 dB corner frequency {how} against temperature");
             sections.push(family(thermal, "f_3db", &title, "Hz, °C"));
+            if sampling.corner == Corner::Model && thermal.quantities.iter().any(|q| q.family() == "f_3db_igep") {
+                let title = "-3 dB corner frequency by interpolation (igep) against temperature";
+                sections.push(family(thermal, "f_3db_igep", title, "Hz, °C"));
+            }
             sections.push(quality(thermal));
             sections.push(sampling_frequency(&thermal.runs, sampling));
         }
@@ -122,7 +126,7 @@ fn variance(polynomial: &TemperaturePolynomial, k: usize) -> f64 {
 
 /// Coefficients with their standard uncertainties, and how the order was found.
 fn family(thermal: &Thermal, family: &str, title: &str, units: &str) -> Section {
-    let quantities: Vec<&QuantityFit> = thermal.quantities.iter().filter(|q| q.name.starts_with(family)).collect();
+    let quantities: Vec<&QuantityFit> = thermal.quantities.iter().filter(|q| q.family() == family).collect();
     let section = Section::new(title);
     if quantities.is_empty() {
         return section.with("Not determined.");

@@ -3,7 +3,7 @@
 use super::thermal::{ThermalOptions, rows};
 use super::{Desk, Outcome, parameter_text};
 use crate::data::across::CalibratedRun;
-use crate::data::convention::Convention;
+use crate::data::convention::{Alignment, Convention};
 use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance, Role};
@@ -11,7 +11,7 @@ use crate::data::result::Covariance;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, CentreConvention, OffCentrePart, Tcf, Tpf, read_point};
 use crate::measure::centre::{self, AtCentre, OffCentre, Pair};
-use crate::model::polynomial::TemperaturePolynomial;
+use crate::model::polynomial::{TemperaturePolynomial, value};
 use crate::show;
 use nalgebra::{DMatrix, Matrix3};
 use std::collections::BTreeMap;
@@ -158,6 +158,9 @@ fn tcf(result: &AtCentre, tpf: &Tpf) -> Tcf {
     let [sigma_x, sigma_y, sigma_z] = coefficients(&result.sigma);
     let [xi_xy, xi_xz, xi_yz] = coefficients(&result.xi_deg);
     let offset = result.offset.as_ref();
+    let mean_degc = tpf.mean_degc();
+    let at_mean = |p: &[TemperaturePolynomial; 3]| p.each_ref().map(|p| value(&p.coefficients, mean_degc));
+    let alignment = Alignment { convention: Convention::Rosetta, sigma: at_mean(&result.sigma), xi_deg: at_mean(&result.xi_deg) };
     let [b_off_x, b_off_y, b_off_z] = offset.map(|o| coefficients(&o.b_off_ent)).unwrap_or_default();
     let covariance = [(SIGMA, Some(&result.sigma)), (XI, Some(&result.xi_deg)), (B_OFF, offset.map(|o| &o.b_off_ent))]
         .into_iter()
@@ -192,6 +195,7 @@ fn tcf(result: &AtCentre, tpf: &Tpf) -> Tcf {
         convention: CentreConvention::default(),
         covariance,
         together: result.together.as_ref().map(|c| together(result, c)),
+        reference: tpf.stated_reference().and_then(|stated| stated.in_frame_of(&alignment).ok()),
         centre: result.centre.clone(),
         off_centre: OffCentrePart {
             at_reference: result.at_reference.clone(),

@@ -7,6 +7,7 @@ use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::Recipe;
+use crate::data::reference::StatedReference;
 use crate::data::run::Location;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, JointPart, QuantityPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point};
@@ -352,7 +353,7 @@ impl ThermalFile {
                 ThermalFile::Tpf(Box::new(Tpf {
                     model_error: model_error.clone(),
                     joint: joint.as_ref().map(joint_part),
-                    ..tpf(&result.quantities, head, rotation.clone())
+                    ..tpf(&result.quantities, head, rotation.clone(), result.runs.reference)
                 }))
             }
             OfKind::Offset(residual_field) => ThermalFile::Tof(Box::new(Tof {
@@ -369,6 +370,9 @@ impl ThermalFile {
                     f_3db_x: coefficients("f_3db_x"),
                     f_3db_y: coefficients("f_3db_y"),
                     f_3db_z: coefficients("f_3db_z"),
+                    f_3db_igep_x: coefficients("f_3db_igep_x"),
+                    f_3db_igep_y: coefficients("f_3db_igep_y"),
+                    f_3db_igep_z: coefficients("f_3db_igep_z"),
                     mean_sample_rate_hz,
                     mean_std_sample_rate_hz,
                     corner: match corner {
@@ -409,9 +413,14 @@ fn coefficients(quantities: &[QuantityFit], name: &str) -> Vec<f64> {
 }
 
 /// The file of polynomials of a linear calibration, without what only one kind of analysis has.
-pub(super) fn tpf(quantities: &[QuantityFit], head: ThermalHead, rotation: RunRotations) -> Tpf {
+pub(super) fn tpf(
+    quantities: &[QuantityFit],
+    head: ThermalHead,
+    rotation: RunRotations,
+    reference: Option<StatedReference>,
+) -> Tpf {
     let coefficients = |name: &str| coefficients(quantities, name);
-    Tpf {
+    let mut file = Tpf {
         sigma_x: coefficients("sigma_x"),
         sigma_y: coefficients("sigma_y"),
         sigma_z: coefficients("sigma_z"),
@@ -423,14 +432,18 @@ pub(super) fn tpf(quantities: &[QuantityFit], head: ThermalHead, rotation: RunRo
         b_or_z: coefficients("b_or_z"),
         head,
         rotation,
+        reference: None,
         model_error: None,
         joint: None,
         sweep: None,
-    }
+    };
+    file.reference = reference.and_then(|stated| stated.in_frame_of(&file.mean_alignment()).ok());
+    file
 }
 
 fn head(result: &Thermal) -> ThermalHead {
-    let RunsUsed { files, ids, sensor, mode, location, channel, temperature_degc, coil_temperature_degc } = result.runs.clone();
+    let RunsUsed { files, ids, sensor, mode, location, channel, temperature_degc, coil_temperature_degc, .. } =
+        result.runs.clone();
     ThermalHead {
         used: files,
         channel: channel.unwrap_or_else(|| "not stated".to_owned()),

@@ -1,6 +1,8 @@
 //! `campaign.toml`: what the run headers do not tell.
 
+use crate::data::convention::Convention;
 use crate::data::error::Finding;
+use crate::data::reference::{StatedReference, is_rotation};
 use crate::data::run::{Kind, Location};
 use crate::data::thermistor::HIGHEST_ORDER;
 use crate::files::source::{Digested, read_whole};
@@ -68,7 +70,7 @@ impl CampaignFile {
     ];
 }
 
-const KNOWN: [&str; 16] = [
+const KNOWN: [&str; 17] = [
     "name",
     "instrument",
     "offset_trend_order",
@@ -83,6 +85,7 @@ const KNOWN: [&str; 16] = [
     "freq",
     "thermal",
     "at",
+    "reference",
     "thermistor",
     "report",
 ];
@@ -170,6 +173,7 @@ fn instructions(root: &Group, findings: &mut Vec<Finding>) -> Result<Instruction
         instructions.thermal.push(thermal(&group, findings)?);
     }
     instructions.at = locations(root, findings)?;
+    instructions.references = references(root, findings)?;
     Ok(instructions)
 }
 
@@ -204,6 +208,37 @@ fn locations(root: &Group, findings: &mut Vec<Finding>) -> Result<BTreeMap<Strin
         }
     }
     Ok(locations)
+}
+
+/// `[[reference]]`: how sensors stand in their reference cubes.
+fn references(root: &Group, findings: &mut Vec<Finding>) -> Result<BTreeMap<String, StatedReference>, Finding> {
+    let mut references = BTreeMap::new();
+    for group in root.groups("reference")? {
+        findings.extend(group.unknown(&["sensor", "rotation", "std_deg", "convention"]));
+        let sensor = group.text("sensor")?.ok_or_else(|| group.missing("sensor"))?;
+        let rotation = group.three_rows("rotation")?.ok_or_else(|| group.missing("rotation"))?;
+        if !is_rotation(&rotation) {
+            let rule = format!(
+                "of sensor {sensor} is no rotation: its rows must have length 1, stand at right angles and be right-handed"
+            );
+            return Err(group.refuse("rotation", &rule, "write the rows with at least seven digits"));
+        }
+        let std_deg = group.number("std_deg")?.ok_or_else(|| group.missing("std_deg"))?;
+        if std_deg < 0.0 {
+            return Err(group.refuse("std_deg", "must not be negative", "write the standard uncertainty in degrees"));
+        }
+        let convention = match group.text("convention")? {
+            Some(name) => Convention::from_name(&name).ok_or_else(|| {
+                let remedy = "write \"bepicolombo\" or \"rosetta\": the sensor frame that the rotation starts from";
+                group.refuse("convention", "is no convention of omega", remedy)
+            })?,
+            None => Convention::BepiColombo,
+        };
+        if references.insert(sensor.clone(), StatedReference { rotation, std_deg, convention }).is_some() {
+            return Err(group.refuse("sensor", "has a reference already", "take one of the two out"));
+        }
+    }
+    Ok(references)
 }
 
 /// The key `location`; the centre where it is missing.

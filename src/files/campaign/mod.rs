@@ -107,6 +107,9 @@ impl Campaign {
         for entry in self.file.instructions.sensors.iter().filter(|s| !sensor(&s.name)) {
             list.push(format!("[[sensor]] name = \"{}\"", entry.name));
         }
+        for name in self.file.instructions.references.keys().filter(|name| !sensor(name)) {
+            list.push(format!("[[reference]] sensor = \"{name}\""));
+        }
         for entry in &self.file.instructions.limits {
             list.extend(entry.sensor.iter().filter(|s| !sensor(s)).map(|s| format!("[[limit]] sensor = \"{s}\"")));
             list.extend(entry.mode.iter().filter(|m| !mode(m)).map(|m| format!("[[limit]] mode = \"{m}\"")));
@@ -148,7 +151,8 @@ pub fn check_locations(root: &Path, file: &CampaignFile) -> Result<(), Finding> 
         known.insert(place.split('.').next().unwrap_or_default().to_owned());
         known.extend(ccr::peek(&path).ok().map(|header| header.run));
     }
-    match at.keys().find(|run| !known.contains(*run)) {
+    // A file that is looked at by itself has no runs beside it.
+    match at.keys().find(|run| !known.is_empty() && !known.contains(*run)) {
         Some(run) => Err(Finding::error(
             &root.join("campaign.toml").display().to_string(),
             format!("`at.runs` name the run {run}, which is none of the campaign"),

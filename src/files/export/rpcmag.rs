@@ -8,6 +8,7 @@ use super::{Exported, Options, Source};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
+use crate::data::reference::{Reference, is_rotation};
 use crate::data::result::Rows;
 use crate::files::ccr::run_id_is_safe;
 use crate::files::parameter::{self, Tcf, ThermistorFile, Tof, Tpf};
@@ -47,6 +48,8 @@ pub struct RpcMag {
     pub t_off_degc: f64,
     /// Standard uncertainties by label, as far as they are known.
     pub std: BTreeMap<String, Vec<f64>>,
+    /// How the sensor stands in its reference cube, if that is stated.
+    pub reference: Option<Reference>,
 }
 
 /// Label, number of values, what it is.
@@ -133,6 +136,9 @@ impl RpcMag {
         let mut apply = serde_json::Map::new();
         apply.insert("apply".to_owned(), serde_json::to_value(how_it_is_applied())?);
         out.push('\n');
+        if let Some(reference) = &self.reference {
+            apply.insert("reference".to_owned(), serde_json::to_value(reference)?);
+        }
         out.push_str(&parameter::toml(&apply));
         out.push_str("\n# standard uncertainties, coverage factor 1, as far as they are known\n[std]\n");
         for (label, _, _) in LABELS {
@@ -206,7 +212,7 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
         }
     }
     let labels = || LABELS.iter().map(|(label, _, _)| *label);
-    let known = ["format", "version", "sensor", "mode", "valid_degc", "apply", "std", "provenance"];
+    let known = ["format", "version", "sensor", "mode", "valid_degc", "apply", "reference", "std", "provenance"];
     let stated = STATEMENTS.iter().map(|(key, _)| *key);
     findings.extend(root.unknown(&known.into_iter().chain(stated).chain(labels()).collect::<Vec<_>>()));
     if let Some(group) = &uncertain {
@@ -233,6 +239,7 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
         thermistor: [one("T_0"), one("T_1"), one("T_2"), one("T_3")],
         t_off_degc: one("T_OFF"),
         std,
+        reference: root.group("reference")?.map(|group| reference(&group)).transpose()?,
     };
     for (row, label) in ["K_1", "K_2"].into_iter().enumerate() {
         if calibration.k_inverse[row + 1][..=row].iter().any(|v| *v != 0.0) {
@@ -243,6 +250,24 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
         return Err(root.refuse("SIGMA_00", "must be positive", REMEDY));
     }
     Ok(calibration)
+}
+
+/// The table `[reference]`.
+fn reference(group: &Group) -> Result<Reference, Finding> {
+    let rotation = group.three_rows("rotation")?.ok_or_else(|| group.missing("rotation"))?;
+    if !is_rotation(&rotation) {
+        return Err(group.refuse("rotation", "is no rotation", REMEDY));
+    }
+    let from = group.text("from")?.ok_or_else(|| group.missing("from"))?;
+    if from != Convention::Rosetta.sensor_frame() {
+        return Err(group.refuse("from", "is not the frame of the file", REMEDY));
+    }
+    let std_deg = group.number("std_deg")?.ok_or_else(|| group.missing("std_deg"))?;
+    let stated_for = match group.text("stated_for")? {
+        Some(name) => Convention::from_name(&name).ok_or_else(|| group.refuse("stated_for", "is no convention", REMEDY))?,
+        None => Convention::Rosetta,
+    };
+    Ok(Reference { rotation, std_deg, from, stated_for })
 }
 
 fn missing(file: &str, key: &str) -> Finding {
@@ -308,6 +333,7 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
         thermistor: [0.0; 4],
         t_off_degc: 0.0,
         std: BTreeMap::new(),
+        reference: None,
     };
     let mut offset_known = tof.is_some();
     if let Some(source) = tcf {
@@ -318,6 +344,7 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
         file.sigma = file.lines(source, SIGMA, [&body.sigma_x, &body.sigma_y, &body.sigma_z], &body.covariance)?;
         file.xi = file.lines(source, XI, XI.names.map(named).each_ref(), &off.covariance)?;
         file.k_inverse = body.k_inverse;
+        file.reference = body.reference.clone();
         for (i, label) in ["K_0", "K_1", "K_2"].into_iter().enumerate() {
             file.std.extend(body.k_inverse_std.map(|s| (label.to_owned(), s[i].to_vec())));
         }
@@ -331,6 +358,9 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
         let body = source.typed::<Tpf>()?.body;
         file.of(source, [&body.head.sensor, &body.head.mode], body.head.valid_degc)?;
         let refused = |e: FitError| source.refuse(format!("has no form in the Rosetta convention: {e}"), "check its values");
+        // The frames of the two conventions are turned against each other.
+        let in_rosetta = body.mean_alignment().to_other().ok().map(|converted| converted.alignment);
+        file.reference = body.stated_reference().zip(in_rosetta).and_then(|(stated, own)| stated.in_frame_of(&own).ok());
         let [sigma, xi] = alignment::in_other(Convention::BepiColombo, &body.sigma(), &body.xi_deg()).map_err(refused)?;
         file.sigma = file.lines(source, SIGMA, sigma.each_ref().map(|p| &p.coefficients), &named(SIGMA.names, &sigma))?;
         file.xi = file.lines(source, XI, xi.each_ref().map(|p| &p.coefficients), &named(XI.names, &xi))?;

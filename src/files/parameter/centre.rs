@@ -7,6 +7,7 @@ use super::quantity::{Entry, OF_TEMPERATURE, Quantities, SENSOR, VALID_DEGC};
 use crate::data::across::{CentreResidual, PairedCalibration};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::Convention;
+use crate::data::reference::Reference;
 use crate::data::result::{Covariance, Rows};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -99,6 +100,9 @@ pub struct Tcf {
     /// Covariance of sigma and xi at the centre, xi beside it, and k_inverse together; absent if one of them is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub together: Option<Covariance>,
+    /// How the sensor stands in its reference cube, at the mean temperature of the off-centre runs, if that is stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference: Option<Reference>,
     /// The run at the centre, in the Rosetta convention.
     pub centre: PairedCalibration,
     /// The polynomials beside the centre and what stands for them at T1.

@@ -5,6 +5,7 @@ use super::{Body, Cpf, FileKind, Fpf, Opf, content_hash};
 use crate::data::across::{CalibratedRun, RunAtTemperature, RunValues};
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::{Finding, Severity};
+use crate::data::reference::{Reference, StatedReference, is_rotation};
 use crate::data::result::Rows;
 use crate::files::source::{Digested, read_whole};
 use serde::Deserialize;
@@ -30,6 +31,7 @@ struct CpfKeys {
     #[serde(default)]
     std: StdKeys,
     conditions: Option<ConditionsKeys>,
+    reference: Option<Reference>,
 }
 
 #[derive(Deserialize)]
@@ -126,8 +128,8 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Calibrate
         let rule = format!("holds format {}, which is not the result of a single run", head.format);
         return Err(refuse(rule, "name CPF, OPF or FPF files"));
     };
-    let RunKeys { run, conditions, values } = point(&text).map_err(wrong)?;
-    Ok((CalibratedRun { file, run, channel: conditions.and_then(|c| c.sensor_channel), values }, digested))
+    let RunKeys { run, conditions, values, reference } = point(&text).map_err(wrong)?;
+    Ok((CalibratedRun { file, run, channel: conditions.and_then(|c| c.sensor_channel), values, reference }, digested))
 }
 
 /// Reads what an analysis across temperatures needs of the text of a parameter file.
@@ -138,11 +140,12 @@ pub struct RunKeys {
     run: RunAtTemperature,
     conditions: Option<ConditionsKeys>,
     values: RunValues,
+    reference: Option<StatedReference>,
 }
 
 /// The point of a linear calibration.
 pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
-    let CpfKeys { run, matrix, angle_deg: a, offset, std, conditions } = toml_edit::de::from_str(text)?;
+    let CpfKeys { run, matrix, angle_deg: a, offset, std, conditions, reference } = toml_edit::de::from_str(text)?;
     let or_nan = |v: Option<f64>| v.unwrap_or(f64::NAN);
     let convention = match matrix.omega_convention.as_deref() {
         None | Some("BepiColombo") => Convention::BepiColombo,
@@ -157,6 +160,14 @@ pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
     let (alignment, [sigma_std, xi_std_deg]) = stated
         .in_convention(Convention::BepiColombo, [std.sigma, std.xi_deg])
         .map_err(|_| <toml_edit::de::Error as serde::de::Error>::custom("no three axes have such angles between them"))?;
+    // The frame is that of the file, whatever the convention that the analyses speak.
+    let reference = match reference {
+        Some(reference) if reference.from != convention.sensor_frame() || !is_rotation(&reference.rotation) => {
+            let rule = "`[reference]` is no rotation from the sensor frame of the file";
+            return Err(serde::de::Error::custom(rule));
+        }
+        reference => reference.and_then(|reference| reference.stated(&stated).ok()),
+    };
     let values = RunValues::Lin {
         sigma: alignment.sigma,
         xi_deg: alignment.xi_deg,
@@ -166,7 +177,7 @@ pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
         rotation_std_deg: std.lambda_mu_nu_deg.unwrap_or(NONE),
         rho: matrix.rho,
     };
-    Ok(RunKeys { run, conditions, values })
+    Ok(RunKeys { run, conditions, values, reference })
 }
 
 /// The point of an offset measurement.
@@ -179,7 +190,7 @@ pub(super) fn opf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
         residual_std: keys.residual_std_ent.unwrap_or(NONE),
         seen_along: keys.method.and_then(|m| m.normal_axis).unwrap_or_default(),
     };
-    Ok(RunKeys { run: keys.run, conditions: keys.conditions, values })
+    Ok(RunKeys { run: keys.run, conditions: keys.conditions, values, reference: None })
 }
 
 /// The point of a frequency measurement.
@@ -192,7 +203,7 @@ pub(super) fn fpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
         f_s_hz: keys.mean_f_s_hz,
         f_s_std_hz: keys.mean_f_s_std_hz,
     };
-    Ok(RunKeys { run: keys.run, conditions: keys.conditions, values })
+    Ok(RunKeys { run: keys.run, conditions: keys.conditions, values, reference: None })
 }
 
 /// A linear calibration under the name of its file in a thermal group.
@@ -213,6 +224,7 @@ impl From<&Cpf> for CalibratedRun {
                 rotation_std_deg: own.std.lambda_mu_nu_deg,
                 rho: Some(own.matrix.rho),
             },
+            reference: own.stated_reference(),
         }
     }
 }
@@ -230,6 +242,7 @@ impl From<&Opf> for CalibratedRun {
                 residual_std: opf.values.residual_std_ent,
                 seen_along: opf.found.method.normal_axis.to_vec(),
             },
+            reference: None,
         }
     }
 }
@@ -247,6 +260,7 @@ impl From<&Fpf> for CalibratedRun {
                 f_s_hz: fpf.mean_f_s_hz,
                 f_s_std_hz: fpf.mean_f_s_std_hz,
             },
+            reference: None,
         }
     }
 }

@@ -108,7 +108,7 @@ const fn of_temperature(
 }
 
 /// Temperature polynomials of all kinds of files; a file has those that it has a key for.
-pub const OF_TEMPERATURE: [Polynomial; 15] = [
+pub const OF_TEMPERATURE: [Polynomial; 18] = [
     of_temperature("sigma_x", "sigma_T", "x", "nT/enT", SENSOR),
     of_temperature("sigma_y", "sigma_T", "y", "nT/enT", SENSOR),
     of_temperature("sigma_z", "sigma_T", "z", "nT/enT", SENSOR),
@@ -124,6 +124,9 @@ pub const OF_TEMPERATURE: [Polynomial; 15] = [
     of_temperature("f_3db_x", "f_3db_T", "x", "Hz", SENSOR),
     of_temperature("f_3db_y", "f_3db_T", "y", "Hz", SENSOR),
     of_temperature("f_3db_z", "f_3db_T", "z", "Hz", SENSOR),
+    of_temperature("f_3db_igep_x", "f_3db_igep_T", "x", "Hz", SENSOR),
+    of_temperature("f_3db_igep_y", "f_3db_igep_T", "y", "Hz", SENSOR),
+    of_temperature("f_3db_igep_z", "f_3db_igep_T", "z", "Hz", SENSOR),
 ];
 
 /// Temperature polynomials and nothing else.

@@ -6,9 +6,10 @@ use super::quantity::Shape::Scalar;
 use super::quantity::{Entry, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC};
 use crate::data::across::{RunModelErrors, RunResidualFields, RunRotations, ThermistorLag};
 use crate::data::apply::{Apply, OffsetQuantity};
-use crate::data::convention::Convention;
+use crate::data::convention::{Alignment, Convention};
+use crate::data::reference::{Reference, StatedReference};
 use crate::data::run::Location;
-use crate::model::polynomial::TemperaturePolynomial;
+use crate::model::polynomial::{TemperaturePolynomial, value};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -131,6 +132,9 @@ pub struct Tpf {
     /// Group, covariances and fits.
     #[serde(flatten)]
     pub head: ThermalHead,
+    /// How the sensor stands in its reference cube at the mean temperature of the runs, if that is stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference: Option<Reference>,
     /// Rotation of the sensor against its nominal orientation in every run.
     pub rotation: RunRotations,
     /// What the polynomials leave of the applied fields in every run, with its own rotation and offset; absent for parameter files.
@@ -203,6 +207,27 @@ impl Tpf {
         self.polynomials([("b_or_x", &self.b_or_x), ("b_or_y", &self.b_or_y), ("b_or_z", &self.b_or_z)])
     }
 
+    /// Mean sensor temperature of the runs, °C, at which the rotation to the reference cube holds.
+    #[must_use]
+    pub fn mean_degc(&self) -> f64 {
+        let known: Vec<f64> = self.head.temperature_degc.iter().copied().filter(|t| t.is_finite()).collect();
+        known.iter().sum::<f64>() / known.len() as f64
+    }
+
+    /// Sensitivities and angles at the mean temperature of the runs.
+    #[must_use]
+    pub fn mean_alignment(&self) -> Alignment {
+        let t = self.mean_degc();
+        let at = |p: TemperaturePolynomial| value(&p.coefficients, t);
+        Alignment { convention: Convention::BepiColombo, sigma: self.sigma().map(at), xi_deg: self.xi_deg().map(at) }
+    }
+
+    /// How the sensor stands in its reference cube, as it was stated.
+    #[must_use]
+    pub fn stated_reference(&self) -> Option<StatedReference> {
+        self.reference.as_ref()?.stated(&self.mean_alignment()).ok()
+    }
+
     fn polynomials(&self, named: [(&str, &Vec<f64>); 3]) -> [TemperaturePolynomial; 3] {
         named.map(|(name, coefficients)| {
             let n = coefficients.len();
@@ -273,13 +298,22 @@ pub struct Taf {
     /// -3 dB frequency of z, Hz.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub f_3db_z: Vec<f64>,
+    /// -3 dB frequency of x by interpolation between neighbouring amplitudes, as the reports of BepiColombo print it, Hz.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub f_3db_igep_x: Vec<f64>,
+    /// The same of y, Hz.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub f_3db_igep_y: Vec<f64>,
+    /// The same of z, Hz.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub f_3db_igep_z: Vec<f64>,
     /// Mean over the runs of the sampling frequency, Hz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_sample_rate_hz: Option<f64>,
     /// Mean over the runs of the standard uncertainty of the sampling frequency, Hz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mean_std_sample_rate_hz: Option<f64>,
-    /// Which -3 dB frequency: `model` or `igep`.
+    /// Which -3 dB frequency the polynomials without `igep` in their names are of: `model` or `igep`.
     pub corner: String,
     /// Sampling frequency of every run, Hz; nan where it is not known.
     pub f_s_hz: Vec<f64>,

@@ -170,6 +170,22 @@ impl<'a> Group<'a> {
         self.numbers(key)?.map(three).transpose()
     }
 
+    /// Three rows of three finite numbers.
+    ///
+    /// # Errors
+    /// A value of another type or length.
+    pub fn three_rows(&self, key: &str) -> Result<Option<[[f64; 3]; 3]>, Finding> {
+        let expected = "three rows of three finite numbers";
+        let row = |v: &Value| -> Option<[f64; 3]> {
+            let numbers: Vec<f64> = v.as_array()?.iter().map(as_number).collect::<Option<_>>()?;
+            numbers.try_into().ok()
+        };
+        let rows = self.list(key, expected, row)?;
+        let three =
+            |rows: Vec<[f64; 3]>| rows.try_into().map_err(|_| self.refuse(key, &format!("must be {expected}"), "add rows"));
+        rows.map(three).transpose()
+    }
+
     fn list<T>(&self, key: &str, expected: &str, convert: impl Fn(&Value) -> Option<T>) -> Result<Option<Vec<T>>, Finding> {
         self.value(key)
             .map(|(item, value)| {

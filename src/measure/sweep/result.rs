@@ -3,6 +3,7 @@
 use super::options::Window;
 use crate::data::across::{RunRotations, ThermistorLag};
 use crate::data::note::Note;
+use crate::data::reference::StatedReference;
 use crate::data::result::RunHead;
 use crate::measure::thermal::QuantityFit;
 use crate::model::applied::ModelApplied;
@@ -65,6 +66,8 @@ pub struct Sweep {
     pub facility: Option<FacilityApplied>,
     /// The known effects that were taken off the readings; absent if none were.
     pub model: Option<ModelApplied>,
+    /// How the sensor stands in its reference cube, if that is stated.
+    pub reference: Option<StatedReference>,
     /// What a person should know.
     pub notes: Vec<Note>,
     /// Sliding windows in time order.

@@ -1,5 +1,6 @@
 //! Which runs are compared: those of one sensor in one mode at one location, or those that the campaign names.
 
+use super::quantity::INTERPOLATED;
 use crate::data::across::{CalibratedRun, RunValues};
 use crate::data::run::Location;
 use crate::model::campaign::ThermalEntry;
@@ -112,11 +113,13 @@ impl RunGroup {
         self.points.iter().filter(|p| Kind::of(&p.values) == kind).collect()
     }
 
-    /// The order given for a quantity, by its own name before that of its family.
+    /// The order given for a quantity, by its own name before that of its family; both corner frequencies share one where nothing is
+    /// said of the one between neighbouring amplitudes.
     pub(super) fn order(&self, quantity: &str) -> Option<usize> {
         let find = |name: &str| self.orders.iter().find(|(n, _)| n == name).map(|(_, order)| *order);
-        let family = quantity.rsplit_once('_').map_or(quantity, |(family, _)| family);
-        find(quantity).or_else(|| find(family))
+        let (family, component) = quantity.rsplit_once('_').unwrap_or((quantity, ""));
+        let own = find(quantity).or_else(|| find(family));
+        own.or_else(|| (family == INTERPOLATED).then(|| find(&format!("f_3db_{component}")).or_else(|| find("f_3db"))).flatten())
     }
 
     /// Whether there are runs of a kind at all.

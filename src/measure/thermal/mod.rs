@@ -12,6 +12,7 @@ pub(super) use result::band;
 
 use crate::data::across::{CalibratedRun, RunValues};
 use crate::data::note::{Note, NoteKind};
+use crate::data::reference::StatedReference;
 use crate::fit::FitError;
 use crate::measure::lin::Lin;
 use parts::{joint_fit, model_error, residual_field, rotation};
@@ -80,6 +81,7 @@ pub fn thermal(group: &RunGroup, kind: Kind, runs: &[&Lin], with_joint: bool) ->
         }
     }
     let channel = common_channel(&points, &mut notes);
+    let reference = common_reference(&points, &mut notes);
     let joint = if with_joint && kind == Kind::Lin {
         joint_fit(&points, runs, &fits)
             .map_err(|error| notes.push(Note::new(NoteKind::Method, format!("no joint fit: {error}"))))
@@ -110,6 +112,7 @@ pub fn thermal(group: &RunGroup, kind: Kind, runs: &[&Lin], with_joint: bool) ->
             channel,
             temperature_degc: temperatures,
             coil_temperature_degc: points.iter().map(|p| p.run.coil_temperature_degc.unwrap_or(f64::NAN)).collect(),
+            reference,
         },
         quantities: fits,
         of_kind,
@@ -172,6 +175,18 @@ fn common_channel(points: &[&CalibratedRun], notes: &mut Vec<Note>) -> Option<St
         notes.push(Note::new(NoteKind::Temperature, text));
     }
     channels.first().map(|c| (*c).to_owned())
+}
+
+/// The rotation to the reference cube that all runs state which state one.
+fn common_reference(points: &[&CalibratedRun], notes: &mut Vec<Note>) -> Option<StatedReference> {
+    let mut stated = points.iter().filter_map(|p| p.reference);
+    let first = stated.next()?;
+    if stated.all(|other| first.is_like(&other)) {
+        return Some(first);
+    }
+    let text = "the runs state different rotations to the reference cube: none is carried on";
+    notes.push(Note::new(NoteKind::Method, text));
+    None
 }
 
 /// The temperatures for which all polynomials hold, °C.

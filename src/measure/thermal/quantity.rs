@@ -23,6 +23,9 @@ pub(super) struct Quantity {
     may_be_missing: bool,
 }
 
+/// The family of the -3 dB frequencies between neighbouring amplitudes.
+pub(super) const INTERPOLATED: &str = "f_3db_igep";
+
 /// Value and standard uncertainty of the three components of a family in one run.
 type Triple = ([f64; 3], Option<[f64; 3]>);
 
@@ -78,11 +81,21 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) 
             RunValues::Offset { offset_ent, std, .. } => (*offset_ent, *std),
             _ => NONE,
         }),
-        Kind::Freq => triple("f_3db", COMPONENTS, "Hz", &|values| match values {
-            RunValues::Freq { model_hz: Some(hz), model_std_hz, .. } if corner == Corner::Model => (*hz, *model_std_hz),
-            RunValues::Freq { igep_hz: Some(hz), .. } => (*hz, None),
-            _ => NONE,
-        }),
+        Kind::Freq => {
+            let igep = |values: &RunValues| match values {
+                RunValues::Freq { igep_hz: Some(hz), .. } => (*hz, None),
+                _ => NONE,
+            };
+            let of_corner = |values: &RunValues| match values {
+                RunValues::Freq { model_hz: Some(hz), model_std_hz, .. } if corner == Corner::Model => (*hz, *model_std_hz),
+                values => igep(values),
+            };
+            let mut all = triple("f_3db", COMPONENTS, "Hz", &of_corner);
+            // Runs may have the corner of their models alone.
+            let interpolated = triple(INTERPOLATED, COMPONENTS, "Hz", &igep);
+            all.extend(interpolated.into_iter().filter(|q| q.values.iter().any(|(hz, _)| hz.is_finite())));
+            all
+        }
     }
 }
 

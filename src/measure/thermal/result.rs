@@ -3,6 +3,7 @@
 use super::group::Kind;
 use crate::data::across::{RunModelErrors, RunResidualFields, RunRotations};
 use crate::data::note::Note;
+use crate::data::reference::StatedReference;
 use crate::data::run::Location;
 use crate::fit::order::Reason;
 use crate::measure::joint::JointFit;
@@ -30,6 +31,8 @@ pub struct RunsUsed {
     pub temperature_degc: Vec<f64>,
     /// Mean coil-system temperature of every run, °C; nan where there is none.
     pub coil_temperature_degc: Vec<f64>,
+    /// How the sensor stands in its reference cube; absent if no file tells it, or the files do not agree.
+    pub reference: Option<StatedReference>,
 }
 
 /// The polynomial of one quantity with the values it rests on.
@@ -69,6 +72,14 @@ pub struct QuantityFit {
     pub band: Vec<[f64; 3]>,
     /// The polynomial of the joint fit at the same temperatures, if there is one.
     pub joint_band: Vec<[f64; 3]>,
+}
+
+impl QuantityFit {
+    /// The quantities that are shown together, `sigma` of `sigma_x`.
+    #[must_use]
+    pub fn family(&self) -> &str {
+        self.name.rsplit_once('_').map_or(self.name.as_str(), |(family, _)| family)
+    }
 }
 
 /// The thermal analysis of one kind of runs of one group.
