@@ -10,6 +10,7 @@ use crate::files::source::read_pieces;
 use crate::workflow::{Desk, Ingredients, again};
 use clap::Args;
 use serde::Serialize;
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
@@ -231,6 +232,8 @@ struct Differences {
 impl Differences {
     fn of(stated: &toml_edit::DocumentMut, again: &toml_edit::DocumentMut, tolerance: f64) -> Self {
         let mut differences = Self::default();
+        // Files of the time before the polynomials of both corners have those of one.
+        let again = one_corner(stated, again);
         let (mut a, mut b) = (Vec::new(), Vec::new());
         flatten("", stated.as_item(), &mut a);
         flatten("", again.as_item(), &mut b);
@@ -263,6 +266,29 @@ impl Differences {
         }
         differences
     }
+}
+
+/// Begin of what a TAF holds of the corner between neighbouring amplitudes.
+const INTERPOLATED: &str = "f_3db_igep";
+
+/// A file that was made again, without the corner between neighbouring amplitudes where the stated one has nothing of it.
+fn one_corner<'a>(stated: &toml_edit::DocumentMut, again: &'a toml_edit::DocumentMut) -> Cow<'a, toml_edit::DocumentMut> {
+    let of_corner = |name: &str| name.starts_with(INTERPOLATED);
+    if stated.iter().any(|(key, _)| of_corner(key)) || !again.iter().any(|(key, _)| of_corner(key)) {
+        return Cow::Borrowed(again);
+    }
+    let mut made = again.clone();
+    made.retain(|key, _| !of_corner(key));
+    if let Some(covariance) = made.get_mut("covariance").and_then(|c| c.as_table_mut()) {
+        covariance.retain(|key, _| !of_corner(key));
+    }
+    if let Some(quantities) = made.get_mut("quantity").and_then(|q| q.as_array_of_tables_mut()) {
+        quantities.retain(|table| !table.get("name").and_then(|n| n.as_str()).is_some_and(of_corner));
+    }
+    if let Some(warnings) = made.get_mut("warnings").and_then(|w| w.as_array_mut()) {
+        warnings.retain(|warning| !warning.as_str().is_some_and(of_corner));
+    }
+    Cow::Owned(made)
 }
 
 /// Every value with its path.
