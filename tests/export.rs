@@ -6,6 +6,7 @@ use calfit::data::convention::Convention;
 use calfit::data::provenance::Provenance;
 use calfit::data::recipe::Recipe;
 use calfit::data::reference::Reference;
+use calfit::data::result::Covariance;
 use calfit::files::export::rpcmag::{RpcMag, parse, read};
 use common::check::{Case, calfit, number, parameters, says, text, three};
 use proptest::prelude::*;
@@ -51,6 +52,8 @@ prop_compose! {
         thermistor in proptest::array::uniform4(finite()),
         t_off_degc in finite(),
         std in three_of(),
+        variance in finite(),
+        field_nt in proptest::option::of(three_of()),
         low in -300.0..0.0f64,
         high in 0.0..300.0f64,
         turn_deg in proptest::option::of(-180.0..180.0f64),
@@ -73,6 +76,13 @@ prop_compose! {
                 from: Convention::Rosetta.sensor_frame().to_owned(),
                 stated_for: Convention::BepiColombo,
             }),
+            covariance: field_nt.map(|_| Covariance {
+                parameters: vec!["A_0_x".to_owned()],
+                units: vec!["enT".to_owned()],
+                matrix: vec![vec![variance]],
+            }),
+            known_effects: field_nt.iter().map(|_| "a \"model\".toml".to_owned()).collect(),
+            valid_field_nt: field_nt.map(|limits| limits.map(|b| [-b, b])),
         }
     }
 }
@@ -311,10 +321,11 @@ fn a_table_has_one_row_per_quantity() {
     done(&export("csv", &[&cpf, &made.tpf, &made.tof, &made.tcf, &made.thermistor], &out, &[]));
     let rows = |file: &Path| table(&out.join(format!("{}.csv", file.file_name().unwrap().to_string_lossy())));
     let value = |row: &[String], at: usize| row[at].parse::<f64>().unwrap();
+    let quantities = |all: &BTreeMap<(String, String), Vec<String>>| all.keys().filter(|(name, _)| name != "correlation").count();
     let document = parameters(&cpf);
     let all = rows(&cpf);
     // σ, ξ, λ μ ν, B_or, two matrices, the temperature.
-    assert_eq!(all.len(), 3 + 3 + 3 + 3 + 9 + 9 + usize::from(document["run"].get("temperature_degc").is_some()));
+    assert_eq!(quantities(&all), 3 + 3 + 3 + 3 + 9 + 9 + usize::from(document["run"].get("temperature_degc").is_some()));
     let row = &all[&("sigma".to_owned(), "y".to_owned())];
     assert_eq!((value(row, 2), value(row, 3)), (number(&document, "matrix.sigma.1.1"), number(&document, "std.sigma.1")));
     assert_eq!((row[4].as_str(), row[5].as_str()), ("nT/enT", "sensor axes"));
@@ -323,16 +334,24 @@ fn a_table_has_one_row_per_quantity() {
 
     let document = parameters(&made.tpf);
     let all = rows(&made.tpf);
-    assert_eq!(all.len(), 18);
+    assert_eq!(quantities(&all), 18);
+    let c = |i: usize, k: usize| number(&document, &format!("covariance.xi_xz.{i}.{k}"));
+    let row = &all[&("correlation".to_owned(), "xi_T0 xz * xi_T1 xz".to_owned())];
+    assert!((value(row, 2) - c(0, 1) / (c(0, 0) * c(1, 1)).sqrt()).abs() < 1e-15);
+    assert_eq!(row[4], "1");
+    let head = fs::read_to_string(out.join(format!("{}.csv", made.tpf.file_name().unwrap().to_string_lossy()))).unwrap();
+    let (_, apply) = head.lines().next().unwrap().split_once("; apply = ").unwrap();
+    let apply: serde_json::Value = serde_json::from_str(apply).unwrap();
+    assert_eq!(apply["steps"], serde_json::json!(["subtract_offset", "sigma", "omega"]));
     let row = &all[&("xi_T1".to_owned(), "xz".to_owned())];
     assert_eq!(value(row, 2), number(&document, "xi_xz.1"));
     assert_eq!(value(row, 3), number(&document, "covariance.xi_xz.1.1").sqrt());
     assert_eq!(row[4..].join(","), "deg/degC,between sensor axes,-60.0,60.0,degC");
-    assert_eq!(rows(&made.tof).len(), 6);
+    assert_eq!(quantities(&rows(&made.tof)), 6);
     let row = &rows(&made.thermistor)[&("c_3".to_owned(), String::new())];
     assert_eq!((row[4].as_str(), row[8].as_str()), ("degC/V^3", "V"));
     // Polynomials at the centre, k, K⁻¹, residual field.
-    assert_eq!(rows(&made.tcf).len(), 18 + 3 + 9 + 3);
+    assert_eq!(quantities(&rows(&made.tcf)), 18 + 3 + 9 + 3);
 }
 
 /// The text of every element of a name, in the order of a well-formed document; anything else is a panic.

@@ -3,6 +3,8 @@
 
 mod common;
 
+#[cfg(feature = "tables")]
+mod apply;
 mod browser;
 mod coil;
 mod diagnose;

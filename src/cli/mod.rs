@@ -1,5 +1,7 @@
 //! The command line: arguments, progress, exit status. No mathematics, no file layout.
 
+#[cfg(feature = "tables")]
+mod apply;
 mod check;
 mod coil;
 mod diagnose;
@@ -60,6 +62,9 @@ enum Command {
     Thermistor(thermistor::Arguments),
     /// Every analysis that a campaign allows, all files, and the protocol as Markdown and one HTML page.
     Report(report::Arguments),
+    /// Raw readings to calibrated field, with uncertainty and flags, by parameter files.
+    #[cfg(feature = "tables")]
+    Apply(apply::Arguments),
     /// Parameter files for other programs: JSON, CSV, a digital calibration certificate, a Rosetta-style ground calibration file.
     Export(export::Arguments),
     /// Write the run files of a campaign whose truth is known, from a twin of sensor, facility and programme.
@@ -243,6 +248,8 @@ fn execute(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
         Command::Null(arguments) => null::run(&arguments, &cli.common, terminal),
         Command::Thermistor(arguments) => thermistor::run(&arguments, &cli.common, terminal),
         Command::Report(arguments) => report::run(&arguments, &cli.common, terminal),
+        #[cfg(feature = "tables")]
+        Command::Apply(arguments) => apply::run(&arguments, &cli.common, terminal),
         Command::Export(arguments) => export::run(&arguments, &cli.common, terminal),
         Command::Simulate(arguments) => simulate::run(&arguments, &cli.common, terminal),
         Command::Coil(arguments) => coil::run(&arguments, &cli.common, terminal),

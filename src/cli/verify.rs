@@ -221,6 +221,9 @@ fn make_again(file: &Path, stated: &AnyFile, recipe: &Recipe, with: &Ingredients
     }
 }
 
+/// Keys that files of earlier versions of the program do not have.
+const LATER_KEYS: [&str; 4] = ["apply", "valid_field_nt", "linearisation", "known_effects"];
+
 /// Values of two parameter files side by side.
 #[derive(Default)]
 struct Differences {
@@ -237,9 +240,11 @@ impl Differences {
         let (mut a, mut b) = (Vec::new(), Vec::new());
         flatten("", stated.as_item(), &mut a);
         flatten("", again.as_item(), &mut b);
-        // Files of the time before `[apply]` have no such table.
-        let old = stated.get("apply").is_none();
-        let compared = |key: &str| !(key.starts_with("provenance") || old && key.starts_with("apply."));
+        let earlier: Vec<&str> = LATER_KEYS.into_iter().filter(|key| stated.get(key).is_none()).collect();
+        let compared = |key: &str| {
+            let table = key.split('.').next().unwrap_or(key);
+            table != "provenance" && !earlier.contains(&table)
+        };
         let own = |list: Vec<(String, String)>| list.into_iter().filter(|(k, _)| compared(k)).collect::<Vec<_>>();
         let (a, b) = (own(a), own(b));
         for (key, value) in &a {

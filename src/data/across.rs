@@ -2,10 +2,12 @@
 //!
 //! Parameter files hold these types as they are, so that each is defined here only.
 
+use super::linearisation::LinearisationApplied;
 use super::reference::StatedReference;
 use super::result::{Rows, RunHead};
 use super::run::Location;
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
 /// A run and its temperatures.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -40,6 +42,57 @@ impl From<&RunHead> for RunAtTemperature {
     }
 }
 
+/// What the sensitivities, angles and offsets of linear calibrations hold for, beside temperatures.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LinearScope {
+    /// Lowest and highest field along each nominal sensor axis that every run covered, nT; absent where a run does not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub valid_field_nt: Option<[[f64; 2]; 3]>,
+    /// The linearisation of the readings; absent if they were taken as they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub linearisation: Option<LinearisationApplied>,
+    /// Model files whose effects were taken off the readings before.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub known_effects: Vec<String>,
+}
+
+/// Calibrations of readings that were linearised in different ways, or some of them not at all.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+#[error("the readings of the runs were not linearised in one way")]
+pub struct LinearisedDifferently;
+
+impl LinearScope {
+    /// The limits along the nominal sensor axes of those along the coil axes; `r_nom` takes the former to the latter.
+    #[must_use]
+    pub fn along_sensor_axes(coil_nt: &[[f64; 2]; 3], r_nom: &Rows) -> [[f64; 2]; 3] {
+        std::array::from_fn(|axis| {
+            let corner = |end: usize| (0..3).map(|coil| r_nom[coil][axis] * coil_nt[coil][end]).sum::<f64>();
+            [corner(0).min(corner(1)), corner(0).max(corner(1))]
+        })
+    }
+
+    /// What several calibrations together hold for.
+    ///
+    /// # Errors
+    /// Readings that were not linearised in one way.
+    pub fn common<'a>(scopes: impl IntoIterator<Item = &'a Self>) -> Result<Self, LinearisedDifferently> {
+        let mut scopes = scopes.into_iter();
+        let Some(first) = scopes.next() else { return Ok(Self::default()) };
+        scopes.try_fold(first.clone(), |common, next| {
+            let coefficients = |s: &Self| s.linearisation.as_ref().map(|l| [l.applied.c2_per_ent, l.applied.c3_per_ent2]);
+            if coefficients(&common) != coefficients(next) {
+                return Err(LinearisedDifferently);
+            }
+            let both = common.valid_field_nt.zip(next.valid_field_nt);
+            let valid_field_nt = both.map(|(a, b)| std::array::from_fn(|i| [a[i][0].max(b[i][0]), a[i][1].min(b[i][1])]));
+            let mut known_effects = [common.known_effects.as_slice(), &next.known_effects].concat();
+            known_effects.sort();
+            known_effects.dedup();
+            Ok(Self { valid_field_nt, known_effects, ..common })
+        })
+    }
+}
+
 /// Values of one run that depend on temperature.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RunValues {
@@ -59,6 +112,8 @@ pub enum RunValues {
         rotation_std_deg: [f64; 3],
         /// Rotation matrix.
         rho: Option<Rows>,
+        /// What they hold for.
+        scope: Box<LinearScope>,
     },
     /// Of an offset measurement.
     Offset {

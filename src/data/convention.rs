@@ -78,6 +78,32 @@ pub fn base_vectors(xi_deg: [f64; 3]) -> Result<Matrix3<f64>, PlanarAxes> {
     Ok(Matrix3::new(1.0, xy.cos(), xz.cos(), 0.0, xy.sin(), q, 0.0, 0.0, height.sqrt()))
 }
 
+/// `Q(ξ)` and its derivatives by ξ_xy, ξ_xz, ξ_yz, per degree.
+///
+/// # Errors
+/// Angles that no three axes have between them.
+pub fn base_vectors_and_slopes(xi_deg: [f64; 3]) -> Result<(Matrix3<f64>, [Matrix3<f64>; 3]), PlanarAxes> {
+    let matrix = base_vectors(xi_deg)?;
+    let [(sin_xy, cos_xy), (sin_xz, cos_xz), (sin_yz, _)] = xi_deg.map(|xi| xi.to_radians().sin_cos());
+    let (q, height) = (matrix[(1, 2)], matrix[(2, 2)]);
+    // Derivatives of q, then of the height sqrt(sin²ξ_xz - q²), by each angle.
+    let q_by = [cos_xz - q * cos_xy / sin_xy, cos_xy * sin_xz / sin_xy, -sin_yz / sin_xy];
+    let first = [-sin_xy, cos_xy, -sin_xz];
+    let slopes = std::array::from_fn(|k| {
+        let own = if k == 1 { sin_xz * cos_xz } else { 0.0 };
+        let mut slope = Matrix3::zeros();
+        slope[(1, 2)] = q_by[k];
+        slope[(2, 2)] = (own - q * q_by[k]) / height;
+        match k {
+            0 => (slope[(0, 1)], slope[(1, 1)]) = (first[0], first[1]),
+            1 => slope[(0, 2)] = first[2],
+            _ => {}
+        }
+        slope.map(f64::to_radians)
+    });
+    Ok((matrix, slopes))
+}
+
 /// Angle between two vectors, degrees, accurate near 0, 90 and 180 degrees.
 #[must_use]
 pub fn angle_deg(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
@@ -100,6 +126,21 @@ impl Convention {
         match self {
             Convention::BepiColombo => q.transpose().try_inverse().ok_or(PlanarAxes),
             Convention::Rosetta => Ok(q),
+        }
+    }
+
+    /// `ω` and its derivatives by ξ_xy, ξ_xz, ξ_yz, per degree.
+    ///
+    /// # Errors
+    /// Angles that no three axes have between them.
+    pub fn omega_and_slopes(self, xi_deg: [f64; 3]) -> Result<(Matrix3<f64>, [Matrix3<f64>; 3]), PlanarAxes> {
+        let (q, slopes) = base_vectors_and_slopes(xi_deg)?;
+        match self {
+            Convention::Rosetta => Ok((q, slopes)),
+            Convention::BepiColombo => {
+                let omega = q.transpose().try_inverse().ok_or(PlanarAxes)?;
+                Ok((omega, slopes.map(|slope| -omega * slope.transpose() * omega)))
+            }
         }
     }
 
@@ -309,6 +350,20 @@ mod tests {
             }
             prop_assert!((back.jacobian * there.jacobian - Matrix6::identity()).amax() < 1e-10);
             prop_assert!((back.rotation * there.rotation - Matrix3::identity()).amax() < 1e-13);
+        }
+
+        #[test]
+        fn slopes_of_omega_are_those_of_central_differences(sensor in sensors(), angle in 0usize..3) {
+            let (omega, slopes) = sensor.convention.omega_and_slopes(sensor.xi_deg).unwrap();
+            prop_assert_eq!(omega, sensor.convention.omega(sensor.xi_deg).unwrap());
+            let step = 1e-4;
+            let moved = |by: f64| {
+                let mut xi_deg = sensor.xi_deg;
+                xi_deg[angle] += by;
+                sensor.convention.omega(xi_deg).unwrap()
+            };
+            let difference = (moved(step) - moved(-step)) / (2.0 * step);
+            prop_assert!((difference - slopes[angle]).amax() < 1e-10);
         }
 
         #[test]

@@ -44,6 +44,15 @@ pub struct LinearisationPolynomials {
     pub reading_ent: [[f64; 2]; 3],
 }
 
+/// The linearisation that was applied to the readings of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinearisationApplied {
+    /// File it came from, which is among the inputs.
+    pub file: String,
+    /// Its polynomials.
+    pub applied: LinearisationPolynomials,
+}
+
 /// What is known of one sensor axis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LinearisedAxis {

@@ -5,6 +5,7 @@ pub mod campaign;
 pub mod ccr;
 pub mod export;
 pub mod facility;
+pub mod field;
 pub mod linearisation;
 pub mod mag;
 pub mod moduli;

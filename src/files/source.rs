@@ -168,6 +168,18 @@ impl Cutter {
     }
 }
 
+/// Size and hash of a file.
+///
+/// # Errors
+/// What the operating system says.
+pub fn digest(path: &Path) -> Result<Digested, Finding> {
+    let io = |error: std::io::Error| Finding::io(path, "read", &error);
+    let mut reader = Hashing { inner: File::open(path).map_err(io)?, hash: Sha256::new(), bytes: 0 };
+    let mut buffer = vec![0; 1 << 16];
+    while reader.read(&mut buffer).map_err(io)? > 0 {}
+    Ok(Digested { size_bytes: reader.bytes, sha256: hex(&reader.hash.finalize()) })
+}
+
 /// Reads a regular file, plain or gzip, piece by piece; the last piece is always [`Piece::Rest`], empty if the file ends with a
 /// line end. With `two_threads` reading, decompressing and hashing go on beside `take`.
 ///

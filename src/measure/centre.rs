@@ -6,7 +6,7 @@
 //! The report's ω is that of the Rosetta convention; the calibrations of runs and their polynomials state angles and sensitivities in the
 //! BepiColombo convention. Everything is converted exactly before `k` and `K` are formed.
 
-use crate::data::across::{CalibratedRun, CentreResidual, PairedCalibration, RunValues};
+use crate::data::across::{CalibratedRun, CentreResidual, LinearScope, LinearisedDifferently, PairedCalibration, RunValues};
 use crate::data::convention::{Alignment, Convention};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Rows;
@@ -38,6 +38,8 @@ pub struct OffCentre {
     pub xi_deg: [TemperaturePolynomial; 3],
     /// Offset and residual field, enT.
     pub b_or_ent: [TemperaturePolynomial; 3],
+    /// What they hold for, beside temperatures.
+    pub scope: LinearScope,
 }
 
 /// What the transfer needs beside the polynomials.
@@ -141,6 +143,8 @@ fn weighted_mean(all: &[Triple]) -> Triple {
 pub struct AtCentre {
     /// The polynomials they were made from.
     pub beside: OffCentre,
+    /// What the polynomials at the centre hold for, beside temperatures.
+    pub scope: LinearScope,
     /// Sensitivities, nT/enT.
     pub sigma: [TemperaturePolynomial; 3],
     /// Angles ξ_xy, ξ_xz, ξ_yz, degrees.
@@ -204,6 +208,14 @@ pub enum CentreError {
         /// Its sensor and mode.
         wanted: String,
     },
+    /// Readings that were not linearised in one way.
+    #[error("{centre} and the runs beside the centre: {error}")]
+    Linearised {
+        /// The file at the centre.
+        centre: String,
+        /// What is wrong.
+        error: LinearisedDifferently,
+    },
     /// Values of no sensor.
     #[error(
         "{0} and the values off-centre give no k and K: a sensitivity is zero, or no three axes have such angles between them"
@@ -222,6 +234,7 @@ impl CentreError {
             CentreError::Kind { .. } => "name CPF files with --centre and --off-centre, an OPF file with --offset",
             CentreError::NoTemperature(_) => "write temperature_degc into its [run], or name a run that has it",
             CentreError::Other { .. } => "name files of one sensor in one mode",
+            CentreError::Linearised { .. } => "calibrate all of them with the same linearisation, or all without one",
             CentreError::NoTransfer(_) | CentreError::Fit(_) => "check the values of the files",
         }
     }
@@ -277,6 +290,7 @@ pub fn centre(beside: &OffCentre, pair: Pair) -> Result<AtCentre, CentreError> {
     let off_run = pair.off_centre.map(|p| linear(p, pair.centre)).transpose()?;
     let members = Members { beside, centre, off_run, t1_degc };
     let mut notes = members.notes();
+    let scope = scope(beside, &pair)?;
     let linear = members.linear()?;
     let offset = pair.offset.map(|p| members.offset(residual(p, pair.centre)?, &mut notes)).transpose()?;
     notes.extend(unknown_uncertainties(&linear.sigma, &linear.xi_deg, offset.as_ref()));
@@ -288,6 +302,7 @@ pub fn centre(beside: &OffCentre, pair: Pair) -> Result<AtCentre, CentreError> {
             xi_deg: linear.beside_xi_deg,
             ..beside.clone()
         },
+        scope,
         sigma: linear.sigma,
         xi_deg: linear.xi_deg,
         offset,
@@ -312,6 +327,16 @@ pub fn centre(beside: &OffCentre, pair: Pair) -> Result<AtCentre, CentreError> {
         },
         notes,
     })
+}
+
+/// What the polynomials at the centre hold for: the runs beside it and at it.
+fn scope(beside: &OffCentre, pair: &Pair) -> Result<LinearScope, CentreError> {
+    let own = [Some(pair.centre), pair.off_centre].into_iter().flatten().filter_map(|run| match &run.values {
+        RunValues::Lin { scope, .. } => Some(scope.as_ref()),
+        _ => None,
+    });
+    LinearScope::common(std::iter::once(&beside.scope).chain(own))
+        .map_err(|error| CentreError::Linearised { centre: pair.centre.file.clone(), error })
 }
 
 /// A calibration of a run in the Rosetta convention, with its uncertainties.

@@ -22,6 +22,7 @@ pub use result::{SettingCounts, Sweep, SweepBlock, WindowFit};
 use super::lin::{apply_limits, the_position};
 use super::structure;
 use super::thermal::{QuantityFit, band};
+use crate::data::across::LinearScope;
 use crate::data::note::Note;
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::run::{Kind, Run};
@@ -34,6 +35,7 @@ use crate::record::conditions::{self, Temperatures};
 use crate::record::known::{self, Known};
 use joint::Joint;
 use means::{Asked, Means};
+use nalgebra::Matrix3;
 use thermistors::Followed;
 
 /// Names and units of the nine quantities.
@@ -105,6 +107,11 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         file: run.input.path.clone(),
         channel: followed.channel,
         valid_degc: joint.valid_degc,
+        scope: LinearScope {
+            valid_field_nt: Some(field_range_nt(&used, &r_nom)),
+            linearisation: None,
+            known_effects: model.iter().map(|m| m.part.file.clone()).collect(),
+        },
         quantities: (0..QUANTITIES.len()).map(quantity).collect(),
         rotation: joint.rotation(),
         settings: SettingCounts { used: used.len(), total: list.len(), too_fast: usable.len() - used.len() },
@@ -119,6 +126,12 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         blocks,
         temperatures,
     })
+}
+
+/// Lowest and highest field of the settings along the nominal sensor axes, nT.
+fn field_range_nt(used: &[&Plateau], r_nom: &Matrix3<f64>) -> [[f64; 2]; 3] {
+    let coil_nt = std::array::from_fn(|axis| extremes(used.iter().map(|p| p.setting.field.0[axis])));
+    LinearScope::along_sensor_axes(&coil_nt, &std::array::from_fn(|row| std::array::from_fn(|column| r_nom[(row, column)])))
 }
 
 /// A quantity with its polynomial. Windows that follow each other share settings: those stand beside it that share none.

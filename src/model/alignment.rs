@@ -101,8 +101,19 @@ impl AlignmentPolynomials {
     }
 }
 
+/// σ(T) and ξ(T) of a sensor with their covariance.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UncertainAlignment {
+    /// Sensitivities, nT/enT; a covariance of size zero is not known.
+    pub sigma: [TemperaturePolynomial; 3],
+    /// Angles, degrees, likewise.
+    pub xi_deg: [TemperaturePolynomial; 3],
+    /// Covariance of all coefficients, polynomial by polynomial; `None` if it is not known.
+    pub covariance: Option<DMatrix<f64>>,
+}
+
 /// σ(T) and ξ(T) of a sensor in the other convention, with their covariances: those of the coefficients that come in are taken as
-/// independent between polynomials, and where one is not known none of the result is (size zero).
+/// independent between polynomials, and where one is not known none of the result is.
 ///
 /// # Errors
 /// Angles that no three axes have between them, or values that are not finite.
@@ -110,7 +121,7 @@ pub fn in_other(
     convention: Convention,
     sigma: &[TemperaturePolynomial; 3],
     xi_deg: &[TemperaturePolynomial; 3],
-) -> Result<[[TemperaturePolynomial; 3]; 2], FitError> {
+) -> Result<UncertainAlignment, FitError> {
     let valid_degc = sigma[0].valid_degc;
     let all: Vec<&TemperaturePolynomial> = sigma.iter().chain(xi_deg).collect();
     let x: Vec<f64> = all.iter().flat_map(|p| p.coefficients.iter().copied()).collect();
@@ -150,7 +161,8 @@ pub fn in_other(
         TemperaturePolynomial { coefficients: coefficients.clone(), covariance: own, valid_degc }
     };
     let sigma = found.sigma.each_ref().map(&mut next);
-    Ok([sigma, found.xi_deg.each_ref().map(&mut next)])
+    let xi_deg = found.xi_deg.each_ref().map(&mut next);
+    Ok(UncertainAlignment { sigma, xi_deg, covariance })
 }
 
 #[cfg(test)]

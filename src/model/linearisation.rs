@@ -4,7 +4,6 @@
 use crate::data::linearisation::LinearisationPolynomials;
 use crate::data::provenance::Input;
 use nalgebra::Matrix2;
-use serde::{Deserialize, Serialize};
 
 /// A polynomial of this slope somewhere is no small correction of a reading, and its inverse is not safe to search for.
 pub const LEAST_SLOPE: f64 = 0.5;
@@ -95,15 +94,6 @@ impl Linearisation {
     pub fn axis(&self, axis: usize) -> AxisLinearisation {
         AxisLinearisation::of(&self.part, axis)
     }
-}
-
-/// The linearisation that was applied to the readings of a run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LinearisationApplied {
-    /// File it came from, which is among the inputs.
-    pub file: String,
-    /// Its polynomials.
-    pub applied: LinearisationPolynomials,
 }
 
 #[cfg(test)]

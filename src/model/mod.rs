@@ -7,6 +7,7 @@ pub mod coil;
 pub mod effects;
 pub mod facility;
 pub mod facility_calibration;
+pub mod field_calibration;
 pub mod lag;
 pub mod linearisation;
 pub mod off_centre;

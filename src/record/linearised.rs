@@ -1,11 +1,12 @@
 //! The linearisation of a run: its mean readings put through the polynomials, and what the uncertainty of these means for a fit to them.
 
+use crate::data::linearisation::LinearisationApplied;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
 use crate::fit::{FitError, Limits, linear};
-use crate::model::linearisation::{Linearisation, LinearisationApplied};
+use crate::model::linearisation::Linearisation;
 use nalgebra::DMatrix;
 
 /// Linearises the mean readings of a run. That the mean of a square is not the square of the mean changes every plateau by the same

@@ -148,6 +148,7 @@ fn off_centre(tpf: &Tpf) -> OffCentre {
         sigma: tpf.sigma(),
         xi_deg: tpf.xi_deg(),
         b_or_ent: tpf.b_or_ent(),
+        scope: tpf.scope.clone(),
     }
 }
 
@@ -187,6 +188,7 @@ fn tcf(result: &AtCentre, tpf: &Tpf) -> Tcf {
         k_inverse_std: result.k_inverse_std,
         reference_degc: result.reference_degc,
         valid_degc: tpf.head.valid_degc,
+        scope: result.scope.clone(),
         channel: tpf.head.channel.clone(),
         sensor: tpf.head.sensor.clone(),
         mode: tpf.head.mode.clone(),

@@ -3,6 +3,8 @@
 
 mod again;
 mod all;
+#[cfg(feature = "tables")]
+mod apply;
 mod centre;
 mod coil;
 mod diagnose;
@@ -19,6 +21,8 @@ mod thermistor;
 
 pub use again::{AgainError, Ingredients, again, sensitivities};
 pub use all::{Analyses, Measured, publish_tables, publish_thermal_names, scale_to_nt};
+#[cfg(feature = "tables")]
+pub use apply::{Applied, AppliedFile, ApplyOptions, Flagged, Outside, applied, apply_to, stem};
 pub use centre::{CentreMade, PairFiles};
 pub use coil::{
     CoilMade, CoilResult, CoilRun, TiltInput, coil_runs, facility, publish_coil, residual_of, residual_of_table, scalar_of,

@@ -68,7 +68,10 @@ impl RunResult for Sweep {
         &self.notes
     }
     fn parameters(&self) -> Tpf {
-        Tpf { sweep: Some(sweep_part(self)), ..tpf(&self.quantities, thermal_head(self), self.rotation.clone(), self.reference) }
+        Tpf {
+            sweep: Some(sweep_part(self)),
+            ..tpf(&self.quantities, thermal_head(self), self.rotation.clone(), self.scope.clone(), self.reference)
+        }
     }
     fn view(&self) -> impl Serialize + '_ {
         SweepView {

@@ -2,7 +2,7 @@
 
 use super::centre::Member;
 use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw, parameter_text};
-use crate::data::across::{CalibratedRun, RunRotations, RunValues};
+use crate::data::across::{CalibratedRun, LinearScope, RunRotations, RunValues};
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
@@ -10,7 +10,9 @@ use crate::data::recipe::Recipe;
 use crate::data::reference::StatedReference;
 use crate::data::run::Location;
 use crate::files::output::Folder;
-use crate::files::parameter::{Body, JointPart, QuantityPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point};
+use crate::files::parameter::{
+    Body, JointPart, NO_CHANNEL, QuantityPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point,
+};
 use crate::measure::centre::together;
 use crate::measure::joint::{JointFit, QUANTITIES};
 use crate::measure::lin::Lin;
@@ -349,11 +351,11 @@ impl ThermalFile {
         let coefficients = |name: &str| coefficients(&result.quantities, name);
         match &result.of_kind {
             OfKind::Lin(lin) => {
-                let LinAcross { rotation, model_error, joint } = lin.as_ref();
+                let LinAcross { rotation, model_error, joint, scope } = lin.as_ref();
                 ThermalFile::Tpf(Box::new(Tpf {
                     model_error: model_error.clone(),
                     joint: joint.as_ref().map(joint_part),
-                    ..tpf(&result.quantities, head, rotation.clone(), result.runs.reference)
+                    ..tpf(&result.quantities, head, rotation.clone(), scope.clone(), result.runs.reference)
                 }))
             }
             OfKind::Offset(residual_field) => ThermalFile::Tof(Box::new(Tof {
@@ -417,6 +419,7 @@ pub(super) fn tpf(
     quantities: &[QuantityFit],
     head: ThermalHead,
     rotation: RunRotations,
+    scope: LinearScope,
     reference: Option<StatedReference>,
 ) -> Tpf {
     let coefficients = |name: &str| coefficients(quantities, name);
@@ -431,6 +434,7 @@ pub(super) fn tpf(
         b_or_y: coefficients("b_or_y"),
         b_or_z: coefficients("b_or_z"),
         head,
+        scope,
         rotation,
         reference: None,
         model_error: None,
@@ -446,7 +450,7 @@ fn head(result: &Thermal) -> ThermalHead {
         result.runs.clone();
     ThermalHead {
         used: files,
-        channel: channel.unwrap_or_else(|| "not stated".to_owned()),
+        channel: channel.unwrap_or_else(|| NO_CHANNEL.to_owned()),
         valid_degc: result.valid_degc,
         sensor,
         mode,

@@ -1,6 +1,6 @@
 //! One row per quantity of a parameter file.
 
-use super::quantity::quantities;
+use super::quantity::{correlations, quantities};
 use super::{Exported, Options, Source};
 use crate::data::error::Finding;
 use std::fmt::Write;
@@ -10,12 +10,14 @@ pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Export
     let cell = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:?}"));
     let one = |source: &Source| {
         let mut text = format!(
-            "# {} {} quantities of {}, SHA-256 {}; standard uncertainties, coverage factor 1; name_Tk is the coefficient of T^k, T in degC\n\
+            "# {} {} quantities of {}, SHA-256 {}; standard uncertainties, coverage factor 1; name_Tk is the coefficient of T^k, T in degC{}\n\
              name,component,value,standard_uncertainty,unit,frame,valid_from,valid_to,valid_unit\n",
             options.provenance.tool,
             options.provenance.tool_version,
             source.name(),
-            source.input().sha256
+            source.input().sha256,
+            // One line, so that the names of the columns stand in the second.
+            source.value.get("apply").map_or_else(String::new, |apply| format!("; apply = {apply}"))
         );
         for q in quantities(source)? {
             let (low, high, unit) = q.valid.map_or((None, None, ""), |([low, high], unit)| (Some(low), Some(high), unit));
@@ -31,6 +33,10 @@ pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Export
                 cell(low),
                 cell(high)
             );
+        }
+        for pair in correlations(source) {
+            let [a, b] = pair.names;
+            let _ = writeln!(text, "correlation,{a} * {b},{:?},,1,,,,", pair.value);
         }
         Ok(Exported { name: format!("{}.csv", source.name()), text })
     };

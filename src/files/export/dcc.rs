@@ -1,7 +1,7 @@
 //! A digital calibration certificate in the style of the schema of PTB, version 3: administrative data and results with expanded
 //! uncertainties, coverage factor 2. It is well-formed and in the order of the schema; it is not signed.
 
-use super::quantity::{Quantity, quantities};
+use super::quantity::{Quantity, correlations, quantities};
 use super::{Exported, Options, Source};
 use crate::data::error::Finding;
 use std::fmt::Write;
@@ -104,19 +104,21 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
         named("name", stated("Responsible")),
         named("name", stated("Customer"))
     );
+    let apply = source.value.get("apply").map_or_else(|| NOT_STATED.to_owned(), ToString::to_string);
     let statement = |name: &str, text: &str| {
         format!("<dcc:statement>{}{}</dcc:statement>\n", named("name", name), named("description", text))
     };
     let _ = writeln!(
         out,
-        "<dcc:statements>\n{}{}{}</dcc:statements>\n</dcc:administrativeData>",
+        "<dcc:statements>\n{}{}{}{}</dcc:statements>\n</dcc:administrativeData>",
         statement("uncertainty", &format!("expanded uncertainties are {COVERAGE_FACTOR} standard uncertainties; {uncertainty}")),
         statement("traceability", stated("Traceability of the reference field")),
         statement(
             "units",
             "readings are engineering nanotesla (enT), which stand as nanotesla; sensitivities nT/enT stand as one; nanotesla per \
              engineering unit of the coil system stand as nanotesla"
-        )
+        ),
+        statement("apply", &apply)
     );
     let _ = writeln!(
         out,
@@ -139,6 +141,17 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
             named("name", &format!("{}{component}, {}, {}{valid}", q.name, q.unit, q.frame)),
             q.unit.d_si(),
             q.std.map_or_else(String::new, expanded)
+        );
+    }
+    for pair in correlations(source) {
+        let [a, b] = pair.names;
+        let _ = writeln!(
+            out,
+            "<dcc:result>{}<dcc:data><dcc:quantity>{}<si:real><si:value>{:?}</si:value><si:unit>\\one</si:unit></si:real></dcc:quantity>\
+             </dcc:data></dcc:result>",
+            named("name", &format!("correlation {a} * {b}")),
+            named("name", &format!("correlation of {a} and {b}: covariance over the product of the standard uncertainties")),
+            pair.value
         );
     }
     out.push_str("</dcc:results>\n</dcc:measurementResult></dcc:measurementResults>\n</dcc:digitalCalibrationCertificate>\n");

@@ -70,6 +70,45 @@ impl Unit {
     }
 }
 
+/// The correlation of two quantities: their covariance over the product of their standard uncertainties.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Correlation {
+    /// Names and components of both.
+    pub names: [String; 2],
+    /// Between -1 and 1.
+    pub value: f64,
+}
+
+/// The correlations of different quantities of a file that are not zero: those of the coefficients of one polynomial, and those that the
+/// file states of several quantities together.
+pub(super) fn correlations(source: &Source) -> Vec<Correlation> {
+    let mut list = Vec::new();
+    let mut of_matrix = |names: &[String], place: &str| {
+        let at = |i: usize, k: usize| source.number(&format!("{place}/{i}/{k}"));
+        for i in 0..names.len() {
+            for k in i + 1..names.len() {
+                let value = at(i, k).zip(at(i, i)).zip(at(k, k)).map(|((c, a), b)| c / (a * b).sqrt());
+                if let Some(value) = value.filter(|v| v.is_finite() && *v != 0.0) {
+                    list.push(Correlation { names: [names[i].clone(), names[k].clone()], value });
+                }
+            }
+        }
+    };
+    let of_kind = FileKind::of_format(source.format()).and_then(|kind| kind.quantities);
+    let polynomials = of_kind.map_or(&[][..], |q| q.polynomials).iter().filter(|p| matches!(p.of, Argument::Temperature));
+    for p in polynomials {
+        let count = source.value[p.key].as_array().map_or(0, Vec::len);
+        let names: Vec<String> = (0..count).map(|k| format!("{}{k} {}", p.name, p.component)).collect();
+        of_matrix(&names, &format!("/covariance/{}", p.key));
+    }
+    for place in ["/covariance", "/together"] {
+        let names = source.value.pointer(&format!("{place}/parameters")).and_then(serde_json::Value::as_array);
+        let names: Vec<String> = names.into_iter().flatten().filter_map(|n| n.as_str().map(str::to_owned)).collect();
+        of_matrix(&names, &format!("{place}/matrix"));
+    }
+    list
+}
+
 /// All quantities of a parameter file.
 ///
 /// # Errors

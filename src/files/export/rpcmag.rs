@@ -4,12 +4,15 @@
 //! nothing. What the report leaves open, it states: the convention of ω, where the offset acts, its sign and unit, and its residual field
 //! `B_RES`, since the report subtracts it from `A_0 + A_1 T` in section 3.3.1.1 and leaves it out in section 4.2.3.2.
 
+mod covariance;
+
 use super::{Exported, Options, Source};
+use crate::data::across::LinearScope;
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
 use crate::data::reference::{Reference, is_rotation};
-use crate::data::result::Rows;
+use crate::data::result::{Covariance, Rows};
 use crate::files::ccr::run_id_is_safe;
 use crate::files::parameter::{self, Tcf, ThermistorFile, Tof, Tpf};
 use crate::files::source::{Digested, read_whole};
@@ -17,8 +20,10 @@ use crate::files::text::{Group, Keys, decode, quoted};
 use crate::fit::FitError;
 use crate::model::alignment;
 use crate::model::polynomial::TemperaturePolynomial;
+use covariance::Known;
+pub use covariance::is_named;
 use nalgebra::DMatrix;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
@@ -50,6 +55,15 @@ pub struct RpcMag {
     pub std: BTreeMap<String, Vec<f64>>,
     /// How the sensor stands in its reference cube, if that is stated.
     pub reference: Option<Reference>,
+    /// Covariance of the values from `A_0` to `K_2`, named `A_0_x` and so on; absent where one of them is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<Covariance>,
+    /// Lowest and highest field along the sensor axes for which it was made, nT.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub valid_field_nt: Option<[[f64; 2]; 3]>,
+    /// Model files whose effects were taken off the readings of the runs before.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub known_effects: Vec<String>,
 }
 
 /// Label, number of values, what it is.
@@ -133,13 +147,26 @@ impl RpcMag {
         for (label, _, what) in LABELS {
             let _ = writeln!(out, "\n# {what}\n{label} = {}", numbers(&self.values(label)));
         }
-        let mut apply = serde_json::Map::new();
-        apply.insert("apply".to_owned(), serde_json::to_value(how_it_is_applied())?);
+        if let Some(limits) = &self.valid_field_nt {
+            let rows: Vec<String> = limits.iter().map(|row| numbers(row)).collect();
+            let what = "lowest and highest field along the sensor axes, nT; x, y, z";
+            let _ = writeln!(out, "\n# {what}\nvalid_field_nt = [{}]", rows.join(", "));
+        }
+        if !self.known_effects.is_empty() {
+            let files: Vec<String> = self.known_effects.iter().map(|file| quoted(file)).collect();
+            let what = "model files whose effects were taken off the readings before";
+            let _ = writeln!(out, "\n# {what}\nknown_effects = [{}]", files.join(", "));
+        }
+        let mut tables = serde_json::Map::new();
+        tables.insert("apply".to_owned(), serde_json::to_value(how_it_is_applied())?);
+        if let Some(covariance) = &self.covariance {
+            tables.insert("covariance".to_owned(), serde_json::to_value(covariance)?);
+        }
         out.push('\n');
         if let Some(reference) = &self.reference {
-            apply.insert("reference".to_owned(), serde_json::to_value(reference)?);
+            tables.insert("reference".to_owned(), serde_json::to_value(reference)?);
         }
-        out.push_str(&parameter::toml(&apply));
+        out.push_str(&parameter::toml(&tables));
         out.push_str("\n# standard uncertainties, coverage factor 1, as far as they are known\n[std]\n");
         for (label, _, _) in LABELS {
             if let Some(std) = self.std.get(label) {
@@ -212,7 +239,20 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
         }
     }
     let labels = || LABELS.iter().map(|(label, _, _)| *label);
-    let known = ["format", "version", "sensor", "mode", "valid_degc", "apply", "reference", "std", "provenance"];
+    let known = [
+        "format",
+        "version",
+        "sensor",
+        "mode",
+        "valid_degc",
+        "valid_field_nt",
+        "known_effects",
+        "apply",
+        "covariance",
+        "reference",
+        "std",
+        "provenance",
+    ];
     let stated = STATEMENTS.iter().map(|(key, _)| *key);
     findings.extend(root.unknown(&known.into_iter().chain(stated).chain(labels()).collect::<Vec<_>>()));
     if let Some(group) = &uncertain {
@@ -223,6 +263,8 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
     if low > high {
         return Err(root.refuse("valid_degc", "must rise", REMEDY));
     }
+    let lists: Lists = toml_edit::de::from_str(text)
+        .map_err(|e| Finding::error(file, format!("is no ground calibration file: {}", e.message()), REMEDY))?;
     let three = |label: &str| -> [f64; 3] {
         std::array::from_fn(|i| values.get(label).and_then(|v| v.get(i)).copied().unwrap_or(f64::NAN))
     };
@@ -240,6 +282,9 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
         t_off_degc: one("T_OFF"),
         std,
         reference: root.group("reference")?.map(|group| reference(&group)).transpose()?,
+        covariance: lists.covariance,
+        valid_field_nt: lists.valid_field_nt,
+        known_effects: lists.known_effects,
     };
     for (row, label) in ["K_1", "K_2"].into_iter().enumerate() {
         if calibration.k_inverse[row + 1][..=row].iter().any(|v| *v != 0.0) {
@@ -268,6 +313,15 @@ fn reference(group: &Group) -> Result<Reference, Finding> {
         None => Convention::Rosetta,
     };
     Ok(Reference { rotation, std_deg, from, stated_for })
+}
+
+/// What is a table or a list of lists.
+#[derive(Deserialize)]
+struct Lists {
+    covariance: Option<Covariance>,
+    valid_field_nt: Option<[[f64; 2]; 3]>,
+    #[serde(default)]
+    known_effects: Vec<String>,
 }
 
 fn missing(file: &str, key: &str) -> Finding {
@@ -334,12 +388,18 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
         t_off_degc: 0.0,
         std: BTreeMap::new(),
         reference: None,
+        covariance: None,
+        valid_field_nt: None,
+        known_effects: Vec::new(),
     };
+    let mut known = Known::default();
     let mut offset_known = tof.is_some();
     if let Some(source) = tcf {
         let body = source.typed::<Tcf>()?.body;
         file.of(source, [&body.sensor, &body.mode], body.valid_degc)?;
+        file.in_scope(source, &body.scope)?;
         let off = &body.off_centre;
+        known.together(body.together.as_ref());
         let named = |name: &str| off.coefficients.get(name).cloned().unwrap_or_default();
         file.sigma = file.lines(source, SIGMA, [&body.sigma_x, &body.sigma_y, &body.sigma_z], &body.covariance)?;
         file.xi = file.lines(source, XI, XI.names.map(named).each_ref(), &off.covariance)?;
@@ -353,6 +413,7 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
             file.a = file.lines(source, B_OR, B_OR.names.map(named).each_ref(), &off.covariance)?;
             file.b_res_ent = field.b_res_ent;
             file.std.extend(field.b_res_std_ent.map(|s| ("B_RES".to_owned(), s.to_vec())));
+            known.offset_beside(&off.covariance, field);
         }
     } else if let (Some(source), true) = (tpf, options.at_centre) {
         let body = source.typed::<Tpf>()?.body;
@@ -361,7 +422,10 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
         // The frames of the two conventions are turned against each other.
         let in_rosetta = body.mean_alignment().to_other().ok().map(|converted| converted.alignment);
         file.reference = body.stated_reference().zip(in_rosetta).and_then(|(stated, own)| stated.in_frame_of(&own).ok());
-        let [sigma, xi] = alignment::in_other(Convention::BepiColombo, &body.sigma(), &body.xi_deg()).map_err(refused)?;
+        file.in_scope(source, &body.scope)?;
+        let other = alignment::in_other(Convention::BepiColombo, &body.sigma(), &body.xi_deg()).map_err(refused)?;
+        known.alignment(&other);
+        let (sigma, xi) = (other.sigma, other.xi_deg);
         file.sigma = file.lines(source, SIGMA, sigma.each_ref().map(|p| &p.coefficients), &named(SIGMA.names, &sigma))?;
         file.xi = file.lines(source, XI, xi.each_ref().map(|p| &p.coefficients), &named(XI.names, &xi))?;
     }
@@ -369,6 +433,7 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
         let body = source.typed::<Tof>()?.body;
         file.of(source, [&body.head.sensor, &body.head.mode], body.head.valid_degc)?;
         file.a = file.lines(source, B_OFF, [&body.b_off_x, &body.b_off_y, &body.b_off_z], &body.head.covariance)?;
+        known.offset(&body.head.covariance);
     }
     if !offset_known {
         lacking.push("A_0, A_1 lack a TOF file, or a TCF file made with --offset");
@@ -396,6 +461,7 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
             }
         }
     }
+    file.covariance = known.covariance();
     if !lacking.is_empty() {
         let files: Vec<&str> = sources.iter().map(Source::name).collect();
         return Err(Finding::error(&files.join(", "), lacking.join("; "), "name the files that are missing"));
@@ -452,6 +518,17 @@ impl RpcMag {
                 source.refuse("holds for other temperatures than the other files", "name files whose temperatures overlap")
             );
         }
+        Ok(())
+    }
+
+    /// Takes what the coefficients hold for, beside temperatures.
+    fn in_scope(&mut self, source: &Source, scope: &LinearScope) -> Result<(), Finding> {
+        if scope.linearisation.is_some() {
+            let rule = "holds for linearised readings, for which a ground calibration file has no place";
+            return Err(source.refuse(rule, "calibrate without a linearisation, or apply the file itself"));
+        }
+        self.valid_field_nt = scope.valid_field_nt;
+        self.known_effects.clone_from(&scope.known_effects);
         Ok(())
     }
 

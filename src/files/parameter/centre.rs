@@ -1,16 +1,19 @@
 //! TCF: temperature polynomials at the centre of the coil system, from those of a position beside it (RO-IGEP-TR0028 section 3).
 
-use super::Body;
 use super::kind::Naming;
 use super::quantity::Shape::{Matrix, Vector};
 use super::quantity::{Entry, OF_TEMPERATURE, Quantities, SENSOR, VALID_DEGC};
-use crate::data::across::{CentreResidual, PairedCalibration};
+use super::{Body, FieldPart};
+use crate::data::across::{CentreResidual, LinearScope, PairedCalibration};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::Convention;
+use crate::data::error::Finding;
 use crate::data::reference::Reference;
 use crate::data::result::{Covariance, Rows};
+use crate::model::field_calibration::Frame;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// What the numbers mean.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -83,6 +86,9 @@ pub struct Tcf {
     pub reference_degc: f64,
     /// Lowest and highest temperature for which the polynomials hold, °C.
     pub valid_degc: [f64; 2],
+    /// What the coefficients hold for, beside temperatures.
+    #[serde(flatten)]
+    pub scope: LinearScope,
     /// Channel of the sensor temperature.
     pub channel: String,
     /// Sensor.
@@ -133,7 +139,14 @@ impl Body for Tcf {
     );
     fn apply(&self) -> Option<Apply> {
         let offset = (!self.b_off_x.is_empty()).then_some(OffsetQuantity::BOff);
-        Some(Apply::to_sensor_frame(Convention::Rosetta, offset))
+        let apply = Apply::to_sensor_frame(Convention::Rosetta, offset);
+        Some(if self.scope.linearisation.is_some() { apply.of_linearised_readings() } else { apply })
+    }
+    fn field(&self, _frame: Frame) -> Option<FieldPart> {
+        Some(self.part())
+    }
+    fn validate(&self, path: &Path) -> Result<(), Finding> {
+        self.is_consistent(path)
     }
     const FORMAT: &'static str = "TCF";
     const NAMING: Naming = Naming::Extension;

@@ -1,18 +1,21 @@
 //! CPF: the linear calibration of one run.
 
-use super::Body;
 use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Diagonal, Matrix, Scalar, Vector};
 use super::quantity::{BETWEEN, Entry, Quantities, SENSOR};
+use super::{Body, FieldPart};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::calibration::LinearCalibration;
 use crate::data::convention as data_convention;
+use crate::data::error::Finding;
+use crate::data::linearisation::LinearisationApplied;
 use crate::data::result::{Conditions, Dropped};
 use crate::model::applied::ModelApplied;
 use crate::model::facility::FacilityApplied;
-use crate::model::linearisation::LinearisationApplied;
+use crate::model::field_calibration::Frame;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// What the numbers mean.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -99,6 +102,12 @@ impl Body for Cpf {
     fn apply(&self) -> Option<Apply> {
         let apply = Apply::to_sensor_frame(data_convention::Convention::BepiColombo, Some(OffsetQuantity::BOr)).on_to_coil_axes();
         Some(if self.linearisation.is_some() { apply.of_linearised_readings() } else { apply })
+    }
+    fn field(&self, frame: Frame) -> Option<FieldPart> {
+        Some(self.part(frame))
+    }
+    fn validate(&self, path: &Path) -> Result<(), Finding> {
+        self.is_consistent(path)
     }
     const FORMAT: &'static str = "CPF";
     const NAMING: Naming = Naming::Extension;

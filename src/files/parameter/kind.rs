@@ -3,10 +3,12 @@
 use super::point::Point;
 use super::quantity::Quantities;
 use super::{
-    Body, CoilResidual, CoilScalar, CoilTilt, Cpf, Fpf, LinearisationFile, Model, Npf, Opf, Taf, Tcf, ThermistorFile, Tof, Tpf,
-    read, to_text,
+    Body, CoilResidual, CoilScalar, CoilTilt, Cpf, FieldPart, Fpf, LinearisationFile, Model, Npf, Opf, Taf, Tcf, ThermistorFile,
+    Tof, Tpf, read, to_text,
 };
 use crate::data::error::Finding;
+use crate::data::provenance::Input;
+use crate::model::field_calibration::Frame;
 use std::fmt;
 use std::path::Path;
 
@@ -39,6 +41,9 @@ pub enum Naming {
     Free,
 }
 
+/// Reads the part of a file in the way from a reading to the field.
+type ReadField = fn(&Path, Frame) -> Result<(Option<FieldPart>, Input), Finding>;
+
 /// A kind of parameter file.
 pub struct FileKind {
     /// Value of the key `format`.
@@ -49,6 +54,7 @@ pub struct FileKind {
     naming: Naming,
     check: fn(&Path) -> Result<(), Finding>,
     rewritten: fn(&Path) -> Result<String, Finding>,
+    field: ReadField,
     /// Where its quantities stand for the exports that list them; absent for a kind without such a list.
     pub quantities: Option<&'static Quantities>,
     /// Its part in analyses across temperatures; absent for a kind that takes no part.
@@ -64,6 +70,7 @@ impl FileKind {
             naming: B::NAMING,
             check: check::<B>,
             rewritten: rewritten::<B>,
+            field: field::<B>,
             quantities: B::QUANTITIES,
             point: B::POINT,
         }
@@ -114,6 +121,14 @@ impl FileKind {
         (self.check)(path)
     }
 
+    /// Its part in the way from a reading to the field, in a frame; `None` for a kind that is not applied to readings.
+    ///
+    /// # Errors
+    /// As [`FileKind::check`].
+    pub(in crate::files) fn field(&self, path: &Path, frame: Frame) -> Result<(Option<FieldPart>, Input), Finding> {
+        (self.field)(path, frame)
+    }
+
     /// The text of a file of this kind as it is written from what was read.
     ///
     /// # Errors
@@ -162,6 +177,12 @@ pub fn is_named<B: Body>(path: &Path) -> bool {
 
 fn check<B: Body>(path: &Path) -> Result<(), Finding> {
     read::<B>(path)?.body.validate(path)
+}
+
+fn field<B: Body>(path: &Path, frame: Frame) -> Result<(Option<FieldPart>, Input), Finding> {
+    let file = read::<B>(path)?;
+    file.body.validate(path)?;
+    Ok((file.body.field(frame), file.input))
 }
 
 fn rewritten<B: Body>(path: &Path) -> Result<String, Finding> {

@@ -7,6 +7,7 @@ mod centre;
 mod coil;
 mod cpf;
 mod emit;
+mod field;
 mod fpf;
 mod kind;
 mod linearisation;
@@ -22,6 +23,8 @@ pub use centre::{CentreConvention, OffCentrePart, Tcf};
 pub use coil::{CoilConvention, CoilResidual, CoilScalar, CoilTilt};
 pub use cpf::{Convention, Cpf};
 pub use emit::toml;
+pub use field::FieldPart;
+pub(in crate::files) use field::matrix_of;
 pub use fpf::{Fpf, FrequencyConvention};
 pub use kind::{FileKind, KINDS, Naming, is_named};
 pub use linearisation::{LinearisationConvention, LinearisationFile, linearisation_file_name};
@@ -30,13 +33,14 @@ pub use null::{Npf, NullConvention};
 pub use opf::{OffsetConvention, Opf};
 pub use point::{Point, read_point};
 pub use quantity::{Argument, Entry, Polynomial, Quantities, Shape};
-pub use thermal::{JointPart, QuantityPart, SweepPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
+pub use thermal::{JointPart, NO_CHANNEL, QuantityPart, SweepPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
 pub use thermistor::{ThermistorConvention, ThermistorFile};
 
 use super::source::{hex, read_whole};
 use crate::data::apply::Apply;
 use crate::data::error::Finding;
 use crate::data::provenance::{Input, Provenance};
+use crate::model::field_calibration::Frame;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 use std::path::Path;
@@ -61,6 +65,10 @@ pub trait Body: Serialize + DeserializeOwned {
     fn file_name(&self) -> String;
     /// How the coefficients are applied; `None` for a kind that is not applied to readings.
     fn apply(&self) -> Option<Apply> {
+        None
+    }
+    /// Its part in the way from a reading to the field in a frame; `None` for a kind that is not applied to readings.
+    fn field(&self, _frame: Frame) -> Option<FieldPart> {
         None
     }
     /// Looks at what the types alone do not tell.

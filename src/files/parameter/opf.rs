@@ -1,14 +1,15 @@
 //! OPF: sensor offset and residual field of the coil system from normal and turned positions.
 
-use super::Body;
 use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Scalar, Vector};
 use super::quantity::{COIL, Entry, Quantities, RUN_DEGC, SENSOR};
+use super::{Body, FieldPart};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::offset::{OffsetFound, OffsetValues};
 use crate::data::result::{Conditions, Dropped};
 use crate::model::facility::FacilityApplied;
+use crate::model::field_calibration::Frame;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -60,6 +61,9 @@ pub struct Opf {
 impl Body for Opf {
     fn apply(&self) -> Option<Apply> {
         Some(Apply::offset_alone(OffsetQuantity::BOff))
+    }
+    fn field(&self, _frame: Frame) -> Option<FieldPart> {
+        Some(self.part())
     }
     const FORMAT: &'static str = "OPF";
     const NAMING: Naming = Naming::Extension;

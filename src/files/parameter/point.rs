@@ -2,9 +2,10 @@
 //! other programs can take part.
 
 use super::{Body, Cpf, FileKind, Fpf, Opf, content_hash};
-use crate::data::across::{CalibratedRun, RunAtTemperature, RunValues};
+use crate::data::across::{CalibratedRun, LinearScope, RunAtTemperature, RunValues};
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::{Finding, Severity};
+use crate::data::linearisation::LinearisationApplied;
 use crate::data::reference::{Reference, StatedReference, is_rotation};
 use crate::data::result::Rows;
 use crate::files::source::{Digested, read_whole};
@@ -32,12 +33,27 @@ struct CpfKeys {
     std: StdKeys,
     conditions: Option<ConditionsKeys>,
     reference: Option<Reference>,
+    linearisation: Option<LinearisationApplied>,
+    model: Option<ModelKeys>,
+    #[serde(default)]
+    valid: ValidKeys,
+}
+
+#[derive(Deserialize)]
+struct ModelKeys {
+    file: String,
+}
+
+#[derive(Default, Deserialize)]
+struct ValidKeys {
+    field_coil_nt: Option<[[f64; 2]; 3]>,
 }
 
 #[derive(Deserialize)]
 struct MatrixKeys {
     sigma: Rows,
     rho: Option<Rows>,
+    r_nom: Option<Rows>,
     omega_convention: Option<String>,
 }
 
@@ -145,7 +161,8 @@ pub struct RunKeys {
 
 /// The point of a linear calibration.
 pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
-    let CpfKeys { run, matrix, angle_deg: a, offset, std, conditions, reference } = toml_edit::de::from_str(text)?;
+    let CpfKeys { run, matrix, angle_deg: a, offset, std, conditions, linearisation, model, valid, reference } =
+        toml_edit::de::from_str(text)?;
     let or_nan = |v: Option<f64>| v.unwrap_or(f64::NAN);
     let convention = match matrix.omega_convention.as_deref() {
         None | Some("BepiColombo") => Convention::BepiColombo,
@@ -176,6 +193,11 @@ pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
         rotation_deg: [or_nan(a.lambda_x), or_nan(a.mu_y), or_nan(a.nu_z)],
         rotation_std_deg: std.lambda_mu_nu_deg.unwrap_or(NONE),
         rho: matrix.rho,
+        scope: Box::new(LinearScope {
+            valid_field_nt: valid.field_coil_nt.zip(matrix.r_nom).map(|(nt, r)| LinearScope::along_sensor_axes(&nt, &r)),
+            linearisation,
+            known_effects: model.into_iter().map(|m| m.file).collect(),
+        }),
     };
     Ok(RunKeys { run, conditions, values, reference })
 }
@@ -223,6 +245,11 @@ impl From<&Cpf> for CalibratedRun {
                 rotation_deg: [a.lambda_x, a.mu_y, a.nu_z],
                 rotation_std_deg: own.std.lambda_mu_nu_deg,
                 rho: Some(own.matrix.rho),
+                scope: Box::new(LinearScope {
+                    valid_field_nt: Some(LinearScope::along_sensor_axes(&own.valid.field_coil_nt, &own.matrix.r_nom)),
+                    linearisation: cpf.linearisation.clone(),
+                    known_effects: cpf.model.iter().map(|m| m.file.clone()).collect(),
+                }),
             },
             reference: own.stated_reference(),
         }

@@ -1,18 +1,21 @@
 //! TPF, TOF, TAF: temperature polynomials of a sensor in one mode.
 
-use super::Body;
 use super::kind::Naming;
 use super::quantity::Shape::Scalar;
 use super::quantity::{Entry, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC};
-use crate::data::across::{RunModelErrors, RunResidualFields, RunRotations, ThermistorLag};
+use super::{Body, FieldPart};
+use crate::data::across::{LinearScope, RunModelErrors, RunResidualFields, RunRotations, ThermistorLag};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::{Alignment, Convention};
+use crate::data::error::Finding;
 use crate::data::reference::{Reference, StatedReference};
 use crate::data::run::Location;
+use crate::model::field_calibration::Frame;
 use crate::model::polynomial::{TemperaturePolynomial, value};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// What the numbers mean.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -105,6 +108,9 @@ pub struct QuantityPart {
     pub max_error: f64,
 }
 
+/// What stands for the channel of the temperature if no run tells it.
+pub const NO_CHANNEL: &str = "not stated";
+
 /// Keys of the head whose lists may hold nan.
 const MAY_LACK: &[&str] = &["coil_temperature_degc", "quantity", "rotation", "residual_field", "joint", "sweep"];
 
@@ -135,6 +141,9 @@ pub struct Tpf {
     /// How the sensor stands in its reference cube at the mean temperature of the runs, if that is stated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference: Option<Reference>,
+    /// What the coefficients hold for, beside temperatures.
+    #[serde(flatten)]
+    pub scope: LinearScope,
     /// Rotation of the sensor against its nominal orientation in every run.
     pub rotation: RunRotations,
     /// What the polynomials leave of the applied fields in every run, with its own rotation and offset; absent for parameter files.
@@ -192,19 +201,19 @@ impl Tpf {
     /// The sensitivities with the covariances that the file states, nT/enT; a covariance of size zero is not known.
     #[must_use]
     pub fn sigma(&self) -> [TemperaturePolynomial; 3] {
-        self.polynomials([("sigma_x", &self.sigma_x), ("sigma_y", &self.sigma_y), ("sigma_z", &self.sigma_z)])
+        self.head.polynomials([("sigma_x", &self.sigma_x), ("sigma_y", &self.sigma_y), ("sigma_z", &self.sigma_z)])
     }
 
     /// The angles between the sensor axes, degrees, likewise.
     #[must_use]
     pub fn xi_deg(&self) -> [TemperaturePolynomial; 3] {
-        self.polynomials([("xi_xy", &self.xi_xy), ("xi_xz", &self.xi_xz), ("xi_yz", &self.xi_yz)])
+        self.head.polynomials([("xi_xy", &self.xi_xy), ("xi_xz", &self.xi_xz), ("xi_yz", &self.xi_yz)])
     }
 
     /// Offset and residual field together, enT, likewise.
     #[must_use]
     pub fn b_or_ent(&self) -> [TemperaturePolynomial; 3] {
-        self.polynomials([("b_or_x", &self.b_or_x), ("b_or_y", &self.b_or_y), ("b_or_z", &self.b_or_z)])
+        self.head.polynomials([("b_or_x", &self.b_or_x), ("b_or_y", &self.b_or_y), ("b_or_z", &self.b_or_z)])
     }
 
     /// Mean sensor temperature of the runs, °C, at which the rotation to the reference cube holds.
@@ -227,23 +236,18 @@ impl Tpf {
     pub fn stated_reference(&self) -> Option<StatedReference> {
         self.reference.as_ref()?.stated(&self.mean_alignment()).ok()
     }
-
-    fn polynomials(&self, named: [(&str, &Vec<f64>); 3]) -> [TemperaturePolynomial; 3] {
-        named.map(|(name, coefficients)| {
-            let n = coefficients.len();
-            let stated = self.head.covariance.get(name).filter(|c| c.len() == n && c.iter().all(|row| row.len() == n));
-            TemperaturePolynomial {
-                coefficients: coefficients.clone(),
-                covariance: stated.map_or_else(|| DMatrix::zeros(0, 0), |c| DMatrix::from_fn(n, n, |i, k| c[i][k])),
-                valid_degc: self.head.valid_degc,
-            }
-        })
-    }
 }
 
 impl Body for Tpf {
     fn apply(&self) -> Option<Apply> {
-        Some(Apply::to_sensor_frame(Convention::BepiColombo, Some(OffsetQuantity::BOr)))
+        let apply = Apply::to_sensor_frame(Convention::BepiColombo, Some(OffsetQuantity::BOr));
+        Some(if self.scope.linearisation.is_some() { apply.of_linearised_readings() } else { apply })
+    }
+    fn field(&self, _frame: Frame) -> Option<FieldPart> {
+        Some(self.part())
+    }
+    fn validate(&self, path: &Path) -> Result<(), Finding> {
+        self.is_consistent(path)
     }
     const FORMAT: &'static str = "TPF";
     const NAMING: Naming = Naming::Extension;
@@ -276,6 +280,9 @@ pub struct Tof {
 impl Body for Tof {
     fn apply(&self) -> Option<Apply> {
         Some(Apply::offset_alone(OffsetQuantity::BOff))
+    }
+    fn field(&self, _frame: Frame) -> Option<FieldPart> {
+        Some(self.part())
     }
     const FORMAT: &'static str = "TOF";
     const NAMING: Naming = Naming::Extension;
@@ -340,6 +347,19 @@ impl Body for Taf {
 }
 
 impl ThermalHead {
+    /// Polynomials with the covariances that the file states; a covariance of size zero is not known.
+    pub(super) fn polynomials(&self, named: [(&str, &Vec<f64>); 3]) -> [TemperaturePolynomial; 3] {
+        named.map(|(name, coefficients)| {
+            let n = coefficients.len();
+            let stated = self.covariance.get(name).filter(|c| c.len() == n && c.iter().all(|row| row.len() == n));
+            TemperaturePolynomial {
+                coefficients: coefficients.clone(),
+                covariance: stated.map_or_else(|| DMatrix::zeros(0, 0), |c| DMatrix::from_fn(n, n, |i, k| c[i][k])),
+                valid_degc: self.valid_degc,
+            }
+        })
+    }
+
     /// Id of the first run as it stands in file names.
     #[must_use]
     pub fn first_run(&self) -> String {

@@ -3,13 +3,13 @@
 use super::fit::{Means, stack};
 use super::options::Options;
 use super::refusal::LinError;
+use crate::data::linearisation::LinearisationApplied;
 use crate::data::note::Note;
 use crate::data::plateau::{Drop, Plateau, Plateaus};
 use crate::data::run::{Kind, Run};
 use crate::fit::{DenseNoise, FitError, Limits, linear};
 use crate::model::campaign::Instructions;
 use crate::model::facility::FacilityApplied;
-use crate::model::linearisation::LinearisationApplied;
 use crate::model::position::Position;
 use crate::record::known::{self, Applied};
 use crate::record::{conditions, linearised};

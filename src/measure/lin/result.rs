@@ -2,13 +2,13 @@
 
 use crate::data::calibration::LinearCalibration;
 use crate::data::envelope::Column;
+use crate::data::linearisation::LinearisationApplied;
 use crate::data::note::Note;
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::result::Dropped;
 use crate::data::units::FieldCoil;
 use crate::model::applied::ModelApplied;
 use crate::model::facility::FacilityApplied;
-use crate::model::linearisation::LinearisationApplied;
 use crate::record::conditions::Temperatures;
 use serde::Serialize;
 

@@ -1,7 +1,7 @@
 //! What a sweep gives.
 
 use super::options::Window;
-use crate::data::across::{RunRotations, ThermistorLag};
+use crate::data::across::{LinearScope, RunRotations, ThermistorLag};
 use crate::data::note::Note;
 use crate::data::reference::StatedReference;
 use crate::data::result::RunHead;
@@ -50,6 +50,8 @@ pub struct Sweep {
     pub channel: String,
     /// Lowest and highest temperature of the settings, with the lag, °C.
     pub valid_degc: [f64; 2],
+    /// What the polynomials hold for, beside temperatures.
+    pub scope: LinearScope,
     /// The nine polynomials, with the values of windows that share no settings beside them.
     pub quantities: Vec<QuantityFit>,
     /// Rotation of the sensor against its nominal orientation.

@@ -10,7 +10,7 @@ pub use result::{Corner, LinAcross, OfKind, QuantityFit, RunsUsed, SamplingAcros
 
 pub(super) use result::band;
 
-use crate::data::across::{CalibratedRun, RunValues};
+use crate::data::across::{CalibratedRun, LinearScope, LinearisedDifferently, RunValues};
 use crate::data::note::{Note, NoteKind};
 use crate::data::reference::StatedReference;
 use crate::fit::FitError;
@@ -40,6 +40,14 @@ pub enum ThermalError {
         /// Why.
         error: FitError,
     },
+    /// Readings that were not linearised in one way.
+    #[error("{error} ({files})")]
+    Linearised {
+        /// Their parameter files.
+        files: String,
+        /// What is wrong.
+        error: LinearisedDifferently,
+    },
 }
 
 impl ThermalError {
@@ -52,6 +60,7 @@ impl ThermalError {
                 "give a lower order for it with --order or in campaign.toml"
             }
             ThermalError::Fit { .. } => "check the values of the runs",
+            ThermalError::Linearised { .. } => "calibrate all of them with the same linearisation, or all without one",
         }
     }
 }
@@ -97,6 +106,7 @@ pub fn thermal(group: &RunGroup, kind: Kind, runs: &[&Lin], with_joint: bool) ->
             rotation: rotation(&points),
             model_error: model_error(&points, runs, &fits),
             joint,
+            scope: common_scope(&points)?,
         })),
         Kind::Offset => OfKind::Offset(residual_field(&points, &mut notes)),
         Kind::Freq => OfKind::Freq(sampling(&points, corner)),
@@ -187,6 +197,18 @@ fn common_reference(points: &[&CalibratedRun], notes: &mut Vec<Note>) -> Option<
     let text = "the runs state different rotations to the reference cube: none is carried on";
     notes.push(Note::new(NoteKind::Method, text));
     None
+}
+
+/// What the linear calibrations hold for together.
+fn common_scope(points: &[&CalibratedRun]) -> Result<LinearScope, ThermalError> {
+    let scopes = points.iter().filter_map(|p| match &p.values {
+        RunValues::Lin { scope, .. } => Some(scope.as_ref()),
+        _ => None,
+    });
+    LinearScope::common(scopes).map_err(|error| {
+        let files = points.iter().map(|p| p.file.as_str()).collect::<Vec<_>>().join(", ");
+        ThermalError::Linearised { files, error }
+    })
 }
 
 /// The temperatures for which all polynomials hold, °C.

@@ -1,7 +1,7 @@
 //! What a thermal analysis finds.
 
 use super::group::Kind;
-use crate::data::across::{RunModelErrors, RunResidualFields, RunRotations};
+use crate::data::across::{LinearScope, RunModelErrors, RunResidualFields, RunRotations};
 use crate::data::note::Note;
 use crate::data::reference::StatedReference;
 use crate::data::run::Location;
@@ -117,6 +117,8 @@ pub struct LinAcross {
     pub model_error: Option<RunModelErrors>,
     /// The fit of the temperature-dependent model to the plateaus of all runs at once.
     pub joint: Option<JointFit>,
+    /// What the calibrations hold for, beside temperatures.
+    pub scope: LinearScope,
 }
 
 /// Which -3 dB frequency the polynomials are of.

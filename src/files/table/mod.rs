@@ -1,5 +1,7 @@
 //! Tables as CSV and Parquet, through polars; its types appear here only.
 
+pub mod stream;
+
 use crate::data::error::Finding;
 use polars::prelude::{
     Column, CsvParseOptions, CsvReadOptions, CsvWriter, DataFrame, DataType, KeyValueMetadata, ParquetReader, ParquetWriter,

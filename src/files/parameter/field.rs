@@ -1,0 +1,331 @@
+//! What parameter files say of the way from a reading to the field.
+
+use super::thermal::NO_CHANNEL;
+use super::{Cpf, Opf, Tcf, ThermalHead, Tof, Tpf};
+use crate::data::apply::OffsetQuantity;
+use crate::data::convention::Convention;
+use crate::data::error::Finding;
+use crate::data::result::{Covariance, Rows};
+use crate::data::run::Location;
+use crate::data::units::COMPONENTS;
+use crate::model::field_calibration::{Coefficient, Coefficients, FieldRange, Frame, MatrixForm, Parameter, is_rotation};
+use crate::model::polynomial::{TemperaturePolynomial, value};
+use nalgebra::{DMatrix, Matrix3};
+use std::path::Path;
+
+/// The part of one file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FieldPart {
+    /// Sensor.
+    pub sensor: String,
+    /// Mode.
+    pub mode: String,
+    /// Where the sensor stood.
+    pub location: Location,
+    /// Channel of the sensor temperature, if the file tells it and it matters: in files over temperature.
+    pub channel: Option<String>,
+    /// Model files whose effects were taken off the readings of the runs before.
+    pub known_effects: Vec<String>,
+    /// The frame of the result, in words.
+    pub frame: String,
+    /// The coefficients.
+    pub coefficients: Coefficients,
+}
+
+/// A covariance as rows, where it has as many rows as there are parameters.
+pub(in crate::files) fn matrix_of(rows: &[Vec<f64>], n: usize) -> Option<DMatrix<f64>> {
+    let square = rows.len() == n && rows.iter().all(|row| row.len() == n);
+    square.then(|| DMatrix::from_fn(n, n, |i, k| rows[i][k]))
+}
+
+fn matrix3(rows: &Rows) -> Matrix3<f64> {
+    Matrix3::from_fn(|row, column| rows[row][column])
+}
+
+/// Coefficients of offset, σ and ξ.
+fn with_three(parts: Coefficients, of: fn(usize) -> Parameter, polynomials: &[TemperaturePolynomial; 3]) -> Coefficients {
+    polynomials.iter().enumerate().fold(parts, |parts, (i, p)| parts.with(of(i), p))
+}
+
+/// The limits of a file that states them along the nominal sensor axes, which the axes of the sensor frame follow within the misalignment.
+fn along_sensor_axes(limits_nt: Option<[[f64; 2]; 3]>) -> Option<FieldRange> {
+    limits_nt.map(|limits_nt| FieldRange { turn: Matrix3::identity(), limits_nt })
+}
+
+/// What a file says twice must agree to this: printed matrices have six decimals, printed angles full seconds of arc (5e-6), and a turned
+/// sign of a misalignment is far above.
+const PRINTED: f64 = 1e-5;
+
+fn contradicts(path: &Path, rule: impl Into<Box<str>>) -> Finding {
+    Finding::error(&path.display().to_string(), rule, "correct the file, or fit again")
+}
+
+/// Refuses sensitivities that are not positive and angles that no three axes have between them, at both ends of the temperatures.
+fn is_a_sensor(
+    path: &Path,
+    convention: Convention,
+    sigma: [&Vec<f64>; 3],
+    xi_deg: [&Vec<f64>; 3],
+    valid_degc: [f64; 2],
+) -> Result<(), Finding> {
+    for t in valid_degc {
+        if let Some(i) = (0..3).find(|i| value(sigma[*i], t).partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater)) {
+            return Err(contradicts(path, format!("sigma_{} is not positive at {t} °C", COMPONENTS[i])));
+        }
+        if convention.omega(xi_deg.map(|p| value(p, t))).is_err() {
+            return Err(contradicts(path, format!("no three axes have the angles xi between them at {t} °C")));
+        }
+    }
+    Ok(())
+}
+
+impl Cpf {
+    /// Refuses matrices and angles that are not those of one sensor.
+    pub(super) fn is_consistent(&self, path: &Path) -> Result<(), Finding> {
+        let (m, a) = (&self.calibration.matrix, &self.calibration.angle_deg);
+        let sigma = matrix3(&m.sigma);
+        let [r_nom, rho, omega, phi_tilde] = [&m.r_nom, &m.rho, &m.omega, &m.phi_tilde].map(matrix3);
+        for (name, rotation) in [("rho", &rho), ("r_nom", &r_nom)] {
+            if !is_rotation(rotation) {
+                return Err(contradicts(path, format!("matrix.{name} is no rotation")));
+            }
+        }
+        if sigma != Matrix3::from_diagonal(&sigma.diagonal()) || sigma.diagonal().iter().any(|s| s.is_nan() || *s <= 0.0) {
+            return Err(contradicts(path, "matrix.sigma is not diagonal and positive"));
+        }
+        let convention = match m.omega_convention.as_str() {
+            "BepiColombo" => Convention::BepiColombo,
+            other => {
+                let rule = format!("matrix.omega_convention is `{other}`, not that of the files of calfit, BepiColombo");
+                return Err(contradicts(path, rule));
+            }
+        };
+        let of_angles = convention
+            .omega([a.xi_xy, a.xi_xz, a.xi_yz])
+            .map_err(|_| contradicts(path, "no three axes have the angles of angle_deg between them"))?;
+        for (stated, wanted, rule) in [
+            (&omega, of_angles, "matrix.omega is not that of the angles"),
+            (&phi_tilde, omega * sigma, "matrix.phi_tilde is not omega sigma"),
+            (&matrix3(&m.phi), r_nom * rho * phi_tilde, "matrix.phi is not r_nom rho omega sigma"),
+        ] {
+            // A matrix that holds nan agrees with nothing.
+            if (stated - wanted).iter().any(|d| d.is_nan() || d.abs() > PRINTED * sigma.amax().max(1.0)) {
+                return Err(contradicts(path, rule));
+            }
+        }
+        Ok(())
+    }
+
+    /// Its part: `Φ` in coil axes, `φ̃` in the sensor frame.
+    pub(super) fn part(&self, frame: Frame) -> FieldPart {
+        let own = &self.calibration;
+        let names: Vec<String> = ["x", "y", "z"].iter().flat_map(|r| ["x", "y", "z"].map(|c| format!("phi_{r}{c}"))).collect();
+        let stated = sub_covariance(&own.covariance, &[names, ["x", "y", "z"].map(|c| format!("b_or_{c}")).to_vec()].concat());
+        let to_coil = matrix3(&own.matrix.r_nom) * matrix3(&own.matrix.rho);
+        let (matrix, turn, covariance) = if frame == Frame::Coil {
+            (matrix3(&own.matrix.phi), Matrix3::identity(), stated)
+        } else {
+            let phi_tilde = matrix3(&own.matrix.phi_tilde);
+            let covariance = stated.zip(rotation_taken_off(&to_coil, &phi_tilde)).map(|(c, j)| &j * c * j.transpose());
+            (phi_tilde, to_coil, covariance)
+        };
+        let elements = (0..9).map(|e| (Parameter::Matrix(e / 3, e % 3), matrix[(e / 3, e % 3)]));
+        let offsets = (0..3).map(|i| (Parameter::Offset(i), own.offset.b_or_ent[i]));
+        let coefficients = elements.chain(offsets).map(|(parameter, value)| Coefficient { parameter, power: 0, value });
+        FieldPart {
+            sensor: own.run.sensor.clone(),
+            mode: own.run.mode.clone(),
+            location: own.run.location,
+            channel: None,
+            known_effects: self.model.iter().map(|m| m.file.clone()).collect(),
+            frame: match frame {
+                Frame::Coil => "coil: X_c, Y_c, Z_c".to_owned(),
+                _ => Convention::BepiColombo.sensor_frame().to_owned(),
+            },
+            coefficients: Coefficients {
+                linearisation: self.linearisation.as_ref().map(|l| l.applied.clone()),
+                matrix: Some(MatrixForm::Whole),
+                offset: Some(OffsetQuantity::BOr),
+                coefficients: coefficients.collect(),
+                covariance,
+                valid_degc: own.valid.temperature_degc,
+                range: Some(FieldRange { turn, limits_nt: own.valid.field_coil_nt }),
+                ..Coefficients::default()
+            },
+        }
+    }
+}
+
+/// Derivatives of the elements of `φ̃` and of the offsets by those of `Φ = R φ̃` and the offsets. `φ̃` stays lower triangular, so that
+/// what a change of `Φ` has above the diagonal of `Rᵀ dΦ φ̃⁻¹` is a turn.
+fn rotation_taken_off(rotation: &Matrix3<f64>, phi_tilde: &Matrix3<f64>) -> Option<DMatrix<f64>> {
+    let inverse = phi_tilde.try_inverse()?;
+    let mut jacobian = DMatrix::identity(12, 12);
+    for element in 0..9 {
+        let mut change = Matrix3::zeros();
+        change[(element / 3, element % 3)] = 1.0;
+        let seen = rotation.transpose() * change * inverse;
+        let above = seen.upper_triangle() - Matrix3::from_diagonal(&seen.diagonal());
+        let own = (seen - (above - above.transpose())) * phi_tilde;
+        for row in 0..9 {
+            jacobian[(row, element)] = own[(row / 3, row % 3)];
+        }
+    }
+    Some(jacobian)
+}
+
+/// Rows and columns of a covariance by their names.
+fn sub_covariance(covariance: &Covariance, names: &[String]) -> Option<DMatrix<f64>> {
+    let at: Option<Vec<usize>> = names.iter().map(|name| covariance.parameters.iter().position(|p| p == name)).collect();
+    let (at, whole) = (at?, matrix_of(&covariance.matrix, covariance.parameters.len())?);
+    let part = DMatrix::from_fn(at.len(), at.len(), |i, k| whole[(at[i], at[k])]);
+    part.iter().all(|v| v.is_finite()).then_some(part)
+}
+
+/// A channel that a file tells.
+fn stated(channel: &str) -> Option<String> {
+    (channel != NO_CHANNEL).then(|| channel.to_owned())
+}
+
+impl ThermalHead {
+    fn stated_channel(&self) -> Option<String> {
+        stated(&self.channel)
+    }
+}
+
+impl Tpf {
+    /// Refuses polynomials of no sensor.
+    pub(super) fn is_consistent(&self, path: &Path) -> Result<(), Finding> {
+        let sigma = [&self.sigma_x, &self.sigma_y, &self.sigma_z];
+        is_a_sensor(path, Convention::BepiColombo, sigma, [&self.xi_xy, &self.xi_xz, &self.xi_yz], self.head.valid_degc)
+    }
+
+    /// Its part.
+    pub(super) fn part(&self) -> FieldPart {
+        let parts = Coefficients {
+            linearisation: self.scope.linearisation.as_ref().map(|l| l.applied.clone()),
+            matrix: Some(MatrixForm::Alignment(Convention::BepiColombo)),
+            offset: Some(OffsetQuantity::BOr),
+            valid_degc: Some(self.head.valid_degc),
+            range: along_sensor_axes(self.scope.valid_field_nt),
+            ..Coefficients::default()
+        };
+        let parts = with_three(parts, Parameter::Offset, &self.b_or_ent());
+        let parts = with_three(parts, Parameter::Sigma, &self.sigma());
+        FieldPart {
+            sensor: self.head.sensor.clone(),
+            mode: self.head.mode.clone(),
+            location: self.head.location,
+            channel: self.head.stated_channel(),
+            known_effects: self.scope.known_effects.clone(),
+            frame: Convention::BepiColombo.sensor_frame().to_owned(),
+            coefficients: with_three(parts, Parameter::Xi, &self.xi_deg()),
+        }
+    }
+}
+
+impl Tof {
+    /// Its part. A component that the runs did not determine has no coefficient.
+    pub(super) fn part(&self) -> FieldPart {
+        let named = [("b_off_x", &self.b_off_x), ("b_off_y", &self.b_off_y), ("b_off_z", &self.b_off_z)];
+        let parts = Coefficients {
+            offset: Some(OffsetQuantity::BOff),
+            valid_degc: Some(self.head.valid_degc),
+            ..Coefficients::default()
+        };
+        FieldPart {
+            sensor: self.head.sensor.clone(),
+            mode: self.head.mode.clone(),
+            location: self.head.location,
+            channel: self.head.stated_channel(),
+            known_effects: Vec::new(),
+            frame: String::new(),
+            coefficients: with_three(parts, Parameter::Offset, &self.head.polynomials(named)),
+        }
+    }
+}
+
+impl Opf {
+    /// Its part, at the temperatures of its run. A component that was not determined has no coefficient.
+    pub(super) fn part(&self) -> FieldPart {
+        let [offset, std] = [self.values.offset_ent, self.values.offset_std_ent];
+        let constant = |i: usize| TemperaturePolynomial {
+            coefficients: Some(offset[i]).filter(|v| v.is_finite()).into_iter().collect(),
+            covariance: DMatrix::from_element(1, 1, std[i] * std[i]),
+            valid_degc: [f64::NEG_INFINITY, f64::INFINITY],
+        };
+        let parts = Coefficients {
+            offset: Some(OffsetQuantity::BOff),
+            valid_degc: self.conditions.as_ref().and_then(|c| c.sensor_degc).map(|[low, _, high]| [low, high]),
+            ..Coefficients::default()
+        };
+        let mut parts = with_three(parts, Parameter::Offset, &[0, 1, 2].map(constant));
+        if let Some(together) = sub_covariance(&self.found.covariance, &["x", "y", "z"].map(|c| format!("offset_{c}"))) {
+            parts.covariance = Some(together);
+        }
+        FieldPart {
+            sensor: self.found.run.sensor.clone(),
+            mode: self.found.run.mode.clone(),
+            location: self.found.run.location,
+            channel: self.conditions.as_ref().map(|c| c.sensor_channel.clone()),
+            known_effects: Vec::new(),
+            frame: String::new(),
+            coefficients: parts,
+        }
+    }
+}
+
+impl Tcf {
+    /// Refuses polynomials of no sensor.
+    pub(super) fn is_consistent(&self, path: &Path) -> Result<(), Finding> {
+        let sigma = [&self.sigma_x, &self.sigma_y, &self.sigma_z];
+        is_a_sensor(path, Convention::Rosetta, sigma, [&self.xi_xy, &self.xi_xz, &self.xi_yz], self.valid_degc)
+    }
+
+    /// Its part, at the centre; without an offset where none was measured there.
+    pub(super) fn part(&self) -> FieldPart {
+        let named = |name: &str, coefficients: &Vec<f64>| TemperaturePolynomial {
+            coefficients: coefficients.clone(),
+            covariance: self
+                .covariance
+                .get(name)
+                .and_then(|rows| matrix_of(rows, coefficients.len()))
+                .unwrap_or_else(|| DMatrix::zeros(0, 0)),
+            valid_degc: self.valid_degc,
+        };
+        let sigma = [("sigma_x", &self.sigma_x), ("sigma_y", &self.sigma_y), ("sigma_z", &self.sigma_z)];
+        let xi = [("xi_xy", &self.xi_xy), ("xi_xz", &self.xi_xz), ("xi_yz", &self.xi_yz)];
+        let parts = with_three(Coefficients::default(), Parameter::Sigma, &sigma.map(|(n, c)| named(n, c)));
+        let mut parts = with_three(parts, Parameter::Xi, &xi.map(|(n, c)| named(n, c)));
+        // What the transfer from beside the centre makes common to all of them.
+        let names = sigma.iter().chain(&xi).flat_map(|(name, c)| (0..c.len()).map(move |k| format!("{name}.{k}")));
+        let names: Vec<String> = names.collect();
+        if let Some(together) = self.together.as_ref().and_then(|c| sub_covariance(c, &names)) {
+            parts.covariance = Some(together);
+        }
+        if !self.b_off_x.is_empty() {
+            let b_off = [("b_off_x", &self.b_off_x), ("b_off_y", &self.b_off_y), ("b_off_z", &self.b_off_z)];
+            parts = with_three(parts, Parameter::Offset, &b_off.map(|(n, c)| named(n, c)));
+        }
+        let stds = |of: fn(usize) -> Parameter, std: [f64; 3]| (0..3).map(move |i| (of(i), std[i]));
+        FieldPart {
+            sensor: self.sensor.clone(),
+            mode: self.mode.clone(),
+            location: Location::Centre,
+            channel: stated(&self.channel),
+            known_effects: self.scope.known_effects.clone(),
+            frame: Convention::Rosetta.sensor_frame().to_owned(),
+            coefficients: Coefficients {
+                linearisation: self.scope.linearisation.as_ref().map(|l| l.applied.clone()),
+                matrix: Some(MatrixForm::Alignment(Convention::Rosetta)),
+                offset: (!self.b_off_x.is_empty()).then_some(OffsetQuantity::BOff),
+                remainders: stds(Parameter::Sigma, self.sigma_remainder)
+                    .chain(stds(Parameter::Xi, self.xi_remainder_deg))
+                    .collect(),
+                valid_degc: Some(self.valid_degc),
+                range: along_sensor_axes(self.scope.valid_field_nt),
+                ..parts
+            },
+        }
+    }
+}

@@ -1,0 +1,356 @@
+//! Long tables, read and written batch by batch: CSV, Parquet, Arrow IPC.
+
+use super::wrong;
+use crate::data::error::Finding;
+use crate::files::output::Pending;
+use polars::io::csv::write::BatchedWriter as CsvBatches;
+use polars::io::parquet::write::BatchedWriter as ParquetBatches;
+use polars::prelude::{
+    Column, CsvReadOptions, CsvWriter, DataFrame, DataType, KeyValueMetadata, ParquetCompression, ParquetReader, ParquetWriter,
+    PolarsError, SerReader, SerWriter,
+};
+use polars_arrow::io::ipc::read::{FileReader, read_file_metadata};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Cursor};
+use std::path::{Path, PathBuf};
+
+/// Rows of a batch: long enough for whole row groups of a usual Parquet file, short enough that a few batches take little memory.
+const BATCH: usize = 1 << 18;
+
+/// The formats of long tables.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Text with commas.
+    Csv,
+    /// Apache Parquet.
+    Parquet,
+    /// Apache Arrow IPC, also called Feather version 2.
+    Ipc,
+}
+
+impl Format {
+    /// The format of a file by the end of its name.
+    #[must_use]
+    pub fn of_name(path: &Path) -> Option<Self> {
+        match path.extension()?.to_string_lossy().to_ascii_lowercase().as_str() {
+            "csv" => Some(Format::Csv),
+            "parquet" | "pq" => Some(Format::Parquet),
+            "arrow" | "feather" | "ipc" => Some(Format::Ipc),
+            _ => None,
+        }
+    }
+}
+
+/// Some rows of a table with all their columns.
+#[derive(Clone, Debug)]
+pub struct Batch {
+    frame: DataFrame,
+    /// Rows of the table before these.
+    before: usize,
+}
+
+/// A table that is read batch by batch.
+pub struct Reader {
+    path: PathBuf,
+    source: Rows,
+    /// Rows read so far.
+    done: usize,
+}
+
+enum Rows {
+    Csv(Box<CsvRows>),
+    Parquet { pieces: std::vec::IntoIter<(usize, usize)> },
+    Ipc(Box<FileReader<BufReader<File>>>),
+}
+
+/// Lines of a CSV file. Cells stay text, so that columns that only pass go out as they came in.
+struct CsvRows {
+    lines: BufReader<File>,
+    header: String,
+    line: u64,
+}
+
+fn refuse(path: &Path, error: &PolarsError) -> Finding {
+    Finding::error(&path.display().to_string(), format!("cannot be read as a table: {error}"), "check the file")
+}
+
+impl Reader {
+    /// Opens a table.
+    ///
+    /// # Errors
+    /// A name that tells no format, a file that cannot be opened or is no table of it.
+    pub fn open(path: &Path) -> Result<Self, Finding> {
+        let open = || File::open(path).map_err(|e| Finding::io(path, "open", &e));
+        let source = match Format::of_name(path) {
+            Some(Format::Csv) => Rows::Csv(Box::new(CsvRows::open(path, open()?)?)),
+            Some(Format::Parquet) => {
+                let mut reader = ParquetReader::new(open()?);
+                let metadata = reader.get_metadata().map_err(|e| refuse(path, &e))?;
+                let groups: Vec<usize> = metadata.row_groups.iter().map(|group| group.num_rows()).collect();
+                Rows::Parquet { pieces: pieces(&groups).into_iter() }
+            }
+            Some(Format::Ipc) => {
+                let mut file = BufReader::new(open()?);
+                let metadata = read_file_metadata(&mut file).map_err(|e| refuse(path, &e))?;
+                Rows::Ipc(Box::new(FileReader::new(file, metadata, None, None)))
+            }
+            None => {
+                let rule = "is no table: its name ends neither with .csv, .parquet, .pq, .arrow, .feather nor .ipc";
+                return Err(Finding::error(&path.display().to_string(), rule, "name the file after its format"));
+            }
+        };
+        Ok(Self { path: path.to_owned(), source, done: 0 })
+    }
+
+    /// The next rows; `None` after the last ones. A table without rows has one batch of none.
+    ///
+    /// # Errors
+    /// What is wrong with the file.
+    pub fn next_batch(&mut self) -> Result<Option<Batch>, Finding> {
+        let frame = match &mut self.source {
+            Rows::Csv(rows) => rows.next_frame(&self.path)?,
+            Rows::Parquet { pieces } => match pieces.next() {
+                None => None,
+                Some(piece) => {
+                    let file = File::open(&self.path).map_err(|e| Finding::io(&self.path, "open", &e))?;
+                    let frame = ParquetReader::new(file).with_slice(Some(piece)).finish().map_err(|e| refuse(&self.path, &e))?;
+                    Some(frame)
+                }
+            },
+            Rows::Ipc(reader) => reader.next().transpose().map_err(|e| refuse(&self.path, &e))?.map(DataFrame::from),
+        };
+        let before = self.done;
+        Ok(frame.map(|frame| {
+            self.done += frame.height();
+            Batch { frame, before }
+        }))
+    }
+}
+
+/// Slices of row groups, none of them longer than a batch; one empty slice for a table without rows.
+fn pieces(groups: &[usize]) -> Vec<(usize, usize)> {
+    let mut pieces = Vec::new();
+    let mut begin = 0;
+    for group in groups {
+        let end = begin + group;
+        while begin < end {
+            let length = BATCH.min(end - begin);
+            pieces.push((begin, length));
+            begin += length;
+        }
+    }
+    if pieces.is_empty() {
+        pieces.push((0, 0));
+    }
+    pieces
+}
+
+impl CsvRows {
+    fn open(path: &Path, file: File) -> Result<Self, Finding> {
+        let mut rows = Self { lines: BufReader::with_capacity(1 << 20, file), header: String::new(), line: 0 };
+        loop {
+            rows.header.clear();
+            rows.line += 1;
+            if rows.lines.read_line(&mut rows.header).map_err(|e| Finding::io(path, "read", &e))? == 0 {
+                let remedy = "write the names of the columns into the first line";
+                return Err(Finding::error(&path.display().to_string(), "has no header line", remedy));
+            }
+            let text = rows.header.trim();
+            if !text.is_empty() && !text.starts_with('#') {
+                break;
+            }
+        }
+        if !rows.header.ends_with('\n') {
+            rows.header.push('\n');
+        }
+        Ok(rows)
+    }
+
+    fn next_frame(&mut self, path: &Path) -> Result<Option<DataFrame>, Finding> {
+        let first = self.line == u64::MAX;
+        let mut text = self.header.clone().into_bytes();
+        let mut rows = 0;
+        while rows < BATCH {
+            let begin = text.len();
+            let length = self.lines.read_until(b'\n', &mut text).map_err(|e| Finding::io(path, "read", &e))?;
+            if length == 0 {
+                break;
+            }
+            // A line that ends within quotes goes on in the next one.
+            while text[begin..].iter().filter(|b| **b == b'"').count() % 2 == 1 {
+                if self.lines.read_until(b'\n', &mut text).map_err(|e| Finding::io(path, "read", &e))? == 0 {
+                    break;
+                }
+            }
+            if text[begin..].trim_ascii().is_empty() {
+                text.truncate(begin);
+            } else {
+                rows += 1;
+            }
+        }
+        if rows == 0 && first {
+            return Ok(None);
+        }
+        // Every further batch has rows, or there is none.
+        self.line = u64::MAX;
+        let options = CsvReadOptions::default().with_has_header(true).with_infer_schema_length(Some(0));
+        let frame = options.into_reader_with_file_handle(Cursor::new(text)).finish().map_err(|e| refuse(path, &e))?;
+        Ok(Some(frame))
+    }
+}
+
+impl Batch {
+    /// Rows.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.frame.height()
+    }
+
+    /// Whether there is no row.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Rows of the table before these.
+    #[must_use]
+    pub fn before(&self) -> usize {
+        self.before
+    }
+
+    /// Whether the table has a column.
+    #[must_use]
+    pub fn has(&self, name: &str) -> bool {
+        self.frame.column(name).is_ok()
+    }
+
+    /// Names of the columns.
+    #[must_use]
+    pub fn names(&self) -> Vec<String> {
+        self.frame.columns().iter().map(|c| c.name().to_string()).collect()
+    }
+
+    /// A column as numbers; an empty cell is nan.
+    ///
+    /// # Errors
+    /// No such column, or a cell that is no number, with its row.
+    pub fn numbers(&self, path: &Path, name: &str) -> Result<Vec<f64>, Finding> {
+        let shown = path.display().to_string();
+        let column = self.frame.column(name).map_err(|_| {
+            let rule = format!("has no column `{name}`; it has {}", self.names().join(", "));
+            Finding::error(&shown, rule, "rename the column, or name another one")
+        })?;
+        if column.dtype() == &DataType::String {
+            let cells = column.str().map_err(|e| refuse(path, &e))?;
+            let number = |(row, cell): (usize, Option<&str>)| match cell.map(str::trim) {
+                None | Some("") => Ok(f64::NAN),
+                Some(text) => text.parse().map_err(|_| {
+                    let row = self.before + row + 1;
+                    let rule = format!("row {row}: the cell in column `{name}` is no number");
+                    Finding::error(&shown, rule, "correct it, or leave the cell empty").found(text.as_bytes())
+                }),
+            };
+            return cells.iter().enumerate().map(number).collect();
+        }
+        if !column.dtype().is_primitive_numeric() {
+            let rule = format!("column `{name}` holds {}, not numbers", column.dtype());
+            return Err(Finding::error(&shown, rule, "name a column of numbers"));
+        }
+        let cast = column.cast(&DataType::Float64).map_err(|e| refuse(path, &e))?;
+        let values = cast.f64().map_err(|e| refuse(path, &e))?;
+        Ok(values.iter().map(|v| v.unwrap_or(f64::NAN)).collect())
+    }
+
+    /// The same with a further column; nan becomes an empty cell.
+    ///
+    /// # Errors
+    /// Another number of rows.
+    pub fn push(&mut self, name: &str, values: Vec<f64>) -> Result<(), Finding> {
+        let column = if values.iter().any(|v| v.is_nan()) {
+            let cells: Vec<Option<f64>> = values.into_iter().map(|v| (!v.is_nan()).then_some(v)).collect();
+            Column::new(name.into(), cells)
+        } else {
+            Column::new(name.into(), values)
+        };
+        self.frame.with_column(column).map(drop).map_err(|e| wrong(&e))
+    }
+
+    /// The same with a further column of bits.
+    ///
+    /// # Errors
+    /// Another number of rows.
+    pub fn push_bits(&mut self, name: &str, values: Vec<u32>) -> Result<(), Finding> {
+        self.frame.with_column(Column::new(name.into(), values)).map(drop).map_err(|e| wrong(&e))
+    }
+
+    /// A batch of columns of numbers.
+    ///
+    /// # Errors
+    /// Columns of unequal length.
+    pub fn of_numbers(columns: Vec<(&str, Vec<f64>)>, before: usize) -> Result<Self, Finding> {
+        let height = columns.first().map_or(0, |(_, values)| values.len());
+        let mut batch = Self { frame: DataFrame::empty_with_height(height), before };
+        columns.into_iter().try_for_each(|(name, values)| batch.push(name, values))?;
+        Ok(batch)
+    }
+}
+
+/// A table that is written batch by batch into a file that has its name only once it is complete.
+pub struct Writer<'a> {
+    to: To<'a>,
+}
+
+enum To<'a> {
+    Csv(CsvBatches<&'a mut Pending>),
+    Parquet(Box<ParquetBatches<&'a mut Pending>>),
+}
+
+impl<'a> Writer<'a> {
+    /// Begins a table with the columns of a batch. `note` is what the file says of itself: a comment line of CSV, an entry of the
+    /// metadata of Parquet.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn begin(file: &'a mut Pending, format: Format, first: &Batch, note: &str) -> Result<Self, Finding> {
+        let schema = first.frame.schema();
+        let to = if format == Format::Csv {
+            use std::io::Write;
+            let line = format!("# calfit {note}\n");
+            file.write_all(line.as_bytes()).map_err(|e| Finding::error("table", e.to_string(), "check the disk"))?;
+            To::Csv(CsvWriter::new(file).batched(schema).map_err(|e| wrong(&e))?)
+        } else {
+            let mark = KeyValueMetadata::from_static(vec![
+                ("written_by".to_owned(), format!("calfit {}", env!("CARGO_PKG_VERSION"))),
+                ("calfit".to_owned(), note.to_owned()),
+            ]);
+            let writer =
+                ParquetWriter::new(file).with_key_value_metadata(Some(mark)).with_compression(ParquetCompression::Zstd(None));
+            To::Parquet(Box::new(writer.batched(schema).map_err(|e| wrong(&e))?))
+        };
+        Ok(Self { to })
+    }
+
+    /// Writes a batch.
+    ///
+    /// # Errors
+    /// Other columns than those of the first batch, or what the operating system says.
+    pub fn write(&mut self, batch: &Batch) -> Result<(), Finding> {
+        match &mut self.to {
+            To::Csv(writer) => writer.write_batch(&batch.frame),
+            To::Parquet(writer) => writer.write_batch(&batch.frame),
+        }
+        .map_err(|e| wrong(&e))
+    }
+
+    /// Writes what ends the table.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn finish(self) -> Result<(), Finding> {
+        match self.to {
+            To::Csv(mut writer) => writer.finish(),
+            To::Parquet(writer) => writer.finish().map(drop),
+        }
+        .map_err(|e| wrong(&e))
+    }
+}

@@ -1,0 +1,432 @@
+//! From a raw reading to the field with its uncertainty, by the coefficients of parameter files: `B = ω(ξ) K⁻¹ σ (B_r - B_off)`, or
+//! `B = M (B_r - B_off)` where a file states the whole matrix (BC-MAG-TR-0085 section 15.1, RO-IGEP-TR0028 section 3.3).
+//!
+//! Every parameter is a polynomial of the sensor temperature. With the covariance of all coefficients the uncertainty of a vector is
+//! the diagonal of `J C Jᵀ`, with the derivatives `J` of the field by the parameters at its temperature.
+
+use super::linearisation::AxisLinearisation;
+use super::polynomial::{TemperaturePolynomial, value};
+use crate::data::apply::OffsetQuantity;
+use crate::data::convention::{Convention, PlanarAxes};
+use crate::data::flags::Flags;
+use crate::data::linearisation::LinearisationPolynomials;
+use crate::data::units::{COMPONENTS, Reading};
+use nalgebra::{DMatrix, Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use thiserror::Error;
+
+/// A quantity on the way from the reading to the field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parameter {
+    /// Offset of a component, enT.
+    Offset(usize),
+    /// Sensitivity of a component, nT/enT.
+    Sigma(usize),
+    /// ξ_xy, ξ_xz, ξ_yz, degrees.
+    Xi(usize),
+    /// An element of `K⁻¹` by row and column.
+    KInverse(usize, usize),
+    /// An element of the whole matrix by row and column, nT/enT.
+    Matrix(usize, usize),
+}
+
+impl fmt::Display for Parameter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Parameter::Offset(i) => write!(f, "the offset of {}", COMPONENTS[*i]),
+            Parameter::Sigma(i) => write!(f, "sigma of {}", COMPONENTS[*i]),
+            Parameter::Xi(i) => write!(f, "xi of {}", ["xy", "xz", "yz"][*i]),
+            Parameter::KInverse(row, column) => write!(f, "row {}, column {} of inverse(K)", row + 1, column + 1),
+            Parameter::Matrix(row, column) => write!(f, "row {}, column {} of the matrix", row + 1, column + 1),
+        }
+    }
+}
+
+/// How many parameters there can be.
+const PARAMETERS: usize = 27;
+
+impl Parameter {
+    fn index(self) -> usize {
+        match self {
+            Parameter::Offset(i) => i,
+            Parameter::Sigma(i) => 3 + i,
+            Parameter::Xi(i) => 6 + i,
+            Parameter::KInverse(row, column) => 9 + 3 * row + column,
+            Parameter::Matrix(row, column) => 18 + 3 * row + column,
+        }
+    }
+}
+
+/// A coefficient: the parameter has a part `value · T^power`, T in °C.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coefficient {
+    /// Whose coefficient it is; several of the same power add.
+    pub parameter: Parameter,
+    /// Power of the temperature.
+    pub power: usize,
+    /// Value, in the unit of the parameter per °C to that power.
+    pub value: f64,
+}
+
+/// The matrix of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MatrixForm {
+    /// `ω(ξ) K⁻¹ σ`; `K⁻¹` is the identity where no coefficient names it.
+    Alignment(Convention),
+    /// Element by element.
+    Whole,
+}
+
+/// The frame of a calibrated field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Frame {
+    /// That of the sensor, in the convention of its files.
+    Sensor,
+    /// The reference cube of the sensor.
+    Reference,
+    /// Coil axes.
+    Coil,
+}
+
+/// The range of fields for which a calibration was made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldRange {
+    /// From the frame of the matrix to that of the limits.
+    pub turn: Matrix3<f64>,
+    /// Lowest and highest field per component, nT.
+    pub limits_nt: [[f64; 2]; 3],
+}
+
+/// A rotation from the sensor frame to another one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turn {
+    /// `B_to = rotation · B_sensor`.
+    pub rotation: Matrix3<f64>,
+    /// Standard uncertainty about each of its axes, radians.
+    pub std_rad: f64,
+}
+
+/// Why coefficients make no calibration.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum CalibrationError {
+    /// No sensitivities.
+    #[error("there are no sensitivities and angles")]
+    NoMatrix,
+    /// Without this parameter there is no field.
+    #[error("{0} is not among the coefficients")]
+    Missing(Parameter),
+    /// No temperature at which all files hold.
+    #[error("the files hold at no common temperature")]
+    NoCommonTemperature,
+    /// Another size than the number of coefficients.
+    #[error("the covariance has {found} rows for {wanted} coefficients")]
+    Covariance {
+        /// Rows that there are.
+        found: usize,
+        /// Coefficients.
+        wanted: usize,
+    },
+    /// A matrix that turns nothing.
+    #[error("the rotation is none: its rows are not of length 1 at right angles, or it mirrors")]
+    NoRotation,
+}
+
+/// What a calibration consists of, as far as one file tells.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Coefficients {
+    /// The linearisation of the raw reading, if there is one.
+    pub linearisation: Option<LinearisationPolynomials>,
+    /// The matrix; absent in files of the offset alone.
+    pub matrix: Option<MatrixForm>,
+    /// Which offset is taken off; absent in files without one.
+    pub offset: Option<OffsetQuantity>,
+    /// All coefficients.
+    pub coefficients: Vec<Coefficient>,
+    /// Their covariance in the same order; `None` where it is not known, and then no uncertainty of the field is.
+    pub covariance: Option<DMatrix<f64>>,
+    /// Standard uncertainties of parameters beside it, independent of it and of each other.
+    pub remainders: Vec<(Parameter, f64)>,
+    /// Lowest and highest temperature, °C.
+    pub valid_degc: Option<[f64; 2]>,
+    /// Fields for which it was made.
+    pub range: Option<FieldRange>,
+    /// From the frame of the matrix to that of the result.
+    pub turn: Option<Turn>,
+}
+
+impl Coefficients {
+    /// A polynomial of the temperature for a parameter, independent of all others.
+    #[must_use]
+    pub fn with(mut self, parameter: Parameter, polynomial: &TemperaturePolynomial) -> Self {
+        let first = self.coefficients.is_empty();
+        let own = polynomial.coefficients.iter().enumerate();
+        self.coefficients.extend(own.map(|(power, value)| Coefficient { parameter, power, value: *value }));
+        let n = polynomial.coefficients.len();
+        let known = polynomial.covariance.shape() == (n, n) && polynomial.covariance.iter().all(|v| v.is_finite());
+        let before = if first { Some(DMatrix::zeros(0, 0)) } else { self.covariance.take() };
+        self.covariance = before.filter(|_| known).map(|c| block_diagonal(&c, &polynomial.covariance));
+        self
+    }
+
+    /// The same with the offset of another file in place of its own.
+    ///
+    /// # Errors
+    /// No temperature at which both hold.
+    pub fn with_offset_of(mut self, other: Coefficients) -> Result<Self, CalibrationError> {
+        let kept: Vec<usize> =
+            (0..self.coefficients.len()).filter(|i| !matches!(self.coefficients[*i].parameter, Parameter::Offset(_))).collect();
+        self.covariance = self.covariance.map(|c| c.select_rows(&kept).select_columns(&kept));
+        self.coefficients = kept.into_iter().map(|i| self.coefficients[i]).chain(other.coefficients).collect();
+        self.covariance = self.covariance.zip(other.covariance).map(|(a, b)| block_diagonal(&a, &b));
+        self.remainders.extend(other.remainders);
+        self.offset = other.offset;
+        self.valid_degc = match (self.valid_degc, other.valid_degc) {
+            (Some([a, b]), Some([c, d])) if a.max(c) > b.min(d) => return Err(CalibrationError::NoCommonTemperature),
+            (Some([a, b]), Some([c, d])) => Some([a.max(c), b.min(d)]),
+            (own, others) => own.or(others),
+        };
+        Ok(self)
+    }
+}
+
+fn block_diagonal(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut whole = DMatrix::zeros(a.nrows() + b.nrows(), a.ncols() + b.ncols());
+    whole.view_mut((0, 0), a.shape()).copy_from(a);
+    whole.view_mut((a.nrows(), a.ncols()), b.shape()).copy_from(b);
+    whole
+}
+
+/// A covariance of two parameters as a polynomial of the temperature.
+#[derive(Clone, Debug, PartialEq)]
+struct Pair {
+    parameters: [usize; 2],
+    polynomial: Vec<f64>,
+}
+
+/// A calibration that can be applied.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FieldCalibration {
+    parts: Coefficients,
+    matrix: MatrixForm,
+    polynomials: Vec<Vec<f64>>,
+    /// Parameters whose derivatives the uncertainty needs.
+    uncertain: Vec<bool>,
+    pairs: Vec<Pair>,
+    with_k: bool,
+}
+
+/// A calibrated vector.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CalibratedField {
+    /// The field, nT, in the frame of the calibration; nan where there is none.
+    pub field_nt: [f64; 3],
+    /// Its standard uncertainty from the coefficients, nT, common to all vectors; nan where it is not known.
+    pub std_nt: [f64; 3],
+    /// What is to be known of it.
+    pub flags: Flags,
+}
+
+impl CalibratedField {
+    const NONE: Self = Self { field_nt: [f64::NAN; 3], std_nt: [f64::NAN; 3], flags: Flags(0) };
+}
+
+/// Whether a matrix turns and does nothing else, to a millionth: what is printed with six decimals passes.
+#[must_use]
+pub fn is_rotation(matrix: &Matrix3<f64>) -> bool {
+    (matrix * matrix.transpose() - Matrix3::identity()).amax() < 3e-6 && matrix.determinant() > 0.0
+}
+
+impl FieldCalibration {
+    /// A calibration from its coefficients.
+    ///
+    /// # Errors
+    /// A parameter without coefficient, a covariance of another size, a rotation that is none.
+    pub fn new(parts: Coefficients) -> Result<Self, CalibrationError> {
+        let mut polynomials = vec![Vec::new(); PARAMETERS];
+        for c in &parts.coefficients {
+            let polynomial: &mut Vec<f64> = &mut polynomials[c.parameter.index()];
+            polynomial.resize(polynomial.len().max(c.power + 1), 0.0);
+            polynomial[c.power] += c.value;
+        }
+        let vectors = |of: fn(usize) -> Parameter| (0..3).map(of);
+        let matrix = parts.matrix.ok_or(CalibrationError::NoMatrix)?;
+        let needed: Vec<Parameter> = match matrix {
+            MatrixForm::Alignment(_) => {
+                [Parameter::Offset, Parameter::Sigma, Parameter::Xi].into_iter().flat_map(vectors).collect()
+            }
+            MatrixForm::Whole => vectors(Parameter::Offset).chain((0..9).map(|e| Parameter::Matrix(e / 3, e % 3))).collect(),
+        };
+        if let Some(missing) = needed.into_iter().find(|p| polynomials[p.index()].is_empty()) {
+            return Err(CalibrationError::Missing(missing));
+        }
+        if parts.turn.is_some_and(|turn| !is_rotation(&turn.rotation)) {
+            return Err(CalibrationError::NoRotation);
+        }
+        let with_k = (0..9).any(|e| !polynomials[Parameter::KInverse(e / 3, e % 3).index()].is_empty());
+        let mut pairs: Vec<Pair> = Vec::new();
+        let mut add = |parameters: [usize; 2], power: usize, covariance: f64| {
+            if covariance == 0.0 {
+                return;
+            }
+            let pair = if let Some(at) = pairs.iter().position(|p| p.parameters == parameters) {
+                &mut pairs[at]
+            } else {
+                pairs.push(Pair { parameters, polynomial: Vec::new() });
+                let last = pairs.len() - 1;
+                &mut pairs[last]
+            };
+            pair.polynomial.resize(pair.polynomial.len().max(power + 1), 0.0);
+            pair.polynomial[power] += covariance;
+        };
+        if let Some(covariance) = &parts.covariance {
+            if covariance.shape() != (parts.coefficients.len(), parts.coefficients.len()) {
+                return Err(CalibrationError::Covariance { found: covariance.nrows(), wanted: parts.coefficients.len() });
+            }
+            for (i, a) in parts.coefficients.iter().enumerate() {
+                for (k, b) in parts.coefficients.iter().enumerate() {
+                    let [first, second] = [a.parameter.index(), b.parameter.index()];
+                    add([first.min(second), first.max(second)], a.power + b.power, covariance[(i, k)]);
+                }
+            }
+            for (parameter, std) in &parts.remainders {
+                add([parameter.index(); 2], 0, std * std);
+            }
+        }
+        let mut uncertain = vec![false; PARAMETERS];
+        pairs.iter().flat_map(|p| p.parameters).for_each(|p| uncertain[p] = true);
+        Ok(Self { parts, matrix, polynomials, uncertain, pairs, with_k })
+    }
+
+    /// What it was made of.
+    #[must_use]
+    pub fn parts(&self) -> &Coefficients {
+        &self.parts
+    }
+
+    /// Whether its parameters are polynomials of the temperature, so that there is no field without one.
+    #[must_use]
+    pub fn needs_temperature(&self) -> bool {
+        matches!(self.matrix, MatrixForm::Alignment(_))
+    }
+
+    fn three(&self, of: fn(usize) -> Parameter, degc: f64) -> [f64; 3] {
+        std::array::from_fn(|i| value(&self.polynomials[of(i).index()], degc))
+    }
+
+    fn square(&self, of: fn(usize, usize) -> Parameter, degc: f64) -> Matrix3<f64> {
+        Matrix3::from_fn(|row, column| value(&self.polynomials[of(row, column).index()], degc))
+    }
+
+    /// The field of a reading at a sensor temperature, °C; `None` where it is not known.
+    ///
+    /// The field is nan where the temperature is needed and not known, where the reading is not finite, and where the angles at that
+    /// temperature belong to no three axes. Outside of the ranges the field is given all the same, and the flags say so.
+    #[must_use]
+    pub fn apply(&self, reading: Reading, degc: Option<f64>) -> CalibratedField {
+        let mut found = CalibratedField::NONE;
+        let degc = degc.filter(|t| t.is_finite());
+        match (degc, self.parts.valid_degc) {
+            (Some(t), Some([low, high])) if !(low..=high).contains(&t) => found.flags |= Flags::TEMPERATURE,
+            (None, Some(_)) => found.flags |= Flags::NO_TEMPERATURE,
+            _ => {}
+        }
+        if degc.is_none() && self.needs_temperature() {
+            found.flags |= Flags::NO_TEMPERATURE;
+            return found;
+        }
+        // Without a temperature nothing depends on it.
+        let degc = degc.unwrap_or(0.0);
+        if reading.0.iter().any(|r| !r.is_finite()) {
+            return found;
+        }
+        if let Ok((field, std)) = self.field_and_std(reading, degc) {
+            let beyond = |p: &LinearisationPolynomials| leave_out(&p.reading_ent, reading.0);
+            if self.parts.linearisation.as_ref().is_some_and(beyond)
+                || self.parts.range.is_some_and(|range| leave_out(&range.limits_nt, (range.turn * field).into()))
+            {
+                found.flags |= Flags::FIELD;
+            }
+            let turned = self.parts.turn.map_or(field, |turn| turn.rotation * field);
+            found.field_nt = turned.into();
+            found.std_nt = std;
+        }
+        found
+    }
+
+    /// The field in the frame of the matrix, and its standard uncertainty in that of the result.
+    fn field_and_std(&self, reading: Reading, degc: f64) -> Result<(Vector3<f64>, [f64; 3]), PlanarAxes> {
+        let raw = match &self.parts.linearisation {
+            None => reading.0,
+            Some(polynomials) => std::array::from_fn(|i| AxisLinearisation::of(polynomials, i).linearised_ent(reading.0[i])),
+        };
+        let measured = Vector3::from(raw) - Vector3::from(self.three(Parameter::Offset, degc));
+        // Column p is the derivative of the field by parameter p.
+        let mut by = [Vector3::zeros(); PARAMETERS];
+        let field = match self.matrix {
+            MatrixForm::Whole => {
+                let matrix = self.square(Parameter::Matrix, degc);
+                for i in 0..3 {
+                    by[Parameter::Offset(i).index()] = -matrix.column(i);
+                    for row in 0..3 {
+                        by[Parameter::Matrix(row, i).index()][row] = measured[i];
+                    }
+                }
+                matrix * measured
+            }
+            MatrixForm::Alignment(convention) => {
+                let sigma = Vector3::from(self.three(Parameter::Sigma, degc));
+                let scaled = sigma.component_mul(&measured);
+                let (omega, slopes) = convention.omega_and_slopes(self.three(Parameter::Xi, degc))?;
+                let (matrix, inner) = if self.with_k {
+                    let k_inverse = self.square(Parameter::KInverse, degc);
+                    for row in 0..3 {
+                        for column in 0..3 {
+                            by[Parameter::KInverse(row, column).index()] = omega.column(row) * scaled[column];
+                        }
+                    }
+                    (omega * k_inverse, k_inverse * scaled)
+                } else {
+                    (omega, scaled)
+                };
+                for i in 0..3 {
+                    by[Parameter::Offset(i).index()] = matrix.column(i) * -sigma[i];
+                    by[Parameter::Sigma(i).index()] = matrix.column(i) * measured[i];
+                    by[Parameter::Xi(i).index()] = slopes[i] * inner;
+                }
+                omega * inner
+            }
+        };
+        Ok((field, self.std_nt(&field, by, degc)))
+    }
+
+    fn std_nt(&self, field: &Vector3<f64>, mut by: [Vector3<f64>; PARAMETERS], degc: f64) -> [f64; 3] {
+        if self.parts.covariance.is_none() {
+            return [f64::NAN; 3];
+        }
+        let mut variance = Vector3::zeros();
+        if let Some(turn) = &self.parts.turn {
+            for (column, _) in by.iter_mut().zip(&self.uncertain).filter(|(_, uncertain)| **uncertain) {
+                *column = turn.rotation * *column;
+            }
+            // Turned by small angles about the three axes, each component takes what stands across it.
+            let turned = turn.rotation * field;
+            let across = turned.map(|component| turned.norm_squared() - component * component);
+            variance += across * (turn.std_rad * turn.std_rad);
+        }
+        for pair in &self.pairs {
+            let [first, second] = pair.parameters;
+            let product = by[first].component_mul(&by[second]);
+            // A polynomial of a pair holds both of its places in the covariance already.
+            variance += product * value(&pair.polynomial, degc);
+        }
+        // Rounding may make a variance near zero negative; `max` would turn NaN into zero.
+        variance.map(|v| if v < 0.0 { 0.0 } else { v.sqrt() }).into()
+    }
+}
+
+/// Whether a component lies beyond its limits.
+fn leave_out(limits: &[[f64; 2]; 3], components: [f64; 3]) -> bool {
+    limits.iter().zip(components).any(|([low, high], c)| !(*low..=*high).contains(&c))
+}

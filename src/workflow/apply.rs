@@ -1,0 +1,502 @@
+//! Raw readings to calibrated field: parameter files and vectors in, vectors with field, uncertainty and flags out.
+
+use super::jobs;
+use crate::data::apply::OffsetQuantity;
+use crate::data::error::Finding;
+use crate::data::flags::Flags;
+use crate::data::note::{Note, NoteKind};
+use crate::data::provenance::{Input, Provenance};
+use crate::data::recipe::Recipe;
+use crate::data::run::{Location, Run, Vector, VectorSink, interpolate};
+use crate::data::units::Reading;
+use crate::files::campaign::Campaign;
+use crate::files::ccr;
+use crate::files::field::read_field;
+use crate::files::output::{Folder, Pending};
+use crate::files::source::digest;
+use crate::files::table::stream::{Batch, Format, Reader, Writer};
+use crate::model::field_calibration::{CalibratedField, Coefficients, FieldCalibration, Frame, MatrixForm};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// What becomes of vectors outside of the ranges of the calibration.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Outside {
+    /// The field is given and flagged.
+    #[default]
+    Flag,
+    /// The field is left empty, with its flag.
+    Null,
+    /// The first of them is an error.
+    Error,
+}
+
+/// How a calibration is applied.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ApplyOptions {
+    /// Frame of the result.
+    pub frame: Frame,
+    /// What becomes of vectors outside.
+    pub outside: Outside,
+    /// Column, or channel of a run, that holds the sensor temperature.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_column: Option<String>,
+    /// One sensor temperature for all vectors, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_degc: Option<f64>,
+    /// The known effects that were taken off the runs of the calibration are taken off the readings as well.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub effects_taken_off: bool,
+}
+
+/// The calibration that parameter files make together.
+#[derive(Clone, Debug)]
+pub struct Applied {
+    /// The calibration.
+    pub calibration: FieldCalibration,
+    /// Sensor.
+    pub sensor: String,
+    /// Mode.
+    pub mode: String,
+    /// Frame of the result, in words.
+    pub frame: String,
+    /// The files.
+    pub inputs: Vec<Input>,
+    /// What a person should know.
+    pub notes: Vec<Note>,
+}
+
+/// Reads parameter files as one calibration; notes on the files go to `findings`.
+///
+/// # Errors
+/// What is wrong with a file; files of several sensors, modes or thermistors, two matrices or two offsets, none of either, a frame that
+/// the files do not state, known effects that the readings still hold.
+pub fn applied(paths: &[PathBuf], options: &ApplyOptions, findings: &mut Vec<Finding>) -> Result<Applied, Finding> {
+    let mut inputs = Vec::new();
+    let mut beside = None;
+    let mut matrix: Option<(&PathBuf, Coefficients, String)> = None;
+    let mut offset: Option<(&PathBuf, Coefficients)> = None;
+    let mut of: Option<(String, String, &PathBuf)> = None;
+    let mut thermistor: Option<(String, &PathBuf)> = None;
+    for path in paths {
+        let shown = path.display().to_string();
+        let (part, input) = read_field(path, options.frame, findings)?;
+        inputs.push(input);
+        match &of {
+            None => of = Some((part.sensor, part.mode, path)),
+            Some((sensor, mode, first)) if (sensor, mode) != (&part.sensor, &part.mode) => {
+                let rule = format!("is of {} {}, {} of {sensor} {mode}", part.sensor, part.mode, first.display());
+                return Err(Finding::error(&shown, rule, "name files of one sensor in one mode"));
+            }
+            Some(_) => {}
+        }
+        if let Some(channel) = part.channel {
+            match &thermistor {
+                Some((other, first)) if *other != channel => {
+                    let rule = format!("is of the temperature of {channel}, {} of that of {other}", first.display());
+                    return Err(Finding::error(&shown, rule, "name files of one thermistor"));
+                }
+                _ => thermistor = Some((channel, path)),
+            }
+        }
+        if !part.known_effects.is_empty() && !options.effects_taken_off {
+            let rule = format!("holds for readings from which the effects of {} were taken off", part.known_effects.join(", "));
+            let remedy = "take them off the readings, and say so with --effects-taken-off";
+            return Err(Finding::error(&shown, rule, remedy));
+        }
+        let second = |first: &Path, what: &str| {
+            let rule = format!("states {what}, and so does {}", first.display());
+            Finding::error(&shown, rule, "name one of them")
+        };
+        if part.coefficients.matrix.is_some() {
+            if let Some((first, ..)) = &matrix {
+                return Err(second(first, "sensitivities and angles"));
+            }
+            if part.location == Location::OffCentre {
+                let text = format!(
+                    "{shown} holds for the field beside the centre of the coil system, which is not that of its settings"
+                );
+                let note = Note::new(NoteKind::Facility, text).about(&shown);
+                beside = Some(note.with_remedy("apply the TCF file, whose sensitivities are those at the centre"));
+            }
+            matrix = Some((path, part.coefficients, part.frame));
+        } else {
+            if let Some((first, _)) = &offset {
+                return Err(second(first, "the offset"));
+            }
+            offset = Some((path, part.coefficients));
+        }
+    }
+    let names: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
+    let all = names.join(", ");
+    let (Some((matrix_path, parts, frame_words)), Some((sensor, mode, _))) = (matrix, of) else {
+        let rule = "state no sensitivities and angles";
+        return Err(Finding::error(&all, rule, "name a CPF, TPF or TCF file, or a ground calibration file"));
+    };
+    let refuse = |e: crate::model::field_calibration::CalibrationError| {
+        Finding::error(&all, e.to_string(), "name files that make one calibration together")
+    };
+    let parts = match offset {
+        None => parts,
+        Some((path, own)) => {
+            if parts.matrix == Some(MatrixForm::Whole) {
+                let rule = format!("goes with polynomials, not with the calibration of one run, {}", matrix_path.display());
+                return Err(Finding::error(&path.display().to_string(), rule, "name a TPF file beside it"));
+            }
+            if parts.offset == Some(OffsetQuantity::BOff) {
+                let rule = format!("states the offset, and so does {}", matrix_path.display());
+                return Err(Finding::error(&path.display().to_string(), rule, "name one of them"));
+            }
+            parts.with_offset_of(own).map_err(refuse)?
+        }
+    };
+    let mut notes = notes(&parts, &all);
+    notes.extend(beside);
+    let calibration = FieldCalibration::new(parts).map_err(refuse)?;
+    Ok(Applied { calibration, sensor, mode, frame: frame_words, inputs, notes })
+}
+
+/// What a person should know of a calibration.
+fn notes(parts: &Coefficients, files: &str) -> Vec<Note> {
+    let mut notes = Vec::new();
+    if parts.offset == Some(OffsetQuantity::BOr) {
+        let text =
+            "the offset is b_or: that of the sensor together with the residual field of the coil system where it was calibrated";
+        notes.push(Note::new(NoteKind::Method, text).with_remedy("name a TOF or OPF file for the offset of the sensor alone"));
+    }
+    if parts.covariance.is_none() {
+        let text = format!("{files} state no covariance of all coefficients, so that the field has no uncertainty");
+        notes.push(Note::new(NoteKind::Method, text));
+    }
+    if parts.valid_degc.is_none() {
+        let text = format!("{files} do not say for which temperatures they hold, so that no vector is flagged for it");
+        notes.push(Note::new(NoteKind::Temperature, text));
+    }
+    if parts.range.is_none() {
+        let text = format!("{files} do not say for which fields they hold, so that no vector is flagged for it");
+        notes.push(Note::new(NoteKind::Method, text));
+    }
+    notes
+}
+
+/// What was made of a file of vectors.
+#[derive(Clone, Debug, Serialize)]
+pub struct AppliedFile {
+    /// The file of readings.
+    pub data: String,
+    /// The file of calibrated vectors.
+    pub file: String,
+    /// Vectors.
+    pub rows: usize,
+    /// Vectors without a field.
+    pub without_field: usize,
+    /// Vectors by flag.
+    pub flagged: Vec<Flagged>,
+}
+
+/// Vectors with a flag.
+#[derive(Clone, Debug, Serialize)]
+pub struct Flagged {
+    /// Value of the flag.
+    pub flag: u32,
+    /// What it says.
+    pub meaning: &'static str,
+    /// Vectors.
+    pub rows: usize,
+}
+
+/// What a file of calibrated vectors says of itself, and its statement beside it.
+#[derive(Serialize)]
+struct Statement<'a> {
+    written_by: String,
+    format: &'static str,
+    sensor: &'a str,
+    mode: &'a str,
+    frame: &'a str,
+    columns: [(&'static str, &'static str); 3],
+    uncertainty: &'static str,
+    not_applied: [&'static str; 2],
+    notes: Vec<String>,
+    provenance: &'a Provenance,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    counts: Option<&'a AppliedFile>,
+}
+
+const COLUMNS: [(&str, &str); 3] = [
+    ("bx_nt, by_nt, bz_nt", "field, nT, in the frame stated"),
+    ("u_bx_nt, u_by_nt, u_bz_nt", "its standard uncertainty, nT"),
+    ("flags", "bits: 1 temperature outside, 65536 field outside, 131072 no temperature"),
+];
+const UNCERTAINTY: &str = "standard uncertainty, coverage factor 1, from the covariance of the coefficients; it is common to all vectors and does not fall with averaging; the noise of the readings is not in it";
+const NOT_APPLIED: [&str; 2] = ["group delay", "frequency response"];
+
+/// Vectors while they are calibrated.
+struct Work<'a> {
+    applied: &'a Applied,
+    options: &'a ApplyOptions,
+    data: &'a Path,
+    counts: AppliedFile,
+}
+
+const FIELD: [&str; 3] = ["bx_nt", "by_nt", "bz_nt"];
+const STD: [&str; 3] = ["u_bx_nt", "u_by_nt", "u_bz_nt"];
+const FLAGS: &str = "flags";
+const TEMPERATURE: &str = "t_degc";
+
+impl<'a> Work<'a> {
+    fn new(applied: &'a Applied, options: &'a ApplyOptions, data: &'a Path, file: &str) -> Self {
+        let flagged = Flags::OF_CALIBRATION.map(|(flag, meaning)| Flagged { flag: flag.0, meaning, rows: 0 }).to_vec();
+        let counts = AppliedFile { data: data.display().to_string(), file: file.to_owned(), rows: 0, without_field: 0, flagged };
+        Self { applied, options, data, counts }
+    }
+
+    /// Calibrates the vectors of a batch with their temperatures.
+    fn calibrate(&mut self, batch: &mut Batch, readings: &[Vec<f64>; 3], degc: &[f64]) -> Result<(), Finding> {
+        let calibration = &self.applied.calibration;
+        let [x, y, z] = readings;
+        let calibrated: Vec<CalibratedField> = (0..batch.len())
+            .into_par_iter()
+            .with_min_len(1 << 12)
+            .map(|i| calibration.apply(Reading([x[i], y[i], z[i]]), Some(degc[i])))
+            .collect();
+        let outside = |c: &CalibratedField| Flags::OF_CALIBRATION.iter().any(|(flag, _)| c.flags.any_of(*flag));
+        if self.options.outside == Outside::Error
+            && let Some(row) = calibrated.iter().position(outside)
+        {
+            return Err(self.refused(batch.before() + row + 1, calibrated[row].flags, degc[row]));
+        }
+        let leaves_out = |c: &CalibratedField| self.options.outside == Outside::Null && outside(c);
+        for (component, (field, std)) in FIELD.into_iter().zip(STD).enumerate() {
+            for (name, of) in [(field, (|c| c.field_nt) as fn(&CalibratedField) -> [f64; 3]), (std, |c| c.std_nt)] {
+                let values = calibrated.iter().map(|c| if leaves_out(c) { f64::NAN } else { of(c)[component] });
+                batch.push(name, values.collect())?;
+            }
+        }
+        batch.push_bits(FLAGS, calibrated.iter().map(|c| c.flags.0).collect())?;
+        self.counts.rows += calibrated.len();
+        self.counts.without_field += calibrated.iter().filter(|c| leaves_out(c) || c.field_nt[0].is_nan()).count();
+        for (count, (flag, _)) in self.counts.flagged.iter_mut().zip(Flags::OF_CALIBRATION) {
+            count.rows += calibrated.iter().filter(|c| c.flags.any_of(flag)).count();
+        }
+        Ok(())
+    }
+
+    fn refused(&self, row: usize, flags: Flags, degc: f64) -> Finding {
+        let words: Vec<&str> =
+            Flags::OF_CALIBRATION.iter().filter(|(flag, _)| flags.any_of(*flag)).map(|(_, words)| *words).collect();
+        let at = if degc.is_finite() { format!(" at {degc} °C") } else { String::new() };
+        let rule = format!("vector {row}{at}: {}", words.join(", "));
+        let remedy = "leave such vectors out, or use --outside flag or null";
+        Finding::error(&self.data.display().to_string(), rule, remedy)
+    }
+
+    fn statement<'b>(&'b self, provenance: &'b Provenance, counts: Option<&'b AppliedFile>) -> Statement<'b> {
+        Statement {
+            written_by: format!("calfit {}", env!("CARGO_PKG_VERSION")),
+            format: "APPLIED",
+            sensor: &self.applied.sensor,
+            mode: &self.applied.mode,
+            frame: &self.applied.frame,
+            columns: COLUMNS,
+            uncertainty: UNCERTAINTY,
+            not_applied: NOT_APPLIED,
+            notes: self.applied.notes.iter().map(Note::to_string).collect(),
+            provenance,
+            counts,
+        }
+    }
+}
+
+/// Applies a calibration to a file of vectors: a run, or a table. Writes `<stem>.calibrated.parquet`, `.csv` for CSV, and a statement
+/// `<stem>.calibrated.json` of what was done.
+///
+/// # Errors
+/// What is wrong with the file; a run of another sensor or mode; vectors outside with [`Outside::Error`].
+pub fn apply_to(data: &Path, applied: &Applied, options: &ApplyOptions, folder: &Folder) -> Result<AppliedFile, Finding> {
+    let format = Format::of_name(data);
+    let stem = stem(data);
+    let name = format!("{stem}.calibrated.{}", if format == Some(Format::Csv) { "csv" } else { "parquet" });
+    let mut input = applied.inputs.clone();
+    input.push(digest(data)?.input(data.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()));
+    let recorded = serde_json::to_value(options).unwrap_or_default();
+    let provenance = Provenance::new(Recipe::new("apply", &recorded), input);
+    let mut work = Work::new(applied, options, data, &name);
+    let text = |statement: &Statement| {
+        serde_json::to_string_pretty(statement)
+            .map_err(|e| Finding::error(&name, format!("has no JSON form: {e}"), "report this"))
+    };
+    let note = serde_json::to_string(&work.statement(&provenance, None))
+        .map_err(|e| Finding::error(&name, format!("has no JSON form: {e}"), "report this"))?;
+    let mut file = folder.create(&name)?;
+    match format {
+        Some(format) => table(&mut work, format, &note, &mut file)?,
+        None => run(&mut work, &note, &mut file)?,
+    }
+    file.finish()?;
+    let mut statement = text(&work.statement(&provenance, Some(&work.counts)))?;
+    statement.push('\n');
+    folder.write(&format!("{stem}.calibrated.json"), statement.as_bytes())?;
+    Ok(work.counts)
+}
+
+/// The name of a file without its endings.
+#[must_use]
+pub fn stem(path: &Path) -> String {
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let name = name.strip_suffix(".gz").unwrap_or(&name);
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned()
+}
+
+/// The vectors of a table.
+fn table(work: &mut Work, format: Format, note: &str, file: &mut Pending) -> Result<(), Finding> {
+    let data = work.data;
+    let mut reader = Reader::open(data)?;
+    let mut pending = Some(file);
+    let mut writer: Option<Writer> = None;
+    while let Some(mut batch) = reader.next_batch()? {
+        if writer.is_none()
+            && let Some(taken) = FIELD.iter().chain(&STD).chain([&FLAGS]).find(|name| batch.has(name))
+        {
+            let rule = format!("has a column `{taken}` already");
+            return Err(Finding::error(&data.display().to_string(), rule, "apply to the raw readings, or rename the column"));
+        }
+        let readings = [batch.numbers(data, "x")?, batch.numbers(data, "y")?, batch.numbers(data, "z")?];
+        let degc = match (work.options.temperature_degc, &work.options.temperature_column) {
+            (Some(degc), _) => vec![degc; batch.len()],
+            (None, Some(column)) => batch.numbers(data, column)?,
+            (None, None) if batch.has(TEMPERATURE) => batch.numbers(data, TEMPERATURE)?,
+            (None, None) => vec![f64::NAN; batch.len()],
+        };
+        work.calibrate(&mut batch, &readings, &degc)?;
+        if let Some(file) = pending.take() {
+            writer = Some(Writer::begin(file, format, &batch, note)?);
+        }
+        if let Some(writer) = &mut writer {
+            writer.write(&batch)?;
+        }
+    }
+    writer.map_or(Ok(()), Writer::finish)
+}
+
+/// The vectors of a run, at the temperatures of its thermistor.
+fn run(work: &mut Work, note: &str, file: &mut Pending) -> Result<(), Finding> {
+    let data = work.data;
+    let shown = data.display().to_string();
+    let first_error = |findings: Vec<Finding>| {
+        findings.into_iter().next_back().unwrap_or_else(|| Finding::error(&shown, "cannot be read", "check the file"))
+    };
+    let reading = ccr::Options { recorded_path: Some(shown.clone()), ..ccr::Options::default() };
+    let own = ccr::read(data, &reading, &mut ()).map_err(first_error)?;
+    let (sensor, mode) = (&work.applied.sensor, &work.applied.mode);
+    if (&own.header.sensor, &own.header.mode) != (sensor, mode) {
+        let rule =
+            format!("is of sensor {} in mode {}, the calibration of {sensor} in {mode}", own.header.sensor, own.header.mode);
+        return Err(Finding::error(&shown, rule, "name the files of this sensor and mode"));
+    }
+    let degc = Thermometer::of(work.options, &own, data)?;
+    let mut sink =
+        Sink { work, degc, writer: None, file: Some(file), note, t_s: Vec::new(), readings: Default::default(), error: None };
+    ccr::read(data, &reading, &mut sink).map_err(first_error)?;
+    sink.flush();
+    match sink.error {
+        Some(error) => Err(error),
+        None => sink.writer.map_or(Ok(()), Writer::finish),
+    }
+}
+
+/// The sensor temperature of a run.
+enum Thermometer {
+    Constant(f64),
+    /// Readings as (s, °C), and how far from its ends a temperature is still taken from them, s.
+    Series(Vec<(f64, f64)>, f64),
+}
+
+impl Thermometer {
+    fn of(options: &ApplyOptions, run: &Run, data: &Path) -> Result<Self, Finding> {
+        if let Some(degc) = options.temperature_degc {
+            return Ok(Thermometer::Constant(degc));
+        }
+        let campaigns = Campaign::open(&[data.to_owned()], &mut Vec::new())?;
+        let (jobs, _) = jobs(&campaigns, None);
+        let usual = jobs.first().map(|job| job.campaign.file.instructions.channels(&run.header).0).unwrap_or_default();
+        let channel = options.temperature_column.clone().unwrap_or(usual);
+        match run.slow_channel(&channel) {
+            Some(series) => {
+                let mut steps: Vec<f64> = series.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+                steps.sort_by(f64::total_cmp);
+                let usual_step = steps.get(steps.len() / 2).copied().unwrap_or(f64::INFINITY);
+                Ok(Thermometer::Series(series, usual_step))
+            }
+            None if options.temperature_column.is_some() => {
+                let rule = format!("has no channel `{channel}`");
+                Err(Finding::error(&data.display().to_string(), rule, "name one of its temperature channels"))
+            }
+            None => Ok(Thermometer::Constant(f64::NAN)),
+        }
+    }
+
+    /// The temperature at a time, °C; nan further from the readings than they are from each other.
+    fn at(&self, t_s: f64) -> f64 {
+        match self {
+            Thermometer::Constant(degc) => *degc,
+            Thermometer::Series(series, step) => match (series.first(), series.last()) {
+                (Some((first, _)), Some((last, _))) if (first - step..=last + step).contains(&t_s) => interpolate(series, t_s),
+                _ => f64::NAN,
+            },
+        }
+    }
+}
+
+/// Takes the vectors of a run while its file is read.
+struct Sink<'a, 'b> {
+    work: &'a mut Work<'b>,
+    degc: Thermometer,
+    writer: Option<Writer<'a>>,
+    file: Option<&'a mut Pending>,
+    note: &'a str,
+    t_s: Vec<f64>,
+    readings: [Vec<f64>; 3],
+    error: Option<Finding>,
+}
+
+/// Vectors of a run that are calibrated at once.
+const CHUNK: usize = 1 << 17;
+
+impl VectorSink for Sink<'_, '_> {
+    fn vector(&mut self, vector: Vector) {
+        self.t_s.push(vector.t_s);
+        for (column, reading) in self.readings.iter_mut().zip(vector.reading.0) {
+            column.push(reading);
+        }
+        if self.t_s.len() == CHUNK {
+            self.flush();
+        }
+    }
+}
+
+impl Sink<'_, '_> {
+    fn flush(&mut self) {
+        if self.error.is_none() && (!self.t_s.is_empty() || self.writer.is_none()) {
+            self.error = self.write().err();
+        }
+    }
+
+    fn write(&mut self) -> Result<(), Finding> {
+        let t_s = std::mem::take(&mut self.t_s);
+        let readings = std::mem::take(&mut self.readings);
+        let degc: Vec<f64> = t_s.iter().map(|t| self.degc.at(*t)).collect();
+        let [x, y, z] = readings.clone();
+        let columns = vec![("t", t_s), ("x", x), ("y", y), ("z", z), (TEMPERATURE, degc.clone())];
+        let mut batch = Batch::of_numbers(columns, self.work.counts.rows)?;
+        self.work.calibrate(&mut batch, &readings, &degc)?;
+        if let Some(file) = self.file.take() {
+            self.writer = Some(Writer::begin(file, Format::Parquet, &batch, self.note)?);
+        }
+        if let Some(writer) = &mut self.writer {
+            writer.write(&batch)?;
+        }
+        Ok(())
+    }
+}
