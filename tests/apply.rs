@@ -701,3 +701,33 @@ fn the_uncertainty_is_that_of_a_monte_carlo() {
         assert!((sums[0][i] / f64::from(draws)).abs() < 0.05 * std);
     }
 }
+
+#[test]
+fn the_reference_cube_is_the_sensor_frame_turned() {
+    let case = Case::of(Plan::default().run().text());
+    case.put(
+        "campaign.toml",
+        "[[position]]\nid = 1\naxes = [\"+X\", \"+Y\", \"+Z\"]\n[[reference]]\nsensor = \"BS_11\"\nstd_deg = 0.02\n\
+         rotation = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]\n",
+    );
+    case.done(&[]);
+    let path = case.out().join(RUN_ID).join(format!("PARAMETER_LIN__{RUN_ID}.CPF"));
+    let rows: Vec<Row> = fields(6, 13).into_iter().map(|b| (Truth::default().reading(b), 24.5)).collect();
+    let sensor = by_command(&[&path], &rows, &case, &[]);
+    let cube = by_command(&[&path], &rows, &case, &["--frame", "reference"]);
+    for i in 0..rows.len() {
+        let ([x, y, z], [a, b, c]) = (sensor.field[i], cube.field[i]);
+        assert!([a - y, b - z, c - x].iter().all(|d| d.abs() < 1e-9), "{i}");
+        // A turn by 0.02 degrees about the other two axes moves a component by what stands across it.
+        let turned = |own: f64, across: f64| (own * own + (0.02_f64.to_radians() * across).powi(2)).sqrt();
+        let wanted =
+            [turned(sensor.std[i][1], x.hypot(z)), turned(sensor.std[i][2], x.hypot(y)), turned(sensor.std[i][0], y.hypot(z))];
+        (0..3).for_each(|k| assert!((cube.std[i][k] / wanted[k] - 1.0).abs() < 1e-9, "{i} {k}"));
+    }
+    let without = made(14);
+    let data = without.case.path().join("raw.csv");
+    fs::write(&data, csv(&rows)).unwrap();
+    let output = apply(&[&without.tcf], &data, &without.case.path().join("refused"), &["--frame", "reference"]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["TCF", "does not say how the sensor stands in its reference cube", "[[reference]]"]);
+}

@@ -4,7 +4,9 @@ use super::export::rpcmag;
 use super::parameter::{FieldPart, FileKind};
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
-use crate::model::field_calibration::{Frame, MatrixForm};
+use crate::data::reference::is_rotation;
+use crate::model::field_calibration::{Frame, MatrixForm, Turn};
+use nalgebra::Matrix3;
 use std::path::Path;
 
 /// Whether a file is a parameter file or a ground calibration file, by its name or its key `format`.
@@ -17,37 +19,60 @@ pub fn is_parameter_file(path: &Path) -> bool {
 /// to `findings`.
 ///
 /// # Errors
-/// What is wrong with the file, or a file of which nothing is applied to readings.
+/// What is wrong with the file, a file of which nothing is applied to readings, a frame that it does not state.
 pub fn read_field(path: &Path, frame: Frame, findings: &mut Vec<Finding>) -> Result<(FieldPart, Input), Finding> {
+    let shown = path.display().to_string();
+    let (part, input) = part(path, frame, findings)?;
+    let Some(matrix) = part.coefficients.matrix else { return Ok((part, input)) };
+    match frame {
+        Frame::Sensor => Ok((part, input)),
+        Frame::Coil if matrix == MatrixForm::Whole => Ok((part, input)),
+        Frame::Coil => {
+            let rule = "does not say how the sensor stood in the coil system";
+            Err(Finding::error(&shown, rule, "use --frame sensor, or name a CPF file"))
+        }
+        Frame::Reference => Ok((in_reference_cube(part, &shown)?, input)),
+    }
+}
+
+fn part(path: &Path, frame: Frame, findings: &mut Vec<Finding>) -> Result<(FieldPart, Input), Finding> {
     let shown = path.display().to_string();
     if rpcmag::is_named(path) {
         let (file, digested) = rpcmag::read(path, findings)?;
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        if frame == Frame::Coil {
-            return Err(no_coil_axes(&shown));
-        }
         return Ok((file.field_part(), digested.input(name)));
     }
     let Some(kind) = FileKind::of_file(path) else {
-        return Err(Finding::error(
-            &shown,
-            "is no parameter file",
-            "name CPF, TPF, TOF, OPF, TCF files, or a ground calibration file RPCMAG_GND_CALIB_*.TXT",
-        ));
+        let remedy = "name CPF, TPF, TOF, OPF, TCF files, or a ground calibration file RPCMAG_GND_CALIB_*.TXT";
+        return Err(Finding::error(&shown, "is no parameter file", remedy));
     };
     let (part, input) = kind.field(path, frame)?;
-    match part {
-        Some(part) if frame == Frame::Coil && part.coefficients.matrix.is_some_and(|m| m != MatrixForm::Whole) => {
-            Err(no_coil_axes(&shown))
-        }
-        Some(part) => Ok((part, input)),
-        None => {
-            let rule = format!("is a {} file, of which nothing is applied to readings", kind.format);
-            Err(Finding::error(&shown, rule, "name a CPF, TPF, TOF, OPF or TCF file"))
-        }
-    }
+    part.map(|part| (part, input)).ok_or_else(|| {
+        let rule = format!("is a {} file, of which nothing is applied to readings", kind.format);
+        Finding::error(&shown, rule, "name a CPF, TPF, TOF, OPF or TCF file")
+    })
 }
 
-fn no_coil_axes(file: &str) -> Finding {
-    Finding::error(file, "does not say how the sensor stood in the coil system", "use --frame sensor, or name a CPF file")
+/// The same with the rotation to the reference cube behind it.
+fn in_reference_cube(mut part: FieldPart, file: &str) -> Result<FieldPart, Finding> {
+    let Some(reference) = &part.reference else {
+        let rule = "does not say how the sensor stands in its reference cube";
+        return Err(Finding::error(file, rule, "state it in campaign.toml as [[reference]] and make the file again"));
+    };
+    let refuse = |rule: &str| Finding::error(file, rule, "correct the file, or make it again");
+    if !is_rotation(&reference.rotation) {
+        return Err(refuse("reference.rotation is no rotation"));
+    }
+    if reference.from != part.frame {
+        return Err(refuse("reference.from is not the frame of the file"));
+    }
+    if reference.std_deg.is_nan() || reference.std_deg < 0.0 {
+        return Err(refuse("reference.std_deg is no uncertainty"));
+    }
+    part.coefficients.turn = Some(Turn {
+        rotation: Matrix3::from_fn(|row, column| reference.rotation[row][column]),
+        std_rad: reference.std_deg.to_radians(),
+    });
+    part.frame = "reference cube of the sensor".to_owned();
+    Ok(part)
 }

@@ -128,9 +128,6 @@ pub enum CalibrationError {
         /// Coefficients.
         wanted: usize,
     },
-    /// A matrix that turns nothing.
-    #[error("the rotation is none: its rows are not of length 1 at right angles, or it mirrors")]
-    NoRotation,
 }
 
 /// What a calibration consists of, as far as one file tells.
@@ -232,17 +229,11 @@ impl CalibratedField {
     const NONE: Self = Self { field_nt: [f64::NAN; 3], std_nt: [f64::NAN; 3], flags: Flags(0) };
 }
 
-/// Whether a matrix turns and does nothing else, to a millionth: what is printed with six decimals passes.
-#[must_use]
-pub fn is_rotation(matrix: &Matrix3<f64>) -> bool {
-    (matrix * matrix.transpose() - Matrix3::identity()).amax() < 3e-6 && matrix.determinant() > 0.0
-}
-
 impl FieldCalibration {
     /// A calibration from its coefficients.
     ///
     /// # Errors
-    /// A parameter without coefficient, a covariance of another size, a rotation that is none.
+    /// A parameter without coefficient, a covariance of another size.
     pub fn new(parts: Coefficients) -> Result<Self, CalibrationError> {
         let mut polynomials = vec![Vec::new(); PARAMETERS];
         for c in &parts.coefficients {
@@ -260,9 +251,6 @@ impl FieldCalibration {
         };
         if let Some(missing) = needed.into_iter().find(|p| polynomials[p.index()].is_empty()) {
             return Err(CalibrationError::Missing(missing));
-        }
-        if parts.turn.is_some_and(|turn| !is_rotation(&turn.rotation)) {
-            return Err(CalibrationError::NoRotation);
         }
         let with_k = (0..9).any(|e| !polynomials[Parameter::KInverse(e / 3, e % 3).index()].is_empty());
         let mut pairs: Vec<Pair> = Vec::new();

@@ -5,10 +5,11 @@ use super::{Cpf, Opf, Tcf, ThermalHead, Tof, Tpf};
 use crate::data::apply::OffsetQuantity;
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
+use crate::data::reference::{Reference, is_rotation};
 use crate::data::result::{Covariance, Rows};
 use crate::data::run::Location;
 use crate::data::units::COMPONENTS;
-use crate::model::field_calibration::{Coefficient, Coefficients, FieldRange, Frame, MatrixForm, Parameter, is_rotation};
+use crate::model::field_calibration::{Coefficient, Coefficients, FieldRange, Frame, MatrixForm, Parameter};
 use crate::model::polynomial::{TemperaturePolynomial, value};
 use nalgebra::{DMatrix, Matrix3};
 use std::path::Path;
@@ -26,6 +27,8 @@ pub struct FieldPart {
     pub channel: Option<String>,
     /// Model files whose effects were taken off the readings of the runs before.
     pub known_effects: Vec<String>,
+    /// How the sensor stands in its reference cube, if the file tells it.
+    pub reference: Option<Reference>,
     /// The frame of the result, in words.
     pub frame: String,
     /// The coefficients.
@@ -85,7 +88,7 @@ impl Cpf {
         let (m, a) = (&self.calibration.matrix, &self.calibration.angle_deg);
         let sigma = matrix3(&m.sigma);
         let [r_nom, rho, omega, phi_tilde] = [&m.r_nom, &m.rho, &m.omega, &m.phi_tilde].map(matrix3);
-        for (name, rotation) in [("rho", &rho), ("r_nom", &r_nom)] {
+        for (name, rotation) in [("rho", &m.rho), ("r_nom", &m.r_nom)] {
             if !is_rotation(rotation) {
                 return Err(contradicts(path, format!("matrix.{name} is no rotation")));
             }
@@ -138,6 +141,7 @@ impl Cpf {
             location: own.run.location,
             channel: None,
             known_effects: self.model.iter().map(|m| m.file.clone()).collect(),
+            reference: own.reference.clone(),
             frame: match frame {
                 Frame::Coil => "coil: X_c, Y_c, Z_c".to_owned(),
                 _ => Convention::BepiColombo.sensor_frame().to_owned(),
@@ -218,6 +222,7 @@ impl Tpf {
             location: self.head.location,
             channel: self.head.stated_channel(),
             known_effects: self.scope.known_effects.clone(),
+            reference: self.reference.clone(),
             frame: Convention::BepiColombo.sensor_frame().to_owned(),
             coefficients: with_three(parts, Parameter::Xi, &self.xi_deg()),
         }
@@ -239,6 +244,7 @@ impl Tof {
             location: self.head.location,
             channel: self.head.stated_channel(),
             known_effects: Vec::new(),
+            reference: None,
             frame: String::new(),
             coefficients: with_three(parts, Parameter::Offset, &self.head.polynomials(named)),
         }
@@ -269,6 +275,7 @@ impl Opf {
             location: self.found.run.location,
             channel: self.conditions.as_ref().map(|c| c.sensor_channel.clone()),
             known_effects: Vec::new(),
+            reference: None,
             frame: String::new(),
             coefficients: parts,
         }
@@ -314,6 +321,7 @@ impl Tcf {
             location: Location::Centre,
             channel: stated(&self.channel),
             known_effects: self.scope.known_effects.clone(),
+            reference: self.reference.clone(),
             frame: Convention::Rosetta.sensor_frame().to_owned(),
             coefficients: Coefficients {
                 linearisation: self.scope.linearisation.as_ref().map(|l| l.applied.clone()),
