@@ -39,7 +39,7 @@ fn calibration() -> Applied {
     });
     let Ok(calibration) = calibration else { unreachable!("all parameters are there") };
     let text = || "bench".to_owned();
-    Applied { calibration, sensor: text(), mode: text(), frame: text(), inputs: Vec::new(), notes: Vec::new() }
+    Applied { calibration, sensor: text(), mode: text(), frame: text(), effects: None, inputs: Vec::new(), notes: Vec::new() }
 }
 
 /// Readings of a noisy sensor in a field that turns slowly, 24 bits.

@@ -3,6 +3,9 @@
 
 use crate::common;
 
+use calfit::data::provenance::Provenance;
+use calfit::data::recipe::Recipe;
+use calfit::files::parameter::{self, Model, ModelEffect, ModelParameter};
 use common::check::{Case, calfit, number, parameters, says, text, three};
 use common::{Gauss, Plan, RUN_ID, Truth};
 use nalgebra::{Matrix3, Vector3};
@@ -730,4 +733,97 @@ fn the_reference_cube_is_the_sensor_frame_turned() {
     let output = apply(&[&without.tcf], &data, &without.case.path().join("refused"), &["--frame", "reference"]);
     assert_eq!(output.status.code(), Some(2));
     says(&text(&output.stderr), &["TCF", "does not say how the sensor stands in its reference cube", "[[reference]]"]);
+}
+
+#[test]
+fn known_effects_are_taken_off_readings_or_the_file_is_refused() {
+    // A cubic of the reading without offset on x, as a model file that another run told: c3 = 2e-10 /enT², 1.6 enT at 2000 enT.
+    let c3 = 2e-10;
+    let truth = Truth::default();
+    let bent = |r: [f64; 3]| {
+        let linear = r[0] - truth.offset_ent[0];
+        [r[0] + c3 * linear.powi(3), r[1], r[2]]
+    };
+    let case = Case::of(Plan::default().run().each(bent).text());
+    let model = case.path().join("cubic.toml");
+    let number = ModelParameter { name: "c3_x".to_owned(), value: c3, std: Some(1e-12), unit: "enT/enT^3".to_owned() };
+    let effect = ModelEffect {
+        id: "cubic_nonlinearity".to_owned(),
+        form: "cubic".to_owned(),
+        axes: vec!["x".to_owned()],
+        run: None,
+        reading_ent: Some(vec![[-2100.0, 2100.0]; 3]),
+        parameter: vec![number],
+        shape: Vec::new(),
+    };
+    let body = Model { used: Vec::new(), convention: "as printed".to_owned(), effect: vec![effect] };
+    let origin = Provenance::new(Recipe::plain("diagnose"), Vec::new());
+    fs::write(&model, parameter::to_text(&body, &origin).unwrap()).unwrap();
+    case.done(&["--model", model.to_str().unwrap()]);
+    let path = case.out().join(RUN_ID).join(format!("PARAMETER_LIN__{RUN_ID}.CPF"));
+    let field = [1900.0, -1500.0, 800.0];
+    let rows = [(bent(truth.reading(field)), 24.5)];
+    let data = case.path().join("raw.csv");
+    fs::write(&data, csv(&rows)).unwrap();
+    let out = case.path().join("refused");
+    let output = apply(&[&path], &data, &out, &["--frame", "coil"]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["effects of cubic.toml were taken off", "--model"]);
+    let model = model.to_str().unwrap();
+    let found = by_command(&[&path], &rows, &case, &["--frame", "coil", "--model", model]);
+    // 1.3 nT of the cubic; the noise of the calibration leaves a hundredth of it.
+    (0..3).for_each(|i| assert!((found.field[0][i] - field[i]).abs() < 5.0 * found.std[0][i], "{i}: {:?}", found.field));
+    // The same by hand.
+    let by_hand = [(truth.reading(field), 24.5)];
+    let linear = by_command(&[&path], &by_hand, &case, &["--frame", "coil", "--effects-taken-off"]);
+    (0..3).for_each(|i| assert!((found.field[0][i] - linear.field[0][i]).abs() < 2e-3, "{i}"));
+    // Its uncertainty, 1e-12 times the cube of 1935 enT along x, beside that of the coefficients.
+    let own = 1e-12 * (truth.reading(field)[0] - truth.offset_ent[0]).powi(3) * truth.sigma[0];
+    let ratio = found.std[0][0] / linear.std[0][0].hypot(own);
+    assert!((ratio - 1.0).abs() < 1e-2, "{ratio}");
+
+    let other = Case::of(Plan::default().run().text());
+    other.done(&[]);
+    let plain = other.out().join(RUN_ID).join(format!("PARAMETER_LIN__{RUN_ID}.CPF"));
+    let output = apply(&[&plain], &data, &out, &["--model", model]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["was made without known effects, not with those of cubic.toml"]);
+}
+
+#[test]
+fn the_covariance_in_the_other_convention_is_that_of_a_monte_carlo() {
+    use calfit::data::convention::{Alignment, Convention};
+    use nalgebra::{Matrix6, Vector6};
+    let mut gauss = Gauss(21);
+    for convention in [Convention::BepiColombo, Convention::Rosetta] {
+        // Misalignments of up to three degrees, and a covariance with correlations of up to a half.
+        let sensor = Alignment {
+            convention,
+            sigma: std::array::from_fn(|_| 1.0 + 0.1 * gauss.uniform()),
+            xi_deg: std::array::from_fn(|_| 90.0 + 3.0 * gauss.uniform()),
+        };
+        let scale = Matrix6::from_diagonal(&Vector6::new(2e-6, 3e-6, 4e-6, 3e-4, 5e-4, 4e-4));
+        let root = scale * Matrix6::from_fn(|r, c| if r == c { 1.0 } else { 0.2 * gauss.uniform() });
+        let covariance = root * root.transpose();
+        let to = sensor.to_other().unwrap();
+        let numbers = |a: &Alignment| Vector6::from_iterator(a.sigma.into_iter().chain(a.xi_deg));
+        let (before, after) = (numbers(&sensor), numbers(&to.alignment));
+        let draws = 40_000;
+        let mut sum = Matrix6::zeros();
+        for _ in 0..draws {
+            let drawn = before + root * Vector6::from_fn(|_, _| gauss.normal());
+            let one =
+                Alignment { convention, sigma: std::array::from_fn(|i| drawn[i]), xi_deg: std::array::from_fn(|i| drawn[3 + i]) };
+            let off = numbers(&one.to_other().unwrap().alignment) - after;
+            sum += off * off.transpose();
+        }
+        let (found, wanted) = (to.covariance(&covariance), sum / f64::from(draws));
+        for r in 0..6 {
+            for c in 0..6 {
+                // A covariance of 40 000 draws is known to half a per cent of the product of both standard deviations.
+                let scale = (wanted[(r, r)] * wanted[(c, c)]).sqrt();
+                assert!((found[(r, c)] - wanted[(r, c)]).abs() < 0.02 * scale, "{convention:?} {r} {c}: {found} {wanted}");
+            }
+        }
+    }
 }

@@ -6,7 +6,7 @@ use crate::data::error::Finding;
 use crate::files::field::is_parameter_file;
 use crate::files::output::Folder;
 use crate::model::field_calibration::Frame;
-use crate::workflow::{AppliedFile, ApplyOptions, Outside, applied, apply_to, stem};
+use crate::workflow::{AppliedFile, ApplyOptions, Outside, applied, apply_to, known, stem};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use std::collections::HashMap;
@@ -37,6 +37,9 @@ pub(super) struct Arguments {
     /// One sensor temperature for all vectors.
     #[arg(long, value_name = "DEGC", allow_negative_numbers = true)]
     temperature: Option<f64>,
+    /// The model file whose effects were taken off the runs of the calibration: they are taken off these readings as well.
+    #[arg(long, value_name = "FILE", conflicts_with = "effects_taken_off")]
+    model: Option<PathBuf>,
     /// The known effects that were taken off the runs of the calibration are taken off these readings as well.
     #[arg(long)]
     effects_taken_off: bool,
@@ -106,8 +109,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         temperature_degc: arguments.temperature,
         effects_taken_off: arguments.effects_taken_off,
     };
+    let model = known(arguments.model.as_ref())?;
     let mut findings = Vec::new();
-    let calibration = applied(&parameters, &options, &mut findings);
+    let calibration = applied(&parameters, model.as_ref(), &options, &mut findings);
     findings.iter().for_each(|f| terminal.finding(f));
     let calibration = calibration?;
     if !common.json {

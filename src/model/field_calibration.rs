@@ -299,6 +299,26 @@ impl FieldCalibration {
         matches!(self.matrix, MatrixForm::Alignment(_))
     }
 
+    /// The offset that is taken off at a temperature, °C, enT.
+    #[must_use]
+    pub fn offset_ent(&self, degc: f64) -> [f64; 3] {
+        self.three(Parameter::Offset, degc)
+    }
+
+    /// The matrix that takes readings without their offset to the field at a temperature, °C, nT/enT; `None` for angles of no sensor.
+    #[must_use]
+    pub fn matrix(&self, degc: f64) -> Option<Matrix3<f64>> {
+        let matrix = match self.matrix {
+            MatrixForm::Whole => self.square(Parameter::Matrix, degc),
+            MatrixForm::Alignment(convention) => {
+                let omega = convention.omega(self.three(Parameter::Xi, degc)).ok()?;
+                let omega = if self.with_k { omega * self.square(Parameter::KInverse, degc) } else { omega };
+                omega * Matrix3::from_diagonal(&Vector3::from(self.three(Parameter::Sigma, degc)))
+            }
+        };
+        Some(self.parts.turn.map_or(matrix, |turn| turn.rotation * matrix))
+    }
+
     fn three(&self, of: fn(usize) -> Parameter, degc: f64) -> [f64; 3] {
         std::array::from_fn(|i| value(&self.polynomials[of(i).index()], degc))
     }

@@ -185,7 +185,7 @@ impl KnownEffect {
         Ok(Self { given, std, sine_variants, reading_ent })
     }
 
-    fn columns(&self, record: &Record) -> Option<Vec<Column>> {
+    pub(super) fn columns(&self, record: &Record) -> Option<Vec<Column>> {
         let columns = self.given.effect.columns(record, &self.given.spec)?;
         (columns.len() == self.given.values.len()).then_some(columns)
     }

@@ -6,3 +6,4 @@ pub mod faults;
 pub mod known;
 pub mod linearised;
 pub mod prepared;
+pub mod single_readings;

@@ -13,9 +13,13 @@ use crate::files::campaign::Campaign;
 use crate::files::ccr;
 use crate::files::field::read_field;
 use crate::files::output::{Folder, Pending};
+use crate::files::parameter::FieldPart;
 use crate::files::source::digest;
 use crate::files::table::stream::{Batch, Format, Reader, Writer};
 use crate::model::field_calibration::{CalibratedField, Coefficients, FieldCalibration, Frame, MatrixForm};
+use crate::record::known::Known;
+use crate::record::single_readings::{SingleReadings, TakenOff};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -62,6 +66,8 @@ pub struct Applied {
     pub mode: String,
     /// Frame of the result, in words.
     pub frame: String,
+    /// Known effects that are taken off the readings first.
+    pub effects: Option<SingleReadings>,
     /// The files.
     pub inputs: Vec<Input>,
     /// What a person should know.
@@ -73,7 +79,12 @@ pub struct Applied {
 /// # Errors
 /// What is wrong with a file; files of several sensors, modes or thermistors, two matrices or two offsets, none of either, a frame that
 /// the files do not state, known effects that the readings still hold.
-pub fn applied(paths: &[PathBuf], options: &ApplyOptions, findings: &mut Vec<Finding>) -> Result<Applied, Finding> {
+pub fn applied(
+    paths: &[PathBuf],
+    model: Option<&Known>,
+    options: &ApplyOptions,
+    findings: &mut Vec<Finding>,
+) -> Result<Applied, Finding> {
     let mut inputs = Vec::new();
     let mut beside = None;
     let mut matrix: Option<(&PathBuf, Coefficients, String)> = None;
@@ -84,6 +95,7 @@ pub fn applied(paths: &[PathBuf], options: &ApplyOptions, findings: &mut Vec<Fin
         let shown = path.display().to_string();
         let (part, input) = read_field(path, options.frame, findings)?;
         inputs.push(input);
+        check_effects(&shown, &part, model, options)?;
         match &of {
             None => of = Some((part.sensor, part.mode, path)),
             Some((sensor, mode, first)) if (sensor, mode) != (&part.sensor, &part.mode) => {
@@ -100,11 +112,6 @@ pub fn applied(paths: &[PathBuf], options: &ApplyOptions, findings: &mut Vec<Fin
                 }
                 _ => thermistor = Some((channel, path)),
             }
-        }
-        if !part.known_effects.is_empty() && !options.effects_taken_off {
-            let rule = format!("holds for readings from which the effects of {} were taken off", part.known_effects.join(", "));
-            let remedy = "take them off the readings, and say so with --effects-taken-off";
-            return Err(Finding::error(&shown, rule, remedy));
         }
         let second = |first: &Path, what: &str| {
             let rule = format!("states {what}, and so does {}", first.display());
@@ -155,7 +162,41 @@ pub fn applied(paths: &[PathBuf], options: &ApplyOptions, findings: &mut Vec<Fin
     let mut notes = notes(&parts, &all);
     notes.extend(beside);
     let calibration = FieldCalibration::new(parts).map_err(refuse)?;
-    Ok(Applied { calibration, sensor, mode, frame: frame_words, inputs, notes })
+    let effects = match model {
+        None => None,
+        Some(known) => {
+            let (effects, left) = SingleReadings::of(known).map_err(|e| {
+                let remedy = "take it off the readings, and say so with --effects-taken-off";
+                Finding::error(&known.input.path, e.to_string(), remedy)
+            })?;
+            notes.extend(left);
+            inputs.push(known.input.clone());
+            Some(effects)
+        }
+    };
+    Ok(Applied { calibration, sensor, mode, frame: frame_words, effects, inputs, notes })
+}
+
+/// Refuses a file whose known effects the readings still hold, and a model that the file was not made with.
+fn check_effects(file: &str, part: &FieldPart, model: Option<&Known>, options: &ApplyOptions) -> Result<(), Finding> {
+    if part.coefficients.matrix.is_none() {
+        return Ok(());
+    }
+    let of = part.known_effects.join(", ");
+    match model {
+        None if part.known_effects.is_empty() || options.effects_taken_off => Ok(()),
+        None => {
+            let rule = format!("holds for readings from which the effects of {of} were taken off");
+            let remedy = "name the model with --model, or take them off the readings and say so with --effects-taken-off";
+            Err(Finding::error(file, rule, remedy))
+        }
+        Some(known) if part.known_effects == [known.input.path.clone()] => Ok(()),
+        Some(known) => {
+            let made = if of.is_empty() { "without known effects".to_owned() } else { format!("with those of {of}") };
+            let rule = format!("was made {made}, not with those of {}", known.input.path);
+            Err(Finding::error(file, rule, "name the model that it was made with"))
+        }
+    }
 }
 
 /// What a person should know of a calibration.
@@ -256,11 +297,14 @@ impl<'a> Work<'a> {
     fn calibrate(&mut self, batch: &mut Batch, readings: &[Vec<f64>; 3], degc: &[f64]) -> Result<(), Finding> {
         let calibration = &self.applied.calibration;
         let [x, y, z] = readings;
-        let calibrated: Vec<CalibratedField> = (0..batch.len())
-            .into_par_iter()
-            .with_min_len(1 << 12)
-            .map(|i| calibration.apply(Reading([x[i], y[i], z[i]]), Some(degc[i])))
-            .collect();
+        let taken = self.taken_off(readings, degc);
+        let one = |i: usize| {
+            let raw = [x[i], y[i], z[i]];
+            let Some(taken) = taken.get(i) else { return calibration.apply(Reading(raw), Some(degc[i])) };
+            let reading = Reading(std::array::from_fn(|k| raw[k] - taken.sum_ent[k]));
+            with_effects(calibration.apply(reading, Some(degc[i])), taken, calibration, degc[i])
+        };
+        let calibrated: Vec<CalibratedField> = (0..batch.len()).into_par_iter().with_min_len(1 << 12).map(one).collect();
         let outside = |c: &CalibratedField| Flags::OF_CALIBRATION.iter().any(|(flag, _)| c.flags.any_of(*flag));
         if self.options.outside == Outside::Error
             && let Some(row) = calibrated.iter().position(outside)
@@ -281,6 +325,17 @@ impl<'a> Work<'a> {
             count.rows += calibrated.iter().filter(|c| c.flags.any_of(flag)).count();
         }
         Ok(())
+    }
+
+    /// What the known effects are of readings; none without known effects.
+    fn taken_off(&self, [x, y, z]: &[Vec<f64>; 3], degc: &[f64]) -> Vec<TakenOff> {
+        let Some(effects) = &self.applied.effects else { return Vec::new() };
+        let calibration = &self.applied.calibration;
+        let without = |i: usize| {
+            let offset = calibration.offset_ent(if calibration.needs_temperature() { degc[i] } else { 0.0 });
+            [x[i] - offset[0], y[i] - offset[1], z[i] - offset[2]]
+        };
+        effects.taken_off(&(0..x.len()).map(without).collect::<Vec<_>>())
     }
 
     fn refused(&self, row: usize, flags: Flags, degc: f64) -> Finding {
@@ -307,6 +362,19 @@ impl<'a> Work<'a> {
             counts,
         }
     }
+}
+
+/// The uncertainty of known effects beside that of the coefficients, taken as independent of it.
+fn with_effects(mut found: CalibratedField, taken: &TakenOff, calibration: &FieldCalibration, degc: f64) -> CalibratedField {
+    if taken.beyond {
+        found.flags |= Flags::FIELD;
+    }
+    let Some(matrix) = calibration.matrix(if calibration.needs_temperature() { degc } else { 0.0 }) else { return found };
+    for change in &taken.uncertain_ent {
+        let change = matrix * Vector3::from(*change);
+        (0..3).for_each(|k| found.std_nt[k] = found.std_nt[k].hypot(change[k]));
+    }
+    found
 }
 
 /// Applies a calibration to a file of vectors: a run, or a table. Writes `<stem>.calibrated.parquet`, `.csv` for CSV, and a statement

@@ -1,0 +1,134 @@
+//! Known effects of a sensor on single readings whose circumstances are not known: those that are functions of the reading alone.
+
+use super::known::{Known, KnownEffect};
+use crate::data::note::{Note, NoteKind};
+use crate::data::run::Kind;
+use crate::model::effects::{Family, Record, Row};
+use nalgebra::Matrix3;
+use thiserror::Error;
+
+/// The terms are small beside the reading of which they are functions: each round leaves the square of their slope, which is below 1e-3.
+const ROUNDS: usize = 4;
+
+/// An effect that readings alone do not determine.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[error("{effect} is no function of the reading alone: {needs}")]
+pub struct NeedsMore {
+    /// The effect.
+    pub effect: String,
+    /// What it needs.
+    pub needs: &'static str,
+}
+
+/// The effects of a model that are functions of the reading of the linear sensor.
+#[derive(Clone, Debug)]
+pub struct SingleReadings {
+    effects: Vec<KnownEffect>,
+}
+
+/// What is taken off a reading.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TakenOff {
+    /// Sum of the effects, enT.
+    pub sum_ent: [f64; 3],
+    /// For every uncertain parameter the change of the reading by its standard uncertainty, enT.
+    pub uncertain_ent: Vec<[f64; 3]>,
+    /// The reading lies beyond those with which an effect was found.
+    pub beyond: bool,
+}
+
+impl SingleReadings {
+    /// The effects of a model, and notes on those that such readings do not have: effects of the facility, of the times of a run, of its
+    /// damages, and of the response to alternating fields, which is not applied.
+    ///
+    /// # Errors
+    /// An effect that the readings have and that cannot be told from them.
+    pub fn of(known: &Known) -> Result<(Self, Vec<Note>), NeedsMore> {
+        let mut effects = Vec::new();
+        let mut notes = Vec::new();
+        for effect in &known.effects {
+            let about = effect.given.effect.about();
+            let reason = match about.family {
+                Family::StaticOdd | Family::StaticEven | Family::CrossField => {
+                    effects.push(effect.clone());
+                    continue;
+                }
+                Family::Facility => "it belongs to the facility",
+                Family::Time => "it belongs to the times of its run",
+                Family::DataFault => "it is a damage of the data of its run",
+                Family::Response => "the response to alternating fields is not applied",
+                Family::Thermal | Family::History | Family::Periodic | Family::Unknown => {
+                    return Err(NeedsMore { effect: effect.given.effect.to_string(), needs: about.needs });
+                }
+            };
+            let text = format!("{} of {} is not taken off these readings: {reason}", effect.given.effect, known.input.path);
+            notes.push(Note::new(NoteKind::Method, text).about(effect.given.effect.id()));
+        }
+        Ok((Self { effects }, notes))
+    }
+
+    /// What is taken off readings, given without their offset, enT.
+    #[must_use]
+    pub fn taken_off(&self, without_offset_ent: &[[f64; 3]]) -> Vec<TakenOff> {
+        let mut record = record(without_offset_ent);
+        let mut sums = vec![[0.0; 3]; without_offset_ent.len()];
+        for _ in 0..ROUNDS {
+            for ((row, own), sum) in record.rows.iter_mut().zip(without_offset_ent).zip(&sums) {
+                row.linear_ent = std::array::from_fn(|i| own[i] - sum[i]);
+            }
+            sums.fill([0.0; 3]);
+            for effect in &self.effects {
+                for (column, value) in effect.columns(&record).unwrap_or_default().iter().zip(&effect.given.values) {
+                    for (sum, unit) in sums.iter_mut().zip(&column.values) {
+                        (0..3).for_each(|i| sum[i] += value * unit[i]);
+                    }
+                }
+            }
+        }
+        let mut found: Vec<TakenOff> =
+            sums.into_iter().map(|sum_ent| TakenOff { sum_ent, uncertain_ent: Vec::new(), beyond: false }).collect();
+        for effect in &self.effects {
+            for (column, std) in
+                effect.columns(&record).unwrap_or_default().iter().zip(&effect.std).filter(|(_, std)| **std > 0.0)
+            {
+                for (one, unit) in found.iter_mut().zip(&column.values) {
+                    one.uncertain_ent.push(unit.map(|u| u * std));
+                }
+            }
+            if let Some(ranges) = effect.reading_ent {
+                for (one, row) in found.iter_mut().zip(&record.rows) {
+                    one.beyond |= (0..3).any(|i| !(ranges[i][0]..=ranges[i][1]).contains(&row.linear_ent[i]));
+                }
+            }
+        }
+        found
+    }
+}
+
+/// Readings of which nothing else is known.
+fn record(readings_ent: &[[f64; 3]]) -> Record {
+    let zero = [0.0; 3];
+    let row = |linear_ent: &[f64; 3]| Row {
+        run: 0,
+        used_s: [0.0; 2],
+        field_coil_nt: zero,
+        previous_coil_nt: zero,
+        linear_ent: *linear_ent,
+    };
+    Record {
+        kind: Kind::Linearity,
+        rows: readings_ent.iter().map(row).collect(),
+        response: Matrix3::identity(),
+        span_s: [0.0; 2],
+        steps: Vec::new(),
+        sensor: None,
+        thermistors: Vec::new(),
+        coil: None,
+        rack: None,
+        variometer: None,
+        others: Vec::new(),
+        thermal: None,
+        trend_order: 0,
+        has_samples: true,
+    }
+}
