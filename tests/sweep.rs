@@ -12,6 +12,8 @@ fn made(name: &str, arguments: &[&str]) -> (serde_json::Value, toml_edit::Docume
     let truth = serde_json::from_str(&fs::read_to_string(data.join(format!("{name}.json"))).unwrap()).unwrap();
     let case = Case::new();
     case.put(&format!("{name}/10-00-00.CCR.gz"), fs::read(data.join(format!("{name}.CCR.gz"))).unwrap());
+    // A second time into the same folder: the program knows its own files.
+    case.run("thermal", &[&["--no-plots"], arguments].concat());
     let output = case.run("thermal", &[&["--no-plots"], arguments].concat());
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let file = case.out().join(format!("{name}_10-00-00/THERMAL_PARAMETER__{name}-10-00-00.TPF"));

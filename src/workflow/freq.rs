@@ -142,7 +142,7 @@ impl RunResult for Freq {
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
         let id = &self.run.id;
         let note = format!(
-            "calfit freq, run {id}: one row per applied frequency; amplitudes half peak to peak, enT, sensor axes; phases at phase_counter"
+            "freq, run {id}: one row per applied frequency; amplitudes half peak to peak, enT, sensor axes; phases at phase_counter"
         );
         vec![("FREQ_AMPLITUDES", note, show::freq::amplitude_table(self))]
     }

@@ -110,7 +110,7 @@ impl RunResult for Lin {
         let id = &self.calibration.run.id;
         let readings = if self.linearisation.is_some() { "linearised readings" } else { "readings" };
         let note = format!(
-            "calfit lin, run {id}: one row per block; fields nT, coil axes; {readings} enT, sensor axes; times s since the run's start"
+            "lin, run {id}: one row per block; fields nT, coil axes; {readings} enT, sensor axes; times s since the run's start"
         );
         vec![("LIN_BLOCKS", note, show::lin::block_table(self))]
     }

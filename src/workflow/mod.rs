@@ -448,7 +448,7 @@ pub fn publish_table<A: PerRun>(folder: &Folder, results: &[&A::Result]) -> Resu
     }
     let Some((note, table)) = A::Result::campaign_table(results) else { return Ok(()) };
     let [csv, parquet] = table_names(A::STEM);
-    folder.write(&csv, &table.csv(&format!("calfit {}: one row per run; {note}", A::COMMAND))?)?;
+    folder.write(&csv, &table.csv(&format!("{}: one row per run; {note}", A::COMMAND))?)?;
     folder.write(&parquet, &table.parquet()?)
 }
 

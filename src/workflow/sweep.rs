@@ -85,7 +85,7 @@ impl RunResult for Sweep {
     }
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
-        let note = "sliding windows: sigma nT/enT, xi degrees, b_or enT, residuals nT along the coil axes";
+        let note = "thermal: sliding windows: sigma nT/enT, xi degrees, b_or enT, residuals nT along the coil axes";
         vec![("SWEEP_WINDOWS", note.to_owned(), show::sweep::window_table(self))]
     }
 }

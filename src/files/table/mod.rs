@@ -71,12 +71,12 @@ impl Table {
         Ok(table)
     }
 
-    /// CSV with a comment line `# note` before the header line.
+    /// CSV with a comment line `# calfit note` before the header line, by which the program knows its own tables.
     ///
     /// # Errors
     /// Columns of unequal length.
     pub fn csv(&self, note: &str) -> Result<Vec<u8>, Finding> {
-        let mut out = format!("# {note}\n").into_bytes();
+        let mut out = format!("# calfit {note}\n").into_bytes();
         CsvWriter::new(&mut out).finish(&mut self.frame()?).map_err(|e| wrong(&e))?;
         Ok(out)
     }
@@ -130,8 +130,8 @@ mod tests {
             let Values::Numbers(v) = &back.columns[1].1 else { panic!("{back:?}") };
             assert!(v[0] == 0.1 + 0.2 && v[1].is_nan());
         };
-        let csv = table.csv("calfit").unwrap();
-        assert!(csv.starts_with(b"# calfit\nrun,"));
+        let csv = table.csv("lin").unwrap();
+        assert!(csv.starts_with(b"# calfit lin\nrun,"));
         check(Table::from_csv(&csv).unwrap());
         check(Table::from_parquet(&table.parquet().unwrap()).unwrap());
     }
