@@ -203,6 +203,21 @@ struct Pair {
 }
 
 /// A calibration that can be applied.
+///
+/// ```
+/// use calfit::data::{convention::Convention, units::Reading};
+/// use calfit::model::field_calibration::{Coefficient, Coefficients, FieldCalibration, MatrixForm, Parameter};
+/// let constant = |parameter, value| Coefficient { parameter, power: 0, value };
+/// let of_axis = |i| [(Parameter::Offset(i), 10.0), (Parameter::Sigma(i), 0.5), (Parameter::Xi(i), 90.0)];
+/// let coefficients = (0..3).flat_map(of_axis).map(|(parameter, value)| constant(parameter, value)).collect();
+/// let matrix = Some(MatrixForm::Alignment(Convention::BepiColombo));
+/// let calibration = FieldCalibration::new(Coefficients { matrix, coefficients, ..Coefficients::default() })?;
+/// let found = calibration.apply(Reading([110.0, 10.0, 10.0]), Some(20.0));
+/// assert!((found.field_nt[0] - 50.0).abs() < 1e-9 && found.field_nt[1].abs() < 1e-9);
+/// // Without a covariance there is no uncertainty.
+/// assert!(found.std_nt[0].is_nan());
+/// # Ok::<(), calfit::model::field_calibration::CalibrationError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldCalibration {
     parts: Coefficients,
