@@ -131,6 +131,17 @@ def cpf(sigma: Any = SIGMA, xi_deg: Any = XI_DEG, offset: Any = OFFSET_ENT) -> d
     }
 
 
+C2_PER_ENT = (1e-9, -2e-9, 0.0)
+C3_PER_ENT2 = (3e-14, 0.0, -4e-14)
+
+
+def linearised(document: dict[str, Any], reading_ent: Any = ((-1e5, 1e5),) * 3) -> dict[str, Any]:
+    """The same for readings that are linearised first."""
+    steps = ["linearise", *document["apply"]["steps"]]
+    applied = {"c2_per_ent": C2_PER_ENT, "c3_per_ent2": C3_PER_ENT2, "reading_ent": reading_ent}
+    return changed(document, "apply.steps", steps) | {"linearisation": {"file": "L.toml", "applied": applied}}
+
+
 #: sigma(T), xi(T) and offset(T) of the files below, lowest order first.
 LINES = {
     "sigma_x": (0.98, -1.8e-5),

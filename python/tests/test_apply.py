@@ -7,6 +7,7 @@ import calfit
 import make
 import numpy as np
 import pytest
+from calfit.steps import FRAMES
 
 FIELDS = [(10_000.0, 0.0, 0.0), (0.0, 10_000.0, 0.0), (0.0, 0.0, 10_000.0), (-3000.0, 9000.0, 3162.0), (0.0, 0.0, 0.0)]
 TEMPERATURES = [-40.0, -12.5, 0.0, 20.0, 80.0]
@@ -116,17 +117,19 @@ def test_a_ground_calibration_file(tmp_path, stated):
         np.testing.assert_allclose(p.apply(*raw, t)[0], wanted, rtol=1e-12)
 
 
-def test_readings_are_linearised_first_where_the_file_says_so(tmp_path):
-    cpf = make.cpf()
-    cpf["apply"]["steps"] = ["linearise", *cpf["apply"]["steps"]]
-    c2, c3 = [1e-9, -2e-9, 0.0], [3e-14, 0.0, -4e-14]
-    cpf["linearisation"] = {"file": "L.toml", "applied": {"c2_per_ent": c2, "c3_per_ent2": c3}}
-    p = calfit.read(make.put(tmp_path, "A.CPF", cpf))
+@pytest.mark.parametrize(("kind", "stated"), [("cpf", True), ("cpf", False), ("tpf", True), ("tpf", False), ("tcf", True)])
+def test_readings_are_linearised_first_where_the_file_says_so(tmp_path, kind, stated):
+    document = make.linearised(getattr(make, kind)())
+    if not stated:
+        document = make.changed(document, "apply", None)
+    p = calfit.read(make.put(tmp_path, "A.toml", document))
     raw = np.array([10_000.0, -20_000.0, 30_000.0])
-    linear = raw + np.array(c2) * raw**2 + np.array(c3) * raw**3
-    plain = calfit.read(make.put(tmp_path, "B.CPF", make.cpf()))
-    np.testing.assert_allclose(p.apply(*raw)[0], plain.apply(*linear)[0], rtol=1e-14)
-    assert abs(p.apply(*raw)[0] - plain.apply(*raw)[0]).max() > 0.5
+    linear = raw + np.array(make.C2_PER_ENT) * raw**2 + np.array(make.C3_PER_ENT2) * raw**3
+    plain = calfit.read(make.put(tmp_path, "B.toml", getattr(make, kind)()))
+    for found, wanted in zip(p.apply(*raw, 20.0), plain.apply(*linear, 20.0)):
+        np.testing.assert_allclose(found, wanted, rtol=1e-14)
+    assert abs(p.apply(*raw, 20.0)[0] - plain.apply(*raw, 20.0)[0]).max() > 0.5
+    assert p.values["linearisation.applied.c2_per_ent"].tolist() == list(make.C2_PER_ENT)
 
 
 def test_a_stated_rotation_takes_the_field_to_the_reference(tmp_path):
@@ -141,6 +144,37 @@ def test_a_stated_rotation_takes_the_field_to_the_reference(tmp_path):
     small = math.radians(0.1)
     wanted = [math.hypot(u[1], small * b[0]), math.hypot(u[0], small * b[1]), u[2]]
     np.testing.assert_allclose(wider, wanted, rtol=1e-10)
+
+
+@pytest.mark.parametrize("kind", ["cpf", "tpf", "tcf", "rpcmag"])
+def test_a_file_may_state_the_rotation_to_the_reference(tmp_path, kind):
+    plain = calfit.read(make.put(tmp_path, "A.toml", getattr(make, kind)()))
+    # The limits are those of the sensor axes whatever the frame of the result is.
+    document = getattr(make, kind)() | {"valid_field_nt": [[-1e4, 1e4], [-1e4, 1e4], [-1e4, 2e4]]}
+    frame = FRAMES["rosetta" if kind in ("tcf", "rpcmag") else "bepicolombo"]
+    document["reference"] = {"rotation": make.RHO, "std_deg": 0.1, "from": frame}
+    p = calfit.read(make.put(tmp_path, "B.toml", document))
+    raw = (100.0, -2000.0, 30_000.0, 20.0)
+    given = {"rotation": make.RHO, "rotation_std_deg": 0.1}
+    wanted, u, _ = plain.apply(*raw, frame="reference", **given)
+    b, uncertainty, flags = p.apply(*raw, frame="reference")
+    np.testing.assert_array_equal(b, wanted)
+    np.testing.assert_array_equal(uncertainty, u)
+    np.testing.assert_allclose(b, make.RHO @ plain.apply(*raw)[0], rtol=1e-14)
+    assert flags == (0 if kind == "cpf" else 65536)
+    np.testing.assert_array_equal(p.apply(*raw)[0], plain.apply(*raw)[0])
+    with pytest.raises(calfit.Refused, match="`rotation` is given, and the file states one"):
+        p.apply(*raw, frame="reference", **given)
+    for key, value, rule in (
+        ("rotation", np.diag([1.0, 1.0, -1.0]), "is no rotation"),
+        ("rotation", np.eye(3) * 1.001, "is no rotation"),
+        ("std_deg", None, "is missing"),
+        ("std_deg", -0.1, "must not be negative"),
+        ("from", "sensor (other)", "not the frame of the file"),
+    ):
+        bad = make.put(tmp_path, "C.toml", make.changed(document, f"reference.{key}", value))
+        with pytest.raises(calfit.Refused, match=rf"`reference\.{key}` .*{rule}"):
+            calfit.read(bad)
 
 
 def test_json_twins_and_files_without_a_table_say_the_same(tmp_path):

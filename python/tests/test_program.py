@@ -143,7 +143,67 @@ def test_json_twins_of_the_program_say_the_same():
     assert document["written_by"].startswith("calfit")
 
 
+def test_how_a_sensor_stands_in_its_reference_cube():
+    # Stated for the frame of the BepiColombo convention; in files of the other one the frame is another.
+    stated = np.array([[0.0, 0.6, 0.8], [0.0, -0.8, 0.6], [1.0, 0.0, 0.0]])
+    readings = true_readings(20.0)
+    tpf = calfit.read(one("thermal/THERMAL_PARAMETER__*.TPF"), one("thermal/*.TOF"))
+    b, u, _ = tpf.apply(*readings, 20.0, frame="reference")
+    assert (np.abs(b - FIELDS @ stated.T) < 6.0 * u).all()
+    for other in (calfit.read(one("centre/*.TCF")), calfit.read(one("rpcmag/*.TXT"))):
+        found, uncertainty, _ = other.apply(*readings, 20.0, frame="reference")
+        assert (np.abs(found - FIELDS @ stated.T) < 6.0 * uncertainty).all()
+        assert np.abs(other.apply(*readings, 20.0)[0] @ stated.T - found).max() > 1.0
+
+
 def test_a_run_from_which_effects_were_taken_off_is_not_applied_to_raw_readings():
     p = calfit.read(one("model/*/*.CPF"))
-    with pytest.raises(calfit.Refused, match="known effects were taken off"):
+    with pytest.raises(calfit.Refused, match=r"effects of model\.toml were taken off"):
         p.apply(1.0, 2.0, 3.0)
+
+
+#: What the program applied to readings inside and outside of what was calibrated.
+APPLIED = {case["name"]: case for case in json.loads((Path(FOLDER) / "applied" / "cases.json").read_text())}
+
+
+def test_every_kind_is_among_what_the_program_applied():
+    kinds = {calfit.read(*(Path(FOLDER) / file for file in case["files"])).format for case in APPLIED.values()}
+    assert kinds == {"CPF", "TPF", "TPF+TOF", "TPF+OPF", "TCF", "TCF+TOF", "RPCMAG"}
+
+
+def calibrated(folder):
+    """Readings, temperatures, field, uncertainty and flags of a table that the program wrote; nan for an empty cell."""
+    lines = (Path(FOLDER) / "applied" / folder / "raw.calibrated.csv").read_text().splitlines()
+    assert lines[0].startswith("# calfit {")
+    columns = lines[1].split(",")
+    cells = [[float(cell) if cell else np.nan for cell in line.split(",")] for line in lines[2:]]
+    rows = {name: np.array([row[i] for row in cells]) for i, name in enumerate(columns)}
+    three = lambda *names: np.stack([rows[name] for name in names], axis=1)  # noqa: E731
+    b, u = three("bx_nt", "by_nt", "bz_nt"), three("u_bx_nt", "u_by_nt", "u_bz_nt")
+    return three("x", "y", "z"), rows["t_degc"], b, u, rows["flags"].astype(np.uint32)
+
+
+@pytest.mark.parametrize("name", APPLIED)
+def test_the_package_and_the_program_are_one(name):
+    case = APPLIED[name]
+    p = calfit.read(*(Path(FOLDER) / file for file in case["files"]))
+    options = {"frame": case["frame"], "effects_taken_off": case["effects_taken_off"]}
+    for folder, outside in ((name, "flag"), (f"{name}.null", "null")):
+        readings, t, b, u, flags = calibrated(folder)
+        found, uncertainty, bits = p.apply(*readings.T, t, outside=outside, **options)
+        np.testing.assert_array_equal(bits, flags)
+        np.testing.assert_array_equal(np.isnan(found), np.isnan(b))
+        # Of the field, not of a component that happens to be small.
+        size = np.abs(b).max(axis=1, keepdims=True)
+        given = ~np.isnan(size[:, 0])
+        assert given.any() and (np.abs(found - b)[given] <= 1e-12 * size[given]).all()
+        np.testing.assert_allclose(uncertainty, u, rtol=1e-9)
+        assert (u[given] > 0.0).all()
+        # Readings of every kind are among them, and the bits say which.
+        for bit in (calfit.TEMPERATURE, calfit.FIELD, calfit.NO_TEMPERATURE):
+            assert ((flags & bit) != 0).any()
+        assert (flags == 0).any()
+    with pytest.raises(calfit.Refused):
+        p.apply(*readings.T, t, outside="error", **options)
+    inside = flags == 0
+    np.testing.assert_array_equal(p.apply(*readings[inside].T, t[inside], outside="error", **options)[0], found[inside])

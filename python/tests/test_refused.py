@@ -19,6 +19,7 @@ def refused(call, file, key, rule):
     assert error.remedy and error.remedy in str(error) and error.rule in str(error)
 
 
+NAN = float("nan")
 TWO = {"quantity": "b_or", "acts": "after the matrix", "sign": "subtracted", "unit": "enT"}
 
 FILES = [
@@ -32,7 +33,10 @@ FILES = [
     ("cpf", "apply.steps", ["subtract_offset", "omega", "sigma", "rho", "r_nom"], "apply.steps", "`omega` is not known there"),
     ("cpf", "apply.steps", ["subtract_offset", "sigma", "omega", "filter"], "apply.steps", "`filter` is not known there"),
     ("tpf", "apply.steps", ["subtract_offset", "sigma", "omega", "rho", "r_nom"], "apply.steps", "not how TPF files"),
-    ("tpf", "apply.steps", ["linearise", "subtract_offset", "sigma", "omega"], "apply.steps", "no coefficients"),
+    ("tof", "apply.steps", ["linearise", "subtract_offset"], "apply.steps", "no coefficients"),
+    ("rpcmag", "apply.steps", ["linearise", "subtract_offset", "sigma", "omega"], "apply.steps", "no coefficients"),
+    ("tpf", "apply.steps", ["linearise", "subtract_offset", "sigma", "omega"], "linearisation", "together"),
+    ("tcf", "linearisation", {"file": "L.toml"}, "linearisation", "together"),
     ("tpf", "apply.steps", ["sigma", "omega"], "apply.offset", "must stand together"),
     ("tof", "apply.steps", ["subtract_offset", "sigma", "omega"], "apply.omega", "must stand together"),
     ("tpf", "apply.omega", "swarm", "apply.omega", "neither `bepicolombo` nor `rosetta`"),
@@ -79,6 +83,10 @@ FILES = [
     ("rpcmag", "K_2", [0.0, 1e-3, 1.0], "K_1, K_2", "before the diagonal"),
     ("rpcmag", "SIGMA_00", [1.0, 2.0], "SIGMA_00", "has the shape [2], not [3]"),
     ("rpcmag", "A_1", None, "A_1", "is missing"),
+    ("rpcmag", "covariance", {"parameters": ["A_0_x"], "matrix": [[NAN]]}, "covariance.matrix", "not determined"),
+    ("rpcmag", "covariance", {"parameters": ["A_0_x"], "matrix": [[1.0, 2.0]]}, "covariance.matrix", "has the shape [1, 2]"),
+    ("tpf", "valid_field_nt", [[-1.0, 1.0]], "valid_field_nt", "has the shape [1, 2], not [3, 2]"),
+    ("tpf", "known_effects", "model.toml", "known_effects", "must be a list of texts"),
 ]
 
 
@@ -144,6 +152,9 @@ def test_files_that_do_not_belong_together(tmp_path):
     refused(lambda: calfit.read(opf, tof), "GOOD.tof", "format", "a second offset")
     refused(lambda: calfit.read(tpf, sensor="FM 2"), "GOOD.tpf", "sensor", "is `FM 1`, not `FM 2`")
     refused(lambda: calfit.read(cpf, mode="fast"), "GOOD.cpf", "mode", "is `science`, not `fast`")
+    # No temperature at which both hold.
+    warm = at("WARM.tof", make.changed(make.tof(), "valid_degc", [80.1, 90.0]))
+    refused(lambda: calfit.read(tpf, warm), "WARM.tof", "valid_degc", "covers 80.1 to 90.0 degC, ")
     # In any order.
     np.testing.assert_array_equal(calfit.read(tof, tpf).apply(*RAW, 5.0)[0], calfit.read(tpf, tof).apply(*RAW, 5.0)[0])
 
@@ -165,12 +176,16 @@ def test_what_is_missing_is_told_when_it_is_needed(tmp_path):
     ("kind", "table"),
     [
         ("cpf", {"model": {"file": "model.toml", "effect": [{"id": "cubic_nonlinearity"}]}}),
+        ("cpf", {"model": {"file": "model.toml"}}),
         ("tpf", {"sweep": {"model": {"file": "model.toml", "effect": [{"id": "cubic_nonlinearity"}]}}}),
+        ("tpf", {"known_effects": ["other.toml", "model.toml"]}),
+        ("tcf", {"known_effects": ["model.toml"]}),
+        ("rpcmag", {"known_effects": ["model.toml"]}),
     ],
 )
 def test_effects_that_were_taken_off(tmp_path, kind, table):
     p = calfit.read(make.put(tmp_path, "A.toml", getattr(make, kind)() | table))
-    with pytest.raises(calfit.Refused, match="known effects were taken off the readings"):
+    with pytest.raises(calfit.Refused, match=r"effects of .*model\.toml were taken off the readings"):
         p.apply(*RAW, 5.0)
     plain = calfit.read(make.put(tmp_path, "B.toml", getattr(make, kind)()))
     np.testing.assert_array_equal(p.apply(*RAW, 5.0, effects_taken_off=True)[0], plain.apply(*RAW, 5.0)[0])
@@ -182,7 +197,6 @@ def test_a_model_among_the_inputs_of_polynomials(tmp_path):
     refused(lambda: calfit.read(path).apply(*RAW, 5.0), "A.TPF", "provenance.input", "known effects")
 
 
-NAN = float("nan")
 INPUTS = [
     ({"y": [1.0, 2.0]}, "y", "has the shape (2,), x (3,)"),
     ({"t_degc": [1.0, 2.0]}, "t_degc", "has the shape (2,), x (3,)"),
@@ -194,7 +208,7 @@ INPUTS = [
     ({"frame": "moon"}, "frame", "is `moon`"),
     ({"frame": "coil"}, "frame", "no rotation to coil axes is stated"),
     ({"outside": "raise"}, "outside", "is `raise`"),
-    ({"frame": "reference"}, "rotation", "is missing"),
+    ({"frame": "reference"}, "rotation", "is missing, and the file states none"),
     ({"rotation": np.eye(3)}, "rotation", "does not belong"),
     ({"frame": "reference", "rotation": np.eye(3) * 1.001}, "rotation", "is no rotation"),
     ({"frame": "reference", "rotation": np.diag([1.0, 1.0, -1.0])}, "rotation", "is no rotation"),

@@ -272,6 +272,56 @@ def test_a_ground_calibration_file(tmp_path, t):
     np.testing.assert_allclose(p.apply(*RAW, t)[1], np.sqrt(variance), rtol=1e-7)
 
 
+@pytest.mark.parametrize("t", [-30.0, 0.0, 55.0])
+def test_the_covariance_of_a_ground_calibration_file_is_used_whole(tmp_path, t):
+    ground = make.rpcmag()
+    labels = {"A_0": "xyz", "A_1": "xyz", "B_RES": "xyz", "SIGMA_00": "xyz", "SIGMA_01": "xyz"}
+    labels |= {label: ("xy", "xz", "yz") for label in ("XI_10", "XI_11")} | {"K_0": "xyz", "K_1": "yz", "K_2": "z"}
+    names = [f"{label}_{component}" for label, components in labels.items() for component in components]
+    size = {name: ground["std"][name.rpartition("_")[0]][place(name)] or 1e-6 for name in names}
+    rng = np.random.default_rng(4)
+    # What has no row is exact: a slope that was not fitted.
+    names = [names[i] for i in rng.permutation(len(names)) if names[i] not in ("SIGMA_01_y", "XI_11_xz", "K_2_z")]
+    root = rng.normal(size=(len(names), len(names))) * np.array([[size[name]] for name in names]) / math.sqrt(len(names))
+    matrix = root @ root.T
+
+    def field(change):
+        changed = {label: list(ground[label]) for label in labels}
+        for name, by in change.items():
+            changed[name.rpartition("_")[0]][place(name)] += by
+        line = lambda a, b: np.array(changed[a]) + np.array(changed[b]) * t  # noqa: E731
+        offset = line("A_0", "A_1") - np.array(changed["B_RES"])
+        k_inverse = np.array([changed["K_0"], changed["K_1"], changed["K_2"]])
+        return make.axes(line("XI_10", "XI_11")).T @ k_inverse @ (line("SIGMA_00", "SIGMA_01") * (RAW - offset))
+
+    jacobian = np.array([(field({n: size[n]}) - field({n: -size[n]})) / (2.0 * size[n]) for n in names]).T
+    wanted = np.sqrt(np.diagonal(jacobian @ matrix @ jacobian.T))
+    stated = ground | {"covariance": {"parameters": names, "units": [""] * len(names), "matrix": matrix}}
+    p = calfit.read(make.put(tmp_path, "A.TXT", stated))
+    b, u, _ = p.apply(*RAW, t)
+    np.testing.assert_allclose(b, field({}), rtol=1e-12)
+    np.testing.assert_allclose(u, wanted, rtol=1e-6)
+    # Not the standard uncertainties, which may then be left out; and the correlations count.
+    without = calfit.read(make.put(tmp_path, "B.TXT", make.changed(stated, "std", None)))
+    np.testing.assert_array_equal(without.apply(*RAW, t)[1], u)
+    assert not any("no uncertainty" in note for note in without.notes)
+    assert np.abs(np.sqrt((jacobian**2) @ np.diagonal(matrix)) / u - 1.0).max() > 0.01
+    assert p.covariance["covariance"].parameters == tuple(names)
+
+
+def place(name):
+    """The place of a component in its list."""
+    return {"x": 0, "y": 1, "z": 2, "xy": 0, "xz": 1, "yz": 2}[name.rpartition("_")[2]]
+
+
+def test_residual_field_and_offset_of_one_measurement_cancel(tmp_path):
+    # B_RES = A_0 - B_off: with B_off exact both have one error, and it is not in the field.
+    ground = make.rpcmag()
+    names = ["A_0_x", "B_RES_x"]
+    ground["covariance"] = {"parameters": names, "matrix": [[0.04, 0.04], [0.04, 0.04]]}
+    np.testing.assert_array_equal(calfit.read(make.put(tmp_path, "A.TXT", ground)).apply(*RAW, 5.0)[1], [0.0] * 3)
+
+
 def test_without_a_transfer_and_a_residual_field_nothing_is_uncertain_of_them(tmp_path):
     ground = make.rpcmag() | {"B_RES": [0.0] * 3, "K_0": [1.0, 0.0, 0.0], "K_1": [0.0, 1.0, 0.0], "K_2": [0.0, 0.0, 1.0]}
     zero = {label: [0.0] * 3 for label in ("K_0", "K_1", "K_2", "B_RES")}

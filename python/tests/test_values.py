@@ -7,6 +7,7 @@ import calfit
 import make
 import numpy as np
 import pytest
+from calfit.steps import FRAMES
 
 #: Files of all kinds that the first version of the program made; they go with the project.
 OLD = Path(__file__).parents[2] / "tests" / "data" / "version-1" / "files"
@@ -28,6 +29,21 @@ def test_a_run(tmp_path):
     assert (p.units["matrix.sigma"], p.units["angle_deg.xi_xz"], p.units["offset.b_or_ent"]) == ("nT/enT", "deg", "enT")
     assert p.frame == "sensor (bepicolombo)"
     assert p.documents[0].get("run.id") == "26-01-01_00-00-00"
+
+
+def test_what_a_file_holds_for_and_how_its_sensor_stands(tmp_path):
+    limits = [[-1.0, 2.0], [-3.0, 4.0], [-5.0, 6.0]]
+    document = make.tpf() | {"valid_field_nt": limits, "location": "off-centre"}
+    p = calfit.read(make.put(tmp_path, "A.TPF", document))
+    assert p.values["valid_field_nt"].tolist() == limits and p.units["valid_field_nt"] == "nT"
+    assert any("beside the centre" in note and "apply the TCF" in note for note in p.notes)
+    cpf = make.changed(make.cpf(), "valid", {"field_coil_nt": limits, "temperature_degc": [19.0, 20.0]})
+    cpf["reference"] = {"rotation": make.RHO, "std_deg": 0.1, "from": FRAMES["bepicolombo"]}
+    p = calfit.read(make.put(tmp_path, "A.CPF", cpf))
+    assert p.values["valid.field_coil_nt"].tolist() == limits and p.values["valid.temperature_degc"].tolist() == [19.0, 20.0]
+    np.testing.assert_array_equal(p.values["reference.rotation"], make.RHO)
+    assert (p.values["reference.std_deg"], p.units["reference.std_deg"]) == (0.1, "deg")
+    assert not any("beside the centre" in note for note in p.notes)
 
 
 def test_polynomials_with_their_covariance(tmp_path):

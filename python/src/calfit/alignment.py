@@ -69,7 +69,11 @@ def _inverse_upper(q: np.ndarray) -> np.ndarray:
     return inverse
 
 
-def is_rotation(matrix: np.ndarray, tolerance: float) -> bool:
-    """Whether a matrix is a proper rotation."""
-    orthogonal = np.abs(matrix.T @ matrix - np.eye(3)).max() <= tolerance
+#: What the rows of a rotation may miss of right angles and of the length 1.
+_ROUNDING = 1e-6
+
+
+def is_rotation(matrix: np.ndarray) -> bool:
+    """Whether a matrix is a proper rotation, but for rounding."""
+    orthogonal = np.abs(matrix @ matrix.T - np.eye(3)).max() < _ROUNDING
     return bool(orthogonal and np.linalg.det(matrix) > 0.0)

@@ -2,7 +2,8 @@
 file (RPCMAG); and offsets that stand in a file of their own (TOF, OPF).
 
 Each checks its file when it is made. `at(t, frame)` gives the calibration at temperatures, `unknown` names the parameters that the file
-gives no uncertainty for, `ranges` the temperatures for which it holds.
+gives no uncertainty for, `ranges` the temperatures for which it holds. What it holds for beside temperatures stands in `linearisation`,
+with the readings, and in `field`, both None where the file does not say.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from . import alignment
 from .document import Document
 from .kinds import AXES, PAIRS
 from .quantities import covariance_table, stated_covariance, stated_std
-from .state import State, Term, diagonal, horner, powers
+from .state import State, Term, constant, horner, over_temperature
 from .steps import Applied
 
 #: Printed matrices have six decimals and printed angles full seconds of arc (5e-6); a turned sign of a misalignment is far above.
@@ -37,6 +38,59 @@ def _range(document: Document, key: str) -> Range:
     if low > high:
         raise document.refuse(key, "must rise")
     return Range(document.file, key, float(low), float(high))
+
+
+class Limits(NamedTuple):
+    """Lowest and highest values of three components for which a file holds."""
+
+    file: str
+    key: str
+    #: (3, 2).
+    values: np.ndarray
+
+    def left_by(self, components: np.ndarray) -> np.ndarray:
+        """Which of these, (n, 3), lie outside. A limit that is not determined holds nothing."""
+        inside = (self.values[:, 0] <= components) & (components <= self.values[:, 1])
+        return ~inside.all(axis=1)
+
+
+def _limits(document: Document, key: str) -> Limits | None:
+    stated = document.numbers(key, (3, 2), finite=False)
+    return None if stated is None else Limits(document.file, key, stated)
+
+
+class FieldRange(NamedTuple):
+    """The fields for which a file holds, nT."""
+
+    limits: Limits
+    #: From the sensor frame to the axes of the limits; None: they are those of the sensor frame.
+    rotation: np.ndarray | None = None
+
+
+def _along_sensor_axes(document: Document) -> FieldRange | None:
+    """Limits along the nominal sensor axes, which the axes of the sensor frame follow within the misalignment."""
+    limits = _limits(document, "valid_field_nt")
+    return None if limits is None else FieldRange(limits)
+
+
+class Linearisation:
+    """The polynomials of the readings that a calibration takes."""
+
+    def __init__(self, document: Document) -> None:
+        self._c2 = document.needed("linearisation.applied.c2_per_ent", (3,))
+        self._c3 = document.needed("linearisation.applied.c3_per_ent2", (3,))
+        limits = _limits(document, "linearisation.applied.reading_ent")
+        if limits is None:
+            raise document.refuse("linearisation.applied.reading_ent", "is missing")
+        #: Of the readings, enT.
+        self.limits = limits
+
+    def linearised(self, readings: np.ndarray) -> np.ndarray:
+        return readings + readings * readings * (self._c2 + self._c3 * readings)
+
+
+def _linearisation(document: Document, how: Applied) -> Linearisation | None:
+    return Linearisation(document) if how.linearise else None
 
 
 def _positive(document: Document, key: str, sigma: np.ndarray) -> None:
@@ -61,12 +115,12 @@ class RunCalibration:
         assert how.convention is not None
         self._convention = how.convention
         self._matrices()
-        self._linearisation()
         self._uncertainty()
-        self.ranges = self._ranges()
-        limits = document.numbers("valid.field_coil_nt", (3, 2))
-        #: Largest field per coil axis that was calibrated, nT.
-        self.field_limit_coil_nt = None if limits is None or not how.to_coil else np.abs(limits).max(axis=1)
+        self.linearisation = _linearisation(document, how)
+        stated = document.get("valid.temperature_degc") is not None
+        self.ranges = [_range(document, "valid.temperature_degc")] if stated else []
+        limits = _limits(document, "valid.field_coil_nt")
+        self.field = None if limits is None or self.rotation is None else FieldRange(limits, self.rotation)
 
     def _matrices(self) -> None:
         document = self.document
@@ -78,44 +132,27 @@ class RunCalibration:
         xi = np.array([float(document.needed(f"angle_deg.xi_{pair}", ())) for pair in PAIRS])
         _directions(document, "angle_deg", xi)
         self.omega, self.omega_by = alignment.omega(self._convention, xi)
-        #: omega sigma.
-        self.transfer = self.omega * self.sigma
         self.b_or = document.needed("offset.b_or_ent", (3,))
         self._same("matrix.omega", self.omega, f"is not that of the angles in the convention {self._convention}")
-        self._same("matrix.phi_tilde", self.transfer, "is not omega sigma")
-        #: R_nom rho, from the sensor frame to coil axes.
-        self.rotation = None
+        #: omega sigma.
+        self.transfer = self._same("matrix.phi_tilde", self.omega * self.sigma, "is not omega sigma")
+        #: R_nom rho, from the sensor frame to coil axes, and that times omega sigma.
+        self.rotation = self._phi = None
         if self.how.to_coil:
             for key in ("matrix.rho", "matrix.r_nom"):
-                if not alignment.is_rotation(document.needed(key, (3, 3)), _PRINTED):
+                if not alignment.is_rotation(document.needed(key, (3, 3))):
                     raise document.refuse(key, "is no rotation", _CORRECT)
             self.rotation = document.needed("matrix.r_nom", (3, 3)) @ document.needed("matrix.rho", (3, 3))
-            self._same("matrix.phi", self.rotation @ self.transfer, "is not r_nom rho omega sigma")
+            self._phi = self._same("matrix.phi", self.rotation @ self.transfer, "is not r_nom rho omega sigma")
 
-    def _same(self, key: str, wanted: np.ndarray, rule: str) -> None:
+    def _same(self, key: str, wanted: np.ndarray, rule: str) -> np.ndarray:
+        """The matrix as the file states it, which must be the one that follows from the rest of it; that one where it states none."""
         stated = self.document.numbers(key, (3, 3))
-        if stated is not None and np.abs(stated - wanted).max() > _PRINTED * max(1.0, self.sigma.max()):
+        if stated is None:
+            return wanted
+        if np.abs(stated - wanted).max() > _PRINTED * max(1.0, self.sigma.max()):
             raise self.document.refuse(key, rule, _CORRECT)
-
-    def _linearisation(self) -> None:
-        self._c2 = self._c3 = None
-        if self.how.linearise:
-            self._c2 = self.document.needed("linearisation.applied.c2_per_ent", (3,))
-            self._c3 = self.document.needed("linearisation.applied.c3_per_ent2", (3,))
-
-    def prepared(self, readings: np.ndarray) -> np.ndarray:
-        """The readings that the matrix takes, enT: linearised where the file says so."""
-        if self._c2 is None:
-            return readings
-        return readings + readings * readings * (self._c2 + self._c3 * readings)
-
-    def _ranges(self) -> list[Range]:
-        if self.document.get("valid.temperature_degc") is not None:
-            return [_range(self.document, "valid.temperature_degc")]
-        spread = self.document.numbers("conditions.sensor_degc", (3,))
-        if spread is None:
-            return []
-        return [Range(self.document.file, "conditions.sensor_degc", float(spread[0]), float(spread[2]))]
+        return stated
 
     def _uncertainty(self) -> None:
         """The covariance of Phi and B_or where the file has it, otherwise standard uncertainties."""
@@ -152,8 +189,8 @@ class RunCalibration:
 
     def at(self, t: np.ndarray, frame: str) -> State:
         if frame == "coil":
-            assert self.rotation is not None
-            return State((self.rotation @ self.transfer)[None], self.b_or[None], self._terms_of_phi())
+            assert self._phi is not None
+            return State(self._phi[None], self.b_or[None], self._terms_of_phi())
         if self._joint is not None:
             terms = self._terms_of_transfer()
         elif self.unknown:
@@ -163,8 +200,8 @@ class RunCalibration:
             by_xi = [change * self.sigma for change in self.omega_by]
             variances = np.concatenate([self._std["sigma"], self._std["xi_deg"]]) ** 2
             terms = [
-                Term(np.array(by_sigma + by_xi)[None], None, diagonal(variances)[None]),
-                Term(None, np.eye(3)[None], diagonal(self._std["b_or_ent"] ** 2)[None]),
+                Term(np.array(by_sigma + by_xi)[None], None, constant(variances)),
+                Term(None, np.eye(3)[None], constant(self._std["b_or_ent"] ** 2)),
             ]
         return State(self.transfer[None], self.b_or[None], terms)
 
@@ -175,8 +212,8 @@ class RunCalibration:
         if self.unknown_in("coil"):
             return []
         return [
-            Term(by_phi[None], None, diagonal(self._std["phi"].ravel() ** 2)[None]),
-            Term(None, np.eye(3)[None], diagonal(self._std["b_or_ent"] ** 2)[None]),
+            Term(by_phi[None], None, constant(self._std["phi"].ravel() ** 2)),
+            Term(None, np.eye(3)[None], constant(self._std["b_or_ent"] ** 2)),
         ]
 
     def _terms_of_transfer(self) -> list[Term]:
@@ -196,7 +233,7 @@ class RunCalibration:
         assert self._joint is not None
         d_matrix = np.concatenate([by_phi, np.zeros((3, 3, 3))])
         d_offset = np.concatenate([np.zeros((9, 3)), np.eye(3)])
-        return Term(d_matrix[None], d_offset[None], self._joint[None])
+        return Term(d_matrix[None], d_offset[None], constant(self._joint))
 
 
 class _Polynomials:
@@ -211,25 +248,31 @@ class _Polynomials:
         """(n, number of polynomials)."""
         return np.stack([horner(c, t) for c in self.coefficients], axis=1)
 
-    def variances(self, t: np.ndarray) -> np.ndarray:
-        """The same for the variances."""
-        found = []
-        for covariance in self.covariance:
-            assert covariance is not None
-            by = powers(t, len(covariance))
-            found.append(((by @ covariance) * by).sum(axis=1))
-        return np.stack(found, axis=1)
+    def over_temperature(self, together: np.ndarray | None = None) -> np.ndarray:
+        """Their covariance: from that of all coefficients, or from those of every polynomial, which are then independent of each other."""
+        counts = [len(c) for c in self.coefficients]
+        ends = np.cumsum(counts)
+        whole = together
+        if whole is None:
+            whole = np.zeros((ends[-1], ends[-1]))
+            for end, count, own in zip(ends, counts, self.covariance):
+                whole[end - count : end, end - count : end] = own
+        parameters = [i for i, count in enumerate(counts) for _ in range(count)]
+        orders = [k for count in counts for k in range(count)]
+        return over_temperature(whole, parameters, orders, len(counts))
 
 
 class TemperatureCalibration:
     """Sensitivities and angles as polynomials of the temperature, TPF and TCF, without the offset."""
 
     needs_temperature = True
-    field_limit_coil_nt = None
+    rotation = None
 
     def __init__(self, document: Document, how: Applied) -> None:
         assert how.convention is not None
         self._convention = how.convention
+        self.linearisation = _linearisation(document, how)
+        self.field = _along_sensor_axes(document)
         names = [f"sigma_{axis}" for axis in AXES] + [f"xi_{pair}" for pair in PAIRS]
         self._polynomials = _Polynomials(document, names)
         self.ranges = [_range(document, "valid_degc")]
@@ -237,13 +280,17 @@ class TemperatureCalibration:
         values = self._polynomials.values(ends)
         _positive(document, "sigma_x, sigma_y, sigma_z", values[:, :3])
         _directions(document, "xi_xy, xi_xz, xi_yz", values[:, 3:])
-        self._together = self._joint(document, names)
-        self.unknown = [] if self._together is not None else self._polynomials.unknown
-        #: What the polynomials miss.
-        self._remainder = np.zeros(6)
+        together = self._joint(document, names)
+        self.unknown = [] if together is not None else self._polynomials.unknown
+        # What the polynomials miss.
+        remainder = np.zeros(6)
         for key, at in (("sigma_remainder", 0), ("xi_remainder_deg", 3)):
             if (stated := document.numbers(key, (3,))) is not None:
-                self._remainder[at : at + 3] = stated
+                remainder[at : at + 3] = stated
+        self._covariance = np.zeros((1, 6, 6))
+        if not self.unknown:
+            self._covariance = self._polynomials.over_temperature(together)
+            self._covariance[0] += np.diag(remainder**2)
 
     def _joint(self, document: Document, names: list[str]) -> np.ndarray | None:
         """The covariance of all coefficients where the file states it; one of type A does not stand for combined ones."""
@@ -272,27 +319,41 @@ class TemperatureCalibration:
         if not self.unknown:
             by_sigma = omega[:, None] * np.eye(3)[None, :, None, :]
             by_xi = omega_by * sigma[:, None, None, :]
-            terms.append(Term(np.concatenate([by_sigma, by_xi], axis=1), None, self._covariance(t)))
+            terms.append(Term(np.concatenate([by_sigma, by_xi], axis=1), None, self._covariance))
         return State(omega * sigma[:, None, :], np.zeros((1, 3)), terms)
 
-    def _covariance(self, t: np.ndarray) -> np.ndarray:
-        if self._together is None:
-            found = diagonal(self._polynomials.variances(t))
-        else:
-            by = np.zeros((len(t), 6, len(self._together)))
-            at = 0
-            for i, coefficients in enumerate(self._polynomials.coefficients):
-                by[:, i, at : at + len(coefficients)] = powers(t, len(coefficients))
-                at += len(coefficients)
-            found = by @ self._together @ np.swapaxes(by, 1, 2)
-        return found + np.diag(self._remainder**2)
+
+class _Coefficient(NamedTuple):
+    """A number of a ground calibration file: its component of a label, and which parameter has it as coefficient of which order."""
+
+    label: str
+    component: int
+    name: str
+    parameter: int
+    order: int
+    sign: float = 1.0
+
+
+def _ground_coefficients() -> list[_Coefficient]:
+    """All of them. Parameters: sigma, xi, the elements of K^-1 from its diagonal on, the offset; three, three, six, three."""
+    found = []
+    for order, labels in enumerate((("SIGMA_00", "XI_10", "A_0"), ("SIGMA_01", "XI_11", "A_1"))):
+        for label, names, first in zip(labels, (AXES, PAIRS, AXES), (0, 3, 12)):
+            found += [_Coefficient(label, i, f"{label}_{name}", first + i, order) for i, name in enumerate(names)]
+    for place, (row, column) in enumerate(zip(*np.triu_indices(3))):
+        found.append(_Coefficient(f"K_{row}", int(column), f"K_{row}_{AXES[column]}", 6 + place, 0))
+    # B_off = A_0 + A_1 T - B_RES.
+    return found + [_Coefficient("B_RES", i, f"B_RES_{axis}", 12 + i, 0, -1.0) for i, axis in enumerate(AXES)]
 
 
 class GroundCalibration:
     """A ground calibration file of Rosetta RPC-MAG (RO-IGEP-TR0028 sections 3.3 and 4.2.3.2) with its offset."""
 
     needs_temperature = True
-    field_limit_coil_nt = None
+    linearisation = None
+    rotation = None
+    _COEFFICIENTS = _ground_coefficients()
+    _PARAMETERS = 15
     _STATEMENTS = {
         "omega_convention": "Rosetta",
         "offset_acts": "before the matrix",
@@ -318,26 +379,49 @@ class GroundCalibration:
         ends = np.array([self.ranges[0].low, self.ranges[0].high])
         _positive(document, "SIGMA_00, SIGMA_01", self._line("SIGMA_00", "SIGMA_01", ends))
         _directions(document, "XI_10, XI_11", self._line("XI_10", "XI_11", ends))
+        self.field = _along_sensor_axes(document)
         self.unknown: list[str] = []
-        self._variance: dict[str, np.ndarray] = {}
+        stated = self._stated_covariance(document)
+        if stated is None:
+            stated = self._of_independent_values(document)
+        of = self._COEFFICIENTS
+        signs = np.array([c.sign for c in of])
+        self._covariance = over_temperature(
+            stated * np.outer(signs, signs), [c.parameter for c in of], [c.order for c in of], self._PARAMETERS
+        )
+
+    def _stated_covariance(self, document: Document) -> np.ndarray | None:
+        """The covariance of all values where the file states it; what has no row is exact."""
+        table = covariance_table(document, "covariance")
+        if table is None:
+            return None
+        place = {name: at for at, name in enumerate(table.parameters)}
+        rows = [i for i, c in enumerate(self._COEFFICIENTS) if c.name in place]
+        at = [place[self._COEFFICIENTS[i].name] for i in rows]
+        found = np.zeros((len(self._COEFFICIENTS),) * 2)
+        found[np.ix_(rows, rows)] = table.matrix[np.ix_(at, at)]
+        if not np.isfinite(found).all():
+            raise document.refuse("covariance.matrix", "holds a value that is not determined (nan)")
+        return found
+
+    def _of_independent_values(self, document: Document) -> np.ndarray:
+        """The covariance of values that are independent of each other, with the standard uncertainties that the file states."""
         # Without a transfer to the centre K is the identity, and without a residual field nothing is taken off: both are exact.
         exact = {"B_RES": np.zeros(3)} | {f"K_{row}": np.eye(3)[row] for row in range(3)}
+        stds: dict[str, np.ndarray] = {}
         for label, value in self._values.items():
             std = stated_std(document, f"std.{label}")
-            if std is None and label in exact and (value == exact[label]).all():
-                std = np.zeros(3)
             if std is None:
-                self.unknown.append(f"std.{label}")
-                continue
+                std = np.zeros(3)
+                if label not in exact or (value != exact[label]).any():
+                    self.unknown.append(f"std.{label}")
             if std.shape != (3,) or not (std >= 0.0).all():
                 raise document.refuse(f"std.{label}", "must be three numbers from zero on")
-            self._variance[label] = std**2
+            stds[label] = std
+        return np.diag([stds[c.label][c.component] ** 2 for c in self._COEFFICIENTS])
 
-    def _line(self, constant: str, slope: str, t: np.ndarray) -> np.ndarray:
-        return self._values[slope] * t[:, None] + self._values[constant]
-
-    def _line_variance(self, constant: str, slope: str, t: np.ndarray) -> np.ndarray:
-        return self._variance[constant] + self._variance[slope] * t[:, None] ** 2
+    def _line(self, at_zero: str, slope: str, t: np.ndarray) -> np.ndarray:
+        return self._values[slope] * t[:, None] + self._values[at_zero]
 
     def unknown_in(self, frame: str) -> list[str]:
         return self.unknown
@@ -351,20 +435,12 @@ class GroundCalibration:
         if not self.unknown:
             by_sigma = omega[:, None] * np.eye(3)[None, :, None, :]
             by_xi = q_by @ self._k_inverse * sigma[:, None, None, :]
-            by_k = q[:, None] @ np.eye(9).reshape(1, 9, 3, 3) * sigma[:, None, None, :]
-            every = np.broadcast_to
-            k_variances = np.concatenate([self._variance[f"K_{row}"] for row in range(3)])
-            variances = [
-                self._line_variance("SIGMA_00", "SIGMA_01", t),
-                self._line_variance("XI_10", "XI_11", t),
-                every(k_variances, (len(t), 9)),
-            ]
-            offset_variances = self._line_variance("A_0", "A_1", t) + self._variance["B_RES"]
-            d_matrix = np.concatenate([by_sigma, by_xi, by_k], axis=1)
-            terms = [
-                Term(d_matrix, None, diagonal(np.concatenate(variances, axis=1))),
-                Term(None, np.eye(3)[None], diagonal(offset_variances)),
-            ]
+            by_k = np.zeros((len(t), 6, 3, 3))
+            for place, (row, column) in enumerate(zip(*np.triu_indices(3))):
+                by_k[:, place, :, column] = q[:, :, row] * sigma[:, column, None]
+            d_matrix = np.concatenate([by_sigma, by_xi, by_k, np.zeros((len(t), 3, 3, 3))], axis=1)
+            d_offset = np.concatenate([np.zeros((12, 3)), np.eye(3)])
+            terms = [Term(d_matrix, d_offset[None], self._covariance)]
         return State(omega * sigma[:, None, :], offset, terms)
 
 
@@ -382,10 +458,10 @@ class PolynomialOffset:
         self._polynomials = _Polynomials(document, names)
         self.unknown = self._polynomials.unknown
         self.ranges = [_range(document, "valid_degc")]
+        self._terms = [] if self.unknown else [Term(None, np.eye(3)[None], self._polynomials.over_temperature())]
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, list[Term]]:
-        terms = [] if self.unknown else [Term(None, np.eye(3)[None], diagonal(self._polynomials.variances(t)))]
-        return self._polynomials.values(t), terms
+        return self._polynomials.values(t), self._terms
 
 
 class MeasuredOffset:
@@ -421,5 +497,5 @@ class MeasuredOffset:
         return np.diag(std**2)
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, list[Term]]:
-        terms = [] if self.unknown else [Term(None, np.eye(3)[None], self._covariance[None])]
+        terms = [] if self.unknown else [Term(None, np.eye(3)[None], constant(self._covariance))]
         return self._offset[None], terms

@@ -49,6 +49,15 @@ _XI = _of("xi", "deg", PAIRS)
 _B_OR = _of("b_or", "enT")
 _B_OFF = _of("b_off", "enT")
 
+_VALID = (Quantity("valid_degc", "degC"), Quantity("valid_field_nt", "nT"))
+_LINEARISATION = (
+    Quantity("linearisation.applied.c2_per_ent", "1/enT", "linearisation.applied.c2_std_per_ent"),
+    Quantity("linearisation.applied.c3_per_ent2", "1/enT^2", "linearisation.applied.c3_std_per_ent2"),
+    Quantity("linearisation.applied.reading_ent", "enT"),
+)
+#: How the sensor stands in its reference cube.
+_REFERENCE = (Quantity("reference.rotation", "1"), Quantity("reference.std_deg", "deg"))
+
 _NO_FIELD = "so that it takes no reading to a field; name a CPF, TPF, TCF or ground calibration file"
 
 KINDS: dict[str, Kind] = {
@@ -68,8 +77,10 @@ KINDS: dict[str, Kind] = {
                 for i, name in enumerate(("lambda_x", "mu_y", "nu_z"))
             ),
             Quantity("offset.b_or_ent", "enT", "std.b_or_ent"),
-            Quantity("linearisation.applied.c2_per_ent", "1/enT", "linearisation.applied.c2_std_per_ent"),
-            Quantity("linearisation.applied.c3_per_ent2", "1/enT^2", "linearisation.applied.c3_std_per_ent2"),
+            Quantity("valid.field_coil_nt", "nT"),
+            Quantity("valid.temperature_degc", "degC"),
+            *_LINEARISATION,
+            *_REFERENCE,
         ),
     ),
     "OPF": Kind(
@@ -93,7 +104,7 @@ KINDS: dict[str, Kind] = {
         ),
         lacks=f"holds a sampling frequency and a frequency response, no offset, sigma and omega, {_NO_FIELD}",
     ),
-    "TPF": Kind(1, (Quantity("valid_degc", "degC"),), _SIGMA + _XI + _B_OR + _B_OFF),
+    "TPF": Kind(1, _VALID + _LINEARISATION + _REFERENCE, _SIGMA + _XI + _B_OR + _B_OFF),
     "TOF": Kind(
         1,
         (Quantity("valid_degc", "degC"),),
@@ -106,13 +117,15 @@ KINDS: dict[str, Kind] = {
             Quantity("valid_degc", "degC"),
             Quantity("mean_sample_rate_hz", "Hz", "mean_std_sample_rate_hz"),
         ),
-        _of("f_3db", "Hz"),
+        _of("f_3db", "Hz") + _of("f_3db_igep", "Hz"),
         lacks=f"holds -3 dB frequencies, no offset, sigma and omega, {_NO_FIELD}",
     ),
     "TCF": Kind(
         2,
         (
-            Quantity("valid_degc", "degC"),
+            *_VALID,
+            *_LINEARISATION,
+            *_REFERENCE,
             Quantity("reference_degc", "degC"),
             Quantity("sigma_remainder", "nT/enT"),
             Quantity("xi_remainder_deg", "deg"),
@@ -147,7 +160,8 @@ KINDS: dict[str, Kind] = {
                 ("T_OFF", "degC"),
             )
         )
-        + (Quantity("valid_degc", "degC"),),
+        + _VALID
+        + _REFERENCE,
     ),
     "LINEARISATION": Kind(
         1,

@@ -3,32 +3,38 @@
 from __future__ import annotations
 
 import os
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from . import calibrations
 from .alignment import is_rotation
-from .calibrations import Range
+from .calibrations import Limits, Range
 from .document import Document, load
 from .errors import Refused
 from .kinds import AXES, Kind, kind_of
 from .quantities import Covariance, Quantities, quantities
 from .state import State
-from .steps import Applied, applied
+from .steps import FRAMES, Applied, applied
 
 #: The temperature lies outside of the range of a file.
 TEMPERATURE = 1 << 0
-#: The field is larger than the one that was calibrated.
+#: The field or the reading lies outside of what was calibrated.
 FIELD = 1 << 16
-#: There is no temperature, and the parameters depend on it.
+#: There is no temperature, and the parameters depend on it or the file states a range of temperatures.
 NO_TEMPERATURE = 1 << 17
 
 #: Readings that are calibrated at a time.
 _BLOCK = 16_384
-_ROTATION = 1e-9
 _CALIBRATIONS = ("CPF", "TPF", "TCF", "RPCMAG")
 _OFFSETS = ("TOF", "OPF")
+
+
+class Turn(NamedTuple):
+    """The rotation from the sensor frame to the reference, and the variances of a turn about its axes, rad^2."""
+
+    rotation: np.ndarray
+    variances: np.ndarray
 
 
 class Parameters:
@@ -57,6 +63,7 @@ class Parameters:
         self.frame: str | None = next((how.frame for how in self._applied if how is not None and how.convention is not None), None)
         self._cannot: Refused | None = None
         self._effects = _effects(documents)
+        self._reference: Turn | None = None
         self._calibration: Any = None
         self._offset: Any = None
         self._compose(documents)
@@ -93,6 +100,7 @@ class Parameters:
         assert how is not None
         offsets = [d for d in documents if d.format in _OFFSETS]
         self._calibration = _calibration(document, how)
+        self._reference = _stated_reference(document, how)
         if document.format in ("CPF", "RPCMAG"):
             self._own_offset = how.offset
         elif offsets:
@@ -101,6 +109,11 @@ class Parameters:
             self._cannot = document.refuse("apply.offset", "is missing: the file has no offset", "name a TOF or OPF beside it")
         else:
             self._take_offset(document, how.offset)
+        if "off-centre" in (document.get("location"), document.get("run.location")):
+            self.notes.append(
+                f"{document.file} holds for the field beside the centre of the coil system, which is not that of its settings; "
+                "apply the TCF, whose sensitivities are those at the centre"
+            )
         if self.offset == "b_or":
             self.notes.append(
                 f"{document.file}: the offset is b_or, that of the sensor and the residual field of the facility together"
@@ -116,6 +129,12 @@ class Parameters:
             self._offset = kind(document, quantity)
         except Refused as refused:
             self._cannot = refused
+            return
+        for own in self._offset.ranges:
+            for held in self._calibration.ranges:
+                if max(own.low, held.low) > min(own.high, held.high):
+                    rule = f"covers {own.low} to {own.high} degC, {held.file} {held.low} to {held.high}"
+                    raise document.refuse(own.key, rule, "name files that hold at a common temperature")
 
     @property
     def ranges(self) -> tuple[Range, ...]:
@@ -143,14 +162,17 @@ class Parameters:
         the channel that the file names, a number or an array of the same shape; nan where there is none.
 
         ``frame``: ``"sensor"``, the orthogonal frame that the file states; ``"coil"``, coil axes in the position of the run (a CPF
-        only); ``"reference"``, the sensor frame turned by ``rotation`` (3 x 3, from the sensor frame to the reference), whose standard
-        uncertainty about the three axes of the reference, degrees, may be stated.
+        only); ``"reference"``, the reference cube of the sensor, to which the file states the rotation in ``[reference]``. For a file
+        that states none, ``rotation`` (3 x 3, from the sensor frame to the reference) may be given, and its standard uncertainty
+        about the three axes of the reference, degrees.
 
-        ``outside``: what happens at temperatures for which the files do not hold: ``"flag"``, ``"null"`` (nan) or ``"error"``.
+        ``outside``: what happens to a reading that has one of the flags: ``"flag"``, the field is given all the same where there is
+        one; ``"null"``, it is nan; ``"error"``, the first of them is refused.
 
         Gives ``b`` and ``u``, nT, with the shape of the readings and a last axis of three, and ``flags`` (uint32) with the shape of
-        the readings: bit 0 temperature outside, bit 16 field outside, bit 17 no temperature. ``u`` is the standard uncertainty of the
-        field by that of the parameters; the noise of the reading is not in it. Group delay and frequency response are not applied.
+        the readings: bit 0 temperature outside, bit 16 field or reading outside, bit 17 no temperature. ``u`` is the standard
+        uncertainty of the field by that of the parameters; the noise of the reading is not in it. Group delay and frequency response
+        are not applied.
         """
         where = ", ".join(self.files)
         if self._cannot is not None:
@@ -159,26 +181,23 @@ class Parameters:
             raise self._effects
         if outside not in ("flag", "null", "error"):
             raise Refused(where, "outside", f"is `{outside}`", "use `flag`, `null` or `error`")
-        turn = _turn(where, frame, rotation, rotation_std_deg)
+        turn = self._turn(where, frame, rotation, rotation_std_deg)
         frame = "sensor" if turn is not None else frame
         if frame not in ("sensor", "coil"):
             raise Refused(where, "frame", f"is `{frame}`", "use `sensor`, `coil` or `reference`")
-        if frame == "coil" and getattr(self._calibration, "rotation", None) is None:
+        if frame == "coil" and self._calibration.rotation is None:
             raise Refused(where, "frame", "is `coil`, but no rotation to coil axes is stated", "use `sensor`, or name a CPF")
         readings, t, shape = self._shaped(where, x, y, z, t_degc)
         flags = self._flags_of_temperature(t)
-        out = (flags & TEMPERATURE) != 0
-        if outside == "error" and out.any():
-            raise self._outside(int(np.argmax(out)), t)
         b, u = np.empty_like(readings), np.empty_like(readings)
         for begin in range(0, len(readings), _BLOCK):
             at = slice(begin, begin + _BLOCK)
-            b[at], u[at], high = self._block(readings[at], t[at], frame, turn)
-            flags[at] |= np.where(high, FIELD, 0).astype(np.uint32)
-        bad = ~np.isfinite(readings).all(axis=1) | ((flags & NO_TEMPERATURE) != 0)
-        if outside == "null":
-            bad |= out
-        b[bad], u[bad] = np.nan, np.nan
+            b[at], u[at], without, beyond = self._block(readings[at], t[at], frame, turn)
+            flags[at] |= np.where(beyond, FIELD, 0).astype(np.uint32)
+            if outside == "error" and flags[at].any():
+                raise self._outside(where, begin + int(np.argmax(flags[at] != 0)), readings, t, flags)
+            without |= (outside == "null") & (flags[at] != 0)
+            b[at][without], u[at][without] = np.nan, np.nan
         return b.reshape(*shape, 3), u.reshape(*shape, 3), flags.reshape(shape)
 
     def _shaped(self, where: str, x: Any, y: Any, z: Any, t_degc: Any) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:
@@ -188,7 +207,7 @@ class Parameters:
             if component.shape != shape:
                 raise Refused(where, name, f"has the shape {component.shape}, x {shape}", "give arrays of one shape")
         if t_degc is None:
-            if self._needs_temperature:
+            if self._calibration.needs_temperature:
                 raise Refused(where, "t_degc", "is missing, and the parameters depend on it", "give the temperature in degC")
             t = np.full(shape, np.nan)
         else:
@@ -198,51 +217,80 @@ class Parameters:
             t = np.broadcast_to(t, shape)
         return np.stack([c.ravel() for c in components], axis=1), t.ravel(), shape
 
-    @property
-    def _needs_temperature(self) -> bool:
-        return self._calibration.needs_temperature or isinstance(self._offset, calibrations.PolynomialOffset)
+    def _turn(self, where: str, frame: str, rotation: Any, std_deg: Any) -> Turn | None:
+        """The rotation of the field that a frame needs."""
+        given = rotation is not None or std_deg is not None
+        if frame == "reference" and self._reference is not None:
+            if given:
+                raise Refused(where, "rotation", "is given, and the file states one in `reference`", "leave it out")
+            return self._reference
+        if frame != "reference":
+            if given:
+                raise Refused(where, "rotation", f"does not belong to the frame `{frame}`", "use frame=`reference`")
+            return None
+        return _given_reference(where, rotation, std_deg)
 
     def _flags_of_temperature(self, t: np.ndarray) -> np.ndarray:
         flags = np.zeros(len(t), dtype=np.uint32)
         there = np.isfinite(t)
-        if self._needs_temperature:
+        # A calibration that depends on no temperature may say for which ones it holds.
+        if self._calibration.needs_temperature or self.ranges:
             flags[~there] |= NO_TEMPERATURE
         for held in self.ranges:
             flags[there & ((t < held.low) | (t > held.high))] |= TEMPERATURE
         return flags
 
-    def _outside(self, index: int, t: np.ndarray) -> Refused:
-        held = next(r for r in self.ranges if not r.low <= t[index] <= r.high)
-        rule = f"covers {held.low} to {held.high} degC; the reading at index {index} has {t[index]} degC"
-        return Refused(held.file, held.key, rule, 'leave it out, or use outside="flag"')
+    def _outside(self, where: str, index: int, readings: np.ndarray, t: np.ndarray, flags: np.ndarray) -> Refused:
+        """What is wrong with a reading that has a flag."""
+        remedy = 'leave it out, or use outside="flag"'
+        if flags[index] & NO_TEMPERATURE:
+            return Refused(where, "t_degc", f"is not known for the reading at index {index}", remedy)
+        if flags[index] & TEMPERATURE:
+            held = next(r for r in self.ranges if not r.low <= t[index] <= r.high)
+            rule = f"covers {held.low} to {held.high} degC; the reading at index {index} has {t[index]} degC"
+            return Refused(held.file, held.key, rule, remedy)
+        linearisation, field = self._calibration.linearisation, self._calibration.field
+        if linearisation is not None and linearisation.limits.left_by(readings[index : index + 1])[0]:
+            rule = f"covers {_spans(linearisation.limits)} enT; the reading at index {index} is {readings[index].tolist()}"
+            return Refused(linearisation.limits.file, linearisation.limits.key, rule, remedy)
+        rule = f"covers {_spans(field.limits)} nT; the field of the reading at index {index} lies outside"
+        return Refused(field.limits.file, field.limits.key, rule, remedy)
 
     def _block(
-        self, readings: np.ndarray, t: np.ndarray, frame: str, turn: tuple[np.ndarray, np.ndarray] | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Field, uncertainty, and whether the field is larger than what was calibrated."""
-        # A temperature that is not finite makes no number; where it is needed the result is nan, where not it is not looked at.
-        t = np.where(np.isfinite(t), t, 0.0)
-        prepared = self._calibration.prepared(readings) if hasattr(self._calibration, "prepared") else readings
+        self, readings: np.ndarray, t: np.ndarray, frame: str, turn: Turn | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Field, uncertainty, where there is no field, and where it lies outside of what was calibrated."""
+        there = np.isfinite(t)
+        # Where no temperature is needed, it is not looked at.
+        t = np.where(there, t, 0.0)
+        lacks = ~np.isfinite(readings).all(axis=1)
+        if self._calibration.needs_temperature:
+            lacks |= ~there
+        linearisation = self._calibration.linearisation
         with np.errstate(invalid="ignore", over="ignore"):
+            prepared = readings if linearisation is None else linearisation.linearised(readings)
             state = self._state(t, frame)
             without = prepared - state.offset
             b = (state.matrix @ without[..., None])[..., 0]
-            high = self._beyond(t, prepared)
+            # Angles that no three axes have between them make no field.
+            lacks |= np.isnan(b).any(axis=1)
+            beyond = self._beyond(readings, b, frame) & ~lacks
             if turn is not None:
-                b = b @ turn[0].T
+                b = b @ turn.rotation.T
             if self._unknown(frame):
-                return b, np.full_like(b, np.nan), high
+                return b, np.full_like(b, np.nan), lacks, beyond
             variance = np.zeros_like(b)
             for term in state.terms:
-                variance = variance + term.variance(state.matrix, without, None if turn is None else turn[0])
+                variance = variance + term.variance(t, state.matrix, without, None if turn is None else turn.rotation)
             if turn is not None:
                 # A small turn about the axes of the reference changes the field by its vector product with the field.
                 square = b**2
+                about = turn.variances
                 variance = variance + np.stack(
-                    [turn[1][j] * square[:, k] + turn[1][k] * square[:, j] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1
+                    [about[j] * square[:, k] + about[k] * square[:, j] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1
                 )
             # Rounding may make a variance near zero negative.
-            return b, np.sqrt(np.maximum(variance, 0.0)), high
+            return b, np.sqrt(np.maximum(variance, 0.0)), lacks, beyond
 
     def _state(self, t: np.ndarray, frame: str) -> State:
         state = self._calibration.at(t, frame)
@@ -254,13 +302,16 @@ class Parameters:
     def _unknown(self, frame: str) -> bool:
         return bool(self._calibration.unknown_in(frame)) or (self._offset is not None and bool(self._offset.unknown))
 
-    def _beyond(self, t: np.ndarray, prepared: np.ndarray) -> np.ndarray:
-        limit = self._calibration.field_limit_coil_nt
-        if limit is None:
-            return np.zeros(len(prepared), dtype=bool)
-        coil = self._calibration.at(t, "coil")
-        field = (coil.matrix @ (prepared - coil.offset)[..., None])[..., 0]
-        return (np.abs(field) > limit).any(axis=1) & np.isfinite(field).all(axis=1)
+    def _beyond(self, readings: np.ndarray, b: np.ndarray, frame: str) -> np.ndarray:
+        """Whether a reading or its field, in the sensor frame or in coil axes, lies outside of what was calibrated."""
+        found = np.zeros(len(readings), dtype=bool)
+        if self._calibration.linearisation is not None:
+            found |= self._calibration.linearisation.limits.left_by(readings)
+        if (field := self._calibration.field) is not None:
+            # Limits along coil axes are those of a CPF, whose field may stand in them already.
+            in_their_axes = b if field.rotation is None or frame == "coil" else b @ field.rotation.T
+            found |= field.limits.left_by(in_their_axes)
+        return found
 
 
 def read(
@@ -335,22 +386,25 @@ def _together(documents: list[Document]) -> None:
 def _effects(documents: list[Document]) -> Refused | None:
     """The effects that were taken off the readings before the fit: the parameters hold for readings without them."""
     for document in documents:
-        inputs = document.get("provenance.input")
-        roles = [i.get("role") for i in inputs if isinstance(i, dict)] if isinstance(inputs, list) else []
+        if document.format not in _CALIBRATIONS:
+            continue
+        if document.get("known_effects") is not None and (files := document.texts("known_effects")):
+            return _taken_off(document, "known_effects", files)
         for key in ("model", "sweep.model"):
-            if document.get(key) is None:
-                continue
-            if document.get(f"{key}.effect"):
-                return _taken_off(document, key)
-            # Nothing of the model concerned these readings.
-            roles = [role for role in roles if role != "model"]
-        if "model" in roles and document.format in _CALIBRATIONS:
-            return _taken_off(document, "provenance.input")
+            # In a ground calibration file `model` is the equation.
+            if isinstance(document.get(key), dict):
+                file = document.text(f"{key}.file")
+                return _taken_off(document, key, [] if file is None else [file])
+        # Polynomials of before `known_effects` say so among their inputs only.
+        inputs = document.get("provenance.input")
+        if isinstance(inputs, list) and any(isinstance(i, dict) and i.get("role") == "model" for i in inputs):
+            return _taken_off(document, "provenance.input", [])
     return None
 
 
-def _taken_off(document: Document, key: str) -> Refused:
-    rule = "says that known effects were taken off the readings before the fit, which this package does not do"
+def _taken_off(document: Document, key: str, files: list[str]) -> Refused:
+    of = f"the effects of {', '.join(files)}" if files else "known effects"
+    rule = f"says that {of} were taken off the readings before the fit, which this package does not do"
     return document.refuse(key, rule, "take them off, and say so by effects_taken_off=True; or fit without --model")
 
 
@@ -376,18 +430,34 @@ def _real(where: str, name: str, value: Any) -> np.ndarray:
     return found.astype(np.float64)
 
 
-def _turn(where: str, frame: str, rotation: Any, std_deg: Any) -> tuple[np.ndarray, np.ndarray] | None:
-    """The rotation to the reference, and the variances of a turn about its axes, rad^2."""
-    if frame != "reference":
-        if rotation is not None or std_deg is not None:
-            raise Refused(where, "rotation", f"does not belong to the frame `{frame}`", "use frame=`reference`")
+def _spans(limits: Limits) -> str:
+    return ", ".join(f"{axis} {low} to {high}" for axis, (low, high) in zip(AXES, limits.values))
+
+
+def _stated_reference(document: Document, how: Applied) -> Turn | None:
+    """The rotation from the sensor frame of a file to the reference cube, where the file states it."""
+    if not document.table("reference"):
         return None
+    assert how.convention is not None
+    known, stated = FRAMES[how.convention], document.text("reference.from")
+    if stated != known:
+        raise document.refuse("reference.from", f"is `{stated}`, not the frame of the file, `{known}`")
+    rotation = document.needed("reference.rotation", (3, 3))
+    if not is_rotation(rotation):
+        raise document.refuse("reference.rotation", "is no rotation")
+    std = float(document.needed("reference.std_deg", ()))
+    if std < 0.0:
+        raise document.refuse("reference.std_deg", "must not be negative")
+    return Turn(rotation, np.full(3, np.radians(std) ** 2))
+
+
+def _given_reference(where: str, rotation: Any, std_deg: Any) -> Turn:
     if rotation is None:
-        raise Refused(where, "rotation", "is missing", "give the rotation from the sensor frame to the reference")
+        raise Refused(where, "rotation", "is missing, and the file states none", "give the rotation from the sensor frame to the reference")
     matrix = _real(where, "rotation", rotation)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not is_rotation(matrix, _ROTATION):
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not is_rotation(matrix):
         raise Refused(where, "rotation", "is no rotation of three rows", "give an orthogonal matrix with determinant +1")
     std = _real(where, "rotation_std_deg", 0.0 if std_deg is None else std_deg)
     if std.shape not in ((), (3,)) or not (std >= 0.0).all():
         raise Refused(where, "rotation_std_deg", "must be one or three numbers from zero on", "give degrees")
-    return matrix, np.radians(np.broadcast_to(std, (3,))) ** 2
+    return Turn(matrix, np.radians(np.broadcast_to(std, (3,))) ** 2)

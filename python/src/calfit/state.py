@@ -1,4 +1,8 @@
-"""A calibration at some temperatures: matrix, offset, and how both depend on parameters whose covariance is known."""
+"""A calibration at some temperatures: matrix, offset, and how both depend on parameters whose covariance is known.
+
+The parameters of a calibration are polynomials of the temperature, so that their covariance is one as well: a stack of matrices, that
+of T^k at place k.
+"""
 
 from __future__ import annotations
 
@@ -8,27 +12,31 @@ import numpy as np
 
 
 class Term(NamedTuple):
-    """Parameters with their covariance, and the derivatives of matrix and offset by them. The first length is that of the
-    temperatures, or 1 where nothing depends on them; P parameters."""
+    """Parameters with their covariance, and the derivatives of matrix and offset by them. The first length of the derivatives is that
+    of the temperatures, or 1 where they do not depend on them; P parameters."""
 
     #: (n, P, 3, 3), or None where the matrix does not depend on them.
     d_matrix: np.ndarray | None
     #: (n, P, 3), or None where the offset does not depend on them.
     d_offset: np.ndarray | None
-    #: (n, P, P).
+    #: (K, P, P), the covariance over T^k.
     covariance: np.ndarray
 
-    def variance(self, matrix: np.ndarray, without_offset: np.ndarray, rotation: np.ndarray | None) -> np.ndarray:
+    def variance(
+        self, t: np.ndarray, matrix: np.ndarray, without_offset: np.ndarray, rotation: np.ndarray | None
+    ) -> np.ndarray:
         """Variance of `matrix (reading - offset)` by these parameters: the diagonal of J C J^T, (n, 3)."""
-        jacobian: np.ndarray | float = 0.0
+        jacobian = np.zeros((1, 3, self.covariance.shape[1]))
         if self.d_matrix is not None:
-            by_matrix = self.d_matrix @ without_offset[:, None, :, None]
-            jacobian = np.swapaxes(by_matrix[..., 0], 1, 2)
+            jacobian = np.einsum("npij,nj->nip", self.d_matrix, without_offset)
         if self.d_offset is not None:
             jacobian = jacobian - matrix @ np.swapaxes(self.d_offset, 1, 2)
         if rotation is not None:
             jacobian = rotation @ jacobian
-        return ((jacobian @ self.covariance) * jacobian).sum(axis=2)
+        # All readings at once: products of small matrices, one per reading, are slow.
+        rows = np.ascontiguousarray(jacobian).reshape(-1, jacobian.shape[2])
+        powers = [np.einsum("mp,mp->m", np.einsum("mp,pq->mq", rows, c), rows).reshape(-1, 3) for c in self.covariance]
+        return horner(np.stack(powers), t[:, None])
 
 
 class State(NamedTuple):
@@ -42,18 +50,22 @@ class State(NamedTuple):
 
 
 def horner(coefficients: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """The polynomial of a temperature, coefficients lowest order first."""
+    """The polynomial of a temperature, coefficients lowest order first: numbers, or arrays that go with the temperatures."""
     found = np.zeros_like(t)
     for coefficient in coefficients[::-1]:
         found = found * t + coefficient
     return found
 
 
-def powers(t: np.ndarray, count: int) -> np.ndarray:
-    """(1, T, T^2, ...), shape (n, count)."""
-    return t[:, None] ** np.arange(count)
+def constant(covariance: np.ndarray) -> np.ndarray:
+    """A covariance that does not depend on the temperature, from the matrix or from variances of independent parameters."""
+    return (np.diag(covariance) if covariance.ndim == 1 else covariance)[None]
 
 
-def diagonal(variances: np.ndarray) -> np.ndarray:
-    """Matrices with these diagonals: (..., P) to (..., P, P)."""
-    return variances[..., None] * np.eye(variances.shape[-1])
+def over_temperature(covariance: np.ndarray, parameters: list[int], orders: list[int], count: int) -> np.ndarray:
+    """The covariance of `count` parameters from that of their coefficients: coefficient i is that of T^orders[i] of parameter
+    parameters[i], and several of one order add."""
+    found = np.zeros((2 * max(orders) + 1, count, count))
+    order, parameter = np.array(orders), np.array(parameters)
+    np.add.at(found, (order[:, None] + order, parameter[:, None], parameter[None, :]), covariance)
+    return found

@@ -8,13 +8,15 @@ from . import alignment
 from .document import Document
 
 _CONVENTIONS = {"BepiColombo": alignment.BEPICOLOMBO, "Rosetta": alignment.ROSETTA}
-_FRAMES = {
+FRAMES = {
     alignment.BEPICOLOMBO: "sensor (BepiColombo): x along sensor axis x, y in the plane of x and y",
     alignment.ROSETTA: "sensor (Rosetta): x along the first column of omega, y in the plane of the first two columns; the columns "
     "are the directions in which a field shows on one component only",
 }
 _BEFORE = "along the sensor axes, before sigma and omega"
 _CORE = ("sigma", "omega")
+#: Kinds that may hold the linearisation with which their runs were calibrated.
+_LINEARISED = ("CPF", "TPF", "TCF")
 _TO_COIL = ("rho", "r_nom")
 _OFFSET = {"acts": "before the matrix", "sign": "subtracted", "unit": "enT"}
 _REMEDY = "use a version of this package that knows it, or take the file from its source again"
@@ -122,7 +124,7 @@ def _belongs(document: Document, found: Applied) -> None:
     }[form]
     if not fits:
         raise document.refuse("apply.steps", f"is not how {form} files are applied", _REMEDY)
-    if form not in ("CPF", "LINEARISATION") and found.linearise:
+    if form not in (*_LINEARISED, "LINEARISATION") and found.linearise:
         raise document.refuse("apply.steps", f"linearises, for which {form} files hold no coefficients", _REMEDY)
     if form == "CPF":
         stated = cpf_convention(document)
@@ -130,8 +132,8 @@ def _belongs(document: Document, found: Applied) -> None:
             raise document.refuse(
                 "matrix.omega_convention", f"contradicts `apply.omega`, {found.convention}", "correct the file, or fit again"
             )
-        if found.linearise != bool(document.table("linearisation")):
-            raise document.refuse("linearisation", "and the step `linearise` must stand together")
+    if form in _LINEARISED and found.linearise != bool(document.table("linearisation")):
+        raise document.refuse("linearisation", "and the step `linearise` must stand together")
 
 
 def cpf_convention(document: Document) -> str | None:
@@ -155,9 +157,10 @@ def _without_table(document: Document) -> Applied:
         convention = cpf_convention(document) or alignment.BEPICOLOMBO
         # Files of other programs may hold sensitivities and angles alone.
         to_coil = document.get("matrix.rho") is not None and document.get("matrix.r_nom") is not None
-        return Applied(bool(document.table("linearisation")), "b_or", convention, to_coil, _FRAMES[convention])
+        return Applied(bool(document.table("linearisation")), "b_or", convention, to_coil, FRAMES[convention])
     if form == "TPF":
-        return Applied(False, "b_or", alignment.BEPICOLOMBO, False, _FRAMES[alignment.BEPICOLOMBO])
+        linearise = bool(document.table("linearisation"))
+        return Applied(linearise, "b_or", alignment.BEPICOLOMBO, False, FRAMES[alignment.BEPICOLOMBO])
     if form == "RPCMAG":
-        return Applied(False, "b_off", alignment.ROSETTA, False, _FRAMES[alignment.ROSETTA])
+        return Applied(False, "b_off", alignment.ROSETTA, False, FRAMES[alignment.ROSETTA])
     raise document.refuse("apply", "is missing", "make the file again")
