@@ -1,0 +1,134 @@
+//! Amplitude and phase of every setting, with uncertainties from the noise near its frequency.
+
+use super::clock::Clock;
+use super::samples::Record;
+use super::tones::Tone;
+use crate::data::frequency::SineAmplitude;
+use crate::fit::sine::{self, Residue, Sine, SineRefusal};
+use rayon::prelude::*;
+use std::f64::consts::TAU;
+
+/// An amplitude of fewer standard uncertainties does not stand out of the noise.
+pub(super) const DETECTED: f64 = 3.0;
+
+/// Amplitude and phase of every setting; those that were refused say why.
+pub(super) fn amplitudes(tones: &[Tone], records: &[&Record], clock: &Clock) -> Vec<SineAmplitude> {
+    let fits: Vec<Result<Option<Fits>, SineRefusal>> =
+        tones.par_iter().zip(records).map(|(tone, record)| Fits::of(tone, record, clock)).collect();
+    let noise = noise(tones, records, &fits, clock);
+    (0..tones.len()).map(|j| amplitude(&tones[j], records[j], &fits[j], noise[j])).collect()
+}
+
+/// The sines of one setting.
+struct Fits {
+    rate_hz: f64,
+    components: [Sine; 3],
+}
+
+impl Fits {
+    /// `None` if no part of the setting is used, or why it has none.
+    fn of(tone: &Tone, record: &Record, clock: &Clock) -> Result<Option<Self>, SineRefusal> {
+        let used = tone.used.clone();
+        let Some([first, last]) = record.ends_s(&used) else { return Ok(None) };
+        let rate_hz = clock.at(0.5 * (first + last));
+        let three = |i: usize| {
+            let readings = &record.y[i][used.clone()];
+            sine::three(&record.n[used.clone()], readings, tone.setting.frequency_hz, rate_hz)
+        };
+        Ok(Some(Self { rate_hz, components: [three(0)?, three(1)?, three(2)?] }))
+    }
+}
+
+/// Standard deviation of a reading by the noise near the frequency, per setting and component, for amplitude and phase.
+fn noise(
+    tones: &[Tone],
+    records: &[&Record],
+    fits: &[Result<Option<Fits>, SineRefusal>],
+    clock: &Clock,
+) -> Vec<[Option<[f64; 2]>; 3]> {
+    let present: Vec<(usize, &Fits)> =
+        fits.iter().enumerate().filter_map(|(j, fits)| Some((j, fits.as_ref().ok()?.as_ref()?))).collect();
+    let of = |i: usize| {
+        let mut residues = Vec::with_capacity(present.len());
+        for (j, fits) in &present {
+            let (n, fit) = (&records[*j].n[tones[*j].used.clone()], &fits.components[i]);
+            let frequency_hz = tones[*j].setting.frequency_hz;
+            residues.push(Residue { n, residuals: &fit.residuals, frequency_hz, phase_rad: fit.phase_rad });
+        }
+        sine::noise_near(&residues, clock.mean_hz)
+    };
+    let components: Vec<Vec<Option<[f64; 2]>>> = (0..3).into_par_iter().map(of).collect();
+    let mut noise = vec![[None; 3]; tones.len()];
+    for (k, (j, _)) in present.iter().enumerate() {
+        noise[*j] = std::array::from_fn(|i| components[i][k]);
+    }
+    noise
+}
+
+/// Amplitude and phase of one setting.
+fn amplitude(
+    tone: &Tone,
+    record: &Record,
+    fits: &Result<Option<Fits>, SineRefusal>,
+    noise: [Option<[f64; 2]>; 3],
+) -> SineAmplitude {
+    let frequency_hz = tone.setting.frequency_hz;
+    let mut part = SineAmplitude {
+        frequency_hz,
+        b_ent: [f64::NAN; 3],
+        b_std_ent: [f64::NAN; 3],
+        phase_deg: None,
+        phase_std_deg: None,
+        phase_counter: None,
+        used: false,
+        weight: [0.0; 3],
+        detected: [false; 3],
+        alias_hz: None,
+        used_s: None,
+        samples: None,
+        remark: tone.remark.clone(),
+    };
+    let fits = match fits {
+        Ok(Some(fits)) => fits,
+        Ok(None) => return part,
+        Err(refusal) => {
+            part.remark = refusal.to_string();
+            return part;
+        }
+    };
+    let n = &record.n[tone.used.clone()];
+    // In the middle of the stretch the phase is seen, elsewhere it depends on the sampling frequency.
+    let middle = n[n.len() / 2];
+    let turned = sine::phase(frequency_hz, fits.rate_hz, middle);
+    let (mut phase_deg, mut phase_std_deg) = ([f64::NAN; 3], [f64::NAN; 3]);
+    for (i, fit) in fits.components.iter().enumerate() {
+        // Standard deviations of the fit take the residuals for white noise.
+        let [of_amplitude, of_phase] = match noise[i] {
+            Some(near) if fit.residual_std > 0.0 => near.map(|near| near / fit.residual_std),
+            _ => [1.0; 2],
+        };
+        let std = of_amplitude * fit.amplitude_std;
+        part.b_ent[i] = fit.amplitude;
+        part.b_std_ent[i] = std;
+        part.detected[i] = fit.amplitude > DETECTED * std;
+        if part.detected[i] {
+            let phase = (fit.phase_rad + turned) / TAU;
+            phase_deg[i] = within_a_turn_deg(phase);
+            phase_std_deg[i] = of_phase * fit.phase_std_rad.to_degrees();
+        }
+    }
+    let cycles = frequency_hz / fits.rate_hz;
+    part.alias_hz = Some((cycles - cycles.round()).abs() * fits.rate_hz);
+    part.phase_counter = Some(middle);
+    part.phase_deg = Some(phase_deg);
+    part.phase_std_deg = Some(phase_std_deg);
+    part.used_s = record.ends_s(&tone.used);
+    part.samples = Some(n.len() as u64);
+    part.used = true;
+    part
+}
+
+/// Cycles as an angle from -180 to 180 degrees.
+pub(super) fn within_a_turn_deg(cycles: f64) -> f64 {
+    360.0 * (cycles - cycles.round())
+}

@@ -1,0 +1,75 @@
+//! Why a run has no frequency analysis.
+
+use super::samples::{LEAST_SAMPLES, MOST_SAMPLES};
+use crate::data::run::Kind;
+use thiserror::Error;
+
+/// Why a run has no frequency analysis.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum FreqError {
+    /// Not a frequency run.
+    #[error("the run is of kind {0}, not frequency")]
+    Kind(Kind),
+    /// No sines.
+    #[error("no setting is a sine: the frequencies in @FIELDS are all 0")]
+    NoSines,
+    /// No samples.
+    #[error("no samples fall into the settings")]
+    NoSamples,
+    /// Settling leaves nothing.
+    #[error("no setting has {LEAST_SAMPLES} samples after its settling")]
+    Unsettled,
+    /// A component that gives the same reading always.
+    #[error("component {component} is stuck at {reading_ent} enT")]
+    Stuck {
+        /// Component.
+        component: &'static str,
+        /// Its reading, enT.
+        reading_ent: f64,
+    },
+    /// More than fits into memory.
+    #[error("the settings hold more than {MOST_SAMPLES} samples")]
+    TooLong,
+    /// Every frequency is refused.
+    #[error("no frequency can be used; the first, {frequency_hz} Hz: {why}")]
+    NothingUsable {
+        /// Frequency, Hz.
+        frequency_hz: f64,
+        /// Why.
+        why: String,
+    },
+    /// Settings of another run.
+    #[error("{disturbed} of {total} settings hold no sine of their frequencies")]
+    Mismatch {
+        /// Settings that hold something else.
+        disturbed: usize,
+        /// Settings with a frequency.
+        total: usize,
+    },
+    /// No sampling frequency.
+    #[error("component {component} has no sampling frequency: {why}")]
+    NoRate {
+        /// Component.
+        component: &'static str,
+        /// Why.
+        why: String,
+    },
+}
+
+impl FreqError {
+    /// What to do about it.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            FreqError::Kind(_) => "use the command for that kind",
+            FreqError::NoSines => "check `kind` and the settings of the run",
+            FreqError::NoSamples => "check the times of the settings; a table of amplitudes goes with --amplitudes",
+            FreqError::Unsettled => "say with --settling how much time to leave out after a change of frequency",
+            FreqError::Stuck { .. } => "check the component and its wiring",
+            FreqError::TooLong => "split the run",
+            FreqError::NothingUsable { .. } => "check the frequencies and times of the settings",
+            FreqError::Mismatch { .. } => "check that settings and times are those of this run",
+            FreqError::NoRate { .. } => "check the sample rate in the head of the file and the frequencies of the settings",
+        }
+    }
+}
