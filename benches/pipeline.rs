@@ -103,7 +103,7 @@ fn read(path: &Path, two_threads: bool, sink: &mut impl VectorSink) -> Run {
 
 fn plateaus(accumulator: Accumulator) -> Plateaus {
     let options = Options::default();
-    accumulator.finish(options.settling, options.least_coverage)
+    accumulator.finish(options.cut)
 }
 
 /// The campaign that a single run file stands for: position 1 along the coil axes.

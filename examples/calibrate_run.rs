@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 }
             };
             let options = Options::default();
-            let plateaus = plateau::of_run(&run, means, options.settling, options.least_coverage);
+            let plateaus = plateau::of_run(&run, means, options.cut);
             match lin(&run, &plateaus, &campaign.file.instructions, &options) {
                 Ok(result) => {
                     let (matrix, std) = (&result.calibration.matrix, &result.calibration.std);

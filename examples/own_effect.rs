@@ -57,7 +57,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut means = Accumulator::default();
     let run = ccr::read(&path, &ccr::Options::default(), &mut means).map_err(|findings| findings[0].to_string())?;
     let options = lin::Options::default();
-    let mut plateaus = plateau::of_run(&run, means, options.settling, options.least_coverage);
+    let mut plateaus = plateau::of_run(&run, means, options.cut);
 
     // The effect on z, hidden in the means: 1e-6 enT/nT² are 4 enT in 2000 nT along x and y together.
     for p in &mut plateaus.list {

@@ -4,7 +4,7 @@
 use crate::common;
 
 use calfit::data::error::Severity;
-use calfit::data::plateau::Settling;
+use calfit::data::plateau::{Cut, Settling};
 use calfit::files::ccr;
 use calfit::measure::lin;
 use calfit::workflow::RunResult;
@@ -634,7 +634,11 @@ fn a_zero_field_programme_determines_nothing() {
 fn options_of_the_library_and_of_the_command_agree() {
     let case = Case::of(good().text());
     case.done(&["--settling", "0.5", "--order", "1"]);
-    let options = lin::Options { settling: Settling::Given(0.5), trend_order: Some(1), ..lin::Options::default() };
+    let options = lin::Options {
+        cut: Cut { settling: Settling::Given(0.5), ..Cut::default() },
+        trend_order: Some(1),
+        ..lin::Options::default()
+    };
     let lin = fit_with(&case.file(), &ccr::Options::default(), &options).unwrap();
     assert_eq!(sigma(&cpf(&case.out(), common::RUN_ID)), fitted_sigma(&lin));
     assert!(read(&case.file(), &mut ()).unwrap().findings.iter().all(|f| f.severity == Severity::Note));

@@ -1,7 +1,7 @@
 //! The linear calibration gives the published, the true and the hand-made parameters back.
 
 use calfit::data::note::NoteKind;
-use calfit::data::plateau::{self, Accumulator, Plateau, Plateaus, Settling};
+use calfit::data::plateau::{self, Accumulator, Plateau, Plateaus};
 use calfit::data::run::{Kind, Run, Setting};
 use calfit::data::units::{FieldCoil, Reading};
 use calfit::files::campaign::Campaign;
@@ -37,11 +37,7 @@ fn fit(path: &Path, options: &Options) -> (Run, Lin) {
     let campaign = Campaign::open(&[path.to_owned()], &mut Vec::new()).unwrap().remove(0);
     let mut accumulator = Accumulator::default();
     let run = ccr::read(path, &ccr::Options::default(), &mut accumulator).unwrap();
-    let plateaus = if run.blocks.is_empty() {
-        accumulator.finish(options.settling, options.least_coverage)
-    } else {
-        plateau::from_blocks(&run.blocks)
-    };
+    let plateaus = if run.blocks.is_empty() { accumulator.finish(options.cut) } else { plateau::from_blocks(&run.blocks) };
     let result = lin(&run, &plateaus, &campaign.file.instructions, options).unwrap();
     (run, result)
 }
@@ -351,8 +347,7 @@ fn a_parameter_file_reads_back_to_the_last_bit_and_notices_changes() {
 
 #[test]
 fn the_sample_run_gives_its_truth_and_leaves_out_what_the_campaign_says() {
-    let (run, result) =
-        fit(&repository("runs/sample/26-01-15/09-00-00.CCR"), &Options { settling: Settling::Found, ..Options::default() });
+    let (run, result) = fit(&repository("runs/sample/26-01-15/09-00-00.CCR"), &Options::default());
     assert_eq!((run.vectors.lost, run.vectors.gap_count), (56, 2));
     let p = &result.calibration;
     assert_eq!(result.dropped.iter().map(|d| d.block).collect::<Vec<_>>(), [8, 9]);

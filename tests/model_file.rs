@@ -66,7 +66,7 @@ fn fit(path: &Path, model: Option<Known>) -> Lin {
     let mut accumulator = Accumulator::default();
     let run = ccr::read(path, &ccr::Options::default(), &mut accumulator).unwrap();
     let options = Options { model, trend_order: Some(0), ..Options::default() };
-    let plateaus = accumulator.finish(options.settling, options.least_coverage);
+    let plateaus = accumulator.finish(options.cut);
     lin(&run, &plateaus, &campaign.file.instructions, &options).unwrap()
 }
 
@@ -333,7 +333,7 @@ fn a_sweep_uses_the_lag_of_the_model() {
     let mut accumulator = Accumulator::default();
     let run = ccr::read(&path, &ccr::Options::default(), &mut accumulator).unwrap();
     let options = sweep::Options { model, ..sweep::Options::default() };
-    let plateaus = accumulator.finish(options.settling, options.least_coverage);
+    let plateaus = accumulator.finish(options.cut);
     let swept = sweep::sweep(&run, &plateaus, &campaign.file.instructions, &options).unwrap();
     // Half a kelvin per second from -60 °C on, eight seconds late.
     let last = swept.blocks.last().unwrap();

@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use calfit::data::plateau::Settling;
+use calfit::data::plateau::{Cut, Settling};
 use calfit::data::provenance::{Input, Provenance, Role};
 use calfit::data::recipe::{ANALYSES, Reading, Recipe, RecipeError};
 use calfit::files::parameter::{FileKind, KINDS, toml};
@@ -88,26 +88,25 @@ proptest! {
         name in proptest::option::of("[A-Za-z0-9_°][A-Za-z0-9 _.\"'°-]{0,12}[A-Za-z0-9]").prop_filter("no option", |n| !n.as_ref().is_some_and(|n| n.contains(" --"))),
         reading in reading(),
     ) {
+        let cut = Cut { settling, least_coverage: coverage };
         let linear = lin::Options {
             trend_order,
             max_field_nt,
             robust,
-            settling,
-            least_coverage: coverage,
+            cut,
             allow_gain: gain,
             allow_mismatch: mismatch,
             ..lin::Options::default()
         };
         round("lin", linear.clone(), reading, &[Role::Facility, Role::Linearisation, Role::Model]);
         round("linearise", linear, reading, &[Role::Facility, Role::Model]);
-        let offsets = offset::Options { settling, least_coverage: coverage, allow_mismatch: mismatch, ..offset::Options::default() };
+        let offsets = offset::Options { cut, allow_mismatch: mismatch, ..offset::Options::default() };
         round("offset", offsets, reading, &[Role::Cpf, Role::Facility]);
         round("freq", freq::Options { settling, ..freq::Options::default() }, reading, &[Role::Model]);
         round("freq", freq::Options::default(), Reading::default(), &[Role::Amplitudes]);
         round("null", null::Options { order, ..null::Options::default() }, reading, &[Role::Cpf]);
         let swept = sweep::Options {
-            settling,
-            least_coverage: coverage,
+            cut,
             window,
             most_k_per_min,
             orders: orders.clone(),
@@ -135,6 +134,9 @@ fn an_option_of_another_analysis_is_refused_and_named() {
     assert_eq!(refused("calfit null --order 1.5"), value("1.5"));
     assert_eq!(refused("calfit null --order"), value(""));
     says(&refused("calfit null --robust").to_string(), &["`null`", "robust"]);
+    // Also beside options that analyses share.
+    let linear = Recipe::of_command("calfit lin --settling 2 --coverage 0.5 --joint", &mut []).unwrap();
+    says(&linear.options::<lin::Options>().unwrap_err().to_string(), &["`lin`", "joint"]);
     let facility = Input { path: "f".to_owned(), ..Input::default() };
     let other = Recipe::of_command("calfit null --facility f", &mut [facility]).unwrap_err();
     assert_eq!(other, RecipeError::Option("facility".to_owned()));

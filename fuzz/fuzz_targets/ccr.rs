@@ -9,7 +9,7 @@
 #![no_main]
 
 use calfit::files::ccr::{Options, peek, read};
-use calfit::data::plateau::{Accumulator, Settling};
+use calfit::data::plateau::{Accumulator, Cut};
 use calfit::data::run::{Header, Setting, Vector, VectorSink};
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
@@ -38,7 +38,7 @@ impl VectorSink for Bits {
 fn account(path: &Path, options: &Options) -> String {
     let mut sinks = (Bits::default(), Accumulator::default());
     let run = read(path, options, &mut sinks);
-    let plateaus = run.is_ok().then(|| sinks.1.finish(Settling::Found, 0.9));
+    let plateaus = run.is_ok().then(|| sinks.1.finish(Cut::default()));
     format!("{run:?} {:?} {plateaus:?}", sinks.0)
 }
 

@@ -26,8 +26,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let options = Options {
-        settling: arguments.cut.settling,
-        least_coverage: arguments.cut.coverage,
+        cut: arguments.cut.into(),
         allow_mismatch: common.allows(Allow::Mismatch),
         cpf: sensitivities(arguments.cpf.as_ref())?,
         facility: facility(arguments.facility.as_ref())?,

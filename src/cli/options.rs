@@ -1,12 +1,12 @@
 //! Options that several commands share, and their values.
 
-use crate::data::plateau::{LEAST_COVERAGE, Settling};
+use crate::data::plateau::{self, LEAST_COVERAGE, Settling};
 use crate::data::thermistor::HIGHEST_ORDER;
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES};
 use clap::Args;
 
 /// Which part of a plateau is used.
-#[derive(Args, Clone, Debug)]
+#[derive(Args, Clone, Copy, Debug)]
 pub(super) struct Cut {
     /// Time to leave out after every step, s, or `auto` to find it in the data.
     #[arg(long, value_name = "S", default_value = "auto", value_parser = settling)]
@@ -14,6 +14,12 @@ pub(super) struct Cut {
     /// Least part of a plateau's samples that must be there.
     #[arg(long, value_name = "PART", default_value_t = LEAST_COVERAGE, value_parser = part)]
     pub coverage: f64,
+}
+
+impl From<Cut> for plateau::Cut {
+    fn from(cut: Cut) -> Self {
+        Self { settling: cut.settling, least_coverage: cut.coverage }
+    }
 }
 
 /// Why the value of an option is refused: what to write in its place.

@@ -1,14 +1,17 @@
 //! Vectors to plateau statistics, streaming: every setting is divided into equal bins, each with count, mean, scatter and
 //! extremes, so that settling, edges and spikes can be judged afterwards without keeping samples.
 
+mod cut;
 mod edges;
 mod inside;
+
+pub use cut::{Cut, LEAST_COVERAGE, Settling};
 
 use crate::data::run::{GivenBlock, Header, Run, Setting, Vector, VectorSink};
 use crate::data::units::{COMPONENTS, Reading};
 use crate::fit::statistics::median;
 use inside::{contrasts, drop_saturated, spiky_bins};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::cell::OnceCell;
 use std::fmt;
 use std::ops::Range;
@@ -42,31 +45,6 @@ impl Bin {
     #[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
     fn mean(&self, axis: usize) -> f64 {
         self.sum[axis] / self.count as f64
-    }
-}
-
-/// Where a setting's samples stop to be influenced by the step before it. As data it is a number of seconds, or nothing where it is found.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(from = "Option<f64>", into = "Option<f64>")]
-pub enum Settling {
-    /// Found from the data.
-    Found,
-    /// Given, s after the begin of the setting.
-    Given(f64),
-}
-
-impl From<Option<f64>> for Settling {
-    fn from(given_s: Option<f64>) -> Self {
-        given_s.map_or(Settling::Found, Settling::Given)
-    }
-}
-
-impl From<Settling> for Option<f64> {
-    fn from(settling: Settling) -> Self {
-        match settling {
-            Settling::Found => None,
-            Settling::Given(s) => Some(s),
-        }
     }
 }
 
@@ -357,9 +335,9 @@ impl Accumulator {
         }
     }
 
-    /// The plateaus of what was read. A plateau with less than `least_coverage` of its expected samples is dropped.
+    /// The plateaus of what was read. A plateau with less than the least coverage of its expected samples is dropped.
     #[must_use]
-    pub fn finish(mut self, settling: Settling, least_coverage: f64) -> Plateaus {
+    pub fn finish(mut self, Cut { settling, least_coverage }: Cut) -> Plateaus {
         self.close();
         let edges = self.find_edges();
         let settling_s = match settling {
@@ -468,19 +446,10 @@ impl Accumulator {
     }
 }
 
-/// Default of the least part of the expected samples that a plateau must have.
-pub const LEAST_COVERAGE: f64 = 0.9;
-
-/// Whether a coverage is the usual one, which a recipe does not name.
-#[must_use]
-pub fn is_usual_coverage(least: &f64) -> bool {
-    *least == LEAST_COVERAGE
-}
-
 /// The plateaus of a run: those that the file brings, or those of the vectors that were read.
 #[must_use]
-pub fn of_run(run: &Run, vectors: Accumulator, settling: Settling, least_coverage: f64) -> Plateaus {
-    if run.blocks.is_empty() { vectors.finish(settling, least_coverage) } else { from_blocks(&run.blocks) }
+pub fn of_run(run: &Run, vectors: Accumulator, cut: Cut) -> Plateaus {
+    if run.blocks.is_empty() { vectors.finish(cut) } else { from_blocks(&run.blocks) }
 }
 
 /// Plateaus that the file brings ready made.

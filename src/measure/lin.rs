@@ -9,7 +9,6 @@ mod refusal;
 mod result;
 
 pub use options::Options;
-pub(super) use prepare::{apply_limits, the_position};
 pub use refusal::LinError;
 pub use result::{Block, Lin};
 

@@ -16,7 +16,7 @@ pub use refusal::OffsetError;
 use crate::data::calibration::Sensitivities;
 use crate::data::note::Note;
 use crate::data::offset::{OffsetFound, OffsetQuality, OffsetValues, PositionVisit, ScaledOffset};
-use crate::data::plateau::{LEAST_COVERAGE, Plateau, Plateaus, Settling, is_usual_coverage};
+use crate::data::plateau::{Cut, Plateau, Plateaus};
 use crate::data::provenance::Input;
 use crate::data::result::Dropped;
 use crate::data::run::{Kind, Run};
@@ -29,15 +29,12 @@ use solved::Solved;
 use stay::{Stay, stays};
 
 /// How an offset analysis is made.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Options {
-    /// Settling after a step.
-    #[serde(rename = "settling_s")]
-    pub settling: Settling,
-    /// Least part of the expected samples of a plateau.
-    #[serde(rename = "coverage", skip_serializing_if = "is_usual_coverage")]
-    pub least_coverage: f64,
+    /// Which part of every setting is used.
+    #[serde(flatten)]
+    pub cut: Cut,
     /// Go on when the readings do not follow the settings.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub allow_mismatch: bool,
@@ -47,12 +44,6 @@ pub struct Options {
     /// The facility that turns settings into applied fields; its offset field stays part of the residual field that is measured.
     #[serde(skip)]
     pub facility: Option<Facility>,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self { settling: Settling::Found, least_coverage: LEAST_COVERAGE, allow_mismatch: false, cpf: None, facility: None }
-    }
 }
 
 /// Offsets and residual field of one run, with what is needed to judge them. What is not determined is nan.

@@ -19,7 +19,6 @@ pub use options::{Options, WINDOW, Window};
 pub use refusal::SweepError;
 pub use result::{SettingCounts, Sweep, SweepBlock, WindowFit};
 
-use super::lin::{apply_limits, the_position};
 use super::structure;
 use super::thermal::{QuantityFit, band};
 use crate::data::across::LinearScope;
@@ -33,6 +32,7 @@ use crate::model::campaign::Instructions;
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::record::conditions::{self, Temperatures};
 use crate::record::known::{self, Known};
+use crate::record::position::{apply_limits, the_position};
 use joint::Joint;
 use means::{Asked, Means};
 use nalgebra::Matrix3;
@@ -59,12 +59,12 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     if run.header.kind != Kind::Sweep {
         return Err(SweepError::Kind(run.header.kind));
     }
-    let (_, position) = the_position(plateaus, instructions).map_err(|e| SweepError::Position(e.to_string()))?;
+    let (_, position) = the_position(plateaus, instructions)?;
     let mut list = plateaus.list.clone();
     apply_limits(&mut list, position, &instructions.limits_nt(&run.header));
     let mut notes: Vec<Note> = Vec::new();
     let facility = options.facility.as_ref().map(|f| conditions::apply_facility(f, run, instructions, &mut list, &mut notes));
-    let facility = facility.transpose().map_err(|e| SweepError::Position(e.to_string()))?;
+    let facility = facility.transpose()?;
     let model = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, instructions, &mut notes));
 
     let usable: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();

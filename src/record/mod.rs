@@ -5,5 +5,6 @@ pub mod conditions;
 pub mod faults;
 pub mod known;
 pub mod linearised;
+pub mod position;
 pub mod prepared;
 pub mod single_readings;

@@ -2,7 +2,7 @@
 
 use super::{Desk, Failure, Job, draw};
 use crate::data::error::Finding;
-use crate::data::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
+use crate::data::plateau::{self, Accumulator, Cut};
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::recipe::Recipe;
 use crate::diagnose::across::{RunValues, across};
@@ -50,7 +50,7 @@ pub fn diagnose_run(
     let mut sink = (Accumulator::default(), Samples::default());
     let run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut sink).map_err(Failure::Unreadable)?;
     let (accumulator, samples) = sink;
-    let plateaus = plateau::of_run(&run, accumulator, Settling::Found, LEAST_COVERAGE);
+    let plateaus = plateau::of_run(&run, accumulator, Cut::default());
     let diagnosis = diagnose::run(&run, &plateaus, Some(&samples), job.campaign, options)
         .map_err(|reason| Failure::Refused(refusal(&job.recorded, &reason)))?;
     let mut input = vec![Input::from(&run.input)];
@@ -121,7 +121,7 @@ impl Across {
             let taken = ccr::read(&job.path, &desk.reading(&job.recorded, true), &mut sink)
                 .map_err(Failure::Unreadable)
                 .and_then(|run| {
-                    let plateaus = plateau::of_run(&run, sink, options.settling, options.least_coverage);
+                    let plateaus = plateau::of_run(&run, sink, options.cut);
                     let values = RunValues::of_run(&run, &plateaus, job.campaign, options).map_err(refuse)?;
                     Ok((values, Input::from(&run.input)))
                 });

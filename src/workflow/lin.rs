@@ -35,7 +35,7 @@ impl PerRun for Options {
     }
 
     fn analyse(&self, run: &Run, (accumulator, envelope): Self::Sink, campaign: &Campaign) -> Result<Lin, Refusal> {
-        let plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
+        let plateaus = plateau::of_run(run, accumulator, self.cut);
         let mut result = lin(run, &plateaus, &campaign.file.instructions, self)
             .map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
         result.samples = envelope.filter(|_| run.blocks.is_empty()).map(|e| e.columns());

@@ -34,7 +34,7 @@ impl PerRun for Options {
     }
 
     fn analyse(&self, run: &Run, accumulator: Self::Sink, campaign: &Campaign) -> Result<Sweep, Refusal> {
-        let plateaus = plateau::of_run(run, accumulator, self.settling, self.least_coverage);
+        let plateaus = plateau::of_run(run, accumulator, self.cut);
         sweep(run, &plateaus, &campaign.file.instructions, self).map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })
     }
 

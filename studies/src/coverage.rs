@@ -8,7 +8,7 @@ mod sines;
 
 use crate::repository;
 use calfit::data::across::CalibratedRun;
-use calfit::data::plateau::{Accumulator, LEAST_COVERAGE, Settling};
+use calfit::data::plateau::{Accumulator, Cut};
 use calfit::data::run::Setting;
 use calfit::data::units::FieldCoil;
 use calfit::files::mag::{Programme, Step};
@@ -288,7 +288,7 @@ fn estimates(names: &[&str], values: &[f64], std: &[f64], truth: &[f64], bounds:
 fn plateaus(run: &SimulatedRun) -> (calfit::data::run::Run, calfit::data::plateau::Plateaus) {
     let mut accumulator = Accumulator::default();
     let run = run.play(&mut accumulator);
-    (run, accumulator.finish(Settling::Found, LEAST_COVERAGE))
+    (run, accumulator.finish(Cut::default()))
 }
 
 fn of_lin(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {

@@ -317,11 +317,7 @@ pub fn fit_with(path: &Path, reading: &ccr::Options, options: &lin::Options) -> 
     let mut sink = Accumulator::default();
     let run =
         ccr::read(path, reading, &mut sink).map_err(|all| all.iter().map(Finding::to_string).collect::<Vec<_>>().join("\n"))?;
-    let plateaus = if run.blocks.is_empty() {
-        sink.finish(options.settling, options.least_coverage)
-    } else {
-        plateau::from_blocks(&run.blocks)
-    };
+    let plateaus = if run.blocks.is_empty() { sink.finish(options.cut) } else { plateau::from_blocks(&run.blocks) };
     lin::lin(&run, &plateaus, &campaigns[0].file.instructions, options).map_err(|e| format!("{e}; {}", e.remedy()))
 }
 

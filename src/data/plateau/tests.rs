@@ -64,14 +64,14 @@ fn saturated(plateaus: &Plateaus) -> usize {
 
 #[test]
 fn nothing_is_left_out_where_the_field_is_there_at_once() {
-    let p = made(0.0, 0.0, 1e9).finish(Settling::Found, 0.9);
+    let p = made(0.0, 0.0, 1e9).finish(Cut::default());
     assert_eq!((p.settling_s, p.early_end_s, p.edge_shift_s, p.outside), (0.0, 0.0, 0.0, 0));
     assert!(p.list.iter().all(|p| p.dropped.is_none() && p.count == Some(1024)));
 }
 
 #[test]
 fn a_decay_is_left_out_until_it_is_lost_in_the_noise() {
-    let p = made(0.2, 0.0, 1e9).finish(Settling::Found, 0.9);
+    let p = made(0.2, 0.0, 1e9).finish(Cut::default());
     // 1900 nT fall below the 0.01 enT that a bin can show after twelve time constants.
     assert!((1.6..6.0).contains(&p.settling_s), "{}", p.settling_s);
     assert!(p.list.iter().all(|p| (p.mean.0[0] - p.setting.field.0[0]).abs() < 0.05));
@@ -80,29 +80,29 @@ fn a_decay_is_left_out_until_it_is_lost_in_the_noise() {
 
 #[test]
 fn a_decay_that_does_not_end_is_told() {
-    assert!(made(1.5, 0.0, 1e9).finish(Settling::Found, 0.9).still_settling);
-    assert!(!made(1.5, 0.0, 1e9).finish(Settling::Given(7.0), 0.9).still_settling);
+    assert!(made(1.5, 0.0, 1e9).finish(Cut::default()).still_settling);
+    assert!(!made(1.5, 0.0, 1e9).finish(Cut { settling: Settling::Given(7.0), ..Cut::default() }).still_settling);
 }
 
 #[test]
 fn displaced_data_are_measured_and_their_edges_left_out() {
     for late_s in [0.4, 1.1, -0.4, -1.1] {
         for settling in [Settling::Found, Settling::Given(0.0)] {
-            let p = made(0.0, late_s, 1e9).finish(settling, 0.9);
+            let p = made(0.0, late_s, 1e9).finish(Cut { settling, ..Cut::default() });
             assert!((p.edge_shift_s - late_s).abs() < 0.02, "{late_s}: {}", p.edge_shift_s);
         }
-        let p = made(0.0, late_s, 1e9).finish(Settling::Found, 0.9);
+        let p = made(0.0, late_s, 1e9).finish(Cut::default());
         let worst = p.list.iter().map(|p| (p.mean.0[0] - p.setting.field.0[0]).abs()).fold(0.0, f64::max);
         assert!(worst < 0.05, "{late_s}: {worst}");
     }
-    let p = made(0.0, 3.0, 1e9).finish(Settling::Found, 0.9);
+    let p = made(0.0, 3.0, 1e9).finish(Cut::default());
     assert!(p.edge_shift_s > p.tolerable_shift_s);
 }
 
 #[test]
 fn every_plateau_at_the_end_of_the_range_is_dropped_whatever_came_before_it() {
     for (lag_s, clip_ent) in [(0.0, 1800.0), (0.05, 1800.123), (0.05, 1850.0)] {
-        assert_eq!(saturated(&made(lag_s, 0.0, clip_ent).finish(Settling::Found, 0.9)), 12, "{lag_s} s, {clip_ent} enT");
+        assert_eq!(saturated(&made(lag_s, 0.0, clip_ent).finish(Cut::default())), 12, "{lag_s} s, {clip_ent} enT");
     }
-    assert_eq!(saturated(&made(0.05, 0.0, 1e9).finish(Settling::Found, 0.9)), 0);
+    assert_eq!(saturated(&made(0.05, 0.0, 1e9).finish(Cut::default())), 0);
 }

@@ -1,6 +1,6 @@
 //! How a linear calibration is made.
 
-use crate::data::plateau::{LEAST_COVERAGE, Settling, is_usual_coverage};
+use crate::data::plateau::Cut;
 use crate::data::recipe::axes;
 use crate::model::facility::Facility;
 use crate::model::linearisation::Linearisation;
@@ -8,7 +8,7 @@ use crate::record::known::Known;
 use serde::{Deserialize, Serialize};
 
 /// How a linear calibration is made.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Options {
     /// Order of the offset trend, 0 to 2; `None` takes that of the campaign, or 2.
@@ -20,12 +20,9 @@ pub struct Options {
     /// Give outlying plateaus less weight.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub robust: bool,
-    /// Settling after a step.
-    #[serde(rename = "settling_s")]
-    pub settling: Settling,
-    /// Least part of the expected samples of a plateau.
-    #[serde(rename = "coverage", skip_serializing_if = "is_usual_coverage")]
-    pub least_coverage: f64,
+    /// Which part of every setting is used.
+    #[serde(flatten)]
+    pub cut: Cut,
     /// Go on when a sensitivity is far from its nominal value.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub allow_gain: bool,
@@ -41,21 +38,4 @@ pub struct Options {
     /// Known effects, which are taken off the readings.
     #[serde(skip)]
     pub model: Option<Known>,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            trend_order: None,
-            max_field_nt: [None; 3],
-            robust: false,
-            settling: Settling::Found,
-            least_coverage: LEAST_COVERAGE,
-            allow_gain: false,
-            allow_mismatch: false,
-            facility: None,
-            linearisation: None,
-            model: None,
-        }
-    }
 }

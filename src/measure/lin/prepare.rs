@@ -12,6 +12,7 @@ use crate::model::campaign::Instructions;
 use crate::model::facility::FacilityApplied;
 use crate::model::position::Position;
 use crate::record::known::{self, Applied};
+use crate::record::position::{apply_limits, the_position};
 use crate::record::{conditions, linearised};
 use nalgebra::{DMatrix, DVector};
 
@@ -119,14 +120,6 @@ fn carried(known: &Applied, list: &[Plateau], design: &linear::Design) -> Result
     Ok(covariance)
 }
 
-/// The one position of all settings.
-pub(in crate::measure) fn the_position(plateaus: &Plateaus, instructions: &Instructions) -> Result<(u32, Position), LinError> {
-    match plateaus.positions().as_slice() {
-        [id] => instructions.position(*id).map(|p| (*id, p)).ok_or(LinError::UnknownPosition(*id)),
-        several => Err(LinError::Positions(several.iter().map(u32::to_string).collect::<Vec<_>>().join(", "))),
-    }
-}
-
 fn limits_nt(run: &Run, instructions: &Instructions, options: &Options) -> [Option<f64>; 3] {
     let mut limits = instructions.limits_nt(&run.header);
     for (limit, own) in limits.iter_mut().zip(options.max_field_nt) {
@@ -134,17 +127,6 @@ fn limits_nt(run: &Run, instructions: &Instructions, options: &Options) -> [Opti
         *limit = own.or(*limit);
     }
     limits
-}
-
-/// Drops plateaus whose field along a nominal sensor axis is beyond a limit.
-pub(in crate::measure) fn apply_limits(list: &mut [Plateau], position: Position, limits_nt: &[Option<f64>; 3]) {
-    for plateau in list.iter_mut().filter(|p| p.dropped.is_none()) {
-        let along = position.to_nominal(plateau.setting.field.0);
-        plateau.dropped = (0..3).find_map(|component| {
-            let limit_nt = limits_nt[component]?;
-            (along[component].abs() > limit_nt).then_some(Drop::FieldLimit { component, limit_nt })
-        });
-    }
 }
 
 fn too_few(list: &[Plateau], used: usize, parameters: usize) -> LinError {

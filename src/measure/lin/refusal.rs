@@ -3,6 +3,7 @@
 use crate::data::run::Kind;
 use crate::fit::FitError;
 use crate::model::sensor::SplitError;
+use crate::record::position::PositionError;
 use thiserror::Error;
 
 /// Largest condition number of the design with columns scaled to one. A programme that drives the three axes has less than ten; at
@@ -18,12 +19,9 @@ pub enum LinError {
     /// Nothing to fit.
     #[error("the run has no plateaus: neither @BLOCKS nor @FIELDS with @VECTORS")]
     NoPlateaus,
-    /// Several positions in one run.
-    #[error("the run holds settings in positions {0}; a linear calibration needs one position")]
-    Positions(String),
-    /// A position without axes.
-    #[error("position {0} is not in the position table")]
-    UnknownPosition(u32),
+    /// Several positions, or one without axes.
+    #[error(transparent)]
+    Position(#[from] PositionError),
     /// The trend order is not available.
     #[error("the offset trend must be of order 0, 1 or 2, not {0}")]
     Order(usize),
@@ -107,8 +105,7 @@ impl LinError {
         match self {
             LinError::Kind(_) => "use the command for that kind",
             LinError::NoPlateaus => "check the file with `calfit check`",
-            LinError::Positions(_) => "split the run",
-            LinError::UnknownPosition(_) => "add [[position]] with this id and its axes to campaign.toml",
+            LinError::Position(error) => error.remedy(),
             LinError::Order(_) => "use the lowest order that the drift needs",
             LinError::Edges { .. } => {
                 "correct the times of the settings or take those of this run, or go on with --allow mismatch"

@@ -3,6 +3,7 @@
 use crate::data::run::Kind;
 use crate::fit::FitError;
 use crate::model::sensor::SplitError;
+use crate::record::position::PositionError;
 use thiserror::Error;
 
 /// Why a run has no offsets.
@@ -15,8 +16,8 @@ pub enum OffsetError {
     #[error("the run has no plateaus: neither @BLOCKS nor @FIELDS with @VECTORS")]
     NoPlateaus,
     /// A position without axes.
-    #[error("position {0} is not in the position table")]
-    UnknownPosition(u32),
+    #[error(transparent)]
+    Position(#[from] PositionError),
     /// Step edges elsewhere.
     #[error("the data do not step where the settings do: the edges are displaced by about {shift_s:+.2} s, or by whole settings")]
     Edges {
@@ -71,7 +72,7 @@ impl OffsetError {
         match self {
             OffsetError::Kind(_) => "use the command for that kind",
             OffsetError::NoPlateaus => "check the file with `calfit check`",
-            OffsetError::UnknownPosition(_) => "add [[position]] with this id and its axes to campaign.toml",
+            OffsetError::Position(error) => error.remedy(),
             OffsetError::Edges { .. } => {
                 "correct the times of the settings or take those of this run, or go on with --allow mismatch"
             }

@@ -4,6 +4,7 @@ use super::refusal::OffsetError;
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::model::campaign::Instructions;
 use crate::model::position::Position;
+use crate::record::position::position;
 
 /// Consecutive plateaus in one position.
 pub(super) struct Stay<'a> {
@@ -37,7 +38,7 @@ pub(super) fn stays<'a>(plateaus: &'a Plateaus, instructions: &Instructions) -> 
         match stays.last_mut() {
             Some(stay) if stay.id == id => stay.plateaus.push(plateau),
             _ => {
-                let position = instructions.position(id).ok_or(OffsetError::UnknownPosition(id))?;
+                let position = position(id, instructions)?;
                 stays.push(Stay { id, position, plateaus: vec![plateau] });
             }
         }

@@ -1,6 +1,6 @@
 //! How a sweep is analysed.
 
-use crate::data::plateau::{LEAST_COVERAGE, Settling, is_usual_coverage};
+use crate::data::plateau::Cut;
 use crate::model::facility::Facility;
 use crate::record::known::Known;
 use serde::{Deserialize, Serialize};
@@ -8,6 +8,7 @@ use std::fmt;
 
 /// Settings of a window where nothing else is said, as in 1998.
 pub const WINDOW: usize = 18;
+
 /// Length of the sliding window.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -39,12 +40,9 @@ impl fmt::Display for Window {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Options {
-    /// Settling after a step.
-    #[serde(rename = "settling_s")]
-    pub settling: Settling,
-    /// Least part of the expected samples of a plateau.
-    #[serde(rename = "coverage", skip_serializing_if = "is_usual_coverage")]
-    pub least_coverage: f64,
+    /// Which part of every setting is used.
+    #[serde(flatten)]
+    pub cut: Cut,
     /// Sliding window.
     #[serde(skip_serializing_if = "Window::is_usual")]
     pub window: Window,
@@ -65,8 +63,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            settling: Settling::Found,
-            least_coverage: LEAST_COVERAGE,
+            cut: Cut::default(),
             window: Window::Settings(WINDOW),
             most_k_per_min: None,
             orders: Vec::new(),

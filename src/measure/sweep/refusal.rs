@@ -2,6 +2,8 @@
 
 use crate::data::run::Kind;
 use crate::fit::FitError;
+use crate::model::sensor::SplitError;
+use crate::record::position::PositionError;
 use thiserror::Error;
 
 /// A thermistor must move by this much to tell anything, K.
@@ -14,8 +16,11 @@ pub enum SweepError {
     #[error("the run is of kind {0}, not sweep")]
     Kind(Kind),
     /// Several positions or one without axes.
-    #[error("{0}")]
-    Position(String),
+    #[error(transparent)]
+    Position(#[from] PositionError),
+    /// A facility that no coil system can be.
+    #[error(transparent)]
+    Facility(#[from] SplitError),
     /// No thermistor moves.
     #[error("no temperature channel moves by {LEAST_RANGE_K} K during the settings")]
     NoTemperature,
@@ -47,6 +52,7 @@ impl SweepError {
         match self {
             SweepError::Kind(_) => "use the command for that kind",
             SweepError::Position(_) => "sweep in one position, and name its axes in campaign.toml",
+            SweepError::Facility(_) => "correct the facility",
             SweepError::NoTemperature => "check the temperature channels of the run",
             SweepError::TooFew { .. } => "sweep longer, or with lower orders",
             SweepError::Fit(_) | SweepError::NoSensor { .. } => "check the directions of the fields and the readings",

@@ -4,7 +4,7 @@
 //!
 //! The whole file is read, hashed, validated and reduced; the best time of all repetitions is printed.
 
-use calfit::data::plateau::{Accumulator, Settling};
+use calfit::data::plateau::{Accumulator, Cut, Settling};
 use calfit::files::ccr;
 use std::io::Write;
 use std::path::PathBuf;
@@ -39,7 +39,7 @@ fn main() -> ExitCode {
                 return ExitCode::FAILURE;
             }
         };
-        let plateaus = accumulator.finish(Settling::Given(0.0), 0.0);
+        let plateaus = accumulator.finish(Cut { settling: Settling::Given(0.0), least_coverage: 0.0 });
         best_s = best_s.min(begin.elapsed().as_secs_f64());
         let used: u64 = plateaus.list.iter().filter_map(|p| p.count).sum();
         let sum_x: f64 = plateaus.list.iter().map(|p| p.mean.0[0]).filter(|mean| mean.is_finite()).sum();

@@ -2,7 +2,7 @@
 
 use super::ideal::ideal;
 use super::{Amplitude, Blind, Verdict, VerdictStep};
-use calfit::data::plateau::{self, Accumulator, LEAST_COVERAGE, Plateaus, Settling};
+use calfit::data::plateau::{self, Accumulator, Cut, Plateaus};
 use calfit::data::run::{Run, Vector, VectorSink};
 use calfit::diagnose::across::{RunValues, across};
 use calfit::diagnose::candidate::Candidate;
@@ -44,7 +44,7 @@ fn reduced(run: &Run, vectors: &[Vector]) -> (Plateaus, Samples) {
     sink.begin(&run.header, &run.settings);
     vectors.iter().for_each(|v| sink.vector(*v));
     let (accumulator, samples) = sink;
-    (plateau::of_run(run, accumulator, Settling::Found, LEAST_COVERAGE), samples)
+    (plateau::of_run(run, accumulator, Cut::default()), samples)
 }
 
 /// Held-out χ² without and with the true effects, by the folds and the noise estimate of the diagnosis: the same measure as its own gaps.
@@ -71,7 +71,7 @@ fn together(blind: &Blind) -> Option<Diagnosis> {
         let mut sink = Accumulator::default();
         sink.begin(&run.header, &run.settings);
         vectors.iter().for_each(|v| sink.vector(*v));
-        let plateaus = plateau::of_run(run, sink, Settling::Found, LEAST_COVERAGE);
+        let plateaus = plateau::of_run(run, sink, Cut::default());
         RunValues::of_run(run, &plateaus, &blind.campaign, &lin::Options::default()).ok()
     };
     let values: Vec<RunValues> = blind.runs.iter().map(of).collect::<Option<_>>()?;

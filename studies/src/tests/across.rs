@@ -5,7 +5,7 @@ use crate::blind::kinds::generate;
 use crate::blind::noise::Family;
 use crate::blind::sensor::Kind;
 use crate::blind::{Blind, Options};
-use calfit::data::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
+use calfit::data::plateau::{self, Accumulator, Cut};
 use calfit::data::run::VectorSink;
 use calfit::diagnose::across::{RunValues, across};
 use calfit::diagnose::result::Diagnosis;
@@ -21,7 +21,7 @@ fn diagnosed(blind: &Blind) -> Result<Diagnosis, String> {
             let mut accumulator = Accumulator::default();
             accumulator.begin(&run.header, &run.settings);
             vectors.iter().for_each(|v| accumulator.vector(*v));
-            let plateaus = plateau::of_run(run, accumulator, Settling::Found, LEAST_COVERAGE);
+            let plateaus = plateau::of_run(run, accumulator, Cut::default());
             RunValues::of_run(run, &plateaus, &blind.campaign, &lin::Options::default())
         })
         .collect::<Result<_, _>>()

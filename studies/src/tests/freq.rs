@@ -4,7 +4,7 @@ use crate::blind::Options;
 use crate::blind::kinds::generate;
 use crate::blind::noise::Family;
 use crate::blind::sensor::Kind;
-use calfit::data::plateau::{self, Accumulator, LEAST_COVERAGE, Settling};
+use calfit::data::plateau::{self, Accumulator, Cut};
 use calfit::data::run::VectorSink;
 use calfit::diagnose::result::Diagnosis;
 use calfit::diagnose::{self, Samples};
@@ -21,7 +21,7 @@ fn diagnosed_with(seed: u64, options: &Options, with: &diagnose::Options) -> (Di
     let (run, vectors) = &blind.runs[0];
     let mut samples = Samples::default();
     vectors.iter().for_each(|v| samples.vector(*v));
-    let plateaus = plateau::of_run(run, Accumulator::default(), Settling::Found, LEAST_COVERAGE);
+    let plateaus = plateau::of_run(run, Accumulator::default(), Cut::default());
     let made = diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, with).unwrap();
     (made, blind.truth.effects.first().map_or(0.0, |e| e.strength_k))
 }

@@ -23,7 +23,7 @@ fn clean_runs_are_not_sent_to_the_diagnosis() {
             sink.begin(&run.header, &run.settings);
             vectors.iter().for_each(|v| sink.vector(*v));
             let options = Options::default();
-            let plateaus = plateau::of_run(run, sink, options.settling, options.least_coverage);
+            let plateaus = plateau::of_run(run, sink, options.cut);
             let result = lin(run, &plateaus, &made.campaign.file.instructions, &options).unwrap();
             result.notes.iter().map(ToString::to_string).find(|n| n.contains("run calfit diagnose"))
         };
