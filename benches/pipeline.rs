@@ -69,7 +69,7 @@ fn write_run(folder: &Path, setting_count: usize, vector_count: u64) -> PathBuf 
     let path = folder.join("09-00-00.CCR");
     let header = Header {
         run: "26-01-15_09-00-00".to_owned(),
-        start: "2026-01-15T09:00:00Z".to_owned(),
+        start: "2026-01-15T09:00:00Z".parse().unwrap(),
         kind: Kind::Linearity,
         configuration: "STEPS.MAG".to_owned(),
         sensor: "BS_11".to_owned(),

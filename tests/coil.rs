@@ -82,7 +82,7 @@ fn run(day: usize, facility: &Facility, settings: &[Three], channels: &[(&str, f
     Run {
         header: Header {
             run: format!("98-03-{day:02}_10-49-00"),
-            start: format!("1998-03-{day:02}T10:49:00Z"),
+            start: format!("1998-03-{day:02}T10:49:00Z").parse().unwrap(),
             kind: Kind::Scalar,
             configuration: String::new(),
             sensor: String::new(),

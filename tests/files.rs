@@ -79,7 +79,7 @@ fn the_zero_field_programmes_apply_nothing() {
 fn header(unit: ReadingUnit) -> Header {
     Header {
         run: "13-04-03_09-22-38".to_owned(),
-        start: "2013-04-03T09:22:38Z".to_owned(),
+        start: "2013-04-03T09:22:38Z".parse().unwrap(),
         kind: Kind::Linearity,
         configuration: "LIN \"quoted\" °.MAG".to_owned(),
         sensor: "BS_11".to_owned(),

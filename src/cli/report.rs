@@ -8,6 +8,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::Recipe;
 use crate::data::run::{Kind, Run};
+use crate::data::start::Start;
 use crate::files::campaign::Campaign;
 use crate::files::output::Folder;
 use crate::files::parameter::Body;
@@ -338,8 +339,8 @@ impl Others {
 }
 
 /// Runs in the order of their start.
-fn key(measured: &Measured) -> (String, String) {
-    measured.run().map_or_else(Default::default, |run| (run.header.start.clone(), run.header.run.clone()))
+fn key(measured: &Measured) -> Option<(Start, String)> {
+    measured.run().map(|run| (run.header.start.clone(), run.header.run.clone()))
 }
 
 /// Draws the temperatures of all runs.
@@ -347,11 +348,10 @@ fn profile(campaign: &Campaign, measured: &[Measured], folder: &Folder) -> Resul
     let runs: Vec<plot::profile::ProfileRun> = measured
         .iter()
         .filter_map(Measured::run)
-        .filter_map(|run| {
-            let start: jiff::Timestamp = run.header.start.parse().ok()?;
+        .map(|run| {
             let (sensor, coil) = campaign.file.instructions.channels(&run.header);
             let channel = |name: &str| run.slow_channel(name).unwrap_or_default();
-            Some(plot::profile::ProfileRun { start_s: start.as_second() as f64, sensor: channel(&sensor), coil: channel(&coil) })
+            plot::profile::ProfileRun { start_s: run.header.start.seconds(), sensor: channel(&sensor), coil: channel(&coil) }
         })
         .collect();
     if runs.iter().all(|r| r.sensor.is_empty() && r.coil.is_empty()) {

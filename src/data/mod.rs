@@ -17,6 +17,7 @@ pub mod recipe;
 pub mod reference;
 pub mod result;
 pub mod run;
+pub mod start;
 pub mod tables;
 pub mod thermistor;
 pub mod units;

@@ -3,6 +3,7 @@
 //! Parameter files hold these types as they are, so that each is defined here only.
 
 use super::run::Location;
+use super::start::{Start, or_empty};
 use serde::{Deserialize, Serialize};
 
 /// A 3 x 3 matrix as its three rows.
@@ -28,8 +29,9 @@ pub struct RunHead {
     pub coil_temperature_degc: Option<f64>,
     /// Campaign and instrument, or what was assumed without a campaign file.
     pub campaign: String,
-    /// Start, UTC.
-    pub start: String,
+    /// Start, UTC; not known of a table of amplitudes.
+    #[serde(with = "or_empty")]
+    pub start: Option<Start>,
     /// Field programme.
     pub configuration: String,
     /// Source of the field.

@@ -1,6 +1,7 @@
 //! A run as data: header, settings, slow channels, and the account of its vectors.
 
 use crate::data::error::Finding;
+use crate::data::start::Start;
 use crate::data::units::{FieldCoil, Reading};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -131,8 +132,8 @@ impl ReadingUnit {
 pub struct Header {
     /// Run id, `YY-MM-DD_hh-mm-ss`.
     pub run: String,
-    /// Start, RFC 3339, UTC.
-    pub start: String,
+    /// Start, UTC.
+    pub start: Start,
     /// What the run was made for.
     pub kind: Kind,
     /// Name of the field programme, empty if not stated.

@@ -4,6 +4,7 @@
 
 use super::facility::FacilityParameters;
 use crate::data::result::Covariance;
+use crate::data::start::Start;
 use serde::{Deserialize, Serialize};
 
 /// What a scalar calibration of the coil system finds.
@@ -103,7 +104,7 @@ pub struct ScalarCalibration {
     /// Run id.
     pub run: String,
     /// Start, UTC.
-    pub start: String,
+    pub start: Start,
     /// Rows used.
     pub rows: usize,
     /// Mean coil temperature, °C.

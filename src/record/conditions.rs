@@ -126,7 +126,7 @@ pub fn head(run: &Run, instructions: &Instructions, temperatures: &Temperatures)
         temperature_degc: mean(temperatures.sensor_degc()),
         coil_temperature_degc: mean(temperatures.conditions.as_ref().and_then(|c| c.coil_degc)),
         campaign: instructions.description.clone(),
-        start: header.start.clone(),
+        start: Some(header.start.clone()),
         configuration: header.configuration.clone(),
         field_source: header.field_source.clone(),
         coil_correction: header.coil_correction,

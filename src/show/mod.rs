@@ -21,6 +21,7 @@ use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::result::{Dropped, RunHead};
 use crate::data::run::Location;
+use crate::data::start::Start;
 use crate::data::units::with_uncertainty;
 use crate::model::applied::ModelApplied;
 use document::{Block, Cell, Document, Figure, NOT_DETERMINED, Section, Table, Text, cells};
@@ -58,7 +59,7 @@ pub fn used_file(run: &RunHead, parameter_file: &str) -> Section {
         or_not_stated(&run.configuration),
         or_not_stated(&run.sensor),
         mode_at(&run.mode, run.location),
-        &run.start,
+        run.start.as_ref().map_or("", Start::as_str),
         Cell::degc(run.temperature_degc),
     ]]);
     Section::new("Used measurement").with(table).with(self::parameter_file(parameter_file))

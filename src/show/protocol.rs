@@ -9,6 +9,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Provenance;
 use crate::data::result::RunHead;
 use crate::data::run::{Location, Run, time_of_id};
+use crate::data::start::Start;
 use crate::files::campaign::Campaign;
 use crate::files::campaign::file::CampaignFile;
 use crate::measure::thermal::{Kind, Thermal};
@@ -162,7 +163,7 @@ fn stated<'a>(campaign: &'a Campaign, label: &str) -> &'a str {
 
 /// What stands before the first chapter.
 fn front(p: &Protocol) -> Vec<Block> {
-    let starts: Vec<&str> = p.runs.iter().filter_map(|r| r.run).map(|r| r.header.start.as_str()).collect();
+    let starts: Vec<&Start> = p.runs.iter().filter_map(|r| r.run).map(|r| &r.header.start).collect();
     let mut table = Table::new(["", ""]);
     for (_, label) in CampaignFile::REPORT.iter().filter(|(_, label)| *label != "Title") {
         table.push(cells![*label, stated(p.campaign, label)]);

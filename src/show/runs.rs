@@ -3,6 +3,7 @@
 use super::document::{Cell, Table, cells};
 use super::or_not_stated;
 use crate::data::run::Run;
+use crate::data::start::Start;
 use serde::Serialize;
 
 /// Smallest, mean and largest value of a temperature channel.
@@ -22,7 +23,7 @@ pub struct RunLine {
     /// Run id.
     pub run: String,
     /// Start, UTC.
-    pub start: String,
+    pub start: Start,
     /// Kind.
     pub kind: crate::data::run::Kind,
     /// Field programme.

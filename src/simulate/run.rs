@@ -159,7 +159,7 @@ impl<'a> SimulatedRun<'a> {
         }
         let header = Header {
             run: run.id.clone(),
-            start: run.start.to_string(),
+            start: run.start.into(),
             kind: programme.kind,
             configuration: programme.name.clone(),
             sensor: sensor.name.clone(),

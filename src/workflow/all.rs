@@ -9,6 +9,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::result::RunHead;
 use crate::data::run::Run;
+use crate::data::start::Start;
 use crate::files::ccr;
 use crate::files::output::Folder;
 use crate::files::parameter::Body;
@@ -183,7 +184,7 @@ const SAME_DEGC: f64 = 0.1;
 /// Of the runs of the same sensor, mode and location the one nearest in sensor temperature, since the sensitivities follow it; of several
 /// at one temperature, or where a run states none, the one nearest in time.
 fn nearest<'a, T>(own: &RunHead, all: impl Iterator<Item = &'a T>, head: impl Fn(&T) -> &RunHead) -> Option<&'a T> {
-    let seconds = |run: &RunHead| run.start.parse::<jiff::Timestamp>().map_or(f64::NAN, |t| t.as_second() as f64);
+    let seconds = |run: &RunHead| run.start.as_ref().map_or(f64::NAN, Start::seconds);
     let key = |run: &RunHead| (run.sensor.clone(), run.mode.clone(), run.location);
     let distance = |one: &&T| {
         let run = head(one);
@@ -237,7 +238,7 @@ mod tests {
             temperature_degc: degc,
             coil_temperature_degc: None,
             campaign: String::new(),
-            start: format!("2013-04-03T{start}:00Z"),
+            start: format!("2013-04-03T{start}:00Z").parse().ok(),
             configuration: String::new(),
             field_source: String::new(),
             coil_correction: None,

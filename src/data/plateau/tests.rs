@@ -27,7 +27,7 @@ fn made(lag_s: f64, late_s: f64, clip_ent: f64) -> Accumulator {
     }
     let header = Header {
         run: "r".to_owned(),
-        start: String::new(),
+        start: "2026-01-01T00:00:00Z".parse().unwrap(),
         kind: Kind::Linearity,
         configuration: String::new(),
         sensor: String::new(),

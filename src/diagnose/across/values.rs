@@ -3,6 +3,7 @@
 use crate::data::calibration::LinearCalibration;
 use crate::data::plateau::Plateaus;
 use crate::data::run::Run;
+use crate::data::start::Start;
 use crate::diagnose::DiagnoseError;
 use crate::diagnose::means::Means;
 use crate::files::campaign::Campaign;
@@ -77,7 +78,7 @@ impl RunValues {
             sensor: format!("{}, {}{}", calibration.run.sensor, calibration.run.mode, calibration.run.location.suffix()),
             set: calibration.run.campaign.clone(),
             position: Position::from_axes(&calibration.setup.position_axes)?,
-            time: calibration.run.start.parse::<jiff::Timestamp>().ok().map(|t| t.as_second() as f64),
+            time: calibration.run.start.as_ref().map(Start::seconds),
             sensor_degc: calibration.run.temperature_degc,
             coil_degc: calibration.run.coil_temperature_degc,
             field_nt: Some(most).filter(|m| m.is_finite() && *m > 0.0),

@@ -2,6 +2,7 @@
 
 use crate::data::error::{Finding, Severity};
 use crate::data::run::{Header, Kind, ReadingUnit};
+use crate::data::start::{NoStart, Start};
 use crate::files::text::Keys;
 
 /// Whether a run id can be used in file names: letters, digits, `-`, `_` and `.`, not beginning with a point.
@@ -39,9 +40,7 @@ pub(super) fn parse(file: &str, text: String, findings: &mut Vec<Finding>) -> Re
         return Err(root.refuse("run", "may hold letters, digits, `-`, `_` and `.` only", "write it as YY-MM-DD_hh-mm-ss"));
     }
     let start = root.text("start")?.ok_or_else(|| root.missing("start"))?;
-    if start.parse::<jiff::Timestamp>().is_err() {
-        return Err(root.refuse("start", "is not a date and time in UTC", "write it as 2013-04-03T09:22:38Z"));
-    }
+    let start: Start = start.parse().map_err(|e: NoStart| root.refuse("start", &e.to_string(), NoStart::REMEDY))?;
     let kind_name = root.text("kind")?.ok_or_else(|| root.missing("kind"))?;
     let kind = Kind::from_name(&kind_name).ok_or_else(|| {
         let names: Vec<&str> = Kind::NAMES.iter().map(|(_, name)| *name).collect();

@@ -98,7 +98,7 @@ const POWERS: [f64; 10] = [1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9];
 /// The magic line and the keys of a run file.
 fn write_header(out: &mut impl Write, header: &Header) -> io::Result<()> {
     writeln!(out, "CCR 1")?;
-    for (key, value) in [("run", &header.run), ("start", &header.start)] {
+    for (key, value) in [("run", header.run.as_str()), ("start", header.start.as_str())] {
         writeln!(out, "{key} = {}", quoted(value))?;
     }
     writeln!(out, "kind = \"{}\"", header.kind)?;
@@ -311,7 +311,7 @@ mod tests {
     fn a_row_that_is_not_written_fast_is_written_all_the_same() {
         let header = Header {
             run: "r".to_owned(),
-            start: "2026-01-01T00:00:00Z".to_owned(),
+            start: "2026-01-01T00:00:00Z".parse().unwrap(),
             kind: crate::data::run::Kind::ZeroField,
             configuration: String::new(),
             sensor: String::new(),

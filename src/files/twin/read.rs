@@ -5,6 +5,7 @@ use super::{
 };
 use crate::data::error::Finding;
 use crate::data::run::Location;
+use crate::data::start::NoStart;
 use crate::files::campaign::file::{self, CampaignFile};
 use crate::files::mag::{self, Programme};
 use crate::files::source::read_whole;
@@ -183,8 +184,7 @@ fn campaign_text(text: &str) -> String {
 
 fn time(group: &Group, key: &str) -> Result<Option<Timestamp>, Finding> {
     let Some(text) = group.text(key)? else { return Ok(None) };
-    let parsed = text.parse().map_err(|_| group.refuse(key, "is not a date and time in UTC", "write it as 2013-04-03T09:22:38Z"));
-    parsed.map(Some)
+    text.parse().map(Some).map_err(|_| group.refuse(key, &NoStart.to_string(), NoStart::REMEDY))
 }
 
 fn positive(group: &Group, key: &str) -> Result<Option<f64>, Finding> {

@@ -42,7 +42,7 @@ pub fn from_table(rows: &[AmplitudeRow], id: &str) -> Freq {
         temperature_degc: None,
         coil_temperature_degc: None,
         campaign: "a table of amplitudes, without a campaign".to_owned(),
-        start: String::new(),
+        start: None,
         configuration: String::new(),
         field_source: String::new(),
         coil_correction: None,

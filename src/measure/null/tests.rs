@@ -30,7 +30,7 @@ impl Night {
         };
         let header = Header {
             run: "26-01-01_00-00-00".to_owned(),
-            start: "2026-01-01T00:00:00Z".to_owned(),
+            start: "2026-01-01T00:00:00Z".parse().unwrap(),
             kind: Kind::ZeroField,
             configuration: String::new(),
             sensor: String::new(),

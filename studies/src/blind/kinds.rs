@@ -447,7 +447,7 @@ fn empty_run(clean: &CleanRun, index: usize) -> Run {
     let day = index + 1;
     let header = Header {
         run: format!("26-05-{day:02}_10-00-00"),
-        start: format!("2026-05-{day:02}T10:00:00Z"),
+        start: format!("2026-05-{day:02}T10:00:00Z").parse().unwrap(),
         kind,
         configuration: configuration.to_owned(),
         sensor: "DUT".to_owned(),
