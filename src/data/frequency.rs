@@ -2,7 +2,46 @@
 //!
 //! The result of the analysis and its parameter file both hold them, so that each is defined here only.
 
+use super::result::RunHead;
 use serde::{Deserialize, Serialize};
+
+/// Sampling frequency and -3 dB frequencies. A table of amplitudes tells no sampling frequency.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FrequencyValues {
+    /// Sampling frequency per component, Hz; nan where a component tells none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub f_s_hz: Option<[f64; 3]>,
+    /// Its standard uncertainty, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub f_s_std_hz: Option<[f64; 3]>,
+    /// Weighted mean of the components, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_f_s_hz: Option<f64>,
+    /// Its standard uncertainty, Hz.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mean_f_s_std_hz: Option<f64>,
+    /// Standard deviation of the components about their mean, Hz; absent if fewer than two tell one. The protocol of 2013 prints it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scatter_f_s_hz: Option<f64>,
+    /// -3 dB frequency from the two neighbouring amplitudes, Hz; nan where the amplitudes do not fall by 3 dB.
+    pub f_3db_igep_hz: [f64; 3],
+    /// -3 dB frequency of the model, Hz; nan where no model fits.
+    pub f_3db_model_hz: [f64; 3],
+    /// Its standard uncertainty with that of the known effects, Hz.
+    pub f_3db_model_std_hz: [f64; 3],
+}
+
+/// What these were found with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrequencyFound {
+    /// Run and conditions.
+    pub run: RunHead,
+    /// The response model.
+    pub model: FittedResponse,
+    /// What is known about the clock beside its frequency; absent for a table of amplitudes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clock: Option<ClockDrift>,
+}
 
 /// The clock of the instrument against that of the facility.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -18,11 +18,11 @@ mod table;
 mod tones;
 
 pub use refusal::FreqError;
-pub use result::{Freq, SamplingRate, Stretch};
+pub use result::{Freq, Stretch};
 pub use samples::Sines;
 pub use table::from_table;
 
-use crate::data::frequency::SineAmplitude;
+use crate::data::frequency::{FrequencyFound, FrequencyValues, SineAmplitude};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Settling;
 use crate::data::run::{Kind, Run};
@@ -93,11 +93,12 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
         left_out: applied.known.left_out.clone(),
     });
     Ok(Freq {
-        run: conditions::head(run, instructions, &temperatures),
-        rate: Some(clock.rate(moved, applied.known.moves_clock())),
-        f_3db_igep_hz: corner.igep_hz(),
-        f_3db_model_hz: corner.model_hz(),
-        f_3db_model_std_hz,
+        values: FrequencyValues { f_3db_model_std_hz, ..clock.values(moved, &corner) },
+        found: FrequencyFound {
+            run: conditions::head(run, instructions, &temperatures),
+            model: corner.response(),
+            clock: Some(clock.drift(applied.known.moves_clock())),
+        },
         corner,
         effects,
         amplitude: measured,

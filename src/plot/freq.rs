@@ -12,7 +12,7 @@ const CURVE: usize = 400;
 /// All figures; a table of amplitudes has the response only.
 #[must_use]
 pub fn figures(freq: &Freq) -> Vec<Named> {
-    let id = &freq.run.id;
+    let id = &freq.found.run.id;
     let mut list = Vec::new();
     let end_s = freq.stretches.iter().map(|s| s.setting.t_end_s).fold(0.0, f64::max);
     let time = TimeAxis::of(end_s);
@@ -139,8 +139,8 @@ fn response(freq: &Freq, id: &str) -> Figure {
         }
     }
     let corners: Vec<String> = (0..3)
-        .filter(|i| p.f_3db_model_hz[*i].is_finite())
-        .map(|i| format!("{} {} Hz", SENSOR[i], with_uncertainty(p.f_3db_model_hz[i], p.f_3db_model_std_hz[i])))
+        .filter(|i| p.values.f_3db_model_hz[*i].is_finite())
+        .map(|i| format!("{} {} Hz", SENSOR[i], with_uncertainty(p.values.f_3db_model_hz[i], p.values.f_3db_model_std_hz[i])))
         .collect();
     let caption = if corners.is_empty() {
         "Amplitudes relative to the largest one. No response model fits.".to_owned()

@@ -5,7 +5,7 @@ use super::{known_effects, number, remarks, run_line, triple, used_file, yes_or_
 #[cfg(feature = "tables")]
 use crate::data::frequency::SineAmplitude;
 use crate::data::units::{COMPONENTS, with_uncertainty};
-use crate::measure::freq::{Freq, SamplingRate};
+use crate::measure::freq::Freq;
 use std::fmt::Write;
 
 const MEASURED: [&str; 3] = ["X", "Y", "Z"];
@@ -16,29 +16,37 @@ pub fn sections(freq: &Freq, file_name: &str) -> Vec<Section> {
     let p = freq;
     let mut response = response(p);
     response.blocks.extend(p.effects.as_ref().map(|effects| known_effects(effects).into()));
-    let mut sections = vec![used_file(&p.run, file_name), rate(p), corner(p), response, amplitudes(p)];
+    let mut sections = vec![used_file(&p.found.run, file_name), rate(p), corner(p), response, amplitudes(p)];
     sections.extend(remarks(&p.notes));
     sections
 }
 
+/// A value, or nan where it is not known.
+fn known(value: Option<f64>) -> f64 {
+    value.unwrap_or(f64::NAN)
+}
+
 fn rate(p: &Freq) -> Section {
     let section = Section::new("Sampling frequency");
-    let Some(rate) = &p.rate else {
+    let (Some(f_s_hz), Some(clock)) = (p.values.f_s_hz, &p.found.clock) else {
         return section.with("A table of amplitudes tells no sampling frequency.");
     };
     let mut table = Table::new(["component", "f_s, Hz", "standard uncertainty, Hz"]);
     for i in 0..3 {
         table.push(cells![
             MEASURED[i],
-            Cell::fixed(rate.component_hz[i], 6),
-            Cell::exponent(rate.component_std_hz[i], 2).or("-")
+            Cell::fixed(f_s_hz[i], 6),
+            Cell::exponent(known(p.values.f_s_std_hz.map(|std| std[i])), 2).or("-")
         ]);
     }
-    table.push(cells!["weighted mean", Cell::fixed(rate.mean_hz, 6), Cell::exponent(rate.mean_std_hz, 2)]);
+    table.push(cells![
+        "weighted mean",
+        Cell::fixed(known(p.values.mean_f_s_hz), 6),
+        Cell::exponent(known(p.values.mean_f_s_std_hz), 2)
+    ]);
     let scatter =
-        rate.scatter_hz.map_or_else(String::new, |s| format!("Standard deviation of the three components {s:.2e} Hz. "));
+        p.values.scatter_f_s_hz.map_or_else(String::new, |s| format!("Standard deviation of the three components {s:.2e} Hz. "));
     let mut words = format!("{scatter}All frequencies of the run together give one sampling frequency per component.");
-    let clock = &rate.clock;
     let drift: Vec<String> = (0..3)
         .map(|i| format!("{} {:+.1e} ± {:.1e}", COMPONENTS[i], clock.drift_hz_per_s[i], clock.drift_std_hz_per_s[i]))
         .collect();
@@ -59,8 +67,8 @@ fn rate(p: &Freq) -> Section {
 fn corner(p: &Freq) -> Section {
     let mut table = Table::new(["component", "f_3dB igep, Hz", "f_3dB model, Hz ± standard uncertainty"]);
     for i in 0..3 {
-        let model = Cell::uncertain(p.f_3db_model_hz[i], p.f_3db_model_std_hz[i]);
-        table.push(cells![MEASURED[i], Cell::fixed(p.f_3db_igep_hz[i], 2), model]);
+        let model = Cell::uncertain(p.values.f_3db_model_hz[i], p.values.f_3db_model_std_hz[i]);
+        table.push(cells![MEASURED[i], Cell::fixed(p.values.f_3db_igep_hz[i], 2), model]);
     }
     Section::new("-3 dB corner frequency").with(table).with(
         "igep: straight line in level against frequency between the neighbours of -3.000 dB below the largest amplitude. model: where the \
@@ -71,7 +79,7 @@ fn corner(p: &Freq) -> Section {
 fn response(p: &Freq) -> Section {
     // Reports have had one more empty line here from the beginning.
     let section = Section::new("Response model").with("");
-    let model = p.corner.response();
+    let model = &p.found.model;
     if model.parameters.is_empty() {
         return section.with("No model could be fitted.");
     }
@@ -120,7 +128,7 @@ fn amplitudes(p: &Freq) -> Section {
 /// The result in one line.
 #[must_use]
 pub fn headline(freq: &Freq) -> String {
-    format!("f_3dB {} Hz", triple(&freq.f_3db_model_hz, &freq.f_3db_model_std_hz))
+    format!("f_3dB {} Hz", triple(&freq.values.f_3db_model_hz, &freq.values.f_3db_model_std_hz))
 }
 
 /// A few lines for the terminal.
@@ -128,15 +136,15 @@ pub fn headline(freq: &Freq) -> String {
 pub fn summary(freq: &Freq) -> String {
     let p = freq;
     let used = p.amplitude.iter().filter(|a| a.used).count();
-    let of_rate = |r: &SamplingRate| format!("  f_s    {}  Hz\n", with_uncertainty(r.mean_hz, r.mean_std_hz));
-    let rate = p.rate.as_ref().map_or_else(String::new, of_rate);
-    let igep: Vec<String> = p.f_3db_igep_hz.iter().map(|f| number(*f, 2)).collect();
+    let of_rate = |hz: f64| format!("  f_s    {}  Hz\n", with_uncertainty(hz, known(p.values.mean_f_s_std_hz)));
+    let rate = p.values.mean_f_s_hz.map_or_else(String::new, of_rate);
+    let igep: Vec<String> = p.values.f_3db_igep_hz.iter().map(|f| number(*f, 2)).collect();
     format!(
         "{}  {used} of {} frequencies\n{rate}  f_3dB  {}  Hz (igep)\n         {}  Hz ({})\n",
-        run_line(&p.run),
+        run_line(&p.found.run),
         p.amplitude.len(),
         igep.join(", "),
-        triple(&p.f_3db_model_hz, &p.f_3db_model_std_hz),
+        triple(&p.values.f_3db_model_hz, &p.values.f_3db_model_std_hz),
         p.corner.model.unwrap_or("none")
     )
 }
@@ -147,21 +155,20 @@ pub fn summary(freq: &Freq) -> String {
 pub fn parameter_table(runs: &[&Freq]) -> crate::files::table::Table {
     use crate::files::table::{Table, Values};
     let mut table = Table::default();
-    super::head_columns(&mut table, runs.iter().map(|f| &f.run));
+    super::head_columns(&mut table, runs.iter().map(|f| &f.found.run));
     let numbers = |get: &dyn Fn(&Freq) -> f64| Values::Numbers(runs.iter().map(|f| get(f)).collect());
-    let of = |freq: &Freq, get: &dyn Fn(&SamplingRate) -> f64| freq.rate.as_ref().map_or(f64::NAN, get);
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
-        table.push(&format!("f_s_{axis}_hz"), numbers(&|p| of(p, &|r| r.component_hz[i])));
-        table.push(&format!("f_s_{axis}_std_hz"), numbers(&|p| of(p, &|r| r.component_std_hz[i])));
+        table.push(&format!("f_s_{axis}_hz"), numbers(&|p| known(p.values.f_s_hz.map(|f| f[i]))));
+        table.push(&format!("f_s_{axis}_std_hz"), numbers(&|p| known(p.values.f_s_std_hz.map(|std| std[i]))));
     }
-    table.push("mean_f_s_hz", numbers(&|p| of(p, &|r| r.mean_hz)));
-    table.push("mean_f_s_std_hz", numbers(&|p| of(p, &|r| r.mean_std_hz)));
+    table.push("mean_f_s_hz", numbers(&|p| known(p.values.mean_f_s_hz)));
+    table.push("mean_f_s_std_hz", numbers(&|p| known(p.values.mean_f_s_std_hz)));
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
-        table.push(&format!("f_3db_igep_{axis}_hz"), numbers(&|p| p.f_3db_igep_hz[i]));
-        table.push(&format!("f_3db_model_{axis}_hz"), numbers(&|p| p.f_3db_model_hz[i]));
-        table.push(&format!("f_3db_model_{axis}_std_hz"), numbers(&|p| p.f_3db_model_std_hz[i]));
+        table.push(&format!("f_3db_igep_{axis}_hz"), numbers(&|p| p.values.f_3db_igep_hz[i]));
+        table.push(&format!("f_3db_model_{axis}_hz"), numbers(&|p| p.values.f_3db_model_hz[i]));
+        table.push(&format!("f_3db_model_{axis}_std_hz"), numbers(&|p| p.values.f_3db_model_std_hz[i]));
     }
-    table.push("model", Values::Text(runs.iter().map(|f| f.corner.response().name).collect()));
+    table.push("model", Values::Text(runs.iter().map(|f| f.found.model.name.clone()).collect()));
     table
 }
 

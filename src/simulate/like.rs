@@ -211,8 +211,8 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
             Ok((Model::Offset(places), opf.found.quality.raw_std_ent.map_or([0.0; 3], |s| s.mean)))
         }
         Kind::Frequency => {
-            let fpf = the_file(files, header, true, |f: &Fpf| &f.run)?;
-            let Some(rate_hz) = fpf.f_s_hz else {
+            let fpf = the_file(files, header, true, |f: &Fpf| &f.found.run)?;
+            let Some(rate_hz) = fpf.values.f_s_hz else {
                 return refuse("has no sampling frequency".to_owned(), "analyse its waveforms with `calfit freq`");
             };
             if fpf.effects.as_ref().is_some_and(|e| !e.effect.is_empty()) {

@@ -101,7 +101,7 @@ impl RunResult for Freq {
         Shown { figures: plot::freq::figures, sections: show::freq::sections, summary: show::freq::summary };
 
     fn head(&self) -> &RunHead {
-        &self.run
+        &self.found.run
     }
     fn notes(&self) -> &[Note] {
         &self.notes
@@ -110,20 +110,10 @@ impl RunResult for Freq {
         Some((&self.parameters()).into())
     }
     fn parameters(&self) -> Fpf {
-        let rate = self.rate.as_ref();
         Fpf {
-            f_s_hz: rate.map(|r| r.component_hz),
-            f_s_std_hz: rate.map(|r| r.component_std_hz),
-            mean_f_s_hz: rate.map(|r| r.mean_hz),
-            mean_f_s_std_hz: rate.map(|r| r.mean_std_hz),
-            scatter_f_s_hz: rate.and_then(|r| r.scatter_hz),
-            f_3db_igep_hz: self.f_3db_igep_hz,
-            f_3db_model_hz: self.f_3db_model_hz,
-            f_3db_model_std_hz: self.f_3db_model_std_hz,
+            values: self.values.clone(),
             convention: FrequencyConvention::default(),
-            run: self.run.clone(),
-            model: self.corner.response(),
-            clock: rate.map(|r| r.clock.clone()),
+            found: self.found.clone(),
             effects: self.effects.clone(),
             amplitude: self.amplitude.clone(),
             conditions: self.temperatures.conditions.clone(),
@@ -140,7 +130,7 @@ impl RunResult for Freq {
     }
     #[cfg(feature = "tables")]
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
-        let id = &self.run.id;
+        let id = &self.found.run.id;
         let note = format!(
             "freq, run {id}: one row per applied frequency; amplitudes half peak to peak, enT, sensor axes; phases at phase_counter"
         );

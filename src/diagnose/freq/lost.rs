@@ -23,7 +23,7 @@ const FOLLOWS: f64 = 2.0;
 
 /// Settings with missing samples, or with stretches that do not follow their sine.
 pub fn lost(run: &Run, samples: &Samples, freq: &Freq) -> Option<Step> {
-    let rate_hz = freq.rate.as_ref().map_or(run.header.sample_rate_hz, |r| r.mean_hz);
+    let rate_hz = freq.values.mean_f_s_hz.unwrap_or(run.header.sample_rate_hz);
     let mut damaged: Vec<(f64, String)> = Vec::new();
     let mut missing = 0;
     for (k, part) in freq.stretches.iter().enumerate() {

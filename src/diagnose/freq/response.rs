@@ -69,7 +69,7 @@ fn fitted(response: Response, corner_hz: [f64; 3], freq: &Freq, sines: &Sines) -
 /// Where a simple response does not describe the run: another one that does so with an effect, or a rich one without, if it is better than the
 /// best so far beyond doubt.
 pub(super) fn another_base(freq: &Freq, best: &Refined, sines: &Sines) -> Option<Fit> {
-    let corners: [f64; 3] = std::array::from_fn(|i| freq.f_3db_igep_hz[i]);
+    let corners: [f64; 3] = std::array::from_fn(|i| freq.values.f_3db_igep_hz[i]);
     let known = corners.iter().copied().filter(|c| c.is_finite()).fold(f64::NAN, f64::min);
     let corners = corners.map(|c| if c.is_finite() { c } else { known });
     let all: Vec<(f64, Fit)> = RESPONSES

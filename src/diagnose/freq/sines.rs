@@ -60,7 +60,7 @@ pub struct Sines {
 impl Sines {
     /// Of the undamaged stretches that the frequency analysis found.
     pub fn new(samples: &Samples, freq: &Freq, temperatures: &SlowTable) -> Result<Self, DiagnoseError> {
-        let rate_hz = freq.rate.as_ref().ok_or(DiagnoseError::NoSamplingFrequency)?.mean_hz;
+        let rate_hz = freq.values.mean_f_s_hz.ok_or(DiagnoseError::NoSamplingFrequency)?;
         let (zero_s, zero_std_s) = counter_zero(samples, rate_hz);
         let stretches: Vec<(Setting, usize, usize)> = freq
             .stretches

@@ -142,7 +142,7 @@ fn not_identifiable() -> Vec<NotIdentifiable> {
 /// The response in words, with its -3 dB frequencies.
 fn response_words(freq: &Freq) -> String {
     let corners: Vec<String> = (0..3)
-        .map(|i| format!("{} {:.2} ± {:.2} Hz", COMPONENTS[i], freq.f_3db_model_hz[i], freq.f_3db_model_std_hz[i]))
+        .map(|i| format!("{} {:.2} ± {:.2} Hz", COMPONENTS[i], freq.values.f_3db_model_hz[i], freq.values.f_3db_model_std_hz[i]))
         .collect();
     format!("{}, -3 dB at {}", freq.corner.response().name, corners.join(", "))
 }

@@ -5,8 +5,8 @@ use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Scalar, Vector};
 use super::quantity::{Entry, Quantities, RUN_DEGC, SENSOR};
-use crate::data::frequency::{ClockDrift, FittedResponse, SineAmplitude};
-use crate::data::result::{Conditions, RunHead};
+use crate::data::frequency::{FrequencyFound, FrequencyValues, SineAmplitude};
+use crate::data::result::Conditions;
 use crate::model::applied::ModelApplied;
 use serde::{Deserialize, Serialize};
 
@@ -34,36 +34,14 @@ impl Default for FrequencyConvention {
 /// Sampling frequency and frequency response. Without waveforms the sampling frequency is absent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fpf {
-    /// Sampling frequency per component, Hz.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub f_s_hz: Option<[f64; 3]>,
-    /// Its standard uncertainty, Hz.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub f_s_std_hz: Option<[f64; 3]>,
-    /// Weighted mean of the components, Hz.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub mean_f_s_hz: Option<f64>,
-    /// Its standard uncertainty, Hz.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub mean_f_s_std_hz: Option<f64>,
-    /// Standard deviation of the three components about their mean, Hz; the protocol of 2013 prints this one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub scatter_f_s_hz: Option<f64>,
-    /// -3 dB frequency from the two neighbouring amplitudes, Hz; nan where the amplitudes do not fall by 3 dB.
-    pub f_3db_igep_hz: [f64; 3],
-    /// -3 dB frequency of the model, Hz; nan where no model fits.
-    pub f_3db_model_hz: [f64; 3],
-    /// Its standard uncertainty, Hz.
-    pub f_3db_model_std_hz: [f64; 3],
+    /// Sampling frequency and -3 dB frequencies.
+    #[serde(flatten)]
+    pub values: FrequencyValues,
     /// What the numbers mean.
     pub convention: FrequencyConvention,
-    /// Run and conditions.
-    pub run: RunHead,
-    /// The response model.
-    pub model: FittedResponse,
-    /// What is known about the clock beside its frequency.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub clock: Option<ClockDrift>,
+    /// What they were found with.
+    #[serde(flatten)]
+    pub found: FrequencyFound,
     /// Known effects that were taken off the sines: amplitudes, phases and -3 dB frequencies are those without them, with their
     /// uncertainties; those of the parameters of the response are without. f_s is that at `clock.reference_s`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -96,6 +74,6 @@ impl Body for Fpf {
     const MAY_LACK: &'static [&'static str] =
         &["f_3db_igep_hz", "f_3db_model_hz", "f_3db_model_std_hz", "f_s_hz", "f_s_std_hz", "model", "clock", "amplitude"];
     fn file_name(&self) -> String {
-        format!("FREQ_PARAMETER__{}.FPF", self.run.dashed_id())
+        format!("FREQ_PARAMETER__{}.FPF", self.found.run.dashed_id())
     }
 }

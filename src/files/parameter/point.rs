@@ -278,14 +278,14 @@ impl From<&Fpf> for CalibratedRun {
     fn from(fpf: &Fpf) -> Self {
         Self {
             file: fpf.file_name(),
-            run: (&fpf.run).into(),
+            run: (&fpf.found.run).into(),
             channel: fpf.conditions.as_ref().map(|c| c.sensor_channel.clone()),
             values: RunValues::Freq {
-                model_hz: Some(fpf.f_3db_model_hz),
-                model_std_hz: Some(fpf.f_3db_model_std_hz),
-                igep_hz: Some(fpf.f_3db_igep_hz),
-                f_s_hz: fpf.mean_f_s_hz,
-                f_s_std_hz: fpf.mean_f_s_std_hz,
+                model_hz: Some(fpf.values.f_3db_model_hz),
+                model_std_hz: Some(fpf.values.f_3db_model_std_hz),
+                igep_hz: Some(fpf.values.f_3db_igep_hz),
+                f_s_hz: fpf.values.mean_f_s_hz,
+                f_s_std_hz: fpf.values.mean_f_s_std_hz,
             },
             reference: None,
         }

@@ -1,7 +1,7 @@
 //! What the corner of a table of amplitudes is, and how it was found.
 
 use super::refusal::Refusal;
-use crate::data::frequency::{ComparedResponse, FittedResponse};
+use crate::data::frequency::{ComparedResponse, FittedResponse, FrequencyValues};
 use crate::model::response::Parameter;
 use serde::Serialize;
 
@@ -103,19 +103,18 @@ pub struct Corner {
 }
 
 impl Corner {
-    /// Corners by interpolation, Hz; nan where there is none.
+    /// -3 dB frequencies, nan where there is none, without a sampling frequency.
     #[must_use]
-    pub fn igep_hz(&self) -> [f64; 3] {
-        self.components.each_ref().map(|c| c.f_3db_igep_hz.unwrap_or(f64::NAN))
+    pub fn values(&self) -> FrequencyValues {
+        FrequencyValues {
+            f_3db_igep_hz: self.components.each_ref().map(|c| c.f_3db_igep_hz.unwrap_or(f64::NAN)),
+            f_3db_model_hz: self.components.each_ref().map(|c| c.model.as_ref().map_or(f64::NAN, |m| m.f_3db_model_hz)),
+            f_3db_model_std_hz: self.model_std_hz(),
+            ..FrequencyValues::default()
+        }
     }
 
-    /// Corners by the response chosen, Hz; nan where there is none.
-    #[must_use]
-    pub fn model_hz(&self) -> [f64; 3] {
-        self.components.each_ref().map(|c| c.model.as_ref().map_or(f64::NAN, |m| m.f_3db_model_hz))
-    }
-
-    /// Their standard uncertainties, Hz.
+    /// Standard uncertainties of the corners by the response chosen, Hz; nan where there is none.
     #[must_use]
     pub fn model_std_hz(&self) -> [f64; 3] {
         self.components.each_ref().map(|c| c.model.as_ref().map_or(f64::NAN, |m| m.f_3db_model_std_hz))

@@ -1,13 +1,13 @@
 //! The clock of the instrument: its mean rate, its drift, and what is to be said about them.
 
 use super::rates::Rates;
-use super::result::SamplingRate;
-use crate::data::frequency::ClockDrift;
+use crate::data::frequency::{ClockDrift, FrequencyValues};
 use crate::data::note::{Note, NoteKind};
 use crate::data::run::Setting;
 use crate::data::units::COMPONENTS;
 use crate::fit::sine::{CommonRate, Drift, Verdict};
 use crate::fit::{Limits, order, polynomial};
+use crate::measure::corner::Corner;
 
 /// Difference of chi-square below which the next best sampling frequency is as good.
 const AMBIGUOUS: f64 = 25.0;
@@ -89,22 +89,24 @@ impl Clock {
         self.mean_hz + self.drift_hz_per_s.map_or(0.0, |d| d * (t_s - self.centre_s))
     }
 
-    /// The sampling frequency without a known drift, by which it is `moved` at its time; `known_drift` gives it a time even if it has
-    /// no drift of its own.
-    pub fn rate(&self, moved: f64, known_drift: bool) -> SamplingRate {
-        SamplingRate {
-            component_hz: self.rate_hz.map(|f| f * moved),
-            component_std_hz: self.std_hz,
-            mean_hz: self.mean_hz * moved,
-            mean_std_hz: self.mean_std_hz,
-            scatter_hz: Some(self.scatter_hz).filter(|s| s.is_finite()),
-            clock: ClockDrift {
-                reference_s: self.part.reference_s.or(known_drift.then_some(self.centre_s)),
-                ..self.part.clone()
-            },
+    /// The sampling frequency without a known drift, by which it is `moved` at its time, beside the -3 dB frequencies.
+    pub fn values(&self, moved: f64, corner: &Corner) -> FrequencyValues {
+        FrequencyValues {
+            f_s_hz: Some(self.rate_hz.map(|f| f * moved)),
+            f_s_std_hz: Some(self.std_hz),
+            mean_f_s_hz: Some(self.mean_hz * moved),
+            mean_f_s_std_hz: Some(self.mean_std_hz),
+            scatter_f_s_hz: Some(self.scatter_hz).filter(|s| s.is_finite()),
+            ..corner.values()
         }
     }
 
+    /// Drift and the next best value; a known drift gives the sampling frequency a time even if it has no drift of its own.
+    pub fn drift(&self, known_drift: bool) -> ClockDrift {
+        ClockDrift { reference_s: self.part.reference_s.or(known_drift.then_some(self.centre_s)), ..self.part.clone() }
+    }
+
+    /// What a person should know of it; `settings` are those of the packets.
     pub fn notes(&self, rates: &Rates, settings: &[Setting]) -> Vec<Note> {
         let note = |text: String| Note::new(NoteKind::Method, text);
         let mut notes: Vec<Note> = rates.refused.iter().cloned().map(note).collect();

@@ -3,7 +3,7 @@
 use super::amplitudes::DETECTED;
 use super::response::respond;
 use super::result::Freq;
-use crate::data::frequency::SineAmplitude;
+use crate::data::frequency::{FrequencyFound, SineAmplitude};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::RunHead;
 use crate::data::run::Location;
@@ -52,11 +52,8 @@ pub fn from_table(rows: &[AmplitudeRow], id: &str) -> Freq {
     let mut notes = vec![Note::new(NoteKind::Method, text)];
     let corner = respond(&mut measured, &mut notes);
     Freq {
-        run: head,
-        rate: None,
-        f_3db_igep_hz: corner.igep_hz(),
-        f_3db_model_hz: corner.model_hz(),
-        f_3db_model_std_hz: corner.model_std_hz(),
+        values: corner.values(),
+        found: FrequencyFound { run: head, model: corner.response(), clock: None },
         corner,
         effects: None,
         amplitude: measured,

@@ -104,19 +104,19 @@ pub(super) fn of_freq(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
         }
         estimates.push(Estimate {
             name: format!("f_3db_{component}"),
-            value: p.f_3db_model_hz[i],
-            std: p.f_3db_model_std_hz[i],
+            value: p.values.f_3db_model_hz[i],
+            std: p.values.f_3db_model_std_hz[i],
             factor_95: NORMAL_95,
             truth: tones.corner.0,
             bound: tones.corner.1,
         });
     }
-    let rate = p.rate.as_ref().unwrap();
+    let (f_s_hz, f_s_std_hz) = (p.values.f_s_hz.unwrap(), p.values.f_s_std_hz.unwrap());
     for i in 0..3 {
         estimates.push(Estimate {
             name: format!("f_s_{}", components[i]),
-            value: rate.component_hz[i],
-            std: rate.component_std_hz[i],
+            value: f_s_hz[i],
+            std: f_s_std_hz[i],
             factor_95: NORMAL_95,
             truth: sensor.rate_hz,
             bound: information[i].powf(-0.5),
@@ -124,8 +124,8 @@ pub(super) fn of_freq(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     }
     estimates.push(Estimate {
         name: "f_s mean".to_owned(),
-        value: rate.mean_hz,
-        std: rate.mean_std_hz,
+        value: p.values.mean_f_s_hz.unwrap(),
+        std: p.values.mean_f_s_std_hz.unwrap(),
         factor_95: NORMAL_95,
         truth: sensor.rate_hz,
         bound: information.iter().sum::<f64>().powf(-0.5),
