@@ -13,6 +13,7 @@ pub mod note;
 pub mod offset;
 pub mod plateau;
 pub mod provenance;
+pub mod quantity;
 pub mod recipe;
 pub mod reference;
 pub mod result;

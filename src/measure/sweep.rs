@@ -24,6 +24,7 @@ use super::thermal::{QuantityFit, band};
 use crate::data::across::LinearScope;
 use crate::data::note::Note;
 use crate::data::plateau::{Plateau, Plateaus};
+use crate::data::quantity::QuantityFound;
 use crate::data::run::{Kind, Run};
 use crate::fit::NORMAL_95;
 use crate::fit::order::Reason;
@@ -100,7 +101,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let mut head = conditions::head(run, instructions, &temperatures);
     head.temperature_degc = Some(degc.iter().sum::<f64>() / degc.len() as f64);
     let polynomials = joint.polynomials();
-    let quantity = |k: usize| describe(k, &polynomials[k], &windows, asked.has(k < 6), used.len());
+    let quantity = |k: usize| describe(k, run, &polynomials[k], &windows, asked.has(k < 6), used.len());
     let rms = |of: &dyn Fn(&SweepBlock) -> f64| (blocks.iter().map(|b| of(b).powi(2)).sum::<f64>() / blocks.len() as f64).sqrt();
     Ok(Sweep {
         run: head,
@@ -135,25 +136,40 @@ fn field_range_nt(used: &[&Plateau], r_nom: &Matrix3<f64>) -> [[f64; 2]; 3] {
 }
 
 /// A quantity with its polynomial. Windows that follow each other share settings: those stand beside it that share none.
-fn describe(k: usize, polynomial: &TemperaturePolynomial, windows: &[WindowFit], given: bool, settings: usize) -> QuantityFit {
+fn describe(
+    k: usize,
+    run: &Run,
+    polynomial: &TemperaturePolynomial,
+    windows: &[WindowFit],
+    given: bool,
+    settings: usize,
+) -> QuantityFit {
     let (name, component, unit) = QUANTITIES[k];
     let apart: Vec<&WindowFit> = windows.iter().step_by(WINDOW).collect();
     let residual: Vec<f64> = apart.iter().map(|w| w.values[k] - polynomial.evaluate(w.temperature_degc[1]).0).collect();
+    let [min_error, max_error] = extremes(residual.iter().copied());
     QuantityFit {
-        name: name.to_owned(),
+        found: QuantityFound {
+            name: name.to_owned(),
+            unit: unit.to_owned(),
+            runs: vec![run.header.run.clone()],
+            valid_degc: polynomial.valid_degc,
+            degrees_of_freedom: settings.saturating_sub(polynomial.coefficients.len()),
+            factor_95: NORMAL_95,
+            order: polynomial.order(),
+            order_by: if given { Reason::Given } else { Reason::LeastAicc }.to_string(),
+            aicc: Vec::new(),
+            leave_one_out: Vec::new(),
+            value: apart.iter().map(|w| w.values[k]).collect(),
+            std: apart.iter().map(|w| w.std[k]).collect(),
+            residual,
+            widened: 1.0,
+            min_error,
+            max_error,
+        },
         component: component.to_owned(),
-        unit,
         runs: Vec::new(),
-        points: apart.iter().map(|w| [w.temperature_degc[1], w.values[k], w.std[k]]).collect(),
-        std_known: true,
-        error_range: extremes(residual.iter().copied()),
-        residual,
-        degrees_of_freedom: settings.saturating_sub(polynomial.coefficients.len()),
-        factor_95: NORMAL_95,
-        order_by: if given { Reason::Given } else { Reason::LeastAicc },
-        aicc: Vec::new(),
-        leave_one_out: Vec::new(),
-        widened: 1.0,
+        temperature_degc: apart.iter().map(|w| w.temperature_degc[1]).collect(),
         polynomial: polynomial.clone(),
         band: band(polynomial.valid_degc, |t| polynomial.evaluate(t)),
         joint_band: Vec::new(),

@@ -14,7 +14,7 @@ pub fn figures(sweep: &Sweep) -> Vec<Named> {
     let end_s = sweep.blocks.iter().map(|b| b.t_s).fold(0.0, f64::max);
     let time = TimeAxis::of(end_s);
     let figure = |family: &str, title: &str, symbol: &str| {
-        let curves: Vec<&QuantityFit> = sweep.quantities.iter().filter(|c| c.name.starts_with(family)).collect();
+        let curves: Vec<&QuantityFit> = sweep.quantities.iter().filter(|c| c.found.name.starts_with(family)).collect();
         polynomials(&curves, Some(&sweep.channel), "sliding windows", &format!("{title}, {of}"), symbol)
     };
     vec![
@@ -29,7 +29,7 @@ pub fn figures(sweep: &Sweep) -> Vec<Named> {
 
 /// Heating and cooling before and after the lag: how far the sensitivities are from their polynomials.
 fn branches(sweep: &Sweep, of: &str) -> Figure {
-    let curves: Vec<&QuantityFit> = sweep.quantities.iter().filter(|c| c.name.starts_with("sigma")).collect();
+    let curves: Vec<&QuantityFit> = sweep.quantities.iter().filter(|c| c.found.name.starts_with("sigma")).collect();
     let points = |which: usize, heating: bool| -> Vec<(f64, f64, Option<f64>)> {
         let off = |w: &WindowFit| {
             let t = w.temperature_degc[which];

@@ -152,7 +152,7 @@ fn coil(head: &RunsUsed, of: &str) -> Figure {
 /// Quantities with their polynomials; `points` says what the points are.
 pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: &str, title: &str, symbol: &str) -> Figure {
     let has_joint = fits.iter().any(|f| !f.joint_band.is_empty());
-    let orders: Vec<String> = fits.iter().map(|f| format!("{} {}", f.name, f.polynomial.order())).collect();
+    let orders: Vec<String> = fits.iter().map(|f| format!("{} {}", f.found.name, f.polynomial.order())).collect();
     let joint = if has_joint { " The dashed purple line is the joint fit to the plateaus of all runs." } else { "" };
     Figure {
         title: title.to_owned(),
@@ -171,7 +171,11 @@ pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: 
                         label: "95 % band".to_owned(),
                         style,
                         marks: Marks::Ribbon(
-                            curve.band.iter().map(|[t, v, s]| (*t, v - curve.factor_95 * s, v + curve.factor_95 * s)).collect(),
+                            curve
+                                .band
+                                .iter()
+                                .map(|[t, v, s]| (*t, v - curve.found.factor_95 * s, v + curve.found.factor_95 * s))
+                                .collect(),
                         ),
                     },
                     Series {
@@ -190,10 +194,12 @@ pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: 
                 series.push(Series {
                     label: format!("{symbol}_{}", curve.component),
                     style,
-                    marks: Marks::Points(curve.points.iter().map(|[t, v, s]| (*t, *v, s.is_finite().then_some(*s))).collect()),
+                    marks: Marks::Points(
+                        curve.points().into_iter().map(|[t, v, s]| (t, v, s.is_finite().then_some(s))).collect(),
+                    ),
                 });
                 Panel {
-                    y_label: format!("{symbol}_{}, {}", curve.component, curve.unit),
+                    y_label: format!("{symbol}_{}, {}", curve.component, curve.found.unit),
                     y_scale: Scale::Linear,
                     series,
                     bands: vec![],
@@ -212,15 +218,15 @@ fn residuals(thermal: &Thermal, of: &str) -> Figure {
         series: thermal
             .quantities
             .iter()
-            .filter(|c| c.name.starts_with(family))
+            .filter(|c| c.found.name.starts_with(family))
             .zip(STYLES)
             .map(|(curve, style)| {
-                let points = curve.points.iter().zip(&curve.residual);
+                let points = curve.points().into_iter().zip(&curve.found.residual);
                 Series {
                     label: curve.component.clone(),
                     style,
                     marks: Marks::Points(
-                        points.map(|([t, _, s], r)| (*t, factor * r, s.is_finite().then_some(factor * s))).collect(),
+                        points.map(|([t, _, s], r)| (t, factor * r, s.is_finite().then_some(factor * s))).collect(),
                     ),
                 }
             })

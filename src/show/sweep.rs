@@ -73,7 +73,9 @@ fn coefficients(sweep: &Sweep) -> Table {
             let std = curve.polynomial.covariance.get((k, k)).map_or(f64::NAN, |v| v.sqrt());
             curve.polynomial.coefficients.get(k).map_or(Cell::Missing(""), |c| Cell::scientific(*c, std))
         };
-        table.push(std::iter::once(format!("{}, {}", curve.name, curve.unit).into()).chain((0..most).map(cell)).collect());
+        table.push(
+            std::iter::once(format!("{}, {}", curve.found.name, curve.found.unit).into()).chain((0..most).map(cell)).collect(),
+        );
     }
     table
 }
@@ -99,7 +101,7 @@ pub fn headline(sweep: &Sweep) -> String {
 /// A few lines for the terminal.
 #[must_use]
 pub fn summary(sweep: &Sweep) -> String {
-    let orders: Vec<String> = sweep.quantities.iter().map(|q| format!("{} {}", q.name, q.polynomial.order())).collect();
+    let orders: Vec<String> = sweep.quantities.iter().map(|q| format!("{} {}", q.found.name, q.polynomial.order())).collect();
     format!("{}\n  {}\n  orders {}\n", run_line(&sweep.run), headline(sweep), orders.join(", "))
 }
 
@@ -115,8 +117,8 @@ pub fn window_table(sweep: &Sweep) -> crate::files::table::Table {
     table.push("temperature_degc", column(&|w| w.temperature_degc[0]));
     table.push("temperature_with_lag_degc", column(&|w| w.temperature_degc[1]));
     for (k, curve) in sweep.quantities.iter().enumerate() {
-        table.push(&curve.name, column(&|w| w.values[k]));
-        table.push(&format!("{}_std", curve.name), column(&|w| w.std[k]));
+        table.push(&curve.found.name, column(&|w| w.values[k]));
+        table.push(&format!("{}_std", curve.found.name), column(&|w| w.std[k]));
     }
     for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
         table.push(&format!("residual_{axis}_nt"), column(&|w| w.residual_nt[k]));

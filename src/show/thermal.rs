@@ -138,7 +138,7 @@ fn family(thermal: &Thermal, family: &str, title: &str, units: &str) -> Section 
             let value = q.polynomial.coefficients.get(k);
             value.map_or(Cell::Missing(""), |value| Cell::scientific(*value, variance(&q.polynomial, k).sqrt()))
         };
-        table.push(std::iter::once((&q.name).into()).chain((0..=most).map(cell)).collect());
+        table.push(std::iter::once((&q.found.name).into()).chain((0..=most).map(cell)).collect());
     }
     section
         .with(Text::default().code("p(T) = Σ p_k T^k").and(format!(" [{units}], standard uncertainties:")))
@@ -148,16 +148,16 @@ fn family(thermal: &Thermal, family: &str, title: &str, units: &str) -> Section 
 }
 
 fn orders(quantities: &[&QuantityFit]) -> Table {
-    let orders = quantities.iter().map(|q| q.aicc.len().max(q.leave_one_out.len())).max().unwrap_or(0);
+    let orders = quantities.iter().map(|q| q.found.aicc.len().max(q.found.leave_one_out.len())).max().unwrap_or(0);
     let head = ["quantity", "order", "chosen by"].map(str::to_owned);
     let mut table = Table::new(head.into_iter().chain((0..orders).map(|k| format!("order {k}"))));
     for q in quantities {
-        let mut row = cells![&q.name, q.polynomial.order(), q.order_by.to_string()];
+        let mut row = cells![&q.found.name, q.polynomial.order(), &q.found.order_by];
         for k in 0..orders {
             let cell = |list: &[f64], form: &dyn Fn(f64) -> String| {
                 list.get(k).filter(|v| v.is_finite()).map_or_else(|| "-".to_owned(), |v| form(*v))
             };
-            let both = [cell(&q.aicc, &|v| format!("{v:.1}")), cell(&q.leave_one_out, &|v| format!("{v:.1e}"))];
+            let both = [cell(&q.found.aicc, &|v| format!("{v:.1}")), cell(&q.found.leave_one_out, &|v| format!("{v:.1e}"))];
             row.push(both.join(" / ").into());
         }
         table.push(row);
@@ -170,14 +170,14 @@ fn quality(thermal: &Thermal) -> Section {
         Table::new(["quantity", "unit", "runs", "valid, °C", "smallest error", "largest error", "widened by", "95 % factor"]);
     for q in &thermal.quantities {
         table.push(cells![
-            &q.name,
-            q.unit,
+            &q.found.name,
+            &q.found.unit,
             q.runs.len(),
             format!("{:.1} to {:.1}", q.polynomial.valid_degc[0], q.polynomial.valid_degc[1]),
-            Cell::exponent(q.error_range[0], 2),
-            Cell::exponent(q.error_range[1], 2),
-            Cell::fixed(q.widened, 1),
-            Cell::fixed(q.factor_95, 2).or("-"),
+            Cell::exponent(q.found.min_error, 2),
+            Cell::exponent(q.found.max_error, 2),
+            Cell::fixed(q.found.widened, 1),
+            Cell::fixed(q.found.factor_95, 2).or("-"),
         ]);
     }
     Section::new("Model quality")
@@ -231,7 +231,7 @@ fn joint(thermal: &Thermal, lin: &LinAcross) -> Option<Section> {
 #[must_use]
 pub fn summary(thermal: &Thermal) -> String {
     let h = &thermal.runs;
-    let orders: Vec<String> = thermal.quantities.iter().map(|q| format!("{} {}", q.name, q.polynomial.order())).collect();
+    let orders: Vec<String> = thermal.quantities.iter().map(|q| format!("{} {}", q.found.name, q.polynomial.order())).collect();
     format!(
         "{} {}{}  {} {} runs, {:.1} to {:.1} °C\n  orders {}\n",
         h.sensor,

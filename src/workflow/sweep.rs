@@ -1,6 +1,6 @@
 //! Continuous sweeps as files, figures and text.
 
-use super::thermal::{CurveView, covariances, quantity_part, tpf};
+use super::thermal::{CurveView, covariances, tpf};
 use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
 use crate::data::error::Finding;
 use crate::data::note::Note;
@@ -114,7 +114,7 @@ fn thermal_head(sweep: &Sweep) -> ThermalHead {
         coil_temperature_degc: vec![sweep.run.coil_temperature_degc.unwrap_or(f64::NAN)],
         convention: ThermalConvention::default(),
         covariance: covariances(&sweep.quantities),
-        quantity: sweep.quantities.iter().map(|q| quantity_part(q, vec![sweep.run.id.clone()])).collect(),
+        quantity: sweep.quantities.iter().map(|q| q.found.clone()).collect(),
         warnings: sweep.notes.iter().map(Note::to_string).collect(),
     }
 }

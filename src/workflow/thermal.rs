@@ -10,9 +10,7 @@ use crate::data::recipe::Recipe;
 use crate::data::reference::StatedReference;
 use crate::data::run::Location;
 use crate::files::output::Folder;
-use crate::files::parameter::{
-    Body, JointPart, NO_CHANNEL, QuantityPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point,
-};
+use crate::files::parameter::{Body, JointPart, NO_CHANNEL, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point};
 use crate::measure::centre::together;
 use crate::measure::joint::{JointFit, QUANTITIES};
 use crate::measure::lin::Lin;
@@ -320,9 +318,9 @@ struct ThermalView<'a> {
 pub(super) struct CurveView<'a> {
     name: &'a str,
     component: &'a str,
-    unit: &'static str,
+    unit: &'a str,
     runs: &'a [usize],
-    points: &'a [[f64; 3]],
+    points: Vec<[f64; 3]>,
     factor_95: f64,
     coefficients: &'a [f64],
     band: &'a [[f64; 3]],
@@ -332,12 +330,12 @@ pub(super) struct CurveView<'a> {
 impl<'a> From<&'a QuantityFit> for CurveView<'a> {
     fn from(fit: &'a QuantityFit) -> Self {
         Self {
-            name: &fit.name,
+            name: &fit.found.name,
             component: &fit.component,
-            unit: fit.unit,
+            unit: &fit.found.unit,
             runs: &fit.runs,
-            points: &fit.points,
-            factor_95: fit.factor_95,
+            points: fit.points(),
+            factor_95: fit.found.factor_95,
             coefficients: &fit.polynomial.coefficients,
             band: &fit.band,
             joint: &fit.joint_band,
@@ -411,7 +409,7 @@ impl ThermalFile {
 
 /// The coefficients of a quantity; none if it is not determined.
 fn coefficients(quantities: &[QuantityFit], name: &str) -> Vec<f64> {
-    quantities.iter().find(|q| q.name == name).map_or_else(Vec::new, |q| q.polynomial.coefficients.clone())
+    quantities.iter().find(|q| q.found.name == name).map_or_else(Vec::new, |q| q.polynomial.coefficients.clone())
 }
 
 /// The file of polynomials of a linear calibration, without what only one kind of analysis has.
@@ -459,7 +457,7 @@ fn head(result: &Thermal) -> ThermalHead {
         coil_temperature_degc,
         convention: ThermalConvention::default(),
         covariance: covariances(&result.quantities),
-        quantity: result.quantities.iter().map(|q| quantity_part(q, q.runs.iter().map(|i| ids[*i].clone()).collect())).collect(),
+        quantity: result.quantities.iter().map(|q| q.found.clone()).collect(),
         runs: ids,
         warnings: result.notes.iter().map(Note::to_string).collect(),
     }
@@ -467,29 +465,7 @@ fn head(result: &Thermal) -> ThermalHead {
 
 /// Covariance of the coefficients of every quantity.
 pub(super) fn covariances(quantities: &[QuantityFit]) -> BTreeMap<String, Vec<Vec<f64>>> {
-    quantities.iter().map(|q| (q.name.clone(), rows(&q.polynomial.covariance))).collect()
-}
-
-/// How one polynomial was found, for the file; `runs` are the ids of the runs that determine it.
-pub(super) fn quantity_part(fit: &QuantityFit, runs: Vec<String>) -> QuantityPart {
-    QuantityPart {
-        name: fit.name.clone(),
-        unit: fit.unit.to_owned(),
-        runs,
-        valid_degc: fit.polynomial.valid_degc,
-        degrees_of_freedom: fit.degrees_of_freedom,
-        factor_95: fit.factor_95,
-        order: fit.polynomial.order(),
-        order_by: fit.order_by.to_string(),
-        aicc: fit.aicc.clone(),
-        leave_one_out: fit.leave_one_out.clone(),
-        value: fit.points.iter().map(|[_, value, _]| *value).collect(),
-        std: if fit.std_known { fit.points.iter().map(|[.., std]| *std).collect() } else { Vec::new() },
-        residual: fit.residual.clone(),
-        widened: fit.widened,
-        min_error: fit.error_range[0],
-        max_error: fit.error_range[1],
-    }
+    quantities.iter().map(|q| (q.found.name.clone(), rows(&q.polynomial.covariance))).collect()
 }
 
 fn joint_part(joint: &JointFit) -> JointPart {

@@ -77,17 +77,17 @@ fn rows_of(result: &Thermal, file: &Table) -> Vec<Row> {
     let head = &result.runs;
     let mut rows = Vec::new();
     for curve in &result.quantities {
-        let Some(printed) = file.get(&curve.name).and_then(|item| item.as_array()) else { continue };
+        let Some(printed) = file.get(&curve.found.name).and_then(|item| item.as_array()) else { continue };
         for (power, value) in printed.iter().enumerate() {
             rows.push(Row {
                 sensor: head.sensor.clone(),
                 mode: head.mode.clone(),
-                quantity: curve.name.clone(),
+                quantity: curve.found.name.clone(),
                 power,
                 printed: value.as_float().unwrap_or(f64::NAN),
                 found: curve.polynomial.coefficients.get(power).copied().unwrap_or(f64::NAN),
                 std: curve.polynomial.covariance.get((power, power)).map_or(f64::NAN, |v| v.sqrt()),
-                factor_95: curve.factor_95,
+                factor_95: curve.found.factor_95,
             });
         }
     }

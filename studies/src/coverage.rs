@@ -444,7 +444,7 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
         for kind in Kind::ALL {
             let result = thermal(&group, kind, &[], false).unwrap();
             for curve in &result.quantities {
-                let (family, component) = curve.name.rsplit_once('_').unwrap();
+                let (family, component) = curve.found.name.rsplit_once('_').unwrap();
                 let i = ["x", "y", "z"].iter().position(|c| *c == component);
                 let i = i.or_else(|| ["xy", "xz", "yz"].iter().position(|c| *c == component)).unwrap();
                 let truth = match family {
@@ -454,17 +454,17 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
                     _ => &model.b_off_ent[i],
                 };
                 // The smallest variance with runs at their bounds.
-                let least = bounds.get(&curve.name).map(|bounds| {
+                let least = bounds.get(&curve.found.name).map(|bounds| {
                     let design = DMatrix::from_fn(7, truth.len(), |r, c| TEMPERATURES_DEGC[r].powi(c as i32));
                     let covariance = DMatrix::from_diagonal(&DVector::from_iterator(7, bounds.iter().map(|b| b * b)));
                     smallest(&design, &covariance)
                 });
                 for (k, truth) in truth.iter().enumerate() {
                     estimates.push(Estimate {
-                        name: format!("{} power {k}", curve.name),
+                        name: format!("{} power {k}", curve.found.name),
                         value: curve.polynomial.coefficients[k],
                         std: curve.polynomial.covariance[(k, k)].sqrt(),
-                        factor_95: curve.factor_95,
+                        factor_95: curve.found.factor_95,
                         truth: *truth,
                         bound: least.as_ref().map_or(f64::NAN, |l| l[(k, k)].sqrt()),
                     });

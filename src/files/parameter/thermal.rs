@@ -8,6 +8,7 @@ use crate::data::across::{LinearScope, RunModelErrors, RunResidualFields, RunRot
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::Finding;
+use crate::data::quantity::QuantityFound;
 use crate::data::reference::{Reference, StatedReference};
 use crate::data::run::Location;
 use crate::model::field_calibration::Frame;
@@ -65,47 +66,10 @@ pub struct ThermalHead {
     /// Covariance of the coefficients of every quantity.
     pub covariance: BTreeMap<String, Vec<Vec<f64>>>,
     /// How every polynomial was found.
-    pub quantity: Vec<QuantityPart>,
+    pub quantity: Vec<QuantityFound>,
     /// What a person should know.
     #[serde(default)]
     pub warnings: Vec<String>,
-}
-
-/// How one polynomial was found.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct QuantityPart {
-    /// `sigma_x`, for example.
-    pub name: String,
-    /// Unit.
-    pub unit: String,
-    /// Runs that determine it.
-    pub runs: Vec<String>,
-    /// Lowest and highest temperature of those runs, °C.
-    pub valid_degc: [f64; 2],
-    /// Runs minus coefficients.
-    pub degrees_of_freedom: usize,
-    /// Standard uncertainties that make an interval of 95 %: more than 1.96 where the scatter of the runs told them.
-    pub factor_95: f64,
-    /// Order of the polynomial.
-    pub order: usize,
-    /// `given` or `AICc`.
-    pub order_by: String,
-    /// AICc of the orders 0, 1, ... that could be tried; nan where it is not defined.
-    pub aicc: Vec<f64>,
-    /// Root mean square of the leave-one-out errors of the same orders, in the unit of the quantity; nan where not defined.
-    pub leave_one_out: Vec<f64>,
-    /// Values of the runs.
-    pub value: Vec<f64>,
-    /// Their standard uncertainties; empty if they are not known.
-    pub std: Vec<f64>,
-    /// Value minus polynomial.
-    pub residual: Vec<f64>,
-    /// Factor by which the uncertainties were widened because the runs scatter by more than their own uncertainties.
-    pub widened: f64,
-    /// Smallest model error.
-    pub min_error: f64,
-    /// Largest model error.
-    pub max_error: f64,
 }
 
 /// What stands for the channel of the temperature if no run tells it.

@@ -72,7 +72,7 @@ pub(super) fn model_error(points: &[&CalibratedRun], runs: &[&Lin], fits: &[Quan
     for point in points {
         let p = *runs.iter().find(|lin| lin.calibration.run.id == point.run.id)?;
         let t = point.run.temperature_degc?;
-        let at = |name: &str| fits.iter().find(|f| f.name == name).map(|f| f.polynomial.evaluate(t).0);
+        let at = |name: &str| fits.iter().find(|f| f.found.name == name).map(|f| f.polynomial.evaluate(t).0);
         let three = |names: [&str; 3]| -> Option<[f64; 3]> { Some([at(names[0])?, at(names[1])?, at(names[2])?]) };
         let sigma = three(["sigma_x", "sigma_y", "sigma_z"])?;
         let xi_deg = three(["xi_xy", "xi_xz", "xi_yz"])?;
@@ -105,7 +105,7 @@ pub(super) fn joint_fit(points: &[&CalibratedRun], runs: &[&Lin], fits: &[Quanti
     }
     let runs: Vec<JointRun> = points.iter().filter_map(|p| own(p)).map(|lin| joint_run(lin)).collect();
     let start: [Vec<f64>; 6] = std::array::from_fn(|i| {
-        fits.iter().find(|f| f.name == QUANTITIES[i]).map_or_else(Vec::new, |f| f.polynomial.coefficients.clone())
+        fits.iter().find(|f| f.found.name == QUANTITIES[i]).map_or_else(Vec::new, |f| f.polynomial.coefficients.clone())
     });
     joint(&runs, &start, &Limits::default())
 }

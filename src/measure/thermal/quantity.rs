@@ -4,6 +4,7 @@ use super::result::band;
 use super::{Corner, Kind, QuantityFit, RunGroup, SAME_DEGC, ThermalError};
 use crate::data::across::{CalibratedRun, RunValues};
 use crate::data::note::{Note, NoteKind};
+use crate::data::quantity::QuantityFound;
 use crate::data::units::COMPONENTS;
 use crate::fit::order::{self, Chosen};
 use crate::fit::{FitError, Limits, NORMAL_95, student_95};
@@ -174,11 +175,17 @@ pub(super) fn fit(
         );
         notes.push(Note::new(NoteKind::Method, text).about(&quantity.name));
     }
-    Ok(Some(described(quantity, values, &chosen, valid_degc)))
+    Ok(Some(described(quantity, values, points, &chosen, valid_degc)))
 }
 
 /// The polynomial with its values.
-fn described(quantity: &Quantity, values: Values, chosen: &Chosen, valid_degc: [f64; 2]) -> QuantityFit {
+fn described(
+    quantity: &Quantity,
+    values: Values,
+    points: &[&CalibratedRun],
+    chosen: &Chosen,
+    valid_degc: [f64; 2],
+) -> QuantityFit {
     let Values { runs, degc, value, std, std_known } = values;
     // Where the scatter of a few runs tells the uncertainties, intervals are wider than where they are known.
     let degrees_of_freedom = chosen.polynomial.dof;
@@ -186,20 +193,27 @@ fn described(quantity: &Quantity, values: Values, chosen: &Chosen, valid_degc: [
     let residual = chosen.polynomial.residuals.clone();
     let extreme = |join: fn(f64, f64) -> f64| residual.iter().copied().reduce(join).unwrap_or(f64::NAN);
     QuantityFit {
-        name: quantity.name.clone(),
+        found: QuantityFound {
+            name: quantity.name.clone(),
+            unit: quantity.unit.to_owned(),
+            runs: runs.iter().map(|i| points[*i].run.id.clone()).collect(),
+            valid_degc,
+            degrees_of_freedom,
+            factor_95,
+            order: chosen.order,
+            order_by: chosen.reason.to_string(),
+            aicc: chosen.candidates.iter().map(|c| c.aicc.unwrap_or(f64::NAN)).collect(),
+            leave_one_out: chosen.candidates.iter().map(|c| c.leave_one_out.unwrap_or(f64::NAN)).collect(),
+            value,
+            std: if std_known { std } else { Vec::new() },
+            min_error: extreme(f64::min),
+            max_error: extreme(f64::max),
+            residual,
+            widened: if std_known { chosen.inflation } else { 1.0 },
+        },
         component: quantity.component.clone(),
-        unit: quantity.unit,
         runs,
-        points: (0..degc.len()).map(|i| [degc[i], value[i], if std_known { std[i] } else { f64::NAN }]).collect(),
-        std_known,
-        error_range: [extreme(f64::min), extreme(f64::max)],
-        residual,
-        degrees_of_freedom,
-        factor_95,
-        order_by: chosen.reason,
-        aicc: chosen.candidates.iter().map(|c| c.aicc.unwrap_or(f64::NAN)).collect(),
-        leave_one_out: chosen.candidates.iter().map(|c| c.leave_one_out.unwrap_or(f64::NAN)).collect(),
-        widened: if std_known { chosen.inflation } else { 1.0 },
+        temperature_degc: degc,
         polynomial: TemperaturePolynomial {
             coefficients: chosen.polynomial.coefficients.clone(),
             covariance: finite(&chosen.covariance),

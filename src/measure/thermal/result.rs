@@ -3,9 +3,9 @@
 use super::group::Kind;
 use crate::data::across::{LinearScope, RunModelErrors, RunResidualFields, RunRotations};
 use crate::data::note::Note;
+use crate::data::quantity::QuantityFound;
 use crate::data::reference::StatedReference;
 use crate::data::run::Location;
-use crate::fit::order::Reason;
 use crate::measure::joint::JointFit;
 use crate::model::polynomial::TemperaturePolynomial;
 
@@ -38,34 +38,14 @@ pub struct RunsUsed {
 /// The polynomial of one quantity with the values it rests on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct QuantityFit {
-    /// `sigma_x`, for example.
-    pub name: String,
+    /// How it was found, with the values it rests on.
+    pub found: QuantityFound,
     /// Component or pair of components, `x` or `xy`.
     pub component: String,
-    /// Unit.
-    pub unit: &'static str,
     /// Runs that determine it, as indices into the runs of the group; empty for the windows of a sweep.
     pub runs: Vec<usize>,
-    /// Temperature, °C, value and standard uncertainty of those runs or windows.
-    pub points: Vec<[f64; 3]>,
-    /// Whether the standard uncertainties of the values are known; without them they are nan in `points`.
-    pub std_known: bool,
-    /// Value minus polynomial.
-    pub residual: Vec<f64>,
-    /// Smallest and largest value minus polynomial.
-    pub error_range: [f64; 2],
-    /// Runs, or settings of a sweep, minus coefficients.
-    pub degrees_of_freedom: usize,
-    /// Standard uncertainties that make an interval of 95 %: more than 1.96 where the scatter of the runs told them.
-    pub factor_95: f64,
-    /// How the order was chosen.
-    pub order_by: Reason,
-    /// AICc of the orders 0, 1, ... that could be tried; nan where it is not defined.
-    pub aicc: Vec<f64>,
-    /// Root mean square of the leave-one-out errors of the same orders, in the unit of the quantity; nan where not defined.
-    pub leave_one_out: Vec<f64>,
-    /// Factor by which the uncertainties were widened because the runs scatter by more than their own uncertainties.
-    pub widened: f64,
+    /// Temperatures of its values, °C.
+    pub temperature_degc: Vec<f64>,
     /// The polynomial.
     pub polynomial: TemperaturePolynomial,
     /// Temperature, value and standard uncertainty of the polynomial at even steps over its range.
@@ -78,7 +58,14 @@ impl QuantityFit {
     /// The quantities that are shown together, `sigma` of `sigma_x`.
     #[must_use]
     pub fn family(&self) -> &str {
-        self.name.rsplit_once('_').map_or(self.name.as_str(), |(family, _)| family)
+        self.found.name.rsplit_once('_').map_or(self.found.name.as_str(), |(family, _)| family)
+    }
+
+    /// Temperature, °C, value and standard uncertainty of the runs or windows; nan where the uncertainties are not known.
+    #[must_use]
+    pub fn points(&self) -> Vec<[f64; 3]> {
+        let values = self.temperature_degc.iter().zip(&self.found.value).enumerate();
+        values.map(|(i, (t, value))| [*t, *value, self.found.std.get(i).copied().unwrap_or(f64::NAN)]).collect()
     }
 }
 
@@ -166,7 +153,7 @@ impl Thermal {
     /// The quantity of a name.
     #[must_use]
     pub fn quantity(&self, name: &str) -> Option<&QuantityFit> {
-        self.quantities.iter().find(|q| q.name == name)
+        self.quantities.iter().find(|q| q.found.name == name)
     }
 }
 
