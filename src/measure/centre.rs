@@ -6,7 +6,11 @@
 //! The report's ω is that of the Rosetta convention; the calibrations of runs and their polynomials state angles and sensitivities in the
 //! BepiColombo convention. Everything is converted exactly before `k` and `K` are formed.
 
-use crate::data::across::{CalibratedRun, CentreResidual, LinearScope, LinearisedDifferently, PairedCalibration, RunValues};
+mod refusal;
+
+pub use refusal::CentreError;
+
+use crate::data::across::{CalibratedRun, CentreResidual, LinearScope, PairedCalibration, RunValues};
 use crate::data::convention::{Alignment, Convention};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Rows;
@@ -16,7 +20,6 @@ use crate::model::alignment::{AlignmentPolynomials, Through, nodes_degc};
 use crate::model::off_centre::Transfer;
 use crate::model::polynomial::{TemperaturePolynomial, value};
 use nalgebra::DMatrix;
-use thiserror::Error;
 
 /// Polynomials of a temperature cycle beside the centre. A covariance of another size than the coefficients stands for one that is not
 /// known.
@@ -180,64 +183,6 @@ pub struct OffsetAtCentre {
     pub b_off_ent: [TemperaturePolynomial; 3],
     /// Residual field of the coil system where the temperature cycle was measured.
     pub residual: CentreResidual,
-}
-
-/// Why there are no polynomials at the centre.
-#[derive(Clone, Debug, Error, PartialEq)]
-pub enum CentreError {
-    /// A file of another kind.
-    #[error("{file} is no {wanted}")]
-    Kind {
-        /// The file.
-        file: String,
-        /// What it should be.
-        wanted: &'static str,
-    },
-    /// A run without temperature.
-    #[error("{0} states no sensor temperature")]
-    NoTemperature(String),
-    /// A run of another sensor or mode.
-    #[error("{file} is of {found}, {centre} of {wanted}")]
-    Other {
-        /// The file.
-        file: String,
-        /// Its sensor and mode.
-        found: String,
-        /// The file at the centre.
-        centre: String,
-        /// Its sensor and mode.
-        wanted: String,
-    },
-    /// Readings that were not linearised in one way.
-    #[error("{centre} and the runs beside the centre: {error}")]
-    Linearised {
-        /// The file at the centre.
-        centre: String,
-        /// What is wrong.
-        error: LinearisedDifferently,
-    },
-    /// Values of no sensor.
-    #[error(
-        "{0} and the values off-centre give no k and K: a sensitivity is zero, or no three axes have such angles between them"
-    )]
-    NoTransfer(String),
-    /// The numbers do not work out.
-    #[error("the polynomials cannot be taken to the centre: {0}")]
-    Fit(#[from] FitError),
-}
-
-impl CentreError {
-    /// What to do about it.
-    #[must_use]
-    pub fn remedy(&self) -> &'static str {
-        match self {
-            CentreError::Kind { .. } => "name CPF files with --centre and --off-centre, an OPF file with --offset",
-            CentreError::NoTemperature(_) => "write temperature_degc into its [run], or name a run that has it",
-            CentreError::Other { .. } => "name files of one sensor in one mode",
-            CentreError::Linearised { .. } => "calibrate all of them with the same linearisation, or all without one",
-            CentreError::NoTransfer(_) | CentreError::Fit(_) => "check the values of the files",
-        }
-    }
 }
 
 /// Values that are carried on, with their covariance as far as it is known.
