@@ -33,8 +33,8 @@ pub struct Reference {
     pub stated_for: Convention,
 }
 
-/// What a matrix of nine digits may miss of a rotation.
-const ROUNDING: f64 = 1e-6;
+/// What a matrix that is printed with six decimals may miss of a rotation: half a unit in the products of three pairs of elements, twice.
+const ROUNDING: f64 = 2e-6;
 
 /// Whether rows are those of a rotation: lengths of one, right angles, no mirror.
 #[must_use]

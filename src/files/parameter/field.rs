@@ -198,6 +198,12 @@ impl ThermalHead {
 }
 
 impl Tpf {
+    /// Model files whose effects were taken off before; files of sweeps from before that key name theirs with the sweep.
+    fn known_effects(&self) -> Vec<String> {
+        let of_sweep = self.sweep.as_ref().and_then(|sweep| sweep.model.as_ref()).map(|model| model.file.clone());
+        if self.scope.known_effects.is_empty() { of_sweep.into_iter().collect() } else { self.scope.known_effects.clone() }
+    }
+
     /// Refuses polynomials of no sensor.
     pub(super) fn is_consistent(&self, path: &Path) -> Result<(), Finding> {
         let sigma = [&self.sigma_x, &self.sigma_y, &self.sigma_z];
@@ -221,7 +227,7 @@ impl Tpf {
             mode: self.head.mode.clone(),
             location: self.head.location,
             channel: self.head.stated_channel(),
-            known_effects: self.scope.known_effects.clone(),
+            known_effects: self.known_effects(),
             reference: self.reference.clone(),
             frame: Convention::BepiColombo.sensor_frame().to_owned(),
             coefficients: with_three(parts, Parameter::Xi, &self.xi_deg()),

@@ -227,8 +227,14 @@ impl RpcMag {
             "y" | "xz" => 1,
             _ => 2,
         };
-        // A residual field of zero belongs to an offset that was measured by turning the sensor.
-        let exact = family == "B_RES" && self.b_res_ent == [0.0; 3];
-        if exact { Some(0.0) } else { self.std.get(family)?.get(place).copied() }
+        // Without a transfer to the centre K is the identity, and an offset of a turned sensor holds no residual field: both are exact.
+        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let exact = match family {
+            "B_RES" => self.b_res_ent == [0.0; 3],
+            "K_0" | "K_1" | "K_2" => self.k_inverse == identity,
+            _ => false,
+        };
+        let stated = self.std.get(family).and_then(|std| std.get(place)).copied();
+        stated.or(exact.then_some(0.0))
     }
 }
