@@ -44,7 +44,6 @@ fn calibration() -> Applied {
 
 /// Readings of a noisy sensor in a field that turns slowly, 24 bits.
 fn raw(file: &mut Pending) {
-    let mut file = Some(file);
     let mut state = 0x9E37_79B9_7F4A_7C15_u64;
     let mut noise = move || {
         state ^= state << 13;
@@ -52,7 +51,7 @@ fn raw(file: &mut Pending) {
         state ^= state << 17;
         (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
     };
-    let mut writer: Option<Writer> = None;
+    let mut writer = Writer::new(file, Format::Parquet, "raw");
     for begin in (0..ROWS).step_by(BATCH) {
         let t: Vec<f64> = (begin..begin + BATCH).map(|n| n as f64 / 128.0).collect();
         let lsb = 0.01;
@@ -62,16 +61,9 @@ fn raw(file: &mut Pending) {
         let (x, y, z) = (axis(0.0), axis(1.0), axis(2.0));
         let degc = t.iter().map(|t| ((20.0 + 15.0 * (t / 5000.0).sin()) / 0.01).round() * 0.01).collect();
         let batch = Batch::of_numbers(vec![("t", t), ("x", x), ("y", y), ("z", z), ("t_degc", degc)], begin).unwrap();
-        if let Some(file) = file.take() {
-            writer = Some(Writer::begin(file, Format::Parquet, &batch, "raw").unwrap());
-        }
-        if let Some(writer) = &mut writer {
-            writer.write(&batch).unwrap();
-        }
+        writer.write(&batch).unwrap();
     }
-    if let Some(writer) = writer {
-        writer.finish().unwrap();
-    }
+    writer.finish().unwrap();
 }
 
 /// All batches of a table.
@@ -88,19 +80,9 @@ fn read(path: &Path, mut take: impl FnMut(Batch)) -> Duration {
 fn copied(path: &Path, folder: &Folder) -> Duration {
     let begin = Instant::now();
     let mut file = folder.create("copy.parquet").unwrap();
-    let mut pending = Some(&mut file);
-    let mut writer = None;
-    read(path, |batch| {
-        if let Some(file) = pending.take() {
-            writer = Some(Writer::begin(file, Format::Parquet, &batch, "copy").unwrap());
-        }
-        if let Some(writer) = &mut writer {
-            writer.write(&batch).unwrap();
-        }
-    });
-    if let Some(writer) = writer {
-        writer.finish().unwrap();
-    }
+    let mut writer = Writer::new(&mut file, Format::Parquet, "copy");
+    read(path, |batch| writer.write(&batch).unwrap());
+    writer.finish().unwrap();
     file.finish().unwrap();
     begin.elapsed()
 }

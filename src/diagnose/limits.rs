@@ -35,9 +35,7 @@ pub(super) fn limits(
             continue;
         }
         if own.iter().all(|i| groups[*i].surviving < SHOWN) {
-            let most = own.iter().map(|i| groups[*i].surviving).fold(0.0, f64::max);
-            let reason = format!("{:.1} % of it is left beside the fitted parameters", 100.0 * most);
-            none.push(NotIdentifiable { effect, reason });
+            none.push(NotIdentifiable::absorbed(effect, own.iter().map(|i| groups[*i].surviving)));
             continue;
         }
         for axis in 0..3 {

@@ -253,6 +253,14 @@ pub struct NotIdentifiable {
     pub reason: String,
 }
 
+impl NotIdentifiable {
+    /// An effect of which the fitted parameters leave too little; `surviving` are the parts of its terms that are left beside them.
+    pub(super) fn absorbed(effect: EffectRef, surviving: impl Iterator<Item = f64>) -> Self {
+        let most = surviving.fold(0.0, f64::max);
+        Self { effect, reason: format!("{:.1} % of it is left beside the fitted parameters", 100.0 * most) }
+    }
+}
+
 /// Smallest effect that would have been found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DetectionLimit {

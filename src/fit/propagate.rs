@@ -22,6 +22,20 @@ pub struct Propagated {
     pub std: Vec<f64>,
 }
 
+/// The covariance of quantities that are independent between blocks: square blocks along the diagonal.
+#[must_use]
+pub fn block_diagonal<'a>(blocks: impl IntoIterator<Item = &'a DMatrix<f64>>) -> DMatrix<f64> {
+    let blocks: Vec<&DMatrix<f64>> = blocks.into_iter().collect();
+    let n = blocks.iter().map(|b| b.nrows()).sum();
+    let mut whole = DMatrix::zeros(n, n);
+    let mut at = 0;
+    for block in blocks {
+        whole.view_mut((at, at), block.shape()).copy_from(block);
+        at += block.nrows();
+    }
+    whole
+}
+
 /// Propagates the covariance of `x` (p x p) through `f` to first order.
 ///
 /// Derivatives are extrapolated central differences; the step of every parameter and output is the one with the smallest

@@ -214,12 +214,7 @@ impl Uncertain {
     fn carry(&self, f: impl Fn(&[f64]) -> Vec<f64>) -> Result<(Vec<f64>, Option<DMatrix<f64>>), FitError> {
         let all: Option<Vec<&DMatrix<f64>>> = self.blocks.iter().map(Option::as_ref).collect();
         let Some(blocks) = all else { return Ok((f(&self.x), None)) };
-        let mut covariance = DMatrix::zeros(self.x.len(), self.x.len());
-        let mut at = 0;
-        for block in blocks {
-            covariance.view_mut((at, at), block.shape()).copy_from(block);
-            at += block.nrows();
-        }
+        let covariance = propagate::block_diagonal(blocks);
         let carried = propagate::propagate(f, &self.x, &covariance)?;
         Ok((carried.values, Some(carried.covariance)))
     }

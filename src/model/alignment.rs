@@ -142,12 +142,7 @@ pub fn in_other(
     let count = flat(&found).len();
     let known = all.iter().all(|p| p.covariance.nrows() == p.coefficients.len());
     let covariance = if known {
-        let mut block = DMatrix::zeros(x.len(), x.len());
-        let mut at = 0;
-        for p in &all {
-            block.view_mut((at, at), p.covariance.shape()).copy_from(&p.covariance);
-            at += p.coefficients.len();
-        }
+        let block = propagate::block_diagonal(all.iter().map(|p| &p.covariance));
         let carried = propagate::propagate(|x| there(x).map_or_else(|| vec![f64::NAN; count], |p| flat(&p)), &x, &block)?;
         Some(carried.covariance)
     } else {

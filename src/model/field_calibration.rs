@@ -11,6 +11,7 @@ use crate::data::convention::{Convention, PlanarAxes};
 use crate::data::flags::Flags;
 use crate::data::linearisation::LinearisationPolynomials;
 use crate::data::units::{COMPONENTS, Reading};
+use crate::fit::propagate::block_diagonal;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -163,7 +164,7 @@ impl Coefficients {
         let n = polynomial.coefficients.len();
         let known = polynomial.covariance.shape() == (n, n) && polynomial.covariance.iter().all(|v| v.is_finite());
         let before = if first { Some(DMatrix::zeros(0, 0)) } else { self.covariance.take() };
-        self.covariance = before.filter(|_| known).map(|c| block_diagonal(&c, &polynomial.covariance));
+        self.covariance = before.filter(|_| known).map(|c| block_diagonal([&c, &polynomial.covariance]));
         self
     }
 
@@ -176,7 +177,7 @@ impl Coefficients {
             (0..self.coefficients.len()).filter(|i| !matches!(self.coefficients[*i].parameter, Parameter::Offset(_))).collect();
         self.covariance = self.covariance.map(|c| c.select_rows(&kept).select_columns(&kept));
         self.coefficients = kept.into_iter().map(|i| self.coefficients[i]).chain(other.coefficients).collect();
-        self.covariance = self.covariance.zip(other.covariance).map(|(a, b)| block_diagonal(&a, &b));
+        self.covariance = self.covariance.zip(other.covariance).map(|(a, b)| block_diagonal([&a, &b]));
         self.remainders.extend(other.remainders);
         self.offset = other.offset;
         self.valid_degc = match (self.valid_degc, other.valid_degc) {
@@ -186,13 +187,6 @@ impl Coefficients {
         };
         Ok(self)
     }
-}
-
-fn block_diagonal(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut whole = DMatrix::zeros(a.nrows() + b.nrows(), a.ncols() + b.ncols());
-    whole.view_mut((0, 0), a.shape()).copy_from(a);
-    whole.view_mut((a.nrows(), a.ncols()), b.shape()).copy_from(b);
-    whole
 }
 
 /// A covariance of two parameters as a polynomial of the temperature.

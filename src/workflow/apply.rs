@@ -1,6 +1,5 @@
 //! Raw readings to calibrated field: parameter files and vectors in, vectors with field, uncertainty and flags out.
 
-use super::jobs;
 use crate::data::apply::OffsetQuantity;
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
@@ -16,7 +15,8 @@ use crate::files::output::{Folder, Pending};
 use crate::files::parameter::FieldPart;
 use crate::files::source::digest;
 use crate::files::table::stream::{Batch, Format, Reader, Writer};
-use crate::model::field_calibration::{CalibratedField, Coefficients, FieldCalibration, Frame, MatrixForm};
+use crate::fit::statistics::median;
+use crate::model::field_calibration::{CalibratedField, CalibrationError, Coefficients, FieldCalibration, Frame, MatrixForm};
 use crate::record::known::Known;
 use crate::record::single_readings::{SingleReadings, TakenOff};
 use nalgebra::Vector3;
@@ -142,9 +142,7 @@ pub fn applied(
         let rule = "state no sensitivities and angles";
         return Err(Finding::error(&all, rule, "name a CPF, TPF or TCF file, or a ground calibration file"));
     };
-    let refuse = |e: crate::model::field_calibration::CalibrationError| {
-        Finding::error(&all, e.to_string(), "name files that make one calibration together")
-    };
+    let refuse = |e: CalibrationError| Finding::error(&all, e.to_string(), "name files that make one calibration together");
     let parts = match offset {
         None => parts,
         Some((path, own)) => {
@@ -387,7 +385,13 @@ pub fn apply_to(data: &Path, applied: &Applied, options: &ApplyOptions, folder: 
     let stem = stem(data);
     let name = format!("{stem}.calibrated.{}", if format == Some(Format::Csv) { "csv" } else { "parquet" });
     let mut input = applied.inputs.clone();
-    input.push(digest(data)?.input(data.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()));
+    let file_name = data.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    // The reader of a run tells its hash, and what stands behind the vectors in the file.
+    let own = if format.is_none() { Some(read_run(data, applied)?) } else { None };
+    input.push(match &own {
+        Some(own) => Input { path: file_name, ..Input::from(&own.input) },
+        None => digest(data)?.input(file_name),
+    });
     let recorded = serde_json::to_value(options).unwrap_or_default();
     let provenance = Provenance::new(Recipe::new("apply", &recorded), input);
     let mut work = Work::new(applied, options, data, &name);
@@ -398,9 +402,10 @@ pub fn apply_to(data: &Path, applied: &Applied, options: &ApplyOptions, folder: 
     let note = serde_json::to_string(&work.statement(&provenance, None))
         .map_err(|e| Finding::error(&name, format!("has no JSON form: {e}"), "report this"))?;
     let mut file = folder.create(&name)?;
-    match format {
-        Some(format) => table(&mut work, format, &note, &mut file)?,
-        None => run(&mut work, &note, &mut file)?,
+    match (format, &own) {
+        (Some(format), _) => table(&mut work, format, &note, &mut file)?,
+        (None, Some(own)) => vectors(&mut work, own, &note, &mut file)?,
+        (None, None) => {}
     }
     file.finish()?;
     let mut statement = text(&work.statement(&provenance, Some(&work.counts)))?;
@@ -421,10 +426,9 @@ pub fn stem(path: &Path) -> String {
 fn table(work: &mut Work, format: Format, note: &str, file: &mut Pending) -> Result<(), Finding> {
     let data = work.data;
     let mut reader = Reader::open(data)?;
-    let mut pending = Some(file);
-    let mut writer: Option<Writer> = None;
+    let mut writer = Writer::new(file, format, note);
     while let Some(mut batch) = reader.next_batch()? {
-        if writer.is_none()
+        if !writer.has_begun()
             && let Some(taken) = FIELD.iter().chain(&STD).chain([&FLAGS]).find(|name| batch.has(name))
         {
             let rule = format!("has a column `{taken}` already");
@@ -438,39 +442,43 @@ fn table(work: &mut Work, format: Format, note: &str, file: &mut Pending) -> Res
             (None, None) => vec![f64::NAN; batch.len()],
         };
         work.calibrate(&mut batch, &readings, &degc)?;
-        if let Some(file) = pending.take() {
-            writer = Some(Writer::begin(file, format, &batch, note)?);
-        }
-        if let Some(writer) = &mut writer {
-            writer.write(&batch)?;
-        }
+        writer.write(&batch)?;
     }
-    writer.map_or(Ok(()), Writer::finish)
+    writer.finish()
 }
 
-/// The vectors of a run, at the temperatures of its thermistor.
-fn run(work: &mut Work, note: &str, file: &mut Pending) -> Result<(), Finding> {
-    let data = work.data;
+/// Hands the vectors of a run to a sink and returns the rest of it.
+fn read_with(data: &Path, sink: &mut impl VectorSink) -> Result<Run, Finding> {
     let shown = data.display().to_string();
-    let first_error = |findings: Vec<Finding>| {
-        findings.into_iter().next_back().unwrap_or_else(|| Finding::error(&shown, "cannot be read", "check the file"))
-    };
     let reading = ccr::Options { recorded_path: Some(shown.clone()), ..ccr::Options::default() };
-    let own = ccr::read(data, &reading, &mut ()).map_err(first_error)?;
-    let (sensor, mode) = (&work.applied.sensor, &work.applied.mode);
+    ccr::read(data, &reading, sink).map_err(|findings| {
+        findings.into_iter().next_back().unwrap_or_else(|| Finding::error(&shown, "cannot be read", "check the file"))
+    })
+}
+
+/// A run without its vectors, which must be of the sensor and mode of the calibration.
+fn read_run(data: &Path, applied: &Applied) -> Result<Run, Finding> {
+    let own = read_with(data, &mut ())?;
+    let (sensor, mode) = (&applied.sensor, &applied.mode);
     if (&own.header.sensor, &own.header.mode) != (sensor, mode) {
         let rule =
             format!("is of sensor {} in mode {}, the calibration of {sensor} in {mode}", own.header.sensor, own.header.mode);
-        return Err(Finding::error(&shown, rule, "name the files of this sensor and mode"));
+        return Err(Finding::error(&data.display().to_string(), rule, "name the files of this sensor and mode"));
     }
-    let degc = Thermometer::of(work.options, &own, data)?;
-    let mut sink =
-        Sink { work, degc, writer: None, file: Some(file), note, t_s: Vec::new(), readings: Default::default(), error: None };
-    ccr::read(data, &reading, &mut sink).map_err(first_error)?;
+    Ok(own)
+}
+
+/// The vectors of a run, at the temperatures of its thermistor.
+fn vectors(work: &mut Work, own: &Run, note: &str, file: &mut Pending) -> Result<(), Finding> {
+    let data = work.data;
+    let degc = Thermometer::of(work.options, own, data)?;
+    let writer = Writer::new(file, Format::Parquet, note);
+    let mut sink = Sink { work, degc, writer, t_s: Vec::new(), readings: Default::default(), error: None };
+    read_with(data, &mut sink)?;
     sink.flush();
     match sink.error {
         Some(error) => Err(error),
-        None => sink.writer.map_or(Ok(()), Writer::finish),
+        None => sink.writer.finish(),
     }
 }
 
@@ -486,15 +494,17 @@ impl Thermometer {
         if let Some(degc) = options.temperature_degc {
             return Ok(Thermometer::Constant(degc));
         }
-        let campaigns = Campaign::open(&[data.to_owned()], &mut Vec::new())?;
-        let (jobs, _) = jobs(&campaigns, None);
-        let usual = jobs.first().map(|job| job.campaign.file.instructions.channels(&run.header).0).unwrap_or_default();
-        let channel = options.temperature_column.clone().unwrap_or(usual);
+        let channel = match &options.temperature_column {
+            Some(named) => named.clone(),
+            None => {
+                let campaigns = Campaign::open(&[data.to_owned()], &mut Vec::new())?;
+                campaigns.first().map(|c| c.file.instructions.channels(&run.header).0).unwrap_or_default()
+            }
+        };
         match run.slow_channel(&channel) {
             Some(series) => {
                 let mut steps: Vec<f64> = series.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-                steps.sort_by(f64::total_cmp);
-                let usual_step = steps.get(steps.len() / 2).copied().unwrap_or(f64::INFINITY);
+                let usual_step = if steps.is_empty() { f64::INFINITY } else { median(&mut steps) };
                 Ok(Thermometer::Series(series, usual_step))
             }
             None if options.temperature_column.is_some() => {
@@ -521,9 +531,7 @@ impl Thermometer {
 struct Sink<'a, 'b> {
     work: &'a mut Work<'b>,
     degc: Thermometer,
-    writer: Option<Writer<'a>>,
-    file: Option<&'a mut Pending>,
-    note: &'a str,
+    writer: Writer<'a>,
     t_s: Vec<f64>,
     readings: [Vec<f64>; 3],
     error: Option<Finding>,
@@ -546,7 +554,7 @@ impl VectorSink for Sink<'_, '_> {
 
 impl Sink<'_, '_> {
     fn flush(&mut self) {
-        if self.error.is_none() && (!self.t_s.is_empty() || self.writer.is_none()) {
+        if self.error.is_none() && (!self.t_s.is_empty() || !self.writer.has_begun()) {
             self.error = self.write().err();
         }
     }
@@ -559,12 +567,6 @@ impl Sink<'_, '_> {
         let columns = vec![("t", t_s), ("x", x), ("y", y), ("z", z), (TEMPERATURE, degc.clone())];
         let mut batch = Batch::of_numbers(columns, self.work.counts.rows)?;
         self.work.calibrate(&mut batch, &readings, &degc)?;
-        if let Some(file) = self.file.take() {
-            self.writer = Some(Writer::begin(file, Format::Parquet, &batch, self.note)?);
-        }
-        if let Some(writer) = &mut self.writer {
-            writer.write(&batch)?;
-        }
-        Ok(())
+        self.writer.write(&batch)
     }
 }

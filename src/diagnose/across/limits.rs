@@ -24,9 +24,7 @@ pub(super) fn limits(
         let own: Vec<&RunCandidate> = comparison.candidates.iter().filter(|c| c.effect == effect).collect();
         let groups: Vec<Group> = own.iter().map(|c| set.group(fitted, c)).collect();
         if groups.iter().all(|g| g.surviving < SHOWN) {
-            let most = groups.iter().map(|g| g.surviving).fold(0.0, f64::max);
-            let reason = format!("{:.1} % of it is left beside the fitted parameters", 100.0 * most);
-            none.push(NotIdentifiable { effect, reason });
+            none.push(NotIdentifiable::absorbed(effect, groups.iter().map(|g| g.surviving)));
             continue;
         }
         for axis in 0..3 {

@@ -41,6 +41,20 @@ pub(in crate::files) fn matrix_of(rows: &[Vec<f64>], n: usize) -> Option<DMatrix
     square.then(|| DMatrix::from_fn(n, n, |i, k| rows[i][k]))
 }
 
+/// A polynomial of a file with the covariance that the file states under its name; one of size zero is not known.
+pub(super) fn stated_polynomial(
+    coefficients: &[f64],
+    covariance: Option<&Vec<Vec<f64>>>,
+    valid_degc: [f64; 2],
+) -> TemperaturePolynomial {
+    let stated = covariance.and_then(|rows| matrix_of(rows, coefficients.len()));
+    TemperaturePolynomial {
+        coefficients: coefficients.to_vec(),
+        covariance: stated.unwrap_or_else(|| DMatrix::zeros(0, 0)),
+        valid_degc,
+    }
+}
+
 fn matrix3(rows: &Rows) -> Matrix3<f64> {
     Matrix3::from_fn(|row, column| rows[row][column])
 }
@@ -297,15 +311,8 @@ impl Tcf {
 
     /// Its part, at the centre; without an offset where none was measured there.
     pub(super) fn part(&self) -> FieldPart {
-        let named = |name: &str, coefficients: &Vec<f64>| TemperaturePolynomial {
-            coefficients: coefficients.clone(),
-            covariance: self
-                .covariance
-                .get(name)
-                .and_then(|rows| matrix_of(rows, coefficients.len()))
-                .unwrap_or_else(|| DMatrix::zeros(0, 0)),
-            valid_degc: self.valid_degc,
-        };
+        let named =
+            |name: &str, coefficients: &Vec<f64>| stated_polynomial(coefficients, self.covariance.get(name), self.valid_degc);
         let sigma = [("sigma_x", &self.sigma_x), ("sigma_y", &self.sigma_y), ("sigma_z", &self.sigma_z)];
         let xi = [("xi_xy", &self.xi_xy), ("xi_xz", &self.xi_xz), ("xi_yz", &self.xi_yz)];
         let parts = with_three(Coefficients::default(), Parameter::Sigma, &sigma.map(|(n, c)| named(n, c)));

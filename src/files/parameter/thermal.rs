@@ -1,5 +1,6 @@
 //! TPF, TOF, TAF: temperature polynomials of a sensor in one mode.
 
+use super::field::stated_polynomial;
 use super::kind::Naming;
 use super::quantity::Shape::Scalar;
 use super::quantity::{Entry, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC};
@@ -13,7 +14,6 @@ use crate::data::reference::{Reference, StatedReference};
 use crate::data::run::Location;
 use crate::model::field_calibration::Frame;
 use crate::model::polynomial::{TemperaturePolynomial, value};
-use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -313,15 +313,7 @@ impl Body for Taf {
 impl ThermalHead {
     /// Polynomials with the covariances that the file states; a covariance of size zero is not known.
     pub(super) fn polynomials(&self, named: [(&str, &Vec<f64>); 3]) -> [TemperaturePolynomial; 3] {
-        named.map(|(name, coefficients)| {
-            let n = coefficients.len();
-            let stated = self.covariance.get(name).filter(|c| c.len() == n && c.iter().all(|row| row.len() == n));
-            TemperaturePolynomial {
-                coefficients: coefficients.clone(),
-                covariance: stated.map_or_else(|| DMatrix::zeros(0, 0), |c| DMatrix::from_fn(n, n, |i, k| c[i][k])),
-                valid_degc: self.valid_degc,
-            }
-        })
+        named.map(|(name, coefficients)| stated_polynomial(coefficients, self.covariance.get(name), self.valid_degc))
     }
 
     /// Id of the first run as it stands in file names.

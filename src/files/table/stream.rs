@@ -67,7 +67,8 @@ enum Rows {
 struct CsvRows {
     lines: BufReader<File>,
     header: String,
-    line: u64,
+    /// Whether a batch was read.
+    begun: bool,
 }
 
 fn refuse(path: &Path, error: &PolarsError) -> Finding {
@@ -147,10 +148,9 @@ fn pieces(groups: &[usize]) -> Vec<(usize, usize)> {
 
 impl CsvRows {
     fn open(path: &Path, file: File) -> Result<Self, Finding> {
-        let mut rows = Self { lines: BufReader::with_capacity(1 << 20, file), header: String::new(), line: 0 };
+        let mut rows = Self { lines: BufReader::with_capacity(1 << 20, file), header: String::new(), begun: false };
         loop {
             rows.header.clear();
-            rows.line += 1;
             if rows.lines.read_line(&mut rows.header).map_err(|e| Finding::io(path, "read", &e))? == 0 {
                 let remedy = "write the names of the columns into the first line";
                 return Err(Finding::error(&path.display().to_string(), "has no header line", remedy));
@@ -167,7 +167,6 @@ impl CsvRows {
     }
 
     fn next_frame(&mut self, path: &Path) -> Result<Option<DataFrame>, Finding> {
-        let first = self.line == u64::MAX;
         let mut text = self.header.clone().into_bytes();
         let mut rows = 0;
         while rows < BATCH {
@@ -188,11 +187,11 @@ impl CsvRows {
                 rows += 1;
             }
         }
-        if rows == 0 && first {
+        // A table without rows has one batch of none; every further batch has rows.
+        if rows == 0 && self.begun {
             return Ok(None);
         }
-        // Every further batch has rows, or there is none.
-        self.line = u64::MAX;
+        self.begun = true;
         let options = CsvReadOptions::default().with_has_header(true).with_infer_schema_length(Some(0));
         let frame = options.into_reader_with_file_handle(Cursor::new(text)).finish().map_err(|e| refuse(path, &e))?;
         Ok(Some(frame))
@@ -295,9 +294,12 @@ impl Batch {
     }
 }
 
-/// A table that is written batch by batch into a file that has its name only once it is complete.
+/// A table that is written batch by batch into a file that has its name only once it is complete. The first batch says which columns it has.
 pub struct Writer<'a> {
-    to: To<'a>,
+    file: Option<&'a mut Pending>,
+    format: Format,
+    note: &'a str,
+    to: Option<To<'a>>,
 }
 
 enum To<'a> {
@@ -306,28 +308,15 @@ enum To<'a> {
 }
 
 impl<'a> Writer<'a> {
-    /// Begins a table with the columns of a batch. `note` is what the file says of itself: a comment line of CSV, an entry of the
-    /// metadata of Parquet.
-    ///
-    /// # Errors
-    /// What the operating system says.
-    pub fn begin(file: &'a mut Pending, format: Format, first: &Batch, note: &str) -> Result<Self, Finding> {
-        let schema = first.frame.schema();
-        let to = if format == Format::Csv {
-            use std::io::Write;
-            let line = format!("# calfit {note}\n");
-            file.write_all(line.as_bytes()).map_err(|e| Finding::error("table", e.to_string(), "check the disk"))?;
-            To::Csv(CsvWriter::new(file).batched(schema).map_err(|e| wrong(&e))?)
-        } else {
-            let mark = KeyValueMetadata::from_static(vec![
-                ("written_by".to_owned(), format!("calfit {}", env!("CARGO_PKG_VERSION"))),
-                ("calfit".to_owned(), note.to_owned()),
-            ]);
-            let writer =
-                ParquetWriter::new(file).with_key_value_metadata(Some(mark)).with_compression(ParquetCompression::Zstd(None));
-            To::Parquet(Box::new(writer.batched(schema).map_err(|e| wrong(&e))?))
-        };
-        Ok(Self { to })
+    /// A table without batches so far. `note` is what the file says of itself: a comment line of CSV, an entry of the metadata of Parquet.
+    pub fn new(file: &'a mut Pending, format: Format, note: &'a str) -> Self {
+        Self { file: Some(file), format, note, to: None }
+    }
+
+    /// Whether a batch was written.
+    #[must_use]
+    pub fn has_begun(&self) -> bool {
+        self.to.is_some()
     }
 
     /// Writes a batch.
@@ -335,9 +324,13 @@ impl<'a> Writer<'a> {
     /// # Errors
     /// Other columns than those of the first batch, or what the operating system says.
     pub fn write(&mut self, batch: &Batch) -> Result<(), Finding> {
+        if let Some(file) = self.file.take() {
+            self.to = Some(To::begin(file, self.format, batch, self.note)?);
+        }
         match &mut self.to {
-            To::Csv(writer) => writer.write_batch(&batch.frame),
-            To::Parquet(writer) => writer.write_batch(&batch.frame),
+            Some(To::Csv(writer)) => writer.write_batch(&batch.frame),
+            Some(To::Parquet(writer)) => writer.write_batch(&batch.frame),
+            None => Ok(()),
         }
         .map_err(|e| wrong(&e))
     }
@@ -348,9 +341,29 @@ impl<'a> Writer<'a> {
     /// What the operating system says.
     pub fn finish(self) -> Result<(), Finding> {
         match self.to {
-            To::Csv(mut writer) => writer.finish(),
-            To::Parquet(writer) => writer.finish().map(drop),
+            Some(To::Csv(mut writer)) => writer.finish(),
+            Some(To::Parquet(writer)) => writer.finish().map(drop),
+            None => Ok(()),
         }
         .map_err(|e| wrong(&e))
+    }
+}
+
+impl<'a> To<'a> {
+    fn begin(file: &'a mut Pending, format: Format, first: &Batch, note: &str) -> Result<Self, Finding> {
+        let schema = first.frame.schema();
+        if format == Format::Csv {
+            use std::io::Write;
+            let line = format!("# calfit {note}\n");
+            file.write_all(line.as_bytes()).map_err(|e| Finding::error("table", e.to_string(), "check the disk"))?;
+            return Ok(To::Csv(CsvWriter::new(file).batched(schema).map_err(|e| wrong(&e))?));
+        }
+        let mark = KeyValueMetadata::from_static(vec![
+            ("written_by".to_owned(), format!("calfit {}", env!("CARGO_PKG_VERSION"))),
+            ("calfit".to_owned(), note.to_owned()),
+        ]);
+        let writer =
+            ParquetWriter::new(file).with_key_value_metadata(Some(mark)).with_compression(ParquetCompression::Zstd(None));
+        Ok(To::Parquet(Box::new(writer.batched(schema).map_err(|e| wrong(&e))?)))
     }
 }
