@@ -577,7 +577,7 @@ fn lin_applies_the_temperatures_of_coil_and_rack() {
     };
     let (plan, run) = in_facility(&real);
     let with_rack = |channel: &str| {
-        let rows = format!("@CHANNELS\nt,{channel}\n0,29.9\n10,30.1\n@VECTORS");
+        let rows = format!("@CHANNELS\nt,{channel}\n0,30.0\n30,30.0\n@VECTORS");
         Case::of(run.text().replacen("@VECTORS", &rows, 1))
     };
     let facility = |case: &Case| {
@@ -609,4 +609,131 @@ fn lin_applies_the_temperatures_of_coil_and_rack() {
     // What the rack did is now in the sensitivities: nT per enT are as much too large as the fields were taken too large.
     let wanted: Three = std::array::from_fn(|k| plan.truth.sigma[k] / (1.0 + rack_scale_per_k[k] * rack_k));
     close(sigma(&file), wanted, 1.5e-6);
+}
+
+/// A facility whose coils have 1.9e-5, 1.65e-5 and 1.75e-5 per kelvin, in a file.
+fn with_coefficients(offset_nt: Three) -> String {
+    format!(
+        "scale_nt_per_eu = {SCALE:?}\noffset_nt = {offset_nt:?}\nangles_deg = {ANGLES_DEG:?}\nreference_degc = 16.5\n\
+         scale_per_k = {SCALE_PER_K:?}\noffset_nt_per_k = {OFFSET_PER_K:?}\n"
+    )
+}
+
+/// A run of 16 settings of 2 s in a facility whose coils X, Y and Z warm up by 0.2, -0.1 and 0.05 K/s.
+fn while_the_coils_warm_up() -> (Plan, String) {
+    let settings = programme(&[-40_000.0, -20_000.0, 20_000.0, 40_000.0], 2.0);
+    let degc = |t_s: f64| [16.5 + 0.2 * t_s, 20.0 - 0.1 * t_s, 15.0 + 0.05 * t_s];
+    let driven = settings.iter().map(|s| {
+        let coil_k = degc(0.5 * (s.t_start + s.t_end)).map(|t| t - 16.5);
+        let real = Facility {
+            scale: std::array::from_fn(|k| SCALE[k] * (1.0 + SCALE_PER_K[k] * coil_k[k])),
+            offset_nt: std::array::from_fn(|k| OFFSET_NT[k] + OFFSET_PER_K[k] * coil_k[k]),
+            ..FACILITY
+        };
+        common::Setting { field: real.field(s.field), ..*s }
+    });
+    let plan = Plan { settings: driven.collect(), noise_ent: 0.05, ..Plan::default() };
+    let mut run = plan.run().key("coil_correction", "false");
+    run.settings = settings;
+    let mut rows = "@CHANNELS\nt,T_X,T_Y,T_Z\n".to_owned();
+    for i in 0..=320 {
+        let [x, y, z] = degc(0.1 * f64::from(i));
+        rows.push_str(&format!("{:.1},{x:.4},{y:.4},{z:.4}\n", 0.1 * f64::from(i)));
+    }
+    (plan, run.text().replacen("@VECTORS", &format!("{rows}@VECTORS"), 1))
+}
+
+#[test]
+fn every_setting_has_the_temperatures_of_its_own_time_and_coil() {
+    let (plan, text) = while_the_coils_warm_up();
+    let case = Case::of(text);
+    case.put("campaign.toml", "coil_temperature_channels = [\"T_X\", \"T_Y\", \"T_Z\"]\n");
+    let facility = case.put("facility.toml", with_coefficients(OFFSET_NT));
+    let messages = case.done(&["--facility", facility.to_str().unwrap(), "--order", "0"]);
+    assert!(!messages.contains("coil temperature"), "{messages}");
+    let file = case.cpf();
+    // The X coil is driven between 2 and 12 s: with the mean of the run its sensitivity would be off by 3.4e-5.
+    close(sigma(&file), plan.truth.sigma, 1e-6);
+    close(three(&file, "offset.b_or_ent"), plan.truth.reading([0.0; 3]), 0.05);
+    let [low, high] = [0, 1].map(|i| file["facility"]["coil_range_degc"][i].as_float().unwrap());
+    assert!((15.0..15.2).contains(&low) && (22.6..22.9).contains(&high), "{low} {high}");
+    // One name only is the channel of all coils.
+    let one = Case::of(while_the_coils_warm_up().1);
+    one.put("campaign.toml", "coil_temperature_channel = \"T_X\"\n");
+    let facility = one.put("facility.toml", with_coefficients(OFFSET_NT));
+    one.done(&["--facility", facility.to_str().unwrap(), "--order", "0"]);
+    assert!((sigma(&one.cpf())[1] / plan.truth.sigma[1] - 1.0).abs() > 1e-5);
+    let wrong = Case::of(while_the_coils_warm_up().1);
+    wrong.put("campaign.toml", "coil_temperature_channels = [\"T_X\", \"T_Y\"]\n");
+    says(&text_of(&wrong.lin(&[])), &["coil_temperature_channels", "three names"]);
+}
+
+fn text_of(output: &std::process::Output) -> String {
+    text(&output.stderr)
+}
+
+#[test]
+fn settings_without_a_temperature_near_them_are_counted() {
+    let (_, mut text) = while_the_coils_warm_up();
+    // The channels end after 8 s, where the fifth setting begins; the readings come every 0.1 s.
+    let from = text.find("\n8.1,").unwrap();
+    let to = text.find("@VECTORS").unwrap();
+    text.replace_range(from + 1..to, "");
+    let case = Case::of(text);
+    case.put("campaign.toml", "coil_temperature_channels = [\"T_X\", \"T_Y\", \"T_Z\"]\n");
+    let facility = case.put("facility.toml", with_coefficients(OFFSET_NT));
+    let messages = case.done(&["--facility", facility.to_str().unwrap(), "--order", "0"]);
+    says(&messages, &["11 of 16 settings have no reading of the coil temperature (channel T_X) near them", "channel T_Z"]);
+}
+
+#[test]
+fn a_facility_holds_in_its_periods_only() {
+    // The run of 2013-04-03 begins at 09:22:38 and lasts for 32 s.
+    let (plan, run) = in_facility(&FACILITY);
+    let period = |from: &str, to: &str, offset_nt: Three| {
+        let bound = |key: &str, text: &str| if text.is_empty() { String::new() } else { format!("{key} = \"{text}\"\n") };
+        let values = format!("scale_nt_per_eu = {SCALE:?}\noffset_nt = {offset_nt:?}\nangles_deg = {ANGLES_DEG:?}\n");
+        format!("[[period]]\n{}{}{values}", bound("from", from), bound("to", to))
+    };
+    let fitted = |periods: &[String]| {
+        let case = Case::of(run.text());
+        let facility = case.put("facility.toml", periods.concat());
+        let output = case.lin(&["--facility", facility.to_str().unwrap(), "--order", "0"]);
+        (case, output)
+    };
+    let later = [2.0, -102.2, -1.2];
+    for (periods, first) in [
+        ([period("", "2013-04-03T09:00:00Z", later), period("2013-04-03T09:00:00Z", "", OFFSET_NT)], "2013-04-03T09:00:00Z"),
+        (
+            [period("2013-04-03T09:30:00Z", "", later), period("2013-04-01T00:00:00Z", "2013-04-03T09:30:00Z", OFFSET_NT)],
+            "2013-04-01T00:00:00Z",
+        ),
+    ] {
+        let (case, output) = fitted(&periods);
+        assert_eq!(output.status.code(), Some(0), "{}", text_of(&output));
+        let file = case.cpf();
+        close(three(&file, "offset.b_or_ent"), plan.truth.reading([0.0; 3]), 0.05);
+        assert_eq!(file["facility"]["period"]["from"].as_str(), Some(first));
+    }
+    let (_, output) =
+        fitted(&[period("2013-04-04T00:00:00Z", "2013-04-05T00:00:00Z", later), period("2013-04-06T00:00:00Z", "", later)]);
+    assert_eq!(output.status.code(), Some(1));
+    says(
+        &text_of(&output),
+        &[
+            "facility.toml holds from 2013-04-04T00:00:00Z to 2013-04-05T00:00:00Z; from 2013-04-06T00:00:00Z on",
+            "the run lasts from 2013-04-03T09:22:38Z to 2013-04-03T09:23:10Z",
+            "name a facility file that holds at the time of the run",
+        ],
+    );
+    // Eight settings of 2 s before the boundary, eight after it.
+    let (_, output) = fitted(&[period("", "2013-04-03T09:22:54Z", OFFSET_NT), period("2013-04-03T09:22:54Z", "", OFFSET_NT)]);
+    assert_eq!(output.status.code(), Some(0), "{}", text_of(&output));
+    says(
+        &text_of(&output),
+        &["goes on across a boundary of facility.toml", "8 settings with the values that hold until 2013-04-03T09:22:54Z"],
+    );
+    let (_, output) = fitted(&[period("", "2013-04-03T10:00:00Z", later), period("2013-04-03T09:00:00Z", "", OFFSET_NT)]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text_of(&output), &["facility.toml", "`period` overlaps another"]);
 }

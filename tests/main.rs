@@ -35,6 +35,7 @@ mod report;
 mod rosetta;
 mod simulate;
 mod sweep;
+mod temperature_faults;
 mod thermal;
 mod twins;
 mod verify;

@@ -8,6 +8,8 @@ use crate::files::campaign::Campaign;
 use crate::files::export::rpcmag;
 use crate::files::parameter::FileKind;
 use crate::files::{amplitudes, campaign, ccr, mag, twin};
+use crate::model::campaign::Instructions;
+use crate::record::temperature_faults::{self, ChannelFault};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -106,7 +108,13 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     } else {
         let options = ccr::Options { collect: true, ..common.desk().reading(&shown, false) };
         match ccr::read(path, &options, &mut ()) {
-            Ok(run) => findings.extend(run.findings),
+            Ok(run) => {
+                let fault = |f: ChannelFault| {
+                    Finding::error(&shown, f.text(), "do not use the channel where it is wrong").weighing(Severity::Warning)
+                };
+                findings.extend(temperature_faults::faults(&run, &Instructions::default()).into_iter().map(fault));
+                findings.extend(run.findings);
+            }
             Err(errors) => findings.extend(errors),
         }
         None

@@ -29,6 +29,13 @@ impl Start {
         self.moment.as_second() as f64
     }
 
+    /// The moment some whole seconds later; the start itself where no calendar has it.
+    #[must_use]
+    pub fn after(&self, seconds: f64) -> Start {
+        let later = jiff::SignedDuration::from_secs(seconds.round() as i64);
+        self.moment.checked_add(later).map_or_else(|_| self.clone(), Start::from)
+    }
+
     /// The text that tells it.
     #[must_use]
     pub fn as_str(&self) -> &str {

@@ -28,8 +28,8 @@ use crate::data::units::Reading;
 use crate::files::campaign::Campaign;
 use crate::fit::statistics::median;
 use crate::measure::freq::{self as analysis, Freq, Sines as Sink};
-use crate::record::faults;
 use crate::record::prepared::Samples;
+use crate::record::temperature_faults;
 use describe::map;
 use limits::limits;
 use lost::lost;
@@ -51,7 +51,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     let samples = samples.filter(|s| !s.t_s.is_empty()).ok_or(DiagnoseError::NoSamples)?;
     let freq = analysed(run, samples, campaign)?;
     let span_s = [samples.t_s[0], samples.t_s[samples.t_s.len() - 1]];
-    let (faults, _) = faults::thermistors(run, span_s);
+    let (faults, _) = temperature_faults::without_jumps(run, span_s);
     let mut found: Vec<Step> = faults.iter().map(fault_step).collect();
     found.extend(lost(run, samples, &freq));
     let mut notes = Vec::new();

@@ -1,7 +1,7 @@
 //! Where simulated and measured data disagree, which effect is missing, and how the gap shrinks with it.
 //!
 //! A run becomes rows with covariates and a linear model ([`crate::record::prepared`]); jumps of thermistors are taken off
-//! ([`crate::record::faults`]). What happens inside the plateaus is looked for in the samples ([`samples`]) and taken off. The noise of the
+//! ([`crate::record::temperature_faults`]). What happens inside the plateaus is looked for in the samples ([`samples`]) and taken off. The noise of the
 //! means is estimated before anything is named; then every term of the catalogue ([`crate::model::effects`]) and a smooth function of every
 //! covariate are scored beside the model ([`means`]). One search ([`problem`]) serves these means, the parameters of several runs
 //! ([`across`]) and sines ([`freq`]): the best term is added if it predicts stretches that were held out, all is fitted again, and terms are
@@ -28,13 +28,16 @@ mod steps;
 pub mod where_map;
 pub mod words;
 
+use crate::data::note::Note;
 use crate::data::plateau::Plateaus;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
-use crate::model::effects::Catalogue;
+use crate::model::effects::bad_thermistor::BadThermistor;
+use crate::model::effects::{Catalogue, EffectRef};
 use crate::model::facility::Facility;
 pub use crate::record::known::Given;
 pub use crate::record::prepared::Samples;
+use crate::record::temperature_faults;
 pub use error::DiagnoseError;
 use result::Diagnosis;
 
@@ -72,10 +75,19 @@ pub fn run(
     campaign: &Campaign,
     options: &Options,
 ) -> Result<Diagnosis, DiagnoseError> {
-    if run.header.kind == Kind::Frequency {
-        return freq::run(run, samples, campaign, options);
-    }
-    one_run::run(run, plateaus, samples, campaign, options)
+    let mut diagnosis = if run.header.kind == Kind::Frequency {
+        freq::run(run, samples, campaign, options)?
+    } else {
+        one_run::run(run, plateaus, samples, campaign, options)?
+    };
+    // A jump that was taken off is a step of the diagnosis.
+    let of_faults: Vec<&str> =
+        diagnosis.steps.iter().filter(|s| s.effect == EffectRef::new(&BadThermistor)).map(|s| s.place.as_str()).collect();
+    let is_step = |note: &Note| note.about.as_deref().is_some_and(|name| of_faults.iter().any(|place| place.contains(name)));
+    let notes = temperature_faults::notes(run, &campaign.file.instructions);
+    let notes: Vec<Note> = notes.into_iter().filter(|note| !is_step(note)).collect();
+    diagnosis.notes.extend(notes);
+    Ok(diagnosis)
 }
 
 /// Kinds of runs that [`run`] takes.

@@ -5,8 +5,8 @@ use super::samples::Inside;
 use super::{CERTAIN, words};
 use crate::model::effects::bad_thermistor::{BadThermistor, JUMP, JUMP_TIME};
 use crate::model::effects::{EffectRef, Family, Spec};
-use crate::record::faults::Jumps;
 use crate::record::prepared::PreparedRun;
+use crate::record::temperature_faults::Jumps;
 
 /// How sure it is that something was found.
 #[derive(Clone, Copy, Debug)]

@@ -1,12 +1,16 @@
 //! Facility files, TOML: `scale_nt_per_eu`, `offset_nt`, `angles_deg`, and optionally what temperatures do to them, in a table
-//! `facility` or `model` or among the keys of the file. The files that `calfit coil` writes are among them.
+//! `facility` or `model` or among the keys of the file, with their `covariance` beside it; or all of this in every `[[period]]`, with the
+//! times `from` and `to` between which it holds. The files that `calfit coil` writes are among them.
 
 use super::parameter;
 use super::source::read_whole;
-use super::text::{Keys, decode};
+use super::text::{Group, Keys, decode};
 use crate::data::error::Finding;
 use crate::data::provenance::Role;
-use crate::model::facility::{Facility, FacilityParameters};
+use crate::data::result::Covariance;
+use crate::data::start::{NoStart, Start};
+use crate::model::facility::{Facility, FacilityParameters, Period, PeriodSpan};
+use nalgebra::DMatrix;
 use std::path::Path;
 
 /// Reads a facility file.
@@ -21,25 +25,82 @@ pub fn read(path: &Path) -> Result<Facility, Finding> {
         // A file of this program carries its hash.
         parameter::read_any(path)?;
     }
-    let keys = Keys::parse(&shown, 1, text)?;
-    let part = part(&keys)?;
-    if part.coil().axes().is_none() {
-        return Err(Finding::error(
-            &shown,
-            "no three axes have the angles angles_deg between them",
-            "correct the angles XY, XZ, YZ",
-        ));
-    }
+    let periods = periods(&Keys::parse(&shown, 1, text)?)?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(Facility { input: digested.input(name).with_role(Role::Facility), part })
+    Ok(Facility { input: digested.input(name).with_role(Role::Facility), periods })
 }
 
-fn part(keys: &Keys) -> Result<FacilityParameters, Finding> {
+/// The periods of a file, in the order of their times; one that holds always if it names none.
+fn periods(keys: &Keys) -> Result<Vec<Period>, Finding> {
     let root = keys.root();
-    let table = match root.group("facility")? {
-        Some(group) => group,
-        None => root.group("model")?.unwrap_or(root),
-    };
+    let groups = root.groups("period")?;
+    if groups.is_empty() {
+        let table = match root.group("facility")? {
+            Some(group) => group,
+            None => root.group("model")?.unwrap_or(keys.root()),
+        };
+        let part = part(&table)?;
+        return Ok(vec![Period { span: PeriodSpan::default(), covariance: covariance(&root, &part)?, part }]);
+    }
+    let mut periods: Vec<Period> = Vec::new();
+    for group in groups {
+        let span = PeriodSpan { from: moment(&group, "from")?, to: moment(&group, "to")? };
+        if span.from.as_ref().zip(span.to.as_ref()).is_some_and(|(from, to)| from >= to) {
+            return Err(group.refuse("to", "is not after the begin of the period", "write the two in their order"));
+        }
+        let part = part(&group)?;
+        periods.push(Period { span, covariance: covariance(&group, &part)?, part });
+    }
+    periods.sort_by(|a, b| a.span.from.cmp(&b.span.from));
+    for pair in periods.windows(2) {
+        let apart = pair[0].span.to.as_ref().zip(pair[1].span.from.as_ref()).is_some_and(|(to, from)| to <= from);
+        if !apart {
+            let rule = format!("overlaps another: one holds {}, one {}", pair[0].span, pair[1].span);
+            return Err(root.refuse("period", &rule, "let one end where the next begins"));
+        }
+    }
+    Ok(periods)
+}
+
+/// A moment in UTC.
+fn moment(group: &Group, key: &str) -> Result<Option<Start>, Finding> {
+    let parse = |text: String| text.parse().map_err(|e: NoStart| group.refuse(key, &e.to_string(), NoStart::REMEDY));
+    group.text(key)?.map(parse).transpose()
+}
+
+/// The table `covariance`: `parameters` and `matrix`.
+fn covariance(group: &Group, part: &FacilityParameters) -> Result<Option<Covariance>, Finding> {
+    /// An eigenvalue below minus this part of the largest one is no rounding.
+    const ROUNDING: f64 = 1e-9;
+    let Some(table) = group.group("covariance")? else { return Ok(None) };
+    let parameters = table.texts("parameters")?.ok_or_else(|| table.missing("parameters"))?;
+    let matrix = table.rows("matrix")?.ok_or_else(|| table.missing("matrix"))?;
+    let known = |name: &&String| part.clone().value_mut(name).is_some();
+    if let Some(name) = parameters.iter().find(|name| !known(name)) {
+        let remedy =
+            "name them as scale_x, offset_y, angle_xz, scale_per_k_x, offset_per_k_x, rack_scale_per_k_x, rack_offset_per_k_x";
+        return Err(table.refuse("parameters", &format!("hold `{name}`, which no facility has"), remedy));
+    }
+    let count = parameters.len();
+    let wrong = |rule: &str| table.refuse("matrix", rule, "write a row and a column for each of `parameters`");
+    if matrix.len() != count || matrix.iter().any(|row| row.len() != count) {
+        return Err(wrong("does not have a row and a column for every parameter"));
+    }
+    let std: Vec<f64> = (0..count).map(|i| matrix[i][i].max(0.0).sqrt()).collect();
+    let of = |r: usize, c: usize| if std[r] * std[c] > 0.0 { matrix[r][c] / (std[r] * std[c]) } else { 0.0 };
+    let scaled = DMatrix::from_fn(count, count, of);
+    let symmetric = (&scaled - scaled.transpose()).amax() <= ROUNDING;
+    if !symmetric || matrix.iter().enumerate().any(|(i, row)| row[i] < 0.0) {
+        return Err(wrong("is no covariance: it is not symmetric, or has a negative variance"));
+    }
+    if scaled.symmetric_eigenvalues().iter().any(|v| *v < -ROUNDING * count as f64) {
+        return Err(wrong("is no covariance: a combination of the parameters has a negative variance"));
+    }
+    let units = table.texts("units")?.unwrap_or_default();
+    Ok(Some(Covariance { parameters, units, matrix }))
+}
+
+fn part(table: &Group) -> Result<FacilityParameters, Finding> {
     let needed = |key: &str| table.three(key)?.ok_or_else(|| table.missing(key));
     let either = |one: &str, other: &str| -> Result<Option<f64>, Finding> { Ok(table.number(one)?.or(table.number(other)?)) };
     let part = FacilityParameters {
@@ -62,6 +123,13 @@ fn part(keys: &Keys) -> Result<FacilityParameters, Finding> {
     if (part.rack_scale_per_k.is_some() || part.rack_offset_nt_per_k.is_some()) && part.rack_reference_degc.is_none() {
         return Err(table.missing("rack_reference_degc"));
     }
+    if part.coil().axes().is_none() {
+        return Err(table.refuse(
+            "angles_deg",
+            "are angles that no three axes have between them",
+            "correct the angles XY, XZ, YZ",
+        ));
+    }
     Ok(part)
 }
 
@@ -70,7 +138,7 @@ mod tests {
     use super::*;
 
     fn parse(text: &str) -> Result<FacilityParameters, Finding> {
-        part(&Keys::parse("facility.toml", 1, text.to_owned()).unwrap())
+        Ok(periods(&Keys::parse("facility.toml", 1, text.to_owned()).unwrap())?.remove(0).part)
     }
 
     #[test]

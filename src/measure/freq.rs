@@ -81,7 +81,7 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     notes.extend(refusals_and_damage(&measured));
 
     let temperatures = Temperatures::of(run, instructions, span_s(&measured), &mut notes);
-    conditions::warn_of_run(&mut notes, run);
+    conditions::warn_of_run(&mut notes, run, instructions);
     let stretches = measured.iter().zip(&applied.settings).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
     let corner = respond(&mut measured, &mut notes);
     let f_3db_model_std_hz = widen(&applied.known, &mut measured, &corner);

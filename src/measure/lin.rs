@@ -59,7 +59,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
     judge::warn_of_axes(&mut notes, &parameters.split);
     conditions::warn_of_plateaus(&mut notes, run, plateaus);
-    conditions::warn_of_run(&mut notes, run);
+    conditions::warn_of_run(&mut notes, run, instructions);
     judge::judge_fit(&mut notes, &blocks);
     if !options.robust {
         notes.extend(judge::structure_of(&temperatures, &prepared.list, &used, &means, &noise));

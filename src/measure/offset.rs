@@ -23,6 +23,7 @@ use crate::data::run::{Kind, Run};
 use crate::model::campaign::Instructions;
 use crate::model::facility::{Facility, FacilityApplied};
 use crate::record::conditions::{self, Temperatures};
+use crate::record::facility;
 use levels::{Levels, check_components};
 use serde::{Deserialize, Serialize};
 use solved::Solved;
@@ -85,7 +86,7 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     let facility = options
         .facility
         .as_ref()
-        .map(|f| conditions::apply_facility(&f.without_offset(), run, instructions, &mut plateaus.list, &mut of_facility))
+        .map(|f| facility::apply(&f.without_offset(), run, instructions, &mut plateaus.list, &mut of_facility))
         .transpose()?;
     let stays = stays(&plateaus, instructions)?;
     let levels = Levels::measure(&stays)?;
@@ -100,7 +101,7 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     let mut notes = solved.notes(&levels);
     let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
     conditions::warn_of_plateaus(&mut notes, run, &plateaus);
-    conditions::warn_of_run(&mut notes, run);
+    conditions::warn_of_run(&mut notes, run, instructions);
     let found = OffsetFound {
         run: conditions::head(run, instructions, &temperatures),
         scaled: None,

@@ -32,6 +32,7 @@ use crate::fit::statistics::extremes;
 use crate::model::campaign::Instructions;
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::record::conditions::{self, Temperatures};
+use crate::record::facility;
 use crate::record::known::{self, Known};
 use crate::record::position::{apply_limits, the_position};
 use joint::Joint;
@@ -64,7 +65,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let mut list = plateaus.list.clone();
     apply_limits(&mut list, position, &instructions.limits_nt(&run.header));
     let mut notes: Vec<Note> = Vec::new();
-    let facility = options.facility.as_ref().map(|f| conditions::apply_facility(f, run, instructions, &mut list, &mut notes));
+    let facility = options.facility.as_ref().map(|f| facility::apply(f, run, instructions, &mut list, &mut notes));
     let facility = facility.transpose()?;
     let model = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, instructions, &mut notes));
 
@@ -94,7 +95,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let blocks = joint.blocks(&used, &degc);
 
     conditions::warn_of_plateaus(&mut notes, run, plateaus);
-    conditions::warn_of_run(&mut notes, run);
+    conditions::warn_of_run(&mut notes, run, instructions);
     let columns = joint.baseline.columns(&means.fields_nt, &degc);
     // The temperature with its lag: what the polynomials are of.
     notes.extend(structure::note(&structure::Rows::of(&list, &used, &followed.moved, &columns, &joint.noise)));

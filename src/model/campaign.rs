@@ -21,6 +21,8 @@ pub struct SensorChannels {
     pub temperature_channel: Option<String>,
     /// Channel of the coil system's temperature.
     pub coil_temperature_channel: Option<String>,
+    /// Channels of the temperatures of the coils X, Y and Z.
+    pub coil_temperature_channels: Option<[String; 3]>,
 }
 
 /// Field limits of a sensor and mode.
@@ -88,6 +90,8 @@ pub struct Instructions {
     pub temperature_channel: Option<String>,
     /// Channel of the coil temperature for all sensors.
     pub coil_temperature_channel: Option<String>,
+    /// Channels of the temperatures of the coils X, Y and Z for all sensors.
+    pub coil_temperature_channels: Option<[String; 3]>,
     /// Channel of the temperature of the facility's electronics rack.
     pub rack_temperature_channel: Option<String>,
     /// Positions with the id that settings use, in the order of the file.
@@ -114,6 +118,7 @@ impl Default for Instructions {
             offset_trend_order: None,
             temperature_channel: None,
             coil_temperature_channel: None,
+            coil_temperature_channels: None,
             rack_temperature_channel: None,
             positions: vec![(1, Position::STANDARD)],
             sensors: Vec::new(),
@@ -138,17 +143,35 @@ impl Instructions {
         self.at.get(run).copied().unwrap_or_default()
     }
 
-    /// The channels of sensor and coil temperature for a run.
+    /// The channels of sensor and coil temperature for a run. Where the coils have a channel each and the coil system has none, that of
+    /// the coil X stands for it.
     #[must_use]
     pub fn channels(&self, header: &Header) -> (String, String) {
-        let sensor = self.sensors.iter().find(|s| s.name == header.sensor);
-        let pick = |own: Option<&String>, all: Option<&String>, default: &str| {
-            own.or(all).cloned().unwrap_or_else(|| default.to_owned())
+        let sensor = self.sensor(header);
+        let own = sensor.and_then(|s| s.temperature_channel.as_ref()).or(self.temperature_channel.as_ref());
+        let one = |one: &Option<String>, three: &Option<[String; 3]>| one.clone().or_else(|| Some(three.as_ref()?[0].clone()));
+        let coil = sensor
+            .and_then(|s| one(&s.coil_temperature_channel, &s.coil_temperature_channels))
+            .or_else(|| one(&self.coil_temperature_channel, &self.coil_temperature_channels));
+        (own.cloned().unwrap_or_else(|| SENSOR_CHANNEL.to_owned()), coil.unwrap_or_else(|| COIL_CHANNEL.to_owned()))
+    }
+
+    /// The channels of the temperatures of the coils X, Y and Z for a run: one each where the campaign names three, else that of the coil
+    /// system for all. What is said of the sensor goes before what is said of all.
+    #[must_use]
+    pub fn coil_channels(&self, header: &Header) -> [String; 3] {
+        let all = |one: &Option<String>, three: &Option<[String; 3]>| {
+            three.clone().or_else(|| one.as_ref().map(|one| std::array::from_fn(|_| one.clone())))
         };
-        (
-            pick(sensor.and_then(|s| s.temperature_channel.as_ref()), self.temperature_channel.as_ref(), SENSOR_CHANNEL),
-            pick(sensor.and_then(|s| s.coil_temperature_channel.as_ref()), self.coil_temperature_channel.as_ref(), COIL_CHANNEL),
-        )
+        self.sensor(header)
+            .and_then(|s| all(&s.coil_temperature_channel, &s.coil_temperature_channels))
+            .or_else(|| all(&self.coil_temperature_channel, &self.coil_temperature_channels))
+            .unwrap_or_else(|| std::array::from_fn(|_| COIL_CHANNEL.to_owned()))
+    }
+
+    /// What is said of the sensor of a run.
+    fn sensor(&self, header: &Header) -> Option<&SensorChannels> {
+        self.sensors.iter().find(|s| s.name == header.sensor)
     }
 
     /// The channel of the rack temperature; the facility has one rack, whichever the sensor.

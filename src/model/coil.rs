@@ -69,17 +69,18 @@ impl Coil {
         }))
     }
 
-    /// The field of a setting at temperatures of coil and rack, °C; `axes` are those of [`Coil::axes`].
+    /// The field of a setting at the temperatures of the coils X, Y and Z and of the rack, °C; `axes` are those of [`Coil::axes`].
     #[must_use]
-    pub fn field(&self, axes: &Matrix3<f64>, setting: [f64; 3], coil_degc: f64, rack_degc: f64) -> FieldCoil {
-        let (coil_k, rack_k) = (coil_degc - self.reference_degc, rack_degc - self.rack_reference_degc);
+    pub fn field(&self, axes: &Matrix3<f64>, setting: [f64; 3], coil_degc: [f64; 3], rack_degc: f64) -> FieldCoil {
+        let (coil_k, rack_k) = (coil_degc.map(|t| t - self.reference_degc), rack_degc - self.rack_reference_degc);
         let driven = Vector3::from_fn(|k, _| {
             let scale =
-                self.scale_nt_per_eu[k] * (1.0 + self.scale_per_k[k] * coil_k) * (1.0 + self.rack_scale_per_k[k] * rack_k);
+                self.scale_nt_per_eu[k] * (1.0 + self.scale_per_k[k] * coil_k[k]) * (1.0 + self.rack_scale_per_k[k] * rack_k);
             scale * setting[k]
         });
-        let offset =
-            Vector3::from_fn(|k, _| self.offset_nt[k] + self.offset_nt_per_k[k] * coil_k + self.rack_offset_nt_per_k[k] * rack_k);
+        let offset = Vector3::from_fn(|k, _| {
+            self.offset_nt[k] + self.offset_nt_per_k[k] * coil_k[k] + self.rack_offset_nt_per_k[k] * rack_k
+        });
         FieldCoil((axes * driven + offset).into())
     }
 }
@@ -101,10 +102,20 @@ mod tests {
             ..Coil::IDEAL
         };
         let axes = coil.axes().unwrap();
-        let field = coil.field(&axes, [50_000.0, 0.0, 0.0], 17.5, 30.0).0;
+        let field = coil.field(&axes, [50_000.0, 0.0, 0.0], [17.5; 3], 30.0).0;
         let expected = 50_000.0 * 0.99988 * (1.0 + 1.90e-5) * (1.0 + 1.6e-6) + 2.0 + 0.35 - 0.15;
         assert!((field[0] - expected).abs() < 1e-9);
         assert!((field[1] + 2.2).abs() < 1e-9 && (field[2] - (-1.2 + 0.8 - 0.4)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn every_coil_has_the_temperature_of_its_own() {
+        let coil = Coil { scale_per_k: [1e-3; 3], offset_nt_per_k: [1.0; 3], ..Coil::IDEAL };
+        let axes = coil.axes().unwrap();
+        let FieldCoil(field) = coil.field(&axes, [100.0; 3], [16.5, 17.5, 14.5], 32.0);
+        for (found, expected) in field.into_iter().zip([100.0, 100.1 + 1.0, 99.8 - 2.0]) {
+            assert!((found - expected).abs() < 1e-12, "{field:?}");
+        }
     }
 
     #[test]
@@ -125,7 +136,7 @@ mod tests {
     fn skew_coils_add_as_vectors() {
         let coil = Coil { angles_deg: [90.0031, 89.9962, 89.9664], ..Coil::IDEAL };
         let axes = coil.axes().unwrap();
-        let fields = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|s| coil.field(&axes, s, 16.5, 32.0).0);
+        let fields = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|s| coil.field(&axes, s, [16.5; 3], 32.0).0);
         let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         for (pair, angle) in [((0, 1), 90.0031f64), ((0, 2), 89.9962), ((1, 2), 89.9664)] {
             assert!((dot(fields[pair.0], fields[pair.1]) - angle.to_radians().cos()).abs() < 1e-15);

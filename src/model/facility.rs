@@ -1,45 +1,186 @@
 //! A coil system whose parameters are known: what a facility file states, and what was done with it to the settings of a run.
 
 use super::coil::Coil;
+use super::sensor::SplitError;
 use crate::data::provenance::Input;
+use crate::data::result::Covariance;
+use crate::data::start::Start;
+use nalgebra::{DMatrix, SymmetricEigen};
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Why a facility cannot turn the settings of a run into fields.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum FacilityError {
+    /// Angles that no three axes have between them.
+    #[error(transparent)]
+    Axes(#[from] SplitError),
+    /// The run lies outside of every period.
+    #[error("{file} holds {periods}, and the run lasts from {from} to {to}")]
+    Outside {
+        /// The facility file.
+        file: String,
+        /// Its periods, in words.
+        periods: String,
+        /// Begin of the settings, UTC.
+        from: Start,
+        /// Their end, UTC.
+        to: Start,
+    },
+}
+
+impl FacilityError {
+    /// What to do about it.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            FacilityError::Axes(_) => "correct the facility",
+            FacilityError::Outside { .. } => "name a facility file that holds at the time of the run",
+        }
+    }
+}
 
 /// A facility as it was read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Facility {
     /// The file, under its name.
     pub input: Input,
-    /// Its values.
+    /// Its values with the times in which they hold, at least one.
+    pub periods: Vec<Period>,
+}
+
+/// Values of a facility and the time in which they hold.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Period {
+    /// When they hold.
+    pub span: PeriodSpan,
+    /// The values.
     pub part: FacilityParameters,
+    /// Covariance of the values, under the names of [`FacilityParameters::value_mut`]; absent where the file states none.
+    pub covariance: Option<Covariance>,
+}
+
+/// The time in which values of a facility hold: from the first moment on, until before the second one.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PeriodSpan {
+    /// First moment, UTC; absent if they hold from ever.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<Start>,
+    /// First moment at which they hold no longer, UTC; absent if they hold for ever.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to: Option<Start>,
+}
+
+impl PeriodSpan {
+    /// Whether a moment lies in it, s since 1970.
+    #[must_use]
+    pub fn holds(&self, utc_s: f64) -> bool {
+        self.from.as_ref().is_none_or(|from| from.seconds() <= utc_s) && self.to.as_ref().is_none_or(|to| utc_s < to.seconds())
+    }
+
+    /// Whether it has neither begin nor end.
+    #[must_use]
+    pub fn is_always(&self) -> bool {
+        self.from.is_none() && self.to.is_none()
+    }
+}
+
+impl std::fmt::Display for PeriodSpan {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match (&self.from, &self.to) {
+            (Some(from), Some(to)) => write!(f, "from {from} to {to}"),
+            (Some(from), None) => write!(f, "from {from} on"),
+            (None, Some(to)) => write!(f, "until {to}"),
+            (None, None) => write!(f, "always"),
+        }
+    }
 }
 
 impl Facility {
-    /// The coil system with these parameters.
+    /// The place of the period that holds at a moment, s since 1970; `None` outside of all.
     #[must_use]
-    pub fn coil(&self) -> Coil {
-        self.part.coil()
+    pub fn period_at(&self, utc_s: f64) -> Option<usize> {
+        self.periods.iter().position(|p| p.span.holds(utc_s))
+    }
+
+    /// The periods in words.
+    #[must_use]
+    pub fn periods_in_words(&self) -> String {
+        self.periods.iter().map(|p| p.span.to_string()).collect::<Vec<_>>().join("; ")
+    }
+
+    /// The values of a facility that has the same at all times; `None` if it has several periods.
+    #[must_use]
+    pub fn only_part(&self) -> Option<&FacilityParameters> {
+        match self.periods.as_slice() {
+            [one] => Some(&one.part),
+            _ => None,
+        }
     }
 
     /// The same without offset fields.
     #[must_use]
     pub fn without_offset(&self) -> Facility {
-        let part =
-            FacilityParameters { offset_nt: [0.0; 3], offset_nt_per_k: None, rack_offset_nt_per_k: None, ..self.part.clone() };
-        Facility { input: self.input.clone(), part }
+        let without = |p: &Period| Period {
+            part: FacilityParameters { offset_nt: [0.0; 3], offset_nt_per_k: None, rack_offset_nt_per_k: None, ..p.part.clone() },
+            covariance: p.covariance.as_ref().map(|c| keeping(c, |name| !name.contains("offset"))),
+            span: p.span.clone(),
+        };
+        Facility { input: self.input.clone(), periods: self.periods.iter().map(without).collect() }
     }
 
     /// Whether its values depend on the rack temperature.
     #[must_use]
     pub fn follows_rack(&self) -> bool {
-        let acts = |v: Option<[f64; 3]>| v.is_some_and(|v| v.iter().any(|v| *v != 0.0));
-        acts(self.part.rack_scale_per_k) || acts(self.part.rack_offset_nt_per_k)
+        self.periods.iter().any(|p| acts(p.part.rack_scale_per_k) || acts(p.part.rack_offset_nt_per_k))
     }
 
     /// Whether its values depend on the coil temperature.
     #[must_use]
     pub fn follows_coil(&self) -> bool {
-        let acts = |v: Option<[f64; 3]>| v.is_some_and(|v| v.iter().any(|v| *v != 0.0));
-        acts(self.part.scale_per_k) || acts(self.part.offset_nt_per_k)
+        self.periods.iter().any(|p| acts(p.part.scale_per_k) || acts(p.part.offset_nt_per_k))
+    }
+}
+
+fn acts(values: Option<[f64; 3]>) -> bool {
+    values.is_some_and(|v| v.iter().any(|v| *v != 0.0))
+}
+
+/// The covariance of some of the parameters.
+fn keeping(covariance: &Covariance, keep: impl Fn(&str) -> bool) -> Covariance {
+    let places: Vec<usize> = (0..covariance.parameters.len()).filter(|i| keep(&covariance.parameters[*i])).collect();
+    let of = |list: &[String]| places.iter().filter_map(|i| list.get(*i).cloned()).collect();
+    Covariance {
+        parameters: of(&covariance.parameters),
+        units: of(&covariance.units),
+        matrix: places.iter().map(|r| places.iter().map(|c| covariance.matrix[*r][*c]).collect()).collect(),
+    }
+}
+
+impl Period {
+    /// The values moved by one standard deviation along each principal direction of their covariance. The sum of the squares of what
+    /// these moves change in a result is the variance that the facility gives to it.
+    #[must_use]
+    pub fn moved(&self) -> Vec<FacilityParameters> {
+        let Some(covariance) = &self.covariance else { return Vec::new() };
+        let count = covariance.parameters.len();
+        let given = DMatrix::from_fn(count, count, |r, c| covariance.matrix[r][c]);
+        // The parameters have units of very different sizes: the directions are those of the correlations.
+        let std: Vec<f64> = (0..count).map(|i| given[(i, i)].max(0.0).sqrt()).collect();
+        let inverse = |i: usize| if std[i] > 0.0 { 1.0 / std[i] } else { 0.0 };
+        let correlation = DMatrix::from_fn(count, count, |r, c| given[(r, c)] * inverse(r) * inverse(c));
+        let eigen = SymmetricEigen::new(correlation);
+        let direction = |k: usize| {
+            let size = eigen.eigenvalues[k].max(0.0).sqrt();
+            let mut part = self.part.clone();
+            for (i, name) in covariance.parameters.iter().enumerate() {
+                if let Some(value) = part.value_mut(name) {
+                    *value += size * eigen.eigenvectors[(i, k)] * std[i];
+                }
+            }
+            part
+        };
+        (0..count).filter(|k| eigen.eigenvalues[*k] > 0.0).map(direction).collect()
     }
 }
 
@@ -89,6 +230,25 @@ impl FacilityParameters {
         }
     }
 
+    /// A parameter by the name that it has in a covariance: `scale_x`, `offset_y`, `angle_xz`, `scale_per_k_x`, `offset_per_k_x`,
+    /// `rack_scale_per_k_x`, `rack_offset_per_k_x`; `None` for any other. Coefficients that are not stated become zeros.
+    pub fn value_mut(&mut self, name: &str) -> Option<&mut f64> {
+        let (quantity, component) = name.rsplit_once('_')?;
+        let names = if quantity == "angle" { ["xy", "xz", "yz"] } else { ["x", "y", "z"] };
+        let place = names.iter().position(|n| *n == component)?;
+        let values = match quantity {
+            "scale" => &mut self.scale_nt_per_eu,
+            "offset" => &mut self.offset_nt,
+            "angle" => &mut self.angles_deg,
+            "scale_per_k" => self.scale_per_k.get_or_insert_default(),
+            "offset_per_k" => self.offset_nt_per_k.get_or_insert_default(),
+            "rack_scale_per_k" => self.rack_scale_per_k.get_or_insert_default(),
+            "rack_offset_per_k" => self.rack_offset_nt_per_k.get_or_insert_default(),
+            _ => return None,
+        };
+        Some(&mut values[place])
+    }
+
     /// The coil system with these parameters; what is not stated does not depend on temperature.
     #[must_use]
     pub fn coil(&self) -> Coil {
@@ -106,17 +266,26 @@ impl FacilityParameters {
     }
 }
 
-/// The facility that turned the settings of a run into the reference field.
+/// The facility that turned the settings of a run into the reference field, every setting at the temperatures of its own time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FacilityApplied {
     /// File it came from, which is among the inputs.
     pub file: String,
-    /// Coil temperature that was used, °C; absent if nothing depends on it or it is not known.
+    /// Mean coil temperature over the settings, °C; absent if nothing depends on it or it is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coil_degc: Option<f64>,
-    /// Rack temperature that was used, °C; absent if nothing depends on it or it is not known.
+    /// Smallest and largest coil temperature that was used, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coil_range_degc: Option<[f64; 2]>,
+    /// Mean rack temperature over the settings, °C; absent if nothing depends on it or it is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rack_degc: Option<f64>,
-    /// Its parameters.
+    /// Smallest and largest rack temperature that was used, °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rack_range_degc: Option<[f64; 2]>,
+    /// Period of the facility file, that of the first setting; absent if the file holds always.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub period: Option<PeriodSpan>,
+    /// Its parameters, in this period.
     pub applied: FacilityParameters,
 }

@@ -1,5 +1,6 @@
 //! What the results of all runs say about the run itself: its head, its temperatures, the plateaus left out, and notes.
 
+use super::temperature_faults;
 use crate::data::error::Severity;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
@@ -9,12 +10,10 @@ use crate::data::units::COMPONENTS;
 use crate::fit::noise::dense::{self, Octave};
 use crate::fit::{DenseNoise, FitError, Solution};
 use crate::model::campaign::Instructions;
-use crate::model::facility::{Facility, FacilityApplied};
-use crate::model::sensor::SplitError;
 use serde::Serialize;
 
 /// Temperatures outside are no temperatures of a sensor or coil.
-const PLAUSIBLE_DEGC: std::ops::RangeInclusive<f64> = -200.0..=200.0;
+pub(super) const PLAUSIBLE_DEGC: std::ops::RangeInclusive<f64> = -200.0..=200.0;
 
 /// Parts of plateaus whose lengths differ by less than this share are compared together.
 const SAME_LENGTH: f64 = 1e-3;
@@ -55,62 +54,6 @@ impl Temperatures {
     pub fn sensor_range_degc(&self) -> Option<[f64; 2]> {
         self.sensor_degc().map(|[low, _, high]| [low, high])
     }
-}
-
-/// Turns the settings of plateaus into fields of the facility, at the mean temperatures of coil and rack in the plateaus' time.
-///
-/// # Errors
-/// Angles that no three axes have between them.
-pub fn apply_facility(
-    facility: &Facility,
-    run: &Run,
-    instructions: &Instructions,
-    list: &mut [Plateau],
-    notes: &mut impl Extend<Note>,
-) -> Result<FacilityApplied, SplitError> {
-    if run.header.coil_correction == Some(true) {
-        notes.extend([Note::new(
-            NoteKind::Facility,
-            "the run says that its settings are corrected already; --facility corrects them once more",
-        )]);
-    }
-    let coil = facility.coil();
-    let axes = coil.axes().ok_or(SplitError::Planar)?;
-    let span_s = [
-        list.iter().map(|p| p.setting.t_start_s).fold(f64::INFINITY, f64::min),
-        list.iter().map(|p| p.setting.t_end_s).fold(f64::NEG_INFINITY, f64::max),
-    ];
-    let mut degc = |follows: bool, what: &str, channel: &str, reference_degc: f64| {
-        if !follows {
-            return None;
-        }
-        let mean = mean_degc(run, channel, span_s);
-        if mean.is_none() {
-            let text = format!(
-                "{} depends on the {what} temperature, which the run does not tell (channel {channel}): its values for \
-                 {reference_degc:.1} °C were used",
-                facility.input.path
-            );
-            notes.extend([Note::new(NoteKind::Temperature, text).about(channel)]);
-        }
-        mean
-    };
-    let coil_degc = degc(facility.follows_coil(), "coil", &instructions.channels(&run.header).1, coil.reference_degc);
-    let rack_degc = degc(facility.follows_rack(), "rack", instructions.rack_channel(), coil.rack_reference_degc);
-    for plateau in list {
-        let setting = plateau.setting.field.0;
-        let (at_coil, at_rack) = (coil_degc.unwrap_or(coil.reference_degc), rack_degc.unwrap_or(coil.rack_reference_degc));
-        plateau.setting.field = coil.field(&axes, setting, at_coil, at_rack);
-    }
-    Ok(FacilityApplied { file: facility.input.path.clone(), coil_degc, rack_degc, applied: facility.part.clone() })
-}
-
-/// Mean of the plausible readings of a channel in a time, °C; `None` without any.
-fn mean_degc(run: &Run, channel: &str, span_s: [f64; 2]) -> Option<f64> {
-    let series = run.slow_channel(channel)?;
-    let inside = |t: f64, v: f64| (span_s[0]..=span_s[1]).contains(&t) && PLAUSIBLE_DEGC.contains(&v);
-    let readings: Vec<f64> = series.iter().filter(|(t, v)| inside(*t, *v)).map(|(_, v)| *v).collect();
-    (!readings.is_empty()).then(|| readings.iter().sum::<f64>() / readings.len() as f64)
 }
 
 /// The head of a parameter file.
@@ -297,8 +240,9 @@ pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Pla
     }
 }
 
-/// Lost samples and what the reader found.
-pub fn warn_of_run(notes: &mut impl Extend<Note>, run: &Run) {
+/// Lost samples, faults of temperature channels, and what the reader found.
+pub fn warn_of_run(notes: &mut impl Extend<Note>, run: &Run, instructions: &Instructions) {
+    notes.extend(temperature_faults::notes(run, instructions));
     if run.vectors.lost > 0 {
         notes.extend([Note::new(
             NoteKind::Data,

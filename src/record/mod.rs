@@ -2,9 +2,10 @@
 
 pub mod baseline;
 pub mod conditions;
-pub mod faults;
+pub mod facility;
 pub mod known;
 pub mod linearised;
 pub mod position;
 pub mod prepared;
 pub mod single_readings;
+pub mod temperature_faults;

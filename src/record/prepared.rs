@@ -1,6 +1,6 @@
 //! A run as rows with covariates, and the linear model that is fitted to them before any effect is looked for.
 
-use super::faults;
+use super::temperature_faults;
 use crate::data::note::Note;
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate};
@@ -14,7 +14,7 @@ use crate::model::effects::{Record, Row, Thermal};
 use crate::model::facility::Facility;
 use crate::model::lag::Lag;
 use crate::record::baseline::Baseline;
-use crate::record::conditions::apply_facility;
+use crate::record::facility as reference_field;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use std::borrow::Cow;
 
@@ -78,7 +78,7 @@ pub struct PreparedRun {
     /// What a person should know.
     pub notes: Vec<Note>,
     /// Damaged data: the temperatures of the record are without it.
-    pub faults: Vec<faults::Jumps>,
+    pub faults: Vec<temperature_faults::Jumps>,
 }
 
 /// Why a run cannot be looked at.
@@ -105,7 +105,7 @@ impl PreparedRun {
             return Err(Unfit(format!("the run holds settings in positions {all}; a diagnosis needs one position")));
         }
         if let Some(facility) = facility {
-            apply_facility(facility, run, instructions, &mut list, &mut notes).map_err(|e| Unfit(e.to_string()))?;
+            reference_field::apply(facility, run, instructions, &mut list, &mut notes).map_err(|e| Unfit(e.to_string()))?;
         }
         let parts = match (kind, samples) {
             (Kind::ZeroField, Some(samples)) if run.blocks.is_empty() => parts_of(samples),
@@ -117,7 +117,7 @@ impl PreparedRun {
         let previous = previous_fields(&list, &parts);
         let readings = DMatrix::from_fn(parts.len(), 3, |i, a| parts[i].mean_ent[a]);
         let span_s = [parts[0].used_s[0], parts[parts.len() - 1].used_s[1]];
-        let (faults, temperatures) = faults::thermistors(run, span_s);
+        let (faults, temperatures) = temperature_faults::without_jumps(run, span_s);
         let (sensor_name, coil_name) = instructions.channels(&run.header);
         let rack_name = instructions.rack_channel();
         let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts, |readings| Course::exact(readings.to_vec()));

@@ -342,7 +342,8 @@ impl Influences<'_> {
         let drive = if stretch.frequency_hz > 0.0 { [0.0; 3] } else { stretch.drive };
         let facility = &self.twin.facility;
         let temperature = |body| self.climate.body_degc(body, self.start, t_s);
-        let FieldCoil(driven) = facility.coil.field(&self.coil_axes, drive, temperature(Body::Coil), temperature(Body::Rack));
+        let FieldCoil(driven) =
+            facility.coil.field(&self.coil_axes, drive, [temperature(Body::Coil); 3], temperature(Body::Rack));
         let now = |r: &&crate::files::twin::Residual| seconds(self.start, r.from) <= t_s;
         let residual_nt = facility.residual.iter().rev().find(now).map_or([0.0; 3], |r| r.field_nt);
         FieldCoil(std::array::from_fn(|k| {
@@ -366,7 +367,7 @@ impl Influences<'_> {
         }
         let facility = &self.twin.facility;
         let temperature = |body| self.climate.body_degc(body, self.start, t_s);
-        let at = |drive| facility.coil.field(&self.coil_axes, drive, temperature(Body::Coil), temperature(Body::Rack)).0;
+        let at = |drive| facility.coil.field(&self.coil_axes, drive, [temperature(Body::Coil); 3], temperature(Body::Rack)).0;
         let (with, without) = (at(stretch.drive), at([0.0; 3]));
         let amplitude = FieldCoil(std::array::from_fn(|k| with[k] - without[k]));
         let Reading(full) = self.sensor_at(stretch, t_s).ok()?.reading(amplitude, [0.0; 3]);

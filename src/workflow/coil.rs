@@ -237,7 +237,7 @@ pub struct TiltInput {
     inputs: Vec<Input>,
     /// What was allowed when runs were read.
     reading: Reading,
-    /// Facilities that the parameter files say they were made with.
+    /// Facilities that runs and parameter files were made with.
     stated: Vec<Option<FacilityParameters>>,
 }
 
@@ -275,11 +275,12 @@ impl TiltInput {
                 let result = of_calibration(&made.result.calibration).map_err(|e| {
                     Failure::Refused(Finding::error(&job.recorded, e.to_string(), "correct the position in campaign.toml"))
                 })?;
-                Ok((result, made.provenance.input))
+                Ok((result, made.result.facility.map(|f| f.applied), made.provenance.input))
             });
             match made {
-                Ok((result, inputs)) => {
+                Ok((result, stated, inputs)) => {
                     self.results.push(result);
+                    self.stated.push(stated);
                     self.inputs.extend(inputs);
                 }
                 Err(failure) => failures.push((job.recorded.clone(), failure)),
@@ -297,16 +298,26 @@ impl TiltInput {
         let mut notes: Vec<Note> = Vec::new();
         let stated = self.stated.first().cloned().flatten();
         if self.stated.iter().any(|s| *s != stated) {
-            let rule = "the parameter files were made with different facilities";
-            return Err(Finding::error(&shown, rule, "fit the runs again with the same --facility"));
+            let rule = "the runs were evaluated with different facilities, or in different periods of one";
+            return Err(Finding::error(&shown, rule, "fit the runs of one period with the same --facility"));
         }
         let before = match (used, stated) {
-            (Some(file), Some(stated)) if file.part != stated => {
+            (Some(file), Some(stated)) if file.periods.iter().all(|p| p.part != stated) => {
                 let rule = format!("the parameter files were made with another facility than {}", file.input.path);
                 return Err(Finding::error(&shown, rule, "leave --facility out, or name the file they were made with"));
             }
-            (Some(file), _) => file.part.clone(),
-            (None, Some(stated)) => stated,
+            (_, Some(stated)) => stated,
+            (Some(file), None) => match file.only_part() {
+                Some(part) => part.clone(),
+                None => {
+                    let rule = format!("{} holds {}", file.input.path, file.periods_in_words());
+                    return Err(Finding::error(
+                        &shown,
+                        rule,
+                        "name a file with the values of one period: the table has no dates",
+                    ));
+                }
+            },
             (None, None) => {
                 let text = "no --facility: the runs were taken as evaluated with ideal coils";
                 notes.push(Note::new(NoteKind::Facility, text));

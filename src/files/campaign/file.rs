@@ -70,12 +70,13 @@ impl CampaignFile {
     ];
 }
 
-const KNOWN: [&str; 17] = [
+const KNOWN: [&str; 18] = [
     "name",
     "instrument",
     "offset_trend_order",
     "temperature_channel",
     "coil_temperature_channel",
+    "coil_temperature_channels",
     "rack_temperature_channel",
     "position",
     "sensor",
@@ -146,6 +147,7 @@ fn instructions(root: &Group, findings: &mut Vec<Finding>) -> Result<Instruction
         offset_trend_order: root.whole("offset_trend_order")?,
         temperature_channel: root.text("temperature_channel")?,
         coil_temperature_channel: root.text("coil_temperature_channel")?,
+        coil_temperature_channels: coil_channels(root)?,
         rack_temperature_channel: root.text("rack_temperature_channel")?,
         ..Instructions::default()
     };
@@ -157,11 +159,12 @@ fn instructions(root: &Group, findings: &mut Vec<Finding>) -> Result<Instruction
         instructions.positions = positions;
     }
     for group in root.groups("sensor")? {
-        findings.extend(group.unknown(&["name", "temperature_channel", "coil_temperature_channel"]));
+        findings.extend(group.unknown(&["name", "temperature_channel", "coil_temperature_channel", "coil_temperature_channels"]));
         instructions.sensors.push(SensorChannels {
             name: group.text("name")?.ok_or_else(|| group.missing("name"))?,
             temperature_channel: group.text("temperature_channel")?,
             coil_temperature_channel: group.text("coil_temperature_channel")?,
+            coil_temperature_channels: coil_channels(&group)?,
         });
     }
     for group in root.groups("limit")? {
@@ -175,6 +178,15 @@ fn instructions(root: &Group, findings: &mut Vec<Finding>) -> Result<Instruction
     instructions.at = locations(root, findings)?;
     instructions.references = references(root, findings)?;
     Ok(instructions)
+}
+
+/// `coil_temperature_channels`: one channel for each of the coils X, Y and Z.
+fn coil_channels(group: &Group) -> Result<Option<[String; 3]>, Finding> {
+    const KEY: &str = "coil_temperature_channels";
+    let three = |list: Vec<String>| {
+        list.try_into().map_err(|_| group.refuse(KEY, "must be three names", "write the channels of the coils X, Y and Z"))
+    };
+    group.texts(KEY)?.map(three).transpose()
 }
 
 fn positions(root: &Group, findings: &mut Vec<Finding>) -> Result<Vec<(u32, Position)>, Finding> {

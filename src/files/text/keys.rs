@@ -158,6 +158,14 @@ impl<'a> Group<'a> {
         self.list(key, "a list of finite numbers", as_number)
     }
 
+    /// Rows of finite numbers.
+    ///
+    /// # Errors
+    /// Something else stands there.
+    pub fn rows(&self, key: &str) -> Result<Option<Vec<Vec<f64>>>, Finding> {
+        self.list(key, "a list of rows of finite numbers", |v| v.as_array()?.iter().map(as_number).collect())
+    }
+
     /// Three finite numbers.
     ///
     /// # Errors

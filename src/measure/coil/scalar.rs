@@ -154,7 +154,7 @@ impl Model for Modulus<'_> {
         let coil = self.follows.coil(parameters);
         let Some(axes) = coil.axes() else { return values.fill(f64::NAN) };
         for (value, row) in values.iter_mut().zip(self.rows) {
-            *value = Vector3::from(coil.field(&axes, row.scalar.setting, row.coil_k, row.rack_k).0).norm();
+            *value = Vector3::from(coil.field(&axes, row.scalar.setting, [row.coil_k; 3], row.rack_k).0).norm();
         }
     }
 
@@ -162,7 +162,7 @@ impl Model for Modulus<'_> {
         let coil = self.follows.coil(parameters);
         let (Some(axes), Some(by_angle)) = (coil.axes(), coil.axes_per_degree()) else { return jacobian.fill(f64::NAN) };
         for (i, row) in self.rows.iter().enumerate() {
-            let unit = Vector3::from(coil.field(&axes, row.scalar.setting, row.coil_k, row.rack_k).0).normalize();
+            let unit = Vector3::from(coil.field(&axes, row.scalar.setting, [row.coil_k; 3], row.rack_k).0).normalize();
             let along = axes.transpose() * unit;
             let coil_factor = |k: usize| 1.0 + coil.scale_per_k[k] * row.coil_k;
             let rack_factor = |k: usize| 1.0 + coil.rack_scale_per_k[k] * row.rack_k;

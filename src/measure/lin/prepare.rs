@@ -13,7 +13,7 @@ use crate::model::facility::FacilityApplied;
 use crate::model::position::Position;
 use crate::record::known::{self, Applied};
 use crate::record::position::{apply_limits, the_position};
-use crate::record::{conditions, linearised};
+use crate::record::{facility, linearised};
 use nalgebra::{DMatrix, DVector};
 
 /// Order of the offset trend where nothing else is said, as in the campaign of 2013.
@@ -77,8 +77,7 @@ impl<'a> Prepared<'a> {
         let (position_id, position) = the_position(plateaus, instructions)?;
         let mut list = plateaus.list.clone();
         apply_limits(&mut list, position, &limits_nt(run, instructions, options));
-        let facility =
-            options.facility.as_ref().map(|f| conditions::apply_facility(f, run, instructions, &mut list, notes)).transpose()?;
+        let facility = options.facility.as_ref().map(|f| facility::apply(f, run, instructions, &mut list, notes)).transpose()?;
         let known = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, instructions, notes));
         let linearisation = options.linearisation.as_ref().map(|l| linearised::apply(l, run, &mut list, notes));
         Ok(Self { options, position_id, position, list, facility, known, linearisation })

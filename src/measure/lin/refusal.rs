@@ -2,6 +2,7 @@
 
 use crate::data::run::Kind;
 use crate::fit::FitError;
+use crate::model::facility::FacilityError;
 use crate::model::sensor::SplitError;
 use crate::record::position::PositionError;
 use thiserror::Error;
@@ -90,6 +91,9 @@ pub enum LinError {
         /// Sensitivity, nT/enT.
         sigma: f64,
     },
+    /// A facility that cannot turn the settings into fields.
+    #[error(transparent)]
+    Facility(#[from] FacilityError),
     /// The matrix cannot be split.
     #[error("{0}")]
     Split(#[from] SplitError),
@@ -119,6 +123,7 @@ impl LinError {
             LinError::TooFew { unsettled: true, .. } => "hold the fields longer, or say with --settling what can be accepted",
             LinError::TooFew { .. } => "use a longer programme, or less strict limits",
             LinError::Gain { .. } => "check `unit` and `nominal_factor`, or go on with --allow gain",
+            LinError::Facility(error) => error.remedy(),
             LinError::Split(_) => "check the excitation and the wiring of the components",
             LinError::Fit(_) => "check the plateaus in the table of blocks",
         }

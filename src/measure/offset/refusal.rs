@@ -2,7 +2,7 @@
 
 use crate::data::run::Kind;
 use crate::fit::FitError;
-use crate::model::sensor::SplitError;
+use crate::model::facility::FacilityError;
 use crate::record::position::PositionError;
 use thiserror::Error;
 
@@ -57,9 +57,9 @@ pub enum OffsetError {
     /// The positions determine no component.
     #[error("no component has an offset: {0}")]
     NoPairs(String),
-    /// A facility that no coil system can be.
+    /// A facility that cannot turn the settings into fields.
     #[error(transparent)]
-    Facility(#[from] SplitError),
+    Facility(#[from] FacilityError),
     /// Another failure of the fit.
     #[error("the fit failed: {0}")]
     Fit(#[from] FitError),
@@ -84,7 +84,7 @@ impl OffsetError {
             }
             OffsetError::Stuck { .. } => "check the component and its wiring",
             OffsetError::NoPairs(_) => "measure every component in a normal and a turned position",
-            OffsetError::Facility(_) => "correct the facility",
+            OffsetError::Facility(error) => error.remedy(),
             OffsetError::Fit(_) => "check the plateaus of the run",
         }
     }

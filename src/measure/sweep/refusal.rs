@@ -2,7 +2,7 @@
 
 use crate::data::run::Kind;
 use crate::fit::FitError;
-use crate::model::sensor::SplitError;
+use crate::model::facility::FacilityError;
 use crate::record::position::PositionError;
 use thiserror::Error;
 
@@ -18,9 +18,9 @@ pub enum SweepError {
     /// Several positions or one without axes.
     #[error(transparent)]
     Position(#[from] PositionError),
-    /// A facility that no coil system can be.
+    /// A facility that cannot turn the settings into fields.
     #[error(transparent)]
-    Facility(#[from] SplitError),
+    Facility(#[from] FacilityError),
     /// No thermistor moves.
     #[error("no temperature channel moves by {LEAST_RANGE_K} K during the settings")]
     NoTemperature,
@@ -52,7 +52,7 @@ impl SweepError {
         match self {
             SweepError::Kind(_) => "use the command for that kind",
             SweepError::Position(_) => "sweep in one position, and name its axes in campaign.toml",
-            SweepError::Facility(_) => "correct the facility",
+            SweepError::Facility(error) => error.remedy(),
             SweepError::NoTemperature => "check the temperature channels of the run",
             SweepError::TooFew { .. } => "sweep longer, or with lower orders",
             SweepError::Fit(_) | SweepError::NoSensor { .. } => "check the directions of the fields and the readings",

@@ -1,0 +1,178 @@
+//! Settings as fields of a facility that is known: every setting at the temperatures of coils and rack in its own time, with the values of the
+//! period that it lies in (CH-GFZ-TR-2601 section 6: the facility is corrected with the temperatures during the run; mathematics.md section 5).
+
+use super::conditions::PLAUSIBLE_DEGC;
+use crate::data::note::{Note, NoteKind};
+use crate::data::plateau::Plateau;
+use crate::data::run::{Run, interpolate};
+use crate::fit::statistics::{extremes, median};
+use crate::model::campaign::Instructions;
+use crate::model::coil::Coil;
+use crate::model::facility::{Facility, FacilityApplied, FacilityError, Period};
+use crate::model::sensor::SplitError;
+use nalgebra::Matrix3;
+
+/// A reading this many usual intervals away from a setting is near it: one that fails does not make a gap.
+const NEAR_INTERVALS: f64 = 3.0;
+
+/// Turns the settings of plateaus into fields of the facility.
+///
+/// # Errors
+/// Angles that no three axes have between them, or settings at times for which the file holds no values.
+pub fn apply(
+    facility: &Facility,
+    run: &Run,
+    instructions: &Instructions,
+    list: &mut [Plateau],
+    notes: &mut impl Extend<Note>,
+) -> Result<FacilityApplied, FacilityError> {
+    if run.header.coil_correction == Some(true) {
+        notes.extend([Note::new(
+            NoteKind::Facility,
+            "the run says that its settings are corrected already; --facility corrects them once more",
+        )]);
+    }
+    let periods = periods(facility, run, list, notes)?;
+    let spans_s: Vec<[f64; 2]> = list.iter().map(span_s).collect();
+    let channels = instructions.coil_channels(&run.header);
+    let mut courses: Vec<(&String, Option<Vec<f64>>)> = Vec::new();
+    if facility.follows_coil() {
+        for channel in &channels {
+            if courses.iter().all(|(known, _)| *known != channel) {
+                courses.push((channel, degc(facility, run, channel, "coil", &spans_s, notes)));
+            }
+        }
+    }
+    let of = |channel: &String| courses.iter().find(|(known, _)| *known == channel).and_then(|(_, degc)| degc.as_deref());
+    let coil_degc = channels.each_ref().map(of);
+    let rack = instructions.rack_channel();
+    let rack_degc = if facility.follows_rack() { degc(facility, run, rack, "rack", &spans_s, notes) } else { None };
+
+    let coils: Vec<(Coil, Matrix3<f64>)> = facility.periods.iter().map(coil_of).collect::<Result<_, _>>()?;
+    for (i, (plateau, period)) in list.iter_mut().zip(&periods).enumerate() {
+        let (coil, axes) = &coils[*period];
+        let at_coil = coil_degc.map(|degc| degc.map_or(coil.reference_degc, |degc| degc[i]));
+        let at_rack = rack_degc.as_ref().map_or(coil.rack_reference_degc, |degc| degc[i]);
+        plateau.setting.field = coil.field(axes, plateau.setting.field.0, at_coil, at_rack);
+    }
+    let used: Vec<f64> = coil_degc.iter().flatten().flat_map(|degc| degc.iter().copied()).collect();
+    let first = &facility.periods[periods.first().copied().unwrap_or_default()];
+    Ok(FacilityApplied {
+        file: facility.input.path.clone(),
+        coil_degc: mean(&used),
+        coil_range_degc: range(&used),
+        rack_degc: rack_degc.as_deref().and_then(mean),
+        rack_range_degc: rack_degc.as_deref().and_then(range),
+        period: (!first.span.is_always()).then(|| first.span.clone()),
+        applied: first.part.clone(),
+    })
+}
+
+fn coil_of(period: &Period) -> Result<(Coil, Matrix3<f64>), SplitError> {
+    let coil = period.part.coil();
+    let axes = coil.axes().ok_or(SplitError::Planar)?;
+    Ok((coil, axes))
+}
+
+/// The time of a plateau that was used, or that of its setting, s since the run's start.
+fn span_s(plateau: &Plateau) -> [f64; 2] {
+    let [begin, end] = plateau.used_s;
+    if end > begin { plateau.used_s } else { [plateau.setting.t_start_s, plateau.setting.t_end_s] }
+}
+
+/// The period of every plateau. The field has one value in the middle of a setting: a setting belongs to the period of its middle, also in
+/// a run that goes on across a boundary, for which a note says so.
+fn periods(facility: &Facility, run: &Run, list: &[Plateau], notes: &mut impl Extend<Note>) -> Result<Vec<usize>, FacilityError> {
+    let start_s = run.header.start.seconds();
+    let at = |plateau: &Plateau| {
+        let [begin, end] = span_s(plateau);
+        facility.period_at(start_s + 0.5 * (begin + end))
+    };
+    let Some(periods) = list.iter().map(at).collect::<Option<Vec<usize>>>() else {
+        let [first, last] = extremes(list.iter().flat_map(span_s));
+        return Err(FacilityError::Outside {
+            file: facility.input.path.clone(),
+            periods: facility.periods_in_words(),
+            from: run.header.start.after(first),
+            to: run.header.start.after(last),
+        });
+    };
+    let used = |period: usize| periods.iter().filter(|p| **p == period).count();
+    let parts: Vec<String> = (0..facility.periods.len())
+        .filter(|period| used(*period) > 0)
+        .map(|period| format!("{} settings with the values that hold {}", used(period), facility.periods[period].span))
+        .collect();
+    if parts.len() > 1 {
+        let text = format!(
+            "the run goes on across a boundary of {}: {}; where the step really lies between two calibrations is not known",
+            facility.input.path,
+            parts.join(", ")
+        );
+        notes.extend([Note::new(NoteKind::Facility, text)
+            .about(facility.input.path.as_str())
+            .with_remedy("a run that lies in one period is better")]);
+    }
+    Ok(periods)
+}
+
+/// The temperature of a channel in the time of every setting, °C: the mean of the readings in it, else straight between those beside it;
+/// `None` and a note without any reading.
+fn degc(
+    facility: &Facility,
+    run: &Run,
+    channel: &str,
+    what: &str,
+    spans_s: &[[f64; 2]],
+    notes: &mut impl Extend<Note>,
+) -> Option<Vec<f64>> {
+    let file = &facility.input.path;
+    let mut series = run.slow_channel(channel).unwrap_or_default();
+    series.retain(|(_, v)| PLAUSIBLE_DEGC.contains(v));
+    if series.is_empty() {
+        let coil = facility.periods[0].part.coil();
+        let reference_degc = if what == "rack" { coil.rack_reference_degc } else { coil.reference_degc };
+        let text = format!(
+            "{file} depends on the {what} temperature, which the run does not tell (channel {channel}): its values for \
+             {reference_degc:.1} °C were used"
+        );
+        notes.extend([Note::new(NoteKind::Temperature, text).about(channel)]);
+        return None;
+    }
+    let mut intervals_s: Vec<f64> = series.windows(2).map(|w| w[1].0 - w[0].0).collect();
+    let near_s = if intervals_s.is_empty() { 0.0 } else { NEAR_INTERVALS * median(&mut intervals_s) };
+    let mut without = 0;
+    let mut farthest_s: f64 = 0.0;
+    let mut one = |[begin, end]: &[f64; 2]| {
+        let from = series.partition_point(|(t, _)| t < begin);
+        let inside = &series[from..series.partition_point(|(t, _)| t <= end).max(from)];
+        if !inside.is_empty() {
+            return inside.iter().map(|(_, v)| v).sum::<f64>() / inside.len() as f64;
+        }
+        let before_s = from.checked_sub(1).map_or(f64::INFINITY, |i| begin - series[i].0);
+        let after_s = series.get(from).map_or(f64::INFINITY, |(t, _)| t - end);
+        let away_s = before_s.min(after_s);
+        if away_s > near_s {
+            without += 1;
+            farthest_s = farthest_s.max(away_s);
+        }
+        interpolate(&series, 0.5 * (begin + end))
+    };
+    let degc = spans_s.iter().map(&mut one).collect();
+    if without > 0 {
+        let text = format!(
+            "{without} of {} settings have no reading of the {what} temperature (channel {channel}) near them, up to {farthest_s:.0} s \
+             away: {file} was used with the temperature straight between the readings beside them, or with the nearest one",
+            spans_s.len()
+        );
+        notes.extend([Note::new(NoteKind::Temperature, text).about(channel)]);
+    }
+    Some(degc)
+}
+
+fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+fn range(values: &[f64]) -> Option<[f64; 2]> {
+    (!values.is_empty()).then(|| extremes(values.iter().copied()))
+}
