@@ -6,6 +6,7 @@ use calfit::data::run::{Header, InputFile, Kind, ReadingUnit, Run, ScalarRow, Sl
 use calfit::fit::student_95;
 use calfit::measure::coil::scalar::{Options, Scalar, scalar};
 use calfit::model::campaign::Instructions;
+use calfit::model::facility_calibration::Explanation;
 use common::check::{Case, calfit, close, cpf, number, parameters, says, sigma, text, three};
 use common::{Gauss, Plan, programme};
 use std::path::{Path, PathBuf};
@@ -194,23 +195,115 @@ fn temperature_coefficients_come_back_from_four_calibrations() {
 }
 
 #[test]
-fn a_facility_that_changed_between_calibrations_has_the_spread_as_uncertainty() {
+fn a_step_between_two_calibrations_makes_two_periods() {
     // On 25 March 1998 the offset field of Y went from -2.2 to -4.4 nT.
     let mut gauss = Gauss(6);
     let later = Facility { offset_nt: [2.0, -4.4, -1.2], ..FACILITY };
     let settings = directions(&mut gauss);
     let runs = [run(23, &FACILITY, &settings, &[], &mut gauss), run(25, &later, &settings, &[], &mut gauss)];
     let p = calibrate(&runs, &Options::default());
-    assert!(
-        (p.found.facility.offset_nt[1] + 3.3).abs() < 0.1 && (p.found.std.offset_nt[1] - 1.1).abs() < 0.1,
-        "{:?}",
-        p.found.std
-    );
-    assert!((p.found.calibration[1].facility.offset_nt[1] + 4.4).abs() < 0.1);
+    let [before, after] = p.found.period.as_slice() else { panic!("{:?}", p.found.period) };
+    for (period, truth) in [(before, OFFSET_NT), (after, later.offset_nt)] {
+        for k in 0..3 {
+            let (found, std) = (period.facility.offset_nt[k], period.std.offset_nt[k]);
+            assert!((found - truth[k]).abs() < 3.5 * std && std < 0.03, "{found} ± {std} is not {}", truth[k]);
+        }
+    }
+    // The runs begin at 10:49 and their last row is 1650 s later: the middle of the 46.54 h between them.
+    assert_eq!(before.span.from, None);
+    assert_eq!(before.span.to.as_ref().unwrap().as_str(), "1998-03-24T11:02:45Z");
+    assert_eq!((&after.span.from, &after.span.to), (&before.span.to, &None));
+    assert_eq!(p.found.facility, after.facility);
+    let [step] = p.found.step.as_slice() else { panic!("{:?}", p.found.step) };
+    assert_eq!(step.parameter, "offset field of Y");
     says(
         &p.notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"),
-        &["the offset field of Y differs between the calibrations"],
+        &[
+            "the offset field of Y stepped between the calibrations 98-03-23_10-49-00 and 98-03-25_10-49-00",
+            "1998-03-24T11:02:45Z",
+        ],
     );
+}
+
+/// Four calibrations at the temperatures of 1998, with the facility of each.
+fn four(facility: impl Fn(usize, f64, f64) -> Facility, gauss: &mut Gauss) -> Scalar {
+    const RACK_DEGC: [f64; 4] = [30.4, 32.2, 33.6, 31.6];
+    let calibration = |i: usize, gauss: &mut Gauss| {
+        let (coil, rack) = (CALIBRATIONS_DEGC[i], RACK_DEGC[i]);
+        let settings = directions(gauss);
+        run(23 + i, &facility(i, coil - 16.5, rack - 32.0), &settings, &[("T29", coil), ("T55", rack)], gauss)
+    };
+    let runs: Vec<Run> = (0..4).map(|i| calibration(i, gauss)).collect();
+    calibrate(&runs, &Options::default())
+}
+
+#[test]
+fn a_step_is_told_from_a_temperature_coefficient_by_the_evidence_of_both() {
+    let thermal = |offset_y_nt: f64, per_k: f64, coil_k: f64| Facility {
+        scale: std::array::from_fn(|k| SCALE[k] * (1.0 + SCALE_PER_K[k] * coil_k)),
+        offset_nt: [
+            OFFSET_NT[0] + OFFSET_PER_K[0] * coil_k,
+            offset_y_nt + per_k * coil_k,
+            OFFSET_NT[2] + OFFSET_PER_K[2] * coil_k,
+        ],
+        ..FACILITY
+    };
+    for seed in 0..6 {
+        let mut gauss = Gauss(100 + seed);
+        let stepped = four(|i, coil_k, _| thermal(if i < 2 { -2.2 } else { -4.4 }, 0.0, coil_k), &mut gauss);
+        let [before, after] = stepped.found.period.as_slice() else { panic!("{:?}", stepped.found.hypothesis) };
+        for (period, truth) in [(before, -2.2), (after, -4.4)] {
+            let (found, std) = (period.facility.offset_nt[1], period.std.offset_nt[1]);
+            assert!((found - truth).abs() < 3.5 * std && std < 0.2, "{found} ± {std}");
+        }
+        // -3.9 ± 0.08 nT/K is what the temperatures alone make of it.
+        let (per_k, std) = (after.facility.offset_nt_per_k.unwrap()[1], after.std.offset_nt_per_k.unwrap()[1]);
+        assert!(per_k.abs() < 3.5 * std || (per_k == 0.0 && std.is_nan()), "{per_k} ± {std}");
+        let bic = |of: &Scalar, explanation| of.found.hypothesis.iter().find(|h| h.explanation == explanation).unwrap().bic;
+        assert!(bic(&stepped, Explanation::Temperatures) > bic(&stepped, Explanation::Steps) + 10.0);
+        assert_eq!(stepped.found.hypothesis.iter().filter(|h| h.chosen).count(), 1);
+
+        let mut gauss = Gauss(200 + seed);
+        let warm = four(|_, coil_k, _| thermal(-2.2, -3.9, coil_k), &mut gauss);
+        assert!(warm.found.period.is_empty() && warm.found.step.is_empty(), "{:?}", warm.found.step);
+        let (per_k, std) = (warm.found.facility.offset_nt_per_k.unwrap()[1], warm.found.std.offset_nt_per_k.unwrap()[1]);
+        assert!((per_k + 3.9).abs() < 3.5 * std && std < 0.1, "{per_k} ± {std}");
+        let chosen = warm.found.hypothesis.iter().find(|h| h.chosen).unwrap();
+        assert_eq!(chosen.explanation, Explanation::Temperatures);
+        assert!(bic(&warm, Explanation::Steps) > chosen.bic + 10.0);
+    }
+}
+
+#[test]
+fn calibrations_of_a_steady_facility_have_no_step() {
+    let mut steps = 0;
+    for seed in 0..20 {
+        let mut gauss = Gauss(300 + seed);
+        let p = four(|_, _, _| FACILITY, &mut gauss);
+        steps += p.found.step.len();
+    }
+    assert_eq!(steps, 0);
+}
+
+#[test]
+fn a_file_with_periods_is_a_facility_for_runs_of_its_periods() {
+    let mut gauss = Gauss(6);
+    let later = Facility { offset_nt: [2.0, -104.4, -1.2], ..FACILITY };
+    let settings = directions(&mut gauss);
+    let case = Case::of(ccr(&run(23, &later, &settings, &[], &mut gauss)));
+    case.put("98-03-25/10-49-00.CCR", ccr(&run(25, &FACILITY, &settings, &[], &mut gauss)));
+    let (status, _, errors) = coil(&case, "scalar", &[&case.campaign()], &["--no-plots"]);
+    assert_eq!(status, Some(0), "{errors}");
+    let file = case.out().join("COIL_SCALAR__98-03-23_10-49-00.toml");
+    says(
+        &std::fs::read_to_string(&file).unwrap(),
+        &["[[period]]", "to = \"1998-03-24T", "from = \"1998-03-24T", "[period.covariance]"],
+    );
+    // The run of 2013 lies in the last period, which has no end.
+    let (plan, made) = in_facility(&FACILITY);
+    let linear = Case::of(made.text());
+    linear.done(&["--facility", file.to_str().unwrap(), "--order", "0"]);
+    close(three(&linear.cpf(), "offset.b_or_ent"), plan.truth.reading([0.0; 3]), 0.15);
 }
 
 #[test]

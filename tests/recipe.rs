@@ -171,9 +171,19 @@ fn files_without_a_recipe_are_read_checked_and_made_again() {
     // The folders among the places hold the refused files too.
     let told = text(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{told}");
-    assert!(told.lines().all(|line| line.is_empty() || line.contains("is a TCF file of version 1")), "{told}");
-    for file in &files {
+    // These were made with a facility at the mean temperature of their run, which is now that of every setting: other values, by name.
+    let otherwise = ["lin/PARAMETER_LIN__26", "offset/OFF_PARAMETER", "sweep/THERMAL_PARAMETER"];
+    let is_otherwise = |text: &str| otherwise.iter().any(|name| text.contains(name));
+    let expected = |line: &str| {
+        let differs = line.contains("comes back as") || line.contains("more values differ");
+        line.is_empty() || line.contains("is a TCF file of version 1") || (differs && is_otherwise(line))
+    };
+    assert!(told.lines().all(expected), "{told}");
+    for file in files.iter().filter(|file| !is_otherwise(&file.display().to_string())) {
         says(&said, &[&format!("{}: verified", file.display())]);
+    }
+    for name in otherwise {
+        assert!(told.lines().any(|line| line.contains(name) && line.contains("comes back as")), "{name}");
     }
     let formats: BTreeSet<&str> = files.iter().map(|path| FileKind::of_name(path).unwrap().format).collect();
     let kinds: BTreeSet<&str> =

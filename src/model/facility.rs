@@ -16,16 +16,14 @@ pub enum FacilityError {
     #[error(transparent)]
     Axes(#[from] SplitError),
     /// The run lies outside of every period.
-    #[error("{file} holds {periods}, and the run lasts from {from} to {to}")]
+    #[error("{file} holds {periods}, and the run lasts {run}")]
     Outside {
         /// The facility file.
         file: String,
         /// Its periods, in words.
         periods: String,
-        /// Begin of the settings, UTC.
-        from: Start,
-        /// Their end, UTC.
-        to: Start,
+        /// Begin and end of the settings, in words.
+        run: String,
     },
 }
 

@@ -2,7 +2,7 @@
 //!
 //! The result of the analysis and its parameter file both hold them, so that each is defined here only.
 
-use super::facility::FacilityParameters;
+use super::facility::{FacilityParameters, PeriodSpan};
 use crate::data::result::Covariance;
 use crate::data::start::Start;
 use serde::{Deserialize, Serialize};
@@ -14,12 +14,21 @@ pub struct ScalarFound {
     pub used: Vec<String>,
     /// Campaign and instrument.
     pub campaign: String,
-    /// The facility.
+    /// The facility; of several periods the last one.
     pub facility: FacilityParameters,
-    /// Standard uncertainties.
+    /// Standard uncertainties; nan for coefficients that were taken as zero.
     pub std: FacilityParameters,
-    /// Covariance of all fitted parameters.
+    /// Covariance of the facility's parameters.
     pub covariance: Covariance,
+    /// What may explain that the calibrations differ, by its evidence; empty for a single one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub hypothesis: Vec<ScalarHypothesis>,
+    /// Steps between calibrations.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub step: Vec<ScalarStep>,
+    /// The facility before and after the steps; empty if it did not step.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub period: Vec<ScalarPeriod>,
     /// Quality of data and model.
     pub quality: ScalarQuality,
     /// Every calibration on its own.
@@ -29,6 +38,80 @@ pub struct ScalarFound {
     pub outlier: Vec<ScalarOutlier>,
     /// Where the calibration holds.
     pub valid: ScalarValidity,
+}
+
+/// What may explain that the calibrations of a facility differ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Explanation {
+    /// They differ by noise alone.
+    Nothing,
+    /// The facility follows the temperatures of coils and rack.
+    Temperatures,
+    /// Some of its parameters step between two calibrations, and these follow no temperature.
+    Steps,
+    /// Some of its parameters step, and all follow the temperatures.
+    Both,
+}
+
+impl Explanation {
+    /// What it is, in words.
+    #[must_use]
+    pub fn words(self) -> &'static str {
+        match self {
+            Explanation::Nothing => "noise alone",
+            Explanation::Temperatures => "temperature coefficients",
+            Explanation::Steps => "steps in place of temperature coefficients",
+            Explanation::Both => "steps beside temperature coefficients",
+        }
+    }
+}
+
+/// An explanation, fitted to the same rows as the others.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScalarHypothesis {
+    /// The explanation. Steps are those that were found, or the likeliest one.
+    pub explanation: Explanation,
+    /// Number of parameters.
+    pub parameters: usize,
+    /// Degrees of freedom.
+    pub degrees_of_freedom: usize,
+    /// Standard deviation of measured minus modelled modulus, nT.
+    pub residual_std_nt: f64,
+    /// Bayesian information criterion, `n ln(S / n) + k ln n`: the smaller, the better; half of a difference is about the logarithm of the odds.
+    pub bic: f64,
+    /// Whether the facility is given by it.
+    pub chosen: bool,
+}
+
+/// A parameter that stepped between two calibrations.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScalarStep {
+    /// The parameter, in words.
+    pub parameter: String,
+    /// Its value before: nT/EU, nT or degrees.
+    pub before: f64,
+    /// Its value after.
+    pub after: f64,
+    /// Last calibration with the old value, a run id.
+    pub last_run_before: String,
+    /// First calibration with the new value.
+    pub first_run_after: String,
+}
+
+/// The facility in a part of the time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScalarPeriod {
+    /// When it holds. Between two calibrations the boundary is the middle of the time between them.
+    #[serde(flatten)]
+    pub span: PeriodSpan,
+    /// The facility.
+    #[serde(flatten)]
+    pub facility: FacilityParameters,
+    /// Standard uncertainties; nan for coefficients that were taken as zero.
+    pub std: FacilityParameters,
+    /// Covariance of the facility's parameters.
+    pub covariance: Covariance,
 }
 
 /// What moduli at plus and minus F say of the residual field.

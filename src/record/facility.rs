@@ -93,8 +93,7 @@ fn periods(facility: &Facility, run: &Run, list: &[Plateau], notes: &mut impl Ex
         return Err(FacilityError::Outside {
             file: facility.input.path.clone(),
             periods: facility.periods_in_words(),
-            from: run.header.start.after(first),
-            to: run.header.start.after(last),
+            run: format!("from {} to {}", run.header.start.after(first), run.header.start.after(last)),
         });
     };
     let used = |period: usize| periods.iter().filter(|p| **p == period).count();

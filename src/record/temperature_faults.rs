@@ -287,21 +287,24 @@ impl<'a> Channel<'a> {
             return None;
         }
         let noise_k = self.noise_of_changes_k(&changes);
-        let mut jumps: Vec<(f64, f64)> = (0..changes.len())
-            .filter(|i| is_jump(&changes, *i, noise_k))
-            .map(|i| (self.series[changes[i].0].0, changes[i].1, self.series[changes[i].0 - 1].0))
-            .filter(|(t_s, by_k, before_s)| !others.iter().any(|o| o.moves_along(*before_s, *t_s, *by_k)))
-            .map(|(t_s, by_k, _)| (t_s, by_k))
-            .collect();
-        if jumps.is_empty() {
+        let is_large = |i: &usize| changes[*i].1.abs() > LEAST_REPEATED_K && changes[*i].1.abs() > JUMP * noise_k;
+        let mut places: Vec<usize> = (0..changes.len()).filter(is_large).collect();
+        if places.is_empty() {
             // A smaller step that stands alone.
-            jumps.extend(step(&self.series).filter(|(t_s, by_k)| {
-                let before_s = self.series[self.series.partition_point(|(t, _)| t < t_s).saturating_sub(1)].0;
-                !others.iter().any(|o| o.moves_along(before_s, *t_s, *by_k))
-            }));
+            let at = |t_s: f64| changes.iter().position(|(place, ..)| self.series[*place].0 == t_s);
+            places.extend(step(&self.series).and_then(|(t_s, _)| at(t_s)));
         }
+        let is_shared = |place: usize, by_k: f64| {
+            let [before_s, after_s] = [self.series[place - 1].0, self.series[place].0];
+            others.iter().any(|o| o.moves_along(before_s, after_s, by_k))
+        };
+        let jumps: Vec<(f64, f64)> = places
+            .into_iter()
+            .filter(|i| is_far_faster(&changes, *i) && !is_shared(changes[*i].0, changes[*i].1))
+            .map(|i| (self.series[changes[i].0].0, changes[i].1))
+            .collect();
         let largest = jumps.iter().copied().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-        let probability = changes.len() as f64 * if noise_k > 0.0 { two_sided_tail(largest.1 / noise_k) } else { 0.0 };
+        let probability = changes.len() as f64 * if noise_k > 0.0 { two_sided_tail(largest.1.abs() / noise_k) } else { 0.0 };
         let fault = Fault::Jumps { count: jumps.len(), t_s: largest.0, size_k: largest.1 };
         Some(self.fault(fault, probability))
     }
@@ -363,7 +366,7 @@ impl<'a> Channel<'a> {
 
     fn unit(&self, others: &[&Channel], in_room: bool) -> Option<ChannelFault> {
         let read = self.median;
-        let is_of = |degc: f64, [mean, std]: [f64; 2]| two_sided_tail((degc - mean) / std);
+        let is_of = |degc: f64, [mean, std]: [f64; 2]| two_sided_tail((degc - mean).abs() / std);
         let usual = if in_room { ROOM_DEGC } else { INSTRUMENT_DEGC };
         let from_kelvin = read - KELVIN;
         if read > LEAST_KELVIN && is_of(from_kelvin, usual) > SENSIBLE {
@@ -411,11 +414,8 @@ impl<'a> Channel<'a> {
 }
 
 /// Whether a change is far larger than what the channel does in the same time before and after it.
-fn is_jump(changes: &[(usize, f64, f64)], i: usize, noise_k: f64) -> bool {
-    let (place, by_k, rate) = changes[i];
-    if by_k.abs() <= LEAST_REPEATED_K || by_k.abs() <= JUMP * noise_k {
-        return false;
-    }
+fn is_far_faster(changes: &[(usize, f64, f64)], i: usize) -> bool {
+    let (place, _, rate) = changes[i];
     let usual = |range: std::ops::Range<usize>| {
         let mut rates: Vec<f64> = changes[range].iter().map(|(_, _, rate)| rate.abs()).collect();
         if rates.is_empty() { 0.0 } else { median(&mut rates) }

@@ -5,14 +5,14 @@ use super::{or_not_stated, parameter_file, remarks, triple, value, yes_or_no};
 use crate::data::units::{COMPONENTS, scientific_with_uncertainty};
 use crate::measure::coil::{ANGLES, AXES, Residual, Scalar, Tilt};
 use crate::model::facility::FacilityParameters;
-use crate::model::facility_calibration::{ScalarFound, ScalarOutlier, SensorValues, TiltFound};
+use crate::model::facility_calibration::{ScalarFound, ScalarHypothesis, ScalarOutlier, SensorValues, TiltFound};
 use std::fmt::Write;
 
 /// Arc seconds in a degree.
 const ARCSEC: f64 = 3600.0;
 
 /// The parameters of a facility with their uncertainties.
-fn parameters(facility: &FacilityParameters, std: &FacilityParameters) -> Section {
+fn parameters(title: &str, facility: &FacilityParameters, std: &FacilityParameters) -> Section {
     let mut table = Table::new(["axis", "scale factor, nT/EU", "offset field, nT", "angle", "between, degrees"]);
     for k in 0..3 {
         table.push(cells![
@@ -23,7 +23,7 @@ fn parameters(facility: &FacilityParameters, std: &FacilityParameters) -> Sectio
             Cell::uncertain(facility.angles_deg[k], std.angles_deg[k]),
         ]);
     }
-    let mut section = Section::new("The facility").with(table);
+    let mut section = Section::new(title).with(table);
     for (what, reference, scale, offset, scale_std, offset_std) in [
         ("coil", facility.reference_degc, facility.scale_per_k, facility.offset_nt_per_k, std.scale_per_k, std.offset_nt_per_k),
         (
@@ -76,7 +76,13 @@ pub fn scalar(result: &Scalar, file_name: &str) -> Vec<Section> {
         ]);
     }
     let single = Section::new("Every calibration on its own").with(single);
-    let mut sections = vec![principle, parameters(&p.facility, &p.std), single, scalar_quality(p)];
+    let mut sections = vec![principle];
+    if p.period.is_empty() {
+        sections.push(parameters("The facility", &p.facility, &p.std));
+    }
+    sections.extend(p.period.iter().map(|one| parameters(&format!("The facility, {}", one.span), &one.facility, &one.std)));
+    sections.extend(explanations(p));
+    sections.extend([single, scalar_quality(p)]);
     if !p.outlier.is_empty() {
         let row = |o: &ScalarOutlier| {
             cells![&o.run, o.row, Cell::fixed(o.t_s, 1), Cell::fixed(o.modulus_nt, 2), Cell::signed(o.residual_nt, 2)]
@@ -86,6 +92,57 @@ pub fn scalar(result: &Scalar, file_name: &str) -> Vec<Section> {
     }
     sections.extend(remarks(&result.notes));
     sections
+}
+
+/// What may explain that the calibrations differ; `None` for a single one.
+fn explanations(p: &ScalarFound) -> Option<Section> {
+    let least = p.hypothesis.iter().map(|h| h.bic).reduce(f64::min)?;
+    let row = |h: &ScalarHypothesis| {
+        cells![
+            h.explanation.words(),
+            h.parameters,
+            h.degrees_of_freedom,
+            Cell::fixed(h.residual_std_nt, 3),
+            Cell::fixed(h.bic - least, 1),
+            yes_or_no(h.chosen),
+        ]
+    };
+    let table = Table::new([
+        "calibrations differ by",
+        "parameters",
+        "degrees of freedom",
+        "residual, nT",
+        "evidence above the best",
+        "chosen",
+    ]);
+    let steps: Vec<String> = p
+        .step
+        .iter()
+        .map(|s| {
+            format!(
+                "{} from {:.6} to {:.6} between {} and {}",
+                s.parameter, s.before, s.after, s.last_run_before, s.first_run_after
+            )
+        })
+        .collect();
+    let found = if steps.is_empty() {
+        "No step is convincing; where one is listed it is the likeliest.".to_owned()
+    } else {
+        format!(
+            "Steps: {}. Where a step lies between two calibrations is not known; the periods meet in the middle of that time.",
+            steps.join("; ")
+        )
+    };
+    Some(
+        Section::new("Steps and temperatures")
+            .with(
+                "A facility that steps between two calibrations and one that follows a temperature look alike in few calibrations. Both were \
+                 fitted to the same rows. The evidence is the Bayesian information criterion, n ln(S/n) + k ln n; half of a difference is about \
+                 the logarithm of the odds, and a step has to be better by 10.",
+            )
+            .with(table.with_rows(p.hypothesis.iter().map(row)))
+            .with(found),
+    )
 }
 
 fn scalar_quality(p: &ScalarFound) -> Section {
@@ -127,8 +184,11 @@ pub fn scalar_summary(result: &Scalar) -> String {
         p.quality.rows_total,
         p.quality.residual_std_nt,
         p.quality.condition,
-        summary_of(&p.facility, &p.std)
+        if p.period.is_empty() { summary_of(&p.facility, &p.std) } else { String::new() }
     );
+    for period in &p.period {
+        let _ = write!(out, "  {}\n{}", period.span, summary_of(&period.facility, &period.std));
+    }
     for (what, scale, std) in
         [("coil", p.facility.scale_per_k, p.std.scale_per_k), ("rack", p.facility.rack_scale_per_k, p.std.rack_scale_per_k)]
     {
@@ -189,7 +249,7 @@ pub fn tilt(result: &Tilt, file_name: &str) -> Vec<Section> {
              orientation counts once.",
         )
         .with(parameter_file(file_name));
-    let facility = parameters(&p.facility, &p.std).with_all(corrections(p));
+    let facility = parameters("The facility", &p.facility, &p.std).with_all(corrections(p));
     let mut sections = vec![principle, facility, tilt_sensor(p), orientations(p)];
     sections.extend(remarks(&result.notes));
     sections

@@ -1,18 +1,27 @@
 //! The scalar calibration of the coil system: settings and moduli to scale factors, offset fields and angles, and to what
-//! temperatures do to them (CH-GFZ-TR-2601 section 6; mathematics.md section 5).
+//! temperatures do to them (CH-GFZ-TR-2601 section 6; mathematics.md section 5). A facility that stepped between two calibrations has
+//! periods.
 
-use super::{ANGLES, AXES, CoilError};
+mod steps;
+mod terms;
+
+use super::CoilError;
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
-use crate::data::run::{Run, ScalarRow, interpolate};
+use crate::data::run::{Run, interpolate};
+use crate::data::start::Start;
 use crate::fit::statistics::{extremes, median};
 use crate::fit::{FitError, Limits, Model, NonlinearSolution, linear, nonlinear};
 use crate::model::campaign::Instructions;
-use crate::model::coil::Coil;
-use crate::model::facility::FacilityParameters;
-use crate::model::facility_calibration::{ScalarCalibration, ScalarFound, ScalarOutlier, ScalarQuality, ScalarValidity};
+use crate::model::facility::{FacilityParameters, PeriodSpan};
+use crate::model::facility_calibration::{
+    ScalarCalibration, ScalarFound, ScalarOutlier, ScalarPeriod, ScalarQuality, ScalarStep, ScalarValidity,
+};
+use crate::record::temperature_faults;
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 use serde::{Deserialize, Serialize};
+use steps::{Explained, explain};
+use terms::{CONSTANT, Modulus, Observation, Terms};
 
 /// How a scalar calibration is made.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -38,8 +47,6 @@ const MANY_OUTLIERS: f64 = 0.05;
 const LEAST_RANGE_K: f64 = 0.2;
 /// Calibrations that differ by this many standard deviations do not describe the same facility.
 const DISAGREEMENT: f64 = 5.0;
-/// Number of parameters at one temperature.
-const CONSTANT: usize = 9;
 
 /// One row in the light of the fit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -69,131 +76,13 @@ pub struct Scalar {
     pub notes: Vec<Note>,
 }
 
-/// A row with its temperatures as differences from the references, K.
-struct Observation {
-    run: usize,
-    row: usize,
-    scalar: ScalarRow,
-    coil_k: f64,
-    rack_k: f64,
-}
-
-/// Which temperatures the model follows.
-#[derive(Clone, Copy, PartialEq)]
-struct Follows {
-    coil: bool,
-    rack: bool,
-}
-
-impl Follows {
-    /// None.
-    const CONSTANT: Self = Self { coil: false, rack: false };
-
-    fn count(self) -> usize {
-        CONSTANT + 6 * (usize::from(self.coil) + usize::from(self.rack))
-    }
-
-    /// First index of the rack's coefficients.
-    fn rack_at(self) -> usize {
-        CONSTANT + 6 * usize::from(self.coil)
-    }
-
-    /// Names in a parameter file, names for people, units.
-    fn names(self) -> Vec<[String; 3]> {
-        let mut list = Vec::new();
-        let mut of = |key: &str, text: &str, unit: &str, axes: [&str; 3]| {
-            list.extend(axes.map(|a| [format!("{key}_{}", a.to_lowercase()), text.replace('#', a), unit.to_owned()]));
-        };
-        of("scale", "the scale factor of #", "nT/EU", AXES);
-        of("offset", "the offset field of #", "nT", AXES);
-        of("angle", "the angle #", "deg", ANGLES);
-        if self.coil {
-            of("scale_per_k", "the change of the scale factor of # with the coil temperature", "1/K", AXES);
-            of("offset_per_k", "the change of the offset field of # with the coil temperature", "nT/K", AXES);
-        }
-        if self.rack {
-            of("rack_scale_per_k", "the change of the scale factor of # with the rack temperature", "1/K", AXES);
-            of("rack_offset_per_k", "the change of the offset field of # with the rack temperature", "nT/K", AXES);
-        }
-        list
-    }
-
-    fn part(self, values: &[f64]) -> FacilityParameters {
-        let three = |from: usize| -> [f64; 3] { std::array::from_fn(|i| values.get(from + i).copied().unwrap_or(f64::NAN)) };
-        let mut part = FacilityParameters::constant(three(0), three(3), three(6));
-        if self.coil {
-            part.scale_per_k = Some(three(CONSTANT));
-            part.offset_nt_per_k = Some(three(CONSTANT + 3));
-        }
-        if self.rack {
-            part.rack_scale_per_k = Some(three(self.rack_at()));
-            part.rack_offset_nt_per_k = Some(three(self.rack_at() + 3));
-        }
-        part
-    }
-
-    /// The coil system with these parameters and references of zero.
-    fn coil(self, values: &[f64]) -> Coil {
-        let part = FacilityParameters { reference_degc: Some(0.0), rack_reference_degc: Some(0.0), ..self.part(values) };
-        part.coil()
-    }
-}
-
-/// The modulus of the field of every row.
-struct Modulus<'a> {
-    rows: &'a [Observation],
-    follows: Follows,
-}
-
-impl Model for Modulus<'_> {
-    fn names(&self) -> Vec<String> {
-        self.follows.names().into_iter().map(|[_, text, _]| text).collect()
-    }
-
-    fn values(&self, parameters: &[f64], values: &mut [f64]) {
-        let coil = self.follows.coil(parameters);
-        let Some(axes) = coil.axes() else { return values.fill(f64::NAN) };
-        for (value, row) in values.iter_mut().zip(self.rows) {
-            *value = Vector3::from(coil.field(&axes, row.scalar.setting, [row.coil_k; 3], row.rack_k).0).norm();
-        }
-    }
-
-    fn jacobian(&self, parameters: &[f64], jacobian: &mut DMatrix<f64>) {
-        let coil = self.follows.coil(parameters);
-        let (Some(axes), Some(by_angle)) = (coil.axes(), coil.axes_per_degree()) else { return jacobian.fill(f64::NAN) };
-        for (i, row) in self.rows.iter().enumerate() {
-            let unit = Vector3::from(coil.field(&axes, row.scalar.setting, [row.coil_k; 3], row.rack_k).0).normalize();
-            let along = axes.transpose() * unit;
-            let coil_factor = |k: usize| 1.0 + coil.scale_per_k[k] * row.coil_k;
-            let rack_factor = |k: usize| 1.0 + coil.rack_scale_per_k[k] * row.rack_k;
-            let driven =
-                Vector3::from_fn(|k, _| coil.scale_nt_per_eu[k] * coil_factor(k) * rack_factor(k) * row.scalar.setting[k]);
-            for k in 0..3 {
-                let setting = along[k] * row.scalar.setting[k];
-                jacobian[(i, k)] = setting * coil_factor(k) * rack_factor(k);
-                jacobian[(i, 3 + k)] = unit[k];
-                jacobian[(i, 6 + k)] = unit.dot(&(by_angle[k] * driven));
-                if self.follows.coil {
-                    jacobian[(i, CONSTANT + k)] = setting * coil.scale_nt_per_eu[k] * row.coil_k * rack_factor(k);
-                    jacobian[(i, CONSTANT + 3 + k)] = unit[k] * row.coil_k;
-                }
-                if self.follows.rack {
-                    let at = self.follows.rack_at();
-                    jacobian[(i, at + k)] = setting * coil.scale_nt_per_eu[k] * coil_factor(k) * row.rack_k;
-                    jacobian[(i, at + 3 + k)] = unit[k] * row.rack_k;
-                }
-            }
-        }
-    }
-}
-
 struct Fitted {
     solution: NonlinearSolution,
     used: Vec<bool>,
 }
 
 /// Fits rows, leaves out those that stand out, and fits again.
-fn fit(rows: &[Observation], follows: Follows, most_condition: f64) -> Result<Fitted, CoilError> {
+fn fit(rows: &[Observation], terms: &Terms, most_condition: f64) -> Result<Fitted, CoilError> {
     let limits = Limits { max_condition: most_condition };
     let explain = |error: FitError| match error {
         FitError::Undetermined { parameters, condition } => {
@@ -201,16 +90,12 @@ fn fit(rows: &[Observation], follows: Follows, most_condition: f64) -> Result<Fi
         }
         other => CoilError::Fit(other),
     };
-    if rows.len() <= follows.count() {
+    if rows.len() <= terms.count() {
         return Err(CoilError::TooFewRows { rows: rows.len() });
     }
-    let model = Modulus { rows, follows };
+    let model = Modulus { rows, terms };
     let moduli: Vec<f64> = rows.iter().map(|r| r.scalar.modulus_nt).collect();
-    let settings: f64 = rows.iter().map(|r| Vector3::from(r.scalar.setting).norm_squared()).sum();
-    let scale = (moduli.iter().map(|f| f * f).sum::<f64>() / settings).sqrt();
-    let mut start = vec![0.0; follows.count()];
-    start[..3].fill(if scale.is_finite() { scale } else { 1.0 });
-    start[6..9].fill(90.0);
+    let start = start(rows, terms);
     // The geometry is the same everywhere: what the directions do not determine is seen at the start, before any search.
     let mut jacobian = DMatrix::zeros(rows.len(), start.len());
     model.jacobian(&start, &mut jacobian);
@@ -224,7 +109,7 @@ fn fit(rows: &[Observation], follows: Follows, most_condition: f64) -> Result<Fi
         let mut sizes: Vec<f64> = solution.residuals.iter().map(|r| r.abs()).collect();
         let limit_nt = (OUTLIER * median(&mut sizes) / 0.6745).max(LEAST_OUTLIER_NT);
         let now: Vec<bool> = solution.residuals.iter().map(|r| r.abs() <= limit_nt).collect();
-        if now == used || now.iter().filter(|used| **used).count() <= follows.count() {
+        if now == used || now.iter().filter(|used| **used).count() <= terms.count() {
             return Ok(Fitted { solution, used });
         }
         used = now;
@@ -232,61 +117,84 @@ fn fit(rows: &[Observation], follows: Follows, most_condition: f64) -> Result<Fi
     Err(CoilError::Fit(FitError::NotSettled { what: "the choice of rows", iterations: ROUNDS }))
 }
 
-/// Temperatures of the rows of all runs in one channel.
-struct RowTemperatures {
+/// Where the search for the parameters begins: ideal coils with one scale factor.
+fn start(rows: &[Observation], terms: &Terms) -> Vec<f64> {
+    let moduli: f64 = rows.iter().map(|r| r.scalar.modulus_nt.powi(2)).sum();
+    let settings: f64 = rows.iter().map(|r| Vector3::from(r.scalar.setting).norm_squared()).sum();
+    let scale = (moduli / settings).sqrt();
+    let mut start = vec![0.0; terms.count()];
+    start[..3].fill(if scale.is_finite() { scale } else { 1.0 });
+    start[6..9].fill(90.0);
+    start
+}
+
+/// Temperatures of the rows of all runs, of one body or of one for each coil axis.
+struct RowTemperatures<const N: usize> {
     /// Run by run, °C.
-    degc: Vec<Vec<f64>>,
+    degc: Vec<Vec<[f64; N]>>,
     /// Mean over the runs, on the tenth of a kelvin.
     reference_degc: f64,
 }
 
-impl RowTemperatures {
+impl<const N: usize> RowTemperatures<N> {
     /// `None` if a run has none.
-    fn of(runs: &[(&Run, &Instructions)], channel: impl Fn(&Run, &Instructions) -> String) -> Option<Self> {
-        let rows = |(run, instructions): &(&Run, &Instructions)| -> Option<Vec<f64>> {
-            let series = run.slow_channel(&channel(run, instructions)).filter(|s| !s.is_empty())?;
-            Some(run.scalar.iter().map(|row| interpolate(&series, row.t_s)).collect())
+    fn of(runs: &[(&Run, &Instructions)], channels: impl Fn(&Run, &Instructions) -> [String; N]) -> Option<Self> {
+        let rows = |(run, instructions): &(&Run, &Instructions)| -> Option<Vec<[f64; N]>> {
+            let mut series = Vec::with_capacity(N);
+            for channel in channels(run, instructions) {
+                series.push(run.slow_channel(&channel).filter(|s| !s.is_empty())?);
+            }
+            Some(run.scalar.iter().map(|row| std::array::from_fn(|k| interpolate(&series[k], row.t_s))).collect())
         };
-        let degc: Vec<Vec<f64>> = runs.iter().map(rows).collect::<Option<_>>()?;
-        let means: Vec<f64> = degc.iter().map(|d| mean(d)).collect();
+        let degc: Vec<Vec<[f64; N]>> = runs.iter().map(rows).collect::<Option<_>>()?;
+        let means: Vec<f64> = degc.iter().map(|d| mean(d.iter().flatten())).collect();
         Some(Self { degc, reference_degc: (10.0 * mean(&means)).round() / 10.0 })
     }
 
     fn mean_of(&self, run: usize) -> Option<f64> {
-        self.degc.get(run).map(|d| mean(d))
+        self.degc.get(run).map(|d| mean(d.iter().flatten()))
     }
 
-    fn difference_k(&self, run: usize, row: usize) -> f64 {
-        self.degc[run][row] - self.reference_degc
+    fn difference_k(&self, run: usize, row: usize) -> [f64; N] {
+        self.degc[run][row].map(|degc| degc - self.reference_degc)
+    }
+
+    /// Mean differences from the reference in a run, K.
+    fn mean_difference_k(&self, run: usize) -> [f64; N] {
+        std::array::from_fn(|k| mean(self.degc[run].iter().map(|degc| &degc[k])) - self.reference_degc)
     }
 
     /// Smallest and largest, °C.
     fn range_degc(&self) -> [f64; 2] {
-        extremes(self.degc.iter().flatten().copied())
+        extremes(self.degc.iter().flatten().flatten().copied())
     }
 
     /// Whether there are enough calibrations, at temperatures that differ.
     fn tell_coefficients(&self, least: usize) -> bool {
-        let [low, high] = extremes(self.degc.iter().map(|d| mean(d)));
-        self.degc.len() >= least && high - low >= LEAST_RANGE_K
+        let differ = |k: usize| {
+            let [low, high] = extremes((0..self.degc.len()).map(|run| self.mean_difference_k(run)[k]));
+            high - low >= LEAST_RANGE_K
+        };
+        self.degc.len() >= least && (0..N).all(differ)
     }
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
+fn mean<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
+    let (sum, count) = values.into_iter().fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
+    sum / count
 }
 
 /// Temperatures of coil system and rack, as far as every run has them.
 struct Climate {
-    coil: Option<RowTemperatures>,
-    rack: Option<RowTemperatures>,
+    coil: Option<RowTemperatures<3>>,
+    rack: Option<RowTemperatures<1>>,
 }
 
 impl Climate {
     fn of(runs: &[(&Run, &Instructions)], options: &Options, notes: &mut Vec<Note>) -> Self {
-        let coil = RowTemperatures::of(runs, |run, instructions| instructions.channels(&run.header).1);
+        let coil = RowTemperatures::of(runs, |run, instructions| instructions.coil_channels(&run.header));
         let rack = RowTemperatures::of(runs, |_, instructions| {
-            options.rack_channel.clone().unwrap_or_else(|| instructions.rack_channel().to_owned())
+            [options.rack_channel.clone().unwrap_or_else(|| instructions.rack_channel().to_owned())]
         });
         if let (None, Some(channel)) = (&rack, &options.rack_channel) {
             let text = format!("not every run has a channel {channel}: the rack temperature was not used");
@@ -297,30 +205,30 @@ impl Climate {
 
     /// All rows of all runs.
     fn rows(&self, runs: &[(&Run, &Instructions)]) -> Vec<Observation> {
-        let difference_k = |channel: &Option<RowTemperatures>, run: usize, row: usize| {
-            channel.as_ref().map_or(0.0, |t| t.difference_k(run, row))
-        };
         let all = runs.iter().enumerate();
         all.flat_map(|(run, (data, _))| data.scalar.iter().enumerate().map(move |(row, scalar)| (run, row, *scalar)))
             .map(|(run, row, scalar)| Observation {
                 run,
                 row,
                 scalar,
-                coil_k: difference_k(&self.coil, run, row),
-                rack_k: difference_k(&self.rack, run, row),
+                coil_k: self.coil.as_ref().map_or([0.0; 3], |t| t.difference_k(run, row)),
+                rack_k: self.rack.as_ref().map_or(0.0, |t| t.difference_k(run, row)[0]),
             })
             .collect()
     }
 
     /// The temperatures whose coefficients the runs may tell.
-    fn follows(&self) -> Follows {
-        let tells = |channel: &Option<RowTemperatures>, least| channel.as_ref().is_some_and(|t| t.tell_coefficients(least));
-        Follows { coil: tells(&self.coil, 3), rack: tells(&self.rack, 4) }
+    fn terms(&self) -> Terms {
+        Terms {
+            coil: self.coil.as_ref().is_some_and(|t| t.tell_coefficients(3)),
+            rack: self.rack.as_ref().is_some_and(|t| t.tell_coefficients(4)),
+            ..Terms::constant()
+        }
     }
 
     /// Reference temperatures of coil and rack, °C.
     fn references_degc(&self) -> [Option<f64>; 2] {
-        [&self.coil, &self.rack].map(|channel| channel.as_ref().map(|t| t.reference_degc))
+        [self.coil.as_ref().map(|t| t.reference_degc), self.rack.as_ref().map(|t| t.reference_degc)]
     }
 }
 
@@ -333,17 +241,32 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
         return Err(CoilError::NoRows);
     }
     let mut notes = Vec::new();
+    for (run, instructions) in runs {
+        let of_run = |note: Note| Note { text: format!("run {}: {}", run.header.run, note.text), ..note };
+        notes.extend(temperature_faults::notes(run, instructions).into_iter().map(of_run));
+    }
     let climate = Climate::of(runs, options, &mut notes);
     let rows = climate.rows(runs);
-    let (fitted, follows) = fit_what_they_tell(&rows, climate.follows(), &mut notes)?;
+    let thermal = fit_what_they_tell(&rows, climate.terms(), &mut notes)?.1;
+    let explained = if runs.len() > 1 {
+        explain(&rows, &agreeing_with_their_own(&rows, runs.len()), &thermal)
+    } else {
+        Explained { terms: thermal, hypotheses: Vec::new(), undecided: None }
+    };
+    let terms = &explained.terms;
+    let fitted = fit(&rows, terms, if *terms == Terms::constant() { MOST_CONDITION } else { MOST_THERMAL_CONDITION })?;
     let solution = &fitted.solution;
     let calibration = each(&rows, runs, &fitted.used, &climate);
-    let references_degc = climate.references_degc();
-    let mut std = solution.std();
-    widen(&mut std, &calibration, follows, solution, references_degc, &mut notes);
-    let mut facility = follows.part(&solution.parameters);
-    facility.reference_degc = references_degc[0].filter(|_| follows.coil);
-    facility.rack_reference_degc = references_degc[1].filter(|_| follows.rack);
+    let factors = widening(&calibration, terms, solution, runs, &climate, &mut notes);
+    let period = periods(runs, terms, solution, &climate, &factors);
+    let step = stepped(runs, terms, &period, &mut notes);
+    if let Some(step) = explained.undecided {
+        notes.push(Note::new(NoteKind::Fit, format!(
+            "a step of {} between the calibrations {} and {} explains the rows a little better than the temperatures do, by less than what \
+             decides; the temperatures were taken",
+            Terms::name(step.parameter), runs[step.from_run - 1].0.header.run, runs[step.from_run].0.header.run,
+        )).with_remedy("calibrate at other temperatures"));
+    }
     if climate.coil.is_none() {
         let text = "not every run has a coil temperature: the parameters hold for that of the calibration";
         notes.push(Note::new(NoteKind::Temperature, text));
@@ -351,12 +274,17 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
     let outlier = outliers(&rows, runs, &fitted);
     warn_of_outliers(&mut notes, &outlier, rows.len());
     let used_rows: Vec<&Observation> = rows.iter().zip(&fitted.used).filter(|(_, used)| **used).map(|(row, _)| row).collect();
+    // The last state of the facility is that of now.
+    let Some(last) = period.last().cloned() else { return Err(CoilError::NoRows) };
     let found = ScalarFound {
         used: runs.iter().map(|(run, _)| run.header.run.clone()).collect(),
         campaign: runs.first().map_or_else(String::new, |(_, instructions)| instructions.description.clone()),
-        facility,
-        std: follows.part(&std),
-        covariance: covariance(solution, follows),
+        facility: last.facility,
+        std: last.std,
+        covariance: last.covariance,
+        hypothesis: explained.hypotheses,
+        step,
+        period: if period.len() > 1 { period } else { Vec::new() },
         quality: quality(&used_rows, rows.len(), &fitted),
         calibration,
         outlier,
@@ -370,23 +298,116 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
 }
 
 /// Fits with the coefficients of all temperatures that may be told, and with fewer where they cannot.
-fn fit_what_they_tell(rows: &[Observation], mut follows: Follows, notes: &mut Vec<Note>) -> Result<(Fitted, Follows), CoilError> {
-    let constant = Follows::CONSTANT;
+fn fit_what_they_tell(rows: &[Observation], mut terms: Terms, notes: &mut Vec<Note>) -> Result<(Fitted, Terms), CoilError> {
+    let constant = Terms::constant();
     loop {
-        let most = if follows == constant { MOST_CONDITION } else { MOST_THERMAL_CONDITION };
-        match fit(rows, follows, most) {
-            Err(CoilError::Undetermined { condition, .. }) if follows.rack => {
+        let most = if terms == constant { MOST_CONDITION } else { MOST_THERMAL_CONDITION };
+        match fit(rows, &terms, most) {
+            Err(CoilError::Undetermined { condition, .. }) if terms.rack => {
                 let text = format!(
                     "rack and coil temperatures of the calibrations do not tell their coefficients apart (condition {condition:.0e}): \
                      the rack temperature was not used"
                 );
                 notes.push(Note::new(NoteKind::Temperature, text));
-                follows.rack = false;
+                terms.rack = false;
             }
-            Err(CoilError::Undetermined { .. } | CoilError::TooFewRows { .. }) if follows != constant => follows = constant,
-            other => return Ok((other?, follows)),
+            Err(CoilError::Undetermined { .. } | CoilError::TooFewRows { .. }) if terms != constant => terms = constant.clone(),
+            other => return Ok((other?, terms)),
         }
     }
+}
+
+/// The rows that agree with a fit to their own calibration, in which nothing can step; all of one that cannot stand alone.
+fn agreeing_with_their_own(rows: &[Observation], runs: usize) -> Vec<bool> {
+    let mut counts = vec![true; rows.len()];
+    for run in 0..runs {
+        let places: Vec<usize> = (0..rows.len()).filter(|i| rows[*i].run == run).collect();
+        let own: Vec<Observation> =
+            places.iter().map(|i| Observation { run: 0, coil_k: [0.0; 3], rack_k: 0.0, ..rows[*i].clone() }).collect();
+        let Ok(fitted) = fit(&own, &Terms::constant(), MOST_CONDITION) else { continue };
+        for (place, used) in places.into_iter().zip(fitted.used) {
+            counts[place] = used;
+        }
+    }
+    counts
+}
+
+/// The states of the facility with the times in which they hold. Where the step lies between two calibrations is not known: the boundary is
+/// the middle of the time between them.
+fn periods(
+    runs: &[(&Run, &Instructions)],
+    terms: &Terms,
+    solution: &NonlinearSolution,
+    climate: &Climate,
+    factors: &[f64; CONSTANT],
+) -> Vec<ScalarPeriod> {
+    let begins = terms.begins();
+    let boundary = |from_run: usize| -> Start {
+        let (before, after) = (runs[from_run - 1].0, runs[from_run].0);
+        let end_s = before.scalar.iter().map(|row| row.t_s).fold(0.0, f64::max);
+        let apart_s = after.header.start.seconds() - before.header.start.seconds();
+        before.header.start.after(0.5 * (end_s + apart_s))
+    };
+    let references_degc = climate.references_degc();
+    let fitted = solution.covariance();
+    let one = |(i, run): (usize, &usize)| {
+        let span = PeriodSpan { from: (i > 0).then(|| boundary(*run)), to: begins.get(i + 1).map(|next| boundary(*next)) };
+        let mut covariance = terms.covariance(&fitted, *run);
+        widen(&mut covariance, factors);
+        let mut facility = terms.part(&solution.parameters, *run);
+        let mut std = FacilityParameters::constant([f64::NAN; 3], [f64::NAN; 3], [f64::NAN; 3]);
+        if terms.coil {
+            (std.scale_per_k, std.offset_nt_per_k) = (Some([f64::NAN; 3]), Some([f64::NAN; 3]));
+            facility.reference_degc = references_degc[0];
+        }
+        if terms.rack {
+            (std.rack_scale_per_k, std.rack_offset_nt_per_k) = (Some([f64::NAN; 3]), Some([f64::NAN; 3]));
+            facility.rack_reference_degc = references_degc[1];
+        }
+        for (k, name) in covariance.parameters.iter().enumerate() {
+            if let Some(value) = std.value_mut(name) {
+                *value = covariance.matrix[k][k].sqrt();
+            }
+        }
+        ScalarPeriod { span, facility, std, covariance }
+    };
+    begins.iter().enumerate().map(one).collect()
+}
+
+/// The steps that were found, with a note on each.
+fn stepped(runs: &[(&Run, &Instructions)], terms: &Terms, periods: &[ScalarPeriod], notes: &mut Vec<Note>) -> Vec<ScalarStep> {
+    let begins = terms.begins();
+    let mut list = Vec::new();
+    for step in &terms.steps {
+        let Some(place) = begins.iter().position(|run| *run == step.from_run) else { continue };
+        let (before, after) = (&periods[place - 1], &periods[place]);
+        let found = ScalarStep {
+            parameter: Terms::name(step.parameter).trim_start_matches("the ").to_owned(),
+            before: nine(&before.facility)[step.parameter],
+            after: nine(&after.facility)[step.parameter],
+            last_run_before: runs[step.from_run - 1].0.header.run.clone(),
+            first_run_after: runs[step.from_run].0.header.run.clone(),
+        };
+        let digits = if step.parameter < 3 {
+            6
+        } else if step.parameter < 6 {
+            2
+        } else {
+            4
+        };
+        notes.push(Note::new(NoteKind::Facility, format!(
+            "the {} stepped between the calibrations {} and {}, from {:.digits$} to {:.digits$}: the file has periods, and where the step lies \
+             between the two is not known; the middle of the time between them was taken, {}",
+            found.parameter,
+            found.last_run_before,
+            found.first_run_after,
+            found.before,
+            found.after,
+            after.span.from.as_ref().map_or("?", Start::as_str),
+        )));
+        list.push(found);
+    }
+    list
 }
 
 /// The rows that were left out.
@@ -404,16 +425,6 @@ fn outliers(rows: &[Observation], runs: &[(&Run, &Instructions)], fitted: &Fitte
             residual_nt: *residual_nt,
         })
         .collect()
-}
-
-fn covariance(solution: &NonlinearSolution, follows: Follows) -> Covariance {
-    let names = follows.names();
-    let matrix = solution.covariance();
-    Covariance {
-        parameters: names.iter().map(|[key, _, _]| key.clone()).collect(),
-        units: names.iter().map(|[_, _, unit]| unit.clone()).collect(),
-        matrix: (0..names.len()).map(|r| (0..names.len()).map(|c| matrix[(r, c)]).collect()).collect(),
-    }
 }
 
 fn quality(used: &[&Observation], total: usize, fitted: &Fitted) -> ScalarQuality {
@@ -453,9 +464,10 @@ fn each(rows: &[Observation], runs: &[(&Run, &Instructions)], used: &[bool], cli
             .iter()
             .zip(used)
             .filter(|(row, used)| row.run == index && **used)
-            .map(|(row, _)| Observation { coil_k: 0.0, rack_k: 0.0, ..*row })
+            .map(|(row, _)| Observation { run: 0, coil_k: [0.0; 3], rack_k: 0.0, ..row.clone() })
             .collect();
-        let fitted = fit(&own, Follows::CONSTANT, MOST_CONDITION).ok()?;
+        let constant = Terms::constant();
+        let fitted = fit(&own, &constant, MOST_CONDITION).ok()?;
         Some(ScalarCalibration {
             run: run.header.run.clone(),
             start: run.header.start.clone(),
@@ -464,8 +476,8 @@ fn each(rows: &[Observation], runs: &[(&Run, &Instructions)], used: &[bool], cli
             rack_degc: climate.rack.as_ref().and_then(|t| t.mean_of(index)),
             residual_std_nt: fitted.solution.residual_std,
             condition: fitted.solution.condition,
-            facility: Follows::CONSTANT.part(&fitted.solution.parameters),
-            std: Follows::CONSTANT.part(&fitted.solution.std()),
+            facility: constant.part(&fitted.solution.parameters, 0),
+            std: constant.part(&fitted.solution.std(), 0),
         })
     };
     runs.iter().enumerate().filter_map(one).collect()
@@ -476,46 +488,62 @@ fn nine(part: &FacilityParameters) -> [f64; CONSTANT] {
     std::array::from_fn(|i| [part.scale_nt_per_eu, part.offset_nt, part.angles_deg][i / 3][i % 3])
 }
 
-/// Where several calibrations differ by more than their noise, their spread is the uncertainty, and a warning says so.
-fn widen(
-    std: &mut [f64],
+/// Where several calibrations differ by more than their noise, their spread is the uncertainty, and a warning says so: by how much the
+/// standard uncertainties of the nine parameters have to be larger.
+fn widening(
     calibration: &[ScalarCalibration],
-    follows: Follows,
+    terms: &Terms,
     solution: &NonlinearSolution,
-    references: [Option<f64>; 2],
+    runs: &[(&Run, &Instructions)],
+    climate: &Climate,
     notes: &mut Vec<Note>,
-) {
+) -> [f64; CONSTANT] {
     let count = calibration.len();
+    let mut factors = [1.0; CONSTANT];
     if count < 2 {
-        return;
+        return factors;
     }
-    let coil = follows.coil(&solution.parameters);
-    let names = follows.names();
-    for j in 0..CONSTANT {
+    let std = solution.std();
+    let index = |one: &ScalarCalibration| runs.iter().position(|(run, _)| run.header.run == one.run).unwrap_or_default();
+    for (j, factor) in factors.iter_mut().enumerate() {
         let mut squares = 0.0;
         let mut worst: f64 = 0.0;
         for one in calibration {
-            let k = |degc: Option<f64>, reference: Option<f64>| degc.zip(reference).map_or(0.0, |(t, r)| t - r);
-            let (coil_k, rack_k) = (k(one.coil_degc, references[0]), k(one.rack_degc, references[1]));
+            let run = index(one);
+            let coil = terms.coil(&solution.parameters, run);
+            let coil_k = climate.coil.as_ref().map_or([0.0; 3], |t| t.mean_difference_k(run));
+            let rack_k = climate.rack.as_ref().map_or(0.0, |t| t.mean_difference_k(run)[0]);
+            let k = j % 3;
             let expected = match j {
                 0..3 => {
-                    coil.scale_nt_per_eu[j] * (1.0 + coil.scale_per_k[j] * coil_k) * (1.0 + coil.rack_scale_per_k[j] * rack_k)
+                    coil.scale_nt_per_eu[k] * (1.0 + coil.scale_per_k[k] * coil_k[k]) * (1.0 + coil.rack_scale_per_k[k] * rack_k)
                 }
-                3..6 => coil.offset_nt[j - 3] + coil.offset_nt_per_k[j - 3] * coil_k + coil.rack_offset_nt_per_k[j - 3] * rack_k,
-                _ => coil.angles_deg[j - 6],
+                3..6 => coil.offset_nt[k] + coil.offset_nt_per_k[k] * coil_k[k] + coil.rack_offset_nt_per_k[k] * rack_k,
+                _ => coil.angles_deg[k],
             };
             let difference = nine(&one.facility)[j] - expected;
             squares += difference * difference;
             worst = worst.max(difference.abs() / nine(&one.std)[j]);
         }
         let spread = (squares / ((count - 1) * count) as f64).sqrt();
-        std[j] = std[j].max(spread);
+        *factor = (spread / std[j]).max(1.0);
         if worst > DISAGREEMENT {
             notes.push(Note::new(NoteKind::Fit, format!(
                 "{} differs between the calibrations by up to {worst:.0} standard deviations; the facility changed, or follows a \
                  temperature that was not used",
-                names[j][1]
+                Terms::name(j)
             )));
+        }
+    }
+    factors
+}
+
+/// Makes the standard uncertainties of the nine parameters larger by these factors; the correlations stay.
+fn widen(covariance: &mut Covariance, factors: &[f64; CONSTANT]) {
+    let factor = |place: usize| factors.get(place).copied().unwrap_or(1.0);
+    for (r, row) in covariance.matrix.iter_mut().enumerate() {
+        for (c, value) in row.iter_mut().enumerate() {
+            *value *= factor(r) * factor(c);
         }
     }
 }
@@ -544,38 +572,4 @@ fn direction_share(rows: &[&Observation]) -> [f64; 3] {
     let mut shares: Vec<f64> = (SymmetricEigen::new(sum).eigenvalues / sum.trace()).iter().copied().collect();
     shares.sort_by(|a, b| b.total_cmp(a));
     std::array::from_fn(|i| shares.get(i).copied().unwrap_or(f64::NAN).max(0.0))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_jacobian_is_that_of_differences() {
-        let row = |setting: [f64; 3], coil_k: f64, rack_k: f64| Observation {
-            run: 0,
-            row: 0,
-            scalar: ScalarRow { t_s: 0.0, setting, modulus_nt: 0.0 },
-            coil_k,
-            rack_k,
-        };
-        let rows = [row([3e4, -2e4, 1e4], 0.7, -1.1), row([-1e4, 4e4, 2e4], -0.4, 0.3), row([0.0, 0.0, -5e4], 1.0, 1.0)];
-        let model = Modulus { rows: &rows, follows: Follows { coil: true, rack: true } };
-        let mut parameters = vec![0.99, 1.01, 1.002, 20.0, -30.0, 5.0, 89.7, 90.4, 90.2];
-        parameters.extend([1.9e-3, -1.6e-3, 1.7e-3, 0.3, -0.2, 0.8, -8e-4, 5e-4, 2e-4, 0.1, 0.2, -0.3]);
-        let (mut own, mut differences) = (DMatrix::zeros(3, 21), DMatrix::zeros(3, 21));
-        model.jacobian(&parameters, &mut own);
-        nonlinear::differentiate(&model, &parameters, &mut differences);
-        for i in 0..3 {
-            for j in 0..21 {
-                let size = own.column(j).amax();
-                assert!(
-                    (own[(i, j)] - differences[(i, j)]).abs() <= 1e-7 * size,
-                    "{i} {j}: {} {}",
-                    own[(i, j)],
-                    differences[(i, j)]
-                );
-            }
-        }
-    }
 }
