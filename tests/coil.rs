@@ -260,7 +260,7 @@ fn a_step_is_told_from_a_temperature_coefficient_by_the_evidence_of_both() {
         let (per_k, std) = (after.facility.offset_nt_per_k.unwrap()[1], after.std.offset_nt_per_k.unwrap()[1]);
         assert!(per_k.abs() < 3.5 * std || (per_k == 0.0 && std.is_nan()), "{per_k} ± {std}");
         let bic = |of: &Scalar, explanation| of.found.hypothesis.iter().find(|h| h.explanation == explanation).unwrap().bic;
-        assert!(bic(&stepped, Explanation::Temperatures) > bic(&stepped, Explanation::Steps) + 10.0);
+        assert!(bic(&stepped, Explanation::Temperatures) > bic(&stepped, Explanation::Both) + 10.0);
         assert_eq!(stepped.found.hypothesis.iter().filter(|h| h.chosen).count(), 1);
 
         let mut gauss = Gauss(200 + seed);
@@ -270,7 +270,7 @@ fn a_step_is_told_from_a_temperature_coefficient_by_the_evidence_of_both() {
         assert!((per_k + 3.9).abs() < 3.5 * std && std < 0.1, "{per_k} ± {std}");
         let chosen = warm.found.hypothesis.iter().find(|h| h.chosen).unwrap();
         assert_eq!(chosen.explanation, Explanation::Temperatures);
-        assert!(bic(&warm, Explanation::Steps) > chosen.bic + 10.0);
+        assert!(bic(&warm, Explanation::Steps) > chosen.bic && bic(&warm, Explanation::Nothing) > chosen.bic + 10.0);
     }
 }
 
@@ -829,4 +829,106 @@ fn a_facility_holds_in_its_periods_only() {
     let (_, output) = fitted(&[period("", "2013-04-03T10:00:00Z", later), period("2013-04-03T09:00:00Z", "", OFFSET_NT)]);
     assert_eq!(output.status.code(), Some(2));
     says(&text_of(&output), &["facility.toml", "`period` overlaps another"]);
+}
+
+/// Facility values with the covariance of two of them: relative errors of the X and Y coils of 1e-5 and 2e-5 that go together by 0.8, and an
+/// offset field of X known to 0.5 nT.
+fn with_covariance(scale: Three, offset_nt: Three) -> String {
+    format!(
+        "scale_nt_per_eu = {scale:?}\noffset_nt = {offset_nt:?}\nangles_deg = {ANGLES_DEG:?}\n[covariance]\n\
+         parameters = [\"scale_x\", \"scale_y\", \"offset_x\"]\n\
+         matrix = [[1e-10, 1.6e-10, 0.0], [1.6e-10, 4e-10, 0.0], [0.0, 0.0, 0.25]]\n"
+    )
+}
+
+#[test]
+fn the_uncertainty_of_the_facility_stands_beside_that_of_the_run() {
+    let (plan, run) = in_facility(&FACILITY);
+    let fitted = |text: String| {
+        let case = Case::of(run.text());
+        let facility = case.put("facility.toml", text);
+        case.done(&["--facility", facility.to_str().unwrap(), "--order", "0"]);
+        case.cpf()
+    };
+    let file = fitted(with_covariance(SCALE, OFFSET_NT));
+    let of = |key: &str| three(&file, key);
+    let sigma = plan.truth.sigma;
+    // The sensor stands as the coils do: an error of a coil is one of the sensitivity along it, and the offset field one of B_or.
+    close(of("std_b.sigma"), [1e-5 * sigma[0] / SCALE[0], 2e-5 * sigma[1] / SCALE[1], 0.0], 3e-8);
+    assert!((of("std_b.b_or_ent")[0] - 0.5 / sigma[0]).abs() < 5e-3, "{:?}", of("std_b.b_or_ent"));
+    for key in ["sigma", "b_or_ent", "xi_deg"] {
+        for k in 0..3 {
+            let [a, b, both] = ["std", "std_b", "std_combined"].map(|table| of(&format!("{table}.{key}"))[k]);
+            assert!((both - a.hypot(b)).abs() <= 1e-12 * both, "{key} {a} {b} {both}");
+        }
+    }
+    // What the covariance says is what calibrations with the moved facility do: along the two directions of the two coils, and the offset.
+    let names: Vec<String> = ["phi_xx", "phi_yy"].map(str::to_owned).to_vec();
+    let stated = file["covariance_b"]["parameters"].as_array().unwrap();
+    let place = |name: &String| stated.iter().position(|p| p.as_str() == Some(name)).unwrap();
+    let entry = |i: usize, k: usize| file["covariance_b"]["matrix"][place(&names[i])][place(&names[k])].as_float().unwrap();
+    let phi = |file: &toml_edit::DocumentMut, k: usize| file["matrix"]["phi"][k][k].as_float().unwrap();
+    // Columns of the Cholesky factor of the covariance.
+    let moves = [[1e-5, 1.6e-5], [0.0, (4e-10f64 - 2.56e-10).sqrt()]];
+    let moved: Vec<[f64; 2]> = moves
+        .iter()
+        .map(|[x, y]| {
+            let other = fitted(with_covariance([SCALE[0] + x, SCALE[1] + y, SCALE[2]], OFFSET_NT));
+            [0, 1].map(|k| phi(&other, k) - phi(&file, k))
+        })
+        .collect();
+    for (i, k) in [(0, 0), (0, 1), (1, 1)] {
+        let expected: f64 = moved.iter().map(|m| m[i] * m[k]).sum();
+        assert!((entry(i, k) / expected - 1.0).abs() < 1e-3, "{i} {k}: {} is not {expected}", entry(i, k));
+    }
+    let without = fitted(with_covariance(SCALE, OFFSET_NT).split("[covariance]").next().unwrap().to_owned());
+    assert!(without.get("std_b").is_none() && without.get("covariance_combined").is_none());
+    close(three(&without, "std.sigma"), of("std.sigma"), 0.0);
+}
+
+#[test]
+fn polynomials_keep_what_the_runs_share_of_the_facility() {
+    let case = Case::new();
+    let facility = case.put("facility.toml", with_covariance(SCALE, OFFSET_NT));
+    let mut files = Vec::new();
+    for (i, degc) in [0.0, 10.0, 20.0, 30.0, 40.0, 50.0].into_iter().enumerate() {
+        let (_, mut run) = in_facility(&FACILITY);
+        run.temperatures = (0..=4).map(|i| (8.0 * f64::from(i), [Some(20.5), Some(degc)])).collect();
+        let name = format!("13-04-03_1{i}-00-00");
+        case.put(&format!("13-04-03/1{i}-00-00.CCR"), run.named(&name).text());
+        files.push(case.out().join(&name).join(format!("PARAMETER_LIN__{name}.CPF")));
+    }
+    let options = ["--facility", facility.to_str().unwrap(), "--no-plots"];
+    assert_eq!(case.lin(&[&options[..], &["--order", "0"]].concat()).status.code(), Some(0));
+    let out = case.out().join("thermal");
+    let output =
+        calfit().arg("thermal").args(&files).args(["--no-plots", "--order", "sigma=1", "-o"]).arg(&out).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text_of(&output));
+    let tpf = parameters(&out.join("THERMAL_PARAMETER__13-04-03-10-00-00.TPF"));
+    let entry = |table: &str, quantity: &str| tpf[table][quantity][0][0].as_float().unwrap();
+    // Six runs share one error of 1e-5: their mean has it as well.
+    let expected = 1e-5 * Plan::default().truth.sigma[0] / SCALE[0];
+    assert!((entry("covariance_b", "sigma_x").sqrt() / expected - 1.0).abs() < 0.01);
+    assert!((tpf["covariance_b"]["sigma_x"][1][1].as_float().unwrap()).sqrt() < 1e-3 * expected);
+    for quantity in ["sigma_x", "b_or_x", "xi_xy"] {
+        let sum = entry("covariance", quantity) + entry("covariance_b", quantity);
+        assert!((entry("covariance_combined", quantity) / sum - 1.0).abs() < 1e-12);
+    }
+    // What is applied has both.
+    let reading = case.put("reading.csv", "t,x,y,z,t_degc\n0,30000,0,0,25\n");
+    let output = calfit()
+        .arg("apply")
+        .arg(out.join("THERMAL_PARAMETER__13-04-03-10-00-00.TPF"))
+        .arg(&reading)
+        .arg("-o")
+        .arg(&out)
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text_of(&output));
+    let table = std::fs::read_to_string(out.join("reading.calibrated.csv")).unwrap();
+    let mut lines = table.lines().filter(|l| !l.starts_with('#'));
+    let at = lines.next().unwrap().split(',').position(|c| c == "u_bx_nt").unwrap();
+    let u_nt: f64 = lines.next().unwrap().split(',').nth(at).unwrap().parse().unwrap();
+    // 0.3 nT of the coil and 0.5 nT of the offset field.
+    assert!((0.5..0.7).contains(&u_nt), "{u_nt}");
 }

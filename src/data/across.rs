@@ -106,6 +106,8 @@ pub enum RunValues {
         b_or_ent: [f64; 3],
         /// Standard uncertainties of the three in turn; `None` if the file does not tell.
         std: [Option<[f64; 3]>; 3],
+        /// Those of type B, which the facility makes common to all runs; `None` if the file does not tell.
+        std_b: Box<[Option<[f64; 3]>; 3]>,
         /// λ_x, μ_y, ν_z, degrees; nan where the file does not tell.
         rotation_deg: [f64; 3],
         /// Their standard uncertainties, degrees; nan where the file does not tell.

@@ -24,10 +24,13 @@ pub struct LinearCalibration {
     pub offset: OffsetTrend,
     /// Quality of data and model.
     pub quality: LinearQuality,
-    /// Standard uncertainties (coverage factor 1).
+    /// Standard uncertainties (coverage factor 1), type A.
     pub std: LinearStd,
-    /// Covariance of the fitted quantities.
+    /// Covariance of the fitted quantities, type A.
     pub covariance: Covariance,
+    /// What the uncertainty of the facility adds; absent where it is not stated.
+    #[serde(flatten)]
+    pub of_facility: Option<LinearTypeB>,
     /// Noise of the plateau means.
     pub noise: PlateauNoise,
     /// Where the calibration holds.
@@ -38,6 +41,12 @@ pub struct LinearCalibration {
 }
 
 impl LinearCalibration {
+    /// The covariance that users of the calibration need: of both types where type B is stated.
+    #[must_use]
+    pub fn whole_covariance(&self) -> &Covariance {
+        self.of_facility.as_ref().map_or(&self.covariance, |b| &b.covariance_combined)
+    }
+
     /// σ_x, σ_y, σ_z, nT/enT.
     #[must_use]
     pub fn sigma_nt_per_ent(&self) -> [f64; 3] {
@@ -165,6 +174,50 @@ pub struct LinearStd {
     pub phi: Rows,
     /// `φ̃`, nT/enT.
     pub phi_tilde: Rows,
+}
+
+/// Type B uncertainties of a linear calibration, and both types together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LinearTypeB {
+    /// Standard uncertainties, type B: those of the facility, common to all runs that use the same facility file.
+    pub std_b: LinearStd,
+    /// Standard uncertainties of both types.
+    pub std_combined: LinearStd,
+    /// Covariance of the fitted quantities, type B.
+    pub covariance_b: Covariance,
+    /// The same of both types.
+    pub covariance_combined: Covariance,
+}
+
+impl LinearTypeB {
+    /// Those of type B with those of type A, which are independent of them.
+    #[must_use]
+    pub fn with(std_b: LinearStd, covariance_b: Covariance, std: &LinearStd, covariance: &Covariance) -> Self {
+        let rows = covariance.matrix.iter().zip(&covariance_b.matrix);
+        let matrix = rows.map(|(a, b)| a.iter().zip(b).map(|(a, b)| a + b).collect()).collect();
+        Self {
+            std_combined: std.combined(&std_b),
+            covariance_combined: Covariance { matrix, ..covariance.clone() },
+            std_b,
+            covariance_b,
+        }
+    }
+}
+
+impl LinearStd {
+    /// Root sums of squares with independent ones.
+    fn combined(&self, other: &Self) -> Self {
+        let three = |a: &[f64; 3], b: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|i| a[i].hypot(b[i])) };
+        let rows = |a: &Rows, b: &Rows| -> Rows { std::array::from_fn(|i| three(&a[i], &b[i])) };
+        Self {
+            sigma: three(&self.sigma, &other.sigma),
+            xi_deg: three(&self.xi_deg, &other.xi_deg),
+            b_or_ent: three(&self.b_or_ent, &other.b_or_ent),
+            lambda_mu_nu_deg: three(&self.lambda_mu_nu_deg, &other.lambda_mu_nu_deg),
+            phi: rows(&self.phi, &other.phi),
+            phi_tilde: rows(&self.phi_tilde, &other.phi_tilde),
+        }
+    }
 }
 
 /// Noise of the plateau means, per component of the reading.

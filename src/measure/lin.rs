@@ -12,7 +12,7 @@ pub use options::Options;
 pub use refusal::LinError;
 pub use result::{Block, Lin};
 
-use crate::data::calibration::{LinearCalibration, LinearQuality, LinearValidity, OffsetTrend, PlateauNoise, Setup};
+use crate::data::calibration::{LinearCalibration, LinearQuality, LinearTypeB, LinearValidity, OffsetTrend, PlateauNoise, Setup};
 use crate::data::note::Note;
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::run::Run;
@@ -49,7 +49,15 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     let r_nom = prepared.position.r_nom();
     let derived = Derived::of(&stacked, &means, &r_nom)?;
     let covariance = prepared.covariance(&noise, &means, &used).map_err(LinError::Fit)?;
+    let response = derived.response();
     let parameters = Parameters::of(derived, &stacked, &covariance, &means, &r_nom)?;
+    let of_facility = match prepared.covariance_of_facility(&response, &means).map_err(LinError::Fit)? {
+        Some(covariance) => {
+            let b = Parameters::of(Derived::of(&stacked, &means, &r_nom)?, &stacked, &covariance, &means, &r_nom)?;
+            Some(LinearTypeB::with(b.std(), b.covariance(), &parameters.std(), &parameters.covariance()))
+        }
+        None => None,
+    };
     if !options.allow_gain {
         check_gain(&parameters.split)?;
     }
@@ -91,6 +99,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         },
         std: parameters.std(),
         covariance: parameters.covariance(),
+        of_facility,
         noise: noise_of_plateaus(&noise),
         valid: validity(&used, &temperatures, span_s),
         reference: None,
@@ -99,7 +108,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     calibration.reference = stated.and_then(|stated| stated.in_frame_of(&calibration.alignment()).ok());
     Ok(Lin {
         calibration,
-        facility: prepared.facility,
+        facility: prepared.facility.map(|driven| driven.part),
         linearisation: prepared.linearisation,
         model: prepared.known.map(|k| k.part),
         dropped: conditions::dropped(&prepared.list),

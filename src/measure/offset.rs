@@ -87,7 +87,8 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
         .facility
         .as_ref()
         .map(|f| facility::apply(&f.without_offset(), run, instructions, &mut plateaus.list, &mut of_facility))
-        .transpose()?;
+        .transpose()?
+        .map(|driven| driven.part);
     let stays = stays(&plateaus, instructions)?;
     let levels = Levels::measure(&stays)?;
     check_components(&stays, &levels, options.allow_mismatch)?;

@@ -66,7 +66,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     apply_limits(&mut list, position, &instructions.limits_nt(&run.header));
     let mut notes: Vec<Note> = Vec::new();
     let facility = options.facility.as_ref().map(|f| facility::apply(f, run, instructions, &mut list, &mut notes));
-    let facility = facility.transpose()?;
+    let facility = facility.transpose()?.map(|driven| driven.part);
     let model = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, instructions, &mut notes));
 
     let usable: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
@@ -172,6 +172,7 @@ fn describe(
         runs: Vec::new(),
         temperature_degc: apart.iter().map(|w| w.temperature_degc[1]).collect(),
         polynomial: polynomial.clone(),
+        covariance_b: None,
         band: band(polynomial.valid_degc, |t| polynomial.evaluate(t)),
         joint_band: Vec::new(),
     }

@@ -48,9 +48,9 @@ pub enum Explanation {
     Nothing,
     /// The facility follows the temperatures of coils and rack.
     Temperatures,
-    /// Some of its parameters step between two calibrations, and these follow no temperature.
+    /// Some of its parameters step between two calibrations, and none follows a temperature.
     Steps,
-    /// Some of its parameters step, and all follow the temperatures.
+    /// Some of its parameters step, and it follows the temperatures.
     Both,
 }
 
@@ -61,8 +61,8 @@ impl Explanation {
         match self {
             Explanation::Nothing => "noise alone",
             Explanation::Temperatures => "temperature coefficients",
-            Explanation::Steps => "steps in place of temperature coefficients",
-            Explanation::Both => "steps beside temperature coefficients",
+            Explanation::Steps => "steps alone",
+            Explanation::Both => "steps and temperature coefficients",
         }
     }
 }
@@ -70,7 +70,7 @@ impl Explanation {
 /// An explanation, fitted to the same rows as the others.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ScalarHypothesis {
-    /// The explanation. Steps are those that were found, or the likeliest one.
+    /// The explanation.
     pub explanation: Explanation,
     /// Number of parameters.
     pub parameters: usize,

@@ -10,10 +10,20 @@ use crate::model::campaign::Instructions;
 use crate::model::coil::Coil;
 use crate::model::facility::{Facility, FacilityApplied, FacilityError, Period};
 use crate::model::sensor::SplitError;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 /// A reading this many usual intervals away from a setting is near it: one that fails does not make a gap.
 const NEAR_INTERVALS: f64 = 3.0;
+
+/// What a facility did to the settings of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Driven {
+    /// For the parameter file.
+    pub part: FacilityApplied,
+    /// Changes of the fields of all plateaus, nT, coil axes, by one standard deviation along each principal direction of the covariance that
+    /// the file states; none where it states none. They are common to all runs that use the file.
+    pub moved_nt: Vec<Vec<[f64; 3]>>,
+}
 
 /// Turns the settings of plateaus into fields of the facility.
 ///
@@ -25,7 +35,7 @@ pub fn apply(
     instructions: &Instructions,
     list: &mut [Plateau],
     notes: &mut impl Extend<Note>,
-) -> Result<FacilityApplied, FacilityError> {
+) -> Result<Driven, FacilityError> {
     if run.header.coil_correction == Some(true) {
         notes.extend([Note::new(
             NoteKind::Facility,
@@ -49,15 +59,32 @@ pub fn apply(
     let rack_degc = if facility.follows_rack() { degc(facility, run, rack, "rack", &spans_s, notes) } else { None };
 
     let coils: Vec<(Coil, Matrix3<f64>)> = facility.periods.iter().map(coil_of).collect::<Result<_, _>>()?;
-    for (i, (plateau, period)) in list.iter_mut().zip(&periods).enumerate() {
-        let (coil, axes) = &coils[*period];
+    let field = |(coil, axes): &(Coil, Matrix3<f64>), i: usize, setting: [f64; 3]| {
         let at_coil = coil_degc.map(|degc| degc.map_or(coil.reference_degc, |degc| degc[i]));
         let at_rack = rack_degc.as_ref().map_or(coil.rack_reference_degc, |degc| degc[i]);
-        plateau.setting.field = coil.field(axes, plateau.setting.field.0, at_coil, at_rack);
+        coil.field(axes, setting, at_coil, at_rack)
+    };
+    let settings: Vec<[f64; 3]> = list.iter().map(|p| p.setting.field.0).collect();
+    for (i, (plateau, period)) in list.iter_mut().zip(&periods).enumerate() {
+        plateau.setting.field = field(&coils[*period], i, settings[i]);
+    }
+    let mut moved_nt = Vec::new();
+    for (place, period) in facility.periods.iter().enumerate().filter(|(place, _)| periods.contains(place)) {
+        for part in period.moved() {
+            let moved = coil_of(&Period { part, ..period.clone() })?;
+            let change = |i: usize| {
+                if periods[i] != place {
+                    return [0.0; 3];
+                }
+                let (before, after) = (list[i].setting.field.0, field(&moved, i, settings[i]).0);
+                std::array::from_fn(|axis| after[axis] - before[axis])
+            };
+            moved_nt.push((0..list.len()).map(change).collect());
+        }
     }
     let used: Vec<f64> = coil_degc.iter().flatten().flat_map(|degc| degc.iter().copied()).collect();
     let first = &facility.periods[periods.first().copied().unwrap_or_default()];
-    Ok(FacilityApplied {
+    let part = FacilityApplied {
         file: facility.input.path.clone(),
         coil_degc: mean(&used),
         coil_range_degc: range(&used),
@@ -65,7 +92,18 @@ pub fn apply(
         rack_range_degc: rack_degc.as_deref().and_then(range),
         period: (!first.span.is_always()).then(|| first.span.clone()),
         applied: first.part.clone(),
-    })
+    };
+    Ok(Driven { part, moved_nt })
+}
+
+impl Driven {
+    /// The changes of the mean readings by one standard deviation of the facility, enT: the readings stay and the fields move, which is as if
+    /// the readings of the same fields moved by `response` times the change.
+    #[must_use]
+    pub fn changes_ent(&self, response: &Matrix3<f64>) -> Vec<Vec<[f64; 3]>> {
+        let change = |moved_nt: &[f64; 3]| (response * Vector3::from(*moved_nt)).into();
+        self.moved_nt.iter().map(|plateaus| plateaus.iter().map(change).collect()).collect()
+    }
 }
 
 fn coil_of(period: &Period) -> Result<(Coil, Matrix3<f64>), SplitError> {

@@ -105,6 +105,15 @@ pub struct Applied {
     pub carried: Vec<(f64, Vec<[f64; 3]>)>,
 }
 
+impl Applied {
+    /// The changes of the mean readings of all plateaus by one standard uncertainty of each parameter, enT.
+    #[must_use]
+    pub fn changes_ent(&self) -> Vec<Vec<[f64; 3]>> {
+        let scaled = |(std, values): &(f64, Vec<[f64; 3]>)| values.iter().map(|unit| unit.map(|v| std * v)).collect();
+        self.carried.iter().map(scaled).collect()
+    }
+}
+
 impl Known {
     /// The effects of a model file by a catalogue; `groups` are its tables `[[effect]]`, for the place of a complaint.
     ///

@@ -1,6 +1,7 @@
 //! A run made ready to fit: rows with covariates at their times, corrections applied once, faults taken off once.
 
 pub mod baseline;
+pub mod carried;
 pub mod conditions;
 pub mod facility;
 pub mod known;

@@ -353,9 +353,11 @@ impl<'a> Channel<'a> {
             return None;
         }
         let digit = elsewhere.iter().map(|w| (w[1].1 - w[0].1).abs()).filter(|d| *d > 1e-9).fold(f64::INFINITY, f64::min);
-        let mut bends: Vec<f64> = elsewhere.iter().map(|w| (w[2].1 - 2.0 * w[1].1 + w[0].1).abs()).collect();
-        let noise_k = 1.4826 * median(&mut bends) / 6f64.sqrt();
-        if !digit.is_finite() || noise_k < DIGITS * digit {
+        let bends: Vec<f64> = elsewhere.iter().map(|w| w[2].1 - 2.0 * w[1].1 + w[0].1).collect();
+        // Noise bends to and fro, a course that is curved does not: two neighbouring bends of white noise have other signs in three of four.
+        let turns = bends.windows(2).filter(|pair| pair[0] * pair[1] < 0.0).count();
+        let noise_k = 1.4826 * median(&mut bends.iter().map(|b| b.abs()).collect::<Vec<f64>>()) / 6f64.sqrt();
+        if !digit.is_finite() || noise_k < DIGITS * digit || 2 * turns < bends.len() {
             return None;
         }
         let equal = digit / (2.0 * noise_k * std::f64::consts::PI.sqrt());

@@ -126,7 +126,7 @@ fn explanations(p: &ScalarFound) -> Option<Section> {
         })
         .collect();
     let found = if steps.is_empty() {
-        "No step is convincing; where one is listed it is the likeliest.".to_owned()
+        "No step is convincing beside what was chosen.".to_owned()
     } else {
         format!(
             "Steps: {}. Where a step lies between two calibrations is not known; the periods meet in the middle of that time.",

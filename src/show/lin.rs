@@ -182,9 +182,28 @@ fn uncertainty(p: &LinearCalibration) -> Section {
     for i in 0..3 {
         table.push(cells![format!("σ_{}", COMPONENTS[i]), Cell::uncertain(p.matrix.sigma[i][i], p.std.sigma[i])]);
     }
-    Section::new("Uncertainty").with(table).with(format!(
+    let mut section = Section::new("Uncertainty").with(table);
+    if let Some(b) = &p.of_facility {
+        let mut both = Table::new(["quantity", "type A", "type B, facility", "combined"]);
+        let families = [
+            ("σ", COMPONENTS, "nT/enT", [p.std.sigma, b.std_b.sigma, b.std_combined.sigma]),
+            ("ξ", ["xy", "xz", "yz"], "°", [p.std.xi_deg, b.std_b.xi_deg, b.std_combined.xi_deg]),
+            ("B_or", COMPONENTS, "enT", [p.std.b_or_ent, b.std_b.b_or_ent, b.std_combined.b_or_ent]),
+        ];
+        for (family, components, unit, [type_a, type_b, combined]) in families {
+            for (i, component) in components.into_iter().enumerate() {
+                let cell = |std: f64| format!("{std:.2e}");
+                both.push(cells![format!("{family}_{component}, {unit}"), cell(type_a[i]), cell(type_b[i]), cell(combined[i])]);
+            }
+        }
+        section = section.with(both).with(
+            "Type B is what the covariance of the facility file gives; it is common to all runs that use the file and does not become less \
+             with their number.",
+        );
+    }
+    section.with(format!(
         "Standard uncertainties (coverage factor 1) from the scatter of the samples within the plateaus and of the plateau means about \
-         the model, type A only: the uncertainty of the coil constants, of the coil angles and of the temperature is not in them. {} degrees of freedom per component, \
+         the model, type A only: the uncertainty of the coil constants and of the coil angles is in them only as type B where it is stated, that of the temperature is not. {} degrees of freedom per component, \
          condition number {:.2}. Noise of a plateau mean {:.3}, {:.3}, {:.3} enT, of which a part of {:.2}, {:.2}, {:.2} of the variance is \
          correlated from plateau to plateau ({:.0}, {:.0}, {:.0} effective plateaus). The full covariance is in the parameter file.",
         p.quality.degrees_of_freedom,

@@ -1,6 +1,6 @@
 //! Continuous sweeps as files, figures and text.
 
-use super::thermal::{CurveView, covariances, tpf};
+use super::thermal::{CurveView, covariances, covariances_with_type_b, tpf};
 use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
 use crate::data::error::Finding;
 use crate::data::note::Note;
@@ -102,6 +102,7 @@ struct SweepView<'a> {
 }
 
 fn thermal_head(sweep: &Sweep) -> ThermalHead {
+    let [covariance_b, covariance_combined] = covariances_with_type_b(&sweep.quantities);
     ThermalHead {
         used: vec![sweep.file.clone()],
         channel: sweep.channel.clone(),
@@ -114,6 +115,8 @@ fn thermal_head(sweep: &Sweep) -> ThermalHead {
         coil_temperature_degc: vec![sweep.run.coil_temperature_degc.unwrap_or(f64::NAN)],
         convention: ThermalConvention::default(),
         covariance: covariances(&sweep.quantities),
+        covariance_b,
+        covariance_combined,
         quantity: sweep.quantities.iter().map(|q| q.found.clone()).collect(),
         warnings: sweep.notes.iter().map(Note::to_string).collect(),
     }

@@ -446,6 +446,7 @@ pub(super) fn tpf(
 fn head(result: &Thermal) -> ThermalHead {
     let RunsUsed { files, ids, sensor, mode, location, channel, temperature_degc, coil_temperature_degc, .. } =
         result.runs.clone();
+    let [covariance_b, covariance_combined] = covariances_with_type_b(&result.quantities);
     ThermalHead {
         used: files,
         channel: channel.unwrap_or_else(|| NO_CHANNEL.to_owned()),
@@ -457,10 +458,25 @@ fn head(result: &Thermal) -> ThermalHead {
         coil_temperature_degc,
         convention: ThermalConvention::default(),
         covariance: covariances(&result.quantities),
+        covariance_b,
+        covariance_combined,
         quantity: result.quantities.iter().map(|q| q.found.clone()).collect(),
         runs: ids,
         warnings: result.notes.iter().map(Note::to_string).collect(),
     }
+}
+
+/// What the facility adds to the covariance of the coefficients of every quantity, and both together; empty where it is not stated.
+pub(super) fn covariances_with_type_b(quantities: &[QuantityFit]) -> [BTreeMap<String, Vec<Vec<f64>>>; 2] {
+    let mut both = [BTreeMap::new(), BTreeMap::new()];
+    for (quantity, of_facility) in quantities.iter().filter_map(|q| Some((q, q.covariance_b.as_ref()?))) {
+        let name = &quantity.found.name;
+        both[0].insert(name.clone(), rows(of_facility));
+        if quantity.polynomial.covariance.shape() == of_facility.shape() {
+            both[1].insert(name.clone(), rows(&(&quantity.polynomial.covariance + of_facility)));
+        }
+    }
+    both
 }
 
 /// Covariance of the coefficients of every quantity.

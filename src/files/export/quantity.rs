@@ -79,6 +79,15 @@ pub(super) struct Correlation {
     pub value: f64,
 }
 
+/// Where the uncertainty of both types stands in place of that of type A, if the file states it: below `std_combined` or `covariance_combined`.
+fn combined(source: &Source, place: &str) -> String {
+    let other = ["std", "covariance"].into_iter().find_map(|table| {
+        let rest = place.strip_prefix(&format!("/{table}"))?;
+        (rest.is_empty() || rest.starts_with('/')).then(|| format!("/{table}_combined{rest}"))
+    });
+    other.filter(|other| source.value.pointer(other).is_some()).unwrap_or_else(|| place.to_owned())
+}
+
 /// The correlations of different quantities of a file that are not zero: those of the coefficients of one polynomial, and those that the
 /// file states of several quantities together.
 pub(super) fn correlations(source: &Source) -> Vec<Correlation> {
@@ -99,9 +108,9 @@ pub(super) fn correlations(source: &Source) -> Vec<Correlation> {
     for p in polynomials {
         let count = source.value[p.key].as_array().map_or(0, Vec::len);
         let names: Vec<String> = (0..count).map(|k| format!("{}{k} {}", p.name, p.component)).collect();
-        of_matrix(&names, &format!("/covariance/{}", p.key));
+        of_matrix(&names, &combined(source, &format!("/covariance/{}", p.key)));
     }
-    for place in ["/covariance", "/together"] {
+    for place in [combined(source, "/covariance"), "/together".to_owned()] {
         let names = source.value.pointer(&format!("{place}/parameters")).and_then(serde_json::Value::as_array);
         let names: Vec<String> = names.into_iter().flatten().filter_map(|n| n.as_str().map(str::to_owned)).collect();
         of_matrix(&names, &format!("{place}/matrix"));
@@ -126,7 +135,7 @@ pub(super) fn quantities(source: &Source) -> Result<Vec<Quantity>, Finding> {
                 name: entry.name.to_owned(),
                 component,
                 value: source.number(&format!("{}{value_at}", entry.value)),
-                std: source.number(&format!("{}{std_at}", entry.std)),
+                std: source.number(&combined(source, &format!("{}{std_at}", entry.std))),
                 unit: Unit::of(entry.unit),
                 frame: entry.frame,
                 valid,
@@ -147,7 +156,7 @@ fn coefficients(source: &Source, polynomial: &Polynomial, valid_degc: Option<([f
         }
     };
     let std = |k: usize| match polynomial.of {
-        Argument::Temperature => source.number(&format!("/covariance/{key}/{k}/{k}")).map(f64::sqrt),
+        Argument::Temperature => source.number(&combined(source, &format!("/covariance/{key}/{k}/{k}"))).map(f64::sqrt),
         Argument::Signal => source.number(&format!("/{key}_std/{k}")),
     };
     let one = |k: usize| Quantity {

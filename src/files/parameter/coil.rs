@@ -72,6 +72,7 @@ pub struct CoilScalar {
 impl Body for CoilScalar {
     const FORMAT: &'static str = "COIL_SCALAR";
     const NAMING: Naming = Naming::Begin("COIL_SCALAR__");
+    const MAY_LACK: &'static [&'static str] = &["std", "period"];
     const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
         polynomials: &[],
         entries: &[

@@ -137,7 +137,8 @@ impl Cpf {
     pub(super) fn part(&self, frame: Frame) -> FieldPart {
         let own = &self.calibration;
         let names: Vec<String> = ["x", "y", "z"].iter().flat_map(|r| ["x", "y", "z"].map(|c| format!("phi_{r}{c}"))).collect();
-        let stated = sub_covariance(&own.covariance, &[names, ["x", "y", "z"].map(|c| format!("b_or_{c}")).to_vec()].concat());
+        let stated =
+            sub_covariance(own.whole_covariance(), &[names, ["x", "y", "z"].map(|c| format!("b_or_{c}")).to_vec()].concat());
         let to_coil = matrix3(&own.matrix.r_nom) * matrix3(&own.matrix.rho);
         let (matrix, turn, covariance) = if frame == Frame::Coil {
             (matrix3(&own.matrix.phi), Matrix3::identity(), stated)

@@ -31,6 +31,8 @@ struct CpfKeys {
     offset: OffsetKeys,
     #[serde(default)]
     std: StdKeys,
+    #[serde(default)]
+    std_b: StdKeys,
     conditions: Option<ConditionsKeys>,
     reference: Option<Reference>,
     linearisation: Option<LinearisationApplied>,
@@ -161,7 +163,7 @@ pub struct RunKeys {
 
 /// The point of a linear calibration.
 pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
-    let CpfKeys { run, matrix, angle_deg: a, offset, std, conditions, linearisation, model, valid, reference } =
+    let CpfKeys { run, matrix, angle_deg: a, offset, std, std_b, conditions, linearisation, model, valid, reference } =
         toml_edit::de::from_str(text)?;
     let or_nan = |v: Option<f64>| v.unwrap_or(f64::NAN);
     let convention = match matrix.omega_convention.as_deref() {
@@ -177,6 +179,11 @@ pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
     let (alignment, [sigma_std, xi_std_deg]) = stated
         .in_convention(Convention::BepiColombo, [std.sigma, std.xi_deg])
         .map_err(|_| <toml_edit::de::Error as serde::de::Error>::custom("no three axes have such angles between them"))?;
+    let [sigma_std_b, xi_std_b_deg] = stated
+        .in_convention(Convention::BepiColombo, [std_b.sigma, std_b.xi_deg])
+        .map_err(|_| <toml_edit::de::Error as serde::de::Error>::custom("no three axes have such angles between them"))?
+        .1;
+    let std_b = Box::new([sigma_std_b, xi_std_b_deg, std_b.b_or_ent]);
     // The frame is that of the file, whatever the convention that the analyses speak.
     let reference = match reference {
         Some(reference) if reference.from != convention.sensor_frame() || !is_rotation(&reference.rotation) => {
@@ -190,6 +197,7 @@ pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
         xi_deg: alignment.xi_deg,
         b_or_ent: offset.b_or_ent,
         std: [sigma_std, xi_std_deg, std.b_or_ent],
+        std_b,
         rotation_deg: [or_nan(a.lambda_x), or_nan(a.mu_y), or_nan(a.nu_z)],
         rotation_std_deg: std.lambda_mu_nu_deg.unwrap_or(NONE),
         rho: matrix.rho,
@@ -242,6 +250,9 @@ impl From<&Cpf> for CalibratedRun {
                 xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
                 b_or_ent: own.offset.b_or_ent,
                 std: [Some(own.std.sigma), Some(own.std.xi_deg), Some(own.std.b_or_ent)],
+                std_b: Box::new(
+                    own.of_facility.as_ref().map_or([None; 3], |b| [b.std_b.sigma, b.std_b.xi_deg, b.std_b.b_or_ent].map(Some)),
+                ),
                 rotation_deg: [a.lambda_x, a.mu_y, a.nu_z],
                 rotation_std_deg: own.std.lambda_mu_nu_deg,
                 rho: Some(own.matrix.rho),

@@ -34,7 +34,7 @@ impl Default for ThermalConvention {
         Self {
             model: "p(T) = sum over k of p_k T^k, coefficients lowest order first".to_owned(),
             units: "T degC of the channel; sigma nT/enT, xi degrees between sensor axes, b_or and b_off enT along the sensor axes, f_3db Hz".to_owned(),
-            uncertainty: "covariances of the coefficients, coverage factor 1; outside valid_degc the polynomials are extrapolations without a stated uncertainty".to_owned(),
+            uncertainty: "covariances of the coefficients, coverage factor 1, type A; covariance_b and covariance_combined, where they stand, hold what the facility adds (type B, common to all runs) and both; outside valid_degc the polynomials are extrapolations without a stated uncertainty".to_owned(),
         }
     }
 }
@@ -63,8 +63,14 @@ pub struct ThermalHead {
     pub coil_temperature_degc: Vec<f64>,
     /// What the numbers mean.
     pub convention: ThermalConvention,
-    /// Covariance of the coefficients of every quantity.
+    /// Covariance of the coefficients of every quantity, type A.
     pub covariance: BTreeMap<String, Vec<Vec<f64>>>,
+    /// What the uncertainty of the facility adds, which all runs share: type B; empty where it is not stated.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub covariance_b: BTreeMap<String, Vec<Vec<f64>>>,
+    /// The covariance of both types; empty where no type B is stated.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub covariance_combined: BTreeMap<String, Vec<Vec<f64>>>,
     /// How every polynomial was found.
     pub quantity: Vec<QuantityFound>,
     /// What a person should know.
@@ -311,9 +317,14 @@ impl Body for Taf {
 }
 
 impl ThermalHead {
+    /// The covariance that users of a polynomial need: of both types where type B is stated.
+    fn whole_covariance(&self, name: &str) -> Option<&Vec<Vec<f64>>> {
+        self.covariance_combined.get(name).or_else(|| self.covariance.get(name))
+    }
+
     /// Polynomials with the covariances that the file states; a covariance of size zero is not known.
     pub(super) fn polynomials(&self, named: [(&str, &Vec<f64>); 3]) -> [TemperaturePolynomial; 3] {
-        named.map(|(name, coefficients)| stated_polynomial(coefficients, self.covariance.get(name), self.valid_degc))
+        named.map(|(name, coefficients)| stated_polynomial(coefficients, self.whole_covariance(name), self.valid_degc))
     }
 
     /// Id of the first run as it stands in file names.

@@ -105,6 +105,12 @@ impl Derived {
         Ok(Self { split: split(&phi, r_nom)?, b_or_ent: means.mean_b_or_ent(stacked) })
     }
 
+    /// The response, coil field to reading.
+    pub fn response(&self) -> Matrix3<f64> {
+        // The split had an inverse to start from.
+        self.split.phi.try_inverse().unwrap_or_else(Matrix3::zeros)
+    }
+
     fn list(&self) -> Vec<f64> {
         let s = &self.split;
         let matrix = |m: &Matrix3<f64>| m.transpose().iter().copied().collect::<Vec<f64>>();

@@ -1,20 +1,20 @@
 //! A run made ready for its linear fit: what refuses it before any fit, and the plateaus as the fit takes them.
 
-use super::fit::{Means, stack};
+use super::fit::Means;
 use super::options::Options;
 use super::refusal::LinError;
 use crate::data::linearisation::LinearisationApplied;
 use crate::data::note::Note;
 use crate::data::plateau::{Drop, Plateau, Plateaus};
 use crate::data::run::{Kind, Run};
-use crate::fit::{DenseNoise, FitError, Limits, linear};
+use crate::fit::{DenseNoise, FitError};
 use crate::model::campaign::Instructions;
-use crate::model::facility::FacilityApplied;
 use crate::model::position::Position;
+use crate::record::facility::{self, Driven};
 use crate::record::known::{self, Applied};
 use crate::record::position::{apply_limits, the_position};
-use crate::record::{facility, linearised};
-use nalgebra::{DMatrix, DVector};
+use crate::record::{carried, linearised};
+use nalgebra::{DMatrix, Matrix3};
 
 /// Order of the offset trend where nothing else is said, as in the campaign of 2013.
 const DEFAULT_ORDER: usize = 2;
@@ -58,7 +58,7 @@ pub(super) struct Prepared<'a> {
     /// All plateaus; those that the fit does not take have a reason.
     pub list: Vec<Plateau>,
     /// The facility that turned settings into fields.
-    pub facility: Option<FacilityApplied>,
+    pub facility: Option<Driven>,
     /// The known effects that were taken off.
     pub known: Option<Applied>,
     /// The linearisation of the readings.
@@ -98,25 +98,17 @@ impl<'a> Prepared<'a> {
             covariance += linearised::carried(linearisation, &means.design()?, used)?;
         }
         if let Some(known) = &self.known {
-            covariance += carried(known, &self.list, &means.design()?)?;
+            // The parameters of the effects are taken as independent of each other.
+            covariance += carried::covariance(&known.changes_ent(), &self.list, &means.design()?)?;
         }
         Ok(covariance)
     }
-}
 
-/// What the uncertainty of known effects adds to the covariance of all coefficients, parameter j of component a at `a * p + j`. The
-/// parameters of the effects are taken as independent of each other.
-fn carried(known: &Applied, list: &[Plateau], design: &linear::Design) -> Result<DMatrix<f64>, FitError> {
-    let places: Vec<usize> = (0..list.len()).filter(|i| list[*i].dropped.is_none()).collect();
-    let count = design.names().len();
-    let mut covariance = DMatrix::zeros(3 * count, 3 * count);
-    for (std, values) in &known.carried {
-        let rhs = DMatrix::from_fn(places.len(), 3, |i, a| std * values[places[i]][a]);
-        let moved = linear::solve(design, &rhs, None, &Limits::default())?.coefficients;
-        let stacked = DVector::from_vec(stack(&moved));
-        covariance += &stacked * stacked.transpose();
+    /// The same from the uncertainty of the facility alone, type B; `None` where its file states none.
+    pub fn covariance_of_facility(&self, response: &Matrix3<f64>, means: &Means) -> Result<Option<DMatrix<f64>>, FitError> {
+        let Some(driven) = self.facility.as_ref().filter(|driven| !driven.moved_nt.is_empty()) else { return Ok(None) };
+        carried::covariance(&driven.changes_ent(response), &self.list, &means.design()?).map(Some)
     }
-    Ok(covariance)
 }
 
 fn limits_nt(run: &Run, instructions: &Instructions, options: &Options) -> [Option<f64>; 3] {

@@ -20,6 +20,8 @@ pub(super) struct Quantity {
     unit: &'static str,
     /// Value and standard uncertainty per run; nan where there is none.
     values: Vec<(f64, f64)>,
+    /// Standard uncertainty of type B per run; nan where none is stated.
+    std_b: Vec<f64>,
     /// Whether too few runs may determine it.
     may_be_missing: bool,
 }
@@ -27,8 +29,8 @@ pub(super) struct Quantity {
 /// The family of the -3 dB frequencies between neighbouring amplitudes.
 pub(super) const INTERPOLATED: &str = "f_3db_igep";
 
-/// Value and standard uncertainty of the three components of a family in one run.
-type Triple = ([f64; 3], Option<[f64; 3]>);
+/// Values and standard uncertainties, type A and B, of the three components of a family in one run.
+type Triple = ([f64; 3], Option<[f64; 3]>, Option<[f64; 3]>);
 
 /// Number of temperatures that differ by more than those of runs at one temperature do.
 pub(super) fn different_temperatures(temperatures_degc: &[f64]) -> usize {
@@ -48,7 +50,7 @@ pub(super) fn different_temperatures(temperatures_degc: &[f64]) -> usize {
 /// The quantities of a kind in the order of the file.
 pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) -> Vec<Quantity> {
     const PAIRS: [&str; 3] = ["xy", "xz", "yz"];
-    const NONE: Triple = ([f64::NAN; 3], None);
+    const NONE: Triple = ([f64::NAN; 3], None, None);
     let triple = |family: &str, components: [&str; 3], unit: &'static str, get: &dyn Fn(&RunValues) -> Triple| {
         let all: Vec<Triple> = points.iter().map(|p| get(&p.values)).collect();
         (0..3)
@@ -56,7 +58,8 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) 
                 name: format!("{family}_{}", components[i]),
                 component: components[i].to_owned(),
                 unit,
-                values: all.iter().map(|(value, std)| (value[i], std.map_or(f64::NAN, |s| s[i]))).collect(),
+                values: all.iter().map(|(value, std, _)| (value[i], std.map_or(f64::NAN, |s| s[i]))).collect(),
+                std_b: all.iter().map(|(.., std_b)| std_b.map_or(f64::NAN, |s| s[i])).collect(),
                 may_be_missing: kind != Kind::Lin,
             })
             .collect::<Vec<Quantity>>()
@@ -65,7 +68,9 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) 
         Kind::Lin => {
             let part = |which: usize| {
                 move |values: &RunValues| match values {
-                    RunValues::Lin { sigma, xi_deg, b_or_ent, std, .. } => ([*sigma, *xi_deg, *b_or_ent][which], std[which]),
+                    RunValues::Lin { sigma, xi_deg, b_or_ent, std, std_b, .. } => {
+                        ([*sigma, *xi_deg, *b_or_ent][which], std[which], std_b[which])
+                    }
                     _ => NONE,
                 }
             };
@@ -79,16 +84,16 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) 
             .collect()
         }
         Kind::Offset => triple("b_off", COMPONENTS, "enT", &|values| match values {
-            RunValues::Offset { offset_ent, std, .. } => (*offset_ent, *std),
+            RunValues::Offset { offset_ent, std, .. } => (*offset_ent, *std, None),
             _ => NONE,
         }),
         Kind::Freq => {
             let igep = |values: &RunValues| match values {
-                RunValues::Freq { igep_hz: Some(hz), .. } => (*hz, None),
+                RunValues::Freq { igep_hz: Some(hz), .. } => (*hz, None, None),
                 _ => NONE,
             };
             let of_corner = |values: &RunValues| match values {
-                RunValues::Freq { model_hz: Some(hz), model_std_hz, .. } if corner == Corner::Model => (*hz, *model_std_hz),
+                RunValues::Freq { model_hz: Some(hz), model_std_hz, .. } if corner == Corner::Model => (*hz, *model_std_hz, None),
                 values => igep(values),
             };
             let mut all = triple("f_3db", COMPONENTS, "Hz", &of_corner);
@@ -175,7 +180,19 @@ pub(super) fn fit(
         );
         notes.push(Note::new(NoteKind::Method, text).about(&quantity.name));
     }
-    Ok(Some(described(quantity, values, points, &chosen, valid_degc)))
+    let covariance_b = common(quantity, &values, std, chosen.order).map_err(refuse)?;
+    Ok(Some(QuantityFit { covariance_b, ..described(quantity, values, points, &chosen, valid_degc) }))
+}
+
+/// What an error of the facility does to the coefficients: it is the same in all runs and does not become less with their number, so that
+/// the polynomial through the standard uncertainties of type B is the change of the coefficients by one standard deviation of it.
+fn common(quantity: &Quantity, values: &Values, std: Option<&[f64]>, order: usize) -> Result<Option<DMatrix<f64>>, FitError> {
+    let std_b: Vec<f64> = values.runs.iter().map(|i| quantity.std_b[*i]).collect();
+    if std_b.iter().any(|s| !s.is_finite()) {
+        return Ok(None);
+    }
+    let moved = order::choose(&values.degc, &std_b, std, order, Some(order), &Limits::default())?.polynomial.coefficients;
+    Ok(Some(DMatrix::from_fn(moved.len(), moved.len(), |r, c| moved[r] * moved[c])))
 }
 
 /// The polynomial with its values.
@@ -219,6 +236,7 @@ fn described(
             covariance: finite(&chosen.covariance),
             valid_degc,
         },
+        covariance_b: None,
         band: band(valid_degc, |t| chosen.evaluate(t)),
         joint_band: Vec::new(),
     }

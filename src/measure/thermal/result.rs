@@ -8,6 +8,7 @@ use crate::data::reference::StatedReference;
 use crate::data::run::Location;
 use crate::measure::joint::JointFit;
 use crate::model::polynomial::TemperaturePolynomial;
+use nalgebra::DMatrix;
 
 /// Temperatures at which a band is given.
 const BAND: usize = 121;
@@ -48,6 +49,9 @@ pub struct QuantityFit {
     pub temperature_degc: Vec<f64>,
     /// The polynomial.
     pub polynomial: TemperaturePolynomial,
+    /// What the uncertainty of the facility, which all runs share, adds to the covariance of its coefficients; absent where the runs do not
+    /// tell.
+    pub covariance_b: Option<DMatrix<f64>>,
     /// Temperature, value and standard uncertainty of the polynomial at even steps over its range.
     pub band: Vec<[f64; 3]>,
     /// The polynomial of the joint fit at the same temperatures, if there is one.

@@ -28,8 +28,19 @@ pub(super) struct Explained {
 /// A fit to the rows that count, by its evidence.
 struct Scored {
     bic: f64,
+    /// `n ln(S / n)`, the part of it that does not count parameters.
+    deviance: f64,
     parameters: usize,
     solution: NonlinearSolution,
+}
+
+/// A step that may be, and how much it lowers the criterion.
+#[derive(Clone, Copy)]
+struct Candidate {
+    step: Step,
+    gain: f64,
+    /// Whether the temperatures explain something of its parameter that has to be explained.
+    replaces: bool,
 }
 
 /// The rows that are compared: those that agree with their own calibration.
@@ -37,6 +48,7 @@ struct Comparison<'a> {
     rows: &'a [Observation],
     moduli: Vec<f64>,
     weights: Vec<f64>,
+    runs: usize,
 }
 
 impl Comparison<'_> {
@@ -46,19 +58,61 @@ impl Comparison<'_> {
         let limits = Limits { max_condition: most };
         let solution = nonlinear::solve(&model, &self.moduli, Some(&self.weights), &start(self.rows, terms), &limits).ok()?;
         let rows: f64 = self.weights.iter().sum();
-        let squares = solution.residual_std.powi(2) * solution.dof as f64;
+        let deviance = rows * (solution.residual_std.powi(2) * solution.dof as f64 / rows).ln();
         let parameters = terms.count();
-        Some(Scored { bic: rows * (squares / rows).ln() + parameters as f64 * rows.ln(), parameters, solution })
+        Some(Scored { bic: deviance + parameters as f64 * rows.ln(), deviance, parameters, solution })
     }
 
-    /// The better one of steps beside the temperature coefficients and in place of those of what steps.
-    fn best_with_steps(&self, terms: &Terms) -> Option<f64> {
-        let both = [terms.clone(), terms.with_steps_in_place()];
-        both.iter().filter_map(|t| self.score(t)).map(|s| s.bic).reduce(f64::min)
+    /// The model itself, or with the coefficients of what steps taken as zero where it is not determined otherwise.
+    fn score_with_steps(&self, terms: &Terms) -> Option<Scored> {
+        self.score(terms).or_else(|| self.score(&terms.with_steps_in_place()))
+    }
+
+    /// The step that lowers the criterion most.
+    fn best_step(&self, terms: &Terms) -> Option<Candidate> {
+        let current = self.score_with_steps(terms)?;
+        let mut best: Option<Candidate> = None;
+        for parameter in 0..CONSTANT {
+            // Coefficients that a parameter does not need would speak for a step that takes their place.
+            let mut without = terms.clone();
+            without.held.push(parameter);
+            let needs_none = self.score(&without).map_or(f64::INFINITY, |s| s.bic);
+            for from_run in 1..self.runs {
+                let step = Step { parameter, from_run };
+                if terms.steps.contains(&step) {
+                    continue;
+                }
+                let mut with = terms.clone();
+                with.steps.push(step);
+                let beside = self.score(&with).map(|s| current.bic.min(needs_none) - s.bic);
+                // That a step in place of two coefficients is one parameter less does not count for it: few calibrations at temperatures
+                // that happen to follow each other look like a step.
+                let mut in_place = with.clone();
+                in_place.held.push(parameter);
+                let in_place = self.score(&in_place).map(|s| (current.deviance - s.deviance).min(needs_none - s.bic));
+                let gain = [beside, in_place].into_iter().flatten().fold(f64::NEG_INFINITY, f64::max);
+                if best.is_none_or(|best| gain > best.gain) {
+                    best = Some(Candidate { step, gain, replaces: needs_none - current.bic > CONVINCING });
+                }
+            }
+        }
+        best
+    }
+
+    /// The model with all steps that are convincing, and the first one that is not.
+    fn with_steps(&self, terms: &Terms) -> (Terms, Option<Candidate>) {
+        let mut terms = terms.clone();
+        while terms.steps.len() < MOST_STEPS {
+            match self.best_step(&terms) {
+                Some(candidate) if candidate.gain > CONVINCING => terms.steps.push(candidate.step),
+                other => return (terms, other),
+            }
+        }
+        (terms, None)
     }
 
     fn hypothesis(&self, explanation: Explanation, terms: &Terms) -> Option<ScalarHypothesis> {
-        let scored = self.score(terms)?;
+        let scored = self.score_with_steps(terms)?;
         Some(ScalarHypothesis {
             explanation,
             parameters: scored.parameters,
@@ -76,72 +130,33 @@ pub(super) fn explain(rows: &[Observation], counts: &[bool], thermal: &Terms) ->
         rows,
         moduli: rows.iter().map(|r| r.scalar.modulus_nt).collect(),
         weights: counts.iter().map(|c| f64::from(u8::from(*c))).collect(),
+        runs: rows.iter().map(|r| r.run + 1).max().unwrap_or_default(),
     };
-    let runs = rows.iter().map(|r| r.run + 1).max().unwrap_or_default();
-    let mut terms = thermal.clone();
-    let mut undecided: Option<(f64, Step)> = None;
-    let mut best_step: Option<(f64, Step)> = None;
-    while terms.steps.len() < MOST_STEPS {
-        let Some(current) = comparison.best_with_steps(&terms) else { break };
-        let mut best: Option<(f64, Step)> = None;
-        for parameter in 0..CONSTANT {
-            // Coefficients that a parameter does not need would speak for a step that takes their place.
-            let mut without = terms.clone();
-            without.held.push(parameter);
-            let needs_none = comparison.score(&without).map_or(f64::INFINITY, |s| s.bic);
-            let before = current.min(needs_none);
-            for from_run in 1..runs {
-                let step = Step { parameter, from_run };
-                if terms.steps.contains(&step) {
-                    continue;
-                }
-                let mut with = terms.clone();
-                with.steps.push(step);
-                let Some(after) = comparison.best_with_steps(&with) else { continue };
-                let gain = before - after;
-                if best.is_none_or(|(most, _)| gain > most) {
-                    best = Some((gain, step));
-                }
-            }
-        }
-        let Some((gain, step)) = best else { break };
-        if terms.steps.is_empty() {
-            best_step = best;
-        }
-        if gain <= CONVINCING {
-            undecided = best.filter(|_| gain > 0.0 && (terms.coil || terms.rack));
-            break;
-        }
-        terms.steps.push(step);
-    }
-    // What is told of the two hypotheses: with the steps that were found, or with the likeliest one.
-    let mut stepping = terms.clone();
-    if stepping.steps.is_empty() {
-        stepping.steps.extend(best_step.map(|(_, step)| step));
-    }
     let has_thermal = thermal.coil || thermal.rack;
+    let (terms, next) = comparison.with_steps(thermal);
+    let alone = if has_thermal { comparison.with_steps(&Terms::constant()).0 } else { terms.clone() };
     let mut hypotheses: Vec<ScalarHypothesis> = Vec::new();
     hypotheses.extend(comparison.hypothesis(Explanation::Nothing, &Terms::constant()));
     if has_thermal {
         hypotheses.extend(comparison.hypothesis(Explanation::Temperatures, thermal));
     }
-    if !stepping.steps.is_empty() {
-        hypotheses.extend(comparison.hypothesis(Explanation::Steps, &stepping.with_steps_in_place()));
-        if has_thermal {
-            hypotheses.extend(comparison.hypothesis(Explanation::Both, &stepping));
-        }
+    if !alone.steps.is_empty() {
+        hypotheses.extend(comparison.hypothesis(Explanation::Steps, &alone));
     }
-    // What the calibrations determine stays beside the step: a coefficient that is small is not zero.
-    let beside = has_thermal && comparison.score(&terms).is_some();
-    let chosen = match (terms.steps.is_empty(), has_thermal, beside) {
-        (true, false, _) => Explanation::Nothing,
-        (true, true, _) => Explanation::Temperatures,
-        (false, _, true) => Explanation::Both,
-        (false, ..) => Explanation::Steps,
+    if has_thermal && !terms.steps.is_empty() {
+        hypotheses.extend(comparison.hypothesis(Explanation::Both, &terms));
+    }
+    let chosen = match (terms.steps.is_empty(), has_thermal) {
+        (true, false) => Explanation::Nothing,
+        (true, true) => Explanation::Temperatures,
+        (false, false) => Explanation::Steps,
+        (false, true) => Explanation::Both,
     };
     for hypothesis in &mut hypotheses {
         hypothesis.chosen = hypothesis.explanation == chosen;
     }
-    let terms = if chosen == Explanation::Steps { terms.with_steps_in_place() } else { terms };
-    Explained { terms, hypotheses, undecided: undecided.map(|(_, step)| step) }
+    // What the calibrations determine stays beside the step: a coefficient that is small is not zero.
+    let terms = if comparison.score(&terms).is_some() { terms } else { terms.with_steps_in_place() };
+    let undecided = next.filter(|next| next.gain > 0.0 && next.replaces).map(|next| next.step);
+    Explained { terms, hypotheses, undecided }
 }
