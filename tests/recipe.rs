@@ -8,9 +8,10 @@ use calfit::data::provenance::{Input, Provenance, Role};
 use calfit::data::recipe::{ANALYSES, Reading, Recipe, RecipeError};
 use calfit::files::parameter::{FileKind, KINDS, toml};
 use calfit::measure::coil::{scalar, tilt};
-use calfit::measure::sweep::Window;
+use calfit::measure::sweep::{LagChoice, Window};
 use calfit::measure::thermistor::Signal;
 use calfit::measure::{freq, lin, null, offset, sweep, thermistor};
+use calfit::model::lag::Lag;
 use calfit::workflow::ThermalOptions;
 use common::check::{calfit, data, says, text, tree};
 use proptest::prelude::*;
@@ -61,6 +62,16 @@ fn window() -> impl Strategy<Value = Window> {
     prop_oneof![(5..10_000usize).prop_map(Window::Settings), positive().prop_map(Window::Minutes)]
 }
 
+fn lag() -> impl Strategy<Value = LagChoice> {
+    prop_oneof![
+        Just(LagChoice::Auto),
+        Just(LagChoice::None),
+        finite().prop_map(|s| LagChoice::Given(Lag::Delay(s))),
+        positive().prop_map(|s| LagChoice::Given(Lag::FirstOrder(s))),
+        positive().prop_map(|s| LagChoice::Given(Lag::InverseFirstOrder(s))),
+    ]
+}
+
 fn orders() -> impl Strategy<Value = Vec<(String, usize)>> {
     proptest::collection::vec(("[a-z_]{1,8}", 0..9usize), 0..4)
 }
@@ -80,7 +91,7 @@ proptest! {
         (trend_order, order) in (proptest::option::of(0..3usize), 0..4usize),
         max_field_nt in proptest::array::uniform3(proptest::option::of(positive())),
         [robust, gain, mismatch, joint, keep] in any::<[bool; 5]>(),
-        (orders, window, most_k_per_min) in (orders(), window(), proptest::option::of(positive())),
+        (orders, window, most_k_per_min, lag) in (orders(), window(), proptest::option::of(positive()), lag()),
         (signal, within_degc) in (proptest::option::of(any::<bool>()), positive()),
         divider in proptest::option::of([positive(), positive()]),
         compare in proptest::option::of(proptest::collection::vec(finite(), 2..6)),
@@ -110,6 +121,7 @@ proptest! {
             window,
             most_k_per_min,
             orders: orders.clone(),
+            lag,
             ..sweep::Options::default()
         };
         round("sweep", swept, reading, &[Role::Facility, Role::Model]);
