@@ -7,7 +7,8 @@ use super::result::SweepBlock;
 use super::{ANGLES, QUANTITIES};
 use crate::data::across::RunRotations;
 use crate::data::plateau::Plateau;
-use crate::fit::{DenseNoise, FitError, Limits};
+use crate::fit::linear::check_condition;
+use crate::fit::{DenseNoise, Design, FitError, Limits};
 use crate::measure::joint::{JointPlateau, JointRun, SensorFit, Trend, one};
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::model::sensor::{Split, split};
@@ -39,14 +40,14 @@ impl Problem<'_> {
     /// The fit at temperatures of the settings, °C.
     pub fn fit(&self, degc: &[f64], orders: Orders) -> Result<SensorFit, SweepError> {
         let linear = self.means.baseline(degc, orders.linear());
-        let solution = linear.fit(&self.means.fields_nt, degc, &self.means.readings_ent, &LIMITS)?;
-        let stacked = solution.coefficients.as_slice();
+        let start = Start::of(&linear.design(&self.means.fields_nt, degc)?, &self.means.readings_ent)?;
+        let stacked = start.coefficients.as_slice();
         let sensor = |degc: f64| -> Result<Split, SweepError> {
             let parts = linear.at(stacked, degc).0.try_inverse().and_then(|phi| split(&phi, &self.r_nom).ok());
             parts.ok_or(SweepError::NoSensor { degc })
         };
-        let mut start: [Vec<f64>; ANGLES.end] = std::array::from_fn(|_| Vec::new());
-        for (i, coefficients) in start.iter_mut().enumerate() {
+        let mut polynomials: [Vec<f64>; ANGLES.end] = std::array::from_fn(|_| Vec::new());
+        for (i, coefficients) in polynomials.iter_mut().enumerate() {
             let degc = nodes(&linear, orders.quantities[i]);
             let value = |t: &f64| sensor(*t).map(|s| if i < ANGLES.start { s.sigma[i] } else { s.xi_deg[i - ANGLES.start] });
             *coefficients = through(&degc, &degc.iter().map(value).collect::<Result<Vec<f64>, _>>()?);
@@ -65,9 +66,9 @@ impl Problem<'_> {
             plateaus: self.used.iter().enumerate().map(plateau).collect(),
             trend: Trend::Temperature(offsets),
             rotation_order: orders.rotation,
-            noise_ent: std::array::from_fn(|i| solution.residual_std[i]),
+            noise_ent: start.noise_ent,
         };
-        Ok(one(&run, &start, &LIMITS)?)
+        Ok(one(&run, &polynomials, &LIMITS)?)
     }
 
     /// Minus twice the log likelihood of a fit.
@@ -94,6 +95,31 @@ impl Problem<'_> {
             SweepBlock { t_s: p.t_s(), temperature_degc: *degc, residual_nt }
         };
         self.used.iter().zip(degc).map(block).collect()
+    }
+}
+
+/// Where the search for the polynomials starts: a linear model in plain numbers, whose last digits do not matter.
+struct Start {
+    coefficients: DMatrix<f64>,
+    /// What it leaves of a component.
+    noise_ent: [f64; 3],
+}
+
+impl Start {
+    fn of(design: &Design, readings_ent: &DMatrix<f64>) -> Result<Self, FitError> {
+        let (rows, parameters) = design.columns().shape();
+        if rows <= parameters {
+            return Err(FitError::TooFewRows { rows, parameters });
+        }
+        let factors = design.columns().clone().qr();
+        let r = factors.r();
+        check_condition(&r, design.names(), &LIMITS)?;
+        let mut turned = readings_ent.clone();
+        factors.q_tr_mul(&mut turned);
+        let undetermined = || FitError::Undetermined { parameters: design.names().to_vec(), condition: f64::INFINITY };
+        let coefficients = r.solve_upper_triangular(&turned.rows(0, parameters)).ok_or_else(undetermined)?;
+        let left = |i: usize| turned.column(i).rows(parameters, rows - parameters).norm();
+        Ok(Self { coefficients, noise_ent: std::array::from_fn(|i| left(i) / ((rows - parameters) as f64).sqrt()) })
     }
 }
 

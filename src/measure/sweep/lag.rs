@@ -130,9 +130,9 @@ fn claimed(
     let Ok(own) = lagged(problem, course, candidate, orders) else { return Ok(None) };
     let noise = problem.noise(&own.fit, &own.degc, orders)?;
     let covariance = noise.covariance_of(&own.fit.influence(Some(&own.slope))?);
-    let last_std = |covariance: &DMatrix<f64>| covariance[(covariance.nrows() - 1, covariance.nrows() - 1)].sqrt();
-    let std_s = last_std(&covariance);
-    let higher_std_s = last_std(&noise.covariance_of(&higher.fit.influence(Some(&higher.slope))?));
+    let std_s = covariance[(own.fit.count(), own.fit.count())].sqrt();
+    let of_lag = higher.fit.influence(Some(&higher.slope))?.map(|rows| rows.rows(higher.fit.count(), 1).into_owned());
+    let higher_std_s = noise.covariance_of(&of_lag)[(0, 0)].sqrt();
     let (lag_s, higher_s) = (own.lag.signed_seconds(), higher.lag.signed_seconds());
     let is_significant = higher_s.abs() > SIGNIFICANT * higher_std_s && gain > SIGNIFICANT * SIGNIFICANT;
     if !is_significant {
