@@ -148,7 +148,7 @@ fn pulls(file: &DocumentMut, twin: &Twin) -> [[f64; 4]; 9] {
 
 fn rms<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
     let (n, sum) = values.into_iter().fold((0.0, 0.0), |(n, sum), v| (n + 1.0, sum + v * v));
-    (sum / n as f64).sqrt()
+    (sum / n).sqrt()
 }
 
 fn applied<'a>(file: &'a DocumentMut, key: &str) -> &'a toml_edit::Item {

@@ -15,7 +15,10 @@ use crate::fit::smooth::Course;
 use crate::fit::{DenseNoise, FitError};
 use crate::measure::joint::SensorFit;
 use crate::model::lag::Lag;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
 
 /// Steps of the search for the lag of a fit; it starts beside the minimum.
 const MOST_STEPS: usize = 12;
@@ -23,6 +26,12 @@ const MOST_STEPS: usize = 12;
 const SETTLED: f64 = 0.01;
 /// Half of the distance over which the derivative by a lag is taken, s: the time over which thermistors are read.
 const DISTANCE_S: f64 = 10.0;
+
+/// The same for that by the temperature, K.
+const DISTANCE_K: f64 = 0.1;
+/// Random courses of the noise of a thermistor: they tell the standard deviation that it adds to a tenth.
+const COURSES: usize = 64;
+const SEED: u64 = 20_131_998;
 
 /// The fit with what its uncertainty is.
 pub(super) struct Settled {
@@ -96,7 +105,8 @@ pub(super) fn settle(
     let orders = asked.choose(problem, &degc)?;
     let fit = problem.fit(&degc, orders)?;
     let noise = problem.noise(&fit, &degc, orders)?;
-    let covariance = noise.covariance_of(&fit.influence(None)?);
+    let influence = fit.influence(None)?;
+    let covariance = noise.covariance_of(&influence) + of_thermistor(problem, &fit, course, lag, &degc, &influence);
     Ok(Settled { fit, orders, degc, moved, noise, covariance, applied: applied(lag, None, decision) })
 }
 
@@ -129,10 +139,14 @@ fn claimed(
     let gain = problem.deviance(&without) - problem.deviance(&higher.fit);
     let Ok(own) = lagged(problem, course, candidate, orders) else { return Ok(None) };
     let noise = problem.noise(&own.fit, &own.degc, orders)?;
-    let covariance = noise.covariance_of(&own.fit.influence(Some(&own.slope))?);
+    let uncertain = |lagged: &Lagged, influence: &[DMatrix<f64>; 3]| {
+        let Lagged { fit, lag, degc, .. } = lagged;
+        noise.covariance_of(influence) + of_thermistor(problem, fit, course, Some(*lag), degc, influence)
+    };
+    let covariance = uncertain(&own, &own.fit.influence(Some(&own.slope))?);
     let std_s = covariance[(own.fit.count(), own.fit.count())].sqrt();
     let of_lag = higher.fit.influence(Some(&higher.slope))?.map(|rows| rows.rows(higher.fit.count(), 1).into_owned());
-    let higher_std_s = noise.covariance_of(&of_lag)[(0, 0)].sqrt();
+    let higher_std_s = uncertain(&higher, &of_lag)[(0, 0)].sqrt();
     let (lag_s, higher_s) = (own.lag.signed_seconds(), higher.lag.signed_seconds());
     let is_significant = higher_s.abs() > SIGNIFICANT * higher_std_s && gain > SIGNIFICANT * SIGNIFICANT;
     if !is_significant {
@@ -172,4 +186,41 @@ fn lagged(problem: &Problem, course: &Course, near: Lag, orders: Orders) -> Resu
         lag = lag.later_by(step_s);
     }
     Err(FitError::NotSettled { what: "lag", iterations: MOST_STEPS }.into())
+}
+
+/// What the noise of the thermistor adds to the covariance of parameters with this influence of the readings.
+///
+/// The noise is smoothed before it moves the temperatures: it is the same for settings that follow each other, where that of the readings is
+/// not, and hardly shows in what the fit leaves. Of random courses of it, the same in every analysis.
+fn of_thermistor(
+    problem: &Problem,
+    fit: &SensorFit,
+    course: &Course,
+    lag: Option<Lag>,
+    degc: &[f64],
+    influence: &[DMatrix<f64>; 3],
+) -> DMatrix<f64> {
+    let count = influence[0].nrows();
+    let beside = |by_k: f64| fit.readings_ent(&degc.iter().map(|t| t + by_k).collect::<Vec<f64>>());
+    let (Some(above), Some(below)) = (beside(DISTANCE_K), beside(-DISTANCE_K)) else { return DMatrix::zeros(count, count) };
+    let slope = (above - below) / (2.0 * DISTANCE_K);
+    let by_degc: DMatrix<f64> = (0..3)
+        .map(|c| {
+            let mut own = influence[c].clone();
+            own.column_iter_mut().zip(slope.column(c).iter()).for_each(|(mut column, slope)| column *= *slope);
+            own
+        })
+        .sum();
+    let weights = course.weights();
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(SEED);
+    let mut covariance = DMatrix::zeros(count, count);
+    for _ in 0..COURSES {
+        let normal = || -> f64 { StandardNormal.sample(&mut random) };
+        let noise: Vec<f64> = std::iter::repeat_with(normal).take(course.series.len()).map(|v| course.noise * v).collect();
+        let of_noise = weights.course(&noise);
+        let moved = lag.map_or_else(|| of_noise.series.clone(), |lag| lag.of(&of_noise));
+        let step = &by_degc * DVector::from_vec(problem.means.degc(&moved));
+        covariance += &step * step.transpose() / COURSES as f64;
+    }
+    covariance
 }
