@@ -7,12 +7,12 @@
 //!
 //! Offset trends are linear parameters: projecting them out of readings and derivatives (variable projection) leaves the
 //! polynomials and three angles per run. A continuous sweep is one run of this kind whose offset is a polynomial of the temperature as
-//! well, and whose rotation may be one ([`one`](fn@one)). Levenberg-Marquardt leads to the minimum, Gauss-Newton steps to its last digits. The
+//! well, and whose rotation may be one ([`one_run`](fn@one_run)). Levenberg-Marquardt leads to the minimum, Gauss-Newton steps to its last digits. The
 //! factorisations are plain `f64`: the columns are scaled and the temperature mapped to \[-1, 1\], and thousands of rows by a
 //! hundred columns in higher precision would take seconds for digits below the noise.
 
 mod layout;
-mod one;
+mod one_run;
 mod report;
 mod search;
 
@@ -20,7 +20,7 @@ use crate::fit::{FitError, Limits};
 use crate::model::polynomial::TemperaturePolynomial;
 use layout::{Layout, RunRows};
 use nalgebra::Matrix3;
-pub use one::{SensorFit, one};
+pub use one_run::{SensorFit, one_run};
 use report::report;
 use search::{Minimum, SearchPoint};
 use thiserror::Error;

@@ -328,7 +328,7 @@ fn sweep(noise_ent: f64) -> (JointRun, [Vec<f64>; 6], [[f64; 3]; 3]) {
 fn a_sweep_without_noise_gives_its_polynomials() {
     let (mut run, truth, offsets) = sweep(0.0);
     run.rotation_order = 3;
-    let fit = one(&run, &truth.clone().map(|c| vec![c[0] * (1.0 + 1e-4), c[1] * 1.1]), &Limits::default()).unwrap();
+    let fit = one_run(&run, &truth.clone().map(|c| vec![c[0] * (1.0 + 1e-4), c[1] * 1.1]), &Limits::default()).unwrap();
     for (k, expected) in truth.iter().chain(&offsets.map(|c| c.to_vec())).enumerate() {
         let found = fit.coefficients(k);
         let at = |c: &[f64], degc: f64| horner(c, degc);
@@ -347,12 +347,12 @@ fn a_sweep_without_noise_gives_its_polynomials() {
 #[test]
 fn the_influence_of_readings_is_what_they_change() {
     let (run, truth, _) = sweep(0.02);
-    let fit = one(&run, &truth, &Limits::default()).unwrap();
+    let fit = one_run(&run, &truth, &Limits::default()).unwrap();
     let influence = fit.influence(None).unwrap();
     for (plateau, component) in [(3, 0), (20, 1), (41, 2)] {
         let mut moved = run.clone();
         moved.plateaus[plateau].reading_ent[component] += 0.1;
-        let step = one(&moved, &truth, &Limits::default()).unwrap().values() - fit.values();
+        let step = one_run(&moved, &truth, &Limits::default()).unwrap().values() - fit.values();
         let expected = influence[component].column(plateau) * 0.1;
         for j in 0..fit.count() {
             let size = influence.iter().map(|g| g.row(j).norm()).fold(0.0, f64::max);

@@ -9,7 +9,7 @@ use crate::data::across::RunRotations;
 use crate::data::plateau::Plateau;
 use crate::fit::linear::check_condition;
 use crate::fit::{DenseNoise, Design, FitError, Limits};
-use crate::measure::joint::{JointPlateau, JointRun, SensorFit, Trend, one};
+use crate::measure::joint::{JointPlateau, JointRun, SensorFit, Trend, one_run};
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::model::sensor::{Split, split};
 use crate::record::baseline::Baseline;
@@ -68,7 +68,7 @@ impl Problem<'_> {
             rotation_order: orders.rotation,
             noise_ent: start.noise_ent,
         };
-        Ok(one(&run, &polynomials, &LIMITS)?)
+        Ok(one_run(&run, &polynomials, &LIMITS)?)
     }
 
     /// Minus twice the log likelihood of a fit.

@@ -88,7 +88,10 @@ pub(super) fn settle(
         (LagChoice::Auto, None) => match candidate(screened) {
             Some(lag) => match claimed(problem, asked, course, lag, notes)? {
                 Some(settled) => return Ok(settled),
-                None => (None, LagDecision::NoneClaimed),
+                None => {
+                    notes.push(declined(&screened.channel, lag));
+                    (None, LagDecision::NoneClaimed)
+                }
             },
             None => (None, LagDecision::NoneClaimed),
         },
@@ -123,6 +126,15 @@ fn candidate(screened: &ThermistorLag) -> Option<Lag> {
         LagForm::FirstOrder => Some(Lag::time_constant(screened.time_constant_s)),
         LagForm::None | LagForm::Given | LagForm::OfTheModel => None,
     }
+}
+
+/// What is said of a lag that a linear model shows and that is not claimed.
+fn declined(channel: &str, lag: Lag) -> Note {
+    let text = format!(
+        "a lag of {:.0} s behind {channel} explains the readings, but so do polynomials of one order higher: none is claimed",
+        lag.signed_seconds()
+    );
+    Note::new(NoteKind::Temperature, text).about(channel).with_remedy("give it with --lag if it is known from elsewhere")
 }
 
 /// The fit with a lag, if it is significant beside polynomials of one order higher.

@@ -43,7 +43,7 @@ pub struct SensorFit {
 ///
 /// # Errors
 /// [`JointError`]: input that does not fit together, and parameters which the run does not determine, by name.
-pub fn one(run: &JointRun, start: &[Vec<f64>; 6], limits: &Limits) -> Result<SensorFit, JointError> {
+pub fn one_run(run: &JointRun, start: &[Vec<f64>; 6], limits: &Limits) -> Result<SensorFit, JointError> {
     check_run(run)?;
     let layout = Layout::over(std::slice::from_ref(run), start)?;
     let rows = [RunRows::of(run, &layout)];
