@@ -151,8 +151,14 @@ fn rms<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
     (sum / n).sqrt()
 }
 
-fn applied<'a>(file: &'a DocumentMut, key: &str) -> &'a toml_edit::Item {
-    &file["sweep"]["applied_lag"][key]
+/// A text of the lag that was applied.
+fn decided<'a>(file: &'a DocumentMut, key: &str) -> Option<&'a str> {
+    file["sweep"]["applied_lag"].get(key)?.as_str()
+}
+
+/// A number of it.
+fn applied_s(file: &DocumentMut, key: &str) -> Option<f64> {
+    file["sweep"]["applied_lag"].get(key)?.as_float()
 }
 
 /// A straight line that is asked for is one in the file, and what bends in Φ⁻¹ is no lag. Sensitivities were 10 uncertainties off where the
@@ -166,8 +172,8 @@ fn the_sweep_of_the_readme_is_right_within_its_uncertainty() {
         let (file, stdout) = swept(&case, &[]);
         let orders = NAMES.map(|name| file[name].as_array().unwrap().len() - 1);
         assert_eq!(orders, [1, 1, 1, 1, 1, 1, 2, 2, 2]);
-        assert_eq!(applied(&file, "decision").as_str(), Some("none claimed"), "{seed}");
-        assert_eq!((applied(&file, "form").as_str(), applied(&file, "std_s").as_float()), (Some("none"), None));
+        assert_eq!(decided(&file, "decision"), Some("none claimed"), "{seed}");
+        assert_eq!((decided(&file, "form"), applied_s(&file, "std_s")), (Some("none"), None));
         says(&stdout, &["no lag claimed"]);
         // The mount turns by 2e-5° per kelvin.
         let turned = file["sweep"]["rotation_change_deg"].as_float().unwrap();
@@ -199,8 +205,8 @@ fn a_lag_of_eight_minutes_is_found_given_or_left_out() {
         for seed in 1..=3 {
             let case = campaign(&twin, seed);
             let (file, stdout) = swept(&case, &[]);
-            assert_eq!((applied(&file, "form").as_str(), applied(&file, "decision").as_str()), (Some(form), Some("found")));
-            let [lag_s, std_s] = ["lag_s", "std_s"].map(|key| applied(&file, key).as_float().unwrap());
+            assert_eq!((decided(&file, "form"), decided(&file, "decision")), (Some(form), Some("found")));
+            let [lag_s, std_s] = ["lag_s", "std_s"].map(|key| applied_s(&file, key).unwrap());
             assert!((lag_s - 480.0).abs() < 3.0 * std_s && std_s < 5.0, "{form} {seed}: {lag_s} {std_s}");
             says(&stdout, &["time constant"]);
             let own = pulls(&file, &twin);
@@ -210,11 +216,11 @@ fn a_lag_of_eight_minutes_is_found_given_or_left_out() {
                 continue;
             }
             let (without, _) = swept(&case, &["--lag", "none"]);
-            assert_eq!(applied(&without, "decision").as_str(), Some("not looked for"));
+            assert_eq!(decided(&without, "decision"), Some("not looked for"));
             assert!(rms(pulls(&without, &twin)[..3].as_flattened()) > 5.0);
             let (given, stdout) = swept(&case, &["--lag", arguments]);
-            assert_eq!(applied(&given, "decision").as_str(), Some("given"));
-            assert_eq!((applied(&given, "lag_s").as_float(), applied(&given, "std_s").as_float()), (Some(480.0), None));
+            assert_eq!(decided(&given, "decision"), Some("given"));
+            assert_eq!((applied_s(&given, "lag_s"), applied_s(&given, "std_s")), (Some(480.0), None));
             says(&stdout, &["8.000 min", "as given"]);
             assert!(pulls(&given, &twin).as_flattened().iter().all(|p| p.abs() < 5.0));
             // A lag that is exact leaves less open than one that is found.
@@ -224,8 +230,9 @@ fn a_lag_of_eight_minutes_is_found_given_or_left_out() {
             assert_eq!(verified.status.code(), Some(0), "{}", text(&verified.stderr));
         }
     }
+    // One lag that is off moves all of them: the uncertainty must cover that.
     let whole = rms(all.as_flattened());
-    assert!((0.8..1.3).contains(&whole), "{whole}");
+    assert!(whole < 1.3 && all.as_flattened().iter().all(|p| p.abs() < 5.0), "{whole}");
 }
 
 #[test]
