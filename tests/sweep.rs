@@ -2,9 +2,13 @@
 
 use crate::common;
 
-use common::check::{Case, number, parameters, text};
+use calfit::files::twin::{self, Body, Twin};
+use calfit::simulate::write_campaign;
+use common::Truth;
+use common::check::{Case, calfit, number, parameters, says, text};
 use std::fs;
 use std::path::Path;
+use toml_edit::DocumentMut;
 
 /// Analyses a case; its truth and its parameter file.
 fn made(name: &str, arguments: &[&str]) -> (serde_json::Value, toml_edit::DocumentMut, String) {
@@ -77,4 +81,166 @@ fn fast_parts_are_left_out_and_windows_have_the_length_asked_for() {
     let [used, fast] = ["settings_used", "settings_too_fast"].map(|key| part[key].as_integer().unwrap());
     assert!(used + fast == 720 && fast > 50 && used > 200, "{used} {fast}");
     assert_eq!(part["window"].as_str(), Some("20 min"));
+}
+
+/// The twin of the README, its sweep alone: sensitivities and angles are straight lines over 150 K, and its mount turns with the temperature.
+fn demo() -> Twin {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/demo.toml");
+    let mut demo = twin::read(&path, &mut Vec::new()).unwrap();
+    demo.runs.retain(|run| run.id == SWEEP);
+    demo
+}
+
+const SWEEP: &str = "26-03-03_16-00-00";
+const DEGC: [f64; 4] = [-10.0, 30.0, 70.0, 120.0];
+const NAMES: [&str; 9] = ["sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz", "xi_yz", "b_or_x", "b_or_y", "b_or_z"];
+
+/// The nine parameters of a twin at a temperature of its sensor, in the order of the names. The residual field is seen as any other one.
+fn truth(twin: &Twin, degc: f64) -> [f64; 9] {
+    let sensor = &twin.sensors[0];
+    let at = |polynomials: &[Vec<f64>; 3]| -> [f64; 3] {
+        std::array::from_fn(|i| polynomials[i].iter().rev().fold(0.0, |sum, c| sum * degc + c))
+    };
+    let (sigma, xi_deg) = (at(&sensor.model.sigma), at(&sensor.model.xi_deg));
+    let turned_deg = std::array::from_fn(|i| sensor.rotation_deg[i] + sensor.rotation_per_k_deg[i] * degc);
+    let real = Truth { sigma, xi_deg, turned_deg, offset_ent: at(&sensor.model.b_off_ent), ..Truth::default() };
+    let b_or = real.reading(twin.facility.residual[0].field_nt);
+    [sigma, xi_deg, b_or].concat().try_into().unwrap()
+}
+
+/// The campaign of a twin with a seed.
+fn campaign(twin: &Twin, seed: u64) -> Case {
+    let case = Case::new();
+    write_campaign(twin, seed, &case.campaign(), false, || ()).unwrap();
+    case
+}
+
+/// The parameter file of its sweep, and what the terminal said.
+fn swept(case: &Case, arguments: &[&str]) -> (DocumentMut, String) {
+    let out = case.out();
+    let _ = fs::remove_dir_all(&out);
+    let output = case.run("thermal", &[&["--no-plots"], arguments].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let name = SWEEP.replace('_', "-");
+    (parameters(&out.join(format!("{SWEEP}/THERMAL_PARAMETER__{name}.TPF"))), text(&output.stdout))
+}
+
+/// A list of numbers.
+fn list(item: &toml_edit::Value) -> Vec<f64> {
+    item.as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect()
+}
+
+/// What the file says minus the truth, in its own standard uncertainties: per quantity one value at each of the four temperatures.
+fn pulls(file: &DocumentMut, twin: &Twin) -> [[f64; 4]; 9] {
+    let truths = DEGC.map(|degc| truth(twin, degc));
+    std::array::from_fn(|k| {
+        let coefficients = list(file[NAMES[k]].as_value().unwrap());
+        let covariance: Vec<Vec<f64>> = file["covariance"][NAMES[k]].as_array().unwrap().iter().map(list).collect();
+        std::array::from_fn(|t| {
+            let powers: Vec<f64> = (0..coefficients.len()).map(|k| DEGC[t].powi(k as i32)).collect();
+            let value: f64 = coefficients.iter().zip(&powers).map(|(c, p)| c * p).sum();
+            let row = |r: &Vec<f64>| r.iter().zip(&powers).map(|(c, p)| c * p).sum::<f64>();
+            let variance: f64 = covariance.iter().zip(&powers).map(|(r, p)| p * row(r)).sum();
+            (value - truths[t][k]) / variance.sqrt()
+        })
+    })
+}
+
+fn rms<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
+    let (n, sum) = values.into_iter().fold((0.0, 0.0), |(n, sum), v| (n + 1.0, sum + v * v));
+    (sum / n).sqrt()
+}
+
+/// A text of the lag that was applied.
+fn decided<'a>(file: &'a DocumentMut, key: &str) -> Option<&'a str> {
+    file["sweep"]["applied_lag"].get(key)?.as_str()
+}
+
+/// A number of it.
+fn applied_s(file: &DocumentMut, key: &str) -> Option<f64> {
+    file["sweep"]["applied_lag"].get(key)?.as_float()
+}
+
+/// A straight line that is asked for is one in the file, and what bends in Φ⁻¹ is no lag. Sensitivities were 10 uncertainties off where the
+/// elements of Φ⁻¹ were straight lines.
+#[test]
+fn the_sweep_of_the_readme_is_right_within_its_uncertainty() {
+    let demo = demo();
+    let mut all = Vec::new();
+    for seed in 1..=7 {
+        let case = campaign(&demo, seed);
+        let (file, stdout) = swept(&case, &[]);
+        let orders = NAMES.map(|name| file[name].as_array().unwrap().len() - 1);
+        assert_eq!(orders, [1, 1, 1, 1, 1, 1, 2, 2, 2]);
+        assert_eq!(decided(&file, "decision"), Some("none claimed"), "{seed}");
+        assert_eq!((decided(&file, "form"), applied_s(&file, "std_s")), (Some("none"), None));
+        says(&stdout, &["no lag claimed"]);
+        // The mount turns by 2e-5° per kelvin.
+        let turned = file["sweep"]["rotation_change_deg"].as_float().unwrap();
+        assert!((turned - 150.0 * 2e-5).abs() < 2e-4, "{turned}");
+        let pulls = pulls(&file, &demo);
+        assert!(pulls.as_flattened().iter().all(|p| p.abs() < 5.0), "{seed}: {pulls:?}");
+        all.push(pulls);
+    }
+    for (k, name) in NAMES.into_iter().enumerate() {
+        println!("{name}: {:.2}", rms(all.iter().flat_map(|p| &p[k])));
+    }
+    let whole = rms(all.iter().flat_map(|p| p.as_flattened()));
+    assert!((0.8..1.3).contains(&whole), "{whole}");
+}
+
+/// Eight minutes between sensor and thermistor, either way, are found, and the coefficients are as right as without; without the lag they are
+/// not, and with the lag given they are right again.
+#[test]
+fn a_lag_of_eight_minutes_is_found_given_or_left_out() {
+    let mut all = Vec::new();
+    for (form, arguments) in [("first order", "first-order=480"), ("inverse first order", "inverse=480")] {
+        let mut twin = demo();
+        if form == "first order" {
+            twin.thermal_box.sensor_time_constant_s = 480.0;
+            twin.thermistors[0].of = Body::Box;
+        } else {
+            twin.thermistors[0].time_constant_s = 480.0;
+        }
+        for seed in 1..=3 {
+            let case = campaign(&twin, seed);
+            let (file, stdout) = swept(&case, &[]);
+            assert_eq!((decided(&file, "form"), decided(&file, "decision")), (Some(form), Some("found")));
+            let [lag_s, std_s] = ["lag_s", "std_s"].map(|key| applied_s(&file, key).unwrap());
+            assert!((lag_s - 480.0).abs() < 3.0 * std_s && std_s < 5.0, "{form} {seed}: {lag_s} {std_s}");
+            says(&stdout, &["time constant"]);
+            let own = pulls(&file, &twin);
+            println!("{form}, seed {seed}: {lag_s:.1} ± {std_s:.1} s, rms {:.2}", rms(own.as_flattened()));
+            all.extend(own);
+            if seed > 1 {
+                continue;
+            }
+            let (without, _) = swept(&case, &["--lag", "none"]);
+            assert_eq!(decided(&without, "decision"), Some("not looked for"));
+            assert!(rms(pulls(&without, &twin)[..3].as_flattened()) > 5.0);
+            let (given, stdout) = swept(&case, &["--lag", arguments]);
+            assert_eq!(decided(&given, "decision"), Some("given"));
+            assert_eq!((applied_s(&given, "lag_s"), applied_s(&given, "std_s")), (Some(480.0), None));
+            says(&stdout, &["8.000 min", "as given"]);
+            assert!(pulls(&given, &twin).as_flattened().iter().all(|p| p.abs() < 5.0));
+            // A lag that is exact leaves less open than one that is found.
+            let sigma = |file: &DocumentMut| list(file["covariance"]["sigma_x"].as_array().unwrap().get(0).unwrap())[0];
+            assert!(sigma(&given) < sigma(&file));
+            let verified = calfit().arg("verify").arg(case.out()).arg(case.campaign()).output().unwrap();
+            assert_eq!(verified.status.code(), Some(0), "{}", text(&verified.stderr));
+        }
+    }
+    // One lag that is off moves all of them: the uncertainty must cover that.
+    let whole = rms(all.as_flattened());
+    assert!(whole < 1.3 && all.as_flattened().iter().all(|p| p.abs() < 5.0), "{whole}");
+}
+
+#[test]
+fn what_is_no_lag_is_refused() {
+    let case = Case::new();
+    for lag in ["late", "first-order=-480", "inverse=0", "nan"] {
+        let output = case.run("thermal", &["--lag", lag]);
+        assert_eq!(output.status.code(), Some(2), "{lag}");
+        says(&text(&output.stderr), &["first-order=SECONDS"]);
+    }
 }

@@ -45,6 +45,8 @@ pub(super) enum ValueError {
     OrderNumber,
     #[error("write a number of settings above 4, or of minutes, 12min for example")]
     Window,
+    #[error("write auto, none, a number of seconds, or first-order=SECONDS or inverse=SECONDS with a positive number")]
+    Lag,
     #[error("write a positive number of K/min")]
     Rate,
     #[error("write 2 to {} numbers with commas between them", HIGHEST_ORDER + 1)]

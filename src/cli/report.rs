@@ -1,7 +1,7 @@
 //! `calfit report`: every analysis that the campaign allows, all files, the protocol.
 
 use super::output::{Terminal, json};
-use super::thermal::{order, sort_centres, sort_results, warn_of_model};
+use super::thermal::{LAG, lag, order, sort_centres, sort_results, warn_of_model};
 use super::{Common, Status, open, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
@@ -14,6 +14,7 @@ use crate::files::output::Folder;
 use crate::files::parameter::Body;
 use crate::files::source::hex;
 use crate::measure::coil::{residual::is_check, scalar};
+use crate::measure::sweep::{self, LagChoice};
 use crate::measure::{thermal, thermistor};
 use crate::plot::{self, Named};
 use crate::show::document::{Section, Text};
@@ -38,12 +39,24 @@ pub(super) struct Arguments {
     /// Order of the polynomial of a quantity or family, as for `calfit thermal`.
     #[arg(long, value_name = "QUANTITY=N", value_parser = order)]
     order: Vec<(String, usize)>,
+    /// Lag of the sensor behind the thermistor of a continuous sweep, as for `calfit thermal`.
+    #[arg(long, value_name = LAG, default_value = "auto", allow_negative_numbers = true, value_parser = lag)]
+    lag: LagChoice,
     /// Facility that turns the settings of the runs into fields, as for `calfit lin` and `calfit offset`.
     #[arg(long, value_name = "FILE")]
     facility: Option<PathBuf>,
     /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings of linearity runs and sweeps and off sines.
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+}
+
+/// The options that a report records.
+#[derive(Serialize)]
+struct RecordedOptions {
+    #[serde(flatten)]
+    across: ThermalOptions,
+    #[serde(skip_serializing_if = "LagChoice::is_usual")]
+    lag: LagChoice,
 }
 
 #[derive(Serialize)]
@@ -76,7 +89,14 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 
     let facility = facility(arguments.facility.as_ref())?;
     let model = known(arguments.model.as_ref())?;
-    let analyses = Analyses::new(facility.as_ref(), model.as_ref());
+    let sweep = sweep::Options {
+        orders: arguments.order.clone(),
+        lag: arguments.lag,
+        facility: facility.clone(),
+        model: model.clone(),
+        ..sweep::Options::default()
+    };
+    let analyses = Analyses::new(facility.as_ref(), model.as_ref()).with(sweep);
     let bar = terminal.progress(2 * jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
     let made: Vec<Result<Measured, Failure>> = jobs
@@ -147,7 +167,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         .flat_map(|(name, f)| f.errors().map(move |e| (name.clone(), format!("{}; {}", e.rule, e.remedy))))
         .collect();
     // The joint fit belongs to every report.
-    let recorded = ThermalOptions { joint: false, ..options };
+    let recorded = RecordedOptions { across: ThermalOptions { joint: false, ..options }, lag: arguments.lag };
     let document = protocol::document(&Protocol {
         campaign,
         runs: measured.iter().zip(&figures).map(|(measured, figures)| measured.part(figures)).collect(),

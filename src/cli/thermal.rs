@@ -9,7 +9,7 @@ use crate::data::note::NoteKind;
 use crate::files::campaign::Campaign;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, FileKind, Tcf, Tpf, is_named};
-use crate::measure::sweep::{self, Window};
+use crate::measure::sweep::{self, LagChoice, Window};
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
 use crate::record::known::Known;
 use crate::show;
@@ -37,6 +37,11 @@ pub(super) struct Arguments {
     /// Leave out settings of a continuous sweep at which the temperature moves faster, K/min.
     #[arg(long, value_name = "K_PER_MIN", value_parser = rate)]
     max_rate: Option<f64>,
+    /// Lag of the sensor behind the thermistor of a continuous sweep: `auto` finds one that is significant beside polynomials of one order
+    /// higher, `none` takes none; SECONDS of a delay, negative where the sensor is earlier; a time constant with which the sensor follows the
+    /// thermistor (`first-order=480`) or the thermistor the sensor (`inverse=480`).
+    #[arg(long, value_name = LAG, default_value = "auto", allow_negative_numbers = true, value_parser = lag)]
+    lag: LagChoice,
     /// Also fit the temperature-dependent model to the plateaus of all runs at once (needs runs, not parameter files).
     #[arg(long)]
     joint: bool,
@@ -77,6 +82,13 @@ fn window(text: &str) -> Result<Window, ValueError> {
         (None, Ok(settings)) if settings > 4 => Ok(Window::Settings(settings)),
         _ => Err(ValueError::Window),
     }
+}
+
+/// The forms of `--lag`.
+pub(super) const LAG: &str = "auto|none|SECONDS|first-order=SECONDS|inverse=SECONDS";
+
+pub(super) fn lag(text: &str) -> Result<LagChoice, ValueError> {
+    text.parse().map_err(|_| ValueError::Lag)
 }
 
 fn rate(text: &str) -> Result<f64, ValueError> {
@@ -163,6 +175,7 @@ impl Arguments {
             window: self.window,
             most_k_per_min: self.max_rate,
             orders: self.order.clone(),
+            lag: self.lag,
             facility: options.facility.clone(),
             model: options.model.clone(),
             ..sweep::Options::default()

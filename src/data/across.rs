@@ -259,6 +259,9 @@ pub enum LagForm {
     /// The lag of a model file in their place.
     #[serde(rename = "of the model")]
     OfTheModel,
+    /// A lag that was given in their place.
+    #[serde(rename = "given")]
+    Given,
 }
 
 impl LagForm {
@@ -270,8 +273,43 @@ impl LagForm {
             LagForm::Delay => "delay",
             LagForm::FirstOrder => "first order",
             LagForm::OfTheModel => "of the model",
+            LagForm::Given => "given",
         }
     }
+}
+
+/// How it was decided which lag the temperatures of a sweep have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LagDecision {
+    /// It is significant beside polynomials of one order higher.
+    #[serde(rename = "found")]
+    Found,
+    /// None is significant beside polynomials of one order higher.
+    #[serde(rename = "none claimed")]
+    NoneClaimed,
+    /// None was asked for.
+    #[serde(rename = "not looked for")]
+    NotLookedFor,
+    /// It was given.
+    #[serde(rename = "given")]
+    Given,
+    /// That of a model file.
+    #[serde(rename = "of the model")]
+    OfTheModel,
+}
+
+/// The lag that the temperatures of a sweep have.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AppliedLag {
+    /// `delay`, `first order`, `inverse first order` or `none`.
+    pub form: String,
+    /// Delay or time constant, s; a negative delay where the sensor is earlier than the thermistor.
+    pub lag_s: f64,
+    /// Its standard uncertainty, which is in that of all coefficients; absent for a lag that was not fitted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_s: Option<f64>,
+    /// How it was decided.
+    pub decision: LagDecision,
 }
 
 /// How the sensor follows a thermistor.

@@ -99,12 +99,13 @@ enum Form {
 }
 
 /// All options that are recorded, in the order of a command: key, option, form.
-const OPTIONS: [(&str, &str, Form); 30] = [
+const OPTIONS: [(&str, &str, Form); 31] = [
     ("order", "order", Form::Order),
     ("max_field_nt", "max-field", Form::Axes),
     ("robust", "robust", Form::Flag),
     ("window", "window", Form::Window),
     ("max_rate_k_per_min", "max-rate", Form::Number),
+    ("lag", "lag", Form::Text),
     ("joint", "joint", Form::Flag),
     ("signal", "signal", Form::Text),
     ("divider", "divider", Form::Numbers),

@@ -1,23 +1,26 @@
 //! Fields of constant modulus and random direction while the temperature moves (CH-GFZ-TR-2601 section 8; mathematics.md section 4).
 //!
-//! The nine parameters are followed by a sliding window of settings, and fitted as polynomials of the temperature to all settings at
-//! once: `B_r = A(T) B_c + B_or(T)`, the elements of `A` and `B_or` polynomials of the temperature at each setting, which is linear. Sensitivities and angles
-//! follow from `A` at as many temperatures as their polynomials have coefficients.
+//! The nine parameters are followed by a sliding window of settings, and fitted to all settings at once: σ_i, ξ_ij and `B_or,i` are
+//! polynomials of the temperature at each setting, each of the order that is asked for, and the rotation of the sensor is one as well
+//! (`measure::joint`). The elements of `A = Φ⁻¹` are no polynomials then: where σ is a straight line, they bend. A linear model of them is
+//! the start.
 //!
 //! A thermistor shows the temperature of the part that matters earlier or later. The heating and the cooling branch then split; the lag is the one
 //! that makes them one: either a delay, or the time constant of a body that is heated through its surface (first order).
 
-mod joint;
+mod fit;
+mod lag;
 mod means;
 mod options;
+mod orders;
 mod refusal;
 mod result;
 mod thermistors;
 mod windows;
 
-pub use options::{Options, WINDOW, Window};
+pub use options::{LagChoice, Options, WINDOW, Window};
 pub use refusal::SweepError;
-pub use result::{SettingCounts, Sweep, SweepBlock, WindowFit};
+pub use result::{SettingCounts, Sweep, SweepBlock, Turning, WindowFit};
 
 use super::structure;
 use super::thermal::{QuantityFit, band};
@@ -28,6 +31,7 @@ use crate::data::quantity::QuantityFound;
 use crate::data::run::{Kind, Run};
 use crate::fit::NORMAL_95;
 use crate::fit::order::Reason;
+use crate::fit::smooth::Course;
 use crate::fit::statistics::extremes;
 use crate::model::campaign::Instructions;
 use crate::model::polynomial::TemperaturePolynomial;
@@ -35,9 +39,11 @@ use crate::record::conditions::{self, Temperatures};
 use crate::record::facility;
 use crate::record::known::{self, Known};
 use crate::record::position::{apply_limits, the_position};
-use joint::Joint;
-use means::{Asked, Means};
+use fit::Problem;
+use means::Means;
 use nalgebra::Matrix3;
+use orders::Asked;
+use std::ops::Range;
 use thermistors::Followed;
 
 /// Names and units of the nine quantities.
@@ -52,6 +58,9 @@ const QUANTITIES: [(&str, &str, &str); 9] = [
     ("b_or_y", "y", "enT"),
     ("b_or_z", "z", "enT"),
 ];
+
+/// Where the angles stand among them: after the sensitivities, before the offsets.
+const ANGLES: Range<usize> = 3..6;
 
 /// One sweep.
 ///
@@ -79,47 +88,53 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         |p: &Plateau| options.most_k_per_min.is_none_or(|most| 60.0 * thermistors::rate_k_per_s(series, p.t_s()).abs() <= most);
     let used: Vec<&Plateau> = usable.iter().copied().filter(|p| is_slow(p)).collect();
     let asked = Asked::of(run, instructions, options);
-    let first = asked.usual();
-    if used.len() < 2 * first.count() {
-        return Err(SweepError::TooFew { used: used.len(), total: list.len(), parameters: first.count() });
+    let parameters = asked.usual().linear().count();
+    if used.len() < 2 * parameters {
+        return Err(SweepError::TooFew { used: used.len(), total: list.len(), parameters });
     }
 
     let means = Means::of(&used);
-    let known_lag = options.model.as_ref().and_then(Known::thermal_lag);
-    let followed = Followed::of(&channels, &own, &means, first, known_lag, &mut notes);
-    let degc = means.degc(&followed.moved);
-    let orders = asked.choose(&means, &degc);
+    let Followed { mut lags, chosen } = Followed::of(&channels, &own, &means, asked.usual().higher().linear(), &mut notes);
+    let (channel, series) = &channels[chosen];
     let r_nom = position.r_nom();
-    let joint = Joint::fit(&means, &used, &degc, orders, r_nom)?;
-    let windows = windows::windows(&used, &followed, &r_nom, options.window);
-    let blocks = joint.blocks(&used, &degc);
+    let problem = Problem { run: &run.header.run, r_nom, used: &used, means: &means };
+    let known_lag = options.model.as_ref().and_then(Known::thermal_lag);
+    let course = Course::smooth(series);
+    let settled = lag::settle(&problem, &asked, &course, &lags[chosen], options.lag, known_lag, &mut notes)?;
+    lags[chosen].form = settled.form();
+    let (fit, degc) = (&settled.fit, &settled.degc);
+    let windows = windows::windows(&used, [series, &settled.moved], &r_nom, options.window);
+    let blocks = problem.blocks(fit, degc);
 
     conditions::warn_of_plateaus(&mut notes, run, plateaus);
     conditions::warn_of_run(&mut notes, run, instructions);
-    let columns = joint.baseline.columns(&means.fields_nt, &degc);
+    // One order higher: the elements of the response bend where sensitivities are straight.
+    let columns = means.baseline(degc, settled.orders.higher().linear()).columns(&means.fields_nt, degc);
     // The temperature with its lag: what the polynomials are of.
-    notes.extend(structure::note(&structure::Rows::of(&list, &used, &followed.moved, &columns, &joint.noise)));
+    notes.extend(structure::note(&structure::Rows::of(&list, &used, &settled.moved, &columns, &settled.noise)));
     let mut head = conditions::head(run, instructions, &temperatures);
     head.temperature_degc = Some(degc.iter().sum::<f64>() / degc.len() as f64);
-    let polynomials = joint.polynomials();
-    let quantity = |k: usize| describe(k, run, &polynomials[k], &windows, asked.has(k < 6), used.len());
+    let polynomials = fit::polynomials(fit, &settled.covariance);
+    let quantity = |k: usize| describe(k, run, &polynomials[k], &windows, asked.has(k), used.len());
     let rms = |of: &dyn Fn(&SweepBlock) -> f64| (blocks.iter().map(|b| of(b).powi(2)).sum::<f64>() / blocks.len() as f64).sqrt();
     Ok(Sweep {
         run: head,
         file: run.input.path.clone(),
-        channel: followed.channel,
-        valid_degc: joint.valid_degc,
+        channel: channel.clone(),
+        valid_degc: fit.valid_degc,
         scope: LinearScope {
             valid_field_nt: Some(field_range_nt(&used, &r_nom)),
             linearisation: None,
             known_effects: model.iter().map(|m| m.part.file.clone()).collect(),
         },
         quantities: (0..QUANTITIES.len()).map(quantity).collect(),
-        rotation: joint.rotation(),
+        rotation: fit::rotation(fit, &settled.covariance),
+        turning: Turning { order: settled.orders.rotation, angle_deg: fit::turned_deg(fit) },
         settings: SettingCounts { used: used.len(), total: list.len(), too_fast: usable.len() - used.len() },
         window: options.window,
         residual_nt: std::array::from_fn(|k| rms(&|b: &SweepBlock| b.residual_nt[k])),
-        lags: followed.lags,
+        lag: settled.applied,
+        lags,
         facility,
         model: model.map(|m| m.part),
         reference: instructions.references.get(&run.header.sensor).copied(),

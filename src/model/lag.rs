@@ -2,6 +2,9 @@
 //! section 4; CH-GFZ-TR-2601 section 8).
 
 use crate::fit::smooth::Course;
+use std::fmt;
+use std::str::FromStr;
+use thiserror::Error;
 
 /// Steps of the first scan of a search, to either side of no lag.
 const STEPS: i32 = 20;
@@ -55,6 +58,24 @@ impl Lag {
         lag_s
     }
 
+    /// Its delay or time constant, s, negative where the part is earlier than the thermistor.
+    #[must_use]
+    pub fn signed_seconds(self) -> f64 {
+        match self {
+            Lag::Delay(lag_s) | Lag::FirstOrder(lag_s) => lag_s,
+            Lag::InverseFirstOrder(tau_s) => -tau_s,
+        }
+    }
+
+    /// A lag of the same family by which the part is later by so many seconds more.
+    #[must_use]
+    pub fn later_by(self, by_s: f64) -> Self {
+        match self {
+            Lag::Delay(delay_s) => Lag::Delay(delay_s + by_s),
+            Lag::FirstOrder(_) | Lag::InverseFirstOrder(_) => Self::time_constant(self.signed_seconds() + by_s),
+        }
+    }
+
     /// The temperature of the part, (s, °C), from the course of the thermistor.
     ///
     /// A first order is the exact answer to straight lines between the readings, from equilibrium at the first one. Its inverse is
@@ -80,6 +101,37 @@ impl Lag {
             Lag::InverseFirstOrder(tau_s) => {
                 series.iter().zip(&thermistor.rate_per_s).map(|(&(t, v), rate)| (t, v + tau_s * rate)).collect()
             }
+        }
+    }
+}
+
+/// Why a text is no lag.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+#[error("write a number of seconds for a delay, or first-order=SECONDS or inverse=SECONDS with a positive number")]
+pub struct NoLag;
+
+/// As people write it: seconds of a delay, `first-order=SECONDS` or `inverse=SECONDS`.
+impl FromStr for Lag {
+    type Err = NoLag;
+
+    fn from_str(text: &str) -> Result<Self, NoLag> {
+        let seconds = |text: &str| text.trim().parse::<f64>().ok().filter(|s| s.is_finite()).ok_or(NoLag);
+        let positive = |text: &str| seconds(text).and_then(|s| if s > 0.0 { Ok(s) } else { Err(NoLag) });
+        match text.split_once('=') {
+            None => seconds(text).map(Lag::Delay),
+            Some(("first-order", tau_s)) => positive(tau_s).map(Lag::FirstOrder),
+            Some(("inverse", tau_s)) => positive(tau_s).map(Lag::InverseFirstOrder),
+            Some(_) => Err(NoLag),
+        }
+    }
+}
+
+impl fmt::Display for Lag {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Lag::Delay(delay_s) => write!(f, "{delay_s}"),
+            Lag::FirstOrder(tau_s) => write!(f, "first-order={tau_s}"),
+            Lag::InverseFirstOrder(tau_s) => write!(f, "inverse={tau_s}"),
         }
     }
 }
@@ -135,6 +187,7 @@ fn search_in(family: fn(f64) -> Lag, longest_s: f64, deviance: &impl Fn(Lag) -> 
     }
     Best { lag: family(best_s), std_s, deviance: least }
 }
+
 /// Temperature of the body after a stretch in which the temperature outside went from one value to another in a straight line;
 /// `x` is the length of the stretch over the time constant.
 #[must_use]
@@ -180,6 +233,28 @@ mod tests {
         }
         assert_eq!(Lag::named("second order", 1.0), None);
         assert_eq!(Lag::time_constant(-5.0), Lag::InverseFirstOrder(5.0));
+    }
+
+    #[test]
+    fn people_write_lags() {
+        for (text, lag) in [
+            ("-12.5", Lag::Delay(-12.5)),
+            ("first-order=480", Lag::FirstOrder(480.0)),
+            ("inverse=480", Lag::InverseFirstOrder(480.0)),
+        ] {
+            assert_eq!((text.parse(), lag.to_string().as_str()), (Ok(lag), text));
+        }
+        for text in ["", "delay", "first-order=-480", "inverse=0", "first order=480", "inf", "NaN", "second-order=1"] {
+            assert_eq!(text.parse::<Lag>(), Err(NoLag), "{text}");
+        }
+    }
+
+    #[test]
+    fn lags_of_a_family_go_on_through_none() {
+        assert_eq!(Lag::Delay(5.0).later_by(-8.0), Lag::Delay(-3.0));
+        assert_eq!(Lag::FirstOrder(5.0).later_by(-8.0), Lag::InverseFirstOrder(3.0));
+        assert_eq!(Lag::InverseFirstOrder(3.0).later_by(8.0), Lag::FirstOrder(5.0));
+        assert_eq!(Lag::InverseFirstOrder(3.0).signed_seconds(), -3.0);
     }
 
     const TAU_S: f64 = 480.0;

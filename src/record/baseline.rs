@@ -152,9 +152,11 @@ impl Baseline {
     /// Sum of the squares of what the model leaves of each component of the readings, enT². Columns that depend on each other count once.
     #[must_use]
     pub fn squares_ent2(&self, fields_nt: &[[f64; 3]], x: &[f64], readings_ent: &DMatrix<f64>) -> [f64; 3] {
-        let q = self.in_units_of(fields_nt).columns(fields_nt, x).qr().q();
-        let left = readings_ent - &q * q.tr_mul(readings_ent);
-        std::array::from_fn(|a| left.column(a).norm_squared())
+        let columns = self.in_units_of(fields_nt).columns(fields_nt, x);
+        let explained = columns.ncols().min(columns.nrows());
+        let mut turned = readings_ent.clone();
+        columns.qr().q_tr_mul(&mut turned);
+        std::array::from_fn(|a| turned.column(a).rows(explained, turned.nrows() - explained).norm_squared())
     }
 
     /// Response, enT/nT, coil axes to sensor axes, per power of the mapped time or temperature; empty where no field is applied.

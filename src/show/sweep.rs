@@ -2,7 +2,7 @@
 
 use super::document::{Cell, Section, Table, cells};
 use super::{known_effects, remarks, run_line, used_file};
-use crate::data::across::{LagForm, ThermistorLag};
+use crate::data::across::{AppliedLag, LagDecision};
 use crate::data::units::with_uncertainty;
 use crate::measure::sweep::Sweep;
 
@@ -49,16 +49,51 @@ fn lags(sweep: &Sweep) -> Section {
             Cell::fixed(lag.residual_std_ent, 4),
         ]);
     }
-    Section::new("How the sensor follows the thermistors").with(table).with(
-        "Positive: the sensor is later than the thermistor. Gain and difference of the two forms are in twice the log likelihood. A lag is \
-         applied if it exceeds four standard uncertainties.",
+    Section::new("How the sensor follows the thermistors").with(decided(sweep)).with(table).with(
+        "Positive: the sensor is later than the thermistor. The table is of linear models with polynomials of one order higher; gain and \
+         difference of the two forms are in twice the log likelihood. A lag is claimed if it exceeds four standard uncertainties beside \
+         polynomials of one order higher, and is a parameter of the fit then: its uncertainty is in that of all coefficients.",
     )
+}
+
+/// The lag that the temperatures have, and how that was decided.
+fn decided(sweep: &Sweep) -> String {
+    let (channel, lag) = (&sweep.channel, &sweep.lag);
+    let is = format!("The temperatures are those of {channel} with the lag");
+    let value = minutes(lag);
+    match lag.decision {
+        LagDecision::Found => format!("{is} that was found: {value}."),
+        LagDecision::Given => format!("{is} that was given: {value}. It is taken as exact."),
+        LagDecision::OfTheModel => format!("{is} of the model file: {value}. It is taken as exact."),
+        LagDecision::NoneClaimed => format!("No lag is claimed: the temperatures are those of {channel}."),
+        LagDecision::NotLookedFor => format!("The temperatures are those of {channel}: no lag was to be taken."),
+    }
+}
+
+/// A lag as people read it, `time constant 8.00 ± 0.04 min` for example.
+fn minutes(lag: &AppliedLag) -> String {
+    let value = match lag.std_s {
+        Some(std_s) => with_uncertainty(lag.lag_s / 60.0, std_s / 60.0),
+        None => format!("{:.3}", lag.lag_s / 60.0),
+    };
+    match lag.form.as_str() {
+        "delay" => format!("delay {value} min"),
+        "first order" => format!("time constant {value} min"),
+        _ => format!("time constant {value} min of the thermistor behind the sensor"),
+    }
 }
 
 fn joint_fit(sweep: &Sweep) -> Section {
     let residual: Vec<String> = sweep.residual_nt.iter().map(|r| format!("{r:.3}")).collect();
+    let turned = match sweep.turning.order {
+        0 => "The sensor stands still.".to_owned(),
+        order => format!(
+            "The sensor is turned by {:.4}° at the highest temperature against the lowest (polynomial of order {order}).",
+            sweep.turning.angle_deg
+        ),
+    };
     Section::new("Joint fit of all settings").with(coefficients(sweep)).with(format!(
-        "Coefficient k multiplies T^k, T in °C. Root mean square of applied field minus modelled measurement {} nT (X, Y, Z). The figures \
+        "Coefficient k multiplies T^k, T in °C. {turned} Root mean square of applied field minus modelled measurement {} nT (X, Y, Z). The figures \
          show a sliding window of {} beside the polynomials.",
         residual.join(", "),
         sweep.window
@@ -80,22 +115,18 @@ fn coefficients(sweep: &Sweep) -> Table {
     table
 }
 
-fn used_lag(sweep: &Sweep) -> Option<&ThermistorLag> {
-    sweep.lags.iter().find(|l| l.channel == sweep.channel)
-}
-
 /// The result in one line.
 #[must_use]
 pub fn headline(sweep: &Sweep) -> String {
     let [low, high] = sweep.valid_degc;
-    let lag = used_lag(sweep).map_or_else(String::new, |l| match l.form {
-        LagForm::Delay => format!(", delay {} min", with_uncertainty(l.delay_s / 60.0, l.delay_std_s / 60.0)),
-        LagForm::FirstOrder => {
-            format!(", time constant {} min", with_uncertainty(l.time_constant_s / 60.0, l.time_constant_std_s / 60.0))
-        }
-        LagForm::None | LagForm::OfTheModel => ", no lag".to_owned(),
-    });
-    format!("{low:.1} to {high:.1} °C by {}{lag}", sweep.channel)
+    let lag = match sweep.lag.decision {
+        LagDecision::Found => minutes(&sweep.lag),
+        LagDecision::Given => format!("{} as given", minutes(&sweep.lag)),
+        LagDecision::OfTheModel => format!("{} of the model", minutes(&sweep.lag)),
+        LagDecision::NoneClaimed => "no lag claimed".to_owned(),
+        LagDecision::NotLookedFor => "no lag taken".to_owned(),
+    };
+    format!("{low:.1} to {high:.1} °C by {}, {lag}", sweep.channel)
 }
 
 /// A few lines for the terminal.

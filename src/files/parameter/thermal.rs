@@ -5,7 +5,7 @@ use super::kind::Naming;
 use super::quantity::Shape::Scalar;
 use super::quantity::{Entry, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC};
 use super::{Body, FieldPart};
-use crate::data::across::{LinearScope, RunModelErrors, RunResidualFields, RunRotations, ThermistorLag};
+use crate::data::across::{AppliedLag, LinearScope, RunModelErrors, RunResidualFields, RunRotations, ThermistorLag};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::Finding;
@@ -140,7 +140,16 @@ pub struct SweepPart {
     pub window: String,
     /// Root mean square of applied field minus modelled measurement, nT, coil axes.
     pub residual_nt: [f64; 3],
-    /// How the sensor follows every thermistor that moves.
+    /// Order of the polynomials of the temperature that the rotation of the sensor follows; absent in files from before they were told.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation_order: Option<usize>,
+    /// Angle between the orientations at the highest and at the lowest temperature, degrees; absent likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation_change_deg: Option<f64>,
+    /// The lag that the temperatures of the polynomials have; absent likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub applied_lag: Option<AppliedLag>,
+    /// How the sensor follows every thermistor that moves, beside polynomials of one order higher.
     pub lag: Vec<ThermistorLag>,
     /// The facility that turned settings into the reference field; absent if the settings were taken as the field.
     #[serde(default, skip_serializing_if = "Option::is_none")]

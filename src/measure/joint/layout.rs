@@ -1,19 +1,20 @@
 //! Where the parameters of the joint fit stand, and the plateaus of a run made ready for it.
 
-use super::{JointError, JointRun, QUANTITIES};
+use super::{JointError, JointRun, QUANTITIES, Trend};
 use crate::fit::{FitError, order};
 use nalgebra::linalg::QR;
 use nalgebra::{DMatrix, DVector, Vector3};
 
 /// Where the parameters stand: the coefficients of the quantities in powers of the mapped temperature, angles in radians, then
-/// for each run the rotation vector from its start, radians.
+/// for each run the rotation vector from its start, radians, one vector per power of the mapped temperature.
 pub(super) struct Layout {
     /// First coefficient of each quantity, and the end of the last.
     pub(super) starts: [usize; 7],
+    /// First coefficient of the rotation of each run, and the end of the last.
+    turns: Vec<usize>,
     pub(super) centre_degc: f64,
     pub(super) half_range_degc: f64,
     pub(super) span_degc: [f64; 2],
-    pub(super) runs: usize,
     pub(super) rows: usize,
     pub(super) names: Vec<String>,
 }
@@ -39,22 +40,38 @@ impl Layout {
             starts[i + 1] = starts[i] + coefficients.len();
             names.extend((0..=order).map(|k| format!("{quantity} T^{k}")));
         }
+        let mut turns = vec![starts[6]];
         for run in runs {
-            names.extend(["x", "y", "z"].map(|axis| format!("the rotation of run {} about {axis}", run.run)));
+            let name = |power: usize, axis: &str| match power {
+                0 => format!("the rotation of run {} about {axis}", run.run),
+                _ => format!("the rotation of run {} about {axis}, T^{power}", run.run),
+            };
+            names.extend((0..=run.rotation_order).flat_map(|power| ["x", "y", "z"].map(|axis| name(power, axis))));
+            turns.push(names.len());
         }
         Ok(Layout {
             starts,
+            turns,
             centre_degc: 0.5 * (low + high),
             half_range_degc: if high > low { 0.5 * (high - low) } else { 1.0 },
             span_degc: [low, high],
-            runs: runs.len(),
             rows: runs.iter().map(|run| 3 * run.plateaus.len()).sum(),
             names,
         })
     }
 
     pub(super) fn count(&self) -> usize {
-        self.starts[6] + 3 * self.runs
+        self.names.len()
+    }
+
+    /// The rotation of a run.
+    pub(super) fn turn(&self, run: usize) -> std::ops::Range<usize> {
+        self.turns[run]..self.turns[run + 1]
+    }
+
+    /// A temperature, °C, mapped to -1 to 1.
+    pub(super) fn mapped(&self, degc: f64) -> f64 {
+        (degc - self.centre_degc) / self.half_range_degc
     }
 
     pub(super) fn range(&self, quantity: usize) -> std::ops::Range<usize> {
@@ -103,8 +120,10 @@ pub(super) struct RunRows {
     pub(super) readings: Vec<[f64; 3]>,
     /// Mapped temperatures.
     pub(super) mapped: Vec<f64>,
-    /// Orthonormal columns that span the offset trend.
-    pub(super) trend: DMatrix<f64>,
+    /// Orthonormal columns of which the first span the offset trend of a component: one more than its order.
+    trend: DMatrix<f64>,
+    /// The offset.
+    pub(super) offset: Trend,
     pub(super) noise: [f64; 3],
 }
 
@@ -115,12 +134,17 @@ impl RunRows {
         let begin = plateaus().map(|p| p.t_s).fold(f64::INFINITY, f64::min);
         let end = plateaus().map(|p| p.t_s).fold(f64::NEG_INFINITY, f64::max);
         let tau = |t_s: f64| if end > begin { 2.0 * (t_s - begin) / (end - begin) - 1.0 } else { 0.0 };
-        let powers = DMatrix::from_fn(run.plateaus.len(), run.trend_order + 1, |k, j| tau(run.plateaus[k].t_s).powi(j as i32));
+        let mapped: Vec<f64> = plateaus().map(|p| layout.mapped(p.temperature_degc)).collect();
+        let powers = DMatrix::from_fn(run.plateaus.len(), run.trend.highest() + 1, |k, j| match run.trend {
+            Trend::Time(_) => tau(run.plateaus[k].t_s).powi(j as i32),
+            Trend::Temperature(_) => mapped[k].powi(j as i32),
+        });
         RunRows {
             fields: plateaus().map(|p| to_sensor * Vector3::from(p.field_coil_nt)).collect(),
             readings: plateaus().map(|p| p.reading_ent).collect(),
-            mapped: plateaus().map(|p| (p.temperature_degc - layout.centre_degc) / layout.half_range_degc).collect(),
+            mapped,
             trend: QR::new(powers).q(),
+            offset: run.trend,
             noise: run.noise_ent,
         }
     }
@@ -129,9 +153,9 @@ impl RunRows {
         self.fields.len()
     }
 
-    /// Takes the part along the trend out of a column, one value per plateau.
-    pub(super) fn project(&self, column: &mut [f64]) {
-        for direction in self.trend.column_iter() {
+    /// Takes the part along the trend of a component out of a column, one value per plateau.
+    pub(super) fn project(&self, component: usize, column: &mut [f64]) {
+        for direction in self.trend.columns(0, self.offset.order(component) + 1).column_iter() {
             let share: f64 = direction.iter().zip(column.iter()).map(|(a, b)| a * b).sum();
             column.iter_mut().zip(direction.iter()).for_each(|(value, d)| *value -= share * d);
         }

@@ -6,30 +6,29 @@
 //! steps, runs first and polynomials through their parameters after, are the start and the comparison.
 //!
 //! Offset trends are linear parameters: projecting them out of readings and derivatives (variable projection) leaves the
-//! polynomials and three angles per run. Levenberg-Marquardt leads to the minimum, Gauss-Newton steps to its last digits. The
+//! polynomials and three angles per run. A continuous sweep is one run of this kind whose offset is a polynomial of the temperature as
+//! well, and whose rotation may be one ([`one_run`](fn@one_run)). Levenberg-Marquardt leads to the minimum, Gauss-Newton steps to its last digits. The
 //! factorisations are plain `f64`: the columns are scaled and the temperature mapped to \[-1, 1\], and thousands of rows by a
 //! hundred columns in higher precision would take seconds for digits below the noise.
 
 mod layout;
+mod one_run;
 mod report;
 mod search;
 
 use crate::fit::{FitError, Limits};
 use crate::model::polynomial::TemperaturePolynomial;
 use layout::{Layout, RunRows};
-use levenberg_marquardt::LevenbergMarquardt;
-use nalgebra::{DVector, Matrix3};
+use nalgebra::Matrix3;
+pub use one_run::{SensorFit, one_run};
 use report::report;
-use search::SearchPoint;
+use search::{Minimum, SearchPoint};
 use thiserror::Error;
 
 /// The quantities with a polynomial, in the order of every array: sensitivities, nT/enT, then angles between the axes, degrees.
 pub const QUANTITIES: [&str; 6] = ["sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz", "xi_yz"];
 /// Highest order of an offset trend.
 const HIGHEST_TREND: usize = 2;
-/// Evaluations of the search per parameter and one more. The start is close to the minimum: a handful in all is usual, so that a
-/// search which needs more than these has no minimum to find.
-const PATIENCE: usize = 20;
 
 /// Why there is no joint fit.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -91,6 +90,35 @@ pub enum JointError {
     Fit(#[from] FitError),
 }
 
+/// What the offset of a run is a polynomial of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trend {
+    /// Of the time, of an order 0 to 2: the drift of a run that is short beside changes of the temperature.
+    Time(usize),
+    /// Of the temperature at each plateau, with the order of each component.
+    Temperature([usize; 3]),
+}
+
+impl Trend {
+    /// The order of a component.
+    fn order(self, component: usize) -> usize {
+        match self {
+            Trend::Time(order) => order,
+            Trend::Temperature(orders) => orders[component],
+        }
+    }
+
+    /// The highest order of the components.
+    fn highest(self) -> usize {
+        (0..3).map(|component| self.order(component)).fold(0, usize::max)
+    }
+
+    /// Coefficients of all components.
+    fn count(self) -> usize {
+        (0..3).map(|component| self.order(component) + 1).sum()
+    }
+}
+
 /// One plateau.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointPlateau {
@@ -115,8 +143,10 @@ pub struct JointRun {
     pub rho: Matrix3<f64>,
     /// Plateaus to use.
     pub plateaus: Vec<JointPlateau>,
-    /// Order of the offset trend, 0 to 2.
-    pub trend_order: usize,
+    /// The offset.
+    pub trend: Trend,
+    /// Order of the polynomials of the temperature that the rotation vector from `rho` is, for a mount that turns with it.
+    pub rotation_order: usize,
     /// Standard deviation of a plateau mean per component, enT.
     pub noise_ent: [f64; 3],
 }
@@ -201,26 +231,22 @@ pub fn joint(runs: &[JointRun], start: &[Vec<f64>; 6], limits: &Limits) -> Resul
     runs.iter().try_for_each(check_run)?;
     let layout = Layout::over(runs, start)?;
     let data: Vec<RunRows> = runs.iter().map(|run| RunRows::of(run, &layout)).collect();
-    let mut point =
-        SearchPoint { layout: &layout, data: &data, parameters: layout.start(start), residuals: None, evaluations: 0 };
-    point.evaluate();
-    let Some(start_chi2) = point.residuals.as_ref().map(DVector::norm_squared) else {
-        return Err(JointError::NoSensor);
-    };
-    // However the search ends: whether it found a minimum is seen there.
-    let (mut end, _) = LevenbergMarquardt::new().with_patience(PATIENCE).minimize(point);
-    let (jacobian, r) = end.polish(limits)?;
-    report(runs, start, &end, &jacobian, &r, start_chi2, limits)
+    let found = SearchPoint::start(&layout, &data, start).minimum(limits)?;
+    let Minimum { end, jacobian, r, start_chi2 } = &found;
+    report(runs, start, end, jacobian, r, *start_chi2, limits)
 }
 
 fn check_run(run: &JointRun) -> Result<(), JointError> {
     let name = || run.run.clone();
-    if run.trend_order > HIGHEST_TREND {
-        return Err(JointError::Trend { run: name(), order: run.trend_order });
+    if let Trend::Time(order) = run.trend
+        && order > HIGHEST_TREND
+    {
+        return Err(JointError::Trend { run: name(), order });
     }
     // Three elements of a response per component besides the trend.
-    if run.plateaus.len() < run.trend_order + 4 {
-        return Err(JointError::TooFewPlateaus { run: name(), plateaus: run.plateaus.len(), order: run.trend_order });
+    let order = run.trend.highest();
+    if run.plateaus.len() < order + 4 {
+        return Err(JointError::TooFewPlateaus { run: name(), plateaus: run.plateaus.len(), order });
     }
     if let Some(noise_ent) = run.noise_ent.into_iter().find(|noise| !(noise.is_finite() && *noise > 0.0)) {
         return Err(JointError::Noise { run: name(), noise_ent });

@@ -26,7 +26,7 @@ pub(super) fn report(
     let residuals = end.residuals.as_ref().ok_or_else(not_settled)?;
     let inverse = r.solve_upper_triangular(&DMatrix::identity(count, count)).ok_or_else(not_settled)?;
     let unscaled = &inverse * inverse.transpose();
-    let trends: usize = runs.iter().map(|run| 3 * (run.trend_order + 1)).sum();
+    let trends: usize = runs.iter().map(|run| run.trend.count()).sum();
     let parameters = count + trends;
     if layout.rows < parameters {
         return Err(FitError::TooFewRows { rows: layout.rows, parameters }.into());
@@ -113,9 +113,9 @@ impl RunReport<'_> {
         let (run, data) = (&self.runs[index], &self.end.data[index]);
         let n = data.len();
         let rows = |component: usize| (first + component * n, n);
-        let theta = self.end.rotation_vector(index);
+        let theta = self.end.rotation_vector(index, 0.0);
         let rho = run.rho * Rotation3::new(theta).matrix();
-        let at = self.end.layout.starts[6] + 3 * index;
+        let at = self.end.layout.turn(index).start;
         // The rotation found is turned about its own axes: ρ exp(J dθ).
         let right = right_jacobian(&theta);
         let turning = right * self.covariance.fixed_view::<3, 3>(at, at) * right.transpose();
@@ -133,7 +133,7 @@ impl RunReport<'_> {
         let residual_std = |component: usize| {
             let (row, n) = rows(component);
             let sum = residuals.rows(row, n).norm_squared() * data.noise[component].powi(2);
-            let free = (n - run.trend_order - 1) as f64 - self.leverage.rows(row, n).norm_squared();
+            let free = (n - run.trend.order(component) - 1) as f64 - self.leverage.rows(row, n).norm_squared();
             if free > 0.0 { (sum / free).sqrt() } else { f64::NAN }
         };
         let temperatures = || run.plateaus.iter().map(|p| p.temperature_degc);
@@ -169,7 +169,7 @@ impl RunStep {
     fn of(run: usize, data: &[RunRows], layout: &Layout, jacobian: &DMatrix<f64>, residuals: &DVector<f64>) -> Option<Self> {
         let first: usize = data[..run].iter().map(|data| 3 * data.len()).sum();
         let rows = 3 * data[run].len();
-        let rotation = layout.starts[6] + 3 * run;
+        let rotation = layout.turn(run).start;
         // The lowest coefficient moves a quantity as a whole.
         let columns: Vec<usize> = layout.starts[..6].iter().copied().chain(rotation..rotation + 3).collect();
         let own = DMatrix::from_fn(rows, columns.len(), |row, j| jacobian[(first + row, columns[j])]);
@@ -210,7 +210,7 @@ impl BetweenRuns {
 ///
 /// First order, except where an axis is turned by less than its uncertainty: there the angle behaves like a length, and the root
 /// mean square of its two components is taken.
-fn rotation_angles(rho: &Matrix3<f64>, turning: &Matrix3<f64>) -> ([f64; 3], [f64; 3]) {
+pub(super) fn rotation_angles(rho: &Matrix3<f64>, turning: &Matrix3<f64>) -> ([f64; 3], [f64; 3]) {
     let mut angles = [(0.0, 0.0); 3];
     for (i, (angle, std)) in angles.iter_mut().enumerate() {
         let unit = Vector3::from_fn(|row, _| f64::from(u8::from(row == i)));

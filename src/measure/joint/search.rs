@@ -6,10 +6,13 @@ use crate::data::convention::base_vectors;
 use crate::fit::linear::check_condition;
 use crate::fit::{FitError, Limits};
 use crate::model::sensor::SplitError;
-use levenberg_marquardt::LeastSquaresProblem;
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::linalg::QR;
 use nalgebra::{DMatrix, DVector, Dyn, Matrix3, Owned, Rotation3, Vector3};
 
+/// Evaluations of the search per parameter and one more. The start is close to the minimum: a handful in all is usual, so that a
+/// search which needs more than these has no minimum to find.
+const PATIENCE: usize = 20;
 /// Stands for the residuals where no three axes have the angles between them, so that the search turns back.
 const WALL: f64 = 1e150;
 /// Gauss-Newton steps after the search.
@@ -72,25 +75,66 @@ pub(super) struct SearchPoint<'a> {
     pub(super) evaluations: usize,
 }
 
+/// Where the search ended.
+pub(super) struct Minimum<'a> {
+    pub(super) end: SearchPoint<'a>,
+    /// Derivatives there, and their triangular factor.
+    pub(super) jacobian: DMatrix<f64>,
+    pub(super) r: DMatrix<f64>,
+    /// Sum of the squared residuals at the start.
+    pub(super) start_chi2: f64,
+}
+
+impl<'a> SearchPoint<'a> {
+    /// The polynomials of the start, and the rotations that the runs bring.
+    pub(super) fn start(layout: &'a Layout, data: &'a [RunRows], start: &[Vec<f64>; 6]) -> Self {
+        let mut point = Self { layout, data, parameters: layout.start(start), residuals: None, evaluations: 0 };
+        point.evaluate();
+        point
+    }
+
+    /// The minimum that this start leads to.
+    pub(super) fn minimum(self, limits: &Limits) -> Result<Minimum<'a>, JointError> {
+        let start_chi2 = self.residuals.as_ref().map(DVector::norm_squared).ok_or(JointError::NoSensor)?;
+        // However the search ends: whether it found a minimum is seen there.
+        let (mut end, _) = LevenbergMarquardt::new().with_patience(PATIENCE).minimize(self);
+        let (jacobian, r) = end.polish(limits)?;
+        Ok(Minimum { end, jacobian, r, start_chi2 })
+    }
+}
+
 impl SearchPoint<'_> {
     pub(super) fn polynomial(&self, quantity: usize, mapped: f64) -> f64 {
         self.parameters.as_slice()[self.layout.range(quantity)].iter().rev().fold(0.0, |sum, c| sum * mapped + c)
     }
 
-    pub(super) fn rotation_vector(&self, run: usize) -> Vector3<f64> {
-        self.parameters.fixed_rows::<3>(self.layout.starts[6] + 3 * run).into_owned()
+    /// The rotation vector of a run at a mapped temperature, from its start, radians.
+    pub(super) fn rotation_vector(&self, run: usize, mapped: f64) -> Vector3<f64> {
+        let vectors = self.layout.turn(run).step_by(3).rev();
+        vectors.fold(Vector3::zeros(), |sum, at| sum * mapped + self.parameters.fixed_rows::<3>(at))
+    }
+
+    /// The rotation of a run as a function of its mapped temperature, worked out once where it does not change.
+    fn turning<T: Copy>(&self, run: usize, of: impl Fn(&Vector3<f64>) -> T) -> impl Fn(f64) -> T {
+        let constant = (self.layout.turn(run).len() == 3).then(|| of(&self.rotation_vector(run, 0.0)));
+        move |mapped| constant.unwrap_or_else(|| of(&self.rotation_vector(run, mapped)))
     }
 
     /// The model without the trend for each plateau of a run, enT.
     pub(super) fn model(&self, run: usize) -> Option<Vec<[f64; 3]>> {
-        let back = Rotation3::new(self.rotation_vector(run)).inverse();
-        let data = &self.data[run];
-        data.fields
+        self.model_at(run, &self.data[run].mapped)
+    }
+
+    /// The same if the plateaus had other mapped temperatures.
+    pub(super) fn model_at(&self, run: usize, mapped: &[f64]) -> Option<Vec<[f64; 3]>> {
+        let back = self.turning(run, |theta| Rotation3::new(*theta).inverse());
+        self.data[run]
+            .fields
             .iter()
-            .zip(&data.mapped)
+            .zip(mapped)
             .map(|(field, &mapped)| {
                 let axes = Axes::at(std::array::from_fn(|i| self.polynomial(3 + i, mapped))).ok()?;
-                let field = back * field;
+                let field = back(mapped) * field;
                 Some(std::array::from_fn(|i| axes.axes[i].dot(&field) / self.polynomial(i, mapped)))
             })
             .collect()
@@ -108,7 +152,7 @@ impl SearchPoint<'_> {
                 for (value, (model, read)) in column.iter_mut().zip(model.iter().zip(&data.readings)) {
                     *value = (model[component] - read[component]) / data.noise[component];
                 }
-                data.project(column);
+                data.project(component, column);
                 row += data.len();
             }
         }
@@ -121,11 +165,11 @@ impl SearchPoint<'_> {
         let mut jacobian = DMatrix::zeros(layout.rows, layout.count());
         let mut first = 0;
         for (run, data) in self.data.iter().enumerate() {
-            let theta = self.rotation_vector(run);
-            let (back, right) = (Rotation3::new(theta).inverse(), right_jacobian(&theta));
-            let rotation = layout.starts[6] + 3 * run;
+            let turning = self.turning(run, |theta| (Rotation3::new(*theta).inverse(), right_jacobian(theta)));
+            let rotation = layout.turn(run);
             for (k, (field, &mapped)) in data.fields.iter().zip(&data.mapped).enumerate() {
                 let axes = Axes::at(std::array::from_fn(|i| self.polynomial(3 + i, mapped))).ok()?;
+                let (back, right) = turning(mapped);
                 let field = back * field;
                 // A rotation by dθ turns the field the other way: dv = v x (J dθ).
                 let turned = field.cross_matrix() * right;
@@ -146,7 +190,10 @@ impl SearchPoint<'_> {
                         _ => {}
                     }
                     let by_rotation = turned.transpose() * axes.axes[component] * scale;
-                    (0..3).for_each(|j| jacobian[(row, rotation + j)] = by_rotation[j]);
+                    rotation.clone().step_by(3).fold(by_rotation, |vector, at| {
+                        (0..3).for_each(|j| jacobian[(row, at + j)] = vector[j]);
+                        vector * mapped
+                    });
                 }
             }
             first += 3 * data.len();
@@ -156,19 +203,18 @@ impl SearchPoint<'_> {
 
     /// Takes the trends out of the derivatives.
     pub(super) fn project(&self, jacobian: &mut DMatrix<f64>) {
-        let rotations = self.layout.starts[6];
         let mut row = 0;
         for (run, data) in self.data.iter().enumerate() {
-            let own = rotations + 3 * run..rotations + 3 * run + 3;
+            let own = self.layout.turn(run);
             for component in 0..3 {
                 // Columns of another component or run are zero here.
                 let angles = match component {
                     0 => 0..0,
                     1 => self.layout.range(3),
-                    _ => self.layout.starts[3]..rotations,
+                    _ => self.layout.starts[3]..self.layout.starts[6],
                 };
                 for j in self.layout.range(component).chain(angles).chain(own.clone()) {
-                    data.project(&mut jacobian.column_mut(j).as_mut_slice()[row..row + data.len()]);
+                    data.project(component, &mut jacobian.column_mut(j).as_mut_slice()[row..row + data.len()]);
                 }
                 row += data.len();
             }

@@ -126,7 +126,15 @@ fn simulate(p: Programme, truth: &[Vec<f64>; 6], seed: u64) -> Simulated {
             .collect();
         let noise_ent = [if p.noise_ent > 0.0 { p.noise_ent } else { 0.02 }; 3];
         let rho = Matrix3::identity();
-        all.runs.push(JointRun { run: format!("{index}"), r_nom, rho, plateaus, trend_order: p.trend_order, noise_ent });
+        all.runs.push(JointRun {
+            run: format!("{index}"),
+            r_nom,
+            rho,
+            plateaus,
+            trend: Trend::Time(p.trend_order),
+            rotation_order: 0,
+            noise_ent,
+        });
         all.offsets.push(sums);
         all.turns.push(turn);
     }
@@ -139,7 +147,8 @@ fn two_steps(runs: &mut [JointRun], truth: &[Vec<f64>; 6]) -> ([Vec<f64>; 6], [V
     let mut parameters = vec![Vec::new(); 6];
     let mut temperatures = Vec::new();
     for run in runs.iter_mut() {
-        let (n, columns) = (run.plateaus.len(), 4 + run.trend_order);
+        let Trend::Time(order) = run.trend else { panic!("no trend in time") };
+        let (n, columns) = (run.plateaus.len(), 4 + order);
         let design = DMatrix::from_fn(n, columns, |k, j| {
             let p = &run.plateaus[k];
             let tau = 2.0 * k as f64 / (n - 1) as f64 - 1.0;
@@ -204,13 +213,16 @@ fn data_without_noise_give_the_sensor_exactly() {
 #[test]
 fn derivatives_are_those_of_the_model() {
     let truth = truth();
-    let simulated = simulate(Programme { every: 9, runs: 2, slope_degc: 30.0, ..GROUP }, &truth, 1);
+    let mut simulated = simulate(Programme { every: 9, runs: 2, slope_degc: 30.0, ..GROUP }, &truth, 1);
+    // The second run turns with the temperature, and so does its offset.
+    simulated.runs[1].rotation_order = 1;
+    simulated.runs[1].trend = Trend::Temperature([0, 1, 2]);
     let layout = Layout::over(&simulated.runs, &truth).unwrap();
     let data: Vec<RunRows> = simulated.runs.iter().map(|run| RunRows::of(run, &layout)).collect();
     let mut parameters = layout.start(&truth);
     // Far from right angles and from no rotation, where every derivative counts.
     [0.2, -0.15, 0.1].iter().enumerate().for_each(|(i, d)| parameters[layout.starts[3 + i]] += d);
-    parameters.rows_mut(layout.starts[6], 6).copy_from_slice(&[0.3, -0.2, 0.5, 1e-4, 2e-4, -1e-4]);
+    parameters.rows_mut(layout.starts[6], 9).copy_from_slice(&[0.3, -0.2, 0.5, 1e-4, 2e-4, -1e-4, -0.03, 0.01, 0.02]);
     let mut point = SearchPoint { layout: &layout, data: &data, parameters, residuals: None, evaluations: 0 };
     let jacobian = point.jacobian().unwrap();
     for j in 0..layout.count() {
@@ -279,13 +291,85 @@ fn what_the_runs_do_not_determine_is_refused_by_name() {
     assert!(refused(&|runs, _| runs[1].plateaus[4].temperature_degc = f64::NAN).starts_with("run 1: plateau 5 has a field"));
     assert!(refused(&|runs, _| runs[0].noise_ent[1] = 0.0).ends_with("must be positive, not 0 enT"));
     assert!(refused(&|runs, _| runs[0].plateaus.truncate(5)).starts_with("run 0: 5 plateaus cannot carry"));
-    assert!(refused(&|runs, _| runs[2].trend_order = 3).starts_with("run 2: offset trend of order 3"));
+    assert!(refused(&|runs, _| runs[2].trend = Trend::Time(3)).starts_with("run 2: offset trend of order 3"));
     assert_eq!(refused(&|_, start| start[3].clear()), "xi_xy has no polynomial to start from");
     assert_eq!(
         refused(&|_, start| start[4] = vec![0.0]),
         "the polynomials to start from describe no sensor at the temperature of some plateau"
     );
     assert_eq!(refused(&|_, start| start[1] = vec![1.0; 7]), "order 6 is higher than 5, the highest that is fitted");
+}
+
+/// A sweep: fields in all directions while the temperature falls by 150 K, offsets that follow it, a mount that turns by 0.1° per 100 K.
+fn sweep(noise_ent: f64) -> (JointRun, [Vec<f64>; 6], [[f64; 3]; 3]) {
+    let truth = truth();
+    let mut simulated = simulate(Programme { runs: 1, slope_degc: -150.0, noise_ent: 0.0, ..GROUP }, &truth, 4);
+    let mut run = simulated.runs.remove(0);
+    let offsets = [[3.0, 2e-3, 7e-5], [-1.0, -3e-3, 0.0], [0.5, 1e-3, -1e-5]];
+    let mut random = Random::seeded(17);
+    for (k, p) in run.plateaus.iter_mut().enumerate() {
+        let k = k as f64;
+        p.field_coil_nt = [1.7, 2.3, 3.1].map(|rate| 2000.0 * (rate * k + rate).sin());
+        let degc = p.temperature_degc;
+        let axes = sensor_axes(std::array::from_fn(|i| horner(&truth[3 + i], degc)));
+        let turn = Vector3::new(0.004, -0.003, 0.002) + Vector3::new(0.0, 1.0, 0.5) * (1e-3f64.to_radians() * degc);
+        let seen = turned(Vector3::from(p.field_coil_nt), &-turn);
+        p.reading_ent = std::array::from_fn(|i| {
+            axes[i].dot(&seen) / horner(&truth[i], degc) + horner(&offsets[i], degc) + noise_ent * random.gaussian()
+        });
+    }
+    run.trend = Trend::Temperature([2, 1, 2]);
+    run.rotation_order = 1;
+    (run, truth, offsets)
+}
+
+/// The polynomials of a sweep without noise come back, and its mount: rotation vectors that are straight lines make one that nearly is.
+#[test]
+fn a_sweep_without_noise_gives_its_polynomials() {
+    let (mut run, truth, offsets) = sweep(0.0);
+    run.rotation_order = 3;
+    let fit = one_run(&run, &truth.clone().map(|c| vec![c[0] * (1.0 + 1e-4), c[1] * 1.1]), &Limits::default()).unwrap();
+    for (k, expected) in truth.iter().chain(&offsets.map(|c| c.to_vec())).enumerate() {
+        let found = fit.coefficients(k);
+        let at = |c: &[f64], degc: f64| horner(c, degc);
+        for degc in [-50.0, 20.0, 90.0] {
+            assert!((at(&found, degc) - at(expected, degc)).abs() < 1e-8 * expected[0].abs().max(1.0), "{k} {found:?}");
+        }
+    }
+    assert!(fit.residual_ent.amax() < 1e-6);
+    let [low, high] = fit.valid_degc.map(|degc| fit.rho(degc));
+    let turned_deg = (0.5 * ((low.transpose() * high).trace() - 1.0)).acos().to_degrees();
+    let expected = 1e-3 * 1.25f64.sqrt() * (fit.valid_degc[1] - fit.valid_degc[0]);
+    assert!((turned_deg / expected - 1.0).abs() < 1e-3, "{turned_deg} {expected}");
+}
+
+/// Parameters move with the readings as the influence says, and with readings that a parameter beside them moves.
+#[test]
+fn the_influence_of_readings_is_what_they_change() {
+    let (run, truth, _) = sweep(0.02);
+    let fit = one_run(&run, &truth, &Limits::default()).unwrap();
+    let influence = fit.influence(None).unwrap();
+    for (plateau, component) in [(3, 0), (20, 1), (41, 2)] {
+        let mut moved = run.clone();
+        moved.plateaus[plateau].reading_ent[component] += 0.1;
+        let step = one_run(&moved, &truth, &Limits::default()).unwrap().values() - fit.values();
+        let expected = influence[component].column(plateau) * 0.1;
+        for j in 0..fit.count() {
+            let size = influence.iter().map(|g| g.row(j).norm()).fold(0.0, f64::max);
+            assert!((step[j] - expected[j]).abs() < 1e-3 * 0.1 * size, "{j}: {} {}", step[j], expected[j]);
+        }
+    }
+    // What the fit itself follows tells nothing of a parameter beside it; what it does not follow tells all.
+    let degc: Vec<f64> = run.plateaus.iter().map(|p| p.temperature_degc).collect();
+    let unit = 1.0 + 2.0 * fit.count() as f64;
+    let beside = DMatrix::from_fn(degc.len(), 3, |k, _| (unit * k as f64).sin());
+    let with = fit.influence(Some(&beside)).unwrap();
+    let told: f64 = (0..3).map(|c| (with[c].row(fit.count()) * beside.column(c))[0]).sum();
+    assert!((told - 1.0).abs() < 1e-9, "{told}");
+    let by_offset = fit.readings_ent(&degc).unwrap();
+    assert!(
+        (by_offset + &fit.residual_ent - DMatrix::from_fn(degc.len(), 3, |k, c| run.plateaus[k].reading_ent[c])).amax() < 1e-9
+    );
 }
 
 /// Errors over many simulated groups.

@@ -2,9 +2,11 @@
 
 use crate::data::plateau::Cut;
 use crate::model::facility::Facility;
+use crate::model::lag::{Lag, NoLag};
 use crate::record::known::Known;
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::str::FromStr;
 
 /// Settings of a window where nothing else is said, as in 1998.
 pub const WINDOW: usize = 18;
@@ -36,6 +38,63 @@ impl fmt::Display for Window {
     }
 }
 
+/// Which lag the sensor has behind its thermistor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
+pub enum LagChoice {
+    /// That of a model file if there is one, otherwise one that is significant.
+    #[default]
+    Auto,
+    /// None.
+    None,
+    /// This one.
+    Given(Lag),
+}
+
+impl LagChoice {
+    /// Whether it is the usual one, which a recipe does not name.
+    #[must_use]
+    pub fn is_usual(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+impl FromStr for LagChoice {
+    type Err = NoLag;
+
+    fn from_str(text: &str) -> Result<Self, NoLag> {
+        match text {
+            "auto" => Ok(LagChoice::Auto),
+            "none" => Ok(LagChoice::None),
+            lag => lag.parse().map(LagChoice::Given),
+        }
+    }
+}
+
+impl fmt::Display for LagChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            LagChoice::Auto => write!(f, "auto"),
+            LagChoice::None => write!(f, "none"),
+            LagChoice::Given(lag) => write!(f, "{lag}"),
+        }
+    }
+}
+
+impl From<LagChoice> for String {
+    fn from(choice: LagChoice) -> Self {
+        choice.to_string()
+    }
+}
+
+impl TryFrom<String> for LagChoice {
+    type Error = NoLag;
+
+    fn try_from(text: String) -> Result<Self, NoLag> {
+        text.parse()
+    }
+}
+
 /// How a sweep is analysed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -49,9 +108,12 @@ pub struct Options {
     /// Settings at which the temperature moves faster are left out, K/min.
     #[serde(rename = "max_rate_k_per_min")]
     pub most_k_per_min: Option<f64>,
-    /// Orders of the polynomials of `sigma` (and `xi`) and of `b_or`, where given.
+    /// Orders of the polynomials by quantity or family, `sigma_x` or `sigma` for example, where given.
     #[serde(rename = "order", skip_serializing_if = "Vec::is_empty")]
     pub orders: Vec<(String, usize)>,
+    /// The lag of the sensor behind its thermistor.
+    #[serde(skip_serializing_if = "LagChoice::is_usual")]
+    pub lag: LagChoice,
     /// The facility that turns settings into the reference field; `None` takes the settings as the field.
     #[serde(skip)]
     pub facility: Option<Facility>,
@@ -67,6 +129,7 @@ impl Default for Options {
             window: Window::Settings(WINDOW),
             most_k_per_min: None,
             orders: Vec::new(),
+            lag: LagChoice::Auto,
             facility: None,
             model: None,
         }

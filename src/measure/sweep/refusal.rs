@@ -2,6 +2,7 @@
 
 use crate::data::run::Kind;
 use crate::fit::FitError;
+use crate::measure::joint::JointError;
 use crate::model::facility::FacilityError;
 use crate::record::position::PositionError;
 use thiserror::Error;
@@ -37,6 +38,9 @@ pub enum SweepError {
     /// The fit has no answer.
     #[error("the fit failed: {0}")]
     Fit(#[from] FitError),
+    /// The fit of the polynomials has no answer.
+    #[error("the fit of the polynomials failed: {0}")]
+    Joint(#[from] JointError),
     /// The response is none of a sensor.
     #[error("the response at {degc:.1} °C belongs to no sensor with three axes")]
     NoSensor {
@@ -55,7 +59,9 @@ impl SweepError {
             SweepError::Facility(error) => error.remedy(),
             SweepError::NoTemperature => "check the temperature channels of the run",
             SweepError::TooFew { .. } => "sweep longer, or with lower orders",
-            SweepError::Fit(_) | SweepError::NoSensor { .. } => "check the directions of the fields and the readings",
+            SweepError::Fit(_) | SweepError::Joint(_) | SweepError::NoSensor { .. } => {
+                "check the directions of the fields and the readings"
+            }
         }
     }
 }

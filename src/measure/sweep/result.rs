@@ -1,7 +1,7 @@
 //! What a sweep gives.
 
 use super::options::Window;
-use crate::data::across::{LinearScope, RunRotations, ThermistorLag};
+use crate::data::across::{AppliedLag, LinearScope, RunRotations, ThermistorLag};
 use crate::data::note::Note;
 use crate::data::reference::StatedReference;
 use crate::data::result::RunHead;
@@ -54,14 +54,18 @@ pub struct Sweep {
     pub scope: LinearScope,
     /// The nine polynomials, with the values of windows that share no settings beside them.
     pub quantities: Vec<QuantityFit>,
-    /// Rotation of the sensor against its nominal orientation.
+    /// Rotation of the sensor against its nominal orientation, at the middle temperature.
     pub rotation: RunRotations,
+    /// How the rotation follows the temperature.
+    pub turning: Turning,
     /// Settings used, in the run, and left out because the temperature moved too fast.
     pub settings: SettingCounts,
     /// Sliding window.
     pub window: Window,
     /// Root mean square of applied field minus modelled measurement, nT, coil axes.
     pub residual_nt: [f64; 3],
+    /// The lag that the temperatures have.
+    pub lag: AppliedLag,
     /// How the sensor follows every thermistor that moves.
     pub lags: Vec<ThermistorLag>,
     /// The facility that turned settings into the reference field; absent if the settings were taken as the field.
@@ -78,6 +82,15 @@ pub struct Sweep {
     pub blocks: Vec<SweepBlock>,
     /// Temperatures during the run.
     pub temperatures: Temperatures,
+}
+
+/// How the rotation of a sensor follows the temperature.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turning {
+    /// Order of its polynomials.
+    pub order: usize,
+    /// Angle between the orientations at the highest and at the lowest temperature, degrees.
+    pub angle_deg: f64,
 }
 
 /// Numbers of settings of a sweep.

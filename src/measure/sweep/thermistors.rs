@@ -1,6 +1,6 @@
 //! Which thermistor the sensor follows, and with which lag.
 
-use super::means::{Means, Orders};
+use super::means::{LinearOrders, Means};
 use super::refusal::{LEAST_RANGE_K, SweepError};
 use crate::data::across::{LagForm, ThermistorLag};
 use crate::data::note::{Note, NoteKind};
@@ -14,7 +14,7 @@ use crate::model::lag::{self, Lag};
 const MOST_LAG_S: f64 = 2400.0;
 const MOST_LAG_PART: f64 = 0.125;
 /// A lag below this many standard uncertainties is not significant.
-const SIGNIFICANT: f64 = 4.0;
+pub(super) const SIGNIFICANT: f64 = 4.0;
 /// Half of the time over which the rate of a thermistor is taken, s.
 const RATE_S: f64 = 300.0;
 
@@ -31,29 +31,18 @@ pub(super) fn moving(run: &Run, coil: &str, used: &[&Plateau]) -> Result<Vec<(St
     if channels.is_empty() { Err(SweepError::NoTemperature) } else { Ok(channels) }
 }
 
-/// The thermistor that the polynomials are of.
-pub(super) struct Followed<'a> {
-    /// Its channel.
-    pub channel: String,
-    /// Its readings.
-    pub series: &'a [(f64, f64)],
-    /// Its readings with the lag.
-    pub moved: Series,
-    /// How the sensor follows every thermistor that moves.
+/// How the sensor follows the thermistors by a linear model, and which of them its polynomials are of.
+pub(super) struct Followed {
+    /// The channels, as they were given.
     pub lags: Vec<ThermistorLag>,
+    /// The one that the polynomials are of.
+    pub chosen: usize,
 }
 
-impl<'a> Followed<'a> {
-    /// The one that the campaign names, `own`, or the one that the sensor follows best; with a lag that is known, or its best one.
-    pub fn of(
-        channels: &'a [(String, Series)],
-        own: &str,
-        means: &Means,
-        orders: Orders,
-        known: Option<Lag>,
-        notes: &mut Vec<Note>,
-    ) -> Self {
-        let mut lags: Vec<ThermistorLag> = channels.iter().map(|(name, series)| find_lag(name, series, means, orders)).collect();
+impl Followed {
+    /// The one that the campaign names, `own`, or the one that the sensor follows best.
+    pub fn of(channels: &[(String, Series)], own: &str, means: &Means, orders: LinearOrders, notes: &mut Vec<Note>) -> Self {
+        let lags: Vec<ThermistorLag> = channels.iter().map(|(name, series)| find_lag(name, series, means, orders)).collect();
         let least = lags.iter().min_by(|a, b| a.residual_std_ent.total_cmp(&b.residual_std_ent));
         let best = least.map_or_else(String::new, |lag| lag.channel.clone());
         let is_there = lags.iter().any(|lag| lag.channel == own);
@@ -66,23 +55,12 @@ impl<'a> Followed<'a> {
             notes.push(Note::new(NoteKind::Temperature, text).about(&channel));
         }
         let chosen = lags.iter().position(|lag| lag.channel == channel).unwrap_or_default();
-        if known.is_some() {
-            lags[chosen].form = LagForm::OfTheModel;
-        }
-        let series = &channels[chosen].1;
-        let lag = match lags[chosen].form {
-            LagForm::None => None,
-            LagForm::Delay => Some(Lag::Delay(lags[chosen].delay_s)),
-            LagForm::FirstOrder => Some(Lag::time_constant(lags[chosen].time_constant_s)),
-            LagForm::OfTheModel => known,
-        };
-        let moved = lag.map_or_else(|| series.clone(), |lag| lag.of(&Course::smooth(series)));
-        Self { channel, series, moved, lags }
+        Self { lags, chosen }
     }
 }
 
 /// Delay and time constant with which the sensor follows a thermistor.
-fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orders: Orders) -> ThermistorLag {
+fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orders: LinearOrders) -> ThermistorLag {
     let course = Course::smooth(series);
     let deviance = |lag: Lag| means.deviance(&means.degc(&lag.of(&course)), orders);
     let none = deviance(Lag::Delay(0.0));
@@ -98,10 +76,7 @@ fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orders: Orders)
         form: if is_significant { form } else { LagForm::None },
         delay_s: delay.lag.seconds(),
         delay_std_s: delay.std_s,
-        time_constant_s: match time_constant.lag {
-            Lag::InverseFirstOrder(tau_s) => -tau_s,
-            lag => lag.seconds(),
-        },
+        time_constant_s: time_constant.lag.signed_seconds(),
         time_constant_std_s: time_constant.std_s,
         gain,
         delay_over_first_order: time_constant.deviance - delay.deviance,

@@ -1,36 +1,35 @@
 //! The nine parameters in a sliding window of settings.
 
-use super::joint::MOST_CONDITION;
+use super::fit::LIMITS;
 use super::means::Means;
 use super::options::Window;
 use super::result::WindowFit;
-use super::thermistors::{Followed, rate_k_per_s};
+use super::thermistors::{Series, rate_k_per_s};
 use crate::data::plateau::Plateau;
 use crate::data::run::interpolate;
+use crate::fit::propagate;
 use crate::fit::statistics::extremes;
-use crate::fit::{Limits, propagate};
 use crate::model::sensor::split;
 use crate::record::baseline::Baseline;
 use nalgebra::{DMatrix, Matrix3};
 
-/// Sliding windows; those that do not determine the nine parameters are passed over.
-pub(super) fn windows(used: &[&Plateau], followed: &Followed, r_nom: &Matrix3<f64>, window: Window) -> Vec<WindowFit> {
+/// Sliding windows by the thermistor as it was read and with its lag; those that do not determine the nine parameters are passed over.
+pub(super) fn windows(used: &[&Plateau], [read, moved]: [&Series; 2], r_nom: &Matrix3<f64>, window: Window) -> Vec<WindowFit> {
     let end_of = |from: usize| match window {
         Window::Settings(n) => from + n,
         Window::Minutes(minutes) => used.partition_point(|p| p.t_s() <= used[from].t_s() + 60.0 * minutes),
     };
     (0..used.len())
         .filter(|from| end_of(*from) <= used.len())
-        .filter_map(|from| fit(&used[from..end_of(from)], followed, r_nom))
+        .filter_map(|from| fit(&used[from..end_of(from)], [read, moved], r_nom))
         .collect()
 }
 
 /// The fit of one window.
-fn fit(own: &[&Plateau], followed: &Followed, r_nom: &Matrix3<f64>) -> Option<WindowFit> {
+fn fit(own: &[&Plateau], [read, moved]: [&Series; 2], r_nom: &Matrix3<f64>) -> Option<WindowFit> {
     let means = Means::of(own);
     let baseline = Baseline::in_time(extremes(means.t_s.iter().copied()), 0);
-    let limits = Limits { max_condition: MOST_CONDITION };
-    let fit = baseline.fit(&means.fields_nt, &means.t_s, &means.readings_ent, &limits).ok()?;
+    let fit = baseline.fit(&means.fields_nt, &means.t_s, &means.readings_ent, &LIMITS).ok()?;
     let phi = |x: &[f64]| baseline.responses(x).first()?.try_inverse();
     let quantities = |x: &[f64]| -> Vec<f64> {
         let parts = phi(x).and_then(|phi| split(&phi, r_nom).ok());
@@ -50,8 +49,8 @@ fn fit(own: &[&Plateau], followed: &Followed, r_nom: &Matrix3<f64>) -> Option<Wi
     let t_s = own.iter().map(|p| p.t_s()).sum::<f64>() / own.len() as f64;
     Some(WindowFit {
         t_s,
-        temperature_degc: [mean(followed.series), mean(&followed.moved)],
-        heating: rate_k_per_s(followed.series, t_s) > 0.0,
+        temperature_degc: [mean(read), mean(moved)],
+        heating: rate_k_per_s(read, t_s) > 0.0,
         values: found.values.try_into().ok()?,
         std: found.std.try_into().ok()?,
         residual_nt,

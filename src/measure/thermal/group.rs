@@ -113,13 +113,9 @@ impl RunGroup {
         self.points.iter().filter(|p| Kind::of(&p.values) == kind).collect()
     }
 
-    /// The order given for a quantity, by its own name before that of its family; both corner frequencies share one where nothing is
-    /// said of the one between neighbouring amplitudes.
+    /// The order given for a quantity.
     pub(super) fn order(&self, quantity: &str) -> Option<usize> {
-        let find = |name: &str| self.orders.iter().find(|(n, _)| n == name).map(|(_, order)| *order);
-        let (family, component) = quantity.rsplit_once('_').unwrap_or((quantity, ""));
-        let own = find(quantity).or_else(|| find(family));
-        own.or_else(|| (family == INTERPOLATED).then(|| find(&format!("f_3db_{component}")).or_else(|| find("f_3db"))).flatten())
+        asked_order(&self.orders, quantity)
     }
 
     /// Whether there are runs of a kind at all.
@@ -127,4 +123,13 @@ impl RunGroup {
     pub fn has(&self, kind: Kind) -> bool {
         self.points.iter().any(|p| Kind::of(&p.values) == kind)
     }
+}
+
+/// The first order given for a quantity, by its own name before that of its family; both corner frequencies share one where nothing is said
+/// of the one between neighbouring amplitudes.
+pub(in crate::measure) fn asked_order(orders: &[(String, usize)], quantity: &str) -> Option<usize> {
+    let find = |name: &str| orders.iter().find(|(n, _)| n == name).map(|(_, order)| *order);
+    let (family, component) = quantity.rsplit_once('_').unwrap_or((quantity, ""));
+    let own = find(quantity).or_else(|| find(family));
+    own.or_else(|| (family == INTERPOLATED).then(|| find(&format!("f_3db_{component}")).or_else(|| find("f_3db"))).flatten())
 }

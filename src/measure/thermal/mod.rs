@@ -8,6 +8,7 @@ mod result;
 pub use group::{Kind, RunGroup, groups};
 pub use result::{Corner, LinAcross, OfKind, QuantityFit, RunsUsed, SamplingAcross, Thermal};
 
+pub(super) use group::asked_order;
 pub(super) use result::band;
 
 use crate::data::across::{CalibratedRun, LinearScope, LinearisedDifferently, RunValues};

@@ -6,7 +6,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::result::Rows;
 use crate::data::run::interpolate;
 use crate::fit::Limits;
-use crate::measure::joint::{JointError, JointFit, JointPlateau, JointRun, QUANTITIES, joint};
+use crate::measure::joint::{JointError, JointFit, JointPlateau, JointRun, QUANTITIES, Trend, joint};
 use crate::measure::lin::Lin;
 use crate::model::sensor::compose;
 use nalgebra::{Matrix3, Vector3};
@@ -127,7 +127,8 @@ fn joint_run(lin: &Lin) -> JointRun {
         r_nom: matrix(&lin.calibration.matrix.r_nom),
         rho: matrix(&lin.calibration.matrix.rho),
         plateaus: lin.blocks.iter().map(|b| &b.plateau).filter(|p| p.dropped.is_none()).map(plateau).collect(),
-        trend_order: lin.calibration.offset.trend_order,
+        trend: Trend::Time(lin.calibration.offset.trend_order),
+        rotation_order: 0,
         noise_ent: lin.calibration.noise.std_ent,
     }
 }

@@ -31,6 +31,7 @@
 //! slowest few waves of the record only and can double the uncertainty of the mean unseen; no rule holds both white noise and such
 //! noise in 95 % of the cases.
 
+mod estimates;
 mod kernel;
 mod likelihood;
 #[cfg(test)]
@@ -96,14 +97,7 @@ impl DenseNoise {
         let mut covariance = self.averaged_covariance();
         let p = self.white.nrows();
         let widening: Vec<f64> = (0..covariance.nrows())
-            .map(|i| {
-                if let Some(places) = self.places.get(i / p) {
-                    return self.interval_factor(places, i % p);
-                }
-                let independent = self.independent_std[i / p].powi(2) * self.white[(i % p, i % p)];
-                let averaged = covariance[(i, i)];
-                if averaged > 0.0 { (independent / averaged).max(1.0).sqrt() } else { 1.0 }
-            })
+            .map(|i| self.widening(i / p, self.white[(i % p, i % p)], self.slow[(i % p, i % p)]))
             .collect();
         for (index, value) in covariance.iter_mut().enumerate() {
             *value *= widening[index % widening.len()] * widening[index / widening.len()];
@@ -111,19 +105,16 @@ impl DenseNoise {
         covariance
     }
 
-    /// Factor on the averaged standard deviation of coefficient j that makes the normal interval hold 95 % of what the places let
-    /// expect: their normal distributions differ in width.
-    fn interval_factor(&self, places: &[Place], j: usize) -> f64 {
-        let (white, slow) = (self.white[(j, j)], self.slow[(j, j)]);
-        let widths: Vec<(f64, f64)> = places.iter().map(|p| (p.probability, (p.white * white + p.slow * slow).sqrt())).collect();
-        let averaged = widths.iter().map(|(p, width)| p * width * width).sum::<f64>().sqrt();
-        if averaged.is_nan() || averaged <= 0.0 {
-            return 1.0;
+    /// Factor on the averaged standard deviation of an estimate from one right-hand side, whose variance is `white` and `slow` for noise
+    /// of unit variance of either kind.
+    fn widening(&self, a: usize, white: f64, slow: f64) -> f64 {
+        if let Some(places) = self.places.get(a) {
+            return interval_factor(places, white, slow);
         }
-        let outside = |x: f64| widths.iter().map(|(p, width)| p * two_sided_tail(x / width)).sum::<f64>();
-        let widest = widths.iter().map(|w| w.1).fold(0.0, f64::max);
-        let [_, high] = scalar::bisect(|x| outside(x) > 0.05, [0.0, NORMAL_95 * widest], 1e-4);
-        high / (NORMAL_95 * averaged)
+        let ComponentNoise { std, share, .. } = self.noise[a];
+        let independent = self.independent_std[a].powi(2) * white;
+        let averaged = std.powi(2) * ((1.0 - share) * white + share * slow);
+        if averaged > 0.0 { (independent / averaged).max(1.0).sqrt() } else { 1.0 }
     }
 
     /// Whether what is inside the rows told their noise: intervals are normal then, otherwise Student's.
@@ -153,6 +144,20 @@ impl DenseNoise {
             self.correlation[(row / p, column / p)] * s_a * s_b * (white + slow)
         })
     }
+}
+
+/// Factor on the averaged standard deviation of an estimate that makes the normal interval hold 95 % of what the places let expect: their
+/// normal distributions differ in width.
+fn interval_factor(places: &[Place], white: f64, slow: f64) -> f64 {
+    let widths: Vec<(f64, f64)> = places.iter().map(|p| (p.probability, (p.white * white + p.slow * slow).sqrt())).collect();
+    let averaged = widths.iter().map(|(p, width)| p * width * width).sum::<f64>().sqrt();
+    if averaged.is_nan() || averaged <= 0.0 {
+        return 1.0;
+    }
+    let outside = |x: f64| widths.iter().map(|(p, width)| p * two_sided_tail(x / width)).sum::<f64>();
+    let widest = widths.iter().map(|w| w.1).fold(0.0, f64::max);
+    let [_, high] = scalar::bisect(|x| outside(x) > 0.05, [0.0, NORMAL_95 * widest], 1e-4);
+    high / (NORMAL_95 * averaged)
 }
 
 /// Rows are those of positive weight.

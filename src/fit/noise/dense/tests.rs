@@ -314,3 +314,24 @@ fn the_covariance_of_rows_is_that_of_the_module() {
         assert_relative(model.log_likelihood(1, &X), normal, 1e-10);
     }
 }
+
+/// Coefficients are estimates that are linear in the rows: `(XᵀWX)⁻¹ XᵀW`.
+#[test]
+fn the_covariance_of_estimates_is_that_of_the_coefficients() {
+    for weights in [None, Some(WEIGHTS.as_slice())] {
+        let model = example(weights);
+        let columns = DMatrix::from_fn(12, 2, |i, j| [1.0, X[i]][j]);
+        let weighted = DMatrix::from_fn(12, 2, |i, j| columns[(i, j)] * weights.map_or(1.0, |w| w[i]));
+        let estimates = weighted.tr_mul(&columns).try_inverse().unwrap() * weighted.transpose();
+        let influence: Vec<DMatrix<f64>> =
+            (0..2).map(|a| DMatrix::from_fn(4, 12, |i, row| if i / 2 == a { estimates[(i % 2, row)] } else { 0.0 })).collect();
+        let (found, expected) = (model.covariance_of(&influence), model.covariance());
+        for (found, expected) in found.iter().zip(expected.iter()) {
+            assert_relative(*found, *expected, 1e-10);
+        }
+        // The sum of two estimates from two right-hand sides has the variance that their covariance lets expect, where they are widened alike.
+        let sum: Vec<DMatrix<f64>> = (0..2).map(|_| estimates.rows(1, 1).into_owned()).collect();
+        let expected = expected[(1, 1)] + 2.0 * expected[(1, 3)] + expected[(3, 3)];
+        assert_relative(model.covariance_of(&sum)[(0, 0)], expected, 0.05);
+    }
+}

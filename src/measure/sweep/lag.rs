@@ -1,0 +1,238 @@
+//! Whether the sensor follows its thermistor with a lag, and the fit with the lag that it has.
+//!
+//! What a polynomial of too low an order leaves looks like a lag wherever the temperature moves in one direction only. A lag is therefore
+//! claimed only where it is significant beside polynomials of one order higher, each of them. It is a parameter of the fit then, so that
+//! its uncertainty is in that of all others; a lag that is given is taken as it is.
+
+use super::fit::Problem;
+use super::options::LagChoice;
+use super::orders::{Asked, Orders};
+use super::refusal::SweepError;
+use super::thermistors::SIGNIFICANT;
+use crate::data::across::{AppliedLag, LagDecision, LagForm, ThermistorLag};
+use crate::data::note::{Note, NoteKind};
+use crate::fit::smooth::Course;
+use crate::fit::{DenseNoise, FitError};
+use crate::measure::joint::SensorFit;
+use crate::model::lag::Lag;
+use nalgebra::{DMatrix, DVector};
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
+
+/// Steps of the search for the lag of a fit; it starts beside the minimum.
+const MOST_STEPS: usize = 12;
+/// A step below this part of its standard deviation is none.
+const SETTLED: f64 = 0.01;
+/// Half of the distance over which the derivative by a lag is taken, s: the time over which thermistors are read.
+const DISTANCE_S: f64 = 10.0;
+
+/// The same for that by the temperature, K.
+const DISTANCE_K: f64 = 0.1;
+/// Random courses of the noise of a thermistor: they tell the standard deviation that it adds to a tenth.
+const COURSES: usize = 64;
+const SEED: u64 = 20_131_998;
+
+/// The fit with what its uncertainty is.
+pub(super) struct Settled {
+    /// The fit.
+    pub fit: SensorFit,
+    /// Orders of its polynomials.
+    pub orders: Orders,
+    /// Temperature of the sensor at the settings, °C.
+    pub degc: Vec<f64>,
+    /// The thermistor with the lag, (s since the run's start, °C).
+    pub moved: Vec<(f64, f64)>,
+    /// Noise of the settings.
+    pub noise: DenseNoise,
+    /// Covariance of the parameters; that of a lag that was fitted is the last one.
+    pub covariance: DMatrix<f64>,
+    /// The lag.
+    pub applied: AppliedLag,
+}
+
+impl Settled {
+    /// What was applied of the lags of the thermistor.
+    pub fn form(&self) -> LagForm {
+        match self.applied.decision {
+            LagDecision::NoneClaimed | LagDecision::NotLookedFor => LagForm::None,
+            LagDecision::Given => LagForm::Given,
+            LagDecision::OfTheModel => LagForm::OfTheModel,
+            LagDecision::Found if self.applied.form == LagForm::Delay.name() => LagForm::Delay,
+            LagDecision::Found => LagForm::FirstOrder,
+        }
+    }
+}
+
+/// A fit in which the lag is a parameter.
+struct Lagged {
+    fit: SensorFit,
+    lag: Lag,
+    degc: Vec<f64>,
+    /// Derivative of the readings by the lag, enT/s.
+    slope: DMatrix<f64>,
+}
+
+/// The fit of a sweep by the readings of one thermistor. `screened` is what a linear model says of its lag, `of_model` a lag that is known.
+pub(super) fn settle(
+    problem: &Problem,
+    asked: &Asked,
+    course: &Course,
+    screened: &ThermistorLag,
+    choice: LagChoice,
+    of_model: Option<Lag>,
+    notes: &mut Vec<Note>,
+) -> Result<Settled, SweepError> {
+    let (lag, decision) = match (choice, of_model) {
+        (LagChoice::Auto, Some(lag)) => (Some(lag), LagDecision::OfTheModel),
+        (LagChoice::Auto, None) => match candidate(screened) {
+            Some(lag) => match claimed(problem, asked, course, lag, notes)? {
+                Some(settled) => return Ok(settled),
+                None => {
+                    notes.push(declined(&screened.channel, lag));
+                    (None, LagDecision::NoneClaimed)
+                }
+            },
+            None => (None, LagDecision::NoneClaimed),
+        },
+        (LagChoice::None, _) => (None, LagDecision::NotLookedFor),
+        (LagChoice::Given(lag), _) => (Some(lag), LagDecision::Given),
+    };
+    if of_model.is_some() && decision != LagDecision::OfTheModel {
+        let text =
+            "the effects of the model are those with its lag; the polynomials are of the temperature with the one of --lag";
+        notes.push(Note::new(NoteKind::Temperature, text));
+    }
+    let moved = lag.map_or_else(|| course.series.clone(), |lag| lag.of(course));
+    let degc = problem.means.degc(&moved);
+    let orders = asked.choose(problem, &degc)?;
+    let fit = problem.fit(&degc, orders)?;
+    let noise = problem.noise(&fit, &degc, orders)?;
+    let influence = fit.influence(None)?;
+    let covariance = noise.covariance_of(&influence) + of_thermistor(problem, &fit, course, lag, &degc, &influence);
+    Ok(Settled { fit, orders, degc, moved, noise, covariance, applied: applied(lag, None, decision) })
+}
+
+/// What a file says of a lag.
+fn applied(lag: Option<Lag>, std_s: Option<f64>, decision: LagDecision) -> AppliedLag {
+    let form = lag.map_or_else(|| LagForm::None.name(), Lag::form).to_owned();
+    AppliedLag { form, lag_s: lag.map_or(0.0, Lag::seconds), std_s, decision }
+}
+
+/// The lag that a linear model lets expect.
+fn candidate(screened: &ThermistorLag) -> Option<Lag> {
+    match screened.form {
+        LagForm::Delay => Some(Lag::Delay(screened.delay_s)),
+        LagForm::FirstOrder => Some(Lag::time_constant(screened.time_constant_s)),
+        LagForm::None | LagForm::Given | LagForm::OfTheModel => None,
+    }
+}
+
+/// What is said of a lag that a linear model shows and that is not claimed.
+fn declined(channel: &str, lag: Lag) -> Note {
+    let text = format!(
+        "a lag of {:.0} s behind {channel} explains the readings, but so do polynomials of one order higher: none is claimed",
+        lag.signed_seconds()
+    );
+    Note::new(NoteKind::Temperature, text).about(channel).with_remedy("give it with --lag if it is known from elsewhere")
+}
+
+/// The fit with a lag, if it is significant beside polynomials of one order higher.
+fn claimed(
+    problem: &Problem,
+    asked: &Asked,
+    course: &Course,
+    candidate: Lag,
+    notes: &mut Vec<Note>,
+) -> Result<Option<Settled>, SweepError> {
+    let orders = asked.choose(problem, &problem.means.degc(&candidate.of(course)))?;
+    let Ok(higher) = lagged(problem, course, candidate, orders.higher()) else { return Ok(None) };
+    let without = problem.fit(&problem.means.degc(&course.series), orders.higher())?;
+    let gain = problem.deviance(&without) - problem.deviance(&higher.fit);
+    let Ok(own) = lagged(problem, course, candidate, orders) else { return Ok(None) };
+    let noise = problem.noise(&own.fit, &own.degc, orders)?;
+    let uncertain = |lagged: &Lagged, influence: &[DMatrix<f64>; 3]| {
+        let Lagged { fit, lag, degc, .. } = lagged;
+        noise.covariance_of(influence) + of_thermistor(problem, fit, course, Some(*lag), degc, influence)
+    };
+    let covariance = uncertain(&own, &own.fit.influence(Some(&own.slope))?);
+    let std_s = covariance[(own.fit.count(), own.fit.count())].sqrt();
+    let of_lag = higher.fit.influence(Some(&higher.slope))?.map(|rows| rows.rows(higher.fit.count(), 1).into_owned());
+    let higher_std_s = uncertain(&higher, &of_lag)[(0, 0)].sqrt();
+    let (lag_s, higher_s) = (own.lag.signed_seconds(), higher.lag.signed_seconds());
+    let is_significant = higher_s.abs() > SIGNIFICANT * higher_std_s && gain > SIGNIFICANT * SIGNIFICANT;
+    if !is_significant {
+        return Ok(None);
+    }
+    // What the shorter polynomials add to the knowledge of the lag.
+    let apart_s = (higher_std_s.powi(2) - std_s.powi(2)).max(0.0).sqrt();
+    if (lag_s - higher_s).abs() > SIGNIFICANT * apart_s.max(std_s) {
+        let text = format!(
+            "the lag is {lag_s:.0} s with the polynomials of the file and {higher_s:.0} ± {higher_std_s:.0} s with those of one order higher: \
+             the orders are too low"
+        );
+        notes.push(Note::new(NoteKind::Fit, text).with_remedy("give higher orders with --order or in campaign.toml"));
+    }
+    let applied = applied(Some(own.lag), Some(std_s), LagDecision::Found);
+    let moved = own.lag.of(course);
+    Ok(Some(Settled { fit: own.fit, orders, degc: own.degc, moved, noise, covariance, applied }))
+}
+
+/// The fit in which the lag is a parameter, from a lag near by.
+fn lagged(problem: &Problem, course: &Course, near: Lag, orders: Orders) -> Result<Lagged, SweepError> {
+    let degc = |lag: Lag| problem.means.degc(&lag.of(course));
+    let mut lag = near;
+    for _ in 0..MOST_STEPS {
+        let now = degc(lag);
+        let fit = problem.fit(&now, orders)?;
+        let beside = |by_s: f64| fit.readings_ent(&degc(lag.later_by(by_s))).ok_or(SweepError::NoSensor { degc: now[0] });
+        let slope = (beside(DISTANCE_S)? - beside(-DISTANCE_S)?) / (2.0 * DISTANCE_S);
+        let influence = fit.influence(Some(&slope))?;
+        let last = fit.count();
+        let row = |component: usize| influence[component].row(last);
+        let step_s: f64 = (0..3).map(|c| (row(c) * fit.residual_ent.column(c))[0]).sum();
+        let variance: f64 = (0..3).map(|c| row(c).norm_squared() * fit.residual_ent.column(c).norm_squared()).sum();
+        if step_s.abs() <= SETTLED * (variance / problem.settings() as f64).sqrt() {
+            return Ok(Lagged { fit, lag, degc: now, slope });
+        }
+        lag = lag.later_by(step_s);
+    }
+    Err(FitError::NotSettled { what: "lag", iterations: MOST_STEPS }.into())
+}
+
+/// What the noise of the thermistor adds to the covariance of parameters with this influence of the readings.
+///
+/// The noise is smoothed before it moves the temperatures: it is the same for settings that follow each other, where that of the readings is
+/// not, and hardly shows in what the fit leaves. Of random courses of it, the same in every analysis.
+fn of_thermistor(
+    problem: &Problem,
+    fit: &SensorFit,
+    course: &Course,
+    lag: Option<Lag>,
+    degc: &[f64],
+    influence: &[DMatrix<f64>; 3],
+) -> DMatrix<f64> {
+    let count = influence[0].nrows();
+    let beside = |by_k: f64| fit.readings_ent(&degc.iter().map(|t| t + by_k).collect::<Vec<f64>>());
+    let (Some(above), Some(below)) = (beside(DISTANCE_K), beside(-DISTANCE_K)) else { return DMatrix::zeros(count, count) };
+    let slope = (above - below) / (2.0 * DISTANCE_K);
+    let by_degc: DMatrix<f64> = (0..3)
+        .map(|c| {
+            let mut own = influence[c].clone();
+            own.column_iter_mut().zip(slope.column(c).iter()).for_each(|(mut column, slope)| column *= *slope);
+            own
+        })
+        .sum();
+    let weights = course.weights();
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(SEED);
+    let mut covariance = DMatrix::zeros(count, count);
+    for _ in 0..COURSES {
+        let normal = || -> f64 { StandardNormal.sample(&mut random) };
+        let noise: Vec<f64> = std::iter::repeat_with(normal).take(course.series.len()).map(|v| course.noise * v).collect();
+        let of_noise = weights.course(&noise);
+        let moved = lag.map_or_else(|| of_noise.series.clone(), |lag| lag.of(&of_noise));
+        let step = &by_degc * DVector::from_vec(problem.means.degc(&moved));
+        covariance += &step * step.transpose() / COURSES as f64;
+    }
+    covariance
+}
