@@ -3,7 +3,7 @@
 use super::coil::{TiltInput, coil_runs, publish_coil, residual_of, residual_of_table, scalar_of};
 use super::diagnose::known;
 use super::linearise::{First, by_sensor_and_mode, linearisation, linearise_group};
-use super::thermal::ThermalInput;
+use super::thermal::{ThermalInput, temperature};
 use super::thermistor::{publish_thermistor, thermistor_of};
 use super::{
     Analyses, CoilMade, CoilResult, Desk, Failure, Job, NoThermal, PairFiles, PerRun, RUN_KINDS, RunResult, ThermalOptions,
@@ -20,6 +20,7 @@ use crate::files::parameter::{self, Body, Cpf, Tpf, is_named};
 use crate::measure::{freq, lin, sweep, thermistor};
 use crate::model::facility::Facility;
 use crate::model::linearisation::Linearisation;
+use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::record::known::Known;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -101,6 +102,14 @@ impl Ingredients {
     /// The file is no model.
     pub fn model(&self) -> Result<Option<Known>, Finding> {
         known(self.file(Role::Model))
+    }
+
+    /// What the parameters follow of the sensor temperature.
+    ///
+    /// # Errors
+    /// The file holds no such polynomials.
+    pub fn temperature(&self) -> Result<Option<SensorPolynomials>, Finding> {
+        temperature(self.file(Role::Temperature))
     }
 
     /// The linear calibration that gives nT.

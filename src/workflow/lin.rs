@@ -45,7 +45,9 @@ impl PerRun for Options {
     fn inputs(&self) -> Vec<Input> {
         let facility = self.facility.iter().map(|f| &f.input);
         let linearisation = self.linearisation.iter().map(|l| &l.input);
-        facility.chain(linearisation).chain(self.model.iter().map(|m| &m.input)).cloned().collect()
+        let model = self.model.iter().map(|m| &m.input);
+        let temperature = self.temperature.iter().map(|t| &t.input);
+        facility.chain(linearisation).chain(model).chain(temperature).cloned().collect()
     }
 
     fn settled(&self, result: &Lin) -> Self {
@@ -57,7 +59,13 @@ impl PerRun for Options {
     }
 
     fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
-        Ok(Self { facility: files.facility()?, linearisation: files.linearisation()?, model: files.model()?, ..self })
+        Ok(Self {
+            facility: files.facility()?,
+            linearisation: files.linearisation()?,
+            model: files.model()?,
+            temperature: files.temperature()?,
+            ..self
+        })
     }
 }
 

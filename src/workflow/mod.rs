@@ -32,7 +32,7 @@ pub use freq::of_table;
 pub use ground::{ExportRecipe, NoGround, ground_calibration};
 pub use kind::{RUN_KINDS, RunKind, RunMade};
 pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
-pub use thermal::{NoThermal, ThermalFile, ThermalInput, ThermalOptions, ThermalShown};
+pub use thermal::{NoThermal, ThermalFile, ThermalInput, ThermalOptions, ThermalShown, temperature};
 pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
 
 use crate::data::across::CalibratedRun;

@@ -5,7 +5,7 @@ use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw, param
 use crate::data::across::{CalibratedRun, LinearScope, RunRotations, RunValues};
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
-use crate::data::provenance::{Input, Provenance};
+use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::recipe::Recipe;
 use crate::data::reference::StatedReference;
 use crate::data::run::Location;
@@ -19,6 +19,7 @@ use crate::measure::thermal::{
 };
 use crate::model::campaign::ThermalEntry;
 use crate::model::facility::Facility;
+use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::plot;
 use crate::record::known::Known;
 use crate::show::{self, Drawn};
@@ -405,6 +406,22 @@ impl ThermalFile {
             ThermalFile::Taf(body) => parameter_text(&name, body.as_ref(), provenance),
         }
     }
+}
+
+/// Reads the polynomials of `--temperature`.
+///
+/// # Errors
+/// The file holds no such polynomials, or their covariance is not stated.
+pub fn temperature(path: Option<&PathBuf>) -> Result<Option<SensorPolynomials>, Finding> {
+    let Some(path) = path else { return Ok(None) };
+    let file = read::<Tpf>(path)?;
+    let polynomials = file.body.polynomials(file.input.with_role(Role::Temperature));
+    if let Some(name) = polynomials.without_covariance() {
+        let rule =
+            format!("states no covariance of {name}, so that the uncertainty of a run could not contain that of its slope");
+        return Err(Finding::error(&path.display().to_string(), rule, "take polynomials with covariances"));
+    }
+    Ok(Some(polynomials))
 }
 
 /// The coefficients of a quantity; none if it is not determined.

@@ -21,6 +21,8 @@ pub(super) struct Means {
     pub t_s: Vec<f64>,
     /// First and last of them.
     pub span_s: [f64; 2],
+    /// Columns that the temperature of the sensor brings, with their names; absent where it is at rest.
+    extra: Option<(Vec<String>, DMatrix<f64>)>,
 }
 
 impl Means {
@@ -29,12 +31,44 @@ impl Means {
         let t_s: Vec<f64> = used.iter().map(|p| p.t_s()).collect();
         let span_s = extremes(t_s.iter().copied());
         let fields_nt = used.iter().map(|p| p.setting.field.0).collect();
-        Self { baseline: Baseline::in_time(span_s, order), fields_nt, t_s, span_s }
+        Self { baseline: Baseline::in_time(span_s, order), fields_nt, t_s, span_s, extra: None }
+    }
+
+    /// The same with an offset that follows the temperature, given over any other, K, and a response that follows its powers up to some.
+    pub fn with_temperature(self, over_k: &[f64], powers: usize) -> Self {
+        let columns = DMatrix::from_fn(over_k.len(), 1 + 3 * powers, |i, k| match k.checked_sub(1) {
+            None => over_k[i],
+            Some(k) => over_k[i].powi(k as i32 / 3 + 1) * self.fields_nt[i][k % 3],
+        });
+        let response = |k: usize| {
+            let axis = ["X", "Y", "Z"][k % 3];
+            format!("the response to {axis}_c, power {} of the sensor temperature", k / 3 + 1)
+        };
+        let mut names = vec!["the offset's slope with the sensor temperature".to_owned()];
+        names.extend((0..3 * powers).map(response));
+        Self { extra: Some((names, columns)), ..self }
+    }
+
+    /// Number of columns beside those of the baseline.
+    pub fn extra(&self) -> usize {
+        self.extra.as_ref().map_or(0, |(names, _)| names.len())
+    }
+
+    /// The columns of a component.
+    pub fn columns(&self) -> DMatrix<f64> {
+        let base = self.baseline.columns(&self.fields_nt, &self.t_s);
+        let Some((names, extra)) = &self.extra else { return base };
+        let count = base.ncols();
+        let mut all = base.resize_horizontally(count + names.len(), 0.0);
+        all.columns_mut(count, names.len()).copy_from(extra);
+        all
     }
 
     /// The design matrix of a component.
     pub fn design(&self) -> Result<linear::Design, FitError> {
-        self.baseline.design(&self.fields_nt, &self.t_s)
+        let mut names = self.baseline.names();
+        names.extend(self.extra.iter().flat_map(|(names, _)| names.iter().cloned()));
+        linear::Design::new(names, self.columns())
     }
 
     /// Mean `B_or` over the plateaus, enT.
