@@ -99,8 +99,9 @@ impl RunResult for Lin {
     }
     fn parameters(&self) -> Cpf {
         let convention = if self.linearisation.is_some() { Convention::linearised() } else { Convention::default() };
+        let convention = if self.model.is_some() { convention.without_effects() } else { convention };
         Cpf {
-            convention: if self.model.is_some() { convention.without_effects() } else { convention },
+            convention: if self.calibration.slopes.is_some() { convention.at_one_temperature() } else { convention },
             calibration: self.calibration.clone(),
             conditions: self.temperatures.conditions.clone(),
             facility: self.facility.clone(),
@@ -117,8 +118,12 @@ impl RunResult for Lin {
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
         let id = &self.calibration.run.id;
         let readings = if self.linearisation.is_some() { "linearised readings" } else { "readings" };
+        let referred = match &self.calibration.slopes {
+            Some(slopes) => format!(" referred to {} degC", slopes.at_degc),
+            None => String::new(),
+        };
         let note = format!(
-            "lin, run {id}: one row per block; fields nT, coil axes; {readings} enT, sensor axes; times s since the run's start"
+            "lin, run {id}: one row per block; fields nT, coil axes; {readings}{referred} enT, sensor axes; times s since the run's start"
         );
         vec![("LIN_BLOCKS", note, show::lin::block_table(self))]
     }
