@@ -1,0 +1,212 @@
+//! Runs during which the temperature of the sensor moves (mathematics.md section 6): the parameters hold at the stated temperature within
+//! their uncertainties, whether polynomials tell the slopes or the run itself, and what cannot be known is refused.
+
+use crate::common;
+
+use calfit::data::run::Kind;
+use calfit::files::twin::{self, Twin};
+use calfit::simulate::write_campaign;
+use common::check::{Case, calfit, number, parameters, says, sigma, text, three};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+use toml_edit::DocumentMut;
+
+/// Seeds of the simulated campaigns. The whole study, all four groups and five seeds, is the command `calfit-studies`, `moving`.
+const SEEDS: [u64; 3] = [1, 2, 3];
+
+/// The linearity runs of BS_11 in science mode in April 2013: seven on which the polynomials rest, and those between them, during nine of
+/// which the sensor moves by 14 to 34 K.
+fn april() -> Twin {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/magnetsrode-2013.toml");
+    let mut twin = twin::read(&path, &mut Vec::new()).unwrap();
+    let programmes = twin.programmes.clone();
+    twin.runs.retain(|run| run.sensor == 0 && programmes[run.programme].kind == Kind::Linearity);
+    twin
+}
+
+/// Polynomials of BC-MAG-TR-0085 section 12.1, which the twin has as truth: σ in nT/enT, ξ in degrees.
+const TRUTH: [[f64; 2]; 6] = [
+    [0.972692, -1.801800e-05],
+    [0.99642, -1.566740e-05],
+    [0.989066, -1.968160e-05],
+    [89.789, -1.794800e-05],
+    [90.056, 4.547300e-05],
+    [90.013, -0.00011504],
+];
+
+fn folder(case: &Case, run: &str) -> PathBuf {
+    case.out().join(run)
+}
+
+/// Files of all runs whose names begin like this.
+fn files(case: &Case, begin: &str) -> Vec<DocumentMut> {
+    let mut runs: Vec<PathBuf> =
+        std::fs::read_dir(case.out()).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_dir()).collect();
+    runs.sort();
+    let own = |run: &PathBuf| {
+        let id = run.file_name().unwrap().to_string_lossy().into_owned();
+        Some(run.join(format!("{begin}__{id}.CPF"))).filter(|p| p.is_file())
+    };
+    runs.iter().filter_map(own).map(|path| parameters(&path)).collect()
+}
+
+/// Sensitivities and angles minus the truth at the stated temperature, over their standard uncertainties.
+fn pulls(file: &DocumentMut) -> [f64; 6] {
+    let degc = number(file, "run.temperature_degc");
+    let values = [sigma(file), ["xi_xy", "xi_xz", "xi_yz"].map(|k| number(file, &format!("angle_deg.{k}")))].concat();
+    let std = [three(file, "std.sigma"), three(file, "std.xi_deg")].concat();
+    std::array::from_fn(|i| (values[i] - TRUTH[i][0] - TRUTH[i][1] * degc) / std[i])
+}
+
+fn is_moving(file: &DocumentMut) -> bool {
+    file.get("conditions").and_then(|c| c.get("sensor_range_k")).is_some()
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+#[test]
+fn moving_runs_hold_within_their_uncertainties() {
+    let twin = april();
+    let campaigns: Vec<(Case, Case)> = SEEDS
+        .par_iter()
+        .map(|seed| {
+            let (report, lin) = (Case::new(), Case::new());
+            write_campaign(&twin, *seed, &report.campaign(), false, || ()).unwrap();
+            for (command, case) in [("report", &report), ("lin", &lin)] {
+                let output =
+                    calfit().arg(command).arg(report.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();
+                // One run checks an axis only, and is refused.
+                assert!(output.status.code().unwrap() <= 1, "{}", text(&output.stderr));
+            }
+            (report, lin)
+        })
+        .collect();
+    // With the polynomials of their group, as in the report.
+    let templin: Vec<DocumentMut> = campaigns.iter().flat_map(|(report, _)| files(report, "PARAMETER_TEMPLIN")).collect();
+    let moving: Vec<&DocumentMut> = templin.iter().filter(|f| is_moving(f)).collect();
+    assert_eq!(moving.len(), 9 * SEEDS.len());
+    let all: Vec<f64> = moving.iter().flat_map(|f| pulls(f)).collect();
+    assert!((0.85..=1.15).contains(&rms(&all)), "{}", rms(&all));
+    assert!(all.iter().all(|p| p.abs() < 5.0));
+    // Their uncertainty is hardly wider than that of runs at rest.
+    let mean = |of: &[&DocumentMut]| of.iter().map(|f| three(f, "std.sigma")[0]).sum::<f64>() / of.len() as f64;
+    let steady: Vec<&DocumentMut> = templin.iter().filter(|f| !is_moving(f)).collect();
+    assert!(mean(&moving) < 1.5 * mean(&steady), "{} {}", mean(&moving), mean(&steady));
+    for file in &moving {
+        assert!(file["slopes"]["source"].as_str().unwrap().ends_with(".TPF"));
+        says(&file["warnings"].to_string(), &["temperature", "moved"]);
+        let [low, high] = [0, 1].map(|i| number(file, &format!("valid.temperature_degc.{i}")));
+        assert!(high - low <= 1.0 + 1e-9);
+    }
+
+    // By themselves, where the run tells the slopes: as true, and wider.
+    let alone: Vec<DocumentMut> = campaigns.iter().flat_map(|(_, lin)| files(lin, "PARAMETER_LIN")).collect();
+    let moving: Vec<&DocumentMut> = alone.iter().filter(|f| is_moving(f)).collect();
+    assert_eq!(moving.len(), 9 * SEEDS.len());
+    let all: Vec<f64> = moving.iter().flat_map(|f| pulls(f)).collect();
+    assert!((0.85..=1.15).contains(&rms(&all)), "{}", rms(&all));
+    assert!(moving.iter().all(|f| f["slopes"]["source"].as_str() == Some("run")));
+    assert!(mean(&moving) > 2.0 * mean(&steady));
+    // The slopes that were found are those of the sensor.
+    let of_slope = |f: &&DocumentMut| {
+        let found = [three(f, "slopes.sigma"), three(f, "slopes.xi_deg")].concat();
+        let std = [three(f, "slopes.std.sigma"), three(f, "slopes.std.xi_deg")].concat();
+        (0..6).map(|i| (found[i] - TRUTH[i][1]) / std[i]).collect::<Vec<f64>>()
+    };
+    let slopes: Vec<f64> = moving.iter().flat_map(of_slope).collect();
+    assert!((0.8..=1.2).contains(&rms(&slopes)), "{}", rms(&slopes));
+
+    // The files of the runs alone lie beside those of the group, and both are made again from what they state.
+    let (report, _) = &campaigns[0];
+    for name in ["PARAMETER_LIN", "PARAMETER_TEMPLIN"] {
+        let file = folder(report, "13-04-03_10-15-00").join(format!("{name}__13-04-03_10-15-00.CPF"));
+        let output = calfit().arg("verify").arg(&file).arg(report.campaign()).arg(report.out()).output().unwrap();
+        // A folder that is named is verified as well; what counts here is this file.
+        says(&text(&output.stdout), &[&format!("{name}__13-04-03_10-15-00.CPF: verified")]);
+    }
+}
+
+/// A run of nine plateaus, each axis driven to +1000 and -1000 nT once, whose temperature goes from 10 °C to another; an orthogonal sensor
+/// with sensitivities of `1 + 2e-5 (T - 10)` nT/enT and an offset of 5 enT.
+fn short_run(to_degc: f64) -> String {
+    let fields =
+        [[0.0; 3], [1e3, 0.0, 0.0], [-1e3, 0.0, 0.0], [0.0; 3], [0.0, 1e3, 0.0], [0.0, -1e3, 0.0], [0.0; 3], [0.0, 0.0, 1e3]];
+    let fields = [fields.as_slice(), &[[0.0, 0.0, -1e3]]].concat();
+    let degc = |t_s: f64| 10.0 + (to_degc - 10.0) * t_s / 540.0;
+    let mut blocks = String::new();
+    for (i, field) in fields.iter().enumerate() {
+        let (begin, end) = (60.0 * i as f64, 60.0 * i as f64 + 60.0);
+        let sigma = 1.0 + 2e-5 * (degc(0.5 * (begin + end)) - 10.0);
+        // A scatter of some thousandths of an enT, different in every row.
+        let read = |a: usize| field[a] / sigma + 5.0 + 3e-3 * ((7 * i + 3 * a) as f64).sin();
+        let [x, y, z] = [read(0), read(1), read(2)];
+        blocks.push_str(&format!("{begin},{end},{},{},{},1,{x},{y},{z}\n", field[0], field[1], field[2]));
+    }
+    let temperatures: String = (0..=54).map(|k| format!("{},{},20\n", 10 * k, degc(f64::from(10 * k)))).collect();
+    format!(
+        "CCR 1\nrun = \"26-01-01_00-00-00\"\nstart = \"2026-01-01T00:00:00Z\"\nkind = \"linearity\"\nsensor = \"S\"\nmode = \"m\"\n\
+         sample_rate = 10.0\nunit = \"enT\"\n@BLOCKS\nt_start,t_end,bx,by,bz,position,x,y,z\n{blocks}@TEMPERATURES\nt,T59,T29\n\
+         {temperatures}@END\n"
+    )
+}
+
+const ID: &str = "26-01-01_00-00-00";
+
+#[test]
+fn slopes_that_the_programme_does_not_determine_need_a_bound() {
+    let case = Case::new();
+    case.put("26-01-01/00-00-00.CCR", short_run(22.0));
+    let lin = || calfit().arg("lin").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();
+    let output = lin();
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["the sensor temperature moves by", "slope_sigma", "--temperature TPF"]);
+
+    let bound = |quantity: &str, std: f64, unit: &str| {
+        format!("[[uncertainty]]\nquantity = \"{quantity}\"\nstd = {std}\nunit = \"{unit}\"\nsource = \"type test\"\n")
+    };
+    case.put("campaign.toml", bound("slope_sigma", 2e-5, "nT/enT/K") + &bound("slope_xi", 1e-4, "deg/K"));
+    let output = lin();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let file = parameters(&folder(&case, ID).join(format!("PARAMETER_LIN__{ID}.CPF")));
+    assert_eq!(file["slopes"]["source"].as_str(), Some("bound"));
+    // The x axis is driven around 120 s, at 12.67 °C, and its sensitivity is asked for at 16 °C: the bound times that distance.
+    let std = three(&file, "std.sigma");
+    let far = [3.33, 0.67, -4.67].map(|k: f64| (2e-5 * k).abs());
+    for i in 0..3 {
+        assert!(std[i] > 0.9 * far[i], "{std:?}");
+        assert!((sigma(&file)[i] - (1.0 + 2e-5 * 6.0)).abs() < 3.0 * std[i], "{:?} {std:?}", sigma(&file));
+    }
+
+    // A unit that is not that of the quantity is refused with its place.
+    case.put("campaign.toml", bound("slope_sigma", 2e-5, "deg/K"));
+    let output = lin();
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["campaign.toml:4", "nT/enT/K"]);
+}
+
+#[test]
+fn a_run_at_rest_has_no_slopes() {
+    let case = Case::new();
+    case.put("26-01-01/00-00-00.CCR", short_run(10.4));
+    let output = calfit().arg("lin").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let file = parameters(&folder(&case, ID).join(format!("PARAMETER_LIN__{ID}.CPF")));
+    assert!(file.get("slopes").is_none() && !is_moving(&file));
+}
+
+#[test]
+fn polynomials_of_another_sensor_are_refused() {
+    let twin = april();
+    let case = Case::new();
+    write_campaign(&twin, 1, &case.campaign(), false, || ()).unwrap();
+    calfit().arg("thermal").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();
+    let tpf = case.out().join("THERMAL_PARAMETER__13-04-03-09-22-38.TPF");
+    let text_of = std::fs::read_to_string(&tpf).unwrap();
+    let other = case.put("OTHER.TPF", text_of.replace("sensor = \"BS_11\"", "sensor = \"BS_99\""));
+    let run = case.campaign().join("13-04-03/10-15-00.CCR");
+    let output = calfit().arg("lin").arg(&run).arg("--temperature").arg(&other).arg("-o").arg(case.out()).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["OTHER.TPF", "BS_99", "BS_11"]);
+}
