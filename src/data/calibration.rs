@@ -192,8 +192,9 @@ pub struct TemperatureSlopes {
     pub sigma: [f64; 3],
     /// Of ξ_xy, ξ_xz, ξ_yz, degrees/K.
     pub xi_deg: [f64; 3],
-    /// Of `B_or` beside the trend, enT/K.
-    pub b_or_ent: [f64; 3],
+    /// Of `B_or` beside the trend, enT/K; absent where the trend in time cannot be told from it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub b_or_ent: Option<[f64; 3]>,
     /// Where those of sensitivities and angles come from: the file of the polynomials, `run`, or `bound`.
     pub source: String,
     /// Standard uncertainties.
@@ -208,7 +209,8 @@ pub struct SlopeStd {
     /// Degrees/K.
     pub xi_deg: [f64; 3],
     /// enT/K.
-    pub b_or_ent: [f64; 3],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub b_or_ent: Option<[f64; 3]>,
 }
 
 /// Where the calibration holds.

@@ -72,7 +72,9 @@ fn movement(lin: &Lin, slopes: &TemperatureSlopes) -> Section {
     };
     rows(["σ_x", "σ_y", "σ_z"], slopes.sigma, slopes.std.sigma, "nT/enT/K");
     rows(["ξ_xy", "ξ_xz", "ξ_yz"], slopes.xi_deg, slopes.std.xi_deg, "degrees/K");
-    rows(["B_or x", "B_or y", "B_or z"], slopes.b_or_ent, slopes.std.b_or_ent, "enT/K");
+    if let (Some(slope), Some(std)) = (slopes.b_or_ent, slopes.std.b_or_ent) {
+        rows(["B_or x", "B_or y", "B_or z"], slope, std, "enT/K");
+    }
     section.with(table)
 }
 

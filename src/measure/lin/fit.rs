@@ -6,10 +6,14 @@ use crate::data::units::COMPONENTS;
 use crate::fit::statistics::extremes;
 use crate::fit::{FitError, Limits, Robust, Solution, linear, robust};
 use crate::record::baseline::Baseline;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// Least part of the variance of a component that the applied field must explain.
 const LEAST_EXPLAINED: f64 = 0.99;
+
+/// What a trend in time leaves of the sensor temperature, K, beyond which the offset follows the temperature beside the trend: about what
+/// thermometers resolve.
+const LEAST_LEFT_K: f64 = 0.02;
 
 /// The means of a fit with the model that is fitted to them.
 pub(super) struct Means {
@@ -22,7 +26,15 @@ pub(super) struct Means {
     /// First and last of them.
     pub span_s: [f64; 2],
     /// Columns that the temperature of the sensor brings, with their names; absent where it is at rest.
-    extra: Option<(Vec<String>, DMatrix<f64>)>,
+    extra: Option<Extra>,
+}
+
+/// Columns that the temperature of the sensor brings.
+struct Extra {
+    names: Vec<String>,
+    columns: DMatrix<f64>,
+    /// Those of the offset, one or none, which stand first.
+    offset: usize,
 }
 
 impl Means {
@@ -34,9 +46,16 @@ impl Means {
         Self { baseline: Baseline::in_time(span_s, order), fields_nt, t_s, span_s, extra: None }
     }
 
-    /// The same with an offset that follows the temperature, given over any other, K, and a response that follows its powers up to some.
+    /// The same with a response that follows the powers of the temperature, given over any other, K, up to some, and with an offset that
+    /// follows it too, unless the trend does within what a thermometer tells.
     pub fn with_temperature(self, over_k: &[f64], powers: usize) -> Self {
-        let columns = DMatrix::from_fn(over_k.len(), 1 + 3 * powers, |i, k| match k.checked_sub(1) {
+        let count = self.baseline.offset_order() + 1;
+        let trend = DMatrix::from_fn(over_k.len(), count, |i, k| self.baseline.mapped(self.t_s[i]).powi(k as i32));
+        let course = DVector::from_column_slice(over_k);
+        let q = trend.qr().q();
+        let left_k = (&course - &q * q.tr_mul(&course)).norm() / (over_k.len() as f64).sqrt();
+        let offset = usize::from(left_k > LEAST_LEFT_K);
+        let columns = DMatrix::from_fn(over_k.len(), offset + 3 * powers, |i, k| match k.checked_sub(offset) {
             None => over_k[i],
             Some(k) => over_k[i].powi(k as i32 / 3 + 1) * self.fields_nt[i][k % 3],
         });
@@ -44,30 +63,30 @@ impl Means {
             let axis = ["X", "Y", "Z"][k % 3];
             format!("the response to {axis}_c, power {} of the sensor temperature", k / 3 + 1)
         };
-        let mut names = vec!["the offset's slope with the sensor temperature".to_owned()];
+        let mut names = vec!["the offset's slope with the sensor temperature".to_owned(); offset];
         names.extend((0..3 * powers).map(response));
-        Self { extra: Some((names, columns)), ..self }
+        Self { extra: Some(Extra { names, columns, offset }), ..self }
     }
 
-    /// Number of columns beside those of the baseline.
-    pub fn extra(&self) -> usize {
-        self.extra.as_ref().map_or(0, |(names, _)| names.len())
+    /// Numbers of columns beside those of the baseline: of the offset, and of the response.
+    pub fn extra(&self) -> [usize; 2] {
+        self.extra.as_ref().map_or([0; 2], |extra| [extra.offset, extra.names.len() - extra.offset])
     }
 
     /// The columns of a component.
     pub fn columns(&self) -> DMatrix<f64> {
         let base = self.baseline.columns(&self.fields_nt, &self.t_s);
-        let Some((names, extra)) = &self.extra else { return base };
+        let Some(extra) = &self.extra else { return base };
         let count = base.ncols();
-        let mut all = base.resize_horizontally(count + names.len(), 0.0);
-        all.columns_mut(count, names.len()).copy_from(extra);
+        let mut all = base.resize_horizontally(count + extra.names.len(), 0.0);
+        all.columns_mut(count, extra.names.len()).copy_from(&extra.columns);
         all
     }
 
     /// The design matrix of a component.
     pub fn design(&self) -> Result<linear::Design, FitError> {
         let mut names = self.baseline.names();
-        names.extend(self.extra.iter().flat_map(|(names, _)| names.iter().cloned()));
+        names.extend(self.extra.iter().flat_map(|extra| extra.names.iter().cloned()));
         linear::Design::new(names, self.columns())
     }
 

@@ -290,21 +290,21 @@ fn held(
     };
     let sensor = |from: usize| std::array::from_fn(|i| change.sensor[from + i].first().copied().unwrap_or(0.0));
     let places = Places::of(&means);
-    let offset = std::array::from_fn(|a| stacked[places.offset_slope(a)]);
+    let offset = places.of_offset(|k| stacked[k]);
     let slopes = TemperatureSlopes {
         at_degc: moving.at_degc,
         order: change.sensor.iter().map(Vec::len).max().unwrap_or(0).max(1),
         sigma: sensor(0),
         xi_deg: sensor(3),
-        b_or_ent: std::array::from_fn(|a| offset[a] + change.b_or[a].first().copied().unwrap_or(0.0)),
+        b_or_ent: offset.map(|o| std::array::from_fn(|a| o[a] + change.b_or[a].first().copied().unwrap_or(0.0))),
         std: SlopeStd {
             sigma: std::array::from_fn(std),
             xi_deg: std::array::from_fn(|i| std(3 + i)),
-            b_or_ent: std::array::from_fn(|a| covariance[(places.offset_slope(a), places.offset_slope(a))].sqrt()),
+            b_or_ent: places.of_offset(|k| covariance[(k, k)].sqrt()),
         },
         source,
     };
-    subtract_offset(prepared, moving, offset);
+    subtract_offset(prepared, moving, offset.unwrap_or_default());
     let (stacked, covariance) = places.of_baseline(&stacked, &covariance);
     Ok(Referred { means, fitted, noise, stacked, covariance, slopes })
 }
@@ -389,6 +389,8 @@ struct Places {
     per: usize,
     /// Of the baseline.
     base: usize,
+    /// Of the offset with the temperature, one or none.
+    offset: usize,
     /// Powers of the temperature.
     powers: usize,
 }
@@ -396,17 +398,23 @@ struct Places {
 impl Places {
     fn of(means: &Means) -> Self {
         let base = means.baseline.count();
-        let per = base + means.extra();
-        Self { per, base, powers: (means.extra() - 1) / 3 }
+        let [offset, response] = means.extra();
+        Self { per: base + offset + response, base, offset, powers: response / 3 }
     }
 
     /// Coefficient of component a for coil axis j in the response, to a power of the temperature.
     fn at(&self, a: usize, power: usize, j: usize) -> usize {
-        a * self.per + if power == 0 { j } else { self.base + 1 + 3 * (power - 1) + j }
+        a * self.per + if power == 0 { j } else { self.base + self.offset + 3 * (power - 1) + j }
     }
 
-    fn offset_slope(&self, a: usize) -> usize {
-        a * self.per + self.base
+    fn offset_slope(&self, a: usize) -> Option<usize> {
+        (self.offset > 0).then_some(a * self.per + self.base)
+    }
+
+    /// Values at the slopes of the offset, if there are any.
+    fn of_offset(&self, value: impl Fn(usize) -> f64) -> Option<[f64; 3]> {
+        let [x, y, z] = std::array::from_fn(|a| self.offset_slope(a));
+        Some([value(x?), value(y?), value(z?)])
     }
 
     /// Response of the fit, enT/nT, that goes with a power of the temperature.
@@ -485,7 +493,7 @@ fn free(
     found.without_turns();
     found.within(bounds);
     let probability = found.probability_of_the_highest();
-    let offset = std::array::from_fn(|a| stacked[places.offset_slope(a)] + found.step[found.offset_slope(a)]);
+    let offset = places.of_offset(|k| stacked[k]).map(|o| std::array::from_fn(|a| o[a] + found.step[found.offset_slope(a)]));
     let slopes = found.slopes(moving, offset, if bounds.is_stated() { "bound" } else { "run" });
     let (stacked, covariance) = found.of_baseline(&stacked);
     let response = Matrix3::from_fn(|a, j| stacked[a * places.base + j]);
@@ -496,7 +504,7 @@ fn free(
         let by = change.reading_ent(&at, *over_k, plateau.setting.field.0).ok_or_else(singular)?;
         plateau.mean.0 = std::array::from_fn(|a| raw.mean.0[a] - by[a]);
     }
-    subtract_offset(prepared, moving, offset);
+    subtract_offset(prepared, moving, offset.unwrap_or_default());
     Ok((Referred { means, fitted, noise, stacked, covariance, slopes }, probability))
 }
 
@@ -520,7 +528,7 @@ impl<'a> Found<'a> {
         let to_coil = at.r_nom * at.rho;
         let response = PARAMETERS * (places.powers + 1);
         let trend = places.base - 3;
-        let count = response + 3 * (trend + 1);
+        let count = response + 3 * (trend + places.offset);
         let mut map = DMatrix::zeros(count, 3 * places.per);
         for a in 0..3 {
             for power in 0..=places.powers {
@@ -534,7 +542,9 @@ impl<'a> Found<'a> {
             for k in 0..trend {
                 map[(response + a * trend + k, a * places.per + 3 + k)] = 1.0;
             }
-            map[(response + 3 * trend + a, places.offset_slope(a))] = 1.0;
+            if let Some(slope) = places.offset_slope(a) {
+                map[(response + 3 * trend + a, slope)] = 1.0;
+            }
         }
         let covariance = &map * covariance * map.transpose();
         Some(Self { at, places, derivatives, change, covariance, step: DVector::zeros(count) })
@@ -600,7 +610,7 @@ impl<'a> Found<'a> {
         self.covariance[(index, index)].max(0.0).sqrt()
     }
 
-    fn slopes(&self, moving: &Moving, offset: [f64; 3], source: &str) -> TemperatureSlopes {
+    fn slopes(&self, moving: &Moving, offset: Option<[f64; 3]>, source: &str) -> TemperatureSlopes {
         TemperatureSlopes {
             at_degc: moving.at_degc,
             order: self.places.powers,
@@ -610,7 +620,7 @@ impl<'a> Found<'a> {
             std: SlopeStd {
                 sigma: std::array::from_fn(|i| self.std(PARAMETERS + i)),
                 xi_deg: std::array::from_fn(|i| self.std(PARAMETERS + 3 + i)),
-                b_or_ent: std::array::from_fn(|a| self.std(self.offset_slope(a))),
+                b_or_ent: offset.map(|_| std::array::from_fn(|a| self.std(self.offset_slope(a)))),
             },
             source: source.to_owned(),
         }
