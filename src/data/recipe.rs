@@ -68,7 +68,7 @@ pub const ANALYSES: [Recorded; 14] = [
     recorded("coil residual", "coil residual", &[]),
     recorded("coil tilt", "coil tilt", &[Role::Facility]),
     recorded("thermistor", "thermistor", &[Role::Reference]),
-    recorded("diagnose", "diagnose", &[Role::Facility, Role::Model, Role::Amplitudes]),
+    recorded("diagnose", "diagnose", &[Role::Facility, Role::Model, Role::Temperature, Role::Amplitudes]),
     recorded("report", "report", &[Role::Facility, Role::Model]),
     recorded("export", "export", &[]),
 ];

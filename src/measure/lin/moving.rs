@@ -9,7 +9,6 @@ use super::fit::{Fitted, Means, fit, stack};
 use super::prepare::Prepared;
 use super::refusal::LinError;
 use crate::data::calibration::{SlopeStd, TemperatureSlopes};
-use crate::data::convention::base_vectors;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::run::interpolate;
@@ -18,9 +17,9 @@ use crate::fit::statistics::{chi2_tail, extremes};
 use crate::fit::{DenseNoise, FitError, Limits, linear};
 use crate::model::campaign::SlopeBounds;
 use crate::model::sensor::{Split, SplitError, split};
-use crate::model::sensor_polynomials::SensorPolynomials;
+use crate::model::sensor_polynomials::{SensorChange, SensorPolynomials, change_at, response};
 use crate::record::conditions::{self, Temperatures};
-use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
 /// A sensor whose temperature moves by less is at rest, K.
 pub(super) const AT_REST_K: f64 = 1.0;
@@ -119,51 +118,6 @@ pub(super) struct Referred {
     pub slopes: TemperatureSlopes,
 }
 
-/// How the parameters of the response change about the stated temperature, in powers of `T - T_0`, the first power first.
-#[derive(Clone, Debug, Default)]
-struct Change {
-    /// σ_x, σ_y, σ_z, nT/enT, and ξ_xy, ξ_xz, ξ_yz, degrees, per K to the power.
-    sensor: [Vec<f64>; 6],
-    /// Turn of the sensor about its axes, radians.
-    turn: Vec<Vector3<f64>>,
-    /// Offset of x, y, z, enT.
-    b_or: [Vec<f64>; 3],
-}
-
-/// `Σ c_k x^(k+1)`.
-fn change_at(coefficients: &[f64], x: f64) -> f64 {
-    coefficients.iter().rev().fold(0.0, |sum, c| (sum + c) * x)
-}
-
-impl Change {
-    fn of(polynomials: &SensorPolynomials, degc: f64) -> Self {
-        let [x, y, z] = polynomials.sigma.each_ref();
-        let [xy, xz, yz] = polynomials.xi_deg.each_ref();
-        let slopes = |p: &crate::model::polynomial::TemperaturePolynomial| {
-            p.about(degc).coefficients.get(1..).unwrap_or_default().to_vec()
-        };
-        Self { sensor: [x, y, z, xy, xz, yz].map(slopes), turn: Vec::new(), b_or: polynomials.b_or_ent.each_ref().map(slopes) }
-    }
-
-    /// What the readings of a plateau have over those at the stated temperature, enT.
-    fn reading_ent(&self, at: &Split, over_k: f64, field_coil_nt: [f64; 3]) -> Option<[f64; 3]> {
-        let own = |k: usize| change_at(&self.sensor[k], over_k);
-        let sigma = std::array::from_fn(|i| at.sigma[i] + own(i));
-        let xi_deg = std::array::from_fn(|i| at.xi_deg[i] + own(3 + i));
-        let turn = self.turn.iter().rev().fold(Vector3::zeros(), |sum, turn| (sum + turn) * over_k);
-        let field = (at.r_nom * at.rho).transpose() * Vector3::from(field_coil_nt);
-        let there = response(sigma, xi_deg)? * (Rotation3::new(-turn) * field);
-        let here = response(at.sigma, at.xi_deg)? * field;
-        Some(std::array::from_fn(|i| there[i] - here[i] + change_at(&self.b_or[i], over_k)))
-    }
-}
-
-/// `S = σ⁻¹ Qᵀ(ξ)`: readings without offset are S times the field in the sensor frame.
-fn response(sigma: [f64; 3], xi_deg: [f64; 3]) -> Option<Matrix3<f64>> {
-    let q = base_vectors(xi_deg).ok()?;
-    Some(Matrix3::from_fn(|i, j| q[(j, i)] / sigma[i]))
-}
-
 /// Derivatives of S, row by row, by σ_x, σ_y, σ_z (nT/enT), ξ_xy, ξ_xz, ξ_yz (degrees) and a turn about the axes (radians).
 fn derivatives(at: &Split) -> Option<SMatrix<f64, PARAMETERS, PARAMETERS>> {
     // Wide enough that the rounding of the angles does not matter, and narrow enough for the third derivatives not to.
@@ -199,7 +153,7 @@ pub(super) fn refer(
     let raw = prepared.list.clone();
     match origin {
         Origin::Polynomials(polynomials) => {
-            let change = Change::of(polynomials, moving.at_degc);
+            let change = SensorChange::of(polynomials, moving.at_degc);
             let directions = directions(polynomials, moving.at_degc);
             let source = polynomials.input.path.clone();
             held(prepared, &raw, moving, order, is_robust, change, &directions, source)
@@ -237,7 +191,7 @@ fn free_or_held(
             (Some(sigma), Some(xi_deg)) => {
                 let of = |k: usize| (k, vec![if k < 3 { sigma } else { xi_deg }]);
                 let directions: Vec<_> = (0..6).map(of).collect();
-                held(prepared, raw, moving, order, is_robust, Change::default(), &directions, "bound".to_owned())
+                held(prepared, raw, moving, order, is_robust, SensorChange::default(), &directions, "bound".to_owned())
             }
             _ => Err(LinError::Slopes { range_k: moving.range_k() }),
         },
@@ -274,7 +228,7 @@ fn held(
     moving: &Moving,
     order: usize,
     is_robust: bool,
-    change: Change,
+    change: SensorChange,
     directions: &[(usize, Vec<f64>)],
     source: String,
 ) -> Result<Referred, LinError> {
@@ -351,7 +305,7 @@ fn settle(
     order: usize,
     is_robust: bool,
     free: usize,
-    change: &mut Change,
+    change: &mut SensorChange,
 ) -> Result<(Means, Fitted, Split), LinError> {
     let over_k = raw_used(raw, moving);
     let largest = raw.iter().filter(|p| p.dropped.is_none()).flat_map(|p| p.mean.0).fold(0.0, |a: f64, v| a.max(v.abs()));
@@ -362,7 +316,7 @@ fn settle(
         let stacked = stack(&fitted.solution.coefficients);
         let places = Places::of(&means);
         let at = split(&places.response(&stacked).try_inverse().ok_or(SplitError::Singular)?, &prepared.position.r_nom())?;
-        change.take(&at, &places, &stacked).ok_or(SplitError::Planar)?;
+        take(change, &at, &places, &stacked).ok_or(SplitError::Planar)?;
         let mut moved: f64 = 0.0;
         for ((plateau, raw), over_k) in prepared.list.iter_mut().zip(raw).zip(&moving.over_k) {
             let by = change.reading_ent(&at, *over_k, plateau.setting.field.0).ok_or(SplitError::Planar)?;
@@ -435,25 +389,27 @@ impl Places {
     }
 }
 
-impl Change {
-    /// Without any, up to a power of the temperature.
-    fn none(powers: usize) -> Self {
-        Self { sensor: std::array::from_fn(|_| vec![0.0; powers]), turn: vec![Vector3::zeros(); powers], ..Self::default() }
+/// No change, up to a power of the temperature.
+fn no_change(powers: usize) -> SensorChange {
+    SensorChange {
+        sensor: std::array::from_fn(|_| vec![0.0; powers]),
+        turn: vec![Vector3::zeros(); powers],
+        ..SensorChange::default()
     }
+}
 
-    /// Takes what a fit found with powers of the temperature.
-    fn take(&mut self, at: &Split, places: &Places, stacked: &[f64]) -> Option<()> {
-        let to_parameters = derivatives(at)?.try_inverse()?;
-        for power in 1..=places.powers {
-            let change = places.to_power(stacked, power) * (at.r_nom * at.rho);
-            let step = to_parameters * SVector::<f64, PARAMETERS>::from_column_slice(change.transpose().as_slice());
-            for quantity in 0..6 {
-                self.sensor[quantity][power - 1] += step[quantity];
-            }
-            self.turn[power - 1] += Vector3::new(step[6], step[7], step[8]);
+/// Gives a change what a fit found with powers of the temperature.
+fn take(change: &mut SensorChange, at: &Split, places: &Places, stacked: &[f64]) -> Option<()> {
+    let to_parameters = derivatives(at)?.try_inverse()?;
+    for power in 1..=places.powers {
+        let found = places.to_power(stacked, power) * (at.r_nom * at.rho);
+        let step = to_parameters * SVector::<f64, PARAMETERS>::from_column_slice(found.transpose().as_slice());
+        for quantity in 0..6 {
+            change.sensor[quantity][power - 1] += step[quantity];
         }
-        Some(())
+        change.turn[power - 1] += Vector3::new(step[6], step[7], step[8]);
     }
+    Some(())
 }
 
 /// Why slopes are not found in a run.
@@ -482,7 +438,7 @@ fn free(
     if used.len() <= order + 5 + 3 * powers {
         return Err(Open::Slopes);
     }
-    let mut change = Change::none(powers);
+    let mut change = no_change(powers);
     let (means, fitted, at) = settle(prepared, raw, moving, order, is_robust, powers, &mut change).map_err(|_| Open::Slopes)?;
     let used = prepared.used(order).map_err(Open::Other)?;
     let noise = conditions::noise(fitted.for_noise(), &used).map_err(|e| Open::Other(LinError::Fit(e)))?;
@@ -515,14 +471,14 @@ struct Found<'a> {
     places: &'a Places,
     /// From the parameters of the response to its elements, in the sensor frame.
     derivatives: SMatrix<f64, PARAMETERS, PARAMETERS>,
-    change: Change,
+    change: SensorChange,
     covariance: DMatrix<f64>,
     /// What conditions on the parameters add to them.
     step: DVector<f64>,
 }
 
 impl<'a> Found<'a> {
-    fn of(at: &'a Split, places: &'a Places, covariance: &DMatrix<f64>, change: Change) -> Option<Self> {
+    fn of(at: &'a Split, places: &'a Places, covariance: &DMatrix<f64>, change: SensorChange) -> Option<Self> {
         let derivatives = derivatives(at)?;
         let inverse = derivatives.try_inverse()?;
         let to_coil = at.r_nom * at.rho;
