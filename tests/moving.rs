@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use toml_edit::DocumentMut;
 
-/// Seeds of the simulated campaigns. The whole study, all four groups and five seeds, is the command `calfit-studies`, `moving`.
+/// Seeds of the simulated campaigns.
 const SEEDS: [u64; 5] = [1, 2, 3, 4, 5];
 /// Runs of the campaign during which the sensor moves, by 7 to 51 K.
 const MOVING: usize = 21;
@@ -269,17 +269,40 @@ fn a_run_at_rest_has_no_slopes() {
 }
 
 #[test]
-fn polynomials_of_another_sensor_are_refused() {
+fn polynomials_serve_a_diagnosis_and_only_their_own_sensor() {
     let mut twin = april();
     twin.runs.retain(|run| run.sensor == 0 && run.id.starts_with("13-04-03"));
     let case = Case::new();
     write_campaign(&twin, 1, &case.campaign(), false, || ()).unwrap();
-    calfit().arg("thermal").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();
+    let output = calfit().arg("thermal").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();
     let tpf = case.out().join("THERMAL_PARAMETER__13-04-03-09-22-38.TPF");
-    let text_of = std::fs::read_to_string(&tpf).unwrap();
-    let other = case.put("OTHER.TPF", text_of.replace("sensor = \"BS_11\"", "sensor = \"BS_99\""));
+    assert!(tpf.is_file(), "{}", text(&output.stderr));
     let run = case.campaign().join("13-04-03/10-15-00.CCR");
-    let output = calfit().arg("lin").arg(&run).arg("--temperature").arg(&other).arg("-o").arg(case.out()).output().unwrap();
-    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
-    says(&text(&output.stderr), &["OTHER.TPF", "BS_99", "BS_11"]);
+
+    // What the sensitivities follow of the temperature is an effect, unless polynomials tell it.
+    let found = |polynomials: Option<&Path>| {
+        let mut call = calfit();
+        call.arg("diagnose").arg(&run).arg("-o").arg(case.out()).arg("--no-plots");
+        if let Some(path) = polynomials {
+            call.arg("--temperature").arg(path);
+        }
+        let output = call.output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let json = std::fs::read_to_string(case.out().join("13-04-03_10-15-00/diagnosis.json")).unwrap();
+        let diagnosis: serde_json::Value = serde_json::from_str(&json).unwrap();
+        let steps = diagnosis["steps"].as_array().unwrap().clone();
+        steps.iter().map(|step| step["effect"].as_str().unwrap().to_owned()).collect::<Vec<String>>()
+    };
+    let is_named = |effects: &[String]| effects.iter().any(|e| e == "sensor_temperature_sensitivity");
+    assert!(is_named(&found(None)));
+    assert!(!is_named(&found(Some(&tpf))));
+
+    let stated = std::fs::read_to_string(&tpf).unwrap();
+    let other = case.path().join("OTHER.TPF");
+    std::fs::write(&other, stated.replace("sensor = \"BS_11\"", "sensor = \"BS_99\"")).unwrap();
+    for command in ["lin", "diagnose"] {
+        let output = calfit().arg(command).arg(&run).arg("--temperature").arg(&other).arg("-o").arg(case.out()).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+        says(&text(&output.stderr), &["OTHER.TPF", "BS_99", "BS_11"]);
+    }
 }
