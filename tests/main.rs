@@ -23,6 +23,7 @@ mod kinds;
 mod lin;
 mod linearise;
 mod model_file;
+mod moving;
 mod nist_linear;
 mod nist_nonlinear;
 mod nist_sine;

@@ -11,6 +11,7 @@ use crate::measure::lin;
 use crate::model::effects::Catalogue;
 use crate::workflow::{
     Across, Diagnosed, Failure, diagnose_run, diagnose_table, facility, jobs, publish_diagnosis, publish_model, read_model,
+    temperature,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -31,7 +32,7 @@ pub(super) struct Arguments {
     #[arg(required_unless_present = "amplitudes", value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// A table of amplitudes in place of runs, as `calfit freq --amplitudes` reads it.
-    #[arg(long, value_name = "TABLE.csv", conflicts_with_all = ["paths", "model", "write_model", "facility"])]
+    #[arg(long, value_name = "TABLE.csv", conflicts_with_all = ["paths", "model", "write_model", "facility", "temperature"])]
     amplitudes: Vec<PathBuf>,
     /// Effects that are known already, from `--write-model`: their sizes are fitted again between the plateaus and taken off inside them.
     #[arg(long, value_name = "FILE")]
@@ -42,6 +43,9 @@ pub(super) struct Arguments {
     /// Facility that turns settings into applied fields: scale, offset and angles of the coil system.
     #[arg(long, value_name = "FILE")]
     facility: Option<PathBuf>,
+    /// Polynomials of the sensor (TPF): what linearity runs follow of a sensor temperature that moves is taken off.
+    #[arg(long, value_name = "TPF")]
+    temperature: Option<PathBuf>,
 }
 
 /// What `--json` prints for several runs.
@@ -63,8 +67,11 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let mut inputs = Vec::new();
     inputs.extend(model.as_ref().map(|(file, _)| file.input.clone()));
     inputs.extend(facility.as_ref().map(|f| f.input.clone()));
+    let temperature = temperature(arguments.temperature.as_ref())?;
+    inputs.extend(temperature.as_ref().map(|t| t.input.clone()));
     let options = Options {
         facility: facility.clone(),
+        temperature: temperature.clone(),
         given: model.as_ref().map(|(_, known)| known.given()).unwrap_or_default(),
         catalogue: Catalogue::default(),
     };
@@ -98,7 +105,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let linear: Vec<_> = jobs.iter().filter(|j| j.header.as_ref().is_some_and(|h| h.kind == Kind::Linearity)).collect();
     let of_runs = together.count() == 0;
     if linear.len() > 1 || !of_runs {
-        let lin_options = lin::Options { facility, ..lin::Options::default() };
+        let lin_options = lin::Options { facility, temperature, ..lin::Options::default() };
         // What cannot be fitted was named when it was looked at by itself.
         together.runs(&linear, &lin_options, &desk, &mut Vec::new());
         match together.diagnose() {

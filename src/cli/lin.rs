@@ -10,7 +10,7 @@ use crate::files::parameter::{Body, LinearisationFile};
 use crate::measure::lin::Options;
 use crate::workflow::{
     Failure, First, PerRun, RunResult, by_sensor_and_mode, facility, known, linearisation, linearise_group, make, publish,
-    table_names,
+    table_names, temperature,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -51,6 +51,10 @@ pub(super) struct FitOptions {
     /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings before the fit.
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// Polynomials of the sensor (TPF): what sensitivities, angles and offset follow of a sensor temperature that moves during a run. Without
+    /// them it is found in the run itself, with wider uncertainties.
+    #[arg(long, value_name = "TPF")]
+    temperature: Option<PathBuf>,
     #[command(flatten)]
     cut: Cut,
 }
@@ -78,6 +82,7 @@ impl FitOptions {
             facility: facility(self.facility.as_ref())?,
             linearisation: None,
             model: known(self.model.as_ref())?,
+            temperature: temperature(self.temperature.as_ref())?,
         })
     }
 }

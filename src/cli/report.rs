@@ -22,8 +22,8 @@ use crate::show::protocol::{self, OtherPart, Protocol, ThermalPart};
 use crate::show::{self, Drawn, html, markdown};
 use crate::workflow::{
     Analyses, CentreMade, CoilMade, CoilResult, CoilRun, Desk, Failure, Measured, NoGround, ThermalInput, ThermalOptions,
-    ThermalShown, draw, facility, ground_calibration, jobs, known, publish_coil, publish_tables, publish_thermal_names,
-    publish_thermistor, residual_of, scalar_of, scale_to_nt, thermistor_of,
+    ThermalShown, alone, draw, facility, ground_calibration, jobs, known, publish_alone, publish_coil, publish_tables,
+    publish_thermal_names, publish_thermistor, refer, residual_of, scalar_of, scale_to_nt, settle, thermistor_of,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -115,8 +115,20 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         }
     }
     warn_of_model(model.as_ref(), &measured, terminal);
-    scale_to_nt(&mut measured)?;
     measured.sort_by_key(key);
+    let options = ThermalOptions { orders: arguments.order.clone(), joint: true, facility, model };
+    let entries = &campaign.file.instructions.thermal;
+    let alone = alone(&measured)?;
+    settle(&mut measured, entries, &options.orders);
+    let mut across = ThermalInput::default();
+    across.measured(&measured);
+    let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
+    let results = across.groups(&lins, entries, &options, &desk);
+    let (groups, at_one_temperature) = sort_results(results, &mut failures, terminal);
+    let not_applied: Vec<String> = at_one_temperature.iter().map(|f| format!("{}: {}", f.file, f.rule)).collect();
+    let centres = sort_centres(across.to_own_centre(&groups, &options, &desk), &mut failures, terminal);
+    let alone = refer(&mut measured, alone, &groups, &desk);
+    scale_to_nt(&mut measured)?;
     let drawn: Vec<Result<Vec<Drawn>, Finding>> = measured
         .par_iter()
         .map(|one| {
@@ -139,14 +151,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         failures.push(("the tables of all runs".to_owned(), Failure::Refused(finding)));
     }
 
-    let mut across = ThermalInput::default();
-    across.measured(&measured);
-    let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
-    let options = ThermalOptions { orders: arguments.order.clone(), joint: true, facility, model };
-    let results = across.groups(&lins, &campaign.file.instructions.thermal, &options, &desk);
-    let (groups, at_one_temperature) = sort_results(results, &mut failures, terminal);
-    let not_applied: Vec<String> = at_one_temperature.iter().map(|f| format!("{}: {}", f.file, f.rule)).collect();
-    let centres = sort_centres(across.to_own_centre(&groups, &options, &desk), &mut failures, terminal);
+    publish_alone(&alone, &desk)?;
     for files in groups.iter().map(|group| &group.thermal.runs.files).chain(centres.iter().map(|made| &made.pair)) {
         publish_thermal_names(&measured, files, &desk)?;
     }

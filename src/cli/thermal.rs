@@ -15,7 +15,7 @@ use crate::record::known::Known;
 use crate::show;
 use crate::workflow::{
     Analyses, CentreMade, Failure, Measured, NoThermal, PairFiles, RunResult, ThermalInput, ThermalOptions, ThermalShown,
-    facility, jobs, known,
+    facility, jobs, known, refer, settle,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -127,14 +127,15 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     if campaigns.is_empty() {
         refuse_without_runs(&options)?;
     }
-    let (measured, total) = measure(&campaigns, &arguments.analyses(&options), common, terminal, &mut failures);
+    let (mut measured, total) = measure(&campaigns, &arguments.analyses(&options), common, terminal, &mut failures);
     warn_of_model(options.model.as_ref(), &measured, terminal);
+    let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
+    settle(&mut measured, &entries, &options.orders);
     input.measured(&measured);
     if let Some(pair) = &pair {
         input.leave_out_centre(pair);
     }
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
-    let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
     let results = input.groups(&lins, &entries, &options, &common.desk());
     let has_temperature = |p: &CalibratedRun| p.run.temperature_degc.is_some_and(f64::is_finite);
     if !input.points().is_empty() && !input.points().iter().any(has_temperature) {
@@ -150,6 +151,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         Some(pair) => input.to_centre(pair, &polynomials, &groups, &options, &common.desk()),
         None => input.to_own_centre(&groups, &options, &common.desk()),
     };
+    refer(&mut measured, Vec::new(), &groups, &common.desk());
+    publish_runs(&measured, common, terminal, &mut failures);
     let done = Done {
         centres: sort_centres(taken, &mut failures, terminal),
         sweeps: measured.iter().filter_map(Measured::sweep).collect(),
@@ -354,10 +357,7 @@ fn measure(
     let results: Vec<Result<Measured, Failure>> = jobs
         .par_iter()
         .map(|job| {
-            let made = analyses.make(job, &desk, two_threads).and_then(|measured| {
-                measured.publish(&desk, true).map_err(Failure::Refused)?;
-                Ok(measured)
-            });
+            let made = analyses.make(job, &desk, two_threads);
             bar.inc(1);
             made
         })
@@ -366,14 +366,24 @@ fn measure(
     let mut done = Vec::new();
     for (job, result) in jobs.iter().zip(results) {
         match result {
-            Ok(measured) => {
-                measured.notes().iter().for_each(|w| terminal.warning(&format!("{}: {w}", job.recorded)));
-                done.push(measured);
-            }
+            Ok(measured) => done.push(measured),
             Err(failure) => failures.push((job.recorded.clone(), failure)),
         }
     }
     (done, jobs.len())
+}
+
+/// Writes what every run gave, and says what a person should know of it.
+fn publish_runs(measured: &[Measured], common: &Common, terminal: &Terminal, failures: &mut Vec<(String, Failure)>) {
+    let desk = common.desk();
+    let written: Vec<Result<_, Finding>> = measured.par_iter().map(|one| one.publish(&desk, true)).collect();
+    for (one, result) in measured.iter().zip(written) {
+        let name = one.run().map_or_else(String::new, |run| run.input.path.clone());
+        one.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+        if let Err(finding) = result {
+            failures.push((name, Failure::Refused(finding)));
+        }
+    }
 }
 
 /// Parameter files, and what holds runs.

@@ -35,6 +35,9 @@ pub struct LinearCalibration {
     pub noise: PlateauNoise,
     /// Where the calibration holds.
     pub valid: LinearValidity,
+    /// What the parameters follow of the sensor temperature; absent where it was at rest and nothing is known of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub slopes: Option<TemperatureSlopes>,
     /// How the sensor stands in its reference cube, if that is stated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference: Option<Reference>,
@@ -229,6 +232,38 @@ pub struct PlateauNoise {
     pub correlated_share: [f64; 3],
     /// Effective number of independent plateaus.
     pub effective_blocks: [f64; 3],
+}
+
+/// What the parameters of a run follow of the sensor temperature about the one at which they are stated.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TemperatureSlopes {
+    /// Temperature at which the parameters are stated, °C.
+    pub at_degc: f64,
+    /// Highest power of the temperature in sensitivities and angles.
+    pub order: usize,
+    /// Of σ_x, σ_y, σ_z, nT/enT/K.
+    pub sigma: [f64; 3],
+    /// Of ξ_xy, ξ_xz, ξ_yz, degrees/K.
+    pub xi_deg: [f64; 3],
+    /// Of `B_or` beside the trend, enT/K; absent where the trend in time cannot be told from it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub b_or_ent: Option<[f64; 3]>,
+    /// Where those of sensitivities and angles come from: the file of the polynomials, `run`, or `bound`.
+    pub source: String,
+    /// Standard uncertainties.
+    pub std: SlopeStd,
+}
+
+/// Standard uncertainties of slopes with the sensor temperature.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SlopeStd {
+    /// nT/enT/K.
+    pub sigma: [f64; 3],
+    /// Degrees/K.
+    pub xi_deg: [f64; 3],
+    /// enT/K.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub b_or_ent: Option<[f64; 3]>,
 }
 
 /// Where the calibration holds.

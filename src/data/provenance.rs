@@ -16,6 +16,8 @@ pub enum Role {
     Linearisation,
     /// Known effects.
     Model,
+    /// What the parameters follow of the sensor temperature.
+    Temperature,
     /// The linear calibration whose sensitivities give nT.
     Cpf,
     /// The linear calibration at the centre of the coil system.
@@ -39,6 +41,7 @@ impl Role {
             Role::Facility => "facility",
             Role::Linearisation => "linearisation",
             Role::Model => "model",
+            Role::Temperature => "temperature",
             Role::Cpf => "cpf",
             Role::Centre => "centre",
             Role::OffCentre => "off-centre",

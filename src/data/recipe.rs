@@ -57,8 +57,8 @@ const fn recorded(name: &'static str, command: &'static str, files: &'static [Ro
 /// The analyses of which there are files without a recipe, and those with another name than their command or other inputs than their own.
 /// Those of the same command stand together, the one without a flag after the others.
 pub const ANALYSES: [Recorded; 14] = [
-    Recorded { flag: Some("linearise"), ..recorded("linearise", "lin", &[Role::Facility, Role::Model]) },
-    recorded("lin", "lin", &[Role::Facility, Role::Linearisation, Role::Model]),
+    Recorded { flag: Some("linearise"), ..recorded("linearise", "lin", &[Role::Facility, Role::Model, Role::Temperature]) },
+    recorded("lin", "lin", &[Role::Facility, Role::Linearisation, Role::Model, Role::Temperature]),
     recorded("offset", "offset", &[Role::Cpf, Role::Facility]),
     recorded("freq", "freq", &[Role::Model, Role::Amplitudes]),
     recorded("null", "null", &[Role::Cpf]),
@@ -68,7 +68,7 @@ pub const ANALYSES: [Recorded; 14] = [
     recorded("coil residual", "coil residual", &[]),
     recorded("coil tilt", "coil tilt", &[Role::Facility]),
     recorded("thermistor", "thermistor", &[Role::Reference]),
-    recorded("diagnose", "diagnose", &[Role::Facility, Role::Model, Role::Amplitudes]),
+    recorded("diagnose", "diagnose", &[Role::Facility, Role::Model, Role::Temperature, Role::Amplitudes]),
     recorded("report", "report", &[Role::Facility, Role::Model]),
     recorded("export", "export", &[]),
 ];
@@ -99,7 +99,7 @@ enum Form {
 }
 
 /// All options that are recorded, in the order of a command: key, option, form.
-const OPTIONS: [(&str, &str, Form); 31] = [
+const OPTIONS: [(&str, &str, Form); 32] = [
     ("order", "order", Form::Order),
     ("max_field_nt", "max-field", Form::Axes),
     ("robust", "robust", Form::Flag),
@@ -121,6 +121,7 @@ const OPTIONS: [(&str, &str, Form); 31] = [
     ("", "facility", Form::File(Role::Facility)),
     ("", "linearisation", Form::File(Role::Linearisation)),
     ("", "model", Form::File(Role::Model)),
+    ("", "temperature", Form::File(Role::Temperature)),
     ("sensor", "sensor", Form::Text),
     ("keep_all", "keep-all", Form::Flag),
     ("", "centre", Form::File(Role::Centre)),

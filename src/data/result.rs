@@ -59,6 +59,12 @@ pub struct Conditions {
     /// Smallest, mean and largest sensor temperature, °C.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_degc: Option<[f64; 3]>,
+    /// Highest minus lowest sensor temperature of the settings used, K, where it moved.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor_range_k: Option<f64>,
+    /// Straight line through the sensor temperatures of the settings used, K/h, where they moved.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor_rate_k_per_h: Option<f64>,
     /// Channel of the coil temperature.
     pub coil_channel: String,
     /// Smallest, mean and largest coil temperature, °C.

@@ -35,6 +35,7 @@ use crate::files::campaign::Campaign;
 use crate::model::effects::bad_thermistor::BadThermistor;
 use crate::model::effects::{Catalogue, EffectRef};
 use crate::model::facility::Facility;
+use crate::model::sensor_polynomials::SensorPolynomials;
 pub use crate::record::known::Given;
 pub use crate::record::prepared::Samples;
 use crate::record::temperature_faults;
@@ -58,6 +59,8 @@ const SHOWN: f64 = 0.02;
 pub struct Options {
     /// The facility that turns settings into the reference field.
     pub facility: Option<Facility>,
+    /// What a sensor follows of its temperature: taken off the readings of linearity runs.
+    pub temperature: Option<SensorPolynomials>,
     /// Effects that are known already. What acts between the means is fitted again; what acts inside the plateaus is taken off.
     pub given: Vec<Given>,
     /// The effects that are looked for.

@@ -11,11 +11,13 @@ use super::steps::{fault_step, inside_step, joined, sufficient};
 use super::{DiagnoseError, Given, Options, inside_maps, lag, where_map, words};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateaus;
-use crate::data::run::Run;
+use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
 use crate::model::effects::thermal_lag::ThermalLag;
 use crate::model::effects::time_shift::SHIFT;
 use crate::model::effects::{Acts, Catalogue, EffectRef, Record, Row, Spec};
+use crate::model::sensor_polynomials::SensorPolynomials;
+use crate::record::position::the_position;
 use crate::record::prepared::{PreparedRun, Samples};
 use nalgebra::DMatrix;
 
@@ -51,6 +53,9 @@ pub(super) fn run(
     let mut prepared = PreparedRun::new(run, plateaus, samples, &campaign.file.instructions, options.facility.as_ref())
         .map_err(|e| DiagnoseError::Record(e.0))?;
     let mut notes = std::mem::take(&mut prepared.notes);
+    if let Some(polynomials) = options.temperature.as_ref().filter(|_| run.header.kind == Kind::Linearity) {
+        notes.push(at_one_temperature(&mut prepared, polynomials, run, plateaus, campaign)?);
+    }
     let mut steps: Vec<Step> = prepared.faults.iter().map(fault_step).collect();
     let known_lag = options.given.iter().find_map(Given::thermal_lag);
     if let Some(lag) = known_lag {
@@ -239,4 +244,23 @@ fn reading_ranges_ent(record: &Record) -> [[f64; 2]; 3] {
         let readings = record.rows.iter().map(|r| r.linear_ent[a]);
         readings.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
     })
+}
+
+/// Refers the readings of a linearity run to one sensor temperature, and says so.
+fn at_one_temperature(
+    prepared: &mut PreparedRun,
+    polynomials: &SensorPolynomials,
+    run: &Run,
+    plateaus: &Plateaus,
+    campaign: &Campaign,
+) -> Result<Note, DiagnoseError> {
+    let (header, file) = (&run.header, &polynomials.input.path);
+    if (&polynomials.sensor, &polynomials.mode) != (&header.sensor, &header.mode) {
+        let (of, own) = (format!("{} {}", polynomials.sensor, polynomials.mode), format!("{} {}", header.sensor, header.mode));
+        return Err(DiagnoseError::Record(format!("{file} holds polynomials of {of}, the run is of {own}")));
+    }
+    let (_, position) = the_position(plateaus, &campaign.file.instructions).map_err(|e| DiagnoseError::Record(e.to_string()))?;
+    let range_k = prepared.refer(polynomials, &position.r_nom()).map_err(|e| DiagnoseError::Record(e.0))?;
+    let text = format!("the readings were referred to the mean sensor temperature, which moves by {range_k:.1} K, with {file}");
+    Ok(Note::new(NoteKind::Temperature, text).about(file))
 }

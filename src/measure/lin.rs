@@ -3,6 +3,7 @@
 mod derived;
 mod fit;
 mod judge;
+mod moving;
 mod options;
 mod prepare;
 mod refusal;
@@ -12,18 +13,22 @@ pub use options::Options;
 pub use refusal::LinError;
 pub use result::{Block, Lin};
 
-use crate::data::calibration::{LinearCalibration, LinearQuality, LinearTypeB, LinearValidity, OffsetTrend, PlateauNoise, Setup};
-use crate::data::note::Note;
+use crate::data::calibration::{
+    LinearCalibration, LinearQuality, LinearTypeB, LinearValidity, OffsetTrend, PlateauNoise, Setup, TemperatureSlopes,
+};
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::run::Run;
-use crate::data::units::COMPONENTS;
+use crate::data::units::{COMPONENTS, Reading};
 use crate::fit::DenseNoise;
 use crate::fit::statistics::{extremes, median};
 use crate::model::campaign::Instructions;
 use crate::model::sensor::Split;
 use crate::record::conditions::{self, Temperatures};
 use derived::{Derived, Parameters};
-use fit::{Means, check_followed, fit, stack};
+use fit::{Fitted, Means, check_followed, fit, stack};
+use moving::{AT_REST_K, Moving, Origin, Referred};
+use nalgebra::DMatrix;
 use prepare::{Prepared, trend_order};
 
 /// A sensitivity outside this factor of the nominal conversion means a wrong unit or factor.
@@ -36,19 +41,26 @@ const PLAUSIBLE_GAIN: f64 = 1.5;
 pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options: &Options) -> Result<Lin, LinError> {
     let order = trend_order(run, plateaus, instructions, options)?;
     let mut notes: Vec<Note> = Vec::new();
-    let prepared = Prepared::of(run, plateaus, instructions, options, &mut notes)?;
+    let mut prepared = Prepared::of(run, plateaus, instructions, options, &mut notes)?;
+    let span_s = span_s(&prepared.used(order)?);
+    let mut of_temperatures: Vec<Note> = Vec::new();
+    let mut temperatures = Temperatures::of(run, instructions, span_s, &mut of_temperatures);
+    let moving = Moving::of(&prepared.list, &temperatures);
+    let origin = origin(run, instructions, options, &temperatures, moving.as_ref(), &mut of_temperatures)?;
+    let before: Vec<Reading> = prepared.list.iter().map(|p| p.mean).collect();
+    let solved = match (&moving, &origin) {
+        (Some(moving), Some(origin)) => moving::refer(&mut prepared, moving, order, options.robust, origin)?.into(),
+        _ => Solved::at_rest(&prepared, order, options)?,
+    };
+    let Solved { means, fitted, noise, stacked, covariance, slopes } = solved;
     let used = prepared.used(order)?;
-
-    let means = Means::of(&used, order);
-    let fitted = fit(&used, &means, options.robust)?;
-    if !options.allow_mismatch {
-        check_followed(&used, &fitted.solution)?;
+    if let Some(moving) = moving.as_ref().filter(|m| m.is_moving()) {
+        temperatures.state_movement(moving.range_k(), moving.rate_k_per_h);
+        let channel = temperatures.conditions.as_ref().map_or("", |c| c.sensor_channel.as_str());
+        of_temperatures.extend(slopes.iter().map(|slopes| moving::note(moving, slopes, channel)));
     }
-    let noise = conditions::noise(fitted.for_noise(), &used).map_err(LinError::Fit)?;
-    let stacked = stack(&fitted.solution.coefficients);
     let r_nom = prepared.position.r_nom();
     let derived = Derived::of(&stacked, &means, &r_nom)?;
-    let covariance = prepared.covariance(&noise, &means, &used).map_err(LinError::Fit)?;
     let response = derived.response();
     let parameters = Parameters::of(derived, &stacked, &covariance, &means, &r_nom)?;
     let of_facility = match prepared.covariance_of_facility(&response, &means).map_err(LinError::Fit)? {
@@ -61,10 +73,16 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     if !options.allow_gain {
         check_gain(&parameters.split)?;
     }
-    let blocks = judge::blocks(&prepared.list, &fitted.weights, &parameters.split, &means, &stacked)?;
+    let blocks = judge::blocks(
+        &prepared.list,
+        slopes.is_some().then_some(before.as_slice()),
+        &fitted.weights,
+        &parameters.split,
+        &means,
+        &stacked,
+    )?;
 
-    let span_s = span_s(&used);
-    let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
+    notes.extend(of_temperatures);
     judge::warn_of_axes(&mut notes, &parameters.split);
     conditions::warn_of_plateaus(&mut notes, run, plateaus);
     conditions::warn_of_run(&mut notes, run, instructions);
@@ -102,6 +120,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         of_facility,
         noise: noise_of_plateaus(&noise),
         valid: validity(&used, &temperatures, span_s),
+        slopes,
         reference: None,
     };
     let stated = instructions.references.get(&run.header.sensor);
@@ -118,6 +137,88 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         given: plateaus.clone(),
         samples: None,
     })
+}
+
+/// The fit of a run.
+struct Solved {
+    means: Means,
+    fitted: Fitted,
+    noise: DenseNoise,
+    /// Coefficients of the baseline, component after component, with their covariance.
+    stacked: Vec<f64>,
+    covariance: DMatrix<f64>,
+    slopes: Option<TemperatureSlopes>,
+}
+
+impl Solved {
+    /// With one response for the whole run, whatever the temperature did.
+    fn at_rest(prepared: &Prepared, order: usize, options: &Options) -> Result<Self, LinError> {
+        let used = prepared.used(order)?;
+        let means = Means::of(&used, order);
+        let fitted = fit(&used, &means, options.robust)?;
+        // Readings of other settings have no noise to speak of.
+        if !options.allow_mismatch {
+            check_followed(&used, &fitted.solution)?;
+        }
+        let noise = conditions::noise(fitted.for_noise(), &used).map_err(LinError::Fit)?;
+        let stacked = stack(&fitted.solution.coefficients);
+        let covariance = prepared.covariance(&noise, &means, &used).map_err(LinError::Fit)?;
+        Ok(Self { means, fitted, noise, stacked, covariance, slopes: None })
+    }
+}
+
+impl From<Referred> for Solved {
+    fn from(referred: Referred) -> Self {
+        let Referred { means, fitted, noise, stacked, covariance, slopes } = referred;
+        Self { means, fitted, noise, stacked, covariance, slopes: Some(slopes) }
+    }
+}
+
+/// Where the slopes with the sensor temperature come from; `None` where the sensor is at rest and nothing is known of them, and where the
+/// run has no temperature.
+fn origin<'a>(
+    run: &Run,
+    instructions: &Instructions,
+    options: &'a Options,
+    temperatures: &Temperatures,
+    moving: Option<&Moving>,
+    notes: &mut Vec<Note>,
+) -> Result<Option<Origin<'a>>, LinError> {
+    let (header, channel) = (&run.header, instructions.channels(&run.header).0);
+    let Some(polynomials) = &options.temperature else {
+        let order = instructions.order_of_sensor(header);
+        let bounds = instructions.slope_bounds;
+        return Ok(moving.filter(|m| m.is_moving()).map(|_| Origin::Run { order, bounds }));
+    };
+    let file = &polynomials.input.path;
+    let other_channel = polynomials.channel.as_ref().filter(|own| **own != channel);
+    let other_sensor = (&polynomials.sensor, &polynomials.mode) != (&header.sensor, &header.mode);
+    if other_sensor || (other_channel.is_some() && temperatures.sensor_degc().is_some()) {
+        let named = |sensor: &str, mode: &str, channel: &str| format!("{sensor} {mode} over {channel}");
+        return Err(LinError::OtherSensor {
+            file: file.clone(),
+            of: named(
+                &polynomials.sensor,
+                &polynomials.mode,
+                polynomials.channel.as_deref().unwrap_or("a channel that is not stated"),
+            ),
+            run: named(&header.sensor, &header.mode, &channel),
+        });
+    }
+    let Some(moving) = moving else {
+        let text = format!("{file} has no influence: the run has no sensor temperature");
+        notes.push(Note::new(NoteKind::Temperature, text).about(file));
+        return Ok(None);
+    };
+    let ([low, high], [from, to]) = (moving.range_degc, polynomials.valid_degc);
+    if low < from - AT_REST_K || high > to + AT_REST_K {
+        let text = format!(
+            "the sensor temperature, {low:.1} to {high:.1} °C, leaves the range of {file}, {from:.1} to {to:.1} °C: slopes are \
+             extrapolated there, and their uncertainty with them"
+        );
+        notes.push(Note::new(NoteKind::Temperature, text).about(file));
+    }
+    Ok(Some(Origin::Polynomials(polynomials)))
 }
 
 /// First and last used time, s since the run's start.
@@ -148,9 +249,12 @@ fn noise_of_plateaus(noise: &DenseNoise) -> PlateauNoise {
 }
 
 fn validity(used: &[&Plateau], temperatures: &Temperatures, span_s: [f64; 2]) -> LinearValidity {
+    let is_moving = temperatures.conditions.as_ref().is_some_and(|c| c.sensor_range_k.is_some());
+    let near = |[_, at, _]: [f64; 3]| [at - 0.5 * AT_REST_K, at + 0.5 * AT_REST_K];
     LinearValidity {
         field_coil_nt: std::array::from_fn(|axis| extremes(used.iter().map(|p| p.setting.field.0[axis]))),
-        temperature_degc: temperatures.sensor_range_degc(),
+        // The parameters of a run that moved hold at one temperature.
+        temperature_degc: if is_moving { temperatures.sensor_degc().map(near) } else { temperatures.sensor_range_degc() },
         time_s: span_s,
     }
 }

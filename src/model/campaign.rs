@@ -79,6 +79,23 @@ pub const THERMAL_QUANTITIES: [&str; 24] = [
 /// Largest order of a temperature polynomial.
 pub const MOST_THERMAL_ORDER: u32 = 5;
 
+/// How large the slopes of a sensor with its temperature can be: standard uncertainties about zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SlopeBounds {
+    /// Of sensitivities, nT/enT/K.
+    pub sigma_per_k: Option<f64>,
+    /// Of angles between the sensor axes, degrees/K.
+    pub xi_deg_per_k: Option<f64>,
+}
+
+impl SlopeBounds {
+    /// Whether anything is stated.
+    #[must_use]
+    pub fn is_stated(&self) -> bool {
+        self.sigma_per_k.is_some() || self.xi_deg_per_k.is_some()
+    }
+}
+
 /// What a campaign says of its runs beside their headers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Instructions {
@@ -106,6 +123,8 @@ pub struct Instructions {
     pub at: BTreeMap<String, Location>,
     /// How sensors stand in their reference cubes, by sensor.
     pub references: BTreeMap<String, StatedReference>,
+    /// How large the slopes of sensors with their temperature can be.
+    pub slope_bounds: SlopeBounds,
 }
 
 impl Default for Instructions {
@@ -126,6 +145,7 @@ impl Default for Instructions {
             thermal: Vec::new(),
             at: BTreeMap::new(),
             references: BTreeMap::new(),
+            slope_bounds: SlopeBounds::default(),
         }
     }
 }
@@ -172,6 +192,15 @@ impl Instructions {
     /// What is said of the sensor of a run.
     fn sensor(&self, header: &Header) -> Option<&SensorChannels> {
         self.sensors.iter().find(|s| s.name == header.sensor)
+    }
+
+    /// The highest order that the campaign gives the polynomials of sensitivities and angles of a run's sensor and mode.
+    #[must_use]
+    pub fn order_of_sensor(&self, header: &Header) -> Option<usize> {
+        let applies = |wanted: &Option<String>, is: &str| wanted.as_deref().is_none_or(|w| w == is);
+        let own = self.thermal.iter().filter(|e| applies(&e.sensor, &header.sensor) && applies(&e.mode, &header.mode));
+        let orders = own.flat_map(|e| &e.orders).filter(|(name, _)| name.starts_with("sigma") || name.starts_with("xi"));
+        orders.map(|(_, order)| *order as usize).max()
     }
 
     /// The channel of the rack temperature; the facility has one rack, whichever the sensor.

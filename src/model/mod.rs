@@ -15,4 +15,5 @@ pub mod polynomial;
 pub mod position;
 pub mod response;
 pub mod sensor;
+pub mod sensor_polynomials;
 pub mod thermal;

@@ -1,6 +1,6 @@
 //! A sensor parameter as a polynomial of the temperature: `p(T) = Σ p_k T^k`, T in °C (BC-MAG-TR-0085 sections 12 and 13).
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// `Σ p_k T^k`, coefficients lowest order first; zero without any.
 #[must_use]
@@ -46,6 +46,30 @@ impl TemperaturePolynomial {
         (value, if variance < 0.0 { 0.0 } else { variance.sqrt() })
     }
 
+    /// The same polynomial in powers of `T - degc`, in the same range of temperatures.
+    #[must_use]
+    pub fn about(&self, degc: f64) -> Self {
+        let count = self.coefficients.len();
+        // Column k holds the coefficients of (degc + d)^k in powers of d.
+        let mut map = DMatrix::zeros(count, count);
+        for k in 0..count {
+            for j in 0..=k {
+                let below = |j: usize| if k == 0 { 0.0 } else { map[(j, k - 1)] };
+                map[(j, k)] = match (k, j) {
+                    (0, _) => 1.0,
+                    (_, 0) => degc * below(0),
+                    _ => below(j - 1) + degc * below(j),
+                };
+            }
+        }
+        let known = self.covariance.shape() == (count, count);
+        Self {
+            coefficients: (&map * DVector::from_column_slice(&self.coefficients)).as_slice().to_vec(),
+            covariance: if known { &map * &self.covariance * map.transpose() } else { self.covariance.clone() },
+            valid_degc: self.valid_degc,
+        }
+    }
+
     /// Standard deviations of the coefficients.
     #[must_use]
     pub fn std(&self) -> Vec<f64> {
@@ -84,6 +108,19 @@ mod tests {
                 assert!((std / expected_std - 1.0).abs() < 1e-9, "{order} {t}: {}", std / expected_std - 1.0);
             }
         }
+    }
+
+    #[test]
+    fn values_and_bands_are_the_same_about_another_temperature() {
+        let covariance = DMatrix::from_row_slice(3, 3, &[4.0, 0.1, -0.01, 0.1, 0.01, 1e-4, -0.01, 1e-4, 1e-4]);
+        let own = TemperaturePolynomial { coefficients: vec![1.0, 0.5, -0.02], covariance, valid_degc: [-50.0, 80.0] };
+        let about = own.about(12.5);
+        for degc in [-40.0, 0.0, 12.5, 70.0] {
+            let ((value, std), (expected, expected_std)) = (about.evaluate(degc - 12.5), own.evaluate(degc));
+            assert!((value - expected).abs() < 1e-12 && (std / expected_std - 1.0).abs() < 1e-9, "{degc}");
+        }
+        // The slope is that of the derivative, 0.5 - 2 · 0.02 · 12.5.
+        assert!((about.coefficients[1]).abs() < 1e-15);
     }
 
     #[test]

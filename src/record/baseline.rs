@@ -118,8 +118,13 @@ impl Baseline {
     /// # Errors
     /// [`FitError::NotFinite`].
     pub fn design(&self, fields_nt: &[[f64; 3]], x: &[f64]) -> Result<linear::Design, FitError> {
-        let names = (0..self.count()).map(|j| self.name(j)).collect();
-        linear::Design::new(names, self.columns(fields_nt, x))
+        linear::Design::new(self.names(), self.columns(fields_nt, x))
+    }
+
+    /// Names of the parameters.
+    #[must_use]
+    pub fn names(&self) -> Vec<String> {
+        (0..self.count()).map(|j| self.name(j)).collect()
     }
 
     fn name(&self, j: usize) -> String {

@@ -39,8 +39,23 @@ impl Temperatures {
         let (sensor, sensor_degc) = temperature(run, &sensor_channel, "sensor", span_s, notes);
         let (coil, coil_degc) = temperature(run, &coil_channel, "coil system", span_s, notes);
         let any = sensor_degc.is_some() || coil_degc.is_some();
-        let conditions = any.then_some(Conditions { sensor_channel, sensor_degc, coil_channel, coil_degc });
+        let conditions = any.then_some(Conditions {
+            sensor_channel,
+            sensor_degc,
+            sensor_range_k: None,
+            sensor_rate_k_per_h: None,
+            coil_channel,
+            coil_degc,
+        });
         Self { sensor, coil, conditions }
+    }
+
+    /// States by how much and how fast the sensor temperature moved.
+    pub fn state_movement(&mut self, range_k: f64, rate_k_per_h: f64) {
+        if let Some(conditions) = &mut self.conditions {
+            conditions.sensor_range_k = Some(range_k);
+            conditions.sensor_rate_k_per_h = Some(rate_k_per_h);
+        }
     }
 
     /// Smallest, mean and largest sensor temperature, °C.

@@ -13,6 +13,8 @@ use crate::model::effects::record::{Channel, Step};
 use crate::model::effects::{Record, Row, Thermal};
 use crate::model::facility::Facility;
 use crate::model::lag::Lag;
+use crate::model::sensor::split;
+use crate::model::sensor_polynomials::{SensorChange, SensorPolynomials};
 use crate::record::baseline::Baseline;
 use crate::record::facility as reference_field;
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -240,6 +242,31 @@ impl PreparedRun {
     pub fn squares_with(&self, readings: &DMatrix<f64>, degc: &[f64]) -> f64 {
         let baseline = Baseline::in_temperature(degc, THERMAL_ORDER, THERMAL_ORDER);
         baseline.squares_ent2(&fields_nt(&self.record.rows), degc, readings).iter().sum()
+    }
+
+    /// Refers the readings to the mean sensor temperature with the polynomials of the sensor, so that one response describes all of them; a run
+    /// without a sensor temperature stays as it is. Returns by how much the temperature moves, K.
+    ///
+    /// # Errors
+    /// A response that belongs to no sensor.
+    pub fn refer(&mut self, polynomials: &SensorPolynomials, r_nom: &Matrix3<f64>) -> Result<f64, Unfit> {
+        // Each round makes what is left smaller by the relative change of the response, a few percent at most.
+        const ROUNDS: usize = 12;
+        let Some(sensor) = &self.record.sensor else { return Ok(0.0) };
+        let over_k: Vec<f64> = sensor.values.iter().map(|degc| degc - sensor.mean).collect();
+        let change = SensorChange::of(polynomials, sensor.mean);
+        let raw = self.readings.clone();
+        for _ in 0..ROUNDS {
+            let no_sensor = || Unfit("the response belongs to no sensor with three axes".to_owned());
+            let phi = self.record.response.try_inverse().ok_or_else(no_sensor)?;
+            let at = split(&phi, r_nom).map_err(|_| no_sensor())?;
+            for (i, row) in self.record.rows.iter().enumerate() {
+                let by = change.reading_ent(&at, over_k[i], row.field_coil_nt).ok_or_else(no_sensor)?;
+                (0..3).for_each(|a| self.readings[(i, a)] = raw[(i, a)] - by[a]);
+            }
+            fit_linear(&mut self.record, &self.readings)?;
+        }
+        Ok(extent(over_k))
     }
 
     /// Fits the linear model once more, to readings from which something was taken off.

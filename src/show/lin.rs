@@ -2,7 +2,8 @@
 
 use super::document::{Block, Cell, Section, Table, Text, cells};
 use super::{known_effects, not_used, or_not_stated, remarks, run_line, triple, used_file};
-use crate::data::calibration::LinearCalibration;
+use crate::data::calibration::{LinearCalibration, TemperatureSlopes};
+use crate::data::result::Conditions;
 use crate::data::units::{COMPONENTS, with_uncertainty};
 use crate::measure::lin::Lin;
 
@@ -19,16 +20,9 @@ pub(super) fn matrix(rows: &[[f64; 3]; 3]) -> Block {
 #[must_use]
 pub fn sections(lin: &Lin, parameter_file: &str) -> Vec<Section> {
     let p = &lin.calibration;
-    let mut sections = vec![
-        used_file(&p.run, parameter_file),
-        facility(p),
-        offset(p),
-        raw_data(lin),
-        parameters(p),
-        model_quality(p),
-        uncertainty(p),
-        validity(p),
-    ];
+    let mut sections = vec![used_file(&p.run, parameter_file), facility(p)];
+    sections.extend(p.slopes.as_ref().map(|slopes| movement(lin, slopes)));
+    sections.extend([offset(p), raw_data(lin), parameters(p), model_quality(p), uncertainty(p), validity(p)]);
     sections.extend(not_used(&lin.dropped));
     sections.extend(remarks(&lin.notes));
     sections
@@ -38,7 +32,50 @@ pub fn sections(lin: &Lin, parameter_file: &str) -> Vec<Section> {
 #[must_use]
 pub fn headline(lin: &Lin) -> String {
     let p = &lin.calibration;
-    format!("σ {} nT/enT", triple(&p.sigma_nt_per_ent(), &p.std.sigma))
+    let moved = moved(lin).map_or_else(String::new, |moved| format!("; {moved}"));
+    format!("σ {} nT/enT{moved}", triple(&p.sigma_nt_per_ent(), &p.std.sigma))
+}
+
+/// By how much the sensor temperature moved, and where the slopes come from; nothing for a sensor at rest.
+fn moved(lin: &Lin) -> Option<String> {
+    let conditions = lin.temperatures.conditions.as_ref()?;
+    let (range_k, rate) = (conditions.sensor_range_k?, conditions.sensor_rate_k_per_h?);
+    let slopes = lin.calibration.slopes.as_ref()?;
+    Some(format!("sensor temperature moved by {range_k:.1} K ({rate:+.1} K/h), slopes: {}", slopes.source))
+}
+
+/// What the parameters follow of the sensor temperature.
+fn movement(lin: &Lin, slopes: &TemperatureSlopes) -> Section {
+    let mut section = Section::new("Sensor temperature during the run");
+    let text = match &lin.temperatures.conditions {
+        Some(Conditions { sensor_range_k: Some(range_k), sensor_rate_k_per_h: Some(rate), .. }) => {
+            format!("The sensor temperature moved by {range_k:.2} K, a straight line through it by {rate:+.1} K/h. ")
+        }
+        _ => "The sensor temperature hardly moved. ".to_owned(),
+    };
+    let origin = match slopes.source.as_str() {
+        "run" => "found in the run itself together with everything else".to_owned(),
+        "bound" => "held by the bounds that the campaign states".to_owned(),
+        file => format!("those of {file}"),
+    };
+    let place = format!(
+        "All readings were referred to {:.3} °C, at which the parameters hold. The slopes of sensitivities and angles are {origin}; the sensor \
+         is taken as not turning in its mount, and the offset follows the temperature beside its trend in time as the run says.",
+        slopes.at_degc
+    );
+    section.push(Text::from(text).and(place));
+    let mut table = Table::new(["slope at this temperature", "value ± standard uncertainty", "unit"]);
+    let mut rows = |names: [&str; 3], values: [f64; 3], std: [f64; 3], unit: &str| {
+        for i in 0..3 {
+            table.push(cells![names[i], Cell::uncertain(values[i], std[i]), unit]);
+        }
+    };
+    rows(["σ_x", "σ_y", "σ_z"], slopes.sigma, slopes.std.sigma, "nT/enT/K");
+    rows(["ξ_xy", "ξ_xz", "ξ_yz"], slopes.xi_deg, slopes.std.xi_deg, "degrees/K");
+    if let (Some(slope), Some(std)) = (slopes.b_or_ent, slopes.std.b_or_ent) {
+        rows(["B_or x", "B_or y", "B_or z"], slope, std, "enT/K");
+    }
+    section.with(table)
 }
 
 /// A few lines for the terminal.
@@ -49,12 +86,13 @@ pub fn summary(lin: &Lin) -> String {
     let b_or: Vec<String> = (0..3).map(|i| with_uncertainty(p.offset.b_or_ent[i], p.std.b_or_ent[i])).collect();
     let residual = p.quality.residual_nt.std.map(|s| format!("{s:.3}"));
     format!(
-        "{}  {} of {} blocks{}\n  σ     {}  nT/enT\n  B_or  {}  enT\n  residual standard deviation {}  nT (X, Y, Z)\n",
+        "{}  {} of {} blocks{}\n{}  σ     {}  nT/enT\n  B_or  {}  enT\n  residual standard deviation {}  nT (X, Y, Z)\n",
         run_line(&p.run),
         p.quality.blocks_used,
         p.quality.blocks_total,
         lin.linearisation.as_ref().map_or_else(String::new, |l| format!(", linearised with {}", l.file))
             + &lin.model.as_ref().map_or_else(String::new, |m| format!(", without the effects of {}", m.file)),
+        moved(lin).map_or_else(String::new, |moved| format!("  {moved}\n")),
         sigma.join(", "),
         b_or.join(", "),
         residual.join(", "),
@@ -257,6 +295,14 @@ pub fn parameter_table(runs: &[&Lin]) -> crate::files::table::Table {
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
         table.push(&format!("residual_{axis}_std_nt"), numbers(&|p| p.quality.residual_nt.std[i]));
     }
+    let conditions = |get: &dyn Fn(&Conditions) -> Option<f64>| {
+        let of = |l: &&Lin| l.temperatures.conditions.as_ref().and_then(get).unwrap_or(f64::NAN);
+        Values::Numbers(runs.iter().map(of).collect())
+    };
+    table.push("sensor_range_k", conditions(&|c| c.sensor_degc.map(|[low, _, high]| high - low)));
+    table.push("sensor_rate_k_per_h", conditions(&|c| c.sensor_rate_k_per_h));
+    let source = |l: &&Lin| l.calibration.slopes.as_ref().map_or_else(String::new, |s| s.source.clone());
+    table.push("slopes_from", Values::Text(runs.iter().map(source).collect()));
     table.push("blocks_used", Values::Counts(runs.iter().map(|l| l.calibration.quality.blocks_used as u64).collect()));
     table.push("blocks_total", Values::Counts(runs.iter().map(|l| l.calibration.quality.blocks_total as u64).collect()));
     table
@@ -279,6 +325,11 @@ pub fn block_table(lin: &Lin) -> crate::files::table::Table {
     }
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
         table.push(&format!("{axis}_ent"), numbers(&|b| b.plateau.mean.0[i]));
+    }
+    if lin.calibration.slopes.is_some() {
+        for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
+            table.push(&format!("{axis}_at_its_temperature_ent"), numbers(&|b| b.reading_ent()[i]));
+        }
     }
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
         table.push(&format!("std_{axis}_ent"), numbers(&|b| b.plateau.std_ent.map_or(f64::NAN, |s| s[i])));

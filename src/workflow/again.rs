@@ -3,7 +3,8 @@
 use super::coil::{TiltInput, coil_runs, publish_coil, residual_of, residual_of_table, scalar_of};
 use super::diagnose::known;
 use super::linearise::{First, by_sensor_and_mode, linearisation, linearise_group};
-use super::thermal::ThermalInput;
+use super::settle::{refer, settle};
+use super::thermal::{ThermalInput, temperature};
 use super::thermistor::{publish_thermistor, thermistor_of};
 use super::{
     Analyses, CoilMade, CoilResult, Desk, Failure, Job, NoThermal, PairFiles, PerRun, RUN_KINDS, RunResult, ThermalOptions,
@@ -20,6 +21,7 @@ use crate::files::parameter::{self, Body, Cpf, Tpf, is_named};
 use crate::measure::{freq, lin, sweep, thermistor};
 use crate::model::facility::Facility;
 use crate::model::linearisation::Linearisation;
+use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::record::known::Known;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -101,6 +103,14 @@ impl Ingredients {
     /// The file is no model.
     pub fn model(&self) -> Result<Option<Known>, Finding> {
         known(self.file(Role::Model))
+    }
+
+    /// What the parameters follow of the sensor temperature.
+    ///
+    /// # Errors
+    /// The file holds no such polynomials.
+    pub fn temperature(&self) -> Result<Option<SensorPolynomials>, Finding> {
+        temperature(self.file(Role::Temperature))
     }
 
     /// The linear calibration that gives nT.
@@ -212,17 +222,16 @@ fn thermal(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Again
     let analyses = Analyses::new(options.facility.as_ref(), options.model.as_ref());
     let mut measured = Vec::new();
     for job in jobs(&campaigns, None).0 {
-        let one = analyses.make(&job, desk, false)?;
-        one.publish(desk, true)?;
-        measured.push(one);
+        measured.push(analyses.make(&job, desk, false)?);
     }
+    let entries: Vec<_> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
+    settle(&mut measured, &entries, &options.orders);
     input.measured(&measured);
     let pair = with.pair()?;
     if let Some(pair) = &pair {
         input.leave_out_centre(pair);
     }
     let lins: Vec<&lin::Lin> = measured.iter().filter_map(|m| m.lin()).map(|made| &made.result).collect();
-    let entries: Vec<_> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
     let mut groups = Vec::new();
     for group in input.groups(&lins, &entries, &options, desk) {
         match group {
@@ -237,6 +246,10 @@ fn thermal(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Again
     };
     for one in made {
         one?;
+    }
+    refer(&mut measured, Vec::new(), &groups, desk);
+    for one in &measured {
+        one.publish(desk, true)?;
     }
     Ok(())
 }

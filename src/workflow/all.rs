@@ -1,7 +1,7 @@
 //! Every run of a campaign by the analysis of its kind, each read once.
 
 use super::kind::{RUN_KINDS, RunAnalysis, RunMade};
-use super::{Desk, Drawn, Failure, Job, Made, PerRun, RunResult, parameter_text};
+use super::{Alone, Desk, Drawn, Failure, Job, Made, PerRun, RunResult, parameter_text};
 use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
@@ -12,7 +12,6 @@ use crate::data::run::Run;
 use crate::data::start::Start;
 use crate::files::ccr;
 use crate::files::output::Folder;
-use crate::files::parameter::Body;
 use crate::files::source::hex;
 use crate::measure::lin::Lin;
 use crate::measure::sweep::Sweep;
@@ -84,6 +83,15 @@ impl Measured {
     #[must_use]
     pub fn of<R: RunResult>(&self) -> Option<&Made<R>> {
         self.made()?.as_any().downcast_ref()
+    }
+
+    /// The linear calibration, if it is one, to be made once more.
+    #[must_use]
+    pub fn lin_mut(&mut self) -> Option<&mut Made<Lin>> {
+        match self {
+            Measured::Analysed(made) => made.as_any_mut().downcast_mut(),
+            Measured::Other(_) => None,
+        }
     }
 
     /// The linear calibration, if it is one.
@@ -163,7 +171,7 @@ pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
         }
         if let Some(lin) = nearest(made.head(), all.iter().filter_map(Measured::lin), |lin| &lin.result.calibration.run) {
             let parameters = lin.result.parameters();
-            let path = parameters.file_name();
+            let path = lin.file_name();
             let text = parameter_text(&path, &parameters, &lin.provenance)?;
             let sha256 = hex(&Sha256::digest(text.as_bytes()));
             let input = Input { path, size_bytes: text.len() as u64, sha256, role: Some(Role::Cpf) };
@@ -204,7 +212,8 @@ fn nearest<'a, T>(own: &RunHead, all: impl Iterator<Item = &'a T>, head: impl Fn
 /// # Errors
 /// What cannot be written.
 pub fn publish_thermal_names(all: &[Measured], used: &[String], desk: &Desk) -> Result<(), Finding> {
-    for made in all.iter().filter_map(Measured::lin) {
+    // Those that were made with results of the group have that name anyway.
+    for made in all.iter().filter_map(Measured::lin).filter(|made| !made.in_group) {
         let p = made.result.parameters();
         let name = p.thermal_file_name();
         if used.contains(&name) {
@@ -212,6 +221,19 @@ pub fn publish_thermal_names(all: &[Measured], used: &[String], desk: &Desk) -> 
             folder.write(&name, parameter_text(&name, &p, &made.provenance)?.as_bytes())?;
             folder.sync()?;
         }
+    }
+    Ok(())
+}
+
+/// Writes the linear calibrations of runs alone beside those that were made with the polynomials of their groups.
+///
+/// # Errors
+/// What cannot be written.
+pub fn publish_alone(alone: &[Alone], desk: &Desk) -> Result<(), Finding> {
+    for one in alone {
+        let folder = Folder::open(&desk.out.join(&one.run), desk.force)?;
+        folder.write(&one.name, one.text.as_bytes())?;
+        folder.sync()?;
     }
     Ok(())
 }

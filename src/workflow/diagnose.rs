@@ -129,7 +129,8 @@ impl Across {
                 Ok((values, input)) => {
                     self.values.push(values);
                     let facility = options.facility.iter().map(|f| &f.input);
-                    for input in [input].iter().chain(&job.campaign.input).chain(facility) {
+                    let temperature = options.temperature.iter().map(|t| &t.input);
+                    for input in [input].iter().chain(&job.campaign.input).chain(facility).chain(temperature) {
                         if !self.inputs.contains(input) {
                             self.inputs.push(input.clone());
                         }

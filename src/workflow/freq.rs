@@ -16,6 +16,7 @@ use crate::files::parameter::{Fpf, FrequencyConvention};
 use crate::files::table::Table;
 use crate::measure::corner::Corner;
 use crate::measure::freq::{Freq, Options, Sines, Stretch, freq, from_table};
+use crate::model::campaign::Instructions;
 use crate::model::facility::Facility;
 use crate::plot;
 use crate::record::conditions::Temperatures;
@@ -60,7 +61,14 @@ impl PerRun for Options {
 /// The table cannot be read, or its name cannot be a run id.
 pub fn of_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Made<Freq>, Finding> {
     let (rows, id, provenance) = amplitude_table("freq", path, findings)?;
-    Ok(Made { result: from_table(&rows, &id), provenance, run: None })
+    Ok(Made {
+        result: from_table(&rows, &id),
+        provenance,
+        run: None,
+        options: Options::default(),
+        instructions: Instructions::default(),
+        in_group: false,
+    })
 }
 
 /// The rows of a table of amplitudes, its run id, and the provenance of what an analysis makes of it.

@@ -12,7 +12,6 @@ use crate::data::recipe::Recipe;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::files::output::Folder;
-use crate::files::parameter::Body;
 use crate::measure::{freq, lin, null, offset, sweep};
 use crate::model::facility::Facility;
 use crate::record::known::Known;
@@ -135,6 +134,8 @@ pub trait RunMade: Send + Sync {
     fn scale(&mut self, cpf: Input, sensitivities: &Sensitivities);
     /// Itself, for who knows the analysis.
     fn as_any(&self) -> &dyn Any;
+    /// Itself, for who knows the analysis and changes it.
+    fn as_any_mut(&mut self) -> &mut dyn Any;
 }
 
 impl<R: RunResult> RunMade for Made<R> {
@@ -165,13 +166,13 @@ impl<R: RunResult> RunMade for Made<R> {
             head: self.result.head(),
             headline: R::HEADLINE(&self.result),
             remarks: self.result.notes().len(),
-            sections: (R::SHOWN.sections)(&self.result, &self.result.parameters().file_name()),
+            sections: (R::SHOWN.sections)(&self.result, &self.file_name()),
             figures,
         }
     }
     fn publish(&self, desk: &Desk, in_group: bool) -> Result<Vec<Drawn>, Finding> {
         let other = self.result.name_in_group().filter(|_| in_group);
-        publish::<R::Analysis>(self, desk, &other.unwrap_or_else(|| self.result.parameters().file_name()))
+        publish::<R::Analysis>(self, desk, &other.unwrap_or_else(|| self.file_name()))
     }
     fn is_scalable(&self) -> bool {
         R::SCALE.is_some()
@@ -183,6 +184,9 @@ impl<R: RunResult> RunMade for Made<R> {
         }
     }
     fn as_any(&self) -> &dyn Any {
+        self
+    }
+    fn as_any_mut(&mut self) -> &mut dyn Any {
         self
     }
 }

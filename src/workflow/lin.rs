@@ -45,7 +45,9 @@ impl PerRun for Options {
     fn inputs(&self) -> Vec<Input> {
         let facility = self.facility.iter().map(|f| &f.input);
         let linearisation = self.linearisation.iter().map(|l| &l.input);
-        facility.chain(linearisation).chain(self.model.iter().map(|m| &m.input)).cloned().collect()
+        let model = self.model.iter().map(|m| &m.input);
+        let temperature = self.temperature.iter().map(|t| &t.input);
+        facility.chain(linearisation).chain(model).chain(temperature).cloned().collect()
     }
 
     fn settled(&self, result: &Lin) -> Self {
@@ -57,7 +59,13 @@ impl PerRun for Options {
     }
 
     fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
-        Ok(Self { facility: files.facility()?, linearisation: files.linearisation()?, model: files.model()?, ..self })
+        Ok(Self {
+            facility: files.facility()?,
+            linearisation: files.linearisation()?,
+            model: files.model()?,
+            temperature: files.temperature()?,
+            ..self
+        })
     }
 }
 
@@ -91,8 +99,9 @@ impl RunResult for Lin {
     }
     fn parameters(&self) -> Cpf {
         let convention = if self.linearisation.is_some() { Convention::linearised() } else { Convention::default() };
+        let convention = if self.model.is_some() { convention.without_effects() } else { convention };
         Cpf {
-            convention: if self.model.is_some() { convention.without_effects() } else { convention },
+            convention: if self.calibration.slopes.is_some() { convention.at_one_temperature() } else { convention },
             calibration: self.calibration.clone(),
             conditions: self.temperatures.conditions.clone(),
             facility: self.facility.clone(),
@@ -109,8 +118,12 @@ impl RunResult for Lin {
     fn tables(&self) -> Vec<(&'static str, String, Table)> {
         let id = &self.calibration.run.id;
         let readings = if self.linearisation.is_some() { "linearised readings" } else { "readings" };
+        let referred = match &self.calibration.slopes {
+            Some(slopes) => format!(" referred to {} degC", slopes.at_degc),
+            None => String::new(),
+        };
         let note = format!(
-            "lin, run {id}: one row per block; fields nT, coil axes; {readings} enT, sensor axes; times s since the run's start"
+            "lin, run {id}: one row per block; fields nT, coil axes; {readings}{referred} enT, sensor axes; times s since the run's start"
         );
         vec![("LIN_BLOCKS", note, show::lin::block_table(self))]
     }

@@ -117,10 +117,10 @@ pub fn linearise_group<'a>(
     }
     let runs = group.into_iter().zip(after).map(|(first, after)| {
         let made = after.map(|result| {
-            let mut input = first.made.provenance.input;
+            let mut input = first.made.provenance.input.clone();
             input.extend(options_with.linearisation.iter().map(|l| l.input.clone()));
             let provenance = Provenance::new(recipe(&options_with, &result, desk), input);
-            Made { result, provenance, run: first.made.run }
+            Made { result, provenance, options: options_with.clone(), ..first.made }
         });
         (first.job, made)
     });

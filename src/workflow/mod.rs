@@ -15,12 +15,13 @@ mod lin;
 mod linearise;
 mod null;
 mod offset;
+mod settle;
 mod sweep;
 mod thermal;
 mod thermistor;
 
 pub use again::{AgainError, Ingredients, again, sensitivities};
-pub use all::{Analyses, Measured, publish_tables, publish_thermal_names, scale_to_nt};
+pub use all::{Analyses, Measured, publish_alone, publish_tables, publish_thermal_names, scale_to_nt};
 #[cfg(feature = "tables")]
 pub use apply::{Applied, AppliedFile, ApplyOptions, Flagged, Outside, applied, apply_to, stem};
 pub use centre::{CentreMade, PairFiles};
@@ -32,7 +33,8 @@ pub use freq::of_table;
 pub use ground::{ExportRecipe, NoGround, ground_calibration};
 pub use kind::{RUN_KINDS, RunKind, RunMade};
 pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
-pub use thermal::{NoThermal, ThermalFile, ThermalInput, ThermalOptions, ThermalShown};
+pub use settle::{Alone, alone, refer, settle};
+pub use thermal::{NoThermal, ThermalFile, ThermalInput, ThermalOptions, ThermalShown, temperature};
 pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
 
 use crate::data::across::CalibratedRun;
@@ -49,6 +51,7 @@ use crate::files::parameter::Body;
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::files::{ccr, parameter};
+use crate::model::campaign::Instructions;
 use crate::model::facility::Facility;
 use crate::plot::{self, Named};
 use crate::record::known::Known;
@@ -312,13 +315,28 @@ impl Job<'_> {
 }
 
 /// A result with what is known of its origin.
-pub struct Made<R> {
+pub struct Made<R: RunResult> {
     /// The result.
     pub result: R,
     /// Its origin.
     pub provenance: Provenance,
     /// The run as it was read, without its vectors; absent for a table of amplitudes.
     pub run: Option<Run>,
+    /// How it was made.
+    pub options: R::Analysis,
+    /// What the campaign says of its runs.
+    pub instructions: Instructions,
+    /// It was made with results of its thermal group, and its file has the name of one there.
+    pub in_group: bool,
+}
+
+impl<R: RunResult> Made<R> {
+    /// Name of the parameter file.
+    #[must_use]
+    pub fn file_name(&self) -> String {
+        let other = self.result.name_in_group().filter(|_| self.in_group);
+        other.unwrap_or_else(|| self.result.parameters().file_name())
+    }
 }
 
 /// Reads and analyses one run.
@@ -336,7 +354,8 @@ pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) 
     input.extend(job.campaign.input.clone());
     input.extend(analysis.inputs());
     let provenance = Provenance::new(recipe(analysis, &result, desk), input);
-    Ok(Made { result, provenance, run: Some(run) })
+    let instructions = job.campaign.file.instructions.clone();
+    Ok(Made { result, provenance, run: Some(run), options: analysis.clone(), instructions, in_group: false })
 }
 
 /// What a result is made with.

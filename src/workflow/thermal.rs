@@ -5,12 +5,13 @@ use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw, param
 use crate::data::across::{CalibratedRun, LinearScope, RunRotations, RunValues};
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
-use crate::data::provenance::{Input, Provenance};
+use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::recipe::Recipe;
 use crate::data::reference::StatedReference;
 use crate::data::run::Location;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, JointPart, NO_CHANNEL, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point};
+use crate::files::source::hex;
 use crate::measure::centre::together;
 use crate::measure::joint::{JointFit, QUANTITIES};
 use crate::measure::lin::Lin;
@@ -19,12 +20,14 @@ use crate::measure::thermal::{
 };
 use crate::model::campaign::ThermalEntry;
 use crate::model::facility::Facility;
+use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::plot;
 use crate::record::known::Known;
 use crate::show::{self, Drawn};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
@@ -134,8 +137,8 @@ impl ThermalInput {
                 let file = ThermalFile::of(&result);
                 let used: Vec<&CalibratedRun> = group.points.iter().filter(|p| result.runs.files.contains(&p.file)).collect();
                 let provenance = Provenance::new(options.recipe(desk), self.inputs(&used));
-                let figures = publish(&result, &file, &provenance, desk).map_err(NoThermal::Refused)?;
-                Ok(ThermalShown { thermal: result, file, figures })
+                let (written, figures) = publish(&result, &file, &provenance, desk).map_err(NoThermal::Refused)?;
+                Ok(ThermalShown { thermal: result, file, written, figures })
             })
             .collect()
     }
@@ -279,6 +282,8 @@ pub struct ThermalShown {
     pub thermal: Thermal,
     /// What its parameter file holds.
     pub file: ThermalFile,
+    /// That file as an input of what rests on it.
+    pub written: Input,
     /// Its figures.
     pub figures: Vec<Drawn>,
 }
@@ -344,7 +349,7 @@ impl<'a> From<&'a QuantityFit> for CurveView<'a> {
 }
 
 impl ThermalFile {
-    fn of(result: &Thermal) -> Self {
+    pub(super) fn of(result: &Thermal) -> Self {
         let head = head(result);
         let coefficients = |name: &str| coefficients(&result.quantities, name);
         match &result.of_kind {
@@ -405,6 +410,22 @@ impl ThermalFile {
             ThermalFile::Taf(body) => parameter_text(&name, body.as_ref(), provenance),
         }
     }
+}
+
+/// Reads the polynomials of `--temperature`.
+///
+/// # Errors
+/// The file holds no such polynomials, or their covariance is not stated.
+pub fn temperature(path: Option<&PathBuf>) -> Result<Option<SensorPolynomials>, Finding> {
+    let Some(path) = path else { return Ok(None) };
+    let file = read::<Tpf>(path)?;
+    let polynomials = file.body.polynomials(file.input.with_role(Role::Temperature));
+    if let Some(name) = polynomials.without_covariance() {
+        let rule =
+            format!("states no covariance of {name}, so that the uncertainty of a run could not contain that of its slope");
+        return Err(Finding::error(&path.display().to_string(), rule, "take polynomials with covariances"));
+    }
+    Ok(Some(polynomials))
 }
 
 /// The coefficients of a quantity; none if it is not determined.
@@ -510,8 +531,8 @@ fn stem(kind: Kind) -> &'static str {
     }
 }
 
-/// Writes figures, report and parameter file, the last one last.
-fn publish(result: &Thermal, file: &ThermalFile, provenance: &Provenance, desk: &Desk) -> Result<Vec<Drawn>, Finding> {
+/// Writes figures, report and parameter file, the last one last; returns that as an input, and the figures.
+fn publish(result: &Thermal, file: &ThermalFile, provenance: &Provenance, desk: &Desk) -> Result<(Input, Vec<Drawn>), Finding> {
     let name = file.file_name();
     let first = result.runs.ids.first().map_or_else(String::new, |id| id.replace('_', "-"));
     let folder = Folder::open(&desk.out, desk.force)?;
@@ -534,6 +555,7 @@ fn publish(result: &Thermal, file: &ThermalFile, provenance: &Provenance, desk: 
         sections: show::thermal::sections(result, &name),
         provenance,
     };
+    let (size_bytes, sha256) = (outcome.parameters.len() as u64, hex(&Sha256::digest(outcome.parameters.as_bytes())));
     outcome.write(&folder, &drawn)?;
-    Ok(drawn)
+    Ok((Input { path: name, size_bytes, sha256, role: None }, drawn))
 }

@@ -1,13 +1,15 @@
 //! `campaign.toml`: what the run headers do not tell.
 
 use crate::data::convention::Convention;
-use crate::data::error::Finding;
+use crate::data::error::{Finding, Severity};
 use crate::data::reference::{StatedReference, is_rotation};
 use crate::data::run::{Kind, Location};
 use crate::data::thermistor::HIGHEST_ORDER;
 use crate::files::source::{Digested, read_whole};
 use crate::files::text::{Group, Keys, decode};
-use crate::model::campaign::{FieldLimits, Instructions, MOST_THERMAL_ORDER, SensorChannels, THERMAL_QUANTITIES, ThermalEntry};
+use crate::model::campaign::{
+    FieldLimits, Instructions, MOST_THERMAL_ORDER, SensorChannels, SlopeBounds, THERMAL_QUANTITIES, ThermalEntry,
+};
 use crate::model::position::Position;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -70,7 +72,7 @@ impl CampaignFile {
     ];
 }
 
-const KNOWN: [&str; 18] = [
+const KNOWN: [&str; 19] = [
     "name",
     "instrument",
     "offset_trend_order",
@@ -88,6 +90,7 @@ const KNOWN: [&str; 18] = [
     "at",
     "reference",
     "thermistor",
+    "uncertainty",
     "report",
 ];
 
@@ -177,6 +180,7 @@ fn instructions(root: &Group, findings: &mut Vec<Finding>) -> Result<Instruction
     }
     instructions.at = locations(root, findings)?;
     instructions.references = references(root, findings)?;
+    instructions.slope_bounds = slope_bounds(root, findings)?;
     Ok(instructions)
 }
 
@@ -187,6 +191,54 @@ fn coil_channels(group: &Group) -> Result<Option<[String; 3]>, Finding> {
         list.try_into().map_err(|_| group.refuse(KEY, "must be three names", "write the channels of the coils X, Y and Z"))
     };
     group.texts(KEY)?.map(three).transpose()
+}
+
+/// Quantities of `[[uncertainty]]` that are carried nowhere yet.
+const LATER: [&str; 10] = [
+    "coil_constant",
+    "coil_angle",
+    "current_source",
+    "orientation",
+    "thermometer",
+    "temperature_gradient",
+    "clock",
+    "converter",
+    "scalar_reference",
+    "slope_offset",
+];
+
+/// `[[uncertainty]]`: how large the slopes of sensors with their temperature can be.
+fn slope_bounds(root: &Group, findings: &mut Vec<Finding>) -> Result<SlopeBounds, Finding> {
+    let mut bounds = SlopeBounds::default();
+    for group in root.groups("uncertainty")? {
+        findings.extend(group.unknown(&["quantity", "std", "unit", "source", "common"]));
+        let quantity = group.text("quantity")?.ok_or_else(|| group.missing("quantity"))?;
+        let std = group.number("std")?.ok_or_else(|| group.missing("std"))?;
+        if std.is_nan() || std <= 0.0 {
+            return Err(group.refuse("std", "must be positive", "write the standard uncertainty in the unit of `unit`"));
+        }
+        let (bound, unit) = match quantity.as_str() {
+            "slope_sigma" => (&mut bounds.sigma_per_k, "nT/enT/K"),
+            "slope_xi" => (&mut bounds.xi_deg_per_k, "deg/K"),
+            other if LATER.contains(&other) => {
+                let rule = format!("of {other} is read and not used: no uncertainty in the results contains it");
+                findings
+                    .push(group.refuse("quantity", &rule, "add it to the uncertainties yourself").weighing(Severity::Warning));
+                continue;
+            }
+            _ => {
+                let names = ["slope_sigma", "slope_xi"].iter().chain(&LATER).copied().collect::<Vec<_>>().join(", ");
+                return Err(group.refuse("quantity", "is none of those that can be stated", &format!("write one of {names}")));
+            }
+        };
+        if group.text("unit")?.ok_or_else(|| group.missing("unit"))? != unit {
+            return Err(group.refuse("unit", &format!("of {quantity} must be \"{unit}\""), "convert the value"));
+        }
+        if bound.replace(std).is_some() {
+            return Err(group.refuse("quantity", "stands twice", "leave one of the two out"));
+        }
+    }
+    Ok(bounds)
 }
 
 fn positions(root: &Group, findings: &mut Vec<Finding>) -> Result<Vec<(u32, Position)>, Finding> {

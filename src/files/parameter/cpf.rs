@@ -56,6 +56,19 @@ impl Convention {
         }
     }
 
+    /// For a run whose readings were referred to one sensor temperature.
+    #[must_use]
+    pub fn at_one_temperature(self) -> Self {
+        Self {
+            model: format!(
+                "{}; everything holds at slopes.at_degc, to which B_r was referred with [slopes]: sigma_i and xi_ij move with the sensor temperature, the sensor does not turn in its mount",
+                self.model
+            ),
+            uncertainty: format!("{}; that of the slopes included", self.uncertainty),
+            ..self
+        }
+    }
+
     /// For readings from which known effects were taken off.
     #[must_use]
     pub fn without_effects(self) -> Self {

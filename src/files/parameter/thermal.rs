@@ -9,11 +9,13 @@ use crate::data::across::{AppliedLag, LinearScope, RunModelErrors, RunResidualFi
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::Finding;
+use crate::data::provenance::Input;
 use crate::data::quantity::QuantityFound;
 use crate::data::reference::{Reference, StatedReference};
 use crate::data::run::Location;
 use crate::model::field_calibration::Frame;
 use crate::model::polynomial::{TemperaturePolynomial, value};
+use crate::model::sensor_polynomials::SensorPolynomials;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -193,6 +195,22 @@ impl Tpf {
     #[must_use]
     pub fn b_or_ent(&self) -> [TemperaturePolynomial; 3] {
         self.head.polynomials([("b_or_x", &self.b_or_x), ("b_or_y", &self.b_or_y), ("b_or_z", &self.b_or_z)])
+    }
+
+    /// Everything that the parameters of a run follow of the sensor temperature.
+    #[must_use]
+    pub fn polynomials(&self, input: Input) -> SensorPolynomials {
+        let head = &self.head;
+        SensorPolynomials {
+            input,
+            sensor: head.sensor.clone(),
+            mode: head.mode.clone(),
+            channel: Some(head.channel.clone()).filter(|channel| channel != NO_CHANNEL),
+            valid_degc: head.valid_degc,
+            sigma: self.sigma(),
+            xi_deg: self.xi_deg(),
+            b_or_ent: self.b_or_ent(),
+        }
     }
 
     /// Mean sensor temperature of the runs, °C, at which the rotation to the reference cube holds.

@@ -5,7 +5,7 @@ use super::result::Block;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::result::Summary;
-use crate::data::units::{COMPONENTS, FieldCoil};
+use crate::data::units::{COMPONENTS, FieldCoil, Reading};
 use crate::fit::DenseNoise;
 use crate::fit::statistics::median;
 use crate::measure::structure;
@@ -20,9 +20,11 @@ const OUTLIER: f64 = 8.0;
 /// A noise below this part of the largest reading is rounding.
 const ROUNDING: f64 = 1e-12;
 
-/// Every plateau with its residual; `weights` are those of the used ones in turn.
+/// Every plateau with its residual; `weights` are those of the used ones in turn, `before` the readings at the temperatures of the plateaus
+/// where the fit has them at one temperature.
 pub(super) fn blocks(
     list: &[Plateau],
+    before: Option<&[Reading]>,
     weights: &[f64],
     split: &Split,
     means: &Means,
@@ -34,13 +36,14 @@ pub(super) fn blocks(
         FieldCoil(std::array::from_fn(|axis| p.setting.field.0[axis] - modelled.0[axis]))
     };
     let mut weights = weights.iter();
-    let block = |p: &Plateau| Block {
+    let block = |(i, p): (usize, &Plateau)| Block {
+        referred_ent: before.and_then(|b| b.get(i)).map(|b| std::array::from_fn(|a| b.0[a] - p.mean.0[a])),
         residual_coil_nt: p.mean.0.iter().all(|v| v.is_finite()).then(|| residual(p)),
         standard_error_coil_nt: standard_error_coil_nt(p, &split.phi),
         weight: if p.dropped.is_none() { weights.next().copied().unwrap_or(1.0) } else { 0.0 },
         plateau: p.clone(),
     };
-    Ok(list.iter().map(block).collect())
+    Ok(list.iter().enumerate().map(block).collect())
 }
 
 /// Standard deviation and extremes of the residuals of the used plateaus.
@@ -116,7 +119,7 @@ pub(super) fn structure_of(
     means: &Means,
     noise: &DenseNoise,
 ) -> Option<Note> {
-    let columns = means.baseline.columns(&means.fields_nt, &means.t_s);
+    let columns = means.columns();
     structure::note(&structure::Rows::of(list, used, &temperatures.sensor, &columns, noise))
 }
 

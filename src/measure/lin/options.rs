@@ -4,6 +4,7 @@ use crate::data::plateau::Cut;
 use crate::data::recipe::axes;
 use crate::model::facility::Facility;
 use crate::model::linearisation::Linearisation;
+use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::record::known::Known;
 use serde::{Deserialize, Serialize};
 
@@ -38,4 +39,7 @@ pub struct Options {
     /// Known effects, which are taken off the readings.
     #[serde(skip)]
     pub model: Option<Known>,
+    /// What sensitivities, angles and offset follow of the sensor temperature; `None` finds it in the run where the temperature moves.
+    #[serde(skip)]
+    pub temperature: Option<SensorPolynomials>,
 }

@@ -104,10 +104,12 @@ impl<'a> Prepared<'a> {
         Ok(covariance)
     }
 
-    /// The same from the uncertainty of the facility alone, type B; `None` where its file states none.
+    /// Covariance of the coefficients of the baseline from the uncertainty of the facility alone, type B; `None` where its file states none.
+    /// A field that is not what was set acts on the response at one temperature as on that of a sensor at rest.
     pub fn covariance_of_facility(&self, response: &Matrix3<f64>, means: &Means) -> Result<Option<DMatrix<f64>>, FitError> {
         let Some(driven) = self.facility.as_ref().filter(|driven| !driven.moved_nt.is_empty()) else { return Ok(None) };
-        carried::covariance(&driven.changes_ent(response), &self.list, &means.design()?).map(Some)
+        let design = means.baseline.design(&means.fields_nt, &means.t_s)?;
+        carried::covariance(&driven.changes_ent(response), &self.list, &design).map(Some)
     }
 }
 

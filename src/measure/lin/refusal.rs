@@ -65,6 +65,24 @@ pub enum LinError {
         /// Condition number of the scaled design.
         condition: f64,
     },
+    /// A temperature that moves, and a programme that does not tell what that does.
+    #[error(
+        "the sensor temperature moves by {range_k:.1} K, and the programme does not tell what the sensitivities and angles follow of it"
+    )]
+    Slopes {
+        /// Highest minus lowest sensor temperature, K.
+        range_k: f64,
+    },
+    /// Polynomials of something else.
+    #[error("{file} holds polynomials of {of}, the run is of {run}")]
+    OtherSensor {
+        /// File of the polynomials.
+        file: String,
+        /// Sensor, mode and temperature channel of the polynomials.
+        of: String,
+        /// The same of the run.
+        run: String,
+    },
     /// Too few plateaus.
     #[error(
         "{used} usable plateaus cannot determine {parameters} parameters per component ({dropped} of {total} were dropped: {reasons})"
@@ -120,6 +138,10 @@ impl LinError {
             }
             LinError::Stuck { .. } => "check the component and its wiring",
             LinError::Undetermined { .. } => "drive that axis on its own",
+            LinError::Slopes { .. } => {
+                "name polynomials of the sensor with --temperature TPF, or state bounds of slope_sigma and slope_xi in campaign.toml, [[uncertainty]]"
+            }
+            LinError::OtherSensor { .. } => "name the polynomials of this sensor and mode, of the same temperature channel",
             LinError::TooFew { unsettled: true, .. } => "hold the fields longer, or say with --settling what can be accepted",
             LinError::TooFew { .. } => "use a longer programme, or less strict limits",
             LinError::Gain { .. } => "check `unit` and `nominal_factor`, or go on with --allow gain",

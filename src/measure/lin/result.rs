@@ -15,15 +15,27 @@ use serde::Serialize;
 /// One plateau in the light of the fit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Block {
-    /// The plateau.
+    /// The plateau, its mean reading as it was fitted.
     pub plateau: Plateau,
     /// Applied field minus modelled measurement `B_c - Φ B_m`, nT, coil axes; absent without a mean.
     pub residual_coil_nt: Option<FieldCoil>,
     /// Standard error of the plateau mean from the scatter of its samples, taken as independent, carried to coil axes, nT;
     /// absent if the file brings means only.
     pub standard_error_coil_nt: Option<[f64; 3]>,
+    /// What was taken off its mean reading to refer it to the stated sensor temperature, enT; absent where nothing was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub referred_ent: Option<[f64; 3]>,
     /// Weight in a robust fit; 1 otherwise, 0 for plateaus that were not used.
     pub weight: f64,
+}
+
+impl Block {
+    /// The mean reading at the temperature of the plateau, enT.
+    #[must_use]
+    pub fn reading_ent(&self) -> [f64; 3] {
+        let referred = self.referred_ent.unwrap_or_default();
+        std::array::from_fn(|a| self.plateau.mean.0[a] + referred[a])
+    }
 }
 
 /// A linear calibration with what is needed to judge it.

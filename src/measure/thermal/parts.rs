@@ -7,7 +7,7 @@ use crate::data::result::Rows;
 use crate::data::run::interpolate;
 use crate::fit::Limits;
 use crate::measure::joint::{JointError, JointFit, JointPlateau, JointRun, QUANTITIES, Trend, joint};
-use crate::measure::lin::Lin;
+use crate::measure::lin::{Block, Lin};
 use crate::model::sensor::compose;
 use nalgebra::{Matrix3, Vector3};
 
@@ -113,20 +113,20 @@ pub(super) fn joint_fit(points: &[&CalibratedRun], runs: &[&Lin], fits: &[Quanti
 /// A linear calibration as a run of the joint fit.
 fn joint_run(lin: &Lin) -> JointRun {
     let mean_degc = lin.calibration.run.temperature_degc.unwrap_or(f64::NAN);
-    let plateau = |p: &crate::data::plateau::Plateau| JointPlateau {
-        field_coil_nt: p.setting.field.0,
-        reading_ent: p.mean.0,
+    let plateau = |block: &Block| JointPlateau {
+        field_coil_nt: block.plateau.setting.field.0,
+        reading_ent: block.reading_ent(),
         temperature_degc: match lin.temperatures.sensor.as_slice() {
             [] => mean_degc,
-            series => interpolate(series, p.t_s()),
+            series => interpolate(series, block.plateau.t_s()),
         },
-        t_s: p.t_s(),
+        t_s: block.plateau.t_s(),
     };
     JointRun {
         run: lin.calibration.run.id.clone(),
         r_nom: matrix(&lin.calibration.matrix.r_nom),
         rho: matrix(&lin.calibration.matrix.rho),
-        plateaus: lin.blocks.iter().map(|b| &b.plateau).filter(|p| p.dropped.is_none()).map(plateau).collect(),
+        plateaus: lin.blocks.iter().filter(|b| b.plateau.dropped.is_none()).map(plateau).collect(),
         trend: Trend::Time(lin.calibration.offset.trend_order),
         rotation_order: 0,
         noise_ent: lin.calibration.noise.std_ent,

@@ -1,0 +1,619 @@
+//! A run during which the temperature of the sensor moves: its readings referred to one temperature, so that one response describes all
+//! of them (mathematics.md section 6).
+//!
+//! `B_r = S(T) W B_c + B_or(T, t)` with `S = σ⁻¹ Qᵀ(ξ)` the response in the sensor frame and `W = ρᵀ R_nomᵀ`, which stays: the sensor is
+//! taken as not turning in its mount during the run. What is subtracted from a mean reading is `(S(T) - S(T_0)) W B_c` and what the offset
+//! follows of the temperature. Either polynomials of the sensor tell S(T), or it is found with everything else.
+
+use super::fit::{Fitted, Means, fit, stack};
+use super::prepare::Prepared;
+use super::refusal::LinError;
+use crate::data::calibration::{SlopeStd, TemperatureSlopes};
+use crate::data::note::{Note, NoteKind};
+use crate::data::plateau::Plateau;
+use crate::data::run::interpolate;
+use crate::fit::smooth::Course;
+use crate::fit::statistics::{chi2_tail, extremes};
+use crate::fit::{DenseNoise, FitError};
+use crate::model::campaign::SlopeBounds;
+use crate::model::sensor::{Split, SplitError, split};
+use crate::model::sensor_polynomials::{SensorChange, SensorPolynomials, change_at, response};
+use crate::record::carried;
+use crate::record::conditions::{self, Temperatures};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
+
+/// A sensor whose temperature moves by less is at rest, K.
+pub(super) const AT_REST_K: f64 = 1.0;
+/// Times that the readings are referred to one temperature with what the last fit found; each brings the next two digits and more.
+const MOST_ROUNDS: usize = 60;
+/// They end when no reading changes by more than this part of the largest.
+const SETTLED: f64 = 1e-13;
+/// Probability that noise alone makes a curvature as large as one that is taken.
+const CURVED: f64 = 1e-3;
+/// The highest order in the temperature that a run by itself is asked for.
+const MOST_ORDER: usize = 2;
+
+/// Number of parameters of the response: three sensitivities, three angles, three turns.
+const PARAMETERS: usize = 9;
+
+/// Where the change of sensitivities and angles with temperature comes from.
+pub(super) enum Origin<'a> {
+    /// From polynomials of the sensor.
+    Polynomials(&'a SensorPolynomials),
+    /// From the run itself, up to this order in the temperature, or as the run needs it.
+    Run {
+        /// The order that the campaign gives the polynomials of the sensor.
+        order: Option<usize>,
+        /// How large the slopes can be.
+        bounds: SlopeBounds,
+    },
+}
+
+/// Temperatures of the plateaus of a run whose sensor is not at rest.
+pub(super) struct Moving {
+    /// Temperature at which the parameters hold, °C.
+    at_degc: f64,
+    /// Temperatures of all plateaus over it, K.
+    over_k: Vec<f64>,
+    /// Lowest and highest temperature of the used plateaus, °C.
+    pub range_degc: [f64; 2],
+    /// Straight line through the temperatures of the used plateaus, K/h.
+    pub rate_k_per_h: f64,
+}
+
+impl Moving {
+    /// Of the plateaus of a run; `None` without a temperature.
+    pub fn of(list: &[Plateau], temperatures: &Temperatures) -> Option<Self> {
+        let at_degc = temperatures.sensor_degc()?[1];
+        let course = Course::smooth(&temperatures.sensor);
+        let mean = |p: &Plateau| {
+            let [begin, end] = p.used_s;
+            let inside = course.series.iter().filter(|(t, _)| (begin..=end).contains(t)).map(|(_, degc)| *degc);
+            let (count, sum) = inside.fold((0.0, 0.0), |(n, sum), degc| (n + 1.0, sum + degc));
+            // Few readings leave parts of the plateau out.
+            if count > 2.0 { sum / count } else { interpolate(&course.series, 0.5 * (begin + end)) }
+        };
+        let over_k: Vec<f64> = list.iter().map(|p| mean(p) - at_degc).collect();
+        let used = || list.iter().zip(&over_k).filter(|(p, _)| p.dropped.is_none());
+        let [low, high] = extremes(used().map(|(_, over)| *over));
+        Some(Self {
+            rate_k_per_h: 3600.0 * slope(&used().map(|(p, over)| (p.t_s(), *over)).collect::<Vec<_>>()),
+            range_degc: [at_degc + low, at_degc + high],
+            at_degc,
+            over_k,
+        })
+    }
+
+    /// Whether the sensor moves by more than at rest.
+    pub fn is_moving(&self) -> bool {
+        self.range_k() > AT_REST_K
+    }
+
+    /// Highest minus lowest temperature, K.
+    pub fn range_k(&self) -> f64 {
+        self.range_degc[1] - self.range_degc[0]
+    }
+}
+
+/// Slope of the straight line through points.
+fn slope(points: &[(f64, f64)]) -> f64 {
+    let n = points.len() as f64;
+    let (x, y) = points.iter().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / n, b + y / n));
+    let (xy, xx) = points.iter().fold((0.0, 0.0), |(a, b), (u, v)| (a + (u - x) * (v - y), b + (u - x).powi(2)));
+    if xx > 0.0 { xy / xx } else { 0.0 }
+}
+
+/// The fit of a run whose readings were referred to one temperature.
+pub(super) struct Referred {
+    /// The fit, with the columns that the temperature brings.
+    pub means: Means,
+    /// Its solution.
+    pub fitted: Fitted,
+    /// Its noise.
+    pub noise: DenseNoise,
+    /// Coefficients of the baseline at the stated temperature, component after component.
+    pub stacked: Vec<f64>,
+    /// Their covariance.
+    pub covariance: DMatrix<f64>,
+    /// What the parameters follow of the temperature.
+    pub slopes: TemperatureSlopes,
+}
+
+/// Derivatives of S, row by row, by σ_x, σ_y, σ_z (nT/enT), ξ_xy, ξ_xz, ξ_yz (degrees) and a turn about the axes (radians).
+fn derivatives(at: &Split) -> Option<SMatrix<f64, PARAMETERS, PARAMETERS>> {
+    // Wide enough that the rounding of the angles does not matter, and narrow enough for the third derivatives not to.
+    const STEP_DEG: f64 = 1e-2;
+    let s = response(at.sigma, at.xi_deg)?;
+    let mut columns = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
+    let mut set = |k: usize, d: Matrix3<f64>| columns.set_column(k, &SVector::from_column_slice(d.transpose().as_slice()));
+    for i in 0..3 {
+        set(i, Matrix3::from_fn(|row, j| if row == i { -s[(row, j)] / at.sigma[i] } else { 0.0 }));
+        let moved = |by: f64| {
+            let mut xi = at.xi_deg;
+            xi[i] += by;
+            response(at.sigma, xi)
+        };
+        set(3 + i, (moved(STEP_DEG)? - moved(-STEP_DEG)?) / (2.0 * STEP_DEG));
+        let unit = Vector3::from_fn(|row, _| f64::from(u8::from(row == i)));
+        set(6 + i, -s * unit.cross_matrix());
+    }
+    Some(columns)
+}
+
+/// Refers the mean readings of all plateaus to the stated temperature and fits them.
+///
+/// # Errors
+/// The run does not determine what it is asked for, or has no fit.
+pub(super) fn refer(
+    prepared: &mut Prepared,
+    moving: &Moving,
+    order: usize,
+    is_robust: bool,
+    origin: &Origin,
+) -> Result<Referred, LinError> {
+    let raw = prepared.list.clone();
+    match origin {
+        Origin::Polynomials(polynomials) => {
+            let change = SensorChange::of(polynomials, moving.at_degc);
+            let directions = directions(polynomials, moving.at_degc);
+            let source = polynomials.input.path.clone();
+            held(prepared, &raw, moving, order, is_robust, change, &directions, source)
+        }
+        Origin::Run { order: Some(highest), bounds } => {
+            free_or_held(prepared, &raw, moving, order, is_robust, (*highest).clamp(1, MOST_ORDER), bounds)
+        }
+        Origin::Run { order: None, bounds } => {
+            let straight = free_or_held(prepared, &raw, moving, order, is_robust, 1, bounds)?;
+            let list = prepared.list.clone();
+            // A curvature that the run does not show, or not determine, is left out.
+            match free(prepared, &raw, moving, order, is_robust, MOST_ORDER, bounds) {
+                Ok((curved, probability)) if probability < CURVED => Ok(curved),
+                _ => {
+                    prepared.list = list;
+                    Ok(straight)
+                }
+            }
+        }
+    }
+}
+
+/// With slopes from the run itself, or of zero within their bounds where the run does not determine them.
+fn free_or_held(
+    prepared: &mut Prepared,
+    raw: &[Plateau],
+    moving: &Moving,
+    order: usize,
+    is_robust: bool,
+    highest: usize,
+    bounds: &SlopeBounds,
+) -> Result<Referred, LinError> {
+    match free(prepared, raw, moving, order, is_robust, highest, bounds) {
+        Err(Open::Slopes) => match (bounds.sigma_per_k, bounds.xi_deg_per_k) {
+            (Some(sigma), Some(xi_deg)) => {
+                let of = |k: usize| (k, vec![if k < 3 { sigma } else { xi_deg }]);
+                let directions: Vec<_> = (0..6).map(of).collect();
+                held(prepared, raw, moving, order, is_robust, SensorChange::default(), &directions, "bound".to_owned())
+            }
+            _ => Err(LinError::Slopes { range_k: moving.range_k() }),
+        },
+        Err(Open::Other(error)) => Err(error),
+        Ok((referred, _)) => Ok(referred),
+    }
+}
+
+/// Independent changes of one standard uncertainty each: the quantity, and its coefficients in powers of `T - T_0`.
+fn directions(polynomials: &SensorPolynomials, degc: f64) -> Vec<(usize, Vec<f64>)> {
+    let all = polynomials.sigma.iter().chain(&polynomials.xi_deg).enumerate();
+    all.flat_map(|(quantity, polynomial)| {
+        let covariance = polynomial.about(degc).covariance;
+        let count = covariance.nrows().saturating_sub(1);
+        let slopes = covariance.view((covariance.nrows() - count, covariance.nrows() - count), (count, count)).into_owned();
+        // Powers differ by orders of magnitude in size: decomposed in units of their standard uncertainties.
+        let scale = DVector::from_fn(count, |k, _| slopes[(k, k)].max(0.0).sqrt().max(f64::MIN_POSITIVE));
+        let eigen = DMatrix::from_fn(count, count, |j, k| slopes[(j, k)] / (scale[j] * scale[k])).symmetric_eigen();
+        (0..count)
+            .map(|k| {
+                let size = eigen.eigenvalues[k].max(0.0).sqrt();
+                (quantity, (0..count).map(|j| size * scale[j] * eigen.eigenvectors[(j, k)]).collect())
+            })
+            .collect::<Vec<(usize, Vec<f64>)>>()
+    })
+    .collect()
+}
+
+/// With given slopes, the uncertainty of which is carried on.
+#[expect(clippy::too_many_arguments, reason = "the run, how it is fitted, and the slopes with uncertainty and source")]
+fn held(
+    prepared: &mut Prepared,
+    raw: &[Plateau],
+    moving: &Moving,
+    order: usize,
+    is_robust: bool,
+    change: SensorChange,
+    directions: &[(usize, Vec<f64>)],
+    source: String,
+) -> Result<Referred, LinError> {
+    let (means, fitted, at) = settle(prepared, raw, moving, order, is_robust, 0, &mut change.clone())?;
+    let used = prepared.used(order)?;
+    let noise = conditions::noise(fitted.for_noise(), &used).map_err(LinError::Fit)?;
+    let mut covariance = prepared.covariance(&noise, &means, &used).map_err(LinError::Fit)?;
+    let changes = changes_ent(directions, &at, raw, moving);
+    let carry = || carried::covariance(&changes, raw, &means.design()?);
+    covariance += carry().map_err(LinError::Fit)?;
+    let stacked = stack(&fitted.solution.coefficients);
+    let std = |quantity: usize| {
+        let first = directions.iter().filter(|(q, _)| *q == quantity).map(|(_, own)| own.first().copied().unwrap_or(0.0));
+        first.map(|c| c * c).sum::<f64>().sqrt()
+    };
+    let sensor = |from: usize| std::array::from_fn(|i| change.sensor[from + i].first().copied().unwrap_or(0.0));
+    let places = Places::of(&means);
+    let offset = places.of_offset(|k| stacked[k]);
+    let slopes = TemperatureSlopes {
+        at_degc: moving.at_degc,
+        order: change.sensor.iter().map(Vec::len).max().unwrap_or(0).max(1),
+        sigma: sensor(0),
+        xi_deg: sensor(3),
+        b_or_ent: offset.map(|o| std::array::from_fn(|a| o[a] + change.b_or[a].first().copied().unwrap_or(0.0))),
+        std: SlopeStd {
+            sigma: std::array::from_fn(std),
+            xi_deg: std::array::from_fn(|i| std(3 + i)),
+            b_or_ent: places.of_offset(|k| covariance[(k, k)].sqrt()),
+        },
+        source,
+    };
+    subtract_offset(prepared, moving, offset.unwrap_or_default());
+    let (stacked, covariance) = places.of_baseline(&stacked, &covariance);
+    Ok(Referred { means, fitted, noise, stacked, covariance, slopes })
+}
+
+/// Temperatures over the stated one of the plateaus that are used, K.
+fn raw_used(raw: &[Plateau], moving: &Moving) -> Vec<f64> {
+    raw.iter().zip(&moving.over_k).filter(|(p, _)| p.dropped.is_none()).map(|(_, over)| *over).collect()
+}
+
+/// Takes what the offset follows of the temperature off all readings.
+fn subtract_offset(prepared: &mut Prepared, moving: &Moving, slope_ent_per_k: [f64; 3]) {
+    for (plateau, over_k) in prepared.list.iter_mut().zip(&moving.over_k) {
+        plateau.mean.0.iter_mut().zip(slope_ent_per_k).for_each(|(mean, slope)| *mean -= slope * over_k);
+    }
+}
+
+/// Changes of the mean readings of all plateaus, enT, by independent changes of given slopes of one standard uncertainty each.
+fn changes_ent(directions: &[(usize, Vec<f64>)], at: &Split, list: &[Plateau], moving: &Moving) -> Vec<Vec<[f64; 3]>> {
+    let Some(derivatives) = derivatives(at) else { return Vec::new() };
+    let to_sensor = (at.r_nom * at.rho).transpose();
+    let change = |(quantity, coefficients): &(usize, Vec<f64>)| {
+        let by = Matrix3::from_row_slice(derivatives.column(*quantity).as_slice()) * to_sensor;
+        let one =
+            |(p, over_k): (&Plateau, &f64)| (by * Vector3::from(p.setting.field.0) * change_at(coefficients, *over_k)).into();
+        list.iter().zip(&moving.over_k).map(one).collect()
+    };
+    directions.iter().map(change).collect()
+}
+
+/// Fits and refers in turn until the readings stay; columns of the field times the powers of the temperature up to `free` find what the
+/// change lacks, and give it to it.
+fn settle(
+    prepared: &mut Prepared,
+    raw: &[Plateau],
+    moving: &Moving,
+    order: usize,
+    is_robust: bool,
+    free: usize,
+    change: &mut SensorChange,
+) -> Result<(Means, Fitted, Split), LinError> {
+    let over_k = raw_used(raw, moving);
+    let largest = raw.iter().filter(|p| p.dropped.is_none()).flat_map(|p| p.mean.0).fold(0.0, |a: f64, v| a.max(v.abs()));
+    for _ in 0..MOST_ROUNDS {
+        let used = prepared.used(order)?;
+        let means = Means::of(&used, order).with_temperature(&over_k, free);
+        let fitted = fit(&used, &means, is_robust)?;
+        let stacked = stack(&fitted.solution.coefficients);
+        let places = Places::of(&means);
+        let at = split(&places.response(&stacked).try_inverse().ok_or(SplitError::Singular)?, &prepared.position.r_nom())?;
+        take(change, &at, &places, &stacked).ok_or(SplitError::Planar)?;
+        let mut moved: f64 = 0.0;
+        for ((plateau, raw), over_k) in prepared.list.iter_mut().zip(raw).zip(&moving.over_k) {
+            let by = change.reading_ent(&at, *over_k, plateau.setting.field.0).ok_or(SplitError::Planar)?;
+            for (a, by) in by.into_iter().enumerate() {
+                let mean = raw.mean.0[a] - by;
+                if plateau.dropped.is_none() {
+                    moved = moved.max((mean - plateau.mean.0[a]).abs());
+                }
+                plateau.mean.0[a] = mean;
+            }
+        }
+        if moved <= SETTLED * largest {
+            return Ok((means, fitted, at));
+        }
+    }
+    let what = "readings at one temperature";
+    Err(LinError::Fit(FitError::NotSettled { what, iterations: MOST_ROUNDS }))
+}
+
+/// Where the coefficients of a fit with the columns of a temperature stand: those of the baseline, response and trend, then for every
+/// component the slope of the offset, then the response to the field times powers of the temperature.
+struct Places {
+    /// Coefficients per component.
+    per: usize,
+    /// Of the baseline.
+    base: usize,
+    /// Of the offset with the temperature, one or none.
+    offset: usize,
+    /// Powers of the temperature.
+    powers: usize,
+}
+
+impl Places {
+    fn of(means: &Means) -> Self {
+        let base = means.baseline.count();
+        let [offset, response] = means.extra();
+        Self { per: base + offset + response, base, offset, powers: response / 3 }
+    }
+
+    /// Coefficient of component a for coil axis j in the response, to a power of the temperature.
+    fn at(&self, a: usize, power: usize, j: usize) -> usize {
+        a * self.per + if power == 0 { j } else { self.base + self.offset + 3 * (power - 1) + j }
+    }
+
+    fn offset_slope(&self, a: usize) -> Option<usize> {
+        (self.offset > 0).then_some(a * self.per + self.base)
+    }
+
+    /// Values at the slopes of the offset, if there are any.
+    fn of_offset(&self, value: impl Fn(usize) -> f64) -> Option<[f64; 3]> {
+        let [x, y, z] = std::array::from_fn(|a| self.offset_slope(a));
+        Some([value(x?), value(y?), value(z?)])
+    }
+
+    /// Response of the fit, enT/nT, that goes with a power of the temperature.
+    fn to_power(&self, stacked: &[f64], power: usize) -> Matrix3<f64> {
+        Matrix3::from_fn(|a, j| stacked[self.at(a, power, j)])
+    }
+
+    /// Response at the stated temperature, enT/nT.
+    fn response(&self, stacked: &[f64]) -> Matrix3<f64> {
+        self.to_power(stacked, 0)
+    }
+
+    /// The coefficients of the baseline alone.
+    fn of_baseline(&self, stacked: &[f64], covariance: &DMatrix<f64>) -> (Vec<f64>, DMatrix<f64>) {
+        let kept: Vec<usize> = (0..3).flat_map(|a| (0..self.base).map(move |k| (a, k))).map(|(a, k)| a * self.per + k).collect();
+        let values = kept.iter().map(|k| stacked[*k]).collect();
+        (values, DMatrix::from_fn(kept.len(), kept.len(), |r, c| covariance[(kept[r], kept[c])]))
+    }
+}
+
+/// No change, up to a power of the temperature.
+fn no_change(powers: usize) -> SensorChange {
+    SensorChange {
+        sensor: std::array::from_fn(|_| vec![0.0; powers]),
+        turn: vec![Vector3::zeros(); powers],
+        ..SensorChange::default()
+    }
+}
+
+/// Gives a change what a fit found with powers of the temperature.
+fn take(change: &mut SensorChange, at: &Split, places: &Places, stacked: &[f64]) -> Option<()> {
+    let to_parameters = derivatives(at)?.try_inverse()?;
+    for power in 1..=places.powers {
+        let found = places.to_power(stacked, power) * (at.r_nom * at.rho);
+        let step = to_parameters * SVector::<f64, PARAMETERS>::from_column_slice(found.transpose().as_slice());
+        for quantity in 0..6 {
+            change.sensor[quantity][power - 1] += step[quantity];
+        }
+        change.turn[power - 1] += Vector3::new(step[6], step[7], step[8]);
+    }
+    Some(())
+}
+
+/// Why slopes are not found in a run.
+enum Open {
+    /// The run does not determine them.
+    Slopes,
+    /// The run has no fit at all.
+    Other(LinError),
+}
+
+/// With slopes up to a power of the temperature from the run itself; and the probability that noise alone makes the change of the highest
+/// power as large.
+fn free(
+    prepared: &mut Prepared,
+    raw: &[Plateau],
+    moving: &Moving,
+    order: usize,
+    is_robust: bool,
+    powers: usize,
+    bounds: &SlopeBounds,
+) -> Result<(Referred, f64), Open> {
+    prepared.list = raw.to_vec();
+    let used = prepared.used(order).map_err(Open::Other)?;
+    // A run that cannot be fitted at rest says so by its own reason.
+    fit(&used, &Means::of(&used, order), is_robust).map_err(Open::Other)?;
+    if used.len() <= order + 5 + 3 * powers {
+        return Err(Open::Slopes);
+    }
+    let mut change = no_change(powers);
+    let (means, fitted, at) = settle(prepared, raw, moving, order, is_robust, powers, &mut change).map_err(|_| Open::Slopes)?;
+    let used = prepared.used(order).map_err(Open::Other)?;
+    let noise = conditions::noise(fitted.for_noise(), &used).map_err(|e| Open::Other(LinError::Fit(e)))?;
+    let covariance = prepared.covariance(&noise, &means, &used).map_err(|e| Open::Other(LinError::Fit(e)))?;
+    let stacked = stack(&fitted.solution.coefficients);
+    let places = Places::of(&means);
+    let mut found = Found::of(&at, &places, &covariance, change).ok_or(Open::Slopes)?;
+    found.without_turns();
+    found.within(bounds);
+    let probability = found.probability_of_the_highest();
+    let offset = places.of_offset(|k| stacked[k]).map(|o| std::array::from_fn(|a| o[a] + found.step[found.offset_slope(a)]));
+    let slopes = found.slopes(moving, offset, if bounds.is_stated() { "bound" } else { "run" });
+    let (stacked, covariance) = found.of_baseline(&stacked);
+    let response = Matrix3::from_fn(|a, j| stacked[a * places.base + j]);
+    let singular = || Open::Slopes;
+    let at = split(&response.try_inverse().ok_or_else(singular)?, &at.r_nom).map_err(|_| Open::Slopes)?;
+    let change = found.change;
+    for ((plateau, raw), over_k) in prepared.list.iter_mut().zip(raw).zip(&moving.over_k) {
+        let by = change.reading_ent(&at, *over_k, plateau.setting.field.0).ok_or_else(singular)?;
+        plateau.mean.0 = std::array::from_fn(|a| raw.mean.0[a] - by[a]);
+    }
+    subtract_offset(prepared, moving, offset.unwrap_or_default());
+    Ok((Referred { means, fitted, noise, stacked, covariance, slopes }, probability))
+}
+
+/// What a fit found with powers of the temperature, as parameters of the sensor: for every power, the zeroth first, three sensitivities,
+/// three angles and a turn; then the trends of the components, then the slopes of their offsets.
+struct Found<'a> {
+    at: &'a Split,
+    places: &'a Places,
+    /// From the parameters of the response to its elements, in the sensor frame.
+    derivatives: SMatrix<f64, PARAMETERS, PARAMETERS>,
+    change: SensorChange,
+    covariance: DMatrix<f64>,
+    /// What conditions on the parameters add to them.
+    step: DVector<f64>,
+}
+
+impl<'a> Found<'a> {
+    fn of(at: &'a Split, places: &'a Places, covariance: &DMatrix<f64>, change: SensorChange) -> Option<Self> {
+        let derivatives = derivatives(at)?;
+        let inverse = derivatives.try_inverse()?;
+        let to_coil = at.r_nom * at.rho;
+        let response = PARAMETERS * (places.powers + 1);
+        let trend = places.base - 3;
+        let count = response + 3 * (trend + places.offset);
+        let mut map = DMatrix::zeros(count, 3 * places.per);
+        for a in 0..3 {
+            for power in 0..=places.powers {
+                for j in 0..3 {
+                    let column = places.at(a, power, j);
+                    for r in 0..PARAMETERS {
+                        map[(PARAMETERS * power + r, column)] = (0..3).map(|c| inverse[(r, 3 * a + c)] * to_coil[(j, c)]).sum();
+                    }
+                }
+            }
+            for k in 0..trend {
+                map[(response + a * trend + k, a * places.per + 3 + k)] = 1.0;
+            }
+            if let Some(slope) = places.offset_slope(a) {
+                map[(response + 3 * trend + a, slope)] = 1.0;
+            }
+        }
+        let covariance = &map * covariance * map.transpose();
+        Some(Self { at, places, derivatives, change, covariance, step: DVector::zeros(count) })
+    }
+
+    fn response(&self) -> usize {
+        PARAMETERS * (self.places.powers + 1)
+    }
+
+    fn offset_slope(&self, a: usize) -> usize {
+        self.response() + 3 * (self.places.base - 3) + a
+    }
+
+    /// Takes that a parameter, which has a value now, is zero within a variance.
+    fn observe(&mut self, index: usize, value: f64, variance: f64) {
+        let column = self.covariance.column(index).into_owned();
+        let total = column[index] + variance;
+        if total <= 0.0 {
+            return;
+        }
+        let innovation = -(value + self.step[index]);
+        self.step += &column * (innovation / total);
+        self.covariance -= &column * column.transpose() / total;
+    }
+
+    /// The sensor does not turn with its temperature.
+    fn without_turns(&mut self) {
+        for power in 1..=self.places.powers {
+            for i in 0..3 {
+                self.observe(PARAMETERS * power + 6 + i, self.change.turn[power - 1][i], 0.0);
+            }
+        }
+        self.change.turn.clear();
+    }
+
+    /// Slopes are not larger than what is stated of them lets expect.
+    fn within(&mut self, bounds: &SlopeBounds) {
+        for quantity in 0..6 {
+            let bound = if quantity < 3 { bounds.sigma_per_k } else { bounds.xi_deg_per_k };
+            if let Some(std) = bound {
+                self.observe(PARAMETERS + quantity, self.change.sensor[quantity][0], std * std);
+            }
+        }
+        for power in 1..=self.places.powers {
+            for quantity in 0..6 {
+                self.change.sensor[quantity][power - 1] += self.step[PARAMETERS * power + quantity];
+            }
+        }
+    }
+
+    /// Probability that noise alone makes the changes with the highest power as large.
+    fn probability_of_the_highest(&self) -> f64 {
+        let first = PARAMETERS * self.places.powers;
+        let values = DVector::from_fn(6, |q, _| self.change.sensor[q].last().copied().unwrap_or(0.0));
+        let scale = DVector::from_fn(6, |q, _| self.covariance[(first + q, first + q)].sqrt());
+        let scaled = DMatrix::from_fn(6, 6, |r, c| self.covariance[(first + r, first + c)] / (scale[r] * scale[c]));
+        let Some(cholesky) = scaled.cholesky() else { return 1.0 };
+        let values = values.component_div(&scale);
+        chi2_tail(values.dot(&cholesky.solve(&values)), 6.0)
+    }
+
+    fn std(&self, index: usize) -> f64 {
+        self.covariance[(index, index)].max(0.0).sqrt()
+    }
+
+    fn slopes(&self, moving: &Moving, offset: Option<[f64; 3]>, source: &str) -> TemperatureSlopes {
+        TemperatureSlopes {
+            at_degc: moving.at_degc,
+            order: self.places.powers,
+            sigma: std::array::from_fn(|i| self.change.sensor[i][0]),
+            xi_deg: std::array::from_fn(|i| self.change.sensor[3 + i][0]),
+            b_or_ent: offset,
+            std: SlopeStd {
+                sigma: std::array::from_fn(|i| self.std(PARAMETERS + i)),
+                xi_deg: std::array::from_fn(|i| self.std(PARAMETERS + 3 + i)),
+                b_or_ent: offset.map(|_| std::array::from_fn(|a| self.std(self.offset_slope(a)))),
+            },
+            source: source.to_owned(),
+        }
+    }
+
+    /// Coefficients of the baseline and their covariance.
+    fn of_baseline(&self, stacked: &[f64]) -> (Vec<f64>, DMatrix<f64>) {
+        let base = self.places.base;
+        let from_coil = (self.at.r_nom * self.at.rho).transpose();
+        let mut map = DMatrix::zeros(3 * base, self.step.len());
+        for a in 0..3 {
+            for j in 0..3 {
+                for r in 0..PARAMETERS {
+                    map[(a * base + j, r)] = (0..3).map(|c| self.derivatives[(3 * a + c, r)] * from_coil[(c, j)]).sum();
+                }
+            }
+            for k in 0..base - 3 {
+                map[(a * base + 3 + k, self.response() + a * (base - 3) + k)] = 1.0;
+            }
+        }
+        let step = &map * &self.step;
+        let values = (0..3 * base).map(|i| stacked[i / base * self.places.per + i % base] + step[i]).collect();
+        (values, &map * &self.covariance * map.transpose())
+    }
+}
+
+/// Says what moved, where the parameters hold, and where the slopes come from.
+pub(super) fn note(moving: &Moving, slopes: &TemperatureSlopes, channel: &str) -> Note {
+    let [low, high] = moving.range_degc;
+    let origin = match slopes.source.as_str() {
+        "run" => "the slopes were found in the run itself, which widens the uncertainties".to_owned(),
+        "bound" => "the slopes are held by the bounds of campaign.toml".to_owned(),
+        file => format!("the slopes are those of {file}"),
+    };
+    let text = format!(
+        "the sensor temperature moved by {:.1} K, {low:.1} to {high:.1} °C: the parameters hold at {:.2} °C; {origin}",
+        moving.range_k(),
+        slopes.at_degc
+    );
+    let note = Note::new(NoteKind::Temperature, text).about(channel);
+    match slopes.source.as_str() {
+        "run" => note.with_remedy("name polynomials of the sensor with --temperature"),
+        _ => note,
+    }
+}

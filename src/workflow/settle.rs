@@ -1,0 +1,168 @@
+//! Linear calibrations of runs during which the sensor temperature moved, and the polynomials of their group: each is made with the other
+//! until both stay (mathematics.md section 6).
+
+use super::thermal::ThermalFile;
+use super::{Desk, Made, Measured, RunResult, ThermalShown, parameter_text, recipe};
+use crate::data::across::CalibratedRun;
+use crate::data::error::Finding;
+use crate::data::note::{Note, NoteKind};
+use crate::data::provenance::{Input, Provenance, Role};
+use crate::files::parameter::{Body, Cpf};
+use crate::measure::lin::{Lin, Options, lin};
+use crate::measure::thermal::{Kind, RunGroup, Thermal, groups, thermal};
+use crate::model::campaign::ThermalEntry;
+use crate::model::polynomial::TemperaturePolynomial;
+use crate::model::sensor_polynomials::SensorPolynomials;
+use rayon::prelude::*;
+
+/// Rounds of calibrations and polynomials; each makes what is left smaller by the share of the runs that moved.
+const MOST_ROUNDS: usize = 30;
+/// They end when no coefficient changes by more than this part of its standard uncertainty.
+const SETTLED: f64 = 1e-6;
+
+/// The linear calibration of a run alone, where one with the polynomials of its group takes its place.
+pub struct Alone {
+    /// Run id.
+    pub run: String,
+    /// Name of its file.
+    pub name: String,
+    /// Its text.
+    pub text: String,
+}
+
+/// Refers the linear calibrations of groups in which a run moved to one temperature each, with the polynomials of the group.
+pub fn settle(measured: &mut [Measured], entries: &[ThermalEntry], orders: &[(String, usize)]) {
+    let mut before: Vec<Thermal> = Vec::new();
+    for _ in 0..MOST_ROUNDS {
+        let points: Vec<CalibratedRun> =
+            measured.iter().filter_map(Measured::lin).filter_map(|made| made.result.point()).collect();
+        let moved: Vec<String> = measured
+            .iter()
+            .filter_map(Measured::lin)
+            .filter(|made| moves(&made.result))
+            .map(|made| made.result.calibration.run.id.clone())
+            .collect();
+        let groups: Vec<RunGroup> = groups(&points, entries, orders);
+        let with_movers = groups.iter().filter(|g| g.points.iter().any(|p| moved.contains(&p.run.id)));
+        // What has no polynomials says so when they are made to be written.
+        let now: Vec<Thermal> = with_movers.filter_map(|group| thermal(group, Kind::Lin, &[], false).ok()).collect();
+        if now.is_empty() || (now.len() == before.len() && now.iter().zip(&before).all(|(a, b)| is_settled(a, b))) {
+            return;
+        }
+        let found: Vec<(SensorPolynomials, Vec<String>)> =
+            now.iter().filter_map(|result| Some((polynomials(result)?, result.runs.ids.clone()))).collect();
+        measured.par_iter_mut().filter_map(Measured::lin_mut).for_each(|made| {
+            let id = &made.result.calibration.run.id;
+            if let Some((own, _)) = found.iter().find(|(_, ids)| ids.contains(id)) {
+                // A run that cannot be referred keeps what it has, and says so in the last round.
+                if let Ok(result) = again(made, own) {
+                    made.result = result;
+                }
+            }
+        });
+        before = now;
+    }
+}
+
+/// The polynomials of a group that is not written yet.
+fn polynomials(result: &Thermal) -> Option<SensorPolynomials> {
+    let ThermalFile::Tpf(tpf) = ThermalFile::of(result) else { return None };
+    let input = Input { path: tpf.file_name(), role: Some(Role::Temperature), ..Input::default() };
+    Some(tpf.polynomials(input)).filter(|p| p.without_covariance().is_none())
+}
+
+/// Whether the sensor temperature moved during a run.
+fn moves(lin: &Lin) -> bool {
+    lin.temperatures.conditions.as_ref().is_some_and(|c| c.sensor_range_k.is_some())
+}
+
+/// Whether no coefficient differs by more than a small part of its standard uncertainty.
+fn is_settled(now: &Thermal, before: &Thermal) -> bool {
+    let close = |a: &TemperaturePolynomial, b: &TemperaturePolynomial| {
+        a.coefficients.len() == b.coefficients.len()
+            && a.std().iter().zip(a.coefficients.iter().zip(&b.coefficients)).all(|(std, (a, b))| (a - b).abs() <= SETTLED * std)
+    };
+    now.quantities.len() == before.quantities.len()
+        && now.quantities.iter().zip(&before.quantities).all(|(a, b)| close(&a.polynomial, &b.polynomial))
+}
+
+/// The run fitted once more with polynomials.
+fn again(made: &Made<Lin>, polynomials: &SensorPolynomials) -> Result<Lin, String> {
+    let run = made.run.as_ref().ok_or("the run was not kept for a second fit")?;
+    let options = Options { temperature: Some(polynomials.clone()), ..made.options.clone() };
+    let mut result = lin(run, &made.result.given, &made.instructions, &options).map_err(|e| e.to_string())?;
+    result.samples.clone_from(&made.result.samples);
+    Ok(result)
+}
+
+/// Gives the runs of groups in which one moved, and all others of the same sensor, mode and location that did, the polynomials as they were
+/// written; returns the calibrations of these runs alone, in their order.
+pub fn refer(measured: &mut [Measured], alone: Vec<Alone>, shown: &[ThermalShown], desk: &Desk) -> Vec<Alone> {
+    let mut written: Vec<(SensorPolynomials, &ThermalShown)> = Vec::new();
+    for one in shown {
+        let ThermalFile::Tpf(tpf) = &one.file else { continue };
+        let polynomials = tpf.polynomials(one.written.clone().with_role(Role::Temperature));
+        if polynomials.without_covariance().is_none() {
+            written.push((polynomials, one));
+        }
+    }
+    let moved: Vec<String> = measured
+        .iter()
+        .filter_map(Measured::lin)
+        .filter(|made| moves(&made.result))
+        .map(|made| made.result.calibration.run.id.clone())
+        .collect();
+    let referred: Vec<String> = measured
+        .par_iter_mut()
+        .filter_map(Measured::lin_mut)
+        .filter_map(|made| {
+            let head = made.result.calibration.run.clone();
+            let runs = |one: &ThermalShown| one.thermal.runs.clone();
+            let of_sensor = |one: &&(SensorPolynomials, &ThermalShown)| {
+                let r = runs(one.1);
+                (r.sensor, r.mode, r.location) == (head.sensor.clone(), head.mode.clone(), head.location)
+            };
+            let of_group = |one: &&(SensorPolynomials, &ThermalShown)| {
+                let ids = runs(one.1).ids;
+                ids.contains(&head.id) && ids.iter().any(|id| moved.contains(id))
+            };
+            let is_moving = moved.contains(&head.id);
+            let found = written.iter().find(of_group).or_else(|| written.iter().find(|one| is_moving && of_sensor(one)));
+            let (polynomials, _) = found?;
+            match again(made, polynomials) {
+                Ok(result) => {
+                    made.result = result;
+                    made.options.temperature = Some(polynomials.clone());
+                    let input = [made.provenance.input.as_slice(), std::slice::from_ref(&polynomials.input)].concat();
+                    made.provenance = Provenance::new(recipe(&made.options, &made.result, desk), input);
+                    made.in_group = true;
+                    Some(head.id)
+                }
+                Err(reason) => {
+                    let file = &polynomials.input.path;
+                    let text = format!("the slopes of {file} are not used: {reason}");
+                    made.result.notes.push(Note::new(NoteKind::Temperature, text).about(file));
+                    None
+                }
+            }
+        })
+        .collect();
+    alone.into_iter().filter(|one| referred.contains(&one.run)).collect()
+}
+
+/// The linear calibrations of single runs as files, before their groups have polynomials.
+///
+/// # Errors
+/// A calibration without a text form.
+pub fn alone(measured: &[Measured]) -> Result<Vec<Alone>, Finding> {
+    measured
+        .iter()
+        .filter_map(Measured::lin)
+        .map(|made| {
+            let parameters: Cpf = made.result.parameters();
+            let name = parameters.file_name();
+            let text = parameter_text(&name, &parameters, &made.provenance)?;
+            Ok(Alone { run: parameters.calibration.run.id, name, text })
+        })
+        .collect()
+}
