@@ -6,11 +6,12 @@ use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::result::{Conditions, Dropped, RunHead, Spread};
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
-use crate::fit::noise::dense::{self, Octave};
+use crate::fit::noise::dense::{self, Octave, Sampled};
 use crate::fit::{DenseNoise, FitError, Solution};
 use crate::model::campaign::Instructions;
 use crate::model::facility::{Facility, FacilityApplied};
 use crate::model::sensor::SplitError;
+use nalgebra::DMatrix;
 use serde::Serialize;
 
 /// Temperatures outside are no temperatures of a sensor or coil.
@@ -187,7 +188,14 @@ pub fn noise_of(solution: &Solution, used: &[&Plateau], components: &[usize]) ->
     }
     let samples: Vec<f64> = used.iter().map(|p| p.count.map_or(f64::NAN, |n| n as f64)).collect();
     let intervals: Vec<[f64; 2]> = used.iter().map(|p| p.used_s).collect();
-    dense::estimate_with(solution, &intervals, &samples, &octaves)
+    let [variances, readings] = [0, 1].map(|which| {
+        DMatrix::from_fn(used.len(), components.len(), |i, a| match which {
+            0 => used[i].std_ent.map_or(f64::NAN, |s| s[components[a]].powi(2)),
+            _ => used[i].mean.0[components[a]],
+        })
+    });
+    let scatter = Some([&variances, &readings]);
+    dense::estimate_with(solution, &Sampled { intervals: &intervals, counts: &samples, octaves: &octaves, scatter })
 }
 
 /// The plateaus that were not used, with their reasons.
