@@ -198,6 +198,24 @@ pub fn noise_of(solution: &Solution, used: &[&Plateau], components: &[usize]) ->
     dense::estimate_with(solution, &Sampled { intervals: &intervals, counts: &samples, octaves: &octaves, scatter })
 }
 
+/// Probability from which noise steeper than 1/f is told.
+const STEEP: f64 = 0.5;
+
+/// Says that there is noise slower than the run, where the run shows signs of it: no uncertainty of an offset can hold what it does.
+pub fn warn_of_slow_noise(notes: &mut impl Extend<Note>, noise: &DenseNoise, span_s: [f64; 2]) {
+    let steep: Vec<&str> =
+        (0..3).filter(|a| noise.steep_probability(*a).is_some_and(|p| p > STEEP)).map(|a| COMPONENTS[a]).collect();
+    if !steep.is_empty() {
+        let text = format!(
+            "the noise of {} grows towards low frequencies faster than 1/f: what changes more slowly than in the {:.0} s of the run shows in \
+             no residual, and the uncertainty of the offset is without it",
+            steep.join(", "),
+            span_s[1] - span_s[0]
+        );
+        notes.extend([Note::new(NoteKind::Method, text).with_remedy("compare the offsets of several runs")]);
+    }
+}
+
 /// The plateaus that were not used, with their reasons.
 #[must_use]
 pub fn dropped(list: &[Plateau]) -> Vec<Dropped> {

@@ -4,10 +4,12 @@
 //! a file between. The bounds are those of Cramér and Rao for the simulated noise, from the closed form of its covariance: for the
 //! means of quarters of the plateaus (linearity, offset), for the density at the frequency of the sine or its alias (frequency).
 
-pub mod samples;
+mod samples;
 mod sines;
+mod table;
 
 pub use samples::{NOISES, Noise};
+pub use table::table;
 
 use crate::repository;
 use calfit::data::across::CalibratedRun;
@@ -19,7 +21,7 @@ use calfit::files::twin::{self, RunTwin, Twin};
 use calfit::fit::NORMAL_95;
 use calfit::measure::freq::{self, Sines};
 use calfit::measure::thermal::{Kind, groups, thermal};
-use calfit::measure::{lin, offset};
+use calfit::measure::{lin, null, offset};
 use calfit::model::sensor::split;
 use calfit::simulate::Simulation;
 use calfit::simulate::noise::Random;
@@ -51,6 +53,7 @@ pub struct Tally {
     squares: f64,
     variances: f64,
     against_bound: f64,
+    stated: f64,
 }
 
 impl Tally {
@@ -58,9 +61,24 @@ impl Tally {
         f64::from(self.held) / f64::from(self.runs)
     }
 
+    /// The runs of another parameter as well.
+    pub fn add(&mut self, other: &Tally) {
+        self.runs += other.runs;
+        self.held += other.held;
+        self.squares += other.squares;
+        self.variances += other.variances;
+        self.against_bound += other.against_bound;
+        self.stated += other.stated;
+    }
+
     /// Root mean square of stated over that of real errors.
     pub fn width(&self) -> f64 {
         (self.variances / self.squares).sqrt()
+    }
+
+    /// Mean of the stated standard uncertainties over the smallest possible ones.
+    pub fn stated(&self) -> f64 {
+        self.stated / f64::from(self.runs)
     }
 
     /// Variance of the estimates over the bound.
@@ -69,10 +87,10 @@ impl Tally {
     }
 }
 
-/// Runs the study of `lin`, `offset`, `freq` or `thermal`; parameters in the order of their names.
+/// Runs the study of `lin`, `offset`, `freq`, `null` or `thermal`; parameters in the order of their names.
 pub fn study(name: &str, noise: Noise, runs: u64) -> BTreeMap<String, Tally> {
     let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
-    for e in study_estimates(name, noise, runs) {
+    for e in estimates_of(name, noise, runs) {
         let tally = tallies.entry(e.name).or_default();
         let error = e.value - e.truth;
         tally.runs += 1;
@@ -80,12 +98,12 @@ pub fn study(name: &str, noise: Noise, runs: u64) -> BTreeMap<String, Tally> {
         tally.squares += error * error;
         tally.variances += e.std * e.std;
         tally.against_bound += (error / e.bound).powi(2);
+        tally.stated += e.std / e.bound;
     }
     tallies
 }
 
-/// The single estimates of a study.
-pub fn study_estimates(name: &str, noise: Noise, runs: u64) -> Vec<Estimate> {
+fn estimates_of(name: &str, noise: Noise, runs: u64) -> Vec<Estimate> {
     let base = base();
     let estimates: Vec<Vec<Estimate>> = (0..runs)
         .into_par_iter()
@@ -93,6 +111,7 @@ pub fn study_estimates(name: &str, noise: Noise, runs: u64) -> Vec<Estimate> {
             "lin" => of_lin(&base, noise, seed),
             "offset" => of_offset(&base, noise, seed),
             "freq" => of_freq(&base, noise, seed),
+            "null" => of_null(&base, noise, seed),
             _ => of_thermal(&base, noise, seed),
         })
         .collect();
@@ -100,6 +119,10 @@ pub fn study_estimates(name: &str, noise: Noise, runs: u64) -> Vec<Estimate> {
 }
 
 const RATE_HZ: f64 = 128.0;
+/// Length of a record in zero field, s.
+const NULL_S: f64 = 3600.0;
+/// Parts of it whose means the bounds know.
+const NULL_PARTS: usize = 512;
 /// Amplitude over its standard deviation from which phases are compared.
 const CLEAR: f64 = 10.0;
 /// Parts of a plateau whose means the bounds know.
@@ -123,7 +146,10 @@ fn base() -> Twin {
     let mut sines: Programme = programme("FREQ2000.MAG");
     let shorter = |step: &Step| Step { duration_s: (5.0 / step.frequency_hz).max(10.0), ..*step };
     sines.steps = sines.steps.iter().filter(|s| s.frequency_hz > 0.4).map(shorter).collect();
-    twin.programmes = vec![programme("LIN2000XYZE.MAG"), programme("OFFSET_200.MAG"), sines];
+    let mut zero: Programme = programme("NULL.MAG");
+    zero.steps.truncate(1);
+    zero.steps[0].duration_s = NULL_S;
+    twin.programmes = vec![programme("LIN2000XYZE.MAG"), programme("OFFSET_200.MAG"), sines, zero];
     twin
 }
 
@@ -178,11 +204,22 @@ fn parts(
     lowest_hz: f64,
     reading_ent: impl Fn(&Setting) -> f64,
 ) -> (Vec<(Setting, f64)>, DMatrix<f64>) {
+    parts_of(settings, PARTS, noise, lowest_hz, reading_ent)
+}
+
+/// The same for any number of equal parts.
+fn parts_of(
+    settings: &[Setting],
+    parts: usize,
+    noise: Noise,
+    lowest_hz: f64,
+    reading_ent: impl Fn(&Setting) -> f64,
+) -> (Vec<(Setting, f64)>, DMatrix<f64>) {
     let intervals: Vec<(Setting, [f64; 2])> = settings
         .iter()
         .flat_map(|s| {
-            let length = (s.t_end_s - s.t_start_s) / PARTS as f64;
-            (0..PARTS).map(move |k| (*s, [s.t_start_s + length * k as f64, s.t_start_s + length * (k + 1) as f64]))
+            let length = (s.t_end_s - s.t_start_s) / parts as f64;
+            (0..parts).map(move |k| (*s, [s.t_start_s + length * k as f64, s.t_start_s + length * (k + 1) as f64]))
         })
         .collect();
     let mut covariance = DMatrix::zeros(intervals.len(), intervals.len());
@@ -203,7 +240,7 @@ fn parts(
     for (i, (setting, [a, b])) in intervals.iter().enumerate() {
         let variance = noise.white_ent.powi(2) + (noise.of_reading * reading_ent(setting)).powi(2);
         covariance[(i, i)] += variance / ((b - a) * RATE_HZ);
-        for j in (i - i % PARTS)..(i - i % PARTS + PARTS) {
+        for j in (i - i % parts)..(i - i % parts + parts) {
             covariance[(i, j)] += noise.scatter_nt.powi(2);
         }
     }
@@ -395,6 +432,30 @@ fn of_offset(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     let values = [p.values.offset_ent, p.values.residual_coil_nt, p.values.residual_ent].concat();
     let std = [p.values.offset_std_ent, p.values.residual_coil_std_nt, p.values.residual_std_ent].concat();
     estimates(&names, &values, &std, &truth, &bounds)
+}
+
+fn of_null(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
+    let twin = drawn(base, noise, 3, &mut Random::new(seed, &["null"]));
+    let degc = twin.thermal_box.start_degc;
+    let (result, settings) = simulated(&twin, seed, |run| {
+        let mut record = null::Record::default();
+        let run = noise.play(run, twin.sensors[0].flicker_lowest_hz, seed, &mut record);
+        (null::null(&run, record, &twin.campaign.instructions, &null::Options::default()).unwrap(), run.settings)
+    });
+    let residual = response(&twin, 1, degc) * Vector3::from(twin.facility.residual[0].field_nt);
+    let offset = twin.sensors[0].model.offset_ent(degc);
+    let (rows, mut covariance) = parts_of(&settings, NULL_PARTS, noise, twin.sensors[0].flicker_lowest_hz, |_| 0.0);
+    // One setting has one error, which is the field.
+    covariance.add_scalar_mut(-noise.scatter_nt.powi(2));
+    let hours = |t: f64| (t - 0.5 * NULL_S) / 3600.0;
+    let design = DMatrix::from_fn(rows.len(), 2, |r, c| if c == 0 { 1.0 } else { hours(rows[r].1) });
+    let bound = smallest(&design, &covariance);
+    let found = &result.found.offset;
+    let values = [found.mean_ent.to_vec(), found.drift_ent_per_h[0].to_vec()].concat();
+    let std = [found.mean_std_ent.to_vec(), found.drift_std_ent_per_h[0].to_vec()].concat();
+    let truth: Vec<f64> = (0..6).map(|k| if k < 3 { offset[k] + residual[k] } else { 0.0 }).collect();
+    let bounds: Vec<f64> = (0..6).map(|k| bound[(k / 3, k / 3)].sqrt()).collect();
+    estimates(&["mean_x", "mean_y", "mean_z", "drift_x", "drift_y", "drift_z"], &values, &std, &truth, &bounds)
 }
 
 fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {

@@ -157,6 +157,14 @@ impl DenseNoise {
         high / (NORMAL_95 * averaged)
     }
 
+    /// Probability that the noise of a right-hand side is steeper than 1/f, so that most of it is slower than the rows show; `None` where
+    /// only residuals tell the noise.
+    #[must_use]
+    pub fn steep_probability(&self, a: usize) -> Option<f64> {
+        let places = self.places.get(a)?;
+        Some(places.iter().filter(|p| p.slow > 0.0 && EXPONENTS[p.shape] > 1.0).map(|p| p.probability).sum())
+    }
+
     /// Whether what is inside the rows told their noise: intervals are normal then, otherwise Student's.
     #[must_use]
     pub fn is_from_samples(&self) -> bool {
