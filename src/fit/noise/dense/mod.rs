@@ -326,6 +326,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
         let base = by_samples.unwrap_or_else(|| fitted.by_weights.clone());
         let mut spread = vec![base.clone()];
         let mut average = Average::new(&inside, octaves.iter().map(|o| o.squares[a] / o.count).collect());
+        let mut log_scale = 0.0;
         for shape in 0..EXPONENTS.len() {
             if shape > 0 && !average.suspects_slow_noise() {
                 break;
@@ -333,22 +334,18 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
             if kernels.len() == shape {
                 kernels.push(kernel(shape));
             }
-            if own {
-                let projected = Projected::of(&fitted, &base, &kernels[shape]);
-                average.try_shape(shape, projected.likelihood(a));
-            } else {
-                let projected = shared[shape].get_or_insert_with(|| Projected::of(&fitted, &base, &kernels[shape]));
-                average.try_shape(shape, projected.likelihood(a));
-            }
+            let mut own_projected = None;
+            let place = if own { &mut own_projected } else { &mut shared[shape] };
+            let projected = place.get_or_insert_with(|| Projected::of(&fitted, &base, &kernels[shape]));
+            average.try_shape(shape, projected.likelihood(a));
+            log_scale = projected.log_scale;
         }
-        if let Some(levels) =
-            sampled.scatter.and_then(|s| spread::grows(&fitted, solution, a, &base, &s[1].column(a).into_owned()))
-        {
-            let without = Projected::log_scale(&fitted, &base);
+        let readings = sampled.scatter.map(|s| s[1].column(a).into_owned());
+        if let Some(squares) = readings.and_then(|r| spread::grows(&fitted, solution, a, &base, &r)) {
             for (growth, size) in GROWTHS.iter().enumerate() {
-                let with = levels.zip_map(&base, |u, s| s * (1.0 + size * u));
+                let with = squares.zip_map(&base, |u, s| s * (1.0 + size * u));
                 let projected = Projected::of(&fitted, &with, &kernels[0]);
-                average.try_growth(growth, projected.likelihood(a), projected.log_scale - without);
+                average.try_growth(growth, projected.likelihood(a), projected.log_scale - log_scale);
                 spread.push(with);
             }
         }
@@ -445,7 +442,7 @@ struct Projected {
     diagonal: DVector<f64>,
     off_diagonal: DVector<f64>,
     data: DMatrix<f64>,
-    /// What the deviance has besides that of these coordinates.
+    /// What the deviance has besides that of these coordinates: logarithms of the determinants of the spread and of the normal matrix.
     log_scale: f64,
 }
 
@@ -471,18 +468,9 @@ impl Projected {
         let mut unexplained = scaled(&fitted.residuals);
         factors.q_tr_mul(&mut unexplained);
         let (q, diagonal, off_diagonal) = SymmetricTridiagonal::new(rotated.view((p, p), (n - p, n - p)).into_owned()).unpack();
-        let log_scale = Self::log_scale(fitted, spread);
+        let normal: f64 = factors.r().diagonal().iter().map(|d| d.abs().ln()).sum();
+        let log_scale = spread.iter().map(|s| s.ln()).sum::<f64>() + 2.0 * normal;
         Self { diagonal, off_diagonal, data: q.tr_mul(&unexplained.rows(p, n - p)), log_scale }
-    }
-
-    /// Logarithms of the determinants of the spread and of the normal matrix with it.
-    fn log_scale(fitted: &Fitted, spread: &DVector<f64>) -> f64 {
-        let mut scaled = fitted.columns.clone();
-        for (mut row, s) in scaled.row_iter_mut().zip(spread) {
-            row /= s.sqrt();
-        }
-        let normal: f64 = scaled.qr().r().diagonal().iter().map(|d| d.abs().ln()).sum();
-        spread.iter().map(|s| s.ln()).sum::<f64>() + 2.0 * normal
     }
 
     fn likelihood(&self, a: usize) -> Likelihood<'_> {

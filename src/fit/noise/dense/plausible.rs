@@ -8,8 +8,8 @@ use super::{ComponentNoise, Octave};
 pub(super) const EXPONENTS: [f64; 4] = [1.0, 0.5, 1.5, 2.0];
 /// Prior probability of each where there is slow noise.
 const PRIOR_EXPONENTS: [f64; 4] = [0.6, 0.05, 0.25, 0.1];
-/// Probability of 1/f noise from which the other exponents are tried too.
-const SUSPECTED: f64 = 0.05;
+/// Probability of 1/f noise from which the other exponents are tried too: more than the residuals of white noise leave of its prior.
+const SUSPECTED: f64 = 0.1;
 /// Prior probability that the samples carry white noise alone.
 const PRIOR_NONE: f64 = 0.9;
 /// Smallest and largest ratio of slow to white noise in a row, and how many in between: less cannot be told from none, more is slow noise
