@@ -91,6 +91,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         notes.extend(judge::structure_of(&temperatures, &prepared.list, &used, &means, &noise));
     }
     notes.extend(judge::rounding_of(&used, &noise));
+    conditions::warn_of_slow_noise(&mut notes, &noise, span_s);
 
     let mut calibration = LinearCalibration {
         run: conditions::head(run, instructions, &temperatures),

@@ -7,9 +7,10 @@ use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::result::{Conditions, Dropped, RunHead, Spread};
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
-use crate::fit::noise::dense::{self, Octave};
+use crate::fit::noise::dense::{self, Octave, Sampled};
 use crate::fit::{DenseNoise, FitError, Solution};
 use crate::model::campaign::Instructions;
+use nalgebra::DMatrix;
 use serde::Serialize;
 
 /// Temperatures outside are no temperatures of a sensor or coil.
@@ -145,7 +146,32 @@ pub fn noise_of(solution: &Solution, used: &[&Plateau], components: &[usize]) ->
     }
     let samples: Vec<f64> = used.iter().map(|p| p.count.map_or(f64::NAN, |n| n as f64)).collect();
     let intervals: Vec<[f64; 2]> = used.iter().map(|p| p.used_s).collect();
-    dense::estimate_with(solution, &intervals, &samples, &octaves)
+    let [variances, readings] = [0, 1].map(|which| {
+        DMatrix::from_fn(used.len(), components.len(), |i, a| match which {
+            0 => used[i].std_ent.map_or(f64::NAN, |s| s[components[a]].powi(2)),
+            _ => used[i].mean.0[components[a]],
+        })
+    });
+    let scatter = Some([&variances, &readings]);
+    dense::estimate_with(solution, &Sampled { intervals: &intervals, counts: &samples, octaves: &octaves, scatter })
+}
+
+/// Probability from which noise steeper than 1/f is told.
+const STEEP: f64 = 0.5;
+
+/// Says that there is noise slower than the run, where the run shows signs of it: no uncertainty of an offset can hold what it does.
+pub fn warn_of_slow_noise(notes: &mut impl Extend<Note>, noise: &DenseNoise, span_s: [f64; 2]) {
+    let steep: Vec<&str> =
+        (0..3).filter(|a| noise.steep_probability(*a).is_some_and(|p| p > STEEP)).map(|a| COMPONENTS[a]).collect();
+    if !steep.is_empty() {
+        let text = format!(
+            "the noise of {} grows towards low frequencies faster than 1/f: what changes more slowly than in the {:.0} s of the run shows in \
+             no residual, and the uncertainty of the offset is without it",
+            steep.join(", "),
+            span_s[1] - span_s[0]
+        );
+        notes.extend([Note::new(NoteKind::Method, text).with_remedy("compare the offsets of several runs")]);
+    }
 }
 
 /// The plateaus that were not used, with their reasons.

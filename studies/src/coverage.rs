@@ -4,7 +4,12 @@
 //! a file between. The bounds are those of Cramér and Rao for the simulated noise, from the closed form of its covariance: for the
 //! means of quarters of the plateaus (linearity, offset), for the density at the frequency of the sine or its alias (frequency).
 
+mod samples;
 mod sines;
+mod table;
+
+pub use samples::{NOISES, Noise};
+pub use table::table;
 
 use crate::repository;
 use calfit::data::across::CalibratedRun;
@@ -16,10 +21,10 @@ use calfit::files::twin::{self, RunTwin, Twin};
 use calfit::fit::NORMAL_95;
 use calfit::measure::freq::{self, Sines};
 use calfit::measure::thermal::{Kind, groups, thermal};
-use calfit::measure::{lin, offset};
+use calfit::measure::{lin, null, offset};
 use calfit::model::sensor::split;
 use calfit::simulate::Simulation;
-use calfit::simulate::noise::{Random, relaxations};
+use calfit::simulate::noise::Random;
 use calfit::simulate::run::SimulatedRun;
 use calfit::workflow::RunResult;
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
@@ -27,30 +32,6 @@ use rayon::prelude::*;
 use sines::{Tones, of_freq};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
-
-/// Noise of the samples.
-#[derive(Clone, Copy)]
-pub struct Noise {
-    pub name: &'static str,
-    /// Standard deviation of a sample, enT.
-    pub white_ent: f64,
-    /// Frequency at which 1/f noise is as dense as white noise, Hz.
-    pub corner_hz: f64,
-}
-
-/// The cases of the full study.
-pub const NOISES: [Noise; 3] = [
-    Noise { name: "white", white_ent: 0.4, corner_hz: 0.0 },
-    Noise { name: "1/f, corner at 0.1 Hz", white_ent: 0.4, corner_hz: 0.1 },
-    Noise { name: "1/f, corner at 5 Hz", white_ent: 0.1, corner_hz: 5.0 },
-];
-
-impl Noise {
-    /// Amplitude density of the 1/f noise at 1 Hz: the density of white noise is 2 σ² / rate.
-    fn flicker_ent(&self) -> f64 {
-        self.white_ent * (2.0 * self.corner_hz / RATE_HZ).sqrt()
-    }
-}
 
 /// One estimated parameter of one run.
 pub struct Estimate {
@@ -72,6 +53,7 @@ pub struct Tally {
     squares: f64,
     variances: f64,
     against_bound: f64,
+    stated: f64,
 }
 
 impl Tally {
@@ -79,9 +61,24 @@ impl Tally {
         f64::from(self.held) / f64::from(self.runs)
     }
 
+    /// The runs of another parameter as well.
+    pub fn add(&mut self, other: &Tally) {
+        self.runs += other.runs;
+        self.held += other.held;
+        self.squares += other.squares;
+        self.variances += other.variances;
+        self.against_bound += other.against_bound;
+        self.stated += other.stated;
+    }
+
     /// Root mean square of stated over that of real errors.
     pub fn width(&self) -> f64 {
         (self.variances / self.squares).sqrt()
+    }
+
+    /// Mean of the stated standard uncertainties over the smallest possible ones.
+    pub fn stated(&self) -> f64 {
+        self.stated / f64::from(self.runs)
     }
 
     /// Variance of the estimates over the bound.
@@ -90,20 +87,10 @@ impl Tally {
     }
 }
 
-/// Runs the study of `lin`, `offset`, `freq` or `thermal`; parameters in the order of their names.
+/// Runs the study of `lin`, `offset`, `freq`, `null` or `thermal`; parameters in the order of their names.
 pub fn study(name: &str, noise: Noise, runs: u64) -> BTreeMap<String, Tally> {
-    let base = base();
-    let estimates: Vec<Vec<Estimate>> = (0..runs)
-        .into_par_iter()
-        .map(|seed| match name {
-            "lin" => of_lin(&base, noise, seed),
-            "offset" => of_offset(&base, noise, seed),
-            "freq" => of_freq(&base, noise, seed),
-            _ => of_thermal(&base, noise, seed),
-        })
-        .collect();
     let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
-    for e in estimates.into_iter().flatten() {
+    for e in estimates_of(name, noise, runs) {
         let tally = tallies.entry(e.name).or_default();
         let error = e.value - e.truth;
         tally.runs += 1;
@@ -111,11 +98,31 @@ pub fn study(name: &str, noise: Noise, runs: u64) -> BTreeMap<String, Tally> {
         tally.squares += error * error;
         tally.variances += e.std * e.std;
         tally.against_bound += (error / e.bound).powi(2);
+        tally.stated += e.std / e.bound;
     }
     tallies
 }
 
+fn estimates_of(name: &str, noise: Noise, runs: u64) -> Vec<Estimate> {
+    let base = base();
+    let estimates: Vec<Vec<Estimate>> = (0..runs)
+        .into_par_iter()
+        .map(|seed| match name {
+            "lin" => of_lin(&base, noise, seed),
+            "offset" => of_offset(&base, noise, seed),
+            "freq" => of_freq(&base, noise, seed),
+            "null" => of_null(&base, noise, seed),
+            _ => of_thermal(&base, noise, seed),
+        })
+        .collect();
+    estimates.into_iter().flatten().collect()
+}
+
 const RATE_HZ: f64 = 128.0;
+/// Length of a record in zero field, s.
+const NULL_S: f64 = 3600.0;
+/// Parts of it whose means the bounds know.
+const NULL_PARTS: usize = 512;
 /// Amplitude over its standard deviation from which phases are compared.
 const CLEAR: f64 = 10.0;
 /// Parts of a plateau whose means the bounds know.
@@ -139,7 +146,10 @@ fn base() -> Twin {
     let mut sines: Programme = programme("FREQ2000.MAG");
     let shorter = |step: &Step| Step { duration_s: (5.0 / step.frequency_hz).max(10.0), ..*step };
     sines.steps = sines.steps.iter().filter(|s| s.frequency_hz > 0.4).map(shorter).collect();
-    twin.programmes = vec![programme("LIN2000XYZE.MAG"), programme("OFFSET_200.MAG"), sines];
+    let mut zero: Programme = programme("NULL.MAG");
+    zero.steps.truncate(1);
+    zero.steps[0].duration_s = NULL_S;
+    twin.programmes = vec![programme("LIN2000XYZE.MAG"), programme("OFFSET_200.MAG"), sines, zero];
     twin
 }
 
@@ -161,12 +171,16 @@ fn drawn(base: &Twin, noise: Noise, programme: usize, random: &mut Random) -> Tw
         twin.facility.residual[0].field_nt[i] = around(0.0, 10.0);
     }
     sensor.rate_hz = around(127.999, 0.0005);
-    sensor.white_ent = [noise.white_ent; 3];
-    sensor.flicker_ent = [noise.flicker_ent(); 3];
-    // The longest relaxation is as long as the run.
-    let length_s = twin.programmes[programme].lasts_s(0.0);
-    sensor.flicker_lowest_hz = 1.0 / (TAU * length_s);
+    let (white_ent, flicker_ent) = noise.own();
+    (sensor.white_ent, sensor.flicker_ent) = ([white_ent; 3], [flicker_ent; 3]);
+    twin.facility.setting_scatter_nt = [noise.scatter_nt; 3];
+    sensor.flicker_lowest_hz = lowest_hz(&twin.programmes[programme], noise);
     twin
+}
+
+/// The longest relaxation is as long as the run where nothing else is said.
+fn lowest_hz(programme: &Programme, noise: Noise) -> f64 {
+    noise.lowest_hz.unwrap_or(1.0 / (TAU * programme.lasts_s(0.0)))
 }
 
 fn simulated<T>(twin: &Twin, seed: u64, then: impl FnOnce(&SimulatedRun) -> T) -> T {
@@ -184,16 +198,32 @@ fn response(twin: &Twin, position: u32, degc: f64) -> Matrix3<f64> {
 }
 
 /// Covariance of the means over quarters of plateaus, and the settings they belong to.
-fn parts(settings: &[Setting], noise: Noise, lowest_hz: f64) -> (Vec<(Setting, f64)>, DMatrix<f64>) {
+fn parts(
+    settings: &[Setting],
+    noise: Noise,
+    lowest_hz: f64,
+    reading_ent: impl Fn(&Setting) -> f64,
+) -> (Vec<(Setting, f64)>, DMatrix<f64>) {
+    parts_of(settings, PARTS, noise, lowest_hz, reading_ent)
+}
+
+/// The same for any number of equal parts.
+fn parts_of(
+    settings: &[Setting],
+    parts: usize,
+    noise: Noise,
+    lowest_hz: f64,
+    reading_ent: impl Fn(&Setting) -> f64,
+) -> (Vec<(Setting, f64)>, DMatrix<f64>) {
     let intervals: Vec<(Setting, [f64; 2])> = settings
         .iter()
         .flat_map(|s| {
-            let length = (s.t_end_s - s.t_start_s) / PARTS as f64;
-            (0..PARTS).map(move |k| (*s, [s.t_start_s + length * k as f64, s.t_start_s + length * (k + 1) as f64]))
+            let length = (s.t_end_s - s.t_start_s) / parts as f64;
+            (0..parts).map(move |k| (*s, [s.t_start_s + length * k as f64, s.t_start_s + length * (k + 1) as f64]))
         })
         .collect();
     let mut covariance = DMatrix::zeros(intervals.len(), intervals.len());
-    for (variance, tau) in relaxations(noise.flicker_ent(), RATE_HZ, lowest_hz) {
+    for (variance, tau) in noise.relaxations(RATE_HZ, lowest_hz) {
         for i in 0..intervals.len() {
             let [a, b] = intervals[i].1;
             let x = (b - a) / tau;
@@ -207,8 +237,12 @@ fn parts(settings: &[Setting], noise: Noise, lowest_hz: f64) -> (Vec<(Setting, f
             }
         }
     }
-    for (i, (_, [a, b])) in intervals.iter().enumerate() {
-        covariance[(i, i)] += noise.white_ent.powi(2) / ((b - a) * RATE_HZ);
+    for (i, (setting, [a, b])) in intervals.iter().enumerate() {
+        let variance = noise.white_ent.powi(2) + (noise.of_reading * reading_ent(setting)).powi(2);
+        covariance[(i, i)] += variance / ((b - a) * RATE_HZ);
+        for j in (i - i % parts)..(i - i % parts + parts) {
+            covariance[(i, j)] += noise.scatter_nt.powi(2);
+        }
     }
     (intervals.iter().map(|(s, [a, b])| (*s, 0.5 * (a + b))).collect(), covariance)
 }
@@ -251,13 +285,19 @@ const LIN_NAMES: [&str; 21] = [
 
 /// Bounds of the quantities of a linear calibration.
 fn lin_bounds(twin: &Twin, settings: &[Setting], noise: Noise, a: &Matrix3<f64>, b_or: [f64; 3]) -> Vec<f64> {
-    let (rows, covariance) = parts(settings, noise, twin.sensors[0].flicker_lowest_hz);
     let end_s = settings.last().unwrap().t_end_s;
     let tau = |t: f64| 2.0 * t / end_s - 1.0;
-    let design =
-        DMatrix::from_fn(rows.len(), 6, |r, c| if c < 3 { rows[r].0.field.0[c] } else { tau(rows[r].1).powi(c as i32 - 3) });
-    let one = smallest(&design, &covariance);
-    let covariance = DMatrix::from_fn(18, 18, |r, c| if r / 6 == c / 6 { one[(r % 6, c % 6)] } else { 0.0 });
+    let of_component = |i: usize| {
+        let reading_ent = |s: &Setting| (a.row(i) * Vector3::from(s.field.0))[0];
+        let (rows, covariance) = parts(settings, noise, twin.sensors[0].flicker_lowest_hz, reading_ent);
+        let design =
+            DMatrix::from_fn(rows.len(), 6, |r, c| if c < 3 { rows[r].0.field.0[c] } else { tau(rows[r].1).powi(c as i32 - 3) });
+        smallest(&design, &covariance)
+    };
+    let first = of_component(0);
+    let each =
+        if noise.of_reading > 0.0 { [first, of_component(1), of_component(2)] } else { [first.clone(), first.clone(), first] };
+    let covariance = DMatrix::from_fn(18, 18, |r, c| if r / 6 == c / 6 { each[r / 6][(r % 6, c % 6)] } else { 0.0 });
     let mean_square = settings.iter().map(|s| tau(0.5 * (s.t_start_s + s.t_end_s)).powi(2)).sum::<f64>() / settings.len() as f64;
     let at = DVector::from_fn(18, |k, _| match k % 6 {
         c if c < 3 => a[(k / 6, c)],
@@ -285,9 +325,14 @@ fn estimates(names: &[&str], values: &[f64], std: &[f64], truth: &[f64], bounds:
     (0..names.len()).map(one).collect()
 }
 
-fn plateaus(run: &SimulatedRun) -> (calfit::data::run::Run, calfit::data::plateau::Plateaus) {
+fn plateaus(
+    twin: &Twin,
+    noise: Noise,
+    seed: u64,
+    run: &SimulatedRun,
+) -> (calfit::data::run::Run, calfit::data::plateau::Plateaus) {
     let mut accumulator = Accumulator::default();
-    let run = run.play(&mut accumulator);
+    let run = noise.play(run, twin.sensors[0].flicker_lowest_hz, seed, &mut accumulator);
     (run, accumulator.finish(Cut::default()))
 }
 
@@ -295,7 +340,7 @@ fn of_lin(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     let twin = drawn(base, noise, 0, &mut Random::new(seed, &["lin"]));
     let degc = twin.thermal_box.start_degc;
     let (result, settings) = simulated(&twin, seed, |run| {
-        let (run, plateaus) = plateaus(run);
+        let (run, plateaus) = plateaus(&twin, noise, seed, run);
         (lin::lin(&run, &plateaus, &twin.campaign.instructions, &lin::Options::default()).unwrap(), run.settings)
     });
     let a = response(&twin, 1, degc);
@@ -330,10 +375,12 @@ fn offset_bounds(twin: &Twin, settings: &[Setting], noise: Noise, degc: f64) -> 
     let responses: Vec<Matrix3<f64>> = (1..=4).map(|p| response(twin, p, degc)).collect();
     let offset = twin.sensors[0].model.offset_ent(degc);
     // Offsets, residual field, then the rows of the response per component and position: only their own readings know them.
-    let (rows, covariance) = parts(settings, noise, twin.sensors[0].flicker_lowest_hz);
-    let lower = covariance.cholesky().unwrap().l();
     let mut information = DMatrix::zeros(42, 42);
     for i in 0..3 {
+        let reading_ent =
+            |s: &Setting| (responses[s.position as usize - 1].row(i) * (Vector3::from(s.field.0) + residual))[0] + offset[i];
+        let (rows, covariance) = parts(settings, noise, twin.sensors[0].flicker_lowest_hz, reading_ent);
+        let lower = covariance.cholesky().unwrap().l();
         let design = DMatrix::from_fn(rows.len(), 42, |r, j| {
             let Setting { field: FieldCoil(b), position, .. } = rows[r].0;
             let p = position as usize - 1;
@@ -366,7 +413,7 @@ fn of_offset(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     let twin = drawn(base, noise, 1, &mut Random::new(seed, &["offset"]));
     let degc = twin.thermal_box.start_degc;
     let (result, settings) = simulated(&twin, seed, |run| {
-        let (run, plateaus) = plateaus(run);
+        let (run, plateaus) = plateaus(&twin, noise, seed, run);
         (offset::offset(&run, &plateaus, &twin.campaign.instructions, &offset::Options::default()).unwrap(), run.settings)
     });
     let (truth, bounds) = offset_bounds(&twin, &settings, noise, degc);
@@ -387,6 +434,30 @@ fn of_offset(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     estimates(&names, &values, &std, &truth, &bounds)
 }
 
+fn of_null(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
+    let twin = drawn(base, noise, 3, &mut Random::new(seed, &["null"]));
+    let degc = twin.thermal_box.start_degc;
+    let (result, settings) = simulated(&twin, seed, |run| {
+        let mut record = null::Record::default();
+        let run = noise.play(run, twin.sensors[0].flicker_lowest_hz, seed, &mut record);
+        (null::null(&run, record, &twin.campaign.instructions, &null::Options::default()).unwrap(), run.settings)
+    });
+    let residual = response(&twin, 1, degc) * Vector3::from(twin.facility.residual[0].field_nt);
+    let offset = twin.sensors[0].model.offset_ent(degc);
+    let (rows, mut covariance) = parts_of(&settings, NULL_PARTS, noise, twin.sensors[0].flicker_lowest_hz, |_| 0.0);
+    // One setting has one error, which is the field.
+    covariance.add_scalar_mut(-noise.scatter_nt.powi(2));
+    let hours = |t: f64| (t - 0.5 * NULL_S) / 3600.0;
+    let design = DMatrix::from_fn(rows.len(), 2, |r, c| if c == 0 { 1.0 } else { hours(rows[r].1) });
+    let bound = smallest(&design, &covariance);
+    let found = &result.found.offset;
+    let values = [found.mean_ent.to_vec(), found.drift_ent_per_h[0].to_vec()].concat();
+    let std = [found.mean_std_ent.to_vec(), found.drift_std_ent_per_h[0].to_vec()].concat();
+    let truth: Vec<f64> = (0..6).map(|k| if k < 3 { offset[k] + residual[k] } else { 0.0 }).collect();
+    let bounds: Vec<f64> = (0..6).map(|k| bound[(k / 3, k / 3)].sqrt()).collect();
+    estimates(&["mean_x", "mean_y", "mean_z", "drift_x", "drift_y", "drift_z"], &values, &std, &truth, &bounds)
+}
+
 fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     let mut random = Random::new(seed, &["thermal"]);
     let mut drawn_once = drawn(base, noise, 0, &mut random);
@@ -400,13 +471,12 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
             let run = &mut twin.runs[0];
             run.id = format!("26-03-{:02}_{programme:02}-00-00", index + 1);
             (run.programme, run.position) = (programme, (programme == 2).then_some(5));
-            let lowest_hz = 1.0 / (TAU * twin.programmes[programme].lasts_s(0.0));
-            twin.sensors[0].flicker_lowest_hz = lowest_hz;
+            twin.sensors[0].flicker_lowest_hz = lowest_hz(&twin.programmes[programme], noise);
             let instructions = &twin.campaign.instructions;
             let seed = seed * 100 + 10 * index as u64 + programme as u64;
             simulated(&twin, seed, |run| match programme {
                 0 => {
-                    let (run, plateaus) = plateaus(run);
+                    let (run, plateaus) = plateaus(&twin, noise, seed, run);
                     let result = lin::lin(&run, &plateaus, instructions, &lin::Options::default()).unwrap();
                     points.push((&result.parameters()).into());
                     let a = response(&twin, 1, degc);
@@ -416,7 +486,7 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
                     }
                 }
                 1 => {
-                    let (run, plateaus) = plateaus(run);
+                    let (run, plateaus) = plateaus(&twin, noise, seed, run);
                     let result = offset::offset(&run, &plateaus, instructions, &offset::Options::default()).unwrap();
                     points.push((&result.parameters()).into());
                     let (_, own) = offset_bounds(&twin, &run.settings, noise, degc);
@@ -426,7 +496,7 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
                 }
                 _ => {
                     let mut sines = Sines::default();
-                    let run = run.play(&mut sines);
+                    let run = noise.play(run, twin.sensors[0].flicker_lowest_hz, seed, &mut sines);
                     let result = freq::freq(&run, &sines, instructions, &freq::Options::default()).unwrap();
                     points.push((&result.parameters()).into());
                     for (i, component) in ["x", "y", "z"].into_iter().enumerate() {

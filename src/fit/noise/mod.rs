@@ -2,8 +2,8 @@
 //!
 //! Two forms of the estimate stand behind one interface, [`NoiseModel`]:
 //!
-//! * [`dense`]: white and 1/f noise with a dense covariance, averaged over what the residuals and the samples allow; it states the
-//!   uncertainty of the coefficients of a calibration.
+//! * [`dense`]: white noise that may grow with the reading, and slow noise of several exponents, with a dense covariance, averaged over what
+//!   the residuals and the samples allow; it states the uncertainty of the coefficients of a calibration.
 //! * [`state_space`]: white noise, slow noise of any exponent and noise that grows with the field, whitened by a Kalman filter at a cost in
 //!   proportion to the rows; a diagnosis asks for it thousands of times.
 

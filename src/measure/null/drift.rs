@@ -2,7 +2,7 @@
 
 use super::rows::{Level, Row};
 use crate::data::zero_field::{ChannelDependence, JointDependence, ZeroFieldOffset};
-use crate::fit::noise::dense::{self, Octave};
+use crate::fit::noise::dense::{self, Octave, Sampled};
 use crate::fit::{Design, FitError, Limits, solve};
 use nalgebra::DMatrix;
 
@@ -39,7 +39,10 @@ impl Fitter<'_> {
         let weights: Vec<f64> = counts.iter().map(|n| n / mean).collect();
         let solution = solve(&design, &rhs, Some(&weights), &Limits::default())?;
         let intervals: Vec<[f64; 2]> = used.iter().map(|i| self.rows[*i].interval_s).collect();
-        let noise = dense::estimate_with(&solution, &intervals, &counts, self.octaves)?;
+        let noise = dense::estimate_with(
+            &solution,
+            &Sampled { intervals: &intervals, counts: &counts, octaves: self.octaves, scatter: None },
+        )?;
         Ok(Fitted {
             covariance: noise.covariance(),
             residual_std: solution.residual_std.clone(),

@@ -5,14 +5,14 @@ use calfit::files::mag::Step;
 use calfit::files::twin::Twin;
 use calfit::fit::NORMAL_95;
 use calfit::measure::freq::{self, Sines};
-use calfit::simulate::noise::{Random, relaxations};
+use calfit::simulate::noise::Random;
 use nalgebra::{DMatrix, DVector, Vector3};
 use std::f64::consts::TAU;
 
 /// Variance of the white noise that would be as dense as the noise at a frequency or its alias: the spectrum of sampled relaxations.
 fn local_variance(twin: &Twin, noise: Noise, f: f64) -> f64 {
     let sensor = &twin.sensors[0];
-    let slow = relaxations(noise.flicker_ent(), sensor.rate_hz, sensor.flicker_lowest_hz).into_iter().map(|(variance, tau_s)| {
+    let slow = noise.relaxations(sensor.rate_hz, sensor.flicker_lowest_hz).into_iter().map(|(variance, tau_s)| {
         let decay = (-1.0 / (tau_s * sensor.rate_hz)).exp();
         variance * (1.0 - decay * decay) / (1.0 - 2.0 * decay * (TAU * f / sensor.rate_hz).cos() + decay * decay)
     });
@@ -60,7 +60,7 @@ pub(super) fn of_freq(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     let degc = twin.thermal_box.start_degc;
     let result = simulated(&twin, seed, |run| {
         let mut sines = Sines::default();
-        let run = run.play(&mut sines);
+        let run = noise.play(run, twin.sensors[0].flicker_lowest_hz, seed, &mut sines);
         freq::freq(&run, &sines, &twin.campaign.instructions, &freq::Options::default()).unwrap()
     });
     let p = &result;

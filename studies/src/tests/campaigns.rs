@@ -20,7 +20,7 @@ fn pooled(tallies: &BTreeMap<String, Tally>, begin: &str) -> [f64; 3] {
 #[test]
 fn intervals_of_lin_and_offset_hold_the_truth_with_white_and_with_slow_noise() {
     for (name, begins) in [("lin", ["sigma", "xi", "b_or"]), ("offset", ["offset", "residual_coil", "residual_"])] {
-        for noise in [NOISES[0], NOISES[1]] {
+        for noise in [NOISES[0], NOISES[2]] {
             let tallies = study(name, noise, 40);
             for begin in begins {
                 let [coverage, width, loss] = pooled(&tallies, begin);
@@ -34,9 +34,20 @@ fn intervals_of_lin_and_offset_hold_the_truth_with_white_and_with_slow_noise() {
     }
 }
 
+/// Gains and angles, which change sign quickly and do not see the slowest noise, hold with every noise: 480 values of 95 % scatter by 1 %.
+#[test]
+fn intervals_of_gains_and_angles_hold_the_truth_with_every_noise() {
+    for noise in NOISES {
+        let tallies = study("lin", noise, 80);
+        let all = ["sigma", "xi"].map(|begin| pooled(&tallies, begin)[0]);
+        let coverage = 0.5 * (all[0] + all[1]);
+        assert!((0.91..=0.99).contains(&coverage), "{}: {coverage}", noise.name);
+    }
+}
+
 #[test]
 fn intervals_of_freq_hold_the_truth_with_white_and_with_slow_noise() {
-    for noise in [NOISES[0], NOISES[2]] {
+    for noise in [NOISES[0], NOISES[3]] {
         let tallies = study("freq", noise, 6);
         // 18 values: 5 % and 33 %; amplitudes and phases of 30 frequencies more.
         for (begin, least) in [("amplitude", 0.91), ("phase", 0.91), ("f_3db", 0.74), ("f_s_", 0.74)] {

@@ -1,7 +1,6 @@
 //! What the noise of the rows does to estimates of any kind that are linear in them.
 
 use super::DenseNoise;
-use super::kernel::slow_kernel;
 use nalgebra::DMatrix;
 
 impl DenseNoise {
@@ -12,31 +11,30 @@ impl DenseNoise {
     #[must_use]
     pub fn covariance_of(&self, influence: &[DMatrix<f64>]) -> DMatrix<f64> {
         let count = influence.first().map_or(0, DMatrix::nrows);
-        let slow = slow_kernel(&self.intervals, &self.time_constants);
-        let by_weight = |g: &DMatrix<f64>| {
-            let mut g = g.clone();
-            g.column_iter_mut().zip(&self.roots).for_each(|(mut column, root)| column /= root * root);
-            g
-        };
-        let white: Vec<DMatrix<f64>> = influence.iter().map(by_weight).collect();
-        let slow: Vec<DMatrix<f64>> = influence.iter().map(|g| g * &slow).collect();
+        let slow: Vec<Vec<DMatrix<f64>>> =
+            influence.iter().map(|g| self.shapes.iter().map(|shape| g * &shape.rows).collect()).collect();
         let mut covariance = DMatrix::zeros(count, count);
         let mut widened = vec![[0.0; 2]; count];
-        for (a, of_a) in self.noise.iter().enumerate() {
-            for (b, of_b) in self.noise.iter().enumerate() {
-                let by_white = &white[a] * influence[b].transpose();
-                let by_slow = &slow[a] * influence[b].transpose();
-                let scale = self.correlation[(a, b)] * of_a.std * of_b.std;
+        for a in 0..self.noise.len() {
+            for b in 0..self.noise.len() {
+                let mut scaled = influence[a].clone();
+                for (i, mut column) in scaled.column_iter_mut().enumerate() {
+                    column *= (self.white[a][i] * self.white[b][i]).sqrt();
+                }
+                let mut block = scaled * influence[b].transpose();
+                for (of_shape, (v, w)) in slow[a].iter().zip(self.slow[a].iter().zip(&self.slow[b])) {
+                    block += of_shape * influence[b].transpose() * (v * w).sqrt();
+                }
                 if a == b {
                     for (j, sums) in widened.iter_mut().enumerate() {
-                        let (white, slow) = (by_white[(j, j)], by_slow[(j, j)]);
-                        let variance = of_a.std.powi(2) * ((1.0 - of_a.share) * white + of_a.share * slow);
+                        let weights: Vec<f64> = influence[a].row(j).iter().copied().collect();
+                        let units: Vec<f64> = slow[a].iter().map(|s| s.row(j).dot(&influence[a].row(j))).collect();
+                        let variance = block[(j, j)];
                         sums[0] += variance;
-                        sums[1] += variance * self.widening(a, white, slow).powi(2);
+                        sums[1] += variance * self.widening(a, &weights, &units, variance).powi(2);
                     }
                 }
-                covariance += by_white * (scale * ((1.0 - of_a.share) * (1.0 - of_b.share)).sqrt());
-                covariance += by_slow * (scale * (of_a.share * of_b.share).sqrt());
+                covariance += block * self.correlation[(a, b)];
             }
         }
         let factors: Vec<f64> =

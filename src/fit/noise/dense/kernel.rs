@@ -1,6 +1,6 @@
 //! Covariances of slow noise: sums of exponential correlations, at instants and as exact averages over intervals.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use crate::fit::FitError;
 
@@ -33,27 +33,33 @@ fn mean_decay(length: f64) -> f64 {
     if length < 1e-8 { 1.0 } else { -(-length).exp_m1() / length }
 }
 
-/// Variance of the difference of the means over neighbouring intervals of one length.
-pub(super) fn contrast_variance(length: f64, time_constants: &[f64]) -> f64 {
+/// Parts of relaxations with these time constants in noise of the power density `f^-exponent`; the sum is one.
+pub(super) fn parts(time_constants: &[f64], exponent: f64) -> Vec<f64> {
+    let powers: Vec<f64> = time_constants.iter().map(|tau| (tau / time_constants[0]).powf(exponent - 1.0)).collect();
+    let sum: f64 = powers.iter().sum();
+    powers.into_iter().map(|power| power / sum).collect()
+}
+
+/// Variance of the difference of the means over neighbouring intervals of one length, for noise of unit variance.
+pub(super) fn contrast_variance(length: f64, time_constants: &[f64], parts: &[f64]) -> f64 {
     let one = |tau: &f64| 2.0 * (mean_variance(length / tau) - mean_decay(length / tau).powi(2));
-    time_constants.iter().map(one).sum::<f64>() / time_constants.len() as f64
+    time_constants.iter().zip(parts).map(|(tau, part)| part * one(tau)).sum()
 }
 
-/// Covariance of slow noise with these time constants over intervals, of unit variance in the mean: that of the slow part of
-/// [`DenseNoise`](super::DenseNoise). Intervals may have any order, not overlap.
-#[must_use]
-pub(super) fn slow_kernel(intervals: &[[f64; 2]], time_constants: &[f64]) -> DMatrix<f64> {
-    let kernel = mean_kernel(intervals, time_constants);
-    let unit = 1.0 / kernel.diagonal().mean();
-    kernel * unit
+/// Mean over the intervals of the variance of their means, for noise of unit variance.
+pub(super) fn mean_of_variances(intervals: &[[f64; 2]], time_constants: &[f64], parts: &[f64]) -> f64 {
+    let of = |i: &[f64; 2]| -> f64 {
+        time_constants.iter().zip(parts).map(|(tau, part)| part * mean_variance((i[1] - i[0]) / tau)).sum()
+    };
+    intervals.iter().map(of).sum::<f64>() / intervals.len() as f64
 }
 
-/// Covariance of the means over intervals, averaged over the time constants. Intervals may have any order, not overlap.
-pub(super) fn mean_kernel(intervals: &[[f64; 2]], time_constants: &[f64]) -> DMatrix<f64> {
+/// Covariance of the means over intervals of noise of unit variance. Intervals may have any order, not overlap.
+pub(super) fn mean_kernel(intervals: &[[f64; 2]], time_constants: &[f64], parts: &[f64]) -> DMatrix<f64> {
     let mut order: Vec<usize> = (0..intervals.len()).collect();
     order.sort_by(|a, b| intervals[*a][0].total_cmp(&intervals[*b][0]));
     let mut kernel = DMatrix::zeros(intervals.len(), intervals.len());
-    for tau in time_constants {
+    for (tau, part) in time_constants.iter().zip(parts) {
         let lengths: Vec<f64> = order.iter().map(|&i| (intervals[i][1] - intervals[i][0]) / tau).collect();
         let means: Vec<f64> = lengths.iter().map(|l| mean_decay(*l)).collect();
         // Decay over an interval and over the gap after it: products of them reach any pair.
@@ -61,24 +67,21 @@ pub(super) fn mean_kernel(intervals: &[[f64; 2]], time_constants: &[f64]) -> DMa
         let gap = |k: usize| (intervals[order[k + 1]][0] - intervals[order[k]][1]).max(0.0) / tau;
         let gaps: Vec<f64> = (0..order.len().saturating_sub(1)).map(|k| (-gap(k)).exp()).collect();
         for k in 0..order.len() {
-            kernel[(order[k], order[k])] += mean_variance(lengths[k]);
+            kernel[(order[k], order[k])] += part * mean_variance(lengths[k]);
             let mut decay = means[k];
             for l in k + 1..order.len() {
                 decay *= gaps[l - 1];
                 if decay < NEGLIGIBLE {
                     break;
                 }
-                kernel[(order[l], order[k])] += decay * means[l];
+                kernel[(order[l], order[k])] += part * decay * means[l];
                 decay *= across[l];
             }
         }
     }
-    let count = time_constants.len() as f64;
     for k in 0..order.len() {
-        for l in k..order.len() {
-            let value = kernel[(order[l], order[k])] / count;
-            kernel[(order[l], order[k])] = value;
-            kernel[(order[k], order[l])] = value;
+        for l in k + 1..order.len() {
+            kernel[(order[k], order[l])] = kernel[(order[l], order[k])];
         }
     }
     kernel
@@ -100,14 +103,14 @@ pub(super) fn time_constants(times: &[f64]) -> Result<Vec<f64>, FitError> {
     Ok((0..=steps as i32).map(|k| shortest * ratio.powf(f64::from(k) / steps)).collect())
 }
 
-/// `F` with rows and columns multiplied by `roots`.
-pub(super) fn kernel(times: &[f64], time_constants: &[f64], roots: &DVector<f64>) -> DMatrix<f64> {
+/// Covariance of 1/f noise of unit variance at instants.
+pub(super) fn kernel(times: &[f64], time_constants: &[f64]) -> DMatrix<f64> {
     let mut kernel = DMatrix::zeros(times.len(), times.len());
     for j in 0..times.len() {
         for i in j..times.len() {
             let lag = (times[i] - times[j]).abs();
             let sum: f64 = time_constants.iter().map(|tau| (-lag / tau).exp()).sum();
-            kernel[(i, j)] = sum / time_constants.len() as f64 * roots[i] * roots[j];
+            kernel[(i, j)] = sum / time_constants.len() as f64;
             kernel[(j, i)] = kernel[(i, j)];
         }
     }

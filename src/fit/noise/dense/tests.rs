@@ -1,5 +1,6 @@
 use std::f64::consts::TAU;
 
+use super::kernel::contrast_variance;
 use super::*;
 use crate::fit::linear::{Design, Limits, solve};
 use crate::fit::random::Random;
@@ -32,7 +33,7 @@ fn assert_relative(found: f64, expected: f64, tolerance: f64) {
 #[test]
 fn a_dense_calculation_agrees() {
     let model = example(None);
-    for (found, expected) in model.time_constants.iter().zip([1.0, 3.605551275463989, 13.0]) {
+    for (found, expected) in time_constants(&TIMES).unwrap().iter().zip([1.0, 3.605551275463989, 13.0]) {
         assert_relative(*found, expected, 1e-14);
     }
     assert_eq!(model.noise[0].most_likely_share, 0.999);
@@ -104,7 +105,7 @@ fn noise_that_alternates_has_no_slow_part() {
     let model = mean_of(rhs, &times).unwrap();
     assert_eq!(model.noise[0].most_likely_share, 0.0);
     // White noise of the sample variance 20 / 19, averaged over 20 rows.
-    assert_relative(model.most_likely_covariance()[(0, 0)], 1.0 / 19.0, 1e-12);
+    assert_relative(model.noise[0].most_likely_std.powi(2) / 20.0, 1.0 / 19.0, 1e-12);
     assert!(model.noise[0].share < 0.2, "{}", model.noise[0].share);
 }
 
@@ -193,7 +194,7 @@ const PARTS: [[f64; 2]; 4] = [[0.0, 3.0], [3.0, 6.0], [8.0, 11.0], [11.0, 14.0]]
 fn covariances_of_means_have_their_closed_form() {
     // Whatever the time constant: a sum over fine steps.
     for tau in [0.05, 1.0, 40.0] {
-        let kernel = mean_kernel(&PARTS, &[tau]);
+        let kernel = mean_kernel(&PARTS, &[tau], &[1.0]);
         let steps = 1500;
         let at = |part: usize, k: usize| PARTS[part][0] + 3.0 * (k as f64 + 0.5) / f64::from(steps);
         for (a, b) in [(0, 0), (0, 1), (0, 2), (1, 3)] {
@@ -207,11 +208,13 @@ fn covariances_of_means_have_their_closed_form() {
 #[test]
 fn contrasts_and_means_share_one_covariance() {
     let constants = octave_constants(0.1, 100.0);
-    let parts = mean_kernel(&PARTS, &constants);
+    let shares = parts(&constants, 1.5);
+    let parts = mean_kernel(&PARTS, &constants, &shares);
     let contrast = parts[(0, 0)] + parts[(1, 1)] - 2.0 * parts[(0, 1)];
-    assert_relative(contrast_variance(3.0, &constants), contrast, 1e-12);
+    assert_relative(contrast_variance(3.0, &constants, &shares), contrast, 1e-12);
+    assert_relative(mean_of_variances(&PARTS, &constants, &shares), parts.diagonal().mean(), 1e-12);
     // Two parts make a whole, also across the gap and in any order.
-    let whole = mean_kernel(&[[8.0, 14.0], [0.0, 6.0]], &constants);
+    let whole = mean_kernel(&[[8.0, 14.0], [0.0, 6.0]], &constants, &shares);
     let of_parts =
         |a: [usize; 2], b: [usize; 2]| a.iter().map(|i| b.iter().map(|j| parts[(*i, *j)]).sum::<f64>()).sum::<f64>() / 4.0;
     assert_relative(whole[(1, 1)], of_parts([0, 1], [0, 1]), 1e-12);
@@ -220,23 +223,50 @@ fn contrasts_and_means_share_one_covariance() {
     let constants = octave_constants(1e-6, 1e6);
     let step = (constants[1] / constants[0]).ln();
     for length in [0.1, 1.0, 10.0] {
-        let variance = contrast_variance(length, &constants) * constants.len() as f64 * step;
+        let variance =
+            contrast_variance(length, &constants, &super::kernel::parts(&constants, 1.0)) * constants.len() as f64 * step;
         assert_relative(variance, 4.0 * 2f64.ln(), 1e-2);
     }
 }
 
+fn sampled<'a>(intervals: &'a [[f64; 2]], counts: &'a [f64], octaves: &'a [Octave]) -> Sampled<'a> {
+    Sampled { intervals, counts, octaves, scatter: None }
+}
+
+/// Noise of samples of about unit variance.
+#[derive(Clone, Copy)]
+struct Simulated {
+    /// Share of 1/f noise.
+    share: f64,
+    /// Scatter of the rows besides.
+    between: f64,
+    /// White variance of the samples that grows with the square of the first column.
+    growing: f64,
+}
+
+const QUIET: Simulated = Simulated { share: 0.0, between: 0.0, growing: 0.0 };
+
 /// How often 95 % intervals hold a quickly changing column and the mean of rows of 32 samples with contrasts inside, and the
 /// mean standard deviation of both over the true one.
-fn coverage_with_contrasts(share: f64) -> [f64; 4] {
+fn coverage_with_contrasts(noise: Simulated) -> [f64; 4] {
+    let Simulated { share, between, growing } = noise;
     let (n, m, records) = (40, 32, 150);
     let mut random = Random(88_172_645_463_325_252);
     let columns = DMatrix::from_fn(n, 2, |_, j| [random.uniform() - 0.5, 1.0][j]);
-    let design = design(columns);
+    let readings = columns.columns(0, 1).map(|x| 1000.0 * x);
+    let design = design(columns.clone());
     let intervals: Vec<[f64; 2]> = (0..n).map(|i| [(m * i) as f64, (m * i + m) as f64]).collect();
     let (mut held, mut errors, mut stated) = ([0.0; 2], [0.0; 2], [0.0; 2]);
     for _ in 0..records {
         let slow = if share > 0.0 { random.flicker(n * m) } else { vec![0.0; n * m] };
-        let samples: Vec<f64> = slow.iter().map(|s| (1.0 - share).sqrt() * random.gaussian() + share.sqrt() * s).collect();
+        let white = |i: usize| (1.0 - share + growing * columns[(i / m, 0)].powi(2)).sqrt();
+        let scatter: Vec<f64> = (0..n).map(|_| between * random.gaussian()).collect();
+        let value = |(i, s): (usize, &f64)| white(i) * random.gaussian() + share.sqrt() * s + scatter[i / m];
+        let samples: Vec<f64> = slow.iter().enumerate().map(value).collect();
+        let variances = DMatrix::from_fn(n, 1, |i, _| {
+            let mean = samples[m * i..m * (i + 1)].iter().sum::<f64>() / m as f64;
+            samples[m * i..m * (i + 1)].iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (m - 1) as f64
+        });
         let mean = |from: usize, length: usize| samples[from..from + length].iter().sum::<f64>() / length as f64;
         let rhs = DMatrix::from_fn(n, 1, |i, _| mean(m * i, m));
         let octaves: Vec<Octave> = [4, 8, 16]
@@ -249,7 +279,9 @@ fn coverage_with_contrasts(share: f64) -> [f64; 4] {
             })
             .collect();
         let fit = solve(&design, &rhs, None, &Limits::default()).unwrap();
-        let model = estimate_with(&fit, &intervals, &vec![m as f64; n], &octaves).unwrap();
+        let scatter = Some([&variances, &readings]);
+        let counts = vec![m as f64; n];
+        let model = estimate_with(&fit, &Sampled { scatter, ..sampled(&intervals, &counts, &octaves) }).unwrap();
         let std = model.covariance().diagonal().map(f64::sqrt);
         for j in 0..2 {
             held[j] += f64::from(fit.coefficients[j].abs() <= NORMAL_95 * std[j]) / f64::from(records);
@@ -263,15 +295,31 @@ fn coverage_with_contrasts(share: f64) -> [f64; 4] {
 #[test]
 fn contrasts_inside_the_rows_tell_slow_noise_from_white() {
     for share in [0.3, 0.9] {
-        let [quick, mean, quick_ratio, mean_ratio] = coverage_with_contrasts(share);
+        let [quick, mean, quick_ratio, mean_ratio] = coverage_with_contrasts(Simulated { share, ..QUIET });
         // 150 records: a true coverage of 95 % scatters by 1.8 %.
         assert!((0.895..0.995).contains(&quick), "{share}: {quick}");
         assert!((0.895..1.0).contains(&mean), "{share}: {mean}");
         assert!((0.8..1.25).contains(&quick_ratio) && (0.8..1.25).contains(&mean_ratio), "{quick_ratio} {mean_ratio}");
     }
-    let [quick, mean, quick_ratio, _] = coverage_with_contrasts(0.0);
+    let [quick, mean, quick_ratio, _] = coverage_with_contrasts(QUIET);
     assert!((0.895..0.995).contains(&quick) && mean > 0.9, "{quick} {mean}");
     assert!((0.85..1.2).contains(&quick_ratio), "{quick_ratio}");
+}
+
+#[test]
+fn scatter_between_the_rows_is_white_beside_slow_noise_inside_them() {
+    // Three times the white noise of a row, and 1/f noise as large.
+    let [quick, _, quick_ratio, _] = coverage_with_contrasts(Simulated { share: 0.3, between: 0.45, ..QUIET });
+    assert!((0.895..0.995).contains(&quick), "{quick}");
+    assert!((0.85..1.2).contains(&quick_ratio), "{quick_ratio}");
+}
+
+#[test]
+fn noise_that_grows_with_the_reading_counts_where_it_is() {
+    // Taken as equal in all rows it would leave two thirds of the uncertainty.
+    let [quick, mean, quick_ratio, mean_ratio] = coverage_with_contrasts(Simulated { growing: 100.0, ..QUIET });
+    assert!((0.895..0.995).contains(&quick) && mean > 0.895, "{quick} {mean}");
+    assert!((0.85..1.2).contains(&quick_ratio) && mean_ratio > 0.85, "{quick_ratio} {mean_ratio}");
 }
 
 #[test]
@@ -281,12 +329,12 @@ fn rows_that_scatter_more_than_their_samples_are_believed() {
     let fit = solve(&design(DMatrix::from_element(20, 1, 1.0)), &rhs, None, &Limits::default()).unwrap();
     let intervals: Vec<[f64; 2]> = (0..20).map(|i| [f64::from(i), f64::from(i) + 1.0]).collect();
     let octave = |squares: f64| Octave { length: 0.5, count: 20.0, white: 0.5, squares: vec![squares] };
-    let with = estimate_with(&fit, &intervals, &[8.0; 20], &[octave(20.0 * 1e-4)]).unwrap();
+    let with = estimate_with(&fit, &sampled(&intervals, &[8.0; 20], &[octave(20.0 * 1e-4)])).unwrap();
     // Twenty rows tell their scatter with nineteen degrees of freedom: Student's interval in terms of the normal one.
     let widening = crate::fit::student_95(19) / NORMAL_95;
     assert_relative(with.covariance()[(0, 0)], widening.powi(2) / 19.0, 0.03);
     // Samples without scatter leave the noise to the residuals.
-    let without = estimate_with(&fit, &intervals, &[8.0; 20], &[octave(0.0)]).unwrap();
+    let without = estimate_with(&fit, &sampled(&intervals, &[8.0; 20], &[octave(0.0)])).unwrap();
     let middles: Vec<f64> = intervals.iter().map(|i| i[0] + 0.5).collect();
     assert_eq!(without.noise, estimate(&fit, &middles).unwrap().noise);
 }
@@ -299,7 +347,8 @@ fn the_covariance_of_rows_is_that_of_the_module() {
         let mean_weight = weights.map_or(1.0, |w| w.iter().sum::<f64>() / 12.0);
         let ComponentNoise { std, share, .. } = model.noise[1];
         let covariance = model.covariance_of_rows(1, &[2, 7]);
-        let slow = |lag: f64| model.time_constants.iter().map(|tau| (-lag / tau).exp()).sum::<f64>() / 3.0;
+        let constants = time_constants(&TIMES).unwrap();
+        let slow = |lag: f64| constants.iter().map(|tau| (-lag / tau).exp()).sum::<f64>() / 3.0;
         let white = |i: usize| weights.map_or(1.0, |w| mean_weight / w[i]);
         assert_relative(covariance[(0, 0)], std * std * ((1.0 - share) * white(2) + share), 1e-12);
         assert_relative(covariance[(0, 1)], std * std * share * slow(6.0), 1e-12);

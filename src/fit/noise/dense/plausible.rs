@@ -1,0 +1,237 @@
+//! Which noise residuals and samples allow together, and how probable each is.
+
+use super::kernel::{contrast_variance, parts};
+use super::likelihood::Likelihood;
+use super::{ComponentNoise, Octave};
+
+/// Exponents of the power density of slow noise; the first is tried before all others.
+pub(super) const EXPONENTS: [f64; 4] = [1.0, 0.5, 1.5, 2.0];
+/// Prior probability of each where there is slow noise.
+const PRIOR_EXPONENTS: [f64; 4] = [0.6, 0.05, 0.25, 0.1];
+/// Probability of 1/f noise from which the other exponents are tried too: more than the residuals of white noise leave of its prior.
+const SUSPECTED: f64 = 0.1;
+/// Prior probability that the samples carry white noise alone.
+const PRIOR_NONE: f64 = 0.9;
+/// Smallest and largest ratio of slow to white noise in a row, and how many in between: less cannot be told from none, more is slow noise
+/// alone.
+const LEAST_RATIO: f64 = 1.0;
+const MOST_RATIO: f64 = 1e5;
+const RATIOS: usize = 29;
+/// Contrasts of 1/f noise are not quite independent: they count as this part of their number.
+const INDEPENDENT: f64 = 0.8;
+/// Prior probability of steep noise between the rows that what is inside them does not show, as with drifts, and its variances over the
+/// white one.
+const PRIOR_APART: f64 = 0.0005;
+const APART_EXPONENT: f64 = 2.0;
+const APART_SIZES: [f64; 11] = [3.0, 10.0, 30.0, 1e2, 3e2, 1e3, 3e3, 1e4, 3e4, 1e5, 1e6];
+/// Prior probability that rows scatter by more than their samples let expect, as where a field is set anew for every row, and the range
+/// of the factors.
+const PRIOR_EXCESS: f64 = 0.5;
+const LEAST_EXCESS: f64 = 1.26;
+const MOST_EXCESS: f64 = 1e5;
+const EXCESSES: usize = 26;
+/// The same for less scatter: noise that is not white between the samples, a tone for example, averages out in a row.
+const PRIOR_LACK: f64 = 0.02;
+const LACKS: [f64; 4] = [0.6, 0.3, 0.1, 0.01];
+/// Prior probability of scatter between the rows that grows with the reading, and its variances at the largest reading over that without.
+const PRIOR_GROWING: f64 = 0.05;
+pub(super) const GROWTHS: [f64; 6] = [1.0, 3.0, 10.0, 30.0, 100.0, 1000.0];
+/// Deviance beyond the lowest of what the contrasts rule out.
+const IMPROBABLE: f64 = 25.0;
+/// Places less probable are left out.
+const NO_PLACE: f64 = 1e-4;
+
+/// A white and a slow variance of a row of mean weight, and how probable they are.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    pub probability: f64,
+    pub white: f64,
+    pub slow: f64,
+    /// Exponent of the slow noise, by index into [`EXPONENTS`].
+    pub shape: usize,
+    /// How the white noise differs between the rows: as the samples do, or one of [`GROWTHS`] besides.
+    pub growth: Option<usize>,
+}
+
+/// Contrasts of one length beside a row of mean weight: their variances for white noise and for slow noise of each exponent that gives
+/// such a row unit variance.
+pub(super) struct Inside {
+    count: f64,
+    white: f64,
+    slow: [f64; EXPONENTS.len()],
+}
+
+impl Inside {
+    /// `units`: factors which give a row of mean weight unit variance, per exponent.
+    pub fn of(octave: &Octave, inverse_samples: f64, time_constants: &[f64], units: [f64; EXPONENTS.len()]) -> Self {
+        Inside {
+            count: INDEPENDENT * octave.count,
+            white: octave.white / inverse_samples,
+            slow: std::array::from_fn(|e| {
+                units[e] * contrast_variance(octave.length, time_constants, &parts(time_constants, EXPONENTS[e]))
+            }),
+        }
+    }
+}
+
+/// What the contrasts say: white variance of a row by its samples, slow variance, prior times likelihood.
+#[derive(Clone, Copy)]
+struct Told {
+    sampled: f64,
+    slow: f64,
+    deviance: f64,
+    prior: f64,
+}
+
+/// Averages over the noise of one right-hand side.
+pub(super) struct Average<'a> {
+    inside: &'a [Inside],
+    mean_squares: Vec<f64>,
+    excesses: Vec<(f64, f64)>,
+    /// Lowest deviance of the contrasts, and with the residuals.
+    lowest_inside: f64,
+    lowest: f64,
+    places: Vec<(Place, f64)>,
+    /// The excess near which the likelihood was largest.
+    likely: usize,
+}
+
+impl<'a> Average<'a> {
+    pub fn new(inside: &'a [Inside], mean_squares: Vec<f64>) -> Self {
+        let excesses = excesses();
+        let likely = excesses.iter().position(|(factor, _)| *factor == 1.0).unwrap_or_default();
+        Self { inside, mean_squares, excesses, lowest_inside: f64::INFINITY, lowest: f64::INFINITY, places: Vec::new(), likely }
+    }
+
+    /// The white noise of the samples, profiled, and the deviance of the contrasts for a ratio of slow to white noise.
+    fn told(&self, shape: usize, (ratio, prior): (f64, f64)) -> Told {
+        let total: f64 = self.inside.iter().map(|o| o.count).sum();
+        let (mut sampled, mut deviance) = (0.0, 0.0);
+        for (octave, square) in self.inside.iter().zip(&self.mean_squares) {
+            let unit = octave.white + ratio * octave.slow[shape];
+            sampled += octave.count * square / unit / total;
+            deviance += octave.count * unit.ln();
+        }
+        Told { sampled, slow: ratio * sampled, deviance: deviance + total * sampled.ln(), prior }
+    }
+
+    /// Tries white noise and slow noise of an exponent with given residuals.
+    pub fn try_shape(&mut self, shape: usize, likelihood: Likelihood) {
+        let mut told: Vec<Told> = ratios()
+            .map(|(ratio, prior)| self.told(shape, (ratio, prior * (1.0 - PRIOR_NONE) * PRIOR_EXPONENTS[shape])))
+            .collect();
+        let none = self.told(shape, (0.0, PRIOR_NONE));
+        if shape == 0 {
+            told.push(none);
+        }
+        if EXPONENTS[shape] == APART_EXPONENT {
+            let prior = PRIOR_APART / APART_SIZES.len() as f64;
+            // What is inside the rows is explained as well as it can be.
+            let deviance = self.lowest_inside;
+            told.extend(APART_SIZES.map(|size| Told { slow: size * none.sampled, prior, deviance, ..none }));
+        }
+        self.lowest_inside = told.iter().map(|t| t.deviance).fold(self.lowest_inside, f64::min);
+        told.retain(|t| t.deviance < self.lowest_inside + IMPROBABLE);
+        for t in told {
+            self.try_whites(t, likelihood, |white| Place { probability: 0.0, white, slow: t.slow, shape, growth: None });
+        }
+    }
+
+    /// Tries scatter between the rows that grows with the reading, beside the slow noise that was found most likely.
+    pub fn try_growth(&mut self, growth: usize, likelihood: Likelihood, offset: f64) {
+        let none = self.told(0, (0.0, PRIOR_NONE));
+        let mut all = vec![none];
+        all.extend(ratios().map(|(ratio, prior)| self.told(0, (ratio, prior * (1.0 - PRIOR_NONE)))));
+        all.retain(|t| t.deviance < self.lowest_inside + IMPROBABLE);
+        for t in all {
+            let t = Told { prior: t.prior * PRIOR_GROWING / GROWTHS.len() as f64, deviance: t.deviance + offset, ..t };
+            self.try_whites(t, likelihood, |white| Place {
+                probability: 0.0,
+                white,
+                slow: t.slow,
+                shape: 0,
+                growth: Some(growth),
+            });
+        }
+    }
+
+    /// The likelihood has one maximum in the white variance: outwards from the last one until it has become small.
+    fn try_whites(&mut self, told: Told, likelihood: Likelihood, place: impl Fn(f64) -> Place) {
+        let mut try_out = |k: usize| {
+            let (factor, prior) = self.excesses[k];
+            let white = factor * told.sampled;
+            let deviance = likelihood.absolute(white, told.slow) + told.deviance;
+            self.places.push((Place { probability: told.prior * prior, ..place(white) }, deviance));
+            deviance
+        };
+        let mut here = (try_out(self.likely), self.likely);
+        for (mut k, up) in [(self.likely, true), (self.likely, false)] {
+            let mut last = here.0;
+            while let Some(next) = if up { Some(k + 1).filter(|n| *n < self.excesses.len()) } else { k.checked_sub(1) } {
+                k = next;
+                let deviance = try_out(k);
+                if deviance < here.0 {
+                    here = (deviance, k);
+                }
+                if deviance > last && deviance > self.lowest.min(here.0) + IMPROBABLE {
+                    break;
+                }
+                last = deviance;
+            }
+        }
+        (self.lowest, self.likely) = (self.lowest.min(here.0), here.1);
+    }
+
+    fn weight(&self, (place, deviance): &(Place, f64)) -> f64 {
+        place.probability * (0.5 * (self.lowest - deviance)).exp()
+    }
+
+    /// Whether slow noise is probable enough that its exponent matters.
+    pub fn suspects_slow_noise(&self) -> bool {
+        let sum: f64 = self.places.iter().map(|p| self.weight(p)).sum();
+        let slow: f64 = self.places.iter().filter(|(p, _)| p.slow > 0.0).map(|p| self.weight(p)).sum();
+        slow > SUSPECTED * sum
+    }
+
+    /// The places that are left, with their probabilities, and the noise of a row of mean weight.
+    pub fn finish(self) -> (ComponentNoise, Vec<Place>) {
+        let mut places: Vec<Place> = self.places.iter().map(|p| Place { probability: self.weight(p), ..p.0 }).collect();
+        let sum: f64 = places.iter().map(|p| p.probability).sum();
+        places.retain(|p| p.probability > NO_PLACE * sum);
+        let sum: f64 = places.iter().map(|p| p.probability).sum();
+        places.iter_mut().for_each(|p| p.probability /= sum);
+        let white: f64 = places.iter().map(|p| p.probability * p.white).sum();
+        let slow: f64 = places.iter().map(|p| p.probability * p.slow).sum();
+        let best = places.iter().max_by(|a, b| a.probability.total_cmp(&b.probability));
+        let (v, s) = best.map_or((white, slow), |p| (p.white, p.slow));
+        let noise = ComponentNoise {
+            std: (white + slow).sqrt(),
+            share: slow / (white + slow),
+            most_likely_std: (v + s).sqrt(),
+            most_likely_share: s / (v + s),
+            independent_rows: f64::NAN,
+        };
+        (noise, places)
+    }
+}
+
+/// Ratios of slow noise to white noise of the samples in a row: every order of magnitude is as likely.
+fn ratios() -> impl Iterator<Item = (f64, f64)> {
+    spread([LEAST_RATIO, MOST_RATIO], RATIOS)
+}
+
+/// White variance of rows over what their samples let expect, ascending, with prior probabilities: equal, or scatter between the rows
+/// besides.
+fn excesses() -> Vec<(f64, f64)> {
+    let mut list = vec![(1.0, 1.0 - PRIOR_EXCESS - PRIOR_LACK)];
+    list.extend(spread([LEAST_EXCESS, MOST_EXCESS], EXCESSES).map(|(factor, prior)| (factor, PRIOR_EXCESS * prior)));
+    list.extend(LACKS.map(|factor| (factor, PRIOR_LACK / LACKS.len() as f64)));
+    list.sort_by(|a, b| a.0.total_cmp(&b.0));
+    list
+}
+
+/// Values in equal ratios with equal probabilities.
+fn spread([least, most]: [f64; 2], count: usize) -> impl Iterator<Item = (f64, f64)> {
+    let step = (most / least).powf(1.0 / (count - 1) as f64);
+    (0..count).map(move |k| (least * step.powi(k as i32), 1.0 / count as f64))
+}

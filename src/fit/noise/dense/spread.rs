@@ -1,0 +1,83 @@
+//! How white noise differs between the rows: what the samples inside them show, and what only the residuals show.
+
+use super::Fitted;
+use crate::fit::linear::Solution;
+use nalgebra::{DMatrix, DVector};
+
+/// Fewest rows of which it is asked.
+const LEAST_ROWS: usize = 20;
+/// Statistic of F from which the scatter of samples is taken to differ between the rows, and the least ratio of largest to smallest
+/// variance that matters.
+const CLEAR: f64 = 20.0;
+const LEAST_RATIO: f64 = 1.2;
+/// Smallest variance as a part of the mean one.
+const LEAST: f64 = 0.05;
+/// Standard deviations from which the residuals suggest scatter that grows with the reading.
+const SUGGESTED: f64 = 2.0;
+
+/// Squares of readings over the largest.
+fn squares(readings: &DVector<f64>) -> DVector<f64> {
+    let largest = readings.amax().powi(2);
+    readings.map(|r| if largest > 0.0 { r * r / largest } else { 0.0 })
+}
+
+/// White variance of the rows where the scatter of their samples changes with the square of the reading or slowly in time, as with a
+/// temperature: that of a row of mean weight is one.
+pub(super) fn by_samples(
+    fitted: &Fitted,
+    solution: &Solution,
+    intervals: &[[f64; 2]],
+    [variances, readings]: [DVector<f64>; 2],
+    counts: &[f64],
+) -> Option<DVector<f64>> {
+    let n = solution.kept.len();
+    if n < LEAST_ROWS {
+        return None;
+    }
+    let kept = |values: &DVector<f64>| DVector::from_fn(n, |i, _| values[solution.kept[i]]);
+    let (variances, squares) = (kept(&variances), squares(&kept(&readings)));
+    let begin = intervals.iter().map(|i| i[0]).fold(f64::INFINITY, f64::min);
+    let end = intervals.iter().map(|i| i[1]).fold(f64::NEG_INFINITY, f64::max);
+    let tau = |i: usize| (intervals[i][0] + intervals[i][1] - begin - end) / (end - begin);
+    let columns = DMatrix::from_fn(n, 4, |i, j| match j {
+        0 => 1.0,
+        1 => squares[i],
+        _ => tau(i).powi(j as i32 - 1),
+    });
+    let mean = variances.mean();
+    let target = variances.map(|v| v / mean);
+    let solved = columns.clone().svd(true, true).solve(&target, 1e-9).ok()?;
+    let modelled = &columns * solved;
+    let left = (&target - &modelled).norm_squared() / (n - 4) as f64;
+    let explained = modelled.map(|v| (v - 1.0).powi(2)).sum() / 3.0;
+    let modelled = modelled.map(|v| v.max(LEAST));
+    let matters = modelled.max() > LEAST_RATIO * modelled.min();
+    // NaN is no difference.
+    (explained > CLEAR * left && matters).then(|| {
+        let rows = DVector::from_fn(n, |i, _| modelled[i] / counts[solution.kept[i]]);
+        // Samples of a row of mean weight have the mean variance.
+        let unit = rows.zip_map(&fitted.by_weights, |r, w| r / w).mean();
+        rows / unit
+    })
+}
+
+/// Squares of readings with which the residuals suggest that the scatter between the rows grows.
+pub(super) fn grows(
+    fitted: &Fitted,
+    solution: &Solution,
+    a: usize,
+    spread: &DVector<f64>,
+    readings: &DVector<f64>,
+) -> Option<DVector<f64>> {
+    let n = solution.kept.len();
+    if n < LEAST_ROWS {
+        return None;
+    }
+    let squares = squares(&DVector::from_fn(n, |i, _| readings[solution.kept[i]]));
+    let scatter =
+        DVector::from_fn(n, |i, _| fitted.residuals[(i, a)].powi(2) / (spread[i] * (1.0 - fitted.leverage[i]).max(LEAST)));
+    let mean = scatter.mean();
+    let centred = squares.add_scalar(-squares.mean());
+    let score = centred.dot(&scatter) / mean / (2.0 * centred.norm_squared()).sqrt();
+    (score > SUGGESTED).then_some(squares)
+}
