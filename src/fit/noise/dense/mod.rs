@@ -164,7 +164,7 @@ impl DenseNoise {
     #[must_use]
     pub fn steep_probability(&self, a: usize) -> Option<f64> {
         let places = self.places.get(a)?;
-        Some(places.iter().filter(|p| p.slow > 0.0 && EXPONENTS[p.shape] > 1.0).map(|p| p.probability).sum())
+        Some(places.iter().filter(|p| p.slow > 0.0 && p.exponent > 1.0).map(|p| p.probability).sum())
     }
 
     /// Whether what is inside the rows told their noise: intervals are normal then, otherwise Student's.
@@ -312,6 +312,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
     let kernel =
         |shape: usize| mean_kernel(&intervals, &time_constants, &parts(&time_constants, EXPONENTS[shape])) * units[shape];
     let mut kernels: Vec<DMatrix<f64>> = Vec::new();
+    let mut of_gains: Vec<DMatrix<f64>> = Vec::new();
     let rows = fitted.by_weights.len() as f64;
     let inverse_samples =
         solution.kept.iter().zip(fitted.by_weights.iter()).map(|(&i, spread)| 1.0 / (counts[i] * spread)).sum::<f64>() / rows;
@@ -343,7 +344,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
             log_scale = projected.log_scale;
         }
         let readings = sampled.scatter.map(|s| s[1].column(a).into_owned());
-        if let Some(squares) = readings.and_then(|r| spread::grows(&fitted, solution, a, &base, &r)) {
+        if let Some(squares) = readings.as_ref().and_then(|r| spread::grows(&fitted, solution, a, &base, r)) {
             for (growth, size) in GROWTHS.iter().enumerate() {
                 let with = squares.zip_map(&base, |u, s| s * (1.0 + size * u));
                 let projected = Projected::of(&fitted, &with, &kernels[0]);
@@ -351,15 +352,28 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
                 spread.push(with);
             }
         }
+        if let Some(loads) = readings.and_then(|r| spread::gain_moves(&fitted, solution, a, &base, &r)) {
+            let kernel = DMatrix::from_fn(loads.len(), loads.len(), |i, j| loads[i] * loads[j] * kernels[0][(i, j)]);
+            average.try_gain(EXPONENTS.len() + of_gains.len(), Projected::of(&fitted, &base, &kernel).likelihood(a));
+            of_gains.push(kernel);
+        }
         found.push(average.finish());
         spreads.push(spread);
+    }
+    // Those that were not tried are left out.
+    let first_gain = kernels.len();
+    kernels.extend(of_gains);
+    for place in found.iter_mut().flat_map(|f: &mut (ComponentNoise, Vec<Place>)| &mut f.1) {
+        if let Some(gain) = place.shape.checked_sub(EXPONENTS.len()) {
+            place.shape = first_gain + gain;
+        }
     }
     let (noise, places): (Vec<ComponentNoise>, Vec<Vec<Place>>) = found.into_iter().unzip();
     let mut white = Vec::new();
     let mut slow = Vec::new();
     for (places, spread) in places.iter().zip(&spreads) {
         let mut rows = DVector::zeros(fitted.by_weights.len());
-        let mut shapes = vec![0.0; EXPONENTS.len()];
+        let mut shapes = vec![0.0; kernels.len()];
         for place in places {
             rows += &spread[place.growth.map_or(0, |g| g + 1)] * (place.probability * place.white);
             shapes[place.shape] += place.probability * place.slow;

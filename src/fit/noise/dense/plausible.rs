@@ -7,7 +7,7 @@ use super::{ComponentNoise, Octave};
 /// Exponents of the power density of slow noise; the first is tried before all others.
 pub(super) const EXPONENTS: [f64; 4] = [1.0, 0.5, 1.5, 2.0];
 /// Prior probability of each where there is slow noise.
-const PRIOR_EXPONENTS: [f64; 4] = [0.6, 0.05, 0.25, 0.1];
+const PRIOR_EXPONENTS: [f64; 4] = [0.94, 0.02, 0.0395, 0.0005];
 /// Probability of 1/f noise from which the other exponents are tried too: more than the residuals of white noise leave of its prior.
 const SUSPECTED: f64 = 0.1;
 /// Prior probability that the samples carry white noise alone.
@@ -21,7 +21,7 @@ const RATIOS: usize = 29;
 const INDEPENDENT: f64 = 0.8;
 /// Prior probability of steep noise between the rows that what is inside them does not show, as with drifts, and its variances over the
 /// white one.
-const PRIOR_APART: f64 = 0.0005;
+const PRIOR_APART: f64 = 0.0001;
 const APART_EXPONENT: f64 = 2.0;
 const APART_SIZES: [f64; 11] = [3.0, 10.0, 30.0, 1e2, 3e2, 1e3, 3e3, 1e4, 3e4, 1e5, 1e6];
 /// Prior probability that rows scatter by more than their samples let expect, as where a field is set anew for every row, and the range
@@ -36,6 +36,8 @@ const LACKS: [f64; 4] = [0.6, 0.3, 0.1, 0.01];
 /// Prior probability of scatter between the rows that grows with the reading, and its variances at the largest reading over that without.
 const PRIOR_GROWING: f64 = 0.05;
 pub(super) const GROWTHS: [f64; 6] = [1.0, 3.0, 10.0, 30.0, 100.0, 1000.0];
+/// Prior probability of slow noise of the gain.
+const PRIOR_GAIN: f64 = 0.01;
 /// Deviance beyond the lowest of what the contrasts rule out.
 const IMPROBABLE: f64 = 25.0;
 /// Places less probable are left out.
@@ -47,8 +49,10 @@ pub(super) struct Place {
     pub probability: f64,
     pub white: f64,
     pub slow: f64,
-    /// Exponent of the slow noise, by index into [`EXPONENTS`].
+    /// The shape of the slow noise: an exponent, by index into [`EXPONENTS`], or one of the gain after them.
     pub shape: usize,
+    /// Exponent of its power density.
+    pub exponent: f64,
     /// How the white noise differs between the rows: as the samples do, or one of [`GROWTHS`] besides.
     pub growth: Option<usize>,
 }
@@ -133,7 +137,14 @@ impl<'a> Average<'a> {
         self.lowest_inside = told.iter().map(|t| t.deviance).fold(self.lowest_inside, f64::min);
         told.retain(|t| t.deviance < self.lowest_inside + IMPROBABLE);
         for t in told {
-            self.try_whites(t, likelihood, |white| Place { probability: 0.0, white, slow: t.slow, shape, growth: None });
+            self.try_whites(t, likelihood, |white| Place {
+                probability: 0.0,
+                white,
+                slow: t.slow,
+                shape,
+                exponent: EXPONENTS[shape],
+                growth: None,
+            });
         }
     }
 
@@ -150,8 +161,20 @@ impl<'a> Average<'a> {
                 white,
                 slow: t.slow,
                 shape: 0,
+                exponent: EXPONENTS[0],
                 growth: Some(growth),
             });
+        }
+    }
+
+    /// Tries slow noise of the gain; slow noise besides is part of the scatter between the rows there.
+    pub fn try_gain(&mut self, shape: usize, likelihood: Likelihood) {
+        let none = self.told(0, (0.0, PRIOR_NONE));
+        let prior = PRIOR_GAIN / APART_SIZES.len() as f64;
+        for size in APART_SIZES {
+            let told = Told { slow: size * none.sampled, prior, deviance: self.lowest_inside, ..none };
+            let place = |white| Place { probability: 0.0, white, slow: told.slow, shape, exponent: EXPONENTS[0], growth: None };
+            self.try_whites(told, likelihood, place);
         }
     }
 

@@ -15,6 +15,9 @@ const LEAST: f64 = 0.05;
 /// Standard deviations from which the residuals suggest scatter that grows with the reading.
 const SUGGESTED: f64 = 2.0;
 
+/// Rows one after the other of which slow noise of the gain is asked.
+const NEIGHBOURS: usize = 3;
+
 /// Squares of readings over the largest.
 fn squares(readings: &DVector<f64>) -> DVector<f64> {
     let largest = readings.amax().powi(2);
@@ -80,4 +83,36 @@ pub(super) fn grows(
     let centred = squares.add_scalar(-squares.mean());
     let score = centred.dot(&scatter) / mean / (2.0 * centred.norm_squared()).sqrt();
     (score > SUGGESTED).then_some(squares)
+}
+
+/// Readings over the largest, in proportion to which slow noise acts, where the residuals suggest slow noise of the gain: neighbouring rows
+/// differ from the fit in the same proportion to their readings.
+pub(super) fn gain_moves(
+    fitted: &Fitted,
+    solution: &Solution,
+    a: usize,
+    spread: &DVector<f64>,
+    readings: &DVector<f64>,
+) -> Option<DVector<f64>> {
+    let n = solution.kept.len();
+    if n < LEAST_ROWS {
+        return None;
+    }
+    let largest = readings.amax();
+    if largest == 0.0 {
+        return None;
+    }
+    let loads = DVector::from_fn(n, |i, _| readings[solution.kept[i]] / largest);
+    let residuals = DVector::from_fn(n, |i, _| fitted.residuals[(i, a)] / spread[i].sqrt());
+    let variance = residuals.norm_squared() / (n - fitted.columns.ncols()) as f64;
+    // Rows far apart have lost what they share to the fit.
+    let (mut sum, mut expected) = (0.0, 0.0);
+    for i in 1..n {
+        for j in i.saturating_sub(NEIGHBOURS)..i {
+            let both = loads[i] * loads[j];
+            sum += both * residuals[i] * residuals[j] / variance;
+            expected += both * both;
+        }
+    }
+    (sum > SUGGESTED * expected.sqrt()).then_some(loads)
 }
