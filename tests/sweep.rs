@@ -244,3 +244,45 @@ fn what_is_no_lag_is_refused() {
         says(&text(&output.stderr), &["first-order=SECONDS"]);
     }
 }
+
+#[test]
+fn the_uncertainty_of_the_facility_is_in_the_polynomials_of_a_sweep() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/cases");
+    let fitted = |scale: f64| {
+        let case = Case::new();
+        case.put("26-05-05/10-00-00.CCR.gz", fs::read(data.join("26-05-05.CCR.gz")).unwrap());
+        // The three coils have one error: that of the scalar magnetometer, for example.
+        let text = format!(
+            "scale_nt_per_eu = [{scale:?}, {scale:?}, {scale:?}]\noffset_nt = [0.0, 0.0, 0.0]\nangles_deg = [90.0, 90.0, 90.0]\n[covariance]\n\
+             parameters = [\"scale_x\", \"scale_y\", \"scale_z\"]\nmatrix = [[1e-10, 1e-10, 1e-10], [1e-10, 1e-10, 1e-10], [1e-10, 1e-10, 1e-10]]\n"
+        );
+        let facility = case.put("facility.toml", text);
+        let arguments = ["--no-plots", "--order", "sigma=2", "--order", "b_or=1", "--facility", facility.to_str().unwrap()];
+        let output = case.run("thermal", &arguments);
+        assert_eq!(output.status.code(), Some(0), "{}", text_of(&output));
+        parameters(&case.out().join("26-05-05_10-00-00/THERMAL_PARAMETER__26-05-05-10-00-00.TPF"))
+    };
+    let (file, moved) = (fitted(1.0), fitted(1.0 + 1e-5));
+    for component in ["x", "y", "z"] {
+        let name = format!("sigma_{component}");
+        // The square is 1e-13 of the sensitivity and no digit of the search.
+        for k in 0..2 {
+            let entry = |table: &str| {
+                let row = file[table][&name].as_array().unwrap().get(k).unwrap().as_array().unwrap();
+                row.get(k).unwrap().as_float().unwrap()
+            };
+            let by = number(&moved, &format!("{name}.{k}")) - number(&file, &format!("{name}.{k}"));
+            assert!(
+                (entry("covariance_b").sqrt() / by.abs() - 1.0).abs() < 0.02,
+                "{name} {k}: {} {by}",
+                entry("covariance_b").sqrt()
+            );
+            let sum = entry("covariance") + entry("covariance_b");
+            assert!((entry("covariance_combined") / sum - 1.0).abs() < 1e-12);
+        }
+    }
+}
+
+fn text_of(output: &std::process::Output) -> String {
+    text(&output.stderr)
+}

@@ -232,7 +232,17 @@ fn make_again(file: &Path, stated: &AnyFile, recipe: &Recipe, with: &Ingredients
 }
 
 /// Keys that files of earlier versions of the program do not have.
-const LATER_KEYS: [&str; 4] = ["apply", "valid_field_nt", "linearisation", "known_effects"];
+const LATER_KEYS: [&str; 9] = [
+    "apply",
+    "valid_field_nt",
+    "linearisation",
+    "known_effects",
+    "hypothesis",
+    "std_b",
+    "std_combined",
+    "covariance_b",
+    "covariance_combined",
+];
 
 /// Values of two parameter files side by side.
 #[derive(Default)]

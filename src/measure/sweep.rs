@@ -75,7 +75,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     apply_limits(&mut list, position, &instructions.limits_nt(&run.header));
     let mut notes: Vec<Note> = Vec::new();
     let facility = options.facility.as_ref().map(|f| facility::apply(f, run, instructions, &mut list, &mut notes));
-    let facility = facility.transpose()?.map(|driven| driven.part);
+    let facility = facility.transpose()?;
     let model = options.model.as_ref().map(|m| known::apply(m, run, plateaus, &mut list, instructions, &mut notes));
 
     let usable: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
@@ -115,7 +115,14 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let mut head = conditions::head(run, instructions, &temperatures);
     head.temperature_degc = Some(degc.iter().sum::<f64>() / degc.len() as f64);
     let polynomials = fit::polynomials(fit, &settled.covariance);
-    let quantity = |k: usize| describe(k, run, &polynomials[k], &windows, asked.has(k), used.len());
+    let of_facility = match facility.as_ref().filter(|driven| !driven.moved_nt.is_empty()) {
+        Some(driven) => Some(fit::polynomials(fit, &fit::of_facility(fit, degc, &driven.moved_of(&list, &used))?)),
+        None => None,
+    };
+    let quantity = |k: usize| QuantityFit {
+        covariance_b: of_facility.as_ref().map(|of| of[k].covariance.clone()),
+        ..describe(k, run, &polynomials[k], &windows, asked.has(k), used.len())
+    };
     let rms = |of: &dyn Fn(&SweepBlock) -> f64| (blocks.iter().map(|b| of(b).powi(2)).sum::<f64>() / blocks.len() as f64).sqrt();
     Ok(Sweep {
         run: head,
@@ -135,7 +142,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         residual_nt: std::array::from_fn(|k| rms(&|b: &SweepBlock| b.residual_nt[k])),
         lag: settled.applied,
         lags,
-        facility,
+        facility: facility.map(|driven| driven.part),
         model: model.map(|m| m.part),
         reference: instructions.references.get(&run.header.sensor).copied(),
         notes,

@@ -97,6 +97,14 @@ pub fn apply(
 }
 
 impl Driven {
+    /// The changes of the fields of some of the plateaus of a list, nT, in their order.
+    #[must_use]
+    pub fn moved_of(&self, list: &[Plateau], some: &[&Plateau]) -> Vec<Vec<[f64; 3]>> {
+        let places: Vec<usize> =
+            list.iter().enumerate().filter(|(_, p)| some.iter().any(|s| std::ptr::eq(*s, *p))).map(|(place, _)| place).collect();
+        self.moved_nt.iter().map(|moved| places.iter().map(|place| moved[*place]).collect()).collect()
+    }
+
     /// The changes of the mean readings by one standard deviation of the facility, enT: the readings stay and the fields move, which is as if
     /// the readings of the same fields moved by `response` times the change.
     #[must_use]

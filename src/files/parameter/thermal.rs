@@ -36,7 +36,7 @@ impl Default for ThermalConvention {
         Self {
             model: "p(T) = sum over k of p_k T^k, coefficients lowest order first".to_owned(),
             units: "T degC of the channel; sigma nT/enT, xi degrees between sensor axes, b_or and b_off enT along the sensor axes, f_3db Hz".to_owned(),
-            uncertainty: "covariances of the coefficients, coverage factor 1, type A; covariance_b and covariance_combined, where they stand, hold what the facility adds (type B, common to all runs) and both; outside valid_degc the polynomials are extrapolations without a stated uncertainty".to_owned(),
+            uncertainty: "covariances of the coefficients, coverage factor 1; outside valid_degc the polynomials are extrapolations without a stated uncertainty".to_owned(),
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::model::polynomial::TemperaturePolynomial;
 use crate::model::sensor::{Split, split};
 use crate::record::baseline::Baseline;
 use crate::record::conditions;
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Limits of a fit.
 pub(super) const LIMITS: Limits = Limits { max_condition: 1e4 };
@@ -121,6 +121,26 @@ impl Start {
         let left = |i: usize| turned.column(i).rows(parameters, rows - parameters).norm();
         Ok(Self { coefficients, noise_ent: std::array::from_fn(|i| left(i) / ((rows - parameters) as f64).sqrt()) })
     }
+}
+
+/// What the uncertainty of the facility adds to the covariance of the parameters of a fit, type B: `moved_nt` are changes of the fields of the
+/// settings, nT, coil axes, each by one standard deviation that is independent of the others. The lag stays.
+pub(super) fn of_facility(fit: &SensorFit, degc: &[f64], moved_nt: &[Vec<[f64; 3]>]) -> Result<DMatrix<f64>, SweepError> {
+    let influence = fit.influence(None)?;
+    let response =
+        |degc: &f64| fit.sensor(*degc).map(|(sensor, _)| *sensor.response()).map_err(|_| SweepError::NoSensor { degc: *degc });
+    let responses: Vec<Matrix3<f64>> = degc.iter().map(response).collect::<Result<_, _>>()?;
+    let mut covariance = DMatrix::zeros(fit.count(), fit.count());
+    for moved in moved_nt {
+        // The readings stay and the fields move, which is as if the readings of the same fields had moved.
+        let changes: Vec<Vector3<f64>> = responses.iter().zip(moved).map(|(a, nt)| a * Vector3::from(*nt)).collect();
+        let mut parameters = DVector::zeros(fit.count());
+        for (component, rows) in influence.iter().enumerate() {
+            parameters += rows * DVector::from_iterator(changes.len(), changes.iter().map(|c| c[component]));
+        }
+        covariance += &parameters * parameters.transpose();
+    }
+    Ok(covariance)
 }
 
 /// The polynomials of a fit in the order of [`QUANTITIES`], with the covariance of all its parameters.

@@ -12,6 +12,8 @@ use crate::model::facility_calibration::{Explanation, ScalarHypothesis};
 
 /// A step has to lower the criterion by this much: odds of e^5 to 1, and by chance at most once in 200 sets of four calibrations.
 const CONVINCING: f64 = 10.0;
+/// A step that lowers it by this much is told: by chance in one of fifty sets of four calibrations.
+const WORTH_TELLING: f64 = 5.0;
 /// Most steps that are looked for.
 const MOST_STEPS: usize = 12;
 
@@ -157,6 +159,6 @@ pub(super) fn explain(rows: &[Observation], counts: &[bool], thermal: &Terms) ->
     }
     // What the calibrations determine stays beside the step: a coefficient that is small is not zero.
     let terms = if comparison.score(&terms).is_some() { terms } else { terms.with_steps_in_place() };
-    let undecided = next.filter(|next| next.gain > 0.0 && next.replaces).map(|next| next.step);
+    let undecided = next.filter(|next| next.gain > WORTH_TELLING && next.replaces).map(|next| next.step);
     Explained { terms, hypotheses, undecided }
 }
