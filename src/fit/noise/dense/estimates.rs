@@ -11,27 +11,30 @@ impl DenseNoise {
     #[must_use]
     pub fn covariance_of(&self, influence: &[DMatrix<f64>]) -> DMatrix<f64> {
         let count = influence.first().map_or(0, DMatrix::nrows);
+        // Per right-hand side and shape of slow noise.
         let slow: Vec<Vec<DMatrix<f64>>> =
             influence.iter().map(|g| self.shapes.iter().map(|shape| g * &shape.rows).collect()).collect();
         let mut covariance = DMatrix::zeros(count, count);
         let mut widened = vec![[0.0; 2]; count];
-        for a in 0..self.noise.len() {
-            for b in 0..self.noise.len() {
-                let mut scaled = influence[a].clone();
+        for (a, of_a) in influence.iter().enumerate() {
+            for (b, of_b) in influence.iter().enumerate() {
+                let mut scaled = of_a.clone();
                 for (i, mut column) in scaled.column_iter_mut().enumerate() {
                     column *= (self.white[a][i] * self.white[b][i]).sqrt();
                 }
-                let mut block = scaled * influence[b].transpose();
-                for (of_shape, (v, w)) in slow[a].iter().zip(self.slow[a].iter().zip(&self.slow[b])) {
-                    block += of_shape * influence[b].transpose() * (v * w).sqrt();
+                let mut block = scaled * of_b.transpose();
+                for (by_shape, (v, w)) in slow[a].iter().zip(self.slow[a].iter().zip(&self.slow[b])) {
+                    if v * w > 0.0 {
+                        block += by_shape * of_b.transpose() * (v * w).sqrt();
+                    }
                 }
                 if a == b {
                     for (j, sums) in widened.iter_mut().enumerate() {
-                        let weights: Vec<f64> = influence[a].row(j).iter().copied().collect();
-                        let units: Vec<f64> = slow[a].iter().map(|s| s.row(j).dot(&influence[a].row(j))).collect();
+                        let row = of_a.row(j);
+                        let slow: Vec<f64> = slow[a].iter().map(|by_shape| by_shape.row(j).dot(&row)).collect();
                         let variance = block[(j, j)];
                         sums[0] += variance;
-                        sums[1] += variance * self.widening(a, &weights, &units, variance).powi(2);
+                        sums[1] += variance * self.widening(a, &row.transpose(), &slow).powi(2);
                     }
                 }
                 covariance += block * self.correlation[(a, b)];

@@ -57,6 +57,9 @@ use crate::fit::scalar;
 use crate::fit::statistics::two_sided_tail;
 use crate::fit::{FitError, NORMAL_95, require_finite, require_length};
 
+/// Most rows of which more than white and 1/f noise is asked: every other kind costs as much again, ten seconds for 2000 rows.
+const MOST_ROWS: usize = 500;
+
 /// The noise of one right-hand side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ComponentNoise {
@@ -124,9 +127,8 @@ impl DenseNoise {
         let p = self.response.nrows();
         let widening: Vec<f64> = (0..covariance.nrows())
             .map(|i| {
-                let (a, j) = (i / p, i % p);
-                let slow: Vec<f64> = self.shapes.iter().map(|shape| shape.coefficients[(j, j)]).collect();
-                self.widening(a, &self.response.row(j).iter().copied().collect::<Vec<f64>>(), &slow, covariance[(i, i)])
+                let slow: Vec<f64> = self.shapes.iter().map(|shape| shape.coefficients[(i % p, i % p)]).collect();
+                self.widening(i / p, &self.response.row(i % p).transpose(), &slow)
             })
             .collect();
         for (index, value) in covariance.iter_mut().enumerate() {
@@ -135,28 +137,19 @@ impl DenseNoise {
         covariance
     }
 
-    /// Factor on the averaged standard deviation of an estimate from one right-hand side, which makes `weights` of the rows; `slow` is its
-    /// variance for slow noise of unit variance of each shape, `averaged` its averaged variance. It makes the normal interval hold 95 % of
-    /// what the places let expect: their normal distributions differ in width.
-    fn widening(&self, a: usize, weights: &[f64], slow: &[f64], averaged: f64) -> f64 {
-        if averaged.is_nan() || averaged <= 0.0 {
-            return 1.0;
+    /// Factor on the averaged standard deviation of an estimate from one right-hand side. `influence` is what it makes of the rows, `slow` its
+    /// variance for slow noise of unit variance of each shape.
+    fn widening(&self, a: usize, influence: &DVector<f64>, slow: &[f64]) -> f64 {
+        let of = |rows: &DVector<f64>| influence.iter().zip(rows).map(|(g, v)| g * g * v).sum::<f64>();
+        let averaged = of(&self.white[a]) + slow.iter().zip(&self.slow[a]).map(|(s, v)| s * v).sum::<f64>();
+        let white: Vec<f64> = self.spreads[a].iter().map(of).collect();
+        match self.places.get(a) {
+            Some(places) => interval_factor(places, &white, slow, averaged.sqrt()),
+            None => {
+                let independent = self.independent_std[a].powi(2) * white[0];
+                if averaged > 0.0 { (independent / averaged).max(1.0).sqrt() } else { 1.0 }
+            }
         }
-        let white: Vec<f64> =
-            self.spreads[a].iter().map(|spread| weights.iter().zip(spread).map(|(h, s)| h * h * s).sum()).collect();
-        let Some(places) = self.places.get(a) else {
-            let independent = self.independent_std[a].powi(2) * white[0];
-            return (independent / averaged).max(1.0).sqrt();
-        };
-        let width = |p: &Place| {
-            let slow = slow.get(p.shape).map_or(0.0, |unit| p.slow * unit);
-            (p.white * white[p.growth.map_or(0, |g| g + 1)] + slow).sqrt()
-        };
-        let widths: Vec<(f64, f64)> = places.iter().map(|p| (p.probability, width(p))).collect();
-        let outside = |x: f64| widths.iter().map(|(p, width)| p * two_sided_tail(x / width)).sum::<f64>();
-        let widest = widths.iter().map(|w| w.1).fold(0.0, f64::max);
-        let [_, high] = scalar::bisect(|x| outside(x) > 0.05, [0.0, NORMAL_95 * widest], 1e-4);
-        high / (NORMAL_95 * averaged.sqrt())
     }
 
     /// Probability that the noise of a right-hand side is steeper than 1/f, so that most of it is slower than the rows show; `None` where
@@ -202,6 +195,20 @@ impl DenseNoise {
         }
         covariance
     }
+}
+
+/// Factor on the averaged standard deviation of an estimate that makes the normal interval hold 95 % of what the places let expect: their
+/// normal distributions differ in width.
+fn interval_factor(places: &[Place], white: &[f64], slow: &[f64], averaged: f64) -> f64 {
+    if averaged.is_nan() || averaged <= 0.0 {
+        return 1.0;
+    }
+    let width = |p: &Place| (p.white * white[p.growth.map_or(0, |g| g + 1)] + p.slow * slow.get(p.shape).unwrap_or(&0.0)).sqrt();
+    let widths: Vec<(f64, f64)> = places.iter().map(|p| (p.probability, width(p))).collect();
+    let outside = |x: f64| widths.iter().map(|(p, width)| p * two_sided_tail(x / width)).sum::<f64>();
+    let widest = widths.iter().map(|w| w.1).fold(0.0, f64::max);
+    let [_, high] = scalar::bisect(|x| outside(x) > 0.05, [0.0, NORMAL_95 * widest], 1e-4);
+    high / (NORMAL_95 * averaged)
 }
 
 /// Rows are those of positive weight.
@@ -321,17 +328,18 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
     let mut shared: Vec<Option<Projected>> = EXPONENTS.iter().map(|_| None).collect();
     let mut found = Vec::new();
     let mut spreads = Vec::new();
+    let few = fitted.by_weights.len() <= MOST_ROWS;
+    let scatter = sampled.scatter.filter(|_| few);
     for a in 0..fitted.residuals.ncols() {
-        let by_samples = sampled
-            .scatter
-            .and_then(|s| spread::by_samples(&fitted, solution, &intervals, s.map(|m| m.column(a).into_owned()), counts));
+        let by_samples =
+            scatter.and_then(|s| spread::by_samples(&fitted, solution, &intervals, s.map(|m| m.column(a).into_owned()), counts));
         let own = by_samples.is_some();
         let base = by_samples.unwrap_or_else(|| fitted.by_weights.clone());
         let mut spread = vec![base.clone()];
         let mut average = Average::new(&inside, octaves.iter().map(|o| o.squares[a] / o.count).collect());
         let mut log_scale = 0.0;
         for shape in 0..EXPONENTS.len() {
-            if shape > 0 && !average.suspects_slow_noise() {
+            if shape > 0 && !(few && average.suspects_slow_noise()) {
                 break;
             }
             if kernels.len() == shape {
@@ -343,7 +351,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
             average.try_shape(shape, projected.likelihood(a));
             log_scale = projected.log_scale;
         }
-        let readings = sampled.scatter.map(|s| s[1].column(a).into_owned());
+        let readings = scatter.map(|s| s[1].column(a).into_owned());
         if let Some(squares) = readings.as_ref().and_then(|r| spread::grows(&fitted, solution, a, &base, r)) {
             for (growth, size) in GROWTHS.iter().enumerate() {
                 let with = squares.zip_map(&base, |u, s| s * (1.0 + size * u));
