@@ -182,7 +182,7 @@ fn moving_runs_hold_within_their_uncertainties() {
 #[test]
 fn the_report_has_the_files_of_the_runs_alone_beside_those_of_their_group() {
     let mut twin = april();
-    twin.runs.retain(|run| run.sensor == 0 && run.id.starts_with("13-04-03"));
+    twin.runs.retain(|run| run.sensor == 0);
     let case = Case::new();
     write_campaign(&twin, 7, &case.campaign(), false, || ()).unwrap();
     let output = calfit().arg("report").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();
@@ -271,7 +271,7 @@ fn a_run_at_rest_has_no_slopes() {
 #[test]
 fn polynomials_serve_a_diagnosis_and_only_their_own_sensor() {
     let mut twin = april();
-    twin.runs.retain(|run| run.sensor == 0 && run.id.starts_with("13-04-03"));
+    twin.runs.retain(|run| run.sensor == 0);
     let case = Case::new();
     write_campaign(&twin, 1, &case.campaign(), false, || ()).unwrap();
     let output = calfit().arg("thermal").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();

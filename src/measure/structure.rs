@@ -8,8 +8,8 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::run::interpolate;
 use crate::data::units::COMPONENTS;
+use crate::fit::DenseNoise;
 use crate::fit::statistics::student_tail;
-use crate::fit::{DenseNoise, NoiseModel};
 use nalgebra::{DMatrix, DVector};
 
 /// Probability that noise alone is as large for the largest of all trials.
@@ -81,13 +81,12 @@ pub(super) fn note(rows: &Rows) -> Option<Note> {
     let x = |i: usize, a: usize| rows.readings_ent[(i, a)];
     let moves = rows.degc.as_ref().filter(|degc| degc.iter().all(|v| v.is_finite()));
 
-    let all: Vec<usize> = (0..n).collect();
     let mut trials = 0usize;
     let mut best: Option<(f64, &str, usize)> = None;
     for a in 0..3 {
         let (b, c) = ((a + 1) % 3, (a + 2) % 3);
         let residual = free(rows.readings_ent.column(a).into_owned());
-        let covariance = rows.noise.covariance_of_rows(a, &all);
+        let covariance = rows.noise.covariance_without_growth(a);
         let mut attempt = |what: &'static str, value: &dyn Fn(usize) -> f64| {
             let raw = DVector::from_fn(n, |i, _| value(i));
             let before = raw.add_scalar(-raw.mean()).norm();

@@ -415,9 +415,13 @@ impl<'a> Channel<'a> {
     }
 }
 
-/// Whether a change is far larger than what the channel does in the same time before and after it.
+/// Whether a change is far larger than what the channel does in the same time before and after it. The last one of a record is not judged: a
+/// body that begins to be heated looks like it.
 fn is_far_faster(changes: &[(usize, f64, f64)], i: usize) -> bool {
     let (place, _, rate) = changes[i];
+    if changes.get(i + 1).is_none_or(|(next, ..)| next - place > 2) {
+        return false;
+    }
     let usual = |range: std::ops::Range<usize>| {
         let mut rates: Vec<f64> = changes[range].iter().map(|(_, _, rate)| rate.abs()).collect();
         if rates.is_empty() { 0.0 } else { median(&mut rates) }

@@ -11,7 +11,7 @@ use super::refusal::LinError;
 use crate::data::calibration::{SlopeStd, TemperatureSlopes};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
-use crate::data::run::interpolate;
+use crate::data::run::{Run, interpolate};
 use crate::fit::smooth::Course;
 use crate::fit::statistics::{chi2_tail, extremes};
 use crate::fit::{DenseNoise, FitError};
@@ -20,6 +20,7 @@ use crate::model::sensor::{Split, SplitError, split};
 use crate::model::sensor_polynomials::{SensorChange, SensorPolynomials, change_at, response};
 use crate::record::carried;
 use crate::record::conditions::{self, Temperatures};
+use crate::record::temperature_faults::without_jumps;
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
 /// A sensor whose temperature moves by less is at rest, K.
@@ -62,10 +63,13 @@ pub(super) struct Moving {
 }
 
 impl Moving {
-    /// Of the plateaus of a run; `None` without a temperature.
-    pub fn of(list: &[Plateau], temperatures: &Temperatures) -> Option<Self> {
-        let at_degc = temperatures.sensor_degc()?[1];
-        let course = Course::smooth(&temperatures.sensor);
+    /// Of the plateaus of a run; `None` without a temperature. A channel that jumps is taken without its jumps, which are none of the sensor.
+    pub fn of(run: &Run, list: &[Plateau], temperatures: &Temperatures, span_s: [f64; 2]) -> Option<Self> {
+        let [_, at_degc, _] = temperatures.sensor_degc()?;
+        let channel = &temperatures.conditions.as_ref()?.sensor_channel;
+        let (jumps, mended) = without_jumps(run, span_s);
+        let mended = mended.channel(channel).filter(|_| jumps.iter().any(|jump| jump.channel == *channel));
+        let course = Course::smooth(mended.as_ref().unwrap_or(&temperatures.sensor));
         let mean = |p: &Plateau| {
             let [begin, end] = p.used_s;
             let inside = course.series.iter().filter(|(t, _)| (begin..=end).contains(t)).map(|(_, degc)| *degc);

@@ -188,6 +188,29 @@ impl DenseNoise {
         covariance
     }
 
+    /// Covariance of all rows of a right-hand side if its noise does not grow with the reading: what a model lacks grows with it as well, and
+    /// would pass for such noise.
+    #[must_use]
+    pub fn covariance_without_growth(&self, component: usize) -> DMatrix<f64> {
+        let Some(places) = self.places.get(component) else { return self.all_rows(component) };
+        let own = || places.iter().filter(|p| !p.grows());
+        let probability: f64 = own().map(|p| p.probability).sum();
+        let by_samples = &self.spreads[component][0];
+        if probability <= 0.0 {
+            // As much as the residuals scatter, independent from row to row.
+            return DMatrix::from_diagonal(&(by_samples * self.independent_std[component].powi(2)));
+        }
+        let mean = |of: &dyn Fn(&Place) -> f64| own().map(|p| p.probability * of(p)).sum::<f64>() / probability;
+        let mut covariance = DMatrix::from_diagonal(&(by_samples * mean(&|p| p.white)));
+        for (index, shape) in self.shapes.iter().enumerate() {
+            let variance = mean(&|p| if p.shape == index { p.slow } else { 0.0 });
+            if variance > 0.0 {
+                covariance += &shape.rows * variance;
+            }
+        }
+        covariance
+    }
+
     fn all_rows(&self, component: usize) -> DMatrix<f64> {
         let mut covariance = DMatrix::from_diagonal(&self.white[component]);
         for (shape, variance) in self.shapes.iter().zip(&self.slow[component]).filter(|(_, v)| **v > 0.0) {

@@ -55,6 +55,15 @@ pub(super) struct Place {
     pub exponent: f64,
     /// How the white noise differs between the rows: as the samples do, or one of [`GROWTHS`] besides.
     pub growth: Option<usize>,
+    /// The slow noise is that of the gain.
+    pub of_gain: bool,
+}
+
+impl Place {
+    /// Whether the noise grows with the reading.
+    pub fn grows(&self) -> bool {
+        self.of_gain || self.growth.is_some()
+    }
 }
 
 /// Contrasts of one length beside a row of mean weight: their variances for white noise and for slow noise of each exponent that gives
@@ -144,6 +153,7 @@ impl<'a> Average<'a> {
                 shape,
                 exponent: EXPONENTS[shape],
                 growth: None,
+                of_gain: false,
             });
         }
     }
@@ -163,6 +173,7 @@ impl<'a> Average<'a> {
                 shape: 0,
                 exponent: EXPONENTS[0],
                 growth: Some(growth),
+                of_gain: false,
             });
         }
     }
@@ -173,7 +184,15 @@ impl<'a> Average<'a> {
         let prior = PRIOR_GAIN / APART_SIZES.len() as f64;
         for size in APART_SIZES {
             let told = Told { slow: size * none.sampled, prior, deviance: self.lowest_inside, ..none };
-            let place = |white| Place { probability: 0.0, white, slow: told.slow, shape, exponent: EXPONENTS[0], growth: None };
+            let place = |white| Place {
+                probability: 0.0,
+                white,
+                slow: told.slow,
+                shape,
+                exponent: EXPONENTS[0],
+                growth: None,
+                of_gain: true,
+            };
             self.try_whites(told, likelihood, place);
         }
     }
