@@ -266,7 +266,6 @@ mod tests {
             let reading = |i: i32| (f64::from(i) * 20.0, 10.0 * (f64::from(i) / 90.0).sin() + noise(std));
             let readings: Vec<(f64, f64)> = (0..600).map(reading).collect();
             let course = Course::smooth(&readings);
-            assert_eq!(course.reach.is_some(), std > 0.0);
             assert!((course.noise - std).abs() < 0.1 * std + 1e-3, "{} {std}", course.noise);
             let again = course.weights().course(&readings.iter().map(|(_, v)| *v).collect::<Vec<f64>>());
             for (found, expected) in again.series.iter().zip(&course.series) {
