@@ -276,7 +276,8 @@ mod tests {
             }
         }
         // Ends of two readings alone.
-        assert_eq!(Course::smooth(&[(0.0, 1.0), (10.0, 3.0)]).weights().course(&[1.0, 3.0]).rate_per_s, [0.2, 0.2]);
+        let rates = Course::smooth(&[(0.0, 1.0), (10.0, 3.0)]).weights().course(&[1.0, 3.0]).rate_per_s;
+        assert!(rates.len() == 2 && rates.iter().all(|rate| (rate - 0.2).abs() < 1e-12), "{rates:?}");
     }
 
     /// A day's wave seen for eight hours every 20 s: windows as wide as an hour follow it, and what they leave of the noise is what a fit to a
