@@ -81,6 +81,7 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     notes.extend(refusals_and_damage(&measured));
 
     let temperatures = Temperatures::of(run, instructions, span_s(&measured), &mut notes);
+    notes.extend(temperatures.moved_k().map(moved));
     conditions::warn_of_run(&mut notes, run, instructions);
     let stretches = measured.iter().zip(&applied.settings).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
     let corner = respond(&mut measured, &mut notes);
@@ -128,4 +129,14 @@ fn refusals_and_damage(measured: &[SineAmplitude]) -> Vec<Note> {
         .filter(|a| a.used_s.is_some() && !a.remark.is_empty())
         .map(|a| Note::new(NoteKind::Data, format!("{} Hz: {}", a.frequency_hz, a.remark)).about(about(a)));
     refused.chain(damaged).collect()
+}
+
+/// Says of a sensor temperature that moved what it means: frequencies are applied one after the other, each at a temperature of its own. In a
+/// twin whose corner follows the temperature by 0.08 Hz/K the corner was off by 0.5 Hz where the temperature moved by 33 K.
+fn moved(range_k: f64) -> Note {
+    let text = format!(
+        "the sensor temperature moved by {range_k:.1} K while one frequency after the other was applied: amplitudes and -3 dB frequencies belong to \
+         no single temperature, and what they follow of it is in no uncertainty"
+    );
+    Note::new(NoteKind::Temperature, text).with_remedy("measure at a steady temperature")
 }

@@ -24,10 +24,10 @@ use crate::fit::DenseNoise;
 use crate::fit::statistics::{extremes, median};
 use crate::model::campaign::Instructions;
 use crate::model::sensor::Split;
-use crate::record::conditions::{self, Temperatures};
+use crate::record::conditions::{self, AT_REST_K, Temperatures};
 use derived::{Derived, Parameters};
 use fit::{Fitted, Means, check_followed, fit, stack};
-use moving::{AT_REST_K, Moving, Origin, Referred};
+use moving::{Moving, Origin, Referred};
 use nalgebra::DMatrix;
 use prepare::{Prepared, trend_order};
 

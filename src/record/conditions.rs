@@ -16,6 +16,9 @@ use serde::Serialize;
 /// Temperatures outside are no temperatures of a sensor or coil.
 pub(super) const PLAUSIBLE_DEGC: std::ops::RangeInclusive<f64> = -200.0..=200.0;
 
+/// A sensor whose temperature moves by less during a run is at rest, K.
+pub const AT_REST_K: f64 = 1.0;
+
 /// Parts of plateaus whose lengths differ by less than this share are compared together.
 const SAME_LENGTH: f64 = 1e-3;
 
@@ -63,6 +66,12 @@ impl Temperatures {
     #[must_use]
     pub fn sensor_degc(&self) -> Option<[f64; 3]> {
         self.conditions.as_ref()?.sensor_degc
+    }
+
+    /// By how much the sensor temperature moves, K, if it is not at rest.
+    #[must_use]
+    pub fn moved_k(&self) -> Option<f64> {
+        self.sensor_degc().map(|[low, _, high]| high - low).filter(|range_k| *range_k > AT_REST_K)
     }
 
     /// Smallest and largest sensor temperature, °C.

@@ -21,13 +21,11 @@ use crate::model::campaign::SlopeBounds;
 use crate::model::sensor::{Split, SplitError, split};
 use crate::model::sensor_polynomials::{SensorChange, SensorPolynomials, change_at, response};
 use crate::record::carried;
-use crate::record::conditions::{self, Temperatures};
+use crate::record::conditions::{self, AT_REST_K, Temperatures};
 use crate::record::temperature_faults::without_jumps;
 use found::Found;
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
-/// A sensor whose temperature moves by less is at rest, K.
-pub(super) const AT_REST_K: f64 = 1.0;
 /// Times that the readings are referred to one temperature with what the last fit found; each brings the next two digits and more.
 const MOST_ROUNDS: usize = 60;
 /// They end when no reading changes by more than this part of the largest.
