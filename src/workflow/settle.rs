@@ -36,16 +36,9 @@ pub fn settle(measured: &mut [Measured], entries: &[ThermalEntry], orders: &[(St
     for _ in 0..MOST_ROUNDS {
         let points: Vec<CalibratedRun> =
             measured.iter().filter_map(Measured::lin).filter_map(|made| made.result.point()).collect();
-        let moved: Vec<String> = measured
-            .iter()
-            .filter_map(Measured::lin)
-            .filter(|made| moves(&made.result))
-            .map(|made| made.result.calibration.run.id.clone())
-            .collect();
         let groups: Vec<RunGroup> = groups(&points, entries, orders);
-        let with_movers = groups.iter().filter(|g| g.points.iter().any(|p| moved.contains(&p.run.id)));
         // What has no polynomials says so when they are made to be written.
-        let now: Vec<Thermal> = with_movers.filter_map(|group| thermal(group, Kind::Lin, &[], false).ok()).collect();
+        let now: Vec<Thermal> = groups.iter().filter_map(|group| thermal(group, Kind::Lin, &[], false).ok()).collect();
         if now.is_empty() || (now.len() == before.len() && now.iter().zip(&before).all(|(a, b)| is_settled(a, b))) {
             return;
         }
@@ -122,10 +115,7 @@ pub fn refer(measured: &mut [Measured], alone: Vec<Alone>, shown: &[ThermalShown
                 let r = runs(one.1);
                 (r.sensor, r.mode, r.location) == (head.sensor.clone(), head.mode.clone(), head.location)
             };
-            let of_group = |one: &&(SensorPolynomials, &ThermalShown)| {
-                let ids = runs(one.1).ids;
-                ids.contains(&head.id) && ids.iter().any(|id| moved.contains(id))
-            };
+            let of_group = |one: &&(SensorPolynomials, &ThermalShown)| runs(one.1).ids.contains(&head.id);
             let is_moving = moved.contains(&head.id);
             let found = written.iter().find(of_group).or_else(|| written.iter().find(|one| is_moving && of_sensor(one)));
             let (polynomials, _) = found?;
