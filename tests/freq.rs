@@ -115,7 +115,7 @@ fn amplitudes_and_corners_are_those_of_the_forward_model() {
 #[test]
 fn a_temperature_that_moves_is_said() {
     let mut run = plan(3).run();
-    let moved = |fpf: &DocumentMut| fpf["warnings"].to_string().contains("the sensor temperature moved by 12.0 K");
+    let moved = |fpf: &DocumentMut| fpf["warnings"].to_string().contains("the sensor temperature moved by");
     assert!(!moved(&measure(&run).1));
     for (i, (_, [coil, sensor])) in run.temperatures.iter_mut().enumerate() {
         (*coil, *sensor) = (Some(20.5), Some(24.0 + 3.0 * i as f64));

@@ -73,9 +73,9 @@ fn the_report_of_a_campaign_with_all_kinds_of_runs_shows_in_a_browser() {
         let run = name.trim_start_matches("PARAMETER_TEMPLIN__").trim_end_matches(".CPF");
         assert!(out.join(run).join(name).is_file(), "{name}");
     }
-    // Offsets in nT come with the sensitivities of the nearest calibration.
+    // Offsets in nT come with the sensitivities of the nearest calibration, as it was made with its group.
     let opf = parameters(&out.join(id(9, 1)).join(format!("OFF_PARAMETER__{}.OPF", id(9, 1).replace('_', "-"))));
-    assert_eq!(opf["scaled"]["cpf"].as_str(), Some(format!("PARAMETER_LIN__{}.CPF", id(8, 1)).as_str()));
+    assert_eq!(opf["scaled"]["cpf"].as_str(), Some(format!("PARAMETER_TEMPLIN__{}.CPF", id(8, 1)).as_str()));
 
     let markdown = fs::read_to_string(out.join("REPORT.md")).unwrap();
     says(

@@ -513,7 +513,8 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     for group in groups(&points, &[], &orders) {
         for kind in Kind::ALL {
             let result = thermal(&group, kind, &[], false).unwrap();
-            for curve in &result.quantities {
+            // The twin has the corner of the model as truth, not the one between neighbouring amplitudes.
+            for curve in result.quantities.iter().filter(|curve| !curve.found.name.starts_with("f_3db_igep")) {
                 let (family, component) = curve.found.name.rsplit_once('_').unwrap();
                 let i = ["x", "y", "z"].iter().position(|c| *c == component);
                 let i = i.or_else(|| ["xy", "xz", "yz"].iter().position(|c| *c == component)).unwrap();

@@ -212,6 +212,9 @@ fn directions(polynomials: &SensorPolynomials, degc: f64) -> Vec<(usize, Vec<f64
     all.flat_map(|(quantity, polynomial)| {
         let covariance = polynomial.about(degc).covariance;
         let count = covariance.nrows().saturating_sub(1);
+        if count == 0 {
+            return Vec::new();
+        }
         let slopes = covariance.view((covariance.nrows() - count, covariance.nrows() - count), (count, count)).into_owned();
         // Powers differ by orders of magnitude in size: decomposed in units of their standard uncertainties.
         let scale = DVector::from_fn(count, |k, _| slopes[(k, k)].max(0.0).sqrt().max(f64::MIN_POSITIVE));
