@@ -225,6 +225,17 @@ impl SlowTable {
     }
 }
 
+/// Mean of a series, (s, value), over a time; between the readings around its middle where it holds too few of them to stand for all of it.
+#[must_use]
+pub fn mean_over(series: &[(f64, f64)], [begin, end]: [f64; 2]) -> f64 {
+    let inside = &series[series.partition_point(|(t, _)| *t < begin)..series.partition_point(|(t, _)| *t <= end)];
+    if inside.len() > 2 {
+        inside.iter().map(|(_, v)| v).sum::<f64>() / inside.len() as f64
+    } else {
+        interpolate(series, 0.5 * (begin + end))
+    }
+}
+
 /// A slow channel at a time, straight between its readings; the first or last one outside, NaN without any.
 #[must_use]
 pub fn interpolate(series: &[(f64, f64)], t_s: f64) -> f64 {

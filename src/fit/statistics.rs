@@ -99,6 +99,14 @@ pub fn extremes(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
     values.into_iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
 }
 
+/// Slope of the straight line through points, (x, y), by least squares; 0 where all stand at one x.
+pub fn slope(points: &[(f64, f64)]) -> f64 {
+    let n = points.len() as f64;
+    let (x, y) = points.iter().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / n, b + y / n));
+    let (xy, xx) = points.iter().fold((0.0, 0.0), |(a, b), (u, v)| (a + (u - x) * (v - y), b + (u - x).powi(2)));
+    if xx > 0.0 { xy / xx } else { 0.0 }
+}
+
 /// The largest value minus the smallest; 0 of nothing.
 pub fn extent(values: impl IntoIterator<Item = f64>) -> f64 {
     let [low, high] = extremes(values);

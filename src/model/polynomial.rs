@@ -8,6 +8,22 @@ pub fn value(coefficients: &[f64], temperature_degc: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * temperature_degc + c)
 }
 
+/// Column k holds the coefficients of `(constant + slope x)^k` in powers of x.
+#[must_use]
+pub fn powers_of_line(count: usize, constant: f64, slope: f64) -> DMatrix<f64> {
+    let mut map = DMatrix::zeros(count, count);
+    for k in 0..count {
+        for j in 0..=k {
+            map[(j, k)] = match (j, k) {
+                (0, 0) => 1.0,
+                (0, _) => constant * map[(0, k - 1)],
+                _ => slope * map[(j - 1, k - 1)] + constant * map[(j, k - 1)],
+            };
+        }
+    }
+    map
+}
+
 /// `p(T)` with the covariance of its coefficients and the range of temperatures it was fitted in.
 ///
 /// The unit of coefficient k is that of the parameter per °C to the power k.
@@ -50,18 +66,7 @@ impl TemperaturePolynomial {
     #[must_use]
     pub fn about(&self, degc: f64) -> Self {
         let count = self.coefficients.len();
-        // Column k holds the coefficients of (degc + d)^k in powers of d.
-        let mut map = DMatrix::zeros(count, count);
-        for k in 0..count {
-            for j in 0..=k {
-                let below = |j: usize| if k == 0 { 0.0 } else { map[(j, k - 1)] };
-                map[(j, k)] = match (k, j) {
-                    (0, _) => 1.0,
-                    (_, 0) => degc * below(0),
-                    _ => below(j - 1) + degc * below(j),
-                };
-            }
-        }
+        let map = powers_of_line(count, degc, 1.0);
         let known = self.covariance.shape() == (count, count);
         Self {
             coefficients: (&map * DVector::from_column_slice(&self.coefficients)).as_slice().to_vec(),

@@ -3,7 +3,7 @@
 use super::temperature_faults;
 use crate::data::note::Note;
 use crate::data::plateau::{Plateau, Plateaus};
-use crate::data::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate};
+use crate::data::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate, mean_over};
 use crate::fit::Limits;
 use crate::fit::noise::state_space::Inside;
 use crate::fit::smooth::Course;
@@ -418,18 +418,7 @@ fn previous_fields(list: &[Plateau], parts: &[Part]) -> Vec<[f64; 3]> {
 fn channel(table: &SlowTable, name: &str, parts: &[Part], course: impl Fn(&[(f64, f64)]) -> Course) -> Option<Channel> {
     let course = course(&table.channel(name).filter(|s| s.len() > 1)?);
     let series = &course.series;
-    let values: Vec<f64> = parts
-        .iter()
-        .map(|p| {
-            let [begin, end] = p.used_s;
-            let inside = &series[series.partition_point(|(t, _)| *t < begin)..series.partition_point(|(t, _)| *t <= end)];
-            if inside.len() > 2 {
-                inside.iter().map(|(_, v)| v).sum::<f64>() / inside.len() as f64
-            } else {
-                interpolate(series, 0.5 * (begin + end))
-            }
-        })
-        .collect();
+    let values: Vec<f64> = parts.iter().map(|p| mean_over(series, p.used_s)).collect();
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     Some(Channel { name: name.to_owned(), course, values, mean })
 }

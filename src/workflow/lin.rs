@@ -1,6 +1,6 @@
 //! Linear calibrations as files, figures and text.
 
-use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
+use super::{Ingredients, Made, PerRun, Refusal, RunResult, Shown};
 use crate::data::across::CalibratedRun;
 use crate::data::envelope::Envelope;
 use crate::data::error::Finding;
@@ -66,6 +66,23 @@ impl PerRun for Options {
             temperature: files.temperature()?,
             ..self
         })
+    }
+}
+
+impl Made<Lin> {
+    /// The run fitted once more with other options.
+    ///
+    /// # Errors
+    /// The run is refused.
+    pub fn again(&self, options: &Options) -> Result<Lin, Finding> {
+        let before = &self.result;
+        let Some(run) = &self.run else {
+            return Err(Finding::error(&before.calibration.run.id, "was not kept for a second fit", "report this"));
+        };
+        let mut after = lin(run, &before.given, &self.instructions, options)
+            .map_err(|e| Finding::error(&run.input.path, e.to_string(), e.remedy()))?;
+        after.samples.clone_from(&before.samples);
+        Ok(after)
     }
 }
 

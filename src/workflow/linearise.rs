@@ -9,7 +9,7 @@ use crate::files::linearisation;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationConvention, LinearisationFile, linearisation_file_name};
 use crate::files::source::hex;
-use crate::measure::lin::{Lin, Options, lin};
+use crate::measure::lin::{Lin, Options};
 use crate::measure::linearise::{Linearised, PanelData, linearise};
 use crate::model::linearisation::Linearisation;
 use crate::plot;
@@ -93,7 +93,7 @@ pub fn linearise_group<'a>(
     let mut estimate = linearise(&before).map_err(|e| Finding::error(&names.join(", "), e.to_string(), e.remedy()))?;
     estimate.linearisation.input.path = linearisation_file_name(&estimate.shared.used);
     let mut options_with = Options { linearisation: Some(estimate.linearisation.clone()), ..options.clone() };
-    let after: Vec<Result<Lin, Finding>> = group.iter().map(|f| again(f, &options_with)).collect();
+    let after: Vec<Result<Lin, Finding>> = group.iter().map(|f| f.made.again(&options_with)).collect();
     let fitted: Vec<Option<&Lin>> = after.iter().map(|a| a.as_ref().ok()).collect();
     let result = estimate.complete(&before, &fitted);
 
@@ -150,17 +150,4 @@ fn publish(result: &Linearised, provenance: &Provenance, desk: &Desk) -> Result<
     let (size_bytes, sha256) = (outcome.parameters.len() as u64, hex(&Sha256::digest(outcome.parameters.as_bytes())));
     outcome.write(&folder, &drawn)?;
     Ok(Input { path: name, size_bytes, sha256, role: Some(Role::Linearisation) })
-}
-
-/// Fits a run once more.
-fn again(first: &First, options: &Options) -> Result<Lin, Finding> {
-    let refuse = |rule: String, remedy: &str| Finding::error(&first.job.recorded, rule, remedy);
-    let before = &first.made.result;
-    let Some(run) = &first.made.run else {
-        return Err(refuse("was not kept for a second fit".to_owned(), "report this"));
-    };
-    let mut after =
-        lin(run, &before.given, &first.job.campaign.file.instructions, options).map_err(|e| refuse(e.to_string(), e.remedy()))?;
-    after.samples.clone_from(&before.samples);
-    Ok(after)
 }

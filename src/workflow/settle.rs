@@ -1,5 +1,4 @@
-//! Linear calibrations of runs during which the sensor temperature moved, and the polynomials of their group: each is made with the other
-//! until both stay (mathematics.md section 6).
+//! Linear calibrations of a thermal group and its polynomials: each is made with the other until both stay (mathematics.md section 6).
 
 use super::thermal::ThermalFile;
 use super::{Desk, Made, Measured, RunResult, ThermalShown, parameter_text, recipe};
@@ -8,8 +7,8 @@ use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::files::parameter::{Body, Cpf};
-use crate::measure::lin::{Lin, Options, lin};
-use crate::measure::thermal::{Kind, RunGroup, Thermal, groups, thermal};
+use crate::measure::lin::{Lin, Options};
+use crate::measure::thermal::{Kind, RunGroup, RunsUsed, Thermal, groups, thermal};
 use crate::model::campaign::ThermalEntry;
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::model::sensor_polynomials::SensorPolynomials;
@@ -30,7 +29,7 @@ pub struct Alone {
     pub text: String,
 }
 
-/// Refers the linear calibrations of groups in which a run moved to one temperature each, with the polynomials of the group.
+/// Refers the linear calibrations of thermal groups to one temperature each, with the polynomials of the group.
 pub fn settle(measured: &mut [Measured], entries: &[ThermalEntry], orders: &[(String, usize)]) {
     let mut before: Vec<Thermal> = Vec::new();
     for _ in 0..MOST_ROUNDS {
@@ -48,7 +47,7 @@ pub fn settle(measured: &mut [Measured], entries: &[ThermalEntry], orders: &[(St
             let id = &made.result.calibration.run.id;
             if let Some((own, _)) = found.iter().find(|(_, ids)| ids.contains(id)) {
                 // A run that cannot be referred keeps what it has, and says so in the last round.
-                if let Ok(result) = again(made, own) {
+                if let Ok(result) = with_polynomials(made, own) {
                     made.result = result;
                 }
             }
@@ -80,46 +79,32 @@ fn is_settled(now: &Thermal, before: &Thermal) -> bool {
 }
 
 /// The run fitted once more with polynomials.
-fn again(made: &Made<Lin>, polynomials: &SensorPolynomials) -> Result<Lin, String> {
-    let run = made.run.as_ref().ok_or("the run was not kept for a second fit")?;
-    let options = Options { temperature: Some(polynomials.clone()), ..made.options.clone() };
-    let mut result = lin(run, &made.result.given, &made.instructions, &options).map_err(|e| e.to_string())?;
-    result.samples.clone_from(&made.result.samples);
-    Ok(result)
+fn with_polynomials(made: &Made<Lin>, polynomials: &SensorPolynomials) -> Result<Lin, Finding> {
+    made.again(&Options { temperature: Some(polynomials.clone()), ..made.options.clone() })
 }
 
-/// Gives the runs of groups in which one moved, and all others of the same sensor, mode and location that did, the polynomials as they were
-/// written; returns the calibrations of these runs alone, in their order.
+/// Gives the runs of thermal groups, and all others of the same sensor, mode and location whose sensor temperature moved, the polynomials as
+/// they were written; returns the calibrations of these runs alone, in their order.
 pub fn refer(measured: &mut [Measured], alone: Vec<Alone>, shown: &[ThermalShown], desk: &Desk) -> Vec<Alone> {
-    let mut written: Vec<(SensorPolynomials, &ThermalShown)> = Vec::new();
+    let mut written: Vec<(SensorPolynomials, &RunsUsed)> = Vec::new();
     for one in shown {
         let ThermalFile::Tpf(tpf) = &one.file else { continue };
         let polynomials = tpf.polynomials(one.written.clone().with_role(Role::Temperature));
         if polynomials.without_covariance().is_none() {
-            written.push((polynomials, one));
+            written.push((polynomials, &one.thermal.runs));
         }
     }
-    let moved: Vec<String> = measured
-        .iter()
-        .filter_map(Measured::lin)
-        .filter(|made| moves(&made.result))
-        .map(|made| made.result.calibration.run.id.clone())
-        .collect();
     let referred: Vec<String> = measured
         .par_iter_mut()
         .filter_map(Measured::lin_mut)
         .filter_map(|made| {
             let head = made.result.calibration.run.clone();
-            let runs = |one: &ThermalShown| one.thermal.runs.clone();
-            let of_sensor = |one: &&(SensorPolynomials, &ThermalShown)| {
-                let r = runs(one.1);
-                (r.sensor, r.mode, r.location) == (head.sensor.clone(), head.mode.clone(), head.location)
-            };
-            let of_group = |one: &&(SensorPolynomials, &ThermalShown)| runs(one.1).ids.contains(&head.id);
-            let is_moving = moved.contains(&head.id);
-            let found = written.iter().find(of_group).or_else(|| written.iter().find(|one| is_moving && of_sensor(one)));
-            let (polynomials, _) = found?;
-            match again(made, polynomials) {
+            let of_group = |runs: &RunsUsed| runs.ids.contains(&head.id);
+            let of_sensor =
+                |runs: &RunsUsed| (&runs.sensor, &runs.mode, runs.location) == (&head.sensor, &head.mode, head.location);
+            let with = |fits: &dyn Fn(&RunsUsed) -> bool| written.iter().find(|(_, runs)| fits(runs));
+            let (polynomials, _) = with(&of_group).or_else(|| with(&of_sensor).filter(|_| moves(&made.result)))?;
+            match with_polynomials(made, polynomials) {
                 Ok(result) => {
                     made.result = result;
                     made.options.temperature = Some(polynomials.clone());
@@ -128,9 +113,9 @@ pub fn refer(measured: &mut [Measured], alone: Vec<Alone>, shown: &[ThermalShown
                     made.in_group = true;
                     Some(head.id)
                 }
-                Err(reason) => {
+                Err(refusal) => {
                     let file = &polynomials.input.path;
-                    let text = format!("the slopes of {file} are not used: {reason}");
+                    let text = format!("the slopes of {file} are not used: {}", refusal.rule);
                     made.result.notes.push(Note::new(NoteKind::Temperature, text).about(file));
                     None
                 }

@@ -2,6 +2,7 @@
 
 use super::{JointError, JointRun, QUANTITIES, Trend};
 use crate::fit::{FitError, order};
+use crate::model::polynomial::powers_of_line;
 use nalgebra::linalg::QR;
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -98,19 +99,6 @@ impl Layout {
         }
         parameters
     }
-}
-
-/// Column k holds the coefficients of `(constant + slope x)^k`.
-pub(super) fn powers_of_line(count: usize, constant: f64, slope: f64) -> DMatrix<f64> {
-    let mut map = DMatrix::zeros(count, count);
-    map[(0, 0)] = 1.0;
-    for k in 1..count {
-        for j in 0..=k {
-            let shifted = if j > 0 { map[(j - 1, k - 1)] } else { 0.0 };
-            map[(j, k)] = slope * shifted + constant * map[(j, k - 1)];
-        }
-    }
-    map
 }
 
 /// A run made ready.

@@ -13,9 +13,9 @@ use super::refusal::LinError;
 use crate::data::calibration::{SlopeStd, TemperatureSlopes};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
-use crate::data::run::{Run, interpolate};
+use crate::data::run::{Run, mean_over};
 use crate::fit::smooth::Course;
-use crate::fit::statistics::extremes;
+use crate::fit::statistics::{extremes, slope};
 use crate::fit::{DenseNoise, FitError};
 use crate::model::campaign::SlopeBounds;
 use crate::model::sensor::{Split, SplitError, split};
@@ -71,14 +71,7 @@ impl Moving {
         let (jumps, mended) = without_jumps(run, span_s);
         let mended = mended.channel(channel).filter(|_| jumps.iter().any(|jump| jump.channel == *channel));
         let course = Course::smooth(mended.as_ref().unwrap_or(&temperatures.sensor));
-        let mean = |p: &Plateau| {
-            let [begin, end] = p.used_s;
-            let inside = course.series.iter().filter(|(t, _)| (begin..=end).contains(t)).map(|(_, degc)| *degc);
-            let (count, sum) = inside.fold((0.0, 0.0), |(n, sum), degc| (n + 1.0, sum + degc));
-            // Few readings leave parts of the plateau out.
-            if count > 2.0 { sum / count } else { interpolate(&course.series, 0.5 * (begin + end)) }
-        };
-        let over_k: Vec<f64> = list.iter().map(|p| mean(p) - at_degc).collect();
+        let over_k: Vec<f64> = list.iter().map(|p| mean_over(&course.series, p.used_s) - at_degc).collect();
         let used = || list.iter().zip(&over_k).filter(|(p, _)| p.dropped.is_none());
         let [low, high] = extremes(used().map(|(_, over)| *over));
         Some(Self {
@@ -98,14 +91,6 @@ impl Moving {
     pub fn range_k(&self) -> f64 {
         self.range_degc[1] - self.range_degc[0]
     }
-}
-
-/// Slope of the straight line through points.
-fn slope(points: &[(f64, f64)]) -> f64 {
-    let n = points.len() as f64;
-    let (x, y) = points.iter().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / n, b + y / n));
-    let (xy, xx) = points.iter().fold((0.0, 0.0), |(a, b), (u, v)| (a + (u - x) * (v - y), b + (u - x).powi(2)));
-    if xx > 0.0 { xy / xx } else { 0.0 }
 }
 
 /// The fit of a run whose readings were referred to one temperature.

@@ -7,7 +7,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::run::{Run, interpolate};
 use crate::fit::smooth::Course;
-use crate::fit::statistics::extent;
+use crate::fit::statistics::{extent, slope};
 use crate::model::lag::{self, Lag};
 
 /// Longest lag that is looked for, s, and as a part of the sweep.
@@ -89,11 +89,7 @@ fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orders: LinearO
 pub(super) fn rate_k_per_s(series: &[(f64, f64)], t_s: f64) -> f64 {
     let from = series.partition_point(|(t, _)| *t < t_s - RATE_S);
     let to = series.partition_point(|(t, _)| *t <= t_s + RATE_S);
-    let near = &series[from..to];
-    let n = near.len() as f64;
-    let (mt, mv) = near.iter().fold((0.0, 0.0), |(a, b), (t, v)| (a + t / n, b + v / n));
-    let (tv, tt) = near.iter().fold((0.0, 0.0), |(a, b), (t, v)| (a + (t - mt) * (v - mv), b + (t - mt).powi(2)));
-    if tt > 0.0 { tv / tt } else { 0.0 }
+    slope(&series[from..to])
 }
 
 #[cfg(test)]
