@@ -18,6 +18,7 @@ pub mod recipe;
 pub mod reference;
 pub mod result;
 pub mod run;
+pub mod run_state;
 pub mod start;
 pub mod tables;
 pub mod thermistor;
