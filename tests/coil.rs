@@ -106,6 +106,7 @@ fn run(day: usize, facility: &Facility, settings: &[Three], channels: &[(&str, f
         vectors: VectorAccount::default(),
         input: InputFile { path: "test".to_owned(), size_bytes: 0, sha256: String::new() },
         findings: Vec::new(),
+        exclusions: Vec::new(),
     }
 }
 

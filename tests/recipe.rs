@@ -3,6 +3,7 @@
 
 use crate::common;
 
+use calfit::data::exclusion::{ExcludedPart, Exclusion};
 use calfit::data::plateau::{Cut, Settling};
 use calfit::data::provenance::{Input, Provenance, Role};
 use calfit::data::recipe::{ANALYSES, Reading, Recipe, RecipeError};
@@ -77,8 +78,16 @@ fn orders() -> impl Strategy<Value = Vec<(String, usize)>> {
 }
 
 prop_compose! {
-    fn reading()(allow_truncated: bool, allow_duplicates: bool) -> Reading {
-        Reading { allow_truncated, allow_duplicates }
+    fn reading()(
+        (allow_truncated, allow_duplicates) in any::<(bool, bool)>(),
+        (setting, span) in (proptest::option::of(1..99usize), proptest::option::of((positive(), positive()))),
+        reason in "[a-z][a-z ='\"-]{0,12}[a-z]",
+    ) -> Reading {
+        let span = span.filter(|(from, until)| from < until).map(|(from, until)| ExcludedPart::Span([from, until]));
+        let parts = [Some(ExcludedPart::Run), setting.map(ExcludedPart::Setting), span];
+        let reason = reason.replace(" --", " ");
+        let exclusion = |part| Exclusion::new("13-04-03_09-22-38", part, &reason).unwrap();
+        Reading { allow_truncated, allow_duplicates, exclude: parts.into_iter().flatten().map(exclusion).collect() }
     }
 }
 
@@ -109,13 +118,13 @@ proptest! {
             allow_mismatch: mismatch,
             ..lin::Options::default()
         };
-        round("lin", linear.clone(), reading, &[Role::Facility, Role::Linearisation, Role::Model]);
-        round("linearise", linear, reading, &[Role::Facility, Role::Model]);
+        round("lin", linear.clone(), reading.clone(), &[Role::Facility, Role::Linearisation, Role::Model]);
+        round("linearise", linear, reading.clone(), &[Role::Facility, Role::Model]);
         let offsets = offset::Options { cut, allow_mismatch: mismatch, ..offset::Options::default() };
-        round("offset", offsets, reading, &[Role::Cpf, Role::Facility]);
-        round("freq", freq::Options { settling, ..freq::Options::default() }, reading, &[Role::Model]);
+        round("offset", offsets, reading.clone(), &[Role::Cpf, Role::Facility]);
+        round("freq", freq::Options { settling, ..freq::Options::default() }, reading.clone(), &[Role::Model]);
         round("freq", freq::Options::default(), Reading::default(), &[Role::Amplitudes]);
-        round("null", null::Options { order, ..null::Options::default() }, reading, &[Role::Cpf]);
+        round("null", null::Options { order, ..null::Options::default() }, reading.clone(), &[Role::Cpf]);
         let swept = sweep::Options {
             cut,
             window,
@@ -124,14 +133,14 @@ proptest! {
             lag,
             ..sweep::Options::default()
         };
-        round("sweep", swept, reading, &[Role::Facility, Role::Model]);
+        round("sweep", swept, reading.clone(), &[Role::Facility, Role::Model]);
         let groups = ThermalOptions { orders, joint, ..ThermalOptions::default() };
-        round("thermal", groups, reading, &[Role::Facility, Role::Model, Role::Centre, Role::OffCentre, Role::Offset]);
+        round("thermal", groups, reading.clone(), &[Role::Facility, Role::Model, Role::Centre, Role::OffCentre, Role::Offset]);
         let signal = signal.map(|volt| if volt { Signal::Voltage } else { Signal::Resistance });
         let polynomial = thermistor::Options { order: trend_order, signal, divider, compare, within_degc };
         round("thermistor", polynomial, Reading::default(), &[Role::Reference]);
-        round("coil scalar", scalar::Options { rack_channel: name.clone() }, reading, &[]);
-        round("coil residual", std::collections::BTreeMap::<String, f64>::new(), reading, &[]);
+        round("coil scalar", scalar::Options { rack_channel: name.clone() }, reading.clone(), &[]);
+        round("coil residual", std::collections::BTreeMap::<String, f64>::new(), reading.clone(), &[]);
         round("coil tilt", tilt::Options { sensor: name, keep_all: keep }, reading, &[Role::Facility]);
     }
 }

@@ -38,6 +38,7 @@ fn run(interval_s: f64, channels: &[(&str, Vec<f64>)]) -> Run {
         vectors: VectorAccount::default(),
         input: InputFile { path: "test".to_owned(), size_bytes: 0, sha256: String::new() },
         findings: Vec::new(),
+        exclusions: Vec::new(),
     }
 }
 

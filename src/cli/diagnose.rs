@@ -1,7 +1,8 @@
 //! `calfit diagnose`: find what the model misses.
 
+use super::options::{Excluding, without_excluded};
 use super::output::{Terminal, json};
-use super::{Common, Status, open, report_failures, status};
+use super::{Common, Status, open_without, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::run::Kind;
 use crate::diagnose::{self, Options};
@@ -46,6 +47,8 @@ pub(super) struct Arguments {
     /// Polynomials of the sensor (TPF): what linearity runs follow of a sensor temperature that moves is taken off.
     #[arg(long, value_name = "TPF")]
     temperature: Option<PathBuf>,
+    #[command(flatten)]
+    excluding: Excluding,
 }
 
 /// What `--json` prints for several runs.
@@ -61,7 +64,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
     let mut together = Across::default();
     let paths = parameters(&arguments.paths, &mut together, terminal)?;
-    let campaigns = if paths.is_empty() { Vec::new() } else { open(&paths, terminal)? };
+    let campaigns = if paths.is_empty() { Vec::new() } else { open_without(&paths, &arguments.excluding, terminal)? };
     let model = arguments.model.as_ref().map(|path| read_model(path)).transpose()?;
     let facility = facility(arguments.facility.as_ref())?;
     let mut inputs = Vec::new();
@@ -75,16 +78,17 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         given: model.as_ref().map(|(_, known)| known.given()).unwrap_or_default(),
         catalogue: Catalogue::default(),
     };
-    let (mut jobs, unmatched) = jobs(&campaigns, None);
+    let (all, unmatched) = jobs(&campaigns, None);
     terminal.unmatched(&unmatched);
+    let (mut jobs, excluded) = without_excluded(all);
     jobs.retain(|job| job.named || job.header.as_ref().is_none_or(|h| diagnose::takes(h.kind)));
-    if jobs.is_empty() && !paths.is_empty() {
+    if jobs.is_empty() && excluded.is_empty() && !paths.is_empty() {
         let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
         let rule = "holds no run with steps, sines, a sweep or zero field".to_owned();
         return Err(Finding::error(&shown.join(", "), rule, "list the runs with `calfit inspect`"));
     }
     Folder::open(&common.out, common.force)?;
-    let desk = common.desk();
+    let desk = common.desk_without(&arguments.excluding);
     let bar = terminal.progress(jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
     let results: Vec<Result<Diagnosed, Failure>> = jobs
@@ -120,6 +124,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
     let total = results.len();
     let (done, failures) = told(results, common, terminal)?;
+    if !common.json {
+        excluded.iter().for_each(|one| terminal.tell(&one.told()));
+    }
     let all: Vec<&Diagnosed> = done.iter().collect();
     if let Some(path) = &arguments.write_model {
         let given = model.map(|(file, _)| file.body.effect).unwrap_or_default();

@@ -1,7 +1,8 @@
 //! What `lin`, `offset`, `freq` and `null` do alike: every run of a kind on its own, in parallel, and a table of all.
 
+use super::options::{Excluded, Excluding, without_excluded};
 use super::output::{Terminal, json};
-use super::{Common, Status, jobs_of, open, report_failures, status};
+use super::{Common, Status, jobs_of, open_without, report_failures, status};
 use crate::data::error::Finding;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationFile};
@@ -18,19 +19,33 @@ struct Listing<'a, R> {
     runs: Vec<R>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     linearisation: Vec<LinearisedView<'a>>,
+    #[serde(skip_serializing_if = "<[Excluded]>::is_empty")]
+    excluded: &'a [Excluded],
     failed: Vec<&'a Finding>,
 }
 
 /// A result, or why there is none.
 pub(super) type Attempt<A> = Result<Made<<A as PerRun>::Result>, Failure>;
 
+/// The results of some runs, by their files, beside the runs that are left out by hand.
+pub(super) struct Results<A: PerRun> {
+    pub of_runs: Vec<(String, Attempt<A>)>,
+    pub excluded: Vec<Excluded>,
+}
+
 /// Analyses every run of the analysis' kind among the paths and writes its files.
-pub(super) fn run<A: PerRun>(analysis: &A, paths: &[PathBuf], common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    let campaigns = open(paths, terminal)?;
-    let jobs = jobs_of(&campaigns, paths, A::KIND, terminal)?;
+pub(super) fn run<A: PerRun>(
+    analysis: &A,
+    paths: &[PathBuf],
+    excluding: &Excluding,
+    common: &Common,
+    terminal: &Terminal,
+) -> Result<Status, Finding> {
+    let campaigns = open_without(paths, excluding, terminal)?;
+    let (jobs, excluded) = without_excluded(jobs_of(&campaigns, paths, A::KIND, terminal)?);
     let folder = Folder::open(&common.out, common.force)?;
     table_names(A::STEM).iter().try_for_each(|name| folder.check(name))?;
-    let desk = common.desk();
+    let desk = common.desk_without(excluding);
     let bar = terminal.progress(jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
     let results: Vec<Attempt<A>> = jobs
@@ -45,21 +60,22 @@ pub(super) fn run<A: PerRun>(analysis: &A, paths: &[PathBuf], common: &Common, t
         })
         .collect();
     bar.finish_and_clear();
-    finish::<A>(jobs.iter().map(|j| j.recorded.clone()).zip(results).collect(), &[], &folder, common, terminal)
+    let results = Results { of_runs: jobs.iter().map(|j| j.recorded.clone()).zip(results).collect(), excluded };
+    finish::<A>(results, &[], &folder, common, terminal)
 }
 
 /// Prints results, linearisations that they share, and failures, and writes the table of all runs.
 pub(super) fn finish<A: PerRun>(
-    results: Vec<(String, Attempt<A>)>,
+    Results { of_runs, excluded }: Results<A>,
     linearisation: &[Linearised],
     folder: &Folder,
     common: &Common,
     terminal: &Terminal,
 ) -> Result<Status, Finding> {
-    let total = results.len();
+    let total = of_runs.len() + excluded.len();
     let mut done: Vec<Made<A::Result>> = Vec::new();
     let mut failures = Vec::new();
-    for (name, result) in results {
+    for (name, result) in of_runs {
         match result {
             Ok(made) => {
                 made.result.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
@@ -73,7 +89,7 @@ pub(super) fn finish<A: PerRun>(
         let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
         let runs = done.iter().map(|r| r.view()).collect();
         let linearisation = linearisation.iter().map(LinearisedView::from).collect();
-        terminal.print(&json(&Listing { runs, linearisation, failed })?);
+        terminal.print(&json(&Listing { runs, linearisation, excluded: &excluded, failed })?);
     } else {
         for result in linearisation {
             let file = common.out.join(LinearisationFile::from(result).file_name());
@@ -82,6 +98,9 @@ pub(super) fn finish<A: PerRun>(
         for result in &done {
             terminal.tell(&format!("{}  -> {}\n", result.summary(), common.out.join(&result.head().id).display()));
         }
+    }
+    if !common.json {
+        excluded.iter().for_each(|one| terminal.tell(&one.told()));
     }
     #[cfg(feature = "tables")]
     if let Err(finding) = crate::workflow::publish_table::<A>(folder, &done) {

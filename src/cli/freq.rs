@@ -1,6 +1,6 @@
 //! `calfit freq`: sampling frequency and frequency response of every frequency run.
 
-use super::options::settling;
+use super::options::{Excluding, settling};
 use super::output::Terminal;
 use super::{Common, Status, each};
 use crate::data::error::Finding;
@@ -26,12 +26,14 @@ pub(super) struct Arguments {
     /// Model file of `calfit diagnose --write-model`: its effects are taken off the sines before the response is fitted.
     #[arg(long, value_name = "FILE", conflicts_with = "amplitudes")]
     model: Option<PathBuf>,
+    #[command(flatten)]
+    excluding: Excluding,
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let options = Options { settling: arguments.settling, model: known(arguments.model.as_ref())? };
     if arguments.amplitudes.is_empty() {
-        return each::run(&options, &arguments.paths, common, terminal);
+        return each::run(&options, &arguments.paths, &arguments.excluding, common, terminal);
     }
     let folder = Folder::open(&common.out, common.force)?;
     let desk = common.desk();
@@ -53,5 +55,5 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         findings.iter().for_each(|f| terminal.finding(f));
         results.push((path.display().to_string(), made));
     }
-    each::finish::<Options>(results, &[], &folder, common, terminal)
+    each::finish::<Options>(each::Results { of_runs: results, excluded: Vec::new() }, &[], &folder, common, terminal)
 }

@@ -1,9 +1,9 @@
 //! `calfit lin`: the linear calibration of every linearity run.
 
 use super::each::Attempt;
-use super::options::{Cut, ValueError};
+use super::options::{Cut, Excluding, ValueError, without_excluded};
 use super::output::Terminal;
-use super::{Allow, Common, Status, each, jobs_of, open};
+use super::{Allow, Common, Status, each, jobs_of, open_without};
 use crate::data::error::Finding;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationFile};
@@ -28,6 +28,8 @@ pub(super) struct Arguments {
     /// Linearise the readings with the polynomials of a LINEARISATION file.
     #[arg(long, value_name = "FILE")]
     linearisation: Option<PathBuf>,
+    #[command(flatten)]
+    excluding: Excluding,
     #[command(flatten)]
     fit: FitOptions,
 }
@@ -91,19 +93,25 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let linearisation = linearisation(arguments.linearisation.as_ref())?;
     let options = Options { linearisation, ..arguments.fit.options(common)? };
     if arguments.linearise {
-        linearise(&options, &arguments.paths, common, terminal)
+        linearise(&options, &arguments.paths, &arguments.excluding, common, terminal)
     } else {
-        each::run(&options, &arguments.paths, common, terminal)
+        each::run(&options, &arguments.paths, &arguments.excluding, common, terminal)
     }
 }
 
 /// Fits every run, then those of each sensor and mode together, and writes what was found together before the runs that rest on it.
-fn linearise(options: &Options, paths: &[PathBuf], common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    let campaigns = open(paths, terminal)?;
-    let jobs = jobs_of(&campaigns, paths, Options::KIND, terminal)?;
+fn linearise(
+    options: &Options,
+    paths: &[PathBuf],
+    excluding: &Excluding,
+    common: &Common,
+    terminal: &Terminal,
+) -> Result<Status, Finding> {
+    let campaigns = open_without(paths, excluding, terminal)?;
+    let (jobs, excluded) = without_excluded(jobs_of(&campaigns, paths, Options::KIND, terminal)?);
     let folder = Folder::open(&common.out, common.force)?;
     table_names(Options::STEM).iter().try_for_each(|name| folder.check(name))?;
-    let desk = common.desk();
+    let desk = common.desk_without(excluding);
     let bar = terminal.progress(jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
     let first: Vec<Attempt<Options>> = jobs
@@ -147,5 +155,5 @@ fn linearise(options: &Options, paths: &[PathBuf], common: &Common, terminal: &T
             Err(finding) => results.push((names.join(", "), Err(Failure::Refused(finding)))),
         }
     }
-    each::finish::<Options>(results, &found, &folder, common, terminal)
+    each::finish::<Options>(each::Results { of_runs: results, excluded }, &found, &folder, common, terminal)
 }

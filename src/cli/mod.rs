@@ -28,6 +28,7 @@ use crate::files::campaign::Campaign;
 use crate::workflow::{Desk, Failure, Job, jobs};
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
+use options::Excluding;
 pub use output::Output;
 use output::Terminal;
 use std::ffi::OsString;
@@ -163,7 +164,13 @@ impl Common {
             plots: !self.no_plots,
             allow_truncated: self.allows(Allow::Truncated),
             allow_duplicates: self.allows(Allow::Duplicates),
+            exclude: Vec::new(),
         }
+    }
+
+    /// The same, with what is left out by hand.
+    fn desk_without(&self, excluding: &Excluding) -> Desk {
+        Desk { exclude: excluding.exclude.clone(), ..self.desk() }
     }
 }
 
@@ -265,8 +272,13 @@ fn execute(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
 
 /// Opens the campaigns of a list of paths and shows what `campaign.toml` is warned about.
 fn open(paths: &[PathBuf], terminal: &Terminal) -> Result<Vec<Campaign>, Finding> {
+    open_without(paths, &Excluding::default(), terminal)
+}
+
+/// The same, with what is left out by hand.
+fn open_without(paths: &[PathBuf], excluding: &Excluding, terminal: &Terminal) -> Result<Vec<Campaign>, Finding> {
     let mut findings = Vec::new();
-    let campaigns = Campaign::open(paths, &mut findings)?;
+    let campaigns = Campaign::open_without(paths, &excluding.exclude, &mut findings)?;
     findings.iter().for_each(|f| terminal.finding(f));
     Ok(campaigns)
 }

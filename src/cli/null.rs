@@ -1,5 +1,6 @@
 //! `calfit null`: offset drift, noise and correlations of every zero-field run.
 
+use super::options::Excluding;
 use super::output::Terminal;
 use super::{Common, Status, each};
 use crate::data::error::Finding;
@@ -19,9 +20,11 @@ pub(super) struct Arguments {
     /// Linear calibration of the same sensor and mode: its sensitivities give reading, drift and noise in nT as well.
     #[arg(long, value_name = "FILE")]
     cpf: Option<PathBuf>,
+    #[command(flatten)]
+    excluding: Excluding,
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let options = Options { order: usize::from(arguments.order), cpf: sensitivities(arguments.cpf.as_ref())? };
-    each::run(&options, &arguments.paths, common, terminal)
+    each::run(&options, &arguments.paths, &arguments.excluding, common, terminal)
 }

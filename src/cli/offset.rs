@@ -1,6 +1,6 @@
 //! `calfit offset`: sensor offset and residual field of every offset run.
 
-use super::options::Cut;
+use super::options::{Cut, Excluding};
 use super::output::Terminal;
 use super::{Allow, Common, Status, each};
 use crate::data::error::Finding;
@@ -21,6 +21,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE")]
     facility: Option<PathBuf>,
     #[command(flatten)]
+    excluding: Excluding,
+    #[command(flatten)]
     cut: Cut,
 }
 
@@ -31,5 +33,5 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         cpf: sensitivities(arguments.cpf.as_ref())?,
         facility: facility(arguments.facility.as_ref())?,
     };
-    each::run(&options, &arguments.paths, common, terminal)
+    each::run(&options, &arguments.paths, &arguments.excluding, common, terminal)
 }

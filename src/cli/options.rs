@@ -1,9 +1,13 @@
 //! Options that several commands share, and their values.
 
+use crate::data::exclusion::Exclusion;
 use crate::data::plateau::{self, LEAST_COVERAGE, Settling};
+use crate::data::run::Header;
 use crate::data::thermistor::HIGHEST_ORDER;
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES};
+use crate::workflow::Job;
 use clap::Args;
+use serde::Serialize;
 
 /// Which part of a plateau is used.
 #[derive(Args, Clone, Copy, Debug)]
@@ -20,6 +24,48 @@ impl From<Cut> for plateau::Cut {
     fn from(cut: Cut) -> Self {
         Self { settling: cut.settling, least_coverage: cut.coverage }
     }
+}
+
+/// What is left out by hand.
+#[derive(Args, Clone, Debug, Default)]
+pub(super) struct Excluding {
+    /// Leave out a run, a setting of it by its number from 1, or a stretch in seconds since its start, and say why: the reason stands in
+    /// the results. Repeatable; `[[exclude]]` of campaign.toml says the same.
+    #[arg(long, value_name = "RUN[#SETTING|:FROM-UNTIL]=REASON")]
+    pub exclude: Vec<Exclusion>,
+}
+
+/// A run that is left out by hand.
+#[derive(Serialize)]
+pub(super) struct Excluded {
+    /// Run id.
+    pub run: String,
+    /// Why.
+    pub reason: String,
+    /// What its file says at its head, if that can be read.
+    #[serde(skip)]
+    pub header: Option<Header>,
+}
+
+impl Excluded {
+    /// A line for the terminal.
+    pub fn told(&self) -> String {
+        format!("{}: left out by hand: {}\n", self.run, self.reason)
+    }
+}
+
+/// The runs that are to be analysed, and those that are left out by hand.
+pub(super) fn without_excluded(jobs: Vec<Job>) -> (Vec<Job>, Vec<Excluded>) {
+    let mut excluded = Vec::new();
+    let stays = |job: &Job| match &job.excluded {
+        Some(reason) => {
+            excluded.push(Excluded { run: job.id(), reason: reason.clone(), header: job.header.clone() });
+            false
+        }
+        None => true,
+    };
+    let jobs = jobs.into_iter().filter(stays).collect();
+    (jobs, excluded)
 }
 
 /// Why the value of an option is refused: what to write in its place.

@@ -92,10 +92,10 @@ impl<'a> Terminal<'a> {
         }
     }
 
-    /// Entries of `campaign.toml` that go with no run.
+    /// Entries of `campaign.toml` and options that go with no run.
     pub fn unmatched(&self, entries: &[String]) {
         for entry in entries {
-            self.warning(&format!("campaign.toml: {entry} goes with no run of the campaign; check its spelling"));
+            self.warning(&format!("{entry} goes with no run of the campaign; check its spelling"));
         }
     }
 

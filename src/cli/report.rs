@@ -1,13 +1,15 @@
 //! `calfit report`: every analysis that the campaign allows, all files, the protocol.
 
+use super::options::{Excluded, Excluding, without_excluded};
 use super::output::{Terminal, json};
 use super::thermal::{LAG, lag, order, sort_centres, sort_results, warn_of_model};
-use super::{Common, Status, open, report_failures, status};
+use super::{Common, Status, open_without, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::Recipe;
 use crate::data::run::{Kind, Run};
+use crate::data::run_state::{Outcome, RunState};
 use crate::data::start::Start;
 use crate::files::campaign::Campaign;
 use crate::files::output::Folder;
@@ -18,7 +20,7 @@ use crate::measure::sweep::{self, LagChoice};
 use crate::measure::{thermal, thermistor};
 use crate::plot::{self, Named};
 use crate::show::document::{Section, Text};
-use crate::show::protocol::{self, OtherPart, Protocol, ThermalPart};
+use crate::show::protocol::{self, OtherPart, Protocol, RunPart, ThermalPart};
 use crate::show::{self, Drawn, html, markdown};
 use crate::workflow::{
     Analyses, CentreMade, CoilMade, CoilResult, CoilRun, Desk, Failure, Measured, NoGround, ThermalInput, ThermalOptions,
@@ -48,6 +50,8 @@ pub(super) struct Arguments {
     /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings of linearity runs and sweeps and off sines.
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
+    #[command(flatten)]
+    excluding: Excluding,
 }
 
 /// The options that a report records.
@@ -70,22 +74,25 @@ struct Listing<'a> {
     coil: Vec<String>,
     thermistors: Vec<String>,
     protocol: [&'static str; 2],
+    #[serde(skip_serializing_if = "<[Excluded]>::is_empty")]
+    excluded: &'a [Excluded],
     failed: Vec<&'a Finding>,
 }
 
 const FILES: [&str; 2] = ["REPORT.md", "REPORT.html"];
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    let campaigns = open(std::slice::from_ref(&arguments.campaign), terminal)?;
+    let campaigns = open_without(std::slice::from_ref(&arguments.campaign), &arguments.excluding, terminal)?;
     let campaign = campaigns
         .first()
         .ok_or_else(|| Finding::error(&arguments.campaign.display().to_string(), "is no campaign", "name a campaign folder"))?;
     let folder = Folder::open(&common.out, common.force)?;
     FILES.iter().try_for_each(|name| folder.check(name))?;
-    let desk = common.desk();
+    let desk = common.desk_without(&arguments.excluding);
     let mut failures: Vec<(String, Failure)> = Vec::new();
-    let (jobs, unmatched) = jobs(&campaigns, None);
+    let (all, unmatched) = jobs(&campaigns, None);
     terminal.unmatched(&unmatched);
+    let (jobs, excluded) = without_excluded(all);
 
     let facility = facility(arguments.facility.as_ref())?;
     let model = known(arguments.model.as_ref())?;
@@ -175,7 +182,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let recorded = RecordedOptions { across: ThermalOptions { joint: false, ..options }, lag: arguments.lag };
     let document = protocol::document(&Protocol {
         campaign,
-        runs: measured.iter().zip(&figures).map(|(measured, figures)| measured.part(figures)).collect(),
+        runs: run_parts(&measured, &figures, &excluded),
         thermals: groups
             .iter()
             .map(|g| ThermalPart { thermal: &g.thermal, file_name: g.file.file_name(), figures: &g.figures })
@@ -208,9 +215,11 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             coil: coil.files,
             thermistors: thermistors.others.files,
             protocol: FILES,
+            excluded: &excluded,
             failed,
         })?);
     } else {
+        excluded.iter().for_each(|one| terminal.tell(&one.told()));
         for one in &groups {
             terminal.tell(&show::thermal::summary(&one.thermal));
         }
@@ -361,6 +370,20 @@ impl Others {
         self.parts.push(OtherPart { title: made.result.title(), sections: (R::SHOWN.sections)(&made.result, &name), figures });
         self.files.push(name);
     }
+}
+
+/// All runs in the order of their ids, which is that of their start.
+fn run_parts<'a>(measured: &'a [Measured], figures: &'a [Vec<Drawn>], excluded: &'a [Excluded]) -> Vec<RunPart<'a>> {
+    let mut parts: Vec<RunPart> = measured.iter().zip(figures).map(|(measured, figures)| measured.part(figures)).collect();
+    parts.extend(excluded.iter().map(|one| RunPart {
+        id: one.run.clone(),
+        header: one.header.as_ref(),
+        run: None,
+        outcome: Outcome::new(RunState::Excluded, one.reason.as_str()),
+        analysis: None,
+    }));
+    parts.sort_by(|a, b| a.id.cmp(&b.id));
+    parts
 }
 
 /// Runs in the order of their start.

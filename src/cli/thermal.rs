@@ -1,8 +1,8 @@
 //! `calfit thermal`: temperature polynomials across the runs of every sensor and mode.
 
-use super::options::ValueError;
+use super::options::{Excluding, ValueError, without_excluded};
 use super::output::{Terminal, json};
-use super::{Common, Status, open, report_failures, status};
+use super::{Common, Status, open_without, report_failures, status};
 use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
 use crate::data::note::NoteKind;
@@ -14,7 +14,7 @@ use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntr
 use crate::record::known::Known;
 use crate::show;
 use crate::workflow::{
-    Analyses, CentreMade, Failure, Measured, NoThermal, PairFiles, RunResult, ThermalInput, ThermalOptions, ThermalShown,
+    Analyses, CentreMade, Desk, Failure, Measured, NoThermal, PairFiles, RunResult, ThermalInput, ThermalOptions, ThermalShown,
     facility, jobs, known, refer, settle,
 };
 use clap::Args;
@@ -62,6 +62,8 @@ pub(super) struct Arguments {
     /// Offset measured by turning the sensor: tells offset and residual field of the temperature cycle apart.
     #[arg(long, value_name = "OPF", requires = "centre")]
     offset: Option<PathBuf>,
+    #[command(flatten)]
+    excluding: Excluding,
 }
 
 pub(super) fn order(text: &str) -> Result<(String, usize), ValueError> {
@@ -123,11 +125,13 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let mut failures: Vec<(String, Failure)> = Vec::new();
     let mut input = ThermalInput::default();
     read_files(&files, &mut input, terminal, &mut failures);
-    let campaigns = if campaign_paths.is_empty() { Vec::new() } else { open(&campaign_paths, terminal)? };
+    let campaigns =
+        if campaign_paths.is_empty() { Vec::new() } else { open_without(&campaign_paths, &arguments.excluding, terminal)? };
     if campaigns.is_empty() {
         refuse_without_runs(&options)?;
     }
-    let (mut measured, total) = measure(&campaigns, &arguments.analyses(&options), common, terminal, &mut failures);
+    let desk = common.desk_without(&arguments.excluding);
+    let (mut measured, total) = measure(&campaigns, &arguments.analyses(&options), &desk, terminal, &mut failures);
     warn_of_model(options.model.as_ref(), &measured, terminal);
     let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
     settle(&mut measured, &entries, &options.orders);
@@ -136,7 +140,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         input.leave_out_centre(pair);
     }
     let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
-    let results = input.groups(&lins, &entries, &options, &common.desk());
+    let results = input.groups(&lins, &entries, &options, &desk);
     let has_temperature = |p: &CalibratedRun| p.run.temperature_degc.is_some_and(f64::is_finite);
     if !input.points().is_empty() && !input.points().iter().any(has_temperature) {
         failures.push(no_temperature(input.points()));
@@ -148,11 +152,11 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         input.without_centre(&groups).iter().for_each(|note| terminal.warning(&note.to_string()));
     }
     let taken = match &pair {
-        Some(pair) => input.to_centre(pair, &polynomials, &groups, &options, &common.desk()),
-        None => input.to_own_centre(&groups, &options, &common.desk()),
+        Some(pair) => input.to_centre(pair, &polynomials, &groups, &options, &desk),
+        None => input.to_own_centre(&groups, &options, &desk),
     };
-    refer(&mut measured, Vec::new(), &groups, &common.desk());
-    publish_runs(&measured, common, terminal, &mut failures);
+    refer(&mut measured, Vec::new(), &groups, &desk);
+    publish_runs(&measured, &desk, terminal, &mut failures);
     let done = Done {
         centres: sort_centres(taken, &mut failures, terminal),
         sweeps: measured.iter().filter_map(Measured::sweep).collect(),
@@ -344,20 +348,21 @@ pub(super) fn warn_of_model(model: Option<&Known>, measured: &[Measured], termin
 fn measure(
     campaigns: &[Campaign],
     analyses: &Analyses,
-    common: &Common,
+    desk: &Desk,
     terminal: &Terminal,
     failures: &mut Vec<(String, Failure)>,
 ) -> (Vec<Measured>, usize) {
-    let (mut jobs, unmatched) = jobs(campaigns, None);
+    let (all, unmatched) = jobs(campaigns, None);
     terminal.unmatched(&unmatched);
+    let (mut jobs, excluded) = without_excluded(all);
+    excluded.iter().for_each(|one| terminal.warning(one.told().trim_end()));
     jobs.retain(|job| job.named || job.header.as_ref().is_none_or(|h| h.kind.is_thermal() && job.campaign.uses(h)));
     let bar = terminal.progress(jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
-    let desk = common.desk();
     let results: Vec<Result<Measured, Failure>> = jobs
         .par_iter()
         .map(|job| {
-            let made = analyses.make(job, &desk, two_threads);
+            let made = analyses.make(job, desk, two_threads);
             bar.inc(1);
             made
         })
@@ -374,9 +379,8 @@ fn measure(
 }
 
 /// Writes what every run gave, and says what a person should know of it.
-fn publish_runs(measured: &[Measured], common: &Common, terminal: &Terminal, failures: &mut Vec<(String, Failure)>) {
-    let desk = common.desk();
-    let written: Vec<Result<_, Finding>> = measured.par_iter().map(|one| one.publish(&desk, true)).collect();
+fn publish_runs(measured: &[Measured], desk: &Desk, terminal: &Terminal, failures: &mut Vec<(String, Failure)>) {
+    let written: Vec<Result<_, Finding>> = measured.par_iter().map(|one| one.publish(desk, true)).collect();
     for (one, result) in measured.iter().zip(written) {
         let name = one.run().map_or_else(String::new, |run| run.input.path.clone());
         one.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));

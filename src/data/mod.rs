@@ -6,6 +6,7 @@ pub mod calibration;
 pub mod convention;
 pub mod envelope;
 pub mod error;
+pub mod exclusion;
 pub mod flags;
 pub mod frequency;
 pub mod linearisation;

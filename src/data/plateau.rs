@@ -73,6 +73,11 @@ pub enum Drop {
     },
     /// The setting is a sine.
     Sine,
+    /// It, or so much of it that the rest is too little, is left out by hand.
+    Excluded {
+        /// Why.
+        because: String,
+    },
 }
 
 impl fmt::Display for Drop {
@@ -84,6 +89,7 @@ impl fmt::Display for Drop {
             Drop::Saturated { component } => write!(f, "{} rests at the end of its range", name(component)),
             Drop::FieldLimit { component, limit_nt } => write!(f, "field beyond ±{limit_nt} nT on {}", name(component)),
             Drop::Sine => write!(f, "the field is a sine, not constant"),
+            Drop::Excluded { because } => write!(f, "left out by hand: {because}"),
         }
     }
 }
@@ -449,7 +455,15 @@ impl Accumulator {
 /// The plateaus of a run: those that the file brings, or those of the vectors that were read.
 #[must_use]
 pub fn of_run(run: &Run, vectors: Accumulator, cut: Cut) -> Plateaus {
-    if run.blocks.is_empty() { vectors.finish(cut) } else { from_blocks(&run.blocks) }
+    let mut plateaus = if run.blocks.is_empty() { vectors.finish(cut) } else { from_blocks(&run.blocks) };
+    for plateau in &mut plateaus.list {
+        // Of samples what is left may be enough; a mean that the file brings cannot be divided.
+        let lacks = matches!(plateau.dropped, Some(Drop::NoSamples | Drop::Coverage { .. })) || !run.blocks.is_empty();
+        if let Some(because) = run.excluded_because(plateau.index, &plateau.setting).filter(|_| lacks) {
+            plateau.dropped = Some(Drop::Excluded { because: because.to_owned() });
+        }
+    }
+    plateaus
 }
 
 /// Plateaus that the file brings ready made.

@@ -2,6 +2,7 @@
 //!
 //! Files that were made before there were recipes have the command alone; [`Recipe::of_command`] is the one place that reads it.
 
+use super::exclusion::Exclusion;
 use super::provenance::{Input, Role};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -16,13 +17,13 @@ pub struct Recipe {
     /// Its options that have an influence on the numbers.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub options: Map<String, Value>,
-    /// What was allowed when the run files were read.
+    /// What was allowed when the run files were read, and left out of them.
     #[serde(default, skip_serializing_if = "Reading::is_strict")]
     pub reading: Reading,
 }
 
-/// What is allowed of run files.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// What is allowed of run files, and what is left out of them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
     /// They may end before `@END`.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -30,6 +31,9 @@ pub struct Reading {
     /// They may have many repeated rows.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub allow_duplicates: bool,
+    /// What was left out by hand beside what the campaign file says.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub exclude: Vec<Exclusion>,
 }
 
 impl Reading {
@@ -228,6 +232,7 @@ impl Recipe {
         if let Some(flag) = recorded.and_then(|a| a.flag) {
             text.push_str(&format!(" --{flag}"));
         }
+        text.extend(self.reading.exclude.iter().map(|e| format!(" --exclude '{e}'")));
         text
     }
 
@@ -270,6 +275,10 @@ impl Recipe {
         match (option, value) {
             ("allow", "truncated") => self.reading.allow_truncated = true,
             ("allow", "duplicates") => self.reading.allow_duplicates = true,
+            ("exclude", quoted) => {
+                let text = quoted.strip_prefix('\'').and_then(|q| q.strip_suffix('\'')).ok_or_else(wrong)?;
+                self.reading.exclude.push(text.parse().map_err(|_| wrong())?);
+            }
             _ => {
                 let mut forms = OPTIONS.iter().filter(|(_, o, _)| *o == option).peekable();
                 forms.peek().ok_or_else(|| RecipeError::Option(option.to_owned()))?;

@@ -1,6 +1,7 @@
 //! A run as data: header, settings, slow channels, and the account of its vectors.
 
 use crate::data::error::Finding;
+use crate::data::exclusion::Exclusion;
 use crate::data::start::Start;
 use crate::data::units::{FieldCoil, Reading};
 use serde::{Deserialize, Serialize};
@@ -267,6 +268,8 @@ pub struct VectorAccount {
     pub lost: u64,
     /// Repeated rows that were left out.
     pub duplicates: u64,
+    /// Samples that were read and left out by hand.
+    pub excluded: u64,
     /// The gaps; at most [`VectorAccount::MOST_GAPS`] are kept, `lost` counts all.
     pub gaps: Vec<Gap>,
     /// Number of gaps.
@@ -314,6 +317,8 @@ pub struct Run {
     pub input: InputFile,
     /// Warnings and notes made while reading.
     pub findings: Vec<Finding>,
+    /// Parts that are left out by hand; the vectors of these did not go to the sink.
+    pub exclusions: Vec<Exclusion>,
 }
 
 impl Run {

@@ -75,6 +75,10 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     let mut measured = amplitudes(&tones, &applied.records, &clock);
     for (part, setting) in measured.iter_mut().zip(&applied.settings) {
         part.frequency_hz = setting.frequency_hz;
+        // A sine of which nothing is left has that for a reason, and not its missing samples.
+        if let Some(because) = run.excluded_because_at(setting).filter(|_| part.used_s.is_none()) {
+            part.remark = format!("left out by hand: {because}");
+        }
         take_off(&applied.known, part);
     }
     notes.extend(clock.notes(&rates, &applied.settings));

@@ -105,7 +105,7 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
     let found = ZeroFieldFound {
         run: conditions::head(run, instructions, &temperatures),
         record: RecordExtent {
-            samples: run.vectors.count,
+            samples: run.vectors.count - run.vectors.excluded,
             lost: run.vectors.lost,
             gaps: run.vectors.gap_count,
             bridged: record.filled,
@@ -142,9 +142,10 @@ fn check(run: &Run) -> Result<[f64; 2], NullError> {
     if run.settings.windows(2).any(|pair| pair[0].position != pair[1].position) {
         return Err(NullError::Positions);
     }
+    let count = run.vectors.count - run.vectors.excluded;
     match run.vectors.span_s {
-        Some(span_s) if run.vectors.count >= LEAST_SAMPLES => Ok(span_s),
-        _ => Err(NullError::TooShort(run.vectors.count)),
+        Some(span_s) if count >= LEAST_SAMPLES => Ok(span_s),
+        _ => Err(NullError::TooShort(count)),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::temperature_faults;
 use crate::data::error::Severity;
+use crate::data::exclusion::ExcludedPart;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::result::{Conditions, Dropped, RunHead, Spread};
@@ -290,8 +291,21 @@ pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Pla
     }
 }
 
-/// Lost samples, faults of temperature channels, and what the reader found.
+/// What was left out of a run by hand.
+pub fn excluded(run: &Run) -> impl Iterator<Item = Note> {
+    let count = run.settings.len().max(run.blocks.len()).max(run.scalar.len());
+    run.exclusions.iter().map(move |exclusion| match exclusion.part {
+        ExcludedPart::Setting(number) if number > count => {
+            let text = format!("the setting {number} that is to be left out by hand is none of the {count} of the run");
+            Note::new(NoteKind::LeftOut, text).with_remedy("correct its number")
+        }
+        _ => Note::new(NoteKind::LeftOut, format!("{} was left out by hand: {}", exclusion.what(), exclusion.reason)),
+    })
+}
+
+/// What was left out by hand, lost samples, faults of temperature channels, and what the reader found.
 pub fn warn_of_run(notes: &mut impl Extend<Note>, run: &Run, instructions: &Instructions) {
+    notes.extend(excluded(run));
     notes.extend(temperature_faults::notes(run, instructions));
     if run.vectors.lost > 0 {
         notes.extend([Note::new(

@@ -5,10 +5,12 @@ mod mathematics;
 
 use super::document::{Block, Cell, Document, Figure, Section, Table, Text, cells};
 use super::{Drawn, inputs, mode_at, or_not_stated, runs, thermal};
+use crate::data::exclusion::Exclusion;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Provenance;
 use crate::data::result::RunHead;
-use crate::data::run::{Location, Run, time_of_id};
+use crate::data::run::{Header, Location, Run, time_of_id};
+use crate::data::run_state::{Outcome, RunState};
 use crate::data::start::Start;
 use crate::files::campaign::Campaign;
 use crate::files::campaign::file::CampaignFile;
@@ -16,8 +18,14 @@ use crate::measure::thermal::{Kind, Thermal};
 
 /// A run in the protocol.
 pub struct RunPart<'a> {
-    /// The run as it was read.
+    /// Run id.
+    pub id: String,
+    /// What its file says at its head, if that can be read.
+    pub header: Option<&'a Header>,
+    /// The run as it was read; absent for one that was refused or left out.
     pub run: Option<&'a Run>,
+    /// What became of it, and why.
+    pub outcome: Outcome,
     /// What its analysis gave; absent for a run without one.
     pub analysis: Option<AnalysisPart<'a>>,
 }
@@ -146,7 +154,7 @@ fn day_name(day: &str) -> String {
 fn days<'a, 'b>(runs: &'b [RunPart<'a>]) -> Vec<(String, Vec<&'b RunPart<'a>>)> {
     let mut days: Vec<(String, Vec<&RunPart>)> = Vec::new();
     for part in runs {
-        let id = part.run.map_or("", |r| r.header.run.as_str());
+        let id = part.id.as_str();
         let day = id.split('_').next().unwrap_or(id);
         match days.last_mut() {
             Some((last, list)) if last == day => list.push(part),
@@ -214,7 +222,7 @@ fn introduction(p: &Protocol) -> Section {
         .with(positions)
         .with("Sensors and modes, temperature channels and limits of the applied field along the nominal sensor axes:")
         .with(table);
-    Section::new("Introduction").with_sections([setup])
+    Section::new("Introduction").with_sections(std::iter::once(setup).chain(left_out_by_hand(p.campaign)))
 }
 
 /// Sensor, mode, location and analysis.
@@ -230,13 +238,8 @@ fn measurements<'a>(
     shown: &mut Vec<Shown<'a>>,
     figure: &mut usize,
 ) -> Section {
-    let lines: Vec<(runs::RunLine, String)> = parts
-        .iter()
-        .filter_map(|part| part.run)
-        .map(|run| (runs::RunLine::of(run), p.campaign.file.instructions.channels(&run.header).0))
-        .collect();
     let mut chapter = Section::new(format!("Measurements on {}", day_name(day)))
-        .with_sections([Section::new("Data").with(runs::day_list(&lines))]);
+        .with_sections([Section::new("Data").with(data_of_the_day(p, parts))]);
     let analyses: Vec<&AnalysisPart> = parts.iter().filter_map(|part| part.analysis.as_ref()).collect();
     for &part in &analyses {
         let key = (part.head.sensor.as_str(), part.head.mode.as_str(), part.head.location, part.name);
@@ -252,6 +255,58 @@ fn measurements<'a>(
         chapter.sections.push(Section::new("Results of the day").with(words).with(results_of_the_day(&analyses)));
     }
     chapter
+}
+
+/// All runs of a day, narrow enough for an upright page. The temperature is that of the result where there is one.
+fn data_of_the_day(p: &Protocol, parts: &[&RunPart]) -> Table {
+    let row = |part: &&RunPart| {
+        let text = |get: fn(&Header) -> &str| part.header.map_or(Cell::Missing("-"), |h| or_not_stated(get(h)).into());
+        let configuration = part.header.map_or(Cell::Missing("-"), |h| match h.configuration.as_str() {
+            "" => h.kind.to_string().into(),
+            name => name.into(),
+        });
+        let line = part.run.map(runs::RunLine::of);
+        let of_line = |get: &dyn Fn(&runs::RunLine) -> Cell| line.as_ref().map_or(Cell::Missing("-"), get);
+        let of_channel = || {
+            let line = line.as_ref()?;
+            let channel = p.campaign.file.instructions.channels(part.header?).0;
+            line.temperatures.iter().find(|t| t.channel == channel).map(|t| t.degc[1])
+        };
+        let degc = part.analysis.as_ref().map_or_else(of_channel, |analysis| analysis.head.temperature_degc);
+        cells![
+            &part.id,
+            configuration,
+            text(|h| &h.sensor),
+            text(|h| &h.mode),
+            of_line(&|l| l.vectors.into()),
+            of_line(&|l| l.lost.into()),
+            of_line(&|l| runs::duration(l.duration_s).into()),
+            degc.map_or(Cell::Missing("-"), |degc| Cell::fixed(degc, 1)),
+            in_words(&part.outcome),
+        ]
+    };
+    let head = ["run", "configuration", "sensor", "mode", "vectors", "lost", "duration", "sensor, °C", "what became of it"];
+    Table::new(head).with_rows(parts.iter().map(row))
+}
+
+/// What became of a run, in words.
+fn in_words(outcome: &Outcome) -> String {
+    let state = match outcome.state {
+        RunState::Done => "analysed",
+        RunState::Refused => "refused",
+        RunState::Excluded => "left out by hand",
+        RunState::Gone => "its file is gone",
+        RunState::NotApplicable => "not analysed",
+    };
+    outcome.reason.as_ref().map_or_else(|| state.to_owned(), |reason| format!("{state}: {reason}"))
+}
+
+/// What was left out by hand, with the reasons; nothing where nothing was.
+fn left_out_by_hand(campaign: &Campaign) -> Option<Section> {
+    let all: Vec<&Exclusion> = campaign.file.exclude.iter().chain(&campaign.exclude).collect();
+    let rows = all.iter().map(|e| cells![&e.run, e.what(), &e.reason]);
+    let table = Table::new(["run", "what", "reason"]).with_rows(rows);
+    (!all.is_empty()).then(|| Section::new("Left out by hand").with(table))
 }
 
 /// An analysis in full.

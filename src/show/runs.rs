@@ -139,28 +139,8 @@ pub fn run_list(lines: &[RunLine]) -> Table {
     table
 }
 
-/// The list of a day in a protocol, narrow enough for an upright page; `sensor_channel` gives the channel of the sensor temperature.
-#[must_use]
-pub fn day_list(lines: &[(RunLine, String)]) -> Table {
-    let mut table = Table::new(["run", "configuration", "sensor", "mode", "vectors", "lost", "duration", "sensor, °C"]);
-    for (l, sensor_channel) in lines {
-        let temperature = l.temperatures.iter().find(|t| t.channel == *sensor_channel);
-        let configuration = if l.configuration.is_empty() { l.kind.to_string() } else { l.configuration.clone() };
-        table.push(cells![
-            &l.run,
-            configuration,
-            or_not_stated(&l.sensor),
-            or_not_stated(&l.mode),
-            l.vectors,
-            l.lost,
-            duration(l.duration_s),
-            temperature.map_or(Cell::Missing("-"), |t| Cell::fixed(t.degc[1], 1)),
-        ]);
-    }
-    table
-}
-
-fn duration(seconds: f64) -> String {
+/// A duration as people write it.
+pub(super) fn duration(seconds: f64) -> String {
     let total = seconds.round();
     let (hours, minutes) = ((total / 3600.0).floor(), (total / 60.0).floor() % 60.0);
     if hours > 0.0 { format!("{hours:.0} h {minutes:02.0} min") } else { format!("{minutes:.0} min {:02.0} s", total % 60.0) }

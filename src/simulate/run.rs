@@ -202,6 +202,7 @@ impl<'a> SimulatedRun<'a> {
             vectors,
             input: InputFile { path: self.header.run.clone(), size_bytes: 0, sha256: String::new() },
             findings: Vec::new(),
+            exclusions: Vec::new(),
         }
     }
 

@@ -146,6 +146,7 @@ pub fn again(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Aga
     let desk = &Desk {
         allow_truncated: recipe.reading.allow_truncated,
         allow_duplicates: recipe.reading.allow_duplicates,
+        exclude: recipe.reading.exclude.clone(),
         ..desk.clone()
     };
     match recipe.analysis.as_str() {
@@ -166,7 +167,7 @@ pub fn again(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Aga
 /// Analyses runs, each on its own.
 pub(super) fn runs<A: PerRun>(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), AgainError> {
     let options = recipe.options::<A>()?.with_files(with)?;
-    of_runs(&with.data, A::KIND, |jobs| {
+    of_runs(&with.data, A::KIND, desk, |jobs| {
         for job in jobs {
             let made = make(&options, job, desk, false)?;
             publish::<A>(&made, desk, &made.result.parameters().file_name())?;
@@ -175,9 +176,22 @@ pub(super) fn runs<A: PerRun>(recipe: &Recipe, with: &Ingredients, desk: &Desk) 
     })
 }
 
+/// Opens the campaigns of run files, of which the same is left out as before.
+fn campaigns(paths: &[PathBuf], desk: &Desk) -> Result<Vec<Campaign>, Finding> {
+    if paths.is_empty() {
+        return Ok(Vec::new());
+    }
+    Campaign::open_without(paths, &desk.exclude, &mut Vec::new())
+}
+
 /// Opens the campaigns of run files and hands the runs of a kind over.
-fn of_runs(paths: &[PathBuf], kind: Kind, follow: impl FnOnce(&[Job]) -> Result<(), AgainError>) -> Result<(), AgainError> {
-    let campaigns = if paths.is_empty() { Vec::new() } else { Campaign::open(paths, &mut Vec::new())? };
+fn of_runs(
+    paths: &[PathBuf],
+    kind: Kind,
+    desk: &Desk,
+    follow: impl FnOnce(&[Job]) -> Result<(), AgainError>,
+) -> Result<(), AgainError> {
+    let campaigns = campaigns(paths, desk)?;
     follow(&jobs(&campaigns, Some(kind)).0)
 }
 
@@ -191,7 +205,7 @@ fn amplitudes(with: &Ingredients, desk: &Desk) -> Result<(), AgainError> {
 
 fn linearise(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), AgainError> {
     let options = recipe.options::<lin::Options>()?.with_files(with)?;
-    of_runs(&with.data, Kind::Linearity, |jobs| {
+    of_runs(&with.data, Kind::Linearity, desk, |jobs| {
         let mut first = Vec::new();
         for job in jobs {
             first.push(First { job, made: make(&options, job, desk, false)? });
@@ -218,7 +232,7 @@ fn thermal(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Again
         input.file(file, &mut Vec::new())?;
     }
     let paths: Vec<PathBuf> = runs.into_iter().cloned().collect();
-    let campaigns = if paths.is_empty() { Vec::new() } else { Campaign::open(&paths, &mut Vec::new())? };
+    let campaigns = campaigns(&paths, desk)?;
     let analyses = Analyses::new(options.facility.as_ref(), options.model.as_ref());
     let mut measured = Vec::new();
     for job in jobs(&campaigns, None).0 {
@@ -276,12 +290,14 @@ fn coil(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), AgainErr
     match recipe.analysis.as_str() {
         "coil scalar" => {
             let options = recipe.options()?;
-            of_runs(&with.data, Kind::Scalar, |jobs| publish_made(scalar_of(read(jobs, desk)?, &options, desk)?, desk))
+            of_runs(&with.data, Kind::Scalar, desk, |jobs| publish_made(scalar_of(read(jobs, desk)?, &options, desk)?, desk))
         }
         "coil residual" if table(with).is_ok_and(is_table) => {
             publish_made(Some(residual_of_table(table(with)?, &mut Vec::new())?), desk)
         }
-        "coil residual" => of_runs(&with.data, Kind::Scalar, |jobs| publish_made(residual_of(read(jobs, desk)?, desk)?, desk)),
+        "coil residual" => {
+            of_runs(&with.data, Kind::Scalar, desk, |jobs| publish_made(residual_of(read(jobs, desk)?, desk)?, desk))
+        }
         _ => {
             let facility = with.facility()?;
             let mut input = TiltInput::default();
@@ -296,7 +312,7 @@ fn coil(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), AgainErr
                 }
             }
             let options = lin::Options { facility: facility.clone(), ..lin::Options::default() };
-            of_runs(&runs, Kind::Linearity, |jobs| {
+            of_runs(&runs, Kind::Linearity, desk, |jobs| {
                 let mut failures = Vec::new();
                 input.runs(jobs, &options, desk, &mut failures);
                 none_failed(failures)?;

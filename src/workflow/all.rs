@@ -1,16 +1,16 @@
 //! Every run of a campaign by the analysis of its kind, each read once.
 
 use super::kind::{RUN_KINDS, RunAnalysis, RunMade};
-use super::{Alone, Desk, Drawn, Failure, Job, Made, PerRun, RunResult, parameter_text};
+use super::{Alone, Desk, Drawn, Failure, Job, Made, PerRun, RunResult, parameter_text, read};
 use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::result::RunHead;
-use crate::data::run::Run;
+use crate::data::run::{Kind, Run};
+use crate::data::run_state::{Outcome, RunState};
 use crate::data::start::Start;
-use crate::files::ccr;
 use crate::files::output::Folder;
 use crate::files::source::hex;
 use crate::measure::lin::Lin;
@@ -53,9 +53,8 @@ impl Analyses {
         match self.0.iter().find(|analysis| Some(analysis.kind()) == kind) {
             Some(analysis) => Ok(Measured::Analysed(analysis.make(job, desk, two_threads)?)),
             None => {
-                job.unique()?;
-                let run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut ());
-                Ok(Measured::Other(Box::new(run.map_err(Failure::Unreadable)?)))
+                let (run, ()) = read(job, desk, two_threads, ())?;
+                Ok(Measured::Other(Box::new(run)))
             }
         }
     }
@@ -132,7 +131,30 @@ impl Measured {
     /// Its part in the protocol, with the figures that were drawn.
     #[must_use]
     pub fn part<'a>(&'a self, figures: &'a [Drawn]) -> RunPart<'a> {
-        RunPart { run: self.run(), analysis: self.made().map(|made| made.part(figures)) }
+        let run = self.run();
+        RunPart {
+            id: run.map_or_else(String::new, |r| r.header.run.clone()),
+            header: run.map(|r| &r.header),
+            run,
+            outcome: self.outcome(),
+            analysis: self.made().map(|made| made.part(figures)),
+        }
+    }
+
+    /// What became of the run.
+    #[must_use]
+    pub fn outcome(&self) -> Outcome {
+        match self {
+            Measured::Analysed(_) => Outcome::done(),
+            Measured::Other(run) => {
+                let kind = run.header.kind;
+                let reason = match kind {
+                    Kind::Scalar => "scalar runs are analysed together, in the calibration of the coil system".to_owned(),
+                    _ => format!("the list of {kind} runs in campaign.toml does not name it"),
+                };
+                Outcome::new(RunState::NotApplicable, reason)
+            }
+        }
     }
 
     /// Where the result comes from, if there is one.

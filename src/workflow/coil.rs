@@ -1,6 +1,6 @@
 //! The facility's own calibration as files, figures and text.
 
-use super::{Desk, Failure, Job, Outcome, Shown, draw, make, parameter_text};
+use super::{Desk, Failure, Job, Outcome, Shown, draw, make, parameter_text, read};
 use crate::data::calibration::LinearCalibration;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
@@ -134,12 +134,9 @@ pub struct CoilRun<'a> {
 /// Reads runs; those that cannot be read go to `failures`. The list is in time order.
 pub fn coil_runs<'a>(jobs: &[Job<'a>], desk: &Desk, failures: &mut Vec<(String, Failure)>) -> Vec<CoilRun<'a>> {
     let mut list = Vec::new();
-    for job in jobs {
-        let made = job
-            .unique()
-            .and_then(|()| ccr::read(&job.path, &desk.reading(&job.recorded, false), &mut ()).map_err(Failure::Unreadable));
-        match made {
-            Ok(run) => list.push(CoilRun { run, campaign: job.campaign }),
+    for job in jobs.iter().filter(|job| job.excluded.is_none()) {
+        match read(job, desk, false, ()) {
+            Ok((run, ())) => list.push(CoilRun { run, campaign: job.campaign }),
             Err(failure) => failures.push((job.recorded.clone(), failure)),
         }
     }
@@ -270,7 +267,7 @@ impl TiltInput {
     /// Fits linearity runs with the facility and takes the results; what cannot be fitted goes to `failures`.
     pub fn runs(&mut self, jobs: &[Job], options: &lin::Options, desk: &Desk, failures: &mut Vec<(String, Failure)>) {
         self.reading = desk.allowed();
-        for job in jobs {
+        for job in jobs.iter().filter(|job| job.excluded.is_none()) {
             let made = make(options, job, desk, true).and_then(|made| {
                 let result = of_calibration(&made.result.calibration).map_err(|e| {
                     Failure::Refused(Finding::error(&job.recorded, e.to_string(), "correct the position in campaign.toml"))

@@ -1,6 +1,6 @@
 //! Diagnoses as files, figures and text.
 
-use super::{Desk, Failure, Job, draw};
+use super::{Desk, Failure, Job, draw, read};
 use crate::data::error::Finding;
 use crate::data::plateau::{self, Accumulator, Cut};
 use crate::data::provenance::{Input, Provenance, Role};
@@ -8,14 +8,15 @@ use crate::data::recipe::Recipe;
 use crate::diagnose::across::{RunValues, across};
 use crate::diagnose::result::{Diagnosis, Parameter};
 use crate::diagnose::{self, DiagnoseError, Options, Samples};
+use crate::files::orientations;
 use crate::files::output::Folder;
 use crate::files::parameter::{self, Cpf, Model, ModelEffect, ModelParameter, ParameterFile};
 use crate::files::source::read_whole;
 use crate::files::text::{Keys, decode};
-use crate::files::{ccr, orientations};
 use crate::measure::lin;
 use crate::model::effects::{Catalogue, EffectRef, Spec};
 use crate::model::facility::FacilityParameters;
+use crate::record::conditions;
 use crate::record::known::Known;
 use crate::show::{self, Drawn, html, markdown};
 use serde::Serialize;
@@ -46,17 +47,15 @@ pub fn diagnose_run(
     inputs: &[Input],
     two_threads: bool,
 ) -> Result<Diagnosed, Failure> {
-    job.unique()?;
-    let mut sink = (Accumulator::default(), Samples::default());
-    let run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut sink).map_err(Failure::Unreadable)?;
-    let (accumulator, samples) = sink;
+    let (run, (accumulator, samples)) = read(job, desk, two_threads, (Accumulator::default(), Samples::default()))?;
     let plateaus = plateau::of_run(&run, accumulator, Cut::default());
-    let diagnosis = diagnose::run(&run, &plateaus, Some(&samples), job.campaign, options)
+    let mut diagnosis = diagnose::run(&run, &plateaus, Some(&samples), job.campaign, options)
         .map_err(|reason| Failure::Refused(refusal(&job.recorded, &reason)))?;
+    diagnosis.notes.extend(conditions::excluded(&run));
     let mut input = vec![Input::from(&run.input)];
     input.extend(job.campaign.input.clone());
     input.extend(inputs.iter().cloned());
-    let provenance = Provenance::new(Recipe::plain("diagnose").reading(desk.allowed()), input);
+    let provenance = Provenance::new(Recipe::plain("diagnose").reading(desk.allowed_of(&run.header.run)), input);
     Ok(Diagnosed { written_by: WRITTEN_BY, diagnosis, provenance })
 }
 
@@ -117,14 +116,11 @@ impl Across {
             let refuse = |reason: DiagnoseError| {
                 Failure::Refused(Finding::error(&job.recorded, reason.to_string(), "see `calfit lin` for this run"))
             };
-            let mut sink = Accumulator::default();
-            let taken = ccr::read(&job.path, &desk.reading(&job.recorded, true), &mut sink)
-                .map_err(Failure::Unreadable)
-                .and_then(|run| {
-                    let plateaus = plateau::of_run(&run, sink, options.cut);
-                    let values = RunValues::of_run(&run, &plateaus, job.campaign, options).map_err(refuse)?;
-                    Ok((values, Input::from(&run.input)))
-                });
+            let taken = read(job, desk, true, Accumulator::default()).and_then(|(run, accumulator)| {
+                let plateaus = plateau::of_run(&run, accumulator, options.cut);
+                let values = RunValues::of_run(&run, &plateaus, job.campaign, options).map_err(refuse)?;
+                Ok((values, Input::from(&run.input)))
+            });
             match taken {
                 Ok((values, input)) => {
                     self.values.push(values);

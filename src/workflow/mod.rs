@@ -40,6 +40,7 @@ pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
 use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::{Finding, Severity};
+use crate::data::exclusion::{ExcludedPart, Exclusion, Without};
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::{Reading, Recipe};
@@ -198,13 +199,22 @@ pub struct Desk {
     pub allow_truncated: bool,
     /// Read files with many repeated rows.
     pub allow_duplicates: bool,
+    /// What is left out by hand beside what campaign files say.
+    pub exclude: Vec<Exclusion>,
 }
 
 impl Desk {
-    /// What is allowed of run files, for the recipe.
+    /// What is allowed of run files and left out of them, for the recipe.
     #[must_use]
     pub fn allowed(&self) -> Reading {
-        Reading { allow_truncated: self.allow_truncated, allow_duplicates: self.allow_duplicates }
+        Reading { allow_truncated: self.allow_truncated, allow_duplicates: self.allow_duplicates, exclude: self.exclude.clone() }
+    }
+
+    /// The same for one run.
+    fn allowed_of(&self, run: &str) -> Reading {
+        let mut reading = self.allowed();
+        reading.exclude.retain(|e| e.run == run);
+        reading
     }
 
     /// How a run file is read.
@@ -234,6 +244,8 @@ pub struct Job<'a> {
     pub named: bool,
     /// An earlier file with the same run id.
     pub same_run_as: Option<String>,
+    /// Why the whole run is left out by hand, if it is.
+    pub excluded: Option<String>,
 }
 
 /// Why one of several runs or files has no result.
@@ -267,8 +279,16 @@ pub fn jobs<'a>(campaigns: &'a [Campaign], kind: Option<Kind>) -> (Vec<Job<'a>>,
     for campaign in campaigns.iter().filter(|c| c.runs.iter().all(|r| !r.named)) {
         let own = |(c, _): &(&Campaign, &RunFile)| std::ptr::eq(*c, campaign);
         let known: Vec<&Header> = files.iter().zip(&headers).filter(|(f, _)| own(f)).filter_map(|(_, h)| h.as_ref()).collect();
-        unmatched.extend(campaign.unmatched(&known));
+        unmatched.extend(campaign.unmatched(&known).into_iter().map(|entry| format!("campaign.toml: {entry}")));
     }
+    let asked: &[Exclusion] = campaigns.first().map_or(&[], |c| &c.exclude);
+    let unknown = |e: &&Exclusion| {
+        !files.iter().zip(&headers).any(|((_, file), header)| match header {
+            Some(header) => header.run == e.run,
+            None => RunFile::id(&file.recorded) == e.run,
+        })
+    };
+    unmatched.extend(asked.iter().filter(unknown).map(|e| format!("--exclude {}", e.run)));
     let mut first: HashMap<String, String> = HashMap::new();
     let mut jobs = Vec::new();
     for ((campaign, file), header) in files.into_iter().zip(headers) {
@@ -284,20 +304,31 @@ pub fn jobs<'a>(campaigns: &'a [Campaign], kind: Option<Kind>) -> (Vec<Job<'a>>,
                     None
                 }
             });
-            jobs.push(Job {
+            let mut job = Job {
                 campaign,
                 path: file.path.clone(),
                 recorded: file.recorded.clone(),
                 header,
                 named: file.named,
                 same_run_as,
-            });
+                excluded: None,
+            };
+            let id = job.id();
+            let mut whole = campaign.exclusions(&id).filter(|e| e.part == ExcludedPart::Run);
+            job.excluded = whole.next().map(|e| e.reason.clone());
+            jobs.push(job);
         }
     }
     (jobs, unmatched)
 }
 
 impl Job<'_> {
+    /// The run id, or what the file's name tells of it where its head cannot be read.
+    #[must_use]
+    pub fn id(&self) -> String {
+        self.header.as_ref().map_or_else(|| RunFile::id(&self.recorded), |h| h.run.clone())
+    }
+
     /// Results are named after the run id, so two files with one id cannot both have theirs.
     ///
     /// # Errors
@@ -339,14 +370,26 @@ impl<R: RunResult> Made<R> {
     }
 }
 
+/// Reads a run without what is left out of it by hand; the sink gets its vectors.
+///
+/// # Errors
+/// The file cannot be read, or another one has the same run id.
+fn read<S: VectorSink>(job: &Job, desk: &Desk, two_threads: bool, sink: S) -> Result<(Run, S), Failure> {
+    job.unique()?;
+    let id = job.header.as_ref().map_or("", |h| h.run.as_str());
+    let parts = job.campaign.exclusions(id).filter(|e| e.part != ExcludedPart::Run);
+    let mut sink = Without::new(sink, parts.cloned().collect());
+    let mut run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut sink).map_err(Failure::Unreadable)?;
+    let sink = sink.finish(&mut run);
+    Ok((run, sink))
+}
+
 /// Reads and analyses one run.
 ///
 /// # Errors
 /// The file cannot be read, or the analysis refuses it.
 pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) -> Result<Made<A::Result>, Failure> {
-    job.unique()?;
-    let mut sink = analysis.sink(desk.plots);
-    let run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut sink).map_err(Failure::Unreadable)?;
+    let (run, sink) = read(job, desk, two_threads, analysis.sink(desk.plots))?;
     let result = analysis
         .analyse(&run, sink, job.campaign)
         .map_err(|refusal| Failure::Refused(Finding::error(&job.recorded, refusal.rule, refusal.remedy)))?;
@@ -360,7 +403,7 @@ pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) 
 
 /// What a result is made with.
 fn recipe<A: PerRun>(analysis: &A, result: &A::Result, desk: &Desk) -> Recipe {
-    Recipe::new(A::ANALYSIS, &analysis.settled(result)).reading(desk.allowed())
+    Recipe::new(A::ANALYSIS, &analysis.settled(result)).reading(desk.allowed_of(&result.head().id))
 }
 
 /// Draws figures in parallel and writes them in their order.

@@ -2,6 +2,7 @@
 
 use crate::data::convention::Convention;
 use crate::data::error::{Finding, Severity};
+use crate::data::exclusion::{ExcludedPart, Exclusion, NoExclusion};
 use crate::data::reference::{StatedReference, is_rotation};
 use crate::data::run::{Kind, Location};
 use crate::data::thermistor::HIGHEST_ORDER;
@@ -29,6 +30,8 @@ pub struct CampaignFile {
     pub report: Vec<(&'static str, String)>,
     /// Calibration tables of thermistors.
     pub thermistors: Vec<ThermistorEntry>,
+    /// What is left out by hand.
+    pub exclude: Vec<Exclusion>,
 }
 
 /// A calibration table of a thermistor, which the protocol shows and ground calibration files take. Paths are from the campaign's folder.
@@ -72,7 +75,7 @@ impl CampaignFile {
     ];
 }
 
-const KNOWN: [&str; 19] = [
+const KNOWN: [&str; 20] = [
     "name",
     "instrument",
     "offset_trend_order",
@@ -88,6 +91,7 @@ const KNOWN: [&str; 19] = [
     "freq",
     "thermal",
     "at",
+    "exclude",
     "reference",
     "thermistor",
     "uncertainty",
@@ -121,6 +125,7 @@ pub fn parse(root: &Group, findings: &mut Vec<Finding>) -> Result<CampaignFile, 
             campaign.runs.extend(group.texts("runs")?.map(|runs| (kind, runs)));
         }
     }
+    campaign.exclude = exclusions(root, findings)?;
     for group in root.groups("thermistor")? {
         findings.extend(group.unknown(&["sensor", "table", "reference", "order", "divider"]));
         campaign.thermistors.push(thermistor(&group)?);
@@ -272,6 +277,38 @@ fn locations(root: &Group, findings: &mut Vec<Finding>) -> Result<BTreeMap<Strin
         }
     }
     Ok(locations)
+}
+
+/// `[[exclude]]`: what is left out by hand.
+fn exclusions(root: &Group, findings: &mut Vec<Finding>) -> Result<Vec<Exclusion>, Finding> {
+    let mut exclusions = Vec::new();
+    for group in root.groups("exclude")? {
+        findings.extend(group.unknown(&["run", "setting", "from_s", "until_s", "reason"]));
+        let run = group.text("run")?.ok_or_else(|| group.missing("run"))?;
+        let reason = group.text("reason")?.ok_or_else(|| group.missing("reason"))?;
+        let part = match (group.whole("setting")?, group.number("from_s")?, group.number("until_s")?) {
+            (None, None, None) => ExcludedPart::Run,
+            (Some(number), None, None) => ExcludedPart::Setting(number as usize),
+            (None, Some(from), Some(until)) => ExcludedPart::Span([from, until]),
+            (None, Some(_), None) => return Err(group.missing("until_s")),
+            (None, None, Some(_)) => return Err(group.missing("from_s")),
+            (Some(_), ..) => {
+                let rule = "stands beside from_s or until_s, and an entry leaves out one thing";
+                return Err(group.refuse("setting", rule, "make two entries of it"));
+            }
+        };
+        let exclusion = Exclusion::new(&run, part, &reason).map_err(|error| {
+            let (key, rule) = match error {
+                NoExclusion::Reason => ("reason", "must be a line of text"),
+                NoExclusion::Setting => ("setting", "must be 1 or more"),
+                NoExclusion::Span => ("until_s", "must be after from_s, and both not before the run's start"),
+                NoExclusion::Form => ("run", "must be the id of a run"),
+            };
+            group.refuse(key, rule, &error.to_string())
+        })?;
+        exclusions.push(exclusion);
+    }
+    Ok(exclusions)
 }
 
 /// `[[reference]]`: how sensors stand in their reference cubes.

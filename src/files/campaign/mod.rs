@@ -3,6 +3,7 @@
 pub mod file;
 
 use crate::data::error::Finding;
+use crate::data::exclusion::Exclusion;
 use crate::data::provenance::{Input, Role};
 use crate::data::run::Header;
 use crate::files::ccr;
@@ -21,6 +22,15 @@ pub struct RunFile {
     pub named: bool,
 }
 
+impl RunFile {
+    /// The run id that a recorded path tells; it is that of the file's head, where that can be read.
+    #[must_use]
+    pub fn id(recorded: &str) -> String {
+        let place = recorded.replace('/', "_");
+        place.split('.').next().unwrap_or_default().to_owned()
+    }
+}
+
 /// A campaign: one folder, or single run files of it.
 #[derive(Clone, Debug, Default)]
 pub struct Campaign {
@@ -32,6 +42,8 @@ pub struct Campaign {
     pub input: Option<Input>,
     /// Run files in the order of their recorded paths.
     pub runs: Vec<RunFile>,
+    /// What is left out by hand beside what `campaign.toml` says.
+    pub exclude: Vec<Exclusion>,
 }
 
 impl Campaign {
@@ -56,6 +68,16 @@ impl Campaign {
             }
         }
         by_root.into_iter().map(|(root, files)| Self::of(root, files, findings)).collect()
+    }
+
+    /// The same, with more that is left out by hand than the campaigns say.
+    ///
+    /// # Errors
+    /// See [`Campaign::open`].
+    pub fn open_without(paths: &[PathBuf], exclude: &[Exclusion], findings: &mut Vec<Finding>) -> Result<Vec<Campaign>, Finding> {
+        let mut campaigns = Self::open(paths, findings)?;
+        campaigns.iter_mut().for_each(|campaign| campaign.exclude = exclude.to_vec());
+        Ok(campaigns)
     }
 
     /// A campaign without a folder, for runs that are made and not read.
@@ -95,7 +117,7 @@ impl Campaign {
             kept.named |= same && later.named;
             same
         });
-        Ok(Campaign { root, file, input, runs })
+        Ok(Campaign { root, file, input, runs, exclude: Vec::new() })
     }
 
     /// What stands in `campaign.toml` and goes with none of the campaign's runs, most likely because of a slip in a name.
@@ -119,12 +141,18 @@ impl Campaign {
             let name = CampaignFile::ANALYSES.iter().find(|(_, k)| k == kind).map_or("?", |(name, _)| name);
             list.extend(runs.iter().filter(|r| !known(r)).map(|run| format!("[{name}] runs \"{run}\"")));
         }
+        list.extend(self.file.exclude.iter().filter(|e| !known(&e.run)).map(|e| format!("[[exclude]] run = \"{}\"", e.run)));
         for entry in &self.file.instructions.thermal {
             list.extend(entry.sensor.iter().filter(|s| !sensor(s)).map(|s| format!("[[thermal]] sensor = \"{s}\"")));
             list.extend(entry.mode.iter().filter(|m| !mode(m)).map(|m| format!("[[thermal]] mode = \"{m}\"")));
             list.extend(entry.runs.iter().flatten().filter(|r| !known(r)).map(|run| format!("[[thermal]] runs \"{run}\"")));
         }
         list
+    }
+
+    /// What is left out of a run by hand.
+    pub fn exclusions<'a>(&'a self, run: &'a str) -> impl Iterator<Item = &'a Exclusion> {
+        self.file.exclude.iter().chain(&self.exclude).filter(move |e| e.run == run)
     }
 
     /// Whether the analysis of its kind uses a run.
@@ -147,8 +175,7 @@ pub fn check_locations(root: &Path, file: &CampaignFile) -> Result<(), Finding> 
     let mut known = BTreeSet::new();
     for path in Campaign::run_files(root)? {
         // The place tells the id of a run whose head cannot be read, which is not the fault of the list.
-        let place = recorded(root, &path).replace('/', "_");
-        known.insert(place.split('.').next().unwrap_or_default().to_owned());
+        known.insert(RunFile::id(&recorded(root, &path)));
         known.extend(ccr::peek(&path).ok().map(|header| header.run));
     }
     // A file that is looked at by itself has no runs beside it.

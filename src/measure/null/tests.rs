@@ -74,6 +74,7 @@ impl Night {
             vectors,
             input: InputFile { path: String::new(), size_bytes: 0, sha256: String::new() },
             findings: Vec::new(),
+            exclusions: Vec::new(),
         };
         (record, run)
     }

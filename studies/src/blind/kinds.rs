@@ -468,6 +468,7 @@ fn empty_run(clean: &CleanRun, index: usize) -> Run {
         scalar: Vec::new(),
         vectors: VectorAccount::default(),
         findings: Vec::new(),
+        exclusions: Vec::new(),
     }
 }
 

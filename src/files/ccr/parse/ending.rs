@@ -147,6 +147,7 @@ impl<S: VectorSink> Parser<'_, S> {
             vectors: self.clock.finish(),
             input: self.input,
             findings: self.findings,
+            exclusions: Vec::new(),
         })
     }
 }
