@@ -81,11 +81,10 @@ prop_compose! {
     fn reading()(
         (allow_truncated, allow_duplicates) in any::<(bool, bool)>(),
         (setting, span) in (proptest::option::of(1..99usize), proptest::option::of((positive(), positive()))),
-        reason in "[a-z][a-z ='\"-]{0,12}[a-z]",
+        reason in "[a-z][a-z ='\"]{0,12}[a-z]",
     ) -> Reading {
         let span = span.filter(|(from, until)| from < until).map(|(from, until)| ExcludedPart::Span([from, until]));
         let parts = [Some(ExcludedPart::Run), setting.map(ExcludedPart::Setting), span];
-        let reason = reason.replace(" --", " ");
         let exclusion = |part| Exclusion::new("13-04-03_09-22-38", part, &reason).unwrap();
         Reading { allow_truncated, allow_duplicates, exclude: parts.into_iter().flatten().map(exclusion).collect() }
     }
