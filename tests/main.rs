@@ -35,6 +35,7 @@ mod python;
 mod recipe;
 mod report;
 mod rosetta;
+mod scale;
 mod simulate;
 mod sweep;
 mod temperature_faults;

@@ -14,7 +14,7 @@ mod stay;
 pub use refusal::OffsetError;
 
 use crate::data::calibration::Sensitivities;
-use crate::data::note::Note;
+use crate::data::note::{Note, NoteKind};
 use crate::data::offset::{OffsetFound, OffsetQuality, OffsetValues, PositionVisit, ScaledOffset};
 use crate::data::plateau::{Cut, Plateau, Plateaus};
 use crate::data::provenance::Input;
@@ -27,7 +27,7 @@ use crate::record::facility;
 use levels::{Levels, check_components};
 use serde::{Deserialize, Serialize};
 use solved::Solved;
-use stay::{Stay, stays};
+use stay::{Stay, pooled, stays};
 
 /// How an offset analysis is made.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -89,7 +89,9 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
         .map(|f| facility::apply(&f.without_offset(), run, instructions, &mut plateaus.list, &mut of_facility))
         .transpose()?
         .map(|driven| driven.part);
-    let stays = stays(&plateaus, instructions)?;
+    let visits_made = stays(&plateaus, instructions)?;
+    let made = visits_made.len();
+    let stays = pooled(visits_made);
     let levels = Levels::measure(&stays)?;
     check_components(&stays, &levels, options.allow_mismatch)?;
     let solved = Solved::of(&stays, &levels)?;
@@ -100,6 +102,13 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
 
     let span_s = [stays.first().map_or(0.0, |s| s.time_s()[0]), stays.last().map_or(0.0, |s| s.time_s()[1])];
     let mut notes = solved.notes(&levels);
+    if stays.len() < made {
+        let text = format!(
+            "{made} visits were taken together in {}, so that a zero level is that of a position in a part of the run",
+            stays.len()
+        );
+        notes.push(Note::new(NoteKind::Method, text));
+    }
     let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
     conditions::warn_of_plateaus(&mut notes, run, &plateaus);
     conditions::warn_of_run(&mut notes, run, instructions);

@@ -86,7 +86,7 @@ pub(super) fn note(rows: &Rows) -> Option<Note> {
     for a in 0..3 {
         let (b, c) = ((a + 1) % 3, (a + 2) % 3);
         let residual = free(rows.readings_ent.column(a).into_owned());
-        let covariance = rows.noise.covariance_without_growth(a);
+        let noise = rows.noise.without_growth(a);
         let mut attempt = |what: &'static str, value: &dyn Fn(usize) -> f64| {
             let raw = DVector::from_fn(n, |i, _| value(i));
             let before = raw.add_scalar(-raw.mean()).norm();
@@ -97,8 +97,7 @@ pub(super) fn note(rows: &Rows) -> Option<Note> {
             }
             trials += 1;
             let column = column / size;
-            let variance = (&covariance * &column).dot(&column);
-            let score = column.dot(&residual).abs() / variance.sqrt();
+            let score = column.dot(&residual).abs() / noise.variance_of(&column).sqrt();
             if score.is_finite() && best.is_none_or(|(most, ..)| score > most) {
                 best = Some((score, what, a));
             }

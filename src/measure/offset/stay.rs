@@ -6,7 +6,10 @@ use crate::model::campaign::Instructions;
 use crate::model::position::Position;
 use crate::record::position::position;
 
-/// Consecutive plateaus in one position.
+/// Most visits that have a zero level each: the equations grow with the cube of them, and nobody reads a longer table.
+const MOST_VISITS: usize = 48;
+
+/// Consecutive plateaus in one position, or those of several visits to it one soon after the other.
 pub(super) struct Stay<'a> {
     /// Id of the position.
     pub id: u32,
@@ -48,6 +51,25 @@ pub(super) fn stays<'a>(plateaus: &'a Plateaus, instructions: &Instructions) -> 
         return Err(OffsetError::NothingUsable { total: plateaus.list.len(), reason });
     }
     Ok(stays)
+}
+
+/// Visits to a position in the same stretch of the run taken together, so that there are not more than [`MOST_VISITS`] as long as there
+/// are fewer positions.
+pub(super) fn pooled(stays: Vec<Stay<'_>>) -> Vec<Stay<'_>> {
+    if stays.len() <= MOST_VISITS {
+        return stays;
+    }
+    let stretches = (MOST_VISITS / ids(&stays).len()).max(1);
+    let visits = stays.len();
+    let mut pooled: Vec<(usize, Stay)> = Vec::new();
+    for (visit, stay) in stays.into_iter().enumerate() {
+        let stretch = visit * stretches / visits;
+        match pooled.iter_mut().rev().take_while(|(s, _)| *s == stretch).find(|(_, p)| p.id == stay.id) {
+            Some((_, same)) => same.plateaus.extend(stay.plateaus),
+            None => pooled.push((stretch, stay)),
+        }
+    }
+    pooled.into_iter().map(|(_, stay)| stay).collect()
 }
 
 /// The ids of the positions, each once, in their order.

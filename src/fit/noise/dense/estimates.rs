@@ -12,8 +12,10 @@ impl DenseNoise {
     pub fn covariance_of(&self, influence: &[DMatrix<f64>]) -> DMatrix<f64> {
         let count = influence.first().map_or(0, DMatrix::nrows);
         // Per right-hand side and shape of slow noise.
-        let slow: Vec<Vec<DMatrix<f64>>> =
-            influence.iter().map(|g| self.shapes.iter().map(|shape| g * &shape.rows).collect()).collect();
+        let slow: Vec<Vec<DMatrix<f64>>> = influence
+            .iter()
+            .map(|g| self.shapes.iter().map(|shape| shape.rows.times(&g.transpose()).transpose()).collect())
+            .collect();
         let mut covariance = DMatrix::zeros(count, count);
         let mut widened = vec![[0.0; 2]; count];
         for (a, of_a) in influence.iter().enumerate() {

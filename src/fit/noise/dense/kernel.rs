@@ -1,6 +1,4 @@
-//! Covariances of slow noise: sums of exponential correlations, at instants and as exact averages over intervals.
-
-use nalgebra::DMatrix;
+//! Slow noise as a sum of relaxations: time constants, parts, exact averages over intervals.
 
 use crate::fit::FitError;
 
@@ -10,8 +8,6 @@ const TIME_STEP: f64 = 4.0;
 pub(super) const SHORTER: f64 = 8.0;
 /// Nominal ratio of its neighbouring time constants.
 const OCTAVE_STEP: f64 = 3.0;
-/// Correlations that do not matter.
-const NEGLIGIBLE: f64 = 1e-12;
 /// Longest time constant as a part of the record: half way between the usual meanings of a cutoff at its inverse.
 pub(super) const LONGER: f64 = 1.3;
 
@@ -23,13 +19,13 @@ pub(super) fn octave_constants(shortest: f64, longest: f64) -> Vec<f64> {
 }
 
 /// Variance of the mean over an interval of noise of unit variance whose correlation decays with the time constant 1.
-fn mean_variance(length: f64) -> f64 {
+pub(super) fn mean_variance(length: f64) -> f64 {
     // The closed form loses all digits for short intervals.
     if length < 1e-4 { 1.0 - length / 3.0 } else { 2.0 * (length + (-length).exp_m1()) / (length * length) }
 }
 
 /// Mean over an interval of the decay from its beginning, time constant 1.
-fn mean_decay(length: f64) -> f64 {
+pub(super) fn mean_decay(length: f64) -> f64 {
     if length < 1e-8 { 1.0 } else { -(-length).exp_m1() / length }
 }
 
@@ -54,39 +50,6 @@ pub(super) fn mean_of_variances(intervals: &[[f64; 2]], time_constants: &[f64], 
     intervals.iter().map(of).sum::<f64>() / intervals.len() as f64
 }
 
-/// Covariance of the means over intervals of noise of unit variance. Intervals may have any order, not overlap.
-pub(super) fn mean_kernel(intervals: &[[f64; 2]], time_constants: &[f64], parts: &[f64]) -> DMatrix<f64> {
-    let mut order: Vec<usize> = (0..intervals.len()).collect();
-    order.sort_by(|a, b| intervals[*a][0].total_cmp(&intervals[*b][0]));
-    let mut kernel = DMatrix::zeros(intervals.len(), intervals.len());
-    for (tau, part) in time_constants.iter().zip(parts) {
-        let lengths: Vec<f64> = order.iter().map(|&i| (intervals[i][1] - intervals[i][0]) / tau).collect();
-        let means: Vec<f64> = lengths.iter().map(|l| mean_decay(*l)).collect();
-        // Decay over an interval and over the gap after it: products of them reach any pair.
-        let across: Vec<f64> = lengths.iter().map(|l| (-l).exp()).collect();
-        let gap = |k: usize| (intervals[order[k + 1]][0] - intervals[order[k]][1]).max(0.0) / tau;
-        let gaps: Vec<f64> = (0..order.len().saturating_sub(1)).map(|k| (-gap(k)).exp()).collect();
-        for k in 0..order.len() {
-            kernel[(order[k], order[k])] += part * mean_variance(lengths[k]);
-            let mut decay = means[k];
-            for l in k + 1..order.len() {
-                decay *= gaps[l - 1];
-                if decay < NEGLIGIBLE {
-                    break;
-                }
-                kernel[(order[l], order[k])] += part * decay * means[l];
-                decay *= across[l];
-            }
-        }
-    }
-    for k in 0..order.len() {
-        for l in k + 1..order.len() {
-            kernel[(order[k], order[l])] = kernel[(order[l], order[k])];
-        }
-    }
-    kernel
-}
-
 /// From the median positive spacing to the span in equal ratios near `TIME_STEP`, at least two.
 pub(super) fn time_constants(times: &[f64]) -> Result<Vec<f64>, FitError> {
     let mut sorted = times.to_vec();
@@ -101,18 +64,4 @@ pub(super) fn time_constants(times: &[f64]) -> Result<Vec<f64>, FitError> {
     let ratio = (sorted[sorted.len() - 1] - sorted[0]) / shortest;
     let steps = (ratio.ln() / TIME_STEP.ln()).round().max(1.0);
     Ok((0..=steps as i32).map(|k| shortest * ratio.powf(f64::from(k) / steps)).collect())
-}
-
-/// Covariance of 1/f noise of unit variance at instants.
-pub(super) fn kernel(times: &[f64], time_constants: &[f64]) -> DMatrix<f64> {
-    let mut kernel = DMatrix::zeros(times.len(), times.len());
-    for j in 0..times.len() {
-        for i in j..times.len() {
-            let lag = (times[i] - times[j]).abs();
-            let sum: f64 = time_constants.iter().map(|tau| (-lag / tau).exp()).sum();
-            kernel[(i, j)] = sum / time_constants.len() as f64;
-            kernel[(j, i)] = kernel[(i, j)];
-        }
-    }
-    kernel
 }

@@ -1,6 +1,7 @@
 //! The restricted likelihood of a white and a slow variance, and its average where only residuals tell them.
 
 use super::ComponentNoise;
+use super::projected::Series;
 use crate::fit::scalar::{self, Stop};
 
 /// Largest share of slow noise; below one, so that the covariance stays regular whatever the times.
@@ -9,40 +10,44 @@ const MAX_SHARE: f64 = 0.999;
 const NODES: usize = 48;
 /// Prior probability that there is no slow noise at all.
 const PRIOR_WHITE: f64 = 0.1;
-/// The restricted likelihood of one right-hand side, in coordinates in which the slow covariance is tridiagonal.
+
+/// The restricted likelihood of one right-hand side.
 #[derive(Clone, Copy)]
-pub(super) struct Likelihood<'a> {
-    pub(super) diagonal: &'a [f64],
-    pub(super) off_diagonal: &'a [f64],
-    pub(super) data: &'a [f64],
+pub(super) enum Likelihood<'a> {
+    /// In coordinates in which the slow covariance is tridiagonal.
+    Tridiagonal { diagonal: &'a [f64], off_diagonal: &'a [f64], data: &'a [f64] },
+    /// Of many rows.
+    Series { series: &'a Series, component: usize },
 }
 
 impl Likelihood<'_> {
+    /// Degrees of freedom.
+    fn count(self) -> f64 {
+        match self {
+            Likelihood::Tridiagonal { data, .. } => data.len() as f64,
+            Likelihood::Series { series, .. } => series.freedom() as f64,
+        }
+    }
+
+    fn is_silent(self) -> bool {
+        match self {
+            Likelihood::Tridiagonal { data, .. } => data.iter().all(|&value| value == 0.0),
+            Likelihood::Series { series, component } => series.is_silent(component),
+        }
+    }
+
     /// Logarithm of the determinant of `white I + slow F`, and the data through its inverse.
     fn reduce(self, white: f64, slow: f64) -> (f64, f64) {
-        let (mut log_determinant, mut product) = (0.0, 1.0);
-        let (mut inverse, mut reduced, mut squares, mut off) = (0.0, 0.0, 0.0, 0.0);
-        for (i, (diagonal, value)) in self.diagonal.iter().zip(self.data).enumerate() {
-            let factor = off * inverse;
-            let pivot = white + slow * diagonal - factor * off;
-            reduced = value - factor * reduced;
-            inverse = 1.0 / pivot;
-            squares += reduced * reduced * inverse;
-            off = slow * self.off_diagonal.get(i).copied().unwrap_or(0.0);
-            // One logarithm for many pivots.
-            product *= pivot;
-            if !(1e-200..1e200).contains(&product) {
-                log_determinant += f64::ln(product);
-                product = 1.0;
-            }
+        match self {
+            Likelihood::Tridiagonal { diagonal, off_diagonal, data } => reduce(diagonal, off_diagonal, data, [white, slow]),
+            Likelihood::Series { series, component } => series.reduce(component, white, slow),
         }
-        (log_determinant + f64::ln(product), squares)
     }
 
     /// Minus twice the log likelihood, profiled over the variance, up to a constant, and that variance.
     fn deviance(self, share: f64) -> (f64, f64) {
         let (log_determinant, squares) = self.reduce(1.0 - share, share);
-        let count = self.data.len() as f64;
+        let count = self.count();
         let variance = squares / count;
         (count * variance.ln() + log_determinant, variance)
     }
@@ -51,7 +56,7 @@ impl Likelihood<'_> {
     pub(super) fn estimate(self) -> ComponentNoise {
         let mut noise =
             ComponentNoise { std: 0.0, share: 0.0, most_likely_std: 0.0, most_likely_share: 0.0, independent_rows: f64::NAN };
-        if self.data.iter().all(|&value| value == 0.0) {
+        if self.is_silent() {
             return noise;
         }
         let grid = grid();
@@ -89,13 +94,34 @@ impl Likelihood<'_> {
         // Pivots near one do not leave the range of numbers.
         let scale = 1.0 / (white + slow);
         let (log_determinant, squares) = self.reduce(white * scale, slow * scale);
-        log_determinant - self.data.len() as f64 * scale.ln() + squares * scale
+        log_determinant - self.count() * scale.ln() + squares * scale
     }
 
     /// Brent's search for a minimum of the deviance between two shares.
     fn search(self, low: f64, high: f64) -> Option<f64> {
         scalar::minimum(|share| self.deviance(share).0, [low, high], Stop { relative: 1e-8, absolute: 1e-9, steps: 100 })
     }
+}
+
+/// Determinant and squares in coordinates in which slow noise is tridiagonal.
+fn reduce(diagonal: &[f64], off_diagonal: &[f64], data: &[f64], [white, slow]: [f64; 2]) -> (f64, f64) {
+    let (mut log_determinant, mut product) = (0.0, 1.0);
+    let (mut inverse, mut reduced, mut squares, mut off) = (0.0, 0.0, 0.0, 0.0);
+    for (i, (diagonal, value)) in diagonal.iter().zip(data).enumerate() {
+        let factor = off * inverse;
+        let pivot = white + slow * diagonal - factor * off;
+        reduced = value - factor * reduced;
+        inverse = 1.0 / pivot;
+        squares += reduced * reduced * inverse;
+        off = slow * off_diagonal.get(i).copied().unwrap_or(0.0);
+        // One logarithm for many pivots.
+        product *= pivot;
+        if !(1e-200..1e200).contains(&product) {
+            log_determinant += f64::ln(product);
+            product = 1.0;
+        }
+    }
+    (log_determinant + f64::ln(product), squares)
 }
 
 /// Shares and their prior probabilities: zero, the nodes of a midpoint rule and the upper end.

@@ -7,7 +7,7 @@
 //! the mean by the record itself; what it adds to the coefficient of a constant column is not included.
 //!
 //! The likelihood is the restricted one: the data are projected on the complement of the design, so that the coefficients drop
-//! out. Reducing the projected `F` to tridiagonal form once makes it O(n) for every pair of variances.
+//! out. What every pair of variances then costs is in proportion to the rows ([`projected`]).
 //!
 //! **Averaged, not maximised.** Some ninety rows say little about the share of slow noise: pure white noise yields a maximum of zero half
 //! of the time only, and intervals that trust the maximum hold the mean of a record with slow noise far too seldom. The covariance is
@@ -41,24 +41,23 @@ mod estimates;
 mod kernel;
 mod likelihood;
 mod plausible;
+mod projected;
+mod relaxations;
 mod spread;
 #[cfg(test)]
 mod tests;
 
-use kernel::{LONGER, SHORTER, kernel, mean_kernel, mean_of_variances, octave_constants, parts, time_constants};
-use likelihood::Likelihood;
-use nalgebra::linalg::SymmetricTridiagonal;
+use kernel::{LONGER, SHORTER, mean_of_variances, octave_constants, parts, time_constants};
 use nalgebra::{DMatrix, DVector};
 use plausible::{Average, EXPONENTS, GROWTHS, Inside, Place};
+use projected::Projected;
+use relaxations::Relaxations;
 
 use super::NoiseModel;
 use crate::fit::linear::Solution;
 use crate::fit::scalar;
 use crate::fit::statistics::two_sided_tail;
 use crate::fit::{FitError, NORMAL_95, require_finite, require_length};
-
-/// Most rows of which more than white and 1/f noise is asked: every other kind costs as much again, ten seconds for 2000 rows.
-const MOST_ROWS: usize = 500;
 
 /// The noise of one right-hand side.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,15 +100,15 @@ pub struct DenseNoise {
 #[derive(Clone, Debug)]
 struct Shape {
     /// Its covariance between the rows.
-    rows: DMatrix<f64>,
+    rows: Relaxations,
     /// What it does to the least-squares coefficients, p x p.
     coefficients: DMatrix<f64>,
 }
 
 impl Shape {
-    fn of(kernel: DMatrix<f64>, response: &DMatrix<f64>) -> Self {
-        let coefficients = response * &kernel * response.transpose();
-        Self { coefficients: (&coefficients + coefficients.transpose()) * 0.5, rows: kernel }
+    fn of(rows: Relaxations, response: &DMatrix<f64>) -> Self {
+        let coefficients = response * rows.times(&response.transpose());
+        Self { coefficients: (&coefficients + coefficients.transpose()) * 0.5, rows }
     }
 }
 
@@ -188,35 +187,56 @@ impl DenseNoise {
         covariance
     }
 
-    /// Covariance of all rows of a right-hand side if its noise does not grow with the reading: what a model lacks grows with it as well, and
-    /// would pass for such noise.
+    /// Noise of a right-hand side as it is if it does not grow with the reading: what a model lacks grows with it as well, and would pass for
+    /// such noise.
     #[must_use]
-    pub fn covariance_without_growth(&self, component: usize) -> DMatrix<f64> {
-        let Some(places) = self.places.get(component) else { return self.all_rows(component) };
+    pub fn without_growth(&self, component: usize) -> EvenNoise<'_> {
+        let by_samples = &self.spreads[component][0];
+        let Some(places) = self.places.get(component) else {
+            let slow = self.shapes.iter().zip(&self.slow[component]);
+            return EvenNoise {
+                white: self.white[component].clone(),
+                slow: slow.map(|(shape, v)| (&shape.rows, *v)).filter(|(_, v)| *v > 0.0).collect(),
+            };
+        };
         let own = || places.iter().filter(|p| !p.grows());
         let probability: f64 = own().map(|p| p.probability).sum();
-        let by_samples = &self.spreads[component][0];
         if probability <= 0.0 {
             // As much as the residuals scatter, independent from row to row.
-            return DMatrix::from_diagonal(&(by_samples * self.independent_std[component].powi(2)));
+            return EvenNoise { white: by_samples * self.independent_std[component].powi(2), slow: Vec::new() };
         }
         let mean = |of: &dyn Fn(&Place) -> f64| own().map(|p| p.probability * of(p)).sum::<f64>() / probability;
-        let mut covariance = DMatrix::from_diagonal(&(by_samples * mean(&|p| p.white)));
-        for (index, shape) in self.shapes.iter().enumerate() {
+        let slow = self.shapes.iter().enumerate().map(|(index, shape)| {
             let variance = mean(&|p| if p.shape == index { p.slow } else { 0.0 });
-            if variance > 0.0 {
-                covariance += &shape.rows * variance;
-            }
-        }
-        covariance
+            (&shape.rows, variance)
+        });
+        EvenNoise { white: by_samples * mean(&|p| p.white), slow: slow.filter(|(_, v)| *v > 0.0).collect() }
     }
 
     fn all_rows(&self, component: usize) -> DMatrix<f64> {
         let mut covariance = DMatrix::from_diagonal(&self.white[component]);
         for (shape, variance) in self.shapes.iter().zip(&self.slow[component]).filter(|(_, v)| **v > 0.0) {
-            covariance += &shape.rows * *variance;
+            covariance += shape.rows.dense() * *variance;
         }
         covariance
+    }
+}
+
+/// Noise of one right-hand side that does not grow with the reading.
+#[derive(Debug)]
+pub struct EvenNoise<'a> {
+    /// White variance of every row.
+    white: DVector<f64>,
+    /// Slow noise of every shape, with its variance.
+    slow: Vec<(&'a Relaxations, f64)>,
+}
+
+impl EvenNoise<'_> {
+    /// Variance of the sum of the rows, each times its element of a column.
+    #[must_use]
+    pub fn variance_of(&self, column: &DVector<f64>) -> f64 {
+        let white: f64 = column.iter().zip(&self.white).map(|(c, v)| c * c * v).sum();
+        white + self.slow.iter().map(|(rows, variance)| variance * rows.variance_of(column)).sum::<f64>()
     }
 }
 
@@ -264,7 +284,7 @@ impl NoiseModel for DenseNoise {
 /// average different numbers of samples. Rows of weight zero do not count. Of a robust fit pass
 /// [`Robust::pseudo`](crate::fit::robust::Robust::pseudo): its weights are no property of the noise.
 ///
-/// Costs O(n³): half a millisecond for 90 rows, half a second and 50 MB for 1000.
+/// Costs half a millisecond for 90 rows; up to some hundreds it grows with their cube, and in proportion to them beyond.
 ///
 /// # Errors
 ///
@@ -280,7 +300,8 @@ pub fn estimate(solution: &Solution, times: &[f64]) -> Result<DenseNoise, FitErr
     let times: Vec<f64> = solution.kept.iter().map(|&i| times[i]).collect();
     let time_constants = time_constants(&times)?;
     let fitted = Fitted::of(solution);
-    let kernel = kernel(&times, &time_constants);
+    let equal = vec![1.0 / time_constants.len() as f64; time_constants.len()];
+    let kernel = Relaxations::at(&times, &time_constants, &equal);
     let projected = Projected::of(&fitted, &fitted.by_weights, &kernel);
     let noise: Vec<ComponentNoise> = (0..fitted.residuals.ncols()).map(|a| projected.likelihood(a).estimate()).collect();
     let white = noise.iter().map(|n| &fitted.by_weights * (n.std * n.std * (1.0 - n.share))).collect();
@@ -339,10 +360,12 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
     let fitted = Fitted::of(solution);
     // A row of mean weight has unit variance.
     let units = EXPONENTS.map(|e| 1.0 / mean_of_variances(&intervals, &time_constants, &parts(&time_constants, e)));
-    let kernel =
-        |shape: usize| mean_kernel(&intervals, &time_constants, &parts(&time_constants, EXPONENTS[shape])) * units[shape];
-    let mut kernels: Vec<DMatrix<f64>> = Vec::new();
-    let mut of_gains: Vec<DMatrix<f64>> = Vec::new();
+    let kernel = |shape: usize| {
+        let parts: Vec<f64> = parts(&time_constants, EXPONENTS[shape]).iter().map(|part| part * units[shape]).collect();
+        Relaxations::of_means(&intervals, &time_constants, &parts)
+    };
+    let mut kernels: Vec<Relaxations> = Vec::new();
+    let mut of_gains: Vec<Relaxations> = Vec::new();
     let rows = fitted.by_weights.len() as f64;
     let inverse_samples =
         solution.kept.iter().zip(fitted.by_weights.iter()).map(|(&i, spread)| 1.0 / (counts[i] * spread)).sum::<f64>() / rows;
@@ -351,8 +374,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
     let mut shared: Vec<Option<Projected>> = EXPONENTS.iter().map(|_| None).collect();
     let mut found = Vec::new();
     let mut spreads = Vec::new();
-    let few = fitted.by_weights.len() <= MOST_ROWS;
-    let scatter = sampled.scatter.filter(|_| few);
+    let scatter = sampled.scatter;
     for a in 0..fitted.residuals.ncols() {
         let by_samples =
             scatter.and_then(|s| spread::by_samples(&fitted, solution, &intervals, s.map(|m| m.column(a).into_owned()), counts));
@@ -362,7 +384,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
         let mut average = Average::new(&inside, octaves.iter().map(|o| o.squares[a] / o.count).collect());
         let mut log_scale = 0.0;
         for shape in 0..EXPONENTS.len() {
-            if shape > 0 && !(few && average.suspects_slow_noise()) {
+            if shape > 0 && !average.suspects_slow_noise() {
                 break;
             }
             if kernels.len() == shape {
@@ -384,7 +406,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
             }
         }
         if let Some(loads) = readings.and_then(|r| spread::gain_moves(&fitted, solution, a, &base, &r)) {
-            let kernel = DMatrix::from_fn(loads.len(), loads.len(), |i, j| loads[i] * loads[j] * kernels[0][(i, j)]);
+            let kernel = kernels[0].scaled(|row| loads[row]);
             average.try_gain(EXPONENTS.len() + of_gains.len(), Projected::of(&fitted, &base, &kernel).likelihood(a));
             of_gains.push(kernel);
         }
@@ -455,12 +477,12 @@ impl Fitted {
         mut noise: Vec<ComponentNoise>,
         places: Vec<Vec<Place>>,
         (white, slow): (Vec<DVector<f64>>, Vec<Vec<f64>>),
-        (kernels, spreads): (Vec<DMatrix<f64>>, Vec<Vec<DVector<f64>>>),
+        (kernels, spreads): (Vec<Relaxations>, Vec<Vec<DVector<f64>>>),
     ) -> DenseNoise {
         let n = self.by_weights.len() as f64;
         let weights = self.by_weights.map(|s| 1.0 / s);
         let total = weights.sum();
-        let means: Vec<f64> = kernels.iter().map(|k| (weights.transpose() * k * &weights)[0] / (total * total)).collect();
+        let means: Vec<f64> = kernels.iter().map(|k| k.variance_of(&weights) / (total * total)).collect();
         for (a, noise) in noise.iter_mut().enumerate() {
             let of_slow: f64 = slow[a].iter().zip(&means).map(|(v, m)| v * m).sum();
             let variance = noise.std * noise.std;
@@ -480,50 +502,6 @@ impl Fitted {
             slow,
             spreads,
         }
-    }
-}
-
-/// White noise of a given spread between the rows and slow noise of a covariance, as they act on what the design cannot explain, in
-/// coordinates in which white noise is white and slow noise tridiagonal.
-struct Projected {
-    diagonal: DVector<f64>,
-    off_diagonal: DVector<f64>,
-    data: DMatrix<f64>,
-    /// What the deviance has besides that of these coordinates: logarithms of the determinants of the spread and of the normal matrix.
-    log_scale: f64,
-}
-
-impl Projected {
-    fn of(fitted: &Fitted, spread: &DVector<f64>, kernel: &DMatrix<f64>) -> Self {
-        let (n, p) = fitted.columns.shape();
-        let roots = spread.map(|s| s.sqrt().recip());
-        let scaled = |matrix: &DMatrix<f64>| {
-            let mut scaled = matrix.clone();
-            for (mut row, root) in scaled.row_iter_mut().zip(&roots) {
-                row *= *root;
-            }
-            scaled
-        };
-        let factors = scaled(&fitted.columns).qr();
-        // Qᵀ F Q: its lower right corner acts on what the design cannot explain.
-        let mut rotated = scaled(kernel);
-        rotated.transpose_mut();
-        rotated = scaled(&rotated);
-        factors.q_tr_mul(&mut rotated);
-        rotated.transpose_mut();
-        factors.q_tr_mul(&mut rotated);
-        let mut unexplained = scaled(&fitted.residuals);
-        factors.q_tr_mul(&mut unexplained);
-        let (q, diagonal, off_diagonal) = SymmetricTridiagonal::new(rotated.view((p, p), (n - p, n - p)).into_owned()).unpack();
-        let normal: f64 = factors.r().diagonal().iter().map(|d| d.abs().ln()).sum();
-        let log_scale = spread.iter().map(|s| s.ln()).sum::<f64>() + 2.0 * normal;
-        Self { diagonal, off_diagonal, data: q.tr_mul(&unexplained.rows(p, n - p)), log_scale }
-    }
-
-    fn likelihood(&self, a: usize) -> Likelihood<'_> {
-        let n = self.data.nrows();
-        let data = &self.data.as_slice()[a * n..(a + 1) * n];
-        Likelihood { diagonal: self.diagonal.as_slice(), off_diagonal: self.off_diagonal.as_slice(), data }
     }
 }
 

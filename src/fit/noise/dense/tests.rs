@@ -194,7 +194,7 @@ const PARTS: [[f64; 2]; 4] = [[0.0, 3.0], [3.0, 6.0], [8.0, 11.0], [11.0, 14.0]]
 fn covariances_of_means_have_their_closed_form() {
     // Whatever the time constant: a sum over fine steps.
     for tau in [0.05, 1.0, 40.0] {
-        let kernel = mean_kernel(&PARTS, &[tau], &[1.0]);
+        let kernel = Relaxations::of_means(&PARTS, &[tau], &[1.0]).dense();
         let steps = 1500;
         let at = |part: usize, k: usize| PARTS[part][0] + 3.0 * (k as f64 + 0.5) / f64::from(steps);
         for (a, b) in [(0, 0), (0, 1), (0, 2), (1, 3)] {
@@ -209,12 +209,12 @@ fn covariances_of_means_have_their_closed_form() {
 fn contrasts_and_means_share_one_covariance() {
     let constants = octave_constants(0.1, 100.0);
     let shares = parts(&constants, 1.5);
-    let parts = mean_kernel(&PARTS, &constants, &shares);
+    let parts = Relaxations::of_means(&PARTS, &constants, &shares).dense();
     let contrast = parts[(0, 0)] + parts[(1, 1)] - 2.0 * parts[(0, 1)];
     assert_relative(contrast_variance(3.0, &constants, &shares), contrast, 1e-12);
     assert_relative(mean_of_variances(&PARTS, &constants, &shares), parts.diagonal().mean(), 1e-12);
     // Two parts make a whole, also across the gap and in any order.
-    let whole = mean_kernel(&[[8.0, 14.0], [0.0, 6.0]], &constants, &shares);
+    let whole = Relaxations::of_means(&[[8.0, 14.0], [0.0, 6.0]], &constants, &shares).dense();
     let of_parts =
         |a: [usize; 2], b: [usize; 2]| a.iter().map(|i| b.iter().map(|j| parts[(*i, *j)]).sum::<f64>()).sum::<f64>() / 4.0;
     assert_relative(whole[(1, 1)], of_parts([0, 1], [0, 1]), 1e-12);
@@ -382,5 +382,60 @@ fn the_covariance_of_estimates_is_that_of_the_coefficients() {
         let sum: Vec<DMatrix<f64>> = (0..2).map(|_| estimates.rows(1, 1).into_owned()).collect();
         let expected = expected[(1, 1)] + 2.0 * expected[(1, 3)] + expected[(3, 3)];
         assert_relative(model.covariance_of(&sum)[(0, 0)], expected, 0.05);
+    }
+}
+
+/// Rows with gaps, in an order of their own, and a design of three columns.
+fn scattered_rows(n: usize) -> (Vec<[f64; 2]>, Solution) {
+    let mut random = Random(7_046_029_254_386_353_131);
+    let begin = |i: usize| 3.0 * i as f64 + if i > n / 2 { 500.0 } else { 0.0 };
+    let mut intervals: Vec<[f64; 2]> = (0..n).map(|i| [begin(i), begin(i) + 1.5 + random.uniform()]).collect();
+    for i in (1..n).rev() {
+        intervals.swap(i, (random.uniform() * i as f64) as usize);
+    }
+    let columns = DMatrix::from_fn(n, 3, |i, j| if j == 0 { 1.0 } else { random.gaussian() * (i % 7) as f64 });
+    let rhs = DMatrix::from_fn(n, 2, |i, a| random.gaussian() + a as f64 * (intervals[i][0] / 200.0).sin());
+    (intervals, solve(&design(columns), &rhs, None, &Limits::default()).unwrap())
+}
+
+#[test]
+fn states_carried_from_row_to_row_are_the_matrix() {
+    let n = 60;
+    let (intervals, _) = scattered_rows(n);
+    let constants = octave_constants(0.2, 700.0);
+    let shares = parts(&constants, 1.0);
+    let slow = Relaxations::of_means(&intervals, &constants, &shares).scaled(|row| 1.0 + row as f64 / 40.0);
+    let dense = slow.dense();
+    let columns = DMatrix::from_fn(n, 3, |i, j| (i as f64 * (0.3 + j as f64)).cos());
+    assert!((slow.times(&columns) - &dense * &columns).amax() < 1e-9);
+    for (white, share) in [(1.0, 0.0), (0.7, 0.3), (1e-3, 1.0)] {
+        let all = DMatrix::identity(n, n) * white + &dense * share;
+        let (white_columns, log_determinant) = slow.whiten(white, share, &columns).unwrap();
+        let expected = columns.tr_mul(&all.clone().cholesky().unwrap().solve(&columns));
+        assert!((white_columns.tr_mul(&white_columns) - &expected).amax() < 1e-8 * expected.amax());
+        let expected = 2.0 * all.cholesky().unwrap().l().diagonal().map(f64::ln).sum();
+        assert!((log_determinant - expected).abs() < 1e-8, "{log_determinant} is not {expected}");
+    }
+}
+
+/// Both forms of the likelihood are the same function, so that the number of rows decides about nothing but the time.
+#[test]
+fn many_rows_have_the_likelihood_of_few() {
+    let (intervals, solution) = scattered_rows(150);
+    let constants = octave_constants(0.2, 1200.0);
+    let slow = Relaxations::of_means(&intervals, &constants, &parts(&constants, 1.5));
+    let fitted = Fitted::of(&solution);
+    let [few, many] = [true, false].map(|few| Projected::with(&fitted, &fitted.by_weights, &slow, few));
+    assert_eq!(few.log_scale, many.log_scale);
+    for a in 0..2 {
+        let (few, many) = (few.likelihood(a), many.likelihood(a));
+        for ratio in [0.0, 1e-4, 0.03, 0.77, 1.0, 5.1, 300.0, 2e4] {
+            let (found, expected) = (many.absolute(0.3, 0.3 * ratio), few.absolute(0.3, 0.3 * ratio));
+            assert!((found - expected).abs() < 1e-3, "{a} {ratio}: {found} is not {expected}");
+        }
+        let (found, expected) = (many.estimate(), few.estimate());
+        assert_relative(found.std, expected.std, 1e-4);
+        assert_relative(1.0 - found.share, 1.0 - expected.share, 1e-3);
+        assert_relative(found.most_likely_std, expected.most_likely_std, 1e-4);
     }
 }
