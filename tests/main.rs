@@ -37,6 +37,7 @@ mod recipe;
 mod report;
 mod rosetta;
 mod scale;
+mod screens;
 mod simulate;
 mod sweep;
 mod temperature_faults;

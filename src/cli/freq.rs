@@ -2,7 +2,7 @@
 
 use super::options::{Excluding, settling};
 use super::output::Terminal;
-use super::{Common, Status, each};
+use super::{Allow, Common, Status, each};
 use crate::data::error::Finding;
 use crate::data::plateau::Settling;
 use crate::files::output::Folder;
@@ -31,7 +31,8 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    let options = Options { settling: arguments.settling, model: known(arguments.model.as_ref())? };
+    let options =
+        Options { settling: arguments.settling, allow_gain: common.allows(Allow::Gain), model: known(arguments.model.as_ref())? };
     if arguments.amplitudes.is_empty() {
         return each::run(&options, &arguments.paths, &arguments.excluding, common, terminal);
     }

@@ -2,7 +2,7 @@
 
 use super::options::{Excluding, ValueError, without_excluded};
 use super::output::{Terminal, json};
-use super::{Common, Status, open_without, report_failures, status};
+use super::{Allow, Common, Status, open_without, report_failures, status};
 use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
 use crate::data::note::NoteKind;
@@ -131,7 +131,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         refuse_without_runs(&options)?;
     }
     let desk = common.desk_without(&arguments.excluding);
-    let (mut measured, total) = measure(&campaigns, &arguments.analyses(&options), &desk, terminal, &mut failures);
+    let (mut measured, total) = measure(&campaigns, &arguments.analyses(&options, common), &desk, terminal, &mut failures);
     warn_of_model(options.model.as_ref(), &measured, terminal);
     let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
     settle(&mut measured, &entries, &options.orders);
@@ -177,12 +177,14 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 
 impl Arguments {
     /// The analyses of the single runs.
-    fn analyses(&self, options: &ThermalOptions) -> Analyses {
+    fn analyses(&self, options: &ThermalOptions, common: &Common) -> Analyses {
         let sweep = sweep::Options {
             window: self.window,
             most_k_per_min: self.max_rate,
             orders: self.order.clone(),
             lag: self.lag,
+            allow_gain: common.allows(Allow::Gain),
+            allow_mismatch: common.allows(Allow::Mismatch),
             facility: options.facility.clone(),
             model: options.model.clone(),
             ..sweep::Options::default()

@@ -31,6 +31,7 @@ use crate::model::campaign::Instructions;
 use crate::record::conditions::{self, Temperatures};
 use crate::record::known::Known;
 use crate::record::known::in_sines::{InSines, Responses};
+use crate::record::screens;
 use amplitudes::amplitudes;
 use applied::Applied;
 use clock::Clock;
@@ -45,6 +46,9 @@ pub struct Options {
     /// Time left out after a change of frequency.
     #[serde(rename = "settling_s")]
     pub settling: Settling,
+    /// Go on when the amplitudes are far from those that were applied.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub allow_gain: bool,
     /// Effects that are known: taken off the sines before the response is fitted.
     #[serde(skip)]
     pub model: Option<Known>,
@@ -52,7 +56,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { settling: Settling::Found, model: None }
+        Self { settling: Settling::Found, allow_gain: false, model: None }
     }
 }
 
@@ -67,7 +71,8 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     let mut notes: Vec<Note> = Vec::new();
     let known = options.model.as_ref();
     let known = known.map_or_else(InSines::default, |m| InSines::new(m, run, Responses::OfTheInstrument, &mut notes));
-    let applied = Applied::of(sines, known)?;
+    let applied = Applied::of(run, sines, known)?;
+    notes.extend(applied.notes.iter().cloned());
     let (tones, rough_hz) = applied.tones(run, options.settling)?;
     let rates = applied.rates(&tones, rough_hz)?;
     let clock = Clock::of(&rates);
@@ -80,6 +85,10 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
             part.remark = format!("left out by hand: {because}");
         }
         take_off(&applied.known, part);
+    }
+    if !options.allow_gain {
+        let modulus = |values: [f64; 3]| values.iter().filter(|v| v.is_finite()).map(|v| v * v).sum::<f64>().sqrt();
+        screens::amplitude(measured.iter().zip(&applied.settings).map(|(a, s)| (modulus(s.field.0), modulus(a.b_ent))))?;
     }
     notes.extend(clock.notes(&rates, &applied.settings));
     notes.extend(refusals_and_damage(&measured));

@@ -19,20 +19,17 @@ use crate::data::calibration::{
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::run::Run;
-use crate::data::units::{COMPONENTS, Reading};
+use crate::data::units::Reading;
 use crate::fit::DenseNoise;
 use crate::fit::statistics::{extremes, median};
 use crate::model::campaign::Instructions;
-use crate::model::sensor::Split;
 use crate::record::conditions::{self, AT_REST_K, Temperatures};
+use crate::record::screens;
 use derived::{Derived, Parameters};
-use fit::{Fitted, Means, check_followed, fit, stack};
+use fit::{Fitted, Means, fit, stack};
 use moving::{Moving, Origin, Referred};
 use nalgebra::DMatrix;
 use prepare::{Prepared, trend_order};
-
-/// A sensitivity outside this factor of the nominal conversion means a wrong unit or factor.
-const PLAUSIBLE_GAIN: f64 = 1.5;
 
 /// Fits one run.
 ///
@@ -54,6 +51,9 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     };
     let Solved { means, fitted, noise, stacked, covariance, slopes } = solved;
     let used = prepared.used(order)?;
+    if slopes.is_some() && !options.allow_mismatch {
+        screens::followed(&readings_ent(&used), &fitted.solution.residuals)?;
+    }
     if let Some(moving) = moving.as_ref().filter(|m| m.is_moving()) {
         temperatures.state_movement(moving.range_k(), moving.rate_k_per_h);
         let channel = temperatures.conditions.as_ref().map_or("", |c| c.sensor_channel.as_str());
@@ -71,7 +71,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         None => None,
     };
     if !options.allow_gain {
-        check_gain(&parameters.split)?;
+        screens::gain(&parameters.split)?;
     }
     let blocks = judge::blocks(
         &prepared.list,
@@ -83,7 +83,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     )?;
 
     notes.extend(of_temperatures);
-    judge::warn_of_axes(&mut notes, &parameters.split);
+    notes.extend(screens::axes(&parameters.split));
     conditions::warn_of_plateaus(&mut notes, run, plateaus);
     conditions::warn_of_run(&mut notes, run, instructions);
     judge::judge_fit(&mut notes, &blocks);
@@ -159,7 +159,7 @@ impl Solved {
         let fitted = fit(&used, &means, options.robust)?;
         // Readings of other settings have no noise to speak of.
         if !options.allow_mismatch {
-            check_followed(&used, &fitted.solution)?;
+            screens::followed(&readings_ent(&used), &fitted.solution.residuals)?;
         }
         let noise = conditions::noise(fitted.for_noise(), &used).map_err(LinError::Fit)?;
         let stacked = stack(&fitted.solution.coefficients);
@@ -241,6 +241,11 @@ fn setup(prepared: &Prepared, used: &[&Plateau], plateaus: &Plateaus) -> Setup {
     }
 }
 
+/// Mean readings, a row per plateau, enT.
+fn readings_ent(used: &[&Plateau]) -> DMatrix<f64> {
+    DMatrix::from_fn(used.len(), 3, |row, component| used[row].mean.0[component])
+}
+
 fn noise_of_plateaus(noise: &DenseNoise) -> PlateauNoise {
     PlateauNoise {
         std_ent: std::array::from_fn(|a| noise.noise.get(a).map_or(f64::NAN, |n| n.std)),
@@ -258,14 +263,4 @@ fn validity(used: &[&Plateau], temperatures: &Temperatures, span_s: [f64; 2]) ->
         temperature_degc: if is_moving { temperatures.sensor_degc().map(near) } else { temperatures.sensor_range_degc() },
         time_s: span_s,
     }
-}
-
-/// A sensitivity far from the nominal one means a wrong unit or factor.
-fn check_gain(split: &Split) -> Result<(), LinError> {
-    for (component, sigma) in COMPONENTS.into_iter().zip(split.sigma) {
-        if !(1.0 / PLAUSIBLE_GAIN..=PLAUSIBLE_GAIN).contains(&sigma) {
-            return Err(LinError::Gain { component, sigma });
-        }
-    }
-    Ok(())
 }

@@ -22,11 +22,13 @@ use crate::data::envelope;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Input;
 use crate::data::run::{Kind, Run, Setting};
+use crate::data::units::COMPONENTS;
 use crate::data::zero_field::{ChannelDependence, RecordExtent, ScaledZeroField, ZeroFieldFound};
 use crate::model::campaign::Instructions;
 use crate::record::conditions::{self, Temperatures};
 use drift::Fitter;
 use noise::Noise;
+use record::Kept;
 use rows::{channel_rows, octaves, rows, unit};
 use serde::{Deserialize, Serialize};
 use stops::stops;
@@ -79,6 +81,7 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
         let text = format!("STOP {} from {:.1} to {:.1} s, {:.0} s", s.what, s.from_s, s.until_s, s.until_s - s.from_s);
         notes.push(Note::new(NoteKind::Data, text));
     }
+    notes.extend(stuck(&record));
     let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
 
     let bin_s = record.bin_samples as f64 / rate_hz;
@@ -128,6 +131,15 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
         result.scale(&input.path, sensitivities);
     }
     Ok(result)
+}
+
+/// Components that give one reading all the time. Bins hold the sums of readings minus the first one.
+fn stuck(record: &Kept) -> impl Iterator<Item = Note> {
+    let still = |c: &usize| record.bins.iter().all(|bin| bin.sum[*c] == 0.0);
+    (0..3).filter(still).map(|c| {
+        let text = format!("component {} is stuck at {} enT: it has neither noise nor drift", COMPONENTS[c], record.reference[c]);
+        Note::new(NoteKind::Data, text).about(COMPONENTS[c]).with_remedy("check the component and its wiring")
+    })
 }
 
 /// First and last sample, s since the run's start, of a run that is a record in zero field.

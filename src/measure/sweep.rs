@@ -29,16 +29,18 @@ use crate::data::note::Note;
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::quantity::QuantityFound;
 use crate::data::run::{Kind, Run};
-use crate::fit::NORMAL_95;
 use crate::fit::order::Reason;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::extremes;
+use crate::fit::{Limits, NORMAL_95};
 use crate::model::campaign::Instructions;
 use crate::model::polynomial::TemperaturePolynomial;
+use crate::model::sensor::split;
 use crate::record::conditions::{self, Temperatures};
 use crate::record::facility;
 use crate::record::known::{self, Known};
 use crate::record::position::{apply_limits, the_position};
+use crate::record::screens;
 use fit::Problem;
 use means::Means;
 use nalgebra::Matrix3;
@@ -70,6 +72,9 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     if run.header.kind != Kind::Sweep {
         return Err(SweepError::Kind(run.header.kind));
     }
+    if plateaus.edge_shift_s.abs() > plateaus.tolerable_shift_s && !options.allow_mismatch {
+        return Err(SweepError::Edges { shift_s: plateaus.edge_shift_s });
+    }
     let (_, position) = the_position(plateaus, instructions)?;
     let mut list = plateaus.list.clone();
     apply_limits(&mut list, position, &instructions.limits_nt(&run.header));
@@ -94,9 +99,10 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     }
 
     let means = Means::of(&used);
+    let r_nom = position.r_nom();
+    notes.extend(plausible(&means, &means.degc(series), &asked, &r_nom, options)?);
     let Followed { mut lags, chosen } = Followed::of(&channels, &own, &means, asked.usual().higher().linear(), &mut notes);
     let (channel, series) = &channels[chosen];
-    let r_nom = position.r_nom();
     let problem = Problem { run: &run.header.run, r_nom, used: &used, means: &means };
     let known_lag = options.model.as_ref().and_then(Known::thermal_lag);
     let course = Course::smooth(series);
@@ -150,6 +156,29 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         blocks,
         temperatures,
     })
+}
+
+/// Whether the readings can be those of the settings, by the linear model with polynomials of the temperature; what it says of the axes.
+fn plausible(
+    means: &Means,
+    degc: &[f64],
+    asked: &Asked,
+    r_nom: &Matrix3<f64>,
+    options: &Options,
+) -> Result<Vec<Note>, SweepError> {
+    let baseline = means.baseline(degc, asked.usual().linear());
+    let fit = baseline.fit(&means.fields_nt, degc, &means.readings_ent, &Limits::default())?;
+    if !options.allow_mismatch {
+        screens::followed(&means.readings_ent, &fit.residuals)?;
+    }
+    let (response, _) = baseline.at(fit.coefficients.as_slice(), baseline.middle());
+    let no_sensor = SweepError::NoSensor { degc: baseline.middle() };
+    let phi = response.try_inverse().ok_or_else(|| no_sensor.clone())?;
+    let split = split(&phi, r_nom).map_err(|_| no_sensor)?;
+    if !options.allow_gain {
+        screens::gain(&split)?;
+    }
+    Ok(screens::axes(&split))
 }
 
 /// Lowest and highest field of the settings along the nominal sensor axes, nT.

@@ -8,5 +8,6 @@ pub mod known;
 pub mod linearised;
 pub mod position;
 pub mod prepared;
+pub mod screens;
 pub mod single_readings;
 pub mod temperature_faults;

@@ -4,6 +4,7 @@ use super::rates::{Rates, rates};
 use super::refusal::FreqError;
 use super::samples::{LEAST_SAMPLES, Record, Sines};
 use super::tones::{Tone, undamaged};
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Settling;
 use crate::data::run::{Run, Setting};
 use crate::data::units::COMPONENTS;
@@ -12,6 +13,9 @@ use std::ops::Range;
 
 /// A run of which more than this part of the settings hold something else belongs to other settings.
 const MOST_DISTURBED: f64 = 0.5;
+/// Highest frequency of a sine over the sample rate: the search for the sampling frequency grows with it, no sensor passes so much, and a cell
+/// with a digit too many is likelier.
+const HIGHEST: f64 = 100.0;
 
 /// The settings of a run that are sines, with their samples.
 pub(super) struct Applied<'a> {
@@ -19,26 +23,44 @@ pub(super) struct Applied<'a> {
     pub settings: Vec<Setting>,
     /// The samples of each.
     pub records: Vec<&'a Record>,
+    /// Notes about settings that are none of them.
+    pub notes: Vec<Note>,
     /// Known effects in them.
     pub known: InSines,
 }
 
 impl<'a> Applied<'a> {
     /// The sines, or why the run has none that can be analysed.
-    pub fn of(sines: &'a Sines, known: InSines) -> Result<Self, FreqError> {
+    pub fn of(run: &Run, sines: &'a Sines, known: InSines) -> Result<Self, FreqError> {
         if sines.overflown {
             return Err(FreqError::TooLong);
         }
-        let indices: Vec<usize> = (0..sines.settings.len()).filter(|i| sines.settings[*i].frequency_hz > 0.0).collect();
+        let mut indices: Vec<usize> = (0..sines.settings.len()).filter(|i| sines.settings[*i].frequency_hz > 0.0).collect();
+        let highest_hz = HIGHEST * run.header.sample_rate_hz;
+        let mut notes = Vec::new();
+        let first_hz = indices.first().map(|i| sines.settings[*i].frequency_hz);
+        indices.retain(|i| {
+            let hz = sines.settings[*i].frequency_hz;
+            if hz > highest_hz {
+                let text = format!("{hz} Hz was refused: it is above {highest_hz} Hz, {HIGHEST} times the sample rate");
+                notes.push(
+                    Note::new(NoteKind::Data, text).about(format!("{hz} Hz")).with_remedy("correct the frequency in @FIELDS"),
+                );
+            }
+            hz <= highest_hz
+        });
         if indices.is_empty() {
-            return Err(FreqError::NoSines);
+            return Err(first_hz.map_or(FreqError::NoSines, |frequency_hz| FreqError::NothingUsable {
+                frequency_hz,
+                why: format!("it is above {highest_hz} Hz, {HIGHEST} times the sample rate"),
+            }));
         }
         if sines.kept == 0 {
             return Err(FreqError::NoSamples);
         }
         let records: Vec<&Record> = indices.iter().map(|i| &sines.records[*i]).collect();
         check_samples(&records)?;
-        Ok(Self { settings: indices.iter().map(|i| sines.settings[*i]).collect(), records, known })
+        Ok(Self { settings: indices.iter().map(|i| sines.settings[*i]).collect(), records, notes, known })
     }
 
     /// The settings with the frequencies that the clock of the instrument sees. A clock that is fast sees low frequencies: with these

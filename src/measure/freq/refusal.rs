@@ -2,6 +2,7 @@
 
 use super::samples::{LEAST_SAMPLES, MOST_SAMPLES};
 use crate::data::run::Kind;
+use crate::record::screens::Implausible;
 use thiserror::Error;
 
 /// Why a run has no frequency analysis.
@@ -46,6 +47,9 @@ pub enum FreqError {
         /// Settings with a frequency.
         total: usize,
     },
+    /// Readings that cannot be right.
+    #[error(transparent)]
+    Implausible(#[from] Implausible),
     /// No sampling frequency.
     #[error("component {component} has no sampling frequency: {why}")]
     NoRate {
@@ -69,6 +73,7 @@ impl FreqError {
             FreqError::TooLong => "split the run",
             FreqError::NothingUsable { .. } => "check the frequencies and times of the settings",
             FreqError::Mismatch { .. } => "check that settings and times are those of this run",
+            FreqError::Implausible(error) => error.remedy(),
             FreqError::NoRate { .. } => "check the sample rate in the head of the file and the frequencies of the settings",
         }
     }

@@ -2,14 +2,10 @@
 
 use super::refusal::{LinError, MOST_CONDITION};
 use crate::data::plateau::Plateau;
-use crate::data::units::COMPONENTS;
 use crate::fit::statistics::extremes;
 use crate::fit::{FitError, Limits, Robust, Solution, linear, robust};
 use crate::record::baseline::Baseline;
 use nalgebra::{DMatrix, DVector};
-
-/// Least part of the variance of a component that the applied field must explain.
-const LEAST_EXPLAINED: f64 = 0.99;
 
 /// What a trend in time leaves of the sensor temperature, K, beyond which the offset follows the temperature beside the trend: about what
 /// thermometers resolve.
@@ -134,24 +130,6 @@ pub(super) fn fit(used: &[&Plateau], means: &Means, is_robust: bool) -> Result<F
         let solution = linear::solve(&design, &rhs, None, &limits).map_err(explain)?;
         Ok(Fitted { solution, pseudo: None, weights: vec![1.0; used.len()], downweighted: None })
     }
-}
-
-/// A component whose variance the field does not explain belongs to other settings, or is stuck.
-pub(super) fn check_followed(used: &[&Plateau], solution: &Solution) -> Result<(), LinError> {
-    for (component, name) in COMPONENTS.into_iter().enumerate() {
-        let values: Vec<f64> = used.iter().map(|p| p.mean.0[component]).collect();
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        let total: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-        let left: f64 = solution.residuals.column(component).norm_squared();
-        if total == 0.0 {
-            return Err(LinError::Stuck { component: name, reading_ent: mean });
-        }
-        let explained = 1.0 - left / total;
-        if explained < LEAST_EXPLAINED {
-            return Err(LinError::Unrelated { component: name, explained });
-        }
-    }
-    Ok(())
 }
 
 /// The coefficients of all components in one list, component after component.

@@ -5,11 +5,11 @@ use super::result::Block;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::result::Summary;
-use crate::data::units::{COMPONENTS, FieldCoil, Reading};
+use crate::data::units::{FieldCoil, Reading};
 use crate::fit::DenseNoise;
 use crate::fit::statistics::median;
 use crate::measure::structure;
-use crate::model::sensor::{Linear, Split, SplitError, misplaced_axes};
+use crate::model::sensor::{Linear, Split, SplitError};
 use crate::record::conditions::Temperatures;
 use nalgebra::Matrix3;
 
@@ -94,20 +94,6 @@ pub(super) fn judge_fit(notes: &mut Vec<Note>, blocks: &[Block]) {
             let text = format!("blocks {} stand out in {name} by more than {OUTLIER} standard deviations", outliers.join(", "));
             notes.push(Note::new(NoteKind::Fit, text).about(name).with_remedy("look at them, or use --robust"));
         }
-    }
-}
-
-/// Says which axes do not stand as the position has them.
-pub(super) fn warn_of_axes(notes: &mut Vec<Note>, split: &Split) {
-    let misplaced = misplaced_axes(split);
-    if split.rho.determinant() < 0.0 {
-        let text = "the sensor axes are left-handed against the position; two components are swapped or one has the wrong sign, and no rotation leads there";
-        notes.push(Note::new(NoteKind::Axes, text));
-    }
-    for (component, along) in misplaced {
-        let name = COMPONENTS.get(component).copied().unwrap_or("?");
-        let text = format!("component {name} looks along the nominal {along} axis");
-        notes.push(Note::new(NoteKind::Axes, text).about(name).with_remedy("check the position, the wiring and the signs"));
     }
 }
 

@@ -5,6 +5,7 @@ use crate::fit::FitError;
 use crate::model::facility::FacilityError;
 use crate::model::sensor::SplitError;
 use crate::record::position::PositionError;
+use crate::record::screens::Implausible;
 use thiserror::Error;
 
 /// Largest condition number of the design with columns scaled to one. A programme that drives the three axes has less than ten; at
@@ -37,22 +38,6 @@ pub enum LinError {
     Unsettled {
         /// Time over which the data were followed, s.
         settling_s: f64,
-    },
-    /// Readings that do not follow the field.
-    #[error("component {component} does not follow the applied field, which explains {:.2} % of its variance", 100.0 * explained)]
-    Unrelated {
-        /// Component of the reading.
-        component: &'static str,
-        /// Part of the variance that the field explains.
-        explained: f64,
-    },
-    /// A component that gives the same reading always.
-    #[error("component {component} is stuck at {reading_ent} enT")]
-    Stuck {
-        /// Component of the reading.
-        component: &'static str,
-        /// Its reading, enT.
-        reading_ent: f64,
     },
     /// Not enough excitation.
     #[error(
@@ -101,14 +86,9 @@ pub enum LinError {
         /// Settling and early ends leave nothing of most of them.
         unsettled: bool,
     },
-    /// An implausible sensitivity.
-    #[error("the sensitivity of component {component} is {sigma:.4} nT per enT, far from 1")]
-    Gain {
-        /// Component of the reading.
-        component: &'static str,
-        /// Sensitivity, nT/enT.
-        sigma: f64,
-    },
+    /// Readings that cannot be right.
+    #[error(transparent)]
+    Implausible(#[from] Implausible),
     /// A facility that cannot turn the settings into fields.
     #[error(transparent)]
     Facility(#[from] FacilityError),
@@ -133,10 +113,7 @@ impl LinError {
                 "correct the times of the settings or take those of this run, or go on with --allow mismatch"
             }
             LinError::Unsettled { .. } => "hold the fields longer, or say with --settling what can be accepted",
-            LinError::Unrelated { .. } => {
-                "check that the settings are those of this run and that the component works, or go on with --allow mismatch"
-            }
-            LinError::Stuck { .. } => "check the component and its wiring",
+            LinError::Implausible(error) => error.remedy(),
             LinError::Undetermined { .. } => "drive that axis on its own",
             LinError::Slopes { .. } => {
                 "name polynomials of the sensor with --temperature TPF, or state bounds of slope_sigma and slope_xi in campaign.toml, [[uncertainty]]"
@@ -144,7 +121,6 @@ impl LinError {
             LinError::OtherSensor { .. } => "name the polynomials of this sensor and mode, of the same temperature channel",
             LinError::TooFew { unsettled: true, .. } => "hold the fields longer, or say with --settling what can be accepted",
             LinError::TooFew { .. } => "use a longer programme, or less strict limits",
-            LinError::Gain { .. } => "check `unit` and `nominal_factor`, or go on with --allow gain",
             LinError::Facility(error) => error.remedy(),
             LinError::Split(_) => "check the excitation and the wiring of the components",
             LinError::Fit(_) => "check the plateaus in the table of blocks",

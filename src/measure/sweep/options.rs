@@ -114,6 +114,12 @@ pub struct Options {
     /// The lag of the sensor behind its thermistor.
     #[serde(skip_serializing_if = "LagChoice::is_usual")]
     pub lag: LagChoice,
+    /// Go on when a sensitivity is far from 1.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub allow_gain: bool,
+    /// Go on when the readings do not follow the settings.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub allow_mismatch: bool,
     /// The facility that turns settings into the reference field; `None` takes the settings as the field.
     #[serde(skip)]
     pub facility: Option<Facility>,
@@ -130,6 +136,8 @@ impl Default for Options {
             most_k_per_min: None,
             orders: Vec::new(),
             lag: LagChoice::Auto,
+            allow_gain: false,
+            allow_mismatch: false,
             facility: None,
             model: None,
         }

@@ -1,0 +1,136 @@
+//! Damage that a run itself shows is refused or told in every kind of run with applied fields, not in linearity runs alone.
+
+use crate::common;
+
+use common::check::{Case, refused, says, text};
+use common::{Plan, Run, Setting, programme, sines};
+
+/// 360 settings of 1000 nT in all directions, a second each, while the sensor warms up by 80 K.
+fn sweep() -> Run {
+    let field = |i: usize| {
+        let (u, v) = ((i * 137 % 360) as f64 / 360.0, (i * 61 % 360) as f64 / 360.0);
+        let (z, angle) = (2.0 * u - 1.0, std::f64::consts::TAU * v);
+        let r = (1.0 - z * z).sqrt();
+        [1000.0 * r * angle.cos(), 1000.0 * r * angle.sin(), 1000.0 * z].map(f64::round)
+    };
+    let settings = (0..360).map(|i| Setting::constant(i as f64, i as f64 + 1.0, field(i), 1)).collect();
+    let mut run = Plan { settings, rate_hz: 8.0, ..Plan::default() }.run().key("kind", "\"sweep\"");
+    run.temperatures = (0..=36).map(|i| (10.0 * f64::from(i), [Some(20.0), Some(-20.0 + 80.0 * f64::from(i) / 36.0)])).collect();
+    run
+}
+
+/// The messages of `calfit thermal` about a run that it may not pass over in silence, and its status.
+fn thermal(run: &Run) -> (Option<i32>, String) {
+    let output = Case::of(run.text()).run("thermal", &["--no-plots"]);
+    (output.status.code(), text(&output.stderr))
+}
+
+#[test]
+fn a_sweep_without_damage_is_done_without_a_word_about_its_readings() {
+    let (status, told) = thermal(&sweep());
+    assert_eq!(status, Some(0), "{told}");
+    assert!(!told.contains("AXES") && !told.contains("follow the applied field"), "{told}");
+}
+
+#[test]
+fn a_sweep_in_another_unit_is_refused() {
+    for factor in [1000.0, 1e-3, 10.0, 2.0, 0.5] {
+        let (status, told) = thermal(&sweep().each(|r| r.map(|v| factor * v)));
+        assert_eq!(status, Some(1), "{factor}: {told}");
+        says(&told, &["sensitivity of component x", "nominal_factor", "--allow gain"]);
+    }
+}
+
+#[test]
+fn a_sweep_with_components_exchanged_or_reversed_is_told() {
+    for (damaged, words) in [
+        (sweep().reverse(0), ["component x looks along the nominal -x axis", "left-handed"]),
+        (sweep().swap(0, 1), ["component x looks along the nominal +y axis", "component y looks along the nominal +x axis"]),
+        (
+            sweep().reverse(0).reverse(1).reverse(2),
+            ["component x looks along the nominal -x axis", "component z looks along the nominal -z axis"],
+        ),
+    ] {
+        says(&thermal(&damaged).1, &words);
+    }
+}
+
+#[test]
+fn a_sweep_with_settings_of_another_run_is_refused() {
+    // The fields of the settings are those of the settings after them.
+    let mut shifted = sweep();
+    let fields: Vec<[f64; 3]> = shifted.settings.iter().map(|s| s.field).collect();
+    let count = fields.len();
+    for (i, setting) in shifted.settings.iter_mut().enumerate() {
+        setting.field = fields[(i + 1) % count];
+    }
+    let (status, told) = thermal(&shifted);
+    assert_eq!(status, Some(1), "{told}");
+    assert!(told.contains("does not follow the applied field") || told.contains("do not step where the settings do"), "{told}");
+}
+
+#[test]
+fn a_stuck_component_is_called_that() {
+    let (status, told) = thermal(&sweep().stick(0, 123.4));
+    assert_eq!(status, Some(1), "{told}");
+    says(&told, &["component x is stuck at 123.4"]);
+    refused(Plan::default().run().stick(0, 123.4).text(), &[]).by_analysis().says(&["component x is stuck at 123.4"]);
+}
+
+#[test]
+fn a_gain_that_is_allowed_is_used() {
+    let doubled = sweep().each(|r| r.map(|v| 2.0 * v));
+    let output = Case::of(doubled.text()).run("thermal", &["--no-plots", "--allow", "gain"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+}
+
+#[test]
+fn sines_in_another_unit_are_refused() {
+    let plan = Plan { settings: sines(&[1.0, 3.0, 8.0, 20.0, 70.0], 1000.0), ..Plan::default() };
+    let run = || plan.run().key("kind", "\"frequency\"");
+    let measured = |run: &Run, options: &[&str]| {
+        let output = Case::of(run.text()).run("freq", &[&["--no-plots"], options].concat());
+        (output.status.code(), text(&output.stderr))
+    };
+    assert_eq!(measured(&run(), &[]).0, Some(0));
+    for factor in [1000.0, 1e-3, 10.0] {
+        let damaged = run().each(|r| r.map(|v| factor * v));
+        let (status, told) = measured(&damaged, &[]);
+        assert_eq!(status, Some(1), "{factor}: {told}");
+        says(&told, &["enT per nT, far from 1", "nominal_factor"]);
+    }
+    let allowed = run().each(|r| r.map(|v| 10.0 * v));
+    assert_eq!(measured(&allowed, &["--allow", "gain"]).0, Some(0));
+}
+
+#[test]
+fn a_mistyped_frequency_is_left_out_at_once() {
+    let mut run =
+        Plan { settings: sines(&[1.0, 3.0, 8.0, 20.0, 70.0], 1000.0), ..Plan::default() }.run().key("kind", "\"frequency\"");
+    run.settings[2].frequency = 99_999_999.0;
+    let output = Case::of(run.text()).run("freq", &["--no-plots"]);
+    says(&text(&output.stderr), &["99999999 Hz was refused", "times the sample rate"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+}
+
+#[test]
+fn a_stuck_component_of_a_zero_field_run_is_told() {
+    let quiet = Plan { settings: vec![Setting::constant(0.0, 60.0, [0.0; 3], 1)], ..Plan::default() };
+    let run = quiet.run().key("kind", "\"zero-field\"");
+    let told = |run: &Run| text(&Case::of(run.text()).run("null", &["--no-plots"]).stderr);
+    assert!(!told(&run).contains("stuck"));
+    says(&told(&run.stick(0, 123.4)), &["component x is stuck at 123.4"]);
+}
+
+#[test]
+fn a_moving_run_with_settings_of_another_is_refused() {
+    let mut run = Plan { settings: programme(&[-2000.0, -1200.0, -400.0, 400.0, 1200.0, 2000.0], 2.0), ..Plan::default() }.run();
+    let end = run.settings.last().map_or(0.0, |s| s.t_end);
+    run.temperatures = (0..=20).map(|i| (end * f64::from(i) / 20.0, [Some(20.0), Some(10.0 + f64::from(i))])).collect();
+    let fields: Vec<[f64; 3]> = run.settings.iter().map(|s| s.field).collect();
+    let count = fields.len();
+    for (i, setting) in run.settings.iter_mut().enumerate() {
+        setting.field = fields[(i + 7) % count];
+    }
+    refused(run.text(), &[]).by_analysis();
+}
