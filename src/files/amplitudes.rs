@@ -5,6 +5,7 @@ use super::source::{Digested, read_whole};
 use super::text::{TableForm, TableRow, small_table};
 use crate::data::error::{Finding, Severity};
 use crate::data::tables::AmplitudeRow;
+use std::collections::HashSet;
 use std::path::Path;
 
 const COLUMNS: [&str; 7] = ["frequency_hz", "bx_ent", "by_ent", "bz_ent", "bx_std_ent", "by_std_ent", "bz_std_ent"];
@@ -26,14 +27,13 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(Vec<AmplitudeRo
 }
 
 fn parse(file: &str, bytes: &[u8], findings: &mut Vec<Finding>) -> Result<Vec<AmplitudeRow>, Finding> {
-    let (mut seen, mut twice) = (Vec::new(), Vec::new());
+    let (mut seen, mut twice) = (HashSet::new(), Vec::new());
     let rows = small_table(file, bytes, &FORM, findings, |line| {
         let row = row(line)?;
-        if seen.contains(&row.frequency_hz) {
+        if !seen.insert(row.frequency_hz.to_bits()) {
             let remedy = "take one out if they are the same measurement";
             twice.push(line.refuse("the frequency stands twice; both rows count", remedy).weighing(Severity::Warning));
         }
-        seen.push(row.frequency_hz);
         Ok(row)
     });
     findings.extend(twice);

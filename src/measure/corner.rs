@@ -54,7 +54,7 @@ pub use rows::Amplitude;
 use crate::model::response::{RESPONSES, Response};
 use choice::{candidates, explain, fit_all, least, no_model, total_aicc};
 use describe::describe;
-use jackknife::{Replicate, without};
+use jackknife::{Replicate, groups, without};
 use prepared::Prepared;
 use rayon::prelude::*;
 use rows::{detected, usable};
@@ -84,7 +84,7 @@ impl Default for Options {
 #[must_use]
 pub fn corner(table: &[Amplitude], options: &Options) -> Corner {
     let responses = &options.responses;
-    let prepared: [Result<Prepared, Refusal>; 3] = std::array::from_fn(|c| Prepared::new(table, c, None));
+    let prepared: [Result<Prepared, Refusal>; 3] = std::array::from_fn(|c| Prepared::new(table, c, &[]));
     let (fits, explained) = match explain(responses, &prepared) {
         Some((fits, explained)) => (fits, Some(explained)),
         None => (fit_all(responses, &prepared, Prepared::fit), None),
@@ -97,18 +97,19 @@ pub fn corner(table: &[Amplitude], options: &Options) -> Corner {
         Some(best) => (0..fits.len()).filter(|&m| totals[m].is_some_and(|aicc| aicc <= best + CONTENDERS)).collect(),
         None => Vec::new(),
     };
-    let rows: Vec<usize> =
-        (0..table.len()).filter(|i| prepared.iter().flatten().any(|prepared| prepared.rows.contains(i))).collect();
+    let mut rows: Vec<usize> = prepared.iter().flatten().flat_map(|prepared| prepared.rows.iter().copied()).collect();
+    rows.sort_unstable();
+    rows.dedup();
     let replicates: Vec<Replicate> = match chosen {
         Some(chosen) if options.jackknife && explained.is_none() => {
-            rows.par_iter().map(|&row| without(table, row, responses, &prepared, &fits, &contenders, chosen)).collect()
+            groups(&rows).par_iter().map(|rows| without(table, rows, responses, &prepared, &fits, &contenders, chosen)).collect()
         }
         _ => Vec::new(),
     };
 
     let components = std::array::from_fn(|c| {
         let undetected: Vec<bool> = table.iter().map(|row| row.amplitude_ent[c].is_finite() && !detected(row, c)).collect();
-        let points: Vec<(f64, f64)> = usable(table, c, None)
+        let points: Vec<(f64, f64)> = usable(table, c, &[])
             .into_iter()
             .filter(|&i| detected(&table[i], c))
             .map(|i| (table[i].frequency_hz, table[i].amplitude_ent[c]))

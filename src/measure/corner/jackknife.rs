@@ -1,4 +1,4 @@
-//! Choice and fit repeated without one row at a time.
+//! Choice and fit repeated without one row at a time, or without one group of rows where there are many.
 
 use super::choice::{PerComponent, least, total_aicc};
 use super::fit::Outcome;
@@ -7,16 +7,30 @@ use super::refusal::Refusal;
 use super::rows::Amplitude;
 use crate::model::response::Response;
 
-/// What is left when one row is left out: corner of the response then best, and parameters of the one chosen with all rows.
+/// Most repetitions: beyond, rows are left out in groups, each of which holds one row of so many in turn. Of tables so long that the
+/// repetitions would take minutes there are fewer, at least so many that they tell a standard deviation within an eighth.
+const MOST_REPLICATES: usize = 256;
+const LEAST_REPLICATES: usize = 32;
+/// Rows in all repetitions together that may count.
+const MOST_ROWS: usize = 4_000_000;
+
+/// The rows that are left out together, each once, ascending; `rows` ascend.
+pub(super) fn groups(rows: &[usize]) -> Vec<Vec<usize>> {
+    let affordable = (MOST_ROWS / rows.len().max(1)).clamp(LEAST_REPLICATES, MOST_REPLICATES);
+    let count = rows.len().min(affordable);
+    (0..count).map(|first| rows.iter().copied().skip(first).step_by(count).collect()).collect()
+}
+
+/// What is left when rows are left out: corner of the response then best, and parameters of the one chosen with all rows.
 pub(super) struct Replicate {
     pub corner_hz: [Option<f64>; 3],
     pub values: [Option<Vec<f64>>; 3],
 }
 
-/// Repeats choice and fit without a row.
+/// Repeats choice and fit without some rows.
 pub(super) fn without(
     table: &[Amplitude],
-    row: usize,
+    rows: &[usize],
     responses: &[Response],
     all: &[Result<Prepared, Refusal>; 3],
     fits: &[PerComponent],
@@ -25,7 +39,7 @@ pub(super) fn without(
 ) -> Replicate {
     let prepared: [Option<Prepared>; 3] = std::array::from_fn(|c| {
         fits[chosen][c].as_ref()?;
-        Prepared::new(table, c, Some(row)).ok()
+        Prepared::new(table, c, rows).ok()
     });
     let refit = |m: usize, c: usize| -> Option<Result<Outcome, Refusal>> {
         let full = fits[m][c].as_ref()?.as_ref().ok()?;

@@ -45,7 +45,7 @@ fn mode(values: &mut [f64]) -> Option<f64> {
 }
 
 impl Prepared {
-    pub fn new(table: &[Amplitude], component: usize, omitted: Option<usize>) -> Result<Self, Refusal> {
+    pub fn new(table: &[Amplitude], component: usize, omitted: &[usize]) -> Result<Self, Refusal> {
         let rows = usable(table, component, omitted);
         let amplitude = |i: usize| table[i].amplitude_ent[component];
         let mut low: Vec<f64> = rows.iter().take(rows.len().div_ceil(2)).map(|&i| amplitude(i)).collect();

@@ -17,12 +17,12 @@ pub struct Amplitude {
 }
 
 /// Usable rows of a component by ascending frequency.
-pub(super) fn usable(table: &[Amplitude], component: usize, omitted: Option<usize>) -> Vec<usize> {
+pub(super) fn usable(table: &[Amplitude], component: usize, omitted: &[usize]) -> Vec<usize> {
     let counts = |(i, row): (usize, &Amplitude)| {
         let amplitude = row.amplitude_ent[component];
         let good =
             row.usable && amplitude.is_finite() && amplitude >= 0.0 && row.frequency_hz.is_finite() && row.frequency_hz >= 0.0;
-        (good && Some(i) != omitted).then_some(i)
+        (good && omitted.binary_search(&i).is_err()).then_some(i)
     };
     let mut rows: Vec<usize> = table.iter().enumerate().filter_map(counts).collect();
     rows.sort_by(|&a, &b| table[a].frequency_hz.total_cmp(&table[b].frequency_hz));
