@@ -214,14 +214,7 @@ fn locate(input: &Input, file: &Path, places: &[PathBuf]) -> Result<PathBuf, Not
 /// Makes the result again in a folder of its own.
 fn make_again(file: &Path, stated: &AnyFile, recipe: &Recipe, with: &Ingredients) -> Result<AnyFile, Vec<String>> {
     let folder = tempfile::tempdir().map_err(|e| vec![format!("no temporary folder: {e}")])?;
-    let desk = Desk {
-        out: folder.path().to_owned(),
-        force: false,
-        plots: false,
-        allow_truncated: false,
-        allow_duplicates: false,
-        exclude: Vec::new(),
-    };
+    let desk = Desk::plain(folder.path().to_owned());
     again(recipe, with, &desk).map_err(|e| vec![e.to_string()])?;
     let mut paths = Vec::new();
     collect(folder.path(), 0, &mut paths).map_err(|f| vec![f.to_string()])?;
