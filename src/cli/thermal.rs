@@ -7,7 +7,8 @@ use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
 use crate::data::note::NoteKind;
 use crate::files::campaign::Campaign;
-use crate::files::parameter::{Body, FileKind, Tcf, Tpf, is_named};
+use crate::files::index;
+use crate::files::parameter::{Body, FileKind, Tcf, Tpf, alone_of, is_named};
 use crate::measure::sweep::{self, LagChoice, Window};
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
 use crate::record::known::Known;
@@ -419,14 +420,31 @@ fn sort_paths(paths: &[PathBuf]) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Finding
                 let shown = path.display().to_string();
                 return Err(Finding::error(&shown, "the folder holds neither runs nor parameter files", "check the path"));
             }
-            // Files that were made for thermal groups come first: they are the ones used of a run that has two.
-            found.sort_by_key(|p| (!p.to_string_lossy().contains("PARAMETER_TEMPLIN__"), p.clone()));
-            files.extend(found);
+            files.extend(one_of_each_run(path, found)?);
         } else {
             campaigns.push(path.clone());
         }
     }
     Ok((files, campaigns))
+}
+
+/// Of a run with two calibrations that of its thermal group, unless the index of the folder says that only that of the run alone is up to
+/// date.
+fn one_of_each_run(folder: &Path, mut found: Vec<PathBuf>) -> Result<Vec<PathBuf>, Finding> {
+    found.sort();
+    let index = index::read(folder)?;
+    let is_current = |path: &Path| {
+        let inside = path.strip_prefix(folder).unwrap_or(path).to_string_lossy();
+        index.as_ref().is_none_or(|index| index.is_current(&inside))
+    };
+    let pair = |path: &PathBuf| alone_of(&path.to_string_lossy()).map(PathBuf::from).filter(|alone| found.contains(alone));
+    let left: Vec<PathBuf> = found
+        .iter()
+        .filter_map(|path| Some((path, pair(path)?)))
+        .map(|(path, alone)| if !is_current(path) && is_current(&alone) { path.clone() } else { alone })
+        .collect();
+    found.retain(|path| !left.contains(path));
+    Ok(found)
 }
 
 /// Whether a file is named like the results of single runs that take part.

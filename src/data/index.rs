@@ -227,6 +227,11 @@ impl Index {
 
     /// Why a file is stale by what it was made from itself.
     fn outdated(&self, file: &FileEntry) -> Option<String> {
+        // The calibration of a run alone that was made again makes that of the thermal group, which stands in its place, an older one.
+        let changed = |v: &&Version| v.path != file.path && self.file(&v.path).is_some_and(|now| now.sha256 != v.sha256);
+        if let Some(replaced) = file.replaces.iter().find(changed) {
+            return Some(format!("{} was made again", replaced.path));
+        }
         let looks = LOOKING.iter().any(|command| file.command.starts_with(command));
         file.from.iter().find_map(|from| {
             let path = &from.path;
@@ -313,6 +318,18 @@ mod tests {
         assert_eq!(stale(&index), ["13-04-03_08/A.CPF", "REPORT.md", "T__13-04-03-08.TPF"]);
         assert_eq!(index.file("13-04-03_09/B.CPF").unwrap().replaces, [version("13-04-03_09/B.CPF", "cb")]);
         assert_eq!(index.file("T__13-04-03-08.TPF").unwrap().reason.as_deref(), Some("13-04-03_09/B.CPF was made again"));
+    }
+
+    #[test]
+    fn what_stands_in_the_place_of_a_file_that_was_made_again_is_stale() {
+        let mut index = folder();
+        index.put(FileEntry { replaces: vec![version("A.CPF", "alone")], ..entry("T.CPF", "group", &[]) });
+        index.put(entry("A.CPF", "alone", &[]));
+        index.judge();
+        assert!(stale(&index).is_empty());
+        index.put(entry("A.CPF", "another", &[]));
+        index.judge();
+        assert_eq!(stale(&index), ["T.CPF"]);
     }
 
     #[test]

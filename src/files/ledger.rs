@@ -48,9 +48,12 @@ pub struct Written {
     pub origin: Arc<Origin>,
 }
 
-/// All files of a command by their paths inside the result folder; every copy notes in the same list.
+/// Files that were written by their paths inside the result folder.
+pub type WrittenFiles = BTreeMap<String, Written>;
+
+/// All files of a command; every copy notes in the same list.
 #[derive(Clone, Debug, Default)]
-pub struct Ledger(Arc<Mutex<BTreeMap<String, Written>>>);
+pub struct Ledger(Arc<Mutex<WrittenFiles>>);
 
 impl Ledger {
     pub(super) fn note(&self, path: String, sha256: String, origin: &Arc<Origin>) {
@@ -60,7 +63,7 @@ impl Ledger {
 
     /// What was written so far.
     #[must_use]
-    pub fn written(&self) -> BTreeMap<String, Written> {
+    pub fn written(&self) -> WrittenFiles {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }

@@ -303,6 +303,10 @@ impl TiltInput {
                 let rule = format!("the parameter files were made with another facility than {}", file.input.path);
                 return Err(Finding::error(&shown, rule, "leave --facility out, or name the file they were made with"));
             }
+            (Some(file), None) if !self.stated.is_empty() => {
+                let rule = format!("the parameter files were made without a facility, not with {}", file.input.path);
+                return Err(Finding::error(&shown, rule, "leave --facility out, or fit the runs with it first"));
+            }
             (_, Some(stated)) => stated,
             (Some(file), None) => match file.only_part() {
                 Some(part) => part.clone(),

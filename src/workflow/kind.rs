@@ -12,14 +12,13 @@ use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::Recipe;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
-use crate::files::ledger::Written;
+use crate::files::ledger::WrittenFiles;
 use crate::measure::{freq, lin, null, offset, sweep};
 use crate::model::facility::Facility;
 use crate::record::known::Known;
 use crate::show::Drawn;
 use crate::show::protocol::AnalysisPart;
 use std::any::Any;
-use std::collections::BTreeMap;
 
 /// All kinds of runs that are analysed one by one, in the order of their tables.
 pub static RUN_KINDS: &[RunKind] = &[
@@ -38,7 +37,7 @@ pub struct RunKind {
     pub analysis: &'static str,
     usual: fn(Option<&Facility>, Option<&Known>) -> Box<dyn RunAnalysis>,
     again: fn(&Recipe, &Ingredients, &Desk) -> Result<(), AgainError>,
-    table: fn(&Index, &BTreeMap<String, Written>, &Desk) -> Result<(), Finding>,
+    table: fn(&Index, &WrittenFiles, &Desk) -> Result<(), Finding>,
 }
 
 impl RunKind {
@@ -73,7 +72,7 @@ impl RunKind {
     ///
     /// # Errors
     /// What cannot be written.
-    pub(super) fn publish_table(&self, now: &Index, written: &BTreeMap<String, Written>, desk: &Desk) -> Result<(), Finding> {
+    pub(super) fn publish_table(&self, now: &Index, written: &WrittenFiles, desk: &Desk) -> Result<(), Finding> {
         (self.table)(now, written, desk)
     }
 }

@@ -52,7 +52,7 @@ use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, VectorSink};
 use crate::files::campaign::{Campaign, RunFile};
 #[cfg(feature = "tables")]
-use crate::files::ledger::Written;
+use crate::files::ledger::WrittenFiles;
 use crate::files::ledger::{Origin, same_but_dates};
 use crate::files::output::Folder;
 use crate::files::parameter::Body;
@@ -68,8 +68,8 @@ use crate::show::{self, Drawn, markdown};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 /// An analysis of single runs: its options are the value, what it keeps while a file is read is its sink.
@@ -551,7 +551,7 @@ impl Outcome<'_> {
 /// # Errors
 /// What cannot be written.
 #[cfg(feature = "tables")]
-pub fn publish_table<A: PerRun>(now: &Index, written: &BTreeMap<String, Written>, desk: &Desk) -> Result<(), Finding> {
+pub fn publish_table<A: PerRun>(now: &Index, written: &WrittenFiles, desk: &Desk) -> Result<(), Finding> {
     type Parameters<A> = <<A as PerRun>::Result as RunResult>::Parameters;
     let is_one = |path: &str| parameter::is_named::<Parameters<A>>(Path::new(path));
     if !written.keys().any(|path| is_one(path)) {

@@ -8,7 +8,7 @@ use crate::data::result::RunHead;
 use crate::data::run::Header;
 use crate::data::run_state::{Outcome, RunState};
 use crate::files::campaign::Campaign;
-use crate::files::ledger::{Ledger, Written};
+use crate::files::ledger::{Ledger, Written, WrittenFiles};
 use crate::files::lock::FolderLock;
 use crate::files::output::Folder;
 use crate::files::parameter::{self, FileKind, alone_of};
@@ -301,7 +301,7 @@ impl Open {
     }
 
     /// What became of the runs.
-    fn runs(&self, seen: &Seen, written: &BTreeMap<String, Written>, index: &mut Index) {
+    fn runs(&self, seen: &Seen, written: &WrittenFiles, index: &mut Index) {
         let whole = || seen.campaigns.iter().filter(|c| c.is_whole);
         for (campaign, path, header) in
             whole().flat_map(|c| c.runs.iter().filter_map(move |(path, header)| Some((c, path, header.as_ref()?))))
@@ -355,7 +355,7 @@ impl Open {
 }
 
 /// The hash of an input of the files that were written, and whether anything beside the list of all runs in the protocol rests on it.
-fn input_of(written: &BTreeMap<String, Written>, path: &str) -> Option<(String, bool)> {
+fn input_of(written: &WrittenFiles, path: &str) -> Option<(String, bool)> {
     let uses = |file: &&Written| file.origin.from.iter().any(|input| input.path == path);
     let using: Vec<&Written> = written.values().filter(uses).collect();
     let input = using.first()?.origin.from.iter().find(|input| input.path == path)?;
@@ -374,7 +374,7 @@ fn entry_of(header: &Header, path: &str) -> RunEntry {
 }
 
 /// The entry of a file that was written; `index` holds the earlier ones.
-fn entry_for(path: &str, file: &Written, index: &Index, written: &BTreeMap<String, Written>) -> FileEntry {
+fn entry_for(path: &str, file: &Written, index: &Index, written: &WrittenFiles) -> FileEntry {
     let now = |path: &str| {
         let new = written.get(path).map(|w| &w.sha256);
         new.or_else(|| index.file(path).map(|f| &f.sha256))
