@@ -428,20 +428,20 @@ fn sort_paths(paths: &[PathBuf]) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Finding
     Ok((files, campaigns))
 }
 
-/// Of a run with two calibrations that of its thermal group, unless the index of the folder says that only that of the run alone is up to
-/// date.
+/// Of a run with two calibrations that of its thermal group, unless the index of the folder says that that of the run alone was made again
+/// since.
 fn one_of_each_run(folder: &Path, mut found: Vec<PathBuf>) -> Result<Vec<PathBuf>, Finding> {
     found.sort();
     let index = index::read(folder)?;
-    let is_current = |path: &Path| {
+    let is_overtaken = |path: &Path| {
         let inside = path.strip_prefix(folder).unwrap_or(path).to_string_lossy();
-        index.as_ref().is_none_or(|index| index.is_current(&inside))
+        index.as_ref().is_some_and(|index| index.is_overtaken(&inside))
     };
     let pair = |path: &PathBuf| alone_of(&path.to_string_lossy()).map(PathBuf::from).filter(|alone| found.contains(alone));
     let left: Vec<PathBuf> = found
         .iter()
         .filter_map(|path| Some((path, pair(path)?)))
-        .map(|(path, alone)| if !is_current(path) && is_current(&alone) { path.clone() } else { alone })
+        .map(|(path, alone)| if is_overtaken(path) { path.clone() } else { alone })
         .collect();
     found.retain(|path| !left.contains(path));
     Ok(found)

@@ -227,9 +227,7 @@ impl Index {
 
     /// Why a file is stale by what it was made from itself.
     fn outdated(&self, file: &FileEntry) -> Option<String> {
-        // The calibration of a run alone that was made again makes that of the thermal group, which stands in its place, an older one.
-        let changed = |v: &&Version| v.path != file.path && self.file(&v.path).is_some_and(|now| now.sha256 != v.sha256);
-        if let Some(replaced) = file.replaces.iter().find(changed) {
+        if let Some(replaced) = self.remade(file) {
             return Some(format!("{} was made again", replaced.path));
         }
         let looks = LOOKING.iter().any(|command| file.command.starts_with(command));
@@ -253,10 +251,16 @@ impl Index {
         })
     }
 
-    /// Whether a file may be used: it is not stale, and its run still has results.
+    /// The other file in whose place one stands, if that was made again since.
+    fn remade<'a>(&self, file: &'a FileEntry) -> Option<&'a Version> {
+        let changed = |v: &&Version| v.path != file.path && self.file(&v.path).is_some_and(|now| now.sha256 != v.sha256);
+        file.replaces.iter().find(changed)
+    }
+
+    /// Whether the calibration of a run alone is younger than that of the thermal group, which stands in its place and has this path.
     #[must_use]
-    pub fn is_current(&self, path: &str) -> bool {
-        self.file(path).is_some_and(|file| !file.stale && file.mark.is_none())
+    pub fn is_overtaken(&self, path: &str) -> bool {
+        self.file(path).is_some_and(|file| self.remade(file).is_some())
     }
 }
 
@@ -330,6 +334,7 @@ mod tests {
         index.put(entry("A.CPF", "another", &[]));
         index.judge();
         assert_eq!(stale(&index), ["T.CPF"]);
+        assert!(index.is_overtaken("T.CPF") && !index.is_overtaken("A.CPF"));
     }
 
     #[test]

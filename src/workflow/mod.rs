@@ -546,7 +546,8 @@ impl Outcome<'_> {
 }
 
 /// Writes the table of all runs of one kind, as CSV and Parquet, if the command wrote a parameter file of the kind: from all parameter files
-/// of the folder that are as the index says, where a run has two from that of its thermal group unless only the other one is up to date.
+/// of the folder that are as the index says, where a run has two from that of its thermal group unless the other one was made again
+/// since.
 ///
 /// # Errors
 /// What cannot be written.
@@ -563,7 +564,7 @@ pub fn publish_table<A: PerRun>(now: &Index, written: &WrittenFiles, desk: &Desk
         .iter()
         .filter_map(|path| Some((*path, parameter::alone_of(path)?)))
         .filter(|(_, alone)| paths.contains(&alone.as_str()))
-        .map(|(path, alone)| if !now.is_current(path) && now.is_current(&alone) { path.to_owned() } else { alone })
+        .map(|(path, alone)| if now.is_overtaken(path) { path.to_owned() } else { alone })
         .collect();
     paths.retain(|path| !replaced.iter().any(|r| r == path));
     let as_stated = |path: &&str| {
