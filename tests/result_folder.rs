@@ -278,6 +278,27 @@ fn a_run_that_is_refused_now_keeps_its_older_results_with_a_mark() {
 }
 
 #[test]
+fn a_run_that_is_left_out_by_hand_is_told_and_its_older_results_are_marked() {
+    let case = sample();
+    let out = case.out();
+    report(&case);
+    let left_out = format!("{}=door opened", RUNS[2]);
+    done(&case, &["lin", "--exclude", &left_out], &[&case.campaign()]);
+    let run = index(&out)["runs"][RUNS[2]].clone();
+    assert_eq!(run["state"], "excluded");
+    says(run["reason"].as_str().unwrap(), &["door opened"]);
+    assert_eq!(entry(&out, &cpf(RUNS[2], "LIN"))["mark"], "excluded");
+    assert!(stale(&out).contains(TPF) && !rows(&out, "LIN_PARAMETERS.csv").contains_key(RUNS[2]));
+    done(&case, &["report", "--exclude", &left_out], &[&case.campaign()]);
+    assert_eq!(stale(&out), BTreeSet::new());
+    let used = common::check::parameters(&out.join(TPF))["used"].to_string();
+    assert!(!used.contains(RUNS[2]), "{used}");
+    report(&case);
+    assert_eq!(state(&out, RUNS[2]), "done");
+    assert_eq!(verify(&out).0, Some(0));
+}
+
+#[test]
 fn results_of_another_campaign_are_refused_before_anything_is_written() {
     let case = Case::of(common::small().text());
     done(&case, &["lin"], &[&case.campaign()]);

@@ -286,7 +286,7 @@ fn tell_stale(stale: &[String], terminal: &Terminal) {
     let names = stale.iter().take(MOST).map(String::as_str).collect::<Vec<_>>().join(", ");
     let count = if stale.len() == 1 { "1 file is".to_owned() } else { format!("{} files are", stale.len()) };
     terminal.warning(&format!(
-        "{count} stale, made from what has changed since: {names}{more}; INDEX.json says why, `calfit report` of the campaign renews them"
+        "{count} stale, made from what has changed since: {names}{more}; INDEX.json says why; make them again with `calfit report` or the command of each"
     ));
 }
 

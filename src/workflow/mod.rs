@@ -70,7 +70,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// An analysis of single runs: its options are the value, what it keeps while a file is read is its sink.
 pub trait PerRun: Clone + Default + Serialize + DeserializeOwned + Send + Sync + 'static {
@@ -554,7 +554,7 @@ impl Outcome<'_> {
 #[cfg(feature = "tables")]
 pub fn publish_table<A: PerRun>(now: &Index, written: &WrittenFiles, desk: &Desk) -> Result<(), Finding> {
     type Parameters<A> = <<A as PerRun>::Result as RunResult>::Parameters;
-    let is_one = |path: &str| parameter::is_named::<Parameters<A>>(Path::new(path));
+    let is_one = |path: &str| parameter::is_named::<Parameters<A>>(std::path::Path::new(path));
     if !written.keys().any(|path| is_one(path)) {
         return Ok(());
     }
