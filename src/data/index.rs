@@ -104,6 +104,14 @@ impl FileEntry {
         Version { path: self.path.clone(), sha256: self.sha256.clone() }
     }
 
+    /// Whether it is named after a run, or lies in its folder.
+    #[must_use]
+    pub fn is_named_after(&self, run: &str) -> bool {
+        let stem = self.name().rsplit_once('.').map_or(self.name(), |(stem, _)| stem);
+        let of_name = stem.split_once("__").is_some_and(|(_, id)| id == run || id == run.replace('_', "-"));
+        of_name || self.path.split_once('/').is_some_and(|(folder, _)| folder == run)
+    }
+
     /// The last part of its path.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -185,14 +193,8 @@ impl Index {
             .iter()
             .filter(|(_, run)| matches!(run.state, RunState::Gone | RunState::Excluded | RunState::Refused))
             .collect();
-        let marks: Vec<Option<RunState>> = self
-            .files
-            .iter()
-            .map(|file| {
-                let own = |id: &str| file.path.contains(id) || file.path.contains(&id.replace('_', "-"));
-                over.iter().find(|(id, _)| own(id)).map(|(_, run)| run.state)
-            })
-            .collect();
+        let marks: Vec<Option<RunState>> =
+            self.files.iter().map(|file| over.iter().find(|(id, _)| file.is_named_after(id)).map(|(_, run)| run.state)).collect();
         let mut reasons: Vec<Option<String>> =
             self.files.iter().zip(&marks).map(|(file, mark)| mark.map_or_else(|| self.outdated(file), |_| None)).collect();
         // What rests on a stale file is stale, and polynomials and the calibrations of their runs rest on each other.
@@ -350,6 +352,14 @@ mod tests {
         index.judge();
         assert_eq!(index.file("13-04-03_09/B.CPF").unwrap().mark, Some(RunState::Gone));
         assert!(index.file("REPORT.md").unwrap().stale);
+    }
+
+    #[test]
+    fn a_file_is_named_after_its_run_alone() {
+        let of = |path: &str, run: &str| entry(path, "", &[]).is_named_after(run);
+        assert!(of("13-04-03_08/A.CPF", "13-04-03_08") && of("T__13-04-03-08.TPF", "13-04-03_08"));
+        assert!(of("THERMISTOR__pt.1000.toml", "pt.1000"));
+        assert!(!of("REPORT.md", "R") && !of("13-04-03_08/A.CPF", "13-04-03_0") && !of("T__13-04-03-08.TPF", "13-04-03"));
     }
 
     #[test]

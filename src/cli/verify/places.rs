@@ -58,10 +58,7 @@ impl Home {
     /// Why a file cannot be compared with what it was made from: the run is gone, or what it was made from was made again.
     pub fn obstacle(&self, file: &FileEntry) -> Option<String> {
         if file.mark == Some(RunState::Gone) {
-            let reason = self.index.runs.iter().find(|(id, run)| {
-                run.state == RunState::Gone && (file.path.contains(*id) || file.path.contains(&id.replace('_', "-")))
-            });
-            let (id, run) = reason?;
+            let (id, run) = self.index.runs.iter().find(|(id, run)| run.state == RunState::Gone && file.is_named_after(id))?;
             let why = run.reason.as_deref().unwrap_or("its file is not there");
             return Some(format!("run {id} is gone from the campaign, so that there is nothing to compare with: {why}"));
         }
