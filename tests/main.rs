@@ -35,6 +35,7 @@ mod places;
 mod python;
 mod recipe;
 mod report;
+mod result_folder;
 mod rosetta;
 mod scale;
 mod screens;

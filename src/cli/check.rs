@@ -1,13 +1,15 @@
-//! `calfit check`: everything that is wrong with each file. Run files, programmes, tables of amplitudes, campaign files and parameter files are told
-//! apart by their names or by a key of theirs, never by trial.
+//! `calfit check`: everything that is wrong with each file. Run files, programmes, tables of amplitudes, campaign files, parameter files and
+//! the index of a result folder are told apart by their names or by a key of theirs, never by trial.
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::{Finding, Severity};
+use crate::data::index::INDEX_FILE;
 use crate::files::campaign::Campaign;
 use crate::files::export::rpcmag;
 use crate::files::parameter::FileKind;
-use crate::files::{amplitudes, campaign, ccr, mag, twin};
+use crate::files::source::digest;
+use crate::files::{amplitudes, campaign, ccr, index, mag, twin};
 use crate::model::campaign::Instructions;
 use crate::record::temperature_faults::{self, ChannelFault};
 use clap::Args;
@@ -17,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files and model files of calfit, ground calibration files (RPCMAG*.TXT).
+    /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files and model files of calfit, ground calibration files (RPCMAG*.TXT).
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -57,7 +59,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     Ok(if bad == 0 { Status::Done } else { Status::Partly })
 }
 
-/// The files to check: those named, and of a folder its runs and its `campaign.toml`.
+/// The files to check: those named, of a campaign folder its runs and its `campaign.toml`, of a result folder its index and its parameter
+/// files.
 fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
     let mut files = Vec::new();
     for path in paths {
@@ -71,13 +74,18 @@ fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
             files.push(toml);
         }
         files.extend(Campaign::run_files(path)?);
+        if path.join(INDEX_FILE).is_file() {
+            files.push(path.join(INDEX_FILE));
+        }
+        let own = index::own_files(path)?.into_iter().map(|name| path.join(name));
+        files.extend(own.filter(|file| FileKind::of_name(file).is_some()));
     }
     if files.is_empty() {
         let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
         return Err(Finding::error(
             &shown.join(", "),
             "holds nothing to check",
-            "name run files, programmes or a campaign folder",
+            "name run files, programmes, a campaign folder or a result folder",
         ));
     }
     files.sort();
@@ -89,7 +97,9 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     let shown = path.display().to_string();
     let name = shown.to_ascii_uppercase();
     let mut findings = Vec::new();
-    let error = if let Some(kind) = FileKind::of_file(path) {
+    let error = if path.file_name().is_some_and(|name| name == INDEX_FILE) {
+        check_index(path, &mut findings).err()
+    } else if let Some(kind) = FileKind::of_file(path) {
         kind.check(path).err()
     } else if name.ends_with(".MAG") {
         mag::read(path, &mut findings).err()
@@ -121,6 +131,39 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     };
     findings.extend(error);
     findings
+}
+
+/// The index of a result folder: every file that it names must be there as it was written, and nothing of calfit beside them.
+fn check_index(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let Some(index) = index::read(folder)? else { return Ok(()) };
+    let renew = "`calfit report` of the campaign renews it";
+    let mut say = |file: &str, severity: Severity, rule: String, remedy: &str| {
+        let shown = folder.join(file).display().to_string();
+        findings.push(Finding::error(&shown, rule, remedy).weighing(severity));
+    };
+    for entry in &index.files {
+        let file = folder.join(&entry.path);
+        if !file.is_file() {
+            say(&entry.path, Severity::Error, "is missing: the index of the folder names it".to_owned(), renew);
+        } else if digest(&file)?.sha256 != entry.sha256 {
+            let rule = "was changed after it was written: it has another SHA-256 than the index of its folder states";
+            say(&entry.path, Severity::Error, rule.to_owned(), renew);
+        }
+        if entry.stale {
+            let rule = format!("is stale: {}", entry.reason.as_deref().unwrap_or("what it was made from has changed"));
+            say(&entry.path, Severity::Warning, rule, renew);
+        }
+        if let Some(state) = entry.mark {
+            let rule = format!("is of a run that is {state}");
+            say(&entry.path, Severity::Warning, rule, "leave it out, or take it away");
+        }
+    }
+    for name in index::own_files(folder)?.iter().filter(|name| index.file(name).is_none()) {
+        let rule = "is a file of calfit that the index of the folder does not name";
+        say(name, Severity::Warning, rule.to_owned(), "take it away, or run its command into this folder again");
+    }
+    Ok(())
 }
 
 /// A ground calibration file of `calfit export`, by its name.

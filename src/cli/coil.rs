@@ -1,7 +1,7 @@
 //! `calfit coil`: the facility's own calibration.
 
 use super::output::{Terminal, json};
-use super::{Common, Status, jobs_of, open, report_failures, status};
+use super::{Common, Status, jobs_of, open, refused, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::run::Kind;
 use crate::files::output::Folder;
@@ -74,7 +74,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     match &arguments.method {
         Method::Scalar(own) => {
             let options = scalar::Options { rack_channel: own.rack_channel.clone() };
-            let campaigns = open(&own.paths, terminal)?;
+            let campaigns = open(&own.paths, common, terminal)?;
             let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
             let (desk, mut failures) = (common.desk(), Vec::new());
             let made = scalar_of(coil_runs(&jobs, &desk, &mut failures), &options, &desk).transpose();
@@ -94,6 +94,7 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
     if let [table] = own.paths.as_slice()
         && ends_with(table, "csv")
     {
+        common.results.places([table]);
         let mut findings = Vec::new();
         let made = residual_of_table(table, &mut findings)?;
         findings.iter().for_each(|f| terminal.finding(f));
@@ -102,7 +103,7 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
     if let Some(table) = own.paths.iter().find(|p| ends_with(p, "csv")) {
         return Err(Finding::error(&table.display().to_string(), "is not the only PATH", "name one table alone, or runs"));
     }
-    let campaigns = open(&own.paths, terminal)?;
+    let campaigns = open(&own.paths, common, terminal)?;
     let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
     let mut failures = Vec::new();
     let made = residual_of(coil_runs(&jobs, &desk, &mut failures), &desk).transpose();
@@ -110,6 +111,9 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
 }
 
 fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let (cpfs, others): (Vec<PathBuf>, Vec<PathBuf>) = own.paths.iter().cloned().partition(|path| is_named::<Cpf>(path));
+    common.results.places(others.iter().filter(|path| ends_with(path, "csv")).chain(&own.facility));
+    common.results.accept_files(&cpfs)?;
     let facility = facility(own.facility.as_ref())?;
     let mut input = TiltInput::default();
     let mut failures = Vec::new();
@@ -126,7 +130,7 @@ fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Re
             campaign_paths.push(path.clone());
         }
     }
-    let campaigns = if campaign_paths.is_empty() { Vec::new() } else { open(&campaign_paths, terminal)? };
+    let campaigns = if campaign_paths.is_empty() { Vec::new() } else { open(&campaign_paths, common, terminal)? };
     if !campaigns.is_empty() {
         let jobs = jobs_of(&campaigns, &campaign_paths, Kind::Linearity, terminal)?;
         let options = lin::Options { facility: facility.clone(), ..lin::Options::default() };
@@ -162,6 +166,7 @@ fn finish<R: CoilResult>(
         }
         None => 0,
     };
+    failures.iter().for_each(|(name, failure)| common.results.looked(name, refused(failure)));
     report_failures(terminal, &failures, total);
     Ok(status(done, failures.iter().map(|(_, f)| f)))
 }

@@ -2,11 +2,10 @@
 
 use super::options::{Excluding, without_excluded};
 use super::output::{Terminal, json};
-use super::{Common, Status, open_without, report_failures, status};
+use super::{Common, Status, open_without, refused, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::run::Kind;
 use crate::diagnose::{self, Options};
-use crate::files::output::Folder;
 use crate::files::parameter::{Cpf, is_named};
 use crate::measure::lin;
 use crate::model::effects::Catalogue;
@@ -62,9 +61,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     if !arguments.amplitudes.is_empty() {
         return tables(&arguments.amplitudes, common, terminal);
     }
+    common.results.places(arguments.facility.iter().chain(&arguments.model).chain(&arguments.temperature));
     let mut together = Across::default();
-    let paths = parameters(&arguments.paths, &mut together, terminal)?;
-    let campaigns = if paths.is_empty() { Vec::new() } else { open_without(&paths, &arguments.excluding, terminal)? };
+    let paths = parameters(&arguments.paths, &mut together, common, terminal)?;
+    let campaigns = if paths.is_empty() { Vec::new() } else { open_without(&paths, &arguments.excluding, common, terminal)? };
     let model = arguments.model.as_ref().map(|path| read_model(path)).transpose()?;
     let facility = facility(arguments.facility.as_ref())?;
     let mut inputs = Vec::new();
@@ -80,14 +80,13 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     };
     let (all, unmatched) = jobs(&campaigns, None);
     terminal.unmatched(&unmatched);
-    let (mut jobs, excluded) = without_excluded(all);
+    let (mut jobs, excluded) = without_excluded(all, &common.results);
     jobs.retain(|job| job.named || job.header.as_ref().is_none_or(|h| diagnose::takes(h.kind)));
     if jobs.is_empty() && excluded.is_empty() && !paths.is_empty() {
         let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
         let rule = "holds no run with steps, sines, a sweep or zero field".to_owned();
         return Err(Finding::error(&shown.join(", "), rule, "list the runs with `calfit inspect`"));
     }
-    Folder::open(&common.out, common.force)?;
     let desk = common.desk_without(&arguments.excluding);
     let bar = terminal.progress(jobs.len());
     let two_threads = jobs.len() < rayon::current_num_threads();
@@ -95,8 +94,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         .par_iter()
         .map(|job| {
             let made = diagnose_run(job, &desk, &options, &inputs, two_threads).and_then(|made| {
-                let folder = common.out.join(made.diagnosis.runs.first().map_or("", String::as_str));
-                publish_diagnosis(&made, &folder, &desk).map_err(Failure::Refused)?;
+                let run = made.diagnosis.runs.first().map_or("", String::as_str);
+                publish_diagnosis(&made, run, &desk).map_err(Failure::Refused)?;
                 Ok(made)
             });
             bar.inc(1);
@@ -114,7 +113,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         together.runs(&linear, &lin_options, &desk, &mut Vec::new());
         match together.diagnose() {
             Ok(made) => {
-                publish_diagnosis(&made, &common.out, &desk)?;
+                publish_diagnosis(&made, "", &desk)?;
                 results.push(("together".to_owned(), Ok(made)));
             }
             // Runs that have nothing in common were looked at one by one.
@@ -141,7 +140,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 
 /// Tables of amplitudes, one after the other.
 fn tables(paths: &[PathBuf], common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    Folder::open(&common.out, common.force)?;
+    common.results.places(paths);
     let desk = common.desk();
     let mut seen: Vec<String> = Vec::new();
     let results = paths.iter().map(|path| {
@@ -152,7 +151,7 @@ fn tables(paths: &[PathBuf], common: &Common, terminal: &Terminal) -> Result<Sta
                 let rule = format!("gives the run id {id}, as an earlier table does");
                 return Err(Failure::Refused(Finding::error(&path.display().to_string(), rule, "rename one of the two")));
             }
-            publish_diagnosis(&made, &common.out.join(&id), &desk).map_err(Failure::Refused)?;
+            publish_diagnosis(&made, &id, &desk).map_err(Failure::Refused)?;
             seen.push(id);
             Ok(made)
         });
@@ -182,7 +181,10 @@ fn told(
                 made.diagnosis.notes.iter().for_each(|w| terminal.warning(&format!("{recorded}: {w}")));
                 done.push(made);
             }
-            Err(failure) => failures.push((recorded, failure)),
+            Err(failure) => {
+                common.results.looked(&recorded, refused(&failure));
+                failures.push((recorded, failure));
+            }
         }
     }
     let all: Vec<&Diagnosed> = done.iter().collect();
@@ -208,7 +210,10 @@ fn told(
 }
 
 /// Takes tables and parameter files among the paths; the rest is returned.
-fn parameters(paths: &[PathBuf], together: &mut Across, terminal: &Terminal) -> Result<Vec<PathBuf>, Finding> {
+fn parameters(paths: &[PathBuf], together: &mut Across, common: &Common, terminal: &Terminal) -> Result<Vec<PathBuf>, Finding> {
+    let (cpfs, rest): (Vec<PathBuf>, Vec<PathBuf>) = paths.iter().cloned().partition(|path| is_named::<Cpf>(path));
+    common.results.places(rest.iter().filter(|path| path.is_file()));
+    common.results.accept_files(&cpfs)?;
     let mut others = Vec::new();
     for path in paths {
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {

@@ -2,7 +2,7 @@
 
 use super::options::{Excluded, Excluding, without_excluded};
 use super::output::{Terminal, json};
-use super::{Common, Status, jobs_of, open_without, report_failures, status};
+use super::{Common, Status, jobs_of, open_without, refused, report_failures, status};
 use crate::data::error::Finding;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationFile};
@@ -41,8 +41,8 @@ pub(super) fn run<A: PerRun>(
     common: &Common,
     terminal: &Terminal,
 ) -> Result<Status, Finding> {
-    let campaigns = open_without(paths, excluding, terminal)?;
-    let (jobs, excluded) = without_excluded(jobs_of(&campaigns, paths, A::KIND, terminal)?);
+    let campaigns = open_without(paths, excluding, common, terminal)?;
+    let (jobs, excluded) = without_excluded(jobs_of(&campaigns, paths, A::KIND, terminal)?, &common.results);
     let folder = Folder::open(&common.out, common.force)?;
     table_names(A::STEM).iter().try_for_each(|name| folder.check(name))?;
     let desk = common.desk_without(excluding);
@@ -61,14 +61,13 @@ pub(super) fn run<A: PerRun>(
         .collect();
     bar.finish_and_clear();
     let results = Results { of_runs: jobs.iter().map(|j| j.recorded.clone()).zip(results).collect(), excluded };
-    finish::<A>(results, &[], &folder, common, terminal)
+    finish::<A>(results, &[], common, terminal)
 }
 
 /// Prints results, linearisations that they share, and failures, and writes the table of all runs.
 pub(super) fn finish<A: PerRun>(
     Results { of_runs, excluded }: Results<A>,
     linearisation: &[Linearised],
-    folder: &Folder,
     common: &Common,
     terminal: &Terminal,
 ) -> Result<Status, Finding> {
@@ -79,9 +78,13 @@ pub(super) fn finish<A: PerRun>(
         match result {
             Ok(made) => {
                 made.result.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+                common.results.done(made.result.head(), &made.provenance);
                 done.push(made);
             }
-            Err(failure) => failures.push((name, failure)),
+            Err(failure) => {
+                common.results.outcome(&name, refused(&failure));
+                failures.push((name, failure));
+            }
         }
     }
     let done: Vec<&A::Result> = done.iter().map(|made| &made.result).collect();
@@ -102,12 +105,9 @@ pub(super) fn finish<A: PerRun>(
     if !common.json {
         excluded.iter().for_each(|one| terminal.tell(&one.told()));
     }
-    #[cfg(feature = "tables")]
-    if let Err(finding) = crate::workflow::publish_table::<A>(folder, &done) {
+    if let Err(finding) = common.results.renew_tables(&common.desk()) {
         failures.push((format!("{}_PARAMETERS", A::STEM), Failure::Refused(finding)));
     }
-    #[cfg(not(feature = "tables"))]
-    let _ = folder;
     report_failures(terminal, &failures, total);
     let partial = if done.iter().any(|r| r.is_partial()) { Status::Partly } else { Status::Done };
     Ok(status(done.len(), failures.iter().map(|(_, f)| f)).max(partial))

@@ -5,7 +5,6 @@ use super::output::Terminal;
 use super::{Allow, Common, Status, each};
 use crate::data::error::Finding;
 use crate::data::plateau::Settling;
-use crate::files::output::Folder;
 use crate::files::parameter::Body;
 use crate::measure::freq::Options;
 use crate::workflow::{Failure, RunResult, known, of_table, publish};
@@ -31,12 +30,12 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    common.results.places(arguments.amplitudes.iter().chain(&arguments.model));
     let options =
         Options { settling: arguments.settling, allow_gain: common.allows(Allow::Gain), model: known(arguments.model.as_ref())? };
     if arguments.amplitudes.is_empty() {
         return each::run(&options, &arguments.paths, &arguments.excluding, common, terminal);
     }
-    let folder = Folder::open(&common.out, common.force)?;
     let desk = common.desk();
     let mut results = Vec::new();
     let mut seen: Vec<String> = Vec::new();
@@ -56,5 +55,5 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         findings.iter().for_each(|f| terminal.finding(f));
         results.push((path.display().to_string(), made));
     }
-    each::finish::<Options>(each::Results { of_runs: results, excluded: Vec::new() }, &[], &folder, common, terminal)
+    each::finish::<Options>(each::Results { of_runs: results, excluded: Vec::new() }, &[], common, terminal)
 }

@@ -31,7 +31,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let rule = format!("is a {} parameter file and no run", kind.format);
         return Err(Finding::error(&path.display().to_string(), rule, "look at it with `calfit check` or `calfit verify`"));
     }
-    let campaigns = open(&arguments.paths, terminal)?;
+    let campaigns = open(&arguments.paths, common, terminal)?;
     let (jobs, unmatched) = jobs(&campaigns, None);
     terminal.unmatched(&unmatched);
     let bar = terminal.progress(jobs.len());

@@ -3,7 +3,7 @@
 use super::each::Attempt;
 use super::options::{Cut, Excluding, ValueError, without_excluded};
 use super::output::Terminal;
-use super::{Allow, Common, Status, each, jobs_of, open_without};
+use super::{Allow, Common, Status, each, jobs_of, open_without, refused};
 use crate::data::error::Finding;
 use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationFile};
@@ -69,6 +69,11 @@ fn axis_limit(text: &str) -> Result<(usize, f64), ValueError> {
 }
 
 impl FitOptions {
+    /// The files that the options name.
+    pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        self.facility.iter().chain(&self.model).chain(&self.temperature)
+    }
+
     pub(super) fn options(&self, common: &Common) -> Result<Options, Finding> {
         let mut max_field_nt = [None; 3];
         for (axis, limit) in &self.max_field {
@@ -90,6 +95,7 @@ impl FitOptions {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    common.results.places(arguments.fit.files().chain(&arguments.linearisation));
     let linearisation = linearisation(arguments.linearisation.as_ref())?;
     let options = Options { linearisation, ..arguments.fit.options(common)? };
     if arguments.linearise {
@@ -107,8 +113,8 @@ fn linearise(
     common: &Common,
     terminal: &Terminal,
 ) -> Result<Status, Finding> {
-    let campaigns = open_without(paths, excluding, terminal)?;
-    let (jobs, excluded) = without_excluded(jobs_of(&campaigns, paths, Options::KIND, terminal)?);
+    let campaigns = open_without(paths, excluding, common, terminal)?;
+    let (jobs, excluded) = without_excluded(jobs_of(&campaigns, paths, Options::KIND, terminal)?, &common.results);
     let folder = Folder::open(&common.out, common.force)?;
     table_names(Options::STEM).iter().try_for_each(|name| folder.check(name))?;
     let desk = common.desk_without(excluding);
@@ -152,8 +158,12 @@ fn linearise(
                 results.extend(published);
             }
             // Without the linearisation there are no parameters as they were asked for, of none of its runs.
-            Err(finding) => results.push((names.join(", "), Err(Failure::Refused(finding)))),
+            Err(finding) => {
+                let failure = Failure::Refused(finding);
+                names.iter().for_each(|name| common.results.outcome(name, refused(&failure)));
+                results.push((names.join(", "), Err(failure)));
+            }
         }
     }
-    each::finish::<Options>(each::Results { of_runs: results, excluded }, &found, &folder, common, terminal)
+    each::finish::<Options>(each::Results { of_runs: results, excluded }, &found, common, terminal)
 }

@@ -24,8 +24,9 @@ mod verify;
 
 use crate::data::error::Finding;
 use crate::data::run::Kind;
+use crate::data::run_state::{Outcome, RunState};
 use crate::files::campaign::Campaign;
-use crate::workflow::{Desk, Failure, Job, jobs};
+use crate::workflow::{Desk, Failure, Job, Results, jobs};
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use options::Excluding;
@@ -124,6 +125,9 @@ struct Common {
     /// The same as `--allow truncated`.
     #[arg(long, global = true)]
     allow_truncated: bool,
+    /// The folder for results, where the command has one of a campaign.
+    #[arg(skip)]
+    results: Results,
 }
 
 impl Cli {
@@ -165,6 +169,7 @@ impl Common {
             allow_truncated: self.allows(Allow::Truncated),
             allow_duplicates: self.allows(Allow::Duplicates),
             exclude: Vec::new(),
+            results: self.results.clone(),
         }
     }
 
@@ -245,8 +250,47 @@ fn told<'a>(cli: Cli, out: Output<'a>, err: Output<'a>) -> Status {
     terminal.finish(status)
 }
 
-/// Runs one command.
-fn execute(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
+impl Command {
+    /// Whether the results belong to a campaign, and their folder has an index.
+    fn has_index(&self) -> bool {
+        use Command::{Coil, Diagnose, Freq, Lin, Null, Offset, Report, Thermal};
+        matches!(self, Lin(_) | Offset(_) | Freq(_) | Thermal(_) | Null(_) | Coil(_) | Diagnose(_) | Report(_))
+    }
+}
+
+/// Runs one command. The folder for results is this process's alone before anything else is looked at, and its index is written last,
+/// whatever became of the command.
+fn execute(mut cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
+    if cli.command.has_index() {
+        cli.common.results = Results::open(&cli.common.out, cli.common.force)?;
+    }
+    let results = cli.common.results.clone();
+    let status = dispatch(cli, terminal);
+    match results.close() {
+        Ok(stale) => tell_stale(&stale, terminal),
+        Err(finding) => {
+            terminal.finding(&finding);
+            return status.map(|status| status.max(Status::Partly));
+        }
+    }
+    status
+}
+
+/// Names files that are there and rest on others that were changed.
+fn tell_stale(stale: &[String], terminal: &Terminal) {
+    const MOST: usize = 3;
+    if stale.is_empty() {
+        return;
+    }
+    let more = if stale.len() > MOST { ", ..." } else { "" };
+    let names = stale.iter().take(MOST).map(String::as_str).collect::<Vec<_>>().join(", ");
+    let count = if stale.len() == 1 { "1 file is".to_owned() } else { format!("{} files are", stale.len()) };
+    terminal.warning(&format!(
+        "{count} stale, made from what has changed since: {names}{more}; INDEX.json says why; make them again with `calfit report` or the command of each"
+    ));
+}
+
+fn dispatch(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
     match cli.command {
         Command::Lin(arguments) => lin::run(&arguments, &cli.common, terminal),
         Command::Offset(arguments) => offset::run(&arguments, &cli.common, terminal),
@@ -270,16 +314,23 @@ fn execute(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
     }
 }
 
-/// Opens the campaigns of a list of paths and shows what `campaign.toml` is warned about.
-fn open(paths: &[PathBuf], terminal: &Terminal) -> Result<Vec<Campaign>, Finding> {
-    open_without(paths, &Excluding::default(), terminal)
+/// Opens the campaigns of a list of paths, whose results the folder for results must be able to take, and shows what `campaign.toml` is
+/// warned about.
+fn open(paths: &[PathBuf], common: &Common, terminal: &Terminal) -> Result<Vec<Campaign>, Finding> {
+    open_without(paths, &Excluding::default(), common, terminal)
 }
 
 /// The same, with what is left out by hand.
-fn open_without(paths: &[PathBuf], excluding: &Excluding, terminal: &Terminal) -> Result<Vec<Campaign>, Finding> {
+fn open_without(
+    paths: &[PathBuf],
+    excluding: &Excluding,
+    common: &Common,
+    terminal: &Terminal,
+) -> Result<Vec<Campaign>, Finding> {
     let mut findings = Vec::new();
     let campaigns = Campaign::open_without(paths, &excluding.exclude, &mut findings)?;
     findings.iter().for_each(|f| terminal.finding(f));
+    common.results.accept(&campaigns)?;
     Ok(campaigns)
 }
 
@@ -293,6 +344,12 @@ fn jobs_of<'a>(campaigns: &'a [Campaign], paths: &[PathBuf], kind: Kind, termina
         return Err(Finding::error(&shown.join(", "), rule, "list the runs with `calfit inspect`"));
     }
     Ok(jobs)
+}
+
+/// The outcome of a run without a result.
+fn refused(failure: &Failure) -> Outcome {
+    let errors: Vec<String> = failure.errors().map(|f| format!("{}; {}", f.rule, f.remedy)).collect();
+    Outcome::new(RunState::Refused, errors.join("; "))
 }
 
 /// Prints the errors of the runs that have no result and counts them.

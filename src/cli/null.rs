@@ -25,6 +25,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    common.results.places(&arguments.cpf);
     let options = Options { order: usize::from(arguments.order), cpf: sensitivities(arguments.cpf.as_ref())? };
     each::run(&options, &arguments.paths, &arguments.excluding, common, terminal)
 }

@@ -27,6 +27,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    common.results.places(arguments.cpf.iter().chain(&arguments.facility));
     let options = Options {
         cut: arguments.cut.into(),
         allow_mismatch: common.allows(Allow::Mismatch),

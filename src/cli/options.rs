@@ -3,9 +3,10 @@
 use crate::data::exclusion::Exclusion;
 use crate::data::plateau::{self, LEAST_COVERAGE, Settling};
 use crate::data::run::Header;
+use crate::data::run_state::{Outcome, RunState};
 use crate::data::thermistor::HIGHEST_ORDER;
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES};
-use crate::workflow::Job;
+use crate::workflow::{Job, Results};
 use clap::Args;
 use serde::Serialize;
 
@@ -54,11 +55,12 @@ impl Excluded {
     }
 }
 
-/// The runs that are to be analysed, and those that are left out by hand.
-pub(super) fn without_excluded(jobs: Vec<Job>) -> (Vec<Job>, Vec<Excluded>) {
+/// The runs that are to be analysed, and those that are left out by hand, which the index of the results names.
+pub(super) fn without_excluded<'a>(jobs: Vec<Job<'a>>, results: &Results) -> (Vec<Job<'a>>, Vec<Excluded>) {
     let mut excluded = Vec::new();
     let stays = |job: &Job| match &job.excluded {
         Some(reason) => {
+            results.outcome(&job.recorded, Outcome::new(RunState::Excluded, reason.clone()));
             excluded.push(Excluded { run: job.id(), reason: reason.clone(), header: job.header.clone() });
             false
         }

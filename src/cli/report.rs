@@ -3,7 +3,7 @@
 use super::options::{Excluded, Excluding, without_excluded};
 use super::output::{Terminal, json};
 use super::thermal::{LAG, lag, order, sort_centres, sort_results, warn_of_model};
-use super::{Common, Status, open_without, report_failures, status};
+use super::{Common, Status, open_without, refused, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
@@ -12,9 +12,9 @@ use crate::data::run::{Kind, Run};
 use crate::data::run_state::{Outcome, RunState};
 use crate::data::start::Start;
 use crate::files::campaign::Campaign;
+use crate::files::ledger::{Ledger, Origin};
 use crate::files::output::Folder;
 use crate::files::parameter::Body;
-use crate::files::source::hex;
 use crate::measure::coil::{residual::is_check, scalar};
 use crate::measure::sweep::{self, LagChoice};
 use crate::measure::{thermal, thermistor};
@@ -24,14 +24,13 @@ use crate::show::protocol::{self, OtherPart, Protocol, RunPart, ThermalPart};
 use crate::show::{self, Drawn, html, markdown};
 use crate::workflow::{
     Analyses, CentreMade, CoilMade, CoilResult, CoilRun, Desk, Failure, Measured, NoGround, ThermalInput, ThermalOptions,
-    ThermalShown, alone, draw, facility, ground_calibration, jobs, known, publish_alone, publish_coil, publish_tables,
-    publish_thermal_names, publish_thermistor, refer, residual_of, scalar_of, scale_to_nt, settle, thermistor_of,
+    ThermalShown, alone, draw, facility, ground_calibration, jobs, known, publish_alone, publish_coil, publish_thermal_names,
+    publish_thermistor, refer, residual_of, scalar_of, scale_to_nt, settle, thermistor_of,
 };
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
-use sha2::{Digest, Sha256};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
@@ -82,7 +81,7 @@ struct Listing<'a> {
 const FILES: [&str; 2] = ["REPORT.md", "REPORT.html"];
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    let campaigns = open_without(std::slice::from_ref(&arguments.campaign), &arguments.excluding, terminal)?;
+    let campaigns = open_without(std::slice::from_ref(&arguments.campaign), &arguments.excluding, common, terminal)?;
     let campaign = campaigns
         .first()
         .ok_or_else(|| Finding::error(&arguments.campaign.display().to_string(), "is no campaign", "name a campaign folder"))?;
@@ -92,7 +91,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let mut failures: Vec<(String, Failure)> = Vec::new();
     let (all, unmatched) = jobs(&campaigns, None);
     terminal.unmatched(&unmatched);
-    let (jobs, excluded) = without_excluded(all);
+    let (jobs, excluded) = without_excluded(all, &common.results);
 
     let facility = facility(arguments.facility.as_ref())?;
     let model = known(arguments.model.as_ref())?;
@@ -117,15 +116,23 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let mut measured = Vec::new();
     for (job, result) in jobs.iter().zip(made) {
         match result {
-            Ok(one) => measured.push(one),
-            Err(failure) => failures.push((job.recorded.clone(), failure)),
+            Ok(one) => {
+                if let Some(made) = one.made() {
+                    common.results.done(made.head(), made.provenance());
+                }
+                measured.push(one);
+            }
+            Err(failure) => {
+                common.results.outcome(&job.recorded, refused(&failure));
+                failures.push((job.recorded.clone(), failure));
+            }
         }
     }
     warn_of_model(model.as_ref(), &measured, terminal);
     measured.sort_by_key(key);
     let options = ThermalOptions { orders: arguments.order.clone(), joint: true, facility, model };
     let entries = &campaign.file.instructions.thermal;
-    let alone = alone(&measured)?;
+    let alone = alone(&measured, &desk)?;
     settle(&mut measured, entries, &options.orders);
     let mut across = ThermalInput::default();
     across.measured(&measured);
@@ -135,7 +142,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let not_applied: Vec<String> = at_one_temperature.iter().map(|f| format!("{}: {}", f.file, f.rule)).collect();
     let centres = sort_centres(across.to_own_centre(&groups, &options, &desk), &mut failures, terminal);
     let alone = refer(&mut measured, alone, &groups, &desk);
-    scale_to_nt(&mut measured)?;
+    scale_to_nt(&mut measured, &desk)?;
     let drawn: Vec<Result<Vec<Drawn>, Finding>> = measured
         .par_iter()
         .map(|one| {
@@ -150,17 +157,18 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let name = one.run().map_or_else(String::new, |r| r.input.path.clone());
         one.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
         figures.push(result.unwrap_or_else(|finding| {
-            failures.push((name, Failure::Refused(finding)));
+            let failure = Failure::Refused(finding);
+            common.results.outcome(&name, refused(&failure));
+            failures.push((name, failure));
             Vec::new()
         }));
     }
-    if let Err(finding) = publish_tables(&folder, &measured) {
-        failures.push(("the tables of all runs".to_owned(), Failure::Refused(finding)));
-    }
-
     publish_alone(&alone, &desk)?;
     for files in groups.iter().map(|group| &group.thermal.runs.files).chain(centres.iter().map(|made| &made.pair)) {
         publish_thermal_names(&measured, files, &desk)?;
+    }
+    if let Err(finding) = common.results.renew_tables(&desk) {
+        failures.push(("the tables of all runs".to_owned(), Failure::Refused(finding)));
     }
 
     let coil = coil(campaign, &measured, &desk, terminal, &mut failures);
@@ -168,7 +176,6 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let ground = ground(&groups, &centres, &thermistors.of_sensor, &desk, &mut failures);
     let beside_alone = across.without_centre(&groups);
     beside_alone.iter().chain(&ground.lacking).for_each(|note| terminal.warning(&note.to_string()));
-    let profile = if common.no_plots { None } else { profile(campaign, &measured, &folder)? };
     let mut input: Vec<Input> = measured.iter().filter_map(Measured::run).map(|run| Input::from(&run.input)).collect();
     input.extend(campaign.input.clone());
     input.extend(thermistors.others.input);
@@ -180,6 +187,12 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         .collect();
     // The joint fit belongs to every report.
     let recorded = RecordedOptions { across: ThermalOptions { joint: false, ..options }, lag: arguments.lag };
+    let provenance = Provenance::new(Recipe::new("report", &recorded).reading(desk.allowed()), input);
+    let drawing = desk.folder("", Origin::of(&provenance))?;
+    let profile = if common.no_plots { None } else { profile(campaign, &measured, &drawing)? };
+    let files: Vec<(String, String)> =
+        desk.results.ledger().iter().flat_map(Ledger::written).map(|(path, written)| (path, written.sha256)).collect();
+    let folder = desk.folder("", Origin::of(&provenance).using(files.iter().map(|(path, _)| path.clone())))?;
     let document = protocol::document(&Protocol {
         campaign,
         runs: run_parts(&measured, &figures, &excluded),
@@ -194,8 +207,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         thermistors: thermistors.others.parts,
         profile,
         failed,
-        files: hashes(&folder, &measured)?,
-        provenance: Provenance::new(Recipe::new("report", &recorded).reading(desk.allowed()), input),
+        files,
+        provenance,
     });
     let page = html::page(&document, &mut |file| std::fs::read(folder.path().join(file)).ok());
     folder.write(FILES[0], markdown::page(&document).as_bytes())?;
@@ -408,36 +421,4 @@ fn profile(campaign: &Campaign, measured: &[Measured], folder: &Folder) -> Resul
     let first = measured.iter().find_map(Measured::run).map_or("", |r| r.header.run.as_str());
     let named = Named { stem: "complete", figure: plot::profile::figure(&runs, first) };
     Ok(draw(folder, &[named], |_| "TEMPERATURE_PROFILE.png".to_owned())?.pop())
-}
-
-/// SHA-256 of all files of this call, by path.
-fn hashes(folder: &Folder, measured: &[Measured]) -> Result<Vec<(String, String)>, Finding> {
-    let mut files: Vec<(String, PathBuf)> = Vec::new();
-    let mut list = |prefix: &str, path: &Path| -> Result<(), Finding> {
-        let entries = std::fs::read_dir(path).map_err(|e| Finding::io(path, "list the folder", &e))?;
-        for entry in entries.flatten().filter(|e| e.path().is_file()) {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            if !FILES.contains(&name.as_str()) {
-                files.push((format!("{prefix}{name}"), entry.path()));
-            }
-        }
-        Ok(())
-    };
-    list("", folder.path())?;
-    for run in measured.iter().filter(|m| m.made().is_some()).filter_map(Measured::run) {
-        let id = &run.header.run;
-        if folder.path().join(id).is_dir() {
-            list(&format!("{id}/"), &folder.path().join(id))?;
-        }
-    }
-    files.sort();
-    let read: Vec<Result<(String, String), Finding>> = files
-        .into_par_iter()
-        .map(|(name, path)| {
-            let bytes = std::fs::read(&path).map_err(|e| Finding::io(&path, "read", &e))?;
-            Ok((name, hex(&Sha256::digest(&bytes))))
-        })
-        .collect();
-    // The error of the first file, whichever thread is the first.
-    read.into_iter().collect()
 }

@@ -2,13 +2,13 @@
 
 use super::options::{Excluding, ValueError, without_excluded};
 use super::output::{Terminal, json};
-use super::{Allow, Common, Status, open_without, report_failures, status};
+use super::{Allow, Common, Status, open_without, refused, report_failures, status};
 use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
 use crate::data::note::NoteKind;
 use crate::files::campaign::Campaign;
-use crate::files::output::Folder;
-use crate::files::parameter::{Body, FileKind, Tcf, Tpf, is_named};
+use crate::files::index;
+use crate::files::parameter::{Body, FileKind, Tcf, Tpf, alone_of, is_named};
 use crate::measure::sweep::{self, LagChoice, Window};
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
 use crate::record::known::Known;
@@ -119,14 +119,18 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         facility: facility(arguments.facility.as_ref())?,
         model: known(arguments.model.as_ref())?,
     };
-    // Refuse what cannot be written before the work begins.
-    Folder::open(&common.out, common.force)?;
+    let named = arguments.centre.iter().chain(&arguments.off_centre).chain(&arguments.offset).chain(&polynomials);
+    common.results.places(named.chain(&arguments.facility).chain(&arguments.model));
+    common.results.accept_files(&files)?;
     let pair = pair(arguments, terminal)?;
     let mut failures: Vec<(String, Failure)> = Vec::new();
     let mut input = ThermalInput::default();
     read_files(&files, &mut input, terminal, &mut failures);
-    let campaigns =
-        if campaign_paths.is_empty() { Vec::new() } else { open_without(&campaign_paths, &arguments.excluding, terminal)? };
+    let campaigns = if campaign_paths.is_empty() {
+        Vec::new()
+    } else {
+        open_without(&campaign_paths, &arguments.excluding, common, terminal)?
+    };
     if campaigns.is_empty() {
         refuse_without_runs(&options)?;
     }
@@ -157,6 +161,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     };
     refer(&mut measured, Vec::new(), &groups, &desk);
     publish_runs(&measured, &desk, terminal, &mut failures);
+    if let Err(finding) = desk.results.renew_tables(&desk) {
+        failures.push(("the tables of all runs".to_owned(), Failure::Refused(finding)));
+    }
     let done = Done {
         centres: sort_centres(taken, &mut failures, terminal),
         sweeps: measured.iter().filter_map(Measured::sweep).collect(),
@@ -356,7 +363,7 @@ fn measure(
 ) -> (Vec<Measured>, usize) {
     let (all, unmatched) = jobs(campaigns, None);
     terminal.unmatched(&unmatched);
-    let (mut jobs, excluded) = without_excluded(all);
+    let (mut jobs, excluded) = without_excluded(all, &desk.results);
     excluded.iter().for_each(|one| terminal.warning(one.told().trim_end()));
     jobs.retain(|job| job.named || job.header.as_ref().is_none_or(|h| h.kind.is_thermal() && job.campaign.uses(h)));
     let bar = terminal.progress(jobs.len());
@@ -373,8 +380,16 @@ fn measure(
     let mut done = Vec::new();
     for (job, result) in jobs.iter().zip(results) {
         match result {
-            Ok(measured) => done.push(measured),
-            Err(failure) => failures.push((job.recorded.clone(), failure)),
+            Ok(measured) => {
+                if let Some(made) = measured.made() {
+                    desk.results.done(made.head(), made.provenance());
+                }
+                done.push(measured);
+            }
+            Err(failure) => {
+                desk.results.outcome(&job.recorded, refused(&failure));
+                failures.push((job.recorded.clone(), failure));
+            }
         }
     }
     (done, jobs.len())
@@ -387,7 +402,9 @@ fn publish_runs(measured: &[Measured], desk: &Desk, terminal: &Terminal, failure
         let name = one.run().map_or_else(String::new, |run| run.input.path.clone());
         one.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
         if let Err(finding) = result {
-            failures.push((name, Failure::Refused(finding)));
+            let failure = Failure::Refused(finding);
+            desk.results.outcome(&name, refused(&failure));
+            failures.push((name, failure));
         }
     }
 }
@@ -405,14 +422,31 @@ fn sort_paths(paths: &[PathBuf]) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Finding
                 let shown = path.display().to_string();
                 return Err(Finding::error(&shown, "the folder holds neither runs nor parameter files", "check the path"));
             }
-            // Files that were made for thermal groups come first: they are the ones used of a run that has two.
-            found.sort_by_key(|p| (!p.to_string_lossy().contains("PARAMETER_TEMPLIN__"), p.clone()));
-            files.extend(found);
+            files.extend(one_of_each_run(path, found)?);
         } else {
             campaigns.push(path.clone());
         }
     }
     Ok((files, campaigns))
+}
+
+/// Of a run with two calibrations that of its thermal group, unless the index of the folder says that that of the run alone was made again
+/// since.
+fn one_of_each_run(folder: &Path, mut found: Vec<PathBuf>) -> Result<Vec<PathBuf>, Finding> {
+    found.sort();
+    let index = index::read(folder)?;
+    let is_overtaken = |path: &Path| {
+        let inside = path.strip_prefix(folder).unwrap_or(path).to_string_lossy();
+        index.as_ref().is_some_and(|index| index.is_overtaken(&inside))
+    };
+    let pair = |path: &PathBuf| alone_of(&path.to_string_lossy()).map(PathBuf::from).filter(|alone| found.contains(alone));
+    let left: Vec<PathBuf> = found
+        .iter()
+        .filter_map(|path| Some((path, pair(path)?)))
+        .map(|(path, alone)| if is_overtaken(path) { path.clone() } else { alone })
+        .collect();
+    found.retain(|path| !left.contains(path));
+    Ok(found)
 }
 
 /// Whether a file is named like the results of single runs that take part.

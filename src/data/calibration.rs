@@ -4,10 +4,11 @@
 //! is defined here only.
 
 use super::convention::{Alignment, Convention};
-use super::note::{Note, NoteKind};
 use super::reference::{Reference, StatedReference};
 use super::result::{Covariance, Rows, RunHead, Spread, Summary};
+use super::run::Header;
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
 /// What a run says of its sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -278,6 +279,20 @@ pub struct LinearValidity {
     pub time_s: [f64; 2],
 }
 
+/// Sensitivities that are not those of the sensor and mode of a run.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("the sensitivities of {file} are those of {own}, the run is of {of_run}")]
+pub struct OfAnotherSensor {
+    file: String,
+    own: String,
+    of_run: String,
+}
+
+impl OfAnotherSensor {
+    /// What to do.
+    pub const REMEDY: &'static str = "name the linear calibration of the sensor and mode of the run, or leave --cpf out";
+}
+
 /// The sensitivities of a sensor in a mode, which turn enT into nT.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensitivities {
@@ -300,15 +315,17 @@ impl From<&LinearCalibration> for Sensitivities {
 }
 
 impl Sensitivities {
-    /// Says that they belong to another sensor or mode than a run whose `what` they turn into nT; `name` is that of their file.
-    #[must_use]
-    pub fn of_another(&self, name: &str, what: &str, run: &RunHead) -> Option<Note> {
-        let text = format!(
-            "the sensitivities of {name} belong to {} {}, the {what} to {} {}",
-            self.sensor, self.mode, run.sensor, run.mode
-        );
-        let same = (&self.sensor, &self.mode) == (&run.sensor, &run.mode);
-        (!same).then(|| Note::new(NoteKind::Method, text).about(name))
+    /// Refuses them for a run of another sensor or mode; `name` is that of their file.
+    ///
+    /// # Errors
+    /// The sensor or the mode differs.
+    pub fn must_fit(&self, name: &str, run: &Header) -> Result<(), OfAnotherSensor> {
+        if (&self.sensor, &self.mode) == (&run.sensor, &run.mode) {
+            return Ok(());
+        }
+        let told = |sensor: &str, mode: &str| format!("sensor `{sensor}`, mode `{mode}`");
+        let (own, of_run) = (told(&self.sensor, &self.mode), told(&run.sensor, &run.mode));
+        Err(OfAnotherSensor { file: name.to_owned(), own, of_run })
     }
 
     /// A quantity in enT along the sensor axes, or a multiple of it such as a drift or density, in nT.

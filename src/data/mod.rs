@@ -9,6 +9,7 @@ pub mod error;
 pub mod exclusion;
 pub mod flags;
 pub mod frequency;
+pub mod index;
 pub mod linearisation;
 pub mod note;
 pub mod offset;

@@ -1,9 +1,13 @@
 //! Files are written whole or not at all, and never over a file that this tool did not write.
 
+use super::ledger::{Ledger, Origin, same_but_dates};
+use super::source::hex;
 use crate::data::error::Finding;
+use sha2::{Digest, Sha256};
 use std::fs::{self, File};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// How the files that the tool writes begin: parameter files and CSV tables, Markdown, JSON, XML, and (within the head of the picture)
 /// figures.
@@ -26,6 +30,16 @@ const TEMPORARY: &str = ".calfit-partial-";
 pub struct Folder {
     path: PathBuf,
     force: bool,
+    recording: Option<Recording>,
+}
+
+/// Where it is noted what is written.
+#[derive(Clone, Debug)]
+struct Recording {
+    ledger: Ledger,
+    /// Path of the folder inside the result folder, with a `/` at the end; empty for that itself.
+    below: String,
+    origin: Arc<Origin>,
 }
 
 impl Folder {
@@ -34,9 +48,7 @@ impl Folder {
     /// # Errors
     /// An error of the operating system.
     pub fn open(path: &Path, force: bool) -> Result<Self, Finding> {
-        if path.exists() && !path.is_dir() {
-            return Err(Finding::error(&path.display().to_string(), "is not a folder", "choose another output folder with -o"));
-        }
+        must_be_folder(path)?;
         fs::create_dir_all(path).map_err(|e| Finding::io(path, "create the folder", &e))?;
         for entry in fs::read_dir(path).map_err(|e| Finding::io(path, "list the folder", &e))?.flatten() {
             if is_leftover(&entry.file_name().to_string_lossy()) {
@@ -44,7 +56,14 @@ impl Folder {
                 let _ = fs::remove_file(entry.path());
             }
         }
-        Ok(Self { path: path.to_owned(), force })
+        Ok(Self { path: path.to_owned(), force, recording: None })
+    }
+
+    /// The same folder, whose files are noted in the ledger of a result folder, with where they come from. `below` is its path there.
+    #[must_use]
+    pub fn recording(self, ledger: &Ledger, below: &str, origin: Origin) -> Self {
+        let below = if below.is_empty() { String::new() } else { format!("{below}/") };
+        Self { recording: Some(Recording { ledger: ledger.clone(), below, origin: Arc::new(origin) }), ..self }
     }
 
     /// Refuses a name that is taken by something this tool did not write.
@@ -68,14 +87,29 @@ impl Folder {
         ))
     }
 
-    /// Writes a file under its final name once it is complete on disk.
+    /// Writes a file under its final name once it is complete on disk. A file of a result that is there already, but for its date, stays.
     ///
     /// # Errors
     /// A name that is taken, or what the operating system says.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), Finding> {
+        if let Some(recording) = &self.recording
+            && let Some(there) = self.kept(name, bytes, &recording.origin.created)?
+        {
+            recording.note(name, hex(&Sha256::digest(&there)));
+            return Ok(());
+        }
         let mut file = self.create(name)?;
         file.write_all(bytes).map_err(|e| Finding::io(&file.path, "write", &e))?;
         file.finish().map(|_| ())
+    }
+
+    /// The bytes of the file with this name, if they differ from new ones by nothing but the date.
+    fn kept(&self, name: &str, bytes: &[u8], created: &str) -> Result<Option<Vec<u8>>, Finding> {
+        self.check(name)?;
+        let path = self.path.join(name);
+        let same_size = fs::symlink_metadata(&path).is_ok_and(|meta| meta.is_file() && meta.len() == bytes.len() as u64);
+        let there = same_size.then(|| fs::read(&path).ok()).flatten();
+        Ok(there.filter(|there| same_but_dates(there, bytes, created)))
     }
 
     /// A file that is written piece by piece, and has its name once it is finished.
@@ -89,7 +123,8 @@ impl Folder {
             .prefix(&format!("{TEMPORARY}{}-", std::process::id()))
             .tempfile_in(&self.path)
             .map_err(|e| Finding::io(&path, "write", &e))?;
-        Ok(Pending { file, path, size_bytes: 0 })
+        let recording = self.recording.clone().map(|recording| (recording, name.to_owned(), Sha256::new()));
+        Ok(Pending { file, path, size_bytes: 0, recording })
     }
 
     /// Makes the names of what was written last through a power loss.
@@ -112,6 +147,14 @@ pub struct Pending {
     file: tempfile::NamedTempFile,
     path: PathBuf,
     size_bytes: u64,
+    /// Where it is noted under its name, with the hash of what was written so far.
+    recording: Option<(Recording, String, Sha256)>,
+}
+
+impl Recording {
+    fn note(&self, name: &str, sha256: String) {
+        self.ledger.note(format!("{}{name}", self.below), sha256, &self.origin);
+    }
 }
 
 impl Pending {
@@ -125,6 +168,9 @@ impl Pending {
         readable(self.file.as_file()).map_err(|e| failed(&e))?;
         self.file.as_file().sync_data().map_err(|e| failed(&e))?;
         self.file.persist(&self.path).map_err(|e| Finding::io(&self.path, "write", &e.error))?;
+        if let Some((recording, name, hash)) = self.recording {
+            recording.note(&name, hex(&hash.finalize()));
+        }
         Ok(self.size_bytes)
     }
 }
@@ -133,6 +179,9 @@ impl Write for Pending {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
         let written = self.file.write(bytes)?;
         self.size_bytes += written as u64;
+        if let (Some((_, _, hash)), Some(new)) = (&mut self.recording, bytes.get(..written)) {
+            hash.update(new);
+        }
         Ok(written)
     }
 
@@ -159,7 +208,16 @@ fn readable(_file: &File) -> std::io::Result<()> {
     Ok(())
 }
 
-fn is_own(path: &Path) -> bool {
+/// Refuses a path at which there is something else than a folder.
+pub(super) fn must_be_folder(path: &Path) -> Result<(), Finding> {
+    if path.exists() && !path.is_dir() {
+        return Err(Finding::error(&path.display().to_string(), "is not a folder", "choose another output folder with -o"));
+    }
+    Ok(())
+}
+
+/// Whether this tool wrote a file, by its mark.
+pub(super) fn is_own(path: &Path) -> bool {
     let read = || -> std::io::Result<bool> {
         let mut file = File::open(path)?;
         let length = file.metadata()?.len();

@@ -73,6 +73,9 @@ pub struct Null {
 /// Why the run has no result.
 pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Options) -> Result<Null, NullError> {
     let span_s = check(run)?;
+    if let Some((input, sensitivities)) = &options.cpf {
+        sensitivities.must_fit(&input.path, &run.header)?;
+    }
     let mut notes = Vec::new();
     let rate_hz = run.vectors.measured_rate_hz.unwrap_or(run.header.sample_rate_hz);
     let record = record.finish();
@@ -164,7 +167,6 @@ fn check(run: &Run) -> Result<[f64; 2], NullError> {
 impl Null {
     /// Gives reading, drift and density in nT as well, with the sensitivities of a linear calibration; `name` is that of its file.
     pub fn scale(&mut self, name: &str, of: &Sensitivities) {
-        self.notes.extend(of.of_another(name, "readings", &self.found.run));
         let each = |list: &[[f64; 3]]| list.iter().map(|ent| of.to_nt(ent)).collect();
         self.found.scaled = Some(ScaledZeroField {
             cpf: name.to_owned(),

@@ -75,6 +75,9 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     if header.kind != Kind::Offset {
         return Err(OffsetError::Kind(header.kind));
     }
+    if let Some((input, sensitivities)) = &options.cpf {
+        sensitivities.must_fit(&input.path, header)?;
+    }
     if plateaus.list.is_empty() {
         return Err(OffsetError::NoPlateaus);
     }
@@ -169,7 +172,6 @@ fn visits(stays: &[Stay], levels: &Levels, solved: &Solved) -> Vec<PositionVisit
 impl Offset {
     /// Gives the offsets in nT as well, with the sensitivities of a linear calibration; `name` is that of its file.
     pub fn scale(&mut self, name: &str, of: &Sensitivities) {
-        self.notes.extend(of.of_another(name, "offsets", &self.found.run));
         self.found.scaled = Some(ScaledOffset {
             cpf: name.to_owned(),
             sigma: of.sigma_nt_per_ent,

@@ -2,9 +2,11 @@
 
 use super::document::{Cell, Section, Table, cells};
 use super::{known_effects, number, remarks, run_line, triple, used_file, yes_or_no};
-#[cfg(feature = "tables")]
 use crate::data::frequency::SineAmplitude;
 use crate::data::units::{COMPONENTS, with_uncertainty};
+#[cfg(feature = "tables")]
+#[cfg(feature = "tables")]
+use crate::files::parameter::Fpf;
 use crate::measure::freq::Freq;
 use std::fmt::Write;
 
@@ -152,11 +154,11 @@ pub fn summary(freq: &Freq) -> String {
 /// One row per run, for a campaign.
 #[cfg(feature = "tables")]
 #[must_use]
-pub fn parameter_table(runs: &[&Freq]) -> crate::files::table::Table {
+pub fn parameter_table(runs: &[Fpf]) -> crate::files::table::Table {
     use crate::files::table::{Table, Values};
     let mut table = Table::default();
     super::head_columns(&mut table, runs.iter().map(|f| &f.found.run));
-    let numbers = |get: &dyn Fn(&Freq) -> f64| Values::Numbers(runs.iter().map(|f| get(f)).collect());
+    let numbers = |get: &dyn Fn(&Fpf) -> f64| Values::Numbers(runs.iter().map(get).collect());
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
         table.push(&format!("f_s_{axis}_hz"), numbers(&|p| known(p.values.f_s_hz.map(|f| f[i]))));
         table.push(&format!("f_s_{axis}_std_hz"), numbers(&|p| known(p.values.f_s_std_hz.map(|std| std[i]))));

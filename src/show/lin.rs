@@ -5,6 +5,8 @@ use super::{known_effects, not_used, or_not_stated, remarks, run_line, triple, u
 use crate::data::calibration::{LinearCalibration, TemperatureSlopes};
 use crate::data::result::Conditions;
 use crate::data::units::{COMPONENTS, with_uncertainty};
+#[cfg(feature = "tables")]
+use crate::files::parameter::Cpf;
 use crate::measure::lin::Lin;
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
@@ -271,7 +273,7 @@ fn validity(p: &LinearCalibration) -> Section {
 /// One row per run, for a campaign.
 #[cfg(feature = "tables")]
 #[must_use]
-pub fn parameter_table(runs: &[&Lin]) -> crate::files::table::Table {
+pub fn parameter_table(runs: &[Cpf]) -> crate::files::table::Table {
     use crate::files::table::{Table, Values};
     let mut table = Table::default();
     let numbers = |get: &dyn Fn(&LinearCalibration) -> f64| Values::Numbers(runs.iter().map(|l| get(&l.calibration)).collect());
@@ -296,12 +298,12 @@ pub fn parameter_table(runs: &[&Lin]) -> crate::files::table::Table {
         table.push(&format!("residual_{axis}_std_nt"), numbers(&|p| p.quality.residual_nt.std[i]));
     }
     let conditions = |get: &dyn Fn(&Conditions) -> Option<f64>| {
-        let of = |l: &&Lin| l.temperatures.conditions.as_ref().and_then(get).unwrap_or(f64::NAN);
+        let of = |l: &Cpf| l.conditions.as_ref().and_then(get).unwrap_or(f64::NAN);
         Values::Numbers(runs.iter().map(of).collect())
     };
     table.push("sensor_range_k", conditions(&|c| c.sensor_degc.map(|[low, _, high]| high - low)));
     table.push("sensor_rate_k_per_h", conditions(&|c| c.sensor_rate_k_per_h));
-    let source = |l: &&Lin| l.calibration.slopes.as_ref().map_or_else(String::new, |s| s.source.clone());
+    let source = |l: &Cpf| l.calibration.slopes.as_ref().map_or_else(String::new, |s| s.source.clone());
     table.push("slopes_from", Values::Text(runs.iter().map(source).collect()));
     table.push("blocks_used", Values::Counts(runs.iter().map(|l| l.calibration.quality.blocks_used as u64).collect()));
     table.push("blocks_total", Values::Counts(runs.iter().map(|l| l.calibration.quality.blocks_total as u64).collect()));

@@ -4,6 +4,8 @@ use super::document::{Block, Cell, Section, Table, Text, cells};
 use super::{remarks, run_line, triple, used_file};
 use crate::data::units::COMPONENTS;
 use crate::data::zero_field::{ChannelDependence, DataStop, NoiseDensity, ZeroFieldFound};
+#[cfg(feature = "tables")]
+use crate::files::parameter::Npf;
 use crate::measure::null::Null;
 use std::fmt::Write;
 
@@ -242,7 +244,7 @@ pub fn summary(null: &Null) -> String {
 /// One row per run, for a campaign.
 #[cfg(feature = "tables")]
 #[must_use]
-pub fn parameter_table(runs: &[&Null]) -> crate::files::table::Table {
+pub fn parameter_table(runs: &[Npf]) -> crate::files::table::Table {
     use crate::files::table::{Table, Values};
     let mut table = Table::default();
     super::head_columns(&mut table, runs.iter().map(|o| &o.found.run));

@@ -3,6 +3,8 @@
 use super::document::{Cell, Section, Table, Text, cells};
 use super::{not_used, remarks, run_line, triple, used_file, value};
 use crate::data::units::{COMPONENTS, with_uncertainty};
+#[cfg(feature = "tables")]
+use crate::files::parameter::Opf;
 use crate::measure::offset::Offset;
 
 const MEASURED: [&str; 3] = ["X", "Y", "Z"];
@@ -130,11 +132,11 @@ pub fn summary(offset: &Offset) -> String {
 /// One row per run, for a campaign.
 #[cfg(feature = "tables")]
 #[must_use]
-pub fn parameter_table(runs: &[&Offset]) -> crate::files::table::Table {
+pub fn parameter_table(runs: &[Opf]) -> crate::files::table::Table {
     use crate::files::table::{Table, Values};
     let mut table = Table::default();
     super::head_columns(&mut table, runs.iter().map(|o| &o.found.run));
-    let numbers = |get: &dyn Fn(&Offset) -> f64| Values::Numbers(runs.iter().map(|o| get(o)).collect());
+    let numbers = |get: &dyn Fn(&Opf) -> f64| Values::Numbers(runs.iter().map(get).collect());
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
         table.push(&format!("b_off_{axis}_ent"), numbers(&|p| p.values.offset_ent[i]));
         table.push(&format!("b_off_{axis}_std_ent"), numbers(&|p| p.values.offset_std_ent[i]));

@@ -1,7 +1,7 @@
 //! Every run of a campaign by the analysis of its kind, each read once.
 
 use super::kind::{RUN_KINDS, RunAnalysis, RunMade};
-use super::{Alone, Desk, Drawn, Failure, Job, Made, PerRun, RunResult, parameter_text, read};
+use super::{Alone, Desk, Drawn, Failure, Job, Made, PerRun, RunResult, read};
 use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
@@ -11,7 +11,7 @@ use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
 use crate::data::run_state::{Outcome, RunState};
 use crate::data::start::Start;
-use crate::files::output::Folder;
+use crate::files::ledger::Origin;
 use crate::files::source::hex;
 use crate::measure::lin::Lin;
 use crate::measure::sweep::Sweep;
@@ -185,7 +185,7 @@ impl Measured {
 ///
 /// # Errors
 /// A calibration without a text form.
-pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
+pub fn scale_to_nt(all: &mut [Measured], desk: &Desk) -> Result<(), Finding> {
     let mut found = Vec::new();
     for (index, made) in all.iter().enumerate().filter_map(|(index, one)| Some((index, one.made()?))) {
         if !made.is_scalable() {
@@ -194,7 +194,7 @@ pub fn scale_to_nt(all: &mut [Measured]) -> Result<(), Finding> {
         if let Some(lin) = nearest(made.head(), all.iter().filter_map(Measured::lin), |lin| &lin.result.calibration.run) {
             let parameters = lin.result.parameters();
             let path = lin.file_name();
-            let text = parameter_text(&path, &parameters, &lin.provenance)?;
+            let text = desk.parameter_text(&parameters.calibration.run.id, &path, &parameters, &lin.provenance)?;
             let sha256 = hex(&Sha256::digest(text.as_bytes()));
             let input = Input { path, size_bytes: text.len() as u64, sha256, role: Some(Role::Cpf) };
             found.push((index, input, Sensitivities::from(&lin.result.calibration)));
@@ -239,8 +239,9 @@ pub fn publish_thermal_names(all: &[Measured], used: &[String], desk: &Desk) -> 
         let p = made.result.parameters();
         let name = p.thermal_file_name();
         if used.contains(&name) {
-            let folder = Folder::open(&desk.out.join(&p.calibration.run.id), desk.force)?;
-            folder.write(&name, parameter_text(&name, &p, &made.provenance)?.as_bytes())?;
+            let id = &p.calibration.run.id;
+            let folder = desk.folder(id, Origin::of(&made.provenance))?;
+            folder.write(&name, desk.parameter_text(id, &name, &p, &made.provenance)?.as_bytes())?;
             folder.sync()?;
         }
     }
@@ -253,19 +254,11 @@ pub fn publish_thermal_names(all: &[Measured], used: &[String], desk: &Desk) -> 
 /// What cannot be written.
 pub fn publish_alone(alone: &[Alone], desk: &Desk) -> Result<(), Finding> {
     for one in alone {
-        let folder = Folder::open(&desk.out.join(&one.run), desk.force)?;
+        let folder = desk.folder(&one.run, one.origin.clone())?;
         folder.write(&one.name, one.text.as_bytes())?;
         folder.sync()?;
     }
     Ok(())
-}
-
-/// Writes the tables of all runs of every kind.
-///
-/// # Errors
-/// What cannot be written.
-pub fn publish_tables(folder: &Folder, all: &[Measured]) -> Result<(), Finding> {
-    RUN_KINDS.iter().try_for_each(|kind| kind.publish_table(folder, all))
 }
 
 #[cfg(test)]

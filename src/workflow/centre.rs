@@ -1,14 +1,14 @@
 //! Temperature polynomials at the centre of the coil system as a file and a report.
 
 use super::thermal::{ThermalOptions, rows};
-use super::{Desk, Outcome, parameter_text};
+use super::{Desk, Outcome};
 use crate::data::across::CalibratedRun;
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::result::Covariance;
-use crate::files::output::Folder;
+use crate::files::ledger::Origin;
 use crate::files::parameter::{Body, CentreConvention, OffCentrePart, Tcf, Tpf, read_point};
 use crate::measure::centre::{self, AtCentre, OffCentre, Pair};
 use crate::model::polynomial::{TemperaturePolynomial, value};
@@ -106,11 +106,12 @@ impl PairFiles {
         let provenance = Provenance::new(options.recipe(desk), inputs);
         let file = tcf(&result, tpf);
         let name = file.file_name();
-        let folder = Folder::open(&desk.out, desk.force)?;
+        let used = std::iter::once(tpf.file_name()).chain(self.members().flat_map(|member| member.files.clone()));
+        let folder = desk.folder("", Origin::of(&provenance).using(used))?;
         folder.check(&name)?;
         let outcome = Outcome {
             name: &name,
-            parameters: parameter_text(&name, &file, &provenance)?,
+            parameters: desk.parameter_text("", &name, &file, &provenance)?,
             report: format!("REPORT_{}.md", name.trim_end_matches(".TCF")),
             title: show::centre::title(&result),
             notes: &result.notes,

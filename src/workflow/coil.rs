@@ -1,6 +1,6 @@
 //! The facility's own calibration as files, figures and text.
 
-use super::{Desk, Failure, Job, Outcome, Shown, draw, make, parameter_text, read};
+use super::{Desk, Failure, Job, Outcome, Shown, draw, make, read};
 use crate::data::calibration::LinearCalibration;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
@@ -9,7 +9,7 @@ use crate::data::recipe::{Reading, Recipe};
 use crate::data::run::Run;
 use crate::files::campaign::Campaign;
 use crate::files::facility;
-use crate::files::output::Folder;
+use crate::files::ledger::Origin;
 use crate::files::parameter::{self, Body, CoilConvention, CoilResidual, CoilScalar, CoilTilt, Cpf};
 use crate::files::{ccr, moduli, orientations};
 use crate::measure::coil::{CoilError, Residual, Scalar, Tilt, residual, scalar, tilt};
@@ -303,6 +303,10 @@ impl TiltInput {
                 let rule = format!("the parameter files were made with another facility than {}", file.input.path);
                 return Err(Finding::error(&shown, rule, "leave --facility out, or name the file they were made with"));
             }
+            (Some(file), None) if !self.stated.is_empty() => {
+                let rule = format!("the parameter files were made without a facility, not with {}", file.input.path);
+                return Err(Finding::error(&shown, rule, "leave --facility out, or fit the runs with it first"));
+            }
             (_, Some(stated)) => stated,
             (Some(file), None) => match file.only_part() {
                 Some(part) => part.clone(),
@@ -368,7 +372,7 @@ pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<(S
     let name = parameters.file_name();
     let stem = name.trim_end_matches(".toml").to_owned();
     let (begin, first) = stem.split_once("__").unwrap_or((&stem, ""));
-    let folder = Folder::open(&desk.out, desk.force)?;
+    let folder = desk.folder("", Origin::of(&made.provenance))?;
     folder.check(&name)?;
     let drawn = if desk.plots {
         draw(&folder, &(R::SHOWN.figures)(result), |figure| format!("{begin}_{figure}__{first}.png"))?
@@ -377,7 +381,7 @@ pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<(S
     };
     let outcome = Outcome {
         name: &name,
-        parameters: parameter_text(&name, &parameters, &made.provenance)?,
+        parameters: desk.parameter_text("", &name, &parameters, &made.provenance)?,
         report: format!("REPORT_{stem}.md"),
         title: result.title(),
         notes: result.notes(),

@@ -8,6 +8,7 @@ use crate::data::recipe::Recipe;
 use crate::diagnose::across::{RunValues, across};
 use crate::diagnose::result::{Diagnosis, Parameter};
 use crate::diagnose::{self, DiagnoseError, Options, Samples};
+use crate::files::ledger::Origin;
 use crate::files::orientations;
 use crate::files::output::Folder;
 use crate::files::parameter::{self, Cpf, Model, ModelEffect, ModelParameter, ParameterFile};
@@ -158,12 +159,12 @@ impl Across {
     }
 }
 
-/// Writes a diagnosis into a folder: figures, the report as Markdown and HTML, and `diagnosis.json` last.
+/// Writes a diagnosis into the folder of a run, or that of all results if `run` is empty: figures, the report as Markdown and HTML, and `diagnosis.json` last.
 ///
 /// # Errors
 /// What cannot be drawn or written.
-pub fn publish_diagnosis(made: &Diagnosed, folder: &Path, desk: &Desk) -> Result<(), Finding> {
-    let folder = Folder::open(folder, desk.force)?;
+pub fn publish_diagnosis(made: &Diagnosed, run: &str, desk: &Desk) -> Result<(), Finding> {
+    let folder = desk.folder(run, Origin::of(&made.provenance))?;
     folder.check("diagnosis.json")?;
     let name = made.diagnosis.runs.first().map_or("", String::as_str);
     let figures = crate::plot::diagnose::figures(&made.diagnosis);

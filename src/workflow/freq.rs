@@ -145,7 +145,7 @@ impl RunResult for Freq {
         vec![("FREQ_AMPLITUDES", note, show::freq::amplitude_table(self))]
     }
     #[cfg(feature = "tables")]
-    fn campaign_table(all: &[&Self]) -> Option<(&'static str, Table)> {
+    fn campaign_table(all: &[Self::Parameters]) -> Option<(&'static str, Table)> {
         Some(("frequencies in Hz", show::freq::parameter_table(all)))
     }
 }

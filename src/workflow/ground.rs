@@ -5,7 +5,7 @@ use crate::data::error::Finding;
 use crate::data::provenance::Provenance;
 use crate::data::recipe::Recipe;
 use crate::files::export::{Exported, Options, Source, rpcmag};
-use crate::files::output::Folder;
+use crate::files::ledger::Origin;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -41,12 +41,12 @@ pub fn ground_calibration(tcf: &str, tof: Option<&str>, thermistor: Option<&str>
     let recipe = Recipe::new("export", &ExportRecipe { format: "rpcmag", at_centre: false });
     let options = Options { provenance: Provenance::new(recipe, input), at_centre: false, report: Vec::new() };
     let file = rpcmag::export(&sources, &options).map_err(NoGround::Lacking)?;
-    write(&file, desk).map_err(NoGround::Failed)?;
+    write(&file, Origin::of(&options.provenance), desk).map_err(NoGround::Failed)?;
     Ok(file.name)
 }
 
-fn write(file: &Exported, desk: &Desk) -> Result<(), Finding> {
-    let folder = Folder::open(&desk.out, desk.force)?;
+fn write(file: &Exported, origin: Origin, desk: &Desk) -> Result<(), Finding> {
+    let folder = desk.folder("", origin)?;
     folder.check(&file.name)?;
     folder.write(&file.name, file.text.as_bytes())?;
     folder.sync()

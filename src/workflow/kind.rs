@@ -2,16 +2,17 @@
 //! (`coil`).
 
 use super::again::{AgainError, runs};
-use super::{Desk, Failure, Ingredients, Job, Made, Measured, PerRun, RunResult, make, publish};
+use super::{Desk, Failure, Ingredients, Job, Made, PerRun, RunResult, make, publish};
 use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
+use crate::data::index::Index;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::Recipe;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
-use crate::files::output::Folder;
+use crate::files::ledger::WrittenFiles;
 use crate::measure::{freq, lin, null, offset, sweep};
 use crate::model::facility::Facility;
 use crate::record::known::Known;
@@ -36,7 +37,7 @@ pub struct RunKind {
     pub analysis: &'static str,
     usual: fn(Option<&Facility>, Option<&Known>) -> Box<dyn RunAnalysis>,
     again: fn(&Recipe, &Ingredients, &Desk) -> Result<(), AgainError>,
-    table: fn(&Folder, &[Measured]) -> Result<(), Finding>,
+    table: fn(&Index, &WrittenFiles, &Desk) -> Result<(), Finding>,
 }
 
 impl RunKind {
@@ -46,7 +47,10 @@ impl RunKind {
             analysis: A::ANALYSIS,
             usual: |facility, model| Box::new(A::default().with_corrections(facility, model)),
             again: runs::<A>,
-            table: table::<A>,
+            #[cfg(feature = "tables")]
+            table: super::publish_table::<A>,
+            #[cfg(not(feature = "tables"))]
+            table: |_, _, _| Ok(()),
         }
     }
 
@@ -64,25 +68,13 @@ impl RunKind {
         (self.again)(recipe, with, desk)
     }
 
-    /// Writes the table of all runs of the kind.
+    /// Writes the table of all runs of the kind, if a parameter file of the kind is among those that were written.
     ///
     /// # Errors
     /// What cannot be written.
-    pub fn publish_table(&self, folder: &Folder, all: &[Measured]) -> Result<(), Finding> {
-        (self.table)(folder, all)
+    pub(super) fn publish_table(&self, now: &Index, written: &WrittenFiles, desk: &Desk) -> Result<(), Finding> {
+        (self.table)(now, written, desk)
     }
-}
-
-#[cfg(feature = "tables")]
-fn table<A: PerRun>(folder: &Folder, all: &[Measured]) -> Result<(), Finding> {
-    let results: Vec<&A::Result> = all.iter().filter_map(Measured::of).map(|made| &made.result).collect();
-    super::publish_table::<A>(folder, &results)
-}
-
-/// Without tables there is nothing to write.
-#[cfg(not(feature = "tables"))]
-fn table<A: PerRun>(_folder: &Folder, _all: &[Measured]) -> Result<(), Finding> {
-    Ok(())
 }
 
 /// The analysis of a kind of runs with its options.

@@ -145,7 +145,7 @@ impl RunResult for Lin {
         vec![("LIN_BLOCKS", note, show::lin::block_table(self))]
     }
     #[cfg(feature = "tables")]
-    fn campaign_table(all: &[&Self]) -> Option<(&'static str, Table)> {
+    fn campaign_table(all: &[Self::Parameters]) -> Option<(&'static str, Table)> {
         Some(("readings enT, sensor axes; sensitivities nT/enT; angles in degrees", show::lin::parameter_table(all)))
     }
 }

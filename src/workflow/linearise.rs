@@ -1,12 +1,12 @@
 //! Linearisations as files, figures and text, and the runs fitted once more with them.
 
-use super::{Desk, Job, Made, Outcome, draw, parameter_text, recipe};
+use super::{Desk, Job, Made, Outcome, draw, recipe};
 use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::recipe::Recipe;
+use crate::files::ledger::Origin;
 use crate::files::linearisation;
-use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationConvention, LinearisationFile, linearisation_file_name};
 use crate::files::source::hex;
 use crate::measure::lin::{Lin, Options};
@@ -134,13 +134,13 @@ fn publish(result: &Linearised, provenance: &Provenance, desk: &Desk) -> Result<
     let name = p.file_name();
     let stem = name.trim_end_matches(".toml");
     let (begin, first) = stem.split_once("__").unwrap_or((stem, ""));
-    let folder = Folder::open(&desk.out, desk.force)?;
+    let folder = desk.folder("", Origin::of(provenance))?;
     folder.check(&name)?;
     let figures = if desk.plots { plot::linearise::figures(result) } else { Vec::new() };
     let drawn = draw(&folder, &figures, |figure| format!("{begin}_{figure}__{first}.png"))?;
     let outcome = Outcome {
         name: &name,
-        parameters: parameter_text(&name, &p, provenance)?,
+        parameters: desk.parameter_text("", &name, &p, provenance)?,
         report: format!("REPORT_{stem}.md"),
         title: format!("Linearisation of {} {}", show::or_not_stated(&p.shared.sensor), show::or_not_stated(&p.shared.mode)),
         notes: &result.notes,

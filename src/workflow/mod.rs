@@ -15,13 +15,14 @@ mod lin;
 mod linearise;
 mod null;
 mod offset;
+mod results;
 mod settle;
 mod sweep;
 mod thermal;
 mod thermistor;
 
 pub use again::{AgainError, Ingredients, again, sensitivities};
-pub use all::{Analyses, Measured, publish_alone, publish_tables, publish_thermal_names, scale_to_nt};
+pub use all::{Analyses, Measured, publish_alone, publish_thermal_names, scale_to_nt};
 #[cfg(feature = "tables")]
 pub use apply::{Applied, AppliedFile, ApplyOptions, Flagged, Outside, applied, apply_to, stem};
 pub use centre::{CentreMade, PairFiles};
@@ -33,6 +34,7 @@ pub use freq::of_table;
 pub use ground::{ExportRecipe, NoGround, ground_calibration};
 pub use kind::{RUN_KINDS, RunKind, RunMade};
 pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
+pub use results::Results;
 pub use settle::{Alone, alone, refer, settle};
 pub use thermal::{NoThermal, ThermalFile, ThermalInput, ThermalOptions, ThermalShown, temperature};
 pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};
@@ -41,12 +43,17 @@ use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::{Finding, Severity};
 use crate::data::exclusion::{ExcludedPart, Exclusion, Without};
+#[cfg(feature = "tables")]
+use crate::data::index::Index;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::{Reading, Recipe};
 use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, VectorSink};
 use crate::files::campaign::{Campaign, RunFile};
+#[cfg(feature = "tables")]
+use crate::files::ledger::WrittenFiles;
+use crate::files::ledger::{Origin, same_but_dates};
 use crate::files::output::Folder;
 use crate::files::parameter::Body;
 #[cfg(feature = "tables")]
@@ -181,7 +188,7 @@ pub trait RunResult: Sized + Send + Sync + 'static {
     }
     /// One row per run, with a note; absent for a kind of which there is no such table.
     #[cfg(feature = "tables")]
-    fn campaign_table(_all: &[&Self]) -> Option<(&'static str, Table)> {
+    fn campaign_table(_all: &[Self::Parameters]) -> Option<(&'static str, Table)> {
         None
     }
 }
@@ -201,9 +208,48 @@ pub struct Desk {
     pub allow_duplicates: bool,
     /// What is left out by hand beside what campaign files say.
     pub exclude: Vec<Exclusion>,
+    /// What is noted of the folder for results, if it is that of a campaign.
+    pub results: Results,
 }
 
 impl Desk {
+    /// A folder for results that nobody looks at, without figures.
+    #[must_use]
+    pub fn plain(out: PathBuf) -> Self {
+        Self {
+            out,
+            force: false,
+            plots: false,
+            allow_truncated: false,
+            allow_duplicates: false,
+            exclude: Vec::new(),
+            results: Results::default(),
+        }
+    }
+
+    /// The folder of a run below the folder for results, or that itself if `run` is empty, for files of one origin.
+    ///
+    /// # Errors
+    /// See [`Folder::open`].
+    pub fn folder(&self, run: &str, origin: Origin) -> Result<Folder, Finding> {
+        let folder = Folder::open(&self.out.join(run), self.force)?;
+        Ok(match self.results.ledger() {
+            Some(ledger) => folder.recording(&ledger, run, origin),
+            None => folder,
+        })
+    }
+
+    /// The text of a parameter file. Where the folder of the run holds it already, but for its date, it is the text that is there, so that
+    /// what rests on the file does not change.
+    ///
+    /// # Errors
+    /// A value without a text form, which would be an error of this program.
+    pub fn parameter_text<B: Body>(&self, run: &str, name: &str, body: &B, provenance: &Provenance) -> Result<String, Finding> {
+        let text = parameter_text(name, body, provenance)?;
+        let there = self.results.ledger().and_then(|_| std::fs::read_to_string(self.out.join(run).join(name)).ok());
+        Ok(there.filter(|there| same_but_dates(there.as_bytes(), text.as_bytes(), &provenance.created)).unwrap_or(text))
+    }
+
     /// What is allowed of run files and left out of them, for the recipe.
     #[must_use]
     pub fn allowed(&self) -> Reading {
@@ -441,7 +487,7 @@ pub fn parameter_text<B: Body>(name: &str, body: &B, provenance: &Provenance) ->
 pub fn publish<A: PerRun>(made: &Made<A::Result>, desk: &Desk, parameter_name: &str) -> Result<Vec<Drawn>, Finding> {
     let result = &made.result;
     let id = &result.head().id;
-    let folder = Folder::open(&desk.out.join(id), desk.force)?;
+    let folder = desk.folder(id, Origin::of(&made.provenance))?;
     folder.check(parameter_name)?;
     let drawn = if desk.plots {
         draw(&folder, &(A::Result::SHOWN.figures)(result), |stem| format!("{}_{stem}__{id}.png", A::STEM))?
@@ -454,7 +500,7 @@ pub fn publish<A: PerRun>(made: &Made<A::Result>, desk: &Desk, parameter_name: &
     }
     let outcome = Outcome {
         name: parameter_name,
-        parameters: parameter_text(parameter_name, &result.parameters(), &made.provenance)?,
+        parameters: desk.parameter_text(id, parameter_name, &result.parameters(), &made.provenance)?,
         report: format!("REPORT_{}__{id}.md", A::STEM),
         title: format!("{}, run {id}", A::Result::TITLE),
         notes: result.notes(),
@@ -499,19 +545,44 @@ impl Outcome<'_> {
     }
 }
 
-/// Writes the table of all runs of one kind, as CSV and Parquet.
+/// Writes the table of all runs of one kind, as CSV and Parquet, if the command wrote a parameter file of the kind: from all parameter files
+/// of the folder that are as the index says, where a run has two from that of its thermal group unless the other one was made again
+/// since.
 ///
 /// # Errors
 /// What cannot be written.
 #[cfg(feature = "tables")]
-pub fn publish_table<A: PerRun>(folder: &Folder, results: &[&A::Result]) -> Result<(), Finding> {
-    if results.is_empty() {
+pub fn publish_table<A: PerRun>(now: &Index, written: &WrittenFiles, desk: &Desk) -> Result<(), Finding> {
+    type Parameters<A> = <<A as PerRun>::Result as RunResult>::Parameters;
+    let is_one = |path: &str| parameter::is_named::<Parameters<A>>(std::path::Path::new(path));
+    if !written.keys().any(|path| is_one(path)) {
         return Ok(());
     }
-    let Some((note, table)) = A::Result::campaign_table(results) else { return Ok(()) };
+    let mut paths: Vec<&str> =
+        now.files.iter().filter(|f| f.mark.is_none() && is_one(&f.path)).map(|f| f.path.as_str()).collect();
+    let replaced: Vec<String> = paths
+        .iter()
+        .filter_map(|path| Some((*path, parameter::alone_of(path)?)))
+        .filter(|(_, alone)| paths.contains(&alone.as_str()))
+        .map(|(path, alone)| if now.is_overtaken(path) { path.to_owned() } else { alone })
+        .collect();
+    paths.retain(|path| !replaced.iter().any(|r| r == path));
+    let as_stated = |path: &&str| {
+        let file = parameter::read::<Parameters<A>>(&desk.out.join(path)).ok()?;
+        let unchanged = now.file(path).is_some_and(|entry| entry.sha256 == file.input.sha256);
+        unchanged.then_some((path.to_string(), file.body))
+    };
+    let (used, rows): (Vec<String>, Vec<Parameters<A>>) = paths.iter().filter_map(as_stated).unzip();
+    let Some((note, table)) = A::Result::campaign_table(&rows) else { return Ok(()) };
+    if rows.is_empty() {
+        return Ok(());
+    }
+    let origin = Origin { command: format!("calfit {}", A::COMMAND), ..Origin::default() };
+    let folder = desk.folder("", origin.using(used))?;
     let [csv, parquet] = table_names(A::STEM);
     folder.write(&csv, &table.csv(&format!("{}: one row per run; {note}", A::COMMAND))?)?;
-    folder.write(&parquet, &table.parquet()?)
+    folder.write(&parquet, &table.parquet()?)?;
+    folder.sync()
 }
 
 /// Names of the tables of all runs of one kind.

@@ -83,7 +83,7 @@ impl RunResult for Null {
         NullView { parameters: self.parameters(), rows: &self.rows, channels: &self.channels, temperatures: &self.temperatures }
     }
     #[cfg(feature = "tables")]
-    fn campaign_table(all: &[&Self]) -> Option<(&'static str, Table)> {
+    fn campaign_table(all: &[Self::Parameters]) -> Option<(&'static str, Table)> {
         Some(("readings enT, sensor axes; densities enT/sqrt(Hz)", show::null::parameter_table(all)))
     }
 }

@@ -97,7 +97,7 @@ impl RunResult for Offset {
         OffsetView { parameters: self.parameters(), plateaus: &self.plateaus, temperatures: &self.temperatures }
     }
     #[cfg(feature = "tables")]
-    fn campaign_table(all: &[&Self]) -> Option<(&'static str, Table)> {
+    fn campaign_table(all: &[Self::Parameters]) -> Option<(&'static str, Table)> {
         Some(("offsets and residual fields enT, sensor axes; coil residual nT, coil axes", show::offset::parameter_table(all)))
     }
 }

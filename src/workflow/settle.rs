@@ -1,11 +1,12 @@
 //! Linear calibrations of a thermal group and its polynomials: each is made with the other until both stay (mathematics.md section 6).
 
 use super::thermal::ThermalFile;
-use super::{Desk, Made, Measured, RunResult, ThermalShown, parameter_text, recipe};
+use super::{Desk, Made, Measured, RunResult, ThermalShown, recipe};
 use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance, Role};
+use crate::files::ledger::Origin;
 use crate::files::parameter::{Body, Cpf};
 use crate::measure::lin::{Lin, Options};
 use crate::measure::thermal::{Kind, RunGroup, RunsUsed, Thermal, groups, thermal};
@@ -27,6 +28,8 @@ pub struct Alone {
     pub name: String,
     /// Its text.
     pub text: String,
+    /// Where it comes from.
+    pub origin: Origin,
 }
 
 /// Refers the linear calibrations of thermal groups to one temperature each, with the polynomials of the group.
@@ -129,15 +132,16 @@ pub fn refer(measured: &mut [Measured], alone: Vec<Alone>, shown: &[ThermalShown
 ///
 /// # Errors
 /// A calibration without a text form.
-pub fn alone(measured: &[Measured]) -> Result<Vec<Alone>, Finding> {
+pub fn alone(measured: &[Measured], desk: &Desk) -> Result<Vec<Alone>, Finding> {
     measured
         .iter()
         .filter_map(Measured::lin)
         .map(|made| {
             let parameters: Cpf = made.result.parameters();
             let name = parameters.file_name();
-            let text = parameter_text(&name, &parameters, &made.provenance)?;
-            Ok(Alone { run: parameters.calibration.run.id, name, text })
+            let run = parameters.calibration.run.id.clone();
+            let text = desk.parameter_text(&run, &name, &parameters, &made.provenance)?;
+            Ok(Alone { run, name, text, origin: Origin::of(&made.provenance) })
         })
         .collect()
 }

@@ -1,7 +1,7 @@
 //! Analyses across temperatures as files, figures and text.
 
 use super::centre::Member;
-use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw, parameter_text};
+use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw};
 use crate::data::across::{CalibratedRun, LinearScope, RunRotations, RunValues};
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
@@ -9,7 +9,7 @@ use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::recipe::Recipe;
 use crate::data::reference::StatedReference;
 use crate::data::run::Location;
-use crate::files::output::Folder;
+use crate::files::ledger::Origin;
 use crate::files::parameter::{Body, JointPart, NO_CHANNEL, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point};
 use crate::files::source::hex;
 use crate::measure::centre::together;
@@ -402,12 +402,12 @@ impl ThermalFile {
         }
     }
 
-    fn text(&self, provenance: &Provenance) -> Result<String, Finding> {
+    fn text(&self, provenance: &Provenance, desk: &Desk) -> Result<String, Finding> {
         let name = self.file_name();
         match self {
-            ThermalFile::Tpf(body) => parameter_text(&name, body.as_ref(), provenance),
-            ThermalFile::Tof(body) => parameter_text(&name, body.as_ref(), provenance),
-            ThermalFile::Taf(body) => parameter_text(&name, body.as_ref(), provenance),
+            ThermalFile::Tpf(body) => desk.parameter_text("", &name, body.as_ref(), provenance),
+            ThermalFile::Tof(body) => desk.parameter_text("", &name, body.as_ref(), provenance),
+            ThermalFile::Taf(body) => desk.parameter_text("", &name, body.as_ref(), provenance),
         }
     }
 }
@@ -535,7 +535,7 @@ fn stem(kind: Kind) -> &'static str {
 fn publish(result: &Thermal, file: &ThermalFile, provenance: &Provenance, desk: &Desk) -> Result<(Input, Vec<Drawn>), Finding> {
     let name = file.file_name();
     let first = result.runs.ids.first().map_or_else(String::new, |id| id.replace('_', "-"));
-    let folder = Folder::open(&desk.out, desk.force)?;
+    let folder = desk.folder("", Origin::of(provenance).using(result.runs.files.clone()))?;
     folder.check(&name)?;
     let begin = stem(result.kind());
     let drawn = if desk.plots {
@@ -545,7 +545,7 @@ fn publish(result: &Thermal, file: &ThermalFile, provenance: &Provenance, desk: 
     };
     let outcome = Outcome {
         name: &name,
-        parameters: file.text(provenance)?,
+        parameters: file.text(provenance, desk)?,
         report: format!("REPORT_{begin}__{first}.md"),
         title: {
             let RunsUsed { sensor, mode, location, .. } = &result.runs;

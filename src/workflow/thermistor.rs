@@ -1,12 +1,12 @@
 //! Calibration tables of thermistors as files, figures and text.
 
-use super::{Desk, Outcome, draw, parameter_text};
+use super::{Desk, Outcome, draw};
 use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::provenance::{Provenance, Role};
 use crate::data::recipe::Recipe;
 use crate::files::ccr::run_id_is_safe;
-use crate::files::output::Folder;
+use crate::files::ledger::Origin;
 use crate::files::parameter::{Body, ThermistorConvention, ThermistorFile};
 use crate::files::thermistor::{REFERENCE, TABLE, read};
 use crate::measure::thermistor::{Options, Thermistor, thermistor};
@@ -87,7 +87,7 @@ pub fn thermistor_of(
 /// What cannot be drawn or written.
 pub fn publish_thermistor(made: &ThermistorMade, desk: &Desk) -> Result<(String, Vec<Drawn>), Finding> {
     let p = &made.parameters();
-    let folder = Folder::open(&desk.out, desk.force)?;
+    let folder = desk.folder("", Origin::of(&made.provenance))?;
     let name = p.file_name();
     folder.check(&name)?;
     let stem = &p.polynomial.table;
@@ -98,7 +98,7 @@ pub fn publish_thermistor(made: &ThermistorMade, desk: &Desk) -> Result<(String,
     };
     let outcome = Outcome {
         name: &name,
-        parameters: parameter_text(&name, p, &made.provenance)?,
+        parameters: desk.parameter_text("", &name, p, &made.provenance)?,
         report: format!("REPORT_THERMISTOR__{stem}.md"),
         title: show::thermistor::title(&made.result),
         notes: &made.result.notes,

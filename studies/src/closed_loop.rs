@@ -42,14 +42,7 @@ pub fn compare(twin: &Twin, printed: &str, seed: u64) -> Result<Vec<Row>, Findin
     write_campaign(twin, seed, folder.path(), false, || ())?;
     let mut findings = Vec::new();
     let campaigns = Campaign::open(&[folder.path().to_owned()], &mut findings)?;
-    let desk = Desk {
-        out: folder.path().to_owned(),
-        force: false,
-        plots: false,
-        allow_truncated: false,
-        allow_duplicates: false,
-        exclude: Vec::new(),
-    };
+    let desk = Desk::plain(folder.path().to_owned());
     let (jobs, _) = jobs(&campaigns, None);
     // Runs that the operators broke off have no calibration; their reasons are the report's business.
     let measured: Vec<Measured> = jobs.par_iter().filter_map(|job| Analyses::default().make(job, &desk, false).ok()).collect();

@@ -80,6 +80,19 @@ impl Convention {
     }
 }
 
+/// Begin of the name of the calibration of a run alone.
+const ALONE: &str = "PARAMETER_LIN__";
+/// Begin of the name of the calibration of a run as it is used in a thermal group.
+const IN_GROUP: &str = "PARAMETER_TEMPLIN__";
+
+/// Path of the calibration of the run alone, in whose place that of a thermal group with this path stands; `None` for any other file.
+#[must_use]
+pub fn alone_of(path: &str) -> Option<String> {
+    let (folder, name) = path.rsplit_once('/').map_or(("", path), |(folder, name)| (folder, name));
+    let rest = name.strip_prefix(IN_GROUP)?;
+    Some(if folder.is_empty() { format!("{ALONE}{rest}") } else { format!("{folder}/{ALONE}{rest}") })
+}
+
 /// Frame of the rotation angles.
 const TURNED: &str = "real against nominal sensor axis";
 
@@ -150,7 +163,7 @@ impl Body for Cpf {
         valid_degc: Some(["/valid/temperature_degc/0", "/valid/temperature_degc/1"]),
     });
     fn file_name(&self) -> String {
-        format!("PARAMETER_LIN__{}.CPF", self.calibration.run.id)
+        format!("{ALONE}{}.CPF", self.calibration.run.id)
     }
 }
 
@@ -158,6 +171,6 @@ impl Cpf {
     /// Name of the file that a thermal group rests on.
     #[must_use]
     pub fn thermal_file_name(&self) -> String {
-        format!("PARAMETER_TEMPLIN__{}.CPF", self.calibration.run.id)
+        format!("{IN_GROUP}{}.CPF", self.calibration.run.id)
     }
 }

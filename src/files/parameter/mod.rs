@@ -21,7 +21,7 @@ mod thermistor;
 
 pub use centre::{CentreConvention, OffCentrePart, Tcf};
 pub use coil::{CoilConvention, CoilResidual, CoilScalar, CoilTilt};
-pub use cpf::{Convention, Cpf};
+pub use cpf::{Convention, Cpf, alone_of};
 pub use emit::toml;
 pub use field::FieldPart;
 pub(in crate::files) use field::matrix_of;

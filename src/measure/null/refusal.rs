@@ -1,5 +1,6 @@
 //! Why a zero-field run has no result, and what to do about it.
 
+use crate::data::calibration::OfAnotherSensor;
 use crate::data::run::Kind;
 use crate::fit::FitError;
 use thiserror::Error;
@@ -13,6 +14,9 @@ pub enum NullError {
     /// Another kind of run.
     #[error("the run is of kind {0}, not zero-field")]
     Kind(Kind),
+    /// Sensitivities of another sensor or mode.
+    #[error(transparent)]
+    Sensitivities(#[from] OfAnotherSensor),
     /// A field is applied.
     #[error("setting {0} applies a field, or a sine")]
     Field(usize),
@@ -33,6 +37,7 @@ impl NullError {
     pub fn remedy(&self) -> &'static str {
         match self {
             NullError::Kind(_) => "use the command for that kind",
+            NullError::Sensitivities(_) => OfAnotherSensor::REMEDY,
             NullError::Field(_) => "correct `kind` in the head of the run, or use the command for such runs",
             NullError::Positions => "use `calfit offset`, or part the run",
             NullError::TooShort(_) => "record longer",

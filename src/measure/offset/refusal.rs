@@ -1,5 +1,6 @@
 //! Why a run has no offsets, and what to do about it.
 
+use crate::data::calibration::OfAnotherSensor;
 use crate::data::run::Kind;
 use crate::fit::FitError;
 use crate::model::facility::FacilityError;
@@ -12,6 +13,9 @@ pub enum OffsetError {
     /// Not an offset run.
     #[error("the run is of kind {0}, not offset")]
     Kind(Kind),
+    /// Sensitivities of another sensor or mode.
+    #[error(transparent)]
+    Sensitivities(#[from] OfAnotherSensor),
     /// Nothing to fit.
     #[error("the run has no plateaus: neither @BLOCKS nor @FIELDS with @VECTORS")]
     NoPlateaus,
@@ -71,6 +75,7 @@ impl OffsetError {
     pub fn remedy(&self) -> &'static str {
         match self {
             OffsetError::Kind(_) => "use the command for that kind",
+            OffsetError::Sensitivities(_) => OfAnotherSensor::REMEDY,
             OffsetError::NoPlateaus => "check the file with `calfit check`",
             OffsetError::Position(error) => error.remedy(),
             OffsetError::Edges { .. } => {

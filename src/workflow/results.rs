@@ -1,0 +1,431 @@
+//! The result folder of a command: its lock, the campaign that it belongs to, what is written into it, and its index.
+
+use super::{Desk, RUN_KINDS};
+use crate::data::error::Finding;
+use crate::data::index::{FileEntry, INDEX_FILE, Index, RunEntry, Version};
+use crate::data::provenance::Provenance;
+use crate::data::result::RunHead;
+use crate::data::run::Header;
+use crate::data::run_state::{Outcome, RunState};
+use crate::files::campaign::Campaign;
+use crate::files::ledger::{Ledger, Written, WrittenFiles};
+use crate::files::lock::FolderLock;
+use crate::files::output::Folder;
+use crate::files::parameter::{self, FileKind, alone_of};
+use crate::files::{ccr, index};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Component, Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// The result folder of a command; by default that of a command whose files belong to no campaign, which has neither lock nor index.
+#[derive(Clone, Debug, Default)]
+pub struct Results(Option<Arc<Open>>);
+
+/// A result folder that this process holds.
+#[derive(Debug)]
+struct Open {
+    out: PathBuf,
+    force: bool,
+    /// The index as it was, or what the files of a folder without one say; `None` for a new folder.
+    before: Option<Index>,
+    ledger: Ledger,
+    seen: Mutex<Seen>,
+    _lock: FolderLock,
+}
+
+/// What a command saw of its inputs.
+#[derive(Debug, Default)]
+struct Seen {
+    campaigns: Vec<SeenCampaign>,
+    places: BTreeSet<PathBuf>,
+    outcomes: BTreeMap<String, RunEntry>,
+}
+
+/// A campaign that the command was given, whole or in part.
+#[derive(Debug)]
+struct SeenCampaign {
+    name: String,
+    is_whole: bool,
+    /// SHA-256 of `campaign.toml`.
+    sha256: Option<String>,
+    /// Its run files by their paths inside it, as far as the command was given them; without a head that can be read there is no header.
+    runs: BTreeMap<String, Option<Header>>,
+    /// Paths of runs that the campaign takes out.
+    unused: BTreeSet<String>,
+}
+
+impl Results {
+    /// Takes a result folder into possession, before anything else is looked at.
+    ///
+    /// # Errors
+    /// Another process uses the folder, it cannot be made or written, or its index cannot be read.
+    pub fn open(out: &Path, force: bool) -> Result<Self, Finding> {
+        let lock = FolderLock::take(out)?;
+        Folder::open(out, force)?.check(INDEX_FILE)?;
+        let before = match index::read(out) {
+            Ok(Some(index)) => Some(index),
+            Ok(None) => index::adopt(out)?,
+            // Who writes over the files of others loses what they say.
+            Err(_) if force => index::adopt(out)?,
+            Err(finding) => return Err(finding),
+        };
+        let (ledger, seen) = (Ledger::default(), Mutex::default());
+        Ok(Self(Some(Arc::new(Open { out: out.to_owned(), force, before, ledger, seen, _lock: lock }))))
+    }
+
+    /// Where the files of the command are noted.
+    #[must_use]
+    pub fn ledger(&self) -> Option<Ledger> {
+        self.0.as_ref().map(|open| open.ledger.clone())
+    }
+
+    /// Takes the campaigns that a command is given.
+    ///
+    /// # Errors
+    /// The folder holds results of another campaign.
+    pub fn accept(&self, campaigns: &[Campaign]) -> Result<(), Finding> {
+        let Some(open) = &self.0 else { return Ok(()) };
+        for campaign in campaigns {
+            let seen = SeenCampaign::of(campaign);
+            open.compare(campaign, &seen)?;
+            let mut all = open.seen();
+            all.places.insert(campaign.root.clone());
+            all.campaigns.push(seen);
+        }
+        Ok(())
+    }
+
+    /// Takes parameter files of single runs that a command is given.
+    ///
+    /// # Errors
+    /// The folder holds results of another campaign.
+    pub fn accept_files(&self, files: &[PathBuf]) -> Result<(), Finding> {
+        let Some(open) = &self.0 else { return Ok(()) };
+        self.places(files);
+        let runs: Vec<(String, RunEntry)> =
+            files.iter().filter_map(|file| index::run_of(&parameter::read_any(file).ok()?.document)).collect();
+        let mut in_common = false;
+        for (id, run) in &runs {
+            in_common |= open.agrees(id, run.start.as_deref(), run.sensor.as_deref())?;
+        }
+        let shown: Vec<String> = files.iter().map(|f| f.display().to_string()).collect();
+        if runs.is_empty() || in_common { Ok(()) } else { open.refuse_strangers(&shown.join(", ")) }
+    }
+
+    /// Notes where files lie that a command is given, for those who look for them later.
+    pub fn places<'a>(&self, files: impl IntoIterator<Item = &'a PathBuf>) {
+        let Some(open) = &self.0 else { return };
+        let parents = files.into_iter().filter_map(|file| file.canonicalize().ok()?.parent().map(Path::to_owned));
+        open.seen().places.extend(parents);
+    }
+
+    /// A run or a table in its place that was analysed.
+    pub fn done(&self, head: &RunHead, provenance: &Provenance) {
+        let Some(open) = &self.0 else { return };
+        let input = provenance.input.first();
+        let entry = RunEntry {
+            state: RunState::Done,
+            reason: None,
+            sha256: input.map(|i| i.sha256.clone()),
+            start: head.start.as_ref().map(|s| s.as_str().to_owned()),
+            sensor: Some(head.sensor.clone()).filter(|s| !s.is_empty()),
+            path: input.map(|i| i.path.clone()),
+        };
+        open.seen().outcomes.insert(head.id.clone(), entry);
+    }
+
+    /// What became of the run whose file has this path inside its campaign. A path of no run is passed over.
+    pub fn outcome(&self, path: &str, outcome: Outcome) {
+        let Some(open) = &self.0 else { return };
+        let mut seen = open.seen();
+        let header = seen.campaigns.iter().find_map(|c| c.runs.get(path)?.clone());
+        if let Some(header) = header {
+            let mut entry = entry_of(&header, path);
+            entry.set(outcome);
+            seen.outcomes.insert(header.run, entry);
+        }
+    }
+
+    /// What an analysis that only looks at runs says of one, or of several with commas between their paths: it counts where no other has
+    /// said anything.
+    pub fn looked(&self, paths: &str, outcome: Outcome) {
+        let Some(open) = &self.0 else { return };
+        for path in paths.split(", ") {
+            let said = open.before.as_ref().and_then(|before| before.run_of(path));
+            if said.is_none_or(|(_, run)| run.state == RunState::NotApplicable) {
+                self.outcome(path, outcome.clone());
+            }
+        }
+    }
+
+    /// The folder as it is now: the index that the command leaves if it ends here.
+    #[must_use]
+    pub fn now(&self) -> Index {
+        self.0.as_ref().map(|open| open.now()).unwrap_or_default()
+    }
+
+    /// Writes the tables of all runs of every kind of which the command wrote a result, from everything that is there.
+    ///
+    /// # Errors
+    /// What cannot be written.
+    pub fn renew_tables(&self, desk: &Desk) -> Result<(), Finding> {
+        let Some(open) = &self.0 else { return Ok(()) };
+        let (now, written) = (open.now(), open.ledger.written());
+        RUN_KINDS.iter().try_for_each(|kind| kind.publish_table(&now, &written, desk))
+    }
+
+    /// Writes the index; the files that became stale are returned. Without a result and without an index there is none afterwards either.
+    ///
+    /// # Errors
+    /// The index cannot be written.
+    pub fn close(&self) -> Result<Vec<String>, Finding> {
+        let Some(open) = &self.0 else { return Ok(Vec::new()) };
+        let nothing = open.seen().outcomes.is_empty() && open.ledger.written().is_empty();
+        let is_new = !open.out.join(INDEX_FILE).exists() && open.ledger.written().is_empty();
+        if nothing || is_new {
+            return Ok(Vec::new());
+        }
+        let now = open.now();
+        index::write(&Folder::open(&open.out, open.force)?, &now)?;
+        Ok(now.files.into_iter().filter(|file| file.stale).map(|file| file.path).collect())
+    }
+}
+
+impl SeenCampaign {
+    fn of(campaign: &Campaign) -> Self {
+        let is_whole = campaign.runs.iter().any(|run| !run.named);
+        let heads: Vec<Option<Header>> = campaign.runs.par_iter().map(|run| ccr::peek(&run.path).ok()).collect();
+        let unused = campaign.runs.iter().zip(&heads).filter(|(_, head)| head.as_ref().is_some_and(|h| !campaign.uses(h)));
+        let folder = campaign.root.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        Self {
+            name: campaign.file.name.clone().unwrap_or(folder),
+            is_whole,
+            sha256: campaign.input.as_ref().map(|i| i.sha256.clone()),
+            unused: unused.map(|(run, _)| run.recorded.clone()).collect(),
+            runs: campaign.runs.iter().map(|run| run.recorded.clone()).zip(heads).collect(),
+        }
+    }
+}
+
+impl Open {
+    fn seen(&self) -> MutexGuard<'_, Seen> {
+        self.seen.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Refuses a campaign that is another one than that of the results.
+    fn compare(&self, campaign: &Campaign, seen: &SeenCampaign) -> Result<(), Finding> {
+        let agree = |header: &Header| self.agrees(&header.run, Some(header.start.as_str()), Some(&header.sensor));
+        let mut in_common = false;
+        for header in seen.runs.values().flatten() {
+            in_common |= agree(header)?;
+        }
+        if in_common || !self.knows_runs() {
+            return Ok(());
+        }
+        // Single runs may be the first ones of their campaign.
+        let others = if seen.is_whole { Vec::new() } else { Campaign::run_files(&campaign.root).unwrap_or_default() };
+        for header in others.par_iter().filter_map(|path| ccr::peek(path).ok()).collect::<Vec<Header>>() {
+            in_common |= agree(&header)?;
+        }
+        if in_common { Ok(()) } else { self.refuse_strangers(&seen.name) }
+    }
+
+    /// Whether there is anything by which a campaign can be told.
+    fn knows_runs(&self) -> bool {
+        self.before.as_ref().is_some_and(|before| before.runs.values().any(|run| run.start.is_some()))
+    }
+
+    /// Whether a run is one of those of the results.
+    fn agrees(&self, id: &str, start: Option<&str>, sensor: Option<&str>) -> Result<bool, Finding> {
+        let Some(run) = self.before.as_ref().and_then(|before| before.runs.get(id)) else { return Ok(false) };
+        let sensor = sensor.filter(|s| !s.is_empty());
+        if !run.contradicts(start, sensor) {
+            return Ok(true);
+        }
+        let told = |start: Option<&str>, sensor: Option<&str>| {
+            format!("{} with sensor {}", start.unwrap_or("at an unknown time"), sensor.unwrap_or("not stated"))
+        };
+        Err(self.refusal(format!(
+            "holds results of another campaign: its run {id} began {}, the one given {}",
+            told(run.start.as_deref(), run.sensor.as_deref()),
+            told(start, sensor)
+        )))
+    }
+
+    fn refuse_strangers(&self, given: &str) -> Result<(), Finding> {
+        match &self.before {
+            Some(before) if self.knows_runs() => {
+                let name = &before.campaign.name;
+                let of = if name.is_empty() { String::new() } else { format!(", {name}") };
+                Err(self.refusal(format!("holds results of another campaign{of}: it has no run in common with {given}")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn refusal(&self, rule: String) -> Finding {
+        let remedy = "choose another folder with -o, or move the older results away";
+        Finding::error(&self.out.display().to_string(), rule, remedy)
+    }
+
+    fn now(&self) -> Index {
+        let seen = self.seen();
+        let written = self.ledger.written();
+        let mut index = self.before.clone().unwrap_or_default();
+        index.written_by = Index::default().written_by;
+        self.name(&seen, &mut index);
+        for (path, file) in &written {
+            index.put(entry_for(path, file, &index, &written));
+        }
+        self.runs(&seen, &written, &mut index);
+        index.judge();
+        index
+    }
+
+    /// Name, file and places of the campaign.
+    fn name(&self, seen: &Seen, index: &mut Index) {
+        let names: Vec<&str> = seen.campaigns.iter().map(|c| c.name.as_str()).collect();
+        if !names.is_empty() {
+            index.campaign.name = names.join(", ");
+            // What several campaigns state is not one file.
+            index.campaign.sha256 = match seen.campaigns.as_slice() {
+                [one] => one.sha256.clone(),
+                _ => None,
+            };
+        }
+        let Ok(out) = self.out.canonicalize() else { return };
+        let mut places: BTreeSet<String> = index.campaign.places.drain(..).filter(|p| out.join(p).is_dir()).collect();
+        places.extend(seen.places.iter().map(|place| relative(&out, place)));
+        index.campaign.places = places.into_iter().collect();
+    }
+
+    /// What became of the runs.
+    fn runs(&self, seen: &Seen, written: &WrittenFiles, index: &mut Index) {
+        let whole = || seen.campaigns.iter().filter(|c| c.is_whole);
+        for (campaign, path, header) in
+            whole().flat_map(|c| c.runs.iter().filter_map(move |(path, header)| Some((c, path, header.as_ref()?))))
+        {
+            let reason = if campaign.unused.contains(path) {
+                "campaign.toml takes it out".to_owned()
+            } else {
+                format!("nothing was asked for that takes {} runs", header.kind)
+            };
+            let run = index.runs.entry(header.run.clone()).or_insert_with(|| {
+                let mut entry = entry_of(header, path);
+                entry.set(Outcome::new(RunState::NotApplicable, reason.clone()));
+                entry
+            });
+            run.path = Some(path.clone());
+            if run.state == RunState::Gone {
+                let back = if run.sha256.is_some() { Outcome::done() } else { Outcome::new(RunState::NotApplicable, reason) };
+                run.set(back);
+            }
+        }
+        for (id, outcome) in &seen.outcomes {
+            let known = index.runs.get(id).and_then(|run| run.sha256.clone());
+            index.runs.insert(id.clone(), RunEntry { sha256: outcome.sha256.clone().or(known), ..outcome.clone() });
+        }
+        for run in index.runs.values_mut() {
+            let Some((sha256, is_used)) = run.path.as_ref().and_then(|path| input_of(written, path)) else { continue };
+            run.sha256 = Some(sha256);
+            if is_used && matches!(run.state, RunState::NotApplicable | RunState::Gone) {
+                run.set(Outcome::done());
+            }
+        }
+        if whole().next().is_none() {
+            return;
+        }
+        let is_there = |path: &str| {
+            let listed = whole().any(|c| c.runs.contains_key(path));
+            listed || index.campaign.places.iter().any(|place| self.out.join(place).join(path).is_file())
+        };
+        let gone: Vec<(String, String)> = index
+            .runs
+            .iter()
+            .filter_map(|(id, run)| Some((id.clone(), run.path.clone()?)))
+            .filter(|(_, path)| !is_there(path))
+            .collect();
+        for (id, path) in gone {
+            if let Some(run) = index.runs.get_mut(&id) {
+                run.set(Outcome::new(RunState::Gone, format!("its file {path} is not in the campaign any more")));
+            }
+        }
+    }
+}
+
+/// The hash of an input of the files that were written, and whether anything beside the list of all runs in the protocol rests on it.
+fn input_of(written: &WrittenFiles, path: &str) -> Option<(String, bool)> {
+    let uses = |file: &&Written| file.origin.from.iter().any(|input| input.path == path);
+    let using: Vec<&Written> = written.values().filter(uses).collect();
+    let input = using.first()?.origin.from.iter().find(|input| input.path == path)?;
+    Some((input.sha256.clone(), using.iter().any(|file| !file.origin.command.starts_with("calfit report"))))
+}
+
+fn entry_of(header: &Header, path: &str) -> RunEntry {
+    RunEntry {
+        state: RunState::Done,
+        reason: None,
+        sha256: None,
+        start: Some(header.start.as_str().to_owned()),
+        sensor: Some(header.sensor.clone()).filter(|s| !s.is_empty()),
+        path: Some(path.to_owned()),
+    }
+}
+
+/// The entry of a file that was written; `index` holds the earlier ones.
+fn entry_for(path: &str, file: &Written, index: &Index, written: &WrittenFiles) -> FileEntry {
+    let now = |path: &str| {
+        let new = written.get(path).map(|w| &w.sha256);
+        new.or_else(|| index.file(path).map(|f| &f.sha256))
+            .map(|sha256| Version { path: path.to_owned(), sha256: sha256.clone() })
+    };
+    fn name(path: &str) -> &str {
+        path.rsplit('/').next().unwrap_or(path)
+    }
+    let paths = || written.keys().map(String::as_str).chain(index.files.iter().map(|f| f.path.as_str()));
+    // An input of the folder stands under its path there; one from elsewhere must not be taken for it.
+    let placed = |input: &Version| {
+        let own = paths().filter(|p| name(p) == name(&input.path)).filter_map(now).find(|v| v.sha256 == input.sha256);
+        own.unwrap_or_else(|| match now(&input.path) {
+            Some(_) => Version { path: format!("../{}", input.path), ..input.clone() },
+            None => input.clone(),
+        })
+    };
+    let mut from: Vec<Version> = file.origin.from.iter().map(placed).collect();
+    for used in &file.origin.uses {
+        from.extend(now(used).or_else(|| paths().find(|p| name(p) == *used).and_then(now)));
+    }
+    // Figures, tables and reports show what the parameter file of the same result holds.
+    if !is_parameter_file(path) {
+        let same = |w: &Written| Arc::ptr_eq(&w.origin, &file.origin);
+        from.extend(written.iter().filter(|(p, w)| same(w) && is_parameter_file(p)).filter_map(|(p, _)| now(p)));
+    }
+    from.retain(|version| version.path != path);
+    let mut seen = BTreeSet::new();
+    from.retain(|version| seen.insert(version.clone()));
+    FileEntry {
+        path: path.to_owned(),
+        sha256: file.sha256.clone(),
+        from,
+        command: file.origin.command.clone(),
+        stale: false,
+        reason: None,
+        mark: None,
+        replaces: alone_of(path).as_deref().and_then(now).into_iter().collect(),
+    }
+}
+
+fn is_parameter_file(path: &str) -> bool {
+    FileKind::of_name(Path::new(path)).is_some()
+}
+
+/// The way from a folder to another, both real, with forward slashes.
+fn relative(from: &Path, to: &Path) -> String {
+    let (from, to): (Vec<Component>, Vec<Component>) = (from.components().collect(), to.components().collect());
+    let same = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    let up = std::iter::repeat_n("..".to_owned(), from.len() - same);
+    let down = to[same..].iter().map(|c| c.as_os_str().to_string_lossy().into_owned());
+    let way: Vec<String> = up.chain(down).collect();
+    if way.is_empty() { ".".to_owned() } else { way.join("/") }
+}
