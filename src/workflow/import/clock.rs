@@ -18,7 +18,7 @@ const ROUND: f64 = 7e-4;
 pub(super) struct Samples {
     /// Counter.
     pub n: Vec<u64>,
-    /// Time of every sample, ns: its own, or from the counter where times are coarse.
+    /// Time of every sample since the first one, ns: its own, or from the counter where times are coarse.
     pub smooth_ns: Vec<f64>,
     /// Nominal sample rate, Hz.
     pub rate_hz: f64,
@@ -52,13 +52,14 @@ fn steps(ns: &[i64]) -> Option<Steps> {
     Some(Steps { period_ns, quantum_ns: median })
 }
 
-/// Counter and smooth times for a period.
+/// Counter and smooth times since the first one for a period.
 fn count(ns: &[i64], steps: Steps) -> (Vec<u64>, Vec<f64>) {
     let Steps { period_ns, quantum_ns } = steps;
-    let (mut n, mut smooth) = (vec![0], vec![ns[0] as f64]);
-    let (mut at_ns, mut weight) = (ns[0] as f64, 1.0);
+    // ns since 1970 have more digits than a floating point number.
+    let (mut n, mut smooth) = (vec![0], vec![0.0]);
+    let (mut at_ns, mut weight) = (0.0, 1.0);
     for pair in ns.windows(2) {
-        let tag = pair[1] as f64;
+        let tag = (pair[1] - ns[0]) as f64;
         let last = n[n.len() - 1];
         // The same time again in a column that is not coarse is the same sample.
         if pair[1] == pair[0] && quantum_ns == 0.0 {
@@ -121,8 +122,13 @@ pub(super) fn from_times(file: &str, ns: &[i64], given_hz: Option<f64>) -> Resul
     agrees(file, rate_hz, measured_hz)?;
     let (n, smooth) = count(ns, Steps { period_ns: SECOND / rate_hz, ..found });
     let coarse = found.quantum_ns > 0.0;
-    let smooth_ns = if coarse { smooth } else { ns.iter().map(|t| *t as f64).collect() };
+    let smooth_ns = if coarse { smooth } else { since_first(ns) };
     Ok(Samples { n, smooth_ns, rate_hz, measured_hz, coarse_s: coarse.then_some(found.quantum_ns / SECOND) })
+}
+
+/// Times since the first one, ns.
+pub(super) fn since_first(ns: &[i64]) -> Vec<f64> {
+    ns.iter().map(|t| (t - ns[0]) as f64).collect()
 }
 
 /// A given rate that is not that of the times makes losses or repetitions that are none.

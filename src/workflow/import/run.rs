@@ -1,6 +1,6 @@
 //! One run of a table: its samples or plateau means, settings and slow channels.
 
-use super::clock::{Samples, agrees, from_times};
+use super::clock::{Samples, agrees, from_times, since_first};
 use super::columns::{Columns, Slow};
 use super::settings::{Found, SettingsTable, from_columns};
 use crate::data::error::{Finding, Severity};
@@ -142,7 +142,7 @@ impl Source<'_> {
             ));
         }
         let row_list: Vec<usize> = rows.iter().map(|(row, _)| *row).collect();
-        let smooth_s: Vec<f64> = rows.iter().map(|(_, i)| (clock.smooth_ns[*i] - start_ns as f64) / 1e9).collect();
+        let smooth_s: Vec<f64> = rows.iter().map(|(_, i)| (clock.smooth_ns[*i] + (ns[0] - start_ns) as f64) / 1e9).collect();
         let found =
             self.settings_of(&row_list, &smooth_s, start_ns, [ns[0], ns[ns.len() - 1]], kind, 1.0 / clock.rate_hz, findings)?;
         remarks.extend(found.remarks.iter().cloned());
@@ -182,7 +182,7 @@ impl Source<'_> {
             let rule = format!("the counter runs at {measured_hz:.4} Hz, and the rows come at {:.4} Hz", alone.unwrap_or(0.0));
             return Err(self.table.refuse(rows[0], name, &rule, "name another column as `counter`, or none, under [time]"));
         }
-        let smooth_ns = ns.iter().map(|t| *t as f64).collect();
+        let smooth_ns = since_first(ns);
         Ok((
             Samples { n, smooth_ns, rate_hz, measured_hz, coarse_s: None },
             format!("from column `{}`", name.unwrap_or_default()),
