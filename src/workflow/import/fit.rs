@@ -2,14 +2,14 @@
 
 use super::run::Content;
 use crate::data::error::{Finding, Severity};
-use crate::data::run::Header;
+use crate::data::run::{Header, Kind};
 use std::collections::BTreeMap;
 
 /// A sensor in engineering nanotesla reads the field within this factor; beyond, a person should look.
 const LOOK: f64 = 3.0;
 /// Beyond this the unit is wrong.
 const WRONG: f64 = 30.0;
-/// Fields that change by less tell nothing, nT.
+/// Fields and readings that change by less tell nothing, nT.
 const LEAST_CHANGE_NT: f64 = 1.0;
 
 /// Field and mean reading of a setting of a constant field.
@@ -40,7 +40,10 @@ pub(super) fn check(file: &str, header: &Header, content: &Content, allowed: boo
         }
         count += group.len();
     }
-    if count == 0 || (field_square / count as f64).sqrt() < LEAST_CHANGE_NT {
+    // A field of a wrong unit may seem to rest, while the readings do not.
+    let changes = |square: f64| (square / count as f64).sqrt() >= LEAST_CHANGE_NT;
+    let tells = count > 0 && field_square > 0.0 && (changes(field_square) || changes(reading_square));
+    if header.kind == Kind::ZeroField || !tells {
         return Ok(None);
     }
     let ratio = (reading_square / field_square).sqrt();
@@ -49,10 +52,10 @@ pub(super) fn check(file: &str, header: &Header, content: &Content, allowed: boo
     }
     let rule = format!("the readings change by {ratio:.3e} enT per nT of the field, and should by about 1");
     let remedy = match header.unit.ent_per_unit() {
-        _ if (0.5e-3..2e-3).contains(&ratio) => {
+        1.0 if (0.5e-3..2e-3).contains(&ratio) => {
             "the readings may be in uT, or the field in units of which `unit` under [field] makes too much".to_owned()
         }
-        _ if (0.5e3..2e3).contains(&ratio) => {
+        1.0 if (0.5e3..2e3).contains(&ratio) => {
             "the field may be in uT, or the readings in nT where `unit = \"uT\"` stands under [run]".to_owned()
         }
         1.0 => format!(

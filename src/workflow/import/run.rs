@@ -244,6 +244,13 @@ impl Source<'_> {
                 let remedy = "raise `same_setting_within_nt` under [field], or set `are = \"plateaus\"` under [rows]";
                 return Err(self.table.refuse(rows[0], None, rule, remedy));
             }
+            let moves =
+                || rows.windows(2).any(|w| fields.known(w[0]) && fields.known(w[1]) && fields.at(w[0]) != fields.at(w[1]));
+            if found.settings.len() == 1 && kind != Kind::ZeroField && moves() {
+                let rule = format!("all fields are within {} nT, and make one setting", keys.same_setting_within_nt);
+                let remedy = "correct `unit` under [field], or lower `same_setting_within_nt`";
+                return Err(self.table.refuse(rows[0], None, &rule, remedy));
+            }
             // Steps between every two or three samples are the noise of a source that is read back, not a programme.
             if rows.len() > 20 && found.settings.len() * 4 > rows.len() {
                 let rule =
