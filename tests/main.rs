@@ -21,6 +21,7 @@ mod faults_text;
 mod files;
 mod freq;
 mod house;
+mod import;
 mod kinds;
 mod lin;
 mod linearise;

@@ -1,5 +1,5 @@
-//! `calfit check`: everything that is wrong with each file. Run files, programmes, tables of amplitudes, campaign files, parameter files and
-//! the index of a result folder are told apart by their names or by a key of theirs, never by trial.
+//! `calfit check`: everything that is wrong with each file. Run files, programmes, tables of amplitudes, campaign files, mappings, parameter
+//! files and the index of a result folder are told apart by their names or by a key of theirs, never by trial.
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
@@ -7,6 +7,7 @@ use crate::data::error::{Finding, Severity};
 use crate::data::index::INDEX_FILE;
 use crate::files::campaign::Campaign;
 use crate::files::export::rpcmag;
+use crate::files::import::mapping;
 use crate::files::parameter::FileKind;
 use crate::files::source::digest;
 use crate::files::{amplitudes, campaign, ccr, index, mag, twin};
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files and model files of calfit, ground calibration files (RPCMAG*.TXT).
+    /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files and model files of calfit, mappings of `import`, ground calibration files (RPCMAG*.TXT).
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -105,6 +106,8 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
         mag::read(path, &mut findings).err()
     } else if is_ground_calibration(path) {
         rpcmag::read(path, &mut findings).err()
+    } else if name.ends_with(".TOML") && is_mapping(path) {
+        mapping::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") && is_twin(path) {
         twin::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
@@ -113,7 +116,7 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
             _ => Ok(()),
         });
         checked.err()
-    } else if name.ends_with(".CSV") {
+    } else if name.ends_with(".CSV") && is_of_amplitudes(path) {
         amplitudes::read(path, &mut findings).err()
     } else {
         let options = ccr::Options { collect: true, ..common.desk().reading(&shown, false) };
@@ -170,6 +173,22 @@ fn check_index(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> 
 fn is_ground_calibration(path: &Path) -> bool {
     let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_uppercase()).unwrap_or_default();
     name.starts_with("RPCMAG") && name.ends_with(".TXT")
+}
+
+/// By its name, or by its first column: tables of amplitudes are CSV as other tables are.
+fn is_of_amplitudes(path: &Path) -> bool {
+    let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let header = || {
+        let text = std::fs::read(path).unwrap_or_default();
+        let lines = text.split(|b| *b == b'\n').take(100);
+        lines.map(<[u8]>::trim_ascii).find(|l| !l.is_empty() && !l.starts_with(b"#")).map(<[u8]>::to_vec).unwrap_or_default()
+    };
+    name.starts_with("freq_") || memchr::memmem::find(&header(), b"frequency_hz").is_some()
+}
+
+/// By its keys: no other TOML file has those of a mapping of `import`.
+fn is_mapping(path: &Path) -> bool {
+    std::fs::read_to_string(path).is_ok_and(|text| mapping::is_mapping(&text))
 }
 
 /// By its keys: twins and campaigns are both TOML of any name, and only twins have electronics.

@@ -9,6 +9,7 @@ mod each;
 mod effects;
 mod export;
 mod freq;
+mod import;
 mod inspect;
 mod lin;
 mod null;
@@ -67,6 +68,8 @@ enum Command {
     /// Raw readings to calibrated field, with uncertainty and flags, by parameter files.
     #[cfg(feature = "tables")]
     Apply(apply::Arguments),
+    /// Tables of any laboratory, CSV, Parquet or Arrow IPC, to the run files of a campaign; --guess proposes the mapping of the columns.
+    Import(import::Arguments),
     /// Parameter files for other programs: JSON, CSV, a digital calibration certificate, a Rosetta-style ground calibration file.
     Export(export::Arguments),
     /// Write the run files of a campaign whose truth is known, from a twin of sensor, facility and programme.
@@ -301,6 +304,7 @@ fn dispatch(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
         Command::Report(arguments) => report::run(&arguments, &cli.common, terminal),
         #[cfg(feature = "tables")]
         Command::Apply(arguments) => apply::run(&arguments, &cli.common, terminal),
+        Command::Import(arguments) => import::run(&arguments, &cli.common, terminal),
         Command::Export(arguments) => export::run(&arguments, &cli.common, terminal),
         Command::Simulate(arguments) => simulate::run(&arguments, &cli.common, terminal),
         Command::Coil(arguments) => coil::run(&arguments, &cli.common, terminal),

@@ -6,6 +6,7 @@ pub mod ccr;
 pub mod export;
 pub mod facility;
 pub mod field;
+pub mod import;
 pub mod index;
 pub mod ledger;
 pub mod linearisation;

@@ -158,6 +158,15 @@ impl Recording {
 }
 
 impl Pending {
+    /// The temporary file with what was written so far, for a reader that looks at it before it has its name.
+    ///
+    /// # Errors
+    /// An error of the operating system.
+    pub fn so_far(&mut self) -> Result<&Path, Finding> {
+        self.file.flush().map_err(|e| Finding::io(&self.path, "write", &e))?;
+        Ok(self.file.path())
+    }
+
     /// Gives the file its name once it is complete on disk; returns its size.
     ///
     /// # Errors

@@ -10,6 +10,7 @@ mod coil;
 mod diagnose;
 mod freq;
 mod ground;
+mod import;
 mod kind;
 mod lin;
 mod linearise;
@@ -32,6 +33,7 @@ pub use coil::{
 pub use diagnose::{Across, Diagnosed, diagnose_run, diagnose_table, known, publish_diagnosis, publish_model, read_model};
 pub use freq::of_table;
 pub use ground::{ExportRecipe, NoGround, ground_calibration};
+pub use import::{Import, ImportedRun};
 pub use kind::{RUN_KINDS, RunKind, RunMade};
 pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
 pub use results::Results;

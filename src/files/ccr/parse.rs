@@ -9,6 +9,7 @@ use super::vectors::{Clock, Row, Tick, WINDOW, plain_row};
 use crate::data::error::{Finding, Severity, excerpt};
 use crate::data::run::{GivenBlock, Header, InputFile, Run, ScalarRow, Setting, SlowTable, Vector, VectorSink};
 use crate::data::units::Reading;
+use crate::files::import::foreign_kind;
 use crate::files::source::{Piece, read_pieces};
 use crate::files::text::{Columns, LONGEST_LINE, columns, decode};
 use std::path::Path;
@@ -209,6 +210,7 @@ impl<'a, S: VectorSink> Parser<'a, S> {
                 self.line += 1;
                 if self.line == 1 {
                     self.encoding(bytes)?;
+                    self.foreign(bytes)?;
                 }
                 Err(if bytes.contains(&b'\r') {
                     self.carriage_returns()
@@ -319,6 +321,23 @@ impl<'a, S: VectorSink> Parser<'a, S> {
         Ok(())
     }
 
+    /// Tables of other software become runs first.
+    fn foreign(&self, begin: &[u8]) -> Result<(), Stop> {
+        let text = begin.strip_prefix(b"\xef\xbb\xbf").unwrap_or(begin);
+        if text.starts_with(b"CCR") {
+            return Ok(());
+        }
+        match foreign_kind(self.file, begin) {
+            None => Ok(()),
+            Some(what) => Err(Finding::error(
+                self.file,
+                format!("is {what}, not a run file"),
+                "make runs of tables with `calfit import`; `calfit import --guess FILE` proposes the mapping",
+            )
+            .into()),
+        }
+    }
+
     fn carriage_returns(&self) -> Finding {
         Finding::error(self.file, "the file has CR line ends", "convert it to LF or CRLF line ends").at(self.line, 0)
     }
@@ -339,6 +358,7 @@ impl<'a, S: VectorSink> Parser<'a, S> {
     fn one_line(&mut self, line: &[u8]) -> Result<(), Stop> {
         if self.line == 1 {
             self.encoding(line)?;
+            self.foreign(line)?;
         }
         if let Some(at) = line.iter().position(|b| *b < 0x20 && *b != b'\t') {
             return Err(if line.get(at) == Some(&b'\r') { self.carriage_returns() } else { self.control_byte(line, at) }.into());
@@ -383,7 +403,7 @@ impl<'a, S: VectorSink> Parser<'a, S> {
             let (rule, remedy) = if text.starts_with(b"CCR ") {
                 ("this version of the format is not known", "the first line must be `CCR 1`")
             } else {
-                ("the file is not a run file", "the first line must be `CCR 1`")
+                ("the file is not a run file", "the first line must be `CCR 1`; tables become runs with `calfit import`")
             };
             return Err(Finding::error(self.file, rule, remedy).at(1, 1).found(line).into());
         }

@@ -1,5 +1,6 @@
 //! Tables as CSV and Parquet, through polars; its types appear here only.
 
+pub mod columns;
 pub mod stream;
 
 use crate::data::error::Finding;

@@ -2,6 +2,7 @@
 
 use super::wrong;
 use crate::data::error::Finding;
+pub use crate::files::import::Format;
 use crate::files::output::Pending;
 use polars::io::csv::write::BatchedWriter as CsvBatches;
 use polars::io::parquet::write::BatchedWriter as ParquetBatches;
@@ -16,30 +17,6 @@ use std::path::{Path, PathBuf};
 
 /// Rows of a batch: long enough for whole row groups of a usual Parquet file, short enough that a few batches take little memory.
 const BATCH: usize = 1 << 18;
-
-/// The formats of long tables.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
-    /// Text with commas.
-    Csv,
-    /// Apache Parquet.
-    Parquet,
-    /// Apache Arrow IPC, also called Feather version 2.
-    Ipc,
-}
-
-impl Format {
-    /// The format of a file by the end of its name.
-    #[must_use]
-    pub fn of_name(path: &Path) -> Option<Self> {
-        match path.extension()?.to_string_lossy().to_ascii_lowercase().as_str() {
-            "csv" => Some(Format::Csv),
-            "parquet" | "pq" => Some(Format::Parquet),
-            "arrow" | "feather" | "ipc" => Some(Format::Ipc),
-            _ => None,
-        }
-    }
-}
 
 /// Some rows of a table with all their columns.
 #[derive(Clone, Debug)]

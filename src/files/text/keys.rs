@@ -238,6 +238,12 @@ impl<'a> Group<'a> {
         Ok(tables.into_iter().map(|table| Group { keys: self.keys, name: name.clone(), table }).collect())
     }
 
+    /// Names of the keys in their order.
+    #[must_use]
+    pub fn names(&self) -> Vec<&'a str> {
+        self.table.iter().map(|(name, _)| name).collect()
+    }
+
     /// A warning for every key that is not in `known`.
     #[must_use]
     pub fn unknown(&self, known: &[&str]) -> Vec<Finding> {

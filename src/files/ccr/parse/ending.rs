@@ -16,6 +16,7 @@ impl<S: VectorSink> Parser<'_, S> {
             self.line += 1;
             if self.line == 1 {
                 self.encoding(bytes)?;
+                self.foreign(bytes)?;
             }
             if bytes.contains(&b'\r') {
                 return Err(self.carriage_returns().into());

@@ -1,0 +1,158 @@
+//! Tables of other software, Parquet and Arrow IPC, whole: their columns with the types that they have, times among them.
+
+use crate::data::error::Finding;
+use crate::files::import::{Cells, Format};
+use polars::prelude::PolarsError;
+use polars_arrow::array::{Array, BooleanArray, PrimitiveArray, Utf8Array, Utf8ViewArray};
+use polars_arrow::datatypes::{ArrowDataType, Field, TimeUnit};
+use polars_arrow::io::ipc::read::{FileReader, read_file_metadata};
+use polars_arrow::types::NativeType;
+use polars_buffer::Buffer;
+use polars_parquet::read::{
+    BasicDecompressor, ColumnChunkMetadata, PageReader, column_iter_to_arrays, infer_schema, read_metadata,
+};
+use std::fs::File;
+use std::io::{BufReader, Cursor};
+use std::path::Path;
+
+fn refuse(path: &Path, error: &PolarsError) -> Finding {
+    let remedy = "the file is damaged, cut, or no table of its format; take it from the archive again";
+    Finding::error(&path.display().to_string(), format!("cannot be read as a table: {error}"), remedy)
+}
+
+/// Reads all columns of a table.
+///
+/// # Errors
+/// Why the file is no table of the format.
+pub fn read(path: &Path, format: Format) -> Result<Vec<(String, Cells)>, Finding> {
+    let columns = match format {
+        Format::Parquet => parquet(path)?,
+        Format::Ipc | Format::Csv => ipc(path)?,
+    };
+    let mut list = Vec::with_capacity(columns.len());
+    for (name, dtype, pieces) in columns {
+        list.push((name, cells(&dtype, &pieces)));
+    }
+    Ok(list)
+}
+
+/// A column: its name, its type, its pieces.
+type Pieces = (String, ArrowDataType, Vec<Box<dyn Array>>);
+
+fn ipc(path: &Path) -> Result<Vec<Pieces>, Finding> {
+    let mut file = BufReader::new(File::open(path).map_err(|e| Finding::io(path, "open", &e))?);
+    let metadata = read_file_metadata(&mut file).map_err(|e| refuse(path, &e))?;
+    let mut columns: Vec<Pieces> =
+        metadata.schema.iter_values().map(|f| (f.name.to_string(), f.dtype.clone(), Vec::new())).collect();
+    for batch in FileReader::new(file, metadata, None, None) {
+        let arrays = batch.map_err(|e| refuse(path, &e))?.into_arrays();
+        columns.iter_mut().zip(arrays).for_each(|((_, _, pieces), array)| pieces.push(array));
+    }
+    Ok(columns)
+}
+
+fn parquet(path: &Path) -> Result<Vec<Pieces>, Finding> {
+    let bytes = std::fs::read(path).map_err(|e| Finding::io(path, "read", &e))?;
+    let metadata = read_metadata(&mut Cursor::new(&bytes)).map_err(|e| refuse(path, &e))?;
+    let schema = infer_schema(&metadata).map_err(|e| refuse(path, &e))?;
+    let bytes = Buffer::from(bytes);
+    let mut columns = Vec::new();
+    for field in schema.iter_values() {
+        let mut pieces = Vec::new();
+        for group in &metadata.row_groups {
+            let chunks: Vec<&ColumnChunkMetadata> = group.columns_under_root_iter(&field.name).into_iter().flatten().collect();
+            // Lists and structures have several, and are no columns of readings.
+            let [chunk] = chunks[..] else { continue };
+            if is_plain(&field.dtype) {
+                pieces.extend(decoded(path, &bytes, chunk, field)?);
+            }
+        }
+        columns.push((field.name.to_string(), field.dtype.clone(), pieces));
+    }
+    Ok(columns)
+}
+
+/// The values of a column in one group of rows.
+fn decoded(path: &Path, bytes: &Buffer<u8>, chunk: &ColumnChunkMetadata, field: &Field) -> Result<Vec<Box<dyn Array>>, Finding> {
+    let range = chunk.byte_range();
+    let (begin, end) = (range.start as usize, range.end as usize);
+    if begin > end || end > bytes.len() {
+        let remedy = "the file is damaged or cut; take it from the archive again";
+        return Err(Finding::error(
+            &path.display().to_string(),
+            format!("column `{}` reaches beyond the end of the file", field.name),
+            remedy,
+        ));
+    }
+    let pages = PageReader::new(Cursor::new(bytes.clone().sliced(begin..end)), chunk, Vec::new(), usize::MAX);
+    let kind = &chunk.descriptor().descriptor.primitive_type;
+    let read = column_iter_to_arrays(vec![BasicDecompressor::new(pages, Vec::new())], vec![kind], field.clone(), None);
+    Ok(read.map_err(|e| refuse(path, &e))?.0)
+}
+
+/// Types whose values are single numbers, texts or moments.
+fn is_plain(dtype: &ArrowDataType) -> bool {
+    use ArrowDataType as T;
+    dtype.is_numeric()
+        || matches!(dtype, T::Boolean | T::Utf8 | T::LargeUtf8 | T::Utf8View | T::Timestamp(..) | T::Date32 | T::Null)
+}
+
+/// The pieces of a column as one.
+fn cells(dtype: &ArrowDataType, pieces: &[Box<dyn Array>]) -> Cells {
+    use ArrowDataType as T;
+    match dtype {
+        T::Int8 => numbers::<i8>(pieces, f64::from),
+        T::Int16 => numbers::<i16>(pieces, f64::from),
+        T::Int32 => numbers::<i32>(pieces, f64::from),
+        T::Int64 => numbers::<i64>(pieces, |v| v as f64),
+        T::UInt8 => numbers::<u8>(pieces, f64::from),
+        T::UInt16 => numbers::<u16>(pieces, f64::from),
+        T::UInt32 => numbers::<u32>(pieces, f64::from),
+        T::UInt64 => numbers::<u64>(pieces, |v| v as f64),
+        T::Float32 => numbers::<f32>(pieces, f64::from),
+        T::Float64 => numbers::<f64>(pieces, |v| v),
+        T::Boolean => Cells::Numbers(each::<BooleanArray, _>(pieces, |array, out| {
+            out.extend(array.iter().map(|v| v.map_or(f64::NAN, |v| f64::from(u8::from(v)))));
+        })),
+        T::Utf8 => texts::<Utf8Array<i32>>(pieces, |array, out| out.extend(array.iter().map(owned))),
+        T::LargeUtf8 => texts::<Utf8Array<i64>>(pieces, |array, out| out.extend(array.iter().map(owned))),
+        T::Utf8View => texts::<Utf8ViewArray>(pieces, |array, out| out.extend(array.iter().map(owned))),
+        T::Timestamp(unit, zone) => {
+            let factor = match unit {
+                TimeUnit::Second => 1_000_000_000,
+                TimeUnit::Millisecond => 1_000_000,
+                TimeUnit::Microsecond => 1000,
+                TimeUnit::Nanosecond => 1,
+            };
+            let ns = each::<PrimitiveArray<i64>, _>(pieces, |array, out| {
+                out.extend(array.iter().map(|v| v.and_then(|v| v.checked_mul(factor))));
+            });
+            Cells::Moments { ns, utc: zone.is_some() }
+        }
+        other => Cells::Other(format!("values of the type {other:?}")),
+    }
+}
+
+fn owned(value: Option<&str>) -> String {
+    value.unwrap_or_default().to_owned()
+}
+
+fn each<A: 'static, T>(pieces: &[Box<dyn Array>], take: impl Fn(&A, &mut Vec<T>)) -> Vec<T> {
+    let mut out = Vec::new();
+    for piece in pieces {
+        if let Some(array) = piece.as_any().downcast_ref::<A>() {
+            take(array, &mut out);
+        }
+    }
+    out
+}
+
+fn numbers<T: NativeType>(pieces: &[Box<dyn Array>], convert: impl Fn(T) -> f64) -> Cells {
+    Cells::Numbers(each::<PrimitiveArray<T>, _>(pieces, |array, out| {
+        out.extend(array.iter().map(|v| v.map_or(f64::NAN, |v| convert(*v))));
+    }))
+}
+
+fn texts<A: 'static>(pieces: &[Box<dyn Array>], take: impl Fn(&A, &mut Vec<String>)) -> Cells {
+    Cells::Texts(each::<A, String>(pieces, take))
+}
