@@ -35,6 +35,7 @@ mod offset;
 mod places;
 mod python;
 mod recipe;
+mod reference_complete;
 mod report;
 mod result_folder;
 mod rosetta;
