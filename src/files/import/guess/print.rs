@@ -12,7 +12,8 @@ const NO_START: &str = "2000-01-01T00:00:00Z";
 
 /// The mapping.
 pub(super) fn mapping(path: &Path, contents: &Contents, roles: &Roles) -> String {
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let one_line = |text: &str| text.replace(char::is_control, " ");
+    let name = one_line(&path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default());
     let mut out = format!(
         "# A proposal for {name}, from its names and numbers. Every line with CHECK wants a look by somebody who knows the data.\n"
     );
@@ -26,7 +27,7 @@ pub(super) fn mapping(path: &Path, contents: &Contents, roles: &Roles) -> String
     let used: Vec<&str> = contents.texts.iter().filter(|t| run_key(&t.name).is_none()).map(|t| t.name.as_str()).collect();
     let left: Vec<&str> = used.into_iter().chain(contents.others.iter().map(String::as_str)).collect();
     if !left.is_empty() {
-        let _ = writeln!(out, "\n# Not used: {}", left.join(", "));
+        let _ = writeln!(out, "\n# Not used: {}", one_line(&left.join(", ")));
     }
     out
 }

@@ -113,7 +113,11 @@ pub(super) fn found(contents: &Contents) -> Result<Roles, Finding> {
     let count = if std.is_some() { named(&|n| is_counter_name(&n.name) && is_whole(n)) } else { None };
     let counter = if plateaus { None } else { named(&|n| is_counter_name(&n.name) && is_counter(n)) };
     let temperatures = temperatures(&mut rest);
-    let channels = rest.iter().map(|n| (channel_name(&n.name), n.name.clone())).collect();
+    let mut channels: Vec<(String, String)> = Vec::new();
+    for column in &rest {
+        let free = free_name(channel_name(&column.name), |name| channels.iter().any(|(c, _)| c == name));
+        channels.push((free, column.name.clone()));
+    }
     let (reading_unit, field_unit, unit_named) = units(&contents.numbers, &reading, field.as_ref(), ratio.map(|(r, _)| r));
     let field_is_zero =
         field.as_ref().is_some_and(|f| f.at.iter().all(|i| contents.numbers[*i].values.iter().all(|v| v.is_nan() || *v == 0.0)));
@@ -333,10 +337,17 @@ fn temperatures(rest: &mut Vec<&Numeric>) -> Vec<Temperature> {
         } else {
             own.clone()
         };
-        temperature.channel = if taken.contains(&wanted) { own } else { wanted };
+        let wanted = if taken.contains(&wanted) { own } else { wanted };
+        temperature.channel = free_name(wanted, |name| taken.iter().any(|t| t == name));
         taken.push(temperature.channel.clone());
     }
     list
+}
+
+/// A name that is not taken.
+fn free_name(name: String, taken: impl Fn(&str) -> bool) -> String {
+    let numbered = (2..).map(|i: u32| format!("{name}_{i}"));
+    std::iter::once(name.clone()).chain(numbered).find(|n| !taken(n)).unwrap_or(name)
 }
 
 /// A name that a channel can have.
