@@ -362,34 +362,43 @@ fn read(path: &Path) -> Run {
 fn thousands_of_plateaus_at_three_temperatures_are_one_run() {
     let desk = Desk::new();
     let table = desk.put("plateaus.csv", plateau_table());
+    let output = desk.import(PLATEAU_MAPPING, &table, "one");
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let run = read(&desk.path("one").join("26-03-01/08-00-00.CCR"));
+    assert_eq!((run.header.run.as_str(), run.blocks.len(), run.findings.len()), ("26-03-01_08-00-00", PLATEAUS, 0));
+    let temperatures = run.temperatures.channel("T59").unwrap();
+    for (k, block) in run.blocks.iter().enumerate() {
+        let (t, field, reading, degc) = plateau(k);
+        assert_eq!([block.setting.t_start_s, block.setting.t_end_s], [t as f64, (t + PLATEAU_S) as f64], "{k}");
+        assert_eq!((block.setting.field.0, block.mean.0, block.setting.position), (field, reading, 1), "{k}");
+        assert_eq!(temperatures[k], (t as f64 + 3.0, degc), "{k}");
+    }
+    assert!(desk.path("one").join("campaign.toml").is_file());
+}
+
+#[test]
+fn pauses_part_runs_and_a_guess_finds_them() {
+    let desk = Desk::new();
+    let table = desk.put("plateaus.csv", plateau_table());
     let guessed = text(&calfit().args(["import", "--guess"]).arg(&table).output().unwrap().stdout);
-    for (name, given) in [("given", PLATEAU_MAPPING), ("guessed", &guessed)] {
-        let output = desk.import(given, &table, name);
-        assert_eq!(output.status.code(), Some(0), "{}\n{given}", text(&output.stderr));
-        let run = read(&desk.path(name).join("26-03-01/08-00-00.CCR"));
-        assert_eq!((run.header.run.as_str(), run.blocks.len(), run.findings.len()), ("26-03-01_08-00-00", PLATEAUS, 0));
-        let temperatures = run.temperatures.channel("T59").unwrap();
-        for (k, block) in run.blocks.iter().enumerate() {
-            let (t, field, reading, degc) = plateau(k);
-            assert_eq!([block.setting.t_start_s, block.setting.t_end_s], [t as f64, (t + PLATEAU_S) as f64], "{k}");
-            assert_eq!((block.setting.field.0, block.mean.0, block.setting.position), (field, reading, 1), "{k}");
-            assert_eq!(temperatures[k], (t as f64 + 3.0, degc), "{k}");
-        }
-        assert!(desk.path(name).join("campaign.toml").is_file());
-    }
-    // With a pause that parts them these are three runs, each named by its start.
+    says(&guessed, &["split_gap_s = 600", "are = \"plateaus\"", "\"refX\", \"refY\", \"refZ\""]);
     let split = PLATEAU_MAPPING.replace("[run]\n", "[run]\nsplit_gap_s = 600\n");
-    assert_eq!(desk.import(&split, &table, "split").status.code(), Some(0));
-    let mut rows = 0;
-    for stage in 0..3 {
-        let first = (0..PLATEAUS).find(|k| 3 * k / PLATEAUS == stage).unwrap();
-        let t = plateau(first).0;
-        let name = format!("26-03-01/{:02}-{:02}-{:02}.CCR", 8 + t / 3600, t / 60 % 60, t % 60);
-        let run = read(&desk.path("split").join(&name));
-        assert_eq!((run.blocks[0].setting.t_start_s, run.blocks[0].setting.field.0), (0.0, plateau(first).1), "{name}");
-        rows += run.blocks.len();
+    for (name, given) in [("split", &split), ("guessed", &guessed)] {
+        assert_eq!(desk.import(given, &table, name).status.code(), Some(0), "{given}");
+        let mut k = 0;
+        for stage in 0..3 {
+            let begin = plateau(k).0;
+            let file = format!("26-03-01/{:02}-{:02}-{:02}.CCR", 8 + begin / 3600, begin / 60 % 60, begin % 60);
+            let run = read(&desk.path(name).join(&file));
+            for block in &run.blocks {
+                let (t, field, reading, _) = plateau(k);
+                assert_eq!((block.setting.t_start_s, block.setting.field.0, block.mean.0), ((t - begin) as f64, field, reading));
+                k += 1;
+            }
+            assert!(k == PLATEAUS || 3 * k / PLATEAUS == stage + 1, "{file}");
+        }
+        assert_eq!((k, runs(&desk.path(name))), (PLATEAUS, 3));
     }
-    assert_eq!(rows, PLATEAUS);
 }
 
 /// A small table that is in order: 12 settings of 1 s at 10 Hz.

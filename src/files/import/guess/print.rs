@@ -10,6 +10,11 @@ use std::path::Path;
 /// Start of a run whose date nothing tells.
 const NO_START: &str = "2000-01-01T00:00:00Z";
 
+/// What no table tells for certain.
+const QUESTIONS: &str = "# Which sensor is it, and in which mode? Are the columns of [field] the field along the axes of the coil system, or the setting of a
+# source? Which unit has each? In which zone are the times?
+";
+
 /// The mapping.
 pub(super) fn mapping(path: &Path, contents: &Contents, roles: &Roles) -> String {
     let one_line = |text: &str| text.replace(char::is_control, " ");
@@ -17,6 +22,7 @@ pub(super) fn mapping(path: &Path, contents: &Contents, roles: &Roles) -> String
     let mut out = format!(
         "# A proposal for {name}, from its names and numbers. Every line with CHECK wants a look by somebody who knows the data.\n"
     );
+    out.push_str(QUESTIONS);
     file(&mut out, contents);
     run(&mut out, path, contents, roles);
     time(&mut out, contents, roles);
@@ -118,6 +124,9 @@ fn run(out: &mut String, path: &Path, contents: &Contents, roles: &Roles) {
     match &roles.position {
         Some(name) => line(out, &format!("position = {{ column = {} }}", quoted(name)), ""),
         None => line(out, "position = 1", ""),
+    }
+    if let Some((count, gap_s)) = roles.pauses {
+        line(out, &format!("split_gap_s = {gap_s}"), &format!("CHECK: {count} longer pauses; every one begins another run"));
     }
     if contents.texts.iter().any(|t| run_key(&t.name).is_some() && t.distinct > 1) {
         let name = contents.texts.iter().find(|t| run_key(&t.name).is_some() && t.distinct > 1).map_or("", |t| t.name.as_str());

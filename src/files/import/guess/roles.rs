@@ -56,6 +56,8 @@ pub(super) struct Roles {
     pub plateaus: bool,
     /// Usual step of the times, s.
     pub step_s: f64,
+    /// Pauses that part runs: how many, and a time shorter than the shortest of them, s.
+    pub pauses: Option<(usize, f64)>,
     pub field_is_zero: bool,
 }
 
@@ -95,6 +97,7 @@ pub(super) fn found(contents: &Contents) -> Result<Roles, Finding> {
     };
     let ratio = field.as_ref().and_then(|f| explained(&contents.numbers, f, &reading));
     let mut steps: Vec<f64> = contents.time.ns.windows(2).map(|w| (w[1] - w[0]) as f64 / 1e9).collect();
+    let pauses = pauses(&steps);
     let step_s = median(&mut steps);
     let plateaus = field.as_ref().is_some_and(|f| f.still < 0.5);
     let mut rest: Vec<&Numeric> = contents.numbers.iter().collect();
@@ -145,8 +148,26 @@ pub(super) fn found(contents: &Contents) -> Result<Roles, Finding> {
         channels,
         plateaus,
         step_s,
+        pauses,
         field_is_zero,
     })
+}
+
+/// Steps of the times so long that something else was done meanwhile, with enough rows between them for runs of their own.
+fn pauses(steps: &[f64]) -> Option<(usize, f64)> {
+    /// No shorter pause parts runs, s: positions and temperatures take longer to change.
+    const SHORTEST_S: f64 = 300.0;
+    /// Nor one of fewer usual steps.
+    const STEPS: f64 = 20.0;
+    /// Rows of a run.
+    const LEAST_ROWS: usize = 12;
+    let usual = median(&mut steps.to_vec());
+    let long: Vec<usize> = (0..steps.len()).filter(|i| steps[*i] > SHORTEST_S.max(STEPS * usual)).collect();
+    let edges: Vec<usize> = std::iter::once(0).chain(long.iter().map(|i| i + 1)).chain([steps.len() + 1]).collect();
+    let shortest = long.iter().map(|i| steps[*i]).fold(f64::INFINITY, f64::min);
+    let apart = !long.is_empty() && edges.windows(2).all(|w| w[1] - w[0] >= LEAST_ROWS);
+    // Half of the shortest, in two digits.
+    apart.then(|| (long.len(), format!("{:.1e}", 0.5 * shortest).parse().unwrap_or(SHORTEST_S)))
 }
 
 fn take(triples: &mut Vec<Triple>, wanted: impl Fn(&Triple) -> bool) -> Option<Triple> {
