@@ -33,6 +33,7 @@ mod nist_sine;
 mod null;
 mod offset;
 mod places;
+mod protocol;
 mod python;
 mod recipe;
 mod reference_complete;

@@ -13,14 +13,6 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 #[derive(Args, Debug)]
-#[command(after_help = "Examples:
-  calfit apply THERMAL_PARAMETER__26-03-02-08-00-00.TPF THERMAL_OFF_PARAMETER__26-03-02-08-31-00.TOF day.parquet -o out
-  calfit apply PARAMETER_LIN__26-03-02_08-00-00.CPF 26-03-02_08-00-00.CCR --frame coil -o out
-
-PARAMETERS: one CPF, TPF or TCF file, or a ground calibration file RPCMAG_GND_CALIB_*.TXT; with a TPF also a TOF or OPF file for the
-offset of the sensor alone. DATA: run files, or tables with the columns x, y, z (enT) and t_degc (°C).
-
-Exit status: 0 done, 1 some files were refused, 2 wrong usage or parameter files that make no calibration.")]
 pub(super) struct Arguments {
     /// Parameter files, then files of vectors: CCR, CSV, Parquet, Arrow IPC.
     #[arg(required = true, num_args = 2.., value_name = "FILE")]

@@ -34,17 +34,16 @@ struct Checked {
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let files = files(&arguments.paths)?;
-    let bar = terminal.progress(files.len());
+    let bar = terminal.progress(files.len(), "checked");
     let results: Vec<Checked> = files
         .par_iter()
         .map(|path| {
-            let findings = check(path, common);
-            bar.inc(1);
+            let findings = bar.of(&path.display().to_string(), || check(path, common));
             let ok = findings.iter().all(|f| f.severity != Severity::Error);
             Checked { file: path.display().to_string(), ok, findings }
         })
         .collect();
-    bar.finish_and_clear();
+    bar.finish();
     let bad = results.iter().filter(|r| !r.ok).count();
     if common.json {
         terminal.print(&json(&results)?);

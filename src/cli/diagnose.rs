@@ -19,13 +19,6 @@ use serde::Serialize;
 use std::path::PathBuf;
 
 #[derive(Args, Debug)]
-#[command(
-    after_help = "Every run gets a folder with diagnosis.json, a report as Markdown and HTML, and figures: where readings and model \
-                        disagree before anything is named, what is left without and with each effect, what happens inside the plateaus, \
-                        and the evidence of the effect beside that of its rivals. `calfit effects` lists what can be named.\n\n\
-                        Examples:\n  calfit diagnose tests/data/cases/26-05-02.CCR.gz -o diagnosis\n  \
-                        calfit diagnose CAMPAIGN --write-model model.toml\n  calfit diagnose CAMPAIGN --model model.toml -o again"
-)]
 pub(super) struct Arguments {
     /// Campaign folders or run files; tables of run results (.csv) and linear calibrations (.CPF) of several runs, which are looked
     /// at together, as are linearity runs of one sensor.
@@ -88,21 +81,20 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         return Err(Finding::error(&shown.join(", "), rule, "list the runs with `calfit inspect`"));
     }
     let desk = common.desk_without(&arguments.excluding);
-    let bar = terminal.progress(jobs.len());
+    let bar = terminal.progress(jobs.len(), "diagnosed");
     let two_threads = jobs.len() < rayon::current_num_threads();
     let results: Vec<Result<Diagnosed, Failure>> = jobs
         .par_iter()
         .map(|job| {
-            let made = diagnose_run(job, &desk, &options, &inputs, two_threads).and_then(|made| {
+            bar.of(&job.id(), || {
+                let made = diagnose_run(job, &desk, &options, &inputs, two_threads)?;
                 let run = made.diagnosis.runs.first().map_or("", String::as_str);
                 publish_diagnosis(&made, run, &desk).map_err(Failure::Refused)?;
                 Ok(made)
-            });
-            bar.inc(1);
-            made
+            })
         })
         .collect();
-    bar.finish_and_clear();
+    bar.finish();
     let mut results: Vec<(String, Result<Diagnosed, Failure>)> =
         jobs.iter().map(|job| job.recorded.clone()).zip(results).collect();
     let linear: Vec<_> = jobs.iter().filter(|j| j.header.as_ref().is_some_and(|h| h.kind == Kind::Linearity)).collect();

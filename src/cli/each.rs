@@ -46,20 +46,19 @@ pub(super) fn run<A: PerRun>(
     let folder = Folder::open(&common.out, common.force)?;
     table_names(A::STEM).iter().try_for_each(|name| folder.check(name))?;
     let desk = common.desk_without(excluding);
-    let bar = terminal.progress(jobs.len());
+    let bar = terminal.progress(jobs.len(), "analysed");
     let two_threads = jobs.len() < rayon::current_num_threads();
     let results: Vec<Attempt<A>> = jobs
         .par_iter()
         .map(|job| {
-            let made = make(analysis, job, &desk, two_threads).and_then(|made| {
+            bar.of(&job.id(), || {
+                let made = make(analysis, job, &desk, two_threads)?;
                 publish::<A>(&made, &desk, &made.result.parameters().file_name()).map_err(Failure::Refused)?;
                 Ok(made)
-            });
-            bar.inc(1);
-            made
+            })
         })
         .collect();
-    bar.finish_and_clear();
+    bar.finish();
     let results = Results { of_runs: jobs.iter().map(|j| j.recorded.clone()).zip(results).collect(), excluded };
     finish::<A>(results, &[], common, terminal)
 }

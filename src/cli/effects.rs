@@ -13,11 +13,6 @@ use serde::Serialize;
 use std::fmt::Write;
 
 #[derive(Args, Debug)]
-#[command(
-    after_help = "With -o DIR the pictures of the effect are drawn there: its contribution to the readings of an example run, against \
-                        what it follows and against time. Effects that only a comparison of several runs shows have none.\n\n\
-                        Examples:\n  calfit effects\n  calfit effects cubic_nonlinearity -o effect"
-)]
 pub(super) struct Arguments {
     /// Effect to explain; all are listed without it.
     #[arg(value_name = "NAME")]

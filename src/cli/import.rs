@@ -76,10 +76,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     findings.iter().for_each(|f| terminal.finding(f));
     let import = import?;
     let (mut runs, mut failed) = (Vec::new(), Vec::new());
-    let bar = terminal.progress(tables.len());
+    let bar = terminal.progress(tables.len(), "imported");
     for table in tables {
         let mut findings = Vec::new();
-        let made = import.table(table, &mut findings);
+        let made = bar.of(&table.display().to_string(), || import.table(table, &mut findings));
         findings.iter().for_each(|f| terminal.finding(f));
         match made {
             Ok(made) => runs.extend(made),
@@ -88,9 +88,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
                 failed.push(finding);
             }
         }
-        bar.inc(1);
     }
-    bar.finish_and_clear();
+    bar.finish();
     let begun = import.begin_campaign(&runs)?;
     if common.json {
         terminal.print(&json(&Listing { runs: &runs, failed: &failed })?);

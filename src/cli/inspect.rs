@@ -34,17 +34,16 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let campaigns = open(&arguments.paths, common, terminal)?;
     let (jobs, unmatched) = jobs(&campaigns, None);
     terminal.unmatched(&unmatched);
-    let bar = terminal.progress(jobs.len());
+    let bar = terminal.progress(jobs.len(), "read");
     let two_threads = jobs.len() < rayon::current_num_threads();
     let results: Vec<_> = jobs
         .par_iter()
         .map(|job| {
-            let result = ccr::read(&job.path, &common.desk().reading(&job.recorded, two_threads), &mut ());
-            bar.inc(1);
-            result.map(|run| (RunLine::of(&run), run.findings))
+            let reading = common.desk().reading(&job.recorded, two_threads);
+            bar.of(&job.id(), || ccr::read(&job.path, &reading, &mut ())).map(|run| (RunLine::of(&run), run.findings))
         })
         .collect();
-    bar.finish_and_clear();
+    bar.finish();
     let mut lines = Vec::new();
     let mut failures = Vec::new();
     for (job, result) in jobs.iter().zip(results) {

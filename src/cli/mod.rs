@@ -9,6 +9,7 @@ mod each;
 mod effects;
 mod export;
 mod freq;
+mod help;
 mod import;
 mod inspect;
 mod lin;
@@ -29,7 +30,7 @@ use crate::data::run_state::{Outcome, RunState};
 use crate::files::campaign::Campaign;
 use crate::workflow::{Desk, Failure, Job, Results, jobs};
 use clap::parser::ValueSource;
-use clap::{ArgAction, ArgMatches, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
+use clap::{ArgAction, ArgMatches, Args, ColorChoice, FromArgMatches, Parser, Subcommand, ValueEnum};
 use options::Excluding;
 pub use output::Output;
 use output::Terminal;
@@ -215,7 +216,7 @@ impl From<Status> for ExitCode {
 ///
 /// Nothing of the process is changed: the threads belong to the call, and the working folder is only read.
 pub fn run<'a>(arguments: impl IntoIterator<Item = OsString>, out: Output<'a>, err: Output<'a>) -> Status {
-    let cli = match Cli::command().try_get_matches_from(arguments).and_then(|matches| Cli::of(&matches)) {
+    let cli = match help::command().try_get_matches_from(arguments).and_then(|matches| Cli::of(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
             // Help and version go to standard output and are no error. A closed output is nobody's fault.
@@ -362,7 +363,13 @@ fn report_failures(terminal: &Terminal, failures: &[(String, Failure)], total: u
         failure.errors().for_each(|f| terminal.finding(f));
     }
     if !failures.is_empty() && total > 1 {
-        let names: Vec<&str> = failures.iter().map(|(name, _)| name.as_str()).collect();
+        let mut names: Vec<&str> = Vec::new();
+        // Several analyses of one sensor and mode have one name.
+        for (name, _) in failures.iter().filter(|(name, _)| !name.is_empty()) {
+            if !names.contains(&name.as_str()) {
+                names.push(name);
+            }
+        }
         terminal.error(&format!("{} of {total} failed: {}", failures.len(), names.join(", ")));
     }
 }

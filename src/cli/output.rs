@@ -105,22 +105,40 @@ impl<'a> Terminal<'a> {
         let _ = self.outputs.borrow_mut()[1].to.write_all(line.as_bytes());
     }
 
-    /// A progress bar on standard error when that is a terminal and the work has several parts.
-    pub fn progress(&self, parts: usize) -> ProgressBar {
+    /// A progress bar on standard error when that is a terminal and the work has several parts; `what` is done with each.
+    pub fn progress(&self, parts: usize, what: &str) -> Progress {
         let is_terminal = self.outputs.borrow()[1].is_terminal;
         if self.quiet || parts < 2 || !is_terminal {
-            return ProgressBar::hidden();
+            return Progress(ProgressBar::hidden());
         }
         let bar = ProgressBar::new(parts as u64);
-        if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} runs, {elapsed} {msg}") {
+        if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:30}} {{pos}}/{{len}} {what}, {{eta}} left  {{msg}}")) {
             bar.set_style(style);
         }
-        bar
+        Progress(bar)
     }
 
     /// The exit status, which is a failure if output was lost.
     pub fn finish(&self, status: Status) -> Status {
         if self.failed.get() { status.max(Status::Partly) } else { status }
+    }
+}
+
+/// How far the work is, what it is at, and how long it will take.
+pub(super) struct Progress(ProgressBar);
+
+impl Progress {
+    /// Does one part of the work, which has a name.
+    pub fn of<T>(&self, name: &str, work: impl FnOnce() -> T) -> T {
+        self.0.set_message(name.to_owned());
+        let done = work();
+        self.0.inc(1);
+        done
+    }
+
+    /// All is done: the bar goes away.
+    pub fn finish(&self) {
+        self.0.finish_and_clear();
     }
 }
 

@@ -1,9 +1,10 @@
 //! `calfit completions` and `calfit man`.
 
+use super::Status;
+use super::help::command;
 use super::output::Terminal;
-use super::{Cli, Status};
 use crate::data::error::Finding;
-use clap::{Args, CommandFactory};
+use clap::Args;
 use std::path::PathBuf;
 
 #[derive(Args, Debug)]
@@ -21,7 +22,7 @@ pub(super) struct Man {
 
 pub(super) fn completions(arguments: &Completions, terminal: &Terminal) -> Result<Status, Finding> {
     let mut text = Vec::new();
-    clap_complete::generate(arguments.shell, &mut Cli::command(), "calfit", &mut text);
+    clap_complete::generate(arguments.shell, &mut command(), "calfit", &mut text);
     terminal.print(&String::from_utf8_lossy(&text));
     Ok(Status::Done)
 }
@@ -29,6 +30,6 @@ pub(super) fn completions(arguments: &Completions, terminal: &Terminal) -> Resul
 pub(super) fn manual(arguments: &Man) -> Result<Status, Finding> {
     let wrong = |e: std::io::Error| Finding::io(&arguments.folder, "write manual pages", &e);
     std::fs::create_dir_all(&arguments.folder).map_err(wrong)?;
-    clap_mangen::generate_to(Cli::command(), &arguments.folder).map_err(wrong)?;
+    clap_mangen::generate_to(command(), &arguments.folder).map_err(wrong)?;
     Ok(Status::Done)
 }

@@ -62,10 +62,10 @@ fn campaign(path: &Path, arguments: &Arguments, common: &Common, terminal: &Term
     let twin = twin::read(path, &mut findings)?;
     findings.iter().for_each(|f| terminal.finding(f));
     let seed = arguments.seed.unwrap_or(twin.seed);
-    let bar = terminal.progress(twin.runs.len());
+    let bar = terminal.progress(twin.runs.len(), "written");
     let (model, mut notes) = (known(arguments.model.as_ref())?, Vec::new());
-    let runs = write_campaign_with(model.as_ref(), &twin, seed, &common.out, common.force, || bar.inc(1), &mut notes)?;
-    bar.finish_and_clear();
+    let runs = write_campaign_with(model.as_ref(), &twin, seed, &common.out, common.force, || bar.of("", || ()), &mut notes)?;
+    bar.finish();
     notes.iter().for_each(|w| terminal.warning(&w.to_string()));
     let (vectors, bytes) = runs.iter().fold((0, 0), |(v, b), run| (v + run.vectors, b + run.size_bytes));
     if common.json {

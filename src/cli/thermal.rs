@@ -1,21 +1,21 @@
 //! `calfit thermal`: temperature polynomials across the runs of every sensor and mode.
 
-use super::options::{Excluding, ValueError, without_excluded};
+use super::options::{Excluding, Runs, Sweeping, without_excluded};
 use super::output::{Terminal, json};
-use super::{Allow, Common, Status, open_without, refused, report_failures, status};
+use super::{Common, Status, open_without, refused, report_failures, status};
 use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
 use crate::data::note::NoteKind;
 use crate::files::campaign::Campaign;
 use crate::files::index;
 use crate::files::parameter::{Body, FileKind, Tcf, Tpf, alone_of, is_named};
-use crate::measure::sweep::{self, LagChoice, Window};
-use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES, ThermalEntry};
+use crate::measure::sweep;
+use crate::model::campaign::ThermalEntry;
 use crate::record::known::Known;
 use crate::show;
 use crate::workflow::{
     Analyses, CentreMade, Desk, Failure, Measured, NoThermal, PairFiles, RunResult, ThermalInput, ThermalOptions, ThermalShown,
-    facility, jobs, known, refer, settle,
+    jobs, refer, settle,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -27,30 +27,13 @@ pub(super) struct Arguments {
     /// Campaign folders, run files, parameter files (.CPF, .OPF, .FPF; with --centre also .TPF), or folders of parameter files.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// Order of the polynomial of a quantity or family, sigma=1, b_or_x=3, f_3db=2, f_3db_igep=1 for example; others are chosen by AICc and
-    /// leave-one-out error.
-    #[arg(long, value_name = "QUANTITY=N", value_parser = order)]
-    order: Vec<(String, usize)>,
-    /// Sliding window of a continuous sweep: a number of settings, or of minutes (`12min`).
-    #[arg(long, value_name = "N", default_value = "18", value_parser = window)]
-    window: Window,
-    /// Leave out settings of a continuous sweep at which the temperature moves faster, K/min.
-    #[arg(long, value_name = "K_PER_MIN", value_parser = rate)]
-    max_rate: Option<f64>,
-    /// Lag of the sensor behind the thermistor of a continuous sweep: `auto` finds one that is significant beside polynomials of one order
-    /// higher, `none` takes none; SECONDS of a delay, negative where the sensor is earlier; a time constant with which the sensor follows the
-    /// thermistor (`first-order=480`) or the thermistor the sensor (`inverse=480`).
-    #[arg(long, value_name = LAG, default_value = "auto", allow_negative_numbers = true, value_parser = lag)]
-    lag: LagChoice,
+    #[command(flatten)]
+    runs: Runs,
+    #[command(flatten)]
+    sweeping: Sweeping,
     /// Also fit the temperature-dependent model to the plateaus of all runs at once (needs runs, not parameter files).
     #[arg(long)]
     joint: bool,
-    /// Facility that turns the settings of the runs into fields, as for `calfit lin` and `calfit offset`.
-    #[arg(long, value_name = "FILE")]
-    facility: Option<PathBuf>,
-    /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings of linearity runs and sweeps.
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
     /// Linear calibration at the centre of the coil system: the runs were measured beside it and their polynomials, or those of a TPF
     /// among the paths, are taken to the centre as well [default: where runs say that they were made beside the centre, `[[at]]` of
     /// campaign.toml, the linearity and offset runs at the centre of the same sensor and mode].
@@ -64,37 +47,6 @@ pub(super) struct Arguments {
     offset: Option<PathBuf>,
     #[command(flatten)]
     excluding: Excluding,
-}
-
-pub(super) fn order(text: &str) -> Result<(String, usize), ValueError> {
-    let (name, order) = text.split_once('=').ok_or(ValueError::Order)?;
-    if !THERMAL_QUANTITIES.contains(&name) {
-        return Err(ValueError::OrderQuantity);
-    }
-    match order.parse::<usize>() {
-        Ok(order) if order <= MOST_THERMAL_ORDER as usize => Ok((name.to_owned(), order)),
-        _ => Err(ValueError::OrderNumber),
-    }
-}
-
-fn window(text: &str) -> Result<Window, ValueError> {
-    let minutes = text.strip_suffix("min").map(|number| number.trim().parse::<f64>());
-    match (minutes, text.parse::<usize>()) {
-        (Some(Ok(minutes)), _) if minutes.is_finite() && minutes > 0.0 => Ok(Window::Minutes(minutes)),
-        (None, Ok(settings)) if settings > 4 => Ok(Window::Settings(settings)),
-        _ => Err(ValueError::Window),
-    }
-}
-
-/// The forms of `--lag`.
-pub(super) const LAG: &str = "auto|none|SECONDS|first-order=SECONDS|inverse=SECONDS";
-
-pub(super) fn lag(text: &str) -> Result<LagChoice, ValueError> {
-    text.parse().map_err(|_| ValueError::Lag)
-}
-
-fn rate(text: &str) -> Result<f64, ValueError> {
-    text.parse::<f64>().ok().filter(|r| r.is_finite() && *r > 0.0).ok_or(ValueError::Rate)
 }
 
 #[derive(Serialize)]
@@ -113,15 +65,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         return Err(Finding::error(&path.display().to_string(), rule, "name --centre CPF to take them to the centre"));
     }
     let (files, campaign_paths) = sort_paths(&paths)?;
-    let options = ThermalOptions {
-        orders: arguments.order.clone(),
-        joint: arguments.joint,
-        facility: facility(arguments.facility.as_ref())?,
-        model: known(arguments.model.as_ref())?,
-    };
     let named = arguments.centre.iter().chain(&arguments.off_centre).chain(&arguments.offset).chain(&polynomials);
-    common.results.places(named.chain(&arguments.facility).chain(&arguments.model));
+    common.results.places(named.chain(arguments.runs.files()));
     common.results.accept_files(&files)?;
+    let options = arguments.runs.options(arguments.joint, common)?;
     let pair = pair(arguments, terminal)?;
     let mut failures: Vec<(String, Failure)> = Vec::new();
     let mut input = ThermalInput::default();
@@ -135,7 +82,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         refuse_without_runs(&options)?;
     }
     let desk = common.desk_without(&arguments.excluding);
-    let (mut measured, total) = measure(&campaigns, &arguments.analyses(&options, common), &desk, terminal, &mut failures);
+    let (mut measured, total) =
+        measure(&campaigns, &options.analyses(arguments.sweeping.options()), &desk, terminal, &mut failures);
     warn_of_model(options.model.as_ref(), &measured, terminal);
     let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
     settle(&mut measured, &entries, &options.orders);
@@ -180,24 +128,6 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
     report_failures(terminal, &failures, total + files.len() + polynomials.len());
     Ok(status(done.count(), failures.iter().map(|(_, f)| f)))
-}
-
-impl Arguments {
-    /// The analyses of the single runs.
-    fn analyses(&self, options: &ThermalOptions, common: &Common) -> Analyses {
-        let sweep = sweep::Options {
-            window: self.window,
-            most_k_per_min: self.max_rate,
-            orders: self.order.clone(),
-            lag: self.lag,
-            allow_gain: common.allows(Allow::Gain),
-            allow_mismatch: common.allows(Allow::Mismatch),
-            facility: options.facility.clone(),
-            model: options.model.clone(),
-            ..sweep::Options::default()
-        };
-        Analyses::new(options.facility.as_ref(), options.model.as_ref()).with(sweep)
-    }
 }
 
 /// The files of `--centre`, `--off-centre` and `--offset`.
@@ -366,17 +296,11 @@ fn measure(
     let (mut jobs, excluded) = without_excluded(all, &desk.results);
     excluded.iter().for_each(|one| terminal.warning(one.told().trim_end()));
     jobs.retain(|job| job.named || job.header.as_ref().is_none_or(|h| h.kind.is_thermal() && job.campaign.uses(h)));
-    let bar = terminal.progress(jobs.len());
+    let bar = terminal.progress(jobs.len(), "analysed");
     let two_threads = jobs.len() < rayon::current_num_threads();
-    let results: Vec<Result<Measured, Failure>> = jobs
-        .par_iter()
-        .map(|job| {
-            let made = analyses.make(job, desk, two_threads);
-            bar.inc(1);
-            made
-        })
-        .collect();
-    bar.finish_and_clear();
+    let results: Vec<Result<Measured, Failure>> =
+        jobs.par_iter().map(|job| bar.of(&job.id(), || analyses.make(job, desk, two_threads))).collect();
+    bar.finish();
     let mut done = Vec::new();
     for (job, result) in jobs.iter().zip(results) {
         match result {

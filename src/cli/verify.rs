@@ -82,20 +82,20 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             "name parameter files of calfit, or folders that hold them",
         ));
     }
-    let bar = terminal.progress(files.len());
-    let verdicts: Vec<Verdict> = files
-        .iter()
-        .map(|file| {
+    let bar = terminal.progress(files.len(), "verified");
+    let name = |file: &Path| file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let mut verdicts: Vec<Verdict> = Vec::new();
+    for file in &files {
+        verdicts.push(bar.of(&name(file), || {
             let mut verdict = Verdict::on(file);
             if let Err(problems) = compare(file, &places, &mut homes, arguments.tolerance, &mut verdict) {
                 verdict.problems.extend(problems);
             }
             verdict.ok = verdict.problems.is_empty();
-            bar.inc(1);
             verdict
-        })
-        .collect();
-    bar.finish_and_clear();
+        }));
+    }
+    bar.finish();
     let all_ok = verdicts.iter().chain(&others).all(|v| v.ok);
     tell(verdicts, others, common, terminal)?;
     Ok(if all_ok { Status::Done } else { Status::Partly })

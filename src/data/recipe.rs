@@ -66,14 +66,18 @@ pub const ANALYSES: [Recorded; 14] = [
     recorded("offset", "offset", &[Role::Cpf, Role::Facility]),
     recorded("freq", "freq", &[Role::Model, Role::Amplitudes]),
     recorded("null", "null", &[Role::Cpf]),
-    recorded("thermal", "thermal", &[Role::Facility, Role::Model, Role::Centre, Role::OffCentre, Role::Offset]),
+    recorded(
+        "thermal",
+        "thermal",
+        &[Role::Facility, Role::Linearisation, Role::Model, Role::Centre, Role::OffCentre, Role::Offset],
+    ),
     recorded("sweep", "thermal", &[Role::Facility, Role::Model]),
     recorded("coil scalar", "coil scalar", &[]),
     recorded("coil residual", "coil residual", &[]),
     recorded("coil tilt", "coil tilt", &[Role::Facility]),
     recorded("thermistor", "thermistor", &[Role::Reference]),
     recorded("diagnose", "diagnose", &[Role::Facility, Role::Model, Role::Temperature, Role::Amplitudes]),
-    recorded("report", "report", &[Role::Facility, Role::Model]),
+    recorded("report", "report", &[Role::Facility, Role::Linearisation, Role::Model]),
     recorded("export", "export", &[]),
 ];
 
@@ -92,6 +96,10 @@ enum Form {
     Numbers,
     /// A whole number, or repeated, `NAME=N`.
     Order,
+    /// A whole number.
+    Count,
+    /// `null=N`.
+    DriftOrder,
     /// Repeated, `AXIS=NUMBER`.
     Axes,
     /// A number of settings, or `NUMBERmin`.
@@ -102,9 +110,15 @@ enum Form {
     File(Role),
 }
 
+/// Orders of the drift of zero-field runs and of the offset trend of linearity runs, where `order` is that of temperature polynomials.
+const DRIFT_ORDER: &str = "drift_order";
+const TREND_ORDER: &str = "trend_order";
+
 /// All options that are recorded, in the order of a command: key, option, form.
-const OPTIONS: [(&str, &str, Form); 32] = [
+const OPTIONS: [(&str, &str, Form); 34] = [
     ("order", "order", Form::Order),
+    (DRIFT_ORDER, "order", Form::DriftOrder),
+    (TREND_ORDER, "order", Form::Count),
     ("max_field_nt", "max-field", Form::Axes),
     ("robust", "robust", Form::Flag),
     ("window", "window", Form::Window),
@@ -259,6 +273,13 @@ impl Recipe {
             return Err(RecipeError::Option(role.option().to_owned()));
         }
         recipe.analysis = analysis.name.to_owned();
+        // Among analyses of several kinds of runs a bare order is that of the trend.
+        if ["thermal", "report"].contains(&analysis.name)
+            && let Some(order) = recipe.options.get("order").filter(|order| order.is_number()).cloned()
+        {
+            recipe.options.shift_remove("order");
+            recipe.options.insert(TREND_ORDER.to_owned(), order);
+        }
         for input in inputs.iter_mut().filter(|i| i.role.is_none() && i.path.eq_ignore_ascii_case("campaign.toml")) {
             input.role = Some(Role::Campaign);
         }
@@ -282,7 +303,14 @@ impl Recipe {
             _ => {
                 let mut forms = OPTIONS.iter().filter(|(_, o, _)| *o == option).peekable();
                 forms.peek().ok_or_else(|| RecipeError::Option(option.to_owned()))?;
-                let of_value = |(_, _, form): &&(&str, &str, Form)| !matches!(form, Form::Allow(name) if *name != value);
+                let several = self.options.get("order").is_some_and(Value::is_array) || self.options.contains_key(DRIFT_ORDER);
+                let of_value = |(_, _, form): &&(&str, &str, Form)| match form {
+                    Form::Allow(name) => *name == value,
+                    Form::DriftOrder => value.starts_with("null="),
+                    Form::Order => !value.starts_with("null=") && (value.contains('=') || !several),
+                    Form::Count => several,
+                    _ => true,
+                };
                 let (key, _, form) = forms.find(of_value).ok_or_else(wrong)?;
                 if let Form::File(role) = form {
                     let input = inputs.iter_mut().find(|i| i.role.is_none() && i.path == value);
@@ -332,6 +360,8 @@ impl Form {
                 Some(pairs) => pairs.iter().map(|pair| format!("{}={}", text(&pair[0]), short(&pair[1]))).collect(),
                 None => vec![short(value)],
             },
+            Form::Count => vec![short(value)],
+            Form::DriftOrder => vec![format!("null={}", short(value))],
             Form::Axes => {
                 value.as_object().into_iter().flatten().map(|(axis, limit)| format!("{axis}={}", short(limit))).collect()
             }
@@ -364,6 +394,8 @@ impl Form {
                     Some(Value::Array(pairs))
                 }
             },
+            Form::Count => Some(whole(word)?.into()),
+            Form::DriftOrder => Some(whole(word.strip_prefix("null=")?)?.into()),
             Form::Axes => {
                 let (axis, limit) = word.split_once('=')?;
                 let mut axes = before.and_then(|v| v.as_object().cloned()).unwrap_or_default();

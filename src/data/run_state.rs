@@ -69,9 +69,64 @@ impl Outcome {
     }
 }
 
+/// How many runs there are of every state. Every run of a campaign counts once, whatever became of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct RunCounts {
+    /// All runs.
+    pub runs: usize,
+    /// Those that were analysed.
+    pub done: usize,
+    /// Those that were refused.
+    pub refused: usize,
+    /// Those that were left out by hand.
+    pub excluded: usize,
+    /// Those whose file is gone.
+    pub gone: usize,
+    /// Those that no analysis takes.
+    pub not_applicable: usize,
+}
+
+impl FromIterator<RunState> for RunCounts {
+    fn from_iter<I: IntoIterator<Item = RunState>>(states: I) -> Self {
+        let mut counts = Self::default();
+        for state in states {
+            counts.runs += 1;
+            *match state {
+                RunState::Done => &mut counts.done,
+                RunState::Refused => &mut counts.refused,
+                RunState::Excluded => &mut counts.excluded,
+                RunState::Gone => &mut counts.gone,
+                RunState::NotApplicable => &mut counts.not_applicable,
+            } += 1;
+        }
+        counts
+    }
+}
+
+impl fmt::Display for RunCounts {
+    /// `24 runs: 22 analysed, 1 refused, 1 left out by hand`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let parts = [
+            (self.done, "analysed"),
+            (self.refused, "refused"),
+            (self.excluded, "left out by hand"),
+            (self.gone, "gone"),
+            (self.not_applicable, "not analysed"),
+        ];
+        let said: Vec<String> = parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+        write!(f, "{} {}: {}", self.runs, if self.runs == 1 { "run" } else { "runs" }, said.join(", "))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_run_counts_once() {
+        let counts: RunCounts = [RunState::Done, RunState::Refused, RunState::Done].into_iter().collect();
+        assert_eq!(counts.to_string(), "3 runs: 2 analysed, 1 refused");
+    }
 
     #[test]
     fn names_in_files_are_those_of_the_contract() {

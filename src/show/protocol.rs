@@ -1,25 +1,28 @@
 //! The protocol of a campaign, in the order of BC-MAG-TR-0085: setup, measurements by day, thermal analyses, coil system and
 //! thermistors where they were calibrated, temperature profile, mathematical description, nomenclature, origin and uncertainty.
 
+mod first_page;
 mod mathematics;
 
 use super::document::{Block, Cell, Document, Figure, Section, Table, Text, cells};
 use super::{Drawn, inputs, mode_at, or_not_stated, runs, thermal};
+use crate::data::across::CalibratedRun;
 use crate::data::exclusion::Exclusion;
-use crate::data::note::{Note, NoteKind};
+use crate::data::note::Note;
 use crate::data::provenance::Provenance;
 use crate::data::result::RunHead;
 use crate::data::run::{Header, Location, Run, time_of_id};
 use crate::data::run_state::{Outcome, RunState};
-use crate::data::start::Start;
 use crate::files::campaign::Campaign;
-use crate::files::campaign::file::CampaignFile;
+use crate::measure::sweep::Sweep;
 use crate::measure::thermal::{Kind, Thermal};
 
 /// A run in the protocol.
 pub struct RunPart<'a> {
     /// Run id.
     pub id: String,
+    /// File inside the campaign.
+    pub file: String,
     /// What its file says at its head, if that can be read.
     pub header: Option<&'a Header>,
     /// The run as it was read; absent for one that was refused or left out.
@@ -38,8 +41,8 @@ pub struct AnalysisPart<'a> {
     pub head: &'a RunHead,
     /// The result in one line.
     pub headline: String,
-    /// How many remarks there are.
-    pub remarks: usize,
+    /// What a person should know.
+    pub remarks: Vec<String>,
     /// The sections of its report.
     pub sections: Vec<Section>,
     /// Its figures.
@@ -74,6 +77,10 @@ pub struct Protocol<'a> {
     pub runs: Vec<RunPart<'a>>,
     /// Thermal analyses by sensor and mode.
     pub thermals: Vec<ThermalPart<'a>>,
+    /// Continuous sweeps.
+    pub sweeps: Vec<&'a Sweep>,
+    /// Results of single runs.
+    pub points: Vec<CalibratedRun>,
     /// Runs that are at one temperature: which, and that there are no polynomials through them.
     pub not_applied: Vec<String>,
     /// Calibrations across temperatures that were taken to the centre of the coil system.
@@ -86,7 +93,7 @@ pub struct Protocol<'a> {
     pub thermistors: Vec<OtherPart>,
     /// The complete temperature profile.
     pub profile: Option<Drawn>,
-    /// What failed: the file or group, and why.
+    /// What failed beside runs: the file or group, and why.
     pub failed: Vec<(String, String)>,
     /// Files that belong to the protocol with their SHA-256.
     pub files: Vec<(String, String)>,
@@ -97,16 +104,19 @@ pub struct Protocol<'a> {
 /// Title of the protocol.
 #[must_use]
 pub fn title(campaign: &Campaign) -> String {
-    let stated = campaign.file.report.iter().find(|(label, _)| *label == "Title").map(|(_, text)| text.clone());
-    stated.or_else(|| campaign.file.name.clone()).unwrap_or_else(|| "Ground calibration of a magnetometer".to_owned())
+    stated(campaign, "Title")
+        .map(str::to_owned)
+        .or_else(|| campaign.file.name.clone())
+        .unwrap_or_else(|| "Ground calibration of a magnetometer".to_owned())
 }
 
 /// The protocol.
 #[must_use]
 pub fn document(p: &Protocol) -> Document {
     let days = days(&p.runs);
-    let mut chapters = vec![introduction(p)];
     let mut figure = 0;
+    let front = first_page::blocks(p, &mut figure);
+    let mut chapters = vec![introduction(p)];
     let mut shown: Vec<Shown> = Vec::new();
     // Behind the introduction and the days.
     let combined = chapters.len() + days.len() + 1;
@@ -133,7 +143,7 @@ pub fn document(p: &Protocol) -> Document {
     chapters.push(mathematics::nomenclature());
     chapters.push(origin(p));
     number(&mut chapters);
-    Document { title: title(p.campaign), front: front(p), sections: chapters, colophon: None }
+    Document { title: title(p.campaign), front, sections: chapters, colophon: None }
 }
 
 /// Numbers chapters and their sections from 1.
@@ -165,31 +175,8 @@ fn days<'a, 'b>(runs: &'b [RunPart<'a>]) -> Vec<(String, Vec<&'b RunPart<'a>>)> 
 }
 
 /// What `campaign.toml` says for the protocol.
-fn stated<'a>(campaign: &'a Campaign, label: &str) -> &'a str {
-    campaign.file.report.iter().find(|(l, _)| *l == label).map_or("not stated", |(_, text)| text.as_str())
-}
-
-/// What stands before the first chapter.
-fn front(p: &Protocol) -> Vec<Block> {
-    let starts: Vec<&Start> = p.runs.iter().filter_map(|r| r.run).map(|r| &r.header.start).collect();
-    let mut table = Table::new(["", ""]);
-    for (_, label) in CampaignFile::REPORT.iter().filter(|(_, label)| *label != "Title") {
-        table.push(cells![*label, stated(p.campaign, label)]);
-    }
-    table.push(cells!["Instrument", p.campaign.file.instrument.as_deref().unwrap_or("not stated")]);
-    if let (Some(first), Some(last)) = (starts.iter().min(), starts.iter().max()) {
-        table.push(cells!["Measurements", format!("from {first} to {last} (start of the last run)")]);
-    }
-    table.push(cells!["Date of issue", &p.provenance.created]);
-    let software = format!("{} {} ({})", p.provenance.tool, p.provenance.tool_version, p.provenance.build);
-    table.push(cells!["Software", software]);
-    let mut front = vec![table.into(), "The results hold for the sensors and electronics named here only.".into()];
-    if !p.failed.is_empty() {
-        let text = format!("{} of the analyses failed or were refused:", p.failed.len());
-        front.push(Note::new(NoteKind::LeftOut, text).into());
-        front.push(Block::List(p.failed.iter().map(|(what, why)| Text::of_note(&format!("{what}: {why}"))).collect()));
-    }
-    front
+fn stated<'a>(campaign: &'a Campaign, label: &str) -> Option<&'a str> {
+    campaign.file.report.iter().find(|(l, _)| *l == label).map(|(_, text)| text.as_str())
 }
 
 fn introduction(p: &Protocol) -> Section {
@@ -340,7 +327,7 @@ fn results_of_the_day(analyses: &[&AnalysisPart]) -> Table {
             mode_at(&part.head.mode, part.head.location),
             Cell::degc(part.head.temperature_degc),
             &part.headline,
-            if part.remarks == 0 { Cell::Missing("") } else { part.remarks.into() },
+            Text::of_note(&part.remarks.join(". ")),
         ]
     };
     Table::new(["run", "analysis", "sensor", "mode", "temperature", "result", "remarks"]).with_rows(analyses.iter().map(row))
@@ -429,7 +416,7 @@ fn uncertainty(campaign: &Campaign) -> Section {
         .with(Table::new(["contribution", "type", "contained"]).with_rows(rows.map(|r| r.map(Cell::from).to_vec())))
         .with(format!(
             "Traceability of the reference field: {}. Uncertainty of the reference field: {}. No statement of conformity is made.",
-            stated(campaign, "Traceability of the reference field"),
-            stated(campaign, "Uncertainty of the reference field")
+            stated(campaign, "Traceability of the reference field").unwrap_or("not stated"),
+            stated(campaign, "Uncertainty of the reference field").unwrap_or("not stated")
         ))
 }

@@ -7,8 +7,8 @@ use super::settle::{refer, settle};
 use super::thermal::{ThermalInput, temperature};
 use super::thermistor::{publish_thermistor, thermistor_of};
 use super::{
-    Analyses, CoilMade, CoilResult, Desk, Failure, Job, NoThermal, PairFiles, PerRun, RUN_KINDS, RunResult, ThermalOptions,
-    facility, jobs, make, of_table, publish,
+    CoilMade, CoilResult, Desk, Failure, Job, NoThermal, PairFiles, PerRun, RUN_KINDS, RunResult, ThermalOptions, facility, jobs,
+    make, of_table, publish,
 };
 use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
@@ -223,7 +223,8 @@ fn is_sweep(with: &Ingredients) -> bool {
 }
 
 fn thermal(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), AgainError> {
-    let options = ThermalOptions { facility: with.facility()?, model: with.model()?, ..recipe.options()? };
+    let (facility, linearisation, model) = (with.facility()?, with.linearisation()?, with.model()?);
+    let options = ThermalOptions { facility, linearisation, model, ..recipe.options()? };
     let (polynomials, rest): (Vec<&PathBuf>, Vec<&PathBuf>) = with.data.iter().partition(|path| is_named::<Tpf>(path));
     let (files, runs): (Vec<&PathBuf>, Vec<&PathBuf>) =
         rest.into_iter().partition(|path| parameter::FileKind::of_name(path).is_some());
@@ -233,7 +234,7 @@ fn thermal(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Again
     }
     let paths: Vec<PathBuf> = runs.into_iter().cloned().collect();
     let campaigns = campaigns(&paths, desk)?;
-    let analyses = Analyses::new(options.facility.as_ref(), options.model.as_ref());
+    let analyses = options.analyses(sweep::Options::default());
     let mut measured = Vec::new();
     for job in jobs(&campaigns, None).0 {
         measured.push(analyses.make(&job, desk, false)?);

@@ -84,6 +84,15 @@ impl Measured {
         self.made()?.as_any().downcast_ref()
     }
 
+    /// The linear calibration itself, if it is one.
+    #[must_use]
+    pub fn into_lin(self) -> Option<Made<Lin>> {
+        match self {
+            Measured::Analysed(made) => made.into_any().downcast().ok().map(|made| *made),
+            Measured::Other(_) => None,
+        }
+    }
+
     /// The linear calibration, if it is one, to be made once more.
     #[must_use]
     pub fn lin_mut(&mut self) -> Option<&mut Made<Lin>> {
@@ -134,6 +143,7 @@ impl Measured {
         let run = self.run();
         RunPart {
             id: run.map_or_else(String::new, |r| r.header.run.clone()),
+            file: run.map_or_else(String::new, |r| r.input.path.clone()),
             header: run.map(|r| &r.header),
             run,
             outcome: self.outcome(),

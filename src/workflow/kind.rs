@@ -18,6 +18,7 @@ use crate::model::facility::Facility;
 use crate::record::known::Known;
 use crate::show::Drawn;
 use crate::show::protocol::AnalysisPart;
+use serde_json::Value;
 use std::any::Any;
 
 /// All kinds of runs that are analysed one by one, in the order of their tables.
@@ -109,6 +110,11 @@ pub trait RunMade: Send + Sync {
     fn provenance(&self) -> &Provenance;
     /// What a person should know.
     fn notes(&self) -> &[Note];
+    /// The result as the command of the analysis prints it with `--json`, with its provenance.
+    ///
+    /// # Errors
+    /// A value without a JSON form, which would be an error of this program.
+    fn view(&self) -> Result<Value, Finding>;
     /// Part of what was asked for is refused.
     fn is_partial(&self) -> bool;
     /// Its part in an analysis across temperatures.
@@ -124,6 +130,8 @@ pub trait RunMade: Send + Sync {
     fn is_scalable(&self) -> bool;
     /// Gives it in nT as well, with the sensitivities of a linear calibration, whose file becomes an input.
     fn scale(&mut self, cpf: Input, sensitivities: &Sensitivities);
+    /// Itself, for who knows the analysis and takes it.
+    fn into_any(self: Box<Self>) -> Box<dyn Any>;
     /// Itself, for who knows the analysis.
     fn as_any(&self) -> &dyn Any;
     /// Itself, for who knows the analysis and changes it.
@@ -146,6 +154,17 @@ impl<R: RunResult> RunMade for Made<R> {
     fn notes(&self) -> &[Note] {
         self.result.notes()
     }
+    fn view(&self) -> Result<Value, Finding> {
+        let name = self.file_name();
+        let refuse = |e: serde_json::Error| Finding::error(&name, format!("the result has no JSON form: {e}"), "report this");
+        let mut view = serde_json::to_value(self.result.view()).map_err(refuse)?;
+        if let Value::Object(table) = &mut view {
+            table.insert("analysis".to_owned(), R::Analysis::ANALYSIS.into());
+            table.insert("parameter_file".to_owned(), name.as_str().into());
+            table.insert("provenance".to_owned(), serde_json::to_value(&self.provenance).map_err(refuse)?);
+        }
+        Ok(view)
+    }
     fn is_partial(&self) -> bool {
         self.result.is_partial()
     }
@@ -157,7 +176,7 @@ impl<R: RunResult> RunMade for Made<R> {
             name: R::NAME,
             head: self.result.head(),
             headline: R::HEADLINE(&self.result),
-            remarks: self.result.notes().len(),
+            remarks: self.result.notes().iter().map(Note::to_string).collect(),
             sections: (R::SHOWN.sections)(&self.result, &self.file_name()),
             figures,
         }
@@ -174,6 +193,9 @@ impl<R: RunResult> RunMade for Made<R> {
             scale(&mut self.result, &cpf.path, sensitivities);
             self.provenance = self.provenance.clone().with_input(cpf);
         }
+    }
+    fn into_any(self: Box<Self>) -> Box<dyn Any> {
+        self
     }
     fn as_any(&self) -> &dyn Any {
         self

@@ -327,7 +327,9 @@ pub fn jobs<'a>(campaigns: &'a [Campaign], kind: Option<Kind>) -> (Vec<Job<'a>>,
     for campaign in campaigns.iter().filter(|c| c.runs.iter().all(|r| !r.named)) {
         let own = |(c, _): &(&Campaign, &RunFile)| std::ptr::eq(*c, campaign);
         let known: Vec<&Header> = files.iter().zip(&headers).filter(|(f, _)| own(f)).filter_map(|(_, h)| h.as_ref()).collect();
-        unmatched.extend(campaign.unmatched(&known).into_iter().map(|entry| format!("campaign.toml: {entry}")));
+        let without_head = files.iter().zip(&headers).filter(|(f, h)| own(f) && h.is_none());
+        let unread: Vec<String> = without_head.map(|((_, file), _)| RunFile::id(&file.recorded)).collect();
+        unmatched.extend(campaign.unmatched(&known, &unread).into_iter().map(|entry| format!("campaign.toml: {entry}")));
     }
     let asked: &[Exclusion] = campaigns.first().map_or(&[], |c| &c.exclude);
     let unknown = |e: &&Exclusion| {
@@ -382,14 +384,14 @@ impl Job<'_> {
     /// # Errors
     /// There is an earlier file with the same id.
     pub fn unique(&self) -> Result<(), Failure> {
-        match &self.same_run_as {
-            None => Ok(()),
-            Some(other) => Err(Failure::Refused(Finding::error(
-                &self.recorded,
-                format!("has the same run id as {other}"),
-                "correct `run` in one of the two",
-            ))),
-        }
+        let Some(other) = &self.same_run_as else { return Ok(()) };
+        // The same place with another ending: one file is the other one compressed.
+        let remedy = if RunFile::id(other) == RunFile::id(&self.recorded) {
+            "take one of the two out of the campaign: one is the other compressed, or an older state of it"
+        } else {
+            "correct `run` in one of the two"
+        };
+        Err(Failure::Refused(Finding::error(&self.recorded, format!("has the same run id as {other}"), remedy)))
     }
 }
 

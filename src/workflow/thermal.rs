@@ -1,12 +1,15 @@
 //! Analyses across temperatures as files, figures and text.
 
+mod options;
+
+pub use options::ThermalOptions;
+
 use super::centre::Member;
 use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw};
 use crate::data::across::{CalibratedRun, LinearScope, RunRotations, RunValues};
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance, Role};
-use crate::data::recipe::Recipe;
 use crate::data::reference::StatedReference;
 use crate::data::run::Location;
 use crate::files::ledger::Origin;
@@ -19,42 +22,15 @@ use crate::measure::thermal::{
     Corner, Kind, LinAcross, OfKind, QuantityFit, RunGroup, RunsUsed, SamplingAcross, Thermal, ThermalError, groups, thermal,
 };
 use crate::model::campaign::ThermalEntry;
-use crate::model::facility::Facility;
 use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::plot;
-use crate::record::known::Known;
 use crate::show::{self, Drawn};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
-
-/// How thermal analyses are made.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ThermalOptions {
-    /// Order per quantity or family, in place of the choice.
-    #[serde(rename = "order", skip_serializing_if = "Vec::is_empty")]
-    pub orders: Vec<(String, usize)>,
-    /// Fit the plateaus of all runs at once as well.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub joint: bool,
-    /// The facility that turns the settings of the runs into fields.
-    #[serde(skip)]
-    pub facility: Option<Facility>,
-    /// Known effects, which are taken off the readings of the runs.
-    #[serde(skip)]
-    pub model: Option<Known>,
-}
-
-impl ThermalOptions {
-    /// What an analysis across temperatures is made with.
-    pub(super) fn recipe(&self, desk: &Desk) -> Recipe {
-        Recipe::new("thermal", self).reading(desk.allowed())
-    }
-}
 
 /// What analyses across temperatures rest on: results of single runs, with the inputs of each.
 #[derive(Default)]

@@ -28,6 +28,8 @@ pub struct CampaignFile {
     pub runs: Vec<(Kind, Vec<String>)>,
     /// What the protocol states about laboratory, item and persons: the label of the entry and its text.
     pub report: Vec<(&'static str, String)>,
+    /// Temperature at which the protocol gives the final parameters, °C.
+    pub reference_degc: Option<f64>,
     /// Calibration tables of thermistors.
     pub thermistors: Vec<ThermistorEntry>,
     /// What is left out by hand.
@@ -131,10 +133,12 @@ pub fn parse(root: &Group, findings: &mut Vec<Finding>) -> Result<CampaignFile, 
         campaign.thermistors.push(thermistor(&group)?);
     }
     if let Some(group) = root.group("report")? {
-        let known: Vec<&str> = CampaignFile::REPORT.iter().map(|(key, _)| *key).chain(["thermistors"]).collect();
+        let known: Vec<&str> =
+            CampaignFile::REPORT.iter().map(|(key, _)| *key).chain(["thermistors", "reference_temperature_degc"]).collect();
         findings.extend(group.unknown(&known));
         let tables = group.texts("thermistors")?.unwrap_or_default();
         campaign.thermistors.extend(tables.into_iter().map(|table| ThermistorEntry { table, ..ThermistorEntry::default() }));
+        campaign.reference_degc = group.number("reference_temperature_degc")?;
         for (key, label) in CampaignFile::REPORT {
             campaign.report.extend(group.text(key)?.map(|text| (label, text)));
         }

@@ -120,11 +120,12 @@ impl Campaign {
         Ok(Campaign { root, file, input, runs, exclude: Vec::new() })
     }
 
-    /// What stands in `campaign.toml` and goes with none of the campaign's runs, most likely because of a slip in a name.
+    /// What stands in `campaign.toml` and goes with none of the campaign's runs, most likely because of a slip in a name. A run whose head
+    /// cannot be read, and of which only the id is known, may be of any sensor and mode.
     #[must_use]
-    pub fn unmatched(&self, headers: &[&Header]) -> Vec<String> {
-        let sensor = |name: &str| headers.iter().any(|h| h.sensor == name);
-        let mode = |name: &str| headers.iter().any(|h| h.mode == name);
+    pub fn unmatched(&self, headers: &[&Header], unread: &[String]) -> Vec<String> {
+        let sensor = |name: &str| !unread.is_empty() || headers.iter().any(|h| h.sensor == name);
+        let mode = |name: &str| !unread.is_empty() || headers.iter().any(|h| h.mode == name);
         let mut list = Vec::new();
         for entry in self.file.instructions.sensors.iter().filter(|s| !sensor(&s.name)) {
             list.push(format!("[[sensor]] name = \"{}\"", entry.name));
@@ -136,7 +137,7 @@ impl Campaign {
             list.extend(entry.sensor.iter().filter(|s| !sensor(s)).map(|s| format!("[[limit]] sensor = \"{s}\"")));
             list.extend(entry.mode.iter().filter(|m| !mode(m)).map(|m| format!("[[limit]] mode = \"{m}\"")));
         }
-        let known = |run: &String| headers.iter().any(|h| h.run == *run);
+        let known = |run: &String| unread.contains(run) || headers.iter().any(|h| h.run == *run);
         for (kind, runs) in &self.file.runs {
             let name = CampaignFile::ANALYSES.iter().find(|(_, k)| k == kind).map_or("?", |(name, _)| name);
             list.extend(runs.iter().filter(|r| !known(r)).map(|run| format!("[{name}] runs \"{run}\"")));

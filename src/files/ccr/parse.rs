@@ -213,7 +213,7 @@ impl<'a, S: VectorSink> Parser<'a, S> {
                     self.foreign(bytes)?;
                 }
                 Err(if bytes.contains(&b'\r') {
-                    self.carriage_returns()
+                    self.carriage_returns(bytes)
                 } else if let Some(at) = bytes.iter().position(|b| *b == 0) {
                     self.control_byte(bytes, at)
                 } else {
@@ -338,11 +338,28 @@ impl<'a, S: VectorSink> Parser<'a, S> {
         }
     }
 
-    fn carriage_returns(&self) -> Finding {
+    /// CR line ends, unless bytes beside them show that they are none.
+    fn carriage_returns(&self, bytes: &[u8]) -> Finding {
+        if let Some(at) = bytes.iter().position(|b| is_control(*b) && *b != b'\r') {
+            return self.control_byte(bytes, at);
+        }
         Finding::error(self.file, "the file has CR line ends", "convert it to LF or CRLF line ends").at(self.line, 0)
     }
 
+    fn no_text(&self) -> Finding {
+        Finding::error(
+            self.file,
+            "the file is no text: its bytes are those of another kind of file, or damaged",
+            "check its name, or take it from the archive again",
+        )
+        .at(self.line, 0)
+    }
+
     fn control_byte(&self, line: &[u8], at: usize) -> Finding {
+        // Who has begun to read a run file knows that it is text.
+        if self.line == 1 && !line.starts_with(b"CCR") {
+            return self.no_text();
+        }
         let byte = line.get(at).copied().unwrap_or_default();
         let what = match byte {
             0 => "a NUL byte (0x00), as a power loss leaves behind".to_owned(),
@@ -360,8 +377,10 @@ impl<'a, S: VectorSink> Parser<'a, S> {
             self.encoding(line)?;
             self.foreign(line)?;
         }
-        if let Some(at) = line.iter().position(|b| *b < 0x20 && *b != b'\t') {
-            return Err(if line.get(at) == Some(&b'\r') { self.carriage_returns() } else { self.control_byte(line, at) }.into());
+        if let Some(at) = line.iter().position(|b| is_control(*b)) {
+            return Err(
+                if line.get(at) == Some(&b'\r') { self.carriage_returns(line) } else { self.control_byte(line, at) }.into()
+            );
         }
         match self.state {
             State::Magic => self.magic(line),
@@ -478,6 +497,11 @@ impl<'a, S: VectorSink> Parser<'a, S> {
         self.state = State::Rows(section);
         Ok(())
     }
+}
+
+/// Whether a byte stands in no line of text.
+fn is_control(byte: u8) -> bool {
+    byte < 0x20 && byte != b'\t'
 }
 
 fn slow_table(columns: &Columns) -> SlowTable {

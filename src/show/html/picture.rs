@@ -14,9 +14,10 @@ pub(super) fn figure(out: &mut String, figure: &Figure, picture: &mut dyn FnMut(
     match bytes.as_deref().map(|b| (b, picture_kind(b))) {
         Some((bytes, Some((kind, size)))) => {
             let size = size.map_or_else(String::new, |[w, h]| format!(" width=\"{w}\" height=\"{h}\""));
-            let _ = write!(out, "<img alt=\"{alt}\"{size} src=\"data:{kind};base64,");
+            // The file beside the page is as large as it was drawn.
+            let _ = write!(out, "<a class=\"picture\" href=\"{path}\"><img alt=\"{alt}\"{size} src=\"data:{kind};base64,");
             STANDARD.encode_string(bytes, out);
-            out.push_str("\">\n");
+            out.push_str("\"></a>\n");
         }
         Some((_, None)) => {
             let _ =

@@ -19,7 +19,7 @@ impl<S: VectorSink> Parser<'_, S> {
                 self.foreign(bytes)?;
             }
             if bytes.contains(&b'\r') {
-                return Err(self.carriage_returns().into());
+                return Err(self.carriage_returns(bytes).into());
             }
             let whole = bytes.trim_ascii_end() == b"@END" || self.state == State::Ended;
             if whole || bytes.iter().any(|b| *b < 0x20 && *b != b'\t') || self.state == State::Magic {

@@ -1,0 +1,309 @@
+//! The first page of a protocol: what became of the campaign, the final parameters of every sensor and mode at one temperature, the runs
+//! without a result, and the figures that say most.
+
+use super::{Protocol, in_words, stated};
+use crate::data::across::{CalibratedRun, RunValues};
+use crate::data::note::{Note, NoteKind};
+use crate::data::run::Location;
+use crate::data::run_state::{RunCounts, RunState};
+use crate::data::start::Start;
+use crate::files::campaign::file::CampaignFile;
+use crate::measure::thermal::QuantityFit;
+use crate::show::document::{Block, Cell, Table, Text, cells};
+use crate::show::{Drawn, degc, mode_at, or_not_stated};
+
+/// Where the campaign states no temperature, °C.
+const USUAL_DEGC: f64 = 20.0;
+/// Figures on the first page.
+const FIGURES: usize = 4;
+/// The figures that say most, the first ones before the later ones: parts of the names of their files.
+const TELLING: [&str; 10] = [
+    "THERMAL_sensitivities",
+    "THERMAL_OFF_offsets",
+    "_frequency_response",
+    "TEMPERATURE_PROFILE",
+    "THERMAL_misalignment",
+    "_sensitivities",
+    "_residuals_field_x",
+    "_zero_levels",
+    "_amplitude_density",
+    "_differences",
+];
+
+/// The first page; its figures are numbered on from the last number used.
+pub(super) fn blocks(p: &Protocol, figure: &mut usize) -> Vec<Block> {
+    let mut page: Vec<Block> = vec![verdict(p).into()];
+    page.extend(failures(p));
+    page.push(facts(p).into());
+    for of in parts(p) {
+        page.extend(of.blocks(p));
+    }
+    page.extend(without_result(p));
+    page.extend(figures(p, figure));
+    page.push("The results hold for the sensors and electronics named here only.".into());
+    page
+}
+
+fn counts(p: &Protocol) -> RunCounts {
+    p.runs.iter().map(|part| part.outcome.state).collect()
+}
+
+/// The campaign in a sentence.
+fn verdict(p: &Protocol) -> Text {
+    let counts = counts(p);
+    let complete = counts.refused == 0 && p.failed.is_empty();
+    let analyses = match p.thermals.len() {
+        0 => "no analysis across temperatures".to_owned(),
+        1 => "1 analysis across temperatures".to_owned(),
+        n => format!("{n} analyses across temperatures"),
+    };
+    let with_remarks =
+        p.runs.iter().filter(|part| part.analysis.as_ref().is_some_and(|analysis| !analysis.remarks.is_empty())).count();
+    let remarks = match with_remarks {
+        0 => "no run has a remark".to_owned(),
+        1 => "1 run has a remark".to_owned(),
+        n => format!("{n} runs have remarks"),
+    };
+    let verdict = if complete { "Everything that applies to this campaign was done." } else { "The calibration is incomplete." };
+    Text::default().strong(verdict).and(format!(" {counts}; {analyses}; {remarks}."))
+}
+
+/// What was refused or failed, to be seen.
+fn failures(p: &Protocol) -> Vec<Block> {
+    let refused = p.runs.iter().filter(|part| part.outcome.state == RunState::Refused);
+    let mut list: Vec<Text> =
+        refused.map(|part| Text::of_note(&format!("{}: {}", part.file, part.outcome.reason.as_deref().unwrap_or("")))).collect();
+    list.extend(p.failed.iter().map(|(what, why)| Text::of_note(&format!("{what}: {why}"))));
+    if list.is_empty() {
+        return Vec::new();
+    }
+    let text = if list.len() == 1 {
+        "One thing failed or was refused:".to_owned()
+    } else {
+        format!("{} things failed or were refused:", list.len())
+    };
+    vec![Note::new(NoteKind::LeftOut, text).into(), Block::List(list)]
+}
+
+/// What is stated of laboratory, item and persons, and when it was measured and evaluated.
+fn facts(p: &Protocol) -> Table {
+    let mut table = Table::new(["", ""]);
+    for (_, label) in CampaignFile::REPORT.into_iter().filter(|(_, label)| *label != "Title") {
+        if let Some(text) = stated(p.campaign, label) {
+            table.push(cells![label, text]);
+        }
+    }
+    if let Some(instrument) = &p.campaign.file.instrument {
+        table.push(cells!["Instrument", instrument]);
+    }
+    let starts: Vec<&Start> = p.runs.iter().filter_map(|part| part.header).map(|header| &header.start).collect();
+    if let (Some(first), Some(last)) = (starts.iter().min(), starts.iter().max()) {
+        table.push(cells!["Measurements", format!("from {first} to {last} (start of the last run)")]);
+    }
+    table.push(cells!["Date of issue", &p.provenance.created]);
+    table.push(cells!["Software", format!("{} {} ({})", p.provenance.tool, p.provenance.tool_version, p.provenance.build)]);
+    table
+}
+
+/// Runs without a result for which nobody is to blame.
+fn without_result(p: &Protocol) -> Option<Block> {
+    let quiet = |state| matches!(state, RunState::Excluded | RunState::Gone | RunState::NotApplicable);
+    let mut reasons: Vec<(String, Vec<&str>)> = Vec::new();
+    for part in p.runs.iter().filter(|part| quiet(part.outcome.state)) {
+        let words = in_words(&part.outcome);
+        match reasons.iter_mut().find(|(other, _)| *other == words) {
+            Some((_, runs)) => runs.push(&part.id),
+            None => reasons.push((words, vec![&part.id])),
+        }
+    }
+    let items: Vec<Text> = reasons.iter().map(|(words, runs)| Text::of_note(&format!("{}: {words}", runs.join(", ")))).collect();
+    (!items.is_empty()).then_some(Block::List(items))
+}
+
+/// The figures that say most.
+fn figures(p: &Protocol, last: &mut usize) -> Vec<Block> {
+    let of_runs = p.runs.iter().filter_map(|part| part.analysis.as_ref());
+    let of_runs = of_runs.flat_map(|part| part.figures.iter().map(move |drawn| (format!("{}/", part.head.id), drawn)));
+    let of_groups = p.thermals.iter().flat_map(|part| part.figures.iter().map(|drawn| (String::new(), drawn)));
+    let of_all = p.profile.iter().map(|drawn| (String::new(), drawn));
+    let all: Vec<(String, &Drawn)> = of_groups.chain(of_all).chain(of_runs).collect();
+    let mut chosen: Vec<&(String, &Drawn)> = Vec::new();
+    for part in TELLING {
+        let is_new = |one: &&(String, &Drawn)| !chosen.iter().any(|other| other.1.file == one.1.file);
+        if let Some(found) = all.iter().filter(|(_, drawn)| drawn.file.contains(part)).find(is_new)
+            && chosen.len() < FIGURES
+        {
+            chosen.push(found);
+        }
+    }
+    let numbered = chosen.into_iter().flat_map(|(folder, drawn)| Drawn::number(std::slice::from_ref(drawn), folder, last));
+    numbered.map(Block::Figure).collect()
+}
+
+/// A sensor in a mode at a place, with everything that its parameters follow from.
+struct Parameters<'a> {
+    sensor: &'a str,
+    mode: &'a str,
+    location: Location,
+    /// Polynomials, with what they rest on and the name of their file.
+    quantities: Vec<(&'a QuantityFit, String, String)>,
+    points: Vec<&'a CalibratedRun>,
+}
+
+/// A family of parameters: its name in files, its words, symbol, components and unit for people.
+type Family = (&'static str, &'static str, &'static str, [&'static str; 3], &'static str);
+
+/// The families in their order.
+const FAMILIES: [Family; 6] = [
+    ("sigma", "sensitivity", "σ", ["x", "y", "z"], "nT/enT"),
+    ("xi", "angle", "ξ", ["xy", "xz", "yz"], "°"),
+    ("b_off", "offset", "B_off", ["x", "y", "z"], "enT"),
+    ("b_or", "offset and residual field", "B_or", ["x", "y", "z"], "enT"),
+    ("f_3db", "-3 dB frequency", "f_3dB", ["x", "y", "z"], "Hz"),
+    ("f_3db_igep", "-3 dB frequency between amplitudes", "f_3dB", ["x", "y", "z"], "Hz"),
+];
+/// What says less than the family before it, where both are there.
+const SAYS_LESS: [(&str, &str); 2] = [("b_or", "b_off"), ("f_3db_igep", "f_3db")];
+
+/// All sensors and modes, in the order of their names.
+fn parts<'a>(p: &'a Protocol) -> Vec<Parameters<'a>> {
+    let mut all: Vec<Parameters> = Vec::new();
+    let groups = p.thermals.iter().map(|part| {
+        let runs = &part.thermal.runs;
+        let from = format!("{} runs", runs.ids.len());
+        ((runs.sensor.as_str(), runs.mode.as_str(), runs.location), &part.thermal.quantities, from, part.file_name.clone())
+    });
+    let sweeps = p.sweeps.iter().map(|sweep| {
+        let run = &sweep.run;
+        ((run.sensor.as_str(), run.mode.as_str(), run.location), &sweep.quantities, format!("sweep {}", run.id), String::new())
+    });
+    for (key, quantities, from, file) in groups.chain(sweeps) {
+        let own = of_sensor(&mut all, key);
+        // What the runs of a group gave goes before what a sweep gave.
+        for quantity in quantities {
+            if !own.quantities.iter().any(|(other, ..)| other.found.name == quantity.found.name) {
+                own.quantities.push((quantity, from.clone(), file.clone()));
+            }
+        }
+    }
+    for point in &p.points {
+        let run = &point.run;
+        of_sensor(&mut all, (run.sensor.as_str(), run.mode.as_str(), run.location)).points.push(point);
+    }
+    all.sort_by_key(|own| (own.sensor, own.mode, own.location));
+    all
+}
+
+fn of_sensor<'a, 'b>(all: &'b mut Vec<Parameters<'a>>, key: (&'a str, &'a str, Location)) -> &'b mut Parameters<'a> {
+    let (sensor, mode, location) = key;
+    let index = all.iter().position(|own| (own.sensor, own.mode, own.location) == key).unwrap_or_else(|| {
+        all.push(Parameters { sensor, mode, location, quantities: Vec::new(), points: Vec::new() });
+        all.len() - 1
+    });
+    &mut all[index]
+}
+
+impl Parameters<'_> {
+    fn blocks(&self, p: &Protocol) -> Vec<Block> {
+        let (at_degc, why) = self.reference(p.campaign.file.reference_degc);
+        let (mut rows, mut found): (Vec<Vec<Cell>>, Vec<&str>) = (Vec::new(), Vec::new());
+        for family in &FAMILIES {
+            if SAYS_LESS.iter().any(|(less, more)| *less == family.0 && found.contains(more)) {
+                continue;
+            }
+            if let Some(of_family) = self.rows(family, at_degc) {
+                rows.extend(of_family);
+                found.push(family.0);
+            }
+        }
+        if rows.is_empty() {
+            return Vec::new();
+        }
+        let mut files: Vec<&str> = self.quantities.iter().map(|(_, _, file)| file.as_str()).filter(|f| !f.is_empty()).collect();
+        files.dedup();
+        let title = format!("{} {}", or_not_stated(self.sensor), mode_at(self.mode, self.location));
+        let mut text = Text::default()
+            .strong(title)
+            .and(format!(" {why}. Standard uncertainties, coverage factor 1, with what the facility's file states of type B."));
+        for (i, file) in files.iter().enumerate() {
+            text = text.and(if i == 0 { " Files: " } else { ", " }).code(*file);
+        }
+        if !files.is_empty() {
+            text = text.and(".");
+        }
+        vec![text.into(), Table::new(["parameter", "value", "from"]).with_rows(rows).into()]
+    }
+
+    /// The temperature at which the parameters are given, and the words that say why.
+    fn reference(&self, stated: Option<f64>) -> (f64, String) {
+        let ranges = || self.quantities.iter().map(|(quantity, ..)| quantity.polynomial.valid_degc);
+        let low = ranges().map(|[low, _]| low).fold(f64::NEG_INFINITY, f64::max);
+        let high = ranges().map(|[_, high]| high).fold(f64::INFINITY, f64::min);
+        let asked = stated.unwrap_or(USUAL_DEGC);
+        let whose = if stated.is_some() { ", the reference temperature of campaign.toml" } else { "" };
+        if self.quantities.is_empty() {
+            return (asked, format!("by the runs nearest to {asked} °C{whose}; there are no polynomials"));
+        }
+        if (low..=high).contains(&asked) {
+            return (asked, format!("at {asked} °C{whose}; the polynomials hold from {low:.1} to {high:.1} °C"));
+        }
+        let (low, high) = if low <= high { (low, high) } else { ranges().map(|[l, h]| (l, h)).next().unwrap_or((asked, asked)) };
+        let middle = 0.5 * (low + high);
+        (
+            middle,
+            format!(
+                "at {middle:.1} °C, the middle of the range of the polynomials, {low:.1} to {high:.1} °C, in which {asked} °C is not"
+            ),
+        )
+    }
+
+    /// A family at a temperature: by its polynomials, or by the run that is nearest.
+    fn rows(&self, (family, words, symbol, components, unit): &Family, at_degc: f64) -> Option<[Vec<Cell>; 3]> {
+        let label = |i: usize| format!("{words} {symbol}_{}, {unit}", components[i]);
+        let of = |component: &str| {
+            let wanted = format!("{family}_{component}");
+            self.quantities.iter().find(|(quantity, ..)| quantity.found.name == wanted)
+        };
+        if let [Some(x), Some(y), Some(z)] = components.map(of) {
+            let row =
+                |i: usize, (quantity, from, _): &(&QuantityFit, String, String)| cells![label(i), at(quantity, at_degc), from];
+            return Some([row(0, x), row(1, y), row(2, z)]);
+        }
+        let measured = self.points.iter().filter_map(|point| Some((point, values(&point.values, family)?)));
+        let far = |point: &CalibratedRun| point.run.temperature_degc.map_or(f64::INFINITY, |t| (t - at_degc).abs());
+        let (point, (value, std)) = measured.min_by(|a, b| far(a.0).total_cmp(&far(b.0)))?;
+        let from = format!("run {}, {}", point.run.id, degc(point.run.temperature_degc));
+        Some(std::array::from_fn(|i| cells![label(i), Cell::uncertain(value[i], std[i]), &from]))
+    }
+}
+
+/// A quantity at a temperature, with what the facility adds to its uncertainty.
+fn at(quantity: &QuantityFit, at_degc: f64) -> Cell {
+    let (value, std) = quantity.polynomial.evaluate(at_degc);
+    let of_facility = quantity.covariance_b.as_ref().map_or(0.0, |covariance| {
+        let power = |k: usize| (0..k).fold(1.0, |product, _| product * at_degc);
+        let sum = |i: usize| (0..covariance.ncols()).map(|j| covariance[(i, j)] * power(i) * power(j)).sum::<f64>();
+        (0..covariance.nrows()).map(sum).sum()
+    });
+    Cell::uncertain(value, (std * std + of_facility.max(0.0)).sqrt())
+}
+
+/// Values of a run and their standard uncertainties.
+fn values(values: &RunValues, family: &str) -> Option<([f64; 3], [f64; 3])> {
+    const UNKNOWN: [f64; 3] = [f64::NAN; 3];
+    match (values, family) {
+        (RunValues::Lin { sigma, std, std_b, .. }, "sigma") => Some((*sigma, both(std[0], std_b[0]))),
+        (RunValues::Lin { xi_deg, std, std_b, .. }, "xi") => Some((*xi_deg, both(std[1], std_b[1]))),
+        (RunValues::Lin { b_or_ent, std, std_b, .. }, "b_or") => Some((*b_or_ent, both(std[2], std_b[2]))),
+        (RunValues::Offset { offset_ent, std, .. }, "b_off") => Some((*offset_ent, std.unwrap_or(UNKNOWN))),
+        (RunValues::Freq { model_hz, model_std_hz, .. }, "f_3db") => Some(((*model_hz)?, model_std_hz.unwrap_or(UNKNOWN))),
+        (RunValues::Freq { igep_hz, .. }, "f_3db_igep") => Some(((*igep_hz)?, UNKNOWN)),
+        _ => None,
+    }
+}
+
+/// Type A and type B together.
+fn both(a: Option<[f64; 3]>, b: Option<[f64; 3]>) -> [f64; 3] {
+    let (a, b) = (a.unwrap_or([f64::NAN; 3]), b.unwrap_or_default());
+    std::array::from_fn(|i| a[i].hypot(if b[i].is_finite() { b[i] } else { 0.0 }))
+}

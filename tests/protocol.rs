@@ -1,0 +1,192 @@
+//! The protocol as a reader meets it: every run counts once, on the terminal, as JSON and in the protocol; its first page says what became of
+//! the campaign and what the sensors are; messages name the real error.
+
+use crate::common::{self, RUN_ID, campaign};
+
+use campaign::id;
+use common::check::{Case, calfit, cpf, data, number, parameters, says, text};
+use std::fs;
+use std::io::Write;
+
+/// The campaign at two temperatures.
+fn two_temperatures() -> Case {
+    let case = Case::new();
+    campaign::write(&case);
+    for day in ["13-04-05", "13-04-06"] {
+        fs::remove_dir_all(case.campaign().join(day)).unwrap();
+    }
+    case
+}
+
+fn add_to_campaign_file(case: &Case, text: &str) {
+    let old = fs::read_to_string(case.campaign().join("campaign.toml")).unwrap();
+    case.put("campaign.toml", old + text);
+}
+
+/// What stands in front of the first chapter.
+fn first_page(case: &Case) -> String {
+    let markdown = fs::read_to_string(case.out().join("REPORT.md")).unwrap();
+    markdown.split_once("\n## 1 Introduction").unwrap().0.to_owned()
+}
+
+#[test]
+fn every_run_counts_once_wherever_runs_are_counted() {
+    let case = two_temperatures();
+    // Of ten runs one is cut off, one left out by hand, and one not named where its kind is listed.
+    let cut = case.campaign().join(format!("{}.CCR", id(10, 1).replace('_', "/")));
+    let text_of_run = fs::read_to_string(&cut).unwrap();
+    fs::write(&cut, &text_of_run[..text_of_run.len() / 2]).unwrap();
+    let (listed, unlisted, excluded) = (id(9, 0), id(9, 1), id(11, 0));
+    add_to_campaign_file(
+        &case,
+        &format!("[offset]\nruns = [\"{listed}\"]\n[[exclude]]\nrun = \"{excluded}\"\nreason = \"lid was open\"\n"),
+    );
+    let counts = "8 runs: 5 analysed, 1 refused, 1 left out by hand, 1 not analysed";
+    let output = case.run("report", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stdout), &[counts, &format!("{excluded}: left out by hand: lid was open")]);
+    says(&text(&output.stderr), &["1 of 8 runs refused: 13-04-04/10-00-00.CCR"]);
+
+    let page = first_page(&case);
+    says(&page, &["**The calibration is incomplete.**", counts, "13-04-04/10-00-00.CCR: ", "left out by hand: lid was open"]);
+    let markdown = fs::read_to_string(case.out().join("REPORT.md")).unwrap();
+    let rows = |run: &str| markdown.lines().filter(|l| l.starts_with(&format!("| {run} |"))).collect::<Vec<_>>();
+    says(rows(&id(10, 1))[0], &["refused: ", "the file ends"]);
+    says(rows(&excluded).last().unwrap(), &["left out by hand: lid was open"]);
+    says(rows(&unlisted)[0], &["not analysed: ", "campaign.toml does not name it"]);
+    // The temperature of a run is one number in both tables of its day.
+    let degc = |row: &str| row.split('|').map(|cell| cell.trim().trim_end_matches(" °C").to_owned()).collect::<Vec<_>>();
+    let linear = rows(&id(8, 1));
+    assert_eq!(degc(linear[0])[8], degc(linear[1])[5], "{linear:?}");
+
+    let output = case.run("report", &["--no-plots", "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let expected = serde_json::json!({ "runs": 8, "done": 5, "refused": 1, "excluded": 1, "gone": 0, "not_applicable": 1 });
+    assert_eq!(json["counts"], expected);
+    let runs = json["runs"].as_array().unwrap();
+    assert_eq!(runs.len(), 8);
+    let state = |run: &str| runs.iter().find(|r| r["run"] == run).unwrap()["state"].as_str().unwrap().to_owned();
+    assert_eq!([state(&id(10, 1)), state(&excluded), state(&unlisted)], ["refused", "excluded", "not_applicable"]);
+    // Every result is that of the analysis' own command, with where it comes from.
+    let lin = &runs.iter().find(|r| r["run"] == id(8, 0).as_str()).unwrap()["result"];
+    let sigma = lin["parameters"]["matrix"]["sigma"][0][0].as_f64().unwrap();
+    assert_eq!(
+        sigma,
+        number(&parameters(&case.out().join(id(8, 0)).join(lin["parameter_file"].as_str().unwrap())), "matrix.sigma.0.0")
+    );
+    assert!(lin["provenance"]["input"][0]["sha256"].is_string());
+}
+
+#[test]
+fn a_campaign_in_which_nothing_failed_ends_well_where_an_analysis_does_not_apply() {
+    let out = tempfile::tempdir().unwrap();
+    let output =
+        calfit().args(["report", "--no-plots", "-o"]).args([out.path(), data("runs/champ-1998").as_path()]).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    says(&text(&output.stdout), &["1 run: 1 analysed; no thermal analysis"]);
+    assert!(!text(&output.stderr).contains("error"), "{}", text(&output.stderr));
+    // With one run the first page has the values of that.
+    let markdown = fs::read_to_string(out.path().join("REPORT.md")).unwrap();
+    let page = markdown.split_once("\n## 1 Introduction").unwrap().0;
+    says(
+        page,
+        &["**Everything that applies to this campaign was done.**", "by the runs nearest to 20 °C", "run 98-03-23_00-00-04"],
+    );
+}
+
+#[test]
+fn the_first_page_says_what_the_sensors_are() {
+    let case = two_temperatures();
+    let output = case.run("report", &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let page = first_page(&case);
+    says(
+        &page,
+        &[
+            "**Everything that applies to this campaign was done.** 8 runs: 8 analysed; 3 analyses across temperatures",
+            "| Laboratory | Coil facility |",
+            "**BS_11 science mode 0** at -30.0 °C, the middle of the range of the polynomials, -60.0 to 0.0 °C, in which 20 °C is not",
+            "| offset B_off_x, enT |",
+            "| -3 dB frequency f_3dB_z, Hz |",
+            "| 2 runs |",
+        ],
+    );
+    assert!(!page.contains("not stated"), "{page}");
+    assert_eq!(page.matches("\n![").count(), 4);
+    let sigma = |page: &str| -> Vec<f64> {
+        let rows = page.lines().filter(|l| l.starts_with("| sensitivity σ_"));
+        rows.map(|row| row.split('|').nth(2).unwrap().split('±').next().unwrap().trim().parse().unwrap()).collect()
+    };
+    common::check::close(sigma(&page).try_into().unwrap(), campaign::truth(-30.0).sigma, 5e-6);
+
+    // The campaign states another temperature.
+    let old = fs::read_to_string(case.campaign().join("campaign.toml")).unwrap();
+    case.put("campaign.toml", old.replace("[report]", "[report]\nreference_temperature_degc = -10"));
+    let output = case.run("report", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let page = first_page(&case);
+    says(&page, &["at -10 °C, the reference temperature of campaign.toml; the polynomials hold from -60.0 to 0.0 °C"]);
+    common::check::close(sigma(&page).try_into().unwrap(), campaign::truth(-10.0).sigma, 5e-6);
+}
+
+#[test]
+fn a_report_takes_the_options_of_its_analyses_and_its_files_come_back() {
+    let case = two_temperatures();
+    let linear = ["--no-plots", "--robust", "--max-field", "x=1500", "--order", "1", "--settling", "0.25"];
+    let more = ["--order", "null=2", "--order", "sigma=1", "--order", "xi=0"];
+    let output = case.run("report", &[&linear[..], &more[..]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let alone = case.made("lin", &[&["lin"], &linear[..]].concat(), &[&case.campaign()]);
+    let (report, lin) = (cpf(&case.out(), &id(8, 0)), cpf(&alone, &id(8, 0)));
+    assert_eq!(common::check::numbers(&report), common::check::numbers(&lin));
+    assert_eq!(report["provenance"]["recipe"].to_string(), lin["provenance"]["recipe"].to_string());
+    assert_eq!(number(&lin, "offset.trend_order"), 1.0);
+    let tpf = parameters(&case.out().join(format!("THERMAL_PARAMETER__{}.TPF", id(8, 0).replace('_', "-"))));
+    assert_eq!([tpf["sigma_x"].as_array().unwrap().len(), tpf["xi_xy"].as_array().unwrap().len()], [2, 1]);
+    let command = tpf["provenance"]["command"].as_str().unwrap();
+    says(command, &["--robust", "--max-field x=1500", "--order 1", "--order null=2", "--order sigma=1", "--settling 0.25"]);
+    let output = calfit().arg("verify").args([case.out(), case.campaign()]).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+}
+
+#[test]
+fn help_and_manual_pages_have_examples_exit_status_and_files() {
+    let folder = tempfile::tempdir().unwrap();
+    assert_eq!(calfit().arg("man").arg(folder.path()).output().unwrap().status.code(), Some(0));
+    let commands =
+        ["lin", "offset", "freq", "thermal", "null", "report", "diagnose", "verify", "check", "inspect", "coil", "export"];
+    for command in commands {
+        let output = calfit().args([command, "--help"]).output().unwrap();
+        says(&text(&output.stdout), &["EXAMPLES:", &format!("calfit {command} "), "EXIT STATUS:", "FILES:"]);
+        let page = fs::read_to_string(folder.path().join(format!("calfit-{command}.1"))).unwrap();
+        says(&page, &["EXAMPLES:", "EXIT STATUS:", "FILES:"]);
+    }
+}
+
+#[test]
+fn messages_name_the_real_error() {
+    // A key is missing: entries of campaign.toml that would go with the run are not to blame.
+    let case = Case::of(common::small().without_key("unit").text());
+    case.put("campaign.toml", "[[sensor]]\nname = \"BS_11\"\ntemperature_channel = \"T59\"\n");
+    let output = case.run("lin", &[]);
+    assert_eq!(output.status.code(), Some(2));
+    let said = text(&output.stderr);
+    says(&said, &["the key `unit` is missing"]);
+    assert!(!said.contains("goes with no run"), "{said}");
+
+    // One run, twice.
+    let case = Case::of(common::small().text());
+    let mut zipped = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    zipped.write_all(common::small().text().as_bytes()).unwrap();
+    case.put("13-04-03/09-22-38.CCR.gz", zipped.finish().unwrap());
+    let said = text(&case.run("lin", &["--no-plots"]).stderr);
+    says(&said, &["has the same run id as", "take one of the two out of the campaign: one is the other compressed"]);
+    assert_eq!(number(&cpf(&case.out(), RUN_ID), "quality.blocks_total"), 10.0);
+
+    // What is no text has no line ends.
+    let mut gauss = common::Gauss(7);
+    let bytes: Vec<u8> = (0..4096).map(|_| (gauss.uniform() * 128.0 + 128.0) as u8).collect();
+    let said = text(&Case::of(bytes).run("lin", &[]).stderr);
+    says(&said, &["the file is no text"]);
+    assert!(!said.contains("line ends"), "{said}");
+}
