@@ -736,3 +736,32 @@ fn other_commands_say_what_to_do_with_a_table() {
         says(&text(&output.stderr), &[words]);
     }
 }
+
+#[test]
+fn the_examples_of_the_reference_work() {
+    let page = fs::read_to_string(common::check::data("docs/import.md")).unwrap();
+    // Blocks of indented lines; empty lines between them belong to a mapping.
+    let mut blocks: Vec<String> = vec![String::new()];
+    for line in page.lines() {
+        match line.strip_prefix("    ") {
+            Some(code) => *blocks.last_mut().unwrap() += &format!("{code}\n"),
+            None if line.is_empty() => {}
+            None => blocks.push(String::new()),
+        }
+    }
+    let desk = Desk::new();
+    let tables = blocks.iter().filter(|b| b.starts_with("Zeit;") || b.starts_with("time,"));
+    let mappings = blocks.iter().filter(|b| b.contains("[reading]"));
+    let mut done = 0;
+    for (table, mapping) in tables.zip(mappings) {
+        done += 1;
+        let table = desk.put(&format!("{done}.csv"), table);
+        let output = desk.import(mapping, &table, &format!("c{done}"));
+        assert_eq!((output.status.code(), text(&output.stderr).as_str()), (Some(0), ""), "{mapping}");
+    }
+    assert_eq!(done, 2);
+    // 09:00 in a zone one hour ahead.
+    let run = read(&desk.path("c1/26-03-01/08-00-00.CCR"));
+    assert_eq!((run.vectors.count, run.temperatures.channel("T59").unwrap()[0].1), (2, 21.5));
+    assert_eq!(read(&desk.path("c2/26-03-01/08-00-00.CCR")).blocks[1].mean.0, [-29545.82, 26795.93, -9625.13]);
+}
