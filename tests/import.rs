@@ -350,7 +350,8 @@ fn plateau_table() -> String {
     out
 }
 
-const PLATEAU_MAPPING: &str = "[run]\nkind = \"linearity\"\nsensor = \"FM 1\"\nmode = \"science\"\n[time]\ncolumn = \"time\"\n\
+const PLATEAU_MAPPING: &str = "[run]\nkind = \"linearity\"\nsensor = \"FM 1\"\nmode = \"science\"\n\
+     configuration = \"SPIRAL\"\nfield_source = \"coils\"\n[time]\ncolumn = \"time\"\n\
      format = \"%d.%m.%Y %H:%M:%S\"\n[reading]\ncolumns = [\"outX\", \"outY\", \"outZ\"]\n[field]\ncolumns = [\"refX\", \"refY\", \"refZ\"]\n\
      [temperature]\nT59 = \"temp\"\n[rows]\nare = \"plateaus\"\n";
 
@@ -565,6 +566,11 @@ fn times_that_cannot_be_are_refused_with_their_place() {
     let counter = small_mapping(&[("\"iso8601\"", "\"iso8601\"\ncounter = \"n\"")]);
     refused(&counter, cell(30, 1, "3"), &["t.csv:30", "goes back from 27 to 3"]);
     refused(&counter, cell(30, 1, "28.5"), &["t.csv:30", "whole number"]);
+    // Two samples that the counter does not know of: what the reader of run files finds is told with the line of the table.
+    let late = |n: usize| 0.05 + 0.1 * n as f64 + if n < 60 { 0.0 } else { 0.2 };
+    let jump = rows(|n, c| c[0] = format!("2026-03-01T08:00:{:05.2}Z", late(n)));
+    let nominal = counter.replace("[time]", "sample_rate = 10.0\n[time]");
+    refused(&nominal, jump, &["t.csv:62", "away from the sample counter"]);
     refused(&counter, rows(|n, c| c[1] = (10 * n).to_string()), &["counter runs at 100", "10.0"]);
     refused(&counter, rows(|_, c| c[1] = "7".to_owned()), &["t.csv:2", "same in all rows"]);
 }
@@ -715,7 +721,7 @@ fn other_commands_say_what_to_do_with_a_table() {
     let unnamed = desk.put("lab", b"ARROW1\0\0\xff\xff");
     for path in [&csv, &parquet, &unnamed] {
         for command in ["lin", "inspect", "check", "report", "null"] {
-            let output = calfit().arg(command).arg(path).arg("-o").arg(desk.path("x")).output().unwrap();
+            let output = calfit().arg(command).arg(path).arg("-o").arg(desk.path(&format!("x-{command}"))).output().unwrap();
             let said = text(&output.stderr) + &text(&output.stdout);
             assert_ne!(output.status.code(), Some(0), "{command}");
             says(&said, &["table, not a run file", "calfit import", "--guess"]);

@@ -284,13 +284,15 @@ impl Import {
         let remarks = self.remarks(source, content);
         let mut writer = Writer::new(&mut head, header, content_decimals(header, content)).map_err(failed)?;
         write_head(&mut writer, &remarks, content).map_err(failed)?;
-        // The line of the first vector in the file, for complaints about a row: before it stand the section and its columns.
-        let head_lines = |head: &[u8]| memchr::memchr_iter(b'\n', head).count() as u64 + 3;
         if !content.vectors.is_empty() {
             writer.vectors(content.vectors.iter().copied()).map_err(failed)?;
         }
         writer.end().map_err(failed)?;
-        let first_vector = memchr::memmem::find(&head, b"\n@VECTORS\n").map_or(u64::MAX, |at| head_lines(&head[..at]));
+        // Places in the file, for complaints: the line above the first section, and that of the first vector below section and columns.
+        let line_before =
+            |mark: &[u8]| memchr::memmem::find(&head, mark).map(|at| memchr::memchr_iter(b'\n', &head[..at]).count() as u64 + 1);
+        let keys = line_before(b"\n@").unwrap_or(0);
+        let first_vector = line_before(b"\n@VECTORS\n").map_or(u64::MAX, |line| line + 3);
         file.write_all(&head).map_err(failed)?;
         let recorded = format!("{day}/{name}");
         let options = ccr::Options { recorded_path: Some(recorded.clone()), ..ccr::Options::default() };
@@ -309,8 +311,7 @@ impl Import {
             error.map_or_else(|| Finding::error(&recorded, "cannot be read again", "report this"), told)
         })?;
         // What the head lacks, every command tells; here rows matter.
-        let keys = memchr::memmem::find(&head, b"\n@").map_or(0, |at| head_lines(&head[..at]) - 3);
-        let matters = |f: &&Finding| f.severity == Severity::Warning && f.line.is_none_or(|line| line > keys + 1);
+        let matters = |f: &&Finding| f.severity == Severity::Warning && f.line.is_none_or(|line| line > keys);
         findings.extend(run.findings.iter().filter(matters).cloned().map(told));
         file.finish()?;
         folder.sync()?;

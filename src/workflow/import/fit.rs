@@ -63,7 +63,10 @@ pub(super) fn check(file: &str, header: &Header, content: &Content, allowed: boo
             1.0 / ratio
         ),
         factor => {
-            format!("correct `nominal_factor` under [run], which would fit as {:.6e}, or `unit` under [field]", factor / ratio)
+            format!(
+                "correct `nominal_factor` under [run], which would fit as {:?}, or `unit` under [field]",
+                short(factor / ratio)
+            )
         }
     };
     let wrong = !(1.0 / WRONG..=WRONG).contains(&ratio);
@@ -73,6 +76,11 @@ pub(super) fn check(file: &str, header: &Header, content: &Content, allowed: boo
         return Err(Finding { remedy: remedy.into(), ..finding });
     }
     Ok(Some(finding.weighing(Severity::Warning)))
+}
+
+/// Four digits.
+fn short(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
 }
 
 /// Settings of constant fields with their mean readings.
