@@ -128,9 +128,13 @@ impl Desk {
         calfit().arg("import").arg(mapping).arg(table).arg("-o").arg(self.path(campaign)).output().unwrap()
     }
 
-    /// The numbers of the linear calibration of the run of a campaign.
+    /// The numbers of the linear calibration of the run of a campaign. The name of the campaign, which is that of its folder where it was
+    /// begun by an import, is made the same for all: the parameter file states it.
     #[track_caller]
     fn calibrated(&self, campaign: &str) -> String {
+        let toml = self.path(campaign).join("campaign.toml");
+        let text_of_campaign = fs::read_to_string(&toml).unwrap();
+        fs::write(&toml, text_of_campaign.replace(&format!("name = \"{campaign}\""), "name = \"one\"")).unwrap();
         let out = self.path(&format!("{campaign}-out"));
         let output = calfit().arg("lin").arg(self.path(campaign)).arg("-o").arg(&out).arg("--no-plots").output().unwrap();
         assert_eq!(output.status.code(), Some(0), "{campaign}: {}", text(&output.stderr));
