@@ -96,7 +96,7 @@ proptest! {
     #[test]
     fn options_come_back_from_a_recipe_and_from_its_command(
         (settling, coverage) in (settling(), 0.0..1.0f64),
-        (trend_order, order) in (proptest::option::of(0..3usize), 0..4usize),
+        (trend_order, drift_order, order) in (proptest::option::of(0..3usize), proptest::option::of(0..4usize), 0..4usize),
         max_field_nt in proptest::array::uniform3(proptest::option::of(positive())),
         [robust, gain, mismatch, joint, keep] in any::<[bool; 5]>(),
         (orders, window, most_k_per_min, lag) in (orders(), window(), proptest::option::of(positive()), lag()),
@@ -133,8 +133,19 @@ proptest! {
             ..sweep::Options::default()
         };
         round("sweep", swept, reading.clone(), &[Role::Facility, Role::Model]);
-        let groups = ThermalOptions { orders, joint, ..ThermalOptions::default() };
-        round("thermal", groups, reading.clone(), &[Role::Facility, Role::Model, Role::Centre, Role::OffCentre, Role::Offset]);
+        let groups = ThermalOptions {
+            orders,
+            joint,
+            trend_order,
+            drift_order,
+            max_field_nt,
+            robust,
+            cut,
+            allow_gain: gain,
+            allow_mismatch: mismatch,
+            ..ThermalOptions::default()
+        };
+        round("thermal", groups, reading.clone(), &[Role::Facility, Role::Linearisation, Role::Model, Role::Centre, Role::OffCentre, Role::Offset]);
         let signal = signal.map(|volt| if volt { Signal::Voltage } else { Signal::Resistance });
         let polynomial = thermistor::Options { order: trend_order, signal, divider, compare, within_degc };
         round("thermistor", polynomial, Reading::default(), &[Role::Reference]);
