@@ -113,11 +113,16 @@ fn the_first_page_says_what_the_sensors_are() {
     );
     assert!(!page.contains("not stated"), "{page}");
     assert_eq!(page.matches("\n![").count(), 4);
-    let sigma = |page: &str| -> Vec<f64> {
-        let rows = page.lines().filter(|l| l.starts_with("| sensitivity σ_"));
-        rows.map(|row| row.split('|').nth(2).unwrap().split('±').next().unwrap().trim().parse().unwrap()).collect()
+    let near = |page: &str, truth: [f64; 3]| {
+        let rows: Vec<&str> = page.lines().filter(|l| l.starts_with("| sensitivity σ_")).collect();
+        assert_eq!(rows.len(), 3);
+        for (row, truth) in rows.iter().zip(truth) {
+            let (value, std) = row.split('|').nth(2).unwrap().split_once('±').unwrap();
+            let [value, std] = [value, std].map(|text| text.trim().parse::<f64>().unwrap());
+            assert!(std > 0.0 && (value - truth).abs() < 4.0 * std, "{row} is not {truth}");
+        }
     };
-    common::check::close(sigma(&page).try_into().unwrap(), campaign::truth(-30.0).sigma, 5e-6);
+    near(&page, campaign::truth(-30.0).sigma);
 
     // The campaign states another temperature.
     let old = fs::read_to_string(case.campaign().join("campaign.toml")).unwrap();
@@ -126,7 +131,7 @@ fn the_first_page_says_what_the_sensors_are() {
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let page = first_page(&case);
     says(&page, &["at -10 °C, the reference temperature of campaign.toml; the polynomials hold from -60.0 to 0.0 °C"]);
-    common::check::close(sigma(&page).try_into().unwrap(), campaign::truth(-10.0).sigma, 5e-6);
+    near(&page, campaign::truth(-10.0).sigma);
 }
 
 #[test]
@@ -136,7 +141,7 @@ fn a_report_takes_the_options_of_its_analyses_and_its_files_come_back() {
     let more = ["--order", "null=2", "--order", "sigma=1", "--order", "xi=0"];
     let output = case.run("report", &[&linear[..], &more[..]].concat());
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-    let alone = case.made("lin", &[&["lin"], &linear[..]].concat(), &[&case.campaign()]);
+    let alone = case.made("lin", &[&["lin"], &linear[1..]].concat(), &[&case.campaign()]);
     let (report, lin) = (cpf(&case.out(), &id(8, 0)), cpf(&alone, &id(8, 0)));
     assert_eq!(common::check::numbers(&report), common::check::numbers(&lin));
     assert_eq!(report["provenance"]["recipe"].to_string(), lin["provenance"]["recipe"].to_string());
