@@ -356,8 +356,8 @@ impl<'a, S: VectorSink> Parser<'a, S> {
     }
 
     fn control_byte(&self, line: &[u8], at: usize) -> Finding {
-        // Who has begun to read a run file knows that it is text.
-        if self.line == 1 && !line.starts_with(b"CCR") {
+        // Who has begun to read a run file knows that it is text; NUL bytes are what is left of one.
+        if self.line == 1 && !line.starts_with(b"CCR") && line.get(at) != Some(&0) {
             return self.no_text();
         }
         let byte = line.get(at).copied().unwrap_or_default();
