@@ -2,7 +2,6 @@
 
 use super::document::{Cell, Section, Table, cells};
 use super::{known_effects, number, remarks, run_line, triple, used_file, yes_or_no};
-use crate::data::frequency::SineAmplitude;
 use crate::data::units::{COMPONENTS, with_uncertainty};
 #[cfg(feature = "tables")]
 #[cfg(feature = "tables")]
@@ -178,6 +177,7 @@ pub fn parameter_table(runs: &[Fpf]) -> crate::files::table::Table {
 #[cfg(feature = "tables")]
 #[must_use]
 pub fn amplitude_table(freq: &Freq) -> crate::files::table::Table {
+    use crate::data::frequency::SineAmplitude;
     use crate::files::table::{Table, Values};
     let rows = &freq.amplitude;
     let mut table = Table::default();

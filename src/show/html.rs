@@ -277,9 +277,10 @@ mod tests {
         let blocks =
             vec!["Text".into(), figure(7, "a/there.png", "It", "alt"), figure(8, "a/lost.png", "Lost", "gone"), "more".into()];
         let page = shown(&front("T", blocks));
-        assert!(
-            page.contains("<p>Text</p>\n<figure>\n<img alt=\"alt\" width=\"2\" height=\"3\" src=\"data:image/png;base64,iVBOR")
-        );
+        // The picture leads to its file, where it can be enlarged.
+        let link = "<a class=\"picture\" href=\"a/there.png\">";
+        let image = "<img alt=\"alt\" width=\"2\" height=\"3\" src=\"data:image/png;base64,iVBOR";
+        assert!(page.contains(&format!("<p>Text</p>\n<figure>\n{link}{image}")), "{page}");
         assert!(page.contains("<figcaption><b>Figure 7:</b> It</figcaption>"));
         assert!(page.contains("<code>a/lost.png</code> is missing: gone"));
         assert_eq!((page.matches("<img").count(), page.matches("<figure>").count()), (1, 2));
