@@ -24,6 +24,7 @@ use crate::model::campaign::Instructions;
 use crate::model::facility::{Facility, FacilityApplied};
 use crate::record::conditions::{self, Temperatures};
 use crate::record::facility;
+use crate::record::screens;
 use levels::{Levels, check_components};
 use serde::{Deserialize, Serialize};
 use solved::Solved;
@@ -81,8 +82,8 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     if plateaus.list.is_empty() {
         return Err(OffsetError::NoPlateaus);
     }
-    if plateaus.edge_shift_s.abs() > plateaus.tolerable_shift_s && !options.allow_mismatch {
-        return Err(OffsetError::Edges { shift_s: plateaus.edge_shift_s });
+    if !options.allow_mismatch {
+        screens::edges(plateaus)?;
     }
     let mut plateaus = plateaus.clone();
     let mut of_facility: Vec<Note> = Vec::new();

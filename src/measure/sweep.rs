@@ -72,8 +72,8 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     if run.header.kind != Kind::Sweep {
         return Err(SweepError::Kind(run.header.kind));
     }
-    if plateaus.edge_shift_s.abs() > plateaus.tolerable_shift_s && !options.allow_mismatch {
-        return Err(SweepError::Edges { shift_s: plateaus.edge_shift_s });
+    if !options.allow_mismatch {
+        screens::edges(plateaus)?;
     }
     let (_, position) = the_position(plateaus, instructions)?;
     let mut list = plateaus.list.clone();

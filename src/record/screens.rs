@@ -2,6 +2,7 @@
 //! fields or stand still, conversions far from the nominal one, axes elsewhere than the position says.
 
 use crate::data::note::{Note, NoteKind};
+use crate::data::plateau::Plateaus;
 use crate::data::units::COMPONENTS;
 use crate::model::sensor::{Split, misplaced_axes};
 use nalgebra::DMatrix;
@@ -17,6 +18,12 @@ const ROUNDING: f64 = 1e-12;
 /// What cannot be right.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum Implausible {
+    /// Step edges elsewhere.
+    #[error("the data do not step where the settings do: the edges are displaced by about {shift_s:+.2} s, or by whole settings")]
+    Edges {
+        /// Displacement, s.
+        shift_s: f64,
+    },
     /// Readings that do not follow the field.
     #[error("component {component} does not follow the applied field, which explains {:.2} % of its variance", 100.0 * explained)]
     Unrelated {
@@ -56,6 +63,9 @@ impl Implausible {
     #[must_use]
     pub fn remedy(&self) -> &'static str {
         match self {
+            Implausible::Edges { .. } => {
+                "correct the times of the settings or take those of this run, or go on with --allow mismatch"
+            }
             Implausible::Unrelated { .. } => {
                 "check that the settings are those of this run and that the component works, or go on with --allow mismatch"
             }
@@ -65,6 +75,15 @@ impl Implausible {
             }
         }
     }
+}
+
+/// Data that step elsewhere than the settings belong to other settings, or to another clock.
+///
+/// # Errors
+/// [`Implausible::Edges`].
+pub fn edges(plateaus: &Plateaus) -> Result<(), Implausible> {
+    let shift_s = plateaus.edge_shift_s;
+    if shift_s.abs() > plateaus.tolerable_shift_s { Err(Implausible::Edges { shift_s }) } else { Ok(()) }
 }
 
 /// A component whose variance the fit does not explain belongs to other settings, or is stuck.

@@ -9,6 +9,7 @@ use crate::data::plateau::Settling;
 use crate::data::run::{Run, Setting};
 use crate::data::units::COMPONENTS;
 use crate::record::known::in_sines::InSines;
+use crate::record::screens::Implausible;
 use std::ops::Range;
 
 /// A run of which more than this part of the settings hold something else belongs to other settings.
@@ -135,7 +136,7 @@ fn check_samples(records: &[&Record]) -> Result<(), FreqError> {
         let mut readings = records.iter().flat_map(|r| r.y[i].iter().copied());
         let (Some(first), Some(second)) = (readings.next(), readings.next()) else { continue };
         if second == first && readings.all(|y| y == first) {
-            return Err(FreqError::Stuck { component, reading_ent: first });
+            return Err(Implausible::Stuck { component, reading_ent: first }.into());
         }
     }
     Ok(())

@@ -20,14 +20,6 @@ pub enum FreqError {
     /// Settling leaves nothing.
     #[error("no setting has {LEAST_SAMPLES} samples after its settling")]
     Unsettled,
-    /// A component that gives the same reading always.
-    #[error("component {component} is stuck at {reading_ent} enT")]
-    Stuck {
-        /// Component.
-        component: &'static str,
-        /// Its reading, enT.
-        reading_ent: f64,
-    },
     /// More than fits into memory.
     #[error("the settings hold more than {MOST_SAMPLES} samples")]
     TooLong,
@@ -69,7 +61,6 @@ impl FreqError {
             FreqError::NoSines => "check `kind` and the settings of the run",
             FreqError::NoSamples => "check the times of the settings; a table of amplitudes goes with --amplitudes",
             FreqError::Unsettled => "say with --settling how much time to leave out after a change of frequency",
-            FreqError::Stuck { .. } => "check the component and its wiring",
             FreqError::TooLong => "split the run",
             FreqError::NothingUsable { .. } => "check the frequencies and times of the settings",
             FreqError::Mismatch { .. } => "check that settings and times are those of this run",

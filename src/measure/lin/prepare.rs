@@ -13,7 +13,7 @@ use crate::model::position::Position;
 use crate::record::facility::{self, Driven};
 use crate::record::known::{self, Applied};
 use crate::record::position::{apply_limits, the_position};
-use crate::record::{carried, linearised};
+use crate::record::{carried, linearised, screens};
 use nalgebra::{DMatrix, Matrix3};
 
 /// Order of the offset trend where nothing else is said, as in the campaign of 2013.
@@ -39,8 +39,8 @@ pub(super) fn trend_order(
     if plateaus.list.is_empty() {
         return Err(LinError::NoPlateaus);
     }
-    if plateaus.edge_shift_s.abs() > plateaus.tolerable_shift_s && !options.allow_mismatch {
-        return Err(LinError::Edges { shift_s: plateaus.edge_shift_s });
+    if !options.allow_mismatch {
+        screens::edges(plateaus)?;
     }
     if plateaus.still_settling {
         return Err(LinError::Unsettled { settling_s: plateaus.settling_s });

@@ -27,12 +27,6 @@ pub enum LinError {
     /// The trend order is not available.
     #[error("the offset trend must be of order 0, 1 or 2, not {0}")]
     Order(usize),
-    /// Step edges elsewhere.
-    #[error("the data do not step where the settings do: the edges are displaced by about {shift_s:+.2} s, or by whole settings")]
-    Edges {
-        /// Displacement, s.
-        shift_s: f64,
-    },
     /// No settled part.
     #[error("the data still show the step before a setting after {settling_s:.2} s")]
     Unsettled {
@@ -109,9 +103,6 @@ impl LinError {
             LinError::NoPlateaus => "check the file with `calfit check`",
             LinError::Position(error) => error.remedy(),
             LinError::Order(_) => "use the lowest order that the drift needs",
-            LinError::Edges { .. } => {
-                "correct the times of the settings or take those of this run, or go on with --allow mismatch"
-            }
             LinError::Unsettled { .. } => "hold the fields longer, or say with --settling what can be accepted",
             LinError::Implausible(error) => error.remedy(),
             LinError::Undetermined { .. } => "drive that axis on its own",

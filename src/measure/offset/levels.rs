@@ -6,6 +6,7 @@ use crate::data::plateau::Plateau;
 use crate::data::units::COMPONENTS;
 use crate::fit::{FitError, Limits, Solution, linear};
 use crate::record::conditions;
+use crate::record::screens::Implausible;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Largest condition number of the designs: beyond it the fields of the run do not separate their effects.
@@ -245,7 +246,7 @@ pub(super) fn check_components(stays: &[Stay], levels: &Levels, allow_mismatch: 
         let values: Vec<f64> = stays.iter().flat_map(|s| s.plateaus.iter().map(|p| p.mean.0[i])).collect();
         let silent = stays.iter().flat_map(|s| &s.plateaus).all(|p| p.std_ent.is_none_or(|s| s[i] == 0.0));
         if silent && values.len() > 1 && values.iter().all(|v| *v == values[0]) {
-            return Err(OffsetError::Stuck { component, reading_ent: values[0] });
+            return Err(Implausible::Stuck { component, reading_ent: values[0] }.into());
         }
         for (v, stay) in stays.iter().enumerate() {
             let row = stay.position.r_nom().transpose().row(i).transpose();

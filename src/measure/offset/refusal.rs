@@ -5,6 +5,7 @@ use crate::data::run::Kind;
 use crate::fit::FitError;
 use crate::model::facility::FacilityError;
 use crate::record::position::PositionError;
+use crate::record::screens::Implausible;
 use thiserror::Error;
 
 /// Why a run has no offsets.
@@ -22,12 +23,9 @@ pub enum OffsetError {
     /// A position without axes.
     #[error(transparent)]
     Position(#[from] PositionError),
-    /// Step edges elsewhere.
-    #[error("the data do not step where the settings do: the edges are displaced by about {shift_s:+.2} s, or by whole settings")]
-    Edges {
-        /// Displacement, s.
-        shift_s: f64,
-    },
+    /// Readings that cannot be right.
+    #[error(transparent)]
+    Implausible(#[from] Implausible),
     /// Every plateau was dropped.
     #[error("none of the {total} plateaus can be used: {reason}")]
     NothingUsable {
@@ -50,14 +48,6 @@ pub enum OffsetError {
         /// Response along that direction.
         response: f64,
     },
-    /// A component with one constant reading.
-    #[error("component {component} is stuck at {reading_ent} enT")]
-    Stuck {
-        /// Component.
-        component: &'static str,
-        /// Reading, enT.
-        reading_ent: f64,
-    },
     /// The positions determine no component.
     #[error("no component has an offset: {0}")]
     NoPairs(String),
@@ -78,16 +68,13 @@ impl OffsetError {
             OffsetError::Sensitivities(_) => OfAnotherSensor::REMEDY,
             OffsetError::NoPlateaus => "check the file with `calfit check`",
             OffsetError::Position(error) => error.remedy(),
-            OffsetError::Edges { .. } => {
-                "correct the times of the settings or take those of this run, or go on with --allow mismatch"
-            }
+            OffsetError::Implausible(error) => error.remedy(),
             OffsetError::NothingUsable { .. } => {
                 "hold the fields longer, or say with --settling and --coverage what can be accepted"
             }
             OffsetError::Response { .. } => {
                 "check the position table, the wiring and the settings, or go on with --allow mismatch"
             }
-            OffsetError::Stuck { .. } => "check the component and its wiring",
             OffsetError::NoPairs(_) => "measure every component in a normal and a turned position",
             OffsetError::Facility(error) => error.remedy(),
             OffsetError::Fit(_) => "check the plateaus of the run",

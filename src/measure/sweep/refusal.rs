@@ -23,12 +23,6 @@ pub enum SweepError {
     /// A facility that cannot turn the settings into fields.
     #[error(transparent)]
     Facility(#[from] FacilityError),
-    /// Step edges elsewhere.
-    #[error("the data do not step where the settings do: the edges are displaced by about {shift_s:+.2} s, or by whole settings")]
-    Edges {
-        /// Displacement, s.
-        shift_s: f64,
-    },
     /// Readings that cannot be right.
     #[error(transparent)]
     Implausible(#[from] Implausible),
@@ -67,9 +61,6 @@ impl SweepError {
             SweepError::Kind(_) => "use the command for that kind",
             SweepError::Position(_) => "sweep in one position, and name its axes in campaign.toml",
             SweepError::Facility(error) => error.remedy(),
-            SweepError::Edges { .. } => {
-                "correct the times of the settings or take those of this run, or go on with --allow mismatch"
-            }
             SweepError::Implausible(error) => error.remedy(),
             SweepError::NoTemperature => "check the temperature channels of the run",
             SweepError::TooFew { .. } => "sweep longer, or with lower orders",
