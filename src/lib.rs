@@ -8,7 +8,7 @@
 //! ([`fit`]), and gives the coefficients their meaning with the forward model ([`model`]). Its result is a plain struct with
 //! uncertainties beside values; parameter files ([`files::parameter`]), figures ([`plot`]) and tables ([`show`]) all read
 //! that struct. [`simulate`] goes the other way: from a twin, whose sensor and coil system are those of [`model`], to run files whose
-//! truth is known. [`workflow`] takes a run file all the way along this path; the commands ([`cli`]) say which, and what to tell.
+//! truth is known. [`flight`] takes telemetry of a mission through the steps of its levels. [`workflow`] takes a run file all the way along this path; the commands ([`cli`]) say which, and what to tell.
 //!
 //! # Frames and units
 //!
@@ -21,6 +21,8 @@ pub mod data;
 pub mod diagnose;
 pub mod files;
 pub mod fit;
+#[cfg(feature = "tables")]
+pub mod flight;
 pub mod measure;
 pub mod model;
 pub mod plot;

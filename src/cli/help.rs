@@ -17,7 +17,7 @@ const STATUS: &str = "0  everything was done; what does not apply to a campaign,
 /// What holds of every command that writes results.
 const RESULTS: &str = "OUT/<run id>/ has the files of a run, OUT those of several; OUT is calfit-out, or the folder of -o";
 
-const FURTHER: [Further; 18] = [
+const FURTHER: [Further; 19] = [
     Further {
         command: "lin",
         examples: &[
@@ -76,6 +76,18 @@ const FURTHER: [Further; 18] = [
   the offset of the sensor alone",
             "data: run files, or tables with the columns x, y, z (enT) and t_degc (°C)",
             "OUT/<stem of the data>.calibrated.parquet, or .csv  field, uncertainty and flags",
+        ],
+    },
+    Further {
+        command: "flight",
+        examples: &[
+            "calfit flight ABC flight.toml -o OUT",
+            "calfit flight all flight.toml --from 2015-06-29 --to 2015-06-30 --sensor OB -o OUT",
+            "calfit flight carry flight.toml -o carry.parquet",
+        ],
+        files: &[
+            "flight.toml  sensors, ground calibration files, modes, frames, tables; docs/reference/flight.md has all its keys",
+            "OUT/level=A/sensor=OB/date=YYYY-MM-DD/calfit-A-OB-YYYYMMDD.parquet  a level of a sensor and day",
         ],
     },
     Further {

@@ -8,6 +8,8 @@ mod diagnose;
 mod each;
 mod effects;
 mod export;
+#[cfg(feature = "tables")]
+mod flight;
 mod freq;
 mod help;
 mod import;
@@ -69,6 +71,9 @@ enum Command {
     /// Raw readings to calibrated field, with uncertainty and flags, by parameter files.
     #[cfg(feature = "tables")]
     Apply(apply::Arguments),
+    /// Telemetry of a mission to calibrated levels, by ground calibration files and a configuration; also `carry` and `daily`.
+    #[cfg(feature = "tables")]
+    Flight(flight::Arguments),
     /// Tables of any laboratory, CSV, Parquet or Arrow IPC, to the run files of a campaign; --guess proposes the mapping of the columns.
     Import(import::Arguments),
     /// Parameter files for other programs: JSON, CSV, a digital calibration certificate, a Rosetta-style ground calibration file.
@@ -305,6 +310,8 @@ fn dispatch(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
         Command::Report(arguments) => report::run(&arguments, &cli.common, terminal),
         #[cfg(feature = "tables")]
         Command::Apply(arguments) => apply::run(&arguments, &cli.common, terminal),
+        #[cfg(feature = "tables")]
+        Command::Flight(arguments) => flight::run(&arguments, &cli.common, terminal),
         Command::Import(arguments) => import::run(&arguments, &cli.common, terminal),
         Command::Export(arguments) => export::run(&arguments, &cli.common, terminal),
         Command::Simulate(arguments) => simulate::run(&arguments, &cli.common, terminal),

@@ -144,6 +144,23 @@ impl Convention {
         }
     }
 
+    /// The rotation from the frame of a matrix, which takes readings to the field, to the sensor frame of this convention: the same sensor
+    /// has a lower triangular matrix there (BepiColombo), or an upper triangular one (Rosetta).
+    ///
+    /// The identity for a matrix without an inverse.
+    #[must_use]
+    pub fn frame_of(self, matrix: &Matrix3<f64>) -> Matrix3<f64> {
+        let rows = match self {
+            // The rows of the inverse stand along the sensor axes.
+            Convention::BepiColombo => matrix.try_inverse().map(|m| m.transpose()),
+            Convention::Rosetta => Some(*matrix),
+        };
+        let Some(columns) = rows else { return Matrix3::identity() };
+        let x: Vector3<f64> = columns.column(0).normalize();
+        let y: Vector3<f64> = (columns.column(1) - x * x.dot(&columns.column(1))).normalize();
+        Matrix3::from_rows(&[x.transpose(), y.transpose(), x.cross(&y).transpose()])
+    }
+
     /// ω as a function of ξ, in words that a program can follow.
     #[must_use]
     pub fn formula(self) -> &'static str {

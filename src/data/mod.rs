@@ -24,5 +24,6 @@ pub mod run_state;
 pub mod start;
 pub mod tables;
 pub mod thermistor;
+pub mod time;
 pub mod units;
 pub mod zero_field;

@@ -6,6 +6,8 @@ pub mod ccr;
 pub mod export;
 pub mod facility;
 pub mod field;
+#[cfg(feature = "tables")]
+pub mod flight;
 pub mod import;
 pub mod index;
 pub mod ledger;

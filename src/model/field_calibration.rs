@@ -4,6 +4,10 @@
 //! Every parameter is a polynomial of the sensor temperature. With the covariance of all coefficients the uncertainty of a vector is
 //! the diagonal of `J C Jᵀ`, with the derivatives `J` of the field by the parameters at its temperature.
 
+mod at;
+
+pub use at::{AtTemperature, SYMMETRIC, turned};
+
 use super::linearisation::AxisLinearisation;
 use super::polynomial::{TemperaturePolynomial, value};
 use crate::data::apply::OffsetQuantity;
@@ -372,14 +376,28 @@ impl FieldCalibration {
         found
     }
 
-    /// The field in the frame of the matrix, and its standard uncertainty in that of the result.
-    fn field_and_std(&self, reading: Reading, degc: f64) -> Result<(Vector3<f64>, [f64; 3]), PlanarAxes> {
-        let raw = match &self.parts.linearisation {
+    /// A reading after the linearisation, enT.
+    #[must_use]
+    pub fn linearised_ent(&self, reading: Reading) -> [f64; 3] {
+        match &self.parts.linearisation {
             None => reading.0,
             Some(polynomials) => std::array::from_fn(|i| AxisLinearisation::of(polynomials, i).linearised_ent(reading.0[i])),
-        };
-        let measured = Vector3::from(raw) - Vector3::from(self.three(Parameter::Offset, degc));
-        // Column p is the derivative of the field by parameter p.
+        }
+    }
+
+    /// The field in the frame of the matrix, and its standard uncertainty in that of the result.
+    fn field_and_std(&self, reading: Reading, degc: f64) -> Result<(Vector3<f64>, [f64; 3]), PlanarAxes> {
+        let measured = Vector3::from(self.linearised_ent(reading)) - Vector3::from(self.three(Parameter::Offset, degc));
+        let (field, by) = self.field_and_slopes(measured, degc)?;
+        Ok((field, self.std_nt(&field, by, degc)))
+    }
+
+    /// The field of a linearised reading without its offset in the frame of the matrix, and its derivatives by all parameters.
+    fn field_and_slopes(
+        &self,
+        measured: Vector3<f64>,
+        degc: f64,
+    ) -> Result<(Vector3<f64>, [Vector3<f64>; PARAMETERS]), PlanarAxes> {
         let mut by = [Vector3::zeros(); PARAMETERS];
         let field = match self.matrix {
             MatrixForm::Whole => {
@@ -415,7 +433,7 @@ impl FieldCalibration {
                 omega * inner
             }
         };
-        Ok((field, self.std_nt(&field, by, degc)))
+        Ok((field, by))
     }
 
     fn std_nt(&self, field: &Vector3<f64>, mut by: [Vector3<f64>; PARAMETERS], degc: f64) -> [f64; 3] {

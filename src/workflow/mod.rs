@@ -8,6 +8,8 @@ mod apply;
 mod centre;
 mod coil;
 mod diagnose;
+#[cfg(feature = "tables")]
+pub mod flight;
 mod freq;
 mod ground;
 mod import;

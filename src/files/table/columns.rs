@@ -4,16 +4,16 @@ use crate::data::error::Finding;
 use crate::files::import::{Cells, Format};
 use polars::prelude::PolarsError;
 use polars_arrow::array::{Array, BooleanArray, PrimitiveArray, Utf8Array, Utf8ViewArray};
-use polars_arrow::datatypes::{ArrowDataType, Field, TimeUnit};
+use polars_arrow::datatypes::{ArrowDataType, ArrowSchema, Field, TimeUnit};
 use polars_arrow::io::ipc::read::{FileReader, read_file_metadata};
 use polars_arrow::types::NativeType;
 use polars_buffer::Buffer;
 use polars_parquet::read::{
-    BasicDecompressor, ColumnChunkMetadata, PageReader, column_iter_to_arrays, infer_schema, read_metadata,
+    BasicDecompressor, ColumnChunkMetadata, FileMetadata, PageReader, column_iter_to_arrays, infer_schema, read_metadata,
 };
 use std::fs::File;
 use std::io::{BufReader, Cursor};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 fn refuse(path: &Path, error: &PolarsError) -> Finding {
     let remedy = "the file is damaged, cut, or no table of its format; take it from the archive again";
@@ -51,25 +51,51 @@ fn ipc(path: &Path) -> Result<Vec<Pieces>, Finding> {
     Ok(columns)
 }
 
-fn parquet(path: &Path) -> Result<Vec<Pieces>, Finding> {
-    let bytes = std::fs::read(path).map_err(|e| Finding::io(path, "read", &e))?;
-    let metadata = read_metadata(&mut Cursor::new(&bytes)).map_err(|e| refuse(path, &e))?;
-    let schema = infer_schema(&metadata).map_err(|e| refuse(path, &e))?;
-    let bytes = Buffer::from(bytes);
-    let mut columns = Vec::new();
-    for field in schema.iter_values() {
+/// A Parquet file in memory, whose columns are decoded one by one.
+pub(super) struct ParquetFile {
+    path: PathBuf,
+    bytes: Buffer<u8>,
+    metadata: FileMetadata,
+    schema: ArrowSchema,
+}
+
+impl ParquetFile {
+    pub(super) fn open(path: &Path) -> Result<Self, Finding> {
+        let bytes = std::fs::read(path).map_err(|e| Finding::io(path, "read", &e))?;
+        let metadata = read_metadata(&mut Cursor::new(&bytes)).map_err(|e| refuse(path, &e))?;
+        let schema = infer_schema(&metadata).map_err(|e| refuse(path, &e))?;
+        Ok(Self { path: path.to_owned(), bytes: Buffer::from(bytes), metadata, schema })
+    }
+
+    /// The columns in their order.
+    pub(super) fn fields(&self) -> impl Iterator<Item = &Field> {
+        self.schema.iter_values()
+    }
+
+    /// Rows of every group.
+    pub(super) fn group_rows(&self) -> Vec<usize> {
+        self.metadata.row_groups.iter().map(|group| group.num_rows()).collect()
+    }
+
+    /// The values of a column in some groups of rows; none for columns of lists and structures.
+    pub(super) fn pieces(&self, field: &Field, groups: &[usize]) -> Result<Vec<Box<dyn Array>>, Finding> {
         let mut pieces = Vec::new();
-        for group in &metadata.row_groups {
+        for group in groups.iter().filter_map(|g| self.metadata.row_groups.get(*g)) {
             let chunks: Vec<&ColumnChunkMetadata> = group.columns_under_root_iter(&field.name).into_iter().flatten().collect();
             // Lists and structures have several, and are no columns of readings.
             let [chunk] = chunks[..] else { continue };
             if is_plain(&field.dtype) {
-                pieces.extend(decoded(path, &bytes, chunk, field)?);
+                pieces.extend(decoded(&self.path, &self.bytes, chunk, field)?);
             }
         }
-        columns.push((field.name.to_string(), field.dtype.clone(), pieces));
+        Ok(pieces)
     }
-    Ok(columns)
+}
+
+fn parquet(path: &Path) -> Result<Vec<Pieces>, Finding> {
+    let file = ParquetFile::open(path)?;
+    let groups: Vec<usize> = (0..file.metadata.row_groups.len()).collect();
+    file.fields().map(|field| Ok((field.name.to_string(), field.dtype.clone(), file.pieces(field, &groups)?))).collect()
 }
 
 /// The values of a column in one group of rows.
@@ -118,12 +144,7 @@ fn cells(dtype: &ArrowDataType, pieces: &[Box<dyn Array>]) -> Cells {
         T::LargeUtf8 => texts::<Utf8Array<i64>>(pieces, |array, out| out.extend(array.iter().map(owned))),
         T::Utf8View => texts::<Utf8ViewArray>(pieces, |array, out| out.extend(array.iter().map(owned))),
         T::Timestamp(unit, zone) => {
-            let factor = match unit {
-                TimeUnit::Second => 1_000_000_000,
-                TimeUnit::Millisecond => 1_000_000,
-                TimeUnit::Microsecond => 1000,
-                TimeUnit::Nanosecond => 1,
-            };
+            let factor = ns_of(*unit);
             let ns = each::<PrimitiveArray<i64>, _>(pieces, |array, out| {
                 out.extend(array.iter().map(|v| v.and_then(|v| v.checked_mul(factor))));
             });
@@ -133,11 +154,21 @@ fn cells(dtype: &ArrowDataType, pieces: &[Box<dyn Array>]) -> Cells {
     }
 }
 
+/// ns in a unit of timestamps.
+pub(super) fn ns_of(unit: TimeUnit) -> i64 {
+    match unit {
+        TimeUnit::Second => 1_000_000_000,
+        TimeUnit::Millisecond => 1_000_000,
+        TimeUnit::Microsecond => 1000,
+        TimeUnit::Nanosecond => 1,
+    }
+}
+
 fn owned(value: Option<&str>) -> String {
     value.unwrap_or_default().to_owned()
 }
 
-fn each<A: 'static, T>(pieces: &[Box<dyn Array>], take: impl Fn(&A, &mut Vec<T>)) -> Vec<T> {
+pub(super) fn each<A: 'static, T>(pieces: &[Box<dyn Array>], take: impl Fn(&A, &mut Vec<T>)) -> Vec<T> {
     let mut out = Vec::new();
     for piece in pieces {
         if let Some(array) = piece.as_any().downcast_ref::<A>() {

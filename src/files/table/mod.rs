@@ -1,6 +1,8 @@
 //! Tables as CSV and Parquet, through polars; its types appear here only.
 
 pub mod columns;
+pub mod long;
+pub mod series;
 pub mod stream;
 
 use crate::data::error::Finding;

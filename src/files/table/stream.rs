@@ -212,10 +212,7 @@ impl Batch {
     /// No such column, or a cell that is no number, with its row.
     pub fn numbers(&self, path: &Path, name: &str) -> Result<Vec<f64>, Finding> {
         let shown = path.display().to_string();
-        let column = self.frame.column(name).map_err(|_| {
-            let rule = format!("has no column `{name}`; it has {}", self.names().join(", "));
-            Finding::error(&shown, rule, "rename the column, or name another one")
-        })?;
+        let column = self.column(path, name)?;
         if column.dtype() == &DataType::String {
             let cells = column.str().map_err(|e| refuse(path, &e))?;
             let number = |(row, cell): (usize, Option<&str>)| match cell.map(str::trim) {
@@ -235,6 +232,23 @@ impl Batch {
         let cast = column.cast(&DataType::Float64).map_err(|e| refuse(path, &e))?;
         let values = cast.f64().map_err(|e| refuse(path, &e))?;
         Ok(values.iter().map(|v| v.unwrap_or(f64::NAN)).collect())
+    }
+
+    /// A column of text; an empty cell is empty text. Cells of CSV are text whatever they hold.
+    ///
+    /// # Errors
+    /// No such column, or one that holds no text.
+    pub fn texts(&self, path: &Path, name: &str) -> Result<Vec<String>, Finding> {
+        let column = self.column(path, name)?;
+        let cells = column.str().map_err(|e| refuse(path, &e))?;
+        Ok(cells.iter().map(|cell| cell.unwrap_or_default().to_owned()).collect())
+    }
+
+    fn column(&self, path: &Path, name: &str) -> Result<&Column, Finding> {
+        self.frame.column(name).map_err(|_| {
+            let rule = format!("has no column `{name}`; it has {}", self.names().join(", "));
+            Finding::error(&path.display().to_string(), rule, "rename the column, or name another one")
+        })
     }
 
     /// The same with a further column; nan becomes an empty cell.

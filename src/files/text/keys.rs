@@ -158,6 +158,17 @@ impl<'a> Group<'a> {
         self.list(key, "a list of finite numbers", as_number)
     }
 
+    /// A list of finite numbers, or one that stands for a list of one.
+    ///
+    /// # Errors
+    /// A value of another type.
+    pub fn numbers_or_one(&self, key: &str) -> Result<Option<Vec<f64>>, Finding> {
+        match self.value(key) {
+            Some((_, Some(Value::Array(_)))) => self.numbers(key),
+            _ => Ok(self.number(key)?.map(|value| vec![value])),
+        }
+    }
+
     /// Rows of finite numbers.
     ///
     /// # Errors

@@ -1,0 +1,118 @@
+//! `calfit flight`: telemetry to calibrated levels.
+
+use super::output::{Terminal, json};
+use super::{Common, Status};
+use crate::data::error::Finding;
+use crate::data::time::day_of;
+use crate::workflow::flight::{DayFailed, DayMade, Flight, FlightMade, FlightOptions, Levels, make_carry};
+use clap::Args;
+use jiff::civil::Date;
+use std::path::PathBuf;
+
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    /// Levels by their letters without separators, such as ABC, or `all`; or `carry`: what every day needs of the others, as a table.
+    #[arg(value_name = "LEVELS")]
+    what: String,
+    /// The configuration of the mission.
+    #[arg(value_name = "FLIGHT.TOML")]
+    config: PathBuf,
+    /// Only this sensor.
+    #[arg(long, value_name = "NAME")]
+    sensor: Option<String>,
+    /// First day, YYYY-MM-DD, UTC.
+    #[arg(long, value_name = "DATE")]
+    from: Option<Date>,
+    /// Last day, YYYY-MM-DD, UTC.
+    #[arg(long, value_name = "DATE")]
+    to: Option<Date>,
+    /// The table that `calfit flight carry` wrote, so that days can be made in any order and place.
+    #[arg(long, value_name = "FILE")]
+    carry: Option<PathBuf>,
+    /// Housekeeping in physical units as well.
+    #[arg(long)]
+    hk: bool,
+}
+
+const CARRY: &str = "carry";
+
+pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    if arguments.what == CARRY {
+        return carry(arguments, common, terminal);
+    }
+    let levels =
+        Levels::parse(&arguments.what, arguments.hk).map_err(|e| Finding::error("calfit flight", e.to_string(), e.remedy()))?;
+    let options = FlightOptions {
+        levels,
+        sensor: arguments.sensor.clone(),
+        days: [arguments.from.map(day_of), arguments.to.map(day_of)],
+        carry: arguments.carry.clone(),
+        out: common.out.clone(),
+        force: common.force,
+    };
+    let mut findings = Vec::new();
+    let flight = Flight::open(&arguments.config, options, &mut findings);
+    findings.iter().for_each(|f| terminal.finding(f));
+    let flight = flight?;
+    let jobs = flight.jobs()?;
+    let mut made = FlightMade { notes: flight.notes().to_vec(), ..FlightMade::default() };
+    let bar = terminal.progress(jobs.len(), "made");
+    for job in jobs {
+        let (sensor, day) = flight.name(job);
+        match bar.of(&format!("{sensor} {day}"), || flight.make(job)) {
+            Ok(found) => made.days.extend(found),
+            Err(error) => {
+                terminal.finding(&error);
+                made.failed.push(DayFailed { sensor, day, error });
+            }
+        }
+    }
+    bar.finish();
+    flight.finish()?;
+    if common.json {
+        terminal.print(&json(&made)?);
+    } else {
+        made.notes.iter().for_each(|note| terminal.tell(&format!("note: {note}\n")));
+        made.days.iter().for_each(|day| terminal.tell(&told(day)));
+        for failed in &made.failed {
+            terminal.error(&format!("{} {} was not made", failed.sensor, failed.day));
+        }
+    }
+    if made.days.is_empty() && made.failed.is_empty() {
+        let rule = "there are no vectors in these days";
+        return Err(Finding::error(&arguments.config.display().to_string(), rule, "see `input`, --from, --to and --sensor"));
+    }
+    Ok(if made.failed.is_empty() { Status::Done } else { Status::Partly })
+}
+
+fn carry(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let out = if common.out_given { common.out.clone() } else { PathBuf::from("carry.parquet") };
+    let mut findings = Vec::new();
+    let carry = make_carry(&arguments.config, &out, common.force, &mut findings);
+    findings.iter().for_each(|f| terminal.finding(f));
+    let carry = carry?;
+    terminal.tell(&format!("{} days of sensors\n  -> {}\n", carry.rows.len(), out.display()));
+    Ok(Status::Done)
+}
+
+/// What was made of a day, in a few lines.
+fn told(day: &DayMade) -> String {
+    let rows = &day.rows;
+    let mut text = format!("{} {}: {} vectors", day.sensor, day.day, day.written);
+    for (count, what) in [
+        (rows.duplicates, "repeated"),
+        (rows.conflicts, "of these with other counts"),
+        (rows.rejected, "rejected by their quality"),
+        (rows.contradicting, "with the bit of another sensor"),
+        (day.null, "null"),
+    ] {
+        if count > 0 {
+            text.push_str(&format!(", {count} {what}"));
+        }
+    }
+    let flags: Vec<String> = day.flags.iter().map(|(words, count)| format!("{count} {words}")).collect();
+    if !flags.is_empty() {
+        text.push_str(&format!("\n  flags: {}", flags.join(", ")));
+    }
+    format!("{text}\n  -> level {}\n", day.levels.join(", "))
+}

@@ -1,0 +1,149 @@
+//! Auxiliary tables of flight processing: attitude, positions, wheels, heater states.
+
+use super::mission::{Celestial, Span};
+use crate::data::error::Finding;
+use crate::data::provenance::Input;
+use crate::data::time::{LeapSeconds, Tt2000};
+use crate::files::source::digest;
+use crate::files::table::series::SeriesTable;
+use std::path::Path;
+
+/// How far the norm of a quaternion may be from 1.
+const NORM: f64 = 1e-6;
+
+/// Orientation of the spacecraft over time: unit quaternions (w, x, y, z) from the spacecraft to the celestial frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Attitude {
+    /// Times, rising.
+    pub time: Vec<Tt2000>,
+    /// Quaternions.
+    pub wxyz: Vec<[f64; 4]>,
+}
+
+/// Positions of the spacecraft over time, km.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Positions {
+    /// Times, rising.
+    pub time: Vec<Tt2000>,
+    /// x, y, z, km.
+    pub km: Vec<[f64; 3]>,
+}
+
+/// Rates of the reaction wheels over time.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct WheelRates {
+    /// Times, rising.
+    pub time: Vec<Tt2000>,
+    /// Rotations per second, wheel by wheel; nan where a rate is not known.
+    pub rate_hz: Vec<Vec<f64>>,
+}
+
+/// A heater that is on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HeaterOn {
+    /// When.
+    pub span: Span,
+    /// Its index among the names of the configuration.
+    pub class: usize,
+}
+
+fn input(path: &Path) -> Result<Input, Finding> {
+    Ok(digest(path)?.input(path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()))
+}
+
+fn refuse(path: &Path, row: usize, rule: &str, remedy: &str) -> Finding {
+    Finding::error(&path.display().to_string(), format!("row {}: {rule}", row + 1), remedy)
+}
+
+/// The times of a table, which must rise.
+fn times(table: &SeriesTable, path: &Path, leap: &LeapSeconds) -> Result<Vec<Tt2000>, Finding> {
+    let names = table.names();
+    let has = |name: &str| names.iter().any(|n| n == name);
+    let time = if has("time_tt2000") { table.whole("time_tt2000")? } else { table.utc("time_utc", leap)? };
+    match time.windows(2).position(|pair| pair[0] >= pair[1]) {
+        Some(row) => Err(refuse(path, row + 1, "the times do not rise", "sort the table, and leave repeated rows out")),
+        None => Ok(time),
+    }
+}
+
+/// Reads a table of attitudes.
+///
+/// # Errors
+/// What is wrong with the table, with its row: times that do not rise, quaternions that are no rotations.
+pub fn attitude(celestial: &Celestial, leap: &LeapSeconds) -> Result<(Attitude, Input), Finding> {
+    let path = &celestial.attitude;
+    let table = SeriesTable::open(path)?;
+    let time = times(&table, path, leap)?;
+    let q = [table.numbers("q0")?, table.numbers("q1")?, table.numbers("q2")?, table.numbers("q3")?];
+    let mut wxyz = Vec::with_capacity(time.len());
+    for row in 0..time.len() {
+        let stated = [q[0][row], q[1][row], q[2][row], q[3][row]];
+        let norm = stated.iter().map(|v| v * v).sum::<f64>().sqrt();
+        if norm.is_nan() || (norm - 1.0).abs() > NORM {
+            let rule = format!("the quaternion has the length {norm:.6}, not 1");
+            return Err(refuse(path, row, &rule, "check the columns q0 to q3"));
+        }
+        let [w, x, y, z] = if celestial.scalar_first { stated } else { [stated[3], stated[0], stated[1], stated[2]] };
+        // The inverse of a rotation is the conjugate.
+        wxyz.push(if celestial.from_sc { [w, x, y, z] } else { [w, -x, -y, -z] });
+    }
+    Ok((Attitude { time, wxyz }, input(path)?))
+}
+
+/// Reads a table of positions.
+///
+/// # Errors
+/// What is wrong with the table, with its row.
+pub fn positions(path: &Path, leap: &LeapSeconds) -> Result<(Positions, Input), Finding> {
+    let table = SeriesTable::open(path)?;
+    let time = times(&table, path, leap)?;
+    let [x, y, z] = [table.numbers("x_km")?, table.numbers("y_km")?, table.numbers("z_km")?];
+    if let Some(row) = (0..time.len()).find(|row| ![x[*row], y[*row], z[*row]].iter().all(|v| v.is_finite())) {
+        return Err(refuse(path, row, "the position has no value", "leave the row out"));
+    }
+    let km = (0..time.len()).map(|row| [x[row], y[row], z[row]]).collect();
+    Ok((Positions { time, km }, input(path)?))
+}
+
+/// Reads a table of wheel rates: every column whose name ends in `_hz`.
+///
+/// # Errors
+/// What is wrong with the table, with its row; a table without such a column.
+pub fn wheels(path: &Path, leap: &LeapSeconds) -> Result<(WheelRates, Input), Finding> {
+    let table = SeriesTable::open(path)?;
+    let time = times(&table, path, leap)?;
+    let names: Vec<String> = table.names().into_iter().filter(|name| name.to_lowercase().ends_with("_hz")).collect();
+    if names.is_empty() {
+        let rule = "has no column of wheel rates";
+        return Err(Finding::error(&path.display().to_string(), rule, "name them w1_hz, w2_hz, …, in rotations per second"));
+    }
+    let rate_hz = names.iter().map(|name| table.numbers(name)).collect::<Result<_, _>>()?;
+    Ok((WheelRates { time, rate_hz }, input(path)?))
+}
+
+/// Reads a table of heater states.
+///
+/// # Errors
+/// What is wrong with the table, with its row: an interval that ends before it begins, a class that the configuration does not name.
+pub fn heater(path: &Path, classes: &[String], leap: &LeapSeconds) -> Result<(Vec<HeaterOn>, Input), Finding> {
+    let table = SeriesTable::open(path)?;
+    let names = table.names();
+    let time = |tt2000: &str, utc: &str| {
+        if names.iter().any(|n| n == tt2000) { table.whole(tt2000) } else { table.utc(utc, leap) }
+    };
+    let (from, to) = (time("from_tt2000", "from")?, time("to_tt2000", "to")?);
+    let words = table.words("cls")?;
+    let mut list = Vec::with_capacity(from.len());
+    for row in 0..from.len() {
+        if from[row] >= to[row] {
+            return Err(refuse(path, row, "the interval ends before it begins", "correct it"));
+        }
+        let word = &words.words[words.codes[row] as usize];
+        let Some(class) = classes.iter().position(|class| class == word) else {
+            let remedy = "name all heaters in [heater] classes";
+            return Err(refuse(path, row, &format!("the heater {word} is none of {}", classes.join(", ")), remedy));
+        };
+        list.push(HeaterOn { span: Span { from: from[row], to: to[row] }, class });
+    }
+    Ok((list, input(path)?))
+}

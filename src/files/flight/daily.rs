@@ -1,0 +1,86 @@
+//! Daily offset models, RPCMAG-DAILY (RO-IGEP-TR0028 section 4.2.3.3).
+
+use crate::data::error::Finding;
+use crate::data::provenance::Input;
+use crate::data::time::{date_of, day_of};
+use crate::files::parameter::matrix_of;
+use crate::files::source::read_whole;
+use crate::files::text::{Keys, decode};
+use crate::model::polynomial::TemperaturePolynomial;
+use jiff::civil::Date;
+use nalgebra::DMatrix;
+use std::path::{Path, PathBuf};
+
+/// Value of `format`.
+pub const FORMAT: &str = "RPCMAG-DAILY";
+/// A model has so many coefficients at most.
+const MOST: usize = 6;
+
+/// The offset of a sensor over its temperature on one day, nT, subtracted behind the ground calibration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DailyModel {
+    /// Polynomials of x, y, z, nT over °C; the covariance is empty where none is stated.
+    pub polynomials: [TemperaturePolynomial; 3],
+    /// Lowest and highest temperature for which it holds, °C.
+    pub valid_degc: [f64; 2],
+    /// The file.
+    pub input: Input,
+}
+
+/// The file of a day, by the pattern of the configuration.
+#[must_use]
+pub fn path_of(folder: &Path, pattern: &str, day: i32) -> PathBuf {
+    let date = date_of(day);
+    let (year, month, d) = (date.year(), date.month(), date.day());
+    let name = pattern
+        .replace("{yymmdd}", &format!("{:02}{month:02}{d:02}", year % 100))
+        .replace("{date}", &format!("{year:04}-{month:02}-{d:02}"));
+    folder.join(name)
+}
+
+/// Reads the model of a sensor and day.
+///
+/// # Errors
+/// What is wrong with the file; another sensor or day.
+pub fn read(path: &Path, sensor: &str, day: i32) -> Result<DailyModel, Finding> {
+    let shown = path.display().to_string();
+    let (bytes, digested) = read_whole(path)?;
+    let keys = Keys::parse(&shown, 1, decode(&bytes).into_owned())?;
+    let root = keys.root();
+    let needed = |key: &str| -> Result<String, Finding> { root.text(key)?.ok_or_else(|| root.missing(key)) };
+    if needed("format")? != FORMAT {
+        return Err(root.refuse("format", &format!("is not {FORMAT}"), "name a daily offset model"));
+    }
+    if root.whole("version")? != Some(1) {
+        return Err(root.refuse("version", "must be 1", "take the program that wrote the file"));
+    }
+    if needed("sensor")? != sensor {
+        return Err(root.refuse("sensor", &format!("is not {sensor}"), "name the models of this sensor"));
+    }
+    let date: Date = needed("date")?.parse().map_err(|_| root.refuse("date", "is no date", "write YYYY-MM-DD"))?;
+    if day_of(date) != day {
+        return Err(root.refuse("date", &format!("is not {}", date_of(day)), "name the model of this day"));
+    }
+    let valid = root.numbers("valid_degc")?.ok_or_else(|| root.missing("valid_degc"))?;
+    let [low, high] = valid[..] else { return Err(root.refuse("valid_degc", "must be two numbers", "write the range")) };
+    if low > high {
+        return Err(root.refuse("valid_degc", "must rise", "write the lower temperature first"));
+    }
+    let covariances = root.group("covariance")?;
+    let polynomial = |name: &str| -> Result<TemperaturePolynomial, Finding> {
+        let coefficients = root.numbers(name)?.ok_or_else(|| root.missing(name))?;
+        if coefficients.is_empty() || coefficients.len() > MOST {
+            return Err(root.refuse(name, "must have one to six coefficients", "write them lowest order first"));
+        }
+        let stated = covariances.as_ref().map(|group| group.rows(name)).transpose()?.flatten();
+        let covariance = match stated {
+            None => DMatrix::zeros(0, 0),
+            Some(rows) => matrix_of(&rows, coefficients.len())
+                .ok_or_else(|| root.refuse("covariance", "has another size than the coefficients", "make the file again"))?,
+        };
+        Ok(TemperaturePolynomial { coefficients, covariance, valid_degc: [low, high] })
+    };
+    let polynomials = [polynomial("p_x")?, polynomial("p_y")?, polynomial("p_z")?];
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    Ok(DailyModel { polynomials, valid_degc: [low, high], input: digested.input(name) })
+}

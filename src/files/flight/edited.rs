@@ -1,0 +1,388 @@
+//! EDITED telemetry: signed counts with time tags, thermistor counts, quality and mode (RO-IGEP-TR0028 section 4.1.2).
+
+use super::mission::{Mission, Sensor, TimeColumn};
+use crate::data::error::Finding;
+use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000, day_of};
+use crate::files::source::{Digested, digest};
+use crate::files::table::series::{SeriesTable, Words};
+use jiff::civil::Date;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Shifts move vectors by so much at most, so that a day is read so far beyond its ends, ns.
+pub const BEYOND_NS: i64 = 1800 * SECOND_NS;
+
+/// One file of telemetry.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct EditedFile {
+    /// Day of its partition, counted from 1970-01-01; absent for a file that stands in none.
+    pub day: Option<i32>,
+    /// The file.
+    pub path: PathBuf,
+}
+
+/// The files of telemetry by sensor, those of a day in the order of their names.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Catalogue {
+    sensors: BTreeMap<String, Vec<EditedFile>>,
+}
+
+/// Rows of one file, in its order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rows {
+    /// Time tags.
+    pub tag: Vec<Tt2000>,
+    /// The clock of the spacecraft, s since 2003.
+    pub obt_s: Vec<f64>,
+    /// Counts along the three axes.
+    pub counts: [Vec<f64>; 3],
+    /// Counts of the thermistor.
+    pub thermistor: Vec<f64>,
+    /// Quality bits.
+    pub quality: Vec<u8>,
+    /// Index of the mode in the mission.
+    pub mode: Vec<u8>,
+    /// Range index.
+    pub range: Vec<u8>,
+    /// Rows whose sensor bit contradicts the sensor.
+    pub contradicting: usize,
+}
+
+impl Rows {
+    /// The same with further rows behind them.
+    pub fn append(&mut self, mut other: Rows) {
+        if self.tag.is_empty() {
+            *self = other;
+            return;
+        }
+        self.tag.append(&mut other.tag);
+        self.obt_s.append(&mut other.obt_s);
+        self.counts.iter_mut().zip(&mut other.counts).for_each(|(own, more)| own.append(more));
+        self.thermistor.append(&mut other.thermistor);
+        self.quality.append(&mut other.quality);
+        self.mode.append(&mut other.mode);
+        self.range.append(&mut other.range);
+        self.contradicting += other.contradicting;
+    }
+}
+
+/// Quality bit of the sensor: 0 for the outboard sensor, 1 for the inboard one.
+const SENSOR_BIT: u8 = 8;
+
+fn is_table(path: &Path) -> bool {
+    path.extension().is_some_and(|end| ["parquet", "pq", "csv"].iter().any(|known| end.eq_ignore_ascii_case(known)))
+}
+
+fn listed(folder: &Path) -> Result<Vec<PathBuf>, Finding> {
+    let entries = std::fs::read_dir(folder).map_err(|e| Finding::io(folder, "list the folder", &e))?;
+    let mut paths: Vec<PathBuf> = entries
+        .map(|entry| entry.map(|e| e.path()).map_err(|e| Finding::io(folder, "list the folder", &e)))
+        .collect::<Result<_, _>>()?;
+    // Temporary files and marks of other programs begin so.
+    paths.retain(|path| path.file_name().is_some_and(|n| !n.to_string_lossy().starts_with(['.', '_'])));
+    paths.sort_unstable();
+    Ok(paths)
+}
+
+fn partition<'a>(path: &'a Path, key: &str) -> Option<&'a str> {
+    path.file_name()?.to_str()?.strip_prefix(key)?.strip_prefix('=')
+}
+
+/// The day of a folder `date=YYYY-MM-DD`.
+fn partition_day(path: &Path) -> Result<Option<i32>, Finding> {
+    let Some(date) = partition(path, "date") else { return Ok(None) };
+    let parsed: Result<Date, _> = date.parse();
+    parsed
+        .map(|date| Some(day_of(date)))
+        .map_err(|_| Finding::error(&path.display().to_string(), "the partition is no date", "name it date=YYYY-MM-DD"))
+}
+
+/// The files of tables in the partitions of days of a folder.
+///
+/// # Errors
+/// A folder that cannot be listed, a partition that is no date.
+pub fn day_files(folder: &Path) -> Result<Vec<EditedFile>, Finding> {
+    let mut files = Vec::new();
+    for path in listed(folder)? {
+        if path.is_dir() {
+            let Some(day) = partition_day(&path)? else { continue };
+            let tables = listed(&path)?.into_iter().filter(|p| is_table(p));
+            files.extend(tables.map(|path| EditedFile { day: Some(day), path }));
+        } else if is_table(&path) {
+            files.push(EditedFile { day: None, path });
+        }
+    }
+    files.sort_unstable();
+    Ok(files)
+}
+
+impl Catalogue {
+    /// Lists the telemetry of a mission.
+    ///
+    /// # Errors
+    /// A folder that cannot be listed, a partition that is no date or of no sensor, a file that does not tell its sensor.
+    pub fn open(mission: &Mission) -> Result<Self, Finding> {
+        let mut catalogue = Self::default();
+        for path in listed(&mission.input)? {
+            if path.is_dir() {
+                let Some(name) = partition(&path, "sensor") else { continue };
+                let Some(sensor) = mission.sensors.iter().find(|s| s.name == name) else {
+                    let rule = format!("holds telemetry of sensor {name}, which is none of the configuration");
+                    return Err(Finding::error(
+                        &path.display().to_string(),
+                        rule,
+                        "add it as [[sensor]], or take the folder away",
+                    ));
+                };
+                catalogue.sensors.entry(sensor.name.clone()).or_default().extend(day_files(&path)?);
+            } else if is_table(&path) {
+                let name = sensor_of(&path, mission)?;
+                catalogue.sensors.entry(name).or_default().push(EditedFile { day: None, path });
+            }
+        }
+        Ok(catalogue)
+    }
+
+    /// The files of a sensor.
+    #[must_use]
+    pub fn of(&self, sensor: &str) -> &[EditedFile] {
+        self.sensors.get(sensor).map_or(&[], Vec::as_slice)
+    }
+}
+
+/// Names without case, with `_` for `.`.
+fn plain(name: &str) -> String {
+    name.to_lowercase().replace('.', "_")
+}
+
+/// The sensor of a file that stands in no partition, by the ends of the names of its columns: `BX_OB`.
+fn sensor_of(path: &Path, mission: &Mission) -> Result<String, Finding> {
+    let names: Vec<String> = SeriesTable::open(path)?.names().iter().map(|n| plain(n)).collect();
+    let has = |sensor: &&Sensor| names.contains(&format!("bx_{}", sensor.name.to_lowercase()));
+    let mut found = mission.sensors.iter().filter(has);
+    match (found.next(), found.next(), mission.sensors.as_slice()) {
+        (Some(sensor), None, _) | (None, None, [sensor]) => Ok(sensor.name.clone()),
+        _ => {
+            let rule = "does not tell of which sensor it is";
+            Err(Finding::error(
+                &path.display().to_string(),
+                rule,
+                "move it to sensor=NAME/date=YYYY-MM-DD, or name a column BX_NAME",
+            ))
+        }
+    }
+}
+
+/// A file of telemetry that is open.
+struct Open<'a> {
+    table: SeriesTable,
+    /// The names of the table by their plain form.
+    names: BTreeMap<String, String>,
+    path: &'a Path,
+    leap: &'a LeapSeconds,
+}
+
+impl Open<'_> {
+    fn column(&self, name: &str, sensor: &Sensor) -> Option<&str> {
+        let suffixed = format!("{name}_{}", sensor.name.to_lowercase());
+        self.names.get(name).or_else(|| self.names.get(&suffixed)).map(String::as_str)
+    }
+
+    fn needed(&self, name: &str, sensor: &Sensor) -> Result<&str, Finding> {
+        self.column(name, sensor).ok_or_else(|| {
+            let rule = format!("has no column `{name}`; it has {}", self.table.names().join(", "));
+            Finding::error(&self.path.display().to_string(), rule, "rename the column, or name another one")
+        })
+    }
+
+    fn refuse(&self, row: usize, rule: &str, remedy: &str) -> Finding {
+        let row = self.table.before() + row + 1;
+        Finding::error(&self.path.display().to_string(), format!("row {row}: {rule}"), remedy)
+    }
+
+    fn times(&self, column: TimeColumn) -> Result<Option<Vec<Tt2000>>, Finding> {
+        let Some(name) = self.names.get(column.name()) else { return Ok(None) };
+        Ok(Some(match column {
+            TimeColumn::Tt2000 => self.table.whole(name)?,
+            TimeColumn::Utc => self.table.utc(name, self.leap)?,
+            TimeColumn::Obt => {
+                let begin = self.leap.clock_begin();
+                let clock = self.table.numbers(name)?;
+                if let Some(row) = clock.iter().position(|s| !s.is_finite()) {
+                    return Err(self.refuse(row, "`time_obt` has no value", "leave the row out"));
+                }
+                #[expect(clippy::cast_possible_truncation, reason = "seconds of decades in ns")]
+                let time = |s: &f64| begin + (s * SECOND_NS as f64).round() as i64;
+                clock.iter().map(time).collect()
+            }
+        }))
+    }
+
+    /// The time tags, after a look whether all columns of times say the same.
+    fn tags(&self, mission: &Mission) -> Result<Vec<Tt2000>, Finding> {
+        let there: Vec<TimeColumn> = TimeColumn::ALL.into_iter().filter(|c| self.names.contains_key(c.name())).collect();
+        let first = mission.primary_time.filter(|c| there.contains(c)).or(there.first().copied());
+        let Some(primary) = first.filter(|_| mission.primary_time.is_none_or(|c| there.contains(&c))) else {
+            let wanted = mission.primary_time.map_or("time_tt2000, time_utc or time_obt", TimeColumn::name);
+            let rule = format!("has no column of times: {wanted}");
+            return Err(Finding::error(&self.path.display().to_string(), rule, "add it"));
+        };
+        let tags = self.times(primary)?.unwrap_or_default();
+        for other in there.iter().filter(|c| **c != primary) {
+            let others = self.times(*other)?.unwrap_or_default();
+            // Timestamps know no leap second, so that the label of a time counts there, not the time.
+            let shown = |time: Tt2000| {
+                if *other == TimeColumn::Utc { self.leap.tt2000_of_timestamp(self.leap.utc(time).timestamp_ns()) } else { time }
+            };
+            let differs = |(a, b): (&Tt2000, &Tt2000)| (shown(*a) - shown(*b)).abs() > mission.time_tolerance_ns;
+            if let Some(row) = tags.iter().zip(&others).position(differs) {
+                let (a, b) = (self.leap.utc(tags[row]), self.leap.utc(others[row]));
+                let rule = format!("`{}` says {a}, `{}` {b}", primary.name(), other.name());
+                return Err(self.refuse(
+                    row,
+                    &rule,
+                    "say which one counts with [time] primary, and how far they may differ with tolerance_s",
+                ));
+            }
+        }
+        Ok(tags)
+    }
+}
+
+fn open<'a>(path: &'a Path, leap: &'a LeapSeconds) -> Result<Open<'a>, Finding> {
+    let table = SeriesTable::open(path)?;
+    let names = table.names().into_iter().map(|name| (plain(&name), name)).collect();
+    Ok(Open { table, names, path, leap })
+}
+
+/// Reads of a file of a sensor the rows with time tags in a range, and the groups of rows that they stand in.
+///
+/// # Errors
+/// What is wrong with the file, with its row: a column that is missing or of another type, times that contradict each other or lie outside
+/// of the day of the partition, counts that the converter does not have, a mode that the mission does not state.
+pub fn read(
+    file: &EditedFile,
+    sensor: &Sensor,
+    mission: &Mission,
+    leap: &LeapSeconds,
+    wanted: &std::ops::Range<Tt2000>,
+) -> Result<Rows, Finding> {
+    let mut open = open(&file.path, leap)?;
+    let tags = open.tags(mission)?;
+    if let Some(day) = file.day {
+        let span = leap.day(day);
+        let inside = span.start - BEYOND_NS..span.end + BEYOND_NS;
+        if let Some(row) = tags.iter().position(|tag| !inside.contains(tag)) {
+            let rule = format!("the time {} is not of the day of the partition", leap.utc(tags[row]));
+            return Err(open.refuse(row, &rule, "move the vector to its day"));
+        }
+    }
+    let first = tags.iter().position(|tag| wanted.contains(tag));
+    let last = tags.iter().rposition(|tag| wanted.contains(tag));
+    let (Some(first), Some(last)) = (first, last) else { return Ok(Rows::default()) };
+    open.table.narrow(first..last + 1);
+    let tags = &tags[open.table.before()..open.table.before() + open.table.rows()];
+    open.rows(tags, sensor, mission, wanted)
+}
+
+/// The time tags of a file with quality and thermistor counts, for what a day needs of its neighbours.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_times(file: &EditedFile, mission: &Mission, leap: &LeapSeconds) -> Result<Vec<Tt2000>, Finding> {
+    open(&file.path, leap)?.tags(mission)
+}
+
+/// Size and hash of a file.
+///
+/// # Errors
+/// What the operating system says.
+pub fn hash(file: &EditedFile) -> Result<Digested, Finding> {
+    digest(&file.path)
+}
+
+impl Open<'_> {
+    fn rows(
+        &self,
+        tags: &[Tt2000],
+        sensor: &Sensor,
+        mission: &Mission,
+        wanted: &std::ops::Range<Tt2000>,
+    ) -> Result<Rows, Finding> {
+        let table = &self.table;
+        let clock = self.names.get("time_obt").map(|name| table.numbers(name)).transpose()?;
+        let names = ["bx", "by", "bz"].map(|name| self.needed(name, sensor));
+        let [x, y, z] = names;
+        let counts = [table.numbers(x?)?, table.numbers(y?)?, table.numbers(z?)?];
+        let thermistor = match self.column(&plain(&sensor.thermistor_column), sensor) {
+            Some(name) => table.numbers(name)?,
+            None if sensor.ground.is_empty() => vec![f64::NAN; tags.len()],
+            None => {
+                return Err(self
+                    .needed(&plain(&sensor.thermistor_column), sensor)
+                    .err()
+                    .unwrap_or_else(|| self.refuse(0, "", "")));
+            }
+        };
+        let quality = self.small("quality", sensor)?;
+        let range = self.small("range", sensor)?;
+        let modes = self.modes(tags, sensor, mission)?;
+        let [low, high] = sensor.counts.limits();
+        let mut rows = Rows::default();
+        for row in (0..tags.len()).filter(|row| wanted.contains(&tags[*row])) {
+            let vector = [counts[0][row], counts[1][row], counts[2][row]];
+            let quality = quality.as_ref().map_or(0, |q| q[row]);
+            if let Some(count) = vector.iter().find(|c| !(low..=high).contains(*c))
+                && (quality & mission.reject_mask == 0 || count.is_finite())
+            {
+                let rule = format!("the count {count} is none of the converter, {low} to {high}");
+                return Err(self.refuse(row, &rule, "correct it, or state the bits of the converter with adc_bits"));
+            }
+            rows.tag.push(tags[row]);
+            #[expect(clippy::cast_precision_loss, reason = "the clock has microseconds")]
+            let from_time = || (tags[row] - self.leap.clock_begin()) as f64 / SECOND_NS as f64;
+            rows.obt_s.push(clock.as_ref().map_or_else(from_time, |c| c[row]));
+            (0..3).for_each(|i| rows.counts[i].push(vector[i]));
+            rows.thermistor.push(thermistor[row]);
+            rows.quality.push(quality);
+            rows.mode.push(modes[row]);
+            rows.range.push(range.as_ref().map_or(0, |r| r[row]));
+            // The sensor bit is that of a mission with one outboard and one inboard sensor.
+            let says_inboard = quality & SENSOR_BIT != 0;
+            rows.contradicting += usize::from((sensor.name == "OB" && says_inboard) || (sensor.name == "IB" && !says_inboard));
+        }
+        Ok(rows)
+    }
+
+    /// A column of small whole numbers, if it is there.
+    fn small(&self, name: &str, sensor: &Sensor) -> Result<Option<Vec<u8>>, Finding> {
+        let Some(column) = self.column(name, sensor) else { return Ok(None) };
+        let values = self.table.whole(column)?;
+        let byte = |(row, value): (usize, &i64)| {
+            let wrong = |_| self.refuse(row, &format!("`{name}` is {value}, not 0 to 255"), "correct it");
+            u8::try_from(*value).map_err(wrong)
+        };
+        values.iter().enumerate().map(byte).collect::<Result<Vec<u8>, _>>().map(Some)
+    }
+
+    /// The mode of every row.
+    fn modes(&self, tags: &[Tt2000], sensor: &Sensor, mission: &Mission) -> Result<Vec<u8>, Finding> {
+        let unknown = |row: usize, sid: &str| {
+            let rule = if sid.is_empty() { "its mode is not known".to_owned() } else { format!("its mode {sid} is not stated") };
+            self.refuse(row, &rule, "state every mode that occurs as [[mode]]")
+        };
+        #[expect(clippy::cast_possible_truncation, reason = "a mission has few modes")]
+        let index = |sid: &str| mission.mode(sid).map(|mode| mode as u8);
+        if let Some(name) = self.column("sid", sensor) {
+            let Words { words, codes } = self.table.words(name)?;
+            let known: Vec<Option<u8>> = words.iter().map(|word| index(word)).collect();
+            let mode = |(row, code): (usize, &u32)| known[*code as usize].ok_or_else(|| unknown(row, &words[*code as usize]));
+            return codes.iter().enumerate().map(mode).collect();
+        }
+        let mode = |(row, tag): (usize, &Tt2000)| {
+            let by_time = mission.mode_spans.iter().find(|(span, _)| span.holds(*tag)).map(|(_, sid)| sid);
+            by_time.or(mission.sid.as_ref()).and_then(|sid| index(sid)).ok_or_else(|| unknown(row, ""))
+        };
+        tags.iter().enumerate().map(mode).collect()
+    }
+}

@@ -1,0 +1,575 @@
+//! The reader of `flight.toml`.
+
+use super::mission::{
+    Boom, Celestial, Common, Counts, Disturbance, Heater, Jump, Mission, Mode, OffsetFrame, OutsideTemperature, RangeMatrix,
+    Rate, Roles, Sensor, Span, TimeColumn, Wheels,
+};
+use crate::data::convention::Convention;
+use crate::data::error::Finding;
+use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
+use crate::files::source::{Digested, read_whole};
+use crate::files::text::{Group, Keys, decode};
+use nalgebra::{Matrix3, Vector3};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// The steps that there are, in their usual order.
+pub const STEPS: [&str; 8] = ["counts", "temperature", "ground", "daily", "shift", "rotate", "offsets", "attitude"];
+/// How far a matrix may be from a rotation.
+const ROTATION: f64 = 1e-6;
+/// A fit of more bits is none of a converter.
+const MOST_BITS: u32 = 32;
+
+/// Reads a configuration of flight processing.
+///
+/// # Errors
+/// The first thing that is wrong with it, with its place.
+pub fn read(path: &Path, leap: &LeapSeconds) -> Result<(Mission, Digested), Finding> {
+    let (bytes, digested) = read_whole(path)?;
+    let text = decode(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes)).into_owned();
+    let folder = path.parent().map(Path::to_owned).unwrap_or_default();
+    let keys = Keys::parse(&path.display().to_string(), 1, text)?;
+    let reader = MissionFile { leap, folder };
+    Ok((reader.mission(&keys.root())?, digested))
+}
+
+struct MissionFile<'a> {
+    leap: &'a LeapSeconds,
+    folder: PathBuf,
+}
+
+/// An error for the first key that is not known, with the nearest one.
+fn only(group: &Group<'_>, known: &[&str]) -> Result<(), Finding> {
+    let Some(name) = group.names().into_iter().find(|name| !known.contains(name)) else { return Ok(()) };
+    let nearest = known.iter().min_by_key(|key| distance(name, key)).copied().unwrap_or_default();
+    Err(group.refuse(name, "is not known", &format!("the nearest known key is `{nearest}`")))
+}
+
+/// Letters to change, add or take away to come from one word to another (Levenshtein).
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, letter) in a.chars().enumerate() {
+        let mut before = i;
+        row[0] = i + 1;
+        for (k, other) in b.iter().enumerate() {
+            let here = (before + usize::from(letter != *other)).min(row[k] + 1).min(row[k + 1] + 1);
+            before = row[k + 1];
+            row[k + 1] = here;
+        }
+    }
+    row[b.len()]
+}
+
+fn needed<T>(group: &Group<'_>, key: &str, value: Option<T>) -> Result<T, Finding> {
+    value.ok_or_else(|| group.missing(key))
+}
+
+/// A shift or length in ns, as nearest to its seconds.
+fn ns(seconds: f64) -> i64 {
+    #[expect(clippy::cast_possible_truncation, reason = "lengths of seconds to years")]
+    let ns = (seconds * SECOND_NS as f64).round() as i64;
+    ns
+}
+
+fn at_least_zero(group: &Group<'_>, key: &str, default: f64) -> Result<f64, Finding> {
+    let value = group.number(key)?.unwrap_or(default);
+    if value < 0.0 { Err(group.refuse(key, "must not be negative", "correct the value")) } else { Ok(value) }
+}
+
+fn positive(group: &Group<'_>, key: &str, value: Option<f64>) -> Result<Option<f64>, Finding> {
+    match value {
+        Some(v) if v <= 0.0 => Err(group.refuse(key, "must be positive", "correct the value")),
+        other => Ok(other),
+    }
+}
+
+impl MissionFile<'_> {
+    fn path(&self, group: &Group<'_>, key: &str) -> Result<Option<PathBuf>, Finding> {
+        Ok(group.text(key)?.map(|path| self.folder.join(path)))
+    }
+
+    fn time(&self, group: &Group<'_>, key: &str) -> Result<Option<Tt2000>, Finding> {
+        let Some(text) = group.text(key)? else { return Ok(None) };
+        let wrong = || group.refuse(key, "is no time", "write UTC as 2015-06-30T12:00:00Z");
+        self.leap.parse(&text).map(Some).ok_or_else(wrong)
+    }
+
+    fn span(&self, group: &Group<'_>) -> Result<Span, Finding> {
+        let from = needed(group, "from", self.time(group, "from")?)?;
+        let to = needed(group, "to", self.time(group, "to")?)?;
+        if from >= to {
+            return Err(group.refuse("to", "must be after `from`", "intervals are half-open, [from, to)"));
+        }
+        Ok(Span { from, to })
+    }
+
+    fn mission(&self, root: &Group<'_>) -> Result<Mission, Finding> {
+        only(
+            root,
+            &[
+                "version",
+                "mission",
+                "instrument",
+                "input",
+                "hk",
+                "time",
+                "edited",
+                "continuity",
+                "campaign",
+                "temperature",
+                "celestial",
+                "sensor",
+                "mode",
+                "role",
+                "wheels",
+                "heater",
+                "pca",
+                "means",
+                "disturbance",
+                "pipeline",
+                "output",
+            ],
+        )?;
+        if needed(root, "version", root.whole("version")?)? != 1 {
+            return Err(root.refuse("version", "must be 1", "take the program that the file was written for"));
+        }
+        let sensors = root.groups("sensor")?.iter().map(|group| self.sensor(group)).collect::<Result<Vec<_>, _>>()?;
+        if sensors.is_empty() {
+            return Err(root.missing("sensor"));
+        }
+        let continuity = root.group("continuity")?;
+        let temperature = root.group("temperature")?;
+        let (outside, extended_degc, smooth_s) =
+            temperature.map_or(Ok((OutsideTemperature::Null, None, 0.0)), |g| outside(&g))?;
+        let time = root.group("time")?;
+        let (primary_time, tolerance_s) = time.map_or(Ok((None, 1e-3)), |g| time_rule(&g))?;
+        let edited = root.group("edited")?;
+        let (reject_mask, sid) = edited.map_or(Ok((7, None)), |g| edited_rule(&g))?;
+        let (continuity, reset_gap_s) = continuity.map_or(Ok((true, 10_800.0)), |g| {
+            only(&g, &["enabled", "reset_gap_s"])?;
+            Ok::<_, Finding>((g.truth("enabled")?.unwrap_or(true), at_least_zero(&g, "reset_gap_s", 10_800.0)?))
+        })?;
+        let mut modes = Vec::new();
+        let mut mode_spans = Vec::new();
+        for group in root.groups("mode")? {
+            let sid = needed(&group, "sid", group.text("sid")?)?;
+            if group.names().contains(&"from") {
+                mode_spans.push((self.span(&group)?, sid.clone()));
+            }
+            if group.names().contains(&"packet_s") || !group.names().contains(&"from") {
+                let mode = mode(&group, sid)?;
+                if modes.iter().any(|m: &Mode| m.sid == mode.sid) {
+                    return Err(group.refuse("sid", "is named twice", "state every mode once"));
+                }
+                modes.push(mode);
+            }
+        }
+        let mission = Mission {
+            folder: self.folder.clone(),
+            mission: needed(root, "mission", root.text("mission")?)?,
+            instrument: needed(root, "instrument", root.text("instrument")?)?,
+            input: needed(root, "input", self.path(root, "input")?)?,
+            hk: self.path(root, "hk")?,
+            primary_time,
+            time_tolerance_ns: ns(tolerance_s),
+            reject_mask,
+            sid,
+            mode_spans,
+            continuity,
+            reset_gap_ns: ns(reset_gap_s),
+            campaigns: root
+                .groups("campaign")?
+                .iter()
+                .map(|g| only(g, &["from", "to"]).and_then(|()| self.span(g)))
+                .collect::<Result<_, _>>()?,
+            outside,
+            extended_degc,
+            smooth_s,
+            celestial: root.group("celestial")?.map(|g| self.celestial(&g)).transpose()?,
+            roles: self.roles(root, &sensors)?,
+            sensors,
+            modes,
+            wheels: root.group("wheels")?.map(|g| self.wheels(&g)).transpose()?,
+            heater: root.group("heater")?.map(|g| self.heater(&g)).transpose()?,
+            common: root.group("pca")?.map(|g| self.common(&g)).transpose()?,
+            mean_ns: match root.group("means")? {
+                None => SECOND_NS,
+                Some(g) => {
+                    only(&g, &["mean_s"])?;
+                    ns(positive(&g, "mean_s", g.number("mean_s")?)?.unwrap_or(1.0))
+                }
+            },
+            disturbances: root.groups("disturbance")?.iter().map(disturbance).collect::<Result<_, _>>()?,
+            steps: match root.group("pipeline")? {
+                None => STEPS.map(str::to_owned).to_vec(),
+                Some(g) => {
+                    only(&g, &["steps"])?;
+                    needed(&g, "steps", g.texts("steps")?)?
+                }
+            },
+            uncertainty: output(root, "uncertainty", true)?,
+            text: output(root, "text", false)?,
+        };
+        Ok(mission)
+    }
+
+    fn sensor(&self, group: &Group<'_>) -> Result<Sensor, Finding> {
+        only(
+            group,
+            &[
+                "name",
+                "ground",
+                "ground_sensor",
+                "frame",
+                "accept_b_or",
+                "residual",
+                "daily",
+                "daily_to",
+                "daily_missing",
+                "thermistor_column",
+                "adc_bits",
+                "full_scale_ent",
+                "ent_per_count",
+                "noise_ent",
+                "rotation",
+                "jump",
+                "matrix",
+            ],
+        )?;
+        let name = needed(group, "name", group.text("name")?)?;
+        let matrices = group.groups("matrix")?.iter().map(|g| self.matrix(g)).collect::<Result<Vec<_>, _>>()?;
+        let ground = group.texts("ground")?.map(|list| list.iter().map(|path| self.folder.join(path)).collect::<Vec<_>>());
+        let ground = if matrices.is_empty() { needed(group, "ground", ground)? } else { ground.unwrap_or_default() };
+        let frame = match group.text("frame")?.as_deref() {
+            None => None,
+            Some("rosetta") => Some(Convention::Rosetta),
+            Some("bepicolombo") => Some(Convention::BepiColombo),
+            Some(_) => {
+                return Err(group.refuse("frame", "must be \"rosetta\" or \"bepicolombo\"", "leave it out for that of the files"));
+            }
+        };
+        let counts = match (group.numbers_or_one("ent_per_count")?, group.whole("adc_bits")?) {
+            (Some(factors), _) => Counts::Factor(factors),
+            (None, bits) => {
+                let bits = bits.unwrap_or(20);
+                if !(2..=MOST_BITS).contains(&bits) {
+                    return Err(group.refuse("adc_bits", "is no number of bits of a converter", "write 2 to 32"));
+                }
+                let full_scale_ent = positive(group, "full_scale_ent", group.number("full_scale_ent")?)?.unwrap_or(15_000.0);
+                Counts::Converter { bits, full_scale_ent }
+            }
+        };
+        let rotations = group.groups("rotation")?.iter().map(|g| self.rotation(g)).collect::<Result<Vec<_>, _>>()?;
+        let jumps = group.groups("jump")?.iter().map(|g| self.jump(g)).collect::<Result<Vec<_>, _>>()?;
+        let spans: Vec<Span> = rotations.iter().map(|r| r.span).collect();
+        apart(group, "rotation", &spans)?;
+        for frame in [OffsetFrame::Uvw, OffsetFrame::Sc] {
+            let spans: Vec<Span> = jumps.iter().filter(|j: &&Jump| j.frame == frame).map(|j| j.span).collect();
+            apart(group, "jump", &spans)?;
+        }
+        for range in matrices.iter().map(|m| m.range) {
+            let spans: Vec<Span> = matrices.iter().filter(|m| m.range == range).map(|m| m.span).collect();
+            apart(group, "matrix", &spans)?;
+        }
+        let word = |key: &str, default: &str, other: &str| -> Result<bool, Finding> {
+            match group.text(key)?.as_deref() {
+                None => Ok(false),
+                Some(word) if word == default => Ok(false),
+                Some(word) if word == other => Ok(true),
+                Some(_) => Err(group.refuse(key, &format!("must be \"{default}\" or \"{other}\""), "correct the value")),
+            }
+        };
+        Ok(Sensor {
+            thermistor_column: group.text("thermistor_column")?.unwrap_or_else(|| format!("t_{}", name.to_lowercase())),
+            ground,
+            ground_sensor: group.text("ground_sensor")?,
+            frame,
+            accept_b_or: group.truth("accept_b_or")?.unwrap_or(false),
+            ignore_residual: word("residual", "subtract", "ignore")?,
+            daily: group.text("daily")?,
+            daily_to: self.time(group, "daily_to")?,
+            daily_may_lack: word("daily_missing", "error", "no model")?,
+            counts,
+            noise_ent: noise(group)?,
+            rotations,
+            jumps,
+            matrices,
+            name,
+        })
+    }
+
+    fn rotation(&self, group: &Group<'_>) -> Result<Boom, Finding> {
+        only(group, &["boom", "from", "to", "uvw_to_sc"])?;
+        let rows = needed(group, "uvw_to_sc", group.three_rows("uvw_to_sc")?)?;
+        let uvw_to_sc = Matrix3::from_fn(|row, column| rows[row][column]);
+        let error = (uvw_to_sc * uvw_to_sc.transpose() - Matrix3::identity()).abs().max();
+        if error >= ROTATION {
+            let rule = format!("is no rotation: R transpose(R) differs from 1 by {error:.1e}");
+            return Err(group.refuse("uvw_to_sc", &rule, "write its rows with all their digits"));
+        }
+        if uvw_to_sc.determinant() < 0.0 {
+            return Err(group.refuse("uvw_to_sc", "mirrors: its determinant is -1", "check the signs of its rows"));
+        }
+        Ok(Boom { boom: group.text("boom")?.unwrap_or_default(), span: self.span(group)?, uvw_to_sc })
+    }
+
+    fn jump(&self, group: &Group<'_>) -> Result<Jump, Finding> {
+        only(group, &["from", "to", "frame", "subtract_nt"])?;
+        let frame = match needed(group, "frame", group.text("frame")?)?.as_str() {
+            "sc" => OffsetFrame::Sc,
+            "uvw" => OffsetFrame::Uvw,
+            _ => return Err(group.refuse("frame", "must be \"sc\" or \"uvw\"", "say in which axes the offset is")),
+        };
+        let subtract_nt = needed(group, "subtract_nt", group.three("subtract_nt")?)?;
+        Ok(Jump { span: self.span(group)?, frame, subtract_nt: Vector3::from(subtract_nt) })
+    }
+
+    fn matrix(&self, group: &Group<'_>) -> Result<RangeMatrix, Finding> {
+        only(group, &["from", "to", "range", "matrix", "offset", "offset_sign", "covariance"])?;
+        let rows = needed(group, "matrix", group.three_rows("matrix")?)?;
+        let range = match group.whole("range")? {
+            None => None,
+            Some(range) => Some(u8::try_from(range).map_err(|_| group.refuse("range", "is no range", "write 0 to 255"))?),
+        };
+        let offset = Vector3::from(group.three("offset")?.unwrap_or_default());
+        let added = match group.text("offset_sign")?.as_deref() {
+            Some("added") => true,
+            Some("subtracted") => false,
+            None if offset == Vector3::zeros() => false,
+            None => return Err(group.missing("offset_sign")),
+            Some(_) => {
+                let remedy = "`subtracted` is taken off the reading before the matrix, `added` to the field behind it";
+                return Err(group.refuse("offset_sign", "must be \"added\" or \"subtracted\"", remedy));
+            }
+        };
+        let covariance = group.rows("covariance")?;
+        if covariance.as_ref().is_some_and(|c| c.len() != 12 || c.iter().any(|row| row.len() != 12)) {
+            return Err(group.refuse("covariance", "must be 12 by 12", "nine elements row by row, then three offsets"));
+        }
+        let matrix = Matrix3::from_fn(|row, column| rows[row][column]);
+        Ok(RangeMatrix { span: self.span(group)?, range, matrix, offset, added, covariance })
+    }
+
+    fn roles(&self, root: &Group<'_>, sensors: &[Sensor]) -> Result<Roles, Finding> {
+        let Some(group) = root.group("role")? else {
+            return if sensors.len() > 1 { Err(root.missing("role")) } else { Ok(Roles::default()) };
+        };
+        only(&group, &["primary", "secondary", "interval"])?;
+        let known = |group: &Group<'_>, key: &str| -> Result<Option<String>, Finding> {
+            let name = group.text(key)?;
+            match &name {
+                Some(name) if !sensors.iter().any(|s| s.name == *name) => {
+                    Err(group.refuse(key, "is no sensor of this file", "name one of [[sensor]]"))
+                }
+                _ => Ok(name),
+            }
+        };
+        let mut intervals = Vec::new();
+        for interval in group.groups("interval")? {
+            only(&interval, &["from", "to", "primary"])?;
+            let primary = needed(&interval, "primary", known(&interval, "primary")?)?;
+            intervals.push((self.span(&interval)?, primary));
+        }
+        let spans: Vec<Span> = intervals.iter().map(|(span, _)| *span).collect();
+        apart(&group, "interval", &spans)?;
+        let roles = Roles { primary: known(&group, "primary")?, secondary: known(&group, "secondary")?, intervals };
+        if sensors.len() > 1 && roles.primary.is_none() {
+            return Err(group.missing("primary"));
+        }
+        if roles.primary.is_some() && roles.primary == roles.secondary {
+            return Err(group.refuse("secondary", "is the primary sensor", "name the other one"));
+        }
+        Ok(roles)
+    }
+
+    fn celestial(&self, group: &Group<'_>) -> Result<Celestial, Finding> {
+        only(
+            group,
+            &["frame", "attitude", "attitude_order", "attitude_from_to", "attitude_max_gap_s", "attitude_std_rad", "position"],
+        )?;
+        let one_of = |key: &str, first: &str, second: &str| -> Result<bool, Finding> {
+            match needed(group, key, group.text(key)?)?.as_str() {
+                word if word == first => Ok(true),
+                word if word == second => Ok(false),
+                _ => Err(group.refuse(key, &format!("must be \"{first}\" or \"{second}\""), "see how the table was made")),
+            }
+        };
+        Ok(Celestial {
+            frame: needed(group, "frame", group.text("frame")?)?,
+            attitude: needed(group, "attitude", self.path(group, "attitude")?)?,
+            scalar_first: one_of("attitude_order", "scalar-first", "scalar-last")?,
+            from_sc: one_of("attitude_from_to", "sc to celestial", "celestial to sc")?,
+            max_gap_ns: ns(at_least_zero(group, "attitude_max_gap_s", 60.0)?),
+            std_rad: at_least_zero(group, "attitude_std_rad", 0.0)?,
+            position: self.path(group, "position")?,
+        })
+    }
+
+    fn wheels(&self, group: &Group<'_>) -> Result<Wheels, Finding> {
+        only(group, &["table", "harmonics", "method", "half_width_hz", "seed"])?;
+        let stripe = match group.text("method")?.as_deref() {
+            None | Some("fit") => false,
+            Some("stripe") => true,
+            Some(_) => return Err(group.refuse("method", "must be \"fit\" or \"stripe\"", "correct the value")),
+        };
+        let harmonics = group.numbers("harmonics")?.unwrap_or_else(|| vec![1.0]);
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "looked at before")]
+        let harmonics = if harmonics.iter().all(|h| (1.0..=1000.0).contains(h) && h.fract() == 0.0) && !harmonics.is_empty() {
+            harmonics.into_iter().map(|h| h as u32).collect()
+        } else {
+            return Err(group.refuse("harmonics", "must be whole numbers from 1", "write [1] for the wheels alone"));
+        };
+        let mut half_width_hz = BTreeMap::new();
+        if let Some(widths) = group.group("half_width_hz")? {
+            for mode in widths.names() {
+                let width = positive(&widths, mode, widths.number(mode)?)?;
+                half_width_hz.insert(mode.to_owned(), needed(&widths, mode, width)?);
+            }
+        }
+        if half_width_hz.is_empty() {
+            return Err(group.missing("half_width_hz"));
+        }
+        let seed = u64::from(group.whole("seed")?.unwrap_or(1));
+        Ok(Wheels { table: needed(group, "table", self.path(group, "table")?)?, harmonics, stripe, half_width_hz, seed })
+    }
+
+    fn heater(&self, group: &Group<'_>) -> Result<Heater, Finding> {
+        only(group, &["table", "classes", "method", "interval"])?;
+        let from_table = match group.whole("method")? {
+            None | Some(1) => false,
+            Some(2) => true,
+            Some(_) => return Err(group.refuse("method", "must be 1 or 2", "1 finds the jumps, 2 takes them from the table")),
+        };
+        let table = self.path(group, "table")?;
+        if from_table && table.is_none() {
+            return Err(group.missing("table"));
+        }
+        let classes = group.texts("classes")?.unwrap_or_default();
+        if classes.is_empty() {
+            return Err(group.missing("classes"));
+        }
+        let mut intervals = Vec::new();
+        for interval in group.groups("interval")? {
+            only(&interval, &["from", "to"])?;
+            intervals.push(self.span(&interval)?);
+        }
+        apart(group, "interval", &intervals)?;
+        intervals.sort_unstable();
+        Ok(Heater { table, classes, from_table, intervals })
+    }
+
+    fn common(&self, group: &Group<'_>) -> Result<Common, Finding> {
+        only(group, &["method", "coupling", "from", "to", "inputs"])?;
+        let coupling = group.three_rows("coupling")?.map(|rows| Matrix3::from_fn(|row, column| rows[row][column]));
+        let coupling = match group.text("method")?.as_deref() {
+            None | Some("pca") => None,
+            Some("gradiometer") => Some(needed(group, "coupling", coupling)?),
+            Some(_) => return Err(group.refuse("method", "must be \"pca\" or \"gradiometer\"", "correct the value")),
+        };
+        let inputs = match group.texts("inputs")? {
+            None => ['G', 'G'],
+            Some(list) => {
+                let letters: Vec<char> = list.iter().filter_map(|word| word.chars().next().filter(|_| word.len() == 1)).collect();
+                match letters[..] {
+                    [a, b] if list.len() == 2 && [a, b].iter().all(|c| "EFGI".contains(*c)) => [a, b],
+                    _ => return Err(group.refuse("inputs", "must be two of the levels E, F, G, I", "write [\"G\", \"G\"]")),
+                }
+            }
+        };
+        let span = if group.names().contains(&"from") { Some(self.span(group)?) } else { None };
+        Ok(Common { coupling, inputs, span })
+    }
+}
+
+fn output(root: &Group<'_>, key: &str, default: bool) -> Result<bool, Finding> {
+    let Some(group) = root.group("output")? else { return Ok(default) };
+    only(&group, &["uncertainty", "text"])?;
+    Ok(group.truth(key)?.unwrap_or(default))
+}
+
+/// Stretches of one list must not overlap.
+fn apart(group: &Group<'_>, key: &str, spans: &[Span]) -> Result<(), Finding> {
+    let mut sorted = spans.to_vec();
+    sorted.sort_unstable();
+    match sorted.windows(2).any(|pair| pair[0].meets(&pair[1])) {
+        true => Err(group.refuse(key, "has intervals that overlap", "intervals are half-open, [from, to), one for every moment")),
+        false => Ok(()),
+    }
+}
+
+fn outside(group: &Group<'_>) -> Result<(OutsideTemperature, Option<([f64; 2], String)>, f64), Finding> {
+    only(group, &["outside", "extended_degc", "reason", "smooth_s"])?;
+    let outside = match group.text("outside")?.as_deref() {
+        None | Some("null") => OutsideTemperature::Null,
+        Some("flag") => OutsideTemperature::Flag,
+        Some(_) => return Err(group.refuse("outside", "must be \"null\" or \"flag\"", "correct the value")),
+    };
+    let extended = match group.numbers("extended_degc")? {
+        None if outside == OutsideTemperature::Flag => return Err(group.missing("extended_degc")),
+        None => None,
+        Some(range) => match range[..] {
+            [low, high] if low < high => Some(([low, high], needed(group, "reason", group.text("reason")?)?)),
+            _ => return Err(group.refuse("extended_degc", "must be two temperatures that rise", "write [-140, 70]")),
+        },
+    };
+    Ok((outside, extended, at_least_zero(group, "smooth_s", 0.0)?))
+}
+
+fn time_rule(group: &Group<'_>) -> Result<(Option<TimeColumn>, f64), Finding> {
+    only(group, &["primary", "tolerance_s"])?;
+    let primary = match group.text("primary")? {
+        None => None,
+        Some(name) => {
+            let known = TimeColumn::ALL.into_iter().find(|column| column.name() == name);
+            let wrong = || group.refuse("primary", "is no column of times", "name time_tt2000, time_utc or time_obt");
+            Some(known.ok_or_else(wrong)?)
+        }
+    };
+    Ok((primary, at_least_zero(group, "tolerance_s", 1e-3)?))
+}
+
+fn edited_rule(group: &Group<'_>) -> Result<(u8, Option<String>), Finding> {
+    only(group, &["sensor_axes", "quality_reject_mask", "sid"])?;
+    if group.text("sensor_axes")?.is_some_and(|axes| axes != "uvw") {
+        return Err(group.refuse("sensor_axes", "must be \"uvw\"", "telemetry is in the axes of the sensor"));
+    }
+    let mask = group.whole("quality_reject_mask")?.unwrap_or(7);
+    let mask =
+        u8::try_from(mask).map_err(|_| group.refuse("quality_reject_mask", "must be 0 to 255", "quality has eight bits"))?;
+    Ok((mask, group.text("sid")?))
+}
+
+fn mode(group: &Group<'_>, sid: String) -> Result<Mode, Finding> {
+    only(group, &["sid", "packet_s", "primary", "secondary", "lap_lines_hz", "from", "to"])?;
+    let rate = |key: &str| -> Result<Option<Rate>, Finding> {
+        let Some(own) = group.group(key)? else { return Ok(None) };
+        only(&own, &["rate_hz", "shift_s"])?;
+        let rate_hz = needed(&own, "rate_hz", positive(&own, "rate_hz", own.number("rate_hz")?)?)?;
+        Ok(Some(Rate { rate_hz, shift_ns: own.number("shift_s")?.map(ns) }))
+    };
+    let lines_hz = group.numbers("lap_lines_hz")?.unwrap_or_default();
+    if lines_hz.iter().any(|f| *f <= 0.0) {
+        return Err(group.refuse("lap_lines_hz", "must be positive frequencies", "correct the value"));
+    }
+    let packet_s = needed(group, "packet_s", positive(group, "packet_s", group.number("packet_s")?)?)?;
+    Ok(Mode { sid, packet_s, rates: [rate("primary")?, rate("secondary")?], lines_hz })
+}
+
+fn noise(group: &Group<'_>) -> Result<BTreeMap<Option<String>, f64>, Finding> {
+    let mut list = BTreeMap::new();
+    if let Ok(Some(by_mode)) = group.group("noise_ent") {
+        for sid in by_mode.names() {
+            list.insert(Some(sid.to_owned()), at_least_zero(&by_mode, sid, 0.0)?);
+        }
+    } else if group.number("noise_ent")?.is_some() {
+        list.insert(None, at_least_zero(group, "noise_ent", 0.0)?);
+    }
+    Ok(list)
+}
+
+fn disturbance(group: &Group<'_>) -> Result<Disturbance, Finding> {
+    only(group, &["column", "vector_nt_per_unit"])?;
+    let vector = needed(group, "vector_nt_per_unit", group.three("vector_nt_per_unit")?)?;
+    Ok(Disturbance { column: needed(group, "column", group.text("column")?)?, vector_nt_per_unit: Vector3::from(vector) })
+}

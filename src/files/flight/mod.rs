@@ -1,0 +1,10 @@
+//! What flight processing reads and writes: its configuration, telemetry, auxiliary tables, daily models, levels.
+
+pub mod auxiliary;
+pub mod daily;
+pub mod edited;
+pub mod levels;
+pub mod mission;
+mod mission_file;
+
+pub use mission_file::read as read_mission;

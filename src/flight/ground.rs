@@ -1,0 +1,192 @@
+//! The ground calibration (RO-IGEP-TR0028 section 4.2.3.2): `B = ω(T) σ(T) (B_r - B_off(T))`, with what is uncertain of it.
+
+use super::temperature::Thermometer;
+use super::{Block, Step};
+use crate::data::flags::Flags;
+use crate::data::time::Tt2000;
+use crate::data::units::Reading;
+use crate::model::field_calibration::{AtTemperature, FieldCalibration, SYMMETRIC};
+use nalgebra::{Matrix3, Vector3};
+use std::collections::HashMap;
+
+/// The temperatures for which vectors are given.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Outside of these a vector has its flag, °C.
+    pub valid_degc: [f64; 2],
+    /// Outside of these there is none, °C.
+    pub kept_degc: [f64; 2],
+}
+
+impl Limits {
+    /// Whether a temperature is without flag, and whether a vector is given at it.
+    #[must_use]
+    pub fn of(&self, degc: f64) -> (bool, bool) {
+        let within = |[low, high]: [f64; 2]| (low..=high).contains(&degc);
+        (within(self.valid_degc), within(self.kept_degc))
+    }
+}
+
+/// Noise of a reading.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReadingNoise {
+    /// Standard deviation by mode, enT, the step of the converter included; nan where it is not known.
+    pub std_ent: Vec<f64>,
+}
+
+/// The ground calibration of files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroundStep {
+    /// The calibration.
+    pub calibration: FieldCalibration,
+    /// The thermistor, for the uncertainty of its readings; absent where the table has temperatures.
+    pub thermometer: Thermometer,
+    /// Temperatures.
+    pub limits: Limits,
+    /// Noise; absent if no uncertainties are wanted.
+    pub noise: Option<ReadingNoise>,
+    /// The frame in which the field is wanted, if it is not that of the files.
+    pub frame: Option<crate::data::convention::Convention>,
+}
+
+/// What all vectors at one temperature share.
+struct Here {
+    at: AtTemperature,
+    /// Change of the offset and of the matrix with the temperature times its uncertainty.
+    offset_change_ent: Vector3<f64>,
+    matrix_change: Matrix3<f64>,
+    /// `M Mᵀ`, of noise of one enT along every axis.
+    unit_noise: [f64; 6],
+}
+
+/// Step for the derivative by the temperature, K: short against everything that polynomials of a sensor do, and long against rounding.
+const STEP_K: f64 = 1e-2;
+
+impl GroundStep {
+    fn here(&self, degc: f64, count: f64) -> Option<Here> {
+        let at = |degc: f64| {
+            let at = self.calibration.at(degc)?;
+            Some(match self.frame {
+                None => at,
+                Some(convention) => at.turned(&convention.frame_of(&at.matrix)),
+            })
+        };
+        let own = at(degc)?;
+        if self.noise.is_none() {
+            let nothing = (Vector3::zeros(), Matrix3::zeros());
+            return Some(Here { at: own, offset_change_ent: nothing.0, matrix_change: nothing.1, unit_noise: [0.0; 6] });
+        }
+        let (low, high) = (at(degc - STEP_K)?, at(degc + STEP_K)?);
+        let scale = self.thermometer.std_degc(count) / (2.0 * STEP_K);
+        let square = own.matrix * own.matrix.transpose();
+        Some(Here {
+            offset_change_ent: (high.offset_ent - low.offset_ent) * scale,
+            matrix_change: (high.matrix - low.matrix) * scale,
+            unit_noise: SYMMETRIC.map(|place| square[place]),
+            at: own,
+        })
+    }
+}
+
+impl Step for GroundStep {
+    fn apply(&self, block: &mut Block) {
+        let mut known: HashMap<u64, Option<Here>> = HashMap::new();
+        let wants = self.noise.is_some() && !block.own_nt2.is_empty();
+        let linear = self.calibration.parts().linearisation.is_none();
+        let mut row = 0;
+        while row < block.len() {
+            let (degc, count) = (block.t_degc[row], block.thermistor[row]);
+            let end = row + block.t_degc[row..].iter().take_while(|t| t.to_bits() == degc.to_bits()).count();
+            let needs = self.calibration.needs_temperature();
+            let (without_flag, given) = if needs || degc.is_finite() { self.limits.of(degc) } else { (true, true) };
+            let usable = given && (degc.is_finite() || !needs);
+            let here = if usable {
+                known.entry(degc.to_bits()).or_insert_with(|| self.here(if needs { degc } else { 0.0 }, count)).as_ref()
+            } else {
+                None
+            };
+            let reason = if degc.is_finite() { Flags::TEMPERATURE } else { Flags::NO_TEMPERATURE };
+            for row in row..end {
+                let Some(here) = here else {
+                    block.take_away(row, reason);
+                    continue;
+                };
+                if !without_flag {
+                    block.flags[row] |= reason.0;
+                }
+                let raw = block.vector(row);
+                let raw = if linear { raw } else { Vector3::from(self.calibration.linearised_ent(Reading(raw.into()))) };
+                let measured = raw - here.at.offset_ent;
+                block.put(row, &(here.at.matrix * measured));
+                if wants {
+                    let noise = self.noise.as_ref().and_then(|n| n.std_ent.get(usize::from(block.mode[row]))).copied();
+                    let noise2 = noise.map_or(f64::NAN, |n| n * n);
+                    let change = here.matrix_change * measured - here.at.matrix * here.offset_change_ent;
+                    let common = here.at.covariance_nt2(&measured);
+                    for (element, (i, k)) in SYMMETRIC.into_iter().enumerate() {
+                        let own = here.unit_noise[element] * noise2 + change[i] * change[k];
+                        #[expect(clippy::cast_possible_truncation, reason = "variances need few digits")]
+                        {
+                            block.own_nt2[row][element] = own as f32;
+                            block.common_nt2[row][element] = common[element] as f32;
+                        }
+                    }
+                }
+            }
+            row = end;
+        }
+    }
+}
+
+/// A matrix for a range and some time, in place of ground files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MatrixEntry {
+    /// From when on.
+    pub from: Tt2000,
+    /// Until when, not of it.
+    pub to: Tt2000,
+    /// Range index; all ranges without one.
+    pub range: Option<u8>,
+    /// The calibration: subtracted offset (enT), matrix, their covariance.
+    pub at: AtTemperature,
+    /// Added behind the matrix, nT.
+    pub added_nt: Vector3<f64>,
+}
+
+/// Matrices by range and time (as IMAP MAG and CHAMP keep them).
+#[derive(Clone, Debug, PartialEq)]
+pub struct MatrixStep {
+    /// The matrices.
+    pub entries: Vec<MatrixEntry>,
+    /// Noise; absent if no uncertainties are wanted.
+    pub noise: Option<ReadingNoise>,
+}
+
+impl Step for MatrixStep {
+    fn apply(&self, block: &mut Block) {
+        let wants = self.noise.is_some() && !block.own_nt2.is_empty();
+        for row in 0..block.len() {
+            let (time, range) = (block.time[row], block.range[row]);
+            let holds = |e: &&MatrixEntry| (e.from..e.to).contains(&time) && e.range.is_none_or(|r| r == range);
+            let Some(entry) = self.entries.iter().find(holds) else {
+                block.take_away(row, Flags::TIME);
+                continue;
+            };
+            let measured = block.vector(row) - entry.at.offset_ent;
+            block.put(row, &(entry.at.matrix * measured + entry.added_nt));
+            if wants {
+                let noise = self.noise.as_ref().and_then(|n| n.std_ent.get(usize::from(block.mode[row]))).copied();
+                let noise2 = noise.map_or(f64::NAN, |n| n * n);
+                let square = entry.at.matrix * entry.at.matrix.transpose();
+                let common = entry.at.covariance_nt2(&measured);
+                for (element, place) in SYMMETRIC.into_iter().enumerate() {
+                    #[expect(clippy::cast_possible_truncation, reason = "variances need few digits")]
+                    {
+                        block.own_nt2[row][element] = (square[place] * noise2) as f32;
+                        block.common_nt2[row][element] = common[element] as f32;
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! Housekeeping telemetry to physical units (RO-IGEP-TR0028 section 4.2.2).
+
+/// Unsigned telemetry counts of `bits` bits, whose middle is zero, as counts from the lowest value.
+#[must_use]
+pub fn wrap(count: f64, bits: u32) -> f64 {
+    let half = 2.0_f64.powi(bits as i32 - 1);
+    if count < half { count + half } else { count - half }
+}
+
+/// Signed value of a byte; 80h is -128.
+#[must_use]
+pub fn signed8(count: f64) -> f64 {
+    if count >= 128.0 { count - 256.0 } else { count }
+}
+
+/// Field of the housekeeping, enT, not calibrated.
+#[must_use]
+pub fn field_ent(count: f64) -> f64 {
+    wrap(count, 16) * 32_768.0 / 65_535.0 - 16_384.0
+}
+
+/// Reference voltage, V, behind its divider.
+#[must_use]
+pub fn reference_v(count: f64) -> f64 {
+    (wrap(count, 20) * 5.0 / 1_048_575.0 - 2.5) / (100_016.0 / 200_016.0)
+}
+
+/// Positive supply, V: what its byte tells of the difference from 5 V.
+#[must_use]
+pub fn positive_v(count: f64) -> f64 {
+    5.0 + signed8(count) * 512.0 * 2.4996 / (1_048_575.0 * 90_956.0 / 190_928.0)
+}
+
+/// Negative supply, V.
+#[must_use]
+pub fn negative_v(count: f64) -> f64 {
+    -5.0 + signed8(count) * 256.0 * 2.4996 / (1_048_575.0 * 27_400.0 / 127_424.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_factors_are_those_that_the_report_prints() {
+        assert!((positive_v(1.0) - 5.0 - 0.002_562_0).abs() < 5e-8);
+        assert!((negative_v(1.0) + 5.0 - 0.002_838_0).abs() < 5e-8);
+        // 80h is the lowest value of both.
+        assert!((positive_v(128.0) - (5.0 - 128.0 * 0.002_562_0)).abs() < 1e-5);
+        assert!((positive_v(127.0) - 5.325).abs() < 1e-3);
+        // Counts that begin with 8 are negative fields.
+        assert!((field_ent(32_768.0) + 16_384.0).abs() < 1e-9 && (field_ent(32_767.0) - 16_384.0).abs() < 1e-9);
+        assert!((field_ent(0.0) - 0.25).abs() < 1e-3);
+        assert!((reference_v(0.0)).abs() < 1e-5);
+    }
+}

@@ -1,0 +1,154 @@
+//! A calibration at one temperature, for the many vectors that were read at it.
+
+use super::{FieldCalibration, PARAMETERS};
+use crate::model::polynomial::value;
+use nalgebra::{Matrix3, Vector3};
+
+/// Rows and columns of the elements in which symmetric 3 x 3 matrices are kept: xx, xy, xz, yy, yz, zz.
+pub const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+
+/// Products of (1, m_x, m_y, m_z), m the linearised reading without its offset.
+const PRODUCTS: [(usize, usize); 10] = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3)];
+
+/// Offset, matrix, and the covariance of the field as a polynomial of the reading.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AtTemperature {
+    /// Offset, enT.
+    pub offset_ent: Vector3<f64>,
+    /// Takes linearised readings without their offset to the field, nT/enT.
+    pub matrix: Matrix3<f64>,
+    /// Coefficients of the products of (1, m) in the elements of the covariance of the field, nT²; `None` where it is not known.
+    covariance: Option<[[f64; 6]; 10]>,
+}
+
+impl AtTemperature {
+    /// A calibration that is exact.
+    #[must_use]
+    pub fn exact(offset_ent: Vector3<f64>, matrix: Matrix3<f64>) -> Self {
+        Self { offset_ent, matrix, covariance: None }
+    }
+
+    /// The covariance of the field, nT², in the order of [`SYMMETRIC`], of a linearised reading without its offset; it is common to all
+    /// vectors. Nan where it is not known.
+    #[must_use]
+    pub fn covariance_nt2(&self, measured: &Vector3<f64>) -> [f64; 6] {
+        let Some(coefficients) = &self.covariance else { return [f64::NAN; 6] };
+        let m = [1.0, measured.x, measured.y, measured.z];
+        let mut sum = [0.0; 6];
+        for ((a, b), own) in PRODUCTS.iter().zip(coefficients) {
+            let product = m[*a] * m[*b];
+            sum.iter_mut().zip(own).for_each(|(s, c)| *s += product * c);
+        }
+        sum
+    }
+
+    /// The same behind a rotation.
+    #[must_use]
+    pub fn turned(&self, rotation: &Matrix3<f64>) -> Self {
+        let covariance = self.covariance.map(|list| list.map(|own| turned(rotation, &own)));
+        Self { offset_ent: self.offset_ent, matrix: rotation * self.matrix, covariance }
+    }
+
+    /// The same with a further covariance that does not depend on the reading, nT².
+    #[must_use]
+    pub fn with_covariance(mut self, further: &[f64; 6]) -> Self {
+        if let Some(list) = &mut self.covariance {
+            list[0].iter_mut().zip(further).for_each(|(own, more)| *own += more);
+        }
+        self
+    }
+}
+
+/// `R C Rᵀ` of a symmetric matrix, both in the order of [`SYMMETRIC`].
+#[must_use]
+pub fn turned(rotation: &Matrix3<f64>, c: &[f64; 6]) -> [f64; 6] {
+    let matrix = Matrix3::new(c[0], c[1], c[2], c[1], c[3], c[4], c[2], c[4], c[5]);
+    let turned = rotation * matrix * rotation.transpose();
+    SYMMETRIC.map(|place| turned[place])
+}
+
+impl FieldCalibration {
+    /// The calibration at a sensor temperature, °C; `None` for angles of no sensor.
+    ///
+    /// The covariance is that of [`FieldCalibration::apply`] with its elements beside the diagonal. The uncertainty of a rotation behind the
+    /// matrix is not in it.
+    #[must_use]
+    pub fn at(&self, degc: f64) -> Option<AtTemperature> {
+        let turn = self.parts.turn.map_or_else(Matrix3::identity, |turn| turn.rotation);
+        let slopes = |measured: Vector3<f64>| -> Option<[Vector3<f64>; PARAMETERS]> {
+            let (_, by) = self.field_and_slopes(measured, degc).ok()?;
+            Some(by.map(|column| turn * column))
+        };
+        let matrix = self.matrix(degc)?;
+        let offset_ent = Vector3::from(self.offset_ent(degc));
+        if self.parts.covariance.is_none() {
+            return Some(AtTemperature { offset_ent, matrix, covariance: None });
+        }
+        // The derivatives are linear in the reading: their values at zero, and what each component adds.
+        let zero = slopes(Vector3::zeros())?;
+        let mut by = [zero; 4];
+        for component in 0..3 {
+            let one = slopes(Vector3::ith(component, 1.0))?;
+            (0..PARAMETERS).for_each(|p| by[component + 1][p] = one[p] - zero[p]);
+        }
+        let mut covariance = [[0.0; 6]; 10];
+        for pair in &self.pairs {
+            let [first, second] = pair.parameters;
+            // A polynomial of a pair holds both of its places in the covariance already.
+            let c = 0.5 * value(&pair.polynomial, degc);
+            for ((a, b), own) in PRODUCTS.iter().zip(&mut covariance) {
+                for (element, (row, column)) in own.iter_mut().zip(SYMMETRIC) {
+                    let product = |a: usize, b: usize| {
+                        by[a][first][row] * by[b][second][column] + by[a][second][row] * by[b][first][column]
+                    };
+                    *element += c * if a == b { product(*a, *b) } else { product(*a, *b) + product(*b, *a) };
+                }
+            }
+        }
+        Some(AtTemperature { offset_ent, matrix, covariance: Some(covariance) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::convention::Convention;
+    use crate::data::units::Reading;
+    use crate::model::field_calibration::{Coefficient, Coefficients, MatrixForm, Parameter};
+    use nalgebra::DMatrix;
+
+    #[test]
+    fn field_and_uncertainty_are_those_of_single_readings() {
+        let mut coefficients = Vec::new();
+        for i in 0..3 {
+            let x = i as f64;
+            for (parameter, value, slope) in [
+                (Parameter::Offset(i), 20.0 - 13.0 * x, 0.3),
+                (Parameter::Sigma(i), 1.05 + 0.02 * x, 1e-5),
+                (Parameter::Xi(i), 89.9 + 0.1 * x, 2e-5),
+                (Parameter::KInverse(i, i), 1.0, 0.0),
+            ] {
+                coefficients.push(Coefficient { parameter, power: 0, value });
+                coefficients.push(Coefficient { parameter, power: 1, value: slope });
+            }
+        }
+        let n = coefficients.len();
+        // A covariance with every element filled: A Aᵀ of a matrix without structure.
+        let root = DMatrix::from_fn(n, n, |i, k| 1e-4 * ((1 + 7 * i + 3 * k) as f64).sin());
+        let covariance = Some(&root * root.transpose());
+        let matrix = Some(MatrixForm::Alignment(Convention::Rosetta));
+        let calibration =
+            FieldCalibration::new(Coefficients { matrix, coefficients, covariance, ..Coefficients::default() }).unwrap();
+        for (reading, degc) in [([1000.0, -200.0, 30.0], -40.0), ([0.0, 0.0, 0.0], 12.0), ([-9000.0, 4000.0, 7.0], 55.0)] {
+            let wanted = calibration.apply(Reading(reading), Some(degc));
+            let at = calibration.at(degc).unwrap();
+            let measured = Vector3::from(reading) - at.offset_ent;
+            let field = at.matrix * measured;
+            let found = at.covariance_nt2(&measured);
+            for (i, element) in [0, 3, 5].into_iter().enumerate() {
+                assert!((field[i] - wanted.field_nt[i]).abs() < 1e-9);
+                assert!((found[element].sqrt() / wanted.std_nt[i] - 1.0).abs() < 1e-9, "{found:?} {wanted:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,193 @@
+//! The first pass: what one day needs of the others, so that days can be made in any order (RO-IGEP-TR0028 section 4.2.3.3).
+
+use super::steps::thermometer;
+use super::{Prepared, day_name};
+use crate::data::error::Finding;
+use crate::data::time::{Tt2000, day_of};
+use crate::files::flight::edited::{self, BEYOND_NS};
+use crate::files::flight::mission::Sensor;
+use crate::files::output::Folder;
+use crate::files::table::long::{Column, LongWriter};
+use crate::files::table::series::SeriesTable;
+use crate::flight::assemble::assemble;
+use crate::flight::daily::{DayEnds, continuity};
+use crate::model::polynomial::value;
+use std::path::Path;
+
+/// What the first pass found of a sensor and day.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CarryRow {
+    /// Sensor.
+    pub sensor: String,
+    /// Day, counted from 1970-01-01.
+    pub day: i32,
+    /// Corrected times of the first and the last accepted vector.
+    pub time: [Tt2000; 2],
+    /// Temperatures there, °C; nan without a thermistor.
+    pub degc: [f64; 2],
+    /// `S_d`, nT.
+    pub continuity_nt: [f64; 3],
+    /// Whether continuity begins anew.
+    pub reset: bool,
+}
+
+/// The first pass of a mission.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Carry {
+    /// Days in order, sensor by sensor.
+    pub rows: Vec<CarryRow>,
+}
+
+const COLUMNS: [&str; 3] = ["s_x_nt", "s_y_nt", "s_z_nt"];
+
+impl Carry {
+    /// `S_d` of a sensor and day, nT; zero for a day without vectors.
+    #[must_use]
+    pub fn continuity_nt(&self, sensor: &str, day: i32) -> [f64; 3] {
+        self.rows.iter().find(|row| row.sensor == sensor && row.day == day).map_or([0.0; 3], |row| row.continuity_nt)
+    }
+
+    /// Looks at all days of a mission whose sensors have daily models.
+    ///
+    /// # Errors
+    /// What is wrong with a file of telemetry or a daily model.
+    pub fn find(prepared: &Prepared) -> Result<Self, Finding> {
+        let mission = &prepared.mission;
+        let mut carry = Self::default();
+        let has_daily = |sensor: &Sensor| sensor.daily.is_some() && mission.steps.iter().any(|s| s == "daily");
+        if !mission.continuity {
+            return Ok(carry);
+        }
+        let resets: Vec<Tt2000> = mission.campaigns.iter().map(|span| span.from).collect();
+        for (index, sensor) in mission.sensors.iter().enumerate().filter(|(_, s)| has_daily(s)) {
+            let mut rows = Vec::new();
+            let mut ends = Vec::new();
+            for day in prepared.days(sensor)? {
+                // What is wrong with a day is said when it is made; continuity begins anew behind it.
+                let Ok(Some(found)) = day_ends(prepared, index, day) else { continue };
+                let Ok(Some(model)) = prepared.daily(sensor, day) else { continue };
+                let at = |degc: f64| model.polynomials.each_ref().map(|p| value(&p.coefficients, degc));
+                ends.push(DayEnds { time: found.0, model_nt: found.1.map(at) });
+                rows.push(CarryRow {
+                    sensor: sensor.name.clone(),
+                    day,
+                    time: found.0,
+                    degc: found.1,
+                    continuity_nt: [0.0; 3],
+                    reset: true,
+                });
+            }
+            for (row, (sum, reset)) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
+                (row.continuity_nt, row.reset) = (sum, reset);
+            }
+            carry.rows.append(&mut rows);
+        }
+        Ok(carry)
+    }
+
+    /// Writes it, whole or not at all.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn write(&self, folder: &Folder, name: &str) -> Result<(), Finding> {
+        let mut sensors: Vec<String> = Vec::new();
+        let mut codes = Vec::new();
+        for row in &self.rows {
+            let code = sensors.iter().position(|s| *s == row.sensor).unwrap_or_else(|| {
+                sensors.push(row.sensor.clone());
+                sensors.len() - 1
+            });
+            codes.push(u8::try_from(code).unwrap_or(u8::MAX));
+        }
+        let dates: Vec<String> = self.rows.iter().map(|row| day_name(row.day)).collect();
+        // Days are few; a word of its own for each costs nothing.
+        let day_codes: Vec<i64> = self.rows.iter().map(|row| i64::from(row.day)).collect();
+        let number = |of: &dyn Fn(&CarryRow) -> f64| -> Vec<f64> { self.rows.iter().map(of).collect() };
+        let whole = |of: &dyn Fn(&CarryRow) -> i64| -> Vec<i64> { self.rows.iter().map(of).collect() };
+        let (first, last) = (whole(&|r| r.time[0]), whole(&|r| r.time[1]));
+        let (t_first, t_last) = (number(&|r| r.degc[0]), number(&|r| r.degc[1]));
+        let s: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity_nt[i]));
+        let reset: Vec<u8> = self.rows.iter().map(|row| u8::from(row.reset)).collect();
+        let mut columns = vec![
+            ("sensor", Column::Words(&codes, &sensors)),
+            ("day", Column::Whole(&day_codes)),
+            ("first_tt2000", Column::Whole(&first)),
+            ("last_tt2000", Column::Whole(&last)),
+            ("t_first_degc", Column::Numbers(&t_first)),
+            ("t_last_degc", Column::Numbers(&t_last)),
+        ];
+        columns.extend(COLUMNS.into_iter().zip(&s).map(|(n, c)| (n, Column::Numbers(c))));
+        columns.push(("reset", Column::Bytes(&reset)));
+        let says = vec![
+            ("day".to_owned(), "days since 1970-01-01".to_owned()),
+            ("first_day".to_owned(), dates.first().cloned().unwrap_or_default()),
+            ("written_by".to_owned(), format!("calfit {}", env!("CARGO_PKG_VERSION"))),
+        ];
+        let mut file = folder.create(name)?;
+        let mut writer = LongWriter::new(&mut file, &columns, says)?;
+        writer.write(&columns)?;
+        writer.finish()?;
+        file.finish().map(drop)
+    }
+
+    /// Reads what [`Carry::write`] wrote.
+    ///
+    /// # Errors
+    /// What is wrong with the table.
+    pub fn read(path: &Path) -> Result<Self, Finding> {
+        let table = SeriesTable::open(path)?;
+        let words = table.words("sensor")?;
+        let (day, first, last) = (table.whole("day")?, table.whole("first_tt2000")?, table.whole("last_tt2000")?);
+        let (t_first, t_last) = (table.numbers("t_first_degc")?, table.numbers("t_last_degc")?);
+        let [x, y, z] = COLUMNS.map(|name| table.numbers(name));
+        let (x, y, z) = (x?, y?, z?);
+        let reset = table.whole("reset")?;
+        let row = |i: usize| CarryRow {
+            sensor: words.words[words.codes[i] as usize].clone(),
+            day: i32::try_from(day[i]).unwrap_or(day_of(jiff::civil::Date::MAX)),
+            time: [first[i], last[i]],
+            degc: [t_first[i], t_last[i]],
+            continuity_nt: [x[i], y[i], z[i]],
+            reset: reset[i] != 0,
+        };
+        Ok(Self { rows: (0..table.rows()).map(row).collect() })
+    }
+}
+
+/// Corrected times and temperatures of the first and the last accepted vector of a day.
+fn day_ends(prepared: &Prepared, index: usize, day: i32) -> Result<Option<([Tt2000; 2], [f64; 2])>, Finding> {
+    let span = prepared.leap.day(day);
+    // Mostly the first and the last half hour are enough.
+    let near_begin = span.start..(span.start + BEYOND_NS).min(span.end);
+    let near_end = (span.end - BEYOND_NS).max(span.start)..span.end;
+    let first = match ends_in(prepared, index, &near_begin)? {
+        Some((first, _)) => Some(first),
+        None => ends_in(prepared, index, &span)?.map(|(first, _)| first),
+    };
+    let Some(first) = first else { return Ok(None) };
+    let last = match ends_in(prepared, index, &near_end)? {
+        Some((_, last)) => last,
+        None => ends_in(prepared, index, &span)?.map_or(first, |(_, last)| last),
+    };
+    let degc = |count: f64| thermometer(prepared, index).map_or(f64::NAN, |t| t.degc(count));
+    Ok(Some(([first.0, last.0], [degc(first.1), degc(last.1)])))
+}
+
+/// Corrected time and thermistor counts of a vector.
+type End = (Tt2000, f64);
+
+/// The first and the last accepted vector of a stretch.
+fn ends_in(prepared: &Prepared, index: usize, span: &std::ops::Range<Tt2000>) -> Result<Option<(End, End)>, Finding> {
+    let sensor = &prepared.mission.sensors[index];
+    let wanted = span.start - BEYOND_NS..span.end + BEYOND_NS;
+    let mut rows = edited::Rows::default();
+    for file in prepared.files(&sensor.name, &wanted) {
+        rows.append(edited::read(file, sensor, &prepared.mission, &prepared.leap, &wanted)?);
+    }
+    let shifts = prepared.mission.steps.iter().any(|s| s == "shift");
+    let made = assemble(&rows, &sensor.name, &prepared.mission, &prepared.leap, span, shifts)
+        .map_err(|e| Finding::error(&sensor.name, e.to_string(), "state it in [[mode]]"))?;
+    let block = made.vectors;
+    let end = |row: usize| (block.time[row], block.thermistor[row]);
+    Ok(block.len().checked_sub(1).map(|last| (end(0), end(last))))
+}

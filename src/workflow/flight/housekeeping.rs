@@ -1,0 +1,124 @@
+//! Housekeeping to physical units, `level=HK` (RO-IGEP-TR0028 section 4.2.2).
+
+use super::{DayMade, FlightOptions, Prepared, day_name};
+use crate::data::error::Finding;
+use crate::data::time::SECOND_NS;
+use crate::files::flight::edited::{EditedFile, day_files};
+use crate::files::flight::levels::partition;
+use crate::files::output::Folder;
+use crate::files::table::long::{Column, LongWriter};
+use crate::files::table::series::SeriesTable;
+use crate::flight::housekeeping::{field_ent, negative_v, positive_v, reference_v};
+
+/// Columns that are passed on as they are.
+const PASSED: [&str; 3] = ["stage_a_id", "stage_b_id", "filter_cfg"];
+/// The level, and what stands in place of a sensor.
+pub const NAME: &str = "HK";
+
+/// The days of the housekeeping.
+///
+/// # Errors
+/// A folder that cannot be listed.
+pub fn days(prepared: &Prepared) -> Result<Vec<i32>, Finding> {
+    let Some(folder) = &prepared.mission.hk else { return Ok(Vec::new()) };
+    let mut days: Vec<i32> = day_files(folder)?.into_iter().filter_map(|file| file.day).collect();
+    days.dedup();
+    Ok(days)
+}
+
+/// Converts the housekeeping of a day.
+///
+/// # Errors
+/// What is wrong with its files.
+pub fn make(prepared: &Prepared, options: &FlightOptions, day: i32) -> Result<Option<DayMade>, Finding> {
+    let Some(folder) = &prepared.mission.hk else { return Ok(None) };
+    let files: Vec<EditedFile> = day_files(folder)?.into_iter().filter(|file| file.day == Some(day)).collect();
+    if files.is_empty() { Ok(None) } else { one_day(prepared, options, day, &files).map(Some) }
+}
+
+fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[EditedFile]) -> Result<DayMade, Finding> {
+    let leap = &prepared.leap;
+    let mut time: Vec<i64> = Vec::new();
+    let mut numbers: Vec<(String, Vec<f64>)> = Vec::new();
+    let mut whole: Vec<(String, Vec<i64>)> = Vec::new();
+    for file in files {
+        let table = SeriesTable::open(&file.path)?;
+        let names = table.names();
+        let has = |name: &str| names.iter().any(|n| n == name);
+        let own = if has("time_tt2000") { table.whole("time_tt2000")? } else { table.utc("time_utc", leap)? };
+        time.extend(own);
+        let mut put = |name: &str, column: &str, convert: &dyn Fn(f64) -> f64| -> Result<(), Finding> {
+            if !has(column) {
+                return Ok(());
+            }
+            let values = table.numbers(column)?.into_iter().map(convert);
+            match numbers.iter_mut().find(|(n, _)| n == name) {
+                Some((_, list)) => list.extend(values),
+                None => numbers.push((name.to_owned(), values.collect())),
+            }
+            Ok(())
+        };
+        for (index, sensor) in prepared.mission.sensors.iter().enumerate() {
+            let Some(ground) = &prepared.ground[index] else { continue };
+            let column = sensor.thermistor_column.as_str();
+            put(column, column, &|count| ground.thermometer.raw_degc(count))?;
+            put(&format!("{column}_calibrated"), column, &|count| ground.thermometer.degc(count))?;
+        }
+        for name in ["bx_ob", "by_ob", "bz_ob", "bx_ib", "by_ib", "bz_ib"] {
+            put(name, name, &field_ent)?;
+        }
+        put("ref_voltage", "ref_voltage", &reference_v)?;
+        put("pos_voltage", "pos_voltage", &positive_v)?;
+        put("neg_voltage", "neg_voltage", &negative_v)?;
+        for name in PASSED {
+            if !has(name) {
+                continue;
+            }
+            let values = table.whole(name)?;
+            match whole.iter_mut().find(|(n, _)| n == name) {
+                Some((_, list)) => list.extend(values),
+                None => whole.push((name.to_owned(), values)),
+            }
+        }
+    }
+    // Rows in the order of their times, as in all levels.
+    let mut order: Vec<usize> = (0..time.len()).collect();
+    order.sort_by_key(|row| (time[*row], *row));
+    let sorted = |list: &[f64]| -> Vec<f64> { order.iter().map(|row| list.get(*row).copied().unwrap_or(f64::NAN)).collect() };
+    let numbers: Vec<(String, Vec<f64>)> = numbers.into_iter().map(|(name, list)| (name, sorted(&list))).collect();
+    let pick = |list: &[i64]| -> Vec<i64> { order.iter().filter_map(|row| list.get(*row).copied()).collect() };
+    let whole: Vec<(String, Vec<i64>)> = whole.into_iter().map(|(name, list)| (name, pick(&list))).collect();
+    let time = pick(&time);
+    let utc: Vec<i64> = time.iter().map(|t| leap.utc(*t).timestamp_ns()).collect();
+    #[expect(clippy::cast_precision_loss, reason = "the clock of a spacecraft has microseconds")]
+    let obt: Vec<f64> = time.iter().map(|t| (t - leap.clock_begin()) as f64 / SECOND_NS as f64).collect();
+    let mut columns =
+        vec![("time_tt2000", Column::Whole(&time)), ("time_utc", Column::Timestamps(&utc)), ("time_obt", Column::Numbers(&obt))];
+    columns.extend(numbers.iter().map(|(name, list)| (name.as_str(), Column::Numbers(list))));
+    columns.extend(whole.iter().map(|(name, list)| (name.as_str(), Column::Whole(list))));
+    let says = vec![
+        ("level".to_owned(), NAME.to_owned()),
+        (
+            "units".to_owned(),
+            "bx_ob … enT, not calibrated; t_ob degC without T_OFF, t_ob_calibrated with it; voltages V".to_owned(),
+        ),
+        ("written_by".to_owned(), format!("calfit {}", env!("CARGO_PKG_VERSION"))),
+    ];
+    let place = options.out.join(partition(NAME, NAME, day));
+    // Housekeeping is of no sensor.
+    let place =
+        place.parent().and_then(|p| p.parent()).map(|p| p.join(place.file_name().unwrap_or_default())).unwrap_or(place.clone());
+    let folder = Folder::open(&place, options.force)?;
+    let mut file = folder.create(&format!("calfit-HK-{}.parquet", day_name(day).replace('-', "")))?;
+    let mut writer = LongWriter::new(&mut file, &columns, says)?;
+    writer.write(&columns)?;
+    writer.finish()?;
+    file.finish()?;
+    Ok(DayMade {
+        sensor: NAME.to_owned(),
+        day: day_name(day),
+        written: time.len(),
+        levels: vec![NAME.to_owned()],
+        ..DayMade::default()
+    })
+}

@@ -1,0 +1,348 @@
+//! Flight processing: a mission's telemetry to levels, day by day, with everything that a day needs of the others known before.
+
+mod carry;
+mod day;
+mod ground;
+mod housekeeping;
+mod levels;
+mod steps;
+
+pub use carry::{Carry, CarryRow};
+pub use day::DayMade;
+pub use ground::Ground;
+pub use levels::{Level, Levels, NoLevels};
+
+use crate::data::error::Finding;
+use crate::data::note::Note;
+use crate::data::provenance::Input;
+use crate::data::time::{LeapSeconds, Tt2000};
+use crate::files::flight::auxiliary::{self, Attitude, HeaterOn, Positions, WheelRates};
+use crate::files::flight::daily::{self, DailyModel};
+use crate::files::flight::edited::{BEYOND_NS, Catalogue, EditedFile};
+use crate::files::flight::mission::{Mission, Sensor};
+use crate::files::flight::read_mission;
+use crate::files::output::Folder;
+use crate::flight::stage_of;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// What is processed, and where it goes.
+#[derive(Clone, Debug)]
+pub struct FlightOptions {
+    /// Levels that are written.
+    pub levels: Levels,
+    /// Only this sensor.
+    pub sensor: Option<String>,
+    /// First and last day, counted from 1970-01-01.
+    pub days: [Option<i32>; 2],
+    /// What the first pass found, from a file.
+    pub carry: Option<PathBuf>,
+    /// Folder of the results.
+    pub out: PathBuf,
+    /// Foreign files are written over.
+    pub force: bool,
+}
+
+/// A mission with everything that its configuration names, read and checked.
+pub struct Prepared {
+    /// The configuration.
+    pub mission: Mission,
+    /// Leap seconds.
+    pub leap: LeapSeconds,
+    /// Files of telemetry.
+    pub catalogue: Catalogue,
+    /// Ground calibrations, sensor by sensor; absent for matrices.
+    pub ground: Vec<Option<Ground>>,
+    /// Attitude.
+    pub attitude: Option<Attitude>,
+    /// Positions.
+    pub positions: Option<Positions>,
+    /// Wheels.
+    pub wheels: Option<WheelRates>,
+    /// Heater states.
+    pub heater: Option<Vec<HeaterOn>>,
+    /// The configuration and all tables, by what they are.
+    pub inputs: Vec<Input>,
+    /// What a person should know.
+    pub notes: Vec<Note>,
+}
+
+/// A day that was not made.
+#[derive(Clone, Debug, Serialize)]
+pub struct DayFailed {
+    /// Sensor, or HK.
+    pub sensor: String,
+    /// Day, `YYYY-MM-DD`.
+    pub day: String,
+    /// Why.
+    pub error: Finding,
+}
+
+/// What flight processing made.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct FlightMade {
+    /// Days of sensors that were made.
+    pub days: Vec<DayMade>,
+    /// Days that were not.
+    pub failed: Vec<DayFailed>,
+    /// What a person should know.
+    pub notes: Vec<Note>,
+}
+
+/// A part of the work that can be done by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Task {
+    /// The levels of a sensor.
+    Levels(usize),
+    /// Housekeeping.
+    Housekeeping,
+}
+
+/// A day of a sensor, or of the housekeeping.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Job {
+    day: i32,
+    task: Task,
+}
+
+/// Reads a mission and what its configuration names; vectors are not read.
+///
+/// # Errors
+/// The first thing that is wrong.
+pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Finding> {
+    let leap = LeapSeconds::default();
+    let (mission, digested) = read_mission(path, &leap)?;
+    check_steps(path, &mission)?;
+    let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let mut inputs = vec![digested.input(name(path))];
+    let mut notes = Vec::new();
+    let mut ground = Vec::new();
+    for sensor in &mission.sensors {
+        if sensor.ground.is_empty() {
+            ground.push(None);
+            continue;
+        }
+        let read = ground::read(sensor, findings)?;
+        inputs.extend(read.inputs.clone());
+        notes.extend(read.notes.clone());
+        ground.push(Some(read));
+    }
+    let mut attitude = None;
+    let mut positions = None;
+    if let Some(celestial) = &mission.celestial {
+        let (table, input) = auxiliary::attitude(celestial, &leap)?;
+        inputs.push(input);
+        attitude = Some(table);
+        if let Some(path) = &celestial.position {
+            let (table, input) = auxiliary::positions(path, &leap)?;
+            inputs.push(input);
+            positions = Some(table);
+        }
+    }
+    let mut wheels = None;
+    if let Some(stated) = &mission.wheels {
+        let (table, input) = auxiliary::wheels(&stated.table, &leap)?;
+        inputs.push(input);
+        wheels = Some(table);
+    }
+    let mut heater = None;
+    if let Some(stated) = &mission.heater
+        && let Some(path) = &stated.table
+    {
+        let (table, input) = auxiliary::heater(path, &stated.classes, &leap)?;
+        inputs.push(input);
+        heater = Some(table);
+    }
+    let catalogue = Catalogue::open(&mission)?;
+    Ok(Prepared { mission, leap, catalogue, ground, attitude, positions, wheels, heater, inputs, notes })
+}
+
+/// The steps must be known, each once, and lead from level to level.
+fn check_steps(path: &Path, mission: &Mission) -> Result<(), Finding> {
+    let refuse = |rule: String, remedy: &str| Err(Finding::error(&path.display().to_string(), rule, remedy));
+    let mut before = None;
+    for (index, step) in mission.steps.iter().enumerate() {
+        let Some(stage) = stage_of(step) else {
+            return refuse(
+                format!("`pipeline.steps` names `{step}`, which is no step"),
+                "the steps are counts, temperature, ground, daily, shift, disturbance, rotate, offsets, attitude",
+            );
+        };
+        if mission.steps[..index].contains(step) {
+            return refuse(format!("`pipeline.steps` names `{step}` twice"), "every step acts once");
+        }
+        if before.is_some_and(|b| b > stage) {
+            let rule = format!("`pipeline.steps` names `{step}` behind a step of a later level");
+            return refuse(rule, "first the steps in axes of the sensor, then those of the spacecraft, then the attitude");
+        }
+        before = Some(stage);
+    }
+    let place = |name: &str| mission.steps.iter().position(|s| s == name);
+    for [first, second] in [["counts", "ground"], ["temperature", "ground"], ["ground", "daily"], ["ground", "disturbance"]] {
+        if place(first).zip(place(second)).is_some_and(|(a, b)| a > b) {
+            return refuse(format!("`pipeline.steps` names `{second}` before `{first}`"), "put them in their order");
+        }
+    }
+    Ok(())
+}
+
+impl Prepared {
+    /// The model of a sensor and day; `None` where there is none.
+    ///
+    /// # Errors
+    /// What is wrong with its file; a day without one that must have one.
+    fn daily(&self, sensor: &Sensor, day: i32) -> Result<Option<DailyModel>, Finding> {
+        let Some(pattern) = &sensor.daily else { return Ok(None) };
+        if !self.mission.steps.iter().any(|s| s == "daily") || sensor.daily_to.is_some_and(|to| self.leap.day(day).start >= to) {
+            return Ok(None);
+        }
+        let path = daily::path_of(&self.mission.folder, pattern, day);
+        if !path.exists() && sensor.daily_may_lack {
+            return Ok(None);
+        }
+        daily::read(&path, &sensor.name, day).map(Some)
+    }
+
+    /// The files of a sensor whose rows may have corrected times in a stretch.
+    fn files(&self, sensor: &str, span: &std::ops::Range<Tt2000>) -> Vec<&EditedFile> {
+        let reaches = |file: &&EditedFile| {
+            file.day.is_none_or(|day| {
+                let own = self.leap.day(day);
+                own.start - BEYOND_NS < span.end && span.start < own.end + BEYOND_NS
+            })
+        };
+        self.catalogue.of(sensor).iter().filter(reaches).collect()
+    }
+
+    /// The days of a sensor that may have vectors, counted from 1970-01-01.
+    ///
+    /// # Errors
+    /// A file outside of all partitions whose times cannot be read.
+    fn days(&self, sensor: &Sensor) -> Result<std::ops::RangeInclusive<i32>, Finding> {
+        let mut ends: Option<(i32, i32)> = None;
+        let mut reach = |first: i32, last: i32| {
+            ends = Some(ends.map_or((first, last), |(a, b)| (a.min(first), b.max(last))));
+        };
+        for file in self.catalogue.of(&sensor.name) {
+            match file.day {
+                Some(day) => reach(day - 1, day + 1),
+                None => {
+                    let tags = crate::files::flight::edited::read_times(file, &self.mission, &self.leap)?;
+                    for tag in [tags.iter().min(), tags.iter().max()].into_iter().flatten() {
+                        reach(self.leap.utc(tag - BEYOND_NS).day, self.leap.utc(tag + BEYOND_NS).day);
+                    }
+                }
+            }
+        }
+        // Nothing is a range that ends before it begins.
+        Ok(ends.map_or(1..=0, |(first, last)| first..=last))
+    }
+}
+
+/// The name of a day, `YYYY-MM-DD`.
+#[must_use]
+pub fn day_name(day: i32) -> String {
+    let date = crate::data::time::date_of(day);
+    format!("{:04}-{:02}-{:02}", date.year(), date.month(), date.day())
+}
+
+/// Flight processing of a mission, ready to make its days.
+pub struct Flight {
+    prepared: Prepared,
+    carry: Carry,
+    options: FlightOptions,
+    folder: Folder,
+}
+
+impl Flight {
+    /// Reads the configuration and everything that all days need.
+    ///
+    /// # Errors
+    /// What is wrong with it, a level that cannot be made, a sensor that it does not have.
+    pub fn open(path: &Path, options: FlightOptions, findings: &mut Vec<Finding>) -> Result<Self, Finding> {
+        let prepared = prepare(path, findings)?;
+        let shown = path.display().to_string();
+        options.levels.can_be_made(&prepared).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
+        if let Some(name) = &options.sensor
+            && !prepared.mission.sensors.iter().any(|s| s.name == *name)
+        {
+            return Err(Finding::error(&shown, format!("has no sensor {name}"), "name one of its [[sensor]]"));
+        }
+        let carry = match &options.carry {
+            Some(file) => Carry::read(file)?,
+            None => Carry::find(&prepared)?,
+        };
+        let folder = Folder::open(&options.out, options.force)?;
+        Ok(Self { prepared, carry, options, folder })
+    }
+
+    /// What is to be made, day by day, the sensors of a day after each other.
+    ///
+    /// # Errors
+    /// A file outside of all partitions whose times cannot be read.
+    pub fn jobs(&self) -> Result<Vec<Job>, Finding> {
+        let [first, last] = self.options.days;
+        let wanted = |day: i32| first.is_none_or(|first| day >= first) && last.is_none_or(|last| day <= last);
+        let mut jobs = Vec::new();
+        for (index, sensor) in self.prepared.mission.sensors.iter().enumerate() {
+            if self.options.sensor.as_deref().is_none_or(|name| name == sensor.name) {
+                let days = self.prepared.days(sensor)?.filter(|day| wanted(*day));
+                jobs.extend(days.map(|day| Job { day, task: Task::Levels(index) }));
+            }
+        }
+        if self.options.levels.hk {
+            let days = housekeeping::days(&self.prepared)?.into_iter().filter(|day| wanted(*day));
+            jobs.extend(days.map(|day| Job { day, task: Task::Housekeeping }));
+        }
+        jobs.sort_unstable();
+        Ok(jobs)
+    }
+
+    /// The name of a job, for messages: sensor and day.
+    #[must_use]
+    pub fn name(&self, job: Job) -> (String, String) {
+        let sensor = match job.task {
+            Task::Levels(index) => self.prepared.mission.sensors[index].name.clone(),
+            Task::Housekeeping => housekeeping::NAME.to_owned(),
+        };
+        (sensor, day_name(job.day))
+    }
+
+    /// Makes the files of a job; `None` for a day without vectors.
+    ///
+    /// # Errors
+    /// What is wrong with the day.
+    pub fn make(&self, job: Job) -> Result<Option<DayMade>, Finding> {
+        match job.task {
+            Task::Levels(index) => day::make(&self.prepared, &self.carry, index, job.day, &self.options),
+            Task::Housekeeping => housekeeping::make(&self.prepared, &self.options, job.day),
+        }
+    }
+
+    /// What a person should know of the mission as a whole.
+    #[must_use]
+    pub fn notes(&self) -> &[Note] {
+        &self.prepared.notes
+    }
+
+    /// Makes the names of what was written last through a power loss.
+    ///
+    /// # Errors
+    /// An error of the operating system.
+    pub fn finish(&self) -> Result<(), Finding> {
+        self.folder.sync()
+    }
+}
+
+/// The first pass alone, written as a table.
+///
+/// # Errors
+/// What is wrong with the configuration, a file of telemetry or a daily model; what the operating system says.
+pub fn make_carry(path: &Path, out: &Path, force: bool, findings: &mut Vec<Finding>) -> Result<Carry, Finding> {
+    let prepared = prepare(path, findings)?;
+    let carry = Carry::find(&prepared)?;
+    let name = out.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let parent = out.parent().filter(|p| !p.as_os_str().is_empty()).map_or(Path::new("."), |p| p);
+    carry.write(&Folder::open(parent, force)?, &name)?;
+    Ok(carry)
+}

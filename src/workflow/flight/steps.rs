@@ -1,0 +1,220 @@
+//! The steps of a sensor, made of what the configuration states.
+
+use super::{Carry, Ground, Prepared};
+use crate::data::error::Finding;
+use crate::files::flight::daily::DailyModel;
+use crate::files::flight::mission::{Counts, Mission, OffsetFrame, OutsideTemperature, RangeMatrix, Sensor};
+use crate::files::table::series::SeriesTable;
+use crate::flight::attitude::AttitudeStep;
+use crate::flight::counts::CountsStep;
+use crate::flight::daily::DailyStep;
+use crate::flight::disturbance::DisturbanceStep;
+use crate::flight::ground::{GroundStep, Limits, MatrixEntry, MatrixStep, ReadingNoise};
+use crate::flight::offsets::OffsetsStep;
+use crate::flight::rotate::RotateStep;
+use crate::flight::temperature::Thermometer;
+use crate::flight::{Block, Stage, Step, stage_of};
+use crate::model::field_calibration::{AtTemperature, Coefficient, Coefficients, FieldCalibration, MatrixForm, Parameter};
+use nalgebra::{DMatrix, Vector3};
+use std::ops::Range;
+
+/// The steps of a sensor and a stretch of time, stage by stage.
+pub struct Steps {
+    list: Vec<(Stage, Box<dyn Step>)>,
+}
+
+/// A step that acts on the vectors of one day only.
+struct OnDay<S>(Range<i64>, S);
+
+impl<S: Step> Step for OnDay<S> {
+    fn apply(&self, block: &mut Block) {
+        let rows = block.time.partition_point(|t| *t < self.0.start)..block.time.partition_point(|t| *t < self.0.end);
+        if rows.len() == block.len() {
+            self.1.apply(block);
+        } else if !rows.is_empty() {
+            let mut part = block.part(&rows);
+            self.1.apply(&mut part);
+            block.put_part(rows.start, &part);
+        }
+    }
+}
+
+impl Steps {
+    /// Makes the steps; `days` are those of the stretch.
+    ///
+    /// # Errors
+    /// What is wrong with the daily model of a day, or with the readings of the housekeeping that a field follows.
+    pub fn make(prepared: &Prepared, carry: &Carry, index: usize, days: &Range<i32>) -> Result<Self, Finding> {
+        let mission = &prepared.mission;
+        let sensor = &mission.sensors[index];
+        let mut list: Vec<(Stage, Box<dyn Step>)> = Vec::new();
+        for name in &mission.steps {
+            let Some(stage) = stage_of(name) else { continue };
+            match name.as_str() {
+                "counts" => list.push((stage, Box::new(counts(&sensor.counts)))),
+                "temperature" => {
+                    if let Some(ground) = &prepared.ground[index] {
+                        list.push((stage, Box::new(ground.thermometer.clone())));
+                    }
+                }
+                "ground" => list.push((stage, ground(prepared, index))),
+                "daily" => {
+                    for day in days.clone() {
+                        if let Some(model) = prepared.daily(sensor, day)? {
+                            let step = daily(mission, sensor, model, carry.continuity_nt(&sensor.name, day));
+                            list.push((stage, Box::new(OnDay(prepared.leap.day(day), step))));
+                        }
+                    }
+                }
+                "disturbance" => {
+                    for stated in &mission.disturbances {
+                        list.push((stage, Box::new(disturbance(prepared, stated, days)?)));
+                    }
+                }
+                "rotate" => {
+                    // Offsets in axes of the sensor belong to level A, whatever the place of the step.
+                    if mission.steps.iter().any(|s| s == "offsets") {
+                        list.extend(offsets(sensor, OffsetFrame::Uvw).map(|step| (Stage::A, step)));
+                    }
+                    let states = sensor.rotations.iter().map(|r| (r.span.from, r.span.to, r.uvw_to_sc)).collect();
+                    list.push((stage, Box::new(RotateStep { states })));
+                }
+                "offsets" => list.extend(offsets(sensor, OffsetFrame::Sc).map(|step| (stage, step))),
+                "attitude" => {
+                    if let (Some(table), Some(celestial)) = (&prepared.attitude, &mission.celestial) {
+                        let step = AttitudeStep {
+                            time: table.time.clone(),
+                            wxyz: table.wxyz.clone(),
+                            max_gap_ns: celestial.max_gap_ns,
+                            std_rad: celestial.std_rad,
+                        };
+                        list.push((stage, Box::new(step)));
+                    }
+                }
+                _ => {}
+            }
+        }
+        list.sort_by_key(|(stage, _)| *stage);
+        Ok(Self { list })
+    }
+
+    /// Takes vectors through the steps of a stage.
+    pub fn apply(&self, stage: Stage, block: &mut Block) {
+        self.list.iter().filter(|(s, _)| *s == stage).for_each(|(_, step)| step.apply(block));
+    }
+}
+
+fn counts(stated: &Counts) -> CountsStep {
+    let ent_per_count = match stated {
+        Counts::Converter { .. } => vec![stated.ent_per_count(0)],
+        Counts::Factor(factors) => factors.clone(),
+    };
+    CountsStep { ent_per_count, shift_ent: stated.shift_ent(), limits: stated.limits() }
+}
+
+fn offsets(sensor: &Sensor, frame: OffsetFrame) -> Option<Box<dyn Step>> {
+    let own = sensor.jumps.iter().filter(|j| j.frame == frame);
+    let intervals: Vec<(i64, i64, Vector3<f64>)> = own.map(|j| (j.span.from, j.span.to, j.subtract_nt)).collect();
+    (!intervals.is_empty()).then(|| Box::new(OffsetsStep { intervals }) as Box<dyn Step>)
+}
+
+fn limits(mission: &Mission, valid_degc: [f64; 2]) -> Limits {
+    let kept_degc = match (&mission.outside, &mission.extended_degc) {
+        (OutsideTemperature::Flag, Some((range, _))) => [range[0].min(valid_degc[0]), range[1].max(valid_degc[1])],
+        _ => valid_degc,
+    };
+    Limits { valid_degc, kept_degc }
+}
+
+/// Noise of a reading by mode: what is stated, and the step of the converter.
+fn noise(mission: &Mission, sensor: &Sensor) -> Option<ReadingNoise> {
+    if !mission.uncertainty {
+        return None;
+    }
+    let step = sensor.counts.ent_per_count(0) / 12.0_f64.sqrt();
+    let of = |sid: &String| sensor.noise_ent.get(&Some(sid.clone())).or_else(|| sensor.noise_ent.get(&None));
+    let std_ent = mission.modes.iter().map(|mode| of(&mode.sid).map_or(f64::NAN, |noise| noise.hypot(step))).collect();
+    Some(ReadingNoise { std_ent })
+}
+
+fn ground(prepared: &Prepared, index: usize) -> Box<dyn Step> {
+    let mission = &prepared.mission;
+    let sensor = &mission.sensors[index];
+    let noise = noise(mission, sensor);
+    match &prepared.ground[index] {
+        Some(Ground { calibration, thermometer, valid_degc, convention, .. }) => Box::new(GroundStep {
+            calibration: calibration.clone(),
+            thermometer: thermometer.clone(),
+            limits: limits(mission, *valid_degc),
+            noise,
+            frame: sensor.frame.filter(|wanted| Some(*wanted) != *convention),
+        }),
+        None => Box::new(MatrixStep { entries: sensor.matrices.iter().map(entry).collect(), noise }),
+    }
+}
+
+/// A matrix of the configuration with its covariance.
+fn entry(stated: &RangeMatrix) -> MatrixEntry {
+    let subtracted = if stated.added { Vector3::zeros() } else { stated.offset };
+    let elements = (0..9).map(|e| (Parameter::Matrix(e / 3, e % 3), stated.matrix[(e / 3, e % 3)]));
+    let offsets = (0..3).map(|i| (Parameter::Offset(i), subtracted[i]));
+    let coefficients = elements.chain(offsets).map(|(parameter, value)| Coefficient { parameter, power: 0, value }).collect();
+    // The covariance of an offset that is added behind the matrix is that of the field itself.
+    let count = |i: usize| if stated.added && i >= 9 { 0.0 } else { 1.0 };
+    let covariance = stated.covariance.as_ref().map(|rows| DMatrix::from_fn(12, 12, |i, k| rows[i][k] * count(i) * count(k)));
+    let parts = Coefficients { matrix: Some(MatrixForm::Whole), coefficients, covariance, ..Coefficients::default() };
+    let at = FieldCalibration::new(parts).ok().and_then(|calibration| calibration.at(0.0));
+    let mut at = at.unwrap_or_else(|| AtTemperature::exact(subtracted, stated.matrix));
+    if let Some(rows) = stated.covariance.as_ref().filter(|_| stated.added) {
+        let places = crate::model::field_calibration::SYMMETRIC;
+        at = at.with_covariance(&places.map(|(i, k)| rows[9 + i][9 + k]));
+    }
+    MatrixEntry {
+        from: stated.span.from,
+        to: stated.span.to,
+        range: stated.range,
+        at,
+        added_nt: if stated.added { stated.offset } else { Vector3::zeros() },
+    }
+}
+
+fn daily(mission: &Mission, sensor: &Sensor, model: DailyModel, continuity_nt: [f64; 3]) -> DailyStep {
+    let limits = limits(mission, model.valid_degc);
+    DailyStep { polynomials: model.polynomials, continuity_nt, limits, to: sensor.daily_to }
+}
+
+/// The readings of the housekeeping of some days that a field follows.
+fn disturbance(
+    prepared: &Prepared,
+    stated: &crate::files::flight::mission::Disturbance,
+    days: &Range<i32>,
+) -> Result<DisturbanceStep, Finding> {
+    let mission = &prepared.mission;
+    let Some(folder) = &mission.hk else {
+        let rule = format!("the field of `{}` needs housekeeping", stated.column);
+        return Err(Finding::error(&mission.folder.display().to_string(), rule, "state the folder `hk`"));
+    };
+    let mut rows: Vec<(i64, f64)> = Vec::new();
+    for file in crate::files::flight::edited::day_files(folder)? {
+        if file.day.is_some_and(|day| !(days.start - 1..days.end + 1).contains(&day)) {
+            continue;
+        }
+        let table = SeriesTable::open(&file.path)?;
+        let names = table.names();
+        let time = if names.iter().any(|n| n == "time_tt2000") {
+            table.whole("time_tt2000")?
+        } else {
+            table.utc("time_utc", &prepared.leap)?
+        };
+        rows.extend(time.into_iter().zip(table.numbers(&stated.column)?).filter(|(_, value)| value.is_finite()));
+    }
+    rows.sort_by_key(|(time, _)| *time);
+    rows.dedup_by_key(|(time, _)| *time);
+    let (time, reading) = rows.into_iter().unzip();
+    Ok(DisturbanceStep { time, reading, vector_nt_per_unit: stated.vector_nt_per_unit })
+}
+
+/// The thermometer of a sensor, if it has one.
+pub fn thermometer(prepared: &Prepared, index: usize) -> Option<&Thermometer> {
+    prepared.ground[index].as_ref().map(|ground| &ground.thermometer)
+}
