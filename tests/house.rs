@@ -4,8 +4,8 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 /// The rooms of `src` from the highest floor to the lowest. A room may call those that stand after it, and itself.
-const FLOORS: [&str; 12] =
-    ["cli", "workflow", "show", "plot", "diagnose", "simulate", "measure", "record", "files", "model", "data", "fit"];
+const FLOORS: [&str; 13] =
+    ["cli", "workflow", "show", "plot", "diagnose", "simulate", "flight", "measure", "record", "files", "model", "data", "fit"];
 /// Calls down that are not wanted all the same: results know no layout of a file.
 const FORBIDDEN: [(&str, &str); 1] = [("measure", "files")];
 

@@ -19,6 +19,8 @@ mod faults_analyses;
 mod faults_data;
 mod faults_text;
 mod files;
+#[cfg(feature = "tables")]
+mod flight;
 mod freq;
 mod house;
 mod import;

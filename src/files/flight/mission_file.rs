@@ -246,7 +246,11 @@ impl MissionFile<'_> {
             Some("rosetta") => Some(Convention::Rosetta),
             Some("bepicolombo") => Some(Convention::BepiColombo),
             Some(_) => {
-                return Err(group.refuse("frame", "must be \"rosetta\" or \"bepicolombo\"", "leave it out for that of the files"));
+                return Err(group.refuse(
+                    "frame",
+                    "must be \"rosetta\" or \"bepicolombo\"",
+                    "leave it out for that of the files",
+                ));
             }
         };
         let counts = match (group.numbers_or_one("ent_per_count")?, group.whole("adc_bits")?) {
