@@ -60,8 +60,8 @@ fn shift_ns(mission: &Mission, sensor: &str, mode: u8, tag: Tt2000) -> Result<i6
     stated.ok_or_else(|| AssembleError::NoShift { sid: mode.sid.clone(), role: ROLES[role] })
 }
 
-/// Puts rows in the order of their corrected times and keeps those of a stretch that are neither repeated nor rejected. `shifts` tells
-/// whether times are corrected by the shifts of the modes.
+/// Puts rows in the order of their corrected times and keeps those of a stretch that are neither repeated nor rejected; rows of `day` are
+/// counted. `shifts` tells whether times are corrected by the shifts of the modes.
 ///
 /// # Errors
 /// A mode without a shift.
@@ -71,6 +71,7 @@ pub fn assemble(
     mission: &Mission,
     leap: &LeapSeconds,
     span: &Range<Tt2000>,
+    day: &Range<Tt2000>,
     shifts: bool,
 ) -> Result<Assembled, AssembleError> {
     let mut time = Vec::with_capacity(rows.tag.len());
@@ -103,7 +104,7 @@ pub fn assemble(
         let same = order[begin..].iter().take_while(|row| time[**row as usize] == at).count();
         let group = &order[begin..begin + same];
         begin += same;
-        let counted = span.contains(&at);
+        let counted = day.contains(&at);
         for (index, row) in group.iter().enumerate() {
             let row = *row as usize;
             let counts = |row: usize| rows.counts.each_ref().map(|c| c[row].to_bits());
@@ -124,7 +125,7 @@ pub fn assemble(
             #[expect(clippy::cast_precision_loss, reason = "differences of times")]
             let late = previous.zip(rate_hz).is_some_and(|(p, rate)| (at - p) as f64 * rate > GAP_STEPS * SECOND_NS as f64);
             previous = Some(at);
-            if !counted {
+            if !span.contains(&at) {
                 continue;
             }
             let mut flags = Flags::default();

@@ -10,11 +10,14 @@ pub mod counts;
 pub mod daily;
 pub mod disturbance;
 pub mod ground;
+pub mod heater;
 pub mod housekeeping;
 pub mod means;
 pub mod offsets;
 pub mod rotate;
 pub mod temperature;
+pub mod two_sensors;
+pub mod wheels;
 
 use crate::data::flags::Flags;
 use crate::data::time::Tt2000;
@@ -57,6 +60,12 @@ impl Block {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.time.is_empty()
+    }
+
+    /// The rows whose times lie in a stretch.
+    #[must_use]
+    pub fn rows_in(&self, span: &std::ops::Range<Tt2000>) -> std::ops::Range<usize> {
+        self.time.partition_point(|t| *t < span.start)..self.time.partition_point(|t| *t < span.end)
     }
 
     /// Some of its vectors.

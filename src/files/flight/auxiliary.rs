@@ -1,6 +1,6 @@
 //! Auxiliary tables of flight processing: attitude, positions, wheels, heater states.
 
-use super::mission::{Celestial, Span};
+use super::mission::Celestial;
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
 use crate::data::time::{LeapSeconds, Tt2000};
@@ -33,16 +33,18 @@ pub struct Positions {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WheelRates {
     /// Times, rising.
-    pub time: Vec<Tt2000>,
+    pub time_tt2000: Vec<Tt2000>,
     /// Rotations per second, wheel by wheel; nan where a rate is not known.
     pub rate_hz: Vec<Vec<f64>>,
 }
 
-/// A heater that is on.
+/// A heater that is on within `[from, to)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HeaterOn {
-    /// When.
-    pub span: Span,
+    /// Switched on.
+    pub from_tt2000: Tt2000,
+    /// Switched off.
+    pub to_tt2000: Tt2000,
     /// Its index among the names of the configuration.
     pub class: usize,
 }
@@ -118,7 +120,7 @@ pub fn wheels(path: &Path, leap: &LeapSeconds) -> Result<(WheelRates, Input), Fi
         return Err(Finding::error(&path.display().to_string(), rule, "name them w1_hz, w2_hz, …, in rotations per second"));
     }
     let rate_hz = names.iter().map(|name| table.numbers(name)).collect::<Result<_, _>>()?;
-    Ok((WheelRates { time, rate_hz }, input(path)?))
+    Ok((WheelRates { time_tt2000: time, rate_hz }, input(path)?))
 }
 
 /// Reads a table of heater states.
@@ -143,7 +145,7 @@ pub fn heater(path: &Path, classes: &[String], leap: &LeapSeconds) -> Result<(Ve
             let remedy = "name all heaters in [heater] classes";
             return Err(refuse(path, row, &format!("the heater {word} is none of {}", classes.join(", ")), remedy));
         };
-        list.push(HeaterOn { span: Span { from: from[row], to: to[row] }, class });
+        list.push(HeaterOn { from_tt2000: from[row], to_tt2000: to[row], class });
     }
     Ok((list, input(path)?))
 }

@@ -72,6 +72,11 @@ impl ParquetFile {
         self.schema.iter_values()
     }
 
+    /// The value of a key of its metadata.
+    pub(super) fn says(&self, key: &str) -> Option<&str> {
+        self.metadata.key_value_metadata.as_ref()?.iter().find(|entry| entry.key == key)?.value.as_deref()
+    }
+
     /// Rows of every group.
     pub(super) fn group_rows(&self) -> Vec<usize> {
         self.metadata.row_groups.iter().map(|group| group.num_rows()).collect()

@@ -99,6 +99,15 @@ impl SeriesTable {
         }
     }
 
+    /// What a Parquet file says of itself under a key.
+    #[must_use]
+    pub fn says(&self, key: &str) -> Option<&str> {
+        match &self.body {
+            Body::Parquet(file) => file.says(key),
+            Body::Csv(_) => None,
+        }
+    }
+
     /// Reads from now on only the groups of rows that hold a range of rows.
     pub fn narrow(&mut self, wanted: std::ops::Range<usize>) {
         let Body::Parquet(file) = &self.body else { return };

@@ -1,5 +1,6 @@
 //! The first pass: what one day needs of the others, so that days can be made in any order (RO-IGEP-TR0028 section 4.2.3.3).
 
+use super::derived::heater_classes;
 use super::steps::thermometer;
 use super::{Prepared, day_name};
 use crate::data::error::Finding;
@@ -11,7 +12,9 @@ use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
 use crate::flight::assemble::assemble;
 use crate::flight::daily::{DayEnds, continuity};
+use crate::flight::heater::HeaterClass;
 use crate::model::polynomial::value;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// What the first pass found of a sensor and day.
@@ -36,6 +39,8 @@ pub struct CarryRow {
 pub struct Carry {
     /// Days in order, sensor by sensor.
     pub rows: Vec<CarryRow>,
+    /// What heaters add to the field of every sensor.
+    pub heater: BTreeMap<String, Vec<HeaterClass>>,
 }
 
 const COLUMNS: [&str; 3] = ["s_x_nt", "s_y_nt", "s_z_nt"];
@@ -47,11 +52,22 @@ impl Carry {
         self.rows.iter().find(|row| row.sensor == sensor && row.day == day).map_or([0.0; 3], |row| row.continuity_nt)
     }
 
-    /// Looks at all days of a mission whose sensors have daily models.
+    /// Looks at all days of a mission whose sensors have daily models, and with `heater` at all intervals of heaters.
     ///
     /// # Errors
     /// What is wrong with a file of telemetry or a daily model.
-    pub fn find(prepared: &Prepared) -> Result<Self, Finding> {
+    pub fn find(prepared: &Prepared, heater: bool) -> Result<Self, Finding> {
+        let mut carry = Self::of_days(prepared)?;
+        if heater {
+            for (index, sensor) in prepared.mission.sensors.iter().enumerate() {
+                let classes = heater_classes(prepared, &carry, index)?;
+                carry.heater.extend(classes.map(|classes| (sensor.name.clone(), classes)));
+            }
+        }
+        Ok(carry)
+    }
+
+    fn of_days(prepared: &Prepared) -> Result<Self, Finding> {
         let mission = &prepared.mission;
         let mut carry = Self::default();
         let has_daily = |sensor: &Sensor| sensor.daily.is_some() && mission.steps.iter().any(|s| s == "daily");
@@ -99,8 +115,6 @@ impl Carry {
             });
             codes.push(u8::try_from(code).unwrap_or(u8::MAX));
         }
-        let dates: Vec<String> = self.rows.iter().map(|row| day_name(row.day)).collect();
-        // Days are few; a word of its own for each costs nothing.
         let day_codes: Vec<i64> = self.rows.iter().map(|row| i64::from(row.day)).collect();
         let number = |of: &dyn Fn(&CarryRow) -> f64| -> Vec<f64> { self.rows.iter().map(of).collect() };
         let whole = |of: &dyn Fn(&CarryRow) -> i64| -> Vec<i64> { self.rows.iter().map(of).collect() };
@@ -120,7 +134,8 @@ impl Carry {
         columns.push(("reset", Column::Bytes(&reset)));
         let says = vec![
             ("day".to_owned(), "days since 1970-01-01".to_owned()),
-            ("first_day".to_owned(), dates.first().cloned().unwrap_or_default()),
+            ("first_day".to_owned(), self.rows.first().map(|row| day_name(row.day)).unwrap_or_default()),
+            (HEATER.to_owned(), self.heater.iter().flat_map(|(s, list)| list.iter().map(|c| line_of(s, c))).collect()),
             ("written_by".to_owned(), format!("calfit {}", env!("CARGO_PKG_VERSION"))),
         ];
         let mut file = folder.create(name)?;
@@ -150,8 +165,44 @@ impl Carry {
             continuity_nt: [x[i], y[i], z[i]],
             reset: reset[i] != 0,
         };
-        Ok(Self { rows: (0..table.rows()).map(row).collect() })
+        let mut heater: BTreeMap<String, Vec<HeaterClass>> = BTreeMap::new();
+        for line in table.says(HEATER).unwrap_or_default().lines() {
+            let Some((sensor, class)) = class_of(line) else {
+                let shown = path.display().to_string();
+                return Err(
+                    Finding::error(&shown, "what it says of heaters cannot be read", "make it again").found(line.as_bytes())
+                );
+            };
+            heater.entry(sensor).or_default().push(class);
+        }
+        Ok(Self { rows: (0..table.rows()).map(row).collect(), heater })
     }
+}
+
+/// What the file says of heaters, a line for each: sensor, name, vector, its uncertainty, mean and scatter of the times off and on, edges.
+const HEATER: &str = "heater";
+
+fn line_of(sensor: &str, class: &HeaterClass) -> String {
+    let numbers = class.vector_nt.iter().chain(&class.std_nt).chain(&class.off_s).chain(&class.on_s);
+    let numbers: Vec<String> = numbers.map(|v| format!("{v:?}")).collect();
+    format!("{sensor}\t{}\t{}\t{}\n", class.name, numbers.join("\t"), class.edges)
+}
+
+fn class_of(line: &str) -> Option<(String, HeaterClass)> {
+    let mut cells = line.split('\t');
+    let (sensor, name) = (cells.next()?.to_owned(), cells.next()?.to_owned());
+    let cells: Vec<&str> = cells.collect();
+    let numbers: Vec<f64> = cells.get(..10)?.iter().map(|c| c.parse().ok()).collect::<Option<_>>()?;
+    let three = |from: usize| [numbers[from], numbers[from + 1], numbers[from + 2]];
+    let class = HeaterClass {
+        name,
+        vector_nt: three(0),
+        std_nt: three(3),
+        off_s: [numbers[6], numbers[7]],
+        on_s: [numbers[8], numbers[9]],
+        edges: cells.get(10)?.parse().ok()?,
+    };
+    Some((sensor, class))
 }
 
 /// Corrected times and temperatures of the first and the last accepted vector of a day.
@@ -185,7 +236,7 @@ fn ends_in(prepared: &Prepared, index: usize, span: &std::ops::Range<Tt2000>) ->
         rows.append(edited::read(file, sensor, &prepared.mission, &prepared.leap, &wanted)?);
     }
     let shifts = prepared.mission.steps.iter().any(|s| s == "shift");
-    let made = assemble(&rows, &sensor.name, &prepared.mission, &prepared.leap, span, shifts)
+    let made = assemble(&rows, &sensor.name, &prepared.mission, &prepared.leap, span, span, shifts)
         .map_err(|e| Finding::error(&sensor.name, e.to_string(), "state it in [[mode]]"))?;
     let block = made.vectors;
     let end = |row: usize| (block.time[row], block.thermistor[row]);

@@ -46,6 +46,22 @@ impl Level {
     }
 }
 
+impl Level {
+    /// Whether heater jumps are taken off for it.
+    #[must_use]
+    pub fn needs_heater(self) -> bool {
+        use Level::{F, G, H, I, J, K, L};
+        matches!(self, F | G | H | I | J | K | L)
+    }
+
+    /// Whether it is in the celestial frame.
+    #[must_use]
+    pub fn is_celestial(self) -> bool {
+        use Level::{C, G, H, I, L};
+        matches!(self, C | G | H | I | L)
+    }
+}
+
 /// Levels that are wanted.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Levels {
@@ -101,16 +117,14 @@ impl Levels {
         if named.is_empty() && !hk { Err(NoLevels::Unknown(String::new())) } else { Ok(Self { named, all: false, hk }) }
     }
 
-    /// Whether a level is written.
+    /// The levels that are written.
     #[must_use]
-    pub fn has(&self, level: Level, prepared: &Prepared) -> bool {
-        if self.all { lacks(level, prepared).is_none() } else { self.named.contains(&level) }
-    }
-
-    /// Whether one of some levels is written.
-    #[must_use]
-    pub fn has_any(&self, levels: &[Level], prepared: &Prepared) -> bool {
-        levels.iter().any(|level| self.has(*level, prepared))
+    pub fn of(&self, prepared: &Prepared) -> BTreeSet<Level> {
+        if self.all {
+            Level::ALL.into_iter().filter(|level| lacks(*level, prepared).is_none()).collect()
+        } else {
+            self.named.clone()
+        }
     }
 
     /// Checks that every level that is named can be made.

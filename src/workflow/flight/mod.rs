@@ -2,10 +2,12 @@
 
 mod carry;
 mod day;
+mod derived;
 mod ground;
 mod housekeeping;
 mod levels;
 mod steps;
+mod write;
 
 pub use carry::{Carry, CarryRow};
 pub use day::DayMade;
@@ -23,8 +25,11 @@ use crate::files::flight::mission::{Mission, Sensor};
 use crate::files::flight::read_mission;
 use crate::files::output::Folder;
 use crate::flight::stage_of;
+use day::Context;
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use write::DayWriter;
 
 /// What is processed, and where it goes.
 #[derive(Clone, Debug)]
@@ -94,6 +99,8 @@ pub struct FlightMade {
 enum Task {
     /// The levels of a sensor.
     Levels(usize),
+    /// What both sensors share.
+    Common,
     /// Housekeeping.
     Housekeeping,
 }
@@ -251,6 +258,7 @@ pub struct Flight {
     prepared: Prepared,
     carry: Carry,
     options: FlightOptions,
+    wanted: BTreeSet<Level>,
     folder: Folder,
 }
 
@@ -270,10 +278,11 @@ impl Flight {
         }
         let carry = match &options.carry {
             Some(file) => Carry::read(file)?,
-            None => Carry::find(&prepared)?,
+            None => Carry::find(&prepared, options.levels.of(&prepared).iter().any(|level| level.needs_heater()))?,
         };
         let folder = Folder::open(&options.out, options.force)?;
-        Ok(Self { prepared, carry, options, folder })
+        let wanted = options.levels.of(&prepared);
+        Ok(Self { prepared, carry, options, wanted, folder })
     }
 
     /// What is to be made, day by day, the sensors of a day after each other.
@@ -290,6 +299,10 @@ impl Flight {
                 jobs.extend(days.map(|day| Job { day, task: Task::Levels(index) }));
             }
         }
+        if self.wanted.contains(&Level::J) && self.options.sensor.is_none() {
+            let days: BTreeSet<i32> = jobs.iter().map(|job: &Job| job.day).collect();
+            jobs.extend(days.into_iter().map(|day| Job { day, task: Task::Common }));
+        }
         if self.options.levels.hk {
             let days = housekeeping::days(&self.prepared)?.into_iter().filter(|day| wanted(*day));
             jobs.extend(days.map(|day| Job { day, task: Task::Housekeeping }));
@@ -303,6 +316,7 @@ impl Flight {
     pub fn name(&self, job: Job) -> (String, String) {
         let sensor = match job.task {
             Task::Levels(index) => self.prepared.mission.sensors[index].name.clone(),
+            Task::Common => derived::COMMON.to_owned(),
             Task::Housekeeping => housekeeping::NAME.to_owned(),
         };
         (sensor, day_name(job.day))
@@ -314,9 +328,41 @@ impl Flight {
     /// What is wrong with the day.
     pub fn make(&self, job: Job) -> Result<Option<DayMade>, Finding> {
         match job.task {
-            Task::Levels(index) => day::make(&self.prepared, &self.carry, index, job.day, &self.options),
+            Task::Levels(index) => self.levels(index, job.day),
+            Task::Common => self.common(job.day),
             Task::Housekeeping => housekeeping::make(&self.prepared, &self.options, job.day),
         }
+    }
+
+    fn writer<'a>(&'a self, sensor: &'a str, uvw: &'a str, day: i32) -> DayWriter<'a> {
+        DayWriter { prepared: &self.prepared, out: &self.options.out, force: self.options.force, sensor, uvw, day }
+    }
+
+    /// The levels of one sensor.
+    fn levels(&self, index: usize, day: i32) -> Result<Option<DayMade>, Finding> {
+        let prepared = &self.prepared;
+        let context = Context { prepared, carry: &self.carry, index, day, wanted: &self.wanted };
+        let uvw = prepared.ground[index].as_ref().map_or("sensor axes", |g| g.frame.as_str());
+        let writer = self.writer(&prepared.mission.sensors[index].name, uvw, day);
+        context.make(&mut |level, product, inputs, made| writer.take(level, &product, inputs, made))
+    }
+
+    /// What both sensors share.
+    fn common(&self, day: i32) -> Result<Option<DayMade>, Finding> {
+        let Some(parts) = derived::common(&self.prepared, &self.carry, day)? else { return Ok(None) };
+        let mut made =
+            DayMade { sensor: derived::COMMON.to_owned(), day: day_name(day), notes: parts.notes, ..DayMade::default() };
+        for (name, rows) in parts.tables {
+            let writer = self.writer(&name, "", day);
+            made.written = rows.time.len();
+            let mut metadata = writer.metadata(Level::J, &parts.inputs, &made);
+            let mark = metadata.pop();
+            metadata.extend(parts.says.iter().cloned());
+            metadata.extend(mark);
+            writer.write(Level::J, std::iter::once(rows), metadata)?;
+        }
+        made.levels.push(Level::J.letter().to_owned());
+        Ok(Some(made))
     }
 
     /// What a person should know of the mission as a whole.
@@ -340,7 +386,7 @@ impl Flight {
 /// What is wrong with the configuration, a file of telemetry or a daily model; what the operating system says.
 pub fn make_carry(path: &Path, out: &Path, force: bool, findings: &mut Vec<Finding>) -> Result<Carry, Finding> {
     let prepared = prepare(path, findings)?;
-    let carry = Carry::find(&prepared)?;
+    let carry = Carry::find(&prepared, true)?;
     let name = out.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let parent = out.parent().filter(|p| !p.as_os_str().is_empty()).map_or(Path::new("."), |p| p);
     carry.write(&Folder::open(parent, force)?, &name)?;

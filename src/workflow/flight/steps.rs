@@ -2,6 +2,7 @@
 
 use super::{Carry, Ground, Prepared};
 use crate::data::error::Finding;
+use crate::data::flags::Flags;
 use crate::files::flight::daily::DailyModel;
 use crate::files::flight::mission::{Counts, Mission, OffsetFrame, OutsideTemperature, RangeMatrix, Sensor};
 use crate::files::table::series::SeriesTable;
@@ -18,6 +19,15 @@ use crate::model::field_calibration::{AtTemperature, Coefficient, Coefficients, 
 use nalgebra::{DMatrix, Vector3};
 use std::ops::Range;
 
+/// Vectors beside the day that is made, whose model is not known.
+struct NoModel;
+
+impl Step for NoModel {
+    fn apply(&self, block: &mut Block) {
+        (0..block.len()).for_each(|row| block.take_away(row, Flags::TIME));
+    }
+}
+
 /// The steps of a sensor and a stretch of time, stage by stage.
 pub struct Steps {
     list: Vec<(Stage, Box<dyn Step>)>,
@@ -28,7 +38,7 @@ struct OnDay<S>(Range<i64>, S);
 
 impl<S: Step> Step for OnDay<S> {
     fn apply(&self, block: &mut Block) {
-        let rows = block.time.partition_point(|t| *t < self.0.start)..block.time.partition_point(|t| *t < self.0.end);
+        let rows = block.rows_in(&self.0);
         if rows.len() == block.len() {
             self.1.apply(block);
         } else if !rows.is_empty() {
@@ -40,11 +50,11 @@ impl<S: Step> Step for OnDay<S> {
 }
 
 impl Steps {
-    /// Makes the steps; `days` are those of the stretch.
+    /// Makes the steps of a day; `days` are those of the stretch that it needs.
     ///
     /// # Errors
-    /// What is wrong with the daily model of a day, or with the readings of the housekeeping that a field follows.
-    pub fn make(prepared: &Prepared, carry: &Carry, index: usize, days: &Range<i32>) -> Result<Self, Finding> {
+    /// What is wrong with the daily model of the day, or with the readings of the housekeeping that a field follows.
+    pub fn make(prepared: &Prepared, carry: &Carry, index: usize, day: i32, days: &Range<i32>) -> Result<Self, Finding> {
         let mission = &prepared.mission;
         let sensor = &mission.sensors[index];
         let mut list: Vec<(Stage, Box<dyn Step>)> = Vec::new();
@@ -59,10 +69,16 @@ impl Steps {
                 }
                 "ground" => list.push((stage, ground(prepared, index))),
                 "daily" => {
-                    for day in days.clone() {
-                        if let Some(model) = prepared.daily(sensor, day)? {
-                            let step = daily(mission, sensor, model, carry.continuity_nt(&sensor.name, day));
-                            list.push((stage, Box::new(OnDay(prepared.leap.day(day), step))));
+                    for own in days.clone() {
+                        let span = prepared.leap.day(own);
+                        match prepared.daily(sensor, own) {
+                            Ok(Some(model)) => {
+                                let step = daily(mission, sensor, model, carry.continuity_nt(&sensor.name, own));
+                                list.push((stage, Box::new(OnDay(span, step))));
+                            }
+                            Ok(None) => {}
+                            Err(finding) if own == day => return Err(finding),
+                            Err(_) => list.push((stage, Box::new(OnDay(span, NoModel)))),
                         }
                     }
                 }

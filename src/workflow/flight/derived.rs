@@ -1,0 +1,224 @@
+//! Levels that need the neighbours of a vector or both sensors: without heater jumps (K, L), without wheels (H, I), what both sensors
+//! share (J).
+
+use super::day::{Context, DayMade, Product, Vectors, put_back, series, vectors};
+use super::{Carry, Level, Prepared};
+use crate::data::error::Finding;
+use crate::data::note::{Note, NoteKind};
+use crate::data::provenance::Input;
+use crate::data::time::Tt2000;
+use crate::files::flight::levels::LevelRows;
+use crate::files::flight::mission::{Common, Heater, Span};
+use crate::flight::heater::{self, HeaterClass, HeaterInterval, HeaterMethod, HeaterOptions};
+use crate::flight::means::Means;
+use crate::flight::two_sensors::{self, Parts};
+use crate::flight::wheels::{self, Method, WheelMode, WheelOptions};
+use crate::flight::{Block, Stage};
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+/// What stands in place of a sensor where both are meant.
+pub const COMMON: &str = "common";
+
+/// The intervals with heater operation that reach into a stretch.
+pub fn heater_intervals(prepared: &Prepared, span: &Range<Tt2000>) -> Vec<Span> {
+    let stretch = Span { from: span.start, to: span.end };
+    let all = prepared.mission.heater.iter().flat_map(|heater| &heater.intervals);
+    all.filter(|interval| interval.meets(&stretch)).copied().collect()
+}
+
+fn heater_options(prepared: &Prepared, stated: &Heater) -> HeaterOptions {
+    let method = match (stated.from_table, &prepared.heater) {
+        (true, Some(table)) => HeaterMethod::Table(table.clone()),
+        _ => HeaterMethod::Found,
+    };
+    HeaterOptions::new(stated.classes.clone(), method)
+}
+
+fn interval_of(span: Span) -> HeaterInterval {
+    HeaterInterval { from_tt2000: span.from, to_tt2000: span.to }
+}
+
+/// What the heaters of a mission add to the field of a sensor, from all intervals of their operation; `None` without heaters.
+///
+/// # Errors
+/// What is wrong with options or tables. An interval whose telemetry cannot be read is left out; its own days say why.
+pub fn heater_classes(prepared: &Prepared, carry: &Carry, index: usize) -> Result<Option<Vec<HeaterClass>>, Finding> {
+    let Some(stated) = &prepared.mission.heater else { return Ok(None) };
+    let options = heater_options(prepared, stated);
+    let mut records = Vec::new();
+    for span in &stated.intervals {
+        let reach = span.from..span.to;
+        let Ok(Some(Vectors { mut blocks, steps, .. })) =
+            vectors(prepared, carry, index, prepared.leap.utc(span.from).day, &reach)
+        else {
+            continue;
+        };
+        for block in &mut blocks {
+            steps.apply(Stage::A, block);
+            steps.apply(Stage::B, block);
+        }
+        let all = series(&blocks);
+        records.extend(heater::Cells::of(&all.time, &all.field_nt, interval_of(*span), &options));
+    }
+    let refuse = |e: heater::HeaterError| Finding::error(&prepared.mission.sensors[index].name, e.to_string(), "see [heater]");
+    heater::learn(&records, &options).map(Some).map_err(refuse)
+}
+
+/// Vectors without heater jumps.
+///
+/// # Errors
+/// What is wrong with options or tables.
+pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMade) -> Result<Vec<Block>, Finding> {
+    let mut out = blocks.to_vec();
+    let Some(stated) = &context.prepared.mission.heater else { return Ok(out) };
+    let spans = heater_intervals(context.prepared, &context.span());
+    let intervals: Vec<HeaterInterval> = spans.into_iter().map(interval_of).collect();
+    let options = heater_options(context.prepared, stated);
+    let known = context.carry.heater.get(&made.sensor).map(Vec::as_slice);
+    let mut all = series(blocks);
+    let (classes, jumps) = heater::close_jumps(&all.time, &mut all.field_nt, &mut all.flags, &intervals, known, &options)
+        .map_err(|e| Finding::error(&made.sensor, e.to_string(), "see [heater]"))?;
+    put_back(&all, &mut out);
+    made.heater = classes;
+    let day = context.span();
+    made.jumps = jumps.into_iter().filter(|jump| day.contains(&jump.time_tt2000)).collect();
+    Ok(out)
+}
+
+/// Takes wheels and lines off.
+pub fn without_wheels(context: &Context<'_>, blocks: &mut [Block], made: &mut DayMade) -> Result<(), Finding> {
+    let prepared = context.prepared;
+    let (Some(stated), Some(table)) = (&prepared.mission.wheels, &prepared.wheels) else { return Ok(()) };
+    let role = prepared.mission.roles.of(&made.sensor, context.span().start);
+    let mode = |mode: &crate::files::flight::mission::Mode| WheelMode {
+        rate_hz: mode.rates[role].map_or(f64::NAN, |rate| rate.rate_hz),
+        half_width_hz: stated.half_width_hz.get(&mode.sid).copied().filter(|_| mode.rates[role].is_some()),
+        lines_hz: mode.lines_hz.clone(),
+    };
+    let modes: Vec<WheelMode> = prepared.mission.modes.iter().map(mode).collect();
+    let options = WheelOptions {
+        harmonics: stated.harmonics.clone(),
+        method: if stated.stripe { Method::Stripe } else { Method::Fit },
+        seed: stated.seed,
+        ..WheelOptions::default()
+    };
+    let mut all = series(blocks);
+    let report = wheels::clean(&all.time, &all.mode, &modes, table, &options, &mut all.field_nt, &mut all.flags)
+        .map_err(|e| Finding::error(&made.sensor, e.to_string(), "see [wheels] and [[mode]]"))?;
+    put_back(&all, blocks);
+    made.wheels = report.modes;
+    Ok(())
+}
+
+/// What both sensors share on a day.
+pub struct Shared {
+    /// Name in place of the sensor, and rows.
+    pub tables: Vec<(String, LevelRows)>,
+    /// What the files say further of themselves.
+    pub says: Vec<(String, String)>,
+    /// Telemetry and daily models.
+    pub inputs: Vec<Input>,
+    /// What a person should know.
+    pub notes: Vec<Note>,
+}
+
+/// The means of a sensor and day in a level.
+fn means_of(
+    prepared: &Prepared,
+    carry: &Carry,
+    index: usize,
+    day: i32,
+    level: Level,
+    inputs: &mut Vec<Input>,
+) -> Result<Option<Means>, Finding> {
+    let wanted = BTreeSet::from([level]);
+    let mut found = None;
+    let context = Context { prepared, carry, index, day, wanted: &wanted };
+    context.make(&mut |_, product, own, _| {
+        if let Product::Means(means, _) = product {
+            found = Some(means.clone());
+            inputs.extend_from_slice(own);
+        }
+        Ok(())
+    })?;
+    Ok(found)
+}
+
+/// What both sensors share on a day; `None` where one of them has no means.
+pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Shared>, Finding> {
+    let mission = &prepared.mission;
+    let span = prepared.leap.day(day);
+    let stated = mission.common.clone().unwrap_or(Common { coupling: None, inputs: ['G', 'G'], span: None });
+    let place = |role: usize| mission.sensors.iter().position(|s| mission.roles.of(&s.name, span.start) == role);
+    let (Some(primary), Some(secondary)) = (place(0), place(1)) else { return Ok(None) };
+    let mut inputs = Vec::new();
+    let mut take = |index: usize, letter: char| -> Result<Option<Means>, Finding> {
+        let level = Level::ALL.into_iter().find(|level| level.letter().starts_with(letter)).unwrap_or(Level::G);
+        // Wheels are taken off the primary sensor only.
+        let level = if level == Level::I && index == secondary { Level::G } else { level };
+        means_of(prepared, carry, index, day, level, &mut inputs)
+    };
+    let (Some(first), Some(second)) = (take(primary, stated.inputs[0])?, take(secondary, stated.inputs[1])?) else {
+        return Ok(None);
+    };
+    let pairs = two_sensors::common_times(&first.time, &second.time);
+    let within = |pair: &&[usize; 2]| stated.span.is_none_or(|span| span.holds(first.time[pair[0]]));
+    let pairs: Vec<&[usize; 2]> = pairs.iter().filter(within).collect();
+    if pairs.is_empty() {
+        return Ok(None);
+    }
+    let pick = |means: &Means, side: usize| {
+        means.field_nt.each_ref().map(|c| pairs.iter().map(|pair| c[pair[side]]).collect::<Vec<f64>>())
+    };
+    let (outer, inner) = (pick(&first, 0), pick(&second, 1));
+    let sides = [outer.each_ref().map(Vec::as_slice), inner.each_ref().map(Vec::as_slice)];
+    let refuse = |e: two_sensors::TwoSensorsError| Finding::error(COMMON, e.to_string(), "see [pca]");
+    let mut says = Vec::new();
+    let mut notes = Vec::new();
+    let parts: Parts = match &stated.coupling {
+        Some(m) => {
+            says.push(("method".to_owned(), "gradiometer".to_owned()));
+            let rows = [0, 1, 2].map(|row| [m[(row, 0)], m[(row, 1)], m[(row, 2)]]);
+            two_sensors::gradiometer(sides[0], sides[1], rows).map_err(refuse)?
+        }
+        None => {
+            let (parts, axes) = two_sensors::principal(sides[0], sides[1]).map_err(refuse)?;
+            says.push(("method".to_owned(), "pca".to_owned()));
+            for (axis, name) in axes.iter().zip(["x", "y", "z"]) {
+                let [a, b] = axis.direction;
+                let text = format!(
+                    "direction {a:.9} {b:.9}, share of variance {:.6}, correlation {:.6}, {} pairs",
+                    axis.share, axis.correlation, axis.pairs
+                );
+                says.push((format!("axis_{name}"), text));
+            }
+            let text = "the common part of both sensors is worse than the outboard sensor alone where noise of the spacecraft is common to \
+                        both and stronger at the inboard one";
+            notes.push(
+                Note::new(NoteKind::Method, text).with_remedy("use [pca] method = \"gradiometer\" with a measured coupling"),
+            );
+            parts
+        }
+    };
+    let rows = |field_nt: [Vec<f64>; 3]| {
+        let time: Vec<Tt2000> = pairs.iter().map(|pair| first.time[pair[0]]).collect();
+        LevelRows {
+            #[expect(clippy::cast_precision_loss, reason = "the clock of a spacecraft has microseconds")]
+            obt_s: time.iter().map(|t| (t - prepared.leap.clock_begin()) as f64 * 1e-9).collect(),
+            time,
+            field_nt,
+            mode: pairs.iter().map(|pair| first.mode[pair[0]]).collect(),
+            count: Some(pairs.iter().map(|pair| first.count[pair[0]].min(second.count[pair[1]])).collect()),
+            flags: pairs.iter().map(|pair| first.flags[pair[0]] | second.flags[pair[1]]).collect(),
+            ..LevelRows::default()
+        }
+    };
+    let own = |index: usize| format!("own_{}", mission.sensors[index].name);
+    let tables = vec![
+        (COMMON.to_owned(), rows(parts.common_nt)),
+        (own(primary), rows(parts.own_outboard_nt)),
+        (own(secondary), rows(parts.own_inboard_nt)),
+    ];
+    Ok(Some(Shared { tables, says, inputs, notes }))
+}

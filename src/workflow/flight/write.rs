@@ -1,0 +1,192 @@
+//! The levels of a day as files.
+
+use super::day::{DayMade, Product};
+use super::{Level, Prepared, day_name};
+use crate::data::error::Finding;
+use crate::data::provenance::Input;
+use crate::data::time::{SECOND_NS, Tt2000};
+use crate::files::flight::levels::{LevelRows, file_name, partition, write};
+use crate::files::output::Folder;
+use crate::flight::Block;
+use crate::flight::attitude::positions_km;
+use crate::flight::means::Means;
+use std::path::Path;
+
+/// Writes the levels of a sensor and day.
+pub struct DayWriter<'a> {
+    /// The mission.
+    pub prepared: &'a Prepared,
+    /// Folder of the results.
+    pub out: &'a Path,
+    /// Foreign files are written over.
+    pub force: bool,
+    /// The sensor, or what stands in its place.
+    pub sensor: &'a str,
+    /// Frame of level A in words.
+    pub uvw: &'a str,
+    /// Day, counted from 1970-01-01.
+    pub day: i32,
+}
+
+impl DayWriter<'_> {
+    /// Writes a level.
+    ///
+    /// # Errors
+    /// What the operating system says, or a name that is taken.
+    pub fn take(&self, level: Level, product: &Product<'_>, inputs: &[Input], made: &mut DayMade) -> Result<(), Finding> {
+        let span = self.prepared.leap.day(self.day);
+        let metadata = self.metadata(level, inputs, made);
+        match product {
+            Product::Vectors(blocks) => {
+                let groups = blocks.iter().map(|block| (block, block.rows_in(&span))).filter(|(_, rows)| !rows.is_empty());
+                self.write(level, groups.map(|(block, rows)| self.vectors(level, block, rows)), metadata)?;
+            }
+            Product::Means(means, blocks) => self.write(level, std::iter::once(self.means(level, means, blocks)), metadata)?,
+        }
+        made.levels.push(level.letter().to_owned());
+        Ok(())
+    }
+
+    /// Writes groups of rows as a level.
+    ///
+    /// # Errors
+    /// What the operating system says, or a name that is taken.
+    pub fn write(
+        &self,
+        level: Level,
+        groups: impl Iterator<Item = LevelRows>,
+        metadata: Vec<(String, String)>,
+    ) -> Result<(), Finding> {
+        let folder = Folder::open(&self.out.join(partition(level.letter(), self.sensor, self.day)), self.force)?;
+        let sids: Vec<String> = self.prepared.mission.modes.iter().map(|mode| mode.sid.clone()).collect();
+        write(&folder, &file_name(level.letter(), self.sensor, self.day), groups, &sids, &self.prepared.leap, metadata)
+    }
+
+    fn frame(&self, level: Level) -> &str {
+        match level {
+            Level::A | Level::E => self.uvw,
+            Level::B | Level::F | Level::K => "spacecraft",
+            _ => self.prepared.mission.celestial.as_ref().map_or("", |c| c.frame.as_str()),
+        }
+    }
+
+    /// What a file says of itself. Nothing in it depends on when or where it was made.
+    #[must_use]
+    pub fn metadata(&self, level: Level, inputs: &[Input], made: &DayMade) -> Vec<(String, String)> {
+        let mission = &self.prepared.mission;
+        let inputs: Vec<&Input> = self.prepared.inputs.iter().chain(inputs).collect();
+        let notes: Vec<String> = self.prepared.notes.iter().chain(&made.notes).map(ToString::to_string).collect();
+        let rows = &made.rows;
+        let counts = serde_json::json!({
+            "read": rows.read, "duplicate": rows.duplicates, "conflicting": rows.conflicts, "rejected": rows.rejected,
+            "written": made.written,
+        });
+        let mut list = vec![
+            ("level", level.letter().to_owned()),
+            ("mission", mission.mission.clone()),
+            ("instrument", mission.instrument.clone()),
+            ("sensor", self.sensor.to_owned()),
+            ("day", day_name(self.day)),
+            ("frame", self.frame(level).to_owned()),
+            ("units", UNITS.to_owned()),
+            ("time_scale", TIME_SCALE.to_owned()),
+            ("convention", "offset_unit=enT offset_acts=before_matrix offset_sign=subtracted".to_owned()),
+            ("uncertainty", UNCERTAINTY.to_owned()),
+            ("steps", mission.steps.join(" ")),
+            ("counts", counts.to_string()),
+            ("notes", serde_json::json!(notes).to_string()),
+            ("inputs", serde_json::json!(inputs).to_string()),
+        ];
+        if let Some(([low, high], reason)) = &mission.extended_degc {
+            list.push(("extended_degc", format!("{low} to {high}: {reason}")));
+        }
+        if let Some(celestial) = mission.celestial.as_ref().filter(|_| level.is_celestial()) {
+            list.push(("attitude_std_rad", format!("{:e}", celestial.std_rad)));
+        }
+        // The mark by which the program knows its own files stands last.
+        list.push(("written_by", format!("calfit {}", env!("CARGO_PKG_VERSION"))));
+        list.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    }
+
+    fn positions(&self, level: Level, time: &[Tt2000]) -> Option<[Vec<f64>; 3]> {
+        let table = self.prepared.positions.as_ref()?;
+        level.is_celestial().then(|| positions_km(&table.time, &table.km, time))
+    }
+
+    fn vectors(&self, level: Level, block: &Block, rows: std::ops::Range<usize>) -> LevelRows {
+        let with_t = matches!(level, Level::A | Level::B | Level::K);
+        let part = |list: &[f64]| list[rows.clone()].to_vec();
+        let std = |list: &[[f32; 6]]| {
+            let own = list.get(rows.clone()).unwrap_or_default();
+            PLACES.map(|place| own.iter().map(|c| c[place].sqrt()).collect())
+        };
+        let time = block.time[rows.clone()].to_vec();
+        LevelRows {
+            obt_s: part(&block.obt_s),
+            field_nt: block.field.each_ref().map(|c| part(c)),
+            t_degc: with_t.then(|| part(&block.t_degc)),
+            position_km: self.positions(level, &time),
+            time,
+            mode: block.mode[rows.clone()].to_vec(),
+            count: None,
+            std_nt: self.prepared.mission.uncertainty.then(|| [std(&block.own_nt2), std(&block.common_nt2)]),
+            quality: Some(block.quality[rows.clone()].to_vec()),
+            flags: block.flags[rows.clone()].to_vec(),
+        }
+    }
+
+    fn means(&self, level: Level, means: &Means, blocks: &[Block]) -> LevelRows {
+        LevelRows {
+            time: means.time.clone(),
+            obt_s: self.clock(&means.time),
+            field_nt: means.field_nt.clone(),
+            t_degc: None,
+            position_km: self.positions(level, &means.time),
+            mode: means.mode.clone(),
+            count: Some(means.count.clone()),
+            std_nt: self.prepared.mission.uncertainty.then(|| mean_stds(means, blocks)),
+            quality: None,
+            flags: means.flags.clone(),
+        }
+    }
+
+    /// The clock of the spacecraft at times.
+    #[must_use]
+    pub fn clock(&self, times: &[Tt2000]) -> Vec<f64> {
+        let begin = self.prepared.leap.clock_begin();
+        #[expect(clippy::cast_precision_loss, reason = "the clock of a spacecraft has microseconds")]
+        times.iter().map(|t| (t - begin) as f64 / SECOND_NS as f64).collect()
+    }
+}
+
+/// Places of the variances of x, y, z among the elements of a covariance.
+const PLACES: [usize; 3] = [0, 3, 5];
+
+const UNITS: &str =
+    "bx, by, bz, ua, uc nT; t_degc degC; position km; time_tt2000 ns since 2000-01-01T12:00:00 TT; time_obt s since 2003-01-01";
+const TIME_SCALE: &str = "time_tt2000 is TT and continuous; time_utc is UTC, 23:59:59.999999999 within a leap second";
+const UNCERTAINTY: &str = "standard, k = 1: ua independent from vector to vector, uc common to all vectors and not falling with averages; \
+    fields of the spacecraft, the table of jumps, the attitude and drift since the ground calibration are not in it";
+
+/// Uncertainties of means: the independent part falls with the number of vectors, the common one does not.
+fn mean_stds(means: &Means, blocks: &[Block]) -> [[Vec<f32>; 3]; 2] {
+    let own: Vec<&[f32; 6]> = blocks.iter().flat_map(|b| &b.own_nt2).collect();
+    let common: Vec<&[f32; 6]> = blocks.iter().flat_map(|b| &b.common_nt2).collect();
+    let mean_of = |list: &[&[f32; 6]], (first, last): (usize, usize), place: usize| -> f64 {
+        let there = list.get(first..last).unwrap_or_default().iter().map(|c| f64::from(c[place])).filter(|v| !v.is_nan());
+        let (sum, count) = there.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+        sum / count
+    };
+    let std = |list: &[&[f32; 6]], falls: bool| {
+        PLACES.map(|place| {
+            let each = means.rows.iter().zip(&means.count).map(|(rows, count)| {
+                let n = if falls { f64::from(*count) } else { 1.0 };
+                #[expect(clippy::cast_possible_truncation, reason = "uncertainties need few digits")]
+                let std = (mean_of(list, *rows, place) / n).sqrt() as f32;
+                std
+            });
+            each.collect::<Vec<f32>>()
+        })
+    };
+    [std(&own, true), std(&common, false)]
+}
