@@ -4,14 +4,15 @@ use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::Finding;
 use crate::data::time::day_of;
-use crate::workflow::flight::{DayFailed, DayMade, Flight, FlightMade, FlightOptions, Levels, make_carry};
+use crate::flight::made::DayMade;
+use crate::workflow::flight::{DayFailed, Flight, FlightMade, FlightOptions, Levels, make_carry, make_report};
 use clap::Args;
 use jiff::civil::Date;
 use std::path::PathBuf;
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Levels by their letters without separators, such as ABC, or `all`; or `carry`: what every day needs of the others, as a table.
+    /// Levels by their letters without separators, such as ABC, or `all`; or `carry`: what every day needs of the others, as a table; or `report`: the report of the days that stand in the folder.
     #[arg(value_name = "LEVELS")]
     what: String,
     /// The configuration of the mission.
@@ -35,10 +36,17 @@ pub(super) struct Arguments {
 }
 
 const CARRY: &str = "carry";
+const REPORT: &str = "report";
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     if arguments.what == CARRY {
         return carry(arguments, common, terminal);
+    }
+    if arguments.what == REPORT {
+        let mut findings = Vec::new();
+        let made = make_report(&arguments.config, &common.out, common.force, &mut findings);
+        findings.iter().for_each(|f| terminal.finding(f));
+        return made.map(|()| Status::Done);
     }
     let levels =
         Levels::parse(&arguments.what, arguments.hk).map_err(|e| Finding::error("calfit flight", e.to_string(), e.remedy()))?;
@@ -49,6 +57,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         carry: arguments.carry.clone(),
         out: common.out.clone(),
         force: common.force,
+        plots: !common.no_plots,
     };
     let mut findings = Vec::new();
     let flight = Flight::open(&arguments.config, options, &mut findings);

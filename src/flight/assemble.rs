@@ -6,7 +6,7 @@ use crate::data::flags::Flags;
 use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
 use crate::files::flight::edited::Rows;
 use crate::files::flight::mission::Mission;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use thiserror::Error;
 
@@ -14,7 +14,7 @@ use thiserror::Error;
 const GAP_STEPS: f64 = 1.5;
 
 /// What was made of the rows whose corrected times lie in a stretch.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RowCounts {
     /// Rows that were read.
     pub read: usize,

@@ -12,6 +12,7 @@ pub mod disturbance;
 pub mod ground;
 pub mod heater;
 pub mod housekeeping;
+pub mod made;
 pub mod means;
 pub mod offsets;
 pub mod rotate;

@@ -11,6 +11,8 @@ pub mod diagnose;
 pub mod effects;
 mod encode;
 mod figure;
+#[cfg(feature = "tables")]
+pub mod flight;
 mod frame;
 pub mod freq;
 mod legend;

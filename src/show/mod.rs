@@ -4,6 +4,8 @@ pub mod centre;
 pub mod coil;
 pub mod diagnose;
 pub mod document;
+#[cfg(feature = "tables")]
+pub mod flight;
 pub mod freq;
 pub mod html;
 pub mod lin;
@@ -25,6 +27,7 @@ use crate::data::start::Start;
 use crate::data::units::with_uncertainty;
 use crate::model::applied::ModelApplied;
 use document::{Block, Cell, Document, Figure, NOT_DETERMINED, Section, Table, Text, cells};
+use serde::{Deserialize, Serialize};
 
 /// Text for a value that may be missing.
 #[must_use]
@@ -80,7 +83,7 @@ fn yes_or_no(yes: bool) -> &'static str {
 }
 
 /// A figure as it was written.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Drawn {
     /// File name.
     pub file: String,

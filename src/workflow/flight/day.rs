@@ -5,54 +5,19 @@ use super::steps::Steps;
 use super::{Carry, Level, Prepared, day_name};
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
-use crate::data::note::Note;
 use crate::data::provenance::Input;
 use crate::data::time::Tt2000;
 use crate::files::flight::edited::{self, BEYOND_NS, Rows};
 use crate::files::table::long::GROUP_ROWS;
+use crate::fit::spectrum::Density;
 use crate::flight::assemble::{RowCounts, assemble, blocks};
-use crate::flight::heater::{HeaterClass, Jump};
+use crate::flight::made::DayMade;
 use crate::flight::means::{Means, means};
-use crate::flight::wheels::ModeReport;
 use crate::flight::{Block, Series, Stage};
 use rayon::prelude::*;
-use serde::Serialize;
-use std::collections::{BTreeMap, BTreeSet};
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::ops::Range;
-
-/// What was made of a sensor and day.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct DayMade {
-    /// Sensor.
-    pub sensor: String,
-    /// Day, `YYYY-MM-DD`.
-    pub day: String,
-    /// What was made of the rows.
-    #[serde(flatten)]
-    pub rows: RowCounts,
-    /// Vectors.
-    pub written: usize,
-    /// Vectors that are null in the last of the levels A, B, C that was made.
-    pub null: usize,
-    /// Vectors by flag.
-    pub flags: BTreeMap<&'static str, usize>,
-    /// Vectors by mode.
-    pub modes: BTreeMap<String, usize>,
-    /// Levels that were written.
-    pub levels: Vec<String>,
-    /// Lowest and highest temperature, °C.
-    pub degc: Option<[f64; 2]>,
-    /// `S_d`, nT.
-    pub continuity_nt: Option<[f64; 3]>,
-    /// Heaters that were found or given.
-    pub heater: Vec<HeaterClass>,
-    /// Heater jumps.
-    pub jumps: Vec<Jump>,
-    /// What was taken off with wheels and lines, mode by mode of the mission.
-    pub wheels: Vec<ModeReport>,
-    /// What a person should know.
-    pub notes: Vec<Note>,
-}
 
 /// What a day is made of, as far as it is the same for all of its levels.
 pub struct Context<'a> {
@@ -66,6 +31,8 @@ pub struct Context<'a> {
     pub day: i32,
     /// The levels that are wanted.
     pub wanted: &'a BTreeSet<Level>,
+    /// Spectra before and after wheels were taken off, by mode, once that is done.
+    pub spectra: RefCell<Vec<(String, Density, Density)>>,
 }
 
 /// A level of a day.
@@ -79,7 +46,13 @@ pub enum Product<'a> {
 /// What takes the levels of a day.
 pub type Sink<'a> = dyn FnMut(Level, Product<'_>, &[Input], &mut DayMade) -> Result<(), Finding> + 'a;
 
-impl Context<'_> {
+impl<'a> Context<'a> {
+    /// A sensor and day.
+    #[must_use]
+    pub fn new(prepared: &'a Prepared, carry: &'a Carry, index: usize, day: i32, wanted: &'a BTreeSet<Level>) -> Self {
+        Self { prepared, carry, index, day, wanted, spectra: RefCell::new(Vec::new()) }
+    }
+
     fn wants_any(&self, levels: &[Level]) -> bool {
         levels.iter().any(|level| self.wanted.contains(level))
     }
@@ -167,7 +140,7 @@ impl Context<'_> {
         let mut best = without_heater.unwrap_or(blocks);
         self.hand_on_means(Level::G, &best, &inputs, &mut made, sink)?;
         if self.wants_any(&[Level::H, Level::I]) && mission.roles.of(&sensor.name, day.start) == 0 {
-            derived::without_wheels(self, &mut best, &mut made)?;
+            self.spectra.replace(derived::without_wheels(self, &mut best, &mut made)?);
             self.hand_on(Level::H, Level::I, &best, &inputs, &mut made, sink)?;
         }
         Ok(Some(made))
@@ -236,7 +209,7 @@ impl Context<'_> {
             for (flag, words) in Flags::ALL {
                 let count = block.flags[rows.clone()].iter().filter(|f| Flags(**f).any_of(flag)).count();
                 if count > 0 {
-                    *made.flags.entry(words).or_default() += count;
+                    *made.flags.entry(words.to_owned()).or_default() += count;
                 }
             }
             for t in block.t_degc[rows].iter().filter(|t| t.is_finite()) {

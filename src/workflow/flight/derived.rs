@@ -1,15 +1,16 @@
 //! Levels that need the neighbours of a vector or both sensors: without heater jumps (K, L), without wheels (H, I), what both sensors
 //! share (J).
 
-use super::day::{Context, DayMade, Product, Vectors, put_back, series, vectors};
-use super::{Carry, Level, Prepared};
+use super::day::{Context, Product, Vectors, put_back, series, vectors};
+use super::{Carry, Level, Prepared, picture};
 use crate::data::error::Finding;
-use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Input;
 use crate::data::time::Tt2000;
 use crate::files::flight::levels::LevelRows;
 use crate::files::flight::mission::{Common, Heater, Span};
+use crate::fit::spectrum::Density;
 use crate::flight::heater::{self, HeaterClass, HeaterInterval, HeaterMethod, HeaterOptions};
+use crate::flight::made::{DayMade, HeaterFound, JumpFound, SharedAxis, WheelsFound};
 use crate::flight::means::Means;
 use crate::flight::two_sensors::{self, Parts};
 use crate::flight::wheels::{self, Method, WheelMode, WheelOptions};
@@ -80,16 +81,24 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     let (classes, jumps) = heater::close_jumps(&all.time, &mut all.field_nt, &mut all.flags, &intervals, known, &options)
         .map_err(|e| Finding::error(&made.sensor, e.to_string(), "see [heater]"))?;
     put_back(&all, &mut out);
-    made.heater = classes;
+    made.heater = classes.iter().map(HeaterFound::of).collect();
     let day = context.span();
-    made.jumps = jumps.into_iter().filter(|jump| day.contains(&jump.time_tt2000)).collect();
+    let own = jumps.iter().filter(|jump| day.contains(&jump.time_tt2000));
+    made.jumps = own.map(|jump| JumpFound::of(jump, &stated.classes)).collect();
     Ok(out)
 }
 
-/// Takes wheels and lines off.
-pub fn without_wheels(context: &Context<'_>, blocks: &mut [Block], made: &mut DayMade) -> Result<(), Finding> {
+/// Takes wheels and lines off; spectra before and after by mode.
+///
+/// # Errors
+/// What is wrong with rates, lines or tables.
+pub fn without_wheels(
+    context: &Context<'_>,
+    blocks: &mut [Block],
+    made: &mut DayMade,
+) -> Result<Vec<(String, Density, Density)>, Finding> {
     let prepared = context.prepared;
-    let (Some(stated), Some(table)) = (&prepared.mission.wheels, &prepared.wheels) else { return Ok(()) };
+    let (Some(stated), Some(table)) = (&prepared.mission.wheels, &prepared.wheels) else { return Ok(Vec::new()) };
     let role = prepared.mission.roles.of(&made.sensor, context.span().start);
     let mode = |mode: &crate::files::flight::mission::Mode| WheelMode {
         rate_hz: mode.rates[role].map_or(f64::NAN, |rate| rate.rate_hz),
@@ -103,12 +112,19 @@ pub fn without_wheels(context: &Context<'_>, blocks: &mut [Block], made: &mut Da
         seed: stated.seed,
         ..WheelOptions::default()
     };
-    let mut all = series(blocks);
+    let before = series(blocks);
+    let mut all = before.clone();
     let report = wheels::clean(&all.time, &all.mode, &modes, table, &options, &mut all.field_nt, &mut all.flags)
         .map_err(|e| Finding::error(&made.sensor, e.to_string(), "see [wheels] and [[mode]]"))?;
     put_back(&all, blocks);
-    made.wheels = report.modes;
-    Ok(())
+    let mut spectra = Vec::new();
+    for (index, (mode, found)) in prepared.mission.modes.iter().zip(&report.modes).enumerate() {
+        let Some(found) = WheelsFound::of(found) else { continue };
+        made.wheels.insert(mode.sid.clone(), found);
+        let pair = u8::try_from(index).ok().and_then(|code| picture::spectra(&before, &all, code, modes[index].rate_hz));
+        spectra.extend(pair.map(|(before, after)| (mode.sid.clone(), before, after)));
+    }
+    Ok(spectra)
 }
 
 /// What both sensors share on a day.
@@ -119,12 +135,12 @@ pub struct Shared {
     pub says: Vec<(String, String)>,
     /// Telemetry and daily models.
     pub inputs: Vec<Input>,
-    /// What a person should know.
-    pub notes: Vec<Note>,
+    /// The principal axes, component by component; none of a gradiometer.
+    pub axes: Vec<SharedAxis>,
 }
 
 /// The means of a sensor and day in a level.
-fn means_of(
+pub fn means_of(
     prepared: &Prepared,
     carry: &Carry,
     index: usize,
@@ -134,7 +150,7 @@ fn means_of(
 ) -> Result<Option<Means>, Finding> {
     let wanted = BTreeSet::from([level]);
     let mut found = None;
-    let context = Context { prepared, carry, index, day, wanted: &wanted };
+    let context = Context::new(prepared, carry, index, day, &wanted);
     context.make(&mut |_, product, own, _| {
         if let Product::Means(means, _) = product {
             found = Some(means.clone());
@@ -175,7 +191,7 @@ pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Sha
     let sides = [outer.each_ref().map(Vec::as_slice), inner.each_ref().map(Vec::as_slice)];
     let refuse = |e: two_sensors::TwoSensorsError| Finding::error(COMMON, e.to_string(), "see [pca]");
     let mut says = Vec::new();
-    let mut notes = Vec::new();
+    let mut shared = Vec::new();
     let parts: Parts = match &stated.coupling {
         Some(m) => {
             says.push(("method".to_owned(), "gradiometer".to_owned()));
@@ -192,12 +208,8 @@ pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Sha
                     axis.share, axis.correlation, axis.pairs
                 );
                 says.push((format!("axis_{name}"), text));
+                shared.push(SharedAxis { direction: axis.direction, share: axis.share, correlation: axis.correlation });
             }
-            let text = "the common part of both sensors is worse than the outboard sensor alone where noise of the spacecraft is common to \
-                        both and stronger at the inboard one";
-            notes.push(
-                Note::new(NoteKind::Method, text).with_remedy("use [pca] method = \"gradiometer\" with a measured coupling"),
-            );
             parts
         }
     };
@@ -220,5 +232,5 @@ pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Sha
         (own(primary), rows(parts.own_outboard_nt)),
         (own(secondary), rows(parts.own_inboard_nt)),
     ];
-    Ok(Some(Shared { tables, says, inputs, notes }))
+    Ok(Some(Shared { tables, says, inputs, axes: shared }))
 }

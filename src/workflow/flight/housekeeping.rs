@@ -1,6 +1,6 @@
 //! Housekeeping to physical units, `level=HK` (RO-IGEP-TR0028 section 4.2.2).
 
-use super::{DayMade, FlightOptions, Prepared, day_name};
+use super::{FlightOptions, Prepared, day_name};
 use crate::data::error::Finding;
 use crate::data::time::SECOND_NS;
 use crate::files::flight::edited::{EditedFile, day_files};
@@ -9,6 +9,7 @@ use crate::files::output::Folder;
 use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
 use crate::flight::housekeeping::{field_ent, negative_v, positive_v, reference_v};
+use crate::flight::made::DayMade;
 
 /// Columns that are passed on as they are.
 const PASSED: [&str; 3] = ["stage_a_id", "stage_b_id", "filter_cfg"];

@@ -156,7 +156,8 @@ fn lacks(level: Level, prepared: &Prepared) -> Option<&'static str> {
         Level::B | Level::F => rotation(),
         Level::C | Level::G => rotation().or_else(celestial),
         Level::H | Level::I => rotation().or_else(celestial).or_else(wheels),
-        Level::D | Level::J => rotation().or_else(celestial).or_else(two),
+        Level::D => rotation().or_else(two),
+        Level::J => rotation().or_else(celestial).or_else(two),
         Level::K => rotation().or_else(heater),
         Level::L => rotation().or_else(celestial).or_else(heater),
     }

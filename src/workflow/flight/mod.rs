@@ -6,11 +6,11 @@ mod derived;
 mod ground;
 mod housekeeping;
 mod levels;
+mod picture;
 mod steps;
 mod write;
 
 pub use carry::{Carry, CarryRow};
-pub use day::DayMade;
 pub use ground::Ground;
 pub use levels::{Level, Levels, NoLevels};
 
@@ -24,8 +24,10 @@ use crate::files::flight::edited::{BEYOND_NS, Catalogue, EditedFile};
 use crate::files::flight::mission::{Mission, Sensor};
 use crate::files::flight::read_mission;
 use crate::files::output::Folder;
+use crate::flight::made::DayMade;
 use crate::flight::stage_of;
 use day::Context;
+use picture::Pictures;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -46,6 +48,8 @@ pub struct FlightOptions {
     pub out: PathBuf,
     /// Foreign files are written over.
     pub force: bool,
+    /// Figures are drawn.
+    pub plots: bool,
 }
 
 /// A mission with everything that its configuration names, read and checked.
@@ -299,7 +303,7 @@ impl Flight {
                 jobs.extend(days.map(|day| Job { day, task: Task::Levels(index) }));
             }
         }
-        if self.wanted.contains(&Level::J) && self.options.sensor.is_none() {
+        if (self.wanted.contains(&Level::J) || self.wanted.contains(&Level::D)) && self.options.sensor.is_none() {
             let days: BTreeSet<i32> = jobs.iter().map(|job: &Job| job.day).collect();
             jobs.extend(days.into_iter().map(|day| Job { day, task: Task::Common }));
         }
@@ -341,27 +345,66 @@ impl Flight {
     /// The levels of one sensor.
     fn levels(&self, index: usize, day: i32) -> Result<Option<DayMade>, Finding> {
         let prepared = &self.prepared;
-        let context = Context { prepared, carry: &self.carry, index, day, wanted: &self.wanted };
+        let context = Context::new(prepared, &self.carry, index, day, &self.wanted);
         let uvw = prepared.ground[index].as_ref().map_or("sensor axes", |g| g.frame.as_str());
-        let writer = self.writer(&prepared.mission.sensors[index].name, uvw, day);
-        context.make(&mut |level, product, inputs, made| writer.take(level, &product, inputs, made))
+        let sensor = &prepared.mission.sensors[index].name;
+        let writer = self.writer(sensor, uvw, day);
+        let mut pictures = self.pictures(sensor, uvw, day);
+        let made = context.make(&mut |level, product, inputs, made| {
+            if self.options.plots {
+                pictures.take(level, &product);
+            }
+            writer.take(level, &product, inputs, made)
+        })?;
+        if let Some(made) = &made {
+            if self.options.plots {
+                pictures.facts(made, &context.spectra.borrow());
+            }
+            pictures.write(made, &self.options.out, self.options.force)?;
+        }
+        Ok(made)
     }
 
-    /// What both sensors share.
+    fn pictures<'a>(&'a self, sensor: &'a str, uvw: &'a str, day: i32) -> Pictures<'a> {
+        let celestial = self.prepared.mission.celestial.as_ref().map_or("", |c| c.frame.as_str());
+        Pictures::new(&self.prepared, sensor, [uvw, "spacecraft", celestial], day)
+    }
+
+    /// What both sensors share, and their difference.
     fn common(&self, day: i32) -> Result<Option<DayMade>, Finding> {
-        let Some(parts) = derived::common(&self.prepared, &self.carry, day)? else { return Ok(None) };
-        let mut made =
-            DayMade { sensor: derived::COMMON.to_owned(), day: day_name(day), notes: parts.notes, ..DayMade::default() };
-        for (name, rows) in parts.tables {
-            let writer = self.writer(&name, "", day);
-            made.written = rows.time.len();
-            let mut metadata = writer.metadata(Level::J, &parts.inputs, &made);
-            let mark = metadata.pop();
-            metadata.extend(parts.says.iter().cloned());
-            metadata.extend(mark);
-            writer.write(Level::J, std::iter::once(rows), metadata)?;
+        let mut made = DayMade { sensor: derived::COMMON.to_owned(), day: day_name(day), ..DayMade::default() };
+        let mut pictures = self.pictures(derived::COMMON, "", day);
+        if self.wanted.contains(&Level::D) && self.options.plots {
+            let start = self.prepared.leap.day(day).start;
+            let mission = &self.prepared.mission;
+            let place = |role: usize| mission.sensors.iter().position(|s| mission.roles.of(&s.name, start) == role);
+            let of = |index: usize| derived::means_of(&self.prepared, &self.carry, index, day, Level::F, &mut Vec::new());
+            if let (Some(first), Some(second)) = (place(0), place(1))
+                && let (Some(a), Some(b)) = (of(first)?, of(second)?)
+            {
+                pictures.difference([&mission.sensors[first].name, &mission.sensors[second].name], &a, &b);
+                made.levels.push(Level::D.letter().to_owned());
+            }
         }
-        made.levels.push(Level::J.letter().to_owned());
+        if self.wanted.contains(&Level::J)
+            && let Some(parts) = derived::common(&self.prepared, &self.carry, day)?
+        {
+            made.shared.clone_from(&parts.axes);
+            for (name, rows) in parts.tables {
+                let writer = self.writer(&name, "", day);
+                made.written = rows.time.len();
+                let mut metadata = writer.metadata(Level::J, &parts.inputs, &made);
+                let mark = metadata.pop();
+                metadata.extend(parts.says.iter().cloned());
+                metadata.extend(mark);
+                writer.write(Level::J, std::iter::once(rows), metadata)?;
+            }
+            made.levels.push(Level::J.letter().to_owned());
+        }
+        if made.levels.is_empty() {
+            return Ok(None);
+        }
+        pictures.write(&made, &self.options.out, self.options.force)?;
         Ok(Some(made))
     }
 
@@ -371,13 +414,25 @@ impl Flight {
         &self.prepared.notes
     }
 
-    /// Makes the names of what was written last through a power loss.
+    /// Writes the report of all days that stand in the folder, and makes the names of what was written last through a power loss. A part
+    /// of a larger work, which names what the first pass found, leaves the report to a command of its own.
     ///
     /// # Errors
-    /// An error of the operating system.
+    /// What the operating system says.
     pub fn finish(&self) -> Result<(), Finding> {
+        if self.options.carry.is_none() {
+            picture::report(&self.prepared, &self.options.out, self.options.force)?;
+        }
         self.folder.sync()
     }
+}
+
+/// The report of all days that stand in a folder of results.
+///
+/// # Errors
+/// What is wrong with the configuration; what the operating system says.
+pub fn make_report(path: &Path, out: &Path, force: bool, findings: &mut Vec<Finding>) -> Result<(), Finding> {
+    picture::report(&prepare(path, findings)?, out, force)
 }
 
 /// The first pass alone, written as a table.

@@ -1,6 +1,6 @@
 //! The levels of a day as files.
 
-use super::day::{DayMade, Product};
+use super::day::Product;
 use super::{Level, Prepared, day_name};
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
@@ -9,6 +9,7 @@ use crate::files::flight::levels::{LevelRows, file_name, partition, write};
 use crate::files::output::Folder;
 use crate::flight::Block;
 use crate::flight::attitude::positions_km;
+use crate::flight::made::DayMade;
 use crate::flight::means::Means;
 use std::path::Path;
 
@@ -75,7 +76,7 @@ impl DayWriter<'_> {
     pub fn metadata(&self, level: Level, inputs: &[Input], made: &DayMade) -> Vec<(String, String)> {
         let mission = &self.prepared.mission;
         let inputs: Vec<&Input> = self.prepared.inputs.iter().chain(inputs).collect();
-        let notes: Vec<String> = self.prepared.notes.iter().chain(&made.notes).map(ToString::to_string).collect();
+        let notes: Vec<String> = self.prepared.notes.iter().map(ToString::to_string).chain(made.notes.iter().cloned()).collect();
         let rows = &made.rows;
         let counts = serde_json::json!({
             "read": rows.read, "duplicate": rows.duplicates, "conflicting": rows.conflicts, "rejected": rows.rejected,

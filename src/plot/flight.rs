@@ -1,0 +1,143 @@
+//! The figures of a day of flight processing.
+
+use super::parts::{SENSOR, STYLES, panels};
+use super::{Band, Column, Figure, Marks, Panel, Scale, Series, Style};
+use crate::fit::spectrum::Density;
+
+/// Columns of a picture of a day.
+pub const COLUMNS: usize = 1200;
+const HOURS: &str = "time since the begin of the day, UTC, h";
+
+/// Extents of a field in the columns of a day.
+#[derive(Clone, Debug, Default)]
+pub struct Extents {
+    /// Lowest and highest value per column; infinite without values.
+    columns: Vec<[f64; 2]>,
+}
+
+impl Extents {
+    /// Takes a value at a share of the day, 0 to 1.
+    pub fn take(&mut self, share: f64, value: f64) {
+        if self.columns.is_empty() {
+            self.columns = vec![[f64::INFINITY, f64::NEG_INFINITY]; COLUMNS];
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a column of a picture")]
+        let at = (share * COLUMNS as f64) as usize;
+        if let Some([low, high]) = self.columns.get_mut(at).filter(|_| value.is_finite()) {
+            *low = low.min(value);
+            *high = high.max(value);
+        }
+    }
+
+    fn marks(&self) -> Vec<Column> {
+        let width_h = 24.0 / COLUMNS as f64;
+        let there = self.columns.iter().enumerate().filter(|(_, [low, _])| low.is_finite());
+        there.map(|(i, [low, high])| Column { x: (i as f64 + 0.5) * width_h, min: *low, max: *high }).collect()
+    }
+}
+
+fn envelope(label: String, style: Style, extents: &Extents) -> Series {
+    Series { label, style, marks: Marks::Envelope(extents.marks()) }
+}
+
+/// The field of a level over a day.
+#[must_use]
+pub fn field(level: &str, what: &str, sensor: &str, day: &str, frame: &str, extents: &[Extents; 3]) -> Figure {
+    Figure {
+        title: format!("Level {level}, {sensor}, {day}"),
+        caption: format!("{what}. Frame: {frame}. For every column of the picture the range of the vectors; gaps are empty."),
+        x_label: HOURS.to_owned(),
+        x_scale: Scale::Linear,
+        panels: panels(|c| Panel {
+            y_label: format!("B{}, nT", SENSOR[c]),
+            y_scale: Scale::Linear,
+            series: vec![envelope(format!("{} component", SENSOR[c]), STYLES[c], &extents[c])],
+            bands: vec![],
+        }),
+    }
+}
+
+/// The temperature of a sensor over a day, with the range in which its calibration holds.
+#[must_use]
+pub fn temperature(sensor: &str, day: &str, extents: &Extents, valid_degc: [f64; 2]) -> Figure {
+    Figure {
+        title: format!("Sensor temperature, {sensor}, {day}"),
+        caption: "Temperature of the sensor; the light ground is the range in which the ground calibration holds.".to_owned(),
+        x_label: HOURS.to_owned(),
+        x_scale: Scale::Linear,
+        panels: vec![Panel {
+            y_label: "temperature, °C".to_owned(),
+            y_scale: Scale::Linear,
+            series: vec![envelope("temperature".to_owned(), Style::Single, extents)],
+            bands: vec![Band { label: "calibrated".to_owned(), low: valid_degc[0], high: valid_degc[1] }],
+        }],
+    }
+}
+
+/// Difference of the means of both sensors over a day.
+#[must_use]
+pub fn difference(names: [&str; 2], day: &str, extents: &[Extents; 3]) -> Figure {
+    let mut figure = field("D", "Difference of the means of both sensors", "", day, "spacecraft", extents);
+    figure.title = format!("{} minus {}, level D, {day}", names[0], names[1]);
+    figure.caption = format!(
+        "Means of {} minus means of {} in axes of the spacecraft. What both sensors see alike is not in it: it shows fields of the \
+         spacecraft, and what their calibrations disagree by.",
+        names[0], names[1]
+    );
+    figure
+}
+
+/// Amplitude densities before and after wheels and lines were taken off.
+#[must_use]
+pub fn spectra(sensor: &str, day: &str, mode: &str, before: &Density, after: &Density) -> Figure {
+    let line = |density: &Density, c: usize| {
+        let bins = density.power[c].iter().enumerate().skip(1);
+        Marks::Line(bins.map(|(i, p)| (i as f64 * density.step_hz, p.sqrt())).collect())
+    };
+    Figure {
+        title: format!("Level H, {sensor}, {mode}, {day}: wheels and lines"),
+        caption: "Amplitude density before and after wheels and lines were taken off. What is above the noise before and not after was \
+                  interference; what stands out after is left."
+            .to_owned(),
+        x_label: "frequency, Hz".to_owned(),
+        x_scale: Scale::Linear,
+        panels: panels(|c| Panel {
+            y_label: format!("B{}, nT/√Hz", SENSOR[c]),
+            y_scale: Scale::Logarithmic,
+            series: vec![
+                Series { label: "before".to_owned(), style: Style::Reference, marks: line(before, c) },
+                Series { label: format!("{} after", SENSOR[c]), style: STYLES[c], marks: line(after, c) },
+            ],
+            bands: vec![],
+        }),
+    }
+}
+
+/// Heights of heater jumps over a day with their uncertainty: hour, height, standard uncertainty.
+#[must_use]
+pub fn jumps(sensor: &str, day: &str, classes: &[String], heights: &[Vec<(f64, [f64; 3], [f64; 3])>]) -> Figure {
+    const OF_CLASS: [Style; 3] = [Style::Single, Style::Second, Style::Reference];
+    Figure {
+        title: format!("Heater jumps, level K, {sensor}, {day}"),
+        caption: "Field of a heater as every single edge shows it, with its uncertainty. Edges of one heater scatter about one value; what \
+                  is subtracted is the mean of all of them."
+            .to_owned(),
+        x_label: HOURS.to_owned(),
+        x_scale: Scale::Linear,
+        panels: panels(|c| Panel {
+            y_label: format!("B{}, nT", SENSOR[c]),
+            y_scale: Scale::Linear,
+            series: classes
+                .iter()
+                .zip(heights)
+                .enumerate()
+                .map(|(i, (name, list))| Series {
+                    label: name.clone(),
+                    style: OF_CLASS[i % OF_CLASS.len()],
+                    marks: Marks::Points(list.iter().map(|(hour, h, std)| (*hour, h[c], Some(std[c]))).collect()),
+                })
+                .collect(),
+            bands: vec![],
+        }),
+    }
+}

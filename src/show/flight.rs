@@ -1,0 +1,134 @@
+//! The report of flight processing.
+
+use super::Drawn;
+use super::document::{Block, Cell, Document, Figure, Section, Table, Text, cells};
+use crate::flight::made::DayMade;
+
+/// A day with its figures.
+pub type DayShown = (DayMade, Vec<Drawn>);
+
+/// The report of all days of which there are results.
+#[must_use]
+pub fn document(mission: &str, instrument: &str, notes: &[String], days: &[DayShown]) -> Document {
+    let mut last = 0;
+    let mut sections = vec![table_of_days(days)];
+    sections.extend(flags(days));
+    sections.extend(wheels(days));
+    sections.extend(heaters(days));
+    sections.extend(shared(days));
+    let mut remarks = Section::new("Remarks");
+    let mut said: Vec<&String> = Vec::new();
+    for note in notes.iter().chain(days.iter().flat_map(|(day, _)| &day.notes)) {
+        if !said.contains(&note) {
+            said.push(note);
+        }
+    }
+    if !said.is_empty() {
+        remarks.push(Block::List(said.into_iter().map(|note| Text::from(note.as_str())).collect()));
+    }
+    remarks.push(
+        "Uncertainties in the files: `ua` is independent from vector to vector, `uc` common to all of them. Fields of the spacecraft, the \
+         table of jumps, the attitude and drift since the ground calibration are in neither.",
+    );
+    sections.push(remarks);
+    for (day, drawn) in days.iter().filter(|(_, drawn)| !drawn.is_empty()) {
+        let figures: Vec<Figure> = Drawn::number(drawn, "figures/", &mut last);
+        sections.push(Section::new(format!("{} {}", day.sensor, day.day)).with_all(figures));
+    }
+    Document { title: format!("{mission} {instrument}: flight processing"), front: Vec::new(), sections, colophon: None }
+}
+
+fn table_of_days(days: &[DayShown]) -> Section {
+    let mut table =
+        Table::new(["day", "sensor", "vectors", "null", "repeated", "rejected", "temperature, °C", "S_d, nT", "modes", "levels"]);
+    for (day, _) in days {
+        let degc = day.degc.map_or(String::new(), |[low, high]| format!("{low:.1} to {high:.1}"));
+        let modes: Vec<String> = day.modes.iter().map(|(mode, count)| format!("{mode} {count}")).collect();
+        let sum = day.continuity_nt.map_or(String::new(), |s| s.map(|v| format!("{v:+.3}")).join(", "));
+        table.push(cells![
+            day.day.as_str(),
+            day.sensor.as_str(),
+            day.written,
+            day.null,
+            day.rows.duplicates,
+            day.rows.rejected,
+            degc.as_str(),
+            sum.as_str(),
+            modes.join(", ").as_str(),
+            day.levels.join(" ").as_str()
+        ]);
+    }
+    Section::new("Days").with(table)
+}
+
+fn flags(days: &[DayShown]) -> Option<Section> {
+    let mut table = Table::new(["day", "sensor", "flag", "vectors", "share, %"]);
+    for (day, _) in days {
+        for (words, count) in &day.flags {
+            let share = 100.0 * *count as f64 / day.written.max(1) as f64;
+            table.push(cells![day.day.as_str(), day.sensor.as_str(), words.as_str(), *count, Cell::fixed(share, 3)]);
+        }
+    }
+    (!table.rows.is_empty()).then(|| Section::new("Flags").with(table))
+}
+
+fn wheels(days: &[DayShown]) -> Option<Section> {
+    let mut table =
+        Table::new(["day", "sensor", "mode", "changed", "in short stretches", "outside the table", "taken off x, y, z, nT rms"]);
+    for (day, _) in days {
+        for (mode, own) in &day.wheels {
+            let rms = own.removed_rms_nt.map(|v| format!("{v:.4}")).join(", ");
+            table.push(cells![
+                day.day.as_str(),
+                day.sensor.as_str(),
+                mode.as_str(),
+                own.changed,
+                own.in_short_stretches,
+                own.outside_table,
+                rms.as_str()
+            ]);
+        }
+    }
+    (!table.rows.is_empty()).then(|| Section::new("Wheels and lines, level H").with(table))
+}
+
+fn heaters(days: &[DayShown]) -> Option<Section> {
+    let mut table = Table::new(["day", "sensor", "heater", "jumps", "x, nT", "y, nT", "z, nT", "edges that it is made from"]);
+    for (day, _) in days {
+        for heater in &day.heater {
+            let jumps = day.jumps.iter().filter(|jump| jump.class == heater.name).count();
+            let std = heater.std_nt.unwrap_or([f64::NAN; 3]);
+            let [x, y, z] = [0, 1, 2].map(|i| Cell::uncertain(heater.vector_nt[i], std[i]));
+            table.push(cells![day.day.as_str(), day.sensor.as_str(), heater.name.as_str(), jumps, x, y, z, heater.edges]);
+        }
+    }
+    (!table.rows.is_empty()).then(|| {
+        Section::new("Heaters, level K").with(table).with(
+            "Fields in axes of the spacecraft. Heaters that are found in the field have the names of the configuration in the order of \
+             their strength, the weakest first: nothing else tells which one is which.",
+        )
+    })
+}
+
+fn shared(days: &[DayShown]) -> Option<Section> {
+    let mut table = Table::new(["day", "component", "axis: primary, secondary", "share of variance", "correlation"]);
+    for (day, _) in days {
+        for (axis, name) in day.shared.iter().zip(["x", "y", "z"]) {
+            let [a, b] = axis.direction;
+            let direction = format!("{a:.4}, {b:.4}");
+            table.push(cells![
+                day.day.as_str(),
+                name,
+                direction.as_str(),
+                Cell::fixed(axis.share, 4),
+                Cell::fixed(axis.correlation, 4)
+            ]);
+        }
+    }
+    (!table.rows.is_empty()).then(|| {
+        Section::new("What both sensors share, level J").with(table).with(
+            "Where noise of the spacecraft is common to both sensors and stronger at the inboard one, the common part is worse than the \
+             outboard sensor alone; a gradiometer with a measured coupling takes that noise off.",
+        )
+    })
+}
