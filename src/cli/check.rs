@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files and model files of calfit, mappings of `import`, ground calibration files (RPCMAG*.TXT).
+    /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files and model files of calfit, mappings of `import`, configurations of `flight`, ground calibration files (RPCMAG*.TXT).
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -105,6 +105,9 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
         mag::read(path, &mut findings).err()
     } else if is_ground_calibration(path) {
         rpcmag::read(path, &mut findings).err()
+    } else if name.ends_with(".TOML") && is_flight(path) {
+        findings.extend(check_flight(path));
+        None
     } else if name.ends_with(".TOML") && is_mapping(path) {
         mapping::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") && is_twin(path) {
@@ -133,6 +136,26 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     };
     findings.extend(error);
     findings
+}
+
+#[cfg(feature = "tables")]
+fn is_flight(path: &Path) -> bool {
+    crate::files::flight::is_mission(path)
+}
+
+#[cfg(feature = "tables")]
+fn check_flight(path: &Path) -> Vec<Finding> {
+    crate::workflow::flight::check(path)
+}
+
+#[cfg(not(feature = "tables"))]
+fn is_flight(_path: &Path) -> bool {
+    false
+}
+
+#[cfg(not(feature = "tables"))]
+fn check_flight(_path: &Path) -> Vec<Finding> {
+    Vec::new()
 }
 
 /// The index of a result folder: every file that it names must be there as it was written, and nothing of calfit beside them.

@@ -2,7 +2,7 @@
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
-use crate::data::error::Finding;
+use crate::data::error::{Finding, Severity};
 use crate::data::time::day_of;
 use crate::flight::made::DayMade;
 use crate::workflow::flight::{DayFailed, Flight, FlightMade, FlightOptions, Levels, make_carry, make_report};
@@ -102,6 +102,25 @@ fn carry(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<
     let carry = carry?;
     terminal.tell(&format!("{} days of sensors\n  -> {}\n", carry.rows.len(), out.display()));
     Ok(Status::Done)
+}
+
+/// `calfit inspect flight.toml`: days, sensors, modes, vectors, what is rejected, what tables do not cover.
+pub(super) fn inspect(path: &std::path::Path, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let mut findings = Vec::new();
+    let days = crate::workflow::flight::inspect(path, &mut findings)?;
+    findings.iter().for_each(|f| terminal.finding(f));
+    if common.json {
+        terminal.print(&json(&days)?);
+    } else {
+        for day in &days {
+            let modes: Vec<String> = day.modes.iter().map(|(mode, count)| format!("{count} {mode}")).collect();
+            let degc = day.degc.map_or(String::new(), |[low, high]| format!("; {low:.1} to {high:.1} °C"));
+            let text = told(day);
+            let text = text.trim_end().trim_end_matches("-> level").trim_end();
+            terminal.print(&format!("{text}\n  modes: {}{degc}\n", modes.join(", ")));
+        }
+    }
+    Ok(if findings.iter().any(|f| f.severity == Severity::Error) { Status::Partly } else { Status::Done })
 }
 
 /// What was made of a day, in a few lines.

@@ -15,7 +15,7 @@ use std::path::PathBuf;
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders or run files.
+    /// Campaign folders or run files, or a configuration of flight processing.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -30,6 +30,13 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     if let Some((path, kind)) = arguments.paths.iter().find_map(|path| Some((path, FileKind::of_name(path)?))) {
         let rule = format!("is a {} parameter file and no run", kind.format);
         return Err(Finding::error(&path.display().to_string(), rule, "look at it with `calfit check` or `calfit verify`"));
+    }
+    #[cfg(feature = "tables")]
+    if let [path] = arguments.paths.as_slice()
+        && path.extension().is_some_and(|end| end == "toml")
+        && crate::files::flight::is_mission(path)
+    {
+        return super::flight::inspect(path, common, terminal);
     }
     let campaigns = open(&arguments.paths, common, terminal)?;
     let (jobs, unmatched) = jobs(&campaigns, None);

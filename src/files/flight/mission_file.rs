@@ -33,6 +33,15 @@ pub fn read(path: &Path, leap: &LeapSeconds) -> Result<(Mission, Digested), Find
     Ok((reader.mission(&keys.root())?, digested))
 }
 
+/// Whether a file is a configuration of flight processing, by its keys.
+#[must_use]
+pub fn is_mission(path: &Path) -> bool {
+    let Ok(text) = std::fs::read_to_string(path) else { return false };
+    let Ok(keys) = Keys::parse(&path.display().to_string(), 1, text) else { return false };
+    let names = keys.root().names();
+    ["mission", "instrument", "sensor", "input"].iter().filter(|key| names.contains(key)).count() >= 3
+}
+
 struct MissionFile<'a> {
     leap: &'a LeapSeconds,
     folder: PathBuf,

@@ -7,4 +7,4 @@ pub mod levels;
 pub mod mission;
 mod mission_file;
 
-pub use mission_file::read as read_mission;
+pub use mission_file::{is_mission, read as read_mission};

@@ -121,7 +121,7 @@ impl Levels {
     #[must_use]
     pub fn of(&self, prepared: &Prepared) -> BTreeSet<Level> {
         if self.all {
-            Level::ALL.into_iter().filter(|level| lacks(*level, prepared).is_none()).collect()
+            Level::ALL.into_iter().filter(|level| level.lacks(prepared).is_none()).collect()
         } else {
             self.named.clone()
         }
@@ -132,7 +132,7 @@ impl Levels {
     /// # Errors
     /// The first level that cannot, with what it lacks.
     pub fn can_be_made(&self, prepared: &Prepared) -> Result<(), NoLevels> {
-        let missing = self.named.iter().find_map(|level| lacks(*level, prepared).map(|what| (level.letter(), what)));
+        let missing = self.named.iter().find_map(|level| level.lacks(prepared).map(|what| (level.letter(), what)));
         let hk = (self.hk && !self.all && prepared.mission.hk.is_none()).then_some(("HK", "the folder `hk`"));
         match missing.or(hk) {
             Some((level, what)) => Err(NoLevels::Missing { level, what }),
@@ -141,24 +141,27 @@ impl Levels {
     }
 }
 
-/// What a level lacks.
-fn lacks(level: Level, prepared: &Prepared) -> Option<&'static str> {
-    let mission = &prepared.mission;
-    let has_step = |name: &str| mission.steps.iter().any(|s| s == name);
-    let rotation =
-        || (mission.sensors.iter().any(|s| s.rotations.is_empty()) && has_step("rotate")).then_some("[[sensor.rotation]]");
-    let celestial = || (prepared.attitude.is_none() || !has_step("attitude")).then_some("[celestial] with an attitude table");
-    let wheels = || prepared.wheels.is_none().then_some("[wheels]");
-    let heater = || mission.heater.is_none().then_some("[heater]");
-    let two = || (mission.sensors.len() < 2).then_some("two sensors");
-    match level {
-        Level::A | Level::E => None,
-        Level::B | Level::F => rotation(),
-        Level::C | Level::G => rotation().or_else(celestial),
-        Level::H | Level::I => rotation().or_else(celestial).or_else(wheels),
-        Level::D => rotation().or_else(two),
-        Level::J => rotation().or_else(celestial).or_else(two),
-        Level::K => rotation().or_else(heater),
-        Level::L => rotation().or_else(celestial).or_else(heater),
+impl Level {
+    /// What is missing to make it.
+    #[must_use]
+    pub fn lacks(self, prepared: &Prepared) -> Option<&'static str> {
+        let mission = &prepared.mission;
+        let has_step = |name: &str| mission.steps.iter().any(|s| s == name);
+        let rotation =
+            || (mission.sensors.iter().any(|s| s.rotations.is_empty()) && has_step("rotate")).then_some("[[sensor.rotation]]");
+        let celestial = || (prepared.attitude.is_none() || !has_step("attitude")).then_some("[celestial] with an attitude table");
+        let wheels = || prepared.wheels.is_none().then_some("[wheels]");
+        let heater = || mission.heater.is_none().then_some("[heater]");
+        let two = || (mission.sensors.len() < 2).then_some("two sensors");
+        match self {
+            Level::A | Level::E => None,
+            Level::B | Level::F => rotation(),
+            Level::C | Level::G => rotation().or_else(celestial),
+            Level::H | Level::I => rotation().or_else(celestial).or_else(wheels),
+            Level::D => rotation().or_else(two),
+            Level::J => rotation().or_else(celestial).or_else(two),
+            Level::K => rotation().or_else(heater),
+            Level::L => rotation().or_else(celestial).or_else(heater),
+        }
     }
 }

@@ -6,6 +6,7 @@ mod derived;
 mod ground;
 mod housekeeping;
 mod levels;
+mod look;
 mod picture;
 mod steps;
 mod write;
@@ -13,6 +14,7 @@ mod write;
 pub use carry::{Carry, CarryRow};
 pub use ground::Ground;
 pub use levels::{Level, Levels, NoLevels};
+pub use look::{check, inspect};
 
 use crate::data::error::Finding;
 use crate::data::note::Note;
@@ -119,53 +121,61 @@ pub struct Job {
 /// Reads a mission and what its configuration names; vectors are not read.
 ///
 /// # Errors
-/// The first thing that is wrong.
+/// What is wrong with it; where that is several things, all but the last go to `findings`.
 pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Finding> {
     let leap = LeapSeconds::default();
     let (mission, digested) = read_mission(path, &leap)?;
     check_steps(path, &mission)?;
     let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let mut wrong: Vec<Finding> = Vec::new();
     let mut inputs = vec![digested.input(name(path))];
     let mut notes = Vec::new();
     let mut ground = Vec::new();
     for sensor in &mission.sensors {
-        if sensor.ground.is_empty() {
-            ground.push(None);
-            continue;
+        let read = if sensor.ground.is_empty() { None } else { take(ground::read(sensor, findings), &mut wrong) };
+        if let Some(read) = &read {
+            inputs.extend(read.inputs.clone());
+            notes.extend(read.notes.clone());
         }
-        let read = ground::read(sensor, findings)?;
-        inputs.extend(read.inputs.clone());
-        notes.extend(read.notes.clone());
-        ground.push(Some(read));
+        ground.push(read);
     }
-    let mut attitude = None;
-    let mut positions = None;
-    if let Some(celestial) = &mission.celestial {
-        let (table, input) = auxiliary::attitude(celestial, &leap)?;
-        inputs.push(input);
-        attitude = Some(table);
-        if let Some(path) = &celestial.position {
-            let (table, input) = auxiliary::positions(path, &leap)?;
-            inputs.push(input);
-            positions = Some(table);
+    let mut table = |input: Input| inputs.push(input);
+    let celestial = mission.celestial.as_ref();
+    let attitude = celestial.and_then(|c| take(auxiliary::attitude(c, &leap), &mut wrong)).map(|(read, input)| {
+        table(input);
+        read
+    });
+    let path_of_positions = celestial.and_then(|c| c.position.as_ref());
+    let positions = path_of_positions.and_then(|p| take(auxiliary::positions(p, &leap), &mut wrong)).map(|(read, input)| {
+        table(input);
+        read
+    });
+    let wheels =
+        mission.wheels.as_ref().and_then(|w| take(auxiliary::wheels(&w.table, &leap), &mut wrong)).map(|(read, input)| {
+            table(input);
+            read
+        });
+    let states = mission.heater.as_ref().and_then(|h| h.table.as_ref().map(|path| (h, path)));
+    let heater =
+        states.and_then(|(h, path)| take(auxiliary::heater(path, &h.classes, &leap), &mut wrong)).map(|(read, input)| {
+            table(input);
+            read
+        });
+    let catalogue = take(Catalogue::open(&mission), &mut wrong);
+    let last = wrong.pop();
+    findings.append(&mut wrong);
+    match (last, catalogue) {
+        (None, Some(catalogue)) => {
+            Ok(Prepared { mission, leap, catalogue, ground, attitude, positions, wheels, heater, inputs, notes })
         }
+        (Some(finding), _) => Err(finding),
+        (None, None) => Err(Finding::error(&path.display().to_string(), "names no telemetry", "see `input`")),
     }
-    let mut wheels = None;
-    if let Some(stated) = &mission.wheels {
-        let (table, input) = auxiliary::wheels(&stated.table, &leap)?;
-        inputs.push(input);
-        wheels = Some(table);
-    }
-    let mut heater = None;
-    if let Some(stated) = &mission.heater
-        && let Some(path) = &stated.table
-    {
-        let (table, input) = auxiliary::heater(path, &stated.classes, &leap)?;
-        inputs.push(input);
-        heater = Some(table);
-    }
-    let catalogue = Catalogue::open(&mission)?;
-    Ok(Prepared { mission, leap, catalogue, ground, attitude, positions, wheels, heater, inputs, notes })
+}
+
+/// A result, or nothing with what is wrong put to the rest.
+fn take<T>(result: Result<T, Finding>, wrong: &mut Vec<Finding>) -> Option<T> {
+    result.map_err(|finding| wrong.push(finding)).ok()
 }
 
 /// The steps must be known, each once, and lead from level to level.

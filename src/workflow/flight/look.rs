@@ -1,0 +1,64 @@
+//! What is wrong with a configuration and the files that it names, and what there is in the telemetry.
+
+use super::day::Context;
+use super::{Carry, Level, Prepared, day_name, prepare};
+use crate::data::error::{Finding, Severity};
+use crate::flight::made::DayMade;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// Everything that is wrong with a configuration and with the files that it names; reads no vectors.
+#[must_use]
+pub fn check(path: &Path) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let prepared = match prepare(path, &mut findings) {
+        Ok(prepared) => prepared,
+        Err(finding) => {
+            findings.push(finding);
+            return findings;
+        }
+    };
+    let note = |rule: String| Finding::error(&path.display().to_string(), rule, "see that it is meant").weighing(Severity::Note);
+    findings.extend(prepared.notes.iter().map(|n| note(n.to_string())));
+    for sensor in &prepared.mission.sensors {
+        let mut days: Vec<i32> = prepared.catalogue.of(&sensor.name).iter().filter_map(|file| file.day).collect();
+        days.dedup();
+        if prepared.catalogue.of(&sensor.name).is_empty() {
+            let rule = format!("there is no telemetry of {} in {}", sensor.name, prepared.mission.input.display());
+            findings.push(Finding::error(&path.display().to_string(), rule, "see `input`").weighing(Severity::Warning));
+        }
+        // A partition may hold a few vectors that belong to the day beside it, so that its model may lack.
+        for day in days {
+            if let Err(finding) = prepared.daily(sensor, day) {
+                findings.push(finding.weighing(Severity::Warning));
+            }
+        }
+    }
+    findings
+}
+
+/// What there is in the telemetry of all days, as it would be processed, without writing anything; what is wrong with a day goes to
+/// `findings`.
+///
+/// # Errors
+/// What is wrong with the configuration or a file that all days need.
+pub fn inspect(path: &Path, findings: &mut Vec<Finding>) -> Result<Vec<DayMade>, Finding> {
+    let prepared: Prepared = prepare(path, findings)?;
+    let carry = Carry::find(&prepared, false)?;
+    let wanted: BTreeSet<Level> =
+        [Level::A, Level::B, Level::C].into_iter().filter(|level| level.lacks(&prepared).is_none()).collect();
+    let mut days = Vec::new();
+    for (index, sensor) in prepared.mission.sensors.iter().enumerate() {
+        for day in prepared.days(sensor)? {
+            match Context::new(&prepared, &carry, index, day, &wanted).make(&mut |_, _, _, _| Ok(())) {
+                Ok(made) => days.extend(made),
+                Err(finding) => {
+                    let rule = format!("{} {}: {}", sensor.name, day_name(day), finding.rule);
+                    findings.push(Finding { rule: rule.into(), ..finding });
+                }
+            }
+        }
+    }
+    days.sort_by(|a: &DayMade, b: &DayMade| (&a.day, &a.sensor).cmp(&(&b.day, &b.sensor)));
+    Ok(days)
+}
