@@ -3,8 +3,9 @@
 
     python3 tools/parquet2cdf.py LEVEL.parquet... -o DIR
 
-Needs cdflib, pyarrow and numpy. Values are passed on to the last bit; nulls become the fill value of their type. What a level does not
-say of itself and ISTP asks for is stated with --attribute. Exit status 0: all files were written; 1: some were not, each is named.
+Needs cdflib, pyarrow and numpy. Values are passed on to the last bit; nulls become the fill value of their type. What a level
+does not say of itself is stated with --say, what ISTP asks for beyond that with --attribute. Equal levels give equal bytes.
+Exit status 0: all files were written; 1: some were not, each is named.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ TYPES = {
     "int64": ("CDF_INT8", NO_TIME, NO_TIME + 1, 2**63 - 1, "I20"),
 }
 
-#: Variable, unit, label, description, lowest and highest valid value, by column or stem of three columns `_x _y _z`. {frame} is the frame.
+#: Variable, unit, label, description, lowest and highest valid value, by column, or by what three columns of a vector share.
 KNOWN = {
     "b": ("B", "nT", "B", "Magnetic field, {frame}", -1e6, 1e6),
     "b_ob": ("B_OB", "enT", "B OB", "Outboard sensor in housekeeping, not calibrated", -16384, 16384),
@@ -54,9 +55,10 @@ KNOWN = {
     "neg_voltage": ("neg_voltage", "V", "U -5 V", "Negative supply voltage", -1e3, 1e3),
 }
 FLAGS = (
-    "flags: bit 0 temperature outside the calibration, 1 no boom state, 2 outside the offset table, 3 no attitude, 4 inside a leap second, "
-    "5 first vector after a gap, 6 heater, 7 wheels or lines taken off, 8 a count at its end, 9 stretch too short to take wheels off, "
-    "10 outside the validity in time, 16 field outside the calibration, 17 temperature not known"
+    "flags: bit 0 temperature outside the calibration, 1 no boom state, 2 outside the offset table, 3 no attitude, "
+    "4 inside a leap second, 5 first vector after a gap, 6 heater, 7 wheels or lines taken off, 8 a count at its end, "
+    "9 stretch too short to take wheels off, 10 outside the validity in time, 16 field outside the calibration, "
+    "17 temperature not known"
 )
 
 
