@@ -2,10 +2,10 @@
 """Levels of many days with many workers: one task per day and sensor, for Dask distributed.
 
     calfit flight carry flight.toml -o carry.parquet
-    python3 tools/dask_flight.py ABC flight.toml carry.parquet -o levels --from 2014-08-01 --to 2014-08-31 --sensors OB IB --workers 16
+    python3 tools/dask_flight.py ABC flight.toml carry.parquet -o levels --from 2014-08-01 --to 2014-08-31 --sensors OB IB
 
-With --scheduler ADDRESS the tasks go to a cluster that runs already, on Slurm through dask-jobqueue or on Kubernetes. Exit status 0: all
-days were made; 1: the days that are named were not.
+Needs dask and distributed. With --scheduler ADDRESS the tasks go to a cluster that runs already, on Slurm through dask-jobqueue or
+on Kubernetes. Exit status 0: all days were made; 1: the days that are named were not.
 """
 
 import argparse

@@ -28,10 +28,10 @@ from cdflib import cdfwrite
 EPOCH_RANGE = ([1990, 1, 1, 0, 0, 0, 0, 0, 0], [2100, 1, 1, 0, 0, 0, 0, 0, 0])
 NO_TIME = np.iinfo(np.int64).min
 
-#: CDF type, fill value, lowest and highest value that can be valid, format, by type of the numbers.
+#: CDF type, fill value, lowest and highest value that can be valid, format, by type in the level.
 TYPES = {
-    "float64": ("CDF_DOUBLE", -1e31, None, None, "E24.16"),
-    "float32": ("CDF_FLOAT", np.float32(-1e31), None, None, "E14.6"),
+    "double": ("CDF_DOUBLE", -1e31, None, None, "E24.16"),
+    "float": ("CDF_FLOAT", np.float32(-1e31), None, None, "E14.6"),
     "uint8": ("CDF_UINT1", 255, 0, 254, "I3"),
     "uint32": ("CDF_UINT4", 2**32 - 1, 0, 2**32 - 2, "I10"),
     "int64": ("CDF_INT8", NO_TIME, NO_TIME + 1, 2**63 - 1, "I20"),
@@ -99,10 +99,9 @@ def groups(names: list[str]) -> list[tuple[str, list[str]]]:
 
 def values(column: pa.ChunkedArray) -> tuple[np.ndarray, tuple]:
     """The numbers of a column with the fill value for nulls, and what its type is in CDF."""
-    kind = str(column.type.to_pandas_dtype()().dtype)
-    if kind not in TYPES:
+    about = TYPES.get(str(column.type))
+    if about is None:
         raise Refused(f"values of the type {column.type} are not known")
-    about = TYPES[kind]
     filled = column.fill_null(pa.scalar(about[1], type=column.type)) if column.null_count else column
     return filled.to_numpy(), about
 

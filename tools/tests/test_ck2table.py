@@ -75,7 +75,7 @@ SCLK01_COEFFICIENTS_999 = ( 0.0 0.0 1.0 )
 
 @pytest.fixture
 def kernels(tmp_path):
-    """A meta kernel of text kernels, a CK that turns evenly about z for 200 s from June 30 23:58:20 on, and an SPK on a straight line."""
+    """A meta kernel of text kernels, and of a CK that turns evenly and an SPK on a straight line, for 200 s."""
     (tmp_path / "leap.tls").write_text(LSK)
     (tmp_path / "frames.tf").write_text(FRAMES)
     (tmp_path / "clock.tsc").write_text(CLOCK)
@@ -101,9 +101,8 @@ def kernels(tmp_path):
     names = ["leap.tls", "frames.tf", "clock.tsc", "turning.bc", "line.bsp"]
     listed = " ".join(f"'$HERE/{name}'" for name in names)
     meta = tmp_path / "all.tm"
-    meta.write_text(
-        f"KPL/MK\n\\begindata\nPATH_VALUES = ( '{tmp_path}' )\nPATH_SYMBOLS = ( 'HERE' )\nKERNELS_TO_LOAD = ( {listed} )\n\\begintext\n"
-    )
+    paths = f"PATH_VALUES = ( '{tmp_path}' )\nPATH_SYMBOLS = ( 'HERE' )\n"
+    meta.write_text(f"KPL/MK\n\\begindata\n{paths}KERNELS_TO_LOAD = ( {listed} )\n\\begintext\n")
     return meta, names
 
 
