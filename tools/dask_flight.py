@@ -39,7 +39,7 @@ def main() -> int:
 
     command = [o.program, "flight", o.levels, o.config, "--carry", o.carry, "--threads", "1", "-q", "-o", o.out]
     days = [str(o.first + timedelta(n)) for n in range((o.last - o.first).days + 1)]
-    cluster = o.scheduler or LocalCluster(n_workers=o.workers, threads_per_worker=1, dashboard_address=None)
+    cluster = o.scheduler or LocalCluster(n_workers=o.workers, threads_per_worker=1, dashboard_address=None, silence_logs=50)
     failed = []
     with Client(cluster) as client:
         tasks = {
