@@ -1,4 +1,4 @@
-//! The Python package: it reads what the program writes, and applies it.
+//! The Python package: it reads what the program writes, and applies it; and the tools for flight data.
 
 use crate::common;
 
@@ -182,5 +182,20 @@ fn the_package_reads_and_applies_what_the_program_writes() {
     let said = text(&output.stdout);
     assert!(output.status.success(), "{said}{}", text(&output.stderr));
     // With the files of the program and the project around it nothing is left out.
+    assert!(said.contains(" passed") && !said.contains("skipped"), "{said}");
+}
+
+#[test]
+fn the_tools_for_flight_data_do_what_they_promise() {
+    let packages = ["cdflib", "distributed", "numpy", "pyarrow", "pytest", "spiceypy"];
+    let Some(environment) = Environment::of("tools", &packages, &[]) else { return };
+    let output = environment
+        .python()
+        .args(["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider"])
+        .arg(data("tools/tests"))
+        .output()
+        .unwrap();
+    let said = text(&output.stdout);
+    assert!(output.status.success(), "{said}{}", text(&output.stderr));
     assert!(said.contains(" passed") && !said.contains("skipped"), "{said}");
 }
