@@ -88,8 +88,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         }
     }
     if made.days.is_empty() && made.failed.is_empty() {
-        let rule = "there are no vectors in these days";
-        return Err(Finding::error(&arguments.config.display().to_string(), rule, "see `input`, --from, --to and --sensor"));
+        terminal.warning("there are no vectors in these days; see `input`, --from, --to and --sensor");
     }
     Ok(if made.failed.is_empty() { Status::Done } else { Status::Partly })
 }

@@ -13,6 +13,9 @@ use thiserror::Error;
 /// A vector follows a gap if it comes later after the one before than so many steps of its mode.
 const GAP_STEPS: f64 = 1.5;
 
+/// Quality bit of the sensor: 0 for the outboard sensor, 1 for the inboard one.
+const SENSOR_BIT: u8 = 8;
+
 /// What was made of the rows whose corrected times lie in a stretch.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RowCounts {
@@ -109,6 +112,10 @@ pub fn assemble(
             let row = *row as usize;
             let counts = |row: usize| rows.counts.each_ref().map(|c| c[row].to_bits());
             out.counts.read += usize::from(counted);
+            // The sensor bit is that of a mission with one outboard and one inboard sensor.
+            let says_inboard = rows.quality[row] & SENSOR_BIT != 0;
+            let contradicts = (sensor == "OB" && says_inboard) || (sensor == "IB" && !says_inboard);
+            out.counts.contradicting += usize::from(counted && contradicts);
             let earlier = group[..index].iter().map(|r| *r as usize);
             if let Some(first) = earlier.into_iter().find(|r| rows.mode[*r] == rows.mode[row] && rows.tag[*r] == rows.tag[row]) {
                 out.counts.duplicates += usize::from(counted);
@@ -152,7 +159,6 @@ pub fn assemble(
             }
         }
     }
-    out.counts.contradicting = rows.contradicting;
     block.t_degc = vec![f64::NAN; block.len()];
     Ok(out)
 }

@@ -10,6 +10,8 @@ use nalgebra::Vector3;
 pub struct OffsetsStep {
     /// From, to, nT.
     pub intervals: Vec<(Tt2000, Tt2000, Vector3<f64>)>,
+    /// Intervals in which an offset is subtracted in another frame; absent for a step that leaves the flag to that one.
+    pub elsewhere: Option<Vec<(Tt2000, Tt2000)>>,
 }
 
 impl Step for OffsetsStep {
@@ -22,7 +24,12 @@ impl Step for OffsetsStep {
             }
             match last {
                 Some((.., offset)) => (0..3).for_each(|i| block.field[i][row] -= offset[i]),
-                None => block.flags[row] |= Flags::JUMP.0,
+                None => {
+                    let outside = |list: &Vec<(Tt2000, Tt2000)>| !list.iter().any(|(from, to)| (*from..*to).contains(&time));
+                    if self.elsewhere.as_ref().is_some_and(outside) {
+                        block.flags[row] |= Flags::JUMP.0;
+                    }
+                }
             }
         }
     }

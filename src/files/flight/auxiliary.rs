@@ -76,6 +76,19 @@ pub fn attitude(celestial: &Celestial, leap: &LeapSeconds) -> Result<(Attitude, 
     let path = &celestial.attitude;
     let table = SeriesTable::open(path)?;
     let time = times(&table, path, leap)?;
+    if time.is_empty() {
+        return Err(Finding::error(&path.display().to_string(), "has no rows", "make the table again"));
+    }
+    for (key, stated) in [
+        ("frame", celestial.frame.as_str()),
+        ("attitude_order", if celestial.scalar_first { "scalar-first" } else { "scalar-last" }),
+        ("attitude_from_to", if celestial.from_sc { "sc to celestial" } else { "celestial to sc" }),
+    ] {
+        if let Some(own) = table.says(key).filter(|own| *own != stated) {
+            let rule = format!("says `{key}` of itself as `{own}`, the configuration as `{stated}`");
+            return Err(Finding::error(&path.display().to_string(), rule, "correct the one that is wrong"));
+        }
+    }
     let q = [table.numbers("q0")?, table.numbers("q1")?, table.numbers("q2")?, table.numbers("q3")?];
     let mut wxyz = Vec::with_capacity(time.len());
     for row in 0..time.len() {

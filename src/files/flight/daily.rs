@@ -13,6 +13,25 @@ use std::path::{Path, PathBuf};
 
 /// Value of `format`.
 pub const FORMAT: &str = "RPCMAG-DAILY";
+/// How a model acts.
+pub const SIGN: &str = "subtracted from calibrated data";
+const KEYS: [&str; 15] = [
+    "format",
+    "version",
+    "sensor",
+    "date",
+    "model",
+    "unit",
+    "sign",
+    "valid_degc",
+    "p_x",
+    "p_y",
+    "p_z",
+    "covariance",
+    "calm",
+    "explained",
+    "provenance",
+];
 /// A model has so many coefficients at most.
 const MOST: usize = 6;
 
@@ -60,6 +79,14 @@ pub fn read(path: &Path, sensor: &str, day: i32) -> Result<DailyModel, Finding> 
     let date: Date = needed("date")?.parse().map_err(|_| root.refuse("date", "is no date", "write YYYY-MM-DD"))?;
     if day_of(date) != day {
         return Err(root.refuse("date", &format!("is not {}", date_of(day)), "name the model of this day"));
+    }
+    for (key, only) in [("sign", SIGN), ("unit", "nT")] {
+        if root.text(key)?.is_some_and(|text| text != only) {
+            return Err(root.refuse(key, &format!("is not `{only}`"), "convert the coefficients"));
+        }
+    }
+    if let Some(name) = root.names().into_iter().find(|name| !KEYS.contains(name)) {
+        return Err(root.refuse(name, "is not known", "take the key away, or correct it"));
     }
     let valid = root.numbers("valid_degc")?.ok_or_else(|| root.missing("valid_degc"))?;
     let [low, high] = valid[..] else { return Err(root.refuse("valid_degc", "must be two numbers", "write the range")) };

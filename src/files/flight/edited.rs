@@ -1,6 +1,6 @@
 //! EDITED telemetry: signed counts with time tags, thermistor counts, quality and mode (RO-IGEP-TR0028 section 4.1.2).
 
-use super::mission::{Mission, Sensor, TimeColumn};
+use super::mission::{Counts, Mission, Sensor, TimeColumn};
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000, day_of};
 use crate::files::source::{Digested, digest};
@@ -44,8 +44,6 @@ pub struct Rows {
     pub mode: Vec<u8>,
     /// Range index.
     pub range: Vec<u8>,
-    /// Rows whose sensor bit contradicts the sensor.
-    pub contradicting: usize,
 }
 
 impl Rows {
@@ -62,12 +60,11 @@ impl Rows {
         self.quality.append(&mut other.quality);
         self.mode.append(&mut other.mode);
         self.range.append(&mut other.range);
-        self.contradicting += other.contradicting;
     }
 }
 
-/// Quality bit of the sensor: 0 for the outboard sensor, 1 for the inboard one.
-const SENSOR_BIT: u8 = 8;
+/// Unsigned counts of 16 bits.
+const THERMISTOR_COUNTS: std::ops::RangeInclusive<f64> = 0.0..=65_535.0;
 
 fn is_table(path: &Path) -> bool {
     path.extension().is_some_and(|end| ["parquet", "pq", "csv"].iter().any(|known| end.eq_ignore_ascii_case(known)))
@@ -105,9 +102,17 @@ pub fn day_files(folder: &Path) -> Result<Vec<EditedFile>, Finding> {
     let mut files = Vec::new();
     for path in listed(folder)? {
         if path.is_dir() {
-            let Some(day) = partition_day(&path)? else { continue };
-            let tables = listed(&path)?.into_iter().filter(|p| is_table(p));
-            files.extend(tables.map(|path| EditedFile { day: Some(day), path }));
+            let Some(day) = partition_day(&path)? else {
+                let rule = "is no partition of a day, so that nothing in it is read";
+                return Err(Finding::error(&path.display().to_string(), rule, "name it date=YYYY-MM-DD, or take it away"));
+            };
+            for table in listed(&path)? {
+                if !is_table(&table) {
+                    let rule = "is no table of telemetry, Parquet or CSV";
+                    return Err(Finding::error(&table.display().to_string(), rule, "convert it, or take it away"));
+                }
+                files.push(EditedFile { day: Some(day), path: table });
+            }
         } else if is_table(&path) {
             files.push(EditedFile { day: None, path });
         }
@@ -125,7 +130,10 @@ impl Catalogue {
         let mut catalogue = Self::default();
         for path in listed(&mission.input)? {
             if path.is_dir() {
-                let Some(name) = partition(&path, "sensor") else { continue };
+                let Some(name) = partition(&path, "sensor") else {
+                    let rule = "is no partition of a sensor, so that nothing in it is read";
+                    return Err(Finding::error(&path.display().to_string(), rule, "name it sensor=NAME, or take it away"));
+                };
                 let Some(sensor) = mission.sensors.iter().find(|s| s.name == name) else {
                     let rule = format!("holds telemetry of sensor {name}, which is none of the configuration");
                     return Err(Finding::error(
@@ -231,8 +239,9 @@ impl Open<'_> {
         for other in there.iter().filter(|c| **c != primary) {
             let others = self.times(*other)?.unwrap_or_default();
             // Timestamps know no leap second, so that the label of a time counts there, not the time.
+            let with_utc = [*other, primary].contains(&TimeColumn::Utc);
             let shown = |time: Tt2000| {
-                if *other == TimeColumn::Utc { self.leap.tt2000_of_timestamp(self.leap.utc(time).timestamp_ns()) } else { time }
+                if with_utc { self.leap.tt2000_of_timestamp(self.leap.utc(time).timestamp_ns()) } else { time }
             };
             let differs = |(a, b): (&Tt2000, &Tt2000)| (shown(*a) - shown(*b)).abs() > mission.time_tolerance_ns;
             if let Some(row) = tags.iter().zip(&others).position(differs) {
@@ -324,7 +333,10 @@ impl Open<'_> {
                     .unwrap_or_else(|| self.refuse(0, "", "")));
             }
         };
-        let quality = self.small("quality", sensor)?;
+        let quality = Some(
+            self.small("quality", sensor)?
+                .ok_or_else(|| self.needed("quality", sensor).err().unwrap_or_else(|| self.refuse(0, "", "")))?,
+        );
         let range = self.small("range", sensor)?;
         let modes = self.modes(tags, sensor, mission)?;
         let [low, high] = sensor.counts.limits();
@@ -338,6 +350,18 @@ impl Open<'_> {
                 let rule = format!("the count {count} is none of the converter, {low} to {high}");
                 return Err(self.refuse(row, &rule, "correct it, or state the bits of the converter with adc_bits"));
             }
+            if quality & mission.reject_mask == 0 && !sensor.ground.is_empty() && !THERMISTOR_COUNTS.contains(&thermistor[row]) {
+                let rule = format!("the thermistor count {} is none of 16 bits", thermistor[row]);
+                return Err(self.refuse(row, &rule, "correct it, or reject the vector by its quality"));
+            }
+            let own_range = range.as_ref().map_or(0, |r| r[row]);
+            if let Counts::Factor(factors) = &sensor.counts
+                && factors.len() > 1
+                && usize::from(own_range) >= factors.len()
+            {
+                let rule = format!("range {own_range} has no factor");
+                return Err(self.refuse(row, &rule, "state one factor per range in ent_per_count, the first for range 0"));
+            }
             rows.tag.push(tags[row]);
             #[expect(clippy::cast_precision_loss, reason = "the clock has microseconds")]
             let from_time = || (tags[row] - self.leap.clock_begin()) as f64 / SECOND_NS as f64;
@@ -346,10 +370,7 @@ impl Open<'_> {
             rows.thermistor.push(thermistor[row]);
             rows.quality.push(quality);
             rows.mode.push(modes[row]);
-            rows.range.push(range.as_ref().map_or(0, |r| r[row]));
-            // The sensor bit is that of a mission with one outboard and one inboard sensor.
-            let says_inboard = quality & SENSOR_BIT != 0;
-            rows.contradicting += usize::from((sensor.name == "OB" && says_inboard) || (sensor.name == "IB" && !says_inboard));
+            rows.range.push(own_range);
         }
         Ok(rows)
     }

@@ -17,6 +17,10 @@ use std::path::{Path, PathBuf};
 pub const STEPS: [&str; 8] = ["counts", "temperature", "ground", "daily", "shift", "rotate", "offsets", "attitude"];
 /// How far a matrix may be from a rotation.
 const ROTATION: f64 = 1e-6;
+/// Days are read so far beyond their ends, s.
+const LONGEST_SHIFT_S: f64 = 1800.0;
+/// Intervals of means, s.
+const MEANS_S: [f64; 2] = [1e-3, 86_400.0];
 /// A fit of more bits is none of a converter.
 const MOST_BITS: u32 = 32;
 
@@ -174,6 +178,9 @@ impl MissionFile<'_> {
                 modes.push(mode);
             }
         }
+        let mut spans: Vec<Span> = mode_spans.iter().map(|(span, _): &(Span, String)| *span).collect();
+        spans.sort_unstable();
+        apart(root, "mode", &spans)?;
         let mission = Mission {
             folder: self.folder.clone(),
             mission: needed(root, "mission", root.text("mission")?)?,
@@ -206,7 +213,11 @@ impl MissionFile<'_> {
                 None => SECOND_NS,
                 Some(g) => {
                     only(&g, &["mean_s"])?;
-                    ns(positive(&g, "mean_s", g.number("mean_s")?)?.unwrap_or(1.0))
+                    let mean_s = g.number("mean_s")?.unwrap_or(1.0);
+                    if !(MEANS_S[0]..=MEANS_S[1]).contains(&mean_s) {
+                        return Err(g.refuse("mean_s", "must be from a millisecond to a day", "write the length in seconds"));
+                    }
+                    ns(mean_s)
                 }
             },
             disturbances: root.groups("disturbance")?.iter().map(disturbance).collect::<Result<_, _>>()?,
@@ -220,6 +231,24 @@ impl MissionFile<'_> {
             uncertainty: output(root, "uncertainty", true)?,
             text: output(root, "text", false)?,
         };
+        let stated = |sid: &str| mission.modes.iter().any(|mode| mode.sid == sid);
+        let unknown = |sid: &str, what: &str| {
+            root.refuse(
+                "mode",
+                &format!("has no {sid}, which {what} names"),
+                "state every mode once, and name those that are stated",
+            )
+        };
+        for sensor in &mission.sensors {
+            if let Some(sid) = sensor.noise_ent.keys().flatten().find(|sid| !stated(sid)) {
+                return Err(unknown(sid, "`sensor.noise_ent`"));
+            }
+        }
+        let widths = mission.wheels.iter().flat_map(|w| w.half_width_hz.keys());
+        let named = mission.mode_spans.iter().map(|(_, sid)| sid).chain(&mission.sid);
+        if let Some(sid) = widths.chain(named).find(|sid| !stated(sid)) {
+            return Err(unknown(sid, "another key"));
+        }
         Ok(mission)
     }
 
@@ -263,7 +292,19 @@ impl MissionFile<'_> {
             }
         };
         let counts = match (group.numbers_or_one("ent_per_count")?, group.whole("adc_bits")?) {
-            (Some(factors), _) => Counts::Factor(factors),
+            (Some(_), Some(_)) => {
+                return Err(group.refuse("ent_per_count", "stands beside `adc_bits`", "state the one or the other"));
+            }
+            (Some(factors), None) => {
+                if factors.is_empty() || factors.iter().any(|f| *f == 0.0) {
+                    return Err(group.refuse(
+                        "ent_per_count",
+                        "must be a factor, or one per range",
+                        "a factor of 0 leaves no field",
+                    ));
+                }
+                Counts::Factor(factors)
+            }
             (None, bits) => {
                 let bits = bits.unwrap_or(20);
                 if !(2..=MOST_BITS).contains(&bits) {
@@ -277,10 +318,8 @@ impl MissionFile<'_> {
         let jumps = group.groups("jump")?.iter().map(|g| self.jump(g)).collect::<Result<Vec<_>, _>>()?;
         let spans: Vec<Span> = rotations.iter().map(|r| r.span).collect();
         apart(group, "rotation", &spans)?;
-        for frame in [OffsetFrame::Uvw, OffsetFrame::Sc] {
-            let spans: Vec<Span> = jumps.iter().filter(|j: &&Jump| j.frame == frame).map(|j| j.span).collect();
-            apart(group, "jump", &spans)?;
-        }
+        let spans: Vec<Span> = jumps.iter().map(|j: &Jump| j.span).collect();
+        apart(group, "jump", &spans)?;
         for range in matrices.iter().map(|m| m.range) {
             let spans: Vec<Span> = matrices.iter().filter(|m| m.range == range).map(|m| m.span).collect();
             apart(group, "matrix", &spans)?;
@@ -390,6 +429,9 @@ impl MissionFile<'_> {
         if sensors.len() > 1 && roles.primary.is_none() {
             return Err(group.missing("primary"));
         }
+        if sensors.len() > 1 && roles.secondary.is_none() {
+            return Err(group.missing("secondary"));
+        }
         if roles.primary.is_some() && roles.primary == roles.secondary {
             return Err(group.refuse("secondary", "is the primary sensor", "name the other one"));
         }
@@ -409,7 +451,12 @@ impl MissionFile<'_> {
             }
         };
         Ok(Celestial {
-            frame: needed(group, "frame", group.text("frame")?)?,
+            frame: match needed(group, "frame", group.text("frame")?)? {
+                empty if empty.trim().is_empty() => {
+                    return Err(group.refuse("frame", "is empty", "name the frame, ECLIPJ2000 for example"));
+                }
+                frame => frame,
+            },
             attitude: needed(group, "attitude", self.path(group, "attitude")?)?,
             scalar_first: one_of("attitude_order", "scalar-first", "scalar-last")?,
             from_sc: one_of("attitude_from_to", "sc to celestial", "celestial to sc")?,
@@ -559,7 +606,11 @@ fn mode(group: &Group<'_>, sid: String) -> Result<Mode, Finding> {
         let Some(own) = group.group(key)? else { return Ok(None) };
         only(&own, &["rate_hz", "shift_s"])?;
         let rate_hz = needed(&own, "rate_hz", positive(&own, "rate_hz", own.number("rate_hz")?)?)?;
-        Ok(Some(Rate { rate_hz, shift_ns: own.number("shift_s")?.map(ns) }))
+        let shift_s = own.number("shift_s")?;
+        if shift_s.is_some_and(|s| s.abs() > LONGEST_SHIFT_S) {
+            return Err(own.refuse("shift_s", "is longer than 1800 s", "days are read so far beyond their ends"));
+        }
+        Ok(Some(Rate { rate_hz, shift_ns: shift_s.map(ns) }))
     };
     let lines_hz = group.numbers("lap_lines_hz")?.unwrap_or_default();
     if lines_hz.iter().any(|f| *f <= 0.0) {

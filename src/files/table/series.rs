@@ -1,6 +1,6 @@
 //! Columns of long tables as the types that a reader asks for: whole numbers to the last digit, numbers, words, times. Parquet and CSV.
 
-use super::columns::{ParquetFile, each, ns_of};
+use super::columns::{ParquetFile, each, ns_of, without_dictionary};
 use super::stream::{Batch, Format, Reader};
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, Tt2000};
@@ -131,11 +131,23 @@ impl SeriesTable {
         Finding::error(&self.path.display().to_string(), rule, remedy)
     }
 
-    fn field<'a>(&self, file: &'a ParquetFile, name: &str) -> Result<&'a Field, Finding> {
-        file.fields().find(|field| field.name.as_str() == name).ok_or_else(|| {
+    fn field(&self, file: &ParquetFile, name: &str) -> Result<Field, Finding> {
+        let found = file.fields().find(|field| field.name.as_str() == name);
+        found.map(|field| without_dictionary(field).unwrap_or_else(|| field.clone())).ok_or_else(|| {
             let rule = format!("has no column `{name}`; it has {}", self.names().join(", "));
             self.complain(rule, "rename the column, or add it")
         })
+    }
+
+    /// The values of a column; every row that is read has one.
+    fn pieces(&self, file: &ParquetFile, field: &Field) -> Result<Vec<Box<dyn Array>>, Finding> {
+        let pieces = file.pieces(field, &self.groups)?;
+        let rows: usize = pieces.iter().map(|piece| piece.len()).sum();
+        if rows == self.rows {
+            return Ok(pieces);
+        }
+        let rule = format!("column `{}` holds values of the type {:?}, which are not read", field.name, field.dtype);
+        Err(self.complain(rule, "convert the column"))
     }
 
     fn no_value(&self, name: &str, row: usize) -> Finding {
@@ -177,7 +189,7 @@ impl SeriesTable {
             Body::Parquet(file) => file,
         };
         let field = self.field(file, name)?;
-        let pieces = file.pieces(field, &self.groups)?;
+        let pieces = self.pieces(file, &field)?;
         use ArrowDataType as T;
         match &field.dtype {
             T::Int8 => self.values::<i8, _>(name, &pieces, i64::from),
@@ -205,7 +217,7 @@ impl SeriesTable {
             Body::Parquet(file) => file,
         };
         let field = self.field(file, name)?;
-        let pieces = file.pieces(field, &self.groups)?;
+        let pieces = self.pieces(file, &field)?;
         use ArrowDataType as T;
         #[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
         Ok(match &field.dtype {
@@ -240,7 +252,7 @@ impl SeriesTable {
             Body::Parquet(file) => file,
         };
         let field = self.field(file, name)?;
-        for piece in file.pieces(field, &self.groups)? {
+        for piece in self.pieces(file, &field)? {
             let any = piece.as_any();
             if let Some(array) = any.downcast_ref::<Utf8ViewArray>() {
                 array.iter().for_each(|word| out.push(&mut known, word.unwrap_or_default()));
@@ -267,7 +279,7 @@ impl SeriesTable {
         let field = self.field(file, name)?;
         if let ArrowDataType::Timestamp(unit, _) = field.dtype {
             let factor = ns_of(unit);
-            let pieces = file.pieces(field, &self.groups)?;
+            let pieces = self.pieces(file, &field)?;
             return self.values::<i64, _>(name, &pieces, |v| leap.tt2000_of_timestamp(v.saturating_mul(factor)));
         }
         let words = self.words(name)?;

@@ -87,8 +87,11 @@ impl<'a> Group<'a> {
     /// An error about a key that must be there.
     #[must_use]
     pub fn missing(&self, key: &str) -> Finding {
-        Finding::error(&self.keys.file, format!("the key `{}` is missing", self.full(key)), "add it before the first section")
-            .at(self.keys.first_line, 0)
+        let rule = format!("the key `{}` is missing", self.full(key));
+        if self.name.is_empty() {
+            return Finding::error(&self.keys.file, rule, "add it before the first section").at(self.keys.first_line, 0);
+        }
+        Finding::error(&self.keys.file, rule, format!("add it to the section `{}`", self.name))
     }
 
     fn value(&self, key: &str) -> Option<(&'a Item, Option<&'a Value>)> {

@@ -91,11 +91,17 @@ impl<'a> Context<'a> {
         let sensor = &mission.sensors[self.index];
         let day = self.span();
         let Some(read) = vectors(prepared, self.carry, self.index, self.day, &self.reach())? else { return Ok(None) };
-        let Vectors { mut blocks, steps, counts, mut inputs } = read;
+        let Vectors { mut blocks, steps, counts, mut inputs, beside } = read;
         if counts.read == 0 {
             return Ok(None);
         }
         let mut made = DayMade { sensor: sensor.name.clone(), day: day_name(self.day), rows: counts, ..DayMade::default() };
+        made.notes
+            .extend(beside.iter().map(|file| format!("{file} cannot be read: vectors that it may hold of this day are missing")));
+        if made.rows.contradicting > 0 {
+            let count = made.rows.contradicting;
+            made.notes.push(format!("{count} vectors of {} have the quality bit of the other sensor", sensor.name));
+        }
         if let Some(model) = prepared.daily(sensor, self.day)? {
             inputs.push(model.input);
             made.continuity_nt = Some(self.carry.continuity_nt(&sensor.name, self.day));
@@ -230,6 +236,8 @@ pub struct Vectors {
     pub counts: RowCounts,
     /// The files of telemetry.
     pub inputs: Vec<Input>,
+    /// Files of the days beside it that cannot be read.
+    pub beside: Vec<String>,
 }
 
 /// Reads the vectors of a sensor in a stretch that a day needs; `None` where there is none.
@@ -248,10 +256,14 @@ pub fn vectors(
     let tags = reach.start - BEYOND_NS..reach.end + BEYOND_NS;
     let mut rows = Rows::default();
     let mut inputs = Vec::new();
+    let mut beside = Vec::new();
     for file in prepared.files(&sensor.name, &tags) {
         let read = match edited::read(file, sensor, mission, &prepared.leap, &tags) {
             // A neighbour that cannot be read fails on its own day; what it would add to this one is lost there too.
-            Err(_) if file.day.is_some_and(|own| own != day) => continue,
+            Err(_) if file.day.is_some_and(|own| own != day) => {
+                beside.push(file.path.strip_prefix(&mission.folder).unwrap_or(&file.path).display().to_string());
+                continue;
+            }
             other => other?,
         };
         if !read.tag.is_empty() {
@@ -270,7 +282,7 @@ pub fn vectors(
     let days = prepared.leap.utc(reach.start).day..prepared.leap.utc(reach.end - 1).day + 1;
     let steps = Steps::make(prepared, carry, index, day, &days)?;
     let blocks = blocks(assembled.vectors, GROUP_ROWS, mission.uncertainty);
-    Ok(Some(Vectors { blocks, steps, counts: assembled.counts, inputs }))
+    Ok(Some(Vectors { blocks, steps, counts: assembled.counts, inputs, beside }))
 }
 
 /// The vectors of blocks as one series.

@@ -145,12 +145,20 @@ fn of_parameter_files(files: &[PathBuf], all: &str, findings: &mut Vec<Finding>)
         let rule = format!("takes {}, and telemetry gives volts", polynomial.signal_unit);
         return Err(Finding::error(&shown, rule, "make it from a table of voltages"));
     }
+    // What is said of files is to be the same wherever they stand.
     let mut notes = made.notes;
+    for note in &mut notes {
+        for path in &others {
+            let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            note.text = note.text.replace(&path.display().to_string(), &name);
+            note.about = note.about.take().map(|about| about.replace(&path.display().to_string(), &name));
+        }
+    }
     let t_off_degc = match &thermometer.body.reference {
         Some(reference) => reference.offset_degc,
         None => {
             let text = "the thermistor was not compared with a reference thermometer: T_OFF is zero";
-            notes.push(Note::new(NoteKind::Temperature, text).about(&shown));
+            notes.push(Note::new(NoteKind::Temperature, text).about(&polynomial.table));
             0.0
         }
     };

@@ -199,6 +199,13 @@ fn check_steps(path: &Path, mission: &Mission) -> Result<(), Finding> {
         before = Some(stage);
     }
     let place = |name: &str| mission.steps.iter().position(|s| s == name);
+    let has_files = mission.sensors.iter().any(|sensor| !sensor.ground.is_empty());
+    for (needed, is_needed) in [("counts", true), ("temperature", has_files), ("ground", true)] {
+        if is_needed && place(needed).is_none() {
+            let rule = format!("`pipeline.steps` lacks `{needed}`, without which there is no field");
+            return refuse(rule, "name counts, temperature and ground");
+        }
+    }
     for [first, second] in [["counts", "ground"], ["temperature", "ground"], ["ground", "daily"], ["ground", "disturbance"]] {
         if place(first).zip(place(second)).is_some_and(|(a, b)| a > b) {
             return refuse(format!("`pipeline.steps` names `{second}` before `{first}`"), "put them in their order");

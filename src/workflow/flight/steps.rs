@@ -4,7 +4,7 @@ use super::{Carry, Ground, Prepared};
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
 use crate::files::flight::daily::DailyModel;
-use crate::files::flight::mission::{Counts, Mission, OffsetFrame, OutsideTemperature, RangeMatrix, Sensor};
+use crate::files::flight::mission::{Counts, Jump, Mission, OffsetFrame, OutsideTemperature, RangeMatrix, Sensor};
 use crate::files::table::series::SeriesTable;
 use crate::flight::attitude::AttitudeStep;
 use crate::flight::counts::CountsStep;
@@ -129,9 +129,12 @@ fn counts(stated: &Counts) -> CountsStep {
 }
 
 fn offsets(sensor: &Sensor, frame: OffsetFrame) -> Option<Box<dyn Step>> {
-    let own = sensor.jumps.iter().filter(|j| j.frame == frame);
-    let intervals: Vec<(i64, i64, Vector3<f64>)> = own.map(|j| (j.span.from, j.span.to, j.subtract_nt)).collect();
-    (!intervals.is_empty()).then(|| Box::new(OffsetsStep { intervals }) as Box<dyn Step>)
+    let (own, other): (Vec<&Jump>, Vec<&Jump>) = sensor.jumps.iter().partition(|j| j.frame == frame);
+    let intervals: Vec<(i64, i64, Vector3<f64>)> = own.iter().map(|j| (j.span.from, j.span.to, j.subtract_nt)).collect();
+    // The step in axes of the spacecraft says which vectors no interval of either frame holds.
+    let elsewhere = (frame == OffsetFrame::Sc).then(|| other.iter().map(|j| (j.span.from, j.span.to)).collect());
+    let acts = if frame == OffsetFrame::Sc { !sensor.jumps.is_empty() } else { !intervals.is_empty() };
+    acts.then(|| Box::new(OffsetsStep { intervals, elsewhere }) as Box<dyn Step>)
 }
 
 fn limits(mission: &Mission, valid_degc: [f64; 2]) -> Limits {
