@@ -1,6 +1,8 @@
 //! Thermistor counts to the sensor temperature (RO-IGEP-TR0028 sections 3.3.3, 4.2.2.5 and 4.2.3.2).
 
 use super::{Block, Step};
+use crate::data::time::Tt2000;
+use crate::fit::statistics::median;
 
 /// Steps of the converter of the thermistor.
 const STEPS: f64 = 65_536.0;
@@ -44,6 +46,27 @@ impl Thermometer {
     }
 }
 
+/// Running median of the thermistor over packets: the counts of a packet become the median of those of all packets whose middle is within
+/// half of `window_ns` of its own. A packet is a run of equal counts that is not longer than `packet_ns`.
+pub fn smooth(times: &[Tt2000], counts: &mut [f64], packet_ns: i64, window_ns: i64) {
+    let mut packets: Vec<(Tt2000, f64, usize)> = Vec::new();
+    let mut begin = 0;
+    while begin < times.len() {
+        let same = |row: &usize| counts[*row] == counts[begin] && times[*row] - times[begin] < packet_ns;
+        let length = (begin..times.len()).take_while(same).count().max(1);
+        packets.push((times[begin] + (times[begin + length - 1] - times[begin]) / 2, counts[begin], length));
+        begin += length;
+    }
+    let mut row = 0;
+    for (middle, _, length) in &packets {
+        let first = packets.partition_point(|(t, ..)| t + window_ns / 2 < *middle);
+        let last = packets.partition_point(|(t, ..)| t - window_ns / 2 <= *middle);
+        let mut near: Vec<f64> = packets[first..last].iter().map(|(_, count, _)| *count).collect();
+        counts[row..row + length].fill(median(&mut near));
+        row += length;
+    }
+}
+
 impl Step for Thermometer {
     fn apply(&self, block: &mut Block) {
         // A packet has one reading for many vectors.
@@ -67,6 +90,15 @@ mod tests {
         assert!((Thermometer::volts(32_768.0) + 2.5).abs() < 1e-12);
         assert!((Thermometer::volts(32_767.0) - 2.5).abs() < 1e-12);
         assert!((Thermometer::volts(0.0) - (32_768.0 * 5.0 / 65_535.0 - 2.5)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_single_wrong_packet_does_not_move_the_temperature() {
+        let times: Vec<Tt2000> = (0..50).map(|k| k * 10).collect();
+        // Packets of ten vectors, counts that rise, one that is wrong.
+        let mut counts: Vec<f64> = (0..50).map(|k| [100.0, 101.0, 9000.0, 103.0, 104.0][k / 10]).collect();
+        smooth(&times, &mut counts, 100, 250);
+        assert_eq!([counts[0], counts[15], counts[25], counts[35], counts[49]], [100.5, 101.0, 103.0, 104.0, 103.5]);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::{Prepared, day_name};
 use crate::data::error::Finding;
 use crate::data::time::{Tt2000, day_of};
 use crate::files::flight::edited::{self, BEYOND_NS};
-use crate::files::flight::mission::Sensor;
+use crate::files::flight::mission::{Mission, Sensor};
 use crate::files::output::Folder;
 use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
@@ -41,15 +41,54 @@ pub struct Carry {
     pub rows: Vec<CarryRow>,
     /// What heaters add to the field of every sensor.
     pub heater: BTreeMap<String, Vec<HeaterClass>>,
+    /// Days whose continuity is not known, by sensor, with the reason: a day before them cannot be read.
+    pub unknown: BTreeMap<(String, i32), String>,
+    /// SHA-256 of the configuration that it was made of.
+    pub configuration: String,
 }
 
 const COLUMNS: [&str; 3] = ["s_x_nt", "s_y_nt", "s_z_nt"];
 
 impl Carry {
-    /// `S_d` of a sensor and day, nT; zero for a day without vectors.
-    #[must_use]
-    pub fn continuity_nt(&self, sensor: &str, day: i32) -> [f64; 3] {
-        self.rows.iter().find(|row| row.sensor == sensor && row.day == day).map_or([0.0; 3], |row| row.continuity_nt)
+    /// `S_d` of a sensor and day with vectors, nT; zero for a mission without continuity.
+    ///
+    /// # Errors
+    /// A day whose `S_d` is not known.
+    pub fn continuity_nt(&self, mission: &Mission, sensor: &str, day: i32) -> Result<[f64; 3], Finding> {
+        if !mission.continuity {
+            return Ok([0.0; 3]);
+        }
+        if let Some(row) = self.rows.iter().find(|row| row.sensor == sensor && row.day == day) {
+            return Ok(row.continuity_nt);
+        }
+        let name = format!("{sensor} {}", day_name(day));
+        Err(match self.unknown.get(&(sensor.to_owned(), day)) {
+            Some(reason) => {
+                let rule =
+                    format!("how the model goes on at midnight is not known, since a day before it cannot be read: {reason}");
+                Finding::error(&name, rule, "mend that day, or let a [[campaign]] begin behind it")
+            }
+            None => {
+                let rule = "is not in the table of the first pass";
+                Finding::error(&name, rule, "make the table again with `calfit flight carry`")
+            }
+        })
+    }
+
+    /// Refuses a table that was made of another configuration or of other telemetry.
+    ///
+    /// # Errors
+    /// Why it is not the one of the day.
+    pub fn is_of(&self, sensor: &str, day: i32, first: Tt2000, last: Tt2000) -> Result<(), Finding> {
+        match self.rows.iter().find(|row| row.sensor == sensor && row.day == day) {
+            Some(row) if row.time != [first, last] => {
+                let rule =
+                    "the table of the first pass was made of other telemetry: the first or the last vector of the day differs";
+                let name = format!("{sensor} {}", day_name(day));
+                Err(Finding::error(&name, rule, "make the table again with `calfit flight carry`"))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Looks at all days of a mission whose sensors have daily models, and with `heater` at all intervals of heaters.
@@ -69,19 +108,30 @@ impl Carry {
 
     fn of_days(prepared: &Prepared) -> Result<Self, Finding> {
         let mission = &prepared.mission;
-        let mut carry = Self::default();
+        let mut carry = Self { configuration: prepared.configuration.clone(), ..Self::default() };
         let has_daily = |sensor: &Sensor| sensor.daily.is_some() && mission.steps.iter().any(|s| s == "daily");
         if !mission.continuity {
             return Ok(carry);
         }
         let resets: Vec<Tt2000> = mission.campaigns.iter().map(|span| span.from).collect();
         for (index, sensor) in mission.sensors.iter().enumerate().filter(|(_, s)| has_daily(s)) {
-            let mut rows = Vec::new();
+            let mut rows: Vec<CarryRow> = Vec::new();
             let mut ends = Vec::new();
+            let mut broken: Vec<(i32, String)> = Vec::new();
             for day in prepared.days(sensor)? {
-                // What is wrong with a day is said when it is made; continuity begins anew behind it.
-                let Ok(Some(found)) = day_ends(prepared, index, day) else { continue };
-                let Ok(Some(model)) = prepared.daily(sensor, day) else { continue };
+                let known = day_ends(prepared, index, day).and_then(|found| match found {
+                    None => Ok(None),
+                    Some(found) => Ok(prepared.daily(sensor, day)?.map(|model| (found, model))),
+                });
+                let (found, model) = match known {
+                    Ok(Some(known)) => known,
+                    Ok(None) => continue,
+                    Err(finding) => {
+                        // What is wrong with a day is said when it is made; what follows it is not known until a campaign begins.
+                        broken.push((day, finding.to_string()));
+                        continue;
+                    }
+                };
                 let at = |degc: f64| model.polynomials.each_ref().map(|p| value(&p.coefficients, degc));
                 ends.push(DayEnds { time: found.0, model_nt: found.1.map(at) });
                 rows.push(CarryRow {
@@ -96,7 +146,14 @@ impl Carry {
             for (row, (sum, reset)) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
                 (row.continuity_nt, row.reset) = (sum, reset);
             }
-            carry.rows.append(&mut rows);
+            for row in rows {
+                let begun = resets.iter().rfind(|at| **at <= row.time[0]).copied();
+                let before = |day: i32| day <= row.day && begun.is_none_or(|at| prepared.leap.day(day).end > at);
+                match broken.iter().find(|(day, _)| before(*day)) {
+                    Some((_, reason)) => drop(carry.unknown.insert((row.sensor, row.day), reason.clone())),
+                    None => carry.rows.push(row),
+                }
+            }
         }
         Ok(carry)
     }
@@ -135,6 +192,7 @@ impl Carry {
         let says = vec![
             ("day".to_owned(), "days since 1970-01-01".to_owned()),
             ("first_day".to_owned(), self.rows.first().map(|row| day_name(row.day)).unwrap_or_default()),
+            (CONFIGURATION.to_owned(), self.configuration.clone()),
             (HEATER.to_owned(), self.heater.iter().flat_map(|(s, list)| list.iter().map(|c| line_of(s, c))).collect()),
             ("written_by".to_owned(), format!("calfit {}", env!("CARGO_PKG_VERSION"))),
         ];
@@ -175,10 +233,13 @@ impl Carry {
             };
             heater.entry(sensor).or_default().push(class);
         }
-        Ok(Self { rows: (0..table.rows()).map(row).collect(), heater })
+        let configuration = table.says(CONFIGURATION).unwrap_or_default().to_owned();
+        Ok(Self { rows: (0..table.rows()).map(row).collect(), heater, unknown: BTreeMap::new(), configuration })
     }
 }
 
+/// What the file says of the configuration that it was made of.
+const CONFIGURATION: &str = "configuration_sha256";
 /// What the file says of heaters, a line for each: sensor, name, vector, its uncertainty, mean and scatter of the times off and on, edges.
 const HEATER: &str = "heater";
 

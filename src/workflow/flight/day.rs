@@ -6,13 +6,14 @@ use super::{Carry, Level, Prepared, day_name};
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
 use crate::data::provenance::Input;
-use crate::data::time::Tt2000;
+use crate::data::time::{SECOND_NS, Tt2000};
 use crate::files::flight::edited::{self, BEYOND_NS, Rows};
 use crate::files::table::long::GROUP_ROWS;
 use crate::fit::spectrum::Density;
 use crate::flight::assemble::{RowCounts, assemble, blocks};
 use crate::flight::made::DayMade;
 use crate::flight::means::{Means, means};
+use crate::flight::temperature::smooth;
 use crate::flight::{Block, Series, Stage};
 use rayon::prelude::*;
 use std::cell::RefCell;
@@ -104,7 +105,7 @@ impl<'a> Context<'a> {
         }
         if let Some(model) = prepared.daily(sensor, self.day)? {
             inputs.push(model.input);
-            made.continuity_nt = Some(self.carry.continuity_nt(&sensor.name, self.day));
+            made.continuity_nt = Some(self.carry.continuity_nt(mission, &sensor.name, self.day)?);
         }
         self.count_modes(&blocks, &mut made);
         let through = |stage: Stage, blocks: &mut Vec<Block>| blocks.par_iter_mut().for_each(|b| steps.apply(stage, b));
@@ -276,8 +277,23 @@ pub fn vectors(
     let assembled = assemble(&rows, &sensor.name, mission, &prepared.leap, reach, &prepared.leap.day(day), shifts)
         .map_err(|e| Finding::error(&sensor.name, e.to_string(), "state it in [[mode]]"))?;
     drop(rows);
-    if assembled.counts.read == 0 && assembled.vectors.is_empty() {
+    if assembled.counts.read == 0 || assembled.vectors.is_empty() {
         return Ok(None);
+    }
+    let own = assembled.vectors.rows_in(&prepared.leap.day(day));
+    if let (Some(first), Some(last)) = (assembled.vectors.time[own.clone()].first(), assembled.vectors.time[own].last())
+        && reach.start <= prepared.leap.day(day).start
+        && prepared.leap.day(day).end <= reach.end
+    {
+        carry.is_of(&sensor.name, day, *first, *last)?;
+    }
+    let mut assembled = assembled;
+    if mission.smooth_s > 0.0 {
+        let packet_s = mission.modes.iter().map(|mode| mode.packet_s).fold(0.0, f64::max);
+        #[expect(clippy::cast_possible_truncation, reason = "lengths of packets and windows")]
+        let [packet_ns, window_ns] = [packet_s, mission.smooth_s].map(|s| (s * SECOND_NS as f64) as i64);
+        let vectors = &mut assembled.vectors;
+        smooth(&vectors.time, &mut vectors.thermistor, packet_ns, window_ns);
     }
     let days = prepared.leap.utc(reach.start).day..prepared.leap.utc(reach.end - 1).day + 1;
     let steps = Steps::make(prepared, carry, index, day, &days)?;

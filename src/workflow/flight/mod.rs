@@ -26,11 +26,13 @@ use crate::files::flight::edited::{BEYOND_NS, Catalogue, EditedFile};
 use crate::files::flight::mission::{Mission, Sensor};
 use crate::files::flight::read_mission;
 use crate::files::output::Folder;
+use crate::files::source::hex;
 use crate::flight::made::DayMade;
 use crate::flight::stage_of;
 use day::Context;
 use picture::Pictures;
 use serde::Serialize;
+use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use write::DayWriter;
@@ -76,6 +78,8 @@ pub struct Prepared {
     pub inputs: Vec<Input>,
     /// What a person should know.
     pub notes: Vec<Note>,
+    /// SHA-256 over the configuration and everything that it names but telemetry and daily models.
+    pub configuration: String,
 }
 
 /// A day that was not made.
@@ -166,11 +170,19 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
     findings.append(&mut wrong);
     match (last, catalogue) {
         (None, Some(catalogue)) => {
-            Ok(Prepared { mission, leap, catalogue, ground, attitude, positions, wheels, heater, inputs, notes })
+            let configuration = together(&inputs);
+            Ok(Prepared { configuration, mission, leap, catalogue, ground, attitude, positions, wheels, heater, inputs, notes })
         }
         (Some(finding), _) => Err(finding),
         (None, None) => Err(Finding::error(&path.display().to_string(), "names no telemetry", "see `input`")),
     }
+}
+
+/// A hash over the hashes of files.
+fn together(inputs: &[Input]) -> String {
+    let mut hash = Sha256::new();
+    inputs.iter().for_each(|input| hash.update(input.sha256.as_bytes()));
+    hex(&hash.finalize())
 }
 
 /// A result, or nothing with what is wrong put to the rest.
@@ -298,7 +310,15 @@ impl Flight {
             return Err(Finding::error(&shown, format!("has no sensor {name}"), "name one of its [[sensor]]"));
         }
         let carry = match &options.carry {
-            Some(file) => Carry::read(file)?,
+            Some(file) => {
+                let carry = Carry::read(file)?;
+                if carry.configuration != prepared.configuration {
+                    let rule = "was made of another configuration, or of other files that it names";
+                    let remedy = "make it again with `calfit flight carry`";
+                    return Err(Finding::error(&file.display().to_string(), rule, remedy));
+                }
+                carry
+            }
             None => Carry::find(&prepared, options.levels.of(&prepared).iter().any(|level| level.needs_heater()))?,
         };
         let folder = Folder::open(&options.out, options.force)?;
@@ -459,6 +479,14 @@ pub fn make_report(path: &Path, out: &Path, force: bool, findings: &mut Vec<Find
 pub fn make_carry(path: &Path, out: &Path, force: bool, findings: &mut Vec<Finding>) -> Result<Carry, Finding> {
     let prepared = prepare(path, findings)?;
     let carry = Carry::find(&prepared, true)?;
+    if let Some(((sensor, day), reason)) = carry.unknown.first_key_value() {
+        let rule = format!("how the model goes on at midnight is not known from {sensor} {} on: {reason}", day_name(*day));
+        return Err(Finding::error(
+            &path.display().to_string(),
+            rule,
+            "mend the day before, or let a [[campaign]] begin behind it",
+        ));
+    }
     let name = out.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let parent = out.parent().filter(|p| !p.as_os_str().is_empty()).map_or(Path::new("."), |p| p);
     carry.write(&Folder::open(parent, force)?, &name)?;

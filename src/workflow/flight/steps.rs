@@ -71,9 +71,13 @@ impl Steps {
                 "daily" => {
                     for own in days.clone() {
                         let span = prepared.leap.day(own);
-                        match prepared.daily(sensor, own) {
-                            Ok(Some(model)) => {
-                                let step = daily(mission, sensor, model, carry.continuity_nt(&sensor.name, own));
+                        let known = prepared.daily(sensor, own).and_then(|model| match model {
+                            None => Ok(None),
+                            Some(model) => Ok(Some((model, carry.continuity_nt(mission, &sensor.name, own)?))),
+                        });
+                        match known {
+                            Ok(Some((model, sum))) => {
+                                let step = daily(mission, sensor, model, sum);
                                 list.push((stage, Box::new(OnDay(span, step))));
                             }
                             Ok(None) => {}
