@@ -21,6 +21,8 @@ const PICTURE: (&[u8], &[u8]) = (b"\x89PNG", b"Software\0calfit ");
 /// Parquet tables hold their mark at the end.
 const TABLE: (&[u8], &[u8]) = (b"PAR1", b"written_by");
 const MARK_WITHIN: u64 = 4096;
+/// How labels of text tables begin; the table beside such a label is one of the program, and has no place for a mark itself.
+const LABEL: &[u8] = b"PDS_VERSION_ID = PDS3\r\n/* calfit ";
 /// Simulated runs say so among their keys.
 const SIMULATED: (&[u8], &[u8]) = (b"CCR 1\n", b"\n# simulated by calfit ");
 const TEMPORARY: &str = ".calfit-partial-";
@@ -227,6 +229,9 @@ pub(super) fn must_be_folder(path: &Path) -> Result<(), Finding> {
 
 /// Whether this tool wrote a file, by its mark.
 pub(super) fn is_own(path: &Path) -> bool {
+    if path.extension().is_some_and(|end| end == "TAB") {
+        return is_own(&path.with_extension("LBL"));
+    }
     let read = || -> std::io::Result<bool> {
         let mut file = File::open(path)?;
         let length = file.metadata()?.len();
@@ -237,6 +242,7 @@ pub(super) fn is_own(path: &Path) -> bool {
         file.take(MARK_WITHIN).read_to_end(&mut tail)?;
         let holds = |bytes: &[u8], mark: &[u8]| memchr::memmem::find(bytes, mark).is_some();
         Ok(BEGINS.iter().any(|begin| head.starts_with(begin))
+            || head.starts_with(LABEL)
             || head.starts_with(SIMULATED.0) && holds(&head, SIMULATED.1)
             || head.starts_with(PICTURE.0) && holds(&head, PICTURE.1)
             || head.starts_with(TABLE.0) && holds(&tail, TABLE.1) && holds(&tail, b"calfit"))

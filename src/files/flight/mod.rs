@@ -6,5 +6,6 @@ pub mod edited;
 pub mod levels;
 pub mod mission;
 mod mission_file;
+pub mod text;
 
 pub use mission_file::{is_mission, read as read_mission};

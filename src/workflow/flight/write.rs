@@ -6,6 +6,7 @@ use crate::data::error::Finding;
 use crate::data::provenance::Input;
 use crate::data::time::{SECOND_NS, Tt2000};
 use crate::files::flight::levels::{LevelRows, file_name, partition, write};
+use crate::files::flight::text;
 use crate::files::output::Folder;
 use crate::flight::Block;
 use crate::flight::attitude::positions_km;
@@ -39,10 +40,17 @@ impl DayWriter<'_> {
         let metadata = self.metadata(level, inputs, made);
         match product {
             Product::Vectors(blocks) => {
-                let groups = blocks.iter().map(|block| (block, block.rows_in(&span))).filter(|(_, rows)| !rows.is_empty());
-                self.write(level, groups.map(|(block, rows)| self.vectors(level, block, rows)), metadata)?;
+                let groups = || {
+                    let own = blocks.iter().map(|block| (block, block.rows_in(&span))).filter(|(_, rows)| !rows.is_empty());
+                    own.map(|(block, rows)| self.vectors(level, block, rows))
+                };
+                self.text(level, groups(), &metadata)?;
+                self.write(level, groups(), metadata)?;
             }
-            Product::Means(means, blocks) => self.write(level, std::iter::once(self.means(level, means, blocks)), metadata)?,
+            Product::Means(means, blocks) => {
+                self.text(level, std::iter::once(self.means(level, means, blocks)), &metadata)?;
+                self.write(level, std::iter::once(self.means(level, means, blocks)), metadata)?;
+            }
         }
         made.levels.push(level.letter().to_owned());
         Ok(())
@@ -63,6 +71,17 @@ impl DayWriter<'_> {
         write(&folder, &file_name(level.letter(), self.sensor, self.day), groups, &sids, &self.prepared.leap, metadata)
     }
 
+    /// The same as text, where the mission wants it.
+    fn text(&self, level: Level, groups: impl Iterator<Item = LevelRows>, says: &[(String, String)]) -> Result<(), Finding> {
+        let mission = &self.prepared.mission;
+        if !mission.text {
+            return Ok(());
+        }
+        let folder = Folder::open(&self.out.join(partition(level.letter(), self.sensor, self.day)), self.force)?;
+        let stem = text::stem(&mission.instrument, level.letter(), self.sensor, self.day);
+        text::write(&folder, &stem, groups, &self.prepared.leap, says)
+    }
+
     fn frame(&self, level: Level) -> &str {
         match level {
             Level::A | Level::E => self.uvw,
@@ -80,7 +99,7 @@ impl DayWriter<'_> {
         let rows = &made.rows;
         let counts = serde_json::json!({
             "read": rows.read, "duplicate": rows.duplicates, "conflicting": rows.conflicts, "rejected": rows.rejected,
-            "written": made.written,
+            "written": made.written, "sensor_bit_of_another": rows.contradicting,
         });
         let mut list = vec![
             ("level", level.letter().to_owned()),
