@@ -8,6 +8,8 @@ pub mod climate;
 pub mod like;
 pub mod noise;
 pub mod run;
+#[cfg(feature = "tables")]
+pub mod telemetry;
 
 use crate::data::error::Finding;
 use crate::data::note::Note;
