@@ -305,7 +305,10 @@ fn what_is_wrong_with_a_twin_in_flight_is_said() {
         (("truth_every = 1", "truth_every = 0"), "`telemetry.truth_every` must be 1 or more"),
         (("ground_sensor = \"FM-OB\"", "ground_sensor = \"FM-XX\""), "is not in the ground twin"),
         (("lost = 0.02", "lost = 1.0"), "must be a probability below 1"),
-        (("to = \"2015-07-01T00:25:00Z\"\n[[interval]]", "to = \"2015-07-01T00:26:00Z\"\n[[interval]]"), "intervals that overlap"),
+        (
+            ("to = \"2015-07-01T00:25:00Z\"\n[[interval]]", "to = \"2015-07-01T00:26:00Z\"\n[[interval]]"),
+            "intervals that overlap",
+        ),
         (("t_off_degc = -1.5\nvalid_degc = [-100.0, 90.0]", "t_off_degc = -1.5\nvalid_degc = [-100.0, 9000.0]"), "does not rise"),
     ] {
         let dir = tempfile::tempdir().unwrap();

@@ -289,11 +289,20 @@ impl Reader {
 
     fn twin(&self, root: &Group<'_>, head: &Group<'_>, ground: &[SensorTwin]) -> Result<TelemetryTwin, Finding> {
         root.only(&[
-            KIND, "sensor", "mode", "interval", "gap", "packets", "external", "spacecraft", "attitude", "orbit", "heaters", "wheels",
+            KIND,
+            "sensor",
+            "mode",
+            "interval",
+            "gap",
+            "packets",
+            "external",
+            "spacecraft",
+            "attitude",
+            "orbit",
+            "heaters",
+            "wheels",
         ])?;
-        head.only(&[
-            "seed", "mission", "instrument", "from", "to", "ground_twin", "exact", "truth_every", "hk_step_s", "frame",
-        ])?;
+        head.only(&["seed", "mission", "instrument", "from", "to", "ground_twin", "exact", "truth_every", "hk_step_s", "frame"])?;
         let sensors = root.groups("sensor")?.iter().map(|group| self.sensor(group, ground)).collect::<Result<Vec<_>, _>>()?;
         let count = sensors.len();
         let sensors: [FlightSensor; 2] = sensors.try_into().map_err(|_| {
@@ -363,8 +372,21 @@ impl Reader {
 
     fn sensor(&self, group: &Group<'_>, ground: &[SensorTwin]) -> Result<FlightSensor, Finding> {
         group.only(&[
-            "name", "ground_sensor", "ground_mode", "frame", "noise_ent", "thermistor_degc", "t_off_degc", "valid_degc", "temperature", "daily_x",
-            "daily_y", "daily_z", "daily_scatter", "rotation", "jump",
+            "name",
+            "ground_sensor",
+            "ground_mode",
+            "frame",
+            "noise_ent",
+            "thermistor_degc",
+            "t_off_degc",
+            "valid_degc",
+            "temperature",
+            "daily_x",
+            "daily_y",
+            "daily_z",
+            "daily_scatter",
+            "rotation",
+            "jump",
         ])?;
         let name = needed(group, "name", group.text("name")?)?;
         let stated = group.text("ground_sensor")?.unwrap_or_else(|| name.clone());
@@ -373,7 +395,8 @@ impl Reader {
         // A sensor that is described at one place is the same at the other.
         let at_centre = ground.iter().filter(fits).find(|s| s.location == Location::Centre);
         let twin = at_centre.or_else(|| ground.iter().find(fits)).cloned();
-        let twin = twin.ok_or_else(|| group.refuse("ground_sensor", "is not in the ground twin", "name one of its [[sensor]]"))?;
+        let twin =
+            twin.ok_or_else(|| group.refuse("ground_sensor", "is not in the ground twin", "name one of its [[sensor]]"))?;
         let frame = group.text("frame")?.unwrap_or_else(|| "bepicolombo".to_owned());
         let frame = Convention::from_name(&frame)
             .ok_or_else(|| group.refuse("frame", "must be \"rosetta\" or \"bepicolombo\"", "see docs/mathematics.md"))?;

@@ -50,7 +50,14 @@ pub struct Daily {
 impl Daily {
     /// The models of the days of a sensor, joined at midnight by the temperatures that telemetry tells.
     #[must_use]
-    pub fn new(sensor: &FlightSensor, index: usize, rows: &[Row], thermometer: &Thermometer, leap: &LeapSeconds, seed: u64) -> Self {
+    pub fn new(
+        sensor: &FlightSensor,
+        index: usize,
+        rows: &[Row],
+        thermometer: &Thermometer,
+        leap: &LeapSeconds,
+        seed: u64,
+    ) -> Self {
         // The first and the last accepted vector of every day.
         let mut ends: BTreeMap<i32, [(Tt2000, f64); 2]> = BTreeMap::new();
         for row in rows.iter().filter(|row| row.bad == 0) {
@@ -105,4 +112,3 @@ pub fn stepped(counts: [f64; 3]) -> [f64; 3] {
     let [low, high] = CONVERTER.limits();
     counts.map(|c| c.round().clamp(low, high))
 }
-

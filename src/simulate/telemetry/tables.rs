@@ -297,11 +297,9 @@ fn housekeeping(telemetry: &Telemetry<'_>, out: &Path, force: bool) -> Result<()
     for (name, index) in [("t_ob_degc", 0), ("t_ib_degc", 1)] {
         table.put(name, Values::Numbers(times.iter().map(|t| telemetry.degc(index, *t)).collect()));
     }
-    for (name, of) in [
-        ("ref_voltage", &reference as &dyn Fn(Tt2000) -> f64),
-        ("neg_voltage", &negative),
-        ("pos_voltage", &positive),
-    ] {
+    for (name, of) in
+        [("ref_voltage", &reference as &dyn Fn(Tt2000) -> f64), ("neg_voltage", &negative), ("pos_voltage", &positive)]
+    {
         table.put(name, Values::Numbers(times.iter().map(|t| of(*t)).collect()));
     }
     table.put_three("b_ob", readings.iter().copied());
