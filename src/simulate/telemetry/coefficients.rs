@@ -75,11 +75,13 @@ pub fn write(telemetry: &Telemetry<'_>, given: &[PathBuf], out: &Path, force: bo
             if let Some(file) = own.files.first() {
                 return Err(Finding::error(file, "states no sensitivities and angles", "name a TCF or TPF file beside it"));
             }
-            own.body(sensor, &tpf(sensor), out, force)?;
-            own.body(sensor, &tof(sensor), out, force)?;
+            // There is no first run that names could come from.
+            own.body(sensor, &format!("THERMAL_PARAMETER__{}.TPF", sensor.name), &tpf(sensor), out, force)?;
+            own.body(sensor, &format!("THERMAL_OFF_PARAMETER__{}.TOF", sensor.name), &tof(sensor), out, force)?;
         }
         if !own.has_thermistor {
-            own.body(sensor, &thermistor(sensor), out, force)?;
+            let body = thermistor(sensor);
+            own.body(sensor, &body.file_name(), &body, out, force)?;
         }
     }
     Ok(ground)
@@ -93,12 +95,11 @@ impl Ground {
         Ok(())
     }
 
-    fn body<B: Body>(&mut self, sensor: &FlightSensor, body: &B, out: &Path, force: bool) -> Result<(), Finding> {
+    fn body<B: Body>(&mut self, sensor: &FlightSensor, name: &str, body: &B, out: &Path, force: bool) -> Result<(), Finding> {
         let provenance = Provenance::new(Recipe::plain("simulate"), Vec::new());
-        let name = body.file_name();
         let text = to_text(body, &provenance)
-            .map_err(|e| Finding::error(&name, format!("the truth has no text form: {e}"), "correct the ground twin"))?;
-        self.put(sensor, &name, text.as_bytes(), out, force)
+            .map_err(|e| Finding::error(name, format!("the truth has no text form: {e}"), "correct the ground twin"))?;
+        self.put(sensor, name, text.as_bytes(), out, force)
     }
 }
 
