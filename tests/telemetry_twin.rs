@@ -161,8 +161,8 @@ fn rows_and_flags_are_those_of_the_truth() {
     assert!(flags["inside a leap second"] <= 20);
 }
 
-/// What is left of a level is white noise, the steps of the converter, and what the thermistor does not tell: its steps, and a temperature
-/// that moves while a packet holds one reading of it. The latter is taken off with the slopes of the truth.
+/// What is left of a level is white noise, the steps of the converter, and what the thermistor does not tell: its steps, and
+/// a temperature that moves while a packet holds one reading of it. The latter is taken off with the slopes of the truth.
 #[test]
 fn levels_close_to_the_noise() {
     let flown = Flown::new(&[]);

@@ -1,8 +1,8 @@
 //! Telemetry of a mission whose truth is known: what `calfit flight` reads, with the truth beside it.
 //!
 //! The configuration goes to columns in three steps, which know no files: the [`schedule`] says which vectors there are, the
-//! [`surroundings`] which field there is at their times, and [`readings`] what the sensors of the ground twin read of it. [`tables`] and
-//! [`mission`] write what came of it.
+//! [`surroundings`] which field there is at their times, and [`readings`] what the sensors of the ground twin read of it.
+//! [`tables`] and [`mission`] write what came of it.
 
 pub mod coefficients;
 pub mod mission;
@@ -106,8 +106,8 @@ impl<'a> Telemetry<'a> {
         degc(&self.twin.sensors[sensor].course, self.twin.span.from, time)
     }
 
-    /// Writes all of it, the configuration of flight processing last. `ground` are coefficient files; a sensor of which none is given
-    /// has exact ones.
+    /// Writes all of it, the configuration of flight processing last. `ground` are coefficient files; a sensor of which none
+    /// is given has exact ones.
     ///
     /// # Errors
     /// A coefficient file of no sensor, or what the operating system says.

@@ -49,9 +49,9 @@ fn stated(path: &Path) -> Result<Stated, Finding> {
     Ok(Stated { sensor, thermistor: false, matrix: kind != "TOF" })
 }
 
-/// Copies the files that were given into the folder of the telemetry, to the sensor that each states, and writes exact ones for sensors
-/// without. The thermistors belong to the spacecraft, so that no ground twin knows them: their files are always exact where no given file
-/// holds one.
+/// Copies the files that were given into the folder of the telemetry, to the sensor that each states, and writes exact ones
+/// for sensors without. The thermistors belong to the spacecraft, so that no ground twin knows them: their files are always
+/// exact where no given file holds one.
 ///
 /// # Errors
 /// A file of no sensor of the twin, or that cannot be read or written.
