@@ -122,6 +122,11 @@ fn the_page_on_verifying_works() {
     run("docs/howto/verify.md");
 }
 
+#[test]
+fn the_page_on_twins_in_flight_works() {
+    run("docs/reference/telemetry-twin.md");
+}
+
 /// A page with commands that no test above runs is a page whose commands may be wrong.
 #[test]
 fn every_page_with_commands_has_a_test() {

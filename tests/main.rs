@@ -46,6 +46,8 @@ mod scale;
 mod screens;
 mod simulate;
 mod sweep;
+#[cfg(feature = "tables")]
+mod telemetry_twin;
 mod temperature_faults;
 mod thermal;
 mod twins;

@@ -1,10 +1,12 @@
-//! `calfit simulate`: a campaign from a twin, or a measured run once more.
+//! `calfit simulate`: a campaign from a twin, telemetry from a twin in flight, or a measured run once more.
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::Finding;
 use crate::files::twin;
 use crate::simulate::like::write_like_with;
+#[cfg(feature = "tables")]
+use crate::simulate::telemetry::Telemetry;
 use crate::simulate::write_campaign_with;
 use crate::workflow::known;
 use clap::Args;
@@ -28,6 +30,10 @@ pub(super) struct Arguments {
     /// Seed of the random numbers, in place of the twin's.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+    /// Coefficient files for a twin in flight, which its sensors are calibrated with in place of exact ones.
+    #[cfg(feature = "tables")]
+    #[arg(long, value_name = "FILE", requires = "twin", num_args = 1..)]
+    ground: Vec<PathBuf>,
 }
 
 #[derive(Serialize)]
@@ -57,7 +63,36 @@ fn like(run: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal)
     Ok(Status::Done)
 }
 
+/// Telemetry of a twin in flight.
+#[cfg(feature = "tables")]
+fn telemetry(path: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    if arguments.model.is_some() {
+        let rule = "changes nothing of a twin in flight";
+        return Err(Finding::error("--model", rule, "leave it out"));
+    }
+    let mut findings = Vec::new();
+    let twin = twin::telemetry::read(path, &mut findings);
+    findings.iter().for_each(|f| terminal.finding(f));
+    let twin = twin?;
+    let seed = arguments.seed.unwrap_or(twin.seed);
+    let written = Telemetry::new(&twin, seed)?.write(&arguments.ground, &common.out, common.force)?;
+    if common.json {
+        terminal.print(&json(&written)?);
+    } else {
+        let rows: Vec<String> = written.rows.iter().map(|(name, rows)| format!("{name} {rows} vectors")).collect();
+        terminal.tell(&format!("{}, seed {seed}\n  -> {}\n", rows.join(", "), written.config.display()));
+    }
+    Ok(Status::Done)
+}
+
 fn campaign(path: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    #[cfg(feature = "tables")]
+    if twin::telemetry::is_telemetry(path)? {
+        return telemetry(path, arguments, common, terminal);
+    } else if !arguments.ground.is_empty() {
+        let rule = "changes nothing of a campaign on ground";
+        return Err(Finding::error("--ground", rule, "leave it out, or name a twin in flight"));
+    }
     let mut findings = Vec::new();
     let twin = twin::read(path, &mut findings)?;
     findings.iter().for_each(|f| terminal.finding(f));

@@ -1,6 +1,8 @@
 //! A twin: what a simulated campaign is made of. README.md has its keys by example; `configs/demo.toml` has them all.
 
 mod read;
+#[cfg(feature = "tables")]
+pub mod telemetry;
 
 pub use read::read;
 

@@ -1,4 +1,4 @@
-//! A twin of facility, sensor and campaign: run files whose truth is known.
+//! A twin of facility, sensor and campaign: run files whose truth is known; and of a mission with these sensors: telemetry.
 //!
 //! The sensor, its AC response and the coil system are those of [`crate::model`], which the analyses fit; noise, temperatures, losses
 //! and the programme live here. A twin is read by [`crate::files::twin`]. Every run draws its random numbers from streams of its own
@@ -8,6 +8,8 @@ pub mod climate;
 pub mod like;
 pub mod noise;
 pub mod run;
+#[cfg(feature = "tables")]
+pub mod telemetry;
 
 use crate::data::error::Finding;
 use crate::data::note::Note;

@@ -51,27 +51,8 @@ struct MissionFile<'a> {
     folder: PathBuf,
 }
 
-/// An error for the first key that is not known, with the nearest one.
 fn only(group: &Group<'_>, known: &[&str]) -> Result<(), Finding> {
-    let Some(name) = group.names().into_iter().find(|name| !known.contains(name)) else { return Ok(()) };
-    let nearest = known.iter().min_by_key(|key| distance(name, key)).copied().unwrap_or_default();
-    Err(group.refuse(name, "is not known", &format!("the nearest known key is `{nearest}`")))
-}
-
-/// Letters to change, add or take away to come from one word to another (Levenshtein).
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, letter) in a.chars().enumerate() {
-        let mut before = i;
-        row[0] = i + 1;
-        for (k, other) in b.iter().enumerate() {
-            let here = (before + usize::from(letter != *other)).min(row[k] + 1).min(row[k + 1] + 1);
-            before = row[k + 1];
-            row[k + 1] = here;
-        }
-    }
-    row[b.len()]
+    group.only(known)
 }
 
 fn needed<T>(group: &Group<'_>, key: &str, value: Option<T>) -> Result<T, Finding> {

@@ -63,7 +63,13 @@ impl ParquetFile {
     pub(super) fn open(path: &Path) -> Result<Self, Finding> {
         let bytes = std::fs::read(path).map_err(|e| Finding::io(path, "read", &e))?;
         let metadata = read_metadata(&mut Cursor::new(&bytes)).map_err(|e| refuse(path, &e))?;
-        let schema = infer_schema(&metadata).map_err(|e| refuse(path, &e))?;
+        let mut schema = infer_schema(&metadata).map_err(|e| refuse(path, &e))?;
+        // A column that refers to a list of words in memory holds the words themselves in the file.
+        for field in schema.iter_values_mut() {
+            if let ArrowDataType::Dictionary(_, values, _) = &field.dtype {
+                field.dtype = values.as_ref().clone();
+            }
+        }
         Ok(Self { path: path.to_owned(), bytes: Buffer::from(bytes), metadata, schema })
     }
 

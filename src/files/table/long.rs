@@ -33,6 +33,8 @@ pub enum Column<'a> {
     Single(&'a [f32]),
     /// Numbers in single precision that repeat over many rows; nan is null.
     RepeatedSingle(&'a [f32]),
+    /// Signed counts of a converter.
+    Counts(&'a [i32]),
     /// Bits and counts.
     Bits(&'a [u32]),
     /// The same of one byte.
@@ -47,6 +49,7 @@ impl Column<'_> {
             Column::Whole(v) | Column::Timestamps(v) => v.len(),
             Column::Numbers(v) | Column::Repeated(v) => v.len(),
             Column::Single(v) | Column::RepeatedSingle(v) => v.len(),
+            Column::Counts(v) => v.len(),
             Column::Bits(v) => v.len(),
             Column::Bytes(v) | Column::Words(v, _) => v.len(),
         }
@@ -58,6 +61,7 @@ impl Column<'_> {
             Column::Timestamps(_) => ArrowDataType::Timestamp(TimeUnit::Nanosecond, Some("UTC".into())),
             Column::Numbers(_) | Column::Repeated(_) => ArrowDataType::Float64,
             Column::Single(_) | Column::RepeatedSingle(_) => ArrowDataType::Float32,
+            Column::Counts(_) => ArrowDataType::Int32,
             Column::Bits(_) => ArrowDataType::UInt32,
             Column::Bytes(_) => ArrowDataType::UInt8,
             Column::Words(..) => ArrowDataType::Dictionary(IntegerType::UInt32, Box::new(ArrowDataType::Utf8View), false),
@@ -71,7 +75,7 @@ impl Column<'_> {
     fn encoding(&self) -> Encoding {
         match self {
             Column::Whole(_) | Column::Timestamps(_) => Encoding::DeltaBinaryPacked,
-            Column::Numbers(_) | Column::Single(_) => Encoding::Plain,
+            Column::Numbers(_) | Column::Single(_) | Column::Counts(_) => Encoding::Plain,
             _ => Encoding::RleDictionary,
         }
     }
@@ -82,6 +86,7 @@ impl Column<'_> {
             Column::Whole(v) | Column::Timestamps(v) => PrimitiveArray::try_new(dtype, v.to_vec().into(), None)?.boxed(),
             Column::Numbers(v) | Column::Repeated(v) => or_null(dtype, v, |v| !v.is_nan())?,
             Column::Single(v) | Column::RepeatedSingle(v) => or_null(dtype, v, |v| !v.is_nan())?,
+            Column::Counts(v) => PrimitiveArray::try_new(dtype, v.to_vec().into(), None)?.boxed(),
             Column::Bits(v) => PrimitiveArray::try_new(dtype, v.to_vec().into(), None)?.boxed(),
             Column::Bytes(v) => PrimitiveArray::try_new(dtype, v.to_vec().into(), None)?.boxed(),
             Column::Words(codes, words) => {

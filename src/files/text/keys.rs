@@ -258,6 +258,16 @@ impl<'a> Group<'a> {
         self.table.iter().map(|(name, _)| name).collect()
     }
 
+    /// Refuses keys that are not in `known`.
+    ///
+    /// # Errors
+    /// The first of them, with the nearest known one.
+    pub fn only(&self, known: &[&str]) -> Result<(), Finding> {
+        let Some(name) = self.names().into_iter().find(|name| !known.contains(name)) else { return Ok(()) };
+        let nearest = known.iter().min_by_key(|key| distance(name, key)).copied().unwrap_or_default();
+        Err(self.refuse(name, "is not known", &format!("the nearest known key is `{nearest}`")))
+    }
+
     /// A warning for every key that is not in `known`.
     #[must_use]
     pub fn unknown(&self, known: &[&str]) -> Vec<Finding> {
@@ -271,6 +281,22 @@ impl<'a> Group<'a> {
             })
             .collect()
     }
+}
+
+/// Letters to change, add or take away to come from one word to another (Levenshtein).
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, letter) in a.chars().enumerate() {
+        let mut before = i;
+        row[0] = i + 1;
+        for (k, other) in b.iter().enumerate() {
+            let here = (before + usize::from(letter != *other)).min(row[k] + 1).min(row[k + 1] + 1);
+            before = row[k + 1];
+            row[k + 1] = here;
+        }
+    }
+    row[b.len()]
 }
 
 fn as_number(value: &Value) -> Option<f64> {

@@ -1,0 +1,321 @@
+//! Telemetry of a twin in flight through `calfit flight`, against the truth that stands beside it.
+
+use crate::common::check::{calfit, data, process, tree};
+use calfit::files::table::series::SeriesTable;
+use nalgebra::{Rotation3, Vector3};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+const TWIN: &str = "configs/rosetta-telemetry.toml";
+const SENSORS: [&str; 2] = ["OB", "IB"];
+/// White noise of a reading and step of the converter over √12, enT.
+const NOISE_ENT: f64 = 0.03;
+const STEP_ENT: f64 = 30_000.0 / 1_048_575.0 / 3.464_101_615_137_754_6;
+
+/// Telemetry of a twin in a folder of its own.
+struct Flown {
+    dir: TempDir,
+    truth: Value,
+}
+
+impl Flown {
+    /// With changes of the text of the twin, each of which must find its place.
+    fn new(changes: &[(&str, &str)]) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let twin = changed(dir.path(), changes);
+        let output = calfit().arg("simulate").arg(twin).arg("-o").arg(dir.path().join("telemetry")).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let truth = fs::read(dir.path().join("telemetry/truth/truth.json")).unwrap();
+        Self { truth: serde_json::from_slice(&truth).unwrap(), dir }
+    }
+
+    /// Makes levels; returns what the command says of the days.
+    fn levels(&self, levels: &str) -> Value {
+        let config = self.dir.path().join("telemetry/flight.toml");
+        let out = self.dir.path().join("levels");
+        let output = calfit().args(["flight", levels]).arg(config).arg("-o").arg(out).arg("--json").output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    fn days(&self, sensor: usize) -> Vec<String> {
+        let days = self.truth["sensors"][sensor]["days"].as_array().unwrap();
+        days.iter().map(|d| d["day"].as_str().unwrap().to_owned()).collect()
+    }
+
+    /// The good vectors of the truth of a sensor and day, a column at a time.
+    fn truth(&self, sensor: &str, day: &str) -> Good {
+        let path = format!("telemetry/truth/sensor={sensor}/date={day}/truth.parquet");
+        let table = SeriesTable::open(&self.dir.path().join(path)).unwrap();
+        let good: Vec<bool> = table.whole("good").unwrap().into_iter().map(|g| g == 1).collect();
+        Good { table, good }
+    }
+
+    fn level(&self, level: &str, sensor: &str, day: &str) -> SeriesTable {
+        let name = format!("calfit-{level}-{sensor}-{}.parquet", day.replace('-', ""));
+        let path = format!("levels/level={level}/sensor={sensor}/date={day}/{name}");
+        SeriesTable::open(&self.dir.path().join(path)).unwrap()
+    }
+}
+
+/// The twin with changes, beside a ground twin that is named by its whole path.
+fn changed(dir: &Path, changes: &[(&str, &str)]) -> PathBuf {
+    let mut text = fs::read_to_string(data(TWIN)).unwrap();
+    let ground = format!("ground_twin = \"{}\"", data("configs/rosetta-ground.toml").display());
+    for (old, new) in changes.iter().copied().chain([("ground_twin = \"rosetta-ground.toml\"", ground.as_str())]) {
+        assert!(text.contains(old), "{old}");
+        text = text.replace(old, new);
+    }
+    let path = dir.join("twin.toml");
+    fs::write(&path, text).unwrap();
+    path
+}
+
+struct Good {
+    table: SeriesTable,
+    good: Vec<bool>,
+}
+
+impl Good {
+    fn numbers(&self, name: &str) -> Vec<f64> {
+        let all = self.table.numbers(name).unwrap();
+        all.into_iter().zip(&self.good).filter(|(_, good)| **good).map(|(v, _)| v).collect()
+    }
+
+    fn times(&self) -> Vec<i64> {
+        let all = self.table.whole("time_tt2000").unwrap();
+        all.into_iter().zip(&self.good).filter(|(_, good)| **good).map(|(v, _)| v).collect()
+    }
+
+    fn vectors(&self, stem: &str) -> Vec<Vector3<f64>> {
+        vectors([0, 1, 2].map(|i| self.numbers(&format!("{stem}_{}", ["x", "y", "z"][i]))))
+    }
+}
+
+fn vectors([x, y, z]: [Vec<f64>; 3]) -> Vec<Vector3<f64>> {
+    (0..x.len()).map(|i| Vector3::new(x[i], y[i], z[i])).collect()
+}
+
+fn field(table: &SeriesTable) -> Vec<Vector3<f64>> {
+    vectors(["bx", "by", "bz"].map(|name| table.numbers(name).unwrap()))
+}
+
+fn floats(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+}
+
+fn at(coefficients: &[f64], degc: f64) -> f64 {
+    coefficients.iter().rev().fold(0.0, |sum, c| sum * degc + c)
+}
+
+/// Rotation from the spacecraft to the celestial frame, from the numbers of the twin.
+fn attitude(time: i64) -> Rotation3<f64> {
+    let turn = |deg: [f64; 3]| Vector3::from(deg.map(f64::to_radians));
+    // 2015-06-30T23:00:00 UTC: 5659 days and 11 h after 2000-01-01T12:00:00, with 35 leap seconds and 32.184 s.
+    let start = ((5659 * 24 + 11) * 3600 + 35) * 1_000_000_000 + 32_184_000_000;
+    let hours = (time - start) as f64 / 3.6e12;
+    Rotation3::new(turn([20.0, -35.0, 110.0])) * Rotation3::new(turn([1.0, -2.5, 3.0]) * hours)
+}
+
+#[test]
+fn rows_and_flags_are_those_of_the_truth() {
+    let flown = Flown::new(&[]);
+    let made = flown.levels("ABC");
+    assert!(made["failed"].as_array().unwrap().is_empty(), "{made}");
+    let mut seen = 0;
+    for (index, sensor) in SENSORS.into_iter().enumerate() {
+        for truth in flown.truth["sensors"][index]["days"].as_array().unwrap() {
+            let of = |day: &&Value| day["sensor"] == sensor && day["day"] == truth["day"];
+            let day = made["days"].as_array().unwrap().iter().find(of).unwrap();
+            for key in ["read", "duplicates", "rejected", "written", "flags"] {
+                assert_eq!(day[key], truth[key], "{sensor} {} {key}", truth["day"]);
+            }
+            assert_eq!((&day["conflicts"], &day["contradicting"]), (&0.into(), &0.into()));
+            seen += 1;
+            let day = truth["day"].as_str().unwrap();
+            for level in ["A", "B", "C"] {
+                let times = flown.level(level, sensor, day).whole("time_tt2000").unwrap();
+                assert_eq!(times, flown.truth(sensor, day).times(), "{level} {sensor} {day}");
+            }
+        }
+    }
+    assert_eq!(made["days"].as_array().unwrap().len(), seen);
+    // The twin shows all of it, or these comparisons say nothing.
+    let all = |index: usize, key: &str| -> u64 {
+        flown.truth["sensors"][index]["days"].as_array().unwrap().iter().map(|d| d[key].as_u64().unwrap()).sum()
+    };
+    assert!([0, 1].iter().all(|i| all(*i, "duplicates") > 0 && all(*i, "rejected") > 0));
+    let mut flags: BTreeMap<String, u64> = BTreeMap::new();
+    for day in flown.truth["sensors"][0]["days"].as_array().unwrap() {
+        for (words, count) in day["flags"].as_object().unwrap() {
+            *flags.entry(words.clone()).or_default() += count.as_u64().unwrap();
+        }
+    }
+    for words in ["outside the table of offsets", "no attitude", "inside a leap second", "first vector after a gap"] {
+        assert!(flags.get(words).is_some_and(|count| *count > 0), "{words}: {flags:?}");
+    }
+    // A vector every 50 ms through the second 23:59:60.
+    assert!(flags["inside a leap second"] <= 20);
+}
+
+/// What is left of a level is white noise, the steps of the converter, and what the thermistor does not tell: its steps, and
+/// a temperature that moves while a packet holds one reading of it. The latter is taken off with the slopes of the truth.
+#[test]
+fn levels_close_to_the_noise() {
+    let flown = Flown::new(&[]);
+    flown.levels("ABC");
+    for (index, sensor) in SENSORS.into_iter().enumerate() {
+        let stated = &flown.truth["sensors"][index];
+        let sigma: Vec<Vec<f64>> = stated["sigma"].as_array().unwrap().iter().map(floats).collect();
+        let offset: Vec<Vec<f64>> = stated["b_off_ent"].as_array().unwrap().iter().map(floats).collect();
+        let (mut squares, mut sums, mut count) = ([[0.0; 3]; 3], [[0.0; 3]; 3], 0.0);
+        for day in flown.days(index) {
+            let truth = flown.truth(sensor, &day);
+            let daily = stated["daily_nt"].as_array().unwrap().iter().find(|d| d["day"] == day.as_str()).unwrap();
+            let daily: Vec<Vec<f64>> = daily["polynomials"].as_array().unwrap().iter().map(floats).collect();
+            let [a, b, c] = ["A", "B", "C"].map(|level| flown.level(level, sensor, &day));
+            let measured = a.numbers("t_degc").unwrap();
+            let times = truth.times();
+            let (a_nt, b_nt) = (truth.vectors("a_uvw"), truth.vectors("b_sc"));
+            let (external, heat) = (truth.vectors("ext"), truth.vectors("heat_sc"));
+            let (wheel, lap, scn) = (truth.vectors("wheel_sc"), truth.vectors("lap_sc"), truth.vectors("scn_sc"));
+            let (jump, jumped) = (truth.vectors("jump_sc"), truth.numbers("t_degc"));
+            let [a, b, c] = [a, b, c].map(|table| field(&table));
+            for row in 0..times.len() {
+                let to_celestial = attitude(times[row]);
+                let parts = to_celestial.inverse() * external[row] + heat[row] + wheel[row] + lap[row] + scn[row];
+                assert!((parts - b_nt[row]).norm() < 1e-9, "{sensor} {day} {row}");
+                // Both frames hold the same field: only a rotation lies between them.
+                assert!((a_nt[row].norm() - (b_nt[row] + jump[row]).norm()).abs() < 1e-9, "{sensor} {day} {row}");
+                let told = Vector3::from_fn(|i, _| {
+                    let of_offset = at(&offset[i], measured[row]) - at(&offset[i], jumped[row]);
+                    at(&sigma[i], measured[row]) * of_offset + at(&daily[i], measured[row]) - at(&daily[i], jumped[row])
+                });
+                // Where the attitude is not known there is no level C; the row counts nowhere.
+                if c[row].x.is_nan() {
+                    continue;
+                }
+                let own = a[row] - a_nt[row] + told;
+                // Rotations keep the scatter of equal noise on all axes; what the thermistor adds is taken off before.
+                let in_sc = b[row] - b_nt[row];
+                let in_cel = c[row] - to_celestial * b_nt[row];
+                assert!((in_sc.norm() - (a[row] - a_nt[row]).norm()).abs() < 1e-9);
+                assert!((in_cel.norm() - in_sc.norm()).abs() < 1e-9);
+                for i in 0..3 {
+                    squares[0][i] += own[i] * own[i];
+                    sums[0][i] += own[i];
+                }
+                count += 1.0;
+            }
+        }
+        let expected = 1.0915 * NOISE_ENT.hypot(STEP_ENT);
+        for i in 0..3 {
+            let rms = (squares[0][i] / count).sqrt();
+            let mean = sums[0][i] / count;
+            println!("{sensor} {i}: {count} vectors, rms {rms:.5} nT, expected {expected:.5}, mean {mean:.6}");
+            // Five standard deviations of the scatter of an rms, and 0.4 % by which sensitivities differ between axes.
+            assert!((rms / expected - 1.0).abs() < 5.0 / (2.0_f64 * count).sqrt() + 0.004, "{sensor} {i}: {rms} {expected}");
+            assert!(mean.abs() < 5.0 * expected / count.sqrt() + 5e-4, "{sensor} {i}: {mean}");
+        }
+        assert!(count > 10_000.0, "{sensor} {count}");
+    }
+}
+
+#[test]
+fn without_noise_and_steps_level_a_is_the_truth() {
+    let flown = Flown::new(&[("exact = false", "exact = true")]);
+    flown.levels("A");
+    let mut largest = 0.0_f64;
+    for (index, sensor) in SENSORS.into_iter().enumerate() {
+        for day in flown.days(index) {
+            let level = flown.level("A", sensor, &day);
+            let truth = flown.truth(sensor, &day);
+            let degc = level.numbers("t_degc").unwrap().into_iter().zip(truth.numbers("t_degc"));
+            assert!(degc.into_iter().all(|(found, t)| (found - t).abs() < 1e-9));
+            for (found, expected) in field(&level).iter().zip(truth.vectors("a_uvw")) {
+                largest = largest.max((found - expected).amax());
+            }
+        }
+    }
+    println!("largest difference {largest:e} nT");
+    assert!(largest <= 1e-8, "{largest:e} nT");
+}
+
+#[test]
+fn housekeeping_is_the_truth_within_its_steps() {
+    let flown = Flown::new(&[]);
+    flown.levels("all");
+    let truth = SeriesTable::open(&flown.dir.path().join("telemetry/truth/hk.parquet")).unwrap();
+    let times = truth.whole("time_tt2000").unwrap();
+    let mut row = 0;
+    for day in ["2015-06-30", "2015-07-01"] {
+        let path = format!("levels/level=HK/date={day}/calfit-HK-{}.parquet", day.replace('-', ""));
+        let made = SeriesTable::open(&flown.dir.path().join(path)).unwrap();
+        let own = made.whole("time_tt2000").unwrap();
+        assert_eq!(own, times[row..row + own.len()]);
+        // Half a step of every converter: 16 bits of the thermistor about -40 °C, 16 of the field, 20 and 8 of the voltages.
+        for (name, of, half_step) in [
+            ("t_ob_calibrated", "t_ob_degc", 0.02),
+            ("t_ib_calibrated", "t_ib_degc", 0.02),
+            ("bx_ob", "b_ob_x", 0.2501),
+            ("by_ob", "b_ob_y", 0.2501),
+            ("bz_ob", "b_ob_z", 0.2501),
+            ("ref_voltage", "ref_voltage", 4.8e-6),
+            ("pos_voltage", "pos_voltage", 0.00129),
+            ("neg_voltage", "neg_voltage", 0.00142),
+        ] {
+            let expected = &truth.numbers(of).unwrap()[row..row + own.len()];
+            for (found, expected) in made.numbers(name).unwrap().iter().zip(expected) {
+                assert!((found - expected).abs() <= half_step, "{day} {name}: {found} {expected}");
+            }
+        }
+        row += own.len();
+    }
+    assert_eq!(row, times.len());
+}
+
+#[test]
+fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
+    let dir = tempfile::tempdir().unwrap();
+    let twin = changed(dir.path(), &[]);
+    let made = |out: &str, seed: &str, threads: &str| {
+        let out = dir.path().join(out);
+        let mut command = process();
+        command.env("RAYON_NUM_THREADS", threads).arg("simulate").arg(&twin).args(["--seed", seed]).arg("-o").arg(&out);
+        let output = command.output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        tree(&out)
+    };
+    let (first, second, other) = (made("a", "7", "1"), made("b", "7", "2"), made("c", "8", "2"));
+    assert!(first.len() > 15 && first.keys().eq(second.keys()));
+    for (name, own) in &first {
+        assert!(second[name] == *own, "{name}");
+    }
+    let edited = "edited/sensor=OB/date=2015-06-30/part-0.parquet";
+    assert!(first[edited] != other[edited]);
+}
+
+#[test]
+fn what_is_wrong_with_a_twin_in_flight_is_said() {
+    for (change, says) in [
+        (("truth_every = 1", "truth_evry = 1"), "the nearest known key is `truth_every`"),
+        (("truth_every = 1", "truth_every = 0"), "`telemetry.truth_every` must be 1 or more"),
+        (("ground_sensor = \"FM-OB\"", "ground_sensor = \"FM-XX\""), "is not in the ground twin"),
+        (("lost = 0.02", "lost = 1.0"), "must be a probability below 1"),
+        (
+            ("to = \"2015-07-01T00:25:00Z\"\n[[interval]]", "to = \"2015-07-01T00:26:00Z\"\n[[interval]]"),
+            "intervals that overlap",
+        ),
+        (("t_off_degc = -1.5\nvalid_degc = [-100.0, 90.0]", "t_off_degc = -1.5\nvalid_degc = [-100.0, 9000.0]"), "does not rise"),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        let twin = changed(dir.path(), &[change]);
+        let output = calfit().arg("simulate").arg(twin).arg("-o").arg(dir.path().join("out")).output().unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && errors.contains(says), "{errors}");
+        assert!(!dir.path().join("out/flight.toml").exists());
+    }
+}
