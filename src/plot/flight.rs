@@ -113,9 +113,12 @@ pub fn spectra(sensor: &str, day: &str, mode: &str, before: &Density, after: &De
     }
 }
 
-/// Heights of heater jumps over a day with their uncertainty: hour, height, standard uncertainty.
+/// Height of a heater jump: hour of the day, field in nT, its standard uncertainty.
+pub type Height = (f64, [f64; 3], [f64; 3]);
+
+/// Heights of heater jumps over a day with their uncertainty.
 #[must_use]
-pub fn jumps(sensor: &str, day: &str, classes: &[String], heights: &[Vec<(f64, [f64; 3], [f64; 3])>]) -> Figure {
+pub fn jumps(sensor: &str, day: &str, classes: &[String], heights: &[Vec<Height>]) -> Figure {
     const OF_CLASS: [Style; 3] = [Style::Single, Style::Second, Style::Reference];
     Figure {
         title: format!("Heater jumps, level K, {sensor}, {day}"),

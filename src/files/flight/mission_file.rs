@@ -51,10 +51,6 @@ struct MissionFile<'a> {
     folder: PathBuf,
 }
 
-fn only(group: &Group<'_>, known: &[&str]) -> Result<(), Finding> {
-    group.only(known)
-}
-
 fn needed<T>(group: &Group<'_>, key: &str, value: Option<T>) -> Result<T, Finding> {
     value.ok_or_else(|| group.missing(key))
 }
@@ -99,32 +95,29 @@ impl MissionFile<'_> {
     }
 
     fn mission(&self, root: &Group<'_>) -> Result<Mission, Finding> {
-        only(
-            root,
-            &[
-                "version",
-                "mission",
-                "instrument",
-                "input",
-                "hk",
-                "time",
-                "edited",
-                "continuity",
-                "campaign",
-                "temperature",
-                "celestial",
-                "sensor",
-                "mode",
-                "role",
-                "wheels",
-                "heater",
-                "pca",
-                "means",
-                "disturbance",
-                "pipeline",
-                "output",
-            ],
-        )?;
+        root.only(&[
+            "version",
+            "mission",
+            "instrument",
+            "input",
+            "hk",
+            "time",
+            "edited",
+            "continuity",
+            "campaign",
+            "temperature",
+            "celestial",
+            "sensor",
+            "mode",
+            "role",
+            "wheels",
+            "heater",
+            "pca",
+            "means",
+            "disturbance",
+            "pipeline",
+            "output",
+        ])?;
         if needed(root, "version", root.whole("version")?)? != 1 {
             return Err(root.refuse("version", "must be 1", "take the program that the file was written for"));
         }
@@ -141,7 +134,7 @@ impl MissionFile<'_> {
         let edited = root.group("edited")?;
         let (reject_mask, sid) = edited.map_or(Ok((7, None)), |g| edited_rule(&g))?;
         let (continuity, reset_gap_s) = continuity.map_or(Ok((true, 10_800.0)), |g| {
-            only(&g, &["enabled", "reset_gap_s"])?;
+            g.only(&["enabled", "reset_gap_s"])?;
             Ok::<_, Finding>((g.truth("enabled")?.unwrap_or(true), at_least_zero(&g, "reset_gap_s", 10_800.0)?))
         })?;
         let mut modes = Vec::new();
@@ -178,7 +171,7 @@ impl MissionFile<'_> {
             campaigns: root
                 .groups("campaign")?
                 .iter()
-                .map(|g| only(g, &["from", "to"]).and_then(|()| self.span(g)))
+                .map(|g| g.only(&["from", "to"]).and_then(|()| self.span(g)))
                 .collect::<Result<_, _>>()?,
             outside,
             extended_degc,
@@ -193,7 +186,7 @@ impl MissionFile<'_> {
             mean_ns: match root.group("means")? {
                 None => SECOND_NS,
                 Some(g) => {
-                    only(&g, &["mean_s"])?;
+                    g.only(&["mean_s"])?;
                     let mean_s = g.number("mean_s")?.unwrap_or(1.0);
                     if !(MEANS_S[0]..=MEANS_S[1]).contains(&mean_s) {
                         return Err(g.refuse("mean_s", "must be from a millisecond to a day", "write the length in seconds"));
@@ -205,7 +198,7 @@ impl MissionFile<'_> {
             steps: match root.group("pipeline")? {
                 None => STEPS.map(str::to_owned).to_vec(),
                 Some(g) => {
-                    only(&g, &["steps"])?;
+                    g.only(&["steps"])?;
                     needed(&g, "steps", g.texts("steps")?)?
                 }
             },
@@ -234,28 +227,25 @@ impl MissionFile<'_> {
     }
 
     fn sensor(&self, group: &Group<'_>) -> Result<Sensor, Finding> {
-        only(
-            group,
-            &[
-                "name",
-                "ground",
-                "ground_sensor",
-                "frame",
-                "accept_b_or",
-                "residual",
-                "daily",
-                "daily_to",
-                "daily_missing",
-                "thermistor_column",
-                "adc_bits",
-                "full_scale_ent",
-                "ent_per_count",
-                "noise_ent",
-                "rotation",
-                "jump",
-                "matrix",
-            ],
-        )?;
+        group.only(&[
+            "name",
+            "ground",
+            "ground_sensor",
+            "frame",
+            "accept_b_or",
+            "residual",
+            "daily",
+            "daily_to",
+            "daily_missing",
+            "thermistor_column",
+            "adc_bits",
+            "full_scale_ent",
+            "ent_per_count",
+            "noise_ent",
+            "rotation",
+            "jump",
+            "matrix",
+        ])?;
         let name = needed(group, "name", group.text("name")?)?;
         let matrices = group.groups("matrix")?.iter().map(|g| self.matrix(g)).collect::<Result<Vec<_>, _>>()?;
         let ground = group.texts("ground")?.map(|list| list.iter().map(|path| self.folder.join(path)).collect::<Vec<_>>());
@@ -277,7 +267,7 @@ impl MissionFile<'_> {
                 return Err(group.refuse("ent_per_count", "stands beside `adc_bits`", "state the one or the other"));
             }
             (Some(factors), None) => {
-                if factors.is_empty() || factors.iter().any(|f| *f == 0.0) {
+                if factors.is_empty() || factors.contains(&0.0) {
                     return Err(group.refuse(
                         "ent_per_count",
                         "must be a factor, or one per range",
@@ -333,7 +323,7 @@ impl MissionFile<'_> {
     }
 
     fn rotation(&self, group: &Group<'_>) -> Result<Boom, Finding> {
-        only(group, &["boom", "from", "to", "uvw_to_sc"])?;
+        group.only(&["boom", "from", "to", "uvw_to_sc"])?;
         let rows = needed(group, "uvw_to_sc", group.three_rows("uvw_to_sc")?)?;
         let uvw_to_sc = Matrix3::from_fn(|row, column| rows[row][column]);
         let error = (uvw_to_sc * uvw_to_sc.transpose() - Matrix3::identity()).abs().max();
@@ -348,7 +338,7 @@ impl MissionFile<'_> {
     }
 
     fn jump(&self, group: &Group<'_>) -> Result<Jump, Finding> {
-        only(group, &["from", "to", "frame", "subtract_nt"])?;
+        group.only(&["from", "to", "frame", "subtract_nt"])?;
         let frame = match needed(group, "frame", group.text("frame")?)?.as_str() {
             "sc" => OffsetFrame::Sc,
             "uvw" => OffsetFrame::Uvw,
@@ -359,7 +349,7 @@ impl MissionFile<'_> {
     }
 
     fn matrix(&self, group: &Group<'_>) -> Result<RangeMatrix, Finding> {
-        only(group, &["from", "to", "range", "matrix", "offset", "offset_sign", "covariance"])?;
+        group.only(&["from", "to", "range", "matrix", "offset", "offset_sign", "covariance"])?;
         let rows = needed(group, "matrix", group.three_rows("matrix")?)?;
         let range = match group.whole("range")? {
             None => None,
@@ -388,7 +378,7 @@ impl MissionFile<'_> {
         let Some(group) = root.group("role")? else {
             return if sensors.len() > 1 { Err(root.missing("role")) } else { Ok(Roles::default()) };
         };
-        only(&group, &["primary", "secondary", "interval"])?;
+        group.only(&["primary", "secondary", "interval"])?;
         let known = |group: &Group<'_>, key: &str| -> Result<Option<String>, Finding> {
             let name = group.text(key)?;
             match &name {
@@ -400,7 +390,7 @@ impl MissionFile<'_> {
         };
         let mut intervals = Vec::new();
         for interval in group.groups("interval")? {
-            only(&interval, &["from", "to", "primary"])?;
+            interval.only(&["from", "to", "primary"])?;
             let primary = needed(&interval, "primary", known(&interval, "primary")?)?;
             intervals.push((self.span(&interval)?, primary));
         }
@@ -420,10 +410,15 @@ impl MissionFile<'_> {
     }
 
     fn celestial(&self, group: &Group<'_>) -> Result<Celestial, Finding> {
-        only(
-            group,
-            &["frame", "attitude", "attitude_order", "attitude_from_to", "attitude_max_gap_s", "attitude_std_rad", "position"],
-        )?;
+        group.only(&[
+            "frame",
+            "attitude",
+            "attitude_order",
+            "attitude_from_to",
+            "attitude_max_gap_s",
+            "attitude_std_rad",
+            "position",
+        ])?;
         let one_of = |key: &str, first: &str, second: &str| -> Result<bool, Finding> {
             match needed(group, key, group.text(key)?)?.as_str() {
                 word if word == first => Ok(true),
@@ -448,7 +443,7 @@ impl MissionFile<'_> {
     }
 
     fn wheels(&self, group: &Group<'_>) -> Result<Wheels, Finding> {
-        only(group, &["table", "harmonics", "method", "half_width_hz", "seed"])?;
+        group.only(&["table", "harmonics", "method", "half_width_hz", "seed"])?;
         let stripe = match group.text("method")?.as_deref() {
             None | Some("fit") => false,
             Some("stripe") => true,
@@ -476,7 +471,7 @@ impl MissionFile<'_> {
     }
 
     fn heater(&self, group: &Group<'_>) -> Result<Heater, Finding> {
-        only(group, &["table", "classes", "method", "interval"])?;
+        group.only(&["table", "classes", "method", "interval"])?;
         let from_table = match group.whole("method")? {
             None | Some(1) => false,
             Some(2) => true,
@@ -492,7 +487,7 @@ impl MissionFile<'_> {
         }
         let mut intervals = Vec::new();
         for interval in group.groups("interval")? {
-            only(&interval, &["from", "to"])?;
+            interval.only(&["from", "to"])?;
             intervals.push(self.span(&interval)?);
         }
         apart(group, "interval", &intervals)?;
@@ -501,7 +496,7 @@ impl MissionFile<'_> {
     }
 
     fn common(&self, group: &Group<'_>) -> Result<Common, Finding> {
-        only(group, &["method", "coupling", "from", "to", "inputs"])?;
+        group.only(&["method", "coupling", "from", "to", "inputs"])?;
         let coupling = group.three_rows("coupling")?.map(|rows| Matrix3::from_fn(|row, column| rows[row][column]));
         let coupling = match group.text("method")?.as_deref() {
             None | Some("pca") => None,
@@ -525,7 +520,7 @@ impl MissionFile<'_> {
 
 fn output(root: &Group<'_>, key: &str, default: bool) -> Result<bool, Finding> {
     let Some(group) = root.group("output")? else { return Ok(default) };
-    only(&group, &["uncertainty", "text"])?;
+    group.only(&["uncertainty", "text"])?;
     Ok(group.truth(key)?.unwrap_or(default))
 }
 
@@ -539,8 +534,11 @@ fn apart(group: &Group<'_>, key: &str, spans: &[Span]) -> Result<(), Finding> {
     }
 }
 
-fn outside(group: &Group<'_>) -> Result<(OutsideTemperature, Option<([f64; 2], String)>, f64), Finding> {
-    only(group, &["outside", "extended_degc", "reason", "smooth_s"])?;
+/// Temperatures, °C, with the reason.
+type Extended = Option<([f64; 2], String)>;
+
+fn outside(group: &Group<'_>) -> Result<(OutsideTemperature, Extended, f64), Finding> {
+    group.only(&["outside", "extended_degc", "reason", "smooth_s"])?;
     let outside = match group.text("outside")?.as_deref() {
         None | Some("null") => OutsideTemperature::Null,
         Some("flag") => OutsideTemperature::Flag,
@@ -558,7 +556,7 @@ fn outside(group: &Group<'_>) -> Result<(OutsideTemperature, Option<([f64; 2], S
 }
 
 fn time_rule(group: &Group<'_>) -> Result<(Option<TimeColumn>, f64), Finding> {
-    only(group, &["primary", "tolerance_s"])?;
+    group.only(&["primary", "tolerance_s"])?;
     let primary = match group.text("primary")? {
         None => None,
         Some(name) => {
@@ -571,7 +569,7 @@ fn time_rule(group: &Group<'_>) -> Result<(Option<TimeColumn>, f64), Finding> {
 }
 
 fn edited_rule(group: &Group<'_>) -> Result<(u8, Option<String>), Finding> {
-    only(group, &["sensor_axes", "quality_reject_mask", "sid"])?;
+    group.only(&["sensor_axes", "quality_reject_mask", "sid"])?;
     if group.text("sensor_axes")?.is_some_and(|axes| axes != "uvw") {
         return Err(group.refuse("sensor_axes", "must be \"uvw\"", "telemetry is in the axes of the sensor"));
     }
@@ -582,10 +580,10 @@ fn edited_rule(group: &Group<'_>) -> Result<(u8, Option<String>), Finding> {
 }
 
 fn mode(group: &Group<'_>, sid: String) -> Result<Mode, Finding> {
-    only(group, &["sid", "packet_s", "primary", "secondary", "lap_lines_hz", "from", "to"])?;
+    group.only(&["sid", "packet_s", "primary", "secondary", "lap_lines_hz", "from", "to"])?;
     let rate = |key: &str| -> Result<Option<Rate>, Finding> {
         let Some(own) = group.group(key)? else { return Ok(None) };
-        only(&own, &["rate_hz", "shift_s"])?;
+        own.only(&["rate_hz", "shift_s"])?;
         let rate_hz = needed(&own, "rate_hz", positive(&own, "rate_hz", own.number("rate_hz")?)?)?;
         let shift_s = own.number("shift_s")?;
         if shift_s.is_some_and(|s| s.abs() > LONGEST_SHIFT_S) {
@@ -614,7 +612,7 @@ fn noise(group: &Group<'_>) -> Result<BTreeMap<Option<String>, f64>, Finding> {
 }
 
 fn disturbance(group: &Group<'_>) -> Result<Disturbance, Finding> {
-    only(group, &["column", "vector_nt_per_unit"])?;
+    group.only(&["column", "vector_nt_per_unit"])?;
     let vector = needed(group, "vector_nt_per_unit", group.three("vector_nt_per_unit")?)?;
     Ok(Disturbance { column: needed(group, "column", group.text("column")?)?, vector_nt_per_unit: Vector3::from(vector) })
 }

@@ -91,8 +91,6 @@ impl ParquetFile {
     /// The values of a column in some groups of rows; none for columns of lists and structures.
     pub(super) fn pieces(&self, field: &Field, groups: &[usize]) -> Result<Vec<Box<dyn Array>>, Finding> {
         let mut pieces = Vec::new();
-        let plain = without_dictionary(field);
-        let field = plain.as_ref().unwrap_or(field);
         for group in groups.iter().filter_map(|g| self.metadata.row_groups.get(*g)) {
             let chunks: Vec<&ColumnChunkMetadata> = group.columns_under_root_iter(&field.name).into_iter().flatten().collect();
             // Lists and structures have several, and are no columns of readings.
@@ -105,22 +103,10 @@ impl ParquetFile {
     }
 }
 
-/// A column of words by their index, as the column of the words themselves; `None` for any other column.
-pub(super) fn without_dictionary(field: &Field) -> Option<Field> {
-    match &field.dtype {
-        ArrowDataType::Dictionary(_, values, _) => Some(Field::new(field.name.clone(), (**values).clone(), field.is_nullable)),
-        _ => None,
-    }
-}
-
 fn parquet(path: &Path) -> Result<Vec<Pieces>, Finding> {
     let file = ParquetFile::open(path)?;
     let groups: Vec<usize> = (0..file.metadata.row_groups.len()).collect();
-    file.fields()
-        .map(|field| {
-            Ok((field.name.to_string(), without_dictionary(field).unwrap_or(field.clone()).dtype, file.pieces(field, &groups)?))
-        })
-        .collect()
+    file.fields().map(|field| Ok((field.name.to_string(), field.dtype.clone(), file.pieces(field, &groups)?))).collect()
 }
 
 /// The values of a column in one group of rows.

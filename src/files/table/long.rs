@@ -135,7 +135,7 @@ impl<W: Write> LongWriter<W> {
                 ..StatisticsOptions::empty()
             },
             version: Version::V1,
-            compression: CompressionOptions::Zstd(Some(ZstdLevel::try_new(LEVEL).map_err(|e| wrong(&e.into()))?)),
+            compression: CompressionOptions::Zstd(Some(ZstdLevel::try_new(LEVEL).map_err(|e| wrong(&e))?)),
             data_page_size: None,
         };
         let writer = FileWriter::try_new(file, schema, options).map_err(|e| wrong(&e))?;

@@ -1,6 +1,6 @@
 //! Columns of long tables as the types that a reader asks for: whole numbers to the last digit, numbers, words, times. Parquet and CSV.
 
-use super::columns::{ParquetFile, each, ns_of, without_dictionary};
+use super::columns::{ParquetFile, each, ns_of};
 use super::stream::{Batch, Format, Reader};
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, Tt2000};
@@ -53,7 +53,7 @@ pub struct SeriesTable {
 }
 
 enum Body {
-    Parquet(ParquetFile),
+    Parquet(Box<ParquetFile>),
     Csv(Vec<Batch>),
 }
 
@@ -75,7 +75,13 @@ impl SeriesTable {
         let file = ParquetFile::open(path)?;
         let groups = file.group_rows();
         let rows = groups.iter().sum();
-        Ok(Self { path: path.to_owned(), groups: (0..groups.len()).collect(), body: Body::Parquet(file), before: 0, rows })
+        Ok(Self {
+            path: path.to_owned(),
+            groups: (0..groups.len()).collect(),
+            body: Body::Parquet(Box::new(file)),
+            before: 0,
+            rows,
+        })
     }
 
     /// Rows that are read.
@@ -133,7 +139,7 @@ impl SeriesTable {
 
     fn field(&self, file: &ParquetFile, name: &str) -> Result<Field, Finding> {
         let found = file.fields().find(|field| field.name.as_str() == name);
-        found.map(|field| without_dictionary(field).unwrap_or_else(|| field.clone())).ok_or_else(|| {
+        found.cloned().ok_or_else(|| {
             let rule = format!("has no column `{name}`; it has {}", self.names().join(", "));
             self.complain(rule, "rename the column, or add it")
         })

@@ -267,7 +267,7 @@ fn class_of(line: &str) -> Option<(String, HeaterClass)> {
 }
 
 /// Corrected times and temperatures of the first and the last accepted vector of a day.
-fn day_ends(prepared: &Prepared, index: usize, day: i32) -> Result<Option<([Tt2000; 2], [f64; 2])>, Finding> {
+fn day_ends(prepared: &Prepared, index: usize, day: i32) -> Result<Option<Ends>, Finding> {
     let span = prepared.leap.day(day);
     // Mostly the first and the last half hour are enough.
     let near_begin = span.start..(span.start + BEYOND_NS).min(span.end);
@@ -284,6 +284,9 @@ fn day_ends(prepared: &Prepared, index: usize, day: i32) -> Result<Option<([Tt20
     let degc = |count: f64| thermometer(prepared, index).map_or(f64::NAN, |t| t.degc(count));
     Ok(Some(([first.0, last.0], [degc(first.1), degc(last.1)])))
 }
+
+/// Times and temperatures, °C, of the first and the last vector.
+type Ends = ([Tt2000; 2], [f64; 2]);
 
 /// Corrected time and thermistor counts of a vector.
 type End = (Tt2000, f64);

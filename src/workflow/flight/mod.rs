@@ -258,7 +258,7 @@ impl Prepared {
     ///
     /// # Errors
     /// A file outside of all partitions whose times cannot be read.
-    fn days(&self, sensor: &Sensor) -> Result<std::ops::RangeInclusive<i32>, Finding> {
+    fn days(&self, sensor: &Sensor) -> Result<std::ops::Range<i32>, Finding> {
         let mut ends: Option<(i32, i32)> = None;
         let mut reach = |first: i32, last: i32| {
             ends = Some(ends.map_or((first, last), |(a, b)| (a.min(first), b.max(last))));
@@ -274,8 +274,7 @@ impl Prepared {
                 }
             }
         }
-        // Nothing is a range that ends before it begins.
-        Ok(ends.map_or(1..=0, |(first, last)| first..=last))
+        Ok(ends.map_or(0..0, |(first, last)| first..last + 1))
     }
 }
 

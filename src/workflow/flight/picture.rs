@@ -10,7 +10,7 @@ use crate::fit::spectrum::{Density, of_record};
 use crate::flight::Series;
 use crate::flight::made::DayMade;
 use crate::flight::means::Means;
-use crate::plot::flight::{self as figures, Extents};
+use crate::plot::flight::{self as figures, Extents, Height};
 use crate::plot::{self, Figure};
 use crate::show::flight::{DayShown, document};
 use crate::show::{Drawn, html};
@@ -116,7 +116,7 @@ impl<'a> Pictures<'a> {
             let own = made.jumps.iter().filter(|jump| jump.class == *class);
             own.filter_map(|jump| Some(((jump.time_tt2000 - begin) as f64 / 3.6e12, jump.height_nt?, jump.std_nt?))).collect()
         };
-        let heights: Vec<Vec<(f64, [f64; 3], [f64; 3])>> = classes.iter().map(of).collect();
+        let heights: Vec<Vec<Height>> = classes.iter().map(of).collect();
         self.list.push(("heater_jumps".to_owned(), figures::jumps(self.sensor, &day, &classes, &heights)));
     }
 
