@@ -86,10 +86,9 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
         }
         take_off(&applied.known, part);
     }
-    if !options.allow_gain {
-        let modulus = |values: [f64; 3]| values.iter().filter(|v| v.is_finite()).map(|v| v * v).sum::<f64>().sqrt();
-        screens::amplitude(measured.iter().zip(&applied.settings).map(|(a, s)| (modulus(s.field.0), modulus(a.b_ent))))?;
-    }
+    let modulus = |values: [f64; 3]| values.iter().filter(|v| v.is_finite()).map(|v| v * v).sum::<f64>().sqrt();
+    let pairs = measured.iter().zip(&applied.settings).map(|(a, s)| (modulus(s.field.0), modulus(a.b_ent)));
+    screens::judge(screens::amplitude(pairs), options.allow_gain, &mut notes)?;
     notes.extend(clock.notes(&rates, &applied.settings));
     notes.extend(refusals_and_damage(&measured));
 

@@ -51,9 +51,8 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     };
     let Solved { means, fitted, noise, stacked, covariance, slopes } = solved;
     let used = prepared.used(order)?;
-    if slopes.is_some() && !options.allow_mismatch {
-        screens::followed(&readings_ent(&used), &fitted.solution.residuals)?;
-    }
+    let followed = screens::followed(&readings_ent(&used), &fitted.solution.residuals);
+    screens::judge(followed, options.allow_mismatch, &mut notes)?;
     if let Some(moving) = moving.as_ref().filter(|m| m.is_moving()) {
         temperatures.state_movement(moving.range_k(), moving.rate_k_per_h);
         let channel = temperatures.conditions.as_ref().map_or("", |c| c.sensor_channel.as_str());
@@ -70,9 +69,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         }
         None => None,
     };
-    if !options.allow_gain {
-        screens::gain(&parameters.split)?;
-    }
+    screens::judge(screens::gain(&parameters.split), options.allow_gain, &mut notes)?;
     let blocks = judge::blocks(
         &prepared.list,
         slopes.is_some().then_some(before.as_slice()),

@@ -141,7 +141,7 @@ fn stuck(record: &Kept) -> impl Iterator<Item = Note> {
     let still = |c: &usize| record.bins.iter().all(|bin| bin.sum[*c] == 0.0);
     (0..3).filter(still).map(|c| {
         let text = format!("component {} is stuck at {} enT: it has neither noise nor drift", COMPONENTS[c], record.reference[c]);
-        Note::new(NoteKind::Data, text).about(COMPONENTS[c]).with_remedy("check the component and its wiring")
+        Note::new(NoteKind::Stuck, text).about(COMPONENTS[c]).with_remedy("check the component and its wiring")
     })
 }
 

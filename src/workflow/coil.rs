@@ -3,7 +3,7 @@
 use super::{Desk, Failure, Job, Outcome, Shown, draw, make, read};
 use crate::data::calibration::LinearCalibration;
 use crate::data::error::Finding;
-use crate::data::note::{Note, NoteKind};
+use crate::data::note::{Note, NoteKind, Told};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::{Reading, Recipe};
 use crate::data::run::Run;
@@ -62,7 +62,7 @@ impl CoilResult for Scalar {
         CoilScalar {
             convention: CoilConvention::scalar(),
             found: self.found.clone(),
-            warnings: self.notes.iter().map(Note::to_string).collect(),
+            told: Told::of(&self.notes),
         }
     }
     fn view(&self) -> impl Serialize + '_ {
@@ -85,7 +85,7 @@ impl CoilResult for Residual {
         CoilResidual {
             convention: CoilConvention::residual(),
             found: self.found.clone(),
-            warnings: self.notes.iter().map(Note::to_string).collect(),
+            told: Told::of(&self.notes),
         }
     }
     fn notes(&self) -> &[Note] {
@@ -104,7 +104,7 @@ impl CoilResult for Tilt {
         CoilTilt {
             convention: CoilConvention::tilt(),
             found: self.found.clone(),
-            warnings: self.notes.iter().map(Note::to_string).collect(),
+            told: Told::of(&self.notes),
         }
     }
     fn notes(&self) -> &[Note] {

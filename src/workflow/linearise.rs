@@ -2,7 +2,7 @@
 
 use super::{Desk, Job, Made, Outcome, draw, recipe};
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::Told;
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::recipe::Recipe;
 use crate::files::ledger::Origin;
@@ -47,7 +47,7 @@ impl From<&Linearised> for LinearisationFile {
         Self {
             convention: LinearisationConvention::default(),
             shared: result.shared.clone(),
-            warnings: result.notes.iter().map(Note::to_string).collect(),
+            told: Told::of(&result.notes),
         }
     }
 }
