@@ -77,7 +77,7 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     let rates = applied.rates(&tones, rough_hz)?;
     let clock = Clock::of(&rates);
 
-    let mut measured = amplitudes(&tones, &applied.records, &clock);
+    let (mut measured, jumps) = amplitudes(&tones, &applied.records, &clock);
     for (part, setting) in measured.iter_mut().zip(&applied.settings) {
         part.frequency_hz = setting.frequency_hz;
         // A sine of which nothing is left has that for a reason, and not its missing samples.
@@ -91,6 +91,7 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     screens::judge(screens::amplitude(pairs), options.allow_gain, &mut notes)?;
     notes.extend(clock.notes(&rates, &applied.settings));
     notes.extend(refusals_and_damage(&measured));
+    notes.extend(jumps);
 
     let temperatures = Temperatures::of(run, instructions, span_s(&measured), &mut notes);
     notes.extend(temperatures.moved_k().map(moved));

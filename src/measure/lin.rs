@@ -24,7 +24,7 @@ use crate::fit::DenseNoise;
 use crate::fit::statistics::{extremes, median};
 use crate::model::campaign::Instructions;
 use crate::record::conditions::{self, AT_REST_K, Temperatures};
-use crate::record::screens;
+use crate::record::screens::{self, inside};
 use derived::{Derived, Parameters};
 use fit::{Fitted, Means, fit, stack};
 use moving::{Moving, Origin, Referred};
@@ -85,6 +85,8 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     conditions::warn_of_run(&mut notes, run, instructions);
     judge::judge_fit(&mut notes, &blocks);
     if !options.robust {
+        let (responses, solution) = (3 * (means.baseline.response_order() + 1), &fitted.solution);
+        notes.extend(inside::gain_jumps(&means.columns(), responses, &solution.coefficients, &solution.residuals, &means.t_s));
         notes.extend(judge::structure_of(&temperatures, &prepared.list, &used, &means, &noise));
     }
     notes.extend(judge::rounding_of(&used, &noise));

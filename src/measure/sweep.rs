@@ -40,7 +40,7 @@ use crate::record::conditions::{self, Temperatures};
 use crate::record::facility;
 use crate::record::known::{self, Known};
 use crate::record::position::{apply_limits, the_position};
-use crate::record::screens;
+use crate::record::screens::{self, inside};
 use fit::Problem;
 use means::Means;
 use nalgebra::Matrix3;
@@ -176,6 +176,9 @@ fn plausible(
     let split = split(&phi, r_nom).map_err(|_| no_sensor)?;
     screens::judge(screens::gain(&split), options.allow_gain, &mut notes)?;
     notes.extend(screens::axes(&split));
+    let columns = baseline.columns(&means.fields_nt, degc);
+    let responses = 3 * (baseline.response_order() + 1);
+    notes.extend(inside::gain_jumps(&columns, responses, &fit.coefficients, &fit.residuals, &means.t_s));
     Ok(notes)
 }
 

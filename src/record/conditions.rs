@@ -4,7 +4,7 @@ use super::temperature_faults;
 use crate::data::error::Severity;
 use crate::data::exclusion::ExcludedPart;
 use crate::data::note::{Note, NoteKind};
-use crate::data::plateau::{Plateau, Plateaus};
+use crate::data::plateau::{Drop, Plateau, Plateaus};
 use crate::data::result::{Conditions, Dropped, RunHead, Spread};
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
@@ -284,6 +284,12 @@ pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Pla
                 plateaus.settling_found_s, plateaus.settling_s
             ),
         )]);
+    }
+    let incomplete = |p: &&Plateau| matches!(p.dropped, Some(Drop::NoSamples | Drop::Coverage { .. }));
+    let lacking = plateaus.list.iter().filter(incomplete).count();
+    if lacking > 0 {
+        let text = format!("{lacking} of {} settings have too few samples and were left out", plateaus.list.len());
+        notes.extend([Note::new(NoteKind::Losses, text)]);
     }
     let spikes: u64 = plateaus.list.iter().map(|p| p.spike_samples).sum();
     if spikes > 0 {

@@ -1,6 +1,8 @@
 //! What the means of a run show by themselves that cannot be right, for every analysis with applied fields: components that do not follow the
 //! fields or stand still, conversions far from the nominal one, axes elsewhere than the position says.
 
+pub mod inside;
+
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateaus;
 use crate::data::units::COMPONENTS;
@@ -158,7 +160,9 @@ pub fn amplitude(pairs: impl Iterator<Item = (f64, f64)>) -> Result<(), Implausi
     }
 }
 
-fn is_plausible(gain: f64) -> bool {
+/// Whether a conversion is within the factor of the nominal one that sensors keep.
+#[must_use]
+pub fn is_plausible(gain: f64) -> bool {
     (1.0 / PLAUSIBLE_GAIN..=PLAUSIBLE_GAIN).contains(&gain)
 }
 

@@ -59,11 +59,7 @@ impl CoilResult for Scalar {
         Shown { figures: plot::coil::scalar, sections: show::coil::scalar, summary: show::coil::scalar_summary };
 
     fn parameters(&self) -> CoilScalar {
-        CoilScalar {
-            convention: CoilConvention::scalar(),
-            found: self.found.clone(),
-            told: Told::of(&self.notes),
-        }
+        CoilScalar { convention: CoilConvention::scalar(), found: self.found.clone(), told: Told::of(&self.notes) }
     }
     fn view(&self) -> impl Serialize + '_ {
         ScalarView { parameters: self.parameters(), rows: &self.rows }
@@ -82,11 +78,7 @@ impl CoilResult for Residual {
         Shown { figures: plot::coil::residual, sections: show::coil::residual, summary: show::coil::residual_summary };
 
     fn parameters(&self) -> CoilResidual {
-        CoilResidual {
-            convention: CoilConvention::residual(),
-            found: self.found.clone(),
-            told: Told::of(&self.notes),
-        }
+        CoilResidual { convention: CoilConvention::residual(), found: self.found.clone(), told: Told::of(&self.notes) }
     }
     fn notes(&self) -> &[Note] {
         &self.notes
@@ -101,11 +93,7 @@ impl CoilResult for Tilt {
     const SHOWN: Shown<Self> = Shown { figures: plot::coil::tilt, sections: show::coil::tilt, summary: show::coil::tilt_summary };
 
     fn parameters(&self) -> CoilTilt {
-        CoilTilt {
-            convention: CoilConvention::tilt(),
-            found: self.found.clone(),
-            told: Told::of(&self.notes),
-        }
+        CoilTilt { convention: CoilConvention::tilt(), found: self.found.clone(), told: Told::of(&self.notes) }
     }
     fn notes(&self) -> &[Note] {
         &self.notes

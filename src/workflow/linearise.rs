@@ -44,11 +44,7 @@ impl<'a> From<&'a Linearised> for LinearisedView<'a> {
 
 impl From<&Linearised> for LinearisationFile {
     fn from(result: &Linearised) -> Self {
-        Self {
-            convention: LinearisationConvention::default(),
-            shared: result.shared.clone(),
-            told: Told::of(&result.notes),
-        }
+        Self { convention: LinearisationConvention::default(), shared: result.shared.clone(), told: Told::of(&result.notes) }
     }
 }
 

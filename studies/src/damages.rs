@@ -136,9 +136,9 @@ fn outcome(kind: Kind, damage: &str, whole: &Analysed, found: &Analysed) -> Outc
     }
     let mut worst = (0.0, String::new());
     for (name, value, std) in &found.parameters {
-        let Some((_, before, std_before)) = whole.parameters.iter().find(|(n, ..)| n == name) else { continue };
+        let Some((_, before, _)) = whole.parameters.iter().find(|(n, ..)| n == name) else { continue };
         let off = (value - before).abs();
-        let z = if off == 0.0 { 0.0 } else { off / std.min(*std_before).max(1e-300) };
+        let z = if off == 0.0 { 0.0 } else { off / std.max(1e-300) };
         if z > worst.0 || z.is_nan() {
             worst = (z, name.clone());
         }
@@ -152,24 +152,48 @@ fn outcome(kind: Kind, damage: &str, whole: &Analysed, found: &Analysed) -> Outc
 
 /// Why a damage cannot be seen in a run of a kind.
 fn not_visible(kind: Kind, damage: &str) -> Option<&'static str> {
-    let is = |begin: &str| damage.starts_with(begin);
+    let exchanged = ["x and y exchanged", "y and z exchanged", "x, y, z turned round"].contains(&damage);
+    let reversed = ["x reversed", "all axes reversed"].contains(&damage);
+    let scaled = damage.starts_with("readings ") && damage != "readings rounded to 10 nT";
     match kind {
-        Kind::ZeroField if is("readings") && !is("readings rounded") || is("x reversed") || is("all axes") || is("x and y") || is("y and z") || is("x, y, z") => {
-            Some("nothing is applied, so that no size, sign or axis is known")
+        Kind::ZeroField if scaled || exchanged || reversed => {
+            Some("nothing is applied, so that no size, sign or axis of the readings is known")
         }
-        Kind::Amplitudes if is("readings") || is("gain") => Some("the table does not say what was applied"),
+        Kind::Amplitudes if scaled => Some("the table does not say what was applied"),
+        Kind::Sines if exchanged || damage == "readings of x x 2" => {
+            Some("how the sensor stands in the field of the sines is not known, and their modulus stays within the factor 1.5")
+        }
+        Kind::Scalar if damage.starts_with("settings of X") || damage == "all settings reversed" => {
+            Some("a modulus has no sign: the coil system that is mirrored in the same way gives the same moduli")
+        }
+        Kind::Moving if damage == "channels of sensor and coil exchanged" => {
+            Some("channels are told apart by their names alone, and any of the two bodies may be the warm one")
+        }
         _ => None,
     }
 }
 
-/// The table in Markdown.
+const HEAD: &str = "# Damaged runs\n\n\
+`cargo run --release -p calfit-studies --bin damages` makes small runs of every kind, damages them, and analyses them as a user does.\n\
+`refused`: no result. A word: the result stands with a new warning of that kind. A number in brackets: no warning, and no parameter\n\
+moves by more than so many of its standard uncertainties. `not visible`: parameters are wrong and nothing in such a run can show it, for\n\
+the reason below. `-`: the kind has nothing that the damage could change.\n";
+
+/// The answers that are wrong without a word.
 #[must_use]
-pub fn markdown(cells: &[Cell], kinds: &[Kind]) -> String {
-    let mut text = String::new();
-    let _ = writeln!(text, "| damage | {} |", kinds.iter().map(|k| k.name()).collect::<Vec<_>>().join(" | "));
+pub fn silent(cells: &[Cell]) -> Vec<&Cell> {
+    cells.iter().filter(|c| matches!(c.outcome, Outcome::Silent(..))).collect()
+}
+
+/// The table in Markdown, with the reasons why damages are not visible.
+#[must_use]
+pub fn report(cells: &[Cell], kinds: &[Kind]) -> String {
+    let mut text = format!("{HEAD}\n| damage | {} |\n", kinds.iter().map(|k| k.name()).collect::<Vec<_>>().join(" | "));
     let _ = writeln!(text, "|---|{}", "---|".repeat(kinds.len()));
     let mut names: Vec<&str> = Vec::new();
-    cells.iter().for_each(|c| if !names.contains(&c.damage) { names.push(c.damage) });
+    for cell in cells.iter().filter(|c| c.kind == kinds[0]) {
+        names.push(cell.damage);
+    }
     for name in names {
         let own = kinds.iter().map(|kind| {
             let cell = cells.iter().find(|c| c.damage == name && c.kind == *kind);
@@ -177,6 +201,19 @@ pub fn markdown(cells: &[Cell], kinds: &[Kind]) -> String {
         });
         let _ = writeln!(text, "| {name} | {} |", own.collect::<Vec<_>>().join(" | "));
     }
+    text.push_str("\nNot visible:\n\n");
+    for kind in kinds {
+        let reasons: BTreeSet<&str> = cells
+            .iter()
+            .filter(|c| c.kind == *kind)
+            .filter_map(|c| if let Outcome::NotVisible(r) = c.outcome { Some(r) } else { None })
+            .collect();
+        reasons.iter().for_each(|reason| {
+            let _ = writeln!(text, "* {}: {reason}.", kind.name());
+        });
+    }
+    let made = cells.iter().filter(|c| c.outcome != Outcome::NotThere).count();
+    let _ = writeln!(text, "\n{made} damaged runs; wrong without a word: {}.", silent(cells).len());
     text
 }
 

@@ -142,7 +142,9 @@ pub const ALL: [Damage; 52] = [
         readings(t, |_, _, [x, y, z]| [x.clamp(-limit, limit), y, z])
     }),
     damage("one reading of 1e29", |t| readings(t, |_, i, [x, y, z]| [if i == 777 { 1e29 } else { x }, y, z])),
-    damage("one mean of 1e29", |t| t.section("BLOCKS").is_some() && readings(t, |_, i, [x, y, z]| [if i == 17 { 1e29 } else { x }, y, z])),
+    damage("one mean of 1e29", |t| {
+        t.section("BLOCKS").is_some() && readings(t, |_, i, [x, y, z]| [if i == 17 { 1e29 } else { x }, y, z])
+    }),
     damage("one spike of 100 nT", |t| readings(t, |_, i, [x, y, z]| [x, if i == 1501 { y + 100.0 } else { y }, z])),
     damage("50 spikes of 5000 nT", |t| {
         let count = t.section("VECTORS").map_or(0.0, |s| s.rows.len() as f64);
@@ -156,7 +158,9 @@ pub const ALL: [Damage; 52] = [
     damage("last third lost", |t| keep(t, true, |_, part| part < 0.67)),
     damage("gain + 0.1 % from 45 % on", |t| sizes(t, |part, _| if part < 0.45 { 1.0 } else { 1.001 })),
     damage("gain + 2 % from 45 % on", |t| sizes(t, |part, _| if part < 0.45 { 1.0 } else { 1.02 })),
-    damage("gain of y + 0.5 % from 70 % on", |t| readings(t, |part, _, [x, y, z]| [x, if part < 0.7 { y } else { 1.005 * y }, z])),
+    damage("gain of y + 0.5 % from the middle on", |t| {
+        readings(t, |part, _, [x, y, z]| [x, if part < 0.5 { y } else { 1.005 * y }, z])
+    }),
     damage("offset + 20 nT from 45 % on", |t| readings(t, |part, _, r| r.map(|v| if part < 0.45 { v } else { v + 20.0 }))),
     damage("readings rounded to 10 nT", |t| readings(t, |_, _, r| r.map(|v| (v / 10.0).round() * 10.0))),
     damage("settings x 1000", |t| settings(t, |_, b| b.map(|v| 1000.0 * v))),
@@ -172,7 +176,8 @@ pub const ALL: [Damage; 52] = [
     damage("settings 0.6 s late", |t| times(t, 0.6)),
     damage("settings 3 s late", |t| times(t, 3.0)),
     damage("positions a row later", |t| {
-        let several = t.section("FIELDS").is_some_and(|s| s.place("position").is_some_and(|p| s.rows.iter().any(|r| r[p] != s.rows[0][p])));
+        let several =
+            t.section("FIELDS").is_some_and(|s| s.place("position").is_some_and(|p| s.rows.iter().any(|r| r[p] != s.rows[0][p])));
         several && roll(t, &["position"], 8)
     }),
     damage("one frequency + 1 %", |t| frequency(t, |f| 1.01 * f)),
@@ -181,7 +186,9 @@ pub const ALL: [Damage; 52] = [
     damage("sensor temperature jumps by 68 K", |t| temperature(t, "T59", |part, v| if part < 0.5 { v } else { v + 68.0 })),
     damage("sensor temperature stuck", |t| temperature(t, "T59", |_, _| 21.37)),
     damage("temperatures in kelvin", |t| temperature(t, "T59", |_, v| v + 273.15) && temperature(t, "T29", |_, v| v + 273.15)),
-    damage("temperatures in Fahrenheit", |t| temperature(t, "T59", |_, v| 1.8 * v + 32.0) && temperature(t, "T29", |_, v| 1.8 * v + 32.0)),
+    damage("temperatures in Fahrenheit", |t| {
+        temperature(t, "T59", |_, v| 1.8 * v + 32.0) && temperature(t, "T29", |_, v| 1.8 * v + 32.0)
+    }),
     damage("temperature of -300", |t| temperature(t, "T59", |_, _| -300.0)),
     damage("two temperatures, 17 and 85", |t| {
         let Some(section) = t.section("TEMPERATURES") else { return false };

@@ -10,7 +10,12 @@ fn places(kind: Kind) -> &'static [(&'static str, &'static str)] {
             &[("/matrix/phi", "/std/phi"), ("/offset/b_or_ent", "/std/b_or_ent"), ("/angle_deg/xi_xy", "/std/xi_deg/0")]
         }
         Kind::Offset => &[("/offset_ent", "/offset_std_ent"), ("/residual_coil_nt", "/residual_coil_std_nt")],
-        Kind::Sines => &[("/f_s_hz", "/f_s_std_hz"), ("/f_3db_model_hz", "/f_3db_model_std_hz"), ("/model/values/0/0", "/model/std/0/0"), ("/model/values/1/0", "/model/std/1/0")],
+        Kind::Sines => &[
+            ("/f_s_hz", "/f_s_std_hz"),
+            ("/f_3db_model_hz", "/f_3db_model_std_hz"),
+            ("/model/values/0/0", "/model/std/0/0"),
+            ("/model/values/1/0", "/model/std/1/0"),
+        ],
         Kind::Amplitudes => &[("/f_3db_model_hz", "/f_3db_model_std_hz"), ("/model/values/0/0", "/model/std/0/0")],
         Kind::ZeroField => &[
             ("/offset/mean_ent", "/offset/mean_std_ent"),

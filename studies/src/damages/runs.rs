@@ -93,9 +93,15 @@ pub fn undamaged() -> Result<Undamaged, Box<dyn Error>> {
     let demo = std::fs::read_to_string(repository("configs/demo.toml"))?;
     let Some((head, _)) = demo.split_once("[[run]]") else { return Err("the twin has no run".into()) };
     // The sweep is over in half an hour, and the moving run sees some kelvin.
-    let mut twin = head.replace("rate_k_per_h = 20.0", "rate_k_per_h = 300.0").replace("time_constant_h = 4.0", "rate_k_per_h = 120.0");
+    let mut twin = head
+        .replace("rate_k_per_h = 20.0", "rate_k_per_h = 300.0")
+        .replace("time_constant_h = 4.0", "rate_k_per_h = 120.0")
+        .replace("interval_s = 20.0", "interval_s = 4.0");
     for (_, start, programme, rest) in RUNS {
-        let _ = write!(twin, "\n[[run]]\nstart = \"{start}\"\nprogramme = \"{programme}\"\nsensor = \"FGM\"\nmode = \"science\"\n{rest}");
+        let _ = write!(
+            twin,
+            "\n[[run]]\nstart = \"{start}\"\nprogramme = \"{programme}\"\nsensor = \"FGM\"\nmode = \"science\"\n{rest}"
+        );
     }
     let twins = folder.path().join("twin");
     std::fs::create_dir(&twins)?;
@@ -103,7 +109,8 @@ pub fn undamaged() -> Result<Undamaged, Box<dyn Error>> {
     std::fs::copy(repository("configs/SCALAR_83.MAG"), twins.join("SCALAR_83.MAG"))?;
     for (name, kind, steps) in programmes() {
         let rows: String = steps.iter().map(|(s, [x, y, z], f, p)| format!("{s},{x:.2},{y:.2},{z:.2},{f},{p}\n")).collect();
-        let text = format!("MAG 1\nname = \"{name}\"\nkind = \"{kind}\"\n@STEPS\nduration,bx,by,bz,frequency,position\n{rows}@END\n");
+        let text =
+            format!("MAG 1\nname = \"{name}\"\nkind = \"{kind}\"\n@STEPS\nduration,bx,by,bz,frequency,position\n{rows}@END\n");
         std::fs::write(twins.join(name), text)?;
     }
     let twin = twin::read(&twins.join("twin.toml"), &mut Vec::new()).map_err(|e| e.to_string())?;
@@ -164,8 +171,7 @@ fn programmes() -> Vec<(&'static str, &'static str, Vec<Step>)> {
 fn means(run: &Text) -> Text {
     let mut run = run.clone();
     let vectors = run.section("VECTORS").map(|s| s.rows.clone()).unwrap_or_default();
-    let samples: Vec<[f64; 4]> =
-        vectors.iter().map(|r| std::array::from_fn(|i| r[i + 1].parse().unwrap_or(f64::NAN))).collect();
+    let samples: Vec<[f64; 4]> = vectors.iter().map(|r| std::array::from_fn(|i| r[i + 1].parse().unwrap_or(f64::NAN))).collect();
     let fields = run.section("FIELDS").map(|s| s.rows.clone()).unwrap_or_default();
     let columns = ["t_start", "t_end", "bx", "by", "bz", "position", "x", "y", "z", "sx", "sy", "sz", "count"];
     let rows = fields.iter().map(|row| {
@@ -181,8 +187,7 @@ fn means(run: &Text) -> Text {
         cells.push(format!("{count}"));
         cells
     });
-    let blocks =
-        Section { name: "BLOCKS".to_owned(), columns: columns.map(str::to_owned).to_vec(), rows: rows.collect() };
+    let blocks = Section { name: "BLOCKS".to_owned(), columns: columns.map(str::to_owned).to_vec(), rows: rows.collect() };
     run.sections.retain(|s| s.name != "FIELDS" && s.name != "VECTORS");
     run.sections.insert(0, blocks);
     run
@@ -193,7 +198,8 @@ fn amplitudes() -> Text {
     let rows = (0..24).map(|k| {
         let frequency = 0.5 * 1.28_f64.powi(k);
         let noise = |i: i32| 0.02 * f64::from((7 * k + 13 * i) % 11 - 5) / 5.0;
-        let cells = [0, 1, 2].map(|i| format!("{:.4}", 1000.0 / (1.0 + (frequency / f64::from(57 + i)).powi(2)).sqrt() + noise(i)));
+        let cells =
+            [0, 1, 2].map(|i| format!("{:.4}", 1000.0 / (1.0 + (frequency / f64::from(57 + i)).powi(2)).sqrt() + noise(i)));
         std::iter::once(format!("{frequency:.6}")).chain(cells).chain([0.02; 3].map(|s| s.to_string())).collect()
     });
     let columns = ["frequency_hz", "bx_ent", "by_ent", "bz_ent", "bx_std_ent", "by_std_ent", "bz_std_ent"];
@@ -207,7 +213,8 @@ fn amplitudes() -> Text {
 /// It cannot be written.
 pub fn write(kind: Kind, text: &Text, campaign: &str, folder: &Path) -> Result<std::path::PathBuf, Box<dyn Error>> {
     std::fs::write(folder.join("campaign.toml"), campaign)?;
-    let start = RUNS.iter().find(|(k, ..)| *k == kind || (kind == Kind::Means && *k == Kind::Linearity)).map(|(_, start, ..)| *start);
+    let start =
+        RUNS.iter().find(|(k, ..)| *k == kind || (kind == Kind::Means && *k == Kind::Linearity)).map(|(_, start, ..)| *start);
     let (path, content) = match start {
         Some(start) => (folder.join(file(start)), text.text()),
         None => (folder.join("amplitudes.csv"), text.csv()),
