@@ -75,7 +75,7 @@ const RUNS: [(Kind, &str, &str, &str); 7] = [
     (Kind::Sines, "2026-03-02T08:46:00Z", "FREQ.MAG", "position = 5\n"),
     (Kind::Moving, "2026-03-02T15:50:00Z", "LIN.MAG", "sample_rate_hz = 32.0\n"),
     (Kind::ZeroField, "2026-03-03T06:30:00Z", "NULL.MAG", "sample_rate_hz = 4.0\n"),
-    (Kind::Sweep, "2026-03-03T16:00:00Z", "SWEEP.MAG", "sample_rate_hz = 8.0\n"),
+    (Kind::Sweep, "2026-03-03T16:00:00Z", "SWEEP.MAG", "sample_rate_hz = 4.0\n"),
 ];
 
 /// The runs without damage, and the campaign file that they need.
@@ -154,16 +154,16 @@ fn programmes() -> Vec<(&'static str, &'static str, Vec<Step>)> {
         .map(|f: f64| (12.0, [0.0, 1000.0, 0.0], f, 1))
         .to_vec();
     let direction = |k: u32| {
-        let (z, turn) = (1.0 - (2.0 * f64::from(k * 137 % 300) + 1.0) / 300.0, 2.4 * f64::from(k));
+        let (z, turn) = (1.0 - (2.0 * f64::from(k * 37 % 120) + 1.0) / 120.0, 2.4 * f64::from(k));
         let aside: f64 = (1.0 - z * z).sqrt();
-        (5.0, [2000.0 * aside * turn.cos(), 2000.0 * aside * turn.sin(), 2000.0 * z], 0.0, 1)
+        (12.0, [2000.0 * aside * turn.cos(), 2000.0 * aside * turn.sin(), 2000.0 * z], 0.0, 1)
     };
     vec![
         ("LIN.MAG", "linearity", linearity),
         ("OFFSET.MAG", "offset", offset),
         ("FREQ.MAG", "frequency", sines),
         ("NULL.MAG", "zero-field", vec![(3600.0, [0.0; 3], 0.0, 1)]),
-        ("SWEEP.MAG", "sweep", (0..300).map(direction).collect()),
+        ("SWEEP.MAG", "sweep", (0..120).map(direction).collect()),
     ]
 }
 
