@@ -5,7 +5,7 @@ use super::stay::{Stay, ids};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::units::COMPONENTS;
-use crate::fit::{FitError, Limits, Solution, linear};
+use crate::fit::{FitError, Limits, NORMAL_95, Solution, linear, student_95};
 use crate::record::conditions;
 use crate::record::screens::{self, Implausible};
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -185,8 +185,12 @@ fn noise(solution: &Solution, rows: &[Row], weights: Option<&[f64]>) -> Result<(
             let scaled = DMatrix::from_fn(3 * full, 3 * full, |r, c| covariance[(r, c)] * wider[r / full] * wider[c / full]);
             Ok((scaled, std::array::from_fn(|i| noise.noise[i].std * wider[i])))
         }
-        // Too few plateaus to see how their means scatter: what the scatter of their samples lets expect.
-        (false, Some(std)) => {
+        // Too few plateaus to see well how their means scatter: what the scatter of their samples lets expect, or what little is left of the
+        // means lets not exclude, for sources scatter from setting to setting as well.
+        (false, Some(sampled)) => {
+            let dof = solution.dof;
+            let left = |i: usize| if dof > 0 { solution.residual_std[i] * student_95(dof) / NORMAL_95 } else { 0.0 };
+            let std: [f64; 3] = std::array::from_fn(|i| sampled[i].max(left(i)));
             let of = |row: usize, column: usize| {
                 std[row / full] * std[column / full] * solution.unscaled_covariance[(row % full, column % full)]
             };
