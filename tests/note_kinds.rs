@@ -28,7 +28,7 @@ fn has(run: &Run, command: &str, options: &[&str], kind: &str) {
 /// Levels up and down again, so that a moment in time is no level of the field.
 fn linearity() -> Run {
     let levels = [-2000.0, -800.0, 400.0, 1200.0, 2000.0, 1600.0, -400.0, -1200.0];
-    Plan { settings: programme(&levels, 2.0), rate_hz: 32.0, ..Plan::default() }.run()
+    Plan { settings: programme(&levels, 2.0), ..Plan::default() }.run()
 }
 
 fn quiet() -> Run {
@@ -79,7 +79,7 @@ fn losses_and_spikes_are_named() {
     let all = linearity();
     let third = all.samples_of(9);
     has(&linearity().lose(third.start + 10..third.start + 12), "lin", &[], "losses");
-    has(&linearity().spike(third.start + 30, 0, 500.0), "lin", &[], "spikes");
+    has(&linearity().spike(third.start + 120, 0, 500.0), "lin", &[], "spikes");
 }
 
 #[test]
