@@ -75,7 +75,7 @@ fn is_std(key: &str) -> bool {
 
 /// A name that goes into names of files.
 fn is_name(id: &str) -> bool {
-    !id.is_empty() && !id.starts_with('.') && !id.chars().any(|c| c.is_control() || "/\\:".contains(c))
+    !id.is_empty() && !id.starts_with('.') && !id.chars().any(|c| c.is_control() || "/\\".contains(c))
 }
 
 fn number(value: &Value) -> Option<f64> {
