@@ -46,7 +46,8 @@ fn amplified(mut run: Run, from: f64, factor: f64) -> Run {
 #[test]
 fn runs_without_damage_have_no_notes_about_readings() {
     assert_eq!(found(&linearity(), "lin", &[]).1, Vec::<String>::new());
-    assert_eq!(found(&quiet(), "null", &[]).1, Vec::<String>::new());
+    // Its few temperatures are none of the readings.
+    assert!(found(&quiet(), "null", &[]).1.iter().all(|kind| kind == "temperature"));
 }
 
 #[test]
