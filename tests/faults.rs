@@ -441,3 +441,17 @@ fn a_run_is_refused_where_the_library_refuses_it() {
         refused(&bad, &[]).says(&[rule.split(';').next().unwrap()]);
     }
 }
+
+#[cfg(unix)]
+#[test]
+fn a_link_in_place_of_the_folder_of_a_run_leads_nowhere() {
+    let case = Case::of(common::good().text());
+    let elsewhere = case.path().join("elsewhere");
+    fs::create_dir_all(&elsewhere).unwrap();
+    fs::create_dir_all(case.out()).unwrap();
+    std::os::unix::fs::symlink(&elsewhere, case.out().join(common::RUN_ID)).unwrap();
+    let output = case.lin(&["--no-plots"]);
+    assert_eq!(output.status.code(), Some(1), "{}", common::check::text(&output.stderr));
+    common::check::says(&common::check::text(&output.stderr), &["is a link that leads out of the output folder"]);
+    assert_eq!(fs::read_dir(&elsewhere).unwrap().count(), 0);
+}

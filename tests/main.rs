@@ -32,6 +32,7 @@ mod moving;
 mod nist_linear;
 mod nist_nonlinear;
 mod nist_sine;
+mod note_kinds;
 mod null;
 mod offset;
 mod places;

@@ -1,13 +1,30 @@
 //! What a person should know about a result: every warning of an analysis is a [`Note`].
 
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Serialize, Serializer};
 use std::fmt;
 
-/// What a note is about. Programs decide by it, never by the text.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+/// What a note is about. Programs decide by it, never by the text; in files it is the word in snake case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum NoteKind {
     /// The axes of the sensor do not stand as the position table says.
     Axes,
+    /// A component looks against its nominal axis.
+    ReversedAxis,
+    /// A component looks along the nominal axis of another.
+    SwappedAxes,
+    /// The conversion is far from the nominal one.
+    Gain,
+    /// The conversion changes inside the run.
+    GainJump,
+    /// Readings and settings do not belong together.
+    Mismatch,
+    /// A component gives the same reading always.
+    Stuck,
+    /// Single readings far from those beside them.
+    Spikes,
+    /// Readings that are missing.
+    Losses,
     /// The model does not describe the readings, or the run does not determine it well.
     Fit,
     /// Known effects of a model file that were taken off, or were not.
@@ -28,7 +45,7 @@ impl NoteKind {
     /// The word that stands before the text; only for kinds that concern a result as a whole.
     fn label(self) -> Option<&'static str> {
         match self {
-            NoteKind::Axes => Some("AXES"),
+            NoteKind::Axes | NoteKind::ReversedAxis | NoteKind::SwappedAxes => Some("AXES"),
             NoteKind::Fit => Some("FIT"),
             NoteKind::Model => Some("MODEL"),
             _ => None,
@@ -81,7 +98,7 @@ impl Note {
     /// Whether it concerns the result as a whole, so that a report begins with it.
     #[must_use]
     pub fn comes_first(&self) -> bool {
-        matches!(self.kind, NoteKind::Axes | NoteKind::Fit)
+        self.kind.label().is_some_and(|label| label != "MODEL")
     }
 }
 
@@ -102,4 +119,31 @@ impl Serialize for Note {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }
+}
+
+/// Notes as files and `--json` hold them: a line of text each, and beside them what each is about.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Told {
+    /// A line per note.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+    /// The kind of each, in the same order. Files of earlier versions have none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warning_kinds: Vec<NoteKind>,
+}
+
+impl Told {
+    /// All notes of a result.
+    #[must_use]
+    pub fn of(notes: &[Note]) -> Self {
+        Self { warnings: notes.iter().map(Note::to_string).collect(), warning_kinds: notes.iter().map(|n| n.kind).collect() }
+    }
+}
+
+/// Writes the notes of a structure that holds them as they are.
+///
+/// # Errors
+/// Those of the serializer.
+pub fn told<S: Serializer>(notes: &[Note], serializer: S) -> Result<S::Ok, S::Error> {
+    Told::of(notes).serialize(serializer)
 }

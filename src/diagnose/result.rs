@@ -1,6 +1,6 @@
 //! What a diagnosis found.
 
-use crate::data::note::Note;
+use crate::data::note::{Note, told};
 use crate::fit::noise::state_space::NoiseParameters;
 use crate::model::effects::{EffectRef, Spec};
 use serde::Serialize;
@@ -31,7 +31,7 @@ pub struct Diagnosis {
     /// In one line.
     pub verdict: String,
     /// What a person should know.
-    #[serde(rename = "warnings")]
+    #[serde(flatten, serialize_with = "told")]
     pub notes: Vec<Note>,
     /// Smallest and largest reading of the sensor axes, without offset, enT.
     #[serde(skip)]

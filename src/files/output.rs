@@ -6,7 +6,7 @@ use crate::data::error::Finding;
 use sha2::{Digest, Sha256};
 use std::fs::{self, File};
 use std::io::{Read, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
 /// How the files that the tool writes begin: parameter files and CSV tables, Markdown, JSON, XML, and (within the head of the picture)
@@ -61,6 +61,24 @@ impl Folder {
         Ok(Self { path: path.to_owned(), force, recording: None })
     }
 
+    /// A folder inside a folder for results, or that itself for an empty name: nothing is written elsewhere, whatever the name is or leads
+    /// to.
+    ///
+    /// # Errors
+    /// A name that leaves the folder, a link in its place, or what the operating system says.
+    pub fn open_below(parent: &Path, name: &str, force: bool) -> Result<Self, Finding> {
+        if name.is_empty() {
+            return Self::open(parent, force);
+        }
+        let path = parent.join(name);
+        must_stay_inside(&path, name)?;
+        if fs::symlink_metadata(&path).is_ok_and(|meta| meta.is_symlink()) {
+            let remedy = "take the link away, or choose another output folder with -o";
+            return Err(Finding::error(&path.display().to_string(), "is a link that leads out of the output folder", remedy));
+        }
+        Self::open(&path, force)
+    }
+
     /// The same folder, whose files are noted in the ledger of a result folder, with where they come from. `below` is its path there.
     #[must_use]
     pub fn recording(self, ledger: &Ledger, below: &str, origin: Origin) -> Self {
@@ -74,6 +92,7 @@ impl Folder {
     /// A folder or a foreign file of that name.
     pub fn check(&self, name: &str) -> Result<(), Finding> {
         let path = self.path.join(name);
+        must_stay_inside(&path, name)?;
         let Ok(existing) = fs::symlink_metadata(&path) else { return Ok(()) };
         let shown = path.display().to_string();
         if existing.is_dir() {
@@ -225,6 +244,15 @@ pub(super) fn must_be_folder(path: &Path) -> Result<(), Finding> {
         return Err(Finding::error(&path.display().to_string(), "is not a folder", "choose another output folder with -o"));
     }
     Ok(())
+}
+
+/// Refuses names that are no names of something inside a folder: ids come from files.
+fn must_stay_inside(path: &Path, name: &str) -> Result<(), Finding> {
+    let mut parts = Path::new(name).components().peekable();
+    if parts.peek().is_some() && parts.all(|part| matches!(part, Component::Normal(_))) {
+        return Ok(());
+    }
+    Err(Finding::error(&path.display().to_string(), "leaves the output folder", "correct the name or the run id in the input"))
 }
 
 /// Whether this tool wrote a file, by its mark.

@@ -13,6 +13,7 @@
 //! * [`noise`]: the noise of the rows, white, slow or growing with the field, and what it does to the coefficients.
 //! * [`scan`]: which of many groups of columns explains what a model leaves, paid for by simulation.
 //! * [`statistics`]: quantiles and tails of distributions, medians and extremes.
+//! * [`step`]: the row from which on something counts more or less.
 //! * [`scalar`]: minima and roots of functions of one number.
 //! * [`spectrum`]: amplitude densities of long records, piece by piece, and lines in them.
 //! * [`smooth`]: a slow quantity out of noisy readings of it.
@@ -41,6 +42,7 @@ pub mod sine;
 pub mod smooth;
 pub mod spectrum;
 pub mod statistics;
+pub mod step;
 
 pub use choice::aicc;
 pub use contaminated::Contaminated;

@@ -77,7 +77,7 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     let rates = applied.rates(&tones, rough_hz)?;
     let clock = Clock::of(&rates);
 
-    let mut measured = amplitudes(&tones, &applied.records, &clock);
+    let (mut measured, jumps) = amplitudes(&tones, &applied.records, &clock);
     for (part, setting) in measured.iter_mut().zip(&applied.settings) {
         part.frequency_hz = setting.frequency_hz;
         // A sine of which nothing is left has that for a reason, and not its missing samples.
@@ -86,12 +86,12 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
         }
         take_off(&applied.known, part);
     }
-    if !options.allow_gain {
-        let modulus = |values: [f64; 3]| values.iter().filter(|v| v.is_finite()).map(|v| v * v).sum::<f64>().sqrt();
-        screens::amplitude(measured.iter().zip(&applied.settings).map(|(a, s)| (modulus(s.field.0), modulus(a.b_ent))))?;
-    }
+    let modulus = |values: [f64; 3]| values.iter().filter(|v| v.is_finite()).map(|v| v * v).sum::<f64>().sqrt();
+    let pairs = measured.iter().zip(&applied.settings).map(|(a, s)| (modulus(s.field.0), modulus(a.b_ent)));
+    screens::judge(screens::amplitude(pairs), options.allow_gain, &mut notes)?;
     notes.extend(clock.notes(&rates, &applied.settings));
     notes.extend(refusals_and_damage(&measured));
+    notes.extend(jumps);
 
     let temperatures = Temperatures::of(run, instructions, span_s(&measured), &mut notes);
     notes.extend(temperatures.moved_k().map(moved));

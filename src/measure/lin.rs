@@ -24,7 +24,7 @@ use crate::fit::DenseNoise;
 use crate::fit::statistics::{extremes, median};
 use crate::model::campaign::Instructions;
 use crate::record::conditions::{self, AT_REST_K, Temperatures};
-use crate::record::screens;
+use crate::record::screens::{self, inside};
 use derived::{Derived, Parameters};
 use fit::{Fitted, Means, fit, stack};
 use moving::{Moving, Origin, Referred};
@@ -51,9 +51,8 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     };
     let Solved { means, fitted, noise, stacked, covariance, slopes } = solved;
     let used = prepared.used(order)?;
-    if slopes.is_some() && !options.allow_mismatch {
-        screens::followed(&readings_ent(&used), &fitted.solution.residuals)?;
-    }
+    let followed = screens::followed(&readings_ent(&used), &fitted.solution.residuals);
+    screens::judge(followed, options.allow_mismatch, &mut notes)?;
     if let Some(moving) = moving.as_ref().filter(|m| m.is_moving()) {
         temperatures.state_movement(moving.range_k(), moving.rate_k_per_h);
         let channel = temperatures.conditions.as_ref().map_or("", |c| c.sensor_channel.as_str());
@@ -70,9 +69,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         }
         None => None,
     };
-    if !options.allow_gain {
-        screens::gain(&parameters.split)?;
-    }
+    screens::judge(screens::gain(&parameters.split), options.allow_gain, &mut notes)?;
     let blocks = judge::blocks(
         &prepared.list,
         slopes.is_some().then_some(before.as_slice()),
@@ -88,6 +85,8 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     conditions::warn_of_run(&mut notes, run, instructions);
     judge::judge_fit(&mut notes, &blocks);
     if !options.robust {
+        let (responses, solution) = (3 * (means.baseline.response_order() + 1), &fitted.solution);
+        notes.extend(inside::gain_jumps(&means.columns(), responses, &solution.coefficients, &solution.residuals, &means.t_s));
         notes.extend(judge::structure_of(&temperatures, &prepared.list, &used, &means, &noise));
     }
     notes.extend(judge::rounding_of(&used, &noise));

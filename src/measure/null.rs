@@ -10,6 +10,7 @@ mod noise;
 mod record;
 mod refusal;
 mod rows;
+mod spikes;
 mod stops;
 
 pub use noise::STATED_HZ;
@@ -31,6 +32,7 @@ use noise::Noise;
 use record::Kept;
 use rows::{channel_rows, octaves, rows, unit};
 use serde::{Deserialize, Serialize};
+use spikes::Spikes;
 use stops::stops;
 
 /// How a zero-field run is analysed.
@@ -85,6 +87,7 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
         notes.push(Note::new(NoteKind::Data, text));
     }
     notes.extend(stuck(&record));
+    notes.extend(record.spikes.map(spikes_left_out));
     let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
 
     let bin_s = record.bin_samples as f64 / rate_hz;
@@ -139,10 +142,28 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
 /// Components that give one reading all the time. Bins hold the sums of readings minus the first one.
 fn stuck(record: &Kept) -> impl Iterator<Item = Note> {
     let still = |c: &usize| record.bins.iter().all(|bin| bin.sum[*c] == 0.0);
-    (0..3).filter(still).map(|c| {
-        let text = format!("component {} is stuck at {} enT: it has neither noise nor drift", COMPONENTS[c], record.reference[c]);
-        Note::new(NoteKind::Data, text).about(COMPONENTS[c]).with_remedy("check the component and its wiring")
+    (0..3).filter_map(move |c| {
+        let text = match record.stills[c] {
+            _ if still(&c) => {
+                format!("component {} is stuck at {} enT: it has neither noise nor drift", COMPONENTS[c], record.reference[c])
+            }
+            // A stop of all three is told by itself.
+            Some([from_s, until_s]) if record.frozen_s.is_none_or(|s| s != [from_s, until_s]) => {
+                format!("component {} is stuck from {from_s:.1} to {until_s:.1} s", COMPONENTS[c])
+            }
+            _ => return None,
+        };
+        Some(Note::new(NoteKind::Stuck, text).about(COMPONENTS[c]).with_remedy("check the component and its wiring"))
     })
+}
+
+/// Samples that stand out of those beside them.
+fn spikes_left_out(spikes: Spikes) -> Note {
+    let Spikes { count, t_s, reading_ent: [x, y, z] } = spikes;
+    let text = format!(
+        "{count} samples that stand out of those beside them by more than noise does were left out, the first at {t_s:.3} s: {x}, {y}, {z} enT"
+    );
+    Note::new(NoteKind::Spikes, text)
 }
 
 /// First and last sample, s since the run's start, of a run that is a record in zero field.

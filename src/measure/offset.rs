@@ -97,7 +97,8 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     let made = visits_made.len();
     let stays = pooled(visits_made);
     let levels = Levels::measure(&stays)?;
-    check_components(&stays, &levels, options.allow_mismatch)?;
+    let mut notes = Vec::new();
+    check_components(&stays, &levels, options.allow_mismatch, &mut notes)?;
     let solved = Solved::of(&stays, &levels)?;
     if solved.values.offset_ent.iter().all(|v| v.is_nan()) {
         let reasons: Vec<String> = solved.refused.iter().map(|r| format!("{}: {}", r.component, r.reason)).collect();
@@ -105,7 +106,7 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     }
 
     let span_s = [stays.first().map_or(0.0, |s| s.time_s()[0]), stays.last().map_or(0.0, |s| s.time_s()[1])];
-    let mut notes = solved.notes(&levels);
+    notes.extend(solved.notes(&levels));
     if stays.len() < made {
         let text = format!(
             "{made} visits were taken together in {}, so that a zero level is that of a position in a part of the run",

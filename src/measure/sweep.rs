@@ -40,7 +40,7 @@ use crate::record::conditions::{self, Temperatures};
 use crate::record::facility;
 use crate::record::known::{self, Known};
 use crate::record::position::{apply_limits, the_position};
-use crate::record::screens;
+use crate::record::screens::{self, inside};
 use fit::Problem;
 use means::Means;
 use nalgebra::Matrix3;
@@ -168,17 +168,18 @@ fn plausible(
 ) -> Result<Vec<Note>, SweepError> {
     let baseline = means.baseline(degc, asked.usual().linear());
     let fit = baseline.fit(&means.fields_nt, degc, &means.readings_ent, &Limits::default())?;
-    if !options.allow_mismatch {
-        screens::followed(&means.readings_ent, &fit.residuals)?;
-    }
+    let mut notes = Vec::new();
+    screens::judge(screens::followed(&means.readings_ent, &fit.residuals), options.allow_mismatch, &mut notes)?;
     let (response, _) = baseline.at(fit.coefficients.as_slice(), baseline.middle());
     let no_sensor = SweepError::NoSensor { degc: baseline.middle() };
     let phi = response.try_inverse().ok_or_else(|| no_sensor.clone())?;
     let split = split(&phi, r_nom).map_err(|_| no_sensor)?;
-    if !options.allow_gain {
-        screens::gain(&split)?;
-    }
-    Ok(screens::axes(&split))
+    screens::judge(screens::gain(&split), options.allow_gain, &mut notes)?;
+    notes.extend(screens::axes(&split));
+    let columns = baseline.columns(&means.fields_nt, degc);
+    let responses = 3 * (baseline.response_order() + 1);
+    notes.extend(inside::gain_jumps(&columns, responses, &fit.coefficients, &fit.residuals, &means.t_s));
+    Ok(notes)
 }
 
 /// Lowest and highest field of the settings along the nominal sensor axes, nT.

@@ -4,7 +4,7 @@ use super::temperature_faults;
 use crate::data::error::Severity;
 use crate::data::exclusion::ExcludedPart;
 use crate::data::note::{Note, NoteKind};
-use crate::data::plateau::{Plateau, Plateaus};
+use crate::data::plateau::{Drop, Plateau, Plateaus};
 use crate::data::result::{Conditions, Dropped, RunHead, Spread};
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
@@ -265,14 +265,14 @@ pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Pla
     for (name, count) in COMPONENTS.into_iter().zip(plateaus.without_scatter) {
         if count > 0 {
             notes.extend([
-                Note::new(NoteKind::Data, format!("component {name} has no scatter at all in {count} plateaus")).about(name)
+                Note::new(NoteKind::Stuck, format!("component {name} has no scatter at all in {count} plateaus")).about(name)
             ]);
         }
     }
     let shift_s = plateaus.edge_shift_s;
     if shift_s.abs() > 0.0 && plateaus.list.iter().any(|p| shift_s.abs() > (p.setting.t_end_s - p.setting.t_start_s) / 64.0) {
         notes.extend([Note::new(
-            NoteKind::Data,
+            NoteKind::Mismatch,
             format!("the data step {shift_s:+.2} s after the settings do; the disturbed ends of the plateaus were left out"),
         )]);
     }
@@ -285,9 +285,15 @@ pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Pla
             ),
         )]);
     }
+    let incomplete = |p: &&Plateau| matches!(p.dropped, Some(Drop::NoSamples | Drop::Coverage { .. }));
+    let lacking = plateaus.list.iter().filter(incomplete).count();
+    if lacking > 0 {
+        let text = format!("{lacking} of {} settings have too few samples and were left out", plateaus.list.len());
+        notes.extend([Note::new(NoteKind::Losses, text)]);
+    }
     let spikes: u64 = plateaus.list.iter().map(|p| p.spike_samples).sum();
     if spikes > 0 {
-        notes.extend([Note::new(NoteKind::Data, format!("{spikes} samples in stretches with spikes were left out"))]);
+        notes.extend([Note::new(NoteKind::Spikes, format!("{spikes} samples in stretches with spikes were left out"))]);
     }
 }
 
@@ -309,7 +315,7 @@ pub fn warn_of_run(notes: &mut impl Extend<Note>, run: &Run, instructions: &Inst
     notes.extend(temperature_faults::notes(run, instructions));
     if run.vectors.lost > 0 {
         notes.extend([Note::new(
-            NoteKind::Data,
+            NoteKind::Losses,
             format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count),
         )]);
     }

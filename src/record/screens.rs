@@ -1,6 +1,8 @@
 //! What the means of a run show by themselves that cannot be right, for every analysis with applied fields: components that do not follow the
 //! fields or stand still, conversions far from the nominal one, axes elsewhere than the position says.
 
+pub mod inside;
+
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateaus;
 use crate::data::units::COMPONENTS;
@@ -59,6 +61,16 @@ pub enum Implausible {
 }
 
 impl Implausible {
+    /// What it is about.
+    #[must_use]
+    pub fn kind(&self) -> NoteKind {
+        match self {
+            Implausible::Edges { .. } | Implausible::Unrelated { .. } => NoteKind::Mismatch,
+            Implausible::Stuck { .. } => NoteKind::Stuck,
+            Implausible::Gain { .. } | Implausible::Amplitude { .. } => NoteKind::Gain,
+        }
+    }
+
     /// What to do about it.
     #[must_use]
     pub fn remedy(&self) -> &'static str {
@@ -74,6 +86,20 @@ impl Implausible {
                 "check `unit` and `nominal_factor`, or go on with --allow gain"
             }
         }
+    }
+}
+
+/// Refuses what cannot be right, or tells it where the user goes on with it.
+///
+/// # Errors
+/// What was found, if it is not allowed.
+pub fn judge(found: Result<(), Implausible>, is_allowed: bool, notes: &mut impl Extend<Note>) -> Result<(), Implausible> {
+    match found {
+        Err(implausible) if is_allowed => {
+            notes.extend([Note::new(implausible.kind(), format!("{implausible}, which was allowed"))]);
+            Ok(())
+        }
+        other => other,
     }
 }
 
@@ -134,7 +160,9 @@ pub fn amplitude(pairs: impl Iterator<Item = (f64, f64)>) -> Result<(), Implausi
     }
 }
 
-fn is_plausible(gain: f64) -> bool {
+/// Whether a conversion is within the factor of the nominal one that sensors keep.
+#[must_use]
+pub fn is_plausible(gain: f64) -> bool {
     (1.0 / PLAUSIBLE_GAIN..=PLAUSIBLE_GAIN).contains(&gain)
 }
 
@@ -149,7 +177,8 @@ pub fn axes(split: &Split) -> Vec<Note> {
     for (component, along) in misplaced_axes(split) {
         let name = COMPONENTS.get(component).copied().unwrap_or("?");
         let text = format!("component {name} looks along the nominal {along} axis");
-        notes.push(Note::new(NoteKind::Axes, text).about(name).with_remedy("check the position, the wiring and the signs"));
+        let kind = if along.ends_with(name) { NoteKind::ReversedAxis } else { NoteKind::SwappedAxes };
+        notes.push(Note::new(kind, text).about(name).with_remedy("check the position, the wiring and the signs"));
     }
     notes
 }

@@ -341,6 +341,9 @@ impl<'a> Channel<'a> {
             let probability = two_sided_tail(neighbour.1 / AGREEMENT_K);
             return Some(self.fault(Fault::StandsStill { time_s, degc: first.1, neighbour: Some(neighbour) }, probability));
         }
+        if let (true, Some(probability)) = (best.len() == self.series.len(), self.still_beside(others)) {
+            return Some(self.fault(Fault::StandsStill { time_s, degc: first.1, neighbour: None }, probability));
+        }
         // What the readings scatter by elsewhere, against their last digit: two in a row are equal by chance with digit / (2 s sqrt(pi)).
         let elsewhere: Vec<&[(f64, f64)]> = self
             .series
@@ -364,6 +367,19 @@ impl<'a> Channel<'a> {
         let probability = self.series.len() as f64 * equal.powf((best.len() - 1) as f64);
         (probability < LEAST_PROBABILITY)
             .then(|| self.fault(Fault::StandsStill { time_s, degc: first.1, neighbour: None }, probability))
+    }
+
+    /// Probability that all readings are equal where they scatter like those of the other channel that repeats itself most; none if that
+    /// is no wonder.
+    fn still_beside(&self, others: &[&Channel]) -> Option<f64> {
+        let pairs = self.series.len() - 1;
+        let repeats = |other: &&&Channel| {
+            let equal = other.series.windows(2).filter(|w| w[0].1 == w[1].1).count();
+            (equal + 1) as f64 / other.series.len() as f64
+        };
+        let enough = others.iter().filter(|o| o.series.len() >= LEAST_STILL && pairs >= LEAST_STILL);
+        let most = enough.map(|o| repeats(&o)).max_by(f64::total_cmp)?;
+        Some(most.min(1.0).powf(pairs as f64)).filter(|p| *p < LEAST_PROBABILITY)
     }
 
     fn unit(&self, others: &[&Channel], in_room: bool) -> Option<ChannelFault> {

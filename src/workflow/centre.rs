@@ -5,7 +5,7 @@ use super::{Desk, Outcome};
 use crate::data::across::CalibratedRun;
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::{Note, Told};
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::result::Covariance;
 use crate::files::ledger::Origin;
@@ -206,7 +206,7 @@ fn tcf(result: &AtCentre, tpf: &Tpf) -> Tcf {
             covariance: named_covariances(&result.beside),
         },
         residual_field: offset.map(|o| o.residual.clone()),
-        warnings: result.notes.iter().map(Note::to_string).collect(),
+        told: Told::of(&result.notes),
     }
 }
 

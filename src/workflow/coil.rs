@@ -3,7 +3,7 @@
 use super::{Desk, Failure, Job, Outcome, Shown, draw, make, read};
 use crate::data::calibration::LinearCalibration;
 use crate::data::error::Finding;
-use crate::data::note::{Note, NoteKind};
+use crate::data::note::{Note, NoteKind, Told};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::{Reading, Recipe};
 use crate::data::run::Run;
@@ -59,11 +59,7 @@ impl CoilResult for Scalar {
         Shown { figures: plot::coil::scalar, sections: show::coil::scalar, summary: show::coil::scalar_summary };
 
     fn parameters(&self) -> CoilScalar {
-        CoilScalar {
-            convention: CoilConvention::scalar(),
-            found: self.found.clone(),
-            warnings: self.notes.iter().map(Note::to_string).collect(),
-        }
+        CoilScalar { convention: CoilConvention::scalar(), found: self.found.clone(), told: Told::of(&self.notes) }
     }
     fn view(&self) -> impl Serialize + '_ {
         ScalarView { parameters: self.parameters(), rows: &self.rows }
@@ -82,11 +78,7 @@ impl CoilResult for Residual {
         Shown { figures: plot::coil::residual, sections: show::coil::residual, summary: show::coil::residual_summary };
 
     fn parameters(&self) -> CoilResidual {
-        CoilResidual {
-            convention: CoilConvention::residual(),
-            found: self.found.clone(),
-            warnings: self.notes.iter().map(Note::to_string).collect(),
-        }
+        CoilResidual { convention: CoilConvention::residual(), found: self.found.clone(), told: Told::of(&self.notes) }
     }
     fn notes(&self) -> &[Note] {
         &self.notes
@@ -101,11 +93,7 @@ impl CoilResult for Tilt {
     const SHOWN: Shown<Self> = Shown { figures: plot::coil::tilt, sections: show::coil::tilt, summary: show::coil::tilt_summary };
 
     fn parameters(&self) -> CoilTilt {
-        CoilTilt {
-            convention: CoilConvention::tilt(),
-            found: self.found.clone(),
-            warnings: self.notes.iter().map(Note::to_string).collect(),
-        }
+        CoilTilt { convention: CoilConvention::tilt(), found: self.found.clone(), told: Told::of(&self.notes) }
     }
     fn notes(&self) -> &[Note] {
         &self.notes

@@ -3,7 +3,7 @@
 use super::{Ingredients, Made, PerRun, Refusal, RunResult, Shown};
 use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::{Note, Told};
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::recipe::Recipe;
 use crate::data::result::RunHead;
@@ -125,7 +125,7 @@ impl RunResult for Freq {
             effects: self.effects.clone(),
             amplitude: self.amplitude.clone(),
             conditions: self.temperatures.conditions.clone(),
-            warnings: self.notes.iter().map(Note::to_string).collect(),
+            told: Told::of(&self.notes),
         }
     }
     fn view(&self) -> impl Serialize + '_ {

@@ -276,7 +276,7 @@ impl Import {
         findings: &mut Vec<Finding>,
     ) -> Result<ImportedRun, Finding> {
         let (day, time) = header.run.split_once('_').unwrap_or(("", &header.run));
-        let folder = Folder::open(&self.out.join(day), self.force)?;
+        let folder = Folder::open_below(&self.out, day, self.force)?;
         let name = format!("{time}.CCR");
         let mut file = folder.create(&name)?;
         let failed = |e: std::io::Error| Finding::io(&folder.path().join(&name), "write", &e);

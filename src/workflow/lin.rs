@@ -4,7 +4,7 @@ use super::{Ingredients, Made, PerRun, Refusal, RunResult, Shown};
 use crate::data::across::CalibratedRun;
 use crate::data::envelope::Envelope;
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::{Note, Told};
 use crate::data::plateau::{self, Accumulator};
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
@@ -125,7 +125,7 @@ impl RunResult for Lin {
             linearisation: self.linearisation.clone(),
             model: self.model.clone(),
             dropped: self.dropped.clone(),
-            warnings: self.notes.iter().map(Note::to_string).collect(),
+            told: Told::of(&self.notes),
         }
     }
     fn view(&self) -> impl Serialize + '_ {

@@ -2,7 +2,7 @@
 
 use super::{Desk, Job, Made, Outcome, draw, recipe};
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::Told;
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::recipe::Recipe;
 use crate::files::ledger::Origin;
@@ -44,11 +44,7 @@ impl<'a> From<&'a Linearised> for LinearisedView<'a> {
 
 impl From<&Linearised> for LinearisationFile {
     fn from(result: &Linearised) -> Self {
-        Self {
-            convention: LinearisationConvention::default(),
-            shared: result.shared.clone(),
-            warnings: result.notes.iter().map(Note::to_string).collect(),
-        }
+        Self { convention: LinearisationConvention::default(), shared: result.shared.clone(), told: Told::of(&result.notes) }
     }
 }
 

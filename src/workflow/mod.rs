@@ -236,7 +236,7 @@ impl Desk {
     /// # Errors
     /// See [`Folder::open`].
     pub fn folder(&self, run: &str, origin: Origin) -> Result<Folder, Finding> {
-        let folder = Folder::open(&self.out.join(run), self.force)?;
+        let folder = Folder::open_below(&self.out, run, self.force)?;
         Ok(match self.results.ledger() {
             Some(ledger) => folder.recording(&ledger, run, origin),
             None => folder,

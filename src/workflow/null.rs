@@ -4,7 +4,7 @@ use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
 use crate::data::calibration::Sensitivities;
 use crate::data::envelope::Envelope;
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::{Note, Told};
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
 use crate::data::run::{Kind, Run};
@@ -76,7 +76,7 @@ impl RunResult for Null {
             convention: NullConvention::default(),
             found: self.found.clone(),
             conditions: self.temperatures.conditions.clone(),
-            warnings: self.notes.iter().map(Note::to_string).collect(),
+            told: Told::of(&self.notes),
         }
     }
     fn view(&self) -> impl Serialize + '_ {

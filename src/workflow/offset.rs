@@ -4,7 +4,7 @@ use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
 use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::{Note, Told};
 use crate::data::plateau::{self, Accumulator, Plateau};
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
@@ -90,7 +90,7 @@ impl RunResult for Offset {
             conditions: self.temperatures.conditions.clone(),
             facility: self.facility.clone(),
             dropped: self.dropped.clone(),
-            warnings: self.notes.iter().map(Note::to_string).collect(),
+            told: Told::of(&self.notes),
         }
     }
     fn view(&self) -> impl Serialize + '_ {

@@ -3,7 +3,7 @@
 use super::thermal::{CurveView, covariances, covariances_with_type_b, tpf};
 use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::{Note, Told};
 use crate::data::plateau::{self, Accumulator};
 use crate::data::provenance::Input;
 use crate::data::result::RunHead;
@@ -118,7 +118,7 @@ fn thermal_head(sweep: &Sweep) -> ThermalHead {
         covariance_b,
         covariance_combined,
         quantity: sweep.quantities.iter().map(|q| q.found.clone()).collect(),
-        warnings: sweep.notes.iter().map(Note::to_string).collect(),
+        told: Told::of(&sweep.notes),
     }
 }
 

@@ -8,7 +8,7 @@ use super::centre::Member;
 use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw};
 use crate::data::across::{CalibratedRun, LinearScope, RunRotations, RunValues};
 use crate::data::error::Finding;
-use crate::data::note::{Note, NoteKind};
+use crate::data::note::{Note, NoteKind, Told};
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::reference::StatedReference;
 use crate::data::run::Location;
@@ -459,7 +459,7 @@ fn head(result: &Thermal) -> ThermalHead {
         covariance_combined,
         quantity: result.quantities.iter().map(|q| q.found.clone()).collect(),
         runs: ids,
-        warnings: result.notes.iter().map(Note::to_string).collect(),
+        told: Told::of(&result.notes),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{Desk, Outcome, draw};
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::Told;
 use crate::data::provenance::{Provenance, Role};
 use crate::data::recipe::Recipe;
 use crate::files::ccr::run_id_is_safe;
@@ -35,7 +35,7 @@ impl ThermistorMade {
             reference: self.result.reference.clone(),
             orders: self.result.orders.clone(),
             row: self.result.row.clone(),
-            warnings: self.result.notes.iter().map(Note::to_string).collect(),
+            told: Told::of(&self.result.notes),
         }
     }
 

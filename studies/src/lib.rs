@@ -7,6 +7,7 @@
 pub mod blind;
 pub mod closed_loop;
 pub mod coverage;
+pub mod damages;
 
 #[cfg(test)]
 mod tests;

@@ -35,7 +35,7 @@ _BY_END = (
     ("_h", "h"),
 )
 #: What describes a file and is no quantity of it.
-_NOT_VALUES = ("format", "version", "provenance", "apply", "convention", "warnings", "std", "std_b", "std_combined", "together")
+_NOT_VALUES = ("format", "version", "provenance", "apply", "convention", "warnings", "warning_kinds", "std", "std_b", "std_combined", "together")
 
 
 class Covariance(NamedTuple):

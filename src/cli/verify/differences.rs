@@ -3,8 +3,9 @@
 use std::borrow::Cow;
 
 /// Keys that files of earlier versions of the program do not have.
-const LATER_KEYS: [&str; 9] = [
+const LATER_KEYS: [&str; 10] = [
     "apply",
+    "warning_kinds",
     "valid_field_nt",
     "linearisation",
     "known_effects",

@@ -8,6 +8,7 @@ use crate::data::across::{CentreResidual, LinearScope, PairedCalibration};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
+use crate::data::note::Told;
 use crate::data::reference::Reference;
 use crate::data::result::{Covariance, Rows};
 use crate::model::field_calibration::Frame;
@@ -117,8 +118,8 @@ pub struct Tcf {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_field: Option<CentreResidual>,
     /// What a person should know.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 /// The position beside the centre.

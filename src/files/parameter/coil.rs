@@ -4,6 +4,7 @@ use super::Body;
 use super::kind::Naming;
 use super::quantity::Shape::{Pairs, Vector};
 use super::quantity::{COIL, Entry, Quantities};
+use crate::data::note::Told;
 use crate::model::facility_calibration::{ResidualFound, ScalarFound, TiltFound};
 use serde::{Deserialize, Serialize};
 
@@ -65,8 +66,8 @@ pub struct CoilScalar {
     #[serde(flatten)]
     pub found: ScalarFound,
     /// What a person should know.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 impl Body for CoilScalar {
@@ -96,8 +97,8 @@ pub struct CoilResidual {
     #[serde(flatten)]
     pub found: ResidualFound,
     /// What a person should know.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 impl Body for CoilResidual {
@@ -118,8 +119,8 @@ pub struct CoilTilt {
     #[serde(flatten)]
     pub found: TiltFound,
     /// What a person should know.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 impl Body for CoilTilt {

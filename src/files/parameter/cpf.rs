@@ -10,6 +10,7 @@ use crate::data::calibration::LinearCalibration;
 use crate::data::convention as data_convention;
 use crate::data::error::Finding;
 use crate::data::linearisation::LinearisationApplied;
+use crate::data::note::Told;
 use crate::data::result::{Conditions, Dropped};
 use crate::model::applied::ModelApplied;
 use crate::model::facility::FacilityApplied;
@@ -120,8 +121,8 @@ pub struct Cpf {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub dropped: Vec<Dropped>,
     /// What a person should know.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 impl Body for Cpf {

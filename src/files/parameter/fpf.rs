@@ -6,6 +6,7 @@ use super::point::{self, Point};
 use super::quantity::Shape::{Scalar, Vector};
 use super::quantity::{Entry, Quantities, RUN_DEGC, SENSOR};
 use crate::data::frequency::{FrequencyFound, FrequencyValues, SineAmplitude};
+use crate::data::note::Told;
 use crate::data::result::Conditions;
 use crate::model::applied::ModelApplied;
 use serde::{Deserialize, Serialize};
@@ -52,8 +53,8 @@ pub struct Fpf {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conditions: Option<Conditions>,
     /// What a person should know.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 impl Body for Fpf {

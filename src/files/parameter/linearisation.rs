@@ -5,6 +5,7 @@ use super::kind::Naming;
 use crate::data::apply::Apply;
 use crate::data::error::Finding;
 use crate::data::linearisation::SharedLinearisation;
+use crate::data::note::Told;
 use crate::files::linearisation;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -40,8 +41,8 @@ pub struct LinearisationFile {
     #[serde(flatten)]
     pub shared: SharedLinearisation,
     /// What a person should know.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 impl Body for LinearisationFile {

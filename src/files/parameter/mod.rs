@@ -16,6 +16,7 @@ mod null;
 mod opf;
 mod point;
 mod quantity;
+mod sound;
 mod thermal;
 mod thermistor;
 
@@ -171,6 +172,10 @@ fn open(path: &Path) -> Result<(String, Head, Input), Finding> {
             "take the original, or fit again",
         ));
     }
+    let document = text
+        .parse()
+        .map_err(|e: toml_edit::TomlError| refuse(format!("is not TOML: {}", e.message()), "take it from the archive again"))?;
+    sound::is_sound(path, &document)?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     Ok((text, head, digested.input(name)))
 }

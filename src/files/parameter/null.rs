@@ -2,6 +2,7 @@
 
 use super::Body;
 use super::kind::Naming;
+use crate::data::note::Told;
 use crate::data::result::Conditions;
 use crate::data::zero_field::ZeroFieldFound;
 use serde::{Deserialize, Serialize};
@@ -42,8 +43,8 @@ pub struct Npf {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conditions: Option<Conditions>,
     /// What a person should know.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 impl Body for Npf {

@@ -6,6 +6,7 @@ use super::quantity::Shape::{Scalar, Vector};
 use super::quantity::{COIL, Entry, Quantities, RUN_DEGC, SENSOR};
 use super::{Body, FieldPart};
 use crate::data::apply::{Apply, OffsetQuantity};
+use crate::data::note::Told;
 use crate::data::offset::{OffsetFound, OffsetValues};
 use crate::data::result::{Conditions, Dropped};
 use crate::model::facility::FacilityApplied;
@@ -54,8 +55,8 @@ pub struct Opf {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub dropped: Vec<Dropped>,
     /// What a person should know.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 impl Body for Opf {

@@ -9,6 +9,7 @@ use crate::data::across::{AppliedLag, LinearScope, RunModelErrors, RunResidualFi
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::Finding;
+use crate::data::note::Told;
 use crate::data::provenance::Input;
 use crate::data::quantity::QuantityFound;
 use crate::data::reference::{Reference, StatedReference};
@@ -76,8 +77,8 @@ pub struct ThermalHead {
     /// How every polynomial was found.
     pub quantity: Vec<QuantityFound>,
     /// What a person should know.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 /// What stands for the channel of the temperature if no run tells it.

@@ -4,6 +4,7 @@ use super::Body;
 use super::kind::Naming;
 use super::quantity::Shape::Scalar;
 use super::quantity::{Argument, Entry, Polynomial, Quantities, VALID_DEGC};
+use crate::data::note::Told;
 use crate::data::result::Covariance;
 use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, ThermistorPolynomial, TriedOrder};
 use serde::{Deserialize, Serialize};
@@ -47,8 +48,8 @@ pub struct ThermistorFile {
     /// The table with its residuals.
     pub row: Vec<FittedTableRow>,
     /// What a person should know.
-    #[serde(default)]
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 impl Body for ThermistorFile {

@@ -17,6 +17,7 @@ use crate::model::facility::{FacilityParameters, PeriodSpan};
 use crate::model::facility_calibration::{
     ScalarCalibration, ScalarFound, ScalarOutlier, ScalarPeriod, ScalarQuality, ScalarStep, ScalarValidity,
 };
+use crate::record::screens::{self, inside};
 use crate::record::temperature_faults;
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 use serde::{Deserialize, Serialize};
@@ -271,11 +272,13 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
         let text = "not every run has a coil temperature: the parameters hold for that of the calibration";
         notes.push(Note::new(NoteKind::Temperature, text));
     }
-    let outlier = outliers(&rows, runs, &fitted);
-    warn_of_outliers(&mut notes, &outlier, rows.len());
-    let used_rows: Vec<&Observation> = rows.iter().zip(&fitted.used).filter(|(_, used)| **used).map(|(row, _)| row).collect();
     // The last state of the facility is that of now.
     let Some(last) = period.last().cloned() else { return Err(CoilError::NoRows) };
+    let outlier = outliers(&rows, runs, &fitted);
+    warn_of_outliers(&mut notes, &outlier, rows.len());
+    notes.extend(jumps(&rows, runs, terms, &fitted));
+    notes.extend(far_from_nominal(&last.facility));
+    let used_rows: Vec<&Observation> = rows.iter().zip(&fitted.used).filter(|(_, used)| **used).map(|(row, _)| row).collect();
     let found = ScalarFound {
         used: runs.iter().map(|(run, _)| run.header.run.clone()).collect(),
         campaign: runs.first().map_or_else(String::new, |(_, instructions)| instructions.description.clone()),
@@ -546,6 +549,40 @@ fn widen(covariance: &mut Covariance, factors: &[f64; CONSTANT]) {
             *value *= factor(r) * factor(c);
         }
     }
+}
+
+/// Jumps of all moduli inside a calibration.
+fn jumps(rows: &[Observation], runs: &[(&Run, &Instructions)], terms: &Terms, fitted: &Fitted) -> Vec<Note> {
+    let model = Modulus { rows, terms };
+    let mut jacobian = DMatrix::zeros(rows.len(), terms.count());
+    model.jacobian(&fitted.solution.parameters, &mut jacobian);
+    let of = |(index, (run, _)): (usize, &(&Run, &Instructions))| {
+        let own: Vec<usize> = (0..rows.len()).filter(|i| rows[*i].run == index && fitted.used[*i]).collect();
+        let column = |value: &dyn Fn(usize) -> f64| own.iter().map(|i| value(*i)).collect::<Vec<f64>>();
+        let columns = jacobian.select_rows(&own);
+        let jump = inside::gain_jump(&inside::Rows {
+            columns: &columns,
+            residuals: &column(&|i| fitted.solution.residuals[i]),
+            course: &column(&|i| rows[i].scalar.modulus_nt),
+            t_s: &column(&|i| rows[i].scalar.t_s),
+            excess: 1.0,
+            has_signs: false,
+        })?;
+        Some(jump.note(&format!("the modulus in run {}", run.header.run), rows[own[jump.row]].scalar.t_s))
+    };
+    runs.iter().enumerate().filter_map(of).collect()
+}
+
+/// Says of scale factors that settings or moduli may be in another unit than nT.
+fn far_from_nominal(facility: &FacilityParameters) -> Option<Note> {
+    let scale = facility.scale_nt_per_eu;
+    (!scale.iter().all(|s| screens::is_plausible(*s))).then(|| {
+        let text = format!(
+            "the scale factors are {:.4e}, {:.4e}, {:.4e} nT per unit of the settings, far from 1",
+            scale[0], scale[1], scale[2]
+        );
+        Note::new(NoteKind::Gain, text).with_remedy("correct the unit if settings and moduli are meant to be in nT")
+    })
 }
 
 fn warn_of_outliers(notes: &mut Vec<Note>, outliers: &[ScalarOutlier], total: usize) {

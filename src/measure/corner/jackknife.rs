@@ -12,7 +12,7 @@ use crate::model::response::Response;
 const MOST_REPLICATES: usize = 256;
 const LEAST_REPLICATES: usize = 32;
 /// Rows in all repetitions together that may count.
-const MOST_ROWS: usize = 4_000_000;
+const MOST_ROWS: usize = 16_000;
 
 /// The rows that are left out together, each once, ascending; `rows` ascend.
 pub(super) fn groups(rows: &[usize]) -> Vec<Vec<usize>> {

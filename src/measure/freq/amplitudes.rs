@@ -4,19 +4,26 @@ use super::clock::Clock;
 use super::samples::Record;
 use super::tones::Tone;
 use crate::data::frequency::SineAmplitude;
+use crate::data::note::Note;
+use crate::data::units::COMPONENTS;
 use crate::fit::sine::{self, Residue, Sine, SineRefusal};
+use crate::record::screens::inside;
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// An amplitude of fewer standard uncertainties does not stand out of the noise.
 pub(super) const DETECTED: f64 = 3.0;
 
-/// Amplitude and phase of every setting; those that were refused say why.
-pub(super) fn amplitudes(tones: &[Tone], records: &[&Record], clock: &Clock) -> Vec<SineAmplitude> {
+/// Amplitude and phase of every setting; those that were refused say why. Beside them jumps of the gain inside settings.
+pub(super) fn amplitudes(tones: &[Tone], records: &[&Record], clock: &Clock) -> (Vec<SineAmplitude>, Vec<Note>) {
     let fits: Vec<Result<Option<Fits>, SineRefusal>> =
         tones.par_iter().zip(records).map(|(tone, record)| Fits::of(tone, record, clock)).collect();
     let noise = noise(tones, records, &fits, clock);
-    (0..tones.len()).map(|j| amplitude(&tones[j], records[j], &fits[j], noise[j])).collect()
+    let of = |j: usize| fits[j].as_ref().ok().and_then(Option::as_ref).map(|f| jumps(&tones[j], records[j], f, noise[j]));
+    let jumps: Vec<Vec<Note>> = (0..tones.len()).into_par_iter().filter_map(of).collect();
+    let measured = (0..tones.len()).map(|j| amplitude(&tones[j], records[j], &fits[j], noise[j])).collect();
+    (measured, jumps.concat())
 }
 
 /// The sines of one setting.
@@ -126,6 +133,26 @@ fn amplitude(
     part.samples = Some(n.len() as u64);
     part.used = true;
     part
+}
+
+/// Jumps of the gain inside a setting.
+fn jumps(tone: &Tone, record: &Record, fits: &Fits, noise: [Option<[f64; 2]>; 3]) -> Vec<Note> {
+    let (n, t_s) = (&record.n[tone.used.clone()], &record.t_s[tone.used.clone()]);
+    let angles: Vec<f64> = n.iter().map(|n| sine::phase(tone.setting.frequency_hz, fits.rate_hz, *n)).collect();
+    let columns = DMatrix::from_fn(angles.len(), 3, |i, j| match j {
+        0 => 1.0,
+        1 => angles[i].sin(),
+        _ => angles[i].cos(),
+    });
+    let of = |i: usize| {
+        let fit = &fits.components[i];
+        let course: Vec<f64> = angles.iter().map(|a| fit.amplitude * (a + fit.phase_rad).sin()).collect();
+        // Noise near the frequency, and not that of all frequencies, makes amplitudes.
+        let excess = noise[i].map_or(1.0, |[near, _]| if fit.residual_std > 0.0 { near / fit.residual_std } else { 1.0 });
+        let rows = inside::Rows { columns: &columns, residuals: &fit.residuals, course: &course, t_s, excess, has_signs: true };
+        inside::gain_jump(&rows).map(|jump| jump.note(COMPONENTS[i], t_s[jump.row]))
+    };
+    (0..3).filter_map(of).collect()
 }
 
 /// Cycles as an angle from -180 to 180 degrees.

@@ -3,10 +3,15 @@
 use crate::data::frequency::SineAmplitude;
 use crate::data::note::{Note, NoteKind};
 use crate::data::units::COMPONENTS;
-use crate::measure::corner::{self, Amplitude, Corner};
+use crate::fit::statistics::median;
+use crate::measure::corner::{self, Amplitude, Corner, ModelCorner};
 
 /// Weight in the response fit from which an amplitude counts as used.
 const USED: f64 = 0.5;
+/// Median of the modulus of a normal deviate.
+const NORMAL_MEDIAN: f64 = 0.6745;
+/// A response that leaves so many times the noise does not describe the amplitudes.
+const MANY_TIMES: f64 = 3.0;
 
 fn add_remark(part: &mut SineAmplitude, remark: String) {
     part.remark = if part.remark.is_empty() { remark } else { format!("{}; {remark}", part.remark) };
@@ -52,5 +57,27 @@ pub(super) fn respond(measured: &mut [SineAmplitude], notes: &mut Vec<Note>) -> 
             }
         }
     }
+    notes.extend(unexplained(&table, &corner));
     corner
+}
+
+/// Says of amplitudes with known noise that none of the responses describes them within it.
+fn unexplained(table: &[Amplitude], corner: &Corner) -> Option<Note> {
+    let known = |row: &&Amplitude| row.usable && row.std_ent.iter().all(|std| *std > 0.0);
+    let model = corner.model.filter(|_| corner.explained.is_none())?;
+    let rows: Vec<usize> = (0..table.len()).filter(|i| known(&&table[*i])).collect();
+    let of = |model: &ModelCorner, c: usize| {
+        let mut sizes: Vec<f64> =
+            rows.iter().map(|i| (model.residual_ent[*i] / table[*i].std_ent[c]).abs()).filter(|z| z.is_finite()).collect();
+        if sizes.is_empty() { 0.0 } else { median(&mut sizes) / NORMAL_MEDIAN }
+    };
+    let worst = (0..3).filter_map(|c| Some((c, of(corner.components[c].model.as_ref()?, c)))).max_by(|a, b| a.1.total_cmp(&b.1));
+    let (component, times) = worst.filter(|(_, times)| *times > MANY_TIMES)?;
+    let text = format!(
+        "the response \"{model}\", the best of those that are known, leaves {times:.0} times the noise of the amplitudes in {}; the \
+         uncertainties follow what it leaves",
+        COMPONENTS[component]
+    );
+    let remedy = "look for a change of the gain from one frequency to the next, or for a response of another kind";
+    Some(Note::new(NoteKind::Fit, text).with_remedy(remedy))
 }

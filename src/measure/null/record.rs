@@ -1,5 +1,6 @@
 //! What is kept of a long record while it is read: bins, periodograms, and the record at a low rate, in bounded memory.
 
+use super::spikes::{Gate, Spikes, Stills};
 use crate::data::run::{Header, Setting, Vector, VectorSink};
 use crate::data::units::Reading;
 use crate::fit::allan::{Bin, Differences};
@@ -23,6 +24,7 @@ pub const MOST_FILLED: u64 = CHUNK as u64;
 /// Takes the vectors of a long record: some 15 MB, however long it is.
 #[derive(Default)]
 pub struct Record {
+    gate: Gate,
     inner: Option<Box<Inner>>,
 }
 
@@ -49,10 +51,15 @@ struct Inner {
     still_since_s: f64,
     last_s: f64,
     frozen_s: [f64; 2],
+    stills: [Stills; 3],
 }
 
 /// What was kept.
 pub(super) struct Kept {
+    /// Samples that stand out of those beside them, which are not among what follows.
+    pub spikes: Option<Spikes>,
+    /// The longest stretch of equal readings of every component that noise does not make.
+    pub stills: [Option<[f64; 2]>; 3],
     /// Subtracted from every sample, enT.
     pub reference: [f64; 3],
     /// Bins in time order.
@@ -83,7 +90,7 @@ impl VectorSink for Record {
     #[inline(always)]
     fn vector(&mut self, vector: Vector) {
         if let Some(inner) = &mut self.inner {
-            inner.vector(vector);
+            self.gate.vector(vector, &mut |vector| inner.vector(vector));
         }
     }
 }
@@ -92,11 +99,14 @@ impl Record {
     /// Deals with what is left.
     pub(super) fn finish(self) -> Kept {
         let mut inner = *self.inner.unwrap_or_default();
+        let spikes = self.gate.finish(&mut |vector| inner.vector(vector));
         inner.deal();
         inner.stands_still();
         let length = inner.head[0].len();
         let whole = inner.next - inner.first == length as u64;
         Kept {
+            spikes,
+            stills: inner.stills.map(Stills::longest),
             reference: inner.reference,
             bins: inner.bins,
             bin_samples: inner.bin_chunks * CHUNK as u64,
@@ -135,6 +145,7 @@ impl Default for Inner {
             still_since_s: 0.0,
             last_s: 0.0,
             frozen_s: [0.0; 2],
+            stills: Default::default(),
         }
     }
 }
@@ -145,6 +156,9 @@ impl Inner {
         let Reading(reading) = vector.reading;
         if vector.n != self.next || !self.begun {
             self.jump(vector.n, reading);
+        }
+        for (still, value) in self.stills.iter_mut().zip(reading) {
+            still.add(vector.t_s, value);
         }
         if reading != self.last {
             if self.last_s > self.still_since_s {

@@ -2,11 +2,12 @@
 
 use super::refusal::OffsetError;
 use super::stay::{Stay, ids};
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::units::COMPONENTS;
-use crate::fit::{FitError, Limits, Solution, linear};
+use crate::fit::{FitError, Limits, NORMAL_95, Solution, linear, student_95};
 use crate::record::conditions;
-use crate::record::screens::Implausible;
+use crate::record::screens::{self, Implausible};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Largest condition number of the designs: beyond it the fields of the run do not separate their effects.
@@ -19,8 +20,6 @@ const ROUNDING: f64 = 1e-9;
 pub(super) const NOMINAL_TILT: f64 = 0.02;
 /// Degrees of freedom with which the scatter of the plateau means tells their noise.
 const ENOUGH_FREEDOM: usize = 3;
-/// Response of a component to its own axis outside this range, enT/nT, means a wrong position or a wrong setting.
-const PLAUSIBLE_RESPONSE: std::ops::RangeInclusive<f64> = 0.5..=2.0;
 
 /// What the readings say before offset and residual field are told apart: the reading at zero applied field in every visit, and the
 /// response to applied fields in every position.
@@ -186,8 +185,12 @@ fn noise(solution: &Solution, rows: &[Row], weights: Option<&[f64]>) -> Result<(
             let scaled = DMatrix::from_fn(3 * full, 3 * full, |r, c| covariance[(r, c)] * wider[r / full] * wider[c / full]);
             Ok((scaled, std::array::from_fn(|i| noise.noise[i].std * wider[i])))
         }
-        // Too few plateaus to see how their means scatter: what the scatter of their samples lets expect.
-        (false, Some(std)) => {
+        // Too few plateaus to see well how their means scatter: what the scatter of their samples lets expect, or what little is left of the
+        // means lets not exclude, for sources scatter from setting to setting as well.
+        (false, Some(sampled)) => {
+            let dof = solution.dof;
+            let left = |i: usize| if dof > 0 { solution.residual_std[i] * student_95(dof) / NORMAL_95 } else { 0.0 };
+            let std: [f64; 3] = std::array::from_fn(|i| sampled[i].max(left(i)));
             let of = |row: usize, column: usize| {
                 std[row / full] * std[column / full] * solution.unscaled_covariance[(row % full, column % full)]
             };
@@ -241,7 +244,12 @@ fn sampled_std(rows: &[Row], weights: Option<&[f64]>) -> Option<[f64; 3]> {
 }
 
 /// Readings of other settings, or of a component that does not work, must not become offsets.
-pub(super) fn check_components(stays: &[Stay], levels: &Levels, allow_mismatch: bool) -> Result<(), OffsetError> {
+pub(super) fn check_components(
+    stays: &[Stay],
+    levels: &Levels,
+    allow_mismatch: bool,
+    notes: &mut Vec<Note>,
+) -> Result<(), OffsetError> {
     for (i, component) in COMPONENTS.into_iter().enumerate() {
         let values: Vec<f64> = stays.iter().flat_map(|s| s.plateaus.iter().map(|p| p.mean.0[i])).collect();
         let silent = stays.iter().flat_map(|s| &s.plateaus).all(|p| p.std_ent.is_none_or(|s| s[i] == 0.0));
@@ -251,10 +259,15 @@ pub(super) fn check_components(stays: &[Stay], levels: &Levels, allow_mismatch: 
         for (v, stay) in stays.iter().enumerate() {
             let row = stay.position.r_nom().transpose().row(i).transpose();
             let response = (levels.response[v].row(i) * row)[0];
-            if !levels.directions[v].is_empty() && !PLAUSIBLE_RESPONSE.contains(&response) && !allow_mismatch {
-                let axis = stay.position.names()[i].clone();
-                return Err(OffsetError::Response { position: stay.id, component, axis, response });
+            if levels.directions[v].is_empty() || screens::is_plausible(response) {
+                continue;
             }
+            let axis = stay.position.names()[i].clone();
+            let error = OffsetError::Response { position: stay.id, component, axis, response };
+            if !allow_mismatch {
+                return Err(error);
+            }
+            notes.push(Note::new(NoteKind::Mismatch, format!("{error}, which was allowed")).about(component));
         }
     }
     Ok(())

@@ -4,6 +4,7 @@ mod across;
 mod blind;
 mod campaigns;
 mod corner;
+mod damages;
 mod freq;
 mod structure;
 

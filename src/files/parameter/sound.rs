@@ -1,0 +1,169 @@
+//! What no parameter file of any kind may say, whatever its hash: values that contradict themselves.
+
+use crate::data::error::Finding;
+use nalgebra::DMatrix;
+use std::path::Path;
+use toml_edit::{DocumentMut, Item, Value};
+
+/// Covariances have rounding: two halves agree to this, and an eigenvalue of the correlations is no more negative.
+const ROUNDING: f64 = 1e-6;
+
+/// Refuses a file whose values contradict themselves: negative or infinite standard uncertainties, covariances that are none, ranges that
+/// end before they begin, run ids that are no names.
+pub(super) fn is_sound(path: &Path, document: &DocumentMut) -> Result<(), Finding> {
+    item(&mut Vec::new(), document.as_item()).map_err(|rule| {
+        Finding::error(&path.display().to_string(), format!("contradicts itself: {rule}"), "take the original, or fit again")
+    })
+}
+
+type Keys<'a> = Vec<&'a str>;
+
+fn item<'a>(keys: &mut Keys<'a>, own: &'a Item) -> Result<(), String> {
+    match own {
+        Item::None => Ok(()),
+        Item::Value(own) => value(keys, own),
+        Item::Table(table) => table.iter().try_for_each(|(key, below)| {
+            keys.push(key);
+            item(keys, below)?;
+            keys.pop();
+            Ok(())
+        }),
+        Item::ArrayOfTables(list) => list.iter().flat_map(|table| table.iter()).try_for_each(|(key, below)| {
+            keys.push(key);
+            item(keys, below)?;
+            keys.pop();
+            Ok(())
+        }),
+    }
+}
+
+fn value<'a>(keys: &mut Keys<'a>, own: &'a Value) -> Result<(), String> {
+    let named = || keys.join(".");
+    if let Value::InlineTable(table) = own {
+        return table.iter().try_for_each(|(key, below)| {
+            keys.push(key);
+            value(keys, below)?;
+            keys.pop();
+            Ok(())
+        });
+    }
+    let mut numbers = Vec::new();
+    flatten(own, &mut numbers);
+    if numbers.iter().any(|v| v.is_infinite()) {
+        return Err(format!("{} is infinite", named()));
+    }
+    if keys.iter().any(|key| is_std(key)) && numbers.iter().any(|v| *v < 0.0) {
+        return Err(format!("{}, a standard uncertainty, is negative", named()));
+    }
+    if keys.iter().any(|key| key.starts_with("covariance")) && numbers.len() > 1 {
+        covariance(own).map_err(|rule| format!("{} {rule}", named()))?;
+    }
+    if keys.iter().any(|key| key.starts_with("valid")) && is_reversed(own) {
+        return Err(format!("{} ends before it begins", named()));
+    }
+    match own {
+        Value::String(text) if keys.ends_with(&["run", "id"]) && !is_name(text.value()) => {
+            Err(format!("{} is no name: {:?}", named(), text.value()))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn is_std(key: &str) -> bool {
+    key.split('_').any(|word| word == "std")
+}
+
+/// A name that goes into names of files.
+fn is_name(id: &str) -> bool {
+    !id.is_empty() && !id.starts_with('.') && !id.chars().any(|c| c.is_control() || "/\\".contains(c))
+}
+
+fn number(value: &Value) -> Option<f64> {
+    match value {
+        Value::Float(v) => Some(*v.value()),
+        #[expect(clippy::cast_precision_loss, reason = "of whole numbers the sign counts")]
+        Value::Integer(v) => Some(*v.value() as f64),
+        _ => None,
+    }
+}
+
+fn flatten(value: &Value, list: &mut Vec<f64>) {
+    match value {
+        Value::Array(values) => values.iter().for_each(|v| flatten(v, list)),
+        other => list.extend(number(other)),
+    }
+}
+
+/// Whether a pair of numbers, or one of a list of pairs, descends.
+fn is_reversed(value: &Value) -> bool {
+    let Value::Array(values) = value else { return false };
+    let own: Vec<f64> = values.iter().filter_map(number).collect();
+    (values.len() == 2 && own.len() == 2 && own[0] > own[1]) || values.iter().any(is_reversed)
+}
+
+/// Why a matrix is no covariance. What was not determined is nan, and such a matrix is not looked at.
+fn covariance(value: &Value) -> Result<(), &'static str> {
+    let Value::Array(rows) = value else { return Ok(()) };
+    let rows: Vec<Vec<f64>> = rows
+        .iter()
+        .map(|row| {
+            let mut numbers = Vec::new();
+            flatten(row, &mut numbers);
+            numbers
+        })
+        .collect();
+    let n = rows.len();
+    if rows.iter().any(|row| row.len() != n) {
+        return Err("is not square");
+    }
+    if rows.iter().flatten().any(|v| v.is_nan()) {
+        return Ok(());
+    }
+    let std: Vec<f64> = (0..n).map(|i| rows[i][i].sqrt()).collect();
+    if std.iter().any(|s| s.is_nan()) {
+        return Err("has a negative variance");
+    }
+    let scale = |i: usize, k: usize| if std[i] * std[k] > 0.0 { std[i] * std[k] } else { 1.0 };
+    let correlation = DMatrix::from_fn(n, n, |i, k| rows[i][k] / scale(i, k));
+    if (&correlation - correlation.transpose()).amax() > ROUNDING {
+        return Err("is not symmetric");
+    }
+    let least = correlation.symmetric_eigenvalues().min();
+    if least < -ROUNDING * n as f64 { Err("is no covariance: a sum of its quantities has a negative variance") } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(text: &str) -> Option<String> {
+        is_sound(Path::new("f"), &text.parse().unwrap()).err().map(|f| f.rule.to_string())
+    }
+
+    #[test]
+    fn what_contradicts_itself_is_refused_with_its_key() {
+        for (text, words) in [
+            ("[std]\nsigma = [1e-6, -1e-6, 1e-6]", "std.sigma, a standard uncertainty, is negative"),
+            ("offset_std_ent = [0.1, inf, 0.1]", "offset_std_ent is infinite"),
+            ("valid_degc = [20.0, -20.0]", "valid_degc ends before it begins"),
+            ("[valid]\nfield_coil_nt = [[-1.0, 1.0], [1.0, -1.0]]", "valid.field_coil_nt ends"),
+            ("[covariance]\nmatrix = [[1.0, 0.5], [0.4, 1.0]]", "covariance.matrix is not symmetric"),
+            ("[covariance]\nsigma_x = [[1.0, 2.0], [2.0, 1.0]]", "covariance.sigma_x is no covariance"),
+            (
+                "[covariance]\nsigma_x = [[-1.0]]\nsigma_y = [[-1.0, 0.0], [0.0, 1.0]]",
+                "covariance.sigma_y has a negative variance",
+            ),
+            ("[covariance]\nmatrix = [[1.0, 0.0]]", "covariance.matrix is not square"),
+            ("[run]\nid = \"../../../x\"", "run.id is no name"),
+        ] {
+            let rule = refused(text);
+            assert!(rule.as_ref().is_some_and(|r| r.contains(words)), "{text}: {rule:?}");
+        }
+        assert_eq!(
+            refused(
+                "valid_degc = [-20.0, 20.0]\noffset_std_ent = [0.1, nan, 0.0]\n[covariance]\nmatrix = [[1.0, nan], [nan, 1.0]]\n[run]\nid = \"13-04-03_09-22-38\""
+            ),
+            None
+        );
+    }
+}

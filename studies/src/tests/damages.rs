@@ -1,0 +1,35 @@
+//! Short forms of the study of damages.
+
+use crate::damages::{ALL, Damage, Kind, Outcome, silent, table};
+
+/// Damages that every kind of run is tried with.
+const FEW: [&str; 7] = [
+    "readings x 1000",
+    "x stuck",
+    "one reading of 1e29",
+    "one spike of 100 nT",
+    "10 % lost, counted",
+    "gain + 0.1 % from 45 % on",
+    "settings a row later",
+];
+
+#[track_caller]
+fn none_is_silent(kinds: &[Kind], damages: &[Damage]) {
+    let cells = table(kinds, damages).unwrap();
+    let words: Vec<String> =
+        silent(&cells).iter().map(|c| format!("{} in {}: {:?}", c.damage, c.kind.name(), c.outcome)).collect();
+    assert!(words.is_empty(), "wrong without a word: {words:#?}");
+    let refused = cells.iter().filter(|c| c.outcome == Outcome::Refused).count();
+    assert!(refused > 0, "nothing was refused");
+}
+
+#[test]
+fn runs_of_plateaus_are_never_wrong_without_a_word() {
+    none_is_silent(&[Kind::Linearity, Kind::Means, Kind::Offset, Kind::Moving], &ALL);
+}
+
+#[test]
+fn other_runs_are_not_wrong_without_a_word() {
+    let few: Vec<Damage> = ALL.into_iter().filter(|d| FEW.contains(&d.name)).collect();
+    none_is_silent(&[Kind::Sines, Kind::Sweep, Kind::Amplitudes, Kind::ZeroField, Kind::Scalar], &few);
+}
