@@ -3,6 +3,7 @@
 use super::Telemetry;
 use crate::data::across::{LinearScope, RunResidualFields, RunRotations};
 use crate::data::error::Finding;
+use crate::data::note::{Note, NoteKind, Told};
 use crate::data::provenance::Provenance;
 use crate::data::recipe::Recipe;
 use crate::data::result::Covariance;
@@ -124,7 +125,7 @@ fn head(sensor: &FlightSensor, polynomials: &[(&str, &Vec<f64>)]) -> ThermalHead
         covariance_b: BTreeMap::new(),
         covariance_combined: BTreeMap::new(),
         quantity: Vec::new(),
-        warnings: vec!["the truth of a twin, not the result of an analysis".to_owned()],
+        told: Told::of(&[Note::new(NoteKind::Method, "the truth of a twin, not the result of an analysis")]),
     }
 }
 
@@ -205,6 +206,6 @@ fn thermistor(sensor: &FlightSensor) -> ThermistorFile {
         }),
         orders: Vec::new(),
         row: Vec::new(),
-        warnings: Vec::new(),
+        told: Told::default(),
     }
 }
