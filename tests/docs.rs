@@ -123,6 +123,11 @@ fn the_page_on_verifying_works() {
 }
 
 #[test]
+fn the_page_on_flight_data_works() {
+    run("docs/howto/flight.md");
+}
+
+#[test]
 fn the_page_on_twins_in_flight_works() {
     run("docs/reference/telemetry-twin.md");
 }

@@ -127,12 +127,13 @@ fn counts_come_back_within_noise_and_steps() {
     for sensor in ["OB", "IB"] {
         let (level, truth) = (set.level("A", sensor, "2015-07-01"), set.truth(sensor, "2015-07-01"));
         let found = errors(&level, &truth, UVW);
-        assert_eq!(found[0].len(), 72, "{sensor}");
+        // Two minutes of vectors, of which every 50th has its truth.
+        assert!(found[0].len() >= 47, "{sensor}: {}", found[0].len());
         (0..3).for_each(|i| all[0][i].extend(&found[i]));
         let stated = three(&level, ["ua_x", "ua_y", "ua_z"]);
         for i in 0..3 {
-            // The stated uncertainty is that of noise of 0.03 enT, steps of 0.0286 enT, and steps of the thermistor; 72 vectors scatter
-            // by 8 % about it.
+            // The stated uncertainty is that of noise of 0.03 enT, steps of 0.0286 enT, and steps of the thermistor; 48 vectors scatter
+            // by 10 % about it.
             let ratio = rms(&found[i]) / rms(&stated[i]);
             assert!((0.7..1.35).contains(&ratio), "{sensor} {i}: {ratio}");
         }
@@ -153,7 +154,9 @@ fn times_are_exact_over_the_leap_second() {
     for (sensor, day, first) in [("OB", "2015-06-30", false), ("OB", "2015-07-01", true), ("IB", "2015-07-01", true)] {
         let level = set.level("A", sensor, day);
         let times = level.whole("time_tt2000").unwrap();
-        let truth = set.truth(sensor, day).whole("time_tt2000").unwrap();
+        let mut truth = set.truth(sensor, day).whole("time_tt2000").unwrap();
+        // The truth goes on for a minute more than the telemetry.
+        truth.retain(|t| times.last().is_some_and(|last| t <= last));
         let good = errors(&level, &set.truth(sensor, day), UVW)[0].len();
         assert_eq!(truth.iter().filter(|t| times.contains(t)).count(), good);
         assert!(good + 2 >= truth.len(), "{sensor} {day}: {good} of {}", truth.len());
@@ -219,7 +222,7 @@ fn a_wrong_configuration_is_refused_with_its_place() {
         ("to = \"2015-06-29T03:00:00.000000Z\"", "to = \"2015-06-28T03:00:00.000000Z\"", &["must be after `from`"]),
         ("from = \"2015-06-29T00:00:00.000000Z\"", "from = \"29.6.2015\"", &["is no time"]),
         ("RPCMAG_001_CALIB_FSDPU_FMOB.TXT", "THERMISTOR__FM-IB.toml", &["ground"]),
-        ("name = \"OB\"", "name = \"XX\"", &["XX"]),
+        ("name = \"OB\"", "name = \"XX\"", &["`role.primary`", "is no sensor of this file"]),
         ("attitude_order = \"scalar-first\"", "", &["`celestial.attitude_order` is missing"]),
         ("primary = \"OB\"", "primary = \"IB\"", &["primary sensor"]),
         ("packet_s = 32", "packet_s = -32", &["`mode.packet_s` must be positive"]),
@@ -318,4 +321,215 @@ fn words_by_their_index_are_words() {
     let words = level.words("sid").unwrap();
     assert_eq!(words.words, ["SID6"]);
     assert_eq!(words.codes.len(), level.rows());
+}
+
+/// A mission of one sensor whose telemetry is a few lines of text.
+struct Small {
+    folder: TempDir,
+}
+
+impl Small {
+    fn new(configuration: &str, rows: &str) -> Self {
+        let small = Self { folder: tempfile::tempdir().unwrap() };
+        let day = small.folder.path().join("edited/sensor=OB/date=2015-06-29");
+        fs::create_dir_all(&day).unwrap();
+        fs::write(day.join("a.csv"), rows).unwrap();
+        let head = "version = 1\nmission = \"test\"\ninstrument = \"MAG\"\ninput = \"edited\"\nhk = \"hk\"\n";
+        fs::write(small.folder.path().join("flight.toml"), format!("{head}{configuration}")).unwrap();
+        small
+    }
+
+    fn level_a(&self) -> SeriesTable {
+        let out = self.folder.path().join("out");
+        let flight = self.folder.path().join("flight.toml");
+        let output = calfit().args(["flight", "A", "--no-plots"]).arg(flight).arg("-o").arg(&out).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        SeriesTable::open(&out.join("level=A/sensor=OB/date=2015-06-29/calfit-A-OB-20150629.parquet")).unwrap()
+    }
+}
+
+#[test]
+fn ranges_with_matrices_and_offsets_added_behind_them() {
+    let configuration = r#"
+[[sensor]]
+name = "OB"
+ent_per_count = [0.5, 4.0]
+noise_ent = 0.1
+[[sensor.matrix]]
+from = "2015-01-01"
+to = "2016-01-01"
+range = 0
+matrix = [[1.0, 0.02, 0.0], [0.0, 0.9, 0.0], [0.01, 0.0, 1.1]]
+offset = [3.0, -2.0, 1.0]
+offset_sign = "added"
+[[sensor.matrix]]
+from = "2015-01-01"
+to = "2015-06-29T12:00:00"
+range = 1
+matrix = [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]]
+offset = [10.0, 0.0, 0.0]
+offset_sign = "subtracted"
+[[mode]]
+sid = "N"
+packet_s = 1
+primary = { rate_hz = 1.0, shift_s = 0.0 }
+"#;
+    let rows = "time_utc,bx,by,bz,quality,sid,range\n2015-06-29T11:00:00Z,100,200,-40,0,N,0\n2015-06-29T11:00:01Z,10,20,-30,0,N,1\n\
+                2015-06-29T12:00:00Z,10,20,-30,0,N,1\n";
+    let level = Small::new(configuration, rows).level_a();
+    let [x, y, z] = three(&level, ["bx", "by", "bz"]);
+    // Readings of 50, 100, -20 enT; the offset is added behind the matrix.
+    for (found, wanted) in [(x[0], 50.0 + 2.0 + 3.0), (y[0], 90.0 - 2.0), (z[0], 0.5 - 22.0 + 1.0)] {
+        assert!((found - wanted).abs() < 1e-12, "{found} {wanted}");
+    }
+    // 40, 80, -120 enT; the offset is taken off before it.
+    assert_eq!([x[1], y[1], z[1]], [60.0, 160.0, -240.0]);
+    // Behind the end of the validity there is no vector, and its flag says why.
+    assert!(x[2].is_nan());
+    // It follows a gap as well.
+    assert_eq!(level.whole("flags").unwrap(), [0, 0, 1 << 10 | 1 << 5]);
+    // Noise of 0.1 enT and steps of 0.5 enT through the matrix of the first range.
+    let noise2 = 0.1 * 0.1 + 0.5 * 0.5 / 12.0;
+    let wanted = (noise2 * (1.0 + 0.02 * 0.02_f64)).sqrt();
+    assert!((level.numbers("ua_x").unwrap()[0] - wanted).abs() < 1e-6);
+}
+
+#[test]
+fn a_field_that_follows_a_current_is_taken_off() {
+    let configuration = r#"
+[[sensor]]
+name = "OB"
+ent_per_count = 1.0
+[[sensor.matrix]]
+from = "2015-01-01"
+to = "2016-01-01"
+matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+[[disturbance]]
+column = "solar_a"
+vector_nt_per_unit = [2.0, -1.0, 0.5]
+[[mode]]
+sid = "N"
+packet_s = 1
+primary = { rate_hz = 1.0, shift_s = 0.0 }
+[pipeline]
+steps = ["counts", "ground", "disturbance", "shift"]
+"#;
+    let rows = "time_utc,bx,by,bz,quality,sid\n2015-06-29T11:00:05Z,100,200,300,0,N\n2015-06-29T11:00:30Z,100,200,300,0,N\n";
+    let small = Small::new(configuration, rows);
+    let day = small.folder.path().join("hk/date=2015-06-29");
+    fs::create_dir_all(&day).unwrap();
+    fs::write(day.join("a.csv"), "time_utc,solar_a\n2015-06-29T11:00:00Z,1.0\n2015-06-29T11:00:20Z,5.0\n").unwrap();
+    let level = small.level_a();
+    let [x, y, z] = three(&level, ["bx", "by", "bz"]);
+    // A quarter of the way from 1 A to 5 A; behind the last reading nothing is known.
+    assert_eq!([x[0], y[0], z[0]], [96.0, 202.0, 299.0]);
+    assert!(x[1].is_nan());
+}
+
+/// `Q(ξ) K⁻¹` of the Rosetta report, section 3.3.1.3, and the rest of its way from a reading to the field.
+fn rosetta(reading: [f64; 3], t: f64, p: &dyn Fn(&str, usize) -> f64) -> [f64; 3] {
+    let line = |zero: &str, one: &str, i: usize| p(zero, i) + p(one, i) * t;
+    let s: [f64; 3] =
+        std::array::from_fn(|i| line("SIGMA_00", "SIGMA_01", i) * (reading[i] - (line("A_0", "A_1", i) - p("B_RES", i))));
+    let k: [f64; 3] = std::array::from_fn(|row| (0..3).map(|c| p(["K_0", "K_1", "K_2"][row], c) * s[c]).sum());
+    let [xy, xz, yz] = [0, 1, 2].map(|i| line("XI_10", "XI_11", i).to_radians());
+    let q = (yz.cos() - xy.cos() * xz.cos()) / xy.sin();
+    let height = (1.0 - xz.cos() * xz.cos() - q * q).sqrt();
+    [k[0] + xy.cos() * k[1] + xz.cos() * k[2], xy.sin() * k[1] + q * k[2], height * k[2]]
+}
+
+#[test]
+fn the_common_uncertainty_holds_at_small_and_large_fields() {
+    let ground = fs::read_to_string(data("tests/data/flight/exact/ground/RPCMAG_001_CALIB_FSDPU_FMOB.TXT")).unwrap();
+    let file: toml_edit::DocumentMut = ground.parse().unwrap();
+    let three_of = |item: &toml_edit::Item, i: usize| item[i].as_float().unwrap();
+    let configuration = "[[sensor]]\nname = \"OB\"\nground = [\"OB.TXT\"]\n[[mode]]\nsid = \"N\"\npacket_s = 1\n\
+                         primary = { rate_hz = 1.0, shift_s = 0.0 }\n";
+    let fields = [[9300.0, -2800.0, 14_000.0], [26_000.0, -20_000.0, 30_000.0], [350_000.0, -300_000.0, 330_000.0]];
+    let mut rows = "time_utc,bx,by,bz,t_ob,quality,sid\n".to_owned();
+    for (i, [x, y, z]) in fields.iter().enumerate() {
+        rows += &format!("2015-06-29T11:00:0{i}Z,{x},{y},{z},13837,0,N\n");
+    }
+    let small = Small::new(configuration, &rows);
+    fs::write(small.folder.path().join("OB.TXT"), &ground).unwrap();
+    let level = small.level_a();
+    let (found, stated) = (three(&level, ["bx", "by", "bz"]), three(&level, ["uc_x", "uc_y", "uc_z"]));
+    let t = level.numbers("t_degc").unwrap()[0];
+    // RO-IGEP-TR0028 section 4.2.3.1.
+    let reading = |counts: [f64; 3]| counts.map(|n| (n + 524_288.0) * 30_000.0 / 1_048_575.0 - 15_000.0);
+    let nominal = |key: &str, i: usize| three_of(&file[key], i);
+    let mut noise = common::Gauss(7);
+    const DRAWS: usize = 4000;
+    let mut inside = [[0_usize; 3]; 3];
+    let mut squares = [[0.0_f64; 3]; 3];
+    for _ in 0..DRAWS {
+        let mut drawn: HashMap<(String, usize), f64> = HashMap::new();
+        for key in ["A_0", "A_1", "B_RES", "SIGMA_00", "SIGMA_01", "XI_10", "XI_11"] {
+            for i in 0..3 {
+                drawn.insert((key.to_owned(), i), nominal(key, i) + three_of(&file["std"][key], i) * noise.normal());
+            }
+        }
+        let of = |key: &str, i: usize| drawn.get(&(key.to_owned(), i)).copied().unwrap_or_else(|| nominal(key, i));
+        for (row, counts) in fields.iter().enumerate() {
+            let own = rosetta(reading(*counts), t, &of);
+            for i in 0..3 {
+                let pull = (own[i] - found[i][row]) / stated[i][row];
+                inside[row][i] += usize::from(pull.abs() < 1.959_964);
+                squares[row][i] += pull * pull;
+            }
+        }
+    }
+    for row in 0..3 {
+        for i in 0..3 {
+            let (share, pull) = (inside[row][i] as f64 / DRAWS as f64, (squares[row][i] / DRAWS as f64).sqrt());
+            assert!((0.94..=0.96).contains(&share) && (0.95..=1.05).contains(&pull), "{row} {i}: {share} {pull}");
+        }
+    }
+}
+
+#[test]
+fn text_tables_have_labels_that_describe_every_byte() {
+    let set = Set::of("telemetry");
+    set.change("[temperature]", "[output]\ntext = true\n\n[temperature]").made("A", &["--sensor", "OB", "--no-plots"]);
+    // Written again, the program knows its own tables.
+    set.made("A", &["--sensor", "OB", "--no-plots"]);
+    let folder = set.out().join("level=A/sensor=OB/date=2015-06-30");
+    let table = fs::read_to_string(folder.join("RPCMAG_150630_CLA_OB.TAB")).unwrap();
+    let label = fs::read_to_string(folder.join("RPCMAG_150630_CLA_OB.LBL")).unwrap();
+    let value = |key: &str| -> usize {
+        let line = label.lines().find(|l| l.trim().starts_with(&format!("{key} = "))).unwrap();
+        line.split(" = ").nth(1).unwrap().trim().parse().unwrap()
+    };
+    let lines: Vec<&str> = table.split_inclusive("\r\n").collect();
+    assert_eq!(lines.len(), value("FILE_RECORDS"));
+    assert!(lines.iter().all(|line| line.len() == value("RECORD_BYTES")));
+    // The bytes of BX as the label has them are the field of the level.
+    let bx = &label[label.find("NAME = BX").unwrap()..];
+    let of = |key: &str| -> usize {
+        bx.lines().find(|l| l.contains(key)).unwrap().split(" = ").nth(1).unwrap().trim().parse().unwrap()
+    };
+    let (begin, length) = (of("START_BYTE") - 1, of("BYTES"));
+    let level = set.level("A", "OB", "2015-06-30");
+    for (line, wanted) in lines.iter().zip(level.numbers("bx").unwrap()) {
+        let found: f64 = line[begin..begin + length].trim().parse().unwrap();
+        assert!((found - wanted).abs() < 6e-6);
+    }
+    assert!(lines.iter().any(|line| line.starts_with("2015-06-30T23:59:60.")));
+}
+
+#[test]
+fn check_and_inspect_know_a_configuration_of_flight_processing() {
+    let set = Set::of("telemetry");
+    let path = set.path("flight.toml");
+    let output = calfit().arg("check").arg(&path).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let output = calfit().arg("inspect").arg(&path).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    says(&text(&output.stdout), &["OB 2015-06-30", "IB 2015-07-01", "SID6", "rejected by their quality"]);
+    fs::remove_file(set.path("attitude/attitude.parquet")).unwrap();
+    fs::remove_file(set.path("ground/THERMISTOR__FM-IB.toml")).unwrap();
+    let output = calfit().arg("check").arg(&path).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    // Both are named, not only the first.
+    says(&text(&output.stderr), &["attitude.parquet", "THERMISTOR__FM-IB.toml"]);
 }

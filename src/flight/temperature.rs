@@ -2,7 +2,7 @@
 
 use super::{Block, Step};
 use crate::data::time::Tt2000;
-use crate::fit::statistics::median;
+use crate::fit::statistics::central_median;
 
 /// Steps of the converter of the thermistor.
 const STEPS: f64 = 65_536.0;
@@ -62,7 +62,7 @@ pub fn smooth(times: &[Tt2000], counts: &mut [f64], packet_ns: i64, window_ns: i
         let first = packets.partition_point(|(t, ..)| t + window_ns / 2 < *middle);
         let last = packets.partition_point(|(t, ..)| t - window_ns / 2 <= *middle);
         let mut near: Vec<f64> = packets[first..last].iter().map(|(_, count, _)| *count).collect();
-        counts[row..row + length].fill(median(&mut near));
+        counts[row..row + length].fill(central_median(&mut near));
         row += length;
     }
 }

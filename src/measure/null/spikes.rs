@@ -100,8 +100,11 @@ impl Gate {
             if step > 0.0 && step < self.smallest[c] {
                 self.smallest[c] = step;
             }
-            let most = 4.0 * if self.usual[c] > 0.0 { self.usual[c] } else { step };
-            self.usual[c] += (step.min(most) - self.usual[c]) / MEMORY;
+            // Readings that stand still tell nothing of the noise: behind them every sample would stand out.
+            if step > 0.0 {
+                let most = 4.0 * if self.usual[c] > 0.0 { self.usual[c] } else { step };
+                self.usual[c] += (step.min(most) - self.usual[c]) / MEMORY;
+            }
         }
         self.last = r;
     }
