@@ -97,8 +97,11 @@ fn heaters(days: &[DayShown]) -> Option<Section> {
     for (day, _) in days {
         for heater in &day.heater {
             let jumps = day.jumps.iter().filter(|jump| jump.class == heater.name).count();
-            let std = heater.std_nt.unwrap_or([f64::NAN; 3]);
-            let [x, y, z] = [0, 1, 2].map(|i| Cell::uncertain(heater.vector_nt[i], std[i]));
+            let of = |i: usize| match heater.std_nt {
+                Some(std) => Cell::uncertain(heater.vector_nt[i], std[i]),
+                None => Cell::Missing("not seen"),
+            };
+            let [x, y, z] = [0, 1, 2].map(of);
             table.push(cells![day.day.as_str(), day.sensor.as_str(), heater.name.as_str(), jumps, x, y, z, heater.edges]);
         }
     }
