@@ -4,7 +4,7 @@
 use crate::common;
 
 use calfit::files::table::series::SeriesTable;
-use common::check::{calfit, data, says, text};
+use common::check::{calfit, copy, data, says, text};
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,18 +14,6 @@ use tempfile::TempDir;
 /// A copy of a set of telemetry, which a test may change.
 struct Set {
     folder: TempDir,
-}
-
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
-        let target = to.join(entry.file_name());
-        if entry.path().is_dir() {
-            copy(&entry.path(), &target);
-        } else {
-            fs::copy(entry.path(), target).unwrap();
-        }
-    }
 }
 
 impl Set {

@@ -4,7 +4,7 @@
 use crate::common;
 
 use calfit::files::lock::{FolderLock, LOCK_FILE};
-use common::check::{Case, calfit, data, process, says, text, tree};
+use common::check::{Case, calfit, copy, data, process, says, text, tree};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
@@ -18,18 +18,6 @@ const RUNS: [&str; 4] = ["26-01-15_09-00-00", "26-01-16_09-00-00", "26-01-17_09-
 const TPF: &str = "THERMAL_PARAMETER__26-01-15-09-00-00.TPF";
 const TOF: &str = "THERMAL_OFF_PARAMETER__26-01-15-09-30-00.TOF";
 const TAF: &str = "THERMAL_AC_PARAMETER__26-01-15-10-00-00.TAF";
-
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
-        let target = to.join(entry.file_name());
-        if entry.path().is_dir() {
-            copy(&entry.path(), &target);
-        } else {
-            fs::copy(entry.path(), target).unwrap();
-        }
-    }
-}
 
 /// A copy of the sample campaign: linearity and offset runs at four temperatures, frequency runs at three.
 fn sample() -> Case {
