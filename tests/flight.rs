@@ -7,7 +7,7 @@ use calfit::files::table::series::SeriesTable;
 use common::check::{calfit, copy, data, says, text};
 use std::collections::HashMap;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Output;
 use tempfile::TempDir;
 
