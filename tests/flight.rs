@@ -187,6 +187,24 @@ fn housekeeping_becomes_volts_and_degrees() {
     }
 }
 
+#[test]
+fn housekeeping_beyond_its_bits_is_refused_with_its_row() {
+    let set = Set::of("telemetry");
+    let day = set.path("hk/date=2015-06-30");
+    fs::remove_dir_all(&day).unwrap();
+    fs::create_dir_all(&day).unwrap();
+    for (row, words) in [
+        ("2015-06-30T12:00:00Z,13837,300", "row 2: the count 300 of `pos_voltage` is none of 8 bits"),
+        ("2015-06-28T12:00:00Z,13837,5", "row 2: the time 2015-06-28T12:00:00.000000000 is not of the day"),
+    ] {
+        fs::write(day.join("a.csv"), format!("time_utc,t_ob,pos_voltage\n2015-06-30T11:00:00Z,13837,5\n{row}\n")).unwrap();
+        let output = set.flight("A", &["--hk", "--sensor", "IB", "--no-plots"]);
+        assert_eq!(output.status.code(), Some(1));
+        says(&text(&output.stderr), &[words]);
+        assert!(!set.out().join("level=HK").exists());
+    }
+}
+
 /// A change of the configuration, and words of the message that refuses it.
 type Refusal = (&'static str, &'static str, &'static [&'static str]);
 

@@ -238,7 +238,7 @@ impl Work<'_, '_> {
         Ok(Across { groups, centres, not_applied, beside_alone, alone })
     }
 
-    /// Writes what every run gave, and the tables of all; returns the figures of every run.
+    /// Writes what every run gave; returns the figures of every run.
     fn publish(&mut self, measured: &[Measured]) -> Result<Vec<Vec<Drawn>>, Finding> {
         let bar = self.terminal.progress(measured.len(), "written");
         let id = |one: &Measured| one.run().map_or_else(String::new, |run| run.header.run.clone());

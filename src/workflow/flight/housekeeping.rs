@@ -3,7 +3,7 @@
 use super::{FlightOptions, Prepared, day_name};
 use crate::data::error::Finding;
 use crate::data::time::SECOND_NS;
-use crate::files::flight::edited::{EditedFile, day_files};
+use crate::files::flight::edited::{BEYOND_NS, EditedFile, day_files};
 use crate::files::flight::levels::partition;
 use crate::files::output::Folder;
 use crate::files::table::long::{Column, LongWriter};
@@ -47,12 +47,27 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
         let names = table.names();
         let has = |name: &str| names.iter().any(|n| n == name);
         let own = if has("time_tt2000") { table.whole("time_tt2000")? } else { table.utc("time_utc", leap)? };
+        let refuse = |row: usize, rule: String, remedy: &str| {
+            Finding::error(&file.path.display().to_string(), format!("row {}: {rule}", row + 1), remedy)
+        };
+        let span = leap.day(day);
+        let inside = span.start - BEYOND_NS..span.end + BEYOND_NS;
+        if let Some(row) = own.iter().position(|t| !inside.contains(t)) {
+            let rule = format!("the time {} is not of the day of the partition", leap.utc(own[row]));
+            return Err(refuse(row, rule, "move the row to its day"));
+        }
         time.extend(own);
-        let mut put = |name: &str, column: &str, convert: &dyn Fn(f64) -> f64| -> Result<(), Finding> {
+        let mut put = |name: &str, column: &str, bits: i32, convert: &dyn Fn(f64) -> f64| -> Result<(), Finding> {
             if !has(column) {
                 return Ok(());
             }
-            let values = table.numbers(column)?.into_iter().map(convert);
+            let counts = table.numbers(column)?;
+            let most = 2.0_f64.powi(bits) - 1.0;
+            if let Some(row) = counts.iter().position(|c| !(0.0..=most).contains(c)) {
+                let rule = format!("the count {} of `{column}` is none of {bits} bits", counts[row]);
+                return Err(refuse(row, rule, "correct it, or leave the row out"));
+            }
+            let values = counts.into_iter().map(convert);
             match numbers.iter_mut().find(|(n, _)| n == name) {
                 Some((_, list)) => list.extend(values),
                 None => numbers.push((name.to_owned(), values.collect())),
@@ -62,15 +77,15 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
         for (index, sensor) in prepared.mission.sensors.iter().enumerate() {
             let Some(ground) = &prepared.ground[index] else { continue };
             let column = sensor.thermistor_column.as_str();
-            put(column, column, &|count| ground.thermometer.raw_degc(count))?;
-            put(&format!("{column}_calibrated"), column, &|count| ground.thermometer.degc(count))?;
+            put(column, column, 16, &|count| ground.thermometer.raw_degc(count))?;
+            put(&format!("{column}_calibrated"), column, 16, &|count| ground.thermometer.degc(count))?;
         }
         for name in ["bx_ob", "by_ob", "bz_ob", "bx_ib", "by_ib", "bz_ib"] {
-            put(name, name, &field_ent)?;
+            put(name, name, 16, &field_ent)?;
         }
-        put("ref_voltage", "ref_voltage", &reference_v)?;
-        put("pos_voltage", "pos_voltage", &positive_v)?;
-        put("neg_voltage", "neg_voltage", &negative_v)?;
+        put("ref_voltage", "ref_voltage", 20, &reference_v)?;
+        put("pos_voltage", "pos_voltage", 8, &positive_v)?;
+        put("neg_voltage", "neg_voltage", 8, &negative_v)?;
         for name in PASSED {
             if !has(name) {
                 continue;
@@ -99,6 +114,10 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
     columns.extend(whole.iter().map(|(name, list)| (name.as_str(), Column::Whole(list))));
     let says = vec![
         ("level".to_owned(), NAME.to_owned()),
+        ("mission".to_owned(), prepared.mission.mission.clone()),
+        ("instrument".to_owned(), prepared.mission.instrument.clone()),
+        ("day".to_owned(), day_name(day)),
+        ("time_scale".to_owned(), "time_tt2000 is TT and continuous; time_utc is UTC".to_owned()),
         (
             "units".to_owned(),
             "bx_ob … enT, not calibrated; t_ob degC without T_OFF, t_ob_calibrated with it; voltages V".to_owned(),
