@@ -8,6 +8,7 @@ use crate::flight::made::DayMade;
 use crate::workflow::flight::{DayFailed, Flight, FlightMade, FlightOptions, Levels, make_carry, make_report};
 use clap::Args;
 use jiff::civil::Date;
+use rayon::prelude::*;
 use std::path::PathBuf;
 
 #[derive(Args, Debug)]
@@ -38,6 +39,9 @@ pub(super) struct Arguments {
 const CARRY: &str = "carry";
 const REPORT: &str = "report";
 
+/// Days of sensors that are made at the same time: reading and sorting one has a single thread, and every one needs its memory.
+const AT_ONCE: usize = 2;
+
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     if arguments.what == CARRY {
         return carry(arguments, common, terminal);
@@ -66,13 +70,22 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let jobs = flight.jobs()?;
     let mut made = FlightMade { notes: flight.notes().to_vec(), ..FlightMade::default() };
     let bar = terminal.progress(jobs.len(), "made");
-    for job in jobs {
-        let (sensor, day) = flight.name(job);
-        match bar.of(&format!("{sensor} {day}"), || flight.make(job)) {
-            Ok(found) => made.days.extend(found),
-            Err(error) => {
-                terminal.finding(&error);
-                made.failed.push(DayFailed { sensor, day, error });
+    for together in jobs.chunks(AT_ONCE) {
+        let results: Vec<_> = together
+            .par_iter()
+            .map(|job| {
+                let (sensor, day) = flight.name(*job);
+                let found = bar.of(&format!("{sensor} {day}"), || flight.make(*job));
+                (sensor, day, found)
+            })
+            .collect();
+        for (sensor, day, found) in results {
+            match found {
+                Ok(found) => made.days.extend(found),
+                Err(error) => {
+                    terminal.finding(&error);
+                    made.failed.push(DayFailed { sensor, day, error });
+                }
             }
         }
     }

@@ -139,8 +139,20 @@ impl LeapSeconds {
     /// The time of a timestamp, ns since 1970.
     #[must_use]
     pub fn tt2000_of_timestamp(&self, ns: i64) -> Tt2000 {
-        let day = i32::try_from(ns.div_euclid(DAY_NS)).unwrap_or(i32::MAX);
-        self.tt2000(Utc { day, ns: ns.rem_euclid(DAY_NS) })
+        let next = self.steps.partition_point(|step| i64::from(step.day) * DAY_NS <= ns);
+        let delta_at_ns = self.steps.get(next.saturating_sub(1)).map_or(0, |step| step.delta_at_ns);
+        tt2000_of(0, ns, delta_at_ns)
+    }
+
+    /// What a timestamp of a time says of it: the same time, but within a leap second the last ns before it.
+    #[must_use]
+    pub fn through_timestamp(&self, time: Tt2000) -> Tt2000 {
+        let next = self.steps.partition_point(|step| step.begin <= time);
+        // Before the first step there is none to insert.
+        match self.steps.get(next.max(1)) {
+            Some(step) if time >= step.begin - SECOND_NS => step.begin - SECOND_NS - 1,
+            _ => time,
+        }
     }
 
     /// The time of text like `2015-06-30T23:59:60.25Z`; the zone, which is always UTC, and everything behind the date may lack.
@@ -206,6 +218,20 @@ mod tests {
         assert_eq!(leap.parse("2015-07-01T00:00:00.000000000Z"), Some(488_980_868_184_000_000));
         assert_eq!(leap.parse("2015-06-30T23:59:60.000Z"), Some(488_980_867_184_000_000));
         assert_eq!(leap.parse("2015-06-30T23:59:59"), Some(488_980_866_184_000_000));
+    }
+
+    #[test]
+    fn a_timestamp_holds_every_time_but_those_of_a_leap_second() {
+        let leap = LeapSeconds::default();
+        for text in ["1971-05-05T00:00:00Z", "2015-06-30T23:59:59.999999999Z", "2015-07-01T00:00:00Z", "2026-01-01T00:00:00Z"] {
+            let time = leap.parse(text).unwrap();
+            assert_eq!(leap.through_timestamp(time), time, "{text}");
+            assert_eq!(leap.tt2000_of_timestamp(leap.utc(time).timestamp_ns()), time, "{text}");
+        }
+        let before = leap.parse("2015-06-30T23:59:59.999999999Z").unwrap();
+        for text in ["2015-06-30T23:59:60Z", "2015-06-30T23:59:60.999999999Z"] {
+            assert_eq!(leap.through_timestamp(leap.parse(text).unwrap()), before, "{text}");
+        }
     }
 
     #[test]

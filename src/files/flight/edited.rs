@@ -47,6 +47,17 @@ pub struct Rows {
 }
 
 impl Rows {
+    /// No rows.
+    const EMPTY: Rows = Rows {
+        tag: Vec::new(),
+        obt_s: Vec::new(),
+        counts: [const { Vec::new() }; 3],
+        thermistor: Vec::new(),
+        quality: Vec::new(),
+        mode: Vec::new(),
+        range: Vec::new(),
+    };
+
     /// The same with further rows behind them.
     pub fn append(&mut self, mut other: Rows) {
         if self.tag.is_empty() {
@@ -240,10 +251,10 @@ impl Open<'_> {
             let others = self.times(*other)?.unwrap_or_default();
             // Timestamps know no leap second, so that the label of a time counts there, not the time.
             let with_utc = [*other, primary].contains(&TimeColumn::Utc);
-            let shown = |time: Tt2000| {
-                if with_utc { self.leap.tt2000_of_timestamp(self.leap.utc(time).timestamp_ns()) } else { time }
+            let far = |a: Tt2000, b: Tt2000| (a - b).abs() > mission.time_tolerance_ns;
+            let differs = |(a, b): (&Tt2000, &Tt2000)| {
+                far(*a, *b) && (!with_utc || far(self.leap.through_timestamp(*a), self.leap.through_timestamp(*b)))
             };
-            let differs = |(a, b): (&Tt2000, &Tt2000)| (shown(*a) - shown(*b)).abs() > mission.time_tolerance_ns;
             if let Some(row) = tags.iter().zip(&others).position(differs) {
                 let (a, b) = (self.leap.utc(tags[row]), self.leap.utc(others[row]));
                 let rule = format!("`{}` says {a}, `{}` {b}", primary.name(), other.name());
@@ -264,34 +275,38 @@ fn open<'a>(path: &'a Path, leap: &'a LeapSeconds) -> Result<Open<'a>, Finding> 
     Ok(Open { table, names, path, leap })
 }
 
-/// Reads of a file of a sensor the rows with time tags in a range, and the groups of rows that they stand in.
+/// Reads of a file of a sensor the rows with time tags in some ranges; for each only the groups of rows that they stand in are read.
 ///
 /// # Errors
 /// What is wrong with the file, with its row: a column that is missing or of another type, times that contradict each other or lie outside
 /// of the day of the partition, counts that the converter does not have, a mode that the mission does not state.
-pub fn read(
+pub fn read<const N: usize>(
     file: &EditedFile,
     sensor: &Sensor,
     mission: &Mission,
     leap: &LeapSeconds,
-    wanted: &std::ops::Range<Tt2000>,
-) -> Result<Rows, Finding> {
+    wanted: [&std::ops::Range<Tt2000>; N],
+) -> Result<[Rows; N], Finding> {
     let mut open = open(&file.path, leap)?;
-    let tags = open.tags(mission)?;
+    let all_tags = open.tags(mission)?;
     if let Some(day) = file.day {
         let span = leap.day(day);
         let inside = span.start - BEYOND_NS..span.end + BEYOND_NS;
-        if let Some(row) = tags.iter().position(|tag| !inside.contains(tag)) {
-            let rule = format!("the time {} is not of the day of the partition", leap.utc(tags[row]));
+        if let Some(row) = all_tags.iter().position(|tag| !inside.contains(tag)) {
+            let rule = format!("the time {} is not of the day of the partition", leap.utc(all_tags[row]));
             return Err(open.refuse(row, &rule, "move the vector to its day"));
         }
     }
-    let first = tags.iter().position(|tag| wanted.contains(tag));
-    let last = tags.iter().rposition(|tag| wanted.contains(tag));
-    let (Some(first), Some(last)) = (first, last) else { return Ok(Rows::default()) };
-    open.table.narrow(first..last + 1);
-    let tags = &tags[open.table.before()..open.table.before() + open.table.rows()];
-    open.rows(tags, sensor, mission, wanted)
+    let mut found = [const { Rows::EMPTY }; N];
+    for (rows, wanted) in found.iter_mut().zip(wanted) {
+        let first = all_tags.iter().position(|tag| wanted.contains(tag));
+        let last = all_tags.iter().rposition(|tag| wanted.contains(tag));
+        let (Some(first), Some(last)) = (first, last) else { continue };
+        open.table.narrow(first..last + 1);
+        let tags = &all_tags[open.table.before()..open.table.before() + open.table.rows()];
+        *rows = open.rows(tags, sensor, mission, wanted)?;
+    }
+    Ok(found)
 }
 
 /// The time tags of a file with quality and thermistor counts, for what a day needs of its neighbours.

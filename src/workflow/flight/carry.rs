@@ -5,11 +5,12 @@ use super::steps::thermometer;
 use super::{Prepared, day_name};
 use crate::data::error::Finding;
 use crate::data::time::{Tt2000, day_of};
-use crate::files::flight::edited::{self, BEYOND_NS};
+use crate::files::flight::edited::{self, BEYOND_NS, Rows};
 use crate::files::flight::mission::{Mission, Sensor};
 use crate::files::output::Folder;
 use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
+use crate::flight::Block;
 use crate::flight::assemble::assemble;
 use crate::flight::daily::{DayEnds, continuity};
 use crate::flight::heater::HeaterClass;
@@ -118,8 +119,9 @@ impl Carry {
             let mut rows: Vec<CarryRow> = Vec::new();
             let mut ends = Vec::new();
             let mut broken: Vec<(i32, String)> = Vec::new();
+            let mut midnights = Midnights::new(prepared, index);
             for day in prepared.days(sensor)? {
-                let known = day_ends(prepared, index, day).and_then(|found| match found {
+                let known = midnights.day_ends(day).and_then(|found| match found {
                     None => Ok(None),
                     Some(found) => Ok(prepared.daily(sensor, day)?.map(|model| (found, model))),
                 });
@@ -266,43 +268,102 @@ fn class_of(line: &str) -> Option<(String, HeaterClass)> {
     Some((sensor, class))
 }
 
-/// Corrected times and temperatures of the first and the last accepted vector of a day.
-fn day_ends(prepared: &Prepared, index: usize, day: i32) -> Result<Option<Ends>, Finding> {
-    let span = prepared.leap.day(day);
-    // Mostly the first and the last half hour are enough.
-    let near_begin = span.start..(span.start + BEYOND_NS).min(span.end);
-    let near_end = (span.end - BEYOND_NS).max(span.start)..span.end;
-    let first = match ends_in(prepared, index, &near_begin)? {
-        Some((first, _)) => Some(first),
-        None => ends_in(prepared, index, &span)?.map(|(first, _)| first),
-    };
-    let Some(first) = first else { return Ok(None) };
-    let last = match ends_in(prepared, index, &near_end)? {
-        Some((_, last)) => last,
-        None => ends_in(prepared, index, &span)?.map_or(first, |(_, last)| last),
-    };
-    let degc = |count: f64| thermometer(prepared, index).map_or(f64::NAN, |t| t.degc(count));
-    Ok(Some(([first.0, last.0], [degc(first.1), degc(last.1)])))
-}
-
 /// Times and temperatures, °C, of the first and the last vector.
 type Ends = ([Tt2000; 2], [f64; 2]);
 
 /// Corrected time and thermistor counts of a vector.
 type End = (Tt2000, f64);
 
-/// The first and the last accepted vector of a stretch.
-fn ends_in(prepared: &Prepared, index: usize, span: &std::ops::Range<Tt2000>) -> Result<Option<(End, End)>, Finding> {
-    let sensor = &prepared.mission.sensors[index];
-    let wanted = span.start - BEYOND_NS..span.end + BEYOND_NS;
-    let mut rows = edited::Rows::default();
-    for file in prepared.files(&sensor.name, &wanted) {
-        rows.append(edited::read(file, sensor, &prepared.mission, &prepared.leap, &wanted)?);
+/// Telemetry near the midnights, which two days share. A file is read once.
+struct Midnights<'a> {
+    prepared: &'a Prepared,
+    index: usize,
+    /// Rows of a file near the first and the last midnight of its day, as far as they are needed yet.
+    near: BTreeMap<&'a Path, (i32, [Rows; 2])>,
+    /// The midnight at which a day begins, with the last accepted vector before it and the first one from it on.
+    known: Option<(i32, [Option<End>; 2])>,
+}
+
+impl<'a> Midnights<'a> {
+    fn new(prepared: &'a Prepared, index: usize) -> Self {
+        Self { prepared, index, near: BTreeMap::new(), known: None }
     }
-    let shifts = prepared.mission.steps.iter().any(|s| s == "shift");
-    let made = assemble(&rows, &sensor.name, &prepared.mission, &prepared.leap, span, span, shifts)
-        .map_err(|e| Finding::error(&sensor.name, e.to_string(), "state it in [[mode]]"))?;
-    let block = made.vectors;
-    let end = |row: usize| (block.time[row], block.thermistor[row]);
-    Ok(block.len().checked_sub(1).map(|last| (end(0), end(last))))
+
+    /// Corrected times and temperatures of the first and the last accepted vector of a day.
+    fn day_ends(&mut self, day: i32) -> Result<Option<Ends>, Finding> {
+        self.near.retain(|_, (of_day, _)| *of_day + 1 >= day);
+        let [_, first] = self.around(day)?;
+        let [last, _] = self.around(day + 1)?;
+        // Mostly the half hours beside the midnights are enough.
+        let (first, last) = match (first, last) {
+            (Some(first), Some(last)) => (first, last),
+            _ => match self.in_span(&self.prepared.leap.day(day))? {
+                Some(ends) => ends,
+                None => return Ok(None),
+            },
+        };
+        let degc = |count: f64| thermometer(self.prepared, self.index).map_or(f64::NAN, |t| t.degc(count));
+        Ok(Some(([first.0, last.0], [degc(first.1), degc(last.1)])))
+    }
+
+    /// The last vector in the half hour before the midnight at which a day begins, and the first one in the half hour behind it.
+    fn around(&mut self, day: i32) -> Result<[Option<End>; 2], Finding> {
+        if let Some((known, ends)) = self.known
+            && known == day
+        {
+            return Ok(ends);
+        }
+        let prepared = self.prepared;
+        let sensor = &prepared.mission.sensors[self.index];
+        let midnight = prepared.leap.day(day).start;
+        let tags = midnight - 2 * BEYOND_NS..midnight + 2 * BEYOND_NS;
+        let mut rows = Rows::default();
+        for file in prepared.files(&sensor.name, &tags) {
+            let Some(of_day) = file.day else {
+                let [read] = edited::read(file, sensor, &prepared.mission, &prepared.leap, [&tags])?;
+                rows.append(read);
+                continue;
+            };
+            if !self.near.contains_key(file.path.as_path()) {
+                let own = prepared.leap.day(of_day);
+                let [begin, end] = [own.start, own.end].map(|at| at - 2 * BEYOND_NS..at + 2 * BEYOND_NS);
+                let read = edited::read(file, sensor, &prepared.mission, &prepared.leap, [&begin, &end])?;
+                self.near.insert(&file.path, (of_day, read));
+            }
+            if let Some((_, near)) = self.near.get(file.path.as_path()) {
+                (of_day == day).then(|| rows.append(near[0].clone()));
+                (of_day + 1 == day).then(|| rows.append(near[1].clone()));
+            }
+        }
+        let vectors = assembled(prepared, self.index, &rows, &(midnight - BEYOND_NS..midnight + BEYOND_NS))?;
+        let behind = vectors.time.partition_point(|time| *time < midnight);
+        let end = |row: usize| Some((*vectors.time.get(row)?, vectors.thermistor[row]));
+        let ends = [behind.checked_sub(1).and_then(end), end(behind)];
+        self.known = Some((day, ends));
+        Ok(ends)
+    }
+
+    /// The first and the last accepted vector of a stretch.
+    fn in_span(&self, span: &std::ops::Range<Tt2000>) -> Result<Option<(End, End)>, Finding> {
+        let prepared = self.prepared;
+        let sensor = &prepared.mission.sensors[self.index];
+        let tags = span.start - BEYOND_NS..span.end + BEYOND_NS;
+        let mut rows = Rows::default();
+        for file in prepared.files(&sensor.name, &tags) {
+            let [read] = edited::read(file, sensor, &prepared.mission, &prepared.leap, [&tags])?;
+            rows.append(read);
+        }
+        let vectors = assembled(prepared, self.index, &rows, span)?;
+        let end = |row: usize| (vectors.time[row], vectors.thermistor[row]);
+        Ok(vectors.len().checked_sub(1).map(|last| (end(0), end(last))))
+    }
+}
+
+/// The accepted vectors of a stretch in the order of their corrected times.
+fn assembled(prepared: &Prepared, index: usize, rows: &Rows, span: &std::ops::Range<Tt2000>) -> Result<Block, Finding> {
+    let mission = &prepared.mission;
+    let name = &mission.sensors[index].name;
+    let shifts = mission.steps.iter().any(|s| s == "shift");
+    let made = assemble(rows, name, mission, &prepared.leap, span, span, shifts);
+    made.map(|made| made.vectors).map_err(|e| Finding::error(name, e.to_string(), "state it in [[mode]]"))
 }

@@ -259,7 +259,7 @@ pub fn vectors(
     let mut inputs = Vec::new();
     let mut beside = Vec::new();
     for file in prepared.files(&sensor.name, &tags) {
-        let read = match edited::read(file, sensor, mission, &prepared.leap, &tags) {
+        let read = match edited::read(file, sensor, mission, &prepared.leap, [&tags]) {
             // A neighbour that cannot be read fails on its own day; what it would add to this one is lost there too.
             Err(_) if file.day.is_some_and(|own| own != day) => {
                 beside.push(file.path.strip_prefix(&mission.folder).unwrap_or(&file.path).display().to_string());
@@ -267,6 +267,7 @@ pub fn vectors(
             }
             other => other?,
         };
+        let [read] = read;
         if !read.tag.is_empty() {
             let name = file.path.strip_prefix(&mission.folder).unwrap_or(&file.path).to_string_lossy().into_owned();
             inputs.push(edited::hash(file)?.input(name));
