@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
+use toml_edit::{DocumentMut, TableLike};
 
 const TWIN: &str = "configs/rosetta-telemetry.toml";
 const SENSORS: [&str; 2] = ["OB", "IB"];
@@ -318,4 +319,109 @@ fn what_is_wrong_with_a_twin_in_flight_is_said() {
         assert!(!output.status.success() && errors.contains(says), "{errors}");
         assert!(!dir.path().join("out/flight.toml").exists());
     }
+}
+
+/// The twin with seven calm hours of one mode in which the temperature swings by 16 K: the offset follows it in x and y, not in z.
+fn calm_twin(dir: &Path) -> PathBuf {
+    let mut twin: DocumentMut = fs::read_to_string(data(TWIN)).unwrap().parse().unwrap();
+    for key in ["gap", "heaters", "wheels"] {
+        twin.remove(key);
+    }
+    let set = |table: &mut dyn TableLike, key: &str, text: &str| {
+        table.insert(key, toml_edit::value(text.parse::<toml_edit::Value>().unwrap()));
+    };
+    let telemetry = twin["telemetry"].as_table_like_mut().unwrap();
+    set(telemetry, "ground_twin", &format!("{:?}", data("configs/rosetta-ground.toml")));
+    set(telemetry, "from", "\"2015-06-30T17:00:00Z\"");
+    set(telemetry, "to", "\"2015-06-30T23:50:00Z\"");
+    twin["interval"].as_array_of_tables_mut().unwrap().retain(|interval| interval["sid"].as_str() == Some("SID2"));
+    let interval = twin["interval"].as_array_of_tables_mut().unwrap().get_mut(0).unwrap();
+    set(interval, "from", "\"2015-06-30T17:00:00Z\"");
+    set(interval, "to", "\"2015-06-30T23:50:00Z\"");
+    for sensor in twin["sensor"].as_array_of_tables_mut().unwrap().iter_mut() {
+        sensor.remove("jump");
+        set(sensor, "temperature", "{ start_degc = -42.0, swing_k = 8.0, period_h = 2.5 }");
+        set(sensor, "daily_x", "[1.5, 0.05, 4e-3]");
+        set(sensor, "daily_y", "[-0.8, -0.04]");
+        set(sensor, "daily_z", "[0.6]");
+        let boom = sensor["rotation"].as_array_of_tables_mut().unwrap().get_mut(0).unwrap();
+        set(boom, "from", "\"2015-06-30T16:00:00Z\"");
+    }
+    for (key, text) in [("mean_nt", "[0.0, 0.0, 0.0]"), ("scatter_nt", "[0.03, 0.03, 0.03]")] {
+        set(twin["external"].as_table_like_mut().unwrap(), key, text);
+    }
+    for (key, text) in [("noise_nt", "[0.0, 0.0, 0.0]"), ("line_nt", "0.0")] {
+        set(twin["spacecraft"].as_table_like_mut().unwrap(), key, text);
+    }
+    twin["attitude"].as_table_like_mut().unwrap().remove("hole");
+    let path = dir.join("twin.toml");
+    fs::write(&path, twin.to_string()).unwrap();
+    path
+}
+
+#[test]
+fn daily_models_are_found_in_calm_times() {
+    let dir = tempfile::tempdir().unwrap();
+    let telemetry = dir.path().join("telemetry");
+    let run = |arguments: &[&str], paths: &[&Path]| -> (bool, Vec<u8>, String) {
+        let output = calfit().args(arguments).args(paths).output().unwrap();
+        (output.status.success(), output.stdout, String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (done, _, errors) = run(&["simulate", "-o"], &[&telemetry, &calm_twin(dir.path())]);
+    assert!(done, "{errors}");
+    let (config, models) = (telemetry.join("flight.toml"), dir.path().join("models"));
+    let (done, stdout, errors) = run(&["flight", "daily", "--sensor", "OB", "--json", "-o"], &[&models, &config]);
+    assert!(done, "{errors}");
+    let made: Value = serde_json::from_slice(&stdout).unwrap();
+    let model = &made["models"][0];
+    assert_eq!(model["order"], serde_json::json!([2, 1, 0]), "{model}");
+    for c in 0..2 {
+        assert!(model["explained"][c].as_f64().unwrap() > 0.5, "{model}");
+    }
+    // The file as a stranger reads it, against the polynomials of the truth.
+    let truth: Value = serde_json::from_slice(&fs::read(telemetry.join("truth/truth.json")).unwrap()).unwrap();
+    let truth = &truth["sensors"][0]["daily_nt"][0]["polynomials"];
+    let name = "RPCMAG_150630_006_CALIB_OB.toml";
+    let text = fs::read_to_string(models.join(name)).unwrap();
+    let file: DocumentMut = text.parse().unwrap();
+    let numbers =
+        |item: &toml_edit::Item| -> Vec<f64> { item.as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect() };
+    let valid = numbers(&file["valid_degc"]);
+    assert!(valid[1] - valid[0] > 15.0 && valid[0] > -51.0, "{valid:?}");
+    for (c, key) in ["p_x", "p_y", "p_z"].into_iter().enumerate() {
+        let own = numbers(&file[key]);
+        let covariance = file["covariance"][key].as_array().unwrap();
+        let rows: Vec<Vec<f64>> =
+            covariance.iter().map(|row| row.as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect()).collect();
+        for degc in [-49.0, -42.0, -35.0] {
+            let power: Vec<f64> = (0..own.len()).map(|k| f64::powi(degc, k as i32)).collect();
+            let variance: f64 =
+                (0..own.len()).map(|i| (0..own.len()).map(|j| power[i] * rows[i][j] * power[j]).sum::<f64>()).sum();
+            let difference = at(&own, degc) - at(&floats(&truth[c]), degc);
+            println!("{key} at {degc} °C: {difference:.4} ± {:.4} nT", variance.sqrt());
+            assert!(difference.abs() < 4.0 * variance.sqrt() && variance.sqrt() < 0.05, "{key} {degc}: {difference} {variance}");
+        }
+    }
+    assert!(text.contains("\ncalm = [\n  \"2015-06-30T17:00:00.000000000Z/"), "{text}");
+    // Flight processing takes it, and what is left is the field outside and noise.
+    fs::copy(models.join(name), telemetry.join("daily").join(name)).unwrap();
+    let (done, _, errors) = run(&["flight", "A", "--sensor", "OB", "--no-plots", "-o"], &[&dir.path().join("levels"), &config]);
+    assert!(done, "{errors}");
+    let level =
+        SeriesTable::open(&dir.path().join("levels/level=A/sensor=OB/date=2015-06-30/calfit-A-OB-20150630.parquet")).unwrap();
+    for component in ["bx", "by", "bz"] {
+        let values: Vec<f64> = level.numbers(component).unwrap().into_iter().filter(|v| !v.is_nan()).collect();
+        let rms = (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
+        // 0.03 nT outside and 0.034 nT of noise and steps.
+        assert!(values.len() > 20_000 && rms < 0.07, "{component}: {rms} nT of {}", values.len());
+    }
+    // Without calm times there is no model, and nothing is written.
+    let table = dir.path().join("calm.csv");
+    fs::write(&table, "from,to\n2015-06-30T17:00:00Z,2015-06-30T17:05:00Z\n").unwrap();
+    let none = dir.path().join("none");
+    let (done, _, errors) = run(&["flight", "daily", "--sensor", "OB", "-o"], &[&none, &config, Path::new("--calm"), &table]);
+    assert!(!done && errors.contains("there are 5 calm minutes, and ten are needed"), "{errors}");
+    assert!(!none.join(name).exists());
+    let (done, _, errors) = run(&["flight", "A", "--order", "2"], &[&config]);
+    assert!(!done && errors.contains("--order and --calm are options of `daily`"), "{errors}");
 }

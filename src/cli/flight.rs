@@ -5,7 +5,9 @@ use super::{Common, Status};
 use crate::data::error::{Finding, Severity};
 use crate::data::time::day_of;
 use crate::flight::made::DayMade;
-use crate::workflow::flight::{DayFailed, Flight, FlightMade, FlightOptions, Levels, make_carry, make_report};
+use crate::workflow::flight::{
+    DailyOptions, DayFailed, Flight, FlightMade, FlightOptions, Levels, make_carry, make_daily, make_report,
+};
 use clap::Args;
 use jiff::civil::Date;
 use rayon::prelude::*;
@@ -13,7 +15,7 @@ use std::path::PathBuf;
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Levels by their letters without separators, such as ABC, or `all`; or `carry`: what every day needs of the others, as a table; or `report`: the report of the days that stand in the folder.
+    /// Levels by their letters without separators, such as ABC, or `all`; or `carry`: what every day needs of the others, as a table; or `daily`: the daily offset models, from calm times; or `report`: the report of the days that stand in the folder.
     #[arg(value_name = "LEVELS")]
     what: String,
     /// The configuration of the mission.
@@ -34,9 +36,18 @@ pub(super) struct Arguments {
     /// Housekeeping in physical units as well.
     #[arg(long)]
     hk: bool,
+    /// With `daily`: the highest order of a model, 3 without it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=5))]
+    order: Option<u8>,
+    /// With `daily`: a table of calm times, `from` and `to`; without it they are found.
+    #[arg(long, value_name = "TABLE")]
+    calm: Option<PathBuf>,
 }
 
 const CARRY: &str = "carry";
+const DAILY: &str = "daily";
+/// The highest order of a daily model that is tried if none is stated (RO-IGEP-TR0028 section 4.2.3.3).
+const MOST_ORDER: usize = 3;
 const REPORT: &str = "report";
 
 /// Days of sensors that are made at the same time: reading and sorting one has a single thread, and every one needs its memory.
@@ -45,6 +56,13 @@ const AT_ONCE: usize = 2;
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     if arguments.what == CARRY {
         return carry(arguments, common, terminal);
+    }
+    if arguments.what == DAILY {
+        return daily(arguments, common, terminal);
+    }
+    if arguments.order.is_some() || arguments.calm.is_some() {
+        let remedy = "take them away, or write `calfit flight daily`";
+        return Err(Finding::error("calfit flight", "--order and --calm are options of `daily`", remedy));
     }
     if arguments.what == REPORT {
         let mut findings = Vec::new();
@@ -114,6 +132,49 @@ fn carry(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<
     let carry = carry?;
     terminal.tell(&format!("{} days of sensors\n  -> {}\n", carry.rows.len(), out.display()));
     Ok(Status::Done)
+}
+
+fn daily(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let options = DailyOptions {
+        order: arguments.order.map_or(MOST_ORDER, usize::from),
+        calm: arguments.calm.clone(),
+        sensor: arguments.sensor.clone(),
+        days: [arguments.from.map(day_of), arguments.to.map(day_of)],
+        out: if common.out_given { common.out.clone() } else { PathBuf::from(DAILY) },
+        force: common.force,
+        plots: !common.no_plots,
+    };
+    let mut findings = Vec::new();
+    let made = make_daily(&arguments.config, &options, &mut findings);
+    findings.iter().for_each(|f| terminal.finding(f));
+    let made = made?;
+    made.failed.iter().for_each(|failed| terminal.finding(&failed.error));
+    if common.json {
+        terminal.print(&json(&made)?);
+    } else {
+        for model in &made.models {
+            let [x, y, z] = model.order;
+            let share = |c: usize| model.explained[c].map_or("unknown".to_owned(), |share| format!("{:.1} %", 100.0 * share));
+            terminal.tell(&format!(
+                "{} {}: orders {x} {y} {z} of {} calm minutes from {:.1} to {:.1} °C; explained in hours left out: {}, {}, {}\n  -> {}\n",
+                model.sensor,
+                model.day,
+                model.minutes,
+                model.valid_degc[0],
+                model.valid_degc[1],
+                share(0),
+                share(1),
+                share(2),
+                model.file
+            ));
+            model.notes.iter().for_each(|note| terminal.tell(&format!("  note: {note}\n")));
+        }
+        made.failed.iter().for_each(|failed| terminal.error(&format!("{} {} has no model", failed.sensor, failed.day)));
+    }
+    if made.models.is_empty() && made.failed.is_empty() {
+        terminal.warning("there are no vectors in these days; see `input`, --from, --to and --sensor");
+    }
+    Ok(if made.failed.is_empty() { Status::Done } else { Status::Partly })
 }
 
 /// `calfit inspect flight.toml`: days, sensors, modes, vectors, what is rejected, what tables do not cover.

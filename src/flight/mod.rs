@@ -6,8 +6,10 @@
 
 pub mod assemble;
 pub mod attitude;
+pub mod calm;
 pub mod counts;
 pub mod daily;
+pub mod daily_fit;
 pub mod disturbance;
 pub mod ground;
 pub mod heater;

@@ -3,6 +3,7 @@
 use super::parts::{SENSOR, STYLES, panels};
 use super::{Band, Column, Figure, Marks, Panel, Scale, Series, Style};
 use crate::fit::spectrum::Density;
+use crate::model::polynomial::TemperaturePolynomial;
 
 /// Columns of a picture of a day.
 pub const COLUMNS: usize = 1200;
@@ -141,6 +142,44 @@ pub fn jumps(sensor: &str, day: &str, classes: &[String], heights: &[Vec<Height>
                 })
                 .collect(),
             bands: vec![],
+        }),
+    }
+}
+
+/// Calm minutes of a day over the temperature, with the polynomial of each component and its uncertainty.
+#[must_use]
+pub fn daily(sensor: &str, day: &str, points: &[(f64, [f64; 3])], polynomials: &[TemperaturePolynomial; 3]) -> Figure {
+    const STEPS: usize = 200;
+    let [low, high] = polynomials[0].valid_degc;
+    let at: Vec<f64> = (0..=STEPS).map(|i| low + (high - low) * i as f64 / STEPS as f64).collect();
+    Figure {
+        title: format!("Daily offset model, {sensor}, {day}"),
+        caption: "Means of calm minutes over the sensor temperature, and the polynomial through them with its standard uncertainty, in \
+                  axes of the sensor. A level line says that the field does not follow the temperature more than slow noise does by itself."
+            .to_owned(),
+        x_label: "sensor temperature, °C".to_owned(),
+        x_scale: Scale::Linear,
+        panels: panels(|c| {
+            let values: Vec<(f64, (f64, f64))> = at.iter().map(|t| (*t, polynomials[c].evaluate(*t))).collect();
+            let band = values.iter().map(|(t, (v, std))| Column { x: *t, min: v - std, max: v + std }).collect();
+            Panel {
+                y_label: format!("B{}, nT", SENSOR[c]),
+                y_scale: Scale::Linear,
+                series: vec![
+                    Series {
+                        label: "calm minutes".to_owned(),
+                        style: Style::Reference,
+                        marks: Marks::Points(points.iter().map(|(t, field)| (*t, field[c], None)).collect()),
+                    },
+                    Series { label: "standard uncertainty".to_owned(), style: STYLES[c], marks: Marks::Envelope(band) },
+                    Series {
+                        label: format!("{} of order {}", SENSOR[c], polynomials[c].order()),
+                        style: STYLES[c],
+                        marks: Marks::Line(values.iter().map(|(t, (v, _))| (*t, *v)).collect()),
+                    },
+                ],
+                bands: vec![],
+            }
         }),
     }
 }

@@ -135,3 +135,83 @@ fn shared(days: &[DayShown]) -> Option<Section> {
         )
     })
 }
+
+/// The daily offset model of a sensor and day.
+pub struct DailyShown {
+    /// Day, `YYYY-MM-DD`.
+    pub day: String,
+    /// Sensor.
+    pub sensor: String,
+    /// Orders of x, y, z.
+    pub order: [usize; 3],
+    /// Share of the squares of hours without part in the fit that the temperature explains.
+    pub explained: [Option<f64>; 3],
+    /// What is left about the model, nT rms.
+    pub residual_nt: [f64; 3],
+    /// Calm minutes.
+    pub minutes: usize,
+    /// Lowest and highest temperature of them, °C.
+    pub valid_degc: [f64; 2],
+    /// What a person should know.
+    pub notes: Vec<String>,
+    /// Its figures.
+    pub figures: Vec<Drawn>,
+}
+
+/// The report of daily offset models; `without` names days without a model: day, sensor, reason.
+#[must_use]
+pub fn daily_document(mission: &str, instrument: &str, models: &[DailyShown], without: &[[String; 3]]) -> Document {
+    let mut table = Table::new([
+        "day",
+        "sensor",
+        "component",
+        "order",
+        "explained in hours left out, %",
+        "left, nT rms",
+        "calm minutes",
+        "temperature, °C",
+    ]);
+    for model in models {
+        for (c, name) in ["x", "y", "z"].into_iter().enumerate() {
+            let explained = match model.explained[c] {
+                _ if model.order[c] == 0 => Cell::Missing("no dependence"),
+                Some(share) => Cell::fixed(100.0 * share, 1),
+                None => Cell::Missing("too few hours"),
+            };
+            let degc = format!("{:.2} to {:.2}", model.valid_degc[0], model.valid_degc[1]);
+            table.push(cells![
+                model.day.as_str(),
+                model.sensor.as_str(),
+                name,
+                model.order[c],
+                explained,
+                Cell::fixed(model.residual_nt[c], 3),
+                model.minutes,
+                degc.as_str()
+            ]);
+        }
+    }
+    let mut sections = vec![Section::new("Models").with(table).with(
+        "A model of order 0 is a constant: nothing in the calm minutes follows the temperature more than slow noise does by itself. The \
+         constant of every model holds whatever was constant in the calm minutes: offset, field of the spacecraft, mean of the field \
+         outside. A model holds within its temperatures only.",
+    )];
+    let mut remarks: Vec<Text> = Vec::new();
+    for model in models {
+        remarks.extend(model.notes.iter().map(|note| Text::from(format!("{} {}, {note}.", model.sensor, model.day).as_str())));
+    }
+    remarks.extend(
+        without.iter().map(|[day, sensor, reason]| Text::from(format!("{sensor} {day} has no model: {reason}.").as_str())),
+    );
+    if !remarks.is_empty() {
+        let mut section = Section::new("Remarks");
+        section.push(Block::List(remarks));
+        sections.push(section);
+    }
+    let mut last = 0;
+    for model in models.iter().filter(|model| !model.figures.is_empty()) {
+        let figures: Vec<Figure> = Drawn::number(&model.figures, "figures/", &mut last);
+        sections.push(Section::new(format!("{} {}", model.sensor, model.day)).with_all(figures));
+    }
+    Document { title: format!("{mission} {instrument}: daily offset models"), front: Vec::new(), sections, colophon: None }
+}

@@ -1,6 +1,6 @@
-//! Auxiliary tables of flight processing: attitude, positions, wheels, heater states.
+//! Auxiliary tables of flight processing: attitude, positions, wheels, heater states, calm times.
 
-use super::mission::Celestial;
+use super::mission::{Celestial, Span};
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
 use crate::data::time::{LeapSeconds, Tt2000};
@@ -136,29 +136,47 @@ pub fn wheels(path: &Path, leap: &LeapSeconds) -> Result<(WheelRates, Input), Fi
     Ok((WheelRates { time_tt2000: time, rate_hz }, input(path)?))
 }
 
+/// Begins and ends of the intervals of a table, `from_tt2000` and `to_tt2000` or `from` and `to`.
+fn intervals(table: &SeriesTable, path: &Path, leap: &LeapSeconds) -> Result<Vec<Span>, Finding> {
+    let names = table.names();
+    let time = |tt2000: &str, utc: &str| {
+        if names.iter().any(|n| n == tt2000) { table.whole(tt2000) } else { table.utc(utc, leap) }
+    };
+    let (from, to) = (time("from_tt2000", "from")?, time("to_tt2000", "to")?);
+    if let Some(row) = (0..from.len()).find(|row| from[*row] >= to[*row]) {
+        return Err(refuse(path, row, "the interval ends before it begins", "correct it"));
+    }
+    Ok(from.into_iter().zip(to).map(|(from, to)| Span { from, to }).collect())
+}
+
+/// Reads a table of calm times.
+///
+/// # Errors
+/// What is wrong with the table, with its row; a table without rows.
+pub fn calm(path: &Path, leap: &LeapSeconds) -> Result<(Vec<Span>, Input), Finding> {
+    let spans = intervals(&SeriesTable::open(path)?, path, leap)?;
+    if spans.is_empty() {
+        return Err(Finding::error(&path.display().to_string(), "has no rows", "name the calm times, or leave --calm out"));
+    }
+    Ok((spans, input(path)?))
+}
+
 /// Reads a table of heater states.
 ///
 /// # Errors
 /// What is wrong with the table, with its row: an interval that ends before it begins, a class that the configuration does not name.
 pub fn heater(path: &Path, classes: &[String], leap: &LeapSeconds) -> Result<(Vec<HeaterOn>, Input), Finding> {
     let table = SeriesTable::open(path)?;
-    let names = table.names();
-    let time = |tt2000: &str, utc: &str| {
-        if names.iter().any(|n| n == tt2000) { table.whole(tt2000) } else { table.utc(utc, leap) }
-    };
-    let (from, to) = (time("from_tt2000", "from")?, time("to_tt2000", "to")?);
+    let spans = intervals(&table, path, leap)?;
     let words = table.words("cls")?;
-    let mut list = Vec::with_capacity(from.len());
-    for row in 0..from.len() {
-        if from[row] >= to[row] {
-            return Err(refuse(path, row, "the interval ends before it begins", "correct it"));
-        }
+    let mut list = Vec::with_capacity(spans.len());
+    for (row, span) in spans.iter().enumerate() {
         let word = &words.words[words.codes[row] as usize];
         let Some(class) = classes.iter().position(|class| class == word) else {
             let remedy = "name all heaters in [heater] classes";
             return Err(refuse(path, row, &format!("the heater {word} is none of {}", classes.join(", ")), remedy));
         };
-        list.push(HeaterOn { from_tt2000: from[row], to_tt2000: to[row], class });
+        list.push(HeaterOn { from_tt2000: span.from, to_tt2000: span.to, class });
     }
     Ok((list, input(path)?))
 }

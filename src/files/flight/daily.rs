@@ -5,7 +5,7 @@ use crate::data::provenance::Input;
 use crate::data::time::{date_of, day_of};
 use crate::files::parameter::matrix_of;
 use crate::files::source::read_whole;
-use crate::files::text::{Keys, decode};
+use crate::files::text::{Keys, decode, quoted};
 use crate::model::polynomial::TemperaturePolynomial;
 use jiff::civil::Date;
 use nalgebra::DMatrix;
@@ -32,6 +32,7 @@ const KEYS: [&str; 15] = [
     "explained",
     "provenance",
 ];
+const NAMES: [&str; 3] = ["p_x", "p_y", "p_z"];
 /// A model has so many coefficients at most.
 const MOST: usize = 6;
 
@@ -44,6 +45,38 @@ pub struct DailyModel {
     pub valid_degc: [f64; 2],
     /// The file.
     pub input: Input,
+}
+
+/// The text of a file up to its covariances: the root keys, of which the caller may add further ones.
+#[must_use]
+pub fn head(what: &str, sensor: &str, day: i32, polynomials: &[TemperaturePolynomial; 3], valid_degc: [f64; 2]) -> String {
+    let date = date_of(day);
+    let (year, month, d) = (date.year(), date.month(), date.day());
+    let mut text =
+        format!("# calfit daily offset model, {what}\nformat = \"{FORMAT}\"\nversion = 1\nsensor = {}\n", quoted(sensor));
+    text.push_str(&format!("date = \"{year:04}-{month:02}-{d:02}\"\nmodel = \"polynomial\"\nunit = \"nT\"\nsign = \"{SIGN}\"\n"));
+    for (key, polynomial) in NAMES.into_iter().zip(polynomials) {
+        text.push_str(&format!("{key} = {}\n", numbers(&polynomial.coefficients)));
+    }
+    text.push_str(&format!("valid_degc = {}\n", numbers(&valid_degc)));
+    text
+}
+
+/// The covariances of the coefficients as a table of the file.
+#[must_use]
+pub fn covariances(polynomials: &[TemperaturePolynomial; 3]) -> String {
+    let mut text = "\n[covariance]\n".to_owned();
+    for (key, polynomial) in NAMES.into_iter().zip(polynomials) {
+        let rows: Vec<String> = polynomial.covariance.row_iter().map(|row| numbers(row.iter())).collect();
+        text.push_str(&format!("{key} = [{}]\n", rows.join(", ")));
+    }
+    text
+}
+
+/// Numbers as the shortest texts that are read back as the same.
+fn numbers<'a>(values: impl IntoIterator<Item = &'a f64>) -> String {
+    let list: Vec<String> = values.into_iter().map(|v| format!("{v:?}")).collect();
+    format!("[{}]", list.join(", "))
 }
 
 /// The file of a day, by the pattern of the configuration.
@@ -107,7 +140,8 @@ pub fn read(path: &Path, sensor: &str, day: i32) -> Result<DailyModel, Finding> 
         };
         Ok(TemperaturePolynomial { coefficients, covariance, valid_degc: [low, high] })
     };
-    let polynomials = [polynomial("p_x")?, polynomial("p_y")?, polynomial("p_z")?];
+    let [x, y, z] = NAMES.map(polynomial);
+    let polynomials = [x?, y?, z?];
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     Ok(DailyModel { polynomials, valid_degc: [low, high], input: digested.input(name) })
 }

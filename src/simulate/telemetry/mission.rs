@@ -4,11 +4,13 @@ use super::coefficients::Ground;
 use super::truth::ATTITUDE_GAP_S;
 use super::{Telemetry, readings};
 use crate::data::convention::Convention;
-use crate::data::time::{SECOND_NS, date_of};
+use crate::data::time::SECOND_NS;
 use crate::files::flight::daily;
 use crate::files::flight::mission::Span;
 use crate::files::text::quoted;
 use crate::files::twin::telemetry::FlightSensor;
+use crate::model::polynomial::TemperaturePolynomial;
+use nalgebra::DMatrix;
 use std::fmt::Write;
 
 /// Name of the configuration.
@@ -28,20 +30,12 @@ fn daily_pattern(sensor: &str) -> String {
 #[must_use]
 pub fn daily(sensor: &FlightSensor, day: i32, polynomials: &[Vec<f64>; 3]) -> (String, String) {
     let path = daily::path_of(std::path::Path::new(""), &daily_pattern(&sensor.name), day);
-    let date = date_of(day);
-    let mut text = format!(
-        "# calfit daily offset model, simulated\nformat = \"{}\"\nversion = 1\nsensor = {}\ndate = \"{:04}-{:02}-{:02}\"\nmodel = \"polynomial\"\n",
-        daily::FORMAT,
-        quoted(&sensor.name),
-        date.year(),
-        date.month(),
-        date.day()
-    );
-    for (key, polynomial) in ["p_x", "p_y", "p_z"].into_iter().zip(polynomials) {
-        let _ = writeln!(text, "{key} = {}", numbers(polynomial.iter().copied()));
-    }
-    let _ = writeln!(text, "valid_degc = {}", numbers(sensor.valid_degc));
-    (path.display().to_string(), text)
+    let exact = polynomials.each_ref().map(|coefficients| TemperaturePolynomial {
+        coefficients: coefficients.clone(),
+        covariance: DMatrix::zeros(0, 0),
+        valid_degc: sensor.valid_degc,
+    });
+    (path.display().to_string(), daily::head("simulated", &sensor.name, day, &exact, sensor.valid_degc))
 }
 
 /// The text of the configuration; `ground` are the coefficient files of both sensors.

@@ -1,6 +1,7 @@
 //! Flight processing: a mission's telemetry to levels, day by day, with everything that a day needs of the others known before.
 
 mod carry;
+mod daily_models;
 mod day;
 mod derived;
 mod ground;
@@ -12,6 +13,7 @@ mod steps;
 mod write;
 
 pub use carry::{Carry, CarryRow};
+pub use daily_models::{DailyMade, DailyModels, DailyOptions, make_daily};
 pub use ground::Ground;
 pub use levels::{Level, Levels, NoLevels};
 pub use look::{check, inspect};
