@@ -84,6 +84,7 @@ const FURTHER: [Further; 19] = [
             "calfit flight ABC flight.toml -o OUT",
             "calfit flight all flight.toml --from 2015-06-29 --to 2015-06-30 --sensor OB -o OUT",
             "calfit flight carry flight.toml -o carry.parquet",
+            "calfit flight daily flight.toml -o daily",
         ],
         files: &[
             "flight.toml  sensors, ground calibration files, modes, frames, tables; docs/reference/flight.md has all its keys",

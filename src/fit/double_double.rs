@@ -29,10 +29,18 @@ fn quick_two_sum(a: f64, b: f64) -> (f64, f64) {
     (sum, b - (sum - a))
 }
 
-/// Product and its exact rounding error.
+/// A number as the sum of two of 26 bits.
+fn split(a: f64) -> (f64, f64) {
+    let scaled = 134_217_729.0 * a;
+    let high = scaled - (scaled - a);
+    (high, a - high)
+}
+
+/// Product and its exact rounding error, for numbers below 1e300. Compilers call a function for `mul_add` where not every processor has it.
 fn two_prod(a: f64, b: f64) -> (f64, f64) {
     let product = a * b;
-    (product, a.mul_add(b, -product))
+    let ((a_high, a_low), (b_high, b_low)) = (split(a), split(b));
+    (product, ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low)
 }
 
 impl DoubleDouble {
@@ -136,18 +144,39 @@ pub fn product(a: &DMatrix<DoubleDouble>, b: &DMatrix<DoubleDouble>) -> DMatrix<
 
 /// Adds the product of two matrices to a third, column after column.
 pub fn add_product(sum: &mut DMatrix<DoubleDouble>, a: &DMatrix<DoubleDouble>, b: &DMatrix<DoubleDouble>) {
-    for (mut sum, factors) in sum.column_iter_mut().zip(b.column_iter()) {
-        for (column, &factor) in a.column_iter().zip(factors.iter()) {
-            sum.iter_mut().zip(column.iter()).for_each(|(sum, &entry)| *sum += entry * factor);
+    let rows = a.nrows();
+    if rows == 0 {
+        return;
+    }
+    for (sum, factors) in sum.as_mut_slice().chunks_exact_mut(rows).zip(b.column_iter()) {
+        for (column, &factor) in a.as_slice().chunks_exact(rows).zip(factors.iter()) {
+            sum.iter_mut().zip(column).for_each(|(sum, &entry)| *sum += entry * factor);
         }
     }
 }
 
 /// Adds the product of a transposed matrix and another to a third, column after column.
 pub fn add_transposed_product(sum: &mut DMatrix<DoubleDouble>, a: &DMatrix<DoubleDouble>, b: &DMatrix<DoubleDouble>) {
-    for (mut sum, factors) in sum.column_iter_mut().zip(b.column_iter()) {
-        for (sum, column) in sum.iter_mut().zip(a.column_iter()) {
-            column.iter().zip(factors.iter()).for_each(|(&entry, &factor)| *sum += entry * factor);
+    /// Every sum waits for its last term, so that some of them go side by side.
+    const TOGETHER: usize = 4;
+    let rows = a.nrows();
+    for c in 0..b.ncols() {
+        let factors = &b.as_slice()[c * rows..(c + 1) * rows];
+        for first in (0..a.ncols()).step_by(TOGETHER) {
+            let column = |k: usize| &a.as_slice()[(first + k) * rows..(first + k + 1) * rows];
+            if first + TOGETHER <= a.ncols() {
+                let columns: [&[DoubleDouble]; TOGETHER] = std::array::from_fn(column);
+                let mut sums: [DoubleDouble; TOGETHER] = std::array::from_fn(|k| sum[(first + k, c)]);
+                for (row, &factor) in factors.iter().enumerate() {
+                    (0..TOGETHER).for_each(|k| sums[k] += columns[k][row] * factor);
+                }
+                (0..TOGETHER).for_each(|k| sum[(first + k, c)] = sums[k]);
+            } else {
+                for k in 0..a.ncols() - first {
+                    let own = &mut sum[(first + k, c)];
+                    column(k).iter().zip(factors).for_each(|(&entry, &factor)| *own += entry * factor);
+                }
+            }
         }
     }
 }
