@@ -403,18 +403,23 @@ fn daily_models_are_found_in_calm_times() {
         }
     }
     assert!(text.contains("\ncalm = [\n  \"2015-06-30T17:00:00.000000000Z/"), "{text}");
-    // Flight processing takes it, and what is left is the field outside and noise.
+    // Flight processing takes it, and level A is that of the true model within the uncertainty of the fitted one.
+    let level = |out: &str| -> Vec<Vector3<f64>> {
+        let out = dir.path().join(out);
+        let (done, _, errors) = run(&["flight", "A", "--sensor", "OB", "--no-plots", "-o"], &[&out, &config]);
+        assert!(done, "{errors}");
+        let file = out.join("level=A/sensor=OB/date=2015-06-30/calfit-A-OB-20150630.parquet");
+        let all = field(&SeriesTable::open(&file).unwrap());
+        all.into_iter().filter(|v| !v.x.is_nan()).collect()
+    };
+    let with_true = level("true");
     fs::copy(models.join(name), telemetry.join("daily").join(name)).unwrap();
-    let (done, _, errors) = run(&["flight", "A", "--sensor", "OB", "--no-plots", "-o"], &[&dir.path().join("levels"), &config]);
-    assert!(done, "{errors}");
-    let level =
-        SeriesTable::open(&dir.path().join("levels/level=A/sensor=OB/date=2015-06-30/calfit-A-OB-20150630.parquet")).unwrap();
-    for component in ["bx", "by", "bz"] {
-        let values: Vec<f64> = level.numbers(component).unwrap().into_iter().filter(|v| !v.is_nan()).collect();
-        let rms = (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
-        // 0.03 nT outside and 0.034 nT of noise and steps.
-        assert!(values.len() > 20_000 && rms < 0.07, "{component}: {rms} nT of {}", values.len());
-    }
+    let with_fitted = level("fitted");
+    // A few readings of the thermistor lie beyond the means of calm minutes; there the model gives nothing.
+    assert!(with_true.len() > 20_000 && with_fitted.len() * 100 > with_true.len() * 98, "{}", with_fitted.len());
+    let mean = |list: &[Vector3<f64>]| list.iter().sum::<Vector3<f64>>() / list.len() as f64;
+    let difference = mean(&with_fitted) - mean(&with_true);
+    assert!(difference.amax() < 4.0 * 0.05, "{difference}");
     // Without calm times there is no model, and nothing is written.
     let table = dir.path().join("calm.csv");
     fs::write(&table, "from,to\n2015-06-30T17:00:00Z,2015-06-30T17:05:00Z\n").unwrap();

@@ -241,7 +241,11 @@ fn bars(diagnosis: &Diagnosis, step: &Step, evidence: &Evidence) -> Figure {
     let limit = own - evidence.apart;
     let bottom = 0.5 - evidence.bars.len() as f64;
     let series = vec![
-        Series { label: "evidence".to_owned(), style: Style::X, marks: Marks::Bars(evidence.bars.clone()) },
+        Series {
+            label: "evidence".to_owned(),
+            style: Style::X,
+            marks: Marks::Bars(evidence.bars.iter().map(|(name, to)| (name.clone(), vec![(0.0, *to)])).collect()),
+        },
         Series {
             label: format!("a hundredth of {}", name(step)),
             style: Style::Y,

@@ -86,8 +86,8 @@ pub enum Marks {
     /// A band along a curve (x, low, high), behind everything else; an end that is not positive
     /// lies below the panel of a logarithmic y axis.
     Ribbon(Vec<(f64, f64, f64)>),
-    /// Bars from zero to a value in rows with a name each, from top to bottom; the panel has names instead of a y axis.
-    Bars(Vec<(String, f64)>),
+    /// Bars from one value to another in rows with a name each, from top to bottom; the panel has names instead of a y axis.
+    Bars(Vec<(String, Vec<(f64, f64)>)>),
     /// Rows of cells, from top to bottom; the panel has names instead of a y axis.
     Cells(Vec<CellRow>),
 }

@@ -2,8 +2,10 @@
 
 use super::parts::{SENSOR, STYLES, panels};
 use super::{Band, Column, Figure, Marks, Panel, Scale, Series, Style};
+use crate::data::flags::Flags;
 use crate::fit::spectrum::Density;
 use crate::model::polynomial::TemperaturePolynomial;
+use std::collections::BTreeMap;
 
 /// Columns of a picture of a day.
 pub const COLUMNS: usize = 1200;
@@ -88,6 +90,71 @@ pub fn difference(names: [&str; 2], day: &str, extents: &[Extents; 3]) -> Figure
     figure
 }
 
+/// What there is of a day in the columns of a picture: modes, flags.
+#[derive(Clone, Debug, Default)]
+pub struct Coverage {
+    /// Columns with vectors of each mode, and with each flag.
+    rows: [BTreeMap<usize, Vec<bool>>; 2],
+    any: Vec<bool>,
+}
+
+impl Coverage {
+    /// Takes a vector at a share of the day, 0 to 1: the index of its mode, and its flags.
+    pub fn take(&mut self, share: f64, mode: usize, flags: Flags) {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a column of a picture")]
+        let at = (share * COLUMNS as f64) as usize;
+        if at >= COLUMNS {
+            return;
+        }
+        let empty = || vec![false; COLUMNS];
+        self.any.resize(COLUMNS, false);
+        self.any[at] = true;
+        self.rows[0].entry(mode).or_insert_with(empty)[at] = true;
+        for (index, _) in Flags::ALL.iter().enumerate().filter(|(_, (flag, _))| flags.any_of(*flag)) {
+            self.rows[1].entry(index).or_insert_with(empty)[at] = true;
+        }
+    }
+
+    /// The figure; `modes` are their names.
+    #[must_use]
+    pub fn figure(&self, sensor: &str, day: &str, modes: &[&str]) -> Figure {
+        let [of_modes, of_flags] = &self.rows;
+        let without: Vec<bool> = self.any.iter().map(|any| !any).collect();
+        let mut bars: Vec<(String, Vec<(f64, f64)>)> = of_modes
+            .iter()
+            .map(|(index, columns)| (modes.get(*index).copied().unwrap_or("mode").to_owned(), spans(columns)))
+            .collect();
+        bars.push(("no vectors".to_owned(), spans(&without)));
+        bars.extend(of_flags.iter().map(|(index, columns)| (Flags::ALL[*index].1.to_owned(), spans(columns))));
+        Figure {
+            title: format!("What there is of the day, {sensor}, {day}"),
+            caption: "When there are vectors of each mode and when none, and when at least one vector of a column of the picture (72 s) has \
+                      a flag: tables that do not cover the day, gaps, temperatures outside of the calibration."
+                .to_owned(),
+            x_label: HOURS.to_owned(),
+            x_scale: Scale::Linear,
+            panels: vec![Panel {
+                y_label: String::new(),
+                y_scale: Scale::Linear,
+                series: vec![Series { label: String::new(), style: Style::X, marks: Marks::Bars(bars) }],
+                bands: vec![],
+            }],
+        }
+    }
+}
+
+/// Begins and ends of the runs of columns that are set, h.
+fn spans(columns: &[bool]) -> Vec<(f64, f64)> {
+    let width_h = 24.0 / COLUMNS as f64;
+    let mut begin = 0;
+    let runs = columns.chunk_by(|a, b| a == b).map(|run| {
+        let own = (begin, begin + run.len(), run[0]);
+        begin += run.len();
+        own
+    });
+    runs.filter(|(.., set)| *set).map(|(from, to, _)| (from as f64 * width_h, to as f64 * width_h)).collect()
+}
+
 /// Amplitude densities before and after wheels and lines were taken off.
 #[must_use]
 pub fn spectra(sensor: &str, day: &str, mode: &str, before: &Density, after: &Density) -> Figure {
@@ -161,7 +228,7 @@ pub fn daily(sensor: &str, day: &str, points: &[(f64, [f64; 3])], polynomials: &
         x_scale: Scale::Linear,
         panels: panels(|c| {
             let values: Vec<(f64, (f64, f64))> = at.iter().map(|t| (*t, polynomials[c].evaluate(*t))).collect();
-            let band = values.iter().map(|(t, (v, std))| Column { x: *t, min: v - std, max: v + std }).collect();
+            let band = values.iter().map(|(t, (v, std))| (*t, v - std, v + std)).collect();
             Panel {
                 y_label: format!("B{}, nT", SENSOR[c]),
                 y_scale: Scale::Linear,
@@ -171,7 +238,7 @@ pub fn daily(sensor: &str, day: &str, points: &[(f64, [f64; 3])], polynomials: &
                         style: Style::Reference,
                         marks: Marks::Points(points.iter().map(|(t, field)| (*t, field[c], None)).collect()),
                     },
-                    Series { label: "standard uncertainty".to_owned(), style: STYLES[c], marks: Marks::Envelope(band) },
+                    Series { label: "standard uncertainty".to_owned(), style: STYLES[c], marks: Marks::Ribbon(band) },
                     Series {
                         label: format!("{} of order {}", SENSOR[c], polynomials[c].order()),
                         style: STYLES[c],

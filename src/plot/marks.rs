@@ -63,9 +63,11 @@ impl Marks {
                 }
             }
             Marks::Bars(bars) => {
-                for (row, (_, value)) in bars.iter().enumerate() {
-                    both(0.0, place(row) + 0.5);
-                    both(*value, place(row) - 0.5);
+                for (row, (_, own)) in bars.iter().enumerate() {
+                    for (from, to) in own {
+                        both(*from, place(row) + 0.5);
+                        both(*to, place(row) - 0.5);
+                    }
                 }
             }
             Marks::Cells(rows) => {

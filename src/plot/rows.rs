@@ -59,9 +59,9 @@ pub(super) fn name_ticks(panel: &Panel, axis: &mut Axis) {
     axis.note.clear();
 }
 
-pub(super) fn draw_bars(canvas: &mut Canvas, frame: &Frame, bars: &[(String, f64)], look: &Look) {
-    for (row, (_, value)) in bars.iter().enumerate() {
-        if let Some(area) = area(frame, row, 0.0, *value) {
+pub(super) fn draw_bars(canvas: &mut Canvas, frame: &Frame, bars: &[(String, Vec<(f64, f64)>)], look: &Look) {
+    for (row, (_, own)) in bars.iter().enumerate() {
+        for area in own.iter().filter_map(|(from, to)| area(frame, row, *from, *to)) {
             canvas.rect(area, look.ink, 1.0);
         }
     }

@@ -3,6 +3,7 @@
 use super::day::Product;
 use super::{Level, Prepared, day_name};
 use crate::data::error::Finding;
+use crate::data::flags::Flags;
 use crate::data::time::Tt2000;
 use crate::files::output::Folder;
 use crate::files::table::long::{Column, LongWriter};
@@ -10,7 +11,7 @@ use crate::fit::spectrum::{Density, of_record};
 use crate::flight::Series;
 use crate::flight::made::DayMade;
 use crate::flight::means::Means;
-use crate::plot::flight::{self as figures, Extents, Height};
+use crate::plot::flight::{self as figures, Coverage, Extents, Height};
 use crate::plot::{self, Figure};
 use crate::show::flight::{DayShown, document};
 use crate::show::{Drawn, html};
@@ -41,6 +42,7 @@ pub struct Pictures<'a> {
     sensor: &'a str,
     frame: [&'a str; 3],
     day: i32,
+    coverage: Coverage,
     list: Vec<(String, Figure)>,
 }
 
@@ -59,7 +61,7 @@ impl<'a> Pictures<'a> {
     /// No figures so far.
     #[must_use]
     pub fn new(prepared: &'a Prepared, sensor: &'a str, frame: [&'a str; 3], day: i32) -> Self {
-        Self { prepared, sensor, frame, day, list: Vec::new() }
+        Self { prepared, sensor, frame, day, coverage: Coverage::default(), list: Vec::new() }
     }
 
     /// Takes a level of single vectors.
@@ -71,6 +73,13 @@ impl<'a> Pictures<'a> {
             let inside = block.rows_in(&span);
             inside.map(|row| (block.time[row], [block.field[0][row], block.field[1][row], block.field[2][row]]))
         });
+        self.coverage = Coverage::default();
+        for block in blocks.iter() {
+            for row in block.rows_in(&span) {
+                let share = (block.time[row] - span.start) as f64 / (span.end - span.start) as f64;
+                self.coverage.take(share, usize::from(block.mode[row]), Flags(block.flags[row]));
+            }
+        }
         let (what, frame) = match level {
             Level::A => ("Calibrated field at the sensor", self.frame[0]),
             Level::B => ("Calibrated field", self.frame[1]),
@@ -104,6 +113,8 @@ impl<'a> Pictures<'a> {
     /// Takes what is to be seen of wheels and heaters in what was made.
     pub fn facts(&mut self, made: &DayMade, spectra: &[(String, Density, Density)]) {
         let day = day_name(self.day);
+        let modes: Vec<&str> = self.prepared.mission.modes.iter().map(|mode| mode.sid.as_str()).collect();
+        self.list.insert(0, ("coverage".to_owned(), self.coverage.figure(self.sensor, &day, &modes)));
         for (mode, before, after) in spectra {
             self.list.push((format!("wheels_{mode}"), figures::spectra(self.sensor, &day, mode, before, after)));
         }

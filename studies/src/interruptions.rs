@@ -1,0 +1,286 @@
+//! What is left of a `report` that is killed, whose system calls fail, or that meets another one in the same folder.
+//!
+//! A result folder of an older state of a campaign is made anew from the whole campaign. Whatever happens on the way, every file has to be
+//! that of the old or of the new state to the last byte, and the next run has to end with the new state: nothing more, nothing less, verified.
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::fmt::Write;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Files by their path in a folder.
+type Tree = BTreeMap<PathBuf, Vec<u8>>;
+
+/// Files whose content passes through states between old and new: the list of all results and the mark of whoever is at work.
+const IN_BETWEEN: [&str; 2] = ["INDEX.json", ".calfit.lock"];
+/// System calls that fail once each, with the error that they fail with.
+const CALLS: [(&str, &str); 6] =
+    [("write", "ENOSPC"), ("fsync", "EIO"), ("renameat", "EACCES"), ("openat", "EMFILE"), ("mkdir", "EACCES"), ("unlink", "EIO")];
+
+fn read(folder: &Path) -> Result<Tree, Box<dyn Error>> {
+    let mut tree = Tree::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(next) = open.pop() {
+        for entry in fs::read_dir(&next)? {
+            let path = entry?.path();
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                tree.insert(path.strip_prefix(folder)?.to_owned(), fs::read(&path)?);
+            }
+        }
+    }
+    Ok(tree)
+}
+
+fn write(folder: &Path, tree: &Tree) -> Result<(), Box<dyn Error>> {
+    if folder.exists() {
+        fs::remove_dir_all(folder)?;
+    }
+    for (name, bytes) in tree {
+        let path = folder.join(name);
+        fs::create_dir_all(path.parent().unwrap_or(folder))?;
+        fs::write(path, bytes)?;
+    }
+    Ok(())
+}
+
+/// What a kind of interruption left.
+#[derive(Clone, Debug, Default)]
+pub struct Counts {
+    /// What was done.
+    pub what: String,
+    /// How often.
+    pub trials: usize,
+    /// Runs that were cut short, refused or failed.
+    pub stopped: usize,
+    /// Runs after which a file was neither the old nor the new one, or no longer there.
+    pub torn: usize,
+    /// Runs that ended with status 0 although the folder is not the new one.
+    pub silent: usize,
+    /// Runs after which the next one did not end with the new state.
+    pub not_mended: usize,
+    /// The first of what was wrong.
+    pub first: Option<String>,
+}
+
+impl Counts {
+    fn of(what: &str) -> Self {
+        Self { what: what.to_owned(), ..Self::default() }
+    }
+
+    fn note(&mut self, place: &str, what: String) {
+        self.first.get_or_insert_with(|| format!("{place}: {what}"));
+    }
+
+    /// Whether nothing was wrong.
+    #[must_use]
+    pub fn is_clean(&self) -> bool {
+        self.torn + self.silent + self.not_mended == 0
+    }
+}
+
+/// The campaign, the program, and the folders before and after.
+pub struct Scene {
+    program: PathBuf,
+    campaign: PathBuf,
+    out: PathBuf,
+    old: Tree,
+    new: Tree,
+}
+
+impl Scene {
+    /// With a program and a campaign; everything is written below a folder that is empty.
+    ///
+    /// # Errors
+    /// The program does not do its work undisturbed.
+    pub fn new(program: &Path, source: &Path, below: &Path) -> Result<Self, Box<dyn Error>> {
+        let mut all = read(source)?;
+        let campaign = below.join("campaign");
+        let out = below.join("out");
+        let mut scene = Self { program: program.to_owned(), campaign, out, old: Tree::new(), new: Tree::new() };
+        // The old state lacks the last run.
+        let last = all.keys().rfind(|name| name.to_string_lossy().contains(".CCR")).cloned().ok_or("no run")?;
+        let bytes = all.remove(&last).unwrap_or_default();
+        write(&scene.campaign, &all)?;
+        scene.finish()?;
+        scene.old = read(&scene.out)?;
+        fs::create_dir_all(scene.campaign.join(&last).parent().unwrap_or(&scene.campaign))?;
+        fs::write(scene.campaign.join(&last), bytes)?;
+        scene.finish()?;
+        scene.new = read(&scene.out)?;
+        if scene.old == scene.new {
+            return Err("the last run changes nothing".into());
+        }
+        Ok(scene)
+    }
+
+    fn command(&self, through: &[&str]) -> Command {
+        let mut command = match through {
+            [] => Command::new(&self.program),
+            [tracer, rest @ ..] => {
+                let mut command = Command::new(tracer);
+                command.args(rest).arg(&self.program);
+                command
+            }
+        };
+        command.arg("report").arg(&self.campaign).args(["--no-plots", "-q", "-o"]).arg(&self.out);
+        // Dates are those of a fixed moment, so that equal results have equal bytes.
+        command.env("SOURCE_DATE_EPOCH", "1700000000").stdout(Stdio::null()).stderr(Stdio::null());
+        command
+    }
+
+    fn finish(&self) -> Result<(), Box<dyn Error>> {
+        let status = self.command(&[]).status()?;
+        if status.success() { Ok(()) } else { Err(format!("an undisturbed report ends with {status}").into()) }
+    }
+
+    /// What is wrong with the folder right after an interruption.
+    fn torn(&self) -> Result<Option<String>, Box<dyn Error>> {
+        let now = read(&self.out)?;
+        for (name, bytes) in &now {
+            let file = name.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            if IN_BETWEEN.contains(&file.as_str()) || file.starts_with('.') {
+                continue;
+            }
+            if self.old.get(name) != Some(bytes) && self.new.get(name) != Some(bytes) {
+                return Ok(Some(format!("{} is neither old nor new", name.display())));
+            }
+        }
+        let lost = self.old.keys().find(|name| self.new.contains_key(*name) && !now.contains_key(*name));
+        Ok(lost.map(|name| format!("{} is gone", name.display())))
+    }
+
+    /// What is wrong after the next run.
+    fn mended(&self) -> Result<Option<String>, Box<dyn Error>> {
+        if let Err(error) = self.finish() {
+            return Ok(Some(error.to_string()));
+        }
+        let now = read(&self.out)?;
+        if let Some(name) = now
+            .keys()
+            .find(|name| self.new.get(*name) != now.get(*name))
+            .or_else(|| self.new.keys().find(|n| !now.contains_key(*n)))
+        {
+            return Ok(Some(format!("{} differs from that of an undisturbed run", name.display())));
+        }
+        let verified = Command::new(&self.program)
+            .arg("verify")
+            .arg(&self.out)
+            .args(["-q", "--campaign"])
+            .arg(&self.campaign)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status()?;
+        Ok((!verified.success()).then(|| format!("verify ends with {verified}")))
+    }
+
+    fn judge(&self, counts: &mut Counts, place: &str, success: bool) -> Result<(), Box<dyn Error>> {
+        counts.trials += 1;
+        counts.stopped += usize::from(!success);
+        if let Some(what) = self.torn()? {
+            counts.torn += 1;
+            counts.note(place, what);
+        }
+        if success && self.new.iter().any(|(name, bytes)| fs::read(self.out.join(name)).ok().as_ref() != Some(bytes)) {
+            counts.silent += 1;
+            counts.note(place, "status 0, but the folder is not the new one".to_owned());
+        }
+        if let Some(what) = self.mended()? {
+            counts.not_mended += 1;
+            counts.note(place, format!("the next run: {what}"));
+        }
+        Ok(())
+    }
+
+    /// Kills the report after times that cover all of its course.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn kills(&self, trials: usize) -> Result<Counts, Box<dyn Error>> {
+        let mut counts = Counts::of("killed (SIGKILL)");
+        write(&self.out, &self.old)?;
+        let begin = Instant::now();
+        self.finish()?;
+        let whole = begin.elapsed();
+        for trial in 0..trials {
+            write(&self.out, &self.old)?;
+            let mut child = self.command(&[]).spawn()?;
+            // The fractional parts of multiples of the golden section cover the course evenly for any number of trials.
+            let share = (trial as f64 * 0.618_033_988_749_895).fract();
+            std::thread::sleep(Duration::from_secs_f64(whole.as_secs_f64() * share));
+            let _ = child.kill();
+            let status = child.wait()?;
+            self.judge(&mut counts, &format!("killed after {:.0} ms", 1e3 * whole.as_secs_f64() * share), status.success())?;
+        }
+        Ok(counts)
+    }
+
+    /// Lets every call of every kind fail once, at most `most` of a kind; `None` without strace.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn failed_calls(&self, most: usize) -> Result<Vec<Counts>, Box<dyn Error>> {
+        let mut list = Vec::new();
+        for (call, error) in CALLS {
+            let mut counts = Counts::of(&format!("`{call}` fails with {error}"));
+            for at in 1..=most {
+                write(&self.out, &self.old)?;
+                let inject = format!("inject={call}:error={error}:when={at}");
+                let log = self.campaign.with_file_name("strace.log");
+                let log_name = log.display().to_string();
+                let tracer = ["strace", "-f", "-qq", "-o", &log_name, "-e", &format!("trace={call}"), "-e", &inject];
+                let status = self.command(&tracer).status()?;
+                // Behind the last call nothing fails any more.
+                if !fs::read_to_string(&log)?.contains("(INJECTED)") {
+                    break;
+                }
+                self.judge(&mut counts, &format!("call {at} of {call}"), status.success())?;
+            }
+            list.push(counts);
+        }
+        Ok(list)
+    }
+
+    /// Starts two reports into one folder at the same time.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn pairs(&self, trials: usize) -> Result<Counts, Box<dyn Error>> {
+        let mut counts = Counts::of("two at the same time");
+        for trial in 0..trials {
+            write(&self.out, &self.old)?;
+            let (mut first, mut second) = (self.command(&[]).spawn()?, self.command(&[]).spawn()?);
+            let (a, b) = (first.wait()?.success(), second.wait()?.success());
+            if !a && !b {
+                counts.silent += 1;
+                counts.note(&format!("pair {trial}"), "both refused".to_owned());
+            }
+            self.judge(&mut counts, &format!("pair {trial}"), a && b)?;
+        }
+        Ok(counts)
+    }
+}
+
+/// The table of the study.
+#[must_use]
+pub fn report(list: &[Counts]) -> String {
+    let mut text = "# Interrupted reports\n\n\
+        A result folder of an older state of a campaign is made anew, and the run is interrupted. Torn: a file is neither that of the old nor of \
+        the new state, or is gone. Silent: status 0 with another folder than that of an undisturbed run. Not mended: the next run does not end \
+        with the folder of an undisturbed run to the last byte, verified.\n\n\
+        | interruption | trials | stopped | torn | silent | not mended |\n| --- | ---: | ---: | ---: | ---: | ---: |\n"
+        .to_owned();
+    for counts in list {
+        let Counts { what, trials, stopped, torn, silent, not_mended, .. } = counts;
+        let _ = writeln!(text, "| {what} | {trials} | {stopped} | {torn} | {silent} | {not_mended} |");
+    }
+    let wrong: Vec<String> = list.iter().filter_map(|c| c.first.as_ref().map(|first| format!("* {}: {first}", c.what))).collect();
+    if !wrong.is_empty() {
+        let _ = write!(text, "\nThe first of what was wrong:\n\n{}\n", wrong.join("\n"));
+    }
+    text
+}
