@@ -138,8 +138,13 @@ fn rows_and_flags_are_those_of_the_truth() {
             seen += 1;
             let day = truth["day"].as_str().unwrap();
             for level in ["A", "B", "C"] {
-                let times = flown.level(level, sensor, day).whole("time_tt2000").unwrap();
+                let table = flown.level(level, sensor, day);
+                let times = table.whole("time_tt2000").unwrap();
                 assert_eq!(times, flown.truth(sensor, day).times(), "{level} {sensor} {day}");
+                let counts: Value = serde_json::from_str(table.says("counts").unwrap()).unwrap();
+                let nulls = table.numbers("bx").unwrap().iter().filter(|v| v.is_nan()).count();
+                let said = counts["null"].get("no attitude").and_then(Value::as_u64).unwrap_or(0);
+                assert_eq!((said, counts["null"].as_object().unwrap().len()), (nulls as u64, usize::from(nulls > 0)));
             }
         }
     }

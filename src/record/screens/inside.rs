@@ -76,10 +76,13 @@ pub fn gain_jump(rows: &Rows) -> Option<Jump> {
     let &Rows { columns, residuals, course, t_s, excess, has_signs } = rows;
     let n = residuals.len();
     let freedom = n.checked_sub(columns.ncols() + 2).filter(|f| *f >= LEAST_FREEDOM)?;
-    let scaled = DMatrix::from_fn(n, columns.ncols(), |i, j| {
-        let norm = columns.column(j).norm();
-        if norm > 0.0 { columns[(i, j)] / norm } else { 0.0 }
-    });
+    let mut scaled = columns.clone();
+    for mut column in scaled.column_iter_mut() {
+        let norm = column.norm();
+        if norm > 0.0 {
+            column /= norm;
+        }
+    }
     let basis = scaled.qr().q();
     let mut free = DVector::from_column_slice(residuals);
     free -= &basis * basis.tr_mul(&free);

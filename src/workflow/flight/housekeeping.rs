@@ -6,6 +6,7 @@ use crate::data::time::SECOND_NS;
 use crate::files::flight::edited::{BEYOND_NS, EditedFile, day_files};
 use crate::files::flight::levels::partition;
 use crate::files::output::Folder;
+use crate::files::source::digest;
 use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
 use crate::flight::housekeeping::{field_ent, negative_v, positive_v, reference_v};
@@ -42,9 +43,18 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
     let mut time: Vec<i64> = Vec::new();
     let mut numbers: Vec<(String, Vec<f64>)> = Vec::new();
     let mut whole: Vec<(String, Vec<i64>)> = Vec::new();
+    let mut inputs = prepared.inputs.clone();
+    let mut columns_of_day: Option<Vec<String>> = None;
     for file in files {
         let table = SeriesTable::open(&file.path)?;
-        let names = table.names();
+        let shown = file.path.strip_prefix(&prepared.mission.folder).unwrap_or(&file.path).to_string_lossy().into_owned();
+        inputs.push(digest(&file.path)?.input(shown));
+        let mut names = table.names();
+        names.sort_unstable();
+        if columns_of_day.get_or_insert_with(|| names.clone()) != &names {
+            let rule = "has other columns than another file of the day";
+            return Err(Finding::error(&file.path.display().to_string(), rule, "give all files of a day the same columns"));
+        }
         let has = |name: &str| names.iter().any(|n| n == name);
         let own = if has("time_tt2000") { table.whole("time_tt2000")? } else { table.utc("time_utc", leap)? };
         let refuse = |row: usize, rule: String, remedy: &str| {
@@ -117,6 +127,9 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
         ("mission".to_owned(), prepared.mission.mission.clone()),
         ("instrument".to_owned(), prepared.mission.instrument.clone()),
         ("day".to_owned(), day_name(day)),
+        ("frame".to_owned(), "bx, by, bz in axes of the sensor".to_owned()),
+        ("counts".to_owned(), serde_json::json!({ "read": time.len(), "written": time.len() }).to_string()),
+        ("inputs".to_owned(), serde_json::json!(inputs).to_string()),
         ("time_scale".to_owned(), "time_tt2000 is TT and continuous; time_utc is UTC".to_owned()),
         (
             "units".to_owned(),

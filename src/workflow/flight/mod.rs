@@ -35,7 +35,7 @@ use day::Context;
 use picture::Pictures;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use write::DayWriter;
 
@@ -431,7 +431,7 @@ impl Flight {
             for (name, rows) in parts.tables {
                 let writer = self.writer(&name, "", day);
                 made.written = rows.time.len();
-                let mut metadata = writer.metadata(Level::J, &parts.inputs, &made);
+                let mut metadata = writer.metadata(Level::J, &parts.inputs, &made, &BTreeMap::new());
                 let mark = metadata.pop();
                 metadata.extend(parts.says.iter().cloned());
                 metadata.extend(mark);

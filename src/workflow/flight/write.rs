@@ -3,6 +3,7 @@
 use super::day::Product;
 use super::{Level, Prepared, day_name};
 use crate::data::error::Finding;
+use crate::data::flags::Flags;
 use crate::data::provenance::Input;
 use crate::data::time::{SECOND_NS, Tt2000};
 use crate::files::flight::levels::{LevelRows, file_name, partition, write};
@@ -12,6 +13,7 @@ use crate::flight::Block;
 use crate::flight::attitude::positions_km;
 use crate::flight::made::DayMade;
 use crate::flight::means::Means;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Writes the levels of a sensor and day.
@@ -37,7 +39,7 @@ impl DayWriter<'_> {
     /// What the operating system says, or a name that is taken.
     pub fn take(&self, level: Level, product: &Product<'_>, inputs: &[Input], made: &mut DayMade) -> Result<(), Finding> {
         let span = self.prepared.leap.day(self.day);
-        let metadata = self.metadata(level, inputs, made);
+        let metadata = self.metadata(level, inputs, made, &nulls(product, &span));
         match product {
             Product::Vectors(blocks) => {
                 let groups = || {
@@ -90,16 +92,22 @@ impl DayWriter<'_> {
         }
     }
 
-    /// What a file says of itself. Nothing in it depends on when or where it was made.
+    /// What a file says of itself; `nulls` counts its null vectors by their reason. Nothing in it depends on when or where it was made.
     #[must_use]
-    pub fn metadata(&self, level: Level, inputs: &[Input], made: &DayMade) -> Vec<(String, String)> {
+    pub fn metadata(
+        &self,
+        level: Level,
+        inputs: &[Input],
+        made: &DayMade,
+        nulls: &BTreeMap<&'static str, usize>,
+    ) -> Vec<(String, String)> {
         let mission = &self.prepared.mission;
         let inputs: Vec<&Input> = self.prepared.inputs.iter().chain(inputs).collect();
         let notes: Vec<String> = self.prepared.notes.iter().map(ToString::to_string).chain(made.notes.iter().cloned()).collect();
         let rows = &made.rows;
         let counts = serde_json::json!({
             "read": rows.read, "duplicate": rows.duplicates, "conflicting": rows.conflicts, "rejected": rows.rejected,
-            "written": made.written, "sensor_bit_of_another": rows.contradicting,
+            "null": nulls, "written": made.written, "sensor_bit_of_another": rows.contradicting,
         });
         let mut list = vec![
             ("level", level.letter().to_owned()),
@@ -177,6 +185,27 @@ impl DayWriter<'_> {
         #[expect(clippy::cast_precision_loss, reason = "the clock of a spacecraft has microseconds")]
         times.iter().map(|t| (t - begin) as f64 / SECOND_NS as f64).collect()
     }
+}
+
+/// The null vectors of a day by the first reason that their flags give.
+fn nulls(product: &Product<'_>, day: &std::ops::Range<Tt2000>) -> BTreeMap<&'static str, usize> {
+    const REASONS: [Flags; 5] = [Flags::NO_TEMPERATURE, Flags::TEMPERATURE, Flags::TIME, Flags::ROTATION, Flags::ATTITUDE];
+    let mut found = BTreeMap::new();
+    let mut take = |value: f64, flags: u32| {
+        if value.is_nan() {
+            let reason = REASONS.into_iter().find(|reason| Flags(flags).any_of(*reason));
+            let words =
+                reason.and_then(|reason| Flags::ALL.into_iter().find(|(flag, _)| *flag == reason)).map(|(_, words)| words);
+            *found.entry(words.unwrap_or("no vector")).or_default() += 1;
+        }
+    };
+    match product {
+        Product::Vectors(blocks) => {
+            blocks.iter().for_each(|block| block.rows_in(day).for_each(|row| take(block.field[0][row], block.flags[row])));
+        }
+        Product::Means(means, _) => means.field_nt[0].iter().zip(&means.flags).for_each(|(value, flags)| take(*value, *flags)),
+    }
+    found
 }
 
 /// Places of the variances of x, y, z among the elements of a covariance.
