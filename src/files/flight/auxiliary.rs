@@ -6,7 +6,8 @@ use crate::data::provenance::Input;
 use crate::data::time::{LeapSeconds, Tt2000};
 use crate::files::source::digest;
 use crate::files::table::series::SeriesTable;
-use std::path::Path;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 /// How far the norm of a quaternion may be from 1.
 const NORM: f64 = 1e-6;
@@ -57,83 +58,176 @@ fn refuse(path: &Path, row: usize, rule: &str, remedy: &str) -> Finding {
     Finding::error(&path.display().to_string(), format!("row {}: {rule}", row + 1), remedy)
 }
 
-/// The times of a table, which must rise.
+/// The times of the rows that are read, which must rise.
 fn times(table: &SeriesTable, path: &Path, leap: &LeapSeconds) -> Result<Vec<Tt2000>, Finding> {
     let names = table.names();
     let has = |name: &str| names.iter().any(|n| n == name);
     let time = if has("time_tt2000") { table.whole("time_tt2000")? } else { table.utc("time_utc", leap)? };
     match time.windows(2).position(|pair| pair[0] >= pair[1]) {
-        Some(row) => Err(refuse(path, row + 1, "the times do not rise", "sort the table, and leave repeated rows out")),
+        Some(row) => Err(not_rising(path, table.before() + row + 1)),
         None => Ok(time),
     }
 }
 
-/// Reads a table of attitudes.
-///
-/// # Errors
-/// What is wrong with the table, with its row: times that do not rise, quaternions that are no rotations.
-pub fn attitude(celestial: &Celestial, leap: &LeapSeconds) -> Result<(Attitude, Input), Finding> {
-    let path = &celestial.attitude;
-    let table = SeriesTable::open(path)?;
-    let time = times(&table, path, leap)?;
-    if time.is_empty() {
-        return Err(Finding::error(&path.display().to_string(), "has no rows", "make the table again"));
-    }
-    for (key, stated) in [
-        ("frame", celestial.frame.as_str()),
-        ("attitude_order", if celestial.scalar_first { "scalar-first" } else { "scalar-last" }),
-        ("attitude_from_to", if celestial.from_sc { "sc to celestial" } else { "celestial to sc" }),
-    ] {
-        if let Some(own) = table.says(key).filter(|own| *own != stated) {
-            let rule = format!("says `{key}` of itself as `{own}`, the configuration as `{stated}`");
-            return Err(Finding::error(&path.display().to_string(), rule, "correct the one that is wrong"));
-        }
-    }
-    let q = [table.numbers("q0")?, table.numbers("q1")?, table.numbers("q2")?, table.numbers("q3")?];
-    let mut wxyz = Vec::with_capacity(time.len());
-    for row in 0..time.len() {
-        let stated = [q[0][row], q[1][row], q[2][row], q[3][row]];
-        let norm = stated.iter().map(|v| v * v).sum::<f64>().sqrt();
-        if norm.is_nan() || (norm - 1.0).abs() > NORM {
-            let rule = format!("the quaternion has the length {norm:.6}, not 1");
-            return Err(refuse(path, row, &rule, "check the columns q0 to q3"));
-        }
-        let [w, x, y, z] = if celestial.scalar_first { stated } else { [stated[3], stated[0], stated[1], stated[2]] };
-        // The inverse of a rotation is the conjugate.
-        wxyz.push(if celestial.from_sc { [w, x, y, z] } else { [w, -x, -y, -z] });
-    }
-    Ok((Attitude { time, wxyz }, input(path)?))
+fn not_rising(path: &Path, row: usize) -> Finding {
+    refuse(path, row, "the times do not rise", "sort the table, and leave repeated rows out")
 }
 
-/// Reads a table of positions.
-///
-/// # Errors
-/// What is wrong with the table, with its row.
-pub fn positions(path: &Path, leap: &LeapSeconds) -> Result<(Positions, Input), Finding> {
-    let table = SeriesTable::open(path)?;
-    let time = times(&table, path, leap)?;
-    let [x, y, z] = [table.numbers("x_km")?, table.numbers("y_km")?, table.numbers("z_km")?];
-    if let Some(row) = (0..time.len()).find(|row| ![x[*row], y[*row], z[*row]].iter().all(|v| v.is_finite())) {
-        return Err(refuse(path, row, "the position has no value", "leave the row out"));
-    }
-    let km = (0..time.len()).map(|row| [x[row], y[row], z[row]]).collect();
-    Ok((Positions { time, km }, input(path)?))
+/// Rows of a table over time.
+pub trait Timed: Sized {
+    /// What the configuration says of the table.
+    type Stated;
+
+    /// Reads the rows that a table is narrowed to.
+    ///
+    /// # Errors
+    /// What is wrong with the table, with its row.
+    fn read(table: &SeriesTable, path: &Path, stated: &Self::Stated, leap: &LeapSeconds) -> Result<Self, Finding>;
+
+    /// The times of the rows.
+    fn times(&self) -> &[Tt2000];
 }
 
-/// Reads a table of wheel rates: every column whose name ends in `_hz`.
-///
-/// # Errors
-/// What is wrong with the table, with its row; a table without such a column.
-pub fn wheels(path: &Path, leap: &LeapSeconds) -> Result<(WheelRates, Input), Finding> {
-    let table = SeriesTable::open(path)?;
-    let time = times(&table, path, leap)?;
-    let names: Vec<String> = table.names().into_iter().filter(|name| name.to_lowercase().ends_with("_hz")).collect();
-    if names.is_empty() {
-        let rule = "has no column of wheel rates";
-        return Err(Finding::error(&path.display().to_string(), rule, "name them w1_hz, w2_hz, …, in rotations per second"));
+/// A table over time of which only stretches are read: an archive of years is longer than the memory.
+#[derive(Debug)]
+pub struct Timeline<T: Timed> {
+    path: PathBuf,
+    stated: T::Stated,
+    groups: Vec<Group>,
+}
+
+/// A group of rows of a table.
+#[derive(Clone, Copy, Debug)]
+struct Group {
+    begin: usize,
+    rows: usize,
+    first: Tt2000,
+    last: Tt2000,
+}
+
+/// Rows beside a stretch that interpolation needs on either side.
+const MARGIN_ROWS: usize = 2;
+
+impl<T: Timed> Timeline<T> {
+    /// Opens a table and looks at all of its rows, group by group.
+    ///
+    /// # Errors
+    /// What is wrong with the table, with its row; a table without rows.
+    pub fn open(path: &Path, stated: T::Stated, leap: &LeapSeconds) -> Result<(Self, Input), Finding> {
+        let mut table = SeriesTable::open(path)?;
+        let mut groups: Vec<Group> = Vec::new();
+        let mut begin = 0;
+        for rows in table.group_rows() {
+            table.narrow(begin..begin + rows);
+            let part = T::read(&table, path, &stated, leap)?;
+            if let (Some(first), Some(last)) = (part.times().first(), part.times().last()) {
+                if groups.last().is_some_and(|group| group.last >= *first) {
+                    return Err(not_rising(path, begin));
+                }
+                groups.push(Group { begin, rows, first: *first, last: *last });
+            }
+            begin += rows;
+        }
+        if groups.is_empty() {
+            return Err(Finding::error(&path.display().to_string(), "has no rows", "make the table again"));
+        }
+        Ok((Self { path: path.to_owned(), stated, groups }, input(path)?))
     }
-    let rate_hz = names.iter().map(|name| table.numbers(name)).collect::<Result<_, _>>()?;
-    Ok((WheelRates { time_tt2000: time, rate_hz }, input(path)?))
+
+    /// The rows of a stretch, and some beside it.
+    ///
+    /// # Errors
+    /// What the operating system says; what is wrong with a table that was changed since it was opened.
+    pub fn over(&self, span: &Range<Tt2000>, leap: &LeapSeconds) -> Result<T, Finding> {
+        let mut first = self.groups.partition_point(|group| group.last < span.start).min(self.groups.len() - 1);
+        let mut behind = self.groups.partition_point(|group| group.first < span.end).max(first + 1);
+        let count = |groups: &[Group]| groups.iter().map(|group| group.rows).sum::<usize>();
+        let inside = first..behind;
+        while first > 0 && count(&self.groups[first..inside.start]) < MARGIN_ROWS {
+            first -= 1;
+        }
+        while behind < self.groups.len() && count(&self.groups[inside.end..behind]) < MARGIN_ROWS {
+            behind += 1;
+        }
+        let last = self.groups[behind - 1];
+        let mut table = SeriesTable::open(&self.path)?;
+        table.narrow(self.groups[first].begin..last.begin + last.rows);
+        T::read(&table, &self.path, &self.stated, leap)
+    }
+}
+
+impl Timed for Attitude {
+    type Stated = Celestial;
+
+    fn read(table: &SeriesTable, path: &Path, celestial: &Celestial, leap: &LeapSeconds) -> Result<Self, Finding> {
+        let time = times(table, path, leap)?;
+        for (key, stated) in [
+            ("frame", celestial.frame.as_str()),
+            ("attitude_order", if celestial.scalar_first { "scalar-first" } else { "scalar-last" }),
+            ("attitude_from_to", if celestial.from_sc { "sc to celestial" } else { "celestial to sc" }),
+        ] {
+            if let Some(own) = table.says(key).filter(|own| *own != stated) {
+                let rule = format!("says `{key}` of itself as `{own}`, the configuration as `{stated}`");
+                return Err(Finding::error(&path.display().to_string(), rule, "correct the one that is wrong"));
+            }
+        }
+        let q = [table.numbers("q0")?, table.numbers("q1")?, table.numbers("q2")?, table.numbers("q3")?];
+        let mut wxyz = Vec::with_capacity(time.len());
+        for row in 0..time.len() {
+            let stated = [q[0][row], q[1][row], q[2][row], q[3][row]];
+            let norm = stated.iter().map(|v| v * v).sum::<f64>().sqrt();
+            if norm.is_nan() || (norm - 1.0).abs() > NORM {
+                let rule = format!("the quaternion has the length {norm:.6}, not 1");
+                return Err(refuse(path, table.before() + row, &rule, "check the columns q0 to q3"));
+            }
+            let [w, x, y, z] = if celestial.scalar_first { stated } else { [stated[3], stated[0], stated[1], stated[2]] };
+            // The inverse of a rotation is the conjugate.
+            wxyz.push(if celestial.from_sc { [w, x, y, z] } else { [w, -x, -y, -z] });
+        }
+        Ok(Attitude { time, wxyz })
+    }
+
+    fn times(&self) -> &[Tt2000] {
+        &self.time
+    }
+}
+
+impl Timed for Positions {
+    type Stated = ();
+
+    fn read(table: &SeriesTable, path: &Path, (): &(), leap: &LeapSeconds) -> Result<Self, Finding> {
+        let time = times(table, path, leap)?;
+        let [x, y, z] = [table.numbers("x_km")?, table.numbers("y_km")?, table.numbers("z_km")?];
+        if let Some(row) = (0..time.len()).find(|row| ![x[*row], y[*row], z[*row]].iter().all(|v| v.is_finite())) {
+            return Err(refuse(path, table.before() + row, "the position has no value", "leave the row out"));
+        }
+        let km = (0..time.len()).map(|row| [x[row], y[row], z[row]]).collect();
+        Ok(Positions { time, km })
+    }
+
+    fn times(&self) -> &[Tt2000] {
+        &self.time
+    }
+}
+
+/// Every column whose name ends in `_hz` is a wheel.
+impl Timed for WheelRates {
+    type Stated = ();
+
+    fn read(table: &SeriesTable, path: &Path, (): &(), leap: &LeapSeconds) -> Result<Self, Finding> {
+        let time = times(table, path, leap)?;
+        let names: Vec<String> = table.names().into_iter().filter(|name| name.to_lowercase().ends_with("_hz")).collect();
+        if names.is_empty() {
+            let rule = "has no column of wheel rates";
+            return Err(Finding::error(&path.display().to_string(), rule, "name them w1_hz, w2_hz, …, in rotations per second"));
+        }
+        let rate_hz = names.iter().map(|name| table.numbers(name)).collect::<Result<_, _>>()?;
+        Ok(WheelRates { time_tt2000: time, rate_hz })
+    }
+
+    fn times(&self) -> &[Tt2000] {
+        &self.time_tt2000
+    }
 }
 
 /// Begins and ends of the intervals of a table, `from_tt2000` and `to_tt2000` or `from` and `to`.

@@ -13,6 +13,7 @@ use polars_parquet::read::{
 };
 use std::fs::File;
 use std::io::{BufReader, Cursor};
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 fn refuse(path: &Path, error: &PolarsError) -> Finding {
@@ -51,18 +52,18 @@ fn ipc(path: &Path) -> Result<Vec<Pieces>, Finding> {
     Ok(columns)
 }
 
-/// A Parquet file in memory, whose columns are decoded one by one.
+/// A Parquet file, whose columns are read and decoded one by one.
 pub(super) struct ParquetFile {
     path: PathBuf,
-    bytes: Buffer<u8>,
+    file: File,
     metadata: FileMetadata,
     schema: ArrowSchema,
 }
 
 impl ParquetFile {
     pub(super) fn open(path: &Path) -> Result<Self, Finding> {
-        let bytes = std::fs::read(path).map_err(|e| Finding::io(path, "read", &e))?;
-        let metadata = read_metadata(&mut Cursor::new(&bytes)).map_err(|e| refuse(path, &e))?;
+        let mut file = File::open(path).map_err(|e| Finding::io(path, "open", &e))?;
+        let metadata = read_metadata(&mut file).map_err(|e| refuse(path, &e))?;
         let mut schema = infer_schema(&metadata).map_err(|e| refuse(path, &e))?;
         // A column that refers to a list of words in memory holds the words themselves in the file.
         for field in schema.iter_values_mut() {
@@ -70,7 +71,7 @@ impl ParquetFile {
                 field.dtype = values.as_ref().clone();
             }
         }
-        Ok(Self { path: path.to_owned(), bytes: Buffer::from(bytes), metadata, schema })
+        Ok(Self { path: path.to_owned(), file, metadata, schema })
     }
 
     /// The columns in their order.
@@ -96,7 +97,7 @@ impl ParquetFile {
             // Lists and structures have several, and are no columns of readings.
             let [chunk] = chunks[..] else { continue };
             if is_plain(&field.dtype) {
-                pieces.extend(decoded(&self.path, &self.bytes, chunk, field)?);
+                pieces.extend(decoded(&self.path, &self.file, chunk, field)?);
             }
         }
         Ok(pieces)
@@ -110,10 +111,10 @@ fn parquet(path: &Path) -> Result<Vec<Pieces>, Finding> {
 }
 
 /// The values of a column in one group of rows.
-fn decoded(path: &Path, bytes: &Buffer<u8>, chunk: &ColumnChunkMetadata, field: &Field) -> Result<Vec<Box<dyn Array>>, Finding> {
+fn decoded(path: &Path, file: &File, chunk: &ColumnChunkMetadata, field: &Field) -> Result<Vec<Box<dyn Array>>, Finding> {
     let range = chunk.byte_range();
-    let (begin, end) = (range.start as usize, range.end as usize);
-    if begin > end || end > bytes.len() {
+    let size = file.metadata().map_err(|e| Finding::io(path, "read", &e))?.len();
+    if range.start > range.end || range.end > size {
         let remedy = "the file is damaged or cut; take it from the archive again";
         return Err(Finding::error(
             &path.display().to_string(),
@@ -121,7 +122,9 @@ fn decoded(path: &Path, bytes: &Buffer<u8>, chunk: &ColumnChunkMetadata, field: 
             remedy,
         ));
     }
-    let pages = PageReader::new(Cursor::new(bytes.clone().sliced(begin..end)), chunk, Vec::new(), usize::MAX);
+    let mut bytes = vec![0; (range.end - range.start) as usize];
+    file.read_exact_at(&mut bytes, range.start).map_err(|e| Finding::io(path, "read", &e))?;
+    let pages = PageReader::new(Cursor::new(Buffer::from(bytes)), chunk, Vec::new(), usize::MAX);
     let kind = &chunk.descriptor().descriptor.primitive_type;
     let read = column_iter_to_arrays(vec![BasicDecompressor::new(pages, Vec::new())], vec![kind], field.clone(), None);
     Ok(read.map_err(|e| refuse(path, &e))?.0)

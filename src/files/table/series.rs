@@ -114,6 +114,15 @@ impl SeriesTable {
         }
     }
 
+    /// Rows of every group of the file.
+    #[must_use]
+    pub fn group_rows(&self) -> Vec<usize> {
+        match &self.body {
+            Body::Parquet(file) => file.group_rows(),
+            Body::Csv(batches) => vec![batches.iter().map(Batch::len).sum()],
+        }
+    }
+
     /// Reads from now on only the groups of rows that hold a range of rows.
     pub fn narrow(&mut self, wanted: std::ops::Range<usize>) {
         let Body::Parquet(file) = &self.body else { return };

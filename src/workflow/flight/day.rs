@@ -64,7 +64,7 @@ impl<'a> Context<'a> {
     }
 
     /// The time that the day needs: its own, what wheels need beyond its ends, and whole intervals of heaters that reach into it.
-    fn reach(&self) -> Range<Tt2000> {
+    pub fn reach(&self) -> Range<Tt2000> {
         let mut span = self.span();
         if self.wants_any(&[Level::H, Level::I]) {
             span = span.start - BEYOND_NS..span.end + BEYOND_NS;

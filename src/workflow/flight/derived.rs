@@ -114,7 +114,8 @@ pub fn without_wheels(
     };
     let before = series(blocks);
     let mut all = before.clone();
-    let report = wheels::clean(&all.time, &all.mode, &modes, table, &options, &mut all.field_nt, &mut all.flags)
+    let table = table.over(&context.reach(), &prepared.leap)?;
+    let report = wheels::clean(&all.time, &all.mode, &modes, &table, &options, &mut all.field_nt, &mut all.flags)
         .map_err(|e| Finding::error(&made.sensor, e.to_string(), "see [wheels] and [[mode]]"))?;
     put_back(&all, blocks);
     let mut spectra = Vec::new();

@@ -22,7 +22,7 @@ use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::provenance::Input;
 use crate::data::time::{LeapSeconds, Tt2000};
-use crate::files::flight::auxiliary::{self, Attitude, HeaterOn, Positions, WheelRates};
+use crate::files::flight::auxiliary::{self, Attitude, HeaterOn, Positions, Timeline, WheelRates};
 use crate::files::flight::daily::{self, DailyModel};
 use crate::files::flight::edited::{BEYOND_NS, Catalogue, EditedFile};
 use crate::files::flight::mission::{Mission, Sensor};
@@ -69,11 +69,11 @@ pub struct Prepared {
     /// Ground calibrations, sensor by sensor; absent for matrices.
     pub ground: Vec<Option<Ground>>,
     /// Attitude.
-    pub attitude: Option<Attitude>,
+    pub attitude: Option<Timeline<Attitude>>,
     /// Positions.
-    pub positions: Option<Positions>,
+    pub positions: Option<Timeline<Positions>>,
     /// Wheels.
-    pub wheels: Option<WheelRates>,
+    pub wheels: Option<Timeline<WheelRates>>,
     /// Heater states.
     pub heater: Option<Vec<HeaterOn>>,
     /// The configuration and all tables, by what they are.
@@ -147,17 +147,18 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
     }
     let mut table = |input: Input| inputs.push(input);
     let celestial = mission.celestial.as_ref();
-    let attitude = celestial.and_then(|c| take(auxiliary::attitude(c, &leap), &mut wrong)).map(|(read, input)| {
-        table(input);
-        read
-    });
+    let attitude =
+        celestial.and_then(|c| take(Timeline::open(&c.attitude, c.clone(), &leap), &mut wrong)).map(|(read, input)| {
+            table(input);
+            read
+        });
     let path_of_positions = celestial.and_then(|c| c.position.as_ref());
-    let positions = path_of_positions.and_then(|p| take(auxiliary::positions(p, &leap), &mut wrong)).map(|(read, input)| {
+    let positions = path_of_positions.and_then(|p| take(Timeline::open(p, (), &leap), &mut wrong)).map(|(read, input)| {
         table(input);
         read
     });
     let wheels =
-        mission.wheels.as_ref().and_then(|w| take(auxiliary::wheels(&w.table, &leap), &mut wrong)).map(|(read, input)| {
+        mission.wheels.as_ref().and_then(|w| take(Timeline::open(&w.table, (), &leap), &mut wrong)).map(|(read, input)| {
             table(input);
             read
         });
@@ -376,8 +377,10 @@ impl Flight {
         }
     }
 
-    fn writer<'a>(&'a self, sensor: &'a str, uvw: &'a str, day: i32) -> DayWriter<'a> {
-        DayWriter { prepared: &self.prepared, out: &self.options.out, force: self.options.force, sensor, uvw, day }
+    fn writer<'a>(&'a self, sensor: &'a str, uvw: &'a str, day: i32) -> Result<DayWriter<'a>, Finding> {
+        let leap = &self.prepared.leap;
+        let positions = self.prepared.positions.as_ref().map(|table| table.over(&leap.day(day), leap)).transpose()?;
+        Ok(DayWriter { prepared: &self.prepared, positions, out: &self.options.out, force: self.options.force, sensor, uvw, day })
     }
 
     /// The levels of one sensor.
@@ -386,7 +389,7 @@ impl Flight {
         let context = Context::new(prepared, &self.carry, index, day, &self.wanted);
         let uvw = prepared.ground[index].as_ref().map_or("sensor axes", |g| g.frame.as_str());
         let sensor = &prepared.mission.sensors[index].name;
-        let writer = self.writer(sensor, uvw, day);
+        let writer = self.writer(sensor, uvw, day)?;
         let mut pictures = self.pictures(sensor, uvw, day);
         let made = context.make(&mut |level, product, inputs, made| {
             if self.options.plots {
@@ -429,7 +432,7 @@ impl Flight {
         {
             made.shared.clone_from(&parts.axes);
             for (name, rows) in parts.tables {
-                let writer = self.writer(&name, "", day);
+                let writer = self.writer(&name, "", day)?;
                 made.written = rows.time.len();
                 let mut metadata = writer.metadata(Level::J, &parts.inputs, &made, &BTreeMap::new());
                 let mark = metadata.pop();

@@ -102,9 +102,11 @@ impl Steps {
                 "offsets" => list.extend(offsets(sensor, OffsetFrame::Sc).map(|step| (stage, step))),
                 "attitude" => {
                     if let (Some(table), Some(celestial)) = (&prepared.attitude, &mission.celestial) {
+                        let leap = &prepared.leap;
+                        let own = table.over(&(leap.day(days.start).start..leap.day(days.end).start), leap)?;
                         let step = AttitudeStep {
-                            time: table.time.clone(),
-                            wxyz: table.wxyz.clone(),
+                            time: own.time,
+                            wxyz: own.wxyz,
                             max_gap_ns: celestial.max_gap_ns,
                             std_rad: celestial.std_rad,
                         };

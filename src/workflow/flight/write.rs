@@ -6,6 +6,7 @@ use crate::data::error::Finding;
 use crate::data::flags::Flags;
 use crate::data::provenance::Input;
 use crate::data::time::{SECOND_NS, Tt2000};
+use crate::files::flight::auxiliary::Positions;
 use crate::files::flight::levels::{LevelRows, file_name, partition, write};
 use crate::files::flight::text;
 use crate::files::output::Folder;
@@ -20,6 +21,8 @@ use std::path::Path;
 pub struct DayWriter<'a> {
     /// The mission.
     pub prepared: &'a Prepared,
+    /// Positions about the day.
+    pub positions: Option<Positions>,
     /// Folder of the results.
     pub out: &'a Path,
     /// Foreign files are written over.
@@ -137,7 +140,7 @@ impl DayWriter<'_> {
     }
 
     fn positions(&self, level: Level, time: &[Tt2000]) -> Option<[Vec<f64>; 3]> {
-        let table = self.prepared.positions.as_ref()?;
+        let table = self.positions.as_ref()?;
         level.is_celestial().then(|| positions_km(&table.time, &table.km, time))
     }
 
