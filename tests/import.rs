@@ -512,6 +512,21 @@ fn the_small_table_is_in_order() {
 }
 
 #[test]
+fn a_date_and_a_time_in_two_columns_are_one_time() {
+    let all = small().join("\n") + "\n";
+    let joined = told(&small_mapping(&[]), &all, &[]);
+    let of = |run: &Run| (run.header.start.clone(), run.settings.clone(), run.temperatures.clone());
+    let split = all.replace("time,n", "clock,date,n").replace("2026-03-01T", "").replace("Z,", "Z,2026-03-01,");
+    let keys = [("column = \"time\"", "column = \"clock\"\ndate = \"date\"")];
+    assert!(of(&told(&small_mapping(&keys), split, &[])) == of(&joined));
+    let pattern = all.replace("time,n", "clock,date,n").replace("2026-03-01T", "").replace("Z,", ",1.3.26,");
+    let keys = [keys[0], ("\"iso8601\"", "\"%d.%m.%y %H:%M:%S%.f\"")];
+    assert!(of(&told(&small_mapping(&keys), &pattern, &[])) == of(&joined));
+    refused(&small_mapping(&keys), pattern.replacen("1.3.26", "31.2.26", 1), &["t.csv:2", "31.2.26"]);
+    refused(&small_mapping(&[(keys[0].0, "column = \"n\"\ndate = \"time\"")]), &all, &["time"]);
+}
+
+#[test]
 fn damaged_text_is_refused_with_its_place() {
     let ok = small_mapping(&[]);
     let all = rows(|_, _| ());

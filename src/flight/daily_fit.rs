@@ -1,7 +1,7 @@
 //! The daily offset model from calm minutes: a polynomial of the field over the sensor temperature (RO-IGEP-TR0028 section 4.2.3.3).
 //!
-//! The field of a calm time changes slowly by itself. A polynomial is therefore weighed against slow noise of every kind: its order is that
-//! with the smallest information criterion, if it is smaller by [`CLEAR`] than that of every lower order, and if it foretells hours that
+//! The field of a calm time changes slowly by itself. A polynomial is therefore weighed against slow noise of every kind: a higher order is
+//! taken if its information criterion, with the noise that a lower order leaves, is smaller by [`CLEAR`], and if it foretells hours that
 //! had no part in the fit better than every lower order does. Coefficients and covariance are averaged over the noise that the
 //! residuals allow.
 
@@ -130,37 +130,36 @@ pub fn fit(rows: &[CalmRow], most_order: usize) -> Result<DailyFit, DailyError> 
     let most_order = if mapped.half_k * 2.0 > LEAST_RANGE_K { most_order } else { 0 };
     let data = Data::of(&rows.iter().collect::<Vec<_>>());
     let designs: Vec<DMatrix<f64>> = (0..=most_order).map(|order| mapped.design(order)).collect();
-    let mut criteria = vec![[f64::INFINITY; 3]; designs.len()];
-    let mut noises = Vec::new();
-    for (own, design) in criteria.iter_mut().zip(&designs) {
-        let noise = data.correlations.estimate(&data.readings, &[design.clone(), design.clone(), design.clone()]);
-        if let Some(noise) = &noise {
-            for (c, value) in own.iter_mut().enumerate() {
-                let y = data.component(c);
-                let Some((coefficients, _)) = solve(noise, c, design, &y) else { continue };
-                let left = y - design * coefficients;
-                let parameters = design.ncols() + NOISE_PARAMETERS;
-                *value = aicc(-2.0 * noise.log_likelihood(c, left.as_slice()), parameters, rows.len()).unwrap_or(f64::INFINITY);
-            }
-        }
-        noises.push(noise);
-    }
-    if criteria[0].iter().any(|v| !v.is_finite()) {
+    let of_order =
+        |design: &DMatrix<f64>| data.correlations.estimate(&data.readings, &[design.clone(), design.clone(), design.clone()]);
+    let noises: Vec<Option<Noise>> = designs.iter().map(of_order).collect();
+    if noises[0].is_none() {
         return Err(DailyError::NoNoise);
     }
     let held_out = held_out(rows, &mapped, &noises);
+    let mut refused = [false; 3];
     let chosen: [usize; 3] = std::array::from_fn(|c| {
+        let y = data.component(c);
         let mut best = 0;
         for order in 1..designs.len() {
+            // Both are weighed with the noise of the lower order: noise that is estimated anew for every order lets slow noise pass for a
+            // polynomial of a temperature that changes as slowly.
+            let Some(noise) = &noises[best] else { continue };
+            let criterion = |order: usize| -> Option<f64> {
+                let (coefficients, _) = solve(noise, c, &designs[order], &y)?;
+                let left = &y - &designs[order] * coefficients;
+                aicc(-2.0 * noise.log_likelihood(c, left.as_slice()), order + 1 + NOISE_PARAMETERS, rows.len())
+            };
+            let (Some(lower), Some(higher)) = (criterion(best), criterion(order)) else { continue };
             let foretells = held_out.as_ref().is_none_or(|squares| (0..order).all(|low| squares[order][c] < squares[low][c]));
-            if criteria[order][c] < criteria[best][c] - CLEAR && foretells {
-                best = order;
+            if higher < lower - CLEAR && foretells {
+                (best, refused[c]) = (order, false);
+            } else {
+                refused[c] |= higher < lower;
             }
         }
         best
     });
-    let refused =
-        std::array::from_fn(|c| (chosen[c] + 1..designs.len()).any(|order| criteria[order][c] < criteria[chosen[c]][c]));
     let own = chosen.map(|order| designs[order].clone());
     let noise = noises[chosen.into_iter().max().unwrap_or(0)].as_ref().ok_or(DailyError::NoNoise)?;
     let plausible = data.correlations.plausible(&noise.parameters, &data.readings, &own);

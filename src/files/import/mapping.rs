@@ -69,6 +69,8 @@ pub enum FieldScale {
 pub struct TimeKeys {
     /// Column.
     pub column: String,
+    /// Column of the dates, where the times are those of a day.
+    pub date: Option<String>,
     /// Format; by the cells where it is not given.
     pub format: Option<TimeFormat>,
     /// Zone of times without one.
@@ -396,7 +398,7 @@ fn reading_scale(run: Option<&Group>) -> Result<ReadingScale, Finding> {
 }
 
 fn time_keys(group: &Group, findings: &mut Vec<Finding>) -> Result<TimeKeys, Finding> {
-    findings.extend(group.unknown(&["column", "format", "zone", "counter"]));
+    findings.extend(group.unknown(&["column", "date", "format", "zone", "counter"]));
     let format = group
         .text("format")?
         .map(|name| {
@@ -413,7 +415,7 @@ fn time_keys(group: &Group, findings: &mut Vec<Finding>) -> Result<TimeKeys, Fin
         })?,
     };
     let column = group.text("column")?.ok_or_else(|| missing(group, "column"))?;
-    Ok(TimeKeys { column, format, zone, counter: group.text("counter")? })
+    Ok(TimeKeys { column, date: group.text("date")?, format, zone, counter: group.text("counter")? })
 }
 
 fn field_keys(group: &Group, findings: &mut Vec<Finding>) -> Result<FieldKeys, Finding> {

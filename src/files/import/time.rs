@@ -112,18 +112,26 @@ fn wrong(rule: impl Into<String>, remedy: impl Into<String>) -> Wrong {
     (rule.into(), remedy.into())
 }
 
-/// Reads a column of times; what a person should know goes to `findings`.
+/// Reads a column of times, with the dates of another column before them where there is one; what a person should know goes to `findings`.
 ///
 /// # Errors
 /// No such column, or a cell that is no time of this format.
 pub fn read(
     table: &ForeignTable,
     column: &str,
+    date: Option<&str>,
     format: Option<&TimeFormat>,
     zone: &Zone,
     findings: &mut Vec<Finding>,
 ) -> Result<Times, Finding> {
-    let cells = table.cells(column)?;
+    let cells = match (date, table.cells(column)?) {
+        (None, cells) => cells,
+        (Some(date), Cells::Texts(times)) => with_dates(table, date, &times, matches!(format, Some(TimeFormat::Pattern(_))))?,
+        (Some(_), _) => {
+            let rule = format!("column `{column}` holds no text, so that the dates of another column cannot stand before it");
+            return Err(Finding::error(table.file(), rule, "take `date` out of [time], or write the times of the day as text"));
+        }
+    };
     let refuse = |row: usize, (rule, remedy): Wrong| table.refuse(row, Some(column), &rule, &remedy);
     let mut clock = Clock::new(zone);
     let (ns, absolute): (Vec<i64>, bool) = match cells {
@@ -166,6 +174,19 @@ pub fn read(
     };
     findings.extend(clock.told(table, column));
     Ok(Times { ns, absolute })
+}
+
+/// The dates of a column before times of the day, with a blank between them for a pattern.
+fn with_dates(table: &ForeignTable, date: &str, times: &[String], has_pattern: bool) -> Result<Cells, Finding> {
+    let Cells::Texts(dates) = table.cells(date)? else {
+        let rule = format!("column `{date}` holds no text");
+        return Err(Finding::error(table.file(), rule, "take `date` out of [time] if the other column tells the date"));
+    };
+    let between = if has_pattern { ' ' } else { 'T' };
+    let joined = |(date, time): (&String, &String)| {
+        if date.is_empty() || time.is_empty() { String::new() } else { format!("{date}{between}{time}") }
+    };
+    Ok(Cells::Texts(dates.iter().zip(times).map(joined).collect()))
 }
 
 fn empty() -> Wrong {

@@ -36,8 +36,9 @@ impl Columns {
             RowsAre::Samples => (None, None),
             RowsAre::Plateaus { t_start, t_end } => (t_start.as_ref(), t_end.as_ref()),
         };
-        let read =
-            |column: &str, findings: &mut Vec<Finding>| time::read(table, column, keys.format.as_ref(), &keys.zone, findings);
+        let read = |column: &str, findings: &mut Vec<Finding>| {
+            time::read(table, column, keys.date.as_deref(), keys.format.as_ref(), &keys.zone, findings)
+        };
         let times = read(begin.unwrap_or(&keys.column), findings)?;
         let ends = end.map(|column| read(column, findings)).transpose()?.map(|t| t.ns);
         let factor = match mapping.reading.scale {
@@ -88,6 +89,7 @@ impl Columns {
 fn used(mapping: &Mapping) -> Vec<&str> {
     let run = &mapping.run;
     let mut used: Vec<&str> = vec![&mapping.time.column];
+    used.extend(mapping.time.date.as_deref());
     let texts = [&run.kind, &run.sensor, &run.mode, &run.configuration, &run.field_source, &run.start];
     used.extend(texts.into_iter().filter_map(|given| match given {
         Some(Given::Column(name)) => Some(name.as_str()),

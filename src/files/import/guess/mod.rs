@@ -140,7 +140,7 @@ fn text_time(table: &ForeignTable, name: &str) -> Option<Time> {
 }
 
 fn in_order(table: &ForeignTable, name: &str, format: Option<TimeFormat>, zoned: bool) -> Option<Time> {
-    let times = time::read(table, name, format.as_ref(), &Zone::utc(), &mut Vec::new()).ok()?;
+    let times = time::read(table, name, None, format.as_ref(), &Zone::utc(), &mut Vec::new()).ok()?;
     let ordered = times.ns.windows(2).all(|w| w[1] >= w[0]) && times.ns.first() < times.ns.last();
     ordered.then(|| Time { column: name.to_owned(), format, zoned, ns: times.ns })
 }
