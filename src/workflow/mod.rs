@@ -61,6 +61,8 @@ use crate::files::ledger::{Origin, same_but_dates};
 use crate::files::output::Folder;
 use crate::files::parameter::Body;
 #[cfg(feature = "tables")]
+use crate::files::source::digest;
+#[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::files::{ccr, parameter};
 use crate::model::campaign::Instructions;
@@ -556,7 +558,7 @@ impl Outcome<'_> {
 /// since.
 ///
 /// # Errors
-/// What cannot be written.
+/// What cannot be written; a file that is as the index says and cannot be read.
 #[cfg(feature = "tables")]
 pub fn publish_table<A: PerRun>(now: &Index, written: &WrittenFiles, desk: &Desk) -> Result<(), Finding> {
     type Parameters<A> = <<A as PerRun>::Result as RunResult>::Parameters;
@@ -573,12 +575,21 @@ pub fn publish_table<A: PerRun>(now: &Index, written: &WrittenFiles, desk: &Desk
         .map(|(path, alone)| if now.is_overtaken(path) { path.to_owned() } else { alone })
         .collect();
     paths.retain(|path| !replaced.iter().any(|r| r == path));
-    let as_stated = |path: &&str| {
-        let file = parameter::read::<Parameters<A>>(&desk.out.join(path)).ok()?;
-        let unchanged = now.file(path).is_some_and(|entry| entry.sha256 == file.input.sha256);
-        unchanged.then_some((path.to_string(), file.body))
+    let as_stated = |path: &&str| -> Result<Option<(String, Parameters<A>)>, Finding> {
+        let is_stated = |sha256: &str| now.file(path).is_some_and(|entry| entry.sha256 == sha256);
+        let there = desk.out.join(path);
+        match parameter::read::<Parameters<A>>(&there) {
+            Ok(file) => Ok(is_stated(&file.input.sha256).then_some((path.to_string(), file.body))),
+            // What was changed or taken away by hand is told by `verify`.
+            Err(_) if !there.exists() => Ok(None),
+            Err(finding) => match digest(&there) {
+                Ok(other) if !is_stated(&other.sha256) => Ok(None),
+                _ => Err(finding),
+            },
+        }
     };
-    let (used, rows): (Vec<String>, Vec<Parameters<A>>) = paths.iter().filter_map(as_stated).unzip();
+    let read: Vec<Option<(String, Parameters<A>)>> = paths.iter().map(as_stated).collect::<Result<_, _>>()?;
+    let (used, rows): (Vec<String>, Vec<Parameters<A>>) = read.into_iter().flatten().unzip();
     let Some((note, table)) = A::Result::campaign_table(&rows) else { return Ok(()) };
     if rows.is_empty() {
         return Ok(());
