@@ -158,7 +158,7 @@ impl Scene {
                 continue;
             }
             let is_known = self.old.get(name) == Some(bytes) || self.new.get(name) == Some(bytes);
-            if !is_known && !(may_be_third && is_whole(&file, bytes)) {
+            if !(is_known || may_be_third && is_whole(&file, bytes)) {
                 return Ok(Some(format!("{} is neither old nor new", name.display())));
             }
         }
