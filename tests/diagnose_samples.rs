@@ -120,6 +120,40 @@ fn a_sample_on_the_edge_is_no_displacement() {
     assert!((shift_s - 3.25 / 32.0).abs() < 4.0 * std_s && std_s < 0.01, "{shift_s} +- {std_s}");
 }
 
+/// Levels on each axis in turn, settings of 4 s with pauses of 1 s between them.
+fn with_pauses() -> Vec<Setting> {
+    let levels = [-2000.0, -1400.0, -700.0, 700.0, 1400.0, 2000.0];
+    let settings = programme(&levels, 4.0).into_iter().enumerate();
+    settings.map(|(i, s)| Setting::constant(1.5 + 5.0 * i as f64, 5.5 + 5.0 * i as f64, s.field, 1)).collect()
+}
+
+/// Settings that say another time than the data, by parts of the pauses between them and of either sign; no field in the pauses. An edge is
+/// known to a sample, and all lie alike between two samples: a standard uncertainty of 1/√12 of 1/32 s.
+#[test]
+fn displaced_settings_are_named_with_sign_and_size() {
+    let plan = Plan { settings: with_pauses(), rate_hz: 32.0, ..Plan::default() };
+    for late_s in [-0.92, -0.8, -0.48, -0.2, 0.2, 0.48, 0.8, 0.92] {
+        let found = diagnosed(&plan.run().shift_settings(-late_s));
+        assert_eq!(named(&found), ["time_shift"], "{late_s}");
+        let [shift_s, std_s] = parameter(&found["steps"][0], "shift");
+        assert!((shift_s - late_s).abs() < 3.0 * std_s, "{late_s}: {shift_s} +- {std_s}");
+        assert!((std_s * 32.0 * 12.0_f64.sqrt() - 1.0).abs() < 0.1, "{late_s}: {std_s}");
+    }
+}
+
+/// What happens between the settings displaces none of them: here the coils go to the next field in the middle of every pause.
+#[test]
+fn a_field_that_changes_between_the_settings_is_no_displacement() {
+    let plan = Plan { settings: with_pauses(), rate_hz: 32.0, ..Plan::default() };
+    let mut run = plan.run();
+    let mut gauss = Gauss(12);
+    for sample in &mut run.samples {
+        let next = plan.settings.iter().rposition(|s| s.t_start - 0.5 <= sample.t).unwrap_or(0);
+        sample.reading = plan.truth.reading(plan.settings[next].field).map(|r| r + 0.05 * gauss.normal());
+    }
+    assert_eq!(named(&diagnosed(&run)), [""; 0]);
+}
+
 /// A sine beside the notch of a boxcar, at 126 Hz: seen from above the notch a response has another minimum than from below.
 #[test]
 fn a_notch_is_found_from_either_side() {
