@@ -98,6 +98,38 @@ fn a_lag_is_no_signal_inside_the_settings() {
     assert!((lag_s - 900.0).abs() < 4.0 * std_s && std_s < 20.0, "{lag_s} +- {std_s}");
 }
 
+/// A periodic signal with a signal to noise ratio of about 20 on x, half of it on y, in 33 settings of 4 s at 32 Hz.
+fn periodic(signal: impl Fn(f64) -> f64) -> Run {
+    let levels = [-9000.0, -7000.0, -5000.0, -3000.0, -1000.0, 1000.0, 3000.0, 5000.0, 7000.0, 9000.0];
+    let plan = Plan { settings: programme(&levels, 4.0), rate_hz: 32.0, ..Plan::default() };
+    let mut run = plan.run();
+    let rms = (run.samples.iter().map(|s| signal(s.t).powi(2)).sum::<f64>() / run.samples.len() as f64).sqrt();
+    let size = 20.0 * plan.noise_ent / (run.samples.len() as f64).sqrt() / rms;
+    for sample in &mut run.samples {
+        let now = size * signal(sample.t);
+        sample.reading[0] += now;
+        sample.reading[1] += 0.5 * now;
+    }
+    run
+}
+
+/// Harmonics above half the sample rate are folded: a tone above a quarter of it has none, a switched current shows them.
+#[test]
+fn tones_and_switched_currents_are_told_apart_at_every_frequency() {
+    for hz in [2.3, 8.7, 13.7] {
+        let found = diagnosed(&periodic(|t| (TAU * hz * t + 1.0).sin()));
+        assert_eq!(named(&found), ["interference_tone"], "{hz} Hz");
+        let [said_hz, std_hz] = parameter(&found["steps"][0], "frequency");
+        assert!((said_hz - hz).abs() < 4.0 * std_hz, "{said_hz} +- {std_hz}");
+    }
+    for period_s in [0.15, 3.1] {
+        let found = diagnosed(&periodic(|t| if (t / period_s + 0.2).fract() < 0.3 { 0.7 } else { -0.3 }));
+        assert_eq!(named(&found), ["heater_pwm"], "{period_s} s");
+        let [said_s, std_s] = parameter(&found["steps"][0], "period");
+        assert!((said_s - period_s).abs() < 4.0 * std_s, "{said_s} +- {std_s}");
+    }
+}
+
 /// The first sample after an edge is a third on its way; three samples are another matter.
 #[test]
 fn a_sample_on_the_edge_is_no_displacement() {

@@ -12,6 +12,8 @@ const CLEAR: f64 = 50.0;
 const AT_LEVEL: f64 = 0.2;
 /// Fewest edges that agree.
 const LEAST_EDGES: usize = 4;
+/// An edge is looked for in half of a setting and so many values beyond: what is further from one end is nearer to the other.
+const BEYOND_HALF: usize = 3;
 /// Edges agree within so many intervals, or within this part of the displacement.
 const AGREE: f64 = 2.0;
 const AGREE_PART: f64 = 0.1;
@@ -129,7 +131,9 @@ impl Side {
             let (values, n) = (&setting.values, setting.values.len());
             let at = |k: usize| values[if self.late { k } else { n - 1 - k }];
             let end_s = if self.late { setting.begin_s } else { setting.end_s };
-            edges.extend(edge(at, n / 2, own, beyond).map(|p| [p * setting.interval_s, setting.interval_s, end_s]));
+            edges.extend(
+                edge(at, (n / 2 + BEYOND_HALF).min(n), own, beyond).map(|p| [p * setting.interval_s, setting.interval_s, end_s]),
+            );
         }
         let middle_s = median(&mut edges.iter().map(|e| e[0]).collect::<Vec<f64>>());
         edges.retain(|[by_s, interval_s, _]| (by_s - middle_s).abs() <= (AGREE * interval_s).max(AGREE_PART * middle_s));
@@ -161,5 +165,6 @@ pub fn displacement(settings: &[Course], sample_s: f64) -> Option<Displacement> 
     let sides = [true, false].map(|late| Side::new(settings, late));
     let all =
         sides.iter().flat_map(|side| side.beyond(settings).map(|beyond| side.displacement(settings, &beyond, least, sample_s)));
-    all.flatten().max_by(|a, b| a.agreeing.cmp(&b.agreeing).then(b.clear.cmp(&a.clear)))
+    all.flatten()
+        .max_by(|a, b| a.agreeing.cmp(&b.agreeing).then(b.clear.cmp(&a.clear)).then(b.shift_s.abs().total_cmp(&a.shift_s.abs())))
 }
