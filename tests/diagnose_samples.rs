@@ -186,6 +186,53 @@ fn a_field_that_changes_between_the_settings_is_no_displacement() {
     assert_eq!(named(&diagnosed(&run)), [""; 0]);
 }
 
+/// A run whose offsets follow the temperature by 0.02 enT/K, and a thermistor that is read every 2 s; where it says nothing there is no reading.
+fn in_temperatures(degc: impl Fn(f64) -> f64, says_degc: impl Fn(f64) -> Option<f64>) -> Run {
+    let levels = [-9000.0, -7000.0, -5000.0, -3000.0, -1000.0, 1000.0, 3000.0, 5000.0, 7000.0, 9000.0];
+    let plan = Plan { settings: programme(&levels, 4.0), rate_hz: 16.0, ..Plan::default() };
+    let mut run = plan.run();
+    run.samples.iter_mut().for_each(|s| s.reading = s.reading.map(|r| r + 0.02 * degc(s.t)));
+    let mut gauss = Gauss(3);
+    let times = (0..=68).map(|i| 2.0 * f64::from(i));
+    let read = times.filter_map(|t| Some((t, [Some(20.5), Some(says_degc(t)? + 0.02 * gauss.normal())])));
+    run.temperatures = read.collect();
+    run
+}
+
+/// Heated by 30 K from 50 s on.
+fn heated(t_s: f64) -> f64 {
+    20.0 + 30.0 * (1.0 - (-(t_s - 50.0).max(0.0) / 20.0).exp())
+}
+
+#[test]
+fn a_gap_while_the_sensor_is_heated_is_no_fault_of_the_thermistor() {
+    for gap_s in [[53.0, 79.0], [61.0, 91.0]] {
+        let found = diagnosed(&in_temperatures(heated, |t| (t < gap_s[0] || t > gap_s[1]).then(|| heated(t))));
+        assert!(named(&found).contains(&"sensor_temperature_offset"), "{found}");
+        assert!(!named(&found).contains(&"bad_thermistor"), "{found}");
+    }
+}
+
+/// What the channel shows is weighed against what the readings show: they confirm a jump, say nothing of it, or follow it.
+#[test]
+fn a_jump_of_a_thermistor_is_weighed_against_the_readings() {
+    let jump_k = |t: f64| if t > 100.0 { 20.0 } else { 0.0 };
+    for (degc, wording) in [(heated as fn(f64) -> f64, "is"), (|_| 20.0, "consistent with")] {
+        let found = diagnosed(&in_temperatures(degc, |t| Some(degc(t) + jump_k(t))));
+        let step = &found["steps"][0];
+        assert_eq!((&step["effect"], &step["wording"]), (&"bad_thermistor".into(), &wording.into()), "{found}");
+        let all = step["parameters"].as_array().unwrap();
+        assert!(all.len() == 1 && (all[0]["value"].as_f64().unwrap() - 20.0).abs() < 0.5, "{all:?}");
+        let [before, after] = ["gap_before", "gap_after"].map(|gap| step[gap]["chi2_per_dof"].as_f64().unwrap());
+        assert!(if wording == "is" { after < 0.8 * before } else { after > 0.5 }, "{before} {after}");
+    }
+    let there_and_back = |t: f64| if (40.0..90.0).contains(&t) { 25.0 } else { 20.0 };
+    let found = diagnosed(&in_temperatures(there_and_back, |t| Some(there_and_back(t))));
+    assert_eq!(named(&found), ["sensor_temperature_offset"]);
+    let notes = found["warnings"].to_string();
+    says(&notes, &["temperature channel T59 changes by", "the readings follow it"]);
+}
+
 /// A sine beside the notch of a boxcar, at 126 Hz: seen from above the notch a response has another minimum than from below.
 #[test]
 fn a_notch_is_found_from_either_side() {

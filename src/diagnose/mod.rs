@@ -13,6 +13,7 @@ pub mod branches;
 pub mod candidate;
 mod error;
 mod explanations;
+mod fault;
 pub mod freq;
 pub mod inside_maps;
 mod lag;

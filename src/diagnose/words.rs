@@ -104,11 +104,7 @@ pub fn sentence(step: &Step) -> String {
         })
         .collect();
     let with = if values.is_empty() { String::new() } else { format!(", {}", values.join(", ")) };
-    let rest = if step.ambiguous_with.is_empty() {
-        String::new()
-    } else {
-        format!(" These data cannot tell it from {}.", step.ambiguous_with.join(", "))
-    };
+    let rest = ambiguous(&step.ambiguous_with);
     let verb = if step.wording == "is" { "show" } else { "are consistent with" };
     // Damage is named without a prediction.
     let gap = if step.gap_before.chi2_per_dof > 0.0 {
@@ -130,20 +126,28 @@ fn number(value: f64, std: f64) -> String {
     }
 }
 
-/// The sentence for a lag.
+/// The sentence for a lag with its standard uncertainty, certain or beside rivals that these data cannot tell from it.
 #[must_use]
-pub fn lag(name: &str, form: &str, lag_s: f64, std_s: f64, before: &Gap, after: &Gap) -> String {
+pub fn lag(name: &str, form: &str, [lag_s, std_s]: [f64; 2], gaps: &[Gap; 2], is_certain: bool, rivals: &[EffectRef]) -> String {
     let (how, size) = match form {
         "first order" => ("follows", lag_s),
         "inverse first order" => ("is followed by", lag_s),
         _ if lag_s > 0.0 => ("comes after", lag_s),
         _ => ("comes before", -lag_s),
     };
+    let [before, after] = gaps;
+    let begin = if is_certain { "The part" } else { "The data are consistent with this: the part" };
+    let others = ambiguous(rivals);
     format!(
-        "The part of the sensor that matters {how} the thermistor {name} by {:.2} ± {:.2} min ({form}); with its temperature chi square over degrees of freedom on stretches that were left out goes from {:.2} to {:.2}.",
+        "{begin} of the sensor that matters {how} the thermistor {name} by {:.2} ± {:.2} min ({form}); with its temperature chi square over degrees of freedom on stretches that were left out goes from {:.2} to {:.2}.{others}",
         size / 60.0,
         std_s / 60.0,
         before.chi2_per_dof,
         after.chi2_per_dof
     )
+}
+
+/// What an effect cannot be told from; nothing where there is none.
+fn ambiguous(rivals: &[EffectRef]) -> String {
+    if rivals.is_empty() { String::new() } else { format!(" These data cannot tell it from {}.", rivals.join(", ")) }
 }

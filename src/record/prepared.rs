@@ -124,9 +124,10 @@ impl PreparedRun {
         let (faults, temperatures) = temperature_faults::without_jumps(run, span_s);
         let (sensor_name, coil_name) = instructions.channels(&run.header);
         let rack_name = instructions.rack_channel();
-        let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts, |readings| Course::exact(readings.to_vec()));
+        let used_s: Vec<[f64; 2]> = parts.iter().map(|p| p.used_s).collect();
+        let at_rows = |table: &SlowTable, name: &str| of_rows(table, name, &used_s, |readings| Course::exact(readings.to_vec()));
         // Thermal masses are slow and their thermistors noisy: a smooth course stands for the readings.
-        let degc = |name: &str| channel(&temperatures, name, &parts, Course::smooth);
+        let degc = |name: &str| of_rows(&temperatures, name, &used_s, Course::smooth);
         let mut sensor = degc(&sensor_name);
         let mut thermistors = Vec::new();
         for name in temperatures.names.iter().filter(|n| **n != sensor_name && **n != coil_name && *n != rack_name) {
@@ -279,6 +280,29 @@ impl PreparedRun {
         let _ = fit_linear(&mut self.record, readings);
     }
 
+    /// The run with the readings of a temperature channel as they were recorded, its jumps included; `None` where nothing rests on the channel.
+    #[must_use]
+    pub fn as_recorded(&self, run: &Run, name: &str) -> Option<Self> {
+        let mut other = self.clone();
+        other.faults.retain(|fault| fault.channel != name);
+        let used_s: Vec<[f64; 2]> = self.record.rows.iter().map(|r| r.used_s).collect();
+        let recorded = of_rows(&run.temperatures, name, &used_s, Course::smooth)?;
+        let record = &mut other.record;
+        let single = [&mut record.sensor, &mut record.coil, &mut record.rack].into_iter().flatten();
+        let mut is_used = false;
+        for channel in single.chain(&mut record.thermistors).filter(|c| c.name == name) {
+            *channel = recorded.clone();
+            is_used = true;
+        }
+        if !is_used {
+            return None;
+        }
+        if other.record.thermal.is_some() && other.record.sensor.as_ref().is_some_and(|s| s.name == name) {
+            other.with_temperatures(recorded.values);
+        }
+        Some(other)
+    }
+
     /// Gives a sweep the temperatures of the part that matters, which follows or leads the thermistor.
     pub fn follow(&mut self, lag: Lag) {
         if self.record.thermal.is_some()
@@ -418,11 +442,11 @@ fn previous_fields(list: &[Plateau], parts: &[Part]) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// A channel as means over the time of each part.
-fn channel(table: &SlowTable, name: &str, parts: &[Part], course: impl Fn(&[(f64, f64)]) -> Course) -> Option<Channel> {
+/// A channel as means over times.
+fn of_rows(table: &SlowTable, name: &str, used_s: &[[f64; 2]], course: impl Fn(&[(f64, f64)]) -> Course) -> Option<Channel> {
     let course = course(&table.channel(name).filter(|s| s.len() > 1)?);
     let series = &course.series;
-    let values: Vec<f64> = parts.iter().map(|p| mean_over(series, p.used_s)).collect();
+    let values: Vec<f64> = used_s.iter().map(|used_s| mean_over(series, *used_s)).collect();
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     Some(Channel { name: name.to_owned(), course, values, mean })
 }

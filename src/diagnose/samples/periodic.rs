@@ -36,8 +36,8 @@ const BESIDE: usize = 2;
 /// A spike is so many standard deviations off them, where noise seldom is, and spikes are no more than this part of all samples.
 const SPIKE: f64 = 10.0;
 const FEW: f64 = 0.002;
-/// Standard deviation of normal noise over its median absolute deviation.
-const OF_DEVIATION: f64 = 1.4826;
+/// Normal noise is within so many standard deviations in nine of ten cases.
+const NORMAL_90: f64 = 1.644_853_626_951_472_2;
 /// Harmonics of a switched signal.
 const HARMONICS: usize = 8;
 /// A line may be any harmonic of a switched signal up to this one.
@@ -126,11 +126,17 @@ fn clip(values: &mut [f64], windows: &[[usize; 2]]) {
     };
     let inside = || windows.iter().flat_map(|[from, to]| (*from..*to).map(move |k| (*from, *to, k)));
     let off: Vec<f64> = inside().map(|(from, to, k)| (values[k] - around(values, from, to, k)).abs()).collect();
-    let Some(most) = (!off.is_empty()).then(|| SPIKE * OF_DEVIATION * median(&mut off.clone())).filter(|m| *m > 0.0) else {
+    let mut sizes = off.clone();
+    let place = sizes.len() * 9 / 10;
+    if place >= sizes.len() {
         return;
-    };
-    let spikes: Vec<(usize, f64)> =
-        inside().zip(&off).filter(|(_, off)| **off > most).map(|((from, to, k), _)| (k, around(values, from, to, k))).collect();
+    }
+    let most = SPIKE / NORMAL_90 * *sizes.select_nth_unstable_by(place, f64::total_cmp).1;
+    let spikes: Vec<(usize, f64)> = inside()
+        .zip(&off)
+        .filter(|(_, off)| **off > most && most > 0.0)
+        .map(|((from, to, k), _)| (k, around(values, from, to, k)))
+        .collect();
     if spikes.len() as f64 <= FEW * off.len() as f64 {
         spikes.into_iter().for_each(|(k, value)| values[k] = value);
     }
