@@ -53,8 +53,10 @@ impl<'a> Side<'a> {
         terms
     }
 
+    /// With the term if it helps to predict.
     fn held_out(&self, noise: &Noise) -> HeldOut {
-        self.means.predicted(noise, &self.terms())
+        let [without, with] = [self.means.all(&[]), self.terms()].map(|terms| self.means.predicted(noise, &terms));
+        if with.sum < without.sum { with } else { without }
     }
 }
 

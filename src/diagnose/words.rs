@@ -2,6 +2,7 @@
 
 use super::means::HeldOut;
 use super::result::{Gap, ShapePoint, Step};
+use crate::data::units::six_digits;
 use crate::model::effects::{self, Covariate, EffectRef, Record};
 use nalgebra::{DMatrix, DVector};
 
@@ -150,4 +151,40 @@ pub fn lag(name: &str, form: &str, [lag_s, std_s]: [f64; 2], gaps: &[Gap; 2], is
 /// What an effect cannot be told from; nothing where there is none.
 fn ambiguous(rivals: &[EffectRef]) -> String {
     if rivals.is_empty() { String::new() } else { format!(" These data cannot tell it from {}.", rivals.join(", ")) }
+}
+
+/// The shape of an unknown dependence in words; `None` of a step without one. Between two turns it rises or falls by more than its uncertainty.
+#[must_use]
+pub fn course(step: &Step) -> Option<String> {
+    let (covariate, points) = (step.covariate.as_deref()?, step.shape.as_slice());
+    let (first, last) = (points.first()?, points.last()?);
+    // Turns of the course: from each the next one that is further away than what lies between them and than its uncertainty.
+    let mut turns = vec![first];
+    for point in &points[1..] {
+        let now = turns[turns.len() - 1];
+        let by_nt = point.residual_nt - now.residual_nt;
+        let goes_on = match turns.len() {
+            1 => false,
+            n => by_nt * (now.residual_nt - turns[n - 2].residual_nt) > 0.0,
+        };
+        if goes_on {
+            *turns.last_mut()? = point;
+        } else if by_nt.abs() > 2.0 * point.std_nt.hypot(now.std_nt) {
+            turns.push(point);
+        }
+    }
+    let place = |p: &ShapePoint| format!("{:+.3} ± {:.3} nT at {}", p.residual_nt, p.std_nt, six_digits(p.covariate));
+    let way: Vec<String> = turns
+        .windows(2)
+        .map(|w| format!("{} to {}", if w[1].residual_nt > w[0].residual_nt { "rises" } else { "falls" }, place(w[1])))
+        .collect();
+    Some(if way.is_empty() {
+        format!(
+            "Along the {covariate} no single point of the contribution stands out: {} and {} at its ends.",
+            place(first),
+            place(last)
+        )
+    } else {
+        format!("Along the {covariate} the contribution begins with {} and {}.", place(first), way.join(", then "))
+    })
 }

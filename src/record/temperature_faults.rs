@@ -278,12 +278,14 @@ impl<'a> Channel<'a> {
             .collect()
     }
 
-    /// Standard deviation of the changes from reading to reading by noise, K: from what they differ by from those beside them, since the channel
-    /// may rise and fall. Of white noise that has 5/2 of their variance.
+    /// Standard deviation of the changes from reading to reading by noise, K: from what they differ by from the usual one, or from those beside
+    /// them where the channel rises and falls. Of white noise the latter has 5/2 of their variance.
     fn noise_of_changes_k(&self, changes: &[(usize, f64, f64)]) -> f64 {
-        let off = changes.windows(3).map(|w| (w[1].2 - 0.5 * (w[0].2 + w[2].2)).abs());
-        let mut off: Vec<f64> = off.collect();
-        if off.is_empty() { 0.0 } else { 1.4826 * median(&mut off) / 2.5f64.sqrt() }
+        let usual = median(&mut changes.iter().map(|(_, _, rate)| *rate).collect::<Vec<f64>>());
+        let deviation = |off: &mut Vec<f64>| if off.is_empty() { f64::INFINITY } else { 1.4826 * median(off) };
+        let about = deviation(&mut changes.iter().map(|(_, _, rate)| (rate - usual).abs()).collect());
+        let beside = changes.windows(3).map(|w| (w[1].2 - 0.5 * (w[0].2 + w[2].2)).abs());
+        about.min(deviation(&mut beside.collect()) / 2.5f64.sqrt())
     }
 
     fn jumps(&self, others: &[&Channel]) -> Option<ChannelFault> {
@@ -459,7 +461,7 @@ fn far_faster_k(changes: &[(usize, f64, f64)], i: usize) -> Option<f64> {
         if rates.is_empty() { None } else { Some(median(&mut rates)) }
     };
     let after = usual(i + 1..changes.len().min(i + 1 + RATES))?;
-    let before = usual(i.saturating_sub(RATES)..i).unwrap_or(after);
+    let before = usual(i.saturating_sub(RATES)..i).unwrap_or(0.0);
     // What both sides have in common is the course of the body; where they differ nothing is known of it but that it changes.
     let (course, change) = (0.5 * (before + after), (before - after).abs());
     // A body that takes up heat goes on in the same direction, ever slower.
