@@ -153,10 +153,9 @@ fn ambiguous(rivals: &[EffectRef]) -> String {
     if rivals.is_empty() { String::new() } else { format!(" These data cannot tell it from {}.", rivals.join(", ")) }
 }
 
-/// The shape of an unknown dependence in words; `None` of a step without one. Between two turns it rises or falls by more than its uncertainty.
+/// The shape of an unknown dependence in words; `None` without points. Between two turns it rises or falls by more than its uncertainty.
 #[must_use]
-pub fn course(step: &Step) -> Option<String> {
-    let (covariate, points) = (step.covariate.as_deref()?, step.shape.as_slice());
+pub fn course(covariate: &str, points: &[ShapePoint]) -> Option<String> {
     let (first, last) = (points.first()?, points.last()?);
     // Turns of the course: from each the next one that is further away than what lies between them and than its uncertainty.
     let mut turns = vec![first];
@@ -187,4 +186,26 @@ pub fn course(step: &Step) -> Option<String> {
     } else {
         format!("Along the {covariate} the contribution begins with {} and {}.", place(first), way.join(", then "))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A valley between two hills of the same height, with bumps that are no more than noise on its way; and noise alone.
+    #[test]
+    fn a_course_turns_where_it_is_more_than_noise() {
+        let points = |nt: &[f64]| -> Vec<ShapePoint> {
+            let point = |(k, nt): (usize, &f64)| ShapePoint { covariate: 10.0 * k as f64, residual_nt: *nt, std_nt: 0.05 };
+            nt.iter().enumerate().map(point).collect()
+        };
+        assert_eq!(
+            course("field x", &points(&[1.0, 0.6, 0.65, -0.8, -1.0, -0.95, 0.2, 0.15, 1.0])).unwrap(),
+            "Along the field x the contribution begins with +1.000 ± 0.050 nT at 0, falls to -1.000 ± 0.050 nT at 40, then rises to +1.000 ± \
+             0.050 nT at 80."
+        );
+        let flat = course("field x", &points(&[0.03, -0.02, 0.05, 0.0])).unwrap();
+        assert!(flat.contains("no single point") && !flat.contains("rises"), "{flat}");
+        assert_eq!(course("field x", &[]), None);
+    }
 }

@@ -142,7 +142,7 @@ fn step(index: usize, step: &Step) -> Section {
         .with(step.sentence.as_str())
         .with(format!("Where: {}.", step.place));
     // The coefficients of a smooth function mean nothing one by one: its shape is shown.
-    match words::course(step) {
+    match step.covariate.as_ref().and_then(|covariate| words::course(covariate, &step.shape)) {
         Some(course) => section.push(course),
         None => section.push(Table::new(["parameter", "value", "standard uncertainty", "unit"]).with_rows(parameters)),
     }
