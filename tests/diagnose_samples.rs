@@ -231,6 +231,7 @@ fn a_jump_of_a_thermistor_is_weighed_against_the_readings() {
     assert_eq!(named(&found), ["sensor_temperature_offset"]);
     let notes = found["warnings"].to_string();
     says(&notes, &["temperature channel T59 changes by", "the readings follow it"]);
+    assert!(!notes.contains("T59 jumps"), "{notes}");
 }
 
 /// A sine beside the notch of a boxcar, at 126 Hz: seen from above the notch a response has another minimum than from below.

@@ -28,6 +28,8 @@ const LEAST_REPEATED_K: f64 = 1.0;
 /// It changes by this many times what it does otherwise in the same time. A body that takes up heat with a time constant of half an interval
 /// shows 86 % of a step in the first one and 12 % in the second: 7 times.
 const FASTER: f64 = 8.0;
+/// The course of a body is known to half of what its rate changes by from before to after; a jump exceeds it by this many times the whole.
+const OF_COURSE: f64 = 4.0;
 /// Another channel that moves by this part of it at the same time shows that the step is real.
 const SHARED: f64 = 0.3;
 /// Equal readings one after the other that noise makes less often than this stand still.
@@ -471,7 +473,7 @@ fn far_faster_k(changes: &[(usize, f64, f64)], i: usize) -> Option<f64> {
         .filter(|(_, _, other)| (other - course) * (rate - course) > 0.0)
         .map(|(_, _, other)| (other - course).abs())
         .fold(0.0, f64::max);
-    ((rate - course).abs() > FASTER * change.max(goes_on)).then(|| by_k * (rate - course) / rate)
+    ((rate - course).abs() > (OF_COURSE * change).max(FASTER * goes_on)).then(|| by_k * (rate - course) / rate)
 }
 
 /// Median of the intervals between readings, s.
