@@ -105,6 +105,8 @@ fn a_cubic_of_one_axis_is_named() {
     let sigma = truth["parameters"]["sigma"][0].as_f64().unwrap();
     let c3 = truth["effects"]["cubic_nonlinearity"]["c3_per_nt2"].as_f64().unwrap() * sigma * sigma;
     near(&steps(&found)[0], "c3_x", "enT/enT^3", c3, 0.0);
+    // A smooth function of the field along the axis predicts it best.
+    assert_eq!((&found["where"][0]["axis"], &found["where"][0]["covariate"]), (&"x".into(), &"field x".into()));
 }
 
 /// A case with its rack temperature under a channel that `campaign.toml` names, in a folder of its own.

@@ -98,6 +98,38 @@ fn a_lag_is_no_signal_inside_the_settings() {
     assert!((lag_s - 900.0).abs() < 4.0 * std_s && std_s < 20.0, "{lag_s} +- {std_s}");
 }
 
+/// A periodic signal with a signal to noise ratio of about 20 on x, half of it on y, in 33 settings of 4 s at 32 Hz.
+fn periodic(signal: impl Fn(f64) -> f64) -> Run {
+    let levels = [-9000.0, -7000.0, -5000.0, -3000.0, -1000.0, 1000.0, 3000.0, 5000.0, 7000.0, 9000.0];
+    let plan = Plan { settings: programme(&levels, 4.0), rate_hz: 32.0, ..Plan::default() };
+    let mut run = plan.run();
+    let rms = (run.samples.iter().map(|s| signal(s.t).powi(2)).sum::<f64>() / run.samples.len() as f64).sqrt();
+    let size = 20.0 * plan.noise_ent / (run.samples.len() as f64).sqrt() / rms;
+    for sample in &mut run.samples {
+        let now = size * signal(sample.t);
+        sample.reading[0] += now;
+        sample.reading[1] += 0.5 * now;
+    }
+    run
+}
+
+/// Harmonics above half the sample rate are folded: a tone above a quarter of it has none, a switched current shows them.
+#[test]
+fn tones_and_switched_currents_are_told_apart_at_every_frequency() {
+    for hz in [2.3, 8.7, 13.7] {
+        let found = diagnosed(&periodic(|t| (TAU * hz * t + 1.0).sin()));
+        assert_eq!(named(&found), ["interference_tone"], "{hz} Hz");
+        let [said_hz, std_hz] = parameter(&found["steps"][0], "frequency");
+        assert!((said_hz - hz).abs() < 4.0 * std_hz, "{said_hz} +- {std_hz}");
+    }
+    for period_s in [0.15, 3.1] {
+        let found = diagnosed(&periodic(|t| if (t / period_s + 0.2).fract() < 0.3 { 0.7 } else { -0.3 }));
+        assert_eq!(named(&found), ["heater_pwm"], "{period_s} s");
+        let [said_s, std_s] = parameter(&found["steps"][0], "period");
+        assert!((said_s - period_s).abs() < 4.0 * std_s, "{said_s} +- {std_s}");
+    }
+}
+
 /// The first sample after an edge is a third on its way; three samples are another matter.
 #[test]
 fn a_sample_on_the_edge_is_no_displacement() {
@@ -118,6 +150,88 @@ fn a_sample_on_the_edge_is_no_displacement() {
     assert_eq!(named(&found), ["time_shift"]);
     let [shift_s, std_s] = parameter(&found["steps"][0], "shift");
     assert!((shift_s - 3.25 / 32.0).abs() < 4.0 * std_s && std_s < 0.01, "{shift_s} +- {std_s}");
+}
+
+/// Levels on each axis in turn, settings of 4 s with pauses of 1 s between them.
+fn with_pauses() -> Vec<Setting> {
+    let levels = [-2000.0, -1400.0, -700.0, 700.0, 1400.0, 2000.0];
+    let settings = programme(&levels, 4.0).into_iter().enumerate();
+    settings.map(|(i, s)| Setting::constant(1.5 + 5.0 * i as f64, 5.5 + 5.0 * i as f64, s.field, 1)).collect()
+}
+
+/// Settings that say another time than the data, by parts of the pauses between them and of either sign; no field in the pauses. An edge is
+/// known to a sample, and all lie alike between two samples: a standard uncertainty of 1/√12 of 1/32 s.
+#[test]
+fn displaced_settings_are_named_with_sign_and_size() {
+    let plan = Plan { settings: with_pauses(), rate_hz: 32.0, ..Plan::default() };
+    for late_s in [-0.92, -0.8, -0.48, -0.2, 0.2, 0.48, 0.8, 0.92] {
+        let found = diagnosed(&plan.run().shift_settings(-late_s));
+        assert_eq!(named(&found), ["time_shift"], "{late_s}");
+        let [shift_s, std_s] = parameter(&found["steps"][0], "shift");
+        assert!((shift_s - late_s).abs() < 3.0 * std_s, "{late_s}: {shift_s} +- {std_s}");
+        assert!((std_s * 32.0 * 12.0_f64.sqrt() - 1.0).abs() < 0.1, "{late_s}: {std_s}");
+    }
+}
+
+/// What happens between the settings displaces none of them: here the coils go to the next field in the middle of every pause.
+#[test]
+fn a_field_that_changes_between_the_settings_is_no_displacement() {
+    let plan = Plan { settings: with_pauses(), rate_hz: 32.0, ..Plan::default() };
+    let mut run = plan.run();
+    let mut gauss = Gauss(12);
+    for sample in &mut run.samples {
+        let next = plan.settings.iter().rposition(|s| s.t_start - 0.5 <= sample.t).unwrap_or(0);
+        sample.reading = plan.truth.reading(plan.settings[next].field).map(|r| r + 0.05 * gauss.normal());
+    }
+    assert_eq!(named(&diagnosed(&run)), [""; 0]);
+}
+
+/// A run whose offsets follow the temperature by 0.02 enT/K, and a thermistor that is read every 2 s; where it says nothing there is no reading.
+fn in_temperatures(degc: impl Fn(f64) -> f64, says_degc: impl Fn(f64) -> Option<f64>) -> Run {
+    let levels = [-9000.0, -7000.0, -5000.0, -3000.0, -1000.0, 1000.0, 3000.0, 5000.0, 7000.0, 9000.0];
+    let plan = Plan { settings: programme(&levels, 4.0), rate_hz: 16.0, ..Plan::default() };
+    let mut run = plan.run();
+    run.samples.iter_mut().for_each(|s| s.reading = s.reading.map(|r| r + 0.02 * degc(s.t)));
+    let mut gauss = Gauss(3);
+    let times = (0..=68).map(|i| 2.0 * f64::from(i));
+    let read = times.filter_map(|t| Some((t, [Some(20.5), Some(says_degc(t)? + 0.02 * gauss.normal())])));
+    run.temperatures = read.collect();
+    run
+}
+
+/// Heated by 30 K from 50 s on.
+fn heated(t_s: f64) -> f64 {
+    20.0 + 30.0 * (1.0 - (-(t_s - 50.0).max(0.0) / 20.0).exp())
+}
+
+#[test]
+fn a_gap_while_the_sensor_is_heated_is_no_fault_of_the_thermistor() {
+    for gap_s in [[53.0, 79.0], [61.0, 91.0]] {
+        let found = diagnosed(&in_temperatures(heated, |t| (t < gap_s[0] || t > gap_s[1]).then(|| heated(t))));
+        assert!(named(&found).contains(&"sensor_temperature_offset"), "{found}");
+        assert!(!named(&found).contains(&"bad_thermistor"), "{found}");
+    }
+}
+
+/// What the channel shows is weighed against what the readings show: they confirm a jump, say nothing of it, or follow it.
+#[test]
+fn a_jump_of_a_thermistor_is_weighed_against_the_readings() {
+    let jump_k = |t: f64| if t > 100.0 { 20.0 } else { 0.0 };
+    for (degc, wording) in [(heated as fn(f64) -> f64, "is"), (|_| 20.0, "consistent with")] {
+        let found = diagnosed(&in_temperatures(degc, |t| Some(degc(t) + jump_k(t))));
+        let step = &found["steps"][0];
+        assert_eq!((&step["effect"], &step["wording"]), (&"bad_thermistor".into(), &wording.into()), "{found}");
+        let all = step["parameters"].as_array().unwrap();
+        assert!(all.len() == 1 && (all[0]["value"].as_f64().unwrap() - 20.0).abs() < 0.5, "{all:?}");
+        let [before, after] = ["gap_before", "gap_after"].map(|gap| step[gap]["chi2_per_dof"].as_f64().unwrap());
+        assert!(if wording == "is" { after < 0.8 * before } else { after > 0.5 }, "{before} {after}");
+    }
+    let there_and_back = |t: f64| if (40.0..90.0).contains(&t) { 25.0 } else { 20.0 };
+    let found = diagnosed(&in_temperatures(there_and_back, |t| Some(there_and_back(t))));
+    assert_eq!(named(&found), ["sensor_temperature_offset"]);
+    let notes = found["warnings"].to_string();
+    says(&notes, &["temperature channel T59 changes by", "the readings follow it"]);
+    assert!(!notes.contains("T59 jumps"), "{notes}");
 }
 
 /// A sine beside the notch of a boxcar, at 126 Hz: seen from above the notch a response has another minimum than from below.

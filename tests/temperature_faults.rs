@@ -105,6 +105,31 @@ fn a_change_while_nothing_was_recorded_is_no_jump() {
     assert!(of(&run(20.0, &both)).is_empty());
 }
 
+/// The record stops while the body is heated, soon after the heater was switched on: what it began to do it may go on with.
+#[test]
+fn a_gap_while_a_body_is_heated_is_no_jump() {
+    let mut gauss = Gauss(48);
+    for begin in [40.2, 41.0, 41.6, 42.5, 43.1] {
+        let heated = |i: f64| 17.0 + 40.0 * (1.0 - (-(i - begin).max(0.0) / 12.0).exp());
+        let mut run = run(20.0, &[("T59", readings(120, 0.02, &mut gauss, heated))]);
+        run.temperatures.values[0].drain(44..74);
+        run.temperatures.t_s.drain(44..74);
+        assert!(of(&run).is_empty(), "{begin}: {:?}", of(&run));
+    }
+}
+
+/// A jump on the way up: the course of the body is none of it.
+#[test]
+fn a_jump_of_a_heated_channel_is_found() {
+    let mut gauss = Gauss(49);
+    let heated = |i: f64| 17.0 + 0.5 * i + if i < 49.5 { 0.0 } else { 2.0 };
+    let found = of(&run(20.0, &[("T59", readings(88, 0.02, &mut gauss, heated))]));
+    assert!(
+        matches!(found.as_slice(), [ChannelFault { fault: Fault::Jumps { count: 1, t_s, size_k }, .. }] if *t_s == 1000.0 && (size_k - 2.5).abs() < 0.2),
+        "{found:?}"
+    );
+}
+
 #[test]
 fn jumps_are_named_with_time_and_size() {
     let mut gauss = Gauss(46);

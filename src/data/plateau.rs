@@ -2,10 +2,12 @@
 //! extremes, so that settling, edges and spikes can be judged afterwards without keeping samples.
 
 mod cut;
+mod displacement;
 mod edges;
 mod inside;
 
 pub use cut::{Cut, LEAST_COVERAGE, Settling};
+pub use displacement::{Course, Displacement, displacement};
 
 use crate::data::run::{GivenBlock, Header, Run, Setting, Vector, VectorSink};
 use crate::data::units::{COMPONENTS, Reading};

@@ -20,7 +20,7 @@ pub use table::table;
 
 use super::problem::{search, steps};
 use super::result::{Diagnosis, Pictures, Step};
-use super::steps::fault_step;
+use super::steps::fault_facts;
 use super::{DiagnoseError, Options, words};
 use crate::data::note::{Note, NoteKind};
 use crate::data::run::{Run, Vector, VectorSink};
@@ -52,7 +52,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     let freq = analysed(run, samples, campaign)?;
     let span_s = [samples.t_s[0], samples.t_s[samples.t_s.len() - 1]];
     let (faults, _) = temperature_faults::without_jumps(run, span_s);
-    let mut found: Vec<Step> = faults.iter().map(fault_step).collect();
+    let mut found: Vec<Step> = faults.iter().map(|fault| fault_facts(fault).step()).collect();
     found.extend(lost(run, samples, &freq));
     let mut notes = Vec::new();
 

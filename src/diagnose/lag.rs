@@ -1,14 +1,16 @@
 //! A lag of the thermistor, which changes the temperatures that the model of a sweep itself is a polynomial of.
 
+use super::APART;
 use super::branches::{self, Side};
 use super::candidate::Candidate;
+use super::explanations::Explanation;
 use super::means::{HOPELESS, HeldOut, Means, MeansModel, gap};
-use super::result::{Branches, Evidence, Parameter};
+use super::result::{Branches, Evidence, Parameter, RunnerUp};
 use super::steps::{Facts, Significance};
 use super::words;
 use crate::data::run::interpolate;
 use crate::data::units::COMPONENTS;
-use crate::fit::noise::state_space::Noise;
+use crate::fit::scan::Fitted;
 use crate::fit::smooth::Course;
 use crate::model::effects::thermal_lag::{self, ThermalLag};
 use crate::model::effects::{Catalogue, EffectRef, Row};
@@ -20,6 +22,9 @@ use nalgebra::DMatrix;
 const LONGEST_PART: f64 = 0.2;
 /// Evidence (logarithm) from which the temperatures themselves are changed: far beyond what noise gives, since all else rests on them.
 const LEAST_EVIDENCE: f64 = 12.0;
+
+/// Rivals that are compared with a lag.
+const RIVALS: usize = 5;
 
 /// A lag that was found.
 pub(super) struct FoundLag {
@@ -42,6 +47,8 @@ struct MostLikely {
 struct Compared {
     without: HeldOut,
     with: HeldOut,
+    /// Logarithms of the likelihood ratios of the rivals to the lag, on held-out stretches.
+    log_ratios: Vec<f64>,
     /// Noise of every row with the lag, enT.
     row_std_ent: Vec<[f64; 3]>,
 }
@@ -60,11 +67,29 @@ pub(super) fn find(
     let model = means.model(&means.all(&[]))?;
     let scored = means.scored(&model);
     let best = scored.explanation(effect.as_str()).filter(|e| e.evidence >= LEAST_EVIDENCE)?;
-    let rival = scored.explanations.first().filter(|e| e.key != effect.as_str()).map(|e| &means.candidates[e.best]);
+    let rivals: Vec<&Explanation> =
+        scored.explanations.iter().filter(|e| e.key != effect.as_str() && e.best_evidence > 0.0).take(RIVALS).collect();
     let MostLikely { lag, std_s, strength, degc } = most_likely(prepared, readings, &sensor.course)?;
     let mut lagged = prepared.clone();
     lagged.with_temperatures(degc);
-    let Compared { without, with, row_std_ent } = compared(&means, &model, rival, &lagged, catalogue)?;
+    let candidates: Vec<&Candidate> = rivals.iter().map(|e| &means.candidates[e.best]).collect();
+    let Compared { without, with, log_ratios, row_std_ent } = compared(&means, &model, &candidates, &lagged, catalogue)?;
+    let is_better = |(e, log_ratio): (&&Explanation, &f64)| *log_ratio >= if e.evidence > best.evidence { 0.0 } else { APART };
+    if rivals.iter().zip(&log_ratios).any(is_better) {
+        return None;
+    }
+    let runners_up = rivals.iter().zip(&log_ratios).map(|(e, log_ratio)| RunnerUp {
+        effect: e.key.clone(),
+        log_ratio: *log_ratio,
+        correlation: Fitted::correlation(&scored.groups[e.best], &scored.groups[best.best]),
+    });
+    let near = candidates.iter().zip(&log_ratios).filter(|(_, log_ratio)| **log_ratio > -APART);
+    let mut ambiguous_with: Vec<EffectRef> = Vec::new();
+    near.for_each(|(candidate, _)| {
+        if !ambiguous_with.contains(&candidate.effect) {
+            ambiguous_with.push(candidate.effect)
+        }
+    });
     let gaps = [&without, &with].map(|held| gap(held, prepared.nt_per_ent));
     let significance = Significance::of_trials(best.score.p_value(), means.candidates.len(), strength);
     let (name, lag_s) = (&sensor.name, lag.seconds());
@@ -73,10 +98,12 @@ pub(super) fn find(
         parameters: vec![Parameter { name: thermal_lag::LAG.to_owned(), value: lag_s, std: Some(std_s), unit: "s".to_owned() }],
         place: format!("all axes, where {name} rises or falls: up to {:.2} nT", gaps[0].max_nt),
         gaps,
-        runners_up: scored.runners_up(effect.as_str(), HOPELESS),
-        sentence: Some(words::lag(name, lag.form(), lag_s, std_s, &gaps[0], &gaps[1])),
+        runners_up: runners_up.filter(|r| r.log_ratio > -HOPELESS).collect(),
+        ambiguous_with,
         ..Facts::new(effect, thermal_lag::spec(lag), significance)
     };
+    let sentence = words::lag(name, lag.form(), [lag_s, std_s], &gaps, facts.is_certain(), &facts.ambiguous_with);
+    let facts = Facts { sentence: Some(sentence), ..facts };
     let branches = branches::of(
         &Side { record: &prepared.record, residual_ent: &without.residual_ent },
         &Side { record: &lagged.record, residual_ent: &with.residual_ent },
@@ -120,30 +147,29 @@ fn most_likely(prepared: &PreparedRun, readings: &DMatrix<f64>, course: &Course)
     })
 }
 
-/// Held-out stretches without and with a lag; `None` where a rival predicts as much. The column by which a lag is scored is its first order
-/// only. Of a strong lag a free function of a covariate may follow this column better than the lag does: the lag itself has to predict more.
+/// Held-out stretches without and with a lag, and how well its rivals predict them. The column by which a lag is scored is its first
+/// order only. Of a strong lag a free function of a covariate may follow this column better than the lag does: the lag itself is compared.
 fn compared(
     means: &Means,
     model: &MeansModel,
-    rival: Option<&Candidate>,
+    rivals: &[&Candidate],
     lagged: &PreparedRun,
     catalogue: &Catalogue,
 ) -> Option<Compared> {
     let now = means.all(&[]);
-    let beside_rival = rival.and_then(|rival| {
-        let with: Vec<&Candidate> = now.iter().copied().chain([rival]).collect();
-        let noise: Noise = means.model(&with)?.noise;
-        let sum = means.predicted(&noise, &with).sum;
-        Some((noise, sum))
-    });
     let with_lag = Means::new(lagged, means.readings.clone(), catalogue, means.given.clone());
-    if beside_rival.is_some_and(|(noise, sum)| with_lag.predicted(&noise, &now).sum >= sum) {
-        return None;
-    }
+    // With the noise that is left beside the rival.
+    let log_ratio = |rival: &&Candidate| {
+        let with: Vec<&Candidate> = now.iter().copied().chain([*rival]).collect();
+        let noise = means.model(&with)?.noise;
+        Some(0.5 * (with_lag.predicted(&noise, &now).sum - means.predicted(&noise, &with).sum))
+    };
+    let log_ratios: Vec<f64> = rivals.iter().map(|rival| log_ratio(rival).unwrap_or(f64::NEG_INFINITY)).collect();
     let model_with_lag = with_lag.model(&now)?;
     Some(Compared {
         without: means.predicted(&model.noise, &now),
         with: with_lag.predicted(&model_with_lag.noise, &now),
+        log_ratios,
         row_std_ent: with_lag.row_std(&model_with_lag, &now),
     })
 }

@@ -13,6 +13,7 @@ pub mod branches;
 pub mod candidate;
 mod error;
 mod explanations;
+mod fault;
 pub mod freq;
 pub mod inside_maps;
 mod lag;
@@ -28,7 +29,7 @@ mod steps;
 pub mod where_map;
 pub mod words;
 
-use crate::data::note::Note;
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateaus;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
@@ -88,7 +89,12 @@ pub fn run(
         diagnosis.steps.iter().filter(|s| s.effect == EffectRef::new(&BadThermistor)).map(|s| s.place.as_str()).collect();
     let is_step = |note: &Note| note.about.as_deref().is_some_and(|name| of_faults.iter().any(|place| place.contains(name)));
     let notes = temperature_faults::notes(run, &campaign.file.instructions);
-    let notes: Vec<Note> = notes.into_iter().filter(|note| !is_step(note)).collect();
+    // One that the readings follow is none.
+    let is_followed = |note: &Note| {
+        note.text.contains(" jumps ")
+            && diagnosis.notes.iter().any(|told| told.kind == NoteKind::Temperature && told.about == note.about)
+    };
+    let notes: Vec<Note> = notes.into_iter().filter(|note| !is_step(note) && !is_followed(note)).collect();
     diagnosis.notes.extend(notes);
     Ok(diagnosis)
 }

@@ -1,13 +1,14 @@
 //! One run with plateaus: damaged data, then a lag of the thermistor, then the samples, then the plateau means.
 
 use super::candidate::Candidate;
+use super::fault::{self, FoundFault};
 use super::lag::FoundLag;
 use super::limits::{hidden_drifts, limits};
 use super::means::{Means, MeansModel, Term};
 use super::problem::{self, Outcome};
 use super::result::{Diagnosis, Evidence, Map, Pictures, Step};
 use super::samples::{self, Inside};
-use super::steps::{fault_step, inside_step, joined, sufficient};
+use super::steps::{inside_step, joined, sufficient};
 use super::{DiagnoseError, Given, Options, inside_maps, lag, where_map, words};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateaus;
@@ -53,18 +54,25 @@ pub(super) fn run(
     let mut prepared = PreparedRun::new(run, plateaus, samples, &campaign.file.instructions, options.facility.as_ref())
         .map_err(|e| DiagnoseError::Record(e.0))?;
     let mut notes = std::mem::take(&mut prepared.notes);
+    let known: Vec<Inside> = options.given.iter().filter(|g| g.is_inside()).map(Inside::known).collect();
+    let readings = |prepared: &PreparedRun| corrected(prepared, &known);
+    let (faults, of_faults) = fault::weigh(&mut prepared, run, readings, &options.given, &options.catalogue);
+    notes.extend(of_faults);
     if let Some(polynomials) = options.temperature.as_ref().filter(|_| run.header.kind == Kind::Linearity) {
         notes.push(at_one_temperature(&mut prepared, polynomials, run, plateaus, campaign)?);
     }
-    let mut steps: Vec<Step> = prepared.faults.iter().map(fault_step).collect();
+    let mut pictures = Pictures::default();
+    let mut steps: Vec<Step> = Vec::new();
+    for FoundFault { facts, evidence } in faults {
+        steps.push(facts.step());
+        pictures.evidence.extend(evidence);
+    }
     let known_lag = options.given.iter().find_map(Given::thermal_lag);
     if let Some(lag) = known_lag {
         prepared.follow(lag);
     }
     let given = given_between(&prepared.record, &options.given);
-    let known: Vec<Inside> = options.given.iter().filter(|g| g.is_inside()).map(Inside::known).collect();
 
-    let mut pictures = Pictures::default();
     let design_before = prepared.design.clone();
     let raw = corrected(&prepared, &known);
     // A lag changes the temperatures that the model itself is a polynomial of: it is looked for first, and then built in.
@@ -130,7 +138,7 @@ pub(super) fn run(
 }
 
 /// Known effects that act between the means: their sizes are fitted again. A lag is built into the temperatures.
-fn given_between(record: &Record, given: &[Given]) -> Vec<Candidate> {
+pub(super) fn given_between(record: &Record, given: &[Given]) -> Vec<Candidate> {
     let between = given.iter().filter(|g| !g.is_inside() && !g.effect.is(&ThermalLag));
     between.filter_map(|g| candidate(record, g.effect, &g.spec)).collect()
 }

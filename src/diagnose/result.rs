@@ -79,6 +79,8 @@ pub struct Place {
     pub displacement_nt: f64,
     /// Its displacement over the standard uncertainty.
     pub multiples_of_noise: f64,
+    /// Squares, over the noise, that a smooth function of the covariate explains of stretches that were held out.
+    pub predicted: f64,
     /// All bins in the order of the covariate.
     #[serde(skip)]
     pub bins: Vec<Bin>,

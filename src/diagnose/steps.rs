@@ -190,9 +190,9 @@ pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun) -> Step {
     Facts { next_measurement, ..facts }.step()
 }
 
-/// The step that describes a thermistor that jumps.
-pub(super) fn fault_step(fault: &Jumps) -> Step {
-    let Jumps { channel: name, jumps, readings } = fault;
+/// The facts of a thermistor that jumps, as its own readings show them: those of the sensor have not been asked.
+pub(super) fn fault_facts(fault: &Jumps) -> Facts {
+    let Jumps { channel: name, jumps, readings, probability } = fault;
     let list: Vec<String> = jumps.iter().map(|(t_s, size)| format!("by {size:+.2} K at {t_s:.0} s")).collect();
     let list = list.join(", ");
     let parameter = |(k, (_, size)): (usize, &(f64, f64))| Parameter {
@@ -202,16 +202,23 @@ pub(super) fn fault_step(fault: &Jumps) -> Step {
         unit: "K".to_owned(),
     };
     let form = Spec::new(JUMP, &[]).with(JUMP_TIME, jumps[0].0, "s");
+    let probability = probability.max(f64::MIN_POSITIVE);
+    let significance = Significance {
+        p_value: (probability / *readings as f64).max(f64::MIN_POSITIVE),
+        trials: *readings,
+        p_value_corrected: probability,
+        strength_k: fault.strength(),
+    };
     Facts {
         parameters: jumps.iter().enumerate().map(parameter).collect(),
         place: format!("channel {name} jumps {list}"),
-        name: Name::Certain,
+        name: Name::Doubted,
         sentence: Some(format!(
-            "The temperature channel {name} jumps {list} and was not to be trusted there; all else was looked for with the jumps taken off."
+            "The temperature channel {name} jumps {list}, as no body does; all else was looked for with the jumps taken off."
         )),
-        ..Facts::new(EffectRef::new(&BadThermistor), form, Significance::seen(*readings, fault.strength()))
+        next_measurement: Some(EffectRef::new(&BadThermistor).about().best_measurement.to_owned()),
+        ..Facts::new(EffectRef::new(&BadThermistor), form, significance)
     }
-    .step()
 }
 
 /// One step per effect, whatever the number of its forms, and where each step went; none for one that joined another.

@@ -9,6 +9,10 @@ use nalgebra::{DMatrix, DVector};
 
 /// Bins of a covariate, at most.
 const BINS: usize = 10;
+/// Stretches of the run that are held out in turn, as for the terms.
+const STRETCHES: usize = 18;
+/// What a stretch alone determines is nothing without it: by this part of the mean of the squares of the columns.
+const RIDGE: f64 = 1e-6;
 /// A bin of which less than this part is left beside the model says nothing.
 const SHOWN: f64 = 1e-3;
 
@@ -64,8 +68,26 @@ fn bins_of(values: &[f64]) -> Vec<Vec<usize>> {
     bins
 }
 
+/// Squares that columns explain of stretches of the whitened residuals that did not fit them, less what is added to others.
+fn predicted(columns: &DMatrix<f64>, left: &DVector<f64>) -> f64 {
+    let (n, width) = columns.shape();
+    let count = STRETCHES.min(n / 3).max(1);
+    let (gram, along) = (columns.tr_mul(columns), columns.tr_mul(left));
+    let ridge = RIDGE * gram.trace().max(f64::MIN_POSITIVE) / width.max(1) as f64;
+    let of_stretch = |k: usize| -> f64 {
+        let (from, to) = (k * n / count, (k + 1) * n / count);
+        let (own, left) = (columns.rows(from, to - from), left.rows(from, to - from));
+        let mut others = &gram - own.tr_mul(&own);
+        (0..width).for_each(|j| others[(j, j)] += ridge);
+        let Some(cholesky) = others.cholesky() else { return 0.0 };
+        let values = cholesky.solve(&(&along - own.tr_mul(&left)));
+        left.norm_squared() - (left - own * values).norm_squared()
+    };
+    (0..count).map(of_stretch).sum()
+}
+
 /// Displacement of every bin of every covariate on every axis, fitted beside the model with the noise that is left when all is named;
-/// the covariate and axis that disagree most first.
+/// the covariate and axis of which a smooth function explains most first.
 #[must_use]
 pub fn places(model: &Model, noise: &Noise) -> Vec<Place> {
     let n = model.readings.nrows();
@@ -104,6 +126,14 @@ pub fn places(model: &Model, noise: &Noise) -> Vec<Place> {
                     });
                 }
             }
+            let smooth = covariate.smooth(model.record, axis).unwrap_or_default();
+            let columns: Vec<DVector<f64>> = smooth
+                .iter()
+                .map(|c| beside(axis, whitened(axis, DVector::from_fn(n, |i, _| c.values[i][axis]))))
+                .filter(|c| c.norm_squared() > 0.0)
+                .map(|c| c.normalize())
+                .collect();
+            let predicted = if columns.is_empty() { 0.0 } else { predicted(&DMatrix::from_columns(&columns), &left[axis]) };
             let largest = bins.iter().max_by(|a, b| a.multiples_of_noise.abs().total_cmp(&b.multiples_of_noise.abs())).copied();
             places.extend(largest.map(|bin| Place {
                 covariate: covariate.name.clone(),
@@ -112,11 +142,12 @@ pub fn places(model: &Model, noise: &Noise) -> Vec<Place> {
                 at: bin.at,
                 displacement_nt: bin.displacement_nt,
                 multiples_of_noise: bin.multiples_of_noise,
+                predicted,
                 bins,
             }));
         }
     }
-    places.sort_by(|a, b| b.multiples_of_noise.abs().total_cmp(&a.multiples_of_noise.abs()));
+    places.sort_by(|a, b| b.predicted.total_cmp(&a.predicted));
     places
 }
 

@@ -2,6 +2,7 @@
 
 use super::means::HeldOut;
 use super::result::{Gap, ShapePoint, Step};
+use crate::data::units::six_digits;
 use crate::model::effects::{self, Covariate, EffectRef, Record};
 use nalgebra::{DMatrix, DVector};
 
@@ -104,11 +105,7 @@ pub fn sentence(step: &Step) -> String {
         })
         .collect();
     let with = if values.is_empty() { String::new() } else { format!(", {}", values.join(", ")) };
-    let rest = if step.ambiguous_with.is_empty() {
-        String::new()
-    } else {
-        format!(" These data cannot tell it from {}.", step.ambiguous_with.join(", "))
-    };
+    let rest = ambiguous(&step.ambiguous_with);
     let verb = if step.wording == "is" { "show" } else { "are consistent with" };
     // Damage is named without a prediction.
     let gap = if step.gap_before.chi2_per_dof > 0.0 {
@@ -130,20 +127,85 @@ fn number(value: f64, std: f64) -> String {
     }
 }
 
-/// The sentence for a lag.
+/// The sentence for a lag with its standard uncertainty, certain or beside rivals that these data cannot tell from it.
 #[must_use]
-pub fn lag(name: &str, form: &str, lag_s: f64, std_s: f64, before: &Gap, after: &Gap) -> String {
+pub fn lag(name: &str, form: &str, [lag_s, std_s]: [f64; 2], gaps: &[Gap; 2], is_certain: bool, rivals: &[EffectRef]) -> String {
     let (how, size) = match form {
         "first order" => ("follows", lag_s),
         "inverse first order" => ("is followed by", lag_s),
         _ if lag_s > 0.0 => ("comes after", lag_s),
         _ => ("comes before", -lag_s),
     };
+    let [before, after] = gaps;
+    let begin = if is_certain { "The part" } else { "The data are consistent with this: the part" };
+    let others = ambiguous(rivals);
     format!(
-        "The part of the sensor that matters {how} the thermistor {name} by {:.2} ± {:.2} min ({form}); with its temperature chi square over degrees of freedom on stretches that were left out goes from {:.2} to {:.2}.",
+        "{begin} of the sensor that matters {how} the thermistor {name} by {:.2} ± {:.2} min ({form}); with its temperature chi square over degrees of freedom on stretches that were left out goes from {:.2} to {:.2}.{others}",
         size / 60.0,
         std_s / 60.0,
         before.chi2_per_dof,
         after.chi2_per_dof
     )
+}
+
+/// What an effect cannot be told from; nothing where there is none.
+fn ambiguous(rivals: &[EffectRef]) -> String {
+    if rivals.is_empty() { String::new() } else { format!(" These data cannot tell it from {}.", rivals.join(", ")) }
+}
+
+/// The shape of an unknown dependence in words; `None` without points. Between two turns it rises or falls by more than its uncertainty.
+#[must_use]
+pub fn course(covariate: &str, points: &[ShapePoint]) -> Option<String> {
+    let (first, last) = (points.first()?, points.last()?);
+    // Turns of the course: from each the next one that is further away than what lies between them and than its uncertainty.
+    let mut turns = vec![first];
+    for point in &points[1..] {
+        let now = turns[turns.len() - 1];
+        let by_nt = point.residual_nt - now.residual_nt;
+        let goes_on = match turns.len() {
+            1 => false,
+            n => by_nt * (now.residual_nt - turns[n - 2].residual_nt) > 0.0,
+        };
+        if goes_on {
+            *turns.last_mut()? = point;
+        } else if by_nt.abs() > 2.0 * point.std_nt.hypot(now.std_nt) {
+            turns.push(point);
+        }
+    }
+    let place = |p: &ShapePoint| format!("{:+.3} ± {:.3} nT at {}", p.residual_nt, p.std_nt, six_digits(p.covariate));
+    let way: Vec<String> = turns
+        .windows(2)
+        .map(|w| format!("{} to {}", if w[1].residual_nt > w[0].residual_nt { "rises" } else { "falls" }, place(w[1])))
+        .collect();
+    Some(if way.is_empty() {
+        format!(
+            "Along the {covariate} no single point of the contribution stands out: {} and {} at its ends.",
+            place(first),
+            place(last)
+        )
+    } else {
+        format!("Along the {covariate} the contribution begins with {} and {}.", place(first), way.join(", then "))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A valley between two hills of the same height, with bumps that are no more than noise on its way; and noise alone.
+    #[test]
+    fn a_course_turns_where_it_is_more_than_noise() {
+        let points = |nt: &[f64]| -> Vec<ShapePoint> {
+            let point = |(k, nt): (usize, &f64)| ShapePoint { covariate: 10.0 * k as f64, residual_nt: *nt, std_nt: 0.05 };
+            nt.iter().enumerate().map(point).collect()
+        };
+        assert_eq!(
+            course("field x", &points(&[1.0, 0.6, 0.65, -0.8, -1.0, -0.95, 0.2, 0.15, 1.0])).unwrap(),
+            "Along the field x the contribution begins with +1.000 ± 0.050 nT at 0, falls to -1.000 ± 0.050 nT at 40, then rises to +1.000 ± \
+             0.050 nT at 80."
+        );
+        let flat = course("field x", &points(&[0.03, -0.02, 0.05, 0.0])).unwrap();
+        assert!(flat.contains("no single point") && !flat.contains("rises"), "{flat}");
+        assert_eq!(course("field x", &[]), None);
+    }
 }

@@ -93,7 +93,10 @@ fn with_unit(quantity: &str, unit: &str) -> String {
     if unit.is_empty() { quantity.to_owned() } else { format!("{quantity}, {unit}") }
 }
 
-/// Covariates that disagree most on any axis, in the same order for all axes.
+/// Multiples of the noise from which a cell has its number.
+const TOLD: f64 = 3.0;
+
+/// Covariates that explain most on any axis, in the same order for all axes that show a disagreement.
 fn places(diagnosis: &Diagnosis) -> Option<Named> {
     let places = &diagnosis.pictures.places;
     let mut names: Vec<&str> = Vec::new();
@@ -106,6 +109,12 @@ fn places(diagnosis: &Diagnosis) -> Option<Named> {
     if names.is_empty() {
         return None;
     }
+    let is_told = |axis: &&&str| {
+        let own = places.iter().filter(|p| p.axis == **axis && names.contains(&p.covariate.as_str()));
+        own.flat_map(|p| &p.bins).any(|b| b.multiples_of_noise.abs() >= TOLD)
+    };
+    let told: Vec<&str> = COMPONENTS.iter().filter(is_told).copied().collect();
+    let axes = if told.is_empty() { COMPONENTS.to_vec() } else { told };
     let row = |place: &Place| CellRow {
         name: place.covariate.clone(),
         cells: place.bins.iter().map(|b| (100.0 * b.share[0], 100.0 * b.share[1], b.multiples_of_noise)).collect(),
@@ -125,32 +134,43 @@ fn places(diagnosis: &Diagnosis) -> Option<Named> {
     let figure = Figure {
         title: format!("{}: where readings and model disagree", subject(diagnosis)),
         caption: format!(
-            "Before anything is named: displacement of the readings along the sensor axes x, y, z (top to bottom) for bins of the \
+            "Before anything is named: displacement of the readings along the sensor axes {} (top to bottom) for bins of the \
              covariates, fitted beside the model, in multiples of its standard uncertainty. Blue cells are below the model, orange \
-             ones above; numbers stand where it is 3 or more, which noise alone gives in one cell of 370. {} of {} covariates, the \
-             largest first; a gain multiplies the reading.",
+             ones above; numbers stand where it is 3 or more, which noise alone gives in one cell of 370. {} of {} covariates, \
+             first the one of which a smooth function predicts most of stretches that it did not see; a gain multiplies the \
+             reading.{}",
+            axes.join(", "),
             names.len(),
-            places.len() / 3
+            places.len() / 3,
+            if axes.len() < COMPONENTS.len() { " Axes without such a cell are left out." } else { "" }
         ),
         x_label: "plateaus in the order of the covariate, %".to_owned(),
         x_scale: Scale::Linear,
-        panels: COMPONENTS.iter().map(|axis| panel(axis)).collect(),
+        panels: axes.iter().map(|axis| panel(axis)).collect(),
     };
     Some(Named { stem: WHERE, figure })
 }
 
 fn panel(map: &Map, y_label: String, values: &[f64], style: Style, label: &str) -> Panel {
     let points = map.x.iter().zip(values).map(|(x, y)| (*x, *y, None)).collect();
+    // Before and after are seen on one scale.
+    let both = map.x.iter().zip(&map.before_nt).chain(map.x.iter().zip(&map.after_nt));
+    let shown = unseen(both.map(|(x, y)| (*x, *y)).collect());
     Panel {
         y_label,
         y_scale: Scale::Linear,
-        series: vec![Series { label: label.to_owned(), style, marks: Marks::Points(points) }],
+        series: vec![Series { label: label.to_owned(), style, marks: Marks::Points(points) }, shown],
         bands: vec![Band {
             label: format!("±2 noise, {:.3} nT", 2.0 * map.noise_nt),
             low: -2.0 * map.noise_nt,
             high: 2.0 * map.noise_nt,
         }],
     }
+}
+
+/// Places that a panel shows beside its data.
+fn unseen(places: Vec<(f64, f64)>) -> Series {
+    Series { label: String::new(), style: Style::Reference, marks: Marks::Shown(places) }
 }
 
 /// Frequencies are spread by ratios.
@@ -190,6 +210,7 @@ fn inside(diagnosis: &Diagnosis, step: &Step, map: &InsideMap) -> Figure {
                     marks: Marks::Points(map.bins.iter().map(|b| (b.x, value(b), Some(b.std[a]))).collect()),
                 }
             })
+            .chain([unseen(map.bins.iter().flat_map(|b| b.before.into_iter().chain(b.after).map(|y| (b.x, y))).collect())])
             .collect(),
         bands: Vec::new(),
     };
@@ -207,6 +228,8 @@ fn inside(diagnosis: &Diagnosis, step: &Step, map: &InsideMap) -> Figure {
 }
 
 fn heating_and_cooling(diagnosis: &Diagnosis, branches: &Branches) -> Figure {
+    let all = branches.rising.iter().chain(&branches.falling);
+    let both: Vec<(f64, f64)> = all.flat_map(|p| [(p.degc, p.before_k), (p.degc, p.after_k)]).collect();
     let panel = |title: &str, after: bool| {
         let series = |label: &str, style: Style, points: &[crate::diagnose::result::BranchPoint]| Series {
             label: label.to_owned(),
@@ -218,7 +241,11 @@ fn heating_and_cooling(diagnosis: &Diagnosis, branches: &Branches) -> Figure {
         Panel {
             y_label: title.to_owned(),
             y_scale: Scale::Linear,
-            series: vec![series("heating", Style::Y, &branches.rising), series("cooling", Style::X, &branches.falling)],
+            series: vec![
+                series("heating", Style::Y, &branches.rising),
+                series("cooling", Style::X, &branches.falling),
+                unseen(both.clone()),
+            ],
             bands: Vec::new(),
         }
     };

@@ -83,7 +83,7 @@ pub(super) fn entries(panel: &Panel, scales: [Scale; 2], span: Option<Span>) -> 
             Marks::Ribbon(_) => Sample::Ribbon(style),
             Marks::Bars(_) => Sample::Envelope(style, false, 1.0),
             // Their numbers stand in them.
-            Marks::Cells(_) => continue,
+            Marks::Cells(_) | Marks::Shown(_) => continue,
         };
         add(sample, &series.label, &extra);
     }

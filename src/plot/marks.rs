@@ -70,6 +70,7 @@ impl Marks {
                     }
                 }
             }
+            Marks::Shown(points) => points.iter().for_each(|(x, y)| both(*x, *y)),
             Marks::Cells(rows) => {
                 for (row, cells) in rows.iter().enumerate() {
                     for (from, to, _) in &cells.cells {
@@ -84,7 +85,7 @@ impl Marks {
     /// Order of drawing: points lie on lines, lines on areas.
     pub(super) fn layer(&self) -> u8 {
         match self {
-            Marks::Ribbon(_) | Marks::Bars(_) | Marks::Cells(_) => 0,
+            Marks::Ribbon(_) | Marks::Bars(_) | Marks::Cells(_) | Marks::Shown(_) => 0,
             Marks::Envelope(_) => 1,
             Marks::Line(_) | Marks::Steps(_) => 2,
             Marks::Points(_) => 3,
@@ -162,6 +163,7 @@ fn draw_marks(canvas: &mut Canvas, frame: &Frame, panel: &Panel, series: &Series
         Marks::Ribbon(points) => draw_ribbon(canvas, frame, points, series.style, true),
         Marks::Bars(bars) => draw_bars(canvas, frame, bars, &look),
         Marks::Cells(rows) => draw_cells(canvas, frame, rows),
+        Marks::Shown(_) => {}
     }
 }
 

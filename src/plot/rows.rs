@@ -75,10 +75,15 @@ pub(super) fn draw_cells(canvas: &mut Canvas, frame: &Frame, rows: &[CellRow]) {
             canvas.rect(area, AXIS_INK, 1.0);
             let inner = rect(area.left + 1, area.top + 1, area.right - 1, area.bottom - 1);
             canvas.rect(inner, if *value < 0.0 { class.1 } else { class.2 }, 1.0);
-            if class.0 > 0.0 && f64::from(area.right - area.left) >= LEAST_CELL {
-                let centre = (f64::from(area.left + area.right) / 2.0, f64::from(area.top + area.bottom) / 2.0 + 6.0);
+            let is_wide = f64::from(area.right - area.left) >= LEAST_CELL;
+            let is_last = cells.cells.last().is_some_and(|last| last.0 == *from);
+            if class.0 > 0.0 && (is_wide || is_last) {
+                // The number of a narrow last cell reaches into the one before it.
+                let (x, along) =
+                    if is_wide { (f64::from(area.left + area.right) / 2.0, 0.5) } else { (f64::from(area.right - 2), 1.0) };
+                let place = (x, f64::from(area.top + area.bottom) / 2.0 + 6.0);
                 let text = if value.abs() < 9.95 { format!("{value:+.1}") } else { format!("{value:+.0}") };
-                canvas.text(&text.replace('-', "\u{2212}"), CELL, centre, 0.5, false);
+                canvas.text(&text.replace('-', "\u{2212}"), CELL, place, along, false);
             }
         }
     }

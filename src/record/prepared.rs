@@ -2,8 +2,8 @@
 
 use super::temperature_faults;
 use crate::data::note::Note;
-use crate::data::plateau::{Plateau, Plateaus};
-use crate::data::run::{Kind, Run, SlowTable, Vector, VectorSink, interpolate, mean_over};
+use crate::data::plateau::{self, Course as SettingCourse, Displacement, Plateau, Plateaus};
+use crate::data::run::{Kind, Run, Setting, SlowTable, Vector, VectorSink, interpolate, mean_over};
 use crate::fit::Limits;
 use crate::fit::noise::state_space::Inside;
 use crate::fit::smooth::Course;
@@ -77,6 +77,8 @@ pub struct PreparedRun {
     pub nt_per_ent: [f64; 3],
     /// Time and settings of the used plateaus, by index into the samples: first and one past the last.
     pub windows: Vec<[usize; 2]>,
+    /// How the data step against the settings, sample by sample.
+    pub displacement: Option<Displacement>,
     /// What a person should know.
     pub notes: Vec<Note>,
     /// Damaged data: the temperatures of the record are without it.
@@ -122,9 +124,10 @@ impl PreparedRun {
         let (faults, temperatures) = temperature_faults::without_jumps(run, span_s);
         let (sensor_name, coil_name) = instructions.channels(&run.header);
         let rack_name = instructions.rack_channel();
-        let at_rows = |table: &SlowTable, name: &str| channel(table, name, &parts, |readings| Course::exact(readings.to_vec()));
+        let used_s: Vec<[f64; 2]> = parts.iter().map(|p| p.used_s).collect();
+        let at_rows = |table: &SlowTable, name: &str| of_rows(table, name, &used_s, |readings| Course::exact(readings.to_vec()));
         // Thermal masses are slow and their thermistors noisy: a smooth course stands for the readings.
-        let degc = |name: &str| channel(&temperatures, name, &parts, Course::smooth);
+        let degc = |name: &str| of_rows(&temperatures, name, &used_s, Course::smooth);
         let mut sensor = degc(&sensor_name);
         let mut thermistors = Vec::new();
         for name in temperatures.names.iter().filter(|n| **n != sensor_name && **n != coil_name && *n != rack_name) {
@@ -182,10 +185,12 @@ impl PreparedRun {
         });
         let white = white_variances(&parts);
         let inside = samples.and_then(|samples| inside(&record, &white, &windows, samples));
-        let mut prepared = Self { record, readings, design, white, inside, nt_per_ent, windows, notes, faults };
+        let displacement = samples.and_then(|samples| displacement(&list, samples, run.header.sample_rate_hz));
+        let mut prepared = Self { record, readings, design, white, inside, nt_per_ent, windows, displacement, notes, faults };
         prepared.doubt_outliers();
         if let Some(samples) = samples {
-            prepared.record.steps = steps(&prepared.record, &list, samples);
+            let shift_s = displacement.map_or(0.0, |d| d.shift_s);
+            prepared.record.steps = steps(&prepared.record, &list, samples, shift_s);
         }
         Ok(prepared)
     }
@@ -273,6 +278,29 @@ impl PreparedRun {
     pub fn refit(&mut self, readings: &DMatrix<f64>) {
         // The same rows had a fit before.
         let _ = fit_linear(&mut self.record, readings);
+    }
+
+    /// The run with the readings of a temperature channel as they were recorded, its jumps included; `None` where nothing rests on the channel.
+    #[must_use]
+    pub fn as_recorded(&self, run: &Run, name: &str) -> Option<Self> {
+        let mut other = self.clone();
+        other.faults.retain(|fault| fault.channel != name);
+        let used_s: Vec<[f64; 2]> = self.record.rows.iter().map(|r| r.used_s).collect();
+        let recorded = of_rows(&run.temperatures, name, &used_s, Course::smooth)?;
+        let record = &mut other.record;
+        let single = [&mut record.sensor, &mut record.coil, &mut record.rack].into_iter().flatten();
+        let mut is_used = false;
+        for channel in single.chain(&mut record.thermistors).filter(|c| c.name == name) {
+            *channel = recorded.clone();
+            is_used = true;
+        }
+        if !is_used {
+            return None;
+        }
+        if other.record.thermal.is_some() && other.record.sensor.as_ref().is_some_and(|s| s.name == name) {
+            other.with_temperatures(recorded.values);
+        }
+        Some(other)
     }
 
     /// Gives a sweep the temperatures of the part that matters, which follows or leads the thermistor.
@@ -414,11 +442,11 @@ fn previous_fields(list: &[Plateau], parts: &[Part]) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// A channel as means over the time of each part.
-fn channel(table: &SlowTable, name: &str, parts: &[Part], course: impl Fn(&[(f64, f64)]) -> Course) -> Option<Channel> {
+/// A channel as means over times.
+fn of_rows(table: &SlowTable, name: &str, used_s: &[[f64; 2]], course: impl Fn(&[(f64, f64)]) -> Course) -> Option<Channel> {
     let course = course(&table.channel(name).filter(|s| s.len() > 1)?);
     let series = &course.series;
-    let values: Vec<f64> = parts.iter().map(|p| mean_over(series, p.used_s)).collect();
+    let values: Vec<f64> = used_s.iter().map(|used_s| mean_over(series, *used_s)).collect();
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     Some(Channel { name: name.to_owned(), course, values, mean })
 }
@@ -481,13 +509,31 @@ fn fit_linear(record: &mut Record, readings: &DMatrix<f64>) -> Result<(), Unfit>
     Ok(())
 }
 
-/// The changes of the field, with what is applied in the pauses: nothing, the setting before, or the one after, as the samples say.
-fn steps(record: &Record, list: &[Plateau], samples: &Samples) -> Vec<Step> {
+/// How the samples step against the settings.
+fn displacement(list: &[Plateau], samples: &Samples, sample_rate_hz: f64) -> Option<Displacement> {
+    let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
+    let course = |setting: &Setting| {
+        let used = if setting.frequency_hz == 0.0 { at(setting.t_start_s)..at(setting.t_end_s) } else { 0..0 };
+        SettingCourse {
+            begin_s: setting.t_start_s,
+            end_s: setting.t_end_s,
+            is_zero: setting.field.0 == [0.0; 3],
+            interval_s: sample_rate_hz.recip(),
+            values: (&samples.reading_ent[used]).into(),
+        }
+    };
+    let courses: Vec<SettingCourse> = list.iter().map(|p| course(&p.setting)).collect();
+    plateau::displacement(&courses, sample_rate_hz.recip())
+}
+
+/// The changes of the field, with what is applied in the pauses: nothing, the setting before, or the one after, as the samples say, which are
+/// late by `shift_s`.
+fn steps(record: &Record, list: &[Plateau], samples: &Samples, shift_s: f64) -> Vec<Step> {
     let level = |field: [f64; 3]| record.reading(field);
     let mut votes = [0usize; 3];
     for pair in list.windows(2) {
         let (end, begin) = (pair[0].setting.t_end_s, pair[1].setting.t_start_s);
-        let middle = samples.t_s.partition_point(|t| *t < 0.5 * (end + begin));
+        let middle = samples.t_s.partition_point(|t| *t < 0.5 * (end + begin) + shift_s);
         let Some(reading) = samples.reading_ent.get(middle).filter(|_| begin > end) else { continue };
         let zero = [0.0; 3];
         let options = [zero, level(pair[0].setting.field.0), level(pair[1].setting.field.0)];

@@ -21,11 +21,15 @@ const MOST_JUMPS: usize = 6;
 const GAP: f64 = 3.0;
 /// Readings on either side that say how fast a channel moves otherwise.
 const RATES: usize = 5;
+/// Readings on either side in which a body that takes up heat goes on.
+const NEAR: usize = 2;
 /// A channel that jumps again and again does so by this much at least, K: below, a step has to stand alone, see [`LEAST_JUMP_K`].
 const LEAST_REPEATED_K: f64 = 1.0;
 /// It changes by this many times what it does otherwise in the same time. A body that takes up heat with a time constant of half an interval
 /// shows 86 % of a step in the first one and 12 % in the second: 7 times.
 const FASTER: f64 = 8.0;
+/// The course of a body is known to half of what its rate changes by from before to after; a jump exceeds it by this many times the whole.
+const OF_COURSE: f64 = 4.0;
 /// Another channel that moves by this part of it at the same time shows that the step is real.
 const SHARED: f64 = 0.3;
 /// Equal readings one after the other that noise makes less often than this stand still.
@@ -62,6 +66,8 @@ pub struct Jumps {
     pub jumps: Vec<(f64, f64)>,
     /// Readings of the channel.
     pub readings: usize,
+    /// Probability that noise of the channel makes the largest one.
+    pub probability: f64,
 }
 
 impl Jumps {
@@ -274,44 +280,58 @@ impl<'a> Channel<'a> {
             .collect()
     }
 
-    /// Standard deviation of the changes from reading to reading by noise, K.
+    /// Standard deviation of the changes from reading to reading by noise, K: from what they differ by from the usual one, or from those beside
+    /// them where the channel rises and falls. Of white noise the latter has 5/2 of their variance.
     fn noise_of_changes_k(&self, changes: &[(usize, f64, f64)]) -> f64 {
-        let mut sizes: Vec<f64> = changes.iter().map(|(_, _, rate)| *rate).collect();
-        let middle = median(&mut sizes);
-        1.4826 * median(&mut sizes.iter().map(|rate| (rate - middle).abs()).collect::<Vec<f64>>())
+        let usual = median(&mut changes.iter().map(|(_, _, rate)| *rate).collect::<Vec<f64>>());
+        let deviation = |off: &mut Vec<f64>| if off.is_empty() { f64::INFINITY } else { 1.4826 * median(off) };
+        let about = deviation(&mut changes.iter().map(|(_, _, rate)| (rate - usual).abs()).collect());
+        let beside = changes.windows(3).map(|w| (w[1].2 - 0.5 * (w[0].2 + w[2].2)).abs());
+        about.min(deviation(&mut beside.collect()) / 2.5f64.sqrt())
     }
 
     fn jumps(&self, others: &[&Channel]) -> Option<ChannelFault> {
         let changes = self.changes();
-        if changes.is_empty() {
-            return None;
-        }
-        let noise_k = self.noise_of_changes_k(&changes);
-        let is_large = |i: &usize| changes[*i].1.abs() > LEAST_REPEATED_K && changes[*i].1.abs() > JUMP * noise_k;
-        let mut places: Vec<usize> = (0..changes.len()).filter(is_large).collect();
-        if places.is_empty() {
-            // A smaller step that stands alone.
-            let at = |t_s: f64| changes.iter().position(|(place, ..)| self.series[*place].0 == t_s);
-            places.extend(step(&self.series).and_then(|(t_s, _)| at(t_s)));
-        }
-        let is_shared = |place: usize, by_k: f64| {
-            let [before_s, after_s] = [self.series[place - 1].0, self.series[place].0];
-            others.iter().any(|o| o.moves_along(before_s, after_s, by_k))
-        };
-        let jumps: Vec<(f64, f64)> = places
-            .into_iter()
-            .filter(|i| is_far_faster(&changes, *i) && !is_shared(changes[*i].0, changes[*i].1))
-            .map(|i| (self.series[changes[i].0].0, changes[i].1))
-            .collect();
-        let largest = jumps.iter().copied().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-        let probability = changes.len() as f64 * if noise_k > 0.0 { two_sided_tail(largest.1.abs() / noise_k) } else { 0.0 };
+        let jumps = self.places_of_jumps(&changes, others);
+        let of = |i: usize| (self.series[changes[i].0].0, changes[i].1);
+        let largest = jumps.iter().map(|i| of(*i)).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
         let fault = Fault::Jumps { count: jumps.len(), t_s: largest.0, size_k: largest.1 };
-        Some(self.fault(fault, probability))
+        Some(self.fault(fault, self.probability_of(&changes, largest.1)))
     }
 
-    /// Whether it moves with a step of another channel.
+    /// Probability that noise makes a change as large as this one anywhere.
+    fn probability_of(&self, changes: &[(usize, f64, f64)], by_k: f64) -> f64 {
+        let noise_k = self.noise_of_changes_k(changes);
+        (changes.len() as f64 * if noise_k > 0.0 { two_sided_tail(by_k.abs() / noise_k) } else { 0.0 }).min(1.0)
+    }
+
+    /// The changes that are jumps.
+    fn places_of_jumps(&self, changes: &[(usize, f64, f64)], others: &[&Channel]) -> Vec<usize> {
+        if changes.is_empty() {
+            return Vec::new();
+        }
+        let noise_k = self.noise_of_changes_k(changes);
+        let is_large = |i: &usize| changes[*i].1.abs() > LEAST_REPEATED_K && changes[*i].1.abs() > JUMP * noise_k;
+        let mut places: Vec<usize> = (0..changes.len()).filter(is_large).collect();
+        if let Some((t_s, _)) = step(&self.series) {
+            // A smaller step that stands alone.
+            let alone = changes.iter().position(|(place, ..)| self.series[*place].0 == t_s);
+            places.extend(alone.filter(|i| !places.contains(i)));
+        }
+        let is_shared = |i: usize, over_k: f64| {
+            let [before_s, after_s] = [self.series[changes[i].0 - 1].0, self.series[changes[i].0].0];
+            others.iter().any(|o| o.moves_along(before_s, after_s, over_k))
+        };
+        places.retain(|i| far_faster_k(changes, *i).is_some_and(|over_k| !is_shared(*i, over_k)));
+        places
+    }
+
+    /// Whether it moves with a step of another channel, beyond what it does before and after.
     fn moves_along(&self, before_s: f64, after_s: f64, by_k: f64) -> bool {
-        let moved = interpolate(&self.series, after_s) - interpolate(&self.series, before_s);
+        let at = |t_s: f64| interpolate(&self.series, t_s);
+        let aside_s = RATES as f64 * self.interval_s;
+        let beside = 0.5 * (at(before_s) - at(before_s - aside_s) + at(after_s + aside_s) - at(after_s)) / aside_s;
+        let moved = at(after_s) - at(before_s) - beside * (after_s - before_s);
         moved * by_k.signum() >= SHARED * by_k.abs()
     }
 
@@ -431,27 +451,29 @@ impl<'a> Channel<'a> {
     }
 }
 
-/// Whether a change is far larger than what the channel does in the same time before and after it. The last one of a record is not judged: a
-/// body that begins to be heated looks like it.
-fn is_far_faster(changes: &[(usize, f64, f64)], i: usize) -> bool {
-    let (place, _, rate) = changes[i];
-    if changes.get(i + 1).is_none_or(|(next, ..)| next - place > 2) {
-        return false;
+/// By how much a change exceeds what the channel does in the same time before and after it, K, if that is far more. The last one of a record or
+/// before a gap is not judged: a body that begins to be heated looks like it.
+fn far_faster_k(changes: &[(usize, f64, f64)], i: usize) -> Option<f64> {
+    let (place, by_k, rate) = changes[i];
+    if changes.get(i + 1).is_none_or(|(next, ..)| next - place > 1) {
+        return None;
     }
     let usual = |range: std::ops::Range<usize>| {
-        let mut rates: Vec<f64> = changes[range].iter().map(|(_, _, rate)| rate.abs()).collect();
-        if rates.is_empty() { 0.0 } else { median(&mut rates) }
+        let mut rates: Vec<f64> = changes[range].iter().map(|(_, _, rate)| *rate).collect();
+        if rates.is_empty() { None } else { Some(median(&mut rates)) }
     };
-    let before = usual(i.saturating_sub(RATES)..i);
-    let after = usual(i + 1..changes.len().min(i + 1 + RATES));
+    let after = usual(i + 1..changes.len().min(i + 1 + RATES))?;
+    let before = usual(i.saturating_sub(RATES)..i).unwrap_or(0.0);
+    // What both sides have in common is the course of the body; where they differ nothing is known of it but that it changes.
+    let (course, change) = (0.5 * (before + after), (before - after).abs());
     // A body that takes up heat goes on in the same direction, ever slower.
-    let goes_on = changes[i + 1..]
+    let goes_on = changes[i.saturating_sub(NEAR)..changes.len().min(i + 1 + NEAR)]
         .iter()
-        .take(2)
-        .filter(|(next, _, other)| next - place <= 2 && other * rate > 0.0)
-        .map(|(_, _, other)| other.abs())
+        .filter(|(other, ..)| *other != place && other.abs_diff(place) <= NEAR)
+        .filter(|(_, _, other)| (other - course) * (rate - course) > 0.0)
+        .map(|(_, _, other)| (other - course).abs())
         .fold(0.0, f64::max);
-    rate.abs() > FASTER * before.max(after).max(goes_on)
+    ((rate - course).abs() > (OF_COURSE * change).max(FASTER * goes_on)).then(|| by_k * (rate - course) / rate)
 }
 
 /// Median of the intervals between readings, s.
@@ -464,30 +486,38 @@ fn usual_interval_s(series: &[(f64, f64)]) -> f64 {
 /// believed them would need effects that do not exist.
 #[must_use]
 pub fn without_jumps(run: &Run, span_s: [f64; 2]) -> (Vec<Jumps>, SlowTable) {
-    let mut mended = run.temperatures.clone();
+    let table = &run.temperatures;
+    let mut mended = table.clone();
     let mut found_in = Vec::new();
-    for (index, name) in run.temperatures.names.iter().enumerate() {
-        let mut jumps: Vec<(f64, f64)> = Vec::new();
-        while jumps.len() < MOST_JUMPS {
-            let found = mended.channel(name).and_then(|series| step(&series));
-            let Some((t_s, size)) = found.filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)) else { break };
-            let from = mended.t_s.partition_point(|t| *t < t_s);
+    let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
+    for channel in &channels {
+        let others: Vec<&Channel> = channels.iter().filter(|c| c.name != channel.name).collect();
+        let changes = channel.changes();
+        let places = channel.places_of_jumps(&changes, &others);
+        let sized = |i: &usize| {
+            let place = changes[*i].0;
+            let is_alone = places.iter().all(|other| other == i || changes[*other].0.abs_diff(place) > SIDES);
+            let by_cubic = if is_alone { step_at(&channel.series, place) } else { None };
+            Some((channel.series[place].0, by_cubic.or_else(|| far_faster_k(&changes, *i))?))
+        };
+        let mut jumps: Vec<(f64, f64)> = places.iter().filter_map(sized).collect();
+        jumps.retain(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
+        jumps.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        jumps.truncate(MOST_JUMPS);
+        let Some((_, largest_k)) = jumps.first().copied() else { continue };
+        let index = table.names.iter().position(|name| name == channel.name).unwrap_or(0);
+        for (t_s, size) in &jumps {
+            let from = mended.t_s.partition_point(|t| t < t_s);
             mended.values[index][from..].iter_mut().for_each(|value| *value -= size);
-            jumps.push((t_s, size));
         }
-        if !jumps.is_empty() {
-            found_in.push(Jumps { channel: name.clone(), jumps, readings: mended.t_s.len() });
-        }
+        let probability = channel.probability_of(&changes, largest_k);
+        found_in.push(Jumps { channel: channel.name.to_owned(), jumps, readings: channel.series.len(), probability });
     }
     (found_in, mended)
 }
 
-/// Time and size of the largest jump of a channel: a step beside a cubic over the readings around it, against what such steps are elsewhere.
-fn step(series: &[(f64, f64)]) -> Option<(f64, f64)> {
-    if series.len() < 4 * SIDES {
-        return None;
-    }
-    let longest_s = GAP * usual_interval_s(series);
+/// Weights of the readings around a step that give its size beside a cubic.
+fn step_weights() -> Option<Vec<f64>> {
     let design = DMatrix::from_fn(2 * SIDES, 5, |i, j| {
         let x = (i as f64 - SIDES as f64 + 0.5) / SIDES as f64;
         if j < 4 {
@@ -499,12 +529,29 @@ fn step(series: &[(f64, f64)]) -> Option<(f64, f64)> {
         }
     });
     let inverse = design.pseudo_inverse(1e-12).ok()?;
-    let step = inverse.row(4);
-    // The readings of a window follow each other in time: across a gap nothing is known of the way between two of them.
-    let size = |w: &[(f64, f64)]| {
-        let follow = w.windows(2).all(|pair| pair[1].0 - pair[0].0 <= longest_s);
-        if follow { w.iter().zip(step.iter()).map(|((_, v), c)| v * c).sum() } else { 0.0 }
-    };
+    Some(inverse.row(4).iter().copied().collect())
+}
+
+/// Whether readings follow each other in time: across a gap nothing is known of the way between two of them.
+fn follow(readings: &[(f64, f64)], longest_s: f64) -> bool {
+    readings.windows(2).all(|pair| pair[1].0 - pair[0].0 <= longest_s)
+}
+
+/// Size of a step before a reading, beside a cubic over the readings around it; `None` where they do not follow each other.
+fn step_at(series: &[(f64, f64)], place: usize) -> Option<f64> {
+    let window = series.get(place.checked_sub(SIDES)?..place + SIDES)?;
+    let weights = step_weights()?;
+    follow(window, GAP * usual_interval_s(series)).then(|| window.iter().zip(&weights).map(|((_, v), c)| v * c).sum())
+}
+
+/// Time and size of the largest jump of a channel: a step beside a cubic over the readings around it, against what such steps are elsewhere.
+fn step(series: &[(f64, f64)]) -> Option<(f64, f64)> {
+    if series.len() < 4 * SIDES {
+        return None;
+    }
+    let longest_s = GAP * usual_interval_s(series);
+    let step = step_weights()?;
+    let size = |w: &[(f64, f64)]| if follow(w, longest_s) { w.iter().zip(&step).map(|((_, v), c)| v * c).sum() } else { 0.0 };
     let sizes: Vec<f64> = series.windows(2 * SIDES).map(size).collect();
     let mut usual: Vec<f64> = sizes.iter().map(|s| s.abs()).collect();
     let usual = 1.4826 * median(&mut usual);

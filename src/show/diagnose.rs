@@ -4,6 +4,7 @@ use super::document::{Block, Cell, Figure, Section, Table, Text, cells};
 use super::{number, remarks};
 use crate::data::units::six_digits;
 use crate::diagnose::result::{Diagnosis, Gap, Place, RunnerUp, Step};
+use crate::diagnose::words;
 use crate::plot::diagnose::{LEFT, WHERE, stems};
 use std::fmt::Write;
 
@@ -92,10 +93,14 @@ fn probability(p: f64) -> String {
     if p < LEAST { format!("less than {LEAST:e}") } else { format!("{p:.1e}") }
 }
 
-/// The largest disagreements in words and as a table.
+fn largest(places: &[Place]) -> Option<&Place> {
+    places.iter().max_by(|a, b| a.multiples_of_noise.abs().total_cmp(&b.multiples_of_noise.abs()))
+}
+
+/// The disagreements that are predicted best, in words and as a table.
 fn places(places: &[Place]) -> Vec<Block> {
     let told: Vec<&Place> = places.iter().filter(|p| p.multiples_of_noise.abs() >= TOLD).take(PLACES).collect();
-    let Some(first) = places.first() else { return Vec::new() };
+    let Some(first) = told.first().copied().or_else(|| largest(places)) else { return Vec::new() };
     let of = |p: &Place| {
         let unit = if p.unit.is_empty() { String::new() } else { format!(" {}", p.unit) };
         format!(
@@ -135,8 +140,13 @@ fn step(index: usize, step: &Step) -> Section {
     });
     let mut section = Section::new(format!("Step {}: {}", index + 1, step.effect))
         .with(step.sentence.as_str())
-        .with(format!("Where: {}.", step.place))
-        .with(Table::new(["parameter", "value", "standard uncertainty", "unit"]).with_rows(parameters))
+        .with(format!("Where: {}.", step.place));
+    // The coefficients of a smooth function mean nothing one by one: its shape is shown.
+    match step.covariate.as_ref().and_then(|covariate| words::course(covariate, &step.shape)) {
+        Some(course) => section.push(course),
+        None => section.push(Table::new(["parameter", "value", "standard uncertainty", "unit"]).with_rows(parameters)),
+    }
+    let mut section = section
         .with(format!(
             "Signal to noise ratio {:.1}; probability that noise alone gives as much: {} for this candidate, {} for any of {} tried. Family: {}.",
             step.strength_k,

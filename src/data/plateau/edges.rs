@@ -1,7 +1,7 @@
 //! Where the samples of a setting stop to show the step before it, and where they begin to show the one after it.
 
-use super::{Accumulator, BINS, Bin};
-use crate::fit::statistics::median;
+use super::{Accumulator, BINS, Bin, Course, Displacement, displacement};
+use crate::data::run::Setting;
 use std::ops::Range;
 
 /// Bins that settling and a late edge may take at most.
@@ -57,12 +57,11 @@ impl Accumulator {
             Some(slots) => (slots + slots / 2 + 1).min(MOST_SETTLING),
             None => MOST_SETTLING,
         };
-        let shift_bins = self.step_inside().map_or(0.0, |at| if at < BINS as f64 / 2.0 { at } else { at - BINS as f64 });
         Edges {
             settling_s: settling as f64 * slot_s,
             still_settling: late_slots.is_none(),
             early_end_s: (BINS - end) as f64 * slot_s,
-            shift_s: shift_bins * slot_s,
+            shift_s: self.displacement().map_or(0.0, |d| d.shift_s),
         }
     }
 
@@ -77,38 +76,22 @@ impl Accumulator {
         self.bins.iter().zip(&self.references).map(level).collect()
     }
 
-    /// Where, in bins, the data step inside the settings, if they do: there most settings jump by a good part of the step of the
-    /// applied field to a neighbouring setting, elsewhere few do.
-    fn step_inside(&self) -> Option<f64> {
-        let distance = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
-        let fields: Vec<[f64; 3]> = self.settings.iter().map(|s| s.field.0).collect();
-        let smallest_jump = |i: usize| {
-            let steps =
-                [i.checked_sub(1), Some(i + 1)].into_iter().flatten().filter_map(|n| Some(distance(*fields.get(n)?, fields[i])));
-            steps.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min) / 2.0
+    /// How the data step inside the settings, bin by bin.
+    fn displacement(&self) -> Option<Displacement> {
+        let course = |(setting, bins): (&Setting, &[Bin; BINS]), reference: &Option<[f64; 3]>| {
+            let mean = |bin: &Bin, reference: [f64; 3]| std::array::from_fn(|axis| reference[axis] + bin.mean(axis));
+            let values = reference.filter(|_| setting.frequency_hz == 0.0);
+            Course {
+                begin_s: setting.t_start_s,
+                end_s: setting.t_end_s,
+                is_zero: setting.field.0 == [0.0; 3],
+                interval_s: (setting.t_end_s - setting.t_start_s) / BINS as f64,
+                values: values.map_or_else(Vec::new, |r| bins.iter().map(|bin| mean(bin, r)).collect()).into(),
+            }
         };
-        let jumps: Vec<f64> = (0..fields.len()).map(smallest_jump).collect();
-        let changing = jumps.iter().filter(|j| j.is_finite()).count();
-        // Per bin, for every setting that jumps there, the part of the jump that the bin itself has not yet taken.
-        let parts: Vec<Vec<(f64, f64)>> = (0..BINS - 2)
-            .map(|bin| {
-                let part = |(bins, jump): (&[Bin; BINS], &f64)| {
-                    let [before, at, after] = [0, 1, 2].map(|i| std::array::from_fn(|axis| bins[bin + i].mean(axis)));
-                    let whole = distance(before, after);
-                    (whole.is_finite() && whole > *jump).then(|| ((distance(at, after) / whole).min(1.0), whole / jump))
-                };
-                self.bins.iter().zip(&jumps).filter_map(part).collect()
-            })
-            .collect();
-        let typical = median(&mut parts.iter().map(|p| p.len() as f64).collect::<Vec<f64>>());
-        // The bins beside the step show less of it than the one that holds it.
-        let size = |part: &[(f64, f64)]| (part.len(), median(&mut part.iter().map(|p| p.1).collect::<Vec<f64>>()));
-        let (bin, part) = parts.into_iter().enumerate().max_by(|(_, a), (_, b)| {
-            let (a, b) = (size(a), size(b));
-            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
-        })?;
-        let clear = 2 * part.len() > changing && 4.0 * typical < part.len() as f64;
-        clear.then(|| bin as f64 + 1.0 + median(&mut part.iter().map(|p| p.0).collect::<Vec<f64>>()))
+        let settings = self.settings.iter().zip(&self.bins).zip(&self.references);
+        let courses: Vec<Course> = settings.map(|(setting, reference)| course(setting, reference)).collect();
+        displacement(&courses, self.sample_rate_hz.recip())
     }
 
     /// How much of the step before and of the step after a setting its data show at a time after its begin (or before its end), from

@@ -13,7 +13,7 @@ mod waves;
 use super::{Inside, SIGNIFICANT, demean, interval_s, remove, remove_raw, rms};
 use crate::diagnose::APART;
 use crate::fit::scan::orthonormal;
-use crate::fit::statistics::log_chi2_tail;
+use crate::fit::statistics::{log_chi2_tail, median};
 use crate::model::effects::in_samples::{Comb, Harmonic, InSamples, Line};
 use crate::model::effects::{Catalogue, EffectRef, Record};
 use crate::record::prepared::{PreparedRun, Samples};
@@ -21,7 +21,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use spectrum::{Grid, Noise, Spectrum, log_p_of_switched};
 use std::f64::consts::{PI, TAU};
-use waves::{Switched, Wave, Waves, evidence};
+use waves::{Switched, Wave, Waves};
 
 /// Periodic signals that are looked for at most.
 const MOST_SIGNALS: usize = 4;
@@ -31,12 +31,17 @@ const TONES: usize = 12;
 const COMBS: usize = 7500;
 /// Cosines that slow changes are made of.
 const SLOW: usize = 12;
+/// Samples on either side that a sample is compared with: of five the median follows edges, but no pulse of one or two.
+const BESIDE: usize = 2;
+/// A spike is so many standard deviations off them, where noise seldom is, and spikes are no more than this part of all samples.
+const SPIKE: f64 = 10.0;
+const FEW: f64 = 0.002;
+/// Normal noise is within so many standard deviations in nine of ten cases.
+const NORMAL_90: f64 = 1.644_853_626_951_472_2;
 /// Harmonics of a switched signal.
 const HARMONICS: usize = 8;
 /// A line may be any harmonic of a switched signal up to this one.
 const MOST_ORDER: usize = 4;
-/// Sine and cosine of three axes.
-const TONE_PARAMETERS: f64 = 6.0;
 /// An axis has a signal if its amplitude is beyond so many standard uncertainties; the modulus of sine and cosine has √2 that of either.
 const STANDS_OUT: f64 = 3.0;
 const OF_MODULUS: f64 = 1.41;
@@ -60,7 +65,7 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
         residual = left;
         // A signal that comes again with the settings had lost a slope that was its own.
         residual.par_iter_mut().for_each(|values| level(values, samples, &prepared.windows));
-        if !known.iter().chain(&found).any(|k| belongs(line_hz, k, rate_hz)) {
+        if !known.iter().chain(&found).any(|k| belongs(line_hz, k, &grid)) {
             found.push(signal);
         }
     }
@@ -94,11 +99,10 @@ struct Found {
     left: [Vec<f64>; 3],
 }
 
-/// Whether a line lies on a harmonic of a known signal, seen at the sampling frequency.
-fn belongs(line_hz: f64, known: &Inside, rate_hz: f64) -> bool {
+/// Whether a line lies on a harmonic of a known signal, where the samples show it.
+fn belongs(line_hz: f64, known: &Inside, grid: &Grid) -> bool {
     let Some(known_hz) = known.effect.period_s(&known.spec).map(f64::recip) else { return false };
-    let seen_hz = |f: f64| (f - rate_hz * (f / rate_hz).round()).abs();
-    (1..=HARMONICS).any(|k| (seen_hz(k as f64 * known_hz) - seen_hz(line_hz)).abs() < SAME_LINE * known_hz)
+    (1..=HARMONICS).any(|k| (grid.seen_hz(k as f64 * known_hz) - grid.seen_hz(line_hz)).abs() < SAME_LINE * known_hz)
 }
 
 /// Readings of the used samples around the means of their plateaus, without what is known already and without slow changes.
@@ -107,9 +111,35 @@ fn around_means(prepared: &PreparedRun, samples: &Samples, known: &[Inside]) -> 
     for signal in known {
         remove_raw(&mut residual, &prepared.record, samples, &prepared.windows, signal);
     }
+    residual.par_iter_mut().for_each(|values| clip(values, &prepared.windows));
     demean(&mut residual, &prepared.windows);
     residual.par_iter_mut().for_each(|values| level(values, samples, &prepared.windows));
     residual
+}
+
+/// Puts the median of its neighbours in the place of every sample that stands alone far off them. Where many do they are no accidents but a
+/// signal, and stay.
+fn clip(values: &mut [f64], windows: &[[usize; 2]]) {
+    let around = |values: &[f64], from: usize, to: usize, k: usize| {
+        let begin = k.saturating_sub(BESIDE).max(from).min(to.saturating_sub(2 * BESIDE + 1).max(from));
+        median(&mut values[begin..(begin + 2 * BESIDE + 1).min(to)].to_vec())
+    };
+    let inside = || windows.iter().flat_map(|[from, to]| (*from..*to).map(move |k| (*from, *to, k)));
+    let off: Vec<f64> = inside().map(|(from, to, k)| (values[k] - around(values, from, to, k)).abs()).collect();
+    let mut sizes = off.clone();
+    let place = sizes.len() * 9 / 10;
+    if place >= sizes.len() {
+        return;
+    }
+    let most = SPIKE / NORMAL_90 * *sizes.select_nth_unstable_by(place, f64::total_cmp).1;
+    let spikes: Vec<(usize, f64)> = inside()
+        .zip(&off)
+        .filter(|(_, off)| **off > most && most > 0.0)
+        .map(|((from, to, k), _)| (k, around(values, from, to, k)))
+        .collect();
+    if spikes.len() as f64 <= FEW * off.len() as f64 {
+        spikes.into_iter().for_each(|(k, value)| values[k] = value);
+    }
 }
 
 /// Takes slow changes off plateaus whose means are zero: they would be a saw at the rate of the settings. Their slopes follow cosines over the
@@ -217,9 +247,10 @@ fn strongest(
     let wave = sines.first()?;
     let (tone_effect, line) = signals.line?;
     let tone = as_tone(tone_effect, line, wave, line_hz, shown.p_value, grid);
-    let tone_evidence = evidence(Waves::chi(wave), TONE_PARAMETERS);
+    let tone_evidence = Waves::tone_evidence(wave);
     let mut signal = match switched(signals, waves, line_hz, shown.comb.as_ref()) {
-        Some((effect, form, found)) if found.evidence > tone_evidence => {
+        // Of a signal with one harmonic in sight nothing shows that it is switched.
+        Some((effect, form, found)) if found.evidence > tone_evidence && !found.single => {
             let near = found.evidence - tone_evidence < APART;
             let signal = as_switched(effect, &form, &found, waves, &shown)?;
             Inside { ambiguous_with: if near { vec![tone_effect] } else { Vec::new() }, ..signal }
@@ -305,7 +336,7 @@ fn as_switched(effect: EffectRef, form: &Comb, found: &Switched, waves: &Waves, 
 
 #[cfg(test)]
 mod tests {
-    use super::{demean, level};
+    use super::{clip, demean, level};
     use crate::record::prepared::Samples;
 
     /// 90 plateaus of 6 s every 7 s at 32 Hz.
@@ -334,6 +365,27 @@ mod tests {
             let bends = omega * omega * 36.0 / (2.0 * 720.0_f64).sqrt();
             // What the cosines do not follow at the ends of the run adds to the bends.
             assert!(within(values).sqrt() < 0.05 * before.sqrt() + bends, "{}", within(values).sqrt());
+        }
+    }
+
+    /// Two spikes, one of them at the begin of a plateau, leave nothing; pulses of three samples and a quick signal stay as they are.
+    #[test]
+    fn single_spikes_are_clipped() {
+        let (_, windows) = plateaus();
+        let signals: [fn(usize) -> f64; 2] = [
+            |k| 0.1 * ((k * 7919 % 101) as f64 / 50.0 - 1.0) + if k % 600 < 3 { 20.0 } else { 0.0 },
+            |k| if k % 3 == 0 { 1.0 } else { -0.5 },
+        ];
+        for signal in signals {
+            let clean: Vec<f64> = (0..90 * 224).map(signal).collect();
+            let mut values = clean.clone();
+            for (k, size) in [(224, 200.0), (5 * 224 + 77, -370.0)] {
+                values[k] += size;
+            }
+            clip(&mut values, &windows);
+            let most = values.iter().zip(&clean).fold(0.0, |most: f64, (v, c)| most.max((v - c).abs()));
+            assert!(most < 2.0, "{most}");
+            assert_eq!(values.iter().zip(&clean).filter(|(v, c)| v != c).count(), 2);
         }
     }
 

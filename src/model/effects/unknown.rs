@@ -107,6 +107,20 @@ impl Covariate {
         self.some_knots(MOST_KNOTS)
     }
 
+    /// The columns of a smooth function of it on one axis; `None` where it has too few values.
+    #[must_use]
+    pub fn smooth(&self, record: &Record, axis: usize) -> Option<Vec<Column>> {
+        columns(record, self, &self.spec(axis, MOST_KNOTS)?)
+    }
+
+    /// A function of it on one axis, with so many knots at most.
+    fn spec(&self, axis: usize, most: usize) -> Option<Spec> {
+        let knots = self.some_knots(most);
+        let spec = Spec::new(&self.name, &[axis]);
+        let with = |s: Spec, (k, knot): (usize, &f64)| s.with(&format!("knot {}", k + 1), *knot, self.unit);
+        (knots.len() > 1).then(|| knots.iter().enumerate().fold(spec, with))
+    }
+
     fn some_knots(&self, most: usize) -> Vec<f64> {
         let mut sorted = self.values.clone();
         sorted.sort_by(f64::total_cmp);
@@ -186,23 +200,15 @@ impl Effect for Unknown {
     }
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
-        let with_knots = |covariate: &Covariate, axis: usize, most: usize| {
-            let knots = covariate.some_knots(most);
-            let spec = Spec::new(&covariate.name, &[axis]);
-            (knots.len() > 1).then(|| {
-                knots.iter().enumerate().fold(spec, |s, (k, knot)| s.with(&format!("knot {}", k + 1), *knot, covariate.unit))
-            })
-        };
         let all = Covariate::all(record);
-        let mut specs: Vec<Spec> =
-            all.iter().flat_map(|c| (0..3).filter_map(move |axis| with_knots(c, axis, MOST_KNOTS))).collect();
+        let mut specs: Vec<Spec> = all.iter().flat_map(|c| (0..3).filter_map(move |axis| c.spec(axis, MOST_KNOTS))).collect();
         // Of what the catalogue has no effect for, a straight line comes first.
-        let straight = all.iter().filter(|c| c.is_new()).flat_map(|c| (0..3).filter_map(move |axis| with_knots(c, axis, 2)));
+        let straight = all.iter().filter(|c| c.is_new()).flat_map(|c| (0..3).filter_map(move |axis| c.spec(axis, 2)));
         specs.extend(straight);
         // A converter has steps: the field along the axis is looked at more closely.
         for (axis, name) in COMPONENTS.iter().enumerate() {
             let own = all.iter().find(|c| c.name == format!("field {name}"));
-            specs.extend(own.and_then(|c| with_knots(c, axis, CLOSE_KNOTS)));
+            specs.extend(own.and_then(|c| c.spec(axis, CLOSE_KNOTS)));
         }
         Ok(specs)
     }

@@ -125,6 +125,18 @@ impl<'a> Grid<'a> {
     pub fn step_hz(&self) -> f64 {
         self.rate_hz / self.size as f64
     }
+
+    /// Where a frequency is seen, Hz: the samples fold what is above half their rate.
+    pub fn seen_hz(&self, hz: f64) -> f64 {
+        (hz - self.rate_hz * (hz / self.rate_hz).round()).abs()
+    }
+
+    /// Lowest frequency that the means of the plateaus leave.
+    pub fn lowest_hz(&self) -> f64 {
+        let t = &self.samples.t_s;
+        let longest_s = self.windows.iter().map(|w| t[w[1].max(1) - 1] - t[w[0]]).fold(1.0 / self.rate_hz, f64::max);
+        1.0 / (SLOWEST * longest_s)
+    }
 }
 
 /// The windows in stretches of at most so many samples, without intervals longer than this.
@@ -170,9 +182,7 @@ impl Spectrum {
         let fft = RealFftPlanner::<f64>::new().plan_fft_forward(grid.size);
         let axis = || Axis { input: fft.make_input_vec(), lines: fft.make_output_vec(), scratch: fft.make_scratch_vec() };
         let axes = [axis(), axis(), axis()];
-        let t = &grid.samples.t_s;
-        let longest_s = grid.windows.iter().map(|w| t[w[1].max(1) - 1] - t[w[0]]).fold(1.0 / grid.rate_hz, f64::max);
-        let first = (1.0 / (SLOWEST * longest_s) / grid.step_hz()).ceil() as usize;
+        let first = (grid.lowest_hz() / grid.step_hz()).ceil() as usize;
         Self { fft, axes, middle_lines: grid.length as f64 / grid.size as f64 / 2.0, first: first.max(2) }
     }
 

@@ -2,11 +2,20 @@
 
 use super::HARMONICS;
 use super::spectrum::{Grid, Noise, Stretch};
+use crate::diagnose::explanations::log_sum;
 use crate::model::effects::in_samples::Comb;
 use rayon::prelude::*;
 use realfft::num_complex::Complex;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
+/// Highest frequency at which sine and cosine are told apart, as a part of half the sample rate.
+const HIGHEST: f64 = 0.98;
+/// Frequencies are told apart that lie so many times the reciprocal length of the record apart.
+const APART_LINES: f64 = 2.0;
+/// Phases of a tone that are tried, over half a turn: the other half has the other sign.
+const PHASES: usize = 32;
+/// Sine and cosine of three axes.
+const TONE_PARAMETERS: f64 = 6.0;
 /// Squares of the expected signal to noise ratio, per parameter, of the evidence.
 const EXPECTED: f64 = 20.0;
 
@@ -23,6 +32,8 @@ pub struct Switched {
     pub base_hz: f64,
     /// Mean over all duties and delays: that they are free is paid for.
     pub evidence: f64,
+    /// Whether a single harmonic is seen, as of a tone.
+    pub single: bool,
     /// Chi square.
     pub gain: f64,
     /// Parts of the period.
@@ -107,7 +118,7 @@ impl Waves<'_> {
                 along[a] += (all.along[a] - mean * all.residual[a]) * weight;
             }
         }
-        let line = (hz / self.grid.step_hz()).round() as usize;
+        let line = (self.grid.seen_hz(hz) / self.grid.step_hz()).round() as usize;
         let mut wave = Wave { hz, sin: [0.0; 3], cos: [0.0; 3], std: [0.0; 3] };
         for a in 0..3 {
             // Squares and products of sine and cosine.
@@ -153,10 +164,33 @@ impl Waves<'_> {
         (0..3).map(|a| (wave.sin[a].powi(2) + wave.cos[a].powi(2)) / wave.std[a].powi(2)).sum()
     }
 
-    /// Bands of a fundamental and its harmonics, as far as they lie in the spectrum.
+    /// Evidence of a tone: half of it for one phase on all axes, which is free as that of a switched signal is, half for a phase of each.
+    pub fn tone_evidence(wave: &Wave) -> f64 {
+        let common = (0..PHASES).map(|k| {
+            let (sin, cos) = (PI * k as f64 / PHASES as f64).sin_cos();
+            let chi = (0..3).map(|a| ((wave.sin[a] * cos + wave.cos[a] * sin) / wave.std[a]).powi(2)).sum();
+            evidence(chi, 3.0) - (PHASES as f64).ln()
+        });
+        let free = evidence(Self::chi(wave), TONE_PARAMETERS);
+        log_sum(common.chain([free])) - std::f64::consts::LN_2
+    }
+
+    /// Bands of a fundamental and its harmonics, where the samples fold those above half their rate to. A harmonic that they fold onto a lower
+    /// one, or to where no wave is seen, is none.
     fn bands(&self, hz: f64, count: usize) -> Vec<Band> {
-        let highest = 0.5 * self.grid.rate_hz;
-        (1..=count).map(|h| h as f64 * hz).take_while(|f| *f < 0.98 * highest).map(|f| self.band(f)).collect()
+        let (highest_hz, lowest_hz) = (HIGHEST * 0.5 * self.grid.rate_hz, self.grid.lowest_hz());
+        let width_hz = APART_LINES * self.grid.rate_hz / self.grid.length as f64;
+        let mut seen_hz: Vec<f64> = Vec::new();
+        let mut orders = Vec::new();
+        for order in 1..=count {
+            let f = self.grid.seen_hz(order as f64 * hz);
+            let is_seen = f < highest_hz && (order == 1 || f >= lowest_hz) && seen_hz.iter().all(|g| (f - g).abs() > width_hz);
+            if is_seen {
+                seen_hz.push(f);
+                orders.push(order);
+            }
+        }
+        orders.into_iter().map(|order| self.band(order as f64 * hz)).collect()
     }
 
     /// A wave and its harmonics.
@@ -209,6 +243,7 @@ impl Waves<'_> {
     /// The switched signal of a period whose harmonic of this order was seen.
     pub fn switched(&self, form: &Comb, base_hz: f64, order: f64) -> Option<Switched> {
         let waves = self.harmonics(base_hz, HARMONICS)?;
+        let single = waves.len() == 1;
         let duties = (1..20).map(|d| 0.05 * d as f64);
         let all: Vec<(f64, f64, f64)> = duties
             .flat_map(|duty| (0..64).map(move |d| (duty, d as f64 / 64.0)))
@@ -217,7 +252,7 @@ impl Waves<'_> {
         let (gain, duty, delay) = *all.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
         let most = evidence(gain, 3.0);
         let mean = all.iter().map(|one| (evidence(one.0, 3.0) - most).exp()).sum::<f64>() / all.len() as f64;
-        Some(Switched { base_hz, evidence: most + mean.ln() - order.ln(), gain, duty, delay })
+        Some(Switched { base_hz, evidence: most + mean.ln() - order.ln(), single, gain, duty, delay })
     }
 
     /// Period, duty and delay, closer.
@@ -232,7 +267,7 @@ impl Waves<'_> {
         };
         let bands = self.bands(found.base_hz, HARMONICS);
         let waves_of = |base_hz: f64| -> Vec<Wave> {
-            bands.iter().zip(1..).filter_map(|(band, order)| self.wave(band, f64::from(order) * base_hz)).collect()
+            bands.iter().filter_map(|band| self.wave(band, (band.hz / found.base_hz).round() * base_hz)).collect()
         };
         let (mut df, mut dd, mut dl) = (0.3 * self.grid.step_hz(), 0.025, 1.0 / 128.0);
         for _ in 0..6 {
