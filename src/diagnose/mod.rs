@@ -16,6 +16,7 @@ mod explanations;
 pub mod freq;
 pub mod inside_maps;
 mod lag;
+mod left;
 mod limits;
 pub mod means;
 mod one_run;

@@ -197,6 +197,22 @@ impl Fitted {
         Group { norms: left.column_iter().map(|c| c.norm()).collect(), base, surviving, on, cross }
     }
 
+    /// Two groups beside this model as one; what is left of a column beside the others is not known.
+    #[must_use]
+    pub fn both(&self, first: &Group, second: &Group) -> Group {
+        let n = self.residual.len();
+        let mut columns = DMatrix::zeros(n, first.count() + second.count());
+        columns.columns_mut(0, first.count()).copy_from(&first.base);
+        columns.columns_mut(first.count(), second.count()).copy_from(&second.base);
+        let base = orthonormal(&columns, None, 1e-6);
+        let surviving = base.columns_range(first.count().min(base.ncols())..).tr_mul(&second.base).norm()
+            / (second.count().max(1) as f64).sqrt();
+        let part = |a: usize| base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]);
+        let cross = [0, 1, 2].map(|a| part(a).tr_mul(&part(a)));
+        let on = std::array::from_fn(|a| first.on[a] || second.on[a]);
+        Group { norms: [first.norms.clone(), second.norms.clone()].concat(), surviving, base, on, cross }
+    }
+
     /// Degrees of freedom of the components on which a group acts.
     #[must_use]
     pub fn freedom_of(&self, group: &Group) -> f64 {
@@ -249,17 +265,18 @@ impl Fitted {
                     joined.columns_mut(at, width).copy_from(&group.base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]));
                     at += width;
                 }
-                joined
+                joined.transpose()
             })
             .collect();
+        let base = self.base.transpose();
         let mut maxima: Vec<f64> = batches
             .par_iter()
             .flat_map_iter(|batch| {
                 let mut random = Xoshiro256PlusPlus::seed_from_u64(seed.wrapping_add(*batch as u64));
                 let draws = DMatrix::from_fn(n, BATCH, |_, _| -> f64 { StandardNormal.sample(&mut random) });
-                let residuals = &draws - &self.base * self.base.tr_mul(&draws);
+                let residuals = &draws - &self.base * (&base * &draws);
                 let along: Vec<DMatrix<f64>> =
-                    (0..3).map(|a| all[a].tr_mul(&residuals.rows(self.edges[a], self.edges[a + 1] - self.edges[a]))).collect();
+                    (0..3).map(|a| &all[a] * residuals.rows(self.edges[a], self.edges[a + 1] - self.edges[a])).collect();
                 (0..BATCH)
                     .map(|draw| {
                         let squares = self.squares(&residuals.column(draw).into_owned());

@@ -4,8 +4,9 @@ use super::{Means, MeansModel, Term, describe, with_shape};
 use crate::diagnose::candidate::{Candidate, Threshold};
 use crate::diagnose::explanations::{Explanation, Scored, log_sum};
 use crate::diagnose::problem::{Description, Problem, Revision};
+use crate::fit::noise::state_space::Noise;
 use crate::fit::scalar::{self, Stop};
-use crate::fit::scan::Score;
+use crate::fit::scan::{ABSORBED, Group, Score};
 use crate::model::effects::Spec;
 use rayon::prelude::*;
 
@@ -16,6 +17,10 @@ const NOISE_UNKNOWN: f64 = 1.1;
 const HIDDEN: usize = 3;
 /// Explanations whose evidence is averaged over the noise; as in reports/blind-study.md.
 const PROMISING: usize = 5;
+/// The plain squares of the predictions may grow by this factor, which is 5 % of their root, where the weighted ones become less.
+const PLAIN_GROWTH: f64 = 1.1;
+/// Evidence (logarithm) by which a pair has to be better than a single effect to be taken before it: about a false alarm's.
+const PAIR_OVER_SINGLE: f64 = 5.0;
 /// Seed of the simulated noise.
 const SEED: u64 = 0x0ca1_f175;
 /// Where the search for the best value of a shape parameter ends, as a part of the value, and after how many steps.
@@ -28,6 +33,8 @@ struct Look {
     averaged: Vec<Explanation>,
     /// The best of them, if it is no noise.
     evident: Option<Term>,
+    /// The noise that the readings allow, with the logarithm of the probability of each; the last is white.
+    noises: Vec<(Noise, f64)>,
 }
 
 impl Problem for Means<'_> {
@@ -50,6 +57,10 @@ impl Problem for Means<'_> {
     fn evident(&self, model: &MeansModel, chosen: &[Term]) -> Option<Vec<Term>> {
         let now = self.all(chosen);
         let look = self.look(model, &now);
+        let single = look.averaged.first().filter(|_| look.evident.is_some()).map_or(f64::NEG_INFINITY, |e| e.best_evidence);
+        if let Some(pair) = self.pair(&look.noises, model, &now, single + PAIR_OVER_SINGLE) {
+            return Some(pair.into());
+        }
         let found = match look.evident {
             Some(one) => Some(vec![one]),
             None => self.hidden(&look.averaged, model, &now).map(Vec::from),
@@ -61,8 +72,28 @@ impl Problem for Means<'_> {
     fn predicts(&self, chosen: &[Term], further: &[Term]) -> Option<bool> {
         let now = self.all(chosen);
         let with: Vec<&Candidate> = now.iter().copied().chain(further.iter().map(|t| &t.candidate)).collect();
-        let noise = self.model(&with)?.noise;
+        let noise = self.estimated(&with)?;
         Some(self.predicted(&noise, &with).sum < self.predicted(&noise, &now).sum)
+    }
+
+    /// In the final model and with its noise: a term goes if the weighted squares of the predictions grow by it, or their plain ones by more
+    /// than noise makes of a weight. The last one goes if the first ones alone predict better than all.
+    fn unconfirmed(&self, model: &MeansModel, chosen: &[Term]) -> Option<Option<usize>> {
+        let all = self.all(chosen);
+        let of_all = self.predicted(&model.noise, &all);
+        let is_worse = |others: &[&Candidate]| {
+            let held = self.predicted(&model.noise, others);
+            let grows = held.sum < of_all.sum || held.plain_nt2() * PLAIN_GROWTH < of_all.plain_nt2();
+            grows.then_some(held.sum)
+        };
+        let first = self.given.len();
+        let without = |index: usize| {
+            let others: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| *i != first + index).map(|(_, c)| *c).collect();
+            Some((index, is_worse(&others)?))
+        };
+        let worst = (0..chosen.len()).filter_map(without).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(index, _)| index);
+        let is_superfluous = |count: usize| self.predicted(&model.noise, &all[..first + count]).sum < of_all.sum;
+        Some(worst.or_else(|| (0..chosen.len().saturating_sub(1)).any(is_superfluous).then(|| chosen.len() - 1)))
     }
 
     /// The whole form: its other axes and shapes are alike.
@@ -94,7 +125,7 @@ impl Problem for Means<'_> {
         let all = self.all(chosen);
         let at = self.given.len() + index;
         let others: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| *i != at).map(|(_, c)| *c).collect();
-        let noise = self.correlations.estimate(&self.readings, &self.designs(&all))?;
+        let noise = self.estimated(&all)?;
         let model = self.model_with(noise, &others);
         let scored = self.scored(&model);
         let own = all[at];
@@ -121,7 +152,8 @@ impl Means<'_> {
     /// What stands out beside a model.
     fn look(&self, model: &MeansModel, now: &[&Candidate]) -> Look {
         let scored = self.scored(model);
-        let averaged = self.averaged(&scored, model, now);
+        let noises = self.correlations.plausible(&model.noise.parameters, &self.readings, &self.designs(now));
+        let averaged = self.averaged(&scored, &noises, now);
         let evident = averaged.first().filter(|e| e.best_evidence > NOISE_UNKNOWN).and_then(|best| {
             let evident = scored.evident(best.best_evidence - NOISE_UNKNOWN, Self::FALSE_ALARM, SEED)?;
             Some(Term {
@@ -131,7 +163,7 @@ impl Means<'_> {
                 threshold: Threshold::Part(best.score.part_for(evident.margin)),
             })
         });
-        Look { averaged, evident }
+        Look { averaged, evident, noises }
     }
 
     /// Two effects that are noise to each other: each stands out beside the other one alone.
@@ -147,9 +179,89 @@ impl Means<'_> {
         })
     }
 
+    /// Two effects that slow noise, or noise of the gain, stands in for as long as one of them is missing: the best pair, its evidence averaged
+    /// over the noise that the readings allow. It has to be more than `least`.
+    fn pair(&self, noises: &[(Noise, f64)], model: &MeansModel, now: &[&Candidate], least: f64) -> Option<[Term; 2]> {
+        let claimed = &model.noise.parameters;
+        let (white, _) = noises.last().filter(|_| claimed.slow + claimed.slow_field > 0.0)?;
+        let white = self.model_with(white.clone(), now);
+        let scored = self.scored(&white);
+        let is_tried = |i: &usize| {
+            let candidate = &self.candidates[*i];
+            !candidate.effect.is_unknown() && self.log_priors[*i].is_finite() && now.iter().all(|c| c.key != candidate.key)
+        };
+        let open: Vec<usize> = (0..self.candidates.len()).filter(is_tried).collect();
+        let prior: f64 = open.iter().map(|i| self.log_priors[*i].exp()).sum();
+        // Evidences are one on average over noise, so that these priors bound how often noise gives more.
+        let bound = (0.5 * prior * prior / Self::FALSE_ALARM).ln() + NOISE_UNKNOWN;
+        let tried = self.best_of_each(&white, &scored.groups, &open);
+        let pairs = tried.iter().enumerate().flat_map(|(k, i)| tried[k + 1..].iter().map(move |j| [*i, *j]));
+        let pairs: Vec<[usize; 2]> = pairs.filter(|[i, j]| self.candidates[*i].key != self.candidates[*j].key).collect();
+        let log_prior = |pair: &[usize; 2]| pair.iter().map(|i| self.log_priors[*i]).sum::<f64>();
+        let beside_white = |pair: &[usize; 2]| {
+            let group = white.fitted.both(&scored.groups[pair[0]], &scored.groups[pair[1]]);
+            if group.surviving > ABSORBED { white.fitted.score(&group).evidence + log_prior(pair) } else { f64::NEG_INFINITY }
+        };
+        let mut ranked: Vec<(f64, [usize; 2])> = pairs.par_iter().map(|pair| (beside_white(pair), *pair)).collect();
+        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        ranked.truncate(PROMISING);
+        // White noise is one of those over which is averaged, and the one that gives a pair the most.
+        ranked.retain(|(evidence, _)| *evidence > bound.max(least));
+        if ranked.is_empty() {
+            return None;
+        }
+        let scores: Vec<Vec<Score>> = noises
+            .par_iter()
+            .map(|(noise, _)| {
+                let model = self.model_with(noise.clone(), now);
+                let score = |[i, j]: [usize; 2]| {
+                    let [first, second] = [i, j].map(|i| self.group(&model, &self.candidates[i]));
+                    model.fitted.score(&model.fitted.both(&first, &second))
+                };
+                ranked.iter().map(|(_, pair)| score(*pair)).collect()
+            })
+            .collect();
+        let evidence = |k: usize| log_sum(noises.iter().zip(&scores).map(|((_, weight), scores)| weight + scores[k].evidence));
+        let averaged = ranked.iter().enumerate().map(|(k, (_, pair))| (evidence(k) + log_prior(pair), k));
+        let (evidence, k) = averaged.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(evidence, _)| *evidence > bound.max(least))?;
+        let most = (0..noises.len()).max_by(|a, b| {
+            let of = |n: usize| noises[n].1 + scores[n][k].evidence;
+            of(*a).total_cmp(&of(*b))
+        })?;
+        let part = scores[most][k].part_for(evidence - bound);
+        Some(ranked[k].1.map(|i| Term {
+            candidate: self.refined(&white, &self.candidates[i]),
+            p_global: (Self::FALSE_ALARM * (bound - evidence).exp()).clamp(f64::MIN_POSITIVE, 1.0),
+            trials: open.len() * (open.len() - 1) / 2,
+            threshold: Threshold::Part(part),
+        }))
+    }
+
+    /// Of every effect the candidate of the largest evidence, and that of the largest one on all axes.
+    fn best_of_each(&self, model: &MeansModel, groups: &[Group], open: &[usize]) -> Vec<usize> {
+        let mut best: Vec<(&str, bool, f64, usize)> = Vec::new();
+        for &i in open.iter().filter(|i| groups[**i].surviving > ABSORBED) {
+            let candidate = &self.candidates[i];
+            let evidence = model.fitted.score(&groups[i]).evidence + self.log_priors[i];
+            for on_all in [false, true] {
+                if on_all && candidate.spec.axes.len() < 3 {
+                    continue;
+                }
+                match best.iter_mut().find(|b| b.0 == candidate.key && b.1 == on_all) {
+                    Some(known) if known.2 < evidence => (known.2, known.3) = (evidence, i),
+                    Some(_) => {}
+                    None => best.push((&candidate.key, on_all, evidence, i)),
+                }
+            }
+        }
+        let mut tried: Vec<usize> = best.into_iter().map(|b| b.3).collect();
+        tried.sort_unstable();
+        tried.dedup();
+        tried
+    }
+
     /// The most promising explanations, their evidence averaged over the noise that the readings allow; the best first.
-    fn averaged(&self, scored: &Scored, model: &MeansModel, now: &[&Candidate]) -> Vec<Explanation> {
-        let noises = self.correlations.plausible(&model.noise.parameters, &self.readings, &self.designs(now));
+    fn averaged(&self, scored: &Scored, noises: &[(Noise, f64)], now: &[&Candidate]) -> Vec<Explanation> {
         let mut chosen: Vec<Explanation> = scored.explanations.iter().take(PROMISING).cloned().collect();
         // What slow noise hides shows beside white noise.
         if let Some((white, _)) = noises.last() {
