@@ -10,14 +10,17 @@ use nalgebra::{DMatrix, DVector};
 
 /// Slow noise from this many times the white noise on is told as something that is left: less is usual for a good sensor.
 const SLOW: f64 = 4.0;
-/// Scatter of the means from this many times that of the samples inside them on is not explained by these.
+/// Scatter of the means from this many times that of the samples inside them on is not explained by these: where it is white, and where slow
+/// noise that is nearly white makes a part of it.
 const SCATTER: f64 = 1.5;
+const NEARLY_WHITE: f64 = 2.0;
 /// Probability with which noise alone may seem to scatter as much.
 const FALSE_ALARM: f64 = 1e-4;
 /// Logarithm of the likelihood ratio by which slow noise has to be better than white noise, where no samples tell the white noise.
 const CLEAR: f64 = 5.0;
-/// Slow noise that is forgotten after so many rows is scatter.
+/// Slow noise that is forgotten after so many rows, or has a power density of no larger exponent, is nearly white.
 const FORGOTTEN_ROWS: f64 = 1.0;
+const FLAT: f64 = 0.5;
 
 /// What is left that is more than the noise of the readings.
 pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Option<Left> {
@@ -27,12 +30,17 @@ pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Opt
     let times: [f64; 3] = std::array::from_fn(|a| residuals[a].rms() / white_ent[a].max(f64::MIN_POSITIVE));
     let axis = (0..3).max_by(|a, b| times[*a].total_cmp(&times[*b])).unwrap_or(0);
     let is_slow = noise.slow + noise.slow_field > 0.0;
-    let is_scatter = noise.apart || (is_slow && noise.memory_rows > 0.0 && noise.memory_rows <= FORGOTTEN_ROWS);
+    let is_flat = if noise.memory_rows > 0.0 { noise.memory_rows <= FORGOTTEN_ROWS } else { noise.exponent <= FLAT };
+    let is_scatter = means.prepared.inside.is_some() && (noise.apart || (is_slow && is_flat));
     let is_clear = match means.prepared.inside {
         Some(inside) => fisher_tail(times[axis].powi(2), [residuals[axis].freedom, inside.freedom]) < FALSE_ALARM,
         None => is_slow && means.slow_over_white(model, all) > CLEAR,
     };
-    let least = if is_scatter && means.prepared.inside.is_some() { SCATTER } else { SLOW };
+    let least = match (is_scatter, is_slow) {
+        (true, false) => SCATTER,
+        (true, true) => NEARLY_WHITE,
+        (false, _) => SLOW,
+    };
     if !is_clear || times[axis] < least {
         return None;
     }

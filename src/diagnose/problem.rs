@@ -169,3 +169,68 @@ pub fn steps<P: Problem>(problem: &P, outcome: &OutcomeOf<P>, first: usize) -> (
     }
     (steps, maps, evidence)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Terms are letters; `a` predicts as long as `b` is not there, and `b` always does.
+    #[derive(Default)]
+    struct Letters {
+        ruled_out: Vec<char>,
+    }
+
+    impl Problem for Letters {
+        type Term = char;
+        type Fit = ();
+        const FALSE_ALARM: f64 = 0.01;
+        const MOST_TERMS: usize = 4;
+        const MOST_ROUNDS: usize = 8;
+        const MOST_REVISIONS: usize = 1;
+
+        fn fitted(&self, _: &[char]) -> Option<()> {
+            Some(())
+        }
+
+        fn evident(&self, (): &(), chosen: &[char]) -> Option<Vec<char>> {
+            let next = ['a', 'b', 'c'].into_iter().find(|term| !chosen.contains(term) && !self.ruled_out.contains(term));
+            Some(next.into_iter().collect())
+        }
+
+        fn predicts(&self, chosen: &[char], further: &[char]) -> Option<bool> {
+            Some(match further {
+                ['a'] => !chosen.contains(&'b'),
+                ['b'] => true,
+                _ => false,
+            })
+        }
+
+        fn rule_out(&mut self, term: &char) {
+            self.ruled_out.push(*term);
+        }
+
+        fn belong_together(&self, _: &char, _: &char) -> bool {
+            false
+        }
+
+        fn merged(&self, _: &char, _: &char) -> Option<char> {
+            None
+        }
+
+        fn revised(&self, _: &mut [char], _: usize) -> Option<Revision<char>> {
+            Some(Revision::Keep)
+        }
+
+        fn describe(&self, (): &(), _: &[char], _: usize, _: usize) -> Description {
+            unreachable!("nothing is described")
+        }
+    }
+
+    #[test]
+    fn what_was_right_when_it_was_added_goes_if_it_is_wrong_in_the_end() {
+        let mut letters = Letters::default();
+        let outcome = search(&mut letters).unwrap();
+        assert_eq!(outcome.terms, ['b']);
+        assert_eq!(letters.ruled_out, ['c', 'a']);
+    }
+}

@@ -2,6 +2,7 @@
 
 mod edges;
 mod periodic;
+mod scatter;
 mod transients;
 
 use crate::fit::statistics::median;

@@ -65,6 +65,13 @@ pub struct Score {
     pub count: usize,
 }
 
+/// Logarithm of the evidence of a group that is expected to explain so many squares.
+fn evidence(chi_square: f64, columns: usize, expected: f64) -> f64 {
+    let count = columns.max(1) as f64;
+    let g = expected / count;
+    0.5 * (g / (1.0 + g) * chi_square - count * (1.0 + g).ln())
+}
+
 impl Score {
     /// From twice the logarithm of the likelihood ratio, the degrees of freedom of the components on which a group acts, and its columns.
     #[must_use]
@@ -79,10 +86,15 @@ impl Score {
     /// From the squares that a group explains where the size of the noise is known, and its columns.
     #[must_use]
     pub fn known(chi_square: f64, columns: usize) -> Self {
-        let count = columns as f64;
-        let g = EXPECTED / count;
-        let evidence = 0.5 * (g / (1.0 + g) * chi_square - count * (1.0 + g).ln());
+        let evidence = evidence(chi_square, columns, EXPECTED);
         Score { chi_square, strength: chi_square.max(0.0).sqrt(), evidence, count: columns }
+    }
+
+    /// Logarithm of the evidence if a strong group is expected to be as strong as it is: where noise of another kind explains as much, what is
+    /// lost by the prior of the size must not decide.
+    #[must_use]
+    pub fn evidence_of_any_size(&self) -> f64 {
+        evidence(self.chi_square, self.count, EXPECTED.max(self.chi_square))
     }
 
     /// The part of its strength with which its evidence would be less by `margin`.

@@ -192,21 +192,25 @@ impl Means<'_> {
         };
         let open: Vec<usize> = (0..self.candidates.len()).filter(is_tried).collect();
         let prior: f64 = open.iter().map(|i| self.log_priors[*i].exp()).sum();
-        // Evidences are one on average over noise, so that these priors bound how often noise gives more.
-        let bound = (0.5 * prior * prior / Self::FALSE_ALARM).ln() + NOISE_UNKNOWN;
+        // There are half as many pairs of effects as the square of the effects, and each may stand beside any other.
+        let beside_single = (0.5 * prior).ln().max(0.0) + NOISE_UNKNOWN;
         let tried = self.best_of_each(&white, &scored.groups, &open);
         let pairs = tried.iter().enumerate().flat_map(|(k, i)| tried[k + 1..].iter().map(move |j| [*i, *j]));
         let pairs: Vec<[usize; 2]> = pairs.filter(|[i, j]| self.candidates[*i].key != self.candidates[*j].key).collect();
         let log_prior = |pair: &[usize; 2]| pair.iter().map(|i| self.log_priors[*i]).sum::<f64>();
         let beside_white = |pair: &[usize; 2]| {
             let group = white.fitted.both(&scored.groups[pair[0]], &scored.groups[pair[1]]);
-            if group.surviving > ABSORBED { white.fitted.score(&group).evidence + log_prior(pair) } else { f64::NEG_INFINITY }
+            if group.surviving > ABSORBED {
+                white.fitted.score(&group).evidence_of_any_size() + log_prior(pair)
+            } else {
+                f64::NEG_INFINITY
+            }
         };
         let mut ranked: Vec<(f64, [usize; 2])> = pairs.par_iter().map(|pair| (beside_white(pair), *pair)).collect();
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
         ranked.truncate(PROMISING);
         // White noise is one of those over which is averaged, and the one that gives a pair the most.
-        ranked.retain(|(evidence, _)| *evidence > bound.max(least));
+        ranked.retain(|(evidence, _)| *evidence > beside_single.max(least));
         if ranked.is_empty() {
             return None;
         }
@@ -221,17 +225,20 @@ impl Means<'_> {
                 ranked.iter().map(|(_, pair)| score(*pair)).collect()
             })
             .collect();
-        let evidence = |k: usize| log_sum(noises.iter().zip(&scores).map(|((_, weight), scores)| weight + scores[k].evidence));
+        let evidence =
+            |k: usize| log_sum(noises.iter().zip(&scores).map(|((_, weight), scores)| weight + scores[k].evidence_of_any_size()));
         let averaged = ranked.iter().enumerate().map(|(k, (_, pair))| (evidence(k) + log_prior(pair), k));
-        let (evidence, k) = averaged.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(evidence, _)| *evidence > bound.max(least))?;
+        let (evidence, k) =
+            averaged.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(evidence, _)| *evidence > beside_single.max(least))?;
+        let evident = scored.evident(evidence - beside_single, Self::FALSE_ALARM, SEED)?;
         let most = (0..noises.len()).max_by(|a, b| {
-            let of = |n: usize| noises[n].1 + scores[n][k].evidence;
+            let of = |n: usize| noises[n].1 + scores[n][k].evidence_of_any_size();
             of(*a).total_cmp(&of(*b))
         })?;
-        let part = scores[most][k].part_for(evidence - bound);
+        let part = scores[most][k].part_for(evident.margin);
         Some(ranked[k].1.map(|i| Term {
             candidate: self.refined(&white, &self.candidates[i]),
-            p_global: (Self::FALSE_ALARM * (bound - evidence).exp()).clamp(f64::MIN_POSITIVE, 1.0),
+            p_global: evident.p_global,
             trials: open.len() * (open.len() - 1) / 2,
             threshold: Threshold::Part(part),
         }))
