@@ -64,8 +64,15 @@ pub struct Means<'a> {
     /// Effects without a candidate.
     pub absent: Vec<Absent>,
     correlations: Correlations,
-    /// The noise that was estimated last, and the terms beside which it was: the search asks for the same again and again.
-    last: Mutex<Option<(Vec<(String, Spec)>, Noise)>>,
+    /// The noise that was estimated last: the search asks for the same again and again.
+    last: Mutex<Option<Estimated>>,
+}
+
+/// The noise that was estimated beside terms, given by their keys and forms.
+#[derive(Clone)]
+struct Estimated {
+    terms: Vec<(String, Spec)>,
+    noise: Noise,
 }
 
 /// Candidates of all effects of a catalogue and of all unknown dependences, and the effects that have none.
@@ -169,13 +176,13 @@ impl<'a> Means<'a> {
     /// The noise beside these terms.
     fn estimated(&self, terms: &[&Candidate]) -> Option<Noise> {
         let named: Vec<(String, Spec)> = terms.iter().map(|t| (t.key.clone(), t.spec.clone())).collect();
-        let known = self.last.lock().ok().and_then(|last| last.clone()).filter(|(of, _)| *of == named);
-        if let Some((_, noise)) = known {
-            return Some(noise);
+        let known = self.last.lock().ok().and_then(|last| last.clone()).filter(|last| last.terms == named);
+        if let Some(last) = known {
+            return Some(last.noise);
         }
         let noise = self.correlations.estimate(&self.readings, &self.designs(terms))?;
         if let Ok(mut last) = self.last.lock() {
-            *last = Some((named, noise.clone()));
+            *last = Some(Estimated { terms: named, noise: noise.clone() });
         }
         Some(noise)
     }

@@ -35,6 +35,8 @@ struct Look {
     evident: Option<Term>,
     /// The noise that the readings allow, with the logarithm of the probability of each; the last is white.
     noises: Vec<(Noise, f64)>,
+    /// The model with white noise, and the candidates beside it.
+    white: Option<(MeansModel, Vec<Group>)>,
 }
 
 impl Problem for Means<'_> {
@@ -58,7 +60,10 @@ impl Problem for Means<'_> {
         let now = self.all(chosen);
         let look = self.look(model, &now);
         let single = look.averaged.first().filter(|_| look.evident.is_some()).map_or(f64::NEG_INFINITY, |e| e.best_evidence);
-        if let Some(pair) = self.pair(&look.noises, model, &now, single + PAIR_OVER_SINGLE) {
+        let claimed = &model.noise.parameters;
+        if let Some((white, groups)) = look.white.filter(|_| claimed.slow + claimed.slow_field > 0.0)
+            && let Some(pair) = self.pair(&look.noises, &white, groups, &now, single + PAIR_OVER_SINGLE)
+        {
             return Some(pair.into());
         }
         let found = match look.evident {
@@ -153,7 +158,10 @@ impl Means<'_> {
     fn look(&self, model: &MeansModel, now: &[&Candidate]) -> Look {
         let scored = self.scored(model);
         let noises = self.correlations.plausible(&model.noise.parameters, &self.readings, &self.designs(now));
-        let averaged = self.averaged(&scored, &noises, now);
+        let white = noises.last().map(|(white, _)| self.model_with(white.clone(), now));
+        let white_scored = white.as_ref().map(|white| self.scored(white));
+        let averaged = self.averaged(&scored, white_scored.as_ref(), &noises, now);
+        let groups = white_scored.map(|scored| scored.groups);
         let evident = averaged.first().filter(|e| e.best_evidence > NOISE_UNKNOWN).and_then(|best| {
             let evident = scored.evident(best.best_evidence - NOISE_UNKNOWN, Self::FALSE_ALARM, SEED)?;
             Some(Term {
@@ -163,7 +171,7 @@ impl Means<'_> {
                 threshold: Threshold::Part(best.score.part_for(evident.margin)),
             })
         });
-        Look { averaged, evident, noises }
+        Look { averaged, evident, noises, white: white.zip(groups) }
     }
 
     /// Two effects that are noise to each other: each stands out beside the other one alone.
@@ -181,11 +189,15 @@ impl Means<'_> {
 
     /// Two effects that slow noise, or noise of the gain, stands in for as long as one of them is missing: the best pair, its evidence averaged
     /// over the noise that the readings allow. It has to be more than `least`.
-    fn pair(&self, noises: &[(Noise, f64)], model: &MeansModel, now: &[&Candidate], least: f64) -> Option<[Term; 2]> {
-        let claimed = &model.noise.parameters;
-        let (white, _) = noises.last().filter(|_| claimed.slow + claimed.slow_field > 0.0)?;
-        let white = self.model_with(white.clone(), now);
-        let scored = self.scored(&white);
+    fn pair(
+        &self,
+        noises: &[(Noise, f64)],
+        white: &MeansModel,
+        groups: Vec<Group>,
+        now: &[&Candidate],
+        least: f64,
+    ) -> Option<[Term; 2]> {
+        let scored = Scored::new(&white.fitted, self.candidates.iter().collect(), groups, self.log_priors.clone());
         let is_tried = |i: &usize| {
             let candidate = &self.candidates[*i];
             !candidate.effect.is_unknown() && self.log_priors[*i].is_finite() && now.iter().all(|c| c.key != candidate.key)
@@ -194,7 +206,7 @@ impl Means<'_> {
         let prior: f64 = open.iter().map(|i| self.log_priors[*i].exp()).sum();
         // There are half as many pairs of effects as the square of the effects, and each may stand beside any other.
         let beside_single = (0.5 * prior).ln().max(0.0) + NOISE_UNKNOWN;
-        let tried = self.best_of_each(&white, &scored.groups, &open);
+        let tried = self.best_of_each(white, &scored.groups, &open);
         let pairs = tried.iter().enumerate().flat_map(|(k, i)| tried[k + 1..].iter().map(move |j| [*i, *j]));
         let pairs: Vec<[usize; 2]> = pairs.filter(|[i, j]| self.candidates[*i].key != self.candidates[*j].key).collect();
         let log_prior = |pair: &[usize; 2]| pair.iter().map(|i| self.log_priors[*i]).sum::<f64>();
@@ -237,7 +249,7 @@ impl Means<'_> {
         })?;
         let part = scores[most][k].part_for(evident.margin);
         Some(ranked[k].1.map(|i| Term {
-            candidate: self.refined(&white, &self.candidates[i]),
+            candidate: self.refined(white, &self.candidates[i]),
             p_global: evident.p_global,
             trials: open.len() * (open.len() - 1) / 2,
             threshold: Threshold::Part(part),
@@ -268,15 +280,12 @@ impl Means<'_> {
     }
 
     /// The most promising explanations, their evidence averaged over the noise that the readings allow; the best first.
-    fn averaged(&self, scored: &Scored, noises: &[(Noise, f64)], now: &[&Candidate]) -> Vec<Explanation> {
+    fn averaged(&self, scored: &Scored, white: Option<&Scored>, noises: &[(Noise, f64)], now: &[&Candidate]) -> Vec<Explanation> {
         let mut chosen: Vec<Explanation> = scored.explanations.iter().take(PROMISING).cloned().collect();
         // What slow noise hides shows beside white noise.
-        if let Some((white, _)) = noises.last() {
-            let white = self.model_with(white.clone(), now);
-            for e in self.scored(&white).explanations.into_iter().take(PROMISING) {
-                if !chosen.iter().any(|c| c.best == e.best) {
-                    chosen.push(e);
-                }
+        for e in white.into_iter().flat_map(|white| white.explanations.iter().take(PROMISING)) {
+            if !chosen.iter().any(|c| c.best == e.best) {
+                chosen.push(e.clone());
             }
         }
         let scores: Vec<Vec<Score>> = noises
