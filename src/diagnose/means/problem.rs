@@ -19,8 +19,9 @@ const HIDDEN: usize = 3;
 const PROMISING: usize = 5;
 /// The plain squares of the predictions may grow by this factor, which is 5 % of their root, where the weighted ones become less.
 const PLAIN_GROWTH: f64 = 1.1;
-/// Evidence (logarithm) by which a pair has to be better than a single effect to be taken before it: about a false alarm's.
-const PAIR_OVER_SINGLE: f64 = 5.0;
+/// Evidence (logarithm) by which a pair has to be better than a single effect to be taken before it: a ratio of twenty. Both are looked at
+/// again beside each other.
+const PAIR_OVER_SINGLE: f64 = 3.0;
 /// Seed of the simulated noise.
 const SEED: u64 = 0x0ca1_f175;
 /// Where the search for the best value of a shape parameter ends, as a part of the value, and after how many steps.
@@ -256,24 +257,23 @@ impl Means<'_> {
         }))
     }
 
-    /// Of every effect the candidate of the largest evidence, and that of the largest one on all axes.
+    /// Of every form of every effect the candidate of the largest evidence, and that of the largest one on all axes.
     fn best_of_each(&self, model: &MeansModel, groups: &[Group], open: &[usize]) -> Vec<usize> {
-        let mut best: Vec<(&str, bool, f64, usize)> = Vec::new();
+        let mut best: Vec<(f64, usize, bool)> = Vec::new();
         for &i in open.iter().filter(|i| groups[**i].surviving > ABSORBED) {
             let candidate = &self.candidates[i];
             let evidence = model.fitted.score(&groups[i]).evidence + self.log_priors[i];
-            for on_all in [false, true] {
-                if on_all && candidate.spec.axes.len() < 3 {
-                    continue;
-                }
-                match best.iter_mut().find(|b| b.0 == candidate.key && b.1 == on_all) {
-                    Some(known) if known.2 < evidence => (known.2, known.3) = (evidence, i),
+            let is_same =
+                |j: usize| self.candidates[j].key == candidate.key && self.candidates[j].spec.form == candidate.spec.form;
+            for on_all in [false, true].into_iter().filter(|on_all| !on_all || candidate.spec.axes.len() == 3) {
+                match best.iter_mut().find(|b| b.2 == on_all && is_same(b.1)) {
+                    Some(known) if known.0 < evidence => (known.0, known.1) = (evidence, i),
                     Some(_) => {}
-                    None => best.push((&candidate.key, on_all, evidence, i)),
+                    None => best.push((evidence, i, on_all)),
                 }
             }
         }
-        let mut tried: Vec<usize> = best.into_iter().map(|b| b.3).collect();
+        let mut tried: Vec<usize> = best.into_iter().map(|b| b.1).collect();
         tried.sort_unstable();
         tried.dedup();
         tried
