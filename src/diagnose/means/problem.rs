@@ -22,6 +22,8 @@ const PLAIN_GROWTH: f64 = 1.1;
 /// Evidence (logarithm) by which a pair has to be better than a single effect to be taken before it: a ratio of twenty. Both are looked at
 /// again beside each other.
 const PAIR_OVER_SINGLE: f64 = 3.0;
+/// Logarithm of what a noise adds to an evidence that has no influence on it.
+const NEGLIGIBLE: f64 = -15.0;
 /// Seed of the simulated noise.
 const SEED: u64 = 0x0ca1_f175;
 /// Where the search for the best value of a shape parameter ends, as a part of the value, and after how many steps.
@@ -227,6 +229,8 @@ impl Means<'_> {
         if ranked.is_empty() {
             return None;
         }
+        let most = ranked[0].0 - log_prior(&ranked[0].1);
+        let noises: Vec<&(Noise, f64)> = noises.iter().filter(|(_, weight)| weight + most > NEGLIGIBLE).collect();
         let scores: Vec<Vec<Score>> = noises
             .par_iter()
             .map(|(noise, _)| {
@@ -288,6 +292,8 @@ impl Means<'_> {
                 chosen.push(e.clone());
             }
         }
+        let most = chosen.iter().map(|e| e.score.evidence).fold(0.0, f64::max);
+        let noises: Vec<&(Noise, f64)> = noises.iter().filter(|(_, weight)| weight + most > NEGLIGIBLE).collect();
         let scores: Vec<Vec<Score>> = noises
             .par_iter()
             .map(|(noise, _)| {

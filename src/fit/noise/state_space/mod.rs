@@ -118,6 +118,10 @@ impl NoiseParameters {
     }
 }
 
+/// Every how many of the noises of the gain are looked at first, and the logarithm of a likelihood ratio that leaves no hope for the others.
+const EVERY: usize = 5;
+const HOPELESS: f64 = 40.0;
+
 /// Number of shapes of slow noise.
 const SHAPES: usize = EXPONENTS.len() + MEMORIES.len();
 
@@ -315,12 +319,22 @@ impl Correlations {
                 );
             }
         }
-        let found: Vec<Option<(f64, Noise)>> = tried.par_iter().map(|(c, _)| self.likelihood(c, &data)).collect();
-        let mut all: Vec<(Noise, f64)> = found
-            .into_iter()
-            .zip(&tried)
-            .filter_map(|(found, (_, prior))| found.map(|(likelihood, noise)| (noise, likelihood + prior.ln())))
-            .collect();
+        let weigh = |tried: &[(NoiseParameters, f64)]| -> Vec<(Noise, f64)> {
+            let of_one =
+                |(c, prior): &(NoiseParameters, f64)| self.likelihood(c, &data).map(|(l, noise)| (noise, l + prior.ln()));
+            tried.par_iter().filter_map(of_one).collect()
+        };
+        let best = |all: &[(Noise, f64)]| all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
+        let (gain, other): (Vec<_>, Vec<_>) = tried.into_iter().partition(|(c, _)| c.slow_field > 0.0);
+        let other = weigh(&other);
+        // Noise of the gain is dear. Where the readings suggest none, a part of it tells whether the rest has to be looked at.
+        let (some, rest): (Vec<_>, Vec<_>) = gain.into_iter().enumerate().partition(|(k, _)| k % EVERY == 0);
+        let [some, rest] = [some, rest].map(|all| all.into_iter().map(|(_, one)| one).collect::<Vec<_>>());
+        let mut all = weigh(&some);
+        if from.slow_field > 0.0 || best(&all) > best(&other) - HOPELESS {
+            all.extend(weigh(&rest));
+        }
+        all.extend(other);
         let most = all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
         let sum = all.iter().map(|a| (a.1 - most).exp()).sum::<f64>().ln() + most;
         all.iter_mut().for_each(|a| a.1 -= sum);
