@@ -19,9 +19,6 @@ const HIDDEN: usize = 3;
 const PROMISING: usize = 5;
 /// The plain squares of the predictions may grow by this factor, which is 5 % of their root, where the weighted ones become less.
 const PLAIN_GROWTH: f64 = 1.1;
-/// Evidence (logarithm) by which a pair has to be better than a single effect to be taken before it: a ratio of twenty. Both are looked at
-/// again beside each other.
-const PAIR_OVER_SINGLE: f64 = 3.0;
 /// Logarithm of what a noise adds to an evidence that has no influence on it.
 const NEGLIGIBLE: f64 = -15.0;
 /// Seed of the simulated noise.
@@ -62,16 +59,15 @@ impl Problem for Means<'_> {
     fn evident(&self, model: &MeansModel, chosen: &[Term]) -> Option<Vec<Term>> {
         let now = self.all(chosen);
         let look = self.look(model, &now);
-        let single = look.averaged.first().filter(|_| look.evident.is_some()).map_or(f64::NEG_INFINITY, |e| e.best_evidence);
-        let claimed = &model.noise.parameters;
-        if let Some((white, groups)) = look.white.filter(|_| claimed.slow + claimed.slow_field > 0.0)
-            && let Some(pair) = self.pair(&look.noises, &white, groups, &now, single + PAIR_OVER_SINGLE)
-        {
-            return Some(pair.into());
-        }
         let found = match look.evident {
             Some(one) => Some(vec![one]),
-            None => self.hidden(&look.averaged, model, &now).map(Vec::from),
+            None => {
+                let claimed = &model.noise.parameters;
+                let is_slow = claimed.slow + claimed.slow_field > 0.0;
+                let hidden = self.hidden(&look.averaged, model, &now);
+                let white = look.white.filter(|_| hidden.is_none() && is_slow);
+                hidden.or_else(|| white.and_then(|(white, groups)| self.pair(&look.noises, &white, groups, &now))).map(Vec::from)
+            }
         };
         Some(found.unwrap_or_default())
     }
@@ -191,15 +187,8 @@ impl Means<'_> {
     }
 
     /// Two effects that slow noise, or noise of the gain, stands in for as long as one of them is missing: the best pair, its evidence averaged
-    /// over the noise that the readings allow. It has to be more than `least`.
-    fn pair(
-        &self,
-        noises: &[(Noise, f64)],
-        white: &MeansModel,
-        groups: Vec<Group>,
-        now: &[&Candidate],
-        least: f64,
-    ) -> Option<[Term; 2]> {
+    /// over the noise that the readings allow.
+    fn pair(&self, noises: &[(Noise, f64)], white: &MeansModel, groups: Vec<Group>, now: &[&Candidate]) -> Option<[Term; 2]> {
         let scored = Scored::new(&white.fitted, self.candidates.iter().collect(), groups, self.log_priors.clone());
         let is_tried = |i: &usize| {
             let candidate = &self.candidates[*i];
@@ -225,7 +214,7 @@ impl Means<'_> {
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
         ranked.truncate(PROMISING);
         // White noise is one of those over which is averaged, and the one that gives a pair the most.
-        ranked.retain(|(evidence, _)| *evidence > beside_single.max(least));
+        ranked.retain(|(evidence, _)| *evidence > beside_single);
         if ranked.is_empty() {
             return None;
         }
@@ -245,8 +234,7 @@ impl Means<'_> {
         let evidence =
             |k: usize| log_sum(noises.iter().zip(&scores).map(|((_, weight), scores)| weight + scores[k].evidence_of_any_size()));
         let averaged = ranked.iter().enumerate().map(|(k, (_, pair))| (evidence(k) + log_prior(pair), k));
-        let (evidence, k) =
-            averaged.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(evidence, _)| *evidence > beside_single.max(least))?;
+        let (evidence, k) = averaged.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(evidence, _)| *evidence > beside_single)?;
         let evident = scored.evident(evidence - beside_single, Self::FALSE_ALARM, SEED)?;
         let most = (0..noises.len()).max_by(|a, b| {
             let of = |n: usize| noises[n].1 + scores[n][k].evidence_of_any_size();
