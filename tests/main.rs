@@ -11,6 +11,7 @@ mod diagnose;
 mod diagnose_across;
 mod diagnose_freq;
 mod diagnose_samples;
+mod diagnose_verdict;
 mod docs;
 mod exclusion;
 mod export;

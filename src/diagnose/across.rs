@@ -15,7 +15,7 @@ mod values;
 
 use super::candidate::Candidate;
 use super::problem::{search, steps};
-use super::result::{Diagnosis, NotIdentifiable, Pictures};
+use super::result::{Diagnosis, Left, LeftLike, NotIdentifiable, Pictures, VerdictKind};
 use super::{DiagnoseError, words};
 use crate::data::note::{Note, NoteKind};
 use crate::fit::statistics::{chi2_tail, fisher_tail};
@@ -59,7 +59,8 @@ pub fn across(runs: &[RunValues], catalogue: &Catalogue) -> Result<Diagnosis, Di
     let scales = set.scales(&outcome.fit);
     let (mut steps, mut maps, _) = steps(&comparison, &outcome, 0);
     let noise_floor_nt = noise_floor_nt(set, &scales);
-    if remaining(set, &terms, &mut notes) {
+    let not_explained = remaining(set, &terms, &mut notes);
+    if not_explained.is_some() {
         steps.iter_mut().for_each(|s| s.wording = "consistent with");
     }
     if maps.is_empty() {
@@ -80,7 +81,10 @@ pub fn across(runs: &[RunValues], catalogue: &Catalogue) -> Result<Diagnosis, Di
         runs: runs.iter().map(|r| r.run.clone()).collect(),
         noise_floor_nt,
         noise: None,
-        verdict: words::verdict(&steps),
+        verdict: words::verdict(&steps, not_explained.as_ref()),
+        verdict_kind: VerdictKind::of(&steps, not_explained.as_ref()),
+        left: not_explained,
+        gap_chain: Vec::new(),
         steps,
         not_identifiable,
         detection_limits,
@@ -143,10 +147,10 @@ fn noise_floor_nt(set: &RunSet, scales: &[f64; 3]) -> [f64; 3] {
     })
 }
 
-/// Whether the runs still disagree; says by how much.
-fn remaining(set: &RunSet, terms: &[&RunCandidate], notes: &mut Vec<Note>) -> bool {
+/// The class in which the runs still disagree most, if they do; says by how much.
+fn remaining(set: &RunSet, terms: &[&RunCandidate], notes: &mut Vec<Note>) -> Option<Left> {
     let (n, orientations) = (set.count(), count(&set.orientation));
-    let mut disagree = false;
+    let mut most: Option<Left> = None;
     for class in 0..3 {
         let (sum, freedom) = set.left(class, terms);
         // What every orientation may have of its own leaves the repeats.
@@ -171,8 +175,12 @@ fn remaining(set: &RunSet, terms: &[&RunCandidate], notes: &mut Vec<Note>) -> bo
             continue;
         };
         if p < CONTRADICTED {
-            disagree = true;
             let ratio = (between / between_freedom / noise).sqrt();
+            if most.as_ref().is_none_or(|m| ratio > m.times_noise) {
+                let place = format!("{}, between the orientations", CLASSES_IN_WORDS[class]);
+                let rms_nt = ratio * noise.sqrt() * usual_nt(set, class);
+                most = Some(Left { place, rms_nt, times_noise: ratio, like: LeftLike::Disagreement });
+            }
             let text = format!(
                 "{}: the orientations still differ by {ratio:.1} times what repeats let expect (p = {p:.1e}), and nothing that was tried explains it",
                 CLASSES[class]
@@ -180,5 +188,12 @@ fn remaining(set: &RunSet, terms: &[&RunCandidate], notes: &mut Vec<Note>) -> bo
             notes.push(Note::new(NoteKind::Method, text).about(CLASSES[class]));
         }
     }
-    disagree
+    most
+}
+
+/// Root mean square of the stated uncertainties of a class, nT.
+fn usual_nt(set: &RunSet, class: usize) -> f64 {
+    let n = set.count();
+    let of_run = |r: usize| (0..3).map(move |i| set.std[(class * n + r) * 3 + i] * set.runs[r].nt_per_unit(class));
+    ((0..n).flat_map(of_run).map(|nt| nt * nt).sum::<f64>() / (3 * n) as f64).sqrt()
 }

@@ -19,12 +19,12 @@ mod table;
 pub use table::table;
 
 use super::problem::{search, steps};
-use super::result::{Diagnosis, Pictures, Step};
+use super::result::{Diagnosis, Left, LeftLike, Pictures, Step, VerdictKind};
 use super::steps::fault_facts;
 use super::{DiagnoseError, Options, words};
 use crate::data::note::{Note, NoteKind};
 use crate::data::run::{Run, Vector, VectorSink};
-use crate::data::units::Reading;
+use crate::data::units::{COMPONENTS, Reading};
 use crate::files::campaign::Campaign;
 use crate::fit::statistics::median;
 use crate::measure::freq::{self as analysis, Freq, Sines as Sink};
@@ -34,12 +34,15 @@ use describe::map;
 use limits::limits;
 use lost::lost;
 use model::{EffectTerm, Fit};
+use nalgebra::DVector;
 use problem::SineSearch;
 use response::{another_base, base, response_words};
 use sines::Sines;
 
 /// Chi-square over degrees of freedom from which the base itself is doubted.
 const DOUBTFUL: f64 = 1.5;
+/// What is left is told from this many times the noise of the sines on.
+const NOT_EXPLAINED: f64 = 3.0;
 /// Settings that are held out at once.
 const STRETCH: usize = 3;
 
@@ -78,6 +81,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     let (of_sines, maps, _) = steps(&problem, &outcome, found.len());
     found.extend(of_sines);
     let held = fit.held_out(&sines, STRETCH);
+    let not_explained = not_explained(fit, &sines, &held);
     let left = (0..3).map(|axis| map(&sines, axis, false, &held, &held, 0)).collect();
     let scored = problem.scored(fit, &outcome.terms);
     let (not_identifiable, detection_limits) = limits(&scored, &sines, &found, &options.catalogue);
@@ -87,7 +91,10 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
         runs: vec![run.header.run.clone()],
         noise_floor_nt: noise_floor_nt(&sines),
         noise: None,
-        verdict: words::verdict(&found),
+        verdict: words::verdict(&found, not_explained.as_ref()),
+        verdict_kind: VerdictKind::of(&found, not_explained.as_ref()),
+        left: not_explained,
+        gap_chain: Vec::new(),
         steps: found,
         not_identifiable,
         detection_limits,
@@ -97,6 +104,15 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
         maps,
         pictures: Pictures { left, ..Pictures::default() },
     })
+}
+
+/// What the response and all terms leave of the sines, if that is far more than their noise.
+fn not_explained(fit: &Fit, sines: &Sines, held: &DVector<f64>) -> Option<Left> {
+    let times_noise = (fit.chi2 / fit.dof()).sqrt();
+    let rms_nt = describe::gap(sines, held, fit.p.len(), false).rms_nt;
+    let axis = (0..3).max_by(|a, b| rms_nt[*a].total_cmp(&rms_nt[*b])).unwrap_or(0);
+    let place = format!("{}, along the frequency", COMPONENTS[axis]);
+    (times_noise > NOT_EXPLAINED).then_some(Left { place, rms_nt: rms_nt[axis], times_noise, like: LeftLike::Disagreement })
 }
 
 /// The frequency analysis of the run.

@@ -17,6 +17,7 @@ mod fault;
 pub mod freq;
 pub mod inside_maps;
 mod lag;
+mod left;
 mod limits;
 pub mod means;
 mod one_run;

@@ -6,10 +6,10 @@ use super::lag::FoundLag;
 use super::limits::{hidden_drifts, limits};
 use super::means::{Means, MeansModel, Term};
 use super::problem::{self, Outcome};
-use super::result::{Diagnosis, Evidence, Map, Pictures, Step};
+use super::result::{Diagnosis, Evidence, Map, Pictures, Step, VerdictKind};
 use super::samples::{self, Inside};
 use super::steps::{inside_step, joined, sufficient};
-use super::{DiagnoseError, Given, Options, inside_maps, lag, where_map, words};
+use super::{DiagnoseError, Given, Options, inside_maps, lag, left, where_map, words};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateaus;
 use crate::data::run::{Kind, Run};
@@ -102,7 +102,12 @@ pub(super) fn run(
         pictures.inside.extend(picture);
         steps.push(inside_step(found, &prepared));
     }
-    let (steps, maps) = steps_of_all(&means, &outcome, steps, &mut pictures);
+    let before = steps.len();
+    let (steps, maps, places) = steps_of_all(&means, &outcome, steps, &mut pictures);
+    let number = |place: &usize| place + 1;
+    let of_terms: Vec<usize> = places[before..].iter().map(number).collect();
+    let gap_chain = left::chain(&means, &outcome.fit, &all, &of_terms, places[..before].iter().map(number).collect());
+    let left = left::left(&means, &outcome.fit, &all);
     let noise_floor_nt = noise_floor_nt(&means, &outcome.fit, &all);
     pictures.left = quiet_maps(&means, &outcome.fit, &all, noise_floor_nt);
     let before = where_map::Model {
@@ -125,7 +130,10 @@ pub(super) fn run(
         runs: vec![run.header.run.clone()],
         noise_floor_nt,
         noise: Some(outcome.fit.noise.parameters),
-        verdict: words::verdict(&steps),
+        verdict: words::verdict(&steps, left.as_ref()),
+        verdict_kind: VerdictKind::of(&steps, left.as_ref()),
+        left,
+        gap_chain,
         steps,
         not_identifiable,
         detection_limits,
@@ -200,24 +208,24 @@ fn corrected(prepared: &PreparedRun, inside: &[Inside]) -> DMatrix<f64> {
     readings
 }
 
-/// The steps so far and those of the means, one per effect, with their maps; their evidence goes to the pictures.
+/// The steps so far and those of the means, one per effect, with their maps, and where each went; their evidence goes to the pictures.
 fn steps_of_all(
     means: &Means,
     outcome: &Outcome<Term, MeansModel>,
     mut steps: Vec<Step>,
     pictures: &mut Pictures,
-) -> (Vec<Step>, Vec<Map>) {
+) -> (Vec<Step>, Vec<Map>, Vec<usize>) {
     let (of_means, maps, evidence) = problem::steps(means, outcome, steps.len());
     steps.extend(of_means);
     pictures.evidence.extend(evidence);
     let (mut steps, places) = joined(steps);
     // A further form of an effect has no picture of its own.
-    let place = |step: usize| places.get(step).copied().flatten();
+    let place = |step: usize| places.get(step).filter(|p| p.is_first).map(|p| p.step);
     let maps = maps.into_iter().filter_map(|m| Some(Map { step: place(m.step)?, ..m })).collect();
     let evidence = std::mem::take(&mut pictures.evidence);
     pictures.evidence = evidence.into_iter().filter_map(|e| Some(Evidence { step: place(e.step)?, ..e })).collect();
     sufficient(&mut steps);
-    (steps, maps)
+    (steps, maps, places.iter().map(|p| p.step).collect())
 }
 
 fn noise_floor_nt(means: &Means, model: &MeansModel, all: &[&Candidate]) -> [f64; 3] {

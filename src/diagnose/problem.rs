@@ -3,7 +3,8 @@
 //! A [`Problem`] knows its data: which terms may be missing, how the model with some of them is fitted, what noise alone would show, which
 //! terms exclude each other, which stretches can be held out, and the facts that describe an accepted term. [`search`] knows the way: the
 //! most evident term is added if it predicts what it has not seen, terms of one effect are merged, and terms that another one made
-//! superfluous or that something else explains better are dropped or swapped, until noise alone explains what is left.
+//! superfluous or that something else explains better are dropped or swapped, until noise alone explains what is left. Then every term is
+//! confirmed in the final model: what was right when it was added may predict worse beside what came later.
 
 use super::result::{Evidence, Map, Step};
 use super::steps::Facts;
@@ -34,6 +35,19 @@ pub trait Problem {
     /// Whether the model with further terms predicts stretches that were held out better than the model without them. `None` if a model has no
     /// fit.
     fn predicts(&self, chosen: &[Self::Term], further: &[Self::Term]) -> Option<bool>;
+
+    /// A term of the final model without which stretches that were held out are predicted better, the worst of them; `Some(None)` if all are
+    /// confirmed, `None` if a model has no fit.
+    fn unconfirmed(&self, _fit: &Self::Fit, chosen: &[Self::Term]) -> Option<Option<usize>> {
+        for index in (0..chosen.len()).rev() {
+            let mut others = chosen.to_vec();
+            let own = others.remove(index);
+            if !self.predicts(&others, &[own])? {
+                return Some(Some(index));
+            }
+        }
+        Some(None)
+    }
 
     /// Rules out what did not predict stretches that were held out.
     fn rule_out(&mut self, term: &Self::Term);
@@ -85,26 +99,27 @@ pub type OutcomeOf<P> = Outcome<<P as Problem>::Term, <P as Problem>::Fit>;
 /// Looks for missing terms, one after the other. `None` if a model has no fit.
 pub fn search<P: Problem>(problem: &mut P) -> Option<OutcomeOf<P>> {
     let mut terms: Vec<P::Term> = Vec::new();
-    for _ in 0..P::MOST_ROUNDS {
-        if terms.len() >= P::MOST_TERMS {
-            break;
-        }
+    let mut rounds = 0;
+    loop {
         let fit = problem.fitted(&terms)?;
-        let found = problem.evident(&fit, &terms)?;
+        let is_open = rounds < P::MOST_ROUNDS && terms.len() < P::MOST_TERMS;
+        rounds += 1;
+        let found = if is_open { problem.evident(&fit, &terms)? } else { Vec::new() };
         if found.is_empty() {
-            return Some(Outcome { terms, fit });
-        }
-        if !problem.predicts(&terms, &found)? {
+            // What goes is ruled out, so that the search ends.
+            let Some(index) = problem.unconfirmed(&fit, &terms)? else { return Some(Outcome { terms, fit }) };
+            let gone = terms.remove(index);
+            problem.rule_out(&gone);
+        } else if problem.predicts(&terms, &found)? {
+            for term in found {
+                add(problem, &mut terms, term);
+            }
+        } else {
             found.iter().for_each(|term| problem.rule_out(term));
             continue;
         }
-        for term in found {
-            add(problem, &mut terms, term);
-        }
         repair(problem, &mut terms)?;
     }
-    let fit = problem.fitted(&terms)?;
-    Some(Outcome { terms, fit })
 }
 
 /// Adds a term, merged with an earlier one of the same effect on other axes.
@@ -153,4 +168,69 @@ pub fn steps<P: Problem>(problem: &P, outcome: &OutcomeOf<P>, first: usize) -> (
         evidence.extend(description.evidence);
     }
     (steps, maps, evidence)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Terms are letters; `a` predicts as long as `b` is not there, and `b` always does.
+    #[derive(Default)]
+    struct Letters {
+        ruled_out: Vec<char>,
+    }
+
+    impl Problem for Letters {
+        type Term = char;
+        type Fit = ();
+        const FALSE_ALARM: f64 = 0.01;
+        const MOST_TERMS: usize = 4;
+        const MOST_ROUNDS: usize = 8;
+        const MOST_REVISIONS: usize = 1;
+
+        fn fitted(&self, _: &[char]) -> Option<()> {
+            Some(())
+        }
+
+        fn evident(&self, (): &(), chosen: &[char]) -> Option<Vec<char>> {
+            let next = ['a', 'b', 'c'].into_iter().find(|term| !chosen.contains(term) && !self.ruled_out.contains(term));
+            Some(next.into_iter().collect())
+        }
+
+        fn predicts(&self, chosen: &[char], further: &[char]) -> Option<bool> {
+            Some(match further {
+                ['a'] => !chosen.contains(&'b'),
+                ['b'] => true,
+                _ => false,
+            })
+        }
+
+        fn rule_out(&mut self, term: &char) {
+            self.ruled_out.push(*term);
+        }
+
+        fn belong_together(&self, _: &char, _: &char) -> bool {
+            false
+        }
+
+        fn merged(&self, _: &char, _: &char) -> Option<char> {
+            None
+        }
+
+        fn revised(&self, _: &mut [char], _: usize) -> Option<Revision<char>> {
+            Some(Revision::Keep)
+        }
+
+        fn describe(&self, (): &(), _: &[char], _: usize, _: usize) -> Description {
+            unreachable!("nothing is described")
+        }
+    }
+
+    #[test]
+    fn what_was_right_when_it_was_added_goes_if_it_is_wrong_in_the_end() {
+        let mut letters = Letters::default();
+        let outcome = search(&mut letters).unwrap();
+        assert_eq!(outcome.terms, ['b']);
+        assert_eq!(letters.ruled_out, ['c', 'a']);
+    }
 }

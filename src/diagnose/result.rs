@@ -30,6 +30,13 @@ pub struct Diagnosis {
     pub response: Option<String>,
     /// In one line.
     pub verdict: String,
+    /// What kind of verdict it is.
+    pub verdict_kind: VerdictKind,
+    /// What is left that is neither explained nor the noise of the readings.
+    pub left: Option<Left>,
+    /// How the disagreement on held-out stretches shrinks with every step, from none to all of them; it never grows.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub gap_chain: Vec<Link>,
     /// What a person should know.
     #[serde(flatten, serialize_with = "told")]
     pub notes: Vec<Note>,
@@ -42,6 +49,70 @@ pub struct Diagnosis {
     /// Everything else that the pictures show.
     #[serde(flatten)]
     pub pictures: Pictures,
+}
+
+/// Kind of a verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum VerdictKind {
+    /// Nothing is missing, and nothing is left.
+    None,
+    /// Something was found.
+    Found,
+    /// Nothing was found, but what is left is more than the noise of the readings.
+    Undecided,
+}
+
+impl VerdictKind {
+    /// Of what was found and what is left.
+    #[must_use]
+    pub fn of(steps: &[Step], left: Option<&Left>) -> Self {
+        match (steps.is_empty(), left) {
+            (false, _) => Self::Found,
+            (true, Some(_)) => Self::Undecided,
+            (true, None) => Self::None,
+        }
+    }
+}
+
+/// What is left that is neither explained nor the noise of the readings.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Left {
+    /// Component, and the covariate that it follows.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// Root mean square of all that is left there, nT.
+    pub rms_nt: f64,
+    /// The same over the noise of the readings.
+    pub times_noise: f64,
+    /// What it is like.
+    #[serde(skip)]
+    pub like: LeftLike,
+}
+
+/// What something that is left is like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LeftLike {
+    /// Slow: a drift of the offset, or slow noise.
+    Slow,
+    /// Slow in proportion to the reading: a drift of the gain, or slow noise of it.
+    SlowGain,
+    /// Scatter from reading to reading.
+    Scatter,
+    /// Disagreement of any other kind.
+    Disagreement,
+}
+
+/// Disagreement on held-out stretches with the steps so far.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Link {
+    /// Numbers of the steps, from 1, that are in the model since the link before; what was found before the plateau means were looked at is
+    /// in the first link. Steps that show only together are together.
+    pub steps: Vec<usize>,
+    /// Weighted squares over their number, with the noise of the final model.
+    pub chi2_per_dof: f64,
+    /// Weighted root mean square, all axes, nT; slow noise that passes from reading to reading is not in it.
+    pub rms_nt: f64,
 }
 
 /// What the pictures of a diagnosis show beside the residuals of its steps.

@@ -2,6 +2,7 @@
 
 mod edges;
 mod periodic;
+mod scatter;
 mod transients;
 
 use crate::fit::statistics::median;
@@ -146,7 +147,7 @@ pub(super) fn remove_raw(
         run: 0,
         used_s: [samples.t_s[k]; 2],
         field_coil_nt: [0.0; 3],
-        previous_coil_nt: [0.0; 3],
+        earlier_coil_nt: Default::default(),
         linear_ent: [0.0; 3],
     };
     let parts: Vec<[usize; 2]> = windows

@@ -221,18 +221,28 @@ pub(super) fn fault_facts(fault: &Jumps) -> Facts {
     }
 }
 
-/// One step per effect, whatever the number of its forms, and where each step went; none for one that joined another.
-pub(super) fn joined(steps: Vec<Step>) -> (Vec<Step>, Vec<Option<usize>>) {
+/// Where a step went.
+pub(super) struct Place {
+    /// Its index.
+    pub step: usize,
+    /// Whether it is the first form of its effect and did not join another one.
+    pub is_first: bool,
+}
+
+/// One step per effect, whatever the number of its forms, and where each step went.
+pub(super) fn joined(steps: Vec<Step>) -> (Vec<Step>, Vec<Place>) {
     let mut all: Vec<Step> = Vec::new();
     let mut places = Vec::with_capacity(steps.len());
     for step in steps {
-        let same = |s: &&mut Step| s.effect == step.effect && s.covariate == step.covariate && !s.form.axes.is_empty();
-        let Some(first) = all.iter_mut().find(same).filter(|_| step.family != Family::Periodic.name()) else {
-            places.push(Some(all.len()));
+        let same = |s: &Step| s.effect == step.effect && s.covariate == step.covariate && !s.form.axes.is_empty();
+        let is_alone = step.family == Family::Periodic.name();
+        let Some(earlier) = all.iter().position(same).filter(|_| !is_alone) else {
+            places.push(Place { step: all.len(), is_first: true });
             all.push(step);
             continue;
         };
-        places.push(None);
+        places.push(Place { step: earlier, is_first: false });
+        let first = &mut all[earlier];
         for axis in &step.axes {
             if !first.axes.contains(axis) {
                 first.axes.push(axis.clone());

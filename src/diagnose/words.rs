@@ -1,8 +1,8 @@
 //! What was found in words, and the numbers that words need.
 
 use super::means::HeldOut;
-use super::result::{Gap, ShapePoint, Step};
-use crate::data::units::six_digits;
+use super::result::{Gap, Left, LeftLike, ShapePoint, Step};
+use crate::data::units::{six_digits, three_digits};
 use crate::model::effects::{self, Covariate, EffectRef, Record};
 use nalgebra::{DMatrix, DVector};
 
@@ -11,11 +11,33 @@ const POINTS: usize = 12;
 
 /// The verdict in one line.
 #[must_use]
-pub fn verdict(steps: &[Step]) -> String {
-    match steps.len() {
-        0 => "no missing effect".to_owned(),
-        1 => "1 effect found".to_owned(),
-        n => format!("{n} effects found"),
+pub fn verdict(steps: &[Step], left: Option<&Left>) -> String {
+    let found = match steps.len() {
+        0 => None,
+        1 => Some("1 effect found".to_owned()),
+        n => Some(format!("{n} effects found")),
+    };
+    match (found, left.map(not_explained)) {
+        (None, None) => "no missing effect".to_owned(),
+        (Some(found), None) => found,
+        (None, Some(left)) => left,
+        (Some(found), Some(left)) => format!("{found}; what is left is not explained: {left}"),
+    }
+}
+
+/// What is left, in words.
+fn not_explained(left: &Left) -> String {
+    let Left { place, rms_nt, times_noise, like } = left;
+    let size = format!("{} nT ({place}), {times_noise:.1} times the noise", three_digits(*rms_nt));
+    match like {
+        LeftLike::Slow => format!("slow change of {size}: drift or slow noise, these data cannot tell"),
+        LeftLike::SlowGain => format!("slow change of the gain, up to {size}: drift or slow noise, these data cannot tell"),
+        LeftLike::Scatter => {
+            format!(
+                "the plateau means scatter by {size} of the samples inside them: a dependence that was not found, or noise between them"
+            )
+        }
+        LeftLike::Disagreement => format!("the data disagree by {size}"),
     }
 }
 

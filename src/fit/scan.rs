@@ -65,6 +65,13 @@ pub struct Score {
     pub count: usize,
 }
 
+/// Logarithm of the evidence of a group that is expected to explain so many squares.
+fn evidence(chi_square: f64, columns: usize, expected: f64) -> f64 {
+    let count = columns.max(1) as f64;
+    let g = expected / count;
+    0.5 * (g / (1.0 + g) * chi_square - count * (1.0 + g).ln())
+}
+
 impl Score {
     /// From twice the logarithm of the likelihood ratio, the degrees of freedom of the components on which a group acts, and its columns.
     #[must_use]
@@ -79,10 +86,15 @@ impl Score {
     /// From the squares that a group explains where the size of the noise is known, and its columns.
     #[must_use]
     pub fn known(chi_square: f64, columns: usize) -> Self {
-        let count = columns as f64;
-        let g = EXPECTED / count;
-        let evidence = 0.5 * (g / (1.0 + g) * chi_square - count * (1.0 + g).ln());
+        let evidence = evidence(chi_square, columns, EXPECTED);
         Score { chi_square, strength: chi_square.max(0.0).sqrt(), evidence, count: columns }
+    }
+
+    /// Logarithm of the evidence if a strong group is expected to be as strong as it is: where noise of another kind explains as much, what is
+    /// lost by the prior of the size must not decide.
+    #[must_use]
+    pub fn evidence_of_any_size(&self) -> f64 {
+        evidence(self.chi_square, self.count, EXPECTED.max(self.chi_square))
     }
 
     /// The part of its strength with which its evidence would be less by `margin`.
@@ -197,6 +209,22 @@ impl Fitted {
         Group { norms: left.column_iter().map(|c| c.norm()).collect(), base, surviving, on, cross }
     }
 
+    /// Two groups beside this model as one; what is left of a column beside the others is not known.
+    #[must_use]
+    pub fn both(&self, first: &Group, second: &Group) -> Group {
+        let n = self.residual.len();
+        let mut columns = DMatrix::zeros(n, first.count() + second.count());
+        columns.columns_mut(0, first.count()).copy_from(&first.base);
+        columns.columns_mut(first.count(), second.count()).copy_from(&second.base);
+        let base = orthonormal(&columns, None, 1e-6);
+        let surviving = base.columns_range(first.count().min(base.ncols())..).tr_mul(&second.base).norm()
+            / (second.count().max(1) as f64).sqrt();
+        let part = |a: usize| base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]);
+        let cross = [0, 1, 2].map(|a| part(a).tr_mul(&part(a)));
+        let on = std::array::from_fn(|a| first.on[a] || second.on[a]);
+        Group { norms: [first.norms.clone(), second.norms.clone()].concat(), surviving, base, on, cross }
+    }
+
     /// Degrees of freedom of the components on which a group acts.
     #[must_use]
     pub fn freedom_of(&self, group: &Group) -> f64 {
@@ -249,17 +277,18 @@ impl Fitted {
                     joined.columns_mut(at, width).copy_from(&group.base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]));
                     at += width;
                 }
-                joined
+                joined.transpose()
             })
             .collect();
+        let base = self.base.transpose();
         let mut maxima: Vec<f64> = batches
             .par_iter()
             .flat_map_iter(|batch| {
                 let mut random = Xoshiro256PlusPlus::seed_from_u64(seed.wrapping_add(*batch as u64));
                 let draws = DMatrix::from_fn(n, BATCH, |_, _| -> f64 { StandardNormal.sample(&mut random) });
-                let residuals = &draws - &self.base * self.base.tr_mul(&draws);
+                let residuals = &draws - &self.base * (&base * &draws);
                 let along: Vec<DMatrix<f64>> =
-                    (0..3).map(|a| all[a].tr_mul(&residuals.rows(self.edges[a], self.edges[a + 1] - self.edges[a]))).collect();
+                    (0..3).map(|a| &all[a] * residuals.rows(self.edges[a], self.edges[a + 1] - self.edges[a])).collect();
                 (0..BATCH)
                     .map(|draw| {
                         let squares = self.squares(&residuals.column(draw).into_owned());

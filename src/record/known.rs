@@ -20,7 +20,7 @@ use crate::model::applied::{AppliedEffect, ModelApplied};
 use crate::model::campaign::Instructions;
 use crate::model::effects::in_samples::InSamples;
 use crate::model::effects::in_sine::{CORRELATION, InSine};
-use crate::model::effects::record::Channel;
+use crate::model::effects::record::{Channel, earlier_fields};
 use crate::model::effects::thermal_lag::{self, ThermalLag};
 use crate::model::effects::{
     Acts, Catalogue, Changes, Column, Covariate, Effect, EffectRef, Family, Record, Row, Spec, Thermal, unknown_columns,
@@ -308,7 +308,7 @@ fn specimen(with_temperature: bool) -> Record {
         run: 0,
         used_s: [at(i); 2],
         field_coil_nt: field(i),
-        previous_coil_nt: field(i.saturating_sub(1)),
+        earlier_coil_nt: std::array::from_fn(|k| field(i.saturating_sub(k + 1))),
         linear_ent: field(i),
     };
     let thermal = Thermal {
@@ -447,9 +447,9 @@ fn pauses(plateaus: &Plateaus) -> Samples {
 }
 
 fn row_of(list: &[Plateau], index: usize) -> Row {
-    let previous = index.checked_sub(1).map_or([0.0; 3], |i| list[i].setting.field.0);
+    let earlier = earlier_fields(|before| list.get(index.checked_sub(before)?).map(|p| p.setting.field.0));
     let p = &list[index];
-    Row { run: 0, used_s: p.used_s, field_coil_nt: p.setting.field.0, previous_coil_nt: previous, linear_ent: [0.0; 3] }
+    Row { run: 0, used_s: p.used_s, field_coil_nt: p.setting.field.0, earlier_coil_nt: earlier, linear_ent: [0.0; 3] }
 }
 
 /// Puts rows behind the first `base` ones, in place of those that are there: what an effect looks up in the whole record, ranges and
@@ -572,13 +572,15 @@ impl Added {
             let setting = last.map(|i| &self.settings[i]);
             let holds = setting.is_some_and(|s| *t < s.t_end_s && s.frequency_hz == 0.0);
             let zero = [0.0; 3];
-            let before = last.and_then(|i| i.checked_sub(1)).map_or(zero, |i| self.settings[i].field.0);
+            // In a pause the last setting is one of those before.
+            let pause = usize::from(!holds);
+            let before = |back: usize| self.settings.get((last? + pause).checked_sub(back)?).map(|s| s.field.0);
             let field = setting.map_or(zero, |s| s.field.0);
             Row {
                 run: 0,
                 used_s: [*t; 2],
                 field_coil_nt: if holds { field } else { zero },
-                previous_coil_nt: if holds { before } else { field },
+                earlier_coil_nt: earlier_fields(before),
                 linear_ent: zero,
             }
         };

@@ -9,7 +9,7 @@ use crate::fit::noise::state_space::Inside;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::{extent, extremes, median};
 use crate::model::campaign::Instructions;
-use crate::model::effects::record::{Channel, Step};
+use crate::model::effects::record::{Channel, EARLIER, Step, earlier_fields};
 use crate::model::effects::{Record, Row, Thermal};
 use crate::model::facility::Facility;
 use crate::model::lag::Lag;
@@ -118,7 +118,7 @@ impl PreparedRun {
         if parts.len() < 12 {
             return Err(Unfit(format!("{} usable plateaus are too few to tell an effect from noise", parts.len())));
         }
-        let previous = previous_fields(&list, &parts);
+        let earlier = earlier_of(&list, &parts);
         let readings = DMatrix::from_fn(parts.len(), 3, |i, a| parts[i].mean_ent[a]);
         let span_s = [parts[0].used_s[0], parts[parts.len() - 1].used_s[1]];
         let (faults, temperatures) = temperature_faults::without_jumps(run, span_s);
@@ -145,12 +145,12 @@ impl PreparedRun {
         let others = run.channels.names.iter().filter(|n| !VARIOMETER.contains(&n.as_str()));
         let rows = parts
             .iter()
-            .zip(previous)
-            .map(|(p, previous_coil_nt)| Row {
+            .zip(earlier)
+            .map(|(p, earlier_coil_nt)| Row {
                 run: 0,
                 used_s: p.used_s,
                 field_coil_nt: p.field_coil_nt,
-                previous_coil_nt,
+                earlier_coil_nt,
                 linear_ent: [0.0; 3],
             })
             .collect();
@@ -432,12 +432,15 @@ fn parts_of(samples: &Samples) -> Vec<Part> {
         .collect()
 }
 
-fn previous_fields(list: &[Plateau], parts: &[Part]) -> Vec<[f64; 3]> {
+fn earlier_of(list: &[Plateau], parts: &[Part]) -> Vec<[[f64; 3]; EARLIER]> {
+    // Both are in the order of time.
+    let mut at = 0;
     parts
         .iter()
-        .map(|p| {
-            let before = p.index.and_then(|i| list.iter().position(|q| q.index == i)).and_then(|i| i.checked_sub(1));
-            before.map_or([0.0; 3], |i| list[i].setting.field.0)
+        .map(|part| {
+            at = list.iter().skip(at).position(|p| Some(p.index) == part.index).map_or(at, |further| at + further);
+            let is_setting = list.get(at).is_some_and(|p| Some(p.index) == part.index);
+            earlier_fields(|before| list.get(at.checked_sub(before).filter(|_| is_setting)?).map(|p| p.setting.field.0))
         })
         .collect()
 }

@@ -112,7 +112,7 @@ fn record(readings_ent: &[[f64; 3]]) -> Record {
         run: 0,
         used_s: [0.0; 2],
         field_coil_nt: zero,
-        previous_coil_nt: zero,
+        earlier_coil_nt: Default::default(),
         linear_ent: *linear_ent,
     };
     Record {

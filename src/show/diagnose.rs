@@ -2,8 +2,8 @@
 
 use super::document::{Block, Cell, Figure, Section, Table, Text, cells};
 use super::{number, remarks};
-use crate::data::units::six_digits;
-use crate::diagnose::result::{Diagnosis, Gap, Place, RunnerUp, Step};
+use crate::data::units::{six_digits, three_digits};
+use crate::diagnose::result::{Diagnosis, Gap, Link, Place, RunnerUp, Step};
 use crate::diagnose::words;
 use crate::plot::diagnose::{LEFT, WHERE, stems};
 use std::fmt::Write;
@@ -23,6 +23,7 @@ const PLACES: usize = 8;
 #[must_use]
 pub fn sections(diagnosis: &Diagnosis, figure: &dyn Fn(&str) -> Option<Figure>) -> Vec<Section> {
     let mut sections = vec![verdict(diagnosis)];
+    sections.extend(chain(diagnosis));
     if !diagnosis.pictures.places.is_empty() {
         let section = Section::new("Where the data disagree");
         sections.push(section.with_all(places(&diagnosis.pictures.places)).with_all(figure(WHERE)));
@@ -85,6 +86,30 @@ fn verdict(diagnosis: &Diagnosis) -> Section {
         );
     }
     Section::new("Verdict").with(Text::default().strong(format!("{}.", diagnosis.verdict)).and(words))
+}
+
+/// The gap with every step; none where nothing was found.
+fn chain(diagnosis: &Diagnosis) -> Option<Section> {
+    let row = |(index, link): (usize, &Link)| {
+        let names: Vec<String> = link
+            .steps
+            .iter()
+            .filter_map(|number| Some(format!("{number} {}", diagnosis.steps.get(number.checked_sub(1)?)?.effect)))
+            .collect();
+        let with = match (index, names.is_empty()) {
+            (0, true) => "no step".to_owned(),
+            (0, false) => names.join(", "),
+            _ => format!("and {}", names.join(", ")),
+        };
+        cells![with, Cell::fixed(link.chi2_per_dof, 3), Cell::fixed(link.rms_nt, 4)]
+    };
+    let links = &diagnosis.gap_chain;
+    let table = Table::new(["with step", "chi²/dof", "weighted rms, nT"]).with_rows(links.iter().enumerate().map(row));
+    (links.len() > 1).then(|| {
+        Section::new("How the gap shrinks")
+            .with("On stretches of plateau means that were left out of the fit, one step after the other, with the noise of the final model.")
+            .with(table)
+    })
 }
 
 /// A probability; numbers end somewhere below the smallest that is written.
@@ -189,6 +214,11 @@ pub fn summary(diagnosis: &Diagnosis) -> String {
     let mut out = format!("{}  {}\n", diagnosis.runs.join(", "), diagnosis.verdict);
     if let Some(response) = &diagnosis.response {
         let _ = writeln!(out, "  response: {response}");
+    }
+    if diagnosis.gap_chain.len() > 1 {
+        let links = diagnosis.gap_chain.iter();
+        let gaps: Vec<String> = links.map(|l| format!("{:.2} ({} nT)", l.chi2_per_dof, three_digits(l.rms_nt))).collect();
+        let _ = writeln!(out, "  held out chi²/dof step by step: {}", gaps.join(" -> "));
     }
     for step in &diagnosis.steps {
         let set = if step.ambiguous_with.is_empty() { String::new() } else { format!(" or {}", step.ambiguous_with.join(", ")) };

@@ -81,7 +81,7 @@ fn most_gained(sines: &Sines, before: &DVector<f64>, after: &DVector<f64>) -> Ve
 }
 
 /// Held-out residuals as a gap; amplitudes are those of the readings, nT for sensors that read enT nearly.
-fn gap(sines: &Sines, held: &DVector<f64>, parameters: usize, timing: bool) -> Gap {
+pub(super) fn gap(sines: &Sines, held: &DVector<f64>, parameters: usize, timing: bool) -> Gap {
     let dof = held.len().saturating_sub(parameters).max(1) as f64;
     let mut gap = Gap { chi2_per_dof: held.norm_squared() / dof, ..Gap::default() };
     for i in 0..3 {

@@ -2,7 +2,7 @@
 
 use crate::data::tables::AmplitudeRow;
 use crate::data::units::COMPONENTS;
-use crate::diagnose::result::{Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, Step};
+use crate::diagnose::result::{Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, Step, VerdictKind};
 use crate::diagnose::steps::{Facts, Name, Significance};
 use crate::diagnose::words;
 use crate::measure::corner::Component;
@@ -29,7 +29,10 @@ pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
         runs: vec![id.to_owned()],
         noise_floor_nt: noise_ent,
         noise: None,
-        verdict: words::verdict(&steps),
+        verdict: words::verdict(&steps, None),
+        verdict_kind: VerdictKind::of(&steps, None),
+        left: None,
+        gap_chain: Vec::new(),
         steps,
         not_identifiable: not_identifiable(),
         detection_limits: Vec::new(),

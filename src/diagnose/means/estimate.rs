@@ -46,15 +46,39 @@ impl Means<'_> {
     #[must_use]
     pub fn row_std(&self, model: &MeansModel, terms: &[&Candidate]) -> Vec<[f64; 3]> {
         let n = self.rows();
-        let designs = self.designs(terms);
-        let level: [f64; 3] = std::array::from_fn(|a| {
-            let reading = self.readings.column(a);
-            let left = reading - &designs[a] * designs[a].tr_mul(&reading);
-            left.norm() / ((n - designs[a].ncols()).max(1) as f64).sqrt()
-        });
+        let level = self.residuals(terms).map(|left| left.rms());
         let total = model.noise.std();
         let usual: [f64; 3] = std::array::from_fn(|a| (total.iter().map(|s| s[a] * s[a]).sum::<f64>() / n as f64).sqrt());
         total.iter().map(|s| std::array::from_fn(|a| s[a] / usual[a] * level[a])).collect()
+    }
+
+    /// What least squares with the model and the terms leave of the readings of each component.
+    #[must_use]
+    pub fn residuals(&self, terms: &[&Candidate]) -> [Residuals; 3] {
+        let designs = self.designs(terms);
+        std::array::from_fn(|a| {
+            let reading = self.readings.column(a);
+            let ent = reading - &designs[a] * designs[a].tr_mul(&reading);
+            Residuals { ent, freedom: (self.rows() - designs[a].ncols()).max(1) as f64 }
+        })
+    }
+
+    /// White noise of the means of each component, enT: where no field is applied by the samples inside them, otherwise by the model of the
+    /// noise.
+    #[must_use]
+    pub fn white_std(&self, model: &MeansModel) -> [f64; 3] {
+        let n = self.rows() as f64;
+        std::array::from_fn(|a| {
+            let usual = self.prepared.white.iter().map(|w| w[a]).sum::<f64>() / n;
+            let one = self.prepared.inside.map_or(model.noise.white_std[a], |inside| inside.variance[a].sqrt());
+            one * usual.sqrt()
+        })
+    }
+
+    /// Logarithm of the likelihood ratio of the noise of a model to the same without anything slow.
+    #[must_use]
+    pub fn slow_over_white(&self, model: &MeansModel, terms: &[&Candidate]) -> f64 {
+        self.correlations.slow_over_white(&model.noise.parameters, &self.readings, &self.designs(terms))
     }
 
     /// How the offset of each component drifts beside a model with white noise, in the lowest order that is not fitted: amplitude and standard
@@ -106,6 +130,22 @@ impl Means<'_> {
         let slope = (up - down) * amplitudes / (2.0 * step);
         let slope = DMatrix::from_column_slice(slope.len(), 1, slope.as_slice());
         (slope.norm() > 0.0).then(|| self.whiten(&model.noise, &slope).column(0).into_owned())
+    }
+}
+
+/// What least squares leave of the readings of one component.
+pub struct Residuals {
+    /// Readings minus the fit, enT.
+    pub ent: DVector<f64>,
+    /// Degrees of freedom.
+    pub freedom: f64,
+}
+
+impl Residuals {
+    /// Root mean square, enT.
+    #[must_use]
+    pub fn rms(&self) -> f64 {
+        self.ent.norm() / self.freedom.sqrt()
     }
 }
 

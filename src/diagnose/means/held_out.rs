@@ -2,9 +2,9 @@
 
 use super::Means;
 use crate::diagnose::candidate::Candidate;
-use crate::fit::noise::NoiseModel;
 use crate::fit::noise::state_space::Noise;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, DVectorView};
+use std::ops::Range;
 
 /// Stretches that are held out in turn, one after the other and never single rows: what is slow would be predicted by its neighbours.
 const STRETCHES: usize = 18;
@@ -18,57 +18,75 @@ pub struct HeldOut {
     pub residual_ent: DMatrix<f64>,
     /// Squares of the whitened residuals.
     pub sum: f64,
+    /// The same of each component in nT²: of what is not predicted although the readings before it in the stretch are known.
+    fresh_nt2: [f64; 3],
+    /// Sum of the weights, 1/nT².
+    weight: f64,
+}
+
+impl HeldOut {
+    /// Weighted root mean square of what is not predicted, nT: slow noise that passes from reading to reading is not in it.
+    #[must_use]
+    pub fn weighted_rms_nt(&self) -> f64 {
+        (self.sum / self.weight.max(f64::MIN_POSITIVE)).sqrt()
+    }
+
+    /// The same squares without weights, all components, nT².
+    #[must_use]
+    pub fn plain_nt2(&self) -> f64 {
+        self.fresh_nt2.iter().sum()
+    }
 }
 
 /// One stretch.
 struct Stretch {
-    /// Row and component of each reading.
-    places: Vec<(usize, usize)>,
+    rows: Range<usize>,
     columns: DMatrix<f64>,
     readings: DVector<f64>,
     /// Columns and readings whitened.
     white_columns: DMatrix<f64>,
     white_readings: DVector<f64>,
+    /// Standard deviation of each reading beside those before it in the stretch, enT.
+    fresh_std: Vec<f64>,
 }
 
-/// The columns of the linear model and of terms for any reading, every column divided by its largest value: columns of very different size
-/// make bad normal equations.
+/// The columns of the linear model and of terms, every column divided by its largest value: columns of very different size make bad normal
+/// equations.
 struct Design<'a> {
     means: &'a Means<'a>,
-    terms: &'a [&'a Candidate],
-    inverse_sizes: DVector<f64>,
+    terms: Vec<DVectorView<'a, f64>>,
+    inverse_sizes: Vec<f64>,
 }
 
 impl<'a> Design<'a> {
-    fn new(means: &'a Means<'a>, terms: &'a [&'a Candidate]) -> Self {
-        let width = 3 * means.prepared.design.ncols() + terms.iter().map(|t| t.columns.ncols()).sum::<usize>();
-        let mut design = Self { means, terms, inverse_sizes: DVector::from_element(width, 1.0) };
-        let mut sizes = DVector::from_element(width, 0.0);
-        for a in 0..3 {
-            for i in 0..means.rows() {
-                sizes.zip_apply(&design.row(a, i), |s: &mut f64, v: f64| *s = s.max(v.abs()));
-            }
-        }
-        sizes.apply(|s| *s = if *s > 0.0 { s.recip() } else { 1.0 });
-        design.inverse_sizes = sizes;
-        design
+    fn new(means: &'a Means<'a>, terms: &[&'a Candidate]) -> Self {
+        let terms: Vec<DVectorView<f64>> = terms.iter().flat_map(|t| t.columns.column_iter()).collect();
+        let own: Vec<f64> = means.prepared.design.column_iter().map(|c| c.amax()).collect();
+        let sizes = [&own; 3].into_iter().flatten().copied().chain(terms.iter().map(|t| t.amax()));
+        let inverse_sizes = sizes.map(|s| if s > 0.0 { s.recip() } else { 1.0 }).collect();
+        Self { means, terms, inverse_sizes }
     }
 
     fn width(&self) -> usize {
         self.inverse_sizes.len()
     }
 
-    fn row(&self, component: usize, i: usize) -> DVector<f64> {
+    /// The columns for some rows, component after component.
+    fn columns(&self, rows: &Range<usize>) -> DMatrix<f64> {
         let (n, p) = self.means.prepared.design.shape();
-        let mut row = DVector::zeros(self.width());
-        for j in 0..p {
-            row[component * p + j] = self.means.prepared.design[(i, j)];
+        let m = rows.len();
+        let mut columns = DMatrix::zeros(3 * m, self.width());
+        for a in 0..3 {
+            for j in 0..p {
+                let own = self.means.prepared.design.view((rows.start, j), (m, 1)) * self.inverse_sizes[a * p + j];
+                columns.view_mut((a * m, a * p + j), (m, 1)).copy_from(&own);
+            }
+            for (term, at) in self.terms.iter().zip(3 * p..) {
+                let own = term.rows(a * n + rows.start, m) * self.inverse_sizes[at];
+                columns.view_mut((a * m, at), (m, 1)).copy_from(&own);
+            }
         }
-        let columns = self.terms.iter().flat_map(|t| t.columns.column_iter());
-        for (at, column) in columns.enumerate() {
-            row[3 * p + at] = column[component * n + i];
-        }
-        row.component_mul(&self.inverse_sizes)
+        columns
     }
 }
 
@@ -80,53 +98,51 @@ impl Means<'_> {
         let design = Design::new(self, terms);
         let width = design.width();
         let count = STRETCHES.min(n / 3);
-        let stretch = |k: usize| self.stretch(noise, &design, (k * n / count..(k + 1) * n / count).collect());
-        let stretches: Vec<Stretch> = (0..count).map(stretch).collect();
+        let stretch = |k: usize| self.stretch(noise, &design, k * n / count..(k + 1) * n / count);
+        let stretches: Vec<Stretch> = (0..count).filter_map(stretch).collect();
         let normal: Vec<(DMatrix<f64>, DVector<f64>)> = stretches
             .iter()
-            .map(|s| (s.white_columns.tr_mul(&s.white_columns), s.white_columns.tr_mul(&s.white_readings)))
+            .map(|s| (s.white_columns.transpose() * &s.white_columns, s.white_columns.tr_mul(&s.white_readings)))
             .collect();
         let total = normal.iter().fold((DMatrix::zeros(width, width), DVector::zeros(width)), |(g, b), (h, c)| (g + h, b + c));
         let ridge = RIDGE * total.0.trace() / width as f64;
-        let mut held = HeldOut { residual_ent: DMatrix::zeros(n, 3), sum: 0.0 };
+        let mut held = HeldOut { residual_ent: DMatrix::zeros(n, 3), sum: 0.0, fresh_nt2: [0.0; 3], weight: 0.0 };
         for (stretch, (gram, right)) in stretches.iter().zip(&normal) {
             let mut others = &total.0 - gram;
             (0..width).for_each(|j| others[(j, j)] += ridge);
             let Some(cholesky) = others.cholesky() else { continue };
             let coefficients = cholesky.solve(&(&total.1 - right));
             let left = &stretch.readings - &stretch.columns * &coefficients;
-            for ((i, a), r) in stretch.places.iter().zip(left.iter()) {
-                held.residual_ent[(*i, *a)] = *r;
+            let white = &stretch.white_readings - &stretch.white_columns * &coefficients;
+            let m = stretch.rows.len();
+            for (at, (std, z)) in stretch.fresh_std.iter().zip(white.iter()).enumerate() {
+                let a = at / m;
+                let std_nt = std * self.prepared.nt_per_ent[a];
+                held.residual_ent[(stretch.rows.start + at % m, a)] = left[at];
+                held.fresh_nt2[a] += (z * std_nt).powi(2);
+                held.weight += (std_nt * std_nt).recip();
             }
-            let squares = (&stretch.white_readings - &stretch.white_columns * &coefficients).norm_squared();
-            held.sum += squares;
+            held.sum += white.norm_squared();
         }
         held
     }
 
     /// The readings of some rows with their columns, whitened by their own covariance.
-    fn stretch(&self, noise: &Noise, design: &Design, rows: Vec<usize>) -> Stretch {
-        let m = rows.len();
-        let mut columns = DMatrix::zeros(3 * m, design.width());
-        let mut readings = DVector::zeros(3 * m);
-        let mut places = Vec::with_capacity(3 * m);
-        let (mut white_columns, mut white_readings) = (columns.clone(), readings.clone());
+    fn stretch(&self, noise: &Noise, design: &Design, rows: Range<usize>) -> Option<Stretch> {
+        let (m, width) = (rows.len(), design.width());
+        let mut all = design.columns(&rows).insert_column(width, 0.0);
         for a in 0..3 {
-            for (k, i) in rows.iter().enumerate() {
-                columns.row_mut(a * m + k).copy_from(&design.row(a, *i).transpose());
-                readings[a * m + k] = self.readings[(*i, a)];
-                places.push((*i, a));
-            }
-            if let Some(cholesky) = noise.covariance_of_rows(a, &rows).cholesky() {
-                let l = cholesky.l();
-                let of_columns = l.solve_lower_triangular(&columns.rows(a * m, m).into_owned());
-                let of_readings = l.solve_lower_triangular(&readings.rows(a * m, m).into_owned());
-                if let (Some(of_columns), Some(of_readings)) = (of_columns, of_readings) {
-                    white_columns.rows_mut(a * m, m).copy_from(&of_columns);
-                    white_readings.rows_mut(a * m, m).copy_from(&of_readings);
-                }
-            }
+            all.view_mut((a * m, width), (m, 1)).copy_from(&self.readings.view((rows.start, a), (m, 1)));
         }
-        Stretch { places, columns, readings, white_columns, white_readings }
+        let mut white = all.clone();
+        let mut fresh_std = Vec::with_capacity(3 * m);
+        for a in 0..3 {
+            let own = noise.of_stretch(a, rows.clone())?;
+            white.rows_mut(a * m, m).copy_from(&own.whitened(&all.rows(a * m, m).into_owned()));
+            fresh_std.extend(own.fresh_std());
+        }
+        let [readings, white_readings] = [&all, &white].map(|m| m.column(width).into_owned());
+        let [columns, white_columns] = [all, white].map(|m| m.remove_column(width));
+        Some(Stretch { rows, columns, readings, white_columns, white_readings, fresh_std })
     }
 }

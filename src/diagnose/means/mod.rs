@@ -13,12 +13,13 @@ use super::explanations::{self, Scored};
 use crate::fit::noise::NoiseModel;
 use crate::fit::noise::state_space::{Correlations, Noise, Rows};
 use crate::fit::scan::{Fitted, Group, orthonormal};
-use crate::model::effects::{self, Catalogue, Covariate, EffectRef, Record, UNKNOWN, Unseen};
+use crate::model::effects::{self, Catalogue, Covariate, EffectRef, Record, Spec, UNKNOWN, Unseen};
 use crate::record::prepared::PreparedRun;
 pub(super) use describe::{HOPELESS, gap};
 pub use held_out::HeldOut;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use std::sync::Mutex;
 
 /// A column of which the others leave less than this part counts as one of them when the noise is estimated.
 const INDEPENDENT: f64 = 1e-5;
@@ -63,6 +64,15 @@ pub struct Means<'a> {
     /// Effects without a candidate.
     pub absent: Vec<Absent>,
     correlations: Correlations,
+    /// The noise that was estimated last: the search asks for the same again and again.
+    last: Mutex<Option<Estimated>>,
+}
+
+/// The noise that was estimated beside terms, given by their keys and forms.
+#[derive(Clone)]
+struct Estimated {
+    terms: Vec<(String, Spec)>,
+    noise: Noise,
 }
 
 /// Candidates of all effects of a catalogue and of all unknown dependences, and the effects that have none.
@@ -105,7 +115,7 @@ impl<'a> Means<'a> {
         let trend_order = Some(prepared.record.trend_order);
         let log_priors = explanations::log_priors(candidates.iter(), |effect| effect.prior(trend_order));
         let correlations = Correlations::new(noise_rows(prepared));
-        Self { prepared, readings, given, candidates, log_priors, absent, correlations }
+        Self { prepared, readings, given, candidates, log_priors, absent, correlations, last: Mutex::default() }
     }
 
     /// Leaves candidates out: they are looked for elsewhere, or did not predict.
@@ -160,8 +170,21 @@ impl<'a> Means<'a> {
     /// The model with these terms, its noise estimated with them.
     #[must_use]
     pub fn model(&self, terms: &[&Candidate]) -> Option<MeansModel> {
+        Some(self.model_with(self.estimated(terms)?, terms))
+    }
+
+    /// The noise beside these terms.
+    fn estimated(&self, terms: &[&Candidate]) -> Option<Noise> {
+        let named: Vec<(String, Spec)> = terms.iter().map(|t| (t.key.clone(), t.spec.clone())).collect();
+        let known = self.last.lock().ok().and_then(|last| last.clone()).filter(|last| last.terms == named);
+        if let Some(last) = known {
+            return Some(last.noise);
+        }
         let noise = self.correlations.estimate(&self.readings, &self.designs(terms))?;
-        Some(self.model_with(noise, terms))
+        if let Ok(mut last) = self.last.lock() {
+            *last = Some(Estimated { terms: named, noise: noise.clone() });
+        }
+        Some(noise)
     }
 
     fn model_with(&self, noise: Noise, terms: &[&Candidate]) -> MeansModel {

@@ -4,8 +4,9 @@ use super::{Means, MeansModel, Term, describe, with_shape};
 use crate::diagnose::candidate::{Candidate, Threshold};
 use crate::diagnose::explanations::{Explanation, Scored, log_sum};
 use crate::diagnose::problem::{Description, Problem, Revision};
+use crate::fit::noise::state_space::Noise;
 use crate::fit::scalar::{self, Stop};
-use crate::fit::scan::Score;
+use crate::fit::scan::{ABSORBED, Group, Score};
 use crate::model::effects::Spec;
 use rayon::prelude::*;
 
@@ -16,6 +17,10 @@ const NOISE_UNKNOWN: f64 = 1.1;
 const HIDDEN: usize = 3;
 /// Explanations whose evidence is averaged over the noise; as in reports/blind-study.md.
 const PROMISING: usize = 5;
+/// The plain squares of the predictions may grow by this factor, which is 5 % of their root, where the weighted ones become less.
+const PLAIN_GROWTH: f64 = 1.1;
+/// Logarithm of what a noise adds to an evidence that has no influence on it.
+const NEGLIGIBLE: f64 = -15.0;
 /// Seed of the simulated noise.
 const SEED: u64 = 0x0ca1_f175;
 /// Where the search for the best value of a shape parameter ends, as a part of the value, and after how many steps.
@@ -28,6 +33,10 @@ struct Look {
     averaged: Vec<Explanation>,
     /// The best of them, if it is no noise.
     evident: Option<Term>,
+    /// The noise that the readings allow, with the logarithm of the probability of each; the last is white.
+    noises: Vec<(Noise, f64)>,
+    /// The model with white noise, and the candidates beside it.
+    white: Option<(MeansModel, Vec<Group>)>,
 }
 
 impl Problem for Means<'_> {
@@ -52,7 +61,13 @@ impl Problem for Means<'_> {
         let look = self.look(model, &now);
         let found = match look.evident {
             Some(one) => Some(vec![one]),
-            None => self.hidden(&look.averaged, model, &now).map(Vec::from),
+            None => {
+                let claimed = &model.noise.parameters;
+                let is_slow = claimed.slow + claimed.slow_field > 0.0;
+                let hidden = self.hidden(&look.averaged, model, &now);
+                let white = look.white.filter(|_| hidden.is_none() && is_slow);
+                hidden.or_else(|| white.and_then(|(white, groups)| self.pair(&look.noises, &white, groups, &now))).map(Vec::from)
+            }
         };
         Some(found.unwrap_or_default())
     }
@@ -61,8 +76,28 @@ impl Problem for Means<'_> {
     fn predicts(&self, chosen: &[Term], further: &[Term]) -> Option<bool> {
         let now = self.all(chosen);
         let with: Vec<&Candidate> = now.iter().copied().chain(further.iter().map(|t| &t.candidate)).collect();
-        let noise = self.model(&with)?.noise;
+        let noise = self.estimated(&with)?;
         Some(self.predicted(&noise, &with).sum < self.predicted(&noise, &now).sum)
+    }
+
+    /// In the final model and with its noise: a term goes if the weighted squares of the predictions grow by it, or their plain ones by more
+    /// than noise makes of a weight. The last one goes if the first ones alone predict better than all.
+    fn unconfirmed(&self, model: &MeansModel, chosen: &[Term]) -> Option<Option<usize>> {
+        let all = self.all(chosen);
+        let of_all = self.predicted(&model.noise, &all);
+        let is_worse = |others: &[&Candidate]| {
+            let held = self.predicted(&model.noise, others);
+            let grows = held.sum < of_all.sum || held.plain_nt2() * PLAIN_GROWTH < of_all.plain_nt2();
+            grows.then_some(held.sum)
+        };
+        let first = self.given.len();
+        let without = |index: usize| {
+            let others: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| *i != first + index).map(|(_, c)| *c).collect();
+            Some((index, is_worse(&others)?))
+        };
+        let worst = (0..chosen.len()).filter_map(without).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(index, _)| index);
+        let is_superfluous = |count: usize| self.predicted(&model.noise, &all[..first + count]).sum < of_all.sum;
+        Some(worst.or_else(|| (0..chosen.len().saturating_sub(1)).any(is_superfluous).then(|| chosen.len() - 1)))
     }
 
     /// The whole form: its other axes and shapes are alike.
@@ -94,7 +129,7 @@ impl Problem for Means<'_> {
         let all = self.all(chosen);
         let at = self.given.len() + index;
         let others: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| *i != at).map(|(_, c)| *c).collect();
-        let noise = self.correlations.estimate(&self.readings, &self.designs(&all))?;
+        let noise = self.estimated(&all)?;
         let model = self.model_with(noise, &others);
         let scored = self.scored(&model);
         let own = all[at];
@@ -121,7 +156,11 @@ impl Means<'_> {
     /// What stands out beside a model.
     fn look(&self, model: &MeansModel, now: &[&Candidate]) -> Look {
         let scored = self.scored(model);
-        let averaged = self.averaged(&scored, model, now);
+        let noises = self.correlations.plausible(&model.noise.parameters, &self.readings, &self.designs(now));
+        let white = noises.last().map(|(white, _)| self.model_with(white.clone(), now));
+        let white_scored = white.as_ref().map(|white| self.scored(white));
+        let averaged = self.averaged(&scored, white_scored.as_ref(), &noises, now);
+        let groups = white_scored.map(|scored| scored.groups);
         let evident = averaged.first().filter(|e| e.best_evidence > NOISE_UNKNOWN).and_then(|best| {
             let evident = scored.evident(best.best_evidence - NOISE_UNKNOWN, Self::FALSE_ALARM, SEED)?;
             Some(Term {
@@ -131,7 +170,7 @@ impl Means<'_> {
                 threshold: Threshold::Part(best.score.part_for(evident.margin)),
             })
         });
-        Look { averaged, evident }
+        Look { averaged, evident, noises, white: white.zip(groups) }
     }
 
     /// Two effects that are noise to each other: each stands out beside the other one alone.
@@ -147,19 +186,102 @@ impl Means<'_> {
         })
     }
 
-    /// The most promising explanations, their evidence averaged over the noise that the readings allow; the best first.
-    fn averaged(&self, scored: &Scored, model: &MeansModel, now: &[&Candidate]) -> Vec<Explanation> {
-        let noises = self.correlations.plausible(&model.noise.parameters, &self.readings, &self.designs(now));
-        let mut chosen: Vec<Explanation> = scored.explanations.iter().take(PROMISING).cloned().collect();
-        // What slow noise hides shows beside white noise.
-        if let Some((white, _)) = noises.last() {
-            let white = self.model_with(white.clone(), now);
-            for e in self.scored(&white).explanations.into_iter().take(PROMISING) {
-                if !chosen.iter().any(|c| c.best == e.best) {
-                    chosen.push(e);
+    /// Two effects that slow noise, or noise of the gain, stands in for as long as one of them is missing: the best pair, its evidence averaged
+    /// over the noise that the readings allow.
+    fn pair(&self, noises: &[(Noise, f64)], white: &MeansModel, groups: Vec<Group>, now: &[&Candidate]) -> Option<[Term; 2]> {
+        let scored = Scored::new(&white.fitted, self.candidates.iter().collect(), groups, self.log_priors.clone());
+        let is_tried = |i: &usize| {
+            let candidate = &self.candidates[*i];
+            !candidate.effect.is_unknown() && self.log_priors[*i].is_finite() && now.iter().all(|c| c.key != candidate.key)
+        };
+        let open: Vec<usize> = (0..self.candidates.len()).filter(is_tried).collect();
+        let prior: f64 = open.iter().map(|i| self.log_priors[*i].exp()).sum();
+        // There are half as many pairs of effects as the square of the effects, and each may stand beside any other.
+        let beside_single = (0.5 * prior).ln().max(0.0) + NOISE_UNKNOWN;
+        let tried = self.best_of_each(white, &scored.groups, &open);
+        let pairs = tried.iter().enumerate().flat_map(|(k, i)| tried[k + 1..].iter().map(move |j| [*i, *j]));
+        let pairs: Vec<[usize; 2]> = pairs.filter(|[i, j]| self.candidates[*i].key != self.candidates[*j].key).collect();
+        let log_prior = |pair: &[usize; 2]| pair.iter().map(|i| self.log_priors[*i]).sum::<f64>();
+        let beside_white = |pair: &[usize; 2]| {
+            let group = white.fitted.both(&scored.groups[pair[0]], &scored.groups[pair[1]]);
+            if group.surviving > ABSORBED {
+                white.fitted.score(&group).evidence_of_any_size() + log_prior(pair)
+            } else {
+                f64::NEG_INFINITY
+            }
+        };
+        let mut ranked: Vec<(f64, [usize; 2])> = pairs.par_iter().map(|pair| (beside_white(pair), *pair)).collect();
+        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        ranked.truncate(PROMISING);
+        // White noise is one of those over which is averaged, and the one that gives a pair the most.
+        ranked.retain(|(evidence, _)| *evidence > beside_single);
+        if ranked.is_empty() {
+            return None;
+        }
+        let most = ranked[0].0 - log_prior(&ranked[0].1);
+        let noises: Vec<&(Noise, f64)> = noises.iter().filter(|(_, weight)| weight + most > NEGLIGIBLE).collect();
+        let scores: Vec<Vec<Score>> = noises
+            .par_iter()
+            .map(|(noise, _)| {
+                let model = self.model_with(noise.clone(), now);
+                let score = |[i, j]: [usize; 2]| {
+                    let [first, second] = [i, j].map(|i| self.group(&model, &self.candidates[i]));
+                    model.fitted.score(&model.fitted.both(&first, &second))
+                };
+                ranked.iter().map(|(_, pair)| score(*pair)).collect()
+            })
+            .collect();
+        let evidence =
+            |k: usize| log_sum(noises.iter().zip(&scores).map(|((_, weight), scores)| weight + scores[k].evidence_of_any_size()));
+        let averaged = ranked.iter().enumerate().map(|(k, (_, pair))| (evidence(k) + log_prior(pair), k));
+        let (evidence, k) = averaged.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(evidence, _)| *evidence > beside_single)?;
+        let evident = scored.evident(evidence - beside_single, Self::FALSE_ALARM, SEED)?;
+        let most = (0..noises.len()).max_by(|a, b| {
+            let of = |n: usize| noises[n].1 + scores[n][k].evidence_of_any_size();
+            of(*a).total_cmp(&of(*b))
+        })?;
+        let part = scores[most][k].part_for(evident.margin);
+        Some(ranked[k].1.map(|i| Term {
+            candidate: self.refined(white, &self.candidates[i]),
+            p_global: evident.p_global,
+            trials: open.len() * (open.len() - 1) / 2,
+            threshold: Threshold::Part(part),
+        }))
+    }
+
+    /// Of every form of every effect the candidate of the largest evidence, and that of the largest one on all axes.
+    fn best_of_each(&self, model: &MeansModel, groups: &[Group], open: &[usize]) -> Vec<usize> {
+        let mut best: Vec<(f64, usize, bool)> = Vec::new();
+        for &i in open.iter().filter(|i| groups[**i].surviving > ABSORBED) {
+            let candidate = &self.candidates[i];
+            let evidence = model.fitted.score(&groups[i]).evidence + self.log_priors[i];
+            let is_same =
+                |j: usize| self.candidates[j].key == candidate.key && self.candidates[j].spec.form == candidate.spec.form;
+            for on_all in [false, true].into_iter().filter(|on_all| !on_all || candidate.spec.axes.len() == 3) {
+                match best.iter_mut().find(|b| b.2 == on_all && is_same(b.1)) {
+                    Some(known) if known.0 < evidence => (known.0, known.1) = (evidence, i),
+                    Some(_) => {}
+                    None => best.push((evidence, i, on_all)),
                 }
             }
         }
+        let mut tried: Vec<usize> = best.into_iter().map(|b| b.1).collect();
+        tried.sort_unstable();
+        tried.dedup();
+        tried
+    }
+
+    /// The most promising explanations, their evidence averaged over the noise that the readings allow; the best first.
+    fn averaged(&self, scored: &Scored, white: Option<&Scored>, noises: &[(Noise, f64)], now: &[&Candidate]) -> Vec<Explanation> {
+        let mut chosen: Vec<Explanation> = scored.explanations.iter().take(PROMISING).cloned().collect();
+        // What slow noise hides shows beside white noise.
+        for e in white.into_iter().flat_map(|white| white.explanations.iter().take(PROMISING)) {
+            if !chosen.iter().any(|c| c.best == e.best) {
+                chosen.push(e.clone());
+            }
+        }
+        let most = chosen.iter().map(|e| e.score.evidence).fold(0.0, f64::max);
+        let noises: Vec<&(Noise, f64)> = noises.iter().filter(|(_, weight)| weight + most > NEGLIGIBLE).collect();
         let scores: Vec<Vec<Score>> = noises
             .par_iter()
             .map(|(noise, _)| {

@@ -1,5 +1,6 @@
 //! Transients after the steps of the field: means over the phases of all settings, on top of each other.
 
+use super::scatter::{Expected, Scatter};
 use super::{Inside, SIGNIFICANT, interval_s};
 use crate::fit::statistics::{median, two_sided_tail};
 use crate::model::effects::in_samples::{self, InSamples};
@@ -8,11 +9,9 @@ use crate::record::prepared::{PreparedRun, Samples};
 use nalgebra::{DMatrix, DVector, Matrix2};
 use rayon::prelude::*;
 
-/// Fewest bins of a plateau, and fewest plateaus per bin: the scatter of the bins is a matrix that has to have an inverse.
+/// Fewest bins of a plateau, and fewest plateaus.
 const LEAST_BINS: usize = 4;
-const LEAST_PER_BIN: usize = 3;
-/// The bins of a plateau sum to nothing: this part of their mean variance on the diagonal keeps the inverse of their covariance.
-const RIDGE: f64 = 1e-3;
+const LEAST_PLATEAUS: usize = 12;
 /// Rounds of an amplitude, the scatter about it, and the amplitude again.
 const ROUNDS: usize = 3;
 /// Chi square by which a single axis has to be better than all together: currents in a housing act on all.
@@ -63,6 +62,8 @@ struct Transient {
     axes: Vec<usize>,
     amplitude: f64,
     std: f64,
+    /// Degrees of freedom of its standard uncertainty.
+    freedom: f64,
 }
 
 /// The plateaus on top of each other: means of the samples over bins of the time since the step, less those of the plateaus.
@@ -78,6 +79,7 @@ struct Stack<'a> {
     data: [Bins; 3],
     /// Settings with more noise count for less.
     weights: [Vec<f64>; 3],
+    expected: Expected,
 }
 
 impl<'a> Stack<'a> {
@@ -97,12 +99,13 @@ impl<'a> Stack<'a> {
         let shortest = windows.iter().map(|w| w[1].saturating_sub(w[0])).min()?;
         let edges = phases(shortest);
         let bins = edges.len() - 1;
-        if bins < LEAST_BINS || windows.len() < LEAST_PER_BIN * bins {
+        if bins < LEAST_BINS || windows.len() < LEAST_PLATEAUS {
             return None;
         }
         let begins = windows.into_iter().map(|[begin, _]| begin).collect();
-        let mut stack =
-            Self { prepared, samples, form, interval_s, begins, edges, data: Default::default(), weights: Default::default() };
+        let expected = Expected::new(&edges);
+        let (data, weights) = Default::default();
+        let mut stack = Self { prepared, samples, form, interval_s, begins, edges, data, weights, expected };
         stack.data = stack.bins_of(&|[from, to]| {
             let sum = |a: usize| samples.reading_ent[from..to].iter().map(|v| v[a]).sum::<f64>();
             [0, 1, 2].map(|a| sum(a) / (to - from) as f64)
@@ -117,11 +120,6 @@ impl<'a> Stack<'a> {
 
     fn bins(&self) -> usize {
         self.edges.len() - 1
-    }
-
-    /// Plateaus beyond those that the scatter of the bins needs.
-    fn freedom(&self) -> f64 {
-        (self.begins.len() - self.bins() - 1) as f64
     }
 
     /// Means over ranges of samples as bins, each less the mean of its plateau.
@@ -146,62 +144,50 @@ impl<'a> Stack<'a> {
         })
     }
 
-    /// Bins of data and template with their weights, plateau after plateau.
-    fn plateaus<'b>(
-        &'b self,
-        axis: usize,
-        template: &'b Bins,
-    ) -> impl Iterator<Item = (&'b DVector<f64>, &'b DVector<f64>, f64)> {
-        self.data[axis].iter().zip(template).zip(&self.weights[axis]).map(|((data, template), weight)| (data, template, *weight))
+    /// Weighted bins of some kind without the last ones, which follow from the others.
+    fn weighted(&self, axis: usize, bins: &Bins) -> Bins {
+        let free = self.bins() - 1;
+        bins.iter().zip(&self.weights[axis]).map(|(bins, weight)| bins.rows(0, free) * *weight).collect()
     }
 
-    /// Inverse of the covariance of the bins about a transient, from their scatter between the plateaus.
-    fn inverse_scatter(&self, axis: usize, template: &Bins, amplitude: f64) -> Option<DMatrix<f64>> {
-        let bins = self.bins();
-        let mut scatter = DMatrix::zeros(bins, bins);
-        for (data, template, weight) in self.plateaus(axis, template) {
-            let left = (data - template * amplitude) * weight;
-            scatter += &left * left.transpose();
-        }
-        scatter /= self.begins.len() as f64;
-        let ridge = RIDGE * scatter.trace() / bins as f64;
-        (0..bins).for_each(|k| scatter[(k, k)] += ridge);
-        Some(scatter.cholesky()?.inverse())
+    /// Covariance of the weighted bins about a transient.
+    fn scatter(&self, data: &Bins, template: &Bins, amplitude: f64) -> Option<Scatter> {
+        let left: Bins = data.iter().zip(template).map(|(data, template)| data - template * amplitude).collect();
+        self.expected.scatter(&left)
     }
 
-    /// Amplitude of a template on one axis and its standard uncertainty.
-    fn amplitude(&self, axis: usize, template: &Bins) -> Option<(f64, f64)> {
-        let mut amplitude = 0.0;
-        let mut information = 0.0;
+    /// Amplitude of a template on one axis and its standard uncertainty, with the degrees of freedom of that.
+    fn amplitude(&self, axis: usize, template: &Bins) -> Option<[f64; 3]> {
+        let [data, template] = [&self.data[axis], template].map(|bins| self.weighted(axis, bins));
+        let mut found = [0.0; 3];
         for _ in 0..ROUNDS {
-            let inverse = self.inverse_scatter(axis, template, amplitude)?;
+            let scatter = self.scatter(&data, &template, found[0])?;
             let (mut top, mut bottom) = (0.0, 0.0);
-            for (data, template, weight) in self.plateaus(axis, template) {
-                let weighted = &inverse * template * (weight * weight);
+            for (data, template) in data.iter().zip(&template) {
+                let weighted = &scatter.inverse * template;
                 top += weighted.dot(data);
                 bottom += weighted.dot(template);
             }
-            amplitude = top / bottom;
-            information = bottom * self.freedom() / self.begins.len() as f64;
+            found = [top / bottom, bottom.sqrt().recip(), scatter.freedom];
         }
-        (information > 0.0).then(|| (amplitude, information.sqrt().recip()))
+        (found[1] > 0.0 && found[1].is_finite()).then_some(found)
     }
 
     /// The transients with a time constant: on all axes with one amplitude, and on each axis by itself.
     fn transients(&self, tau_s: f64) -> Vec<Transient> {
         let template = self.template(tau_s);
-        let each: Vec<Option<(f64, f64)>> = (0..3).map(|a| self.amplitude(a, &template[a])).collect();
-        let known: Vec<(usize, f64, f64)> = each.iter().enumerate().filter_map(|(a, f)| f.map(|(v, s)| (a, v, s))).collect();
-        let weight: f64 = known.iter().map(|(_, _, s)| s.powi(-2)).sum();
+        let known: Vec<(usize, [f64; 3])> = (0..3).filter_map(|a| Some((a, self.amplitude(a, &template[a])?))).collect();
+        let weight: f64 = known.iter().map(|(_, [_, s, _])| s.powi(-2)).sum();
         let mut all = Vec::new();
         if known.len() == 3 {
-            let amplitude = known.iter().map(|(_, v, s)| v / (s * s)).sum::<f64>() / weight;
+            let amplitude = known.iter().map(|(_, [v, s, _])| v / (s * s)).sum::<f64>() / weight;
             let chi_square = amplitude * amplitude * weight;
-            all.push(Transient { chi_square, tau_s, axes: vec![0, 1, 2], amplitude, std: weight.sqrt().recip() });
+            let freedom = known.iter().map(|(_, [_, _, freedom])| *freedom).fold(f64::INFINITY, f64::min);
+            all.push(Transient { chi_square, tau_s, axes: vec![0, 1, 2], amplitude, std: weight.sqrt().recip(), freedom });
         }
-        all.extend(known.into_iter().map(|(a, amplitude, std)| {
+        all.extend(known.into_iter().map(|(a, [amplitude, std, freedom])| {
             let chi_square = (amplitude / std).powi(2) - SINGLE_AXIS;
-            Transient { chi_square, tau_s, axes: vec![a], amplitude, std }
+            Transient { chi_square, tau_s, axes: vec![a], amplitude, std, freedom }
         }));
         all
     }
@@ -227,14 +213,14 @@ impl<'a> Stack<'a> {
     fn std(&self, transient: &Transient) -> Option<[f64; 2]> {
         let Transient { tau_s, axes, amplitude, .. } = transient;
         let [now, later, sooner] = [1.0, 1.0 + TAU_STEP, 1.0 - TAU_STEP].map(|factor| self.template(tau_s * factor));
-        let part = self.freedom() / self.begins.len() as f64;
         let mut information = Matrix2::zeros();
         for &a in axes {
-            let Some(inverse) = self.inverse_scatter(a, &now[a], *amplitude) else { continue };
-            for (((now, later), sooner), w) in now[a].iter().zip(&later[a]).zip(&sooner[a]).zip(&self.weights[a]) {
+            let [data, now, later, sooner] = [&self.data[a], &now[a], &later[a], &sooner[a]].map(|bins| self.weighted(a, bins));
+            let Some(scatter) = self.scatter(&data, &now, *amplitude) else { continue };
+            for ((now, later), sooner) in now.iter().zip(&later).zip(&sooner) {
                 let slope = (later - sooner) * (amplitude / (2.0 * TAU_STEP));
                 let both = DMatrix::from_columns(&[now.clone(), slope]);
-                information += (both.transpose() * &inverse * &both * (w * w * part)).fixed_view::<2, 2>(0, 0);
+                information += (both.transpose() * &scatter.inverse * &both).fixed_view::<2, 2>(0, 0);
             }
         }
         information.try_inverse().map(|c| [c[(0, 0)].sqrt(), tau_s * c[(1, 1)].sqrt()])
@@ -258,7 +244,7 @@ fn transient_of(
     let coarse = stack.best(None, taus)?;
     // The scatter is estimated from few plateaus, so that chi square has the tails of the t distribution: Bartlett's formula, inverted, gives
     // the value of normal noise that is as improbable.
-    let freedom = stack.freedom();
+    let freedom = coarse.freedom;
     let effective = freedom * (1.0 + coarse.chi_square.max(0.0) / freedom).ln();
     let p_value = two_sided_tail(effective.max(0.0).sqrt()).max(f64::MIN_POSITIVE);
     if p_value * trials as f64 > SIGNIFICANT {

@@ -1,6 +1,6 @@
 //! Example runs, built in code: what an effect does to the readings of an ordinary sensor.
 
-use super::record::{Channel, Step};
+use super::record::{Channel, Step, earlier_fields};
 use super::{Acts, Effect, Record, Row, Thermal};
 use crate::data::run::Kind;
 use crate::fit::smooth::Course;
@@ -57,8 +57,10 @@ fn field(i: usize) -> [f64; 3] {
     }
 }
 
-fn row(used_s: [f64; 2], field_nt: [f64; 3], previous_nt: [f64; 3]) -> Row {
-    Row { run: 0, used_s, field_coil_nt: field_nt, previous_coil_nt: previous_nt, linear_ent: field_nt }
+/// A row in one of some settings.
+fn row(used_s: [f64; 2], setting: usize, field_nt: &impl Fn(usize) -> [f64; 3]) -> Row {
+    let earlier_coil_nt = earlier_fields(|before| setting.checked_sub(before).map(field_nt));
+    Row { run: 0, used_s, field_coil_nt: field_nt(setting), earlier_coil_nt, linear_ent: field_nt(setting) }
 }
 
 fn channel(name: &str, rows: &[Row], span_s: [f64; 2], value: impl Fn(f64) -> f64) -> Channel {
@@ -101,7 +103,7 @@ fn record(kind: Kind, rows: Vec<Row>, span_s: [f64; 2], has_samples: bool) -> Re
 fn linearity() -> Example {
     // The ends of a plateau settle.
     let used = |i: usize| [i as f64 * SETTING_S + 1.0, (i + 1) as f64 * SETTING_S];
-    let rows = (0..SETTINGS).map(|i| row(used(i), field(i), if i > 0 { field(i - 1) } else { [0.0; 3] })).collect();
+    let rows = (0..SETTINGS).map(|i| row(used(i), i, &field)).collect();
     Example {
         run: "81 plateaus of 20 s with fields up to 2000 nT, along the axes and along pairs of them",
         record: record(Kind::Linearity, rows, [0.0, SETTINGS as f64 * SETTING_S], true),
@@ -112,13 +114,7 @@ fn linearity() -> Example {
 fn sampled() -> Example {
     let per = (SAMPLED_S * RATE_HZ) as usize;
     let setting = |k: usize| if k.is_multiple_of(2) { [0.0; 3] } else { [MOST_NT, -0.5 * MOST_NT, 0.25 * MOST_NT] };
-    let previous = |k: usize| k.checked_sub(1).map_or([0.0; 3], setting);
-    let rows = (0..SAMPLED_SETTINGS * per)
-        .map(|i| {
-            let k = i / per;
-            row([i as f64 / RATE_HZ; 2], setting(k), previous(k))
-        })
-        .collect();
+    let rows = (0..SAMPLED_SETTINGS * per).map(|i| row([i as f64 / RATE_HZ; 2], i / per, &setting)).collect();
     Example {
         run: "30 s at 32 Hz, every 5 s a step between zero and (2000, -1000, 500) nT",
         record: record(Kind::Linearity, rows, [0.0, SAMPLED_SETTINGS as f64 * SAMPLED_S], true),
@@ -137,8 +133,7 @@ fn sweep() -> Example {
         _ => [0.0; 3],
     };
     let used = |i: usize| [i as f64 * each_s, (i + 1) as f64 * each_s];
-    let rows: Vec<Row> =
-        (0..SWEEP_ROWS).map(|i| row(used(i), setting(i), if i > 0 { setting(i - 1) } else { [0.0; 3] })).collect();
+    let rows: Vec<Row> = (0..SWEEP_ROWS).map(|i| row(used(i), i, &setting)).collect();
     // A quarter of the time up, a half down, a quarter up again.
     let degc = |t: f64| {
         let part = 4.0 * t / SWEEP_S;

@@ -13,9 +13,8 @@ use std::f64::consts::{PI, TAU};
 const FULL_TREND: usize = 2;
 /// Time constants of a decay that are tried, as parts of the run.
 const DECAYS: [f64; 3] = [0.03, 0.08, 0.2];
-/// Turns of a cycle in a run: the least, for each order of the trend and one more, the most, and the ratio of those that are tried. What turns
-/// less often is a polynomial, and seldom anything but a temperature.
-const LEAST_TURNS: f64 = 0.65;
+/// Turns of a cycle in a run: the least, the most, and the ratio of those that are tried. What turns less often is a trend.
+const LEAST_TURNS: f64 = 0.75;
 const MOST_TURNS: f64 = 4.7;
 const RATIO: f64 = 1.25;
 
@@ -85,8 +84,7 @@ impl Effect for OffsetDrift {
         specs.extend(singly_and_together(WAVES));
         specs.extend(singly_and_together(RIPPLES));
         let length = record.span_s[1] - record.span_s[0];
-        let least = LEAST_TURNS * (record.trend_order + 1) as f64;
-        for turns in std::iter::successors(Some(least), |t| Some(t * RATIO)).take_while(|t| *t < MOST_TURNS) {
+        for turns in std::iter::successors(Some(LEAST_TURNS), |t| Some(t * RATIO)).take_while(|t| *t < MOST_TURNS) {
             specs.extend(singly_and_together(CYCLE).into_iter().map(|s| s.with(PERIOD, length / turns, "s")));
         }
         for part in DECAYS {

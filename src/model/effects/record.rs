@@ -5,6 +5,9 @@ use crate::data::run::{Kind, interpolate};
 use crate::fit::smooth::Course;
 use nalgebra::{Matrix3, Vector3};
 
+/// Settings before a reading that it may depend on.
+pub const EARLIER: usize = 3;
+
 /// Conditions of one reading, or of the mean of the readings of a plateau.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
@@ -14,10 +17,16 @@ pub struct Row {
     pub used_s: [f64; 2],
     /// Reference field, nT, coil axes.
     pub field_coil_nt: [f64; 3],
-    /// Reference field of the setting before, nT, coil axes; zero for the first one.
-    pub previous_coil_nt: [f64; 3],
+    /// Reference fields of the settings before, nT, coil axes, the last of them first; zero where there is none.
+    pub earlier_coil_nt: [[f64; 3]; EARLIER],
     /// Reading of the linear sensor without its offset, enT.
     pub linear_ent: [f64; 3],
+}
+
+/// Fields of the settings before, given by how many settings they lie back; zero where there is none.
+#[must_use]
+pub fn earlier_fields(field_nt: impl Fn(usize) -> Option<[f64; 3]>) -> [[f64; 3]; EARLIER] {
+    std::array::from_fn(|k| field_nt(k + 1).unwrap_or_default())
 }
 
 impl Row {

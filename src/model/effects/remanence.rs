@@ -44,7 +44,7 @@ impl Effect for Remanence {
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
-        let before = |row: &Row| record.reading(row.previous_coil_nt);
+        let before = |row: &Row| record.reading(row.earlier_coil_nt[0]);
         Some(match spec.form.as_str() {
             COMMON => vec![Column::of("c", "enT/enT", record, |_, r| before(r))],
             _ => spec.axes.iter().map(|&a| Column::on("c", a, "enT/enT", record, |_, r| before(r)[a])).collect(),

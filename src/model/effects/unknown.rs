@@ -1,6 +1,6 @@
 //! Structure that no effect of the catalogue explains: a smooth function of one covariate.
 
-use super::record::Channel;
+use super::record::{Channel, EARLIER};
 use super::{About, Acts, Column, Effect, Family, Record, Row, Spec, Unseen, one};
 use crate::data::run::interpolate;
 use crate::data::units::COMPONENTS;
@@ -16,6 +16,8 @@ const RATE_S: f64 = 15.0;
 pub(super) const ID: &str = "unknown";
 /// Prior weight relative to an effect of the catalogue.
 const PRIOR: f64 = 0.04;
+/// Components of the fields of the settings before, the last of them first.
+const HISTORY: [&str; EARLIER] = ["previous field _", "field _ two settings before", "field _ three settings before"];
 /// The covariates that belong to the times of one run.
 const TIME: &str = "time";
 const GAIN_WITH_TIME: &str = "gain with time";
@@ -56,8 +58,10 @@ impl Covariate {
                 let name = format!("field {} times field {}", COMPONENTS[j], COMPONENTS[k]);
                 all.push(of(name, "nT^2", &|r| r.field_coil_nt[j] * r.field_coil_nt[k]));
             }
-            for (k, axis) in COMPONENTS.iter().enumerate() {
-                all.push(of(format!("previous field {axis}"), "nT", &|r| r.previous_coil_nt[k]));
+            for (before, words) in HISTORY.iter().enumerate() {
+                for (k, axis) in COMPONENTS.iter().enumerate() {
+                    all.push(of(words.replace('_', axis), "nT", &|r| r.earlier_coil_nt[before][k]));
+                }
             }
         }
         let mut slow = vec![of(TIME.to_owned(), "s", &Row::t_s)];
@@ -98,7 +102,7 @@ impl Covariate {
 
     /// Whether no effect of the catalogue is linear in it, and no parameter of a run.
     fn is_new(&self) -> bool {
-        ["times", "rate of", "channel"].iter().any(|word| self.name.contains(word)) && !self.gain
+        ["times", "rate of", "channel", "settings before"].iter().any(|word| self.name.contains(word)) && !self.gain
     }
 
     /// Knots at quantiles of the values, between the extremes; fewer where values coincide.

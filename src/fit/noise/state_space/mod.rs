@@ -6,12 +6,16 @@
 //! proportion to the rows. Shares and exponent are those of the largest restricted likelihood (REML), common to all components; the
 //! variance is that of each component.
 
+mod whitener;
+
 use super::NoiseModel;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::Serialize;
 use statrs::function::gamma::ln_gamma;
+use std::ops::Range;
 use std::sync::Arc;
+use whitener::{Part, Whitener};
 
 /// Exponents of the power density of slow noise that are tried.
 const EXPONENTS: [f64; 7] = [0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0];
@@ -114,6 +118,10 @@ impl NoiseParameters {
     }
 }
 
+/// Every how many of the noises of the gain are looked at first, and the logarithm of a likelihood ratio that leaves no hope for the others.
+const EVERY: usize = 5;
+const HOPELESS: f64 = 40.0;
+
 /// Number of shapes of slow noise.
 const SHAPES: usize = EXPONENTS.len() + MEMORIES.len();
 
@@ -137,15 +145,6 @@ struct Series {
 
 /// What finds the noise of some rows.
 pub struct Correlations(Arc<Series>);
-
-/// The whitening of one component: a Kalman filter.
-struct Whitener {
-    states: usize,
-    /// Per row: one over the standard deviation of what is new in it.
-    scale: Vec<f64>,
-    /// Per row and state: what it adds to the row, what is left of it from the row before, its gain.
-    steps: Vec<[f64; 3]>,
-}
 
 /// Noise of all three components.
 #[derive(Clone)]
@@ -190,53 +189,14 @@ impl Series {
         self.rows.white[row][component] * (1.0 + parameters.white_field * u * u)
     }
 
-    fn whitener(&self, parameters: &NoiseParameters, component: usize) -> Option<Whitener> {
+    fn whitener(&self, parameters: &NoiseParameters, component: usize, rows: Range<usize>) -> Option<Whitener> {
         let slow = &self.slow[parameters.shape()];
-        let kinds = slow.tau_s.len();
+        let of_field = |i: usize| self.rows.field[i][component];
+        let part = |size: f64, load| Part { size, variance: &slow.variance, keep: &slow.keep, load };
         // Relaxations that add to every row, and others that add in proportion to the field.
-        let parts: Vec<(f64, bool)> =
-            [(parameters.slow, false), (parameters.slow_field, true)].into_iter().filter(|p| p.0 > 0.0).collect();
-        let states = kinds * parts.len();
-        let variance: Vec<f64> = parts.iter().flat_map(|(size, _)| slow.variance.iter().map(move |v| size * v)).collect();
-        let n = self.rows.t_s.len();
-        let mut whitener = Whitener { states, scale: Vec::with_capacity(n), steps: Vec::with_capacity(n * states) };
-        let mut covariance = vec![0.0; states * states];
-        for (k, v) in variance.iter().enumerate() {
-            covariance[k * states + k] = *v;
-        }
-        let (mut keep, mut load, mut crossed) = (vec![0.0; states], vec![0.0; states], vec![0.0; states]);
-        for i in 0..n {
-            for (part, (_, with_field)) in parts.iter().enumerate() {
-                let own = part * kinds..(part + 1) * kinds;
-                keep[own.clone()].copy_from_slice(&slow.keep[i * kinds..(i + 1) * kinds]);
-                load[own].fill(if *with_field { self.rows.field[i][component] } else { 1.0 });
-            }
-            // The lower half of the covariance is kept up.
-            for k in 0..states {
-                for l in 0..=k {
-                    covariance[k * states + l] *= keep[k] * keep[l];
-                }
-                covariance[k * states + k] += variance[k] * (1.0 - keep[k] * keep[k]);
-            }
-            let mut new = self.white(parameters, component, i);
-            for k in 0..states {
-                let below: f64 = (k + 1..states).map(|l| covariance[l * states + k] * load[l]).sum();
-                crossed[k] = below + (0..=k).map(|l| covariance[k * states + l] * load[l]).sum::<f64>();
-            }
-            new += load.iter().zip(&crossed).map(|(h, c)| h * c).sum::<f64>();
-            if new.is_nan() || new <= 0.0 {
-                return None;
-            }
-            for k in 0..states {
-                let gain = crossed[k] / new;
-                for l in 0..=k {
-                    covariance[k * states + l] -= gain * crossed[l];
-                }
-                whitener.steps.push([load[k], keep[k], gain]);
-            }
-            whitener.scale.push(new.sqrt().recip());
-        }
-        Some(whitener)
+        let mut parts = vec![part(parameters.slow, None), part(parameters.slow_field, Some(&of_field as &dyn Fn(usize) -> f64))];
+        parts.retain(|p| p.size > 0.0);
+        Whitener::new(rows, |i| self.white(parameters, component, i), &parts)
     }
 }
 
@@ -271,7 +231,7 @@ impl Correlations {
         for component in 0..3 {
             let whitener = match whiteners.last() {
                 Some(same) if equal => Arc::clone(same),
-                _ => Arc::new(self.0.whitener(parameters, component)?),
+                _ => Arc::new(self.0.whitener(parameters, component, 0..self.0.rows.t_s.len())?),
             };
             let left = fit(&whitener, &data.readings.column(component).into_owned(), &data.designs[component])?;
             let known = self.0.rows.inside.map(|i| [i.freedom * i.variance[component], i.freedom]);
@@ -359,12 +319,22 @@ impl Correlations {
                 );
             }
         }
-        let found: Vec<Option<(f64, Noise)>> = tried.par_iter().map(|(c, _)| self.likelihood(c, &data)).collect();
-        let mut all: Vec<(Noise, f64)> = found
-            .into_iter()
-            .zip(&tried)
-            .filter_map(|(found, (_, prior))| found.map(|(likelihood, noise)| (noise, likelihood + prior.ln())))
-            .collect();
+        let weigh = |tried: &[(NoiseParameters, f64)]| -> Vec<(Noise, f64)> {
+            let of_one =
+                |(c, prior): &(NoiseParameters, f64)| self.likelihood(c, &data).map(|(l, noise)| (noise, l + prior.ln()));
+            tried.par_iter().filter_map(of_one).collect()
+        };
+        let best = |all: &[(Noise, f64)]| all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
+        let (gain, other): (Vec<_>, Vec<_>) = tried.into_iter().partition(|(c, _)| c.slow_field > 0.0);
+        let other = weigh(&other);
+        // Noise of the gain is dear. Where the readings suggest none, a part of it tells whether the rest has to be looked at.
+        let (some, rest): (Vec<_>, Vec<_>) = gain.into_iter().enumerate().partition(|(k, _)| k % EVERY == 0);
+        let [some, rest] = [some, rest].map(|all| all.into_iter().map(|(_, one)| one).collect::<Vec<_>>());
+        let mut all = weigh(&some);
+        if from.slow_field > 0.0 || best(&all) > best(&other) - HOPELESS {
+            all.extend(weigh(&rest));
+        }
+        all.extend(other);
         let most = all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
         let sum = all.iter().map(|a| (a.1 - most).exp()).sum::<f64>().ln() + most;
         all.iter_mut().for_each(|a| a.1 -= sum);
@@ -380,6 +350,15 @@ impl Correlations {
         designs: &[DMatrix<f64>; 3],
     ) -> Option<Noise> {
         self.likelihood(&parameters, &Data { readings, designs }).map(|(_, noise)| noise)
+    }
+
+    /// Logarithm of the likelihood ratio of noise to the same without its slow parts; zero where one of them is none.
+    #[must_use]
+    pub fn slow_over_white(&self, parameters: &NoiseParameters, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> f64 {
+        let data = Data { readings, designs };
+        let without = NoiseParameters { slow: 0.0, slow_field: 0.0, ..*parameters };
+        let both = (self.likelihood(parameters, &data), self.likelihood(&without, &data));
+        if let (Some((with, _)), Some((without, _))) = both { with - without } else { 0.0 }
     }
 
     /// The most likely noise of residuals about a linear model: `readings` has a column per component, `designs` the columns that were
@@ -432,6 +411,34 @@ impl Noise {
         let one = |i: usize, a: usize| self.white_std[a] * self.series.element(&self.parameters, a, i, i).sqrt();
         (0..self.rows()).map(|i| std::array::from_fn(|a| one(i, a))).collect()
     }
+
+    /// The noise of some rows of a component by themselves; `None` where a variance is none.
+    #[must_use]
+    pub fn of_stretch(&self, component: usize, rows: Range<usize>) -> Option<Stretch> {
+        let whitener = self.series.whitener(&self.parameters, component, rows)?;
+        Some(Stretch { std: self.white_std[component], whitener })
+    }
+}
+
+/// Noise of some rows that follow each other.
+pub struct Stretch {
+    std: f64,
+    whitener: Whitener,
+}
+
+impl Stretch {
+    /// Columns whitened by the covariance of these rows.
+    #[must_use]
+    pub fn whitened(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut white = columns.clone();
+        self.whitener.whiten(&mut white);
+        white / self.std
+    }
+
+    /// Standard deviation of every row where those before it are known.
+    pub fn fresh_std(&self) -> impl Iterator<Item = f64> {
+        self.whitener.scale.iter().map(|scale| self.std / scale)
+    }
 }
 
 impl NoiseModel for Noise {
@@ -452,34 +459,6 @@ impl NoiseModel for Noise {
 
     fn log_determinant(&self, component: usize) -> f64 {
         self.whiteners[component].log_covariance() + 2.0 * self.rows() as f64 * self.white_std[component].ln()
-    }
-}
-
-impl Whitener {
-    fn whiten(&self, columns: &mut DMatrix<f64>) {
-        let mut state = vec![0.0; self.states];
-        for mut column in columns.column_iter_mut().filter(|c| c.iter().any(|v| *v != 0.0)) {
-            state.fill(0.0);
-            let mut steps = self.steps.chunks_exact(self.states.max(1));
-            for (value, scale) in column.iter_mut().zip(&self.scale) {
-                if let Some(step) = steps.next() {
-                    let mut new = *value;
-                    for (s, [load, keep, _]) in state.iter_mut().zip(step) {
-                        *s *= keep;
-                        new -= load * *s;
-                    }
-                    for (s, [_, _, gain]) in state.iter_mut().zip(step) {
-                        *s += gain * new;
-                    }
-                    *value = new;
-                }
-                *value *= scale;
-            }
-        }
-    }
-
-    fn log_covariance(&self) -> f64 {
-        -2.0 * self.scale.iter().map(|s| s.ln()).sum::<f64>()
     }
 }
 
@@ -537,7 +516,7 @@ fn fit(whitener: &Whitener, reading: &DVector<f64>, design: &DMatrix<f64>) -> Op
     all.columns_mut(0, p).copy_from(design);
     all.column_mut(p).copy_from(reading);
     whitener.whiten(&mut all);
-    let normal = all.columns(0, p).tr_mul(&all.columns(0, p));
+    let normal = all.columns(0, p).transpose() * all.columns(0, p);
     let cholesky = normal.cholesky()?;
     let rhs = all.columns(0, p).tr_mul(&all.column(p));
     let squares = all.column(p).norm_squared() - rhs.dot(&cholesky.solve(&rhs));

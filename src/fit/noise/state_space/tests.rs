@@ -37,6 +37,26 @@ fn whitening_is_that_of_the_dense_covariance() {
     }
 }
 
+/// Rows in the middle by themselves, more columns than go through the filter together.
+#[test]
+fn a_stretch_is_whitened_by_its_own_covariance() {
+    let noises = Correlations::new(rows());
+    let columns = DMatrix::from_fn(40, 11, |i, j| ((i * (j + 2)) as f64 * 0.37).sin());
+    let parameters = NoiseParameters { slow: 2.0, white_field: 3.0, slow_field: 0.7, ..NoiseParameters::WHITE };
+    let readings = columns.columns(0, 3).into_owned();
+    let noise = noises.with_parameters(parameters, &readings, &[0; 3].map(|_| DMatrix::from_element(40, 1, 1.0))).unwrap();
+    let part = columns.rows(13, 17).into_owned();
+    for component in 0..3 {
+        let stretch = noise.of_stretch(component, 13..30).unwrap();
+        let white = stretch.whitened(&part);
+        let cholesky = noise.covariance_of_rows(component, &(13..30).collect::<Vec<_>>()).cholesky().unwrap();
+        let expected = cholesky.l().solve_lower_triangular(&part).unwrap();
+        assert!((white - &expected).amax() < 1e-10 * expected.amax());
+        let fresh: Vec<f64> = stretch.fresh_std().collect();
+        assert!(fresh.iter().zip(cholesky.l_dirty().diagonal().iter()).all(|(a, b)| (a / b - 1.0).abs() < 1e-10));
+    }
+}
+
 /// A sum of relaxations with weights `τ^(a-1)` has a power density of about `f^-a` between the inverse time constants at its ends.
 #[test]
 fn relaxations_make_a_power_density() {

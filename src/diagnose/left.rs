@@ -1,0 +1,105 @@
+//! What is left beside the final model, and the chain of gaps that leads there.
+
+use super::candidate::Candidate;
+use super::means::{HeldOut, Means, MeansModel};
+use super::result::{Left, LeftLike, Link};
+use crate::data::units::COMPONENTS;
+use crate::fit::scan::orthonormal;
+use crate::fit::statistics::fisher_tail;
+use nalgebra::{DMatrix, DVector};
+
+/// Slow noise from this many times the white noise on is told as something that is left: less is usual for a good sensor.
+const SLOW: f64 = 4.0;
+/// Scatter of the means from this many times that of the samples inside them on is not explained by these: where it is white, and where slow
+/// noise that is nearly white makes a part of it.
+const SCATTER: f64 = 1.5;
+const NEARLY_WHITE: f64 = 2.0;
+/// Probability with which noise alone may seem to scatter as much.
+const FALSE_ALARM: f64 = 1e-4;
+/// Logarithm of the likelihood ratio by which slow noise has to be better than white noise, where no samples tell the white noise.
+const CLEAR: f64 = 5.0;
+/// Slow noise that is forgotten after so many rows, or has a power density of no larger exponent, is nearly white.
+const FORGOTTEN_ROWS: f64 = 1.0;
+const FLAT: f64 = 0.5;
+
+/// What is left that is more than the noise of the readings.
+pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Option<Left> {
+    let noise = &model.noise.parameters;
+    let residuals = means.residuals(all);
+    let white_ent = means.white_std(model);
+    let times: [f64; 3] = std::array::from_fn(|a| residuals[a].rms() / white_ent[a].max(f64::MIN_POSITIVE));
+    let axis = (0..3).max_by(|a, b| times[*a].total_cmp(&times[*b])).unwrap_or(0);
+    let is_slow = noise.slow + noise.slow_field > 0.0;
+    let is_flat = if noise.memory_rows > 0.0 { noise.memory_rows <= FORGOTTEN_ROWS } else { noise.exponent <= FLAT };
+    let is_scatter = means.prepared.inside.is_some() && (noise.apart || (is_slow && is_flat));
+    let is_clear = match means.prepared.inside {
+        Some(inside) => fisher_tail(times[axis].powi(2), [residuals[axis].freedom, inside.freedom]) < FALSE_ALARM,
+        None => is_slow && means.slow_over_white(model, all) > CLEAR,
+    };
+    let least = match (is_scatter, is_slow) {
+        (true, false) => SCATTER,
+        (true, true) => NEARLY_WHITE,
+        (false, _) => SLOW,
+    };
+    if !is_clear || times[axis] < least {
+        return None;
+    }
+    let (like, along) = if is_scatter {
+        (LeftLike::Scatter, follows(means, axis, &residuals[axis].ent))
+    } else if noise.slow_field > noise.slow {
+        (LeftLike::SlowGain, "along the gain with time".to_owned())
+    } else if is_slow {
+        (LeftLike::Slow, "along the time".to_owned())
+    } else {
+        (LeftLike::Disagreement, follows(means, axis, &residuals[axis].ent))
+    };
+    let rms_nt = residuals[axis].rms() * means.prepared.nt_per_ent[axis];
+    Some(Left { place: format!("{}, {along}", COMPONENTS[axis]), rms_nt, times_noise: times[axis], like })
+}
+
+/// The covariate that what is left on an axis follows best, if that is no chance.
+fn follows(means: &Means, axis: usize, left: &DVector<f64>) -> String {
+    let n = left.len();
+    let own: Vec<&Candidate> = means.candidates.iter().filter(|c| c.effect.is_unknown() && c.spec.axes == [axis]).collect();
+    let design = orthonormal(&means.prepared.design, None, INDEPENDENT);
+    let explained = |candidate: &&Candidate| {
+        let columns: DMatrix<f64> = candidate.columns.rows(axis * n, n).into_owned();
+        let beside = &columns - &design * design.tr_mul(&columns);
+        let base = orthonormal(&beside, Some(&columns), INDEPENDENT);
+        let (count, squares) = (base.ncols() as f64, base.tr_mul(left).norm_squared());
+        let freedom = n as f64 - design.ncols() as f64 - count;
+        let ratio = squares / count / ((left.norm_squared() - squares) / freedom);
+        if count > 0.0 && freedom > 0.0 { fisher_tail(ratio, [count, freedom]) } else { 1.0 }
+    };
+    let all = own.iter().map(|c| (explained(c), c.covariate.as_deref().unwrap_or_default()));
+    let best = all.min_by(|a, b| a.0.total_cmp(&b.0));
+    best.filter(|(p, _)| p * (own.len() as f64) < FALSE_ALARM)
+        .map_or_else(|| "along no covariate of the run".to_owned(), |(_, covariate)| format!("along the {covariate}"))
+}
+
+/// A column that keeps less than this part of itself beside the model is one of the model.
+const INDEPENDENT: f64 = 1e-6;
+
+/// Disagreement on held-out stretches: without terms, with the first, with the first two, and so on. `steps` are the numbers of the steps of
+/// the terms, from 1; `before` are steps that are in the readings or the model already. Terms without which the next ones predict worse than
+/// nothing are taken together with these, so that the chain falls.
+pub(super) fn chain(means: &Means, model: &MeansModel, all: &[&Candidate], steps: &[usize], before: Vec<usize>) -> Vec<Link> {
+    let given = all.len() - steps.len();
+    let cells = 3.0 * means.prepared.readings.nrows() as f64;
+    let link = |steps: Vec<usize>, held: &HeldOut| Link { steps, chi2_per_dof: held.sum / cells, rms_nt: held.weighted_rms_nt() };
+    let with = |count: usize| means.predicted(&model.noise, &all[..given + count]);
+    let mut links = vec![link(before, &with(0))];
+    let mut waiting: Vec<usize> = Vec::new();
+    for (count, step) in steps.iter().enumerate() {
+        if !waiting.contains(step) {
+            waiting.push(*step);
+        }
+        let next_is_same = steps.get(count + 1) == Some(step);
+        let held = with(count + 1);
+        let falls = links.last().is_some_and(|last| held.sum / cells <= last.chi2_per_dof);
+        if (falls && !next_is_same) || count + 1 == steps.len() {
+            links.push(link(std::mem::take(&mut waiting), &held));
+        }
+    }
+    links
+}

@@ -1,0 +1,202 @@
+//! What a diagnosis says at its end: whether all is explained, and what is left; on runs of the forward model of the tests.
+
+use crate::common;
+
+use common::check::{Case, says, text};
+use common::{Gauss, Plan, RUN_ID, Run, Setting};
+use serde_json::Value;
+use std::f64::consts::TAU;
+use std::fs;
+
+const SETTINGS: usize = 72;
+const SETTING_S: f64 = 4.0;
+const RATE_HZ: f64 = 16.0;
+/// Of a sample; that of a mean of 64 is an eighth.
+const NOISE_ENT: f64 = 0.08;
+const MEAN_ENT: f64 = NOISE_ENT / 8.0;
+
+/// Settings in all directions up to 2000 nT, in an order without pattern.
+fn settings(count: usize, each_s: f64) -> Vec<Setting> {
+    let mut gauss = Gauss(5);
+    let field = |i: usize, gauss: &mut Gauss| match i % 9 {
+        0 => [0.0; 3],
+        _ => std::array::from_fn(|_| 2000.0 * gauss.uniform()),
+    };
+    (0..count).map(|i| Setting::constant(each_s * i as f64, each_s * (i + 1) as f64, field(i, &mut gauss), 1)).collect()
+}
+
+/// A run with something added to all readings of a setting.
+fn run(seed: u64, added_ent: impl Fn(usize, &[Setting]) -> [f64; 3]) -> Run {
+    let plan = Plan { settings: settings(SETTINGS, SETTING_S), rate_hz: RATE_HZ, noise_ent: NOISE_ENT, seed, ..Plan::default() };
+    let mut run = plan.run();
+    for i in 0..SETTINGS {
+        let added = added_ent(i, &run.settings);
+        for k in run.samples_of(i) {
+            (0..3).for_each(|a| run.samples[k].reading[a] += added[a]);
+        }
+    }
+    run.reading_decimals = 5;
+    run
+}
+
+/// Result, report and what the terminal says.
+struct Said {
+    diagnosis: Value,
+    report: String,
+    terminal: String,
+}
+
+impl Said {
+    fn of(run: &Run) -> Self {
+        let case = Case::of(run.text());
+        let output = case.run("diagnose", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let read = |name: &str| fs::read_to_string(case.out().join(RUN_ID).join(name)).unwrap();
+        let diagnosis = serde_json::from_str(&read("diagnosis.json")).unwrap();
+        let report = read(&format!("REPORT_DIAGNOSIS__{RUN_ID}.md"));
+        Self { diagnosis, report, terminal: text(&output.stdout) + &text(&output.stderr) }
+    }
+
+    fn steps(&self) -> Vec<&Value> {
+        self.diagnosis["steps"].as_array().unwrap().iter().collect()
+    }
+
+    /// The verdict of one kind, which is the same everywhere.
+    #[track_caller]
+    fn verdict(&self, kind: &str) -> &str {
+        let verdict = self.diagnosis["verdict"].as_str().unwrap();
+        assert_eq!(self.diagnosis["verdict_kind"], kind, "{verdict}");
+        says(&self.report, &[verdict]);
+        says(&self.terminal, &[verdict]);
+        assert_eq!(verdict.contains("no missing effect"), kind == "none", "{verdict}");
+        verdict
+    }
+
+    /// χ² over degrees of freedom and the root mean square of the chain, which fall.
+    #[track_caller]
+    fn chain(&self) -> Vec<[f64; 2]> {
+        let links = self.diagnosis["gap_chain"].as_array().unwrap();
+        let chain: Vec<[f64; 2]> = links.iter().map(|l| ["chi2_per_dof", "rms_nt"].map(|key| l[key].as_f64().unwrap())).collect();
+        assert!(chain.windows(2).all(|w| (0..2).all(|k| w[1][k] <= w[0][k])), "{chain:?}");
+        chain
+    }
+}
+
+#[test]
+fn white_noise_leaves_nothing() {
+    let said = Said::of(&run(1, |_, _| [0.0; 3]));
+    said.verdict("none");
+    assert!(said.diagnosis["left"].is_null());
+    assert_eq!(said.chain().len(), 1);
+}
+
+/// Every setting has an error of its own, three times as large as the noise of a mean: √10 of that is left.
+#[test]
+fn scatter_between_the_plateaus_is_told() {
+    let mut gauss = Gauss(17);
+    let errors: Vec<[f64; 3]> = (0..SETTINGS).map(|_| [0, 1, 2].map(|_| 3.0 * MEAN_ENT * gauss.normal())).collect();
+    let said = Said::of(&run(2, |i, _| errors[i]));
+    assert!(said.steps().is_empty());
+    let verdict = said.verdict("undecided");
+    says(verdict, &["the plateau means scatter by", "of the samples inside them"]);
+    let left = &said.diagnosis["left"];
+    let [rms_nt, times] = ["rms_nt", "times_noise"].map(|key| left[key].as_f64().unwrap());
+    // 60 degrees of freedom on each axis, and the largest of three: a standard deviation is 9 %.
+    assert!((times / 10.0_f64.sqrt() - 1.0).abs() < 0.36, "{times}");
+    assert!((rms_nt / (times * MEAN_ENT) - 1.0).abs() < 0.2, "{rms_nt}");
+    says(left["where"].as_str().unwrap(), &["no covariate"]);
+}
+
+/// A random walk with steps of three times the noise of a mean reaches thirty times that within the run: a drift or slow noise.
+#[test]
+fn slow_noise_far_above_the_white_one_is_told() {
+    let mut gauss = Gauss(23);
+    let mut walk = [0.0; 3];
+    let walks: Vec<[f64; 3]> = (0..SETTINGS)
+        .map(|_| {
+            walk.iter_mut().for_each(|w| *w += 3.0 * MEAN_ENT * gauss.normal());
+            walk
+        })
+        .collect();
+    let said = Said::of(&run(3, |i, _| walks[i]));
+    assert!(said.steps().is_empty(), "{:?}", said.steps());
+    says(said.verdict("undecided"), &["slow change of", "drift or slow noise, these data cannot tell"]);
+    says(said.diagnosis["left"]["where"].as_str().unwrap(), &["the time"]);
+}
+
+/// The reading on one axis remembers the setting before the previous one; beside it is a cubic on another axis.
+#[test]
+fn a_memory_of_two_settings_is_found_and_the_gap_falls_with_every_step() {
+    let added = |i: usize, settings: &[Setting]| {
+        let before = i.checked_sub(2).map_or(0.0, |i| settings[i].field[1]);
+        [5.0 * MEAN_ENT * (settings[i].field[0] / 2000.0).powi(3) * 2.0, 4.0 * MEAN_ENT * before / 2000.0, 0.0]
+    };
+    let said = Said::of(&run(4, added));
+    said.verdict("found");
+    let found: Vec<(&str, Option<&str>)> =
+        said.steps().iter().map(|s| (s["effect"].as_str().unwrap(), s["covariate"].as_str())).collect();
+    assert_eq!(found.len(), 2, "{found:?}");
+    assert!(found.contains(&("unknown", Some("field y two settings before"))), "{found:?}");
+    assert!(found.contains(&("cubic_nonlinearity", None)), "{found:?}");
+    let chain = said.chain();
+    assert_eq!(chain.len(), 3);
+    let [last, _] = chain[2];
+    // 216 values beside 20 parameters: a standard deviation is 0.1, and what is held out is predicted.
+    assert!((0.7..1.6).contains(&last), "{last}");
+    says(&said.report, &["## How the gap shrinks"]);
+    says(&said.terminal, &["step by step"]);
+}
+
+/// Of one turn and a third little looks like a trend, and slow noise must not take it.
+#[test]
+fn a_drift_of_one_turn_and_a_third_is_found() {
+    let turns = 4.0 / 3.0;
+    let added = |i: usize, _: &[Setting]| [0.0, 0.0, 3.0 * MEAN_ENT * (TAU * turns * (i as f64 + 0.5) / SETTINGS as f64).sin()];
+    let said = Said::of(&run(5, added));
+    said.verdict("found");
+    let steps = said.steps();
+    assert_eq!(steps.len(), 1);
+    assert_eq!(steps[0]["effect"], "offset_drift");
+    assert_eq!(steps[0]["axes"], serde_json::json!(["z"]));
+}
+
+/// Thirty settings of 16 s: a transient of 2 s whose matched filter has a signal to noise ratio of ten.
+#[test]
+fn a_transient_is_found_on_thirty_plateaus() {
+    let (tau_s, fraction) = (2.0, 9.5e-6 * 2.0);
+    let plan = Plan { settings: settings(30, 16.0), rate_hz: 8.0, noise_ent: NOISE_ENT, seed: 6, ..Plan::default() };
+    let truth = plan.truth.clone();
+    let mut run = plan.run();
+    run.reading_decimals = 5;
+    let level = |run: &Run, i: usize| truth.reading(run.settings[i].field);
+    let mut squares = 0.0;
+    for i in 1..30 {
+        let [now, before] = [i, i - 1].map(|i| level(&run, i));
+        let samples = run.samples_of(i);
+        let mut added = Vec::new();
+        for k in samples.clone() {
+            let since = (run.samples[k].t - run.settings[i].t_start) / tau_s;
+            added.push([0, 1, 2].map(|a: usize| -fraction * (now[a] - before[a]) * (-since).exp()));
+        }
+        for a in 0..3 {
+            let mean = added.iter().map(|v| v[a]).sum::<f64>() / added.len() as f64;
+            squares += added.iter().map(|v| (v[a] - mean).powi(2)).sum::<f64>();
+        }
+        samples.zip(added).for_each(|(k, added)| (0..3).for_each(|a| run.samples[k].reading[a] += added[a]));
+    }
+    let strength = squares.sqrt() / NOISE_ENT;
+    assert!((8.0..12.0).contains(&strength), "{strength}");
+    let said = Said::of(&run);
+    let steps = said.steps();
+    assert_eq!(steps.len(), 1, "{steps:?}");
+    assert_eq!(steps[0]["effect"], "settling");
+    let value = |name: &str| {
+        let all = steps[0]["parameters"].as_array().unwrap();
+        let found = all.iter().find(|p| p["name"] == name).unwrap();
+        ["value", "std"].map(|key| found[key].as_f64().unwrap())
+    };
+    for (name, truth) in [("tau", tau_s), ("fraction", fraction)] {
+        let [value, std] = value(name);
+        assert!((value - truth).abs() < 4.0 * std && std < 0.6 * truth, "{name} = {value} +- {std}");
+    }
+}
