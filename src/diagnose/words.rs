@@ -223,8 +223,8 @@ mod tests {
         };
         assert_eq!(
             course("field x", &points(&[1.0, 0.6, 0.65, -0.8, -1.0, -0.95, 0.2, 0.15, 1.0])).unwrap(),
-            "Along the field x the contribution begins with +1.000 ± 0.050 nT at 0, falls to -1.000 ± 0.050 nT at 40, then rises to +1.000 ± \
-             0.050 nT at 80."
+            "Along the field x the contribution begins with +1.000 ± 0.050 nT at 0.0000 and falls to -1.000 ± 0.050 nT at 40.0000, then \
+             rises to +1.000 ± 0.050 nT at 80.0000."
         );
         let flat = course("field x", &points(&[0.03, -0.02, 0.05, 0.0])).unwrap();
         assert!(flat.contains("no single point") && !flat.contains("rises"), "{flat}");

@@ -296,7 +296,8 @@ impl<'a> Channel<'a> {
         let of = |i: usize| (self.series[changes[i].0].0, changes[i].1);
         let largest = jumps.iter().map(|i| of(*i)).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
         let fault = Fault::Jumps { count: jumps.len(), t_s: largest.0, size_k: largest.1 };
-        Some(self.fault(fault, self.probability_of(&changes, largest.1)))
+        let over_k = jumps.iter().filter_map(|i| far_faster_k(&changes, *i)).fold(0.0, |most: f64, k| most.max(k.abs()));
+        Some(self.fault(fault, self.probability_of(&changes, over_k)))
     }
 
     /// Probability that noise makes a change as large as this one anywhere.
@@ -311,7 +312,10 @@ impl<'a> Channel<'a> {
             return Vec::new();
         }
         let noise_k = self.noise_of_changes_k(changes);
-        let is_large = |i: &usize| changes[*i].1.abs() > LEAST_REPEATED_K && changes[*i].1.abs() > JUMP * noise_k;
+        // What the course of the body does not make of it.
+        let is_large = |i: &usize| {
+            far_faster_k(changes, *i).is_some_and(|over_k| over_k.abs() > LEAST_REPEATED_K && over_k.abs() > JUMP * noise_k)
+        };
         let mut places: Vec<usize> = (0..changes.len()).filter(is_large).collect();
         if let Some((t_s, _)) = step(&self.series) {
             // A smaller step that stands alone.
