@@ -522,7 +522,7 @@ fn a_date_and_a_time_in_two_columns_are_one_time() {
     let pattern = all.replace("time,n", "clock,date,n").replace("2026-03-01T", "").replace("Z,", ",1.3.26,");
     let keys = [keys[0], ("\"iso8601\"", "\"%d.%m.%y %H:%M:%S%.f\"")];
     assert!(of(&told(&small_mapping(&keys), &pattern, &[])) == of(&joined));
-    refused(&small_mapping(&keys), pattern.replacen("1.3.26", "31.2.26", 1), &["t.csv:2", "31.2.26"]);
+    refused(&small_mapping(&keys), pattern.replacen("1.3.26", "31.2.26", 1), &["t.csv:2", "invalid date"]);
     refused(&small_mapping(&[(keys[0].0, "column = \"n\"\ndate = \"time\"")]), &all, &["time"]);
 }
 

@@ -7,6 +7,8 @@ use toml_edit::{DocumentMut, Item, Value};
 
 /// Covariances have rounding: two halves agree to this, and an eigenvalue of the correlations is no more negative.
 const ROUNDING: f64 = 1e-6;
+/// Standard uncertainties below this part of the largest one of a covariance are what rounding makes of zero.
+const LEAST_PART: f64 = 1e-9;
 
 /// Refuses a file whose values contradict themselves: negative or infinite standard uncertainties, covariances that are none, ranges that
 /// end before they begin, run ids that are no names.
@@ -123,7 +125,12 @@ fn covariance(value: &Value) -> Result<(), &'static str> {
     if std.iter().any(|s| s.is_nan()) {
         return Err("has a negative variance");
     }
-    let scale = |i: usize, k: usize| if std[i] * std[k] > 0.0 { std[i] * std[k] } else { 1.0 };
+    // A variance that should be zero is what rounding leaves of larger ones.
+    let least_std = LEAST_PART * std.iter().copied().fold(0.0, f64::max);
+    let scale = |i: usize, k: usize| match std[i].max(least_std) * std[k].max(least_std) {
+        0.0 => 1.0,
+        scale => scale,
+    };
     let correlation = DMatrix::from_fn(n, n, |i, k| rows[i][k] / scale(i, k));
     if (&correlation - correlation.transpose()).amax() > ROUNDING {
         return Err("is not symmetric");
