@@ -8,7 +8,7 @@ use toml_edit::{DocumentMut, Item, Value};
 /// Covariances have rounding: two halves agree to this, and an eigenvalue of the correlations is no more negative.
 const ROUNDING: f64 = 1e-6;
 /// Standard uncertainties below this part of the largest one of a covariance are what rounding makes of zero.
-const LEAST_PART: f64 = 1e-9;
+const LEAST_PART: f64 = 1e-7;
 
 /// Refuses a file whose values contradict themselves: negative or infinite standard uncertainties, covariances that are none, ranges that
 /// end before they begin, run ids that are no names.
@@ -121,12 +121,12 @@ fn covariance(value: &Value) -> Result<(), &'static str> {
     if rows.iter().flatten().any(|v| v.is_nan()) {
         return Ok(());
     }
-    let std: Vec<f64> = (0..n).map(|i| rows[i][i].sqrt()).collect();
-    if std.iter().any(|s| s.is_nan()) {
+    // A variance that should be zero is what rounding leaves of larger ones, on either side of it.
+    let least_std = LEAST_PART * (0..n).map(|i| rows[i][i]).fold(0.0, f64::max).sqrt();
+    if (0..n).any(|i| rows[i][i] < -least_std * least_std) {
         return Err("has a negative variance");
     }
-    // A variance that should be zero is what rounding leaves of larger ones.
-    let least_std = LEAST_PART * std.iter().copied().fold(0.0, f64::max);
+    let std: Vec<f64> = (0..n).map(|i| rows[i][i].max(0.0).sqrt()).collect();
     let scale = |i: usize, k: usize| match std[i].max(least_std) * std[k].max(least_std) {
         0.0 => 1.0,
         scale => scale,
@@ -172,5 +172,7 @@ mod tests {
             ),
             None
         );
+        // What rounding leaves of a variance that is zero.
+        assert_eq!(refused("[covariance_b]\nmatrix = [[1e-14, 0.0], [1e-29, -1e-30]]"), None);
     }
 }
