@@ -131,7 +131,8 @@ fn covariance(value: &Value) -> Result<(), &'static str> {
         0.0 => 1.0,
         scale => scale,
     };
-    let correlation = DMatrix::from_fn(n, n, |i, k| rows[i][k] / scale(i, k));
+    let element = |i: usize, k: usize| if i == k { std[i] * std[i] } else { rows[i][k] };
+    let correlation = DMatrix::from_fn(n, n, |i, k| element(i, k) / scale(i, k));
     if (&correlation - correlation.transpose()).amax() > ROUNDING {
         return Err("is not symmetric");
     }
