@@ -65,6 +65,13 @@ fn number_like_overflow(text: &[u8]) -> bool {
     std::str::from_utf8(text).ok().and_then(|t| t.parse::<f64>().ok()).is_some_and(f64::is_infinite)
 }
 
+/// Numbers as a TOML list, each the shortest text that is read back as the same number.
+#[must_use]
+pub fn listed<'a>(values: impl IntoIterator<Item = &'a f64>) -> String {
+    let list: Vec<String> = values.into_iter().map(|v| format!("{v:?}")).collect();
+    format!("[{}]", list.join(", "))
+}
+
 /// A text as a TOML string on one line: formats that are read line by line hold it.
 #[must_use]
 pub fn quoted(text: &str) -> String {

@@ -31,16 +31,9 @@ pub struct CalmRow {
 /// [`MULTIPLE`] times the noise of such a mean in every component.
 #[must_use]
 pub fn calm_rows(blocks: &[Block], day: &Range<Tt2000>, spans: Option<&[Range<Tt2000>]>) -> Vec<CalmRow> {
-    let mut series = Series::default();
-    let (mut degc, mut own_nt2) = (Vec::new(), Vec::new());
-    for block in blocks {
-        series.time.extend_from_slice(&block.time);
-        (0..3).for_each(|i| series.field_nt[i].extend_from_slice(&block.field[i]));
-        series.mode.extend_from_slice(&block.mode);
-        series.flags.extend_from_slice(&block.flags);
-        degc.extend_from_slice(&block.t_degc);
-        own_nt2.extend_from_slice(&block.own_nt2);
-    }
+    let series = Series::of(blocks);
+    let degc: Vec<f64> = blocks.iter().flat_map(|block| block.t_degc.iter().copied()).collect();
+    let own_nt2: Vec<[f32; 6]> = blocks.iter().flat_map(|block| block.own_nt2.iter().copied()).collect();
     let seconds = means(&series, day, SECOND_NS);
     let there: Vec<usize> = (0..seconds.time.len()).filter(|i| seconds.count[*i] > 0).collect();
     let minutes = there.chunk_by(|a, b| minute(day, seconds.time[*a]) == minute(day, seconds.time[*b]));

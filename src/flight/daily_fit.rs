@@ -53,8 +53,6 @@ pub struct DailyFit {
     pub explained: [Option<f64>; 3],
     /// What is left about the polynomials, nT rms.
     pub residual_nt: [f64; 3],
-    /// Standard deviation of the slow noise of a minute over that of its white noise.
-    pub slow_over_white: f64,
     /// A higher order than the one chosen lowered the information criterion a little, or did not hold in hours without part in the fit.
     pub refused: [bool; 3],
 }
@@ -179,7 +177,7 @@ pub fn fit(rows: &[CalmRow], most_order: usize) -> Result<DailyFit, DailyError> 
     }
     let explained = std::array::from_fn(|c| held_out.as_ref().map(|squares| 1.0 - squares[chosen[c]][c] / squares[0][c]));
     let polynomials: [TemperaturePolynomial; 3] = polynomials.try_into().map_err(|_| DailyError::NoNoise)?;
-    Ok(DailyFit { polynomials, explained, residual_nt, slow_over_white: noise.parameters.slow.sqrt(), refused })
+    Ok(DailyFit { polynomials, explained, residual_nt, refused })
 }
 
 /// Coefficients and covariance over the noise that the residuals allow: the mean, and the scatter of the means besides.

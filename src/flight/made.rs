@@ -7,6 +7,31 @@ use crate::data::time::Tt2000;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+/// The model of a sensor and day as it was written.
+#[derive(Clone, Debug, Serialize)]
+pub struct DailyMade {
+    /// Sensor.
+    pub sensor: String,
+    /// Day, `YYYY-MM-DD`.
+    pub day: String,
+    /// Name of the file.
+    pub file: String,
+    /// Orders of x, y, z.
+    pub order: [usize; 3],
+    /// Coefficients of x, y, z, lowest order first, nT over °C.
+    pub coefficients: [Vec<f64>; 3],
+    /// Share of the squares of hours without part in the fit that the temperature explains; null with too few hours.
+    pub explained: [Option<f64>; 3],
+    /// What is left about the model, nT rms.
+    pub residual_nt: [f64; 3],
+    /// Calm minutes.
+    pub minutes: usize,
+    /// Lowest and highest temperature of them, °C.
+    pub valid_degc: [f64; 2],
+    /// What a person should know.
+    pub notes: Vec<String>,
+}
+
 /// What was made of a sensor and day.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DayMade {

@@ -183,3 +183,18 @@ pub struct Series {
     /// Flags.
     pub flags: Vec<u32>,
 }
+
+impl Series {
+    /// The vectors of blocks, one block after the other.
+    #[must_use]
+    pub fn of(blocks: &[Block]) -> Self {
+        let mut out = Self::default();
+        for block in blocks {
+            out.time.extend_from_slice(&block.time);
+            (0..3).for_each(|i| out.field_nt[i].extend_from_slice(&block.field[i]));
+            out.mode.extend_from_slice(&block.mode);
+            out.flags.extend_from_slice(&block.flags);
+        }
+        out
+    }
+}

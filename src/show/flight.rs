@@ -2,7 +2,7 @@
 
 use super::Drawn;
 use super::document::{Block, Cell, Document, Figure, Section, Table, Text, cells};
-use crate::flight::made::DayMade;
+use crate::flight::made::{DailyMade, DayMade};
 
 /// A day with its figures.
 pub type DayShown = (DayMade, Vec<Drawn>);
@@ -136,27 +136,8 @@ fn shared(days: &[DayShown]) -> Option<Section> {
     })
 }
 
-/// The daily offset model of a sensor and day.
-pub struct DailyShown {
-    /// Day, `YYYY-MM-DD`.
-    pub day: String,
-    /// Sensor.
-    pub sensor: String,
-    /// Orders of x, y, z.
-    pub order: [usize; 3],
-    /// Share of the squares of hours without part in the fit that the temperature explains.
-    pub explained: [Option<f64>; 3],
-    /// What is left about the model, nT rms.
-    pub residual_nt: [f64; 3],
-    /// Calm minutes.
-    pub minutes: usize,
-    /// Lowest and highest temperature of them, °C.
-    pub valid_degc: [f64; 2],
-    /// What a person should know.
-    pub notes: Vec<String>,
-    /// Its figures.
-    pub figures: Vec<Drawn>,
-}
+/// The daily offset model of a sensor and day with its figures.
+pub type DailyShown = (DailyMade, Vec<Drawn>);
 
 /// The report of daily offset models; `without` names days without a model: day, sensor, reason.
 #[must_use]
@@ -171,7 +152,7 @@ pub fn daily_document(mission: &str, instrument: &str, models: &[DailyShown], wi
         "calm minutes",
         "temperature, °C",
     ]);
-    for model in models {
+    for (model, _) in models {
         for (c, name) in ["x", "y", "z"].into_iter().enumerate() {
             let explained = match model.explained[c] {
                 _ if model.order[c] == 0 => Cell::Missing("no dependence"),
@@ -197,7 +178,7 @@ pub fn daily_document(mission: &str, instrument: &str, models: &[DailyShown], wi
          outside. A model holds within its temperatures only.",
     )];
     let mut remarks: Vec<Text> = Vec::new();
-    for model in models {
+    for (model, _) in models {
         remarks.extend(model.notes.iter().map(|note| Text::from(format!("{} {}, {note}.", model.sensor, model.day).as_str())));
     }
     remarks.extend(
@@ -209,8 +190,8 @@ pub fn daily_document(mission: &str, instrument: &str, models: &[DailyShown], wi
         sections.push(section);
     }
     let mut last = 0;
-    for model in models.iter().filter(|model| !model.figures.is_empty()) {
-        let figures: Vec<Figure> = Drawn::number(&model.figures, "figures/", &mut last);
+    for (model, drawn) in models.iter().filter(|(_, drawn)| !drawn.is_empty()) {
+        let figures: Vec<Figure> = Drawn::number(drawn, "figures/", &mut last);
         sections.push(Section::new(format!("{} {}", model.sensor, model.day)).with_all(figures));
     }
     Document { title: format!("{mission} {instrument}: daily offset models"), front: Vec::new(), sections, colophon: None }

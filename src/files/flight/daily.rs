@@ -5,7 +5,7 @@ use crate::data::provenance::Input;
 use crate::data::time::{date_of, day_of};
 use crate::files::parameter::matrix_of;
 use crate::files::source::read_whole;
-use crate::files::text::{Keys, decode, quoted};
+use crate::files::text::{Keys, decode, listed, quoted};
 use crate::model::polynomial::TemperaturePolynomial;
 use jiff::civil::Date;
 use nalgebra::DMatrix;
@@ -56,9 +56,9 @@ pub fn head(what: &str, sensor: &str, day: i32, polynomials: &[TemperaturePolyno
         format!("# calfit daily offset model, {what}\nformat = \"{FORMAT}\"\nversion = 1\nsensor = {}\n", quoted(sensor));
     text.push_str(&format!("date = \"{year:04}-{month:02}-{d:02}\"\nmodel = \"polynomial\"\nunit = \"nT\"\nsign = \"{SIGN}\"\n"));
     for (key, polynomial) in NAMES.into_iter().zip(polynomials) {
-        text.push_str(&format!("{key} = {}\n", numbers(&polynomial.coefficients)));
+        text.push_str(&format!("{key} = {}\n", listed(&polynomial.coefficients)));
     }
-    text.push_str(&format!("valid_degc = {}\n", numbers(&valid_degc)));
+    text.push_str(&format!("valid_degc = {}\n", listed(&valid_degc)));
     text
 }
 
@@ -67,16 +67,10 @@ pub fn head(what: &str, sensor: &str, day: i32, polynomials: &[TemperaturePolyno
 pub fn covariances(polynomials: &[TemperaturePolynomial; 3]) -> String {
     let mut text = "\n[covariance]\n".to_owned();
     for (key, polynomial) in NAMES.into_iter().zip(polynomials) {
-        let rows: Vec<String> = polynomial.covariance.row_iter().map(|row| numbers(row.iter())).collect();
+        let rows: Vec<String> = polynomial.covariance.row_iter().map(|row| listed(row.iter())).collect();
         text.push_str(&format!("{key} = [{}]\n", rows.join(", ")));
     }
     text
-}
-
-/// Numbers as the shortest texts that are read back as the same.
-fn numbers<'a>(values: impl IntoIterator<Item = &'a f64>) -> String {
-    let list: Vec<String> = values.into_iter().map(|v| format!("{v:?}")).collect();
-    format!("[{}]", list.join(", "))
 }
 
 /// The file of a day, by the pattern of the configuration.

@@ -47,17 +47,6 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// No rows.
-    const EMPTY: Rows = Rows {
-        tag: Vec::new(),
-        obt_s: Vec::new(),
-        counts: [const { Vec::new() }; 3],
-        thermistor: Vec::new(),
-        quality: Vec::new(),
-        mode: Vec::new(),
-        range: Vec::new(),
-    };
-
     /// The same with further rows behind them.
     pub fn append(&mut self, mut other: Rows) {
         if self.tag.is_empty() {
@@ -297,7 +286,7 @@ pub fn read<const N: usize>(
             return Err(open.refuse(row, &rule, "move the vector to its day"));
         }
     }
-    let mut found = [const { Rows::EMPTY }; N];
+    let mut found: [Rows; N] = std::array::from_fn(|_| Rows::default());
     for (rows, wanted) in found.iter_mut().zip(wanted) {
         let first = all_tags.iter().position(|tag| wanted.contains(tag));
         let last = all_tags.iter().rposition(|tag| wanted.contains(tag));

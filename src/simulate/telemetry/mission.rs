@@ -7,7 +7,7 @@ use crate::data::convention::Convention;
 use crate::data::time::SECOND_NS;
 use crate::files::flight::daily;
 use crate::files::flight::mission::Span;
-use crate::files::text::quoted;
+use crate::files::text::{listed, quoted};
 use crate::files::twin::telemetry::FlightSensor;
 use crate::model::polynomial::TemperaturePolynomial;
 use nalgebra::DMatrix;
@@ -15,12 +15,6 @@ use std::fmt::Write;
 
 /// Name of the configuration.
 pub const FILE: &str = "flight.toml";
-
-fn numbers(values: impl IntoIterator<Item = f64>) -> String {
-    // The shortest text that is read back as the same number.
-    let list: Vec<String> = values.into_iter().map(|v| format!("{v:?}")).collect();
-    format!("[{}]", list.join(", "))
-}
 
 fn daily_pattern(sensor: &str) -> String {
     format!("RPCMAG_{{yymmdd}}_006_CALIB_{sensor}.toml")
@@ -72,7 +66,7 @@ pub fn text(telemetry: &Telemetry<'_>, ground: &[Ground; 2]) -> String {
             if twin.exact { 0.0 } else { sensor.noise_ent },
         );
         for state in &sensor.rotations {
-            let rows = (0..3).map(|row| numbers(state.uvw_to_sc.row(row).iter().copied()));
+            let rows = (0..3).map(|row| listed(state.uvw_to_sc.row(row).iter()));
             let rows: Vec<String> = rows.collect();
             let _ = writeln!(
                 out,
@@ -83,7 +77,7 @@ pub fn text(telemetry: &Telemetry<'_>, ground: &[Ground; 2]) -> String {
             );
         }
         for jump in &sensor.jumps {
-            let vector = numbers(jump.subtract_nt.iter().copied());
+            let vector = listed(jump.subtract_nt.iter());
             let _ = writeln!(out, "\n[[sensor.jump]]\n{}frame = \"sc\"\nsubtract_nt = {vector}", from_to(&jump.span));
         }
     }
@@ -95,7 +89,7 @@ pub fn text(telemetry: &Telemetry<'_>, ground: &[Ground; 2]) -> String {
             let shift_s = rate.shift_ns.unwrap_or(0) as f64 / SECOND_NS as f64;
             let _ = writeln!(out, "{role} = {{ rate_hz = {:?}, shift_s = {shift_s:?} }}", rate.rate_hz);
         }
-        let _ = writeln!(out, "lap_lines_hz = {}", numbers(mode.lines_hz.iter().copied()));
+        let _ = writeln!(out, "lap_lines_hz = {}", listed(&mode.lines_hz));
     }
     let [primary, secondary] = twin.sensors.each_ref().map(|s| quoted(&s.name));
     let _ = writeln!(out, "\n[role]\nprimary = {primary}\nsecondary = {secondary}");

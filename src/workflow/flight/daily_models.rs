@@ -10,6 +10,7 @@ use crate::files::output::Folder;
 use crate::files::text::quoted;
 use crate::flight::calm::{CalmRow, MULTIPLE, calm_rows};
 use crate::flight::daily_fit::{DailyFit, fit};
+use crate::flight::made::DailyMade;
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::plot::{self, flight as figures};
 use crate::show::flight::{DailyShown, daily_document};
@@ -37,31 +38,6 @@ pub struct DailyOptions {
     pub force: bool,
     /// Figures are drawn.
     pub plots: bool,
-}
-
-/// The model of a sensor and day as it was written.
-#[derive(Clone, Debug, Serialize)]
-pub struct DailyMade {
-    /// Sensor.
-    pub sensor: String,
-    /// Day, `YYYY-MM-DD`.
-    pub day: String,
-    /// Name of the file.
-    pub file: String,
-    /// Orders of x, y, z.
-    pub order: [usize; 3],
-    /// Coefficients of x, y, z, lowest order first, nT over °C.
-    pub coefficients: [Vec<f64>; 3],
-    /// Share of the squares of hours without part in the fit that the temperature explains; null with too few hours.
-    pub explained: [Option<f64>; 3],
-    /// What is left about the model, nT rms.
-    pub residual_nt: [f64; 3],
-    /// Calm minutes.
-    pub minutes: usize,
-    /// Lowest and highest temperature of them, °C.
-    pub valid_degc: [f64; 2],
-    /// What a person should know.
-    pub notes: Vec<String>,
 }
 
 /// The models that were made.
@@ -113,7 +89,7 @@ pub fn make_daily(path: &Path, options: &DailyOptions, findings: &mut Vec<Findin
             }
         }
     }
-    let list: Vec<DailyShown> = made.models.iter().zip(drawn).map(|(m, drawn)| shown_of(m, drawn)).collect();
+    let list: Vec<DailyShown> = made.models.iter().cloned().zip(drawn).collect();
     let without: Vec<[String; 3]> =
         made.failed.iter().map(|f| [f.day.clone(), f.sensor.clone(), f.error.rule.to_string()]).collect();
     let document = daily_document(&prepared.mission.mission, &prepared.mission.instrument, &list, &without);
@@ -121,20 +97,6 @@ pub fn make_daily(path: &Path, options: &DailyOptions, findings: &mut Vec<Findin
     folder.write("DAILY.html", page.as_bytes())?;
     folder.sync()?;
     Ok(made)
-}
-
-fn shown_of(made: &DailyMade, figures: Vec<Drawn>) -> DailyShown {
-    DailyShown {
-        day: made.day.clone(),
-        sensor: made.sensor.clone(),
-        order: made.order,
-        explained: made.explained,
-        residual_nt: made.residual_nt,
-        minutes: made.minutes,
-        valid_degc: made.valid_degc,
-        notes: made.notes.clone(),
-        figures,
-    }
 }
 
 /// A model with what it is made of.

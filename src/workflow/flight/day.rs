@@ -191,7 +191,7 @@ impl<'a> Context<'a> {
         if !self.wanted.contains(&level) {
             return Ok(());
         }
-        let means = means(&series(blocks), &self.span(), self.prepared.mission.mean_ns);
+        let means = means(&Series::of(blocks), &self.span(), self.prepared.mission.mean_ns);
         sink(level, Product::Means(&means, blocks), inputs, made)
     }
 
@@ -300,18 +300,6 @@ pub fn vectors(
     let steps = Steps::make(prepared, carry, index, day, &days)?;
     let blocks = blocks(assembled.vectors, GROUP_ROWS, mission.uncertainty);
     Ok(Some(Vectors { blocks, steps, counts: assembled.counts, inputs, beside }))
-}
-
-/// The vectors of blocks as one series.
-pub fn series(blocks: &[Block]) -> Series {
-    let mut out = Series::default();
-    for block in blocks {
-        out.time.extend_from_slice(&block.time);
-        (0..3).for_each(|i| out.field_nt[i].extend_from_slice(&block.field[i]));
-        out.mode.extend_from_slice(&block.mode);
-        out.flags.extend_from_slice(&block.flags);
-    }
-    out
 }
 
 /// Puts the field and the flags of a series back into its blocks.

@@ -1,7 +1,7 @@
 //! Levels that need the neighbours of a vector or both sensors: without heater jumps (K, L), without wheels (H, I), what both sensors
 //! share (J).
 
-use super::day::{Context, Product, Vectors, put_back, series, vectors};
+use super::day::{Context, Product, Vectors, put_back, vectors};
 use super::{Carry, Level, Prepared, picture};
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
@@ -14,7 +14,7 @@ use crate::flight::made::{DayMade, HeaterFound, JumpFound, SharedAxis, WheelsFou
 use crate::flight::means::Means;
 use crate::flight::two_sensors::{self, Parts};
 use crate::flight::wheels::{self, Method, WheelMode, WheelOptions};
-use crate::flight::{Block, Stage};
+use crate::flight::{Block, Series, Stage};
 use std::collections::BTreeSet;
 use std::ops::Range;
 
@@ -59,7 +59,7 @@ pub fn heater_classes(prepared: &Prepared, carry: &Carry, index: usize) -> Resul
             steps.apply(Stage::A, block);
             steps.apply(Stage::B, block);
         }
-        let all = series(&blocks);
+        let all = Series::of(&blocks);
         records.extend(heater::Cells::of(&all.time, &all.field_nt, interval_of(*span), &options));
     }
     let refuse = |e: heater::HeaterError| Finding::error(&prepared.mission.sensors[index].name, e.to_string(), "see [heater]");
@@ -77,7 +77,7 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     let intervals: Vec<HeaterInterval> = spans.into_iter().map(interval_of).collect();
     let options = heater_options(context.prepared, stated);
     let known = context.carry.heater.get(&made.sensor).map(Vec::as_slice);
-    let mut all = series(blocks);
+    let mut all = Series::of(blocks);
     let (classes, jumps) = heater::close_jumps(&all.time, &mut all.field_nt, &mut all.flags, &intervals, known, &options)
         .map_err(|e| Finding::error(&made.sensor, e.to_string(), "see [heater]"))?;
     put_back(&all, &mut out);
@@ -112,7 +112,7 @@ pub fn without_wheels(
         seed: stated.seed,
         ..WheelOptions::default()
     };
-    let before = series(blocks);
+    let before = Series::of(blocks);
     let mut all = before.clone();
     let table = table.over(&context.reach(), &prepared.leap)?;
     let report = wheels::clean(&all.time, &all.mode, &modes, &table, &options, &mut all.field_nt, &mut all.flags)

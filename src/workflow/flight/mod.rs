@@ -13,7 +13,7 @@ mod steps;
 mod write;
 
 pub use carry::{Carry, CarryRow};
-pub use daily_models::{DailyMade, DailyModels, DailyOptions, make_daily};
+pub use daily_models::{DailyModels, DailyOptions, make_daily};
 pub use ground::Ground;
 pub use levels::{Level, Levels, NoLevels};
 pub use look::{check, inspect};
