@@ -261,7 +261,9 @@ fn with_the_written_model_nothing_is_missing_and_results_may_be_written_over() {
         assert_eq!(first.status.code(), Some(0), "{}", text(&first.stderr));
         let second = diagnose(case, &dir.out(), &["--no-plots", "--model", model]);
         assert_eq!(second.status.code(), Some(0), "{}", text(&second.stderr));
-        assert_eq!(written(case, &dir.out())["verdict"], "no missing effect", "{case}");
+        let second = written(case, &dir.out());
+        assert_eq!(second["verdict"], "no missing effect", "{case}");
+        assert_eq!(second["provenance"]["command"], "calfit diagnose --model model.toml", "{case}");
     }
 }
 

@@ -141,8 +141,10 @@ fn every_page_with_commands_has_a_test() {
     }
 }
 
+/// A page of the guide links to nothing outside it, since the site that is made of the guide does not have it.
 #[test]
 fn every_link_leads_somewhere() {
+    let guide = data("docs").canonicalize().unwrap();
     let mut lost = BTreeSet::new();
     for page in pages() {
         let text = read(&page);
@@ -153,7 +155,8 @@ fn every_link_leads_somewhere() {
                 continue;
             }
             let path = data(page.parent().unwrap().join(file).to_str().unwrap());
-            if !path.exists() {
+            let is_outside = page.starts_with("docs") && path.canonicalize().is_ok_and(|real| !real.starts_with(&guide));
+            if !path.exists() || is_outside {
                 lost.insert(format!("{}: {target}", page.display()));
             }
         }

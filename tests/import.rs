@@ -201,8 +201,14 @@ fn semicolons_decimal_commas_and_iso_times_give_the_parameters_of_the_run_by_han
     assert!(desk.calibrated("times") == expected);
     // A guess cannot know the zone: without it the run has another hour and the same parameters.
     let utc = fs::read_to_string(&table).unwrap().replace("T11:", "T09:");
+    let split = utc.replace("Zeit;", "Datum;Uhrzeit;").replace("2013-04-03T", "03.04.2013;");
     let table = desk.put("utc.csv", utc);
-    desk.same("iso", &given.replace("Europe/Berlin", "UTC"), &table, &expected);
+    let given = given.replace("Europe/Berlin", "UTC");
+    desk.same("iso", &given, &table, &expected);
+    // The date in a column of its own.
+    let own = "column = \"Uhrzeit\"\ndate = \"Datum\"\nformat = \"%d.%m.%Y %H:%M:%S%.f\"";
+    let given = given.replace("column = \"Zeit\"\nformat = \"iso8601\"", own);
+    desk.same("split", &given, &desk.put("split.csv", split), &expected);
 }
 
 #[test]

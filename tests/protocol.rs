@@ -106,18 +106,20 @@ fn the_first_page_says_what_the_sensors_are() {
             "**Everything that applies to this campaign was done.** 8 runs: 8 analysed; 3 analyses across temperatures",
             "| Laboratory | Coil facility |",
             "**BS_11 science mode 0** at -30.0 °C, the middle of the range of the polynomials, -60.0 to 0.0 °C, in which 20 °C is not",
-            "| offset B_off_x, enT |",
-            "| -3 dB frequency f_3dB_z, Hz |",
+            "| offset B_off, enT |",
+            "| -3 dB frequency f_3dB, Hz |",
             "| 2 runs |",
         ],
     );
     assert!(!page.contains("not stated"), "{page}");
     assert_eq!(page.matches("\n![").count(), 4);
     let near = |page: &str, truth: [f64; 3]| {
-        let rows: Vec<&str> = page.lines().filter(|l| l.starts_with("| sensitivity σ_")).collect();
-        assert_eq!(rows.len(), 3);
-        for (row, truth) in rows.iter().zip(truth) {
-            let (value, std) = row.split('|').nth(2).unwrap().split_once('±').unwrap();
+        let rows: Vec<&str> = page.lines().filter(|l| l.starts_with("| sensitivity σ, nT/enT |")).collect();
+        let [row] = rows.as_slice() else { panic!("{page}") };
+        let cells: Vec<&str> = row.split('|').skip(2).take(3).collect();
+        assert_eq!(cells.len(), 3);
+        for (cell, truth) in cells.iter().zip(truth) {
+            let (value, std) = cell.split_once('±').unwrap();
             let [value, std] = [value, std].map(|text| text.trim().parse::<f64>().unwrap());
             assert!(std > 0.0 && (value - truth).abs() < 4.0 * std, "{row} is not {truth}");
         }

@@ -251,6 +251,37 @@ fn an_option_or_the_campaign_file_that_changes_makes_the_rest_stale() {
 }
 
 #[test]
+fn a_report_renews_what_other_commands_made() {
+    let case = sample();
+    let out = case.out();
+    report(&case);
+    let one = case.campaign().join("26-01-15/09-00-00.CCR");
+    done(&case, &["diagnose"], &[&one]);
+    let cpfs: Vec<PathBuf> = RUNS.iter().map(|id| out.join(cpf(id, "TEMPLIN"))).collect();
+    done(&case, &["diagnose"], &cpfs.iter().map(PathBuf::as_path).collect::<Vec<_>>());
+    done(&case, &["lin", "--linearise"], &[&case.campaign()]);
+    let linearisation = format!("LINEARISATION__{}.toml", RUNS[0]);
+    let own = format!("{}/diagnosis.json", RUNS[0]);
+    let paths = [own.as_str(), "diagnosis.json", &linearisation];
+    let command = |path: &str| entry(&out, path)["command"].clone();
+    let commands = paths.map(command);
+    let file = case.campaign().join("campaign.toml");
+    fs::write(&file, fs::read_to_string(&file).unwrap() + "\n# looked through\n").unwrap();
+    done(&case, &["lin"], &[&case.campaign()]);
+    paths.iter().for_each(|path| assert!(stale(&out).contains(*path), "{path}: {:?}", stale(&out)));
+    report(&case);
+    assert_eq!(stale(&out), BTreeSet::new());
+    // As they were asked for, from the file as it is now.
+    assert_eq!(paths.map(command), commands);
+    let now = sha256(&fs::read(&file).unwrap());
+    for path in [&own, &linearisation] {
+        let from = entry(&out, path)["from"].clone();
+        assert!(from.as_array().unwrap().iter().any(|version| version["sha256"] == *now), "{path}: {from}");
+    }
+    assert_eq!(verify(&out).0, Some(0));
+}
+
+#[test]
 fn a_run_that_is_refused_now_keeps_its_older_results_with_a_mark() {
     let case = sample();
     let out = case.out();

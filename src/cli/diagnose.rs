@@ -5,13 +5,11 @@ use super::output::{Terminal, json};
 use super::{Common, Status, open_without, refused, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::run::Kind;
-use crate::diagnose::{self, Options};
+use crate::diagnose;
 use crate::files::parameter::{Cpf, is_named};
-use crate::measure::lin;
-use crate::model::effects::Catalogue;
 use crate::workflow::{
-    Across, Diagnosed, Failure, diagnose_run, diagnose_table, facility, jobs, publish_diagnosis, publish_model, read_model,
-    temperature,
+    Across, Diagnosed, DiagnosedWith, Failure, diagnose_run, diagnose_table, facility, jobs, publish_diagnosis, publish_model,
+    read_model, temperature,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -58,18 +56,11 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let mut together = Across::default();
     let paths = parameters(&arguments.paths, &mut together, common, terminal)?;
     let campaigns = if paths.is_empty() { Vec::new() } else { open_without(&paths, &arguments.excluding, common, terminal)? };
-    let model = arguments.model.as_ref().map(|path| read_model(path)).transpose()?;
-    let facility = facility(arguments.facility.as_ref())?;
-    let mut inputs = Vec::new();
-    inputs.extend(model.as_ref().map(|(file, _)| file.input.clone()));
-    inputs.extend(facility.as_ref().map(|f| f.input.clone()));
-    let temperature = temperature(arguments.temperature.as_ref())?;
-    inputs.extend(temperature.as_ref().map(|t| t.input.clone()));
-    let options = Options {
-        facility: facility.clone(),
-        temperature: temperature.clone(),
-        given: model.as_ref().map(|(_, known)| known.given()).unwrap_or_default(),
-        catalogue: Catalogue::default(),
+    let (given, known) = arguments.model.as_ref().map(|path| read_model(path)).transpose()?.unzip();
+    let with = DiagnosedWith {
+        facility: facility(arguments.facility.as_ref())?,
+        temperature: temperature(arguments.temperature.as_ref())?,
+        model: known,
     };
     let (all, unmatched) = jobs(&campaigns, None);
     terminal.unmatched(&unmatched);
@@ -87,7 +78,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         .par_iter()
         .map(|job| {
             bar.of(&job.id(), || {
-                let made = diagnose_run(job, &desk, &options, &inputs, two_threads)?;
+                let made = diagnose_run(job, &desk, &with, two_threads)?;
                 let run = made.diagnosis.runs.first().map_or("", String::as_str);
                 publish_diagnosis(&made, run, &desk).map_err(Failure::Refused)?;
                 Ok(made)
@@ -100,9 +91,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let linear: Vec<_> = jobs.iter().filter(|j| j.header.as_ref().is_some_and(|h| h.kind == Kind::Linearity)).collect();
     let of_runs = together.count() == 0;
     if linear.len() > 1 || !of_runs {
-        let lin_options = lin::Options { facility, temperature, ..lin::Options::default() };
         // What cannot be fitted was named when it was looked at by itself.
-        together.runs(&linear, &lin_options, &desk, &mut Vec::new());
+        together.runs(&linear, &with.of_runs(), &desk, &mut Vec::new());
         match together.diagnose() {
             Ok(made) => {
                 publish_diagnosis(&made, "", &desk)?;
@@ -120,7 +110,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
     let all: Vec<&Diagnosed> = done.iter().collect();
     if let Some(path) = &arguments.write_model {
-        let given = model.map(|(file, _)| file.body.effect).unwrap_or_default();
+        let given = given.map(|file| file.body.effect).unwrap_or_default();
         publish_model(path, &all, &given, common.force)?;
         if !common.json {
             terminal.tell(&format!("model -> {}\n", path.display()));

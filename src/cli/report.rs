@@ -23,8 +23,9 @@ use crate::plot::{self, Named};
 use crate::show::protocol::{self, Protocol, RunPart, ThermalPart};
 use crate::show::{Drawn, html, markdown};
 use crate::workflow::{
-    Alone, Analyses, CentreMade, Desk, Failure, First, Job, Measured, RunResult, ThermalInput, ThermalOptions, ThermalShown,
-    alone, by_sensor_and_mode, draw, jobs, linearise_group, publish_alone, publish_thermal_names, refer, scale_to_nt, settle,
+    Alone, Analyses, CentreMade, Desk, Failure, First, Job, Measured, Renewed, RunResult, ThermalInput, ThermalOptions,
+    ThermalShown, alone, by_sensor_and_mode, draw, jobs, linearise_group, publish_alone, publish_thermal_names, refer, renew,
+    scale_to_nt, settle,
 };
 use clap::Args;
 use others::{Ground, Others, Thermistors};
@@ -96,6 +97,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let coil = work.coil(&measured);
     let thermistors = work.thermistors();
     let ground = work.ground(&across.groups, &across.centres, &thermistors.of_sensor);
+    let renewed = work.renew();
     across.beside_alone.iter().chain(&ground.lacking).for_each(|note| terminal.warning(&note.to_string()));
     let told = Told {
         runs: work.run_parts(&measured, &figures, &coil).iter().map(told::RunTold::from).collect(),
@@ -104,6 +106,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         ground: ground.files.clone(),
         coil: coil.files.clone(),
         thermistors: thermistors.others.files.clone(),
+        renewed,
     };
     // The joint fit belongs to every report.
     let recorded = RecordedOptions {
@@ -259,6 +262,25 @@ impl Work<'_, '_> {
         Ok(figures)
     }
 
+    /// Makes again what rests on what has changed and no analysis of the report has made; the paths of those files.
+    fn renew(&mut self) -> Vec<String> {
+        let renewed = match renew(&self.desk) {
+            Ok(renewed) => renewed,
+            Err(finding) => {
+                self.failures.push((finding.file.to_string(), Failure::Refused(finding)));
+                return Vec::new();
+            }
+        };
+        let mut done = Vec::new();
+        for Renewed { path, made } in renewed {
+            match made {
+                Ok(()) => done.push(path),
+                Err(finding) => self.failures.push((path, Failure::Refused(finding))),
+            }
+        }
+        done
+    }
+
     /// All runs in the order of their ids, which is that of their start: every one stands here once, whatever became of it.
     fn run_parts<'a>(&'a self, measured: &'a [Measured], figures: &'a [Vec<Drawn>], coil: &Others) -> Vec<RunPart<'a>> {
         let mut parts: Vec<RunPart> = measured.iter().zip(figures).map(|(measured, figures)| measured.part(figures)).collect();
@@ -327,6 +349,7 @@ impl Work<'_, '_> {
             points: measured.iter().filter_map(Measured::point).collect(),
             not_applied: across.not_applied.clone(),
             centres: ground.parts,
+            at_centre: across.centres.iter().map(|made| (&made.result, made.file.file_name())).collect(),
             beside_alone: across.beside_alone.clone(),
             coil: coil.parts,
             thermistors: thermistors.others.parts,

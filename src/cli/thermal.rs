@@ -8,7 +8,7 @@ use crate::data::error::Finding;
 use crate::data::note::NoteKind;
 use crate::files::campaign::Campaign;
 use crate::files::index;
-use crate::files::parameter::{Body, FileKind, Tcf, Tpf, alone_of, is_named};
+use crate::files::parameter::{Body, FileKind, Tpf, alone_of, is_named};
 use crate::measure::sweep;
 use crate::model::campaign::ThermalEntry;
 use crate::record::known::Known;
@@ -50,11 +50,11 @@ pub(super) struct Arguments {
 }
 
 #[derive(Serialize)]
-struct Listing<'a, G, S> {
+struct Listing<'a, G, S, C> {
     groups: Vec<G>,
     sweeps: Vec<S>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    centre: Vec<&'a Tcf>,
+    centre: Vec<C>,
     failed: Vec<&'a Finding>,
 }
 
@@ -229,7 +229,7 @@ impl Done<'_> {
             let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
             let groups = self.groups.iter().map(ThermalShown::view).collect();
             let sweeps = self.sweeps.iter().map(|s| s.view()).collect();
-            let centre = self.centres.iter().map(|c| &c.file).collect();
+            let centre = self.centres.iter().map(CentreMade::view).collect();
             terminal.print(&json(&Listing { groups, sweeps, centre, failed })?);
             return Ok(());
         }

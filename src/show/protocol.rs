@@ -14,6 +14,7 @@ use crate::data::result::RunHead;
 use crate::data::run::{Header, Location, Run, time_of_id};
 use crate::data::run_state::{Outcome, RunState};
 use crate::files::campaign::Campaign;
+use crate::measure::centre::AtCentre;
 use crate::measure::sweep::Sweep;
 use crate::measure::thermal::{Kind, Thermal};
 
@@ -85,6 +86,8 @@ pub struct Protocol<'a> {
     pub not_applied: Vec<String>,
     /// Calibrations across temperatures that were taken to the centre of the coil system.
     pub centres: Vec<OtherPart>,
+    /// The same as numbers, with the names of their files.
+    pub at_centre: Vec<(&'a AtCentre, String)>,
     /// Calibrations across temperatures that hold beside the centre only.
     pub beside_alone: Vec<Note>,
     /// Calibrations of the coil system.

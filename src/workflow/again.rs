@@ -1,7 +1,7 @@
 //! A result made once more from its recipe: what `calfit verify` compares a parameter file with.
 
 use super::coil::{TiltInput, coil_runs, publish_coil, residual_of, residual_of_table, scalar_of};
-use super::diagnose::known;
+use super::diagnose::{Across, DiagnosedWith, diagnose_run, diagnose_table, known, publish_diagnosis};
 use super::linearise::{First, by_sensor_and_mode, linearisation, linearise_group};
 use super::settle::{refer, settle};
 use super::thermal::{ThermalInput, temperature};
@@ -54,6 +54,9 @@ impl From<Failure> for AgainError {
             .into()
     }
 }
+
+/// The option of a diagnosis that makes a model file.
+pub(super) const WRITE_MODEL: &str = "write_model";
 
 /// The files that a recipe is followed with.
 #[derive(Clone, Debug, Default)]
@@ -155,6 +158,8 @@ pub fn again(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Aga
         "thermal" if is_sweep(with) => runs::<sweep::Options>(recipe, with, desk),
         "thermal" => thermal(recipe, with, desk),
         "linearise" => linearise(recipe, with, desk),
+        // A model file is made of several diagnoses, which the command line alone brings together.
+        "diagnose" if !recipe.options.contains_key(WRITE_MODEL) => diagnose(with, desk),
         "thermistor" => thermistor(recipe, with, desk),
         "coil scalar" | "coil residual" | "coil tilt" => coil(recipe, with, desk),
         other => match RUN_KINDS.iter().find(|kind| kind.analysis == other) {
@@ -215,6 +220,37 @@ fn linearise(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Aga
         }
         Ok(())
     })
+}
+
+fn diagnose(with: &Ingredients, desk: &Desk) -> Result<(), AgainError> {
+    for (_, table) in with.files.iter().filter(|(role, _)| *role == Role::Amplitudes) {
+        let made = diagnose_table(table, &mut Vec::new())?;
+        publish_diagnosis(&made, &made.diagnosis.runs.concat(), desk)?;
+    }
+    let given = DiagnosedWith { facility: with.facility()?, temperature: with.temperature()?, model: with.model()? };
+    let mut together = Across::default();
+    let mut runs = Vec::new();
+    for path in &with.data {
+        if is_table(path) {
+            together.table(path, &mut Vec::new())?;
+        } else if is_named::<Cpf>(path) {
+            together.cpf(path)?;
+        } else {
+            runs.push(path.clone());
+        }
+    }
+    let campaigns = campaigns(&runs, desk)?;
+    let (jobs, _) = jobs(&campaigns, None);
+    if let ([job], 0) = (jobs.as_slice(), together.count()) {
+        let made = diagnose_run(job, desk, &given, false)?;
+        publish_diagnosis(&made, made.diagnosis.runs.first().map_or("", String::as_str), desk)?;
+    } else if !with.data.is_empty() {
+        let mut failures = Vec::new();
+        together.runs(&jobs.iter().collect::<Vec<_>>(), &given.of_runs(), desk, &mut failures);
+        none_failed(failures)?;
+        publish_diagnosis(&together.diagnose()?, "", desk)?;
+    }
+    Ok(())
 }
 
 /// Whether what is analysed is one run, of a sweep.

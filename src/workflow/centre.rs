@@ -14,6 +14,7 @@ use crate::measure::centre::{self, AtCentre, OffCentre, Pair};
 use crate::model::polynomial::{TemperaturePolynomial, value};
 use crate::show;
 use nalgebra::{DMatrix, Matrix3};
+use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -119,7 +120,7 @@ impl PairFiles {
             provenance: &provenance,
         };
         outcome.write(&folder, &[])?;
-        Ok(CentreMade { result, file, pair: self.members().flat_map(|member| member.files.clone()).collect() })
+        Ok(CentreMade { result, file, pair: self.members().flat_map(|member| member.files.clone()).collect(), provenance })
     }
 }
 
@@ -129,8 +130,25 @@ pub struct CentreMade {
     pub result: AtCentre,
     /// What its parameter file holds.
     pub file: Tcf,
+    /// Its origin.
+    pub provenance: Provenance,
     /// The parameter files of the runs at the centre, and of the one beside it where that is a run.
     pub pair: Vec<String>,
+}
+
+impl CentreMade {
+    /// The result as `--json` prints it.
+    #[must_use]
+    pub fn view(&self) -> impl Serialize + '_ {
+        CentreView { file: &self.file, provenance: &self.provenance }
+    }
+}
+
+#[derive(Serialize)]
+struct CentreView<'a> {
+    #[serde(flatten)]
+    file: &'a Tcf,
+    provenance: &'a Provenance,
 }
 
 const SIGMA: [&str; 3] = ["sigma_x", "sigma_y", "sigma_z"];

@@ -1,5 +1,7 @@
 //! Diagnoses as files, figures and text.
 
+use super::again::WRITE_MODEL;
+use super::renew::DIAGNOSIS_FILE;
 use super::{Desk, Failure, Job, draw, read};
 use crate::data::error::Finding;
 use crate::data::plateau::{self, Accumulator, Cut};
@@ -16,7 +18,8 @@ use crate::files::source::read_whole;
 use crate::files::text::{Keys, decode};
 use crate::measure::lin;
 use crate::model::effects::{Catalogue, EffectRef, Spec};
-use crate::model::facility::FacilityParameters;
+use crate::model::facility::{Facility, FacilityParameters};
+use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::record::conditions;
 use crate::record::known::Known;
 use crate::show::{self, Drawn, html, markdown};
@@ -37,25 +40,57 @@ pub struct Diagnosed {
     pub provenance: Provenance,
 }
 
+/// Files that a diagnosis is given beside the data.
+#[derive(Clone, Debug, Default)]
+pub struct DiagnosedWith {
+    /// What turns settings into applied fields.
+    pub facility: Option<Facility>,
+    /// What a sensor follows of its temperature.
+    pub temperature: Option<SensorPolynomials>,
+    /// Known effects.
+    pub model: Option<Known>,
+}
+
+impl DiagnosedWith {
+    /// The options of the diagnosis.
+    #[must_use]
+    pub fn options(&self) -> Options {
+        Options {
+            facility: self.facility.clone(),
+            temperature: self.temperature.clone(),
+            given: self.model.as_ref().map(Known::given).unwrap_or_default(),
+            catalogue: Catalogue::default(),
+        }
+    }
+
+    /// The options of the linear fits whose parameters are looked at together.
+    #[must_use]
+    pub fn of_runs(&self) -> lin::Options {
+        lin::Options { facility: self.facility.clone(), temperature: self.temperature.clone(), ..lin::Options::default() }
+    }
+
+    /// The files.
+    #[must_use]
+    pub fn inputs(&self) -> Vec<Input> {
+        let model = self.model.iter().map(|known| &known.input);
+        let facility = self.facility.iter().map(|facility| &facility.input);
+        model.chain(facility).chain(self.temperature.iter().map(|polynomials| &polynomials.input)).cloned().collect()
+    }
+}
+
 /// Reads and diagnoses one run.
 ///
 /// # Errors
 /// The file cannot be read, or the run cannot be looked at.
-pub fn diagnose_run(
-    job: &Job,
-    desk: &Desk,
-    options: &Options,
-    inputs: &[Input],
-    two_threads: bool,
-) -> Result<Diagnosed, Failure> {
+pub fn diagnose_run(job: &Job, desk: &Desk, with: &DiagnosedWith, two_threads: bool) -> Result<Diagnosed, Failure> {
     let (run, (accumulator, samples)) = read(job, desk, two_threads, (Accumulator::default(), Samples::default()))?;
     let plateaus = plateau::of_run(&run, accumulator, Cut::default());
-    let mut diagnosis = diagnose::run(&run, &plateaus, Some(&samples), job.campaign, options)
+    let mut diagnosis = diagnose::run(&run, &plateaus, Some(&samples), job.campaign, &with.options())
         .map_err(|reason| Failure::Refused(refusal(&job.recorded, &reason)))?;
     diagnosis.notes.extend(conditions::excluded(&run));
     let mut input = vec![Input::from(&run.input)];
     input.extend(job.campaign.input.clone());
-    input.extend(inputs.iter().cloned());
+    input.extend(with.inputs());
     let provenance = Provenance::new(Recipe::plain("diagnose").reading(desk.allowed_of(&run.header.run)), input);
     Ok(Diagnosed { written_by: WRITTEN_BY, diagnosis, provenance })
 }
@@ -165,7 +200,7 @@ impl Across {
 /// What cannot be drawn or written.
 pub fn publish_diagnosis(made: &Diagnosed, run: &str, desk: &Desk) -> Result<(), Finding> {
     let folder = desk.folder(run, Origin::of(&made.provenance))?;
-    folder.check("diagnosis.json")?;
+    folder.check(DIAGNOSIS_FILE)?;
     let name = made.diagnosis.runs.first().map_or("", String::as_str);
     let figures = crate::plot::diagnose::figures(&made.diagnosis);
     let drawn = if desk.plots { draw(&folder, &figures, |stem| figure_name(stem, name))? } else { Vec::new() };
@@ -182,9 +217,9 @@ pub fn publish_diagnosis(made: &Diagnosed, run: &str, desk: &Desk) -> Result<(),
     let page = html::page(&document, &mut |file| std::fs::read(folder.path().join(file)).ok());
     folder.write(&format!("REPORT_DIAGNOSIS__{name}.html"), page.as_bytes())?;
     let json = serde_json::to_string_pretty(made)
-        .map_err(|e| Finding::error("diagnosis.json", format!("the result has no text form: {e}"), "report this"))?;
+        .map_err(|e| Finding::error(DIAGNOSIS_FILE, format!("the result has no text form: {e}"), "report this"))?;
     folder.sync()?;
-    folder.write("diagnosis.json", format!("{json}\n").as_bytes())?;
+    folder.write(DIAGNOSIS_FILE, format!("{json}\n").as_bytes())?;
     folder.sync()
 }
 
@@ -243,7 +278,7 @@ pub fn publish_model(path: &Path, all: &[&Diagnosed], given: &[ModelEffect], for
         effect,
     };
     let input = all.iter().flat_map(|d| d.provenance.input.clone()).collect();
-    let provenance = Provenance::new(Recipe::new("diagnose", &serde_json::json!({ "write_model": true })), input);
+    let provenance = Provenance::new(Recipe::new("diagnose", &serde_json::json!({ WRITE_MODEL: true })), input);
     let name = path.file_name().map_or_else(|| "model.toml".to_owned(), |n| n.to_string_lossy().into_owned());
     let text = super::parameter_text(&name, &model, &provenance)?;
     let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));

@@ -18,6 +18,7 @@ mod lin;
 mod linearise;
 mod null;
 mod offset;
+mod renew;
 mod results;
 mod settle;
 mod sweep;
@@ -32,12 +33,15 @@ pub use centre::{CentreMade, PairFiles};
 pub use coil::{
     CoilMade, CoilResult, CoilRun, TiltInput, coil_runs, facility, publish_coil, residual_of, residual_of_table, scalar_of,
 };
-pub use diagnose::{Across, Diagnosed, diagnose_run, diagnose_table, known, publish_diagnosis, publish_model, read_model};
+pub use diagnose::{
+    Across, Diagnosed, DiagnosedWith, diagnose_run, diagnose_table, known, publish_diagnosis, publish_model, read_model,
+};
 pub use freq::of_table;
 pub use ground::{ExportRecipe, NoGround, ground_calibration};
 pub use import::{Import, ImportedRun};
 pub use kind::{RUN_KINDS, RunKind, RunMade};
 pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
+pub use renew::{Renewed, renew};
 pub use results::Results;
 pub use settle::{Alone, alone, refer, settle};
 pub use thermal::{NoThermal, ThermalFile, ThermalInput, ThermalOptions, ThermalShown, temperature};

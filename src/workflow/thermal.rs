@@ -114,7 +114,7 @@ impl ThermalInput {
                 let used: Vec<&CalibratedRun> = group.points.iter().filter(|p| result.runs.files.contains(&p.file)).collect();
                 let provenance = Provenance::new(options.recipe(desk), self.inputs(&used));
                 let (written, figures) = publish(&result, &file, &provenance, desk).map_err(NoThermal::Refused)?;
-                Ok(ThermalShown { thermal: result, file, written, figures })
+                Ok(ThermalShown { thermal: result, file, provenance, written, figures })
             })
             .collect()
     }
@@ -258,6 +258,8 @@ pub struct ThermalShown {
     pub thermal: Thermal,
     /// What its parameter file holds.
     pub file: ThermalFile,
+    /// Its origin.
+    pub provenance: Provenance,
     /// That file as an input of what rests on it.
     pub written: Input,
     /// Its figures.
@@ -271,6 +273,7 @@ impl ThermalShown {
         ThermalView {
             kind: self.thermal.kind(),
             file: &self.file,
+            provenance: &self.provenance,
             curves: self.thermal.quantities.iter().map(CurveView::from).collect(),
         }
     }
@@ -291,6 +294,7 @@ pub enum ThermalFile {
 struct ThermalView<'a> {
     kind: Kind,
     file: &'a ThermalFile,
+    provenance: &'a Provenance,
     curves: Vec<CurveView<'a>>,
 }
 

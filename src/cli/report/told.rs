@@ -5,7 +5,6 @@ use super::super::{Common, Status};
 use super::{FILES, Work};
 use crate::data::error::Finding;
 use crate::data::run_state::{Outcome, RunCounts};
-use crate::files::parameter::Tcf;
 use crate::show;
 use crate::show::protocol::RunPart;
 use crate::workflow::{CentreMade, Failure, Measured, ThermalShown};
@@ -20,6 +19,8 @@ pub(super) struct Told<'a> {
     pub ground: Vec<String>,
     pub coil: Vec<String>,
     pub thermistors: Vec<String>,
+    /// Files of other commands that were made again, because what they rest on has changed.
+    pub renewed: Vec<String>,
 }
 
 /// A run as `--json` prints it.
@@ -49,16 +50,18 @@ struct RunView<'a> {
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Listing<'a, G> {
+struct Listing<'a, G, C> {
     counts: RunCounts,
     runs: Vec<RunView<'a>>,
     thermal: Vec<G>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    centre: Vec<&'a Tcf>,
+    centre: Vec<C>,
     #[serde(skip_serializing_if = "<[String]>::is_empty")]
     ground: &'a [String],
     coil: &'a [String],
     thermistors: &'a [String],
+    #[serde(skip_serializing_if = "<[String]>::is_empty")]
+    renewed: &'a [String],
     protocol: [&'static str; 2],
     failed: Vec<&'a Finding>,
 }
@@ -80,10 +83,11 @@ impl Told<'_> {
                 counts,
                 runs: runs.collect::<Result<_, Finding>>()?,
                 thermal: self.thermal.iter().map(ThermalShown::view).collect(),
-                centre: self.centres.iter().map(|made| &made.file).collect(),
+                centre: self.centres.iter().map(CentreMade::view).collect(),
                 ground: &self.ground,
                 coil: &self.coil,
                 thermistors: &self.thermistors,
+                renewed: &self.renewed,
                 protocol: FILES,
                 failed,
             })?);
@@ -104,6 +108,7 @@ impl Told<'_> {
         work.excluded.iter().for_each(|one| tell(&one.told()));
         self.thermal.iter().for_each(|one| tell(&show::thermal::summary(&one.thermal)));
         self.centres.iter().for_each(|made| tell(&show::centre::summary(&made.result)));
+        self.renewed.iter().for_each(|path| tell(&format!("{path}  made again, since what it rests on has changed\n")));
         let analyses = match self.thermal.len() {
             0 => "no thermal analysis".to_owned(),
             1 => "1 thermal analysis".to_owned(),

@@ -8,6 +8,7 @@ use crate::data::run::Location;
 use crate::data::run_state::{RunCounts, RunState};
 use crate::data::start::Start;
 use crate::files::campaign::file::CampaignFile;
+use crate::measure::centre::AtCentre;
 use crate::measure::thermal::QuantityFit;
 use crate::show::document::{Block, Cell, Table, Text, cells};
 use crate::show::{Drawn, degc, mode_at, or_not_stated};
@@ -37,6 +38,9 @@ pub(super) fn blocks(p: &Protocol, figure: &mut usize) -> Vec<Block> {
     page.push(facts(p).into());
     for of in parts(p) {
         page.extend(of.blocks(p));
+    }
+    for (result, file) in &p.at_centre {
+        page.extend(taken_to_centre(result, file, p.campaign.file.reference_degc));
     }
     page.extend(without_result(p));
     page.extend(figures(p, figure));
@@ -205,14 +209,15 @@ fn of_sensor<'a, 'b>(all: &'b mut Vec<Parameters<'a>>, key: (&'a str, &'a str, L
 
 impl Parameters<'_> {
     fn blocks(&self, p: &Protocol) -> Vec<Block> {
-        let (at_degc, why) = self.reference(p.campaign.file.reference_degc);
+        let ranges: Vec<[f64; 2]> = self.quantities.iter().map(|(quantity, ..)| quantity.polynomial.valid_degc).collect();
+        let (at_degc, why) = reference(&ranges, p.campaign.file.reference_degc);
         let (mut rows, mut found): (Vec<Vec<Cell>>, Vec<&str>) = (Vec::new(), Vec::new());
         for family in &FAMILIES {
             if SAYS_LESS.iter().any(|(less, more)| *less == family.0 && found.contains(more)) {
                 continue;
             }
-            if let Some(of_family) = self.rows(family, at_degc) {
-                rows.extend(of_family);
+            if let Some(of_family) = self.row(family, at_degc) {
+                rows.push(of_family);
                 found.push(family.0);
             }
         }
@@ -222,59 +227,94 @@ impl Parameters<'_> {
         let mut files: Vec<&str> = self.quantities.iter().map(|(_, _, file)| file.as_str()).filter(|f| !f.is_empty()).collect();
         files.dedup();
         let title = format!("{} {}", or_not_stated(self.sensor), mode_at(self.mode, self.location));
-        let mut text = Text::default()
-            .strong(title)
-            .and(format!(" {why}. Standard uncertainties, coverage factor 1, with what the facility's file states of type B."));
-        for (i, file) in files.iter().enumerate() {
-            text = text.and(if i == 0 { " Files: " } else { ", " }).code(*file);
-        }
-        if !files.is_empty() {
-            text = text.and(".");
-        }
-        vec![text.into(), Table::new(["parameter", "value", "from"]).with_rows(rows).into()]
-    }
-
-    /// The temperature at which the parameters are given, and the words that say why.
-    fn reference(&self, stated: Option<f64>) -> (f64, String) {
-        let ranges = || self.quantities.iter().map(|(quantity, ..)| quantity.polynomial.valid_degc);
-        let low = ranges().map(|[low, _]| low).fold(f64::NEG_INFINITY, f64::max);
-        let high = ranges().map(|[_, high]| high).fold(f64::INFINITY, f64::min);
-        let asked = stated.unwrap_or(USUAL_DEGC);
-        let whose = if stated.is_some() { ", the reference temperature of campaign.toml" } else { "" };
-        if self.quantities.is_empty() {
-            return (asked, format!("by the runs nearest to {asked} °C{whose}; there are no polynomials"));
-        }
-        if (low..=high).contains(&asked) {
-            return (asked, format!("at {asked} °C{whose}; the polynomials hold from {low:.1} to {high:.1} °C"));
-        }
-        let (low, high) = if low <= high { (low, high) } else { ranges().map(|[l, h]| (l, h)).next().unwrap_or((asked, asked)) };
-        let middle = 0.5 * (low + high);
-        (
-            middle,
-            format!(
-                "at {middle:.1} °C, the middle of the range of the polynomials, {low:.1} to {high:.1} °C, in which {asked} °C is not"
-            ),
-        )
+        let of_facility = "with what the facility's file states of type B";
+        vec![heading(title, &why, of_facility, &files).into(), parameters().with_rows(rows).into()]
     }
 
     /// A family at a temperature: by its polynomials, or by the run that is nearest.
-    fn rows(&self, (family, words, symbol, components, unit): &Family, at_degc: f64) -> Option<[Vec<Cell>; 3]> {
-        let label = |i: usize| format!("{words} {symbol}_{}, {unit}", components[i]);
-        let of = |component: &str| {
+    fn row(&self, of: &Family, at_degc: f64) -> Option<Vec<Cell>> {
+        let (family, _, _, components, _) = of;
+        let fit = |component: &str| {
             let wanted = format!("{family}_{component}");
             self.quantities.iter().find(|(quantity, ..)| quantity.found.name == wanted)
         };
-        if let [Some(x), Some(y), Some(z)] = components.map(of) {
-            let row =
-                |i: usize, (quantity, from, _): &(&QuantityFit, String, String)| cells![label(i), at(quantity, at_degc), from];
-            return Some([row(0, x), row(1, y), row(2, z)]);
+        if let [Some(x), Some(y), Some(z)] = components.map(fit) {
+            let all = [x, y, z];
+            let mut from: Vec<&str> = all.iter().map(|(_, from, _)| from.as_str()).collect();
+            from.dedup();
+            return Some(row(of, all.map(|(quantity, ..)| at(quantity, at_degc)), &from.join(", ")));
         }
         let measured = self.points.iter().filter_map(|point| Some((point, values(&point.values, family)?)));
         let far = |point: &CalibratedRun| point.run.temperature_degc.map_or(f64::INFINITY, |t| (t - at_degc).abs());
         let (point, (value, std)) = measured.min_by(|a, b| far(a.0).total_cmp(&far(b.0)))?;
         let from = format!("run {}, {}", point.run.id, degc(point.run.temperature_degc));
-        Some(std::array::from_fn(|i| cells![label(i), Cell::uncertain(value[i], std[i]), &from]))
+        Some(row(of, std::array::from_fn(|i| Cell::uncertain(value[i], std[i])), &from))
     }
+}
+
+/// A table of parameters, one family in a row.
+fn parameters() -> Table {
+    Table::new(["parameter", "x or xy", "y or xz", "z or yz", "from"])
+}
+
+/// A family with its three components.
+fn row((_, words, symbol, _, unit): &Family, components: [Cell; 3], from: &str) -> Vec<Cell> {
+    let mut row = cells![format!("{words} {symbol}, {unit}")];
+    row.extend(components);
+    row.push(from.into());
+    row
+}
+
+/// What stands above a table of parameters.
+fn heading(title: String, why: &str, of_uncertainty: &str, files: &[&str]) -> Text {
+    let mut text =
+        Text::default().strong(title).and(format!(" {why}. Standard uncertainties, coverage factor 1, {of_uncertainty}."));
+    for (i, file) in files.iter().enumerate() {
+        text = text.and(if i == 0 { " Files: " } else { ", " }).code(*file);
+    }
+    if files.is_empty() { text } else { text.and(".") }
+}
+
+/// The temperature at which parameters are given, and the words that say why; `ranges` are those of their polynomials.
+fn reference(ranges: &[[f64; 2]], stated: Option<f64>) -> (f64, String) {
+    let low = ranges.iter().map(|[low, _]| *low).fold(f64::NEG_INFINITY, f64::max);
+    let high = ranges.iter().map(|[_, high]| *high).fold(f64::INFINITY, f64::min);
+    let asked = stated.unwrap_or(USUAL_DEGC);
+    let whose = if stated.is_some() { ", the reference temperature of campaign.toml" } else { "" };
+    let Some([first_low, first_high]) = ranges.first().copied() else {
+        return (asked, format!("by the runs nearest to {asked} °C{whose}; there are no polynomials"));
+    };
+    if (low..=high).contains(&asked) {
+        return (asked, format!("at {asked} °C{whose}; the polynomials hold from {low:.1} to {high:.1} °C"));
+    }
+    let (low, high) = if low <= high { (low, high) } else { (first_low, first_high) };
+    let middle = 0.5 * (low + high);
+    let why = format!(
+        "at {middle:.1} °C, the middle of the range of the polynomials, {low:.1} to {high:.1} °C, in which {asked} °C is not"
+    );
+    (middle, why)
+}
+
+/// Polynomials that were taken to the centre, at the reference temperature.
+fn taken_to_centre(result: &AtCentre, file: &str, stated: Option<f64>) -> [Block; 2] {
+    let (at_degc, why) = reference(&[result.beside.valid_degc], stated);
+    let families = [
+        ("sigma", Some(&result.sigma)),
+        ("xi", Some(&result.xi_deg)),
+        ("b_off", result.offset.as_ref().map(|offset| &offset.b_off_ent)),
+    ];
+    let mut table = parameters();
+    for (name, polynomials) in families {
+        let Some(family) = FAMILIES.iter().find(|family| family.0 == name) else { continue };
+        if let Some(polynomials) = polynomials {
+            let components = polynomials.each_ref().map(|polynomial| polynomial.evaluate(at_degc));
+            let components = components.map(|(value, std)| Cell::uncertain(value, std));
+            table.push(row(family, components, "polynomials beside the centre, k and K"));
+        }
+    }
+    let of = format!("{} {} at the centre", or_not_stated(&result.beside.sensor), or_not_stated(&result.beside.mode));
+    let why = format!("taken there from beside the centre of the coil system, in the Rosetta convention of ω, {why}");
+    [heading(of, &why, "without what the facility adds of type B", &[file]).into(), table.into()]
 }
 
 /// A quantity at a temperature, with what the facility adds to its uncertainty.

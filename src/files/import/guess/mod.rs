@@ -39,6 +39,8 @@ pub(super) struct Textual {
 /// The column of the time.
 pub(super) struct Time {
     column: String,
+    /// The column of the dates, where the times are those of a day.
+    date: Option<String>,
     format: Option<TimeFormat>,
     /// Whether the texts state their zone.
     zoned: bool,
@@ -84,7 +86,7 @@ fn contents(table: &ForeignTable, format: Format, dialect: Dialect) -> Result<Co
             continue;
         }
         match table.cells(name)? {
-            Cells::Moments { .. } | Cells::Texts(_) => match text_time(table, name) {
+            Cells::Moments { .. } | Cells::Texts(_) => match text_time(table, name, None) {
                 Some(time) => times.push(time),
                 None => {
                     let mut distinct = table.texts(name)?;
@@ -95,9 +97,13 @@ fn contents(table: &ForeignTable, format: Format, dialect: Dialect) -> Result<Co
             _ => others.push(name.clone()),
         }
     }
+    if times.is_empty() {
+        times.extend(date_and_time(table, &texts));
+    }
     let number_times: Vec<&Numeric> = numbers.iter().filter(|n| roles::is_time_name(&n.name)).collect();
     let best_number = number_times.iter().find_map(|n| number_time(table, n));
-    let time = match (times.into_iter().next(), best_number) {
+    let mut times = times.into_iter();
+    let time = match (times.next(), best_number) {
         (Some(time), _) | (None, Some(time)) => time,
         (None, None) => {
             let any = numbers.iter().find_map(|n| rises(n).then(|| number_time(table, n)).flatten());
@@ -108,6 +114,8 @@ fn contents(table: &ForeignTable, format: Format, dialect: Dialect) -> Result<Co
         }
     };
     numbers.retain(|n| n.name != time.column);
+    texts.retain(|text: &Textual| text.name != time.column && Some(&text.name) != time.date.as_ref());
+    others.extend(times.map(|other| other.column));
     Ok(Contents { file: table.file().to_owned(), format, dialect, time, numbers, texts, others })
 }
 
@@ -125,22 +133,35 @@ fn number_time(table: &ForeignTable, column: &Numeric) -> Option<Time> {
     } else {
         TimeFormat::Seconds
     };
-    in_order(table, &column.name, Some(format), true)
+    in_order(table, &column.name, None, Some(format), true)
 }
 
-/// A column of texts or moments as times, in the first format that all its cells have and in which they do not go back.
-fn text_time(table: &ForeignTable, name: &str) -> Option<Time> {
+/// The two columns of texts of which one holds dates and the other times of the day.
+fn date_and_time(table: &ForeignTable, texts: &[Textual]) -> Option<Time> {
+    let names = || texts.iter().map(|text| text.name.as_str());
+    let mut pairs = names().flat_map(|date| names().filter(move |name| *name != date).map(move |name| (name, date)));
+    pairs.find_map(|(name, date)| text_time(table, name, Some(date)))
+}
+
+/// A column of texts or moments as times, with the dates of another column before them where there is one, in the first format that all its
+/// cells have and in which they do not go back.
+fn text_time(table: &ForeignTable, name: &str, date: Option<&str>) -> Option<Time> {
     if let Ok(Cells::Moments { utc, .. }) = table.cells(name) {
-        return in_order(table, name, None, utc);
+        return in_order(table, name, None, None, utc);
     }
-    let zoned =
-        table.texts(name).ok()?.first().is_some_and(|t| t.ends_with('Z') || t.get(10..).is_some_and(|r| r.contains(['+', '-'])));
-    let iso = in_order(table, name, Some(TimeFormat::Iso8601), zoned);
-    iso.or_else(|| PATTERNS.iter().find_map(|p| in_order(table, name, Some(TimeFormat::Pattern((*p).to_owned())), false)))
+    // Behind the date a sign is one of the zone.
+    let clock = if date.is_some() { 0 } else { 10 };
+    let zoned = table
+        .texts(name)
+        .ok()?
+        .first()
+        .is_some_and(|t| t.ends_with('Z') || t.get(clock..).is_some_and(|r| r.contains(['+', '-'])));
+    let iso = in_order(table, name, date, Some(TimeFormat::Iso8601), zoned);
+    iso.or_else(|| PATTERNS.iter().find_map(|p| in_order(table, name, date, Some(TimeFormat::Pattern((*p).to_owned())), false)))
 }
 
-fn in_order(table: &ForeignTable, name: &str, format: Option<TimeFormat>, zoned: bool) -> Option<Time> {
-    let times = time::read(table, name, None, format.as_ref(), &Zone::utc(), &mut Vec::new()).ok()?;
+fn in_order(table: &ForeignTable, name: &str, date: Option<&str>, format: Option<TimeFormat>, zoned: bool) -> Option<Time> {
+    let times = time::read(table, name, date, format.as_ref(), &Zone::utc(), &mut Vec::new()).ok()?;
     let ordered = times.ns.windows(2).all(|w| w[1] >= w[0]) && times.ns.first() < times.ns.last();
-    ordered.then(|| Time { column: name.to_owned(), format, zoned, ns: times.ns })
+    ordered.then(|| Time { column: name.to_owned(), date: date.map(str::to_owned), format, zoned, ns: times.ns })
 }

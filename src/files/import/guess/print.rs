@@ -155,6 +155,9 @@ fn time(out: &mut String, contents: &Contents, roles: &Roles) {
         &format!("column = {}", quoted(&time.column)),
         &format!("does not go back; the usual step is {:.6} s", roles.step_s),
     );
+    if let Some(date) = &time.date {
+        line(out, &format!("date = {}", quoted(date)), "the dates that stand before these times");
+    }
     if let Some(format) = &time.format {
         let slashes = format.name().contains("/%m/%Y") || format.name().contains("%m/%d/");
         let why = if slashes { "CHECK: which of the two is the day" } else { "" };
