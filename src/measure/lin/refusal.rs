@@ -34,10 +34,7 @@ pub enum LinError {
         settling_s: f64,
     },
     /// Not enough excitation.
-    #[error(
-        "the excitation does not determine {}: condition number {condition:.2e}, at most {MOST_CONDITION:.0e} is accepted",
-        parameters.join(", ")
-    )]
+    #[error("the excitation does not determine {}: {}", parameters.join(", "), condition_in_words(*condition))]
     Undetermined {
         /// What is not determined.
         parameters: Vec<String>,
@@ -99,7 +96,7 @@ impl LinError {
     #[must_use]
     pub fn remedy(&self) -> &'static str {
         match self {
-            LinError::Kind(_) => "use the command for that kind",
+            LinError::Kind(kind) => kind.command(),
             LinError::NoPlateaus => "check the file with `calfit check`",
             LinError::Position(error) => error.remedy(),
             LinError::Order(_) => "use the lowest order that the drift needs",
@@ -116,5 +113,14 @@ impl LinError {
             LinError::Split(_) => "check the excitation and the wiring of the components",
             LinError::Fit(_) => "check the plateaus in the table of blocks",
         }
+    }
+}
+
+/// How badly a design is conditioned.
+fn condition_in_words(condition: f64) -> String {
+    if condition.is_finite() {
+        format!("condition number {condition:.2e}, at most {MOST_CONDITION:.0e} is accepted")
+    } else {
+        "the condition number is infinite, nothing in the settings tells them from the others".to_owned()
     }
 }
