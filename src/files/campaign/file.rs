@@ -59,11 +59,13 @@ impl CampaignFile {
     pub const ANALYSES: [(&'static str, Kind); 3] =
         [("lin", Kind::Linearity), ("offset", Kind::Offset), ("freq", Kind::Frequency)];
     /// Keys of `[report]` with their labels.
-    pub const REPORT: [(&'static str, &'static str); 17] = [
+    pub const REPORT: [(&'static str, &'static str); 19] = [
         ("title", "Title"),
         ("identifier", "Document"),
         ("issue", "Issue"),
         ("replaces", "Replaces"),
+        ("author", "Author"),
+        ("distribution", "Distribution"),
         ("laboratory", "Laboratory"),
         ("place", "Place of the measurements"),
         ("customer", "Customer"),

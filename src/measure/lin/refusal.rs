@@ -61,7 +61,8 @@ pub enum LinError {
     },
     /// Too few plateaus.
     #[error(
-        "{used} usable plateaus cannot determine {parameters} parameters per component ({dropped} of {total} were dropped: {reasons})"
+        "{used} usable plateaus cannot determine {parameters} parameters per component ({})",
+        dropped_in_words(*dropped, *total, reasons)
     )]
     TooFew {
         /// Plateaus that can be used.
@@ -114,6 +115,11 @@ impl LinError {
             LinError::Fit(_) => "check the plateaus in the table of blocks",
         }
     }
+}
+
+/// How many plateaus of a run were dropped, and why.
+fn dropped_in_words(dropped: usize, total: usize, reasons: &str) -> String {
+    if dropped == 0 { "the run has no more".to_owned() } else { format!("{dropped} of {total} were dropped: {reasons}") }
 }
 
 /// How badly a design is conditioned.

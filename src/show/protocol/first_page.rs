@@ -40,7 +40,9 @@ pub(super) fn blocks(p: &Protocol, figure: &mut usize) -> Vec<Block> {
     let parameters: Vec<Block> = parts(p).iter().flat_map(|of| of.blocks(p)).collect();
     if !parameters.is_empty() {
         page.push(
-            "Uncertainties are standard uncertainties, coverage factor 1, with what the facility's file states of type B.".into(),
+            "Readings in enT become fields in nT along the sensor axes by subtracting the offset and multiplying with the sensitivity; \
+             ω of the angles makes the axes orthogonal. Uncertainties are standard uncertainties, coverage factor 1, with what the \
+             facility's file states of type B.".into(),
         );
     }
     page.extend(parameters);
