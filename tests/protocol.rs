@@ -77,12 +77,20 @@ fn every_run_counts_once_wherever_runs_are_counted() {
     assert!(lin["provenance"]["input"][0]["sha256"].is_string());
 
     // The command of one analysis prints the origin of its results as well.
-    let output =
-        calfit().args(["lin", "--json", "--no-plots"]).arg(case.campaign()).arg("-o").arg(case.path("own")).output().unwrap();
+    let output = calfit()
+        .args(["lin", "--json", "--no-plots"])
+        .arg(case.campaign())
+        .arg("-o")
+        .arg(case.path().join("own"))
+        .output()
+        .unwrap();
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     for run in json["runs"].as_array().unwrap() {
-        let file =
-            case.path("own").join(run["parameters"]["run"]["id"].as_str().unwrap()).join(run["parameter_file"].as_str().unwrap());
+        let file = case
+            .path()
+            .join("own")
+            .join(run["parameters"]["run"]["id"].as_str().unwrap())
+            .join(run["parameter_file"].as_str().unwrap());
         let stated = parameters(&file);
         let hash = stated["provenance"]["input"][0]["sha256"].as_str().unwrap();
         assert_eq!(run["provenance"]["input"][0]["sha256"].as_str(), Some(hash));
