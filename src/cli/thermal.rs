@@ -138,7 +138,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         ));
     }
     report_failures(terminal, &failures, total + files.len() + polynomials.len());
-    Ok(status(done.count(), failures.iter().map(|(_, f)| f)))
+    // Runs at one temperature were read and judged.
+    let judged = done.count() + done.at_one_temperature.len();
+    Ok(status(judged, failures.iter().map(|(_, f)| f)))
 }
 
 /// The files of `--centre`, `--off-centre` and `--offset`.

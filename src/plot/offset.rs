@@ -51,7 +51,7 @@ fn zero_levels(offset: &Offset, id: &str, time: &TimeAxis) -> Figure {
     let p = offset;
     let named = p.found.visit.len() <= NAMED;
     let turns = || p.found.visit.iter().enumerate();
-    let names: Vec<(f64, String)> = turns().map(|(i, v)| (i as f64, format!("position {}", v.position))).collect();
+    let names: Vec<(f64, String)> = turns().map(|(i, v)| (i as f64 + 1.0, format!("position {}", v.position))).collect();
     Figure {
         title: format!("Readings at zero applied field, run {id}"),
         caption: format!(
@@ -62,7 +62,7 @@ fn zero_levels(offset: &Offset, id: &str, time: &TimeAxis) -> Figure {
         x_label: if named { "visit, in the order of time".to_owned() } else { time.label.clone() },
         x_scale: Scale::Linear,
         panels: panels(|axis| {
-            let place = |i: usize, t_s: f64| if named { i as f64 } else { time.at(t_s) };
+            let place = |i: usize, t_s: f64| if named { i as f64 + 1.0 } else { time.at(t_s) };
             let levels =
                 turns().map(|(i, v)| (place(i, 0.5 * (v.time_s[0] + v.time_s[1])), v.reading_ent[axis], Some(v.std_ent[axis])));
             let span = |value: f64| {

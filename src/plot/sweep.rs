@@ -3,6 +3,7 @@
 use super::parts::{COIL, Named, STYLES, TimeAxis, panels};
 use super::thermal::polynomials;
 use super::{Figure, Marks, Panel, Scale, Series, Style};
+use crate::data::across::LagForm;
 use crate::measure::sweep::{Sweep, WindowFit};
 use crate::measure::thermal::QuantityFit;
 use crate::model::polynomial::value;
@@ -27,9 +28,9 @@ pub fn figures(sweep: &Sweep) -> Vec<Named> {
     ]
 }
 
-/// Whether the temperature of the polynomials is another one than was read.
+/// Whether the temperature of the polynomials has a lag; without one it is smoothed alone.
 fn has_lag(sweep: &Sweep) -> bool {
-    sweep.windows.iter().any(|w| w.temperature_degc[0] != w.temperature_degc[1])
+    sweep.lag.form != LagForm::None.name()
 }
 
 /// Heating and cooling before and after the lag: how far the sensitivities are from their polynomials.
