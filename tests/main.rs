@@ -18,6 +18,7 @@ mod export;
 mod faults;
 mod faults_analyses;
 mod faults_data;
+mod faults_surroundings;
 mod faults_text;
 mod files;
 #[cfg(feature = "tables")]

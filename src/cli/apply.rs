@@ -114,6 +114,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     for path in &data {
         match apply_to(path, &calibration, &options, &folder) {
             Ok(file) => {
+                file.notes.iter().for_each(|note| terminal.warning(&format!("{}: {note}", file.data)));
                 if !common.json {
                     terminal.tell(&told(&file, &common.out));
                 }

@@ -9,7 +9,7 @@ use crate::files::campaign::Campaign;
 use crate::files::export::rpcmag;
 use crate::files::import::mapping;
 use crate::files::parameter::FileKind;
-use crate::files::source::digest;
+use crate::files::source::{digest, small_text};
 use crate::files::{amplitudes, campaign, ccr, index, mag, twin};
 use crate::model::campaign::Instructions;
 use crate::record::temperature_faults::{self, ChannelFault};
@@ -121,7 +121,10 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
         twin::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
         let checked = campaign::file::read(path, &mut findings).and_then(|(file, _)| match path.file_name() {
-            Some(name) if name == "campaign.toml" => campaign::check_locations(path.parent().unwrap_or(path), &file),
+            Some(name) if name == "campaign.toml" => {
+                let root = path.parent().unwrap_or(path);
+                campaign::check_files(root, &file).and_then(|()| campaign::check_locations(root, &file))
+            }
             _ => Ok(()),
         });
         checked.err()
@@ -208,7 +211,7 @@ fn is_ground_calibration(path: &Path) -> bool {
 fn is_of_amplitudes(path: &Path) -> bool {
     let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let header = || {
-        let text = std::fs::read(path).unwrap_or_default();
+        let text = small_text(path).unwrap_or_default().into_bytes();
         let lines = text.split(|b| *b == b'\n').take(100);
         lines.map(<[u8]>::trim_ascii).find(|l| !l.is_empty() && !l.starts_with(b"#")).map(<[u8]>::to_vec).unwrap_or_default()
     };
@@ -217,10 +220,10 @@ fn is_of_amplitudes(path: &Path) -> bool {
 
 /// By its keys: no other TOML file has those of a mapping of `import`.
 fn is_mapping(path: &Path) -> bool {
-    std::fs::read_to_string(path).is_ok_and(|text| mapping::is_mapping(&text))
+    small_text(path).is_some_and(|text| mapping::is_mapping(&text))
 }
 
 /// By its keys: twins and campaigns are both TOML of any name, and only twins have electronics.
 fn is_twin(path: &Path) -> bool {
-    std::fs::read_to_string(path).is_ok_and(|text| text.lines().any(|line| line.trim() == "[electronics]"))
+    small_text(path).is_some_and(|text| text.lines().any(|line| line.trim() == "[electronics]"))
 }

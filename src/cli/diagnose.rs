@@ -12,12 +12,11 @@ use crate::files::parameter::{Cpf, is_named};
 #[cfg(feature = "tables")]
 use crate::workflow::flight::{DifferenceOptions, diagnose_flight};
 use crate::workflow::{
-    Across, Diagnosed, DiagnosedWith, Failure, diagnose_run, diagnose_table, facility, jobs, publish_diagnosis, publish_model,
-    read_model, temperature,
+    Across, Diagnosed, DiagnosedWith, Failure, diagnose_run, diagnose_table, each, facility, jobs, publish_diagnosis,
+    publish_model, read_model, temperature,
 };
 use clap::Args;
 use jiff::civil::Date;
-use rayon::prelude::*;
 use serde::Serialize;
 #[cfg(feature = "tables")]
 use std::path::Path;
@@ -105,17 +104,14 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let desk = common.desk_without(&arguments.excluding);
     let bar = terminal.progress(jobs.len(), "diagnosed");
     let two_threads = jobs.len() < rayon::current_num_threads();
-    let results: Vec<Result<Diagnosed, Failure>> = jobs
-        .par_iter()
-        .map(|job| {
-            bar.of(&job.id(), || {
-                let made = diagnose_run(job, &desk, &with, two_threads)?;
-                let run = made.diagnosis.runs.first().map_or("", String::as_str);
-                publish_diagnosis(&made, run, &desk).map_err(Failure::Refused)?;
-                Ok(made)
-            })
+    let results: Vec<Result<Diagnosed, Failure>> = each(&jobs, |job| {
+        bar.of(&job.id(), || {
+            let made = diagnose_run(job, &desk, &with, two_threads)?;
+            let run = made.diagnosis.runs.first().map_or("", String::as_str);
+            publish_diagnosis(&made, run, &desk).map_err(Failure::Refused)?;
+            Ok(made)
         })
-        .collect();
+    });
     bar.finish();
     let mut results: Vec<(String, Result<Diagnosed, Failure>)> =
         jobs.iter().map(|job| job.recorded.clone()).zip(results).collect();

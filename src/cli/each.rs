@@ -8,8 +8,7 @@ use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationFile};
 use crate::measure::linearise::Linearised;
 use crate::show;
-use crate::workflow::{Failure, LinearisedView, Made, PerRun, RunMade, RunResult, make, publish, table_names};
-use rayon::prelude::*;
+use crate::workflow::{Failure, LinearisedView, Made, PerRun, RunMade, RunResult, each, make, publish, table_names};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::PathBuf;
@@ -49,16 +48,13 @@ pub(super) fn run<A: PerRun>(
     let desk = common.desk_without(excluding);
     let bar = terminal.progress(jobs.len(), "analysed");
     let two_threads = jobs.len() < rayon::current_num_threads();
-    let results: Vec<Attempt<A>> = jobs
-        .par_iter()
-        .map(|job| {
-            bar.of(&job.id(), || {
-                let made = make(analysis, job, &desk, two_threads)?;
-                publish::<A>(&made, &desk, &made.result.parameters().file_name()).map_err(Failure::Refused)?;
-                Ok(made)
-            })
+    let results: Vec<Attempt<A>> = each(&jobs, |job| {
+        bar.of(&job.id(), || {
+            let made = make(analysis, job, &desk, two_threads)?;
+            publish::<A>(&made, &desk, &made.result.parameters().file_name()).map_err(Failure::Refused)?;
+            Ok(made)
         })
-        .collect();
+    });
     bar.finish();
     let results = Results { of_runs: jobs.iter().map(|j| j.recorded.clone()).zip(results).collect(), excluded };
     finish::<A>(results, &[], common, terminal)

@@ -215,5 +215,7 @@ fn told(day: &DayMade) -> String {
     if !flags.is_empty() {
         text.push_str(&format!("\n  flags: {}", flags.join(", ")));
     }
-    format!("{text}\n  -> level {}\n", day.levels.join(", "))
+    day.notes.iter().for_each(|note| text.push_str(&format!("\n  note: {note}")));
+    let levels = if day.levels.is_empty() { "no level".to_owned() } else { format!("level {}", day.levels.join(", ")) };
+    format!("{text}\n  -> {levels}\n")
 }

@@ -9,11 +9,10 @@ use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationFile};
 use crate::measure::lin::Options;
 use crate::workflow::{
-    Failure, First, PerRun, RunResult, by_sensor_and_mode, facility, known, linearisation, linearise_group, make, publish,
+    Failure, First, PerRun, RunResult, by_sensor_and_mode, each, facility, known, linearisation, linearise_group, make, publish,
     table_names, temperature,
 };
 use clap::Args;
-use rayon::prelude::*;
 use std::path::PathBuf;
 
 #[derive(Args, Debug)]
@@ -83,8 +82,7 @@ fn linearise(
     let desk = common.desk_without(excluding);
     let bar = terminal.progress(jobs.len(), "analysed");
     let two_threads = jobs.len() < rayon::current_num_threads();
-    let first: Vec<Attempt<Options>> =
-        jobs.par_iter().map(|job| bar.of(&job.id(), || make(options, job, &desk, two_threads))).collect();
+    let first: Vec<Attempt<Options>> = each(&jobs, |job| bar.of(&job.id(), || make(options, job, &desk, two_threads)));
     bar.finish();
     let mut results: Vec<(String, Attempt<Options>)> = Vec::new();
     let mut runs = Vec::new();
@@ -102,16 +100,13 @@ fn linearise(
                 let name = LinearisationFile::from(&result).file_name();
                 result.notes.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
                 found.push(result);
-                let published: Vec<(String, Attempt<Options>)> = runs
-                    .into_par_iter()
-                    .map(|(job, made)| {
-                        let made = made.and_then(|made| {
-                            publish::<Options>(&made, &desk, &made.result.parameters().file_name())?;
-                            Ok(made)
-                        });
-                        (job.recorded.clone(), made.map_err(Failure::Refused))
-                    })
-                    .collect();
+                let published: Vec<(String, Attempt<Options>)> = each(runs, |(job, made)| {
+                    let made = made.and_then(|made| {
+                        publish::<Options>(&made, &desk, &made.result.parameters().file_name())?;
+                        Ok(made)
+                    });
+                    (job.recorded.clone(), made.map_err(Failure::Refused))
+                });
                 results.extend(published);
             }
             // Without the linearisation there are no parameters as they were asked for, of none of its runs.

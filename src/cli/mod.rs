@@ -37,6 +37,7 @@ use options::Excluding;
 pub use output::Output;
 use output::Terminal;
 use std::ffi::OsString;
+use std::io::ErrorKind;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -224,15 +225,19 @@ pub fn run<'a>(arguments: impl IntoIterator<Item = OsString>, out: Output<'a>, e
     let cli = match help::command().try_get_matches_from(arguments).and_then(|matches| Cli::of(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
-            // Help and version go to standard output and are no error. A closed output is nobody's fault.
-            let (output, status) = if error.use_stderr() { (err, Status::Unusable) } else { (out, Status::Done) };
+            // Help and version go to standard output and are no error. A reader that has seen enough is none either.
+            let (output, other, status) =
+                if error.use_stderr() { (err, out, Status::Unusable) } else { (out, err, Status::Done) };
             let text = error.render();
-            let _ = if output.is_colored(ColorChoice::Auto) {
-                write!(output.to, "{}", text.ansi())
-            } else {
-                write!(output.to, "{text}")
+            let text = if output.is_colored(ColorChoice::Auto) { text.ansi().to_string() } else { text.to_string() };
+            return match output.to.write_all(text.as_bytes()).and_then(|()| output.to.flush()) {
+                Err(error) if status == Status::Done && error.kind() != ErrorKind::BrokenPipe => {
+                    // Nobody is left to be told that standard error is closed too.
+                    let _ = writeln!(other.to, "error: cannot write to standard output: {error}");
+                    Status::Partly
+                }
+                _ => status,
             };
-            return status;
         }
     };
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
@@ -270,6 +275,9 @@ impl Command {
 /// Runs one command. The folder for results is this process's alone before anything else is looked at, and its index is written last,
 /// whatever became of the command.
 fn execute(mut cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
+    if cli.common.json {
+        terminal.must_be_open()?;
+    }
     if cli.command.has_index() {
         cli.common.results = Results::open(&cli.common.out, cli.common.force)?;
     }

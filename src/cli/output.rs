@@ -2,6 +2,7 @@
 
 use super::Status;
 use crate::data::error::{Finding, Severity};
+use crate::data::plain;
 use crate::data::provenance::Provenance;
 use clap::ColorChoice;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -52,7 +53,7 @@ impl<'a> Terminal<'a> {
         }
         let printed = {
             let out = &mut self.outputs.borrow_mut()[0].to;
-            out.write_all(text.as_bytes()).and_then(|()| out.flush())
+            out.write_all(plain::shown(text).as_bytes()).and_then(|()| out.flush())
         };
         if let Err(error) = printed {
             if error.kind() == io::ErrorKind::BrokenPipe {
@@ -64,10 +65,21 @@ impl<'a> Terminal<'a> {
         }
     }
 
-    /// Text for a person, not with `-q`.
+    /// Text for a person, not with `-q`. A standard output that was closed from the beginning is wanted so.
     pub fn tell(&self, text: &str) {
-        if !self.quiet {
+        if !self.quiet && self.must_be_open().is_ok() {
             self.print(text);
+        }
+    }
+
+    /// Refuses work whose result would go to a standard output that is closed.
+    pub fn must_be_open(&self) -> Result<(), Finding> {
+        match self.outputs.borrow_mut()[0].to.flush() {
+            Err(error) if error.kind() == io::ErrorKind::NotConnected => {
+                let remedy = "let it lead to a file or another program";
+                Err(Finding::error("standard output", format!("cannot be written: {error}"), remedy))
+            }
+            _ => Ok(()),
         }
     }
 
@@ -101,6 +113,7 @@ impl<'a> Terminal<'a> {
     }
 
     fn line(&self, label: &str, color: &str, text: &str) {
+        let text = plain::shown(text);
         let line = if self.colored { format!("\x1b[{color}m{label}\x1b[0m: {text}\n") } else { format!("{label}: {text}\n") };
         // Nobody is left to be told that standard error is closed.
         let _ = self.outputs.borrow_mut()[1].to.write_all(line.as_bytes());
@@ -131,7 +144,7 @@ pub(super) struct Progress(ProgressBar);
 impl Progress {
     /// Does one part of the work, which has a name.
     pub fn of<T>(&self, name: &str, work: impl FnOnce() -> T) -> T {
-        self.0.set_message(name.to_owned());
+        self.0.set_message(plain::one_line(name).into_owned());
         let done = work();
         self.0.inc(1);
         done
@@ -157,5 +170,5 @@ pub(super) fn json(value: &impl serde::Serialize) -> Result<String, Finding> {
     let mut text = serde_json::to_string_pretty(value)
         .map_err(|e| Finding::error("standard output", format!("the result has no JSON form: {e}"), "report this"))?;
     text.push('\n');
-    Ok(text)
+    Ok(plain::json(text))
 }

@@ -24,12 +24,11 @@ use crate::show::protocol::{self, Protocol, RunPart, ThermalPart};
 use crate::show::{Drawn, html, markdown};
 use crate::workflow::{
     Alone, Analyses, CentreMade, Desk, Failure, First, Job, Measured, Renewed, RunResult, ThermalInput, ThermalOptions,
-    ThermalShown, alone, by_sensor_and_mode, draw, jobs, linearise_group, publish_alone, publish_thermal_names, refer, renew,
-    scale_to_nt, settle,
+    ThermalShown, alone, by_sensor_and_mode, draw, each, jobs, linearise_group, publish_alone, publish_thermal_names, refer,
+    renew, scale_to_nt, settle,
 };
 use clap::Args;
 use others::{Ground, Others, Photos, Thermistors};
-use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
 use told::Told;
@@ -177,7 +176,7 @@ impl Work<'_, '_> {
         let bar = self.terminal.progress(jobs.len(), "analysed");
         let two_threads = jobs.len() < rayon::current_num_threads();
         let made: Vec<Result<Measured, Failure>> =
-            jobs.par_iter().map(|job| bar.of(&job.id(), || analyses.make(job, &self.desk, two_threads))).collect();
+            each(jobs, |job| bar.of(&job.id(), || analyses.make(job, &self.desk, two_threads)));
         bar.finish();
         let mut measured = Vec::new();
         for (job, result) in jobs.iter().zip(made) {
@@ -252,8 +251,7 @@ impl Work<'_, '_> {
     fn publish(&mut self, measured: &[Measured]) -> Result<Vec<Vec<Drawn>>, Finding> {
         let bar = self.terminal.progress(measured.len(), "written");
         let id = |one: &Measured| one.run().map_or_else(String::new, |run| run.header.run.clone());
-        let drawn: Vec<Result<Vec<Drawn>, Finding>> =
-            measured.par_iter().map(|one| bar.of(&id(one), || one.publish(&self.desk, false))).collect();
+        let drawn: Vec<Result<Vec<Drawn>, Finding>> = each(measured, |one| bar.of(&id(one), || one.publish(&self.desk, false)));
         bar.finish();
         let mut figures = Vec::new();
         for (one, result) in measured.iter().zip(drawn) {

@@ -15,10 +15,9 @@ use crate::record::known::Known;
 use crate::show;
 use crate::workflow::{
     Analyses, CentreMade, Desk, Failure, Measured, NoThermal, PairFiles, RunResult, ThermalInput, ThermalOptions, ThermalShown,
-    jobs, refer, settle,
+    each, jobs, refer, settle,
 };
 use clap::Args;
-use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -313,8 +312,7 @@ fn measure(
     jobs.retain(|job| job.named || job.header.as_ref().is_none_or(|h| h.kind.is_thermal() && job.campaign.uses(h)));
     let bar = terminal.progress(jobs.len(), "analysed");
     let two_threads = jobs.len() < rayon::current_num_threads();
-    let results: Vec<Result<Measured, Failure>> =
-        jobs.par_iter().map(|job| bar.of(&job.id(), || analyses.make(job, desk, two_threads))).collect();
+    let results: Vec<Result<Measured, Failure>> = each(&jobs, |job| bar.of(&job.id(), || analyses.make(job, desk, two_threads)));
     bar.finish();
     let mut done = Vec::new();
     for (job, result) in jobs.iter().zip(results) {
@@ -336,7 +334,7 @@ fn measure(
 
 /// Writes what every run gave, and says what a person should know of it.
 fn publish_runs(measured: &[Measured], desk: &Desk, terminal: &Terminal, failures: &mut Vec<(String, Failure)>) {
-    let written: Vec<Result<_, Finding>> = measured.par_iter().map(|one| one.publish(desk, true)).collect();
+    let written: Vec<Result<_, Finding>> = each(measured, |one| one.publish(desk, true));
     for (one, result) in measured.iter().zip(written) {
         let name = one.run().map_or_else(String::new, |run| run.input.path.clone());
         one.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));

@@ -312,6 +312,11 @@ pub struct AppliedLag {
     pub decision: LagDecision,
 }
 
+/// A number that was not determined has no key.
+fn unknown() -> f64 {
+    f64::NAN
+}
+
 /// How the sensor follows a thermistor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ThermistorLag {
@@ -320,12 +325,16 @@ pub struct ThermistorLag {
     /// What was applied if this channel was used.
     pub form: LagForm,
     /// Best delay, s: the sensor is that much later than the thermistor, or earlier if negative.
+    #[serde(default = "unknown")]
     pub delay_s: f64,
     /// Its standard uncertainty.
+    #[serde(default = "unknown")]
     pub delay_std_s: f64,
     /// Best time constant, s: the sensor follows the thermistor with it, or the thermistor the sensor if negative.
+    #[serde(default = "unknown")]
     pub time_constant_s: f64,
     /// Its standard uncertainty.
+    #[serde(default = "unknown")]
     pub time_constant_std_s: f64,
     /// Deviance (twice the log likelihood) that the better of both gains over no lag.
     pub gain: f64,

@@ -1,5 +1,6 @@
 //! What is wrong with an input: the place, the offending text, the rule and the remedy.
 
+use super::plain::{is_unseen, one_line};
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
@@ -80,6 +81,8 @@ impl Finding {
             std::io::ErrorKind::NotFound => "check the path",
             std::io::ErrorKind::PermissionDenied => "check the permissions",
             std::io::ErrorKind::StorageFull => "free some space and run again",
+            std::io::ErrorKind::FileTooLarge => "raise the limit on the size of files (`ulimit -f`) and run again",
+            std::io::ErrorKind::OutOfMemory => "give the program more memory, or name fewer or smaller files",
             _ => "see the reason given by the operating system",
         };
         Self::error(&file.display().to_string(), format!("cannot {action}: {error}"), remedy)
@@ -88,7 +91,8 @@ impl Finding {
 
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.file)?;
+        // Names of files hold anything.
+        write!(f, "{}", one_line(&self.file))?;
         if let Some(line) = self.line {
             write!(f, ":{line}")?;
             if let Some(column) = self.column {
@@ -114,7 +118,7 @@ pub fn excerpt(text: &[u8]) -> String {
     let mut out = String::new();
     let mut length = 0;
     for c in decoded.chars() {
-        let escaped: String = if c.is_control() { c.escape_default().collect() } else { c.to_string() };
+        let escaped: String = if is_unseen(c) { c.escape_default().collect() } else { c.to_string() };
         if length + escaped.chars().count() > LONGEST {
             out.push('…');
             break;

@@ -1,9 +1,10 @@
 //! The index of a result folder: which runs its results are of, what became of each, and what every file rests on.
 
+use crate::data::note::NoteKind;
 use crate::data::run_state::{Outcome, RunState};
 use crate::data::start::Start;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// Name of the index in a result folder.
 pub const INDEX_FILE: &str = "INDEX.json";
@@ -93,6 +94,9 @@ pub struct FileEntry {
     /// State of the run that it is named after, if that run has no results any more: it is gone from the campaign, refused or left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mark: Option<RunState>,
+    /// Kinds of what a person should know about it, each once, for parameter files and diagnoses.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warning_kinds: Vec<NoteKind>,
     /// What it stands in the place of: an earlier file of its name, and the calibration of a run alone where it is that of a thermal group.
     pub replaces: Vec<Version>,
 }
@@ -195,8 +199,11 @@ impl Index {
             .collect();
         let marks: Vec<Option<RunState>> =
             self.files.iter().map(|file| over.iter().find(|(id, _)| file.is_named_after(id)).map(|(_, run)| run.state)).collect();
+        let runs: HashMap<&str, (&String, &RunEntry)> =
+            self.runs.iter().filter_map(|(id, run)| Some((run.path.as_deref()?, (id, run)))).collect();
+        let outdated = |file: &FileEntry| self.outdated(file, |path| runs.get(path).copied());
         let mut reasons: Vec<Option<String>> =
-            self.files.iter().zip(&marks).map(|(file, mark)| mark.map_or_else(|| self.outdated(file), |_| None)).collect();
+            self.files.iter().zip(&marks).map(|(file, mark)| mark.map_or_else(|| outdated(file), |_| None)).collect();
         // What rests on a stale file is stale, and polynomials and the calibrations of their runs rest on each other.
         loop {
             let is_old = |i: &usize| reasons[*i].is_some() || marks[*i].is_some();
@@ -227,8 +234,8 @@ impl Index {
         }
     }
 
-    /// Why a file is stale by what it was made from itself.
-    fn outdated(&self, file: &FileEntry) -> Option<String> {
+    /// Why a file is stale by what it was made from itself; `run_of` finds a run by its path.
+    fn outdated<'a>(&self, file: &FileEntry, run_of: impl Fn(&str) -> Option<(&'a String, &'a RunEntry)>) -> Option<String> {
         if let Some(replaced) = self.remade(file) {
             return Some(format!("{} was made again", replaced.path));
         }
@@ -242,7 +249,7 @@ impl Index {
                 let changed = self.campaign.sha256.as_ref().is_some_and(|now| *now != from.sha256);
                 return changed.then(|| format!("{path} was changed"));
             }
-            let (id, run) = self.run_of(path)?;
+            let (id, run) = run_of(path)?;
             match run.state {
                 RunState::Gone => Some(format!("run {id} is gone from the campaign")),
                 RunState::Excluded if !looks => Some(format!("run {id} is left out now")),
@@ -283,6 +290,7 @@ mod tests {
             stale: false,
             reason: None,
             mark: None,
+            warning_kinds: Vec::new(),
             replaces: Vec::new(),
         }
     }

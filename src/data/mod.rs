@@ -13,6 +13,7 @@ pub mod index;
 pub mod linearisation;
 pub mod note;
 pub mod offset;
+pub mod plain;
 pub mod plateau;
 pub mod provenance;
 pub mod quantity;

@@ -39,8 +39,14 @@ const ROUNDING: f64 = 2e-6;
 /// Whether rows are those of a rotation: lengths of one, right angles, no mirror.
 #[must_use]
 pub fn is_rotation(rows: &Rows) -> bool {
+    is_orthonormal(rows) && matrix(rows).determinant() > 0.0
+}
+
+/// The same, or a rotation with a mirror.
+#[must_use]
+pub fn is_orthonormal(rows: &Rows) -> bool {
     let r = matrix(rows);
-    (r * r.transpose() - Matrix3::identity()).amax() < ROUNDING && r.determinant() > 0.0
+    (r * r.transpose() - Matrix3::identity()).amax() < ROUNDING
 }
 
 impl StatedReference {

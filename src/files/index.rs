@@ -2,11 +2,15 @@
 
 use super::output::{Folder, is_own};
 use super::parameter::{FileKind, read_any};
-use super::source::digest;
+use super::source::{digest, open};
 use crate::data::error::Finding;
 use crate::data::index::{FileEntry, INDEX_FILE, INDEX_FORMAT, INDEX_VERSION, Index, RunEntry, Version};
+use crate::data::note::NoteKind;
 use crate::data::run_state::RunState;
 use serde::Deserialize;
+use serde::de::value::StrDeserializer;
+use std::collections::BTreeSet;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// What every index has, of any version.
@@ -22,8 +26,9 @@ struct Head {
 /// The file cannot be read, is not of this program, or of a later version.
 pub fn read(folder: &Path) -> Result<Option<Index>, Finding> {
     let path = folder.join(INDEX_FILE);
-    let text = match std::fs::read_to_string(&path) {
-        Ok(text) => text,
+    let mut text = String::new();
+    match std::fs::symlink_metadata(&path) {
+        Ok(_) => open(&path)?.read_to_string(&mut text).map_err(|e| Finding::io(&path, "read", &e))?,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(Finding::io(&path, "read", &error)),
     };
@@ -103,12 +108,14 @@ pub fn adopt(folder: &Path) -> Result<Option<Index>, Finding> {
             stale: false,
             reason: None,
             mark: None,
+            warning_kinds: Vec::new(),
             replaces: Vec::new(),
         };
         if let Some(stated) = FileKind::of_name(&file).and_then(|_| read_any(&file).ok()) {
             let input = &stated.provenance.input;
             entry.from = input.iter().map(|i| Version { path: i.path.clone(), sha256: i.sha256.clone() }).collect();
             entry.command = stated.provenance.command.clone();
+            entry.warning_kinds = kinds_of(&stated.document);
             let of_run = input.iter().find(|i| i.is_run());
             if let (Some((id, mut run)), Some(input)) = (run_of(&stated.document), of_run) {
                 run.sha256 = Some(input.sha256.clone());
@@ -120,6 +127,13 @@ pub fn adopt(folder: &Path) -> Result<Option<Index>, Finding> {
     }
     index.judge();
     Ok(Some(index))
+}
+
+/// The kinds of the notes of a parameter file, each once.
+fn kinds_of(document: &toml_edit::DocumentMut) -> Vec<NoteKind> {
+    let names = document.get("warning_kinds").and_then(|v| v.as_array()).into_iter().flatten().filter_map(|v| v.as_str());
+    let kind = |name: &str| NoteKind::deserialize(StrDeserializer::<serde::de::value::Error>::new(name)).ok();
+    names.filter_map(kind).collect::<BTreeSet<NoteKind>>().into_iter().collect()
 }
 
 /// The run that a parameter file of a single run is of.

@@ -1,9 +1,10 @@
 //! What a command writes into a result folder, noted as it is written.
 
 use crate::data::index::Version;
+use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::start::Start;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Where the files of one result come from.
@@ -17,6 +18,8 @@ pub struct Origin {
     pub from: Vec<Version>,
     /// Names of files of the same result folder that they rest on as well, in the form in which they are there in the end.
     pub uses: Vec<String>,
+    /// Kinds of what a person should know about the result, each once.
+    pub kinds: BTreeSet<NoteKind>,
 }
 
 impl Origin {
@@ -29,7 +32,14 @@ impl Origin {
             created: provenance.created.clone(),
             from: provenance.input.iter().map(version).collect(),
             uses: Vec::new(),
+            kinds: BTreeSet::new(),
         }
+    }
+
+    /// The same with the kinds of these notes.
+    #[must_use]
+    pub fn telling(self, notes: &[Note]) -> Self {
+        Self { kinds: notes.iter().map(|note| note.kind).collect(), ..self }
     }
 
     /// The same with files of the result folder that it rests on.

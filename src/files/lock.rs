@@ -25,6 +25,15 @@ impl FolderLock {
     pub fn take(folder: &Path) -> Result<Self, Finding> {
         must_be_folder(folder)?;
         let path = folder.join(LOCK_FILE);
+        // A link would make a file elsewhere, and a pipe would wait for its other end.
+        if fs::symlink_metadata(&path).is_ok_and(|meta| !meta.is_file()) {
+            let remedy = "take it away, or choose another output folder with -o";
+            return Err(Finding::error(
+                &path.display().to_string(),
+                "is a link, a folder or a device, and no file of calfit",
+                remedy,
+            ));
+        }
         let in_use = || {
             let remedy = "wait until that has ended, or choose another folder with -o";
             Finding::error(&folder.display().to_string(), "is in use by another calfit process", remedy)
@@ -96,6 +105,14 @@ mod tests {
         fs::write(folder.join("result"), "").unwrap();
         drop(second);
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
+        #[cfg(unix)]
+        {
+            let elsewhere = dir.path().join("elsewhere");
+            std::os::unix::fs::symlink(&elsewhere, folder.join(LOCK_FILE)).unwrap();
+            assert!(FolderLock::take(&folder).unwrap_err().to_string().contains("is a link"));
+            assert!(!elsewhere.exists());
+            fs::remove_file(folder.join(LOCK_FILE)).unwrap();
+        }
         // A file that a killed process left is no lock.
         fs::write(folder.join(LOCK_FILE), "").unwrap();
         drop(FolderLock::take(&folder).unwrap());

@@ -34,6 +34,12 @@ pub struct Programme {
 }
 
 impl Programme {
+    /// The shortest step, s; infinite without steps.
+    #[must_use]
+    pub fn shortest_s(&self) -> f64 {
+        self.steps.iter().map(|step| step.duration_s).fold(f64::INFINITY, f64::min)
+    }
+
     /// How long it takes with a pause after every step, s.
     #[must_use]
     pub fn lasts_s(&self, pause_s: f64) -> f64 {

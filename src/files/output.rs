@@ -261,6 +261,10 @@ pub(super) fn is_own(path: &Path) -> bool {
     if path.extension().is_some_and(|end| end == "TAB") {
         return is_own(&path.with_extension("LBL"));
     }
+    // A pipe would wait for its other end.
+    if !path.is_file() {
+        return false;
+    }
     let read = || -> std::io::Result<bool> {
         let mut file = File::open(path)?;
         let length = file.metadata()?.len();

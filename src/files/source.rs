@@ -168,13 +168,62 @@ impl Cutter {
     }
 }
 
+/// Opens a regular file: a pipe would wait for its other end, and a device has none.
+///
+/// # Errors
+/// What the operating system says, or that it is no regular file.
+pub fn open(path: &Path) -> Result<File, Finding> {
+    let meta = std::fs::metadata(path).map_err(|e| Finding::io(path, "open", &e))?;
+    must_be_regular(path, &meta)?;
+    File::open(path).map_err(|e| Finding::io(path, "open", &e))
+}
+
+fn must_be_regular(path: &Path, meta: &std::fs::Metadata) -> Result<(), Finding> {
+    if meta.is_file() {
+        return Ok(());
+    }
+    let what = if meta.is_dir() { "is a folder" } else { "is a device, pipe or socket" };
+    let remedy = "name a file, or copy the data into one";
+    Err(Finding::error(&path.display().to_string(), format!("{what}, not a regular file"), remedy))
+}
+
+/// The text of a small file whose kind is to be found out; `None` if it cannot be that.
+#[must_use]
+pub fn small_text(path: &Path) -> Option<String> {
+    String::from_utf8(read_whole(path).ok()?.0).ok()
+}
+
+/// Size of what is in a file, bytes; of a compressed one about what it is decompressed.
+#[must_use]
+pub fn content_size(path: &Path) -> u64 {
+    /// Runs shrink to a fifth or so.
+    const COMPRESSED: u64 = 6;
+    let size = std::fs::metadata(path).map_or(0, |meta| meta.len());
+    if path.extension().is_some_and(|end| end.eq_ignore_ascii_case("gz")) { COMPRESSED.saturating_mul(size) } else { size }
+}
+
+/// Refuses a file for which there is not as much memory as its contents take, before anything is read: later there would be nobody left to
+/// say it.
+///
+/// # Errors
+/// The memory is not to be had.
+pub fn room_for(path: &Path, bytes: u64) -> Result<(), Finding> {
+    let mut probe: Vec<u8> = Vec::new();
+    let is_there = usize::try_from(bytes).is_ok_and(|bytes| probe.try_reserve_exact(bytes).is_ok());
+    if is_there {
+        return Ok(());
+    }
+    let rule = format!("needs about {} MB of memory, which are not to be had", bytes.div_ceil(1_000_000));
+    Err(Finding::error(&path.display().to_string(), rule, "give the program more memory, or divide the file"))
+}
+
 /// Size and hash of a file.
 ///
 /// # Errors
 /// What the operating system says.
 pub fn digest(path: &Path) -> Result<Digested, Finding> {
     let io = |error: std::io::Error| Finding::io(path, "read", &error);
-    let mut reader = Hashing { inner: File::open(path).map_err(io)?, hash: Sha256::new(), bytes: 0 };
+    let mut reader = Hashing { inner: open(path)?, hash: Sha256::new(), bytes: 0 };
     let mut buffer = vec![0; 1 << 16];
     while reader.read(&mut buffer).map_err(io)? > 0 {}
     Ok(Digested { size_bytes: reader.bytes, sha256: hex(&reader.hash.finalize()) })
@@ -193,10 +242,7 @@ pub fn read_pieces(
     let name = path.display().to_string();
     let io = |error: std::io::Error| Finding::io(path, "read", &error);
     let before = std::fs::metadata(path).map_err(io)?;
-    if !before.is_file() {
-        let what = if before.is_dir() { "is a folder" } else { "is a device, pipe or socket" };
-        return Err(Finding::error(&name, format!("{what}, not a regular file"), "name a file, or copy the data into one"));
-    }
+    must_be_regular(path, &before)?;
     let mut file = File::open(path).map_err(io)?;
     let mut magic = [0; 2];
     let zipped = file.read(&mut magic).map_err(io)? == 2 && magic == [0x1f, 0x8b];
@@ -278,6 +324,7 @@ pub fn read_whole(path: &Path) -> Result<(Vec<u8>, Digested), Finding> {
     let mut bytes = Vec::new();
     let digested = read_pieces(path, false, |piece| {
         let (Piece::Lines(new) | Piece::Rest(new) | Piece::Overlong(new)) = piece;
+        bytes.try_reserve(new.len()).map_err(|e| Finding::io(path, "read", &std::io::Error::from(e)))?;
         bytes.extend_from_slice(new);
         if bytes.len() > MOST || matches!(piece, Piece::Overlong(_)) {
             let name = path.display().to_string();

@@ -6,6 +6,7 @@ mod rows;
 pub use keys::{Group, Keys};
 pub use rows::{Cell, Columns, TableForm, TableRow, cells, columns, not_a_number, small_table};
 
+use crate::data::plain::one_line;
 use std::borrow::Cow;
 
 /// Longest accepted line, bytes: a longer one is refused, so that memory stays bounded.
@@ -93,6 +94,26 @@ pub fn quoted(text: &str) -> String {
     out
 }
 
+/// A text as a spreadsheet may open it: on one line, and with a single quote before what would be a formula there. A sign before a name, as
+/// of an axis, makes none.
+#[must_use]
+pub fn harmless(text: &str) -> Cow<'_, str> {
+    let text = one_line(text);
+    let is_formula = match text.chars().next() {
+        Some('=' | '@') => true,
+        Some('+' | '-') => text.chars().skip(1).any(|c| !c.is_alphanumeric() && !". _".contains(c)),
+        _ => false,
+    };
+    if is_formula { Cow::Owned(format!("'{text}")) } else { text }
+}
+
+/// The same as a cell of CSV, in quotes where it needs them.
+#[must_use]
+pub fn csv_cell(text: &str) -> String {
+    let text = harmless(text);
+    if text.contains([',', '"']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.into_owned() }
+}
+
 /// A number with a fixed number of decimals, without a negative zero.
 #[must_use]
 pub fn fixed(value: f64, decimals: usize) -> String {
@@ -159,6 +180,22 @@ mod tests {
             assert!(!line.contains('\n'), "{line}");
             let keys = Keys::parse("f", 1, format!("a = {line}\n")).unwrap();
             assert_eq!(keys.root().text("a").unwrap().as_deref(), Some(text));
+        }
+    }
+
+    #[test]
+    fn no_cell_is_a_formula() {
+        for (text, cell) in [
+            ("=cmd|' /C calc'!A0", "'=cmd|' /C calc'!A0"),
+            ("@SUM(1,2)", "\"'@SUM(1,2)\""),
+            ("+cmd|x", "'+cmd|x"),
+            ("-2+3", "'-2+3"),
+            ("-X", "-X"),
+            ("+17.5", "+17.5"),
+            ("a\n=b\u{1b}", "a\\n=b\\u{1b}"),
+            ("a, \"b\"", "\"a, \"\"b\"\"\""),
+        ] {
+            assert_eq!(csv_cell(text), cell);
         }
     }
 

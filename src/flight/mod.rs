@@ -18,6 +18,7 @@ pub mod made;
 pub mod means;
 pub mod offsets;
 pub mod rotate;
+pub mod screens;
 pub mod temperature;
 pub mod two_sensors;
 pub mod wheels;

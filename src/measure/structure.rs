@@ -11,6 +11,7 @@ use crate::data::units::COMPONENTS;
 use crate::fit::DenseNoise;
 use crate::fit::statistics::student_tail;
 use nalgebra::{DMatrix, DVector};
+use std::collections::HashMap;
 
 /// Probability that noise alone is as large for the largest of all trials.
 const SIGNIFICANT: f64 = 1e-3;
@@ -44,8 +45,9 @@ impl<'a> Rows<'a> {
         columns: &'a DMatrix<f64>,
         noise: &'a DenseNoise,
     ) -> Self {
+        let places: HashMap<usize, usize> = list.iter().enumerate().map(|(place, p)| (p.index, place)).collect();
         let before = |p: &&Plateau| {
-            let place = list.iter().position(|q| q.index == p.index).and_then(|i| i.checked_sub(1));
+            let place = places.get(&p.index).and_then(|i| i.checked_sub(1));
             place.map_or([0.0; 3], |i| list[i].setting.field.0)
         };
         Rows {
@@ -63,10 +65,9 @@ impl<'a> Rows<'a> {
 pub(super) fn note(rows: &Rows) -> Option<Note> {
     let n = rows.readings_ent.nrows();
     let freedom = n.checked_sub(rows.columns.ncols() + 1).filter(|f| *f >= LEAST_FREEDOM)?;
-    let scaled = DMatrix::from_fn(n, rows.columns.ncols(), |i, j| {
-        let norm = rows.columns.column(j).norm();
-        if norm > 0.0 { rows.columns[(i, j)] / norm } else { 0.0 }
-    });
+    let norms: Vec<f64> = rows.columns.column_iter().map(|column| column.norm()).collect();
+    let scaled =
+        DMatrix::from_fn(n, rows.columns.ncols(), |i, j| if norms[j] > 0.0 { rows.columns[(i, j)] / norms[j] } else { 0.0 });
     let base = scaled.qr().q();
     let free = |mut column: DVector<f64>| {
         // Twice: readings are four orders larger than what is left of them.

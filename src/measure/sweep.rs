@@ -85,8 +85,11 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
 
     let usable: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
     let span_s = [usable.first().map_or(0.0, |p| p.used_s[0]), usable.last().map_or(0.0, |p| p.used_s[1])];
-    let temperatures = Temperatures::of(run, instructions, span_s, &mut Vec::<Note>::new());
+    let mut of_temperatures: Vec<Note> = Vec::new();
+    let temperatures = Temperatures::of(run, instructions, span_s, &mut of_temperatures);
     let (own, coil) = instructions.channels(&run.header);
+    // Between its readings the temperature is a straight line; what is missing of that of the coil system counts for nothing here.
+    notes.extend(of_temperatures.into_iter().filter(|note| note.about.as_ref() == Some(&own)));
     let channels = thermistors::moving(run, &coil, &usable)?;
     let (_, series) = channels.iter().find(|(name, _)| *name == own).unwrap_or(&channels[0]);
     let is_slow =

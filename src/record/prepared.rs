@@ -204,7 +204,9 @@ impl PreparedRun {
         let mut steady = samples.clone();
         let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
         for (i, row) in self.record.rows.iter().enumerate() {
-            let Some([begin, end]) = settings.iter().find(|[begin, end]| *begin <= row.t_s() && row.t_s() <= *end) else {
+            // They are in the order of time.
+            let after = settings.partition_point(|[begin, _]| *begin <= row.t_s());
+            let Some([begin, end]) = after.checked_sub(1).map(|k| &settings[k]).filter(|[_, end]| row.t_s() <= *end) else {
                 continue;
             };
             let drift = self.record.drift_ent_per_s(i);

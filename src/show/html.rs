@@ -9,6 +9,7 @@ mod picture;
 mod table;
 
 use super::document::{Block, Document, Inline, Section, Text};
+use crate::data::plain::is_unseen;
 use contents::{CONTENTS, Heading, contents, headings};
 use std::fmt::Write;
 
@@ -51,8 +52,8 @@ fn escape(text: &str) -> String {
             '>' => out.push_str("&gt;"),
             '"' => out.push_str("&quot;"),
             '\n' | '\t' => out.push(c),
-            // HTML allows no control characters.
-            c if c.is_control() => out.push('\u{fffd}'),
+            // HTML allows no control characters, and others would turn the words behind them round.
+            c if is_unseen(c) => out.push('\u{fffd}'),
             c => out.push(c),
         }
     }
@@ -65,7 +66,7 @@ fn style_string(text: &str) -> String {
     for c in text.chars() {
         if c.is_ascii_alphanumeric() || c == ' ' {
             out.push(c);
-        } else if !c.is_control() {
+        } else if !is_unseen(c) {
             let _ = write!(out, "\\{:x} ", c as u32);
         }
     }
@@ -94,7 +95,7 @@ fn is_harmless(link: &str) -> bool {
     let scheme = link.split(['/', '?', '#']).next().unwrap_or_default().split_once(':').map(|(scheme, _)| scheme);
     !link.starts_with("//")
         && !link.contains('\\')
-        && !link.chars().any(char::is_control)
+        && !link.contains(is_unseen)
         && scheme.is_none_or(|s| ["http", "https", "mailto"].iter().any(|known| s.eq_ignore_ascii_case(known)))
 }
 

@@ -1,14 +1,17 @@
 //! Documents as Markdown.
 //!
-//! Words are written as they are: a report is read as plain text as often as through a viewer.
+//! Words are written as they are: a report is read as plain text as often as through a viewer. Only what a viewer would take for HTML or for
+//! a link, and what is not seen, is marked: names come from files.
 
 use super::document::{Block, Cell, Document, Figure, Inline, Section, Table, Text};
+use crate::data::plain::{one_line, shown};
+use std::borrow::Cow;
 use std::fmt::Write;
 
 /// The whole document with the mark of this program in its first line.
 #[must_use]
 pub fn page(document: &Document) -> String {
-    let mut out = format!("<!-- written by calfit {} -->\n# {}\n\n", env!("CARGO_PKG_VERSION"), document.title);
+    let mut out = format!("<!-- written by calfit {} -->\n# {}\n\n", env!("CARGO_PKG_VERSION"), words(&document.title));
     document.front.iter().for_each(|b| block(&mut out, b));
     document.sections.iter().for_each(|s| section(&mut out, s, 2));
     if let Some(colophon) = &document.colophon {
@@ -51,10 +54,10 @@ fn block(out: &mut String, block: &Block) {
         }),
         Block::Table(table) => out.push_str(&table_of(&rows(table))),
         Block::Code(lines) => lines.lines().for_each(|line| {
-            let _ = writeln!(out, "    {line}");
+            let _ = writeln!(out, "    {}", shown(line));
         }),
         Block::Note(note) => {
-            let _ = writeln!(out, "> **WARNING** {note}");
+            let _ = writeln!(out, "> **WARNING** {}", text(&Text::of_note(&note.to_string())));
         }
         Block::Figure(figure) => picture(out, figure),
     }
@@ -63,18 +66,56 @@ fn block(out: &mut String, block: &Block) {
 
 fn picture(out: &mut String, Figure { file, number, title, caption }: &Figure) {
     // The caption is drawn in the picture; here it is for those who cannot see it.
-    let (caption, title) = (caption.replace(['[', ']'], ""), title.replace('"', "'"));
-    let _ = writeln!(out, "![{caption}]({file} \"Figure {number}: {title}\")");
+    let (caption, title) = (words(caption).replace(['[', ']'], ""), words(title).replace('"', "'"));
+    let _ = writeln!(out, "![{caption}]({} \"Figure {number}: {title}\")", place(file));
+}
+
+/// Words in which a viewer sees neither HTML nor links.
+fn words(text: &str) -> Cow<'_, str> {
+    let text = one_line(text);
+    let is_tag = |(at, _): &(usize, &str)| text[at + 1..].starts_with(|c: char| c.is_alphabetic() || "/!?".contains(c));
+    if !text.contains("](") && !text.match_indices('<').any(|found| is_tag(&found)) {
+        return text;
+    }
+    let mut out = text.replace("](", "]\\(");
+    for (at, _) in text.match_indices('<').filter(is_tag).collect::<Vec<_>>().into_iter().rev() {
+        let before = text[..at].matches("](").count();
+        out.insert(at + before, '\\');
+    }
+    Cow::Owned(out)
+}
+
+/// Code between so many backticks that those in it do not end it.
+fn code(text: &str) -> String {
+    let text = one_line(text);
+    let longest = text.split(|c| c != '`').map(str::len).max().unwrap_or(0);
+    let fence = "`".repeat(longest + 1);
+    if longest == 0 { format!("`{text}`") } else { format!("{fence} {text} {fence}") }
+}
+
+/// A place to which a link leads, without what would end it.
+fn place(to: &str) -> String {
+    let mut out = String::new();
+    for c in to.chars() {
+        if c.is_whitespace() || crate::data::plain::is_unseen(c) || "()<>".contains(c) {
+            c.encode_utf8(&mut [0; 4]).bytes().for_each(|b| {
+                let _ = write!(out, "%{b:02X}");
+            });
+        } else {
+            out.push(c);
+        }
+    }
+    out
 }
 
 fn text(text: &Text) -> String {
     let mut out = String::new();
     for inline in &text.0 {
         let _ = match inline {
-            Inline::Plain(words) => write!(out, "{words}"),
-            Inline::Code(code) => write!(out, "`{code}`"),
-            Inline::Strong(words) => write!(out, "**{words}**"),
-            Inline::Link { words, to } => write!(out, "[{words}]({to})"),
+            Inline::Plain(plain) => write!(out, "{}", words(plain)),
+            Inline::Code(text) => write!(out, "{}", code(text)),
+            Inline::Strong(plain) => write!(out, "**{}**", words(plain)),
+            Inline::Link { words: plain, to } => write!(out, "[{}]({})", words(plain), place(to)),
         };
     }
     out
@@ -82,9 +123,10 @@ fn text(text: &Text) -> String {
 
 /// The head and the rows of a table as text.
 fn rows(table: &Table) -> Vec<Vec<String>> {
-    let cell = |cell: &Cell| if let Cell::Text(words) = cell { text(words) } else { cell.plain() };
+    let cell = |cell: &Cell| if let Cell::Text(words) = cell { text(words) } else { words(&cell.plain()).into_owned() };
     let rows = table.rows.iter().map(|row| row.iter().map(cell).collect());
-    std::iter::once(table.head.clone()).chain(rows).collect()
+    let head = table.head.iter().map(|name| words(name).into_owned()).collect();
+    std::iter::once(head).chain(rows).collect()
 }
 
 /// A table; the first row is its head.

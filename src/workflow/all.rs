@@ -253,7 +253,7 @@ pub fn publish_thermal_names(all: &[Measured], used: &[String], desk: &Desk) -> 
         let name = p.thermal_file_name();
         if used.contains(&name) {
             let id = &p.calibration.run.id;
-            let folder = desk.folder(id, Origin::of(&made.provenance))?;
+            let folder = desk.folder(id, Origin::of(&made.provenance).telling(&made.result.notes))?;
             folder.write(&name, desk.parameter_text(id, &name, &p, &made.provenance)?.as_bytes())?;
             folder.sync()?;
         }

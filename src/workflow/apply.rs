@@ -7,7 +7,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::Recipe;
 use crate::data::run::{Location, Run, Vector, VectorSink, interpolate};
-use crate::data::units::Reading;
+use crate::data::units::{COMPONENTS, Reading};
 use crate::files::campaign::Campaign;
 use crate::files::ccr;
 use crate::files::field::read_field;
@@ -233,6 +233,9 @@ pub struct AppliedFile {
     pub without_field: usize,
     /// Vectors by flag.
     pub flagged: Vec<Flagged>,
+    /// What a person should know of the readings.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
 }
 
 /// Vectors with a flag.
@@ -277,7 +280,31 @@ struct Work<'a> {
     options: &'a ApplyOptions,
     data: &'a Path,
     counts: AppliedFile,
+    /// What every component read so far.
+    still_ent: [Still; 3],
 }
+
+/// What a component read so far.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Still {
+    Nothing,
+    Only(f64),
+    Several,
+}
+
+impl Still {
+    fn with(self, readings: &[f64]) -> Self {
+        let join = |seen: Self, v: &f64| match seen {
+            Still::Nothing => Still::Only(*v),
+            Still::Only(one) if one == *v => seen,
+            _ => Still::Several,
+        };
+        readings.iter().filter(|v| v.is_finite()).fold(self, join)
+    }
+}
+
+/// Rows of which noise makes some differ.
+const LEAST_ROWS: usize = 20;
 
 const FIELD: [&str; 3] = ["bx_nt", "by_nt", "bz_nt"];
 const STD: [&str; 3] = ["u_bx_nt", "u_by_nt", "u_bz_nt"];
@@ -287,14 +314,24 @@ const TEMPERATURE: &str = "t_degc";
 impl<'a> Work<'a> {
     fn new(applied: &'a Applied, options: &'a ApplyOptions, data: &'a Path, file: &str) -> Self {
         let flagged = Flags::OF_CALIBRATION.map(|(flag, meaning)| Flagged { flag: flag.0, meaning, rows: 0 }).to_vec();
-        let counts = AppliedFile { data: data.display().to_string(), file: file.to_owned(), rows: 0, without_field: 0, flagged };
-        Self { applied, options, data, counts }
+        let counts = AppliedFile {
+            data: data.display().to_string(),
+            file: file.to_owned(),
+            rows: 0,
+            without_field: 0,
+            flagged,
+            notes: Vec::new(),
+        };
+        Self { applied, options, data, counts, still_ent: [Still::Nothing; 3] }
     }
 
     /// Calibrates the vectors of a batch with their temperatures.
     fn calibrate(&mut self, batch: &mut Batch, readings: &[Vec<f64>; 3], degc: &[f64]) -> Result<(), Finding> {
         let calibration = &self.applied.calibration;
         let [x, y, z] = readings;
+        for (still, own) in self.still_ent.iter_mut().zip(readings) {
+            *still = if *still == Still::Several { Still::Several } else { still.with(own) };
+        }
         let taken = self.taken_off(readings, degc);
         let one = |i: usize| {
             let raw = [x[i], y[i], z[i]];
@@ -334,6 +371,18 @@ impl<'a> Work<'a> {
             [x[i] - offset[0], y[i] - offset[1], z[i] - offset[2]]
         };
         effects.taken_off(&(0..x.len()).map(without).collect::<Vec<_>>())
+    }
+
+    /// What the readings as a whole show.
+    fn judge(&mut self) {
+        if self.counts.rows == 0 {
+            self.counts.notes.push("the file holds no vectors".to_owned());
+        }
+        for (name, still) in COMPONENTS.into_iter().zip(self.still_ent) {
+            if let (Still::Only(reading), true) = (still, self.counts.rows >= LEAST_ROWS) {
+                self.counts.notes.push(format!("component {name} stands still: all of its readings are {reading}"));
+            }
+        }
     }
 
     fn refused(&self, row: usize, flags: Flags, degc: f64) -> Finding {
@@ -408,6 +457,7 @@ pub fn apply_to(data: &Path, applied: &Applied, options: &ApplyOptions, folder: 
         (None, None) => {}
     }
     file.finish()?;
+    work.judge();
     let mut statement = text(&work.statement(&provenance, Some(&work.counts)))?;
     statement.push('\n');
     folder.write(&format!("{stem}.calibrated.json"), statement.as_bytes())?;

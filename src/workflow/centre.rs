@@ -108,7 +108,7 @@ impl PairFiles {
         let file = tcf(&result, tpf);
         let name = file.file_name();
         let used = std::iter::once(tpf.file_name()).chain(self.members().flat_map(|member| member.files.clone()));
-        let folder = desk.folder("", Origin::of(&provenance).using(used))?;
+        let folder = desk.folder("", Origin::of(&provenance).using(used).telling(&result.notes))?;
         folder.check(&name)?;
         let outcome = Outcome {
             name: &name,

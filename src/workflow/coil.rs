@@ -363,7 +363,7 @@ pub fn publish_coil<R: CoilResult>(made: &CoilMade<R>, desk: &Desk) -> Result<(S
     let name = parameters.file_name();
     let stem = name.trim_end_matches(".toml").to_owned();
     let (begin, first) = stem.split_once("__").unwrap_or((&stem, ""));
-    let folder = desk.folder("", Origin::of(&made.provenance))?;
+    let folder = desk.folder("", Origin::of(&made.provenance).telling(result.notes()))?;
     folder.check(&name)?;
     let drawn = if desk.plots {
         draw(&folder, &(R::SHOWN.figures)(result), |figure| format!("{begin}_{figure}__{first}.png"))?

@@ -14,7 +14,7 @@ use crate::files::ledger::Origin;
 use crate::files::orientations;
 use crate::files::output::Folder;
 use crate::files::parameter::{self, Cpf, Model, ModelEffect, ModelParameter, ParameterFile};
-use crate::files::source::read_whole;
+use crate::files::source::{content_size, read_whole, room_for};
 use crate::files::text::{Keys, decode};
 use crate::measure::lin;
 use crate::model::effects::{Catalogue, EffectRef, Spec};
@@ -91,6 +91,8 @@ impl DiagnosedWith {
 /// # Errors
 /// The file cannot be read, or the run cannot be looked at.
 pub fn diagnose_run(job: &Job, desk: &Desk, with: &DiagnosedWith, two_threads: bool) -> Result<Diagnosed, Failure> {
+    // All samples of the run, their residuals and their spectra.
+    room_for(&job.path, MEMORY_PER_BYTE.saturating_mul(content_size(&job.path))).map_err(Failure::Refused)?;
     let (run, (accumulator, samples)) = read(job, desk, two_threads, (Accumulator::default(), Samples::default()))?;
     let plateaus = plateau::of_run(&run, accumulator, Cut::default());
     let mut diagnosis = diagnose::run(&run, &plateaus, Some(&samples), job.campaign, &with.options())
@@ -202,12 +204,15 @@ impl Across {
     }
 }
 
+/// What a diagnosis holds in memory for a byte of the file: 1.0 GiB for 3.7 million vectors of 36 bytes.
+const MEMORY_PER_BYTE: u64 = 8;
+
 /// Writes a diagnosis into the folder of a run, or that of all results if `run` is empty: figures, the report as Markdown and HTML, and `diagnosis.json` last.
 ///
 /// # Errors
 /// What cannot be drawn or written.
 pub fn publish_diagnosis(made: &Diagnosed, run: &str, desk: &Desk) -> Result<(), Finding> {
-    let folder = desk.folder(run, Origin::of(&made.provenance))?;
+    let folder = desk.folder(run, Origin::of(&made.provenance).telling(&made.diagnosis.notes))?;
     folder.check(DIAGNOSIS_FILE)?;
     let name = made.diagnosis.runs.first().map_or("", String::as_str);
     let figures = crate::plot::diagnose::figures(&made.diagnosis);

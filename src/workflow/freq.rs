@@ -31,6 +31,8 @@ impl PerRun for Options {
     const KIND: Kind = Kind::Frequency;
     const STEM: &'static str = "FREQ";
     const TAKES_MODEL: bool = true;
+    // All samples of the sines, and what is cut from them.
+    const MEMORY_PER_BYTE: u64 = 4;
     type Sink = Sines;
     type Result = Freq;
 

@@ -130,7 +130,7 @@ fn publish(result: &Linearised, provenance: &Provenance, desk: &Desk) -> Result<
     let name = p.file_name();
     let stem = name.trim_end_matches(".toml");
     let (begin, first) = stem.split_once("__").unwrap_or((stem, ""));
-    let folder = desk.folder("", Origin::of(provenance))?;
+    let folder = desk.folder("", Origin::of(provenance).telling(&result.notes))?;
     folder.check(&name)?;
     let figures = if desk.plots { plot::linearise::figures(result) } else { Vec::new() };
     let drawn = draw(&folder, &figures, |figure| format!("{begin}_{figure}__{first}.png"))?;

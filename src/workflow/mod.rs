@@ -8,6 +8,7 @@ mod apply;
 mod centre;
 mod coil;
 mod diagnose;
+mod each;
 #[cfg(feature = "tables")]
 pub mod flight;
 mod freq;
@@ -36,6 +37,7 @@ pub use coil::{
 pub use diagnose::{
     Across, Diagnosed, DiagnosedWith, diagnose_run, diagnose_table, known, publish_diagnosis, publish_model, read_model,
 };
+pub use each::each;
 pub use freq::of_table;
 pub use ground::{ExportRecipe, NoGround, ground_calibration};
 pub use import::{Import, ImportedRun};
@@ -66,6 +68,7 @@ use crate::files::output::Folder;
 use crate::files::parameter::Body;
 #[cfg(feature = "tables")]
 use crate::files::source::digest;
+use crate::files::source::{content_size, room_for};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
 use crate::files::{ccr, parameter};
@@ -96,6 +99,8 @@ pub trait PerRun: Clone + Default + Serialize + DeserializeOwned + Send + Sync +
     type Sink: VectorSink;
     /// What comes out.
     type Result: RunResult<Analysis = Self>;
+    /// What it holds in memory for a byte of the file, beyond what does not grow with it.
+    const MEMORY_PER_BYTE: u64 = 0;
     /// Whether known effects are taken off its readings.
     const TAKES_MODEL: bool = false;
 
@@ -447,6 +452,7 @@ fn read<S: VectorSink>(job: &Job, desk: &Desk, two_threads: bool, sink: S) -> Re
 /// # Errors
 /// The file cannot be read, or the analysis refuses it.
 pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) -> Result<Made<A::Result>, Failure> {
+    room_for(&job.path, A::MEMORY_PER_BYTE.saturating_mul(content_size(&job.path))).map_err(Failure::Refused)?;
     let (run, sink) = read(job, desk, two_threads, analysis.sink(desk.plots))?;
     let result = analysis
         .analyse(&run, sink, job.campaign)
@@ -499,7 +505,7 @@ pub fn parameter_text<B: Body>(name: &str, body: &B, provenance: &Provenance) ->
 pub fn publish<A: PerRun>(made: &Made<A::Result>, desk: &Desk, parameter_name: &str) -> Result<Vec<Drawn>, Finding> {
     let result = &made.result;
     let id = &result.head().id;
-    let folder = desk.folder(id, Origin::of(&made.provenance))?;
+    let folder = desk.folder(id, Origin::of(&made.provenance).telling(result.notes()))?;
     folder.check(parameter_name)?;
     let drawn = if desk.plots {
         draw(&folder, &(A::Result::SHOWN.figures)(result), |stem| format!("{}_{stem}__{id}.png", A::STEM))?

@@ -1,5 +1,6 @@
 //! The result folder of a command: its lock, the campaign that it belongs to, what is written into it, and its index.
 
+use super::renew::DIAGNOSIS_FILE;
 use super::{Desk, RUN_KINDS};
 use crate::data::error::Finding;
 use crate::data::index::{FileEntry, INDEX_FILE, Index, RunEntry, Version};
@@ -8,13 +9,13 @@ use crate::data::result::RunHead;
 use crate::data::run::Header;
 use crate::data::run_state::{Outcome, RunState};
 use crate::files::campaign::Campaign;
-use crate::files::ledger::{Ledger, Written, WrittenFiles};
+use crate::files::ledger::{Ledger, Origin, Written, WrittenFiles};
 use crate::files::lock::FolderLock;
 use crate::files::output::Folder;
 use crate::files::parameter::{self, FileKind, alone_of};
 use crate::files::{ccr, index};
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -275,9 +276,11 @@ impl Open {
         let mut index = self.before.clone().unwrap_or_default();
         index.written_by = Index::default().written_by;
         self.name(&seen, &mut index);
-        for (path, file) in &written {
-            index.put(entry_for(path, file, &index, &written));
-        }
+        let entries: Vec<FileEntry> = {
+            let known = Known::of(&index, &written);
+            written.iter().map(|(path, file)| known.entry_for(path, file)).collect()
+        };
+        entries.into_iter().for_each(|entry| index.put(entry));
         self.runs(&seen, &written, &mut index);
         index.judge();
         index
@@ -326,8 +329,9 @@ impl Open {
             let known = index.runs.get(id).and_then(|run| run.sha256.clone());
             index.runs.insert(id.clone(), RunEntry { sha256: outcome.sha256.clone().or(known), ..outcome.clone() });
         }
+        let inputs = inputs_of(written);
         for run in index.runs.values_mut() {
-            let Some((sha256, is_used)) = run.path.as_ref().and_then(|path| input_of(written, path)) else { continue };
+            let Some((sha256, is_used)) = run.path.as_ref().and_then(|path| inputs.get(path.as_str()).cloned()) else { continue };
             run.sha256 = Some(sha256);
             if is_used && matches!(run.state, RunState::NotApplicable | RunState::Gone) {
                 run.set(Outcome::done());
@@ -354,12 +358,22 @@ impl Open {
     }
 }
 
-/// The hash of an input of the files that were written, and whether anything beside the list of all runs in the protocol rests on it.
-fn input_of(written: &WrittenFiles, path: &str) -> Option<(String, bool)> {
-    let uses = |file: &&Written| file.origin.from.iter().any(|input| input.path == path);
-    let using: Vec<&Written> = written.values().filter(uses).collect();
-    let input = using.first()?.origin.from.iter().find(|input| input.path == path)?;
-    Some((input.sha256.clone(), using.iter().any(|file| !file.origin.command.starts_with("calfit report"))))
+/// The hashes of the inputs of the files that were written, and whether anything beside the list of all runs in the protocol rests on each.
+fn inputs_of(written: &WrittenFiles) -> HashMap<&str, (String, bool)> {
+    let mut inputs: HashMap<&str, (String, bool)> = HashMap::new();
+    let mut seen: Option<&Arc<Origin>> = None;
+    for file in written.values() {
+        // The files of one result have their origin in common, and most stand one after the other.
+        if seen.is_some_and(|seen| Arc::ptr_eq(seen, &file.origin)) {
+            continue;
+        }
+        seen = Some(&file.origin);
+        let is_used = !file.origin.command.starts_with("calfit report");
+        for input in &file.origin.from {
+            inputs.entry(&input.path).or_insert_with(|| (input.sha256.clone(), false)).1 |= is_used;
+        }
+    }
+    inputs
 }
 
 fn entry_of(header: &Header, path: &str) -> RunEntry {
@@ -373,46 +387,79 @@ fn entry_of(header: &Header, path: &str) -> RunEntry {
     }
 }
 
-/// The entry of a file that was written; `index` holds the earlier ones.
-fn entry_for(path: &str, file: &Written, index: &Index, written: &WrittenFiles) -> FileEntry {
-    let now = |path: &str| {
-        let new = written.get(path).map(|w| &w.sha256);
-        new.or_else(|| index.file(path).map(|f| &f.sha256))
-            .map(|sha256| Version { path: path.to_owned(), sha256: sha256.clone() })
-    };
-    fn name(path: &str) -> &str {
-        path.rsplit('/').next().unwrap_or(path)
+fn name(path: &str) -> &str {
+    path.rsplit('/').next().unwrap_or(path)
+}
+
+/// The files of a folder, those of before and those that were written, found by path, name or origin.
+struct Known<'a> {
+    index: &'a Index,
+    written: &'a WrittenFiles,
+    /// Paths by the names of the files.
+    named: HashMap<&'a str, Vec<&'a str>>,
+    /// Parameter files by their origin.
+    of_origin: HashMap<*const Origin, Vec<&'a str>>,
+}
+
+impl<'a> Known<'a> {
+    fn of(index: &'a Index, written: &'a WrittenFiles) -> Self {
+        let mut named: HashMap<&str, Vec<&str>> = HashMap::new();
+        for path in written.keys().map(String::as_str).chain(index.files.iter().map(|f| f.path.as_str())) {
+            named.entry(name(path)).or_default().push(path);
+        }
+        let mut of_origin: HashMap<*const Origin, Vec<&str>> = HashMap::new();
+        for (path, file) in written.iter().filter(|(path, _)| is_parameter_file(path)) {
+            of_origin.entry(Arc::as_ptr(&file.origin)).or_default().push(path);
+        }
+        Self { index, written, named, of_origin }
     }
-    let paths = || written.keys().map(String::as_str).chain(index.files.iter().map(|f| f.path.as_str()));
-    // An input of the folder stands under its path there; one from elsewhere must not be taken for it.
-    let placed = |input: &Version| {
-        let own = paths().filter(|p| name(p) == name(&input.path)).filter_map(now).find(|v| v.sha256 == input.sha256);
-        own.unwrap_or_else(|| match now(&input.path) {
+
+    /// A file as it is now.
+    fn now(&self, path: &str) -> Option<Version> {
+        let new = self.written.get(path).map(|w| &w.sha256);
+        new.or_else(|| self.index.file(path).map(|f| &f.sha256))
+            .map(|sha256| Version { path: path.to_owned(), sha256: sha256.clone() })
+    }
+
+    /// Files of a name as they are now.
+    fn called(&self, name: &str) -> impl Iterator<Item = Version> {
+        self.named.get(name).into_iter().flatten().filter_map(|path| self.now(path))
+    }
+
+    /// An input of the folder under its path there; one from elsewhere must not be taken for it.
+    fn placed(&self, input: &Version) -> Version {
+        let own = self.called(name(&input.path)).find(|v| v.sha256 == input.sha256);
+        own.unwrap_or_else(|| match self.now(&input.path) {
             Some(_) => Version { path: format!("../{}", input.path), ..input.clone() },
             None => input.clone(),
         })
-    };
-    let mut from: Vec<Version> = file.origin.from.iter().map(placed).collect();
-    for used in &file.origin.uses {
-        from.extend(now(used).or_else(|| paths().find(|p| name(p) == *used).and_then(now)));
     }
-    // Figures, tables and reports show what the parameter file of the same result holds.
-    if !is_parameter_file(path) {
-        let same = |w: &Written| Arc::ptr_eq(&w.origin, &file.origin);
-        from.extend(written.iter().filter(|(p, w)| same(w) && is_parameter_file(p)).filter_map(|(p, _)| now(p)));
-    }
-    from.retain(|version| version.path != path);
-    let mut seen = BTreeSet::new();
-    from.retain(|version| seen.insert(version.clone()));
-    FileEntry {
-        path: path.to_owned(),
-        sha256: file.sha256.clone(),
-        from,
-        command: file.origin.command.clone(),
-        stale: false,
-        reason: None,
-        mark: None,
-        replaces: alone_of(path).as_deref().and_then(now).into_iter().collect(),
+
+    /// The entry of a file that was written.
+    fn entry_for(&self, path: &str, file: &Written) -> FileEntry {
+        let mut from: Vec<Version> = file.origin.from.iter().map(|input| self.placed(input)).collect();
+        for used in &file.origin.uses {
+            from.extend(self.now(used).or_else(|| self.called(used).next()));
+        }
+        let has_notes = is_parameter_file(path) || name(path) == DIAGNOSIS_FILE;
+        // Figures, tables and reports show what the parameter file of the same result holds.
+        if !is_parameter_file(path) {
+            let same = self.of_origin.get(&Arc::as_ptr(&file.origin)).into_iter().flatten();
+            from.extend(same.filter_map(|path| self.now(path)));
+        }
+        let mut seen = BTreeSet::new();
+        from.retain(|version| version.path != path && seen.insert(version.clone()));
+        FileEntry {
+            path: path.to_owned(),
+            sha256: file.sha256.clone(),
+            from,
+            command: file.origin.command.clone(),
+            stale: false,
+            reason: None,
+            mark: None,
+            warning_kinds: if has_notes { file.origin.kinds.iter().copied().collect() } else { Vec::new() },
+            replaces: alone_of(path).as_deref().and_then(|alone| self.now(alone)).into_iter().collect(),
+        }
     }
 }
 

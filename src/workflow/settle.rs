@@ -1,7 +1,7 @@
 //! Linear calibrations of a thermal group and its polynomials: each is made with the other until both stay (mathematics.md section 6).
 
 use super::thermal::ThermalFile;
-use super::{Desk, Made, Measured, RunResult, ThermalShown, recipe};
+use super::{Desk, Made, Measured, RunResult, ThermalShown, each, recipe};
 use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
@@ -13,7 +13,7 @@ use crate::measure::thermal::{Kind, RunGroup, RunsUsed, Thermal, groups, thermal
 use crate::model::campaign::ThermalEntry;
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::model::sensor_polynomials::SensorPolynomials;
-use rayon::prelude::*;
+use std::collections::HashSet;
 
 /// Rounds of calibrations and polynomials; each makes what is left smaller by the share of the runs that moved.
 const MOST_ROUNDS: usize = 30;
@@ -46,7 +46,7 @@ pub fn settle(measured: &mut [Measured], entries: &[ThermalEntry], orders: &[(St
         }
         let found: Vec<(SensorPolynomials, Vec<String>)> =
             now.iter().filter_map(|result| Some((polynomials(result)?, result.runs.ids.clone()))).collect();
-        measured.par_iter_mut().filter_map(Measured::lin_mut).for_each(|made| {
+        each(measured.iter_mut().filter_map(Measured::lin_mut), |made| {
             let id = &made.result.calibration.run.id;
             if let Some((own, _)) = found.iter().find(|(_, ids)| ids.contains(id)) {
                 // A run that cannot be referred keeps what it has, and says so in the last round.
@@ -97,34 +97,30 @@ pub fn refer(measured: &mut [Measured], alone: Vec<Alone>, shown: &[ThermalShown
             written.push((polynomials, &one.thermal.runs));
         }
     }
-    let referred: Vec<String> = measured
-        .par_iter_mut()
-        .filter_map(Measured::lin_mut)
-        .filter_map(|made| {
-            let head = made.result.calibration.run.clone();
-            let of_group = |runs: &RunsUsed| runs.ids.contains(&head.id);
-            let of_sensor =
-                |runs: &RunsUsed| (&runs.sensor, &runs.mode, runs.location) == (&head.sensor, &head.mode, head.location);
-            let with = |fits: &dyn Fn(&RunsUsed) -> bool| written.iter().find(|(_, runs)| fits(runs));
-            let (polynomials, _) = with(&of_group).or_else(|| with(&of_sensor).filter(|_| moves(&made.result)))?;
-            match with_polynomials(made, polynomials) {
-                Ok(result) => {
-                    made.result = result;
-                    made.options.temperature = Some(polynomials.clone());
-                    let input = [made.provenance.input.as_slice(), std::slice::from_ref(&polynomials.input)].concat();
-                    made.provenance = Provenance::new(recipe(&made.options, &made.result, desk), input);
-                    made.in_group = true;
-                    Some(head.id)
-                }
-                Err(refusal) => {
-                    let file = &polynomials.input.path;
-                    let text = format!("the slopes of {file} are not used: {}", refusal.rule);
-                    made.result.notes.push(Note::new(NoteKind::Temperature, text).about(file));
-                    None
-                }
+    let referred: Vec<Option<String>> = each(measured.iter_mut().filter_map(Measured::lin_mut), |made| {
+        let head = made.result.calibration.run.clone();
+        let of_group = |runs: &RunsUsed| runs.ids.contains(&head.id);
+        let of_sensor = |runs: &RunsUsed| (&runs.sensor, &runs.mode, runs.location) == (&head.sensor, &head.mode, head.location);
+        let with = |fits: &dyn Fn(&RunsUsed) -> bool| written.iter().find(|(_, runs)| fits(runs));
+        let (polynomials, _) = with(&of_group).or_else(|| with(&of_sensor).filter(|_| moves(&made.result)))?;
+        match with_polynomials(made, polynomials) {
+            Ok(result) => {
+                made.result = result;
+                made.options.temperature = Some(polynomials.clone());
+                let input = [made.provenance.input.as_slice(), std::slice::from_ref(&polynomials.input)].concat();
+                made.provenance = Provenance::new(recipe(&made.options, &made.result, desk), input);
+                made.in_group = true;
+                Some(head.id)
             }
-        })
-        .collect();
+            Err(refusal) => {
+                let file = &polynomials.input.path;
+                let text = format!("the slopes of {file} are not used: {}", refusal.rule);
+                made.result.notes.push(Note::new(NoteKind::Temperature, text).about(file));
+                None
+            }
+        }
+    });
+    let referred: HashSet<String> = referred.into_iter().flatten().collect();
     alone.into_iter().filter(|one| referred.contains(&one.run)).collect()
 }
 
@@ -141,7 +137,7 @@ pub fn alone(measured: &[Measured], desk: &Desk) -> Result<Vec<Alone>, Finding> 
             let name = parameters.file_name();
             let run = parameters.calibration.run.id.clone();
             let text = desk.parameter_text(&run, &name, &parameters, &made.provenance)?;
-            Ok(Alone { run, name, text, origin: Origin::of(&made.provenance) })
+            Ok(Alone { run, name, text, origin: Origin::of(&made.provenance).telling(&made.result.notes) })
         })
         .collect()
 }

@@ -5,7 +5,7 @@ mod options;
 pub use options::ThermalOptions;
 
 use super::centre::Member;
-use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw};
+use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw, each};
 use crate::data::across::{CalibratedRun, LinearScope, RunRotations, RunValues};
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind, Told};
@@ -26,7 +26,6 @@ use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::plot;
 use crate::show::{self, Drawn};
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, HashMap};
@@ -99,24 +98,21 @@ impl ThermalInput {
         let groups = groups(&self.points, entries, &options.orders);
         let tasks: Vec<(&RunGroup, Kind)> =
             groups.iter().flat_map(|g| Kind::ALL.into_iter().filter(|k| g.has(*k)).map(move |k| (g, k))).collect();
-        tasks
-            .par_iter()
-            .map(|(group, kind)| {
-                let result = thermal(group, *kind, lins, options.joint).map_err(|e| {
-                    let finding = Finding::error(&group.name(), e.to_string(), e.remedy());
-                    match e {
-                        ThermalError::TooFew { .. } if self.goes_with_a_cycle(group) => NoThermal::OfPair,
-                        ThermalError::TooFew { .. } if !group.is_listed => NoThermal::OneTemperature(finding),
-                        _ => NoThermal::Refused(finding),
-                    }
-                })?;
-                let file = ThermalFile::of(&result);
-                let used: Vec<&CalibratedRun> = group.points.iter().filter(|p| result.runs.files.contains(&p.file)).collect();
-                let provenance = Provenance::new(options.recipe(desk), self.inputs(&used));
-                let (written, figures) = publish(&result, &file, &provenance, desk).map_err(NoThermal::Refused)?;
-                Ok(ThermalShown { thermal: result, file, provenance, written, figures })
-            })
-            .collect()
+        each(tasks, |(group, kind)| {
+            let result = thermal(group, kind, lins, options.joint).map_err(|e| {
+                let finding = Finding::error(&group.name(), e.to_string(), e.remedy());
+                match e {
+                    ThermalError::TooFew { .. } if self.goes_with_a_cycle(group) => NoThermal::OfPair,
+                    ThermalError::TooFew { .. } if !group.is_listed => NoThermal::OneTemperature(finding),
+                    _ => NoThermal::Refused(finding),
+                }
+            })?;
+            let file = ThermalFile::of(&result);
+            let used: Vec<&CalibratedRun> = group.points.iter().filter(|p| result.runs.files.contains(&p.file)).collect();
+            let provenance = Provenance::new(options.recipe(desk), self.inputs(&used));
+            let (written, figures) = publish(&result, &file, &provenance, desk).map_err(NoThermal::Refused)?;
+            Ok(ThermalShown { thermal: result, file, provenance, written, figures })
+        })
     }
 
     /// Whether the runs of a group were made at the centre, and linearity runs of the same sensor and mode beside it.
@@ -515,7 +511,7 @@ fn stem(kind: Kind) -> &'static str {
 fn publish(result: &Thermal, file: &ThermalFile, provenance: &Provenance, desk: &Desk) -> Result<(Input, Vec<Drawn>), Finding> {
     let name = file.file_name();
     let first = result.runs.ids.first().map_or_else(String::new, |id| id.replace('_', "-"));
-    let folder = desk.folder("", Origin::of(provenance).using(result.runs.files.clone()))?;
+    let folder = desk.folder("", Origin::of(provenance).using(result.runs.files.clone()).telling(&result.notes))?;
     folder.check(&name)?;
     let begin = stem(result.kind());
     let drawn = if desk.plots {

@@ -87,7 +87,7 @@ pub fn thermistor_of(
 /// What cannot be drawn or written.
 pub fn publish_thermistor(made: &ThermistorMade, desk: &Desk) -> Result<(String, Vec<Drawn>), Finding> {
     let p = &made.parameters();
-    let folder = desk.folder("", Origin::of(&made.provenance))?;
+    let folder = desk.folder("", Origin::of(&made.provenance).telling(&made.result.notes))?;
     let name = p.file_name();
     folder.check(&name)?;
     let stem = &p.polynomial.table;

@@ -1,6 +1,7 @@
 //! Damages x kinds of runs: whether a damaged run is refused, warned of, or gives other parameters without a word.
 
 mod damage;
+mod others;
 mod parameters;
 mod runs;
 mod text;
@@ -15,6 +16,7 @@ use std::collections::BTreeSet;
 use std::error::Error;
 use std::ffi::OsString;
 use std::fmt::Write;
+use std::path::Path;
 use text::Text;
 
 /// A wrong parameter is off by more than so many standard uncertainties.
@@ -36,33 +38,46 @@ pub struct Analysed {
 ///
 /// # Errors
 /// Its files cannot be written.
-pub fn analysed(kind: Kind, text: &Text, campaign: &str) -> Result<Analysed, Box<dyn Error>> {
+pub fn analysed(kind: Kind, text: &Text, undamaged: &Undamaged) -> Result<Analysed, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
-    let path = runs::write(kind, text, campaign, folder.path())?;
-    let mut arguments: Vec<OsString> = vec!["calfit".into()];
-    arguments.extend(kind.command().iter().map(Into::into));
-    arguments.push(path.into());
-    arguments.extend(["--no-plots", "--json", "--threads", "1", "-o"].map(Into::into));
-    arguments.push(folder.path().join("out").into());
-    let (mut out, mut err) = (Vec::new(), Vec::new());
-    let status = calfit::cli::run(
-        arguments,
-        calfit::cli::Output { to: &mut out, is_terminal: false },
-        calfit::cli::Output { to: &mut err, is_terminal: false },
-    );
-    let view: Value = serde_json::from_slice(&out).unwrap_or(Value::Null);
-    let told = String::from_utf8_lossy(&err).into_owned();
+    let campaign = &undamaged.campaign;
+    let path = match kind {
+        Kind::Applied => return others::applied(text, &undamaged.runs[&Kind::Means], campaign, folder.path()),
+        Kind::Imported => match others::imported(text, campaign, folder.path())? {
+            Ok(path) => path,
+            Err(refused) => return Ok(refused),
+        },
+        _ => runs::write(kind, text, campaign, folder.path())?,
+    };
+    let arguments = kind.command().iter().map(OsString::from).chain([path.into()]);
+    let (status, view, told) = called(arguments, &folder.path().join("out"));
     let result = ["/runs/0/parameters", "/sweeps/0/parameters", "/parameters"].iter().find_map(|p| view.pointer(p));
     let texts = |key: &str| -> Vec<String> {
         let list = result.and_then(|r| r.get(key)).and_then(Value::as_array).into_iter().flatten();
         list.filter_map(|v| Some(v.as_str()?.to_owned())).collect()
     };
     Ok(Analysed {
-        status: status as u8,
+        status,
         warnings: texts("warning_kinds").into_iter().zip(texts("warnings")).collect(),
         parameters: result.map(|r| parameters(kind, r)).unwrap_or_default(),
         told,
     })
+}
+
+/// Calls the program as a user does; its status, what it printed as JSON, and its messages.
+fn called(arguments: impl IntoIterator<Item = OsString>, out: &Path) -> (u8, Value, String) {
+    let mut all: Vec<OsString> = vec!["calfit".into()];
+    all.extend(arguments);
+    all.extend(["--no-plots", "--json", "--threads", "1", "-o"].map(Into::into));
+    all.push(out.into());
+    let (mut printed, mut told) = (Vec::new(), Vec::new());
+    let status = calfit::cli::run(
+        all,
+        calfit::cli::Output { to: &mut printed, is_terminal: false },
+        calfit::cli::Output { to: &mut told, is_terminal: false },
+    );
+    let view: Value = serde_json::from_slice(&printed).unwrap_or(Value::Null);
+    (status as u8, view, String::from_utf8_lossy(&told).into_owned())
 }
 
 /// What is said of a damaged run.
@@ -97,7 +112,7 @@ pub fn table(kinds: &[Kind], damages: &[Damage]) -> Result<Vec<Cell>, Box<dyn Er
     let undamaged = undamaged()?;
     let mut cells = Vec::new();
     for kind in kinds {
-        let whole = analysed(*kind, &undamaged.runs[kind], &undamaged.campaign)?;
+        let whole = analysed(*kind, &undamaged.runs[kind], &undamaged)?;
         if whole.status != 0 || whole.parameters.is_empty() {
             return Err(format!("{}: the run without damage has no result: {}", kind.name(), whole.told).into());
         }
@@ -107,7 +122,7 @@ pub fn table(kinds: &[Kind], damages: &[Damage]) -> Result<Vec<Cell>, Box<dyn Er
                 let mut text = undamaged.runs[kind].clone();
                 let is_there = (damage.apply)(&mut text) && text.text() != undamaged.runs[kind].text();
                 let (outcome, told) = if is_there {
-                    let found = analysed(*kind, &text, &undamaged.campaign).map_err(|e| e.to_string())?;
+                    let found = analysed(*kind, &text, &undamaged).map_err(|e| e.to_string())?;
                     (outcome(*kind, damage.name, &whole, &found), found.told)
                 } else {
                     (Outcome::NotThere, String::new())
@@ -166,6 +181,9 @@ fn not_visible(kind: Kind, damage: &str) -> Option<&'static str> {
         Kind::Scalar if damage.starts_with("settings of X") || damage == "all settings reversed" => {
             Some("a modulus has no sign: the coil system that is mirrored in the same way gives the same moduli")
         }
+        Kind::Applied if !damage.starts_with("temperature") => Some(
+            "readings in flight have no reference: sizes, signs, axes and offsets are taken as they are, within the ranges of the calibration",
+        ),
         Kind::Moving if damage == "channels of sensor and coil exchanged" => {
             Some("channels are told apart by their names alone, and any of the two bodies may be the warm one")
         }

@@ -6,6 +6,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::Recipe;
 use crate::data::run::{Kind, Run};
+use crate::files::campaign::named_file;
 use crate::files::ledger::Origin;
 use crate::files::parameter::Body;
 use crate::files::photo;
@@ -106,8 +107,11 @@ impl Work<'_, '_> {
             let mut findings = Vec::new();
             let order = entry.order.map(|order| order as usize);
             let options = thermistor::Options { order, divider: entry.divider, ..thermistor::Options::default() };
-            let reference = entry.reference.as_ref().map(|table| root.join(table));
-            let made = thermistor_of(&root.join(&entry.table), reference.as_deref(), &options, &mut findings);
+            let path = |name: &String| named_file(root, name, entry.is_outside);
+            let made = path(&entry.table).and_then(|table| {
+                let reference = entry.reference.as_ref().map(path).transpose()?;
+                thermistor_of(&table, reference.as_deref(), &options, &mut findings)
+            });
             findings.iter().for_each(|f| self.terminal.finding(f));
             let published = made.and_then(|made| publish_thermistor(&made, &self.desk).map(|published| (made, published)));
             if let Some((made, (name, figures))) = self.keep(published) {

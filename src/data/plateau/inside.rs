@@ -3,6 +3,10 @@
 use super::{Bin, Contrasts, Drop, Extremes, Plateau};
 use crate::fit::statistics::median;
 
+/// So many times as far as the farthest sample of a typical bin is a spike, for bins of one sample, of two, and of more. The farthest one of
+/// three samples is 1.26 standard deviations away in half of the bins, of two 1.05 and of one 0.67: less than seven standard deviations
+/// would be reached by noise once in thousands of settings.
+const OUTSTANDING_OF: [f64; 3] = [10.4, 6.7, 6.0];
 /// Expected samples of the shortest parts that are compared within a plateau.
 const FEWEST_IN_PART: f64 = 4.0;
 
@@ -31,14 +35,17 @@ pub(super) fn drop_saturated(list: &mut [Plateau], extremes: &[Extremes]) -> [us
     without_scatter
 }
 
-/// Bins with a sample that is more than six times as far from the plateau's level as the farthest sample of a typical bin, or, where
+/// Bins with a sample that is more than some times as far from the plateau's level as the farthest sample of a typical bin, or, where
 /// typical bins do not scatter at all, as the resolution of the data.
 pub(super) fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: &impl Fn() -> [f64; 3]) -> Vec<bool> {
     let mut spiky = vec![false; bins.len()];
-    let filled = bins.iter().filter(|b| b.count > 0).count();
-    if filled < 8 {
+    let mut counts: Vec<u64> = bins.iter().map(|b| b.count).filter(|count| *count > 0).collect();
+    if counts.len() < 8 {
         return spiky;
     }
+    let middle = counts.len() / 2;
+    let (_, of_typical, _) = counts.select_nth_unstable(middle);
+    let times = OUTSTANDING_OF[(*of_typical as usize).clamp(1, OUTSTANDING_OF.len()) - 1];
     for axis in 0..3 {
         let level =
             reference[axis] + median(&mut bins.iter().filter(|b| b.count > 0).map(|b| b.mean(axis)).collect::<Vec<f64>>());
@@ -49,7 +56,7 @@ pub(super) fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: &impl Fn
             typical = resolution()[axis];
         }
         for (flag, bin) in spiky.iter_mut().zip(bins) {
-            *flag |= bin.count > 0 && typical > 0.0 && reach(bin) > 6.0 * typical;
+            *flag |= bin.count > 0 && typical > 0.0 && reach(bin) > times * typical;
         }
     }
     spiky

@@ -52,6 +52,8 @@ pub struct ThermistorEntry {
     pub order: Option<u32>,
     /// Reference voltage, V, and series resistance, Ω, of its divider.
     pub divider: Option<[f64; 2]>,
+    /// Its files may lie outside the campaign.
+    pub is_outside: bool,
 }
 
 impl CampaignFile {
@@ -136,7 +138,7 @@ pub fn parse(root: &Group, findings: &mut Vec<Finding>) -> Result<CampaignFile, 
     campaign.exclude = exclusions(root, findings)?;
     campaign.stated.take_remarks(root, findings)?;
     for group in root.groups("thermistor")? {
-        findings.extend(group.unknown(&["sensor", "table", "reference", "order", "divider"]));
+        findings.extend(group.unknown(&["sensor", "table", "reference", "order", "divider", "outside"]));
         campaign.thermistors.push(thermistor(&group)?);
     }
     if let Some(group) = root.group("report")? {
@@ -388,6 +390,7 @@ fn thermistor(group: &Group) -> Result<ThermistorEntry, Finding> {
         sensor: group.text("sensor")?,
         order,
         divider: divider.transpose()?,
+        is_outside: group.truth("outside")?.unwrap_or(false),
     })
 }
 

@@ -8,9 +8,9 @@ use crate::data::exclusion::Exclusion;
 use crate::data::provenance::{Input, Role};
 use crate::data::run::Header;
 use crate::files::ccr;
-use file::{CampaignFile, read};
+use file::{CampaignFile, ThermistorEntry, read};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// A run file of a campaign.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -190,6 +190,41 @@ pub fn check_locations(root: &Path, file: &CampaignFile) -> Result<(), Finding> 
         .found(run.as_bytes())),
         None => Ok(()),
     }
+}
+
+/// The path of a file that `campaign.toml` names, from the folder of the campaign. A campaign that comes from elsewhere must not have files
+/// read that lie beside it, unless that is stated.
+///
+/// # Errors
+/// A name, or a link, that leads out of the campaign.
+pub fn named_file(root: &Path, name: &str, may_be_outside: bool) -> Result<PathBuf, Finding> {
+    let path = root.join(name);
+    let is_below = |path: &Path| path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    let leads_out = match (path.canonicalize(), root.canonicalize()) {
+        (Ok(path), Ok(root)) => !path.starts_with(root),
+        _ => false,
+    };
+    if may_be_outside || (is_below(Path::new(name)) && !leads_out) {
+        return Ok(path);
+    }
+    Err(Finding::error(
+        &root.join("campaign.toml").display().to_string(),
+        "names a file outside the campaign",
+        "copy it into the campaign, or state `outside = true` in its `[[thermistor]]`",
+    )
+    .found(name.as_bytes()))
+}
+
+/// Refuses files that lead out of the folder of the campaign.
+///
+/// # Errors
+/// The first of them.
+pub fn check_files(root: &Path, file: &CampaignFile) -> Result<(), Finding> {
+    let of = |entry: &'_ ThermistorEntry| {
+        let names = std::iter::once(&entry.table).chain(&entry.reference);
+        names.map(|name| named_file(root, name, entry.is_outside)).find_map(Result::err)
+    };
+    file.thermistors.iter().find_map(of).map_or(Ok(()), Err)
 }
 
 /// The campaign that a folder of run files belongs to: it or the folder above it with a `campaign.toml`, else the folder above the

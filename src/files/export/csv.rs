@@ -3,6 +3,8 @@
 use super::quantity::{correlations, quantities};
 use super::{Exported, Options, Source};
 use crate::data::error::Finding;
+use crate::data::plain::one_line;
+use crate::files::text::csv_cell;
 use std::fmt::Write;
 
 /// One CSV file per parameter file. A value or uncertainty that is not known is an empty cell.
@@ -14,18 +16,18 @@ pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Export
              name,component,value,standard_uncertainty,unit,frame,valid_from,valid_to,valid_unit\n",
             options.provenance.tool,
             options.provenance.tool_version,
-            source.name(),
+            one_line(&source.name()),
             source.input().sha256,
             // One line, so that the names of the columns stand in the second.
-            source.value.get("apply").map_or_else(String::new, |apply| format!("; apply = {apply}"))
+            source.value.get("apply").map_or_else(String::new, |apply| format!("; apply = {}", one_line(&apply.to_string())))
         );
         for q in quantities(source)? {
             let (low, high, unit) = q.valid.map_or((None, None, ""), |([low, high], unit)| (Some(low), Some(high), unit));
             let _ = writeln!(
                 text,
                 "{},{},{},{},{},{},{},{},{unit}",
-                q.name,
-                q.component,
+                csv_cell(&q.name),
+                csv_cell(&q.component),
                 cell(q.value),
                 cell(q.std),
                 q.unit,
@@ -36,7 +38,7 @@ pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Export
         }
         for pair in correlations(source) {
             let [a, b] = pair.names;
-            let _ = writeln!(text, "correlation,{a} * {b},{:?},,1,,,,", pair.value);
+            let _ = writeln!(text, "correlation,{},{:?},,1,,,,", csv_cell(&format!("{a} * {b}")), pair.value);
         }
         Ok(Exported { name: format!("{}.csv", source.name()), text })
     };

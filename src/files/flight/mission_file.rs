@@ -7,7 +7,7 @@ use super::mission::{
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
-use crate::files::source::{Digested, read_whole};
+use crate::files::source::{Digested, read_whole, small_text};
 use crate::files::text::{Group, Keys, decode};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
@@ -40,7 +40,7 @@ pub fn read(path: &Path, leap: &LeapSeconds) -> Result<(Mission, Digested), Find
 /// Whether a file is a configuration of flight processing, by its keys.
 #[must_use]
 pub fn is_mission(path: &Path) -> bool {
-    let Ok(text) = std::fs::read_to_string(path) else { return false };
+    let Some(text) = small_text(path) else { return false };
     let Ok(keys) = Keys::parse(&path.display().to_string(), 1, text) else { return false };
     let names = keys.root().names();
     ["mission", "instrument", "sensor", "input"].iter().filter(|key| names.contains(key)).count() >= 3

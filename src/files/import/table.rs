@@ -3,7 +3,7 @@
 use super::csv::TextTable;
 use super::{Dialect, Format};
 use crate::data::error::Finding;
-use crate::files::source::{Digested, Piece, digest, read_pieces};
+use crate::files::source::{Digested, Piece, digest, open, read_pieces};
 use crate::files::text::number;
 use std::io::Read;
 use std::path::Path;
@@ -279,7 +279,7 @@ impl ForeignTable {
 /// The binary format that a file begins with; absent for text.
 pub(super) fn binary(path: &Path) -> Result<Option<Format>, Finding> {
     let mut begin = Vec::new();
-    let file = std::fs::File::open(path).map_err(|e| Finding::io(path, "open", &e))?;
+    let file = open(path)?;
     file.take(BEGIN).read_to_end(&mut begin).map_err(|e| Finding::io(path, "read", &e))?;
     Ok(Format::of_begin(&begin))
 }
@@ -292,6 +292,7 @@ pub(super) fn whole(path: &Path) -> Result<(Vec<u8>, Digested), Finding> {
     let mut bytes = Vec::new();
     let digested = read_pieces(path, false, |piece| {
         let (Piece::Lines(new) | Piece::Rest(new) | Piece::Overlong(new)) = piece;
+        bytes.try_reserve(new.len()).map_err(|e| Finding::io(path, "read", &std::io::Error::from(e)))?;
         bytes.extend_from_slice(new);
         let name = path.display().to_string();
         let overlong = matches!(piece, Piece::Overlong(_));

@@ -1,12 +1,16 @@
 //! COIL_SCALAR, COIL_RESIDUAL, COIL_TILT: the facility's own calibration.
 
 use super::Body;
+use super::field::contradicts;
 use super::kind::Naming;
 use super::quantity::Shape::{Pairs, Vector};
 use super::quantity::{COIL, Entry, Quantities};
+use crate::data::error::Finding;
 use crate::data::note::Told;
+use crate::model::facility::FacilityParameters;
 use crate::model::facility_calibration::{ResidualFound, ScalarFound, TiltFound};
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// What the numbers mean.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -71,6 +75,9 @@ pub struct CoilScalar {
 }
 
 impl Body for CoilScalar {
+    fn validate(&self, path: &Path) -> Result<(), Finding> {
+        has_axes(path, &self.found.facility)
+    }
     const FORMAT: &'static str = "COIL_SCALAR";
     const NAMING: Naming = Naming::Begin("COIL_SCALAR__");
     const MAY_LACK: &'static [&'static str] = &["std", "period"];
@@ -102,6 +109,9 @@ pub struct CoilResidual {
 }
 
 impl Body for CoilResidual {
+    fn validate(&self, path: &Path) -> Result<(), Finding> {
+        has_axes(path, &self.found.facility)
+    }
     const FORMAT: &'static str = "COIL_RESIDUAL";
     const NAMING: Naming = Naming::Begin("COIL_RESIDUAL__");
     const MAY_LACK: &'static [&'static str] = &["std"];
@@ -124,12 +134,23 @@ pub struct CoilTilt {
 }
 
 impl Body for CoilTilt {
+    fn validate(&self, path: &Path) -> Result<(), Finding> {
+        has_axes(path, &self.found.facility)
+    }
     const FORMAT: &'static str = "COIL_TILT";
     const NAMING: Naming = Naming::Begin("COIL_TILT__");
     const MAY_LACK: &'static [&'static str] = &["std", "sensor_std", "residual_std", "covariance"];
     fn file_name(&self) -> String {
         name(Self::FORMAT, &self.found.used)
     }
+}
+
+/// Refuses a facility whose coils have angles that no three axes have between them.
+fn has_axes(path: &Path, facility: &FacilityParameters) -> Result<(), Finding> {
+    if facility.coil().axes().is_some() {
+        return Ok(());
+    }
+    Err(contradicts(path, "facility.angles_deg are angles that no three axes have between them"))
 }
 
 /// Name of the file for the first of some runs.

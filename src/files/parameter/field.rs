@@ -5,7 +5,7 @@ use super::{Cpf, Opf, Tcf, ThermalHead, Tof, Tpf};
 use crate::data::apply::OffsetQuantity;
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
-use crate::data::reference::{Reference, is_rotation};
+use crate::data::reference::{Reference, is_orthonormal, is_rotation};
 use crate::data::result::{Covariance, Rows};
 use crate::data::run::Location;
 use crate::data::units::COMPONENTS;
@@ -73,7 +73,7 @@ fn along_sensor_axes(limits_nt: Option<[[f64; 2]; 3]>) -> Option<FieldRange> {
 /// sign of a misalignment is far above.
 const PRINTED: f64 = 1e-5;
 
-fn contradicts(path: &Path, rule: impl Into<Box<str>>) -> Finding {
+pub(super) fn contradicts(path: &Path, rule: impl Into<Box<str>>) -> Finding {
     Finding::error(&path.display().to_string(), rule, "correct the file, or fit again")
 }
 
@@ -89,11 +89,17 @@ fn is_a_sensor(
         if let Some(i) = (0..3).find(|i| value(sigma[*i], t).partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater)) {
             return Err(contradicts(path, format!("sigma_{} is not positive at {t} °C", COMPONENTS[i])));
         }
-        if convention.omega(xi_deg.map(|p| value(p, t))).is_err() {
+        let xi_deg = xi_deg.map(|p| value(p, t));
+        if !xi_deg.iter().all(|xi| is_between_axes(*xi)) || convention.omega(xi_deg).is_err() {
             return Err(contradicts(path, format!("no three axes have the angles xi between them at {t} °C")));
         }
     }
     Ok(())
+}
+
+/// Whether two axes can have an angle between them, degrees.
+fn is_between_axes(xi_deg: f64) -> bool {
+    xi_deg > 0.0 && xi_deg < 180.0
 }
 
 impl Cpf {
@@ -102,10 +108,13 @@ impl Cpf {
         let (m, a) = (&self.calibration.matrix, &self.calibration.angle_deg);
         let sigma = matrix3(&m.sigma);
         let [r_nom, rho, omega, phi_tilde] = [&m.r_nom, &m.rho, &m.omega, &m.phi_tilde].map(matrix3);
-        for (name, rotation) in [("rho", &m.rho), ("r_nom", &m.r_nom)] {
-            if !is_rotation(rotation) {
-                return Err(contradicts(path, format!("matrix.{name} is no rotation")));
-            }
+        // Axes that are left-handed against the position are told where they are found, and the file says so too.
+        let is_told = self.calibration.quality.rotation_determinant < 0.0 && is_orthonormal(&m.rho);
+        if !is_rotation(&m.r_nom) {
+            return Err(contradicts(path, "matrix.r_nom is no rotation"));
+        }
+        if !is_rotation(&m.rho) && !is_told {
+            return Err(contradicts(path, "matrix.rho is no rotation"));
         }
         if sigma != Matrix3::from_diagonal(&sigma.diagonal()) || sigma.diagonal().iter().any(|s| s.is_nan() || *s <= 0.0) {
             return Err(contradicts(path, "matrix.sigma is not diagonal and positive"));
@@ -117,9 +126,9 @@ impl Cpf {
                 return Err(contradicts(path, rule));
             }
         };
-        let of_angles = convention
-            .omega([a.xi_xy, a.xi_xz, a.xi_yz])
-            .map_err(|_| contradicts(path, "no three axes have the angles of angle_deg between them"))?;
+        let xi_deg = [a.xi_xy, a.xi_xz, a.xi_yz];
+        let of_angles = convention.omega(xi_deg).ok().filter(|_| xi_deg.iter().all(|xi| is_between_axes(*xi)));
+        let of_angles = of_angles.ok_or_else(|| contradicts(path, "no three axes have the angles of angle_deg between them"))?;
         for (stated, wanted, rule) in [
             (&omega, of_angles, "matrix.omega is not that of the angles"),
             (&phi_tilde, omega * sigma, "matrix.phi_tilde is not omega sigma"),

@@ -8,6 +8,7 @@ use super::{
 };
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
+use crate::files::source::small_text;
 use crate::model::field_calibration::Frame;
 use std::fmt;
 use std::path::Path;
@@ -52,6 +53,10 @@ pub struct FileKind {
     version: u32,
     refused_before: Option<&'static str>,
     naming: Naming,
+    /// Keys whose lists may hold nan.
+    pub(super) may_lack: &'static [&'static str],
+    /// Whether the text of a file of the kind holds what can be.
+    pub(super) is_sound: fn(&Path, &str) -> Result<(), Finding>,
     check: fn(&Path) -> Result<(), Finding>,
     rewritten: fn(&Path) -> Result<String, Finding>,
     field: ReadField,
@@ -68,6 +73,9 @@ impl FileKind {
             version: B::VERSION,
             refused_before: B::REFUSED_BEFORE,
             naming: B::NAMING,
+            may_lack: B::MAY_LACK,
+            // A key that is missing is told where a file of the kind is wanted.
+            is_sound: |path, text| toml_edit::de::from_str::<B>(text).map_or(Ok(()), |body| body.validate(path)),
             check: check::<B>,
             rewritten: rewritten::<B>,
             field: field::<B>,
@@ -102,7 +110,7 @@ impl FileKind {
         if !path.extension().is_some_and(|end| end.eq_ignore_ascii_case("toml")) {
             return None;
         }
-        let text = std::fs::read_to_string(path).ok()?;
+        let text = small_text(path)?;
         let document: toml_edit::DocumentMut = text.parse().ok()?;
         Self::of_format(document.get("format")?.as_str()?)
     }
@@ -176,12 +184,11 @@ pub fn is_named<B: Body>(path: &Path) -> bool {
 }
 
 fn check<B: Body>(path: &Path) -> Result<(), Finding> {
-    read::<B>(path)?.body.validate(path)
+    read::<B>(path).map(drop)
 }
 
 fn field<B: Body>(path: &Path, frame: Frame) -> Result<(Option<FieldPart>, Input), Finding> {
     let file = read::<B>(path)?;
-    file.body.validate(path)?;
     Ok((file.body.field(frame), file.input))
 }
 

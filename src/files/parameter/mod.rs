@@ -6,6 +6,7 @@
 mod centre;
 mod coil;
 mod cpf;
+mod domains;
 mod emit;
 mod field;
 mod fpf;
@@ -45,6 +46,7 @@ use crate::model::field_calibration::Frame;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use sha2::{Digest, Sha256};
 use std::path::Path;
+use toml_edit::DocumentMut;
 
 /// What a kind of parameter file holds. Its line in [`KINDS`] makes it known to all commands.
 pub trait Body: Serialize + DeserializeOwned {
@@ -152,11 +154,11 @@ pub struct AnyFile {
     /// Where it comes from.
     pub provenance: Provenance,
     /// All of it.
-    pub document: toml_edit::DocumentMut,
+    pub document: DocumentMut,
 }
 
 /// Text and head of a parameter file whose hash is right.
-fn open(path: &Path) -> Result<(String, Head, Input), Finding> {
+fn open(path: &Path) -> Result<(String, DocumentMut, Head, Input), Finding> {
     let (bytes, digested) = read_whole(path)?;
     let file = path.display().to_string();
     let refuse = |rule: String, remedy: &str| Finding::error(&file, rule, remedy);
@@ -172,12 +174,13 @@ fn open(path: &Path) -> Result<(String, Head, Input), Finding> {
             "take the original, or fit again",
         ));
     }
-    let document = text
+    let document: DocumentMut = text
         .parse()
         .map_err(|e: toml_edit::TomlError| refuse(format!("is not TOML: {}", e.message()), "take it from the archive again"))?;
-    sound::is_sound(path, &document)?;
+    let kind = FileKind::of_format(&head.format);
+    sound::is_sound(path, &document, kind.map_or(&[], |kind| kind.may_lack))?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok((text, head, digested.input(name)))
+    Ok((text, document, head, digested.input(name)))
 }
 
 /// Reads a parameter file of any kind and checks its hash.
@@ -185,10 +188,10 @@ fn open(path: &Path) -> Result<(String, Head, Input), Finding> {
 /// # Errors
 /// What is wrong with it: not TOML, without the head of a parameter file, another version, a hash that does not match.
 pub fn read_any(path: &Path) -> Result<AnyFile, Finding> {
-    let (text, head, input) = open(path)?;
-    let document = text.parse::<toml_edit::DocumentMut>().map_err(|e| {
-        Finding::error(&path.display().to_string(), format!("is not TOML: {}", e.message()), "take it from the archive again")
-    })?;
+    let (text, document, head, input) = open(path)?;
+    if let Some(kind) = FileKind::of_format(&head.format) {
+        (kind.is_sound)(path, &text)?;
+    }
     Ok(AnyFile { input, provenance: head.provenance, document })
 }
 
@@ -197,12 +200,20 @@ pub fn read_any(path: &Path) -> Result<AnyFile, Finding> {
 /// # Errors
 /// As [`read_any`], and another kind or a key that is missing.
 pub fn read<B: Body>(path: &Path) -> Result<ParameterFile<B>, Finding> {
-    let (text, head, input) = open(path)?;
-    let refuse = |rule: String, remedy: &str| Finding::error(&path.display().to_string(), rule, remedy);
+    let (text, _, head, input) = open(path)?;
     if head.format != B::FORMAT {
-        return Err(refuse(format!("holds format {}, not {}", head.format, B::FORMAT), "name a file of the right kind"));
+        let rule = format!("holds format {}, not {}", head.format, B::FORMAT);
+        return Err(Finding::error(&path.display().to_string(), rule, "name a file of the right kind"));
     }
-    let body: B = toml_edit::de::from_str(&text)
-        .map_err(|e| refuse(format!("is not a {} file: {}", B::FORMAT, e.message()), "check the file"))?;
-    Ok(ParameterFile { input, provenance: head.provenance, body })
+    Ok(ParameterFile { input, provenance: head.provenance, body: body(path, &text)? })
+}
+
+/// What the text of a file of a known kind holds, if that can be.
+fn body<B: Body>(path: &Path, text: &str) -> Result<B, Finding> {
+    let body: B = toml_edit::de::from_str(text).map_err(|e| {
+        let rule = format!("is not a {} file: {}", B::FORMAT, e.message());
+        Finding::error(&path.display().to_string(), rule, "check the file")
+    })?;
+    body.validate(path)?;
+    Ok(body)
 }

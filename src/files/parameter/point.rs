@@ -133,7 +133,11 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Calibrate
             )
             .weighing(Severity::Warning),
         ),
-        Some(stated) if stated.trim_matches('"') == content_hash(&text) => {}
+        Some(stated) if stated.trim_matches('"') == content_hash(&text) => {
+            if let Some(kind) = FileKind::of_format(&head.format) {
+                kind.check(path)?;
+            }
+        }
         Some(_) => {
             return Err(refuse(
                 "was changed after it was written: its hash does not match".to_owned(),

@@ -1,5 +1,6 @@
 //! What no parameter file of any kind may say, whatever its hash: values that contradict themselves.
 
+use super::domains::{self, flatten, number};
 use crate::data::error::Finding;
 use nalgebra::DMatrix;
 use std::path::Path;
@@ -11,9 +12,9 @@ const ROUNDING: f64 = 1e-6;
 const LEAST_PART: f64 = 1e-7;
 
 /// Refuses a file whose values contradict themselves: negative or infinite standard uncertainties, covariances that are none, ranges that
-/// end before they begin, run ids that are no names.
-pub(super) fn is_sound(path: &Path, document: &DocumentMut) -> Result<(), Finding> {
-    item(&mut Vec::new(), document.as_item()).map_err(|rule| {
+/// end before they begin, run ids that are no names, and what [`domains`] knows. Only lists below the keys of `may_lack` hold nan.
+pub(super) fn is_sound(path: &Path, document: &DocumentMut, may_lack: &[&str]) -> Result<(), Finding> {
+    item(&mut Vec::new(), document.as_item()).and_then(|()| domains::check(document, may_lack)).map_err(|rule| {
         Finding::error(&path.display().to_string(), format!("contradicts itself: {rule}"), "take the original, or fit again")
     })
 }
@@ -80,22 +81,6 @@ fn is_name(id: &str) -> bool {
     !id.is_empty() && !id.starts_with('.') && !id.chars().any(|c| c.is_control() || "/\\".contains(c))
 }
 
-fn number(value: &Value) -> Option<f64> {
-    match value {
-        Value::Float(v) => Some(*v.value()),
-        #[expect(clippy::cast_precision_loss, reason = "of whole numbers the sign counts")]
-        Value::Integer(v) => Some(*v.value() as f64),
-        _ => None,
-    }
-}
-
-fn flatten(value: &Value, list: &mut Vec<f64>) {
-    match value {
-        Value::Array(values) => values.iter().for_each(|v| flatten(v, list)),
-        other => list.extend(number(other)),
-    }
-}
-
 /// Whether a pair of numbers, or one of a list of pairs, descends.
 fn is_reversed(value: &Value) -> bool {
     let Value::Array(values) = value else { return false };
@@ -145,7 +130,7 @@ mod tests {
     use super::*;
 
     fn refused(text: &str) -> Option<String> {
-        is_sound(Path::new("f"), &text.parse().unwrap()).err().map(|f| f.rule.to_string())
+        is_sound(Path::new("f"), &text.parse().unwrap(), &["offset_std_ent", "covariance"]).err().map(|f| f.rule.to_string())
     }
 
     #[test]

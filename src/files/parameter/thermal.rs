@@ -1,6 +1,6 @@
 //! TPF, TOF, TAF: temperature polynomials of a sensor in one mode.
 
-use super::field::stated_polynomial;
+use super::field::{contradicts, stated_polynomial};
 use super::kind::Naming;
 use super::quantity::Shape::Scalar;
 use super::quantity::{Entry, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC};
@@ -330,6 +330,12 @@ pub struct Taf {
 }
 
 impl Body for Taf {
+    fn validate(&self, path: &Path) -> Result<(), Finding> {
+        if ["model", "igep"].contains(&self.corner.as_str()) {
+            return Ok(());
+        }
+        Err(contradicts(path, format!("corner is `{}`, neither `model` nor `igep`", self.corner)))
+    }
     const FORMAT: &'static str = "TAF";
     const NAMING: Naming = Naming::Extension;
     const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {

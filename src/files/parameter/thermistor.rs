@@ -1,13 +1,16 @@
 //! THERMISTOR: temperature from voltage or resistance, from a calibration table.
 
 use super::Body;
+use super::field::contradicts;
 use super::kind::Naming;
 use super::quantity::Shape::Scalar;
 use super::quantity::{Argument, Entry, Polynomial, Quantities, VALID_DEGC};
+use crate::data::error::Finding;
 use crate::data::note::Told;
 use crate::data::result::Covariance;
 use crate::data::thermistor::{ComparedPolynomial, FittedTableRow, ReferenceComparison, ThermistorPolynomial, TriedOrder};
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// What the numbers mean.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,6 +56,13 @@ pub struct ThermistorFile {
 }
 
 impl Body for ThermistorFile {
+    fn validate(&self, path: &Path) -> Result<(), Finding> {
+        let (order, count) = (self.polynomial.order, self.polynomial.coefficients.len());
+        if count == order + 1 {
+            return Ok(());
+        }
+        Err(contradicts(path, format!("the polynomial of order {order} has {count} coefficients")))
+    }
     const FORMAT: &'static str = "THERMISTOR";
     const NAMING: Naming = Naming::Begin("THERMISTOR__");
     const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {

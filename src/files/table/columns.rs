@@ -2,6 +2,7 @@
 
 use crate::data::error::Finding;
 use crate::files::import::{Cells, Format};
+use crate::files::source::{open, room_for};
 use polars::prelude::PolarsError;
 use polars_arrow::array::{Array, BooleanArray, PrimitiveArray, Utf8Array, Utf8ViewArray};
 use polars_arrow::datatypes::{ArrowDataType, ArrowSchema, Field, TimeUnit};
@@ -41,7 +42,7 @@ pub fn read(path: &Path, format: Format) -> Result<Vec<(String, Cells)>, Finding
 type Pieces = (String, ArrowDataType, Vec<Box<dyn Array>>);
 
 fn ipc(path: &Path) -> Result<Vec<Pieces>, Finding> {
-    let mut file = BufReader::new(File::open(path).map_err(|e| Finding::io(path, "open", &e))?);
+    let mut file = BufReader::new(open(path)?);
     let metadata = read_file_metadata(&mut file).map_err(|e| refuse(path, &e))?;
     let mut columns: Vec<Pieces> =
         metadata.schema.iter_values().map(|f| (f.name.to_string(), f.dtype.clone(), Vec::new())).collect();
@@ -62,7 +63,7 @@ pub(super) struct ParquetFile {
 
 impl ParquetFile {
     pub(super) fn open(path: &Path) -> Result<Self, Finding> {
-        let mut file = File::open(path).map_err(|e| Finding::io(path, "open", &e))?;
+        let mut file = open(path)?;
         let metadata = read_metadata(&mut file).map_err(|e| refuse(path, &e))?;
         let mut schema = infer_schema(&metadata).map_err(|e| refuse(path, &e))?;
         // A column that refers to a list of words in memory holds the words themselves in the file.
@@ -107,8 +108,13 @@ impl ParquetFile {
 fn parquet(path: &Path) -> Result<Vec<Pieces>, Finding> {
     let file = ParquetFile::open(path)?;
     let groups: Vec<usize> = (0..file.metadata.row_groups.len()).collect();
+    let rows = file.group_rows().into_iter().fold(0_u64, |sum, rows| sum.saturating_add(rows as u64));
+    room_for(path, rows.saturating_mul(file.fields().count() as u64).saturating_mul(CELL_BYTES))?;
     file.fields().map(|field| Ok((field.name.to_string(), field.dtype.clone(), file.pieces(field, &groups)?))).collect()
 }
+
+/// What a cell takes in memory, as it is decoded and as a number, a moment or a short text.
+const CELL_BYTES: u64 = 24;
 
 /// The values of a column in one group of rows.
 fn decoded(path: &Path, file: &File, chunk: &ColumnChunkMetadata, field: &Field) -> Result<Vec<Box<dyn Array>>, Finding> {

@@ -5,7 +5,9 @@ pub mod long;
 pub mod series;
 pub mod stream;
 
+use super::text::harmless;
 use crate::data::error::Finding;
+use crate::data::plain::one_line;
 use polars::prelude::{
     Column, CsvParseOptions, CsvReadOptions, CsvWriter, DataFrame, DataType, KeyValueMetadata, ParquetReader, ParquetWriter,
     PolarsError, SerReader, SerWriter,
@@ -74,13 +76,19 @@ impl Table {
         Ok(table)
     }
 
-    /// CSV with a comment line `# calfit note` before the header line, by which the program knows its own tables.
+    /// CSV with a comment line `# calfit note` before the header line, by which the program knows its own tables. Texts are none that a
+    /// spreadsheet takes for formulas.
     ///
     /// # Errors
     /// Columns of unequal length.
     pub fn csv(&self, note: &str) -> Result<Vec<u8>, Finding> {
-        let mut out = format!("# calfit {note}\n").into_bytes();
-        CsvWriter::new(&mut out).finish(&mut self.frame()?).map_err(|e| wrong(&e))?;
+        let mut out = format!("# calfit {}\n", one_line(note)).into_bytes();
+        let as_cells = |values: &Values| match values {
+            Values::Text(v) => Values::Text(v.iter().map(|text| harmless(text).into_owned()).collect()),
+            other => other.clone(),
+        };
+        let columns = self.columns.iter().map(|(name, values)| (harmless(name).into_owned(), as_cells(values))).collect();
+        CsvWriter::new(&mut out).finish(&mut Self { columns }.frame()?).map_err(|e| wrong(&e))?;
         Ok(out)
     }
 

@@ -4,6 +4,7 @@ use super::columns::{ParquetFile, each, ns_of};
 use super::stream::{Batch, Format, Reader};
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, Tt2000};
+use crate::files::source::room_for;
 use polars_arrow::array::{Array, PrimitiveArray, Utf8Array, Utf8ViewArray};
 use polars_arrow::datatypes::{ArrowDataType, Field};
 use polars_arrow::types::NativeType;
@@ -65,6 +66,8 @@ impl SeriesTable {
     pub fn open(path: &Path) -> Result<Self, Finding> {
         if Format::of_name(path) == Some(Format::Csv) {
             let mut reader = Reader::open(path)?;
+            // Every cell is a text of its own.
+            room_for(path, std::fs::metadata(path).map_or(0, |meta| meta.len()).saturating_mul(4))?;
             let mut batches = Vec::new();
             while let Some(batch) = reader.next_batch()? {
                 batches.push(batch);

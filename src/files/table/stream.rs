@@ -4,6 +4,8 @@ use super::wrong;
 use crate::data::error::Finding;
 pub use crate::files::import::Format;
 use crate::files::output::Pending;
+use crate::files::source;
+use crate::files::text::LONGEST_LINE;
 use polars::io::csv::write::BatchedWriter as CsvBatches;
 use polars::io::parquet::write::BatchedWriter as ParquetBatches;
 use polars::prelude::{
@@ -12,7 +14,7 @@ use polars::prelude::{
 };
 use polars_arrow::io::ipc::read::{FileReader, read_file_metadata};
 use std::fs::File;
-use std::io::{BufRead, BufReader, Cursor};
+use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
 
 /// Rows of a batch: long enough for whole row groups of a usual Parquet file, short enough that a few batches take little memory.
@@ -44,6 +46,10 @@ enum Rows {
 struct CsvRows {
     lines: BufReader<File>,
     header: String,
+    /// Cells of a row.
+    cells: usize,
+    /// Lines read so far.
+    line: u64,
     /// Whether a batch was read.
     begun: bool,
 }
@@ -66,7 +72,7 @@ impl Reader {
     /// # Errors
     /// A name that tells no format, a file that cannot be opened or is no table of it.
     pub fn open(path: &Path) -> Result<Self, Finding> {
-        let open = || File::open(path).map_err(|e| Finding::io(path, "open", &e));
+        let open = || source::open(path);
         let source = match Format::of_name(path) {
             Some(Format::Csv) => Rows::Csv(Box::new(CsvRows::open(path, open()?)?)),
             Some(Format::Parquet) => {
@@ -98,7 +104,7 @@ impl Reader {
             Rows::Parquet { pieces } => match pieces.next() {
                 None => None,
                 Some(piece) => {
-                    let file = File::open(&self.path).map_err(|e| Finding::io(&self.path, "open", &e))?;
+                    let file = source::open(&self.path)?;
                     let frame = ParquetReader::new(file).with_slice(Some(piece)).finish().map_err(|e| refuse(&self.path, &e))?;
                     Some(frame)
                 }
@@ -133,22 +139,68 @@ fn pieces(groups: &[usize]) -> Vec<(usize, usize)> {
 
 impl CsvRows {
     fn open(path: &Path, file: File) -> Result<Self, Finding> {
-        let mut rows = Self { lines: BufReader::with_capacity(1 << 20, file), header: String::new(), begun: false };
+        let lines = BufReader::with_capacity(1 << 20, file);
+        let mut rows = Self { lines, header: String::new(), cells: 0, line: 0, begun: false };
+        let mut line = Vec::new();
         loop {
-            rows.header.clear();
-            if rows.lines.read_line(&mut rows.header).map_err(|e| Finding::io(path, "read", &e))? == 0 {
+            line.clear();
+            if rows.read_row(path, &mut line)? == 0 {
                 let remedy = "write the names of the columns into the first line";
                 return Err(Finding::error(&path.display().to_string(), "has no header line", remedy));
             }
-            let text = rows.header.trim();
-            if !text.is_empty() && !text.starts_with('#') {
+            let text = line.trim_ascii();
+            if !text.is_empty() && !text.starts_with(b"#") {
                 break;
             }
         }
+        rows.cells = cells(&line);
+        rows.header = String::from_utf8(line).map_err(|e| rows.refuse(path, e.as_bytes(), "is not UTF-8 text", "convert it"))?;
         if !rows.header.ends_with('\n') {
             rows.header.push('\n');
         }
         Ok(rows)
+    }
+
+    /// Adds the next row to the text, with its line end; its length, 0 behind the last one.
+    fn read_row(&mut self, path: &Path, text: &mut Vec<u8>) -> Result<usize, Finding> {
+        let begin = text.len();
+        let io = |e: std::io::Error| Finding::io(path, "read", &e);
+        loop {
+            // A file without line ends must not fill the memory.
+            let length = (&mut self.lines).take(LONGEST_LINE as u64).read_until(b'\n', text).map_err(io)?;
+            self.line += u64::from(length > 0);
+            if self.line == 1 && text[begin..].starts_with(b"\xef\xbb\xbf") {
+                text.drain(begin..begin + 3);
+            }
+            let row = &text[begin..];
+            if self.line == 1 && (row.starts_with(b"\xff\xfe") || row.starts_with(b"\xfe\xff")) {
+                return Err(self.refuse(path, row, "is UTF-16 text", "convert it to UTF-8"));
+            }
+            let line = &text[text.len() - length.min(row.len())..];
+            if let Some(at) = memchr::memchr(0, line) {
+                return Err(self.refuse(
+                    path,
+                    &line[at..],
+                    "holds a NUL byte, as files have after a power loss",
+                    "take it from the archive again",
+                ));
+            }
+            let body = line.strip_suffix(b"\n").unwrap_or(line);
+            if memchr::memchr(b'\r', body.strip_suffix(b"\r").unwrap_or(body)).is_some() {
+                return Err(self.refuse(path, row, "has CR line ends", "convert them to LF"));
+            }
+            if length >= LONGEST_LINE {
+                return Err(self.refuse(path, row, "is longer than any row of a table", "check that this is a table of text"));
+            }
+            // A line that ends within quotes goes on in the next one.
+            if length == 0 || memchr::memchr_iter(b'"', row).count().is_multiple_of(2) {
+                return Ok(row.len());
+            }
+        }
+    }
+
+    fn refuse(&self, path: &Path, found: &[u8], rule: &str, remedy: &str) -> Finding {
+        Finding::error(&path.display().to_string(), format!("the line {rule}"), remedy).at(self.line, 0).found(found)
     }
 
     fn next_frame(&mut self, path: &Path) -> Result<Option<DataFrame>, Finding> {
@@ -156,20 +208,18 @@ impl CsvRows {
         let mut rows = 0;
         while rows < BATCH {
             let begin = text.len();
-            let length = self.lines.read_until(b'\n', &mut text).map_err(|e| Finding::io(path, "read", &e))?;
-            if length == 0 {
+            if self.read_row(path, &mut text)? == 0 {
                 break;
-            }
-            // A line that ends within quotes goes on in the next one.
-            while text[begin..].iter().filter(|b| **b == b'"').count() % 2 == 1 {
-                if self.lines.read_until(b'\n', &mut text).map_err(|e| Finding::io(path, "read", &e))? == 0 {
-                    break;
-                }
             }
             if text[begin..].trim_ascii().is_empty() {
                 text.truncate(begin);
-            } else {
-                rows += 1;
+                continue;
+            }
+            rows += 1;
+            let found = cells(&text[begin..]);
+            if found != self.cells {
+                let rule = format!("has {found} cells where the header line has {}", self.cells);
+                return Err(self.refuse(path, &text[begin..], &rule, "complete the row or take it out"));
             }
         }
         // A table without rows has one batch of none; every further batch has rows.
@@ -181,6 +231,19 @@ impl CsvRows {
         let frame = options.into_reader_with_file_handle(Cursor::new(text)).finish().map_err(|e| refuse(path, &e))?;
         Ok(Some(frame))
     }
+}
+
+/// Cells of a row; commas within quotes divide nothing.
+fn cells(row: &[u8]) -> usize {
+    if memchr::memchr(b'"', row).is_none() {
+        return memchr::memchr_iter(b',', row).count() + 1;
+    }
+    let mut is_quoted = false;
+    let divides = |b: &&u8| {
+        is_quoted ^= **b == b'"';
+        **b == b',' && !is_quoted
+    };
+    row.iter().filter(divides).count() + 1
 }
 
 impl Batch {

@@ -87,6 +87,42 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<Twin, Finding> {
         Ok(programmes.len() - 1)
     })
     .map(|twin| Twin { programmes: programmes.into_iter().map(|(_, programme)| programme).collect(), ..twin })
+    .and_then(|twin| {
+        within_limits(&path.display().to_string(), &twin)?;
+        Ok(twin)
+    })
+}
+
+/// Longest run, s: a year. A longer one is a slip in a number.
+const LONGEST_RUN_S: f64 = 366.0 * 86_400.0;
+/// Most samples of a run: files of half a terabyte.
+const MOST_SAMPLES: f64 = 1e10;
+/// Most settings of a run, and most readings of a thermistor: what is held in memory.
+const MOST_SETTINGS: f64 = 1e6;
+const MOST_SLOW: f64 = 1e7;
+
+/// Refuses runs of a size that no measurement has, before anything is made of them.
+fn within_limits(file: &str, twin: &Twin) -> Result<(), Finding> {
+    for run in &twin.runs {
+        let Some(programme) = twin.programmes.get(run.programme) else { continue };
+        let settings = f64::from(run.repeat) * programme.steps.len() as f64;
+        let longest_s = run.longest_s.unwrap_or(f64::INFINITY);
+        let lasts_s = (f64::from(run.repeat) * programme.lasts_s(run.pause_s)).min(longest_s + run.pause_s);
+        let nominal_hz = run.nominal_rate_hz.or_else(|| twin.sensors.get(run.sensor).map(|s| s.nominal_rate_hz));
+        let rate_hz = twin.sensors.get(run.sensor).map_or(0.0, |s| s.rate_hz).max(nominal_hz.unwrap_or(0.0));
+        for (value, most, what, keys) in [
+            (lasts_s, LONGEST_RUN_S, "seconds", "`duration`, `pause_s` and `repeat`"),
+            (settings.min(longest_s / programme.shortest_s()), MOST_SETTINGS, "settings", "`repeat`"),
+            (lasts_s * rate_hz, MOST_SAMPLES, "samples", "`sample_rate_hz` and `real_sample_rate_hz`"),
+            (lasts_s / twin.slow_interval_s, MOST_SLOW, "readings of every temperature", "`interval_s`"),
+        ] {
+            if value > most {
+                let rule = format!("the run {} would have {value:.3e} {what}, more than {most:.0e}", run.id);
+                return Err(Finding::error(file, rule, format!("correct {keys}")));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// As [`read`], from text that is in memory; `programme` gives the index of a programme by its file name.

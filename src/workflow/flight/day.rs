@@ -14,6 +14,7 @@ use crate::fit::spectrum::Density;
 use crate::flight::assemble::{RowCounts, assemble, blocks};
 use crate::flight::made::DayMade;
 use crate::flight::means::{Means, means};
+use crate::flight::screens;
 use crate::flight::temperature::smooth;
 use crate::flight::{Block, Series, Stage};
 use rayon::prelude::*;
@@ -92,12 +93,22 @@ impl<'a> Context<'a> {
         let mission = &prepared.mission;
         let sensor = &mission.sensors[self.index];
         let day = self.span();
-        let Some(read) = vectors(prepared, self.carry, self.index, self.day, &self.reach())? else { return Ok(None) };
+        let new = |rows| DayMade { sensor: sensor.name.clone(), day: day_name(self.day), rows, ..DayMade::default() };
+        let read = match read(prepared, self.carry, self.index, self.day, &self.reach())? {
+            (counts, None) if counts.rejected > 0 => {
+                let mut made = new(counts);
+                made.notes.push("all of its rows are rejected by their quality: there are no levels".to_owned());
+                return Ok(Some(made));
+            }
+            (_, None) => return Ok(None),
+            (_, Some(read)) => read,
+        };
         let Vectors { mut blocks, steps, counts, mut inputs, beside } = read;
         if counts.read == 0 {
             return Ok(None);
         }
-        let mut made = DayMade { sensor: sensor.name.clone(), day: day_name(self.day), rows: counts, ..DayMade::default() };
+        let mut made = new(counts);
+        made.notes.extend(screens::notes(&blocks, &day, ["bx", "by", "bz", &sensor.thermistor_column]));
         made.notes
             .extend(beside.iter().map(|file| format!("{file} cannot be read: vectors that it may hold of this day are missing")));
         if made.rows.contradicting > 0 {
@@ -267,6 +278,17 @@ pub fn vectors(
     day: i32,
     reach: &Range<Tt2000>,
 ) -> Result<Option<Vectors>, Finding> {
+    read(prepared, carry, index, day, reach).map(|(_, read)| read)
+}
+
+/// The same with what was made of the rows of the day, also where no vectors are left.
+fn read(
+    prepared: &Prepared,
+    carry: &Carry,
+    index: usize,
+    day: i32,
+    reach: &Range<Tt2000>,
+) -> Result<(RowCounts, Option<Vectors>), Finding> {
     let mission = &prepared.mission;
     let sensor = &mission.sensors[index];
     let tags = reach.start - BEYOND_NS..reach.end + BEYOND_NS;
@@ -293,7 +315,7 @@ pub fn vectors(
         .map_err(|e| Finding::error(&sensor.name, e.to_string(), "state it in [[mode]]"))?;
     drop(rows);
     if assembled.counts.read == 0 || assembled.vectors.is_empty() {
-        return Ok(None);
+        return Ok((assembled.counts, None));
     }
     let own = assembled.vectors.rows_in(&prepared.leap.day(day));
     if let (Some(first), Some(last)) = (assembled.vectors.time[own.clone()].first(), assembled.vectors.time[own].last())
@@ -313,7 +335,8 @@ pub fn vectors(
     let days = prepared.leap.utc(reach.start).day..prepared.leap.utc(reach.end - 1).day + 1;
     let steps = Steps::make(prepared, carry, index, day, &days)?;
     let blocks = blocks(assembled.vectors, GROUP_ROWS, mission.uncertainty);
-    Ok(Some(Vectors { blocks, steps, counts: assembled.counts, inputs, beside }))
+    let counts = assembled.counts;
+    Ok((counts.clone(), Some(Vectors { blocks, steps, counts, inputs, beside })))
 }
 
 /// Puts the field and the flags of a series back into its blocks.

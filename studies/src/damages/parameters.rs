@@ -6,7 +6,7 @@ use serde_json::Value;
 /// Where values and standard uncertainties stand, per kind.
 fn places(kind: Kind) -> &'static [(&'static str, &'static str)] {
     match kind {
-        Kind::Linearity | Kind::Means | Kind::Moving => {
+        Kind::Linearity | Kind::Means | Kind::Moving | Kind::Imported => {
             &[("/matrix/phi", "/std/phi"), ("/offset/b_or_ent", "/std/b_or_ent"), ("/angle_deg/xi_xy", "/std/xi_deg/0")]
         }
         Kind::Offset => &[("/offset_ent", "/offset_std_ent"), ("/residual_coil_nt", "/residual_coil_std_nt")],
@@ -27,7 +27,7 @@ fn places(kind: Kind) -> &'static [(&'static str, &'static str)] {
             ("/facility/offset_nt", "/std/offset_nt"),
             ("/facility/angles_deg", "/std/angles_deg"),
         ],
-        Kind::Sweep => &[],
+        Kind::Sweep | Kind::Applied => &[],
     }
 }
 

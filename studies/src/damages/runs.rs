@@ -24,10 +24,14 @@ pub enum Kind {
     Amplitudes,
     ZeroField,
     Scalar,
+    /// A table of means that is imported first.
+    Imported,
+    /// Readings to which a calibration is applied.
+    Applied,
 }
 
 impl Kind {
-    pub const ALL: [Kind; 9] = [
+    pub const ALL: [Kind; 11] = [
         Kind::Linearity,
         Kind::Means,
         Kind::Moving,
@@ -37,6 +41,8 @@ impl Kind {
         Kind::Amplitudes,
         Kind::ZeroField,
         Kind::Scalar,
+        Kind::Imported,
+        Kind::Applied,
     ];
 
     pub fn name(self) -> &'static str {
@@ -50,13 +56,16 @@ impl Kind {
             Kind::Amplitudes => "amplitudes",
             Kind::ZeroField => "zero field",
             Kind::Scalar => "scalar",
+            Kind::Imported => "import",
+            Kind::Applied => "apply",
         }
     }
 
     /// Command of the analysis.
     pub fn command(self) -> &'static [&'static str] {
         match self {
-            Kind::Linearity | Kind::Means | Kind::Moving => &["lin"],
+            Kind::Linearity | Kind::Means | Kind::Moving | Kind::Imported => &["lin"],
+            Kind::Applied => &["apply"],
             Kind::Sweep => &["thermal"],
             Kind::Offset => &["offset"],
             Kind::Sines => &["freq"],
@@ -120,7 +129,10 @@ pub fn undamaged() -> Result<Undamaged, Box<dyn Error>> {
     for (kind, start, ..) in RUNS {
         runs.insert(kind, Text::of(&std::fs::read_to_string(out.join(file(start)))?));
     }
-    runs.insert(Kind::Means, means(&runs[&Kind::Linearity]));
+    let means = means(&runs[&Kind::Linearity]);
+    for kind in [Kind::Means, Kind::Imported, Kind::Applied] {
+        runs.insert(kind, means.clone());
+    }
     runs.insert(Kind::Amplitudes, amplitudes());
     Ok(Undamaged { campaign: std::fs::read_to_string(out.join("campaign.toml"))?, runs })
 }
@@ -212,6 +224,7 @@ fn amplitudes() -> Text {
 /// # Errors
 /// It cannot be written.
 pub fn write(kind: Kind, text: &Text, campaign: &str, folder: &Path) -> Result<std::path::PathBuf, Box<dyn Error>> {
+    std::fs::create_dir_all(folder)?;
     std::fs::write(folder.join("campaign.toml"), campaign)?;
     let start =
         RUNS.iter().find(|(k, ..)| *k == kind || (kind == Kind::Means && *k == Kind::Linearity)).map(|(_, start, ..)| *start);

@@ -25,11 +25,13 @@ fn none_is_silent(kinds: &[Kind], damages: &[Damage]) {
 
 #[test]
 fn runs_of_plateaus_are_never_wrong_without_a_word() {
-    none_is_silent(&[Kind::Linearity, Kind::Means, Kind::Offset, Kind::Moving], &ALL);
+    none_is_silent(&[Kind::Linearity, Kind::Means, Kind::Offset, Kind::Moving, Kind::Imported, Kind::Applied], &ALL);
 }
 
 #[test]
 fn other_runs_are_not_wrong_without_a_word() {
     let few: Vec<Damage> = ALL.into_iter().filter(|d| FEW.contains(&d.name)).collect();
+    let sparse: Vec<Damage> = ALL.into_iter().filter(|d| d.name == "two temperatures, 17 and 85").collect();
+    assert!(silent(&table(&[Kind::Sweep], &sparse).unwrap()).is_empty(), "a sweep with two temperatures");
     none_is_silent(&[Kind::Sines, Kind::Sweep, Kind::Amplitudes, Kind::ZeroField, Kind::Scalar], &few);
 }
