@@ -1182,7 +1182,7 @@ fn an_order_too_high_for_the_temperatures_is_refused() {
 // The common rule.
 #[test]
 fn the_refusal_of_a_group_names_its_files_and_says_nothing_twice() {
-    let files: Vec<_> = (0..3).map(|i| cpf_at(i, Some(20.0), 1.0)).collect();
+    let files: Vec<_> = (0..3).map(|i| cpf_at(i, (i < 2).then_some(20.0), 1.0)).collect();
     let refusal = thermal_refused(&files, GROUP, &[]).by_analysis();
     let first = refusal.stderr.lines().find(|l| l.starts_with("error: ")).unwrap();
     assert_eq!(first.matches(GROUP).count(), 1, "{first}");
