@@ -3,6 +3,7 @@
 use super::parts::{COIL, Named, STYLES, TimeAxis, panels};
 use super::thermal::polynomials;
 use super::{Figure, Marks, Panel, Scale, Series, Style};
+use crate::data::across::LagForm;
 use crate::measure::sweep::{Sweep, WindowFit};
 use crate::measure::thermal::QuantityFit;
 use crate::model::polynomial::value;
@@ -47,35 +48,44 @@ fn branches(sweep: &Sweep, of: &str) -> Figure {
         ],
         bands: vec![],
     };
+    let (with, panels) = if has_lag(sweep) {
+        ("the reading of channel {} and with its lag", vec![panel(0, "without lag"), panel(1, "with lag")])
+    } else {
+        ("the reading of channel {}, for which no lag is claimed", vec![panel(0, "as read")])
+    };
     Figure {
         title: format!("Heating and cooling, {of}"),
         caption: format!(
-            "Sensitivities of sliding windows against their polynomials, mean of the components, with the reading of channel {} and with its \
-             lag. A lag splits the branches; the right one joins them.",
-            sweep.channel
+            "Sensitivities of sliding windows against their polynomials, mean of the components, with {}. A lag splits the branches; the right \
+             one joins them.",
+            with.replace("{}", &sweep.channel)
         ),
         x_label: format!("sensor temperature {}, °C", sweep.channel),
         x_scale: Scale::Linear,
-        panels: vec![panel(0, "without lag"), panel(1, "with lag")],
+        panels,
     }
+}
+
+/// Whether the temperatures of the polynomials have a lag.
+fn has_lag(sweep: &Sweep) -> bool {
+    sweep.lag.form != LagForm::None.name()
 }
 
 fn temperature(sweep: &Sweep, of: &str, time: TimeAxis) -> Figure {
     let line = |which: usize| sweep.windows.iter().map(|w| (time.at(w.t_s), w.temperature_degc[which])).collect();
+    let mut series = vec![Series { label: "as read".to_owned(), style: Style::Single, marks: Marks::Line(line(0)) }];
+    let caption = if has_lag(sweep) {
+        series.push(Series { label: "with lag".to_owned(), style: Style::Second, marks: Marks::Line(line(1)) });
+        format!("Channel {}, means of the sliding windows, as read and with the lag.", sweep.channel)
+    } else {
+        format!("Channel {}, means of the sliding windows; no lag is claimed.", sweep.channel)
+    };
     Figure {
         title: format!("Temperature of the sensor, {of}"),
-        caption: format!("Channel {}, means of the sliding windows, as read and with the lag.", sweep.channel),
+        caption,
         x_label: time.label.to_owned(),
         x_scale: Scale::Linear,
-        panels: vec![Panel {
-            y_label: "temperature, °C".to_owned(),
-            y_scale: Scale::Linear,
-            series: vec![
-                Series { label: "as read".to_owned(), style: Style::Single, marks: Marks::Line(line(0)) },
-                Series { label: "with lag".to_owned(), style: Style::Second, marks: Marks::Line(line(1)) },
-            ],
-            bands: vec![],
-        }],
+        panels: vec![Panel { y_label: "temperature, °C".to_owned(), y_scale: Scale::Linear, series, bands: vec![] }],
     }
 }
 
