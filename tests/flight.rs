@@ -12,27 +12,27 @@ use std::process::Output;
 use tempfile::TempDir;
 
 /// A copy of a set of telemetry, which a test may change.
-struct Set {
+pub struct Set {
     folder: TempDir,
 }
 
 impl Set {
-    fn of(name: &str) -> Self {
+    pub fn of(name: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         copy(&data("tests/data/flight").join(name), &folder.path().join("set"));
         Self { folder }
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join("set").join(name)
     }
 
-    fn out(&self) -> PathBuf {
+    pub fn out(&self) -> PathBuf {
         self.folder.path().join("out")
     }
 
     /// The configuration with some text in place of other text.
-    fn change(&self, from: &str, to: &str) -> &Self {
+    pub fn change(&self, from: &str, to: &str) -> &Self {
         let path = self.path("flight.toml");
         let before = fs::read_to_string(&path).unwrap();
         assert!(before.contains(from), "the configuration holds no `{from}`");
@@ -40,7 +40,7 @@ impl Set {
         self
     }
 
-    fn flight(&self, levels: &str, arguments: &[&str]) -> Output {
+    pub fn flight(&self, levels: &str, arguments: &[&str]) -> Output {
         calfit()
             .args(["flight", levels])
             .arg(self.path("flight.toml"))
@@ -51,12 +51,12 @@ impl Set {
             .unwrap()
     }
 
-    fn made(&self, levels: &str, arguments: &[&str]) {
+    pub fn made(&self, levels: &str, arguments: &[&str]) {
         let output = self.flight(levels, arguments);
         assert!(output.status.success(), "{}", text(&output.stderr));
     }
 
-    fn level(&self, level: &str, sensor: &str, day: &str) -> SeriesTable {
+    pub fn level(&self, level: &str, sensor: &str, day: &str) -> SeriesTable {
         let name = format!("calfit-{level}-{sensor}-{}.parquet", day.replace('-', ""));
         SeriesTable::open(&self.out().join(format!("level={level}/sensor={sensor}/date={day}")).join(name)).unwrap()
     }
@@ -66,7 +66,7 @@ impl Set {
     }
 }
 
-fn three(table: &SeriesTable, names: [&str; 3]) -> [Vec<f64>; 3] {
+pub fn three(table: &SeriesTable, names: [&str; 3]) -> [Vec<f64>; 3] {
     names.map(|name| table.numbers(name).unwrap())
 }
 
@@ -330,12 +330,12 @@ fn words_by_their_index_are_words() {
 }
 
 /// A mission of one sensor whose telemetry is a few lines of text.
-struct Small {
-    folder: TempDir,
+pub struct Small {
+    pub folder: TempDir,
 }
 
 impl Small {
-    fn new(configuration: &str, rows: &str) -> Self {
+    pub fn new(configuration: &str, rows: &str) -> Self {
         let small = Self { folder: tempfile::tempdir().unwrap() };
         let day = small.folder.path().join("edited/sensor=OB/date=2015-06-29");
         fs::create_dir_all(&day).unwrap();
@@ -345,7 +345,7 @@ impl Small {
         small
     }
 
-    fn level_a(&self) -> SeriesTable {
+    pub fn level_a(&self) -> SeriesTable {
         let out = self.folder.path().join("out");
         let flight = self.folder.path().join("flight.toml");
         let output = calfit().args(["flight", "A", "--no-plots"]).arg(flight).arg("-o").arg(&out).output().unwrap();

@@ -412,6 +412,29 @@ fn pauses_part_runs_and_a_guess_finds_them() {
     }
 }
 
+#[test]
+fn a_guess_finds_times_of_twelve_hours_and_is_printed_as_json() {
+    let desk = Desk::new();
+    // From 11:59:54 to 12:00:05 at noon: the small table with its times in another form.
+    let twelve = |line: &str| {
+        let Some((_, rest)) = line.split_once(',').filter(|(time, _)| *time != "time") else { return line.to_owned() };
+        let n: u32 = rest.split(',').next().unwrap().parse().unwrap();
+        let (hour, second) = if n < 60 { (11, 54 + n / 10) } else { (12, n / 10 - 6) };
+        let minute = if n < 60 { 59 } else { 0 };
+        let half = if n < 60 { "AM" } else { "PM" };
+        format!("03/14/2026 {hour}:{minute:02}:{second:02}.{}5 {half},{rest}", n % 10)
+    };
+    let table = desk.put("twelve.csv", small().iter().map(|line| twelve(line) + "\n").collect::<String>());
+    let guess = |options: &[&str]| text(&calfit().args(["import", "--guess"]).args(options).arg(&table).output().unwrap().stdout);
+    let mapping = guess(&[]);
+    says(&mapping, &["format = \"%m/%d/%Y %I:%M:%S%.f %p\""]);
+    let json: serde_json::Value = serde_json::from_str(&guess(&["--json"])).unwrap();
+    assert_eq!(json["mapping"].as_str(), Some(mapping.as_str()));
+    assert_eq!(desk.import(&mapping, &table, "twelve").status.code(), Some(0));
+    let run = read(&desk.path("twelve/26-03-14/11-59-54.CCR"));
+    assert_eq!((run.vectors.count, run.vectors.lost), (120, 0));
+}
+
 /// A small table that is in order: 12 settings of 1 s at 10 Hz.
 fn small() -> Vec<String> {
     let mut gauss = Gauss(7);

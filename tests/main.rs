@@ -22,6 +22,8 @@ mod faults_text;
 mod files;
 #[cfg(feature = "tables")]
 mod flight;
+#[cfg(feature = "tables")]
+mod flight_faults;
 mod freq;
 mod house;
 mod import;

@@ -84,7 +84,7 @@ fn other_runs_are_refused_with_rule_and_remedy() {
     let case = Case::of(common::good().text());
     let output = calfit().arg("null").arg(case.file()).arg("-o").arg(case.out()).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
-    says(&text(&output.stderr), &["09-22-38.CCR", "the run is of kind linearity, not zero-field; use the command for that kind"]);
+    says(&text(&output.stderr), &["09-22-38.CCR", "the run is of kind linearity, not zero-field; use `calfit lin`"]);
     let output = case.run("null", &[]);
     assert_eq!(output.status.code(), Some(2));
     says(&text(&output.stderr), &["holds no zero-field run"]);

@@ -4,7 +4,7 @@
 use crate::common::{self, RUN_ID, campaign};
 
 use campaign::id;
-use common::check::{Case, calfit, cpf, data, number, parameters, says, text};
+use common::check::{Case, calfit, cpf, data, number, parameters, says, text, tree};
 use std::fs;
 use std::io::Write;
 
@@ -75,6 +75,26 @@ fn every_run_counts_once_wherever_runs_are_counted() {
         number(&parameters(&case.out().join(id(8, 0)).join(lin["parameter_file"].as_str().unwrap())), "matrix.sigma.0.0")
     );
     assert!(lin["provenance"]["input"][0]["sha256"].is_string());
+
+    // The command of one analysis prints the origin of its results as well.
+    let output = calfit()
+        .args(["lin", "--json", "--no-plots"])
+        .arg(case.campaign())
+        .arg("-o")
+        .arg(case.path().join("own"))
+        .output()
+        .unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    for run in json["runs"].as_array().unwrap() {
+        let file = case
+            .path()
+            .join("own")
+            .join(run["parameters"]["run"]["id"].as_str().unwrap())
+            .join(run["parameter_file"].as_str().unwrap());
+        let stated = parameters(&file);
+        let hash = stated["provenance"]["input"][0]["sha256"].as_str().unwrap();
+        assert_eq!(run["provenance"]["input"][0]["sha256"].as_str(), Some(hash));
+    }
 }
 
 #[test]
@@ -199,4 +219,80 @@ fn messages_name_the_real_error() {
     let said = text(&Case::of(bytes).run("lin", &[]).stderr);
     says(&said, &["the file is no text"]);
     assert!(!said.contains("line ends"), "{said}");
+}
+
+/// A whole picture of two pixels.
+fn png() -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, 2, 1);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.write_header().unwrap().write_image_data(&[0, 255]).unwrap();
+    bytes
+}
+
+#[test]
+fn what_is_stated_of_persons_instrument_and_days_stands_in_the_protocol() {
+    let case = two_temperatures();
+    let (run, day) = (id(8, 0), id(8, 0)[..8].to_owned());
+    fs::create_dir_all(case.campaign().join("photos")).unwrap();
+    fs::write(case.campaign().join("photos/setup.png"), png()).unwrap();
+    fs::write(case.campaign().join("photos/box.jpg"), b"\xff\xd8\xff\xe0 a picture \xff\xd9").unwrap();
+    let plain = fs::read_to_string(case.campaign().join("campaign.toml")).unwrap();
+    let stated = plain.replace(
+        "[report]\n",
+        "[report]\npersonnel = [\"A. Person, operation\", \"B. Person, heating\"]\nremarks = \"Demagnetised before.\"\n\
+         signatures = [\"A. Person, responsible\"]\n",
+    );
+    let more = format!(
+        "[[report.table]]\ntitle = \"Parameters of the instrument\"\nhead = [\"parameter\", \"sensor 1\"]\n\
+         rows = [[\"excitation, mA\", 12.5], [\"heater\", \"off\"]]\n\
+         [[report.photo]]\nfile = \"photos/setup.png\"\ncaption = \"The coil system\"\n\
+         [[report.photo]]\nfile = \"photos/box.jpg\"\ncaption = \"The thermal box\"\n\
+         [[remark]]\nrun = \"{run}\"\ntext = \"door opened\"\n[[remark]]\nday = \"{day}\"\ntext = \"Nitrogen ran out at noon.\"\n\
+         [[remark]]\nrun = \"99-01-01_00-00-00\"\ntext = \"nothing\"\n"
+    );
+    case.put("campaign.toml", stated + &more);
+    let output = case.run("report", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["the remark on 99-01-01_00-00-00 goes with no run of the campaign"]);
+    let page = first_page(&case);
+    says(&page, &["| Personnel | A. Person, operation; B. Person, heating |", "Demagnetised before."]);
+    let markdown = fs::read_to_string(case.out().join("REPORT.md")).unwrap();
+    says(
+        &markdown,
+        &[
+            "Parameters of the instrument",
+            "| excitation, mA | 12.5 |",
+            "| heater | off |",
+            "![The coil system](PHOTO_1.png \"",
+            "![The thermal box](PHOTO_2.jpg \"",
+            "Nitrogen ran out at noon.",
+            "| analysed. door opened |",
+            "| A. Person, responsible | ",
+        ],
+    );
+    // The copies are whole pictures, which the page holds.
+    let copy = fs::read(case.out().join("PHOTO_1.png")).unwrap();
+    let mut reader = png::Decoder::new(std::io::Cursor::new(&copy)).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut pixels).unwrap();
+    assert_eq!(pixels, [0, 255]);
+    let html = fs::read_to_string(case.out().join("REPORT.html")).unwrap();
+    assert_eq!((html.matches("data:image/png").count(), html.matches("data:image/jpeg").count()), (1, 1));
+    // They belong to the result: the index has them, and they are written again.
+    assert_eq!(calfit().arg("verify").arg(case.out()).output().unwrap().status.code(), Some(0));
+    let before = tree(&case.out());
+    assert_eq!(case.run("report", &["--no-plots"]).status.code(), Some(0));
+    assert_eq!(tree(&case.out()), before);
+    fs::write(case.campaign().join("photos/box.jpg"), b"\xff\xd8\xff\xe0 another one \xff\xd9").unwrap();
+    assert_eq!(case.run("report", &["--no-plots"]).status.code(), Some(0));
+    assert_ne!(tree(&case.out())["PHOTO_2.jpg"], before["PHOTO_2.jpg"]);
+
+    // Nothing of it is printed where it is not stated.
+    case.put("campaign.toml", plain);
+    assert_eq!(case.run("report", &["--no-plots"]).status.code(), Some(0));
+    let markdown = fs::read_to_string(case.out().join("REPORT.md")).unwrap();
+    for word in ["Personnel", "Signatures", "Photographs", "PHOTO_", "door opened"] {
+        assert!(!markdown.contains(word), "{word}");
+    }
 }

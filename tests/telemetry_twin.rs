@@ -435,3 +435,45 @@ fn daily_models_are_found_in_calm_times() {
     let (done, _, errors) = run(&["flight", "A", "--order", "2"], &[&config]);
     assert!(!done && errors.contains("--order and --calm are options of `daily`"), "{errors}");
 }
+
+/// The diagnosis of a mission, as JSON.
+fn diagnosed(config: &Path, arguments: &[&str]) -> Value {
+    let out = config.parent().unwrap().join("diagnosis");
+    let output =
+        calfit().args(["diagnose", "--json", "--no-plots"]).arg(config).args(arguments).arg("-o").arg(out).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+fn effects(diagnosis: &Value) -> Vec<(&str, Vec<&str>)> {
+    let steps = diagnosis["steps"].as_array().unwrap().iter();
+    steps
+        .map(|s| (s["effect"].as_str().unwrap(), s["axes"].as_array().unwrap().iter().map(|a| a.as_str().unwrap()).collect()))
+        .collect()
+}
+
+#[test]
+fn a_diagnosis_of_two_sensors_finds_what_was_not_taken_off_and_nothing_else() {
+    let dir = tempfile::tempdir().unwrap();
+    let telemetry = dir.path().join("telemetry");
+    let output = calfit().arg("simulate").arg(calm_twin(dir.path())).arg("-o").arg(&telemetry).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let config = telemetry.join("flight.toml");
+    // With all models of the truth, noise alone is left.
+    let none = diagnosed(&config, &[]);
+    assert_eq!(effects(&none), [], "{}", none["verdict"]);
+    assert_eq!(none["runs"], serde_json::json!(["OB-IB"]));
+    // Without the daily model of OB its offset follows its temperature, in the truth of the twin by [1.5, 0.05, 4e-3] and [-0.8, -0.04] nT.
+    let text = fs::read_to_string(&config).unwrap();
+    let line = text.lines().find(|line| line.starts_with("daily = ") && line.contains("_OB")).unwrap();
+    fs::write(&config, text.replacen(line, "", 1)).unwrap();
+    let found = diagnosed(&config, &[]);
+    let steps = effects(&found);
+    assert!(!steps.is_empty(), "{}", found["verdict"]);
+    let thermal = ["sensor_temperature_offset", "other_sensor_temperature", "unknown"];
+    assert!(steps.iter().all(|(effect, _)| thermal.contains(effect)), "{steps:?}");
+    assert_eq!(steps[0].0, "sensor_temperature_offset", "{steps:?}");
+    // The unit is nT, as the levels have it.
+    let unit = found["steps"][0]["parameters"][0]["unit"].as_str().unwrap();
+    assert!(unit.starts_with("nT"), "{unit}");
+}

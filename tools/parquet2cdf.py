@@ -106,6 +106,9 @@ def values(column: pa.ChunkedArray) -> tuple[np.ndarray, tuple]:
     return filled.to_numpy(), about
 
 
+WORDS = (pa.types.is_dictionary, pa.types.is_string, pa.types.is_large_string)
+
+
 def texts(column: pa.ChunkedArray) -> list[str]:
     dictionary = column.cast(pa.string()).to_pylist()
     return ["" if word is None else word for word in dictionary]
@@ -214,7 +217,7 @@ def put(file: cdfwrite.CDF, stem: str, columns: list[pa.ChunkedArray], frame: st
     variable, unit, label, words, low, high = known(stem, frame)
     spec = {"Variable": variable, "Num_Elements": 1, "Rec_Vary": True, "Dim_Sizes": [], "Compress": 0}
     attributes = {"CATDESC": words[:80], "FIELDNAM": label, "DEPEND_0": "Epoch", "DISPLAY_TYPE": "time_series", "UNITS": unit}
-    if pa.types.is_dictionary(columns[0].type) or pa.types.is_string(columns[0].type):
+    if any(is_words(columns[0].type) for is_words in WORDS):
         cells = texts(columns[0])
         width = max(1, *map(len, cells))
         spec |= {"Data_Type": cdfwrite.CDF.CDF_CHAR, "Num_Elements": width}

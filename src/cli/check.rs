@@ -50,7 +50,14 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     } else {
         for result in &results {
             result.findings.iter().for_each(|f| terminal.finding(f));
-            terminal.tell(&format!("{}: {}\n", result.file, if result.ok { "ok" } else { "refused" }));
+            let warnings = result.findings.iter().filter(|f| f.severity == Severity::Warning).count();
+            let verdict = match (result.ok, warnings) {
+                (false, _) => "refused".to_owned(),
+                (true, 0) => "ok".to_owned(),
+                (true, 1) => "ok, 1 warning".to_owned(),
+                (true, n) => format!("ok, {n} warnings"),
+            };
+            terminal.tell(&format!("{}: {verdict}\n", result.file));
         }
         if results.len() > 1 {
             terminal.tell(&format!("{} of {} files are in order\n", results.len() - bad, results.len()));

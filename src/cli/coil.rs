@@ -1,6 +1,6 @@
 //! `calfit coil`: the facility's own calibration.
 
-use super::output::{Terminal, json};
+use super::output::{Printed, Terminal, json};
 use super::{Common, Status, jobs_of, open, refused, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::run::Kind;
@@ -154,7 +154,11 @@ fn finish<R: CoilResult>(
         Some(Ok((made, name))) => {
             made.result.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
             if common.json {
-                terminal.print(&json(&made.result.view())?);
+                terminal.print(&json(&Printed {
+                    result: made.result.view(),
+                    parameter_file: &name,
+                    provenance: &made.provenance,
+                })?);
             } else {
                 terminal.tell(&format!("{}  -> {}\n", (R::SHOWN.summary)(&made.result), common.out.join(&name).display()));
             }

@@ -5,25 +5,32 @@ use super::output::{Terminal, json};
 use super::{Common, Status, open_without, refused, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::run::Kind;
+#[cfg(feature = "tables")]
+use crate::data::time::day_of;
 use crate::diagnose;
 use crate::files::parameter::{Cpf, is_named};
+#[cfg(feature = "tables")]
+use crate::workflow::flight::{DifferenceOptions, diagnose_flight};
 use crate::workflow::{
     Across, Diagnosed, DiagnosedWith, Failure, diagnose_run, diagnose_table, facility, jobs, publish_diagnosis, publish_model,
     read_model, temperature,
 };
 use clap::Args;
+use jiff::civil::Date;
 use rayon::prelude::*;
 use serde::Serialize;
+#[cfg(feature = "tables")]
+use std::path::Path;
 use std::path::PathBuf;
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders or run files; tables of run results (.csv) and linear calibrations (.CPF) of several runs, which are looked
+    /// Campaign folders or run files; a configuration of flight processing (flight.toml); tables of run results (.csv) and linear calibrations (.CPF) of several runs, which are looked
     /// at together, as are linearity runs of one sensor.
     #[arg(required_unless_present = "amplitudes", value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// A table of amplitudes in place of runs, as `calfit freq --amplitudes` reads it.
-    #[arg(long, value_name = "TABLE.csv", conflicts_with_all = ["paths", "model", "write_model", "facility", "temperature"])]
+    #[arg(long, value_name = "TABLE.csv", conflicts_with_all = ["paths", "model", "write_model", "facility", "temperature", "field", "sensor", "from", "to"])]
     amplitudes: Vec<PathBuf>,
     /// Effects that are known already, from `--write-model`: their sizes are fitted again between the plateaus and taken off inside them.
     #[arg(long, value_name = "FILE")]
@@ -37,6 +44,19 @@ pub(super) struct Arguments {
     /// Polynomials of the sensor (TPF): what linearity runs follow of a sensor temperature that moves is taken off.
     #[arg(long, value_name = "TPF")]
     temperature: Option<PathBuf>,
+    /// With a configuration of flight processing: a table of the field at the spacecraft (`time_tt2000` or `time_utc`, `bx by bz`, nT) in the
+    /// celestial frame of the configuration; without it the two sensors are compared.
+    #[arg(long, value_name = "TABLE")]
+    field: Option<PathBuf>,
+    /// With a configuration of flight processing: the sensor that is compared.
+    #[arg(long, value_name = "NAME")]
+    sensor: Option<String>,
+    /// With a configuration of flight processing: first day, YYYY-MM-DD, UTC.
+    #[arg(long, value_name = "DATE")]
+    from: Option<Date>,
+    /// With a configuration of flight processing: last day, YYYY-MM-DD, UTC.
+    #[arg(long, value_name = "DATE")]
+    to: Option<Date>,
     #[command(flatten)]
     excluding: Excluding,
 }
@@ -51,6 +71,17 @@ struct Listing<'a> {
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     if !arguments.amplitudes.is_empty() {
         return tables(&arguments.amplitudes, common, terminal);
+    }
+    #[cfg(feature = "tables")]
+    if let [path] = arguments.paths.as_slice()
+        && path.extension().is_some_and(|end| end == "toml")
+        && crate::files::flight::is_mission(path)
+    {
+        return flight(path, arguments, common, terminal);
+    }
+    if arguments.field.is_some() || arguments.sensor.is_some() || arguments.from.is_some() || arguments.to.is_some() {
+        let rule = "--field, --sensor, --from and --to belong to a configuration of flight processing";
+        return Err(Finding::error("calfit diagnose", rule, "take them away, or name one flight.toml alone"));
     }
     common.results.places(arguments.facility.iter().chain(&arguments.model).chain(&arguments.temperature));
     let mut together = Across::default();
@@ -118,6 +149,32 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
     report_failures(terminal, &failures, total);
     Ok(status(done.len(), failures.iter().map(|(_, f)| f)))
+}
+
+/// The difference of two sensors in flight, or of one and a model of the field.
+#[cfg(feature = "tables")]
+fn flight(path: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    if arguments.model.is_some()
+        || arguments.write_model.is_some()
+        || arguments.facility.is_some()
+        || arguments.temperature.is_some()
+    {
+        let rule = "--model, --write-model, --facility and --temperature belong to runs of a facility";
+        return Err(Finding::error("calfit diagnose", rule, "take them away"));
+    }
+    let options = DifferenceOptions {
+        field: arguments.field.clone(),
+        sensor: arguments.sensor.clone(),
+        days: [arguments.from.map(day_of), arguments.to.map(day_of)],
+    };
+    let mut findings = Vec::new();
+    let made = diagnose_flight(path, &options, &mut findings);
+    findings.iter().for_each(|f| terminal.finding(f));
+    let made = made?;
+    let desk = common.desk();
+    publish_diagnosis(&made, made.diagnosis.runs.first().map_or("", String::as_str), &desk)?;
+    let result = std::iter::once((path.display().to_string(), Ok(made)));
+    told(result, common, terminal).map(|_| Status::Done)
 }
 
 /// Tables of amplitudes, one after the other.

@@ -8,15 +8,16 @@ use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationFile};
 use crate::measure::linearise::Linearised;
 use crate::show;
-use crate::workflow::{Failure, LinearisedView, Made, PerRun, RunResult, make, publish, table_names};
+use crate::workflow::{Failure, LinearisedView, Made, PerRun, RunMade, RunResult, make, publish, table_names};
 use rayon::prelude::*;
 use serde::Serialize;
+use serde_json::Value;
 use std::path::PathBuf;
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Listing<'a, R> {
-    runs: Vec<R>,
+struct Listing<'a> {
+    runs: Vec<Value>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     linearisation: Vec<LinearisedView<'a>>,
     #[serde(skip_serializing_if = "<[Excluded]>::is_empty")]
@@ -86,10 +87,9 @@ pub(super) fn finish<A: PerRun>(
             }
         }
     }
-    let done: Vec<&A::Result> = done.iter().map(|made| &made.result).collect();
     if common.json {
         let failed = failures.iter().flat_map(|(_, f)| f.errors()).collect();
-        let runs = done.iter().map(|r| r.view()).collect();
+        let runs = done.iter().map(RunMade::view).collect::<Result<_, _>>()?;
         let linearisation = linearisation.iter().map(LinearisedView::from).collect();
         terminal.print(&json(&Listing { runs, linearisation, excluded: &excluded, failed })?);
     } else {
@@ -97,7 +97,7 @@ pub(super) fn finish<A: PerRun>(
             let file = common.out.join(LinearisationFile::from(result).file_name());
             terminal.tell(&format!("{}  -> {}\n", show::linearise::summary(result), file.display()));
         }
-        for result in &done {
+        for result in done.iter().map(|made| &made.result) {
             terminal.tell(&format!("{}  -> {}\n", result.summary(), common.out.join(&result.head().id).display()));
         }
     }
@@ -108,6 +108,6 @@ pub(super) fn finish<A: PerRun>(
         failures.push((format!("{}_PARAMETERS", A::STEM), Failure::Refused(finding)));
     }
     report_failures(terminal, &failures, total);
-    let partial = if done.iter().any(|r| r.is_partial()) { Status::Partly } else { Status::Done };
+    let partial = if done.iter().any(|made| made.result.is_partial()) { Status::Partly } else { Status::Done };
     Ok(status(done.len(), failures.iter().map(|(_, f)| f)).max(partial))
 }

@@ -60,7 +60,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         if !tables.is_empty() {
             return refuse("--guess takes one table", "name a single table");
         }
-        return guess(mapping, terminal);
+        return guess(mapping, common, terminal);
     }
     if tables.is_empty() {
         return refuse(
@@ -118,7 +118,20 @@ fn tell(runs: &[ImportedRun], common: &Common, begun: bool, terminal: &Terminal)
     }
 }
 
-fn guess(table: &Path, terminal: &Terminal) -> Result<Status, Finding> {
-    terminal.print(&crate::files::import::guess(table)?);
+/// A proposal as `--json` prints it.
+#[derive(Serialize)]
+struct Proposal<'a> {
+    table: String,
+    /// The mapping, as TOML.
+    mapping: &'a str,
+}
+
+fn guess(table: &Path, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    let mapping = crate::files::import::guess(table)?;
+    if common.json {
+        terminal.print(&json(&Proposal { table: table.display().to_string(), mapping: &mapping })?);
+    } else {
+        terminal.print(&mapping);
+    }
     Ok(Status::Done)
 }

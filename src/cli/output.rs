@@ -2,6 +2,7 @@
 
 use super::Status;
 use crate::data::error::{Finding, Severity};
+use crate::data::provenance::Provenance;
 use clap::ColorChoice;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::cell::{Cell, RefCell};
@@ -140,6 +141,15 @@ impl Progress {
     pub fn finish(&self) {
         self.0.finish_and_clear();
     }
+}
+
+/// A result of a command with its parameter file and its origin, as `--json` prints it.
+#[derive(serde::Serialize)]
+pub(super) struct Printed<'a, V> {
+    #[serde(flatten)]
+    pub result: V,
+    pub parameter_file: &'a str,
+    pub provenance: &'a Provenance,
 }
 
 /// JSON text with a line end.

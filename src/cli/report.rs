@@ -28,7 +28,7 @@ use crate::workflow::{
     scale_to_nt, settle,
 };
 use clap::Args;
-use others::{Ground, Others, Thermistors};
+use others::{Ground, Others, Photos, Thermistors};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -97,10 +97,16 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let coil = work.coil(&measured);
     let thermistors = work.thermistors();
     let ground = work.ground(&across.groups, &across.centres, &thermistors.of_sensor);
+    let photos = work.photos();
     let renewed = work.renew();
+    let parts = work.run_parts(&measured, &figures, &coil);
+    let ids: Vec<&str> = parts.iter().map(|part| part.id.as_str()).collect();
+    for about in campaign.file.remarks_on_nothing(&ids) {
+        terminal.warning(&format!("campaign.toml: the remark on {about} goes with no run of the campaign; check its spelling"));
+    }
     across.beside_alone.iter().chain(&ground.lacking).for_each(|note| terminal.warning(&note.to_string()));
     let told = Told {
-        runs: work.run_parts(&measured, &figures, &coil).iter().map(told::RunTold::from).collect(),
+        runs: parts.iter().map(told::RunTold::from).collect(),
         thermal: &across.groups,
         centres: &across.centres,
         ground: ground.files.clone(),
@@ -116,7 +122,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         lag: arguments.sweeping.lag,
         linearise: arguments.linearise.linearise,
     };
-    let made = Made { measured: &measured, figures: &figures, across: &across, coil, thermistors, ground };
+    let made = Made { measured: &measured, figures: &figures, across: &across, coil, thermistors, ground, photos };
     work.write_protocol(made, &options, &recorded)?;
     told.tell(&measured, &work, common)
 }
@@ -162,6 +168,7 @@ struct Made<'a> {
     coil: Others,
     thermistors: Thermistors,
     ground: Ground,
+    photos: Photos,
 }
 
 impl Work<'_, '_> {
@@ -320,10 +327,11 @@ impl Work<'_, '_> {
 
     /// Writes the protocol.
     fn write_protocol(&self, made: Made, options: &ThermalOptions, recorded: &RecordedOptions) -> Result<(), Finding> {
-        let Made { measured, figures, across, coil, thermistors, ground } = made;
+        let Made { measured, figures, across, coil, thermistors, ground, photos } = made;
         let mut input: Vec<Input> = measured.iter().filter_map(Measured::run).map(|run| Input::from(&run.input)).collect();
         input.extend(self.campaign.input.clone());
         input.extend(thermistors.others.input);
+        input.extend(photos.input);
         input.extend(options.facility.iter().map(|f| f.input.clone()));
         input.extend(options.linearisation.iter().map(|l| l.input.clone()));
         input.extend(options.model.iter().map(|m| m.input.clone()));
@@ -353,6 +361,7 @@ impl Work<'_, '_> {
             beside_alone: across.beside_alone.clone(),
             coil: coil.parts,
             thermistors: thermistors.others.parts,
+            photos: photos.drawn,
             profile,
             failed: failed.collect(),
             files,

@@ -4,7 +4,7 @@ use super::options::{Excluding, Runs, Sweeping, without_excluded};
 use super::output::{Terminal, json};
 use super::{Common, Status, open_without, refused, report_failures, status};
 use crate::data::across::CalibratedRun;
-use crate::data::error::Finding;
+use crate::data::error::{Finding, Severity};
 use crate::data::note::NoteKind;
 use crate::files::campaign::Campaign;
 use crate::files::index;
@@ -55,6 +55,9 @@ struct Listing<'a, G, S, C> {
     sweeps: Vec<S>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     centre: Vec<C>,
+    /// Runs at one temperature, which have no polynomials.
+    #[serde(skip_serializing_if = "<[Finding]>::is_empty")]
+    not_applied: &'a [Finding],
     failed: Vec<&'a Finding>,
 }
 
@@ -98,7 +101,14 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         failures.push(no_temperature(input.points()));
     }
     let (groups, at_one_temperature) = sort_results(results, &mut failures, terminal);
-    failures.extend(at_one_temperature.into_iter().map(|f| (f.file.to_string(), Failure::Refused(f))));
+    // Nothing failed where the analysis does not apply; runs without a temperature lack something.
+    let at_one_temperature = if input.points().iter().all(has_temperature) {
+        at_one_temperature.iter().for_each(|f| terminal.finding(&f.clone().weighing(Severity::Warning)));
+        at_one_temperature
+    } else {
+        failures.extend(at_one_temperature.into_iter().map(|f| (f.file.to_string(), Failure::Refused(f))));
+        Vec::new()
+    };
     warn_of_left_out(input.points(), &groups, terminal);
     if pair.is_none() {
         input.without_centre(&groups).iter().for_each(|note| terminal.warning(&note.to_string()));
@@ -116,6 +126,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         centres: sort_centres(taken, &mut failures, terminal),
         sweeps: measured.iter().filter_map(Measured::sweep).collect(),
         groups,
+        at_one_temperature,
     };
     done.tell(&failures, common, terminal)?;
     if done.is_empty() && input.points().is_empty() && polynomials.is_empty() && failures.is_empty() {
@@ -127,7 +138,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         ));
     }
     report_failures(terminal, &failures, total + files.len() + polynomials.len());
-    Ok(status(done.count(), failures.iter().map(|(_, f)| f)))
+    // Runs at one temperature were read and judged.
+    let judged = done.count() + done.at_one_temperature.len();
+    Ok(status(judged, failures.iter().map(|(_, f)| f)))
 }
 
 /// The files of `--centre`, `--off-centre` and `--offset`.
@@ -213,6 +226,8 @@ struct Done<'a> {
     groups: Vec<ThermalShown>,
     sweeps: Vec<&'a sweep::Sweep>,
     centres: Vec<CentreMade>,
+    /// Runs that are at one temperature.
+    at_one_temperature: Vec<Finding>,
 }
 
 impl Done<'_> {
@@ -230,7 +245,7 @@ impl Done<'_> {
             let groups = self.groups.iter().map(ThermalShown::view).collect();
             let sweeps = self.sweeps.iter().map(|s| s.view()).collect();
             let centre = self.centres.iter().map(CentreMade::view).collect();
-            terminal.print(&json(&Listing { groups, sweeps, centre, failed })?);
+            terminal.print(&json(&Listing { groups, sweeps, centre, not_applied: &self.at_one_temperature, failed })?);
             return Ok(());
         }
         let tell = |summary: String, place: &str| {

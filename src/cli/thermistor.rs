@@ -1,7 +1,7 @@
 //! `calfit thermistor`: temperature from voltage or resistance, from a calibration table.
 
 use super::options::ValueError;
-use super::output::{Terminal, json};
+use super::output::{Printed, Terminal, json};
 use super::{Common, Status};
 use crate::data::error::Finding;
 use crate::data::thermistor::HIGHEST_ORDER;
@@ -85,7 +85,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     made.result.notes.iter().for_each(|w| terminal.warning(&format!("{shown}: {w}")));
     let (name, _) = publish_thermistor(&made, &common.desk())?;
     if common.json {
-        terminal.print(&json(&made.view())?);
+        terminal.print(&json(&Printed { result: made.view(), parameter_file: &name, provenance: &made.provenance })?);
     } else {
         let summary = show::thermistor::summary(&made.result);
         terminal.tell(&format!("{summary}  -> {}\n", common.out.join(name).display()));

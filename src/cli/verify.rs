@@ -128,6 +128,11 @@ fn tell(mut verdicts: Vec<Verdict>, others: Vec<Verdict>, common: &Common, termi
     Ok(())
 }
 
+/// A path without steps to a parent and back, as far as nothing of it is a link.
+fn plain(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}
+
 /// The first of some files, and how many more there are.
 fn shortened(files: &[String]) -> String {
     const MOST: usize = 3;
@@ -211,7 +216,7 @@ fn compare(file: &Path, places: &[PathBuf], homes: &mut Homes, tolerance: f64, v
         return Err(problems);
     }
     verdict.inputs = found.len();
-    verdict.compared_with = found.iter().map(|(_, path)| path.display().to_string()).collect();
+    verdict.compared_with = found.iter().map(|(_, path)| plain(path).display().to_string()).collect();
     if is_of_earlier_sweep(&stated.document) {
         let text = "its polynomials are from before those of a sweep were fitted as polynomials of the model itself, and do not come back; \
                     make the file again from its inputs";

@@ -25,6 +25,21 @@ pub enum Kind {
     Scalar,
 }
 
+impl Kind {
+    /// What to do about a run of this kind where another one was asked for.
+    #[must_use]
+    pub fn command(self) -> &'static str {
+        match self {
+            Kind::Linearity => "use `calfit lin`",
+            Kind::Offset => "use `calfit offset`",
+            Kind::Frequency => "use `calfit freq`",
+            Kind::ZeroField => "use `calfit null`",
+            Kind::Sweep => "use `calfit thermal`",
+            Kind::Scalar => "use `calfit coil scalar`",
+        }
+    }
+}
+
 /// Where the sensor stood in the coil system during a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -203,6 +203,15 @@ impl LeapSeconds {
     pub fn clock_begin(&self) -> Tt2000 {
         self.tt2000(Utc { day: 12_053, ns: 0 })
     }
+
+    /// The times of readings of such a clock, s.
+    #[must_use]
+    pub fn of_clock(&self, clock_s: &[f64]) -> Vec<Tt2000> {
+        let begin = self.clock_begin();
+        #[expect(clippy::cast_possible_truncation, reason = "seconds of decades in ns")]
+        let time = |s: &f64| begin + (s * SECOND_NS as f64).round() as i64;
+        clock_s.iter().map(time).collect()
+    }
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ pub mod candidate;
 mod error;
 mod explanations;
 mod fault;
+pub mod flight;
 pub mod freq;
 pub mod inside_maps;
 mod lag;

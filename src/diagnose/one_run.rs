@@ -228,13 +228,13 @@ fn steps_of_all(
     (steps, maps, places.iter().map(|p| p.step).collect())
 }
 
-fn noise_floor_nt(means: &Means, model: &MeansModel, all: &[&Candidate]) -> [f64; 3] {
+pub(super) fn noise_floor_nt(means: &Means, model: &MeansModel, all: &[&Candidate]) -> [f64; 3] {
     let row_std = means.row_std(model, all);
     std::array::from_fn(|a| row_std[0][a] * means.prepared.nt_per_ent[a])
 }
 
 /// What the whole model leaves of the readings.
-fn quiet_maps(means: &Means, model: &MeansModel, all: &[&Candidate], noise_floor_nt: [f64; 3]) -> Vec<Map> {
+pub(super) fn quiet_maps(means: &Means, model: &MeansModel, all: &[&Candidate], noise_floor_nt: [f64; 3]) -> Vec<Map> {
     let held = means.predicted(&model.noise, all);
     (0..3)
         .map(|axis| {

@@ -18,6 +18,7 @@ pub mod moduli;
 pub mod orientations;
 pub mod output;
 pub mod parameter;
+pub mod photo;
 pub mod source;
 #[cfg(feature = "tables")]
 pub mod table;

@@ -1,6 +1,7 @@
 //! Files are written whole or not at all, and never over a file that this tool did not write.
 
 use super::ledger::{Ledger, Origin, same_but_dates};
+use super::photo;
 use super::source::hex;
 use crate::data::error::Finding;
 use sha2::{Digest, Sha256};
@@ -273,6 +274,7 @@ pub(super) fn is_own(path: &Path) -> bool {
             || head.starts_with(LABEL)
             || head.starts_with(SIMULATED.0) && holds(&head, SIMULATED.1)
             || head.starts_with(PICTURE.0) && holds(&head, PICTURE.1)
+            || head.starts_with(photo::JPEG) && holds(&tail, photo::MARK)
             || head.starts_with(TABLE.0) && holds(&tail, TABLE.1) && holds(&tail, b"calfit"))
     };
     read().unwrap_or(false)

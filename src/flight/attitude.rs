@@ -90,34 +90,65 @@ impl Step for AttitudeStep {
     }
 }
 
+/// The polynomial through some rows of a table of positions: Newton's form about the first of them, component by component.
+struct Through {
+    /// Times of the rows but the last one, s from the first one.
+    nodes_s: [f64; 3],
+    /// Divided differences, km and s.
+    differences: [[f64; 3]; 4],
+}
+
+impl Through {
+    fn new(time: &[Tt2000], km: &[[f64; 3]]) -> Self {
+        let mut table = [[0.0; 3]; 4];
+        let mut at_s = [0.0; 4];
+        for (k, (time_k, own)) in time.iter().zip(km).take(4).enumerate() {
+            (at_s[k], table[k]) = (seconds(*time_k, time[0]), *own);
+        }
+        let count = km.len().min(4);
+        for order in 1..count {
+            for k in (order..count).rev() {
+                let step = at_s[k] - at_s[k - order];
+                table[k] = std::array::from_fn(|c| (table[k][c] - table[k - 1][c]) / step);
+            }
+        }
+        Self { nodes_s: [at_s[0], at_s[1], at_s[2]], differences: table }
+    }
+
+    fn at(&self, s: f64) -> [f64; 3] {
+        let mut sum = self.differences[3];
+        for k in (0..3).rev() {
+            let along = s - self.nodes_s[k];
+            sum = std::array::from_fn(|c| sum[c] * along + self.differences[k][c]);
+        }
+        sum
+    }
+}
+
+#[expect(clippy::cast_precision_loss, reason = "differences of times")]
+fn seconds(a: Tt2000, b: Tt2000) -> f64 {
+    (a - b) as f64 * 1e-9
+}
+
 /// Positions at times: a cubic through four rows of the table, a straight line in its first and last interval; nan outside.
 #[must_use]
 pub fn positions_km(table_time: &[Tt2000], table_km: &[[f64; 3]], times: &[Tt2000]) -> [Vec<f64>; 3] {
     let mut out = [const { Vec::new() }; 3].map(|_: Vec<f64>| Vec::with_capacity(times.len()));
-    let mut next = 0;
-    #[expect(clippy::cast_precision_loss, reason = "differences of times")]
-    let seconds = |a: Tt2000, b: Tt2000| (a - b) as f64 * 1e-9;
+    // The interval of the row before, with its first time and its polynomial: times rise.
+    let mut last: Option<(std::ops::Range<Tt2000>, Tt2000, Through)> = None;
     for time in times {
-        // Times rise, so that the interval is mostly that of the row before.
-        if next == 0 || next >= table_time.len() || !(table_time[next - 1]..table_time[next]).contains(time) {
-            next = table_time.partition_point(|t| t <= time);
+        if !last.as_ref().is_some_and(|(interval, ..)| interval.contains(time)) {
+            let next = table_time.partition_point(|t| t <= time);
+            last = (next > 0 && next < table_time.len()).then(|| {
+                let nodes = if next >= 2 && next + 1 < table_time.len() { next - 2..next + 2 } else { next - 1..next + 1 };
+                let through = Through::new(&table_time[nodes.clone()], &table_km[nodes.clone()]);
+                (table_time[next - 1]..table_time[next], table_time[nodes.start], through)
+            });
         }
-        let km = if next == table_time.len() && table_time.last() == Some(time) {
-            table_km[next - 1]
-        } else if next == 0 || next == table_time.len() {
-            [f64::NAN; 3]
-        } else {
-            let nodes = if next >= 2 && next + 1 < table_time.len() { next - 2..next + 2 } else { next - 1..next + 1 };
-            let mut sum = [0.0; 3];
-            for i in nodes.clone() {
-                let weight: f64 = nodes
-                    .clone()
-                    .filter(|k| *k != i)
-                    .map(|k| seconds(*time, table_time[k]) / seconds(table_time[i], table_time[k]))
-                    .product();
-                (0..3).for_each(|c| sum[c] += weight * table_km[i][c]);
-            }
-            sum
+        let km = match &last {
+            Some((_, begin, through)) => through.at(seconds(*time, *begin)),
+            None if table_time.last() == Some(time) => table_km[table_km.len() - 1],
+            None => [f64::NAN; 3],
         };
         (0..3).for_each(|c| out[c].push(km[c]));
     }

@@ -6,8 +6,10 @@ use crate::data::flags::Flags;
 use crate::data::time::Tt2000;
 use crate::data::units::Reading;
 use crate::model::field_calibration::{AtTemperature, FieldCalibration, SYMMETRIC};
+use crate::model::polynomial::{TemperaturePolynomial, value};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::HashMap;
+use std::ops::Range;
 
 /// The temperatures for which vectors are given.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,6 +47,8 @@ pub struct GroundStep {
     pub limits: Limits,
     /// Noise; absent if no uncertainties are wanted.
     pub noise: Option<ReadingNoise>,
+    /// Models of single days that are subtracted behind this step: the error of a reading of the thermistor acts in both at once.
+    pub daily: Vec<(Range<Tt2000>, [TemperaturePolynomial; 3])>,
     /// The frame in which the field is wanted, if it is not that of the files.
     pub frame: Option<crate::data::convention::Convention>,
 }
@@ -63,6 +67,19 @@ struct Here {
 const STEP_K: f64 = 1e-2;
 
 impl GroundStep {
+    /// Whether one daily model holds for all of these times, which rise.
+    fn daily_run(&self, times: &[Tt2000]) -> bool {
+        let of = |time: &Tt2000| self.daily.iter().position(|(span, _)| span.contains(time));
+        times.first().map(of) == times.last().map(of)
+    }
+
+    /// Change of the daily model of a time with the temperature times its uncertainty, nT.
+    fn daily_change_nt(&self, time: Tt2000, degc: f64, count: f64) -> Vector3<f64> {
+        let Some((_, own)) = self.daily.iter().find(|(span, _)| span.contains(&time)) else { return Vector3::zeros() };
+        let std_k = self.thermometer.std_degc(count);
+        Vector3::from_fn(|i, _| value(&derivative(&own[i].coefficients), degc) * std_k)
+    }
+
     fn here(&self, degc: f64, count: f64) -> Option<Here> {
         let at = |degc: f64| {
             let at = self.calibration.at(degc)?;
@@ -88,6 +105,11 @@ impl GroundStep {
     }
 }
 
+/// Coefficients of the derivative of a polynomial, lowest order first.
+fn derivative(coefficients: &[f64]) -> Vec<f64> {
+    coefficients.iter().enumerate().skip(1).map(|(k, c)| k as f64 * c).collect()
+}
+
 impl Step for GroundStep {
     fn apply(&self, block: &mut Block) {
         let mut known: HashMap<u64, Option<Here>> = HashMap::new();
@@ -105,6 +127,8 @@ impl Step for GroundStep {
             } else {
                 None
             };
+            let whole_run = self.daily_run(&block.time[row..end]);
+            let daily_nt = if wants { self.daily_change_nt(block.time[row], degc, count) } else { Vector3::zeros() };
             let reason = if degc.is_finite() { Flags::TEMPERATURE } else { Flags::NO_TEMPERATURE };
             for row in row..end {
                 let Some(here) = here else {
@@ -121,7 +145,8 @@ impl Step for GroundStep {
                 if wants {
                     let noise = self.noise.as_ref().and_then(|n| n.std_ent.get(usize::from(block.mode[row]))).copied();
                     let noise2 = noise.map_or(f64::NAN, |n| n * n);
-                    let change = here.matrix_change * measured - here.at.matrix * here.offset_change_ent;
+                    let daily_nt = if whole_run { daily_nt } else { self.daily_change_nt(block.time[row], degc, count) };
+                    let change = here.matrix_change * measured - here.at.matrix * here.offset_change_ent - daily_nt;
                     let common = here.at.covariance_nt2(&measured);
                     for (element, (i, k)) in SYMMETRIC.into_iter().enumerate() {
                         let own = here.unit_noise[element] * noise2 + change[i] * change[k];

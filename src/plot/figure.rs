@@ -90,6 +90,8 @@ pub enum Marks {
     Bars(Vec<(String, Vec<(f64, f64)>)>),
     /// Rows of cells, from top to bottom; the panel has names instead of a y axis.
     Cells(Vec<CellRow>),
+    /// Names of places on the x axis, which has them in place of numbers.
+    Names(Vec<(f64, String)>),
     /// Places (x, y) that the axes have to show, with nothing drawn: panels that are compared have one scale.
     Shown(Vec<(f64, f64)>),
 }

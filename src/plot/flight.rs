@@ -184,15 +184,30 @@ pub fn spectra(sensor: &str, day: &str, mode: &str, before: &Density, after: &De
 /// Height of a heater jump: hour of the day, field in nT, its standard uncertainty.
 pub type Height = (f64, [f64; 3], [f64; 3]);
 
+/// An edge whose uncertainty is so many times the usual one says nothing, and would hide all others.
+const UNCERTAIN: f64 = 5.0;
+
 /// Heights of heater jumps over a day with their uncertainty.
 #[must_use]
 pub fn jumps(sensor: &str, day: &str, classes: &[String], heights: &[Vec<Height>]) -> Figure {
     const OF_CLASS: [Style; 3] = [Style::Single, Style::Second, Style::Reference];
+    let most: [f64; 3] = std::array::from_fn(|c| {
+        let mut stds: Vec<f64> = heights.iter().flatten().map(|(_, _, std)| std[c]).collect();
+        stds.sort_unstable_by(f64::total_cmp);
+        UNCERTAIN * stds.get(stds.len() / 2).copied().unwrap_or(f64::INFINITY)
+    });
+    let drawn = |(_, _, std): &&Height| (0..3).all(|c| std[c] <= most[c]);
+    let left_out = heights.iter().flatten().filter(|height| !drawn(height)).count();
+    let not_drawn = match left_out {
+        0 => String::new(),
+        count => format!(" Not drawn: edges with {UNCERTAIN} times the usual uncertainty or more ({count})."),
+    };
     Figure {
         title: format!("Heater jumps, level K, {sensor}, {day}"),
-        caption: "Field of a heater as every single edge shows it, with its uncertainty. Edges of one heater scatter about one value; what \
-                  is subtracted is the mean of all of them."
-            .to_owned(),
+        caption: format!(
+            "Field of a heater as every single edge shows it, with its uncertainty. Edges of one heater scatter about one value; what is \
+             subtracted is the mean of all of them.{not_drawn}"
+        ),
         x_label: HOURS.to_owned(),
         x_scale: Scale::Linear,
         panels: panels(|c| Panel {
@@ -205,7 +220,7 @@ pub fn jumps(sensor: &str, day: &str, classes: &[String], heights: &[Vec<Height>
                 .map(|(i, (name, list))| Series {
                     label: name.clone(),
                     style: OF_CLASS[i % OF_CLASS.len()],
-                    marks: Marks::Points(list.iter().map(|(hour, h, std)| (*hour, h[c], Some(std[c]))).collect()),
+                    marks: Marks::Points(list.iter().filter(drawn).map(|(hour, h, std)| (*hour, h[c], Some(std[c]))).collect()),
                 })
                 .collect(),
             bands: vec![],

@@ -4,6 +4,7 @@ use super::axis::Axis;
 use super::canvas::{Point, Rect};
 
 /// Places data on the page.
+#[derive(Clone, Copy)]
 pub(super) struct Frame<'a> {
     /// From left to right.
     pub x: &'a Axis,
@@ -11,6 +12,8 @@ pub(super) struct Frame<'a> {
     pub y: &'a Axis,
     /// The panel on the page.
     pub area: Rect,
+    /// Points are drawn so many pixels to the right of their place.
+    pub aside: f64,
 }
 
 impl Frame<'_> {
@@ -29,7 +32,7 @@ impl Frame<'_> {
 
     /// The place of a point, or `None` for one that cannot be drawn.
     pub fn at(&self, x: f64, y: f64) -> Option<Point> {
-        (self.takes_x(x) && self.takes_y(y)).then(|| (self.x(x), self.y(y)))
+        (self.takes_x(x) && self.takes_y(y)).then(|| (self.x(x) + self.aside, self.y(y)))
     }
 
     /// Whether the axis has a place for a value.

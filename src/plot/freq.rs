@@ -2,7 +2,9 @@
 
 use super::parts::{Named, SENSOR, STYLES, TimeAxis, temperatures};
 use super::{Figure, Marks, Panel, Scale, Series, Style};
+use crate::data::frequency::SineAmplitude;
 use crate::data::units::with_uncertainty;
+use crate::measure::corner::Component;
 use crate::measure::freq::Freq;
 use crate::model::response::Response;
 
@@ -15,14 +17,15 @@ pub fn figures(freq: &Freq) -> Vec<Named> {
     let id = &freq.found.run.id;
     let mut list = Vec::new();
     let end_s = freq.stretches.iter().map(|s| s.setting.t_end_s).fold(0.0, f64::max);
-    let time = TimeAxis::of(end_s);
+    let time = TimeAxis::of(end_s, freq.found.run.start.as_ref());
     if !freq.stretches.is_empty() {
-        list.push(Named { stem: "applied_frequencies", figure: applied(freq, id, time) });
-        list.push(Named { stem: "used_packets", figure: used(freq, id, time) });
+        list.push(Named { stem: "applied_frequencies", figure: applied(freq, id, &time) });
+        list.push(Named { stem: "used_packets", figure: used(freq, id, &time) });
     }
     list.push(Named { stem: "frequency_response", figure: response(freq, id) });
+    list.extend(near_corner(freq, id).map(|figure| Named { stem: "corner", figure }));
     if !freq.stretches.is_empty() {
-        list.extend(temperatures(id, &freq.temperatures, time, "the response holds for its mean"));
+        list.extend(temperatures(id, &freq.temperatures, &time, "the response holds for its mean"));
     }
     list
 }
@@ -30,12 +33,12 @@ pub fn figures(freq: &Freq) -> Vec<Named> {
 /// No join between this stretch and the next.
 const BREAK: (f64, f64, f64) = (f64::NAN, f64::NAN, f64::NAN);
 
-fn applied(freq: &Freq, id: &str, time: TimeAxis) -> Figure {
+fn applied(freq: &Freq, id: &str, time: &TimeAxis) -> Figure {
     let steps = freq.stretches.iter().map(|s| (time.at(s.setting.t_start_s), time.at(s.setting.t_end_s), s.setting.frequency_hz));
     Figure {
         title: format!("Applied frequencies, run {id}"),
         caption: "Frequency of the sine by the facility clock, one after the other.".to_owned(),
-        x_label: time.label.to_owned(),
+        x_label: time.label.clone(),
         x_scale: Scale::Linear,
         panels: vec![Panel {
             y_label: "frequency, Hz".to_owned(),
@@ -46,7 +49,7 @@ fn applied(freq: &Freq, id: &str, time: TimeAxis) -> Figure {
     }
 }
 
-fn used(freq: &Freq, id: &str, time: TimeAxis) -> Figure {
+fn used(freq: &Freq, id: &str, time: &TimeAxis) -> Figure {
     let mut inside = Vec::new();
     let mut outside = Vec::new();
     for s in &freq.stretches {
@@ -68,7 +71,7 @@ fn used(freq: &Freq, id: &str, time: TimeAxis) -> Figure {
             "Part of every setting that was used: settled, undamaged, whole periods where that costs little. {count} of {} frequencies are used.",
             freq.stretches.len()
         ),
-        x_label: time.label.to_owned(),
+        x_label: time.label.clone(),
         x_scale: Scale::Linear,
         panels: vec![Panel {
             y_label: "frequency, Hz".to_owned(),
@@ -82,6 +85,76 @@ fn used(freq: &Freq, id: &str, time: TimeAxis) -> Figure {
     }
 }
 
+/// Ratio of an amplitude at the -3 dB frequency to that at no frequency.
+const HALF_POWER: f64 = std::f64::consts::FRAC_1_SQRT_2;
+
+/// The line of -3 dB over a range of frequencies.
+fn half_power(range_hz: [f64; 2]) -> Series {
+    let level = 20.0 * HALF_POWER.log10();
+    Series { label: "-3 dB".to_owned(), style: Style::Reference, marks: Marks::Line(range_hz.map(|f| (f, level)).to_vec()) }
+}
+
+/// The -3 dB frequencies of the fitted model, in words.
+fn corners(freq: &Freq) -> Vec<String> {
+    let p = &freq.values;
+    let known = (0..3).filter(|i| p.f_3db_model_hz[*i].is_finite());
+    known
+        .map(|i| {
+            format!("{} {} Hz", SENSOR[i], with_uncertainty(p.f_3db_model_hz[i], p.f_3db_model_std_hz[i]).trim_start_matches('+'))
+        })
+        .collect()
+}
+
+/// The stretch of the response in which it falls to -3 dB, in parts of the DC gain; `None` without a model.
+fn near_corner(freq: &Freq, id: &str) -> Option<Figure> {
+    /// From and to these parts of the lowest and the highest -3 dB frequency.
+    const AROUND: [f64; 2] = [0.4, 1.6];
+    let shape = freq.corner.model.and_then(Response::named)?;
+    let f_3db = freq.values.f_3db_model_hz;
+    let found = || f_3db.iter().copied().filter(|f| f.is_finite() && *f > 0.0);
+    let (low, high) = (AROUND[0] * found().fold(f64::INFINITY, f64::min), AROUND[1] * found().fold(0.0, f64::max));
+    let inside = |f: f64| (low..=high).contains(&f);
+    let panel = |(i, component): (usize, &Component)| {
+        let model = component.model.as_ref()?;
+        let parameters: Vec<f64> = model.parameters.iter().map(|p| p.value).collect();
+        let curve = (0..CURVE).map(|k| low + (high - low) * k as f64 / (CURVE - 1) as f64);
+        let used = freq.amplitude.iter().filter(|a| a.detected[i] && a.weight[i] >= 0.5 && inside(a.frequency_hz));
+        let point = |a: &SineAmplitude| {
+            let std = a.b_std_ent[i] / model.dc_ent;
+            (a.frequency_hz, a.b_ent[i] / model.dc_ent, std.is_finite().then_some(std))
+        };
+        let line = [low, high].map(|f| (f, HALF_POWER)).to_vec();
+        let series = |label: &str, style: Style, marks: Marks| Series { label: label.to_owned(), style, marks };
+        Some(Panel {
+            y_label: format!("{}, part of DC", SENSOR[i]),
+            y_scale: Scale::Linear,
+            series: vec![
+                series("-3 dB", Style::Reference, Marks::Line(line)),
+                series(
+                    &format!("{} model", SENSOR[i]),
+                    STYLES[i],
+                    Marks::Line(curve.map(|f| (f, shape.value(f, &parameters))).collect()),
+                ),
+                series(&format!("{} amplitude", SENSOR[i]), STYLES[i], Marks::Points(used.map(point).collect())),
+                series("-3 dB frequency", Style::Single, Marks::Points(vec![(f_3db[i], HALF_POWER, None)])),
+            ],
+            bands: vec![],
+        })
+    };
+    let panels: Vec<Panel> = freq.corner.components.iter().enumerate().filter_map(panel).collect();
+    (!panels.is_empty() && low < high).then(|| Figure {
+        title: format!("Response near the -3 dB frequency, run {id}"),
+        caption: format!(
+            "Amplitudes as part of the DC gain of the fitted model ({}), its curve, and where it falls to 1/√2: {}.",
+            freq.corner.model.unwrap_or("none"),
+            corners(freq).join(", ")
+        ),
+        x_label: "applied frequency, Hz".to_owned(),
+        x_scale: Scale::Linear,
+        panels,
+    })
+}
+
 fn response(freq: &Freq, id: &str) -> Figure {
     let p = freq;
     let db = |ratio: f64| 20.0 * ratio.log10();
@@ -90,6 +163,9 @@ fn response(freq: &Freq, id: &str) -> Figure {
     let high = known.iter().copied().fold(0.0, f64::max);
     let mut levels = Vec::new();
     let mut residuals = Vec::new();
+    // Curves go a little below the lowest amplitude.
+    let detected = p.amplitude.iter().flat_map(|a| (0..3).filter(|i| a.detected[*i]).map(|i| a.b_ent[i]));
+    let lowest = detected.filter(|b| *b > 0.0).fold(f64::INFINITY, f64::min);
     for (i, component) in freq.corner.components.iter().enumerate() {
         let largest = p.amplitude.iter().map(|a| a.b_ent[i]).filter(|b| b.is_finite()).fold(0.0, f64::max);
         let gain = component.model.as_ref().map_or(largest, |m| m.dc_ent);
@@ -123,9 +199,9 @@ fn response(freq: &Freq, id: &str) -> Figure {
             let curve = (0..CURVE).map(|k| {
                 let f = low * (high / low).powf(k as f64 / (CURVE - 1) as f64);
                 // At the bottom of a notch there is no logarithm.
-                (f, db(shape.value(f, &parameters).max(1e-4)))
+                (f, db(shape.value(f, &parameters).max((0.3 * lowest / gain).clamp(1e-12, 1e-4))))
             });
-            levels.push(Series { label: String::new(), style: STYLES[i], marks: Marks::Line(curve.collect()) });
+            levels.push(Series { label: format!("{} model", SENSOR[i]), style: STYLES[i], marks: Marks::Line(curve.collect()) });
             let left = |row: &usize| {
                 let a = &p.amplitude[*row];
                 let std = a.b_std_ent[i];
@@ -138,10 +214,10 @@ fn response(freq: &Freq, id: &str) -> Figure {
             });
         }
     }
-    let corners: Vec<String> = (0..3)
-        .filter(|i| p.values.f_3db_model_hz[*i].is_finite())
-        .map(|i| format!("{} {} Hz", SENSOR[i], with_uncertainty(p.values.f_3db_model_hz[i], p.values.f_3db_model_std_hz[i])))
-        .collect();
+    if known.len() > 1 {
+        levels.push(half_power([low, high]));
+    }
+    let corners = corners(freq);
     let caption = if corners.is_empty() {
         "Amplitudes relative to the largest one. No response model fits.".to_owned()
     } else {

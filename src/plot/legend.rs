@@ -65,10 +65,7 @@ pub(super) fn entries(panel: &Panel, scales: [Scale; 2], span: Option<Span>) -> 
         let style = series.style;
         let mut extra = String::new();
         let sample = match &series.marks {
-            Marks::Line(points) => {
-                let marked = is_marked(points, style) || tagged && style != Style::Reference;
-                Sample::Line(style, marked)
-            }
+            Marks::Line(points) => Sample::Line(style, is_marked(points, style)),
             Marks::Steps(_) => Sample::Steps(style, tagged && style != Style::Reference),
             Marks::Points(points) => Sample::Points(style, points.iter().any(|p| p.2.is_some())),
             Marks::Rejected(_) => {
@@ -83,7 +80,7 @@ pub(super) fn entries(panel: &Panel, scales: [Scale; 2], span: Option<Span>) -> 
             Marks::Ribbon(_) => Sample::Ribbon(style),
             Marks::Bars(_) => Sample::Envelope(style, false, 1.0),
             // Their numbers stand in them.
-            Marks::Cells(_) | Marks::Shown(_) => continue,
+            Marks::Cells(_) | Marks::Shown(_) | Marks::Names(_) => continue,
         };
         add(sample, &series.label, &extra);
     }

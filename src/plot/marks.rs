@@ -1,6 +1,7 @@
 //! Data on the page.
 
 use plotters::prelude::RGBColor;
+use std::collections::BTreeSet;
 
 use super::axis::usable;
 use super::canvas::{Canvas, Point, rect};
@@ -20,6 +21,8 @@ const ENVELOPE_BREAK: f64 = 3.5;
 pub(super) const RIBBON: f64 = 0.2;
 /// White rim that sets a marker off from what lies below it.
 pub(super) const RIM: f64 = 1.2;
+/// Distance of points that stand beside each other, pixels.
+const ASIDE: f64 = 12.0;
 /// Distance of the tags along a line.
 const TAG_DISTANCE: f64 = 160.0;
 
@@ -71,6 +74,7 @@ impl Marks {
                 }
             }
             Marks::Shown(points) => points.iter().for_each(|(x, y)| both(*x, *y)),
+            Marks::Names(_) => {}
             Marks::Cells(rows) => {
                 for (row, cells) in rows.iter().enumerate() {
                     for (from, to, _) in &cells.cells {
@@ -82,10 +86,15 @@ impl Marks {
         }
     }
 
+    /// Names in place of the numbers of the x axis, where these marks are such.
+    pub(super) fn names(&self) -> Option<&[(f64, String)]> {
+        if let Marks::Names(names) = self { Some(names) } else { None }
+    }
+
     /// Order of drawing: points lie on lines, lines on areas.
     pub(super) fn layer(&self) -> u8 {
         match self {
-            Marks::Ribbon(_) | Marks::Bars(_) | Marks::Cells(_) | Marks::Shown(_) => 0,
+            Marks::Ribbon(_) | Marks::Bars(_) | Marks::Cells(_) | Marks::Shown(_) | Marks::Names(_) => 0,
             Marks::Envelope(_) => 1,
             Marks::Line(_) | Marks::Steps(_) => 2,
             Marks::Points(_) => 3,
@@ -100,12 +109,11 @@ pub(super) fn is_marked(points: &[(f64, f64)], style: Style) -> bool {
 }
 
 /// Whether the lines and areas of a panel carry tags, markers set here and there along them: so
-/// they do where there are several, to be told apart in more than colour. Among points they would
-/// pass for data.
+/// they do where several areas, or several lines of settings, are to be told apart in more than
+/// colour. Lines have dashes for it, and among points tags would pass for data.
 pub(super) fn is_tagged(panel: &Panel) -> bool {
     let has_points = panel.series.iter().any(|series| matches!(series.marks, Marks::Points(_)));
     let bare = |series: &&Series| match &series.marks {
-        Marks::Line(points) => !is_marked(points, series.style) && series.style != Style::Reference,
         Marks::Steps(_) => series.style != Style::Reference,
         Marks::Envelope(_) => true,
         _ => false,
@@ -139,9 +147,41 @@ pub(super) fn draw_series(canvas: &mut Canvas, frame: &Frame, panel: &Panel) {
     for one in dense.iter().filter(|_| is_tagged(panel)) {
         draw_tags(canvas, frame, one);
     }
+    let sides = beside_each_other(frame, panel);
     for one in points {
-        draw_marks(canvas, frame, panel, one);
+        // Series that share their places stand beside each other.
+        let side = panel.series.iter().position(|s| std::ptr::eq(s, *one)).map_or(0.0, |i| sides[i]);
+        draw_marks(canvas, &Frame { aside: side, ..*frame }, panel, one);
     }
+}
+
+/// How far to the right of its place each series of a panel is drawn, in pixels: points of several series at the same places of x,
+/// without a curve that they lie on, would hide each other.
+fn beside_each_other(frame: &Frame, panel: &Panel) -> Vec<f64> {
+    let none = vec![0.0; panel.series.len()];
+    let on_a_curve = |s: &Series| match &s.marks {
+        Marks::Line(_) | Marks::Ribbon(_) => s.style != Style::Reference,
+        Marks::Steps(_) | Marks::Envelope(_) => true,
+        _ => false,
+    };
+    if panel.series.iter().any(on_a_curve) {
+        return none;
+    }
+    let places = |s: &Series| match &s.marks {
+        Marks::Points(points) => points.iter().filter(|p| frame.takes_x(p.0)).map(|p| frame.x(p.0).round() as i64).collect(),
+        _ => BTreeSet::new(),
+    };
+    let places: Vec<BTreeSet<i64>> = panel.series.iter().map(places).collect();
+    let shared = |i: usize| {
+        let others = |x: &&i64| places.iter().enumerate().any(|(j, own)| j != i && own.contains(x));
+        !places[i].is_empty() && 2 * places[i].iter().filter(others).count() >= places[i].len()
+    };
+    let together: Vec<usize> = (0..places.len()).filter(|i| shared(*i)).collect();
+    let mut sides = none;
+    for (k, i) in together.iter().enumerate() {
+        sides[*i] = ASIDE * (k as f64 - (together.len() as f64 - 1.0) / 2.0);
+    }
+    sides
 }
 
 fn draw_marks(canvas: &mut Canvas, frame: &Frame, panel: &Panel, series: &Series) {
@@ -163,17 +203,15 @@ fn draw_marks(canvas: &mut Canvas, frame: &Frame, panel: &Panel, series: &Series
         Marks::Ribbon(points) => draw_ribbon(canvas, frame, points, series.style, true),
         Marks::Bars(bars) => draw_bars(canvas, frame, bars, &look),
         Marks::Cells(rows) => draw_cells(canvas, frame, rows),
-        Marks::Shown(_) => {}
+        Marks::Shown(_) | Marks::Names(_) => {}
     }
 }
 
-/// Sets markers along a line or an area, staggered between the styles.
+/// Sets markers along settings or an area, staggered between the styles.
 fn draw_tags(canvas: &mut Canvas, frame: &Frame, series: &Series) {
     let style = series.style;
     let places: Vec<(f64, f64)> = match &series.marks {
-        Marks::Line(_) | Marks::Steps(_) if style == Style::Reference => return,
-        Marks::Line(points) if is_marked(points, style) => return,
-        Marks::Line(points) => points.clone(),
+        Marks::Steps(_) if style == Style::Reference => return,
         Marks::Steps(steps) => steps.iter().map(|s| (s.0 / 2.0 + s.1 / 2.0, s.2)).collect(),
         Marks::Envelope(columns) => {
             let middle = |c: &Column| (c.x, c.min / 2.0 + c.max / 2.0);

@@ -207,7 +207,27 @@ fn x_axis(figure: &Figure, length: f64) -> Option<Axis> {
         let widths = ticks.iter().map(|t| text::width(&t.label, NUMBER.size));
         distance >= widths.fold(60.0, f64::max) + 30.0
     };
-    Some(Axis::new(span.padded(0.015)?, length, room))
+    let names: Vec<&(f64, String)> = figure
+        .panels
+        .iter()
+        .flat_map(|panel| &panel.series)
+        .find_map(|series| series.marks.names())
+        .into_iter()
+        .flatten()
+        .collect();
+    let Some([first, last]) = names.first().zip(names.last()).map(|(first, last)| [first.0, last.0]) else {
+        return Some(Axis::new(span.padded(0.02)?, length, room));
+    };
+    span.add(first - 0.5);
+    span.add(last + 0.5);
+    let mut axis = Axis::new(span, length, room);
+    let widest = names.iter().map(|(_, name)| text::width(name, NUMBER.size)).fold(0.0, f64::max) + 16.0;
+    // Every name, or every second or tenth of many.
+    let step = (widest * span.width() / length).ceil().max(1.0) as usize;
+    axis.ticks = names.iter().step_by(step).map(|(value, label)| Tick { value: *value, label: label.clone() }).collect();
+    axis.minor.clear();
+    axis.note.clear();
+    Some(axis)
 }
 
 impl Band {
@@ -265,7 +285,7 @@ fn draw_plot(canvas: &mut Canvas, plot: &Plot, x: Option<&Axis>) {
     if let (Some(x), Some(y)) = (x, &plot.y) {
         draw_bands(canvas, plot, y, true);
         canvas.clip = area;
-        let frame = Frame { x, y, area };
+        let frame = Frame { x, y, area, aside: 0.0 };
         draw_series(canvas, &frame, plot.panel);
     }
     canvas.clip = full;

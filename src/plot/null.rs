@@ -12,10 +12,10 @@ const AGAINST: [&str; 4] = ["correlation_1", "correlation_2", "correlation_3", "
 pub fn figures(null: &Null) -> Vec<Named> {
     let p = null;
     let id = &p.found.run.id;
-    let time = TimeAxis::of(p.found.record.time_s[1]);
+    let time = TimeAxis::of(p.found.record.time_s[1], p.found.run.start.as_ref());
     let mut list = vec![
-        Named { stem: "measured_data", figure: measured(null, id, time) },
-        Named { stem: "drift", figure: drift(null, id, time) },
+        Named { stem: "measured_data", figure: measured(null, id, &time) },
+        Named { stem: "drift", figure: drift(null, id, &time) },
         Named { stem: "amplitude_density", figure: density(null, id) },
         Named { stem: "allan_deviation", figure: allan(null, id) },
     ];
@@ -27,7 +27,7 @@ pub fn figures(null: &Null) -> Vec<Named> {
     for (stem, name) in AGAINST.into_iter().zip(main) {
         list.extend(against(null, id, name).map(|figure| Named { stem, figure }));
     }
-    list.extend(temperatures(id, &null.temperatures, time, "the offset follows it"));
+    list.extend(temperatures(id, &null.temperatures, &time, "the offset follows it"));
     list
 }
 
@@ -35,7 +35,7 @@ fn line(label: &str, style: Style, points: Vec<(f64, f64)>) -> Series {
     Series { label: label.to_owned(), style, marks: Marks::Line(points) }
 }
 
-fn measured(null: &Null, id: &str, time: TimeAxis) -> Figure {
+fn measured(null: &Null, id: &str, time: &TimeAxis) -> Figure {
     let o = &null.found.offset;
     Figure {
         title: format!("Readings in zero field, run {id}"),
@@ -43,7 +43,7 @@ fn measured(null: &Null, id: &str, time: TimeAxis) -> Figure {
             "Raw readings along the sensor axes, for every column of the picture the range of the samples, with the drift of order {}.",
             o.order
         ),
-        x_label: time.label.to_owned(),
+        x_label: time.label.clone(),
         x_scale: Scale::Linear,
         panels: panels(|c| {
             let columns = null.samples.iter().flatten().map(|s| Column { x: time.at(s.t_s), min: s.min.0[c], max: s.max.0[c] });
@@ -65,7 +65,7 @@ fn measured(null: &Null, id: &str, time: TimeAxis) -> Figure {
     }
 }
 
-fn drift(null: &Null, id: &str, time: TimeAxis) -> Figure {
+fn drift(null: &Null, id: &str, time: &TimeAxis) -> Figure {
     let o = &null.found.offset;
     let (span, count) = match (null.rows.first(), null.rows.len()) {
         (Some(row), count) => (row.interval_s[1] - row.interval_s[0], count),
@@ -78,7 +78,7 @@ fn drift(null: &Null, id: &str, time: TimeAxis) -> Figure {
              drift follow something else, temperature for example.",
             o.order
         ),
-        x_label: time.label.to_owned(),
+        x_label: time.label.clone(),
         x_scale: Scale::Linear,
         panels: panels(|c| {
             let at = |r: &crate::measure::null::Row| time.at(r.t_s());
@@ -179,19 +179,56 @@ fn against(null: &Null, id: &str, name: &str) -> Option<Figure> {
     let low = known.iter().map(|(v, _)| *v).fold(f64::INFINITY, f64::min);
     let high = known.iter().map(|(v, _)| *v).fold(f64::NEG_INFINITY, f64::max);
     let unit = if part.unit == "K" { "°C" } else { &part.unit };
+    // What the other channels explain is taken off: a common trend in time would look like a dependence.
+    let beside = null.found.together.as_ref().and_then(|t| Some((t, t.channels.iter().position(|c| c == name)?)));
+    let others: Vec<(usize, &Vec<f64>, f64)> = beside.map_or_else(Vec::new, |(t, own)| {
+        let of = |(k, channel): (usize, &String)| {
+            let values = &null.channels.iter().find(|(n, _)| n == channel)?.1;
+            let known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+            Some((k, values, known.iter().sum::<f64>() / known.len() as f64))
+        };
+        t.channels.iter().enumerate().filter(|(k, _)| *k != own).filter_map(of).collect()
+    });
+    let freed = |i: usize, c: usize| {
+        let explained = |(k, values, centre): &(usize, &Vec<f64>, f64)| {
+            beside.map_or(0.0, |(t, _)| t.coefficient_ent[*k][c] * (values[i] - centre))
+        };
+        null.rows[i].mean_ent[c] - others.iter().map(explained).sum::<f64>()
+    };
+    let names: Vec<&str> = beside
+        .iter()
+        .flat_map(|(t, own)| t.channels.iter().enumerate().filter(move |(k, _)| k != own))
+        .map(|(_, n)| n.as_str())
+        .collect();
+    let caption = if names.is_empty() {
+        format!("Means of the readings against those of channel {name}, and the straight line of this channel alone.")
+    } else {
+        format!(
+            "Means of the readings less what {} explain in a fit of all of them, against channel {name}; the line is the part of {name} in this \
+             fit. A trend in time that channels share is not counted twice.",
+            names.join(", ")
+        )
+    };
     Some(Figure {
         title: format!("Readings against {name}, run {id}"),
-        caption: format!("Means of the readings against those of channel {name}, and the straight line of this channel alone."),
+        caption,
         x_label: format!("{name}, {unit}"),
         x_scale: Scale::Linear,
         panels: panels(|c| {
-            let mean = known.iter().map(|(_, i)| null.rows[*i].mean_ent[c]).sum::<f64>() / known.len() as f64;
-            let at = |v: f64| (v, mean + part.coefficient_ent[c] * (v - centre));
-            let label = format!(
-                "{:+.3e} ± {:.1e} enT/{}, correlation {:+.2}",
-                part.coefficient_ent[c], part.coefficient_std_ent[c], part.unit, part.correlation[c]
-            );
-            let points = known.iter().map(|(v, i)| (*v, null.rows[*i].mean_ent[c], None)).collect();
+            let own: Vec<(f64, f64)> = known.iter().map(|(v, i)| (*v, freed(*i, c))).filter(|(_, y)| y.is_finite()).collect();
+            let mean = own.iter().map(|(_, y)| y).sum::<f64>() / own.len() as f64;
+            let (slope, std) = match beside {
+                Some((t, k)) => (t.coefficient_ent[k][c], t.coefficient_std_ent[k][c]),
+                None => (part.coefficient_ent[c], part.coefficient_std_ent[c]),
+            };
+            let at = |v: f64| (v, mean + slope * (v - centre));
+            let alone = if beside.is_some() {
+                format!("; alone {:+.1e} ± {:.0e}", part.coefficient_ent[c], part.coefficient_std_ent[c])
+            } else {
+                format!(", correlation {:+.2}", part.correlation[c])
+            };
+            let label = format!("{slope:+.2e} ± {std:.1e} enT/{}{alone}", part.unit);
+            let points = own.into_iter().map(|(v, y)| (v, y, None)).collect();
             Panel {
                 y_label: format!("{} mean, enT", SENSOR[c]),
                 y_scale: Scale::Linear,

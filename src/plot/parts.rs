@@ -1,5 +1,6 @@
 //! What the figures of several analyses have in common.
 
+use crate::data::start::Start;
 use crate::record::conditions::Temperatures;
 
 use super::{Figure, Marks, Panel, Scale, Series, Style};
@@ -17,25 +18,24 @@ pub(super) const COIL: [&str; 3] = ["X", "Y", "Z"];
 pub(super) const SENSOR: [&str; 3] = ["x", "y", "z"];
 
 /// A time axis whose numbers stay small.
-#[derive(Clone, Copy)]
 pub(super) struct TimeAxis {
     seconds: f64,
-    pub(super) label: &'static str,
+    pub(super) label: String,
 }
 
 impl TimeAxis {
-    /// For a run that ends at `end_s` seconds.
-    pub(super) fn of(end_s: f64) -> Self {
-        if end_s > 4.0 * 3600.0 {
-            Self { seconds: 3600.0, label: "time since the start of the run, h" }
-        } else if end_s > 600.0 {
-            Self { seconds: 60.0, label: "time since the start of the run, min" }
-        } else {
-            Self { seconds: 1.0, label: "time since the start of the run, s" }
-        }
+    /// For a run that ends `end_s` seconds after its start.
+    pub(super) fn of(end_s: f64, start: Option<&Start>) -> Self {
+        let (seconds, unit) = match end_s {
+            s if s > 4.0 * 3600.0 => (3600.0, "h"),
+            s if s > 600.0 => (60.0, "min"),
+            _ => (1.0, "s"),
+        };
+        let since = start.map_or_else(|| "the start of the run".to_owned(), Start::to_string);
+        Self { seconds, label: format!("time since {since}, {unit}") }
     }
 
-    pub(super) fn at(self, t_s: f64) -> f64 {
+    pub(super) fn at(&self, t_s: f64) -> f64 {
         t_s / self.seconds
     }
 }
@@ -46,7 +46,7 @@ pub(super) fn panels(make: impl Fn(usize) -> Panel) -> Vec<Panel> {
 }
 
 /// Coil-system and sensor temperature during a run; `what` says what the sensor temperature is for.
-pub(super) fn temperatures(id: &str, temperatures: &Temperatures, time: TimeAxis, what: &str) -> [Named; 2] {
+pub(super) fn temperatures(id: &str, temperatures: &Temperatures, time: &TimeAxis, what: &str) -> [Named; 2] {
     let conditions = temperatures.conditions.as_ref();
     let coil = conditions.map(|c| c.coil_channel.as_str());
     let sensor = conditions.map(|c| c.sensor_channel.as_str());
@@ -60,7 +60,7 @@ pub(super) fn temperatures(id: &str, temperatures: &Temperatures, time: TimeAxis
     ]
 }
 
-fn temperature(title: &str, channel: Option<&str>, series: &[(f64, f64)], time: TimeAxis, what: &str) -> Figure {
+fn temperature(title: &str, channel: Option<&str>, series: &[(f64, f64)], time: &TimeAxis, what: &str) -> Figure {
     let points: Vec<(f64, f64)> = series.iter().map(|(t, v)| (time.at(*t), *v)).collect();
     Figure {
         title: title.to_owned(),
@@ -68,7 +68,7 @@ fn temperature(title: &str, channel: Option<&str>, series: &[(f64, f64)], time: 
             Some(channel) if !points.is_empty() => format!("Channel {channel} during the run; {what}."),
             _ => "The run brings no readings of this temperature.".to_owned(),
         },
-        x_label: time.label.to_owned(),
+        x_label: time.label.clone(),
         x_scale: Scale::Linear,
         panels: vec![Panel {
             y_label: "temperature, °C".to_owned(),

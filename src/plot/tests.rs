@@ -281,3 +281,44 @@ fn a_repeated_legend_is_left_out() {
     assert_eq!(plots[0].legend.len(), 1);
     assert!(plots[1].legend.is_empty());
 }
+
+#[test]
+fn points_of_two_series_at_one_place_stand_beside_each_other() {
+    let points = |style: Style, shift: f64| Series {
+        label: String::new(),
+        style,
+        marks: Marks::Points((0..9).map(|n| (f64::from(n) + shift, 1.0, None)).collect()),
+    };
+    let of = |series: Vec<Series>| Picture::of(&figure(vec![Panel { series, ..panel([]) }]));
+    let alone = of(vec![points(Style::X, 0.0)]).count(Style::X);
+    let both = of(vec![points(Style::X, 0.0), points(Style::Second, 0.0)]);
+    // Nothing hides the first series, which is drawn below the second one.
+    assert!(both.count(Style::X) > alone * 9 / 10, "{} of {alone}", both.count(Style::X));
+    // Points on a curve stay on it.
+    let curve =
+        |style| Series { label: String::new(), style, marks: Marks::Line((0..99).map(|n| (f64::from(n) / 11.0, 1.0)).collect()) };
+    let on_curve = of(vec![points(Style::X, 0.0), points(Style::Second, 0.0), curve(Style::X)]);
+    let line = of(vec![curve(Style::X)]).count(Style::X);
+    assert!(on_curve.count(Style::X) < line, "{} and {line}", on_curve.count(Style::X));
+}
+
+#[test]
+fn names_stand_in_place_of_numbers() {
+    let names: Vec<(f64, String)> = (0..4).map(|n| (f64::from(n) + 1.0, format!("state {n}"))).collect();
+    let points = Marks::Points(vec![(1.0, 3.0, None), (4.0, 5.0, None)]);
+    let of =
+        |names: Vec<(f64, String)>| x_axis(&figure(vec![panel([Marks::Names(names), points.clone()])]), 1050.0).expect("data");
+    let axis = of(names);
+    assert_eq!(
+        axis.ticks.iter().map(|tick| tick.label.as_str()).collect::<Vec<_>>(),
+        ["state 0", "state 1", "state 2", "state 3"]
+    );
+    assert!(axis.minor.is_empty() && axis.at(1.0, 0.0, 1050.0) > 100.0);
+    let many = of((0..300).map(|n| (f64::from(n), format!("state {n}"))).collect());
+    assert!(many.ticks.len() < 20);
+    for pair in many.ticks.windows(2) {
+        assert!(
+            many.at(pair[1].value, 0.0, 1050.0) - many.at(pair[0].value, 0.0, 1050.0) > text::width(&pair[1].label, NUMBER.size)
+        );
+    }
+}

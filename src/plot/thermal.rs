@@ -111,7 +111,6 @@ fn against_time(head: &RunsUsed, title: String, caption: &str, y_label: &str, va
         None => ((0..values.len()).map(|i| i as f64 + 1.0).collect(), "run in the order of the group".to_owned()),
     };
     let points: Vec<(f64, f64, Option<f64>)> = x.iter().zip(values).map(|(x, v)| (*x, *v, None)).collect();
-    let line = points.iter().map(|(x, y, _)| (*x, *y)).collect();
     Figure {
         title,
         caption: caption.to_owned(),
@@ -120,10 +119,7 @@ fn against_time(head: &RunsUsed, title: String, caption: &str, y_label: &str, va
         panels: vec![Panel {
             y_label: y_label.to_owned(),
             y_scale: Scale::Linear,
-            series: vec![
-                Series { label: String::new(), style: Style::Reference, marks: Marks::Line(line) },
-                Series { label: "mean of a run".to_owned(), style: Style::Single, marks: Marks::Points(points) },
-            ],
+            series: vec![Series { label: "mean of a run".to_owned(), style: Style::Single, marks: Marks::Points(points) }],
             bands: vec![],
         }],
     }
@@ -133,7 +129,7 @@ fn profile(head: &RunsUsed, of: &str) -> Figure {
     against_time(
         head,
         format!("Temperature profile, {of}"),
-        "Mean sensor temperature of the runs in the group; what lies between them is not known from these runs.",
+        "Mean sensor temperature of the runs in the group; nothing is drawn between runs, where it is not known.",
         &format!("{}, °C", head.channel.as_deref().unwrap_or("not stated")),
         &head.temperature_degc,
     )
@@ -157,7 +153,8 @@ pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: 
     Figure {
         title: title.to_owned(),
         caption: format!(
-            "Values of the {points} with their standard uncertainty, polynomial and its 95 % band. Orders: {}.{joint}",
+            "Values of the {points} with their standard uncertainty, polynomial and its 95 % band, which may be narrower than the line. \
+             Orders: {}.{joint}",
             orders.join(", ")
         ),
         x_label: temperature_label(channel),

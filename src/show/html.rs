@@ -304,7 +304,7 @@ mod tests {
         let page = shown(&front("T", vec![table.into()]));
         let cells = ["1", "+1.50 ± 0.25", "+89°47'17''", "-2.5e-3", "-", "not determined"];
         assert!(cells.iter().all(|c| page.contains(&format!("<td class=\"number\">{c}</td>"))), "{page}");
-        assert!(page.contains("<td>x</td>") && page.contains("<td>3</td>"));
+        assert!(page.contains("<td class=\"brief\">x</td>") && page.contains("<td class=\"brief\">3</td>"));
     }
 
     #[test]

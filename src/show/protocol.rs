@@ -94,6 +94,8 @@ pub struct Protocol<'a> {
     pub coil: Vec<OtherPart>,
     /// Calibration tables of thermistors.
     pub thermistors: Vec<OtherPart>,
+    /// Photographs that the campaign names.
+    pub photos: Vec<Drawn>,
     /// The complete temperature profile.
     pub profile: Option<Drawn>,
     /// What failed beside runs: the file or group, and why.
@@ -119,7 +121,7 @@ pub fn document(p: &Protocol) -> Document {
     let days = days(&p.runs);
     let mut figure = 0;
     let front = first_page::blocks(p, &mut figure);
-    let mut chapters = vec![introduction(p)];
+    let mut chapters = vec![introduction(p, &mut figure)];
     let mut shown: Vec<Shown> = Vec::new();
     // Behind the introduction and the days.
     let combined = chapters.len() + days.len() + 1;
@@ -182,7 +184,7 @@ fn stated<'a>(campaign: &'a Campaign, label: &str) -> Option<&'a str> {
     campaign.file.report.iter().find(|(l, _)| *l == label).map(|(_, text)| text.as_str())
 }
 
-fn introduction(p: &Protocol) -> Section {
+fn introduction(p: &Protocol, figure: &mut usize) -> Section {
     let c = &p.campaign.file;
     let mut positions = Table::new(["position", "X_m", "Y_m", "Z_m"]);
     for (id, position) in &c.instructions.positions {
@@ -212,7 +214,14 @@ fn introduction(p: &Protocol) -> Section {
         .with(positions)
         .with("Sensors and modes, temperature channels and limits of the applied field along the nominal sensor axes:")
         .with(table);
-    Section::new("Introduction").with_sections(std::iter::once(setup).chain(left_out_by_hand(p.campaign)))
+    let stated = c.stated.tables.iter().map(|of| {
+        let rows = of.rows.iter().map(|row| row.iter().map(Cell::from).collect());
+        Section::new(of.title.as_str()).with(Table::new(&of.head).with_rows(rows))
+    });
+    let photos = Section::new("Photographs").with_all(Drawn::number(&p.photos, "", figure));
+    let photos = (!p.photos.is_empty()).then_some(photos);
+    Section::new("Introduction")
+        .with_sections(std::iter::once(setup).chain(stated).chain(photos).chain(left_out_by_hand(p.campaign)))
 }
 
 /// Sensor, mode, location and analysis.
@@ -228,8 +237,8 @@ fn measurements<'a>(
     shown: &mut Vec<Shown<'a>>,
     figure: &mut usize,
 ) -> Section {
-    let mut chapter = Section::new(format!("Measurements on {}", day_name(day)))
-        .with_sections([Section::new("Data").with(data_of_the_day(p, parts))]);
+    let data = Section::new("Data").with_all(p.campaign.file.stated.on(day)).with(data_of_the_day(p, parts));
+    let mut chapter = Section::new(format!("Measurements on {}", day_name(day))).with_sections([data]);
     let analyses: Vec<&AnalysisPart> = parts.iter().filter_map(|part| part.analysis.as_ref()).collect();
     for &part in &analyses {
         let key = (part.head.sensor.as_str(), part.head.mode.as_str(), part.head.location, part.name);
@@ -272,7 +281,7 @@ fn data_of_the_day(p: &Protocol, parts: &[&RunPart]) -> Table {
             of_line(&|l| l.lost.into()),
             of_line(&|l| runs::duration(l.duration_s).into()),
             degc.map_or(Cell::Missing("-"), |degc| Cell::fixed(degc, 1)),
-            in_words(&part.outcome),
+            p.campaign.file.stated.on(&part.id).fold(in_words(&part.outcome), |words, remark| format!("{words}. {remark}")),
         ]
     };
     let head = ["run", "configuration", "sensor", "mode", "vectors", "lost", "duration", "sensor, °C", "what became of it"];
@@ -392,12 +401,23 @@ fn origin(p: &Protocol) -> Section {
     let method = "Fits and conventions are those of the mathematical description. Samples after a step or a change of frequency are left out \
                   until the data no longer show it; stretches with spikes, plateaus with missing samples and fields beyond the stated limits \
                   are left out with their reason. ";
-    Section::new("Origin and uncertainty").with_sections([
-        uncertainty(p.campaign),
-        Section::new("Method").with(Text::words_and_code([method, &p.provenance.command, "."])),
-        Section::new("Inputs").with(inputs(&p.provenance)),
-        Section::new("Files that belong to this protocol").with(Table::new(["file", "SHA-256"]).with_rows(files)),
-    ])
+    Section::new("Origin and uncertainty")
+        .with_sections([
+            uncertainty(p.campaign),
+            Section::new("Method").with(Text::words_and_code([method, &p.provenance.command, "."])),
+            Section::new("Inputs").with(inputs(&p.provenance)),
+            Section::new("Files that belong to this protocol").with(Table::new(["file", "SHA-256"]).with_rows(files)),
+        ])
+        .with_sections(signatures(p.campaign))
+}
+
+/// Lines to sign on, where the campaign says who signs.
+fn signatures(campaign: &Campaign) -> Option<Section> {
+    const LINE: &str = "______________________";
+    let names = &campaign.file.stated.signatures;
+    let rows = names.iter().map(|name| cells![name, LINE, LINE]);
+    let table = Table::new(["name", "date", "signature"]).with_rows(rows);
+    (!names.is_empty()).then(|| Section::new("Signatures").with(table))
 }
 
 fn uncertainty(campaign: &Campaign) -> Section {

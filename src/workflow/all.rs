@@ -4,7 +4,7 @@ use super::kind::{RUN_KINDS, RunAnalysis, RunMade};
 use super::{Alone, Desk, Drawn, Failure, Job, Made, PerRun, RunResult, read};
 use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
-use crate::data::error::Finding;
+use crate::data::error::{Finding, Severity};
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::result::RunHead;
@@ -178,9 +178,12 @@ impl Measured {
     pub fn notes(&self) -> Vec<Note> {
         match self {
             Measured::Analysed(made) => made.notes().to_vec(),
-            Measured::Other(run) => {
-                run.findings.iter().map(|f| Note::new(NoteKind::Data, f.rule.as_ref()).with_remedy(f.remedy.as_ref())).collect()
-            }
+            Measured::Other(run) => run
+                .findings
+                .iter()
+                .filter(|f| f.severity > Severity::Note)
+                .map(|f| Note::new(NoteKind::Data, f.rule.as_ref()).with_remedy(f.remedy.as_ref()))
+                .collect(),
         }
     }
 

@@ -278,7 +278,10 @@ impl TiltInput {
     /// # Errors
     /// The orientations do not determine anything, or the files were made with different facilities.
     pub fn solve(self, used: Option<&Facility>, options: &tilt::Options) -> Result<CoilMade<Tilt>, Finding> {
-        let shown: Vec<&str> = self.inputs.iter().map(|i| i.path.as_str()).collect();
+        // Files of a campaign stand before its campaign.toml, which is an input of every one of them.
+        let is_run = |path: &&str| !path.ends_with("campaign.toml");
+        let mut shown: Vec<&str> = self.inputs.iter().map(|i| i.path.as_str()).filter(is_run).collect();
+        shown.dedup();
         let shown = shown.join(", ");
         let mut notes: Vec<Note> = Vec::new();
         let stated = self.stated.first().cloned().flatten();

@@ -51,6 +51,14 @@ pub struct DiagnosedWith {
     pub model: Option<Known>,
 }
 
+impl Diagnosed {
+    /// A diagnosis of this program.
+    #[must_use]
+    pub fn new(diagnosis: Diagnosis, provenance: Provenance) -> Self {
+        Self { written_by: WRITTEN_BY, diagnosis, provenance }
+    }
+}
+
 impl DiagnosedWith {
     /// The options of the diagnosis.
     #[must_use]

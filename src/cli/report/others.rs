@@ -3,14 +3,17 @@
 use super::Work;
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
-use crate::data::provenance::Input;
+use crate::data::provenance::{Input, Provenance};
+use crate::data::recipe::Recipe;
 use crate::data::run::{Kind, Run};
+use crate::files::ledger::Origin;
 use crate::files::parameter::Body;
+use crate::files::photo;
 use crate::measure::coil::{residual::is_check, scalar};
 use crate::measure::{thermal, thermistor};
-use crate::show;
 use crate::show::document::{Section, Text};
 use crate::show::protocol::OtherPart;
+use crate::show::{self, Drawn};
 use crate::workflow::{
     CentreMade, CoilMade, CoilResult, CoilRun, Failure, Measured, NoGround, ThermalShown, ground_calibration, publish_coil,
     publish_thermistor, residual_of, scalar_of, thermistor_of,
@@ -38,7 +41,36 @@ pub(super) struct Ground {
     pub parts: Vec<OtherPart>,
 }
 
+/// Photographs that were copied, and what they are copies of.
+#[derive(Default)]
+pub(super) struct Photos {
+    pub drawn: Vec<Drawn>,
+    pub input: Vec<Input>,
+}
+
 impl Work<'_, '_> {
+    /// Copies the photographs that the campaign names.
+    pub(super) fn photos(&mut self) -> Photos {
+        let mut all = Photos::default();
+        for (number, photo) in (1..).zip(&self.campaign.file.stated.photos) {
+            let path = self.campaign.root.join(&photo.file);
+            self.common.results.places([&path]);
+            let copied = photo::read(&path).and_then(|(copy, end, digested)| {
+                let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+                let input = digested.input(name);
+                let file = format!("PHOTO_{number}.{end}");
+                let provenance = Provenance::new(Recipe::plain("report"), vec![input.clone()]);
+                self.desk.folder("", Origin::of(&provenance))?.write(&file, &copy)?;
+                Ok((Drawn { file, title: photo.caption.clone(), caption: photo.caption.clone() }, input))
+            });
+            if let Some((drawn, input)) = self.keep(copied) {
+                all.drawn.push(drawn);
+                all.input.push(input);
+            }
+        }
+        all
+    }
+
     /// Calibrates the coil system with the scalar runs: those with settings on the axes alone tell the residual field, the others the rest.
     pub(super) fn coil(&mut self, measured: &[Measured]) -> Others {
         let runs = measured.iter().filter_map(Measured::run).filter(|run| run.header.kind == Kind::Scalar);

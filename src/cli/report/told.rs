@@ -9,7 +9,8 @@ use crate::show;
 use crate::show::protocol::RunPart;
 use crate::workflow::{CentreMade, Failure, Measured, ThermalShown};
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Map, Value};
+use std::path::Path;
 
 /// What a report tells.
 pub(super) struct Told<'a> {
@@ -60,6 +61,9 @@ struct Listing<'a, G, C> {
     ground: &'a [String],
     coil: &'a [String],
     thermistors: &'a [String],
+    /// The parameter files of coil system and thermistors, with their provenance, by name.
+    #[serde(skip_serializing_if = "Map::is_empty")]
+    other: Map<String, Value>,
     #[serde(skip_serializing_if = "<[String]>::is_empty")]
     renewed: &'a [String],
     protocol: [&'static str; 2],
@@ -87,6 +91,12 @@ impl Told<'_> {
                 ground: &self.ground,
                 coil: &self.coil,
                 thermistors: &self.thermistors,
+                other: self
+                    .coil
+                    .iter()
+                    .chain(&self.thermistors)
+                    .map(|name| of_file(&common.out, name))
+                    .collect::<Result<_, Finding>>()?,
                 renewed: &self.renewed,
                 protocol: FILES,
                 failed,
@@ -116,6 +126,15 @@ impl Told<'_> {
         };
         tell(&format!("{counts}; {analyses}\n  -> {}\n", common.out.join(FILES[1]).display()));
     }
+}
+
+/// A parameter file that was written, as JSON.
+fn of_file(folder: &Path, name: &str) -> Result<(String, Value), Finding> {
+    let path = folder.join(name);
+    let text = std::fs::read_to_string(&path).map_err(|e| Finding::io(&path, "read", &e))?;
+    let value =
+        toml_edit::de::from_str(&text).map_err(|e| Finding::error(&path.display().to_string(), e.to_string(), "report this"))?;
+    Ok((name.to_owned(), value))
 }
 
 fn runs(count: usize) -> String {

@@ -1,5 +1,6 @@
 //! `campaign.toml`: what the run headers do not tell.
 
+use super::stated::Stated;
 use crate::data::convention::Convention;
 use crate::data::error::{Finding, Severity};
 use crate::data::exclusion::{ExcludedPart, Exclusion, NoExclusion};
@@ -32,6 +33,8 @@ pub struct CampaignFile {
     pub reference_degc: Option<f64>,
     /// Calibration tables of thermistors.
     pub thermistors: Vec<ThermistorEntry>,
+    /// What the protocol states in words of the laboratory.
+    pub stated: Stated,
     /// What is left out by hand.
     pub exclude: Vec<Exclusion>,
 }
@@ -56,11 +59,13 @@ impl CampaignFile {
     pub const ANALYSES: [(&'static str, Kind); 3] =
         [("lin", Kind::Linearity), ("offset", Kind::Offset), ("freq", Kind::Frequency)];
     /// Keys of `[report]` with their labels.
-    pub const REPORT: [(&'static str, &'static str); 17] = [
+    pub const REPORT: [(&'static str, &'static str); 19] = [
         ("title", "Title"),
         ("identifier", "Document"),
         ("issue", "Issue"),
         ("replaces", "Replaces"),
+        ("author", "Author"),
+        ("distribution", "Distribution"),
         ("laboratory", "Laboratory"),
         ("place", "Place of the measurements"),
         ("customer", "Customer"),
@@ -77,7 +82,7 @@ impl CampaignFile {
     ];
 }
 
-const KNOWN: [&str; 20] = [
+const KNOWN: [&str; 21] = [
     "name",
     "instrument",
     "offset_trend_order",
@@ -98,6 +103,7 @@ const KNOWN: [&str; 20] = [
     "thermistor",
     "uncertainty",
     "report",
+    "remark",
 ];
 
 /// Reads a campaign file; warnings go to `findings`.
@@ -128,16 +134,22 @@ pub fn parse(root: &Group, findings: &mut Vec<Finding>) -> Result<CampaignFile, 
         }
     }
     campaign.exclude = exclusions(root, findings)?;
+    campaign.stated.take_remarks(root, findings)?;
     for group in root.groups("thermistor")? {
         findings.extend(group.unknown(&["sensor", "table", "reference", "order", "divider"]));
         campaign.thermistors.push(thermistor(&group)?);
     }
     if let Some(group) = root.group("report")? {
-        let known: Vec<&str> =
-            CampaignFile::REPORT.iter().map(|(key, _)| *key).chain(["thermistors", "reference_temperature_degc"]).collect();
+        let known: Vec<&str> = CampaignFile::REPORT
+            .iter()
+            .map(|(key, _)| *key)
+            .chain(["thermistors", "reference_temperature_degc"])
+            .chain(Stated::KEYS)
+            .collect();
         findings.extend(group.unknown(&known));
         let tables = group.texts("thermistors")?.unwrap_or_default();
         campaign.thermistors.extend(tables.into_iter().map(|table| ThermistorEntry { table, ..ThermistorEntry::default() }));
+        campaign.stated.take(&group, findings)?;
         campaign.reference_degc = group.number("reference_temperature_degc")?;
         for (key, label) in CampaignFile::REPORT {
             campaign.report.extend(group.text(key)?.map(|text| (label, text)));

@@ -1,6 +1,7 @@
 //! A folder to runs, positions, channels and limits.
 
 pub mod file;
+pub mod stated;
 
 use crate::data::error::Finding;
 use crate::data::exclusion::Exclusion;

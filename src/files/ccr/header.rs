@@ -71,10 +71,11 @@ pub(super) fn parse(file: &str, text: String, findings: &mut Vec<Finding>) -> Re
     if sample_rate_hz <= 0.0 {
         return Err(root.refuse("sample_rate", "must be positive", "write the nominal sample rate in Hz"));
     }
-    let mut optional = |key: &str| -> Result<String, Finding> {
+    // Without sensor and mode runs of several cannot be told apart; the others are for the record.
+    let mut optional = |key: &str, weight: Severity| -> Result<String, Finding> {
         let value = root.text(key)?;
         if value.is_none() {
-            findings.push(root.missing(key).weighing(Severity::Warning));
+            findings.push(root.missing(key).weighing(weight));
         }
         Ok(value.unwrap_or_default())
     };
@@ -82,12 +83,12 @@ pub(super) fn parse(file: &str, text: String, findings: &mut Vec<Finding>) -> Re
         run,
         start,
         kind,
-        configuration: optional("configuration")?,
-        sensor: optional("sensor")?,
-        mode: optional("mode")?,
+        configuration: optional("configuration", Severity::Note)?,
+        sensor: optional("sensor", Severity::Warning)?,
+        mode: optional("mode", Severity::Warning)?,
         sample_rate_hz,
         unit,
-        field_source: optional("field_source")?,
+        field_source: optional("field_source", Severity::Note)?,
         coil_correction: root.truth("coil_correction")?,
         earthfield_compensation: root.texts("earthfield_compensation")?.unwrap_or_default(),
     })

@@ -62,7 +62,11 @@ fn refuse(path: &Path, row: usize, rule: &str, remedy: &str) -> Finding {
 fn times(table: &SeriesTable, path: &Path, leap: &LeapSeconds) -> Result<Vec<Tt2000>, Finding> {
     let names = table.names();
     let has = |name: &str| names.iter().any(|n| n == name);
-    let time = if has("time_tt2000") { table.whole("time_tt2000")? } else { table.utc("time_utc", leap)? };
+    let time = match (has("time_tt2000"), has("time_utc"), has("time_obt")) {
+        (true, ..) => table.whole("time_tt2000")?,
+        (false, false, true) => leap.of_clock(&table.numbers("time_obt")?),
+        _ => table.utc("time_utc", leap)?,
+    };
     match time.windows(2).position(|pair| pair[0] >= pair[1]) {
         Some(row) => Err(not_rising(path, table.before() + row + 1)),
         None => Ok(time),
@@ -227,6 +231,38 @@ impl Timed for WheelRates {
 
     fn times(&self) -> &[Tt2000] {
         &self.time_tt2000
+    }
+}
+
+/// The field at the spacecraft by a model, nT, in the celestial frame of the configuration.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ModelField {
+    /// Times, rising.
+    pub time: Vec<Tt2000>,
+    /// nT.
+    pub field_nt: Vec<[f64; 3]>,
+}
+
+impl Timed for ModelField {
+    /// The frame.
+    type Stated = String;
+
+    fn read(table: &SeriesTable, path: &Path, frame: &String, leap: &LeapSeconds) -> Result<Self, Finding> {
+        let time = times(table, path, leap)?;
+        if let Some(own) = table.says("frame").filter(|own| own != frame) {
+            let rule = format!("is of the frame {own}, the attitude of the configuration of {frame}");
+            return Err(Finding::error(&path.display().to_string(), rule, "take a model of the same frame"));
+        }
+        let [x, y, z] = [table.numbers("bx")?, table.numbers("by")?, table.numbers("bz")?];
+        if let Some(row) = (0..time.len()).find(|row| ![x[*row], y[*row], z[*row]].iter().all(|v| v.is_finite())) {
+            return Err(refuse(path, table.before() + row, "the field has no value", "leave the row out"));
+        }
+        let field_nt = (0..time.len()).map(|row| [x[row], y[row], z[row]]).collect();
+        Ok(ModelField { time, field_nt })
+    }
+
+    fn times(&self) -> &[Tt2000] {
+        &self.time
     }
 }
 

@@ -47,6 +47,24 @@ pub struct Rows {
 }
 
 impl Rows {
+    /// Those with time tags in a stretch.
+    #[must_use]
+    pub fn within(&self, tags: &std::ops::Range<Tt2000>) -> Rows {
+        let kept: Vec<usize> = (0..self.tag.len()).filter(|row| tags.contains(&self.tag[*row])).collect();
+        fn pick<T: Copy>(list: &[T], kept: &[usize]) -> Vec<T> {
+            kept.iter().map(|row| list[*row]).collect()
+        }
+        Rows {
+            tag: pick(&self.tag, &kept),
+            obt_s: pick(&self.obt_s, &kept),
+            counts: self.counts.each_ref().map(|c| pick(c, &kept)),
+            thermistor: pick(&self.thermistor, &kept),
+            quality: pick(&self.quality, &kept),
+            mode: pick(&self.mode, &kept),
+            range: pick(&self.range, &kept),
+        }
+    }
+
     /// The same with further rows behind them.
     pub fn append(&mut self, mut other: Rows) {
         if self.tag.is_empty() {
@@ -159,7 +177,8 @@ impl Catalogue {
 }
 
 /// Names without case, with `_` for `.`.
-fn plain(name: &str) -> String {
+#[must_use]
+pub fn plain(name: &str) -> String {
     name.to_lowercase().replace('.', "_")
 }
 
@@ -214,24 +233,21 @@ impl Open<'_> {
             TimeColumn::Tt2000 => self.table.whole(name)?,
             TimeColumn::Utc => self.table.utc(name, self.leap)?,
             TimeColumn::Obt => {
-                let begin = self.leap.clock_begin();
                 let clock = self.table.numbers(name)?;
                 if let Some(row) = clock.iter().position(|s| !s.is_finite()) {
                     return Err(self.refuse(row, "`time_obt` has no value", "leave the row out"));
                 }
-                #[expect(clippy::cast_possible_truncation, reason = "seconds of decades in ns")]
-                let time = |s: &f64| begin + (s * SECOND_NS as f64).round() as i64;
-                clock.iter().map(time).collect()
+                self.leap.of_clock(&clock)
             }
         }))
     }
 
     /// The time tags, after a look whether all columns of times say the same.
-    fn tags(&self, mission: &Mission) -> Result<Vec<Tt2000>, Finding> {
+    fn tags(&self, primary: Option<TimeColumn>, tolerance_ns: i64) -> Result<Vec<Tt2000>, Finding> {
         let there: Vec<TimeColumn> = TimeColumn::ALL.into_iter().filter(|c| self.names.contains_key(c.name())).collect();
-        let first = mission.primary_time.filter(|c| there.contains(c)).or(there.first().copied());
-        let Some(primary) = first.filter(|_| mission.primary_time.is_none_or(|c| there.contains(&c))) else {
-            let wanted = mission.primary_time.map_or("time_tt2000, time_utc or time_obt", TimeColumn::name);
+        let first = primary.filter(|c| there.contains(c)).or(there.first().copied());
+        let Some(primary) = first.filter(|_| primary.is_none_or(|c| there.contains(&c))) else {
+            let wanted = primary.map_or("time_tt2000, time_utc or time_obt", TimeColumn::name);
             let rule = format!("has no column of times: {wanted}");
             return Err(Finding::error(&self.path.display().to_string(), rule, "add it"));
         };
@@ -240,7 +256,7 @@ impl Open<'_> {
             let others = self.times(*other)?.unwrap_or_default();
             // Timestamps know no leap second, so that the label of a time counts there, not the time.
             let with_utc = [*other, primary].contains(&TimeColumn::Utc);
-            let far = |a: Tt2000, b: Tt2000| (a - b).abs() > mission.time_tolerance_ns;
+            let far = |a: Tt2000, b: Tt2000| (a - b).abs() > tolerance_ns;
             let differs = |(a, b): (&Tt2000, &Tt2000)| {
                 far(*a, *b) && (!with_utc || far(self.leap.through_timestamp(*a), self.leap.through_timestamp(*b)))
             };
@@ -277,7 +293,7 @@ pub fn read<const N: usize>(
     wanted: [&std::ops::Range<Tt2000>; N],
 ) -> Result<[Rows; N], Finding> {
     let mut open = open(&file.path, leap)?;
-    let all_tags = open.tags(mission)?;
+    let all_tags = open.tags(mission.primary_time, mission.time_tolerance_ns)?;
     if let Some(day) = file.day {
         let span = leap.day(day);
         let inside = span.start - BEYOND_NS..span.end + BEYOND_NS;
@@ -303,7 +319,17 @@ pub fn read<const N: usize>(
 /// # Errors
 /// As [`read`].
 pub fn read_times(file: &EditedFile, mission: &Mission, leap: &LeapSeconds) -> Result<Vec<Tt2000>, Finding> {
-    open(&file.path, leap)?.tags(mission)
+    open(&file.path, leap)?.tags(mission.primary_time, mission.time_tolerance_ns)
+}
+
+/// The times of a table beside the telemetry: by the column that counts there or, if the table does not have it, by the first one it has.
+///
+/// # Errors
+/// As [`read`].
+pub fn times_beside(path: &Path, mission: &Mission, leap: &LeapSeconds) -> Result<Vec<Tt2000>, Finding> {
+    let open = open(path, leap)?;
+    let primary = mission.primary_time.filter(|c| open.names.contains_key(c.name()));
+    open.tags(primary, mission.time_tolerance_ns)
 }
 
 /// Size and hash of a file.

@@ -3,33 +3,85 @@
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, Tt2000, date_of};
 use crate::files::output::Folder;
-use crate::files::table::long::{Column, LongWriter};
+use crate::files::table::long::{Column, Encoded, LongWriter};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A group of rows of a level.
 #[derive(Clone, Debug, Default)]
-pub struct LevelRows {
+pub struct LevelRows<'a> {
     /// Corrected times.
-    pub time: Vec<Tt2000>,
+    pub time: Cow<'a, [Tt2000]>,
     /// Clock of the spacecraft, s since 2003.
-    pub obt_s: Vec<f64>,
+    pub obt_s: Cow<'a, [f64]>,
     /// nT; nan is null.
-    pub field_nt: [Vec<f64>; 3],
+    pub field_nt: [Cow<'a, [f64]>; 3],
     /// Sensor temperature, °C; in levels that have it.
-    pub t_degc: Option<Vec<f64>>,
+    pub t_degc: Option<Cow<'a, [f64]>>,
     /// Position, km; in levels that have it.
     pub position_km: Option<[Vec<f64>; 3]>,
     /// Modes.
-    pub mode: Vec<u8>,
+    pub mode: Cow<'a, [u8]>,
     /// Vectors of a mean; in levels of means.
-    pub count: Option<Vec<u32>>,
+    pub count: Option<Cow<'a, [u32]>>,
     /// Standard uncertainty, independent from vector to vector, then common, nT.
     pub std_nt: Option<[[Vec<f32>; 3]; 2]>,
     /// Quality as it was read; in levels of single vectors.
-    pub quality: Option<Vec<u8>>,
+    pub quality: Option<Cow<'a, [u8]>>,
     /// Flags.
-    pub flags: Vec<u32>,
+    pub flags: Cow<'a, [u32]>,
 }
+
+/// Columns that the levels of a day mostly share, group by group: encoded once, they stand in all files.
+#[derive(Default)]
+pub struct Shared {
+    groups: Vec<SharedGroup>,
+}
+
+/// What a group holds, and its columns as they stand in a file.
+#[derive(Default)]
+struct SharedGroup {
+    time: Vec<Tt2000>,
+    obt_s: Vec<f64>,
+    t_degc: Vec<f64>,
+    mode: Vec<u8>,
+    quality: Vec<u8>,
+    flags: Vec<u32>,
+    columns: BTreeMap<&'static str, Arc<Encoded>>,
+}
+
+impl SharedGroup {
+    fn of(rows: &LevelRows<'_>) -> Self {
+        Self {
+            time: rows.time.to_vec(),
+            obt_s: rows.obt_s.to_vec(),
+            t_degc: rows.t_degc.as_deref().unwrap_or_default().to_vec(),
+            mode: rows.mode.to_vec(),
+            quality: rows.quality.as_deref().unwrap_or_default().to_vec(),
+            flags: rows.flags.to_vec(),
+            columns: BTreeMap::new(),
+        }
+    }
+
+    /// The column of a name, if these rows have the same values.
+    fn column(&self, name: &str, rows: &LevelRows<'_>) -> Option<Arc<Encoded>> {
+        let known = self.columns.get(name)?;
+        let is_same = match name {
+            "time_tt2000" | "time_utc" => *self.time == *rows.time,
+            "time_obt" => *self.obt_s == *rows.obt_s,
+            "t_degc" => rows.t_degc.as_deref().is_some_and(|own| *self.t_degc == *own),
+            "sid" => *self.mode == *rows.mode,
+            "quality" => rows.quality.as_deref().is_some_and(|own| *self.quality == *own),
+            "flags" => *self.flags == *rows.flags,
+            _ => false,
+        };
+        is_same.then(|| Arc::clone(known))
+    }
+}
+
+const SHARED: [&str; 7] = ["time_tt2000", "time_utc", "time_obt", "t_degc", "sid", "quality", "flags"];
 
 /// The partition of a level, sensor and day inside a folder of results.
 #[must_use]
@@ -49,23 +101,30 @@ pub fn file_name(level: &str, sensor: &str, day: i32) -> String {
 const POSITION: [&str; 3] = ["position_x_km", "position_y_km", "position_z_km"];
 const STD: [[&str; 3]; 2] = [["ua_x", "ua_y", "ua_z"], ["uc_x", "uc_y", "uc_z"]];
 
-/// Writes a level of a day, group by group, under its name once it is complete; `metadata` is what it says of itself.
+/// Writes a level of a day, group by group, under its name once it is complete; `metadata` is what it says of itself. Levels of single
+/// vectors of one day are given what they share.
 ///
 /// # Errors
 /// What the operating system says, or a name that is taken.
-pub fn write(
+pub fn write<'a>(
     folder: &Folder,
     name: &str,
-    groups: impl Iterator<Item = LevelRows>,
+    groups: impl Iterator<Item = LevelRows<'a>>,
     sids: &[String],
     leap: &LeapSeconds,
     metadata: Vec<(String, String)>,
+    mut shared: Option<&mut Shared>,
 ) -> Result<(), Finding> {
     let mut file = folder.create(name)?;
     let mut writer: Option<LongWriter<_>> = None;
     let mut target = Some((&mut file, metadata));
-    for rows in groups {
-        let utc: Vec<i64> = rows.time.iter().map(|t| leap.utc(*t).timestamp_ns()).collect();
+    for (group, rows) in groups.enumerate() {
+        let of_day = shared.as_ref().and_then(|shared| shared.groups.get(group));
+        let known_column = |name: &str| of_day.and_then(|of_day| of_day.column(name, &rows));
+        let utc: Vec<i64> = match known_column("time_utc") {
+            Some(_) => Vec::new(),
+            None => rows.time.iter().map(|t| leap.utc(*t).timestamp_ns()).collect(),
+        };
         let mut columns = vec![
             ("time_tt2000", Column::Whole(&rows.time)),
             ("time_utc", Column::Timestamps(&utc)),
@@ -88,8 +147,17 @@ pub fn write(
         if let Some((file, metadata)) = target.take() {
             writer = Some(LongWriter::new(file, &columns, metadata)?);
         }
-        if let Some(writer) = &mut writer {
-            writer.write(&columns)?;
+        let Some(writer) = &mut writer else { continue };
+        let known: Vec<Option<Arc<Encoded>>> = columns.iter().map(|(name, _)| known_column(name)).collect();
+        let encoded = writer.write_with(&columns, &known)?;
+        if let Some(shared) = shared.as_deref_mut().filter(|shared| shared.groups.len() == group) {
+            let mut own = SharedGroup::of(&rows);
+            for ((name, _), column) in columns.iter().zip(encoded) {
+                if let Some(name) = SHARED.into_iter().find(|shared| shared == name) {
+                    own.columns.insert(name, column);
+                }
+            }
+            shared.groups.push(own);
         }
     }
     if let Some(writer) = writer {

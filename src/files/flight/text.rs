@@ -57,7 +57,7 @@ fn number(out: &mut String, value: f64, of: &Field) {
     };
 }
 
-fn fields(rows: &LevelRows) -> Vec<&'static Field> {
+fn fields(rows: &LevelRows<'_>) -> Vec<&'static Field> {
     let mut list = vec![&UTC, &OBT];
     list.extend(rows.position_km.iter().flat_map(|_| &POSITION));
     list.extend(&B);
@@ -72,10 +72,10 @@ fn fields(rows: &LevelRows) -> Vec<&'static Field> {
 ///
 /// # Errors
 /// What the operating system says, or a name that is taken.
-pub fn write(
+pub fn write<'a>(
     folder: &Folder,
     stem: &str,
-    groups: impl Iterator<Item = LevelRows>,
+    groups: impl Iterator<Item = LevelRows<'a>>,
     leap: &LeapSeconds,
     says: &[(String, String)],
 ) -> Result<(), Finding> {

@@ -183,7 +183,7 @@ fn owned(value: Option<&str>) -> String {
 }
 
 pub(super) fn each<A: 'static, T>(pieces: &[Box<dyn Array>], take: impl Fn(&A, &mut Vec<T>)) -> Vec<T> {
-    let mut out = Vec::new();
+    let mut out = Vec::with_capacity(pieces.iter().map(|piece| piece.len()).sum());
     for piece in pieces {
         if let Some(array) = piece.as_any().downcast_ref::<A>() {
             take(array, &mut out);

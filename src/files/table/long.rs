@@ -14,6 +14,7 @@ use polars_parquet::write::{
 };
 use rayon::prelude::*;
 use std::io::Write;
+use std::sync::Arc;
 
 /// Rows of a group.
 pub const GROUP_ROWS: usize = 262_144;
@@ -68,6 +69,18 @@ impl Column<'_> {
         }
     }
 
+    /// Lowest and highest value of a group help a reader who looks for times or flags, and nobody in numbers that differ from row to row.
+    fn statistics(&self) -> StatisticsOptions {
+        let ends = !matches!(self, Column::Numbers(_) | Column::Single(_));
+        StatisticsOptions {
+            min_value: ends,
+            max_value: ends,
+            distinct_count: false,
+            null_count: true,
+            ..StatisticsOptions::empty()
+        }
+    }
+
     fn may_be_null(&self) -> bool {
         matches!(self, Column::Numbers(_) | Column::Repeated(_) | Column::Single(_) | Column::RepeatedSingle(_))
     }
@@ -107,6 +120,9 @@ fn or_null<T: NativeType>(
     Ok(PrimitiveArray::try_new(dtype, values.to_vec().into(), validity)?.boxed())
 }
 
+/// A column of a group as it stands in a file: several tables may hold the same one.
+pub struct Encoded(Vec<CompressedPage>);
+
 /// A long table on its way into a file.
 pub struct LongWriter<W: Write> {
     writer: FileWriter<W>,
@@ -127,13 +143,7 @@ impl<W: Write> LongWriter<W> {
         let field = |(name, column): &(&str, Column<'_>)| Field::new((*name).into(), column.dtype(), column.may_be_null());
         let schema: ArrowSchema = columns.iter().map(field).map(|f| (f.name.clone(), f)).collect();
         let options = WriteOptions {
-            statistics: StatisticsOptions {
-                min_value: true,
-                max_value: true,
-                distinct_count: false,
-                null_count: true,
-                ..StatisticsOptions::empty()
-            },
+            statistics: StatisticsOptions::empty(),
             version: Version::V1,
             compression: CompressionOptions::Zstd(Some(ZstdLevel::try_new(LEVEL).map_err(|e| wrong(&e))?)),
             data_page_size: None,
@@ -149,21 +159,40 @@ impl<W: Write> LongWriter<W> {
     /// # Errors
     /// What the operating system says.
     pub fn write(&mut self, columns: &[(&str, Column<'_>)]) -> Result<(), Finding> {
-        let rows = columns.first().map_or(0, |(_, column)| column.len());
+        let none = vec![None; columns.len()];
+        self.write_with(columns, &none).map(drop)
+    }
+
+    /// The same, where some columns were encoded for another table already; gives all columns as they stand in the file. The values of
+    /// those that are known are not looked at.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    pub fn write_with(
+        &mut self,
+        columns: &[(&str, Column<'_>)],
+        known: &[Option<Arc<Encoded>>],
+    ) -> Result<Vec<Arc<Encoded>>, Finding> {
+        let rows = columns.iter().map(|(_, column)| column.len()).max().unwrap_or(0);
         if rows == 0 {
-            return Ok(());
+            return Ok(Vec::new());
         }
         let options = self.options;
-        let encoded: Vec<Vec<CompressedPage>> = columns
+        let encoded: Vec<Arc<Encoded>> = columns
             .par_iter()
             .zip(&self.types)
-            .map(|((_, column), kind)| encode(column, kind, options))
+            .zip(known)
+            .map(|(((_, column), kind), known)| match known {
+                Some(known) => Ok(Arc::clone(known)),
+                None => encode(column, kind, options).map(Arc::new),
+            })
             .collect::<Result<_, PolarsError>>()
             .map_err(|e| wrong(&e))?;
-        let group = DynIter::new(encoded.iter().map(|pages| {
-            Ok(DynStreamingIterator::new(fallible_streaming_iterator::convert(pages.iter().map(Ok::<_, PolarsError>))))
+        let group = DynIter::new(encoded.iter().map(|column| {
+            Ok(DynStreamingIterator::new(fallible_streaming_iterator::convert(column.0.iter().map(Ok::<_, PolarsError>))))
         }));
-        self.writer.write(rows as u64, group).map_err(|e| wrong(&e))
+        self.writer.write(rows as u64, group).map_err(|e| wrong(&e))?;
+        Ok(encoded)
     }
 
     /// Writes what ends the table.
@@ -171,13 +200,21 @@ impl<W: Write> LongWriter<W> {
     /// # Errors
     /// What the operating system says.
     pub fn finish(mut self) -> Result<(), Finding> {
-        let mut metadata = vec![schema_to_metadata_key(self.writer.schema())];
+        // Words are text for every reader; that the file keeps each of them once is nobody's concern.
+        let mut schema = self.writer.schema().clone();
+        for field in schema.iter_values_mut() {
+            if matches!(field.dtype, ArrowDataType::Dictionary(..)) {
+                field.dtype = ArrowDataType::LargeUtf8;
+            }
+        }
+        let mut metadata = vec![schema_to_metadata_key(&schema)];
         metadata.append(&mut self.metadata);
         self.writer.end(Some(metadata)).map(drop).map_err(|e| wrong(&e))
     }
 }
 
-fn encode(column: &Column<'_>, kind: &ParquetType, options: WriteOptions) -> Result<Vec<CompressedPage>, PolarsError> {
+fn encode(column: &Column<'_>, kind: &ParquetType, options: WriteOptions) -> Result<Encoded, PolarsError> {
+    let options = WriteOptions { statistics: column.statistics(), ..options };
     let mut compressed = Vec::new();
     for pages in array_to_columns(column.array()?, kind.clone(), options, &[column.encoding()])? {
         let pages = pages.map(|page| page.map_err(|e| ParquetError::FeatureNotSupported(e.to_string())));
@@ -185,5 +222,5 @@ fn encode(column: &Column<'_>, kind: &ParquetType, options: WriteOptions) -> Res
             compressed.push(page?);
         }
     }
-    Ok(compressed)
+    Ok(Encoded(compressed))
 }

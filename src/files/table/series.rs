@@ -105,6 +105,15 @@ impl SeriesTable {
         }
     }
 
+    /// The type of a column of a Parquet file, as Arrow names it.
+    #[must_use]
+    pub fn kind(&self, name: &str) -> Option<String> {
+        match &self.body {
+            Body::Parquet(file) => file.fields().find(|f| f.name.as_str() == name).map(|f| format!("{:?}", f.dtype)),
+            Body::Csv(_) => None,
+        }
+    }
+
     /// What a Parquet file says of itself under a key.
     #[must_use]
     pub fn says(&self, key: &str) -> Option<&str> {
@@ -270,7 +279,15 @@ impl SeriesTable {
         for piece in self.pieces(file, &field)? {
             let any = piece.as_any();
             if let Some(array) = any.downcast_ref::<Utf8ViewArray>() {
-                array.iter().for_each(|word| out.push(&mut known, word.unwrap_or_default()));
+                let mut last = None;
+                for (view, word) in array.views().iter().zip(array.iter()) {
+                    // Equal views are equal words; most rows repeat the word of the row before.
+                    match out.codes.last().copied().filter(|_| word.is_some() && last == Some(view)) {
+                        Some(code) => out.codes.push(code),
+                        None => out.push(&mut known, word.unwrap_or_default()),
+                    }
+                    last = word.is_some().then_some(view);
+                }
             } else if let Some(array) = any.downcast_ref::<Utf8Array<i64>>() {
                 array.iter().for_each(|word| out.push(&mut known, word.unwrap_or_default()));
             } else if let Some(array) = any.downcast_ref::<Utf8Array<i32>>() {

@@ -49,7 +49,15 @@ struct CsvRows {
 }
 
 fn refuse(path: &Path, error: &PolarsError) -> Finding {
-    Finding::error(&path.display().to_string(), format!("cannot be read as a table: {error}"), "check the file")
+    let file = path.display().to_string();
+    if error.to_string().contains("more fields than defined") {
+        let remedy =
+            "write a comma between cells and a point in decimal fractions, or make a run of the table with `calfit import`";
+        return Finding::error(&file, "cannot be read as a table: a row has more cells than the header line", remedy);
+    }
+    // What the library advises is for those who program with it.
+    let first = error.to_string().lines().next().unwrap_or_default().to_owned();
+    Finding::error(&file, format!("cannot be read as a table: {first}"), "check the file")
 }
 
 impl Reader {

@@ -153,6 +153,30 @@ impl<'a> Group<'a> {
         self.list(key, "a list of texts", |v| v.as_str().map(str::to_owned))
     }
 
+    /// A list of texts, or one that stands for a list of one.
+    ///
+    /// # Errors
+    /// A value of another type.
+    pub fn texts_or_one(&self, key: &str) -> Result<Option<Vec<String>>, Finding> {
+        match self.value(key) {
+            Some((_, Some(Value::Array(_)))) => self.texts(key),
+            _ => Ok(self.text(key)?.map(|text| vec![text])),
+        }
+    }
+
+    /// Rows of texts or numbers, the numbers as they are written.
+    ///
+    /// # Errors
+    /// Something else stands there.
+    pub fn text_rows(&self, key: &str) -> Result<Option<Vec<Vec<String>>>, Finding> {
+        let cell = |value: &Value| match value {
+            Value::String(text) => Some(text.value().clone()),
+            Value::Integer(_) | Value::Float(_) => Some(value.to_string().trim().to_owned()),
+            _ => None,
+        };
+        self.list(key, "a list of rows of texts or numbers", |v| v.as_array()?.iter().map(cell).collect())
+    }
+
     /// A list of finite numbers.
     ///
     /// # Errors

@@ -57,7 +57,7 @@ impl FreqError {
     #[must_use]
     pub fn remedy(&self) -> &'static str {
         match self {
-            FreqError::Kind(_) => "use the command for that kind",
+            FreqError::Kind(kind) => kind.command(),
             FreqError::NoSines => "check `kind` and the settings of the run",
             FreqError::NoSamples => "check the times of the settings; a table of amplitudes goes with --amplitudes",
             FreqError::Unsettled => "say with --settling how much time to leave out after a change of frequency",

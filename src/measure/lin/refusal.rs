@@ -34,10 +34,7 @@ pub enum LinError {
         settling_s: f64,
     },
     /// Not enough excitation.
-    #[error(
-        "the excitation does not determine {}: condition number {condition:.2e}, at most {MOST_CONDITION:.0e} is accepted",
-        parameters.join(", ")
-    )]
+    #[error("the excitation does not determine {}: {}", parameters.join(", "), condition_in_words(*condition))]
     Undetermined {
         /// What is not determined.
         parameters: Vec<String>,
@@ -64,7 +61,8 @@ pub enum LinError {
     },
     /// Too few plateaus.
     #[error(
-        "{used} usable plateaus cannot determine {parameters} parameters per component ({dropped} of {total} were dropped: {reasons})"
+        "{used} usable plateaus cannot determine {parameters} parameters per component ({})",
+        dropped_in_words(*dropped, *total, reasons)
     )]
     TooFew {
         /// Plateaus that can be used.
@@ -99,7 +97,7 @@ impl LinError {
     #[must_use]
     pub fn remedy(&self) -> &'static str {
         match self {
-            LinError::Kind(_) => "use the command for that kind",
+            LinError::Kind(kind) => kind.command(),
             LinError::NoPlateaus => "check the file with `calfit check`",
             LinError::Position(error) => error.remedy(),
             LinError::Order(_) => "use the lowest order that the drift needs",
@@ -116,5 +114,19 @@ impl LinError {
             LinError::Split(_) => "check the excitation and the wiring of the components",
             LinError::Fit(_) => "check the plateaus in the table of blocks",
         }
+    }
+}
+
+/// How many plateaus of a run were dropped, and why.
+fn dropped_in_words(dropped: usize, total: usize, reasons: &str) -> String {
+    if dropped == 0 { "the run has no more".to_owned() } else { format!("{dropped} of {total} were dropped: {reasons}") }
+}
+
+/// How badly a design is conditioned.
+fn condition_in_words(condition: f64) -> String {
+    if condition.is_finite() {
+        format!("condition number {condition:.2e}, at most {MOST_CONDITION:.0e} is accepted")
+    } else {
+        "the condition number is infinite, nothing in the settings tells them from the others".to_owned()
     }
 }

@@ -36,7 +36,7 @@ impl NullError {
     #[must_use]
     pub fn remedy(&self) -> &'static str {
         match self {
-            NullError::Kind(_) => "use the command for that kind",
+            NullError::Kind(kind) => kind.command(),
             NullError::Sensitivities(_) => OfAnotherSensor::REMEDY,
             NullError::Field(_) => "correct `kind` in the head of the run, or use the command for such runs",
             NullError::Positions => "use `calfit offset`, or part the run",

@@ -64,7 +64,7 @@ impl OffsetError {
     #[must_use]
     pub fn remedy(&self) -> &'static str {
         match self {
-            OffsetError::Kind(_) => "use the command for that kind",
+            OffsetError::Kind(kind) => kind.command(),
             OffsetError::Sensitivities(_) => OfAnotherSensor::REMEDY,
             OffsetError::NoPlateaus => "check the file with `calfit check`",
             OffsetError::Position(error) => error.remedy(),

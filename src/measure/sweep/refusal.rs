@@ -58,7 +58,7 @@ impl SweepError {
     #[must_use]
     pub fn remedy(&self) -> &'static str {
         match self {
-            SweepError::Kind(_) => "use the command for that kind",
+            SweepError::Kind(kind) => kind.command(),
             SweepError::Position(_) => "sweep in one position, and name its axes in campaign.toml",
             SweepError::Facility(error) => error.remedy(),
             SweepError::Implausible(error) => error.remedy(),

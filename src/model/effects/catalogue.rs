@@ -112,6 +112,12 @@ pub struct IdTaken {
 }
 
 impl Catalogue {
+    /// These effects alone; their ids differ.
+    #[must_use]
+    pub fn of(effects: &[&'static dyn Effect]) -> Self {
+        Self(effects.iter().map(|effect| EffectRef(*effect)).collect())
+    }
+
     /// With a further effect, the last of the list.
     ///
     /// # Errors

@@ -20,6 +20,7 @@ pub mod facility_angle;
 pub mod facility_offset;
 pub mod facility_scale;
 pub mod heater_pwm;
+pub mod in_flight;
 pub mod in_samples;
 pub mod in_sine;
 pub mod interference_tone;

@@ -36,9 +36,16 @@ pub(super) fn blocks(p: &Protocol, figure: &mut usize) -> Vec<Block> {
     let mut page: Vec<Block> = vec![verdict(p).into()];
     page.extend(failures(p));
     page.push(facts(p).into());
-    for of in parts(p) {
-        page.extend(of.blocks(p));
+    page.extend(p.campaign.file.stated.remarks.iter().map(|text| Block::from(text.as_str())));
+    let parameters: Vec<Block> = parts(p).iter().flat_map(|of| of.blocks(p)).collect();
+    if !parameters.is_empty() {
+        page.push(
+            "Readings in enT become fields in nT along the sensor axes by subtracting the offset and multiplying with the sensitivity; \
+             ω of the angles makes the axes orthogonal. Uncertainties are standard uncertainties, coverage factor 1, with what the \
+             facility's file states of type B.".into(),
+        );
     }
+    page.extend(parameters);
     for (result, file) in &p.at_centre {
         page.extend(taken_to_centre(result, file, p.campaign.file.reference_degc));
     }
@@ -75,18 +82,17 @@ fn verdict(p: &Protocol) -> Text {
 /// What was refused or failed, to be seen.
 fn failures(p: &Protocol) -> Vec<Block> {
     let refused = p.runs.iter().filter(|part| part.outcome.state == RunState::Refused);
-    let mut list: Vec<Text> =
-        refused.map(|part| Text::of_note(&format!("{}: {}", part.file, part.outcome.reason.as_deref().unwrap_or("")))).collect();
-    list.extend(p.failed.iter().map(|(what, why)| Text::of_note(&format!("{what}: {why}"))));
-    if list.is_empty() {
+    let refused = refused.map(|part| (part.file.as_str(), part.outcome.reason.as_deref().unwrap_or("")));
+    let all: Vec<(&str, &str)> = refused.chain(p.failed.iter().map(|(what, why)| (what.as_str(), why.as_str()))).collect();
+    if all.is_empty() {
         return Vec::new();
     }
-    let text = if list.len() == 1 {
+    let text = if all.len() == 1 {
         "One thing failed or was refused:".to_owned()
     } else {
-        format!("{} things failed or were refused:", list.len())
+        format!("{} things failed or were refused:", all.len())
     };
-    vec![Note::new(NoteKind::LeftOut, text).into(), Block::List(list)]
+    vec![Note::new(NoteKind::LeftOut, text).into(), by_reason(all)]
 }
 
 /// What is stated of laboratory, item and persons, and when it was measured and evaluated.
@@ -96,6 +102,10 @@ fn facts(p: &Protocol) -> Table {
         if let Some(text) = stated(p.campaign, label) {
             table.push(cells![label, text]);
         }
+    }
+    let personnel = &p.campaign.file.stated.personnel;
+    if !personnel.is_empty() {
+        table.push(cells!["Personnel", personnel.join("; ")]);
     }
     if let Some(instrument) = &p.campaign.file.instrument {
         table.push(cells!["Instrument", instrument]);
@@ -112,16 +122,21 @@ fn facts(p: &Protocol) -> Table {
 /// Runs without a result for which nobody is to blame.
 fn without_result(p: &Protocol) -> Option<Block> {
     let quiet = |state| matches!(state, RunState::Excluded | RunState::Gone | RunState::NotApplicable);
-    let mut reasons: Vec<(String, Vec<&str>)> = Vec::new();
-    for part in p.runs.iter().filter(|part| quiet(part.outcome.state)) {
-        let words = in_words(&part.outcome);
+    let parts = p.runs.iter().filter(|part| quiet(part.outcome.state));
+    let all: Vec<(&str, String)> = parts.map(|part| (part.id.as_str(), in_words(&part.outcome))).collect();
+    (!all.is_empty()).then(|| by_reason(all.iter().map(|(id, words)| (*id, words.as_str()))))
+}
+
+/// A list of runs or files with what became of them, one item for every reason.
+fn by_reason<'a>(all: impl IntoIterator<Item = (&'a str, &'a str)>) -> Block {
+    let mut reasons: Vec<(&str, Vec<&str>)> = Vec::new();
+    for (name, words) in all {
         match reasons.iter_mut().find(|(other, _)| *other == words) {
-            Some((_, runs)) => runs.push(&part.id),
-            None => reasons.push((words, vec![&part.id])),
+            Some((_, names)) => names.push(name),
+            None => reasons.push((words, vec![name])),
         }
     }
-    let items: Vec<Text> = reasons.iter().map(|(words, runs)| Text::of_note(&format!("{}: {words}", runs.join(", ")))).collect();
-    (!items.is_empty()).then_some(Block::List(items))
+    Block::List(reasons.iter().map(|(words, names)| Text::of_note(&format!("{}: {words}", names.join(", ")))).collect())
 }
 
 /// The figures that say most.
@@ -227,8 +242,7 @@ impl Parameters<'_> {
         let mut files: Vec<&str> = self.quantities.iter().map(|(_, _, file)| file.as_str()).filter(|f| !f.is_empty()).collect();
         files.dedup();
         let title = format!("{} {}", or_not_stated(self.sensor), mode_at(self.mode, self.location));
-        let of_facility = "with what the facility's file states of type B";
-        vec![heading(title, &why, of_facility, &files).into(), parameters().with_rows(rows).into()]
+        vec![heading(title, &why, &files).into(), parameters().with_rows(rows).into()]
     }
 
     /// A family at a temperature: by its polynomials, or by the run that is nearest.
@@ -266,9 +280,8 @@ fn row((_, words, symbol, _, unit): &Family, components: [Cell; 3], from: &str) 
 }
 
 /// What stands above a table of parameters.
-fn heading(title: String, why: &str, of_uncertainty: &str, files: &[&str]) -> Text {
-    let mut text =
-        Text::default().strong(title).and(format!(" {why}. Standard uncertainties, coverage factor 1, {of_uncertainty}."));
+fn heading(title: String, why: &str, files: &[&str]) -> Text {
+    let mut text = Text::default().strong(title).and(format!(" {why}."));
     for (i, file) in files.iter().enumerate() {
         text = text.and(if i == 0 { " Files: " } else { ", " }).code(*file);
     }
@@ -313,8 +326,11 @@ fn taken_to_centre(result: &AtCentre, file: &str, stated: Option<f64>) -> [Block
         }
     }
     let of = format!("{} {} at the centre", or_not_stated(&result.beside.sensor), or_not_stated(&result.beside.mode));
-    let why = format!("taken there from beside the centre of the coil system, in the Rosetta convention of ω, {why}");
-    [heading(of, &why, "without what the facility adds of type B", &[file]).into(), table.into()]
+    let why = format!(
+        "taken there from beside the centre of the coil system, in the Rosetta convention of ω, {why}; uncertainties are without what the \
+         facility adds of type B"
+    );
+    [heading(of, &why, &[file]).into(), table.into()]
 }
 
 /// A quantity at a temperature, with what the facility adds to its uncertainty.

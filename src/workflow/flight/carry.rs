@@ -1,6 +1,7 @@
 //! The first pass: what one day needs of the others, so that days can be made in any order (RO-IGEP-TR0028 section 4.2.3.3).
 
 use super::derived::heater_classes;
+use super::near::{Edges, Near};
 use super::steps::thermometer;
 use super::{Prepared, day_name};
 use crate::data::error::Finding;
@@ -279,7 +280,7 @@ struct Midnights<'a> {
     prepared: &'a Prepared,
     index: usize,
     /// Rows of a file near the first and the last midnight of its day, as far as they are needed yet.
-    near: BTreeMap<&'a Path, (i32, [Rows; 2])>,
+    near: BTreeMap<&'a Path, (i32, Edges)>,
     /// The midnight at which a day begins, with the last accepted vector before it and the first one from it on.
     known: Option<(i32, [Option<End>; 2])>,
 }
@@ -325,10 +326,7 @@ impl<'a> Midnights<'a> {
                 continue;
             };
             if !self.near.contains_key(file.path.as_path()) {
-                let own = prepared.leap.day(of_day);
-                let [begin, end] = [own.start, own.end].map(|at| at - 2 * BEYOND_NS..at + 2 * BEYOND_NS);
-                let read = edited::read(file, sensor, &prepared.mission, &prepared.leap, [&begin, &end])?;
-                self.near.insert(&file.path, (of_day, read));
+                self.near.insert(&file.path, (of_day, Near::edges(prepared, self.index, file, of_day)?));
             }
             if let Some((_, near)) = self.near.get(file.path.as_path()) {
                 (of_day == day).then(|| rows.append(near[0].clone()));

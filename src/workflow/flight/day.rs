@@ -1,13 +1,14 @@
 //! One day of one sensor: telemetry in, levels out.
 
 use super::derived;
+use super::near::Near;
 use super::steps::Steps;
 use super::{Carry, Level, Prepared, day_name};
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
 use crate::data::provenance::Input;
 use crate::data::time::{SECOND_NS, Tt2000};
-use crate::files::flight::edited::{self, BEYOND_NS, Rows};
+use crate::files::flight::edited::{self, BEYOND_NS, EditedFile, Rows};
 use crate::files::table::long::GROUP_ROWS;
 use crate::fit::spectrum::Density;
 use crate::flight::assemble::{RowCounts, assemble, blocks};
@@ -241,6 +242,20 @@ pub struct Vectors {
     pub beside: Vec<String>,
 }
 
+/// The rows of a file with tags in a stretch that a day needs.
+fn read_file(prepared: &Prepared, index: usize, day: i32, file: &EditedFile, tags: &Range<Tt2000>) -> Result<Rows, Finding> {
+    if let Some(rows) = Near::beside(prepared, index, file, day, tags)? {
+        return Ok(rows);
+    }
+    let (mission, leap) = (&prepared.mission, &prepared.leap);
+    let [rows] = edited::read(file, &mission.sensors[index], mission, leap, [tags])?;
+    let own = leap.day(day);
+    if file.day == Some(day) && tags.start <= own.start - BEYOND_NS && own.end + BEYOND_NS <= tags.end {
+        prepared.near.take(prepared, file, day, &rows);
+    }
+    Ok(rows)
+}
+
 /// Reads the vectors of a sensor in a stretch that a day needs; `None` where there is none.
 ///
 /// # Errors
@@ -259,7 +274,7 @@ pub fn vectors(
     let mut inputs = Vec::new();
     let mut beside = Vec::new();
     for file in prepared.files(&sensor.name, &tags) {
-        let read = match edited::read(file, sensor, mission, &prepared.leap, [&tags]) {
+        let read = match read_file(prepared, index, day, file, &tags) {
             // A neighbour that cannot be read fails on its own day; what it would add to this one is lost there too.
             Err(_) if file.day.is_some_and(|own| own != day) => {
                 beside.push(file.path.strip_prefix(&mission.folder).unwrap_or(&file.path).display().to_string());
@@ -267,10 +282,9 @@ pub fn vectors(
             }
             other => other?,
         };
-        let [read] = read;
         if !read.tag.is_empty() {
             let name = file.path.strip_prefix(&mission.folder).unwrap_or(&file.path).to_string_lossy().into_owned();
-            inputs.push(edited::hash(file)?.input(name));
+            inputs.push(prepared.near.input(file, name)?);
         }
         rows.append(read);
     }

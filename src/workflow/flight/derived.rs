@@ -15,6 +15,7 @@ use crate::flight::means::Means;
 use crate::flight::two_sensors::{self, Parts};
 use crate::flight::wheels::{self, Method, WheelMode, WheelOptions};
 use crate::flight::{Block, Series, Stage};
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::ops::Range;
 
@@ -131,7 +132,7 @@ pub fn without_wheels(
 /// What both sensors share on a day.
 pub struct Shared {
     /// Name in place of the sensor, and rows.
-    pub tables: Vec<(String, LevelRows)>,
+    pub tables: Vec<(String, LevelRows<'static>)>,
     /// What the files say further of themselves.
     pub says: Vec<(String, String)>,
     /// Telemetry and daily models.
@@ -219,8 +220,8 @@ pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Sha
         LevelRows {
             #[expect(clippy::cast_precision_loss, reason = "the clock of a spacecraft has microseconds")]
             obt_s: time.iter().map(|t| (t - prepared.leap.clock_begin()) as f64 * 1e-9).collect(),
-            time,
-            field_nt,
+            time: time.into(),
+            field_nt: field_nt.map(Cow::Owned),
             mode: pairs.iter().map(|pair| first.mode[pair[0]]).collect(),
             count: Some(pairs.iter().map(|pair| first.count[pair[0]].min(second.count[pair[1]])).collect()),
             flags: pairs.iter().map(|pair| first.flags[pair[0]] | second.flags[pair[1]]).collect(),

@@ -3,14 +3,16 @@
 use super::{FlightOptions, Prepared, day_name};
 use crate::data::error::Finding;
 use crate::data::time::SECOND_NS;
-use crate::files::flight::edited::{BEYOND_NS, EditedFile, day_files};
+use crate::files::flight::edited::{BEYOND_NS, EditedFile, day_files, plain, times_beside};
 use crate::files::flight::levels::partition;
 use crate::files::output::Folder;
 use crate::files::source::digest;
 use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
+use crate::flight::assemble::RowCounts;
 use crate::flight::housekeeping::{field_ent, negative_v, positive_v, reference_v};
 use crate::flight::made::DayMade;
+use std::collections::BTreeMap;
 
 /// Columns that are passed on as they are.
 const PASSED: [&str; 3] = ["stage_a_id", "stage_b_id", "filter_cfg"];
@@ -49,14 +51,13 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
         let table = SeriesTable::open(&file.path)?;
         let shown = file.path.strip_prefix(&prepared.mission.folder).unwrap_or(&file.path).to_string_lossy().into_owned();
         inputs.push(digest(&file.path)?.input(shown));
-        let mut names = table.names();
-        names.sort_unstable();
-        if columns_of_day.get_or_insert_with(|| names.clone()) != &names {
+        let names: BTreeMap<String, String> = table.names().into_iter().map(|name| (plain(&name), name)).collect();
+        let columns: Vec<String> = names.keys().cloned().collect();
+        if *columns_of_day.get_or_insert_with(|| columns.clone()) != columns {
             let rule = "has other columns than another file of the day";
             return Err(Finding::error(&file.path.display().to_string(), rule, "give all files of a day the same columns"));
         }
-        let has = |name: &str| names.iter().any(|n| n == name);
-        let own = if has("time_tt2000") { table.whole("time_tt2000")? } else { table.utc("time_utc", leap)? };
+        let own = times_beside(&file.path, &prepared.mission, leap)?;
         let refuse = |row: usize, rule: String, remedy: &str| {
             Finding::error(&file.path.display().to_string(), format!("row {}: {rule}", row + 1), remedy)
         };
@@ -68,9 +69,7 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
         }
         time.extend(own);
         let mut put = |name: &str, column: &str, bits: i32, convert: &dyn Fn(f64) -> f64| -> Result<(), Finding> {
-            if !has(column) {
-                return Ok(());
-            }
+            let Some(column) = names.get(column) else { return Ok(()) };
             let counts = table.numbers(column)?;
             let most = 2.0_f64.powi(bits) - 1.0;
             if let Some(row) = counts.iter().position(|c| !(0.0..=most).contains(c)) {
@@ -86,7 +85,7 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
         };
         for (index, sensor) in prepared.mission.sensors.iter().enumerate() {
             let Some(ground) = &prepared.ground[index] else { continue };
-            let column = sensor.thermistor_column.as_str();
+            let column = &plain(&sensor.thermistor_column);
             put(column, column, 16, &|count| ground.thermometer.raw_degc(count))?;
             put(&format!("{column}_calibrated"), column, 16, &|count| ground.thermometer.degc(count))?;
         }
@@ -97,10 +96,8 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
         put("pos_voltage", "pos_voltage", 8, &positive_v)?;
         put("neg_voltage", "neg_voltage", 8, &negative_v)?;
         for name in PASSED {
-            if !has(name) {
-                continue;
-            }
-            let values = table.whole(name)?;
+            let Some(column) = names.get(name) else { continue };
+            let values = table.whole(column)?;
             match whole.iter_mut().find(|(n, _)| n == name) {
                 Some((_, list)) => list.extend(values),
                 None => whole.push((name.to_owned(), values)),
@@ -150,6 +147,7 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
     Ok(DayMade {
         sensor: NAME.to_owned(),
         day: day_name(day),
+        rows: RowCounts { read: time.len(), ..RowCounts::default() },
         written: time.len(),
         levels: vec![NAME.to_owned()],
         ..DayMade::default()

@@ -4,16 +4,19 @@ mod carry;
 mod daily_models;
 mod day;
 mod derived;
+mod difference;
 mod ground;
 mod housekeeping;
 mod levels;
 mod look;
+mod near;
 mod picture;
 mod steps;
 mod write;
 
 pub use carry::{Carry, CarryRow};
 pub use daily_models::{DailyModels, DailyOptions, make_daily};
+pub use difference::{DifferenceOptions, diagnose_flight};
 pub use ground::Ground;
 pub use levels::{Level, Levels, NoLevels};
 pub use look::{check, inspect};
@@ -32,9 +35,11 @@ use crate::files::source::hex;
 use crate::flight::made::DayMade;
 use crate::flight::stage_of;
 use day::Context;
+use near::Near;
 use picture::Pictures;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
+use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use write::DayWriter;
@@ -78,6 +83,8 @@ pub struct Prepared {
     pub heater: Option<Vec<HeaterOn>>,
     /// The configuration and all tables, by what they are.
     pub inputs: Vec<Input>,
+    /// What was read near the midnights.
+    near: Near,
     /// What a person should know.
     pub notes: Vec<Note>,
     /// SHA-256 over the configuration and everything that it names but telemetry and daily models.
@@ -174,7 +181,21 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
     match (last, catalogue) {
         (None, Some(catalogue)) => {
             let configuration = together(&inputs);
-            Ok(Prepared { configuration, mission, leap, catalogue, ground, attitude, positions, wheels, heater, inputs, notes })
+            let near = Near::default();
+            Ok(Prepared {
+                configuration,
+                mission,
+                leap,
+                catalogue,
+                ground,
+                attitude,
+                positions,
+                wheels,
+                heater,
+                inputs,
+                near,
+                notes,
+            })
         }
         (Some(finding), _) => Err(finding),
         (None, None) => Err(Finding::error(&path.display().to_string(), "names no telemetry", "see `input`")),
@@ -380,7 +401,8 @@ impl Flight {
     fn writer<'a>(&'a self, sensor: &'a str, uvw: &'a str, day: i32) -> Result<DayWriter<'a>, Finding> {
         let leap = &self.prepared.leap;
         let positions = self.prepared.positions.as_ref().map(|table| table.over(&leap.day(day), leap)).transpose()?;
-        Ok(DayWriter { prepared: &self.prepared, positions, out: &self.options.out, force: self.options.force, sensor, uvw, day })
+        let (out, force) = (self.options.out.as_path(), self.options.force);
+        Ok(DayWriter { prepared: &self.prepared, positions, out, force, sensor, uvw, day, shared: RefCell::default() })
     }
 
     /// The levels of one sensor.

@@ -16,6 +16,7 @@ use crate::flight::rotate::RotateStep;
 use crate::flight::temperature::Thermometer;
 use crate::flight::{Block, Stage, Step, stage_of};
 use crate::model::field_calibration::{AtTemperature, Coefficient, Coefficients, FieldCalibration, MatrixForm, Parameter};
+use crate::model::polynomial::TemperaturePolynomial;
 use nalgebra::{DMatrix, Vector3};
 use std::ops::Range;
 
@@ -58,6 +59,11 @@ impl Steps {
         let mission = &prepared.mission;
         let sensor = &mission.sensors[index];
         let mut list: Vec<(Stage, Box<dyn Step>)> = Vec::new();
+        let mut models: Vec<DayModel> = if mission.steps.iter().any(|s| s == "daily") {
+            days.clone().map(|own| (prepared.leap.day(own), prepared.daily(sensor, own))).collect()
+        } else {
+            Vec::new()
+        };
         for name in &mission.steps {
             let Some(stage) = stage_of(name) else { continue };
             match name.as_str() {
@@ -67,11 +73,10 @@ impl Steps {
                         list.push((stage, Box::new(ground.thermometer.clone())));
                     }
                 }
-                "ground" => list.push((stage, ground(prepared, index))),
+                "ground" => list.push((stage, ground(prepared, index, &models))),
                 "daily" => {
-                    for own in days.clone() {
-                        let span = prepared.leap.day(own);
-                        let known = prepared.daily(sensor, own).and_then(|model| match model {
+                    for (own, (span, model)) in days.clone().zip(std::mem::take(&mut models)) {
+                        let known = model.and_then(|model| match model {
                             None => Ok(None),
                             Some(model) => Ok(Some((model, carry.continuity_nt(mission, &sensor.name, own)?))),
                         });
@@ -126,6 +131,15 @@ impl Steps {
     }
 }
 
+/// The span of a day with its model, or why it has none.
+type DayModel = (Range<i64>, Result<Option<DailyModel>, Finding>);
+
+/// The part of a day in which a model acts, with its polynomials.
+fn daily_slopes(sensor: &Sensor, day: &Range<i64>, model: &DailyModel) -> Option<(Range<i64>, [TemperaturePolynomial; 3])> {
+    let span = day.start..sensor.daily_to.map_or(day.end, |to| day.end.min(to));
+    (span.start < span.end).then(|| (span, model.polynomials.clone()))
+}
+
 fn counts(stated: &Counts) -> CountsStep {
     let ent_per_count = match stated {
         Counts::Converter { .. } => vec![stated.ent_per_count(0)],
@@ -162,7 +176,7 @@ fn noise(mission: &Mission, sensor: &Sensor) -> Option<ReadingNoise> {
     Some(ReadingNoise { std_ent })
 }
 
-fn ground(prepared: &Prepared, index: usize) -> Box<dyn Step> {
+fn ground(prepared: &Prepared, index: usize, models: &[DayModel]) -> Box<dyn Step> {
     let mission = &prepared.mission;
     let sensor = &mission.sensors[index];
     let noise = noise(mission, sensor);
@@ -172,6 +186,7 @@ fn ground(prepared: &Prepared, index: usize) -> Box<dyn Step> {
             thermometer: thermometer.clone(),
             limits: limits(mission, *valid_degc),
             noise,
+            daily: models.iter().filter_map(|(span, model)| daily_slopes(sensor, span, model.as_ref().ok()?.as_ref()?)).collect(),
             frame: sensor.frame.filter(|wanted| Some(*wanted) != *convention),
         }),
         None => Box::new(MatrixStep { entries: sensor.matrices.iter().map(entry).collect(), noise }),

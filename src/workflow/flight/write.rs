@@ -7,13 +7,15 @@ use crate::data::flags::Flags;
 use crate::data::provenance::Input;
 use crate::data::time::{SECOND_NS, Tt2000};
 use crate::files::flight::auxiliary::Positions;
-use crate::files::flight::levels::{LevelRows, file_name, partition, write};
+use crate::files::flight::levels::{LevelRows, Shared, file_name, partition, write};
 use crate::files::flight::text;
 use crate::files::output::Folder;
 use crate::flight::Block;
 use crate::flight::attitude::positions_km;
 use crate::flight::made::DayMade;
 use crate::flight::means::Means;
+use std::borrow::Cow;
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -33,6 +35,8 @@ pub struct DayWriter<'a> {
     pub uvw: &'a str,
     /// Day, counted from 1970-01-01.
     pub day: i32,
+    /// What the levels of single vectors have in common.
+    pub shared: RefCell<Shared>,
 }
 
 impl DayWriter<'_> {
@@ -50,7 +54,7 @@ impl DayWriter<'_> {
                     own.map(|(block, rows)| self.vectors(level, block, rows))
                 };
                 self.text(level, groups(), &metadata)?;
-                self.write(level, groups(), metadata)?;
+                self.write_file(level, groups(), metadata, Some(&mut *self.shared.borrow_mut()))?;
             }
             Product::Means(means, blocks) => {
                 self.text(level, std::iter::once(self.means(level, means, blocks)), &metadata)?;
@@ -65,19 +69,35 @@ impl DayWriter<'_> {
     ///
     /// # Errors
     /// What the operating system says, or a name that is taken.
-    pub fn write(
+    pub fn write<'a>(
         &self,
         level: Level,
-        groups: impl Iterator<Item = LevelRows>,
+        groups: impl Iterator<Item = LevelRows<'a>>,
         metadata: Vec<(String, String)>,
+    ) -> Result<(), Finding> {
+        self.write_file(level, groups, metadata, None)
+    }
+
+    fn write_file<'a>(
+        &self,
+        level: Level,
+        groups: impl Iterator<Item = LevelRows<'a>>,
+        metadata: Vec<(String, String)>,
+        shared: Option<&mut Shared>,
     ) -> Result<(), Finding> {
         let folder = Folder::open(&self.out.join(partition(level.letter(), self.sensor, self.day)), self.force)?;
         let sids: Vec<String> = self.prepared.mission.modes.iter().map(|mode| mode.sid.clone()).collect();
-        write(&folder, &file_name(level.letter(), self.sensor, self.day), groups, &sids, &self.prepared.leap, metadata)
+        let name = file_name(level.letter(), self.sensor, self.day);
+        write(&folder, &name, groups, &sids, &self.prepared.leap, metadata, shared)
     }
 
     /// The same as text, where the mission wants it.
-    fn text(&self, level: Level, groups: impl Iterator<Item = LevelRows>, says: &[(String, String)]) -> Result<(), Finding> {
+    fn text<'a>(
+        &self,
+        level: Level,
+        groups: impl Iterator<Item = LevelRows<'a>>,
+        says: &[(String, String)],
+    ) -> Result<(), Finding> {
         let mission = &self.prepared.mission;
         if !mission.text {
             return Ok(());
@@ -144,40 +164,39 @@ impl DayWriter<'_> {
         level.is_celestial().then(|| positions_km(&table.time, &table.km, time))
     }
 
-    fn vectors(&self, level: Level, block: &Block, rows: std::ops::Range<usize>) -> LevelRows {
+    fn vectors<'a>(&self, level: Level, block: &'a Block, rows: std::ops::Range<usize>) -> LevelRows<'a> {
         let with_t = matches!(level, Level::A | Level::B | Level::K);
-        let part = |list: &[f64]| list[rows.clone()].to_vec();
         let std = |list: &[[f32; 6]]| {
             let own = list.get(rows.clone()).unwrap_or_default();
             PLACES.map(|place| own.iter().map(|c| c[place].sqrt()).collect())
         };
-        let time = block.time[rows.clone()].to_vec();
+        let time = &block.time[rows.clone()];
         LevelRows {
-            obt_s: part(&block.obt_s),
-            field_nt: block.field.each_ref().map(|c| part(c)),
-            t_degc: with_t.then(|| part(&block.t_degc)),
-            position_km: self.positions(level, &time),
-            time,
-            mode: block.mode[rows.clone()].to_vec(),
+            time: Cow::Borrowed(time),
+            obt_s: Cow::Borrowed(&block.obt_s[rows.clone()]),
+            field_nt: block.field.each_ref().map(|c| Cow::Borrowed(&c[rows.clone()])),
+            t_degc: with_t.then(|| Cow::Borrowed(&block.t_degc[rows.clone()])),
+            position_km: self.positions(level, time),
+            mode: Cow::Borrowed(&block.mode[rows.clone()]),
             count: None,
             std_nt: self.prepared.mission.uncertainty.then(|| [std(&block.own_nt2), std(&block.common_nt2)]),
-            quality: Some(block.quality[rows.clone()].to_vec()),
-            flags: block.flags[rows.clone()].to_vec(),
+            quality: Some(Cow::Borrowed(&block.quality[rows.clone()])),
+            flags: Cow::Borrowed(&block.flags[rows.clone()]),
         }
     }
 
-    fn means(&self, level: Level, means: &Means, blocks: &[Block]) -> LevelRows {
+    fn means<'a>(&self, level: Level, means: &'a Means, blocks: &[Block]) -> LevelRows<'a> {
         LevelRows {
-            time: means.time.clone(),
-            obt_s: self.clock(&means.time),
-            field_nt: means.field_nt.clone(),
+            time: Cow::Borrowed(&means.time),
+            obt_s: self.clock(&means.time).into(),
+            field_nt: means.field_nt.each_ref().map(|c| Cow::Borrowed(c.as_slice())),
             t_degc: None,
             position_km: self.positions(level, &means.time),
-            mode: means.mode.clone(),
-            count: Some(means.count.clone()),
+            mode: Cow::Borrowed(&means.mode),
+            count: Some(Cow::Borrowed(&means.count)),
             std_nt: self.prepared.mission.uncertainty.then(|| mean_stds(means, blocks)),
             quality: None,
-            flags: means.flags.clone(),
+            flags: Cow::Borrowed(&means.flags),
         }
     }
 

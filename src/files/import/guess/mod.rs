@@ -12,12 +12,14 @@ use std::path::Path;
 
 /// Patterns of times that are tried where ISO 8601 does not fit. Where day and month can be told from each other by no row, the first one
 /// that fits is taken, and the mapping says so.
-const PATTERNS: [&str; 9] = [
+const PATTERNS: [&str; 11] = [
     "%d.%m.%Y %H:%M:%S%.f",
     "%d.%m.%y %H:%M:%S%.f",
     "%Y/%m/%d %H:%M:%S%.f",
     "%d/%m/%Y %H:%M:%S%.f",
     "%m/%d/%Y %H:%M:%S%.f",
+    "%m/%d/%Y %I:%M:%S%.f %p",
+    "%d/%m/%Y %I:%M:%S%.f %p",
     "%d-%b-%Y %H:%M:%S%.f",
     "%d %b %Y %H:%M:%S%.f",
     "%Y%m%d %H%M%S%.f",

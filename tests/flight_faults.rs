@@ -1,0 +1,179 @@
+//! What is wrong with the inputs of flight processing is named with file and row, nothing is half written, and the other days go on.
+
+use crate::common::check::{calfit, says, text};
+use crate::flight::{Set, Small, three};
+use calfit::files::table::long::{Column, LongWriter};
+use calfit::files::table::series::SeriesTable;
+use std::fs;
+use std::path::Path;
+
+const PLAIN: &str = r#"
+[[sensor]]
+name = "OB"
+ent_per_count = 1.0
+[[sensor.matrix]]
+from = "2015-01-01"
+to = "2016-01-01"
+matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+[[mode]]
+sid = "N"
+packet_s = 1
+primary = { rate_hz = 1.0, shift_s = 0.0 }
+"#;
+const HEAD: &str = "time_utc,bx,by,bz,quality,sid\n";
+
+/// Every file of a folder of results.
+fn files(folder: &Path) -> Vec<String> {
+    let mut out = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        for entry in fs::read_dir(next).into_iter().flatten().flatten() {
+            if entry.path().is_dir() {
+                folders.push(entry.path());
+            } else {
+                out.push(entry.file_name().to_string_lossy().into_owned());
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn a_wrong_row_is_named_and_the_other_day_is_made() {
+    for (row, words) in [
+        ("2015-06-29T11:00:01Z,524288,0,0,0,N", "row 2: the count 524288 is none of the converter, -524288 to 524287"),
+        ("2015-06-29T11:00:01Z,0,-524289,0,0,N", "row 2: the count -524289 is none of the converter"),
+        ("2015-06-29T11:00:01Z,0,0,0,256,N", "row 2: `quality` is 256, not 0 to 255"),
+        ("2015-06-29T11:00:01Z,0,0,0,0,M", "row 2: its mode M is not stated"),
+        ("2015-07-08T11:00:01Z,0,0,0,0,N", "row 2: the time 2015-07-08T11:00:01.000000000 is not of the day of the partition"),
+        ("2015-06-29T25:00:01Z,0,0,0,0,N", "row 2: the cell in column `time_utc` is no time"),
+        ("2015-06-29T11:00:01Z,0,,0,0,N", "row 2: the count NaN is none of the converter"),
+    ] {
+        let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n{row}\n"));
+        let day = small.folder.path().join("edited/sensor=OB/date=2015-06-30");
+        fs::create_dir_all(&day).unwrap();
+        fs::write(day.join("b.csv"), format!("{HEAD}2015-06-30T12:00:00Z,4,5,6,0,N\n")).unwrap();
+        let out = small.folder.path().join("out");
+        let mut command = calfit();
+        let output =
+            command.args(["flight", "A", "--no-plots"]).arg(small.folder.path().join("flight.toml")).arg("-o").arg(&out).output();
+        let output = output.unwrap();
+        assert_eq!(output.status.code(), Some(1), "{row}: {}", text(&output.stderr));
+        says(&text(&output.stderr), &["a.csv", words, "OB 2015-06-29 was not made"]);
+        // The other day is there, and of the broken one not even a part.
+        let tables: Vec<String> = files(&out).into_iter().filter(|name| name.contains("calfit-")).collect();
+        assert_eq!(tables, ["calfit-A-OB-20150630.parquet"], "{row}");
+    }
+}
+
+#[test]
+fn rows_may_stand_in_any_order_and_repeat() {
+    // A packet twice, one of the two with another count; packets that were swapped; a vector that quality rejects.
+    let rows = "2015-06-29T11:00:03Z,7,0,0,0,N\n2015-06-29T11:00:04Z,8,0,0,0,N\n2015-06-29T11:00:00Z,4,0,0,0,N\n\
+                2015-06-29T11:00:01Z,5,0,0,0,N\n2015-06-29T11:00:00Z,4,0,0,0,N\n2015-06-29T11:00:01Z,55,0,0,0,N\n\
+                2015-06-29T11:00:02Z,6,0,0,2,N\n";
+    let small = Small::new(PLAIN, &format!("{HEAD}{rows}"));
+    let level = small.level_a();
+    let [x, ..] = three(&level, ["bx", "by", "bz"]);
+    assert_eq!(x, [4.0, 5.0, 7.0, 8.0]);
+    // The rejected vector leaves a gap of two steps.
+    assert_eq!(level.whole("flags").unwrap(), [0, 0, 32, 0]);
+    let counts: serde_json::Value = serde_json::from_str(level.says("counts").unwrap()).unwrap();
+    for (key, wanted) in [("read", 7), ("duplicate", 2), ("conflicting", 1), ("rejected", 1), ("written", 4)] {
+        assert_eq!(counts[key], wanted, "{key}: {counts}");
+    }
+}
+
+#[test]
+fn every_program_reads_the_mode_as_text() {
+    let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n"));
+    small.level_a();
+    let path = small.folder.path().join("out/level=A/sensor=OB/date=2015-06-29/calfit-A-OB-20150629.parquet");
+    let table = SeriesTable::open(&path).unwrap();
+    let kind = |name: &str| table.kind(name).unwrap();
+    assert_eq!(kind("sid"), "Utf8View");
+    assert_eq!([kind("time_tt2000"), kind("bx"), kind("flags"), kind("quality")], ["Int64", "Float64", "UInt32", "UInt8"]);
+}
+
+#[test]
+fn tables_beside_the_telemetry_are_checked_row_by_row() {
+    let head = "time_utc,q0,q1,q2,q3\n2015-06-30T00:00:00Z,1.0,0.0,0.0,0.0\n";
+    for (row, words) in [
+        ("2015-06-30T00:00:10Z,0.5,0.0,0.0,0.0", "row 2: the quaternion has the length 0.500000, not 1"),
+        ("2015-06-29T00:00:10Z,1.0,0.0,0.0,0.0", "row 2: the times do not rise"),
+        ("2015-06-30T00:00:10Z,1.0,,0.0,0.0", "row 2: the quaternion has the length NaN, not 1"),
+    ] {
+        let set = Set::of("telemetry");
+        fs::write(set.path("attitude/a.csv"), format!("{head}{row}\n")).unwrap();
+        let output = set.change("attitude/attitude.parquet", "attitude/a.csv").flight("C", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+        says(&text(&output.stderr), &["a.csv", words]);
+        assert!(files(&set.out()).is_empty());
+    }
+    // A table that says of itself that it is of another order, direction or frame.
+    for (key, own) in [("attitude_order", "scalar-last"), ("attitude_from_to", "celestial to sc"), ("frame", "CSEQ")] {
+        let set = Set::of("telemetry");
+        let table = SeriesTable::open(&set.path("attitude/attitude.parquet")).unwrap();
+        let time = table.whole("time_tt2000").unwrap();
+        let q = ["q0", "q1", "q2", "q3"].map(|name| table.numbers(name).unwrap());
+        let mut columns = vec![("time_tt2000", Column::Whole(&time))];
+        columns.extend(["q0", "q1", "q2", "q3"].into_iter().zip(&q).map(|(name, c)| (name, Column::Numbers(c))));
+        let mut file = fs::File::create(set.path("attitude/b.parquet")).unwrap();
+        let mut writer = LongWriter::new(&mut file, &columns, vec![(key.to_owned(), own.to_owned())]).unwrap();
+        writer.write(&columns).unwrap();
+        writer.finish().unwrap();
+        let output = set.change("attitude/attitude.parquet", "attitude/b.parquet").flight("C", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+        says(&text(&output.stderr), &["b.parquet", &format!("says `{key}` of itself as `{own}`")]);
+    }
+}
+
+#[test]
+fn ground_files_of_another_sensor_or_convention_are_refused() {
+    const OB: &str = "ground/RPCMAG_001_CALIB_FSDPU_FMOB.TXT";
+    for (from, to, words) in [
+        ("sensor = \"FM-OB\"", "sensor = \"FM-XX\"", "FM-XX"),
+        ("omega_convention = \"Rosetta\"", "omega_convention = \"BepiColombo\"", "omega_convention"),
+        ("offset_unit = \"enT\"", "offset_unit = \"nT\"", "offset_unit"),
+        ("offset_sign = \"subtracted\"", "offset_sign = \"added\"", "offset_sign"),
+        ("offset_acts = \"before the matrix\"", "offset_acts = \"after the matrix\"", "offset_acts"),
+    ] {
+        let set = Set::of("telemetry");
+        let ground = fs::read_to_string(set.path(OB)).unwrap();
+        assert!(ground.contains(from), "{from}");
+        fs::write(set.path(OB), ground.replace(from, to)).unwrap();
+        let output = set.flight("A", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(2), "{to}: {}", text(&output.stderr));
+        says(&text(&output.stderr), &["RPCMAG_001_CALIB_FSDPU_FMOB.TXT", words]);
+        assert!(files(&set.out()).is_empty());
+    }
+    // Files of one sensor that name different ones.
+    let set = Set::of("telemetry");
+    let tof = fs::read_dir(set.path("ground")).unwrap().flatten().map(|e| e.path());
+    let tof = tof.into_iter().find(|path| path.extension().is_some_and(|end| end == "TOF")).unwrap();
+    fs::write(&tof, fs::read_to_string(&tof).unwrap().replace("FM-IB", "FM-OB")).unwrap();
+    let output = set.flight("A", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &[".TOF"]);
+}
+
+#[test]
+fn housekeeping_has_the_names_and_times_that_telemetry_has() {
+    let set = Set::of("telemetry");
+    let day = set.path("hk/date=2015-06-30");
+    fs::remove_dir_all(&day).unwrap();
+    fs::create_dir_all(&day).unwrap();
+    // 2015-06-30T00:00:32 UTC: 4563 days since 2003, 32 s, and three leap seconds between.
+    fs::write(day.join("a.csv"), "TIME_OBT,T_OB,BX.OB,POS_VOLTAGE,STAGE_A_ID\n394243235.0,13837,0,1,7\n").unwrap();
+    set.made("A", &["--hk", "--sensor", "IB", "--no-plots"]);
+    let table = SeriesTable::open(&set.out().join("level=HK/date=2015-06-30/calfit-HK-20150630.parquet")).unwrap();
+    assert_eq!(table.whole("stage_a_id").unwrap(), [7]);
+    // RO-IGEP-TR0028 section 4.2.2: the count 0 is a quarter of an enT, one count of the supply 2.5620 mV.
+    assert!((table.numbers("bx_ob").unwrap()[0] - 0.25).abs() < 1e-3);
+    assert!((table.numbers("pos_voltage").unwrap()[0] - 5.002_562_0).abs() < 1e-6);
+    assert!(table.numbers("t_ob").unwrap()[0].is_finite());
+    let utc = table.utc("time_utc", &calfit::data::time::LeapSeconds::default()).unwrap();
+    assert_eq!(utc, table.whole("time_tt2000").unwrap());
+    // 2015-07-01T00:00:00 UTC is 488980868184000000; the day before ends with a leap second.
+    assert_eq!(utc, [488_980_868_184_000_000 - (86_401 - 32) * 1_000_000_000]);
+}
