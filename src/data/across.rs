@@ -136,6 +136,8 @@ pub enum RunValues {
         model_hz: Option<[f64; 3]>,
         /// Its standard uncertainty, Hz.
         model_std_hz: Option<[f64; 3]>,
+        /// Temperatures at which the components hold, °C, where the sensor temperature moved.
+        model_degc: Option<[f64; 3]>,
         /// -3 dB frequency from the neighbouring amplitudes, Hz.
         igep_hz: Option<[f64; 3]>,
         /// Mean sampling frequency, Hz.

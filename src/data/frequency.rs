@@ -29,6 +29,9 @@ pub struct FrequencyValues {
     pub f_3db_model_hz: [f64; 3],
     /// Its standard uncertainty with that of the known effects, Hz.
     pub f_3db_model_std_hz: [f64; 3],
+    /// Sensor temperature at which the frequencies of the model hold, °C, where it moved during the run; otherwise they hold at the mean.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub f_3db_model_degc: Option<[f64; 3]>,
 }
 
 /// What these were found with.

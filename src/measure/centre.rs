@@ -7,6 +7,8 @@
 //! BepiColombo convention. Everything is converted exactly before `k` and `K` are formed.
 
 mod refusal;
+#[cfg(test)]
+mod tests;
 
 pub use refusal::CentreError;
 
@@ -19,7 +21,7 @@ use crate::measure::thermal::SAME_DEGC;
 use crate::model::alignment::{AlignmentPolynomials, Through, nodes_degc};
 use crate::model::off_centre::Transfer;
 use crate::model::polynomial::{TemperaturePolynomial, value};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// Polynomials of a temperature cycle beside the centre. A covariance of another size than the coefficients stands for one that is not
 /// known.
@@ -43,6 +45,9 @@ pub struct OffCentre {
     pub b_or_ent: [TemperaturePolynomial; 3],
     /// What they hold for, beside temperatures.
     pub scope: LinearScope,
+    /// What the facility that the runs share adds to the uncertainty of σ and ξ: how their coefficients, σ_x to ξ_yz, change by one standard
+    /// deviation of it. Absent where it is not stated, or not as one change per quantity; covariances are those of both types then.
+    pub of_facility: Option<[Vec<f64>; 6]>,
 }
 
 /// What the transfer needs beside the polynomials.
@@ -189,11 +194,13 @@ pub struct OffsetAtCentre {
 struct Uncertain {
     x: Vec<f64>,
     blocks: Vec<Option<DMatrix<f64>>>,
+    /// How the values change by one standard deviation each of what several of them share.
+    common: Vec<Vec<f64>>,
 }
 
 impl Uncertain {
     fn new() -> Self {
-        Self { x: Vec::new(), blocks: Vec::new() }
+        Self { x: Vec::new(), blocks: Vec::new(), common: Vec::new() }
     }
 
     fn polynomial(mut self, p: &TemperaturePolynomial) -> Self {
@@ -214,7 +221,10 @@ impl Uncertain {
     fn carry(&self, f: impl Fn(&[f64]) -> Vec<f64>) -> Result<(Vec<f64>, Option<DMatrix<f64>>), FitError> {
         let all: Option<Vec<&DMatrix<f64>>> = self.blocks.iter().map(Option::as_ref).collect();
         let Some(blocks) = all else { return Ok((f(&self.x), None)) };
-        let covariance = propagate::block_diagonal(blocks);
+        let mut covariance = propagate::block_diagonal(blocks);
+        for change in self.common.iter().map(|change| DVector::from_column_slice(change)) {
+            covariance += &change * change.transpose();
+        }
         let carried = propagate::propagate(f, &self.x, &covariance)?;
         Ok((carried.values, Some(carried.covariance)))
     }
@@ -228,7 +238,8 @@ pub fn centre(beside: &OffCentre, pair: Pair) -> Result<AtCentre, CentreError> {
     let centre = linear(pair.centre, pair.centre)?;
     let t1_degc = centre.temperature_degc.ok_or_else(|| CentreError::NoTemperature(centre.file.clone()))?;
     let off_run = pair.off_centre.map(|p| linear(p, pair.centre)).transpose()?;
-    let members = Members { beside, centre, off_run, t1_degc };
+    let std_b = [Some(pair.centre), pair.off_centre].map(|run| run.map_or([0.0; 6], of_facility));
+    let members = Members { beside, centre, off_run, std_b, t1_degc };
     let mut notes = members.notes();
     let scope = scope(beside, &pair)?;
     let linear = members.linear()?;
@@ -314,6 +325,8 @@ struct Members<'a> {
     centre: PairedCalibration,
     /// The run beside the centre at T1, if there is one.
     off_run: Option<PairedCalibration>,
+    /// Standard uncertainties of type B of σ and ξ of the runs at and beside the centre; zero where none are stated.
+    std_b: [[f64; 6]; 2],
     t1_degc: f64,
 }
 
@@ -390,11 +403,30 @@ impl Members<'_> {
     /// The polynomials beside the centre, the run at the centre, and the run beside it if there is one, each as its file has it.
     fn known(&self) -> Uncertain {
         let polynomials = self.beside.sigma.iter().chain(&self.beside.xi_deg).fold(Uncertain::new(), Uncertain::polynomial);
-        std::iter::once(&self.centre).chain(&self.off_run).fold(polynomials, |known, run| {
+        let mut known = std::iter::once(&self.centre).chain(&self.off_run).fold(polynomials, |known, run| {
             let sigma = (0..3).map(|i| (run.sigma[i], run.sigma_std.map(|s| s[i])));
             let xi = (0..3).map(|i| (run.xi_deg[i], run.xi_std_deg.map(|s| s[i])));
             sigma.chain(xi).fold(known, |known, (value, std)| known.value(value, std))
-        })
+        });
+        known.common = self.of_facility(known.x.len());
+        known
+    }
+
+    /// How the values of [`Members::known`] change by one standard deviation of the facility, which polynomials and runs share, per quantity.
+    fn of_facility(&self, count: usize) -> Vec<Vec<f64>> {
+        let Some(polynomials) = &self.beside.of_facility else { return Vec::new() };
+        let runs = count - polynomials.iter().map(Vec::len).sum::<usize>();
+        let mut first = 0;
+        let change = |(quantity, own): (usize, &Vec<f64>)| {
+            let mut change = vec![0.0; count];
+            change[first..first + own.len()].copy_from_slice(own);
+            first += own.len();
+            for (run, std_b) in self.std_b.iter().enumerate().take(runs / 6) {
+                change[count - runs + 6 * run + quantity] = std_b[quantity];
+            }
+            change
+        };
+        polynomials.iter().enumerate().map(change).collect()
     }
 
     /// The transfer in the Rosetta convention for the values `x`, in the order of [`Members::known`].
@@ -520,6 +552,13 @@ fn same_sensor(point: &CalibratedRun, centre: &CalibratedRun) -> Result<(), Cent
         return Ok(());
     }
     Err(CentreError::Other { file: point.file.clone(), found: of(point), centre: centre.file.clone(), wanted: of(centre) })
+}
+
+/// Standard uncertainties of type B of σ and ξ of a run; zero where none are stated.
+fn of_facility(point: &CalibratedRun) -> [f64; 6] {
+    let RunValues::Lin { std_b, .. } = &point.values else { return [0.0; 6] };
+    let [sigma, xi_deg] = [0, 1].map(|which| std_b[which].filter(|s| s.iter().all(|s| s.is_finite())).unwrap_or_default());
+    std::array::from_fn(|i| if i < 3 { sigma[i] } else { xi_deg[i - 3] })
 }
 
 fn linear(point: &CalibratedRun, centre: &CalibratedRun) -> Result<PairedCalibration, CentreError> {

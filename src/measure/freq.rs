@@ -9,6 +9,7 @@ mod amplitudes;
 mod applied;
 mod clock;
 mod effects;
+mod moving;
 mod rates;
 mod refusal;
 mod response;
@@ -94,10 +95,12 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     notes.extend(jumps);
 
     let temperatures = Temperatures::of(run, instructions, span_s(&measured), &mut notes);
-    notes.extend(temperatures.moved_k().map(moved));
     conditions::warn_of_run(&mut notes, run, instructions);
     let stretches = measured.iter().zip(&applied.settings).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
     let corner = respond(&mut measured, &mut notes);
+    let moved_k = temperatures.moved_k();
+    let f_3db_model_degc = moved_k.map(|_| moving::of_corners(&corner, &measured, &temperatures.sensor));
+    notes.extend(moved_k.zip(f_3db_model_degc.as_ref()).map(|(range_k, degc)| moving::note(range_k, degc)));
     let f_3db_model_std_hz = widen(&applied.known, &mut measured, &corner);
     // The sampling frequency holds where the run tells it best.
     let moved = 1.0 + applied.known.clock(clock.centre_s + applied.begin_s(clock.mean_hz));
@@ -107,7 +110,7 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
         left_out: applied.known.left_out.clone(),
     });
     Ok(Freq {
-        values: FrequencyValues { f_3db_model_std_hz, ..clock.values(moved, &corner) },
+        values: FrequencyValues { f_3db_model_std_hz, f_3db_model_degc, ..clock.values(moved, &corner) },
         found: FrequencyFound {
             run: conditions::head(run, instructions, &temperatures),
             model: corner.response(),
@@ -142,14 +145,4 @@ fn refusals_and_damage(measured: &[SineAmplitude]) -> Vec<Note> {
         .filter(|a| a.used_s.is_some() && !a.remark.is_empty())
         .map(|a| Note::new(NoteKind::Data, format!("{} Hz: {}", a.frequency_hz, a.remark)).about(about(a)));
     refused.chain(damaged).collect()
-}
-
-/// Says of a sensor temperature that moved what it means: frequencies are applied one after the other, each at a temperature of its own. In a
-/// twin whose corner follows the temperature by 0.08 Hz/K the corner was off by 0.5 Hz where the temperature moved by 33 K.
-fn moved(range_k: f64) -> Note {
-    let text = format!(
-        "the sensor temperature moved by {range_k:.1} K while one frequency after the other was applied: amplitudes and -3 dB frequencies belong to \
-         no single temperature, and what they follow of it is in no uncertainty"
-    );
-    Note::new(NoteKind::Temperature, text).with_remedy("measure at a steady temperature")
 }

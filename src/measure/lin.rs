@@ -135,6 +135,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         blocks,
         temperatures,
         given: plateaus.clone(),
+        noise_tried: noise.tried().map(<[_]>::to_vec),
         samples: None,
     })
 }

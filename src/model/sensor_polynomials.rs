@@ -5,6 +5,7 @@ use super::polynomial::TemperaturePolynomial;
 use super::sensor::Split;
 use crate::data::convention::base_vectors;
 use crate::data::provenance::Input;
+use crate::fit::noise::dense::GroupNoise;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// The polynomials of a sensor in one mode.
@@ -26,6 +27,8 @@ pub struct SensorPolynomials {
     pub xi_deg: [TemperaturePolynomial; 3],
     /// Offset and residual field of x, y and z, enT.
     pub b_or_ent: [TemperaturePolynomial; 3],
+    /// What the runs behind them show of their noise together; absent where the file does not tell.
+    pub noise: Option<GroupNoise>,
 }
 
 impl SensorPolynomials {

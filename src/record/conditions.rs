@@ -8,7 +8,7 @@ use crate::data::plateau::{Drop, Plateau, Plateaus};
 use crate::data::result::{Conditions, Dropped, RunHead, Spread};
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
-use crate::fit::noise::dense::{self, Octave, Sampled};
+use crate::fit::noise::dense::{self, GroupNoise, Octave, Sampled};
 use crate::fit::{DenseNoise, FitError, Solution};
 use crate::model::campaign::Instructions;
 use nalgebra::DMatrix;
@@ -121,14 +121,27 @@ pub fn raw_std(used: &[&Plateau]) -> Option<Spread> {
 /// # Errors
 /// Those of [`dense::estimate`].
 pub fn noise(solution: &Solution, used: &[&Plateau]) -> Result<DenseNoise, FitError> {
-    noise_of(solution, used, &[0, 1, 2])
+    noise_of(solution, used, &[0, 1, 2], None)
+}
+
+/// The same of a run of a group whose runs show their noise together.
+///
+/// # Errors
+/// Those of [`dense::estimate`].
+pub fn noise_in_group(solution: &Solution, used: &[&Plateau], group: Option<&GroupNoise>) -> Result<DenseNoise, FitError> {
+    noise_of(solution, used, &[0, 1, 2], group)
 }
 
 /// The same for right-hand sides that are some components of the reading, 0 to 2.
 ///
 /// # Errors
 /// Those of [`dense::estimate`].
-pub fn noise_of(solution: &Solution, used: &[&Plateau], components: &[usize]) -> Result<DenseNoise, FitError> {
+pub fn noise_of(
+    solution: &Solution,
+    used: &[&Plateau],
+    components: &[usize],
+    group: Option<&GroupNoise>,
+) -> Result<DenseNoise, FitError> {
     let mut octaves: Vec<Octave> = Vec::new();
     for contrasts in used.iter().flat_map(|p| &p.contrasts) {
         let same = |o: &&mut Octave| (o.length / contrasts.part_s - 1.0).abs() < SAME_LENGTH;
@@ -163,7 +176,7 @@ pub fn noise_of(solution: &Solution, used: &[&Plateau], components: &[usize]) ->
         })
     });
     let scatter = Some([&variances, &readings]);
-    dense::estimate_with(solution, &Sampled { intervals: &intervals, counts: &samples, octaves: &octaves, scatter })
+    dense::estimate_with(solution, &Sampled { intervals: &intervals, counts: &samples, octaves: &octaves, scatter, group })
 }
 
 /// Probability from which noise steeper than 1/f is told.

@@ -158,16 +158,19 @@ const B_OFF: [&str; 3] = ["b_off_x", "b_off_y", "b_off_z"];
 
 /// The polynomials of a file, with the covariances that it states.
 fn off_centre(tpf: &Tpf) -> OffCentre {
+    let common = tpf.of_facility();
+    let (sigma, xi_deg) = if common.is_some() { tpf.of_type_a() } else { (tpf.sigma(), tpf.xi_deg()) };
     OffCentre {
         convention: Convention::BepiColombo,
         sensor: tpf.head.sensor.clone(),
         mode: tpf.head.mode.clone(),
         runs: tpf.head.runs.clone(),
         valid_degc: tpf.head.valid_degc,
-        sigma: tpf.sigma(),
-        xi_deg: tpf.xi_deg(),
+        sigma,
+        xi_deg,
         b_or_ent: tpf.b_or_ent(),
         scope: tpf.scope.clone(),
+        of_facility: common,
     }
 }
 

@@ -40,7 +40,8 @@ pub fn settle(measured: &mut [Measured], entries: &[ThermalEntry], orders: &[(St
             measured.iter().filter_map(Measured::lin).filter_map(|made| made.result.point()).collect();
         let groups: Vec<RunGroup> = groups(&points, entries, orders);
         // What has no polynomials says so when they are made to be written.
-        let now: Vec<Thermal> = groups.iter().filter_map(|group| thermal(group, Kind::Lin, &[], false).ok()).collect();
+        let lins: Vec<&Lin> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
+        let now: Vec<Thermal> = groups.iter().filter_map(|group| thermal(group, Kind::Lin, &lins, false).ok()).collect();
         if now.is_empty() || (now.len() == before.len() && now.iter().zip(&before).all(|(a, b)| is_settled(a, b))) {
             return;
         }

@@ -13,7 +13,9 @@ use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::reference::StatedReference;
 use crate::data::run::Location;
 use crate::files::ledger::Origin;
-use crate::files::parameter::{Body, JointPart, NO_CHANNEL, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point};
+use crate::files::parameter::{
+    Body, JointPart, NO_CHANNEL, NoisePart, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point,
+};
 use crate::files::source::hex;
 use crate::measure::centre::together;
 use crate::measure::joint::{JointFit, QUANTITIES};
@@ -330,10 +332,11 @@ impl ThermalFile {
         let coefficients = |name: &str| coefficients(&result.quantities, name);
         match &result.of_kind {
             OfKind::Lin(lin) => {
-                let LinAcross { rotation, model_error, joint, scope } = lin.as_ref();
+                let LinAcross { rotation, model_error, joint, scope, noise } = lin.as_ref();
                 ThermalFile::Tpf(Box::new(Tpf {
                     model_error: model_error.clone(),
-                    joint: joint.as_ref().map(joint_part),
+                    joint: joint.as_ref().map(|joint| joint_part(joint, &result.quantities)),
+                    noise: noise.as_ref().map(NoisePart::of).unwrap_or_default(),
                     ..tpf(&result.quantities, head, rotation.clone(), scope.clone(), result.runs.reference)
                 }))
             }
@@ -435,6 +438,7 @@ pub(super) fn tpf(
         model_error: None,
         joint: None,
         sweep: None,
+        noise: Vec::new(),
     };
     file.reference = reference.and_then(|stated| stated.in_frame_of(&file.mean_alignment()).ok());
     file
@@ -465,12 +469,18 @@ fn head(result: &Thermal) -> ThermalHead {
 
 /// What the facility adds to the covariance of the coefficients of every quantity, and both together; empty where it is not stated.
 pub(super) fn covariances_with_type_b(quantities: &[QuantityFit]) -> [BTreeMap<String, Vec<Vec<f64>>>; 2] {
+    with_type_b(quantities.iter().map(|q| (q.found.name.as_str(), &q.polynomial.covariance, q.covariance_b.as_ref())))
+}
+
+/// The same of any polynomials: their names, covariances of type A and B.
+fn with_type_b<'a>(
+    all: impl Iterator<Item = (&'a str, &'a DMatrix<f64>, Option<&'a DMatrix<f64>>)>,
+) -> [BTreeMap<String, Vec<Vec<f64>>>; 2] {
     let mut both = [BTreeMap::new(), BTreeMap::new()];
-    for (quantity, of_facility) in quantities.iter().filter_map(|q| Some((q, q.covariance_b.as_ref()?))) {
-        let name = &quantity.found.name;
-        both[0].insert(name.clone(), rows(of_facility));
-        if quantity.polynomial.covariance.shape() == of_facility.shape() {
-            both[1].insert(name.clone(), rows(&(&quantity.polynomial.covariance + of_facility)));
+    for (name, own, of_facility) in all.filter_map(|(name, own, b)| Some((name, own, b?))) {
+        both[0].insert(name.to_owned(), rows(of_facility));
+        if own.shape() == of_facility.shape() {
+            both[1].insert(name.to_owned(), rows(&(own + of_facility)));
         }
     }
     both
@@ -481,9 +491,15 @@ pub(super) fn covariances(quantities: &[QuantityFit]) -> BTreeMap<String, Vec<Ve
     quantities.iter().map(|q| (q.found.name.clone(), rows(&q.polynomial.covariance))).collect()
 }
 
-fn joint_part(joint: &JointFit) -> JointPart {
+/// A field that is not what was set moves the polynomials of both fits alike: the orders are the same, and so are the runs.
+fn joint_part(joint: &JointFit, quantities: &[QuantityFit]) -> JointPart {
     let named = || QUANTITIES.iter().map(|name| (*name).to_owned()).zip(&joint.polynomials);
+    let of_facility = |name: &str| quantities.iter().find(|q| q.found.name == name)?.covariance_b.as_ref();
+    let own = QUANTITIES.iter().zip(&joint.polynomials).map(|(name, p)| (*name, &p.covariance, of_facility(name)));
+    let [covariance_b, covariance_combined] = with_type_b(own);
     JointPart {
+        covariance_b,
+        covariance_combined,
         coefficients: named().map(|(name, p)| (name, p.coefficients.clone())).collect(),
         covariance: named().map(|(name, p)| (name, rows(&p.covariance))).collect(),
         chi_square: joint.chi2,

@@ -4,6 +4,7 @@
 //! a file between. The bounds are those of Cramér and Rao for the simulated noise, from the closed form of its covariance: for the
 //! means of quarters of the plateaus (linearity, offset), for the density at the frequency of the sine or its alias (frequency).
 
+mod moving;
 mod samples;
 mod sines;
 mod table;
@@ -11,13 +12,12 @@ mod table;
 pub use samples::{NOISES, Noise};
 pub use table::table;
 
-use crate::repository;
 use calfit::data::across::CalibratedRun;
 use calfit::data::plateau::{Accumulator, Cut};
 use calfit::data::run::Setting;
 use calfit::data::units::FieldCoil;
 use calfit::files::mag::{Programme, Step};
-use calfit::files::twin::{self, RunTwin, Twin};
+use calfit::files::twin::{RunTwin, Twin};
 use calfit::fit::NORMAL_95;
 use calfit::measure::freq::{self, Sines};
 use calfit::measure::thermal::{Kind, groups, thermal};
@@ -27,6 +27,7 @@ use calfit::simulate::Simulation;
 use calfit::simulate::noise::Random;
 use calfit::simulate::run::SimulatedRun;
 use calfit::workflow::RunResult;
+use moving::{demo, of_moving, of_sweep};
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
 use rayon::prelude::*;
 use sines::{Tones, of_freq};
@@ -87,7 +88,7 @@ impl Tally {
     }
 }
 
-/// Runs the study of `lin`, `offset`, `freq`, `null` or `thermal`; parameters in the order of their names.
+/// Runs the study of `lin`, `lin moving`, `offset`, `freq`, `null`, `sweep` or `thermal`; parameters in the order of their names.
 pub fn study(name: &str, noise: Noise, runs: u64) -> BTreeMap<String, Tally> {
     let mut tallies: BTreeMap<String, Tally> = BTreeMap::new();
     for e in estimates_of(name, noise, runs) {
@@ -104,11 +105,14 @@ pub fn study(name: &str, noise: Noise, runs: u64) -> BTreeMap<String, Tally> {
 }
 
 fn estimates_of(name: &str, noise: Noise, runs: u64) -> Vec<Estimate> {
-    let base = base();
+    let demo = demo();
+    let base = base(&demo);
     let estimates: Vec<Vec<Estimate>> = (0..runs)
         .into_par_iter()
         .map(|seed| match name {
             "lin" => of_lin(&base, noise, seed),
+            "lin moving" => of_moving(&base, &demo, noise, seed),
+            "sweep" => of_sweep(&demo, noise, seed),
             "offset" => of_offset(&base, noise, seed),
             "freq" => of_freq(&base, noise, seed),
             "null" => of_null(&base, noise, seed),
@@ -130,18 +134,11 @@ const PARTS: usize = 4;
 /// Temperatures of a thermal group, °C.
 const TEMPERATURES_DEGC: [f64; 7] = [-71.0, -21.0, 17.3, 30.0, 80.0, 130.0, 180.0];
 
-/// The twin of the demonstration without anything that is not sensor or noise, and with short sines.
-fn base() -> Twin {
-    let path = repository("configs/demo.toml");
-    let mut twin = twin::read(&path, &mut Vec::new()).unwrap_or_else(|e| panic!("{e}"));
-    let facility = &mut twin.facility;
-    (facility.setting_scatter_nt, facility.daily_nt, facility.irregular_nt) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+/// The twin of the demonstration at rest, with short sines.
+fn base(demo: &Twin) -> Twin {
+    let mut twin = demo.clone();
     twin.thermal_box.phases.clear();
-    twin.thermal_box.heater = None;
-    twin.thermistors.truncate(1);
     twin.thermistors[0].noise_k = 0.0;
-    twin.sensors[0].packet_loss = 0.0;
-    twin.sensors[0].rotation_per_k_deg = [0.0; 3];
     let programme = |name: &str| twin.programmes.iter().find(|p| p.name == name).cloned().unwrap();
     let mut sines: Programme = programme("FREQ2000.MAG");
     let shorter = |step: &Step| Step { duration_s: (5.0 / step.frequency_hz).max(10.0), ..*step };

@@ -38,7 +38,7 @@ impl Default for CentreConvention {
             model: "p(T) = sum over k of p_k T^k, coefficients lowest order first; superscript 1 off-centre, 0 at the centre: k_i = sigma1_i(T1) / sigma0_i(T1), sigma0_i(T) = sigma1_i(T) / k_i; K = omega0(T1)^-1 omega1(T1), omega0(T) = Q(xi1(T)) K^-1; the polynomials sigma and xi are lengths of and angles between the columns of omega0(T) sigma0(T); T1 is reference_degc".to_owned(),
             offset: "B_off(T) = b_or(T) - B_res, B_res = b_or(T2) - B_off(T2), B_off(T2) measured by turning the sensor at T2".to_owned(),
             units: "T degC of the channel; sigma nT/enT, xi degrees between sensor axes, b_or, b_off and b_res enT along the sensor axes; sigma, xi, b_off hold at the centre, off_centre.coefficients beside it; the polynomials sigma and xi miss the columns of omega0(T) sigma0(T) by sigma_remainder and xi_remainder_deg at most".to_owned(),
-            uncertainty: "standard uncertainties and covariances of the coefficients, coverage factor 1; polynomials and single runs are taken as independent, which makes sigma and xi at the centre too uncertain, not too certain, where the off-centre run is also one of the polynomials' runs; k and K are taken not to depend on temperature".to_owned(),
+            uncertainty: "standard uncertainties and covariances of the coefficients, coverage factor 1; with the uncertainty of the facility where the files state it, as common to polynomials and runs; apart from it, polynomials and single runs are taken as independent, which makes sigma and xi at the centre too uncertain, not too certain, where the off-centre run is also one of the polynomials' runs; k and K are taken not to depend on temperature".to_owned(),
         }
     }
 }

@@ -72,8 +72,17 @@ impl Body for Fpf {
         ],
         valid_degc: RUN_DEGC,
     });
-    const MAY_LACK: &'static [&'static str] =
-        &["f_3db_igep_hz", "f_3db_model_hz", "f_3db_model_std_hz", "f_s_hz", "f_s_std_hz", "model", "clock", "amplitude"];
+    const MAY_LACK: &'static [&'static str] = &[
+        "f_3db_igep_hz",
+        "f_3db_model_hz",
+        "f_3db_model_std_hz",
+        "f_3db_model_degc",
+        "f_s_hz",
+        "f_s_std_hz",
+        "model",
+        "clock",
+        "amplitude",
+    ];
     fn file_name(&self) -> String {
         format!("FREQ_PARAMETER__{}.FPF", self.found.run.dashed_id())
     }

@@ -35,7 +35,7 @@ pub use null::{Npf, NullConvention};
 pub use opf::{OffsetConvention, Opf};
 pub use point::{Point, read_point};
 pub use quantity::{Argument, Entry, Polynomial, Quantities, Shape};
-pub use thermal::{JointPart, NO_CHANNEL, SweepPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
+pub use thermal::{JointPart, NO_CHANNEL, NoisePart, SweepPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
 pub use thermistor::{ThermistorConvention, ThermistorFile};
 
 use super::source::{hex, read_whole};

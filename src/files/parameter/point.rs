@@ -103,6 +103,7 @@ struct FpfKeys {
     run: RunAtTemperature,
     f_3db_model_hz: Option<[f64; 3]>,
     f_3db_model_std_hz: Option<[f64; 3]>,
+    f_3db_model_degc: Option<[f64; 3]>,
     f_3db_igep_hz: Option<[f64; 3]>,
     mean_f_s_hz: Option<f64>,
     mean_f_s_std_hz: Option<f64>,
@@ -233,6 +234,7 @@ pub(super) fn fpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
     let values = RunValues::Freq {
         model_hz: keys.f_3db_model_hz,
         model_std_hz: keys.f_3db_model_std_hz,
+        model_degc: keys.f_3db_model_degc,
         igep_hz: keys.f_3db_igep_hz,
         f_s_hz: keys.mean_f_s_hz,
         f_s_std_hz: keys.mean_f_s_std_hz,
@@ -298,6 +300,7 @@ impl From<&Fpf> for CalibratedRun {
             values: RunValues::Freq {
                 model_hz: Some(fpf.values.f_3db_model_hz),
                 model_std_hz: Some(fpf.values.f_3db_model_std_hz),
+                model_degc: fpf.values.f_3db_model_degc,
                 igep_hz: Some(fpf.values.f_3db_igep_hz),
                 f_s_hz: fpf.values.mean_f_s_hz,
                 f_s_std_hz: fpf.values.mean_f_s_std_hz,

@@ -14,6 +14,8 @@ use crate::data::provenance::Input;
 use crate::data::quantity::QuantityFound;
 use crate::data::reference::{Reference, StatedReference};
 use crate::data::run::Location;
+use crate::data::units::COMPONENTS;
+use crate::fit::noise::dense::{GroupNoise, NoiseKind, Origin, Pooled};
 use crate::model::field_calibration::Frame;
 use crate::model::polynomial::{TemperaturePolynomial, value};
 use crate::model::sensor_polynomials::SensorPolynomials;
@@ -128,6 +130,10 @@ pub struct Tpf {
     /// How the polynomials were found, if they are those of one continuous sweep.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sweep: Option<SweepPart>,
+    /// What the runs show of the noise of their plateaus together, a table per component: the prior of runs that are calibrated with this
+    /// file. Absent where they do not tell.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub noise: Vec<NoisePart>,
 }
 
 /// A continuous sweep: one fit of the temperature-dependent model to all its settings.
@@ -167,8 +173,14 @@ pub struct SweepPart {
 pub struct JointPart {
     /// Coefficients per quantity, lowest order first.
     pub coefficients: BTreeMap<String, Vec<f64>>,
-    /// Covariance of the coefficients per quantity.
+    /// Covariance of the coefficients per quantity, type A.
     pub covariance: BTreeMap<String, Vec<Vec<f64>>>,
+    /// What the uncertainty of the facility adds, type B; empty where it is not stated.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub covariance_b: BTreeMap<String, Vec<Vec<f64>>>,
+    /// The covariance of both types; empty likewise.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub covariance_combined: BTreeMap<String, Vec<Vec<f64>>>,
     /// Chi-square of all plateaus.
     pub chi_square: f64,
     /// Its degrees of freedom.
@@ -177,6 +189,86 @@ pub struct JointPart {
     pub widened: f64,
     /// Evaluations of the model.
     pub evaluations: usize,
+}
+
+/// The change of coefficients whose square is a covariance, positive at a temperature; `None` where it is not that of one change.
+fn change_of(covariance: &[Vec<f64>], degc: f64) -> Option<Vec<f64>> {
+    const ROUNDING: f64 = 1e-6;
+    let n = covariance.len();
+    let variance = |k: usize| covariance[k][k];
+    let largest = (0..n).max_by(|a, b| variance(*a).total_cmp(&variance(*b))).filter(|k| variance(*k) > 0.0)?;
+    let mut change: Vec<f64> = (0..n).map(|k| covariance[k][largest] / variance(largest).sqrt()).collect();
+    let is_one = |(i, k): (usize, usize)| {
+        (covariance[i][k] - change[i] * change[k]).abs() <= ROUNDING * (variance(i) * variance(k)).sqrt().max(f64::MIN_POSITIVE)
+    };
+    let all = (0..n).flat_map(|i| (0..n).map(move |k| (i, k))).all(is_one);
+    if value(&change, degc) < 0.0 {
+        change.iter_mut().for_each(|c| *c = -*c);
+    }
+    all.then_some(change)
+}
+
+/// The kinds of noise of the plateaus of a component, and how probable each is in a run of the group. Every list has an entry per kind.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct NoisePart {
+    /// Component.
+    pub component: String,
+    /// Where slow noise comes from: `samples`, `plateaus` or `gain`.
+    pub slow_noise_of: Vec<String>,
+    /// Exponent of its power density.
+    pub exponent: Vec<f64>,
+    /// Its variance in a plateau over the white one that the samples let expect.
+    pub slow_over_white: Vec<f64>,
+    /// White variance of the plateaus over the one that the samples let expect.
+    pub plateaus_over_samples: Vec<f64>,
+    /// By how much the white variance at the largest reading is larger than at none, over the latter, beside what the samples show.
+    pub growth: Vec<f64>,
+    /// Probability.
+    pub probability: Vec<f64>,
+}
+
+/// How origins of slow noise are written.
+const ORIGINS: [(&str, Origin); 3] = [("samples", Origin::Samples), ("plateaus", Origin::Rows), ("gain", Origin::Gain)];
+
+impl NoisePart {
+    /// The tables of a group.
+    #[must_use]
+    pub fn of(group: &GroupNoise) -> Vec<Self> {
+        let part = |(component, pooled): (&str, &Pooled)| {
+            let mut part = NoisePart { component: component.to_owned(), ..NoisePart::default() };
+            for (kind, probability) in pooled.kinds() {
+                let origin = ORIGINS.iter().find(|(_, origin)| *origin == kind.origin).map_or("", |(name, _)| name);
+                part.slow_noise_of.push(origin.to_owned());
+                part.exponent.push(kind.exponent);
+                part.slow_over_white.push(kind.ratio);
+                part.plateaus_over_samples.push(kind.excess);
+                part.growth.push(kind.growth);
+                part.probability.push(probability);
+            }
+            part
+        };
+        COMPONENTS.into_iter().zip(&group.components).map(part).collect()
+    }
+
+    /// The noise of a group from its tables; `None` unless there is one per component.
+    fn together(parts: &[Self]) -> Option<GroupNoise> {
+        let pooled = |component: &str| {
+            let part = parts.iter().find(|part| part.component == component)?;
+            let kind = |i: usize| {
+                let origin = ORIGINS.iter().find(|(name, _)| *name == part.slow_noise_of[i])?.1;
+                let kind = NoiseKind {
+                    origin,
+                    exponent: *part.exponent.get(i)?,
+                    ratio: *part.slow_over_white.get(i)?,
+                    excess: *part.plateaus_over_samples.get(i)?,
+                    growth: *part.growth.get(i)?,
+                };
+                Some((kind, *part.probability.get(i)?))
+            };
+            Some(Pooled::of((0..part.slow_noise_of.len()).map(kind).collect::<Option<Vec<_>>>()?))
+        };
+        Some(GroupNoise { components: COMPONENTS.into_iter().map(pooled).collect::<Option<Vec<_>>>()? })
+    }
 }
 
 impl Tpf {
@@ -198,6 +290,27 @@ impl Tpf {
         self.head.polynomials([("b_or_x", &self.b_or_x), ("b_or_y", &self.b_or_y), ("b_or_z", &self.b_or_z)])
     }
 
+    /// Sensitivities and angles with their covariances of type A alone.
+    #[must_use]
+    pub fn of_type_a(&self) -> ([TemperaturePolynomial; 3], [TemperaturePolynomial; 3]) {
+        let head = &self.head;
+        let of =
+            |name: &str, coefficients: &Vec<f64>| stated_polynomial(coefficients, head.covariance.get(name), head.valid_degc);
+        let sigma = [("sigma_x", &self.sigma_x), ("sigma_y", &self.sigma_y), ("sigma_z", &self.sigma_z)];
+        let xi = [("xi_xy", &self.xi_xy), ("xi_xz", &self.xi_xz), ("xi_yz", &self.xi_yz)];
+        (sigma.map(|(name, c)| of(name, c)), xi.map(|(name, c)| of(name, c)))
+    }
+
+    /// How the coefficients of sensitivities and angles, sigma_x to xi_yz, change by one standard deviation of the facility; `None` where the
+    /// file does not state it, or not as one change per quantity.
+    #[must_use]
+    pub fn of_facility(&self) -> Option<[Vec<f64>; 6]> {
+        const NAMES: [&str; 6] = ["sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz", "xi_yz"];
+        let degc = self.mean_degc();
+        let all = NAMES.map(|name| change_of(self.head.covariance_b.get(name)?, degc));
+        all.iter().all(Option::is_some).then(|| all.map(Option::unwrap_or_default))
+    }
+
     /// Everything that the parameters of a run follow of the sensor temperature.
     #[must_use]
     pub fn polynomials(&self, input: Input) -> SensorPolynomials {
@@ -211,6 +324,7 @@ impl Tpf {
             sigma: self.sigma(),
             xi_deg: self.xi_deg(),
             b_or_ent: self.b_or_ent(),
+            noise: NoisePart::together(&self.noise),
         }
     }
 

@@ -14,6 +14,7 @@ use crate::data::calibration::{SlopeStd, TemperatureSlopes};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::run::{Run, mean_over};
+use crate::fit::noise::dense::GroupNoise;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::{extremes, slope};
 use crate::fit::{DenseNoise, FitError};
@@ -57,6 +58,8 @@ pub(super) struct Moving {
     at_degc: f64,
     /// Temperatures of all plateaus over it, K.
     over_k: Vec<f64>,
+    /// Standard uncertainty of their mean by the noise of the thermometer, K.
+    std_k: f64,
     /// Lowest and highest temperature of the used plateaus, °C.
     pub range_degc: [f64; 2],
     /// Straight line through the temperatures of the used plateaus, K/h.
@@ -72,6 +75,8 @@ impl Moving {
         let mended = mended.channel(channel).filter(|_| jumps.iter().any(|jump| jump.channel == *channel));
         let course = Course::smooth(mended.as_ref().unwrap_or(&temperatures.sensor));
         let over_k: Vec<f64> = list.iter().map(|p| mean_over(&course.series, p.used_s) - at_degc).collect();
+        let readings = course.series.iter().filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)).count();
+        let std_k = course.noise / (readings.max(1) as f64).sqrt();
         let used = || list.iter().zip(&over_k).filter(|(p, _)| p.dropped.is_none());
         let [low, high] = extremes(used().map(|(_, over)| *over));
         Some(Self {
@@ -79,6 +84,7 @@ impl Moving {
             range_degc: [at_degc + low, at_degc + high],
             at_degc,
             over_k,
+            std_k,
         })
     }
 
@@ -147,7 +153,7 @@ pub(super) fn refer(
             let change = SensorChange::of(polynomials, moving.at_degc);
             let directions = directions(polynomials, moving.at_degc);
             let source = polynomials.input.path.clone();
-            held(prepared, &raw, moving, order, is_robust, change, &directions, source)
+            held(prepared, &raw, moving, order, is_robust, change, &directions, source, polynomials.noise.as_ref())
         }
         Origin::Run { order: Some(highest), bounds } => {
             free_or_held(prepared, &raw, moving, order, is_robust, (*highest).clamp(1, MOST_ORDER), bounds)
@@ -182,7 +188,7 @@ fn free_or_held(
             (Some(sigma), Some(xi_deg)) => {
                 let of = |k: usize| (k, vec![if k < 3 { sigma } else { xi_deg }]);
                 let directions: Vec<_> = (0..6).map(of).collect();
-                held(prepared, raw, moving, order, is_robust, SensorChange::default(), &directions, "bound".to_owned())
+                held(prepared, raw, moving, order, is_robust, SensorChange::default(), &directions, "bound".to_owned(), None)
             }
             _ => Err(LinError::Slopes { range_k: moving.range_k() }),
         },
@@ -215,7 +221,10 @@ fn directions(polynomials: &SensorPolynomials, degc: f64) -> Vec<(usize, Vec<f64
 }
 
 /// With given slopes, the uncertainty of which is carried on.
-#[expect(clippy::too_many_arguments, reason = "the run, how it is fitted, and the slopes with uncertainty and source")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the run, how it is fitted, the slopes with uncertainty and source, the noise of the group"
+)]
 fn held(
     prepared: &mut Prepared,
     raw: &[Plateau],
@@ -225,12 +234,14 @@ fn held(
     change: SensorChange,
     directions: &[(usize, Vec<f64>)],
     source: String,
+    group: Option<&GroupNoise>,
 ) -> Result<Referred, LinError> {
     let (means, fitted, at) = settle(prepared, raw, moving, order, is_robust, 0, &mut change.clone())?;
     let used = prepared.used(order)?;
-    let noise = conditions::noise(fitted.for_noise(), &used).map_err(LinError::Fit)?;
+    let noise = conditions::noise_in_group(fitted.for_noise(), &used, group).map_err(LinError::Fit)?;
     let mut covariance = prepared.covariance(&noise, &means, &used).map_err(LinError::Fit)?;
-    let changes = changes_ent(directions, &at, raw, moving);
+    let mut changes = changes_ent(directions, &at, raw, moving);
+    changes.extend(change_by_thermometer_ent(&change, &at, raw, moving));
     let carry = || carried::covariance(&changes, raw, &means.design()?);
     covariance += carry().map_err(LinError::Fit)?;
     let stacked = stack(&fitted.solution.coefficients);
@@ -282,6 +293,12 @@ fn changes_ent(directions: &[(usize, Vec<f64>)], at: &Split, list: &[Plateau], m
         list.iter().zip(&moving.over_k).map(one).collect()
     };
     directions.iter().map(change).collect()
+}
+
+/// Change of the mean readings of all plateaus, enT, by a temperature that is wrong by one standard uncertainty during the whole run: the
+/// parameters then hold elsewhere than stated.
+fn change_by_thermometer_ent(change: &SensorChange, at: &Split, list: &[Plateau], moving: &Moving) -> Option<Vec<[f64; 3]>> {
+    list.iter().map(|p| change.reading_ent(at, moving.std_k, p.setting.field.0)).collect()
 }
 
 /// Fits and refers in turn until the readings stay; columns of the field times the powers of the temperature up to `free` find what the

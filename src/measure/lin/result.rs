@@ -7,6 +7,7 @@ use crate::data::note::Note;
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::result::Dropped;
 use crate::data::units::FieldCoil;
+use crate::fit::noise::dense::Candidate;
 use crate::model::applied::ModelApplied;
 use crate::model::facility::FacilityApplied;
 use crate::record::conditions::Temperatures;
@@ -59,6 +60,9 @@ pub struct Lin {
     pub temperatures: Temperatures,
     /// The plateaus that were given, with settings and readings as they are in the file, for another fit.
     pub given: Plateaus,
+    /// What was tried for the noise of every component, with its likelihood, for comparison with other runs; absent where samples do not
+    /// tell the noise.
+    pub noise_tried: Option<Vec<Vec<Candidate>>>,
     /// Extremes of the raw readings, for the figure of the measured data.
     pub samples: Option<Vec<Column>>,
 }

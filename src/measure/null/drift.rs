@@ -41,7 +41,7 @@ impl Fitter<'_> {
         let intervals: Vec<[f64; 2]> = used.iter().map(|i| self.rows[*i].interval_s).collect();
         let noise = dense::estimate_with(
             &solution,
-            &Sampled { intervals: &intervals, counts: &counts, octaves: self.octaves, scatter: None },
+            &Sampled { intervals: &intervals, counts: &counts, octaves: self.octaves, scatter: None, group: None },
         )?;
         Ok(Fitted {
             covariance: noise.covariance(),

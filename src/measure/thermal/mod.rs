@@ -16,7 +16,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::reference::StatedReference;
 use crate::fit::FitError;
 use crate::measure::lin::Lin;
-use parts::{joint_fit, model_error, residual_field, rotation};
+use parts::{common_noise, joint_fit, model_error, residual_field, rotation};
 use quantity::{different_temperatures, fit, quantities};
 use thiserror::Error;
 
@@ -108,6 +108,7 @@ pub fn thermal(group: &RunGroup, kind: Kind, runs: &[&Lin], with_joint: bool) ->
             model_error: model_error(&points, runs, &fits),
             joint,
             scope: common_scope(&points)?,
+            noise: common_noise(&points, runs),
         })),
         Kind::Offset => OfKind::Offset(residual_field(&points, &mut notes)),
         Kind::Freq => OfKind::Freq(sampling(&points, corner)),

@@ -4,8 +4,10 @@ use super::QuantityFit;
 use crate::data::across::{CalibratedRun, RunModelErrors, RunResidualFields, RunRotations, RunValues};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Rows;
-use crate::data::run::interpolate;
+use crate::data::run::mean_over;
 use crate::fit::Limits;
+use crate::fit::noise::dense::GroupNoise;
+use crate::fit::smooth::Course;
 use crate::measure::joint::{JointError, JointFit, JointPlateau, JointRun, QUANTITIES, Trend, joint};
 use crate::measure::lin::{Block, Lin};
 use crate::model::sensor::compose;
@@ -96,6 +98,15 @@ pub(super) fn model_error(points: &[&CalibratedRun], runs: &[&Lin], fits: &[Quan
     Some(error)
 }
 
+/// What the runs show of their noise together.
+pub(super) fn common_noise(points: &[&CalibratedRun], runs: &[&Lin]) -> Option<GroupNoise> {
+    let tried = |point: &&CalibratedRun| {
+        let own = runs.iter().find(|lin| lin.calibration.run.id == point.run.id)?;
+        own.noise_tried.as_deref()
+    };
+    GroupNoise::shown_by(&points.iter().map(tried).collect::<Option<Vec<_>>>()?)
+}
+
 /// The joint fit of the runs of a group, started at the two-step result.
 pub(super) fn joint_fit(points: &[&CalibratedRun], runs: &[&Lin], fits: &[QuantityFit]) -> Result<JointFit, JointError> {
     let own = |point: &CalibratedRun| runs.iter().find(|lin| lin.calibration.run.id == point.run.id);
@@ -113,12 +124,14 @@ pub(super) fn joint_fit(points: &[&CalibratedRun], runs: &[&Lin], fits: &[Quanti
 /// A linear calibration as a run of the joint fit.
 fn joint_run(lin: &Lin) -> JointRun {
     let mean_degc = lin.calibration.run.temperature_degc.unwrap_or(f64::NAN);
+    // The same course that a calibration takes: the noise of a thermometer is none of the sensor.
+    let course = Course::smooth(&lin.temperatures.sensor).series;
     let plateau = |block: &Block| JointPlateau {
         field_coil_nt: block.plateau.setting.field.0,
         reading_ent: block.reading_ent(),
-        temperature_degc: match lin.temperatures.sensor.as_slice() {
+        temperature_degc: match course.as_slice() {
             [] => mean_degc,
-            series => interpolate(series, block.plateau.t_s()),
+            series => mean_over(series, block.plateau.used_s),
         },
         t_s: block.plateau.t_s(),
     };

@@ -22,6 +22,8 @@ pub(super) struct Quantity {
     values: Vec<(f64, f64)>,
     /// Standard uncertainty of type B per run; nan where none is stated.
     std_b: Vec<f64>,
+    /// Temperature at which its value holds in each run, °C; nan where that is the one of the run.
+    degc: Vec<f64>,
     /// Whether too few runs may determine it.
     may_be_missing: bool,
 }
@@ -47,6 +49,14 @@ pub(super) fn different_temperatures(temperatures_degc: &[f64]) -> usize {
         .count()
 }
 
+/// Temperature at which a component of a run holds, °C; nan where that is the one of the run.
+fn own_degc(values: &RunValues, component: usize) -> f64 {
+    match values {
+        RunValues::Freq { model_degc: Some(degc), .. } => degc[component],
+        _ => f64::NAN,
+    }
+}
+
 /// The quantities of a kind in the order of the file.
 pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) -> Vec<Quantity> {
     const PAIRS: [&str; 3] = ["xy", "xz", "yz"];
@@ -60,6 +70,7 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) 
                 unit,
                 values: all.iter().map(|(value, std, _)| (value[i], std.map_or(f64::NAN, |s| s[i]))).collect(),
                 std_b: all.iter().map(|(.., std_b)| std_b.map_or(f64::NAN, |s| s[i])).collect(),
+                degc: points.iter().map(|p| own_degc(&p.values, i)).collect(),
                 may_be_missing: kind != Kind::Lin,
             })
             .collect::<Vec<Quantity>>()
@@ -127,7 +138,10 @@ impl Values {
             notes.push(Note::new(NoteKind::Data, text).about(&quantity.name));
         }
         Self {
-            degc: runs.iter().map(|i| temperatures_degc[*i]).collect(),
+            degc: runs
+                .iter()
+                .map(|i| if quantity.degc[*i].is_finite() { quantity.degc[*i] } else { temperatures_degc[*i] })
+                .collect(),
             value: runs.iter().map(|i| quantity.values[*i].0).collect(),
             runs,
             std,

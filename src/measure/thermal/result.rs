@@ -6,6 +6,7 @@ use crate::data::note::Note;
 use crate::data::quantity::QuantityFound;
 use crate::data::reference::StatedReference;
 use crate::data::run::Location;
+use crate::fit::noise::dense::GroupNoise;
 use crate::measure::joint::JointFit;
 use crate::model::polynomial::TemperaturePolynomial;
 use nalgebra::DMatrix;
@@ -110,6 +111,8 @@ pub struct LinAcross {
     pub joint: Option<JointFit>,
     /// What the calibrations hold for, beside temperatures.
     pub scope: LinearScope,
+    /// What the runs show of their noise together; absent unless all runs are at hand, with samples.
+    pub noise: Option<GroupNoise>,
 }
 
 /// Which -3 dB frequency the polynomials are of.

@@ -161,6 +161,7 @@ fn tpf(sensor: &FlightSensor) -> Tpf {
         model_error: None,
         joint: None,
         sweep: None,
+        noise: Vec::new(),
     }
 }
 

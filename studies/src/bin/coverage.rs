@@ -5,7 +5,7 @@ use calfit_studies::coverage::table;
 use calfit_studies::repository;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let runs: u64 = std::env::args().nth(1).map_or(Ok(1000), |n| n.parse())?;
+    let runs: u64 = std::env::args().nth(1).map_or(Ok(100), |n| n.parse())?;
     let only = std::env::args().nth(2);
     let text = table(runs, only.as_deref());
     if only.is_none() {

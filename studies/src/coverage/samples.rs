@@ -15,6 +15,8 @@ const STEPS: f64 = 16.0;
 #[derive(Clone, Copy)]
 pub struct Noise {
     pub name: &'static str,
+    /// Samples per second.
+    pub rate_hz: f64,
     /// Standard deviation of a sample, enT.
     pub white_ent: f64,
     /// Frequency at which the slow noise is as dense as the white noise, Hz; 0 for none.
@@ -33,6 +35,7 @@ pub struct Noise {
 
 const WHITE: Noise = Noise {
     name: "white",
+    rate_hz: RATE_HZ,
     white_ent: 0.4,
     corner_hz: 0.0,
     exponent: 1.0,
@@ -65,7 +68,7 @@ impl Noise {
     /// The relaxations of the slow noise: variance, enT², and time constant, s.
     pub fn relaxations(&self, rate_hz: f64, lowest_hz: f64) -> Vec<(f64, f64)> {
         // The density of white noise is 2 σ² / rate.
-        let density = 2.0 * self.white_ent.powi(2) / RATE_HZ * self.corner_hz.powf(self.exponent);
+        let density = 2.0 * self.white_ent.powi(2) / self.rate_hz * self.corner_hz.powf(self.exponent);
         if self.exponent == 1.0 {
             return relaxations(density.sqrt(), rate_hz, lowest_hz);
         }
@@ -78,7 +81,7 @@ impl Noise {
 
     /// What the simulation itself makes: white noise of a sample and amplitude density of its 1/f noise at 1 Hz.
     pub fn own(&self) -> (f64, f64) {
-        let flicker = if self.exponent == 1.0 { self.white_ent * (2.0 * self.corner_hz / RATE_HZ).sqrt() } else { 0.0 };
+        let flicker = if self.exponent == 1.0 { self.white_ent * (2.0 * self.corner_hz / self.rate_hz).sqrt() } else { 0.0 };
         // Heavy tails are added to readings that are rounded already: some noise before makes rounding errors independent of each other.
         (if self.heavy { 0.05 * self.white_ent } else { self.white_ent }, flicker)
     }
@@ -86,8 +89,8 @@ impl Noise {
     /// Gives a run to an analysis with all noise.
     pub fn play<S: VectorSink>(&self, run: &SimulatedRun, lowest_hz: f64, seed: u64, sink: &mut S) -> Run {
         let mut random = Random::new(seed, &["added noise"]);
-        let list = if self.exponent == 1.0 { Vec::new() } else { self.relaxations(RATE_HZ, lowest_hz) };
-        let slow = std::array::from_fn(|_| list.iter().map(|r| Relaxation::new(*r, &mut random)).collect());
+        let list = if self.exponent == 1.0 { Vec::new() } else { self.relaxations(self.rate_hz, lowest_hz) };
+        let slow = std::array::from_fn(|_| list.iter().map(|r| Relaxation::new(*r, self.rate_hz, &mut random)).collect());
         run.play(&mut Noisy { sink, noise: self, slow, random })
     }
 }
@@ -103,9 +106,9 @@ struct Relaxation {
 }
 
 impl Relaxation {
-    fn new((variance, tau_s): (f64, f64), random: &mut Random) -> Self {
-        let period = (tau_s * RATE_HZ / STEPS).max(1.0) as u32;
-        let decay = (-f64::from(period) / (tau_s * RATE_HZ)).exp();
+    fn new((variance, tau_s): (f64, f64), rate_hz: f64, random: &mut Random) -> Self {
+        let period = (tau_s * rate_hz / STEPS).max(1.0) as u32;
+        let decay = (-f64::from(period) / (tau_s * rate_hz)).exp();
         let std = variance.sqrt();
         Self { value: std * random.normal(), slope: 0.0, left: 0, period, decay, kick: std * (1.0 - decay * decay).sqrt() }
     }

@@ -46,12 +46,14 @@ mod relaxations;
 mod spread;
 #[cfg(test)]
 mod tests;
+mod together;
 
 use kernel::{LONGER, SHORTER, mean_of_variances, octave_constants, parts, time_constants};
 use nalgebra::{DMatrix, DVector};
 use plausible::{Average, EXPONENTS, GROWTHS, Inside, Place};
 use projected::Projected;
 use relaxations::Relaxations;
+pub use together::{Candidate, GroupNoise, NoiseKind, Origin, Pooled};
 
 use super::NoiseModel;
 use crate::fit::linear::Solution;
@@ -94,6 +96,8 @@ pub struct DenseNoise {
     shapes: Vec<Shape>,
     /// How white noise differs between the rows, per right-hand side: by the samples, and with one of [`GROWTHS`] besides.
     spreads: Vec<Vec<DVector<f64>>>,
+    /// Per right-hand side what was tried, with its likelihood; empty where only the residuals tell the noise.
+    tried: Vec<Vec<Candidate>>,
 }
 
 /// Slow noise of one shape, rows of mean weight having unit variance.
@@ -156,7 +160,13 @@ impl DenseNoise {
     #[must_use]
     pub fn steep_probability(&self, a: usize) -> Option<f64> {
         let places = self.places.get(a)?;
-        Some(places.iter().filter(|p| p.slow > 0.0 && p.exponent > 1.0).map(|p| p.probability).sum())
+        Some(places.iter().filter(|p| p.slow > 0.0 && p.kind.exponent > 1.0).map(|p| p.probability).sum())
+    }
+
+    /// What was tried for every right-hand side, with its likelihood; `None` where only residuals tell the noise.
+    #[must_use]
+    pub fn tried(&self) -> Option<&[Vec<Candidate>]> {
+        self.is_from_samples().then_some(&self.tried)
     }
 
     /// Whether what is inside the rows told their noise: intervals are normal then, otherwise Student's.
@@ -307,7 +317,7 @@ pub fn estimate(solution: &Solution, times: &[f64]) -> Result<DenseNoise, FitErr
     let white = noise.iter().map(|n| &fitted.by_weights * (n.std * n.std * (1.0 - n.share))).collect();
     let slow = noise.iter().map(|n| vec![n.std * n.std * n.share]).collect();
     let spreads = noise.iter().map(|_| vec![fitted.by_weights.clone()]).collect();
-    Ok(fitted.model(solution, noise, Vec::new(), (white, slow), (vec![kernel], spreads)))
+    Ok(fitted.model(solution, noise, (Vec::new(), Vec::new()), (white, slow), (vec![kernel], spreads)))
 }
 
 /// Contrasts of one length inside the rows, which are means over intervals: differences of the means of neighbouring parts.
@@ -334,6 +344,8 @@ pub struct Sampled<'a> {
     pub octaves: &'a [Octave],
     /// Variance of the samples of each row, and the reading with which noise may grow: a row per row, a column per right-hand side.
     pub scatter: Option<[&'a DMatrix<f64>; 2]>,
+    /// What runs of the same sensor show together, if it is known; the right-hand sides are those of it.
+    pub group: Option<&'a GroupNoise>,
 }
 
 /// Estimates the noise from the residuals and from what is inside the rows. A right-hand side without scatter inside its rows is left to
@@ -381,7 +393,8 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
         let own = by_samples.is_some();
         let base = by_samples.unwrap_or_else(|| fitted.by_weights.clone());
         let mut spread = vec![base.clone()];
-        let mut average = Average::new(&inside, octaves.iter().map(|o| o.squares[a] / o.count).collect());
+        let pooled = sampled.group.and_then(|group| group.components.get(a));
+        let mut average = Average::new(&inside, octaves.iter().map(|o| o.squares[a] / o.count).collect(), pooled);
         let mut log_scale = 0.0;
         for shape in 0..EXPONENTS.len() {
             if shape > 0 && !average.suspects_slow_noise() {
@@ -416,12 +429,17 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
     // Those that were not tried are left out.
     let first_gain = kernels.len();
     kernels.extend(of_gains);
-    for place in found.iter_mut().flat_map(|f: &mut (ComponentNoise, Vec<Place>)| &mut f.1) {
+    for place in found.iter_mut().flat_map(|f: &mut (ComponentNoise, Vec<Place>, Vec<Candidate>)| &mut f.1) {
         if let Some(gain) = place.shape.checked_sub(EXPONENTS.len()) {
             place.shape = first_gain + gain;
         }
     }
-    let (noise, places): (Vec<ComponentNoise>, Vec<Vec<Place>>) = found.into_iter().unzip();
+    let (mut noise, mut places, mut tried) = (Vec::new(), Vec::new(), Vec::new());
+    for (of_noise, of_places, of_tried) in found {
+        noise.push(of_noise);
+        places.push(of_places);
+        tried.push(of_tried);
+    }
     let mut white = Vec::new();
     let mut slow = Vec::new();
     for (places, spread) in places.iter().zip(&spreads) {
@@ -434,7 +452,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
         white.push(rows);
         slow.push(shapes);
     }
-    Ok(fitted.model(solution, noise, places, (white, slow), (kernels, spreads)))
+    Ok(fitted.model(solution, noise, (places, tried), (white, slow), (kernels, spreads)))
 }
 
 /// What the noise needs of a fit: rows of positive weight, and weights of mean one.
@@ -475,7 +493,7 @@ impl Fitted {
         self,
         solution: &Solution,
         mut noise: Vec<ComponentNoise>,
-        places: Vec<Vec<Place>>,
+        (places, tried): (Vec<Vec<Place>>, Vec<Vec<Candidate>>),
         (white, slow): (Vec<DVector<f64>>, Vec<Vec<f64>>),
         (kernels, spreads): (Vec<Relaxations>, Vec<Vec<DVector<f64>>>),
     ) -> DenseNoise {
@@ -501,6 +519,7 @@ impl Fitted {
             white,
             slow,
             spreads,
+            tried,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::kernel::{contrast_variance, parts};
 use super::likelihood::Likelihood;
+use super::together::{Candidate, NoiseKind, Origin, Pooled};
 use super::{ComponentNoise, Octave};
 
 /// Exponents of the power density of slow noise; the first is tried before all others.
@@ -51,18 +52,16 @@ pub(super) struct Place {
     pub slow: f64,
     /// The shape of the slow noise: an exponent, by index into [`EXPONENTS`], or one of the gain after them.
     pub shape: usize,
-    /// Exponent of its power density.
-    pub exponent: f64,
     /// How the white noise differs between the rows: as the samples do, or one of [`GROWTHS`] besides.
     pub growth: Option<usize>,
-    /// The slow noise is that of the gain.
-    pub of_gain: bool,
+    /// What it is in units of the samples of any run.
+    pub kind: NoiseKind,
 }
 
 impl Place {
     /// Whether the noise grows with the reading.
     pub fn grows(&self) -> bool {
-        self.of_gain || self.growth.is_some()
+        self.kind.origin == Origin::Gain || self.growth.is_some()
     }
 }
 
@@ -92,6 +91,8 @@ impl Inside {
 struct Told {
     sampled: f64,
     slow: f64,
+    /// Slow variance over the white one by the samples.
+    ratio: f64,
     deviance: f64,
     prior: f64,
 }
@@ -104,16 +105,19 @@ pub(super) struct Average<'a> {
     /// Lowest deviance of the contrasts, and with the residuals.
     lowest_inside: f64,
     lowest: f64,
-    places: Vec<(Place, f64)>,
+    places: Vec<(Place, Candidate)>,
     /// The excess near which the likelihood was largest.
     likely: usize,
+    /// What other runs show, if they are known.
+    pooled: Option<&'a Pooled>,
 }
 
 impl<'a> Average<'a> {
-    pub fn new(inside: &'a [Inside], mean_squares: Vec<f64>) -> Self {
+    pub fn new(inside: &'a [Inside], mean_squares: Vec<f64>, pooled: Option<&'a Pooled>) -> Self {
         let excesses = excesses();
         let likely = excesses.iter().position(|(factor, _)| *factor == 1.0).unwrap_or_default();
-        Self { inside, mean_squares, excesses, lowest_inside: f64::INFINITY, lowest: f64::INFINITY, places: Vec::new(), likely }
+        let (lowest_inside, lowest) = (f64::INFINITY, f64::INFINITY);
+        Self { inside, mean_squares, excesses, lowest_inside, lowest, places: Vec::new(), likely, pooled }
     }
 
     /// The white noise of the samples, profiled, and the deviance of the contrasts for a ratio of slow to white noise.
@@ -125,7 +129,7 @@ impl<'a> Average<'a> {
             sampled += octave.count * square / unit / total;
             deviance += octave.count * unit.ln();
         }
-        Told { sampled, slow: ratio * sampled, deviance: deviance + total * sampled.ln(), prior }
+        Told { sampled, slow: ratio * sampled, ratio, deviance: deviance + total * sampled.ln(), prior }
     }
 
     /// Tries white noise and slow noise of an exponent with given residuals.
@@ -141,20 +145,14 @@ impl<'a> Average<'a> {
             let prior = PRIOR_APART / APART_SIZES.len() as f64;
             // What is inside the rows is explained as well as it can be.
             let deviance = self.lowest_inside;
-            told.extend(APART_SIZES.map(|size| Told { slow: size * none.sampled, prior, deviance, ..none }));
+            told.extend(APART_SIZES.map(|ratio| Told { slow: ratio * none.sampled, ratio, prior, deviance, ..none }));
         }
+        let apart = told.len() - if EXPONENTS[shape] == APART_EXPONENT { APART_SIZES.len() } else { 0 };
         self.lowest_inside = told.iter().map(|t| t.deviance).fold(self.lowest_inside, f64::min);
-        told.retain(|t| t.deviance < self.lowest_inside + IMPROBABLE);
-        for t in told {
-            self.try_whites(t, likelihood, |white| Place {
-                probability: 0.0,
-                white,
-                slow: t.slow,
-                shape,
-                exponent: EXPONENTS[shape],
-                growth: None,
-                of_gain: false,
-            });
+        let most = self.lowest_inside + IMPROBABLE;
+        for (k, t) in told.into_iter().enumerate().filter(|(_, t)| t.deviance < most) {
+            let origin = if k < apart { Origin::Samples } else { Origin::Rows };
+            self.try_whites(t, likelihood, origin, shape, None);
         }
     }
 
@@ -166,15 +164,7 @@ impl<'a> Average<'a> {
         all.retain(|t| t.deviance < self.lowest_inside + IMPROBABLE);
         for t in all {
             let t = Told { prior: t.prior * PRIOR_GROWING / GROWTHS.len() as f64, deviance: t.deviance + offset, ..t };
-            self.try_whites(t, likelihood, |white| Place {
-                probability: 0.0,
-                white,
-                slow: t.slow,
-                shape: 0,
-                exponent: EXPONENTS[0],
-                growth: Some(growth),
-                of_gain: false,
-            });
+            self.try_whites(t, likelihood, Origin::Samples, 0, Some(growth));
         }
     }
 
@@ -182,28 +172,23 @@ impl<'a> Average<'a> {
     pub fn try_gain(&mut self, shape: usize, likelihood: Likelihood) {
         let none = self.told(0, (0.0, PRIOR_NONE));
         let prior = PRIOR_GAIN / APART_SIZES.len() as f64;
-        for size in APART_SIZES {
-            let told = Told { slow: size * none.sampled, prior, deviance: self.lowest_inside, ..none };
-            let place = |white| Place {
-                probability: 0.0,
-                white,
-                slow: told.slow,
-                shape,
-                exponent: EXPONENTS[0],
-                growth: None,
-                of_gain: true,
-            };
-            self.try_whites(told, likelihood, place);
+        for ratio in APART_SIZES {
+            let told = Told { slow: ratio * none.sampled, ratio, prior, deviance: self.lowest_inside, ..none };
+            self.try_whites(told, likelihood, Origin::Gain, shape, None);
         }
     }
 
     /// The likelihood has one maximum in the white variance: outwards from the last one until it has become small.
-    fn try_whites(&mut self, told: Told, likelihood: Likelihood, place: impl Fn(f64) -> Place) {
+    fn try_whites(&mut self, told: Told, likelihood: Likelihood, origin: Origin, shape: usize, growth: Option<usize>) {
+        let exponent = EXPONENTS.get(shape).copied().unwrap_or(EXPONENTS[0]);
         let mut try_out = |k: usize| {
-            let (factor, prior) = self.excesses[k];
-            let white = factor * told.sampled;
+            let (excess, prior) = self.excesses[k];
+            let white = excess * told.sampled;
             let deviance = likelihood.absolute(white, told.slow) + told.deviance;
-            self.places.push((Place { probability: told.prior * prior, ..place(white) }, deviance));
+            let kind = NoiseKind { origin, exponent, ratio: told.ratio, excess, growth: growth.map_or(0.0, |g| GROWTHS[g]) };
+            let candidate = Candidate { kind, prior: told.prior * prior, deviance };
+            let probability = self.pooled.map_or(candidate.prior, |pooled| pooled.prior(&candidate));
+            self.places.push((Place { probability, white, slow: told.slow, shape, growth, kind }, candidate));
             deviance
         };
         let mut here = (try_out(self.likely), self.likely);
@@ -224,8 +209,8 @@ impl<'a> Average<'a> {
         (self.lowest, self.likely) = (self.lowest.min(here.0), here.1);
     }
 
-    fn weight(&self, (place, deviance): &(Place, f64)) -> f64 {
-        place.probability * (0.5 * (self.lowest - deviance)).exp()
+    fn weight(&self, (place, candidate): &(Place, Candidate)) -> f64 {
+        place.probability * (0.5 * (self.lowest - candidate.deviance)).exp()
     }
 
     /// Whether slow noise is probable enough that its exponent matters.
@@ -235,8 +220,8 @@ impl<'a> Average<'a> {
         slow > SUSPECTED * sum
     }
 
-    /// The places that are left, with their probabilities, and the noise of a row of mean weight.
-    pub fn finish(self) -> (ComponentNoise, Vec<Place>) {
+    /// The places that are left, with their probabilities, the noise of a row of mean weight, and what was tried.
+    pub fn finish(self) -> (ComponentNoise, Vec<Place>, Vec<Candidate>) {
         let mut places: Vec<Place> = self.places.iter().map(|p| Place { probability: self.weight(p), ..p.0 }).collect();
         let sum: f64 = places.iter().map(|p| p.probability).sum();
         places.retain(|p| p.probability > NO_PLACE * sum);
@@ -253,7 +238,10 @@ impl<'a> Average<'a> {
             most_likely_share: s / (v + s),
             independent_rows: f64::NAN,
         };
-        (noise, places)
+        let mut tried: Vec<Candidate> = self.places.into_iter().map(|(_, candidate)| candidate).collect();
+        tried.retain(|candidate| candidate.deviance < self.lowest + IMPROBABLE);
+        tried.iter_mut().for_each(|candidate| candidate.deviance -= self.lowest);
+        (noise, places, tried)
     }
 }
 

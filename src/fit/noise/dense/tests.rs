@@ -132,7 +132,7 @@ fn records_without_information_are_refused() {
 impl Random {
     /// Noise of unit variance with a spectrum 1/f from 1/2 down to 1 / (2 π n), flat below: a sum of waves, which has
     /// nothing in common with the kernel of the estimate.
-    fn flicker(&mut self, n: usize) -> Vec<f64> {
+    pub(super) fn flicker(&mut self, n: usize) -> Vec<f64> {
         let waves = 100;
         // Between these frequencies lie `folds` factors e of equal power, below them the power of one more.
         let folds = (0.5 * TAU * n as f64).ln();
@@ -230,7 +230,7 @@ fn contrasts_and_means_share_one_covariance() {
 }
 
 fn sampled<'a>(intervals: &'a [[f64; 2]], counts: &'a [f64], octaves: &'a [Octave]) -> Sampled<'a> {
-    Sampled { intervals, counts, octaves, scatter: None }
+    Sampled { intervals, counts, octaves, scatter: None, group: None }
 }
 
 /// Noise of samples of about unit variance.
