@@ -3,9 +3,10 @@
 use super::{HeldOut, Means, MeansModel, Term};
 use crate::data::units::{COMPONENTS, six_digits};
 use crate::diagnose::candidate::Candidate;
+use crate::diagnose::next::{self, Named};
 use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Gap, Map, Parameter};
-use crate::diagnose::steps::{Facts, Significance, linear_parameters, shape_parameters};
+use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape_parameters};
 use crate::diagnose::{selection, words};
 use nalgebra::DVector;
 
@@ -68,7 +69,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let own_group = means.group(&without, candidate);
     let rivals = scored.rivals(candidate, &own_group);
     let score = rivals.score;
-    let values = means.estimate(model, &all, at).unwrap_or_default();
+    let values = model.estimates(means, &all).get(at).cloned().unwrap_or_default();
     let [before, after] = [&others, &all].map(|terms| means.predicted(&model.noise, terms));
     let contribution = Contribution::new(means, candidate, &values);
     let axis = contribution.axis;
@@ -86,8 +87,17 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         p_value_corrected: term.p_global,
         strength_k: score.strength,
     };
+    let parameters = parameters(candidate, &values, score.strength, term.threshold.strength(score.strength));
+    let (rival_keys, best) = rivals.indistinct().map(|e| (e.key.clone(), e.best)).unzip();
+    let named = Named {
+        candidate,
+        values: parameters.iter().take(candidate.columns.ncols()).map(|p| p.value).collect(),
+        rivals: rival_keys,
+        best,
+    };
     let facts = Facts {
-        parameters: parameters(candidate, &values, score.strength, term.threshold.strength(score.strength)),
+        parameters,
+        name: if rivals.has_family_twin() { Name::Doubted } else { Name::ByStrength },
         place: contribution.place(nt_per_ent, noise_nt),
         gaps: [&before, &after].map(|held| gap(held, means.prepared.nt_per_ent)),
         ambiguous_with: rivals.ambiguous(),
@@ -96,6 +106,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         shape,
         ..Facts::new(candidate.effect, candidate.spec.clone(), significance)
     };
+    let facts = if facts.is_certain() { facts } else { Facts { next_forecast: next::forecasts(means, model, &named), ..facts } };
     let nt = |held: &HeldOut| held.residual_ent.column(axis).iter().map(|r| r * nt_per_ent).collect::<Vec<f64>>();
     let map = Map {
         covariate: contribution.covariate,
