@@ -23,6 +23,8 @@ const MANY_ROWS: usize = 600;
 struct Beside {
     noise: Box<dyn Fn(usize, &mut DMatrix<f64>) + Sync>,
     bases: [DMatrix<f64>; 3],
+    /// What it leaves of the other terms.
+    others: DMatrix<f64>,
     rows: usize,
 }
 
@@ -33,10 +35,23 @@ impl Beside {
             noise.whiten(a, &mut own);
             orthonormal(&own, None, INDEPENDENT)
         });
-        Self { bases, rows: design.nrows(), noise: Box::new(move |a, columns| noise.whiten(a, columns)) }
+        let rows = design.nrows();
+        Self { bases, others: DMatrix::zeros(3 * rows, 0), rows, noise: Box::new(move |a, columns| noise.whiten(a, columns)) }
     }
 
-    /// Whitened columns, component after component, and what the linear model leaves of them.
+    /// With other terms, which are fitted too.
+    fn with(mut self, others: &[DMatrix<f64>]) -> Self {
+        let mut all = DMatrix::zeros(3 * self.rows, others.iter().map(DMatrix::ncols).sum());
+        let mut at = 0;
+        for other in others {
+            all.columns_mut(at, other.ncols()).copy_from(&self.left(other));
+            at += other.ncols();
+        }
+        self.others = orthonormal(&all, None, INDEPENDENT);
+        self
+    }
+
+    /// Whitened columns, component after component: what the linear model and the other terms leave of them.
     fn left(&self, stacked: &DMatrix<f64>) -> DMatrix<f64> {
         let mut out = stacked.clone();
         for (a, base) in self.bases.iter().enumerate() {
@@ -45,7 +60,7 @@ impl Beside {
             let left = &part - base * base.tr_mul(&part);
             out.rows_mut(a * self.rows, self.rows).copy_from(&left);
         }
-        out
+        &out - &self.others * self.others.tr_mul(&out)
     }
 
     /// What is left of an effect of known size beside a rival, too: its norm is a signal to noise ratio.
@@ -63,6 +78,8 @@ impl Beside {
 pub(super) struct Named<'a> {
     /// The term.
     pub candidate: &'a Candidate,
+    /// The other terms, which are fitted with it.
+    pub others: Vec<&'a Candidate>,
     /// Its linear parameters.
     pub values: Vec<f64>,
     /// Keys of its rivals.
@@ -116,6 +133,8 @@ fn strengths(means: &Means, model: &MeansModel, named: &Named, planned: Option<&
         None => Beside::new(model.noise.clone(), &means.prepared.design),
         Some(next) => Beside::new(means.noise_of(&model.noise, next)?, &next.design),
     };
+    let others: Vec<DMatrix<f64>> = named.others.iter().filter_map(|other| columns(other)).collect();
+    let beside = beside.with(&others);
     let own = columns(named.candidate)?;
     let size = DVector::from_fn(own.ncols(), |j, _| named.values.get(j).copied().unwrap_or_default());
     let signal = beside.left(&DMatrix::from_column_slice(own.nrows(), 1, (own * size).as_slice())).column(0).into_owned();

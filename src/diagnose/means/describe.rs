@@ -91,6 +91,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let (rival_keys, best) = rivals.indistinct().map(|e| (e.key.clone(), e.best)).unzip();
     let named = Named {
         candidate,
+        others: others.clone(),
         values: parameters.iter().take(candidate.columns.ncols()).map(|p| p.value).collect(),
         rivals: rival_keys,
         best,
