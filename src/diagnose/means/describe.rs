@@ -8,6 +8,7 @@ use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Gap, Map, Parameter};
 use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape_parameters};
 use crate::diagnose::{selection, words};
+use crate::model::effects::Family;
 use nalgebra::DVector;
 
 /// Rivals whose evidence (logarithm) is less than that of a term by more than this are not listed.
@@ -98,7 +99,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     };
     let facts = Facts {
         parameters,
-        name: if rivals.has_family_twin() { Name::Doubted } else { Name::ByStrength },
+        name: if rivals.has_family_twin() || has_twin_beside(candidate, &others) { Name::Doubted } else { Name::ByStrength },
         place: contribution.place(nt_per_ent, noise_nt),
         gaps: [&before, &after].map(|held| gap(held, means.prepared.nt_per_ent)),
         ambiguous_with: rivals.ambiguous(),
@@ -120,6 +121,13 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         step: number,
     };
     Description { facts, map, evidence: Some(rivals.bars(number)) }
+}
+
+/// Whether another term is a curve of the same axis too: together they stand for a curve that is neither.
+fn has_twin_beside(candidate: &Candidate, others: &[&Candidate]) -> bool {
+    let is_curve = |c: &Candidate| c.effect.about().family == Family::StaticOdd;
+    is_curve(candidate)
+        && others.iter().any(|other| is_curve(other) && other.spec.axes.iter().any(|axis| candidate.spec.axes.contains(axis)))
 }
 
 /// Linear parameters, corrected for having been selected, and those of the shape, of which the one that was refined has an uncertainty.

@@ -221,7 +221,12 @@ impl Means<'_> {
         let beside_single = (0.5 * prior).ln().max(0.0) + NOISE_UNKNOWN;
         let tried = self.best_of_each(white, &scored.groups, &open);
         let pairs = tried.iter().enumerate().flat_map(|(k, i)| tried[k + 1..].iter().map(move |j| [*i, *j]));
-        let pairs: Vec<[usize; 2]> = pairs.filter(|[i, j]| self.candidates[*i].key != self.candidates[*j].key).collect();
+        // Two curves of one family stand for any curve; an unknown one is better called unknown.
+        let family = |i: usize| self.candidates[i].effect.about().family;
+        let is_pair = |[i, j]: &[usize; 2]| {
+            self.candidates[*i].key != self.candidates[*j].key && (than == f64::NEG_INFINITY || family(*i) != family(*j))
+        };
+        let pairs: Vec<[usize; 2]> = pairs.filter(is_pair).collect();
         let log_prior = |pair: &[usize; 2]| pair.iter().map(|i| self.log_priors[*i]).sum::<f64>();
         let beside_white = |pair: &[usize; 2]| {
             let group = white.fitted.both(&scored.groups[pair[0]], &scored.groups[pair[1]]);
