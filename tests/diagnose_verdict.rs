@@ -200,3 +200,72 @@ fn a_transient_is_found_on_thirty_plateaus() {
         assert!((value - truth).abs() < 4.0 * std && std < 0.6 * truth, "{name} = {value} +- {std}");
     }
 }
+
+/// One and a half turns, at a signal to noise ratio of eight and of twelve beside a trend of order two.
+#[test]
+fn a_drift_of_one_turn_and_a_half_is_told() {
+    // A sine of 1.5 turns over 72 means: what a trend leaves of it is at least four fifths.
+    let at = |k: f64| (2.0 / SETTINGS as f64).sqrt() * k / 0.9 * MEAN_ENT;
+    let mut found = 0;
+    for (seed, k) in [(31, 8.0), (32, 8.0), (33, 12.0), (34, 12.0)] {
+        let wave = |i: usize| at(k) * (TAU * 1.5 * (i as f64 + 0.5) / SETTINGS as f64 + f64::from(seed as u32)).sin();
+        let said = Said::of(&run(seed, |i, _| [0.0, wave(i), 0.0]));
+        let names: Vec<&str> = said.steps().iter().map(|s| s["effect"].as_str().unwrap()).collect();
+        assert!(names.is_empty() || names == ["offset_drift"], "{seed}: {names:?}");
+        found += usize::from(!names.is_empty());
+        assert!(k < 10.0 || !names.is_empty(), "{seed}: {}", said.diagnosis["verdict"]);
+    }
+    assert!(found >= 2);
+}
+
+/// The gain follows the coils and the sensor, whose temperatures go against each other, each with a signal to noise ratio of fifteen: whatever is
+/// named, it is not said that nothing is missing.
+#[test]
+fn two_temperatures_that_go_against_each_other_are_not_silence() {
+    let mut both = 0;
+    for seed in 40..44 {
+        let (coil_s, sensor_s) = (90.0 + 10.0 * f64::from(seed as u32 % 3), 130.0);
+        let length_s = SETTING_S * SETTINGS as f64;
+        let coil = |t: f64| 0.8 * (TAU * t / coil_s + f64::from(seed as u32)).sin();
+        let sensor = |t: f64| -0.5 * (TAU * t / sensor_s + f64::from(seed as u32)).sin();
+        let plan =
+            Plan { settings: settings(SETTINGS, SETTING_S), rate_hz: RATE_HZ, noise_ent: NOISE_ENT, seed, ..Plan::default() };
+        let truth = plan.truth.clone();
+        let mut run = plan.run();
+        run.reading_decimals = 5;
+        for i in 0..SETTINGS {
+            let pure = truth.reading(run.settings[i].field);
+            let middle = 0.5 * (run.settings[i].t_start + run.settings[i].t_end);
+            // Fields of 1150 nT in the mean square, sines of half of their squares.
+            let part = 15.0 * MEAN_ENT / 1150.0 * (2.0 / SETTINGS as f64).sqrt();
+            let gain = part * (coil(middle) / 0.8 + sensor(middle) / 0.5);
+            for k in run.samples_of(i) {
+                run.samples[k].reading[1] += gain * (pure[1] - truth.offset_ent[1]);
+            }
+        }
+        let mut gauss = Gauss(seed);
+        let times = (0..).map(|i| 4.0 * f64::from(i)).take_while(|t| *t <= length_s);
+        run.temperatures = times
+            .map(|t| (t, [Some(17.0 + coil(t) + 0.01 * gauss.normal()), Some(20.0 + sensor(t) + 0.01 * gauss.normal())]))
+            .collect();
+        let said = Said::of(&run);
+        assert!(said.diagnosis["verdict_kind"] != "none", "{seed}: {}", said.diagnosis["verdict"]);
+        let names: Vec<&str> = said.steps().iter().map(|s| s["effect"].as_str().unwrap()).collect();
+        both += usize::from(["coil_temperature", "sensor_temperature_sensitivity"].iter().all(|name| names.contains(name)));
+    }
+    assert!(both >= 3, "{both} of 4");
+}
+
+/// Single samples of 200 and 370 nT are no tone and no heater.
+#[test]
+fn two_spikes_are_no_signal() {
+    for seed in 51..54 {
+        let mut spiky = run(seed, |_, _| [0.0; 3]);
+        let count = spiky.samples.len();
+        for (part, nt) in [(0.31, 200.0), (0.72, -370.0)] {
+            spiky.samples[(part * count as f64) as usize].reading[1] += nt;
+        }
+        let said = Said::of(&spiky);
+        assert!(said.steps().is_empty(), "{seed}: {}", said.diagnosis["verdict"]);
+    }
+}

@@ -31,6 +31,7 @@ mod import;
 mod kinds;
 mod lin;
 mod linearise;
+mod model_closure;
 mod model_file;
 mod moving;
 mod nist_linear;

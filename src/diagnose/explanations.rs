@@ -9,13 +9,16 @@ use super::problem::Revision;
 use super::result::{Evidence, RunnerUp};
 use super::{ALIKE, APART};
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score};
-use crate::model::effects::EffectRef;
+use crate::model::effects::{EffectRef, Family};
 
 /// A term gives way to another one whose evidence (logarithm) is larger by this much, a ratio of e: equals do not change places.
 const SWAP: f64 = 1.0;
 /// The prior of an effect is shared among its candidates; a term whose shape was refined is none of them and is judged as if it were one of
 /// e³, about twenty.
 const SHARE: f64 = 3.0;
+/// Real curves differ from their formulas by a tenth to a fifth of the effect: in reports/blind-study.md that is four to ten standard deviations
+/// at k = 50. Curves of one family with this canonical correlation differ from each other by less than half of it, not much more than that.
+const FAMILY_TWIN: f64 = 0.9;
 /// Rivals of a term that are listed.
 const RUNNERS_UP: usize = 5;
 /// Rivals of a term whose evidence is drawn.
@@ -157,16 +160,37 @@ impl Rivals<'_> {
     /// Other effects that these data cannot distinguish from it: their evidence is hardly less, or they look alike.
     pub fn ambiguous(&self) -> Vec<EffectRef> {
         let mut ambiguous: Vec<EffectRef> = Vec::new();
-        for e in self.others() {
+        for e in self.indistinct() {
             let effect = self.scored.candidates[e.best].effect;
-            let group = &self.scored.groups[e.best];
-            let twin =
-                Fitted::correlation(group, self.group) > ALIKE && group.count() == self.group.count() && !effect.is_unknown();
-            if (e.evidence > self.evidence - APART || twin) && effect != self.candidate.effect && !ambiguous.contains(&effect) {
+            if !ambiguous.contains(&effect) {
                 ambiguous.push(effect);
             }
         }
         ambiguous
+    }
+
+    /// The explanations of other effects that these data cannot distinguish from it.
+    pub fn indistinct(&self) -> impl Iterator<Item = &Explanation> {
+        self.others().filter(|e| {
+            let effect = self.scored.candidates[e.best].effect;
+            let group = &self.scored.groups[e.best];
+            let twin =
+                Fitted::correlation(group, self.group) > ALIKE && group.count() == self.group.count() && !effect.is_unknown();
+            (e.evidence > self.evidence - APART || twin) && effect != self.candidate.effect
+        })
+    }
+
+    /// Whether another curve of the reading of the axis itself is so much like it that what a real one differs from its formula tells as much as
+    /// what it differs from that: cubes, fifth powers and knees in one range are told by a second range or a test signal.
+    pub fn has_family_twin(&self) -> bool {
+        let own = self.candidate.effect.about().family;
+        own == Family::StaticOdd
+            && self.others().any(|e| {
+                let effect = self.scored.candidates[e.best].effect;
+                effect != self.candidate.effect
+                    && effect.about().family == own
+                    && Fitted::correlation(&self.scored.groups[e.best], self.group) > FAMILY_TWIN
+            })
     }
 
     /// The rivals of largest evidence, beside the term as it was fitted.

@@ -54,7 +54,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     let samples = samples.filter(|s| !s.t_s.is_empty()).ok_or(DiagnoseError::NoSamples)?;
     let freq = analysed(run, samples, campaign)?;
     let span_s = [samples.t_s[0], samples.t_s[samples.t_s.len() - 1]];
-    let (faults, _) = temperature_faults::without_jumps(run, span_s);
+    let (faults, _) = temperature_faults::without_jumps(&run.temperatures, span_s);
     let mut found: Vec<Step> = faults.iter().map(|fault| fault_facts(fault).step()).collect();
     found.extend(lost(run, samples, &freq));
     let mut notes = Vec::new();

@@ -27,14 +27,19 @@ pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Opt
     let noise = &model.noise.parameters;
     let residuals = means.residuals(all);
     let white_ent = means.white_std(model);
-    let times: [f64; 3] = std::array::from_fn(|a| residuals[a].rms() / white_ent[a].max(f64::MIN_POSITIVE));
+    let is_gain = noise.slow_field > noise.slow;
+    let times: [f64; 3] = std::array::from_fn(|a| {
+        let seen = residuals[a].rms() / white_ent[a].max(f64::MIN_POSITIVE);
+        // Noise of the gain is largest at the largest reading, where a calibration needs it, and few settings are there.
+        if is_gain { seen.max((1.0 + noise.slow + noise.slow_field).sqrt()) } else { seen }
+    });
     let axis = (0..3).max_by(|a, b| times[*a].total_cmp(&times[*b])).unwrap_or(0);
     let is_slow = noise.slow + noise.slow_field > 0.0;
     let is_flat = if noise.memory_rows > 0.0 { noise.memory_rows <= FORGOTTEN_ROWS } else { noise.exponent <= FLAT };
     let is_scatter = means.prepared.inside.is_some() && (noise.apart || (is_slow && is_flat));
     let is_clear = match means.prepared.inside {
-        Some(inside) => fisher_tail(times[axis].powi(2), [residuals[axis].freedom, inside.freedom]) < FALSE_ALARM,
-        None => is_slow && means.slow_over_white(model, all) > CLEAR,
+        Some(inside) if !is_gain => fisher_tail(times[axis].powi(2), [residuals[axis].freedom, inside.freedom]) < FALSE_ALARM,
+        _ => is_slow && means.slow_over_white(model, all) > CLEAR,
     };
     let least = match (is_scatter, is_slow) {
         (true, false) => SCATTER,
@@ -46,14 +51,14 @@ pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Opt
     }
     let (like, along) = if is_scatter {
         (LeftLike::Scatter, follows(means, axis, &residuals[axis].ent))
-    } else if noise.slow_field > noise.slow {
+    } else if is_gain {
         (LeftLike::SlowGain, "along the gain with time".to_owned())
     } else if is_slow {
         (LeftLike::Slow, "along the time".to_owned())
     } else {
         (LeftLike::Disagreement, follows(means, axis, &residuals[axis].ent))
     };
-    let rms_nt = residuals[axis].rms() * means.prepared.nt_per_ent[axis];
+    let rms_nt = times[axis] * white_ent[axis] * means.prepared.nt_per_ent[axis];
     Some(Left { place: format!("{}, {along}", COMPONENTS[axis]), rms_nt, times_noise: times[axis], like })
 }
 

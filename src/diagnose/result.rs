@@ -272,6 +272,9 @@ pub struct Step {
     pub runners_up: Vec<RunnerUp>,
     /// What to measure to distinguish the members of an ambiguous set.
     pub next_measurement: Option<String>,
+    /// What runs of a menu would tell, the best first; where the name is not certain.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub next_forecast: Vec<Forecast>,
     /// The sentence for the protocol.
     pub sentence: String,
     /// What an unknown dependence follows.
@@ -315,6 +318,23 @@ pub struct RunnerUp {
     pub log_ratio: f64,
     /// How much the two look alike: canonical correlation of their best forms.
     pub correlation: f64,
+}
+
+/// What a run would tell that could be measured next.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Forecast {
+    /// Its name in the menu.
+    pub measurement: &'static str,
+    /// What to do.
+    pub words: String,
+    /// Signal to noise ratio of the effect in that run, beside what is fitted.
+    pub strength_k: f64,
+    /// The rival that is hardest to tell from it there; none where there is none.
+    pub against: Option<String>,
+    /// Signal to noise ratio of what that rival cannot take of the effect in the run that was measured.
+    pub k_now: f64,
+    /// The same in that run.
+    pub k: f64,
 }
 
 /// An effect that these data cannot show.

@@ -1,8 +1,8 @@
 //! The one builder of steps: the facts of something that was found, whatever the data were, and the step made of them.
 
-use super::result::{Gap, Parameter, RunnerUp, ShapePoint, Step};
+use super::result::{Forecast, Gap, Parameter, RunnerUp, ShapePoint, Step};
 use super::samples::Inside;
-use super::{CERTAIN, words};
+use super::{CERTAIN, next, words};
 use crate::model::effects::bad_thermistor::{BadThermistor, JUMP, JUMP_TIME};
 use crate::model::effects::{EffectRef, Family, Spec};
 use crate::record::prepared::PreparedRun;
@@ -69,6 +69,8 @@ pub struct Facts {
     pub name: Name,
     /// What to measure, if it is more than what distinguishes the rivals.
     pub next_measurement: Option<String>,
+    /// What runs of a menu would tell.
+    pub next_forecast: Vec<Forecast>,
     /// The sentence for the protocol, if it is not the usual one.
     pub sentence: Option<String>,
     /// What the sentence is followed by.
@@ -94,6 +96,7 @@ impl Facts {
             runners_up: Vec::new(),
             name: Name::ByStrength,
             next_measurement: None,
+            next_forecast: Vec::new(),
             sentence: None,
             remark: None,
             covariate: None,
@@ -114,7 +117,8 @@ impl Facts {
     pub fn step(self) -> Step {
         let wording = if self.is_certain() { "is" } else { "consistent with" };
         let apart = || words::next_measurement(self.effect, &self.ambiguous_with);
-        let next_measurement = self.next_measurement.or_else(apart);
+        let in_general = self.next_measurement.or_else(apart);
+        let next_measurement = next::words(self.effect, &self.next_forecast, in_general);
         let Significance { p_value, trials, p_value_corrected, strength_k } = self.significance;
         let [gap_before, gap_after] = self.gaps;
         let mut step = Step {
@@ -135,6 +139,7 @@ impl Facts {
             wording,
             runners_up: self.runners_up,
             next_measurement,
+            next_forecast: self.next_forecast,
             sentence: String::new(),
             covariate: self.covariate,
             shape: self.shape,

@@ -62,7 +62,9 @@ pub fn follows(record: &Record, contribution: &[f64], given: Option<&str>) -> (S
             let q = columns.qr().q();
             (&y - &q * q.tr_mul(&y)).norm()
         };
-    let best = all.iter().filter(|c| !c.gain).min_by(|a, b| left(a).total_cmp(&left(b)));
+    // A rate says something where the temperature itself does not: it takes less than half of what any other covariate leaves.
+    let cost = |c: &Covariate| left(c) * if c.name.starts_with("rate of") { 2.0 } else { 1.0 };
+    let best = all.iter().filter(|c| !c.gain).min_by(|a, b| cost(a).total_cmp(&cost(b)));
     best.map_or_else(
         || ("time".to_owned(), "s", record.rows.iter().map(effects::Row::t_s).collect()),
         |c| (c.name.clone(), c.unit, c.values.clone()),

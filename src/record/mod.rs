@@ -6,6 +6,7 @@ pub mod conditions;
 pub mod facility;
 pub mod known;
 pub mod linearised;
+pub mod plan;
 pub mod position;
 pub mod prepared;
 pub mod screens;

@@ -1,7 +1,7 @@
 //! A run as rows with covariates, and the linear model that is fitted to them before any effect is looked for.
 
 use super::temperature_faults;
-use crate::data::note::Note;
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{self, Course as SettingCourse, Displacement, Plateau, Plateaus};
 use crate::data::run::{Kind, Run, Setting, SlowTable, Vector, VectorSink, interpolate, mean_over};
 use crate::fit::Limits;
@@ -115,14 +115,28 @@ impl PreparedRun {
             (Kind::ZeroField, Some(samples)) if run.blocks.is_empty() => parts_of(samples),
             _ => list.iter().filter(|p| p.dropped.is_none()).map(Part::of).collect(),
         };
+        let (still, temperatures) = temperature_faults::without_still(run, instructions);
+        let (sensor_name, coil_name) = instructions.channels(&run.header);
+        let mut parts: Vec<Part> = parts;
+        for stretch in still.iter().filter(|s| kind == Kind::Sweep && s.channel == sensor_name) {
+            let [begin, end] = stretch.time_s;
+            let before = parts.len();
+            parts.retain(|p| p.used_s[1] <= begin || p.used_s[0] > end);
+            let (gone, channel) = (before - parts.len(), &sensor_name);
+            if gone > 0 {
+                let text = format!(
+                    "{gone} settings from {begin:.0} to {end:.0} s are left out: their temperature is not known while {channel} stands still"
+                );
+                notes.push(Note::new(NoteKind::Temperature, text).about(channel));
+            }
+        }
         if parts.len() < 12 {
             return Err(Unfit(format!("{} usable plateaus are too few to tell an effect from noise", parts.len())));
         }
         let earlier = earlier_of(&list, &parts);
         let readings = DMatrix::from_fn(parts.len(), 3, |i, a| parts[i].mean_ent[a]);
         let span_s = [parts[0].used_s[0], parts[parts.len() - 1].used_s[1]];
-        let (faults, temperatures) = temperature_faults::without_jumps(run, span_s);
-        let (sensor_name, coil_name) = instructions.channels(&run.header);
+        let (faults, temperatures) = temperature_faults::without_jumps(&temperatures, span_s);
         let rack_name = instructions.rack_channel();
         let used_s: Vec<[f64; 2]> = parts.iter().map(|p| p.used_s).collect();
         let at_rows = |table: &SlowTable, name: &str| of_rows(table, name, &used_s, |readings| Course::exact(readings.to_vec()));
@@ -449,11 +463,14 @@ fn earlier_of(list: &[Plateau], parts: &[Part]) -> Vec<[[f64; 3]; EARLIER]> {
 
 /// A channel as means over times.
 fn of_rows(table: &SlowTable, name: &str, used_s: &[[f64; 2]], course: impl Fn(&[(f64, f64)]) -> Course) -> Option<Channel> {
-    let course = course(&table.channel(name).filter(|s| s.len() > 1)?);
-    let series = &course.series;
-    let values: Vec<f64> = used_s.iter().map(|used_s| mean_over(series, *used_s)).collect();
+    Some(channel(name, course(&table.channel(name).filter(|s| s.len() > 1)?), used_s))
+}
+
+/// A course of a channel as means over times.
+pub(crate) fn channel(name: &str, course: Course, used_s: &[[f64; 2]]) -> Channel {
+    let values: Vec<f64> = used_s.iter().map(|used_s| mean_over(&course.series, *used_s)).collect();
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
-    Some(Channel { name: name.to_owned(), course, values, mean })
+    Channel { name: name.to_owned(), course, values, mean }
 }
 
 fn set_temperature(record: &mut Record, degc: Vec<f64>) {
@@ -482,7 +499,7 @@ fn baseline(record: &Record) -> (Baseline, Vec<f64>) {
 }
 
 /// Columns of the linear model of a record.
-fn design(record: &Record) -> DMatrix<f64> {
+pub(super) fn design(record: &Record) -> DMatrix<f64> {
     let (baseline, x) = baseline(record);
     baseline.columns(&fields_nt(&record.rows), &x)
 }
@@ -503,6 +520,19 @@ fn fit_linear(record: &mut Record, readings: &DMatrix<f64>) -> Result<(), Unfit>
             thermal.offset_ent[power] = std::array::from_fn(|i| baseline.offsets_ent(stacked, i)[power]);
         }
     }
+    set_linear(record);
+    Ok(())
+}
+
+/// Readings of the linear sensor of a record at temperatures that may have changed since it was fitted.
+pub(super) fn with_same_sensor(record: &mut Record) {
+    if let (Some(thermal), Some(sensor)) = (&mut record.thermal, &record.sensor) {
+        thermal.degc.clone_from(&sensor.values);
+    }
+    set_linear(record);
+}
+
+fn set_linear(record: &mut Record) {
     for i in 0..record.rows.len() {
         let response = record.thermal.as_ref().map_or(record.response, |thermal| {
             let u = thermal.u(i);
@@ -511,7 +541,6 @@ fn fit_linear(record: &mut Record, readings: &DMatrix<f64>) -> Result<(), Unfit>
         let row = &mut record.rows[i];
         row.linear_ent = (response * Vector3::from(row.field_coil_nt)).into();
     }
-    Ok(())
 }
 
 /// How the samples step against the settings.

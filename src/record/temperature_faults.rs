@@ -486,11 +486,40 @@ fn usual_interval_s(series: &[(f64, f64)]) -> f64 {
     if intervals.is_empty() { 0.0 } else { median(&mut intervals) }
 }
 
+/// A channel that stands still for a part of the run: begin and end, s since the run's start.
+pub struct Still {
+    /// The channel.
+    pub channel: String,
+    /// Its last true reading, and the last that repeats it.
+    pub time_s: [f64; 2],
+}
+
+/// Temperature channels that stand still for a part of the run, and the temperatures without the readings that are repeated there: they say
+/// nothing.
+#[must_use]
+pub fn without_still(run: &Run, instructions: &Instructions) -> (Vec<Still>, SlowTable) {
+    let mut table = run.temperatures.clone();
+    let mut all = Vec::new();
+    for ChannelFault { channel, fault, .. } in faults(run, instructions) {
+        let Fault::StandsStill { time_s, .. } = fault else { continue };
+        let Some(values) = table.names.iter().position(|name| *name == channel).and_then(|at| table.values.get_mut(at)) else {
+            continue;
+        };
+        let is_repeated = |t_s: f64| t_s > time_s[0] && t_s <= time_s[1];
+        if !table.t_s.iter().zip(&*values).any(|(t, v)| v.is_finite() && !is_repeated(*t) && *t != time_s[0]) {
+            // All of it stands still: nothing better is known.
+            continue;
+        }
+        table.t_s.iter().zip(values).filter(|(t, _)| is_repeated(**t)).for_each(|(_, value)| *value = f64::NAN);
+        all.push(Still { channel, time_s });
+    }
+    (all, table)
+}
+
 /// Temperature channels that jump between two times (s since the run's start), and the temperatures without the jumps: a model that
 /// believed them would need effects that do not exist.
 #[must_use]
-pub fn without_jumps(run: &Run, span_s: [f64; 2]) -> (Vec<Jumps>, SlowTable) {
-    let table = &run.temperatures;
+pub fn without_jumps(table: &SlowTable, span_s: [f64; 2]) -> (Vec<Jumps>, SlowTable) {
     let mut mended = table.clone();
     let mut found_in = Vec::new();
     let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();

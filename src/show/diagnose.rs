@@ -3,7 +3,7 @@
 use super::document::{Block, Cell, Figure, Section, Table, Text, cells};
 use super::{number, remarks};
 use crate::data::units::{six_digits, three_digits};
-use crate::diagnose::result::{Diagnosis, Gap, Link, Place, RunnerUp, Step};
+use crate::diagnose::result::{Diagnosis, Forecast, Gap, Link, Place, RunnerUp, Step};
 use crate::diagnose::words;
 use crate::plot::diagnose::{LEFT, WHERE, stems};
 use std::fmt::Write;
@@ -195,6 +195,19 @@ fn step(index: usize, step: &Step) -> Section {
     if let Some(next) = &step.next_measurement {
         section.push(format!("Next measurement: {next}."));
     }
+    if !step.next_forecast.is_empty() {
+        let row = |f: &Forecast| {
+            let against = f.against.as_deref().unwrap_or("nothing else");
+            cells![&f.words, against, Cell::fixed(f.k_now, 1), Cell::fixed(f.k, 1), Cell::fixed(f.strength_k, 1)]
+        };
+        let head = ["what could be measured", "hardest to tell it from", "k now", "k then", "k of the effect itself"];
+        section.push(
+            "Signal to noise ratios, by linear algebra with the noise of this run: of what the rival cannot take of the effect, and of the \
+             effect itself. From about 5 on the two are told apart."
+                .to_owned(),
+        );
+        section.push(Table::new(head).with_rows(step.next_forecast.iter().map(row)));
+    }
     section
 }
 
@@ -231,6 +244,10 @@ pub fn summary(diagnosis: &Diagnosis) -> String {
         };
         let _ =
             writeln!(out, "  {} {}{covariate}{set}: {}; k {:.1}{gap}", step.wording, step.effect, step.place, step.strength_k);
+        if let Some(next) = step.next_forecast.first() {
+            let against = next.against.as_ref().map_or_else(String::new, |rival| format!(" against {rival}"));
+            let _ = writeln!(out, "    next: {}: k {:.1}{against} (now {:.1})", next.words, next.k, next.k_now);
+        }
     }
     out
 }

@@ -3,10 +3,12 @@
 use super::{HeldOut, Means, MeansModel, Term};
 use crate::data::units::{COMPONENTS, six_digits};
 use crate::diagnose::candidate::Candidate;
+use crate::diagnose::next::{self, Named};
 use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Gap, Map, Parameter};
-use crate::diagnose::steps::{Facts, Significance, linear_parameters, shape_parameters};
+use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape_parameters};
 use crate::diagnose::{selection, words};
+use crate::model::effects::Family;
 use nalgebra::DVector;
 
 /// Rivals whose evidence (logarithm) is less than that of a term by more than this are not listed.
@@ -68,7 +70,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let own_group = means.group(&without, candidate);
     let rivals = scored.rivals(candidate, &own_group);
     let score = rivals.score;
-    let values = means.estimate(model, &all, at).unwrap_or_default();
+    let values = model.estimates(means, &all).get(at).cloned().unwrap_or_default();
     let [before, after] = [&others, &all].map(|terms| means.predicted(&model.noise, terms));
     let contribution = Contribution::new(means, candidate, &values);
     let axis = contribution.axis;
@@ -86,8 +88,18 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         p_value_corrected: term.p_global,
         strength_k: score.strength,
     };
+    let parameters = parameters(candidate, &values, score.strength, term.threshold.strength(score.strength));
+    let (rival_keys, best) = rivals.indistinct().map(|e| (e.key.clone(), e.best)).unzip();
+    let named = Named {
+        candidate,
+        others: others.clone(),
+        values: parameters.iter().take(candidate.columns.ncols()).map(|p| p.value).collect(),
+        rivals: rival_keys,
+        best,
+    };
     let facts = Facts {
-        parameters: parameters(candidate, &values, score.strength, term.threshold.strength(score.strength)),
+        parameters,
+        name: if rivals.has_family_twin() || has_twin_beside(candidate, &others) { Name::Doubted } else { Name::ByStrength },
         place: contribution.place(nt_per_ent, noise_nt),
         gaps: [&before, &after].map(|held| gap(held, means.prepared.nt_per_ent)),
         ambiguous_with: rivals.ambiguous(),
@@ -96,6 +108,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         shape,
         ..Facts::new(candidate.effect, candidate.spec.clone(), significance)
     };
+    let facts = if facts.is_certain() { facts } else { Facts { next_forecast: next::forecasts(means, model, &named), ..facts } };
     let nt = |held: &HeldOut| held.residual_ent.column(axis).iter().map(|r| r * nt_per_ent).collect::<Vec<f64>>();
     let map = Map {
         covariate: contribution.covariate,
@@ -108,6 +121,13 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         step: number,
     };
     Description { facts, map, evidence: Some(rivals.bars(number)) }
+}
+
+/// Whether another term is a curve of the same axis too: together they stand for a curve that is neither.
+fn has_twin_beside(candidate: &Candidate, others: &[&Candidate]) -> bool {
+    let is_curve = |c: &Candidate| c.effect.about().family == Family::StaticOdd;
+    is_curve(candidate)
+        && others.iter().any(|other| is_curve(other) && other.spec.axes.iter().any(|axis| candidate.spec.axes.contains(axis)))
 }
 
 /// Linear parameters, corrected for having been selected, and those of the shape, of which the one that was refined has an uncertainty.

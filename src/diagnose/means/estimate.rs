@@ -2,7 +2,7 @@
 
 use super::{Means, MeansModel, with_shape};
 use crate::diagnose::candidate::Candidate;
-use crate::fit::noise::state_space::NoiseParameters;
+use crate::fit::noise::state_space::{Noise, NoiseParameters};
 use crate::model::effects::offset_drift::{self, OffsetDrift};
 use crate::model::effects::{EffectRef, Spec};
 use nalgebra::{DMatrix, DVector};
@@ -21,25 +21,23 @@ impl Means<'_> {
     #[must_use]
     pub fn linear(&self) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let noise = self.model(&[])?.noise;
-        let noises = self.correlations.plausible(&noise.parameters, &self.readings, &self.designs(&[]));
-        let fits: Vec<(f64, DVector<f64>, DMatrix<f64>)> = noises
+        let fits: Vec<Weighted> = self
+            .allowed(&noise, &[])
             .into_par_iter()
-            .filter(|(_, weight)| *weight > NEGLIGIBLE)
             .filter_map(|(noise, weight)| {
                 let model = self.model_with(noise, &[]);
                 let covariance = model.columns.tr_mul(&model.columns).cholesky()?.inverse();
                 let values = &covariance * model.columns.tr_mul(&model.readings);
-                Some((weight.exp(), values, covariance))
+                Some(Weighted { weight, values, covariance })
             })
             .collect();
-        let total: f64 = fits.iter().map(|f| f.0).sum();
-        let count = fits.first()?.1.len();
-        let mean = fits.iter().fold(DVector::zeros(count), |sum, (w, values, _)| sum + values * (w / total));
-        let covariance = fits.iter().fold(DMatrix::zeros(count, count), |sum, (w, values, covariance)| {
-            let off = values - &mean;
-            sum + (covariance + &off * off.transpose()) * (w / total)
-        });
-        Some((mean, covariance))
+        averaged(&fits)
+    }
+
+    /// The noise that the readings allow beside terms, each with its probability; what has no influence on an average is left out.
+    fn allowed(&self, noise: &Noise, terms: &[&Candidate]) -> Vec<(Noise, f64)> {
+        let all = self.correlations.plausible(&noise.parameters, &self.readings, &self.designs(terms));
+        all.into_iter().filter(|(_, log)| *log > NEGLIGIBLE).map(|(noise, log)| (noise, log.exp())).collect()
     }
 
     /// Noise of every row about the fitted model, enT: slow noise that the model follows is not in it.
@@ -97,40 +95,109 @@ impl Means<'_> {
         Some([of(0)?, of(1)?, of(2)?])
     }
 
-    /// Values and standard uncertainties of the parameters of a term, with the uncertainty of its continuous shape parameter in them; the
-    /// shape parameter last.
+    /// Values and standard uncertainties of the parameters of every term, with the uncertainty of continuous shape parameters in them; that of
+    /// the shape last. They are averaged over the noise that the readings allow, the scatter of the averaged values included: an effect may
+    /// be as slow as noise whose share is known badly.
     #[must_use]
-    pub fn estimate(&self, model: &MeansModel, terms: &[&Candidate], index: usize) -> Option<Vec<(f64, f64)>> {
-        let before: usize = terms[..index].iter().map(|t| t.columns.ncols()).sum();
-        let extra: usize = terms.iter().map(|t| t.columns.ncols()).sum();
-        let from = model.columns.ncols() - extra + before;
-        let own = from..from + terms[index].columns.ncols();
-        let (values, covariance) = solution(&model.columns, &model.readings)?;
-        let std = |covariance: &DMatrix<f64>, j: usize| covariance[(j, j)].max(0.0).sqrt();
-        let mut result: Vec<(f64, f64)> = own.clone().map(|j| (values[j], std(&covariance, j))).collect();
-        let Some((_, shape)) = terms[index].effect.continuous(&terms[index].spec) else { return Some(result) };
-        let amplitudes = values.rows(own.start, own.len()).into_owned();
-        let Some(slope) = self.shape_column(terms[index], &amplitudes, model) else { return Some(result) };
-        let last = model.columns.ncols();
-        let mut columns = model.columns.clone().insert_column(last, 0.0);
-        columns.column_mut(last).copy_from(&slope);
-        if let Some((_, covariance)) = solution(&columns, &model.readings) {
-            result.iter_mut().zip(own).for_each(|(r, j)| r.1 = std(&covariance, j));
-            result.push((shape, std(&covariance, last)));
-        }
-        Some(result)
+    pub fn estimates(&self, model: &MeansModel, terms: &[&Candidate]) -> Option<Vec<Vec<(f64, f64)>>> {
+        let slopes = self.slopes(model, terms)?;
+        let fits: Vec<Weighted> = self
+            .allowed(&model.noise, terms)
+            .into_par_iter()
+            .filter_map(|(noise, weight)| self.solved(&self.model_with(noise, terms), &slopes, weight))
+            .collect();
+        let (values, covariance) = averaged(&fits).or_else(|| {
+            let Weighted { values, covariance, .. } = self.solved(model, &slopes, 1.0)?;
+            Some((values, covariance))
+        })?;
+        let mut sizes = of_terms(&values, &covariance, terms, &slopes);
+        self.without_attenuation(model, terms, &mut sizes);
+        Some(sizes)
     }
 
-    /// The whitened column of the continuous shape parameter of a term, at the amplitudes that were found.
-    fn shape_column(&self, term: &Candidate, amplitudes: &DVector<f64>, model: &MeansModel) -> Option<DVector<f64>> {
+    /// The same of one term with the noise of the model alone.
+    fn estimate(&self, model: &MeansModel, terms: &[&Candidate], index: usize) -> Option<Vec<(f64, f64)>> {
+        let slopes = self.slopes(model, terms)?;
+        let Weighted { values, covariance, .. } = self.solved(model, &slopes, 1.0)?;
+        of_terms(&values, &covariance, terms, &slopes).into_iter().nth(index)
+    }
+
+    /// What each continuous shape parameter changes, at the amplitudes that are found with the noise of the model.
+    fn slopes(&self, model: &MeansModel, terms: &[&Candidate]) -> Option<Vec<Option<DVector<f64>>>> {
+        let (values, _) = solution(&model.columns, &model.columns, &model.readings)?;
+        let mut at = model.columns.ncols() - terms.iter().map(|t| t.columns.ncols()).sum::<usize>();
+        let slope = |term: &&Candidate| {
+            let amplitudes = values.rows(at, term.columns.ncols()).into_owned();
+            at += term.columns.ncols();
+            self.slope(term, &amplitudes)
+        };
+        Some(terms.iter().map(slope).collect())
+    }
+
+    /// The change of the readings with the continuous shape parameter of a term.
+    fn slope(&self, term: &Candidate, amplitudes: &DVector<f64>) -> Option<DVector<f64>> {
         let (name, value) = term.effect.continuous(&term.spec)?;
         let step = STEP * value.abs().max(1e-9);
         let at = |v: f64| with_shape(term, &self.prepared.record, name, v).map(|c| c.columns);
-        let (up, down) = (at(value + step)?, at(value - step)?);
-        let slope = (up - down) * amplitudes / (2.0 * step);
-        let slope = DMatrix::from_column_slice(slope.len(), 1, slope.as_slice());
-        (slope.norm() > 0.0).then(|| self.whiten(&model.noise, &slope).column(0).into_owned())
+        let slope = (at(value + step)? - at(value - step)?) * amplitudes / (2.0 * step);
+        (slope.norm() > 0.0).then_some(slope)
     }
+
+    /// Parameters of a model, and the covariance of them and of the shape parameters, which come last.
+    fn solved(&self, model: &MeansModel, slopes: &[Option<DVector<f64>>], weight: f64) -> Option<Weighted> {
+        let mut columns = model.columns.clone();
+        for slope in slopes.iter().flatten() {
+            let stacked = DMatrix::from_column_slice(slope.len(), 1, slope.as_slice());
+            let last = columns.ncols();
+            columns = columns.insert_column(last, 0.0);
+            columns.column_mut(last).copy_from(&self.whiten(&model.noise, &stacked).column(0));
+        }
+        let (values, covariance) = solution(&columns, &model.columns, &model.readings)?;
+        Some(Weighted { weight, values, covariance })
+    }
+}
+
+/// Parameters with one of the noises that the readings allow.
+struct Weighted {
+    weight: f64,
+    values: DVector<f64>,
+    /// Of the values, and of what is not estimated beside them.
+    covariance: DMatrix<f64>,
+}
+
+/// Mean and covariance of all, the scatter of the values included.
+fn averaged(fits: &[Weighted]) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    let total: f64 = fits.iter().map(|f| f.weight).sum();
+    let (count, all) = fits.first().map(|f| (f.values.len(), f.covariance.nrows()))?;
+    let mean = fits.iter().fold(DVector::zeros(count), |sum, f| sum + &f.values * (f.weight / total));
+    let covariance = fits.iter().fold(DMatrix::zeros(all, all), |sum, f| {
+        let off = (&f.values - &mean).resize_vertically(all, 0.0);
+        sum + (&f.covariance + &off * off.transpose()) * (f.weight / total)
+    });
+    Some((mean, covariance))
+}
+
+/// Values with standard uncertainties, term after term, each with its shape parameter at its end.
+fn of_terms(
+    values: &DVector<f64>,
+    covariance: &DMatrix<f64>,
+    terms: &[&Candidate],
+    slopes: &[Option<DVector<f64>>],
+) -> Vec<Vec<(f64, f64)>> {
+    let std = |j: usize| covariance[(j, j)].max(0.0).sqrt();
+    let mut at = values.len() - terms.iter().map(|t| t.columns.ncols()).sum::<usize>();
+    let mut shape_at = values.len();
+    let of = |(term, slope): (&&Candidate, &Option<DVector<f64>>)| {
+        let own = at..at + term.columns.ncols();
+        at = own.end;
+        let mut list: Vec<(f64, f64)> = own.map(|j| (values[j], std(j))).collect();
+        if let (Some(_), Some((_, shape))) = (slope, term.effect.continuous(&term.spec)) {
+            list.push((shape, std(shape_at)));
+            shape_at += 1;
+        }
+        list
+    };
+    terms.iter().zip(slopes).map(of).collect()
 }
 
 /// What least squares leave of the readings of one component.
@@ -149,15 +216,23 @@ impl Residuals {
     }
 }
 
-/// Least squares with columns of very different size: the shortest solution and its covariance.
-fn solution(columns: &DMatrix<f64>, readings: &DVector<f64>) -> Option<(DVector<f64>, DMatrix<f64>)> {
-    let sizes: Vec<f64> = columns.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
-    let scaled = DMatrix::from_fn(columns.nrows(), columns.ncols(), |i, j| columns[(i, j)] / sizes[j]);
-    let inverse = scaled.svd(true, true).pseudo_inverse(APART).ok()?;
-    let mut values = &inverse * readings;
+/// Least squares with columns of very different size: the shortest solution with the `first` columns, and the covariance with all of them.
+fn solution(all: &DMatrix<f64>, first: &DMatrix<f64>, readings: &DVector<f64>) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    let sizes: Vec<f64> = all.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
+    let scaled = DMatrix::from_fn(all.nrows(), all.ncols(), |i, j| all[(i, j)] / sizes[j]);
+    // The triangle has the singular values of the columns, and is small.
+    let qr = scaled.qr();
+    let (base, triangle) = (qr.q(), qr.r());
+    let along = base.tr_mul(readings);
+    let count = first.ncols();
+    let inverse = triangle.columns(0, count).into_owned().svd(true, true).pseudo_inverse(APART).ok()?;
+    let mut values = inverse * along;
+    let inverse = triangle.svd(true, true).pseudo_inverse(APART).ok()?;
     let mut covariance = &inverse * inverse.transpose();
     for i in 0..sizes.len() {
-        values[i] /= sizes[i];
+        if i < count {
+            values[i] /= sizes[i];
+        }
         for j in 0..sizes.len() {
             covariance[(i, j)] /= sizes[i] * sizes[j];
         }

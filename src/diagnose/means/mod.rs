@@ -3,6 +3,7 @@
 //! The noise of the means is estimated anew with every set of terms, since a missing effect passes as slow noise; the evidence of the most
 //! promising candidates is averaged over all noise that the readings allow ([`super::problem`] has the search, `problem` what it asks).
 
+mod attenuation;
 mod describe;
 mod estimate;
 mod held_out;
@@ -11,20 +12,24 @@ mod problem;
 use super::candidate::{Accepted, Candidate};
 use super::explanations::{self, Scored};
 use crate::fit::noise::NoiseModel;
-use crate::fit::noise::state_space::{Correlations, Noise, Rows};
+use crate::fit::noise::state_space::{Correlations, Inside, Noise, Rows};
 use crate::fit::scan::{Fitted, Group, orthonormal};
 use crate::model::effects::{self, Catalogue, Covariate, EffectRef, Record, Spec, UNKNOWN, Unseen};
+use crate::record::plan::Planned;
 use crate::record::prepared::PreparedRun;
 pub(super) use describe::{HOPELESS, gap};
 pub use held_out::HeldOut;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 
 /// A column of which the others leave less than this part counts as one of them when the noise is estimated.
 const INDEPENDENT: f64 = 1e-5;
 /// Candidates that one thread whitens at a time.
 const AT_ONCE: usize = 16;
+
+/// With more rows than these the noise beside terms is looked for near that of the terms before.
+const MANY_ROWS: usize = 1000;
 
 /// A term of the means that was accepted.
 pub type Term = Accepted<Candidate>;
@@ -39,6 +44,15 @@ pub struct MeansModel {
     pub columns: DMatrix<f64>,
     /// Whitened readings.
     pub readings: DVector<f64>,
+    /// Sizes of the terms, once they were asked for.
+    sizes: OnceLock<Vec<Vec<(f64, f64)>>>,
+}
+
+impl MeansModel {
+    /// Values and standard uncertainties of the parameters of each term: see [`Means::estimates`].
+    fn estimates(&self, means: &Means, terms: &[&Candidate]) -> &Vec<Vec<(f64, f64)>> {
+        self.sizes.get_or_init(|| means.estimates(self, terms).unwrap_or_default())
+    }
 }
 
 /// Why the catalogue has no candidate for an effect.
@@ -96,13 +110,12 @@ fn candidates(record: &Record, catalogue: &Catalogue) -> (Vec<Candidate>, Vec<Ab
 }
 
 /// What the noise depends on: times, white variances and fields of the rows.
-fn noise_rows(prepared: &PreparedRun) -> Rows {
-    let record = &prepared.record;
+fn noise_rows(record: &Record, white: &[[f64; 3]], inside: Option<Inside>) -> Rows {
     let most: [f64; 3] = std::array::from_fn(|a| record.most_ent(a).max(f64::MIN_POSITIVE));
     Rows {
         t_s: record.rows.iter().map(effects::Row::t_s).collect(),
-        white: prepared.white.clone(),
-        inside: prepared.inside,
+        white: white.to_vec(),
+        inside,
         field: record.rows.iter().map(|r| std::array::from_fn(|a| r.linear_ent[a] / most[a])).collect(),
     }
 }
@@ -114,8 +127,13 @@ impl<'a> Means<'a> {
         let (candidates, absent) = candidates(&prepared.record, catalogue);
         let trend_order = Some(prepared.record.trend_order);
         let log_priors = explanations::log_priors(candidates.iter(), |effect| effect.prior(trend_order));
-        let correlations = Correlations::new(noise_rows(prepared));
+        let correlations = Correlations::new(noise_rows(&prepared.record, &prepared.white, prepared.inside));
         Self { prepared, readings, given, candidates, log_priors, absent, correlations, last: Mutex::default() }
+    }
+
+    /// Noise of this run in another one that could be measured.
+    pub(super) fn noise_of(&self, noise: &Noise, next: &Planned) -> Option<Noise> {
+        self.correlations.at(noise_rows(&next.record, &next.white, self.prepared.inside)).known(noise)
     }
 
     /// Leaves candidates out: they are looked for elsewhere, or did not predict.
@@ -180,7 +198,12 @@ impl<'a> Means<'a> {
         if let Some(last) = known {
             return Some(last.noise);
         }
-        let noise = self.correlations.estimate(&self.readings, &self.designs(terms))?;
+        let designs = self.designs(terms);
+        let before = self.last.lock().ok().and_then(|last| last.as_ref().map(|l| l.noise.parameters));
+        let noise = match before.filter(|_| self.rows() > MANY_ROWS) {
+            Some(near) => self.correlations.estimate_near(&near, &self.readings, &designs)?,
+            None => self.correlations.estimate(&self.readings, &designs)?,
+        };
         if let Ok(mut last) = self.last.lock() {
             *last = Some(Estimated { terms: named, noise: noise.clone() });
         }
@@ -210,7 +233,7 @@ impl<'a> Means<'a> {
         let stacked = DMatrix::from_column_slice(3 * n, 1, self.readings.as_slice());
         let readings = self.whiten(&noise, &stacked).column(0).into_owned();
         let fitted = Fitted::of_components(&readings, &own, &common, self.edges()).with_noise_beside(noise.inside);
-        MeansModel { noise, fitted, columns, readings }
+        MeansModel { noise, fitted, columns, readings, sizes: OnceLock::new() }
     }
 
     /// Another model with the noise of this one.

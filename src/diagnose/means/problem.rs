@@ -1,6 +1,6 @@
 //! Plateau means as a problem of the search.
 
-use super::{Means, MeansModel, Term, describe, with_shape};
+use super::{MANY_ROWS, Means, MeansModel, Term, describe, with_shape};
 use crate::diagnose::candidate::{Candidate, Threshold};
 use crate::diagnose::explanations::{Explanation, Scored, log_sum};
 use crate::diagnose::problem::{Description, Problem, Revision};
@@ -17,10 +17,15 @@ const NOISE_UNKNOWN: f64 = 1.1;
 const HIDDEN: usize = 3;
 /// Explanations whose evidence is averaged over the noise; as in reports/blind-study.md.
 const PROMISING: usize = 5;
+/// Evidence (logarithm) by which two effects of the catalogue have to exceed a function that is in no catalogue, beside which they are
+/// many: a likelihood ratio of e.
+const BESIDE_UNKNOWN: f64 = 1.0;
 /// The plain squares of the predictions may grow by this factor, which is 5 % of their root, where the weighted ones become less.
 const PLAIN_GROWTH: f64 = 1.1;
 /// Logarithm of what a noise adds to an evidence that has no influence on it.
 const NEGLIGIBLE: f64 = -15.0;
+/// Noises over which the evidence of many rows is averaged.
+const MOST_NOISES: usize = 16;
 /// Seed of the simulated noise.
 const SEED: u64 = 0x0ca1_f175;
 /// Where the search for the best value of a shape parameter ends, as a part of the value, and after how many steps.
@@ -59,14 +64,23 @@ impl Problem for Means<'_> {
     fn evident(&self, model: &MeansModel, chosen: &[Term]) -> Option<Vec<Term>> {
         let now = self.all(chosen);
         let look = self.look(model, &now);
-        let found = match look.evident {
+        let Look { averaged, evident, noises, white } = look;
+        let pair = |(white, groups): (MeansModel, Vec<Group>), than: f64| self.pair(&noises, &white, groups, &now, than);
+        let found = match evident {
+            // A smooth function of one covariate stands in for two effects that nearly follow it.
+            Some(one) if one.candidate.effect.is_unknown() => {
+                let than = averaged
+                    .first()
+                    .map_or(0.0, |best| best.score.evidence_of_any_size() + best.best_evidence - best.score.evidence);
+                Some(white.and_then(|white| pair(white, than)).map_or_else(|| vec![one], Vec::from))
+            }
             Some(one) => Some(vec![one]),
             None => {
                 let claimed = &model.noise.parameters;
                 let is_slow = claimed.slow + claimed.slow_field > 0.0;
-                let hidden = self.hidden(&look.averaged, model, &now);
-                let white = look.white.filter(|_| hidden.is_none() && is_slow);
-                hidden.or_else(|| white.and_then(|(white, groups)| self.pair(&look.noises, &white, groups, &now))).map(Vec::from)
+                let hidden = self.hidden(&averaged, model, &now);
+                let white = white.filter(|_| hidden.is_none() && is_slow);
+                hidden.or_else(|| white.and_then(|white| pair(white, f64::NEG_INFINITY))).map(Vec::from)
             }
         };
         Some(found.unwrap_or_default())
@@ -187,8 +201,15 @@ impl Means<'_> {
     }
 
     /// Two effects that slow noise, or noise of the gain, stands in for as long as one of them is missing: the best pair, its evidence averaged
-    /// over the noise that the readings allow.
-    fn pair(&self, noises: &[(Noise, f64)], white: &MeansModel, groups: Vec<Group>, now: &[&Candidate]) -> Option<[Term; 2]> {
+    /// over the noise that the readings allow. Its evidence has to exceed another one by that of a trial.
+    fn pair(
+        &self,
+        noises: &[(Noise, f64)],
+        white: &MeansModel,
+        groups: Vec<Group>,
+        now: &[&Candidate],
+        than: f64,
+    ) -> Option<[Term; 2]> {
         let scored = Scored::new(&white.fitted, self.candidates.iter().collect(), groups, self.log_priors.clone());
         let is_tried = |i: &usize| {
             let candidate = &self.candidates[*i];
@@ -200,7 +221,12 @@ impl Means<'_> {
         let beside_single = (0.5 * prior).ln().max(0.0) + NOISE_UNKNOWN;
         let tried = self.best_of_each(white, &scored.groups, &open);
         let pairs = tried.iter().enumerate().flat_map(|(k, i)| tried[k + 1..].iter().map(move |j| [*i, *j]));
-        let pairs: Vec<[usize; 2]> = pairs.filter(|[i, j]| self.candidates[*i].key != self.candidates[*j].key).collect();
+        // Two curves of one family stand for any curve; an unknown one is better called unknown.
+        let family = |i: usize| self.candidates[i].effect.about().family;
+        let is_pair = |[i, j]: &[usize; 2]| {
+            self.candidates[*i].key != self.candidates[*j].key && (than == f64::NEG_INFINITY || family(*i) != family(*j))
+        };
+        let pairs: Vec<[usize; 2]> = pairs.filter(is_pair).collect();
         let log_prior = |pair: &[usize; 2]| pair.iter().map(|i| self.log_priors[*i]).sum::<f64>();
         let beside_white = |pair: &[usize; 2]| {
             let group = white.fitted.both(&scored.groups[pair[0]], &scored.groups[pair[1]]);
@@ -219,7 +245,7 @@ impl Means<'_> {
             return None;
         }
         let most = ranked[0].0 - log_prior(&ranked[0].1);
-        let noises: Vec<&(Noise, f64)> = noises.iter().filter(|(_, weight)| weight + most > NEGLIGIBLE).collect();
+        let noises = self.of_influence(noises, most);
         let scores: Vec<Vec<Score>> = noises
             .par_iter()
             .map(|(noise, _)| {
@@ -234,7 +260,9 @@ impl Means<'_> {
         let evidence =
             |k: usize| log_sum(noises.iter().zip(&scores).map(|((_, weight), scores)| weight + scores[k].evidence_of_any_size()));
         let averaged = ranked.iter().enumerate().map(|(k, (_, pair))| (evidence(k) + log_prior(pair), k));
-        let (evidence, k) = averaged.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(evidence, _)| *evidence > beside_single)?;
+        let (evidence, k) = averaged
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .filter(|(evidence, _)| *evidence > beside_single.max(than + BESIDE_UNKNOWN))?;
         let evident = scored.evident(evidence - beside_single, Self::FALSE_ALARM, SEED)?;
         let most = (0..noises.len()).max_by(|a, b| {
             let of = |n: usize| noises[n].1 + scores[n][k].evidence_of_any_size();
@@ -247,6 +275,19 @@ impl Means<'_> {
             trials: open.len() * (open.len() - 1) / 2,
             threshold: Threshold::Part(part),
         }))
+    }
+
+    /// The noises that have an influence on an evidence of this size; of many rows, which tell their noise well, the most probable ones and
+    /// white noise.
+    fn of_influence<'n>(&self, noises: &'n [(Noise, f64)], most: f64) -> Vec<&'n (Noise, f64)> {
+        let mut all: Vec<&(Noise, f64)> = noises.iter().filter(|(_, weight)| weight + most > NEGLIGIBLE).collect();
+        if self.prepared.readings.nrows() > MANY_ROWS && all.len() > MOST_NOISES {
+            let white = all.pop();
+            all.sort_by(|a, b| b.1.total_cmp(&a.1));
+            all.truncate(MOST_NOISES);
+            all.extend(white);
+        }
+        all
     }
 
     /// Of every form of every effect the candidate of the largest evidence, and that of the largest one on all axes.
@@ -281,7 +322,7 @@ impl Means<'_> {
             }
         }
         let most = chosen.iter().map(|e| e.score.evidence).fold(0.0, f64::max);
-        let noises: Vec<&(Noise, f64)> = noises.iter().filter(|(_, weight)| weight + most > NEGLIGIBLE).collect();
+        let noises = self.of_influence(noises, most);
         let scores: Vec<Vec<Score>> = noises
             .par_iter()
             .map(|(noise, _)| {

@@ -71,7 +71,7 @@ impl Moving {
     pub fn of(run: &Run, list: &[Plateau], temperatures: &Temperatures, span_s: [f64; 2]) -> Option<Self> {
         let [_, at_degc, _] = temperatures.sensor_degc()?;
         let channel = &temperatures.conditions.as_ref()?.sensor_channel;
-        let (jumps, mended) = without_jumps(run, span_s);
+        let (jumps, mended) = without_jumps(&run.temperatures, span_s);
         let mended = mended.channel(channel).filter(|_| jumps.iter().any(|jump| jump.channel == *channel));
         let course = Course::smooth(mended.as_ref().unwrap_or(&temperatures.sensor));
         let over_k: Vec<f64> = list.iter().map(|p| mean_over(&course.series, p.used_s) - at_degc).collect();

@@ -1,10 +1,11 @@
 //! The blind study of the diagnosis.
 //!
-//!     cargo run --release -p calfit-studies --bin blind [-- --null 2000 --effects 3000 --kinds lin,sweep]
+//!     cargo run --release -p calfit-studies --bin blind [-- --null 2000 --effects 3000 --kinds lin,sweep --minutes 60]
 //!     cargo run --release -p calfit-studies --bin blind -- --dump DIR --seed N [--kinds lin] [--hide cubic_nonlinearity,...] [--k 8]
 //!     cargo run --release -p calfit-studies --bin blind -- --check 200
 //!
-//! The first writes `reports/blind-study.md` and its pictures (or into `--out DIR`). The second writes run files with `truth.json` beside
+//! The first writes `reports/blind-study.md` and its pictures (or into `--out DIR`), again and again while it goes on, and ends early after
+//! `--minutes`. The second writes run files with `truth.json` beside
 //! them. The third measures every effect and noise family with a matched filter over many draws of the noise: the mean must be the
 //! strength that was asked for, the standard deviation one.
 
@@ -19,13 +20,13 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
 
 type Failure = Box<dyn std::error::Error>;
 
 /// `--name value` pairs.
 fn arguments() -> Result<BTreeMap<String, String>, Failure> {
-    const KNOWN: [&str; 9] = ["null", "effects", "kinds", "out", "dump", "seed", "hide", "k", "check"];
+    const KNOWN: [&str; 10] = ["null", "effects", "kinds", "out", "dump", "seed", "hide", "k", "check", "minutes"];
     let mut given = BTreeMap::new();
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
@@ -62,28 +63,46 @@ fn main() -> Result<(), Failure> {
         return check(&kinds, number("check", 200)?);
     }
     let (null, with_effects) = (number("null", 2000)?, number("effects", 3000)?);
-    let cases = score::plan(null, with_effects, &kinds);
-    let done = AtomicU64::new(0);
-    let judged = score::run(&cases, blind::judge::judge_beside_ideal, || {
-        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-        if done.is_multiple_of(100) {
-            eprintln!("{done} of {}", cases.len());
-        }
-    })?;
-    let score = score::Score::of(&judged);
+    let minutes = number("minutes", u64::MAX)?;
+    let begin = Instant::now();
+    let mut cases = score::plan(null, with_effects, &kinds);
+    // A study that is stopped has some of everything.
+    Random::new(0, "order").shuffle(&mut cases);
     let out = given.get("out").map_or_else(|| repository("reports"), PathBuf::from);
     fs::create_dir_all(&out)?;
     let names = kinds.iter().map(|k| k.name()).collect::<Vec<_>>().join(",");
     let command =
         format!("cargo run --release -p calfit-studies --bin blind -- --null {null} --effects {with_effects} --kinds {names}");
-    let mut text = report::report(&score, &command);
+    let mut judged = Vec::new();
+    for part in cases.chunks(AT_ONCE) {
+        if begin.elapsed().as_secs() / 60 >= minutes {
+            break;
+        }
+        judged.extend(score::run(part, blind::judge::judge_beside_ideal, || {})?);
+        eprintln!("{} of {}", judged.len(), cases.len());
+        write(&out, &score::Score::of(&judged), &command, cases.len())?;
+        fs::write(out.join(CASES), judged.iter().map(score::Judged::line).collect::<String>())?;
+    }
+    print!("{}", fs::read_to_string(out.join(TABLES))?);
+    Ok(())
+}
+
+/// Cases that are judged before the tables are written again.
+const AT_ONCE: usize = 100;
+/// What was hidden and said in each case.
+const CASES: &str = "blind-study-cases.txt";
+/// The tables.
+const TABLES: &str = "blind-study.md";
+
+/// Tables and pictures of what was judged so far.
+fn write(out: &Path, score: &score::Score, command: &str, planned: usize) -> Result<(), Failure> {
+    let mut text = report::report(score, command, planned);
     text.push_str(
         "\n![Effects found against their strength](blind-study-power.png)\n\n![Confusion of names](blind-study-confusion.png)\n",
     );
-    fs::write(out.join("blind-study.md"), &text)?;
-    fs::write(out.join("blind-study-power.png"), picture::power(&score)?)?;
-    fs::write(out.join("blind-study-confusion.png"), picture::confusion(&score)?)?;
-    print!("{text}");
+    fs::write(out.join(TABLES), &text)?;
+    fs::write(out.join("blind-study-power.png"), picture::power(score)?)?;
+    fs::write(out.join("blind-study-confusion.png"), picture::confusion(score)?)?;
     Ok(())
 }
 
@@ -101,7 +120,7 @@ fn dump(folder: &Path, seed: u64, kind: Kind, hidden: Option<Vec<String>>, k: f6
         vec![names[random.below(names.len())].to_owned()]
     };
     let names = hidden.unwrap_or_else(drawn).into_iter().filter(|name| !name.is_empty()).collect();
-    let blind = generate(seed, kind, &Options { effects: names, strength_k: k, noise: None })?;
+    let blind = generate(seed, kind, &Options { effects: names, strength_k: k, noise: None, ..Options::default() })?;
     fs::create_dir_all(folder)?;
     fs::write(folder.join("campaign.toml"), campaign_text(&blind))?;
     fs::write(folder.join("truth.json"), serde_json::to_string_pretty(&blind.truth)? + "\n")?;
@@ -138,12 +157,13 @@ fn check(kinds: &[Kind], draws: u64) -> Result<(), Failure> {
     for kind in kinds {
         let mut cases: Vec<(&str, Family)> = Vec::new();
         for (index, name) in effects::visible(*kind).iter().chain(effects::outside(*kind)).enumerate() {
-            cases.push((name, Family::ALL[index % Family::ALL.len()]));
+            cases.push((name, Family::WITHOUT_SPIKES[index % Family::WITHOUT_SPIKES.len()]));
         }
         let seen = if *kind == Kind::ZeroField { "offset_drift" } else { effects::visible(*kind)[0] };
-        cases.extend(Family::ALL.map(|family| (seen, family)));
+        cases.extend(Family::WITHOUT_SPIKES.map(|family| (seen, family)));
         for (index, (name, family)) in cases.into_iter().enumerate() {
-            let options = Options { effects: vec![name.to_owned()], strength_k: WANTED, noise: Some(family) };
+            let options =
+                Options { effects: vec![name.to_owned()], strength_k: WANTED, noise: Some(family), ..Options::default() };
             let begin = std::time::Instant::now();
             let blind = generate(index as u64 + 1, *kind, &options)?;
             let ms = begin.elapsed().as_secs_f64() * 1e3;

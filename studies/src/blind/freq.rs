@@ -3,6 +3,7 @@
 use super::effects::Effect;
 use super::kinds::Column;
 use super::noise::{Cell, Random};
+use super::programme::Programme;
 use super::sensor::{CleanRun, Curve, Sensor};
 use calfit::data::run::Setting;
 use calfit::data::units::FieldCoil;
@@ -101,6 +102,7 @@ fn sine(
 pub fn clean_run(sensor: Sensor, random: &mut Random) -> CleanRun {
     let rate_hz = 128.0 - 0.001 * random.between(0.3, 1.5);
     let mut clean = CleanRun {
+        programme: Programme::Staircases,
         kind: super::sensor::Kind::Frequency,
         rate_hz,
         count: 0,

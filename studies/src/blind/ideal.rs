@@ -123,7 +123,7 @@ pub fn ideal(prepared: &PreparedRun, blind: &Blind) -> Option<Ideal> {
     let draws: Vec<(f64, Vec<f64>)> = (0..DRAWS)
         .map(|draw| {
             let mut random = Random::new(blind.truth.seed.wrapping_add(draw), "noise of the ideal");
-            let family = Family::ALL[random.below(Family::ALL.len())];
+            let family = Family::WITHOUT_SPIKES[random.below(Family::WITHOUT_SPIKES.len())];
             let slow = Noise::drawn(family, &blind.clean_runs[0], &mut random).slow;
             let white = White::new(&Noise { slow, ..blind.truth.noise.clone() }, blind, prepared, &cells);
             (white.log_likelihood, promising.iter().map(|c| of(&white, *c)).collect())

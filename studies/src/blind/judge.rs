@@ -1,16 +1,17 @@
 //! The only place that calls the diagnosis, which sees the runs and the campaign, never the truth.
 
 use super::ideal::ideal;
-use super::{Amplitude, Blind, Verdict, VerdictStep};
+use super::{Amplitude, Blind, Proposal, Verdict, VerdictStep};
 use calfit::data::plateau::{self, Accumulator, Cut, Plateaus};
 use calfit::data::run::{Run, Vector, VectorSink};
 use calfit::diagnose::across::{RunValues, across};
 use calfit::diagnose::candidate::Candidate;
 use calfit::diagnose::means::Means;
-use calfit::diagnose::result::{Diagnosis, Step};
+use calfit::diagnose::result::{Diagnosis, Forecast, Step, VerdictKind};
 use calfit::diagnose::{self, Options, Samples};
 use calfit::measure::lin;
 use calfit::model::effects::{Catalogue, Column, Spec, UNKNOWN};
+use calfit::record::plan::Plan;
 use calfit::record::prepared::PreparedRun;
 
 /// What the diagnosis says about a run set.
@@ -81,6 +82,7 @@ fn together(blind: &Blind) -> Option<Diagnosis> {
 fn verdict(diagnosis: &Diagnosis, cells: f64) -> Verdict {
     Verdict {
         steps: diagnosis.steps.iter().enumerate().map(|(k, s)| step(s, drawn_over(diagnosis, k), cells)).collect(),
+        undecided: diagnosis.verdict_kind == VerdictKind::Undecided,
         not_identifiable: diagnosis.not_identifiable.iter().map(|n| n.effect.to_string()).collect(),
         oracle_chi2: None,
         ideal: None,
@@ -102,9 +104,15 @@ fn step(step: &Step, drawn_over: Option<&str>, cells: f64) -> VerdictStep {
         covariate: step.covariate.as_deref().or(drawn_over).map(renamed_covariate),
         strength_k: step.strength_k,
         amplitudes: amplitudes(step),
+        next: step.next_forecast.iter().filter_map(proposal).collect(),
         gap_before_chi2: step.gap_before.chi2_per_dof * cells,
         gap_after_chi2: step.gap_after.chi2_per_dof * cells,
     }
+}
+
+fn proposal(forecast: &Forecast) -> Option<Proposal> {
+    let plan = Plan::ALL.into_iter().find(|plan| plan.name() == forecast.measurement)?;
+    Some(Proposal { plan, strength_k: forecast.strength_k, apart_k: forecast.k })
 }
 
 /// A covariate under the name of this study: channels by their own names, components of the field as bx, by, bz.

@@ -1,8 +1,10 @@
 //! Kinds of runs: nuisance parameters, the strength of an effect, and how sensor, noise and effects become runs in memory.
 
+use super::decoy::Decoy;
 use super::effects::{self, Effect};
 use super::freq;
 use super::noise::{Cell, Family, Noise, Random, Whitener};
+use super::programme::Programme;
 use super::sensor::{CleanRun, Curve, Kind, POSITIONS, Sensor, product, rotation, times, transposed};
 use super::{Blind, Options, TrueEffect, TrueParameter, Truth};
 use calfit::data::run::{self, GivenBlock, Header, InputFile, ReadingUnit, Run, SlowTable, Vector, VectorAccount};
@@ -11,6 +13,7 @@ use calfit::files::campaign::Campaign;
 use calfit::files::campaign::file::CampaignFile;
 use calfit::model::campaign::Instructions;
 use calfit::model::position::Position;
+use calfit::record::plan::Plan;
 use std::ops::Range;
 
 /// A column of a design: per block (run times three plus component) its values in the cells of the run.
@@ -226,9 +229,9 @@ fn resolution_ent(kind: Kind) -> f64 {
 pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, String> {
     let mut random = Random::new(seed, "scene");
     let sensor = Sensor::drawn(kind, &mut random);
-    let clean_runs = drawn_runs(kind, &sensor, &mut random);
+    let clean_runs = drawn_runs(kind, options.programme, &sensor, &mut random);
     let mut random = Random::new(seed, "noise family");
-    let drawn = Family::ALL[random.below(Family::ALL.len())];
+    let drawn = Family::WITHOUT_SPIKES[random.below(Family::WITHOUT_SPIKES.len())];
     let family = options.noise.unwrap_or(drawn);
     let noise = Noise::drawn(family, &clean_runs[0], &mut random);
 
@@ -245,13 +248,22 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
     }
     measure_beside_each_other(&mut hidden, &measures);
 
+    let mut clean_runs = clean_runs;
+    if let Some(plan) = options.then {
+        clean_runs = clean_runs.iter().map(|clean| clean.changed(plan)).collect();
+        for hidden in &mut hidden {
+            let amplitude = hidden.amplitude;
+            let records = clean_runs.iter().enumerate().map(|(run, clean)| hidden.effect.contribution(clean, run, amplitude));
+            hidden.contribution = records.collect();
+        }
+    }
     let cells = plateau_cells(&clean_runs);
-    let mut random = Random::new(seed, "noise");
+    let mut random = Random::new(seed, options.then.map_or("noise", Plan::name));
     let mut slow_random = Random::new(seed, "slow channels");
     let mut runs = Vec::new();
     let mut means = Vec::new();
     for (index, clean) in clean_runs.iter().enumerate() {
-        let record = readings(clean, index, &hidden, noise.record(clean, &mut random));
+        let record = readings(clean, index, &hidden, noise.record(clean, &mut random), options.decoy);
         means.push(cell_means(&record, &cells[index]));
         let mut run = empty_run(clean, index);
         let changes: Vec<&Effect> = hidden.iter().map(|h| &h.effect).collect();
@@ -264,6 +276,9 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
             let lost = if kind == Kind::Frequency { freq::lost(&options.effects, clean, seed) } else { Vec::new() };
             as_vectors(clean, &record, &lost, &mut run)
         };
+        if let Some(decoy) = options.decoy {
+            decoy.damage(clean, &mut run, &mut Random::new(seed, "decoy"));
+        }
         runs.push((run, vectors));
     }
     let of_cells = |h: &Hidden| h.contribution.iter().zip(&cells).map(|(record, cells)| cell_means(record, cells)).collect();
@@ -277,7 +292,7 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
 }
 
 /// The runs of a sensor without noise and effects: one, or one per position.
-fn drawn_runs(kind: Kind, sensor: &Sensor, random: &mut Random) -> Vec<CleanRun> {
+fn drawn_runs(kind: Kind, programme: Programme, sensor: &Sensor, random: &mut Random) -> Vec<CleanRun> {
     if kind == Kind::Frequency {
         return vec![freq::clean_run(sensor.clone(), random)];
     }
@@ -289,7 +304,7 @@ fn drawn_runs(kind: Kind, sensor: &Sensor, random: &mut Random) -> Vec<CleanRun>
     } else {
         ids.truncate(1);
     }
-    ids.into_iter().map(|id| CleanRun::drawn(kind, sensor.clone(), id, random)).collect()
+    ids.into_iter().map(|id| CleanRun::with_programme(kind, programme, sensor.clone(), id, random)).collect()
 }
 
 /// Measures of strength on plateau means and on samples, each made when it is needed first.
@@ -325,6 +340,7 @@ impl Measures<'_> {
 /// An effect that is hidden in the runs of a set.
 struct Hidden {
     effect: Effect,
+    amplitude: f64,
     /// What it adds to every sample of every run, enT.
     contribution: Vec<Vec<[f64; 3]>>,
     truth: TrueEffect,
@@ -386,7 +402,7 @@ impl Hidden {
             beside_other_k: None,
             seen_inside_plateaus: inside,
         };
-        Ok(Self { effect, contribution, truth })
+        Ok(Self { effect, amplitude, contribution, truth })
     }
 }
 
@@ -402,8 +418,9 @@ fn measure_beside_each_other(hidden: &mut [Hidden], measures: &Measures) {
 }
 
 /// Noise, field, offset and hidden effects of a run together, rounded as the instrument does.
-fn readings(clean: &CleanRun, index: usize, hidden: &[Hidden], mut record: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
-    let rounded = matches!(clean.kind, Kind::Lin | Kind::Positions | Kind::ZeroField).then(|| resolution_ent(clean.kind));
+fn readings(clean: &CleanRun, index: usize, hidden: &[Hidden], mut record: Vec<[f64; 3]>, decoy: Option<Decoy>) -> Vec<[f64; 3]> {
+    let usual = matches!(clean.kind, Kind::Lin | Kind::Positions | Kind::ZeroField).then(|| resolution_ent(clean.kind));
+    let rounded = if decoy == Some(Decoy::Coarse) { Some(1.0) } else { usual };
     for (s, reading) in record.iter_mut().enumerate() {
         let offset = clean.offset_ent(s);
         for i in 0..3 {

@@ -3,7 +3,7 @@
 //! Sensors, programmes, noise and effects are made with formulas of this folder alone, whose forms differ from those of the catalogue:
 //! low-passes where it delays, tanh knees, bent and ramped curves, noise that is not quite a power law, and effects it does not know.
 //!
-//! * `sensor`: sensor, programme, temperatures; `freq`: the same for sines
+//! * `sensor`: sensor, temperatures; `programme`: settings; `decoy`: damage that is no effect; `freq`: the same for sines
 //! * `noise`: families, and whitening with their true covariance
 //! * `effects`: what can be hidden
 //! * `kinds`: strength of an effect, and run sets in memory
@@ -12,6 +12,7 @@
 //! * `judge`: the call of the diagnosis
 //! * `score`: from verdicts to counts; `report` and `picture`: from counts to tables and figures
 
+pub mod decoy;
 pub mod effects;
 pub mod freq;
 pub mod ideal;
@@ -20,14 +21,18 @@ pub mod kinds;
 pub mod noise;
 pub mod picture;
 pub mod poles;
+pub mod programme;
 pub mod report;
 pub mod score;
 pub mod sensor;
 
 use calfit::data::run::{Run, Vector};
 use calfit::files::campaign::Campaign;
+use calfit::record::plan::Plan;
+use decoy::Decoy;
 use freq::TrueSines;
 use noise::{Family, Noise};
+use programme::Programme;
 use sensor::{CleanRun, Kind, Matrix, Sensor};
 use serde::Serialize;
 
@@ -40,6 +45,12 @@ pub struct Options {
     pub strength_k: f64,
     /// Drawn if not given.
     pub noise: Option<Family>,
+    /// Settings of a linearity run.
+    pub programme: Programme,
+    /// Damage of the data that is no effect.
+    pub decoy: Option<Decoy>,
+    /// The same sensor with the same effects is measured once more, in another way; strengths in the truth are those of the first run.
+    pub then: Option<Plan>,
 }
 
 /// A run set and its truth.
@@ -113,6 +124,8 @@ pub struct TrueParameter {
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Verdict {
     pub steps: Vec<VerdictStep>,
+    /// Nothing is named, and it is said that something is left.
+    pub undecided: bool,
     /// Effects that it says this run set cannot show.
     pub not_identifiable: Vec<String>,
     /// Held-out χ² without and with the true effects in the folds of the diagnosis, where it can tell; else the study works it out.
@@ -133,10 +146,22 @@ pub struct VerdictStep {
     pub confident: bool,
     pub covariate: Option<String>,
     pub strength_k: f64,
+    /// What runs of the menu would tell, the best first.
+    pub next: Vec<Proposal>,
     pub amplitudes: Vec<Amplitude>,
     /// Sum of squares on held-out blocks over the noise, before and after the effect.
     pub gap_before_chi2: f64,
     pub gap_after_chi2: f64,
+}
+
+/// A run that is proposed.
+#[derive(Clone, Debug, Serialize)]
+pub struct Proposal {
+    #[serde(skip)]
+    pub plan: Plan,
+    /// Strength that is forecast for the effect, and for what no rival can take of it.
+    pub strength_k: f64,
+    pub apart_k: f64,
 }
 
 /// A parameter with its standard uncertainty, in the unit of the catalogue.

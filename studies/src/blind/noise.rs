@@ -80,10 +80,23 @@ pub enum Family {
     ProportionalFlicker,
     HeavyTails,
     GrowsWithTemperature,
+    Spikes,
 }
 
 impl Family {
-    pub const ALL: [Family; 8] = [
+    pub const ALL: [Family; 9] = [
+        Family::White,
+        Family::PowerLaw,
+        Family::Autoregressive,
+        Family::Telegraph,
+        Family::GrowsWithField,
+        Family::ProportionalFlicker,
+        Family::HeavyTails,
+        Family::GrowsWithTemperature,
+        Family::Spikes,
+    ];
+    /// Those of which a run draws one where none is asked for.
+    pub const WITHOUT_SPIKES: [Family; 8] = [
         Family::White,
         Family::PowerLaw,
         Family::Autoregressive,
@@ -105,6 +118,7 @@ impl Family {
             Family::ProportionalFlicker => "1/f in proportion to the field",
             Family::HeavyTails => "heavy tails",
             Family::GrowsWithTemperature => "white, grows with temperature",
+            Family::Spikes => "spikes and a burst",
         }
     }
 }
@@ -141,6 +155,12 @@ pub enum Tails {
     /// One in a hundred samples is this many times larger.
     Outliers {
         times: f64,
+    },
+    /// Normal, with single samples that are 10 to 1000 enT off and a burst of twenty times the noise. Means that a sweep brings are 4 to 12
+    /// of their standard deviations off.
+    Spikes {
+        single: usize,
+        burst: usize,
     },
 }
 
@@ -221,6 +241,7 @@ impl Noise {
                 }
             }
             Family::GrowsWithTemperature => noise.growth = Growth::Temperature { size: random.between(0.5, 2.5) },
+            Family::Spikes => noise.tails = Tails::Spikes { single: 4 + random.below(5), burst: 4 + random.below(13) },
         }
         let already_slow = !noise.slow.is_empty() && family != Family::ProportionalFlicker;
         if family != Family::White && !already_slow && random.chance(0.5) {
@@ -247,6 +268,9 @@ impl Noise {
     /// One record of noise, enT.
     pub fn record(&self, clean: &CleanRun, random: &mut Random) -> Vec<[f64; 3]> {
         let mut record = self.white(clean, random);
+        if let Tails::Spikes { single, burst } = self.tails {
+            self.spikes(clean, [single, burst], &mut record, random);
+        }
         for (component, white_ent) in self.white_ent.into_iter().enumerate() {
             for relaxation in &self.slow {
                 let std = relaxation.variance_ent2.sqrt() * white_ent;
@@ -274,6 +298,26 @@ impl Noise {
         record
     }
 
+    /// Adds single samples, or means of a sweep, that stand out, and a burst.
+    fn spikes(&self, clean: &CleanRun, [single, burst]: [usize; 2], record: &mut [[f64; 3]], random: &mut Random) {
+        for _ in 0..single {
+            let (axis, sign) = (random.below(3), random.sign());
+            if clean.kind == Kind::Sweep {
+                let block = clean.plateaus[random.below(clean.plateaus.len())].clone();
+                let size = self.white_ent[axis] / (block.len() as f64).sqrt() * random.between(4.0, 12.0);
+                record[block].iter_mut().for_each(|r| r[axis] += sign * size);
+            } else {
+                record[random.below(clean.count)][axis] += sign * random.log_between(10.0, 1000.0);
+            }
+        }
+        if clean.kind != Kind::Sweep {
+            let first = random.below(clean.count - burst);
+            for reading in &mut record[first..first + burst] {
+                (0..3).for_each(|a| reading[a] += 20.0 * self.white_ent[a] * random.normal());
+            }
+        }
+    }
+
     fn white(&self, clean: &CleanRun, random: &mut Random) -> Vec<[f64; 3]> {
         let student = match self.tails {
             Tails::Student { freedom } => StudentT::new(freedom).ok().map(|t| (t, ((freedom - 2.0) / freedom).sqrt())),
@@ -287,7 +331,7 @@ impl Noise {
             (_, Some((t, to_unit))) => t.sample(&mut random.0) * to_unit,
             _ => random.normal(),
         };
-        if clean.kind == Kind::Sweep && self.tails != Tails::Normal {
+        if clean.kind == Kind::Sweep && matches!(self.tails, Tails::Student { .. } | Tails::Outliers { .. }) {
             // Only means of a block are seen: the tails are those of the means.
             let mut record = vec![[0.0; 3]; clean.count];
             for block in &clean.plateaus {

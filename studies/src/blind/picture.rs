@@ -1,5 +1,6 @@
 //! Pictures of the score: power against strength, and which name was given to which effect.
 
+use super::report::lottery_power;
 use super::score::{STRENGTHS, Score};
 use super::sensor::Kind;
 use calfit::plot::{self, Figure, Marks, Panel, Scale, Series, Style};
@@ -28,14 +29,14 @@ pub fn power(score: &Score) -> Result<Vec<u8>, String> {
         line("sweep", Style::Y, &of_kind(Kind::Sweep)),
         line("zero-field", Style::Z, &of_kind(Kind::ZeroField)),
         Series {
-            label: "target".to_owned(),
+            label: "by one who knows the lottery of the noise".to_owned(),
             style: Style::Reference,
-            marks: Marks::Line(vec![(3.0, 15.0), (4.0, 50.0), (5.0, 82.0), (6.0, 96.0), (8.0, 99.0), (50.0, 99.0)]),
+            marks: Marks::Line(STRENGTHS.iter().filter_map(|k| Some((*k, lottery_power(score, *k)?.percent()))).collect()),
         },
     ];
     let figure = Figure {
         title: "Blind study: effects found against their strength".to_owned(),
-        caption: "Part of the runs with one hidden effect in which something is named. Bars: one standard deviation.".to_owned(),
+        caption: "Part of the runs with one hidden effect in which something is named. Bars: one standard deviation. Line: what the same candidates reach in plateau means for one who knows the distribution from which the noise is drawn.".to_owned(),
         x_label: "strength k".to_owned(),
         x_scale: Scale::Logarithmic,
         panels: vec![Panel { y_label: "found, %".to_owned(), y_scale: Scale::Linear, series, bands: Vec::new() }],

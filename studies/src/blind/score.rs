@@ -1,11 +1,13 @@
 //! The plan of the study, the score of its verdicts, and the report.
 
+use super::decoy::Decoy;
 use super::effects;
 use super::ideal::Ideal;
 use super::kinds::{self, Column, generate};
 use super::noise::{Family, Random};
+use super::programme::Programme;
 use super::sensor::Kind;
-use super::{Blind, Options, Truth, Verdict};
+use super::{Blind, Options, Truth, Verdict, VerdictStep};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -18,6 +20,7 @@ pub enum Purpose {
     Two,
     Outside,
     Absorbed,
+    Decoy,
 }
 
 /// One case of the study.
@@ -34,8 +37,14 @@ pub const STRENGTHS: [f64; 9] = [3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 50.0
 /// Seeds of cases lie this far from those of other studies.
 const FIRST_SEED: u64 = 0x0b11_4d00_0000;
 
-/// The cases: null runs in all noise families; of those with effects six in ten have one, 15 % two, 15 % one outside the catalogue, and
-/// 10 % one that the run cannot show. Kinds and families go around, names and strengths are drawn.
+/// Part of the linearity runs that have another programme than the usual one.
+const OTHER_PROGRAMME: f64 = 0.6;
+/// One null run in so many has damage that is no effect.
+const DECOYS: u64 = 10;
+
+/// The cases: null runs in all noise families, a tenth of them with damage that is no effect; of those with effects six in ten have one, 15 %
+/// two, 15 % one outside the catalogue, and 10 % one that the run cannot show. Kinds, families and damage go around, programmes, names and
+/// strengths are drawn.
 pub fn plan(null: u64, with_effects: u64, kinds: &[Kind]) -> Vec<Case> {
     // Twenty places: linearity runs are the most frequent ones.
     let mut around: Vec<Kind> = Vec::new();
@@ -55,12 +64,20 @@ pub fn plan(null: u64, with_effects: u64, kinds: &[Kind]) -> Vec<Case> {
         let any = |names: &[&'static str], random: &mut Random| {
             (!names.is_empty()).then(|| names[random.below(names.len())].to_owned())
         };
-        let wanted = if index < null { Purpose::Null } else { purpose(index - null) };
+        let decoy = (index < null && index % DECOYS == DECOYS - 1)
+            .then(|| Decoy::ALL[(index / DECOYS % Decoy::ALL.len() as u64) as usize])
+            .filter(|decoy| kinds.contains(&decoy.kind()));
+        kind = decoy.map_or(kind, Decoy::kind);
+        let wanted = match decoy {
+            Some(_) => Purpose::Decoy,
+            None if index < null => Purpose::Null,
+            None => purpose(index - null),
+        };
         if wanted == Purpose::Absorbed && effects::absorbed(kind).is_empty() {
             kind = if kinds.contains(&Kind::Lin) { Kind::Lin } else { kind };
         }
         let (purpose, names, strength_k) = match wanted {
-            Purpose::Null => (Purpose::Null, Vec::new(), 0.0),
+            Purpose::Null | Purpose::Decoy => (wanted, Vec::new(), 0.0),
             Purpose::One => {
                 let name = any(effects::visible(kind), &mut random);
                 (Purpose::One, name.into_iter().collect(), STRENGTHS[random.below(STRENGTHS.len())])
@@ -82,11 +99,17 @@ pub fn plan(null: u64, with_effects: u64, kinds: &[Kind]) -> Vec<Case> {
                 None => (Purpose::One, any(effects::visible(kind), &mut random).into_iter().collect(), 10.0),
             },
         };
+        let mut random = Random::new(index, "programme");
+        let programme = if kind == Kind::Lin && random.chance(OTHER_PROGRAMME) {
+            Programme::ALL[1 + random.below(Programme::ALL.len() - 1)]
+        } else {
+            Programme::default()
+        };
         cases.push(Case {
             seed: FIRST_SEED + index,
             kind,
             purpose,
-            options: Options { effects: names, strength_k, noise: Some(family) },
+            options: Options { effects: names, strength_k, noise: Some(family), programme, decoy, then: None },
         });
     }
     cases
@@ -127,6 +150,42 @@ pub struct Judged {
     pub verdict: Verdict,
     /// Held-out χ² without and with the true effects.
     pub oracle_chi2: Option<[f64; 2]>,
+}
+
+impl Judged {
+    /// A line: what the run was, what was hidden, what was said.
+    pub fn line(&self) -> String {
+        let Case { seed, kind, purpose, options } = &self.case;
+        let hidden: Vec<String> =
+            self.truth.effects.iter().map(|e| format!("{} {} ({})", e.effect, e.axes.join(""), e.form)).collect();
+        let step = |s: &VerdictStep| {
+            let is = if s.confident { "is" } else { "?" };
+            let covariate = s.covariate.as_deref().filter(|_| s.effect == "unknown").unwrap_or_default();
+            let sizes: Vec<String> =
+                s.amplitudes.iter().take(3).map(|a| format!("{}={:.4e}+-{:.1e}", a.name, a.value, a.std)).collect();
+            format!("{is} {} {} {covariate} k{:.1} {}", s.effect, s.axes.join(""), s.strength_k, sizes.join(" "))
+        };
+        let said: Vec<String> = self.verdict.steps.iter().map(step).collect();
+        let exact: Vec<String> = self
+            .truth
+            .effects
+            .iter()
+            .filter(|e| e.exact_form)
+            .flat_map(|e| &e.parameters)
+            .map(|p| format!("{}={:.4e}", p.name, p.value))
+            .collect();
+        format!(
+            "{seed} {} {:?} {:?} {} k={} | {} | {} | {}\n",
+            kind.name(),
+            options.programme,
+            purpose,
+            self.truth.noise.family.name(),
+            options.strength_k,
+            hidden.join("; "),
+            exact.join(" "),
+            if self.verdict.undecided { "undecided".to_owned() } else { said.join("; ") }
+        )
+    }
 }
 
 /// Makes and judges all cases, in parallel; the order is that of the plan.
@@ -297,7 +356,23 @@ pub struct Score {
     pub outside_found: BTreeMap<u64, Share>,
     pub absorbed_said: BTreeMap<String, Share>,
     pub gap_ratio: BTreeMap<u64, Vec<f64>>,
+    /// Intervals of 95 % that hold the truth, of runs with one effect and with two.
     pub interval: Share,
+    pub interval_two: Share,
+    /// The same by parameter, with how far they are off in standard uncertainties.
+    pub interval_of: BTreeMap<String, (Share, Vec<f64>)>,
+    /// Null runs of which it is said that something is left, by family of noise, and the same of effects from k = 15 on that are not found.
+    pub undecided: BTreeMap<Family, Share>,
+    pub undecided_missed: Share,
+    /// By programme of a linearity run: false alarms, and effects that are found from k = 8 on.
+    pub alarms_of_programme: BTreeMap<Programme, Share>,
+    pub found_of_programme: BTreeMap<Programme, Share>,
+    /// Wrong names among all steps that say "is", and among all steps.
+    pub is_wrong: Share,
+    /// Wrong names for damage that is no effect.
+    pub decoys: BTreeMap<Decoy, Share>,
+    /// Cases that were judged.
+    pub cases: u64,
     /// What could be found where there is noise only, and of effects in plateau means by strength.
     pub ideal_null: Vec<Ideal>,
     pub ideal: BTreeMap<u64, Vec<Possible>>,
@@ -336,7 +411,17 @@ impl Score {
         match case.purpose {
             Purpose::Null => {
                 self.false_alarms.entry((case.kind, truth.noise.family)).or_default().add(named);
+                self.undecided.entry(truth.noise.family).or_default().add(verdict.undecided);
+                if case.kind == Kind::Lin {
+                    self.alarms_of_programme.entry(case.options.programme).or_default().add(named);
+                }
                 self.ideal_null.extend(verdict.ideal.clone());
+            }
+            Purpose::Decoy => {
+                if let Some(decoy) = case.options.decoy {
+                    let wrong = said.iter().any(|effect| !decoy.may_be_named(effect));
+                    self.decoys.entry(decoy).or_default().add(wrong);
+                }
             }
             Purpose::One => self.add_one(judged, k),
             Purpose::Two => {
@@ -368,6 +453,16 @@ impl Score {
                 }
             }
         }
+        self.cases += 1;
+        let is_strong = matches!(case.purpose, Purpose::One | Purpose::Two | Purpose::Outside) && k >= 150;
+        if is_strong && !named {
+            self.undecided_missed.add(verdict.undecided);
+        }
+        for step in &verdict.steps {
+            let right = hidden.contains(step.effect.as_str()) || case.options.decoy.is_some_and(|d| d.may_be_named(&step.effect));
+            // An effect of the catalogue that is hidden may be followed by what its form leaves.
+            self.is_wrong.add(step.confident && !right);
+        }
         if matches!(case.purpose, Purpose::One | Purpose::Two) {
             self.further_terms.push(verdict.steps.iter().filter(|s| !hidden.contains(s.effect.as_str())).count() as f64);
         }
@@ -385,7 +480,14 @@ impl Score {
             let Some(step) = verdict.steps.iter().find(|s| s.effect == effect.effect) else { continue };
             for parameter in &effect.parameters {
                 if let Some(a) = step.amplitudes.iter().find(|a| a.name == parameter.name) {
-                    self.interval.add((a.value - parameter.value).abs() <= NORMAL_95 * a.std);
+                    let holds = (a.value - parameter.value).abs() <= NORMAL_95 * a.std;
+                    let shares = if case.purpose == Purpose::Two { &mut self.interval_two } else { &mut self.interval };
+                    shares.add(holds);
+                    let name =
+                        format!("{} {}", effect.effect, parameter.name.trim_end_matches(['x', 'y', 'z']).trim_end_matches('_'));
+                    let (share, off) = self.interval_of.entry(name).or_default();
+                    share.add(holds);
+                    off.push((a.value - parameter.value) * parameter.value.signum() / a.std);
                 }
             }
         }
@@ -402,6 +504,9 @@ impl Score {
             return;
         }
         self.found.entry((case.kind, k)).or_default().add(first.is_some());
+        if case.kind == Kind::Lin && k >= 80 {
+            self.found_of_programme.entry(case.options.programme).or_default().add(first.is_some());
+        }
         if let Some(ideal) = verdict.ideal.clone().filter(|_| !effect.seen_inside_plateaus) {
             let said = first.map(|s| s.effect.clone());
             self.ideal.entry(k).or_default().push(Possible { ideal, effect: effect.effect.clone(), said });

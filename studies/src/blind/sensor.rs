@@ -1,8 +1,10 @@
 //! The hidden sensor, its programme and its surroundings. All formulas are its own: nothing of the models under test is used.
 
 use super::noise::Random;
+use super::programme::{Programme, direction_of};
 use calfit::data::run::Setting;
 use calfit::data::units::FieldCoil;
+use calfit::record::plan::{HEATED_K, Plan};
 use serde::Serialize;
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -156,6 +158,8 @@ impl Curve {
 #[derive(Clone, Debug)]
 pub struct CleanRun {
     pub kind: Kind,
+    /// Settings of a linearity run; all others have one of their own.
+    pub programme: Programme,
     /// Samples that are simulated; a sweep shows means of nine.
     pub rate_hz: f64,
     pub count: usize,
@@ -208,7 +212,7 @@ impl CleanRun {
 
     /// Largest field of a component, nT.
     pub fn range_nt(&self) -> f64 {
-        if self.kind == Kind::Sweep { 50_000.0 } else { 2000.0 }
+        if self.kind == Kind::Sweep { 50_000.0 } else { self.programme.range_nt() }
     }
 
     /// Field along a sensor axis over the range.
@@ -236,10 +240,16 @@ impl CleanRun {
 
     /// A run of this kind: `sensor` and rotation are given, programme and surroundings are drawn.
     pub fn drawn(kind: Kind, sensor: Sensor, position: u32, random: &mut Random) -> Self {
+        Self::with_programme(kind, Programme::Staircases, sensor, position, random)
+    }
+
+    /// The same with the settings of a programme, if it is a linearity run.
+    pub fn with_programme(kind: Kind, programme: Programme, sensor: Sensor, position: u32, random: &mut Random) -> Self {
         let small: [f64; 3] = std::array::from_fn(|_| 0.012 * random.normal());
         let towards = product(&transposed(&rotation(small)), &nominal(position));
         let mut clean = Self {
             kind,
+            programme,
             rate_hz: 32.0,
             count: 0,
             settings: Vec::new(),
@@ -258,16 +268,64 @@ impl CleanRun {
             pure_ent: Vec::new(),
         };
         match kind {
-            Kind::Lin | Kind::Positions => clean.staircases(random),
+            Kind::Lin | Kind::Positions => clean.staircases(programme, random),
             Kind::Sweep => clean.sweep(random),
             Kind::ZeroField => clean.night(random),
             Kind::Frequency => {}
         }
-        let constant = (kind != Kind::Sweep).then(|| clean.response_at(0.0));
-        clean.pure_ent = (0..clean.count)
-            .map(|s| times(constant.as_ref().unwrap_or(&clean.response_at(clean.follows_degc(s))), clean.field_nt[s]))
-            .collect();
+        clean.pure_ent = clean.pure();
         clean
+    }
+
+    /// Readings less offset of every sample, enT.
+    fn pure(&self) -> Vec<[f64; 3]> {
+        let constant = (self.kind != Kind::Sweep).then(|| self.response_at(0.0));
+        let response = |s: usize| constant.unwrap_or_else(|| self.response_at(self.follows_degc(s)));
+        (0..self.count).map(|s| times(&response(s), self.field_nt[s])).collect()
+    }
+
+    /// The run as it is measured next, in another way; a test signal is not made here and leaves it as it is.
+    pub fn changed(&self, plan: Plan) -> Self {
+        let mut next = Self { settings: Vec::new(), plateaus: Vec::new(), field_nt: Vec::new(), ..self.clone() };
+        let slower = if matches!(plan, Plan::Longer | Plan::ZeroPauses) { 2.0 } else { 1.0 };
+        for (j, setting) in self.settings.iter().enumerate() {
+            let (begin_s, length_s) = (setting.t_start_s, setting.t_end_s - setting.t_start_s);
+            let field = if plan == Plan::Reversed { self.settings[self.settings.len() - 1 - j].field } else { setting.field };
+            match plan {
+                Plan::Longer => next.setting(slower * begin_s, slower * length_s, field.0),
+                Plan::ZeroPauses => {
+                    next.setting(slower * begin_s, length_s, field.0);
+                    let interval_s = self.settings.get(j + 1).map_or(length_s + 1.0, |later| later.t_start_s - begin_s);
+                    next.setting(slower * begin_s + interval_s, length_s, [0.0; 3]);
+                }
+                _ => next.setting(begin_s, length_s, field.0),
+            }
+        }
+        next.count = next.field_nt.len() + self.count - self.plateaus.last().map_or(0, |p| p.end);
+        next.field_nt.resize(next.count, [0.0; 3]);
+        if plan == Plan::Turned {
+            next.towards = product(&[[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]], &self.towards);
+        }
+        let length_s = next.count as f64 / next.rate_hz;
+        let curves = [&mut next.sensor_degc, &mut next.coil_degc, &mut next.rack_degc].into_iter().chain(&mut next.second_degc);
+        let curves = curves.chain(next.variation_nt.iter_mut().flatten()).chain(&mut next.supply_ma);
+        curves.for_each(|curve| curve.step_s *= slower);
+        let heat = |curve: &mut Curve| {
+            for (i, value) in curve.values.iter_mut().enumerate() {
+                *value += HEATED_K * (0.5 * TAU * (i as f64 * curve.step_s / length_s).min(1.0)).sin().powi(2);
+            }
+        };
+        match plan {
+            Plan::SensorHeated => {
+                heat(&mut next.sensor_degc);
+                next.second_degc.iter_mut().for_each(heat);
+            }
+            Plan::CoilsHeated => heat(&mut next.coil_degc),
+            Plan::RackHeated => heat(&mut next.rack_degc),
+            _ => {}
+        }
+        next.pure_ent = next.pure();
+        next
     }
 
     fn setting(&mut self, t_start_s: f64, length_s: f64, field: [f64; 3]) {
@@ -289,32 +347,18 @@ impl CleanRun {
         self.plateaus.push(samples);
     }
 
-    /// Every axis in random order with zeros between, then directions with zeros between: 6 s each, 1 s without field between.
-    fn staircases(&mut self, random: &mut Random) {
-        let mut fields = vec![[0.0; 3]];
-        for axis in 0..3 {
-            let mut steps: Vec<f64> = (-10..=10).filter(|s| *s != 0).map(|s| f64::from(s) * 200.0).collect();
-            random.shuffle(&mut steps);
-            for _ in 0..4 + random.below(2) {
-                steps.insert(random.below(steps.len() + 1), 0.0);
-            }
-            fields.extend(steps.into_iter().map(|s| std::array::from_fn(|k| if k == axis { s } else { 0.0 })));
-        }
-        for direction in 0..12 {
-            if direction == 5 {
-                fields.push([0.0; 3]);
-            }
-            fields.push(direction_of(random.between(800.0, 1950.0), random));
-        }
-        for (j, field) in fields.into_iter().enumerate() {
+    /// The settings of a programme, 6 s each with 1 s without field between, and surroundings whose waves fit into the run.
+    fn staircases(&mut self, programme: Programme, random: &mut Random) {
+        for (j, field) in programme.fields(random).into_iter().enumerate() {
             self.setting(1.0 + 7.0 * j as f64, 6.0, field);
         }
         self.count = self.field_nt.len() + 32;
         self.field_nt.resize(self.count, [0.0; 3]);
         self.trend_ent = std::array::from_fn(|_| [0.15 * random.normal(), 0.15 * random.normal()]);
         let length_s = self.count as f64 / self.rate_hz;
+        let quicker = programme.quicker();
         let wave = |random: &mut Random, middle: f64, size: f64, period_s: [f64; 2]| {
-            let (omega, phase) = (TAU / random.between(period_s[0], period_s[1]), random.between(0.0, TAU));
+            let (omega, phase) = (quicker * TAU / random.between(period_s[0], period_s[1]), random.between(0.0, TAU));
             let (slower, other) = (random.between(0.3, 0.5) * omega, random.between(0.0, TAU));
             let small = random.between(0.1, 0.4) * size;
             Curve::of(10.0, length_s, move |t| middle + size * (omega * t + phase).sin() + small * (slower * t + other).sin())
@@ -406,11 +450,4 @@ impl CleanRun {
         }
         self.plateaus.clone()
     }
-}
-
-/// A random direction with a modulus.
-fn direction_of(modulus: f64, random: &mut Random) -> [f64; 3] {
-    let v: [f64; 3] = std::array::from_fn(|_| random.normal());
-    let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
-    v.map(|c| c * modulus / length)
 }

@@ -38,7 +38,7 @@ struct Score {
 }
 
 fn score(effect: Option<&str>, strength_k: f64, noise: Option<Family>, seeds: std::ops::Range<u64>) -> Score {
-    let options = Options { effects: effect.iter().map(|e| (*e).to_owned()).collect(), strength_k, noise };
+    let options = Options { effects: effect.iter().map(|e| (*e).to_owned()).collect(), strength_k, noise, ..Options::default() };
     let made: Vec<(Family, Result<Diagnosis, String>)> = seeds
         .clone()
         .into_par_iter()
@@ -87,12 +87,12 @@ fn errors_by_noise_and_strength() {
     let size = Size::asked();
     let sets = size.of(1, 26);
     let mut alarms = 0;
-    for family in Family::ALL {
+    for family in Family::WITHOUT_SPIKES {
         let Score { found, words, .. } = score(None, 0.0, Some(family), 1000..1000 + sets);
         println!("null {}: {found} of {sets} {words:?}", family.name());
         alarms += found;
     }
-    let trials = sets * Family::ALL.len() as u64;
+    let trials = sets * Family::WITHOUT_SPIKES.len() as u64;
     assert!(alarms < too_many(trials, 0.01), "{alarms} false alarms of {trials}");
     let sets = size.of(1, 40);
     for effect in ERRORS {

@@ -16,7 +16,7 @@ fn clean_runs_are_not_sent_to_the_diagnosis() {
     let count: u64 = Size::asked().of(12, 200);
     for family in [Family::White, Family::PowerLaw] {
         let fired = |seed: u64| -> Option<String> {
-            let options = blind::Options { effects: Vec::new(), strength_k: 0.0, noise: Some(family) };
+            let options = blind::Options { noise: Some(family), ..blind::Options::default() };
             let made = generate(seed, Kind::Lin, &options).unwrap();
             let (run, vectors) = &made.runs[0];
             let mut sink = Accumulator::default();
