@@ -49,7 +49,9 @@ fn a_wrong_row_is_named_and_the_other_day_is_made() {
         ("2015-06-29T25:00:01Z,0,0,0,0,N", "row 2: the cell in column `time_utc` is no time"),
         ("2015-06-29T11:00:01Z,0,,0,0,N", "row 2: the count NaN is none of the converter"),
     ] {
-        let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n{row}\n"));
+        // A converter of 20 bits, as in RO-IGEP-TR0028.
+        let converter = PLAIN.replace("ent_per_count = 1.0\n", "");
+        let small = Small::new(&converter, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n{row}\n"));
         let day = small.folder.path().join("edited/sensor=OB/date=2015-06-30");
         fs::create_dir_all(&day).unwrap();
         fs::write(day.join("b.csv"), format!("{HEAD}2015-06-30T12:00:00Z,4,5,6,0,N\n")).unwrap();

@@ -107,9 +107,8 @@ pub fn of_difference(of: &Difference) -> Result<Diagnosis, DiagnoseError> {
     let (mut steps, places) = joined(steps);
     sufficient(&mut steps);
     let first = |step: usize| places.get(step).filter(|place| place.is_first).map(|place| place.step);
-    let mut pictures = Pictures::default();
-    pictures.evidence =
-        evidence.into_iter().filter_map(|e| Some(super::result::Evidence { step: first(e.step)?, ..e })).collect();
+    let evidence = evidence.into_iter().filter_map(|e| Some(super::result::Evidence { step: first(e.step)?, ..e })).collect();
+    let mut pictures = Pictures { evidence, ..Pictures::default() };
     let maps = maps.into_iter().filter_map(|m| Some(super::result::Map { step: first(m.step)?, ..m })).collect();
     let numbers: Vec<usize> = places.iter().map(|place| place.step + 1).collect();
     let gap_chain = left::chain(&means, &outcome.fit, &all, &numbers, Vec::new());

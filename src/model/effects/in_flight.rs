@@ -74,7 +74,7 @@ static FIELD_DIFFERENCE: Follows = Follows {
     begin: FIELD,
     unit: "nT/nT",
     about: About {
-        summary: "sensitivities or axes of both differ, or one sees more of a field of the spacecraft than the other",
+        summary: "sensitivity or axes differ from those that the model of the field is compared in",
         formula: "B_i += m_ik (B_k - B_0k), B_k a component of the field, B_0k its mean",
         family: Family::Facility,
         seen_in: "flight",

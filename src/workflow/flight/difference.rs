@@ -192,7 +192,10 @@ impl Collected {
         let minutes = (count * 1440 + MOST_ROWS - 1) / MOST_ROWS;
         let mut names = Vec::new();
         names.extend(other.map(|i| format!("{}{}", in_flight::TEMPERATURE, prepared.mission.sensors[i].name)));
-        names.extend(["x", "y", "z"].map(|axis| format!("{}{axis}", in_flight::FIELD)));
+        // Of two sensors the field is known with the noise that is in their difference as well, which would look like a dependence.
+        if other.is_none() {
+            names.extend(["x", "y", "z"].map(|axis| format!("{}{axis}", in_flight::FIELD)));
+        }
         let first = days.first().and_then(|day| prepared.wheels.as_ref()?.over(&prepared.leap.day(*day), &prepared.leap).ok());
         let wheels = first.map_or(0, |rates| rates.rate_hz.len());
         names.extend((1..=wheels).map(|number| format!("{}{number}", in_flight::WHEEL)));
@@ -227,10 +230,9 @@ impl Collected {
             let mut channels = Vec::with_capacity(self.names.len());
             if self.other_degc {
                 channels.push(reference.degc[j]);
+            } else {
+                channels.extend((0..3).map(|c| reference.field_nt[c][j]));
             }
-            // The outboard sensor sees less of the spacecraft than the inboard one, and a model nothing of it.
-            let field = |c: usize| if self.other_degc { own.field_nt[c][i] } else { reference.field_nt[c][j] };
-            channels.extend((0..3).map(field));
             for wheel in 0..self.wheels {
                 channels.push(rates.as_ref().map_or(f64::NAN, |rates| {
                     let next = rates.time_tt2000.partition_point(|t| *t <= time);
