@@ -54,9 +54,10 @@ impl Work<'_, '_> {
     pub(super) fn photos(&mut self) -> Photos {
         let mut all = Photos::default();
         for (number, photo) in (1..).zip(&self.campaign.file.stated.photos) {
-            let path = self.campaign.root.join(&photo.file);
-            self.common.results.places([&path]);
-            let copied = photo::read(&path).and_then(|(copy, end, digested)| {
+            let named = named_file(&self.campaign.root, &photo.file, false);
+            let copied = named.and_then(|path| {
+                self.common.results.places([&path]);
+                let (copy, end, digested) = photo::read(&path)?;
                 let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
                 let input = digested.input(name);
                 let file = format!("PHOTO_{number}.{end}");

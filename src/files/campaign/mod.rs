@@ -210,7 +210,7 @@ pub fn named_file(root: &Path, name: &str, may_be_outside: bool) -> Result<PathB
     Err(Finding::error(
         &root.join("campaign.toml").display().to_string(),
         "names a file outside the campaign",
-        "copy it into the campaign, or state `outside = true` in its `[[thermistor]]`",
+        "copy it into the campaign; a `[[thermistor]]` may state `outside = true`",
     )
     .found(name.as_bytes()))
 }
@@ -224,6 +224,7 @@ pub fn check_files(root: &Path, file: &CampaignFile) -> Result<(), Finding> {
         let names = std::iter::once(&entry.table).chain(&entry.reference);
         names.map(|name| named_file(root, name, entry.is_outside)).find_map(Result::err)
     };
+    file.stated.photos.iter().try_for_each(|photo| named_file(root, &photo.file, false).map(drop))?;
     file.thermistors.iter().find_map(of).map_or(Ok(()), Err)
 }
 

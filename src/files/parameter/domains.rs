@@ -34,8 +34,7 @@ fn below<'a>(keys: &mut Vec<&'a str>, table: &'a dyn TableLike, may_lack: bool) 
     }
     counts(keys, table)?;
     extremes(keys, table)?;
-    // A list of tables is looked at table by table.
-    if keys.len() > 1 || !table.is_empty() { lists_of(table, &keys.join(".")) } else { Ok(()) }
+    lists_of(table, &keys.join("."))
 }
 
 fn value<'a>(keys: &mut Vec<&'a str>, own: &'a Value, may_lack: bool) -> Result<(), String> {

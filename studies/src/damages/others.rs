@@ -58,8 +58,8 @@ pub fn applied(text: &Text, undamaged: &Text, campaign: &str, folder: &Path) -> 
     let lin = folder.join("lin");
     called(["lin".into(), run.into()], &lin);
     let found = std::fs::read_dir(&lin)?.flatten().map(|e| e.path()).find(|p| p.is_dir()).ok_or("no calibration")?;
-    let files = std::fs::read_dir(found)?.flatten().map(|e| e.path());
-    let cpf = files.filter(|p| p.extension().is_some_and(|end| end == "CPF")).next().ok_or("no calibration")?;
+    let mut files = std::fs::read_dir(found)?.flatten().map(|e| e.path());
+    let cpf = files.find(|p| p.extension().is_some_and(|end| end == "CPF")).ok_or("no calibration")?;
     let data = folder.join("readings.csv");
     std::fs::write(&data, table(text, &["time", "x", "y", "z", "t_degc"]))?;
     let out = folder.join("out");
@@ -73,7 +73,9 @@ pub fn applied(text: &Text, undamaged: &Text, campaign: &str, folder: &Path) -> 
     for flagged in file.get("flagged").and_then(Value::as_array).into_iter().flatten().filter(|f| count(f, "rows") > 0) {
         let meaning = flagged.get("meaning").and_then(Value::as_str).unwrap_or_default();
         let kind = if meaning.contains("temperature") { "temperature flag" } else { "field flag" };
-        warnings.push((kind.to_owned(), meaning.to_owned()));
+        // Vectors at the ends of the range are flagged in any run.
+        let most = if 2 * count(flagged, "rows") > count(&file, "rows") { " in most vectors" } else { "" };
+        warnings.push((kind.to_owned(), format!("{meaning}{most}")));
     }
     warnings.extend(told.lines().filter(|l| l.starts_with("warning")).map(|l| ("warning".to_owned(), l.to_owned())));
     let table = std::fs::read_to_string(out.join("readings.calibrated.csv")).unwrap_or_default();
