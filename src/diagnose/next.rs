@@ -19,9 +19,12 @@ const INDEPENDENT: f64 = 1e-6;
 /// Of records with more rows than this only the best candidate of a rival is looked at: more would take its time.
 const MANY_ROWS: usize = 600;
 
+/// Whitens columns of the rows of an axis in place.
+type Whiten = Box<dyn Fn(usize, &mut DMatrix<f64>) + Sync>;
+
 /// The linear model of a run, whitened: what it leaves of columns.
 struct Beside {
-    noise: Box<dyn Fn(usize, &mut DMatrix<f64>) + Sync>,
+    noise: Whiten,
     bases: [DMatrix<f64>; 3],
     /// What it leaves of the other terms.
     others: DMatrix<f64>,

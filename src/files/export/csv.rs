@@ -16,7 +16,7 @@ pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Export
              name,component,value,standard_uncertainty,unit,frame,valid_from,valid_to,valid_unit\n",
             options.provenance.tool,
             options.provenance.tool_version,
-            one_line(&source.name()),
+            one_line(source.name()),
             source.input().sha256,
             // One line, so that the names of the columns stand in the second.
             source.value.get("apply").map_or_else(String::new, |apply| format!("; apply = {}", one_line(&apply.to_string())))
