@@ -8,16 +8,37 @@ const LARGEST: f64 = 1e30;
 const ROUNDING: f64 = 1e-9;
 const ABSOLUTE_ZERO_DEGC: f64 = -273.15;
 
+/// What cannot be in a file.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{place} {rule}")]
+pub(super) struct Contradiction {
+    /// The key, with the tables above it.
+    place: String,
+    /// What of its value cannot be.
+    rule: String,
+}
+
+impl Contradiction {
+    pub(super) fn of(keys: &[&str], rule: impl Into<String>) -> Self {
+        Self { place: keys.join("."), rule: rule.into() }
+    }
+
+    /// Of a key in the table to which the keys lead.
+    fn below(keys: &[&str], key: &str, rule: impl Into<String>) -> Self {
+        Self::of(&[keys, &[key]].concat(), rule)
+    }
+}
+
 /// Refuses what cannot be in a file whose lists may hold nan under some keys only.
-pub(super) fn check(document: &DocumentMut, may_lack: &[&str]) -> Result<(), String> {
+pub(super) fn check(document: &DocumentMut, may_lack: &[&str]) -> Result<(), Contradiction> {
     for (key, item) in document.iter() {
         walk(&mut vec![key], item, may_lack.contains(&key))?;
     }
-    lists_of(document.as_table(), "")?;
+    lists_of(&[], document.as_table())?;
     polynomials(document)
 }
 
-fn walk<'a>(keys: &mut Vec<&'a str>, item: &'a Item, may_lack: bool) -> Result<(), String> {
+fn walk<'a>(keys: &mut Vec<&'a str>, item: &'a Item, may_lack: bool) -> Result<(), Contradiction> {
     match item {
         Item::None => Ok(()),
         Item::Value(own) => value(keys, own, may_lack),
@@ -26,7 +47,7 @@ fn walk<'a>(keys: &mut Vec<&'a str>, item: &'a Item, may_lack: bool) -> Result<(
     }
 }
 
-fn below<'a>(keys: &mut Vec<&'a str>, table: &'a dyn TableLike, may_lack: bool) -> Result<(), String> {
+fn below<'a>(keys: &mut Vec<&'a str>, table: &'a dyn TableLike, may_lack: bool) -> Result<(), Contradiction> {
     for (key, item) in table.iter() {
         keys.push(key);
         walk(keys, item, may_lack)?;
@@ -34,10 +55,10 @@ fn below<'a>(keys: &mut Vec<&'a str>, table: &'a dyn TableLike, may_lack: bool) 
     }
     counts(keys, table)?;
     extremes(keys, table)?;
-    lists_of(table, &keys.join("."))
+    lists_of(keys, table)
 }
 
-fn value<'a>(keys: &mut Vec<&'a str>, own: &'a Value, may_lack: bool) -> Result<(), String> {
+fn value<'a>(keys: &mut Vec<&'a str>, own: &'a Value, may_lack: bool) -> Result<(), Contradiction> {
     if let Value::InlineTable(table) = own {
         return below(keys, table, may_lack);
     }
@@ -57,7 +78,7 @@ fn value<'a>(keys: &mut Vec<&'a str>, own: &'a Value, may_lack: bool) -> Result<
             outside(key, v)
         };
         if let Some(wrong) = wrong {
-            return Err(format!("{} {wrong}", keys.join(".")));
+            return Err(Contradiction::of(keys, wrong));
         }
     }
     Ok(())
@@ -110,14 +131,14 @@ fn outside(key: &str, v: f64) -> Option<&'static str> {
 }
 
 /// More that are used than there are.
-fn counts(keys: &[&str], table: &dyn TableLike) -> Result<(), String> {
+fn counts(keys: &[&str], table: &dyn TableLike) -> Result<(), Contradiction> {
     for (key, item) in table.iter() {
         let Some(what) = key.strip_suffix("_used") else { continue };
         let total = table.get(&format!("{what}_total")).and_then(Item::as_integer);
         if let (Some(used), Some(total)) = (item.as_integer(), total)
             && used > total
         {
-            return Err(format!("{}.{key} is {used} of {total}", keys.join(".")));
+            return Err(Contradiction::below(keys, key, format!("is {used} of {total}")));
         }
     }
     Ok(())
@@ -129,7 +150,7 @@ fn above(a: f64, b: f64) -> bool {
 }
 
 /// Smallest, mean and largest values that are in another order.
-fn extremes(keys: &[&str], table: &dyn TableLike) -> Result<(), String> {
+fn extremes(keys: &[&str], table: &dyn TableLike) -> Result<(), Contradiction> {
     let list = |key: &str| table.get(key).map(numbers_of);
     if let (Some(min), Some(max)) = (list("min"), list("max")) {
         let mean = list("mean").unwrap_or_else(|| min.clone());
@@ -138,14 +159,14 @@ fn extremes(keys: &[&str], table: &dyn TableLike) -> Result<(), String> {
             _ => true,
         };
         if !(0..min.len()).all(is_ordered) {
-            return Err(format!("{}.min is above its mean or max", keys.join(".")));
+            return Err(Contradiction::below(keys, "min", "is above its mean or max"));
         }
     }
     for key in ["sensor_degc", "coil_degc"] {
         if let Some([low, mean, high]) = list(key).as_deref()
             && (above(*low, *mean) || above(*mean, *high))
         {
-            return Err(format!("{}.{key} are no smallest, mean and largest value", keys.join(".")));
+            return Err(Contradiction::below(keys, key, "are no smallest, mean and largest value"));
         }
     }
     Ok(())
@@ -174,30 +195,30 @@ const TOGETHER: [&[&str]; 8] = [
     &["frequency_hz", "x_ent_per_root_hz", "y_ent_per_root_hz", "z_ent_per_root_hz", "low_factor", "high_factor"],
 ];
 
-fn lists_of(table: &dyn TableLike, name: &str) -> Result<(), String> {
-    for keys in TOGETHER {
+fn lists_of(keys: &[&str], table: &dyn TableLike) -> Result<(), Contradiction> {
+    for together in TOGETHER {
         let length = |key| Some((key, table.get(key)?.as_array()?.len()));
-        let lengths: Vec<(&str, usize)> = keys.iter().copied().filter_map(length).collect();
+        let lengths: Vec<(&str, usize)> = together.iter().copied().filter_map(length).collect();
         // What is not known everywhere is an empty list.
         let may_be_empty = |key: &str| ["units", "std", "residual", "coefficients_std"].contains(&key);
         let counted = || lengths.iter().filter(|(key, length)| *length > 0 || !may_be_empty(key));
         let Some((first, count)) = counted().next() else { continue };
         if let Some((other, length)) = counted().find(|(_, length)| length != count) {
-            let place = if name.is_empty() { String::new() } else { format!("{name}: ") };
-            return Err(format!("{place}{first} has {count} values, {other} {length}"));
+            return Err(Contradiction::below(keys, first, format!("has {count} values, {other} {length}")));
         }
     }
     Ok(())
 }
 
 /// Polynomials whose covariances are of another size.
-fn polynomials(document: &DocumentMut) -> Result<(), String> {
+fn polynomials(document: &DocumentMut) -> Result<(), Contradiction> {
     for name in ["covariance", "covariance_b", "covariance_combined"] {
         let Some(table) = document.get(name).and_then(Item::as_table_like) else { continue };
         for (key, matrix) in table.iter() {
             let (Some(rows), Some(own)) = (matrix.as_array(), document.get(key).and_then(Item::as_array)) else { continue };
             if !rows.is_empty() && rows.len() != own.len() {
-                return Err(format!("{key} has {} coefficients, {name}.{key} {} rows", own.len(), rows.len()));
+                let rule = format!("has {} coefficients, {name}.{key} {} rows", own.len(), rows.len());
+                return Err(Contradiction::of(&[key], rule));
             }
         }
     }
@@ -247,11 +268,11 @@ mod tests {
             ("[quality.raw_std_ent]\nmin = [1.0]\nmean = [0.5]\nmax = [2.0]", "quality.raw_std_ent.min is above"),
             ("[conditions]\nsensor_degc = [3.0, 2.0, 4.0]", "conditions.sensor_degc are no smallest"),
             ("runs = [\"a\", \"b\"]\ntemperature_degc = [1.0]", "runs has 2 values, temperature_degc 1"),
-            ("[[quantity]]\nstd = [1.0]\nvalue = [1.0, 2.0]", "quantity: value has 2 values, std 1"),
-            ("[allan]\ntau_s = [1.0]\nx_ent = []", "allan: x_ent has 0 values, tau_s 1"),
+            ("[[quantity]]\nstd = [1.0]\nvalue = [1.0, 2.0]", "quantity.value has 2 values, std 1"),
+            ("[allan]\ntau_s = [1.0]\nx_ent = []", "allan.x_ent has 0 values, tau_s 1"),
             ("sigma_x = [1.0, 2.0]\n[covariance]\nsigma_x = [[1.0]]", "sigma_x has 2 coefficients, covariance.sigma_x 1 rows"),
         ] {
-            let error = check(&text.parse().unwrap(), &[]).unwrap_err();
+            let error = check(&text.parse().unwrap(), &[]).unwrap_err().to_string();
             assert!(error.contains(words), "{text}: {error}");
         }
         let sound = "offset_ent = [nan, 1.0, 2.0]\nruns = [\"a\"]\ntemperature_degc = [-60.0]\n[covariance]\nparameters = [\"a\"]\nunits = []\nmatrix = [[1.0]]";

@@ -1,6 +1,6 @@
 //! What no parameter file of any kind may say, whatever its hash: values that contradict themselves.
 
-use super::domains::{self, flatten, number};
+use super::domains::{self, Contradiction, flatten, number};
 use crate::data::error::Finding;
 use nalgebra::DMatrix;
 use std::path::Path;
@@ -21,7 +21,7 @@ pub(super) fn is_sound(path: &Path, document: &DocumentMut, may_lack: &[&str]) -
 
 type Keys<'a> = Vec<&'a str>;
 
-fn item<'a>(keys: &mut Keys<'a>, own: &'a Item) -> Result<(), String> {
+fn item<'a>(keys: &mut Keys<'a>, own: &'a Item) -> Result<(), Contradiction> {
     match own {
         Item::None => Ok(()),
         Item::Value(own) => value(keys, own),
@@ -40,8 +40,7 @@ fn item<'a>(keys: &mut Keys<'a>, own: &'a Item) -> Result<(), String> {
     }
 }
 
-fn value<'a>(keys: &mut Keys<'a>, own: &'a Value) -> Result<(), String> {
-    let named = || keys.join(".");
+fn value<'a>(keys: &mut Keys<'a>, own: &'a Value) -> Result<(), Contradiction> {
     if let Value::InlineTable(table) = own {
         return table.iter().try_for_each(|(key, below)| {
             keys.push(key);
@@ -53,20 +52,20 @@ fn value<'a>(keys: &mut Keys<'a>, own: &'a Value) -> Result<(), String> {
     let mut numbers = Vec::new();
     flatten(own, &mut numbers);
     if numbers.iter().any(|v| v.is_infinite()) {
-        return Err(format!("{} is infinite", named()));
+        return Err(Contradiction::of(keys, "is infinite"));
     }
     if keys.iter().any(|key| is_std(key)) && numbers.iter().any(|v| *v < 0.0) {
-        return Err(format!("{}, a standard uncertainty, is negative", named()));
+        return Err(Contradiction::of(keys, "is a standard uncertainty and negative"));
     }
     if keys.iter().any(|key| key.starts_with("covariance")) && numbers.len() > 1 {
-        covariance(own).map_err(|rule| format!("{} {rule}", named()))?;
+        covariance(own).map_err(|rule| Contradiction::of(keys, rule))?;
     }
     if keys.iter().any(|key| key.starts_with("valid")) && is_reversed(own) {
-        return Err(format!("{} ends before it begins", named()));
+        return Err(Contradiction::of(keys, "ends before it begins"));
     }
     match own {
         Value::String(text) if keys.ends_with(&["run", "id"]) && !is_name(text.value()) => {
-            Err(format!("{} is no name: {:?}", named(), text.value()))
+            Err(Contradiction::of(keys, format!("is no name: {:?}", text.value())))
         }
         _ => Ok(()),
     }
@@ -136,7 +135,7 @@ mod tests {
     #[test]
     fn what_contradicts_itself_is_refused_with_its_key() {
         for (text, words) in [
-            ("[std]\nsigma = [1e-6, -1e-6, 1e-6]", "std.sigma, a standard uncertainty, is negative"),
+            ("[std]\nsigma = [1e-6, -1e-6, 1e-6]", "std.sigma is a standard uncertainty and negative"),
             ("offset_std_ent = [0.1, inf, 0.1]", "offset_std_ent is infinite"),
             ("valid_degc = [20.0, -20.0]", "valid_degc ends before it begins"),
             ("[valid]\nfield_coil_nt = [[-1.0, 1.0], [1.0, -1.0]]", "valid.field_coil_nt ends"),
