@@ -7,7 +7,7 @@
 //! the mean by the record itself; what it adds to the coefficient of a constant column is not included.
 //!
 //! The likelihood is the restricted one: the data are projected on the complement of the design, so that the coefficients drop
-//! out. What every pair of variances then costs is in proportion to the rows ([`projected`]).
+//! out. What every pair of variances then costs is in proportion to the rows (`projected`).
 //!
 //! **Averaged, not maximised.** Some ninety rows say little about the share of slow noise: pure white noise yields a maximum of zero half
 //! of the time only, and intervals that trust the maximum hold the mean of a record with slow noise far too seldom. The covariance is
