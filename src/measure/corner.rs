@@ -48,6 +48,7 @@ mod tests;
 mod thin;
 
 pub use igep::igep_corner_hz;
+pub(super) use prepared::DECIDING;
 pub use refusal::Refusal;
 pub use result::{Candidate, Component, Corner, Explained, Fitted, ModelCorner};
 pub use rows::Amplitude;

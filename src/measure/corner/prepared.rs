@@ -7,7 +7,7 @@ use crate::model::response::Response;
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Level above which amplitudes decide, relative to DC: -10 dB.
-const DECIDING: f64 = 0.316_227_766_016_837_94;
+pub const DECIDING: f64 = 0.316_227_766_016_837_94;
 /// Amplitudes above and below that level needed to tell their scatter apart: below those numbers a response could follow either.
 const FEWEST_IN_GROUP: [usize; 2] = [12, 4];
 /// Scatter above and below that level is not estimated below this share of the DC amplitude: rounding, and the lobes of the tables

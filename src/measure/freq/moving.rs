@@ -10,12 +10,9 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::run::mean_over;
 use crate::data::units::COMPONENTS;
 use crate::fit::smooth::Course;
-use crate::measure::corner::{Corner, ModelCorner};
+use crate::measure::corner::{Corner, DECIDING, ModelCorner};
 use crate::model::response::{RESPONSES, Response};
 use nalgebra::{DMatrix, DVector};
-
-/// Where the response has fallen by 10 dB the scatter is another one.
-const COARSE: f64 = 0.316_227_766_016_837_94;
 
 /// Temperatures of the -3 dB frequencies of the models, °C; nan where a component has none.
 pub(super) fn of_corners(corner: &Corner, measured: &[SineAmplitude], readings: &[(f64, f64)]) -> [f64; 3] {
@@ -51,7 +48,7 @@ fn of_corner(
         let (value, slopes) = response.value_and_slopes(measured[*i].frequency_hz, &parameters);
         let scatter = match is_explained {
             true => 0.0,
-            false if value < COARSE => model.stop_residual_std_ent,
+            false if value < DECIDING => model.stop_residual_std_ent,
             false => model.residual_std_ent,
         };
         let std_ent = measured[*i].b_std_ent[component];
