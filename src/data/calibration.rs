@@ -134,6 +134,9 @@ pub struct OffsetTrend {
     pub trend_ent: [Vec<f64>; 3],
     /// The two times, s since the run's start, at which `tau` is -1 and +1.
     pub tau_span_s: [f64; 2],
+    /// For which noise the uncertainties of the offset hold, in words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_covers: Option<String>,
 }
 
 /// Quality of data and model.

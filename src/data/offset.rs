@@ -70,6 +70,9 @@ pub struct OffsetMethod {
     pub normal_axis: [String; 3],
     /// Where the response of the sensor to a field comes from: `run` or `nominal`.
     pub response: String,
+    /// For which noise the uncertainties hold, in words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_covers: Option<String>,
 }
 
 /// Offsets in nT.

@@ -102,6 +102,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
             trend_order: order,
             trend_ent: std::array::from_fn(|a| means.baseline.offsets_ent(&stacked, a).to_vec()),
             tau_span_s: means.span_s,
+            std_covers: Some(conditions::noise_in_std(span_s[1] - span_s[0], "the run")),
         },
         quality: LinearQuality {
             blocks_used: used.len(),

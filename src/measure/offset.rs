@@ -107,6 +107,7 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
 
     let span_s = [stays.first().map_or(0.0, |s| s.time_s()[0]), stays.last().map_or(0.0, |s| s.time_s()[1])];
     notes.extend(solved.notes(&levels));
+    notes.extend(levels.notes.iter().cloned());
     if stays.len() < made {
         let text = format!(
             "{made} visits were taken together in {}, so that a zero level is that of a position in a part of the run",

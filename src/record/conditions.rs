@@ -182,6 +182,15 @@ pub fn noise_of(
 /// Probability from which noise steeper than 1/f is told.
 const STEEP: f64 = 0.5;
 
+/// For which noise the uncertainty of an offset holds: the residuals of what lasts so long show no slower one.
+#[must_use]
+pub fn noise_in_std(seconds: f64, lasting: &str) -> String {
+    format!(
+        "noise that changes within the {seconds:.0} s of {lasting}; what changes more slowly shows in no residual of one run: compare the \
+         offsets of several runs"
+    )
+}
+
 /// Says that there is noise slower than the run, where the run shows signs of it: no uncertainty of an offset can hold what it does.
 pub fn warn_of_slow_noise(notes: &mut impl Extend<Note>, noise: &DenseNoise, span_s: [f64; 2]) {
     let steep: Vec<&str> =

@@ -38,6 +38,8 @@ pub(super) struct Levels {
     pub plateau_std_ent: [f64; 3],
     /// Plateaus minus coefficients.
     pub degrees_of_freedom: usize,
+    /// What a person should know of the noise.
+    pub notes: Vec<Note>,
 }
 
 impl Levels {
@@ -48,7 +50,8 @@ impl Levels {
         let readings = DMatrix::from_fn(rows.len(), 3, |row, component| rows[row].1.mean.0[component]);
         let weights = weights(&rows);
         let solution = columns.solve(stays, &rows, &readings, weights.as_deref())?;
-        let (covariance, plateau_std_ent) = noise(&solution, &rows, weights.as_deref())?;
+        let mut notes = Vec::new();
+        let (covariance, plateau_std_ent) = noise(&solution, &rows, weights.as_deref(), &mut notes)?;
         let response = |stay: &Stay| {
             let nominal = stay.position.r_nom().transpose();
             let own = columns.of_stay(stay);
@@ -65,6 +68,7 @@ impl Levels {
             rounding_ent: ROUNDING * (1.0 + readings.amax()),
             plateau_std_ent,
             degrees_of_freedom: solution.dof,
+            notes,
         })
     }
 
@@ -169,12 +173,20 @@ fn weights(rows: &[Row]) -> Option<Vec<f64>> {
 }
 
 /// Covariance of all coefficients, `component * coefficients + coefficient`, and the standard deviation of a plateau mean, enT.
-fn noise(solution: &Solution, rows: &[Row], weights: Option<&[f64]>) -> Result<(DMatrix<f64>, [f64; 3]), FitError> {
+fn noise(
+    solution: &Solution,
+    rows: &[Row],
+    weights: Option<&[f64]>,
+    notes: &mut Vec<Note>,
+) -> Result<(DMatrix<f64>, [f64; 3]), FitError> {
     let full = solution.unscaled_covariance.nrows();
     match (solution.dof >= ENOUGH_FREEDOM, sampled_std(rows, weights)) {
         (true, sampled) => {
             let used: Vec<&Plateau> = rows.iter().map(|(_, p)| *p).collect();
             let noise = conditions::noise(solution, &used)?;
+            let longest = |[a, b]: [f64; 2], p: &&Plateau| [a.min(p.used_s[0]), b.max(p.used_s[1])];
+            let span_s = used.iter().fold([f64::INFINITY, f64::NEG_INFINITY], longest);
+            conditions::warn_of_slow_noise(notes, &noise, span_s);
             // A few plateaus may scatter less by chance than their samples allow, where only their scatter is known.
             let wider: [f64; 3] = std::array::from_fn(|i| {
                 let scatter = solution.residual_std[i];

@@ -9,6 +9,7 @@ use crate::data::offset::{OffsetDrift, OffsetMethod, OffsetValues, RefusedCompon
 use crate::data::result::Covariance;
 use crate::data::units::COMPONENTS;
 use crate::fit::{FitError, Limits, Solution, linear, order};
+use crate::record::conditions;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// A component of a null vector that is larger couples its parameter to the others.
@@ -244,6 +245,11 @@ impl<'a> Answer<'a> {
     }
 }
 
+/// Length of the longest visit, s.
+fn longest_s(stays: &[Stay]) -> f64 {
+    stays.iter().map(|s| s.time_s()[1] - s.time_s()[0]).fold(0.0, f64::max)
+}
+
 impl Solved {
     /// Least squares of the zero levels, with the reasons why components have no offset.
     pub fn of(stays: &[Stay], levels: &Levels) -> Result<Self, OffsetError> {
@@ -259,6 +265,7 @@ impl Solved {
             positions: std::array::from_fn(|_| Vec::new()),
             normal_axis: std::array::from_fn(|_| String::new()),
             response: if levels.directions.iter().all(|d| d.len() == 3) { "run" } else { "nominal" }.to_owned(),
+            std_covers: Some(conditions::noise_in_std(longest_s(stays), "the longest visit of a position")),
         };
         for i in 0..3 {
             let seen = Sight::of(stays, i);
