@@ -80,11 +80,21 @@ fn is_whole(name: &str, bytes: &[u8]) -> bool {
     }
 }
 
-/// Whether two files are the same. Where a third state may have been between them, the index names it among the files that were replaced.
+/// Files of which an index says that they are stale: those of a third state that the new one does not have.
+fn stale(now: &Tree) -> Vec<PathBuf> {
+    let index: Option<Value> = now.get(Path::new("INDEX.json")).and_then(|bytes| serde_json::from_slice(bytes).ok());
+    let files = index.as_ref().and_then(|index| index.get("files")?.as_array()).into_iter().flatten();
+    let own = files.filter(|file| file["stale"] == Value::Bool(true));
+    own.filter_map(|file| Some(PathBuf::from(file["path"].as_str()?))).collect()
+}
+
+/// Whether two files are the same. Where a third state may have been between them, the index names it among the files that were replaced
+/// and as stale.
 fn is_same(name: &Path, a: Option<&Vec<u8>>, b: Option<&Vec<u8>>, may_be_third: bool) -> bool {
     let without_replaced = |bytes: &Vec<u8>| {
         let mut index: Value = serde_json::from_slice(bytes).ok()?;
         let files = index.get_mut("files").and_then(Value::as_array_mut)?;
+        files.retain(|file| file["stale"] != Value::Bool(true));
         files.iter_mut().filter_map(Value::as_object_mut).for_each(|file| drop(file.remove("replaces")));
         Some(index)
     };
@@ -215,7 +225,9 @@ impl Scene {
             return Ok(Some(error.to_string()));
         }
         let now = read(&self.out)?;
-        let differs = |name: &&PathBuf| !is_same(name, self.new.get(*name), now.get(*name), may_be_third);
+        let stale = if may_be_third { stale(&now) } else { Vec::new() };
+        let differs =
+            |name: &&PathBuf| !stale.contains(name) && !is_same(name, self.new.get(*name), now.get(*name), may_be_third);
         if let Some(name) = now.keys().chain(self.new.keys()).find(differs) {
             return Ok(Some(format!("{} differs from that of an undisturbed run", name.display())));
         }
@@ -365,8 +377,8 @@ pub fn report(list: &[Counts]) -> String {
         at every system call of a kind, one after the other, counted in every thread on its own. Of two at the same time one is refused (stopped), or \
         they follow each other. Torn: a file is neither that of the old nor of \
         the new state, or is gone; where a failed call refuses a run, which changes what rests on all runs, it is not whole. Silent: status 0 with another folder than that of an undisturbed run. Not mended: the next run does not end \
-        with the folder of an undisturbed run to the last byte, verified; after a refused run, whose protocol was a third state, the list of what \
-        the index says that it replaced is left out.\n\n\
+        with the folder of an undisturbed run to the last byte, verified; after a refused run, whose protocol was a third state, what \
+        the index calls replaced or stale is left out.\n\n\
         | interruption | trials | stopped | torn | silent | not mended |\n| --- | ---: | ---: | ---: | ---: | ---: |\n"
         .to_owned();
     list.iter().for_each(|counts| text.push_str(&line(counts)));
