@@ -24,9 +24,10 @@ fn done(output: &Output) {
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
 }
 
-/// Any finite number, subnormal and negative zero included.
+/// Any number that a file may hold, up to 1e30, subnormal and negative zero included.
 fn finite() -> impl Strategy<Value = f64> {
-    any::<u64>().prop_map(f64::from_bits).prop_filter("finite", |v| v.is_finite())
+    let number = any::<u64>().prop_map(f64::from_bits).prop_filter("finite", |v| v.is_finite());
+    number.prop_map(|v| if v.abs() > 1e30 { 1.0 / v } else { v })
 }
 
 fn three_of() -> impl Strategy<Value = [f64; 3]> {
@@ -44,17 +45,18 @@ prop_compose! {
         sensor in "[ -~°ξ\n\"\\\\]{1,12}",
         a in [three_of(), three_of()],
         b_res_ent in three_of(),
-        sigma_0 in proptest::array::uniform3(1e-300..1e300f64),
-        sigma_1 in three_of(),
-        xi in [three_of(), three_of()],
+        // Sensitivities are positive and three axes have the angles at every temperature from -300 to 300.
+        sigma_0 in proptest::array::uniform3(1.0..1e30f64),
+        sigma_1 in proptest::array::uniform3(-1e-3..1e-3f64),
+        xi in [proptest::array::uniform3(80.0..100.0f64), proptest::array::uniform3(-1e-3..1e-3f64)],
         k in three_of(),
-        diagonal in three_of(),
+        diagonal in proptest::array::uniform3(1e-30..1e30f64),
         thermistor in proptest::array::uniform4(finite()),
         t_off_degc in finite(),
-        std in three_of(),
-        variance in finite(),
-        field_nt in proptest::option::of(three_of()),
-        low in -300.0..0.0f64,
+        std in three_of().prop_map(|std| std.map(f64::abs)),
+        variance in finite().prop_map(f64::abs),
+        field_nt in proptest::option::of(three_of().prop_map(|field| field.map(f64::abs))),
+        low in -273.0..0.0f64,
         high in 0.0..300.0f64,
         turn_deg in proptest::option::of(-180.0..180.0f64),
     ) -> RpcMag {

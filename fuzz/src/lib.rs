@@ -5,6 +5,8 @@
 //!     mkdir -p fuzz/corpus/mag
 //!     cargo +nightly fuzz run mag fuzz/corpus/mag fuzz/seeds/mag -- -max_len=8192 -max_total_time=30
 //!
+//! `fuzz/run.sh 30 mag` does the same with a stable toolchain and without cargo-fuzz, and prints how many inputs were tried.
+//!
 //! New inputs are collected in `fuzz/corpus`; the seeds stay as they are.
 
 use calfit::data::error::Finding;

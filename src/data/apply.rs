@@ -78,6 +78,15 @@ pub const Q_FORMULA: &str =
     "Q = [[1, cos(xy), cos(xz)], [0, sin(xy), q], [0, 0, sqrt(sin(xz)^2 - q^2)]], q = (cos(yz) - cos(xy) cos(xz)) / sin(xy)";
 
 impl Apply {
+    /// Whether a table says the same as the one that a file of its content has; formulas are words that a file may lack.
+    #[must_use]
+    pub fn agrees_with(&self, own: &Self) -> bool {
+        let same = |stated: &Option<String>, own: &Option<String>| stated.is_none() || stated == own;
+        (&self.steps, self.omega, &self.offset, &self.frame) == (&own.steps, own.omega, &own.offset, &own.frame)
+            && same(&self.omega_formula, &own.omega_formula)
+            && same(&self.q_formula, &own.q_formula)
+    }
+
     /// Offset, σ and ω in a convention; the result stands in the sensor frame of that convention.
     #[must_use]
     pub fn to_sensor_frame(convention: Convention, offset: Option<OffsetQuantity>) -> Self {

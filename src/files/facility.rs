@@ -2,7 +2,7 @@
 //! `facility` or `model` or among the keys of the file, with their `covariance` beside it; or all of this in every `[[period]]`, with the
 //! times `from` and `to` between which it holds. The files that `calfit coil` writes are among them.
 
-use super::parameter;
+use super::parameter::{self, is_covariance, is_sound_table};
 use super::source::read_whole;
 use super::text::{Group, Keys, decode};
 use crate::data::error::Finding;
@@ -10,7 +10,6 @@ use crate::data::provenance::Role;
 use crate::data::result::Covariance;
 use crate::data::start::{NoStart, Start};
 use crate::model::facility::{Facility, FacilityParameters, Period, PeriodSpan};
-use nalgebra::DMatrix;
 use std::path::Path;
 
 /// Reads a facility file.
@@ -25,7 +24,10 @@ pub fn read(path: &Path) -> Result<Facility, Finding> {
         // A file of this program carries its hash.
         parameter::read_any(path)?;
     }
-    let periods = periods(&Keys::parse(&shown, 1, text)?)?;
+    let keys = Keys::parse(&shown, 1, text)?;
+    let periods = periods(&keys)?;
+    // Tables of others may hold nan; what a facility needs is read as finite numbers.
+    is_sound_table(&shown, keys.table(), &keys.root().names())?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     Ok(Facility { input: digested.input(name).with_role(Role::Facility), periods })
 }
@@ -70,8 +72,6 @@ fn moment(group: &Group, key: &str) -> Result<Option<Start>, Finding> {
 
 /// The table `covariance`: `parameters` and `matrix`.
 fn covariance(group: &Group, part: &FacilityParameters) -> Result<Option<Covariance>, Finding> {
-    /// An eigenvalue below minus this part of the largest one is no rounding.
-    const ROUNDING: f64 = 1e-9;
     let Some(table) = group.group("covariance")? else { return Ok(None) };
     let parameters = table.texts("parameters")?.ok_or_else(|| table.missing("parameters"))?;
     let matrix = table.rows("matrix")?.ok_or_else(|| table.missing("matrix"))?;
@@ -86,16 +86,7 @@ fn covariance(group: &Group, part: &FacilityParameters) -> Result<Option<Covaria
     if matrix.len() != count || matrix.iter().any(|row| row.len() != count) {
         return Err(wrong("does not have a row and a column for every parameter"));
     }
-    let std: Vec<f64> = (0..count).map(|i| matrix[i][i].max(0.0).sqrt()).collect();
-    let of = |r: usize, c: usize| if std[r] * std[c] > 0.0 { matrix[r][c] / (std[r] * std[c]) } else { 0.0 };
-    let scaled = DMatrix::from_fn(count, count, of);
-    let symmetric = (&scaled - scaled.transpose()).amax() <= ROUNDING;
-    if !symmetric || matrix.iter().enumerate().any(|(i, row)| row[i] < 0.0) {
-        return Err(wrong("is no covariance: it is not symmetric, or has a negative variance"));
-    }
-    if scaled.symmetric_eigenvalues().iter().any(|v| *v < -ROUNDING * count as f64) {
-        return Err(wrong("is no covariance: a combination of the parameters has a negative variance"));
-    }
+    is_covariance(&matrix).map_err(|rule| table.refuse("matrix", rule, "take the file from its source again, or correct it"))?;
     let units = table.texts("units")?.unwrap_or_default();
     Ok(Some(Covariance { parameters, units, matrix }))
 }
@@ -151,6 +142,29 @@ mod tests {
             "[[scalar_calibration]]\n{plain}[model]\n{plain}scale_per_k = [1e-5, 0, 0]\nreference_temperature_degc = 16.5"
         ));
         assert_eq!(model.unwrap().reference_degc, Some(16.5));
+    }
+
+    #[test]
+    fn a_file_that_contradicts_itself_is_refused_with_its_key() {
+        let plain = "scale_nt_per_eu = [0.9, 1.0, 1.1]\noffset_nt = [1, 2, 3]\nangles_deg = [90.1, 90.0, 89.9]\n";
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("facility.toml");
+        for (table, words) in [
+            (
+                "[covariance]\nparameters = [\"scale_x\", \"scale_x\"]\nunits = []\nmatrix = [[1, 0], [0, 1]]",
+                "names `scale_x` twice",
+            ),
+            ("[covariance]\nparameters = [\"scale_x\"]\nunits = []\nmatrix = [[-1.0]]", "negative variance"),
+            ("[covariance]\nparameters = [\"scale_x\", \"scale_y\"]\nmatrix = [[1, 2], [2, 1]]", "is no covariance"),
+            ("reference_degc = -300.0", "below absolute zero"),
+            ("[valid]\nfield_coil_nt = [[1.0, -1.0]]", "ends before it begins"),
+        ] {
+            std::fs::write(&path, format!("{plain}{table}\n")).unwrap();
+            let error = read(&path).unwrap_err().to_string();
+            assert!(error.contains(words), "{table}: {error}");
+        }
+        std::fs::write(&path, format!("{plain}[history]\nearlier = [nan, 1.0]\n")).unwrap();
+        assert!(read(&path).is_ok());
     }
 
     #[test]

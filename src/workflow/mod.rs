@@ -443,6 +443,15 @@ fn read<S: VectorSink>(job: &Job, desk: &Desk, two_threads: bool, sink: S) -> Re
     let parts = job.campaign.exclusions(id).filter(|e| e.part != ExcludedPart::Run);
     let mut sink = Without::new(sink, parts.cloned().collect());
     let mut run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut sink).map_err(Failure::Unreadable)?;
+    if job.header.is_none() {
+        // What is done with a run follows from its head; one that comes late would be left out of everything without a word.
+        let rule = "its head could not be read at first, and can be now";
+        return Err(Failure::Refused(Finding::error(
+            &job.recorded,
+            rule,
+            "see to the disk, or to what writes the file, and run again",
+        )));
+    }
     let sink = sink.finish(&mut run);
     Ok((run, sink))
 }

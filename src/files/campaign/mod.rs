@@ -10,6 +10,7 @@ use crate::data::run::Header;
 use crate::files::ccr;
 use file::{CampaignFile, ThermistorEntry, read};
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 
 /// A run file of a campaign.
@@ -63,9 +64,9 @@ impl Campaign {
                     let shown = path.display().to_string();
                     return Err(Finding::error(&shown, "the folder holds no run files", "a campaign has YY-MM-DD/hh-mm-ss.CCR"));
                 }
-                by_root.entry(root_of(&real)).or_default().extend(files.into_iter().map(|f| (f, false)));
+                by_root.entry(root_of(&real)?).or_default().extend(files.into_iter().map(|f| (f, false)));
             } else {
-                by_root.entry(root_of(&parent(&real))).or_default().push((real, true));
+                by_root.entry(root_of(&parent(&real))?).or_default().push((real, true));
             }
         }
         by_root.into_iter().map(|(root, files)| Self::of(root, files, findings)).collect()
@@ -99,7 +100,7 @@ impl Campaign {
 
     fn of(root: PathBuf, files: Vec<(PathBuf, bool)>, findings: &mut Vec<Finding>) -> Result<Campaign, Finding> {
         let toml = root.join("campaign.toml");
-        let (file, input) = if toml.is_file() {
+        let (file, input) = if has_campaign_file(&root)? {
             let (file, digested) = read(&toml, findings)?;
             // Who names single runs may have no others.
             if files.iter().any(|(_, named)| !named) {
@@ -230,14 +231,24 @@ pub fn check_files(root: &Path, file: &CampaignFile) -> Result<(), Finding> {
 
 /// The campaign that a folder of run files belongs to: it or the folder above it with a `campaign.toml`, else the folder above the
 /// folder of a day.
-fn root_of(folder: &Path) -> PathBuf {
+fn root_of(folder: &Path) -> Result<PathBuf, Finding> {
     let above = parent(folder);
-    if folder.join("campaign.toml").is_file() {
-        folder.to_owned()
-    } else if above.join("campaign.toml").is_file() || is_day(folder) {
-        above
+    if has_campaign_file(folder)? {
+        Ok(folder.to_owned())
+    } else if has_campaign_file(&above)? || is_day(folder) {
+        Ok(above)
     } else {
-        folder.to_owned()
+        Ok(folder.to_owned())
+    }
+}
+
+/// Whether a folder has a `campaign.toml`. One that is there and cannot be read is not taken for none: what it says would be left out.
+fn has_campaign_file(folder: &Path) -> Result<bool, Finding> {
+    let path = folder.join("campaign.toml");
+    match path.symlink_metadata() {
+        Ok(_) => Ok(true),
+        Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(false),
+        Err(e) => Err(Finding::io(&path, "open", &e)),
     }
 }
 
@@ -263,7 +274,13 @@ fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), 
     for entry in listing {
         let path = entry.map_err(|e| Finding::io(folder, "list the folder", &e))?.path();
         let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_uppercase()).unwrap_or_default();
-        if path.is_dir() {
+        let is_folder = match path.metadata() {
+            Ok(about) => about.is_dir(),
+            // A link that leads nowhere is told where it is read as a run.
+            Err(e) if e.kind() == ErrorKind::NotFound => false,
+            Err(e) => return Err(Finding::io(&path, "open", &e)),
+        };
+        if is_folder {
             if depth == 0 {
                 collect(&path, depth + 1, files)?;
             }
@@ -272,4 +289,24 @@ fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), 
         }
     }
     Ok(())
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::fs;
+    use std::os::unix::fs::symlink;
+
+    #[test]
+    fn what_is_there_and_cannot_be_read_is_not_taken_for_absent() {
+        for (name, target) in [("campaign.toml", "nowhere"), ("campaign.toml", "campaign.toml"), ("26-01-15", "26-01-15")] {
+            let root = tempfile::tempdir().unwrap();
+            let day = root.path().join("26-01-16");
+            fs::create_dir(&day).unwrap();
+            fs::write(day.join("09-00-00.CCR"), "").unwrap();
+            symlink(target, root.path().join(name)).unwrap();
+            let finding = Campaign::open(&[root.path().to_owned()], &mut Vec::new()).unwrap_err();
+            assert!(finding.to_string().contains(name), "{name} -> {target}: {finding}");
+        }
+    }
 }

@@ -14,7 +14,7 @@ use crate::data::error::Finding;
 use crate::data::reference::{Reference, is_rotation};
 use crate::data::result::{Covariance, Rows};
 use crate::files::ccr::run_id_is_safe;
-use crate::files::parameter::{self, Tcf, ThermistorFile, Tof, Tpf};
+use crate::files::parameter::{self, Tcf, ThermistorFile, Tof, Tpf, is_sound_table};
 use crate::files::source::{Digested, read_whole};
 use crate::files::text::{Group, Keys, decode, quoted};
 use crate::fit::FitError;
@@ -263,8 +263,12 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
     if low > high {
         return Err(root.refuse("valid_degc", "must rise", REMEDY));
     }
+    is_sound_table(file, keys.table(), &[])?;
     let lists: Lists = toml_edit::de::from_str(text)
         .map_err(|e| Finding::error(file, format!("is no ground calibration file: {}", e.message()), REMEDY))?;
+    if lists.apply.is_some_and(|stated| !stated.agrees_with(&how_it_is_applied())) {
+        return Err(root.refuse("apply", "says another way from the reading to the field than the rest of the file", REMEDY));
+    }
     let three = |label: &str| -> [f64; 3] {
         std::array::from_fn(|i| values.get(label).and_then(|v| v.get(i)).copied().unwrap_or(f64::NAN))
     };
@@ -286,15 +290,54 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
         valid_field_nt: lists.valid_field_nt,
         known_effects: lists.known_effects,
     };
-    for (row, label) in ["K_1", "K_2"].into_iter().enumerate() {
-        if calibration.k_inverse[row + 1][..=row].iter().any(|v| *v != 0.0) {
-            return Err(root.refuse(label, "must be zero before the diagonal, as row of an upper triangular matrix", REMEDY));
-        }
-    }
-    if calibration.sigma[0].iter().any(|s| *s <= 0.0) {
-        return Err(root.refuse("SIGMA_00", "must be positive", REMEDY));
-    }
+    calibration.is_consistent(&root)?;
     Ok(calibration)
+}
+
+impl RpcMag {
+    /// Refuses values of no sensor, a covariance of other values, and statements of how it is applied that are not those of its formula.
+    fn is_consistent(&self, root: &Group) -> Result<(), Finding> {
+        for (row, label) in ["K_0", "K_1", "K_2"].into_iter().enumerate() {
+            if self.k_inverse[row][..row].iter().any(|v| *v != 0.0) {
+                return Err(root.refuse(label, "must be zero before the diagonal, as row of an upper triangular matrix", REMEDY));
+            }
+            if self.k_inverse[row][row] <= 0.0 {
+                return Err(root.refuse(
+                    label,
+                    "must be positive on the diagonal, as the inverse of angles between axes",
+                    REMEDY,
+                ));
+            }
+        }
+        let at = |[c0, c1]: [[f64; 3]; 2], t: f64| -> [f64; 3] { std::array::from_fn(|i| c0[i] + c1[i] * t) };
+        for t in self.valid_degc {
+            if at(self.sigma, t).iter().any(|s| *s <= 0.0) {
+                return Err(root.refuse("SIGMA_00", &format!("must give positive sensitivities, also at {t} °C"), REMEDY));
+            }
+            if Convention::Rosetta.omega(at(self.xi, t)).is_err() {
+                return Err(root.refuse("XI_10", &format!("are angles that no three axes have between them at {t} °C"), REMEDY));
+            }
+        }
+        if let Some(covariance) = &self.covariance {
+            let group = root.group("covariance")?.ok_or_else(|| root.missing("covariance"))?;
+            let own = &covariance.parameters;
+            if let Some(name) = own.iter().find(|name| !is_value(name)) {
+                return Err(group.refuse("parameters", &format!("hold `{name}`, which no such file has"), REMEDY));
+            }
+            if covariance.matrix.len() != own.len() {
+                return Err(group.refuse("matrix", "does not have a row for every parameter", REMEDY));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Whether a name of a covariance is that of a value of such a file: `A_0_x`, `XI_10_xy`.
+fn is_value(name: &str) -> bool {
+    name.rsplit_once('_').is_some_and(|(label, component)| {
+        LABELS.iter().any(|(own, count, _)| *own == label && *count == 3)
+            && ["x", "y", "z", "xy", "xz", "yz"].contains(&component)
+    })
 }
 
 /// The table `[reference]`.
@@ -318,6 +361,7 @@ fn reference(group: &Group) -> Result<Reference, Finding> {
 /// What is a table or a list of lists.
 #[derive(Deserialize)]
 struct Lists {
+    apply: Option<Apply>,
     covariance: Option<Covariance>,
     valid_field_nt: Option<[[f64; 2]; 3]>,
     #[serde(default)]
@@ -580,5 +624,42 @@ fn one<'a>(sources: &'a [Source], format: &str) -> Result<Option<&'a Source>, Fi
             Err(second.refuse(format!("is a second {format} file"), "name one per sensor and export the sensors one by one"))
         }
         (first, None) => Ok(first),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_contradicts_itself_is_refused_with_its_key() {
+        let sound = include_str!("../../../fuzz/seeds/rpcmag/ground.toml");
+        let refused = |text: &str| parse("GROUND.txt", text, &mut Vec::new()).err().map(|f| f.to_string());
+        assert_eq!(refused(sound), None);
+        let changed = |from: &str, to: &str| {
+            assert!(sound.contains(from), "{from}");
+            sound.replace(from, to)
+        };
+        let with = |table: &str| format!("{sound}\n{table}\n");
+        for (text, words) in [
+            (changed("XI_10 = [90.1, 89.9, 90.05]", "XI_10 = [10, 170, 90]"), "no three axes"),
+            (changed("SIGMA_01 = [1e-5, 2e-5, 1e-5]", "SIGMA_01 = [1e-5, 0.1, 1e-5]"), "positive sensitivities, also at -60"),
+            (changed("K_1 = [0, 1, 3e-4]", "K_1 = [0, -1, 3e-4]"), "positive on the diagonal"),
+            (changed("valid_degc = [-60, 80]", "valid_degc = [-300, 80]"), "below absolute zero"),
+            (changed("A_0 = [0.1, 0.1, 0.1]", "A_0 = [0.1, -0.1, 0.1]"), "std.A_0 is a standard uncertainty and negative"),
+            (with("[covariance]\nparameters = [\"A_9_x\"]\nunits = [\"enT\"]\nmatrix = [[1.0]]"), "hold `A_9_x`"),
+            (with("[covariance]\nparameters = [\"A_0_x\"]\nunits = [\"enT\"]\nmatrix = [[-1.0]]"), "negative variance"),
+            (
+                with("[covariance]\nparameters = [\"A_0_x\", \"A_0_y\"]\nunits = []\nmatrix = [[1.0, 2.0], [2.0, 1.0]]"),
+                "is no covariance",
+            ),
+            (
+                with("[apply]\nsteps = [\"sigma\", \"omega\", \"subtract_offset\"]\nframe = \"sensor\""),
+                "another way from the reading to the field",
+            ),
+        ] {
+            let told = refused(&text);
+            assert!(told.as_ref().is_some_and(|t| t.contains(words)), "{words}: {told:?}");
+        }
     }
 }

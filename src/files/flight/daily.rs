@@ -3,7 +3,7 @@
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
 use crate::data::time::{date_of, day_of};
-use crate::files::parameter::matrix_of;
+use crate::files::parameter::{is_sound_table, matrix_of};
 use crate::files::source::read_whole;
 use crate::files::text::{Keys, decode, listed, quoted};
 use crate::model::polynomial::TemperaturePolynomial;
@@ -120,6 +120,7 @@ pub fn read(path: &Path, sensor: &str, day: i32) -> Result<DailyModel, Finding> 
     if low > high {
         return Err(root.refuse("valid_degc", "must rise", "write the lower temperature first"));
     }
+    is_sound_table(&shown, keys.table(), &[])?;
     let covariances = root.group("covariance")?;
     let polynomial = |name: &str| -> Result<TemperaturePolynomial, Finding> {
         let coefficients = root.numbers(name)?.ok_or_else(|| root.missing(name))?;
@@ -138,4 +139,37 @@ pub fn read(path: &Path, sensor: &str, day: i32) -> Result<DailyModel, Finding> 
     let polynomials = [x?, y?, z?];
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     Ok(DailyModel { polynomials, valid_degc: [low, high], input: digested.input(name) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_model_that_contradicts_itself_is_refused_with_its_key() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("daily.txt");
+        let day = day_of("2014-11-12".parse().unwrap());
+        let polynomial = TemperaturePolynomial {
+            coefficients: vec![1.0, 0.5],
+            covariance: DMatrix::identity(2, 2),
+            valid_degc: [-50.0, 50.0],
+        };
+        let polynomials = [polynomial.clone(), polynomial.clone(), polynomial];
+        let of = |valid_degc| head("made", "OB", day, &polynomials, valid_degc) + &covariances(&polynomials);
+        let refused = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            read(&path, "OB", day).err().map(|f| f.to_string())
+        };
+        let sound = of([-50.0, 50.0]);
+        assert_eq!(refused(&sound), None);
+        assert!(refused(&of([-500.0, 50.0])).is_some_and(|t| t.contains("below absolute zero")));
+        let rows = sound.lines().rfind(|line| line.starts_with("p_z = [[")).unwrap();
+        for (wrong, words) in
+            [("[[1, 2], [2, 1]]", "covariance.p_z is no covariance"), ("[[1, 0], [0, -1]]", "negative variance")]
+        {
+            let told = refused(&sound.replace(rows, &format!("p_z = {wrong}")));
+            assert!(told.as_ref().is_some_and(|t| t.contains(words)), "{wrong}: {told:?}");
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! Values that no measurement gives, and lists that do not go together: what every kind of parameter file has in common beyond its types.
 
-use toml_edit::{DocumentMut, Item, TableLike, Value};
+use std::collections::BTreeSet;
+use toml_edit::{Item, Table, TableLike, Value};
 
 /// No value of a file is larger.
 const LARGEST: f64 = 1e30;
@@ -30,11 +31,11 @@ impl Contradiction {
 }
 
 /// Refuses what cannot be in a file whose lists may hold nan under some keys only.
-pub(super) fn check(document: &DocumentMut, may_lack: &[&str]) -> Result<(), Contradiction> {
+pub(super) fn check(document: &Table, may_lack: &[&str]) -> Result<(), Contradiction> {
     for (key, item) in document.iter() {
         walk(&mut vec![key], item, may_lack.contains(&key))?;
     }
-    lists_of(&[], document.as_table())?;
+    lists_of(&[], document)?;
     polynomials(document)
 }
 
@@ -55,6 +56,7 @@ fn below<'a>(keys: &mut Vec<&'a str>, table: &'a dyn TableLike, may_lack: bool) 
     }
     counts(keys, table)?;
     extremes(keys, table)?;
+    names(keys, table)?;
     lists_of(keys, table)
 }
 
@@ -116,6 +118,8 @@ fn outside(key: &str, v: f64) -> Option<&'static str> {
         "largest_field_nt",
         "largest_correction_ent",
         "modulus_nt",
+        "slow_over_white",
+        "plateaus_over_samples",
     ];
     match key {
         _ if never_negative.contains(&key) => (v < 0.0).then_some("is negative"),
@@ -142,6 +146,19 @@ fn counts(keys: &[&str], table: &dyn TableLike) -> Result<(), Contradiction> {
         }
     }
     Ok(())
+}
+
+/// Quantities of a covariance that have two rows.
+fn names(keys: &[&str], table: &dyn TableLike) -> Result<(), Contradiction> {
+    if table.get("matrix").is_none() {
+        return Ok(());
+    }
+    let list = table.get("parameters").and_then(Item::as_array).into_iter().flatten();
+    let mut seen = BTreeSet::new();
+    match list.filter_map(Value::as_str).find(|name| !seen.insert(*name)) {
+        Some(name) => Err(Contradiction::below(keys, "parameters", format!("names `{name}` twice"))),
+        None => Ok(()),
+    }
 }
 
 /// Whether a value is above another by more than a mean is off by rounding.
@@ -173,12 +190,13 @@ fn extremes(keys: &[&str], table: &dyn TableLike) -> Result<(), Contradiction> {
 }
 
 /// Lists that go together, by the keys of the table in which they stand.
-const TOGETHER: [&[&str]; 8] = [
+const TOGETHER: [&[&str]; 9] = [
     &["used", "runs", "temperature_degc", "coil_temperature_degc"],
     &["f_s_hz", "f_s_std_hz", "temperature_degc"],
     &["value", "std", "residual"],
     &["parameters", "units", "matrix"],
     &["coefficients", "coefficients_std"],
+    &["slow_noise_of", "exponent", "slow_over_white", "plateaus_over_samples", "growth", "probability"],
     &["lambda_x_deg", "mu_y_deg", "nu_z_deg", "lambda_x_std_deg", "mu_y_std_deg", "nu_z_std_deg"],
     &[
         "x_ent",
@@ -211,7 +229,7 @@ fn lists_of(keys: &[&str], table: &dyn TableLike) -> Result<(), Contradiction> {
 }
 
 /// Polynomials whose covariances are of another size.
-fn polynomials(document: &DocumentMut) -> Result<(), Contradiction> {
+fn polynomials(document: &Table) -> Result<(), Contradiction> {
     for name in ["covariance", "covariance_b", "covariance_combined"] {
         let Some(table) = document.get(name).and_then(Item::as_table_like) else { continue };
         for (key, matrix) in table.iter() {
@@ -252,6 +270,7 @@ pub(super) fn number(value: &Value) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use toml_edit::DocumentMut;
 
     #[test]
     fn what_no_measurement_gives_is_refused_with_its_key() {
@@ -270,12 +289,16 @@ mod tests {
             ("runs = [\"a\", \"b\"]\ntemperature_degc = [1.0]", "runs has 2 values, temperature_degc 1"),
             ("[[quantity]]\nstd = [1.0]\nvalue = [1.0, 2.0]", "quantity.value has 2 values, std 1"),
             ("[allan]\ntau_s = [1.0]\nx_ent = []", "allan.x_ent has 0 values, tau_s 1"),
+            (
+                "[[noise]]\nslow_noise_of = [\"gain\", \"samples\"]\nexponent = [1.0]",
+                "noise.slow_noise_of has 2 values, exponent 1",
+            ),
             ("sigma_x = [1.0, 2.0]\n[covariance]\nsigma_x = [[1.0]]", "sigma_x has 2 coefficients, covariance.sigma_x 1 rows"),
         ] {
-            let error = check(&text.parse().unwrap(), &[]).unwrap_err().to_string();
+            let error = check(&text.parse::<DocumentMut>().unwrap(), &[]).unwrap_err().to_string();
             assert!(error.contains(words), "{text}: {error}");
         }
         let sound = "offset_ent = [nan, 1.0, 2.0]\nruns = [\"a\"]\ntemperature_degc = [-60.0]\n[covariance]\nparameters = [\"a\"]\nunits = []\nmatrix = [[1.0]]";
-        assert_eq!(check(&sound.parse().unwrap(), &["offset_ent"]), Ok(()));
+        assert_eq!(check(&sound.parse::<DocumentMut>().unwrap(), &["offset_ent"]), Ok(()));
     }
 }

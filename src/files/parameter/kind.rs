@@ -4,7 +4,7 @@ use super::point::Point;
 use super::quantity::Quantities;
 use super::{
     Body, CoilResidual, CoilScalar, CoilTilt, Cpf, FieldPart, Fpf, LinearisationFile, Model, Npf, Opf, Taf, Tcf, ThermistorFile,
-    Tof, Tpf, read, to_text,
+    Tof, Tpf, is_consistent, read, to_text,
 };
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
@@ -75,7 +75,7 @@ impl FileKind {
             naming: B::NAMING,
             may_lack: B::MAY_LACK,
             // A key that is missing is told where a file of the kind is wanted.
-            is_sound: |path, text| toml_edit::de::from_str::<B>(text).map_or(Ok(()), |body| body.validate(path)),
+            is_sound: |path, text| toml_edit::de::from_str::<B>(text).map_or(Ok(()), |body| is_consistent(&body, path, text)),
             check: check::<B>,
             rewritten: rewritten::<B>,
             field: field::<B>,

@@ -26,6 +26,7 @@ pub use coil::{CoilConvention, CoilResidual, CoilScalar, CoilTilt};
 pub use cpf::{Convention, Cpf, alone_of};
 pub use emit::toml;
 pub use field::FieldPart;
+use field::contradicts;
 pub(in crate::files) use field::matrix_of;
 pub use fpf::{Fpf, FrequencyConvention};
 pub use kind::{FileKind, KINDS, Naming, is_named};
@@ -35,6 +36,7 @@ pub use null::{Npf, NullConvention};
 pub use opf::{OffsetConvention, Opf};
 pub use point::{Point, read_point};
 pub use quantity::{Argument, Entry, Polynomial, Quantities, Shape};
+pub(in crate::files) use sound::{is_covariance, is_sound_table};
 pub use thermal::{JointPart, NO_CHANNEL, NoisePart, SweepPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
 pub use thermistor::{ThermistorConvention, ThermistorFile};
 
@@ -214,6 +216,25 @@ fn body<B: Body>(path: &Path, text: &str) -> Result<B, Finding> {
         let rule = format!("is not a {} file: {}", B::FORMAT, e.message());
         Finding::error(&path.display().to_string(), rule, "check the file")
     })?;
-    body.validate(path)?;
+    is_consistent(&body, path, text)?;
     Ok(body)
+}
+
+/// Refuses an impossible value, and a table `[apply]`, by which other programs go, that is not that of the coefficients.
+fn is_consistent<B: Body>(body: &B, path: &Path, text: &str) -> Result<(), Finding> {
+    #[derive(Deserialize)]
+    struct Stated {
+        version: u32,
+        apply: Option<Apply>,
+    }
+    body.validate(path)?;
+    // A table that is none of this program is told by its words.
+    let stated: Stated =
+        toml_edit::de::from_str(text).map_err(|e| contradicts(path, format!("apply cannot be followed: {}", e.message())))?;
+    let own = body.apply();
+    let agrees = |stated: Apply| own.is_some_and(|own| stated.agrees_with(&own));
+    if stated.version == B::VERSION && stated.apply.is_some_and(|stated| !agrees(stated)) {
+        return Err(contradicts(path, "apply says another way from the reading to the field than the coefficients"));
+    }
+    Ok(())
 }

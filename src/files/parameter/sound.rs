@@ -4,7 +4,7 @@ use super::domains::{self, Contradiction, flatten, number};
 use crate::data::error::Finding;
 use nalgebra::DMatrix;
 use std::path::Path;
-use toml_edit::{DocumentMut, Item, Value};
+use toml_edit::{DocumentMut, Item, Table, Value};
 
 /// Covariances have rounding: two halves agree to this, and an eigenvalue of the correlations is no more negative.
 const ROUNDING: f64 = 1e-6;
@@ -14,9 +14,14 @@ const LEAST_PART: f64 = 1e-7;
 /// Refuses a file whose values contradict themselves: negative or infinite standard uncertainties, covariances that are none, ranges that
 /// end before they begin, run ids that are no names, and what [`domains`] knows. Only lists below the keys of `may_lack` hold nan.
 pub(super) fn is_sound(path: &Path, document: &DocumentMut, may_lack: &[&str]) -> Result<(), Finding> {
-    item(&mut Vec::new(), document.as_item()).and_then(|()| domains::check(document, may_lack)).map_err(|rule| {
-        Finding::error(&path.display().to_string(), format!("contradicts itself: {rule}"), "take the original, or fit again")
-    })
+    is_sound_table(&path.display().to_string(), document, may_lack)
+}
+
+/// The same of the keys of any file with parameters.
+pub(in crate::files) fn is_sound_table(file: &str, table: &Table, may_lack: &[&str]) -> Result<(), Finding> {
+    below(&mut Vec::new(), table)
+        .and_then(|()| domains::check(table, may_lack))
+        .map_err(|rule| Finding::error(file, format!("contradicts itself: {rule}"), "take the original, or make it again"))
 }
 
 type Keys<'a> = Vec<&'a str>;
@@ -25,19 +30,18 @@ fn item<'a>(keys: &mut Keys<'a>, own: &'a Item) -> Result<(), Contradiction> {
     match own {
         Item::None => Ok(()),
         Item::Value(own) => value(keys, own),
-        Item::Table(table) => table.iter().try_for_each(|(key, below)| {
-            keys.push(key);
-            item(keys, below)?;
-            keys.pop();
-            Ok(())
-        }),
-        Item::ArrayOfTables(list) => list.iter().flat_map(|table| table.iter()).try_for_each(|(key, below)| {
-            keys.push(key);
-            item(keys, below)?;
-            keys.pop();
-            Ok(())
-        }),
+        Item::Table(table) => below(keys, table),
+        Item::ArrayOfTables(list) => list.iter().try_for_each(|table| below(keys, table)),
     }
+}
+
+fn below<'a>(keys: &mut Keys<'a>, table: &'a Table) -> Result<(), Contradiction> {
+    table.iter().try_for_each(|(key, own)| {
+        keys.push(key);
+        item(keys, own)?;
+        keys.pop();
+        Ok(())
+    })
 }
 
 fn value<'a>(keys: &mut Keys<'a>, own: &'a Value) -> Result<(), Contradiction> {
@@ -57,7 +61,8 @@ fn value<'a>(keys: &mut Keys<'a>, own: &'a Value) -> Result<(), Contradiction> {
     if keys.iter().any(|key| is_std(key)) && numbers.iter().any(|v| *v < 0.0) {
         return Err(Contradiction::of(keys, "is a standard uncertainty and negative"));
     }
-    if keys.iter().any(|key| key.starts_with("covariance")) && numbers.len() > 1 {
+    let has_rows = own.as_array().is_some_and(|list| list.iter().any(Value::is_array));
+    if keys.iter().any(|key| key.starts_with("covariance")) && (has_rows || numbers.len() > 1) {
         covariance(own).map_err(|rule| Contradiction::of(keys, rule))?;
     }
     if keys.iter().any(|key| key.starts_with("valid")) && is_reversed(own) {
@@ -87,7 +92,6 @@ fn is_reversed(value: &Value) -> bool {
     (values.len() == 2 && own.len() == 2 && own[0] > own[1]) || values.iter().any(is_reversed)
 }
 
-/// Why a matrix is no covariance. What was not determined is nan, and such a matrix is not looked at.
 fn covariance(value: &Value) -> Result<(), &'static str> {
     let Value::Array(rows) = value else { return Ok(()) };
     let rows: Vec<Vec<f64>> = rows
@@ -98,6 +102,11 @@ fn covariance(value: &Value) -> Result<(), &'static str> {
             numbers
         })
         .collect();
+    is_covariance(&rows)
+}
+
+/// Why rows are no covariance. What was not determined is nan, and such a matrix is not looked at.
+pub(in crate::files) fn is_covariance(rows: &[Vec<f64>]) -> Result<(), &'static str> {
     let n = rows.len();
     if rows.iter().any(|row| row.len() != n) {
         return Err("is not square");
@@ -142,8 +151,13 @@ mod tests {
             ("[covariance]\nmatrix = [[1.0, 0.5], [0.4, 1.0]]", "covariance.matrix is not symmetric"),
             ("[covariance]\nsigma_x = [[1.0, 2.0], [2.0, 1.0]]", "covariance.sigma_x is no covariance"),
             (
-                "[covariance]\nsigma_x = [[-1.0]]\nsigma_y = [[-1.0, 0.0], [0.0, 1.0]]",
+                "[covariance]\nsigma_x = [[1.0]]\nsigma_y = [[-1.0, 0.0], [0.0, 1.0]]",
                 "covariance.sigma_y has a negative variance",
+            ),
+            ("[covariance]\nsigma_x = [[-1.0]]", "covariance.sigma_x has a negative variance"),
+            (
+                "[covariance]\nparameters = [\"a\", \"a\"]\nmatrix = [[1.0, 0.0], [0.0, 1.0]]",
+                "covariance.parameters names `a` twice",
             ),
             ("[covariance]\nmatrix = [[1.0, 0.0]]", "covariance.matrix is not square"),
             ("[run]\nid = \"../../../x\"", "run.id is no name"),

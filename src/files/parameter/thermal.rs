@@ -227,6 +227,8 @@ pub struct NoisePart {
     pub probability: Vec<f64>,
 }
 
+/// Probabilities of all kinds of noise add up to one within this, which is far above their rounding.
+const ALL: f64 = 1e-6;
 /// How origins of slow noise are written.
 const ORIGINS: [(&str, Origin); 3] = [("samples", Origin::Samples), ("plateaus", Origin::Rows), ("gain", Origin::Gain)];
 
@@ -248,6 +250,26 @@ impl NoisePart {
             part
         };
         COMPONENTS.into_iter().zip(&group.components).map(part).collect()
+    }
+
+    /// Refuses tables that are not those of three components, or name an origin that slow noise does not have. That their lists go together
+    /// is looked at in files of every kind.
+    fn are_sound(parts: &[Self], path: &Path) -> Result<(), Finding> {
+        let named = |component: &str| parts.iter().filter(|part| part.component == component).count();
+        if !parts.is_empty() && (parts.len() != COMPONENTS.len() || COMPONENTS.into_iter().any(|component| named(component) != 1))
+        {
+            return Err(contradicts(path, "noise does not have one table for each of x, y, z"));
+        }
+        let origins = parts.iter().flat_map(|part| &part.slow_noise_of);
+        if let Some(other) = origins.into_iter().find(|name| ORIGINS.iter().all(|(own, _)| own != name)) {
+            return Err(contradicts(path, format!("noise.slow_noise_of holds `{other}`, where slow noise does not come from")));
+        }
+        match parts.iter().find(|part| (part.probability.iter().sum::<f64>() - 1.0).abs() > ALL) {
+            Some(part) => {
+                Err(contradicts(path, format!("noise of {} has probabilities that do not add up to one", part.component)))
+            }
+            None => Ok(()),
+        }
     }
 
     /// The noise of a group from its tables; `None` unless there is one per component.
@@ -359,6 +381,7 @@ impl Body for Tpf {
         Some(self.part())
     }
     fn validate(&self, path: &Path) -> Result<(), Finding> {
+        NoisePart::are_sound(&self.noise, path)?;
         self.is_consistent(path)
     }
     const FORMAT: &'static str = "TPF";
@@ -479,5 +502,32 @@ impl ThermalHead {
     #[must_use]
     pub fn first_run(&self) -> String {
         self.runs.first().map_or_else(String::new, |id| id.replace('_', "-"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_of_other_components_origins_or_probabilities_is_refused() {
+        let part = |component: &str| NoisePart {
+            component: component.to_owned(),
+            slow_noise_of: vec!["samples".to_owned(), "gain".to_owned()],
+            probability: vec![0.25, 0.75],
+            ..NoisePart::default()
+        };
+        let refused = |parts: &[NoisePart]| NoisePart::are_sound(parts, Path::new("T.TPF")).err().map(|f| f.to_string());
+        let sound = [part("x"), part("y"), part("z")];
+        assert_eq!((refused(&sound), refused(&[])), (None, None));
+        let with = |change: fn(&mut NoisePart)| {
+            let mut parts = sound.clone();
+            change(&mut parts[1]);
+            refused(&parts).unwrap_or_default()
+        };
+        assert!(with(|part| part.component = "x".to_owned()).contains("one table for each"));
+        assert!(with(|part| part.slow_noise_of[0] = "weather".to_owned()).contains("`weather`"));
+        assert!(with(|part| part.probability[0] = 0.5).contains("add up to one"));
+        assert!(refused(&sound[..2]).is_some());
     }
 }

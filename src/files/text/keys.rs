@@ -1,7 +1,7 @@
 //! TOML keys with the place of every complaint.
 
 use crate::data::error::{Finding, Severity};
-use toml_edit::{Document, Item, TableLike, Value};
+use toml_edit::{Document, Item, Table, TableLike, Value};
 
 /// Line and column, both from 1, of a byte offset in `text`, which begins at `first_line`.
 fn place(text: &str, offset: usize, first_line: u64) -> (u64, u64) {
@@ -42,6 +42,12 @@ impl Keys {
     #[must_use]
     pub fn root(&self) -> Group<'_> {
         Group { keys: self, name: String::new(), table: self.document.as_table() }
+    }
+
+    /// All keys as a table of TOML.
+    #[must_use]
+    pub fn table(&self) -> &Table {
+        self.document.as_table()
     }
 
     fn complaint(&self, item: &Item, rule: String, remedy: &str) -> Finding {

@@ -45,7 +45,11 @@ impl Jump {
     /// The note about it.
     #[must_use]
     pub fn note(&self, what: &str, t_s: f64) -> Note {
-        let text = format!("the gain of {what} jumps by {:+.3} % at {t_s:.1} s", 100.0 * self.relative);
+        let text = format!(
+            "the gain of {what} jumps by {:+.3} % at {t_s:.1} s: the run is not of one sensor state, and its values and uncertainties are not \
+             to be used",
+            100.0 * self.relative
+        );
         Note::new(NoteKind::GainJump, text).about(what).with_remedy("divide the run there, or leave one part out with --exclude")
     }
 }

@@ -6,6 +6,7 @@ mod campaigns;
 mod corner;
 mod damages;
 mod freq;
+mod interruptions;
 mod structure;
 
 use statrs::distribution::{Binomial, DiscreteCDF};
