@@ -406,8 +406,10 @@ proptest! {
                 prop_assert_eq!(lin.calibration.quality.blocks_used, left);
                 // Three responses, an offset, its slope and its curvature.
                 prop_assert!(left > 6);
-                for (found, wanted) in fitted_sigma(&lin).into_iter().zip(Truth::default().sigma) {
-                    prop_assert!((found - wanted).abs() < 1e-4, "{} is not {}", found, wanted);
+                // What few settings are left may know an axis badly; then its uncertainty must say so.
+                let std = lin.calibration.std.sigma;
+                for ((found, wanted), std) in fitted_sigma(&lin).into_iter().zip(Truth::default().sigma).zip(std) {
+                    prop_assert!((found - wanted).abs() < 5.0 * std, "{} ± {} is not {}", found, std, wanted);
                 }
             }
             // What is left may also miss an axis.
