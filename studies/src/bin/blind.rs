@@ -1,12 +1,13 @@
 //! The blind study of the diagnosis.
 //!
-//!     cargo run --release -p calfit-studies --bin blind [-- --null 2000 --effects 3000 --kinds lin,sweep --minutes 60]
+//!     cargo run --release -p calfit-studies --bin blind [-- --null 2000 --effects 3000 --kinds lin,sweep --minutes 60 --first 0]
+//!     cargo run --release -p calfit-studies --bin blind -- --dump DIR --case SEED [with the options of the study that it is a case of]
 //!     cargo run --release -p calfit-studies --bin blind -- --dump DIR --seed N [--kinds lin] [--hide cubic_nonlinearity,...] [--k 8]
 //!     cargo run --release -p calfit-studies --bin blind -- --check 200
 //!
 //! The first writes `reports/blind-study.md` and its pictures (or into `--out DIR`), again and again while it goes on, and ends early after
-//! `--minutes`. The second writes run files with `truth.json` beside
-//! them. The third measures every effect and noise family with a matched filter over many draws of the noise: the mean must be the
+//! `--minutes`; `--first` takes other draws. The others write run files with `truth.json` beside
+//! them, those of a case of a study or new ones. The last measures every effect and noise family with a matched filter over many draws of the noise: the mean must be the
 //! strength that was asked for, the standard deviation one.
 
 use calfit::files::ccr::{Decimals, Section, Writer};
@@ -26,7 +27,8 @@ type Failure = Box<dyn std::error::Error>;
 
 /// `--name value` pairs.
 fn arguments() -> Result<BTreeMap<String, String>, Failure> {
-    const KNOWN: [&str; 10] = ["null", "effects", "kinds", "out", "dump", "seed", "hide", "k", "check", "minutes"];
+    const KNOWN: [&str; 12] =
+        ["null", "effects", "first", "kinds", "out", "dump", "case", "seed", "hide", "k", "check", "minutes"];
     let mut given = BTreeMap::new();
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
@@ -54,25 +56,40 @@ fn main() -> Result<(), Failure> {
         given.get(name).map_or(Ok(default), |v| v.parse().map_err(|e| format!("--{name} {v}: {e}; give a whole number").into()))
     };
     let kinds = kinds(given.get("kinds"))?;
+    let (null, with_effects, first) = (number("null", 2000)?, number("effects", 3000)?, number("first", 0)?);
+    let mut cases = score::plan_from(first, null, with_effects, &kinds);
+    if let (Some(folder), Some(_)) = (given.get("dump"), given.get("case")) {
+        let seed = number("case", 0)?;
+        let case = cases.iter().find(|case| case.seed == seed).ok_or_else(|| format!("--case {seed}: not in this study"))?;
+        return dump(Path::new(folder), seed, case.kind, &case.options);
+    }
     if let Some(folder) = given.get("dump") {
         let k = given.get("k").map_or(Ok(8.0), |v| v.parse()).map_err(|e| format!("--k: {e}; give a number"))?;
         let hidden: Option<Vec<String>> = given.get("hide").map(|names| names.split(',').map(str::to_owned).collect());
-        return dump(Path::new(folder), number("seed", 1)?, kinds[0], hidden, k);
+        let (seed, kind) = (number("seed", 1)?, kinds[0]);
+        let drawn = || {
+            let mut random = Random::new(seed, "dump");
+            let names = effects::visible(kind);
+            vec![names[random.below(names.len())].to_owned()]
+        };
+        let effects = hidden.unwrap_or_else(drawn).into_iter().filter(|name| !name.is_empty()).collect();
+        return dump(Path::new(folder), seed, kind, &Options { effects, strength_k: k, noise: None, ..Options::default() });
     }
     if given.contains_key("check") {
         return check(&kinds, number("check", 200)?);
     }
-    let (null, with_effects) = (number("null", 2000)?, number("effects", 3000)?);
     let minutes = number("minutes", u64::MAX)?;
     let begin = Instant::now();
-    let mut cases = score::plan(null, with_effects, &kinds);
     // A study that is stopped has some of everything.
     Random::new(0, "order").shuffle(&mut cases);
     let out = given.get("out").map_or_else(|| repository("reports"), PathBuf::from);
     fs::create_dir_all(&out)?;
     let names = kinds.iter().map(|k| k.name()).collect::<Vec<_>>().join(",");
-    let command =
+    let mut command =
         format!("cargo run --release -p calfit-studies --bin blind -- --null {null} --effects {with_effects} --kinds {names}");
+    if first > 0 {
+        command.push_str(&format!(" --first {first}"));
+    }
     let mut judged = Vec::new();
     for part in cases.chunks(AT_ONCE) {
         if begin.elapsed().as_secs() / 60 >= minutes {
@@ -113,14 +130,8 @@ fn campaign_text(blind: &blind::Blind) -> String {
 }
 
 /// Run files of one set in a campaign folder, with `truth.json`.
-fn dump(folder: &Path, seed: u64, kind: Kind, hidden: Option<Vec<String>>, k: f64) -> Result<(), Failure> {
-    let drawn = || {
-        let mut random = Random::new(seed, "dump");
-        let names = effects::visible(kind);
-        vec![names[random.below(names.len())].to_owned()]
-    };
-    let names = hidden.unwrap_or_else(drawn).into_iter().filter(|name| !name.is_empty()).collect();
-    let blind = generate(seed, kind, &Options { effects: names, strength_k: k, noise: None, ..Options::default() })?;
+fn dump(folder: &Path, seed: u64, kind: Kind, options: &Options) -> Result<(), Failure> {
+    let blind = generate(seed, kind, options)?;
     fs::create_dir_all(folder)?;
     fs::write(folder.join("campaign.toml"), campaign_text(&blind))?;
     fs::write(folder.join("truth.json"), serde_json::to_string_pretty(&blind.truth)? + "\n")?;

@@ -101,6 +101,7 @@ fn step(step: &Step, drawn_over: Option<&str>, cells: f64) -> VerdictStep {
         ambiguous_with: step.ambiguous_with.iter().map(ToString::to_string).collect(),
         family: step.family.to_owned(),
         confident: step.wording == "is",
+        runner_up: step.runners_up.first().map(|r| (r.effect.clone(), r.log_ratio)),
         covariate: step.covariate.as_deref().or(drawn_over).map(renamed_covariate),
         strength_k: step.strength_k,
         amplitudes: amplitudes(step),

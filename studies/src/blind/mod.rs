@@ -144,6 +144,8 @@ pub struct VerdictStep {
     pub family: String,
     /// Said to be this effect, not only to be consistent with it.
     pub confident: bool,
+    /// The rival of largest evidence, and the logarithm of its likelihood ratio.
+    pub runner_up: Option<(String, f64)>,
     pub covariate: Option<String>,
     pub strength_k: f64,
     /// What runs of the menu would tell, the best first.

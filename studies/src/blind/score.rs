@@ -46,6 +46,11 @@ const DECOYS: u64 = 10;
 /// two, 15 % one outside the catalogue, and 10 % one that the run cannot show. Kinds, families and damage go around, programmes, names and
 /// strengths are drawn.
 pub fn plan(null: u64, with_effects: u64, kinds: &[Kind]) -> Vec<Case> {
+    plan_from(0, null, with_effects, kinds)
+}
+
+/// The same with other draws and seeds: cases that something was tuned on are none on which it is judged.
+pub fn plan_from(first: u64, null: u64, with_effects: u64, kinds: &[Kind]) -> Vec<Case> {
     // Twenty places: linearity runs are the most frequent ones.
     let mut around: Vec<Kind> = Vec::new();
     for (kind, places) in [(Kind::Lin, 9), (Kind::Sweep, 5), (Kind::ZeroField, 3), (Kind::Positions, 1), (Kind::Frequency, 2)] {
@@ -58,7 +63,7 @@ pub fn plan(null: u64, with_effects: u64, kinds: &[Kind]) -> Vec<Case> {
         return cases;
     }
     for index in 0..null + with_effects {
-        let mut random = Random::new(index, "plan");
+        let mut random = Random::new(first + index, "plan");
         let mut kind = around[random.below(around.len())];
         let family = Family::ALL[(index % Family::ALL.len() as u64) as usize];
         let any = |names: &[&'static str], random: &mut Random| {
@@ -99,14 +104,14 @@ pub fn plan(null: u64, with_effects: u64, kinds: &[Kind]) -> Vec<Case> {
                 None => (Purpose::One, any(effects::visible(kind), &mut random).into_iter().collect(), 10.0),
             },
         };
-        let mut random = Random::new(index, "programme");
+        let mut random = Random::new(first + index, "programme");
         let programme = if kind == Kind::Lin && random.chance(OTHER_PROGRAMME) {
             Programme::ALL[1 + random.below(Programme::ALL.len() - 1)]
         } else {
             Programme::default()
         };
         cases.push(Case {
-            seed: FIRST_SEED + index,
+            seed: FIRST_SEED + first + index,
             kind,
             purpose,
             options: Options { effects: names, strength_k, noise: Some(family), programme, decoy, then: None },
@@ -163,7 +168,9 @@ impl Judged {
             let covariate = s.covariate.as_deref().filter(|_| s.effect == "unknown").unwrap_or_default();
             let sizes: Vec<String> =
                 s.amplitudes.iter().take(3).map(|a| format!("{}={:.4e}+-{:.1e}", a.name, a.value, a.std)).collect();
-            format!("{is} {} {} {covariate} k{:.1} {}", s.effect, s.axes.join(""), s.strength_k, sizes.join(" "))
+            let rival = s.runner_up.as_ref().map_or_else(String::new, |(name, ratio)| format!(" [{name} {ratio:+.1}]"));
+            let set = if s.ambiguous_with.is_empty() { String::new() } else { format!(" or {}", s.ambiguous_with.join(", ")) };
+            format!("{is} {} {} {covariate} k{:.1}{set}{rival} {}", s.effect, s.axes.join(""), s.strength_k, sizes.join(" "))
         };
         let said: Vec<String> = self.verdict.steps.iter().map(step).collect();
         let exact: Vec<String> = self
