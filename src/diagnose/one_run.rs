@@ -15,7 +15,7 @@ use crate::data::plateau::Plateaus;
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
 use crate::model::effects::thermal_lag::ThermalLag;
-use crate::model::effects::time_shift::SHIFT;
+use crate::model::effects::time_shift::{SHIFT, TimeShift};
 use crate::model::effects::{Acts, Catalogue, EffectRef, Record, Row, Spec};
 use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::record::position::the_position;
@@ -100,7 +100,7 @@ pub(super) fn run(
         let earlier = &inside.all[..inside.known + index];
         let picture = samples.and_then(|s| inside_maps::of(&prepared, s, &settings, earlier, found, steps.len()));
         pictures.inside.extend(picture);
-        steps.push(inside_step(found, &prepared));
+        steps.push(inside_step(found, &prepared, inside.all.iter().any(|f| f.effect.is(&TimeShift))));
     }
     let before = steps.len();
     let (steps, maps, places) = steps_of_all(&means, &outcome, steps, &mut pictures);

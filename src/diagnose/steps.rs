@@ -171,8 +171,9 @@ pub fn shape_parameters(form: &Spec, std: impl Fn(&str, f64) -> Option<f64>) -> 
     })
 }
 
-/// A step found in the samples.
-pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun) -> Step {
+/// A step found in the samples. Edges that are displaced leave something beside the settings, which comes again with these: a periodic signal
+/// beside them is not certain.
+pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun, is_shifted: bool) -> Step {
     let columns = found.effect.columns(&prepared.record, &found.spec).unwrap_or_default();
     let shape_std = |name: &str, _| found.shape_std.iter().find(|(n, _)| n == name).map(|(_, s)| *s);
     let mut parameters = linear_parameters(columns.iter().map(|c| (c.name.as_str(), c.unit)), &found.values);
@@ -189,6 +190,7 @@ pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun) -> Step {
         place: found.effect.place_in_samples(&found.spec),
         gaps: [gap(0), gap(1)],
         ambiguous_with: found.ambiguous_with.clone(),
+        name: if is_shifted && found.effect.about().family == Family::Periodic { Name::Doubted } else { Name::ByStrength },
         ..Facts::new(found.effect, found.spec.clone(), significance)
     };
     let next_measurement = (!facts.is_certain()).then(|| found.effect.about().best_measurement.to_owned());

@@ -7,7 +7,7 @@ use crate::diagnose::next::{self, Named};
 use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Gap, Map, Parameter};
 use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape_parameters};
-use crate::diagnose::{selection, words};
+use crate::diagnose::{APART, selection, words};
 use crate::model::effects::Family;
 use nalgebra::DVector;
 
@@ -97,13 +97,18 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         rivals: rival_keys,
         best,
     };
+    let runners_up = scored.runners_up(&candidate.key, HOPELESS);
+    // The term has the best value of its shape, rivals those of a grid: with those of the grid for both, none may be near. An unknown function
+    // has other unknown ones as rivals, too.
+    let has_near_rival = runners_up.iter().any(|r| r.log_ratio > -APART);
+    let is_doubted = has_near_rival || rivals.has_family_twin() || has_twin_beside(candidate, &others);
     let facts = Facts {
         parameters,
-        name: if rivals.has_family_twin() || has_twin_beside(candidate, &others) { Name::Doubted } else { Name::ByStrength },
+        name: if is_doubted { Name::Doubted } else { Name::ByStrength },
         place: contribution.place(nt_per_ent, noise_nt),
         gaps: [&before, &after].map(|held| gap(held, means.prepared.nt_per_ent)),
         ambiguous_with: rivals.ambiguous(),
-        runners_up: scored.runners_up(&candidate.key, HOPELESS),
+        runners_up,
         covariate: candidate.covariate.clone(),
         shape,
         ..Facts::new(candidate.effect, candidate.spec.clone(), significance)
