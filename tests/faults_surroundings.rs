@@ -75,6 +75,21 @@ fn a_file_that_needs_more_memory_than_there_is_is_refused_before_it_is_read() {
     says(&text(&output.stderr), &["09-22-38.CCR: needs about", "MB of memory, which are not to be had"]);
 }
 
+// row 37
+#[test]
+fn a_report_that_needs_more_memory_than_there_is_is_refused_before_it_begins() {
+    let case = Case::of(good().text());
+    let day = case.file().parent().unwrap().to_owned();
+    for number in 0..6000 {
+        let (hour, minute, second) = (10 + number / 3600, number / 60 % 60, number % 60);
+        fs::write(day.join(format!("{hour:02}-{minute:02}-{second:02}.CCR")), "").unwrap();
+    }
+    let out = case.out();
+    let output = in_shell("ulimit -v 600000; exec \"$@\"", &["report", "--no-plots"], &[&case.campaign(), Path::new("-o"), &out]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["campaign: needs about", "MB of memory, which are not to be had"]);
+}
+
 // rows 41, 47
 #[test]
 fn nothing_is_written_or_read_through_links_and_pipes_in_a_result_folder() {

@@ -68,14 +68,19 @@ pub fn own_files(folder: &Path) -> Result<Vec<String>, Finding> {
     for path in entries(folder)? {
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         if path.is_dir() {
-            let below = entries(&path)?.into_iter().filter(|p| p.is_file() && is_own(p));
+            let below = entries(&path)?.into_iter().filter(|p| p.is_file() && is_known_own(p));
             list.extend(below.filter_map(|p| Some(format!("{name}/{}", p.file_name()?.to_string_lossy()))));
-        } else if name != INDEX_FILE && is_own(&path) {
+        } else if name != INDEX_FILE && is_known_own(&path) {
             list.push(name);
         }
     }
     list.sort();
     Ok(list)
+}
+
+/// Whether this tool wrote a file; of one that cannot be read nobody knows.
+fn is_known_own(path: &Path) -> bool {
+    is_own(path).unwrap_or(false)
 }
 
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, Finding> {

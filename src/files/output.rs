@@ -99,7 +99,11 @@ impl Folder {
         if existing.is_dir() {
             return Err(Finding::error(&shown, "the name is taken by a folder", "choose another output folder with -o"));
         }
-        if self.force || (existing.is_file() && is_own(&path)) {
+        if self.force {
+            return Ok(());
+        }
+        // Nobody is told to overwrite by force what cannot be read just now.
+        if existing.is_file() && is_own(&path).map_err(|e| Finding::io(&path, "read", &e))? {
             return Ok(());
         }
         Err(Finding::error(
@@ -257,31 +261,31 @@ fn must_stay_inside(path: &Path, name: &str) -> Result<(), Finding> {
 }
 
 /// Whether this tool wrote a file, by its mark.
-pub(super) fn is_own(path: &Path) -> bool {
+///
+/// # Errors
+/// It is there and cannot be read.
+pub(super) fn is_own(path: &Path) -> std::io::Result<bool> {
     if path.extension().is_some_and(|end| end == "TAB") {
         return is_own(&path.with_extension("LBL"));
     }
     // A pipe would wait for its other end.
     if !path.is_file() {
-        return false;
+        return Ok(false);
     }
-    let read = || -> std::io::Result<bool> {
-        let mut file = File::open(path)?;
-        let length = file.metadata()?.len();
-        let mut head = Vec::new();
-        (&mut file).take(MARK_WITHIN).read_to_end(&mut head)?;
-        file.seek(SeekFrom::Start(length.saturating_sub(MARK_WITHIN)))?;
-        let mut tail = Vec::new();
-        file.take(MARK_WITHIN).read_to_end(&mut tail)?;
-        let holds = |bytes: &[u8], mark: &[u8]| memchr::memmem::find(bytes, mark).is_some();
-        Ok(BEGINS.iter().any(|begin| head.starts_with(begin))
-            || head.starts_with(LABEL)
-            || head.starts_with(SIMULATED.0) && holds(&head, SIMULATED.1)
-            || head.starts_with(PICTURE.0) && holds(&head, PICTURE.1)
-            || head.starts_with(photo::JPEG) && holds(&tail, photo::MARK)
-            || head.starts_with(TABLE.0) && holds(&tail, TABLE.1) && holds(&tail, b"calfit"))
-    };
-    read().unwrap_or(false)
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    let mut head = Vec::new();
+    (&mut file).take(MARK_WITHIN).read_to_end(&mut head)?;
+    file.seek(SeekFrom::Start(length.saturating_sub(MARK_WITHIN)))?;
+    let mut tail = Vec::new();
+    file.take(MARK_WITHIN).read_to_end(&mut tail)?;
+    let holds = |bytes: &[u8], mark: &[u8]| memchr::memmem::find(bytes, mark).is_some();
+    Ok(BEGINS.iter().any(|begin| head.starts_with(begin))
+        || head.starts_with(LABEL)
+        || head.starts_with(SIMULATED.0) && holds(&head, SIMULATED.1)
+        || head.starts_with(PICTURE.0) && holds(&head, PICTURE.1)
+        || head.starts_with(photo::JPEG) && holds(&tail, photo::MARK)
+        || head.starts_with(TABLE.0) && holds(&tail, TABLE.1) && holds(&tail, b"calfit"))
 }
 
 #[cfg(test)]
@@ -301,5 +305,12 @@ mod tests {
         Folder::open(dir.path(), true).unwrap().write("a.md", b"calfit").unwrap();
         fs::create_dir(dir.path().join("c")).unwrap();
         assert!(folder.check("c").is_err());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_file_that_cannot_be_read_is_not_called_foreign() {
+        // The memory of a process is a regular file without anything at its beginning.
+        assert!(is_own(Path::new("/proc/self/mem")).is_err());
     }
 }

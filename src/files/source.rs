@@ -216,7 +216,7 @@ pub fn room_for(path: &Path, bytes: u64) -> Result<(), Finding> {
         return Ok(());
     }
     let rule = format!("needs about {} MB of memory, which are not to be had", bytes.div_ceil(1_000_000));
-    Err(Finding::error(&path.display().to_string(), rule, "give the program more memory, or divide the file"))
+    Err(Finding::error(&path.display().to_string(), rule, "give the program more memory, or divide the data"))
 }
 
 /// Size and hash of a file.
