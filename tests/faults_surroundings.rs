@@ -86,7 +86,7 @@ fn a_report_that_needs_more_memory_than_there_is_is_refused_before_it_begins() {
     }
     let out = case.out();
     let output = in_shell("ulimit -v 600000; exec \"$@\"", &["report", "--no-plots"], &[&case.campaign(), Path::new("-o"), &out]);
-    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
     says(&text(&output.stderr), &["campaign: needs about", "MB of memory, which are not to be had"]);
 }
 

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// Keys that files of earlier versions of the program do not have.
-const LATER_KEYS: [&str; 10] = [
+const LATER_KEYS: [&str; 12] = [
     "apply",
     "warning_kinds",
     "valid_field_nt",
@@ -14,6 +14,8 @@ const LATER_KEYS: [&str; 10] = [
     "std_combined",
     "covariance_b",
     "covariance_combined",
+    "offset.std_covers",
+    "method.std_covers",
 ];
 
 /// Values of two parameter files side by side.
@@ -35,11 +37,11 @@ impl Differences {
         let (mut a, mut b) = (Vec::new(), Vec::new());
         flatten("", stated.as_item(), &mut a);
         flatten("", again.as_item(), &mut b);
-        let earlier: Vec<&str> = LATER_KEYS.into_iter().filter(|key| stated.get(key).is_none()).collect();
-        let compared = |key: &str| {
-            let table = key.split('.').next().unwrap_or(key);
-            table != "provenance" && !earlier.contains(&table)
-        };
+        let is_stated = |key: &&str| key.split('.').try_fold(stated.as_item(), |item, part| item.get(part)).is_some();
+        let left_out: Vec<&str> = LATER_KEYS.into_iter().filter(|key| !is_stated(key)).chain(["provenance"]).collect();
+        let is_within =
+            |key: &str, outer: &str| key.strip_prefix(outer).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
+        let compared = |key: &str| !left_out.iter().any(|outer| is_within(key, outer));
         let own = |list: Vec<(String, String)>| list.into_iter().filter(|(k, _)| compared(k)).collect::<Vec<_>>();
         let (a, b) = (own(a), own(b));
         for (key, value) in &a {
