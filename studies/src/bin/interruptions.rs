@@ -13,7 +13,7 @@ const MOST: usize = 150;
 const EVERY: usize = 100;
 
 fn so_far(counts: &Counts) {
-    if counts.trials % EVERY == 0 {
+    if counts.trials.is_multiple_of(EVERY) {
         eprint!("{}", line(counts));
     }
 }
