@@ -2,15 +2,13 @@
 //! as the plateau means of a run; a constant is the linear model, and slow noise, which the field of a spacecraft has, is estimated beside
 //! every set of effects.
 
-use super::limits::{hidden_drifts, limits};
+use super::conclusion::Searched;
 use super::means::Means;
-use super::one_run::{noise_floor_nt, quiet_maps};
-use super::problem;
-use super::result::{Diagnosis, Pictures, Step, VerdictKind};
-use super::steps::{joined, sufficient};
-use super::{DiagnoseError, left, where_map, words};
+use super::result::{Diagnosis, Pictures};
+use super::{DiagnoseError, problem};
 use crate::data::note::{Note, NoteKind};
 use crate::data::run::Kind;
+use crate::data::units::Scale;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::extremes;
 use crate::model::effects::record::{Channel, EARLIER};
@@ -60,6 +58,7 @@ fn prepared(of: &Difference) -> PreparedRun {
     };
     let record = Record {
         kind: Kind::ZeroField,
+        scale: Scale::Calibrated,
         rows: of.span_s.iter().map(row).collect(),
         response: Matrix3::identity(),
         span_s: [of.span_s[0][0], of.span_s[n - 1][1]],
@@ -102,58 +101,19 @@ pub fn of_difference(of: &Difference) -> Result<Diagnosis, DiagnoseError> {
     let prepared = prepared(of);
     let mut means = Means::new(&prepared, prepared.readings.clone(), &catalogue, Vec::new());
     let outcome = problem::search(&mut means).ok_or(DiagnoseError::NoNoise)?;
-    let all = means.all(&outcome.terms);
-    let (steps, maps, evidence) = problem::steps(&means, &outcome, 0);
-    let (mut steps, places) = joined(steps);
-    sufficient(&mut steps);
-    let first = |step: usize| places.get(step).filter(|place| place.is_first).map(|place| place.step);
-    let evidence = evidence.into_iter().filter_map(|e| Some(super::result::Evidence { step: first(e.step)?, ..e })).collect();
-    let mut pictures = Pictures { evidence, ..Pictures::default() };
-    let maps = maps.into_iter().filter_map(|m| Some(super::result::Map { step: first(m.step)?, ..m })).collect();
-    let numbers: Vec<usize> = places.iter().map(|place| place.step + 1).collect();
-    let gap_chain = left::chain(&means, &outcome.fit, &all, &numbers, Vec::new());
-    let left = left::left(&means, &outcome.fit, &all);
-    let noise_floor_nt = noise_floor_nt(&means, &outcome.fit, &all);
-    pictures.left = quiet_maps(&means, &outcome.fit, &all, noise_floor_nt);
-    let before = where_map::Model {
-        record: &prepared.record,
+    let searched = Searched {
+        means: &means,
+        outcome: &outcome,
+        catalogue: &catalogue,
         readings: &prepared.readings,
         design: &prepared.design,
-        given: Vec::new(),
-        nt_per_ent: prepared.nt_per_ent,
-    };
-    pictures.places = where_map::places(&before, &outcome.fit.noise);
-    let (not_identifiable, mut detection_limits) = limits(&means, &outcome.fit, &steps, &catalogue);
-    let mut notes = vec![Note::new(NoteKind::Method, method(of))];
-    notes.extend(hidden_drifts(&means, &outcome.fit, &all, &steps));
-    steps.iter_mut().for_each(in_nt);
-    detection_limits.iter_mut().for_each(|limit| limit.parameter = limit.parameter.replace("enT", "nT"));
-    Ok(Diagnosis {
-        format: "diagnosis",
-        version: 1,
         runs: vec![of.name.clone()],
-        noise_floor_nt,
-        noise: Some(outcome.fit.noise.parameters),
-        verdict: words::verdict(&steps, left.as_ref()),
-        verdict_kind: VerdictKind::of(&steps, left.as_ref()),
-        left,
-        gap_chain,
-        steps,
-        not_identifiable,
-        detection_limits,
-        response: None,
-        notes,
         reading_ent: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
-        maps,
-        pictures,
-    })
-}
-
-/// The readings of a flight are nT already.
-fn in_nt(step: &mut Step) {
-    let further = step.further.iter_mut().flat_map(|(_, parameters)| parameters);
-    step.parameters.iter_mut().chain(further).for_each(|parameter| parameter.unit = parameter.unit.replace("enT", "nT"));
-    step.sentence = step.sentence.replace("enT", "nT");
+        steps: Vec::new(),
+        pictures: Pictures::default(),
+        notes: vec![Note::new(NoteKind::Method, method(of))],
+    };
+    Ok(searched.diagnosis())
 }
 
 fn method(of: &Difference) -> String {
