@@ -1,7 +1,7 @@
 //! What a diagnosis found.
 
 use crate::data::note::{Note, told};
-use crate::fit::noise::state_space::NoiseParameters;
+use crate::fit::noise::NoiseParameters;
 use crate::model::effects::{EffectRef, Spec};
 use serde::Serialize;
 
