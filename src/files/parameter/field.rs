@@ -100,6 +100,11 @@ fn is_a_sensor(
     Ok(())
 }
 
+/// Whether two numbers of a file are the same as printed.
+fn is_near(a: f64, b: f64) -> bool {
+    (a - b).abs() <= PRINTED * a.abs().max(b.abs())
+}
+
 /// Whether two axes can have an angle between them, degrees.
 fn is_between_axes(xi_deg: f64) -> bool {
     xi_deg > 0.0 && xi_deg < 180.0
@@ -291,6 +296,36 @@ impl Tof {
 }
 
 impl Opf {
+    /// Refuses standard uncertainties that are not those of the covariance, and fields in nT that are not those in enT times the sensitivity.
+    pub(super) fn is_consistent(&self, path: &Path) -> Result<(), Finding> {
+        let (v, covariance) = (&self.values, &self.found.covariance);
+        for (quantity, key, value, std) in [
+            ("offset", "offset_std_ent", v.offset_ent, v.offset_std_ent),
+            ("residual_coil", "residual_coil_std_nt", v.residual_coil_nt, v.residual_coil_std_nt),
+        ] {
+            for (i, axis) in ["x", "y", "z"].into_iter().enumerate().filter(|(i, _)| value[*i].is_finite()) {
+                let name = format!("{quantity}_{axis}");
+                let at = covariance.parameters.iter().position(|p| *p == name);
+                let Some(variance) = at.and_then(|at| covariance.matrix.get(at)?.get(at)) else { continue };
+                if !is_near(std[i], variance.sqrt()) {
+                    return Err(contradicts(path, format!("{key} is not the root of the variance of {name}")));
+                }
+            }
+        }
+        let Some(scaled) = &self.found.scaled else { return Ok(()) };
+        for (key, nt, ent) in [
+            ("offset_nt", scaled.offset_nt, v.offset_ent),
+            ("offset_std_nt", scaled.offset_std_nt, v.offset_std_ent),
+            ("residual_nt", scaled.residual_nt, v.residual_ent),
+            ("residual_std_nt", scaled.residual_std_nt, v.residual_std_ent),
+        ] {
+            if !(0..3).all(|i| ent[i].is_nan() || is_near(nt[i], scaled.sigma[i] * ent[i])) {
+                return Err(contradicts(path, format!("scaled.{key} is not scaled.sigma times its value in enT")));
+            }
+        }
+        Ok(())
+    }
+
     /// Its part, at the temperatures of its run. A component that was not determined has no coefficient.
     pub(super) fn part(&self) -> FieldPart {
         let std = self.found.of_facility.as_ref().map_or(self.values.offset_std_ent, |b| b.std_combined.offset_ent);

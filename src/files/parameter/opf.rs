@@ -6,12 +6,14 @@ use super::quantity::Shape::{Scalar, Vector};
 use super::quantity::{COIL, Entry, Quantities, RUN_DEGC, SENSOR};
 use super::{Body, FieldPart};
 use crate::data::apply::{Apply, OffsetQuantity};
+use crate::data::error::Finding;
 use crate::data::note::Told;
 use crate::data::offset::{OffsetFound, OffsetValues};
 use crate::data::result::{Conditions, Dropped};
 use crate::model::facility::FacilityApplied;
 use crate::model::field_calibration::Frame;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// What the numbers mean.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,6 +67,9 @@ impl Body for Opf {
     }
     fn field(&self, _frame: Frame) -> Option<FieldPart> {
         Some(self.part())
+    }
+    fn validate(&self, path: &Path) -> Result<(), Finding> {
+        self.is_consistent(path)
     }
     const FORMAT: &'static str = "OPF";
     const NAMING: Naming = Naming::Extension;

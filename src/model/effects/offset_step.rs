@@ -74,7 +74,7 @@ impl Effect for OffsetStep {
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let onset_s = spec.get(ONSET)?;
         let after = |t: f64| if t > onset_s { 1.0 } else { 0.0 };
-        Some(spec.axes.iter().map(|&a| Column::on("c", a, "enT", record, |_, r| after(r.t_s()))).collect())
+        Some(spec.axes.iter().map(|&a| Column::on("c", a, record.scale.unit(), record, |_, r| after(r.t_s()))).collect())
     }
 
     fn between_runs(&self, runs: &Runs) -> Option<BetweenRuns> {
