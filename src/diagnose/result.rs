@@ -2,7 +2,7 @@
 
 use crate::data::note::{Note, told};
 use crate::data::units::Scale;
-use crate::fit::noise::state_space::NoiseParameters;
+use crate::fit::noise::NoiseParameters;
 use crate::model::effects::{EffectRef, Spec};
 use serde::Serialize;
 

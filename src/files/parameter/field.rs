@@ -14,6 +14,9 @@ use crate::model::polynomial::{TemperaturePolynomial, value};
 use nalgebra::{DMatrix, Matrix3};
 use std::path::Path;
 
+/// Sensitivities and angles, in the order in which a calibration takes them.
+const QUANTITIES: [&str; 6] = ["sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz", "xi_yz"];
+
 /// The part of one file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldPart {
@@ -241,16 +244,15 @@ impl Tpf {
 
     /// Its part.
     pub(super) fn part(&self) -> FieldPart {
-        let parts = Coefficients {
-            linearisation: self.scope.linearisation.as_ref().map(|l| l.applied.clone()),
-            matrix: Some(MatrixForm::Alignment(Convention::BepiColombo)),
-            offset: Some(OffsetQuantity::BOr),
-            valid_degc: Some(self.head.valid_degc),
-            range: along_sensor_axes(self.scope.valid_field_nt),
-            ..Coefficients::default()
-        };
-        let parts = with_three(parts, Parameter::Offset, &self.b_or_ent());
-        let parts = with_three(parts, Parameter::Sigma, &self.sigma());
+        let (sigma, xi) = (self.sigma(), self.xi_deg());
+        let parts = with_three(Coefficients::default(), Parameter::Sigma, &sigma);
+        let mut parts = with_three(parts, Parameter::Xi, &xi);
+        let named = QUANTITIES.iter().zip(sigma.iter().chain(&xi));
+        let names: Vec<String> =
+            named.flat_map(|(name, p)| (0..p.coefficients.len()).map(move |k| format!("{name}.{k}"))).collect();
+        if let Some(together) = self.together.as_ref().and_then(|c| sub_covariance(c, &names)) {
+            parts.covariance = Some(together);
+        }
         FieldPart {
             sensor: self.head.sensor.clone(),
             mode: self.head.mode.clone(),
@@ -259,7 +261,14 @@ impl Tpf {
             known_effects: self.known_effects(),
             reference: self.reference.clone(),
             frame: Convention::BepiColombo.sensor_frame().to_owned(),
-            coefficients: with_three(parts, Parameter::Xi, &self.xi_deg()),
+            coefficients: Coefficients {
+                linearisation: self.scope.linearisation.as_ref().map(|l| l.applied.clone()),
+                matrix: Some(MatrixForm::Alignment(Convention::BepiColombo)),
+                offset: Some(OffsetQuantity::BOr),
+                valid_degc: Some(self.head.valid_degc),
+                range: along_sensor_axes(self.scope.valid_field_nt),
+                ..with_three(parts, Parameter::Offset, &self.b_or_ent())
+            },
         }
     }
 }
@@ -319,7 +328,8 @@ impl Opf {
 
     /// Its part, at the temperatures of its run. A component that was not determined has no coefficient.
     pub(super) fn part(&self) -> FieldPart {
-        let [offset, std] = [self.values.offset_ent, self.values.offset_std_ent];
+        let std = self.found.of_facility.as_ref().map_or(self.values.offset_std_ent, |b| b.std_combined.offset_ent);
+        let offset = self.values.offset_ent;
         let constant = |i: usize| TemperaturePolynomial {
             coefficients: Some(offset[i]).filter(|v| v.is_finite()).into_iter().collect(),
             covariance: DMatrix::from_element(1, 1, std[i] * std[i]),
@@ -331,7 +341,7 @@ impl Opf {
             ..Coefficients::default()
         };
         let mut parts = with_three(parts, Parameter::Offset, &[0, 1, 2].map(constant));
-        if let Some(together) = sub_covariance(&self.found.covariance, &["x", "y", "z"].map(|c| format!("offset_{c}"))) {
+        if let Some(together) = sub_covariance(self.found.covariance_of_both(), &["x", "y", "z"].map(|c| format!("offset_{c}"))) {
             parts.covariance = Some(together);
         }
         FieldPart {

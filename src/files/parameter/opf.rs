@@ -92,6 +92,8 @@ impl Body for Opf {
         "residual_coil_nt",
         "residual_coil_std_nt",
         "scaled",
+        "std_b",
+        "std_combined",
     ];
     fn file_name(&self) -> String {
         format!("OFF_PARAMETER__{}.OPF", self.found.run.dashed_id())
