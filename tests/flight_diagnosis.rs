@@ -85,6 +85,10 @@ fn a_diagnosis_of_two_sensors_finds_what_was_not_taken_off_and_nothing_else() {
     assert!(!steps.is_empty(), "{}", found["verdict"]);
     assert_eq!(steps[0].0, "sensor_temperature_offset", "{steps:?}");
     assert!(steps[1..].iter().all(|(effect, _)| *effect == "temperature_rate"), "{steps:?}");
+    // The report speaks of what was compared and in which axes.
+    let report = fs::read_to_string(config.parent().unwrap().join("diagnosis/OB-IB/REPORT_DIAGNOSIS__OB-IB.md")).unwrap();
+    assert!(report.contains("# Diagnosis of difference OB-IB") && report.contains("axes of the spacecraft"), "{report}");
+    assert!(!report.contains("plateau") && !report.contains("sensor ax"), "{report}");
     // The curvature of the model of the truth, turned into axes of the spacecraft, in nT as the levels have it.
     let truth = fs::read(config.parent().unwrap().join("truth/truth.json")).unwrap();
     let truth: Value = serde_json::from_slice(&truth).unwrap();

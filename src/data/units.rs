@@ -46,6 +46,33 @@ impl Scale {
         }
     }
 
+    /// Whose axes they are along.
+    #[must_use]
+    pub const fn axis(self) -> &'static str {
+        match self {
+            Scale::Engineering => "sensor axis",
+            Scale::Calibrated => "spacecraft axis",
+        }
+    }
+
+    /// What the diagnosis looks at.
+    #[must_use]
+    pub const fn means(self) -> &'static str {
+        match self {
+            Scale::Engineering => "plateau means",
+            Scale::Calibrated => "means",
+        }
+    }
+
+    /// What they are called that are diagnosed.
+    #[must_use]
+    pub const fn subject(self) -> &'static str {
+        match self {
+            Scale::Engineering => "run",
+            Scale::Calibrated => "difference",
+        }
+    }
+
     /// Of a slope with the temperature.
     #[must_use]
     pub const fn per_kelvin(self) -> &'static str {

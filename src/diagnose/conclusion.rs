@@ -46,6 +46,7 @@ impl Searched<'_> {
         let gap_chain = left::chain(means, &outcome.fit, &all, &numbers[before..], numbers[..before].to_vec());
         let left = left::left(means, &outcome.fit, &all);
         let noise_floor_nt = noise_floor_nt(means, &outcome.fit, &all);
+        pictures.scale = means.prepared.record.scale;
         pictures.left = quiet_maps(means, &outcome.fit, &all, noise_floor_nt);
         let model = where_map::Model {
             record: &means.prepared.record,
