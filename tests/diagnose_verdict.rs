@@ -208,6 +208,27 @@ fn a_transient_is_found_on_thirty_plateaus() {
     }
 }
 
+/// What decays slower than the samples of one setting show is in the means as a memory of the setting before is, and is no second effect; a
+/// memory that is much more than this is one.
+#[test]
+fn the_slow_part_of_a_transient_is_no_memory_and_a_memory_beside_one_is() {
+    let names = |run: &Run| {
+        let said = Said::of(run);
+        let names: Vec<String> = said.steps().iter().map(|s| s["effect"].as_str().unwrap().to_owned()).collect();
+        (names, said)
+    };
+    let (two, strength) = with_transients(&[(1.0, 2.4e-4), (8.0, 6e-5)], 0.0);
+    assert!(strength > 30.0, "{strength}");
+    let (found, said) = names(&two);
+    assert_eq!(found, ["settling"]);
+    says(
+        &said.diagnosis["warnings"].to_string(),
+        &["the plateau means remember the setting before", "of the settling", "remanence"],
+    );
+    let (found, _) = names(&with_transients(&[(1.0, 2.4e-4)], 2e-4).0);
+    assert_eq!(found, ["settling", "remanence"]);
+}
+
 /// An offset jumps in the middle of a setting, in noise that wanders from setting to setting: the mean of that setting has half of the step.
 /// Beside such noise a step is told by the settings next to it alone, so that all or nothing in that mean makes it half as large.
 #[test]
