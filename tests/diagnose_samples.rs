@@ -167,9 +167,25 @@ fn displaced_settings_are_named_with_sign_and_size() {
     for late_s in [-0.92, -0.8, -0.48, -0.2, 0.2, 0.48, 0.8, 0.92] {
         let found = diagnosed(&plan.run().shift_settings(-late_s));
         assert_eq!(named(&found), ["time_shift"], "{late_s}");
+        assert_eq!(found["steps"][0]["wording"], "is", "{late_s}");
         let [shift_s, std_s] = parameter(&found["steps"][0], "shift");
         assert!((shift_s - late_s).abs() < 3.0 * std_s, "{late_s}: {shift_s} +- {std_s}");
         assert!((std_s * 32.0 * 12.0_f64.sqrt() - 1.0).abs() < 0.1, "{late_s}: {std_s}");
+    }
+}
+
+/// Edges between two samples: of a displacement that is known to a third of a sample a part of every step is left beside the edge, again and
+/// again with the settings, which is no signal.
+#[test]
+fn what_displaced_edges_leave_is_no_signal() {
+    let plan = Plan { settings: with_pauses(), rate_hz: 32.0, ..Plan::default() };
+    for late_s in [-0.47, 0.083] {
+        let mut run = plan.run().shift_settings(-late_s);
+        let readings: Vec<[f64; 3]> = run.samples.iter().map(|s| s.reading).collect();
+        for (k, sample) in run.samples.iter_mut().enumerate().skip(1) {
+            sample.reading = std::array::from_fn(|i| 0.4 * readings[k - 1][i] + 0.6 * readings[k][i]);
+        }
+        assert_eq!(named(&diagnosed(&run)), ["time_shift"], "{late_s}");
     }
 }
 
@@ -210,6 +226,24 @@ fn a_gap_while_the_sensor_is_heated_is_no_fault_of_the_thermistor() {
         let found = diagnosed(&in_temperatures(heated, |t| (t < gap_s[0] || t > gap_s[1]).then(|| heated(t))));
         assert!(named(&found).contains(&"sensor_temperature_offset"), "{found}");
         assert!(!named(&found).contains(&"bad_thermistor"), "{found}");
+    }
+}
+
+/// A thermistor that repeats its last reading while the sensor is heated tells nothing then: neither a jump nor an effect is made of it.
+#[test]
+fn a_thermistor_that_sticks_while_the_sensor_is_heated_is_no_jump() {
+    for stuck_s in [[55.0, 85.0], [62.0, 100.0]] {
+        let last = |t: f64| if t > stuck_s[0] && t < stuck_s[1] { stuck_s[0] } else { t };
+        let mut run = in_temperatures(heated, |t| Some(heated(last(t))));
+        let at_begin = run.temperatures.iter().rfind(|(t, _)| *t <= stuck_s[0]).unwrap().1;
+        run.temperatures
+            .iter_mut()
+            .filter(|(t, _)| *t > stuck_s[0] && *t < stuck_s[1])
+            .for_each(|(_, values)| *values = at_begin);
+        let found = diagnosed(&run);
+        assert!(named(&found).contains(&"sensor_temperature_offset"), "{found}");
+        assert!(!named(&found).contains(&"bad_thermistor"), "{found}");
+        says(&found["warnings"].to_string(), &["T59", "stands still"]);
     }
 }
 

@@ -161,9 +161,9 @@ fn a_drift_of_one_turn_and_a_third_is_found() {
 }
 
 /// Thirty settings of 16 s: a transient of 2 s whose matched filter has a signal to noise ratio of ten.
-#[test]
-fn a_transient_is_found_on_thirty_plateaus() {
-    let (tau_s, fraction) = (2.0, 9.5e-6 * 2.0);
+/// Thirty settings of 16 s whose readings approach every new field slowly: `transients` are time constants, s, and parts of the step. The
+/// signal to noise ratio of what shows inside the settings is that of the run.
+fn with_transients(transients: &[(f64, f64)], memory: f64) -> (Run, f64) {
     let plan = Plan { settings: settings(30, 16.0), rate_hz: 8.0, noise_ent: NOISE_ENT, seed: 6, ..Plan::default() };
     let truth = plan.truth.clone();
     let mut run = plan.run();
@@ -175,8 +175,9 @@ fn a_transient_is_found_on_thirty_plateaus() {
         let samples = run.samples_of(i);
         let mut added = Vec::new();
         for k in samples.clone() {
-            let since = (run.samples[k].t - run.settings[i].t_start) / tau_s;
-            added.push([0, 1, 2].map(|a: usize| -fraction * (now[a] - before[a]) * (-since).exp()));
+            let since_s = run.samples[k].t - run.settings[i].t_start;
+            let left: f64 = transients.iter().map(|(tau_s, part)| part * (-since_s / tau_s).exp()).sum();
+            added.push([0, 1, 2].map(|a: usize| -left * (now[a] - before[a]) + memory * before[a]));
         }
         for a in 0..3 {
             let mean = added.iter().map(|v| v[a]).sum::<f64>() / added.len() as f64;
@@ -184,7 +185,13 @@ fn a_transient_is_found_on_thirty_plateaus() {
         }
         samples.zip(added).for_each(|(k, added)| (0..3).for_each(|a| run.samples[k].reading[a] += added[a]));
     }
-    let strength = squares.sqrt() / NOISE_ENT;
+    (run, squares.sqrt() / NOISE_ENT)
+}
+
+#[test]
+fn a_transient_is_found_on_thirty_plateaus() {
+    let (tau_s, fraction) = (2.0, 9.5e-6 * 2.0);
+    let (run, strength) = with_transients(&[(tau_s, fraction)], 0.0);
     assert!((8.0..12.0).contains(&strength), "{strength}");
     let said = Said::of(&run);
     let steps = said.steps();
@@ -199,6 +206,52 @@ fn a_transient_is_found_on_thirty_plateaus() {
         let [value, std] = value(name);
         assert!((value - truth).abs() < 4.0 * std && std < 0.6 * truth, "{name} = {value} +- {std}");
     }
+}
+
+/// What decays slower than the samples of one setting show is in the means as a memory of the setting before is, and is no second effect; a
+/// memory that is much more than this is one.
+#[test]
+fn the_slow_part_of_a_transient_is_no_memory_and_a_memory_beside_one_is() {
+    let names = |run: &Run| {
+        let said = Said::of(run);
+        let names: Vec<String> = said.steps().iter().map(|s| s["effect"].as_str().unwrap().to_owned()).collect();
+        (names, said)
+    };
+    let (two, strength) = with_transients(&[(1.0, 2.4e-4), (8.0, 6e-5)], 0.0);
+    assert!(strength > 30.0, "{strength}");
+    let (found, said) = names(&two);
+    assert_eq!(found, ["settling"]);
+    says(
+        &said.diagnosis["warnings"].to_string(),
+        &["the plateau means remember the setting before", "of the settling", "remanence"],
+    );
+    let (found, _) = names(&with_transients(&[(1.0, 2.4e-4)], 2e-4).0);
+    assert_eq!(found, ["settling", "remanence"]);
+}
+
+/// An offset jumps in the middle of a setting, in noise that wanders from setting to setting: the mean of that setting has half of the step.
+/// Beside such noise a step is told by the settings next to it alone, so that all or nothing in that mean makes it half as large.
+#[test]
+fn a_step_inside_a_setting_has_its_size() {
+    let (step_ent, at) = (0.8, 40);
+    let mut gauss = Gauss(77);
+    let mut level = 0.0;
+    let walk: Vec<f64> = (0..SETTINGS)
+        .map(|_| {
+            level += 0.03 * gauss.normal();
+            level
+        })
+        .collect();
+    let mut run = run(9, |i, _| [walk[i] + if i > at { step_ent } else { 0.0 }, 0.0, 0.0]);
+    let later: Vec<usize> = run.samples_of(at).skip((0.5 * SETTING_S * RATE_HZ) as usize).collect();
+    later.into_iter().for_each(|k| run.samples[k].reading[0] += step_ent);
+    let said = Said::of(&run);
+    let steps = said.steps();
+    let step = steps.iter().find(|s| s["effect"] == "offset_step").unwrap_or_else(|| panic!("{steps:?}"));
+    let all = step["parameters"].as_array().unwrap();
+    let [value, std] = ["value", "std"].map(|key| all[0][key].as_f64().unwrap());
+    // Between neighbours of the setting the noise walks two steps of 0.03 enT.
+    assert!((value - step_ent).abs() < 3.0 * std && std < 0.1, "{value} +- {std}");
 }
 
 /// One and a half turns, at a signal to noise ratio of 8 and of 15 beside a trend of order two. What is weaker than 15 may be slow noise as

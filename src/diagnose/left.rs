@@ -6,6 +6,7 @@ use super::result::{Left, LeftLike, Link};
 use crate::data::units::COMPONENTS;
 use crate::fit::scan::orthonormal;
 use crate::fit::statistics::fisher_tail;
+use crate::model::effects::{Covariate, Spec, TIME, UNKNOWN};
 use nalgebra::{DMatrix, DVector};
 
 /// Slow noise from this many times the white noise on is told as something that is left: less is usual for a good sensor.
@@ -65,7 +66,12 @@ pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Opt
 /// The covariate that what is left on an axis follows best, if that is no chance.
 fn follows(means: &Means, axis: usize, left: &DVector<f64>) -> String {
     let n = left.len();
-    let own: Vec<&Candidate> = means.candidates.iter().filter(|c| c.effect.is_unknown() && c.spec.axes == [axis]).collect();
+    // A function of time is no candidate of its own: a drift of the offset is.
+    let time = Covariate::all(&means.prepared.record).into_iter().find(|c| c.name == TIME);
+    let of_time = time.and_then(|t| t.smooth(&means.prepared.record, axis));
+    let of_time = of_time.map(|columns| Candidate::of_readings(UNKNOWN, Spec::new(TIME, &[axis]), columns));
+    let unknown = means.candidates.iter().filter(|c| c.effect.is_unknown() && c.spec.axes == [axis]);
+    let own: Vec<&Candidate> = unknown.chain(&of_time).collect();
     let design = orthonormal(&means.prepared.design, None, INDEPENDENT);
     let explained = |candidate: &&Candidate| {
         let columns: DMatrix<f64> = candidate.columns.rows(axis * n, n).into_owned();

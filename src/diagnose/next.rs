@@ -111,7 +111,9 @@ pub(super) fn forecasts(means: &Means, model: &MeansModel, named: &Named) -> Vec
     };
     let menu: Vec<&Plan> = Plan::ALL.iter().filter(is_on_menu).collect();
     let mut all: Vec<Forecast> = menu.into_par_iter().filter_map(forecast).collect();
-    all.sort_by(|a, b| b.k.total_cmp(&a.k));
+    // What a move would tell is known from the run once more: it stands last.
+    let is_move = |forecast: &Forecast| forecast.measurement == Plan::Moved.name();
+    all.sort_by(|a, b| is_move(a).cmp(&is_move(b)).then(b.k.total_cmp(&a.k)));
     all
 }
 

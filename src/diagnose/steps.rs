@@ -4,6 +4,7 @@ use super::result::{Forecast, Gap, Parameter, RunnerUp, ShapePoint, Step};
 use super::samples::Inside;
 use super::{CERTAIN, next, words};
 use crate::model::effects::bad_thermistor::{BadThermistor, JUMP, JUMP_TIME};
+use crate::model::effects::time_shift::TimeShift;
 use crate::model::effects::{EffectRef, Family, Spec};
 use crate::record::prepared::PreparedRun;
 use crate::record::temperature_faults::Jumps;
@@ -185,12 +186,13 @@ pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun, is_shifted: bo
         max_nt: nt(found.rms_ent[k]).into_iter().fold(0.0, f64::max),
     };
     let significance = Significance::of_trials(found.p_value, found.trials, found.strength);
+    let is_beside_shift = is_shifted && found.effect.about().family == Family::Periodic && !found.effect.is(&TimeShift);
     let facts = Facts {
         parameters,
         place: found.effect.place_in_samples(&found.spec),
         gaps: [gap(0), gap(1)],
         ambiguous_with: found.ambiguous_with.clone(),
-        name: if is_shifted && found.effect.about().family == Family::Periodic { Name::Doubted } else { Name::ByStrength },
+        name: if is_beside_shift { Name::Doubted } else { Name::ByStrength },
         ..Facts::new(found.effect, found.spec.clone(), significance)
     };
     let next_measurement = (!facts.is_certain()).then(|| found.effect.about().best_measurement.to_owned());

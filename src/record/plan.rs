@@ -30,13 +30,15 @@ pub enum Plan {
     ZeroPauses,
     /// The sensor is turned, so that every axis looks along another coil axis.
     Turned,
+    /// The sensor stands at another place of the coils.
+    Moved,
     /// A signal into the converter in place of a field.
     TestSignal,
 }
 
 impl Plan {
     /// All of them.
-    pub const ALL: [Plan; 8] = [
+    pub const ALL: [Plan; 9] = [
         Plan::SensorHeated,
         Plan::CoilsHeated,
         Plan::RackHeated,
@@ -44,6 +46,7 @@ impl Plan {
         Plan::Longer,
         Plan::ZeroPauses,
         Plan::Turned,
+        Plan::Moved,
         Plan::TestSignal,
     ];
 
@@ -58,6 +61,7 @@ impl Plan {
             Plan::Longer => "longer_settings",
             Plan::ZeroPauses => "zero_pauses",
             Plan::Turned => "sensor_turned",
+            Plan::Moved => "sensor_moved",
             Plan::TestSignal => "test_signal",
         }
     }
@@ -75,6 +79,11 @@ impl Plan {
             Plan::Longer => "the same settings, each twice as long".to_owned(),
             Plan::ZeroPauses => "the same settings with one of zero field after each".to_owned(),
             Plan::Turned => "the same settings with the sensor turned, x, y, z where y, z, x were".to_owned(),
+            Plan::Moved => {
+                "the same settings with the sensor at another place (no effect of one run depends on the place: it tells what the run once more \
+                 tells)"
+                    .to_owned()
+            }
             Plan::TestSignal => "a test signal into the converter with the steps of these settings, without field".to_owned(),
         }
     }

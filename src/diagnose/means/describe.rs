@@ -8,11 +8,14 @@ use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Gap, Map, Parameter};
 use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape_parameters};
 use crate::diagnose::{APART, selection, words};
-use crate::model::effects::Family;
+use crate::model::effects::{Family, Record};
 use nalgebra::DVector;
 
 /// Rivals whose evidence (logarithm) is less than that of a term by more than this are not listed.
 pub const HOPELESS: f64 = 60.0;
+
+/// Settings over which a field that was the largest is remembered.
+const REMEMBERED: usize = 10;
 
 /// What a term contributes to the means, where it disagrees most with the linear model.
 struct Contribution {
@@ -101,7 +104,10 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     // The term has the best value of its shape, rivals those of a grid: with those of the grid for both, none may be near. An unknown function
     // has other unknown ones as rivals, too.
     let has_near_rival = runners_up.iter().any(|r| r.log_ratio > -APART);
-    let is_doubted = has_near_rival || rivals.has_family_twin() || has_twin_beside(candidate, &others);
+    let is_doubted = has_near_rival
+        || rivals.has_family_twin()
+        || has_twin_beside(candidate, &others)
+        || begins_with_large_field(&means.prepared.record, candidate);
     let facts = Facts {
         parameters,
         name: if is_doubted { Name::Doubted } else { Name::ByStrength },
@@ -133,6 +139,21 @@ fn has_twin_beside(candidate: &Candidate, others: &[&Candidate]) -> bool {
     let is_curve = |c: &Candidate| c.effect.about().family == Family::StaticOdd;
     is_curve(candidate)
         && others.iter().any(|other| is_curve(other) && other.spec.axes.iter().any(|axis| candidate.spec.axes.contains(axis)))
+}
+
+/// Whether something begins when a field is applied that is larger than those of many settings before: a hysteresis that remembers the largest
+/// field makes the same.
+fn begins_with_large_field(record: &Record, candidate: &Candidate) -> bool {
+    let Some(begin_s) = candidate.effect.begins_s(&candidate.spec) else { return false };
+    let next = record.rows.partition_point(|r| r.used_s[1] <= begin_s);
+    let is_large = |row: usize, axis: usize| {
+        let size = |i: usize| record.rows[i].linear_ent[axis].abs();
+        let before = row.saturating_sub(REMEMBERED)..row;
+        size(row) > 0.0 && before.len() == REMEMBERED && before.into_iter().all(|i| size(i) < size(row))
+    };
+    // The setting in which it begins, or the one before the pause in which it does.
+    let rows = next.saturating_sub(1)..(next + 1).min(record.rows.len());
+    rows.into_iter().any(|row| candidate.spec.axes.iter().any(|axis| is_large(row, *axis)))
 }
 
 /// Linear parameters, corrected for having been selected, and those of the shape, of which the one that was refined has an uncertainty.

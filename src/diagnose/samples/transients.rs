@@ -20,6 +20,10 @@ const SINGLE_AXIS: f64 = 6.0;
 const FINER: [f64; 5] = [0.25, 0.12, 0.06, 0.03, 0.015];
 /// Step of the derivative by the logarithm of a time constant.
 const TAU_STEP: f64 = 0.01;
+/// Time constants over which an amplitude that is not much larger than its noise is averaged: so many to either side, their logarithms this far
+/// apart.
+const BESIDE: i32 = 8;
+const BESIDE_STEP: f64 = 0.15;
 
 /// Bins of one axis, plateau after plateau.
 type Bins = Vec<DVector<f64>>;
@@ -225,6 +229,20 @@ impl<'a> Stack<'a> {
         }
         information.try_inverse().map(|c| [c[(0, 0)].sqrt(), tau_s * c[(1, 1)].sqrt()])
     }
+
+    /// Standard uncertainty of the amplitude from the likelihoods of time constants far to either side: the amplitude goes with a time constant as an
+    /// exponential does, and not in proportion.
+    fn spread(&self, transient: &Transient) -> f64 {
+        let mut sums = [0.0; 2];
+        for step in -BESIDE..=BESIDE {
+            let tau_s = transient.tau_s * (BESIDE_STEP * f64::from(step)).exp();
+            let Some(other) = self.transients(tau_s).into_iter().find(|other| other.axes == transient.axes) else { continue };
+            let weight = (0.5 * (other.chi_square - transient.chi_square)).min(0.0).exp();
+            sums[0] += weight;
+            sums[1] += weight * (other.std.powi(2) + (other.amplitude - transient.amplitude).powi(2));
+        }
+        (sums[1] / sums[0].max(f64::MIN_POSITIVE)).sqrt()
+    }
 }
 
 /// Whether a transient of an effect follows the steps.
@@ -251,7 +269,8 @@ fn transient_of(
         return None;
     }
     let found = stack.refined(coarse)?;
-    let std = stack.std(&found);
+    let wide = stack.spread(&found);
+    let std = stack.std(&found).map(|[of_amplitude, of_tau]| [of_amplitude.max(wide), of_tau]);
     Some(Inside {
         values: vec![(found.amplitude, std.map_or(found.std, |[of_amplitude, _]| of_amplitude))],
         shape_std: std.map(|[_, of_tau]| (form.time_constant.to_owned(), of_tau)).into_iter().collect(),

@@ -31,7 +31,7 @@ pub mod offset_step;
 mod quadratic_nonlinearity;
 mod rack_temperature;
 pub mod record;
-mod remanence;
+pub mod remanence;
 pub mod response_order;
 mod rotation_drift;
 mod saturation;
@@ -47,7 +47,7 @@ mod unseen;
 
 pub use catalogue::{Catalogue, EffectRef, IdTaken, UNKNOWN};
 pub use record::{Record, Row, Thermal};
-pub use unknown::{Covariate, columns as unknown_columns, spline};
+pub use unknown::{Covariate, TIME, columns as unknown_columns, spline};
 pub use unseen::Unseen;
 
 use crate::data::run::Kind;

@@ -1,6 +1,7 @@
 //! The offset drifts beyond the fitted trend.
 
 use super::between::{self, BetweenRuns, Cause, Runs, TOGETHER_AND_SINGLY, Term};
+use super::unknown::spline;
 use super::{
     About, Acts, Column, Effect, Family, PART_OF_THE_OFFSETS, Record, ShapeParameter, Spec, Unseen, singly_and_together,
 };
@@ -27,6 +28,9 @@ const POLYNOMIAL: &str = "polynomial";
 const WAVES: &str = "waves";
 /// Form: cosines over the run.
 const RIPPLES: &str = "ripples";
+/// Form: a natural cubic spline over the run, with its knots in parts of the half run about its middle.
+const SMOOTH: &str = "spline";
+const KNOTS: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
 /// Form: a sine of a period.
 const CYCLE: &str = "cycle";
 /// Form: an exponential from the begin of the run.
@@ -46,7 +50,7 @@ impl Effect for OffsetDrift {
     fn about(&self) -> About {
         About {
             summary: "offset drifts beyond the fitted trend",
-            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of the orders above those of the fitted trend: one (line, where the trend has less than two), two (polynomial) or four (waves); or Σ r_m cos(π m (τ + 1) / 2), eight of them (ripples); or s sin(2π t/period) + c cos(2π t/period) (cycle); or c exp(-t/time constant) (decay); t since the run's begin",
+            formula: "x_i += Σ c_p P_p(τ), Legendre polynomials of the orders above those of the fitted trend: one (line, where the trend has less than two), two (polynomial) or four (waves); or Σ r_m cos(π m (τ + 1) / 2), eight of them (ripples); or a natural cubic spline of five knots (spline); or s sin(2π t/period) + c cos(2π t/period) (cycle); or c exp(-t/time constant) (decay); t since the run's begin",
             family: Family::Time,
             seen_in: "all",
             needs: "time",
@@ -83,6 +87,7 @@ impl Effect for OffsetDrift {
         }
         specs.extend(singly_and_together(WAVES));
         specs.extend(singly_and_together(RIPPLES));
+        specs.extend(singly_and_together(SMOOTH));
         let length = record.span_s[1] - record.span_s[0];
         for turns in std::iter::successors(Some(LEAST_TURNS), |t| Some(t * RATIO)).take_while(|t| *t < MOST_TURNS) {
             specs.extend(singly_and_together(CYCLE).into_iter().map(|s| s.with(PERIOD, length / turns, "s")));
@@ -115,6 +120,14 @@ impl Effect for OffsetDrift {
             let cosine = |m: usize, t_s: f64| (0.5 * PI * m as f64 * (record.tau(t_s) + 1.0)).cos();
             let columns = spec.axes.iter().flat_map(|&a| {
                 (first..first + 8).map(move |m| Column::on(&format!("r{m}"), a, unit, record, |_, r| cosine(m, r.t_s())))
+            });
+            return Some(columns.collect());
+        }
+        if spec.form == SMOOTH {
+            let columns = spec.axes.iter().flat_map(|&a| {
+                (0..KNOTS.len() - 1).map(move |k| {
+                    Column::on(&format!("s{}", k + 1), a, "enT", record, |_, r| spline(&KNOTS, record.tau(r.t_s()))[k])
+                })
             });
             return Some(columns.collect());
         }

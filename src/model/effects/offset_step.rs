@@ -73,8 +73,12 @@ impl Effect for OffsetStep {
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let onset_s = spec.get(ONSET)?;
-        let after = |t: f64| if t > onset_s { 1.0 } else { 0.0 };
-        Some(spec.axes.iter().map(|&a| Column::on("c", a, record.scale.unit(), record, |_, r| after(r.t_s()))).collect())
+        Some(
+            spec.axes
+                .iter()
+                .map(|&a| Column::on("c", a, record.scale.unit(), record, |_, r| part_after(onset_s, r.used_s)))
+                .collect(),
+        )
     }
 
     fn between_runs(&self, runs: &Runs) -> Option<BetweenRuns> {
@@ -93,5 +97,29 @@ impl Effect for OffsetStep {
             })
         });
         Some(BetweenRuns::tried(Cause::Time, terms.collect()))
+    }
+}
+
+/// The part of a time that lies after the onset: the mean of a plateau in which the offset jumps has a part of the step, which all of it or none
+/// would make too small beside slow noise, that is told by neighbours.
+fn part_after(onset_s: f64, [begin, end]: [f64; 2]) -> f64 {
+    if end > begin {
+        ((end - onset_s) / (end - begin)).clamp(0.0, 1.0)
+    } else if end > onset_s {
+        1.0
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::part_after;
+
+    #[test]
+    fn a_plateau_has_the_part_of_a_step_that_lies_in_it() {
+        assert_eq!([0.0, 10.0, 13.0, 16.0, 20.0].map(|onset_s| part_after(onset_s, [10.0, 16.0])), [1.0, 1.0, 0.5, 0.0, 0.0]);
+        // A single reading has all of it or none.
+        assert_eq!([9.9, 10.1].map(|onset_s| part_after(onset_s, [10.0, 10.0])), [1.0, 0.0]);
     }
 }

@@ -39,7 +39,7 @@ impl Effect for Remanence {
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
         record.require_fields()?;
         let mut specs = singly_and_together(OWN);
-        specs.push(Spec::new(COMMON, &[0, 1, 2]));
+        specs.push(of_one_cause(&[0, 1, 2]));
         Ok(specs)
     }
 
@@ -49,5 +49,14 @@ impl Effect for Remanence {
             COMMON => vec![Column::of("c", "enT/enT", record, |_, r| before(r))],
             _ => spec.axes.iter().map(|&a| Column::on("c", a, "enT/enT", record, |_, r| before(r)[a])).collect(),
         })
+    }
+}
+
+/// A memory of the same part on all of some axes.
+#[must_use]
+pub fn of_one_cause(axes: &[usize]) -> Spec {
+    match axes {
+        [_] => Spec::new(OWN, axes),
+        _ => Spec::new(COMMON, &[0, 1, 2]),
     }
 }

@@ -19,7 +19,7 @@ const PRIOR: f64 = 0.04;
 /// Components of the fields of the settings before, the last of them first.
 const HISTORY: [&str; EARLIER] = ["previous field _", "field _ two settings before", "field _ three settings before"];
 /// The covariates that belong to the times of one run.
-const TIME: &str = "time";
+pub const TIME: &str = "time";
 const GAIN_WITH_TIME: &str = "gain with time";
 
 /// A smooth function of one covariate.
@@ -204,7 +204,9 @@ impl Effect for Unknown {
     }
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
-        let all = Covariate::all(record);
+        let mut all = Covariate::all(record);
+        // Whatever is smooth in time is a drift of the offset, which is in the catalogue.
+        all.retain(|c| c.name != TIME);
         let mut specs: Vec<Spec> = all.iter().flat_map(|c| (0..3).filter_map(move |axis| c.spec(axis, MOST_KNOTS))).collect();
         // Of what the catalogue has no effect for, a straight line comes first.
         let straight = all.iter().filter(|c| c.is_new()).flat_map(|c| (0..3).filter_map(move |axis| c.spec(axis, 2)));

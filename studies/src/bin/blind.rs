@@ -4,18 +4,20 @@
 //!     cargo run --release -p calfit-studies --bin blind -- --dump DIR --case SEED [with the options of the study that it is a case of]
 //!     cargo run --release -p calfit-studies --bin blind -- --dump DIR --seed N [--kinds lin] [--hide cubic_nonlinearity,...] [--k 8]
 //!     cargo run --release -p calfit-studies --bin blind -- --check 200
+//!     cargo run --release -p calfit-studies --bin blind -- --names 40 [--first 0]
 //!
 //! The first writes `reports/blind-study.md` and its pictures (or into `--out DIR`), again and again while it goes on, and ends early after
 //! `--minutes`; `--first` takes other draws. The others write run files with `truth.json` beside
-//! them, those of a case of a study or new ones. The last measures every effect and noise family with a matched filter over many draws of the noise: the mean must be the
-//! strength that was asked for, the standard deviation one.
+//! them, those of a case of a study or new ones. `--check` measures every effect and noise family with a matched filter over many draws of the noise: the mean must be the
+//! strength that was asked for, the standard deviation one. `--names` tells how often the names of effects that resemble each other can be right
+//! for someone who knows noise, axes and forms, and how often they are.
 
 use calfit::files::ccr::{Decimals, Section, Writer};
 use calfit::model::position::Position;
 use calfit_studies::blind::kinds::{Measure, generate, nuisance, plateau_cells, sample_cells};
 use calfit_studies::blind::noise::{Family, Random};
 use calfit_studies::blind::sensor::Kind;
-use calfit_studies::blind::{self, Options, effects, picture, report, score};
+use calfit_studies::blind::{self, Options, effects, names, picture, report, score};
 use calfit_studies::repository;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -27,8 +29,8 @@ type Failure = Box<dyn std::error::Error>;
 
 /// `--name value` pairs.
 fn arguments() -> Result<BTreeMap<String, String>, Failure> {
-    const KNOWN: [&str; 12] =
-        ["null", "effects", "first", "kinds", "out", "dump", "case", "seed", "hide", "k", "check", "minutes"];
+    const KNOWN: [&str; 13] =
+        ["null", "effects", "first", "kinds", "out", "dump", "case", "seed", "hide", "k", "check", "names", "minutes"];
     let mut given = BTreeMap::new();
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
@@ -77,6 +79,10 @@ fn main() -> Result<(), Failure> {
     }
     if given.contains_key("check") {
         return check(&kinds, number("check", 200)?);
+    }
+    if given.contains_key("names") {
+        print!("{}", names::table(first, number("names", 40)?));
+        return Ok(());
     }
     let minutes = number("minutes", u64::MAX)?;
     let begin = Instant::now();

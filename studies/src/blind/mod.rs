@@ -8,6 +8,7 @@
 //! * `effects`: what can be hidden
 //! * `kinds`: strength of an effect, and run sets in memory
 //! * `ideal`: what could be found by someone who knows the noise, or the distribution from which it is drawn
+//! * `names`: how often one of two effects that resemble each other can be named rightly at all
 //! * `poles`: how well one pole and two poles in the field could be distinguished
 //! * `judge`: the call of the diagnosis
 //! * `score`: from verdicts to counts; `report` and `picture`: from counts to tables and figures
@@ -18,6 +19,7 @@ pub mod freq;
 pub mod ideal;
 pub mod judge;
 pub mod kinds;
+pub mod names;
 pub mod noise;
 pub mod picture;
 pub mod poles;

@@ -18,6 +18,8 @@ const FEWEST: usize = 200;
 const LEAST_VARIANCE: f64 = 0.2;
 /// Half of the width over which the level of the spectrum is taken, lines.
 const LEVEL: usize = 120;
+/// The same where slow noise shows, at least.
+const LEAST_LEVEL: usize = 24;
 /// Lines from one level to the next.
 const STRIDE: usize = LEVEL / 2;
 /// Parts of a line in which the fundamental of a comb is looked for.
@@ -346,14 +348,19 @@ fn weights(values: &[f64], windows: &[[usize; 2]]) -> Vec<f64> {
 /// Level of a spectrum of noise around every [`STRIDE`]th line, from medians: lines do not lift it.
 fn levels_of(lines: &[Complex<f64>]) -> Vec<f64> {
     let n = lines.len();
-    let level = |centre: usize| {
-        let around = &lines[centre.saturating_sub(LEVEL)..(centre + LEVEL).min(n)];
+    let within = |centre: usize, half: usize| {
+        let around = &lines[centre.saturating_sub(half)..(centre + half).min(n)];
         // Numbers that are not negative have the order of their bits, which are quicker to sort.
         let mut part: Vec<u64> = around.iter().map(|line| line.norm_sqr().to_bits()).collect();
         let middle = part.len() / 2;
         let median = f64::from_bits(*part.select_nth_unstable(middle).1);
         // The median of exponential powers is ln 2 of their mean.
         (median / std::f64::consts::LN_2).max(f64::MIN_POSITIVE)
+    };
+    // Slow noise around the means of plateaus is largest at periods of about a plateau: where that is a few lines, the width must be less.
+    let level = |centre: usize| {
+        let wide = within(centre, LEVEL);
+        if centre < 2 * LEVEL { wide.max(within(centre, (centre / 2).max(LEAST_LEVEL))) } else { wide }
     };
     (0..n.div_ceil(STRIDE)).into_par_iter().map(|k| level(k * STRIDE)).collect()
 }

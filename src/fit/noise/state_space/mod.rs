@@ -101,6 +101,12 @@ impl NoiseParameters {
 const EVERY: usize = 5;
 const HOPELESS: f64 = 40.0;
 
+/// Rows of the part by which noises are ruled out, the logarithm of a likelihood ratio that does so, and how many times more rows there have to
+/// be for that to be worth it.
+const PART_ROWS: usize = 400;
+const HOPELESS_OF_A_PART: f64 = 30.0;
+const LEAST_SAVING: usize = 3;
+
 /// Number of shapes of slow noise.
 const SHAPES: usize = EXPONENTS.len() + MEMORIES.len();
 
@@ -307,6 +313,31 @@ impl Correlations {
     #[must_use]
     pub fn plausible(&self, from: &NoiseParameters, readings: &DMatrix<f64>, designs: &[DMatrix<f64>; 3]) -> Vec<(Noise, f64)> {
         let data = Data { readings, designs };
+        let tried = self.hopeful(self.around(from), &data);
+        let weigh = |tried: &[(NoiseParameters, f64)]| -> Vec<(Noise, f64)> {
+            let of_one =
+                |(c, prior): &(NoiseParameters, f64)| self.likelihood(c, &data).map(|(l, noise)| (noise, l + prior.ln()));
+            tried.par_iter().filter_map(of_one).collect()
+        };
+        let best = |all: &[(Noise, f64)]| all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
+        let (gain, other): (Vec<_>, Vec<_>) = tried.into_iter().partition(|(c, _)| c.slow_field > 0.0);
+        let other = weigh(&other);
+        // Noise of the gain is dear. Where the readings suggest none, a part of it tells whether the rest has to be looked at.
+        let (some, rest): (Vec<_>, Vec<_>) = gain.into_iter().enumerate().partition(|(k, _)| k % EVERY == 0);
+        let [some, rest] = [some, rest].map(|all| all.into_iter().map(|(_, one)| one).collect::<Vec<_>>());
+        let mut all = weigh(&some);
+        if from.slow_field > 0.0 || best(&all) > best(&other) - HOPELESS {
+            all.extend(weigh(&rest));
+        }
+        all.extend(other);
+        let most = all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
+        let sum = all.iter().map(|a| (a.1 - most).exp()).sum::<f64>().ln() + most;
+        all.iter_mut().for_each(|a| a.1 -= sum);
+        all
+    }
+
+    /// Noises that readings may allow beside the most likely one, with their probabilities before; the last is white.
+    fn around(&self, from: &NoiseParameters) -> Vec<(NoiseParameters, f64)> {
         let mut tried: Vec<(NoiseParameters, f64)> = Vec::new();
         let of_rows =
             if self.0.rows.inside.is_some() { vec![(true, APART_PRIOR), (false, 1.0 - APART_PRIOR)] } else { vec![(false, 1.0)] };
@@ -328,26 +359,34 @@ impl Correlations {
                 );
             }
         }
-        let weigh = |tried: &[(NoiseParameters, f64)]| -> Vec<(Noise, f64)> {
-            let of_one =
-                |(c, prior): &(NoiseParameters, f64)| self.likelihood(c, &data).map(|(l, noise)| (noise, l + prior.ln()));
-            tried.par_iter().filter_map(of_one).collect()
-        };
-        let best = |all: &[(Noise, f64)]| all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
-        let (gain, other): (Vec<_>, Vec<_>) = tried.into_iter().partition(|(c, _)| c.slow_field > 0.0);
-        let other = weigh(&other);
-        // Noise of the gain is dear. Where the readings suggest none, a part of it tells whether the rest has to be looked at.
-        let (some, rest): (Vec<_>, Vec<_>) = gain.into_iter().enumerate().partition(|(k, _)| k % EVERY == 0);
-        let [some, rest] = [some, rest].map(|all| all.into_iter().map(|(_, one)| one).collect::<Vec<_>>());
-        let mut all = weigh(&some);
-        if from.slow_field > 0.0 || best(&all) > best(&other) - HOPELESS {
-            all.extend(weigh(&rest));
+        tried
+    }
+
+    /// Of many rows, the noises that a part of the rows, evenly taken, does not rule out, and white ones: a likelihood is dear, and what a part
+    /// makes hopeless all make more so. Of few rows all.
+    fn hopeful(&self, tried: Vec<(NoiseParameters, f64)>, data: &Data) -> Vec<(NoiseParameters, f64)> {
+        let count = self.0.rows.t_s.len();
+        let every = count / PART_ROWS;
+        if every < LEAST_SAVING {
+            return tried;
         }
-        all.extend(other);
-        let most = all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
-        let sum = all.iter().map(|a| (a.1 - most).exp()).sum::<f64>().ln() + most;
-        all.iter_mut().for_each(|a| a.1 -= sum);
-        all
+        let rows: Vec<usize> = (0..count).step_by(every).collect();
+        let part = self.at(Rows {
+            t_s: rows.iter().map(|i| self.0.rows.t_s[*i]).collect(),
+            white: rows.iter().map(|i| self.0.rows.white[*i]).collect(),
+            field: rows.iter().map(|i| self.0.rows.field[*i]).collect(),
+            inside: self.0.rows.inside,
+        });
+        let (readings, designs) = (data.readings.select_rows(&rows), data.designs.each_ref().map(|d| d.select_rows(&rows)));
+        let of_part = Data { readings: &readings, designs: &designs };
+        let values: Vec<f64> = tried.par_iter().map(|(c, _)| part.value(c, &of_part)).collect();
+        let best = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        // A part that is too small for the model rules nothing out.
+        if !best.is_finite() {
+            return tried;
+        }
+        let is_open = |c: &NoiseParameters, value: f64| value > best - HOPELESS_OF_A_PART || !c.is_slow();
+        tried.into_iter().zip(values).filter(|((c, _), value)| is_open(c, *value)).map(|(one, _)| one).collect()
     }
 
     /// Noise of given parameters, its variances from residuals about a linear model.

@@ -129,3 +129,39 @@ fn noise_that_grows_is_one_possibility_among_others() {
     let with = |growth: f64| plausible.iter().filter(|(n, _)| n.parameters.white_field == growth).count();
     assert!(with(0.0) > 0 && with(3.0) == with(0.0));
 }
+
+/// Of many rows most noises are ruled out by a part of them: every one of these has less than e^-15 of the probability of the best one.
+#[test]
+fn noises_that_a_part_of_many_rows_rules_out_have_no_probability() {
+    let count = 1300;
+    let rows = Rows {
+        t_s: (0..count).map(|i| 7.0 * f64::from(i)).collect(),
+        white: vec![[1.0; 3]; count as usize],
+        field: (0..count).map(|i| [0, 1, 2].map(|a| f64::from((i * (3 + a)) % 11 - 5) / 5.0)).collect(),
+        inside: None,
+    };
+    let designs = [0, 1, 2].map(|a| DMatrix::from_fn(rows.t_s.len(), 2, |i, j| if j == 0 { 1.0 } else { rows.field[i][a] }));
+    let noises = Correlations::new(rows);
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(5);
+    for gain in [0.0, 0.5] {
+        // Noise that forgets after eight rows, of the offset or of the gain.
+        let mut slow = [0.0; 3];
+        let readings = DMatrix::from_fn(3, count as usize, |a, i| {
+            let [white, new]: [f64; 2] = [0; 2].map(|_| StandardNormal.sample(&mut random));
+            slow[a] = (-0.125_f64).exp() * slow[a] + (1.0 - (-0.25_f64).exp()).sqrt() * new;
+            white + slow[a] * if gain > 0.0 { 2.0 * noises.0.rows.field[i][a] } else { 1.0 }
+        })
+        .transpose();
+        let data = Data { readings: &readings, designs: &designs };
+        let all = noises.around(&NoiseParameters { slow_field: gain, slow: 1.0, ..NoiseParameters::WHITE });
+        let kept = noises.hopeful(all.clone(), &data);
+        assert!(2 * kept.len() < all.len(), "{} of {}", kept.len(), all.len());
+        assert_eq!(kept.last(), all.last());
+        let of =
+            |(c, prior): &(NoiseParameters, f64)| noises.likelihood(c, &data).map_or(f64::NEG_INFINITY, |(l, _)| l + prior.ln());
+        let best = all.iter().map(of).fold(f64::NEG_INFINITY, f64::max);
+        for one in all.iter().filter(|one| !kept.contains(one)) {
+            assert!(of(one) < best - 15.0, "{:?}: {}", one.0, of(one) - best);
+        }
+    }
+}

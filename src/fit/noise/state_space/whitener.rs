@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 use std::ops::Range;
 
-/// Columns that go through the filter together.
+/// Columns that go through the filter together; of the rest half as many, then a quarter.
 const LANES: usize = 8;
 
 /// One kind of slow noise: relaxations, and what each row has of them.
@@ -82,9 +82,17 @@ impl Whitener {
         // Columns of nothing stay nothing.
         let used: Vec<usize> = (0..columns.ncols()).filter(|j| columns.column(*j).iter().any(|v| *v != 0.0)).collect();
         let all = columns.as_mut_slice();
-        let (together, single) = used.split_at(used.len() / LANES * LANES);
-        together.chunks_exact(LANES).for_each(|chunk| self.lanes::<LANES>(all, n, chunk));
-        single.iter().for_each(|j| self.lanes::<1>(all, n, &[*j]));
+        let rest = self.chunks::<LANES>(all, n, &used);
+        let rest = self.chunks::<{ LANES / 2 }>(all, n, rest);
+        let rest = self.chunks::<{ LANES / 4 }>(all, n, rest);
+        self.chunks::<1>(all, n, rest);
+    }
+
+    /// So many columns at a time; those that are left.
+    fn chunks<'c, const L: usize>(&self, all: &mut [f64], n: usize, columns: &'c [usize]) -> &'c [usize] {
+        let mut chunks = columns.chunks_exact(L);
+        chunks.by_ref().for_each(|chunk| self.lanes::<L>(all, n, chunk));
+        chunks.remainder()
     }
 
     /// Columns of `n` rows, given by their numbers.
