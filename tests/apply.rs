@@ -6,7 +6,7 @@ use crate::common;
 use calfit::data::provenance::Provenance;
 use calfit::data::recipe::Recipe;
 use calfit::files::parameter::{self, Model, ModelEffect, ModelParameter};
-use common::check::{Case, calfit, number, parameters, says, text, three};
+use common::check::{Case, calfit, data, number, parameters, says, text, three};
 use common::{Gauss, Plan, RUN_ID, Truth};
 use nalgebra::{Matrix3, Vector3};
 use std::fs;
@@ -593,6 +593,28 @@ fn what_makes_no_calibration_is_refused() {
     says(&text(&output.stderr), &["bad.csv", "row 2", "column `y`", "`b`"]);
     let twice = put("twice.csv", "x,y,z,bx_nt\n1,2,3,20\n".to_owned());
     says(&text(&apply(&[&made.tpf], &twice, &out, &[]).stderr), &["has a column `bx_nt` already"]);
+}
+
+#[test]
+fn an_offset_whose_uncertainties_are_not_those_of_its_covariance_is_refused() {
+    let case = Case::new();
+    let good = fs::read_to_string(data("tests/data/version-1/files/offset/OFF_PARAMETER__26-03-02-08-05-00.OPF")).unwrap();
+    for (key, words) in [
+        ("offset_std_ent", "offset_std_ent is not the root of the variance of offset_x"),
+        ("residual_coil_std_nt", "residual_coil_std_nt is not the root of the variance of residual_coil_x"),
+    ] {
+        for of in [|std: f64| std / 10.0, |_| f64::NAN] {
+            let mut document: DocumentMut = good.parse().unwrap();
+            let list = document[key].as_array_mut().unwrap();
+            let std = list.get(0).unwrap().as_float().unwrap();
+            list.replace(0, of(std));
+            let path = case.path().join("OFF_PARAMETER__forged.OPF");
+            fs::write(&path, with_its_hash(&document.to_string())).unwrap();
+            let output = calfit().arg("check").arg(&path).output().unwrap();
+            assert_eq!(output.status.code(), Some(1), "{key}");
+            says(&text(&output.stderr), &[words]);
+        }
+    }
 }
 
 #[test]

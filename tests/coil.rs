@@ -593,13 +593,11 @@ fn runs_in_several_orientations_give_the_facility_from_their_parameter_files_and
     }
 }
 
-#[test]
-fn offset_takes_scale_factors_and_angles_but_measures_the_offset_field_itself() {
+/// Readings in four positions in the field that the facility makes of the settings without its own offset field.
+fn turned_in(facility: &Facility, residual_nt: Three) -> (Plan, Case) {
     let settings = common::in_positions(&[1, 2, 3, 4], &common::offset_fields(), 4.0);
-    let residual_nt = [4.0, -7.0, 11.0];
-    let facility = Facility { scale: [1.02, 0.99, 1.01], ..FACILITY };
     let driven = |s: &common::Setting| {
-        let field = Facility { offset_nt: [0.0; 3], ..facility }.field(s.field);
+        let field = Facility { offset_nt: [0.0; 3], ..*facility }.field(s.field);
         common::Setting { field, ..*s }
     };
     let plan = Plan {
@@ -615,6 +613,14 @@ fn offset_takes_scale_factors_and_angles_but_measures_the_offset_field_itself() 
     let entries: Vec<String> =
         common::POSITIONS.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect();
     case.put("campaign.toml", entries.join("\n"));
+    (plan, case)
+}
+
+#[test]
+fn offset_takes_scale_factors_and_angles_but_measures_the_offset_field_itself() {
+    let residual_nt = [4.0, -7.0, 11.0];
+    let facility = Facility { scale: [1.02, 0.99, 1.01], ..FACILITY };
+    let (plan, case) = turned_in(&facility, residual_nt);
     let path = facility_file(&case, &facility);
     let output = case.run("offset", &["--no-plots", "--facility", path.to_str().unwrap()]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
@@ -625,6 +631,51 @@ fn offset_takes_scale_factors_and_angles_but_measures_the_offset_field_itself() 
     close(three(&opf, "facility.applied.offset_nt"), [0.0; 3], 0.0);
     let checked = calfit().arg("verify").args([case.out(), case.campaign()]).output().unwrap();
     assert_eq!(checked.status.code(), Some(0), "{}", text(&checked.stderr));
+}
+
+/// With fields that are `(1 + E)` times those of the file, the response that every position shows is `A (1 + E)`, so that what it shows of the
+/// residual field stays and the residual field in coil axes becomes `(1 + E)⁻¹ B_res`; E has the relative errors of the coils.
+#[test]
+fn an_error_of_the_facility_stays_in_the_residual_field_of_the_coils_and_cancels_in_the_offset() {
+    let (_, case) = turned_in(&FACILITY, [40.0, -70.0, 110.0]);
+    let facility = case.put("facility.toml", with_covariance(SCALE, OFFSET_NT));
+    let arguments = ["--no-plots", "--facility", facility.to_str().unwrap()];
+    let output = case.run("offset", &arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let path = case.out().join("13-04-03_09-22-38/OFF_PARAMETER__13-04-03-09-22-38.OPF");
+    let opf = parameters(&path);
+    let of = |key: &str| three(&opf, key);
+    close(of("std_b.offset_ent"), [0.0; 3], 0.0);
+    close(of("std_b.residual_ent"), [0.0; 3], 0.0);
+    let residual_nt = of("residual_coil_nt");
+    let expected = [1e-5 * residual_nt[0] / SCALE[0], 2e-5 * residual_nt[1] / SCALE[1], 0.0];
+    // The angles between the coils differ from right ones by less than a thousandth.
+    close(of("std_b.residual_coil_nt"), expected.map(f64::abs), 1e-3 * expected[1].abs());
+    let parameters_of = opf["covariance_b"]["parameters"].as_array().unwrap();
+    let place = |name: &str| parameters_of.iter().position(|p| p.as_str() == Some(name)).unwrap();
+    let entry = |a: &str, b: &str| opf["covariance_b"]["matrix"][place(a)][place(b)].as_float().unwrap();
+    let both = entry("residual_coil_x", "residual_coil_y");
+    assert!((both / (0.8 * expected[0] * expected[1]) - 1.0).abs() < 5e-3, "{both}");
+    assert_eq!(entry("offset_x", "offset_x"), 0.0);
+    for (key, std) in [("offset_ent", "offset_std_ent"), ("residual_coil_nt", "residual_coil_std_nt")] {
+        for k in 0..3 {
+            let [a, b, both] = [std, &format!("std_b.{key}"), &format!("std_combined.{key}")].map(|key| of(key)[k]);
+            assert!((both - a.hypot(b)).abs() <= 1e-12 * both, "{key} {a} {b} {both}");
+        }
+    }
+    says(opf["method"]["std_b_covers"].as_str().unwrap(), &["cancels in offset_ent", "stays in residual_coil_nt"]);
+    let checked = calfit().arg("verify").args([case.out(), case.campaign()]).output().unwrap();
+    assert_eq!(checked.status.code(), Some(0), "{}", text(&checked.stderr));
+    let read = calfit().arg("check").arg(&path).output().unwrap();
+    assert_eq!(read.status.code(), Some(0), "{}", text(&read.stderr));
+    // A facility of which no uncertainty is stated adds none.
+    let plain = case.put("facility.toml", with_covariance(SCALE, OFFSET_NT).split("[covariance]").next().unwrap());
+    let arguments = ["--no-plots", "--force", "--facility", plain.to_str().unwrap()];
+    let output = case.run("offset", &arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let without = parameters(&path);
+    assert!(without.get("std_b").is_none() && without["method"].get("std_b_covers").is_none());
+    close(three(&without, "offset_std_ent"), of("offset_std_ent"), 0.0);
 }
 
 #[test]
@@ -915,6 +966,34 @@ fn polynomials_keep_what_the_runs_share_of_the_facility() {
         let sum = entry("covariance", quantity) + entry("covariance_b", quantity);
         assert!((entry("covariance_combined", quantity) / sum - 1.0).abs() < 1e-12);
     }
+    // The joint fit is of the same runs with the same orders, and has the same error.
+    let joint = case.out().join("joint");
+    let output = calfit()
+        .arg("thermal")
+        .arg(case.campaign())
+        .args(["--no-plots", "--joint", "--order", "sigma=1", "--facility", facility.to_str().unwrap(), "-o"])
+        .arg(&joint)
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text_of(&output));
+    let tpf = parameters(&joint.join("THERMAL_PARAMETER__13-04-03-10-00-00.TPF"));
+    let entry = |table: &str, quantity: &str| tpf["joint"][table][quantity][0][0].as_float().unwrap();
+    assert!((entry("covariance_b", "sigma_x").sqrt() / expected - 1.0).abs() < 0.01);
+    for quantity in ["sigma_x", "sigma_y", "xi_xy"] {
+        let sum = entry("covariance", quantity) + entry("covariance_b", quantity);
+        assert!((entry("covariance_combined", quantity) / sum - 1.0).abs() < 1e-12);
+    }
+    // Its coefficients together: of one quantity what stands beside it, of two a covariance that is possible.
+    let together = &tpf["joint"]["together"];
+    let names: Vec<&str> = together["parameters"].as_array().unwrap().iter().map(|n| n.as_str().unwrap()).collect();
+    let at = |a: &str, b: &str| {
+        let [row, column] = [a, b].map(|name| names.iter().position(|n| *n == name).unwrap());
+        together["matrix"][row][column].as_float().unwrap()
+    };
+    let own = |k: usize, l: usize| tpf["joint"]["covariance"]["sigma_x"][k][l].as_float().unwrap();
+    assert!((0..2).all(|k| (0..2).all(|l| at(&format!("sigma_x.{k}"), &format!("sigma_x.{l}")) == own(k, l))));
+    let (x, y, both) = (at("sigma_x.0", "sigma_x.0"), at("sigma_y.0", "sigma_y.0"), at("sigma_x.0", "sigma_y.0"));
+    assert!(both != 0.0 && both * both < x * y, "{both} {x} {y}");
     // What is applied has both.
     let reading = case.put("reading.csv", "t,x,y,z,t_degc\n0,30000,0,0,25\n");
     let output = calfit()

@@ -398,6 +398,9 @@ primary = { rate_hz = 1.0, shift_s = 0.0 }
     let noise2 = 0.1 * 0.1 + 0.5 * 0.5 / 12.0;
     let wanted = (noise2 * (1.0 + 0.02 * 0.02_f64)).sqrt();
     assert!((level.numbers("ua_x").unwrap()[0] - wanted).abs() < 1e-6);
+    // Steps of 4 enT in the second range, through a matrix of 2 nT/enT.
+    let wanted = 2.0 * (0.1 * 0.1 + 4.0 * 4.0 / 12.0_f64).sqrt();
+    assert!((level.numbers("ua_x").unwrap()[1] - wanted).abs() < 1e-6);
 }
 
 #[test]

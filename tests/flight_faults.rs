@@ -49,9 +49,8 @@ fn a_wrong_row_is_named_and_the_other_day_is_made() {
         ("2015-06-29T25:00:01Z,0,0,0,0,N", "row 2: the cell in column `time_utc` is no time"),
         ("2015-06-29T11:00:01Z,0,,0,0,N", "row 2: the count NaN is none of the converter"),
     ] {
-        // A converter of 20 bits, as in RO-IGEP-TR0028.
-        let converter = PLAIN.replace("ent_per_count = 1.0\n", "");
-        let small = Small::new(&converter, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n{row}\n"));
+        // A converter of 20 bits, as in RO-IGEP-TR0028, where nothing else is stated.
+        let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n{row}\n"));
         let day = small.folder.path().join("edited/sensor=OB/date=2015-06-30");
         fs::create_dir_all(&day).unwrap();
         fs::write(day.join("b.csv"), format!("{HEAD}2015-06-30T12:00:00Z,4,5,6,0,N\n")).unwrap();
@@ -66,6 +65,18 @@ fn a_wrong_row_is_named_and_the_other_day_is_made() {
         let tables: Vec<String> = files(&out).into_iter().filter(|name| name.contains("calfit-")).collect();
         assert_eq!(tables, ["calfit-A-OB-20150630.parquet"], "{row}");
     }
+}
+
+#[test]
+fn a_factor_stands_in_place_of_the_full_scale_and_beside_the_bits() {
+    let row = format!("{HEAD}2015-06-29T11:00:00Z,524288,0,0,0,N\n");
+    let small = Small::new(&PLAIN.replace("ent_per_count = 1.0\n", "ent_per_count = 1.0\nadc_bits = 24\n"), &row);
+    assert_eq!(small.level_a().numbers("bx").unwrap(), [524_288.0]);
+    let small = Small::new(&PLAIN.replace("ent_per_count = 1.0\n", "ent_per_count = 1.0\nfull_scale_ent = 15000.0\n"), &row);
+    let mut command = calfit();
+    let output = command.args(["flight", "A"]).arg(small.folder.path().join("flight.toml")).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["`sensor.ent_per_count` stands beside `full_scale_ent`", "state the one or the other"]);
 }
 
 #[test]
@@ -178,4 +189,20 @@ fn housekeeping_has_the_names_and_times_that_telemetry_has() {
     assert_eq!(utc, table.whole("time_tt2000").unwrap());
     // 2015-07-01T00:00:00 UTC is 488980868184000000; the day before ends with a leap second.
     assert_eq!(utc, [488_980_868_184_000_000 - (86_401 - 32) * 1_000_000_000]);
+}
+
+#[test]
+fn housekeeping_outside_of_partitions_belongs_to_the_days_of_its_times() {
+    let set = Set::of("telemetry");
+    fs::remove_dir_all(set.path("hk")).unwrap();
+    fs::create_dir_all(set.path("hk/date=2015-07-01")).unwrap();
+    let head = "time_utc,t_ob,stage_a_id\n";
+    fs::write(set.path("hk/all.csv"), format!("{head}2015-06-30T23:59:60.5Z,13837,6\n2015-07-01T00:00:00Z,13837,7\n")).unwrap();
+    fs::write(set.path("hk/date=2015-07-01/a.csv"), format!("{head}2015-07-01T00:01:04Z,13837,8\n")).unwrap();
+    set.made("A", &["--hk", "--sensor", "IB", "--no-plots"]);
+    for (day, wanted) in [("2015-06-30", vec![6]), ("2015-07-01", vec![7, 8])] {
+        let path = format!("level=HK/date={day}/calfit-HK-{}.parquet", day.replace('-', ""));
+        let table = SeriesTable::open(&set.out().join(path)).unwrap();
+        assert_eq!(table.whole("stage_a_id").unwrap(), wanted, "{day}");
+    }
 }

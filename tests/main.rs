@@ -24,6 +24,8 @@ mod files;
 #[cfg(feature = "tables")]
 mod flight;
 #[cfg(feature = "tables")]
+mod flight_diagnosis;
+#[cfg(feature = "tables")]
 mod flight_faults;
 mod freq;
 mod house;

@@ -52,6 +52,13 @@ fn offset_drift_and_noise_come_back_from_a_file_and_verify() {
         assert!((at("density.ent_per_root_hz") - density).abs() < 3.5 * at("density.std_ent_per_root_hz"), "{c}");
         assert!((at("corner.white_ent_per_root_hz") / density - 1.0).abs() < 0.02, "{c}");
     }
+    // What the uncertainties hold for, with the length of the record.
+    let [begin, end] = [0, 1].map(|k| number(&p, &format!("record.time_s.{k}")));
+    let lasting = format!("noise that changes within the {:.0} s of the record", end - begin);
+    says(
+        p["offset"]["std_covers"].as_str().unwrap(),
+        &[&lasting, "shows in no residual", "compare the offsets of several runs", "residual field"],
+    );
     assert!(p.get("stop").is_none());
     let names: Vec<String> = tree(&case.out()).into_keys().collect();
     for stem in ["NULL_drift", "NULL_amplitude_density", "NULL_allan_deviation", "NULL_measured_data", "REPORT_NULL"] {

@@ -227,3 +227,24 @@ fn a_position_that_is_not_what_the_table_says_is_refused() {
     assert_eq!(output.status.code(), Some(1));
     says(&text(&output.stderr), &["position 2", "component x", "enT/nT", "position table"]);
 }
+
+/// Files say in words for which noise the uncertainties of their offsets hold: what changes within the time in which it was measured.
+#[test]
+fn files_say_for_which_noise_the_uncertainty_of_an_offset_holds() {
+    let opf = measure(&plan(&POSITIONS, &[1, 2, 3, 4]));
+    let covers = |file: &DocumentMut, table: &str, seconds: f64, lasting: &str| {
+        let text = file[table]["std_covers"].as_str().unwrap().to_owned();
+        let begin = format!("noise that changes within the {seconds:.0} s of {lasting}; ");
+        assert!(text.starts_with(&begin), "{text:?} does not begin with {begin:?}");
+        says(&text, &["what changes more slowly shows in no residual of one run", "compare the offsets of several runs"]);
+    };
+    let visits = opf["visit"].as_array_of_tables().unwrap();
+    let length = |v: &toml_edit::Table| v["time_s"][1].as_float().unwrap() - v["time_s"][0].as_float().unwrap();
+    covers(&opf, "method", visits.iter().map(length).fold(0.0, f64::max), "the longest visit of a position");
+
+    let case = Case::of(Plan::default().run().text());
+    case.done(&[]);
+    let cpf = case.cpf();
+    let [first, last] = [0, 1].map(|k| number(&cpf, &format!("valid.time_s.{k}")));
+    covers(&cpf, "offset", last - first, "the run");
+}

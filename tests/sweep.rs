@@ -263,6 +263,19 @@ fn the_uncertainty_of_the_facility_is_in_the_polynomials_of_a_sweep() {
         parameters(&case.out().join("26-05-05_10-00-00/THERMAL_PARAMETER__26-05-05-10-00-00.TPF"))
     };
     let (file, moved) = (fitted(1.0), fitted(1.0 + 1e-5));
+    let together = |a: &str, b: &str| {
+        let names = file["together"]["parameters"].as_array().unwrap();
+        let [row, column] = [a, b].map(|name| names.iter().position(|n| n.as_str() == Some(name)).unwrap());
+        file["together"]["matrix"][row][column].as_float().unwrap()
+    };
+    // Both sensitivities have the one error of the coils, which is far above their own and makes them go together.
+    let correlation =
+        together("sigma_x.0", "sigma_y.0") / (together("sigma_x.0", "sigma_x.0") * together("sigma_y.0", "sigma_y.0")).sqrt();
+    let shared = |name: &str| {
+        let entry = |table: &str| file[table][name][0][0].as_float().unwrap();
+        (entry("covariance_b") / entry("covariance_combined")).sqrt()
+    };
+    assert!((correlation / (shared("sigma_x") * shared("sigma_y")) - 1.0).abs() < 0.05, "{correlation}");
     for component in ["x", "y", "z"] {
         let name = format!("sigma_{component}");
         // The square is 1e-13 of the sensitivity and no digit of the search.
@@ -279,6 +292,8 @@ fn the_uncertainty_of_the_facility_is_in_the_polynomials_of_a_sweep() {
             );
             let sum = entry("covariance") + entry("covariance_b");
             assert!((entry("covariance_combined") / sum - 1.0).abs() < 1e-12);
+            let coefficient = format!("{name}.{k}");
+            assert!((together(&coefficient, &coefficient) / sum - 1.0).abs() < 1e-12);
         }
     }
 }

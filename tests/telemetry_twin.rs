@@ -327,7 +327,7 @@ fn what_is_wrong_with_a_twin_in_flight_is_said() {
 }
 
 /// The twin with seven calm hours of one mode in which the temperature swings by 16 K: the offset follows it in x and y, not in z.
-fn calm_twin(dir: &Path) -> PathBuf {
+pub fn calm_twin(dir: &Path) -> PathBuf {
     let mut twin: DocumentMut = fs::read_to_string(data(TWIN)).unwrap().parse().unwrap();
     for key in ["gap", "heaters", "wheels"] {
         twin.remove(key);
@@ -434,67 +434,4 @@ fn daily_models_are_found_in_calm_times() {
     assert!(!none.join(name).exists());
     let (done, _, errors) = run(&["flight", "A", "--order", "2"], &[&config]);
     assert!(!done && errors.contains("--order and --calm are options of `daily`"), "{errors}");
-}
-
-/// The diagnosis of a mission, as JSON.
-fn diagnosed(config: &Path, arguments: &[&str]) -> Value {
-    let out = config.parent().unwrap().join("diagnosis");
-    let output =
-        calfit().args(["diagnose", "--json", "--no-plots"]).arg(config).args(arguments).arg("-o").arg(out).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
-
-fn effects(diagnosis: &Value) -> Vec<(&str, Vec<&str>)> {
-    let steps = diagnosis["steps"].as_array().unwrap().iter();
-    steps
-        .map(|s| (s["effect"].as_str().unwrap(), s["axes"].as_array().unwrap().iter().map(|a| a.as_str().unwrap()).collect()))
-        .collect()
-}
-
-/// The calm twin with one boom state, since what a sensor has of its own turns with the boom, and with sensors whose temperatures swing by so much.
-fn calm_twin_of_one_boom(dir: &Path, swing_k: f64) -> PathBuf {
-    let path = calm_twin(dir);
-    let mut twin: DocumentMut = fs::read_to_string(&path).unwrap().parse().unwrap();
-    for sensor in twin["sensor"].as_array_of_tables_mut().unwrap().iter_mut() {
-        sensor["temperature"]["swing_k"] = toml_edit::value(swing_k);
-        let booms = sensor["rotation"].as_array_of_tables_mut().unwrap();
-        while booms.len() > 1 {
-            booms.remove(1);
-        }
-        booms.get_mut(0).unwrap()["to"] = toml_edit::value("2015-07-01T03:00:00Z");
-    }
-    fs::write(&path, twin.to_string()).unwrap();
-    path
-}
-
-#[test]
-fn a_diagnosis_of_two_sensors_finds_what_was_not_taken_off_and_nothing_else() {
-    let dir = tempfile::tempdir().unwrap();
-    let simulated = |swing_k: f64, name: &str| {
-        let telemetry = dir.path().join(name);
-        let twin = calm_twin_of_one_boom(dir.path(), swing_k);
-        let output = calfit().arg("simulate").arg(twin).arg("-o").arg(&telemetry).output().unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        telemetry.join("flight.toml")
-    };
-    // With all models of the truth, noise alone is left. Temperatures that move leave more, and it is found: thermistors are read at other times than
-    // the vectors of their packets belong to, by the shifts of the filters, 8 s at one sensor and 32 s at the other.
-    let none = diagnosed(&simulated(0.0, "still"), &[]);
-    assert_eq!(effects(&none), [], "{}", none["verdict"]);
-    assert_eq!(none["runs"], serde_json::json!(["OB-IB"]));
-    let config = simulated(8.0, "moving");
-    // Without the daily model of OB its offset follows its temperature, in the truth of the twin by [1.5, 0.05, 4e-3] and [-0.8, -0.04] nT.
-    let text = fs::read_to_string(&config).unwrap();
-    let line = text.lines().find(|line| line.starts_with("daily = ") && line.contains("_OB")).unwrap();
-    fs::write(&config, text.replacen(line, "", 1)).unwrap();
-    let found = diagnosed(&config, &[]);
-    let steps = effects(&found);
-    assert!(!steps.is_empty(), "{}", found["verdict"]);
-    // Both sensors of this twin have one temperature, so that either may be named; it has neither heaters nor wheels.
-    assert!(["sensor_temperature_offset", "other_sensor_temperature"].contains(&steps[0].0), "{steps:?}");
-    assert!(steps.iter().all(|(effect, _)| !["heater_field", "wheel_field"].contains(effect)), "{steps:?}");
-    // The unit is nT, as the levels have it.
-    let unit = found["steps"][0]["parameters"][0]["unit"].as_str().unwrap();
-    assert!(unit.starts_with("nT"), "{unit}");
 }

@@ -31,6 +31,11 @@ pub fn as_file<T>(name: &str, bytes: &[u8], read: impl FnOnce(&Path) -> T) -> T 
     read(&path)
 }
 
+/// A name for the bytes of a table, by how they begin: the readers go by the end of a name.
+pub fn table_name(stem: &str, bytes: &[u8]) -> String {
+    format!("{stem}.{}", if bytes.starts_with(b"PAR1") { "parquet" } else { "csv" })
+}
+
 /// The bytes with the hash of their content where they state one: a parameter file is looked at beyond its hash only if that is right.
 pub fn sealed(bytes: &[u8]) -> Vec<u8> {
     let Ok(text) = std::str::from_utf8(bytes) else { return bytes.to_owned() };

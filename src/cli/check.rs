@@ -187,7 +187,7 @@ fn check_index(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> 
         }
         if entry.stale {
             let rule = format!("is stale: {}", entry.reason.as_deref().unwrap_or("what it was made from has changed"));
-            say(&entry.path, Severity::Warning, rule, renew);
+            say(&entry.path, Severity::Warning, rule, index.remedy(entry));
         }
         if let Some(state) = entry.mark {
             let rule = format!("is of a run that is {state}");

@@ -11,7 +11,10 @@ use crate::workflow::flight::{
 use clap::Args;
 use jiff::civil::Date;
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
@@ -88,22 +91,23 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let jobs = flight.jobs()?;
     let mut made = FlightMade { notes: flight.notes().to_vec(), ..FlightMade::default() };
     let bar = terminal.progress(jobs.len(), "made");
-    for together in jobs.chunks(AT_ONCE) {
-        let results: Vec<_> = together
-            .par_iter()
-            .map(|job| {
-                let (sensor, day) = flight.name(*job);
-                let found = bar.of(&format!("{sensor} {day}"), || flight.make(*job));
-                (sensor, day, found)
-            })
-            .collect();
-        for (sensor, day, found) in results {
-            match found {
-                Ok(found) => made.days.extend(found),
-                Err(error) => {
-                    terminal.finding(&error);
-                    made.failed.push(DayFailed { sensor, day, error });
-                }
+    // Each takes the next day once it is done with one.
+    let (next, results) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
+    (0..AT_ONCE).into_par_iter().with_max_len(1).for_each(|_| {
+        while let Some((place, job)) =
+            Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|place| Some((place, jobs.get(place)?)))
+        {
+            let (sensor, day) = flight.name(*job);
+            let found = bar.of(&format!("{sensor} {day}"), || flight.make(*job));
+            results.lock().unwrap_or_else(PoisonError::into_inner).insert(place, (sensor, day, found));
+        }
+    });
+    for (sensor, day, found) in results.into_inner().unwrap_or_else(PoisonError::into_inner).into_values() {
+        match found {
+            Ok(found) => made.days.extend(found),
+            Err(error) => {
+                terminal.finding(&error);
+                made.failed.push(DayFailed { sensor, day, error });
             }
         }
     }

@@ -200,14 +200,7 @@ impl LinearTypeB {
     /// Those of type B with those of type A, which are independent of them.
     #[must_use]
     pub fn with(std_b: LinearStd, covariance_b: Covariance, std: &LinearStd, covariance: &Covariance) -> Self {
-        let rows = covariance.matrix.iter().zip(&covariance_b.matrix);
-        let matrix = rows.map(|(a, b)| a.iter().zip(b).map(|(a, b)| a + b).collect()).collect();
-        Self {
-            std_combined: std.combined(&std_b),
-            covariance_combined: Covariance { matrix, ..covariance.clone() },
-            std_b,
-            covariance_b,
-        }
+        Self { std_combined: std.combined(&std_b), covariance_combined: covariance.plus(&covariance_b), std_b, covariance_b }
     }
 }
 

@@ -4,7 +4,7 @@ use crate::data::note::NoteKind;
 use crate::data::run_state::{Outcome, RunState};
 use crate::data::start::Start;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// Name of the index in a result folder.
 pub const INDEX_FILE: &str = "INDEX.json";
@@ -116,6 +116,13 @@ impl FileEntry {
         of_name || self.path.split_once('/').is_some_and(|(folder, _)| folder == run)
     }
 
+    /// What files of one kind share: the folder, the name up to the run, the ending, and the command.
+    fn kind(&self) -> (&str, &str, &str, &str) {
+        let (folder, name) = self.path.rsplit_once('/').unwrap_or(("", &self.path));
+        let (stem, ending) = name.rsplit_once('.').unwrap_or((name, ""));
+        (folder, stem.split_once("__").map_or(stem, |(kind, _)| kind), ending, &self.command)
+    }
+
     /// The last part of its path.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -199,6 +206,7 @@ impl Index {
             .collect();
         let marks: Vec<Option<RunState>> =
             self.files.iter().map(|file| over.iter().find(|(id, _)| file.is_named_after(id)).map(|(_, run)| run.state)).collect();
+        self.files.iter_mut().zip(&marks).for_each(|(file, mark)| file.mark = *mark);
         let runs: HashMap<&str, (&String, &RunEntry)> =
             self.runs.iter().filter_map(|(id, run)| Some((run.path.as_deref()?, (id, run)))).collect();
         let outdated = |file: &FileEntry| self.outdated(file, |path| runs.get(path).copied());
@@ -227,10 +235,33 @@ impl Index {
                 reasons[i] = Some(reason);
             }
         }
-        for ((file, mark), reason) in self.files.iter_mut().zip(marks).zip(reasons) {
-            file.mark = mark;
+        for (file, reason) in self.files.iter_mut().zip(reasons) {
             file.stale = reason.is_some();
             file.reason = reason;
+        }
+    }
+
+    /// The file that the same command has made of the same kind from the same runs and more: a group that lacked its first run for a while
+    /// was named after another one then.
+    #[must_use]
+    pub fn made_from_more(&self, file: &FileEntry) -> Option<&FileEntry> {
+        let of_kind = |other: &&FileEntry| other.path != file.path && other.mark.is_none() && other.kind() == file.kind();
+        let mut others = self.files.iter().filter(of_kind).peekable();
+        others.peek()?;
+        let runs: BTreeSet<&str> = self.runs.values().filter_map(|run| run.path.as_deref()).collect();
+        let runs_of = |file: &FileEntry| -> BTreeSet<&str> {
+            file.from.iter().filter_map(|v| runs.get(v.path.as_str()).copied()).collect()
+        };
+        let own = runs_of(file);
+        others.find(|other| !own.is_empty() && own != runs_of(other) && own.is_subset(&runs_of(other)))
+    }
+
+    /// What to do about a stale file.
+    #[must_use]
+    pub fn remedy(&self, file: &FileEntry) -> &'static str {
+        match self.made_from_more(file) {
+            Some(_) => "delete it",
+            None => "make it again with `calfit report` or its own command",
         }
     }
 
@@ -238,6 +269,9 @@ impl Index {
     fn outdated<'a>(&self, file: &FileEntry, run_of: impl Fn(&str) -> Option<(&'a String, &'a RunEntry)>) -> Option<String> {
         if let Some(replaced) = self.remade(file) {
             return Some(format!("{} was made again", replaced.path));
+        }
+        if let Some(larger) = self.made_from_more(file) {
+            return Some(format!("{} has been made from the same runs and more", larger.path));
         }
         let looks = LOOKING.iter().any(|command| file.command.starts_with(command));
         file.from.iter().find_map(|from| {
@@ -360,6 +394,29 @@ mod tests {
         index.judge();
         assert_eq!(index.file("13-04-03_09/B.CPF").unwrap().mark, Some(RunState::Gone));
         assert!(index.file("REPORT.md").unwrap().stale);
+    }
+
+    #[test]
+    fn a_group_that_lacked_a_run_for_a_while_leaves_a_stale_file() {
+        let of = |path: &str, from: &[(&str, &str)]| FileEntry { command: "calfit report".to_owned(), ..entry(path, path, from) };
+        let mut index = folder();
+        index.runs.insert("13-04-03_10".to_owned(), run("c.CCR", "c"));
+        index.runs.insert("13-04-03_11".to_owned(), run("d.CCR", "d"));
+        let all = [("a.CCR", "a"), ("b.CCR", "b"), ("c.CCR", "c")];
+        index.put(of("OFF__13-04-03-09.TOF", &all[1..]));
+        index.put(of("AC__13-04-03-09.TAF", &all[1..]));
+        index.judge();
+        assert!(stale(&index).is_empty());
+        index.put(of("OFF__13-04-03-08.TOF", &all));
+        // Of another command, and of other runs.
+        index.put(FileEntry { command: "calfit thermal --joint".to_owned(), ..of("AC__13-04-03-08.TAF", &all) });
+        index.put(of("OFF__13-04-03-10.TOF", &[("c.CCR", "c"), ("d.CCR", "d")]));
+        index.judge();
+        assert_eq!(stale(&index), ["OFF__13-04-03-09.TOF"]);
+        // Without its first run the smaller group is what there is.
+        index.runs.get_mut("13-04-03_08").unwrap().set(Outcome::new(RunState::Refused, "unreadable"));
+        index.judge();
+        assert!(!index.file("OFF__13-04-03-09.TOF").unwrap().stale);
     }
 
     #[test]

@@ -34,6 +34,48 @@ impl OffsetValues {
     };
 }
 
+/// Standard uncertainties of offset and residual field. What is not determined is nan.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OffsetStd {
+    /// Of the offset, enT, sensor axes.
+    pub offset_ent: [f64; 3],
+    /// Of the residual field along the sensor axes in the normal position, enT.
+    pub residual_ent: [f64; 3],
+    /// Of the residual field, nT, coil axes.
+    pub residual_coil_nt: [f64; 3],
+}
+
+/// Type B uncertainties of an offset measurement, and both types together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OffsetTypeB {
+    /// Standard uncertainties, type B: those of the facility, common to all runs that use the same facility file.
+    pub std_b: OffsetStd,
+    /// Standard uncertainties of both types.
+    pub std_combined: OffsetStd,
+    /// Covariance of offsets and residual field, type B.
+    pub covariance_b: Covariance,
+    /// The same of both types.
+    pub covariance_combined: Covariance,
+}
+
+impl OffsetTypeB {
+    /// Those of type B with those of type A, which are independent of them.
+    #[must_use]
+    pub fn with(std_b: OffsetStd, covariance_b: Covariance, values: &OffsetValues, covariance: &Covariance) -> Self {
+        let both = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| f64::hypot(a[i], b[i]));
+        Self {
+            std_combined: OffsetStd {
+                offset_ent: both(values.offset_std_ent, std_b.offset_ent),
+                residual_ent: both(values.residual_std_ent, std_b.residual_ent),
+                residual_coil_nt: both(values.residual_coil_std_nt, std_b.residual_coil_nt),
+            },
+            covariance_combined: covariance.plus(&covariance_b),
+            std_b,
+            covariance_b,
+        }
+    }
+}
+
 /// How offset and residual field were found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OffsetFound {
@@ -46,6 +88,9 @@ pub struct OffsetFound {
     pub scaled: Option<ScaledOffset>,
     /// Covariance of offsets and residual field.
     pub covariance: Covariance,
+    /// What the uncertainty of the facility adds; absent where its file states none.
+    #[serde(flatten)]
+    pub of_facility: Option<OffsetTypeB>,
     /// Drift between visits of the same position.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drift: Option<OffsetDrift>,
@@ -56,6 +101,14 @@ pub struct OffsetFound {
     /// Components that were refused.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub refused: Vec<RefusedComponent>,
+}
+
+impl OffsetFound {
+    /// The covariance that users of the offsets need: of both types where type B is stated.
+    #[must_use]
+    pub fn covariance_of_both(&self) -> &Covariance {
+        self.of_facility.as_ref().map_or(&self.covariance, |b| &b.covariance_combined)
+    }
 }
 
 /// How the components were separated.
@@ -73,6 +126,9 @@ pub struct OffsetMethod {
     /// For which noise the uncertainties hold, in words.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub std_covers: Option<String>,
+    /// What an error of the facility does to the results, in words; absent where its file states no uncertainty.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_b_covers: Option<String>,
 }
 
 /// Offsets in nT.

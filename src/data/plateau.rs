@@ -138,6 +138,8 @@ pub struct Contrasts {
     pub inverse_samples: f64,
     /// Mean square of the differences, enT².
     pub mean_square: [f64; 3],
+    /// Mean of the differences, later part minus earlier one, enT: what a steady change of the reading makes of all of them.
+    pub mean: [f64; 3],
 }
 
 impl Plateau {

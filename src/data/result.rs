@@ -117,3 +117,12 @@ pub struct Covariance {
     /// Rows.
     pub matrix: Vec<Vec<f64>>,
 }
+
+impl Covariance {
+    /// With that of independent errors of the same parameters.
+    #[must_use]
+    pub fn plus(&self, other: &Self) -> Self {
+        let rows = self.matrix.iter().zip(&other.matrix);
+        Self { matrix: rows.map(|(a, b)| a.iter().zip(b).map(|(a, b)| a + b).collect()).collect(), ..self.clone() }
+    }
+}

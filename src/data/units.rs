@@ -5,6 +5,7 @@
 //! | applied field | nT | coil axes X_c Y_c Z_c | [`FieldCoil`], `_coil_nt` |
 //! | field along the nominal sensor axes | nT | nominal sensor axes | `_nominal_nt` |
 //! | raw reading | enT (engineering nanotesla) | sensor axes x y z | [`Reading`], `_ent` |
+//! | reading before or after a calibration | enT or nT | | [`Scale`] |
 //! | temperature | °C | | `_degc` |
 //! | time since the run's start | s | facility clock | `_s` |
 //! | sensitivity σ | nT/enT | sensor axes | |
@@ -24,6 +25,72 @@ pub struct FieldCoil(pub [f64; 3]);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Reading(pub [f64; 3]);
+
+/// What numbers along the axes of a sensor are: engineering nT before a calibration, nT after it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Scale {
+    /// Readings of a ground campaign.
+    #[default]
+    Engineering,
+    /// Levels of a mission.
+    Calibrated,
+}
+
+impl Scale {
+    /// The unit.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Scale::Engineering => "enT",
+            Scale::Calibrated => "nT",
+        }
+    }
+
+    /// Whose axes they are along.
+    #[must_use]
+    pub const fn axis(self) -> &'static str {
+        match self {
+            Scale::Engineering => "sensor axis",
+            Scale::Calibrated => "spacecraft axis",
+        }
+    }
+
+    /// What the diagnosis looks at.
+    #[must_use]
+    pub const fn means(self) -> &'static str {
+        match self {
+            Scale::Engineering => "plateau means",
+            Scale::Calibrated => "means",
+        }
+    }
+
+    /// What they are called that are diagnosed.
+    #[must_use]
+    pub const fn subject(self) -> &'static str {
+        match self {
+            Scale::Engineering => "run",
+            Scale::Calibrated => "difference",
+        }
+    }
+
+    /// Of a slope with the temperature.
+    #[must_use]
+    pub const fn per_kelvin(self) -> &'static str {
+        match self {
+            Scale::Engineering => "enT/K",
+            Scale::Calibrated => "nT/K",
+        }
+    }
+
+    /// Of a curvature with the temperature.
+    #[must_use]
+    pub const fn per_kelvin_squared(self) -> &'static str {
+        match self {
+            Scale::Engineering => "enT/K^2",
+            Scale::Calibrated => "nT/K^2",
+        }
+    }
+}
 
 /// An angle as the protocols print it: sign, whole degrees, whole minutes, whole seconds, `+89°47'17''`.
 #[must_use]

@@ -78,6 +78,9 @@ pub struct ZeroFieldOffset {
     pub range_ent: [f64; 3],
     /// Means that were fitted.
     pub rows: usize,
+    /// For which noise the uncertainties hold, in words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std_covers: Option<String>,
 }
 
 /// What a zero-field run shows, in nT.

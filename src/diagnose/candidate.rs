@@ -10,7 +10,7 @@ pub struct Candidate {
     pub effect: EffectRef,
     /// What an unknown disagreement depends on; `None` for the effects of the catalogue.
     pub covariate: Option<String>,
-    /// The effect, with the covariate of an unknown one: candidates of one key are one explanation.
+    /// The effect, with the covariate of an unknown one or with what it follows: candidates of one key are one explanation.
     pub key: String,
     /// Form, axes and shape.
     pub spec: Spec,
@@ -30,7 +30,8 @@ impl Candidate {
         parameters: Vec<(String, &'static str)>,
         columns: DMatrix<f64>,
     ) -> Self {
-        let key = covariate.as_ref().map_or_else(|| effect.to_string(), |covariate| format!("{effect}: {covariate}"));
+        let follows = covariate.clone().or_else(|| effect.follows(&spec));
+        let key = follows.map_or_else(|| effect.to_string(), |follows| format!("{effect}: {follows}"));
         Self { effect, covariate, key, spec, parameters, columns }
     }
 

@@ -12,7 +12,7 @@ pub enum DiagnoseError {
     #[error("{0}")]
     Record(String),
     /// The residuals of the plateau means do not determine their noise.
-    #[error("the noise of the plateau means has no estimate")]
+    #[error("the noise of the means has no estimate")]
     NoNoise,
     /// A frequency run is diagnosed with its samples.
     #[error("the run has no samples")]

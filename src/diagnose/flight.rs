@@ -2,15 +2,13 @@
 //! as the plateau means of a run; a constant is the linear model, and slow noise, which the field of a spacecraft has, is estimated beside
 //! every set of effects.
 
-use super::limits::{hidden_drifts, limits};
+use super::conclusion::Searched;
 use super::means::Means;
-use super::one_run::{noise_floor_nt, quiet_maps};
-use super::problem;
-use super::result::{Diagnosis, Pictures, Step, VerdictKind};
-use super::steps::{joined, sufficient};
-use super::{DiagnoseError, left, where_map, words};
+use super::result::{Diagnosis, Pictures};
+use super::{DiagnoseError, problem};
 use crate::data::note::{Note, NoteKind};
 use crate::data::run::Kind;
+use crate::data::units::Scale;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::extremes;
 use crate::model::effects::record::{Channel, EARLIER};
@@ -60,6 +58,7 @@ fn prepared(of: &Difference) -> PreparedRun {
     };
     let record = Record {
         kind: Kind::ZeroField,
+        scale: Scale::Calibrated,
         rows: of.span_s.iter().map(row).collect(),
         response: Matrix3::identity(),
         span_s: [of.span_s[0][0], of.span_s[n - 1][1]],
@@ -102,58 +101,19 @@ pub fn of_difference(of: &Difference) -> Result<Diagnosis, DiagnoseError> {
     let prepared = prepared(of);
     let mut means = Means::new(&prepared, prepared.readings.clone(), &catalogue, Vec::new());
     let outcome = problem::search(&mut means).ok_or(DiagnoseError::NoNoise)?;
-    let all = means.all(&outcome.terms);
-    let (steps, maps, evidence) = problem::steps(&means, &outcome, 0);
-    let (mut steps, places) = joined(steps);
-    sufficient(&mut steps);
-    let first = |step: usize| places.get(step).filter(|place| place.is_first).map(|place| place.step);
-    let evidence = evidence.into_iter().filter_map(|e| Some(super::result::Evidence { step: first(e.step)?, ..e })).collect();
-    let mut pictures = Pictures { evidence, ..Pictures::default() };
-    let maps = maps.into_iter().filter_map(|m| Some(super::result::Map { step: first(m.step)?, ..m })).collect();
-    let numbers: Vec<usize> = places.iter().map(|place| place.step + 1).collect();
-    let gap_chain = left::chain(&means, &outcome.fit, &all, &numbers, Vec::new());
-    let left = left::left(&means, &outcome.fit, &all);
-    let noise_floor_nt = noise_floor_nt(&means, &outcome.fit, &all);
-    pictures.left = quiet_maps(&means, &outcome.fit, &all, noise_floor_nt);
-    let before = where_map::Model {
-        record: &prepared.record,
+    let searched = Searched {
+        means: &means,
+        outcome: &outcome,
+        catalogue: &catalogue,
         readings: &prepared.readings,
         design: &prepared.design,
-        given: Vec::new(),
-        nt_per_ent: prepared.nt_per_ent,
-    };
-    pictures.places = where_map::places(&before, &outcome.fit.noise);
-    let (not_identifiable, mut detection_limits) = limits(&means, &outcome.fit, &steps, &catalogue);
-    let mut notes = vec![Note::new(NoteKind::Method, method(of))];
-    notes.extend(hidden_drifts(&means, &outcome.fit, &all, &steps));
-    steps.iter_mut().for_each(in_nt);
-    detection_limits.iter_mut().for_each(|limit| limit.parameter = limit.parameter.replace("enT", "nT"));
-    Ok(Diagnosis {
-        format: "diagnosis",
-        version: 1,
         runs: vec![of.name.clone()],
-        noise_floor_nt,
-        noise: Some(outcome.fit.noise.parameters),
-        verdict: words::verdict(&steps, left.as_ref()),
-        verdict_kind: VerdictKind::of(&steps, left.as_ref()),
-        left,
-        gap_chain,
-        steps,
-        not_identifiable,
-        detection_limits,
-        response: None,
-        notes,
         reading_ent: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
-        maps,
-        pictures,
-    })
-}
-
-/// The readings of a flight are nT already.
-fn in_nt(step: &mut Step) {
-    let further = step.further.iter_mut().flat_map(|(_, parameters)| parameters);
-    step.parameters.iter_mut().chain(further).for_each(|parameter| parameter.unit = parameter.unit.replace("enT", "nT"));
-    step.sentence = step.sentence.replace("enT", "nT");
+        steps: Vec::new(),
+        pictures: Pictures::default(),
+        notes: vec![Note::new(NoteKind::Method, method(of))],
+    };
+    Ok(searched.diagnosis())
 }
 
 fn method(of: &Difference) -> String {
@@ -166,4 +126,105 @@ fn method(of: &Difference) -> String {
         lengths.into_iter().fold(0.0, f64::max),
         of.name
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Difference, of_difference};
+    use crate::diagnose::result::Step;
+    use crate::model::effects::in_flight::{FIELD, HEATER, RATE, TEMPERATURE, WHEEL};
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
+    use std::f64::consts::TAU;
+
+    const ROWS: usize = 120;
+    const STEP_S: f64 = 480.0;
+    const PAIRS: usize = 480;
+    /// Noise of a pair, nT.
+    const NOISE_NT: f64 = 0.05;
+
+    fn wave(period_s: f64, phase: f64) -> Vec<f64> {
+        (0..ROWS).map(|row| (TAU * (row as f64 + 0.5) * STEP_S / period_s + phase).sin()).collect()
+    }
+
+    /// Sixteen hours of noise that is white and some that is slow, and everything that it could follow and does not.
+    fn quiet(seed: u64) -> Difference {
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+        let mut slow = [0.0; 3];
+        let mut mean = || {
+            slow = slow.map(|value| 0.9 * value + 0.002 * normal());
+            slow.map(|value| value + NOISE_NT / (PAIRS as f64).sqrt() * normal())
+        };
+        let difference_nt = (0..ROWS).map(|_| mean()).collect();
+        let [own, other] = [wave(9000.0, 0.2), wave(14_000.0, 1.7)];
+        let rate = |values: &[f64], period_s: f64, phase: f64, swing_k: f64| -> Vec<f64> {
+            wave(period_s, phase + 0.25 * TAU).iter().zip(values).map(|(cosine, _)| swing_k * TAU / period_s * cosine).collect()
+        };
+        // On for parts of the time within a third of it.
+        let share = |row: usize| if (30..70).contains(&row) { 0.5 + 0.4 * (1.7 * row as f64).sin() } else { 0.0 };
+        let channels = vec![
+            (format!("{TEMPERATURE}IB"), other.iter().map(|v| -30.0 + 5.0 * v).collect()),
+            (format!("{WHEEL}1"), wave(21_000.0, 0.9).iter().map(|v| 27.0 + 4.0 * v).collect()),
+            (format!("{HEATER}h1"), (0..ROWS).map(share).collect()),
+            (format!("{FIELD}x"), wave(3700.0, 2.2).iter().map(|v| 40.0 * v).collect()),
+            (format!("{RATE}IB"), rate(&other, 14_000.0, 1.7, 5.0)),
+            (format!("{RATE}OB"), rate(&own, 9000.0, 0.2, 6.0)),
+        ];
+        Difference {
+            name: "OB-IB".to_owned(),
+            span_s: (0..ROWS).map(|row| [row as f64 * STEP_S, (row as f64 + 1.0) * STEP_S]).collect(),
+            pairs: vec![PAIRS; ROWS],
+            difference_nt,
+            degc: own.iter().map(|v| -40.0 + 6.0 * v).collect(),
+            channels,
+        }
+    }
+
+    /// With a part of a channel, of its square about its mean if `bent`.
+    fn with(mut of: Difference, channel: &str, size: [f64; 3], bent: bool) -> Difference {
+        let values = &of.channels.iter().find(|(name, _)| name == channel).unwrap().1;
+        let mean = values.iter().sum::<f64>() / ROWS as f64;
+        for (row, value) in of.difference_nt.iter_mut().zip(values) {
+            let part = if bent { (value - mean).powi(2) } else { value - mean };
+            (0..3).for_each(|axis| row[axis] += size[axis] * part);
+        }
+        of
+    }
+
+    fn steps(of: &Difference) -> Vec<Step> {
+        of_difference(of).unwrap().steps
+    }
+
+    #[test]
+    fn nothing_is_found_in_noise() {
+        for seed in 0..2 {
+            let found = steps(&quiet(seed));
+            assert!(found.is_empty(), "{seed}: {:?}", found.iter().map(|s| &s.sentence).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn what_was_hidden_is_named_with_its_size_in_nt() {
+        for (channel, effect, size, unit, bent) in [
+            (format!("{HEATER}h1"), "heater_field", [0.06, -0.04, 0.05], "nT", false),
+            (format!("{WHEEL}1"), "wheel_field", [0.004, -0.005, 0.003], "nT/Hz", false),
+            (format!("{FIELD}x"), "field_difference", [4e-4, -5e-4, 6e-4], "nT/nT", false),
+            (format!("{RATE}OB"), "temperature_rate", [4.0, -5.0, 6.0], "nT s/K", false),
+            (format!("{TEMPERATURE}IB"), "other_sensor_temperature", [0.004, 0.005, -0.004], "nT/K", false),
+            (format!("{TEMPERATURE}IB"), "other_sensor_temperature", [0.0015, -0.0012, 0.002], "nT/K^2", true),
+        ] {
+            let found = steps(&with(quiet(11), &channel, size, bent));
+            let words: Vec<&String> = found.iter().map(|s| &s.sentence).collect();
+            assert!(found.len() == 1 && found[0].effect.id() == effect, "{channel}: {words:?}");
+            // Behind the slopes of a parabola stand its curvatures.
+            let own = found[0].parameters.iter().filter(|p| p.unit == unit);
+            let own: Vec<(f64, f64)> = own.map(|p| (p.value, p.std.unwrap())).collect();
+            assert_eq!(own.len(), 3, "{words:?}");
+            for ((value, std), wanted) in own.into_iter().zip(size) {
+                assert!((value - wanted).abs() < 4.0 * std && std < 0.3 * wanted.abs(), "{channel}: {value} ± {std}, {wanted}");
+            }
+        }
+    }
 }

@@ -11,6 +11,7 @@
 pub mod across;
 pub mod branches;
 pub mod candidate;
+mod conclusion;
 mod error;
 mod explanations;
 mod fault;

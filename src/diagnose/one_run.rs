@@ -1,15 +1,15 @@
 //! One run with plateaus: damaged data, then a lag of the thermistor, then the samples, then the plateau means.
 
 use super::candidate::Candidate;
+use super::conclusion::Searched;
 use super::fault::{self, FoundFault};
 use super::lag::FoundLag;
-use super::limits::{hidden_drifts, limits};
-use super::means::{Means, MeansModel, Term};
-use super::problem::{self, Outcome};
-use super::result::{Diagnosis, Evidence, Map, Pictures, Step, VerdictKind};
+use super::means::Means;
+use super::problem;
+use super::result::{Diagnosis, Pictures, Step};
 use super::samples::{self, Inside};
-use super::steps::{inside_step, joined, sufficient};
-use super::{DiagnoseError, Given, Options, inside_maps, lag, left, where_map, words};
+use super::steps::inside_step;
+use super::{DiagnoseError, Given, Options, inside_maps, lag};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateaus;
 use crate::data::run::{Kind, Run};
@@ -18,7 +18,7 @@ use crate::model::effects::in_samples::InSamples;
 use crate::model::effects::remanence::{self, Remanence};
 use crate::model::effects::thermal_lag::ThermalLag;
 use crate::model::effects::time_shift::{SHIFT, TimeShift};
-use crate::model::effects::{Acts, Catalogue, EffectRef, Record, Row, Spec};
+use crate::model::effects::{Acts, Catalogue, EffectRef, Record, Spec};
 use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::record::position::the_position;
 use crate::record::prepared::{PreparedRun, Samples};
@@ -105,7 +105,6 @@ pub(super) fn run(
         notes.extend(with_slow_part(&mut means, found));
     }
     let outcome = problem::search(&mut means).ok_or(DiagnoseError::NoNoise)?;
-    let all = means.all(&outcome.terms);
 
     for (index, found) in inside.found().iter().enumerate() {
         let earlier = &inside.all[..inside.known + index];
@@ -113,47 +112,23 @@ pub(super) fn run(
         pictures.inside.extend(picture);
         steps.push(inside_step(found, &prepared, inside.all.iter().any(|f| f.effect.is(&TimeShift))));
     }
-    let before = steps.len();
-    let (steps, maps, places) = steps_of_all(&means, &outcome, steps, &mut pictures);
-    let number = |place: &usize| place + 1;
-    let of_terms: Vec<usize> = places[before..].iter().map(number).collect();
-    let gap_chain = left::chain(&means, &outcome.fit, &all, &of_terms, places[..before].iter().map(number).collect());
-    let left = left::left(&means, &outcome.fit, &all);
-    let noise_floor_nt = noise_floor_nt(&means, &outcome.fit, &all);
-    pictures.left = quiet_maps(&means, &outcome.fit, &all, noise_floor_nt);
-    let before = where_map::Model {
-        record: &prepared.record,
-        readings: &raw,
-        design: &design_before,
-        given: means.given.iter().map(|g| &g.columns).collect(),
-        nt_per_ent: prepared.nt_per_ent,
-    };
-    pictures.places = where_map::places(&before, &outcome.fit.noise);
-    let (not_identifiable, detection_limits) = limits(&means, &outcome.fit, &steps, &options.catalogue);
-    notes.extend(hidden_drifts(&means, &outcome.fit, &all, &steps));
     if run.vectors.lost > 0 {
         let text = format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count);
         notes.push(Note::new(NoteKind::Data, text));
     }
-    Ok(Diagnosis {
-        format: "diagnosis",
-        version: 1,
+    let searched = Searched {
+        means: &means,
+        outcome: &outcome,
+        catalogue: &options.catalogue,
+        readings: &raw,
+        design: &design_before,
         runs: vec![run.header.run.clone()],
-        noise_floor_nt,
-        noise: Some(outcome.fit.noise.parameters),
-        verdict: words::verdict(&steps, left.as_ref()),
-        verdict_kind: VerdictKind::of(&steps, left.as_ref()),
-        left,
-        gap_chain,
-        steps,
-        not_identifiable,
-        detection_limits,
-        response: None,
-        notes,
         reading_ent: reading_ranges_ent(&prepared.record),
-        maps,
+        steps,
         pictures,
-    })
+        notes,
+    };
+    Ok(searched.diagnosis())
 }
 
 /// Known effects that act between the means: their sizes are fitted again. A lag is built into the temperatures.
@@ -245,52 +220,6 @@ fn corrected(prepared: &PreparedRun, inside: &[Inside]) -> DMatrix<f64> {
         }
     }
     readings
-}
-
-/// The steps so far and those of the means, one per effect, with their maps, and where each went; their evidence goes to the pictures.
-fn steps_of_all(
-    means: &Means,
-    outcome: &Outcome<Term, MeansModel>,
-    mut steps: Vec<Step>,
-    pictures: &mut Pictures,
-) -> (Vec<Step>, Vec<Map>, Vec<usize>) {
-    let (of_means, maps, evidence) = problem::steps(means, outcome, steps.len());
-    steps.extend(of_means);
-    pictures.evidence.extend(evidence);
-    let (mut steps, places) = joined(steps);
-    // A further form of an effect has no picture of its own.
-    let place = |step: usize| places.get(step).filter(|p| p.is_first).map(|p| p.step);
-    let maps = maps.into_iter().filter_map(|m| Some(Map { step: place(m.step)?, ..m })).collect();
-    let evidence = std::mem::take(&mut pictures.evidence);
-    pictures.evidence = evidence.into_iter().filter_map(|e| Some(Evidence { step: place(e.step)?, ..e })).collect();
-    sufficient(&mut steps);
-    (steps, maps, places.iter().map(|p| p.step).collect())
-}
-
-pub(super) fn noise_floor_nt(means: &Means, model: &MeansModel, all: &[&Candidate]) -> [f64; 3] {
-    let row_std = means.row_std(model, all);
-    std::array::from_fn(|a| row_std[0][a] * means.prepared.nt_per_ent[a])
-}
-
-/// What the whole model leaves of the readings.
-pub(super) fn quiet_maps(means: &Means, model: &MeansModel, all: &[&Candidate], noise_floor_nt: [f64; 3]) -> Vec<Map> {
-    let held = means.predicted(&model.noise, all);
-    (0..3)
-        .map(|axis| {
-            let record = &means.prepared.record;
-            let nt: Vec<f64> = held.residual_ent.column(axis).iter().map(|r| r * means.prepared.nt_per_ent[axis]).collect();
-            Map {
-                covariate: "time".to_owned(),
-                unit: "s".to_owned(),
-                axis,
-                x: record.rows.iter().map(Row::t_s).collect(),
-                before_nt: nt.clone(),
-                after_nt: nt,
-                noise_nt: noise_floor_nt[axis],
-                step: 0,
-            }
-        })
-        .collect()
 }
 
 /// Smallest and largest reading of each axis, without offset, enT.

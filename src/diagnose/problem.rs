@@ -58,6 +58,11 @@ pub trait Problem {
     /// One term in place of two that belong together; `None` if both have to stay.
     fn merged(&self, earlier: &Self::Term, last: &Self::Term) -> Option<Self::Term>;
 
+    /// Whether a single term is looked at again with the noise that it leaves: where slow noise was as likely before it, that may tell more.
+    fn looks_again_at_one(&self) -> bool {
+        false
+    }
+
     /// What becomes of a term now that others were added; its parameters may be refined where it stays. `None` if a model has no fit.
     fn revised(&self, chosen: &mut [Self::Term], index: usize) -> Option<Revision<Self::Term>>;
 
@@ -131,13 +136,13 @@ fn add<P: Problem>(problem: &P, terms: &mut Vec<P::Term>, last: P::Term) {
     }
 }
 
-/// Drops terms that the others made superfluous, and swaps those for which something better is left. A single term stays: it has just been
-/// accepted.
+/// Drops terms that the others made superfluous, and swaps those for which something better is left. A single term mostly stays: it has just
+/// been accepted.
 fn repair<P: Problem>(problem: &P, terms: &mut Vec<P::Term>) -> Option<()> {
     for _ in 0..P::MOST_REVISIONS {
         let mut changed = false;
         let mut index = 0;
-        while index < terms.len() && terms.len() > 1 {
+        while index < terms.len() && (terms.len() > 1 || problem.looks_again_at_one()) {
             match problem.revised(terms, index)? {
                 Revision::Keep => index += 1,
                 Revision::Swap(better) => {

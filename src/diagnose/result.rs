@@ -1,7 +1,8 @@
 //! What a diagnosis found.
 
 use crate::data::note::{Note, told};
-use crate::fit::noise::state_space::NoiseParameters;
+use crate::data::units::Scale;
+use crate::fit::noise::NoiseParameters;
 use crate::model::effects::{EffectRef, Spec};
 use serde::Serialize;
 
@@ -133,6 +134,9 @@ pub struct Pictures {
     /// Residuals of the whole model, an entry per component.
     #[serde(skip)]
     pub left: Vec<Map>,
+    /// What the readings are.
+    #[serde(skip)]
+    pub scale: Scale,
 }
 
 /// How the readings of one axis disagree with the model along a covariate, before anything is named.

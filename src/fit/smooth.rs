@@ -4,12 +4,19 @@
 //! a column that scatters as well, and a fit to it finds too little. A thermal mass is smooth over minutes.
 
 use nalgebra::{SMatrix, SVector};
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
 
 /// Readings on either side that are tried, beside the series as it is.
 const REACHES: [usize; 8] = [2, 4, 8, 16, 32, 64, 128, 256];
 
 /// Readings on either side over which a rate is taken where the readings need no smoothing.
 const LEAST_REACH: usize = 2;
+
+/// Random courses of the noise of readings: they tell the standard deviation that it adds to something to a tenth.
+const NOISES: usize = 64;
+const SEED: u64 = 20_131_998;
 
 /// A slow quantity in the course of time.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -57,6 +64,19 @@ impl Course {
     #[must_use]
     pub fn exact(readings: Vec<(f64, f64)>) -> Self {
         Self { rate_per_s: rates(&readings, LEAST_REACH), series: readings, noise: 0.0, reach: None }
+    }
+
+    /// Courses that the noise of the readings alone would make, the same in every analysis; none where there is no noise. The sum of the
+    /// squares of what they do is the variance that the noise gives: it is smoothed before it acts, and then the same for times that are near each other.
+    pub fn noises(&self) -> impl Iterator<Item = Course> {
+        let count = if self.noise > 0.0 { NOISES } else { 0 };
+        let weights = self.weights();
+        let mut random = Xoshiro256PlusPlus::seed_from_u64(SEED);
+        let scale = self.noise / (NOISES as f64).sqrt();
+        (0..count).map(move |_| {
+            let one = |_: usize| -> f64 { StandardNormal.sample(&mut random) };
+            weights.course(&(0..weights.times_s.len()).map(one).map(|v| scale * v).collect::<Vec<f64>>())
+        })
     }
 
     /// How it follows from readings.
@@ -231,9 +251,6 @@ fn parabolas(series: &[(f64, f64)], reach: usize) -> (f64, Vec<(f64, f64)>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand_distr::{Distribution, StandardNormal};
-    use rand_xoshiro::Xoshiro256PlusPlus;
-    use rand_xoshiro::rand_core::SeedableRng;
 
     fn rms(a: &[(f64, f64)], truth: impl Fn(f64) -> f64) -> f64 {
         (a.iter().map(|(t, v)| (v - truth(*t)).powi(2)).sum::<f64>() / a.len() as f64).sqrt()

@@ -32,8 +32,18 @@ impl Limits {
 /// Noise of a reading.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadingNoise {
-    /// Standard deviation by mode, enT, the step of the converter included; nan where it is not known.
+    /// Standard deviation by mode, enT; nan where it is not known.
     pub std_ent: Vec<f64>,
+    /// Step of the converter by range, enT; the last one is that of all further ranges.
+    pub step_ent: Vec<f64>,
+}
+
+impl ReadingNoise {
+    /// Variance of a reading in a mode and range, enT²; nan where it is not known.
+    fn variance_ent2(&self, mode: u8, range: u8) -> f64 {
+        let step = self.step_ent.get(usize::from(range)).or(self.step_ent.last());
+        self.std_ent.get(usize::from(mode)).zip(step).map_or(f64::NAN, |(std, step)| std * std + step * step / 12.0)
+    }
 }
 
 /// The ground calibration of files.
@@ -143,8 +153,7 @@ impl Step for GroundStep {
                 let measured = raw - here.at.offset_ent;
                 block.put(row, &(here.at.matrix * measured));
                 if wants {
-                    let noise = self.noise.as_ref().and_then(|n| n.std_ent.get(usize::from(block.mode[row]))).copied();
-                    let noise2 = noise.map_or(f64::NAN, |n| n * n);
+                    let noise2 = self.noise.as_ref().map_or(f64::NAN, |n| n.variance_ent2(block.mode[row], block.range[row]));
                     let daily_nt = if whole_run { daily_nt } else { self.daily_change_nt(block.time[row], degc, count) };
                     let change = here.matrix_change * measured - here.at.matrix * here.offset_change_ent - daily_nt;
                     let common = here.at.covariance_nt2(&measured);
@@ -200,8 +209,7 @@ impl Step for MatrixStep {
             let measured = block.vector(row) - entry.at.offset_ent;
             block.put(row, &(entry.at.matrix * measured + entry.added_nt));
             if wants {
-                let noise = self.noise.as_ref().and_then(|n| n.std_ent.get(usize::from(block.mode[row]))).copied();
-                let noise2 = noise.map_or(f64::NAN, |n| n * n);
+                let noise2 = self.noise.as_ref().map_or(f64::NAN, |n| n.variance_ent2(block.mode[row], block.range[row]));
                 let square = entry.at.matrix * entry.at.matrix.transpose();
                 let common = entry.at.covariance_nt2(&measured);
                 for (element, place) in SYMMETRIC.into_iter().enumerate() {

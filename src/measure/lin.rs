@@ -23,7 +23,7 @@ use crate::data::units::Reading;
 use crate::fit::DenseNoise;
 use crate::fit::statistics::{extremes, median};
 use crate::model::campaign::Instructions;
-use crate::record::conditions::{self, AT_REST_K, Temperatures};
+use crate::record::conditions::{self, AT_REST_K, Temperatures, Within};
 use crate::record::screens::{self, inside};
 use derived::{Derived, Parameters};
 use fit::{Fitted, Means, fit, stack};
@@ -162,7 +162,7 @@ impl Solved {
         if !options.allow_mismatch {
             screens::followed(&readings_ent(&used), &fitted.solution.residuals)?;
         }
-        let noise = conditions::noise(fitted.for_noise(), &used).map_err(LinError::Fit)?;
+        let noise = conditions::noise(fitted.for_noise(), &used, Within::Still).map_err(LinError::Fit)?;
         let stacked = stack(&fitted.solution.coefficients);
         let covariance = prepared.covariance(&noise, &means, &used).map_err(LinError::Fit)?;
         Ok(Self { means, fitted, noise, stacked, covariance, slopes: None })

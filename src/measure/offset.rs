@@ -10,6 +10,7 @@ mod refusal;
 mod sight;
 mod solved;
 mod stay;
+mod type_b;
 
 pub use refusal::OffsetError;
 
@@ -91,15 +92,14 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
         .facility
         .as_ref()
         .map(|f| facility::apply(&f.without_offset(), run, instructions, &mut plateaus.list, &mut of_facility))
-        .transpose()?
-        .map(|driven| driven.part);
+        .transpose()?;
     let visits_made = stays(&plateaus, instructions)?;
     let made = visits_made.len();
     let stays = pooled(visits_made);
     let levels = Levels::measure(&stays)?;
     let mut notes = Vec::new();
     check_components(&stays, &levels, options.allow_mismatch, &mut notes)?;
-    let solved = Solved::of(&stays, &levels)?;
+    let mut solved = Solved::of(&stays, &levels)?;
     if solved.values.offset_ent.iter().all(|v| v.is_nan()) {
         let reasons: Vec<String> = solved.refused.iter().map(|r| format!("{}: {}", r.component, r.reason)).collect();
         return Err(OffsetError::NoPairs(reasons.join("; ")));
@@ -118,6 +118,9 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
     conditions::warn_of_plateaus(&mut notes, run, &plateaus);
     conditions::warn_of_run(&mut notes, run, instructions);
+    let moved = facility.as_ref().filter(|driven| !driven.moved_nt.is_empty());
+    let of_uncertain_facility =
+        moved.map(|driven| type_b::of_facility(driven, &plateaus, instructions, &levels, &mut solved)).transpose()?;
     let found = OffsetFound {
         run: conditions::head(run, instructions, &temperatures),
         scaled: None,
@@ -125,13 +128,14 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
         visit: visits(&stays, &levels, &solved),
         method: solved.method,
         covariance: solved.covariance,
+        of_facility: of_uncertain_facility,
         drift: solved.drift,
         refused: solved.refused,
     };
     let mut offset = Offset {
         values: solved.values,
         found,
-        facility,
+        facility: facility.map(|driven| driven.part),
         dropped: conditions::dropped(&plateaus.list),
         plateaus: plateaus.list.clone(),
         temperatures,

@@ -124,10 +124,10 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let mut head = conditions::head(run, instructions, &temperatures);
     head.temperature_degc = Some(degc.iter().sum::<f64>() / degc.len() as f64);
     let polynomials = fit::polynomials(fit, &settled.covariance);
-    let of_facility = match facility.as_ref().filter(|driven| !driven.moved_nt.is_empty()) {
-        Some(driven) => Some(fit::polynomials(fit, &fit::of_facility(fit, degc, &driven.moved_of(&list, &used))?)),
-        None => None,
-    };
+    let uncertain = facility.as_ref().filter(|driven| !driven.moved_nt.is_empty());
+    let covariance_b = uncertain.map(|driven| fit::of_facility(fit, degc, &driven.moved_of(&list, &used))).transpose()?;
+    let of_facility = covariance_b.as_ref().map(|covariance| fit::polynomials(fit, covariance));
+    let together = fit::together(fit, &settled.covariance, covariance_b.as_ref());
     let quantity = |k: usize| QuantityFit {
         covariance_b: of_facility.as_ref().map(|of| of[k].covariance.clone()),
         ..describe(k, run, &polynomials[k], &windows, asked.has(k), used.len())
@@ -144,6 +144,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
             known_effects: model.iter().map(|m| m.part.file.clone()).collect(),
         },
         quantities: (0..QUANTITIES.len()).map(quantity).collect(),
+        together,
         rotation: fit::rotation(fit, &settled.covariance),
         turning: Turning { order: settled.orders.rotation, angle_deg: fit::turned_deg(fit) },
         settings: SettingCounts { used: used.len(), total: list.len(), too_fast: usable.len() - used.len() },

@@ -3,6 +3,7 @@
 use super::parts::Named;
 use super::{Band, CellRow, Figure, Marks, Panel, Scale, Series, Style};
 use crate::data::units::COMPONENTS;
+use crate::data::units::Scale::{Calibrated, Engineering};
 use crate::diagnose::result::{Branches, Diagnosis, Evidence, InsideMap, Map, Place, Step};
 
 /// Steps that have figures; a run has fewer effects.
@@ -81,7 +82,10 @@ pub fn figures(diagnosis: &Diagnosis) -> Vec<Named> {
 fn subject(diagnosis: &Diagnosis) -> String {
     match diagnosis.runs.as_slice() {
         [first, .., last] => format!("{} runs, {first} to {last}", diagnosis.runs.len()),
-        one => format!("Run {}", one.concat()),
+        one => match diagnosis.pictures.scale {
+            Engineering => format!("Run {}", one.concat()),
+            Calibrated => format!("Difference {}", one.concat()),
+        },
     }
 }
 
@@ -98,7 +102,7 @@ const TOLD: f64 = 3.0;
 
 /// Covariates that explain most on any axis, in the same order for all axes that show a disagreement.
 fn places(diagnosis: &Diagnosis) -> Option<Named> {
-    let places = &diagnosis.pictures.places;
+    let (places, scale) = (&diagnosis.pictures.places, diagnosis.pictures.scale);
     let mut names: Vec<&str> = Vec::new();
     for place in places {
         if !names.contains(&place.covariate.as_str()) {
@@ -134,17 +138,21 @@ fn places(diagnosis: &Diagnosis) -> Option<Named> {
     let figure = Figure {
         title: format!("{}: where readings and model disagree", subject(diagnosis)),
         caption: format!(
-            "Before anything is named: displacement of the readings along the sensor axes {} (top to bottom) for bins of the \
+            "Before anything is named: displacement of the readings along the {} {} (top to bottom) for bins of the \
              covariates, fitted beside the model, in multiples of its standard uncertainty. Blue cells are below the model, orange \
              ones above; numbers stand where it is 3 or more, which noise alone gives in one cell of 370. {} of {} covariates, \
              first the one of which a smooth function predicts most of stretches that it did not see; a gain multiplies the \
              reading.{}",
+            if axes.len() == 1 { scale.axis().to_owned() } else { scale.axis().replace("axis", "axes") },
             axes.join(", "),
             names.len(),
             places.len() / 3,
             if axes.len() < COMPONENTS.len() { " Axes without such a cell are left out." } else { "" }
         ),
-        x_label: "plateaus in the order of the covariate, %".to_owned(),
+        x_label: match scale {
+            Engineering => "plateaus in the order of the covariate, %".to_owned(),
+            Calibrated => "means in the order of the covariate, %".to_owned(),
+        },
         x_scale: Scale::Linear,
         panels: axes.iter().map(|axis| panel(axis)).collect(),
     };
@@ -183,9 +191,12 @@ fn residuals(diagnosis: &Diagnosis, step: &Step, map: &Map) -> Figure {
     Figure {
         title: format!("{}: {} on {axis}, before and after", subject(diagnosis), name(step)),
         caption: format!(
-            "Measured minus modelled reading on the sensor axis {axis}, every point predicted by a fit that did not see it: above \
+            "Measured minus modelled reading on the {} {axis}, every point predicted by a fit that did not see it: above \
              without {}, below with it. Root mean square {:.3} and {:.3} nT; the band is twice the noise of a mean.",
-            step.effect, step.gap_before.rms_nt[map.axis], step.gap_after.rms_nt[map.axis]
+            diagnosis.pictures.scale.axis(),
+            step.effect,
+            step.gap_before.rms_nt[map.axis],
+            step.gap_after.rms_nt[map.axis]
         ),
         x_label: with_unit(&map.covariate, &map.unit),
         x_scale: x_scale(map),
@@ -298,9 +309,11 @@ fn left(diagnosis: &Diagnosis) -> Option<Named> {
     let what = if diagnosis.steps.is_empty() { "no missing effect" } else { "what is left with all effects" };
     let figure = Figure {
         title: format!("{}: {what}", subject(diagnosis)),
-        caption: "Measured minus modelled reading along the sensor axes, every point predicted by a fit that did not see it; the bands are twice \
-                  the noise of a mean."
-            .to_owned(),
+        caption: format!(
+            "Measured minus modelled reading along each {}, every point predicted by a fit that did not see it; the bands are twice the \
+             noise of a mean.",
+            diagnosis.pictures.scale.axis()
+        ),
         x_label: with_unit(&first.covariate, &first.unit),
         x_scale: x_scale(first),
         panels: maps

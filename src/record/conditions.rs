@@ -115,21 +115,36 @@ pub fn raw_std(used: &[&Plateau]) -> Option<Spread> {
     })
 }
 
+/// What the readings do within a plateau beside their noise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Within {
+    /// They stay.
+    Still,
+    /// They may change steadily, as with a temperature that moves. Such a change makes all contrasts of a plateau alike and is no noise:
+    /// contrasts are taken about their mean then, and the scatter of the samples about a straight line.
+    Drift,
+}
+
 /// The noise of the plateau means of a fit, one row per plateau: from what happens within the plateaus and from the residuals,
 /// or from the residuals alone if the file brings means only.
 ///
 /// # Errors
 /// Those of [`dense::estimate`].
-pub fn noise(solution: &Solution, used: &[&Plateau]) -> Result<DenseNoise, FitError> {
-    noise_of(solution, used, &[0, 1, 2], None)
+pub fn noise(solution: &Solution, used: &[&Plateau], within: Within) -> Result<DenseNoise, FitError> {
+    noise_of(solution, used, &[0, 1, 2], within, None)
 }
 
 /// The same of a run of a group whose runs show their noise together.
 ///
 /// # Errors
 /// Those of [`dense::estimate`].
-pub fn noise_in_group(solution: &Solution, used: &[&Plateau], group: Option<&GroupNoise>) -> Result<DenseNoise, FitError> {
-    noise_of(solution, used, &[0, 1, 2], group)
+pub fn noise_in_group(
+    solution: &Solution,
+    used: &[&Plateau],
+    within: Within,
+    group: Option<&GroupNoise>,
+) -> Result<DenseNoise, FitError> {
+    noise_of(solution, used, &[0, 1, 2], within, group)
 }
 
 /// The same for right-hand sides that are some components of the reading, 0 to 2.
@@ -140,10 +155,13 @@ pub fn noise_of(
     solution: &Solution,
     used: &[&Plateau],
     components: &[usize],
+    within: Within,
     group: Option<&GroupNoise>,
 ) -> Result<DenseNoise, FitError> {
     let mut octaves: Vec<Octave> = Vec::new();
-    for contrasts in used.iter().flat_map(|p| &p.contrasts) {
+    // One of the contrasts tells the steady change.
+    let taken = if within == Within::Drift { 1.0 } else { 0.0 };
+    for contrasts in used.iter().flat_map(|p| &p.contrasts).filter(|c| c.count as f64 > taken) {
         let same = |o: &&mut Octave| (o.length / contrasts.part_s - 1.0).abs() < SAME_LENGTH;
         let octave = match octaves.iter_mut().find(same) {
             Some(octave) => octave,
@@ -153,11 +171,11 @@ pub fn noise_of(
                 &mut octaves[last]
             }
         };
-        let count = contrasts.count as f64;
+        let (all, count) = (contrasts.count as f64, contrasts.count as f64 - taken);
         octave.count += count;
         octave.white += count * contrasts.inverse_samples;
         for (sum, component) in octave.squares.iter_mut().zip(components) {
-            *sum += count * contrasts.mean_square[*component];
+            *sum += all * (contrasts.mean_square[*component] - taken * contrasts.mean[*component].powi(2)).max(0.0);
         }
     }
     if octaves.is_empty() {
@@ -171,12 +189,23 @@ pub fn noise_of(
     let intervals: Vec<[f64; 2]> = used.iter().map(|p| p.used_s).collect();
     let [variances, readings] = [0, 1].map(|which| {
         DMatrix::from_fn(used.len(), components.len(), |i, a| match which {
+            0 if within == Within::Drift => scatter_about_a_line(used[i], components[a]),
             0 => used[i].std_ent.map_or(f64::NAN, |s| s[components[a]].powi(2)),
             _ => used[i].mean.0[components[a]],
         })
     });
     let scatter = Some([&variances, &readings]);
     dense::estimate_with(solution, &Sampled { intervals: &intervals, counts: &samples, octaves: &octaves, scatter, group })
+}
+
+/// Variance of the samples of a plateau about a straight line, enT²: a line that rises by r from begin to end has the variance r²/12. The
+/// longest parts tell it best.
+fn scatter_about_a_line(plateau: &Plateau, component: usize) -> f64 {
+    let rise = plateau
+        .contrasts
+        .last()
+        .map_or(0.0, |longest| longest.mean[component] / longest.part_s * (plateau.used_s[1] - plateau.used_s[0]));
+    plateau.std_ent.map_or(f64::NAN, |s| (s[component].powi(2) - rise * rise / 12.0).max(0.0))
 }
 
 /// Probability from which noise steeper than 1/f is told.
@@ -344,5 +373,96 @@ pub fn warn_of_run(notes: &mut impl Extend<Note>, run: &Run, instructions: &Inst
     for finding in run.findings.iter().filter(|f| f.severity > Severity::Note) {
         let place = finding.line.map_or_else(String::new, |line| format!("line {line}: "));
         notes.extend([Note::new(NoteKind::Data, format!("{place}{}", finding.rule)).with_remedy(finding.remedy.as_ref())]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::plateau::Contrasts;
+    use crate::data::run::Setting;
+    use crate::data::units::{FieldCoil, Reading};
+    use crate::fit::random::Random;
+    use crate::fit::{Design, Limits, solve};
+
+    const PLATEAUS: usize = 40;
+    const SAMPLES: usize = 64;
+    /// Readings are far above their noise, and alternate.
+    const FIELD_ENT: f64 = 1000.0;
+
+    fn sign(index: usize) -> f64 {
+        if index.is_multiple_of(2) { 1.0 } else { -1.0 }
+    }
+
+    /// White noise of unit variance on readings that rise within every plateau by so much, and are back at its middle.
+    fn plateaus(rise_ent: f64) -> Vec<Plateau> {
+        let mut random = Random::seeded(11);
+        let one = |index: usize| {
+            let sample = |i: usize, noise: f64| noise + rise_ent * ((i as f64 + 0.5) / SAMPLES as f64 - 0.5);
+            let samples: Vec<f64> = (0..SAMPLES).map(|i| sample(i, random.gaussian())).collect();
+            let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+            let middle = mean(&samples);
+            let contrasts = [4, 8, 16, 32].map(|length| {
+                let pairs: Vec<f64> = samples.chunks(2 * length).map(|p| mean(&p[length..]) - mean(&p[..length])).collect();
+                Contrasts {
+                    part_s: length as f64,
+                    count: pairs.len() as u64,
+                    inverse_samples: 2.0 / length as f64,
+                    mean_square: [pairs.iter().map(|d| d * d).sum::<f64>() / pairs.len() as f64; 3],
+                    mean: [mean(&pairs); 3],
+                }
+            });
+            let used_s = [(SAMPLES * index) as f64, (SAMPLES * (index + 1)) as f64];
+            let [t_start_s, t_end_s] = used_s;
+            let variance = samples.iter().map(|v| (v - middle).powi(2)).sum::<f64>() / (SAMPLES - 1) as f64;
+            Plateau {
+                index,
+                setting: Setting { t_start_s, t_end_s, field: FieldCoil([0.0; 3]), frequency_hz: 0.0, position: 1 },
+                used_s,
+                mean: Reading([middle + FIELD_ENT * sign(index); 3]),
+                std_ent: Some([variance.sqrt(); 3]),
+                count: Some(SAMPLES as u64),
+                spike_samples: 0,
+                dropped: None,
+                contrasts: contrasts.to_vec(),
+            }
+        };
+        (0..PLATEAUS).map(one).collect()
+    }
+
+    fn noise_of_mean(list: &[Plateau], within: Within) -> DenseNoise {
+        let used: Vec<&Plateau> = list.iter().collect();
+        let columns = DMatrix::from_fn(PLATEAUS, 2, |i, j| if j == 0 { 1.0 } else { sign(i) });
+        let design = Design::new(vec!["mean".to_owned(), "field".to_owned()], columns).unwrap();
+        let rhs = DMatrix::from_fn(PLATEAUS, 3, |i, a| list[i].mean.0[a]);
+        noise(&solve(&design, &rhs, None, &Limits::default()).unwrap(), &used, within).unwrap()
+    }
+
+    /// The mean of 40 means of 64 samples of unit variance is uncertain by 1/√2560. Its noise is known to 12 % from 40 rows and better with what
+    /// is inside them; three times that is allowed, and a tenth for the chance of slow noise that no record excludes.
+    #[test]
+    fn a_steady_change_within_the_plateaus_is_no_noise() {
+        let expected = ((PLATEAUS * SAMPLES) as f64).sqrt().recip();
+        let std =
+            |rise_ent: f64, within: Within| noise_of_mean(&plateaus(rise_ent), within).covariance()[(0, 0)].sqrt() / expected;
+        for rise_ent in [0.0, 0.5, 2.0, 10.0] {
+            let found = std(rise_ent, Within::Drift);
+            assert!((0.64..1.5).contains(&found), "{rise_ent} enT: {found}");
+        }
+        // Taken for noise, it is many times the real one.
+        let taken = std(2.0, Within::Still);
+        assert!(taken > 2.0, "{taken}");
+    }
+
+    #[test]
+    fn the_scatter_of_samples_is_that_about_a_line() {
+        for rise_ent in [0.0, 10.0] {
+            let list = plateaus(rise_ent);
+            let mean = list.iter().map(|p| scatter_about_a_line(p, 0)).sum::<f64>() / PLATEAUS as f64;
+            // A line takes one more of 64 degrees of freedom; 2560 samples tell a variance to 2.8 %. What the halves tell of the line errs by
+            // 2√(2/32), which times the rise is without a mean, and its square a 32nd of the variance times a third.
+            let allowed = 3.0 * (0.028 + rise_ent * 0.5 / 6.0 / (PLATEAUS as f64).sqrt());
+            assert!((mean - 1.0).abs() < allowed, "{rise_ent}: {mean}");
+        }
     }
 }

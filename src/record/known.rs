@@ -12,7 +12,7 @@ use crate::data::plateau::{Drop, Plateau, Plateaus, from_blocks};
 use crate::data::provenance::Input;
 use crate::data::run::interpolate;
 use crate::data::run::{Kind, Run, Setting};
-use crate::data::units::{COMPONENTS, Reading};
+use crate::data::units::{COMPONENTS, Reading, Scale};
 use crate::files::parameter::{Model, ModelEffect};
 use crate::files::text::Group;
 use crate::fit::smooth::Course;
@@ -321,6 +321,7 @@ fn specimen(with_temperature: bool) -> Record {
     Record {
         trend_order: super::prepared::TREND_ORDER,
         kind: if with_temperature { Kind::Sweep } else { Kind::Linearity },
+        scale: Scale::Engineering,
         rows: (0..ROWS).map(row).collect(),
         response: Matrix3::identity(),
         span_s,

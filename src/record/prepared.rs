@@ -4,6 +4,7 @@ use super::temperature_faults;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{self, Course as SettingCourse, Displacement, Plateau, Plateaus};
 use crate::data::run::{Kind, Run, Setting, SlowTable, Vector, VectorSink, interpolate, mean_over};
+use crate::data::units::Scale;
 use crate::fit::Limits;
 use crate::fit::noise::state_space::Inside;
 use crate::fit::smooth::Course;
@@ -170,6 +171,7 @@ impl PreparedRun {
             .collect();
         let mut record = Record {
             kind,
+            scale: Scale::Engineering,
             rows,
             response: Matrix3::identity(),
             span_s,

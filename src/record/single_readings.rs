@@ -3,6 +3,7 @@
 use super::known::{Known, KnownEffect};
 use crate::data::note::{Note, NoteKind};
 use crate::data::run::Kind;
+use crate::data::units::Scale;
 use crate::model::effects::{Family, Record, Row};
 use nalgebra::Matrix3;
 use thiserror::Error;
@@ -117,6 +118,7 @@ fn record(readings_ent: &[[f64; 3]]) -> Record {
     };
     Record {
         kind: Kind::Linearity,
+        scale: Scale::Engineering,
         rows: readings_ent.iter().map(row).collect(),
         response: Matrix3::identity(),
         span_s: [0.0; 2],

@@ -2,7 +2,7 @@
 
 use super::document::{Block, Cell, Figure, Section, Table, Text, cells};
 use super::{number, remarks};
-use crate::data::units::{six_digits, three_digits};
+use crate::data::units::{Scale, six_digits, three_digits};
 use crate::diagnose::result::{Diagnosis, Forecast, Gap, Link, Place, RunnerUp, Step};
 use crate::diagnose::words;
 use crate::plot::diagnose::{LEFT, WHERE, stems};
@@ -11,7 +11,7 @@ use std::fmt::Write;
 /// Its title.
 #[must_use]
 pub fn title(diagnosis: &Diagnosis) -> String {
-    format!("Diagnosis of run {}", diagnosis.runs.join(", "))
+    format!("Diagnosis of {} {}", diagnosis.pictures.scale.subject(), diagnosis.runs.join(", "))
 }
 
 /// Displacements from this many standard uncertainties on are told.
@@ -26,7 +26,7 @@ pub fn sections(diagnosis: &Diagnosis, figure: &dyn Fn(&str) -> Option<Figure>) 
     sections.extend(chain(diagnosis));
     if !diagnosis.pictures.places.is_empty() {
         let section = Section::new("Where the data disagree");
-        sections.push(section.with_all(places(&diagnosis.pictures.places)).with_all(figure(WHERE)));
+        sections.push(section.with_all(places(&diagnosis.pictures.places, diagnosis.pictures.scale)).with_all(figure(WHERE)));
     }
     for (index, one) in diagnosis.steps.iter().enumerate() {
         sections.push(step(index, one).with_all(stems(index).into_iter().filter_map(figure)));
@@ -107,7 +107,10 @@ fn chain(diagnosis: &Diagnosis) -> Option<Section> {
     let table = Table::new(["with step", "chi²/dof", "weighted rms, nT"]).with_rows(links.iter().enumerate().map(row));
     (links.len() > 1).then(|| {
         Section::new("How the gap shrinks")
-            .with("On stretches of plateau means that were left out of the fit, one step after the other, with the noise of the final model.")
+            .with(format!(
+                "On stretches of {} that were left out of the fit, one step after the other, with the noise of the final model.",
+                diagnosis.pictures.scale.means()
+            ))
             .with(table)
     })
 }
@@ -123,7 +126,7 @@ fn largest(places: &[Place]) -> Option<&Place> {
 }
 
 /// The disagreements that are predicted best, in words and as a table.
-fn places(places: &[Place]) -> Vec<Block> {
+fn places(places: &[Place], scale: Scale) -> Vec<Block> {
     let told: Vec<&Place> = places.iter().filter(|p| p.multiples_of_noise.abs() >= TOLD).take(PLACES).collect();
     let Some(first) = told.first().copied().or_else(|| largest(places)) else { return Vec::new() };
     let of = |p: &Place| {
@@ -155,7 +158,7 @@ fn places(places: &[Place]) -> Vec<Block> {
     };
     let table = Table::new(["axis", "covariate", "at", "displacement, nT", "over its standard uncertainty"])
         .with_rows(told.into_iter().map(row));
-    vec![format!("Before anything is named the plateau means disagree most on {}.", of(first)).into(), table.into()]
+    vec![format!("Before anything is named the {} disagree most on {}.", scale.means(), of(first)).into(), table.into()]
 }
 
 fn step(index: usize, step: &Step) -> Section {

@@ -2,6 +2,7 @@
 
 use super::document::{Cell, Section, Table, Text, cells};
 use super::{not_used, remarks, run_line, triple, used_file, value};
+use crate::data::offset::OffsetTypeB;
 use crate::data::units::{COMPONENTS, with_uncertainty};
 #[cfg(feature = "tables")]
 use crate::files::parameter::Opf;
@@ -38,6 +39,10 @@ fn offsets(p: &Offset) -> Section {
         table.push(cells![MEASURED[i], Cell::uncertain(p.values.offset_ent[i], p.values.offset_std_ent[i]), positions]);
     }
     let section = Section::new("Sensor offsets").with(table);
+    let section = match &p.found.of_facility {
+        Some(b) => type_b(p, b, section),
+        None => section,
+    };
     let Some(scaled) = &p.found.scaled else { return section };
     let row = |i: usize| {
         let offset = Cell::uncertain(scaled.offset_nt[i], scaled.offset_std_nt[i]);
@@ -46,6 +51,24 @@ fn offsets(p: &Offset) -> Section {
     section
         .with(Text::words_and_code(["With the sensitivities of ", &scaled.cpf, ":"]))
         .with(Table::new(["component", "offset, nT", "residual field, nT"]).with_rows((0..3).map(row)))
+}
+
+/// What the facility adds, and where it cancels.
+fn type_b(p: &Offset, b: &OffsetTypeB, section: Section) -> Section {
+    let families = [
+        ("B_off", "enT", [p.values.offset_std_ent, b.std_b.offset_ent, b.std_combined.offset_ent]),
+        ("B_res", "enT", [p.values.residual_std_ent, b.std_b.residual_ent, b.std_combined.residual_ent]),
+        ("B_res, coil axes", "nT", [p.values.residual_coil_std_nt, b.std_b.residual_coil_nt, b.std_combined.residual_coil_nt]),
+    ];
+    let mut table = Table::new(["quantity", "type A", "type B, facility", "combined"]);
+    for (name, unit, stds) in families {
+        for i in 0..3 {
+            let [type_a, of_facility, combined] = stds.map(|std| format!("{:.2e}", std[i]));
+            table.push(cells![format!("{name} {}, {unit}", MEASURED[i]), type_a, of_facility, combined]);
+        }
+    }
+    let covers = p.found.method.std_b_covers.as_ref().map_or_else(String::new, |covers| format!("Type B covers {covers}."));
+    section.with(table).with(covers)
 }
 
 fn residual_field(p: &Offset) -> Section {
@@ -97,7 +120,7 @@ fn quality(p: &Offset) -> Section {
     Section::new("Quality").with(format!(
         "{} of {} blocks used, {} samples lost. {samples} Standard deviation of a plateau mean {} enT. The zero levels of the visits have \
          chi-square {:.1} with {} degrees of freedom against one offset and one residual field. Standard uncertainties (coverage factor 1), \
-         type A only, from {} degrees of freedom of the plateau means.",
+         type A where no type B is stated beside it, from {} degrees of freedom of the plateau means.",
         q.blocks_used,
         q.blocks_total,
         q.lost_samples,

@@ -15,6 +15,7 @@ pub mod truth;
 
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, Tt2000};
+use crate::files::flight::mission::Boom;
 use crate::files::output::Folder;
 use crate::files::twin::telemetry::TelemetryTwin;
 use crate::flight::temperature::Thermometer;
@@ -36,10 +37,8 @@ pub struct SensorTelemetry {
     pub rows: Vec<Row>,
     /// Their counts.
     pub counts: [Vec<f64>; 3],
-    /// The field at their times.
-    pub parts: Vec<Parts>,
-    /// LEVEL_A, nT.
-    pub level_a_nt: Vec<Vector3<f64>>,
+    /// Their boom states, by the place among those of the sensor.
+    boom: Vec<u16>,
     /// Daily offsets.
     pub daily: Daily,
     /// Packets.
@@ -106,6 +105,17 @@ impl<'a> Telemetry<'a> {
         degc(&self.twin.sensors[sensor].course, self.twin.span.from, time)
     }
 
+    /// The field at the time of a row of a sensor: its parts, and LEVEL_A in nT. It is made anew for every row that asks for it, since it takes
+    /// several times the memory of the row.
+    #[must_use]
+    pub fn field(&self, sensor: usize, row: usize) -> (Parts, Vector3<f64>) {
+        let (made, stated) = (&self.sensors[sensor], &self.twin.sensors[sensor]);
+        let part = self.surroundings.at(made.rows[row].time, sensor, Some(made.rows[row].mode));
+        let state = stated.rotations.get(usize::from(made.boom[row]));
+        let a_nt = state.map_or_else(Vector3::zeros, |state| level_a_nt(&part, state));
+        (part, a_nt)
+    }
+
     /// Writes all of it, the configuration of flight processing last. `ground` are coefficient files; a sensor of which none
     /// is given has exact ones.
     ///
@@ -132,6 +142,11 @@ impl<'a> Telemetry<'a> {
     }
 }
 
+/// LEVEL_A in a boom state, nT.
+fn level_a_nt(part: &Parts, state: &Boom) -> Vector3<f64> {
+    state.uvw_to_sc.transpose() * (part.level_b_nt() + part.jump_nt)
+}
+
 impl SensorTelemetry {
     fn new(
         twin: &TelemetryTwin,
@@ -149,22 +164,22 @@ impl SensorTelemetry {
         let mut bad = Random::new(seed, &["bad", &sensor.name]);
         let [low, high] = readings::CONVERTER.limits();
         let mut counts = [const { Vec::new() }; 3];
-        let (mut parts, mut level_a_nt) = (Vec::with_capacity(rows.len()), Vec::with_capacity(rows.len()));
-        // A packet that comes twice has the same counts both times.
-        let mut known = std::collections::HashMap::new();
-        let mut boom = None;
-        for row in &rows {
+        let mut booms: Vec<u16> = Vec::with_capacity(rows.len());
+        for (index_of_row, row) in rows.iter().enumerate() {
             let part = surroundings.at(row.time, index, Some(row.mode));
             let degc = degc(&sensor.course, twin.span.from, row.time);
             let sensing =
                 readings::sensing(sensor, degc).map_err(|e| Finding::error(&sensor.twin.name, e.to_string(), REMEDY))?;
-            boom = sensor.rotations.iter().find(|state| state.span.holds(row.time)).or(boom).or(sensor.rotations.first());
-            let Some(state) = boom else { continue };
-            let a_nt = state.uvw_to_sc.transpose() * (part.level_b_nt() + part.jump_nt);
-            let field = a_nt + daily.at(leap.utc(row.time).day, degc);
+            let boom = sensor.rotations.iter().position(|state| state.span.holds(row.time)).map(|boom| boom as u16);
+            let boom = boom.or(booms.last().copied()).unwrap_or(0);
+            let Some(state) = sensor.rotations.get(usize::from(boom)) else { continue };
+            let field = level_a_nt(&part, state) + daily.at(leap.utc(row.time).day, degc);
             let mut reading = sensing.response * field + sensing.offset_ent;
             let own = if row.repeated {
-                known.get(&(row.tag, row.mode)).copied().unwrap_or([0.0; 3])
+                // A packet that comes twice has the same counts both times.
+                let first = |other: &Row| !other.repeated && (other.tag, other.mode) == (row.tag, row.mode);
+                let first = rows[..index_of_row].iter().rposition(first);
+                first.map_or([0.0; 3], |first| std::array::from_fn(|i| counts[i][first]))
             } else if row.bad != 0 {
                 [0; 3].map(|_: u8| (low + (high - low) * bad.uniform()).round())
             } else if twin.exact {
@@ -173,14 +188,10 @@ impl SensorTelemetry {
                 reading += Vector3::from_fn(|_, _| noise.normal()) * sensor.noise_ent;
                 readings::stepped(readings::counts(&reading))
             };
-            if twin.packets.repeated > 0.0 {
-                known.insert((row.tag, row.mode), own);
-            }
             (0..3).for_each(|i| counts[i].push(own[i]));
-            parts.push(part);
-            level_a_nt.push(a_nt);
+            booms.push(boom);
         }
         let days = truth::days(twin, index, &rows, &counts, thermometer, leap);
-        Ok(Self { rows, counts, parts, level_a_nt, daily, packets, days })
+        Ok(Self { rows, counts, boom: booms, daily, packets, days })
     }
 }

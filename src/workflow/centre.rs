@@ -1,6 +1,6 @@
 //! Temperature polynomials at the centre of the coil system as a file and a report.
 
-use super::thermal::{ThermalOptions, rows};
+use super::thermal::{ThermalOptions, covariance_together, rows};
 use super::{Desk, Outcome};
 use crate::data::across::CalibratedRun;
 use crate::data::convention::{Alignment, Convention};
@@ -238,21 +238,18 @@ fn together(result: &AtCentre, covariance: &DMatrix<f64>) -> Covariance {
         ("", XI, &result.xi_deg, "deg"),
         ("off_centre.", XI, &result.beside.xi_deg, "deg"),
     ];
-    let mut parameters = Vec::new();
-    let mut units = Vec::new();
-    for (place, names, polynomials, unit) in families {
-        for (name, p) in names.into_iter().zip(polynomials) {
-            for k in 0..p.coefficients.len() {
-                parameters.push(format!("{place}{name}.{k}"));
-                units.push(if k == 0 { unit.to_owned() } else { format!("{unit}/degC^{k}") });
-            }
-        }
-    }
+    let named = families.into_iter().flat_map(|(place, names, polynomials, unit)| {
+        let one = move |(name, p): (&str, &TemperaturePolynomial)| (format!("{place}{name}"), unit, p.coefficients.len());
+        names.into_iter().zip(polynomials).map(one)
+    });
+    let named: Vec<(String, &str, usize)> = named.collect();
+    let polynomials: Vec<(&str, &str, usize)> = named.iter().map(|(name, unit, count)| (name.as_str(), *unit, *count)).collect();
+    let mut together = covariance_together(&polynomials, covariance);
     for place in 0..9 {
-        parameters.push(format!("k_inverse.{}.{}", place / 3, place % 3));
-        units.push("1".to_owned());
+        together.parameters.push(format!("k_inverse.{}.{}", place / 3, place % 3));
+        together.units.push("1".to_owned());
     }
-    Covariance { parameters, units, matrix: rows(covariance) }
+    together
 }
 
 /// The known covariances of the polynomials beside the centre by their names.

@@ -1,12 +1,12 @@
 //! Continuous sweeps as files, figures and text.
 
-use super::thermal::{CurveView, covariances, covariances_with_type_b, tpf};
+use super::thermal::{CurveView, covariance_together, covariances, covariances_with_type_b, tpf};
 use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
 use crate::data::error::Finding;
 use crate::data::note::{Note, Told};
 use crate::data::plateau::{self, Accumulator};
 use crate::data::provenance::Input;
-use crate::data::result::RunHead;
+use crate::data::result::{Covariance, RunHead};
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
 use crate::files::parameter::{SweepPart, ThermalConvention, ThermalHead, Tpf};
@@ -70,6 +70,7 @@ impl RunResult for Sweep {
     fn parameters(&self) -> Tpf {
         Tpf {
             sweep: Some(sweep_part(self)),
+            together: Some(together(self)),
             ..tpf(&self.quantities, thermal_head(self), self.rotation.clone(), self.scope.clone(), self.reference)
         }
     }
@@ -120,6 +121,11 @@ fn thermal_head(sweep: &Sweep) -> ThermalHead {
         quantity: sweep.quantities.iter().map(|q| q.found.clone()).collect(),
         told: Told::of(&sweep.notes),
     }
+}
+
+fn together(sweep: &Sweep) -> Covariance {
+    let own = sweep.quantities.iter().map(|q| (q.found.name.as_str(), q.found.unit.as_str(), q.polynomial.coefficients.len()));
+    covariance_together(&own.collect::<Vec<_>>(), &sweep.together)
 }
 
 fn sweep_part(sweep: &Sweep) -> SweepPart {

@@ -11,6 +11,7 @@ use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind, Told};
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::reference::StatedReference;
+use crate::data::result::Covariance;
 use crate::data::run::Location;
 use crate::files::ledger::Origin;
 use crate::files::parameter::{
@@ -433,6 +434,7 @@ pub(super) fn tpf(
         b_or_z: coefficients("b_or_z"),
         head,
         scope,
+        together: None,
         rotation,
         reference: None,
         model_error: None,
@@ -497,7 +499,11 @@ fn joint_part(joint: &JointFit, quantities: &[QuantityFit]) -> JointPart {
     let of_facility = |name: &str| quantities.iter().find(|q| q.found.name == name)?.covariance_b.as_ref();
     let own = QUANTITIES.iter().zip(&joint.polynomials).map(|(name, p)| (*name, &p.covariance, of_facility(name)));
     let [covariance_b, covariance_combined] = with_type_b(own);
+    let counts = joint.polynomials.each_ref().map(|p| p.coefficients.len());
+    let units = ["nT/enT", "nT/enT", "nT/enT", "deg", "deg", "deg"];
+    let parameters: Vec<_> = (0..6).map(|i| (QUANTITIES[i], units[i], counts[i])).collect();
     JointPart {
+        together: Some(covariance_together(&parameters, &joint.covariance)),
         covariance_b,
         covariance_combined,
         coefficients: named().map(|(name, p)| (name, p.coefficients.clone())).collect(),
@@ -506,6 +512,16 @@ fn joint_part(joint: &JointFit, quantities: &[QuantityFit]) -> JointPart {
         degrees_of_freedom: joint.dof,
         widened: joint.inflation_within,
         evaluations: joint.evaluations,
+    }
+}
+
+/// A covariance of the coefficients of several polynomials, each with its name, its unit and their number.
+pub(super) fn covariance_together(polynomials: &[(&str, &str, usize)], covariance: &DMatrix<f64>) -> Covariance {
+    let all = || polynomials.iter().flat_map(|(name, unit, count)| (0..*count).map(move |k| (*name, *unit, k)));
+    Covariance {
+        parameters: all().map(|(name, _, k)| format!("{name}.{k}")).collect(),
+        units: all().map(|(_, unit, k)| if k == 0 { unit.to_owned() } else { format!("{unit}/degC^{k}") }).collect(),
+        matrix: rows(covariance),
     }
 }
 

@@ -13,15 +13,17 @@ pub use samples::{NOISES, Noise};
 pub use table::table;
 
 use calfit::data::across::CalibratedRun;
-use calfit::data::plateau::{Accumulator, Cut};
-use calfit::data::run::Setting;
+use calfit::data::plateau::{Accumulator, Cut, Plateaus};
+use calfit::data::run::{Run, Setting};
 use calfit::data::units::FieldCoil;
 use calfit::files::mag::{Programme, Step};
 use calfit::files::twin::{RunTwin, Twin};
 use calfit::fit::NORMAL_95;
 use calfit::measure::freq::{self, Sines};
+use calfit::measure::lin::Lin;
 use calfit::measure::thermal::{Kind, groups, thermal};
 use calfit::measure::{lin, null, offset};
+use calfit::model::campaign::Instructions;
 use calfit::model::sensor::split;
 use calfit::simulate::Simulation;
 use calfit::simulate::noise::Random;
@@ -322,12 +324,7 @@ fn estimates(names: &[&str], values: &[f64], std: &[f64], truth: &[f64], bounds:
     (0..names.len()).map(one).collect()
 }
 
-fn plateaus(
-    twin: &Twin,
-    noise: Noise,
-    seed: u64,
-    run: &SimulatedRun,
-) -> (calfit::data::run::Run, calfit::data::plateau::Plateaus) {
+fn plateaus(twin: &Twin, noise: Noise, seed: u64, run: &SimulatedRun) -> (Run, Plateaus) {
     let mut accumulator = Accumulator::default();
     let run = noise.play(run, twin.sensors[0].flicker_lowest_hz, seed, &mut accumulator);
     (run, accumulator.finish(Cut::default()))
@@ -455,11 +452,26 @@ fn of_null(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     estimates(&["mean_x", "mean_y", "mean_z", "drift_x", "drift_y", "drift_z"], &values, &std, &truth, &bounds)
 }
 
+/// A linearity run with its calibration by itself.
+struct Linear {
+    run: Run,
+    plateaus: Plateaus,
+    lin: Lin,
+}
+
+impl Linear {
+    fn of(run: &Run, plateaus: &Plateaus, instructions: &Instructions) -> Self {
+        let lin = lin::lin(run, plateaus, instructions, &lin::Options::default()).unwrap();
+        Self { run: run.clone(), plateaus: plateaus.clone(), lin }
+    }
+}
+
 fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
     let mut random = Random::new(seed, &["thermal"]);
     let mut drawn_once = drawn(base, noise, 0, &mut random);
     drawn_once.facility.residual[0].field_nt = [0.0; 3];
     let mut points: Vec<CalibratedRun> = Vec::new();
+    let mut linear: Vec<Linear> = Vec::new();
     let mut bounds: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for (index, degc) in TEMPERATURES_DEGC.into_iter().enumerate() {
         for programme in 0..3 {
@@ -474,8 +486,7 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
             simulated(&twin, seed, |run| match programme {
                 0 => {
                     let (run, plateaus) = plateaus(&twin, noise, seed, run);
-                    let result = lin::lin(&run, &plateaus, instructions, &lin::Options::default()).unwrap();
-                    points.push((&result.parameters()).into());
+                    linear.push(Linear::of(&run, &plateaus, instructions));
                     let a = response(&twin, 1, degc);
                     let own = lin_bounds(&twin, &run.settings, noise, &a, twin.sensors[0].model.offset_ent(degc));
                     for (name, bound) in LIN_NAMES.iter().zip(own) {
@@ -505,11 +516,14 @@ fn of_thermal(base: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {
         }
     }
     let orders = [("sigma", 1), ("xi", 1), ("b_or", 2), ("b_off", 2), ("f_3db", 1)].map(|(n, o)| (n.to_owned(), o));
+    let lins = moving::in_group(&linear, &orders, &drawn_once.campaign.instructions);
+    points.extend(lins.iter().map(|lin| CalibratedRun::from(&lin.parameters())));
     let model = &drawn_once.sensors[0].model;
     let mut estimates = Vec::new();
     for group in groups(&points, &[], &orders) {
         for kind in Kind::ALL {
-            let result = thermal(&group, kind, &[], false).unwrap();
+            let of_kind: Vec<&Lin> = if kind == Kind::Lin { lins.iter().collect() } else { Vec::new() };
+            let result = thermal(&group, kind, &of_kind, false).unwrap();
             // The twin has the corner of the model as truth, not the one between neighbouring amplitudes.
             for curve in result.quantities.iter().filter(|curve| !curve.found.name.starts_with("f_3db_igep")) {
                 let (family, component) = curve.found.name.rsplit_once('_').unwrap();

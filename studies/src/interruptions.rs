@@ -88,13 +88,11 @@ fn stale(now: &Tree) -> Vec<PathBuf> {
     own.filter_map(|file| Some(PathBuf::from(file["path"].as_str()?))).collect()
 }
 
-/// Whether two files are the same. Where a third state may have been between them, the index names it among the files that were replaced
-/// and as stale.
+/// Whether two files are the same. Where a third state may have been between them, the index names it among the files that were replaced.
 fn is_same(name: &Path, a: Option<&Vec<u8>>, b: Option<&Vec<u8>>, may_be_third: bool) -> bool {
     let without_replaced = |bytes: &Vec<u8>| {
         let mut index: Value = serde_json::from_slice(bytes).ok()?;
         let files = index.get_mut("files").and_then(Value::as_array_mut)?;
-        files.retain(|file| file["stale"] != Value::Bool(true));
         files.iter_mut().filter_map(Value::as_object_mut).for_each(|file| drop(file.remove("replaces")));
         Some(index)
     };
@@ -224,10 +222,13 @@ impl Scene {
         if let Err(error) = self.finish() {
             return Ok(Some(error.to_string()));
         }
+        let left = if may_be_third { stale(&read(&self.out)?) } else { Vec::new() };
+        if !left.is_empty() {
+            left.iter().try_for_each(|name| fs::remove_file(self.out.join(name)))?;
+            self.finish()?;
+        }
         let now = read(&self.out)?;
-        let stale = if may_be_third { stale(&now) } else { Vec::new() };
-        let differs =
-            |name: &&PathBuf| !stale.contains(name) && !is_same(name, self.new.get(*name), now.get(*name), may_be_third);
+        let differs = |name: &&PathBuf| !is_same(name, self.new.get(*name), now.get(*name), may_be_third);
         if let Some(name) = now.keys().chain(self.new.keys()).find(differs) {
             return Ok(Some(format!("{} differs from that of an undisturbed run", name.display())));
         }
@@ -378,7 +379,7 @@ pub fn report(list: &[Counts]) -> String {
         they follow each other. Torn: a file is neither that of the old nor of \
         the new state, or is gone; where a failed call refuses a run, which changes what rests on all runs, it is not whole. Silent: status 0 with another folder than that of an undisturbed run. Not mended: the next run does not end \
         with the folder of an undisturbed run to the last byte, verified; after a refused run, whose protocol was a third state, what \
-        the index calls replaced or stale is left out.\n\n\
+        the index calls stale is deleted, as it asks, before one more run, and the list of what was replaced is left out.\n\n\
         | interruption | trials | stopped | torn | silent | not mended |\n| --- | ---: | ---: | ---: | ---: | ---: |\n"
         .to_owned();
     list.iter().for_each(|counts| text.push_str(&line(counts)));

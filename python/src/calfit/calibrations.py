@@ -293,9 +293,7 @@ class TemperatureCalibration:
             self._covariance[0] += np.diag(remainder**2)
 
     def _joint(self, document: Document, names: list[str]) -> np.ndarray | None:
-        """The covariance of all coefficients where the file states it; one of type A does not stand for combined ones."""
-        if document.table("covariance_combined"):
-            return None
+        """The covariance of all coefficients where the file states it, of both types where type B is stated."""
         table = covariance_table(document, "together")
         if table is None:
             return None

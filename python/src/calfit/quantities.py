@@ -95,9 +95,12 @@ def covariance_table(document: Document, path: str) -> Covariance | None:
 
 
 def stated_std(document: Document, path: str) -> np.ndarray | None:
-    """A standard uncertainty: the combined one where it is stated beside `std`."""
+    """A standard uncertainty: the combined one where it is stated beside `std`, or for `offset_std_ent` under `std_combined.offset_ent`."""
     begin, _, rest = path.partition(".")
-    if begin == "std" and rest:
+    if begin != "std":
+        name, between, unit = path.partition("_std_")
+        rest = f"{name}_{unit}" if between else ""
+    if rest:
         combined = document.numbers(f"std_combined.{rest}", finite=False)
         if combined is not None:
             return combined

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// Keys that files of earlier versions of the program do not have.
-const LATER_KEYS: [&str; 12] = [
+const LATER_KEYS: [&str; 15] = [
     "apply",
     "warning_kinds",
     "valid_field_nt",
@@ -16,6 +16,9 @@ const LATER_KEYS: [&str; 12] = [
     "covariance_combined",
     "offset.std_covers",
     "method.std_covers",
+    "method.std_b_covers",
+    "together",
+    "joint.together",
 ];
 
 /// Values of two parameter files side by side.

@@ -63,7 +63,7 @@ impl Home {
             return Some(format!("run {id} is gone from the campaign, so that there is nothing to compare with: {why}"));
         }
         let reason = file.reason.as_deref().filter(|_| file.stale)?;
-        Some(format!("is stale: {reason}; make it again with `calfit report` or its own command"))
+        Some(format!("is stale: {reason}; {}", self.index.remedy(file)))
     }
 }
 

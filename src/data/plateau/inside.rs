@@ -71,18 +71,25 @@ pub(super) fn contrasts(bins: &[Bin], spiky: &[bool], bin_s: f64, sample_rate_hz
     let (mut length, mut list) = (1, Vec::new());
     while parts.len() > 1 {
         let least = 0.5 * expected * length as f64;
-        let (mut count, mut inverse_samples, mut squares) = (0, 0.0, [0.0; 3]);
+        let (mut count, mut inverse_samples, mut squares, mut sums) = (0, 0.0, [0.0; 3], [0.0; 3]);
         for pair in parts.chunks_exact(2).filter(|p| p.iter().all(|b| b.count as f64 >= least)) {
             count += 1;
             inverse_samples += 1.0 / pair[0].count as f64 + 1.0 / pair[1].count as f64;
-            for (axis, square) in squares.iter_mut().enumerate() {
-                *square += (pair[0].mean(axis) - pair[1].mean(axis)).powi(2);
+            for (axis, (square, sum)) in squares.iter_mut().zip(&mut sums).enumerate() {
+                let difference = pair[1].mean(axis) - pair[0].mean(axis);
+                *square += difference.powi(2);
+                *sum += difference;
             }
         }
         if count > 0 && least >= 0.5 * FEWEST_IN_PART {
             let pairs = count as f64;
-            let (inverse_samples, mean_square) = (inverse_samples / pairs, squares.map(|s| s / pairs));
-            list.push(Contrasts { part_s: bin_s * length as f64, count, inverse_samples, mean_square });
+            list.push(Contrasts {
+                part_s: bin_s * length as f64,
+                count,
+                inverse_samples: inverse_samples / pairs,
+                mean_square: squares.map(|s| s / pairs),
+                mean: sums.map(|s| s / pairs),
+            });
         }
         let joined = parts.chunks_exact(2).map(|pair| {
             let mut whole = pair[0];

@@ -2,7 +2,8 @@
 
 use super::{Means, MeansModel, with_shape};
 use crate::diagnose::candidate::Candidate;
-use crate::fit::noise::state_space::{Noise, NoiseParameters};
+use crate::fit::noise::NoiseParameters;
+use crate::fit::noise::state_space::Noise;
 use crate::model::effects::offset_drift::{self, OffsetDrift};
 use crate::model::effects::{EffectRef, Spec};
 use nalgebra::{DMatrix, DVector};

@@ -1,6 +1,7 @@
 //! Plateau means as a problem of the search.
 
 use super::{MANY_ROWS, Means, MeansModel, Term, describe, with_shape};
+use crate::data::units::Scale;
 use crate::diagnose::candidate::{Candidate, Threshold};
 use crate::diagnose::explanations::{Explanation, Scored, log_sum};
 use crate::diagnose::problem::{Description, Problem, Revision};
@@ -136,6 +137,11 @@ impl Problem for Means<'_> {
         let spec = Spec { axes, ..last.spec.clone() };
         let columns = last.effect.columns(&self.prepared.record, &spec)?;
         Some(Term { candidate: Candidate::of_readings(last.effect, spec, columns), ..earlier.clone() })
+    }
+
+    /// In flight, where the field of the spacecraft is slow noise.
+    fn looks_again_at_one(&self) -> bool {
+        self.prepared.record.scale == Scale::Calibrated
     }
 
     /// Beside all other terms, with the noise that is left with all of them.

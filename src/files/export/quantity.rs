@@ -4,6 +4,7 @@ use super::Source;
 use crate::data::error::Finding;
 use crate::data::units::COMPONENTS;
 use crate::files::parameter::{Argument, FileKind, Polynomial, Shape};
+use std::collections::HashSet;
 use std::fmt;
 
 /// One number of a parameter file.
@@ -80,22 +81,29 @@ pub(super) struct Correlation {
 }
 
 /// Where the uncertainty of both types stands in place of that of type A, if the file states it: below `std_combined` or `covariance_combined`.
+/// That of `/offset_std_ent` is `/std_combined/offset_ent`.
 fn combined(source: &Source, place: &str) -> String {
-    let other = ["std", "covariance"].into_iter().find_map(|table| {
+    let below = |table: &str| {
         let rest = place.strip_prefix(&format!("/{table}"))?;
         (rest.is_empty() || rest.starts_with('/')).then(|| format!("/{table}_combined{rest}"))
-    });
+    };
+    let beside = || {
+        let (name, unit) = place.strip_prefix('/')?.split_once("_std_")?;
+        Some(format!("/std_combined/{name}_{unit}"))
+    };
+    let other = ["std", "covariance"].into_iter().find_map(below).or_else(beside);
     other.filter(|other| source.value.pointer(other).is_some()).unwrap_or_else(|| place.to_owned())
 }
 
 /// The correlations of different quantities of a file that are not zero: those of the coefficients of one polynomial, and those that the
 /// file states of several quantities together.
 pub(super) fn correlations(source: &Source) -> Vec<Correlation> {
-    let mut list = Vec::new();
+    let mut list: Vec<Correlation> = Vec::new();
     let mut of_matrix = |names: &[String], place: &str| {
         let at = |i: usize, k: usize| source.number(&format!("{place}/{i}/{k}"));
+        let known: HashSet<[String; 2]> = list.iter().map(|c| c.names.clone()).collect();
         for i in 0..names.len() {
-            for k in i + 1..names.len() {
+            for k in (i + 1..names.len()).filter(|k| !known.contains(&[names[i].clone(), names[*k].clone()])) {
                 let value = at(i, k).zip(at(i, i)).zip(at(k, k)).map(|((c, a), b)| c / (a * b).sqrt());
                 if let Some(value) = value.filter(|v| v.is_finite() && *v != 0.0) {
                     list.push(Correlation { names: [names[i].clone(), names[k].clone()], value });
@@ -112,7 +120,14 @@ pub(super) fn correlations(source: &Source) -> Vec<Correlation> {
     }
     for place in [combined(source, "/covariance"), "/together".to_owned()] {
         let names = source.value.pointer(&format!("{place}/parameters")).and_then(serde_json::Value::as_array);
-        let names: Vec<String> = names.into_iter().flatten().filter_map(|n| n.as_str().map(str::to_owned)).collect();
+        // `sigma_x.0` is a coefficient of a polynomial.
+        let told = |name: &str| {
+            let (key, order) = name.rsplit_once('.')?;
+            let polynomial = of_kind?.polynomials.iter().find(|p| p.key == key)?;
+            Some(format!("{}{order} {}", polynomial.name, polynomial.component))
+        };
+        let names = names.into_iter().flatten().filter_map(serde_json::Value::as_str);
+        let names: Vec<String> = names.map(|n| told(n).unwrap_or_else(|| n.to_owned())).collect();
         of_matrix(&names, &format!("{place}/matrix"));
     }
     list

@@ -385,9 +385,9 @@ impl Open<'_> {
                 return Err(self.refuse(row, &rule, "correct it, or reject the vector by its quality"));
             }
             let own_range = range.as_ref().map_or(0, |r| r[row]);
-            if let Counts::Factor(factors) = &sensor.counts
-                && factors.len() > 1
-                && usize::from(own_range) >= factors.len()
+            if let Counts::Factor { ent_per_count, .. } = &sensor.counts
+                && ent_per_count.len() > 1
+                && usize::from(own_range) >= ent_per_count.len()
             {
                 let rule = format!("range {own_range} has no factor");
                 return Err(self.refuse(row, &rule, "state one factor per range in ent_per_count, the first for range 0"));

@@ -2,7 +2,7 @@
 
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, Tt2000, date_of};
-use crate::files::output::Folder;
+use crate::files::output::{Folder, Pending};
 use crate::files::table::long::{Column, Encoded, LongWriter};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -101,7 +101,7 @@ pub fn file_name(level: &str, sensor: &str, day: i32) -> String {
 const POSITION: [&str; 3] = ["position_x_km", "position_y_km", "position_z_km"];
 const STD: [[&str; 3]; 2] = [["ua_x", "ua_y", "ua_z"], ["uc_x", "uc_y", "uc_z"]];
 
-/// Writes a level of a day, group by group, under its name once it is complete; `metadata` is what it says of itself. Levels of single
+/// Writes a level of a day, group by group, under a name that it has to be given; `metadata` is what it says of itself. Levels of single
 /// vectors of one day are given what they share.
 ///
 /// # Errors
@@ -114,7 +114,7 @@ pub fn write<'a>(
     leap: &LeapSeconds,
     metadata: Vec<(String, String)>,
     mut shared: Option<&mut Shared>,
-) -> Result<(), Finding> {
+) -> Result<Pending, Finding> {
     let mut file = folder.create(name)?;
     let mut writer: Option<LongWriter<_>> = None;
     let mut target = Some((&mut file, metadata));
@@ -163,5 +163,5 @@ pub fn write<'a>(
     if let Some(writer) = writer {
         writer.finish()?;
     }
-    file.finish().map(drop)
+    Ok(file)
 }

@@ -157,8 +157,13 @@ pub enum Counts {
         /// enT.
         full_scale_ent: f64,
     },
-    /// A factor per range, enT per count.
-    Factor(Vec<f64>),
+    /// A factor per range.
+    Factor {
+        /// enT per count.
+        ent_per_count: Vec<f64>,
+        /// Bits of the converter.
+        bits: u32,
+    },
 }
 
 impl Counts {
@@ -167,7 +172,9 @@ impl Counts {
     pub fn ent_per_count(&self, range: u8) -> f64 {
         match self {
             Counts::Converter { bits, full_scale_ent } => 2.0 * full_scale_ent / (2.0_f64.powi(*bits as i32) - 1.0),
-            Counts::Factor(factors) => factors.get(usize::from(range)).or(factors.last()).copied().unwrap_or(f64::NAN),
+            Counts::Factor { ent_per_count, .. } => {
+                ent_per_count.get(usize::from(range)).or(ent_per_count.last()).copied().unwrap_or(f64::NAN)
+            }
         }
     }
 
@@ -176,18 +183,15 @@ impl Counts {
     pub fn shift_ent(&self) -> f64 {
         match self {
             Counts::Converter { .. } => 0.5 * self.ent_per_count(0),
-            Counts::Factor(_) => 0.0,
+            Counts::Factor { .. } => 0.0,
         }
     }
 
     /// The lowest and highest count that there can be.
     #[must_use]
     pub fn limits(&self) -> [f64; 2] {
-        let bits = match self {
-            Counts::Converter { bits, .. } => *bits,
-            Counts::Factor(_) => return [f64::NEG_INFINITY, f64::INFINITY],
-        };
-        let half = 2.0_f64.powi(bits as i32 - 1);
+        let (Counts::Converter { bits, .. } | Counts::Factor { bits, .. }) = self;
+        let half = 2.0_f64.powi(*bits as i32 - 1);
         [-half, half - 1.0]
     }
 }

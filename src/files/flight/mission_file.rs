@@ -262,29 +262,7 @@ impl MissionFile<'_> {
                 ));
             }
         };
-        let counts = match (group.numbers_or_one("ent_per_count")?, group.whole("adc_bits")?) {
-            (Some(_), Some(_)) => {
-                return Err(group.refuse("ent_per_count", "stands beside `adc_bits`", "state the one or the other"));
-            }
-            (Some(factors), None) => {
-                if factors.is_empty() || factors.contains(&0.0) {
-                    return Err(group.refuse(
-                        "ent_per_count",
-                        "must be a factor, or one per range",
-                        "a factor of 0 leaves no field",
-                    ));
-                }
-                Counts::Factor(factors)
-            }
-            (None, bits) => {
-                let bits = bits.unwrap_or(20);
-                if !(2..=MOST_BITS).contains(&bits) {
-                    return Err(group.refuse("adc_bits", "is no number of bits of a converter", "write 2 to 32"));
-                }
-                let full_scale_ent = positive(group, "full_scale_ent", group.number("full_scale_ent")?)?.unwrap_or(15_000.0);
-                Counts::Converter { bits, full_scale_ent }
-            }
-        };
+        let counts = counts(group)?;
         let rotations = group.groups("rotation")?.iter().map(|g| self.rotation(g)).collect::<Result<Vec<_>, _>>()?;
         let jumps = group.groups("jump")?.iter().map(|g| self.jump(g)).collect::<Result<Vec<_>, _>>()?;
         let spans: Vec<Span> = rotations.iter().map(|r| r.span).collect();
@@ -597,6 +575,25 @@ fn mode(group: &Group<'_>, sid: String) -> Result<Mode, Finding> {
     }
     let packet_s = needed(group, "packet_s", positive(group, "packet_s", group.number("packet_s")?)?)?;
     Ok(Mode { sid, packet_s, rates: [rate("primary")?, rate("secondary")?], lines_hz })
+}
+
+/// How counts become engineering units; a factor stands in place of the full scale, the bits say which counts there are with either.
+fn counts(group: &Group<'_>) -> Result<Counts, Finding> {
+    let bits = group.whole("adc_bits")?.unwrap_or(20);
+    if !(2..=MOST_BITS).contains(&bits) {
+        return Err(group.refuse("adc_bits", "is no number of bits of a converter", "write 2 to 32"));
+    }
+    let full_scale_ent = positive(group, "full_scale_ent", group.number("full_scale_ent")?)?;
+    let Some(ent_per_count) = group.numbers_or_one("ent_per_count")? else {
+        return Ok(Counts::Converter { bits, full_scale_ent: full_scale_ent.unwrap_or(15_000.0) });
+    };
+    if full_scale_ent.is_some() {
+        return Err(group.refuse("ent_per_count", "stands beside `full_scale_ent`", "state the one or the other"));
+    }
+    if ent_per_count.is_empty() || ent_per_count.contains(&0.0) {
+        return Err(group.refuse("ent_per_count", "must be a factor, or one per range", "a factor of 0 leaves no field"));
+    }
+    Ok(Counts::Factor { ent_per_count, bits })
 }
 
 fn noise(group: &Group<'_>) -> Result<BTreeMap<Option<String>, f64>, Finding> {

@@ -14,6 +14,9 @@ use crate::model::polynomial::{TemperaturePolynomial, value};
 use nalgebra::{DMatrix, Matrix3};
 use std::path::Path;
 
+/// Sensitivities and angles, in the order in which a calibration takes them.
+const QUANTITIES: [&str; 6] = ["sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz", "xi_yz"];
+
 /// The part of one file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldPart {
@@ -95,6 +98,11 @@ fn is_a_sensor(
         }
     }
     Ok(())
+}
+
+/// Whether two numbers of a file are the same as printed.
+fn is_near(a: f64, b: f64) -> bool {
+    (a - b).abs() <= PRINTED * a.abs().max(b.abs())
 }
 
 /// Whether two axes can have an angle between them, degrees.
@@ -236,16 +244,15 @@ impl Tpf {
 
     /// Its part.
     pub(super) fn part(&self) -> FieldPart {
-        let parts = Coefficients {
-            linearisation: self.scope.linearisation.as_ref().map(|l| l.applied.clone()),
-            matrix: Some(MatrixForm::Alignment(Convention::BepiColombo)),
-            offset: Some(OffsetQuantity::BOr),
-            valid_degc: Some(self.head.valid_degc),
-            range: along_sensor_axes(self.scope.valid_field_nt),
-            ..Coefficients::default()
-        };
-        let parts = with_three(parts, Parameter::Offset, &self.b_or_ent());
-        let parts = with_three(parts, Parameter::Sigma, &self.sigma());
+        let (sigma, xi) = (self.sigma(), self.xi_deg());
+        let parts = with_three(Coefficients::default(), Parameter::Sigma, &sigma);
+        let mut parts = with_three(parts, Parameter::Xi, &xi);
+        let named = QUANTITIES.iter().zip(sigma.iter().chain(&xi));
+        let names: Vec<String> =
+            named.flat_map(|(name, p)| (0..p.coefficients.len()).map(move |k| format!("{name}.{k}"))).collect();
+        if let Some(together) = self.together.as_ref().and_then(|c| sub_covariance(c, &names)) {
+            parts.covariance = Some(together);
+        }
         FieldPart {
             sensor: self.head.sensor.clone(),
             mode: self.head.mode.clone(),
@@ -254,7 +261,14 @@ impl Tpf {
             known_effects: self.known_effects(),
             reference: self.reference.clone(),
             frame: Convention::BepiColombo.sensor_frame().to_owned(),
-            coefficients: with_three(parts, Parameter::Xi, &self.xi_deg()),
+            coefficients: Coefficients {
+                linearisation: self.scope.linearisation.as_ref().map(|l| l.applied.clone()),
+                matrix: Some(MatrixForm::Alignment(Convention::BepiColombo)),
+                offset: Some(OffsetQuantity::BOr),
+                valid_degc: Some(self.head.valid_degc),
+                range: along_sensor_axes(self.scope.valid_field_nt),
+                ..with_three(parts, Parameter::Offset, &self.b_or_ent())
+            },
         }
     }
 }
@@ -282,9 +296,40 @@ impl Tof {
 }
 
 impl Opf {
+    /// Refuses standard uncertainties that are not those of the covariance, and fields in nT that are not those in enT times the sensitivity.
+    pub(super) fn is_consistent(&self, path: &Path) -> Result<(), Finding> {
+        let (v, covariance) = (&self.values, &self.found.covariance);
+        for (quantity, key, value, std) in [
+            ("offset", "offset_std_ent", v.offset_ent, v.offset_std_ent),
+            ("residual_coil", "residual_coil_std_nt", v.residual_coil_nt, v.residual_coil_std_nt),
+        ] {
+            for (i, axis) in ["x", "y", "z"].into_iter().enumerate().filter(|(i, _)| value[*i].is_finite()) {
+                let name = format!("{quantity}_{axis}");
+                let at = covariance.parameters.iter().position(|p| *p == name);
+                let Some(variance) = at.and_then(|at| covariance.matrix.get(at)?.get(at)) else { continue };
+                if !is_near(std[i], variance.sqrt()) {
+                    return Err(contradicts(path, format!("{key} is not the root of the variance of {name}")));
+                }
+            }
+        }
+        let Some(scaled) = &self.found.scaled else { return Ok(()) };
+        for (key, nt, ent) in [
+            ("offset_nt", scaled.offset_nt, v.offset_ent),
+            ("offset_std_nt", scaled.offset_std_nt, v.offset_std_ent),
+            ("residual_nt", scaled.residual_nt, v.residual_ent),
+            ("residual_std_nt", scaled.residual_std_nt, v.residual_std_ent),
+        ] {
+            if !(0..3).all(|i| ent[i].is_nan() || is_near(nt[i], scaled.sigma[i] * ent[i])) {
+                return Err(contradicts(path, format!("scaled.{key} is not scaled.sigma times its value in enT")));
+            }
+        }
+        Ok(())
+    }
+
     /// Its part, at the temperatures of its run. A component that was not determined has no coefficient.
     pub(super) fn part(&self) -> FieldPart {
-        let [offset, std] = [self.values.offset_ent, self.values.offset_std_ent];
+        let std = self.found.of_facility.as_ref().map_or(self.values.offset_std_ent, |b| b.std_combined.offset_ent);
+        let offset = self.values.offset_ent;
         let constant = |i: usize| TemperaturePolynomial {
             coefficients: Some(offset[i]).filter(|v| v.is_finite()).into_iter().collect(),
             covariance: DMatrix::from_element(1, 1, std[i] * std[i]),
@@ -296,7 +341,7 @@ impl Opf {
             ..Coefficients::default()
         };
         let mut parts = with_three(parts, Parameter::Offset, &[0, 1, 2].map(constant));
-        if let Some(together) = sub_covariance(&self.found.covariance, &["x", "y", "z"].map(|c| format!("offset_{c}"))) {
+        if let Some(together) = sub_covariance(self.found.covariance_of_both(), &["x", "y", "z"].map(|c| format!("offset_{c}"))) {
             parts.covariance = Some(together);
         }
         FieldPart {

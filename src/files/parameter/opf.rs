@@ -6,12 +6,14 @@ use super::quantity::Shape::{Scalar, Vector};
 use super::quantity::{COIL, Entry, Quantities, RUN_DEGC, SENSOR};
 use super::{Body, FieldPart};
 use crate::data::apply::{Apply, OffsetQuantity};
+use crate::data::error::Finding;
 use crate::data::note::Told;
 use crate::data::offset::{OffsetFound, OffsetValues};
 use crate::data::result::{Conditions, Dropped};
 use crate::model::facility::FacilityApplied;
 use crate::model::field_calibration::Frame;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 /// What the numbers mean.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -66,6 +68,9 @@ impl Body for Opf {
     fn field(&self, _frame: Frame) -> Option<FieldPart> {
         Some(self.part())
     }
+    fn validate(&self, path: &Path) -> Result<(), Finding> {
+        self.is_consistent(path)
+    }
     const FORMAT: &'static str = "OPF";
     const NAMING: Naming = Naming::Extension;
     const POINT: Option<Point> = Some(point::opf);
@@ -87,6 +92,8 @@ impl Body for Opf {
         "residual_coil_nt",
         "residual_coil_std_nt",
         "scaled",
+        "std_b",
+        "std_combined",
     ];
     fn file_name(&self) -> String {
         format!("OFF_PARAMETER__{}.OPF", self.found.run.dashed_id())

@@ -13,8 +13,10 @@ use crate::data::note::Told;
 use crate::data::provenance::Input;
 use crate::data::quantity::QuantityFound;
 use crate::data::reference::{Reference, StatedReference};
+use crate::data::result::Covariance;
 use crate::data::run::Location;
 use crate::data::units::COMPONENTS;
+use crate::fit::noise::NoiseParameters;
 use crate::fit::noise::dense::{GroupNoise, NoiseKind, Origin, Pooled};
 use crate::model::field_calibration::Frame;
 use crate::model::polynomial::{TemperaturePolynomial, value};
@@ -119,6 +121,9 @@ pub struct Tpf {
     /// What the coefficients hold for, beside temperatures.
     #[serde(flatten)]
     pub scope: LinearScope,
+    /// Covariance of all coefficients together, of both types where type B is stated; only where one fit gave all of them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub together: Option<Covariance>,
     /// Rotation of the sensor against its nominal orientation in every run.
     pub rotation: RunRotations,
     /// What the polynomials leave of the applied fields in every run, with its own rotation and offset; absent for parameter files.
@@ -181,6 +186,9 @@ pub struct JointPart {
     /// The covariance of both types; empty likewise.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub covariance_combined: BTreeMap<String, Vec<Vec<f64>>>,
+    /// Covariance of all coefficients together, type A.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub together: Option<Covariance>,
     /// Chi-square of all plateaus.
     pub chi_square: f64,
     /// Its degrees of freedom.
@@ -241,10 +249,11 @@ impl NoisePart {
             for (kind, probability) in pooled.kinds() {
                 let origin = ORIGINS.iter().find(|(_, origin)| *origin == kind.origin).map_or("", |(name, _)| name);
                 part.slow_noise_of.push(origin.to_owned());
-                part.exponent.push(kind.exponent);
-                part.slow_over_white.push(kind.ratio);
-                part.plateaus_over_samples.push(kind.excess);
-                part.growth.push(kind.growth);
+                let own = kind.parameters;
+                part.exponent.push(own.exponent);
+                part.slow_over_white.push(if kind.origin == Origin::Gain { own.slow_field } else { own.slow });
+                part.plateaus_over_samples.push(own.white);
+                part.growth.push(own.white_field);
                 part.probability.push(probability);
             }
             part
@@ -278,14 +287,17 @@ impl NoisePart {
             let part = parts.iter().find(|part| part.component == component)?;
             let kind = |i: usize| {
                 let origin = ORIGINS.iter().find(|(name, _)| *name == part.slow_noise_of[i])?.1;
-                let kind = NoiseKind {
-                    origin,
+                let (white, slow) = (*part.plateaus_over_samples.get(i)?, *part.slow_over_white.get(i)?);
+                let parameters = NoiseParameters {
                     exponent: *part.exponent.get(i)?,
-                    ratio: *part.slow_over_white.get(i)?,
-                    excess: *part.plateaus_over_samples.get(i)?,
-                    growth: *part.growth.get(i)?,
+                    white,
+                    slow: if origin == Origin::Gain { 0.0 } else { slow },
+                    slow_field: if origin == Origin::Gain { slow } else { 0.0 },
+                    white_field: *part.growth.get(i)?,
+                    apart: white != 1.0,
+                    ..NoiseParameters::WHITE
                 };
-                Some((kind, *part.probability.get(i)?))
+                Some((NoiseKind { origin, parameters }, *part.probability.get(i)?))
             };
             Some(Pooled::of((0..part.slow_noise_of.len()).map(kind).collect::<Option<Vec<_>>>()?))
         };

@@ -3,18 +3,31 @@
 use crate::data::error::{Finding, Severity};
 use toml_edit::{Document, Item, Table, TableLike, Value};
 
-/// Line and column, both from 1, of a byte offset in `text`, which begins at `first_line`.
-fn place(text: &str, offset: usize, first_line: u64) -> (u64, u64) {
-    let before = &text.as_bytes()[..offset.min(text.len())];
-    let newlines = memchr::memchr_iter(b'\n', before).count() as u64;
-    let column = before.len() - memchr::memrchr(b'\n', before).map_or(0, |p| p + 1);
-    (first_line + newlines, column as u64 + 1)
+/// Where the lines of a text begin, found once: a text may have as many complaints as lines.
+struct Lines {
+    /// Number of the first line.
+    first: u64,
+    /// Byte offsets of the ends of the lines, rising.
+    ends: Vec<usize>,
+}
+
+impl Lines {
+    fn of(text: &str, first: u64) -> Self {
+        Self { first, ends: memchr::memchr_iter(b'\n', text.as_bytes()).collect() }
+    }
+
+    /// Line and column, the column from 1, of a byte offset.
+    fn place(&self, offset: usize) -> (u64, u64) {
+        let before = self.ends.partition_point(|end| *end < offset);
+        let begin = before.checked_sub(1).map_or(0, |last| self.ends[last] + 1);
+        (self.first + before as u64, (offset - begin) as u64 + 1)
+    }
 }
 
 /// TOML keys of a file or of a file's head, read with the place of every complaint.
 pub struct Keys {
     file: String,
-    first_line: u64,
+    lines: Lines,
     document: Document<String>,
 }
 
@@ -24,11 +37,12 @@ impl Keys {
     /// # Errors
     /// Text that is not TOML, with line and column.
     pub fn parse(file: &str, first_line: u64, text: String) -> Result<Self, Finding> {
+        let lines = Lines::of(&text, first_line);
         match Document::parse(text.clone()) {
-            Ok(document) => Ok(Self { file: file.to_owned(), first_line, document }),
+            Ok(document) => Ok(Self { file: file.to_owned(), lines, document }),
             Err(error) => {
                 let span = error.span().unwrap_or(0..0);
-                let (line, column) = place(&text, span.start, first_line);
+                let (line, column) = lines.place(span.start.min(text.len()));
                 let offending = text.get(span).unwrap_or_default().to_owned();
                 let message = error.message().trim().replace('\n', ", ");
                 Err(Finding::error(file, format!("not a TOML key: {message}"), "write `key = value`, text in double quotes")
@@ -54,7 +68,7 @@ impl Keys {
         let finding = Finding::error(&self.file, rule, remedy);
         match item.span() {
             Some(span) => {
-                let (line, column) = place(self.document.raw(), span.start, self.first_line);
+                let (line, column) = self.lines.place(span.start);
                 let text = self.document.raw().get(span).unwrap_or_default();
                 finding.at(line, column).found(text.as_bytes())
             }
@@ -95,7 +109,7 @@ impl<'a> Group<'a> {
     pub fn missing(&self, key: &str) -> Finding {
         let rule = format!("the key `{}` is missing", self.full(key));
         if self.name.is_empty() {
-            return Finding::error(&self.keys.file, rule, "add it before the first section").at(self.keys.first_line, 0);
+            return Finding::error(&self.keys.file, rule, "add it before the first section").at(self.keys.lines.first, 0);
         }
         Finding::error(&self.keys.file, rule, format!("add it to the section `{}`", self.name))
     }
@@ -337,4 +351,20 @@ fn as_number(value: &Value) -> Option<f64> {
         _ => return None,
     };
     number.is_finite().then_some(number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Lines;
+
+    #[test]
+    fn places_are_those_of_counting() {
+        let text = "a = 1\n\nlong = [\n1,\n 2]\n";
+        let lines = Lines::of(text, 7);
+        for offset in 0..text.len() {
+            let before = &text[..offset];
+            let column = before.rsplit('\n').next().unwrap().len() + 1;
+            assert_eq!(lines.place(offset), (7 + before.matches('\n').count() as u64, column as u64), "offset {offset}");
+        }
+    }
 }

@@ -1,6 +1,7 @@
 //! The noise of the means that a fit explains, estimated from its residuals and from the samples inside the means.
 //!
-//! Two forms of the estimate stand behind one interface, [`NoiseModel`]:
+//! Two forms of the estimate stand behind one interface, [`NoiseModel`], with the same parameters, [`NoiseParameters`], and the same slow noise,
+//! a sum of relaxations: they give the same likelihood for the same data. They differ in what they ask and at which cost:
 //!
 //! * [`dense`]: white noise that may grow with the reading, and slow noise of several exponents, with a dense covariance, averaged over what
 //!   the residuals and the samples allow; it states the uncertainty of the coefficients of a calibration.
@@ -8,7 +9,11 @@
 //!   proportion to the rows; a diagnosis asks for it thousands of times.
 
 pub mod dense;
+mod parameters;
+mod spectrum;
 pub mod state_space;
+
+pub use parameters::NoiseParameters;
 
 use nalgebra::DMatrix;
 

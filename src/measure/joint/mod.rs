@@ -19,7 +19,7 @@ mod search;
 use crate::fit::{FitError, Limits};
 use crate::model::polynomial::TemperaturePolynomial;
 use layout::{Layout, RunRows};
-use nalgebra::Matrix3;
+use nalgebra::{DMatrix, Matrix3};
 pub use one_run::{SensorFit, one_run};
 use report::report;
 use search::{Minimum, SearchPoint};
@@ -199,6 +199,8 @@ pub struct BetweenRuns {
 pub struct JointFit {
     /// Polynomials as in [`QUANTITIES`]; their covariance includes the inflation of [`BetweenRuns`] and by the scatter within runs.
     pub polynomials: [TemperaturePolynomial; 6],
+    /// Covariance of all their coefficients, one quantity after the other.
+    pub covariance: DMatrix<f64>,
     /// Coefficients minus those of the start, in the same units.
     pub change: [Vec<f64>; 6],
     /// The runs, in the order given.

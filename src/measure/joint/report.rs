@@ -47,13 +47,20 @@ pub(super) fn report(
     });
     let covariance = unscaled.component_mul(&(&inflation * inflation.transpose()));
 
+    let coefficients = layout.starts[6];
+    let mut told = DMatrix::zeros(coefficients, coefficients);
+    for i in 0..6 {
+        let range = layout.range(i);
+        let own = layout.to_raw(range.len()) * Layout::unit(i);
+        told.view_mut((range.start, range.start), own.shape()).copy_from(&own);
+    }
+    let values = &told * end.parameters.rows(0, coefficients);
+    let of_coefficients = &told * covariance.view((0, 0), (coefficients, coefficients)) * told.transpose();
     let polynomials: [TemperaturePolynomial; 6] = std::array::from_fn(|i| {
         let range = layout.range(i);
-        let map = layout.to_raw(range.len()) * Layout::unit(i);
-        let own = covariance.view((range.start, range.start), (range.len(), range.len()));
         TemperaturePolynomial {
-            coefficients: (&map * end.parameters.rows(range.start, range.len())).as_slice().to_vec(),
-            covariance: &map * own * map.transpose(),
+            coefficients: values.as_slice()[range.clone()].to_vec(),
+            covariance: of_coefficients.view((range.start, range.start), (range.len(), range.len())).into_owned(),
             valid_degc: layout.span_degc,
         }
     });
@@ -62,6 +69,7 @@ pub(super) fn report(
     let results = RunReport { end, runs, covariance: &covariance, leverage: jacobian * &inverse, inflation_within }.all()?;
     Ok(JointFit {
         polynomials,
+        covariance: of_coefficients,
         change,
         runs: results,
         chi2,

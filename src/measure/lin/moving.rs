@@ -22,7 +22,7 @@ use crate::model::campaign::SlopeBounds;
 use crate::model::sensor::{Split, SplitError, split};
 use crate::model::sensor_polynomials::{SensorChange, SensorPolynomials, change_at, response};
 use crate::record::carried;
-use crate::record::conditions::{self, AT_REST_K, Temperatures};
+use crate::record::conditions::{self, AT_REST_K, Temperatures, Within};
 use crate::record::temperature_faults::without_jumps;
 use found::Found;
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
@@ -60,6 +60,8 @@ pub(super) struct Moving {
     over_k: Vec<f64>,
     /// Standard uncertainty of their mean by the noise of the thermometer, K.
     std_k: f64,
+    /// The smooth course of the temperature.
+    course: Course,
     /// Lowest and highest temperature of the used plateaus, °C.
     pub range_degc: [f64; 2],
     /// Straight line through the temperatures of the used plateaus, K/h.
@@ -85,12 +87,18 @@ impl Moving {
             at_degc,
             over_k,
             std_k,
+            course,
         })
     }
 
     /// Whether the sensor moves by more than at rest.
     pub fn is_moving(&self) -> bool {
         self.range_k() > AT_REST_K
+    }
+
+    /// What its readings do within the plateaus.
+    fn within(&self) -> Within {
+        if self.is_moving() { Within::Drift } else { Within::Still }
     }
 
     /// Highest minus lowest temperature, K.
@@ -238,10 +246,10 @@ fn held(
 ) -> Result<Referred, LinError> {
     let (means, fitted, at) = settle(prepared, raw, moving, order, is_robust, 0, &mut change.clone())?;
     let used = prepared.used(order)?;
-    let noise = conditions::noise_in_group(fitted.for_noise(), &used, group).map_err(LinError::Fit)?;
+    let noise = conditions::noise_in_group(fitted.for_noise(), &used, moving.within(), group).map_err(LinError::Fit)?;
     let mut covariance = prepared.covariance(&noise, &means, &used).map_err(LinError::Fit)?;
     let mut changes = changes_ent(directions, &at, raw, moving);
-    changes.extend(change_by_thermometer_ent(&change, &at, raw, moving));
+    changes.extend(changes_by_thermometer_ent(&change, &at, raw, moving));
     let carry = || carried::covariance(&changes, raw, &means.design()?);
     covariance += carry().map_err(LinError::Fit)?;
     let stacked = stack(&fitted.solution.coefficients);
@@ -295,10 +303,22 @@ fn changes_ent(directions: &[(usize, Vec<f64>)], at: &Split, list: &[Plateau], m
     directions.iter().map(change).collect()
 }
 
-/// Change of the mean readings of all plateaus, enT, by a temperature that is wrong by one standard uncertainty during the whole run: the
-/// parameters then hold elsewhere than stated.
-fn change_by_thermometer_ent(change: &SensorChange, at: &Split, list: &[Plateau], moving: &Moving) -> Option<Vec<[f64; 3]>> {
-    list.iter().map(|p| change.reading_ent(at, moving.std_k, p.setting.field.0)).collect()
+/// Changes of the mean readings of all plateaus, enT, by the noise of the thermometer, each by one standard deviation of something that is
+/// independent of the others: of a sensor at rest by a temperature that is wrong during the whole run, as the parameters then hold elsewhere
+/// than stated; of one that moves by random courses of the noise.
+fn changes_by_thermometer_ent(change: &SensorChange, at: &Split, list: &[Plateau], moving: &Moving) -> Vec<Vec<[f64; 3]>> {
+    let readings = |p: &Plateau, over_k: f64| change.reading_ent(at, over_k, p.setting.field.0).unwrap_or_default();
+    if !moving.is_moving() {
+        return vec![list.iter().map(|p| readings(p, moving.std_k)).collect()];
+    }
+    let change = |noise: Course| {
+        let of = |(p, over_k): (&Plateau, &f64)| {
+            let [there, here] = [over_k + mean_over(&noise.series, p.used_s), *over_k].map(|over_k| readings(p, over_k));
+            std::array::from_fn(|a| there[a] - here[a])
+        };
+        list.iter().zip(&moving.over_k).map(of).collect()
+    };
+    moving.course.noises().map(change).collect()
 }
 
 /// Fits and refers in turn until the readings stay; columns of the field times the powers of the temperature up to `free` find what the
@@ -446,8 +466,11 @@ fn free(
     let mut change = no_change(powers);
     let (means, fitted, at) = settle(prepared, raw, moving, order, is_robust, powers, &mut change).map_err(|_| Open::Slopes)?;
     let used = prepared.used(order).map_err(Open::Other)?;
-    let noise = conditions::noise(fitted.for_noise(), &used).map_err(|e| Open::Other(LinError::Fit(e)))?;
-    let covariance = prepared.covariance(&noise, &means, &used).map_err(|e| Open::Other(LinError::Fit(e)))?;
+    let noise = conditions::noise(fitted.for_noise(), &used, moving.within()).map_err(|e| Open::Other(LinError::Fit(e)))?;
+    let mut covariance = prepared.covariance(&noise, &means, &used).map_err(|e| Open::Other(LinError::Fit(e)))?;
+    let changes = changes_by_thermometer_ent(&change, &at, raw, moving);
+    let of_thermometer = || carried::covariance(&changes, raw, &means.design()?);
+    covariance += of_thermometer().map_err(|e| Open::Other(LinError::Fit(e)))?;
     let stacked = stack(&fitted.solution.coefficients);
     let places = Places::of(&means);
     let mut found = Found::of(&at, &places, &covariance, change).ok_or(Open::Slopes)?;
@@ -488,3 +511,6 @@ pub(super) fn note(moving: &Moving, slopes: &TemperatureSlopes, channel: &str) -
         _ => note,
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -3,7 +3,7 @@
 use super::data::Data;
 use crate::fit::partitioned::{self, Projected};
 use crate::fit::{FitError, Limits, linear, order};
-use crate::record::conditions;
+use crate::record::conditions::{self, Within};
 use nalgebra::{DMatrix, Matrix2, Vector2};
 
 /// What the noise of the runs says about shared parameters.
@@ -32,7 +32,7 @@ pub(super) fn tell(data: &[Data], axis: usize, parts: &[Projected], solved: &par
         let design = linear::Design::new((0..own + shared).map(|j| format!("column {j}")).collect(), columns)?;
         let rhs = DMatrix::from_column_slice(rows, 1, projected.part.rhs.as_slice());
         let solution = linear::solve(&design, &rhs, None, &Limits::default())?;
-        let model = conditions::noise_of(&solution, &d.used, &[axis], None)?;
+        let model = conditions::noise_of(&solution, &d.used, &[axis], Within::Still, None)?;
         from_samples &= model.is_from_samples();
         noise.push(model.covariance().view((own, own), (shared, shared)).into_owned());
     }

@@ -4,6 +4,7 @@ use super::rows::{Level, Row};
 use crate::data::zero_field::{ChannelDependence, JointDependence, ZeroFieldOffset};
 use crate::fit::noise::dense::{self, Octave, Sampled};
 use crate::fit::{Design, FitError, Limits, solve};
+use crate::record::conditions;
 use nalgebra::DMatrix;
 
 /// A channel whose means vary by less than this part of their size does not vary.
@@ -84,6 +85,7 @@ impl Fitter<'_> {
             residual_std_ent: std::array::from_fn(|c| fit.residual_std[c]),
             range_ent: std::array::from_fn(range),
             rows: self.rows.len(),
+            std_covers: Some(covers(2.0 * half_s)),
         };
         Ok((offset, drift))
     }
@@ -127,6 +129,15 @@ impl Fitter<'_> {
             residual_std_ent: std::array::from_fn(|c| fit.residual_std[c]),
         })
     }
+}
+
+/// For which noise the uncertainties of a record in zero field hold: it has one setting.
+fn covers(seconds: f64) -> String {
+    format!(
+        "{}; an error of the field that is the same during all of it, as where every setting of a source is a little wrong, does not show \
+         either: it is one of the residual field, which is part of the mean",
+        conditions::noise_in_std(seconds, "the record")
+    )
 }
 
 /// Values less their mean, with their range; `None` if they hardly vary or are few.

@@ -6,7 +6,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::units::COMPONENTS;
 use crate::fit::{FitError, Limits, NORMAL_95, Solution, linear, student_95};
-use crate::record::conditions;
+use crate::record::conditions::{self, Within};
 use crate::record::screens::{self, Implausible};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
@@ -45,31 +45,16 @@ pub(super) struct Levels {
 impl Levels {
     /// From the plateaus of all visits together.
     pub fn measure(stays: &[Stay]) -> Result<Self, OffsetError> {
-        let rows: Vec<Row> = stays.iter().enumerate().flat_map(|(v, s)| s.plateaus.iter().map(move |p| (v, *p))).collect();
-        let columns = Columns::of(stays, &rows);
-        let readings = DMatrix::from_fn(rows.len(), 3, |row, component| rows[row].1.mean.0[component]);
-        let weights = weights(&rows);
-        let solution = columns.solve(stays, &rows, &readings, weights.as_deref())?;
+        let fitted = Fitted::of(stays)?;
         let mut notes = Vec::new();
-        let (covariance, plateau_std_ent) = noise(&solution, &rows, weights.as_deref(), &mut notes)?;
-        let response = |stay: &Stay| {
-            let nominal = stay.position.r_nom().transpose();
-            let own = columns.of_stay(stay);
-            let measured: Matrix3<f64> =
-                own.iter().map(|(column, d)| Vector3::from_fn(|i, _| solution.coefficients[(*column, i)]) * d.transpose()).sum();
-            measured + nominal * (Matrix3::identity() - seen(&own))
-        };
-        Ok(Self {
-            reading_ent: DMatrix::from_fn(stays.len(), 3, |v, i| solution.coefficients[(v, i)]),
-            response: stays.iter().map(response).collect(),
-            directions: stays.iter().map(|stay| columns.of_stay(stay)).collect(),
-            coefficients: by_component(&covariance, columns.values.len()),
-            // Data without scatter still have a last digit.
-            rounding_ent: ROUNDING * (1.0 + readings.amax()),
-            plateau_std_ent,
-            degrees_of_freedom: solution.dof,
-            notes,
-        })
+        let (covariance, plateau_std_ent) = noise(&fitted.solution, &fitted.rows, fitted.weights.as_deref(), &mut notes)?;
+        let coefficients = by_component(&covariance, fitted.columns.values.len());
+        Ok(fitted.levels(coefficients, plateau_std_ent, notes))
+    }
+
+    /// The same visits with other fields, and the noise as it is.
+    pub fn with_fields_of(&self, stays: &[Stay]) -> Result<Self, OffsetError> {
+        Ok(Fitted::of(stays)?.levels(self.coefficients.clone(), self.plateau_std_ent, Vec::new()))
     }
 
     /// Standard uncertainty of the reading of a visit, enT.
@@ -101,6 +86,49 @@ impl Levels {
             }
         }
         covariance
+    }
+}
+
+/// Zero levels and responses by least squares, before anything is known of their noise.
+struct Fitted<'a> {
+    stays: &'a [Stay<'a>],
+    rows: Vec<Row<'a>>,
+    columns: Columns,
+    readings: DMatrix<f64>,
+    weights: Option<Vec<f64>>,
+    solution: Solution,
+}
+
+impl<'a> Fitted<'a> {
+    fn of(stays: &'a [Stay<'a>]) -> Result<Self, OffsetError> {
+        let rows: Vec<Row> = stays.iter().enumerate().flat_map(|(v, s)| s.plateaus.iter().map(move |p| (v, *p))).collect();
+        let columns = Columns::of(stays, &rows);
+        let readings = DMatrix::from_fn(rows.len(), 3, |row, component| rows[row].1.mean.0[component]);
+        let weights = weights(&rows);
+        let solution = columns.solve(stays, &rows, &readings, weights.as_deref())?;
+        Ok(Self { stays, rows, columns, readings, weights, solution })
+    }
+
+    fn levels(self, coefficients: DMatrix<f64>, plateau_std_ent: [f64; 3], notes: Vec<Note>) -> Levels {
+        let Self { stays, columns, readings, solution, .. } = self;
+        let response = |stay: &Stay| {
+            let nominal = stay.position.r_nom().transpose();
+            let own = columns.of_stay(stay);
+            let measured: Matrix3<f64> =
+                own.iter().map(|(column, d)| Vector3::from_fn(|i, _| solution.coefficients[(*column, i)]) * d.transpose()).sum();
+            measured + nominal * (Matrix3::identity() - seen(&own))
+        };
+        Levels {
+            reading_ent: DMatrix::from_fn(stays.len(), 3, |v, i| solution.coefficients[(v, i)]),
+            response: stays.iter().map(response).collect(),
+            directions: stays.iter().map(|stay| columns.of_stay(stay)).collect(),
+            coefficients,
+            // Data without scatter still have a last digit.
+            rounding_ent: ROUNDING * (1.0 + readings.amax()),
+            plateau_std_ent,
+            degrees_of_freedom: solution.dof,
+            notes,
+        }
     }
 }
 
@@ -183,7 +211,7 @@ fn noise(
     match (solution.dof >= ENOUGH_FREEDOM, sampled_std(rows, weights)) {
         (true, sampled) => {
             let used: Vec<&Plateau> = rows.iter().map(|(_, p)| *p).collect();
-            let noise = conditions::noise(solution, &used)?;
+            let noise = conditions::noise(solution, &used, Within::Still)?;
             let longest = |[a, b]: [f64; 2], p: &&Plateau| [a.min(p.used_s[0]), b.max(p.used_s[1])];
             let span_s = used.iter().fold([f64::INFINITY, f64::NEG_INFINITY], longest);
             conditions::warn_of_slow_noise(notes, &noise, span_s);

@@ -44,6 +44,8 @@ pub(super) struct Solved {
     pub method: OffsetMethod,
     /// Covariance of offsets, residual field and drift.
     pub covariance: Covariance,
+    /// Their values, in the order of the covariance.
+    pub parameters: Vec<f64>,
     /// Components that the positions do not determine.
     pub refused: Vec<RefusedComponent>,
     /// Reading minus model per visit, enT, without the refused components.
@@ -58,6 +60,8 @@ pub(super) struct Solved {
     open_axes: Vec<usize>,
     assumed_nt: f64,
     drift_is_open: bool,
+    /// Covariance of the zero levels with which it was solved.
+    of_readings: DMatrix<f64>,
 }
 
 /// What the visits can tell apart at all. That is a matter of the positions, not of the small angles by which they are missed.
@@ -130,10 +134,13 @@ struct Answer<'a> {
     residual_nt: Vector3<f64>,
     /// How large a residual field may be that is not determined, nT.
     assumed_nt: f64,
+    /// Covariance of the readings with which it was solved.
+    of_readings: DMatrix<f64>,
 }
 
 impl<'a> Answer<'a> {
-    fn of(question: &'a Question, levels: &'a Levels) -> Result<Self, OffsetError> {
+    /// With the covariance of the readings that follows from the residual field itself, or with a given one.
+    fn of(question: &'a Question, levels: &'a Levels, given: Option<&DMatrix<f64>>) -> Result<Self, OffsetError> {
         let visits = levels.response.len();
         let kept = question.kept();
         let full = rows(&levels.response, &question.hours, question.parameters);
@@ -153,23 +160,31 @@ impl<'a> Answer<'a> {
             widened: 1.0,
             residual_nt: Vector3::zeros(),
             assumed_nt: 0.0,
+            of_readings: given.cloned().unwrap_or_default(),
         };
-        for _ in 0..ROUNDS {
+        for _ in 0..if given.is_some() { 1 } else { ROUNDS } {
+            if given.is_none() {
+                answer.of_readings = answer.covariance_of_readings();
+            }
             let solution = answer.round()?;
             answer.take(&solution);
         }
         Ok(answer)
     }
 
-    /// Solves with the covariance that follows from the residual field of the round before.
-    fn round(&self) -> Result<Solution, OffsetError> {
+    /// What follows from the residual field of the round before.
+    fn covariance_of_readings(&self) -> DMatrix<f64> {
         let mut covariance = self.levels.covariance(&self.residual_nt);
         for axis in &self.question.open_axes {
             let seen = self.full.column(RESIDUAL + axis);
             covariance += seen * seen.transpose() * (self.assumed_nt * self.assumed_nt);
         }
+        covariance
+    }
+
+    fn round(&self) -> Result<Solution, OffsetError> {
         let no_scatter = || FitError::NoNoise { why: "the plateau means have no scatter" };
-        let lower = covariance.cholesky().ok_or_else(no_scatter)?.l();
+        let lower = self.of_readings.clone().cholesky().ok_or_else(no_scatter)?.l();
         let white_design = lower.solve_lower_triangular(&self.design).ok_or_else(no_scatter)?;
         let white_readings = lower.solve_lower_triangular(&self.readings).ok_or_else(no_scatter)?;
         let rhs = DMatrix::from_column_slice(self.readings.len(), 1, white_readings.as_slice());
@@ -226,9 +241,14 @@ impl<'a> Answer<'a> {
         })
     }
 
+    /// Places of the parameters without those of refused components.
+    fn shown(&self) -> Vec<usize> {
+        (0..self.kept.len()).filter(|at| !self.question.refused.contains(&self.kept[*at])).collect()
+    }
+
     /// Covariance of the parameters without those of refused components.
     fn covariance(&self) -> Covariance {
-        let shown: Vec<usize> = (0..self.kept.len()).filter(|at| !self.question.refused.contains(&self.kept[*at])).collect();
+        let shown = self.shown();
         Covariance {
             parameters: shown.iter().map(|at| NAMES[self.kept[*at]].to_owned()).collect(),
             units: shown.iter().map(|at| UNITS[self.kept[*at]].to_owned()).collect(),
@@ -253,8 +273,17 @@ fn longest_s(stays: &[Stay]) -> f64 {
 impl Solved {
     /// Least squares of the zero levels, with the reasons why components have no offset.
     pub fn of(stays: &[Stay], levels: &Levels) -> Result<Self, OffsetError> {
+        Self::with(stays, levels, None)
+    }
+
+    /// The same visits with other fields, weighed as they were.
+    pub fn again(&self, stays: &[Stay], levels: &Levels) -> Result<Self, OffsetError> {
+        Self::with(stays, levels, Some(&self.of_readings))
+    }
+
+    fn with(stays: &[Stay], levels: &Levels, given: Option<&DMatrix<f64>>) -> Result<Self, OffsetError> {
         let question = Question::of(stays);
-        let answer = Answer::of(&question, levels)?;
+        let answer = Answer::of(&question, levels, given)?;
         let mut values = OffsetValues::UNDETERMINED;
         for k in (0..3).filter(|k| !question.open_axes.contains(k)) {
             (values.residual_coil_nt[k], values.residual_coil_std_nt[k]) = answer.parameter(RESIDUAL + k);
@@ -266,6 +295,7 @@ impl Solved {
             normal_axis: std::array::from_fn(|_| String::new()),
             response: if levels.directions.iter().all(|d| d.len() == 3) { "run" } else { "nominal" }.to_owned(),
             std_covers: Some(conditions::noise_in_std(longest_s(stays), "the longest visit of a position")),
+            std_b_covers: None,
         };
         for i in 0..3 {
             let seen = Sight::of(stays, i);
@@ -284,12 +314,14 @@ impl Solved {
             drift: answer.drift(),
             method,
             covariance: answer.covariance(),
+            parameters: answer.shown().into_iter().map(|at| answer.values[at]).collect(),
             refused,
             residuals_ent: answer.residuals_ent(),
             chi_square: answer.chi_square,
             degrees_of_freedom: answer.degrees_of_freedom,
             widened: answer.widened,
             assumed_nt: answer.assumed_nt,
+            of_readings: answer.of_readings,
             open_axes: question.open_axes,
             drift_is_open: question.drift_is_open,
         })

@@ -13,7 +13,7 @@ use crate::measure::joint::{JointPlateau, JointRun, SensorFit, Trend, one_run};
 use crate::model::polynomial::TemperaturePolynomial;
 use crate::model::sensor::{Split, split};
 use crate::record::baseline::Baseline;
-use crate::record::conditions;
+use crate::record::conditions::{self, Within};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Limits of a fit.
@@ -84,7 +84,7 @@ impl Problem<'_> {
         let std = |i: usize| fit.residual_ent.column(i).norm() / (solution.dof as f64).sqrt();
         solution.residual_std = (0..3).map(std).collect();
         solution.residuals.copy_from(&fit.residual_ent);
-        conditions::noise(&solution, self.used)
+        conditions::noise(&solution, self.used, Within::Drift)
     }
 
     /// The settings with what a fit leaves of them.
@@ -153,6 +153,13 @@ pub(super) fn polynomials(fit: &SensorFit, covariance: &DMatrix<f64>) -> [Temper
             valid_degc: fit.valid_degc,
         }
     })
+}
+
+/// Covariance of the coefficients of all polynomials, one after the other, from that of all parameters of a fit of type A, and of type B.
+pub(super) fn together(fit: &SensorFit, own: &DMatrix<f64>, of_facility: Option<&DMatrix<f64>>) -> DMatrix<f64> {
+    let places: Vec<usize> = (0..QUANTITIES.len()).flat_map(|k| fit.range(k)).collect();
+    let both = |i: usize, k: usize| own[(i, k)] + of_facility.map_or(0.0, |b| b[(i, k)]);
+    DMatrix::from_fn(places.len(), places.len(), |row, column| both(places[row], places[column]))
 }
 
 /// Rotation at the middle temperature.

@@ -16,9 +16,6 @@ use crate::fit::{DenseNoise, FitError};
 use crate::measure::joint::SensorFit;
 use crate::model::lag::Lag;
 use nalgebra::{DMatrix, DVector};
-use rand_distr::{Distribution, StandardNormal};
-use rand_xoshiro::Xoshiro256PlusPlus;
-use rand_xoshiro::rand_core::SeedableRng;
 
 /// Steps of the search for the lag of a fit; it starts beside the minimum.
 const MOST_STEPS: usize = 12;
@@ -29,9 +26,6 @@ const DISTANCE_S: f64 = 10.0;
 
 /// The same for that by the temperature, K.
 const DISTANCE_K: f64 = 0.1;
-/// Random courses of the noise of a thermistor: they tell the standard deviation that it adds to a tenth.
-const COURSES: usize = 64;
-const SEED: u64 = 20_131_998;
 
 /// The fit with what its uncertainty is.
 pub(super) struct Settled {
@@ -203,7 +197,7 @@ fn lagged(problem: &Problem, course: &Course, near: Lag, orders: Orders) -> Resu
 /// What the noise of the thermistor adds to the covariance of parameters with this influence of the readings.
 ///
 /// The noise is smoothed before it moves the temperatures: it is the same for settings that follow each other, where that of the readings is
-/// not, and hardly shows in what the fit leaves. Of random courses of it, the same in every analysis.
+/// not, and hardly shows in what the fit leaves.
 fn of_thermistor(
     problem: &Problem,
     fit: &SensorFit,
@@ -223,16 +217,11 @@ fn of_thermistor(
             own
         })
         .sum();
-    let weights = course.weights();
-    let mut random = Xoshiro256PlusPlus::seed_from_u64(SEED);
     let mut covariance = DMatrix::zeros(count, count);
-    for _ in 0..COURSES {
-        let normal = || -> f64 { StandardNormal.sample(&mut random) };
-        let noise: Vec<f64> = std::iter::repeat_with(normal).take(course.series.len()).map(|v| course.noise * v).collect();
-        let of_noise = weights.course(&noise);
-        let moved = lag.map_or_else(|| of_noise.series.clone(), |lag| lag.of(&of_noise));
+    for noise in course.noises() {
+        let moved = lag.map_or_else(|| noise.series.clone(), |lag| lag.of(&noise));
         let step = &by_degc * DVector::from_vec(problem.means.degc(&moved));
-        covariance += &step * step.transpose() / COURSES as f64;
+        covariance += &step * step.transpose();
     }
     covariance
 }

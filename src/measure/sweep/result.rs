@@ -9,6 +9,7 @@ use crate::measure::thermal::QuantityFit;
 use crate::model::applied::ModelApplied;
 use crate::model::facility::FacilityApplied;
 use crate::record::conditions::Temperatures;
+use nalgebra::DMatrix;
 use serde::Serialize;
 
 /// The parameters of one window.
@@ -54,6 +55,8 @@ pub struct Sweep {
     pub scope: LinearScope,
     /// The nine polynomials, with the values of windows that share no settings beside them.
     pub quantities: Vec<QuantityFit>,
+    /// Covariance of all their coefficients, one quantity after the other, of both types where the facility states type B.
+    pub together: DMatrix<f64>,
     /// Rotation of the sensor against its nominal orientation, at the middle temperature.
     pub rotation: RunRotations,
     /// How the rotation follows the temperature.

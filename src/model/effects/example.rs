@@ -3,6 +3,7 @@
 use super::record::{Channel, Step, earlier_fields};
 use super::{Acts, Effect, Record, Row, Thermal};
 use crate::data::run::Kind;
+use crate::data::units::Scale;
 use crate::fit::smooth::Course;
 use nalgebra::Matrix3;
 use std::f64::consts::TAU;
@@ -85,6 +86,7 @@ fn record(kind: Kind, rows: Vec<Row>, span_s: [f64; 2], has_samples: bool) -> Re
     Record {
         trend_order: 2,
         kind,
+        scale: Scale::Engineering,
         response: Matrix3::identity(),
         span_s,
         steps,

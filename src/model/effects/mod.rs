@@ -323,6 +323,13 @@ pub trait Effect: Sync {
         self.unseen_by(record.kind).map_or(Ok(Vec::new()), Err)
     }
 
+    /// What a form follows, where the effect may follow several things at once and each of them is an explanation of its own; by default all
+    /// forms are one.
+    fn follows(&self, spec: &Spec) -> Option<String> {
+        let _ = spec;
+        None
+    }
+
     /// The columns of a term on a record; `None` if the record lacks what the term needs.
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let _ = (record, spec);

@@ -99,16 +99,17 @@ impl Effect for OffsetDrift {
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
+        let unit = record.scale.unit();
         if spec.form == DECAY {
             let constant_s = spec.get(TIME_CONSTANT)?;
             let decay = |t: f64| (-(t - record.span_s[0]) / constant_s).exp();
-            return Some(spec.axes.iter().map(|&a| Column::on("c", a, "enT", record, |_, r| decay(r.t_s()))).collect());
+            return Some(spec.axes.iter().map(|&a| Column::on("c", a, unit, record, |_, r| decay(r.t_s()))).collect());
         }
         if spec.form == CYCLE {
             let period_s = spec.get(PERIOD)?;
             let phase = |t: f64| TAU * (t - record.span_s[0]) / period_s;
             let columns = spec.axes.iter().flat_map(|&a| {
-                let of = |name, part: fn(f64) -> f64| Column::on(name, a, "enT", record, |_, r| part(phase(r.t_s())));
+                let of = |name, part: fn(f64) -> f64| Column::on(name, a, unit, record, |_, r| part(phase(r.t_s())));
                 [of("s", f64::sin), of("c", f64::cos)]
             });
             return Some(columns.collect());
@@ -118,14 +119,14 @@ impl Effect for OffsetDrift {
             // Cosines stay bounded where polynomials of high order run away beyond their data.
             let cosine = |m: usize, t_s: f64| (0.5 * PI * m as f64 * (record.tau(t_s) + 1.0)).cos();
             let columns = spec.axes.iter().flat_map(|&a| {
-                (first..first + 8).map(move |m| Column::on(&format!("r{m}"), a, "enT", record, |_, r| cosine(m, r.t_s())))
+                (first..first + 8).map(move |m| Column::on(&format!("r{m}"), a, unit, record, |_, r| cosine(m, r.t_s())))
             });
             return Some(columns.collect());
         }
         if spec.form == SMOOTH {
             let columns = spec.axes.iter().flat_map(|&a| {
                 (0..KNOTS.len() - 1).map(move |k| {
-                    Column::on(&format!("s{}", k + 1), a, "enT", record, |_, r| spline(&KNOTS, record.tau(r.t_s()))[k])
+                    Column::on(&format!("s{}", k + 1), a, unit, record, |_, r| spline(&KNOTS, record.tau(r.t_s()))[k])
                 })
             });
             return Some(columns.collect());
@@ -136,7 +137,7 @@ impl Effect for OffsetDrift {
             _ => first..first + 2,
         };
         let columns = spec.axes.iter().flat_map(|&a| {
-            orders.clone().map(move |p| Column::on(&format!("p{p}"), a, "enT", record, |_, r| legendre(p, record.tau(r.t_s()))))
+            orders.clone().map(move |p| Column::on(&format!("p{p}"), a, unit, record, |_, r| legendre(p, record.tau(r.t_s()))))
         });
         Some(columns.collect())
     }

@@ -2,6 +2,7 @@
 
 use super::Unseen;
 use crate::data::run::{Kind, interpolate};
+use crate::data::units::Scale;
 use crate::fit::smooth::Course;
 use nalgebra::{Matrix3, Vector3};
 
@@ -105,6 +106,8 @@ pub struct Channel {
 pub struct Record {
     /// Kind of the runs.
     pub kind: Kind,
+    /// What the readings are; effects state their sizes in it.
+    pub scale: Scale,
     /// Rows in time order, run after run.
     pub rows: Vec<Row>,
     /// Response of the linear sensor, enT/nT, coil axes to sensor axes.

@@ -63,9 +63,9 @@ impl Effect for SensorTemperatureOffset {
             let value = |i: usize| (channel.values[i] - reference).powi(power);
             spec.axes.iter().map(|&a| Column::on(name, a, unit, record, |i, _| value(i))).collect()
         };
-        let mut columns = of("b", "enT/K", 1);
+        let mut columns = of("b", record.scale.per_kelvin(), 1);
         if bent {
-            columns.extend(of("b2", "enT/K^2", 2));
+            columns.extend(of("b2", record.scale.per_kelvin_squared(), 2));
         }
         Some(columns)
     }

@@ -238,7 +238,7 @@ pub fn columns(record: &Record, covariate: &Covariate, spec: &Spec) -> Option<Ve
         return None;
     }
     let rows: Vec<Vec<f64>> = covariate.values.iter().map(|v| spline(&knots, *v)).collect();
-    let unit = if covariate.gain { "1" } else { "enT" };
+    let unit = if covariate.gain { "1" } else { record.scale.unit() };
     let column = |k: usize| {
         Column::of(format!("s{}_{}", k + 1, COMPONENTS[axis]), unit, record, |i, r| {
             one(axis, if covariate.gain { rows[i][k] * r.linear_ent[axis] } else { rows[i][k] })

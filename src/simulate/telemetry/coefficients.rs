@@ -157,6 +157,7 @@ fn tpf(sensor: &FlightSensor) -> Tpf {
         head: head(sensor, &named),
         reference: None,
         scope: LinearScope::default(),
+        together: None,
         rotation: RunRotations::default(),
         model_error: None,
         joint: None,

@@ -2,7 +2,7 @@
 
 use super::thermistor::Thermistor;
 use crate::data::time::{SECOND_NS, Tt2000};
-use crate::files::flight::mission::Span;
+use crate::files::flight::mission::{Rate, Span};
 use crate::files::twin::telemetry::{Course, TelemetryTwin};
 use crate::simulate::noise::Random;
 
@@ -65,7 +65,7 @@ pub fn ns(seconds: f64) -> i64 {
 pub fn rows(twin: &TelemetryTwin, sensor: usize, thermistors: &[Thermistor; 2], seed: u64) -> (Vec<Row>, PacketCounts) {
     let mut random = Random::new(seed, &["packets", &twin.sensors[sensor].name]);
     let mut counts = PacketCounts::default();
-    let mut list: Vec<(Vec<Row>, bool)> = Vec::new();
+    let mut list: Vec<Packet> = Vec::new();
     for (span, index) in &twin.intervals {
         let mode = &twin.modes[*index];
         let Some(rate) = mode.rates[sensor] else { continue };
@@ -83,43 +83,59 @@ pub fn rows(twin: &TelemetryTwin, sensor: usize, thermistors: &[Thermistor; 2], 
                 continue;
             }
             counts.arrived += 1;
-            // The thermistors are read in the middle of a packet.
-            let middle = own.from + packet_ns / 2;
-            let read = |time: Tt2000| -> [f64; 2] {
-                std::array::from_fn(|i| thermistors[i].count(degc(&twin.sensors[i].course, twin.span.from, time)))
-            };
-            let packet = read(middle).map(f64::round);
-            let row = |k: u32| {
-                let tag = own.from + ns(f64::from(k) / rate.rate_hz);
-                let time = tag + rate.shift_ns.unwrap_or(0);
-                let thermistor = if twin.exact { read(time) } else { packet };
-                Row { tag, time, mode: *index as u8, thermistor, bad: 0, repeated: false }
-            };
-            let mut rows: Vec<Row> = (0..vectors).map(row).collect();
-            for row in &mut rows {
-                if random.uniform() < twin.packets.bad_vectors {
-                    // One of the seven ways in which axes are bad.
-                    row.bad = 1 + (random.uniform() * 7.0) as u8;
-                }
-            }
-            list.push((rows, random.uniform() < twin.packets.swapped));
+            // One of the seven ways in which axes are bad.
+            let mut bad = || if random.uniform() < twin.packets.bad_vectors { 1 + (random.uniform() * 7.0) as u8 } else { 0 };
+            let bad: Vec<u8> = (0..vectors).map(|_| bad()).collect();
+            let swapped = random.uniform() < twin.packets.swapped;
+            list.push(Packet { begin: own.from, length_ns: packet_ns, mode: *index as u8, rate, bad, swapped });
         }
     }
     for index in 1..list.len() {
-        if list[index - 1].1 {
+        if list[index - 1].swapped {
             counts.swapped += 1;
             list.swap(index - 1, index);
-            list[index - 1].1 = false;
-            list[index].1 = false;
+            list[index - 1].swapped = false;
+            list[index].swapped = false;
         }
     }
     let mut out = Vec::new();
-    for (rows, _) in list {
-        out.extend_from_slice(&rows);
+    for packet in list {
+        packet.rows(twin, thermistors, &mut out);
         if random.uniform() < twin.packets.repeated {
             counts.repeated += 1;
-            out.extend(rows.into_iter().map(|row| Row { repeated: true, ..row }));
+            let first = out.len() - packet.bad.len();
+            out.extend_from_within(first..);
+            out[first + packet.bad.len()..].iter_mut().for_each(|row| row.repeated = true);
         }
     }
     (out, counts)
+}
+
+/// A packet that arrives.
+struct Packet {
+    begin: Tt2000,
+    length_ns: i64,
+    mode: u8,
+    rate: Rate,
+    /// Quality bits of its vectors.
+    bad: Vec<u8>,
+    /// Whether it arrives behind the next one.
+    swapped: bool,
+}
+
+impl Packet {
+    /// Its rows, behind others.
+    fn rows(&self, twin: &TelemetryTwin, thermistors: &[Thermistor; 2], out: &mut Vec<Row>) {
+        let read = |time: Tt2000| -> [f64; 2] {
+            std::array::from_fn(|i| thermistors[i].count(degc(&twin.sensors[i].course, twin.span.from, time)))
+        };
+        // The thermistors are read in the middle of a packet.
+        let packet = read(self.begin + self.length_ns / 2).map(f64::round);
+        out.extend(self.bad.iter().zip(0_u32..).map(|(bad, k)| {
+            let tag = self.begin + ns(f64::from(k) / self.rate.rate_hz);
+            let time = tag + self.rate.shift_ns.unwrap_or(0);
+            let thermistor = if twin.exact { read(time) } else { packet };
+            Row { tag, time, mode: self.mode, thermistor, bad: *bad, repeated: false }
+        }));
+    }
 }

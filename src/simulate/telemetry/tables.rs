@@ -1,7 +1,7 @@
 //! Telemetry and truth as tables.
 
 use super::schedule::ns;
-use super::surroundings::MARGIN_NS;
+use super::surroundings::{MARGIN_NS, Parts};
 use super::truth::name;
 use super::{SensorTelemetry, Telemetry, readings};
 use crate::data::error::Finding;
@@ -179,14 +179,15 @@ fn truth(telemetry: &Telemetry<'_>, index: usize, sensor: &SensorTelemetry, out:
         table.put("sid", Values::Words(rows.iter().map(|i| of(i).mode).collect(), words.clone()));
         table.put("good", Values::Bytes(rows.iter().map(|i| u8::from(of(i).bad == 0)).collect()));
         table.put("t_degc", Values::Numbers(times.iter().map(|t| telemetry.degc(index, *t)).collect()));
-        let parts = rows.iter().map(|i| &sensor.parts[*i]);
+        let fields: Vec<(Parts, Vector3<f64>)> = rows.iter().map(|i| telemetry.field(index, *i)).collect();
+        let parts = fields.iter().map(|(parts, _)| parts);
         table.put_three("ext", parts.clone().map(|p| p.external_cel_nt));
         table.put_three("heat_sc", parts.clone().map(|p| p.heat_nt));
         table.put_three("wheel_sc", parts.clone().map(|p| p.wheel_nt));
         table.put_three("lap_sc", parts.clone().map(|p| p.lap_nt));
         table.put_three("scn_sc", parts.clone().map(|p| p.scn_nt));
         table.put_three("jump_sc", parts.clone().map(|p| p.jump_nt));
-        table.put_three("a_uvw", rows.iter().map(|i| sensor.level_a_nt[*i]));
+        table.put_three("a_uvw", fields.iter().map(|(_, a_nt)| *a_nt));
         table.put_three("b_sc", parts.map(|p| p.level_b_nt()));
         table.write(&place.join(format!("date={}", name(day))), "truth.parquet", force)?;
     }

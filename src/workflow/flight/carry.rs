@@ -16,6 +16,7 @@ use crate::flight::assemble::assemble;
 use crate::flight::daily::{DayEnds, continuity};
 use crate::flight::heater::HeaterClass;
 use crate::model::polynomial::value;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -115,48 +116,11 @@ impl Carry {
         if !mission.continuity {
             return Ok(carry);
         }
-        let resets: Vec<Tt2000> = mission.campaigns.iter().map(|span| span.from).collect();
-        for (index, sensor) in mission.sensors.iter().enumerate().filter(|(_, s)| has_daily(s)) {
-            let mut rows: Vec<CarryRow> = Vec::new();
-            let mut ends = Vec::new();
-            let mut broken: Vec<(i32, String)> = Vec::new();
-            let mut midnights = Midnights::new(prepared, index);
-            for day in prepared.days(sensor)? {
-                let known = midnights.day_ends(day).and_then(|found| match found {
-                    None => Ok(None),
-                    Some(found) => Ok(prepared.daily(sensor, day)?.map(|model| (found, model))),
-                });
-                let (found, model) = match known {
-                    Ok(Some(known)) => known,
-                    Ok(None) => continue,
-                    Err(finding) => {
-                        // What is wrong with a day is said when it is made; what follows it is not known until a campaign begins.
-                        broken.push((day, finding.to_string()));
-                        continue;
-                    }
-                };
-                let at = |degc: f64| model.polynomials.each_ref().map(|p| value(&p.coefficients, degc));
-                ends.push(DayEnds { time: found.0, model_nt: found.1.map(at) });
-                rows.push(CarryRow {
-                    sensor: sensor.name.clone(),
-                    day,
-                    time: found.0,
-                    degc: found.1,
-                    continuity_nt: [0.0; 3],
-                    reset: true,
-                });
-            }
-            for (row, (sum, reset)) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
-                (row.continuity_nt, row.reset) = (sum, reset);
-            }
-            for row in rows {
-                let begun = resets.iter().rfind(|at| **at <= row.time[0]).copied();
-                let before = |day: i32| day <= row.day && begun.is_none_or(|at| prepared.leap.day(day).end > at);
-                match broken.iter().find(|(day, _)| before(*day)) {
-                    Some((_, reason)) => drop(carry.unknown.insert((row.sensor, row.day), reason.clone())),
-                    None => carry.rows.push(row),
-                }
-            }
+        let sensors: Vec<usize> = (0..mission.sensors.len()).filter(|index| has_daily(&mission.sensors[*index])).collect();
+        let found: Vec<Days> = sensors.par_iter().map(|index| days_of(prepared, *index)).collect::<Result<_, Finding>>()?;
+        for Days { rows, unknown } in found {
+            carry.rows.extend(rows);
+            carry.unknown.extend(unknown);
         }
         Ok(carry)
     }
@@ -239,6 +203,61 @@ impl Carry {
         let configuration = table.says(CONFIGURATION).unwrap_or_default().to_owned();
         Ok(Self { rows: (0..table.rows()).map(row).collect(), heater, unknown: BTreeMap::new(), configuration })
     }
+}
+
+/// The days of a sensor, and those whose continuity is not known, with the reason.
+struct Days {
+    rows: Vec<CarryRow>,
+    unknown: Vec<((String, i32), String)>,
+}
+
+/// Looks at the days of a sensor with daily models.
+fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
+    let mission = &prepared.mission;
+    let sensor = &mission.sensors[index];
+    let resets: Vec<Tt2000> = mission.campaigns.iter().map(|span| span.from).collect();
+    let mut rows: Vec<CarryRow> = Vec::new();
+    let mut ends = Vec::new();
+    let mut broken: Vec<(i32, String)> = Vec::new();
+    let mut midnights = Midnights::new(prepared, index);
+    for day in prepared.days(sensor)? {
+        let known = midnights.day_ends(day).and_then(|found| match found {
+            None => Ok(None),
+            Some(found) => Ok(prepared.daily(sensor, day)?.map(|model| (found, model))),
+        });
+        let (found, model) = match known {
+            Ok(Some(known)) => known,
+            Ok(None) => continue,
+            Err(finding) => {
+                // What is wrong with a day is said when it is made; what follows it is not known until a campaign begins.
+                broken.push((day, finding.to_string()));
+                continue;
+            }
+        };
+        let at = |degc: f64| model.polynomials.each_ref().map(|p| value(&p.coefficients, degc));
+        ends.push(DayEnds { time: found.0, model_nt: found.1.map(at) });
+        rows.push(CarryRow {
+            sensor: sensor.name.clone(),
+            day,
+            time: found.0,
+            degc: found.1,
+            continuity_nt: [0.0; 3],
+            reset: true,
+        });
+    }
+    for (row, (sum, reset)) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
+        (row.continuity_nt, row.reset) = (sum, reset);
+    }
+    let mut days = Days { rows: Vec::new(), unknown: Vec::new() };
+    for row in rows {
+        let begun = resets.iter().rfind(|at| **at <= row.time[0]).copied();
+        let before = |day: i32| day <= row.day && begun.is_none_or(|at| prepared.leap.day(day).end > at);
+        match broken.iter().find(|(day, _)| before(*day)) {
+            Some((_, reason)) => days.unknown.push(((row.sensor, row.day), reason.clone())),
+            None => days.rows.push(row),
+        }
+    }
+    Ok(days)
 }
 
 /// What the file says of the configuration that it was made of.

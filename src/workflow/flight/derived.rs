@@ -5,11 +5,11 @@ use super::day::{Context, Product, Vectors, put_back, vectors};
 use super::{Carry, Level, Prepared, picture};
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
-use crate::data::time::Tt2000;
+use crate::data::time::{SECOND_NS, Tt2000};
 use crate::files::flight::levels::LevelRows;
 use crate::files::flight::mission::{Common, Heater, Span};
 use crate::fit::spectrum::Density;
-use crate::flight::heater::{self, HeaterClass, HeaterInterval, HeaterMethod, HeaterOptions};
+use crate::flight::heater::{self, HeaterClass, HeaterInterval, HeaterMethod, HeaterOptions, Jump};
 use crate::flight::made::{DayMade, HeaterFound, JumpFound, SharedAxis, WheelsFound};
 use crate::flight::means::Means;
 use crate::flight::two_sensors::{self, Parts};
@@ -18,6 +18,9 @@ use crate::flight::{Block, Series, Stage};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::ops::Range;
+
+/// A jump without a vector for so long lies anywhere within, ns.
+const UNSEEN_NS: i64 = 3 * SECOND_NS;
 
 /// What stands in place of a sensor where both are meant.
 pub const COMMON: &str = "common";
@@ -85,8 +88,28 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     made.heater = classes.iter().map(HeaterFound::of).collect();
     let day = context.span();
     let own = jumps.iter().filter(|jump| day.contains(&jump.time_tt2000));
-    made.jumps = own.map(|jump| JumpFound::of(jump, &stated.classes)).collect();
+    // What a table says is known; what is found between vectors far apart has no time that could be told.
+    let role = context.prepared.mission.roles.of(&made.sensor, day.start);
+    let step_ns = |mode: u8| context.prepared.mission.modes[usize::from(mode)].rates[role].map_or(0.0, |r| 1e9 / r.rate_hz);
+    let (seen, unseen): (Vec<&Jump>, Vec<&Jump>) =
+        own.partition(|jump| stated.from_table || !is_in_gap(&all, jump.time_tt2000, &step_ns));
+    made.jumps = seen.into_iter().map(|jump| JumpFound::of(jump, &stated.classes)).collect();
+    if !unseen.is_empty() {
+        let count = unseen.len();
+        made.notes
+            .push(format!("{count} heater jumps lie in gaps, where their times are not known: they are closed and not listed"));
+    }
     Ok(out)
+}
+
+/// Whether a time lies where vectors are missing for longer than its mode would have it.
+fn is_in_gap(all: &Series, time: Tt2000, step_ns: &impl Fn(u8) -> f64) -> bool {
+    let next = all.time.partition_point(|t| *t < time);
+    let is_there = |row: &usize| !all.field_nt[0][*row].is_nan();
+    let (before, behind) = ((0..next).rev().find(is_there), (next..all.time.len()).find(is_there));
+    let (Some(before), Some(behind)) = (before, behind) else { return true };
+    let gap_ns = all.time[behind] - all.time[before];
+    gap_ns > UNSEEN_NS && gap_ns as f64 > 1.5 * step_ns(all.mode[before])
 }
 
 /// Takes wheels and lines off; spectra before and after by mode.

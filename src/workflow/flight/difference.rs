@@ -19,7 +19,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Means of the difference at most: what is slower than a few minutes is looked for.
-const MOST_ROWS: i64 = 720;
+const MOST_ROWS: usize = 720;
 /// Shortest mean, ns.
 const MINUTE_NS: i64 = 60 * SECOND_NS;
 /// Rows of a model of the field further apart than this are not interpolated, ns.
@@ -45,6 +45,7 @@ struct Seconds {
 }
 
 /// Sums of a mean.
+#[derive(Clone, Debug)]
 struct Sums {
     begin: Tt2000,
     pairs: usize,
@@ -94,7 +95,7 @@ pub fn diagnose_flight(path: &Path, options: &DifferenceOptions, findings: &mut 
         .filter(|day| first.is_none_or(|first| *day >= first) && last.is_none_or(|last| *day <= last))
         .collect();
     let other = (0..prepared.mission.sensors.len()).find(|i| *i != primary);
-    let mut collected = Collected::new(&prepared, &days, classes, model.is_none().then_some(other).flatten());
+    let mut collected = Collected::new(&prepared, primary, &days, classes, model.is_none().then_some(other).flatten());
     for day in &days {
         let Some(own) = seconds(&prepared, &carry, primary, *day, &mut inputs)? else { continue };
         let reference = match (&model, other) {
@@ -176,8 +177,12 @@ fn in_spacecraft(prepared: &Prepared, model: &Timeline<ModelField>, day: i32, ow
 
 /// Means on their way.
 struct Collected {
+    /// Begin of the day of the first pair.
     begin: Tt2000,
+    /// Length of a mean; doubled where there would be too many.
     row_ns: i64,
+    /// Name of the sensor.
+    sensor: String,
     names: Vec<String>,
     other_degc: bool,
     wheels: usize,
@@ -187,9 +192,7 @@ struct Collected {
 }
 
 impl Collected {
-    fn new(prepared: &Prepared, days: &[i32], classes: Vec<String>, other: Option<usize>) -> Self {
-        let count = i64::try_from(days.len()).unwrap_or(i64::MAX).max(1);
-        let minutes = (count * 1440 + MOST_ROWS - 1) / MOST_ROWS;
+    fn new(prepared: &Prepared, own: usize, days: &[i32], classes: Vec<String>, other: Option<usize>) -> Self {
         let mut names = Vec::new();
         names.extend(other.map(|i| format!("{}{}", in_flight::TEMPERATURE, prepared.mission.sensors[i].name)));
         // Of two sensors the field is known with the noise that is in their difference as well, which would look like a dependence.
@@ -208,8 +211,9 @@ impl Collected {
             spans
         };
         Self {
-            begin: days.first().map_or(0, |day| prepared.leap.day(*day).start),
-            row_ns: minutes * MINUTE_NS,
+            begin: 0,
+            row_ns: MINUTE_NS,
+            sensor: prepared.mission.sensors[own].name.clone(),
             names,
             other_degc: other.is_some(),
             wheels,
@@ -246,7 +250,10 @@ impl Collected {
                 let begun = spans.partition_point(|span| span.start <= time);
                 channels.push(f64::from(u8::from(begun > 0 && spans[begun - 1].contains(&time))));
             }
-            let begin = self.begin + (time - self.begin).div_euclid(self.row_ns) * self.row_ns;
+            if self.rows.is_empty() {
+                self.begin = leap.day(leap.utc(time).day).start;
+            }
+            let begin = self.row_of(time);
             if self.rows.last().is_none_or(|row| row.begin != begin) {
                 let empty = vec![0.0; channels.len()];
                 self.rows.push(Sums { begin, pairs: 0, difference_nt: [0.0; 3], degc: 0.0, channels: empty });
@@ -257,25 +264,67 @@ impl Collected {
                 row.degc += own.degc[i];
                 row.channels.iter_mut().zip(&channels).for_each(|(sum, value)| *sum += value);
             }
+            if self.rows.len() > MOST_ROWS {
+                self.double();
+            }
         }
         Ok(())
+    }
+
+    /// Begin of the mean that a time belongs to.
+    fn row_of(&self, time: Tt2000) -> Tt2000 {
+        self.begin + (time - self.begin).div_euclid(self.row_ns) * self.row_ns
+    }
+
+    /// Makes means of twice the length.
+    fn double(&mut self) {
+        self.row_ns *= 2;
+        let mut rows: Vec<Sums> = Vec::with_capacity(self.rows.len());
+        for row in std::mem::take(&mut self.rows) {
+            let begin = self.row_of(row.begin);
+            match rows.last_mut().filter(|last| last.begin == begin) {
+                Some(last) => {
+                    last.pairs += row.pairs;
+                    (0..3).for_each(|c| last.difference_nt[c] += row.difference_nt[c]);
+                    last.degc += row.degc;
+                    last.channels.iter_mut().zip(&row.channels).for_each(|(sum, more)| *sum += more);
+                }
+                None => rows.push(Sums { begin, ..row }),
+            }
+        }
+        self.rows = rows;
     }
 
     fn finish(self, name: String) -> Difference {
         let seconds = |time: Tt2000| (time - self.begin) as f64 / SECOND_NS as f64;
         let mean = |row: &Sums, sum: f64| sum / row.pairs as f64;
+        let span_s: Vec<[f64; 2]> = self.rows.iter().map(|row| [seconds(row.begin), seconds(row.begin + self.row_ns)]).collect();
+        let degc: Vec<f64> = self.rows.iter().map(|row| mean(row, row.degc)).collect();
+        let mut channels: Vec<(String, Vec<f64>)> = Vec::new();
+        for (k, name) in self.names.iter().enumerate() {
+            channels.push((name.clone(), self.rows.iter().map(|row| mean(row, row.channels[k])).collect()));
+        }
+        let others = channels.iter().filter_map(|(name, degc)| Some((name.strip_prefix(in_flight::TEMPERATURE)?, degc)));
+        let temperatures = others.chain([(self.sensor.as_str(), &degc)]);
+        let rate = |(sensor, degc): (&str, &Vec<f64>)| (format!("{}{sensor}", in_flight::RATE), rates(&span_s, degc));
+        let rates: Vec<(String, Vec<f64>)> = temperatures.map(rate).collect();
+        channels.extend(rates);
         Difference {
             name,
-            span_s: self.rows.iter().map(|row| [seconds(row.begin), seconds(row.begin + self.row_ns)]).collect(),
+            span_s,
             pairs: self.rows.iter().map(|row| row.pairs).collect(),
             difference_nt: self.rows.iter().map(|row| row.difference_nt.map(|sum| mean(row, sum))).collect(),
-            degc: self.rows.iter().map(|row| mean(row, row.degc)).collect(),
-            channels: self
-                .names
-                .iter()
-                .enumerate()
-                .map(|(k, name)| (name.clone(), self.rows.iter().map(|row| mean(row, row.channels[k])).collect()))
-                .collect(),
+            degc,
+            channels,
         }
     }
+}
+
+/// How fast means change, per second, from their neighbours.
+fn rates(span_s: &[[f64; 2]], values: &[f64]) -> Vec<f64> {
+    let slope = |i: usize| {
+        let (a, b) = (i.saturating_sub(1), (i + 1).min(values.len() - 1));
+        if a == b { 0.0 } else { (values[b] - values[a]) / (span_s[b][0] - span_s[a][0]) }
+    };
+    (0..values.len()).map(slope).collect()
 }

@@ -12,7 +12,7 @@ use crate::files::table::series::SeriesTable;
 use crate::flight::assemble::RowCounts;
 use crate::flight::housekeeping::{field_ent, negative_v, positive_v, reference_v};
 use crate::flight::made::DayMade;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Columns that are passed on as they are.
 const PASSED: [&str; 3] = ["stage_a_id", "stage_b_id", "filter_cfg"];
@@ -22,11 +22,19 @@ pub const NAME: &str = "HK";
 /// The days of the housekeeping.
 ///
 /// # Errors
-/// A folder that cannot be listed.
-pub fn days(prepared: &Prepared) -> Result<Vec<i32>, Finding> {
-    let Some(folder) = &prepared.mission.hk else { return Ok(Vec::new()) };
-    let mut days: Vec<i32> = day_files(folder)?.into_iter().filter_map(|file| file.day).collect();
-    days.dedup();
+/// A folder that cannot be listed, a file outside of all partitions whose times cannot be read.
+pub fn days(prepared: &Prepared) -> Result<BTreeSet<i32>, Finding> {
+    let Some(folder) = &prepared.mission.hk else { return Ok(BTreeSet::new()) };
+    let mut days = BTreeSet::new();
+    for file in day_files(folder)? {
+        match file.day {
+            Some(day) => days.extend([day]),
+            None => {
+                let times = times_beside(&file.path, &prepared.mission, &prepared.leap)?;
+                days.extend(times.into_iter().map(|time| prepared.leap.utc(time).day));
+            }
+        }
+    }
     Ok(days)
 }
 
@@ -36,7 +44,8 @@ pub fn days(prepared: &Prepared) -> Result<Vec<i32>, Finding> {
 /// What is wrong with its files.
 pub fn make(prepared: &Prepared, options: &FlightOptions, day: i32) -> Result<Option<DayMade>, Finding> {
     let Some(folder) = &prepared.mission.hk else { return Ok(None) };
-    let files: Vec<EditedFile> = day_files(folder)?.into_iter().filter(|file| file.day == Some(day)).collect();
+    // A file outside of all partitions may have rows of every day.
+    let files: Vec<EditedFile> = day_files(folder)?.into_iter().filter(|file| file.day.is_none_or(|own| own == day)).collect();
     if files.is_empty() { Ok(None) } else { one_day(prepared, options, day, &files).map(Some) }
 }
 
@@ -47,7 +56,14 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
     let mut whole: Vec<(String, Vec<i64>)> = Vec::new();
     let mut inputs = prepared.inputs.clone();
     let mut columns_of_day: Option<Vec<String>> = None;
+    let span = leap.day(day);
     for file in files {
+        let own = times_beside(&file.path, &prepared.mission, leap)?;
+        let is_of_day = |row: &usize| file.day.is_some() || span.contains(&own[*row]);
+        let kept: Vec<usize> = (0..own.len()).filter(is_of_day).collect();
+        if kept.is_empty() && file.day.is_none() {
+            continue;
+        }
         let table = SeriesTable::open(&file.path)?;
         let shown = file.path.strip_prefix(&prepared.mission.folder).unwrap_or(&file.path).to_string_lossy().into_owned();
         inputs.push(digest(&file.path)?.input(shown));
@@ -57,26 +73,24 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
             let rule = "has other columns than another file of the day";
             return Err(Finding::error(&file.path.display().to_string(), rule, "give all files of a day the same columns"));
         }
-        let own = times_beside(&file.path, &prepared.mission, leap)?;
         let refuse = |row: usize, rule: String, remedy: &str| {
             Finding::error(&file.path.display().to_string(), format!("row {}: {rule}", row + 1), remedy)
         };
-        let span = leap.day(day);
         let inside = span.start - BEYOND_NS..span.end + BEYOND_NS;
-        if let Some(row) = own.iter().position(|t| !inside.contains(t)) {
+        if let Some(&row) = kept.iter().find(|row| !inside.contains(&own[**row])) {
             let rule = format!("the time {} is not of the day of the partition", leap.utc(own[row]));
             return Err(refuse(row, rule, "move the row to its day"));
         }
-        time.extend(own);
+        time.extend(kept.iter().map(|row| own[*row]));
         let mut put = |name: &str, column: &str, bits: i32, convert: &dyn Fn(f64) -> f64| -> Result<(), Finding> {
             let Some(column) = names.get(column) else { return Ok(()) };
             let counts = table.numbers(column)?;
             let most = 2.0_f64.powi(bits) - 1.0;
-            if let Some(row) = counts.iter().position(|c| !(0.0..=most).contains(c)) {
+            if let Some(&row) = kept.iter().find(|row| !(0.0..=most).contains(&counts[**row])) {
                 let rule = format!("the count {} of `{column}` is none of {bits} bits", counts[row]);
                 return Err(refuse(row, rule, "correct it, or leave the row out"));
             }
-            let values = counts.into_iter().map(convert);
+            let values = kept.iter().map(|row| convert(counts[*row]));
             match numbers.iter_mut().find(|(n, _)| n == name) {
                 Some((_, list)) => list.extend(values),
                 None => numbers.push((name.to_owned(), values.collect())),
@@ -97,10 +111,11 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
         put("neg_voltage", "neg_voltage", 8, &negative_v)?;
         for name in PASSED {
             let Some(column) = names.get(name) else { continue };
-            let values = table.whole(column)?;
+            let all = table.whole(column)?;
+            let values = kept.iter().map(|row| all[*row]);
             match whole.iter_mut().find(|(n, _)| n == name) {
                 Some((_, list)) => list.extend(values),
-                None => whole.push((name.to_owned(), values)),
+                None => whole.push((name.to_owned(), values.collect())),
             }
         }
     }

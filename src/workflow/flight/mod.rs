@@ -402,7 +402,8 @@ impl Flight {
         let leap = &self.prepared.leap;
         let positions = self.prepared.positions.as_ref().map(|table| table.over(&leap.day(day), leap)).transpose()?;
         let (out, force) = (self.options.out.as_path(), self.options.force);
-        Ok(DayWriter { prepared: &self.prepared, positions, out, force, sensor, uvw, day, shared: RefCell::default() })
+        let (shared, closing) = (RefCell::default(), RefCell::default());
+        Ok(DayWriter { prepared: &self.prepared, positions, out, force, sensor, uvw, day, shared, closing })
     }
 
     /// The levels of one sensor.
@@ -418,7 +419,10 @@ impl Flight {
                 pictures.take(level, &product);
             }
             writer.take(level, &product, inputs, made)
-        })?;
+        });
+        // Levels that were made stand under their names, whatever a later one says.
+        writer.finish()?;
+        let made = made?;
         if let Some(made) = &made {
             if self.options.plots {
                 pictures.facts(made, &context.spectra.borrow());
@@ -461,6 +465,7 @@ impl Flight {
                 metadata.extend(parts.says.iter().cloned());
                 metadata.extend(mark);
                 writer.write(Level::J, std::iter::once(rows), metadata)?;
+                writer.finish()?;
             }
             made.levels.push(Level::J.letter().to_owned());
         }

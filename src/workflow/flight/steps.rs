@@ -143,7 +143,7 @@ fn daily_slopes(sensor: &Sensor, day: &Range<i64>, model: &DailyModel) -> Option
 fn counts(stated: &Counts) -> CountsStep {
     let ent_per_count = match stated {
         Counts::Converter { .. } => vec![stated.ent_per_count(0)],
-        Counts::Factor(factors) => factors.clone(),
+        Counts::Factor { ent_per_count, .. } => ent_per_count.clone(),
     };
     CountsStep { ent_per_count, shift_ent: stated.shift_ent(), limits: stated.limits() }
 }
@@ -170,10 +170,9 @@ fn noise(mission: &Mission, sensor: &Sensor) -> Option<ReadingNoise> {
     if !mission.uncertainty {
         return None;
     }
-    let step = sensor.counts.ent_per_count(0) / 12.0_f64.sqrt();
     let of = |sid: &String| sensor.noise_ent.get(&Some(sid.clone())).or_else(|| sensor.noise_ent.get(&None));
-    let std_ent = mission.modes.iter().map(|mode| of(&mode.sid).map_or(f64::NAN, |noise| noise.hypot(step))).collect();
-    Some(ReadingNoise { std_ent })
+    let std_ent = mission.modes.iter().map(|mode| of(&mode.sid).copied().unwrap_or(f64::NAN)).collect();
+    Some(ReadingNoise { std_ent, step_ent: counts(&sensor.counts).ent_per_count })
 }
 
 fn ground(prepared: &Prepared, index: usize, models: &[DayModel]) -> Box<dyn Step> {

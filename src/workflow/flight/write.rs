@@ -18,6 +18,7 @@ use std::borrow::Cow;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::thread::JoinHandle;
 
 /// Writes the levels of a sensor and day.
 pub struct DayWriter<'a> {
@@ -37,6 +38,8 @@ pub struct DayWriter<'a> {
     pub day: i32,
     /// What the levels of single vectors have in common.
     pub shared: RefCell<Shared>,
+    /// Files on their way to the disk, which is waited for while further levels are made.
+    pub closing: RefCell<Vec<JoinHandle<Result<(), Finding>>>>,
 }
 
 impl DayWriter<'_> {
@@ -88,7 +91,19 @@ impl DayWriter<'_> {
         let folder = Folder::open(&self.out.join(partition(level.letter(), self.sensor, self.day)), self.force)?;
         let sids: Vec<String> = self.prepared.mission.modes.iter().map(|mode| mode.sid.clone()).collect();
         let name = file_name(level.letter(), self.sensor, self.day);
-        write(&folder, &name, groups, &sids, &self.prepared.leap, metadata, shared)
+        let file = write(&folder, &name, groups, &sids, &self.prepared.leap, metadata, shared)?;
+        self.closing.borrow_mut().push(std::thread::spawn(|| file.finish().map(drop)));
+        Ok(())
+    }
+
+    /// Waits until all files stand under their names.
+    ///
+    /// # Errors
+    /// What the operating system says of the first one that does not.
+    pub fn finish(self) -> Result<(), Finding> {
+        let place = || Finding::error(&self.out.display().to_string(), "a file was not finished", "try again");
+        let all = self.closing.borrow_mut().drain(..).map(|one| one.join().unwrap_or_else(|_| Err(place()))).collect::<Vec<_>>();
+        all.into_iter().collect()
     }
 
     /// The same as text, where the mission wants it.

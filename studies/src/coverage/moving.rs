@@ -1,12 +1,21 @@
 //! Runs during which the temperature of the sensor moves: linearity runs whose slopes are found in the run itself, and continuous sweeps.
 
-use super::{Estimate, LIN_NAMES, Noise, RATE_HZ, drawn, estimates, lin_bounds, plateaus, quantities, response, simulated};
+use super::{
+    Estimate, LIN_NAMES, Linear, Noise, RATE_HZ, drawn, estimates, lin_bounds, plateaus, quantities, response, simulated,
+};
 use crate::repository;
+use calfit::data::across::CalibratedRun;
+use calfit::data::provenance::Input;
 use calfit::files::twin::{self, Approach, Phase, Twin};
 use calfit::fit::NORMAL_95;
+use calfit::measure::lin::Lin;
+use calfit::measure::thermal::{Kind, OfKind, groups, thermal};
 use calfit::measure::{lin, sweep};
+use calfit::model::campaign::Instructions;
 use calfit::model::polynomial::value;
+use calfit::model::sensor_polynomials::SensorPolynomials;
 use calfit::simulate::noise::Random;
+use calfit::workflow::RunResult;
 use nalgebra::Vector3;
 
 /// Target and rate of the box while a linearity run lasts, °C and K/h.
@@ -58,6 +67,30 @@ pub(super) fn of_moving(base: &Twin, demo: &Twin, noise: Noise, seed: u64) -> Ve
     let values = [p.matrix.sigma[0][0], p.matrix.sigma[1][1], p.matrix.sigma[2][2], angles.xi_xy, angles.xi_xz, angles.xi_yz];
     let std = [p.std.sigma, p.std.xi_deg].concat();
     estimates(&LIN_NAMES[..COMPARED], &values, &std, &truth[..COMPARED], &bounds[..COMPARED])
+}
+
+/// Linear calibrations of a thermal group made with its polynomials, and with the noise that its runs show together, as `thermal` makes them.
+pub(super) fn in_group(linear: &[Linear], orders: &[(String, usize)], instructions: &Instructions) -> Vec<Lin> {
+    let points: Vec<CalibratedRun> = linear.iter().map(|own| CalibratedRun::from(&own.lin.parameters())).collect();
+    let lins: Vec<&Lin> = linear.iter().map(|own| &own.lin).collect();
+    let group = groups(&points, &[], orders).into_iter().next().unwrap();
+    let result = thermal(&group, Kind::Lin, &lins, false).unwrap();
+    let OfKind::Lin(across) = &result.of_kind else { unreachable!("a group of linear calibrations") };
+    let three =
+        |names: [&str; 3]| names.map(|name| result.quantities.iter().find(|q| q.found.name == name).unwrap().polynomial.clone());
+    let polynomials = SensorPolynomials {
+        input: Input::default(),
+        sensor: linear[0].run.header.sensor.clone(),
+        mode: linear[0].run.header.mode.clone(),
+        channel: None,
+        valid_degc: result.valid_degc,
+        sigma: three(["sigma_x", "sigma_y", "sigma_z"]),
+        xi_deg: three(["xi_xy", "xi_xz", "xi_yz"]),
+        b_or_ent: three(["b_or_x", "b_or_y", "b_or_z"]),
+        noise: across.noise.clone(),
+    };
+    let options = lin::Options { temperature: Some(polynomials), ..lin::Options::default() };
+    linear.iter().map(|own| lin::lin(&own.run, &own.plateaus, instructions, &options).unwrap()).collect()
 }
 
 pub(super) fn of_sweep(demo: &Twin, noise: Noise, seed: u64) -> Vec<Estimate> {

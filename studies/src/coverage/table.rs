@@ -39,7 +39,7 @@ pub fn table(runs: u64, only: Option<&str>) -> String {
     let mut text = format!(
         "# Coverage and efficiency\n\nMade with `cargo run --release -p calfit-studies --bin coverage -- {runs}`. Sensors, rotations, offsets, residual \
          fields and sample rates are drawn at random; 128 Hz, programmes of 2013 (sines shortened to 10 s, zero field to an hour). Slow noise has a memory as long \
-         as the run. A thermal group has 21 runs at 7 temperatures. Moving runs are of a sensor that cools by 14 K while the axes are driven one after the other, with \
+         as the run. A thermal group has 21 runs at 7 temperatures; its linearity runs are calibrated with its polynomials and with the noise that they show together. Moving runs are of a sensor that cools by 14 K while the axes are driven one after the other, with \
          slopes from the run itself; their bound is that of a sensor at rest. A sweep has 720 settings of 40 s at 4 Hz, from 130 to -20 degC; its polynomials are compared at four temperatures.\n\nEach cell: the share of the intervals of 95 % that hold the truth, in per cent (1.96 standard uncertainties; for \
          thermal coefficients the factor that the file states); the mean of the stated standard uncertainties over the smallest possible one, that of Cramér and \
          Rao for the simulated noise; the root mean square of the errors over the same. The estimates are ordinary least squares over plateau means; the bound \

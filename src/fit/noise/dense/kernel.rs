@@ -29,13 +29,6 @@ pub(super) fn mean_decay(length: f64) -> f64 {
     if length < 1e-8 { 1.0 } else { -(-length).exp_m1() / length }
 }
 
-/// Parts of relaxations with these time constants in noise of the power density `f^-exponent`; the sum is one.
-pub(super) fn parts(time_constants: &[f64], exponent: f64) -> Vec<f64> {
-    let powers: Vec<f64> = time_constants.iter().map(|tau| (tau / time_constants[0]).powf(exponent - 1.0)).collect();
-    let sum: f64 = powers.iter().sum();
-    powers.into_iter().map(|power| power / sum).collect()
-}
-
 /// Variance of the difference of the means over neighbouring intervals of one length, for noise of unit variance.
 pub(super) fn contrast_variance(length: f64, time_constants: &[f64], parts: &[f64]) -> f64 {
     let one = |tau: &f64| 2.0 * (mean_variance(length / tau) - mean_decay(length / tau).powi(2));

@@ -48,7 +48,7 @@ mod spread;
 mod tests;
 mod together;
 
-use kernel::{LONGER, SHORTER, mean_of_variances, octave_constants, parts, time_constants};
+use kernel::{LONGER, SHORTER, mean_of_variances, octave_constants, time_constants};
 use nalgebra::{DMatrix, DVector};
 use plausible::{Average, EXPONENTS, GROWTHS, Inside, Place};
 use projected::Projected;
@@ -56,6 +56,7 @@ use relaxations::Relaxations;
 pub use together::{Candidate, GroupNoise, NoiseKind, Origin, Pooled};
 
 use super::NoiseModel;
+use super::spectrum::parts;
 use crate::fit::linear::Solution;
 use crate::fit::scalar;
 use crate::fit::statistics::two_sided_tail;
@@ -160,7 +161,7 @@ impl DenseNoise {
     #[must_use]
     pub fn steep_probability(&self, a: usize) -> Option<f64> {
         let places = self.places.get(a)?;
-        Some(places.iter().filter(|p| p.slow > 0.0 && p.kind.exponent > 1.0).map(|p| p.probability).sum())
+        Some(places.iter().filter(|p| p.slow > 0.0 && p.kind.parameters.exponent > 1.0).map(|p| p.probability).sum())
     }
 
     /// What was tried for every right-hand side, with its likelihood; `None` where only residuals tell the noise.

@@ -1,6 +1,8 @@
 //! Which noise residuals and samples allow together, and how probable each is.
 
-use super::kernel::{contrast_variance, parts};
+use super::super::NoiseParameters;
+use super::super::spectrum::parts;
+use super::kernel::contrast_variance;
 use super::likelihood::Likelihood;
 use super::together::{Candidate, NoiseKind, Origin, Pooled};
 use super::{ComponentNoise, Octave};
@@ -61,7 +63,7 @@ pub(super) struct Place {
 impl Place {
     /// Whether the noise grows with the reading.
     pub fn grows(&self) -> bool {
-        self.kind.origin == Origin::Gain || self.growth.is_some()
+        self.kind.parameters.grows()
     }
 }
 
@@ -185,7 +187,16 @@ impl<'a> Average<'a> {
             let (excess, prior) = self.excesses[k];
             let white = excess * told.sampled;
             let deviance = likelihood.absolute(white, told.slow) + told.deviance;
-            let kind = NoiseKind { origin, exponent, ratio: told.ratio, excess, growth: growth.map_or(0.0, |g| GROWTHS[g]) };
+            let parameters = NoiseParameters {
+                exponent,
+                white: excess,
+                slow: if origin == Origin::Gain { 0.0 } else { told.ratio },
+                slow_field: if origin == Origin::Gain { told.ratio } else { 0.0 },
+                white_field: growth.map_or(0.0, |g| GROWTHS[g]),
+                apart: excess != 1.0,
+                ..NoiseParameters::WHITE
+            };
+            let kind = NoiseKind { origin, parameters };
             let candidate = Candidate { kind, prior: told.prior * prior, deviance };
             let probability = self.pooled.map_or(candidate.prior, |pooled| pooled.prior(&candidate));
             self.places.push((Place { probability, white, slow: told.slow, shape, growth, kind }, candidate));

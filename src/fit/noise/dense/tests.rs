@@ -3,6 +3,7 @@ use std::f64::consts::TAU;
 use super::kernel::contrast_variance;
 use super::*;
 use crate::fit::linear::{Design, Limits, solve};
+use crate::fit::noise::{NoiseParameters, state_space};
 use crate::fit::random::Random;
 
 const TIMES: [f64; 12] = [0.0, 1.0, 2.0, 3.5, 4.5, 5.5, 7.0, 8.0, 9.0, 10.5, 12.0, 13.0];
@@ -223,8 +224,7 @@ fn contrasts_and_means_share_one_covariance() {
     let constants = octave_constants(1e-6, 1e6);
     let step = (constants[1] / constants[0]).ln();
     for length in [0.1, 1.0, 10.0] {
-        let variance =
-            contrast_variance(length, &constants, &super::kernel::parts(&constants, 1.0)) * constants.len() as f64 * step;
+        let variance = contrast_variance(length, &constants, &super::parts(&constants, 1.0)) * constants.len() as f64 * step;
         assert_relative(variance, 4.0 * 2f64.ln(), 1e-2);
     }
 }
@@ -437,5 +437,65 @@ fn many_rows_have_the_likelihood_of_few() {
         assert_relative(found.std, expected.std, 1e-4);
         assert_relative(1.0 - found.share, 1.0 - expected.share, 1e-3);
         assert_relative(found.most_likely_std, expected.most_likely_std, 1e-4);
+    }
+}
+
+/// The dense form and the one of a filter have the same parameters and give the same restricted likelihood for the same rows, but for what no
+/// parameter changes. Few rows and many, white noise of differing rows, noise that grows with the field, slow noise of any exponent, of the
+/// readings or of the gain.
+#[test]
+fn both_forms_have_the_same_likelihood_for_the_same_data() {
+    const ROWS: usize = 50;
+    let mut random = Random::seeded(5);
+    let t_s: Vec<f64> = (0..ROWS).map(|i| 10.0 * i as f64 + 4.0 * random.uniform()).collect();
+    let field: Vec<f64> = (0..ROWS).map(|i| ((i * 7) % 11) as f64 / 5.0 - 1.0).collect();
+    let white: Vec<f64> = (0..ROWS).map(|i| 1.0 + 0.3 * (i % 4) as f64).collect();
+    let columns = DMatrix::from_fn(ROWS, 2, |i, j| if j == 0 { 1.0 } else { field[i] });
+    let readings = DMatrix::from_fn(ROWS, 3, |i, _| random.gaussian() + (t_s[i] / 60.0).sin());
+    let rows = state_space::Rows {
+        t_s: t_s.clone(),
+        white: white.iter().map(|w| [*w; 3]).collect(),
+        field: field.iter().map(|u| [*u; 3]).collect(),
+        inside: None,
+    };
+    let correlations = state_space::Correlations::new(rows);
+    let designs = [0; 3].map(|_| columns.clone());
+    let of_filter = |p: &NoiseParameters| correlations.restricted(p, &readings, &designs);
+    let fitted = Fitted::of(&solve(&design(columns.clone()), &readings, None, &Limits::default()).unwrap());
+    let of_dense = |p: &NoiseParameters, few: bool| -> f64 {
+        let (tau_s, variance) = correlations.relaxations(p);
+        let spread = DVector::from_fn(ROWS, |i, _| white[i] * p.white_at(field[i]));
+        // Slow noise of the readings and of the gain are two sums of relaxations; the dense form takes one of them at a time.
+        let slow = Relaxations::at(&t_s, tau_s, variance);
+        let slow = if p.slow_field > 0.0 { slow.scaled(|row| field[row]) } else { slow };
+        let projected = Projected::with(&fitted, &spread, &slow, few);
+        let freedom = (ROWS - 2) as f64;
+        let of = |a: usize| {
+            let at = |variance: f64| projected.likelihood(a).absolute(variance, variance * p.all_slow());
+            // Minus twice the log likelihood is a logarithm and squares over the variance: two variances tell the squares, and one of them has the
+            // largest likelihood.
+            let squares = 2.0 * (at(1.0) - at(2.0) + freedom * 2f64.ln());
+            at(squares / freedom) + projected.log_scale
+        };
+        -0.5 * (0..3).map(of).sum::<f64>()
+    };
+    let one = NoiseParameters::WHITE;
+    let all = [
+        NoiseParameters { white_field: 3.0, ..one },
+        NoiseParameters { slow: 0.3, exponent: 0.5, ..one },
+        NoiseParameters { slow: 2.0, ..one },
+        NoiseParameters { slow: 30.0, exponent: 1.5, white_field: 1.0, ..one },
+        NoiseParameters { slow: 3.0, exponent: 2.0, ..one },
+        NoiseParameters { slow_field: 1.0, exponent: 0.75, ..one },
+        NoiseParameters { slow_field: 10.0, white_field: 0.5, ..one },
+        NoiseParameters { slow: 1.0, exponent: 2.0, memory_rows: 4.0, ..one },
+    ];
+    for few in [true, false] {
+        for p in &all {
+            let [found, expected] = [of_dense(p, few) - of_dense(&one, few), of_filter(p) - of_filter(&one)];
+            // The form of many rows interpolates.
+            let allowed = if few { 1e-8 } else { 3e-3 };
+            assert!((found - expected).abs() < allowed, "{p:?}: {found} is not {expected}");
+        }
     }
 }

@@ -7,6 +7,7 @@
 //! Laird 1978, by a limited number of steps of expectation and maximisation, which keeps it as wide as the runs differ), and takes
 //! the place of the prior. A run that is noisier than the others says so by its own likelihood: part of the prior stays that of any run.
 
+use super::super::NoiseParameters;
 use std::collections::BTreeMap;
 
 /// Part of the prior that stays what it is for a run of which nothing else is known.
@@ -33,19 +34,14 @@ pub enum Origin {
 pub struct NoiseKind {
     /// Where slow noise comes from.
     pub origin: Origin,
-    /// Exponent of its power density.
-    pub exponent: f64,
-    /// Its variance over the white variance that the samples let expect, for a row of mean weight.
-    pub ratio: f64,
-    /// White variance of the rows over the one that the samples let expect.
-    pub excess: f64,
-    /// White variance at the largest reading over that at none, less one, beside what the samples show.
-    pub growth: f64,
+    /// Its parameters, in units of the white variance that the samples of a row of mean weight let expect.
+    pub parameters: NoiseParameters,
 }
 
 impl NoiseKind {
     fn key(&self) -> (Origin, [u64; 4]) {
-        (self.origin, [self.exponent, self.ratio, self.excess, self.growth].map(f64::to_bits))
+        let NoiseParameters { exponent, white, white_field, .. } = self.parameters;
+        (self.origin, [exponent, self.parameters.all_slow(), white, white_field].map(f64::to_bits))
     }
 }
 

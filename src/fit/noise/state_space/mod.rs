@@ -8,10 +8,10 @@
 
 mod whitener;
 
-use super::NoiseModel;
+use super::spectrum::parts;
+use super::{NoiseModel, NoiseParameters};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use serde::Serialize;
 use statrs::function::gamma::ln_gamma;
 use std::ops::Range;
 use std::sync::Arc;
@@ -65,28 +65,7 @@ pub struct Inside {
     pub freedom: f64,
 }
 
-/// Parameters of the noise: shares of its parts, and exponent or memory of the slow one.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct NoiseParameters {
-    /// Exponent `a` of the power density `f^-a` of the slow noise.
-    pub exponent: f64,
-    /// Rows after which the slow noise is forgotten; 0 where it never is.
-    pub memory_rows: f64,
-    /// Variance of the slow noise over that of the white noise of one mean.
-    pub slow: f64,
-    /// White variance at the largest field over that without field.
-    pub white_field: f64,
-    /// Variance of slow noise of the gain, at the largest field, over the white variance.
-    pub slow_field: f64,
-    /// The white noise of the means is not that of the samples inside them, as where a field is set anew for every row.
-    pub apart: bool,
-}
-
 impl NoiseParameters {
-    /// White noise.
-    pub const WHITE: NoiseParameters =
-        NoiseParameters { exponent: 1.0, memory_rows: 0.0, slow: 0.0, white_field: 0.0, slow_field: 0.0, apart: false };
-
     /// Place of its shape among [`EXPONENTS`] and then [`MEMORIES`].
     fn shape(&self) -> usize {
         let same = |list: &[f64], value: f64| list.iter().position(|v| *v == value).unwrap_or(0);
@@ -107,7 +86,7 @@ impl NoiseParameters {
     }
 
     fn is_slow(&self) -> bool {
-        self.slow + self.slow_field > 0.0
+        self.all_slow() > 0.0
     }
 
     /// Logarithm of the prior.
@@ -166,11 +145,10 @@ pub struct Noise {
 }
 
 impl Slow {
-    fn new(t_s: &[f64], tau_s: Vec<f64>, weights: &[f64]) -> Self {
-        let sum: f64 = weights.iter().sum();
+    fn new(t_s: &[f64], tau_s: Vec<f64>, variance: Vec<f64>) -> Self {
         let gaps = std::iter::once(0.0).chain(t_s.windows(2).map(|w| w[1] - w[0]));
         let keep = gaps.flat_map(|gap| tau_s.iter().map(move |tau| (-gap / tau).exp())).collect();
-        Self { variance: weights.iter().map(|w| w / sum).collect(), keep, tau_s }
+        Self { variance, keep, tau_s }
     }
 
     fn correlation(&self, lag_s: f64) -> f64 {
@@ -192,7 +170,7 @@ impl Series {
 
     fn white(&self, parameters: &NoiseParameters, component: usize, row: usize) -> f64 {
         let u = self.rows.field[row][component];
-        self.rows.white[row][component] * (1.0 + parameters.white_field * u * u)
+        self.rows.white[row][component] * parameters.white_at(u)
     }
 
     fn whitener(&self, parameters: &NoiseParameters, component: usize, rows: Range<usize>) -> Option<Whitener> {
@@ -218,11 +196,8 @@ impl Correlations {
         let tau_s: Vec<f64> = std::iter::successors(Some(SHORTEST * gap), |tau| Some(tau * APART))
             .take_while(|tau| *tau < LONGEST * span)
             .collect();
-        let power = |a: &f64| {
-            let weights: Vec<f64> = tau_s.iter().map(|tau| (tau / gap).powf(a - 1.0)).collect();
-            Slow::new(t, tau_s.clone(), &weights)
-        };
-        let slow = EXPONENTS.iter().map(power).chain(MEMORIES.iter().map(|m| Slow::new(t, vec![m * gap], &[1.0]))).collect();
+        let power = |a: &f64| Slow::new(t, tau_s.clone(), parts(&tau_s, *a));
+        let slow = EXPONENTS.iter().map(power).chain(MEMORIES.iter().map(|m| Slow::new(t, vec![m * gap], vec![1.0]))).collect();
         let equal = rows.white.iter().all(|w| w[1] == w[0] && w[2] == w[0]);
         Self(Arc::new(Series { rows, equal, slow }))
     }
@@ -230,7 +205,7 @@ impl Correlations {
     /// The same noise at other rows: its time constants stay.
     #[must_use]
     pub fn at(&self, rows: Rows) -> Self {
-        let slow = self.0.slow.iter().map(|s| Slow::new(&rows.t_s, s.tau_s.clone(), &s.variance)).collect();
+        let slow = self.0.slow.iter().map(|s| Slow::new(&rows.t_s, s.tau_s.clone(), s.variance.clone())).collect();
         let equal = rows.white.iter().all(|w| w[1] == w[0] && w[2] == w[0]);
         Self(Arc::new(Series { rows, equal, slow }))
     }
@@ -249,7 +224,7 @@ impl Correlations {
         let mut white_std = [0.0; 3];
         let mut inside = [[0.0; 2]; 3];
         let mut whiteners: Vec<Arc<Whitener>> = Vec::with_capacity(3);
-        let equal = parameters.white_field + parameters.slow_field == 0.0 && self.0.equal;
+        let equal = !parameters.grows() && self.0.equal;
         for component in 0..3 {
             let whitener = match whiteners.last() {
                 Some(same) if equal => Arc::clone(same),
@@ -273,6 +248,24 @@ impl Correlations {
         let whiteners = whiteners.try_into().ok()?;
         sum.is_finite()
             .then_some((sum, Noise { parameters: *parameters, white_std, inside, whiteners, series: Arc::clone(&self.0) }))
+    }
+
+    /// The likelihood for the test that holds both forms together.
+    #[cfg(test)]
+    pub(in crate::fit::noise) fn restricted(
+        &self,
+        parameters: &NoiseParameters,
+        readings: &DMatrix<f64>,
+        designs: &[DMatrix<f64>; 3],
+    ) -> f64 {
+        self.likelihood(parameters, &Data { readings, designs }).map_or(f64::NAN, |(likelihood, _)| likelihood)
+    }
+
+    /// Time constants and variances of its slow noise.
+    #[cfg(test)]
+    pub(in crate::fit::noise) fn relaxations(&self, parameters: &NoiseParameters) -> (&[f64], &[f64]) {
+        let slow = &self.0.slow[parameters.shape()];
+        (&slow.tau_s, &slow.variance)
     }
 
     fn value(&self, parameters: &NoiseParameters, data: &Data) -> f64 {
