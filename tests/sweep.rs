@@ -264,9 +264,9 @@ fn the_uncertainty_of_the_facility_is_in_the_polynomials_of_a_sweep() {
     };
     let (file, moved) = (fitted(1.0), fitted(1.0 + 1e-5));
     let together = |a: &str, b: &str| {
-        let names = file["together"]["parameters"].as_array().unwrap();
+        let names = file["together_combined"]["parameters"].as_array().unwrap();
         let [row, column] = [a, b].map(|name| names.iter().position(|n| n.as_str() == Some(name)).unwrap());
-        file["together"]["matrix"][row][column].as_float().unwrap()
+        file["together_combined"]["matrix"][row][column].as_float().unwrap()
     };
     // Both sensitivities have the one error of the coils, which is far above their own and makes them go together.
     let correlation =

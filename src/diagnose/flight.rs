@@ -205,14 +205,12 @@ mod tests {
         }
     }
 
+    /// Heaters and wheels are hidden in the telemetry of a twin, `tests/flight_diagnosis.rs`.
     #[test]
     fn what_was_hidden_is_named_with_its_size_in_nt() {
         for (channel, effect, size, unit, bent) in [
-            (format!("{HEATER}h1"), "heater_field", [0.06, -0.04, 0.05], "nT", false),
-            (format!("{WHEEL}1"), "wheel_field", [0.004, -0.005, 0.003], "nT/Hz", false),
             (format!("{FIELD}x"), "field_difference", [4e-4, -5e-4, 6e-4], "nT/nT", false),
             (format!("{RATE}OB"), "temperature_rate", [4.0, -5.0, 6.0], "nT s/K", false),
-            (format!("{TEMPERATURE}IB"), "other_sensor_temperature", [0.004, 0.005, -0.004], "nT/K", false),
             (format!("{TEMPERATURE}IB"), "other_sensor_temperature", [0.0015, -0.0012, 0.002], "nT/K^2", true),
         ] {
             let found = steps(&with(quiet(11), &channel, size, bent));

@@ -127,7 +127,8 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let uncertain = facility.as_ref().filter(|driven| !driven.moved_nt.is_empty());
     let covariance_b = uncertain.map(|driven| fit::of_facility(fit, degc, &driven.moved_of(&list, &used))).transpose()?;
     let of_facility = covariance_b.as_ref().map(|covariance| fit::polynomials(fit, covariance));
-    let together = fit::together(fit, &settled.covariance, covariance_b.as_ref());
+    let together = fit::together(fit, &settled.covariance);
+    let together_combined = covariance_b.as_ref().map(|b| &together + fit::together(fit, b));
     let quantity = |k: usize| QuantityFit {
         covariance_b: of_facility.as_ref().map(|of| of[k].covariance.clone()),
         ..describe(k, run, &polynomials[k], &windows, asked.has(k), used.len())
@@ -145,6 +146,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         },
         quantities: (0..QUANTITIES.len()).map(quantity).collect(),
         together,
+        together_combined,
         rotation: fit::rotation(fit, &settled.covariance),
         turning: Turning { order: settled.orders.rotation, angle_deg: fit::turned_deg(fit) },
         settings: SettingCounts { used: used.len(), total: list.len(), too_fast: usable.len() - used.len() },

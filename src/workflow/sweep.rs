@@ -18,6 +18,7 @@ use crate::plot;
 use crate::record::conditions::Temperatures;
 use crate::record::known::Known;
 use crate::show;
+use nalgebra::DMatrix;
 use serde::Serialize;
 
 impl PerRun for Options {
@@ -70,7 +71,8 @@ impl RunResult for Sweep {
     fn parameters(&self) -> Tpf {
         Tpf {
             sweep: Some(sweep_part(self)),
-            together: Some(together(self)),
+            together: Some(together(self, &self.together)),
+            together_combined: self.together_combined.as_ref().map(|covariance| together(self, covariance)),
             ..tpf(&self.quantities, thermal_head(self), self.rotation.clone(), self.scope.clone(), self.reference)
         }
     }
@@ -123,9 +125,9 @@ fn thermal_head(sweep: &Sweep) -> ThermalHead {
     }
 }
 
-fn together(sweep: &Sweep) -> Covariance {
+fn together(sweep: &Sweep, covariance: &DMatrix<f64>) -> Covariance {
     let own = sweep.quantities.iter().map(|q| (q.found.name.as_str(), q.found.unit.as_str(), q.polynomial.coefficients.len()));
-    covariance_together(&own.collect::<Vec<_>>(), &sweep.together)
+    covariance_together(&own.collect::<Vec<_>>(), covariance)
 }
 
 fn sweep_part(sweep: &Sweep) -> SweepPart {

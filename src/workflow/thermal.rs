@@ -435,6 +435,7 @@ pub(super) fn tpf(
         head,
         scope,
         together: None,
+        together_combined: None,
         rotation,
         reference: None,
         model_error: None,

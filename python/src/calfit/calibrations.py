@@ -293,17 +293,18 @@ class TemperatureCalibration:
             self._covariance[0] += np.diag(remainder**2)
 
     def _joint(self, document: Document, names: list[str]) -> np.ndarray | None:
-        """The covariance of all coefficients where the file states it, of both types where type B is stated."""
-        table = covariance_table(document, "together")
+        """The covariance of all coefficients where the file states it; one of type A does not stand for combined ones."""
+        place = "together_combined" if document.table("covariance_combined") else "together"
+        table = covariance_table(document, place)
         if table is None:
             return None
         wanted = [f"{n}.{k}" for n, c in zip(names, self._polynomials.coefficients) for k in range(len(c))]
         found = table.of(wanted)
         if found is None:
             missing = [name for name in wanted if name not in table.parameters]
-            raise document.refuse("together.parameters", f"lacks {', '.join(missing)}")
+            raise document.refuse(f"{place}.parameters", f"lacks {', '.join(missing)}")
         if not np.isfinite(found).all():
-            raise document.refuse("together.matrix", "holds a value that is not determined (nan)")
+            raise document.refuse(f"{place}.matrix", "holds a value that is not determined (nan)")
         return found
 
     def unknown_in(self, frame: str) -> list[str]:

@@ -35,7 +35,7 @@ _BY_END = (
     ("_h", "h"),
 )
 #: What describes a file and is no quantity of it.
-_NOT_VALUES = ("format", "version", "provenance", "apply", "convention", "warnings", "warning_kinds", "std", "std_b", "std_combined", "together")
+_NOT_VALUES = ("format", "version", "provenance", "apply", "convention", "warnings", "warning_kinds", "std", "std_b", "std_combined", "together", "together_combined")
 
 
 class Covariance(NamedTuple):
@@ -155,8 +155,10 @@ def quantities(document: Document, kind: Kind) -> Quantities:
         if (table := covariance_table(document, path)) is not None:
             all_of.covariance["covariance"] = table
             break
-    if (table := covariance_table(document, "together")) is not None:
-        all_of.covariance["together"] = table
+    for path in ("together_combined", "together"):
+        if (table := covariance_table(document, path)) is not None:
+            all_of.covariance["together"] = table
+            break
     return all_of
 
 

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// Keys that files of earlier versions of the program do not have.
-const LATER_KEYS: [&str; 15] = [
+const LATER_KEYS: [&str; 16] = [
     "apply",
     "warning_kinds",
     "valid_field_nt",
@@ -18,6 +18,7 @@ const LATER_KEYS: [&str; 15] = [
     "method.std_covers",
     "method.std_b_covers",
     "together",
+    "together_combined",
     "joint.together",
 ];
 

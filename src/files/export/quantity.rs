@@ -118,7 +118,8 @@ pub(super) fn correlations(source: &Source) -> Vec<Correlation> {
         let names: Vec<String> = (0..count).map(|k| format!("{}{k} {}", p.name, p.component)).collect();
         of_matrix(&names, &combined(source, &format!("/covariance/{}", p.key)));
     }
-    for place in [combined(source, "/covariance"), "/together".to_owned()] {
+    let together = ["/together_combined", "/together"].into_iter().find(|place| source.value.pointer(place).is_some());
+    for place in [Some(combined(source, "/covariance")), together.map(str::to_owned)].into_iter().flatten() {
         let names = source.value.pointer(&format!("{place}/parameters")).and_then(serde_json::Value::as_array);
         // `sigma_x.0` is a coefficient of a polynomial.
         let told = |name: &str| {

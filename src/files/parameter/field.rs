@@ -250,7 +250,9 @@ impl Tpf {
         let named = QUANTITIES.iter().zip(sigma.iter().chain(&xi));
         let names: Vec<String> =
             named.flat_map(|(name, p)| (0..p.coefficients.len()).map(move |k| format!("{name}.{k}"))).collect();
-        if let Some(together) = self.together.as_ref().and_then(|c| sub_covariance(c, &names)) {
+        // One of type A does not stand for combined ones.
+        let stated = if self.head.covariance_combined.is_empty() { &self.together } else { &self.together_combined };
+        if let Some(together) = stated.as_ref().and_then(|c| sub_covariance(c, &names)) {
             parts.covariance = Some(together);
         }
         FieldPart {

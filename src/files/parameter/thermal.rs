@@ -121,9 +121,12 @@ pub struct Tpf {
     /// What the coefficients hold for, beside temperatures.
     #[serde(flatten)]
     pub scope: LinearScope,
-    /// Covariance of all coefficients together, of both types where type B is stated; only where one fit gave all of them.
+    /// Covariance of all coefficients together, type A; only where one fit gave all of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub together: Option<Covariance>,
+    /// The same of both types; absent where no type B is stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub together_combined: Option<Covariance>,
     /// Rotation of the sensor against its nominal orientation in every run.
     pub rotation: RunRotations,
     /// What the polynomials leave of the applied fields in every run, with its own rotation and offset; absent for parameter files.

@@ -155,11 +155,10 @@ pub(super) fn polynomials(fit: &SensorFit, covariance: &DMatrix<f64>) -> [Temper
     })
 }
 
-/// Covariance of the coefficients of all polynomials, one after the other, from that of all parameters of a fit of type A, and of type B.
-pub(super) fn together(fit: &SensorFit, own: &DMatrix<f64>, of_facility: Option<&DMatrix<f64>>) -> DMatrix<f64> {
+/// Covariance of the coefficients of all polynomials, one after the other, from that of all parameters of a fit.
+pub(super) fn together(fit: &SensorFit, covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let places: Vec<usize> = (0..QUANTITIES.len()).flat_map(|k| fit.range(k)).collect();
-    let both = |i: usize, k: usize| own[(i, k)] + of_facility.map_or(0.0, |b| b[(i, k)]);
-    DMatrix::from_fn(places.len(), places.len(), |row, column| both(places[row], places[column]))
+    DMatrix::from_fn(places.len(), places.len(), |row, column| covariance[(places[row], places[column])])
 }
 
 /// Rotation at the middle temperature.

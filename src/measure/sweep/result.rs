@@ -55,8 +55,10 @@ pub struct Sweep {
     pub scope: LinearScope,
     /// The nine polynomials, with the values of windows that share no settings beside them.
     pub quantities: Vec<QuantityFit>,
-    /// Covariance of all their coefficients, one quantity after the other, of both types where the facility states type B.
+    /// Covariance of all their coefficients, one quantity after the other, type A.
     pub together: DMatrix<f64>,
+    /// The same of both types; absent where the facility states no type B.
+    pub together_combined: Option<DMatrix<f64>>,
     /// Rotation of the sensor against its nominal orientation, at the middle temperature.
     pub rotation: RunRotations,
     /// How the rotation follows the temperature.

@@ -158,6 +158,7 @@ fn tpf(sensor: &FlightSensor) -> Tpf {
         reference: None,
         scope: LinearScope::default(),
         together: None,
+        together_combined: None,
         rotation: RunRotations::default(),
         model_error: None,
         joint: None,
