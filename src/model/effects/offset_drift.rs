@@ -126,7 +126,7 @@ impl Effect for OffsetDrift {
         if spec.form == SMOOTH {
             let columns = spec.axes.iter().flat_map(|&a| {
                 (0..KNOTS.len() - 1).map(move |k| {
-                    Column::on(&format!("s{}", k + 1), a, "enT", record, |_, r| spline(&KNOTS, record.tau(r.t_s()))[k])
+                    Column::on(&format!("s{}", k + 1), a, unit, record, |_, r| spline(&KNOTS, record.tau(r.t_s()))[k])
                 })
             });
             return Some(columns.collect());

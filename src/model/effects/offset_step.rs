@@ -73,12 +73,8 @@ impl Effect for OffsetStep {
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let onset_s = spec.get(ONSET)?;
-        Some(
-            spec.axes
-                .iter()
-                .map(|&a| Column::on("c", a, record.scale.unit(), record, |_, r| part_after(onset_s, r.used_s)))
-                .collect(),
-        )
+        let unit = record.scale.unit();
+        Some(spec.axes.iter().map(|&a| Column::on("c", a, unit, record, |_, r| part_after(onset_s, r.used_s))).collect())
     }
 
     fn between_runs(&self, runs: &Runs) -> Option<BetweenRuns> {
