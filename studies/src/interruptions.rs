@@ -225,7 +225,9 @@ impl Scene {
         let left = if may_be_third { stale(&read(&self.out)?) } else { Vec::new() };
         if !left.is_empty() {
             left.iter().try_for_each(|name| fs::remove_file(self.out.join(name)))?;
-            self.finish()?;
+            if let Err(error) = self.finish() {
+                return Ok(Some(format!("with stale files deleted: {error}")));
+            }
         }
         let now = read(&self.out)?;
         let differs = |name: &&PathBuf| !is_same(name, self.new.get(*name), now.get(*name), may_be_third);
