@@ -2,25 +2,15 @@
 
 #![no_main]
 
-use calfit::data::time::LeapSeconds;
 use calfit::files::flight::auxiliary::{Attitude, ModelField, Positions, Timed, Timeline, WheelRates, calm, heater};
-use calfit::files::flight::mission::Mission;
-use calfit::files::flight::read_mission;
-use calfit_fuzz::{as_file, table_name, told};
+use calfit_fuzz::{DAY, LEAP, MISSION, as_file, table_name, told};
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
-use std::sync::LazyLock;
-
-static LEAP: LazyLock<LeapSeconds> = LazyLock::new(LeapSeconds::default);
-static MISSION: LazyLock<Mission> = LazyLock::new(|| {
-    let text = include_bytes!("../seeds/mission/rosetta.toml");
-    as_file("flight.toml", text, |path| read_mission(path, &LEAP)).expect("a configuration").0
-});
 
 /// Opens a table and reads it over its day.
 fn timeline<T: Timed>(path: &Path, stated: T::Stated) {
     if let Some((timeline, _)) = told(Timeline::<T>::open(path, stated, &LEAP), &[]) {
-        told(timeline.over(&LEAP.day(16_616), &LEAP), &[]);
+        told(timeline.over(&LEAP.day(DAY), &LEAP), &[]);
     }
 }
 

@@ -2,13 +2,9 @@
 
 #![no_main]
 
-use calfit::data::time::LeapSeconds;
 use calfit::files::flight::read_mission;
-use calfit_fuzz::{as_file, told};
+use calfit_fuzz::{LEAP, as_file, told};
 use libfuzzer_sys::fuzz_target;
-use std::sync::LazyLock;
-
-static LEAP: LazyLock<LeapSeconds> = LazyLock::new(LeapSeconds::default);
 
 fuzz_target!(|bytes: &[u8]| {
     told(as_file("flight.toml", bytes, |path| read_mission(path, &LEAP)), &[]);

@@ -10,12 +10,27 @@
 //! New inputs are collected in `fuzz/corpus`; the seeds stay as they are.
 
 use calfit::data::error::Finding;
+use calfit::data::time::LeapSeconds;
+use calfit::files::flight::mission::Mission;
+use calfit::files::flight::read_mission;
 use sha2::{Digest, Sha256};
 use std::path::Path;
 use std::sync::LazyLock;
 use tempfile::TempDir;
 
 static FOLDER: LazyLock<TempDir> = LazyLock::new(|| TempDir::new().expect("a temporary folder"));
+
+/// 2015-06-30, the day of the seeds of flight processing, counted from 1970-01-01.
+pub const DAY: i32 = 16_616;
+
+/// The leap seconds that there were.
+pub static LEAP: LazyLock<LeapSeconds> = LazyLock::new(LeapSeconds::default);
+
+/// The configuration whose telemetry and tables are read.
+pub static MISSION: LazyLock<Mission> = LazyLock::new(|| {
+    let text = include_bytes!("../seeds/mission/rosetta.toml");
+    as_file("flight.toml", text, |path| read_mission(path, &LEAP)).expect("a configuration").0
+});
 
 /// A field programme that twins of the corpus name.
 const PROGRAMME: &str = "MAG 1\nname = \"T.MAG\"\nkind = \"linearity\"\n@STEPS\nduration,bx,by,bz,frequency,position\n24,1,2,3,0,1\n@END\n";

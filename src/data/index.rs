@@ -116,11 +116,13 @@ impl FileEntry {
         of_name || self.path.split_once('/').is_some_and(|(folder, _)| folder == run)
     }
 
-    /// What files of one kind share: the folder, the name up to the run, the ending, and the command.
-    fn kind(&self) -> (&str, &str, &str, &str) {
-        let (folder, name) = self.path.rsplit_once('/').unwrap_or(("", &self.path));
-        let (stem, ending) = name.rsplit_once('.').unwrap_or((name, ""));
-        (folder, stem.split_once("__").map_or(stem, |(kind, _)| kind), ending, &self.command)
+    /// What files of groups of one kind share: the name up to the run, the ending, and the command. Those of a run lie in its folder.
+    fn kind_of_group(&self) -> Option<(&str, &str, &str)> {
+        if self.path.contains('/') {
+            return None;
+        }
+        let (stem, ending) = self.path.rsplit_once('.').unwrap_or((&self.path, ""));
+        Some((stem.split_once("__").map_or(stem, |(kind, _)| kind), ending, &self.command))
     }
 
     /// The last part of its path.
@@ -245,7 +247,8 @@ impl Index {
     /// was named after another one then.
     #[must_use]
     pub fn made_from_more(&self, file: &FileEntry) -> Option<&FileEntry> {
-        let of_kind = |other: &&FileEntry| other.path != file.path && other.mark.is_none() && other.kind() == file.kind();
+        let kind = Some(file.kind_of_group()?);
+        let of_kind = |other: &&FileEntry| other.mark.is_none() && other.kind_of_group() == kind && other.path != file.path;
         let mut others = self.files.iter().filter(of_kind).peekable();
         others.peek()?;
         let runs: BTreeSet<&str> = self.runs.values().filter_map(|run| run.path.as_deref()).collect();
