@@ -243,6 +243,22 @@ impl Index {
         }
     }
 
+    /// Passes over stale files, and those of runs without results, that were deleted, unless something that is there rests on them: nobody
+    /// misses them. Other files that are not there are missing, which has to be told.
+    pub fn forget_deleted(&mut self, is_there: impl Fn(&str) -> bool) {
+        let is_over = |file: &&FileEntry| (file.stale || file.mark.is_some()) && !is_there(&file.path);
+        let mut deleted: BTreeSet<String> = self.files.iter().filter(is_over).map(|file| file.path.clone()).collect();
+        loop {
+            let others = self.files.iter().filter(|file| !deleted.contains(&file.path));
+            let used = others.flat_map(|file| &file.from).find(|v| deleted.contains(&v.path)).map(|v| v.path.clone());
+            match used {
+                Some(path) => deleted.remove(&path),
+                None => break,
+            };
+        }
+        self.files.retain(|file| !deleted.contains(&file.path));
+    }
+
     /// The file that the same command has made of the same kind from the same runs and more: a group that lacked its first run for a while
     /// was named after another one then.
     #[must_use]
@@ -420,6 +436,23 @@ mod tests {
         index.runs.get_mut("13-04-03_08").unwrap().set(Outcome::new(RunState::Refused, "unreadable"));
         index.judge();
         assert!(!index.file("OFF__13-04-03-09.TOF").unwrap().stale);
+    }
+
+    #[test]
+    fn a_stale_file_that_was_deleted_is_not_missed_unless_another_rests_on_it() {
+        let deleted = |gone: &[&str]| {
+            let mut index = folder();
+            index.put(entry("13-04-03_09/B.CPF", "cb2", &[("b.CCR", "b")]));
+            index.judge();
+            index.forget_deleted(|path| !gone.contains(&path));
+            index.files.into_iter().map(|f| f.path).collect::<Vec<String>>()
+        };
+        assert_eq!(deleted(&["REPORT.md"]), ["13-04-03_08/A.CPF", "13-04-03_09/B.CPF", "T__13-04-03-08.TPF"]);
+        // The polynomials and the calibration rest on each other, and the report on the polynomials.
+        assert_eq!(deleted(&["REPORT.md", "T__13-04-03-08.TPF", "13-04-03_08/A.CPF"]), ["13-04-03_09/B.CPF"]);
+        assert_eq!(deleted(&["T__13-04-03-08.TPF", "13-04-03_08/A.CPF"]).len(), 4);
+        // What is not stale is missing.
+        assert_eq!(deleted(&["13-04-03_09/B.CPF"]).len(), 4);
     }
 
     #[test]

@@ -10,6 +10,7 @@ use crate::data::run_state::RunState;
 use serde::Deserialize;
 use serde::de::value::StrDeserializer;
 use std::collections::BTreeSet;
+use std::fs::DirEntry;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -68,9 +69,12 @@ pub fn own_files(folder: &Path) -> Result<Vec<String>, Finding> {
     for path in entries(folder)? {
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         if path.is_dir() {
-            let below = entries(&path)?.into_iter().filter(|p| p.is_file() && is_known_own(p));
-            list.extend(below.filter_map(|p| Some(format!("{name}/{}", p.file_name()?.to_string_lossy()))));
-        } else if name != INDEX_FILE && is_known_own(&path) {
+            for file in entries(&path)? {
+                if is_known_own(&file)? {
+                    list.push(format!("{name}/{}", file.file_name().unwrap_or_default().to_string_lossy()));
+                }
+            }
+        } else if name != INDEX_FILE && is_known_own(&path)? {
             list.push(name);
         }
     }
@@ -78,9 +82,9 @@ pub fn own_files(folder: &Path) -> Result<Vec<String>, Finding> {
     Ok(list)
 }
 
-/// Whether this tool wrote a file; of one that cannot be read nobody knows.
-fn is_known_own(path: &Path) -> bool {
-    is_own(path).unwrap_or(false)
+/// Whether this tool wrote a file. Of one that cannot be read nobody knows: it is neither its own nor a foreign one.
+fn is_known_own(path: &Path) -> Result<bool, Finding> {
+    is_own(path).map_err(|e| Finding::io(path, "read", &e))
 }
 
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, Finding> {
@@ -89,7 +93,8 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, Finding> {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err(Finding::io(folder, "list the folder", &error)),
     };
-    Ok(listing.flatten().map(|entry| entry.path()).collect())
+    let path = |entry: std::io::Result<DirEntry>| entry.map(|e| e.path()).map_err(|e| Finding::io(folder, "list the folder", &e));
+    listing.map(path).collect()
 }
 
 /// An index of what the files of a folder say of themselves; `None` if calfit wrote none of them.

@@ -6,7 +6,7 @@ use super::source::hex;
 use crate::data::error::Finding;
 use sha2::{Digest, Sha256};
 use std::fs::{self, File};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
@@ -268,9 +268,11 @@ pub(super) fn is_own(path: &Path) -> std::io::Result<bool> {
     if path.extension().is_some_and(|end| end == "TAB") {
         return is_own(&path.with_extension("LBL"));
     }
-    // A pipe would wait for its other end.
-    if !path.is_file() {
-        return Ok(false);
+    // A pipe would wait for its other end. Links that lead nowhere are not of this tool, which writes none.
+    match fs::metadata(path) {
+        Ok(meta) if meta.is_file() => {}
+        Err(error) if error.kind() != ErrorKind::NotFound && !path.is_symlink() => return Err(error),
+        _ => return Ok(false),
     }
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();

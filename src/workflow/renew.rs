@@ -7,6 +7,7 @@ use crate::data::provenance::{Input, Provenance};
 use crate::data::run_state::RunState;
 use crate::files::parameter::{FileKind, read_any};
 use serde::Deserialize;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The result of a diagnosis, the one result with a recipe that is no parameter file.
@@ -59,8 +60,11 @@ fn one(file: &FileEntry, index: &Index, desk: &Desk) -> Result<Option<Renewed>, 
     Ok(Some(Renewed { path: file.path.clone(), made }))
 }
 
-/// How a result says that it was made; `None` for figures, tables and reports, which come with one that does.
+/// How a result says that it was made; `None` for figures, tables and reports, which come with one that does, and for one that was deleted.
 fn origin(path: &Path) -> Result<Option<Provenance>, Finding> {
+    if std::fs::symlink_metadata(path).is_err_and(|e| e.kind() == ErrorKind::NotFound) {
+        return Ok(None);
+    }
     #[derive(Deserialize)]
     struct Made {
         provenance: Provenance,
