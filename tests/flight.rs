@@ -264,7 +264,9 @@ fn a_day_that_cannot_be_made_does_not_stop_the_others() {
     fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
     let output = set.flight("A", &["--sensor", "OB"]);
     assert_eq!(output.status.code(), Some(1));
-    says(&text(&output.stderr), &["part-0.parquet: cannot be read as a table"]);
+    says(&text(&output.stderr), &["part-0.parquet: cannot be read as a table", "OB 2015-07-01 was not made"]);
+    assert!(!set.out().join("level=A/sensor=OB/date=2015-07-01").exists());
+    assert!(set.out().join("level=A/sensor=OB/date=2015-06-30").exists());
 }
 
 #[test]

@@ -68,6 +68,33 @@ fn a_wrong_row_is_named_and_the_other_day_is_made() {
 }
 
 #[test]
+fn a_day_without_telemetry_between_others_is_named() {
+    let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n"));
+    for day in ["2015-07-01", "2015-07-04"] {
+        let folder = small.folder.path().join(format!("edited/sensor=OB/date={day}"));
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(folder.join("a.csv"), format!("{HEAD}{day}T12:00:00Z,4,5,6,0,N\n")).unwrap();
+    }
+    let mut command = calfit();
+    let config = small.folder.path().join("flight.toml");
+    let output = command.args(["flight", "A", "--no-plots"]).arg(config).arg("-o").arg(small.folder.path().join("out")).output();
+    let output = output.unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let told = text(&output.stdout) + &text(&output.stderr);
+    says(&told, &["OB has no vectors on 2015-06-30, between", "OB has no vectors from 2015-07-02 to 2015-07-03"]);
+    assert_eq!(told.matches("has no vectors").count(), 2, "{told}");
+}
+
+#[test]
+fn telemetry_of_a_sensor_that_is_not_stated_is_refused() {
+    let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n"));
+    fs::create_dir_all(small.folder.path().join("edited/sensor=IB/date=2015-06-29")).unwrap();
+    let output = calfit().args(["flight", "A"]).arg(small.folder.path().join("flight.toml")).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["sensor=IB: holds telemetry of sensor IB, which is none of the configuration"]);
+}
+
+#[test]
 fn a_factor_stands_in_place_of_the_full_scale_and_beside_the_bits() {
     let row = format!("{HEAD}2015-06-29T11:00:00Z,524288,0,0,0,N\n");
     let small = Small::new(&PLAIN.replace("ent_per_count = 1.0\n", "ent_per_count = 1.0\nadc_bits = 24\n"), &row);
@@ -138,6 +165,20 @@ fn tables_beside_the_telemetry_are_checked_row_by_row() {
         let output = set.change("attitude/attitude.parquet", "attitude/b.parquet").flight("C", &["--no-plots"]);
         assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
         says(&text(&output.stderr), &["b.parquet", &format!("says `{key}` of itself as `{own}`")]);
+    }
+}
+
+#[test]
+fn a_coupling_in_axes_that_turn_against_the_spacecraft_is_told() {
+    const NOTE: &str = "the coupling of [pca] is applied to means of the levels";
+    let gradiometer = "[pca]\nmethod = \"gradiometer\"\ncoupling = [[1.5, 0.1, 0.1], [0.1, 1.8, 0.1], [0.1, 0.1, 1.7]]\n";
+    for (inputs, wanted) in [("", 1), ("inputs = [\"I\", \"G\"]\n", 1), ("inputs = [\"F\", \"F\"]\n", 0)] {
+        let set = Set::of("telemetry");
+        set.change("[celestial]", &format!("{gradiometer}{inputs}\n[celestial]"));
+        let output = calfit().arg("check").arg(set.path("flight.toml")).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let told = text(&output.stdout) + &text(&output.stderr);
+        assert_eq!(told.matches(NOTE).count(), wanted, "{inputs}: {told}");
     }
 }
 

@@ -2,12 +2,17 @@
 
 use crate::common;
 
-use common::check::{Case, number, parameters, says, sigma, text, three};
+use common::check::{Case, number, parameters, says, sigma, text, three, with_seconds_of_work};
 use common::{POSITIONS, Plan, Setting, offset_fields};
-use std::time::{Duration, Instant};
 
-/// Measured: a fifth of a second for 3400 settings. A cost of the cube of the settings takes ten times this limit.
-const LIMIT: Duration = Duration::from_secs(10);
+/// Seconds of work. Measured: a fifth of a second for 3400 settings. A cost of the cube of the settings takes ten times this limit.
+const LIMIT: u32 = 10;
+
+/// An analysis of a campaign that does not need more than that.
+fn analysed(case: &Case, analysis: &str) {
+    let output = with_seconds_of_work(LIMIT).args([analysis, "--no-plots", "-o"]).arg(case.out()).arg(case.campaign()).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{} {}", output.status, text(&output.stderr));
+}
 
 /// Fields of 1000 nT all over the sphere, a second each.
 fn directions(count: usize) -> Vec<Setting> {
@@ -26,9 +31,7 @@ fn directions(count: usize) -> Vec<Setting> {
 fn measured(count: usize) -> ([f64; 3], [f64; 3]) {
     let plan = Plan { settings: directions(count), rate_hz: 8.0, ..Plan::default() };
     let case = Case::of(plan.run().text());
-    let begin = Instant::now();
-    case.done(&[]);
-    assert!(begin.elapsed() < LIMIT, "{count} settings took {:?}", begin.elapsed());
+    analysed(&case, "lin");
     let cpf = case.cpf();
     let (found, std) = (sigma(&cpf), three(&cpf, "std.sigma"));
     (std::array::from_fn(|i| (found[i] - plan.truth.sigma[i]) / std[i]), std)
@@ -56,10 +59,7 @@ fn an_offset_run_of_thousands_of_visits_has_its_offsets() {
     let case = Case::of(plan.run().key("kind", "\"offset\"").text());
     let tables: Vec<String> = POSITIONS.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect();
     case.put("campaign.toml", tables.join("\n"));
-    let begin = Instant::now();
-    let output = case.run("offset", &["--no-plots"]);
-    assert!(begin.elapsed() < LIMIT, "{:?}", begin.elapsed());
-    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    analysed(&case, "offset");
     let opf = parameters(&case.out().join("13-04-03_09-22-38/OFF_PARAMETER__13-04-03-09-22-38.OPF"));
     for i in 0..3 {
         let (found, std) = (number(&opf, &format!("offset_ent.{i}")), number(&opf, &format!("offset_std_ent.{i}")));

@@ -112,6 +112,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         }
     }
     bar.finish();
+    made.notes.extend(made.days_missing());
     flight.finish()?;
     if common.json {
         terminal.print(&json(&made)?);

@@ -3,15 +3,15 @@
 use super::{Block, Step};
 use crate::data::flags::Flags;
 use crate::data::time::Tt2000;
+use crate::files::flight::auxiliary::Attitude;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion};
+use std::sync::Arc;
 
-/// Unit quaternions (w, x, y, z) from the spacecraft to the celestial frame at rising times.
+/// From the spacecraft to the celestial frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AttitudeStep {
-    /// Times.
-    pub time: Vec<Tt2000>,
-    /// Quaternions.
-    pub wxyz: Vec<[f64; 4]>,
+    /// The orientation over time.
+    pub table: Arc<Attitude>,
     /// Neighbours further apart are not interpolated, ns.
     pub max_gap_ns: i64,
     /// Standard uncertainty of the attitude about every axis, radians.
@@ -33,18 +33,19 @@ const STRAIGHT: f64 = 1e-9;
 
 impl AttitudeStep {
     fn between(&self, time: Tt2000) -> Option<Between> {
-        let next = self.time.partition_point(|t| *t <= time);
+        let Attitude { time: times, wxyz } = &*self.table;
+        let next = times.partition_point(|t| *t <= time);
         let before = next.checked_sub(1)?;
-        if self.time[before] == time && (next == self.time.len() || self.time[next] - self.time[before] > self.max_gap_ns) {
-            let q = self.wxyz[before];
+        if times[before] == time && (next == times.len() || times[next] - times[before] > self.max_gap_ns) {
+            let q = wxyz[before];
             return Some(Between { begin: time, end: time + 1, from: q, to: q, angle: 0.0, sine: 0.0 });
         }
-        let (begin, end) = (self.time[before], *self.time.get(next)?);
+        let (begin, end) = (times[before], *times.get(next)?);
         if end - begin > self.max_gap_ns {
             return None;
         }
-        let from = self.wxyz[before];
-        let mut to = self.wxyz[next];
+        let from = wxyz[before];
+        let mut to = wxyz[next];
         let dot: f64 = from.iter().zip(&to).map(|(a, b)| a * b).sum();
         // Both signs of a quaternion are the same rotation; the shorter way is meant.
         if dot < 0.0 {
@@ -162,12 +163,11 @@ mod tests {
     #[test]
     fn a_rotation_goes_on_evenly_over_both_signs() {
         let about_z = |angle: f64, sign: f64| [sign * (0.5 * angle).cos(), 0.0, 0.0, sign * (0.5 * angle).sin()];
-        let step = AttitudeStep {
+        let table = Attitude {
             time: vec![0, 10, 20, 500],
             wxyz: vec![about_z(0.0, 1.0), about_z(0.4, -1.0), about_z(0.5, 1.0), about_z(0.5, 1.0)],
-            max_gap_ns: 60,
-            std_rad: 0.0,
         };
+        let step = AttitudeStep { table: table.into(), max_gap_ns: 60, std_rad: 0.0 };
         let times = vec![0, 5, 10, 19, 20, 21, 500, 501];
         let n = times.len();
         let field = [vec![1.0; n], vec![0.0; n], vec![3.0; n]];

@@ -147,6 +147,14 @@ pub fn process() -> Command {
     command
 }
 
+/// The program as a process that is ended after so many seconds of work: those do not pass faster where the machine has other things to do.
+pub fn with_seconds_of_work(seconds: u32) -> Command {
+    let mut command = Command::new("sh");
+    let script = format!("ulimit -t {seconds} && exec \"$@\"");
+    command.args(["-c", &script, "sh", env!("CARGO_BIN_EXE_calfit")]).timeout(Duration::from_secs(300));
+    command
+}
+
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
 }

@@ -8,6 +8,7 @@ use crate::files::source::digest;
 use crate::files::table::series::SeriesTable;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// How far the norm of a quaternion may be from 1.
 const NORM: f64 = 1e-6;
@@ -98,6 +99,8 @@ pub struct Timeline<T: Timed> {
     path: PathBuf,
     stated: T::Stated,
     groups: Vec<Group>,
+    /// The groups that were read last: the sensors of a day, and the days of a month, lie in the same ones.
+    kept: Mutex<Option<(Range<usize>, Arc<T>)>>,
 }
 
 /// A group of rows of a table.
@@ -135,14 +138,14 @@ impl<T: Timed> Timeline<T> {
         if groups.is_empty() {
             return Err(Finding::error(&path.display().to_string(), "has no rows", "make the table again"));
         }
-        Ok((Self { path: path.to_owned(), stated, groups }, input(path)?))
+        Ok((Self { path: path.to_owned(), stated, groups, kept: Mutex::default() }, input(path)?))
     }
 
-    /// The rows of a stretch, and some beside it.
+    /// The rows of the groups that a stretch lies in, with some beside it.
     ///
     /// # Errors
     /// What the operating system says; what is wrong with a table that was changed since it was opened.
-    pub fn over(&self, span: &Range<Tt2000>, leap: &LeapSeconds) -> Result<T, Finding> {
+    pub fn over(&self, span: &Range<Tt2000>, leap: &LeapSeconds) -> Result<Arc<T>, Finding> {
         let mut first = self.groups.partition_point(|group| group.last < span.start).min(self.groups.len() - 1);
         let mut behind = self.groups.partition_point(|group| group.first < span.end).max(first + 1);
         let count = |groups: &[Group]| groups.iter().map(|group| group.rows).sum::<usize>();
@@ -153,10 +156,21 @@ impl<T: Timed> Timeline<T> {
         while behind < self.groups.len() && count(&self.groups[inside.end..behind]) < MARGIN_ROWS {
             behind += 1;
         }
+        let wanted = first..behind;
+        // Reading may lend this thread to other days, which ask for rows as well: the lock is free while it lasts.
+        if let Some((_, rows)) = self.kept().as_ref().filter(|(groups, _)| *groups == wanted) {
+            return Ok(Arc::clone(rows));
+        }
         let last = self.groups[behind - 1];
         let mut table = SeriesTable::open(&self.path)?;
         table.narrow(self.groups[first].begin..last.begin + last.rows);
-        T::read(&table, &self.path, &self.stated, leap)
+        let rows = Arc::new(T::read(&table, &self.path, &self.stated, leap)?);
+        *self.kept() = Some((wanted, Arc::clone(&rows)));
+        Ok(rows)
+    }
+
+    fn kept(&self) -> MutexGuard<'_, Option<(Range<usize>, Arc<T>)>> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -309,4 +323,40 @@ pub fn heater(path: &Path, classes: &[String], leap: &LeapSeconds) -> Result<(Ve
         list.push(HeaterOn { from_tt2000: span.from, to_tt2000: span.to, class });
     }
     Ok((list, input(path)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::time::SECOND_NS;
+    use crate::files::table::long::{Column, LongWriter};
+
+    #[test]
+    fn groups_of_rows_are_read_once_and_those_of_another_stretch_anew() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("positions.parquet");
+        // Three groups of four rows, a row a second.
+        let (time, km): (Vec<i64>, Vec<f64>) = (0..12).map(|k| (i64::from(k) * SECOND_NS, f64::from(k))).unzip();
+        let part = |begin: usize| {
+            let km = Column::Numbers(&km[begin..begin + 4]);
+            [("time_tt2000", Column::Whole(&time[begin..begin + 4])), ("x_km", km), ("y_km", km), ("z_km", km)]
+        };
+        let mut file = std::fs::File::create(&path).unwrap();
+        let mut writer = LongWriter::new(&mut file, &part(0), Vec::new()).unwrap();
+        [0, 4, 8].into_iter().for_each(|begin| writer.write(&part(begin)).unwrap());
+        writer.finish().unwrap();
+
+        let leap = LeapSeconds::default();
+        let (table, _) = Timeline::<Positions>::open(&path, (), &leap).unwrap();
+        let over = |from: i64, to: i64| table.over(&(from * SECOND_NS..to * SECOND_NS), &leap).unwrap();
+        let seconds = |rows: &Positions| rows.time.iter().map(|t| t / SECOND_NS).collect::<Vec<i64>>();
+        let first = over(1, 2);
+        // With the group beside it, for interpolation at its end.
+        assert_eq!(seconds(&first), (0..8).collect::<Vec<i64>>());
+        assert!(Arc::ptr_eq(&first, &over(2, 3)), "the same groups are read again");
+        let last = over(10, 11);
+        assert_eq!(seconds(&last), (4..12).collect::<Vec<i64>>());
+        assert_eq!(last.km[7], [11.0; 3]);
+        assert_eq!(*over(1, 2), *first);
+    }
 }

@@ -94,7 +94,8 @@ impl<'a> Context<'a> {
         let sensor = &mission.sensors[self.index];
         let day = self.span();
         let new = |rows| DayMade { sensor: sensor.name.clone(), day: day_name(self.day), rows, ..DayMade::default() };
-        let read = match read(prepared, self.carry, self.index, self.day, &self.reach())? {
+        let last = self.last_stage();
+        let read = match read(prepared, self.carry, self.index, self.day, &self.reach(), last)? {
             (counts, None) if counts.rejected > 0 => {
                 let mut made = new(counts);
                 made.notes.push("all of its rows are rejected by their quality: there are no levels".to_owned());
@@ -121,7 +122,6 @@ impl<'a> Context<'a> {
         }
         self.count_modes(&blocks, &mut made);
         let through = |stage: Stage, blocks: &mut Vec<Block>| blocks.par_iter_mut().for_each(|b| steps.apply(stage, b));
-        let last = self.last_stage();
         through(Stage::A, &mut blocks);
         self.hand_on(Level::A, Level::E, &blocks, &inputs, &mut made, sink)?;
         if last == Stage::A {
@@ -267,7 +267,7 @@ fn read_file(prepared: &Prepared, index: usize, day: i32, file: &EditedFile, tag
     Ok(rows)
 }
 
-/// Reads the vectors of a sensor in a stretch that a day needs; `None` where there is none.
+/// Reads the vectors of a sensor in a stretch that a day needs, with their steps up to a stage; `None` where there is none.
 ///
 /// # Errors
 /// What is wrong with the telemetry of the day, or with its daily model.
@@ -277,8 +277,9 @@ pub fn vectors(
     index: usize,
     day: i32,
     reach: &Range<Tt2000>,
+    last: Stage,
 ) -> Result<Option<Vectors>, Finding> {
-    read(prepared, carry, index, day, reach).map(|(_, read)| read)
+    read(prepared, carry, index, day, reach, last).map(|(_, read)| read)
 }
 
 /// The same with what was made of the rows of the day, also where no vectors are left.
@@ -288,6 +289,7 @@ fn read(
     index: usize,
     day: i32,
     reach: &Range<Tt2000>,
+    last: Stage,
 ) -> Result<(RowCounts, Option<Vectors>), Finding> {
     let mission = &prepared.mission;
     let sensor = &mission.sensors[index];
@@ -333,7 +335,7 @@ fn read(
         smooth(&vectors.time, &mut vectors.thermistor, packet_ns, window_ns);
     }
     let days = prepared.leap.utc(reach.start).day..prepared.leap.utc(reach.end - 1).day + 1;
-    let steps = Steps::make(prepared, carry, index, day, &days)?;
+    let steps = Steps::make(prepared, carry, index, day, &days, last)?;
     let blocks = blocks(assembled.vectors, GROUP_ROWS, mission.uncertainty);
     let counts = assembled.counts;
     Ok((counts.clone(), Some(Vectors { blocks, steps, counts, inputs, beside })))

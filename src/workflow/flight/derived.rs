@@ -4,6 +4,7 @@
 use super::day::{Context, Product, Vectors, put_back, vectors};
 use super::{Carry, Level, Prepared, picture};
 use crate::data::error::Finding;
+use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Input;
 use crate::data::time::{SECOND_NS, Tt2000};
 use crate::files::flight::levels::LevelRows;
@@ -55,7 +56,7 @@ pub fn heater_classes(prepared: &Prepared, carry: &Carry, index: usize) -> Resul
     for span in &stated.intervals {
         let reach = span.from..span.to;
         let Ok(Some(Vectors { mut blocks, steps, .. })) =
-            vectors(prepared, carry, index, prepared.leap.utc(span.from).day, &reach)
+            vectors(prepared, carry, index, prepared.leap.utc(span.from).day, &reach, Stage::B)
         else {
             continue;
         };
@@ -184,6 +185,18 @@ pub fn means_of(
         Ok(())
     })?;
     Ok(found)
+}
+
+/// What is to be known of a coupling that is applied in axes which turn against those of the spacecraft.
+pub fn turning_coupling(stated: &Common) -> Option<Note> {
+    let [primary, secondary] = stated.inputs;
+    (stated.coupling.is_some() && stated.inputs != ['F', 'F']).then(|| {
+        let text = format!(
+            "the coupling of [pca] is applied to means of the levels {primary} and {secondary}, where it holds only while these axes \
+             do not turn against the spacecraft, which makes the disturbance"
+        );
+        Note::new(NoteKind::Method, text).about("pca").with_remedy("take inputs = [\"F\", \"F\"], the axes of the spacecraft")
+    })
 }
 
 /// What both sensors share on a day; `None` where one of them has no means.

@@ -8,7 +8,7 @@ use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::Recipe;
 use crate::data::time::{SECOND_NS, Tt2000};
 use crate::diagnose::flight::{Difference, of_difference};
-use crate::files::flight::auxiliary::{ModelField, Timeline};
+use crate::files::flight::auxiliary::{Attitude, ModelField, Timeline};
 use crate::flight::attitude::AttitudeStep;
 use crate::flight::two_sensors::common_times;
 use crate::flight::{Block, Step};
@@ -158,7 +158,8 @@ fn in_spacecraft(prepared: &Prepared, model: &Timeline<ModelField>, day: i32, ow
     };
     let attitude = attitude.over(&span, leap)?;
     let back = attitude.wxyz.iter().map(|[w, x, y, z]| [*w, -x, -y, -z]).collect();
-    let step = AttitudeStep { time: attitude.time, wxyz: back, max_gap_ns: celestial.max_gap_ns, std_rad: 0.0 };
+    let table_back = Attitude { time: attitude.time.clone(), wxyz: back };
+    let step = AttitudeStep { table: table_back.into(), max_gap_ns: celestial.max_gap_ns, std_rad: 0.0 };
     let mut block = Block::default();
     for time in &own.time {
         let next = table.time.partition_point(|t| t <= time);

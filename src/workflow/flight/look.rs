@@ -3,6 +3,7 @@
 use super::day::Context;
 use super::{Carry, Level, Prepared, day_name, prepare};
 use crate::data::error::{Finding, Severity};
+use crate::data::note::Note;
 use crate::flight::made::DayMade;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -18,8 +19,15 @@ pub fn check(path: &Path) -> Vec<Finding> {
             return findings;
         }
     };
-    let note = |rule: String| Finding::error(&path.display().to_string(), rule, "see that it is meant").weighing(Severity::Note);
-    findings.extend(prepared.notes.iter().map(|n| note(n.to_string())));
+    findings.extend(prepared.notes.iter().map(|note| {
+        // What can be done better is more than what is to be known.
+        let (weight, remedy) = match &note.remedy {
+            Some(remedy) => (Severity::Warning, remedy.as_str()),
+            None => (Severity::Note, "see that it is meant"),
+        };
+        let rule = Note { remedy: None, ..note.clone() }.to_string();
+        Finding::error(&path.display().to_string(), rule, remedy).weighing(weight)
+    }));
     for sensor in &prepared.mission.sensors {
         let mut days: Vec<i32> = prepared.catalogue.of(&sensor.name).iter().filter_map(|file| file.day).collect();
         days.dedup();

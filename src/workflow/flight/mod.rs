@@ -22,7 +22,7 @@ pub use levels::{Level, Levels, NoLevels};
 pub use look::{check, inspect};
 
 use crate::data::error::Finding;
-use crate::data::note::Note;
+use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Input;
 use crate::data::time::{LeapSeconds, Tt2000};
 use crate::files::flight::auxiliary::{self, Attitude, HeaterOn, Positions, Timeline, WheelRates};
@@ -35,6 +35,7 @@ use crate::files::source::hex;
 use crate::flight::made::DayMade;
 use crate::flight::stage_of;
 use day::Context;
+use jiff::civil::Date;
 use near::Near;
 use picture::Pictures;
 use serde::Serialize;
@@ -113,6 +114,34 @@ pub struct FlightMade {
     pub notes: Vec<Note>,
 }
 
+impl FlightMade {
+    /// Notes on days without vectors between days that have some: an archive may have lost them.
+    #[must_use]
+    pub fn days_missing(&self) -> Vec<Note> {
+        let mut days: BTreeMap<&str, Vec<Date>> = BTreeMap::new();
+        for made in self.days.iter().filter(|made| made.rows.read > 0) {
+            days.entry(made.sensor.as_str()).or_default().extend(made.day.parse::<Date>());
+        }
+        // A day that failed has said why.
+        for failed in &self.failed {
+            days.entry(failed.sensor.as_str()).or_default().extend(failed.day.parse::<Date>());
+        }
+        let mut notes = Vec::new();
+        for (sensor, mut own) in days {
+            own.sort_unstable();
+            for pair in own.windows(2) {
+                let (Ok(first), Ok(last)) = (pair[0].tomorrow(), pair[1].yesterday()) else { continue };
+                if first <= last {
+                    let when = if first == last { format!("on {first}") } else { format!("from {first} to {last}") };
+                    let text = format!("{sensor} has no vectors {when}, between days that have some");
+                    notes.push(Note::new(NoteKind::Losses, text).about(sensor));
+                }
+            }
+        }
+        notes
+    }
+}
+
 /// A part of the work that can be done by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Task {
@@ -175,6 +204,7 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
             table(input);
             read
         });
+    notes.extend(mission.common.as_ref().and_then(derived::turning_coupling));
     let catalogue = take(Catalogue::open(&mission), &mut wrong);
     let last = wrong.pop();
     findings.append(&mut wrong);
@@ -400,7 +430,8 @@ impl Flight {
 
     fn writer<'a>(&'a self, sensor: &'a str, uvw: &'a str, day: i32) -> Result<DayWriter<'a>, Finding> {
         let leap = &self.prepared.leap;
-        let positions = self.prepared.positions.as_ref().map(|table| table.over(&leap.day(day), leap)).transpose()?;
+        let table = self.prepared.positions.as_ref().filter(|_| self.wanted.iter().any(|level| level.is_celestial()));
+        let positions = table.map(|table| table.over(&leap.day(day), leap)).transpose()?;
         let (out, force) = (self.options.out.as_path(), self.options.force);
         let (shared, closing) = (RefCell::default(), RefCell::default());
         Ok(DayWriter { prepared: &self.prepared, positions, out, force, sensor, uvw, day, shared, closing })

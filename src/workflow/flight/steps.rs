@@ -51,11 +51,18 @@ impl<S: Step> Step for OnDay<S> {
 }
 
 impl Steps {
-    /// Makes the steps of a day; `days` are those of the stretch that it needs.
+    /// Makes the steps of a day up to a stage; `days` are those of the stretch that it needs.
     ///
     /// # Errors
     /// What is wrong with the daily model of the day, or with the readings of the housekeeping that a field follows.
-    pub fn make(prepared: &Prepared, carry: &Carry, index: usize, day: i32, days: &Range<i32>) -> Result<Self, Finding> {
+    pub fn make(
+        prepared: &Prepared,
+        carry: &Carry,
+        index: usize,
+        day: i32,
+        days: &Range<i32>,
+        last: Stage,
+    ) -> Result<Self, Finding> {
         let mission = &prepared.mission;
         let sensor = &mission.sensors[index];
         let mut list: Vec<(Stage, Box<dyn Step>)> = Vec::new();
@@ -65,7 +72,7 @@ impl Steps {
             Vec::new()
         };
         for name in &mission.steps {
-            let Some(stage) = stage_of(name) else { continue };
+            let Some(stage) = stage_of(name).filter(|stage| *stage <= last) else { continue };
             match name.as_str() {
                 "counts" => list.push((stage, Box::new(counts(&sensor.counts)))),
                 "temperature" => {
@@ -108,13 +115,8 @@ impl Steps {
                 "attitude" => {
                     if let (Some(table), Some(celestial)) = (&prepared.attitude, &mission.celestial) {
                         let leap = &prepared.leap;
-                        let own = table.over(&(leap.day(days.start).start..leap.day(days.end).start), leap)?;
-                        let step = AttitudeStep {
-                            time: own.time,
-                            wxyz: own.wxyz,
-                            max_gap_ns: celestial.max_gap_ns,
-                            std_rad: celestial.std_rad,
-                        };
+                        let table = table.over(&(leap.day(days.start).start..leap.day(days.end).start), leap)?;
+                        let step = AttitudeStep { table, max_gap_ns: celestial.max_gap_ns, std_rad: celestial.std_rad };
                         list.push((stage, Box::new(step)));
                     }
                 }

@@ -18,6 +18,7 @@ use std::borrow::Cow;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 use std::thread::JoinHandle;
 
 /// Writes the levels of a sensor and day.
@@ -25,7 +26,7 @@ pub struct DayWriter<'a> {
     /// The mission.
     pub prepared: &'a Prepared,
     /// Positions about the day.
-    pub positions: Option<Positions>,
+    pub positions: Option<Arc<Positions>>,
     /// Folder of the results.
     pub out: &'a Path,
     /// Foreign files are written over.

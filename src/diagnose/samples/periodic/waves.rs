@@ -72,22 +72,59 @@ fn unit_wave(hz: f64, stretch: &Stretch, t_s: &[f64]) -> impl Iterator<Item = Co
     std::iter::successors(Some(phase(hz * t_s[stretch.from])), move |z| Some(z * turn)).take(stretch.to - stretch.from)
 }
 
+/// Sum of a wave of unit size over `count` samples, of which the first has the phase `first` and each the phase of the one before plus `step`,
+/// in cycles: a geometric series.
+fn sum_of_wave(first: f64, step: f64, count: usize) -> Complex<f64> {
+    let half = PI * (step - step.round());
+    let n = count as f64;
+    let size = if half.sin().abs() < f64::EPSILON { n } else { (n * half).sin() / half.sin() };
+    Complex::from_polar(size, TAU * first.fract() + (n - 1.0) * half)
+}
+
 impl Waves<'_> {
     /// The sums for waves of about this frequency.
     fn band(&self, hz: f64) -> Band {
-        let of_stretch = |stretch: &Stretch| {
-            let mut sums = Sums::default();
-            for (k, z) in (stretch.from..stretch.to).zip(unit_wave(hz, stretch, &self.grid.samples.t_s)) {
-                sums.wave += z;
-                sums.square += z * z;
-                for a in 0..3 {
-                    sums.along[a] += z * self.residual[a][k];
-                    sums.residual[a] += self.residual[a][k];
+        let [stretches] = self.sums([hz]);
+        Band { hz, stretches }
+    }
+
+    /// The sums of all stretches for several frequencies, with one pass through the readings.
+    fn sums<const N: usize>(&self, hz: [f64; N]) -> [Vec<Sums>; N] {
+        let of_stretch = |stretch: &Stretch| -> [Sums; N] {
+            let first_s = self.grid.samples.t_s[stretch.from];
+            let phase = |cycles: f64| Complex::from_polar(1.0, TAU * cycles.fract());
+            let (mut z, turn) = (hz.map(|f| phase(f * first_s)), hz.map(|f| phase(f * stretch.dt_s)));
+            let mut along = [[Complex::<f64>::ZERO; N]; 3];
+            let mut residual = [0.0; 3];
+            let [x, y, w] = [0, 1, 2].map(|a: usize| &self.residual[a][stretch.from..stretch.to]);
+            for ((x, y), w) in x.iter().zip(y).zip(w) {
+                for (a, value) in [*x, *y, *w].into_iter().enumerate() {
+                    residual[a] += value;
+                    for l in 0..N {
+                        along[a][l].re += z[l].re * value;
+                        along[a][l].im += z[l].im * value;
+                    }
+                }
+                for l in 0..N {
+                    let next = z[l].re * turn[l].re - z[l].im * turn[l].im;
+                    z[l].im = z[l].re * turn[l].im + z[l].im * turn[l].re;
+                    z[l].re = next;
                 }
             }
-            sums
+            let count = stretch.to - stretch.from;
+            std::array::from_fn(|l| {
+                let (first, step) = ((hz[l] * first_s).fract(), (hz[l] * stretch.dt_s).fract());
+                let along = [0, 1, 2].map(|a: usize| along[a][l]);
+                Sums {
+                    wave: sum_of_wave(first, step, count),
+                    square: sum_of_wave(2.0 * first, 2.0 * step, count),
+                    along,
+                    residual,
+                }
+            })
         };
-        Band { hz, stretches: self.grid.stretches.par_iter().map(of_stretch).collect() }
+        let all: Vec<[Sums; N]> = self.grid.stretches.par_iter().map(of_stretch).collect();
+        std::array::from_fn(|l| all.iter().map(|sums| sums[l]).collect())
     }
 
     /// Sine and cosine parts of the residuals at a frequency near that of a band, by least squares with the means of the plateaus taken off
@@ -190,7 +227,10 @@ impl Waves<'_> {
                 orders.push(order);
             }
         }
-        orders.into_iter().map(|order| self.band(order as f64 * hz)).collect()
+        let hz: Vec<f64> = orders.into_iter().map(|order| order as f64 * hz).collect();
+        let (fours, rest) = hz.as_chunks::<4>();
+        let together = fours.iter().flat_map(|four| four.iter().zip(self.sums(*four)).map(|(hz, stretches)| Band { hz: *hz, stretches }));
+        together.chain(rest.iter().map(|hz| self.band(*hz))).collect()
     }
 
     /// A wave and its harmonics.

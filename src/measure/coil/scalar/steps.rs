@@ -9,6 +9,7 @@ use super::terms::{CONSTANT, Modulus, Observation, Step, Terms};
 use super::{MOST_CONDITION, MOST_THERMAL_CONDITION, start};
 use crate::fit::{Limits, NonlinearSolution, nonlinear};
 use crate::model::facility_calibration::{Explanation, ScalarHypothesis};
+use rayon::prelude::*;
 
 /// A step has to lower the criterion by this much: odds of e^5 to 1, and by chance at most once in 200 sets of four calibrations.
 const CONVINCING: f64 = 10.0;
@@ -55,10 +56,15 @@ struct Comparison<'a> {
 
 impl Comparison<'_> {
     fn score(&self, terms: &Terms) -> Option<Scored> {
+        self.score_from(terms, &start(self.rows, terms))
+    }
+
+    /// The same, with a search that begins at a point near the minimum.
+    fn score_from(&self, terms: &Terms, start: &[f64]) -> Option<Scored> {
         let most = if terms.coil || terms.rack { MOST_THERMAL_CONDITION } else { MOST_CONDITION };
         let model = Modulus { rows: self.rows, terms };
         let limits = Limits { max_condition: most };
-        let solution = nonlinear::solve(&model, &self.moduli, Some(&self.weights), &start(self.rows, terms), &limits).ok()?;
+        let solution = nonlinear::solve(&model, &self.moduli, Some(&self.weights), start, &limits).ok()?;
         let rows: f64 = self.weights.iter().sum();
         let deviance = rows * (solution.residual_std.powi(2) * solution.dof as f64 / rows).ln();
         let parameters = terms.count();
@@ -73,29 +79,37 @@ impl Comparison<'_> {
     /// The step that lowers the criterion most.
     fn best_step(&self, terms: &Terms) -> Option<Candidate> {
         let current = self.score_with_steps(terms)?;
-        let mut best: Option<Candidate> = None;
-        for parameter in 0..CONSTANT {
+        let own = if current.parameters == terms.count() { terms.clone() } else { terms.with_steps_in_place() };
+        // All of them differ from the current model by one step or by two coefficients.
+        let score = |other: &Terms| self.score_from(other, &other.continued(&current.solution.parameters, &own));
+        let of_parameter = |parameter: usize| {
             // Coefficients that a parameter does not need would speak for a step that takes their place.
             let mut without = terms.clone();
             without.held.push(parameter);
-            let needs_none = self.score(&without).map_or(f64::INFINITY, |s| s.bic);
-            for from_run in 1..self.runs {
+            let needs_none = score(&without).map_or(f64::INFINITY, |s| s.bic);
+            let candidate = |from_run: usize| {
                 let step = Step { parameter, from_run };
                 if terms.steps.contains(&step) {
-                    continue;
+                    return None;
                 }
                 let mut with = terms.clone();
                 with.steps.push(step);
-                let beside = self.score(&with).map(|s| current.bic.min(needs_none) - s.bic);
+                let beside = score(&with).map(|s| current.bic.min(needs_none) - s.bic);
                 // That a step in place of two coefficients is one parameter less does not count for it: few calibrations at temperatures
                 // that happen to follow each other look like a step.
                 let mut in_place = with.clone();
                 in_place.held.push(parameter);
-                let in_place = self.score(&in_place).map(|s| (current.deviance - s.deviance).min(needs_none - s.bic));
+                let in_place = score(&in_place).map(|s| (current.deviance - s.deviance).min(needs_none - s.bic));
                 let gain = [beside, in_place].into_iter().flatten().fold(f64::NEG_INFINITY, f64::max);
-                if best.is_none_or(|best| gain > best.gain) {
-                    best = Some(Candidate { step, gain, replaces: needs_none - current.bic > CONVINCING });
-                }
+                Some(Candidate { step, gain, replaces: needs_none - current.bic > CONVINCING })
+            };
+            (1..self.runs).filter_map(candidate).collect::<Vec<_>>()
+        };
+        let candidates: Vec<Vec<Candidate>> = (0..CONSTANT).into_par_iter().map(of_parameter).collect();
+        let mut best: Option<Candidate> = None;
+        for candidate in candidates.into_iter().flatten() {
+            if best.is_none_or(|best| candidate.gain > best.gain) {
+                best = Some(candidate);
             }
         }
         best

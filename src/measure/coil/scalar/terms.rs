@@ -74,6 +74,19 @@ impl Terms {
         self.active().len()
     }
 
+    /// Where a search for these terms may begin: at what was found for other terms, and at zero for what those do not have.
+    pub fn continued(&self, found: &[f64], of: &Terms) -> Vec<f64> {
+        let before = of.active();
+        let thermal = |terms: &Terms, place: usize| place < CONSTANT + terms.thermal();
+        let same = |place: usize, other: usize| match (thermal(self, place), thermal(of, other)) {
+            (true, true) => place == other && (place < CONSTANT || self.thermal() == of.thermal()),
+            (false, false) => self.steps[place - CONSTANT - self.thermal()] == of.steps[other - CONSTANT - of.thermal()],
+            _ => false,
+        };
+        let value = |place: &usize| before.iter().position(|other| same(*place, *other)).map_or(0.0, |i| found[i]);
+        self.active().iter().map(value).collect()
+    }
+
     /// Names in a parameter file, names for people, units, of all but the steps.
     fn names_without_steps(&self) -> Vec<[String; 3]> {
         let mut list = Vec::new();
