@@ -282,6 +282,31 @@ fn a_report_renews_what_other_commands_made() {
 }
 
 #[test]
+fn stale_files_that_are_deleted_are_not_missed() {
+    let case = sample();
+    let out = case.out();
+    // Short runs are enough.
+    for day in fs::read_dir(case.campaign()).unwrap().map(|day| day.unwrap().path()).filter(|day| day.is_dir()) {
+        let runs = fs::read_dir(day).unwrap().map(|run| run.unwrap().path());
+        runs.filter(|run| fs::metadata(run).unwrap().len() > 20_000).for_each(|run| fs::remove_file(run).unwrap());
+    }
+    let report = || done(&case, &["report", "--no-plots"], &[&case.campaign()]);
+    // The group of offsets lacks its first run for a while, and is named after the second.
+    let (first, away) = (case.campaign().join("26-01-15/09-30-00.CCR"), case.campaign().join("away"));
+    fs::rename(&first, &away).unwrap();
+    report();
+    fs::rename(&away, &first).unwrap();
+    report();
+    let old = stale(&out);
+    assert!(old.iter().any(|path| path.ends_with(".TOF")), "{old:?}");
+    old.iter().for_each(|path| fs::remove_file(out.join(path)).unwrap());
+    report();
+    assert_eq!(stale(&out), BTreeSet::new());
+    truthful(&out);
+    assert_eq!(verify(&out).0, Some(0));
+}
+
+#[test]
 fn a_run_that_is_refused_now_keeps_its_older_results_with_a_mark() {
     let case = sample();
     let out = case.out();

@@ -102,8 +102,16 @@ impl Default for LeapSeconds {
     }
 }
 
+/// A time beyond those that can be told is the first or last one there is: [`is_possible`] says so.
 fn tt2000_of(day: i64, ns: i64, delta_at_ns: i64) -> Tt2000 {
-    (day - TO_2000_DAYS) * DAY_NS - DAY_NS / 2 + ns + delta_at_ns + TT_MINUS_TAI_NS
+    (day - TO_2000_DAYS).saturating_mul(DAY_NS).saturating_add(ns).saturating_add(delta_at_ns + TT_MINUS_TAI_NS - DAY_NS / 2)
+}
+
+/// Whether a time of a file can be one: it lies within a century of 2000, so that differences of two have a value.
+#[must_use]
+pub fn is_possible(time: Tt2000) -> bool {
+    const CENTURY_NS: u64 = 36_525 * DAY_NS as u64;
+    time.unsigned_abs() < CENTURY_NS
 }
 
 impl LeapSeconds {
@@ -112,7 +120,7 @@ impl LeapSeconds {
     pub fn utc(&self, time: Tt2000) -> Utc {
         let next = self.steps.partition_point(|step| step.begin <= time);
         let delta_at_ns = self.steps.get(next.saturating_sub(1)).map_or(0, |step| step.delta_at_ns);
-        let since_1970 = time - delta_at_ns - TT_MINUS_TAI_NS + DAY_NS / 2 + TO_2000_DAYS * DAY_NS;
+        let since_1970 = time.saturating_add(TO_2000_DAYS * DAY_NS + DAY_NS / 2 - TT_MINUS_TAI_NS - delta_at_ns);
         let (day, ns) = (since_1970.div_euclid(DAY_NS), since_1970.rem_euclid(DAY_NS));
         let day = i32::try_from(day).unwrap_or(i32::MAX);
         // The last second before a step counts as the 61st of the last minute of its day.
@@ -189,7 +197,7 @@ impl LeapSeconds {
             }
             ns = ((hour * 60 + minute) * 60 + second) * SECOND_NS + fraction;
         }
-        Some(self.tt2000(Utc { day, ns }))
+        Some(self.tt2000(Utc { day, ns })).filter(|time| is_possible(*time))
     }
 
     /// First and last moment of a UTC day, the last one not of it, leap second included.
@@ -209,7 +217,7 @@ impl LeapSeconds {
     pub fn of_clock(&self, clock_s: &[f64]) -> Vec<Tt2000> {
         let begin = self.clock_begin();
         #[expect(clippy::cast_possible_truncation, reason = "seconds of decades in ns")]
-        let time = |s: &f64| begin + (s * SECOND_NS as f64).round() as i64;
+        let time = |s: &f64| begin.saturating_add((s * SECOND_NS as f64).round() as i64);
         clock_s.iter().map(time).collect()
     }
 }
@@ -217,6 +225,21 @@ impl LeapSeconds {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn times_far_beyond_those_of_a_mission_do_not_come_round_again() {
+        let leap = LeapSeconds::default();
+        // 9999-12-31 is 2.5e20 ns behind 2000, more than 2^63.
+        for text in ["9999-12-31T00:00:00", "0001-01-01", "1899-12-31", "2100-01-02"] {
+            assert_eq!(leap.parse(text), None, "{text}");
+        }
+        assert!(["1901-01-01", "2099-12-31T23:59:59.999999999Z"].iter().all(|text| leap.parse(text).is_some()));
+        for ns in [i64::MIN, i64::MAX] {
+            let _ = leap.utc(ns).to_string();
+            assert!(!is_possible(leap.tt2000_of_timestamp(ns)) && !is_possible(leap.through_timestamp(ns)));
+        }
+        assert!(leap.of_clock(&[1e300, -1e300]).iter().all(|time| !is_possible(*time)));
+    }
 
     #[test]
     fn tt2000_is_that_of_cdf() {

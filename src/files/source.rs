@@ -12,6 +12,8 @@ use std::sync::mpsc::sync_channel;
 
 /// Size of a chunk, bytes: what a core keeps at hand from the copy out of the page cache over the hash to the numbers.
 const CHUNK: usize = 1 << 17;
+/// Size of the first chunk, bytes: who looks at the head of a run alone reads and hashes no more.
+const FIRST: usize = 1 << 13;
 
 /// A piece of a file.
 #[derive(Clone, Copy, Debug)]
@@ -94,6 +96,8 @@ pub fn hex(bytes: &[u8]) -> String {
 struct Cutter {
     reader: Reader,
     carry: Vec<u8>,
+    /// Bytes that are read next.
+    size: usize,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -123,9 +127,9 @@ impl Chunk {
         }
     }
 
-    /// Adds bytes up to a whole [`CHUNK`]; fewer are the last ones of the file.
-    fn fill(&mut self, reader: &mut Reader) -> std::io::Result<bool> {
-        let target = self.length + CHUNK;
+    /// Adds so many bytes; fewer are the last ones of the file.
+    fn fill(&mut self, reader: &mut Reader, size: usize) -> std::io::Result<bool> {
+        let target = self.length + size;
         if self.memory.len() < target {
             self.memory.try_reserve(target - self.memory.len()).map_err(std::io::Error::other)?;
             self.memory.resize(target, 0);
@@ -151,7 +155,8 @@ impl Cutter {
         }
         chunk.memory.iter_mut().zip(self.carry.drain(..)).for_each(|(to, from)| *to = from);
         loop {
-            let more = chunk.fill(&mut self.reader)?;
+            let more = chunk.fill(&mut self.reader, self.size)?;
+            self.size = CHUNK;
             // The last line end, if any, is found by the caller's line loop; what follows it is the next piece or the rest.
             if let Some(at) = memchr::memrchr(b'\n', chunk.bytes()) {
                 self.carry.extend_from_slice(chunk.bytes().get(at + 1..).unwrap_or_default());
@@ -255,7 +260,7 @@ pub fn read_pieces(
     } else {
         Reader::Plain(hashing)
     };
-    let mut cutter = Cutter { reader, carry: Vec::new() };
+    let mut cutter = Cutter { reader, carry: Vec::new(), size: FIRST };
     let wrong = |error: std::io::Error| {
         if zipped {
             Finding::error(

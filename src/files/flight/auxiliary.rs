@@ -64,8 +64,8 @@ fn times(table: &SeriesTable, path: &Path, leap: &LeapSeconds) -> Result<Vec<Tt2
     let names = table.names();
     let has = |name: &str| names.iter().any(|n| n == name);
     let time = match (has("time_tt2000"), has("time_utc"), has("time_obt")) {
-        (true, ..) => table.whole("time_tt2000")?,
-        (false, false, true) => leap.of_clock(&table.numbers("time_obt")?),
+        (true, ..) => table.tt2000("time_tt2000")?,
+        (false, false, true) => table.clock("time_obt", leap)?,
         _ => table.utc("time_utc", leap)?,
     };
     match time.windows(2).position(|pair| pair[0] >= pair[1]) {
@@ -284,7 +284,7 @@ impl Timed for ModelField {
 fn intervals(table: &SeriesTable, path: &Path, leap: &LeapSeconds) -> Result<Vec<Span>, Finding> {
     let names = table.names();
     let time = |tt2000: &str, utc: &str| {
-        if names.iter().any(|n| n == tt2000) { table.whole(tt2000) } else { table.utc(utc, leap) }
+        if names.iter().any(|n| n == tt2000) { table.tt2000(tt2000) } else { table.utc(utc, leap) }
     };
     let (from, to) = (time("from_tt2000", "from")?, time("to_tt2000", "to")?);
     if let Some(row) = (0..from.len()).find(|row| from[*row] >= to[*row]) {

@@ -230,15 +230,9 @@ impl Open<'_> {
     fn times(&self, column: TimeColumn) -> Result<Option<Vec<Tt2000>>, Finding> {
         let Some(name) = self.names.get(column.name()) else { return Ok(None) };
         Ok(Some(match column {
-            TimeColumn::Tt2000 => self.table.whole(name)?,
+            TimeColumn::Tt2000 => self.table.tt2000(name)?,
             TimeColumn::Utc => self.table.utc(name, self.leap)?,
-            TimeColumn::Obt => {
-                let clock = self.table.numbers(name)?;
-                if let Some(row) = clock.iter().position(|s| !s.is_finite()) {
-                    return Err(self.refuse(row, "`time_obt` has no value", "leave the row out"));
-                }
-                self.leap.of_clock(&clock)
-            }
+            TimeColumn::Obt => self.table.clock(name, self.leap)?,
         }))
     }
 

@@ -1,5 +1,6 @@
 //! Tables of other software, Parquet and Arrow IPC, whole: their columns with the types that they have, times among them.
 
+use super::guard::guarded;
 use crate::data::error::Finding;
 use crate::files::import::{Cells, Format};
 use crate::files::source::{open, room_for};
@@ -29,7 +30,7 @@ fn refuse(path: &Path, error: &PolarsError) -> Finding {
 pub fn read(path: &Path, format: Format) -> Result<Vec<(String, Cells)>, Finding> {
     let columns = match format {
         Format::Parquet => parquet(path)?,
-        Format::Ipc | Format::Csv => ipc(path)?,
+        Format::Ipc | Format::Csv => guarded(path, || ipc(path))?,
     };
     let mut list = Vec::with_capacity(columns.len());
     for (name, dtype, pieces) in columns {
@@ -64,8 +65,11 @@ pub(super) struct ParquetFile {
 impl ParquetFile {
     pub(super) fn open(path: &Path) -> Result<Self, Finding> {
         let mut file = open(path)?;
-        let metadata = read_metadata(&mut file).map_err(|e| refuse(path, &e))?;
-        let mut schema = infer_schema(&metadata).map_err(|e| refuse(path, &e))?;
+        let (metadata, mut schema) = guarded(path, || {
+            let metadata = read_metadata(&mut file).map_err(|e| refuse(path, &e))?;
+            let schema = infer_schema(&metadata).map_err(|e| refuse(path, &e))?;
+            Ok((metadata, schema))
+        })?;
         // A column that refers to a list of words in memory holds the words themselves in the file.
         for field in schema.iter_values_mut() {
             if let ArrowDataType::Dictionary(_, values, _) = &field.dtype {
@@ -130,10 +134,12 @@ fn decoded(path: &Path, file: &File, chunk: &ColumnChunkMetadata, field: &Field)
     }
     let mut bytes = vec![0; (range.end - range.start) as usize];
     file.read_exact_at(&mut bytes, range.start).map_err(|e| Finding::io(path, "read", &e))?;
-    let pages = PageReader::new(Cursor::new(Buffer::from(bytes)), chunk, Vec::new(), usize::MAX);
-    let kind = &chunk.descriptor().descriptor.primitive_type;
-    let read = column_iter_to_arrays(vec![BasicDecompressor::new(pages, Vec::new())], vec![kind], field.clone(), None);
-    Ok(read.map_err(|e| refuse(path, &e))?.0)
+    guarded(path, || {
+        let pages = PageReader::new(Cursor::new(Buffer::from(bytes)), chunk, Vec::new(), usize::MAX);
+        let kind = &chunk.descriptor().descriptor.primitive_type;
+        let read = column_iter_to_arrays(vec![BasicDecompressor::new(pages, Vec::new())], vec![kind], field.clone(), None);
+        Ok(read.map_err(|e| refuse(path, &e))?.0)
+    })
 }
 
 /// Types whose values are single numbers, texts or moments.

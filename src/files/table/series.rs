@@ -3,7 +3,7 @@
 use super::columns::{ParquetFile, each, ns_of};
 use super::stream::{Batch, Format, Reader};
 use crate::data::error::Finding;
-use crate::data::time::{LeapSeconds, Tt2000};
+use crate::data::time::{LeapSeconds, Tt2000, is_possible};
 use crate::files::source::room_for;
 use polars_arrow::array::{Array, PrimitiveArray, Utf8Array, Utf8ViewArray};
 use polars_arrow::datatypes::{ArrowDataType, Field};
@@ -302,6 +302,38 @@ impl SeriesTable {
         Ok(out)
     }
 
+    /// A column of times, TT2000.
+    ///
+    /// # Errors
+    /// As [`SeriesTable::whole`], and a time that cannot be.
+    pub fn tt2000(&self, name: &str) -> Result<Vec<Tt2000>, Finding> {
+        self.possible(name, self.whole(name)?)
+    }
+
+    /// A column of seconds of the clock of a spacecraft.
+    ///
+    /// # Errors
+    /// As [`SeriesTable::numbers`], a missing value, a time that cannot be.
+    pub fn clock(&self, name: &str, leap: &LeapSeconds) -> Result<Vec<Tt2000>, Finding> {
+        let clock_s = self.numbers(name)?;
+        if let Some(row) = clock_s.iter().position(|s| !s.is_finite()) {
+            let rule = format!("row {}: `{name}` has no value", self.before + row + 1);
+            return Err(self.complain(rule, "leave the row out"));
+        }
+        self.possible(name, leap.of_clock(&clock_s))
+    }
+
+    /// Refuses times that no mission has: differences of them would come round again.
+    fn possible(&self, name: &str, times: Vec<Tt2000>) -> Result<Vec<Tt2000>, Finding> {
+        match times.iter().position(|time| !is_possible(*time)) {
+            Some(row) => {
+                let rule = format!("row {}: the time in column `{name}` lies before 1900 or after 2099", self.before + row + 1);
+                Err(self.complain(rule, "correct it, or leave the row out"))
+            }
+            None => Ok(times),
+        }
+    }
+
     /// A column of UTC, as timestamps or as text.
     ///
     /// # Errors
@@ -315,7 +347,8 @@ impl SeriesTable {
         if let ArrowDataType::Timestamp(unit, _) = field.dtype {
             let factor = ns_of(unit);
             let pieces = self.pieces(file, &field)?;
-            return self.values::<i64, _>(name, &pieces, |v| leap.tt2000_of_timestamp(v.saturating_mul(factor)));
+            let times = self.values::<i64, _>(name, &pieces, |v| leap.tt2000_of_timestamp(v.saturating_mul(factor)))?;
+            return self.possible(name, times);
         }
         let words = self.words(name)?;
         let times: Vec<Option<Tt2000>> = words.words.iter().map(|word| leap.parse(word)).collect();

@@ -1,5 +1,6 @@
 //! Long tables, read and written batch by batch: CSV, Parquet, Arrow IPC.
 
+use super::guard::guarded;
 use super::wrong;
 use crate::data::error::Finding;
 pub use crate::files::import::Format;
@@ -77,13 +78,13 @@ impl Reader {
             Some(Format::Csv) => Rows::Csv(Box::new(CsvRows::open(path, open()?)?)),
             Some(Format::Parquet) => {
                 let mut reader = ParquetReader::new(open()?);
-                let metadata = reader.get_metadata().map_err(|e| refuse(path, &e))?;
+                let metadata = guarded(path, || reader.get_metadata().map_err(|e| refuse(path, &e)))?;
                 let groups: Vec<usize> = metadata.row_groups.iter().map(|group| group.num_rows()).collect();
                 Rows::Parquet { pieces: pieces(&groups).into_iter() }
             }
             Some(Format::Ipc) => {
                 let mut file = BufReader::new(open()?);
-                let metadata = read_file_metadata(&mut file).map_err(|e| refuse(path, &e))?;
+                let metadata = guarded(path, || read_file_metadata(&mut file).map_err(|e| refuse(path, &e)))?;
                 Rows::Ipc(Box::new(FileReader::new(file, metadata, None, None)))
             }
             None => {
@@ -105,11 +106,14 @@ impl Reader {
                 None => None,
                 Some(piece) => {
                     let file = source::open(&self.path)?;
-                    let frame = ParquetReader::new(file).with_slice(Some(piece)).finish().map_err(|e| refuse(&self.path, &e))?;
-                    Some(frame)
+                    let read = || ParquetReader::new(file).with_slice(Some(piece)).finish().map_err(|e| refuse(&self.path, &e));
+                    Some(guarded(&self.path, read)?)
                 }
             },
-            Rows::Ipc(reader) => reader.next().transpose().map_err(|e| refuse(&self.path, &e))?.map(DataFrame::from),
+            Rows::Ipc(reader) => {
+                let next = guarded(&self.path, || reader.next().transpose().map_err(|e| refuse(&self.path, &e)))?;
+                next.map(DataFrame::from)
+            }
         };
         let before = self.done;
         Ok(frame.map(|frame| {

@@ -177,7 +177,7 @@ impl Carry {
     pub fn read(path: &Path) -> Result<Self, Finding> {
         let table = SeriesTable::open(path)?;
         let words = table.words("sensor")?;
-        let (day, first, last) = (table.whole("day")?, table.whole("first_tt2000")?, table.whole("last_tt2000")?);
+        let (day, first, last) = (table.whole("day")?, table.tt2000("first_tt2000")?, table.tt2000("last_tt2000")?);
         let (t_first, t_last) = (table.numbers("t_first_degc")?, table.numbers("t_last_degc")?);
         let [x, y, z] = COLUMNS.map(|name| table.numbers(name));
         let (x, y, z) = (x?, y?, z?);

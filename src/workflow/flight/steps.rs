@@ -243,7 +243,7 @@ fn disturbance(
         let table = SeriesTable::open(&file.path)?;
         let names = table.names();
         let time = if names.iter().any(|n| n == "time_tt2000") {
-            table.whole("time_tt2000")?
+            table.tt2000("time_tt2000")?
         } else {
             table.utc("time_utc", &prepared.leap)?
         };
