@@ -14,19 +14,19 @@ pub(super) struct Form {
     pub memory_rows: f64,
 }
 
-/// Forms of slow noise; the first is tried before all others. Those with a memory of their own come last.
-pub(super) const FORMS: [Form; 6] = [
+/// Forms of slow noise; the first is tried before all others. One with a memory of its own comes last.
+pub(super) const FORMS: [Form; 5] = [
     Form { exponent: 1.0, memory_rows: 0.0 },
     Form { exponent: 0.5, memory_rows: 0.0 },
     Form { exponent: 1.5, memory_rows: 0.0 },
     Form { exponent: 2.0, memory_rows: 0.0 },
     Form { exponent: 1.0, memory_rows: 9.0 },
-    Form { exponent: 1.0, memory_rows: 81.0 },
 ];
 /// Prior probability of each where there is slow noise; of the first the rest.
-const PRIOR_FORMS: [f64; FORMS.len() - 1] = [0.02, 0.0395, 0.0005, 0.05, 0.05];
-/// A memory is told from that of the record where it is at most this part of it.
-const SHORT_MEMORY: f64 = 0.25;
+const PRIOR_FORMS: [f64; FORMS.len() - 1] = [0.02, 0.0395, 0.0005, 0.47];
+/// A memory is asked for where it is at most this part of the record. Below the frequency at which the noise becomes white there are then a
+/// dozen independent values, which decide; with fewer it would be a matter of the prior.
+const SHORT_MEMORY: f64 = 0.025;
 /// Probability of 1/f noise from which the other forms are tried too: more than the residuals of white noise leave of its prior.
 const SUSPECTED: f64 = 0.1;
 /// Prior probability that the samples carry white noise alone.

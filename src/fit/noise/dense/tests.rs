@@ -333,11 +333,11 @@ fn contrasts_inside_the_rows_tell_slow_noise_from_white() {
 /// Noise that goes on to the length of the record would leave the mean four times as uncertain: the rows tell that it does not.
 #[test]
 fn slow_noise_may_be_forgotten_within_the_record() {
-    let noise = Simulated { share: 0.8, memory_rows: Some(4.0), rows: 150, records: 60, ..QUIET };
+    let noise = Simulated { share: 0.8, memory_rows: Some(9.0), rows: 420, records: 40, ..QUIET };
     let [quick, mean, quick_ratio, mean_ratio] = coverage_with_contrasts(noise);
-    // 60 records: a true coverage of 95 % scatters by 2.8 %, a standard deviation by 9 %.
-    assert!(quick > 0.86 && mean > 0.86, "{quick} {mean}");
-    assert!((0.75..1.3).contains(&quick_ratio) && (0.75..1.5).contains(&mean_ratio), "{quick_ratio} {mean_ratio}");
+    // 40 records: a true coverage of 95 % scatters by 3.4 %, a standard deviation by 11 %.
+    assert!(quick > 0.84 && mean > 0.84, "{quick} {mean}");
+    assert!((0.7..1.4).contains(&quick_ratio) && (0.7..1.8).contains(&mean_ratio), "{quick_ratio} {mean_ratio}");
 }
 
 #[test]
