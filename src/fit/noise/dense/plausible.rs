@@ -23,7 +23,7 @@ pub(super) const FORMS: [Form; 5] = [
     Form { exponent: 1.0, memory_rows: 9.0 },
 ];
 /// Prior probability of each where there is slow noise; of the first the rest.
-const PRIOR_FORMS: [f64; FORMS.len() - 1] = [0.02, 0.0395, 0.0005, 0.47];
+const PRIOR_FORMS: [f64; FORMS.len() - 1] = [0.02, 0.0395, 0.0005, 0.2];
 /// A memory is asked for where it is at most this part of the record. Below the frequency at which the noise becomes white there are then a
 /// dozen independent values, which decide; with fewer it would be a matter of the prior.
 const SHORT_MEMORY: f64 = 0.025;
