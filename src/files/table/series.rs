@@ -77,7 +77,8 @@ impl SeriesTable {
         }
         let file = ParquetFile::open(path)?;
         let groups = file.group_rows();
-        let rows = groups.iter().sum();
+        // A damaged file states any number of rows; those that are there are counted as they are read.
+        let rows = groups.iter().fold(0, |sum: usize, rows| sum.saturating_add(*rows));
         Ok(Self {
             path: path.to_owned(),
             groups: (0..groups.len()).collect(),
@@ -138,17 +139,18 @@ impl SeriesTable {
     /// Reads from now on only the groups of rows that hold a range of rows.
     pub fn narrow(&mut self, wanted: std::ops::Range<usize>) {
         let Body::Parquet(file) = &self.body else { return };
-        let mut begin = 0;
+        let mut begin = 0_usize;
         let mut kept = Vec::new();
         let mut first = None;
         self.rows = 0;
         for (index, rows) in file.group_rows().into_iter().enumerate() {
-            if begin < wanted.end && begin + rows > wanted.start {
+            let end = begin.saturating_add(rows);
+            if begin < wanted.end && end > wanted.start {
                 first.get_or_insert(begin);
                 kept.push(index);
-                self.rows += rows;
+                self.rows = self.rows.saturating_add(rows);
             }
-            begin += rows;
+            begin = end;
         }
         self.groups = kept;
         self.before = first.unwrap_or(0);
@@ -267,7 +269,7 @@ impl SeriesTable {
     /// # Errors
     /// No such column, or another type.
     pub fn words(&self, name: &str) -> Result<Words, Finding> {
-        let mut out = Words { words: Vec::new(), codes: Vec::with_capacity(self.rows) };
+        let mut out = Words::default();
         let mut known = HashMap::new();
         let file = match &self.body {
             Body::Csv(batches) => {

@@ -39,7 +39,7 @@ pub struct Reader {
 
 enum Rows {
     Csv(Box<CsvRows>),
-    Parquet { pieces: std::vec::IntoIter<(usize, usize)> },
+    Parquet { pieces: Box<dyn Iterator<Item = (usize, usize)> + Send> },
     Ipc(Box<FileReader<BufReader<File>>>),
 }
 
@@ -80,7 +80,7 @@ impl Reader {
                 let mut reader = ParquetReader::new(open()?);
                 let metadata = guarded(path, || reader.get_metadata().map_err(|e| refuse(path, &e)))?;
                 let groups: Vec<usize> = metadata.row_groups.iter().map(|group| group.num_rows()).collect();
-                Rows::Parquet { pieces: pieces(&groups).into_iter() }
+                Rows::Parquet { pieces: Box::new(pieces(groups)) }
             }
             Some(Format::Ipc) => {
                 let mut file = BufReader::new(open()?);
@@ -123,22 +123,17 @@ impl Reader {
     }
 }
 
-/// Slices of row groups, none of them longer than a batch; one empty slice for a table without rows.
-fn pieces(groups: &[usize]) -> Vec<(usize, usize)> {
-    let mut pieces = Vec::new();
-    let mut begin = 0;
-    for group in groups {
-        let end = begin + group;
-        while begin < end {
-            let length = BATCH.min(end - begin);
-            pieces.push((begin, length));
-            begin += length;
-        }
-    }
-    if pieces.is_empty() {
-        pieces.push((0, 0));
-    }
-    pieces
+/// Slices of row groups, none of them longer than a batch; one empty slice for a table without rows. A damaged file states any number of
+/// rows, so that no list is made of them.
+fn pieces(groups: Vec<usize>) -> impl Iterator<Item = (usize, usize)> + Send {
+    let empty = groups.iter().all(|rows| *rows == 0).then_some((0, 0));
+    let mut done = 0_usize;
+    let slices = groups.into_iter().flat_map(move |rows| {
+        let (begin, end) = (done, done.saturating_add(rows));
+        done = end;
+        (begin..end).step_by(BATCH).map(move |at| (at, BATCH.min(end - at)))
+    });
+    slices.chain(empty)
 }
 
 impl CsvRows {
@@ -431,5 +426,19 @@ impl<'a> To<'a> {
         let writer =
             ParquetWriter::new(file).with_key_value_metadata(Some(mark)).with_compression(ParquetCompression::Zstd(None));
         Ok(To::Parquet(Box::new(writer.batched(schema).map_err(|e| wrong(&e))?)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn groups_of_rows_are_cut_into_batches_however_many_a_damaged_file_states() {
+        let of = |groups: &[usize]| pieces(groups.to_vec()).take(4).collect::<Vec<_>>();
+        assert_eq!(of(&[]), [(0, 0)]);
+        assert_eq!(of(&[0, 0]), [(0, 0)]);
+        assert_eq!(of(&[3, 0, BATCH + 1]), [(0, 3), (3, BATCH), (BATCH + 3, 1)]);
+        assert_eq!(of(&[3, usize::MAX, 5])[..2], [(0, 3), (3, BATCH)]);
     }
 }
