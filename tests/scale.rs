@@ -10,7 +10,8 @@ const LIMIT: u32 = 10;
 
 /// An analysis of a campaign that does not need more than that.
 fn analysed(case: &Case, analysis: &str) {
-    let output = with_seconds_of_work(LIMIT).args([analysis, "--no-plots", "-o"]).arg(case.out()).arg(case.campaign()).output().unwrap();
+    let output =
+        with_seconds_of_work(LIMIT).args([analysis, "--no-plots", "-o"]).arg(case.out()).arg(case.campaign()).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{} {}", output.status, text(&output.stderr));
 }
 

@@ -120,7 +120,6 @@ fn outside(key: &str, v: f64) -> Option<&'static str> {
         "modulus_nt",
         "slow_over_white",
         "plateaus_over_samples",
-        "memory_plateaus",
     ];
     match key {
         _ if never_negative.contains(&key) => (v < 0.0).then_some("is negative"),
@@ -197,7 +196,7 @@ const TOGETHER: [&[&str]; 9] = [
     &["value", "std", "residual"],
     &["parameters", "units", "matrix"],
     &["coefficients", "coefficients_std"],
-    &["slow_noise_of", "exponent", "memory_plateaus", "slow_over_white", "plateaus_over_samples", "growth", "probability"],
+    &["slow_noise_of", "exponent", "slow_over_white", "plateaus_over_samples", "growth", "probability"],
     &["lambda_x_deg", "mu_y_deg", "nu_z_deg", "lambda_x_std_deg", "mu_y_std_deg", "nu_z_std_deg"],
     &[
         "x_ent",

@@ -228,9 +228,6 @@ pub struct NoisePart {
     pub slow_noise_of: Vec<String>,
     /// Exponent of its power density.
     pub exponent: Vec<f64>,
-    /// Plateaus after which it is forgotten, 0 where its memory is that of the run. Files of earlier versions do not have it.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub memory_plateaus: Vec<f64>,
     /// Its variance in a plateau over the white one that the samples let expect.
     pub slow_over_white: Vec<f64>,
     /// White variance of the plateaus over the one that the samples let expect.
@@ -257,7 +254,6 @@ impl NoisePart {
                 part.slow_noise_of.push(origin.to_owned());
                 let own = kind.parameters;
                 part.exponent.push(own.exponent);
-                part.memory_plateaus.push(own.memory_rows);
                 part.slow_over_white.push(if kind.origin == Origin::Gain { own.slow_field } else { own.slow });
                 part.plateaus_over_samples.push(own.white);
                 part.growth.push(own.white_field);
@@ -297,7 +293,6 @@ impl NoisePart {
                 let (white, slow) = (*part.plateaus_over_samples.get(i)?, *part.slow_over_white.get(i)?);
                 let parameters = NoiseParameters {
                     exponent: *part.exponent.get(i)?,
-                    memory_rows: part.memory_plateaus.get(i).copied().unwrap_or_default(),
                     white,
                     slow: if origin == Origin::Gain { 0.0 } else { slow },
                     slow_field: if origin == Origin::Gain { slow } else { 0.0 },

@@ -229,7 +229,8 @@ impl Waves<'_> {
         }
         let hz: Vec<f64> = orders.into_iter().map(|order| order as f64 * hz).collect();
         let (fours, rest) = hz.as_chunks::<4>();
-        let together = fours.iter().flat_map(|four| four.iter().zip(self.sums(*four)).map(|(hz, stretches)| Band { hz: *hz, stretches }));
+        let together =
+            fours.iter().flat_map(|four| four.iter().zip(self.sums(*four)).map(|(hz, stretches)| Band { hz: *hz, stretches }));
         together.chain(rest.iter().map(|hz| self.band(*hz))).collect()
     }
 

@@ -19,8 +19,8 @@
 //! apart: the mean square of white noise falls with the length of the parts, that of 1/f noise does not ([`estimate_with`]). Rows
 //! and contrasts share one spectrum, exact averages of relaxations over intervals, with these quantities:
 //!
-//! * white and slow noise of the samples, from contrasts at every octave and from the residuals; exponents other than 1, and a memory that
-//!   ends within the record, are tried where slow noise is probable at all;
+//! * white and slow noise of the samples, from contrasts at every octave and from the residuals; exponents other than 1 are tried where
+//!   slow noise is probable at all;
 //! * the white variance of the rows: what the samples let expect or, as probable beforehand, more, for scatter that comes between rows
 //!   only, as where a field is set anew for every row. It is white from row to row: where the prior of it was a tenth, some of it was
 //!   taken for slow noise, and intervals of gains held too seldom;
@@ -48,14 +48,15 @@ mod spread;
 mod tests;
 mod together;
 
-use kernel::{mean_of_variances, time_constants};
+use kernel::{LONGER, SHORTER, mean_of_variances, octave_constants, time_constants};
 use nalgebra::{DMatrix, DVector};
-use plausible::{Average, FORMS, GROWTHS, Inside, Place, Spectrum, forms_of};
+use plausible::{Average, EXPONENTS, GROWTHS, Inside, Place};
 use projected::Projected;
 use relaxations::Relaxations;
 pub use together::{Candidate, GroupNoise, NoiseKind, Origin, Pooled};
 
 use super::NoiseModel;
+use super::spectrum::parts;
 use crate::fit::linear::Solution;
 use crate::fit::scalar;
 use crate::fit::statistics::two_sided_tail;
@@ -368,30 +369,22 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
     let intervals: Vec<[f64; 2]> = solution.kept.iter().map(|&i| intervals[i]).collect();
     let begin = intervals.iter().map(|i| i[0]).fold(f64::INFINITY, f64::min);
     let end = intervals.iter().map(|i| i[1]).fold(f64::NEG_INFINITY, f64::max);
+    let time_constants = octave_constants(shortest / SHORTER, LONGER * (end - begin));
     let fitted = Fitted::of(solution);
-    let forms = forms_of(intervals.len());
     // A row of mean weight has unit variance.
-    let spectra: Vec<(Spectrum, f64)> = FORMS[..forms]
-        .iter()
-        .map(|form| {
-            let spectrum = Spectrum::of(form, shortest, end - begin, intervals.len());
-            let unit = 1.0 / mean_of_variances(&intervals, &spectrum.time_constants, &spectrum.parts);
-            (spectrum, unit)
-        })
-        .collect();
+    let units = EXPONENTS.map(|e| 1.0 / mean_of_variances(&intervals, &time_constants, &parts(&time_constants, e)));
     let kernel = |shape: usize| {
-        let (spectrum, unit) = &spectra[shape];
-        let parts: Vec<f64> = spectrum.parts.iter().map(|part| part * unit).collect();
-        Relaxations::of_means(&intervals, &spectrum.time_constants, &parts)
+        let parts: Vec<f64> = parts(&time_constants, EXPONENTS[shape]).iter().map(|part| part * units[shape]).collect();
+        Relaxations::of_means(&intervals, &time_constants, &parts)
     };
     let mut kernels: Vec<Relaxations> = Vec::new();
     let mut of_gains: Vec<Relaxations> = Vec::new();
     let rows = fitted.by_weights.len() as f64;
     let inverse_samples =
         solution.kept.iter().zip(fitted.by_weights.iter()).map(|(&i, spread)| 1.0 / (counts[i] * spread)).sum::<f64>() / rows;
-    let inside: Vec<Inside> = octaves.iter().map(|o| Inside::of(o, inverse_samples, &spectra)).collect();
+    let inside: Vec<Inside> = octaves.iter().map(|o| Inside::of(o, inverse_samples, &time_constants, units)).collect();
     // The same for all right-hand sides whose samples scatter alike in all rows.
-    let mut shared: Vec<Option<Projected>> = FORMS.iter().map(|_| None).collect();
+    let mut shared: Vec<Option<Projected>> = EXPONENTS.iter().map(|_| None).collect();
     let mut found = Vec::new();
     let mut spreads = Vec::new();
     let scatter = sampled.scatter;
@@ -402,9 +395,9 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
         let base = by_samples.unwrap_or_else(|| fitted.by_weights.clone());
         let mut spread = vec![base.clone()];
         let pooled = sampled.group.and_then(|group| group.components.get(a));
-        let mut average = Average::new(&inside, forms, octaves.iter().map(|o| o.squares[a] / o.count).collect(), pooled);
+        let mut average = Average::new(&inside, octaves.iter().map(|o| o.squares[a] / o.count).collect(), pooled);
         let mut log_scale = 0.0;
-        for shape in 0..forms {
+        for shape in 0..EXPONENTS.len() {
             if shape > 0 && !average.suspects_slow_noise() {
                 break;
             }
@@ -428,7 +421,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
         }
         if let Some(loads) = readings.and_then(|r| spread::gain_moves(&fitted, solution, a, &base, &r)) {
             let kernel = kernels[0].scaled(|row| loads[row]);
-            average.try_gain(FORMS.len() + of_gains.len(), Projected::of(&fitted, &base, &kernel).likelihood(a));
+            average.try_gain(EXPONENTS.len() + of_gains.len(), Projected::of(&fitted, &base, &kernel).likelihood(a));
             of_gains.push(kernel);
         }
         found.push(average.finish());
@@ -438,7 +431,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
     let first_gain = kernels.len();
     kernels.extend(of_gains);
     for place in found.iter_mut().flat_map(|f: &mut (ComponentNoise, Vec<Place>, Vec<Candidate>)| &mut f.1) {
-        if let Some(gain) = place.shape.checked_sub(FORMS.len()) {
+        if let Some(gain) = place.shape.checked_sub(EXPONENTS.len()) {
             place.shape = first_gain + gain;
         }
     }

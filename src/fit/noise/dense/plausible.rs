@@ -2,32 +2,16 @@
 
 use super::super::NoiseParameters;
 use super::super::spectrum::parts;
-use super::kernel::{LONGER, SHORTER, contrast_variance, octave_constants};
+use super::kernel::contrast_variance;
 use super::likelihood::Likelihood;
 use super::together::{Candidate, NoiseKind, Origin, Pooled};
 use super::{ComponentNoise, Octave};
 
-/// A form of slow noise: the exponent of its power density, and after how many rows it is forgotten, 0 where its memory is that of the record.
-#[derive(Clone, Copy)]
-pub(super) struct Form {
-    pub exponent: f64,
-    pub memory_rows: f64,
-}
-
-/// Forms of slow noise; the first is tried before all others. One with a memory of its own comes last.
-pub(super) const FORMS: [Form; 5] = [
-    Form { exponent: 1.0, memory_rows: 0.0 },
-    Form { exponent: 0.5, memory_rows: 0.0 },
-    Form { exponent: 1.5, memory_rows: 0.0 },
-    Form { exponent: 2.0, memory_rows: 0.0 },
-    Form { exponent: 1.0, memory_rows: 9.0 },
-];
-/// Prior probability of each where there is slow noise; of the first the rest.
-const PRIOR_FORMS: [f64; FORMS.len() - 1] = [0.02, 0.0395, 0.0005, 0.2];
-/// A memory is asked for where it is at most this part of the record. Below the frequency at which the noise becomes white there are then a
-/// dozen independent values, which decide; with fewer it would be a matter of the prior.
-const SHORT_MEMORY: f64 = 0.025;
-/// Probability of 1/f noise from which the other forms are tried too: more than the residuals of white noise leave of its prior.
+/// Exponents of the power density of slow noise; the first is tried before all others.
+pub(super) const EXPONENTS: [f64; 4] = [1.0, 0.5, 1.5, 2.0];
+/// Prior probability of each where there is slow noise.
+const PRIOR_EXPONENTS: [f64; 4] = [0.94, 0.02, 0.0395, 0.0005];
+/// Probability of 1/f noise from which the other exponents are tried too: more than the residuals of white noise leave of its prior.
 const SUSPECTED: f64 = 0.1;
 /// Prior probability that the samples carry white noise alone.
 const PRIOR_NONE: f64 = 0.9;
@@ -68,7 +52,7 @@ pub(super) struct Place {
     pub probability: f64,
     pub white: f64,
     pub slow: f64,
-    /// The shape of the slow noise: a form, by index into [`FORMS`], or one of the gain after them.
+    /// The shape of the slow noise: an exponent, by index into [`EXPONENTS`], or one of the gain after them.
     pub shape: usize,
     /// How the white noise differs between the rows: as the samples do, or one of [`GROWTHS`] besides.
     pub growth: Option<usize>,
@@ -83,45 +67,23 @@ impl Place {
     }
 }
 
-/// How many of the forms a record of so many rows can tell apart.
-pub(super) fn forms_of(rows: usize) -> usize {
-    FORMS.iter().filter(|form| form.memory_rows <= SHORT_MEMORY * rows as f64).count()
-}
-
-/// Slow noise of a form as a sum of relaxations: time constants and parts of the variance of the samples.
-pub(super) struct Spectrum {
-    pub time_constants: Vec<f64>,
-    pub parts: Vec<f64>,
-}
-
-impl Spectrum {
-    /// `shortest` is the length of the shortest contrast, `span` that of the record, which has so many `rows`.
-    pub fn of(form: &Form, shortest: f64, span: f64, rows: usize) -> Self {
-        let longest = if form.memory_rows > 0.0 { form.memory_rows * span / rows as f64 } else { LONGER * span };
-        let time_constants = octave_constants(shortest / SHORTER, longest);
-        let parts = parts(&time_constants, form.exponent);
-        Self { time_constants, parts }
-    }
-}
-
-/// Contrasts of one length beside a row of mean weight: their variances for white noise and for slow noise of each form that gives
+/// Contrasts of one length beside a row of mean weight: their variances for white noise and for slow noise of each exponent that gives
 /// such a row unit variance.
 pub(super) struct Inside {
     count: f64,
     white: f64,
-    slow: Vec<f64>,
+    slow: [f64; EXPONENTS.len()],
 }
 
 impl Inside {
-    /// Of each form its spectrum, and the factor which gives a row of mean weight unit variance.
-    pub fn of(octave: &Octave, inverse_samples: f64, spectra: &[(Spectrum, f64)]) -> Self {
-        let slow = |(spectrum, unit): &(Spectrum, f64)| {
-            unit * contrast_variance(octave.length, &spectrum.time_constants, &spectrum.parts)
-        };
+    /// `units`: factors which give a row of mean weight unit variance, per exponent.
+    pub fn of(octave: &Octave, inverse_samples: f64, time_constants: &[f64], units: [f64; EXPONENTS.len()]) -> Self {
         Inside {
             count: INDEPENDENT * octave.count,
             white: octave.white / inverse_samples,
-            slow: spectra.iter().map(slow).collect(),
+            slow: std::array::from_fn(|e| {
+                units[e] * contrast_variance(octave.length, time_constants, &parts(time_constants, EXPONENTS[e]))
+            }),
         }
     }
 }
@@ -140,8 +102,6 @@ struct Told {
 /// Averages over the noise of one right-hand side.
 pub(super) struct Average<'a> {
     inside: &'a [Inside],
-    /// Forms of slow noise that the record can tell apart.
-    forms: usize,
     mean_squares: Vec<f64>,
     excesses: Vec<(f64, f64)>,
     /// Lowest deviance of the contrasts, and with the residuals.
@@ -155,11 +115,11 @@ pub(super) struct Average<'a> {
 }
 
 impl<'a> Average<'a> {
-    pub fn new(inside: &'a [Inside], forms: usize, mean_squares: Vec<f64>, pooled: Option<&'a Pooled>) -> Self {
+    pub fn new(inside: &'a [Inside], mean_squares: Vec<f64>, pooled: Option<&'a Pooled>) -> Self {
         let excesses = excesses();
         let likely = excesses.iter().position(|(factor, _)| *factor == 1.0).unwrap_or_default();
         let (lowest_inside, lowest) = (f64::INFINITY, f64::INFINITY);
-        Self { inside, forms, mean_squares, excesses, lowest_inside, lowest, places: Vec::new(), likely, pooled }
+        Self { inside, mean_squares, excesses, lowest_inside, lowest, places: Vec::new(), likely, pooled }
     }
 
     /// The white noise of the samples, profiled, and the deviance of the contrasts for a ratio of slow to white noise.
@@ -176,22 +136,20 @@ impl<'a> Average<'a> {
 
     /// Tries white noise and slow noise of an exponent with given residuals.
     pub fn try_shape(&mut self, shape: usize, likelihood: Likelihood) {
-        let form = FORMS[shape];
-        let others = &PRIOR_FORMS[..self.forms - 1];
-        let of_form = shape.checked_sub(1).map_or_else(|| 1.0 - others.iter().sum::<f64>(), |other| others[other]);
-        let mut told: Vec<Told> =
-            ratios().map(|(ratio, prior)| self.told(shape, (ratio, prior * (1.0 - PRIOR_NONE) * of_form))).collect();
+        let mut told: Vec<Told> = ratios()
+            .map(|(ratio, prior)| self.told(shape, (ratio, prior * (1.0 - PRIOR_NONE) * PRIOR_EXPONENTS[shape])))
+            .collect();
         let none = self.told(shape, (0.0, PRIOR_NONE));
         if shape == 0 {
             told.push(none);
         }
-        if form.exponent == APART_EXPONENT {
+        if EXPONENTS[shape] == APART_EXPONENT {
             let prior = PRIOR_APART / APART_SIZES.len() as f64;
             // What is inside the rows is explained as well as it can be.
             let deviance = self.lowest_inside;
             told.extend(APART_SIZES.map(|ratio| Told { slow: ratio * none.sampled, ratio, prior, deviance, ..none }));
         }
-        let apart = told.len() - if form.exponent == APART_EXPONENT { APART_SIZES.len() } else { 0 };
+        let apart = told.len() - if EXPONENTS[shape] == APART_EXPONENT { APART_SIZES.len() } else { 0 };
         self.lowest_inside = told.iter().map(|t| t.deviance).fold(self.lowest_inside, f64::min);
         let most = self.lowest_inside + IMPROBABLE;
         for (k, t) in told.into_iter().enumerate().filter(|(_, t)| t.deviance < most) {
@@ -224,14 +182,13 @@ impl<'a> Average<'a> {
 
     /// The likelihood has one maximum in the white variance: outwards from the last one until it has become small.
     fn try_whites(&mut self, told: Told, likelihood: Likelihood, origin: Origin, shape: usize, growth: Option<usize>) {
-        let Form { exponent, memory_rows } = FORMS.get(shape).copied().unwrap_or(FORMS[0]);
+        let exponent = EXPONENTS.get(shape).copied().unwrap_or(EXPONENTS[0]);
         let mut try_out = |k: usize| {
             let (excess, prior) = self.excesses[k];
             let white = excess * told.sampled;
             let deviance = likelihood.absolute(white, told.slow) + told.deviance;
             let parameters = NoiseParameters {
                 exponent,
-                memory_rows,
                 white: excess,
                 slow: if origin == Origin::Gain { 0.0 } else { told.ratio },
                 slow_field: if origin == Origin::Gain { told.ratio } else { 0.0 },
@@ -267,7 +224,7 @@ impl<'a> Average<'a> {
         place.probability * (0.5 * (self.lowest - candidate.deviance)).exp()
     }
 
-    /// Whether slow noise is probable enough that its form matters.
+    /// Whether slow noise is probable enough that its exponent matters.
     pub fn suspects_slow_noise(&self) -> bool {
         let sum: f64 = self.places.iter().map(|p| self.weight(p)).sum();
         let slow: f64 = self.places.iter().filter(|(p, _)| p.slow > 0.0).map(|p| self.weight(p)).sum();

@@ -39,9 +39,9 @@ pub struct NoiseKind {
 }
 
 impl NoiseKind {
-    fn key(&self) -> (Origin, [u64; 5]) {
-        let NoiseParameters { exponent, memory_rows, white, white_field, .. } = self.parameters;
-        (self.origin, [exponent, memory_rows, self.parameters.all_slow(), white, white_field].map(f64::to_bits))
+    fn key(&self) -> (Origin, [u64; 4]) {
+        let NoiseParameters { exponent, white, white_field, .. } = self.parameters;
+        (self.origin, [exponent, self.parameters.all_slow(), white, white_field].map(f64::to_bits))
     }
 }
 
@@ -59,7 +59,7 @@ pub struct Candidate {
 /// How probable every kind of noise is in a component of a run of a group.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pooled {
-    probabilities: BTreeMap<(Origin, [u64; 5]), (NoiseKind, f64)>,
+    probabilities: BTreeMap<(Origin, [u64; 4]), (NoiseKind, f64)>,
 }
 
 impl Pooled {
