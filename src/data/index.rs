@@ -250,11 +250,12 @@ impl Index {
         let mut deleted: BTreeSet<String> = self.files.iter().filter(is_over).map(|file| file.path.clone()).collect();
         loop {
             let others = self.files.iter().filter(|file| !deleted.contains(&file.path));
-            let used = others.flat_map(|file| &file.from).find(|v| deleted.contains(&v.path)).map(|v| v.path.clone());
-            match used {
-                Some(path) => deleted.remove(&path),
-                None => break,
-            };
+            let used: Vec<String> =
+                others.flat_map(|file| &file.from).filter(|v| deleted.contains(&v.path)).map(|v| v.path.clone()).collect();
+            if used.is_empty() {
+                break;
+            }
+            used.iter().for_each(|path| _ = deleted.remove(path));
         }
         self.files.retain(|file| !deleted.contains(&file.path));
     }

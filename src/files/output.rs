@@ -260,6 +260,12 @@ fn must_stay_inside(path: &Path, name: &str) -> Result<(), Finding> {
     Err(Finding::error(&path.display().to_string(), "leaves the output folder", "correct the name or the run id in the input"))
 }
 
+/// Whether there is nothing at a path, not even a link that leads nowhere.
+#[must_use]
+pub fn is_gone(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_err_and(|e| e.kind() == ErrorKind::NotFound)
+}
+
 /// Whether this tool wrote a file, by its mark.
 ///
 /// # Errors

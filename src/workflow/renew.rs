@@ -5,9 +5,9 @@ use crate::data::error::Finding;
 use crate::data::index::{FileEntry, Index};
 use crate::data::provenance::{Input, Provenance};
 use crate::data::run_state::RunState;
+use crate::files::output::is_gone;
 use crate::files::parameter::{FileKind, read_any};
 use serde::Deserialize;
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// The result of a diagnosis, the one result with a recipe that is no parameter file.
@@ -62,7 +62,7 @@ fn one(file: &FileEntry, index: &Index, desk: &Desk) -> Result<Option<Renewed>, 
 
 /// How a result says that it was made; `None` for figures, tables and reports, which come with one that does, and for one that was deleted.
 fn origin(path: &Path) -> Result<Option<Provenance>, Finding> {
-    if std::fs::symlink_metadata(path).is_err_and(|e| e.kind() == ErrorKind::NotFound) {
+    if is_gone(path) {
         return Ok(None);
     }
     #[derive(Deserialize)]

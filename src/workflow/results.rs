@@ -11,12 +11,11 @@ use crate::data::run_state::{Outcome, RunState};
 use crate::files::campaign::Campaign;
 use crate::files::ledger::{Ledger, Origin, Written, WrittenFiles};
 use crate::files::lock::FolderLock;
-use crate::files::output::Folder;
+use crate::files::output::{Folder, is_gone};
 use crate::files::parameter::{self, FileKind, alone_of};
 use crate::files::{ccr, index};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -284,8 +283,7 @@ impl Open {
         entries.into_iter().for_each(|entry| index.put(entry));
         self.runs(&seen, &written, &mut index);
         index.judge();
-        let is_gone = |path: &str| std::fs::symlink_metadata(self.out.join(path)).is_err_and(|e| e.kind() == ErrorKind::NotFound);
-        index.forget_deleted(|path| !is_gone(path));
+        index.forget_deleted(|path| !is_gone(&self.out.join(path)));
         index
     }
 

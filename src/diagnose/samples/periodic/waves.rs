@@ -65,9 +65,13 @@ struct Sums {
     residual: [f64; 3],
 }
 
+/// A wave of unit size after so many cycles.
+fn phase(cycles: f64) -> Complex<f64> {
+    Complex::from_polar(1.0, TAU * cycles.fract())
+}
+
 /// The wave of unit size over a stretch.
 fn unit_wave(hz: f64, stretch: &Stretch, t_s: &[f64]) -> impl Iterator<Item = Complex<f64>> {
-    let phase = |cycles: f64| Complex::from_polar(1.0, TAU * cycles.fract());
     let turn = phase(hz * stretch.dt_s);
     std::iter::successors(Some(phase(hz * t_s[stretch.from])), move |z| Some(z * turn)).take(stretch.to - stretch.from)
 }
@@ -92,7 +96,6 @@ impl Waves<'_> {
     fn sums<const N: usize>(&self, hz: [f64; N]) -> [Vec<Sums>; N] {
         let of_stretch = |stretch: &Stretch| -> [Sums; N] {
             let first_s = self.grid.samples.t_s[stretch.from];
-            let phase = |cycles: f64| Complex::from_polar(1.0, TAU * cycles.fract());
             let (mut z, turn) = (hz.map(|f| phase(f * first_s)), hz.map(|f| phase(f * stretch.dt_s)));
             let mut along = [[Complex::<f64>::ZERO; N]; 3];
             let mut residual = [0.0; 3];
@@ -138,7 +141,7 @@ impl Waves<'_> {
             let (mut all, mut count) = (Sums::default(), 0.0);
             for (stretch, own) in plateau.iter().zip(sums.by_ref()) {
                 let middle_s = 0.5 * (t_s[stretch.from] + t_s[stretch.to - 1]);
-                let turn = Complex::from_polar(1.0, TAU * ((hz - band.hz) * middle_s).fract());
+                let turn = phase((hz - band.hz) * middle_s);
                 count += (stretch.to - stretch.from) as f64;
                 all.wave += own.wave * turn;
                 all.square += own.square * turn * turn;

@@ -106,13 +106,7 @@ impl Comparison<'_> {
             (1..self.runs).filter_map(candidate).collect::<Vec<_>>()
         };
         let candidates: Vec<Vec<Candidate>> = (0..CONSTANT).into_par_iter().map(of_parameter).collect();
-        let mut best: Option<Candidate> = None;
-        for candidate in candidates.into_iter().flatten() {
-            if best.is_none_or(|best| candidate.gain > best.gain) {
-                best = Some(candidate);
-            }
-        }
-        best
+        candidates.into_iter().flatten().reduce(|best, next| if next.gain > best.gain { next } else { best })
     }
 
     /// The model with all steps that are convincing, and the first one that is not.
