@@ -427,6 +427,31 @@ fn the_printed_runs_of_1998_agree_once_the_facility_is_corrected() {
     assert_eq!(file["used"].as_array().unwrap().len(), 13);
 }
 
+/// Orientations do not see the common scale factor: its uncertainty is the one that the facility had. The rest is orthogonal to it.
+#[test]
+fn what_orientations_do_not_see_keeps_the_uncertainty_of_the_facility() {
+    let case = Case::new();
+    let Facility { scale, offset_nt, angles_deg } = &FACILITY;
+    let common = 2e-5;
+    let rows: Vec<Vec<f64>> = scale.iter().map(|a| scale.iter().map(|b| common * common * a * b).collect()).collect();
+    let facility = case.put(
+        "facility.toml",
+        format!(
+            "scale_nt_per_eu = {scale:?}\noffset_nt = {offset_nt:?}\nangles_deg = {angles_deg:?}\n[covariance]\n\
+             parameters = [\"scale_x\", \"scale_y\", \"scale_z\"]\nmatrix = {rows:?}\n"
+        ),
+    );
+    let table = repository("tests/data/champ/runs_ambient.csv");
+    let (status, _, errors) = coil(&case, "tilt", &[&table], &["--facility", facility.to_str().unwrap(), "--no-plots"]);
+    assert_eq!(status, Some(0), "{errors}");
+    let file = parameters(&case.out().join("COIL_TILT__1.toml"));
+    let entry = |r: usize, c: usize| number(&file, &format!("covariance.matrix.{r}.{c}"));
+    let after = |k: usize| number(&file, &format!("scale_nt_per_eu.{k}"));
+    let relative: f64 = (0..9).map(|i| entry(i / 3, i % 3) / (after(i / 3) * after(i % 3))).sum();
+    assert!((relative / (9.0 * common * common) - 1.0).abs() < 1e-6, "{relative}");
+    assert!((0..3).all(|k| number(&file, &format!("std.scale_nt_per_eu.{k}")) > common * after(k)));
+}
+
 fn product(a: &[Three; 3], b: &[Three; 3]) -> [Three; 3] {
     std::array::from_fn(|r| std::array::from_fn(|c| (0..3).map(|k| a[r][k] * b[k][c]).sum()))
 }

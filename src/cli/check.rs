@@ -137,7 +137,10 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
                 let fault = |f: ChannelFault| {
                     Finding::error(&shown, f.text(), "do not use the channel where it is wrong").weighing(Severity::Warning)
                 };
-                findings.extend(temperature_faults::faults(&run, &Instructions::default()).into_iter().map(fault));
+                // The channels of coils and rack are those that the campaign of the run names.
+                let campaigns = Campaign::open(&[path.to_owned()], &mut Vec::new()).unwrap_or_default();
+                let instructions = campaigns.first().map_or_else(Instructions::default, |c| c.file.instructions.clone());
+                findings.extend(temperature_faults::faults(&run, &instructions).into_iter().map(fault));
                 findings.extend(run.findings);
             }
             Err(errors) => findings.extend(errors),

@@ -98,7 +98,7 @@ impl Note {
     /// Whether it concerns the result as a whole, so that a report begins with it.
     #[must_use]
     pub fn comes_first(&self) -> bool {
-        self.kind.label().is_some_and(|label| label != "MODEL")
+        self.kind != NoteKind::Model && self.kind.label().is_some()
     }
 }
 

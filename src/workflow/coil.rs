@@ -316,7 +316,15 @@ impl TiltInput {
                 FacilityParameters::constant([1.0; 3], [0.0; 3], [90.0; 3])
             }
         };
-        let mut result = tilt(&self.results, &before, options).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
+        let covariance =
+            used.and_then(|file| file.periods.iter().find(|p| p.part == before)).and_then(|period| period.covariance.as_ref());
+        if covariance.is_none() && !self.stated.iter().all(Option::is_none) {
+            let text = "what the orientations do not determine is without the uncertainty of the facility that the runs were evaluated with";
+            let remedy = "name that facility with --facility, with its covariance";
+            notes.push(Note::new(NoteKind::Facility, text).with_remedy(remedy));
+        }
+        let mut result =
+            tilt(&self.results, &before, covariance, options).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
         result.notes.extend(notes);
         let mut inputs: Vec<Input> = Vec::new();
         for input in self.inputs.into_iter().chain(used.map(|f| f.input.clone())) {

@@ -149,12 +149,16 @@ fn outcome(kind: Kind, damage: &str, whole: &Analysed, found: &Analysed) -> Outc
     if found.status != 0 {
         return Outcome::Refused;
     }
+    // A parameter that is gone without a word is as wrong as can be.
     let mut worst = (0.0, String::new());
-    for (name, value, std) in &found.parameters {
-        let Some((_, before, _)) = whole.parameters.iter().find(|(n, ..)| n == name) else { continue };
-        let off = (value - before).abs();
-        let z = if off == 0.0 { 0.0 } else { off / std.max(1e-300) };
-        if z > worst.0 || z.is_nan() {
+    for (name, before, _) in whole.parameters.iter().filter(|(_, before, _)| before.is_finite()) {
+        let value_and_std = found.parameters.iter().find(|(n, ..)| n == name).map(|(_, value, std)| (value - before, *std));
+        let z = match value_and_std {
+            Some((0.0, _)) => 0.0,
+            Some((off, std)) if off.is_finite() && std.is_finite() => off.abs() / std.max(1e-300),
+            _ => f64::INFINITY,
+        };
+        if z > worst.0 {
             worst = (z, name.clone());
         }
     }

@@ -221,18 +221,28 @@ fn runs_of_sensor<'a>(
 /// The runs of one orientation.
 type Group<'a> = (Position, Vec<&'a OrientedRun>);
 
-/// Tells sensor and facility apart; `facility` is the one that the runs were evaluated with.
+/// Tells sensor and facility apart; `facility` is the one that the runs were evaluated with, `stated` the covariance of its values, if it has
+/// one. What the orientations do not see keeps the uncertainty that it had.
 ///
 /// # Errors
 /// [`CoilError`]: fewer than two orientations, or several sensors.
-pub fn tilt(runs: &[OrientedRun], facility: &FacilityParameters, options: &Options) -> Result<Tilt, CoilError> {
+pub fn tilt(
+    runs: &[OrientedRun],
+    facility: &FacilityParameters,
+    stated: Option<&Covariance>,
+    options: &Options,
+) -> Result<Tilt, CoilError> {
     let mut notes = Vec::new();
     let groups = by_orientation(runs_of_sensor(runs, options, &mut notes)?);
     // The runs of an orientation share place, mounting and state of the facility, so every orientation counts once.
     let all: Vec<(Position, SensorValues)> = groups.iter().map(|(position, members)| (*position, mean(members))).collect();
     let is_used = agreeing(&all, options, &mut notes)?;
     let own: Vec<(Position, SensorValues)> = all.iter().zip(&is_used).filter(|(_, used)| **used).map(|(o, _)| *o).collect();
-    let solved = solve_all(&own)?;
+    let mut solved = solve_all(&own)?;
+    for (family, solved) in Class::ALL.into_iter().zip(&mut solved) {
+        let kept: Matrix3<f64> = solved.unseen.iter().map(|u| u * u.transpose()).sum();
+        solved.covariance += kept * additive_covariance(family, facility, stated) * kept;
+    }
     if solved.iter().any(|s| s.dof == 0) {
         notes.push(Note::new(NoteKind::Method, "there are as many values as parameters: nothing tells the uncertainties"));
     }
@@ -256,7 +266,7 @@ pub fn tilt(runs: &[OrientedRun], facility: &FacilityParameters, options: &Optio
     let found = TiltFound {
         sensor: groups.first().and_then(|(_, members)| members.first()).map_or_else(String::new, |r| r.sensor.clone()),
         used: used.iter().flat_map(|o| o.runs.iter().cloned()).collect(),
-        covariance: covariance(&solved, after.scale_nt_per_eu),
+        covariance: covariance(&solved, after.scale_nt_per_eu, stated),
         facility: after,
         std,
         facility_before: facility.clone(),
@@ -355,18 +365,53 @@ fn name(family: Class, direction: &Vector3<f64>) -> String {
     format!("{what}s of the coil system against those of the sensor: {}", parts.join(" "))
 }
 
-fn covariance(solved: &[Solved; 3], scale: [f64; 3]) -> Covariance {
-    let lower = |names: [&str; 3], key: &str| names.map(|n| format!("{key}_{}", n.to_lowercase()));
-    let parameters = [lower(AXES, "scale"), lower(AXES, "offset"), lower(ANGLES, "angle")].concat();
-    let units = ["nT/EU", "nT", "deg"].into_iter().flat_map(|u| [u.to_owned(), u.to_owned(), u.to_owned()]).collect();
+/// Names of the three values of a family in the covariance of a facility.
+fn names_of(family: Class) -> [String; 3] {
+    let (key, axes) = match family {
+        Class::Scale => ("scale", AXES),
+        Class::Offset => ("offset", AXES),
+        Class::Angle => ("angle", ANGLES),
+    };
+    axes.map(|axis| format!("{key}_{}", axis.to_lowercase()))
+}
+
+/// The covariance that a facility states for a family, of what acts by addition: of the logarithms of scale factors, see [`additive`]. Zero for
+/// what it does not state.
+fn additive_covariance(family: Class, facility: &FacilityParameters, stated: Option<&Covariance>) -> Matrix3<f64> {
+    let Some(stated) = stated else { return Matrix3::zeros() };
+    let at = names_of(family).map(|name| stated.parameters.iter().position(|p| *p == name));
+    let unit = |k: usize| if matches!(family, Class::Scale) { facility.scale_nt_per_eu[k] } else { 1.0 };
+    Matrix3::from_fn(|r, c| match (at[r], at[c]) {
+        (Some(i), Some(j)) => stated.matrix[i][j] / (unit(r) * unit(c)),
+        _ => 0.0,
+    })
+}
+
+/// The covariance of the corrected facility; its temperature coefficients, which are kept, keep that of the facility before.
+fn covariance(solved: &[Solved; 3], scale: [f64; 3], before: Option<&Covariance>) -> Covariance {
+    let mut parameters = Class::ALL.map(names_of).concat();
+    let mut units: Vec<String> =
+        ["nT/EU", "nT", "deg"].into_iter().flat_map(|u| [u.to_owned(), u.to_owned(), u.to_owned()]).collect();
+    let constants = parameters.len();
+    let mut kept = Vec::new();
+    for (index, name) in before.iter().flat_map(|b| b.parameters.iter().enumerate()) {
+        if !parameters[..constants].contains(name) {
+            kept.push(index);
+            parameters.push(name.clone());
+            units.extend(before.and_then(|b| b.units.get(index)).cloned());
+        }
+    }
     let factor = |family: usize, k: usize| if family == 0 { scale[k] } else { 1.0 };
     let entry = |r: usize, c: usize| {
         let family = r / 3;
-        if family == c / 3 {
-            solved[family].covariance[(r % 3, c % 3)] * factor(family, r % 3) * factor(family, c % 3)
-        } else {
-            0.0
+        match (r.checked_sub(constants), c.checked_sub(constants)) {
+            (None, None) if family == c / 3 => {
+                solved[family].covariance[(r % 3, c % 3)] * factor(family, r % 3) * factor(family, c % 3)
+            }
+            (Some(i), Some(j)) => before.map_or(0.0, |b| b.matrix[kept[i]][kept[j]]),
+            _ => 0.0,
         }
     };
-    Covariance { parameters, units, matrix: (0..9).map(|r| (0..9).map(|c| entry(r, c)).collect()).collect() }
+    let size = parameters.len();
+    Covariance { parameters, units, matrix: (0..size).map(|r| (0..size).map(|c| entry(r, c)).collect()).collect() }
 }

@@ -121,6 +121,9 @@ pub(super) fn joint_fit(points: &[&CalibratedRun], runs: &[&Lin], fits: &[Quanti
     joint(&runs, &start, &Limits::default())
 }
 
+/// Plateaus that a robust fit of their run gives less weight do not belong to the joint fit, which has no weights of its own.
+const JOINT_WEIGHT: f64 = 0.5;
+
 /// A linear calibration as a run of the joint fit.
 fn joint_run(lin: &Lin) -> JointRun {
     let mean_degc = lin.calibration.run.temperature_degc.unwrap_or(f64::NAN);
@@ -139,7 +142,7 @@ fn joint_run(lin: &Lin) -> JointRun {
         run: lin.calibration.run.id.clone(),
         r_nom: matrix(&lin.calibration.matrix.r_nom),
         rho: matrix(&lin.calibration.matrix.rho),
-        plateaus: lin.blocks.iter().filter(|b| b.plateau.dropped.is_none()).map(plateau).collect(),
+        plateaus: lin.blocks.iter().filter(|b| b.plateau.dropped.is_none() && b.weight >= JOINT_WEIGHT).map(plateau).collect(),
         trend: Trend::Time(lin.calibration.offset.trend_order),
         rotation_order: 0,
         noise_ent: lin.calibration.noise.std_ent,

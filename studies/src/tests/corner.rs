@@ -131,8 +131,10 @@ fn the_printed_corners_of_2013() {
     assert_eq!(count, 9);
 }
 
+/// In short every third amplitude of every run is left out.
 #[test]
 fn no_single_amplitude_moves_the_corner_by_three_standard_deviations() {
+    let step = Size::asked().of(3, 1);
     let mut worst: f64 = 0.0;
     for run in RUNS {
         let rows = table(run);
@@ -144,13 +146,13 @@ fn no_single_amplitude_moves_the_corner_by_three_standard_deviations() {
         let without = |left_out: usize| {
             let mut fewer = rows.clone();
             fewer.remove(left_out);
-            without_jackknife(&fewer)
+            (left_out, without_jackknife(&fewer))
         };
-        let all: Vec<Corner> = (0..rows.len()).into_par_iter().map(without).collect();
-        for (left_out, found) in all.iter().enumerate() {
+        let all: Vec<(usize, Corner)> = (0..rows.len()).into_par_iter().step_by(step).map(without).collect();
+        for (left_out, found) in &all {
             for (c, ([value, _], [all, std])) in model_corners(found).into_iter().zip(stated).enumerate() {
                 let moved = (value - all).abs() / std;
-                assert!(moved < 3.0, "{run} {c} without {} Hz: {value} for {all} ± {std}", rows[left_out].frequency_hz);
+                assert!(moved < 3.0, "{run} {c} without {} Hz: {value} for {all} ± {std}", rows[*left_out].frequency_hz);
                 worst = worst.max(moved);
             }
         }

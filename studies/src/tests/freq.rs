@@ -1,5 +1,6 @@
 //! Frequency runs of the blind generator: silence where nothing is missing, right names where an effect is strong.
 
+use super::Size;
 use crate::blind::Options;
 use crate::blind::kinds::generate;
 use crate::blind::noise::Family;
@@ -97,7 +98,7 @@ fn strong_effects_are_found_and_named() {
 /// minimum. Ten times the strength at which a name is certain.
 #[test]
 fn a_clock_that_drifts_and_a_pole_are_two_effects() {
-    let poles = ["eddy_current_attenuation", "response_order"].repeat(2);
+    let poles = ["eddy_current_attenuation", "response_order"].repeat(Size::asked().of(1, 2));
     poles.into_par_iter().enumerate().for_each(|(seed, pole)| {
         let options = Options {
             effects: vec!["clock_drift".to_owned(), pole.to_owned()],
