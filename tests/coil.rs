@@ -781,6 +781,19 @@ fn lin_applies_the_temperatures_of_coil_and_rack() {
     close(sigma(&file), wanted, 1.5e-6);
 }
 
+/// Coils at 20.5 °C: a facility that was measured up to 20 °C holds there, one that was measured up to 17 °C is extrapolated.
+#[test]
+fn a_facility_beyond_the_temperatures_of_its_own_calibration_is_told() {
+    let (_, run) = in_facility(&FACILITY);
+    let case = Case::of(run.text());
+    for (highest, is_told) in [(20.0, false), (17.0, true)] {
+        let text = format!("{}[valid]\ncoil_degc = [15.0, {highest:?}]\n", with_coefficients(OFFSET_NT));
+        let facility = case.put("facility.toml", text);
+        let messages = case.done(&["--facility", facility.to_str().unwrap(), "--order", "0"]);
+        assert_eq!(messages.contains("coefficients are extrapolated"), is_told, "{messages}");
+    }
+}
+
 /// A facility whose coils have 1.9e-5, 1.65e-5 and 1.75e-5 per kelvin, in a file.
 fn with_coefficients(offset_nt: Three) -> String {
     format!(

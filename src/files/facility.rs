@@ -26,10 +26,23 @@ pub fn read(path: &Path) -> Result<Facility, Finding> {
     }
     let keys = Keys::parse(&shown, 1, text)?;
     let periods = periods(&keys)?;
+    let [valid_coil_degc, valid_rack_degc] = match keys.root().group("valid")? {
+        Some(valid) => [range(&valid, "coil_degc")?, range(&valid, "rack_degc")?],
+        None => [None, None],
+    };
     // Tables of others may hold nan; what a facility needs is read as finite numbers.
     is_sound_table(&shown, keys.table(), &keys.root().names())?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(Facility { input: digested.input(name).with_role(Role::Facility), periods })
+    Ok(Facility { input: digested.input(name).with_role(Role::Facility), periods, valid_coil_degc, valid_rack_degc })
+}
+
+/// A smallest and a largest value.
+fn range(group: &Group, key: &str) -> Result<Option<[f64; 2]>, Finding> {
+    let Some(values) = group.numbers(key)? else { return Ok(None) };
+    match values.as_slice() {
+        [low, high] if low <= high => Ok(Some([*low, *high])),
+        _ => Err(group.refuse(key, "is not a smallest and a largest value", "write two temperatures in °C, the lower one first")),
+    }
 }
 
 /// The periods of a file, in the order of their times; one that holds always if it names none.

@@ -45,6 +45,10 @@ pub struct Facility {
     pub input: Input,
     /// Its values with the times in which they hold, at least one.
     pub periods: Vec<Period>,
+    /// Smallest and largest temperature of the coils at which it was measured, °C; absent where the file does not say so.
+    pub valid_coil_degc: Option<[f64; 2]>,
+    /// The same of the rack.
+    pub valid_rack_degc: Option<[f64; 2]>,
 }
 
 /// Values of a facility and the time in which they hold.
@@ -124,7 +128,7 @@ impl Facility {
             covariance: p.covariance.as_ref().map(|c| keeping(c, |name| !name.contains("offset"))),
             span: p.span.clone(),
         };
-        Facility { input: self.input.clone(), periods: self.periods.iter().map(without).collect() }
+        Facility { periods: self.periods.iter().map(without).collect(), ..self.clone() }
     }
 
     /// Whether its values depend on the rack temperature.

@@ -1,7 +1,7 @@
 //! Settings as fields of a facility that is known: every setting at the temperatures of coils and rack in its own time, with the values of the
 //! period that it lies in (CH-GFZ-TR-2601 section 6: the facility is corrected with the temperatures during the run; mathematics.md section 5).
 
-use super::conditions::PLAUSIBLE_DEGC;
+use super::conditions::{AT_REST_K, PLAUSIBLE_DEGC};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::run::{Run, interpolate};
@@ -83,6 +83,21 @@ pub fn apply(
         }
     }
     let used: Vec<f64> = coil_degc.iter().flatten().flat_map(|degc| degc.iter().copied()).collect();
+    for (what, valid, degc) in [
+        ("coil", facility.valid_coil_degc, range(&used)),
+        ("rack", facility.valid_rack_degc, rack_degc.as_deref().and_then(range)),
+    ] {
+        if let Some(([low, high], [from, to])) = valid.zip(degc)
+            && (from < low - AT_REST_K || to > high + AT_REST_K)
+        {
+            let text = format!(
+                "{} was measured at {what} temperatures from {low:.1} to {high:.1} °C and is used from {from:.1} to {to:.1} °C: outside, its \
+                 temperature coefficients are extrapolated",
+                facility.input.path
+            );
+            notes.extend([Note::new(NoteKind::Facility, text).about(facility.input.path.as_str())]);
+        }
+    }
     let first = &facility.periods[periods.first().copied().unwrap_or_default()];
     let part = FacilityApplied {
         file: facility.input.path.clone(),
