@@ -446,7 +446,7 @@ fn what_orientations_do_not_see_keeps_the_uncertainty_of_the_facility() {
     assert_eq!(status, Some(0), "{errors}");
     let file = parameters(&case.out().join("COIL_TILT__1.toml"));
     let entry = |r: usize, c: usize| number(&file, &format!("covariance.matrix.{r}.{c}"));
-    let after = |k: usize| number(&file, &format!("scale_nt_per_eu.{k}"));
+    let after = |k: usize| number(&file, &format!("facility.scale_nt_per_eu.{k}"));
     let relative: f64 = (0..9).map(|i| entry(i / 3, i % 3) / (after(i / 3) * after(i % 3))).sum();
     assert!((relative / (9.0 * common * common) - 1.0).abs() < 1e-6, "{relative}");
     assert!((0..3).all(|k| number(&file, &format!("std.scale_nt_per_eu.{k}")) > common * after(k)));
