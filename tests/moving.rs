@@ -250,6 +250,38 @@ fn slopes_that_the_programme_does_not_determine_need_a_bound() {
 }
 
 #[test]
+fn a_group_whose_runs_show_no_slopes_leaves_a_moving_run_its_own() {
+    let case = Case::new();
+    let rest = short_run(10.4).replace(ID, "26-01-02_00-00-00").replace("2026-01-01T", "2026-01-02T");
+    case.put("26-01-01/00-00-00.CCR", short_run(22.0));
+    case.put("26-01-02/00-00-00.CCR", rest);
+    let bound = |quantity: &str, std: f64, unit: &str| {
+        format!("[[uncertainty]]\nquantity = \"{quantity}\"\nstd = {std}\nunit = \"{unit}\"\nsource = \"type test\"\n")
+    };
+    case.put("campaign.toml", bound("slope_sigma", 2e-5, "nT/enT/K") + &bound("slope_xi", 1e-4, "deg/K"));
+    let made = |orders: &[&str]| {
+        let output = calfit()
+            .arg("thermal")
+            .arg(case.campaign())
+            .args(orders)
+            .arg("-o")
+            .arg(case.out())
+            .arg("--no-plots")
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        parameters(&folder(&case, ID).join(format!("PARAMETER_TEMPLIN__{ID}.CPF")))
+    };
+    // Two runs have too few temperatures for a slope: a constant is no knowledge of it.
+    let file = made(&[]);
+    assert_eq!(file["slopes"]["source"].as_str(), Some("bound"));
+    says(&file["warnings"].to_string(), &["tells no slope of sigma_x"]);
+    // Orders that were given are taken at their word.
+    let file = made(&["--order", "sigma=0", "--order", "xi=0"]);
+    assert!(file["slopes"]["source"].as_str().unwrap().ends_with(".TPF"));
+}
+
+#[test]
 fn a_run_at_rest_has_no_slopes() {
     let case = Case::new();
     case.put("26-01-01/00-00-00.CCR", short_run(10.4));

@@ -187,11 +187,11 @@ fn origin<'a>(
     notes: &mut Vec<Note>,
 ) -> Result<Option<Origin<'a>>, LinError> {
     let (header, channel) = (&run.header, instructions.channels(&run.header).0);
-    let Some(polynomials) = &options.temperature else {
-        let order = instructions.order_of_sensor(header);
-        let bounds = instructions.slope_bounds;
-        return Ok(moving.filter(|m| m.is_moving()).map(|_| Origin::Run { order, bounds }));
+    let own = || {
+        let (order, bounds) = (instructions.order_of_sensor(header), instructions.slope_bounds);
+        moving.filter(|m| m.is_moving()).map(|_| Origin::Run { order, bounds })
     };
+    let Some(polynomials) = &options.temperature else { return Ok(own()) };
     let file = &polynomials.input.path;
     let other_channel = polynomials.channel.as_ref().filter(|own| **own != channel);
     let other_sensor = (&polynomials.sensor, &polynomials.mode) != (&header.sensor, &header.mode);
@@ -212,6 +212,15 @@ fn origin<'a>(
         notes.push(Note::new(NoteKind::Temperature, text).about(file));
         return Ok(None);
     };
+    if let Some(quantity) = polynomials.without_slope.as_ref().filter(|_| moving.is_moving()) {
+        let text = format!(
+            "{file} tells no slope of {quantity}: its runs show none, and the order 0 was not given; the slopes of {file} are not used"
+        );
+        notes.push(
+            Note::new(NoteKind::Temperature, text).about(file).with_remedy("give the order with --order or in campaign.toml"),
+        );
+        return Ok(own());
+    }
     let ([low, high], [from, to]) = (moving.range_degc, polynomials.valid_degc);
     if low < from - AT_REST_K || high > to + AT_REST_K {
         let text = format!(

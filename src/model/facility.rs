@@ -131,16 +131,18 @@ impl Facility {
         Facility { periods: self.periods.iter().map(without).collect(), ..self.clone() }
     }
 
-    /// Whether its values depend on the rack temperature.
+    /// Whether its values, or their uncertainties, depend on the rack temperature.
     #[must_use]
     pub fn follows_rack(&self) -> bool {
-        self.periods.iter().any(|p| acts(p.part.rack_scale_per_k) || acts(p.part.rack_offset_nt_per_k))
+        let is_uncertain = |p: &Period| p.is_uncertain(&["rack_scale_per_k_", "rack_offset_per_k_"]);
+        self.periods.iter().any(|p| acts(p.part.rack_scale_per_k) || acts(p.part.rack_offset_nt_per_k) || is_uncertain(p))
     }
 
-    /// Whether its values depend on the coil temperature.
+    /// Whether its values, or their uncertainties, depend on the coil temperature.
     #[must_use]
     pub fn follows_coil(&self) -> bool {
-        self.periods.iter().any(|p| acts(p.part.scale_per_k) || acts(p.part.offset_nt_per_k))
+        let is_uncertain = |p: &Period| p.is_uncertain(&["scale_per_k_", "offset_per_k_"]);
+        self.periods.iter().any(|p| acts(p.part.scale_per_k) || acts(p.part.offset_nt_per_k) || is_uncertain(p))
     }
 }
 
@@ -160,6 +162,14 @@ fn keeping(covariance: &Covariance, keep: impl Fn(&str) -> bool) -> Covariance {
 }
 
 impl Period {
+    /// Whether the covariance gives a variance to a parameter whose name begins with one of these.
+    fn is_uncertain(&self, beginnings: &[&str]) -> bool {
+        self.covariance.as_ref().is_some_and(|covariance| {
+            let is_meant = |name: &str| beginnings.iter().any(|beginning| name.starts_with(beginning));
+            covariance.parameters.iter().enumerate().any(|(i, name)| is_meant(name) && covariance.matrix[i][i] > 0.0)
+        })
+    }
+
     /// The values moved by one standard deviation along each principal direction of their covariance. The sum of the squares of what
     /// these moves change in a result is the variance that the facility gives to it.
     #[must_use]
@@ -290,4 +300,40 @@ pub struct FacilityApplied {
     pub period: Option<PeriodSpan>,
     /// Its parameters, in this period.
     pub applied: FacilityParameters,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A coefficient of zero that is uncertain makes the temperature matter as any other does.
+    #[test]
+    fn a_facility_follows_the_temperatures_whose_coefficients_are_uncertain() {
+        let with = |name: &str, variance: f64| Facility {
+            input: Input::default(),
+            periods: vec![Period {
+                span: PeriodSpan::default(),
+                part: FacilityParameters {
+                    scale_per_k: Some([0.0; 3]),
+                    rack_scale_per_k: Some([0.0; 3]),
+                    ..FacilityParameters::constant([1.0; 3], [0.0; 3], [90.0; 3])
+                },
+                covariance: Some(Covariance {
+                    parameters: vec![name.to_owned()],
+                    units: vec!["1/K".to_owned()],
+                    matrix: vec![vec![variance]],
+                }),
+            }],
+        };
+        let follows = |name: &str, variance: f64| {
+            let facility = with(name, variance);
+            (facility.follows_coil(), facility.follows_rack())
+        };
+        assert_eq!(follows("scale_per_k_x", 1e-12), (true, false));
+        assert_eq!(follows("offset_per_k_z", 1e-12), (true, false));
+        assert_eq!(follows("rack_scale_per_k_y", 1e-12), (false, true));
+        assert_eq!(follows("rack_offset_per_k_y", 1e-12), (false, true));
+        assert_eq!(follows("scale_per_k_x", 0.0), (false, false));
+        assert_eq!(follows("scale_x", 1e-12), (false, false));
+    }
 }

@@ -27,6 +27,8 @@ pub struct SensorPolynomials {
     pub xi_deg: [TemperaturePolynomial; 3],
     /// Offset and residual field of x, y and z, enT.
     pub b_or_ent: [TemperaturePolynomial; 3],
+    /// A sensitivity or angle that is constant although nobody gave it the order 0: its runs show no slope, which tells none of zero.
+    pub without_slope: Option<String>,
     /// What the runs behind them show of their noise together; absent where the file does not tell.
     pub noise: Option<GroupNoise>,
 }

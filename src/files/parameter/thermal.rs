@@ -18,6 +18,7 @@ use crate::data::run::Location;
 use crate::data::units::COMPONENTS;
 use crate::fit::noise::NoiseParameters;
 use crate::fit::noise::dense::{GroupNoise, NoiseKind, Origin, Pooled};
+use crate::fit::order::Reason;
 use crate::model::field_calibration::Frame;
 use crate::model::polynomial::{TemperaturePolynomial, value};
 use crate::model::sensor_polynomials::SensorPolynomials;
@@ -308,6 +309,14 @@ impl NoisePart {
     }
 }
 
+/// The first sensitivity or angle that has the order 0 because the runs show no slope: neither was it given, nor are the values free of
+/// scatter.
+fn without_slope(quantities: &[QuantityFound]) -> Option<String> {
+    let is_known = |q: &QuantityFound| [Reason::Given, Reason::Exact].iter().any(|reason| reason.to_string() == q.order_by);
+    let is_of_response = |q: &QuantityFound| q.name.starts_with("sigma_") || q.name.starts_with("xi_");
+    quantities.iter().find(|q| is_of_response(q) && q.order == 0 && !is_known(q)).map(|q| q.name.clone())
+}
+
 impl Tpf {
     /// The sensitivities with the covariances that the file states, nT/enT; a covariance of size zero is not known.
     #[must_use]
@@ -361,6 +370,7 @@ impl Tpf {
             sigma: self.sigma(),
             xi_deg: self.xi_deg(),
             b_or_ent: self.b_or_ent(),
+            without_slope: without_slope(&head.quantity),
             noise: NoisePart::together(&self.noise),
         }
     }
@@ -523,6 +533,40 @@ impl ThermalHead {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// An order that was given is taken at its word; one that the runs chose for want of points tells nothing of the slope.
+    #[test]
+    fn a_constant_is_a_slope_of_zero_only_where_it_was_given_or_is_exact() {
+        let quantity = |name: &str, order: usize, reason: Reason| QuantityFound {
+            name: name.to_owned(),
+            unit: String::new(),
+            runs: Vec::new(),
+            valid_degc: [0.0, 1.0],
+            degrees_of_freedom: 1,
+            factor_95: 1.96,
+            order,
+            order_by: reason.to_string(),
+            aicc: Vec::new(),
+            leave_one_out: Vec::new(),
+            value: Vec::new(),
+            std: Vec::new(),
+            residual: Vec::new(),
+            widened: 1.0,
+            min_error: 0.0,
+            max_error: 0.0,
+        };
+        let known = [
+            quantity("sigma_x", 1, Reason::LeastAicc),
+            quantity("sigma_y", 0, Reason::Given),
+            quantity("sigma_z", 0, Reason::Exact),
+            quantity("b_or_x", 0, Reason::TooFewPoints),
+        ];
+        assert_eq!(without_slope(&known), None);
+        for reason in [Reason::TooFewPoints, Reason::LeastAicc, Reason::LeaveOneOut] {
+            let all = [known.as_slice(), &[quantity("xi_xz", 0, reason)]].concat();
+            assert_eq!(without_slope(&all).as_deref(), Some("xi_xz"));
+        }
+    }
 
     #[test]
     fn noise_of_other_components_origins_or_probabilities_is_refused() {

@@ -24,6 +24,8 @@ const ENOUGH_FREEDOM: usize = 3;
 /// What the readings say before offset and residual field are told apart: the reading at zero applied field in every visit, and the
 /// response to applied fields in every position.
 pub(super) struct Levels {
+    /// Ids of the positions of the visits.
+    positions: Vec<u32>,
     /// Reading at zero applied field, visits x components, enT.
     pub reading_ent: DMatrix<f64>,
     /// Response per visit, enT/nT: rows are components, columns coil axes.
@@ -78,11 +80,13 @@ impl Levels {
             }
         });
         let mut covariance = &combine * &self.coefficients * combine.transpose();
-        for visit in 0..visits {
-            let unseen = (Matrix3::identity() - seen(&self.directions[visit])) * residual_nt;
+        let unseen = |visit: usize| (Matrix3::identity() - seen(&self.directions[visit])) * residual_nt;
+        for (visit, other) in (0..visits).flat_map(|visit| (0..visits).map(move |other| (visit, other))) {
+            // The direction in which the sensor looks belongs to the position: all visits to it err by the same.
+            let tilted = if self.positions[visit] == self.positions[other] { unseen(visit).dot(&unseen(other)) } else { 0.0 };
+            let rounding = if visit == other { self.rounding_ent.powi(2) } else { 0.0 };
             for component in 0..3 {
-                let index = component * visits + visit;
-                covariance[(index, index)] += self.rounding_ent.powi(2) + (NOMINAL_TILT * unseen.norm()).powi(2);
+                covariance[(component * visits + visit, component * visits + other)] += rounding + NOMINAL_TILT.powi(2) * tilted;
             }
         }
         covariance
@@ -119,6 +123,7 @@ impl<'a> Fitted<'a> {
             measured + nominal * (Matrix3::identity() - seen(&own))
         };
         Levels {
+            positions: stays.iter().map(|stay| stay.id).collect(),
             reading_ent: DMatrix::from_fn(stays.len(), 3, |v, i| solution.coefficients[(v, i)]),
             response: stays.iter().map(response).collect(),
             directions: stays.iter().map(|stay| columns.of_stay(stay)).collect(),
@@ -311,4 +316,35 @@ pub(super) fn check_components(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The mean of ten visits to one position errs by its unknown tilt as one visit does; that of visits to ten positions does not.
+    #[test]
+    fn the_unknown_tilt_is_common_to_the_visits_of_a_position() {
+        let visits = 10;
+        let std_ent = |positions: Vec<u32>| {
+            let levels = Levels {
+                positions,
+                reading_ent: DMatrix::zeros(visits, 3),
+                response: vec![Matrix3::identity(); visits],
+                directions: vec![Vec::new(); visits],
+                coefficients: DMatrix::identity(3 * visits, 3 * visits) * 1e-6,
+                rounding_ent: 0.0,
+                plateau_std_ent: [1e-3; 3],
+                degrees_of_freedom: 1,
+                notes: Vec::new(),
+            };
+            let covariance = levels.covariance(&Vector3::new(50.0, 0.0, 0.0));
+            let mean: f64 = (0..visits).flat_map(|v| (0..visits).map(move |w| (v, w))).map(|at| covariance[at]).sum();
+            assert_eq!(covariance[(0, visits)], 0.0, "the components err independently");
+            mean.sqrt() / visits as f64
+        };
+        let tilted = 50.0 * NOMINAL_TILT;
+        assert!((std_ent(vec![1; visits]) / tilted - 1.0).abs() < 1e-3);
+        assert!((std_ent((0..10).collect()) / (tilted / 10f64.sqrt()) - 1.0).abs() < 1e-3);
+    }
 }

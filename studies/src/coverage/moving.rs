@@ -87,6 +87,7 @@ pub(super) fn in_group(linear: &[Linear], orders: &[(String, usize)], instructio
         sigma: three(["sigma_x", "sigma_y", "sigma_z"]),
         xi_deg: three(["xi_xy", "xi_xz", "xi_yz"]),
         b_or_ent: three(["b_or_x", "b_or_y", "b_or_z"]),
+        without_slope: None,
         noise: across.noise.clone(),
     };
     let options = lin::Options { temperature: Some(polynomials), ..lin::Options::default() };
