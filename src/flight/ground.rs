@@ -53,6 +53,8 @@ pub struct GroundStep {
     pub calibration: FieldCalibration,
     /// The thermistor, for the uncertainty of its readings; absent where the table has temperatures.
     pub thermometer: Thermometer,
+    /// Standard uncertainty of the offset of the thermistor, which all readings share, °C; 0 where none is stated.
+    pub t_off_std_degc: f64,
     /// Temperatures.
     pub limits: Limits,
     /// Noise; absent if no uncertainties are wanted.
@@ -66,9 +68,14 @@ pub struct GroundStep {
 /// What all vectors at one temperature share.
 struct Here {
     at: AtTemperature,
-    /// Change of the offset and of the matrix with the temperature times its uncertainty.
+    /// From the wanted frame back to that of the files, if these are two.
+    back: Option<Matrix3<f64>>,
+    /// Change of the offset with the temperature, enT/K.
     offset_change_ent: Vector3<f64>,
+    /// Change of the matrix with the temperature, nT/enT/K.
     matrix_change: Matrix3<f64>,
+    /// Variance of the temperature from the step of the converter, °C².
+    own_degc2: f64,
     /// `M Mᵀ`, of noise of one enT along every axis.
     unit_noise: [f64; 6],
 }
@@ -83,11 +90,10 @@ impl GroundStep {
         times.first().map(of) == times.last().map(of)
     }
 
-    /// Change of the daily model of a time with the temperature times its uncertainty, nT.
-    fn daily_change_nt(&self, time: Tt2000, degc: f64, count: f64) -> Vector3<f64> {
+    /// Change of the daily model of a time with the temperature, nT/K.
+    fn daily_change_nt(&self, time: Tt2000, degc: f64) -> Vector3<f64> {
         let Some((_, own)) = self.daily.iter().find(|(span, _)| span.contains(&time)) else { return Vector3::zeros() };
-        let std_k = self.thermometer.std_degc(count);
-        Vector3::from_fn(|i, _| value(&derivative(&own[i].coefficients), degc) * std_k)
+        Vector3::from_fn(|i, _| value(&derivative(&own[i].coefficients), degc))
     }
 
     fn here(&self, degc: f64, count: f64) -> Option<Here> {
@@ -99,17 +105,27 @@ impl GroundStep {
             })
         };
         let own = at(degc)?;
+        let back = self.frame.and_then(|convention| Some(convention.frame_of(&self.calibration.at(degc)?.matrix).transpose()));
         if self.noise.is_none() {
             let nothing = (Vector3::zeros(), Matrix3::zeros());
-            return Some(Here { at: own, offset_change_ent: nothing.0, matrix_change: nothing.1, unit_noise: [0.0; 6] });
+            return Some(Here {
+                at: own,
+                back,
+                offset_change_ent: nothing.0,
+                matrix_change: nothing.1,
+                own_degc2: 0.0,
+                unit_noise: [0.0; 6],
+            });
         }
         let (low, high) = (at(degc - STEP_K)?, at(degc + STEP_K)?);
-        let scale = self.thermometer.std_degc(count) / (2.0 * STEP_K);
+        let scale = 1.0 / (2.0 * STEP_K);
         let square = own.matrix * own.matrix.transpose();
         Some(Here {
             offset_change_ent: (high.offset_ent - low.offset_ent) * scale,
             matrix_change: (high.matrix - low.matrix) * scale,
+            own_degc2: self.thermometer.std_degc(count).powi(2),
             unit_noise: SYMMETRIC.map(|place| square[place]),
+            back,
             at: own,
         })
     }
@@ -138,7 +154,7 @@ impl Step for GroundStep {
                 None
             };
             let whole_run = self.daily_run(&block.time[row..end]);
-            let daily_nt = if wants { self.daily_change_nt(block.time[row], degc, count) } else { Vector3::zeros() };
+            let daily_nt = if wants { self.daily_change_nt(block.time[row], degc) } else { Vector3::zeros() };
             let reason = if degc.is_finite() { Flags::TEMPERATURE } else { Flags::NO_TEMPERATURE };
             for row in row..end {
                 let Some(here) = here else {
@@ -149,20 +165,28 @@ impl Step for GroundStep {
                     block.flags[row] |= reason.0;
                 }
                 let raw = block.vector(row);
-                let raw = if linear { raw } else { Vector3::from(self.calibration.linearised_ent(Reading(raw.into()))) };
+                let reading = Reading(raw.into());
+                let raw = if linear { raw } else { Vector3::from(self.calibration.linearised_ent(reading)) };
                 let measured = raw - here.at.offset_ent;
-                block.put(row, &(here.at.matrix * measured));
+                let field = here.at.matrix * measured;
+                block.put(row, &field);
+                let of_files = here.back.map_or(field, |back| back * field);
+                if field.iter().all(|component| component.is_finite()) && self.calibration.is_beyond(reading, &of_files) {
+                    block.flags[row] |= Flags::FIELD.0;
+                }
                 if wants {
                     let noise2 = self.noise.as_ref().map_or(f64::NAN, |n| n.variance_ent2(block.mode[row], block.range[row]));
-                    let daily_nt = if whole_run { daily_nt } else { self.daily_change_nt(block.time[row], degc, count) };
+                    let daily_nt = if whole_run { daily_nt } else { self.daily_change_nt(block.time[row], degc) };
                     let change = here.matrix_change * measured - here.at.matrix * here.offset_change_ent - daily_nt;
                     let common = here.at.covariance_nt2(&measured);
                     for (element, (i, k)) in SYMMETRIC.into_iter().enumerate() {
-                        let own = here.unit_noise[element] * noise2 + change[i] * change[k];
+                        let per_k2 = change[i] * change[k];
+                        let own = here.unit_noise[element] * noise2 + per_k2 * here.own_degc2;
+                        let common = common[element] + per_k2 * self.t_off_std_degc * self.t_off_std_degc;
                         #[expect(clippy::cast_possible_truncation, reason = "variances need few digits")]
                         {
                             block.own_nt2[row][element] = own as f32;
-                            block.common_nt2[row][element] = common[element] as f32;
+                            block.common_nt2[row][element] = common as f32;
                         }
                     }
                 }
@@ -221,5 +245,88 @@ impl Step for MatrixStep {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::field_calibration::{Coefficient, Coefficients, FieldRange, MatrixForm, Parameter};
+    use nalgebra::DMatrix;
+
+    /// Slopes of the offsets, enT/K.
+    const SLOPES: [f64; 3] = [0.3, -0.2, 0.1];
+
+    /// A sensor of one nT/enT along right angles, whose offsets alone follow the temperature, for fields of up to 100 nT; all of it is exact.
+    fn step(t_off_std_degc: f64) -> GroundStep {
+        let mut coefficients = Vec::new();
+        for i in 0..3 {
+            for (parameter, power, value) in [
+                (Parameter::Offset(i), 0, 0.0),
+                (Parameter::Offset(i), 1, SLOPES[i]),
+                (Parameter::Sigma(i), 0, 1.0),
+                (Parameter::Xi(i), 0, 90.0),
+            ] {
+                coefficients.push(Coefficient { parameter, power, value });
+            }
+        }
+        let n = coefficients.len();
+        let parts = Coefficients {
+            matrix: Some(MatrixForm::Alignment(crate::data::convention::Convention::Rosetta)),
+            coefficients,
+            covariance: Some(DMatrix::zeros(n, n)),
+            range: Some(FieldRange { turn: Matrix3::identity(), limits_nt: [[-100.0, 100.0]; 3] }),
+            ..Coefficients::default()
+        };
+        GroundStep {
+            calibration: FieldCalibration::new(parts).unwrap(),
+            thermometer: Thermometer { coefficients: vec![0.0, 10.0], t_off_degc: 0.0 },
+            t_off_std_degc,
+            limits: Limits { valid_degc: [-50.0, 50.0], kept_degc: [-50.0, 50.0] },
+            noise: Some(ReadingNoise { std_ent: vec![0.0], step_ent: vec![0.0] }),
+            daily: Vec::new(),
+            frame: None,
+        }
+    }
+
+    /// Readings along x at 10 °C.
+    fn readings(x_ent: &[f64]) -> Block {
+        let n = x_ent.len();
+        Block {
+            time: (0..n as i64).collect(),
+            field: [x_ent.to_vec(), vec![0.0; n], vec![0.0; n]],
+            thermistor: vec![100.0; n],
+            t_degc: vec![10.0; n],
+            mode: vec![0; n],
+            range: vec![0; n],
+            flags: vec![0; n],
+            own_nt2: vec![[0.0; 6]; n],
+            common_nt2: vec![[0.0; 6]; n],
+            ..Block::default()
+        }
+    }
+
+    #[test]
+    fn the_offset_of_the_thermistor_is_uncertain_in_all_vectors_alike() {
+        for std in [0.0, 0.5] {
+            let mut block = readings(&[50.0, -20.0]);
+            step(std).apply(&mut block);
+            for found in &block.common_nt2 {
+                for (element, (i, k)) in SYMMETRIC.into_iter().enumerate() {
+                    // The field falls by the slope of the offset with every kelvin.
+                    let wanted = std * std * SLOPES[i] * SLOPES[k];
+                    assert!((f64::from(found[element]) - wanted).abs() < 1e-7, "{std} {i} {k}: {found:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_field_outside_the_range_of_the_calibration_is_kept_and_has_its_flag() {
+        // 3 enT of offset along x at 10 °C.
+        let mut block = readings(&[102.0, 104.0, -96.0, -98.0, f64::NAN]);
+        step(0.0).apply(&mut block);
+        assert_eq!(block.flags, [0, Flags::FIELD.0, 0, Flags::FIELD.0, 0]);
+        assert!((block.field[0][1] - 101.0).abs() < 1e-9);
     }
 }

@@ -363,10 +363,7 @@ impl FieldCalibration {
             return found;
         }
         if let Ok((field, std)) = self.field_and_std(reading, degc) {
-            let beyond = |p: &LinearisationPolynomials| leave_out(&p.reading_ent, reading.0);
-            if self.parts.linearisation.as_ref().is_some_and(beyond)
-                || self.parts.range.is_some_and(|range| leave_out(&range.limits_nt, (range.turn * field).into()))
-            {
+            if self.is_beyond(reading, &field) {
                 found.flags |= Flags::FIELD;
             }
             let turned = self.parts.turn.map_or(field, |turn| turn.rotation * field);
@@ -374,6 +371,14 @@ impl FieldCalibration {
             found.std_nt = std;
         }
         found
+    }
+
+    /// Whether a reading, or its field in the frame of the matrix (nT), lies outside the ranges that the calibration was made for.
+    #[must_use]
+    pub fn is_beyond(&self, reading: Reading, field: &Vector3<f64>) -> bool {
+        let beyond = |p: &LinearisationPolynomials| leave_out(&p.reading_ent, reading.0);
+        self.parts.linearisation.as_ref().is_some_and(beyond)
+            || self.parts.range.is_some_and(|range| leave_out(&range.limits_nt, (range.turn * field).into()))
     }
 
     /// A reading after the linearisation, enT.

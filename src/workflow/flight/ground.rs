@@ -20,6 +20,8 @@ pub struct Ground {
     pub calibration: FieldCalibration,
     /// From counts to temperatures.
     pub thermometer: Thermometer,
+    /// Standard uncertainty of its offset `T_OFF`, °C; 0 where the files state none.
+    pub t_off_std_degc: f64,
     /// Temperatures of the files, °C.
     pub valid_degc: [f64; 2],
     /// Convention of the sensor frame.
@@ -109,6 +111,7 @@ fn of_ground_file(path: &Path, sensor: &Sensor, findings: &mut Vec<Finding>) -> 
     let ground = Ground {
         calibration: calibration(part.coefficients, &path.display().to_string())?,
         thermometer,
+        t_off_std_degc: stated_std(file.std.get("T_OFF").and_then(|list| list.first()).copied()),
         valid_degc: file.valid_degc,
         convention: Some(Convention::Rosetta),
         frame: part.frame,
@@ -116,6 +119,11 @@ fn of_ground_file(path: &Path, sensor: &Sensor, findings: &mut Vec<Finding>) -> 
         notes,
     };
     Ok((ground, file.sensor))
+}
+
+/// An uncertainty that a file may state; without one it is taken as exact.
+fn stated_std(std: Option<f64>) -> f64 {
+    std.filter(|std| std.is_finite()).unwrap_or(0.0)
 }
 
 fn calibration(coefficients: Coefficients, all: &str) -> Result<FieldCalibration, Finding> {
@@ -177,6 +185,7 @@ fn of_parameter_files(files: &[PathBuf], all: &str, findings: &mut Vec<Finding>)
     };
     let ground = Ground {
         thermometer: Thermometer { coefficients: polynomial.coefficients.clone(), t_off_degc },
+        t_off_std_degc: stated_std(thermometer.body.reference.as_ref().and_then(|reference| reference.offset_std_degc)),
         valid_degc,
         convention,
         frame: made.frame,

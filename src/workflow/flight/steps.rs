@@ -182,9 +182,10 @@ fn ground(prepared: &Prepared, index: usize, models: &[DayModel]) -> Box<dyn Ste
     let sensor = &mission.sensors[index];
     let noise = noise(mission, sensor);
     match &prepared.ground[index] {
-        Some(Ground { calibration, thermometer, valid_degc, convention, .. }) => Box::new(GroundStep {
+        Some(Ground { calibration, thermometer, t_off_std_degc, valid_degc, convention, .. }) => Box::new(GroundStep {
             calibration: calibration.clone(),
             thermometer: thermometer.clone(),
+            t_off_std_degc: *t_off_std_degc,
             limits: limits(mission, *valid_degc),
             noise,
             daily: models.iter().filter_map(|(span, model)| daily_slopes(sensor, span, model.as_ref().ok()?.as_ref()?)).collect(),
