@@ -310,6 +310,8 @@ mod tests {
     #[test]
     fn a_facility_follows_the_temperatures_whose_coefficients_are_uncertain() {
         let with = |name: &str, variance: f64| Facility {
+            valid_coil_degc: None,
+            valid_rack_degc: None,
             input: Input::default(),
             periods: vec![Period {
                 span: PeriodSpan::default(),
