@@ -2,10 +2,10 @@
 
 use super::derived::heater_classes;
 use super::near::{Edges, Near};
-use super::steps::thermometer;
+use super::steps::{limits, thermometer};
 use super::{Prepared, day_name};
 use crate::data::error::Finding;
-use crate::data::time::{Tt2000, day_of};
+use crate::data::time::{Tt2000, date_of, day_of};
 use crate::files::flight::edited::{self, BEYOND_NS, Rows};
 use crate::files::flight::mission::{Mission, Sensor};
 use crate::files::output::Folder;
@@ -219,6 +219,7 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
     let mut rows: Vec<CarryRow> = Vec::new();
     let mut ends = Vec::new();
     let mut broken: Vec<(i32, String)> = Vec::new();
+    let mut beyond: Vec<[Option<String>; 2]> = Vec::new();
     let mut midnights = Midnights::new(prepared, index);
     for day in prepared.days(sensor)? {
         let known = midnights.day_ends(day).and_then(|found| match found {
@@ -236,6 +237,18 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
         };
         let at = |degc: f64| model.polynomials.each_ref().map(|p| value(&p.coefficients, degc));
         ends.push(DayEnds { time: found.0, model_nt: found.1.map(at) });
+        // A polynomial is not taken beyond the temperatures that it holds for: vectors there have no offset, and no constant follows from it.
+        let [low, high] = limits(mission, model.valid_degc).kept_degc;
+        beyond.push(found.1.map(|degc| {
+            (degc < low || degc > high).then(|| {
+                let rule = format!(
+                    "the sensor has {degc:.2} °C at an end of {}, and the daily model holds from {low} to {high} °C: the continuity behind \
+                     it is not known",
+                    date_of(day)
+                );
+                Finding::error(&sensor.name, rule, "begin a [[campaign]] behind it, or name a model that holds there").to_string()
+            })
+        }));
         rows.push(CarryRow {
             sensor: sensor.name.clone(),
             day,
@@ -247,6 +260,10 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
     }
     for (row, (sum, reset)) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
         (row.continuity_nt, row.reset) = (sum, reset);
+    }
+    for (row, [begin, end]) in rows.iter().zip(beyond) {
+        broken.extend(begin.filter(|_| !row.reset).map(|reason| (row.day, reason)));
+        broken.extend(end.map(|reason| (row.day + 1, reason)));
     }
     let mut days = Days { rows: Vec::new(), unknown: Vec::new() };
     for row in rows {

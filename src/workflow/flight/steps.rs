@@ -159,7 +159,7 @@ fn offsets(sensor: &Sensor, frame: OffsetFrame) -> Option<Box<dyn Step>> {
     acts.then(|| Box::new(OffsetsStep { intervals, elsewhere }) as Box<dyn Step>)
 }
 
-fn limits(mission: &Mission, valid_degc: [f64; 2]) -> Limits {
+pub(super) fn limits(mission: &Mission, valid_degc: [f64; 2]) -> Limits {
     let kept_degc = match (&mission.outside, &mission.extended_degc) {
         (OutsideTemperature::Flag, Some((range, _))) => [range[0].min(valid_degc[0]), range[1].max(valid_degc[1])],
         _ => valid_degc,
