@@ -135,6 +135,7 @@ pub fn without_wheels(
         harmonics: stated.harmonics.clone(),
         method: if stated.stripe { Method::Stripe } else { Method::Fit },
         seed: stated.seed,
+        counted: Some(context.span()),
         ..WheelOptions::default()
     };
     let before = Series::of(blocks);
@@ -147,7 +148,9 @@ pub fn without_wheels(
     for (index, (mode, found)) in prepared.mission.modes.iter().zip(&report.modes).enumerate() {
         let Some(found) = WheelsFound::of(found) else { continue };
         made.wheels.insert(mode.sid.clone(), found);
-        let pair = u8::try_from(index).ok().and_then(|code| picture::spectra(&before, &all, code, modes[index].rate_hz));
+        let pair = u8::try_from(index)
+            .ok()
+            .and_then(|code| picture::spectra(&before, &all, &context.span(), code, modes[index].rate_hz));
         spectra.extend(pair.map(|(before, after)| (mode.sid.clone(), before, after)));
     }
     Ok(spectra)
