@@ -63,11 +63,13 @@ pub struct WheelOptions {
     pub seed: u64,
     /// Rows of the table of rates further apart have a gap between them, in which nothing is cleaned.
     pub longest_table_gap_s: f64,
+    /// The report counts the vectors of these times only; all without it. What is removed does not depend on it.
+    pub counted: Option<std::ops::Range<i64>>,
 }
 
 impl Default for WheelOptions {
     fn default() -> Self {
-        Self { harmonics: vec![1], method: Method::Fit, seed: 1, longest_table_gap_s: 60.0 }
+        Self { harmonics: vec![1], method: Method::Fit, seed: 1, longest_table_gap_s: 60.0, counted: None }
     }
 }
 
@@ -190,16 +192,18 @@ pub fn clean(
     for (index, mode) in modes.iter().enumerate() {
         let is_here = |row: usize| usize::from(mode_of_row[row]) == index && field_nt.iter().all(|b| b[row].is_finite());
         let rows: Vec<u32> = (0..time_tt2000.len()).filter(|row| is_here(*row)).map(|row| row as u32).collect();
-        let mut entry = ModeReport { vectors: rows.len(), ..ModeReport::default() };
+        let is_counted = |row: &u32| options.counted.as_ref().is_none_or(|span| span.contains(&time_tt2000[*row as usize]));
+        let counted = rows.iter().filter(|row| is_counted(row)).count();
+        let mut entry = ModeReport { vectors: counted, ..ModeReport::default() };
         let idle = mode.lines_hz.is_empty() && (table.wheels() == 0 || options.harmonics.is_empty());
         if mode.half_width_hz.is_none() || idle {
             report.modes.push(entry);
             continue;
         }
         let (found, outside) = stretches(time_tt2000, &rows, mode.rate_hz, &table);
-        entry.outside_table = outside.len();
+        entry.outside_table = outside.iter().filter(|row| is_counted(row)).count();
         let (found, short): (Vec<Stretch>, Vec<Stretch>) = found.into_iter().partition(|s| s.length() >= SHORTEST_STRETCH);
-        entry.in_short_stretches = short.iter().map(|s| s.rows.len()).sum();
+        entry.in_short_stretches = short.iter().flat_map(|s| &s.rows).filter(|row| is_counted(row)).count();
         for row in outside.iter().chain(short.iter().flat_map(|s| &s.rows)) {
             flags[*row as usize] |= NOT_CLEANED;
         }
@@ -213,18 +217,18 @@ pub fn clean(
             }
         };
         table = day.table;
-        let cleaned = || found.iter().flat_map(|s| &s.rows).map(|row| *row as usize);
-        for (row, removed) in cleaned().zip(&removed) {
-            for (b, part) in field_nt.iter_mut().zip(removed) {
-                b[row] -= part;
+        let mut squares = [0.0; 3];
+        for (row, removed) in found.iter().flat_map(|s| &s.rows).zip(&removed) {
+            let counts = is_counted(row);
+            entry.changed += usize::from(counts);
+            for (c, (b, part)) in field_nt.iter_mut().zip(removed).enumerate() {
+                b[*row as usize] -= part;
+                squares[c] += if counts { part * part } else { 0.0 };
             }
-            flags[row] |= WHEEL;
+            flags[*row as usize] |= WHEEL;
         }
-        (entry.changed, entry.stretches) = (removed.len(), found.len());
-        entry.removed_rms_nt = std::array::from_fn(|c| {
-            let sum: f64 = removed.iter().map(|part| part[c] * part[c]).sum();
-            (sum / removed.len().max(1) as f64).sqrt()
-        });
+        entry.stretches = found.len();
+        entry.removed_rms_nt = squares.map(|sum: f64| (sum / entry.changed.max(1) as f64).sqrt());
         report.modes.push(entry);
     }
     Ok(report)

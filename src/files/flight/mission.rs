@@ -233,9 +233,20 @@ impl Roles {
     /// 0 for the primary sensor, 1 for the secondary one.
     #[must_use]
     pub fn of(&self, sensor: &str, time: Tt2000) -> usize {
+        usize::from(self.primary_at(time).is_some_and(|name| name != sensor))
+    }
+
+    fn primary_at(&self, time: Tt2000) -> Option<&String> {
         let other = self.intervals.iter().find(|(span, _)| span.holds(time)).map(|(_, primary)| primary);
-        let primary = other.or(self.primary.as_ref());
-        usize::from(primary.is_some_and(|name| name != sensor))
+        other.or(self.primary.as_ref())
+    }
+
+    /// Whether another sensor becomes the primary one within a stretch, behind its begin.
+    #[must_use]
+    pub fn change_within(&self, stretch: &std::ops::Range<Tt2000>) -> bool {
+        let ends = self.intervals.iter().flat_map(|(span, _)| [span.from, span.to]);
+        let mut within = ends.filter(|time| stretch.start < *time && *time < stretch.end);
+        within.any(|time| self.primary_at(time - 1) != self.primary_at(time))
     }
 }
 
@@ -372,5 +383,21 @@ impl Mission {
     #[must_use]
     pub fn mode(&self, sid: &str) -> Option<usize> {
         self.modes.iter().position(|mode| mode.sid == sid)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_change_of_the_primary_sensor_is_seen_within_a_stretch_only() {
+        let interval = |from, to, name: &str| (Span { from, to }, name.to_owned());
+        let intervals = vec![interval(100, 150, "IB"), interval(150, 200, "IB"), interval(300, 350, "OB")];
+        let roles = Roles { primary: Some("OB".to_owned()), secondary: Some("IB".to_owned()), intervals };
+        let changes = |from: Tt2000, to: Tt2000| roles.change_within(&(from..to));
+        assert!(changes(50, 101) && changes(160, 201));
+        // At the ends of the stretch, between intervals of one sensor, and where the sensor stays the same.
+        assert!(!changes(100, 200) && !changes(0, 100) && !changes(110, 190) && !changes(250, 400));
     }
 }

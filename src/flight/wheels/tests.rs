@@ -244,6 +244,19 @@ fn a_gap_of_the_table_is_not_bridged() {
 }
 
 #[test]
+fn only_vectors_of_the_stated_times_are_counted() {
+    let case = Case::new(20.0, 3000, &[], &[[23.0, 0.0]]);
+    let mut field: [Vec<f64>; 3] = std::array::from_fn(|c| natural(3000, c as u64));
+    let mut flags = vec![0; 3000];
+    let counted = Some(case.times[1000]..case.times[1400]);
+    let options = WheelOptions { counted, ..WheelOptions::default() };
+    let report = clean(&case.times, &vec![0; 3000], &case.modes, &case.wheels, &options, &mut field, &mut flags).unwrap();
+    assert_eq!((report.modes[0].vectors, report.modes[0].changed), (400, 400));
+    // All are cleaned, counted or not.
+    assert!(flags.iter().all(|f| *f == WHEEL));
+}
+
+#[test]
 fn stripes_take_the_level_beside_them_and_the_mean_stays() {
     let case = Case::new(20.0, 1024, &[5.0], &[]);
     let mut random = Random::seeded(2);

@@ -93,6 +93,9 @@ impl<'a> Context<'a> {
         let mission = &prepared.mission;
         let sensor = &mission.sensors[self.index];
         let day = self.span();
+        if self.wants_any(&[Level::H, Level::I]) {
+            derived::one_role(prepared, &day)?;
+        }
         let new = |rows| DayMade { sensor: sensor.name.clone(), day: day_name(self.day), rows, ..DayMade::default() };
         let last = self.last_stage();
         let read = match read(prepared, self.carry, self.index, self.day, &self.reach(), last)? {

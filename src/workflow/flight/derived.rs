@@ -135,6 +135,7 @@ pub fn without_wheels(
         harmonics: stated.harmonics.clone(),
         method: if stated.stripe { Method::Stripe } else { Method::Fit },
         seed: stated.seed,
+        counted: Some(context.span()),
         ..WheelOptions::default()
     };
     let before = Series::of(blocks);
@@ -147,7 +148,9 @@ pub fn without_wheels(
     for (index, (mode, found)) in prepared.mission.modes.iter().zip(&report.modes).enumerate() {
         let Some(found) = WheelsFound::of(found) else { continue };
         made.wheels.insert(mode.sid.clone(), found);
-        let pair = u8::try_from(index).ok().and_then(|code| picture::spectra(&before, &all, code, modes[index].rate_hz));
+        let pair = u8::try_from(index)
+            .ok()
+            .and_then(|code| picture::spectra(&before, &all, &context.span(), code, modes[index].rate_hz));
         spectra.extend(pair.map(|(before, after)| (mode.sid.clone(), before, after)));
     }
     Ok(spectra)
@@ -199,10 +202,23 @@ pub fn turning_coupling(stated: &Common) -> Option<Note> {
     })
 }
 
+/// Levels of whole days take the roles of the sensors from their begin: refuses a day in which these change.
+///
+/// # Errors
+/// The primary sensor changes within the day.
+pub fn one_role(prepared: &Prepared, day: &Range<Tt2000>) -> Result<(), Finding> {
+    if !prepared.mission.roles.change_within(day) {
+        return Ok(());
+    }
+    let rule = "changes the primary sensor within the day: levels H, I and J need one primary sensor for a whole day";
+    Err(Finding::error("[[role.interval]]", rule, "make the other levels of this day, without H, I and J"))
+}
+
 /// What both sensors share on a day; `None` where one of them has no means.
 pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Shared>, Finding> {
     let mission = &prepared.mission;
     let span = prepared.leap.day(day);
+    one_role(prepared, &span)?;
     let stated = mission.common.clone().unwrap_or(Common { coupling: None, inputs: ['G', 'G'], span: None });
     let place = |role: usize| mission.sensors.iter().position(|s| mission.roles.of(&s.name, span.start) == role);
     let (Some(primary), Some(secondary)) = (place(0), place(1)) else { return Ok(None) };

@@ -161,10 +161,11 @@ impl<'a> Pictures<'a> {
     }
 }
 
-/// The spectra of a mode before and after wheels were taken off; `None` where the stretches are too short.
+/// The spectra of a mode on a day before and after wheels were taken off; `None` where the stretches are too short.
 #[must_use]
-pub fn spectra(before: &Series, after: &Series, mode: u8, rate_hz: f64) -> Option<(Density, Density)> {
-    let rows: Vec<usize> = (0..before.time.len()).filter(|row| before.mode[*row] == mode).collect();
+pub fn spectra(before: &Series, after: &Series, day: &Range<Tt2000>, mode: u8, rate_hz: f64) -> Option<(Density, Density)> {
+    let rows: Vec<usize> =
+        (0..before.time.len()).filter(|row| before.mode[*row] == mode && day.contains(&before.time[*row])).collect();
     let pick = |series: &Series| series.field_nt.each_ref().map(|c| rows.iter().map(|row| c[*row]).collect::<Vec<f64>>());
     let of = |record: [Vec<f64>; 3]| of_record(record.each_ref().map(Vec::as_slice), rate_hz, SEGMENT);
     Some((of(pick(before))?, of(pick(after))?))

@@ -9,7 +9,7 @@ use crate::files::table::series::SeriesTable;
 use crate::flight::attitude::AttitudeStep;
 use crate::flight::counts::CountsStep;
 use crate::flight::daily::DailyStep;
-use crate::flight::disturbance::DisturbanceStep;
+use crate::flight::disturbance::{DisturbanceStep, max_gap_ns};
 use crate::flight::ground::{GroundStep, Limits, MatrixEntry, MatrixStep, ReadingNoise};
 use crate::flight::offsets::OffsetsStep;
 use crate::flight::rotate::RotateStep;
@@ -252,8 +252,8 @@ fn disturbance(
     }
     rows.sort_by_key(|(time, _)| *time);
     rows.dedup_by_key(|(time, _)| *time);
-    let (time, reading) = rows.into_iter().unzip();
-    Ok(DisturbanceStep { time, reading, vector_nt_per_unit: stated.vector_nt_per_unit })
+    let (time, reading): (Vec<i64>, Vec<f64>) = rows.into_iter().unzip();
+    Ok(DisturbanceStep { max_gap_ns: max_gap_ns(&time), time, reading, vector_nt_per_unit: stated.vector_nt_per_unit })
 }
 
 /// The thermometer of a sensor, if it has one.
