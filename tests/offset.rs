@@ -228,6 +228,23 @@ fn a_position_that_is_not_what_the_table_says_is_refused() {
     says(&text(&output.stderr), &["position 2", "component x", "enT/nT", "position table"]);
 }
 
+/// An offset has no single temperature where the sensor warms from one position to the next.
+#[test]
+fn an_offset_run_during_which_the_temperature_moves_says_so() {
+    let moving = plan(&POSITIONS, &[1, 2, 3, 4]);
+    let case = case(&moving);
+    let said = |step_k: f64| {
+        let mut run = moving.run().key("kind", "\"offset\"").key("configuration", "\"OFFSET_200.MAG\"");
+        run.temperatures.iter_mut().enumerate().for_each(|(i, t)| t.1 = [Some(20.5), Some(24.0 + step_k * i as f64)]);
+        case.put(common::RUN_FILE, run.text());
+        let output = case.run("offset", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        text(&output.stderr)
+    };
+    says(&said(3.0), &["the sensor temperature moved by", "K during the run"]);
+    assert!(!said(0.2).contains("the sensor temperature moved"));
+}
+
 /// Files say in words for which noise the uncertainties of their offsets hold: what changes within the time in which it was measured.
 #[test]
 fn files_say_for_which_noise_the_uncertainty_of_an_offset_holds() {

@@ -237,7 +237,9 @@ impl Work<'_, '_> {
     fn across(&mut self, measured: &mut [Measured], options: &ThermalOptions) -> Result<Across, Finding> {
         let entries = &self.campaign.file.instructions.thermal;
         let alone = alone(measured, &self.desk)?;
-        settle(measured, entries, &options.orders);
+        if let Some(note) = settle(measured, entries, &options.orders) {
+            self.terminal.warning(&note.to_string());
+        }
         let mut input = ThermalInput::default();
         input.measured(measured);
         let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();

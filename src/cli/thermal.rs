@@ -88,7 +88,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         measure(&campaigns, &options.analyses(arguments.sweeping.options()), &desk, terminal, &mut failures);
     warn_of_model(options.model.as_ref(), &measured, terminal);
     let entries: Vec<ThermalEntry> = campaigns.iter().flat_map(|c| c.file.instructions.thermal.iter().cloned()).collect();
-    settle(&mut measured, &entries, &options.orders);
+    if let Some(note) = settle(&mut measured, &entries, &options.orders) {
+        terminal.warning(&note.to_string());
+    }
     input.measured(&measured);
     if let Some(pair) = &pair {
         input.leave_out_centre(pair);

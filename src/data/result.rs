@@ -72,6 +72,16 @@ pub struct Conditions {
     pub coil_degc: Option<[f64; 3]>,
 }
 
+/// A sensor whose temperature moves by less during a run is at rest, K.
+pub const AT_REST_K: f64 = 1.0;
+
+/// Lowest and highest temperature, °C, for which values hold that belong to the mean temperature of a run: those of the run, or what counts
+/// as rest about the mean where the sensor moved. From its smallest, mean and largest temperature, °C.
+#[must_use]
+pub fn valid_of_run([low, mean, high]: [f64; 3]) -> [f64; 2] {
+    if high - low > AT_REST_K { [mean - 0.5 * AT_REST_K, mean + 0.5 * AT_REST_K] } else { [low, high] }
+}
+
 /// A plateau that was not used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dropped {
@@ -124,5 +134,16 @@ impl Covariance {
     pub fn plus(&self, other: &Self) -> Self {
         let rows = self.matrix.iter().zip(&other.matrix);
         Self { matrix: rows.map(|(a, b)| a.iter().zip(b).map(|(a, b)| a + b).collect()).collect(), ..self.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_of_a_run_that_moved_hold_about_its_mean_temperature() {
+        assert_eq!(valid_of_run([20.0, 20.25, 21.0]), [20.0, 21.0]);
+        assert_eq!(valid_of_run([20.0, 30.0, 44.0]), [29.5, 30.5]);
     }
 }

@@ -18,12 +18,13 @@ use crate::data::calibration::{
 };
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
+use crate::data::result::AT_REST_K;
 use crate::data::run::Run;
 use crate::data::units::Reading;
 use crate::fit::DenseNoise;
 use crate::fit::statistics::{extremes, median};
 use crate::model::campaign::Instructions;
-use crate::record::conditions::{self, AT_REST_K, Temperatures, Within};
+use crate::record::conditions::{self, Temperatures, Within};
 use crate::record::screens::{self, inside};
 use derived::{Derived, Parameters};
 use fit::{Fitted, Means, fit, stack};

@@ -116,6 +116,7 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
         notes.push(Note::new(NoteKind::Method, text));
     }
     let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
+    notes.extend(temperatures.moved_k().map(moved));
     conditions::warn_of_plateaus(&mut notes, run, &plateaus);
     conditions::warn_of_run(&mut notes, run, instructions);
     let moved = facility.as_ref().filter(|driven| !driven.moved_nt.is_empty());
@@ -146,6 +147,15 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     }
     offset.notes.extend(of_facility);
     Ok(offset)
+}
+
+/// Says of a sensor temperature that moved what it means.
+fn moved(range_k: f64) -> Note {
+    let text = format!(
+        "the sensor temperature moved by {range_k:.1} K during the run: offset and residual field hold at its mean temperature; what the \
+         offset follows of the temperature from one position to the next is in no uncertainty"
+    );
+    Note::new(NoteKind::Temperature, text).with_remedy("measure at a steady temperature")
 }
 
 fn quality(run: &Run, plateaus: &Plateaus, stays: &[Stay], levels: &Levels, solved: &Solved) -> OffsetQuality {

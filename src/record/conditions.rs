@@ -5,7 +5,7 @@ use crate::data::error::Severity;
 use crate::data::exclusion::ExcludedPart;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Drop, Plateau, Plateaus};
-use crate::data::result::{Conditions, Dropped, RunHead, Spread};
+use crate::data::result::{AT_REST_K, Conditions, Dropped, RunHead, Spread};
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
 use crate::fit::noise::dense::{self, GroupNoise, Octave, Sampled};
@@ -16,9 +16,6 @@ use serde::Serialize;
 
 /// Temperatures outside are no temperatures of a sensor or coil.
 pub(super) const PLAUSIBLE_DEGC: std::ops::RangeInclusive<f64> = -200.0..=200.0;
-
-/// A sensor whose temperature moves by less during a run is at rest, K.
-pub const AT_REST_K: f64 = 1.0;
 
 /// Parts of plateaus whose lengths differ by less than this share are compared together.
 const SAME_LENGTH: f64 = 1e-3;

@@ -32,9 +32,11 @@ pub struct Alone {
     pub origin: Origin,
 }
 
-/// Refers the linear calibrations of thermal groups to one temperature each, with the polynomials of the group.
-pub fn settle(measured: &mut [Measured], entries: &[ThermalEntry], orders: &[(String, usize)]) {
+/// Refers the linear calibrations of thermal groups to one temperature each, with the polynomials of the group; says of groups whose orders
+/// change with every round that they do not settle.
+pub fn settle(measured: &mut [Measured], entries: &[ThermalEntry], orders: &[(String, usize)]) -> Option<Note> {
     let mut before: Vec<Thermal> = Vec::new();
+    let mut changing: Vec<String> = Vec::new();
     for _ in 0..MOST_ROUNDS {
         let points: Vec<CalibratedRun> =
             measured.iter().filter_map(Measured::lin).filter_map(|made| made.result.point()).collect();
@@ -43,8 +45,10 @@ pub fn settle(measured: &mut [Measured], entries: &[ThermalEntry], orders: &[(St
         let lins: Vec<&Lin> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
         let now: Vec<Thermal> = groups.iter().filter_map(|group| thermal(group, Kind::Lin, &lins, false).ok()).collect();
         if now.is_empty() || (now.len() == before.len() && now.iter().zip(&before).all(|(a, b)| is_settled(a, b))) {
-            return;
+            return None;
         }
+        let changed = now.iter().zip(&before).filter(|(now, before)| orders_of(now) != orders_of(before));
+        changing = changed.map(|(now, _)| format!("{} {}", now.runs.sensor, now.runs.mode)).collect();
         let found: Vec<(SensorPolynomials, Vec<String>)> =
             now.iter().filter_map(|result| Some((polynomials(result)?, result.runs.ids.clone()))).collect();
         each(measured.iter_mut().filter_map(Measured::lin_mut), |made| {
@@ -58,6 +62,19 @@ pub fn settle(measured: &mut [Measured], entries: &[ThermalEntry], orders: &[(St
         });
         before = now;
     }
+    let text = || {
+        let groups = changing.join(", ");
+        format!(
+            "the polynomials of {groups} and their runs whose temperature moves do not settle: the orders change with every round"
+        )
+    };
+    let remedy = "give the orders with --order or in campaign.toml";
+    (!changing.is_empty()).then(|| Note::new(NoteKind::Method, text()).with_remedy(remedy))
+}
+
+/// The orders of the polynomials of a group.
+fn orders_of(result: &Thermal) -> Vec<usize> {
+    result.quantities.iter().map(|q| q.found.order).collect()
 }
 
 /// The polynomials of a group that is not written yet.

@@ -2,8 +2,9 @@
 
 use super::Source;
 use crate::data::error::Finding;
+use crate::data::result::valid_of_run;
 use crate::data::units::COMPONENTS;
-use crate::files::parameter::{Argument, FileKind, Polynomial, Shape};
+use crate::files::parameter::{Argument, FileKind, Polynomial, Shape, Validity};
 use std::collections::HashSet;
 use std::fmt;
 
@@ -143,7 +144,7 @@ pub(super) fn quantities(source: &Source) -> Result<Vec<Quantity>, Finding> {
         let remedy = "use --format json, which takes every kind of file";
         return Err(source.refuse(format!("holds format {}, whose quantities have no list", source.format()), remedy));
     };
-    let valid = of_kind.valid_degc.and_then(|[low, high]| range(source, low, high)).map(|range| (range, "degC"));
+    let valid = of_kind.valid_degc.and_then(|validity| valid_degc(source, validity)).map(|range| (range, "degC"));
     let mut list: Vec<Quantity> = of_kind.polynomials.iter().flat_map(|p| coefficients(source, p, valid)).collect();
     for entry in of_kind.entries.iter().filter(|e| source.value.pointer(e.value).is_some()) {
         for (component, value_at, std_at) in elements(entry.shape) {
@@ -185,6 +186,17 @@ fn coefficients(source: &Source, polynomial: &Polynomial, valid_degc: Option<([f
         valid,
     };
     (0..source.value[key].as_array().map_or(0, Vec::len)).map(one).collect()
+}
+
+/// Lowest and highest temperature for which the values of a file hold, °C.
+fn valid_degc(source: &Source, validity: Validity) -> Option<[f64; 2]> {
+    match validity {
+        Validity::Between([low, high]) => range(source, low, high),
+        Validity::OfRun(at) => {
+            let [low, mean, high] = [0, 1, 2].map(|i| source.number(&format!("{at}/{i}")));
+            Some(valid_of_run([low?, mean?, high?]))
+        }
+    }
 }
 
 fn range(source: &Source, low: &str, high: &str) -> Option<[f64; 2]> {

@@ -3,7 +3,7 @@
 use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Diagonal, Matrix, Scalar, Vector};
-use super::quantity::{BETWEEN, Entry, Quantities, SENSOR};
+use super::quantity::{BETWEEN, Entry, Quantities, SENSOR, Validity};
 use super::{Body, FieldPart};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::calibration::LinearCalibration;
@@ -161,7 +161,7 @@ impl Body for Cpf {
             ),
             Entry::of("temperature", Scalar(""), "/run/temperature_degc", "", "degC", "sensor"),
         ],
-        valid_degc: Some(["/valid/temperature_degc/0", "/valid/temperature_degc/1"]),
+        valid_degc: Some(Validity::Between(["/valid/temperature_degc/0", "/valid/temperature_degc/1"])),
     });
     fn file_name(&self) -> String {
         format!("{ALONE}{}.CPF", self.calibration.run.id)

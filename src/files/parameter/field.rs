@@ -6,7 +6,7 @@ use crate::data::apply::OffsetQuantity;
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
 use crate::data::reference::{Reference, is_orthonormal, is_rotation};
-use crate::data::result::{Covariance, Rows};
+use crate::data::result::{Covariance, Rows, valid_of_run};
 use crate::data::run::Location;
 use crate::data::units::COMPONENTS;
 use crate::model::field_calibration::{Coefficient, Coefficients, FieldRange, Frame, MatrixForm, Parameter};
@@ -339,7 +339,7 @@ impl Opf {
         };
         let parts = Coefficients {
             offset: Some(OffsetQuantity::BOff),
-            valid_degc: self.conditions.as_ref().and_then(|c| c.sensor_degc).map(|[low, _, high]| [low, high]),
+            valid_degc: self.conditions.as_ref().and_then(|c| c.sensor_degc).map(valid_of_run),
             ..Coefficients::default()
         };
         let mut parts = with_three(parts, Parameter::Offset, &[0, 1, 2].map(constant));

@@ -3,7 +3,7 @@
 use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Scalar, Vector};
-use super::quantity::{COIL, Entry, Quantities, RUN_DEGC, SENSOR};
+use super::quantity::{COIL, Entry, Quantities, SENSOR, Validity};
 use super::{Body, FieldPart};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::error::Finding;
@@ -82,7 +82,7 @@ impl Body for Opf {
             Entry::of("b_res_coil", Vector, "/residual_coil_nt", "/residual_coil_std_nt", "nT", COIL),
             Entry::of("temperature", Scalar(""), "/run/temperature_degc", "", "degC", "sensor"),
         ],
-        valid_degc: RUN_DEGC,
+        valid_degc: Some(Validity::OfRun("/conditions/sensor_degc")),
     });
     const MAY_LACK: &'static [&'static str] = &[
         "offset_ent",

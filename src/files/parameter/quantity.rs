@@ -10,7 +10,7 @@ pub struct Quantities {
     /// Numbers, vectors and matrices.
     pub entries: &'static [Entry],
     /// Lowest and highest temperature for which they hold, °C.
-    pub valid_degc: Option<[Pointer; 2]>,
+    pub valid_degc: Option<Validity>,
 }
 
 /// A quantity that is a number, a vector or a matrix.
@@ -92,10 +92,19 @@ pub const COIL: &str = "coil axes";
 /// Angles between sensor axes.
 pub const BETWEEN: &str = "between sensor axes";
 
+/// Where a file tells for which temperatures its values hold.
+#[derive(Clone, Copy)]
+pub enum Validity {
+    /// Between the temperatures that stand there, °C.
+    Between([Pointer; 2]),
+    /// About the mean temperature of a run, whose smallest, mean and largest sensor temperature stand there, °C.
+    OfRun(Pointer),
+}
+
 /// Lowest and highest temperature under the key `valid_degc`.
-pub const VALID_DEGC: Option<[Pointer; 2]> = Some(["/valid_degc/0", "/valid_degc/1"]);
+pub const VALID_DEGC: Option<Validity> = Some(Validity::Between(["/valid_degc/0", "/valid_degc/1"]));
 /// Lowest and highest sensor temperature of a run.
-pub const RUN_DEGC: Option<[Pointer; 2]> = Some(["/conditions/sensor_degc/0", "/conditions/sensor_degc/2"]);
+pub const RUN_DEGC: Option<Validity> = Some(Validity::Between(["/conditions/sensor_degc/0", "/conditions/sensor_degc/2"]));
 
 const fn of_temperature(
     key: &'static str,
