@@ -1,9 +1,10 @@
 //! Settings as fields of a facility that is known: every setting at the temperatures of coils and rack in its own time, with the values of the
 //! period that it lies in (CH-GFZ-TR-2601 section 6: the facility is corrected with the temperatures during the run; mathematics.md section 5).
 
-use super::conditions::{AT_REST_K, PLAUSIBLE_DEGC};
+use super::conditions::PLAUSIBLE_DEGC;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
+use crate::data::result::AT_REST_K;
 use crate::data::run::{Run, interpolate};
 use crate::fit::statistics::{extremes, median};
 use crate::model::campaign::Instructions;
