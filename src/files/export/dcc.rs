@@ -4,6 +4,7 @@
 use super::quantity::{Quantity, correlations, quantities};
 use super::{Exported, Options, Source};
 use crate::data::error::Finding;
+use crate::data::run::time_of_id;
 use std::fmt::Write;
 
 const COVERAGE_FACTOR: f64 = 2.0;
@@ -43,11 +44,7 @@ fn named(element: &str, text: &str) -> String {
 
 /// First and last day of the measurements: those of the runs, or the day on which the file was made.
 fn days(source: &Source) -> [String; 2] {
-    let of_run = |id: &str| {
-        let day =
-            id.get(..8).filter(|d| d.bytes().enumerate().all(|(i, b)| if i % 3 == 2 { b == b'-' } else { b.is_ascii_digit() }));
-        day.map(|d| format!("20{d}"))
-    };
+    let of_run = |id: &str| Some(time_of_id(id.get(.."yy-mm-dd_hh-mm-ss".len())?)?.date().to_string());
     let made = || source.file.provenance.created.get(..10).unwrap_or_default().to_owned();
     let runs = source.value["runs"].as_array().into_iter().flatten().filter_map(|v| v.as_str());
     let mut list: Vec<String> = runs.chain(source.text("/run/id")).filter_map(of_run).collect();

@@ -326,10 +326,9 @@ fn taken_to_centre(result: &AtCentre, file: &str, stated: Option<f64>) -> [Block
         }
     }
     let of = format!("{} {} at the centre", or_not_stated(&result.beside.sensor), or_not_stated(&result.beside.mode));
-    let why = format!(
-        "taken there from beside the centre of the coil system, in the Rosetta convention of ω, {why}; uncertainties are without what the \
-         facility adds of type B"
-    );
+    let lacks =
+        if result.beside.of_facility.is_some() { "" } else { "; uncertainties are without what the facility adds of type B" };
+    let why = format!("taken there from beside the centre of the coil system, in the Rosetta convention of ω, {why}{lacks}");
     [heading(of, &why, &[file]).into(), table.into()]
 }
 

@@ -108,7 +108,8 @@ fn of_ground_file(path: &Path, sensor: &Sensor, findings: &mut Vec<Finding>) -> 
     let part = file.field_part();
     if !part.known_effects.is_empty() {
         let of = part.known_effects.join(", ");
-        let rule = format!("holds for readings from which the effects of {of} were taken off, and those of telemetry still have them");
+        let rule =
+            format!("holds for readings from which the effects of {of} were taken off, and those of telemetry still have them");
         return Err(Finding::error(&path.display().to_string(), rule, "name the file of a calibration without known effects"));
     }
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
