@@ -310,6 +310,16 @@ fn continuity_that_is_not_known_is_no_zero() {
     fs::write(set.path("daily/RPCMAG_150630_006_CALIB_IB.toml"), "format = \"RPCMAG-DAILY\"\n").unwrap();
     let campaign = "[[campaign]]\nfrom = \"2015-07-01T00:00:00Z\"\nto = \"2016-01-01T00:00:00Z\"\n\n[temperature]";
     set.change("enabled = false", "enabled = true").change("[temperature]", campaign).made("A", &arguments);
+    // The model of the day before does not hold at the temperature of the midnight.
+    let set = Set::of("telemetry");
+    let model = set.path("daily/RPCMAG_150630_006_CALIB_IB.toml");
+    let lines = fs::read_to_string(&model).unwrap();
+    let lines = lines.lines().map(|line| if line.starts_with("valid_degc") { "valid_degc = [10.0, 14.0]" } else { line });
+    let lines: Vec<&str> = lines.collect();
+    fs::write(&model, lines.join("\n") + "\n").unwrap();
+    let output = set.change("enabled = false", "enabled = true").flight("A", &arguments);
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["IB 2015-07-01", "is not known", "2015-06-30", "holds from 10 to 14 °C"]);
     // The table of the first pass of another configuration.
     let set = Set::of("telemetry");
     let carry = set.path("carry.parquet");
