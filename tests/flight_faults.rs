@@ -1,6 +1,6 @@
 //! What is wrong with the inputs of flight processing is named with file and row, nothing is half written, and the other days go on.
 
-use crate::common::check::{calfit, says, text};
+use crate::common::check::{calfit, says, text, tree};
 use crate::flight::{Set, Small, three};
 use calfit::files::table::long::{Column, LongWriter};
 use calfit::files::table::series::SeriesTable;
@@ -183,6 +183,29 @@ fn a_coupling_in_axes_that_turn_against_the_spacecraft_is_told() {
 }
 
 #[test]
+fn what_two_sensors_share_has_the_axes_of_their_means() {
+    // Levels of different axes have no field in common.
+    let set = Set::of("telemetry");
+    let output = set.change("[celestial]", "[pca]\ninputs = [\"E\", \"G\"]\n\n[celestial]").flight("J", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["pca.inputs", "different axes"]);
+    // One sensor has no such level.
+    let set = Set::of("telemetry");
+    let output = set.flight("J", &["--sensor", "OB", "--no-plots"]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["level J is made of two sensors", "leave --sensor out"]);
+    for (inputs, frame) in [("F", "spacecraft"), ("G", "ECLIPJ2000")] {
+        let set = Set::of("telemetry");
+        let stated = format!("[pca]\ninputs = [\"{inputs}\", \"{inputs}\"]\n\n[celestial]");
+        let output = set.change("[celestial]", &stated).flight("J", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let all = tree(&set.out());
+        let name = all.keys().find(|name| name.contains("calfit-J-") && name.ends_with(".parquet")).unwrap();
+        assert_eq!(SeriesTable::open(&set.out().join(name)).unwrap().says("frame"), Some(frame));
+    }
+}
+
+#[test]
 fn ground_files_of_another_sensor_or_convention_are_refused() {
     const OB: &str = "ground/RPCMAG_001_CALIB_FSDPU_FMOB.TXT";
     for (from, to, words) in [
@@ -191,6 +214,7 @@ fn ground_files_of_another_sensor_or_convention_are_refused() {
         ("offset_unit = \"enT\"", "offset_unit = \"nT\"", "offset_unit"),
         ("offset_sign = \"subtracted\"", "offset_sign = \"added\"", "offset_sign"),
         ("offset_acts = \"before the matrix\"", "offset_acts = \"after the matrix\"", "offset_acts"),
+        ("sensor = \"FM-OB\"", "sensor = \"FM-OB\"\nknown_effects = [\"cubic.toml\"]", "effects of cubic.toml were taken off"),
     ] {
         let set = Set::of("telemetry");
         let ground = fs::read_to_string(set.path(OB)).unwrap();

@@ -297,6 +297,29 @@ pub struct Heater {
     pub intervals: Vec<Span>,
 }
 
+/// The axes of the means of a level.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeansFrame {
+    /// Those of the sensor.
+    Sensor,
+    /// Those of the spacecraft.
+    Spacecraft,
+    /// Celestial ones, those of the attitude.
+    Celestial,
+}
+
+impl MeansFrame {
+    /// Of the level with a letter: E, F, or G and I.
+    #[must_use]
+    pub fn of(letter: char) -> Self {
+        match letter {
+            'E' => MeansFrame::Sensor,
+            'F' => MeansFrame::Spacecraft,
+            _ => MeansFrame::Celestial,
+        }
+    }
+}
+
 /// How the field that two sensors share is found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Common {
@@ -306,6 +329,14 @@ pub struct Common {
     pub inputs: [char; 2],
     /// The stretch of the principal components; a day without it.
     pub span: Option<Span>,
+}
+
+impl Common {
+    /// The axes of both inputs, and of what they share.
+    #[must_use]
+    pub fn frame(&self) -> MeansFrame {
+        MeansFrame::of(self.inputs[0])
+    }
 }
 
 /// A field that follows a current or another reading of the housekeeping.

@@ -3,7 +3,8 @@
 mod sensor;
 
 use super::mission::{
-    Celestial, Common, Disturbance, Heater, Mission, Mode, OutsideTemperature, Rate, Roles, Sensor, Span, TimeColumn, Wheels,
+    Celestial, Common, Disturbance, Heater, MeansFrame, Mission, Mode, OutsideTemperature, Rate, Roles, Sensor, Span, TimeColumn,
+    Wheels,
 };
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
@@ -361,6 +362,14 @@ impl MissionFile<'_> {
                 }
             }
         };
+        if MeansFrame::of(inputs[0]) != MeansFrame::of(inputs[1]) {
+            let rule = "are levels of different axes, which have no field in common";
+            return Err(group.refuse(
+                "inputs",
+                rule,
+                "write levels of one frame: [\"E\", \"E\"], [\"F\", \"F\"] or [\"G\", \"G\"]",
+            ));
+        }
         let span = if group.names().contains(&"from") { Some(self.span(group)?) } else { None };
         Ok(Common { coupling, inputs, span })
     }

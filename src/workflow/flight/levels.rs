@@ -1,6 +1,7 @@
 //! The levels of flight processing and what each needs.
 
 use super::Prepared;
+use crate::files::flight::mission::MeansFrame;
 use std::collections::BTreeSet;
 use thiserror::Error;
 
@@ -79,6 +80,9 @@ pub enum NoLevels {
     /// No such level.
     #[error("`{0}` is no level")]
     Unknown(String),
+    /// A level of two sensors where one is asked for.
+    #[error("level {0} is made of two sensors, and --sensor names one")]
+    OfTwo(&'static str),
     /// Something is missing.
     #[error("level {level} needs {what}, which the configuration does not state")]
     Missing {
@@ -95,6 +99,7 @@ impl NoLevels {
     pub fn remedy(&self) -> &'static str {
         match self {
             NoLevels::Unknown(_) => "name levels by their letters, A to L, such as ABC, or `all`",
+            NoLevels::OfTwo(_) => "leave --sensor out, or the level",
             NoLevels::Missing { .. } => "state it, or leave the level out",
         }
     }
@@ -127,11 +132,14 @@ impl Levels {
         }
     }
 
-    /// Checks that every level that is named can be made.
+    /// Checks that every level that is named can be made, of one sensor alone if one is asked for.
     ///
     /// # Errors
     /// The first level that cannot, with what it lacks.
-    pub fn can_be_made(&self, prepared: &Prepared) -> Result<(), NoLevels> {
+    pub fn can_be_made(&self, prepared: &Prepared, of_one: bool) -> Result<(), NoLevels> {
+        if let Some(level) = self.named.iter().find(|level| of_one && matches!(level, Level::D | Level::J)) {
+            return Err(NoLevels::OfTwo(level.letter()));
+        }
         let missing = self.named.iter().find_map(|level| level.lacks(prepared).map(|what| (level.letter(), what)));
         let hk = (self.hk && !self.all && prepared.mission.hk.is_none()).then_some(("HK", "the folder `hk`"));
         match missing.or(hk) {
@@ -149,6 +157,7 @@ impl Level {
         let has_step = |name: &str| mission.steps.iter().any(|s| s == name);
         let rotation =
             || (mission.sensors.iter().any(|s| s.rotations.is_empty()) && has_step("rotate")).then_some("[[sensor.rotation]]");
+        let of_means = || mission.common.as_ref().is_none_or(|common| common.frame() == MeansFrame::Celestial);
         let celestial = || (prepared.attitude.is_none() || !has_step("attitude")).then_some("[celestial] with an attitude table");
         let wheels = || prepared.wheels.is_none().then_some("[wheels]");
         let heater = || mission.heater.is_none().then_some("[heater]");
@@ -159,7 +168,7 @@ impl Level {
             Level::C | Level::G => rotation().or_else(celestial),
             Level::H | Level::I => rotation().or_else(celestial).or_else(wheels),
             Level::D => rotation().or_else(two),
-            Level::J => rotation().or_else(celestial).or_else(two),
+            Level::J => rotation().or_else(|| of_means().then(celestial).flatten()).or_else(two),
             Level::K => rotation().or_else(heater),
             Level::L => rotation().or_else(celestial).or_else(heater),
         }

@@ -356,7 +356,10 @@ impl Flight {
     pub fn open(path: &Path, options: FlightOptions, findings: &mut Vec<Finding>) -> Result<Self, Finding> {
         let prepared = prepare(path, findings)?;
         let shown = path.display().to_string();
-        options.levels.can_be_made(&prepared).map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
+        options
+            .levels
+            .can_be_made(&prepared, options.sensor.is_some())
+            .map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
         if let Some(name) = &options.sensor
             && !prepared.mission.sensors.iter().any(|s| s.name == *name)
         {

@@ -8,6 +8,7 @@ use crate::data::provenance::Input;
 use crate::data::time::{SECOND_NS, Tt2000};
 use crate::files::flight::auxiliary::Positions;
 use crate::files::flight::levels::{LevelRows, Shared, file_name, partition, write};
+use crate::files::flight::mission::{Common, MeansFrame};
 use crate::files::flight::text;
 use crate::files::output::Folder;
 use crate::flight::Block;
@@ -20,6 +21,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::thread::JoinHandle;
+
+/// The name of the axes of the spacecraft in files.
+const SPACECRAFT: &str = "spacecraft";
 
 /// Writes the levels of a sensor and day.
 pub struct DayWriter<'a> {
@@ -126,7 +130,12 @@ impl DayWriter<'_> {
     fn frame(&self, level: Level) -> &str {
         match level {
             Level::A | Level::E => self.uvw,
-            Level::B | Level::F | Level::K => "spacecraft",
+            Level::B | Level::F | Level::K => SPACECRAFT,
+            Level::J => match self.prepared.mission.common.as_ref().map_or(MeansFrame::Celestial, Common::frame) {
+                MeansFrame::Sensor => self.uvw,
+                MeansFrame::Spacecraft => SPACECRAFT,
+                MeansFrame::Celestial => self.frame(Level::G),
+            },
             _ => self.prepared.mission.celestial.as_ref().map_or("", |c| c.frame.as_str()),
         }
     }
