@@ -44,7 +44,7 @@ pub struct Carry {
     pub rows: Vec<CarryRow>,
     /// What heaters add to the field of every sensor.
     pub heater: BTreeMap<String, Vec<HeaterClass>>,
-    /// Days whose continuity is not known, by sensor, with the reason: a day before them cannot be read.
+    /// Days whose continuity is not known, by sensor, with the reason: a day before them cannot be read, or its model does not hold at its end.
     pub unknown: BTreeMap<(String, i32), String>,
     /// SHA-256 of the configuration that it was made of.
     pub configuration: String,
@@ -67,8 +67,7 @@ impl Carry {
         let name = format!("{sensor} {}", day_name(day));
         Err(match self.unknown.get(&(sensor.to_owned(), day)) {
             Some(reason) => {
-                let rule =
-                    format!("how the model goes on at midnight is not known, since a day before it cannot be read: {reason}");
+                let rule = format!("how the model goes on at midnight is not known from a day before it: {reason}");
                 Finding::error(&name, rule, "mend that day, or let a [[campaign]] begin behind it")
             }
             None => {
@@ -246,7 +245,7 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
                      it is not known",
                     date_of(day)
                 );
-                Finding::error(&sensor.name, rule, "begin a [[campaign]] behind it, or name a model that holds there").to_string()
+                Finding::error(&sensor.name, rule, "name a model that holds there, or begin a [[campaign]] behind it").to_string()
             })
         }));
         rows.push(CarryRow {
@@ -261,15 +260,19 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
     for (row, (sum, reset)) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
         (row.continuity_nt, row.reset) = (sum, reset);
     }
+    // A constant that is not known is none behind the next reset, whatever makes it.
+    let mut lost: Vec<(i32, String)> = Vec::new();
     for (row, [begin, end]) in rows.iter().zip(beyond) {
-        broken.extend(begin.filter(|_| !row.reset).map(|reason| (row.day, reason)));
-        broken.extend(end.map(|reason| (row.day + 1, reason)));
+        lost.extend(begin.map(|reason| (row.day, reason)));
+        lost.extend(end.map(|reason| (row.day + 1, reason)));
     }
+    let reset_days: Vec<i32> = rows.iter().filter(|row| row.reset).map(|row| row.day).collect();
     let mut days = Days { rows: Vec::new(), unknown: Vec::new() };
     for row in rows {
         let begun = resets.iter().rfind(|at| **at <= row.time[0]).copied();
         let before = |day: i32| day <= row.day && begun.is_none_or(|at| prepared.leap.day(day).end > at);
-        match broken.iter().find(|(day, _)| before(*day)) {
+        let is_lost = |from: i32| from <= row.day && !reset_days.iter().any(|day| (from..=row.day).contains(day));
+        match broken.iter().find(|(day, _)| before(*day)).or_else(|| lost.iter().find(|(from, _)| is_lost(*from))) {
             Some((_, reason)) => days.unknown.push(((row.sensor, row.day), reason.clone())),
             None => days.rows.push(row),
         }

@@ -1,7 +1,7 @@
 //! The levels of flight processing and what each needs.
 
 use super::Prepared;
-use crate::files::flight::mission::MeansFrame;
+use crate::files::flight::mission::{Common, MeansFrame};
 use std::collections::BTreeSet;
 use thiserror::Error;
 
@@ -157,7 +157,7 @@ impl Level {
         let has_step = |name: &str| mission.steps.iter().any(|s| s == name);
         let rotation =
             || (mission.sensors.iter().any(|s| s.rotations.is_empty()) && has_step("rotate")).then_some("[[sensor.rotation]]");
-        let of_means = || mission.common.as_ref().is_none_or(|common| common.frame() == MeansFrame::Celestial);
+        let of_means = mission.common.as_ref().map_or(MeansFrame::Celestial, Common::frame);
         let celestial = || (prepared.attitude.is_none() || !has_step("attitude")).then_some("[celestial] with an attitude table");
         let wheels = || prepared.wheels.is_none().then_some("[wheels]");
         let heater = || mission.heater.is_none().then_some("[heater]");
@@ -168,7 +168,11 @@ impl Level {
             Level::C | Level::G => rotation().or_else(celestial),
             Level::H | Level::I => rotation().or_else(celestial).or_else(wheels),
             Level::D => rotation().or_else(two),
-            Level::J => rotation().or_else(|| of_means().then(celestial).flatten()).or_else(two),
+            Level::J => match of_means {
+                MeansFrame::Sensor => two(),
+                MeansFrame::Spacecraft => rotation().or_else(two),
+                MeansFrame::Celestial => rotation().or_else(celestial).or_else(two),
+            },
             Level::K => rotation().or_else(heater),
             Level::L => rotation().or_else(celestial).or_else(heater),
         }

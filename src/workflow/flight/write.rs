@@ -132,7 +132,7 @@ impl DayWriter<'_> {
             Level::A | Level::E => self.uvw,
             Level::B | Level::F | Level::K => SPACECRAFT,
             Level::J => match self.prepared.mission.common.as_ref().map_or(MeansFrame::Celestial, Common::frame) {
-                MeansFrame::Sensor => self.uvw,
+                MeansFrame::Sensor => "sensor",
                 MeansFrame::Spacecraft => SPACECRAFT,
                 MeansFrame::Celestial => self.frame(Level::G),
             },
