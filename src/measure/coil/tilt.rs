@@ -398,7 +398,7 @@ fn covariance(solved: &[Solved; 3], scale: [f64; 3], before: Option<&Covariance>
         if !parameters[..constants].contains(name) {
             kept.push(index);
             parameters.push(name.clone());
-            units.extend(before.and_then(|b| b.units.get(index)).cloned());
+            units.push(before.and_then(|b| b.units.get(index)).cloned().unwrap_or_default());
         }
     }
     let factor = |family: usize, k: usize| if family == 0 { scale[k] } else { 1.0 };

@@ -5,7 +5,7 @@ use super::near::{Edges, Near};
 use super::steps::{limits, thermometer};
 use super::{Prepared, day_name};
 use crate::data::error::Finding;
-use crate::data::time::{Tt2000, date_of, day_of};
+use crate::data::time::{Tt2000, day_of};
 use crate::files::flight::edited::{self, BEYOND_NS, Rows};
 use crate::files::flight::mission::{Mission, Sensor};
 use crate::files::output::Folder;
@@ -218,7 +218,8 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
     let mut rows: Vec<CarryRow> = Vec::new();
     let mut ends = Vec::new();
     let mut broken: Vec<(i32, String)> = Vec::new();
-    let mut beyond: Vec<[Option<String>; 2]> = Vec::new();
+    // Days from which on the constant is not known until it is reset: it would rest on a model beyond its temperatures.
+    let mut lost: Vec<(i32, String)> = Vec::new();
     let mut midnights = Midnights::new(prepared, index);
     for day in prepared.days(sensor)? {
         let known = midnights.day_ends(day).and_then(|found| match found {
@@ -238,16 +239,17 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
         ends.push(DayEnds { time: found.0, model_nt: found.1.map(at) });
         // A polynomial is not taken beyond the temperatures that it holds for: vectors there have no offset, and no constant follows from it.
         let [low, high] = limits(mission, model.valid_degc).kept_degc;
-        beyond.push(found.1.map(|degc| {
-            (degc < low || degc > high).then(|| {
+        for (degc, from) in found.1.into_iter().zip([day, day + 1]) {
+            if degc < low || degc > high {
                 let rule = format!(
                     "the sensor has {degc:.2} °C at an end of {}, and the daily model holds from {low} to {high} °C: the continuity behind \
                      it is not known",
-                    date_of(day)
+                    day_name(day)
                 );
-                Finding::error(&sensor.name, rule, "name a model that holds there, or begin a [[campaign]] behind it").to_string()
-            })
-        }));
+                let remedy = "name a model that holds there, or begin a [[campaign]] behind it";
+                lost.push((from, Finding::error(&sensor.name, rule, remedy).to_string()));
+            }
+        }
         rows.push(CarryRow {
             sensor: sensor.name.clone(),
             day,
@@ -259,12 +261,6 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
     }
     for (row, (sum, reset)) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
         (row.continuity_nt, row.reset) = (sum, reset);
-    }
-    // A constant that is not known is none behind the next reset, whatever makes it.
-    let mut lost: Vec<(i32, String)> = Vec::new();
-    for (row, [begin, end]) in rows.iter().zip(beyond) {
-        lost.extend(begin.map(|reason| (row.day, reason)));
-        lost.extend(end.map(|reason| (row.day + 1, reason)));
     }
     let reset_days: Vec<i32> = rows.iter().filter(|row| row.reset).map(|row| row.day).collect();
     let mut days = Days { rows: Vec::new(), unknown: Vec::new() };
