@@ -95,7 +95,7 @@ pub fn applied(
         let shown = path.display().to_string();
         let (part, input) = read_field(path, options.frame, findings)?;
         inputs.push(input);
-        check_effects(&shown, &part, model, options)?;
+        check_effects(&shown, &part, model, options.effects_taken_off)?;
         match &of {
             None => of = Some((part.sensor, part.mode, path)),
             Some((sensor, mode, first)) if (sensor, mode) != (&part.sensor, &part.mode) => {
@@ -176,16 +176,17 @@ pub fn applied(
 }
 
 /// Refuses a file whose known effects the readings still hold, and a model that the file was not made with.
-fn check_effects(file: &str, part: &FieldPart, model: Option<&Known>, options: &ApplyOptions) -> Result<(), Finding> {
+pub(super) fn check_effects(file: &str, part: &FieldPart, model: Option<&Known>, are_taken_off: bool) -> Result<(), Finding> {
     if part.coefficients.matrix.is_none() {
         return Ok(());
     }
     let of = part.known_effects.join(", ");
     match model {
-        None if part.known_effects.is_empty() || options.effects_taken_off => Ok(()),
+        None if part.known_effects.is_empty() || are_taken_off => Ok(()),
         None => {
             let rule = format!("holds for readings from which the effects of {of} were taken off");
-            let remedy = "name the model with --model, or take them off the readings and say so with --effects-taken-off";
+            let remedy =
+                "take a calibration without known effects; `calfit apply` has --model to take them off, and --effects-taken-off";
             Err(Finding::error(file, rule, remedy))
         }
         Some(known) if part.known_effects == [known.input.path.clone()] => Ok(()),

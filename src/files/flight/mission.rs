@@ -331,6 +331,12 @@ pub struct Common {
     pub span: Option<Span>,
 }
 
+impl Default for Common {
+    fn default() -> Self {
+        Self { coupling: None, inputs: ['G', 'G'], span: None }
+    }
+}
+
 impl Common {
     /// The axes of both inputs, and of what they share.
     #[must_use]
@@ -396,7 +402,7 @@ pub struct Mission {
     /// Heater jumps.
     pub heater: Option<Heater>,
     /// The field that two sensors share.
-    pub common: Option<Common>,
+    pub common: Common,
     /// Length of the intervals of means, ns.
     pub mean_ns: i64,
     /// Fields that follow readings of the housekeeping.

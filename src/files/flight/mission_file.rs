@@ -179,7 +179,7 @@ impl MissionFile<'_> {
             modes,
             wheels: root.group("wheels")?.map(|g| self.wheels(&g)).transpose()?,
             heater: root.group("heater")?.map(|g| self.heater(&g)).transpose()?,
-            common: root.group("pca")?.map(|g| self.common(&g)).transpose()?,
+            common: root.group("pca")?.map(|g| self.common(&g)).transpose()?.unwrap_or_default(),
             mean_ns: match root.group("means")? {
                 None => SECOND_NS,
                 Some(g) => {
@@ -353,7 +353,7 @@ impl MissionFile<'_> {
             Some(_) => return Err(group.refuse("method", "must be \"pca\" or \"gradiometer\"", "correct the value")),
         };
         let inputs = match group.texts("inputs")? {
-            None => ['G', 'G'],
+            None => Common::default().inputs,
             Some(list) => {
                 let letters: Vec<char> = list.iter().filter_map(|word| word.chars().next().filter(|_| word.len() == 1)).collect();
                 match letters[..] {

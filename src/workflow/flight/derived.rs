@@ -219,7 +219,7 @@ pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Sha
     let mission = &prepared.mission;
     let span = prepared.leap.day(day);
     one_role(prepared, &span)?;
-    let stated = mission.common.clone().unwrap_or(Common { coupling: None, inputs: ['G', 'G'], span: None });
+    let stated = &mission.common;
     let place = |role: usize| mission.sensors.iter().position(|s| mission.roles.of(&s.name, span.start) == role);
     let (Some(primary), Some(secondary)) = (place(0), place(1)) else { return Ok(None) };
     let mut inputs = Vec::new();

@@ -10,6 +10,7 @@ use crate::files::flight::mission::Sensor;
 use crate::files::parameter::{self, FileKind, ThermistorFile};
 use crate::flight::temperature::Thermometer;
 use crate::model::field_calibration::{Coefficients, FieldCalibration, Frame, MatrixForm};
+use crate::workflow::apply::check_effects;
 use crate::workflow::{ApplyOptions, Outside, applied};
 use std::path::{Path, PathBuf};
 
@@ -106,12 +107,7 @@ fn of_ground_file(path: &Path, sensor: &Sensor, findings: &mut Vec<Finding>) -> 
         notes.push(Note::new(NoteKind::Method, text).about(&sensor.name));
     }
     let part = file.field_part();
-    if !part.known_effects.is_empty() {
-        let of = part.known_effects.join(", ");
-        let rule =
-            format!("holds for readings from which the effects of {of} were taken off, and those of telemetry still have them");
-        return Err(Finding::error(&path.display().to_string(), rule, "name the file of a calibration without known effects"));
-    }
+    check_effects(&path.display().to_string(), &part, None, false)?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let thermometer = Thermometer { coefficients: file.thermistor.to_vec(), t_off_degc: file.t_off_degc };
     let ground = Ground {

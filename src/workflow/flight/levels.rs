@@ -1,7 +1,7 @@
 //! The levels of flight processing and what each needs.
 
 use super::Prepared;
-use crate::files::flight::mission::{Common, MeansFrame};
+use crate::files::flight::mission::MeansFrame;
 use std::collections::BTreeSet;
 use thiserror::Error;
 
@@ -157,7 +157,6 @@ impl Level {
         let has_step = |name: &str| mission.steps.iter().any(|s| s == name);
         let rotation =
             || (mission.sensors.iter().any(|s| s.rotations.is_empty()) && has_step("rotate")).then_some("[[sensor.rotation]]");
-        let of_means = mission.common.as_ref().map_or(MeansFrame::Celestial, Common::frame);
         let celestial = || (prepared.attitude.is_none() || !has_step("attitude")).then_some("[celestial] with an attitude table");
         let wheels = || prepared.wheels.is_none().then_some("[wheels]");
         let heater = || mission.heater.is_none().then_some("[heater]");
@@ -168,7 +167,7 @@ impl Level {
             Level::C | Level::G => rotation().or_else(celestial),
             Level::H | Level::I => rotation().or_else(celestial).or_else(wheels),
             Level::D => rotation().or_else(two),
-            Level::J => match of_means {
+            Level::J => match mission.common.frame() {
                 MeansFrame::Sensor => two(),
                 MeansFrame::Spacecraft => rotation().or_else(two),
                 MeansFrame::Celestial => rotation().or_else(celestial).or_else(two),

@@ -204,7 +204,7 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
             table(input);
             read
         });
-    notes.extend(mission.common.as_ref().and_then(derived::turning_coupling));
+    notes.extend(derived::turning_coupling(&mission.common));
     let catalogue = take(Catalogue::open(&mission), &mut wrong);
     let last = wrong.pop();
     findings.append(&mut wrong);

@@ -8,7 +8,7 @@ use crate::data::provenance::Input;
 use crate::data::time::{SECOND_NS, Tt2000};
 use crate::files::flight::auxiliary::Positions;
 use crate::files::flight::levels::{LevelRows, Shared, file_name, partition, write};
-use crate::files::flight::mission::{Common, MeansFrame};
+use crate::files::flight::mission::MeansFrame;
 use crate::files::flight::text;
 use crate::files::output::Folder;
 use crate::flight::Block;
@@ -131,7 +131,7 @@ impl DayWriter<'_> {
         match level {
             Level::A | Level::E => self.uvw,
             Level::B | Level::F | Level::K => SPACECRAFT,
-            Level::J => match self.prepared.mission.common.as_ref().map_or(MeansFrame::Celestial, Common::frame) {
+            Level::J => match self.prepared.mission.common.frame() {
                 MeansFrame::Sensor => "sensor",
                 MeansFrame::Spacecraft => SPACECRAFT,
                 MeansFrame::Celestial => self.frame(Level::G),
