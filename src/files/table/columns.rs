@@ -4,21 +4,22 @@ use super::guard::guarded;
 use crate::data::error::Finding;
 use crate::files::import::{Cells, Format};
 use crate::files::source::{open, room_for};
-use polars::prelude::PolarsError;
 use polars_arrow::array::{Array, BooleanArray, PrimitiveArray, Utf8Array, Utf8ViewArray};
 use polars_arrow::datatypes::{ArrowDataType, ArrowSchema, Field, TimeUnit};
 use polars_arrow::io::ipc::read::{FileReader, read_file_metadata};
 use polars_arrow::types::NativeType;
 use polars_buffer::Buffer;
+use polars_parquet::parquet::page::CompressedPage;
 use polars_parquet::read::{
     BasicDecompressor, ColumnChunkMetadata, FileMetadata, PageReader, column_iter_to_arrays, infer_schema, read_metadata,
 };
+use std::fmt::Display;
 use std::fs::File;
 use std::io::{BufReader, Cursor};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-fn refuse(path: &Path, error: &PolarsError) -> Finding {
+fn refuse(path: &Path, error: &dyn Display) -> Finding {
     let remedy = "the file is damaged, cut, or no table of its format; take it from the archive again";
     Finding::error(&path.display().to_string(), format!("cannot be read as a table: {error}"), remedy)
 }
@@ -102,7 +103,7 @@ impl ParquetFile {
             // Lists and structures have several, and are no columns of readings.
             let [chunk] = chunks[..] else { continue };
             if is_plain(&field.dtype) {
-                pieces.extend(decoded(&self.path, &self.file, chunk, field)?);
+                pieces.extend(decoded(&self.path, &self.file, chunk, field, group.num_rows())?);
             }
         }
         Ok(pieces)
@@ -121,7 +122,13 @@ fn parquet(path: &Path) -> Result<Vec<Pieces>, Finding> {
 const CELL_BYTES: u64 = 24;
 
 /// The values of a column in one group of rows.
-fn decoded(path: &Path, file: &File, chunk: &ColumnChunkMetadata, field: &Field) -> Result<Vec<Box<dyn Array>>, Finding> {
+fn decoded(
+    path: &Path,
+    file: &File,
+    chunk: &ColumnChunkMetadata,
+    field: &Field,
+    rows: usize,
+) -> Result<Vec<Box<dyn Array>>, Finding> {
     let range = chunk.byte_range();
     let size = file.metadata().map_err(|e| Finding::io(path, "read", &e))?.len();
     if range.start > range.end || range.end > size {
@@ -134,12 +141,29 @@ fn decoded(path: &Path, file: &File, chunk: &ColumnChunkMetadata, field: &Field)
     }
     let mut bytes = vec![0; (range.end - range.start) as usize];
     file.read_exact_at(&mut bytes, range.start).map_err(|e| Finding::io(path, "read", &e))?;
+    let bytes = Buffer::from(bytes);
+    let pages = || PageReader::new(Cursor::new(bytes.clone()), chunk, Vec::new(), usize::MAX);
     guarded(path, || {
-        let pages = PageReader::new(Cursor::new(Buffer::from(bytes)), chunk, Vec::new(), usize::MAX);
+        check_pages(path, field, rows, pages())?;
         let kind = &chunk.descriptor().descriptor.primitive_type;
-        let read = column_iter_to_arrays(vec![BasicDecompressor::new(pages, Vec::new())], vec![kind], field.clone(), None);
+        let read = column_iter_to_arrays(vec![BasicDecompressor::new(pages(), Vec::new())], vec![kind], field.clone(), None);
         Ok(read.map_err(|e| refuse(path, &e))?.0)
     })
+}
+
+/// Whether the pages of a column hold a value for every row, and find room: the decoder asks for as much memory as they state.
+fn check_pages(path: &Path, field: &Field, rows: usize, pages: PageReader) -> Result<(), Finding> {
+    let mut values = 0_usize;
+    for page in pages {
+        if let CompressedPage::Data(page) = page.map_err(|e| refuse(path, &e))? {
+            values = values.saturating_add(page.num_values());
+            room_for(path, page.uncompressed_size() as u64)?;
+        }
+    }
+    if values == rows {
+        return Ok(());
+    }
+    Err(refuse(path, &format!("column `{}` states {values} values for {rows} rows", field.name)))
 }
 
 /// Types whose values are single numbers, texts or moments.

@@ -31,6 +31,8 @@ pub(super) fn guarded<T>(path: &Path, read: impl FnOnce() -> Result<T, Finding>)
 
 #[cfg(test)]
 mod tests {
+    use crate::files::import::Format;
+    use crate::files::table::columns;
     use crate::files::table::series::SeriesTable;
 
     #[test]
@@ -43,5 +45,15 @@ mod tests {
         std::fs::write(&path, &bytes[1..]).unwrap();
         let told = SeriesTable::open(&path).err().unwrap().to_string();
         assert!(told.contains("heater.parquet") && told.contains("take it from the archive again"), "{told}");
+    }
+    #[test]
+    fn a_page_of_more_values_than_rows_asks_for_no_memory() {
+        // Found by fuzzing: a page of -1 values, for which a decoder wants all the memory that there can be.
+        let bytes = include_bytes!("../../../fuzz/seeds/auxiliary/endless_page.parquet");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("wheels.parquet");
+        std::fs::write(&path, &bytes[1..]).unwrap();
+        let told = columns::read(&path, Format::Parquet).err().unwrap().to_string();
+        assert!(told.contains("wheels.parquet") && told.contains("cannot be read as a table"), "{told}");
     }
 }
