@@ -1,5 +1,5 @@
-//! Runs during which the temperature of the sensor moves (mathematics.md section 6): the parameters hold at the stated temperature within
-//! their uncertainties, whether polynomials tell the slopes or the run itself, and what cannot be known is refused.
+//! Runs during which the temperature of the sensor moves (docs/mathematics.md, "Temperature"): the parameters hold at the stated
+//! temperature within their uncertainties, whether polynomials tell the slopes or the run itself, and what cannot be known is refused.
 
 use crate::common;
 

@@ -2,9 +2,9 @@
 //!
 //! Every run gives nine values: ln σ (3), offset (3, nT) and ξ (3, degrees). What is common to the runs of a sensor is fitted, with
 //! polynomials of its temperature where the runs span temperatures; candidates are the first-order consequences of wrong facility
-//! parameters (mathematics.md section 5, CH-GFZ-TR-2601 sections 7 and 9), of temperatures, of time and of a place beside the centre.
-//! The scatter of each of the three classes has its own unknown scale. Where the runs bring uncertainties and do not contradict them,
-//! these count as values without parameters; otherwise the scatter is known from repeats and from what the model leaves.
+//! parameters (docs/mathematics.md, "The coil system", CH-GFZ-TR-2601 sections 7 and 9), of temperatures, of time and of a place beside the
+//! centre. The scatter of each of the three classes has its own unknown scale. Where the runs bring uncertainties and do not contradict
+//! them, these count as values without parameters; otherwise the scatter is known from repeats and from what the model leaves.
 
 mod candidates;
 mod describe;

@@ -1,4 +1,4 @@
-//! The -3 dB corner of the AC response from a table of amplitudes, in two ways (mathematics.md section 3).
+//! The -3 dB corner of the AC response from a table of amplitudes, in two ways (docs/mathematics.md, "Frequency response").
 //!
 //! * **igep**, as in the printed tables of 2013: the level in dB relative to the largest amplitude, and a straight line in (f, dB)
 //!   between the two neighbours of -3 dB (not of `1/√2`, which is 0.01 dB lower and 0.08 Hz further up). Low readings cross that
@@ -19,8 +19,8 @@
 //! None of the responses describes a printed table within its noise. What the best leaves in the tables of 2013 is 0.1 to 0.4 % of the
 //! DC amplitude down to -10 dB and 5 to 7 % below, where the lobes of a digital filter are not those of the textbook; and stretches
 //! with lost samples give amplitudes that are far too low. Residuals are therefore taken in amplitude, not in its logarithm, and
-//! the fit ([`crate::fit::contaminated`]) estimates one scatter above -10 dB, another one of at least 5 % of DC below, and the probability that a
-//! row belongs at all. Given standard deviations add to that scatter. The lobes thus choose between responses that do equally well
+//! the fit ([`crate::fit::contaminated`]) estimates one scatter above -10 dB, another one of at least 5 % of DC below, and the probability
+//! that a row belongs at all. Given standard deviations add to that scatter. The lobes thus choose between responses that do equally well
 //! at the corner, and do not move it: with a free scatter the fits of x and y of 13-04-03-12-59-48 follow the lobes, call the good
 //! reading at 100 Hz an outlier, and have the corner 0.2 and 0.5 Hz further up.
 //!

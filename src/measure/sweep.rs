@@ -1,12 +1,13 @@
-//! Fields of constant modulus and random direction while the temperature moves (CH-GFZ-TR-2601 section 8; mathematics.md section 4).
+//! Fields of constant modulus and random direction while the temperature moves (CH-GFZ-TR-2601 section 8; docs/mathematics.md,
+//! "Temperature").
 //!
 //! The nine parameters are followed by a sliding window of settings, and fitted to all settings at once: σ_i, ξ_ij and `B_or,i` are
 //! polynomials of the temperature at each setting, each of the order that is asked for, and the rotation of the sensor is one as well
 //! (`measure::joint`). The elements of `A = Φ⁻¹` are no polynomials then: where σ is a straight line, they bend. A linear model of them is
 //! the start.
 //!
-//! A thermistor shows the temperature of the part that matters earlier or later. The heating and the cooling branch then split; the lag is the one
-//! that makes them one: either a delay, or the time constant of a body that is heated through its surface (first order).
+//! A thermistor shows the temperature of the part that matters earlier or later. The heating and the cooling branch then split; the lag is
+//! the one that makes them one: either a delay, or the time constant of a body that is heated through its surface (first order).
 
 mod fit;
 mod lag;

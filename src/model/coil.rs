@@ -1,4 +1,4 @@
-//! The coil system: from settings to the field at its centre (CH-GFZ-TR-2601 section 6; mathematics.md section 5).
+//! The coil system: from settings to the field at its centre (CH-GFZ-TR-2601 section 6; docs/mathematics.md, "The coil system").
 
 use crate::data::units::FieldCoil;
 use nalgebra::{Matrix3, Vector3};

@@ -1,5 +1,5 @@
-//! A temperature that follows or leads another one: the part of a sensor that matters, and the thermistor beside it (mathematics.md
-//! section 4; CH-GFZ-TR-2601 section 8).
+//! A temperature that follows or leads another one: the part of a sensor that matters, and the thermistor beside it (docs/mathematics.md,
+//! "Temperature"; CH-GFZ-TR-2601 section 8).
 
 use crate::fit::smooth::Course;
 use std::fmt;

@@ -25,7 +25,7 @@ pub enum PositionError {
 /// Pairs of axes that the three angles lie between.
 pub const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
-/// The three classes of parameters of sensor and coil system, which do not mix to first order (mathematics.md section 5).
+/// The three classes of parameters of sensor and coil system, which do not mix to first order (docs/mathematics.md, "The coil system").
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
     /// Scale factors: ln σ of a sensor.

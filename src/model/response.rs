@@ -1,4 +1,5 @@
-//! AC response of a magnetometer: `|G(f)|` as DC gain times a shape, a product of textbook factors (mathematics.md section 3).
+//! AC response of a magnetometer: `|G(f)|` as DC gain times a shape, a product of textbook factors (docs/mathematics.md, "Frequency
+//! response").
 //!
 //! [`RESPONSES`] lists the shapes. A further one is one entry there; a further factor is one variant of [`Factor`].
 

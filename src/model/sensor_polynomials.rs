@@ -1,5 +1,5 @@
 //! Sensitivities, angles and offset of a sensor as polynomials of its temperature, with their uncertainties, as a thermal analysis gives
-//! them: what a run takes its slopes from while the sensor temperature moves (mathematics.md section 6).
+//! them: what a run takes its slopes from while the sensor temperature moves (docs/mathematics.md, "Temperature").
 
 use super::polynomial::TemperaturePolynomial;
 use super::sensor::Split;
@@ -75,8 +75,8 @@ impl SensorChange {
         Self { sensor: [x, y, z, xy, xz, yz].map(slopes), turn: Vec::new(), b_or: polynomials.b_or_ent.each_ref().map(slopes) }
     }
 
-    /// What a reading so many kelvins over the stated temperature has over one there, of a sensor with the parameters that it has there, enT;
-    /// `None` for angles that no three axes have between them.
+    /// What a reading so many kelvins over the stated temperature has over one there, of a sensor with the parameters that it has there,
+    /// enT; `None` for angles that no three axes have between them.
     #[must_use]
     pub fn reading_ent(&self, at: &Split, over_k: f64, field_coil_nt: [f64; 3]) -> Option<[f64; 3]> {
         let own = |k: usize| change_at(&self.sensor[k], over_k);

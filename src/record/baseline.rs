@@ -1,4 +1,4 @@
-//! The linear model of a run before any effect is added (mathematics.md sections 1, 4 and 6):
+//! The linear model of a run before any effect is added (docs/mathematics.md, "Linear calibration" and "Temperature"):
 //! `B_r = Σ_k u^k A_k B_c + Σ_k u^k o_k`, with `u` the time or a temperature, mapped to -1 to 1 over the run.
 //!
 //! A linearity run has a constant response and an offset that is a polynomial of the time; a sweep has polynomials of the temperature for

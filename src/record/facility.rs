@@ -1,5 +1,6 @@
-//! Settings as fields of a facility that is known: every setting at the temperatures of coils and rack in its own time, with the values of the
-//! period that it lies in (CH-GFZ-TR-2601 section 6: the facility is corrected with the temperatures during the run; mathematics.md section 5).
+//! Settings as fields of a facility that is known: every setting at the temperatures of coils and rack in its own time, with the values of
+//! the period that it lies in (CH-GFZ-TR-2601 section 6: the facility is corrected with the temperatures during the run;
+//! docs/mathematics.md, "The coil system").
 
 use super::conditions::PLAUSIBLE_DEGC;
 use crate::data::note::{Note, NoteKind};
@@ -21,8 +22,8 @@ const NEAR_INTERVALS: f64 = 3.0;
 pub struct Driven {
     /// For the parameter file.
     pub part: FacilityApplied,
-    /// Changes of the fields of all plateaus, nT, coil axes, by one standard deviation along each principal direction of the covariance that
-    /// the file states; none where it states none. They are common to all runs that use the file.
+    /// Changes of the fields of all plateaus, nT, coil axes, by one standard deviation along each principal direction of the covariance
+    /// that the file states; none where it states none. They are common to all runs that use the file.
     pub moved_nt: Vec<Vec<[f64; 3]>>,
 }
 
@@ -121,8 +122,8 @@ impl Driven {
         self.moved_nt.iter().map(|moved| places.iter().map(|place| moved[*place]).collect()).collect()
     }
 
-    /// The changes of the mean readings by one standard deviation of the facility, enT: the readings stay and the fields move, which is as if
-    /// the readings of the same fields moved by `response` times the change.
+    /// The changes of the mean readings by one standard deviation of the facility, enT: the readings stay and the fields move, which is as
+    /// if the readings of the same fields moved by `response` times the change.
     #[must_use]
     pub fn changes_ent(&self, response: &Matrix3<f64>) -> Vec<Vec<[f64; 3]>> {
         let change = |moved_nt: &[f64; 3]| (response * Vector3::from(*moved_nt)).into();

@@ -1,4 +1,5 @@
-//! Linear calibrations of a thermal group and its polynomials: each is made with the other until both stay (mathematics.md section 6).
+//! Linear calibrations of a thermal group and its polynomials: each is made with the other until both stay (docs/mathematics.md,
+//! "Temperature").
 
 use super::thermal::ThermalFile;
 use super::{Desk, Made, Measured, RunResult, ThermalShown, each, recipe};
@@ -104,8 +105,8 @@ fn with_polynomials(made: &Made<Lin>, polynomials: &SensorPolynomials) -> Result
     made.again(&Options { temperature: Some(polynomials.clone()), ..made.options.clone() })
 }
 
-/// Gives the runs of thermal groups, and all others of the same sensor, mode and location whose sensor temperature moved, the polynomials as
-/// they were written; returns the calibrations of these runs alone, in their order.
+/// Gives the runs of thermal groups, and all others of the same sensor, mode and location whose sensor temperature moved, the polynomials
+/// as they were written; returns the calibrations of these runs alone, in their order.
 pub fn refer(measured: &mut [Measured], alone: Vec<Alone>, shown: &[ThermalShown], desk: &Desk) -> Vec<Alone> {
     let mut written: Vec<(SensorPolynomials, &RunsUsed)> = Vec::new();
     for one in shown {

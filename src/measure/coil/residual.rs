@@ -1,5 +1,5 @@
 //! The residual field of the facility from moduli at plus and minus F on one coil axis: half their difference (BC-MAG-TR-0085
-//! section 1; mathematics.md section 5). Fields across the axis act on both alike.
+//! section 1; docs/mathematics.md, "The coil system"). Fields across the axis act on both alike.
 
 use super::{AXES, CoilError};
 use crate::data::note::{Note, NoteKind};

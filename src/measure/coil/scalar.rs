@@ -1,6 +1,6 @@
 //! The scalar calibration of the coil system: settings and moduli to scale factors, offset fields and angles, and to what
-//! temperatures do to them (CH-GFZ-TR-2601 section 6; mathematics.md section 5). A facility that stepped between two calibrations has
-//! periods.
+//! temperatures do to them (CH-GFZ-TR-2601 section 6; docs/mathematics.md, "The coil system"). A facility that stepped between two
+//! calibrations has periods.
 
 mod steps;
 mod terms;

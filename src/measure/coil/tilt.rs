@@ -1,4 +1,5 @@
-//! Sensor and facility from runs of one sensor in several orientations (CH-GFZ-TR-2601 sections 7 and 9; mathematics.md section 5).
+//! Sensor and facility from runs of one sensor in several orientations (CH-GFZ-TR-2601 sections 7 and 9; docs/mathematics.md, "The coil
+//! system").
 //!
 //! A sensor axis i along the coil axis k with the sign s sees wrong parameters of the facility as its own: the sensitivity
 //! `σ_i (1 - ds_k)`, the offset `o_i + s db_k`, and the angle `ξ_ij + s_i s_j dα_kl` between two axes. In other orientations it sees
@@ -221,8 +222,8 @@ fn runs_of_sensor<'a>(
 /// The runs of one orientation.
 type Group<'a> = (Position, Vec<&'a OrientedRun>);
 
-/// Tells sensor and facility apart; `facility` is the one that the runs were evaluated with, `stated` the covariance of its values, if it has
-/// one. What the orientations do not see keeps the uncertainty that it had.
+/// Tells sensor and facility apart; `facility` is the one that the runs were evaluated with, `stated` the covariance of its values, if it
+/// has one. What the orientations do not see keeps the uncertainty that it had.
 ///
 /// # Errors
 /// [`CoilError`]: fewer than two orientations, or several sensors.
@@ -375,8 +376,8 @@ fn names_of(family: Class) -> [String; 3] {
     axes.map(|axis| format!("{key}_{}", axis.to_lowercase()))
 }
 
-/// The covariance that a facility states for a family, of what acts by addition: of the logarithms of scale factors, see [`additive`]. Zero for
-/// what it does not state.
+/// The covariance that a facility states for a family, of what acts by addition: of the logarithms of scale factors, see [`additive`]. Zero
+/// for what it does not state.
 fn additive_covariance(family: Class, facility: &FacilityParameters, stated: Option<&Covariance>) -> Matrix3<f64> {
     let Some(stated) = stated else { return Matrix3::zeros() };
     let at = names_of(family).map(|name| stated.parameters.iter().position(|p| *p == name));

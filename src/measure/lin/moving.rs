@@ -1,5 +1,5 @@
 //! A run during which the temperature of the sensor moves: its readings referred to one temperature, so that one response describes all
-//! of them (mathematics.md section 6).
+//! of them (docs/mathematics.md, "Temperature").
 //!
 //! `B_r = S(T) W B_c + B_or(T, t)` with `S = σ⁻¹ Qᵀ(ξ)` the response in the sensor frame and `W = ρᵀ R_nomᵀ`, which stays: the sensor is
 //! taken as not turning in its mount during the run. What is subtracted from a mean reading is `(S(T) - S(T_0)) W B_c` and what the offset
@@ -70,7 +70,8 @@ pub(super) struct Moving {
 }
 
 impl Moving {
-    /// Of the plateaus of a run; `None` without a temperature. A channel that jumps is taken without its jumps, which are none of the sensor.
+    /// Of the plateaus of a run; `None` without a temperature. A channel that jumps is taken without its jumps, which are none of the
+    /// sensor.
     pub fn of(run: &Run, list: &[Plateau], temperatures: &Temperatures, span_s: [f64; 2]) -> Option<Self> {
         let [_, at_degc, _] = temperatures.sensor_degc()?;
         let channel = &temperatures.conditions.as_ref()?.sensor_channel;
@@ -305,8 +306,8 @@ fn changes_ent(directions: &[(usize, Vec<f64>)], at: &Split, list: &[Plateau], m
 }
 
 /// Changes of the mean readings of all plateaus, enT, by the noise of the thermometer, each by one standard deviation of something that is
-/// independent of the others: of a sensor at rest by a temperature that is wrong during the whole run, as the parameters then hold elsewhere
-/// than stated; of one that moves by random courses of the noise.
+/// independent of the others: of a sensor at rest by a temperature that is wrong during the whole run, as the parameters then hold
+/// elsewhere than stated; of one that moves by random courses of the noise.
 fn changes_by_thermometer_ent(change: &SensorChange, at: &Split, list: &[Plateau], moving: &Moving) -> Vec<Vec<[f64; 3]>> {
     let readings = |p: &Plateau, over_k: f64| change.reading_ent(at, over_k, p.setting.field.0).unwrap_or_default();
     if !moving.is_moving() {

@@ -207,7 +207,7 @@ impl Runs {
     }
 }
 
-/// Wrong parameters of one class of the coil calibration, as the runs see them (mathematics.md section 5).
+/// Wrong parameters of one class of the coil calibration, as the runs see them (docs/mathematics.md, "The coil system").
 #[must_use]
 pub fn calibration(runs: &Runs, class: Class, stem: &str, unit: &'static str) -> BetweenRuns {
     if runs.orientations() < 2 {
