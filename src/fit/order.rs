@@ -11,8 +11,8 @@
 //! Both are therefore hypotheses on one scale: the standard deviations as they are, `χ² + penalty(k)`, and all of them too small
 //! by one unknown factor, `n ln(χ²/n) + n + penalty(k + 1)`, which costs a parameter. Each order counts with the better.
 
+use crate::data::quantity::Reason;
 use nalgebra::DMatrix;
-use std::fmt;
 
 use super::linear::Limits;
 use super::polynomial::{self, Polynomial};
@@ -50,34 +50,6 @@ pub struct Candidate {
     /// Weighted root mean square of the error at each point of the fit without it, in units of y; absent where the fit without
     /// a point has no answer.
     pub leave_one_out: Option<f64>,
-}
-
-/// Why an order was taken.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reason {
-    /// The analyst gave it.
-    Given,
-    /// It is the lowest which leaves nothing but rounding.
-    Exact,
-    /// It is the lowest whose AICc is within 2 of the least.
-    LeastAicc,
-    /// It is the lowest whose leave-one-out error is within a factor of 3 of the least; that of the order the criterion prefers,
-    /// a lower one, is not.
-    LeaveOneOut,
-    /// There are too few points for the criterion at any order.
-    TooFewPoints,
-}
-
-impl fmt::Display for Reason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Reason::Given => "given",
-            Reason::Exact => "the lowest that leaves only rounding",
-            Reason::LeastAicc => "AICc",
-            Reason::LeaveOneOut => "leave-one-out error",
-            Reason::TooFewPoints => "too few points for more",
-        })
-    }
 }
 
 /// A polynomial of the order given or chosen.

@@ -28,9 +28,8 @@ use super::thermal::{QuantityFit, band};
 use crate::data::across::LinearScope;
 use crate::data::note::Note;
 use crate::data::plateau::{Plateau, Plateaus};
-use crate::data::quantity::QuantityFound;
+use crate::data::quantity::{QuantityFound, Reason};
 use crate::data::run::{Kind, Run};
-use crate::fit::order::Reason;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::extremes;
 use crate::fit::{Limits, NORMAL_95};
@@ -217,7 +216,7 @@ fn describe(
             degrees_of_freedom: settings.saturating_sub(polynomial.coefficients.len()),
             factor_95: NORMAL_95,
             order: polynomial.order(),
-            order_by: if given { Reason::Given } else { Reason::LeastAicc }.to_string(),
+            order_by: if given { Reason::Given } else { Reason::LeastAicc },
             aicc: Vec::new(),
             leave_one_out: Vec::new(),
             value: apart.iter().map(|w| w.values[k]).collect(),

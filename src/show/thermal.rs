@@ -152,7 +152,7 @@ fn orders(quantities: &[&QuantityFit]) -> Table {
     let head = ["quantity", "order", "chosen by"].map(str::to_owned);
     let mut table = Table::new(head.into_iter().chain((0..orders).map(|k| format!("order {k}"))));
     for q in quantities {
-        let mut row = cells![&q.found.name, q.polynomial.order(), &q.found.order_by];
+        let mut row = cells![&q.found.name, q.polynomial.order(), q.found.order_by.to_string()];
         for k in 0..orders {
             let cell = |list: &[f64], form: &dyn Fn(f64) -> String| {
                 list.get(k).filter(|v| v.is_finite()).map_or_else(|| "-".to_owned(), |v| form(*v))

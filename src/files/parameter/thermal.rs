@@ -11,14 +11,13 @@ use crate::data::convention::{Alignment, Convention};
 use crate::data::error::Finding;
 use crate::data::note::Told;
 use crate::data::provenance::Input;
-use crate::data::quantity::QuantityFound;
+use crate::data::quantity::{QuantityFound, Reason};
 use crate::data::reference::{Reference, StatedReference};
 use crate::data::result::Covariance;
 use crate::data::run::Location;
 use crate::data::units::COMPONENTS;
 use crate::fit::noise::NoiseParameters;
 use crate::fit::noise::dense::{GroupNoise, NoiseKind, Origin, Pooled};
-use crate::fit::order::Reason;
 use crate::model::field_calibration::Frame;
 use crate::model::polynomial::{TemperaturePolynomial, value};
 use crate::model::sensor_polynomials::SensorPolynomials;
@@ -312,7 +311,7 @@ impl NoisePart {
 /// The first sensitivity or angle that has the order 0 because the runs show no slope: neither was it given, nor are the values free of
 /// scatter.
 fn without_slope(quantities: &[QuantityFound]) -> Option<String> {
-    let is_known = |q: &QuantityFound| [Reason::Given, Reason::Exact].iter().any(|reason| reason.to_string() == q.order_by);
+    let is_known = |q: &QuantityFound| matches!(q.order_by, Reason::Given | Reason::Exact);
     let is_of_response = |q: &QuantityFound| q.name.starts_with("sigma_") || q.name.starts_with("xi_");
     quantities.iter().find(|q| is_of_response(q) && q.order == 0 && !is_known(q)).map(|q| q.name.clone())
 }
@@ -545,7 +544,7 @@ mod tests {
             degrees_of_freedom: 1,
             factor_95: 1.96,
             order,
-            order_by: reason.to_string(),
+            order_by: reason,
             aicc: Vec::new(),
             leave_one_out: Vec::new(),
             value: Vec::new(),

@@ -232,7 +232,7 @@ fn described(
             degrees_of_freedom,
             factor_95,
             order: chosen.order,
-            order_by: chosen.reason.to_string(),
+            order_by: chosen.reason,
             aicc: chosen.candidates.iter().map(|c| c.aicc.unwrap_or(f64::NAN)).collect(),
             leave_one_out: chosen.candidates.iter().map(|c| c.leave_one_out.unwrap_or(f64::NAN)).collect(),
             value,
