@@ -3,6 +3,7 @@
 
 use calfit::data::apply::OffsetQuantity;
 use calfit::data::convention::Convention;
+use calfit::data::recipe::Reading;
 use calfit::files::output::{Folder, Pending};
 use calfit::files::table::stream::{Batch, Format, Reader, Writer};
 use calfit::model::field_calibration::{Coefficient, Coefficients, FieldCalibration, Frame, MatrixForm, Parameter};
@@ -39,7 +40,16 @@ fn calibration() -> Applied {
     });
     let Ok(calibration) = calibration else { unreachable!("all parameters are there") };
     let text = || "bench".to_owned();
-    Applied { calibration, sensor: text(), mode: text(), frame: text(), effects: None, inputs: Vec::new(), notes: Vec::new() }
+    Applied {
+        calibration,
+        sensor: text(),
+        mode: text(),
+        frame: text(),
+        channel: None,
+        effects: None,
+        inputs: Vec::new(),
+        notes: Vec::new(),
+    }
 }
 
 /// Readings of a noisy sensor in a field that turns slowly, 24 bits.
@@ -111,7 +121,7 @@ fn main() {
     let applied = calibration();
     for round in 1..=3 {
         let begin = Instant::now();
-        let counts = apply_to(&data, &applied, &options, &folder).unwrap();
+        let counts = apply_to(&data, &applied, &options, &Reading::default(), &folder).unwrap();
         let took = begin.elapsed().as_secs_f64();
         let peak = peak_mib().map_or_else(String::new, |mib| format!(", at most {mib:.0} MiB so far"));
         let result = dir.path().join(&counts.file);

@@ -501,6 +501,8 @@ fn nothing_outside_passes_without_its_flag() {
     assert_eq!(found.flags, [0, 1, 1 << 16, 1 << 17, 0]);
     let is_empty = |c: &Calibrated| -> Vec<bool> { (0..5).map(|i| c.field[i][0].is_nan() && c.std[i][2].is_nan()).collect() };
     assert_eq!(is_empty(&found), [false, false, false, true, true]);
+    // At temperatures outside of the calibration the field is given, and no uncertainty of it.
+    assert_eq!([0, 1, 2].map(|i| found.std[i].iter().all(|u| u.is_nan())), [false, true, false]);
     let found = by_command(&files, &rows, &made.case, &["--outside", "null"]);
     assert_eq!(found.flags, [0, 1, 1 << 16, 1 << 17, 0]);
     assert_eq!(is_empty(&found), [false, true, true, true, true]);
@@ -682,6 +684,63 @@ fn a_run_is_calibrated_at_the_temperature_of_its_thermistor() {
     let output = apply(&[&path], &other.file(), &out, &[]);
     assert_eq!(output.status.code(), Some(1));
     says(&text(&output.stderr), &["is of sensor BS_12", "BS_11"]);
+}
+
+#[test]
+fn polynomials_are_taken_at_the_temperatures_of_their_own_thermistor() {
+    let made = made(6);
+    let of_channel = |channel: &str| {
+        let content = fs::read_to_string(&made.tpf).unwrap();
+        let line = content.lines().find(|l| l.starts_with("channel = ")).unwrap();
+        let path = made.case.path().join(format!("{channel}.TPF"));
+        fs::write(&path, with_its_hash(&content.replace(line, &format!("channel = \"{channel}\"")))).unwrap();
+        path
+    };
+    let plan = Plan::default();
+    let mut run = plan.run().key("sensor", "\"IB\"").key("mode", "\"m\"");
+    let end_s = plan.settings.last().unwrap().t_end;
+    // T29 jumps by 5 K in the middle; T59 stays at 24 °C.
+    run.temperatures = (0..=60)
+        .map(|i| {
+            let scatter = 0.02 * f64::from(i * 7 % 5) - 0.04;
+            (f64::from(i) * end_s / 60.0, [Some(20.5 + scatter + if i < 30 { 0.0 } else { 5.0 }), Some(24.0 - scatter)])
+        })
+        .collect();
+    let case = Case::of(run.text());
+    let out = case.path().join("applied");
+    let applied = |tpf: &Path, more: &[&str]| apply(&[tpf], &case.file(), &out, more);
+    let degc = || {
+        let table = fs::read(out.join("09-22-38.calibrated.parquet")).unwrap();
+        let table = calfit::files::table::Table::from_parquet(&table).unwrap();
+        match &table.columns.iter().find(|(name, _)| name == "t_degc").unwrap().1 {
+            calfit::files::table::Values::Numbers(values) => values[0],
+            other => panic!("{other:?}"),
+        }
+    };
+    let told = done(&applied(&of_channel("T29"), &[]));
+    assert!((degc() - 20.5).abs() < 0.1, "{}", degc());
+    says(&told, &["temperature channel T29 jumps once by +"]);
+    let told = done(&applied(&of_channel("T29"), &["--temperature-column", "T59"]));
+    assert!((degc() - 24.0).abs() < 0.1, "{}", degc());
+    says(&told, &["the temperatures are those of T59; the calibration was made of those of T29"]);
+    let output = applied(&of_channel("T7"), &[]);
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["has no channel `T7`", "--temperature-column"]);
+}
+
+#[test]
+fn a_run_that_is_cut_is_unreadable_unless_it_is_allowed() {
+    let made = made(7);
+    let whole = Plan::default().run().key("sensor", "\"IB\"").key("mode", "\"m\"").text();
+    let cut = whole.len() * 2 / 3;
+    let case = Case::of(whole[..whole[..cut].rfind('\n').unwrap() + 1].to_owned());
+    let out = case.path().join("applied");
+    let output = apply(&[&made.tpf], &case.file(), &out, &[]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    let told = done(&apply(&[&made.tpf], &case.file(), &out, &["--allow", "truncated"]));
+    says(&told, &["09-22-38.CCR", "@END"]);
+    let statement = fs::read_to_string(out.join("09-22-38.calibrated.json")).unwrap();
+    says(&statement, &["--allow truncated", "@END"]);
 }
 
 /// The uncertainty against a Monte Carlo: coefficients drawn from the covariance that the file states, through the applicator.

@@ -1,7 +1,7 @@
 //! `calfit apply`: raw readings to calibrated field.
 
 use super::output::{Terminal, json};
-use super::{Common, Status};
+use super::{Common, Status, status};
 use crate::data::error::Finding;
 use crate::files::field::is_parameter_file;
 use crate::files::output::Folder;
@@ -110,9 +110,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         calibration.notes.iter().for_each(|note| terminal.tell(&format!("note: {note}\n")));
     }
     let folder = Folder::open(&common.out, common.force)?;
-    let mut done = Vec::new();
+    let allowed = common.desk().allowed();
+    let (mut done, mut failures) = (Vec::new(), Vec::new());
     for path in &data {
-        match apply_to(path, &calibration, &options, &folder) {
+        match apply_to(path, &calibration, &options, &allowed, &folder) {
             Ok(file) => {
                 file.notes.iter().for_each(|note| terminal.warning(&format!("{}: {note}", file.data)));
                 if !common.json {
@@ -120,7 +121,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
                 }
                 done.push(file);
             }
-            Err(finding) => terminal.finding(&finding),
+            Err(failure) => {
+                failure.errors().for_each(|finding| terminal.finding(finding));
+                failures.push(failure);
+            }
         }
     }
     folder.sync()?;
@@ -132,10 +136,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let frame = &calibration.frame;
         terminal.tell(&format!("frame: {frame}; group delay and frequency response are not applied\n"));
     }
-    Ok(match done.len() {
-        n if n == data.len() => Status::Done,
-        _ => Status::Partly,
-    })
+    Ok(status(done.len(), &failures))
 }
 
 /// What was made of a file, in a few lines.

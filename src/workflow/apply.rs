@@ -1,21 +1,21 @@
 //! Raw readings to calibrated field: parameter files and vectors in, vectors with field, uncertainty and flags out.
 
+mod run_vectors;
+
+use super::Failure;
 use crate::data::apply::OffsetQuantity;
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::{Input, Provenance};
-use crate::data::recipe::Recipe;
-use crate::data::run::{Location, Run, Vector, VectorSink, interpolate};
+use crate::data::recipe::{Reading as Allowed, Recipe};
+use crate::data::run::{Location, Run};
 use crate::data::units::{COMPONENTS, Reading};
-use crate::files::campaign::Campaign;
-use crate::files::ccr;
 use crate::files::field::read_field;
 use crate::files::output::{Folder, Pending};
 use crate::files::parameter::FieldPart;
 use crate::files::source::digest;
 use crate::files::table::stream::{Batch, Format, Reader, Writer};
-use crate::fit::statistics::median;
 use crate::model::field_calibration::{CalibratedField, CalibrationError, Coefficients, FieldCalibration, Frame, MatrixForm};
 use crate::record::known::Known;
 use crate::record::single_readings::{SingleReadings, TakenOff};
@@ -66,6 +66,8 @@ pub struct Applied {
     pub mode: String,
     /// Frame of the result, in words.
     pub frame: String,
+    /// The thermistor that the files are of, where they say it.
+    pub channel: Option<String>,
     /// Known effects that are taken off the readings first.
     pub effects: Option<SingleReadings>,
     /// The files.
@@ -172,7 +174,8 @@ pub fn applied(
             Some(effects)
         }
     };
-    Ok(Applied { calibration, sensor, mode, frame: frame_words, effects, inputs, notes })
+    let channel = thermistor.map(|(channel, _)| channel);
+    Ok(Applied { calibration, sensor, mode, frame: frame_words, channel, effects, inputs, notes })
 }
 
 /// Refuses a file whose known effects the readings still hold, and a model that the file was not made with.
@@ -272,7 +275,7 @@ const COLUMNS: [(&str, &str); 3] = [
     ("u_bx_nt, u_by_nt, u_bz_nt", "its standard uncertainty, nT"),
     ("flags", "bits: 1 temperature outside, 65536 field outside, 131072 no temperature"),
 ];
-const UNCERTAINTY: &str = "standard uncertainty, coverage factor 1, from the covariance of the coefficients; it is common to all vectors and does not fall with averaging; the noise of the readings is not in it";
+const UNCERTAINTY: &str = "standard uncertainty, coverage factor 1, from the covariance of the coefficients; it is common to all vectors and does not fall with averaging; the noise of the readings is not in it; empty for temperatures outside of the calibration, where none is stated; for fields outside it is that of a sensor that stays linear";
 const NOT_APPLIED: [&str; 2] = ["group delay", "frequency response"];
 
 /// Vectors while they are calibrated.
@@ -349,10 +352,11 @@ impl<'a> Work<'a> {
         }
         let leaves_out = |c: &CalibratedField| self.options.outside == Outside::Null && outside(c);
         for (component, (field, std)) in FIELD.into_iter().zip(STD).enumerate() {
-            for (name, of) in [(field, (|c| c.field_nt) as fn(&CalibratedField) -> [f64; 3]), (std, |c| c.std_nt)] {
-                let values = calibrated.iter().map(|c| if leaves_out(c) { f64::NAN } else { of(c)[component] });
-                batch.push(name, values.collect())?;
-            }
+            let or_empty = |is_empty: bool, value: f64| if is_empty { f64::NAN } else { value };
+            batch.push(field, calibrated.iter().map(|c| or_empty(leaves_out(c), c.field_nt[component])).collect())?;
+            // Polynomials of the temperature state no uncertainty beyond their temperatures.
+            let states_none = |c: &CalibratedField| leaves_out(c) || c.flags.any_of(Flags::TEMPERATURE);
+            batch.push(std, calibrated.iter().map(|c| or_empty(states_none(c), c.std_nt[component])).collect())?;
         }
         batch.push_bits(FLAGS, calibrated.iter().map(|c| c.flags.0).collect())?;
         self.counts.rows += calibrated.len();
@@ -425,41 +429,84 @@ fn with_effects(mut found: CalibratedField, taken: &TakenOff, calibration: &Fiel
     found
 }
 
+/// Where vectors come from.
+enum Source {
+    /// The run without its vectors: its reader tells the hash, and what stands behind them in the file.
+    Run(Box<Run>),
+    Table(Reader, Format),
+}
+
+impl Source {
+    fn open(data: &Path, applied: &Applied, allowed: &Allowed) -> Result<Self, Failure> {
+        match Format::of_name(data) {
+            None => Ok(Source::Run(Box::new(run_vectors::read_run(data, applied, allowed)?))),
+            Some(format) => {
+                let reader = Reader::open(data).map_err(|finding| Failure::Unreadable(vec![finding]))?;
+                Ok(Source::Table(reader, format))
+            }
+        }
+    }
+
+    fn format(&self) -> Format {
+        match self {
+            Source::Table(_, Format::Csv) => Format::Csv,
+            _ => Format::Parquet,
+        }
+    }
+
+    fn input(&self, data: &Path) -> Result<Input, Finding> {
+        let name = data.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        match self {
+            Source::Run(own) => Ok(Input { path: name, ..Input::from(&own.input) }),
+            Source::Table(..) => Ok(digest(data)?.input(name)),
+        }
+    }
+}
+
 /// Applies a calibration to a file of vectors: a run, or a table. Writes `<stem>.calibrated.parquet`, `.csv` for CSV, and a statement
 /// `<stem>.calibrated.json` of what was done.
 ///
 /// # Errors
 /// What is wrong with the file; a run of another sensor or mode; vectors outside with [`Outside::Error`].
-pub fn apply_to(data: &Path, applied: &Applied, options: &ApplyOptions, folder: &Folder) -> Result<AppliedFile, Finding> {
-    let format = Format::of_name(data);
+pub fn apply_to(
+    data: &Path,
+    applied: &Applied,
+    options: &ApplyOptions,
+    allowed: &Allowed,
+    folder: &Folder,
+) -> Result<AppliedFile, Failure> {
+    let source = Source::open(data, applied, allowed)?;
+    calibrated(data, source, applied, options, allowed, folder).map_err(Failure::Refused)
+}
+
+fn calibrated(
+    data: &Path,
+    source: Source,
+    applied: &Applied,
+    options: &ApplyOptions,
+    allowed: &Allowed,
+    folder: &Folder,
+) -> Result<AppliedFile, Finding> {
     let stem = stem(data);
-    let name = format!("{stem}.calibrated.{}", if format == Some(Format::Csv) { "csv" } else { "parquet" });
+    let format = source.format();
+    let name = format!("{stem}.calibrated.{}", if format == Format::Csv { "csv" } else { "parquet" });
     let mut input = applied.inputs.clone();
-    let file_name = data.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    // The reader of a run tells its hash, and what stands behind the vectors in the file.
-    let own = if format.is_none() { Some(read_run(data, applied)?) } else { None };
-    input.push(match &own {
-        Some(own) => Input { path: file_name, ..Input::from(&own.input) },
-        None => digest(data)?.input(file_name),
-    });
+    input.push(source.input(data)?);
     let recorded = serde_json::to_value(options).unwrap_or_default();
-    let provenance = Provenance::new(Recipe::new("apply", &recorded), input);
+    let mut recipe = Recipe::new("apply", &recorded);
+    recipe.reading = allowed.clone();
+    let provenance = Provenance::new(recipe, input);
     let mut work = Work::new(applied, options, data, &name);
-    let text = |statement: &Statement| {
-        serde_json::to_string_pretty(statement)
-            .map_err(|e| Finding::error(&name, format!("has no JSON form: {e}"), "report this"))
-    };
-    let note = serde_json::to_string(&work.statement(&provenance, None))
-        .map_err(|e| Finding::error(&name, format!("has no JSON form: {e}"), "report this"))?;
+    let no_form = |e: serde_json::Error| Finding::error(&name, format!("has no JSON form: {e}"), "report this");
+    let note = serde_json::to_string(&work.statement(&provenance, None)).map_err(no_form)?;
     let mut file = folder.create(&name)?;
-    match (format, &own) {
-        (Some(format), _) => table(&mut work, format, &note, &mut file)?,
-        (None, Some(own)) => vectors(&mut work, own, &note, &mut file)?,
-        (None, None) => {}
+    match source {
+        Source::Table(reader, format) => table(&mut work, reader, format, &note, &mut file)?,
+        Source::Run(own) => run_vectors::vectors(&mut work, &own, allowed, &note, &mut file)?,
     }
     file.finish()?;
     work.judge();
-    let mut statement = text(&work.statement(&provenance, Some(&work.counts)))?;
+    let mut statement = serde_json::to_string_pretty(&work.statement(&provenance, Some(&work.counts))).map_err(no_form)?;
     statement.push('\n');
     folder.write(&format!("{stem}.calibrated.json"), statement.as_bytes())?;
     Ok(work.counts)
@@ -474,9 +521,8 @@ pub fn stem(path: &Path) -> String {
 }
 
 /// The vectors of a table.
-fn table(work: &mut Work, format: Format, note: &str, file: &mut Pending) -> Result<(), Finding> {
+fn table(work: &mut Work, mut reader: Reader, format: Format, note: &str, file: &mut Pending) -> Result<(), Finding> {
     let data = work.data;
-    let mut reader = Reader::open(data)?;
     let mut writer = Writer::new(file, format, note);
     while let Some(mut batch) = reader.next_batch()? {
         if !writer.has_begun()
@@ -496,128 +542,4 @@ fn table(work: &mut Work, format: Format, note: &str, file: &mut Pending) -> Res
         writer.write(&batch)?;
     }
     writer.finish()
-}
-
-/// Hands the vectors of a run to a sink and returns the rest of it.
-fn read_with(data: &Path, sink: &mut impl VectorSink) -> Result<Run, Finding> {
-    let shown = data.display().to_string();
-    let reading = ccr::Options { recorded_path: Some(shown.clone()), ..ccr::Options::default() };
-    ccr::read(data, &reading, sink).map_err(|findings| {
-        findings.into_iter().next_back().unwrap_or_else(|| Finding::error(&shown, "cannot be read", "check the file"))
-    })
-}
-
-/// A run without its vectors, which must be of the sensor and mode of the calibration.
-fn read_run(data: &Path, applied: &Applied) -> Result<Run, Finding> {
-    let own = read_with(data, &mut ())?;
-    let (sensor, mode) = (&applied.sensor, &applied.mode);
-    if (&own.header.sensor, &own.header.mode) != (sensor, mode) {
-        let rule =
-            format!("is of sensor {} in mode {}, the calibration of {sensor} in {mode}", own.header.sensor, own.header.mode);
-        return Err(Finding::error(&data.display().to_string(), rule, "name the files of this sensor and mode"));
-    }
-    Ok(own)
-}
-
-/// The vectors of a run, at the temperatures of its thermistor.
-fn vectors(work: &mut Work, own: &Run, note: &str, file: &mut Pending) -> Result<(), Finding> {
-    let data = work.data;
-    let degc = Thermometer::of(work.options, own, data)?;
-    let writer = Writer::new(file, Format::Parquet, note);
-    let mut sink = Sink { work, degc, writer, t_s: Vec::new(), readings: Default::default(), error: None };
-    read_with(data, &mut sink)?;
-    sink.flush();
-    match sink.error {
-        Some(error) => Err(error),
-        None => sink.writer.finish(),
-    }
-}
-
-/// The sensor temperature of a run.
-enum Thermometer {
-    Constant(f64),
-    /// Readings as (s, °C), and how far from its ends a temperature is still taken from them, s.
-    Series(Vec<(f64, f64)>, f64),
-}
-
-impl Thermometer {
-    fn of(options: &ApplyOptions, run: &Run, data: &Path) -> Result<Self, Finding> {
-        if let Some(degc) = options.temperature_degc {
-            return Ok(Thermometer::Constant(degc));
-        }
-        let channel = match &options.temperature_column {
-            Some(named) => named.clone(),
-            None => {
-                let campaigns = Campaign::open(&[data.to_owned()], &mut Vec::new())?;
-                campaigns.first().map(|c| c.file.instructions.channels(&run.header).0).unwrap_or_default()
-            }
-        };
-        match run.slow_channel(&channel) {
-            Some(series) => {
-                let mut steps: Vec<f64> = series.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-                let usual_step = if steps.is_empty() { f64::INFINITY } else { median(&mut steps) };
-                Ok(Thermometer::Series(series, usual_step))
-            }
-            None if options.temperature_column.is_some() => {
-                let rule = format!("has no channel `{channel}`");
-                Err(Finding::error(&data.display().to_string(), rule, "name one of its temperature channels"))
-            }
-            None => Ok(Thermometer::Constant(f64::NAN)),
-        }
-    }
-
-    /// The temperature at a time, °C; nan further from the readings than they are from each other.
-    fn at(&self, t_s: f64) -> f64 {
-        match self {
-            Thermometer::Constant(degc) => *degc,
-            Thermometer::Series(series, step) => match (series.first(), series.last()) {
-                (Some((first, _)), Some((last, _))) if (first - step..=last + step).contains(&t_s) => interpolate(series, t_s),
-                _ => f64::NAN,
-            },
-        }
-    }
-}
-
-/// Takes the vectors of a run while its file is read.
-struct Sink<'a, 'b> {
-    work: &'a mut Work<'b>,
-    degc: Thermometer,
-    writer: Writer<'a>,
-    t_s: Vec<f64>,
-    readings: [Vec<f64>; 3],
-    error: Option<Finding>,
-}
-
-/// Vectors of a run that are calibrated at once.
-const CHUNK: usize = 1 << 17;
-
-impl VectorSink for Sink<'_, '_> {
-    fn vector(&mut self, vector: Vector) {
-        self.t_s.push(vector.t_s);
-        for (column, reading) in self.readings.iter_mut().zip(vector.reading.0) {
-            column.push(reading);
-        }
-        if self.t_s.len() == CHUNK {
-            self.flush();
-        }
-    }
-}
-
-impl Sink<'_, '_> {
-    fn flush(&mut self) {
-        if self.error.is_none() && (!self.t_s.is_empty() || !self.writer.has_begun()) {
-            self.error = self.write().err();
-        }
-    }
-
-    fn write(&mut self) -> Result<(), Finding> {
-        let t_s = std::mem::take(&mut self.t_s);
-        let readings = std::mem::take(&mut self.readings);
-        let degc: Vec<f64> = t_s.iter().map(|t| self.degc.at(*t)).collect();
-        let [x, y, z] = readings.clone();
-        let columns = vec![("t", t_s), ("x", x), ("y", y), ("z", z), (TEMPERATURE, degc.clone())];
-        let mut batch = Batch::of_numbers(columns, self.work.counts.rows)?;
-        self.work.calibrate(&mut batch, &readings, &degc)?;
-        self.writer.write(&batch)
-    }
 }

@@ -171,8 +171,8 @@ class Parameters:
 
         Gives ``b`` and ``u``, nT, with the shape of the readings and a last axis of three, and ``flags`` (uint32) with the shape of
         the readings: bit 0 temperature outside, bit 16 field or reading outside, bit 17 no temperature. ``u`` is the standard
-        uncertainty of the field by that of the parameters; the noise of the reading is not in it. Group delay and frequency response
-        are not applied.
+        uncertainty of the field by that of the parameters; the noise of the reading is not in it; nan for temperatures outside of the
+        calibration, where none is stated. Group delay and frequency response are not applied.
         """
         where = ", ".join(self.files)
         if self._cannot is not None:
@@ -197,7 +197,9 @@ class Parameters:
             if outside == "error" and flags[at].any():
                 raise self._outside(where, begin + int(np.argmax(flags[at] != 0)), readings, t, flags)
             without |= (outside == "null") & (flags[at] != 0)
-            b[at][without], u[at][without] = np.nan, np.nan
+            b[at][without] = np.nan
+            # Polynomials of the temperature state no uncertainty beyond their temperatures.
+            u[at][without | ((flags[at] & TEMPERATURE) != 0)] = np.nan
         return b.reshape(*shape, 3), u.reshape(*shape, 3), flags.reshape(shape)
 
     def _shaped(self, where: str, x: Any, y: Any, z: Any, t_degc: Any) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:

@@ -1,0 +1,187 @@
+//! The vectors of a run, with the temperatures of its thermistor.
+
+use super::{Applied, ApplyOptions, Failure, TEMPERATURE, Work};
+use crate::data::error::Finding;
+use crate::data::recipe::Reading;
+use crate::data::run::{Run, Vector, VectorSink, interpolate};
+use crate::files::campaign::Campaign;
+use crate::files::ccr;
+use crate::files::output::Pending;
+use crate::files::table::stream::{Batch, Format, Writer};
+use crate::fit::statistics::median;
+use crate::record::temperature_faults::faults;
+use std::path::Path;
+
+/// Hands the vectors of a run to a sink and returns the rest of it.
+fn read_with(data: &Path, allowed: &Reading, sink: &mut impl VectorSink) -> Result<Run, Vec<Finding>> {
+    let shown = data.display().to_string();
+    let reading = ccr::Options {
+        allow_truncated: allowed.allow_truncated,
+        allow_duplicates: allowed.allow_duplicates,
+        recorded_path: Some(shown.clone()),
+        ..ccr::Options::default()
+    };
+    ccr::read(data, &reading, sink)
+}
+
+/// A run without its vectors, which must be of the sensor and mode of the calibration.
+///
+/// # Errors
+/// What is wrong with the file; another sensor or mode.
+pub(super) fn read_run(data: &Path, applied: &Applied, allowed: &Reading) -> Result<Run, Failure> {
+    let own = read_with(data, allowed, &mut ()).map_err(Failure::Unreadable)?;
+    let (sensor, mode) = (&applied.sensor, &applied.mode);
+    if (&own.header.sensor, &own.header.mode) != (sensor, mode) {
+        let rule =
+            format!("is of sensor {} in mode {}, the calibration of {sensor} in {mode}", own.header.sensor, own.header.mode);
+        let remedy = "name the files of this sensor and mode";
+        return Err(Failure::Refused(Finding::error(&data.display().to_string(), rule, remedy)));
+    }
+    Ok(own)
+}
+
+/// Calibrates the vectors of a run, at the temperatures of its thermistor; what the run and its thermistor show goes to the notes.
+///
+/// # Errors
+/// What is wrong with the file; no channel of the name given or stated.
+pub(super) fn vectors(work: &mut Work, own: &Run, allowed: &Reading, note: &str, file: &mut Pending) -> Result<(), Finding> {
+    let data = work.data;
+    work.counts.notes.extend(own.findings.iter().map(ToString::to_string));
+    let degc = Thermometer::of(work, own)?;
+    let writer = Writer::new(file, Format::Parquet, note);
+    let mut sink = Sink { work, degc, writer, t_s: Vec::new(), readings: Default::default(), error: None };
+    read_with(data, allowed, &mut sink).map_err(|findings| {
+        let shown = data.display().to_string();
+        findings.into_iter().next_back().unwrap_or_else(|| Finding::error(&shown, "cannot be read", "check the file"))
+    })?;
+    sink.flush();
+    match sink.error {
+        Some(error) => Err(error),
+        None => sink.writer.finish(),
+    }
+}
+
+/// The sensor temperature of a run.
+enum Thermometer {
+    Constant(f64),
+    /// Readings as (s, °C), and how far from its ends a temperature is still taken from them, s.
+    Series(Vec<(f64, f64)>, f64),
+}
+
+/// The channel of the sensor temperature, and who names it.
+enum Named {
+    /// The analyst.
+    ByOption(String),
+    /// The parameter files: their polynomials are of this thermistor.
+    ByFiles(String),
+    /// The campaign of the run, or the usual name.
+    ByCampaign(String),
+}
+
+impl Named {
+    fn of(options: &ApplyOptions, applied: &Applied, by_campaign: String) -> Self {
+        match (&options.temperature_column, &applied.channel) {
+            (Some(channel), _) => Named::ByOption(channel.clone()),
+            (None, Some(channel)) => Named::ByFiles(channel.clone()),
+            (None, None) => Named::ByCampaign(by_campaign),
+        }
+    }
+
+    fn channel(&self) -> &str {
+        let (Named::ByOption(channel) | Named::ByFiles(channel) | Named::ByCampaign(channel)) = self;
+        channel
+    }
+}
+
+impl Thermometer {
+    fn of(work: &mut Work, run: &Run) -> Result<Self, Finding> {
+        let (options, applied, data) = (work.options, work.applied, work.data);
+        if let Some(degc) = options.temperature_degc {
+            return Ok(Thermometer::Constant(degc));
+        }
+        let campaigns = Campaign::open(&[data.to_owned()], &mut Vec::new())?;
+        let instructions = campaigns.first().map(|c| &c.file.instructions);
+        let named = Named::of(options, applied, instructions.map(|i| i.channels(&run.header).0).unwrap_or_default());
+        if let (Named::ByOption(channel), Some(stated)) = (&named, &applied.channel)
+            && channel != stated
+        {
+            work.counts
+                .notes
+                .push(format!("the temperatures are those of {channel}; the calibration was made of those of {stated}"));
+        }
+        let refused = |rule: String, remedy: &str| Err(Finding::error(&data.display().to_string(), rule, remedy));
+        let channel = named.channel();
+        match (run.slow_channel(channel), &named) {
+            (Some(series), _) => {
+                if let Some(instructions) = instructions {
+                    let of_channel = faults(run, instructions).into_iter().filter(|fault| fault.channel == channel);
+                    work.counts.notes.extend(of_channel.map(|fault| fault.text()));
+                }
+                let mut steps: Vec<f64> = series.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+                let usual_step = if steps.is_empty() { f64::INFINITY } else { median(&mut steps) };
+                Ok(Thermometer::Series(series, usual_step))
+            }
+            (None, Named::ByOption(_)) => refused(format!("has no channel `{channel}`"), "name one of its temperature channels"),
+            (None, Named::ByFiles(_)) if !run.temperatures.names.is_empty() => refused(
+                format!("has no channel `{channel}`, of whose temperatures the calibration was made"),
+                "name the channel of this thermistor with --temperature-column",
+            ),
+            (None, _) => Ok(Thermometer::Constant(f64::NAN)),
+        }
+    }
+
+    /// The temperature at a time, °C; nan further from the readings than they are from each other.
+    fn at(&self, t_s: f64) -> f64 {
+        match self {
+            Thermometer::Constant(degc) => *degc,
+            Thermometer::Series(series, step) => match (series.first(), series.last()) {
+                (Some((first, _)), Some((last, _))) if (first - step..=last + step).contains(&t_s) => interpolate(series, t_s),
+                _ => f64::NAN,
+            },
+        }
+    }
+}
+
+/// Takes the vectors of a run while its file is read.
+struct Sink<'a, 'b> {
+    work: &'a mut Work<'b>,
+    degc: Thermometer,
+    writer: Writer<'a>,
+    t_s: Vec<f64>,
+    readings: [Vec<f64>; 3],
+    error: Option<Finding>,
+}
+
+/// Vectors of a run that are calibrated at once.
+const CHUNK: usize = 1 << 17;
+
+impl VectorSink for Sink<'_, '_> {
+    fn vector(&mut self, vector: Vector) {
+        self.t_s.push(vector.t_s);
+        for (column, reading) in self.readings.iter_mut().zip(vector.reading.0) {
+            column.push(reading);
+        }
+        if self.t_s.len() == CHUNK {
+            self.flush();
+        }
+    }
+}
+
+impl Sink<'_, '_> {
+    fn flush(&mut self) {
+        if self.error.is_none() && (!self.t_s.is_empty() || !self.writer.has_begun()) {
+            self.error = self.write().err();
+        }
+    }
+
+    fn write(&mut self) -> Result<(), Finding> {
+        let t_s = std::mem::take(&mut self.t_s);
+        let readings = std::mem::take(&mut self.readings);
+        let degc: Vec<f64> = t_s.iter().map(|t| self.degc.at(*t)).collect();
+        let [x, y, z] = readings.clone();
+        let columns = vec![("t", t_s), ("x", x), ("y", y), ("z", z), (TEMPERATURE, degc.clone())];
+        let mut batch = Batch::of_numbers(columns, self.work.counts.rows)?;
+        self.work.calibrate(&mut batch, &readings, &degc)?;
+        self.writer.write(&batch)
+    }
+}
