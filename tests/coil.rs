@@ -1050,3 +1050,52 @@ fn polynomials_keep_what_the_runs_share_of_the_facility() {
     // 0.3 nT of the coil and 0.5 nT of the offset field.
     assert!((0.5..0.7).contains(&u_nt), "{u_nt}");
 }
+
+/// A temperature coefficient of the coils that is known to 1e-6 per kelvin, and coils that are warmer by a tenth of a kelvin for every kelvin
+/// of the sensor: below their reference temperature it makes sensitivities smaller, above larger, so that the slope over the sensor temperature
+/// is uncertain by a tenth of it, however many runs there are.
+#[test]
+fn an_uncertain_coefficient_of_the_coils_makes_slopes_over_the_sensor_temperature_uncertain() {
+    const STD_PER_K: f64 = 1e-6;
+    let case = Case::new();
+    let text = format!(
+        "scale_nt_per_eu = {SCALE:?}\noffset_nt = {OFFSET_NT:?}\nangles_deg = {ANGLES_DEG:?}\nreference_degc = 20.5\n\
+         scale_per_k = [0.0, 0.0, 0.0]\noffset_nt_per_k = [0.0, 0.0, 0.0]\n[covariance]\nparameters = [\"scale_per_k_x\"]\n\
+         matrix = [[{:e}]]\n",
+        STD_PER_K * STD_PER_K
+    );
+    let facility = case.put("facility.toml", text);
+    for (i, degc) in [0.0, 10.0, 20.0, 30.0, 40.0, 50.0].into_iter().enumerate() {
+        let (_, mut run) = in_facility(&FACILITY);
+        let coil = 20.5 + 0.1 * (degc - 25.0);
+        run.temperatures = (0..=4).map(|i| (8.0 * f64::from(i), [Some(coil), Some(degc)])).collect();
+        let name = format!("13-04-03_1{i}-00-00");
+        case.put(&format!("13-04-03/1{i}-00-00.CCR"), run.named(&name).text());
+    }
+    let sigma = Plan::default().truth.sigma[0];
+    let judge = |tpf: &toml_edit::DocumentMut| {
+        let entry = |r: usize, c: usize| tpf["covariance_b"]["sigma_x"][r][c].as_float().unwrap();
+        let slope = 0.1 * STD_PER_K * sigma;
+        assert!((entry(1, 1).sqrt() / slope - 1.0).abs() < 0.01, "{} {slope}", entry(1, 1).sqrt());
+        assert!((entry(0, 0).sqrt() / (25.0 * slope) - 1.0).abs() < 0.01, "{}", entry(0, 0).sqrt());
+        assert!((entry(0, 1) / (-25.0 * slope * slope) - 1.0).abs() < 0.01, "{}", entry(0, 1));
+        assert!((tpf["covariance_b"]["sigma_y"][1][1].as_float().unwrap()).sqrt() < 1e-3 * slope);
+        let common = tpf["common"].as_array_of_tables().unwrap();
+        assert_eq!(common.len(), 1);
+        says(common.get(0).unwrap()["source"].as_str().unwrap(), &["facility.toml", "period 1", "direction 1"]);
+    };
+    let options = ["--no-plots", "--order", "sigma=1", "--order", "xi=0", "--facility", facility.to_str().unwrap()];
+    let tpf_of = |out: &std::path::Path, inputs: &[std::path::PathBuf], options: &[&str]| {
+        let output = calfit().arg("thermal").args(inputs).args(options).arg("-o").arg(out).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", text_of(&output));
+        parameters(&out.join("THERMAL_PARAMETER__13-04-03-10-00-00.TPF"))
+    };
+    judge(&tpf_of(&case.out().join("runs"), &[case.campaign()], &options));
+    // The same from the files of the runs.
+    assert_eq!(case.lin(&["--facility", facility.to_str().unwrap(), "--no-plots", "--order", "0"]).status.code(), Some(0));
+    let files: Vec<_> = (0..6)
+        .map(|i| format!("13-04-03_1{i}-00-00"))
+        .map(|name| case.out().join(&name).join(format!("PARAMETER_LIN__{name}.CPF")))
+        .collect();
+    judge(&tpf_of(&case.out().join("files"), &files, &options[..5]));
+}

@@ -188,3 +188,70 @@ fn both_corners_have_polynomials_and_that_between_amplitudes_is_the_printed_one(
     }
     assert_eq!(files, 4);
 }
+
+/// Ordinary least squares of a straight line, by its closed form.
+fn line(t: &[f64], y: &[f64]) -> [f64; 2] {
+    let n = t.len() as f64;
+    let (st, sy) = (t.iter().sum::<f64>(), y.iter().sum::<f64>());
+    let (stt, sty) = (t.iter().map(|t| t * t).sum::<f64>(), t.iter().zip(y).map(|(t, y)| t * y).sum::<f64>());
+    let slope = (n * sty - st * sy) / (n * stt - st * st);
+    [(sy - slope * st) / n, slope]
+}
+
+/// Runs that share two things: one moves all of them alike, the other only those of its period, with signs that change.
+#[test]
+fn what_runs_share_moves_the_polynomials_with_its_signs() {
+    let degc = [-40.0, -10.0, 20.0, 50.0, 80.0];
+    let by = [[2e-5; 5], [0.0, 0.0, 3e-5, -1e-5, 4e-5]];
+    let case = Case::new();
+    let mut files = Vec::new();
+    for (i, t) in degc.into_iter().enumerate() {
+        let run = format!("01-01-0{}_00-00-00", i + 1);
+        let common = |source: &str, sigma_x: f64, xi_yz: f64| {
+            format!(
+                "[[common]]\nsource = \"{source}\"\nsigma = [{sigma_x:e}, 0.0, 0.0]\nxi_deg = [0.0, 0.0, {xi_yz:e}]\nb_or_ent = [0.0, 0.0, 0.0]\n"
+            )
+        };
+        let second = if by[1][i] == 0.0 { String::new() } else { common("later", by[1][i], -by[1][i]) };
+        let s = 1.0 + 1e-5 * t + 1e-7 * f64::from(i as u32 % 2);
+        files.push(case.put(
+            &format!("{run}.CPF"),
+            format!(
+                "format = \"CPF\"\nversion = 1\n[run]\nid = \"{run}\"\nsensor = \"S\"\nmode = \"m\"\ntemperature_degc = {t:?}\n\
+                 [matrix]\nsigma = [[{s:?}, 0.0, 0.0], [0.0, {s:?}, 0.0], [0.0, 0.0, {s:?}]]\n[angle_deg]\nxi_xy = 90.0\nxi_xz = 90.0\n\
+                 xi_yz = {:?}\n[offset]\nb_or_ent = [1.0, 2.0, {s:?}]\n[std]\nsigma = [1e-6, 1e-6, 1e-6]\nxi_deg = [1e-4, 1e-4, 1e-4]\n\
+                 b_or_ent = [0.1, 0.1, 0.1]\n[std_b]\nsigma = [2e-5, 0.0, 0.0]\nxi_deg = [0.0, 0.0, 1e-5]\nb_or_ent = [0.0, 0.0, 0.0]\n{}{second}",
+                90.0 + 1e-6 * t,
+                common("all", by[0][i], 0.0)
+            ),
+        ));
+    }
+    let output = calfit()
+        .arg("thermal")
+        .args(&files)
+        .args(["--no-plots", "--order", "sigma=1", "--order", "xi=1", "--order", "b_or=1", "-o"])
+        .arg(case.out())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let tpf = parameters(&case.out().join("THERMAL_PARAMETER__01-01-01-00-00-00.TPF"));
+    let moved = by.map(|by| line(&degc, &by));
+    let entry = |name: &str, r: usize, c: usize| tpf["covariance_b"][name][r][c].as_float().unwrap();
+    let near = |found: f64, wanted: f64, size: f64| assert!((found - wanted).abs() < 1e-9 * size, "{found:e} {wanted:e}");
+    for r in 0..2 {
+        for c in 0..2 {
+            let size = (0..2).map(|k| (moved[k][r] * moved[k][c]).abs()).sum::<f64>();
+            near(entry("sigma_x", r, c), moved[0][r] * moved[0][c] + moved[1][r] * moved[1][c], size);
+            near(entry("xi_yz", r, c), moved[1][r] * moved[1][c], size);
+            assert_eq!(entry("sigma_y", r, c), 0.0);
+        }
+    }
+    // The changes themselves, so that what uses several quantities knows how they go together.
+    let common = tpf["common"].as_array_of_tables().unwrap();
+    let sources: Vec<&str> = common.iter().map(|one| one["source"].as_str().unwrap()).collect();
+    assert_eq!(sources, ["all", "later"]);
+    for k in 0..2 {
+        near(common.get(1).unwrap()["sigma_x"][k].as_float().unwrap(), moved[1][k], moved[1][k].abs());
+        near(common.get(1).unwrap()["xi_yz"][k].as_float().unwrap(), -moved[1][k], moved[1][k].abs());
+    }
+}

@@ -93,6 +93,57 @@ impl LinearScope {
     }
 }
 
+/// How the values of a run change by one standard deviation of something that it shares with other runs, such as the scale factor of a coil:
+/// with the same sign in all of them, however many there are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CommonChange {
+    /// What it is; runs with the same words share it.
+    pub source: String,
+    /// Of the sensitivities, nT/enT.
+    pub sigma: [f64; 3],
+    /// Of ξ_xy, ξ_xz, ξ_yz, degrees.
+    pub xi_deg: [f64; 3],
+    /// Of offset and residual field, enT.
+    pub b_or_ent: [f64; 3],
+}
+
+impl CommonChange {
+    /// σ, ξ and B_or in turn.
+    #[must_use]
+    pub fn all(&self) -> [[f64; 3]; 3] {
+        [self.sigma, self.xi_deg, self.b_or_ent]
+    }
+
+    /// Changes of a file that states standard uncertainties of type B alone, of σ, ξ and B_or: one of each value, in the same direction in all
+    /// runs of such files.
+    #[must_use]
+    pub fn of_std(std_b: [Option<[f64; 3]>; 3]) -> Vec<Self> {
+        const NAMES: [[&str; 3]; 3] =
+            [["sigma_x", "sigma_y", "sigma_z"], ["xi_xy", "xi_xz", "xi_yz"], ["b_or_x", "b_or_y", "b_or_z"]];
+        let one = |(which, i): (usize, usize)| {
+            let mut all = [[0.0; 3]; 3];
+            // What is not stated is not known.
+            all[which][i] = std_b[which].map_or(f64::NAN, |std| std[i]);
+            let [sigma, xi_deg, b_or_ent] = all;
+            Self { source: Self::source_of(NAMES[which][i]), sigma, xi_deg, b_or_ent }
+        };
+        (0..9).map(|k| one((k / 3, k % 3))).collect()
+    }
+
+    /// What stands for the source of the uncertainty of a quantity in files that do not tell it.
+    #[must_use]
+    pub fn source_of(quantity: &str) -> String {
+        format!("type B of {quantity}")
+    }
+
+    /// Standard uncertainties of σ, ξ and B_or from all of them; nan where one is not known.
+    #[must_use]
+    pub fn std_of(all: &[Self]) -> [[f64; 3]; 3] {
+        let square = |which: usize, i: usize| all.iter().map(|change| change.all()[which][i].powi(2)).sum::<f64>();
+        std::array::from_fn(|which| std::array::from_fn(|i| square(which, i).sqrt()))
+    }
+}
+
 /// Values of one run that depend on temperature.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RunValues {
@@ -106,8 +157,8 @@ pub enum RunValues {
         b_or_ent: [f64; 3],
         /// Standard uncertainties of the three in turn; `None` if the file does not tell.
         std: [Option<[f64; 3]>; 3],
-        /// Those of type B, which the facility makes common to all runs; `None` if the file does not tell.
-        std_b: Box<[Option<[f64; 3]>; 3]>,
+        /// Those of type B, as changes by everything that runs share; `None` if the file does not tell.
+        common: Option<Vec<CommonChange>>,
         /// λ_x, μ_y, ν_z, degrees; nan where the file does not tell.
         rotation_deg: [f64; 3],
         /// Their standard uncertainties, degrees; nan where the file does not tell.

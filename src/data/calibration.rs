@@ -3,6 +3,7 @@
 //! The result of the analysis and its parameter file both hold them, and analyses of several runs take them from either, so that each
 //! is defined here only.
 
+use super::across::CommonChange;
 use super::convention::{Alignment, Convention};
 use super::reference::{Reference, StatedReference};
 use super::result::{Covariance, Rows, RunHead, Spread, Summary};
@@ -192,6 +193,9 @@ pub struct LinearTypeB {
     pub std_combined: LinearStd,
     /// Covariance of the fitted quantities, type B.
     pub covariance_b: Covariance,
+    /// The same as changes by one standard deviation of everything that runs share; absent in files from before they were told.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub common: Vec<CommonChange>,
     /// The same of both types.
     pub covariance_combined: Covariance,
 }
@@ -199,8 +203,24 @@ pub struct LinearTypeB {
 impl LinearTypeB {
     /// Those of type B with those of type A, which are independent of them.
     #[must_use]
-    pub fn with(std_b: LinearStd, covariance_b: Covariance, std: &LinearStd, covariance: &Covariance) -> Self {
-        Self { std_combined: std.combined(&std_b), covariance_combined: covariance.plus(&covariance_b), std_b, covariance_b }
+    pub fn with(
+        std_b: LinearStd,
+        covariance_b: Covariance,
+        common: Vec<CommonChange>,
+        std: &LinearStd,
+        covariance: &Covariance,
+    ) -> Self {
+        let (std_combined, covariance_combined) = (std.combined(&std_b), covariance.plus(&covariance_b));
+        Self { std_combined, covariance_combined, std_b, covariance_b, common }
+    }
+}
+
+impl LinearTypeB {
+    /// The changes by what runs share; made of the standard uncertainties where the file does not tell them.
+    #[must_use]
+    pub fn changes(&self) -> Vec<CommonChange> {
+        let b = &self.std_b;
+        if self.common.is_empty() { CommonChange::of_std([b.sigma, b.xi_deg, b.b_or_ent].map(Some)) } else { self.common.clone() }
     }
 }
 

@@ -12,7 +12,7 @@ mod tests;
 
 pub use refusal::CentreError;
 
-use crate::data::across::{CalibratedRun, CentreResidual, LinearScope, PairedCalibration, RunValues};
+use crate::data::across::{CalibratedRun, CentreResidual, CommonChange, LinearScope, PairedCalibration, RunValues};
 use crate::data::convention::{Alignment, Convention};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Rows;
@@ -46,8 +46,9 @@ pub struct OffCentre {
     /// What they hold for, beside temperatures.
     pub scope: LinearScope,
     /// What the facility that the runs share adds to the uncertainty of σ and ξ: how their coefficients, σ_x to ξ_yz, change by one standard
-    /// deviation of it. Absent where it is not stated, or not as one change per quantity; covariances are those of both types then.
-    pub of_facility: Option<[Vec<f64>; 6]>,
+    /// deviation of everything that is not known better, with what that is. Absent where it is not stated, and neither as one change per
+    /// quantity; covariances are those of both types then.
+    pub of_facility: Option<Vec<(String, [Vec<f64>; 6])>>,
 }
 
 /// What the transfer needs beside the polynomials.
@@ -238,8 +239,8 @@ pub fn centre(beside: &OffCentre, pair: Pair) -> Result<AtCentre, CentreError> {
     let centre = linear(pair.centre, pair.centre)?;
     let t1_degc = centre.temperature_degc.ok_or_else(|| CentreError::NoTemperature(centre.file.clone()))?;
     let off_run = pair.off_centre.map(|p| linear(p, pair.centre)).transpose()?;
-    let std_b = [Some(pair.centre), pair.off_centre].map(|run| run.map_or([0.0; 6], of_facility));
-    let members = Members { beside, centre, off_run, std_b, t1_degc };
+    let common = [Some(pair.centre), pair.off_centre].map(|run| run.map_or_else(Vec::new, of_facility));
+    let members = Members { beside, centre, off_run, common, t1_degc };
     let mut notes = members.notes();
     let scope = scope(beside, &pair)?;
     let linear = members.linear()?;
@@ -325,8 +326,8 @@ struct Members<'a> {
     centre: PairedCalibration,
     /// The run beside the centre at T1, if there is one.
     off_run: Option<PairedCalibration>,
-    /// Standard uncertainties of type B of σ and ξ of the runs at and beside the centre; zero where none are stated.
-    std_b: [[f64; 6]; 2],
+    /// Changes of σ and ξ of the runs at and beside the centre by everything that they share with others; none where none are stated.
+    common: [Vec<(String, [f64; 6])>; 2],
     t1_degc: f64,
 }
 
@@ -412,21 +413,30 @@ impl Members<'_> {
         known
     }
 
-    /// How the values of [`Members::known`] change by one standard deviation of the facility, which polynomials and runs share, per quantity.
+    /// How the values of [`Members::known`] change by one standard deviation of everything that polynomials and runs share.
     fn of_facility(&self, count: usize) -> Vec<Vec<f64>> {
         let Some(polynomials) = &self.beside.of_facility else { return Vec::new() };
-        let runs = count - polynomials.iter().map(Vec::len).sum::<usize>();
-        let mut first = 0;
-        let change = |(quantity, own): (usize, &Vec<f64>)| {
+        let coefficients: usize = self.beside.sigma.iter().chain(&self.beside.xi_deg).map(|p| p.coefficients.len()).sum();
+        let runs = &self.common[..(count - coefficients) / 6];
+        let mut sources: Vec<&String> = Vec::new();
+        for source in polynomials.iter().map(|(source, _)| source).chain(runs.iter().flatten().map(|(source, _)| source)) {
+            if !sources.contains(&source) {
+                sources.push(source);
+            }
+        }
+        let change = |source: &String| {
             let mut change = vec![0.0; count];
-            change[first..first + own.len()].copy_from_slice(own);
-            first += own.len();
-            for (run, std_b) in self.std_b.iter().enumerate().take(runs / 6) {
-                change[count - runs + 6 * run + quantity] = std_b[quantity];
+            if let Some((_, own)) = polynomials.iter().find(|(s, _)| s == source) {
+                change[..coefficients].copy_from_slice(&own.concat());
+            }
+            for (run, own) in runs.iter().enumerate() {
+                if let Some((_, own)) = own.iter().find(|(s, _)| s == source) {
+                    change[coefficients + 6 * run..coefficients + 6 * run + 6].copy_from_slice(own);
+                }
             }
             change
         };
-        polynomials.iter().enumerate().map(change).collect()
+        sources.into_iter().map(change).collect()
     }
 
     /// The transfer in the Rosetta convention for the values `x`, in the order of [`Members::known`].
@@ -554,11 +564,12 @@ fn same_sensor(point: &CalibratedRun, centre: &CalibratedRun) -> Result<(), Cent
     Err(CentreError::Other { file: point.file.clone(), found: of(point), centre: centre.file.clone(), wanted: of(centre) })
 }
 
-/// Standard uncertainties of type B of σ and ξ of a run; zero where none are stated.
-fn of_facility(point: &CalibratedRun) -> [f64; 6] {
-    let RunValues::Lin { std_b, .. } = &point.values else { return [0.0; 6] };
-    let [sigma, xi_deg] = [0, 1].map(|which| std_b[which].filter(|s| s.iter().all(|s| s.is_finite())).unwrap_or_default());
-    std::array::from_fn(|i| if i < 3 { sigma[i] } else { xi_deg[i - 3] })
+/// Changes of σ and ξ of a run by everything that it shares with others; none where none are stated.
+fn of_facility(point: &CalibratedRun) -> Vec<(String, [f64; 6])> {
+    let RunValues::Lin { common: Some(common), .. } = &point.values else { return Vec::new() };
+    let known = |value: f64| if value.is_finite() { value } else { 0.0 };
+    let six = |change: &CommonChange| std::array::from_fn(|i| known(if i < 3 { change.sigma[i] } else { change.xi_deg[i - 3] }));
+    common.iter().map(|change| (change.source.clone(), six(change))).collect()
 }
 
 fn linear(point: &CalibratedRun, centre: &CalibratedRun) -> Result<PairedCalibration, CentreError> {

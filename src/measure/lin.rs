@@ -63,10 +63,16 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     let derived = Derived::of(&stacked, &means, &r_nom)?;
     let response = derived.response();
     let parameters = Parameters::of(derived, &stacked, &covariance, &means, &r_nom)?;
-    let of_facility = match prepared.covariance_of_facility(&response, &means).map_err(LinError::Fit)? {
-        Some(covariance) => {
-            let b = Parameters::of(Derived::of(&stacked, &means, &r_nom)?, &stacked, &covariance, &means, &r_nom)?;
-            Some(LinearTypeB::with(b.std(), b.covariance(), &parameters.std(), &parameters.covariance()))
+    let of_facility = match prepared.changes_of_facility(&response, &means).map_err(LinError::Fit)? {
+        Some((sources, changes)) => {
+            let derived = Derived::of(&stacked, &means, &r_nom)?;
+            let mut common = Vec::new();
+            for (source, change) in sources.into_iter().zip(changes.column_iter()) {
+                let moved: Vec<f64> = stacked.iter().zip(&change).map(|(value, by)| value + by).collect();
+                common.push(derived.change_to(&Derived::of(&moved, &means, &r_nom)?, source));
+            }
+            let b = Parameters::of(derived, &stacked, &(&changes * changes.transpose()), &means, &r_nom)?;
+            Some(LinearTypeB::with(b.std(), b.covariance(), common, &parameters.std(), &parameters.covariance()))
         }
         None => None,
     };

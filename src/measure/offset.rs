@@ -119,7 +119,7 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     notes.extend(temperatures.moved_k().map(moved));
     conditions::warn_of_plateaus(&mut notes, run, &plateaus);
     conditions::warn_of_run(&mut notes, run, instructions);
-    let moved = facility.as_ref().filter(|driven| !driven.moved_nt.is_empty());
+    let moved = facility.as_ref().filter(|driven| !driven.moved.is_empty());
     let of_uncertain_facility =
         moved.map(|driven| type_b::of_facility(driven, &plateaus, instructions, &levels, &mut solved)).transpose()?;
     let found = OffsetFound {

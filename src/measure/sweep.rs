@@ -43,7 +43,7 @@ use crate::record::position::{apply_limits, the_position};
 use crate::record::screens::{self, inside};
 use fit::Problem;
 use means::Means;
-use nalgebra::Matrix3;
+use nalgebra::{DVectorView, Matrix3};
 use orders::Asked;
 use std::ops::Range;
 use thermistors::Followed;
@@ -124,13 +124,14 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let mut head = conditions::head(run, instructions, &temperatures);
     head.temperature_degc = Some(degc.iter().sum::<f64>() / degc.len() as f64);
     let polynomials = fit::polynomials(fit, &settled.covariance);
-    let uncertain = facility.as_ref().filter(|driven| !driven.moved_nt.is_empty());
-    let covariance_b = uncertain.map(|driven| fit::of_facility(fit, degc, &driven.moved_of(&list, &used))).transpose()?;
-    let of_facility = covariance_b.as_ref().map(|covariance| fit::polynomials(fit, covariance));
+    let uncertain = facility.as_ref().filter(|driven| !driven.moved.is_empty());
+    let changes = uncertain.map(|driven| fit::of_facility(fit, degc, &driven.moved_of(&list, &used))).transpose()?;
+    let sources = || uncertain.into_iter().flat_map(|driven| driven.moved.iter().map(|moved| moved.source.clone()));
     let together = fit::together(fit, &settled.covariance);
-    let together_combined = covariance_b.as_ref().map(|b| &together + fit::together(fit, b));
+    let together_combined = changes.as_ref().map(|b| &together + fit::together(fit, &(b * b.transpose())));
+    let change_of = |k: usize, change: DVectorView<f64>| fit.range(k).map(|place| change[place]).collect::<Vec<f64>>();
     let quantity = |k: usize| QuantityFit {
-        covariance_b: of_facility.as_ref().map(|of| of[k].covariance.clone()),
+        common: changes.as_ref().map(|of| sources().zip(of.column_iter().map(|change| change_of(k, change))).collect()),
         ..describe(k, run, &polynomials[k], &windows, asked.has(k), used.len())
     };
     let rms = |of: &dyn Fn(&SweepBlock) -> f64| (blocks.iter().map(|b| of(b).powi(2)).sum::<f64>() / blocks.len() as f64).sqrt();
@@ -230,7 +231,7 @@ fn describe(
         runs: Vec::new(),
         temperature_degc: apart.iter().map(|w| w.temperature_degc[1]).collect(),
         polynomial: polynomial.clone(),
-        covariance_b: None,
+        common: None,
         band: band(polynomial.valid_degc, |t| polynomial.evaluate(t)),
         joint_band: Vec::new(),
     }

@@ -16,15 +16,26 @@ use nalgebra::{Matrix3, Vector3};
 
 /// A reading this many usual intervals away from a setting is near it: one that fails does not make a gap.
 const NEAR_INTERVALS: f64 = 3.0;
+/// Digits of the hash of a facility file that tell it from others of the same name.
+const HASH_DIGITS: usize = 12;
 
 /// What a facility did to the settings of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Driven {
     /// For the parameter file.
     pub part: FacilityApplied,
-    /// Changes of the fields of all plateaus, nT, coil axes, by one standard deviation along each principal direction of the covariance
-    /// that the file states; none where it states none. They are common to all runs that use the file.
-    pub moved_nt: Vec<Vec<[f64; 3]>>,
+    /// What one standard deviation along each principal direction of the covariance that the file states does to the fields; none where it
+    /// states none. They are common to all runs that use the file.
+    pub moved: Vec<Moved>,
+}
+
+/// What one standard deviation of something that a facility file does not know better does to the fields of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Moved {
+    /// What it is, in the same words for every run: the file with the begin of its hash, the period and the principal direction.
+    pub source: String,
+    /// Changes of the fields of all plateaus, nT, coil axes.
+    pub nt: Vec<[f64; 3]>,
 }
 
 /// Turns the settings of plateaus into fields of the facility.
@@ -70,9 +81,10 @@ pub fn apply(
     for (i, (plateau, period)) in list.iter_mut().zip(&periods).enumerate() {
         plateau.setting.field = field(&coils[*period], i, settings[i]);
     }
-    let mut moved_nt = Vec::new();
+    let mut all_moved = Vec::new();
+    let file: String = facility.input.sha256.chars().take(HASH_DIGITS).collect();
     for (place, period) in facility.periods.iter().enumerate().filter(|(place, _)| periods.contains(place)) {
-        for part in period.moved() {
+        for (direction, part) in period.moved().into_iter().enumerate() {
             let moved = coil_of(&Period { part, ..period.clone() })?;
             let change = |i: usize| {
                 if periods[i] != place {
@@ -81,7 +93,8 @@ pub fn apply(
                 let (before, after) = (list[i].setting.field.0, field(&moved, i, settings[i]).0);
                 std::array::from_fn(|axis| after[axis] - before[axis])
             };
-            moved_nt.push((0..list.len()).map(change).collect());
+            let source = format!("{} {file}, period {}, direction {}", facility.input.path, place + 1, direction + 1);
+            all_moved.push(Moved { source, nt: (0..list.len()).map(change).collect() });
         }
     }
     let used: Vec<f64> = coil_degc.iter().flatten().flat_map(|degc| degc.iter().copied()).collect();
@@ -110,7 +123,7 @@ pub fn apply(
         period: (!first.span.is_always()).then(|| first.span.clone()),
         applied: first.part.clone(),
     };
-    Ok(Driven { part, moved_nt })
+    Ok(Driven { part, moved: all_moved })
 }
 
 impl Driven {
@@ -119,7 +132,7 @@ impl Driven {
     pub fn moved_of(&self, list: &[Plateau], some: &[&Plateau]) -> Vec<Vec<[f64; 3]>> {
         let places: Vec<usize> =
             list.iter().enumerate().filter(|(_, p)| some.iter().any(|s| std::ptr::eq(*s, *p))).map(|(place, _)| place).collect();
-        self.moved_nt.iter().map(|moved| places.iter().map(|place| moved[*place]).collect()).collect()
+        self.moved.iter().map(|moved| places.iter().map(|place| moved.nt[*place]).collect()).collect()
     }
 
     /// The changes of the mean readings by one standard deviation of the facility, enT: the readings stay and the fields move, which is as
@@ -127,7 +140,7 @@ impl Driven {
     #[must_use]
     pub fn changes_ent(&self, response: &Matrix3<f64>) -> Vec<Vec<[f64; 3]>> {
         let change = |moved_nt: &[f64; 3]| (response * Vector3::from(*moved_nt)).into();
-        self.moved_nt.iter().map(|plateaus| plateaus.iter().map(change).collect()).collect()
+        self.moved.iter().map(|moved| moved.nt.iter().map(change).collect()).collect()
     }
 }
 

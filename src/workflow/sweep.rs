@@ -1,6 +1,6 @@
 //! Continuous sweeps as files, figures and text.
 
-use super::thermal::{CurveView, covariance_together, covariances, covariances_with_type_b, tpf};
+use super::thermal::{CurveView, common, covariance_together, covariances, covariances_with_type_b, tpf};
 use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
 use crate::data::error::Finding;
 use crate::data::note::{Note, Told};
@@ -120,6 +120,7 @@ fn thermal_head(sweep: &Sweep) -> ThermalHead {
         covariance: covariances(&sweep.quantities),
         covariance_b,
         covariance_combined,
+        common: common(&sweep.quantities),
         quantity: sweep.quantities.iter().map(|q| q.found.clone()).collect(),
         told: Told::of(&sweep.notes),
     }

@@ -15,7 +15,7 @@ use crate::data::result::Covariance;
 use crate::data::run::Location;
 use crate::files::ledger::Origin;
 use crate::files::parameter::{
-    Body, JointPart, NO_CHANNEL, NoisePart, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point,
+    Body, CommonCoefficients, JointPart, NO_CHANNEL, NoisePart, Taf, ThermalConvention, ThermalHead, Tof, Tpf, read, read_point,
 };
 use crate::files::source::hex;
 use crate::measure::centre::together;
@@ -464,6 +464,7 @@ fn head(result: &Thermal) -> ThermalHead {
         covariance: covariances(&result.quantities),
         covariance_b,
         covariance_combined,
+        common: common(&result.quantities),
         quantity: result.quantities.iter().map(|q| q.found.clone()).collect(),
         runs: ids,
         told: Told::of(&result.notes),
@@ -472,21 +473,39 @@ fn head(result: &Thermal) -> ThermalHead {
 
 /// What the facility adds to the covariance of the coefficients of every quantity, and both together; empty where it is not stated.
 pub(super) fn covariances_with_type_b(quantities: &[QuantityFit]) -> [BTreeMap<String, Vec<Vec<f64>>>; 2] {
-    with_type_b(quantities.iter().map(|q| (q.found.name.as_str(), &q.polynomial.covariance, q.covariance_b.as_ref())))
+    with_type_b(quantities.iter().map(|q| (q.found.name.as_str(), &q.polynomial.covariance, q.covariance_b())))
 }
 
 /// The same of any polynomials: their names, covariances of type A and B.
 fn with_type_b<'a>(
-    all: impl Iterator<Item = (&'a str, &'a DMatrix<f64>, Option<&'a DMatrix<f64>>)>,
+    all: impl Iterator<Item = (&'a str, &'a DMatrix<f64>, Option<DMatrix<f64>>)>,
 ) -> [BTreeMap<String, Vec<Vec<f64>>>; 2] {
     let mut both = [BTreeMap::new(), BTreeMap::new()];
     for (name, own, of_facility) in all.filter_map(|(name, own, b)| Some((name, own, b?))) {
-        both[0].insert(name.to_owned(), rows(of_facility));
+        both[0].insert(name.to_owned(), rows(&of_facility));
         if own.shape() == of_facility.shape() {
             both[1].insert(name.to_owned(), rows(&(own + of_facility)));
         }
     }
     both
+}
+
+/// Changes of the coefficients of all quantities by what the runs share, source after source; empty where one of them does not tell.
+pub(super) fn common(quantities: &[QuantityFit]) -> Vec<CommonCoefficients> {
+    let Some(all) = quantities.iter().map(|q| Some((&q.found.name, q.common.as_ref()?))).collect::<Option<Vec<_>>>() else {
+        return Vec::new();
+    };
+    let mut sources: Vec<CommonCoefficients> = Vec::new();
+    for (name, common) in all {
+        for (source, change) in common {
+            let place = sources.iter().position(|s| s.source == *source).unwrap_or_else(|| {
+                sources.push(CommonCoefficients { source: source.clone(), change: BTreeMap::new() });
+                sources.len() - 1
+            });
+            sources[place].change.insert(name.clone(), change.clone());
+        }
+    }
+    sources
 }
 
 /// Covariance of the coefficients of every quantity.
@@ -497,7 +516,7 @@ pub(super) fn covariances(quantities: &[QuantityFit]) -> BTreeMap<String, Vec<Ve
 /// A field that is not what was set moves the polynomials of both fits alike: the orders are the same, and so are the runs.
 fn joint_part(joint: &JointFit, quantities: &[QuantityFit]) -> JointPart {
     let named = || QUANTITIES.iter().map(|name| (*name).to_owned()).zip(&joint.polynomials);
-    let of_facility = |name: &str| quantities.iter().find(|q| q.found.name == name)?.covariance_b.as_ref();
+    let of_facility = |name: &str| quantities.iter().find(|q| q.found.name == name)?.covariance_b();
     let own = QUANTITIES.iter().zip(&joint.polynomials).map(|(name, p)| (*name, &p.covariance, of_facility(name)));
     let [covariance_b, covariance_combined] = with_type_b(own);
     let counts = joint.polynomials.each_ref().map(|p| p.coefficients.len());

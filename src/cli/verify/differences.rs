@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// Keys that files of earlier versions of the program do not have.
-const LATER_KEYS: [&str; 16] = [
+const LATER_KEYS: [&str; 17] = [
     "apply",
     "warning_kinds",
     "valid_field_nt",
@@ -20,6 +20,7 @@ const LATER_KEYS: [&str; 16] = [
     "together",
     "together_combined",
     "joint.together",
+    "common",
 ];
 
 /// Values of two parameter files side by side.

@@ -37,7 +37,9 @@ pub use opf::{OffsetConvention, Opf};
 pub use point::{Point, read_point};
 pub use quantity::{Argument, Entry, Polynomial, Quantities, Shape, Validity};
 pub(in crate::files) use sound::{is_covariance, is_sound_table};
-pub use thermal::{JointPart, NO_CHANNEL, NoisePart, SweepPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf};
+pub use thermal::{
+    CommonCoefficients, JointPart, NO_CHANNEL, NoisePart, SweepPart, Taf, ThermalConvention, ThermalHead, Tof, Tpf,
+};
 pub use thermistor::{ThermistorConvention, ThermistorFile};
 
 use super::source::{hex, read_whole};

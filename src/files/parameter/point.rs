@@ -2,7 +2,8 @@
 //! other programs can take part.
 
 use super::{Body, Cpf, FileKind, Fpf, Opf, content_hash};
-use crate::data::across::{CalibratedRun, LinearScope, RunAtTemperature, RunValues};
+use crate::data::across::{CalibratedRun, CommonChange, LinearScope, RunAtTemperature, RunValues};
+use crate::data::calibration::LinearTypeB;
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::{Finding, Severity};
 use crate::data::linearisation::LinearisationApplied;
@@ -33,6 +34,7 @@ struct CpfKeys {
     std: StdKeys,
     #[serde(default)]
     std_b: StdKeys,
+    common: Option<Vec<CommonChange>>,
     conditions: Option<ConditionsKeys>,
     reference: Option<Reference>,
     linearisation: Option<LinearisationApplied>,
@@ -168,7 +170,7 @@ pub struct RunKeys {
 
 /// The point of a linear calibration.
 pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
-    let CpfKeys { run, matrix, angle_deg: a, offset, std, std_b, conditions, linearisation, model, valid, reference } =
+    let CpfKeys { run, matrix, angle_deg: a, offset, std, std_b, common, conditions, linearisation, model, valid, reference } =
         toml_edit::de::from_str(text)?;
     let or_nan = |v: Option<f64>| v.unwrap_or(f64::NAN);
     let convention = match matrix.omega_convention.as_deref() {
@@ -188,7 +190,11 @@ pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
         .in_convention(Convention::BepiColombo, [std_b.sigma, std_b.xi_deg])
         .map_err(|_| <toml_edit::de::Error as serde::de::Error>::custom("no three axes have such angles between them"))?
         .1;
-    let std_b = Box::new([sigma_std_b, xi_std_b_deg, std_b.b_or_ent]);
+    let std_b = [sigma_std_b, xi_std_b_deg, std_b.b_or_ent];
+    // Changes are those of the convention of the file.
+    let common = common
+        .filter(|_| convention == Convention::BepiColombo)
+        .or_else(|| std_b.iter().any(Option::is_some).then(|| CommonChange::of_std(std_b)));
     // The frame is that of the file, whatever the convention that the analyses speak.
     let reference = match reference {
         Some(reference) if reference.from != convention.sensor_frame() || !is_rotation(&reference.rotation) => {
@@ -202,7 +208,7 @@ pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
         xi_deg: alignment.xi_deg,
         b_or_ent: offset.b_or_ent,
         std: [sigma_std, xi_std_deg, std.b_or_ent],
-        std_b,
+        common,
         rotation_deg: [or_nan(a.lambda_x), or_nan(a.mu_y), or_nan(a.nu_z)],
         rotation_std_deg: std.lambda_mu_nu_deg.unwrap_or(NONE),
         rho: matrix.rho,
@@ -256,9 +262,7 @@ impl From<&Cpf> for CalibratedRun {
                 xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
                 b_or_ent: own.offset.b_or_ent,
                 std: [Some(own.std.sigma), Some(own.std.xi_deg), Some(own.std.b_or_ent)],
-                std_b: Box::new(
-                    own.of_facility.as_ref().map_or([None; 3], |b| [b.std_b.sigma, b.std_b.xi_deg, b.std_b.b_or_ent].map(Some)),
-                ),
+                common: own.of_facility.as_ref().map(LinearTypeB::changes),
                 rotation_deg: [a.lambda_x, a.mu_y, a.nu_z],
                 rotation_std_deg: own.std.lambda_mu_nu_deg,
                 rho: Some(own.matrix.rho),

@@ -5,7 +5,9 @@ use super::kind::Naming;
 use super::quantity::Shape::Scalar;
 use super::quantity::{Entry, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC};
 use super::{Body, FieldPart};
-use crate::data::across::{AppliedLag, LinearScope, RunModelErrors, RunResidualFields, RunRotations, ThermistorLag};
+use crate::data::across::{
+    AppliedLag, CommonChange, LinearScope, RunModelErrors, RunResidualFields, RunRotations, ThermistorLag,
+};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::Finding;
@@ -78,11 +80,24 @@ pub struct ThermalHead {
     /// The covariance of both types; empty where no type B is stated.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub covariance_combined: BTreeMap<String, Vec<Vec<f64>>>,
+    /// What the runs share, source by source: `covariance_b` is the sum of what they give. Empty where it is not stated.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub common: Vec<CommonCoefficients>,
     /// How every polynomial was found.
     pub quantity: Vec<QuantityFound>,
     /// What a person should know.
     #[serde(flatten)]
     pub told: Told,
+}
+
+/// How the coefficients of all quantities change, together and with their signs, by one standard deviation of something that the runs share.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CommonCoefficients {
+    /// What it is, in the words of the files of the runs.
+    pub source: String,
+    /// The changes by the names of the quantities, lowest order first.
+    #[serde(flatten)]
+    pub change: BTreeMap<String, Vec<f64>>,
 }
 
 /// What stands for the channel of the temperature if no run tells it.
@@ -346,14 +361,32 @@ impl Tpf {
         (sigma.map(|(name, c)| of(name, c)), xi.map(|(name, c)| of(name, c)))
     }
 
-    /// How the coefficients of sensitivities and angles, sigma_x to xi_yz, change by one standard deviation of the facility; `None` where the
-    /// file does not state it, or not as one change per quantity.
+    /// How the coefficients of sensitivities and angles, sigma_x to xi_yz, change by one standard deviation of everything that the runs share;
+    /// `None` where the file does not state it, and neither as one change per quantity.
     #[must_use]
-    pub fn of_facility(&self) -> Option<[Vec<f64>; 6]> {
+    pub fn of_facility(&self) -> Option<Vec<(String, [Vec<f64>; 6])>> {
         const NAMES: [&str; 6] = ["sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz", "xi_yz"];
+        let coefficients = [&self.sigma_x, &self.sigma_y, &self.sigma_z, &self.xi_xy, &self.xi_xz, &self.xi_yz];
+        let none = || coefficients.map(|own| vec![0.0; own.len()]);
+        if !self.head.common.is_empty() {
+            let of = |source: &CommonCoefficients| {
+                let mut change = none();
+                for (own, name) in change.iter_mut().zip(NAMES) {
+                    let stated = source.change.get(name)?;
+                    own.clone_from(Some(stated).filter(|stated| stated.len() == own.len())?);
+                }
+                Some((source.source.clone(), change))
+            };
+            return self.head.common.iter().map(of).collect();
+        }
+        // Files that do not tell the sources: one for each quantity.
         let degc = self.mean_degc();
-        let all = NAMES.map(|name| change_of(self.head.covariance_b.get(name)?, degc));
-        all.iter().all(Option::is_some).then(|| all.map(Option::unwrap_or_default))
+        let one = |(k, name): (usize, &&str)| {
+            let mut change = none();
+            change[k] = change_of(self.head.covariance_b.get(*name)?, degc)?;
+            Some((CommonChange::source_of(name), change))
+        };
+        NAMES.iter().enumerate().map(one).collect()
     }
 
     /// Everything that the parameters of a run follow of the sensor temperature.

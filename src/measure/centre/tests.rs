@@ -1,9 +1,12 @@
 use super::*;
-use crate::data::across::RunAtTemperature;
+use crate::data::across::{CommonChange, RunAtTemperature};
 use crate::data::run::Location;
 
 const TYPE_A: f64 = 1e-6;
 const TYPE_B: f64 = 1e-4;
+
+/// What all share.
+const SCALE: &str = "scale factor of the x coil";
 
 fn run(id: &str) -> CalibratedRun {
     CalibratedRun {
@@ -22,7 +25,12 @@ fn run(id: &str) -> CalibratedRun {
             xi_deg: [90.0; 3],
             b_or_ent: [0.0; 3],
             std: [Some([TYPE_A; 3]), Some([TYPE_A; 3]), Some([TYPE_A; 3])],
-            std_b: Box::new([Some([TYPE_B, 0.0, 0.0]), Some([0.0; 3]), None]),
+            common: Some(vec![CommonChange {
+                source: SCALE.to_owned(),
+                sigma: [TYPE_B, 0.0, 0.0],
+                xi_deg: [0.0; 3],
+                b_or_ent: [0.0; 3],
+            }]),
             rotation_deg: [0.0; 3],
             rotation_std_deg: [0.0; 3],
             rho: None,
@@ -48,7 +56,7 @@ fn beside() -> OffCentre {
         xi_deg: [90.0; 3].map(constant),
         b_or_ent: [0.0; 3].map(constant),
         scope: LinearScope::default(),
-        of_facility: Some([TYPE_B, 0.0, 0.0, 0.0, 0.0, 0.0].map(|change| vec![change])),
+        of_facility: Some(vec![(SCALE.to_owned(), [TYPE_B, 0.0, 0.0, 0.0, 0.0, 0.0].map(|change| vec![change]))]),
     }
 }
 

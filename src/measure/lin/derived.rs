@@ -2,6 +2,7 @@
 
 use super::fit::Means;
 use super::refusal::LinError;
+use crate::data::across::CommonChange;
 use crate::data::calibration::{Angles, LinearStd, Matrices};
 use crate::data::result::{Covariance, Rows};
 use crate::fit::{Propagated, propagate};
@@ -109,6 +110,20 @@ impl Derived {
     pub fn response(&self) -> Matrix3<f64> {
         // The split had an inverse to start from.
         self.split.phi.try_inverse().unwrap_or_else(Matrix3::zeros)
+    }
+
+    /// What the values become more in `moved`, which something common to several runs moved.
+    pub fn change_to(&self, moved: &Self, source: &str) -> CommonChange {
+        let by = |of: &dyn Fn(&Self) -> [f64; 3]| -> [f64; 3] {
+            let (from, to) = (of(self), of(moved));
+            std::array::from_fn(|i| to[i] - from[i])
+        };
+        CommonChange {
+            source: source.to_owned(),
+            sigma: by(&|d| d.split.sigma),
+            xi_deg: by(&|d| d.split.xi_deg),
+            b_or_ent: by(&|d| d.b_or_ent),
+        }
     }
 
     fn list(&self) -> Vec<f64> {

@@ -104,12 +104,18 @@ impl<'a> Prepared<'a> {
         Ok(covariance)
     }
 
-    /// Covariance of the coefficients of the baseline from the uncertainty of the facility alone, type B; `None` where its file states none.
-    /// A field that is not what was set acts on the response at one temperature as on that of a sensor at rest.
-    pub fn covariance_of_facility(&self, response: &Matrix3<f64>, means: &Means) -> Result<Option<DMatrix<f64>>, FitError> {
-        let Some(driven) = self.facility.as_ref().filter(|driven| !driven.moved_nt.is_empty()) else { return Ok(None) };
+    /// Changes of the coefficients of the baseline by one standard deviation of everything that the facility does not know better, type B, with
+    /// what that is; `None` where its file states no uncertainty. A field that is not what was set acts on the response at one temperature as
+    /// on that of a sensor at rest.
+    pub fn changes_of_facility(
+        &self,
+        response: &Matrix3<f64>,
+        means: &Means,
+    ) -> Result<Option<(Vec<&str>, DMatrix<f64>)>, FitError> {
+        let Some(driven) = self.facility.as_ref().filter(|driven| !driven.moved.is_empty()) else { return Ok(None) };
         let design = means.baseline.design(&means.fields_nt, &means.t_s)?;
-        carried::covariance(&driven.changes_ent(response), &self.list, &design).map(Some)
+        let changes = carried::changes(&driven.changes_ent(response), &self.list, &design)?;
+        Ok(Some((driven.moved.iter().map(|moved| moved.source.as_str()).collect(), changes)))
     }
 }
 

@@ -15,7 +15,7 @@ use crate::data::plateau::Plateaus;
 use crate::data::result::Covariance;
 use crate::data::units::FieldCoil;
 use crate::model::campaign::Instructions;
-use crate::record::facility::Driven;
+use crate::record::facility::{self, Driven};
 
 /// Changes below this part of the largest value are rounding.
 const ROUNDING: f64 = 1e-9;
@@ -37,7 +37,7 @@ pub(super) fn of_facility(
     let change = |moved: f64, value: f64| if (moved - value).abs() > ROUNDING * largest { moved - value } else { 0.0 };
     let mut matrix = vec![vec![0.0; solved.parameters.len()]; solved.parameters.len()];
     let mut squares = [[0.0; 3]; 3];
-    for moved_nt in &driven.moved_nt {
+    for facility::Moved { nt: moved_nt, .. } in &driven.moved {
         let mut moved = plateaus.clone();
         for (plateau, by_nt) in moved.list.iter_mut().zip(moved_nt) {
             plateau.setting.field = FieldCoil(std::array::from_fn(|axis| plateau.setting.field.0[axis] + by_nt[axis]));

@@ -123,24 +123,24 @@ impl Start {
     }
 }
 
-/// What the uncertainty of the facility adds to the covariance of the parameters of a fit, type B: `moved_nt` are changes of the fields of the
-/// settings, nT, coil axes, each by one standard deviation that is independent of the others. The lag stays.
+/// Changes of the parameters of a fit by what the facility does not know better, type B, a column each: `moved_nt` are changes of the fields of
+/// the settings, nT, coil axes, each by one standard deviation that is independent of the others. The lag stays.
 pub(super) fn of_facility(fit: &SensorFit, degc: &[f64], moved_nt: &[Vec<[f64; 3]>]) -> Result<DMatrix<f64>, SweepError> {
     let influence = fit.influence(None)?;
     let response =
         |degc: &f64| fit.sensor(*degc).map(|(sensor, _)| *sensor.response()).map_err(|_| SweepError::NoSensor { degc: *degc });
     let responses: Vec<Matrix3<f64>> = degc.iter().map(response).collect::<Result<_, _>>()?;
-    let mut covariance = DMatrix::zeros(fit.count(), fit.count());
-    for moved in moved_nt {
+    let mut all = DMatrix::zeros(fit.count(), moved_nt.len());
+    for (place, moved) in moved_nt.iter().enumerate() {
         // The readings stay and the fields move, which is as if the readings of the same fields had moved.
         let changes: Vec<Vector3<f64>> = responses.iter().zip(moved).map(|(a, nt)| a * Vector3::from(*nt)).collect();
         let mut parameters = DVector::zeros(fit.count());
         for (component, rows) in influence.iter().enumerate() {
             parameters += rows * DVector::from_iterator(changes.len(), changes.iter().map(|c| c[component]));
         }
-        covariance += &parameters * parameters.transpose();
+        all.set_column(place, &parameters);
     }
-    Ok(covariance)
+    Ok(all)
 }
 
 /// The polynomials of a fit in the order of [`QUANTITIES`], with the covariance of all its parameters.

@@ -20,8 +20,9 @@ pub(super) struct Quantity {
     unit: &'static str,
     /// Value and standard uncertainty per run; nan where there is none.
     values: Vec<(f64, f64)>,
-    /// Standard uncertainty of type B per run; nan where none is stated.
-    std_b: Vec<f64>,
+    /// Changes of the values of all runs by everything that runs share, with what that is: zero in a run that does not share it. `None` where
+    /// a run does not tell.
+    common: Option<Vec<(String, Vec<f64>)>>,
     /// Temperature at which its value holds in each run, °C; nan where that is the one of the run.
     degc: Vec<f64>,
     /// Whether too few runs may determine it.
@@ -31,8 +32,8 @@ pub(super) struct Quantity {
 /// The family of the -3 dB frequencies between neighbouring amplitudes.
 pub(super) const INTERPOLATED: &str = "f_3db_igep";
 
-/// Values and standard uncertainties, type A and B, of the three components of a family in one run.
-type Triple = ([f64; 3], Option<[f64; 3]>, Option<[f64; 3]>);
+/// Values and standard uncertainties, type A, of the three components of a family in one run.
+type Triple = ([f64; 3], Option<[f64; 3]>);
 
 /// Number of temperatures that differ by more than those of runs at one temperature do.
 pub(super) fn different_temperatures(temperatures_degc: &[f64]) -> usize {
@@ -60,7 +61,7 @@ fn own_degc(values: &RunValues, component: usize) -> f64 {
 /// The quantities of a kind in the order of the file.
 pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) -> Vec<Quantity> {
     const PAIRS: [&str; 3] = ["xy", "xz", "yz"];
-    const NONE: Triple = ([f64::NAN; 3], None, None);
+    const NONE: Triple = ([f64::NAN; 3], None);
     let triple = |family: &str, components: [&str; 3], unit: &'static str, get: &dyn Fn(&RunValues) -> Triple| {
         let all: Vec<Triple> = points.iter().map(|p| get(&p.values)).collect();
         (0..3)
@@ -68,8 +69,8 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) 
                 name: format!("{family}_{}", components[i]),
                 component: components[i].to_owned(),
                 unit,
-                values: all.iter().map(|(value, std, _)| (value[i], std.map_or(f64::NAN, |s| s[i]))).collect(),
-                std_b: all.iter().map(|(.., std_b)| std_b.map_or(f64::NAN, |s| s[i])).collect(),
+                values: all.iter().map(|(value, std)| (value[i], std.map_or(f64::NAN, |s| s[i]))).collect(),
+                common: common(points, family, i),
                 degc: points.iter().map(|p| own_degc(&p.values, i)).collect(),
                 may_be_missing: kind != Kind::Lin,
             })
@@ -79,9 +80,7 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) 
         Kind::Lin => {
             let part = |which: usize| {
                 move |values: &RunValues| match values {
-                    RunValues::Lin { sigma, xi_deg, b_or_ent, std, std_b, .. } => {
-                        ([*sigma, *xi_deg, *b_or_ent][which], std[which], std_b[which])
-                    }
+                    RunValues::Lin { sigma, xi_deg, b_or_ent, std, .. } => ([*sigma, *xi_deg, *b_or_ent][which], std[which]),
                     _ => NONE,
                 }
             };
@@ -95,16 +94,16 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) 
             .collect()
         }
         Kind::Offset => triple("b_off", COMPONENTS, "enT", &|values| match values {
-            RunValues::Offset { offset_ent, std, .. } => (*offset_ent, *std, None),
+            RunValues::Offset { offset_ent, std, .. } => (*offset_ent, *std),
             _ => NONE,
         }),
         Kind::Freq => {
             let igep = |values: &RunValues| match values {
-                RunValues::Freq { igep_hz: Some(hz), .. } => (*hz, None, None),
+                RunValues::Freq { igep_hz: Some(hz), .. } => (*hz, None),
                 _ => NONE,
             };
             let of_corner = |values: &RunValues| match values {
-                RunValues::Freq { model_hz: Some(hz), model_std_hz, .. } if corner == Corner::Model => (*hz, *model_std_hz, None),
+                RunValues::Freq { model_hz: Some(hz), model_std_hz, .. } if corner == Corner::Model => (*hz, *model_std_hz),
                 values => igep(values),
             };
             let mut all = triple("f_3db", COMPONENTS, "Hz", &of_corner);
@@ -114,6 +113,23 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) 
             all
         }
     }
+}
+
+/// The changes of a component of a family in all runs by everything that they share.
+fn common(points: &[&CalibratedRun], family: &str, component: usize) -> Option<Vec<(String, Vec<f64>)>> {
+    let which = ["sigma", "xi", "b_or"].iter().position(|name| *name == family)?;
+    let mut all: Vec<(String, Vec<f64>)> = Vec::new();
+    for (run, point) in points.iter().enumerate() {
+        let RunValues::Lin { common: Some(changes), .. } = &point.values else { return None };
+        for change in changes {
+            let place = all.iter().position(|(source, _)| *source == change.source).unwrap_or_else(|| {
+                all.push((change.source.clone(), vec![0.0; points.len()]));
+                all.len() - 1
+            });
+            all[place].1[run] = change.all()[which][component];
+        }
+    }
+    Some(all)
 }
 
 /// The values of the runs that determine a quantity.
@@ -194,19 +210,30 @@ pub(super) fn fit(
         );
         notes.push(Note::new(NoteKind::Method, text).about(&quantity.name));
     }
-    let covariance_b = common(quantity, &values, std, chosen.order).map_err(refuse)?;
-    Ok(Some(QuantityFit { covariance_b, ..described(quantity, values, points, &chosen, valid_degc) }))
+    let common = moved(quantity, &values, std, chosen.order).map_err(refuse)?;
+    Ok(Some(QuantityFit { common, ..described(quantity, values, points, &chosen, valid_degc) }))
 }
 
-/// What an error of the facility does to the coefficients: it is the same in all runs and does not become less with their number, so that
-/// the polynomial through the standard uncertainties of type B is the change of the coefficients by one standard deviation of it.
-fn common(quantity: &Quantity, values: &Values, std: Option<&[f64]>, order: usize) -> Result<Option<DMatrix<f64>>, FitError> {
-    let std_b: Vec<f64> = values.runs.iter().map(|i| quantity.std_b[*i]).collect();
-    if std_b.iter().any(|s| !s.is_finite()) {
-        return Ok(None);
+/// What everything that the runs share does to the coefficients: the polynomial is linear in the values, so that the polynomial through their
+/// changes, with their signs and the same weights, is the change of the coefficients, however many runs there are. `None` where the runs do not
+/// tell.
+fn moved(
+    quantity: &Quantity,
+    values: &Values,
+    std: Option<&[f64]>,
+    order: usize,
+) -> Result<Option<Vec<(String, Vec<f64>)>>, FitError> {
+    let Some(common) = &quantity.common else { return Ok(None) };
+    let mut all = Vec::new();
+    for (source, changes) in common {
+        let changes: Vec<f64> = values.runs.iter().map(|i| changes[*i]).collect();
+        if changes.iter().any(|change| !change.is_finite()) {
+            return Ok(None);
+        }
+        let fitted = order::choose(&values.degc, &changes, std, order, Some(order), &Limits::default())?;
+        all.push((source.clone(), fitted.polynomial.coefficients));
     }
-    let moved = order::choose(&values.degc, &std_b, std, order, Some(order), &Limits::default())?.polynomial.coefficients;
-    Ok(Some(DMatrix::from_fn(moved.len(), moved.len(), |r, c| moved[r] * moved[c])))
+    Ok(Some(all))
 }
 
 /// The polynomial with its values.
@@ -250,7 +277,7 @@ fn described(
             covariance: finite(&chosen.covariance),
             valid_degc,
         },
-        covariance_b: None,
+        common: None,
         band: band(valid_degc, |t| chosen.evaluate(t)),
         joint_band: Vec::new(),
     }

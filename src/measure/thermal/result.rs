@@ -50,9 +50,9 @@ pub struct QuantityFit {
     pub temperature_degc: Vec<f64>,
     /// The polynomial.
     pub polynomial: TemperaturePolynomial,
-    /// What the uncertainty of the facility, which all runs share, adds to the covariance of its coefficients; absent where the runs do not
-    /// tell.
-    pub covariance_b: Option<DMatrix<f64>>,
+    /// Changes of its coefficients by one standard deviation of everything that the runs share, such as the facility, with what that is; absent
+    /// where the runs do not tell.
+    pub common: Option<Vec<(String, Vec<f64>)>>,
     /// Temperature, value and standard uncertainty of the polynomial at even steps over its range.
     pub band: Vec<[f64; 3]>,
     /// The polynomial of the joint fit at the same temperatures, if there is one.
@@ -60,6 +60,14 @@ pub struct QuantityFit {
 }
 
 impl QuantityFit {
+    /// What everything that the runs share adds to the covariance of the coefficients, type B; `None` where the runs do not tell.
+    #[must_use]
+    pub fn covariance_b(&self) -> Option<DMatrix<f64>> {
+        let count = self.polynomial.coefficients.len();
+        let product = |r: usize, c: usize, all: &[(String, Vec<f64>)]| all.iter().map(|(_, change)| change[r] * change[c]).sum();
+        self.common.as_ref().map(|all| DMatrix::from_fn(count, count, |r, c| product(r, c, all)))
+    }
+
     /// The quantities that are shown together, `sigma` of `sigma_x`.
     #[must_use]
     pub fn family(&self) -> &str {

@@ -2,7 +2,7 @@
 //! without a result, and the figures that say most.
 
 use super::{Protocol, in_words, stated};
-use crate::data::across::{CalibratedRun, RunValues};
+use crate::data::across::{CalibratedRun, CommonChange, RunValues};
 use crate::data::note::{Note, NoteKind};
 use crate::data::run::Location;
 use crate::data::run_state::{RunCounts, RunState};
@@ -335,7 +335,7 @@ fn taken_to_centre(result: &AtCentre, file: &str, stated: Option<f64>) -> [Block
 /// A quantity at a temperature, with what the facility adds to its uncertainty.
 fn at(quantity: &QuantityFit, at_degc: f64) -> Cell {
     let (value, std) = quantity.polynomial.evaluate(at_degc);
-    let of_facility = quantity.covariance_b.as_ref().map_or(0.0, |covariance| {
+    let of_facility = quantity.covariance_b().map_or(0.0, |covariance| {
         let power = |k: usize| (0..k).fold(1.0, |product, _| product * at_degc);
         let sum = |i: usize| (0..covariance.ncols()).map(|j| covariance[(i, j)] * power(i) * power(j)).sum::<f64>();
         (0..covariance.nrows()).map(sum).sum()
@@ -343,13 +343,18 @@ fn at(quantity: &QuantityFit, at_degc: f64) -> Cell {
     Cell::uncertain(value, (std * std + of_facility.max(0.0)).sqrt())
 }
 
+/// Standard uncertainties by what runs share, of σ, ξ or B_or.
+fn of(common: &Option<Vec<CommonChange>>, which: usize) -> Option<[f64; 3]> {
+    Some(CommonChange::std_of(common.as_deref()?)[which])
+}
+
 /// Values of a run and their standard uncertainties.
 fn values(values: &RunValues, family: &str) -> Option<([f64; 3], [f64; 3])> {
     const UNKNOWN: [f64; 3] = [f64::NAN; 3];
     match (values, family) {
-        (RunValues::Lin { sigma, std, std_b, .. }, "sigma") => Some((*sigma, both(std[0], std_b[0]))),
-        (RunValues::Lin { xi_deg, std, std_b, .. }, "xi") => Some((*xi_deg, both(std[1], std_b[1]))),
-        (RunValues::Lin { b_or_ent, std, std_b, .. }, "b_or") => Some((*b_or_ent, both(std[2], std_b[2]))),
+        (RunValues::Lin { sigma, std, common, .. }, "sigma") => Some((*sigma, both(std[0], of(common, 0)))),
+        (RunValues::Lin { xi_deg, std, common, .. }, "xi") => Some((*xi_deg, both(std[1], of(common, 1)))),
+        (RunValues::Lin { b_or_ent, std, common, .. }, "b_or") => Some((*b_or_ent, both(std[2], of(common, 2)))),
         (RunValues::Offset { offset_ent, std, .. }, "b_off") => Some((*offset_ent, std.unwrap_or(UNKNOWN))),
         (RunValues::Freq { model_hz, model_std_hz, .. }, "f_3db") => Some(((*model_hz)?, model_std_hz.unwrap_or(UNKNOWN))),
         (RunValues::Freq { igep_hz, .. }, "f_3db_igep") => Some(((*igep_hz)?, UNKNOWN)),

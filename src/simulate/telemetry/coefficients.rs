@@ -123,6 +123,7 @@ fn head(sensor: &FlightSensor, polynomials: &[(&str, &Vec<f64>)]) -> ThermalHead
         convention: ThermalConvention::default(),
         covariance: certain(polynomials),
         covariance_b: BTreeMap::new(),
+        common: Vec::new(),
         covariance_combined: BTreeMap::new(),
         quantity: Vec::new(),
         told: Told::of(&[Note::new(NoteKind::Method, "the truth of a twin, not the result of an analysis")]),
