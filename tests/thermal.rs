@@ -255,3 +255,35 @@ fn what_runs_share_moves_the_polynomials_with_its_signs() {
         near(common.get(1).unwrap()["xi_yz"][k].as_float().unwrap(), -moved[1][k], moved[1][k].abs());
     }
 }
+
+/// A sensor that was turned by half a turn about z for some runs: the residual field of the coils changes its sign in B_or.
+#[test]
+fn offset_and_residual_field_are_those_of_one_position() {
+    let case = Case::new();
+    let degc = [-40.0, -10.0, 20.0, 50.0, 80.0];
+    let b_off = |t: f64| 3.0 + 0.01 * t;
+    let residual = 5.0;
+    let mut files = Vec::new();
+    for (i, t) in degc.into_iter().enumerate() {
+        // The two warmest runs are of the turned sensor.
+        let sign = if i < 3 { 1.0 } else { -1.0 };
+        let run = format!("01-01-0{}_00-00-00", i + 1);
+        let b_or = b_off(t) + sign * residual;
+        files.push(case.put(
+            &format!("{run}.CPF"),
+            format!(
+                "format = \"CPF\"\nversion = 1\n[run]\nid = \"{run}\"\nsensor = \"S\"\nmode = \"m\"\ntemperature_degc = {t:?}\n\
+                 [matrix]\nr_nom = [[{sign:?}, 0.0, 0.0], [0.0, {sign:?}, 0.0], [0.0, 0.0, 1.0]]\n\
+                 sigma = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]\n[angle_deg]\nxi_xy = 90.0\nxi_xz = 90.0\nxi_yz = 90.0\n\
+                 [offset]\nb_or_ent = [{b_or:?}, {b_or:?}, 1.0]\n"
+            ),
+        ));
+    }
+    let output = calfit().arg("thermal").args(&files).args(["--no-plots", "-o"]).arg(case.out()).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let tpf = parameters(&case.out().join("THERMAL_PARAMETER__01-01-01-00-00-00.TPF"));
+    let b_or = |k: usize| tpf["b_or_x"][k].as_float().unwrap();
+    assert!((b_or(0) - (3.0 + residual)).abs() < 1e-9 && (b_or(1) - 0.01).abs() < 1e-12, "{}", tpf["b_or_x"]);
+    assert_eq!(tpf["valid_degc"][1].as_float(), Some(20.0));
+    says(&tpf["warnings"].to_string(), &["several positions", "without 01-01-04_00-00-00, 01-01-05_00-00-00"]);
+}

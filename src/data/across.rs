@@ -165,6 +165,8 @@ pub enum RunValues {
         rotation_std_deg: [f64; 3],
         /// Rotation matrix.
         rho: Option<Rows>,
+        /// Nominal axes of the sensor in coil axes, along which `b_or_ent` saw the residual field; `None` if the file does not tell.
+        r_nom: Option<Rows>,
         /// What they hold for.
         scope: Box<LinearScope>,
     },

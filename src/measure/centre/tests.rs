@@ -34,6 +34,7 @@ fn run(id: &str) -> CalibratedRun {
             rotation_deg: [0.0; 3],
             rotation_std_deg: [0.0; 3],
             rho: None,
+            r_nom: None,
             scope: Box::new(LinearScope::default()),
         },
         reference: None,

@@ -14,6 +14,7 @@ pub(super) use result::band;
 use crate::data::across::{CalibratedRun, LinearScope, LinearisedDifferently, RunValues};
 use crate::data::note::{Note, NoteKind};
 use crate::data::reference::StatedReference;
+use crate::data::result::Rows;
 use crate::fit::FitError;
 use crate::measure::lin::Lin;
 use parts::{common_noise, joint_fit, model_error, residual_field, rotation};
@@ -81,7 +82,8 @@ pub fn thermal(group: &RunGroup, kind: Kind, runs: &[&Lin], with_joint: bool) ->
     check_temperatures(group, kind, &points, &temperatures)?;
     let corner = corner_of(&points, kind, &mut notes);
     let mut fits = Vec::new();
-    for quantity in quantities(&points, kind, corner) {
+    let has_own_residual = in_one_position(&points, &temperatures, &mut notes);
+    for quantity in quantities(&points, kind, corner, &has_own_residual) {
         match fit(group, &quantity, &points, &temperatures, &mut notes)? {
             Some(fitted) => fits.push(fitted),
             None => {
@@ -175,6 +177,35 @@ fn corner_of(points: &[&CalibratedRun], kind: Kind, notes: &mut Vec<Note>) -> Co
         notes.push(Note::new(NoteKind::Method, text));
     }
     Corner::Interpolated
+}
+
+/// Which runs tell offset and residual field: those in the position of most of them, since a sensor that stands otherwise sees the residual
+/// field of the coil system along other axes, which is no dependence on temperature. All of them where one position has a single temperature.
+fn in_one_position(points: &[&CalibratedRun], temperatures_degc: &[f64], notes: &mut Vec<Note>) -> Vec<bool> {
+    let position = |p: &CalibratedRun| match &p.values {
+        RunValues::Lin { r_nom, .. } => *r_nom,
+        _ => None,
+    };
+    let positions: Vec<Option<Rows>> = points.iter().map(|p| position(p)).collect();
+    let count = |of: &Rows| positions.iter().flatten().filter(|p| *p == of).count();
+    // The first of equals; a run that does not tell its position is taken to stand as most do.
+    let most = positions.iter().rev().flatten().max_by_key(|p| count(p));
+    let kept: Vec<bool> = positions.iter().map(|p| p.as_ref().is_none_or(|p| Some(p) == most)).collect();
+    if kept.iter().all(|kept| *kept) {
+        return kept;
+    }
+    let own: Vec<f64> = temperatures_degc.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(degc, _)| *degc).collect();
+    let others: Vec<&str> = points.iter().zip(&kept).filter(|(_, kept)| !**kept).map(|(p, _)| p.run.id.as_str()).collect();
+    let why =
+        "the sensor stood in several positions, in which it sees the residual field of the coil system along different axes";
+    if different_temperatures(&own) < 2 {
+        let text = format!("{why}: what b_or follows of the temperature holds it as well; b_off does not");
+        notes.push(Note::new(NoteKind::Method, text));
+        return vec![true; points.len()];
+    }
+    let text = format!("{why}: b_or is that of the position of most runs, without {}", others.join(", "));
+    notes.push(Note::new(NoteKind::Method, text));
+    kept
 }
 
 /// The channel of the sensor temperature, the first by name if the runs took it from several.

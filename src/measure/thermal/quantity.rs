@@ -58,8 +58,8 @@ fn own_degc(values: &RunValues, component: usize) -> f64 {
     }
 }
 
-/// The quantities of a kind in the order of the file.
-pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) -> Vec<Quantity> {
+/// The quantities of a kind in the order of the file; offset and residual field of those runs only that are said to tell them.
+pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner, has_own_residual: &[bool]) -> Vec<Quantity> {
     const PAIRS: [&str; 3] = ["xy", "xz", "yz"];
     const NONE: Triple = ([f64::NAN; 3], None);
     let triple = |family: &str, components: [&str; 3], unit: &'static str, get: &dyn Fn(&RunValues) -> Triple| {
@@ -87,7 +87,7 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) 
             [
                 triple("sigma", COMPONENTS, "nT/enT", &part(0)),
                 triple("xi", PAIRS, "deg", &part(1)),
-                triple("b_or", COMPONENTS, "enT", &part(2)),
+                in_position(triple("b_or", COMPONENTS, "enT", &part(2)), has_own_residual),
             ]
             .into_iter()
             .flatten()
@@ -113,6 +113,14 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner) 
             all
         }
     }
+}
+
+/// The same quantities of some of the runs.
+fn in_position(mut all: Vec<Quantity>, kept: &[bool]) -> Vec<Quantity> {
+    for quantity in &mut all {
+        quantity.values.iter_mut().zip(kept).filter(|(_, kept)| !**kept).for_each(|(value, _)| *value = (f64::NAN, f64::NAN));
+    }
+    all
 }
 
 /// The changes of a component of a family in all runs by everything that they share.
