@@ -733,7 +733,7 @@ fn a_run_that_is_cut_is_unreadable_unless_it_is_allowed() {
     let made = made(7);
     let whole = Plan::default().run().key("sensor", "\"IB\"").key("mode", "\"m\"").text();
     let cut = whole.len() * 2 / 3;
-    let case = Case::of(whole[..whole[..cut].rfind('\n').unwrap() + 1].to_owned());
+    let case = Case::of(&whole[..whole[..cut].rfind('\n').unwrap() + 1]);
     let out = case.path().join("applied");
     let output = apply(&[&made.tpf], &case.file(), &out, &[]);
     assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));

@@ -166,7 +166,7 @@ pub enum RunValues {
         /// Rotation matrix.
         rho: Option<Rows>,
         /// Nominal axes of the sensor in coil axes, along which `b_or_ent` saw the residual field; `None` if the file does not tell.
-        r_nom: Option<Rows>,
+        r_nom: Option<Box<Rows>>,
         /// What they hold for.
         scope: Box<LinearScope>,
     },

@@ -30,7 +30,7 @@ use derived::{Derived, Parameters};
 use fit::{Fitted, Means, fit, stack};
 use moving::{Moving, Origin, Referred};
 use nalgebra::DMatrix;
-use prepare::{Prepared, trend_order};
+use prepare::{OfFacility, Prepared, trend_order};
 
 /// Fits one run.
 ///
@@ -64,7 +64,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     let response = derived.response();
     let parameters = Parameters::of(derived, &stacked, &covariance, &means, &r_nom)?;
     let of_facility = match prepared.changes_of_facility(&response, &means).map_err(LinError::Fit)? {
-        Some((sources, changes)) => {
+        Some(OfFacility { sources, changes }) => {
             let derived = Derived::of(&stacked, &means, &r_nom)?;
             let mut common = Vec::new();
             for (source, change) in sources.into_iter().zip(changes.column_iter()) {

@@ -212,7 +212,7 @@ pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
         rotation_deg: [or_nan(a.lambda_x), or_nan(a.mu_y), or_nan(a.nu_z)],
         rotation_std_deg: std.lambda_mu_nu_deg.unwrap_or(NONE),
         rho: matrix.rho,
-        r_nom: matrix.r_nom,
+        r_nom: matrix.r_nom.map(Box::new),
         scope: Box::new(LinearScope {
             valid_field_nt: valid.field_coil_nt.zip(matrix.r_nom).map(|(nt, r)| LinearScope::along_sensor_axes(&nt, &r)),
             linearisation,
@@ -267,7 +267,7 @@ impl From<&Cpf> for CalibratedRun {
                 rotation_deg: [a.lambda_x, a.mu_y, a.nu_z],
                 rotation_std_deg: own.std.lambda_mu_nu_deg,
                 rho: Some(own.matrix.rho),
-                r_nom: Some(own.matrix.r_nom),
+                r_nom: Some(Box::new(own.matrix.r_nom)),
                 scope: Box::new(LinearScope {
                     valid_field_nt: Some(LinearScope::along_sensor_axes(&own.valid.field_coil_nt, &own.matrix.r_nom)),
                     linearisation: cpf.linearisation.clone(),

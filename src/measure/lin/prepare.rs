@@ -104,19 +104,21 @@ impl<'a> Prepared<'a> {
         Ok(covariance)
     }
 
-    /// Changes of the coefficients of the baseline by one standard deviation of everything that the facility does not know better, type B, with
-    /// what that is; `None` where its file states no uncertainty. A field that is not what was set acts on the response at one temperature as
+    /// Changes of the coefficients of the baseline by what the facility does not know better, type B; `None` where its file states no uncertainty. A field that is not what was set acts on the response at one temperature as
     /// on that of a sensor at rest.
-    pub fn changes_of_facility(
-        &self,
-        response: &Matrix3<f64>,
-        means: &Means,
-    ) -> Result<Option<(Vec<&str>, DMatrix<f64>)>, FitError> {
+    pub fn changes_of_facility(&self, response: &Matrix3<f64>, means: &Means) -> Result<Option<OfFacility<'_>>, FitError> {
         let Some(driven) = self.facility.as_ref().filter(|driven| !driven.moved.is_empty()) else { return Ok(None) };
         let design = means.baseline.design(&means.fields_nt, &means.t_s)?;
         let changes = carried::changes(&driven.changes_ent(response), &self.list, &design)?;
-        Ok(Some((driven.moved.iter().map(|moved| moved.source.as_str()).collect(), changes)))
+        Ok(Some(OfFacility { sources: driven.moved.iter().map(|moved| moved.source.as_str()).collect(), changes }))
     }
+}
+
+/// What the facility does not know better, by name, and the changes of the coefficients of the baseline by one standard deviation of each: a
+/// row per coefficient and a column per source.
+pub struct OfFacility<'a> {
+    pub sources: Vec<&'a str>,
+    pub changes: DMatrix<f64>,
 }
 
 fn limits_nt(run: &Run, instructions: &Instructions, options: &Options) -> [Option<f64>; 3] {

@@ -183,7 +183,7 @@ fn corner_of(points: &[&CalibratedRun], kind: Kind, notes: &mut Vec<Note>) -> Co
 /// field of the coil system along other axes, which is no dependence on temperature. All of them where one position has a single temperature.
 fn in_one_position(points: &[&CalibratedRun], temperatures_degc: &[f64], notes: &mut Vec<Note>) -> Vec<bool> {
     let position = |p: &CalibratedRun| match &p.values {
-        RunValues::Lin { r_nom, .. } => *r_nom,
+        RunValues::Lin { r_nom, .. } => r_nom.as_deref().copied(),
         _ => None,
     };
     let positions: Vec<Option<Rows>> = points.iter().map(|p| position(p)).collect();

@@ -1,6 +1,6 @@
 //! The polynomial of one quantity through the values of the runs.
 
-use super::result::band;
+use super::result::{BySource, band};
 use super::{Corner, Kind, QuantityFit, RunGroup, SAME_DEGC, ThermalError};
 use crate::data::across::{CalibratedRun, RunValues};
 use crate::data::note::{Note, NoteKind};
@@ -22,7 +22,7 @@ pub(super) struct Quantity {
     values: Vec<(f64, f64)>,
     /// Changes of the values of all runs by everything that runs share, with what that is: zero in a run that does not share it. `None` where
     /// a run does not tell.
-    common: Option<Vec<(String, Vec<f64>)>>,
+    common: Option<BySource>,
     /// Temperature at which its value holds in each run, °C; nan where that is the one of the run.
     degc: Vec<f64>,
     /// Whether too few runs may determine it.
@@ -124,9 +124,9 @@ fn in_position(mut all: Vec<Quantity>, kept: &[bool]) -> Vec<Quantity> {
 }
 
 /// The changes of a component of a family in all runs by everything that they share.
-fn common(points: &[&CalibratedRun], family: &str, component: usize) -> Option<Vec<(String, Vec<f64>)>> {
+fn common(points: &[&CalibratedRun], family: &str, component: usize) -> Option<BySource> {
     let which = ["sigma", "xi", "b_or"].iter().position(|name| *name == family)?;
-    let mut all: Vec<(String, Vec<f64>)> = Vec::new();
+    let mut all = BySource::new();
     for (run, point) in points.iter().enumerate() {
         let RunValues::Lin { common: Some(changes), .. } = &point.values else { return None };
         for change in changes {
@@ -225,12 +225,7 @@ pub(super) fn fit(
 /// What everything that the runs share does to the coefficients: the polynomial is linear in the values, so that the polynomial through their
 /// changes, with their signs and the same weights, is the change of the coefficients, however many runs there are. `None` where the runs do not
 /// tell.
-fn moved(
-    quantity: &Quantity,
-    values: &Values,
-    std: Option<&[f64]>,
-    order: usize,
-) -> Result<Option<Vec<(String, Vec<f64>)>>, FitError> {
+fn moved(quantity: &Quantity, values: &Values, std: Option<&[f64]>, order: usize) -> Result<Option<BySource>, FitError> {
     let Some(common) = &quantity.common else { return Ok(None) };
     let mut all = Vec::new();
     for (source, changes) in common {

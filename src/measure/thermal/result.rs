@@ -11,6 +11,9 @@ use crate::measure::joint::JointFit;
 use crate::model::polynomial::TemperaturePolynomial;
 use nalgebra::DMatrix;
 
+/// Everything that the runs share, by name, with what one standard deviation of it changes: a value per run, or per coefficient.
+pub type BySource = Vec<(String, Vec<f64>)>;
+
 /// Temperatures at which a band is given.
 const BAND: usize = 121;
 
@@ -52,7 +55,7 @@ pub struct QuantityFit {
     pub polynomial: TemperaturePolynomial,
     /// Changes of its coefficients by one standard deviation of everything that the runs share, such as the facility, with what that is; absent
     /// where the runs do not tell.
-    pub common: Option<Vec<(String, Vec<f64>)>>,
+    pub common: Option<BySource>,
     /// Temperature, value and standard uncertainty of the polynomial at even steps over its range.
     pub band: Vec<[f64; 3]>,
     /// The polynomial of the joint fit at the same temperatures, if there is one.

@@ -71,24 +71,24 @@ enum Thermometer {
 /// The channel of the sensor temperature, and who names it.
 enum Named {
     /// The analyst.
-    ByOption(String),
+    Analyst(String),
     /// The parameter files: their polynomials are of this thermistor.
-    ByFiles(String),
+    Files(String),
     /// The campaign of the run, or the usual name.
-    ByCampaign(String),
+    Campaign(String),
 }
 
 impl Named {
     fn of(options: &ApplyOptions, applied: &Applied, by_campaign: String) -> Self {
         match (&options.temperature_column, &applied.channel) {
-            (Some(channel), _) => Named::ByOption(channel.clone()),
-            (None, Some(channel)) => Named::ByFiles(channel.clone()),
-            (None, None) => Named::ByCampaign(by_campaign),
+            (Some(channel), _) => Named::Analyst(channel.clone()),
+            (None, Some(channel)) => Named::Files(channel.clone()),
+            (None, None) => Named::Campaign(by_campaign),
         }
     }
 
     fn channel(&self) -> &str {
-        let (Named::ByOption(channel) | Named::ByFiles(channel) | Named::ByCampaign(channel)) = self;
+        let (Named::Analyst(channel) | Named::Files(channel) | Named::Campaign(channel)) = self;
         channel
     }
 }
@@ -102,7 +102,7 @@ impl Thermometer {
         let campaigns = Campaign::open(&[data.to_owned()], &mut Vec::new())?;
         let instructions = campaigns.first().map(|c| &c.file.instructions);
         let named = Named::of(options, applied, instructions.map(|i| i.channels(&run.header).0).unwrap_or_default());
-        if let (Named::ByOption(channel), Some(stated)) = (&named, &applied.channel)
+        if let (Named::Analyst(channel), Some(stated)) = (&named, &applied.channel)
             && channel != stated
         {
             work.counts
@@ -121,8 +121,8 @@ impl Thermometer {
                 let usual_step = if steps.is_empty() { f64::INFINITY } else { median(&mut steps) };
                 Ok(Thermometer::Series(series, usual_step))
             }
-            (None, Named::ByOption(_)) => refused(format!("has no channel `{channel}`"), "name one of its temperature channels"),
-            (None, Named::ByFiles(_)) if !run.temperatures.names.is_empty() => refused(
+            (None, Named::Analyst(_)) => refused(format!("has no channel `{channel}`"), "name one of its temperature channels"),
+            (None, Named::Files(_)) if !run.temperatures.names.is_empty() => refused(
                 format!("has no channel `{channel}`, of whose temperatures the calibration was made"),
                 "name the channel of this thermistor with --temperature-column",
             ),
