@@ -2,12 +2,12 @@
 //! temperatures do to them (CH-GFZ-TR-2601 section 6; docs/mathematics.md, "The coil system"). A facility that stepped between two
 //! calibrations has periods.
 
+mod scatter;
 mod steps;
 mod terms;
 
 use super::CoilError;
 use crate::data::note::{Note, NoteKind};
-use crate::data::result::Covariance;
 use crate::data::run::{Run, interpolate};
 use crate::data::start::Start;
 use crate::fit::statistics::{extremes, median};
@@ -20,6 +20,7 @@ use crate::model::facility_calibration::{
 use crate::record::screens::{self, inside};
 use crate::record::temperature_faults;
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
+use scatter::Scatter;
 use serde::{Deserialize, Serialize};
 use steps::{Explained, explain};
 use terms::{CONSTANT, Modulus, Observation, Terms};
@@ -258,8 +259,11 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
     let fitted = fit(&rows, terms, if *terms == Terms::constant() { MOST_CONDITION } else { MOST_THERMAL_CONDITION })?;
     let solution = &fitted.solution;
     let calibration = each(&rows, runs, &fitted.used, &climate);
-    let factors = widening(&calibration, terms, solution, runs, &climate, &mut notes);
-    let period = periods(runs, terms, solution, &climate, &factors);
+    let found = beside_the_fit(&calibration, terms, solution, runs, &climate);
+    notes.extend(disagreements(&found));
+    let scatter = Scatter::of(&found, terms.count());
+    notes.extend(scatter.notes());
+    let period = periods(runs, terms, solution, &climate, &scatter);
     let step = stepped(runs, terms, &period, &mut notes);
     if let Some(step) = explained.undecided {
         notes.push(Note::new(NoteKind::Fit, format!(
@@ -342,7 +346,7 @@ fn periods(
     terms: &Terms,
     solution: &NonlinearSolution,
     climate: &Climate,
-    factors: &[f64; CONSTANT],
+    scatter: &Scatter,
 ) -> Vec<ScalarPeriod> {
     let begins = terms.begins();
     let boundary = |from_run: usize| -> Start {
@@ -352,11 +356,10 @@ fn periods(
         before.header.start.after(0.5 * (end_s + apart_s))
     };
     let references_degc = climate.references_degc();
-    let fitted = solution.covariance();
+    let fitted = scatter.widened(solution.covariance());
     let one = |(i, run): (usize, &usize)| {
         let span = PeriodSpan { from: (i > 0).then(|| boundary(*run)), to: begins.get(i + 1).map(|next| boundary(*next)) };
-        let mut covariance = terms.covariance(&fitted, *run);
-        widen(&mut covariance, factors);
+        let covariance = terms.covariance(&fitted, *run);
         let mut facility = terms.part(&solution.parameters, *run);
         let mut std = FacilityParameters::constant([f64::NAN; 3], [f64::NAN; 3], [f64::NAN; 3]);
         if terms.coil {
@@ -491,64 +494,52 @@ fn nine(part: &FacilityParameters) -> [f64; CONSTANT] {
     std::array::from_fn(|i| [part.scale_nt_per_eu, part.offset_nt, part.angles_deg][i / 3][i % 3])
 }
 
-/// Where several calibrations differ by more than their noise, their spread is the uncertainty, and a warning says so: by how much the
-/// standard uncertainties of the nine parameters have to be larger.
-fn widening(
+/// Says of parameters that differ between calibrations by far more than their noise.
+fn disagreements(found: &[scatter::Found]) -> Vec<Note> {
+    let far = |j: &usize| found.iter().map(|one| (one.difference[*j] / one.std[*j]).abs()).fold(0.0, f64::max);
+    (0..CONSTANT)
+        .filter(|j| far(j) > DISAGREEMENT)
+        .map(|j| {
+            Note::new(NoteKind::Fit, format!(
+                "{} differs between the calibrations by up to {:.0} standard deviations; the facility changed, or follows a temperature that \
+                 was not used",
+                Terms::name(j), far(&j)
+            ))
+        })
+        .collect()
+}
+
+/// Every calibration on its own beside the fit to all of them.
+fn beside_the_fit(
     calibration: &[ScalarCalibration],
     terms: &Terms,
     solution: &NonlinearSolution,
     runs: &[(&Run, &Instructions)],
     climate: &Climate,
-    notes: &mut Vec<Note>,
-) -> [f64; CONSTANT] {
-    let count = calibration.len();
-    let mut factors = [1.0; CONSTANT];
-    if count < 2 {
-        return factors;
-    }
-    let std = solution.std();
-    let index = |one: &ScalarCalibration| runs.iter().position(|(run, _)| run.header.run == one.run).unwrap_or_default();
-    for (j, factor) in factors.iter_mut().enumerate() {
-        let mut squares = 0.0;
-        let mut worst: f64 = 0.0;
-        for one in calibration {
-            let run = index(one);
-            let coil = terms.coil(&solution.parameters, run);
-            let coil_k = climate.coil.as_ref().map_or([0.0; 3], |t| t.mean_difference_k(run));
-            let rack_k = climate.rack.as_ref().map_or(0.0, |t| t.mean_difference_k(run)[0]);
+) -> Vec<scatter::Found> {
+    let one = |own: &ScalarCalibration| {
+        let run = runs.iter().position(|(run, _)| run.header.run == own.run).unwrap_or_default();
+        let coil = terms.coil(&solution.parameters, run);
+        let coil_k = climate.coil.as_ref().map_or([0.0; 3], |t| t.mean_difference_k(run));
+        let rack_k = climate.rack.as_ref().map_or(0.0, |t| t.mean_difference_k(run)[0]);
+        let expected = |j: usize| {
             let k = j % 3;
-            let expected = match j {
+            match j {
                 0..3 => {
                     coil.scale_nt_per_eu[k] * (1.0 + coil.scale_per_k[k] * coil_k[k]) * (1.0 + coil.rack_scale_per_k[k] * rack_k)
                 }
                 3..6 => coil.offset_nt[k] + coil.offset_nt_per_k[k] * coil_k[k] + coil.rack_offset_nt_per_k[k] * rack_k,
                 _ => coil.angles_deg[k],
-            };
-            let difference = nine(&one.facility)[j] - expected;
-            squares += difference * difference;
-            worst = worst.max(difference.abs() / nine(&one.std)[j]);
+            }
+        };
+        let (value, std) = (nine(&own.facility), nine(&own.std));
+        scatter::Found {
+            difference: std::array::from_fn(|j| value[j] - expected(j)),
+            std,
+            derivatives: std::array::from_fn(|j| terms.derivatives(j, run, &coil, coil_k, rack_k)),
         }
-        let spread = (squares / ((count - 1) * count) as f64).sqrt();
-        *factor = (spread / std[j]).max(1.0);
-        if worst > DISAGREEMENT {
-            notes.push(Note::new(NoteKind::Fit, format!(
-                "{} differs between the calibrations by up to {worst:.0} standard deviations; the facility changed, or follows a \
-                 temperature that was not used",
-                Terms::name(j)
-            )));
-        }
-    }
-    factors
-}
-
-/// Makes the standard uncertainties of the nine parameters larger by these factors; the correlations stay.
-fn widen(covariance: &mut Covariance, factors: &[f64; CONSTANT]) {
-    let factor = |place: usize| factors.get(place).copied().unwrap_or(1.0);
-    for (r, row) in covariance.matrix.iter_mut().enumerate() {
-        for (c, value) in row.iter_mut().enumerate() {
-            *value *= factor(r) * factor(c);
-        }
-    }
+    };
+    calibration.iter().map(one).collect()
 }
 
 /// Jumps of all moduli inside a calibration.

@@ -149,6 +149,21 @@ impl Terms {
         part.coil()
     }
 
+    /// How one of the nine parameters in a calibration, at temperatures that differ from the references by so many kelvins, follows the fitted
+    /// parameters: its derivatives by all of them.
+    pub fn derivatives(&self, parameter: usize, run: usize, coil: &Coil, coil_k: [f64; 3], rack_k: f64) -> Vec<f64> {
+        let k = parameter % 3;
+        let scale = if parameter < 3 { coil.scale_nt_per_eu[k] } else { 1.0 };
+        let rack_at = CONSTANT + if self.coil { THERMAL } else { 0 };
+        let of = |place: usize| match self.target(place) {
+            own if own == parameter => 1.0,
+            own if parameter < THERMAL && self.coil && own == CONSTANT + parameter => scale * coil_k[k],
+            own if parameter < THERMAL && self.rack && own == rack_at + parameter => scale * rack_k,
+            _ => 0.0,
+        };
+        self.active().into_iter().map(|place| of(place) * self.factor(place, run)).collect()
+    }
+
     /// Covariance of the facility in a calibration from that of the fitted parameters. Coefficients that were taken as zero have none.
     pub fn covariance(&self, fitted: &DMatrix<f64>, run: usize) -> Covariance {
         let active = self.active();

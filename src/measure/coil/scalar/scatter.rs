@@ -1,0 +1,211 @@
+//! Calibrations that differ from one to the next by more than their noise: how much, and what it does to all that several of them tell.
+//!
+//! The values of the single calibrations scatter about the fit to all of them by their own noise and by something that is new in every one.
+//! How large that is, is not known, and few calibrations tell it badly: it is averaged over all sizes that they allow, by the likelihood of the
+//! differences that are left when the fit has taken what it can. Scale factors have one size, relative to themselves, and so have offset fields
+//! and angles. Half of the probability is with none at all before anything was measured, the other half even over the logarithm of the size.
+
+use super::terms::CONSTANT;
+use crate::data::note::{Note, NoteKind};
+use crate::fit::NORMAL_95;
+use crate::fit::statistics::{median, two_sided_tail};
+use nalgebra::{DMatrix, DVector};
+
+/// One calibration beside the fit to all of them.
+pub(super) struct Found {
+    /// Values of its own minus those of the fit: scale factors, nT/EU, offset fields, nT, angles, degrees.
+    pub difference: [f64; CONSTANT],
+    /// Standard uncertainties of its own values.
+    pub std: [f64; CONSTANT],
+    /// Derivatives of the nine values by the parameters that are fitted.
+    pub derivatives: [Vec<f64>; CONSTANT],
+}
+
+/// Probability that calibrations do not scatter beyond their noise, before anything was measured.
+const NONE: f64 = 0.5;
+/// Smallest and largest scatter that is weighed, in standard uncertainties of the single calibrations, and steps between them.
+const SIZES: (f64, f64, usize) = (0.1, 1e3, 60);
+/// A scatter that is as probable as this is told.
+const TOLD: f64 = 0.95;
+const FAMILIES: [(&str, &str); 3] = [("scale factors", "nT/EU"), ("offset fields", "nT"), ("angles", "degrees")];
+
+/// By how much the calibrations scatter.
+pub(super) struct Scatter {
+    /// Factors on the standard uncertainties of the fitted parameters.
+    factors: Vec<f64>,
+    /// Size, and the probability that there is one at all, of the families that tell it.
+    families: [Option<(f64, f64)>; 3],
+}
+
+/// The values of one of the nine parameters in all calibrations.
+struct Values {
+    /// Fitted parameters that it follows.
+    columns: Vec<usize>,
+    design: DMatrix<f64>,
+    difference: DVector<f64>,
+    variance: Vec<f64>,
+}
+
+/// What is left of the differences with a scatter: its logarithmic likelihood, and the covariance of the parameters.
+struct Weighed {
+    likelihood: f64,
+    covariance: DMatrix<f64>,
+}
+
+impl Values {
+    /// `None` if there are too few calibrations to leave anything of the differences.
+    fn of(found: &[Found], parameter: usize, parameters: usize) -> Option<Self> {
+        let columns: Vec<usize> =
+            (0..parameters).filter(|c| found.iter().any(|one| one.derivatives[parameter][*c] != 0.0)).collect();
+        (found.len() > columns.len()).then(|| Self {
+            design: DMatrix::from_fn(found.len(), columns.len(), |r, c| found[r].derivatives[parameter][columns[c]]),
+            difference: DVector::from_iterator(found.len(), found.iter().map(|one| one.difference[parameter])),
+            variance: found.iter().map(|one| one.std[parameter].powi(2)).collect(),
+            columns,
+        })
+    }
+
+    /// The likelihood of the differences that no parameters explain (restricted likelihood), for a scatter.
+    fn weighed(&self, scatter: f64) -> Option<Weighed> {
+        let weights: Vec<f64> = self.variance.iter().map(|v| 1.0 / (v + scatter * scatter)).collect();
+        let weighted = DMatrix::from_fn(self.design.nrows(), self.design.ncols(), |r, c| self.design[(r, c)] * weights[r]);
+        // Coefficients per kelvin and values have different sizes.
+        let normal = self.design.tr_mul(&weighted);
+        let scale: Vec<f64> = (0..normal.ncols()).map(|i| normal[(i, i)].sqrt()).collect();
+        let scaled = DMatrix::from_fn(normal.nrows(), normal.ncols(), |r, c| normal[(r, c)] / (scale[r] * scale[c]));
+        let root = scaled.cholesky()?;
+        let inverse = root.inverse();
+        let covariance = DMatrix::from_fn(normal.nrows(), normal.ncols(), |r, c| inverse[(r, c)] / (scale[r] * scale[c]));
+        let taken = &covariance * weighted.tr_mul(&self.difference);
+        let left = &self.difference - &self.design * taken;
+        let squares: f64 = left.iter().zip(&weights).map(|(d, w)| d * d * w).sum();
+        let determinant = 2.0 * (root.l().diagonal().map(f64::ln).sum() + scale.iter().map(|s| s.ln()).sum::<f64>());
+        let likelihood = 0.5 * (weights.iter().map(|w| w.ln()).sum::<f64>() - determinant - squares);
+        Some(Weighed { likelihood, covariance })
+    }
+}
+
+impl Scatter {
+    /// Of calibrations beside the fit to all of them, which has so many parameters.
+    pub fn of(found: &[Found], parameters: usize) -> Self {
+        let mut scatter = Self { factors: vec![1.0; parameters], families: [None; 3] };
+        for family in 0..3 {
+            let values: Vec<Values> = (3 * family..3 * family + 3).filter_map(|j| Values::of(found, j, parameters)).collect();
+            scatter.families[family] = scatter.weigh(&values);
+        }
+        scatter
+    }
+
+    /// Widens what one family determines; its size and probability.
+    fn weigh(&mut self, values: &[Values]) -> Option<(f64, f64)> {
+        let mut own: Vec<f64> = values.iter().flat_map(|v| v.variance.iter().map(|v| v.sqrt())).collect();
+        if own.is_empty() {
+            return None;
+        }
+        let unit = median(&mut own);
+        let (smallest, largest, steps) = SIZES;
+        let size = |i: usize| unit * smallest * (largest / smallest).powf(i as f64 / (steps - 1) as f64);
+        let sizes: Vec<f64> = [0.0].into_iter().chain((0..steps).map(size)).collect();
+        let weighed: Vec<Vec<Weighed>> =
+            sizes.iter().map(|size| values.iter().map(|v| v.weighed(*size)).collect()).collect::<Option<_>>()?;
+        let prior = |i: usize| if i == 0 { NONE } else { (1.0 - NONE) / steps as f64 };
+        let logs: Vec<f64> =
+            weighed.iter().enumerate().map(|(i, all)| prior(i).ln() + all.iter().map(|w| w.likelihood).sum::<f64>()).collect();
+        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let relative: Vec<f64> = logs.iter().map(|log| (log - most).exp()).collect();
+        let sum: f64 = relative.iter().sum();
+        let probability: Vec<f64> = relative.iter().map(|r| r / sum).collect();
+        for (place, own) in values.iter().enumerate() {
+            for (k, column) in own.columns.iter().enumerate() {
+                let std: Vec<f64> = weighed.iter().map(|all| all[place].covariance[(k, k)].sqrt()).collect();
+                self.factors[*column] = interval(&probability, &std) / std[0];
+            }
+        }
+        let there: Vec<f64> = sizes.iter().zip(&probability).skip(1).map(|(size, p)| size.ln() * p).collect();
+        let is_there = 1.0 - probability[0];
+        Some(((there.iter().sum::<f64>() / is_there).exp(), is_there))
+    }
+
+    /// A covariance of the fitted parameters that holds with the scatter; the correlations stay.
+    pub fn widened(&self, mut covariance: DMatrix<f64>) -> DMatrix<f64> {
+        for (r, by_row) in self.factors.iter().enumerate() {
+            for (c, by_column) in self.factors.iter().enumerate() {
+                covariance[(r, c)] *= by_row * by_column;
+            }
+        }
+        covariance
+    }
+
+    /// Says by how much calibrations scatter that certainly do.
+    pub fn notes(&self) -> Vec<Note> {
+        let of = |(family, (name, unit)): (usize, &(&str, &str))| {
+            let (size, probability) = self.families[family].filter(|(_, probability)| *probability > TOLD)?;
+            let text = format!(
+                "the {name} scatter from calibration to calibration by about {size:.1e} {unit} beyond their noise (probability {probability:.3}); \
+                 the uncertainties of all that follows from several of them hold for it"
+            );
+            Some(Note::new(NoteKind::Fit, text))
+        };
+        FAMILIES.iter().enumerate().filter_map(of).collect()
+    }
+}
+
+/// The standard deviation of a normal distribution whose interval of 95 % is that of normal distributions with these standard deviations, each
+/// with its probability.
+fn interval(probability: &[f64], std: &[f64]) -> f64 {
+    const OUTSIDE: f64 = 0.05;
+    let outside = |half: f64| probability.iter().zip(std).map(|(p, s)| p * two_sided_tail(half / s)).sum::<f64>();
+    let mut low = NORMAL_95 * std.iter().copied().fold(f64::INFINITY, f64::min);
+    let mut high = NORMAL_95 * std.iter().copied().fold(0.0, f64::max);
+    for _ in 0..60 {
+        let middle = (low * high).sqrt();
+        if outside(middle) > OUTSIDE { low = middle } else { high = middle }
+    }
+    high / NORMAL_95
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::noise::Random;
+
+    /// Four and eight calibrations that tell scale factors and their temperature coefficients, with errors of their own of one and a scatter:
+    /// intervals of 95 % of the coefficients hold the truth whatever the scatter is.
+    #[test]
+    fn intervals_hold_with_and_without_scatter() {
+        const DRAWS: usize = 400;
+        for count in [4_usize, 8] {
+            let coil_k: Vec<f64> = (0..count).map(|i| [-0.9, 0.4, -0.1, 0.7, -0.5, 0.2, 0.9, -0.3][i]).collect();
+            for scatter in [0.0, 1.0, 3.0, 30.0] {
+                let mut gauss = Random::new(7, &["scatter"]);
+                let (mut held, mut all) = (0, 0);
+                for _ in 0..DRAWS {
+                    let found: Vec<Found> = coil_k
+                        .iter()
+                        .map(|k| Found {
+                            difference: std::array::from_fn(|_| gauss.normal() + scatter * gauss.normal()),
+                            std: [1.0; CONSTANT],
+                            derivatives: std::array::from_fn(|j| {
+                                let follows = |c: usize| if c == j { 1.0 } else { f64::from(u8::from(c == CONSTANT + j)) * k };
+                                (0..CONSTANT + 6).map(follows).collect()
+                            }),
+                        })
+                        .collect();
+                    let own = Scatter::of(&found, CONSTANT + 6);
+                    // Ordinary least squares of a straight line, by its closed form.
+                    let mean = coil_k.iter().sum::<f64>() / count as f64;
+                    let spread: f64 = coil_k.iter().map(|k| (k - mean).powi(2)).sum();
+                    for j in 0..6 {
+                        let slope =
+                            found.iter().zip(&coil_k).map(|(one, k)| one.difference[j] * (k - mean)).sum::<f64>() / spread;
+                        held += usize::from(slope.abs() < NORMAL_95 * own.factors[CONSTANT + j] / spread.sqrt());
+                        all += 1;
+                    }
+                }
+                let share = held as f64 / all as f64;
+                println!("{count} calibrations, scatter {scatter}: {share:.3}");
+                assert!((0.90..=0.995).contains(&share), "{count} calibrations, scatter {scatter}: {share}");
+            }
+        }
+    }
+}
