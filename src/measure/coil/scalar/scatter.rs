@@ -173,7 +173,7 @@ mod tests {
     /// intervals of 95 % of the coefficients hold the truth whatever the scatter is.
     #[test]
     fn intervals_hold_with_and_without_scatter() {
-        const DRAWS: usize = 400;
+        const DRAWS: usize = 1500;
         for count in [4_usize, 8] {
             let coil_k: Vec<f64> = (0..count).map(|i| [-0.9, 0.4, -0.1, 0.7, -0.5, 0.2, 0.9, -0.3][i]).collect();
             for scatter in [0.0, 1.0, 3.0, 30.0] {
