@@ -49,6 +49,9 @@ use states::{Dwell, Ends};
 /// The flag of vectors that were disturbed by an edge and closed.
 pub const HEATER: u32 = crate::data::flags::Flags::HEATER.0;
 
+/// Times for which the field of a heater may rise or fall, s, where none is stated.
+pub const EDGES_S: [f64; 5] = [0.0, 0.5, 1.0, 2.0, 4.0];
+
 /// Rounds of course, classes and background.
 const ROUNDS: usize = 3;
 /// Logarithm of the probability that a heater must gain in an interval to be there at all.
@@ -108,8 +111,8 @@ pub struct HeaterOptions {
     pub method: HeaterMethod,
     /// Length of the cells in which edges are looked for, s.
     pub cell_s: f64,
-    /// Time that the field of a heater takes to rise or fall, s.
-    pub edge_s: f64,
+    /// Time that the field of a heater takes to rise or fall, s; `None` takes the most probable of [`EDGES_S`].
+    pub edge_s: Option<f64>,
     /// Increments before one from which it is predicted.
     pub order: usize,
     /// Standard deviation of the times of a table, s.
@@ -122,11 +125,16 @@ impl HeaterOptions {
     /// The usual numbers.
     #[must_use]
     pub fn new(classes: Vec<String>, method: HeaterMethod) -> Self {
-        HeaterOptions { classes, method, cell_s: 1.0, edge_s: 1.0, order: 4, table_std_s: 0.1, closing: HeaterClosing::Shape }
+        HeaterOptions { classes, method, cell_s: 1.0, edge_s: None, order: 4, table_std_s: 0.1, closing: HeaterClosing::Shape }
+    }
+
+    /// The same with edges of a length.
+    fn with_edges(&self, edge_s: f64) -> Self {
+        HeaterOptions { edge_s: Some(edge_s), ..self.clone() }
     }
 
     fn profile(&self) -> Profile {
-        Profile { edge_cells: self.edge_s / self.cell_s, mean_cells: 1.0 }
+        Profile { edge_cells: self.edge_s.unwrap_or(EDGES_S[0]) / self.cell_s, mean_cells: 1.0 }
     }
 }
 
@@ -145,6 +153,8 @@ pub struct HeaterClass {
     pub on_s: [f64; 2],
     /// Edges that this is made from.
     pub edges: usize,
+    /// Time that its field takes to rise or fall, s: the same for all heaters of a sensor.
+    pub edge_s: f64,
 }
 
 /// A jump of the field.
@@ -195,6 +205,7 @@ pub fn find(cells: &Cells, classes: &[HeaterClass], options: &HeaterOptions) -> 
     if classes.len() != options.classes.len() {
         return Err(HeaterError::Classes { given: classes.len(), asked: options.classes.len() });
     }
+    let options = &options.with_edges(edge_s(classes));
     let profile = options.profile();
     let increments = cells.increments();
     let vectors = vectors(classes);
@@ -293,8 +304,14 @@ fn unknown(options: &HeaterOptions) -> Vec<HeaterClass> {
         off_s: [f64::NAN; 2],
         on_s: [f64::NAN; 2],
         edges: 0,
+        edge_s: options.edge_s.unwrap_or(EDGES_S[0]),
     };
     options.classes.iter().map(class).collect()
+}
+
+/// Time that the fields of heaters take to rise or fall, s.
+fn edge_s(classes: &[HeaterClass]) -> f64 {
+    classes.first().map_or(EDGES_S[0], |class| class.edge_s)
 }
 
 fn vectors(classes: &[HeaterClass]) -> Vec<Vector3<f64>> {
@@ -306,7 +323,9 @@ fn check(options: &HeaterOptions) -> Result<(), HeaterError> {
     if options.classes.is_empty() {
         return Err(HeaterError::NoClass);
     }
-    for (key, value, least) in [("cell_s", options.cell_s, f64::MIN_POSITIVE), ("edge_s", options.edge_s, 0.0)] {
+    for (key, value, least) in
+        [("cell_s", options.cell_s, f64::MIN_POSITIVE), ("edge_s", options.edge_s.unwrap_or(EDGES_S[0]), 0.0)]
+    {
         if !(least..=3600.0).contains(&value) {
             return Err(HeaterError::Option { key, value, rule: "positive, and at most an hour" });
         }
@@ -354,6 +373,10 @@ mod tests {
     const VECTORS: [[f64; 3]; 2] = [[0.7, -0.1, 0.3], [0.4, 1.0, 0.5]];
 
     fn record(seed: u64, rate: i64) -> Record {
+        with_edges(seed, rate, 1.0)
+    }
+
+    fn with_edges(seed: u64, rate: i64, edge_cells: f64) -> Record {
         let mut random = Random::seeded(seed);
         let intervals: Vec<HeaterInterval> =
             [0, 1300].map(|start| HeaterInterval { from_tt2000: start * SECOND, to_tt2000: (start + 1000) * SECOND }).to_vec();
@@ -371,7 +394,7 @@ mod tests {
             }
         }
         let time: Vec<i64> = (-200 * rate..2500 * rate).map(|row| row * SECOND / rate).collect();
-        let profile = Profile { edge_cells: 1.0, mean_cells: 1.0 / rate as f64 };
+        let profile = Profile { edge_cells, mean_cells: 1.0 / rate as f64 };
         let walk_nt = 0.06 / (rate as f64).sqrt();
         let background = [0, 1, 2].map(|_| {
             let mut level = 0.0;
@@ -440,6 +463,25 @@ mod tests {
                 let inside = |row: usize| record.intervals.iter().any(|interval| interval.rows(&record.time).contains(&row));
                 for row in (0..record.time.len()).filter(|&row| !inside(row)) {
                     assert!(flags[row] == 0 && (0..3).all(|c| field[c][row].to_bits() == record.field[c][row].to_bits()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_length_of_edges_is_found_and_heights_are_those_of_such_edges() {
+        for (edge_s, seed) in [(0.0, 8), (1.0, 9), (2.0, 10)] {
+            let record = with_edges(seed, 20, edge_s);
+            for method in [HeaterMethod::Found, HeaterMethod::Table(record.table.clone())] {
+                let options = HeaterOptions::new(names(), method);
+                let mut field = record.field.clone();
+                let mut flags = vec![0; record.time.len()];
+                let (classes, _) = close_jumps(&record.time, &mut field, &mut flags, &record.intervals, None, &options)
+                    .expect("all is in order");
+                for (class, truth) in classes.iter().zip(VECTORS) {
+                    assert_eq!(class.edge_s, edge_s, "{class:?}");
+                    let pull = |c: usize| (class.vector_nt[c] - truth[c]).abs() / class.std_nt[c];
+                    assert!((0..3).all(|c| pull(c) < 5.0), "{edge_s} {class:?}");
                 }
             }
         }

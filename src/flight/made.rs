@@ -79,6 +79,8 @@ pub struct HeaterFound {
     pub std_nt: Option<[f64; 3]>,
     /// Edges that it is made from.
     pub edges: usize,
+    /// Time that its field takes to rise or fall, s.
+    pub edge_s: f64,
 }
 
 /// A jump of the field.
@@ -125,7 +127,7 @@ impl HeaterFound {
     #[must_use]
     pub fn of(class: &HeaterClass) -> Self {
         let std_nt = Some(class.std_nt).filter(|std| std.iter().all(|s| s.is_finite()));
-        Self { name: class.name.clone(), vector_nt: class.vector_nt, std_nt, edges: class.edges }
+        Self { name: class.name.clone(), vector_nt: class.vector_nt, std_nt, edges: class.edges, edge_s: class.edge_s }
     }
 }
 

@@ -93,7 +93,17 @@ fn wheels(days: &[DayShown]) -> Option<Section> {
 }
 
 fn heaters(days: &[DayShown]) -> Option<Section> {
-    let mut table = Table::new(["day", "sensor", "heater", "jumps", "x, nT", "y, nT", "z, nT", "edges that it is made from"]);
+    let mut table = Table::new([
+        "day",
+        "sensor",
+        "heater",
+        "jumps",
+        "x, nT",
+        "y, nT",
+        "z, nT",
+        "edges that it is made from",
+        "length of an edge, s",
+    ]);
     for (day, _) in days {
         for heater in &day.heater {
             let jumps = day.jumps.iter().filter(|jump| jump.class == heater.name).count();
@@ -102,7 +112,17 @@ fn heaters(days: &[DayShown]) -> Option<Section> {
                 None => Cell::Missing("not seen"),
             };
             let [x, y, z] = [0, 1, 2].map(of);
-            table.push(cells![day.day.as_str(), day.sensor.as_str(), heater.name.as_str(), jumps, x, y, z, heater.edges]);
+            table.push(cells![
+                day.day.as_str(),
+                day.sensor.as_str(),
+                heater.name.as_str(),
+                jumps,
+                x,
+                y,
+                z,
+                heater.edges,
+                Cell::fixed(heater.edge_s, 1)
+            ]);
         }
     }
     (!table.rows.is_empty()).then(|| {

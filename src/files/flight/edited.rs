@@ -245,7 +245,7 @@ impl Open<'_> {
             let rule = format!("has no column of times: {wanted}");
             return Err(Finding::error(&self.path.display().to_string(), rule, "add it"));
         };
-        let tags = self.times(primary)?.unwrap_or_default();
+        let mut tags = self.times(primary)?.unwrap_or_default();
         for other in there.iter().filter(|c| **c != primary) {
             let others = self.times(*other)?.unwrap_or_default();
             // Timestamps know no leap second, so that the label of a time counts there, not the time.
@@ -262,6 +262,12 @@ impl Open<'_> {
                     &rule,
                     "say which one counts with [time] primary, and how far they may differ with tolerance_s",
                 ));
+            }
+            if primary == TimeColumn::Utc {
+                // A timestamp has one value for a whole leap second; the other column tells the times within.
+                let is_within = |time: Tt2000| self.leap.through_timestamp(time) != time;
+                let told = tags.iter_mut().zip(&others).filter(|(tag, other)| is_within(**other) && !is_within(**tag));
+                told.for_each(|(tag, other)| *tag = *other);
             }
         }
         Ok(tags)

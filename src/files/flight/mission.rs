@@ -293,6 +293,8 @@ pub struct Heater {
     pub classes: Vec<String>,
     /// Whether the states come from the table.
     pub from_table: bool,
+    /// Time that the field of a heater takes to rise or fall, s; found in the data if it is not stated.
+    pub edge_s: Option<f64>,
     /// Intervals with heater operation.
     pub intervals: Vec<Span>,
 }

@@ -320,7 +320,7 @@ impl MissionFile<'_> {
     }
 
     fn heater(&self, group: &Group<'_>) -> Result<Heater, Finding> {
-        group.only(&["table", "classes", "method", "interval"])?;
+        group.only(&["table", "classes", "method", "interval", "edge_s"])?;
         let from_table = match group.whole("method")? {
             None | Some(1) => false,
             Some(2) => true,
@@ -341,7 +341,11 @@ impl MissionFile<'_> {
         }
         apart(group, "interval", &intervals)?;
         intervals.sort_unstable();
-        Ok(Heater { table, classes, from_table, intervals })
+        let edge_s = group.number("edge_s")?;
+        if edge_s.is_some_and(|s| !(0.0..=60.0).contains(&s)) {
+            return Err(group.refuse("edge_s", "must be 0 to 60 s", "0 is a field that switches at once"));
+        }
+        Ok(Heater { table, classes, from_table, edge_s, intervals })
     }
 
     fn common(&self, group: &Group<'_>) -> Result<Common, Finding> {

@@ -28,6 +28,7 @@ pub fn close(
         return Ok(());
     }
     let vectors = super::vectors(classes);
+    let edge_s = super::edge_s(classes);
     let seconds = |from: i64, to: i64| (to - from) as f64 * 1e-9;
     // The time a vector is the mean over is the distance to its nearer neighbour.
     let mean_s = |row: usize| {
@@ -39,12 +40,12 @@ pub fn close(
     let (mut of_edge, mut drawn) = (vec![false; rows.len()], vec![false; rows.len()]);
     for jump in jumps {
         let vector = vectors[jump.class] * if jump.on { 1.0 } else { -1.0 };
-        let longest_ns = (0.5 * (options.edge_s + options.cell_s) * 1e9) as i64;
+        let longest_ns = (0.5 * (edge_s + options.cell_s) * 1e9) as i64;
         let near = HeaterInterval { from_tt2000: jump.time_tt2000 - longest_ns, to_tt2000: jump.time_tt2000 + longest_ns }
             .rows(&time_tt2000[rows.clone()]);
         let mut last = Vector3::zeros();
         for row in near.clone() {
-            let profile = Profile { edge_cells: options.edge_s, mean_cells: mean_s(rows.start + row) };
+            let profile = Profile { edge_cells: edge_s, mean_cells: mean_s(rows.start + row) };
             let distance_s = seconds(jump.time_tt2000, time_tt2000[rows.start + row]);
             let share = profile.share(distance_s);
             heat[row] += vector * share - last;
@@ -142,6 +143,7 @@ mod tests {
             off_s: [20.0, 1.0],
             on_s: [20.0, 1.0],
             edges: 2,
+            edge_s: 1.0,
         };
         (time, [x, zero.clone(), zero], vec![jump(20 * SECOND + SECOND / 4, true), jump(40 * SECOND, false)], vec![class])
     }

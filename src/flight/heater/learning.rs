@@ -10,39 +10,55 @@ use super::cells::Cells;
 use super::courses::{self, Course};
 use super::edges::{Edge, Evidence, Normal};
 use super::states::{Dwell, Ends};
-use super::{HeaterClass, HeaterError, HeaterMethod, HeaterOptions, LEAST_TIMES, REACH_CELLS, ROUNDS, classes};
+use super::{EDGES_S, HeaterClass, HeaterError, HeaterMethod, HeaterOptions, LEAST_TIMES, REACH_CELLS, ROUNDS, classes};
 
 /// Logarithm of the ratio of probabilities from which on a polarity is known.
 const CLEAR: f64 = 10.0;
 /// What an edge must gain in the logarithm of the likelihood, to compare first courses.
 const EDGE_COST: f64 = 6.0;
+/// Length of edges with which they are looked for first, s.
+const FIRST_EDGE_S: f64 = 1.0;
 /// Chance of a heater to switch in a cell before anything is known.
 const FIRST_HAZARD: f64 = 0.05;
 
-/// Class vectors and times in a state, from all intervals together; with the table, times are those of the table. Without it
-/// nothing says which heater has which name: they are named in order of their strength, and those that were not seen come last.
+/// Class vectors, times in a state and the length of edges, from all intervals together; with the table, times are those of the table.
+/// Without it nothing says which heater has which name: they are named in order of their strength, and those that were not seen come last.
 ///
 /// # Errors
 /// Options or a table that contradict themselves.
 pub fn learn(records: &[Cells], options: &HeaterOptions) -> Result<Vec<HeaterClass>, HeaterError> {
     super::check(options)?;
     let increments: Vec<_> = records.par_iter().map(Cells::increments).collect();
+    let (found, classes) = with_edges(records, &increments, &options.with_edges(options.edge_s.unwrap_or(FIRST_EDGE_S)));
+    if options.edge_s.is_some() {
+        return Ok(classes);
+    }
+    let of = |edge_s: f64| Learning { increments: &increments, options: &options.with_edges(edge_s) }.moved(&found, &classes);
+    // Of lengths that say the same, the first one.
+    let lengths = EDGES_S.map(|edge_s| (of(edge_s), edge_s)).into_iter();
+    let best = lengths.reduce(|best, next| if next.0 > best.0 { next } else { best }).map_or(FIRST_EDGE_S, |(_, edge_s)| edge_s);
+    Ok(if best == FIRST_EDGE_S { classes } else { with_edges(records, &increments, &options.with_edges(best)).1 })
+}
+
+/// Courses and classes with edges of one length.
+fn with_edges(records: &[Cells], increments: &[Vec<Vector3<f64>>], options: &HeaterOptions) -> (Vec<Course>, Vec<HeaterClass>) {
+    let learning = Learning { increments, options };
     let heaters = options.classes.len();
     if let HeaterMethod::Table(table) = &options.method {
         let mut classes = super::unknown(options);
+        let mut found = Vec::new();
         let edges: Vec<_> = records.iter().map(|cells| courses::of_table(table, cells, options)).collect();
         for _ in 0..ROUNDS {
             let vectors = super::vectors(&classes);
-            let courses: Vec<Course> = increments
+            found = increments
                 .par_iter()
                 .zip(&edges)
                 .map(|(increments, edges)| courses::given(increments, edges, &vectors, options))
                 .collect();
-            classes = summarise(&increments, &courses, options);
+            classes = learning.summarise(&found);
         }
-        return Ok(classes);
+        return (found, classes);
     }
-    let learning = Learning { increments: &increments, options };
     let raw: Vec<Background> = increments.par_iter().map(|increments| Background::of(increments, options.order)).collect();
     let none = raw.into_iter().map(|background| Course { edges: Vec::new(), background }).collect::<Vec<_>>();
     // Two ways to begin: all vectors at once from all steps, or one after the other, each from the steps that those before leave.
@@ -60,7 +76,7 @@ pub fn learn(records: &[Cells], options: &HeaterOptions) -> Result<Vec<HeaterCla
         }
     }
     let begun = together.into_iter().chain(one_by_one).max_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((_, mut found, mut classes)) = begun else { return Ok(super::unknown(options)) };
+    let Some((_, mut found, mut classes)) = begun else { return (none, super::unknown(options)) };
     for round in 1..=ROUNDS {
         if round <= 2 {
             let even = learning.turn(&mut classes, &mut found);
@@ -71,10 +87,14 @@ pub fn learn(records: &[Cells], options: &HeaterOptions) -> Result<Vec<HeaterCla
         let ends = if round == 1 { Ends::Free } else { Ends::Off };
         (found, classes) = learning.next(&found, &classes, round == 2, ends);
     }
-    let length = |class: &HeaterClass| Vector3::from(class.vector_nt).norm();
-    classes.sort_by(|a, b| (a.edges == 0).cmp(&(b.edges == 0)).then(length(a).total_cmp(&length(b))));
-    classes.iter_mut().zip(&options.classes).for_each(|(class, name)| class.name.clone_from(name));
-    Ok(classes)
+    let length = |heater: &usize| Vector3::from(classes[*heater].vector_nt).norm();
+    let mut order: Vec<usize> = (0..classes.len()).collect();
+    order.sort_by(|a, b| (classes[*a].edges == 0).cmp(&(classes[*b].edges == 0)).then(length(a).total_cmp(&length(b))));
+    let named = |(heater, name): (&usize, &String)| HeaterClass { name: name.clone(), ..classes[*heater].clone() };
+    let sorted = order.iter().zip(&options.classes).map(named).collect();
+    let place = |heater: usize| order.iter().position(|old| *old == heater).unwrap_or(heater);
+    found.iter_mut().flat_map(|course| &mut course.edges).for_each(|edge| edge.heater = place(edge.heater));
+    (found, sorted)
 }
 
 /// Turns the vector of a heater, and what was off is on.
@@ -123,7 +143,14 @@ impl Learning<'_> {
             })
             .collect();
         let classes = self.summarise(&courses);
-        let vectors = super::vectors(&classes);
+        let (score, courses) = self.weighed(courses, &classes);
+        (score, courses, classes)
+    }
+
+    /// How probable courses with their classes are, and the courses with the backgrounds that follow.
+    fn weighed(&self, courses: Vec<Course>, classes: &[HeaterClass]) -> (f64, Vec<Course>) {
+        let vectors = super::vectors(classes);
+        let profile = self.options.profile();
         let (scores, courses): (Vec<f64>, Vec<Course>) = self
             .increments
             .par_iter()
@@ -135,7 +162,21 @@ impl Learning<'_> {
                 (score, Course { edges, background })
             })
             .unzip();
-        (scores.iter().sum(), courses, classes)
+        (scores.iter().sum(), courses)
+    }
+
+    /// How probable courses are when their edges have the length of these options, at their best times and with the vectors that follow.
+    fn moved(&self, found: &[Course], classes: &[HeaterClass]) -> f64 {
+        let (mut courses, mut classes) = (found.to_vec(), classes.to_vec());
+        for _ in 0..ROUNDS {
+            let vectors = super::vectors(&classes);
+            courses.par_iter_mut().zip(self.increments).for_each(|(course, increments)| {
+                let evidence = Evidence { increments, background: &course.background, profile: self.options.profile() };
+                evidence.refine(&mut course.edges, &vectors, f64::INFINITY, REACH_CELLS);
+            });
+            classes = self.summarise(&courses);
+        }
+        self.weighed(courses, &classes).0
     }
 
     /// Turns the vectors whose intervals begin or end with a heater on more often than off. Gives those for which that is even.
@@ -204,42 +245,40 @@ impl Learning<'_> {
         (courses, classes)
     }
 
+    /// Class vectors and times in a state of the courses of all intervals.
     fn summarise(&self, courses: &[Course]) -> Vec<HeaterClass> {
-        summarise(self.increments, courses, self.options)
-    }
-}
-
-/// Class vectors and times in a state of the courses of all intervals.
-fn summarise(increments: &[Vec<Vector3<f64>>], courses: &[Course], options: &HeaterOptions) -> Vec<HeaterClass> {
-    let parts: Vec<Normal> = increments
-        .par_iter()
-        .zip(courses)
-        .map(|(increments, course)| {
-            let mut normal = Normal::new(options.classes.len());
-            normal.add(&Evidence { increments, background: &course.background, profile: options.profile() }, &course.edges);
-            normal
-        })
-        .collect();
-    let solved = parts.iter().fold(Normal::new(options.classes.len()), Normal::merge).solve();
-    let mut classes = super::unknown(options);
-    for (heater, (class, solved)) in classes.iter_mut().zip(solved).enumerate() {
-        if let Some((vector, std)) = solved {
-            (class.vector_nt, class.std_nt) = (vector.into(), std.into());
-        }
-        let mut times: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
-        for course in courses {
-            let own: Vec<&Edge> = course.edges.iter().filter(|edge| edge.heater == heater).collect();
-            class.edges += own.len();
-            own.windows(2).for_each(|pair| times[usize::from(pair[0].on)].push((pair[1].cell - pair[0].cell) * options.cell_s));
-        }
-        [class.off_s, class.on_s] = times.map(|mut times| {
-            if times.len() < LEAST_TIMES {
-                return [f64::NAN; 2];
+        let Learning { increments, options } = *self;
+        let parts: Vec<Normal> = increments
+            .par_iter()
+            .zip(courses)
+            .map(|(increments, course)| {
+                let mut normal = Normal::new(options.classes.len());
+                normal.add(&Evidence { increments, background: &course.background, profile: options.profile() }, &course.edges);
+                normal
+            })
+            .collect();
+        let solved = parts.iter().fold(Normal::new(options.classes.len()), Normal::merge).solve();
+        let mut classes = super::unknown(options);
+        for (heater, (class, solved)) in classes.iter_mut().zip(solved).enumerate() {
+            if let Some((vector, std)) = solved {
+                (class.vector_nt, class.std_nt) = (vector.into(), std.into());
             }
-            let middle = central_median(&mut times);
-            times.iter_mut().for_each(|time| *time = (*time - middle).abs());
-            [middle, central_median(&mut times) / 0.674_489_750_196]
-        });
+            let mut times: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
+            for course in courses {
+                let own: Vec<&Edge> = course.edges.iter().filter(|edge| edge.heater == heater).collect();
+                class.edges += own.len();
+                own.windows(2)
+                    .for_each(|pair| times[usize::from(pair[0].on)].push((pair[1].cell - pair[0].cell) * options.cell_s));
+            }
+            [class.off_s, class.on_s] = times.map(|mut times| {
+                if times.len() < LEAST_TIMES {
+                    return [f64::NAN; 2];
+                }
+                let middle = central_median(&mut times);
+                times.iter_mut().for_each(|time| *time = (*time - middle).abs());
+                [middle, central_median(&mut times) / 0.674_489_750_196]
+            });
+        }
+        classes
     }
-    classes
 }

@@ -278,11 +278,11 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
 
 /// What the file says of the configuration that it was made of.
 const CONFIGURATION: &str = "configuration_sha256";
-/// What the file says of heaters, a line for each: sensor, name, vector, its uncertainty, mean and scatter of the times off and on, edges.
+/// What the file says of heaters, a line for each: sensor, name, vector, its uncertainty, mean and scatter of the times off and on, length of edges, edges.
 const HEATER: &str = "heater";
 
 fn line_of(sensor: &str, class: &HeaterClass) -> String {
-    let numbers = class.vector_nt.iter().chain(&class.std_nt).chain(&class.off_s).chain(&class.on_s);
+    let numbers = class.vector_nt.iter().chain(&class.std_nt).chain(&class.off_s).chain(&class.on_s).chain([&class.edge_s]);
     let numbers: Vec<String> = numbers.map(|v| format!("{v:?}")).collect();
     format!("{sensor}\t{}\t{}\t{}\n", class.name, numbers.join("\t"), class.edges)
 }
@@ -291,7 +291,7 @@ fn class_of(line: &str) -> Option<(String, HeaterClass)> {
     let mut cells = line.split('\t');
     let (sensor, name) = (cells.next()?.to_owned(), cells.next()?.to_owned());
     let cells: Vec<&str> = cells.collect();
-    let numbers: Vec<f64> = cells.get(..10)?.iter().map(|c| c.parse().ok()).collect::<Option<_>>()?;
+    let numbers: Vec<f64> = cells.get(..11)?.iter().map(|c| c.parse().ok()).collect::<Option<_>>()?;
     let three = |from: usize| [numbers[from], numbers[from + 1], numbers[from + 2]];
     let class = HeaterClass {
         name,
@@ -299,7 +299,8 @@ fn class_of(line: &str) -> Option<(String, HeaterClass)> {
         std_nt: three(3),
         off_s: [numbers[6], numbers[7]],
         on_s: [numbers[8], numbers[9]],
-        edges: cells.get(10)?.parse().ok()?,
+        edge_s: numbers[10],
+        edges: cells.get(11)?.parse().ok()?,
     };
     Some((sensor, class))
 }

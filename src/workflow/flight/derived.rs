@@ -38,7 +38,7 @@ fn heater_options(prepared: &Prepared, stated: &Heater) -> HeaterOptions {
         (true, Some(table)) => HeaterMethod::Table(table.clone()),
         _ => HeaterMethod::Found,
     };
-    HeaterOptions::new(stated.classes.clone(), method)
+    HeaterOptions { edge_s: stated.edge_s, ..HeaterOptions::new(stated.classes.clone(), method) }
 }
 
 fn interval_of(span: Span) -> HeaterInterval {
