@@ -554,39 +554,3 @@ fn check_and_inspect_know_a_configuration_of_flight_processing() {
     // Both are named, not only the first.
     says(&text(&output.stderr), &["attitude.parquet", "THERMISTOR__FM-IB.toml"]);
 }
-
-/// Timestamps of a leap second are all alike; the clock of the spacecraft tells its vectors apart.
-#[test]
-fn vectors_of_a_leap_second_have_the_times_of_the_clock_beside_their_timestamps() {
-    use polars::prelude::{Column, DataType, ParquetReader, ParquetWriter, SerReader, TimeUnit};
-    let set = Set::of("telemetry");
-    let file = set.path("edited/sensor=OB/date=2015-06-30/part-0.parquet");
-    let mut frame = ParquetReader::new(fs::File::open(&file).unwrap()).finish().unwrap();
-    let leap = calfit::data::time::LeapSeconds::default();
-    let times = SeriesTable::open(&file).unwrap().whole("time_tt2000").unwrap();
-    // 2015-07-01T00:00:00 UTC; the last second of the day before is no time of a timestamp, which stands still in it.
-    let midnight = 488_980_868_184_000_000;
-    let stamps: Vec<i64> = times
-        .iter()
-        .map(|t| {
-            leap.utc(if (midnight - 1_000_000_000..midnight).contains(t) { midnight - 1_000_000_001 } else { *t }).timestamp_ns()
-        })
-        .collect();
-    // Seconds since 2003-01-01T00:00:00 UTC, which is 94651264184000000 in this count.
-    let clock: Vec<f64> = times.iter().map(|t| (t - 94_651_264_184_000_000) as f64 / 1e9).collect();
-    for name in ["time_tt2000", "time_utc", "time_obt"] {
-        let _ = frame.drop_in_place(name);
-    }
-    let stamps = Column::new("time_utc".into(), stamps).cast(&DataType::Datetime(TimeUnit::Nanoseconds, None)).unwrap();
-    frame.with_column(stamps).unwrap();
-    frame.with_column(Column::new("time_obt".into(), clock)).unwrap();
-    ParquetWriter::new(fs::File::create(&file).unwrap()).finish(&mut frame).unwrap();
-    set.made("A", &[]);
-    let level = set.level("A", "OB", "2015-06-30");
-    let (times, flags) = (level.whole("time_tt2000").unwrap(), level.whole("flags").unwrap());
-    let within: Vec<i64> = times.into_iter().zip(flags).filter(|(_, f)| f & 16 != 0).map(|(t, _)| t).collect();
-    assert_eq!(within.len(), 20);
-    assert!(within.iter().all(|t| (midnight - 1_000_000_000..midnight).contains(t)));
-    // Twenty vectors per second.
-    assert!(within.windows(2).all(|pair| (pair[1] - pair[0] - 50_000_000).abs() < 1_000_000), "{within:?}");
-}
