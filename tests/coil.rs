@@ -188,7 +188,9 @@ fn temperature_coefficients_come_back_from_four_calibrations() {
             assert!((found - truth[k]).abs() < 3.5 * std && std < most, "{found} ± {std} is not {}", truth[k]);
         }
     };
-    within(p.found.facility.scale_per_k, p.found.std.scale_per_k, SCALE_PER_K, 2e-6);
+    // The moduli alone give 1.4e-6: 6.7e-7 in each calibration, through the inverse normal matrix of value, coil and rack. One degree of freedom
+    // tells little of what else differs between calibrations; were that as large as the noise, the uncertainty would be 2.0e-6, so twice is enough.
+    within(p.found.facility.scale_per_k, p.found.std.scale_per_k, SCALE_PER_K, 2.8e-6);
     within(p.found.facility.offset_nt_per_k, p.found.std.offset_nt_per_k, OFFSET_PER_K, 0.06);
     within(p.found.facility.rack_scale_per_k, p.found.std.rack_scale_per_k, [RACK_SCALE_PER_K; 3], 4e-7);
     within(p.found.facility.rack_offset_nt_per_k, p.found.std.rack_offset_nt_per_k, [0.0; 3], 0.02);

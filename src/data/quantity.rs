@@ -2,35 +2,8 @@
 //!
 //! The result of an analysis and its parameter file both hold it, so that it is defined here only.
 
+use crate::fit::order::Reason;
 use serde::{Deserialize, Serialize};
-use std::fmt;
-
-/// Why a polynomial has its order; the words are those of the files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Reason {
-    /// The analyst gave it.
-    #[serde(rename = "given")]
-    Given,
-    /// It is the lowest which leaves nothing but rounding.
-    #[serde(rename = "the lowest that leaves only rounding")]
-    Exact,
-    /// It is the lowest whose AICc is within 2 of the least.
-    #[serde(rename = "AICc")]
-    LeastAicc,
-    /// It is the lowest whose leave-one-out error is within a factor of 3 of the least; that of the order the criterion prefers,
-    /// a lower one, is not.
-    #[serde(rename = "leave-one-out error")]
-    LeaveOneOut,
-    /// There are too few points for the criterion at any order.
-    #[serde(rename = "too few points for more")]
-    TooFewPoints,
-}
-
-impl fmt::Display for Reason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.serialize(f)
-    }
-}
 
 /// How one polynomial was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -11,8 +11,9 @@
 //! Both are therefore hypotheses on one scale: the standard deviations as they are, `χ² + penalty(k)`, and all of them too small
 //! by one unknown factor, `n ln(χ²/n) + n + penalty(k + 1)`, which costs a parameter. Each order counts with the better.
 
-use crate::data::quantity::Reason;
 use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+use std::fmt;
 
 use super::linear::Limits;
 use super::polynomial::{self, Polynomial};
@@ -29,6 +30,33 @@ const CLEARLY_BETTER: f64 = 3.0;
 const ROUNDING: f64 = 1e3 * f64::EPSILON;
 /// A point with a leverage closer to one than this determines a coefficient alone: without it there is no prediction.
 const LEAST_FREEDOM: f64 = 1e-9;
+
+/// Why a polynomial has its order; the words are those of the files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Reason {
+    /// The analyst gave it.
+    #[serde(rename = "given")]
+    Given,
+    /// It is the lowest which leaves nothing but rounding.
+    #[serde(rename = "the lowest that leaves only rounding")]
+    Exact,
+    /// It is the lowest whose AICc is within 2 of the least.
+    #[serde(rename = "AICc")]
+    LeastAicc,
+    /// It is the lowest whose leave-one-out error is within a factor of 3 of the least; that of the order the criterion prefers,
+    /// a lower one, is not.
+    #[serde(rename = "leave-one-out error")]
+    LeaveOneOut,
+    /// There are too few points for the criterion at any order.
+    #[serde(rename = "too few points for more")]
+    TooFewPoints,
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
+}
 
 /// One order in comparison.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -178,7 +178,7 @@ fn interval(probability: &[f64], std: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::noise::Random;
+    use crate::fit::random::Random;
 
     /// Four and eight calibrations that tell scale factors and their temperature coefficients, with errors of their own of one and a scatter:
     /// intervals of 95 % of the coefficients hold the truth whatever the scatter is.
@@ -188,13 +188,13 @@ mod tests {
         for count in [4_usize, 8] {
             let coil_k: Vec<f64> = (0..count).map(|i| [-0.9, 0.4, -0.1, 0.7, -0.5, 0.2, 0.9, -0.3][i]).collect();
             for scatter in [0.0, 1.0, 30.0] {
-                let mut gauss = Random::new(7, &["scatter"]);
+                let mut gauss = Random::seeded(7);
                 let (mut held, mut all) = (0, 0);
                 for _ in 0..DRAWS {
                     let found: Vec<Found> = coil_k
                         .iter()
                         .map(|k| Found {
-                            difference: std::array::from_fn(|_| gauss.normal() + scatter * gauss.normal()),
+                            difference: std::array::from_fn(|_| gauss.gaussian() + scatter * gauss.gaussian()),
                             std: [1.0; CONSTANT],
                             derivatives: std::array::from_fn(|j| {
                                 let follows = |c: usize| if c == j { 1.0 } else { f64::from(u8::from(c == CONSTANT + j)) * k };
