@@ -3,6 +3,7 @@
 
 use crate::common;
 
+use calfit::files::table::long::{Column, LongWriter};
 use calfit::files::table::series::SeriesTable;
 use common::check::{calfit, copy, data, says, text};
 use std::collections::HashMap;
@@ -553,4 +554,42 @@ fn check_and_inspect_know_a_configuration_of_flight_processing() {
     assert_eq!(output.status.code(), Some(1));
     // Both are named, not only the first.
     says(&text(&output.stderr), &["attitude.parquet", "THERMISTOR__FM-IB.toml"]);
+}
+
+/// Timestamps of a leap second are all alike; the clock of the spacecraft tells its vectors apart.
+#[test]
+fn vectors_of_a_leap_second_have_the_times_of_the_clock_beside_their_timestamps() {
+    let set = Set::of("telemetry");
+    let file = set.path("edited/sensor=OB/date=2015-06-30/part-0.parquet");
+    let table = SeriesTable::open(&file).unwrap();
+    let leap = calfit::data::time::LeapSeconds::default();
+    let times = table.whole("time_tt2000").unwrap();
+    // 2015-07-01T00:00:00 UTC; the last second of the day before is no time of a timestamp, which stands still in it.
+    let midnight = 488_980_868_184_000_000;
+    let stamps: Vec<i64> = times
+        .iter()
+        .map(|t| {
+            leap.utc(if (midnight - 1_000_000_000..midnight).contains(t) { midnight - 1_000_000_001 } else { *t }).timestamp_ns()
+        })
+        .collect();
+    // Seconds since 2003-01-01T00:00:00 UTC, which is 94651264184000000 in this count.
+    let clock: Vec<f64> = times.iter().map(|t| (t - 94_651_264_184_000_000) as f64 / 1e9).collect();
+    let modes = table.words("sid").unwrap();
+    let codes: Vec<u8> = modes.codes.iter().map(|code| u8::try_from(*code).unwrap()).collect();
+    let whole = ["bx", "by", "bz", "t_ob", "quality"].map(|name| (name, table.whole(name).unwrap()));
+    let mut columns = vec![("time_utc", Column::Timestamps(&stamps)), ("time_obt", Column::Numbers(&clock))];
+    columns.extend(whole.iter().map(|(name, values)| (*name, Column::Whole(values))));
+    columns.push(("sid", Column::Words(&codes, &modes.words)));
+    let mut output = fs::File::create(&file).unwrap();
+    let mut writer = LongWriter::new(&mut output, &columns, Vec::new()).unwrap();
+    writer.write(&columns).unwrap();
+    writer.finish().unwrap();
+    set.made("A", &[]);
+    let level = set.level("A", "OB", "2015-06-30");
+    let (times, flags) = (level.whole("time_tt2000").unwrap(), level.whole("flags").unwrap());
+    let within: Vec<i64> = times.into_iter().zip(flags).filter(|(_, f)| f & 16 != 0).map(|(t, _)| t).collect();
+    assert_eq!(within.len(), 20);
+    assert!(within.iter().all(|t| (midnight - 1_000_000_000..midnight).contains(t)));
+    // Twenty vectors per second.
+    assert!(within.windows(2).all(|pair| (pair[1] - pair[0] - 50_000_000).abs() < 1_000_000), "{within:?}");
 }

@@ -27,6 +27,7 @@ mod flight;
 mod flight_diagnosis;
 #[cfg(feature = "tables")]
 mod flight_faults;
+mod flight_neighbours;
 mod freq;
 mod house;
 mod import;

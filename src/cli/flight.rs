@@ -6,7 +6,7 @@ use crate::data::error::{Finding, Severity};
 use crate::data::time::day_of;
 use crate::flight::made::DayMade;
 use crate::workflow::flight::{
-    DailyOptions, DayFailed, Flight, FlightMade, FlightOptions, Levels, make_carry, make_daily, make_report,
+    DailyOptions, DayFailed, Flight, FlightMade, FlightOptions, Levels, day_name, make_carry, make_daily, make_report,
 };
 use clap::Args;
 use jiff::civil::Date;
@@ -57,6 +57,12 @@ const REPORT: &str = "report";
 const AT_ONCE: usize = 2;
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    if let (Some(from), Some(to)) = (arguments.from, arguments.to)
+        && from > to
+    {
+        let rule = format!("--from {from} is after --to {to}");
+        return Err(Finding::error("calfit flight", rule, "name the first day with --from and the last one with --to"));
+    }
     if arguments.what == CARRY {
         return carry(arguments, common, terminal);
     }
@@ -89,7 +95,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     findings.iter().for_each(|f| terminal.finding(f));
     let flight = flight?;
     let jobs = flight.jobs()?;
-    let mut made = FlightMade { notes: flight.notes().to_vec(), ..FlightMade::default() };
+    let mut made = FlightMade { notes: flight.notes(), ..FlightMade::default() };
     let bar = terminal.progress(jobs.len(), "made");
     // Each takes the next day once it is done with one.
     let (next, results) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
@@ -135,8 +141,11 @@ fn carry(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<
     let carry = make_carry(&arguments.config, &out, common.force, &mut findings);
     findings.iter().for_each(|f| terminal.finding(f));
     let carry = carry?;
+    for ((sensor, day), reason) in &carry.unknown {
+        terminal.error(&format!("{sensor} {}: how the model goes on at midnight is not known: {reason}", day_name(*day)));
+    }
     terminal.tell(&format!("{} days of sensors\n  -> {}\n", carry.rows.len(), out.display()));
-    Ok(Status::Done)
+    Ok(if carry.unknown.is_empty() { Status::Done } else { Status::Partly })
 }
 
 fn daily(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {

@@ -34,8 +34,8 @@ pub struct RowCounts {
 /// Why rows make no vectors.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum AssembleError {
-    /// No time shift.
-    #[error("mode {sid} has no time shift for the {role} sensor")]
+    /// No rate or time shift.
+    #[error("mode {sid} states no `rate_hz` with a `shift_s` for the {role} sensor")]
     NoShift {
         /// Mode.
         sid: String,
@@ -130,7 +130,11 @@ pub fn assemble(
             let role = mission.roles.of(sensor, rows.tag[row]);
             let rate_hz = mode.rates[role].map(|rate| rate.rate_hz);
             #[expect(clippy::cast_precision_loss, reason = "differences of times")]
-            let late = previous.zip(rate_hz).is_some_and(|(p, rate)| (at - p) as f64 * rate > GAP_STEPS * SECOND_NS as f64);
+            let late = match previous {
+                Some(before) => rate_hz.is_some_and(|rate| (at - before) as f64 * rate > GAP_STEPS * SECOND_NS as f64),
+                // Rows are read far enough that a step before them would be seen.
+                None => rows.is_continued,
+            };
             previous = Some(at);
             if !span.contains(&at) {
                 continue;

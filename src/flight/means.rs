@@ -1,6 +1,6 @@
 //! Means over intervals of a day (RO-IGEP-TR0028 sections 4.6, 4.7, 4.8 and 4.10).
 
-use super::Series;
+use super::{Block, Series};
 use crate::data::time::Tt2000;
 
 /// Means, interval by interval; those without vectors are left out.
@@ -49,6 +49,34 @@ pub fn means(series: &Series, day: &std::ops::Range<Tt2000>, mean_ns: i64) -> Me
         row = next;
     }
     out
+}
+
+impl Means {
+    /// Covariances of the means, nT², in the order of [`SYMMETRIC`], of the blocks that they were made of: the independent part falls with the
+    /// number of vectors, the common one does not. Empty where the blocks have none, nan for a mean without vectors.
+    ///
+    /// [`SYMMETRIC`]: crate::model::field_calibration::SYMMETRIC
+    #[must_use]
+    pub fn covariances_nt2(&self, blocks: &[Block]) -> [Vec<[f64; 6]>; 2] {
+        let own: Vec<&[f32; 6]> = blocks.iter().flat_map(|b| &b.own_nt2).collect();
+        let common: Vec<&[f32; 6]> = blocks.iter().flat_map(|b| &b.common_nt2).collect();
+        let mean_of = |list: &[&[f32; 6]], (first, last): (usize, usize), place: usize| -> f64 {
+            let there = list.get(first..last).unwrap_or_default().iter().map(|c| f64::from(c[place])).filter(|v| !v.is_nan());
+            let (sum, count) = there.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+            sum / count
+        };
+        let of = |list: &[&[f32; 6]], falls: bool| {
+            if list.is_empty() {
+                return Vec::new();
+            }
+            let each = self.rows.iter().zip(&self.count).map(|(rows, count)| {
+                let n = if falls { f64::from(*count) } else { 1.0 };
+                std::array::from_fn(|place| mean_of(list, *rows, place) / n)
+            });
+            each.collect::<Vec<[f64; 6]>>()
+        };
+        [of(&own, true), of(&common, false)]
+    }
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 //! better than the common part. [`gradiometer`] takes that noise away where the matrix M is known by which it is stronger at
 //! the inboard sensor.
 
+use crate::model::field_calibration::turned;
 use nalgebra::{Matrix3, Vector3};
 
 /// Weight of what both sensors see alike on the principal axis, below which readings have nothing in common; it is the root of 2 for
@@ -40,6 +41,8 @@ pub struct Parts {
     pub own_outboard_nt: [Vec<f64>; 3],
     /// IB less the common part, nT.
     pub own_inboard_nt: [Vec<f64>; 3],
+    /// The common part is the first matrix times OB, plus the second one times IB, plus a constant.
+    pub weights: [Matrix3<f64>; 2],
 }
 
 /// The principal axis of one component.
@@ -94,6 +97,7 @@ pub fn principal(outboard_nt: [&[f64]; 3], inboard_nt: [&[f64]; 3]) -> Result<(P
         let middle = 0.5 * (m[0] + m[1]);
         let common = |[o, i]: [f64; 2]| (e[0] * (o - m[0]) + e[1] * (i - m[1])) / (e[0] + e[1]) + middle;
         parts.common_nt[c] = pairs().map(common).collect();
+        (0..2).for_each(|sensor| parts.weights[sensor][(c, c)] = e[sensor] / (e[0] + e[1]));
         axes.push(axis);
     }
     parts.subtract(outboard_nt, inboard_nt);
@@ -139,7 +143,7 @@ pub fn gradiometer(outboard_nt: [&[f64]; 3], inboard_nt: [&[f64]; 3], coupling: 
     let inverse = excess.try_inverse().filter(|_| condition < MAX_CONDITION);
     let inverse = inverse.ok_or(TwoSensorsError::Coupling { condition })?;
     let at = |sensor: [&[f64]; 3], row: usize| Vector3::new(sensor[0][row], sensor[1][row], sensor[2][row]);
-    let mut parts = Parts::default();
+    let mut parts = Parts { weights: [inverse * m, -inverse], ..Parts::default() };
     for row in 0..outboard_nt[0].len() {
         let common = inverse * (m * at(outboard_nt, row) - at(inboard_nt, row));
         let whole = common.iter().all(|v| v.is_finite());
@@ -160,6 +164,20 @@ fn check_lengths(outboard_nt: [&[f64]; 3], inboard_nt: [&[f64]; 3]) -> Result<()
 }
 
 impl Parts {
+    /// Covariances of the common part, of the rest of OB and of the rest of IB, nT², row by row in the order of [`SYMMETRIC`], from those of
+    /// both sensors, which are independent of each other. The weights are taken for exact.
+    ///
+    /// [`SYMMETRIC`]: crate::model::field_calibration::SYMMETRIC
+    #[must_use]
+    pub fn covariances_nt2(&self, outboard_nt2: &[[f64; 6]], inboard_nt2: &[[f64; 6]]) -> [Vec<[f64; 6]>; 3] {
+        let [outboard, inboard] = self.weights;
+        let rest = |weight: Matrix3<f64>| Matrix3::identity() - weight;
+        [[outboard, inboard], [rest(outboard), inboard], [outboard, rest(inboard)]].map(|[a, b]| {
+            let both = outboard_nt2.iter().zip(inboard_nt2).map(|(o, i)| (turned(&a, o), turned(&b, i)));
+            both.map(|(o, i)| std::array::from_fn(|place| o[place] + i[place])).collect()
+        })
+    }
+
     fn subtract(&mut self, outboard_nt: [&[f64]; 3], inboard_nt: [&[f64]; 3]) {
         for c in 0..3 {
             let less = |sensor: &[f64]| sensor.iter().zip(&self.common_nt[c]).map(|(b, common)| b - common).collect();

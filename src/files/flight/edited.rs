@@ -44,6 +44,8 @@ pub struct Rows {
     pub mode: Vec<u8>,
     /// Range index.
     pub range: Vec<u8>,
+    /// Whether the sensor has telemetry before all that was asked for.
+    pub is_continued: bool,
 }
 
 impl Rows {
@@ -62,15 +64,18 @@ impl Rows {
             quality: pick(&self.quality, &kept),
             mode: pick(&self.mode, &kept),
             range: pick(&self.range, &kept),
+            is_continued: self.is_continued || self.tag.iter().any(|tag| *tag < tags.start),
         }
     }
 
     /// The same with further rows behind them.
     pub fn append(&mut self, mut other: Rows) {
+        other.is_continued |= self.is_continued;
         if self.tag.is_empty() {
             *self = other;
             return;
         }
+        self.is_continued = other.is_continued;
         self.tag.append(&mut other.tag);
         self.obt_s.append(&mut other.obt_s);
         self.counts.iter_mut().zip(&mut other.counts).for_each(|(own, more)| own.append(more));
@@ -304,12 +309,14 @@ pub fn read<const N: usize>(
     }
     let mut found: [Rows; N] = std::array::from_fn(|_| Rows::default());
     for (rows, wanted) in found.iter_mut().zip(wanted) {
+        let is_continued = all_tags.iter().any(|tag| *tag < wanted.start);
+        rows.is_continued = is_continued;
         let first = all_tags.iter().position(|tag| wanted.contains(tag));
         let last = all_tags.iter().rposition(|tag| wanted.contains(tag));
         let (Some(first), Some(last)) = (first, last) else { continue };
         open.table.narrow(first..last + 1);
         let tags = &all_tags[open.table.before()..open.table.before() + open.table.rows()];
-        *rows = open.rows(tags, sensor, mission, wanted)?;
+        *rows = Rows { is_continued, ..open.rows(tags, sensor, mission, wanted)? };
     }
     Ok(found)
 }

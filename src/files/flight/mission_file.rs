@@ -374,7 +374,8 @@ impl MissionFile<'_> {
                 "write levels of one frame: [\"E\", \"E\"], [\"F\", \"F\"] or [\"G\", \"G\"]",
             ));
         }
-        let span = if group.names().contains(&"from") { Some(self.span(group)?) } else { None };
+        let has_span = ["from", "to"].iter().any(|key| group.names().contains(key));
+        let span = if has_span { Some(self.span(group)?) } else { None };
         Ok(Common { coupling, inputs, span })
     }
 }
@@ -441,16 +442,19 @@ fn edited_rule(group: &Group<'_>) -> Result<(u8, Option<String>), Finding> {
 }
 
 fn mode(group: &Group<'_>, sid: String) -> Result<Mode, Finding> {
-    group.only(&["sid", "packet_s", "primary", "secondary", "lap_lines_hz", "from", "to"])?;
+    // The name is for people; the telemetry and the other keys name the mode by its `sid`.
+    group.only(&["sid", "name", "packet_s", "primary", "secondary", "lap_lines_hz", "from", "to"])?;
+    group.text("name")?;
     let rate = |key: &str| -> Result<Option<Rate>, Finding> {
         let Some(own) = group.group(key)? else { return Ok(None) };
         own.only(&["rate_hz", "shift_s"])?;
-        let rate_hz = needed(&own, "rate_hz", positive(&own, "rate_hz", own.number("rate_hz")?)?)?;
+        let rate_hz = positive(&own, "rate_hz", own.number("rate_hz")?)?;
         let shift_s = own.number("shift_s")?;
         if shift_s.is_some_and(|s| s.abs() > LONGEST_SHIFT_S) {
             return Err(own.refuse("shift_s", "is longer than 1800 s", "days are read so far beyond their ends"));
         }
-        Ok(Some(Rate { rate_hz, shift_ns: shift_s.map(ns) }))
+        // A mode whose rate is not known yet may stand in a configuration; vectors that need it are refused.
+        Ok(rate_hz.map(|rate_hz| Rate { rate_hz, shift_ns: shift_s.map(ns) }))
     };
     let lines_hz = group.numbers("lap_lines_hz")?.unwrap_or_default();
     if lines_hz.iter().any(|f| *f <= 0.0) {

@@ -13,9 +13,8 @@ use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
 use crate::flight::Block;
 use crate::flight::assemble::assemble;
-use crate::flight::daily::{DayEnds, continuity};
+use crate::flight::daily::{Continuity, DayEnds, Joined, continuity};
 use crate::flight::heater::HeaterClass;
-use crate::model::polynomial::value;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -31,10 +30,8 @@ pub struct CarryRow {
     pub time: [Tt2000; 2],
     /// Temperatures there, °C; nan without a thermistor.
     pub degc: [f64; 2],
-    /// `S_d`, nT.
-    pub continuity_nt: [f64; 3],
-    /// Whether continuity begins anew.
-    pub reset: bool,
+    /// What joins its model to those of the days before.
+    pub continuity: Continuity,
 }
 
 /// The first pass of a mission.
@@ -51,18 +48,20 @@ pub struct Carry {
 }
 
 const COLUMNS: [&str; 3] = ["s_x_nt", "s_y_nt", "s_z_nt"];
+/// Variance of the offset of the first vector, where its day is joined to the one before.
+const VARIANCES: [&str; 3] = ["s_variance_x_nt2", "s_variance_y_nt2", "s_variance_z_nt2"];
 
 impl Carry {
-    /// `S_d` of a sensor and day with vectors, nT; zero for a mission without continuity.
+    /// What joins a day with vectors of a sensor to those before; nothing in a mission without continuity.
     ///
     /// # Errors
     /// A day whose `S_d` is not known.
-    pub fn continuity_nt(&self, mission: &Mission, sensor: &str, day: i32) -> Result<[f64; 3], Finding> {
+    pub fn continuity(&self, mission: &Mission, sensor: &str, day: i32) -> Result<Continuity, Finding> {
         if !mission.continuity {
-            return Ok([0.0; 3]);
+            return Ok(Continuity::default());
         }
         if let Some(row) = self.rows.iter().find(|row| row.sensor == sensor && row.day == day) {
-            return Ok(row.continuity_nt);
+            return Ok(row.continuity);
         }
         let name = format!("{sensor} {}", day_name(day));
         Err(match self.unknown.get(&(sensor.to_owned(), day)) {
@@ -143,8 +142,9 @@ impl Carry {
         let whole = |of: &dyn Fn(&CarryRow) -> i64| -> Vec<i64> { self.rows.iter().map(of).collect() };
         let (first, last) = (whole(&|r| r.time[0]), whole(&|r| r.time[1]));
         let (t_first, t_last) = (number(&|r| r.degc[0]), number(&|r| r.degc[1]));
-        let s: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity_nt[i]));
-        let reset: Vec<u8> = self.rows.iter().map(|row| u8::from(row.reset)).collect();
+        let s: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity.sum_nt[i]));
+        let variances: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity.joined.map_or(0.0, |j| j.variance_nt2[i])));
+        let reset: Vec<u8> = self.rows.iter().map(|row| u8::from(row.continuity.joined.is_none())).collect();
         let mut columns = vec![
             ("sensor", Column::Words(&codes, &sensors)),
             ("day", Column::Whole(&day_codes)),
@@ -153,12 +153,14 @@ impl Carry {
             ("t_first_degc", Column::Numbers(&t_first)),
             ("t_last_degc", Column::Numbers(&t_last)),
         ];
-        columns.extend(COLUMNS.into_iter().zip(&s).map(|(n, c)| (n, Column::Numbers(c))));
+        let known = COLUMNS.into_iter().zip(&s).chain(VARIANCES.into_iter().zip(&variances));
+        columns.extend(known.map(|(n, c)| (n, Column::Numbers(c))));
         columns.push(("reset", Column::Bytes(&reset)));
         let says = vec![
             ("day".to_owned(), "days since 1970-01-01".to_owned()),
             ("first_day".to_owned(), self.rows.first().map(|row| day_name(row.day)).unwrap_or_default()),
             (CONFIGURATION.to_owned(), self.configuration.clone()),
+            (UNKNOWN.to_owned(), serde_json::json!(self.unknown.iter().collect::<Vec<_>>()).to_string()),
             (HEATER.to_owned(), self.heater.iter().flat_map(|(s, list)| list.iter().map(|c| line_of(s, c))).collect()),
             ("written_by".to_owned(), format!("calfit {}", env!("CARGO_PKG_VERSION"))),
         ];
@@ -178,16 +180,21 @@ impl Carry {
         let words = table.words("sensor")?;
         let (day, first, last) = (table.whole("day")?, table.tt2000("first_tt2000")?, table.tt2000("last_tt2000")?);
         let (t_first, t_last) = (table.numbers("t_first_degc")?, table.numbers("t_last_degc")?);
-        let [x, y, z] = COLUMNS.map(|name| table.numbers(name));
-        let (x, y, z) = (x?, y?, z?);
+        let three = |names: [&str; 3]| -> Result<[Vec<f64>; 3], Finding> {
+            let [x, y, z] = names.map(|name| table.numbers(name));
+            Ok([x?, y?, z?])
+        };
+        let (sums, variances) = (three(COLUMNS)?, three(VARIANCES)?);
         let reset = table.whole("reset")?;
         let row = |i: usize| CarryRow {
             sensor: words.words[words.codes[i] as usize].clone(),
             day: i32::try_from(day[i]).unwrap_or(day_of(jiff::civil::Date::MAX)),
             time: [first[i], last[i]],
             degc: [t_first[i], t_last[i]],
-            continuity_nt: [x[i], y[i], z[i]],
-            reset: reset[i] != 0,
+            continuity: Continuity {
+                sum_nt: sums.each_ref().map(|c| c[i]),
+                joined: (reset[i] == 0).then(|| Joined { degc: t_first[i], variance_nt2: variances.each_ref().map(|c| c[i]) }),
+            },
         };
         let mut heater: BTreeMap<String, Vec<HeaterClass>> = BTreeMap::new();
         for line in table.says(HEATER).unwrap_or_default().lines() {
@@ -200,7 +207,12 @@ impl Carry {
             heater.entry(sensor).or_default().push(class);
         }
         let configuration = table.says(CONFIGURATION).unwrap_or_default().to_owned();
-        Ok(Self { rows: (0..table.rows()).map(row).collect(), heater, unknown: BTreeMap::new(), configuration })
+        let said = table.says(UNKNOWN).unwrap_or("[]");
+        let unknown: Vec<((String, i32), String)> = serde_json::from_str(said).map_err(|_| {
+            let rule = "what it says of days that are not known cannot be read";
+            Finding::error(&path.display().to_string(), rule, "make it again").found(said.as_bytes())
+        })?;
+        Ok(Self { rows: (0..table.rows()).map(row).collect(), heater, unknown: unknown.into_iter().collect(), configuration })
     }
 }
 
@@ -235,8 +247,7 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
                 continue;
             }
         };
-        let at = |degc: f64| model.polynomials.each_ref().map(|p| value(&p.coefficients, degc));
-        ends.push(DayEnds { time: found.0, model_nt: found.1.map(at) });
+        ends.push(DayEnds { time: found.0, degc: found.1, model: model.polynomials });
         // A polynomial is not taken beyond the temperatures that it holds for: vectors there have no offset, and no constant follows from it.
         let [low, high] = limits(mission, model.valid_degc).kept_degc;
         for (degc, from) in found.1.into_iter().zip([day, day + 1]) {
@@ -250,19 +261,12 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
                 lost.push((from, Finding::error(&sensor.name, rule, remedy).to_string()));
             }
         }
-        rows.push(CarryRow {
-            sensor: sensor.name.clone(),
-            day,
-            time: found.0,
-            degc: found.1,
-            continuity_nt: [0.0; 3],
-            reset: true,
-        });
+        rows.push(CarryRow { sensor: sensor.name.clone(), day, time: found.0, degc: found.1, continuity: Continuity::default() });
     }
-    for (row, (sum, reset)) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
-        (row.continuity_nt, row.reset) = (sum, reset);
+    for (row, known) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
+        row.continuity = known;
     }
-    let reset_days: Vec<i32> = rows.iter().filter(|row| row.reset).map(|row| row.day).collect();
+    let reset_days: Vec<i32> = rows.iter().filter(|row| row.continuity.joined.is_none()).map(|row| row.day).collect();
     let mut days = Days { rows: Vec::new(), unknown: Vec::new() };
     for row in rows {
         let begun = resets.iter().rfind(|at| **at <= row.time[0]).copied();
@@ -278,6 +282,8 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
 
 /// What the file says of the configuration that it was made of.
 const CONFIGURATION: &str = "configuration_sha256";
+/// What the file says of days whose continuity is not known: JSON, a list of sensor and day, and the reason.
+const UNKNOWN: &str = "unknown";
 /// What the file says of heaters, a line for each: sensor, name, vector, its uncertainty, mean and scatter of the times off and on, length of edges, edges.
 const HEATER: &str = "heater";
 

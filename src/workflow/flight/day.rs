@@ -121,7 +121,7 @@ impl<'a> Context<'a> {
         }
         if let Some(model) = prepared.daily(sensor, self.day)? {
             inputs.push(model.input);
-            made.continuity_nt = Some(self.carry.continuity_nt(mission, &sensor.name, self.day)?);
+            made.continuity_nt = Some(self.carry.continuity(mission, &sensor.name, self.day)?.sum_nt);
         }
         self.count_modes(&blocks, &mut made);
         let through = |stage: Stage, blocks: &mut Vec<Block>| blocks.par_iter_mut().for_each(|b| steps.apply(stage, b));
@@ -297,7 +297,9 @@ fn read(
     let mission = &prepared.mission;
     let sensor = &mission.sensors[index];
     let tags = reach.start - BEYOND_NS..reach.end + BEYOND_NS;
-    let mut rows = Rows::default();
+    let first_day = prepared.leap.utc(tags.start).day;
+    let is_continued = prepared.catalogue.of(&sensor.name).iter().any(|file| file.day.is_some_and(|day| day < first_day));
+    let mut rows = Rows { is_continued, ..Rows::default() };
     let mut inputs = Vec::new();
     let mut beside = Vec::new();
     for file in prepared.files(&sensor.name, &tags) {

@@ -2,11 +2,13 @@
 //! share (J).
 
 use super::day::{Context, Product, Vectors, put_back, vectors};
+use super::write::stds_nt;
 use super::{Carry, Level, Prepared, picture};
 use crate::data::error::Finding;
+use crate::data::flags::Flags;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Input;
-use crate::data::time::{SECOND_NS, Tt2000};
+use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
 use crate::files::flight::levels::LevelRows;
 use crate::files::flight::mission::{Common, Heater, Span};
 use crate::fit::spectrum::Density;
@@ -85,9 +87,15 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     let mut all = Series::of(blocks);
     let (classes, jumps) = heater::close_jumps(&all.time, &mut all.field_nt, &mut all.flags, &intervals, known, &options)
         .map_err(|e| Finding::error(&made.sensor, e.to_string(), "see [heater]"))?;
-    put_back(&all, &mut out);
     made.heater = classes.iter().map(HeaterFound::of).collect();
     let day = context.span();
+    for (index, interval) in intervals.iter().enumerate() {
+        // A table without a row in an interval says that its heaters stay off.
+        if !stated.from_table && jumps.iter().all(|jump| jump.interval != index) {
+            leave(&mut all, *interval, &day, &context.prepared.leap, made);
+        }
+    }
+    put_back(&all, &mut out);
     let own = jumps.iter().filter(|jump| day.contains(&jump.time_tt2000));
     // What a table says is known; what is found between vectors far apart has no time that could be told.
     let role = context.prepared.mission.roles.of(&made.sensor, day.start);
@@ -101,6 +109,20 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
             .push(format!("{count} heater jumps lie in gaps, where their times are not known: they are closed and not listed"));
     }
     Ok(out)
+}
+
+/// Says that an interval of heaters stays as it is, where no switching was told from the field: its vectors may be disturbed.
+fn leave(all: &mut Series, interval: HeaterInterval, day: &Range<Tt2000>, leap: &LeapSeconds, made: &mut DayMade) {
+    let rows = interval.rows(&all.time);
+    all.flags[rows.clone()].iter_mut().for_each(|flags| *flags |= Flags::HEATER.0);
+    let own = all.time[rows].iter().filter(|time| day.contains(time)).count();
+    if own > 0 {
+        let [from, to] = [interval.from_tt2000, interval.to_tt2000].map(|time| leap.utc(time));
+        made.notes.push(format!(
+            "no switching of a heater is told from the field from {from} to {to}: its {own} vectors of the day stay as they are, with the \
+             flag HEATER"
+        ));
+    }
 }
 
 /// Whether a time lies where vectors are missing for longer than its mode would have it.
@@ -168,6 +190,9 @@ pub struct Shared {
     pub axes: Vec<SharedAxis>,
 }
 
+/// Means with their covariances, independent and common part, nT²; these are empty if they are not wanted.
+pub type Uncertain = (Means, [Vec<[f64; 6]>; 2]);
+
 /// The means of a sensor and day in a level.
 pub fn means_of(
     prepared: &Prepared,
@@ -176,13 +201,13 @@ pub fn means_of(
     day: i32,
     level: Level,
     inputs: &mut Vec<Input>,
-) -> Result<Option<Means>, Finding> {
+) -> Result<Option<Uncertain>, Finding> {
     let wanted = BTreeSet::from([level]);
     let mut found = None;
     let context = Context::new(prepared, carry, index, day, &wanted);
     context.make(&mut |_, product, own, _| {
-        if let Product::Means(means, _) = product {
-            found = Some(means.clone());
+        if let Product::Means(means, blocks) = product {
+            found = Some((means.clone(), means.covariances_nt2(blocks)));
             inputs.extend_from_slice(own);
         }
         Ok(())
@@ -214,37 +239,92 @@ pub fn one_role(prepared: &Prepared, day: &Range<Tt2000>) -> Result<(), Finding>
     Err(Finding::error("[[role.interval]]", rule, "make the other levels of this day, without H, I and J"))
 }
 
+/// Means of both sensors at their common times.
+#[derive(Default)]
+struct Pairs {
+    time: Vec<Tt2000>,
+    field_nt: [[Vec<f64>; 3]; 2],
+    /// Independent and common part of each sensor, nT²; empty if they are not wanted.
+    covariances_nt2: [[Vec<[f64; 6]>; 2]; 2],
+    mode: Vec<u8>,
+    count: Vec<u32>,
+    flags: Vec<u32>,
+}
+
+impl Pairs {
+    /// Puts the common times of a day behind those that it has, as far as they lie within a stretch.
+    fn append(&mut self, sensors: &[Uncertain; 2], span: Option<Span>) {
+        let [(first, _), (second, _)] = sensors;
+        for pair in two_sensors::common_times(&first.time, &second.time) {
+            if span.is_some_and(|span| !span.holds(first.time[pair[0]])) {
+                continue;
+            }
+            self.time.push(first.time[pair[0]]);
+            self.mode.push(first.mode[pair[0]]);
+            self.count.push(first.count[pair[0]].min(second.count[pair[1]]));
+            self.flags.push(first.flags[pair[0]] | second.flags[pair[1]]);
+            for (side, (means, covariances)) in sensors.iter().enumerate() {
+                (0..3).for_each(|c| self.field_nt[side][c].push(means.field_nt[c][pair[side]]));
+                for (own, all) in self.covariances_nt2[side].iter_mut().zip(covariances) {
+                    own.extend(all.get(pair[side]));
+                }
+            }
+        }
+    }
+}
+
+/// What the files of level J say of uncertainty.
+const UNCERTAINTY: &str = "standard, k = 1, of the noise and the calibrations of both sensors, which are taken for independent of each other: \
+    ua independent from vector to vector, uc common to all vectors; disturbances that do not fit the method, and the uncertainty of axes or \
+    coupling, are not in it";
+
 /// What both sensors share on a day; `None` where one of them has no means.
+///
+/// # Errors
+/// What is wrong with the telemetry, the method, or the roles of the sensors.
 pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Shared>, Finding> {
     let mission = &prepared.mission;
-    let span = prepared.leap.day(day);
-    one_role(prepared, &span)?;
     let stated = &mission.common;
-    let place = |role: usize| mission.sensors.iter().position(|s| mission.roles.of(&s.name, span.start) == role);
-    let (Some(primary), Some(secondary)) = (place(0), place(1)) else { return Ok(None) };
-    let mut inputs = Vec::new();
-    let mut take = |index: usize, letter: char| -> Result<Option<Means>, Finding> {
-        let level = Level::ALL.into_iter().find(|level| level.letter().starts_with(letter)).unwrap_or(Level::G);
-        // Wheels are taken off the primary sensor only.
-        let level = if level == Level::I && index == secondary { Level::G } else { level };
-        means_of(prepared, carry, index, day, level, &mut inputs)
-    };
-    let (Some(first), Some(second)) = (take(primary, stated.inputs[0])?, take(secondary, stated.inputs[1])?) else {
-        return Ok(None);
-    };
-    let pairs = two_sensors::common_times(&first.time, &second.time);
-    let within = |pair: &&[usize; 2]| stated.span.is_none_or(|span| span.holds(first.time[pair[0]]));
-    let pairs: Vec<&[usize; 2]> = pairs.iter().filter(within).collect();
-    if pairs.is_empty() {
+    let own_day = prepared.leap.day(day);
+    if stated.span.is_some_and(|span| !span.meets(&Span { from: own_day.start, to: own_day.end })) {
         return Ok(None);
     }
-    let pick = |means: &Means, side: usize| {
-        means.field_nt.each_ref().map(|c| pairs.iter().map(|pair| c[pair[side]]).collect::<Vec<f64>>())
+    // Principal axes are those of the whole stretch, also where it reaches over midnights.
+    let days = match (stated.span, &stated.coupling) {
+        (Some(span), None) => prepared.leap.utc(span.from).day..=prepared.leap.utc(span.to - 1).day,
+        _ => day..=day,
     };
-    let (outer, inner) = (pick(&first, 0), pick(&second, 1));
-    let sides = [outer.each_ref().map(Vec::as_slice), inner.each_ref().map(Vec::as_slice)];
+    let place = |role: usize| mission.sensors.iter().position(|s| mission.roles.of(&s.name, own_day.start) == role);
+    let (Some(primary), Some(secondary)) = (place(0), place(1)) else { return Ok(None) };
+    let mut inputs = Vec::new();
+    let mut pairs = Pairs::default();
+    for day in days {
+        let span = prepared.leap.day(day);
+        one_role(prepared, &span)?;
+        if mission.roles.of(&mission.sensors[primary].name, span.start) != 0 {
+            let rule = "reaches over a change of the primary sensor: level J needs one primary sensor for a whole interval";
+            return Err(Finding::error("[pca]", rule, "let `from` and `to` lie between two changes of [[role.interval]]"));
+        }
+        let mut take = |index: usize, letter: char| -> Result<Option<Uncertain>, Finding> {
+            let level = Level::ALL.into_iter().find(|level| level.letter().starts_with(letter)).unwrap_or(Level::G);
+            // Wheels are taken off the primary sensor only.
+            let level = if level == Level::I && index == secondary { Level::G } else { level };
+            means_of(prepared, carry, index, day, level, &mut inputs)
+        };
+        if let (Some(first), Some(second)) = (take(primary, stated.inputs[0])?, take(secondary, stated.inputs[1])?) {
+            pairs.append(&[first, second], stated.span);
+        }
+    }
+    let begin = pairs.time.partition_point(|t| *t < own_day.start);
+    let own = begin..pairs.time.partition_point(|t| *t < own_day.end);
+    if own.is_empty() {
+        return Ok(None);
+    }
+    inputs.sort_by(|a, b| a.path.cmp(&b.path));
+    inputs.dedup();
+    let sides = pairs.field_nt.each_ref().map(|side| side.each_ref().map(Vec::as_slice));
     let refuse = |e: two_sensors::TwoSensorsError| Finding::error(COMMON, e.to_string(), "see [pca]");
-    let mut says = Vec::new();
+    let mut says = vec![("uncertainty".to_owned(), UNCERTAINTY.to_owned())];
     let mut shared = Vec::new();
     let parts: Parts = match &stated.coupling {
         Some(m) => {
@@ -267,24 +347,26 @@ pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Sha
             parts
         }
     };
-    let rows = |field_nt: [Vec<f64>; 3]| {
-        let time: Vec<Tt2000> = pairs.iter().map(|pair| first.time[pair[0]]).collect();
-        LevelRows {
-            #[expect(clippy::cast_precision_loss, reason = "the clock of a spacecraft has microseconds")]
-            obt_s: time.iter().map(|t| (t - prepared.leap.clock_begin()) as f64 * 1e-9).collect(),
-            time: time.into(),
-            field_nt: field_nt.map(Cow::Owned),
-            mode: pairs.iter().map(|pair| first.mode[pair[0]]).collect(),
-            count: Some(pairs.iter().map(|pair| first.count[pair[0]].min(second.count[pair[1]])).collect()),
-            flags: pairs.iter().map(|pair| first.flags[pair[0]] | second.flags[pair[1]]).collect(),
-            ..LevelRows::default()
-        }
+    // Independent and common part, each of what is shared, of the rest of the primary sensor and of that of the secondary one.
+    let [outboard, inboard] = &pairs.covariances_nt2;
+    let covariances = [0, 1].map(|part| parts.covariances_nt2(&outboard[part], &inboard[part]));
+    let time = &pairs.time[own.clone()];
+    let rows = |field_nt: &[Vec<f64>; 3], which: usize| LevelRows {
+        #[expect(clippy::cast_precision_loss, reason = "the clock of a spacecraft has microseconds")]
+        obt_s: time.iter().map(|t| (t - prepared.leap.clock_begin()) as f64 * 1e-9).collect(),
+        time: Cow::Owned(time.to_vec()),
+        field_nt: field_nt.each_ref().map(|c| Cow::Owned(c[own.clone()].to_vec())),
+        mode: Cow::Owned(pairs.mode[own.clone()].to_vec()),
+        count: Some(Cow::Owned(pairs.count[own.clone()].to_vec())),
+        flags: Cow::Owned(pairs.flags[own.clone()].to_vec()),
+        std_nt: mission.uncertainty.then(|| covariances.each_ref().map(|of| stds_nt(&of[which][own.clone()]))),
+        ..LevelRows::default()
     };
-    let own = |index: usize| format!("own_{}", mission.sensors[index].name);
+    let name = |index: usize| format!("own_{}", mission.sensors[index].name);
     let tables = vec![
-        (COMMON.to_owned(), rows(parts.common_nt)),
-        (own(primary), rows(parts.own_outboard_nt)),
-        (own(secondary), rows(parts.own_inboard_nt)),
+        (COMMON.to_owned(), rows(&parts.common_nt, 0)),
+        (name(primary), rows(&parts.own_outboard_nt, 1)),
+        (name(secondary), rows(&parts.own_inboard_nt, 2)),
     ];
     Ok(Some(Shared { tables, says, inputs, axes: shared }))
 }

@@ -55,6 +55,12 @@ impl Level {
         matches!(self, F | G | H | I | J | K | L)
     }
 
+    /// Whether it is made of two sensors.
+    #[must_use]
+    pub fn is_of_two(self) -> bool {
+        matches!(self, Level::D | Level::J)
+    }
+
     /// Whether it is in the celestial frame.
     #[must_use]
     pub fn is_celestial(self) -> bool {
@@ -137,7 +143,7 @@ impl Levels {
     /// # Errors
     /// The first level that cannot, with what it lacks.
     pub fn can_be_made(&self, prepared: &Prepared, of_one: bool) -> Result<(), NoLevels> {
-        if let Some(level) = self.named.iter().find(|level| of_one && matches!(level, Level::D | Level::J)) {
+        if let Some(level) = self.named.iter().find(|level| of_one && level.is_of_two()) {
             return Err(NoLevels::OfTwo(level.letter()));
         }
         let missing = self.named.iter().find_map(|level| level.lacks(prepared).map(|what| (level.letter(), what)));

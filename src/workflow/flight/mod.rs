@@ -396,7 +396,7 @@ impl Flight {
                 jobs.extend(days.map(|day| Job { day, task: Task::Levels(index) }));
             }
         }
-        if (self.wanted.contains(&Level::J) || self.wanted.contains(&Level::D)) && self.options.sensor.is_none() {
+        if self.wanted.iter().any(|level| level.is_of_two()) && self.options.sensor.is_none() {
             let days: BTreeSet<i32> = jobs.iter().map(|job: &Job| job.day).collect();
             jobs.extend(days.into_iter().map(|day| Job { day, task: Task::Common }));
         }
@@ -481,7 +481,7 @@ impl Flight {
             let place = |role: usize| mission.sensors.iter().position(|s| mission.roles.of(&s.name, start) == role);
             let of = |index: usize| derived::means_of(&self.prepared, &self.carry, index, day, Level::F, &mut Vec::new());
             if let (Some(first), Some(second)) = (place(0), place(1))
-                && let (Some(a), Some(b)) = (of(first)?, of(second)?)
+                && let (Some((a, _)), Some((b, _))) = (of(first)?, of(second)?)
             {
                 pictures.difference([&mission.sensors[first].name, &mission.sensors[second].name], &a, &b);
                 made.levels.push(Level::D.letter().to_owned());
@@ -496,6 +496,7 @@ impl Flight {
                 made.written = rows.time.len();
                 let mut metadata = writer.metadata(Level::J, &parts.inputs, &made, &BTreeMap::new());
                 let mark = metadata.pop();
+                metadata.retain(|(key, _)| parts.says.iter().all(|(own, _)| own != key));
                 metadata.extend(parts.says.iter().cloned());
                 metadata.extend(mark);
                 writer.write(Level::J, std::iter::once(rows), metadata)?;
@@ -510,10 +511,13 @@ impl Flight {
         Ok(Some(made))
     }
 
-    /// What a person should know of the mission as a whole.
+    /// What a person should know of the mission as a whole, and of what was asked for.
     #[must_use]
-    pub fn notes(&self) -> &[Note] {
-        &self.prepared.notes
+    pub fn notes(&self) -> Vec<Note> {
+        let of_two = self.options.sensor.is_some() && self.wanted.iter().any(|level| level.is_of_two());
+        let text = "levels D and J are made of two sensors, and are left out with --sensor";
+        let note = of_two.then(|| Note::new(NoteKind::Method, text.to_owned()).with_remedy("make them without --sensor"));
+        self.prepared.notes.iter().cloned().chain(note).collect()
     }
 
     /// Writes the report of all days that stand in the folder, and makes the names of what was written last through a power loss. A part
@@ -537,21 +541,13 @@ pub fn make_report(path: &Path, out: &Path, force: bool, findings: &mut Vec<Find
     picture::report(&prepare(path, findings)?, out, force)
 }
 
-/// The first pass alone, written as a table.
+/// The first pass alone, written as a table; it names the days whose continuity is not known, which cannot be made with it.
 ///
 /// # Errors
 /// What is wrong with the configuration, a file of telemetry or a daily model; what the operating system says.
 pub fn make_carry(path: &Path, out: &Path, force: bool, findings: &mut Vec<Finding>) -> Result<Carry, Finding> {
     let prepared = prepare(path, findings)?;
     let carry = Carry::find(&prepared, true)?;
-    if let Some(((sensor, day), reason)) = carry.unknown.first_key_value() {
-        let rule = format!("how the model goes on at midnight is not known from {sensor} {} on: {reason}", day_name(*day));
-        return Err(Finding::error(
-            &path.display().to_string(),
-            rule,
-            "mend the day before, or let a [[campaign]] begin behind it",
-        ));
-    }
     let name = out.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let parent = out.parent().filter(|p| !p.as_os_str().is_empty()).map_or(Path::new("."), |p| p);
     carry.write(&Folder::open(parent, force)?, &name)?;

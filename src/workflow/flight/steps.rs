@@ -8,7 +8,7 @@ use crate::files::flight::mission::{Counts, Jump, Mission, OffsetFrame, OutsideT
 use crate::files::table::series::SeriesTable;
 use crate::flight::attitude::AttitudeStep;
 use crate::flight::counts::CountsStep;
-use crate::flight::daily::DailyStep;
+use crate::flight::daily::{Continuity, DailyStep};
 use crate::flight::disturbance::{DisturbanceStep, max_gap_ns};
 use crate::flight::ground::{GroundStep, Limits, MatrixEntry, MatrixStep, ReadingNoise};
 use crate::flight::offsets::OffsetsStep;
@@ -85,11 +85,11 @@ impl Steps {
                     for (own, (span, model)) in days.clone().zip(std::mem::take(&mut models)) {
                         let known = model.and_then(|model| match model {
                             None => Ok(None),
-                            Some(model) => Ok(Some((model, carry.continuity_nt(mission, &sensor.name, own)?))),
+                            Some(model) => Ok(Some((model, carry.continuity(mission, &sensor.name, own)?))),
                         });
                         match known {
-                            Ok(Some((model, sum))) => {
-                                let step = daily(mission, sensor, model, sum);
+                            Ok(Some((model, continuity))) => {
+                                let step = daily(mission, sensor, model, continuity);
                                 list.push((stage, Box::new(OnDay(span, step))));
                             }
                             Ok(None) => {}
@@ -220,9 +220,9 @@ fn entry(stated: &RangeMatrix) -> MatrixEntry {
     }
 }
 
-fn daily(mission: &Mission, sensor: &Sensor, model: DailyModel, continuity_nt: [f64; 3]) -> DailyStep {
+fn daily(mission: &Mission, sensor: &Sensor, model: DailyModel, continuity: Continuity) -> DailyStep {
     let limits = limits(mission, model.valid_degc);
-    DailyStep { polynomials: model.polynomials, continuity_nt, limits, to: sensor.daily_to }
+    DailyStep { polynomials: model.polynomials, continuity, limits, to: sensor.daily_to }
 }
 
 /// The readings of the housekeeping of some days that a field follows.

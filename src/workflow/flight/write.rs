@@ -219,7 +219,7 @@ impl DayWriter<'_> {
             position_km: self.positions(level, &means.time),
             mode: Cow::Borrowed(&means.mode),
             count: Some(Cow::Borrowed(&means.count)),
-            std_nt: self.prepared.mission.uncertainty.then(|| mean_stds(means, blocks)),
+            std_nt: self.prepared.mission.uncertainty.then(|| means.covariances_nt2(blocks).each_ref().map(|c| stds_nt(c))),
             quality: None,
             flags: Cow::Borrowed(&means.flags),
         }
@@ -264,25 +264,9 @@ const TIME_SCALE: &str = "time_tt2000 is TT and continuous; time_utc is UTC, 23:
 const UNCERTAINTY: &str = "standard, k = 1: ua independent from vector to vector, uc common to all vectors and not falling with averages; \
     fields of the spacecraft, the table of jumps, the attitude and drift since the ground calibration are not in it";
 
-/// Uncertainties of means: the independent part falls with the number of vectors, the common one does not.
-fn mean_stds(means: &Means, blocks: &[Block]) -> [[Vec<f32>; 3]; 2] {
-    let own: Vec<&[f32; 6]> = blocks.iter().flat_map(|b| &b.own_nt2).collect();
-    let common: Vec<&[f32; 6]> = blocks.iter().flat_map(|b| &b.common_nt2).collect();
-    let mean_of = |list: &[&[f32; 6]], (first, last): (usize, usize), place: usize| -> f64 {
-        let there = list.get(first..last).unwrap_or_default().iter().map(|c| f64::from(c[place])).filter(|v| !v.is_nan());
-        let (sum, count) = there.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
-        sum / count
-    };
-    let std = |list: &[&[f32; 6]], falls: bool| {
-        PLACES.map(|place| {
-            let each = means.rows.iter().zip(&means.count).map(|(rows, count)| {
-                let n = if falls { f64::from(*count) } else { 1.0 };
-                #[expect(clippy::cast_possible_truncation, reason = "uncertainties need few digits")]
-                let std = (mean_of(list, *rows, place) / n).sqrt() as f32;
-                std
-            });
-            each.collect::<Vec<f32>>()
-        })
-    };
-    [std(&own, true), std(&common, false)]
+/// Standard uncertainties of the components, nT, from covariances in the order of `SYMMETRIC`.
+pub fn stds_nt(covariances_nt2: &[[f64; 6]]) -> [Vec<f32>; 3] {
+    #[expect(clippy::cast_possible_truncation, reason = "uncertainties need few digits")]
+    let std = |place: usize| covariances_nt2.iter().map(|c| c[place].sqrt() as f32).collect();
+    PLACES.map(std)
 }

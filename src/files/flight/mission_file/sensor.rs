@@ -4,6 +4,7 @@ use super::{MissionFile, apart, at_least_zero, needed, positive};
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
 use crate::files::flight::mission::{Boom, Counts, Jump, OffsetFrame, RangeMatrix, Sensor, Span};
+use crate::files::parameter::is_covariance;
 use crate::files::text::Group;
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
@@ -57,9 +58,12 @@ impl MissionFile<'_> {
         apart(group, "rotation", &spans)?;
         let spans: Vec<Span> = jumps.iter().map(|j: &Jump| j.span).collect();
         apart(group, "jump", &spans)?;
-        for range in matrices.iter().map(|m| m.range) {
-            let spans: Vec<Span> = matrices.iter().filter(|m| m.range == range).map(|m| m.span).collect();
-            apart(group, "matrix", &spans)?;
+        // A matrix without a range is for every range.
+        let share_a_range = |a: &RangeMatrix, b: &RangeMatrix| a.range == b.range || a.range.is_none() || b.range.is_none();
+        let compete = |a: &RangeMatrix, b: &RangeMatrix| a.span.meets(&b.span) && share_a_range(a, b);
+        if matrices.iter().enumerate().any(|(index, own)| matrices[..index].iter().any(|other| compete(own, other))) {
+            let remedy = "let one matrix hold for every moment and range; one without `range` is for all ranges";
+            return Err(group.refuse("matrix", "has intervals that overlap for one range", remedy));
         }
         let word = |key: &str, default: &str, other: &str| -> Result<bool, Finding> {
             match group.text(key)?.as_deref() {
@@ -136,7 +140,13 @@ impl MissionFile<'_> {
         if covariance.as_ref().is_some_and(|c| c.len() != 12 || c.iter().any(|row| row.len() != 12)) {
             return Err(group.refuse("covariance", "must be 12 by 12", "nine elements row by row, then three offsets"));
         }
+        if let Some(Err(rule)) = covariance.as_deref().map(is_covariance) {
+            return Err(group.refuse("covariance", rule, "take it from its source again, with all digits"));
+        }
         let matrix = Matrix3::from_fn(|row, column| rows[row][column]);
+        if matrix.determinant() == 0.0 || !matrix.iter().all(|v| v.is_finite()) {
+            return Err(group.refuse("matrix", "has no inverse", "write its rows with all their digits"));
+        }
         Ok(RangeMatrix { span: self.span(group)?, range, matrix, offset, added, covariance })
     }
 }
