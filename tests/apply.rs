@@ -331,13 +331,15 @@ impl Stated {
         for result in xml.split("<dcc:result>").skip(1) {
             let name = content(result);
             let value: f64 = between(result, "<si:value>", "</si:value>").unwrap().parse().unwrap();
-            let expanded =
-                between(result, "<si:valueExpandedMU>", "</si:valueExpandedMU>").map_or(f64::NAN, |v| v.parse().unwrap());
+            let number = |element: &str| -> f64 {
+                between(result, &format!("<si:{element}>"), &format!("</si:{element}>")).map_or(f64::NAN, |v| v.parse().unwrap())
+            };
+            let std = number("valueExpandedMU") / number("coverageFactor");
             match name.strip_prefix("correlation ") {
                 Some(names) => stated.correlation(names, value),
                 None => {
                     let (name, component) = name.split_once(' ').unwrap_or((&name, ""));
-                    stated.numbers.push((name.to_owned(), component.to_owned(), value, expanded / 2.0));
+                    stated.numbers.push((name.to_owned(), component.to_owned(), value, std));
                 }
             }
         }

@@ -390,6 +390,29 @@ fn elements(xml: &str, name: &str) -> Vec<String> {
     found
 }
 
+/// Two coefficients through four runs whose files state no uncertainty: Student's factor for two degrees of freedom.
+#[test]
+fn a_certificate_covers_95_percent_where_few_runs_tell_the_uncertainty() {
+    let case = Case::new();
+    // The sensitivities scatter by some 1e-6 about a straight line.
+    for (i, (degc, scatter)) in CYCLE_DEGC.into_iter().zip([1e-6, -2e-6, 1.5e-6, -0.5e-6]).enumerate() {
+        let run = format!("01-06-0{}_09-00-00", i + 1);
+        let text = cpf(&run, degc, scatter);
+        case.put(&format!("{run}.CPF"), text[..text.find("[std]").unwrap()].to_owned());
+    }
+    let mut command = calfit();
+    command.arg("thermal").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").args(["--order", "sigma=1"]);
+    done(&command.output().unwrap());
+    let tpf = case.out().join("THERMAL_PARAMETER__01-06-01-09-00-00.TPF");
+    let out = case.path().join("exported");
+    done(&export("dcc", &[&tpf], &out, &[]));
+    let xml = fs::read_to_string(out.join("THERMAL_PARAMETER__01-06-01-09-00-00.TPF.xml")).unwrap();
+    let first = |name: &str| -> f64 { elements(&xml, name)[0].parse().unwrap() };
+    let std = number(&parameters(&tpf), "covariance.sigma_x.0.0").sqrt();
+    assert!((first("si:coverageFactor") - 4.302_653).abs() < 1e-6, "{}", first("si:coverageFactor"));
+    assert!((first("si:valueExpandedMU") / (4.302_653 * std) - 1.0).abs() < 1e-6);
+}
+
 #[test]
 fn a_certificate_is_well_formed_and_states_twice_the_standard_uncertainty() {
     let (case, cpf) = lin();

@@ -52,6 +52,12 @@ impl LinearCalibration {
         self.of_facility.as_ref().map_or(&self.covariance, |b| &b.covariance_combined)
     }
 
+    /// The standard uncertainties that users of the calibration need: of both types where type B is stated.
+    #[must_use]
+    pub fn whole_std(&self) -> &LinearStd {
+        self.of_facility.as_ref().map_or(&self.std, |b| &b.std_combined)
+    }
+
     /// σ_x, σ_y, σ_z, nT/enT.
     #[must_use]
     pub fn sigma_nt_per_ent(&self) -> [f64; 3] {

@@ -109,6 +109,17 @@ impl OffsetFound {
     pub fn covariance_of_both(&self) -> &Covariance {
         self.of_facility.as_ref().map_or(&self.covariance, |b| &b.covariance_combined)
     }
+
+    /// The standard uncertainties that users of the values need: of both types where type B is stated.
+    #[must_use]
+    pub fn std_of_both(&self, values: &OffsetValues) -> OffsetStd {
+        let of_run = OffsetStd {
+            offset_ent: values.offset_std_ent,
+            residual_ent: values.residual_std_ent,
+            residual_coil_nt: values.residual_coil_std_nt,
+        };
+        self.of_facility.as_ref().map_or(of_run, |b| b.std_combined)
+    }
 }
 
 /// How the components were separated.

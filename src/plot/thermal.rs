@@ -149,12 +149,14 @@ fn coil(head: &RunsUsed, of: &str) -> Figure {
 pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: &str, title: &str, symbol: &str) -> Figure {
     let has_joint = fits.iter().any(|f| !f.joint_band.is_empty());
     let orders: Vec<String> = fits.iter().map(|f| format!("{} {}", f.found.name, f.polynomial.order())).collect();
+    let has_common = fits.iter().any(|f| f.common.as_ref().is_some_and(|all| !all.is_empty()));
+    let shared = if has_common { " What the runs share of the facility is in neither." } else { "" };
     let joint = if has_joint { " The dashed purple line is the joint fit to the plateaus of all runs." } else { "" };
     Figure {
         title: title.to_owned(),
         caption: format!(
             "Values of the {points} with their standard uncertainty, polynomial and its 95 % band, which may be narrower than the line. \
-             Orders: {}.{joint}",
+             Orders: {}.{shared}{joint}",
             orders.join(", ")
         ),
         x_label: temperature_label(channel),

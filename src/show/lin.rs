@@ -35,7 +35,7 @@ pub fn sections(lin: &Lin, parameter_file: &str) -> Vec<Section> {
 pub fn headline(lin: &Lin) -> String {
     let p = &lin.calibration;
     let moved = moved(lin).map_or_else(String::new, |moved| format!("; {moved}"));
-    format!("σ {} nT/enT{moved}", triple(&p.sigma_nt_per_ent(), &p.std.sigma))
+    format!("σ {} nT/enT{moved}", triple(&p.sigma_nt_per_ent(), &p.whole_std().sigma))
 }
 
 /// By how much the sensor temperature moved, and where the slopes come from; nothing for a sensor at rest.
@@ -84,8 +84,8 @@ fn movement(lin: &Lin, slopes: &TemperatureSlopes) -> Section {
 #[must_use]
 pub fn summary(lin: &Lin) -> String {
     let p = &lin.calibration;
-    let sigma: Vec<String> = (0..3).map(|i| with_uncertainty(p.matrix.sigma[i][i], p.std.sigma[i])).collect();
-    let b_or: Vec<String> = (0..3).map(|i| with_uncertainty(p.offset.b_or_ent[i], p.std.b_or_ent[i])).collect();
+    let sigma: Vec<String> = (0..3).map(|i| with_uncertainty(p.matrix.sigma[i][i], p.whole_std().sigma[i])).collect();
+    let b_or: Vec<String> = (0..3).map(|i| with_uncertainty(p.offset.b_or_ent[i], p.whole_std().b_or_ent[i])).collect();
     let residual = p.quality.residual_nt.std.map(|s| format!("{s:.3}"));
     format!(
         "{}  {} of {} blocks{}\n{}  σ     {}  nT/enT\n  B_or  {}  enT\n  residual standard deviation {}  nT (X, Y, Z)\n",
@@ -110,7 +110,7 @@ fn facility(p: &LinearCalibration) -> Section {
     let angles = [p.angle_deg.lambda_x, p.angle_deg.mu_y, p.angle_deg.nu_z];
     let mut rotation = Table::new(["rotation angle", "value", "degrees ± standard uncertainty"]);
     for (i, name) in ["(X_c, X_m): λ_x", "(Y_c, Y_m): μ_y", "(Z_c, Z_m): ν_z"].into_iter().enumerate() {
-        rotation.push(cells![name, Cell::angle(angles[i]), Cell::uncertain(angles[i], p.std.lambda_mu_nu_deg[i])]);
+        rotation.push(cells![name, Cell::angle(angles[i]), Cell::uncertain(angles[i], p.whole_std().lambda_mu_nu_deg[i])]);
     }
     Section::new("Facility parameter")
         .with(Text::from(setup).code("R_nom").and(" takes nominal sensor coordinates to coil coordinates:"))
@@ -151,7 +151,7 @@ fn offset(p: &LinearCalibration) -> Section {
         order => format!("A polynomial offset trend of order {order} was fitted together with the sensor model."),
     };
     let values: Vec<String> = (0..3)
-        .map(|i| format!("{} = {} enT", COMPONENTS[i], with_uncertainty(p.offset.b_or_ent[i], p.std.b_or_ent[i])))
+        .map(|i| format!("{} = {} enT", COMPONENTS[i], with_uncertainty(p.offset.b_or_ent[i], p.whole_std().b_or_ent[i])))
         .collect();
     let mean = Text::from("Mean coil system residual + sensor offset ").code("B_or");
     Section::new("Offset treatment").with(trend).with(mean.and(format!(", along the sensor axes: {}", values.join(", "))))
@@ -204,7 +204,7 @@ fn parameters(p: &LinearCalibration) -> Section {
     let mut table = Table::new(["sensor misalignment angle", "value", "degrees ± standard uncertainty"]);
     let angles = [p.angle_deg.xi_xy, p.angle_deg.xi_xz, p.angle_deg.xi_yz];
     for (i, name) in ["ξ_xy", "ξ_xz", "ξ_yz"].into_iter().enumerate() {
-        table.push(cells![name, Cell::angle(angles[i]), Cell::uncertain(angles[i], p.std.xi_deg[i])]);
+        table.push(cells![name, Cell::angle(angles[i]), Cell::uncertain(angles[i], p.whole_std().xi_deg[i])]);
     }
     section.with(table)
 }
@@ -220,7 +220,7 @@ fn model_quality(p: &LinearCalibration) -> Section {
 fn uncertainty(p: &LinearCalibration) -> Section {
     let mut table = Table::new(["sensitivity", "nT/enT ± standard uncertainty"]);
     for i in 0..3 {
-        table.push(cells![format!("σ_{}", COMPONENTS[i]), Cell::uncertain(p.matrix.sigma[i][i], p.std.sigma[i])]);
+        table.push(cells![format!("σ_{}", COMPONENTS[i]), Cell::uncertain(p.matrix.sigma[i][i], p.whole_std().sigma[i])]);
     }
     let mut section = Section::new("Uncertainty").with(table);
     if let Some(b) = &p.of_facility {
@@ -243,7 +243,7 @@ fn uncertainty(p: &LinearCalibration) -> Section {
     }
     section.with(format!(
         "Standard uncertainties (coverage factor 1) from the scatter of the samples within the plateaus and of the plateau means about \
-         the model, type A only: the uncertainty of the coil constants and of the coil angles is in them only as type B where it is stated, that of the temperature is not. {} degrees of freedom per component, \
+         the model; that of the coil constants and coil angles is in them where a facility file states it, that of the temperature is not. {} degrees of freedom per component, \
          condition number {:.2}. Noise of a plateau mean {:.3}, {:.3}, {:.3} enT, of which a part of {:.2}, {:.2}, {:.2} of the variance is \
          correlated from plateau to plateau ({:.0}, {:.0}, {:.0} effective plateaus). The full covariance is in the parameter file.",
         p.quality.degrees_of_freedom,
@@ -280,19 +280,19 @@ pub fn parameter_table(runs: &[Cpf]) -> crate::files::table::Table {
     super::head_columns(&mut table, runs.iter().map(|l| &l.calibration.run));
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
         table.push(&format!("sigma_{axis}"), numbers(&|p| p.matrix.sigma[i][i]));
-        table.push(&format!("sigma_{axis}_std"), numbers(&|p| p.std.sigma[i]));
+        table.push(&format!("sigma_{axis}_std"), numbers(&|p| p.whole_std().sigma[i]));
     }
     for (i, name) in ["xy", "xz", "yz"].into_iter().enumerate() {
         table.push(&format!("xi_{name}_deg"), numbers(&|p| [p.angle_deg.xi_xy, p.angle_deg.xi_xz, p.angle_deg.xi_yz][i]));
-        table.push(&format!("xi_{name}_std_deg"), numbers(&|p| p.std.xi_deg[i]));
+        table.push(&format!("xi_{name}_std_deg"), numbers(&|p| p.whole_std().xi_deg[i]));
     }
     for (i, name) in ["lambda_x", "mu_y", "nu_z"].into_iter().enumerate() {
         table.push(&format!("{name}_deg"), numbers(&|p| [p.angle_deg.lambda_x, p.angle_deg.mu_y, p.angle_deg.nu_z][i]));
-        table.push(&format!("{name}_std_deg"), numbers(&|p| p.std.lambda_mu_nu_deg[i]));
+        table.push(&format!("{name}_std_deg"), numbers(&|p| p.whole_std().lambda_mu_nu_deg[i]));
     }
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
         table.push(&format!("b_or_{axis}_ent"), numbers(&|p| p.offset.b_or_ent[i]));
-        table.push(&format!("b_or_{axis}_std_ent"), numbers(&|p| p.std.b_or_ent[i]));
+        table.push(&format!("b_or_{axis}_std_ent"), numbers(&|p| p.whole_std().b_or_ent[i]));
     }
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
         table.push(&format!("residual_{axis}_std_nt"), numbers(&|p| p.quality.residual_nt.std[i]));

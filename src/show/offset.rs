@@ -36,7 +36,11 @@ fn offsets(p: &Offset) -> Section {
         } else {
             format!("{} ({})", positions.join(", "), p.found.method.component[i])
         };
-        table.push(cells![MEASURED[i], Cell::uncertain(p.values.offset_ent[i], p.values.offset_std_ent[i]), positions]);
+        table.push(cells![
+            MEASURED[i],
+            Cell::uncertain(p.values.offset_ent[i], p.found.std_of_both(&p.values).offset_ent[i]),
+            positions
+        ]);
     }
     let section = Section::new("Sensor offsets").with(table);
     let section = match &p.found.of_facility {
@@ -74,15 +78,15 @@ fn type_b(p: &Offset, b: &OffsetTypeB, section: Section) -> Section {
 fn residual_field(p: &Offset) -> Section {
     let mut table = Table::new(["component", "B_res, enT ± standard uncertainty", "seen along"]);
     for i in 0..3 {
-        let residual = Cell::uncertain(p.values.residual_ent[i], p.values.residual_std_ent[i]);
+        let residual = Cell::uncertain(p.values.residual_ent[i], p.found.std_of_both(&p.values).residual_ent[i]);
         table.push(cells![MEASURED[i], residual, format!("{}_m = {}_c", MEASURED[i], p.found.method.normal_axis[i])]);
     }
     let mut section = Section::new("Residual field of the coil system").with(table).with(format!(
         "Remark: the residual field is given in the coordinates of the sensor in its normal position, not in coil coordinates. In coil \
          coordinates it is X {}, Y {}, Z {} nT.",
-        value(p.values.residual_coil_nt[0], p.values.residual_coil_std_nt[0]),
-        value(p.values.residual_coil_nt[1], p.values.residual_coil_std_nt[1]),
-        value(p.values.residual_coil_nt[2], p.values.residual_coil_std_nt[2]),
+        value(p.values.residual_coil_nt[0], p.found.std_of_both(&p.values).residual_coil_nt[0]),
+        value(p.values.residual_coil_nt[1], p.found.std_of_both(&p.values).residual_coil_nt[1]),
+        value(p.values.residual_coil_nt[2], p.found.std_of_both(&p.values).residual_coil_nt[2]),
     ));
     if let Some(drift) = &p.found.drift {
         let rates: Vec<String> = (0..3)
@@ -120,7 +124,7 @@ fn quality(p: &Offset) -> Section {
     Section::new("Quality").with(format!(
         "{} of {} blocks used, {} samples lost. {samples} Standard deviation of a plateau mean {} enT. The zero levels of the visits have \
          chi-square {:.1} with {} degrees of freedom against one offset and one residual field. Standard uncertainties (coverage factor 1), \
-         type A where no type B is stated beside it, from {} degrees of freedom of the plateau means.",
+         with what a facility file states of its own, from {} degrees of freedom of the plateau means.",
         q.blocks_used,
         q.blocks_total,
         q.lost_samples,
@@ -134,7 +138,7 @@ fn quality(p: &Offset) -> Section {
 /// The result in one line.
 #[must_use]
 pub fn headline(offset: &Offset) -> String {
-    format!("B_off {} enT", triple(&offset.values.offset_ent, &offset.values.offset_std_ent))
+    format!("B_off {} enT", triple(&offset.values.offset_ent, &offset.found.std_of_both(&offset.values).offset_ent))
 }
 
 /// A few lines for the terminal.
@@ -146,8 +150,8 @@ pub fn summary(offset: &Offset) -> String {
         run_line(&p.found.run),
         p.found.quality.blocks_used,
         p.found.quality.blocks_total,
-        triple(&p.values.offset_ent, &p.values.offset_std_ent),
-        triple(&p.values.residual_ent, &p.values.residual_std_ent),
+        triple(&p.values.offset_ent, &p.found.std_of_both(&p.values).offset_ent),
+        triple(&p.values.residual_ent, &p.found.std_of_both(&p.values).residual_ent),
         p.found.method.normal_axis.join(" "),
     )
 }
@@ -162,15 +166,15 @@ pub fn parameter_table(runs: &[Opf]) -> crate::files::table::Table {
     let numbers = |get: &dyn Fn(&Opf) -> f64| Values::Numbers(runs.iter().map(get).collect());
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
         table.push(&format!("b_off_{axis}_ent"), numbers(&|p| p.values.offset_ent[i]));
-        table.push(&format!("b_off_{axis}_std_ent"), numbers(&|p| p.values.offset_std_ent[i]));
+        table.push(&format!("b_off_{axis}_std_ent"), numbers(&|p| p.found.std_of_both(&p.values).offset_ent[i]));
     }
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
         table.push(&format!("b_res_{axis}_ent"), numbers(&|p| p.values.residual_ent[i]));
-        table.push(&format!("b_res_{axis}_std_ent"), numbers(&|p| p.values.residual_std_ent[i]));
+        table.push(&format!("b_res_{axis}_std_ent"), numbers(&|p| p.found.std_of_both(&p.values).residual_ent[i]));
     }
     for (i, axis) in COMPONENTS.into_iter().enumerate() {
         table.push(&format!("b_res_coil_{axis}_nt"), numbers(&|p| p.values.residual_coil_nt[i]));
-        table.push(&format!("b_res_coil_{axis}_std_nt"), numbers(&|p| p.values.residual_coil_std_nt[i]));
+        table.push(&format!("b_res_coil_{axis}_std_nt"), numbers(&|p| p.found.std_of_both(&p.values).residual_coil_nt[i]));
     }
     table
 }

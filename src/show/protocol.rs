@@ -42,6 +42,8 @@ pub struct AnalysisPart<'a> {
     pub head: &'a RunHead,
     /// The result in one line.
     pub headline: String,
+    /// Whether its uncertainties hold what a facility file states of its own.
+    pub has_type_b: bool,
     /// What a person should know.
     pub remarks: Vec<String>,
     /// The sections of its report.
@@ -403,7 +405,7 @@ fn origin(p: &Protocol) -> Section {
                   are left out with their reason. ";
     Section::new("Origin and uncertainty")
         .with_sections([
-            uncertainty(p.campaign),
+            uncertainty(p),
             Section::new("Method").with(Text::words_and_code([method, &p.provenance.command, "."])),
             Section::new("Inputs").with(inputs(&p.provenance)),
             Section::new("Files that belong to this protocol").with(Table::new(["file", "SHA-256"]).with_rows(files)),
@@ -420,12 +422,18 @@ fn signatures(campaign: &Campaign) -> Option<Section> {
     (!names.is_empty()).then(|| Section::new("Signatures").with(table))
 }
 
-fn uncertainty(campaign: &Campaign) -> Section {
+fn uncertainty(p: &Protocol) -> Section {
+    let campaign = p.campaign;
+    let analyses: Vec<&AnalysisPart> = p.runs.iter().filter_map(|run| run.analysis.as_ref()).collect();
+    let of_facility = match analyses.iter().filter(|a| a.has_type_b).count() {
+        0 => "no".to_owned(),
+        with => format!("in {with} of {} analysed runs, from the facility file; common to them all", analyses.len()),
+    };
     let rows = [
         ["noise of the readings, white and slow", "A", "yes, from the scatter of the data"],
         ["scatter between runs", "A", "in the thermal polynomials, where it exceeds that of the single runs"],
         ["choice of the response model", "A", "in f_3dB, by leaving out one amplitude at a time"],
-        ["coil constants and coil angles", "B", "no"],
+        ["coil constants and coil angles", "B", &of_facility],
         ["alignment of the coil axes, homogeneity over the sensor", "B", "no"],
         ["field source, earth-field compensation", "B", "no"],
         ["reading and place of the thermometers", "B", "no"],
@@ -433,8 +441,9 @@ fn uncertainty(campaign: &Campaign) -> Section {
     ];
     Section::new("Uncertainty")
         .with(
-            "All uncertainties are standard uncertainties with coverage factor 1; an interval of 1.96 of them is meant to hold the true \
-             value with a probability of 95 %. Degrees of freedom and the full covariance of every result stand in its parameter file.",
+            "All uncertainties are standard uncertainties with coverage factor 1. An interval of 1.96 of them is meant to hold the true \
+             value with a probability of 95 %; where few runs or plateau means tell them, the factor is that of Student's t, which stands in the \
+             parameter file or beside its polynomial. Degrees of freedom and the full covariance of every result stand in its parameter file.",
         )
         .with(Table::new(["contribution", "type", "contained"]).with_rows(rows.map(|r| r.map(Cell::from).to_vec())))
         .with(format!(

@@ -119,9 +119,10 @@ fn sampling_frequency(runs: &RunsUsed, sampling: &SamplingAcross) -> Section {
     section.with(table).with(format!("Mean sample rate {mean:.6} Hz, mean standard uncertainty of the sample rate {std:.1e} Hz."))
 }
 
-/// Variance of a coefficient; nan where it is not known.
-fn variance(polynomial: &TemperaturePolynomial, k: usize) -> f64 {
-    polynomial.covariance.get((k, k)).copied().unwrap_or(f64::NAN)
+/// Variance of a coefficient, of both types where type B is known; nan where it is not known.
+fn variance(fit: &QuantityFit, k: usize) -> f64 {
+    let of_runs = fit.polynomial.covariance.get((k, k)).copied().unwrap_or(f64::NAN);
+    of_runs + fit.covariance_b().map_or(0.0, |b| b[(k, k)])
 }
 
 /// Coefficients with their standard uncertainties, and how the order was found.
@@ -136,12 +137,16 @@ fn family(thermal: &Thermal, family: &str, title: &str, units: &str) -> Section 
     for q in &quantities {
         let cell = |k: usize| {
             let value = q.polynomial.coefficients.get(k);
-            value.map_or(Cell::Missing(""), |value| Cell::scientific(*value, variance(&q.polynomial, k).sqrt()))
+            value.map_or(Cell::Missing(""), |value| Cell::scientific(*value, variance(q, k).sqrt()))
         };
         table.push(std::iter::once((&q.found.name).into()).chain((0..=most).map(cell)).collect());
     }
     section
-        .with(Text::default().code("p(T) = Σ p_k T^k").and(format!(" [{units}], standard uncertainties:")))
+        .with(
+            Text::default()
+                .code("p(T) = Σ p_k T^k")
+                .and(format!(" [{units}], standard uncertainties, with those of the facility where its file states them:")),
+        )
         .with(table)
         .with("How the orders were found; AICc / leave-one-out error of every order that was compared:")
         .with(orders(&quantities))
@@ -205,7 +210,8 @@ fn joint(thermal: &Thermal, lin: &LinAcross) -> Option<Section> {
     let joint = lin.joint.as_ref()?;
     let mut table = Table::new(["quantity", "k", "two steps", "joint fit", "difference, standard uncertainties"]);
     for (name, polynomial) in QUANTITIES.into_iter().zip(&joint.polynomials) {
-        let std = |p: &TemperaturePolynomial, k: usize| variance(p, k).max(0.0).sqrt();
+        // Both rest on the same runs and the same facility, so that only what the scatter tells may make them differ.
+        let std = |p: &TemperaturePolynomial, k: usize| p.covariance.get((k, k)).copied().unwrap_or(f64::NAN).max(0.0).sqrt();
         let two_steps = thermal.quantity(name).map(|q| &q.polynomial);
         for (k, value) in polynomial.coefficients.iter().enumerate() {
             let two = two_steps.and_then(|p| p.coefficients.get(k)).copied().unwrap_or(f64::NAN);

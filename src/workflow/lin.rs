@@ -108,6 +108,9 @@ impl RunResult for Lin {
     fn notes(&self) -> &[Note] {
         &self.notes
     }
+    fn has_type_b(&self) -> bool {
+        self.calibration.of_facility.is_some()
+    }
     fn name_in_group(&self) -> Option<String> {
         Some(self.parameters().thermal_file_name())
     }

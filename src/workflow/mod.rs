@@ -176,6 +176,10 @@ pub trait RunResult: Sized + Send + Sync + 'static {
     fn head(&self) -> &RunHead;
     /// What a person should know.
     fn notes(&self) -> &[Note];
+    /// Whether its uncertainties hold what a facility file states of its own.
+    fn has_type_b(&self) -> bool {
+        false
+    }
     /// Part of what was asked for is refused; the notes say what.
     fn is_partial(&self) -> bool {
         false

@@ -76,6 +76,9 @@ impl RunResult for Offset {
     fn notes(&self) -> &[Note] {
         &self.notes
     }
+    fn has_type_b(&self) -> bool {
+        self.found.of_facility.is_some()
+    }
     fn is_partial(&self) -> bool {
         !self.found.refused.is_empty()
     }

@@ -68,6 +68,9 @@ impl RunResult for Sweep {
     fn notes(&self) -> &[Note] {
         &self.notes
     }
+    fn has_type_b(&self) -> bool {
+        self.quantities.iter().any(|q| q.common.as_ref().is_some_and(|all| !all.is_empty()))
+    }
     fn parameters(&self) -> Tpf {
         Tpf {
             sweep: Some(sweep_part(self)),

@@ -1,5 +1,5 @@
 //! A digital calibration certificate in the style of the schema of PTB, version 3: administrative data and results with expanded
-//! uncertainties, coverage factor 2. It is well-formed and in the order of the schema; it is not signed.
+//! uncertainties: coverage factor 2, and more where few data tell the uncertainty. It is well-formed and in the order of the schema; it is not signed.
 
 use super::quantity::{Quantity, correlations, quantities};
 use super::{Exported, Options, Source};
@@ -7,7 +7,8 @@ use crate::data::error::Finding;
 use crate::data::run::time_of_id;
 use std::fmt::Write;
 
-const COVERAGE_FACTOR: f64 = 2.0;
+/// The coverage factor where the uncertainty itself is known well.
+const LEAST_COVERAGE_FACTOR: f64 = 2.0;
 const NOT_STATED: &str = "not stated";
 /// The code of ISO 3166 that users may give a meaning: no country is stated.
 const NO_COUNTRY: &str = "ZZ";
@@ -108,7 +109,13 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
     let _ = writeln!(
         out,
         "<dcc:statements>\n{}{}{}{}</dcc:statements>\n</dcc:administrativeData>",
-        statement("uncertainty", &format!("expanded uncertainties are {COVERAGE_FACTOR} standard uncertainties; {uncertainty}")),
+        statement(
+            "uncertainty",
+            &format!(
+                "expanded uncertainties are standard uncertainties times their coverage factor, {LEAST_COVERAGE_FACTOR}, or Student's factor \
+                 where few data tell them; {uncertainty}"
+            )
+        ),
         statement("traceability", stated("Traceability of the reference field")),
         statement(
             "units",
@@ -137,7 +144,7 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
             named("name", &format!("{}{component}", q.name)),
             named("name", &format!("{}{component}, {}, {}{valid}", q.name, q.unit, q.frame)),
             q.unit.d_si(),
-            q.std.map_or_else(String::new, expanded)
+            q.std.map_or_else(String::new, |std| expanded(std, q.factor_95))
         );
     }
     for pair in correlations(source) {
@@ -155,11 +162,16 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
     out
 }
 
-fn expanded(std: f64) -> String {
+/// Nothing where no interval of 95 % is known.
+fn expanded(std: f64, factor_95: f64) -> String {
+    let factor = factor_95.max(LEAST_COVERAGE_FACTOR);
+    if !factor.is_finite() {
+        return String::new();
+    }
     format!(
         "<si:measurementUncertaintyUnivariate><si:expandedMU><si:valueExpandedMU>{:?}</si:valueExpandedMU>\
-         <si:coverageFactor>{COVERAGE_FACTOR}</si:coverageFactor><si:coverageProbability>0.95</si:coverageProbability>\
+         <si:coverageFactor>{factor:?}</si:coverageFactor><si:coverageProbability>0.95</si:coverageProbability>\
          </si:expandedMU></si:measurementUncertaintyUnivariate>",
-        COVERAGE_FACTOR * std
+        factor * std
     )
 }

@@ -5,6 +5,7 @@ use crate::data::error::Finding;
 use crate::data::result::valid_of_run;
 use crate::data::units::COMPONENTS;
 use crate::files::parameter::{Argument, FileKind, Polynomial, Shape, Validity};
+use crate::fit::statistics::{NORMAL_95, student_95};
 use std::collections::HashSet;
 use std::fmt;
 
@@ -18,6 +19,8 @@ pub(super) struct Quantity {
     pub value: Option<f64>,
     /// Standard uncertainty; absent where it is not known.
     pub std: Option<f64>,
+    /// Standard uncertainties that make an interval of 95 %; infinite where the scatter of the data does not tell.
+    pub factor_95: f64,
     pub unit: Unit,
     pub frame: &'static str,
     /// Lowest and highest value of what it depends on, and the unit of that.
@@ -153,6 +156,7 @@ pub(super) fn quantities(source: &Source) -> Result<Vec<Quantity>, Finding> {
                 component,
                 value: source.number(&format!("{}{value_at}", entry.value)),
                 std: source.number(&combined(source, &format!("{}{std_at}", entry.std))),
+                factor_95: factor_95(source, None),
                 unit: Unit::of(entry.unit),
                 frame: entry.frame,
                 valid,
@@ -181,11 +185,30 @@ fn coefficients(source: &Source, polynomial: &Polynomial, valid_degc: Option<([f
         component: polynomial.component.to_owned(),
         value: source.number(&format!("/{key}/{k}")),
         std: std(k),
+        factor_95: factor_95(source, Some(key)),
         unit: Unit { base: polynomial.unit, per, power: k },
         frame: polynomial.frame,
         valid,
     };
     (0..source.value[key].as_array().map_or(0, Vec::len)).map(one).collect()
+}
+
+/// How many standard uncertainties of a quantity make an interval of 95 %: what the file states of a polynomial, Student's factor for what the
+/// scatter of few means told, and that of the normal distribution for what the samples told.
+fn factor_95(source: &Source, polynomial: Option<&str>) -> f64 {
+    let list = source.value.get("quantity").and_then(serde_json::Value::as_array);
+    let found = list.into_iter().flatten().find(|q| polynomial.is_some() && q["name"].as_str() == polynomial);
+    if let Some(factor) = found.and_then(|q| q["factor_95"].as_f64()) {
+        return factor;
+    }
+    let of_samples = source.value.pointer("/quality/raw_std_ent").is_some_and(|std| !std.is_null());
+    let freedom = ["/quality/degrees_of_freedom", "/degrees_of_freedom"].into_iter().find_map(|at| source.value.pointer(at));
+    let least = match freedom.filter(|_| !of_samples) {
+        Some(serde_json::Value::Array(all)) => all.iter().filter_map(serde_json::Value::as_u64).min(),
+        Some(one) => one.as_u64(),
+        None => None,
+    };
+    least.map_or(NORMAL_95, |freedom| student_95(usize::try_from(freedom).unwrap_or(usize::MAX)))
 }
 
 /// Lowest and highest temperature for which the values of a file hold, °C.
