@@ -398,7 +398,7 @@ fn a_certificate_covers_95_percent_where_few_runs_tell_the_uncertainty() {
     for (i, (degc, scatter)) in CYCLE_DEGC.into_iter().zip([1e-6, -2e-6, 1.5e-6, -0.5e-6]).enumerate() {
         let run = format!("01-06-0{}_09-00-00", i + 1);
         let text = cpf(&run, degc, scatter);
-        case.put(&format!("{run}.CPF"), text[..text.find("[std]").unwrap()].to_owned());
+        case.put(&format!("{run}.CPF"), &text[..text.find("[std]").unwrap()]);
     }
     let mut command = calfit();
     command.arg("thermal").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").args(["--order", "sigma=1"]);

@@ -189,6 +189,31 @@ fn the_sweep_of_the_readme_is_right_within_its_uncertainty() {
     assert!((0.8..1.3).contains(&whole), "{whole}");
 }
 
+/// The sweep begins within a ramp: the sensor is behind its thermistor already, as no reading says. Without a word the sensitivities were off by
+/// many uncertainties.
+#[test]
+fn a_sweep_that_begins_within_a_ramp_is_right_with_a_lag() {
+    let mut twin = demo();
+    twin.thermal_box.sensor_time_constant_s = 480.0;
+    twin.thermistors[0].of = Body::Box;
+    // An hour and a half earlier than the sweep.
+    twin.thermal_box.phases.last_mut().unwrap().from = "2026-03-03T14:30:00Z".parse().unwrap();
+    let mut all = Vec::new();
+    for seed in 1..=3 {
+        let case = campaign(&twin, seed);
+        let (file, _) = swept(&case, &[]);
+        assert_eq!((decided(&file, "form"), decided(&file, "decision")), (Some("first order"), Some("found")), "{seed}");
+        says(&file.to_string(), &["may have been in equilibrium then or not"]);
+        let [lag_s, std_s] = ["lag_s", "std_s"].map(|key| applied_s(&file, key).unwrap());
+        assert!((lag_s - 480.0).abs() < 3.0 * std_s && std_s < 8.0, "{seed}: {lag_s} {std_s}");
+        // The sweep reaches from 100 °C down to -20 °C.
+        all.extend(pulls(&file, &twin).map(|[cold, cool, warm, _]| [cold, cool, warm]));
+    }
+    let whole = rms(all.as_flattened());
+    println!("rms {whole:.2}");
+    assert!((0.7..1.3).contains(&whole), "{whole}");
+}
+
 /// Eight minutes between sensor and thermistor, either way, are found, and the coefficients are as right as without; without the lag they are
 /// not, and with the lag given they are right again.
 #[test]

@@ -6,7 +6,7 @@ use calfit::data::run::{Header, InputFile, Kind, ReadingUnit, Run, SlowTable, Ve
 use calfit::model::campaign::Instructions;
 use calfit::record::temperature_faults::{ChannelFault, Fault, faults, notes};
 use common::Gauss;
-use common::check::{Case, calfit, says, text};
+use common::check::{Case, calfit, number, says, text};
 use common::{Plan, programme, with_rows};
 
 /// A run that holds temperatures only, one row every so many seconds.
@@ -225,9 +225,13 @@ fn check_and_the_analyses_name_the_channel_and_its_neighbour() {
         &[
             "temperature channel T_SENS_1 jumps once by +20.0 K at 9 s",
             "the sensor temperature of the result rests on it",
+            "without the jumps within the settings and as if right before the first one",
             "name its neighbour in campaign.toml: T_SENS_2",
         ],
     );
+    // With the jump it was 34 °C, which the sensor never had.
+    let degc = number(&case.cpf(), "run.temperature_degc");
+    assert!((degc - 24.1).abs() < 0.1, "{degc}");
     let output = calfit().arg("check").arg(case.campaign()).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     says(&text(&output.stderr), &["temperature channel T_SENS_1 jumps once by +20.0 K"]);

@@ -43,7 +43,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     let span_s = span_s(&prepared.used(order)?);
     let mut of_temperatures: Vec<Note> = Vec::new();
     let mut temperatures = Temperatures::of(run, instructions, span_s, &mut of_temperatures);
-    let moving = Moving::of(run, &prepared.list, &temperatures, span_s);
+    let moving = Moving::of(&prepared.list, &temperatures, span_s);
     let origin = origin(run, instructions, options, &temperatures, moving.as_ref(), &mut of_temperatures)?;
     let before: Vec<Reading> = prepared.list.iter().map(|p| p.mean).collect();
     let solved = match (&moving, &origin) {

@@ -26,7 +26,7 @@ pub use result::{SettingCounts, Sweep, SweepBlock, Turning, WindowFit};
 use super::structure;
 use super::thermal::{QuantityFit, band};
 use crate::data::across::LinearScope;
-use crate::data::note::Note;
+use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::quantity::QuantityFound;
 use crate::data::run::{Kind, Run};
@@ -95,21 +95,39 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let (_, series) = channels.iter().find(|(name, _)| *name == own).unwrap_or(&channels[0]);
     let is_slow =
         |p: &Plateau| options.most_k_per_min.is_none_or(|most| 60.0 * thermistors::rate_k_per_s(series, p.t_s()).abs() <= most);
-    let used: Vec<&Plateau> = usable.iter().copied().filter(|p| is_slow(p)).collect();
+    let mut used: Vec<&Plateau> = usable.iter().copied().filter(|p| is_slow(p)).collect();
+    let too_fast = usable.len() - used.len();
     let asked = Asked::of(run, instructions, options);
     let parameters = asked.usual().linear().count();
     if used.len() < 2 * parameters {
         return Err(SweepError::TooFew { used: used.len(), total: list.len(), parameters });
     }
 
-    let means = Means::of(&used);
+    let mut means = Means::of(&used);
     let r_nom = position.r_nom();
     notes.extend(plausible(&means, &means.degc(series), &asked, &r_nom, options)?);
     let Followed { mut lags, chosen } = Followed::of(&channels, &own, &means, asked.usual().higher().linear(), &mut notes);
     let (channel, series) = &channels[chosen];
-    let problem = Problem { run: &run.header.run, r_nom, used: &used, means: &means };
     let known_lag = options.model.as_ref().and_then(Known::thermal_lag);
     let course = Course::smooth(series);
+    if let Some(lag) = lag::expected(&lags[chosen], options.lag, known_lag)
+        && let Some(from_s) = lag.known_from_s(&course)
+    {
+        let before = used.len();
+        used.retain(|p| p.used_s[0] >= from_s);
+        if used.len() < 2 * parameters {
+            return Err(SweepError::TooFew { used: used.len(), total: list.len(), parameters });
+        }
+        means = Means::of(&used);
+        let text = format!(
+            "{} settings before {from_s:.0} s are left out: {channel} moves already at its first reading, and the sensor, which follows it with \
+             {:.0} s, may have been in equilibrium then or not",
+            before - used.len(),
+            lag.seconds()
+        );
+        notes.push(Note::new(NoteKind::Temperature, text).about(channel));
+    }
+    let problem = Problem { run: &run.header.run, r_nom, used: &used, means: &means };
     let settled = lag::settle(&problem, &asked, &course, &lags[chosen], options.lag, known_lag, &mut notes)?;
     lags[chosen].form = settled.form();
     let (fit, degc) = (&settled.fit, &settled.degc);
@@ -151,7 +169,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         together_combined,
         rotation: fit::rotation(fit, &settled.covariance),
         turning: Turning { order: settled.orders.rotation, angle_deg: fit::turned_deg(fit) },
-        settings: SettingCounts { used: used.len(), total: list.len(), too_fast: usable.len() - used.len() },
+        settings: SettingCounts { used: used.len(), total: list.len(), too_fast },
         window: options.window,
         residual_nt: std::array::from_fn(|k| rms(&|b: &SweepBlock| b.residual_nt[k])),
         lag: settled.applied,

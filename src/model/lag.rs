@@ -24,6 +24,11 @@ pub enum Lag {
     InverseFirstOrder(f64),
 }
 
+/// What is left of a difference at the first reading counts for nothing below this part of the noise of a reading.
+const FORGOTTEN: f64 = 0.1;
+/// Noise of readings that seem to have none, K.
+const LEAST_NOISE_K: f64 = 1e-3;
+
 impl Lag {
     /// Names of the forms in files.
     pub const FORMS: [&'static str; 3] = ["delay", "first order", "inverse first order"];
@@ -78,7 +83,8 @@ impl Lag {
 
     /// The temperature of the part, (s, °C), from the course of the thermistor.
     ///
-    /// A first order is the exact answer to straight lines between the readings, from equilibrium at the first one. Its inverse is
+    /// A first order is the exact answer to straight lines between the readings, from equilibrium at the first one (see
+    /// [`Lag::known_from_s`]). Its inverse is
     /// `T + τ dT/dt`, which is exact; only the rate has to be taken from readings.
     #[must_use]
     pub fn of(self, thermistor: &Course) -> Vec<(f64, f64)> {
@@ -102,6 +108,18 @@ impl Lag {
                 series.iter().zip(&thermistor.rate_per_s).map(|(&(t, v), rate)| (t, v + tau_s * rate)).collect()
             }
         }
+    }
+
+    /// When the temperature of the part begins to be known, s: a part that follows a thermistor which moves at its first reading may have been
+    /// in equilibrium then, or have followed for long. What this makes out is forgotten once it is below a tenth of the noise of the readings.
+    /// `None` where it is known from the first reading on.
+    #[must_use]
+    pub fn known_from_s(self, thermistor: &Course) -> Option<f64> {
+        let Lag::FirstOrder(tau_s) = self else { return None };
+        let (begin_s, _) = *thermistor.series.first()?;
+        let behind_k = thermistor.rate_per_s.first()?.abs() * tau_s;
+        let noise_k = thermistor.noise.max(LEAST_NOISE_K);
+        (behind_k > noise_k).then(|| begin_s + tau_s * (behind_k / (FORGOTTEN * noise_k)).ln())
     }
 }
 
@@ -255,6 +273,19 @@ mod tests {
         assert_eq!(Lag::FirstOrder(5.0).later_by(-8.0), Lag::InverseFirstOrder(3.0));
         assert_eq!(Lag::InverseFirstOrder(3.0).later_by(8.0), Lag::FirstOrder(5.0));
         assert_eq!(Lag::InverseFirstOrder(3.0).signed_seconds(), -3.0);
+    }
+
+    #[test]
+    fn a_part_that_follows_a_ramp_is_known_once_its_begin_is_forgotten() {
+        // 0.01 K/s and 480 s: 4.8 K are between equilibrium and a long ramp; 4.8 exp(-t/480) is below 1e-4 K after 5173.
+        let ramp: Vec<(f64, f64)> = (0..400).map(|i| (50.0 + 30.0 * f64::from(i), 0.3 * f64::from(i))).collect();
+        let from_s = Lag::FirstOrder(480.0).known_from_s(&Course::exact(ramp.clone())).unwrap();
+        assert!((from_s - (50.0 + 480.0 * f64::ln(4.8e4))).abs() < 1e-6, "{from_s}");
+        for lag in [Lag::Delay(480.0), Lag::InverseFirstOrder(480.0)] {
+            assert_eq!(lag.known_from_s(&Course::exact(ramp.clone())), None);
+        }
+        let rest: Vec<(f64, f64)> = ramp.iter().map(|(t, _)| (*t, 20.0)).collect();
+        assert_eq!(Lag::FirstOrder(480.0).known_from_s(&Course::exact(rest)), None);
     }
 
     const TAU_S: f64 = 480.0;

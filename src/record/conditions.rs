@@ -25,9 +25,9 @@ type Series = Vec<(f64, f64)>;
 /// Temperatures during a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Temperatures {
-    /// Sensor temperature, (s since the run's start, °C).
+    /// Sensor temperature without jumps of its channel, (s since the run's start, °C).
     pub sensor: Series,
-    /// Coil-system temperature, (s since the run's start, °C).
+    /// Coil-system temperature, likewise, (s since the run's start, °C).
     pub coil: Series,
     /// Channels with smallest, mean and largest value while the fields were applied; absent if there is no temperature at all.
     pub conditions: Option<Conditions>,
@@ -251,7 +251,7 @@ fn temperature(
     span_s: [f64; 2],
     notes: &mut impl Extend<Note>,
 ) -> (Series, Option<[f64; 3]>) {
-    let Some(series) = run.slow_channel(channel) else {
+    let Some(series) = temperature_faults::readings(run, channel, span_s) else {
         notes
             .extend([Note::new(NoteKind::Temperature, format!("no {what} temperature: the run has no channel {channel}"))
                 .about(channel)]);

@@ -3,6 +3,7 @@
 //! docs/mathematics.md, "The coil system").
 
 use super::conditions::PLAUSIBLE_DEGC;
+use super::temperature_faults;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::result::AT_REST_K;
@@ -201,7 +202,8 @@ fn degc(
     notes: &mut impl Extend<Note>,
 ) -> Option<Vec<f64>> {
     let file = &facility.input.path;
-    let mut series = run.slow_channel(channel).unwrap_or_default();
+    let (begin, end) = (spans_s.first().map_or(0.0, |s| s[0]), spans_s.last().map_or(0.0, |s| s[1]));
+    let mut series = temperature_faults::readings(run, channel, [begin, end]).unwrap_or_default();
     series.retain(|(_, v)| PLAUSIBLE_DEGC.contains(v));
     if series.is_empty() {
         let coil = facility.periods[0].part.coil();

@@ -232,7 +232,13 @@ pub fn notes(run: &Run, instructions: &Instructions) -> Vec<Note> {
                 }
                 (false, neighbours, _) => format!("name its neighbour in campaign.toml: {}", neighbours.join(", ")),
             };
-            Note::new(NoteKind::Temperature, fault.text() + rests).about(name.as_str()).with_remedy(remedy)
+            let mended = match &fault.fault {
+                Fault::Jumps { .. } if !rests.is_empty() => {
+                    ", without the jumps within the settings and as if right before the first one"
+                }
+                _ => "",
+            };
+            Note::new(NoteKind::Temperature, fault.text() + rests + mended).about(name.as_str()).with_remedy(remedy)
         })
         .collect()
 }
@@ -253,6 +259,28 @@ struct Channel<'a> {
     series: Vec<(f64, f64)>,
     interval_s: f64,
     median: f64,
+}
+
+impl Channel<'_> {
+    /// The jumps between two times, s since the run's start; `None` where there is none.
+    fn jumps_between(&self, all: &[Channel], span_s: [f64; 2]) -> Option<Jumps> {
+        let others: Vec<&Channel> = all.iter().filter(|c| c.name != self.name).collect();
+        let changes = self.changes();
+        let places = self.places_of_jumps(&changes, &others);
+        let sized = |i: &usize| {
+            let place = changes[*i].0;
+            let is_alone = places.iter().all(|other| other == i || changes[*other].0.abs_diff(place) > SIDES);
+            let by_cubic = if is_alone { step_at(&self.series, place) } else { None };
+            Some((self.series[place].0, by_cubic.or_else(|| far_faster_k(&changes, *i))?))
+        };
+        let mut jumps: Vec<(f64, f64)> = places.iter().filter_map(sized).collect();
+        jumps.retain(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
+        jumps.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        jumps.truncate(MOST_JUMPS);
+        let (_, largest_k) = jumps.first().copied()?;
+        let probability = self.probability_of(&changes, largest_k);
+        Some(Jumps { channel: self.name.to_owned(), jumps, readings: self.series.len(), probability })
+    }
 }
 
 impl<'a> Channel<'a> {
@@ -524,29 +552,29 @@ pub fn without_jumps(table: &SlowTable, span_s: [f64; 2]) -> (Vec<Jumps>, SlowTa
     let mut found_in = Vec::new();
     let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
     for channel in &channels {
-        let others: Vec<&Channel> = channels.iter().filter(|c| c.name != channel.name).collect();
-        let changes = channel.changes();
-        let places = channel.places_of_jumps(&changes, &others);
-        let sized = |i: &usize| {
-            let place = changes[*i].0;
-            let is_alone = places.iter().all(|other| other == i || changes[*other].0.abs_diff(place) > SIDES);
-            let by_cubic = if is_alone { step_at(&channel.series, place) } else { None };
-            Some((channel.series[place].0, by_cubic.or_else(|| far_faster_k(&changes, *i))?))
-        };
-        let mut jumps: Vec<(f64, f64)> = places.iter().filter_map(sized).collect();
-        jumps.retain(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
-        jumps.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-        jumps.truncate(MOST_JUMPS);
-        let Some((_, largest_k)) = jumps.first().copied() else { continue };
+        let Some(found) = channel.jumps_between(&channels, span_s) else { continue };
         let index = table.names.iter().position(|name| name == channel.name).unwrap_or(0);
-        for (t_s, size) in &jumps {
+        for (t_s, size) in &found.jumps {
             let from = mended.t_s.partition_point(|t| t < t_s);
             mended.values[index][from..].iter_mut().for_each(|value| *value -= size);
         }
-        let probability = channel.probability_of(&changes, largest_k);
-        found_in.push(Jumps { channel: channel.name.to_owned(), jumps, readings: channel.series.len(), probability });
+        found_in.push(found);
     }
     (found_in, mended)
+}
+
+/// The readings of a slow channel, (s since the run's start, °C), without the jumps between two times (s): what it read before the first one is
+/// taken as right.
+#[must_use]
+pub fn readings(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Vec<(f64, f64)>> {
+    let mut series = run.slow_channel(name)?;
+    let table = &run.temperatures;
+    let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
+    let found = channels.iter().find(|c| c.name == name).and_then(|own| own.jumps_between(&channels, span_s));
+    for (at_s, size) in found.into_iter().flat_map(|found| found.jumps) {
+        series.iter_mut().filter(|(t_s, _)| *t_s >= at_s).for_each(|(_, value)| *value -= size);
+    }
+    Some(series)
 }
 
 /// Weights of the readings around a step that give its size beside a cubic.

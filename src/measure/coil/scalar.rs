@@ -143,8 +143,9 @@ impl<const N: usize> RowTemperatures<N> {
     fn of(runs: &[(&Run, &Instructions)], channels: impl Fn(&Run, &Instructions) -> [String; N]) -> Option<Self> {
         let rows = |(run, instructions): &(&Run, &Instructions)| -> Option<Vec<[f64; N]>> {
             let mut series = Vec::with_capacity(N);
+            let span_s = extremes(run.scalar.iter().map(|row| row.t_s));
             for channel in channels(run, instructions) {
-                series.push(run.slow_channel(&channel).filter(|s| !s.is_empty())?);
+                series.push(temperature_faults::readings(run, &channel, span_s).filter(|s| !s.is_empty())?);
             }
             Some(run.scalar.iter().map(|row| std::array::from_fn(|k| interpolate(&series[k], row.t_s))).collect())
         };

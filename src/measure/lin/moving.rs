@@ -14,7 +14,7 @@ use crate::data::calibration::{SlopeStd, TemperatureSlopes};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::result::AT_REST_K;
-use crate::data::run::{Run, mean_over};
+use crate::data::run::mean_over;
 use crate::fit::noise::dense::GroupNoise;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::{extremes, slope};
@@ -24,7 +24,6 @@ use crate::model::sensor::{Split, SplitError, split};
 use crate::model::sensor_polynomials::{SensorChange, SensorPolynomials, change_at, response};
 use crate::record::carried;
 use crate::record::conditions::{self, Temperatures, Within};
-use crate::record::temperature_faults::without_jumps;
 use found::Found;
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
@@ -70,14 +69,10 @@ pub(super) struct Moving {
 }
 
 impl Moving {
-    /// Of the plateaus of a run; `None` without a temperature. A channel that jumps is taken without its jumps, which are none of the
-    /// sensor.
-    pub fn of(run: &Run, list: &[Plateau], temperatures: &Temperatures, span_s: [f64; 2]) -> Option<Self> {
+    /// Of the plateaus of a run; `None` without a temperature.
+    pub fn of(list: &[Plateau], temperatures: &Temperatures, span_s: [f64; 2]) -> Option<Self> {
         let [_, at_degc, _] = temperatures.sensor_degc()?;
-        let channel = &temperatures.conditions.as_ref()?.sensor_channel;
-        let (jumps, mended) = without_jumps(&run.temperatures, span_s);
-        let mended = mended.channel(channel).filter(|_| jumps.iter().any(|jump| jump.channel == *channel));
-        let course = Course::smooth(mended.as_ref().unwrap_or(&temperatures.sensor));
+        let course = Course::smooth(&temperatures.sensor);
         let over_k: Vec<f64> = list.iter().map(|p| mean_over(&course.series, p.used_s) - at_degc).collect();
         let readings = course.series.iter().filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)).count();
         let std_k = course.noise / (readings.max(1) as f64).sqrt();

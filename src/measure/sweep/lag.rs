@@ -122,6 +122,15 @@ fn candidate(screened: &ThermistorLag) -> Option<Lag> {
     }
 }
 
+/// The lag that a fit of a sweep begins with, whether it is claimed in the end or not.
+pub(super) fn expected(screened: &ThermistorLag, choice: LagChoice, of_model: Option<Lag>) -> Option<Lag> {
+    match choice {
+        LagChoice::Auto => of_model.or_else(|| candidate(screened)),
+        LagChoice::None => None,
+        LagChoice::Given(lag) => Some(lag),
+    }
+}
+
 /// What is said of a lag that a linear model shows and that is not claimed.
 fn declined(channel: &str, lag: Lag) -> Note {
     let text = format!(

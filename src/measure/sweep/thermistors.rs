@@ -9,6 +9,7 @@ use crate::data::run::{Run, interpolate};
 use crate::fit::smooth::Course;
 use crate::fit::statistics::{extent, slope};
 use crate::model::lag::{self, Lag};
+use crate::record::temperature_faults;
 
 /// Longest lag that is looked for, s, and as a part of the sweep.
 const MOST_LAG_S: f64 = 2400.0;
@@ -21,11 +22,12 @@ const RATE_S: f64 = 300.0;
 /// Readings of a temperature channel, (s since the run's start, °C).
 pub(super) type Series = Vec<(f64, f64)>;
 
-/// The temperature channels that move during the settings, with their names; that of the coil system is none of them.
+/// The temperature channels that move during the settings, with their names, without jumps; that of the coil system is none of them.
 pub(super) fn moving(run: &Run, coil: &str, used: &[&Plateau]) -> Result<Vec<(String, Series)>, SweepError> {
     let names = run.temperatures.names.iter().filter(|name| *name != coil);
+    let span_s = [used.first().map_or(0.0, |p| p.used_s[0]), used.last().map_or(0.0, |p| p.used_s[1])];
     let channels: Vec<(String, Series)> = names
-        .filter_map(|name| Some((name.clone(), run.temperatures.channel(name)?)))
+        .filter_map(|name| Some((name.clone(), temperature_faults::readings(run, name, span_s)?)))
         .filter(|(_, series)| extent(used.iter().map(|p| interpolate(series, p.t_s()))) > LEAST_RANGE_K)
         .collect();
     if channels.is_empty() { Err(SweepError::NoTemperature) } else { Ok(channels) }
