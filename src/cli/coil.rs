@@ -9,7 +9,8 @@ use crate::files::parameter::{Cpf, is_named};
 use crate::measure::coil::{scalar, tilt};
 use crate::measure::lin;
 use crate::workflow::{
-    CoilMade, CoilResult, Desk, Failure, TiltInput, coil_runs, facility, publish_coil, residual_of, residual_of_table, scalar_of,
+    CoilMade, CoilResult, Desk, Failure, Job, TiltInput, coil_runs, facility, publish_coil, residual_of, residual_of_table,
+    scalar_of,
 };
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
@@ -78,7 +79,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
             let (desk, mut failures) = (common.desk(), Vec::new());
             let made = scalar_of(coil_runs(&jobs, &desk, &mut failures), &options, &desk).transpose();
-            finish(made, failures, jobs.len(), common, terminal)
+            finish(made, failures, &recorded(&jobs), jobs.len(), common, terminal)
         }
         Method::Residual(own) => residual_field(own, common, terminal),
         Method::Tilt(own) => orientations(own, common, terminal),
@@ -98,7 +99,7 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
         let mut findings = Vec::new();
         let made = residual_of_table(table, &mut findings)?;
         findings.iter().for_each(|f| terminal.finding(f));
-        return finish(Some(Ok(made)), Vec::new(), 1, common, terminal);
+        return finish(Some(Ok(made)), Vec::new(), &[], 1, common, terminal);
     }
     if let Some(table) = own.paths.iter().find(|p| ends_with(p, "csv")) {
         return Err(Finding::error(&table.display().to_string(), "is not the only PATH", "name one table alone, or runs"));
@@ -107,7 +108,7 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
     let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
     let mut failures = Vec::new();
     let made = residual_of(coil_runs(&jobs, &desk, &mut failures), &desk).transpose();
-    finish(made, failures, jobs.len(), common, terminal)
+    finish(made, failures, &recorded(&jobs), jobs.len(), common, terminal)
 }
 
 fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
@@ -130,26 +131,35 @@ fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Re
             campaign_paths.push(path.clone());
         }
     }
+    let mut runs = Vec::new();
     let campaigns = if campaign_paths.is_empty() { Vec::new() } else { open(&campaign_paths, common, terminal)? };
     if !campaigns.is_empty() {
         let jobs = jobs_of(&campaigns, &campaign_paths, Kind::Linearity, terminal)?;
+        runs = recorded(&jobs);
         let options = lin::Options { facility: facility.clone(), ..lin::Options::default() };
         input.runs(&jobs, &options, &Desk { plots: false, ..common.desk() }, &mut failures);
     }
     let options = tilt::Options { sensor: own.sensor.clone(), keep_all: own.keep_all };
     let made = input.solve(facility.as_ref(), &options);
-    finish(Some(made), failures, own.paths.len(), common, terminal)
+    finish(Some(made), failures, &runs, own.paths.len(), common, terminal)
 }
 
-/// Writes and prints the result, and the errors of the runs that are not in it.
+/// The paths of runs inside their campaigns.
+fn recorded(jobs: &[Job]) -> Vec<String> {
+    jobs.iter().map(|job| job.recorded.clone()).collect()
+}
+
+/// Writes and prints the result, and the errors of the `runs` that are not in it.
 fn finish<R: CoilResult>(
     made: Option<Result<CoilMade<R>, Finding>>,
     mut failures: Vec<(String, Failure)>,
+    runs: &[String],
     total: usize,
     common: &Common,
     terminal: &Terminal,
 ) -> Result<Status, Finding> {
     let published = made.map(|made| made.and_then(|made| publish_coil(&made, &common.desk()).map(|(name, _)| (made, name))));
+    let mut together = None;
     let done = match published {
         Some(Ok((made, name))) => {
             made.result.notes().iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
@@ -165,12 +175,18 @@ fn finish<R: CoilResult>(
             1
         }
         Some(Err(finding)) => {
-            failures.push((finding.file.to_string(), Failure::Refused(finding)));
+            // What is wrong with them together counts for those with which nothing is wrong alone.
+            let name = finding.file.to_string();
+            let failure = Failure::Refused(finding);
+            let sound = runs.iter().filter(|run| failures.iter().all(|(name, _)| name != *run));
+            sound.for_each(|run| common.results.looked(run, refused(&failure)));
+            together = Some((name, failure));
             0
         }
         None => 0,
     };
     failures.iter().for_each(|(name, failure)| common.results.looked(name, refused(failure)));
+    failures.extend(together);
     report_failures(terminal, &failures, total);
     Ok(status(done, failures.iter().map(|(_, f)| f)))
 }

@@ -340,12 +340,13 @@ impl Work<'_, '_> {
         input.extend(options.linearisation.iter().map(|l| l.input.clone()));
         input.extend(options.model.iter().map(|m| m.input.clone()));
         let provenance = Provenance::new(Recipe::new("report", recorded).reading(self.desk.allowed()), input);
-        let drawing = self.desk.folder("", Origin::of(&provenance))?;
+        let drawing = self.desk.folder("", Origin::of(&provenance).listing_all_runs())?;
         let profile = if self.desk.plots { self.profile(measured, &drawing)? } else { None };
         let ledger = self.desk.results.ledger();
         let written = ledger.iter().flat_map(Ledger::written);
         let files: Vec<(String, String)> = written.map(|(path, written)| (path, written.sha256)).collect();
-        let folder = self.desk.folder("", Origin::of(&provenance).using(files.iter().map(|(path, _)| path.clone())))?;
+        let folder =
+            self.desk.folder("", Origin::of(&provenance).listing_all_runs().using(files.iter().map(|(path, _)| path.clone())))?;
         let failed = self.failures.iter();
         let failed = failed.flat_map(|(name, f)| f.errors().map(move |e| (name.clone(), format!("{}; {}", e.rule, e.remedy))));
         let groups = across.groups.iter();

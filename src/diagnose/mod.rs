@@ -43,7 +43,7 @@ use crate::model::facility::Facility;
 use crate::model::sensor_polynomials::SensorPolynomials;
 pub use crate::record::known::Given;
 pub use crate::record::prepared::Samples;
-use crate::record::temperature_faults;
+use crate::record::temperature_faults::{self, ChannelFault, Fault};
 pub use error::DiagnoseError;
 use result::Diagnosis;
 
@@ -94,13 +94,14 @@ pub fn run(
     let of_faults: Vec<&str> =
         diagnosis.steps.iter().filter(|s| s.effect == EffectRef::new(&BadThermistor)).map(|s| s.place.as_str()).collect();
     let is_step = |note: &Note| note.about.as_deref().is_some_and(|name| of_faults.iter().any(|place| place.contains(name)));
-    let notes = temperature_faults::notes(run, &campaign.file.instructions);
+    let told = temperature_faults::told(run, &campaign.file.instructions);
     // One that the readings follow is none.
-    let is_followed = |note: &Note| {
-        note.text.contains(" jumps ")
+    let is_followed = |fault: &ChannelFault, note: &Note| {
+        matches!(fault.fault, Fault::Jumps { .. })
             && diagnosis.notes.iter().any(|told| told.kind == NoteKind::Temperature && told.about == note.about)
     };
-    let notes: Vec<Note> = notes.into_iter().filter(|note| !is_step(note) && !is_followed(note)).collect();
+    let left = told.into_iter().filter(|(fault, note)| !is_step(note) && !is_followed(fault, note));
+    let notes: Vec<Note> = left.map(|(_, note)| note).collect();
     diagnosis.notes.extend(notes);
     Ok(diagnosis)
 }

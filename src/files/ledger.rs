@@ -20,6 +20,8 @@ pub struct Origin {
     pub uses: Vec<String>,
     /// Kinds of what a person should know about the result, each once.
     pub kinds: BTreeSet<NoteKind>,
+    /// They list all runs of a campaign, whether anything in them rests on a run or not.
+    pub lists_all_runs: bool,
 }
 
 impl Origin {
@@ -33,7 +35,14 @@ impl Origin {
             from: provenance.input.iter().map(version).collect(),
             uses: Vec::new(),
             kinds: BTreeSet::new(),
+            lists_all_runs: false,
         }
+    }
+
+    /// The same of files that list all runs of a campaign.
+    #[must_use]
+    pub fn listing_all_runs(self) -> Self {
+        Self { lists_all_runs: true, ..self }
     }
 
     /// The same with the kinds of these notes.

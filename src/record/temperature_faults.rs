@@ -196,13 +196,19 @@ fn rooms(run: &Run, instructions: &Instructions) -> Vec<String> {
 /// Notes on the faults of all temperature channels of a run, with what rests on the channel and which others could serve.
 #[must_use]
 pub fn notes(run: &Run, instructions: &Instructions) -> Vec<Note> {
+    told(run, instructions).into_iter().map(|(_, note)| note).collect()
+}
+
+/// The faults of all temperature channels of a run, each with the note on it.
+#[must_use]
+pub fn told(run: &Run, instructions: &Instructions) -> Vec<(ChannelFault, Note)> {
     let found = faults(run, instructions);
     let (sensor, _) = instructions.channels(&run.header);
     let rack = instructions.rack_channel();
     let rooms = rooms(run, instructions);
     let is_used = |name: &str| name == sensor || rooms.iter().any(|room| room == name);
     let is_sound = |name: &&String| found.iter().all(|f| f.channel != **name) && !is_used(name);
-    found
+    let notes: Vec<Note> = found
         .iter()
         .map(|fault| {
             let name = &fault.channel;
@@ -240,7 +246,8 @@ pub fn notes(run: &Run, instructions: &Instructions) -> Vec<Note> {
             };
             Note::new(NoteKind::Temperature, fault.text() + rests + mended).about(name.as_str()).with_remedy(remedy)
         })
-        .collect()
+        .collect();
+    found.into_iter().zip(notes).collect()
 }
 
 /// Whether two channels are thermistors of one body by their names, which differ in the last digit only: T_OB-1 and T_OB-2.

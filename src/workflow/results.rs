@@ -148,15 +148,12 @@ impl Results {
         }
     }
 
-    /// What an analysis that only looks at runs says of one, or of several with commas between their paths: it counts where no other has
-    /// said anything.
-    pub fn looked(&self, paths: &str, outcome: Outcome) {
+    /// What an analysis that only looks at a run says of it: it counts where no other has said anything.
+    pub fn looked(&self, path: &str, outcome: Outcome) {
         let Some(open) = &self.0 else { return };
-        for path in paths.split(", ") {
-            let said = open.before.as_ref().and_then(|before| before.run_of(path));
-            if said.is_none_or(|(_, run)| run.state == RunState::NotApplicable) {
-                self.outcome(path, outcome.clone());
-            }
+        let said = open.before.as_ref().and_then(|before| before.run_of(path));
+        if said.is_none_or(|(_, run)| run.state == RunState::NotApplicable) {
+            self.outcome(path, outcome);
         }
     }
 
@@ -369,7 +366,7 @@ fn inputs_of(written: &WrittenFiles) -> HashMap<&str, (String, bool)> {
             continue;
         }
         seen = Some(&file.origin);
-        let is_used = !file.origin.command.starts_with("calfit report");
+        let is_used = !file.origin.lists_all_runs;
         for input in &file.origin.from {
             inputs.entry(&input.path).or_insert_with(|| (input.sha256.clone(), false)).1 |= is_used;
         }
