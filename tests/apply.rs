@@ -522,7 +522,7 @@ fn nothing_outside_passes_without_its_flag() {
 }
 
 /// A parameter file whose stated hash is that of its content.
-fn with_its_hash(content: &str) -> String {
+pub fn with_its_hash(content: &str) -> String {
     use sha2::{Digest, Sha256};
     let mut hash = Sha256::new();
     for line in content.lines().filter(|l| !l.starts_with("created = ") && !l.starts_with("content_sha256 = ")) {

@@ -1,6 +1,7 @@
 //! What a day of flight processing takes from its neighbours and from the other sensor: gaps over midnight, days whose continuity is not known,
 //! intervals over midnight and the uncertainty of what two sensors share.
 
+use crate::apply::with_its_hash;
 use crate::common::check::{calfit, data, says, text};
 use crate::flight::{Set, Small, three};
 use calfit::files::table::series::SeriesTable;
@@ -220,4 +221,69 @@ fn the_configuration_of_rosetta_is_read_as_far_as_it_is_printed() {
     for line in text(&output.stderr).lines().filter(|line| line.contains("error")) {
         assert!(line.contains("No such file or directory"), "{line}");
     }
+}
+
+#[test]
+fn offsets_of_a_table_are_taken_off_by_time_and_range() {
+    let configuration = r#"
+[[sensor]]
+name = "OB"
+ent_per_count = [1.0, 1.0]
+offsets = "offsets.csv"
+offsets_frame = "uvw"
+[[sensor.matrix]]
+from = "2015-01-01"
+to = "2016-01-01"
+matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+[[mode]]
+sid = "N"
+packet_s = 1
+primary = { rate_hz = 1.0, shift_s = 0.0 }
+"#;
+    let rows = "time_utc,bx,by,bz,quality,sid,range\n2015-06-29T11:00:00Z,100,200,300,0,N,0\n2015-06-29T11:00:01Z,100,200,300,0,N,1\n\
+                2015-06-29T12:00:00Z,100,200,300,0,N,0\n";
+    let head = "from,to,sensor,range,x_nt,y_nt,z_nt\n";
+    let own =
+        "2015-06-29T00:00:00Z,2015-06-29T11:30:00Z,OB,0,1.5,-2,3\n2015-06-29T00:00:00Z,2015-06-29T11:30:00Z,OB,1,10,20,30\n";
+    let other = "2015-06-29T00:00:00Z,2015-06-30T00:00:00Z,IB,,7,7,7\n";
+    let small = Small::new(configuration, rows);
+    let table = small.folder.path().join("offsets.csv");
+    fs::write(&table, format!("{head}{own}{other}")).unwrap();
+    let [x, y, z] = three(&small.level_a(), ["bx", "by", "bz"]);
+    // The last vector is outside of all intervals.
+    assert_eq!([x, y, z], [vec![98.5, 90.0, 100.0], vec![202.0, 180.0, 200.0], vec![297.0, 270.0, 300.0]]);
+    for (row, words) in [
+        ("2015-06-29T11:00:00Z,2015-06-29T13:00:00Z,OB,,1,1,1\n", "two offsets of the sensor hold at 2015-06-29T11:00:00"),
+        ("2015-06-29T13:00:00Z,2015-06-29T12:00:00Z,OB,,1,1,1\n", "the interval ends before it begins"),
+        ("2015-06-29T12:00:00Z,2015-06-29T13:00:00Z,OB,1.5,1,1,1\n", "`range` is 1.5, not 0 to 255"),
+        ("2015-06-29T12:00:00Z,2015-06-29T13:00:00Z,OB,,1,,1\n", "has an offset that is no number"),
+    ] {
+        fs::write(&table, format!("{head}{own}{row}")).unwrap();
+        let output = calfit().arg("check").arg(small.folder.path().join("flight.toml")).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{row}");
+        says(&text(&output.stderr), &["offsets.csv", words]);
+    }
+    fs::write(&table, format!("{head}{other}")).unwrap();
+    let output = calfit().arg("check").arg(small.folder.path().join("flight.toml")).output().unwrap();
+    says(&text(&output.stderr), &["has no row of sensor OB"]);
+}
+
+#[test]
+fn vectors_beyond_the_table_of_the_thermistor_are_null_with_their_flag() {
+    let set = Set::of("telemetry");
+    let file = set.path("ground/THERMISTOR__FM-IB.toml");
+    let before = fs::read_to_string(&file).unwrap();
+    assert!(before.contains("valid_degc = [-150.0, 150.0]"));
+    // The sensor is at 10 to 20 °C.
+    fs::write(&file, with_its_hash(&before.replace("valid_degc = [-150.0, 150.0]", "valid_degc = [40.0, 150.0]"))).unwrap();
+    set.made("A", &["--sensor", "IB", "--no-plots"]);
+    let level = set.level("A", "IB", "2015-07-01");
+    assert!(level.rows() > 10);
+    assert!(level.whole("flags").unwrap().iter().all(|flags| flags & 1 != 0));
+    assert!(level.numbers("bx").unwrap().iter().all(|v| v.is_nan()));
+    // A table that has no temperature in common with the calibration is none of this sensor.
+    fs::write(&file, with_its_hash(&before.replace("valid_degc = [-150.0, 150.0]", "valid_degc = [400.0, 500.0]"))).unwrap();
+    let output = set.flight("A", &["--sensor", "IB", "--no-plots"]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["THERMISTOR__FM-IB.toml", "at which the calibration does not hold"]);
 }

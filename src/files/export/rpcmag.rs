@@ -291,6 +291,11 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
                 let rule = format!("is of order {} in {}; T_0 to T_3 are a cubic in V", polynomial.order, polynomial.signal_unit);
                 return Err(source.refuse(rule, "fit again with `calfit thermistor --signal u --order 3`"));
             }
+            file.valid_degc = body.within(file.valid_degc).ok_or_else(|| {
+                let [low, high] = body.range_degc();
+                let rule = format!("tells temperatures from {low:.1} to {high:.1} °C, at which the other files do not hold");
+                source.refuse(rule, "name the table of the thermistor that the sensor has")
+            })?;
             for (k, c) in polynomial.coefficients.iter().enumerate() {
                 file.thermistor[k] = *c;
                 let std = polynomial.coefficients_std.get(k).filter(|s| s.is_finite());

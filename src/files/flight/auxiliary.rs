@@ -1,11 +1,12 @@
-//! Auxiliary tables of flight processing: attitude, positions, wheels, heater states, calm times.
+//! Auxiliary tables of flight processing: attitude, positions, wheels, heater states, offsets, calm times.
 
-use super::mission::{Celestial, Span};
+use super::mission::{Celestial, Jump, OffsetFrame, Span};
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
 use crate::data::time::{LeapSeconds, Tt2000};
 use crate::files::source::digest;
 use crate::files::table::series::SeriesTable;
+use nalgebra::Vector3;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -303,6 +304,77 @@ pub fn calm(path: &Path, leap: &LeapSeconds) -> Result<(Vec<Span>, Input), Findi
         return Err(Finding::error(&path.display().to_string(), "has no rows", "name the calm times, or leave --calm out"));
     }
     Ok((spans, input(path)?))
+}
+
+/// Reads the offsets of a sensor, to be subtracted in a frame, of a table with `from`, `to`, `x_nt`, `y_nt`, `z_nt` and, if it has them, `sensor`
+/// and `range`. A row without range holds for all of them.
+///
+/// # Errors
+/// What is wrong with the table, with its row: an interval that ends before it begins, a component that is no number, a range that is none, no
+/// row of the sensor.
+pub fn offsets(path: &Path, sensor: &str, frame: OffsetFrame, leap: &LeapSeconds) -> Result<(Vec<Jump>, Input), Finding> {
+    let table = SeriesTable::open(path)?;
+    let names = table.names();
+    let spans = intervals(&table, path, leap)?;
+    let has = |name: &str| names.iter().any(|n| n == name);
+    let sensors = if has("sensor") { Some(table.words("sensor")?) } else { None };
+    let ranges = if has("range") { Some(table.numbers("range")?) } else { None };
+    let [x, y, z] = ["x_nt", "y_nt", "z_nt"].map(|name| table.numbers(name));
+    let columns = [x?, y?, z?];
+    let mut list = Vec::new();
+    for (row, span) in spans.into_iter().enumerate() {
+        if sensors.as_ref().is_some_and(|s| s.words[s.codes[row] as usize] != sensor) {
+            continue;
+        }
+        let subtract_nt = Vector3::from(columns.each_ref().map(|c| c[row]));
+        if !subtract_nt.iter().all(|v| v.is_finite()) {
+            return Err(refuse(path, row, "has an offset that is no number", "correct it, or take the row out"));
+        }
+        let range = match ranges.as_ref().map(|r| r[row]).filter(|r| !r.is_nan()) {
+            None => None,
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "looked at before")]
+            Some(range) if (0.0..=255.0).contains(&range) && range.fract() == 0.0 => Some(range as u8),
+            Some(range) => return Err(refuse(path, row, &format!("`range` is {range}, not 0 to 255"), "correct it")),
+        };
+        list.push(Jump { span, range, frame, subtract_nt });
+    }
+    if list.is_empty() {
+        let rule = format!("has no row of sensor {sensor}");
+        return Err(Finding::error(
+            &path.display().to_string(),
+            rule,
+            "name the sensor as the configuration does, or leave `offsets` out",
+        ));
+    }
+    Ok((list, input(path)?))
+}
+
+/// Refuses offsets two of which hold for a moment and a range.
+///
+/// # Errors
+/// The first two that do.
+pub fn one_at_a_time(path: &Path, jumps: &[Jump], leap: &LeapSeconds) -> Result<(), Finding> {
+    let mut sorted: Vec<&Jump> = jumps.iter().collect();
+    sorted.sort_by_key(|jump| jump.span);
+    let mut ranges: Vec<Option<u8>> = jumps.iter().map(|jump| jump.range).collect();
+    ranges.sort_unstable();
+    ranges.dedup();
+    for range in ranges {
+        // An offset without a range holds for every one.
+        let own: Vec<&Jump> =
+            sorted.iter().copied().filter(|jump| range.is_none() || jump.range.is_none() || jump.range == range).collect();
+        let competes = |pair: &&[&Jump]| {
+            pair[0].span.meets(&pair[1].span)
+                && (pair[0].range == pair[1].range || pair[0].range.is_none() || pair[1].range.is_none())
+        };
+        if let Some(pair) = own.windows(2).find(competes) {
+            let rule = format!("two offsets of the sensor hold at {}", leap.utc(pair[1].span.from));
+            let remedy =
+                "intervals are half-open, [from, to), one for every moment and range; [[sensor.jump]] counts with the table";
+            return Err(Finding::error(&path.display().to_string(), rule, remedy));
+        }
+    }
+    Ok(())
 }
 
 /// Reads a table of heater states.

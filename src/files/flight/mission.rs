@@ -89,6 +89,8 @@ pub struct Boom {
 pub struct Jump {
     /// When.
     pub span: Span,
+    /// Of which range index; of all ranges without one.
+    pub range: Option<u8>,
     /// In which frame.
     pub frame: OffsetFrame,
     /// nT, to be subtracted.
@@ -143,6 +145,8 @@ pub struct Sensor {
     pub rotations: Vec<Boom>,
     /// Offsets that jump.
     pub jumps: Vec<Jump>,
+    /// A table of further ones, and the frame that they are in.
+    pub offsets: Option<(PathBuf, OffsetFrame)>,
     /// Matrices in place of ground files.
     pub matrices: Vec<RangeMatrix>,
 }

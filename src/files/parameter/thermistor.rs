@@ -55,6 +55,23 @@ pub struct ThermistorFile {
     pub told: Told,
 }
 
+impl ThermistorFile {
+    /// Lowest and highest temperature that the table tells, °C, with the offset against the reference thermometer taken off.
+    #[must_use]
+    pub fn range_degc(&self) -> [f64; 2] {
+        let offset_degc = self.reference.as_ref().map_or(0.0, |reference| reference.offset_degc);
+        self.polynomial.valid_degc.map(|degc| degc - offset_degc)
+    }
+
+    /// The temperatures of other files that the table tells as well, °C; `None` where there is none.
+    #[must_use]
+    pub fn within(&self, valid_degc: [f64; 2]) -> Option<[f64; 2]> {
+        let own = self.range_degc();
+        let both = [own[0].max(valid_degc[0]), own[1].min(valid_degc[1])];
+        (both[0] < both[1]).then_some(both)
+    }
+}
+
 impl Body for ThermistorFile {
     fn validate(&self, path: &Path) -> Result<(), Finding> {
         let (order, count) = (self.polynomial.order, self.polynomial.coefficients.len());

@@ -426,7 +426,7 @@ impl Reader {
         for jump in group.groups("jump")? {
             jump.only(&["from", "to", "field_nt"])?;
             let subtract_nt = Vector3::from(needed(&jump, "field_nt", jump.three("field_nt")?)?);
-            jumps.push(Jump { span: self.span(&jump)?, frame: OffsetFrame::Sc, subtract_nt });
+            jumps.push(Jump { span: self.span(&jump)?, range: None, frame: OffsetFrame::Sc, subtract_nt });
         }
         Ok(FlightSensor {
             frame,

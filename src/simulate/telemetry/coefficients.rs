@@ -195,7 +195,8 @@ fn thermistor(sensor: &FlightSensor) -> ThermistorFile {
             within_degc: 0.0,
             order_within: None,
             valid_signal: [-2.5, 2.5],
-            valid_degc: sensor.valid_degc,
+            // The table is of the thermistor, the other temperatures are those of the sensor.
+            valid_degc: sensor.valid_degc.map(|degc| degc + sensor.t_off_degc),
         },
         convention: ThermistorConvention::default(),
         covariance: Covariance { parameters: Vec::new(), units: Vec::new(), matrix: Vec::new() },

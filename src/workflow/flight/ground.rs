@@ -179,6 +179,12 @@ fn of_parameter_files(files: &[PathBuf], all: &str, findings: &mut Vec<Finding>)
             "make them again from runs with temperatures",
         ));
     };
+    // Beyond its table the thermistor is a polynomial that nothing holds.
+    let Some(valid_degc) = thermometer.body.within(valid_degc) else {
+        let [low, high] = thermometer.body.range_degc();
+        let rule = format!("tells temperatures from {low:.1} to {high:.1} °C, at which the calibration does not hold");
+        return Err(Finding::error(&shown, rule, "name the table of the thermistor that the sensor has"));
+    };
     let mut inputs = made.inputs;
     inputs.push(thermometer.input.clone());
     let convention = match made.calibration.parts().matrix {

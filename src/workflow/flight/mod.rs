@@ -166,7 +166,7 @@ pub struct Job {
 /// What is wrong with it; where that is several things, all but the last go to `findings`.
 pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Finding> {
     let leap = LeapSeconds::default();
-    let (mission, digested) = read_mission(path, &leap)?;
+    let (mut mission, digested) = read_mission(path, &leap)?;
     check_steps(path, &mission)?;
     let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let mut wrong: Vec<Finding> = Vec::new();
@@ -182,6 +182,17 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
         ground.push(read);
     }
     let mut table = |input: Input| inputs.push(input);
+    for sensor in &mut mission.sensors {
+        let Some((path, frame)) = &sensor.offsets else { continue };
+        let read = auxiliary::offsets(path, &sensor.name, *frame, &leap).and_then(|(further, input)| {
+            let all = [sensor.jumps.clone(), further].concat();
+            auxiliary::one_at_a_time(path, &all, &leap).map(|()| (all, input))
+        });
+        if let Some((all, input)) = take(read, &mut wrong) {
+            table(input);
+            sensor.jumps = all;
+        }
+    }
     let celestial = mission.celestial.as_ref();
     let attitude =
         celestial.and_then(|c| take(Timeline::open(&c.attitude, c.clone(), &leap), &mut wrong)).map(|(read, input)| {

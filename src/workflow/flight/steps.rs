@@ -11,7 +11,7 @@ use crate::flight::counts::CountsStep;
 use crate::flight::daily::{Continuity, DailyStep};
 use crate::flight::disturbance::{DisturbanceStep, max_gap_ns};
 use crate::flight::ground::{GroundStep, Limits, MatrixEntry, MatrixStep, ReadingNoise};
-use crate::flight::offsets::OffsetsStep;
+use crate::flight::offsets::{Offset, OffsetsStep};
 use crate::flight::rotate::RotateStep;
 use crate::flight::temperature::Thermometer;
 use crate::flight::{Block, Stage, Step, stage_of};
@@ -72,6 +72,10 @@ impl Steps {
             Vec::new()
         };
         for name in &mission.steps {
+            // Offsets in axes of the sensor belong to level A, whatever the place of the step and the levels that are made.
+            if name == "offsets" {
+                list.extend(offsets(sensor, OffsetFrame::Uvw).map(|step| (Stage::A, step)));
+            }
             let Some(stage) = stage_of(name).filter(|stage| *stage <= last) else { continue };
             match name.as_str() {
                 "counts" => list.push((stage, Box::new(counts(&sensor.counts)))),
@@ -104,10 +108,6 @@ impl Steps {
                     }
                 }
                 "rotate" => {
-                    // Offsets in axes of the sensor belong to level A, whatever the place of the step.
-                    if mission.steps.iter().any(|s| s == "offsets") {
-                        list.extend(offsets(sensor, OffsetFrame::Uvw).map(|step| (Stage::A, step)));
-                    }
                     let states = sensor.rotations.iter().map(|r| (r.span.from, r.span.to, r.uvw_to_sc)).collect();
                     list.push((stage, Box::new(RotateStep { states })));
                 }
@@ -152,9 +152,10 @@ fn counts(stated: &Counts) -> CountsStep {
 
 fn offsets(sensor: &Sensor, frame: OffsetFrame) -> Option<Box<dyn Step>> {
     let (own, other): (Vec<&Jump>, Vec<&Jump>) = sensor.jumps.iter().partition(|j| j.frame == frame);
-    let intervals: Vec<(i64, i64, Vector3<f64>)> = own.iter().map(|j| (j.span.from, j.span.to, j.subtract_nt)).collect();
+    let offset = |j: &&Jump| Offset { from: j.span.from, to: j.span.to, range: j.range, subtract_nt: j.subtract_nt };
+    let intervals: Vec<Offset> = own.iter().map(offset).collect();
     // The step in axes of the spacecraft says which vectors no interval of either frame holds.
-    let elsewhere = (frame == OffsetFrame::Sc).then(|| other.iter().map(|j| (j.span.from, j.span.to)).collect());
+    let elsewhere = (frame == OffsetFrame::Sc).then(|| other.iter().map(offset).collect());
     let acts = if frame == OffsetFrame::Sc { !sensor.jumps.is_empty() } else { !intervals.is_empty() };
     acts.then(|| Box::new(OffsetsStep { intervals, elsewhere }) as Box<dyn Step>)
 }

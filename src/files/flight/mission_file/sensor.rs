@@ -33,6 +33,8 @@ impl MissionFile<'_> {
             "noise_ent",
             "rotation",
             "jump",
+            "offsets",
+            "offsets_frame",
             "matrix",
         ])?;
         let name = needed(group, "name", group.text("name")?)?;
@@ -54,6 +56,8 @@ impl MissionFile<'_> {
         let counts = counts(group)?;
         let rotations = group.groups("rotation")?.iter().map(|g| self.rotation(g)).collect::<Result<Vec<_>, _>>()?;
         let jumps = group.groups("jump")?.iter().map(|g| self.jump(g)).collect::<Result<Vec<_>, _>>()?;
+        let table = self.path(group, "offsets")?;
+        let offsets = table.map(|table| frame_of(group, "offsets_frame").map(|frame| (table, frame))).transpose()?;
         let spans: Vec<Span> = rotations.iter().map(|r| r.span).collect();
         apart(group, "rotation", &spans)?;
         let spans: Vec<Span> = jumps.iter().map(|j: &Jump| j.span).collect();
@@ -87,6 +91,7 @@ impl MissionFile<'_> {
             noise_ent: noise(group)?,
             rotations,
             jumps,
+            offsets,
             matrices,
             name,
         })
@@ -109,13 +114,9 @@ impl MissionFile<'_> {
 
     fn jump(&self, group: &Group<'_>) -> Result<Jump, Finding> {
         group.only(&["from", "to", "frame", "subtract_nt"])?;
-        let frame = match needed(group, "frame", group.text("frame")?)?.as_str() {
-            "sc" => OffsetFrame::Sc,
-            "uvw" => OffsetFrame::Uvw,
-            _ => return Err(group.refuse("frame", "must be \"sc\" or \"uvw\"", "say in which axes the offset is")),
-        };
+        let frame = frame_of(group, "frame")?;
         let subtract_nt = needed(group, "subtract_nt", group.three("subtract_nt")?)?;
-        Ok(Jump { span: self.span(group)?, frame, subtract_nt: Vector3::from(subtract_nt) })
+        Ok(Jump { span: self.span(group)?, range: None, frame, subtract_nt: Vector3::from(subtract_nt) })
     }
 
     fn matrix(&self, group: &Group<'_>) -> Result<RangeMatrix, Finding> {
@@ -148,6 +149,15 @@ impl MissionFile<'_> {
             return Err(group.refuse("matrix", "has no inverse", "write its rows with all their digits"));
         }
         Ok(RangeMatrix { span: self.span(group)?, range, matrix, offset, added, covariance })
+    }
+}
+
+/// The axes in which an offset is taken off.
+fn frame_of(group: &Group<'_>, key: &str) -> Result<OffsetFrame, Finding> {
+    match needed(group, key, group.text(key)?)?.as_str() {
+        "sc" => Ok(OffsetFrame::Sc),
+        "uvw" => Ok(OffsetFrame::Uvw),
+        _ => Err(group.refuse(key, "must be \"sc\" or \"uvw\"", "say in which axes the offset is")),
     }
 }
 
