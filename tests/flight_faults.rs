@@ -7,7 +7,8 @@ use calfit::files::table::series::SeriesTable;
 use std::fs;
 use std::path::Path;
 
-const PLAIN: &str = r#"
+/// A sensor whose counts are its field, with one mode of a vector a second.
+pub const PLAIN: &str = r#"
 [[sensor]]
 name = "OB"
 ent_per_count = 1.0

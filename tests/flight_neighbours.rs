@@ -4,6 +4,7 @@
 use crate::apply::with_its_hash;
 use crate::common::check::{calfit, data, says, text};
 use crate::flight::{Set, Small, three};
+use crate::flight_faults::PLAIN;
 use calfit::files::table::series::SeriesTable;
 use std::fs;
 
@@ -15,20 +16,7 @@ fn first_flag(table: &SeriesTable) -> i64 {
 
 #[test]
 fn the_first_vector_behind_a_gap_over_midnight_has_its_flag() {
-    let configuration = r#"
-[[sensor]]
-name = "OB"
-ent_per_count = 1.0
-[[sensor.matrix]]
-from = "2015-01-01"
-to = "2016-01-01"
-matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-[[mode]]
-sid = "N"
-name = "normal"
-packet_s = 1
-primary = { rate_hz = 1.0, shift_s = 0.0 }
-"#;
+    let configuration = PLAIN.replace("sid = \"N\"", "sid = \"N\"\nname = \"normal\"");
     let head = "time_utc,bx,by,bz,quality,sid\n";
     // The last vector of the day before: a second, 40 minutes, and two days before the first one of the day.
     for (day, time, gap) in [
@@ -36,7 +24,7 @@ primary = { rate_hz = 1.0, shift_s = 0.0 }
         ("2015-06-30", "2015-06-30T23:20:00Z", GAP),
         ("2015-06-28", "2015-06-28T12:00:00Z", GAP),
     ] {
-        let small = Small::new(configuration, "");
+        let small = Small::new(&configuration, "");
         fs::remove_dir_all(small.folder.path().join("edited/sensor=OB")).unwrap();
         for (day, time) in [(day, time), ("2015-07-01", "2015-07-01T00:00:00Z")] {
             let folder = small.folder.path().join(format!("edited/sensor=OB/date={day}"));
@@ -225,28 +213,15 @@ fn the_configuration_of_rosetta_is_read_as_far_as_it_is_printed() {
 
 #[test]
 fn offsets_of_a_table_are_taken_off_by_time_and_range() {
-    let configuration = r#"
-[[sensor]]
-name = "OB"
-ent_per_count = [1.0, 1.0]
-offsets = "offsets.csv"
-offsets_frame = "uvw"
-[[sensor.matrix]]
-from = "2015-01-01"
-to = "2016-01-01"
-matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-[[mode]]
-sid = "N"
-packet_s = 1
-primary = { rate_hz = 1.0, shift_s = 0.0 }
-"#;
+    let keys = "ent_per_count = [1.0, 1.0]\noffsets = \"offsets.csv\"\noffsets_frame = \"uvw\"";
+    let configuration = PLAIN.replace("ent_per_count = 1.0", keys);
     let rows = "time_utc,bx,by,bz,quality,sid,range\n2015-06-29T11:00:00Z,100,200,300,0,N,0\n2015-06-29T11:00:01Z,100,200,300,0,N,1\n\
                 2015-06-29T12:00:00Z,100,200,300,0,N,0\n";
     let head = "from,to,sensor,range,x_nt,y_nt,z_nt\n";
     let own =
         "2015-06-29T00:00:00Z,2015-06-29T11:30:00Z,OB,0,1.5,-2,3\n2015-06-29T00:00:00Z,2015-06-29T11:30:00Z,OB,1,10,20,30\n";
     let other = "2015-06-29T00:00:00Z,2015-06-30T00:00:00Z,IB,,7,7,7\n";
-    let small = Small::new(configuration, rows);
+    let small = Small::new(&configuration, rows);
     let table = small.folder.path().join("offsets.csv");
     fs::write(&table, format!("{head}{own}{other}")).unwrap();
     let [x, y, z] = three(&small.level_a(), ["bx", "by", "bz"]);
