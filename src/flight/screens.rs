@@ -3,11 +3,13 @@
 
 use super::Block;
 use crate::data::flags::Flags;
-use crate::data::time::Tt2000;
+use crate::data::time::{SECOND_NS, Tt2000};
 use std::ops::Range;
 
 /// As many equal counts in a row stand still: noise and rotation change some of them.
 const LEAST_STILL: usize = 1000;
+/// A thermistor has one reading for many vectors, and steps of 0.03 K: at rest it may keep one count for so long, ns.
+const THERMISTOR_STILL_NS: i64 = 2 * 3600 * SECOND_NS;
 /// A count stands out that differs from both neighbours, in the same direction, by so many times what neighbours usually differ by, and by so
 /// many counts at least.
 const OUTSTANDING: f64 = 50.0;
@@ -27,7 +29,9 @@ pub fn notes(blocks: &[Block], span: &Range<Tt2000>, names: [&str; 4]) -> Vec<St
     };
     for (k, name) in names.into_iter().enumerate() {
         let parts = if k < 3 { of(|b, k| &b.field[k], k) } else { of(|b, _| &b.thermistor, k) };
-        if let Some((count, value)) = longest_still(&parts) {
+        let times: Vec<&[Tt2000]> = rows.iter().map(|(block, own)| &block.time[own.clone()]).collect();
+        let least_ns = if k < 3 { 0 } else { THERMISTOR_STILL_NS };
+        if let Some((count, value)) = longest_still(&parts, &times, least_ns) {
             notes.push(format!("`{name}` stands still: {count} vectors one after the other have the count {value}"));
         }
         if k < 3 {
@@ -41,18 +45,23 @@ pub fn notes(blocks: &[Block], span: &Range<Tt2000>, names: [&str; 4]) -> Vec<St
     notes
 }
 
-/// The longest run of equal values, if it is long enough to say something, and takes at least half of all.
-fn longest_still(parts: &[&[f64]]) -> Option<(usize, f64)> {
-    let (mut last, mut run, mut best) = (f64::NAN, 0, (0, f64::NAN));
-    for value in parts.iter().copied().flatten() {
-        run = if *value == last { run + 1 } else { 1 };
+/// The longest run of equal values, if it is long enough to say something, also in time, and takes at least half of all.
+fn longest_still(parts: &[&[f64]], times: &[&[Tt2000]], least_ns: i64) -> Option<(usize, f64)> {
+    let (mut last, mut run, mut begin) = (f64::NAN, 0, 0);
+    let (mut best, mut lasted_ns) = ((0, f64::NAN), 0);
+    for (value, time) in parts.iter().copied().flatten().zip(times.iter().copied().flatten()) {
+        if *value == last {
+            run += 1;
+        } else {
+            (run, begin) = (1, *time);
+        }
         last = *value;
         if run > best.0 {
-            best = (run, last);
+            (best, lasted_ns) = ((run, last), time - begin);
         }
     }
     let all: usize = parts.iter().map(|part| part.len()).sum();
-    Some(best).filter(|(count, _)| *count >= LEAST_STILL && 2 * count >= all)
+    Some(best).filter(|(count, _)| *count >= LEAST_STILL && 2 * count >= all && lasted_ns >= least_ns)
 }
 
 /// How much neighbours usually differ.
@@ -106,6 +115,14 @@ mod tests {
         assert_eq!(of(block(|_| 17.0, 4000)), ["`bx` stands still: 4000 vectors one after the other have the count 17"]);
         let spiky = of(block(|i| if i % 1500 == 700 { 90_000.0 } else { wave(i) }, 4000));
         assert_eq!(spiky, ["3 counts of `bx` stand out of those on either side; nothing was done about them"]);
+        // A thermistor at rest keeps its count for minutes, not for hours.
+        let at_rest = |step_ns: i64| Block {
+            time: (0..4000).map(|i| i * step_ns).collect(),
+            thermistor: vec![500.0; 4000],
+            ..block(wave, 4000)
+        };
+        assert!(of(at_rest(SECOND_NS)).is_empty());
+        assert_eq!(of(at_rest(2 * SECOND_NS)), ["`t_ob` stands still: 4000 vectors one after the other have the count 500"]);
         // A step stands out of nothing.
         assert!(of(block(|i| if i < 2000 { wave(i) } else { 90_000.0 + wave(i) }, 4000)).is_empty());
     }
