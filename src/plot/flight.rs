@@ -48,7 +48,9 @@ fn envelope(label: String, style: Style, extents: &Extents) -> Series {
 pub fn field(level: &str, what: &str, sensor: &str, day: &str, frame: &str, extents: &[Extents; 3]) -> Figure {
     Figure {
         title: format!("Level {level}, {sensor}, {day}"),
-        caption: format!("{what}. Frame: {frame}. For every column of the picture the range of the vectors; gaps are empty."),
+        caption: format!(
+            "{what}. Frame: {frame}. For every column of the picture the range of the vectors; columns near each other are joined, longer gaps are empty."
+        ),
         x_label: HOURS.to_owned(),
         x_scale: Scale::Linear,
         panels: panels(|c| Panel {

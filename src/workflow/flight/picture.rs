@@ -83,9 +83,9 @@ impl<'a> Pictures<'a> {
         let (what, frame) = match level {
             Level::A => ("Calibrated field at the sensor", self.frame[0]),
             Level::B => ("Calibrated field", self.frame[1]),
-            Level::K => ("Calibrated field without heater jumps", self.frame[1]),
+            Level::K => ("Calibrated field without the heater jumps that were found", self.frame[1]),
             Level::H => ("Calibrated field without wheels and lines", self.frame[2]),
-            Level::L => ("Calibrated field without heater jumps", self.frame[2]),
+            Level::L => ("Calibrated field without the heater jumps that were found", self.frame[2]),
             _ => ("Calibrated field", self.frame[2]),
         };
         let figure = figures::field(level.letter(), what, self.sensor, &day, frame, &extents(&span, rows));
