@@ -5,7 +5,7 @@
 //! simulated over all groups at once.
 
 use super::statistics::log_chi2_tail;
-use nalgebra::{DMatrix, DMatrixView, DVector};
+use nalgebra::{DMatrix, DVector};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
@@ -193,32 +193,16 @@ impl Fitted {
     /// What the model leaves of whitened columns.
     #[must_use]
     pub fn beside(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
-        columns - &self.base * (self.base.transpose() * columns)
+        columns - &self.base * self.base.tr_mul(columns)
     }
 
     /// A group of whitened columns beside this model.
     #[must_use]
     pub fn group(&self, columns: &DMatrix<f64>) -> Group {
-        self.group_of(columns.as_view(), &self.beside(columns))
-    }
-
-    /// Groups of whitened columns beside this model, which stand next to each other, each with its width: many columns at once are projected
-    /// several times as fast.
-    #[must_use]
-    pub fn groups(&self, columns: &DMatrix<f64>, widths: &[usize]) -> Vec<Group> {
-        let left = self.beside(columns);
-        let begins = widths.iter().scan(0, |next, width| Some(std::mem::replace(next, *next + width)));
-        let groups = begins.zip(widths);
-        groups
-            .map(|(from, width)| self.group_of(columns.columns(from, *width), &left.columns(from, *width).into_owned()))
-            .collect()
-    }
-
-    /// A group from its columns and what the model leaves of them.
-    fn group_of(&self, columns: DMatrixView<'_, f64>, left: &DMatrix<f64>) -> Group {
         let before = columns.norm();
+        let left = self.beside(columns);
         let surviving = if before > 0.0 { left.norm() / before } else { 0.0 };
-        let base = if surviving > 1e-7 { orthonormal(left, None, 1e-6) } else { DMatrix::zeros(columns.nrows(), 0) };
+        let base = if surviving > 1e-7 { orthonormal(&left, None, 1e-6) } else { DMatrix::zeros(columns.nrows(), 0) };
         let part = |a: usize| base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]);
         let cross = [0, 1, 2].map(|a| part(a).tr_mul(&part(a)));
         let on = std::array::from_fn(|a| columns.rows(self.edges[a], self.edges[a + 1] - self.edges[a]).norm() > 1e-3 * before);

@@ -5,7 +5,6 @@ use super::{Block, Step};
 use crate::data::flags::Flags;
 use crate::data::time::Tt2000;
 use crate::model::polynomial::{TemperaturePolynomial, value};
-use nalgebra::DVector;
 use std::collections::HashMap;
 
 /// The model of one day.
@@ -41,12 +40,8 @@ pub struct Joined {
 
 /// The variance of a model at a temperature, or of the difference of its values at two, nT²; a model without a stated covariance has none.
 fn variance_nt2(polynomial: &TemperaturePolynomial, degc: f64, from_degc: Option<f64>) -> f64 {
-    let count = polynomial.coefficients.len();
-    if polynomial.covariance.shape() != (count, count) {
-        return 0.0;
-    }
-    let slopes = DVector::from_fn(count, |k, _| degc.powi(k as i32) - from_degc.map_or(0.0, |from| from.powi(k as i32)));
-    slopes.dot(&(&polynomial.covariance * &slopes)).max(0.0)
+    let variance = polynomial.variance_of(|k| degc.powi(k as i32) - from_degc.map_or(0.0, |from| from.powi(k as i32)));
+    if variance.is_nan() { 0.0 } else { variance }
 }
 
 impl Step for DailyStep {

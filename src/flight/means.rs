@@ -60,10 +60,15 @@ impl Means {
     pub fn covariances_nt2(&self, blocks: &[Block]) -> [Vec<[f64; 6]>; 2] {
         let own: Vec<&[f32; 6]> = blocks.iter().flat_map(|b| &b.own_nt2).collect();
         let common: Vec<&[f32; 6]> = blocks.iter().flat_map(|b| &b.common_nt2).collect();
-        let mean_of = |list: &[&[f32; 6]], (first, last): (usize, usize), place: usize| -> f64 {
-            let there = list.get(first..last).unwrap_or_default().iter().map(|c| f64::from(c[place])).filter(|v| !v.is_nan());
-            let (sum, count) = there.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
-            sum / count
+        let mean_of = |list: &[&[f32; 6]], (first, last): (usize, usize)| -> [f64; 6] {
+            let mut sums = [(0.0, 0.0); 6];
+            for covariance in list.get(first..last).unwrap_or_default() {
+                for ((sum, count), element) in sums.iter_mut().zip(covariance.iter()).filter(|(_, v)| !v.is_nan()) {
+                    *sum += f64::from(*element);
+                    *count += 1.0;
+                }
+            }
+            sums.map(|(sum, count)| sum / count)
         };
         let of = |list: &[&[f32; 6]], falls: bool| {
             if list.is_empty() {
@@ -71,7 +76,7 @@ impl Means {
             }
             let each = self.rows.iter().zip(&self.count).map(|(rows, count)| {
                 let n = if falls { f64::from(*count) } else { 1.0 };
-                std::array::from_fn(|place| mean_of(list, *rows, place) / n)
+                mean_of(list, *rows).map(|mean| mean / n)
             });
             each.collect::<Vec<[f64; 6]>>()
         };

@@ -2,40 +2,20 @@
 
 use super::{Block, Step};
 use crate::data::flags::Flags;
-use crate::data::time::Tt2000;
-use nalgebra::Vector3;
-
-/// An offset that holds for some time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Offset {
-    /// Begin.
-    pub from: Tt2000,
-    /// End, not of it.
-    pub to: Tt2000,
-    /// Of which range index; of all ranges without one.
-    pub range: Option<u8>,
-    /// nT.
-    pub subtract_nt: Vector3<f64>,
-}
-
-impl Offset {
-    fn holds(&self, time: Tt2000, range: u8) -> bool {
-        (self.from..self.to).contains(&time) && self.range.is_none_or(|own| own == range)
-    }
-}
+use crate::files::flight::mission::Jump;
 
 /// Offsets by time, `[from, to)`; outside of all of them nothing is subtracted, with a flag.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OffsetsStep {
     /// The offsets.
-    pub intervals: Vec<Offset>,
+    pub intervals: Vec<Jump>,
     /// Offsets that are subtracted in another frame; absent for a step that leaves the flag to that one.
-    pub elsewhere: Option<Vec<Offset>>,
+    pub elsewhere: Option<Vec<Jump>>,
 }
 
 impl Step for OffsetsStep {
     fn apply(&self, block: &mut Block) {
-        let mut last: Option<&Offset> = None;
+        let mut last: Option<&Jump> = None;
         for row in 0..block.len() {
             let (time, range) = (block.time[row], block.range[row]);
             if !last.is_some_and(|own| own.holds(time, range)) {
@@ -44,7 +24,7 @@ impl Step for OffsetsStep {
             match last {
                 Some(own) => (0..3).for_each(|i| block.field[i][row] -= own.subtract_nt[i]),
                 None => {
-                    let outside = |list: &Vec<Offset>| !list.iter().any(|own| own.holds(time, range));
+                    let outside = |list: &Vec<Jump>| !list.iter().any(|own| own.holds(time, range));
                     if self.elsewhere.as_ref().is_some_and(outside) {
                         block.flags[row] |= Flags::JUMP.0;
                     }

@@ -27,9 +27,9 @@ pub fn notes(blocks: &[Block], span: &Range<Tt2000>, names: [&str; 4]) -> Vec<St
     let of = |column: fn(&Block, usize) -> &[f64], k: usize| -> Vec<&[f64]> {
         rows.iter().map(|(block, own)| &column(block, k)[own.clone()]).collect()
     };
+    let times: Vec<&[Tt2000]> = rows.iter().map(|(block, own)| &block.time[own.clone()]).collect();
     for (k, name) in names.into_iter().enumerate() {
         let parts = if k < 3 { of(|b, k| &b.field[k], k) } else { of(|b, _| &b.thermistor, k) };
-        let times: Vec<&[Tt2000]> = rows.iter().map(|(block, own)| &block.time[own.clone()]).collect();
         let least_ns = if k < 3 { 0 } else { THERMISTOR_STILL_NS };
         if let Some((count, value)) = longest_still(&parts, &times, least_ns) {
             notes.push(format!("`{name}` stands still: {count} vectors one after the other have the count {value}"));

@@ -51,15 +51,22 @@ impl TemperaturePolynomial {
     /// coefficients gives NaN.
     #[must_use]
     pub fn evaluate(&self, temperature_degc: f64) -> (f64, f64) {
-        let value = value(&self.coefficients, temperature_degc);
+        let variance = self.variance_of(|k| temperature_degc.powi(k as i32));
+        (value(&self.coefficients, temperature_degc), variance.sqrt())
+    }
+
+    /// Variance of the sum of the coefficients with weights, such as the powers of a temperature; NaN where the covariance has another size
+    /// than the coefficients.
+    #[must_use]
+    pub fn variance_of(&self, weight: impl Fn(usize) -> f64) -> f64 {
         let count = self.coefficients.len();
         if self.covariance.shape() != (count, count) {
-            return (value, f64::NAN);
+            return f64::NAN;
         }
-        let powers = DMatrix::from_fn(count, 1, |k, _| temperature_degc.powi(k as i32));
-        let variance = powers.dot(&(&self.covariance * &powers));
+        let weights = DMatrix::from_fn(count, 1, |k, _| weight(k));
+        let variance = weights.dot(&(&self.covariance * &weights));
         // Rounding may make a variance near zero negative; `max` would turn NaN into zero.
-        (value, if variance < 0.0 { 0.0 } else { variance.sqrt() })
+        if variance < 0.0 { 0.0 } else { variance }
     }
 
     /// The same polynomial in powers of `T - degc`, in the same range of temperatures.

@@ -76,6 +76,11 @@ impl Jumps {
     pub fn strength(&self) -> f64 {
         self.jumps[0].1.abs() / LEAST_JUMP_K
     }
+
+    /// Takes the jumps before a time, s, off a reading, °C.
+    fn take_off(&self, t_s: f64, value: &mut f64) {
+        self.jumps.iter().filter(|(at_s, _)| t_s >= *at_s).for_each(|(_, size)| *value -= size);
+    }
 }
 
 /// What is wrong with a temperature channel.
@@ -266,28 +271,6 @@ struct Channel<'a> {
     series: Vec<(f64, f64)>,
     interval_s: f64,
     median: f64,
-}
-
-impl Channel<'_> {
-    /// The jumps between two times, s since the run's start; `None` where there is none.
-    fn jumps_between(&self, all: &[Channel], span_s: [f64; 2]) -> Option<Jumps> {
-        let others: Vec<&Channel> = all.iter().filter(|c| c.name != self.name).collect();
-        let changes = self.changes();
-        let places = self.places_of_jumps(&changes, &others);
-        let sized = |i: &usize| {
-            let place = changes[*i].0;
-            let is_alone = places.iter().all(|other| other == i || changes[*other].0.abs_diff(place) > SIDES);
-            let by_cubic = if is_alone { step_at(&self.series, place) } else { None };
-            Some((self.series[place].0, by_cubic.or_else(|| far_faster_k(&changes, *i))?))
-        };
-        let mut jumps: Vec<(f64, f64)> = places.iter().filter_map(sized).collect();
-        jumps.retain(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
-        jumps.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-        jumps.truncate(MOST_JUMPS);
-        let (_, largest_k) = jumps.first().copied()?;
-        let probability = self.probability_of(&changes, largest_k);
-        Some(Jumps { channel: self.name.to_owned(), jumps, readings: self.series.len(), probability })
-    }
 }
 
 impl<'a> Channel<'a> {
@@ -488,6 +471,26 @@ impl<'a> Channel<'a> {
         }
         Some(self.fault(Fault::Apart { neighbour: neighbour.name.to_owned(), by_k, decided }, probability))
     }
+
+    /// The jumps between two times, s since the run's start; `None` where there is none.
+    fn jumps_between(&self, all: &[Channel], span_s: [f64; 2]) -> Option<Jumps> {
+        let others: Vec<&Channel> = all.iter().filter(|c| c.name != self.name).collect();
+        let changes = self.changes();
+        let places = self.places_of_jumps(&changes, &others);
+        let sized = |i: &usize| {
+            let place = changes[*i].0;
+            let is_alone = places.iter().all(|other| other == i || changes[*other].0.abs_diff(place) > SIDES);
+            let by_cubic = if is_alone { step_at(&self.series, place) } else { None };
+            Some((self.series[place].0, by_cubic.or_else(|| far_faster_k(&changes, *i))?))
+        };
+        let mut jumps: Vec<(f64, f64)> = places.iter().filter_map(sized).collect();
+        jumps.retain(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
+        jumps.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        jumps.truncate(MOST_JUMPS);
+        let (_, largest_k) = jumps.first().copied()?;
+        let probability = self.probability_of(&changes, largest_k);
+        Some(Jumps { channel: self.name.to_owned(), jumps, readings: self.series.len(), probability })
+    }
 }
 
 /// By how much a change exceeds what the channel does in the same time before and after it, K, if that is far more. The last one of a record or
@@ -561,10 +564,7 @@ pub fn without_jumps(table: &SlowTable, span_s: [f64; 2]) -> (Vec<Jumps>, SlowTa
     for channel in &channels {
         let Some(found) = channel.jumps_between(&channels, span_s) else { continue };
         let index = table.names.iter().position(|name| name == channel.name).unwrap_or(0);
-        for (t_s, size) in &found.jumps {
-            let from = mended.t_s.partition_point(|t| t < t_s);
-            mended.values[index][from..].iter_mut().for_each(|value| *value -= size);
-        }
+        mended.t_s.iter().zip(&mut mended.values[index]).for_each(|(t_s, value)| found.take_off(*t_s, value));
         found_in.push(found);
     }
     (found_in, mended)
@@ -578,8 +578,8 @@ pub fn readings(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Vec<(f64, f64
     let table = &run.temperatures;
     let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
     let found = channels.iter().find(|c| c.name == name).and_then(|own| own.jumps_between(&channels, span_s));
-    for (at_s, size) in found.into_iter().flat_map(|found| found.jumps) {
-        series.iter_mut().filter(|(t_s, _)| *t_s >= at_s).for_each(|(_, value)| *value -= size);
+    if let Some(found) = found {
+        series.iter_mut().for_each(|(t_s, value)| found.take_off(*t_s, value));
     }
     Some(series)
 }

@@ -245,17 +245,7 @@ impl<'a> Means<'a> {
     /// All candidates beside a model.
     #[must_use]
     pub fn groups(&self, model: &MeansModel) -> Vec<Group> {
-        let of = |some: &[Candidate]| -> Vec<Group> {
-            let widths: Vec<usize> = some.iter().map(|c| c.columns.ncols()).collect();
-            let mut columns = DMatrix::zeros(3 * self.rows(), widths.iter().sum());
-            let mut at = 0;
-            for (candidate, width) in some.iter().zip(&widths) {
-                columns.columns_mut(at, *width).copy_from(&candidate.columns);
-                at += width;
-            }
-            model.fitted.groups(&self.whiten(&model.noise, &columns), &widths)
-        };
-        self.candidates.par_chunks(AT_ONCE).flat_map_iter(of).collect()
+        self.candidates.par_iter().with_min_len(AT_ONCE).map(|c| self.group(model, c)).collect()
     }
 
     /// One candidate beside a model.

@@ -349,34 +349,6 @@ pub fn offsets(path: &Path, sensor: &str, frame: OffsetFrame, leap: &LeapSeconds
     Ok((list, input(path)?))
 }
 
-/// Refuses offsets two of which hold for a moment and a range.
-///
-/// # Errors
-/// The first two that do.
-pub fn one_at_a_time(path: &Path, jumps: &[Jump], leap: &LeapSeconds) -> Result<(), Finding> {
-    let mut sorted: Vec<&Jump> = jumps.iter().collect();
-    sorted.sort_by_key(|jump| jump.span);
-    let mut ranges: Vec<Option<u8>> = jumps.iter().map(|jump| jump.range).collect();
-    ranges.sort_unstable();
-    ranges.dedup();
-    for range in ranges {
-        // An offset without a range holds for every one.
-        let own: Vec<&Jump> =
-            sorted.iter().copied().filter(|jump| range.is_none() || jump.range.is_none() || jump.range == range).collect();
-        let competes = |pair: &&[&Jump]| {
-            pair[0].span.meets(&pair[1].span)
-                && (pair[0].range == pair[1].range || pair[0].range.is_none() || pair[1].range.is_none())
-        };
-        if let Some(pair) = own.windows(2).find(competes) {
-            let rule = format!("two offsets of the sensor hold at {}", leap.utc(pair[1].span.from));
-            let remedy =
-                "intervals are half-open, [from, to), one for every moment and range; [[sensor.jump]] counts with the table";
-            return Err(Finding::error(&path.display().to_string(), rule, remedy));
-        }
-    }
-    Ok(())
-}
-
 /// Reads a table of heater states.
 ///
 /// # Errors

@@ -70,12 +70,12 @@ impl Rows {
 
     /// The same with further rows behind them.
     pub fn append(&mut self, mut other: Rows) {
-        other.is_continued |= self.is_continued;
         if self.tag.is_empty() {
+            other.is_continued |= self.is_continued;
             *self = other;
             return;
         }
-        self.is_continued = other.is_continued;
+        self.is_continued |= other.is_continued;
         self.tag.append(&mut other.tag);
         self.obt_s.append(&mut other.obt_s);
         self.counts.iter_mut().zip(&mut other.counts).for_each(|(own, more)| own.append(more));

@@ -29,6 +29,17 @@ impl Span {
     }
 }
 
+/// A moment at which two of some entries hold, each for some time and for a range, or for all ranges without one; `None` where there is none.
+#[must_use]
+pub fn overlap(entries: impl IntoIterator<Item = (Span, Option<u8>)>) -> Option<Tt2000> {
+    let mut sorted: Vec<(Span, Option<u8>)> = entries.into_iter().collect();
+    sorted.sort_unstable();
+    sorted.iter().enumerate().find_map(|(index, (span, range))| {
+        let mut later = sorted[index + 1..].iter().take_while(|(other, _)| other.from < span.to);
+        later.find(|(_, other)| range.is_none() || other.is_none() || range == other).map(|(other, _)| other.from)
+    })
+}
+
 /// Which of the time columns counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TimeColumn {
@@ -95,6 +106,14 @@ pub struct Jump {
     pub frame: OffsetFrame,
     /// nT, to be subtracted.
     pub subtract_nt: Vector3<f64>,
+}
+
+impl Jump {
+    /// Whether it holds for a vector.
+    #[must_use]
+    pub fn holds(&self, time: Tt2000, range: u8) -> bool {
+        self.span.holds(time) && self.range.is_none_or(|own| own == range)
+    }
 }
 
 /// A matrix with an offset in place of a ground calibration, for a range and some time.

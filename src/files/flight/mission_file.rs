@@ -4,7 +4,7 @@ mod sensor;
 
 use super::mission::{
     Celestial, Common, Disturbance, Heater, MeansFrame, Mission, Mode, OutsideTemperature, Rate, Roles, Sensor, Span, TimeColumn,
-    Wheels,
+    Wheels, overlap,
 };
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
@@ -388,11 +388,11 @@ fn output(root: &Group<'_>, key: &str, default: bool) -> Result<bool, Finding> {
 
 /// Stretches of one list must not overlap.
 fn apart(group: &Group<'_>, key: &str, spans: &[Span]) -> Result<(), Finding> {
-    let mut sorted = spans.to_vec();
-    sorted.sort_unstable();
-    match sorted.windows(2).any(|pair| pair[0].meets(&pair[1])) {
-        true => Err(group.refuse(key, "has intervals that overlap", "intervals are half-open, [from, to), one for every moment")),
-        false => Ok(()),
+    match overlap(spans.iter().map(|span| (*span, None))) {
+        Some(_) => {
+            Err(group.refuse(key, "has intervals that overlap", "intervals are half-open, [from, to), one for every moment"))
+        }
+        None => Ok(()),
     }
 }
 

@@ -28,7 +28,7 @@ use crate::data::time::{LeapSeconds, Tt2000};
 use crate::files::flight::auxiliary::{self, Attitude, HeaterOn, Positions, Timeline, WheelRates};
 use crate::files::flight::daily::{self, DailyModel};
 use crate::files::flight::edited::{BEYOND_NS, Catalogue, EditedFile};
-use crate::files::flight::mission::{Mission, Sensor};
+use crate::files::flight::mission::{Mission, Sensor, overlap};
 use crate::files::flight::read_mission;
 use crate::files::output::Folder;
 use crate::files::source::hex;
@@ -186,7 +186,15 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
         let Some((path, frame)) = &sensor.offsets else { continue };
         let read = auxiliary::offsets(path, &sensor.name, *frame, &leap).and_then(|(further, input)| {
             let all = [sensor.jumps.clone(), further].concat();
-            auxiliary::one_at_a_time(path, &all, &leap).map(|()| (all, input))
+            match overlap(all.iter().map(|jump| (jump.span, jump.range))) {
+                Some(at) => {
+                    let rule = format!("two offsets of the sensor hold at {}", leap.utc(at));
+                    let remedy =
+                        "intervals are half-open, [from, to), one for every moment and range; [[sensor.jump]] counts with the table";
+                    Err(Finding::error(&path.display().to_string(), rule, remedy))
+                }
+                None => Ok((all, input)),
+            }
         });
         if let Some((all, input)) = take(read, &mut wrong) {
             table(input);

@@ -11,7 +11,7 @@ use crate::flight::counts::CountsStep;
 use crate::flight::daily::{Continuity, DailyStep};
 use crate::flight::disturbance::{DisturbanceStep, max_gap_ns};
 use crate::flight::ground::{GroundStep, Limits, MatrixEntry, MatrixStep, ReadingNoise};
-use crate::flight::offsets::{Offset, OffsetsStep};
+use crate::flight::offsets::OffsetsStep;
 use crate::flight::rotate::RotateStep;
 use crate::flight::temperature::Thermometer;
 use crate::flight::{Block, Stage, Step, stage_of};
@@ -151,11 +151,9 @@ fn counts(stated: &Counts) -> CountsStep {
 }
 
 fn offsets(sensor: &Sensor, frame: OffsetFrame) -> Option<Box<dyn Step>> {
-    let (own, other): (Vec<&Jump>, Vec<&Jump>) = sensor.jumps.iter().partition(|j| j.frame == frame);
-    let offset = |j: &&Jump| Offset { from: j.span.from, to: j.span.to, range: j.range, subtract_nt: j.subtract_nt };
-    let intervals: Vec<Offset> = own.iter().map(offset).collect();
+    let (intervals, other): (Vec<Jump>, Vec<Jump>) = sensor.jumps.iter().copied().partition(|j| j.frame == frame);
     // The step in axes of the spacecraft says which vectors no interval of either frame holds.
-    let elsewhere = (frame == OffsetFrame::Sc).then(|| other.iter().map(offset).collect());
+    let elsewhere = (frame == OffsetFrame::Sc).then_some(other);
     let acts = if frame == OffsetFrame::Sc { !sensor.jumps.is_empty() } else { !intervals.is_empty() };
     acts.then(|| Box::new(OffsetsStep { intervals, elsewhere }) as Box<dyn Step>)
 }

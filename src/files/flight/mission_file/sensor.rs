@@ -3,7 +3,7 @@
 use super::{MissionFile, apart, at_least_zero, needed, positive};
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
-use crate::files::flight::mission::{Boom, Counts, Jump, OffsetFrame, RangeMatrix, Sensor, Span};
+use crate::files::flight::mission::{Boom, Counts, Jump, OffsetFrame, RangeMatrix, Sensor, Span, overlap};
 use crate::files::parameter::is_covariance;
 use crate::files::text::Group;
 use nalgebra::{Matrix3, Vector3};
@@ -62,10 +62,7 @@ impl MissionFile<'_> {
         apart(group, "rotation", &spans)?;
         let spans: Vec<Span> = jumps.iter().map(|j: &Jump| j.span).collect();
         apart(group, "jump", &spans)?;
-        // A matrix without a range is for every range.
-        let share_a_range = |a: &RangeMatrix, b: &RangeMatrix| a.range == b.range || a.range.is_none() || b.range.is_none();
-        let compete = |a: &RangeMatrix, b: &RangeMatrix| a.span.meets(&b.span) && share_a_range(a, b);
-        if matrices.iter().enumerate().any(|(index, own)| matrices[..index].iter().any(|other| compete(own, other))) {
+        if overlap(matrices.iter().map(|m| (m.span, m.range))).is_some() {
             let remedy = "let one matrix hold for every moment and range; one without `range` is for all ranges";
             return Err(group.refuse("matrix", "has intervals that overlap for one range", remedy));
         }
