@@ -326,3 +326,47 @@ fn the_uncertainty_of_the_facility_is_in_the_polynomials_of_a_sweep() {
 fn text_of(output: &std::process::Output) -> String {
     text(&output.stderr)
 }
+
+/// Run 13 of the twin of March 1998: 24 hours in units of the facility, whose coils and rack take part in the temperatures of the hall, and a
+/// sensor that follows its thermistor with eight minutes while dry ice cools it by a kelvin a minute.
+#[test]
+fn a_day_of_march_1998_is_right_with_its_facility() {
+    const DEGC: [f64; 5] = [-30.0, -10.0, 0.0, 10.0, 25.0];
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut twin = twin::read(&root.join("configs/champ-1998.toml"), &mut Vec::new()).unwrap();
+    twin.runs.retain(|run| run.id == "98-03-24_11-51-00");
+    let facility = root.join("tests/data/champ/facility.toml");
+    let (mut values, mut slopes) = (Vec::new(), Vec::new());
+    for seed in 1..=3 {
+        let case = campaign(&twin, seed);
+        // The orders of section 8; angles are squares as well.
+        let orders = ["--order", "sigma=2", "--order", "xi=2", "--order", "b_or=3"];
+        let arguments = [&["--no-plots", "--facility", facility.to_str().unwrap()], orders.as_slice()].concat();
+        let output = case.run("thermal", &arguments);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let file = parameters(&case.out().join("98-03-24_11-51-00/THERMAL_PARAMETER__98-03-24-11-51-00.TPF"));
+        assert_eq!(decided(&file, "form"), Some("first order"));
+        let [lag_s, std_s] = ["lag_s", "std_s"].map(|key| applied_s(&file, key).unwrap());
+        assert!((lag_s - 480.0).abs() < 3.0 * std_s, "{lag_s} {std_s}");
+        // The gain that lags behind the thermistor in the fast cooling is no jump of it.
+        assert!(!file["warning_kinds"].to_string().contains("gain_jump"), "{}", file["warnings"]);
+        let model = &twin.sensors[0].model;
+        let truths = [&model.sigma[..], &model.xi_deg[..]].concat();
+        for (k, truth) in truths.iter().enumerate() {
+            let coefficients = list(file[NAMES[k]].as_value().unwrap());
+            let covariance: Vec<Vec<f64>> = file["covariance"][NAMES[k]].as_array().unwrap().iter().map(list).collect();
+            let off: Vec<f64> = (0..3).map(|i| coefficients[i] - truth.get(i).unwrap_or(&0.0)).collect();
+            let pull = |weights: [f64; 3]| {
+                let sum: f64 = (0..3).map(|i| weights[i] * off[i]).sum();
+                let variance: f64 = (0..9).map(|n| weights[n / 3] * weights[n % 3] * covariance[n / 3][n % 3]).sum();
+                sum / variance.sqrt()
+            };
+            values.extend(DEGC.map(|t| pull([1.0, t, t * t])));
+            slopes.extend(DEGC.map(|t| pull([0.0, 1.0, 2.0 * t])));
+        }
+    }
+    println!("values {:.2}, slopes {:.2}", rms(&values), rms(&slopes));
+    for pulls in [values, slopes] {
+        assert!((0.7..1.3).contains(&rms(&pulls)) && pulls.iter().all(|p| p.abs() < 5.0), "{pulls:?}");
+    }
+}

@@ -137,8 +137,12 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     conditions::warn_of_plateaus(&mut notes, run, plateaus);
     conditions::warn_of_run(&mut notes, run, instructions);
     // One order higher: the elements of the response bend where sensitivities are straight.
-    let columns = means.baseline(degc, settled.orders.higher().linear()).columns(&means.fields_nt, degc);
-    // The temperature with its lag: what the polynomials are of.
+    let linear = means.baseline(degc, settled.orders.higher().linear());
+    let columns = linear.columns(&means.fields_nt, degc);
+    // The temperature with its lag: what the polynomials are of. Where a lag is left out, fast cooling passes for a jump of the gain.
+    let left = linear.fit(&means.fields_nt, degc, &means.readings_ent, &Limits::default())?;
+    let responses = 3 * (linear.response_order() + 1);
+    notes.extend(inside::gain_jumps(&columns, responses, &left.coefficients, &left.residuals, &means.t_s));
     notes.extend(structure::note(&structure::Rows::of(&list, &used, &settled.moved, &columns, &settled.noise)));
     let mut head = conditions::head(run, instructions, &temperatures);
     head.temperature_degc = Some(degc.iter().sum::<f64>() / degc.len() as f64);
@@ -202,9 +206,6 @@ fn plausible(
     let split = split(&phi, r_nom).map_err(|_| no_sensor)?;
     screens::judge(screens::gain(&split), options.allow_gain, &mut notes)?;
     notes.extend(screens::axes(&split));
-    let columns = baseline.columns(&means.fields_nt, degc);
-    let responses = 3 * (baseline.response_order() + 1);
-    notes.extend(inside::gain_jumps(&columns, responses, &fit.coefficients, &fit.residuals, &means.t_s));
     Ok(notes)
 }
 
