@@ -1,0 +1,225 @@
+//! Jumps of temperature channels: where they are, how large, and the readings without them.
+
+use super::channel::{Channel, GAP, usual_interval_s};
+use super::{ChannelFault, Fault};
+use crate::data::run::{Run, SlowTable, interpolate};
+use crate::fit::statistics::{median, two_sided_tail};
+use nalgebra::DMatrix;
+
+/// A jump of this many times the usual size of such steps, in standard deviations.
+const JUMP: f64 = 9.0;
+/// Smallest jump, K.
+const LEAST_JUMP_K: f64 = 0.3;
+/// Readings on both sides.
+const SIDES: usize = 6;
+/// Most jumps of one channel.
+const MOST_JUMPS: usize = 6;
+/// Readings on either side that say how fast a channel moves otherwise.
+const RATES: usize = 5;
+/// Readings on either side in which a body that takes up heat goes on.
+const NEAR: usize = 2;
+/// A channel that jumps again and again does so by this much at least, K: below, a step has to stand alone, see [`LEAST_JUMP_K`].
+const LEAST_REPEATED_K: f64 = 1.0;
+/// It changes by this many times what it does otherwise in the same time. A body that takes up heat with a time constant of half an interval
+/// shows 86 % of a step in the first one and 12 % in the second: 7 times.
+const FASTER: f64 = 8.0;
+/// The course of a body is known to half of what its rate changes by from before to after; a jump exceeds it by this many times the whole.
+const OF_COURSE: f64 = 4.0;
+/// Another channel that moves by this part of it at the same time shows that the step is real.
+const SHARED: f64 = 0.3;
+
+/// A temperature channel that jumps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Jumps {
+    /// The channel.
+    pub channel: String,
+    /// Every jump, the largest first: time, s since the run's start, and size, K.
+    pub jumps: Vec<(f64, f64)>,
+    /// Readings of the channel.
+    pub readings: usize,
+    /// Probability that noise of the channel makes the largest one.
+    pub probability: f64,
+}
+
+impl Jumps {
+    /// The largest jump in units of the smallest that counts.
+    #[must_use]
+    pub fn strength(&self) -> f64 {
+        self.jumps[0].1.abs() / LEAST_JUMP_K
+    }
+
+    /// Takes the jumps before a time, s, off a reading, °C.
+    fn take_off(&self, t_s: f64, value: &mut f64) {
+        self.jumps.iter().filter(|(at_s, _)| t_s >= *at_s).for_each(|(_, size)| *value -= size);
+    }
+}
+
+impl Channel<'_> {
+    pub(super) fn jumps(&self, others: &[&Channel]) -> Option<ChannelFault> {
+        let changes = self.changes();
+        let jumps = self.places_of_jumps(&changes, others);
+        let of = |i: usize| (self.series[changes[i].0].0, changes[i].1);
+        let largest = jumps.iter().map(|i| of(*i)).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+        let fault = Fault::Jumps { count: jumps.len(), t_s: largest.0, size_k: largest.1 };
+        let over_k = jumps.iter().filter_map(|i| far_faster_k(&changes, *i)).fold(0.0, |most: f64, k| most.max(k.abs()));
+        Some(self.fault(fault, self.probability_of(&changes, over_k)))
+    }
+
+    /// Probability that noise makes a change as large as this one anywhere.
+    fn probability_of(&self, changes: &[(usize, f64, f64)], by_k: f64) -> f64 {
+        let noise_k = self.noise_of_changes_k(changes);
+        (changes.len() as f64 * if noise_k > 0.0 { two_sided_tail(by_k.abs() / noise_k) } else { 0.0 }).min(1.0)
+    }
+
+    /// The changes that are jumps.
+    fn places_of_jumps(&self, changes: &[(usize, f64, f64)], others: &[&Channel]) -> Vec<usize> {
+        if changes.is_empty() {
+            return Vec::new();
+        }
+        let noise_k = self.noise_of_changes_k(changes);
+        // What the course of the body does not make of it.
+        let is_large = |i: &usize| {
+            far_faster_k(changes, *i).is_some_and(|over_k| over_k.abs() > LEAST_REPEATED_K && over_k.abs() > JUMP * noise_k)
+        };
+        let mut places: Vec<usize> = (0..changes.len()).filter(is_large).collect();
+        if let Some((t_s, _)) = step(&self.series) {
+            // A smaller step that stands alone.
+            let alone = changes.iter().position(|(place, ..)| self.series[*place].0 == t_s);
+            places.extend(alone.filter(|i| !places.contains(i)));
+        }
+        let is_shared = |i: usize, over_k: f64| {
+            let [before_s, after_s] = [self.series[changes[i].0 - 1].0, self.series[changes[i].0].0];
+            others.iter().any(|o| o.moves_along(before_s, after_s, over_k))
+        };
+        places.retain(|i| far_faster_k(changes, *i).is_some_and(|over_k| !is_shared(*i, over_k)));
+        places
+    }
+
+    /// Whether it moves with a step of another channel, beyond what it does before and after.
+    fn moves_along(&self, before_s: f64, after_s: f64, by_k: f64) -> bool {
+        let at = |t_s: f64| interpolate(&self.series, t_s);
+        let aside_s = RATES as f64 * self.interval_s;
+        let beside = 0.5 * (at(before_s) - at(before_s - aside_s) + at(after_s + aside_s) - at(after_s)) / aside_s;
+        let moved = at(after_s) - at(before_s) - beside * (after_s - before_s);
+        moved * by_k.signum() >= SHARED * by_k.abs()
+    }
+
+    /// The jumps between two times, s since the run's start; `None` where there is none.
+    fn jumps_between(&self, all: &[Channel], span_s: [f64; 2]) -> Option<Jumps> {
+        let others: Vec<&Channel> = all.iter().filter(|c| c.name != self.name).collect();
+        let changes = self.changes();
+        let places = self.places_of_jumps(&changes, &others);
+        let sized = |i: &usize| {
+            let place = changes[*i].0;
+            let is_alone = places.iter().all(|other| other == i || changes[*other].0.abs_diff(place) > SIDES);
+            let by_cubic = if is_alone { step_at(&self.series, place) } else { None };
+            Some((self.series[place].0, by_cubic.or_else(|| far_faster_k(&changes, *i))?))
+        };
+        let mut jumps: Vec<(f64, f64)> = places.iter().filter_map(sized).collect();
+        jumps.retain(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
+        jumps.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        jumps.truncate(MOST_JUMPS);
+        let (_, largest_k) = jumps.first().copied()?;
+        let probability = self.probability_of(&changes, largest_k);
+        Some(Jumps { channel: self.name.to_owned(), jumps, readings: self.series.len(), probability })
+    }
+}
+
+/// Temperature channels that jump between two times (s since the run's start), and the temperatures without the jumps: a model that
+/// believed them would need effects that do not exist.
+#[must_use]
+pub fn without_jumps(table: &SlowTable, span_s: [f64; 2]) -> (Vec<Jumps>, SlowTable) {
+    let mut mended = table.clone();
+    let mut found_in = Vec::new();
+    let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
+    for channel in &channels {
+        let Some(found) = channel.jumps_between(&channels, span_s) else { continue };
+        let index = table.names.iter().position(|name| name == channel.name).unwrap_or(0);
+        mended.t_s.iter().zip(&mut mended.values[index]).for_each(|(t_s, value)| found.take_off(*t_s, value));
+        found_in.push(found);
+    }
+    (found_in, mended)
+}
+
+/// The readings of a slow channel, (s since the run's start, °C), without the jumps between two times (s): what it read before the first one is
+/// taken as right.
+#[must_use]
+pub fn readings(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Vec<(f64, f64)>> {
+    let mut series = run.slow_channel(name)?;
+    let table = &run.temperatures;
+    let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
+    let found = channels.iter().find(|c| c.name == name).and_then(|own| own.jumps_between(&channels, span_s));
+    if let Some(found) = found {
+        series.iter_mut().for_each(|(t_s, value)| found.take_off(*t_s, value));
+    }
+    Some(series)
+}
+
+/// By how much a change exceeds what the channel does in the same time before and after it, K, if that is far more. The last one of a record or
+/// before a gap is not judged: a body that begins to be heated looks like it.
+fn far_faster_k(changes: &[(usize, f64, f64)], i: usize) -> Option<f64> {
+    let (place, by_k, rate) = changes[i];
+    if changes.get(i + 1).is_none_or(|(next, ..)| next - place > 1) {
+        return None;
+    }
+    let usual = |range: std::ops::Range<usize>| {
+        let mut rates: Vec<f64> = changes[range].iter().map(|(_, _, rate)| *rate).collect();
+        if rates.is_empty() { None } else { Some(median(&mut rates)) }
+    };
+    let after = usual(i + 1..changes.len().min(i + 1 + RATES))?;
+    let before = usual(i.saturating_sub(RATES)..i).unwrap_or(0.0);
+    // What both sides have in common is the course of the body; where they differ nothing is known of it but that it changes.
+    let (course, change) = (0.5 * (before + after), (before - after).abs());
+    // A body that takes up heat goes on in the same direction, ever slower.
+    let goes_on = changes[i.saturating_sub(NEAR)..changes.len().min(i + 1 + NEAR)]
+        .iter()
+        .filter(|(other, ..)| *other != place && other.abs_diff(place) <= NEAR)
+        .filter(|(_, _, other)| (other - course) * (rate - course) > 0.0)
+        .map(|(_, _, other)| (other - course).abs())
+        .fold(0.0, f64::max);
+    ((rate - course).abs() > (OF_COURSE * change).max(FASTER * goes_on)).then(|| by_k * (rate - course) / rate)
+}
+
+/// Weights of the readings around a step that give its size beside a cubic.
+fn step_weights() -> Option<Vec<f64>> {
+    let design = DMatrix::from_fn(2 * SIDES, 5, |i, j| {
+        let x = (i as f64 - SIDES as f64 + 0.5) / SIDES as f64;
+        if j < 4 {
+            x.powi(j as i32)
+        } else if i < SIDES {
+            -0.5
+        } else {
+            0.5
+        }
+    });
+    let inverse = design.pseudo_inverse(1e-12).ok()?;
+    Some(inverse.row(4).iter().copied().collect())
+}
+
+/// Whether readings follow each other in time: across a gap nothing is known of the way between two of them.
+fn follow(readings: &[(f64, f64)], longest_s: f64) -> bool {
+    readings.windows(2).all(|pair| pair[1].0 - pair[0].0 <= longest_s)
+}
+
+/// Size of a step before a reading, beside a cubic over the readings around it; `None` where they do not follow each other.
+fn step_at(series: &[(f64, f64)], place: usize) -> Option<f64> {
+    let window = series.get(place.checked_sub(SIDES)?..place + SIDES)?;
+    let weights = step_weights()?;
+    follow(window, GAP * usual_interval_s(series)).then(|| window.iter().zip(&weights).map(|((_, v), c)| v * c).sum())
+}
+
+/// Time and size of the largest jump of a channel: a step beside a cubic over the readings around it, against what such steps are elsewhere.
+fn step(series: &[(f64, f64)]) -> Option<(f64, f64)> {
+    if series.len() < 4 * SIDES {
+        return None;
+    }
+    let longest_s = GAP * usual_interval_s(series);
+    let step = step_weights()?;
+    let size = |w: &[(f64, f64)]| if follow(w, longest_s) { w.iter().zip(&step).map(|((_, v), c)| v * c).sum() } else { 0.0 };
+    let sizes: Vec<f64> = series.windows(2 * SIDES).map(size).collect();
+    let mut usual: Vec<f64> = sizes.iter().map(|s| s.abs()).collect();
+    let usual = 1.4826 * median(&mut usual);
+    let largest = (0..sizes.len()).max_by(|a, b| sizes[*a].abs().total_cmp(&sizes[*b].abs()))?;
+    let size = sizes[largest];
+    (size.abs() > LEAST_JUMP_K && size.abs() > JUMP * usual).then(|| (series[largest + SIDES].0, size))
+}
