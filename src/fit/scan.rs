@@ -5,11 +5,12 @@
 //! simulated over all groups at once.
 
 use super::statistics::log_chi2_tail;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, DVectorView};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Squares of the signal to noise ratio that a group is expected to have, per column.
 const EXPECTED: f64 = 60.0;
@@ -29,7 +30,7 @@ pub struct Fitted {
     /// Residuals, component after component.
     pub residual: DVector<f64>,
     /// Orthonormal base of the columns.
-    base: DMatrix<f64>,
+    base: Vec<Unit>,
     /// First row of each component, and the end.
     edges: [usize; 4],
     /// Degrees of freedom of each component.
@@ -120,31 +121,71 @@ pub fn orthonormal(columns: &DMatrix<f64>, of: Option<&DMatrix<f64>>, least: f64
     joined(&base, columns.nrows())
 }
 
-fn extend(base: &mut Vec<DVector<f64>>, columns: &DMatrix<f64>, of: Option<&DMatrix<f64>>, least: f64) {
+/// A column of norm one. Most columns of a model act on one component of the readings: two thirds of their rows are zero and cost nothing.
+struct Unit {
+    values: DVector<f64>,
+    /// Rows outside of which it is zero.
+    rows: Range<usize>,
+}
+
+impl Unit {
+    fn new(values: DVector<f64>) -> Self {
+        let is_not_zero = |v: &f64| *v != 0.0;
+        let begin = values.iter().position(is_not_zero).unwrap_or(0);
+        let end = values.iter().rposition(is_not_zero).map_or(begin, |last| last + 1);
+        Self { values, rows: begin..end }
+    }
+
+    fn values(&self) -> &[f64] {
+        &self.values.as_slice()[self.rows.clone()]
+    }
+
+    /// Scalar product with another column.
+    fn along(&self, column: &[f64]) -> f64 {
+        let other = DVectorView::from_slice(&column[self.rows.clone()], self.rows.len());
+        DVectorView::from_slice(self.values(), self.rows.len()).dot(&other)
+    }
+
+    /// Takes a multiple of it off another column.
+    fn take_off(&self, along: f64, column: &mut [f64]) {
+        column[self.rows.clone()].iter_mut().zip(self.values()).for_each(|(rest, value)| *rest -= along * value);
+    }
+}
+
+fn extend(base: &mut Vec<Unit>, columns: &DMatrix<f64>, of: Option<&DMatrix<f64>>, least: f64) {
     for (k, column) in columns.column_iter().enumerate() {
         let mut rest = column.into_owned();
         let norm = of.map_or_else(|| rest.norm(), |of| of.column(k).norm());
         for _ in 0..2 {
-            for b in base.iter() {
-                let along = b.dot(&rest);
-                rest.axpy(-along, b, 1.0);
+            for unit in base.iter() {
+                unit.take_off(unit.along(rest.as_slice()), rest.as_mut_slice());
             }
         }
         if rest.norm() > least * norm && norm > 0.0 {
-            base.push(rest.normalize());
+            base.push(Unit::new(rest.normalize()));
         }
     }
 }
 
-fn joined(base: &[DVector<f64>], rows: usize) -> DMatrix<f64> {
-    if base.is_empty() { DMatrix::zeros(rows, 0) } else { DMatrix::from_columns(base) }
+/// What a base leaves of a column.
+fn leave(base: &[Unit], column: &mut [f64]) {
+    let along: Vec<f64> = base.iter().map(|unit| unit.along(column)).collect();
+    base.iter().zip(along).for_each(|(unit, along)| unit.take_off(along, column));
+}
+
+fn joined(base: &[Unit], rows: usize) -> DMatrix<f64> {
+    let mut all = DMatrix::zeros(rows, base.len());
+    all.column_iter_mut().zip(base).for_each(|(mut column, unit)| column.copy_from(&unit.values));
+    all
 }
 
 impl Fitted {
     /// Fits whitened readings; `edges` are the first row of each component, and the end.
     #[must_use]
     pub fn new(readings: &DVector<f64>, columns: &DMatrix<f64>, edges: [usize; 4]) -> Self {
-        Self::beside_base(readings, orthonormal(columns, None, INDEPENDENT), edges)
+        let mut base = Vec::new();
+        extend(&mut base, columns, None, INDEPENDENT);
+        Self::beside_base(readings, base, edges)
     }
 
     /// The same, where each component has columns of its own beside those that all have in common.
@@ -155,21 +196,21 @@ impl Fitted {
             for part in orthonormal(columns, None, INDEPENDENT).column_iter() {
                 let mut whole = DVector::zeros(readings.len());
                 whole.rows_mut(edges[a], part.len()).copy_from(&part);
-                base.push(whole);
+                base.push(Unit::new(whole));
             }
         }
         extend(&mut base, common, None, INDEPENDENT);
-        Self::beside_base(readings, joined(&base, readings.len()), edges)
+        Self::beside_base(readings, base, edges)
     }
 
-    fn beside_base(readings: &DVector<f64>, base: DMatrix<f64>, edges: [usize; 4]) -> Self {
+    fn beside_base(readings: &DVector<f64>, base: Vec<Unit>, edges: [usize; 4]) -> Self {
         let mut residual = readings.clone();
         for _ in 0..2 {
-            residual -= &base * base.tr_mul(&residual);
+            leave(&base, residual.as_mut_slice());
         }
         let freedom = std::array::from_fn(|a| {
-            let rows = base.rows(edges[a], edges[a + 1] - edges[a]);
-            (edges[a + 1] - edges[a]) as f64 - rows.norm_squared()
+            let rows = edges[a + 1] - edges[a];
+            rows as f64 - base.iter().map(|unit| unit.values.rows(edges[a], rows).norm_squared()).sum::<f64>()
         });
         Self { residual, base, edges, freedom, beside: [0.0; 3] }
     }
@@ -193,7 +234,9 @@ impl Fitted {
     /// What the model leaves of whitened columns.
     #[must_use]
     pub fn beside(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
-        columns - &self.base * self.base.tr_mul(columns)
+        let mut left = columns.clone();
+        left.as_mut_slice().chunks_mut(columns.nrows().max(1)).for_each(|column| leave(&self.base, column));
+        left
     }
 
     /// A group of whitened columns beside this model.
@@ -212,13 +255,10 @@ impl Fitted {
     /// Two groups beside this model as one; what is left of a column beside the others is not known.
     #[must_use]
     pub fn both(&self, first: &Group, second: &Group) -> Group {
-        let n = self.residual.len();
-        let mut columns = DMatrix::zeros(n, first.count() + second.count());
-        columns.columns_mut(0, first.count()).copy_from(&first.base);
-        columns.columns_mut(first.count(), second.count()).copy_from(&second.base);
-        let base = orthonormal(&columns, None, 1e-6);
-        let surviving = base.columns_range(first.count().min(base.ncols())..).tr_mul(&second.base).norm()
-            / (second.count().max(1) as f64).sqrt();
+        let mut units: Vec<Unit> = first.base.column_iter().map(|column| Unit::new(column.into_owned())).collect();
+        extend(&mut units, &second.base, None, 1e-6);
+        let base = joined(&units, self.residual.len());
+        let surviving = base.columns_range(first.count()..).tr_mul(&second.base).norm() / (second.count().max(1) as f64).sqrt();
         let part = |a: usize| base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]);
         let cross = [0, 1, 2].map(|a| part(a).tr_mul(&part(a)));
         let on = std::array::from_fn(|a| first.on[a] || second.on[a]);
@@ -280,13 +320,14 @@ impl Fitted {
                 joined.transpose()
             })
             .collect();
-        let base = self.base.transpose();
+        let base = joined(&self.base, n);
+        let base_t = base.transpose();
         let mut maxima: Vec<f64> = batches
             .par_iter()
             .flat_map_iter(|batch| {
                 let mut random = Xoshiro256PlusPlus::seed_from_u64(seed.wrapping_add(*batch as u64));
                 let draws = DMatrix::from_fn(n, BATCH, |_, _| -> f64 { StandardNormal.sample(&mut random) });
-                let residuals = &draws - &self.base * (&base * &draws);
+                let residuals = &draws - &base * (&base_t * &draws);
                 let along: Vec<DMatrix<f64>> =
                     (0..3).map(|a| &all[a] * residuals.rows(self.edges[a], self.edges[a + 1] - self.edges[a])).collect();
                 (0..BATCH)
