@@ -122,22 +122,20 @@ fn rms(values: &[f64]) -> f64 {
 #[test]
 fn moving_runs_hold_within_their_uncertainties() {
     let twin = april();
-    let campaigns: Vec<(Case, Case)> = SEEDS
+    let campaigns: Vec<Case> = SEEDS
         .par_iter()
         .map(|seed| {
-            let (group, lin) = (Case::new(), Case::new());
-            write_campaign(&twin, *seed, &group.campaign(), false, || ()).unwrap();
-            for (command, case) in [("thermal", &group), ("lin", &lin)] {
-                let output =
-                    calfit().arg(command).arg(group.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();
-                // Some runs check an axis only, and are refused.
-                assert!(output.status.code().unwrap() <= 1, "{}", text(&output.stderr));
-            }
-            (group, lin)
+            let case = Case::new();
+            write_campaign(&twin, *seed, &case.campaign(), false, || ()).unwrap();
+            let output =
+                calfit().arg("report").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();
+            // Some runs check an axis only, and are refused.
+            assert!(output.status.code().unwrap() <= 1, "{}", text(&output.stderr));
+            case
         })
         .collect();
-    // With the polynomials of their group, as in a report.
-    let templin: Vec<DocumentMut> = campaigns.iter().flat_map(|(group, _)| files(group, "PARAMETER_TEMPLIN")).collect();
+    // With the polynomials of their group.
+    let templin: Vec<DocumentMut> = campaigns.iter().flat_map(|case| files(case, "PARAMETER_TEMPLIN")).collect();
     let moving: Vec<&DocumentMut> = templin.iter().filter(|f| is_moving(f)).collect();
     assert_eq!(moving.len(), MOVING * SEEDS.len());
     let all: Vec<f64> = moving.iter().flat_map(|f| pulls(f)).collect();
@@ -155,7 +153,7 @@ fn moving_runs_hold_within_their_uncertainties() {
     }
 
     // By themselves, where the run tells the slopes: as true, and wider.
-    let alone: Vec<DocumentMut> = campaigns.iter().flat_map(|(_, lin)| files(lin, "PARAMETER_LIN")).collect();
+    let alone: Vec<DocumentMut> = campaigns.iter().flat_map(|case| files(case, "PARAMETER_LIN")).collect();
     let moving: Vec<&DocumentMut> = alone.iter().filter(|f| is_moving(f)).collect();
     assert_eq!(moving.len(), MOVING * SEEDS.len());
     let all: Vec<f64> = moving.iter().flat_map(|f| pulls(f)).collect();
@@ -163,10 +161,10 @@ fn moving_runs_hold_within_their_uncertainties() {
     assert!(moving.iter().all(|f| f["slopes"]["source"].as_str() == Some("run")));
     assert!(mean(&moving) > 2.0 * mean(&steady));
     // A file is made again from what it states, the polynomials among it.
-    let (group, _) = &campaigns[0];
+    let case = &campaigns[0];
     let name = "PARAMETER_TEMPLIN__13-04-03_10-15-00.CPF";
-    let file = folder(group, "13-04-03_10-15-00").join(name);
-    let output = calfit().arg("verify").arg(&file).arg(group.campaign()).output().unwrap();
+    let file = folder(case, "13-04-03_10-15-00").join(name);
+    let output = calfit().arg("verify").arg(&file).arg(case.campaign()).output().unwrap();
     says(&text(&output.stdout), &[&format!("{name}: verified")]);
 }
 

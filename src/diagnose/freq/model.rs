@@ -123,17 +123,29 @@ impl Model {
 
     /// Derivatives of the prediction, whitened.
     fn jacobian(&self, p: &[f64], sines: &Sines) -> DMatrix<f64> {
-        let columns: Vec<DVector<f64>> = (0..p.len())
-            .map(|k| {
-                let at = |sign: f64| {
-                    let mut moved = p.to_vec();
-                    moved[k] += sign * STEP;
-                    self.residual(&moved, sines)
-                };
-                (at(-1.0) - at(1.0)) / (2.0 * STEP)
+        let by = |k: usize| {
+            let [less, more] = [-STEP, STEP].map(|step| {
+                let mut moved = p.to_vec();
+                moved[k] += step;
+                (self.shapes(&moved), moved)
+            });
+            let axes = self.axes_of(k);
+            sines.whiten(|j, i| {
+                if !axes[i] {
+                    return [0.0; 3];
+                }
+                let [less, more] = [&less, &more].map(|(shapes, moved)| self.triple(moved, shapes, sines, j, i));
+                std::array::from_fn(|what| (more[what] - less[what]) / (2.0 * STEP))
             })
-            .collect();
-        DMatrix::from_columns(&columns)
+        };
+        DMatrix::from_columns(&(0..p.len()).map(by).collect::<Vec<DVector<f64>>>())
+    }
+
+    /// The components that a parameter moves.
+    fn axes_of(&self, parameter: usize) -> [bool; 3] {
+        let own = parameter / self.own();
+        let term = (0..self.terms.len()).rev().find(|term| self.begin(*term) <= parameter);
+        std::array::from_fn(|i| term.map_or(own == i, |term| self.terms[term].axes().contains(&i)))
     }
 
     /// Weighted least squares from a start.
