@@ -4,7 +4,7 @@ use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::Finding;
 use crate::files::twin;
-use crate::simulate::like::write_like_with;
+use crate::simulate::like::write_like;
 #[cfg(feature = "tables")]
 use crate::simulate::telemetry::Telemetry;
 use crate::simulate::write_campaign_with;
@@ -53,7 +53,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 fn like(run: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let seed = arguments.seed.unwrap_or(1);
     let (model, mut notes) = (known(arguments.model.as_ref())?, Vec::new());
-    let path = write_like_with(model.as_ref(), run, &arguments.parameters, seed, &common.out, common.force, &mut notes)?;
+    let path = write_like(model.as_ref(), run, &arguments.parameters, seed, &common.out, common.force, &mut notes)?;
     notes.iter().for_each(|w| terminal.warning(&w.to_string()));
     if common.json {
         terminal.print(&json(&Listing { seed, runs: vec![path] })?);

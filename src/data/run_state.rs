@@ -31,12 +31,6 @@ impl RunState {
             RunState::NotApplicable => "not_applicable",
         }
     }
-
-    /// Whether something went wrong, so that the exit status is no success.
-    #[must_use]
-    pub fn is_failure(self) -> bool {
-        self == RunState::Refused
-    }
 }
 
 impl fmt::Display for RunState {

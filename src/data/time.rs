@@ -15,6 +15,14 @@ const TO_2000_DAYS: i64 = 10_957;
 /// Seconds from 1900-01-01, from which tables of leap seconds count, to 1970-01-01.
 const TO_1970_S: i64 = 2_208_988_800;
 
+/// The whole number of ns that is nearest to a length in seconds.
+#[must_use]
+pub fn ns(seconds: f64) -> i64 {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "lengths of up to years")]
+    let ns = (seconds * SECOND_NS as f64).round() as i64;
+    ns
+}
+
 /// ns since 2000-01-01T12:00:00 TT, continuous over leap seconds: `time_tt2000` of CDF.
 pub type Tt2000 = i64;
 

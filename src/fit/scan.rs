@@ -265,12 +265,6 @@ impl Fitted {
         Group { norms: [first.norms.clone(), second.norms.clone()].concat(), surviving, base, on, cross }
     }
 
-    /// Degrees of freedom of the components on which a group acts.
-    #[must_use]
-    pub fn freedom_of(&self, group: &Group) -> f64 {
-        (0..3).filter(|a| group.on[*a]).map(|a| self.freedom[a]).sum()
-    }
-
     fn squares(&self, residual: &DVector<f64>) -> [f64; 3] {
         std::array::from_fn(|a| self.beside[a] + residual.rows(self.edges[a], self.edges[a + 1] - self.edges[a]).norm_squared())
     }

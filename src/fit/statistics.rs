@@ -94,6 +94,13 @@ pub fn central_median(values: &mut [f64]) -> f64 {
     0.5 * (lower + upper)
 }
 
+/// The standard deviation of normal values about zero that a minority of others does not move, by the median of their magnitudes; NaN of nothing.
+#[must_use]
+pub fn robust_std(values: impl IntoIterator<Item = f64>) -> f64 {
+    const NORMAL_STD_OF_MEDIAN: f64 = 1.482_602_218_505_602;
+    NORMAL_STD_OF_MEDIAN * median(&mut values.into_iter().map(f64::abs).collect::<Vec<f64>>())
+}
+
 /// The smallest and the largest value; of nothing, plus and minus infinity.
 pub fn extremes(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
     values.into_iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])

@@ -8,7 +8,7 @@ use crate::data::units::Scale;
 use crate::fit::Limits;
 use crate::fit::noise::state_space::Inside;
 use crate::fit::smooth::Course;
-use crate::fit::statistics::{extent, extremes, median};
+use crate::fit::statistics::{extent, extremes, median, robust_std};
 use crate::model::campaign::Instructions;
 use crate::model::effects::record::{Channel, EARLIER, Step, earlier_fields};
 use crate::model::effects::{Record, Row, Thermal};
@@ -250,7 +250,7 @@ impl PreparedRun {
                 column[i] - median(&mut near)
             };
             let off: Vec<f64> = (0..n).map(beside).collect();
-            let usual = 1.4826 * median(&mut off.iter().map(|v| v.abs()).collect::<Vec<f64>>());
+            let usual = robust_std(off.iter().copied());
             for (white, v) in self.white.iter_mut().zip(&off) {
                 let z = v.abs() / usual.max(f64::MIN_POSITIVE);
                 if z > OUTLIER {

@@ -65,22 +65,15 @@ impl Model {
     }
 }
 
-/// Simulates a measured run and writes it into another campaign folder; returns the path of the file in it.
+/// Simulates a measured run, with known effects in the readings, and writes it into another campaign folder; returns the path of the file in
+/// it. Effects that the run cannot have give a warning.
 ///
 /// `files` are parameter files: the CPF of a linearity run, the OPF of an offset run with a CPF of the sensor, the FPF of a frequency
 /// run.
 ///
 /// # Errors
 /// A run or file that cannot be read, a kind of run without a model, a file that is missing, or belongs to another run.
-pub fn write_like(run: &Path, files: &[PathBuf], seed: u64, out: &Path, force: bool) -> Result<String, Finding> {
-    write_like_with(None, run, files, seed, out, force, &mut Vec::new())
-}
-
-/// The same with known effects in the readings. Effects that the run cannot have give a warning.
-///
-/// # Errors
-/// See [`write_like`].
-pub fn write_like_with(
+pub fn write_like(
     known: Option<&Known>,
     run: &Path,
     files: &[PathBuf],

@@ -131,7 +131,7 @@ impl Import {
         let count = source.table.rows();
         let names = run.split_column.as_ref().map(|name| source.table.texts(name)).transpose()?;
         let ns = &source.columns.times.ns;
-        let gap_ns = run.split_gap_s.map(time::ns);
+        let gap_ns = run.split_gap_s.map(crate::data::time::ns);
         let begins = |row: &usize| {
             names.as_ref().is_some_and(|n| n[*row] != n[*row - 1]) || gap_ns.is_some_and(|gap| ns[*row] - ns[*row - 1] > gap)
         };

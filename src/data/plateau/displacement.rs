@@ -2,7 +2,7 @@
 //! before where the data are late, the level of after where they are early. The field between the settings says nothing: it may change there
 //! at any time.
 
-use crate::fit::statistics::median;
+use crate::fit::statistics::{median, robust_std};
 use std::borrow::Cow;
 use std::f64::consts::TAU;
 
@@ -17,9 +17,8 @@ const BEYOND_HALF: usize = 3;
 /// Edges agree within so many intervals, or within this part of the displacement.
 const AGREE: f64 = 2.0;
 const AGREE_PART: f64 = 0.1;
-/// Standard deviation of a median over that of a mean, about, and of normal noise over its median absolute deviation.
+/// Standard deviation of a median over that of a mean, about.
 const OF_MEDIAN: f64 = 1.25;
-const OF_DEVIATION: f64 = 1.4826;
 /// Standard deviation of a rounded value, in units of the last place.
 const ROUNDING: f64 = 0.29;
 
@@ -142,8 +141,7 @@ impl Side {
         }
         let n = edges.len() as f64;
         let shift_s = median(&mut edges.iter().map(|e| e[0]).collect::<Vec<f64>>());
-        let away_s = median(&mut edges.iter().map(|e| (e[0] - shift_s).abs()).collect::<Vec<f64>>());
-        let scatter_s = OF_MEDIAN * OF_DEVIATION * away_s / n.sqrt();
+        let scatter_s = OF_MEDIAN * robust_std(edges.iter().map(|e| e[0] - shift_s)) / n.sqrt();
         // Edges at the same place between two samples are rounded alike.
         let turns = edges.iter().map(|e| TAU * (e[2] / sample_s).fract());
         let (sin, cos) = turns.fold((0.0, 0.0), |(s, c), turn| (s + turn.sin(), c + turn.cos()));

@@ -7,7 +7,7 @@ use super::mission::{
     Wheels, overlap,
 };
 use crate::data::error::Finding;
-use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
+use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000, ns};
 use crate::files::source::{Digested, read_whole, small_text};
 use crate::files::text::{Group, Keys, decode};
 use nalgebra::{Matrix3, Vector3};
@@ -50,13 +50,6 @@ struct MissionFile<'a> {
 
 fn needed<T>(group: &Group<'_>, key: &str, value: Option<T>) -> Result<T, Finding> {
     value.ok_or_else(|| group.missing(key))
-}
-
-/// A shift or length in ns, as nearest to its seconds.
-fn ns(seconds: f64) -> i64 {
-    #[expect(clippy::cast_possible_truncation, reason = "lengths of seconds to years")]
-    let ns = (seconds * SECOND_NS as f64).round() as i64;
-    ns
 }
 
 fn at_least_zero(group: &Group<'_>, key: &str, default: f64) -> Result<f64, Finding> {

@@ -98,8 +98,6 @@ pub struct Times {
     pub absolute: bool,
 }
 
-/// ns in a second.
-const SECOND: i128 = 1_000_000_000;
 /// Smaller numbers are no Unix times (1973), larger ones no seconds of a run.
 const LEAST_UNIX_S: f64 = 1e8;
 /// Larger numbers are no Unix times in seconds (the year 5138).
@@ -401,15 +399,10 @@ fn own_offset(text: &str) -> Offset {
     Offset::from_seconds(if negative { -seconds } else { seconds }).unwrap_or(Offset::UTC)
 }
 
-/// The whole number of ns in a number of seconds.
-#[must_use]
-pub fn ns(seconds: f64) -> i64 {
-    (seconds * SECOND as f64).round() as i64
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::time::SECOND_NS;
 
     fn iso(text: &str, zone: &str) -> Result<i64, Wrong> {
         Clock::new(&Zone::from_name(zone).unwrap()).iso(text)
@@ -418,7 +411,7 @@ mod tests {
     #[test]
     fn iso_times_are_moments() {
         // 2026-03-01 00:00 UTC is 1 772 323 200 s after 1970 (20 513 days).
-        let midnight = 20_513 * 86_400 * SECOND as i64;
+        let midnight = 20_513 * 86_400 * SECOND_NS;
         for (text, zone, hours) in [
             ("2026-03-01T00:00:00Z", "UTC", 0),
             ("2026-03-01 02:00:00", "UTC", 2),
@@ -426,7 +419,7 @@ mod tests {
             ("2026-03-01T02:00:00+01:00", "UTC", 1),
             ("2026-03-01 02:00:00", "Europe/Berlin", 1),
         ] {
-            assert_eq!(iso(text, zone).unwrap(), midnight + hours * 3600 * SECOND as i64, "{text} {zone}");
+            assert_eq!(iso(text, zone).unwrap(), midnight + hours * 3600 * SECOND_NS, "{text} {zone}");
         }
         assert_eq!(iso("2026-03-01T00:00:00,0625", "UTC").unwrap(), midnight + 62_500_000);
         for text in ["2026-03-01", "noon", "2026-13-01T00:00:00", ""] {
@@ -444,7 +437,7 @@ mod tests {
         let times =
             ["01:59:00", "02:30:00", "02:59:00", "02:01:00", "03:00:00"].map(|t| clock.iso(&format!("2026-10-25 {t}")).unwrap());
         // 01:59 is 23:59 UTC; the second 02:01 is 01:01 UTC.
-        let minutes = times.map(|t| (t - times[0]) / 60 / SECOND as i64);
+        let minutes = times.map(|t| (t - times[0]) / 60 / SECOND_NS);
         assert_eq!(minutes, [0, 31, 60, 62, 121]);
         assert_eq!(clock.twice, Some((1, 3)));
     }
@@ -452,14 +445,14 @@ mod tests {
     #[test]
     fn patterns_and_numbers_are_read_to_the_last_digit() {
         let utc = Zone::utc();
-        let midnight = 20_513 * 86_400 * SECOND as i64;
+        let midnight = 20_513 * 86_400 * SECOND_NS;
         let pattern = |text: &str, pattern: &str| Clock::new(&utc).pattern(text, pattern).unwrap();
         assert_eq!(pattern("01.03.2026 00:00:01.5", "%d.%m.%Y %H:%M:%S%.f"), midnight + 1_500_000_000);
         assert_eq!(exact("1772323200.0078", 1_772_323_200.007_8, &TimeFormat::Unix).unwrap(), midnight + 7_800_000);
         assert_eq!(of_number(1_772_323_200.007_8, &TimeFormat::Unix).unwrap(), midnight + 7_800_000);
         assert_eq!(exact("1772323200007.8", 1_772_323_200_007.8, &TimeFormat::UnixMs).unwrap(), midnight + 7_800_000);
         assert_eq!(exact("-0.5", -0.5, &TimeFormat::Seconds).unwrap(), -500_000_000);
-        assert_eq!(exact("1.5e1", 15.0, &TimeFormat::Seconds).unwrap(), 15 * SECOND as i64);
+        assert_eq!(exact("1.5e1", 15.0, &TimeFormat::Seconds).unwrap(), 15 * SECOND_NS);
         assert!(exact("1772323200", 1_772_323_200.0, &TimeFormat::Seconds).is_err());
         assert!(exact("1772323200000", 1_772_323_200_000.0, &TimeFormat::Unix).is_err());
         assert!(exact("1772323200", 1_772_323_200.0, &TimeFormat::UnixMs).is_err());

@@ -4,7 +4,7 @@ use super::SensorTwin;
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
 use crate::data::run::Location;
-use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
+use crate::data::time::{LeapSeconds, Tt2000, ns};
 use crate::files::flight::mission::{Boom, Jump, Mode, OffsetFrame, Rate, Span};
 use crate::files::source::read_whole;
 use crate::files::text::{Group, Keys, decode};
@@ -499,13 +499,6 @@ fn mode(group: &Group<'_>) -> Result<Mode, Finding> {
         rates: [rate("primary")?, rate("secondary")?],
         lines_hz,
     })
-}
-
-/// Whole ns of a length, as flight processing takes them.
-fn ns(seconds: f64) -> i64 {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "lengths of seconds to hours")]
-    let ns = (seconds * SECOND_NS as f64).round() as i64;
-    ns
 }
 
 fn external(root: &Group<'_>) -> Result<External, Finding> {

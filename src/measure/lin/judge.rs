@@ -7,7 +7,7 @@ use crate::data::plateau::Plateau;
 use crate::data::result::Summary;
 use crate::data::units::{FieldCoil, Reading};
 use crate::fit::DenseNoise;
-use crate::fit::statistics::median;
+use crate::fit::statistics::robust_std;
 use crate::measure::structure;
 use crate::model::sensor::{Linear, Split, SplitError};
 use crate::record::conditions::Temperatures;
@@ -83,11 +83,10 @@ pub(super) fn judge_fit(notes: &mut Vec<Note>, blocks: &[Block]) {
             );
             notes.push(Note::new(NoteKind::Fit, text).about(name));
         }
-        let mut magnitudes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
-        let robust_std = median(&mut magnitudes) / 0.6745;
+        let usual = robust_std(residuals.iter().copied());
         let outliers: Vec<String> = used
             .iter()
-            .filter(|b| b.residual_coil_nt.is_some_and(|r| robust_std > 0.0 && r.0[axis].abs() > OUTLIER * robust_std))
+            .filter(|b| b.residual_coil_nt.is_some_and(|r| usual > 0.0 && r.0[axis].abs() > OUTLIER * usual))
             .map(|b| (b.plateau.index + 1).to_string())
             .collect();
         if !outliers.is_empty() {

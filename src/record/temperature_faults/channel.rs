@@ -2,7 +2,7 @@
 
 use super::{ChannelFault, Fault};
 use crate::data::run::SlowTable;
-use crate::fit::statistics::median;
+use crate::fit::statistics::{median, robust_std};
 
 /// An interval between readings of this many usual ones is a gap.
 pub(super) const GAP: f64 = 3.0;
@@ -44,10 +44,10 @@ impl<'a> Channel<'a> {
     /// them where the channel rises and falls. Of white noise the latter has 5/2 of their variance.
     pub(super) fn noise_of_changes_k(&self, changes: &[(usize, f64, f64)]) -> f64 {
         let usual = median(&mut changes.iter().map(|(_, _, rate)| *rate).collect::<Vec<f64>>());
-        let deviation = |off: &mut Vec<f64>| if off.is_empty() { f64::INFINITY } else { 1.4826 * median(off) };
-        let about = deviation(&mut changes.iter().map(|(_, _, rate)| (rate - usual).abs()).collect());
-        let beside = changes.windows(3).map(|w| (w[1].2 - 0.5 * (w[0].2 + w[2].2)).abs());
-        about.min(deviation(&mut beside.collect()) / 2.5f64.sqrt())
+        let about = robust_std(changes.iter().map(|(_, _, rate)| rate - usual));
+        // Of fewer than three changes it is no number, and the smaller one is the other.
+        let beside = robust_std(changes.windows(3).map(|w| w[1].2 - 0.5 * (w[0].2 + w[2].2)));
+        about.min(beside / 2.5f64.sqrt())
     }
 }
 

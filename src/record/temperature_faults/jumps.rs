@@ -3,7 +3,7 @@
 use super::channel::{Channel, GAP, usual_interval_s};
 use super::{ChannelFault, Fault};
 use crate::data::run::{Run, SlowTable, interpolate};
-use crate::fit::statistics::{median, two_sided_tail};
+use crate::fit::statistics::{median, robust_std, two_sided_tail};
 use nalgebra::DMatrix;
 
 /// A jump of this many times the usual size of such steps, in standard deviations.
@@ -217,8 +217,7 @@ fn step(series: &[(f64, f64)]) -> Option<(f64, f64)> {
     let step = step_weights()?;
     let size = |w: &[(f64, f64)]| if follow(w, longest_s) { w.iter().zip(&step).map(|((_, v), c)| v * c).sum() } else { 0.0 };
     let sizes: Vec<f64> = series.windows(2 * SIDES).map(size).collect();
-    let mut usual: Vec<f64> = sizes.iter().map(|s| s.abs()).collect();
-    let usual = 1.4826 * median(&mut usual);
+    let usual = robust_std(sizes.iter().copied());
     let largest = (0..sizes.len()).max_by(|a, b| sizes[*a].abs().total_cmp(&sizes[*b].abs()))?;
     let size = sizes[largest];
     (size.abs() > LEAST_JUMP_K && size.abs() > JUMP * usual).then(|| (series[largest + SIDES].0, size))

@@ -3,7 +3,7 @@
 use super::channel::{Channel, GAP};
 use super::{AGREEMENT_K, ChannelFault, Fault, faults, is_neighbour};
 use crate::data::run::{Run, SlowTable};
-use crate::fit::statistics::{extremes, median, two_sided_tail};
+use crate::fit::statistics::{extremes, robust_std, two_sided_tail};
 use crate::model::campaign::Instructions;
 
 /// Equal readings one after the other that noise makes less often than this stand still.
@@ -68,7 +68,7 @@ impl Channel<'_> {
         let bends: Vec<f64> = elsewhere.iter().map(|w| w[2].1 - 2.0 * w[1].1 + w[0].1).collect();
         // Noise bends to and fro, a course that is curved does not: two neighbouring bends of white noise have other signs in three of four.
         let turns = bends.windows(2).filter(|pair| pair[0] * pair[1] < 0.0).count();
-        let noise_k = 1.4826 * median(&mut bends.iter().map(|b| b.abs()).collect::<Vec<f64>>()) / 6f64.sqrt();
+        let noise_k = robust_std(bends.iter().copied()) / 6f64.sqrt();
         if !digit.is_finite() || noise_k < DIGITS * digit || 2 * turns < bends.len() {
             return None;
         }

@@ -1,7 +1,7 @@
 //! Which vectors are telemetered when: packets of the modes, lost, repeated and swapped, with a reading of the thermistors each.
 
 use super::thermistor::Thermistor;
-use crate::data::time::{SECOND_NS, Tt2000};
+use crate::data::time::{SECOND_NS, Tt2000, ns};
 use crate::files::flight::mission::{Rate, Span};
 use crate::files::twin::telemetry::{Course, TelemetryTwin};
 use crate::simulate::noise::Random;
@@ -50,14 +50,6 @@ pub fn hours(from: Tt2000, to: Tt2000) -> f64 {
     #[expect(clippy::cast_precision_loss, reason = "differences of times of days")]
     let hours = (to - from) as f64 / (3600.0 * SECOND_NS as f64);
     hours
-}
-
-/// Whole ns of a length.
-#[must_use]
-pub fn ns(seconds: f64) -> i64 {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "lengths of seconds to days")]
-    let ns = (seconds * SECOND_NS as f64).round() as i64;
-    ns
 }
 
 /// The rows of a sensor in the order of the telemetry.

@@ -1,7 +1,7 @@
 //! What the sensors measure: the external field, the attitude, and what the spacecraft adds.
 
-use super::schedule::{hours, ns};
-use crate::data::time::{SECOND_NS, Tt2000};
+use super::schedule::hours;
+use crate::data::time::{SECOND_NS, Tt2000, ns};
 use crate::files::twin::telemetry::TelemetryTwin;
 use crate::simulate::climate::History;
 use crate::simulate::noise::{Flicker, Random};

@@ -1,11 +1,10 @@
 //! Telemetry and truth as tables.
 
-use super::schedule::ns;
 use super::surroundings::{MARGIN_NS, Parts};
 use super::truth::name;
 use super::{SensorTelemetry, Telemetry, readings};
 use crate::data::error::Finding;
-use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
+use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000, ns};
 use crate::files::output::Folder;
 use crate::files::table::long::{Column, GROUP_ROWS, LongWriter};
 use crate::files::twin::telemetry::TelemetryTwin;

@@ -5,7 +5,7 @@ use super::schedule::Row;
 use super::tables::attitude_times;
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
-use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000, date_of};
+use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000, date_of, ns};
 use crate::files::twin::telemetry::TelemetryTwin;
 use crate::flight::temperature::Thermometer;
 use serde::Serialize;
@@ -77,7 +77,7 @@ pub fn days(
         before = Some(row.time);
         let next = attitude.partition_point(|t| *t <= row.time);
         let hole = match (next.checked_sub(1).map(|k| attitude[k]), attitude.get(next)) {
-            (Some(last), Some(next)) => last < row.time && (next - last) > super::schedule::ns(ATTITUDE_GAP_S),
+            (Some(last), Some(next)) => last < row.time && (next - last) > ns(ATTITUDE_GAP_S),
             (last, _) => last != Some(row.time),
         };
         let [low, high] = sensor.valid_degc;

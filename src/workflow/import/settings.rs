@@ -3,6 +3,7 @@
 use super::numbers::scaled;
 use crate::data::error::{Finding, Severity};
 use crate::data::run::Setting;
+use crate::data::time::ns;
 use crate::data::units::FieldCoil;
 use crate::files::import::mapping::{FieldKeys, FieldScale};
 use crate::files::import::{Dialect, ForeignTable, Mapping, time};
@@ -176,7 +177,7 @@ impl SettingsTable {
             ends
         } else {
             let durations = table.numbers("duration")?;
-            begins.iter().zip(durations).map(|(b, d)| b + time::ns(d)).collect()
+            begins.iter().zip(durations).map(|(b, d)| b + ns(d)).collect()
         };
         let times: Vec<[i64; 2]> = begins.into_iter().zip(ends).map(|(b, e)| [b, e]).collect();
         check(&table, &times, &fields)?;
