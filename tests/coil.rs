@@ -577,6 +577,12 @@ fn a_facility_that_cannot_be_used_is_refused_and_a_second_correction_is_warned_o
     let output = case.lin(&["--facility", broken.to_str().unwrap()]);
     assert_eq!(output.status.code(), Some(2));
     says(&text(&output.stderr), &["broken.toml", "angles_deg", "missing"]);
+    // `check` takes both for what they are.
+    for (file, status) in [(&facility, 0), (&broken, 1)] {
+        let output = calfit().arg("check").arg(file).output().unwrap();
+        assert_eq!(output.status.code(), Some(status), "{}", text(&output.stderr));
+        assert_eq!(text(&output.stderr).contains("angles_deg"), status == 1, "{}", text(&output.stderr));
+    }
 }
 
 #[test]

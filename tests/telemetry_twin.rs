@@ -167,6 +167,32 @@ fn rows_and_flags_are_those_of_the_truth() {
     assert!(flags["inside a leap second"] <= 20);
 }
 
+/// Heaters and wheels set flags of levels that are made after level B; the summary of a day, from which the report has its table, counts them.
+#[test]
+fn the_summary_of_a_day_counts_the_flags_of_later_levels() {
+    let flown = Flown::new(&[]);
+    let made = flown.levels("KH");
+    let counted = |level: &str, sensor: &str, day: &str, bit: i64| -> u64 {
+        flown.level(level, sensor, day).whole("flags").unwrap().iter().filter(|flags| **flags & bit != 0).count() as u64
+    };
+    let mut seen = [0; 2];
+    for day in made["days"].as_array().unwrap().iter().filter(|day| SENSORS.contains(&day["sensor"].as_str().unwrap())) {
+        let [sensor, date] = ["sensor", "day"].map(|key| day[key].as_str().unwrap());
+        let said = |words: &str| day["flags"][words].as_u64().unwrap_or(0);
+        let closed = counted("K", sensor, date, 1 << 6);
+        assert_eq!(said("heater"), closed, "{sensor} {date}");
+        seen[0] += closed;
+        // Wheels are taken off the primary sensor alone.
+        if sensor == SENSORS[0] {
+            let [changed, short] = [1 << 7, 1 << 9].map(|bit| counted("H", sensor, date, bit));
+            assert_eq!(said("wheels or lines taken off"), changed, "{sensor} {date}");
+            assert_eq!(said("stretch too short to take wheels off"), short, "{sensor} {date}");
+            seen[1] += changed;
+        }
+    }
+    assert!(seen.iter().all(|count| *count > 0), "{seen:?}");
+}
+
 /// What is left of a level is white noise, the steps of the converter, and what the thermistor does not tell: its steps, and
 /// a temperature that moves while a packet holds one reading of it. The latter is taken off with the slopes of the truth.
 #[test]

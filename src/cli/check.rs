@@ -1,5 +1,5 @@
-//! `calfit check`: everything that is wrong with each file. Run files, programmes, tables of amplitudes, campaign files, mappings, parameter
-//! files and the index of a result folder are told apart by their names or by a key of theirs, never by trial.
+//! `calfit check`: everything that is wrong with each file. Run files, programmes, tables of amplitudes, campaign files, facility files, mappings,
+//! parameter files and the index of a result folder are told apart by their names or by a key of theirs, never by trial.
 
 use super::output::{Terminal, json};
 use super::{Common, Status};
@@ -10,7 +10,7 @@ use crate::files::export::rpcmag;
 use crate::files::import::mapping;
 use crate::files::parameter::FileKind;
 use crate::files::source::{digest, small_text};
-use crate::files::{amplitudes, campaign, ccr, index, mag, twin};
+use crate::files::{amplitudes, campaign, ccr, facility, index, mag, twin};
 use crate::model::campaign::Instructions;
 use crate::record::temperature_faults::{self, ChannelFault};
 use clap::Args;
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, parameter files and model files of calfit, mappings of `import`, configurations of `flight`, ground calibration files (RPCMAG*.TXT).
+    /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, facility files, parameter files and model files of calfit, mappings of `import`, configurations of `flight`, ground calibration files (RPCMAG*.TXT).
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -119,6 +119,8 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
         mapping::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") && is_twin(path) {
         twin::read(path, &mut findings).err()
+    } else if name.ends_with(".TOML") && is_facility(path) {
+        facility::read(path).err()
     } else if name.ends_with(".TOML") {
         let checked = campaign::file::read(path, &mut findings).and_then(|(file, _)| match path.file_name() {
             Some(name) if name == "campaign.toml" => {
@@ -224,6 +226,11 @@ fn is_of_amplitudes(path: &Path) -> bool {
 /// By its keys: no other TOML file has those of a mapping of `import`.
 fn is_mapping(path: &Path) -> bool {
     small_text(path).is_some_and(|text| mapping::is_mapping(&text))
+}
+
+/// By its keys, those of twins apart.
+fn is_facility(path: &Path) -> bool {
+    small_text(path).is_some_and(|text| facility::is_facility(&text))
 }
 
 /// By its keys: twins and campaigns are both TOML of any name, and only twins have electronics.

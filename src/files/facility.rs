@@ -12,6 +12,13 @@ use crate::data::start::{NoStart, Start};
 use crate::model::facility::{Facility, FacilityParameters, Period, PeriodSpan};
 use std::path::Path;
 
+/// Whether a text is that of a facility file, by a key that no other TOML file but a twin has.
+#[must_use]
+pub fn is_facility(text: &str) -> bool {
+    let key = |line: &str| line.split_once('=').is_some_and(|(key, _)| key.trim() == "scale_nt_per_eu");
+    text.lines().any(key)
+}
+
 /// Reads a facility file.
 ///
 /// # Errors

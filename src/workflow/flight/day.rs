@@ -133,6 +133,9 @@ impl<'a> Context<'a> {
         }
         through(Stage::B, &mut blocks);
         let mut without_heater = if self.has_heater() { Some(derived::without_heater(self, &blocks, &mut made)?) } else { None };
+        if let Some(own) = &without_heater {
+            self.count_flags(own, &[Flags::HEATER], &mut made);
+        }
         if self.wanted.contains(&Level::B) {
             sink(Level::B, Product::Vectors(&blocks), &inputs, &mut made)?;
         }
@@ -163,6 +166,7 @@ impl<'a> Context<'a> {
         self.hand_on_means(Level::G, &best, &inputs, &mut made, sink)?;
         if self.wants_any(&[Level::H, Level::I]) && mission.roles.of(&sensor.name, day.start) == 0 {
             self.spectra.replace(derived::without_wheels(self, &mut best, &mut made)?);
+            self.count_flags(&best, &[Flags::WHEEL, Flags::NOT_CLEANED], &mut made);
             self.hand_on(Level::H, Level::I, &best, &inputs, &mut made, sink)?;
         }
         Ok(Some(made))
@@ -228,17 +232,24 @@ impl<'a> Context<'a> {
         for block in blocks {
             let rows = block.rows_in(&span);
             made.null += block.field[0][rows.clone()].iter().filter(|v| v.is_nan()).count();
-            for (flag, words) in Flags::ALL {
-                let count = block.flags[rows.clone()].iter().filter(|f| Flags(**f).any_of(flag)).count();
-                if count > 0 {
-                    *made.flags.entry(words.to_owned()).or_default() += count;
-                }
-            }
             for t in block.t_degc[rows].iter().filter(|t| t.is_finite()) {
                 ends = Some(ends.map_or([*t, *t], |[a, b]| [a.min(*t), b.max(*t)]));
             }
         }
         made.degc = ends;
+        self.count_flags(blocks, &Flags::ALL.map(|(flag, _)| flag), made);
+    }
+
+    /// Counts the vectors of the day with each of these flags.
+    fn count_flags(&self, blocks: &[Block], wanted: &[Flags], made: &mut DayMade) {
+        let span = self.span();
+        for (flag, words) in Flags::ALL.into_iter().filter(|(flag, _)| wanted.contains(flag)) {
+            let own = |block: &Block| block.flags[block.rows_in(&span)].iter().filter(|f| Flags(**f).any_of(flag)).count();
+            let count: usize = blocks.iter().map(own).sum();
+            if count > 0 {
+                *made.flags.entry(words.to_owned()).or_default() += count;
+            }
+        }
     }
 }
 
