@@ -159,6 +159,26 @@ fn with_pauses() -> Vec<Setting> {
     settings.map(|(i, s)| Setting::constant(1.5 + 5.0 * i as f64, 5.5 + 5.0 * i as f64, s.field, 1)).collect()
 }
 
+/// Settings with pauses repeat a line of the spectrum at distances of one over five seconds; a tone that is hundreds of times as strong as the
+/// noise stands out in all of them.
+#[test]
+fn a_strong_tone_has_its_own_frequency() {
+    for hz in [3.3, 8.71, 13.13] {
+        let plan = Plan { settings: with_pauses(), rate_hz: 32.0, ..Plan::default() };
+        let mut run = plan.run();
+        let size = 500.0 * plan.noise_ent * (2.0 / run.samples.len() as f64).sqrt();
+        for sample in &mut run.samples {
+            let now = size * (TAU * hz * sample.t + 1.0).sin();
+            sample.reading[0] += now;
+            sample.reading[1] += 0.5 * now;
+        }
+        let found = diagnosed(&run);
+        assert_eq!(named(&found), ["interference_tone"], "{hz} Hz");
+        let [said_hz, std_hz] = parameter(&found["steps"][0], "frequency");
+        assert!((said_hz - hz).abs() < 4.0 * std_hz, "{hz}: {said_hz} +- {std_hz}");
+    }
+}
+
 /// Settings that say another time than the data, by parts of the pauses between them and of either sign; no field in the pauses. An edge is
 /// known to a sample, and all lie alike between two samples: a standard uncertainty of 1/√12 of 1/32 s.
 #[test]

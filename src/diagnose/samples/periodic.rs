@@ -228,7 +228,9 @@ fn shown(signals: &Signals, grid: &Grid, spectrum: &mut Spectrum, residual: &[Ve
     let noise = spectrum.take(grid, residual)?;
     let lines = spectrum.lines(&noise);
     let (peak, log_p_tone) = lines.tone()?;
-    let is_tone = log_p_tone + trials.log_tones() < SIGNIFICANT.ln();
+    let significant = SIGNIFICANT.ln() - trials.log_tones();
+    let is_tone = log_p_tone < significant;
+    let peak = if is_tone { lines.strongest_around(grid, peak, significant) } else { peak };
     let shapes: Vec<Harmonic> = signals.combs.iter().map(|(_, comb)| comb.harmonic).collect();
     let comb = lines.comb(&shapes).filter(|c| c.log_p + trials.combs < SIGNIFICANT.ln());
     let (line_hz, p_value) = match &comb {

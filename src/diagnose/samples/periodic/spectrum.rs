@@ -12,6 +12,8 @@ use std::sync::Arc;
 
 /// Longest period, in plateaus: their means are taken off, and of a slower signal little is left.
 const SLOWEST: f64 = 2.5;
+/// The spectrum of a single plateau falls off within a few times the reciprocal of its length: so far a line is repeated.
+const REPEATED: f64 = 8.0;
 /// Fewest samples inside the plateaus.
 const FEWEST: usize = 200;
 /// Smallest variance of a plateau's samples that is believed, over the median of all.
@@ -227,14 +229,28 @@ impl Spectrum {
 }
 
 impl Lines<'_> {
-    /// The line that noise makes most seldom, on an axis or on all together, and the logarithm of that probability.
+    /// Logarithm of the probability that noise makes a line, on an axis or on all together.
+    fn log_p(&self, line: usize) -> f64 {
+        let [x, y, z, all] = self.powers[line];
+        log_gamma_tail(parts_of(3), all).min(-x.max(y).max(z))
+    }
+
+    /// The line that noise makes most seldom, and the logarithm of that probability.
     pub fn tone(&self) -> Option<(usize, f64)> {
-        let log_p = |line: usize| {
-            let [x, y, z, all] = self.powers[line];
-            log_gamma_tail(parts_of(3), all).min(-x.max(y).max(z))
-        };
-        let all = (self.spectrum.first..self.spectrum.end()).into_par_iter().map(|line| (line, log_p(line)));
+        let all = (self.spectrum.first..self.spectrum.end()).into_par_iter().map(|line| (line, self.log_p(line)));
         all.min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
+    }
+
+    /// The line with the largest power among those around one that noise makes as seldom as `log_p`. The plateaus repeat a line at distances of
+    /// one over their own, and a strong one lifts the level of the noise around it so far that its repetitions stand out as much.
+    pub fn strongest_around(&self, grid: &Grid, line: usize, log_p: f64) -> usize {
+        let reach = (REPEATED * SLOWEST * grid.lowest_hz() / grid.step_hz()) as usize;
+        let usual = [0, 1, 2].map(|a| self.noise.usual_level(a));
+        let power = |line: usize| (0..3).map(|a| self.spectrum.axes[a].lines[line].norm_sqr() / usual[a]).sum::<f64>();
+        (line.saturating_sub(reach).max(self.spectrum.first)..self.spectrum.end().min(line + reach + 1))
+            .filter(|other| self.log_p(*other) < log_p)
+            .max_by(|a, b| power(*a).total_cmp(&power(*b)))
+            .unwrap_or(line)
     }
 
     /// The comb that noise makes most seldom. Powers of harmonics are added up first; the best places are looked at with phases.
