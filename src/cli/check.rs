@@ -112,24 +112,8 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
         mag::read(path, &mut findings).err()
     } else if is_ground_calibration(path) {
         rpcmag::read(path, &mut findings).err()
-    } else if name.ends_with(".TOML") && is_flight(path) {
-        findings.extend(check_flight(path));
-        None
-    } else if name.ends_with(".TOML") && is_mapping(path) {
-        mapping::read(path, &mut findings).err()
-    } else if name.ends_with(".TOML") && is_twin(path) {
-        twin::read(path, &mut findings).err()
-    } else if name.ends_with(".TOML") && is_facility(path) {
-        facility::read(path).err()
     } else if name.ends_with(".TOML") {
-        let checked = campaign::file::read(path, &mut findings).and_then(|(file, _)| match path.file_name() {
-            Some(name) if name == "campaign.toml" => {
-                let root = path.parent().unwrap_or(path);
-                campaign::check_files(root, &file).and_then(|()| campaign::check_locations(root, &file))
-            }
-            _ => Ok(()),
-        });
-        checked.err()
+        check_toml(path, &mut findings).err()
     } else if name.ends_with(".CSV") && is_of_amplitudes(path) {
         amplitudes::read(path, &mut findings).err()
     } else {
@@ -151,6 +135,28 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
     };
     findings.extend(error);
     findings
+}
+
+/// Configurations of `flight`, mappings, twins, facility files and campaign files are all TOML of any name, told apart by their keys.
+fn check_toml(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
+    let text = small_text(path).unwrap_or_default();
+    if is_flight(path) {
+        findings.extend(check_flight(path));
+        Ok(())
+    } else if mapping::is_mapping(&text) {
+        mapping::read(path, findings).map(drop)
+    } else if is_twin(&text) {
+        twin::read(path, findings).map(drop)
+    } else if facility::is_facility(&text) {
+        facility::read(path).map(drop)
+    } else {
+        let (file, _) = campaign::file::read(path, findings)?;
+        if path.file_name().is_none_or(|name| name != "campaign.toml") {
+            return Ok(());
+        }
+        let root = path.parent().unwrap_or(path);
+        campaign::check_files(root, &file).and_then(|()| campaign::check_locations(root, &file))
+    }
 }
 
 #[cfg(feature = "tables")]
@@ -223,17 +229,7 @@ fn is_of_amplitudes(path: &Path) -> bool {
     name.starts_with("freq_") || memchr::memmem::find(&header(), b"frequency_hz").is_some()
 }
 
-/// By its keys: no other TOML file has those of a mapping of `import`.
-fn is_mapping(path: &Path) -> bool {
-    small_text(path).is_some_and(|text| mapping::is_mapping(&text))
-}
-
-/// By its keys, those of twins apart.
-fn is_facility(path: &Path) -> bool {
-    small_text(path).is_some_and(|text| facility::is_facility(&text))
-}
-
-/// By its keys: twins and campaigns are both TOML of any name, and only twins have electronics.
-fn is_twin(path: &Path) -> bool {
-    small_text(path).is_some_and(|text| text.lines().any(|line| line.trim() == "[electronics]"))
+/// Only twins have electronics.
+fn is_twin(text: &str) -> bool {
+    text.lines().any(|line| line.trim() == "[electronics]")
 }

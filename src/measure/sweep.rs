@@ -45,7 +45,7 @@ use crate::record::screens::{self, inside};
 use fit::Problem;
 use means::Means;
 use nalgebra::{DVectorView, Matrix3};
-use orders::Asked;
+use orders::{Asked, Orders};
 use std::ops::Range;
 use thermistors::Followed;
 
@@ -137,12 +137,9 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     conditions::warn_of_plateaus(&mut notes, run, plateaus);
     conditions::warn_of_run(&mut notes, run, instructions);
     // One order higher: the elements of the response bend where sensitivities are straight.
-    let linear = means.baseline(degc, settled.orders.higher().linear());
-    let columns = linear.columns(&means.fields_nt, degc);
-    // The temperature with its lag: what the polynomials are of. Where a lag is left out, fast cooling passes for a jump of the gain.
-    let left = linear.fit(&means.fields_nt, degc, &means.readings_ent, &Limits::default())?;
-    let responses = 3 * (linear.response_order() + 1);
-    notes.extend(inside::gain_jumps(&columns, responses, &left.coefficients, &left.residuals, &means.t_s));
+    let columns = means.baseline(degc, settled.orders.higher().linear()).columns(&means.fields_nt, degc);
+    notes.extend(gain_jumps(&means, degc, settled.orders));
+    // The temperature with its lag: what the polynomials are of.
     notes.extend(structure::note(&structure::Rows::of(&list, &used, &settled.moved, &columns, &settled.noise)));
     let mut head = conditions::head(run, instructions, &temperatures);
     head.temperature_degc = Some(degc.iter().sum::<f64>() / degc.len() as f64);
@@ -207,6 +204,19 @@ fn plausible(
     screens::judge(screens::gain(&split), options.allow_gain, &mut notes)?;
     notes.extend(screens::axes(&split));
     Ok(notes)
+}
+
+/// Jumps of the gain beside a linear model one order higher than the polynomials, or of their orders where the settings do not determine more.
+/// The temperature is that with its lag: without it, fast cooling passes for a jump.
+fn gain_jumps(means: &Means, degc: &[f64], orders: Orders) -> Vec<Note> {
+    let judged = [orders.higher(), orders].into_iter().find_map(|orders| {
+        let linear = means.baseline(degc, orders.linear());
+        let left = linear.fit(&means.fields_nt, degc, &means.readings_ent, &Limits::default()).ok()?;
+        Some((linear, left))
+    });
+    let Some((linear, left)) = judged else { return Vec::new() };
+    let columns = linear.columns(&means.fields_nt, degc);
+    inside::gain_jumps(&columns, 3 * (linear.response_order() + 1), &left.coefficients, &left.residuals, &means.t_s)
 }
 
 /// Lowest and highest field of the settings along the nominal sensor axes, nT.

@@ -173,15 +173,7 @@ impl<'a> Context<'a> {
     }
 
     fn last_stage(&self) -> Stage {
-        use Level::{A, B, C, D, E, F, G, H, I, J, K, L};
-        match (self.wants_any(&[C, D, G, H, I, J, L]), self.wants_any(&[B, F, K])) {
-            (true, _) => Stage::C,
-            (false, true) => Stage::B,
-            (false, false) => {
-                debug_assert!(self.wants_any(&[A, E]) || self.wanted.is_empty());
-                Stage::A
-            }
-        }
+        self.wanted.iter().map(|level| level.stage()).max().unwrap_or(Stage::A)
     }
 
     fn hand_on(

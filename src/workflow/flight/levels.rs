@@ -2,6 +2,7 @@
 
 use super::Prepared;
 use crate::files::flight::mission::MeansFrame;
+use crate::flight::Stage;
 use std::collections::BTreeSet;
 use thiserror::Error;
 
@@ -53,6 +54,17 @@ impl Level {
     pub fn needs_heater(self) -> bool {
         use Level::{F, G, H, I, J, K, L};
         matches!(self, F | G | H | I | J | K | L)
+    }
+
+    /// The stage of single vectors that it is made of.
+    #[must_use]
+    pub fn stage(self) -> Stage {
+        use Level::{A, B, C, D, E, F, G, H, I, J, K, L};
+        match self {
+            A | E => Stage::A,
+            B | F | K => Stage::B,
+            C | D | G | H | I | J | L => Stage::C,
+        }
     }
 
     /// Whether it is made of two sensors.

@@ -135,11 +135,15 @@ impl<'a> Grid<'a> {
         (hz - self.rate_hz * (hz / self.rate_hz).round()).abs()
     }
 
+    /// Length of the longest plateau, s.
+    fn longest_s(&self) -> f64 {
+        let t = &self.samples.t_s;
+        self.windows.iter().map(|w| t[w[1].max(1) - 1] - t[w[0]]).fold(1.0 / self.rate_hz, f64::max)
+    }
+
     /// Lowest frequency that the means of the plateaus leave.
     pub fn lowest_hz(&self) -> f64 {
-        let t = &self.samples.t_s;
-        let longest_s = self.windows.iter().map(|w| t[w[1].max(1) - 1] - t[w[0]]).fold(1.0 / self.rate_hz, f64::max);
-        1.0 / (SLOWEST * longest_s)
+        1.0 / (SLOWEST * self.longest_s())
     }
 }
 
@@ -244,7 +248,7 @@ impl Lines<'_> {
     /// The line with the largest power among those around one that noise makes as seldom as `log_p`. The plateaus repeat a line at distances of
     /// one over their own, and a strong one lifts the level of the noise around it so far that its repetitions stand out as much.
     pub fn strongest_around(&self, grid: &Grid, line: usize, log_p: f64) -> usize {
-        let reach = (REPEATED * SLOWEST * grid.lowest_hz() / grid.step_hz()) as usize;
+        let reach = (REPEATED / (grid.longest_s() * grid.step_hz())) as usize;
         let usual = [0, 1, 2].map(|a| self.noise.usual_level(a));
         let power = |line: usize| (0..3).map(|a| self.spectrum.axes[a].lines[line].norm_sqr() / usual[a]).sum::<f64>();
         (line.saturating_sub(reach).max(self.spectrum.first)..self.spectrum.end().min(line + reach + 1))
