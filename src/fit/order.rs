@@ -23,7 +23,7 @@ use super::{FitError, require_finite, require_length};
 /// The highest order that is fitted.
 pub const HIGHEST_ORDER: usize = 5;
 /// A higher order is chosen where its AICc is lower by more than this: below it the data hardly prefer either.
-const TIE: f64 = 2.0;
+pub const TIE: f64 = 2.0;
 /// A higher order than that of the criterion is chosen where it predicts points left out better by more than this factor.
 const CLEARLY_BETTER: f64 = 3.0;
 /// Residuals below this share of the largest value are rounding: the lowest order that leaves no more is exact.
@@ -43,6 +43,10 @@ pub enum Reason {
     /// It is the lowest whose AICc is within 2 of the least.
     #[serde(rename = "AICc")]
     LeastAicc,
+    /// It is one above the order that the AICc prefers, as far as the data determine it, so that what the choice leaves out is small beside
+    /// the uncertainty.
+    #[serde(rename = "one above AICc")]
+    AboveLeastAicc,
     /// It is the lowest whose leave-one-out error is within a factor of 3 of the least; that of the order the criterion prefers,
     /// a lower one, is not.
     #[serde(rename = "leave-one-out error")]

@@ -247,7 +247,7 @@ fn describe(
             degrees_of_freedom: settings.saturating_sub(polynomial.coefficients.len()),
             factor_95: NORMAL_95,
             order: polynomial.order(),
-            order_by: if given { Reason::Given } else { Reason::LeastAicc },
+            order_by: if given { Reason::Given } else { Reason::AboveLeastAicc },
             aicc: Vec::new(),
             leave_one_out: Vec::new(),
             value: apart.iter().map(|w| w.values[k]).collect(),

@@ -1,8 +1,8 @@
 //! Whether the sensor follows its thermistor with a lag, and the fit with the lag that it has.
 //!
 //! What a polynomial of too low an order leaves looks like a lag wherever the temperature moves in one direction only. A lag is therefore
-//! claimed only where it is significant beside polynomials of one order higher, each of them. It is a parameter of the fit then, so that
-//! its uncertainty is in that of all others; a lag that is given is taken as it is.
+//! claimed only where it is significant beside polynomials of one order higher than what was asked for or what the criterion prefers. It is a
+//! parameter of the fit then, so that its uncertainty is in that of all others; a lag that is given is taken as it is.
 
 use super::fit::Problem;
 use super::options::LagChoice;
@@ -149,8 +149,9 @@ fn claimed(
     notes: &mut Vec<Note>,
 ) -> Result<Option<Settled>, SweepError> {
     let orders = asked.choose(problem, &problem.means.degc(&candidate.of(course)))?;
-    let Ok(higher) = lagged(problem, course, candidate, orders.higher()) else { return Ok(None) };
-    let without = problem.fit(&problem.means.degc(&course.series), orders.higher())?;
+    let above = asked.above(orders);
+    let Ok(higher) = lagged(problem, course, candidate, above) else { return Ok(None) };
+    let without = problem.fit(&problem.means.degc(&course.series), above)?;
     let gain = problem.deviance(&without) - problem.deviance(&higher.fit);
     let Ok(own) = lagged(problem, course, candidate, orders) else { return Ok(None) };
     let noise = problem.noise(&own.fit, &own.degc, orders)?;
