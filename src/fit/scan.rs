@@ -5,7 +5,7 @@
 //! simulated over all groups at once.
 
 use super::statistics::log_chi2_tail;
-use nalgebra::{DMatrix, DVector, DVectorView};
+use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
@@ -239,6 +239,16 @@ impl Fitted {
         left
     }
 
+    /// The rows of a component.
+    fn part<'m>(&self, columns: &'m DMatrix<f64>, component: usize) -> DMatrixView<'m, f64> {
+        columns.rows(self.edges[component], self.edges[component + 1] - self.edges[component])
+    }
+
+    /// The products of columns with each other in each component.
+    fn cross(&self, base: &DMatrix<f64>) -> [DMatrix<f64>; 3] {
+        std::array::from_fn(|component| self.part(base, component).tr_mul(&self.part(base, component)))
+    }
+
     /// A group of whitened columns beside this model.
     #[must_use]
     pub fn group(&self, columns: &DMatrix<f64>) -> Group {
@@ -246,9 +256,8 @@ impl Fitted {
         let left = self.beside(columns);
         let surviving = if before > 0.0 { left.norm() / before } else { 0.0 };
         let base = if surviving > 1e-7 { orthonormal(&left, None, 1e-6) } else { DMatrix::zeros(columns.nrows(), 0) };
-        let part = |a: usize| base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]);
-        let cross = [0, 1, 2].map(|a| part(a).tr_mul(&part(a)));
-        let on = std::array::from_fn(|a| columns.rows(self.edges[a], self.edges[a + 1] - self.edges[a]).norm() > 1e-3 * before);
+        let cross = self.cross(&base);
+        let on = std::array::from_fn(|a| self.part(columns, a).norm() > 1e-3 * before);
         Group { norms: left.column_iter().map(|c| c.norm()).collect(), base, surviving, on, cross }
     }
 
@@ -259,8 +268,7 @@ impl Fitted {
         extend(&mut units, &second.base, None, 1e-6);
         let base = joined(&units, self.residual.len());
         let surviving = base.columns_range(first.count()..).tr_mul(&second.base).norm() / (second.count().max(1) as f64).sqrt();
-        let part = |a: usize| base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]);
-        let cross = [0, 1, 2].map(|a| part(a).tr_mul(&part(a)));
+        let cross = self.cross(&base);
         let on = std::array::from_fn(|a| first.on[a] || second.on[a]);
         Group { norms: [first.norms.clone(), second.norms.clone()].concat(), surviving, base, on, cross }
     }
@@ -308,7 +316,7 @@ impl Fitted {
                 let mut at = 0;
                 for group in groups.iter().filter(|g| acts(g, a)) {
                     let width = group.base.ncols();
-                    joined.columns_mut(at, width).copy_from(&group.base.rows(self.edges[a], self.edges[a + 1] - self.edges[a]));
+                    joined.columns_mut(at, width).copy_from(&self.part(&group.base, a));
                     at += width;
                 }
                 joined.transpose()

@@ -110,7 +110,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let (channel, series) = &channels[chosen];
     let known_lag = options.model.as_ref().and_then(Known::thermal_lag);
     let course = Course::smooth(series);
-    if let Some(lag) = lag::expected(&lags[chosen], options.lag, known_lag)
+    if let (Some(lag), _) = lag::begin(&lags[chosen], options.lag, known_lag)
         && let Some(from_s) = lag.known_from_s(&course)
     {
         let before = used.len();

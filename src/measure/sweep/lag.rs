@@ -77,21 +77,14 @@ pub(super) fn settle(
     of_model: Option<Lag>,
     notes: &mut Vec<Note>,
 ) -> Result<Settled, SweepError> {
-    let (lag, decision) = match (choice, of_model) {
-        (LagChoice::Auto, Some(lag)) => (Some(lag), LagDecision::OfTheModel),
-        (LagChoice::Auto, None) => match candidate(screened) {
-            Some(lag) => match claimed(problem, asked, course, lag, notes)? {
-                Some(settled) => return Ok(settled),
-                None => {
-                    notes.push(declined(&screened.channel, lag));
-                    (None, LagDecision::NoneClaimed)
-                }
-            },
-            None => (None, LagDecision::NoneClaimed),
-        },
-        (LagChoice::None, _) => (None, LagDecision::NotLookedFor),
-        (LagChoice::Given(lag), _) => (Some(lag), LagDecision::Given),
-    };
+    let (mut lag, mut decision) = begin(screened, choice, of_model);
+    if let (LagDecision::Found, Some(candidate)) = (decision, lag) {
+        if let Some(settled) = claimed(problem, asked, course, candidate, notes)? {
+            return Ok(settled);
+        }
+        notes.push(declined(&screened.channel, candidate));
+        (lag, decision) = (None, LagDecision::NoneClaimed);
+    }
     if of_model.is_some() && decision != LagDecision::OfTheModel {
         let text =
             "the effects of the model are those with its lag; the polynomials are of the temperature with the one of --lag";
@@ -122,12 +115,16 @@ fn candidate(screened: &ThermistorLag) -> Option<Lag> {
     }
 }
 
-/// The lag that a fit of a sweep begins with, whether it is claimed in the end or not.
-pub(super) fn expected(screened: &ThermistorLag, choice: LagChoice, of_model: Option<Lag>) -> Option<Lag> {
-    match choice {
-        LagChoice::Auto => of_model.or_else(|| candidate(screened)),
-        LagChoice::None => None,
-        LagChoice::Given(lag) => Some(lag),
+/// The lag that a fit of a sweep begins with; one that a linear model shows is not claimed yet.
+pub(super) fn begin(screened: &ThermistorLag, choice: LagChoice, of_model: Option<Lag>) -> (Option<Lag>, LagDecision) {
+    match (choice, of_model) {
+        (LagChoice::Auto, Some(lag)) => (Some(lag), LagDecision::OfTheModel),
+        (LagChoice::Auto, None) => match candidate(screened) {
+            Some(lag) => (Some(lag), LagDecision::Found),
+            None => (None, LagDecision::NoneClaimed),
+        },
+        (LagChoice::None, _) => (None, LagDecision::NotLookedFor),
+        (LagChoice::Given(lag), _) => (Some(lag), LagDecision::Given),
     }
 }
 

@@ -89,7 +89,10 @@ impl Asked {
     /// These orders, one higher where they were asked for. The others are higher than they need be already, see [`Asked::choose`].
     pub fn above(&self, orders: Orders) -> Orders {
         let higher = orders.higher();
-        Orders { quantities: std::array::from_fn(|k| if self.has(k) { higher.quantities[k] } else { orders.quantities[k] }), ..orders }
+        Orders {
+            quantities: std::array::from_fn(|k| if self.has(k) { higher.quantities[k] } else { orders.quantities[k] }),
+            ..orders
+        }
     }
 
     /// Those that were asked for, the others one above those that the AICc of all quantities together prefers: from the highest that the
