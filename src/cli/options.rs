@@ -81,7 +81,8 @@ pub(super) struct Linearise {
 #[derive(Args, Clone, Debug)]
 pub(super) struct Runs {
     /// N: order of the offset trend of linearity runs, 0 to 2. null=N: of the drift of zero-field runs, 0 to 3. QUANTITY=N: of the polynomial
-    /// of a quantity or family, sigma=1, b_or_x=3, f_3db=2, f_3db_igep=1 for example; others are chosen by AICc and leave-one-out error.
+    /// of a quantity or family, sigma=1, b_or_x=3, f_3db=2, f_3db_igep=1 for example; others are chosen by AICc and leave-one-out error, in
+    /// a sweep one above what AICc prefers.
     #[arg(long, value_name = "N|null=N|QUANTITY=N", value_parser = order)]
     pub order: Vec<Order>,
     #[command(flatten)]

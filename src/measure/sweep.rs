@@ -169,7 +169,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         together,
         together_combined,
         rotation: fit::rotation(fit, &settled.covariance),
-        turning: Turning { order: settled.orders.rotation, angle_deg: fit::turned_deg(fit) },
+        turning: fit::turning(fit, &settled.covariance, settled.orders.rotation),
         settings: SettingCounts { used: used.len(), total: list.len(), too_fast },
         window: options.window,
         residual_nt: std::array::from_fn(|k| rms(&|b: &SweepBlock| b.residual_nt[k])),

@@ -52,7 +52,7 @@ fn lags(sweep: &Sweep) -> Section {
     Section::new("How the sensor follows the thermistors").with(decided(sweep)).with(table).with(
         "Positive: the sensor is later than the thermistor. The table is of linear models with polynomials of one order higher; gain and \
          difference of the two forms are in twice the log likelihood. A lag is claimed if it exceeds four standard uncertainties beside \
-         polynomials of one order higher, and is a parameter of the fit then: its uncertainty is in that of all coefficients.",
+         polynomials of one order higher than given or preferred, and is a parameter of the fit then: its uncertainty is in that of all coefficients.",
     )
 }
 
@@ -88,8 +88,8 @@ fn joint_fit(sweep: &Sweep) -> Section {
     let turned = match sweep.turning.order {
         0 => "The sensor stands still.".to_owned(),
         order => format!(
-            "The sensor is turned by {:.4}° at the highest temperature against the lowest (polynomial of order {order}).",
-            sweep.turning.angle_deg
+            "The sensor is turned by {}° at the highest temperature against the lowest (polynomial of order {order}).",
+            with_uncertainty(sweep.turning.angle_deg, sweep.turning.std_deg)
         ),
     };
     Section::new("Joint fit of all settings").with(coefficients(sweep)).with(format!(

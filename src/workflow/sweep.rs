@@ -143,6 +143,7 @@ fn sweep_part(sweep: &Sweep) -> SweepPart {
         residual_nt: sweep.residual_nt,
         rotation_order: Some(sweep.turning.order),
         rotation_change_deg: Some(sweep.turning.angle_deg),
+        rotation_change_std_deg: Some(sweep.turning.std_deg),
         applied_lag: Some(sweep.lag.clone()),
         lag: sweep.lags.clone(),
         facility: sweep.facility.clone(),

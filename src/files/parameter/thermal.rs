@@ -179,6 +179,9 @@ pub struct SweepPart {
     /// Angle between the orientations at the highest and at the lowest temperature, degrees; absent likewise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotation_change_deg: Option<f64>,
+    /// Its standard uncertainty, type A, degrees; absent likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation_change_std_deg: Option<f64>,
     /// The lag that the temperatures of the polynomials have; absent likewise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub applied_lag: Option<AppliedLag>,

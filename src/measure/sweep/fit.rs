@@ -3,7 +3,7 @@
 use super::means::{Means, deviance};
 use super::orders::Orders;
 use super::refusal::SweepError;
-use super::result::SweepBlock;
+use super::result::{SweepBlock, Turning};
 use super::{ANGLES, QUANTITIES};
 use crate::data::across::RunRotations;
 use crate::data::plateau::Plateau;
@@ -175,12 +175,22 @@ pub(super) fn rotation(fit: &SensorFit, covariance: &DMatrix<f64>) -> RunRotatio
     }
 }
 
-/// Angle by which the sensor is turned at the highest temperature against the lowest, degrees.
-pub(super) fn turned_deg(fit: &SensorFit) -> f64 {
+/// How the sensor is turned at the highest temperature against the lowest.
+pub(super) fn turning(fit: &SensorFit, covariance: &DMatrix<f64>, order: usize) -> Turning {
     let [low, high] = fit.valid_degc.map(|degc| fit.rho(degc));
     let difference = low.transpose() * high - Matrix3::identity();
     // The sine of half the angle of a rotation is its distance from none over √8.
-    2.0 * (difference.norm() / 8f64.sqrt()).min(1.0).asin().to_degrees()
+    let angle = 2.0 * (difference.norm() / 8f64.sqrt()).min(1.0).asin();
+    // The mapped temperature goes from -1 to 1, so that odd powers change by 2 times their rotation vector, and to first order the angle by
+    // what moves them along the axis of the turn.
+    let (at, values) = (fit.turn().start, fit.values());
+    let odd: Vec<usize> = (1..=order).step_by(2).map(|power| at + 3 * power).collect();
+    let turned: Vector3<f64> = odd.iter().map(|k| values.fixed_rows::<3>(*k).into_owned()).sum();
+    let axis = turned.try_normalize(0.0).unwrap_or_else(Vector3::x);
+    let block = |row: usize, column: usize| axis.dot(&(covariance.fixed_view::<3, 3>(row, column) * axis));
+    let variance: f64 =
+        odd.iter().flat_map(|row| odd.iter().map(move |column| (*row, *column))).map(|(r, c)| 4.0 * block(r, c)).sum();
+    Turning { order, angle_deg: angle.to_degrees(), std_deg: variance.max(0.0).sqrt().to_degrees() }
 }
 
 /// Temperatures through which a polynomial goes that errs least between them, °C.

@@ -96,6 +96,8 @@ pub struct Turning {
     pub order: usize,
     /// Angle between the orientations at the highest and at the lowest temperature, degrees.
     pub angle_deg: f64,
+    /// Its standard uncertainty, type A; an angle is never negative, so that one of no turn is as large as this.
+    pub std_deg: f64,
 }
 
 /// Numbers of settings of a sweep.
