@@ -34,7 +34,8 @@ pub struct QuantityFound {
     pub std: Vec<f64>,
     /// Value minus polynomial.
     pub residual: Vec<f64>,
-    /// Factor by which the uncertainties were widened because the runs scatter by more than their own uncertainties.
+    /// Factor by which the uncertainties were widened because the runs scatter by more than their own uncertainties, and because the order of the
+    /// polynomial was chosen.
     pub widened: f64,
     /// Smallest value minus polynomial.
     pub min_error: f64,

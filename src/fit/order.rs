@@ -10,6 +10,10 @@
 //! explains the scatter with coefficients. One which does not believe them cannot tell curvature from scatter in few points.
 //! Both are therefore hypotheses on one scale: the standard deviations as they are, `χ² + penalty(k)`, and all of them too small
 //! by one unknown factor, `n ln(χ²/n) + n + penalty(k + 1)`, which costs a parameter. Each order counts with the better.
+//!
+//! A coefficient of two or three standard deviations is left out as often as not, and what that does to the polynomial is in no covariance
+//! of a fit. The uncertainty of a polynomial whose order was chosen is therefore the one averaged over all orders (Buckland, Burnham and
+//! Augustin 1997): the variance of each and the square of its distance, weighed by its likelihood.
 
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -94,11 +98,13 @@ pub struct Chosen {
     /// The fit, weighted by `1/std²` where standard deviations are given.
     pub polynomial: Polynomial,
     /// Covariance of the coefficients in raw powers, (order+1) x (order+1): with standard deviations from those, times
-    /// `inflation²`; without from the scatter of the residuals, NaN where no degree of freedom is left.
+    /// `inflation²`; without from the scatter of the residuals, NaN where no degree of freedom is left. Times `choice²` both.
     pub covariance: DMatrix<f64>,
     /// Factor on the given standard deviations: `sqrt(χ²/dof)` where χ² exceeds its 99 % quantile, otherwise 1. Without
     /// standard deviations the standard deviation of a point.
     pub inflation: f64,
+    /// Factor on the standard deviations of the polynomial because its order was chosen: 1 where it was given or is exact.
+    pub choice: f64,
     /// Every order that was compared, lowest first.
     pub candidates: Vec<Candidate>,
 }
@@ -108,7 +114,7 @@ impl Chosen {
     #[must_use]
     pub fn evaluate(&self, x: f64) -> (f64, f64) {
         let (value, unit_std) = self.polynomial.evaluate_unscaled(x);
-        (value, self.inflation * unit_std)
+        (value, self.choice * self.inflation * unit_std)
     }
 }
 
@@ -179,14 +185,42 @@ pub fn choose(
             _ => (0, Reason::TooFewPoints),
         }
     };
+    let inflation = match fits[index].0.chi2 {
+        Some(chi2) => excess(chi2, fits[index].0.dof),
+        None => fits[index].1.residual_std,
+    };
+    let choice = if matches!(reason, Reason::Given | Reason::Exact) { 1.0 } else { of_choice(&fits, index, inflation, x) };
     // Orders are fitted without gap from zero, so an index is an order; order zero is always determined.
     let (candidate, polynomial) = fits.swap_remove(index);
-    let inflation = match candidate.chi2 {
-        Some(chi2) => excess(chi2, candidate.dof),
-        None => polynomial.residual_std,
+    let covariance = &polynomial.unscaled_covariance * (choice * inflation).powi(2);
+    Ok(Chosen { order: candidate.order, reason, polynomial, covariance, inflation, choice, candidates })
+}
+
+/// Factor by which the standard deviation of a polynomial at the points, root mean square, grows with the orders that it might have as well.
+/// `std_unit` is the standard deviation of a point of weight 1.
+fn of_choice(fits: &[(Candidate, Polynomial)], chosen: usize, std_unit: f64, x: &[f64]) -> f64 {
+    // Where the standard deviations of the points are known the criterion needs no correction for small samples.
+    let criterion = |candidate: &Candidate| match candidate.chi2 {
+        Some(chi2) => Some(chi2 / std_unit.powi(2) + 2.0 * (candidate.order + 1) as f64),
+        None => candidate.aicc,
     };
-    let covariance = &polynomial.unscaled_covariance * inflation.powi(2);
-    Ok(Chosen { order: candidate.order, reason, polynomial, covariance, inflation, candidates })
+    let own: Vec<(f64, f64)> = x.iter().map(|x| fits[chosen].1.evaluate_unscaled(*x)).collect();
+    let at_least = fits.iter().filter_map(|(candidate, _)| criterion(candidate)).fold(f64::INFINITY, f64::min);
+    let (mut weights, mut weighed) = (0.0, 0.0);
+    for (candidate, polynomial) in fits {
+        let Some(value) = criterion(candidate) else { continue };
+        let weight = (-(value - at_least) / 2.0).exp();
+        let squares = x.iter().zip(&own).map(|(x, (own, _))| {
+            let (other, unit_std) = polynomial.evaluate_unscaled(*x);
+            (unit_std * std_unit).powi(2) + (other - own).powi(2)
+        });
+        weights += weight;
+        weighed += weight * squares.sum::<f64>();
+    }
+    let alone = own.iter().map(|(_, unit_std)| (unit_std * std_unit).powi(2)).sum::<f64>();
+    let factor = (weighed / weights / alone).sqrt();
+    // Without a degree of freedom nothing is known of the scatter, and of the polynomial neither.
+    if factor.is_nan() { 1.0 } else { factor.max(1.0) }
 }
 
 /// A sum of squares that chance exceeds less often than this shows that standard deviations are too small.

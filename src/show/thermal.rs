@@ -187,8 +187,9 @@ fn quality(thermal: &Thermal) -> Section {
     }
     Section::new("Model quality")
         .with(
-            "Value of a run minus polynomial. An interval of 95 % is the standard uncertainty times the factor, which is larger where the \
-             scatter of a few runs told the uncertainty:",
+            "Value of a run minus polynomial. Uncertainties are widened where the runs scatter by more than their own, and where the order was \
+             chosen by the orders that it might be as well. An interval of 95 % is the standard uncertainty times the factor, which is larger \
+             where the scatter of a few runs told the uncertainty:",
         )
         .with(table)
 }

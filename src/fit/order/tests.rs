@@ -201,3 +201,38 @@ fn no_other_rule_takes_the_true_order_more_often() {
     println!("{right:?}");
     assert!(right.iter().all(|other| *other <= right[0]), "{right:?}");
 }
+
+/// Runs at seven temperatures on a straight line with a square whose coefficient is so many of its standard deviations: the polynomial with the
+/// order that was chosen is within its stated uncertainty, and would not be within that of its fit alone.
+#[test]
+fn what_the_choice_of_an_order_leaves_out_is_in_the_uncertainty() {
+    const TRIALS: usize = 400;
+    let n = TEMPERATURES.len();
+    let mean = TEMPERATURES.iter().sum::<f64>() / n as f64;
+    // The part of a square that no straight line follows, of unit norm.
+    let line = polynomial::fit(&TEMPERATURES, &TEMPERATURES.map(|x| (x - mean).powi(2)), None, 1, &Limits::default()).unwrap();
+    let norm = line.residuals.iter().map(|r| r * r).sum::<f64>().sqrt();
+    let mut random = Random::seeded(20);
+    for (size, alone_misses) in [(0.0, false), (2.0, true), (3.0, true)] {
+        let (mut held, mut held_alone) = (0, 0);
+        for _ in 0..TRIALS {
+            let truth: Vec<f64> = (0..n).map(|i| 5.0 + 0.7 * TEMPERATURES[i] + size * line.residuals[i] / norm).collect();
+            let y: Vec<f64> = truth.iter().map(|t| t + random.gaussian()).collect();
+            let chosen = automatic(&TEMPERATURES, &y, Some(&[1.0; 7]));
+            assert!(chosen.choice >= 1.0 && chosen.reason != Reason::Given);
+            for (x, truth) in TEMPERATURES.iter().zip(&truth) {
+                let (value, std) = chosen.evaluate(*x);
+                held += usize::from((value - truth).abs() < 1.96 * std);
+                held_alone += usize::from((value - truth).abs() < 1.96 * std / chosen.choice);
+            }
+        }
+        let share = |count: usize| count as f64 / (TRIALS * n) as f64;
+        println!("{size}: {:.3}, alone {:.3}", share(held), share(held_alone));
+        // Values at one polynomial go together: the standard deviation of a share is 0.6 %.
+        assert!(share(held) > 0.93, "{size}: {}", share(held));
+        assert_eq!(share(held_alone) < 0.85, alone_misses, "{size}: {}", share(held_alone));
+    }
+    // Who gives the order answers for it.
+    let y = TEMPERATURES.map(|x| 1.0 + x + random.gaussian());
+    assert_eq!(choose(&TEMPERATURES, &y, Some(&[1.0; 7]), HIGHEST_ORDER, Some(1), &Limits::default()).unwrap().choice, 1.0);
+}

@@ -270,7 +270,7 @@ fn described(
             min_error: extreme(f64::min),
             max_error: extreme(f64::max),
             residual,
-            widened: if std_known { chosen.inflation } else { 1.0 },
+            widened: if std_known { chosen.inflation } else { 1.0 } * chosen.choice,
         },
         component: quantity.component.clone(),
         runs,
