@@ -214,7 +214,11 @@ fn files_without_a_recipe_are_read_checked_and_made_again() {
         // Of two of its runs four and five samples that are none were left out as spikes.
         "/tilt_both/COIL_TILT__",
     ];
-    let of_noise = [of_noise.as_slice(), &["thermal/THERMAL_PARAMETER__"]].concat();
+    // The order of a polynomial was chosen, which is in its uncertainty since.
+    let of_choice = "centre2/THERMAL_PARAMETER__";
+    let of_noise = [of_noise.as_slice(), &["thermal/THERMAL_PARAMETER__", of_choice]].concat();
+    let chosen = told.lines().filter(|line| line.contains(of_choice) && line.contains("comes back as"));
+    assert!(chosen.clone().all(|line| line.contains(": covariance.")), "{told}");
     let with_facility = ["lin/PARAMETER_LIN__26", "offset/OFF_PARAMETER"];
     let is_among = |text: &str, names: &[&str]| names.iter().any(|name| text.contains(name));
     let explained = ["is a TCF file of version 1", "before those of a sweep were fitted as polynomials of the model itself"];
