@@ -4,6 +4,7 @@
 //! claimed only where it is significant beside polynomials of one order higher than what was asked for or what the criterion prefers. It is a
 //! parameter of the fit then, so that its uncertainty is in that of all others; a lag that is given is taken as it is.
 
+use super::QUANTITIES;
 use super::fit::Problem;
 use super::options::LagChoice;
 use super::orders::{Asked, Orders};
@@ -26,6 +27,14 @@ const DISTANCE_S: f64 = 10.0;
 
 /// The same for that by the temperature, K.
 const DISTANCE_K: f64 = 0.1;
+/// Longest lag that is thought of where none shows, s: that of a sensor in its box.
+const LONGEST_HIDDEN_S: f64 = 600.0;
+/// Changes by fewer stated uncertainties are not told.
+const TOLD: f64 = 5.0;
+/// The lag of which the effect is told, s.
+const MINUTE_S: f64 = 60.0;
+/// Temperatures at which polynomials are compared.
+const COMPARED: usize = 5;
 
 /// The fit with what its uncertainty is.
 pub(super) struct Settled {
@@ -78,11 +87,12 @@ pub(super) fn settle(
     notes: &mut Vec<Note>,
 ) -> Result<Settled, SweepError> {
     let (mut lag, mut decision) = begin(screened, choice, of_model);
+    let mut declined = None;
     if let (LagDecision::Found, Some(candidate)) = (decision, lag) {
         if let Some(settled) = claimed(problem, asked, course, candidate, notes)? {
             return Ok(settled);
         }
-        notes.push(declined(&screened.channel, candidate));
+        declined = Some(candidate);
         (lag, decision) = (None, LagDecision::NoneClaimed);
     }
     if of_model.is_some() && decision != LagDecision::OfTheModel {
@@ -97,7 +107,91 @@ pub(super) fn settle(
     let noise = problem.noise(&fit, &degc, orders)?;
     let influence = fit.influence(None)?;
     let covariance = noise.covariance_of(&influence) + of_thermistor(problem, &fit, course, lag, &degc, &influence);
+    if decision == LagDecision::NoneClaimed {
+        let effect = effect(problem, &fit, course, &noise, &covariance)?;
+        notes.extend(unclaimed(&screened.channel, declined, effect));
+    }
     Ok(Settled { fit, orders, degc, moved, noise, covariance, applied: applied(lag, None, decision) })
+}
+
+/// Derivative of the readings of a fit without a lag by a delay, enT/s.
+fn slope_at_none(problem: &Problem, fit: &SensorFit, course: &Course) -> Option<DMatrix<f64>> {
+    let beside = |by_s: f64| fit.readings_ent(&problem.means.degc(&Lag::Delay(by_s).of(course)));
+    Some((beside(DISTANCE_S)? - beside(-DISTANCE_S)?) / (2.0 * DISTANCE_S))
+}
+
+/// A lag of a fit without one, to first order, and its standard uncertainty, s; `None` where the readings hold nothing of it.
+fn lag_beside(problem: &Problem, fit: &SensorFit, course: &Course, noise: &DenseNoise) -> Option<(f64, f64)> {
+    let influence = fit.influence(Some(&slope_at_none(problem, fit, course)?)).ok()?;
+    let rows = influence.map(|all| all.rows(fit.count(), 1).into_owned());
+    let lag_s = (0..3).map(|c| (&rows[c] * fit.residual_ent.column(c))[0]).sum();
+    Some((lag_s, noise.covariance_of(&rows)[(0, 0)].sqrt()))
+}
+
+/// What a lag that is not claimed would do.
+struct Effect {
+    /// Longest lag that would not show, s.
+    hidden_s: f64,
+    /// Change of the quantity that changes most, in its stated uncertainties, of a lag of a second.
+    per_s: f64,
+    /// Name of that quantity.
+    quantity: &'static str,
+}
+
+/// What a lag that is not claimed would do; `None` where the readings hold nothing of it.
+///
+/// Where the temperature goes one way, a lag shifts the temperatures by the same amount all along, which polynomials follow: no residual shows
+/// it.
+fn effect(
+    problem: &Problem,
+    fit: &SensorFit,
+    course: &Course,
+    noise: &DenseNoise,
+    covariance: &DMatrix<f64>,
+) -> Result<Option<Effect>, SweepError> {
+    let (Some((_, std_s)), Some(slope)) = (lag_beside(problem, fit, course, noise), slope_at_none(problem, fit, course)) else {
+        return Ok(None);
+    };
+    let influence = fit.influence(None)?;
+    let changes: DVector<f64> = (0..3).map(|c| &influence[c] * slope.column(c)).sum();
+    let [low, high] = fit.valid_degc;
+    let compared = (0..COMPARED).map(|k| low + (high - low) * k as f64 / (COMPARED - 1) as f64);
+    let change = |degc: f64, quantity: usize| {
+        let place = fit.range(quantity);
+        let powers = DVector::from_fn(place.len(), |k, _| degc.powi(k as i32));
+        let own = covariance.view((place.start, place.start), (place.len(), place.len()));
+        changes.rows_range(place).dot(&powers).abs() / powers.dot(&(own * &powers)).sqrt()
+    };
+    let most = compared
+        .flat_map(|degc| (0..QUANTITIES.len()).map(move |quantity| (change(degc, quantity), quantity)))
+        .max_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(most.map(|(per_s, quantity)| Effect {
+        hidden_s: (SIGNIFICANT * std_s).min(LONGEST_HIDDEN_S),
+        per_s,
+        quantity: QUANTITIES[quantity].0,
+    }))
+}
+
+/// What is said of a lag that is not claimed: that `declined` would explain the readings, or how long one would not show.
+fn unclaimed(channel: &str, declined: Option<Lag>, effect: Option<Effect>) -> Option<Note> {
+    let why = match (declined, &effect) {
+        (Some(lag), _) => format!(
+            "a lag of {:.0} s behind {channel} explains the readings, but so do polynomials of one order higher: none is claimed",
+            lag.signed_seconds()
+        ),
+        (None, Some(effect)) if effect.hidden_s * effect.per_s > TOLD => {
+            format!("no lag behind {channel} is claimed, but one of up to {:.0} s would not show in this run", effect.hidden_s)
+        }
+        (None, _) => return None,
+    };
+    let what = effect.map_or_else(String::new, |Effect { per_s, quantity, .. }| {
+        format!(
+            "; one of {MINUTE_S:.0} s would change {quantity} by {:.1} times its stated uncertainty, which is without it",
+            MINUTE_S * per_s
+        )
+    });
+    let note = Note::new(NoteKind::Temperature, why + &what).about(channel);
+    Some(note.with_remedy("give the lag with --lag if it is known, or let the temperature go up and down"))
 }
 
 /// What a file says of a lag.
@@ -128,15 +222,6 @@ pub(super) fn begin(screened: &ThermistorLag, choice: LagChoice, of_model: Optio
     }
 }
 
-/// What is said of a lag that a linear model shows and that is not claimed.
-fn declined(channel: &str, lag: Lag) -> Note {
-    let text = format!(
-        "a lag of {:.0} s behind {channel} explains the readings, but so do polynomials of one order higher: none is claimed",
-        lag.signed_seconds()
-    );
-    Note::new(NoteKind::Temperature, text).about(channel).with_remedy("give it with --lag if it is known from elsewhere")
-}
-
 /// The fit with a lag, if it is significant beside polynomials of one order higher.
 fn claimed(
     problem: &Problem,
@@ -161,7 +246,10 @@ fn claimed(
     let of_lag = higher.fit.influence(Some(&higher.slope))?.map(|rows| rows.rows(higher.fit.count(), 1).into_owned());
     let higher_std_s = uncertain(&higher, &of_lag)[(0, 0)].sqrt();
     let (lag_s, higher_s) = (own.lag.signed_seconds(), higher.lag.signed_seconds());
-    let is_significant = higher_s.abs() > SIGNIFICANT * higher_std_s && gain > SIGNIFICANT * SIGNIFICANT;
+    // Where nothing depends on the temperature any lag is as good as none, whatever its neighbours are: it must show from none as well.
+    let shows = |(lag_s, std_s): (f64, f64)| lag_s.abs() > SIGNIFICANT * std_s;
+    let from_none = lag_beside(problem, &without, course, &noise);
+    let is_significant = shows((higher_s, higher_std_s)) && from_none.is_some_and(shows) && gain > SIGNIFICANT * SIGNIFICANT;
     if !is_significant {
         return Ok(None);
     }
