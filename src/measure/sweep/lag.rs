@@ -5,7 +5,7 @@
 //! parameter of the fit then, so that its uncertainty is in that of all others; a lag that is given is taken as it is.
 
 use super::QUANTITIES;
-use super::fit::Problem;
+use super::fit::{Problem, polynomials};
 use super::options::LagChoice;
 use super::orders::{Asked, Orders};
 use super::refusal::SweepError;
@@ -16,6 +16,7 @@ use crate::fit::smooth::Course;
 use crate::fit::{DenseNoise, FitError};
 use crate::measure::joint::SensorFit;
 use crate::model::lag::Lag;
+use crate::model::polynomial;
 use nalgebra::{DMatrix, DVector};
 
 /// Steps of the search for the lag of a fit; it starts beside the minimum.
@@ -108,24 +109,37 @@ pub(super) fn settle(
     let influence = fit.influence(None)?;
     let covariance = noise.covariance_of(&influence) + of_thermistor(problem, &fit, course, lag, &degc, &influence);
     if decision == LagDecision::NoneClaimed {
-        let effect = effect(problem, &fit, course, &noise, &covariance)?;
+        let effect = effect(problem, &fit, course, &noise, &influence, &covariance);
         notes.extend(unclaimed(&screened.channel, declined, effect));
     }
     Ok(Settled { fit, orders, degc, moved, noise, covariance, applied: applied(lag, None, decision) })
 }
 
-/// Derivative of the readings of a fit without a lag by a delay, enT/s.
-fn slope_at_none(problem: &Problem, fit: &SensorFit, course: &Course) -> Option<DMatrix<f64>> {
-    let beside = |by_s: f64| fit.readings_ent(&problem.means.degc(&Lag::Delay(by_s).of(course)));
-    Some((beside(DISTANCE_S)? - beside(-DISTANCE_S)?) / (2.0 * DISTANCE_S))
+/// Derivative of readings by what moves them, from half of a distance either way.
+fn slope(distance: f64, beside: impl Fn(f64) -> Option<DMatrix<f64>>) -> Option<DMatrix<f64>> {
+    Some((beside(distance)? - beside(-distance)?) / (2.0 * distance))
 }
 
-/// A lag of a fit without one, to first order, and its standard uncertainty, s; `None` where the readings hold nothing of it.
-fn lag_beside(problem: &Problem, fit: &SensorFit, course: &Course, noise: &DenseNoise) -> Option<(f64, f64)> {
-    let influence = fit.influence(Some(&slope_at_none(problem, fit, course)?)).ok()?;
-    let rows = influence.map(|all| all.rows(fit.count(), 1).into_owned());
-    let lag_s = (0..3).map(|c| (&rows[c] * fit.residual_ent.column(c))[0]).sum();
-    Some((lag_s, noise.covariance_of(&rows)[(0, 0)].sqrt()))
+/// Derivative of the readings of a fit without a lag by a delay, enT/s.
+fn slope_at_none(problem: &Problem, fit: &SensorFit, course: &Course) -> Option<DMatrix<f64>> {
+    slope(DISTANCE_S, |by_s| fit.readings_ent(&problem.means.degc(&Lag::Delay(by_s).of(course))))
+}
+
+/// How a lag follows from the readings, from the influence with the lag as its last parameter: a row per component, a column per plateau.
+fn of_lag(influence: &[DMatrix<f64>; 3]) -> [DMatrix<f64>; 3] {
+    influence.each_ref().map(|all| all.rows(all.nrows() - 1, 1).into_owned())
+}
+
+/// The step of a lag that the residuals of a fit ask for, s.
+fn step_s(rows: &[DMatrix<f64>; 3], fit: &SensorFit) -> f64 {
+    (0..3).map(|c| (&rows[c] * fit.residual_ent.column(c))[0]).sum()
+}
+
+/// The lag that the residuals of a fit without one ask for, to first order, and its standard uncertainty, s; `None` where the readings hold
+/// nothing of it.
+fn lag_beside(fit: &SensorFit, slope: &DMatrix<f64>, noise: &DenseNoise) -> Option<(f64, f64)> {
+    let rows = of_lag(&fit.influence(Some(slope)).ok()?);
+    Some((step_s(&rows, fit), noise.covariance_of(&rows)[(0, 0)].sqrt()))
 }
 
 /// What a lag that is not claimed would do.
@@ -138,7 +152,7 @@ struct Effect {
     quantity: &'static str,
 }
 
-/// What a lag that is not claimed would do; `None` where the readings hold nothing of it.
+/// The effect of a lag on a fit without one, from its influence and covariance; `None` where the readings hold nothing of a lag.
 ///
 /// Where the temperature goes one way, a lag shifts the temperatures by the same amount all along, which polynomials follow: no residual shows
 /// it.
@@ -147,29 +161,23 @@ fn effect(
     fit: &SensorFit,
     course: &Course,
     noise: &DenseNoise,
+    influence: &[DMatrix<f64>; 3],
     covariance: &DMatrix<f64>,
-) -> Result<Option<Effect>, SweepError> {
-    let (Some((_, std_s)), Some(slope)) = (lag_beside(problem, fit, course, noise), slope_at_none(problem, fit, course)) else {
-        return Ok(None);
-    };
-    let influence = fit.influence(None)?;
+) -> Option<Effect> {
+    let slope = slope_at_none(problem, fit, course)?;
+    let (_, std_s) = lag_beside(fit, &slope, noise)?;
     let changes: DVector<f64> = (0..3).map(|c| &influence[c] * slope.column(c)).sum();
-    let [low, high] = fit.valid_degc;
-    let compared = (0..COMPARED).map(|k| low + (high - low) * k as f64 / (COMPARED - 1) as f64);
+    let stated = polynomials(fit, covariance);
     let change = |degc: f64, quantity: usize| {
-        let place = fit.range(quantity);
-        let powers = DVector::from_fn(place.len(), |k, _| degc.powi(k as i32));
-        let own = covariance.view((place.start, place.start), (place.len(), place.len()));
-        changes.rows_range(place).dot(&powers).abs() / powers.dot(&(own * &powers)).sqrt()
+        polynomial::value(&changes.as_slice()[fit.range(quantity)], degc).abs() / stated[quantity].evaluate(degc).1
     };
-    let most = compared
-        .flat_map(|degc| (0..QUANTITIES.len()).map(move |quantity| (change(degc, quantity), quantity)))
-        .max_by(|a, b| a.0.total_cmp(&b.0));
-    Ok(most.map(|(per_s, quantity)| Effect {
-        hidden_s: (SIGNIFICANT * std_s).min(LONGEST_HIDDEN_S),
-        per_s,
-        quantity: QUANTITIES[quantity].0,
-    }))
+    let [low, high] = fit.valid_degc;
+    let (per_s, quantity) = (0..COMPARED)
+        .map(|k| low + (high - low) * k as f64 / (COMPARED - 1) as f64)
+        .flat_map(|degc| (0..QUANTITIES.len()).map(move |quantity| (degc, quantity)))
+        .map(|(degc, quantity)| (change(degc, quantity), QUANTITIES[quantity].0))
+        .max_by(|a, b| a.0.total_cmp(&b.0))?;
+    Some(Effect { hidden_s: (SIGNIFICANT * std_s).min(LONGEST_HIDDEN_S), per_s, quantity })
 }
 
 /// What is said of a lag that is not claimed: that `declined` would explain the readings, or how long one would not show.
@@ -243,12 +251,11 @@ fn claimed(
     };
     let covariance = uncertain(&own, &own.fit.influence(Some(&own.slope))?);
     let std_s = covariance[(own.fit.count(), own.fit.count())].sqrt();
-    let of_lag = higher.fit.influence(Some(&higher.slope))?.map(|rows| rows.rows(higher.fit.count(), 1).into_owned());
-    let higher_std_s = uncertain(&higher, &of_lag)[(0, 0)].sqrt();
+    let higher_std_s = uncertain(&higher, &of_lag(&higher.fit.influence(Some(&higher.slope))?))[(0, 0)].sqrt();
     let (lag_s, higher_s) = (own.lag.signed_seconds(), higher.lag.signed_seconds());
     // Where nothing depends on the temperature any lag is as good as none, whatever its neighbours are: it must show from none as well.
     let shows = |(lag_s, std_s): (f64, f64)| lag_s.abs() > SIGNIFICANT * std_s;
-    let from_none = lag_beside(problem, &without, course, &noise);
+    let from_none = slope_at_none(problem, &without, course).and_then(|slope| lag_beside(&without, &slope, &noise));
     let is_significant = shows((higher_s, higher_std_s)) && from_none.is_some_and(shows) && gain > SIGNIFICANT * SIGNIFICANT;
     if !is_significant {
         return Ok(None);
@@ -274,13 +281,11 @@ fn lagged(problem: &Problem, course: &Course, near: Lag, orders: Orders) -> Resu
     for _ in 0..MOST_STEPS {
         let now = degc(lag);
         let fit = problem.fit(&now, orders)?;
-        let beside = |by_s: f64| fit.readings_ent(&degc(lag.later_by(by_s))).ok_or(SweepError::NoSensor { degc: now[0] });
-        let slope = (beside(DISTANCE_S)? - beside(-DISTANCE_S)?) / (2.0 * DISTANCE_S);
-        let influence = fit.influence(Some(&slope))?;
-        let last = fit.count();
-        let row = |component: usize| influence[component].row(last);
-        let step_s: f64 = (0..3).map(|c| (row(c) * fit.residual_ent.column(c))[0]).sum();
-        let variance: f64 = (0..3).map(|c| row(c).norm_squared() * fit.residual_ent.column(c).norm_squared()).sum();
+        let slope =
+            slope(DISTANCE_S, |by_s| fit.readings_ent(&degc(lag.later_by(by_s)))).ok_or(SweepError::NoSensor { degc: now[0] })?;
+        let rows = of_lag(&fit.influence(Some(&slope))?);
+        let step_s = step_s(&rows, &fit);
+        let variance: f64 = (0..3).map(|c| rows[c].norm_squared() * fit.residual_ent.column(c).norm_squared()).sum();
         if step_s.abs() <= SETTLED * (variance / problem.settings() as f64).sqrt() {
             return Ok(Lagged { fit, lag, degc: now, slope });
         }
@@ -303,8 +308,7 @@ fn of_thermistor(
 ) -> DMatrix<f64> {
     let count = influence[0].nrows();
     let beside = |by_k: f64| fit.readings_ent(&degc.iter().map(|t| t + by_k).collect::<Vec<f64>>());
-    let (Some(above), Some(below)) = (beside(DISTANCE_K), beside(-DISTANCE_K)) else { return DMatrix::zeros(count, count) };
-    let slope = (above - below) / (2.0 * DISTANCE_K);
+    let Some(slope) = slope(DISTANCE_K, beside) else { return DMatrix::zeros(count, count) };
     let by_degc: DMatrix<f64> = (0..3)
         .map(|c| {
             let mut own = influence[c].clone();
