@@ -130,18 +130,24 @@ fn list(item: &toml_edit::Value) -> Vec<f64> {
     item.as_array().unwrap().iter().map(|v| v.as_float().unwrap()).collect()
 }
 
+/// A quantity at a temperature and its standard uncertainty, as the file says.
+fn stated(file: &DocumentMut, name: &str, degc: f64) -> (f64, f64) {
+    let coefficients = list(file[name].as_value().unwrap());
+    let covariance: Vec<Vec<f64>> = file["covariance"][name].as_array().unwrap().iter().map(list).collect();
+    let powers: Vec<f64> = (0..coefficients.len()).map(|k| degc.powi(k as i32)).collect();
+    let value: f64 = coefficients.iter().zip(&powers).map(|(c, p)| c * p).sum();
+    let row = |r: &Vec<f64>| r.iter().zip(&powers).map(|(c, p)| c * p).sum::<f64>();
+    let variance: f64 = covariance.iter().zip(&powers).map(|(r, p)| p * row(r)).sum();
+    (value, variance.sqrt())
+}
+
 /// What the file says minus the truth, in its own standard uncertainties: per quantity one value at each of the four temperatures.
 fn pulls(file: &DocumentMut, twin: &Twin) -> [[f64; 4]; 9] {
     let truths = DEGC.map(|degc| truth(twin, degc));
     std::array::from_fn(|k| {
-        let coefficients = list(file[NAMES[k]].as_value().unwrap());
-        let covariance: Vec<Vec<f64>> = file["covariance"][NAMES[k]].as_array().unwrap().iter().map(list).collect();
         std::array::from_fn(|t| {
-            let powers: Vec<f64> = (0..coefficients.len()).map(|k| DEGC[t].powi(k as i32)).collect();
-            let value: f64 = coefficients.iter().zip(&powers).map(|(c, p)| c * p).sum();
-            let row = |r: &Vec<f64>| r.iter().zip(&powers).map(|(c, p)| c * p).sum::<f64>();
-            let variance: f64 = covariance.iter().zip(&powers).map(|(r, p)| p * row(r)).sum();
-            (value - truths[t][k]) / variance.sqrt()
+            let (value, std) = stated(file, NAMES[k], DEGC[t]);
+            (value - truths[t][k]) / std
         })
     })
 }
@@ -374,4 +380,38 @@ fn a_day_of_march_1998_is_right_with_its_facility() {
     for pulls in [values, slopes] {
         assert!((0.7..1.3).contains(&rms(&pulls)) && pulls.iter().all(|p| p.abs() < 5.0), "{pulls:?}");
     }
+}
+
+/// A lag of a minute in a ramp of 20 K/h that goes one way shifts all temperatures by a third of a kelvin, which no residual shows: the file says
+/// what that does, and so much it does.
+#[test]
+fn a_lag_that_would_not_show_is_told_with_what_it_does() {
+    let mut twin = demo();
+    twin.thermal_box.sensor_time_constant_s = 60.0;
+    twin.thermistors[0].of = Body::Box;
+    // The ramp begins before the sweep and ends after it.
+    let ramp = twin.thermal_box.phases.last_mut().unwrap();
+    (ramp.from, ramp.target_degc) = ("2026-03-03T14:30:00Z".parse().unwrap(), -80.0);
+    let case = campaign(&twin, 1);
+    let (file, _) = swept(&case, &[]);
+    assert_eq!(decided(&file, "decision"), Some("none claimed"));
+    let warnings = file["warnings"].as_array().unwrap();
+    let said = warnings.iter().find_map(|w| w.as_str()?.split_once("one of 60 s would change ")).unwrap().1;
+    let (quantity, said) = said.split_once(" by ").unwrap();
+    let told: f64 = said.split_once(" times its stated uncertainty").unwrap().0.parse().unwrap();
+    let k = NAMES.iter().position(|name| *name == quantity).unwrap();
+    assert!(k < 3, "{quantity}");
+    // Five temperatures of the ramp, from its ends on.
+    let stds = [100.0, 60.0, 20.0, -20.0, -60.0].map(|degc| stated(&file, quantity, degc).1);
+    let least = stds.into_iter().fold(f64::INFINITY, f64::min);
+    let expected = (twin.sensors[0].model.sigma[k][1] / 3.0).abs() / least;
+    let own = pulls(&file, &twin)[k];
+    println!("{quantity}: told {told}, expected {expected:.1}, off by {own:.1?}");
+    assert!((told / expected - 1.0).abs() < 0.1, "{told} {expected}");
+    // Without a word the sensitivity would be off by that, but for its noise.
+    let most = own.iter().fold(0.0_f64, |most, pull| most.max(pull.abs()));
+    assert!((most - told).abs() < 0.2 * told + 4.0, "{told} {own:?}");
+    let (given, _) = swept(&case, &["--lag", "first-order=60"]);
+    assert!(!given.to_string().contains("would change"));
+    assert!(pulls(&given, &twin)[k].iter().all(|pull| pull.abs() < 5.0));
 }
