@@ -52,7 +52,8 @@ fn lags(sweep: &Sweep) -> Section {
     Section::new("How the sensor follows the thermistors").with(decided(sweep)).with(table).with(
         "Positive: the sensor is later than the thermistor. The table is of linear models with polynomials of one order higher; gain and \
          difference of the two forms are in twice the log likelihood. A lag is claimed if it exceeds four standard uncertainties beside \
-         polynomials of one order higher than given or preferred, and is a parameter of the fit then: its uncertainty is in that of all coefficients.",
+         polynomials of one order higher than given or preferred, both where it fits best and to first order from none. It is a parameter of \
+         the fit then: its uncertainty is in that of all coefficients.",
     )
 }
 

@@ -1,8 +1,9 @@
 //! Whether the sensor follows its thermistor with a lag, and the fit with the lag that it has.
 //!
 //! What a polynomial of too low an order leaves looks like a lag wherever the temperature moves in one direction only. A lag is therefore
-//! claimed only where it is significant beside polynomials of one order higher than what was asked for or what the criterion prefers. It is a
-//! parameter of the fit then, so that its uncertainty is in that of all others; a lag that is given is taken as it is.
+//! claimed only where it is significant beside polynomials of one order higher than what was asked for or what the criterion prefers, both where
+//! it fits best and to first order from none. It is a parameter of the fit then, so that its uncertainty is in that of all others; a lag that is
+//! given is taken as it is. Of one that is not claimed it is said how long it might be without showing, and what it would do.
 
 use super::QUANTITIES;
 use super::fit::{Problem, polynomials};
