@@ -654,7 +654,7 @@ fn every_format_gives_the_same_field() {
 #[test]
 fn a_run_is_calibrated_at_the_temperature_of_its_thermistor() {
     let plan = Plan::default();
-    let case = Case::of(plan.run().text());
+    let case = Case::of(plan.run().warming().text());
     case.done(&[]);
     let path = case.out().join(RUN_ID).join(format!("PARAMETER_LIN__{RUN_ID}.CPF"));
     let out = case.path().join("applied");

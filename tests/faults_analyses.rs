@@ -342,7 +342,7 @@ fn offset_readings_in_another_unit_are_refused() {
 // row 30
 #[test]
 fn an_absent_or_short_temperature_of_an_offset_run_is_told() {
-    let run = offset_run(&offset_plan());
+    let run = offset_run(&offset_plan()).warming();
     let (_, opf, stderr) = offsets(&run.clone().without_section("@TEMPERATURES"), &[]);
     says(&stderr, &["no sensor temperature", "T59", "no coil system temperature", "T29"]);
     says(&warnings(&opf), &["no sensor temperature"]);

@@ -558,7 +558,7 @@ fn an_absent_temperature_is_told_and_marks_no_range() {
 // row 30
 #[test]
 fn a_temperature_record_shorter_than_the_run_is_told_and_its_range_marked() {
-    let mut run = good();
+    let mut run = good().warming();
     run.temperatures.truncate(3);
     let (cpf, stderr) = accepted(&run, &[]);
     says(&stderr, &["T59", "0 to 22 s only"]);

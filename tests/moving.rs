@@ -8,6 +8,7 @@ use calfit::files::twin::{self, Twin};
 use calfit::simulate::write_campaign;
 use common::check::{Case, calfit, number, parameters, says, sigma, text, three};
 use rayon::prelude::*;
+use std::fs;
 use std::path::{Path, PathBuf};
 use toml_edit::DocumentMut;
 
@@ -280,13 +281,70 @@ fn a_group_whose_runs_show_no_slopes_leaves_a_moving_run_its_own() {
 }
 
 #[test]
-fn a_run_at_rest_has_no_slopes() {
+fn a_run_at_rest_has_no_slopes_and_one_that_moves_a_little_room_for_them() {
+    let made = |to_degc: f64| {
+        let case = Case::new();
+        case.put("26-01-01/00-00-00.CCR", short_run(to_degc));
+        let output = calfit().arg("lin").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let file = parameters(&folder(&case, ID).join(format!("PARAMETER_LIN__{ID}.CPF")));
+        assert!(!is_moving(&file));
+        (file, text(&output.stderr))
+    };
+    let (still, said) = made(10.0);
+    assert!(still.get("slopes").is_none() && !said.contains("moved by"), "{said}");
+
+    // Nine settings do not tell the slopes: the largest that are published, 1e-3 nT/enT/K, times the distance of each axis from the mean.
+    let (moved, said) = made(10.4);
+    says(&said, &["the sensor temperature moved by", "its slopes are not known", "0.001 nT/enT/K", "--temperature", "bounds"]);
+    assert_eq!(moved["slopes"]["source"].as_str(), Some("assumed"));
+    let far_k = [2.5, 0.5, -3.5].map(|plateaus: f64| plateaus * 0.4 / 9.0);
+    for (std, far_k) in three(&moved, "std.sigma").into_iter().zip(far_k) {
+        let (by_slope, of_noise) = (1e-3 * f64::abs(far_k), 3e-6);
+        assert!((std / by_slope.hypot(of_noise) - 1.0).abs() < 0.1, "{std} {by_slope}");
+    }
+}
+
+/// The demonstration's first linearity run while the sensor warms by 0.85 K, with slopes as steep as the steepest that are published of a
+/// fluxgate: the sensitivities hold at the mean temperature within their uncertainties.
+#[test]
+fn a_drift_of_less_than_a_kelvin_is_in_the_uncertainties() {
+    const SLOPES: [(&str, f64, f64); 3] = [("sigma_x", 0.9727, -9e-4), ("sigma_y", 0.9964, 8e-4), ("sigma_z", 0.9891, -1e-3)];
+    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
     let case = Case::new();
-    case.put("26-01-01/00-00-00.CCR", short_run(10.4));
-    let output = calfit().arg("lin").arg(case.campaign()).arg("-o").arg(case.out()).arg("--no-plots").output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-    let file = parameters(&folder(&case, ID).join(format!("PARAMETER_LIN__{ID}.CPF")));
-    assert!(file.get("slopes").is_none() && !is_moving(&file));
+    let mut twin: DocumentMut = fs::read_to_string(configs.join("demo.toml")).unwrap().parse().unwrap();
+    let phase = "[{ from = \"2026-03-02T07:30:00Z\", target_degc = 90.0, rate_k_per_h = 1.8 }]";
+    twin["box"]["phase"] = toml_edit::value(phase.parse::<toml_edit::Value>().unwrap());
+    let sensor = twin["sensor"].as_array_of_tables_mut().unwrap().get_mut(0).unwrap();
+    for (name, value, slope) in SLOPES {
+        sensor[name] = toml_edit::value([value, slope].into_iter().collect::<toml_edit::Array>());
+    }
+    let runs = twin["run"].as_array_of_tables_mut().unwrap();
+    runs.retain(|run| run["start"].as_str() == Some("2026-03-02T08:00:00Z"));
+    let programme = runs.get(0).unwrap()["programme"].as_str().unwrap().to_owned();
+    case.put(&format!("twin/{programme}"), fs::read_to_string(configs.join(&programme)).unwrap());
+    case.put("twin/twin.toml", twin.to_string());
+    let pulls: Vec<f64> = SEEDS
+        .iter()
+        .flat_map(|seed| {
+            let (campaign, out) = (case.path().join(format!("made{seed}")), case.path().join(format!("out{seed}")));
+            let twin = case.campaign().join("twin/twin.toml");
+            let made =
+                calfit().arg("simulate").arg(twin).arg("-o").arg(&campaign).args(["--seed", &seed.to_string()]).output().unwrap();
+            assert_eq!(made.status.code(), Some(0), "{}", text(&made.stderr));
+            let fitted = calfit().arg("lin").arg(&campaign).arg("-o").arg(&out).arg("--no-plots").output().unwrap();
+            says(&text(&fitted.stderr), &["the sensor temperature moved by", "its slopes are not known"]);
+            let id = "26-03-02_08-00-00";
+            let file = parameters(&out.join(id).join(format!("PARAMETER_LIN__{id}.CPF")));
+            assert!(!is_moving(&file));
+            let (degc, found, std) = (number(&file, "slopes.at_degc"), sigma(&file), three(&file, "std.sigma"));
+            // The noise alone makes 4e-6 nT/enT; Y is driven around the mean temperature.
+            assert!([std[0], std[2]].iter().all(|std| (8e-6..8e-5).contains(std)), "{std:?}");
+            [0, 1, 2].map(|i| (found[i] - (SLOPES[i].1 + SLOPES[i].2 * degc)) / std[i])
+        })
+        .collect();
+    // Fifteen values of a normal distribution: beyond it one time in a thousand.
+    assert!(rms(&pulls) < 1.58, "{pulls:?}");
 }
 
 #[test]

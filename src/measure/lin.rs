@@ -47,7 +47,12 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     let origin = origin(run, instructions, options, &temperatures, moving.as_ref(), &mut of_temperatures)?;
     let before: Vec<Reading> = prepared.list.iter().map(|p| p.mean).collect();
     let solved = match (&moving, &origin) {
-        (Some(moving), Some(origin)) => moving::refer(&mut prepared, moving, order, options.robust, origin)?.into(),
+        (Some(moving), Some(origin)) => {
+            let referred = moving::refer(&mut prepared, moving, order, options.robust, origin)?;
+            let channel = temperatures.conditions.as_ref().map_or("", |c| c.sensor_channel.as_str());
+            of_temperatures.extend(referred.note(moving, channel));
+            referred.into()
+        }
         _ => Solved::at_rest(&prepared, order, options)?,
     };
     let Solved { means, fitted, noise, stacked, covariance, slopes } = solved;
@@ -56,8 +61,6 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     screens::judge(followed, options.allow_mismatch, &mut notes)?;
     if let Some(moving) = moving.as_ref().filter(|m| m.is_moving()) {
         temperatures.state_movement(moving.range_k(), moving.rate_k_per_h);
-        let channel = temperatures.conditions.as_ref().map_or("", |c| c.sensor_channel.as_str());
-        of_temperatures.extend(slopes.iter().map(|slopes| moving::note(moving, slopes, channel)));
     }
     let r_nom = prepared.position.r_nom();
     let derived = Derived::of(&stacked, &means, &r_nom)?;
@@ -178,7 +181,7 @@ impl Solved {
 
 impl From<Referred> for Solved {
     fn from(referred: Referred) -> Self {
-        let Referred { means, fitted, noise, stacked, covariance, slopes } = referred;
+        let Referred { means, fitted, noise, stacked, covariance, slopes, .. } = referred;
         Self { means, fitted, noise, stacked, covariance, slopes: Some(slopes) }
     }
 }
@@ -196,7 +199,11 @@ fn origin<'a>(
     let (header, channel) = (&run.header, instructions.channels(&run.header).0);
     let own = || {
         let (order, bounds) = (instructions.order_of_sensor(header), instructions.slope_bounds);
-        moving.filter(|m| m.is_moving()).map(|_| Origin::Run { order, bounds })
+        match moving? {
+            m if m.is_moving() => Some(Origin::Run { order, bounds }),
+            m if m.is_shown => Some(Origin::Rest(bounds)),
+            _ => None,
+        }
     };
     let Some(polynomials) = &options.temperature else { return Ok(own()) };
     let file = &polynomials.input.path;
@@ -219,13 +226,13 @@ fn origin<'a>(
         notes.push(Note::new(NoteKind::Temperature, text).about(file));
         return Ok(None);
     };
-    if let Some(quantity) = polynomials.without_slope.as_ref().filter(|_| moving.is_moving()) {
+    if let Some(quantity) = polynomials.without_slope.as_ref().filter(|_| moving.is_moving() || moving.is_shown) {
         let text = format!(
             "{file} tells no slope of {quantity}: its runs show none, and the order 0 was not given; the slopes of {file} are not used"
         );
-        notes.push(
-            Note::new(NoteKind::Temperature, text).about(file).with_remedy("give the order with --order or in campaign.toml"),
-        );
+        let note = Note::new(NoteKind::Temperature, text).about(file);
+        // What that does to a sensor at rest is told where it matters.
+        notes.extend(moving.is_moving().then(|| note.with_remedy("give the order with --order or in campaign.toml")));
         return Ok(own());
     }
     let ([low, high], [from, to]) = (moving.range_degc, polynomials.valid_degc);

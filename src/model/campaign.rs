@@ -88,7 +88,27 @@ pub struct SlopeBounds {
     pub xi_deg_per_k: Option<f64>,
 }
 
+/// The largest slope of a sensitivity in the report of a calibration of a fluxgate, nT/enT/K (BC-MAG-TR-0085, section 12: 9.93e-4).
+pub const LARGEST_SIGMA_PER_K: f64 = 1e-3;
+/// The largest slope of an angle there, degrees/K (1.48e-3).
+pub const LARGEST_XI_DEG_PER_K: f64 = 1.5e-3;
+
 impl SlopeBounds {
+    /// What is stated, and for the rest the largest slopes that are published of fluxgates.
+    #[must_use]
+    pub fn or_published(self) -> Self {
+        Self {
+            sigma_per_k: self.sigma_per_k.or(Some(LARGEST_SIGMA_PER_K)),
+            xi_deg_per_k: self.xi_deg_per_k.or(Some(LARGEST_XI_DEG_PER_K)),
+        }
+    }
+
+    /// Whether everything is stated.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        self.sigma_per_k.is_some() && self.xi_deg_per_k.is_some()
+    }
+
     /// Whether anything is stated.
     #[must_use]
     pub fn is_stated(&self) -> bool {

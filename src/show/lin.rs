@@ -3,11 +3,12 @@
 use super::document::{Block, Cell, Section, Table, Text, cells};
 use super::{known_effects, not_used, or_not_stated, remarks, run_line, triple, used_file};
 use crate::data::calibration::{LinearCalibration, TemperatureSlopes};
-use crate::data::result::Conditions;
+use crate::data::result::{AT_REST_K, Conditions};
 use crate::data::units::{COMPONENTS, with_uncertainty};
 #[cfg(feature = "tables")]
 use crate::files::parameter::Cpf;
 use crate::measure::lin::Lin;
+use crate::model::campaign::{LARGEST_SIGMA_PER_K, LARGEST_XI_DEG_PER_K};
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
@@ -53,11 +54,15 @@ fn movement(lin: &Lin, slopes: &TemperatureSlopes) -> Section {
         Some(Conditions { sensor_range_k: Some(range_k), sensor_rate_k_per_h: Some(rate), .. }) => {
             format!("The sensor temperature moved by {range_k:.2} K, a straight line through it by {rate:+.1} K/h. ")
         }
-        _ => "The sensor temperature hardly moved. ".to_owned(),
+        _ => format!("The sensor temperature moved by less than {AT_REST_K} K. "),
     };
     let origin = match slopes.source.as_str() {
         "run" => "found in the run itself together with everything else".to_owned(),
         "bound" => "held by the bounds that the campaign states".to_owned(),
+        "assumed" => format!(
+            "not known: what the run tells of them is held by the largest that are published of fluxgates, {LARGEST_SIGMA_PER_K} nT/enT/K \
+             and {LARGEST_XI_DEG_PER_K} deg/K as standard uncertainties about zero"
+        ),
         file => format!("those of {file}"),
     };
     let place = format!(

@@ -85,9 +85,9 @@ fn polynomials(result: &Thermal) -> Option<SensorPolynomials> {
     Some(tpf.polynomials(input)).filter(|p| p.without_covariance().is_none())
 }
 
-/// Whether the sensor temperature moved during a run.
+/// Whether the sensor temperature moved during a run, by so little as it may be.
 fn moves(lin: &Lin) -> bool {
-    lin.temperatures.conditions.as_ref().is_some_and(|c| c.sensor_range_k.is_some())
+    lin.calibration.slopes.is_some()
 }
 
 /// Whether no coefficient differs by more than a small part of its standard uncertainty.

@@ -304,7 +304,7 @@ impl Plan {
             keys: keys.map(|(k, v)| (k.to_owned(), v.to_owned())).to_vec(),
             settings: self.settings.clone(),
             samples: samples.collect(),
-            temperatures: (0..=4).map(|i| (f64::from(i) * end / 4.0, [Some(20.5), Some(24.0 + f64::from(i) / 4.0)])).collect(),
+            temperatures: (0..=4).map(|i| (f64::from(i) * end / 4.0, [Some(20.5), Some(24.5)])).collect(),
             time_decimals: 4,
             reading_decimals: 3,
             sections: vec!["@FIELDS", "@TEMPERATURES", "@VECTORS"],
@@ -313,6 +313,14 @@ impl Plan {
 }
 
 impl Run {
+    /// The same of a sensor that warms from 24 to 25 °C, straight from the begin to the end.
+    pub fn warming(mut self) -> Self {
+        for (i, (_, [_, sensor])) in self.temperatures.iter_mut().enumerate() {
+            *sensor = Some(24.0 + i as f64 / 4.0);
+        }
+        self
+    }
+
     /// The same with another value of a key, as TOML text; a new key comes last.
     pub fn key(mut self, name: &str, value: &str) -> Self {
         match self.keys.iter_mut().find(|(k, _)| k == name) {

@@ -19,7 +19,7 @@ use crate::fit::noise::dense::GroupNoise;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::{extremes, slope};
 use crate::fit::{DenseNoise, FitError};
-use crate::model::campaign::SlopeBounds;
+use crate::model::campaign::{LARGEST_SIGMA_PER_K, LARGEST_XI_DEG_PER_K, SlopeBounds};
 use crate::model::sensor::{Split, SplitError, split};
 use crate::model::sensor_polynomials::{SensorChange, SensorPolynomials, change_at, response};
 use crate::record::carried;
@@ -36,6 +36,9 @@ const CURVED: f64 = 1e-3;
 /// The highest order in the temperature that a run by itself is asked for.
 const MOST_ORDER: usize = 2;
 
+/// A run at rest tells that its slopes are not known where that makes an uncertainty so many times as large.
+const WIDENED: f64 = 1.2;
+
 /// Number of parameters of the response: three sensitivities, three angles, three turns.
 const PARAMETERS: usize = 9;
 
@@ -50,6 +53,21 @@ pub(super) enum Origin<'a> {
         /// How large the slopes can be.
         bounds: SlopeBounds,
     },
+    /// From a run whose sensor counts as being at rest, as far as slopes are not larger than stated, or else than published ones.
+    Rest(SlopeBounds),
+}
+
+/// How large slopes can be, and what a file calls that.
+struct Held {
+    bounds: SlopeBounds,
+    source: &'static str,
+}
+
+impl Held {
+    /// By nothing but what is stated.
+    fn stated(bounds: SlopeBounds) -> Self {
+        Self { bounds, source: if bounds.is_stated() { "bound" } else { "run" } }
+    }
 }
 
 /// Temperatures of the plateaus of a run whose sensor is not at rest.
@@ -62,6 +80,8 @@ pub(super) struct Moving {
     std_k: f64,
     /// The smooth course of the temperature.
     course: Course,
+    /// Whether the temperatures of the used plateaus scatter by more than in any of the courses that the noise of the thermometer alone makes.
+    pub is_shown: bool,
     /// Lowest and highest temperature of the used plateaus, °C.
     pub range_degc: [f64; 2],
     /// Straight line through the temperatures of the used plateaus, K/h.
@@ -78,6 +98,12 @@ impl Moving {
         let std_k = course.noise / (readings.max(1) as f64).sqrt();
         let used = || list.iter().zip(&over_k).filter(|(p, _)| p.dropped.is_none());
         let [low, high] = extremes(used().map(|(_, over)| *over));
+        let times_s: Vec<[f64; 2]> = used().map(|(p, _)| p.used_s).collect();
+        // All courses together are the noise once.
+        let noises: Vec<f64> =
+            course.noises().map(|noise| sum_of_squares(times_s.iter().map(|s| mean_over(&noise.series, *s)))).collect();
+        let scatter = sum_of_squares(used().map(|(_, over)| *over));
+        let is_shown = scatter > noises.iter().fold(0.0, |a: f64, v| a.max(*v)) * noises.len() as f64;
         Some(Self {
             rate_k_per_h: 3600.0 * slope(&used().map(|(p, over)| (p.t_s(), *over)).collect::<Vec<_>>()),
             range_degc: [at_degc + low, at_degc + high],
@@ -85,6 +111,7 @@ impl Moving {
             over_k,
             std_k,
             course,
+            is_shown,
         })
     }
 
@@ -104,6 +131,13 @@ impl Moving {
     }
 }
 
+/// Sum of the squares of values about their mean.
+fn sum_of_squares(values: impl Iterator<Item = f64>) -> f64 {
+    let values: Vec<f64> = values.collect();
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    values.iter().map(|v| (v - mean).powi(2)).sum()
+}
+
 /// The fit of a run whose readings were referred to one temperature.
 pub(super) struct Referred {
     /// The fit, with the columns that the temperature brings.
@@ -118,6 +152,8 @@ pub(super) struct Referred {
     pub covariance: DMatrix<f64>,
     /// What the parameters follow of the temperature.
     pub slopes: TemperatureSlopes,
+    /// By how much the uncertainty of an element of the response is at most larger than it were if the slopes were known.
+    widened: f64,
 }
 
 /// Derivatives of S, row by row, by σ_x, σ_y, σ_z (nT/enT), ξ_xy, ξ_xz, ξ_yz (degrees) and a turn about the axes (radians).
@@ -160,14 +196,20 @@ pub(super) fn refer(
             let source = polynomials.input.path.clone();
             held(prepared, &raw, moving, order, is_robust, change, &directions, source, polynomials.noise.as_ref())
         }
+        Origin::Rest(stated) => {
+            let source = if stated.is_complete() { "bound" } else { "assumed" };
+            let held = Held { bounds: stated.or_published(), source };
+            free_or_held(prepared, &raw, moving, order, is_robust, 1, &held)
+        }
         Origin::Run { order: Some(highest), bounds } => {
-            free_or_held(prepared, &raw, moving, order, is_robust, (*highest).clamp(1, MOST_ORDER), bounds)
+            free_or_held(prepared, &raw, moving, order, is_robust, (*highest).clamp(1, MOST_ORDER), &Held::stated(*bounds))
         }
         Origin::Run { order: None, bounds } => {
-            let straight = free_or_held(prepared, &raw, moving, order, is_robust, 1, bounds)?;
+            let held = Held::stated(*bounds);
+            let straight = free_or_held(prepared, &raw, moving, order, is_robust, 1, &held)?;
             let list = prepared.list.clone();
             // A curvature that the run does not show, or not determine, is left out.
-            match free(prepared, &raw, moving, order, is_robust, MOST_ORDER, bounds) {
+            match free(prepared, &raw, moving, order, is_robust, MOST_ORDER, &held) {
                 Ok((curved, probability)) if probability < CURVED => Ok(curved),
                 _ => {
                     prepared.list = list;
@@ -186,14 +228,14 @@ fn free_or_held(
     order: usize,
     is_robust: bool,
     highest: usize,
-    bounds: &SlopeBounds,
+    by: &Held,
 ) -> Result<Referred, LinError> {
-    match free(prepared, raw, moving, order, is_robust, highest, bounds) {
-        Err(Open::Slopes) => match (bounds.sigma_per_k, bounds.xi_deg_per_k) {
+    match free(prepared, raw, moving, order, is_robust, highest, by) {
+        Err(Open::Slopes) => match (by.bounds.sigma_per_k, by.bounds.xi_deg_per_k) {
             (Some(sigma), Some(xi_deg)) => {
                 let of = |k: usize| (k, vec![if k < 3 { sigma } else { xi_deg }]);
                 let directions: Vec<_> = (0..6).map(of).collect();
-                held(prepared, raw, moving, order, is_robust, SensorChange::default(), &directions, "bound".to_owned(), None)
+                held(prepared, raw, moving, order, is_robust, SensorChange::default(), &directions, by.source.to_owned(), None)
             }
             _ => Err(LinError::Slopes { range_k: moving.range_k() }),
         },
@@ -244,11 +286,11 @@ fn held(
     let (means, fitted, at) = settle(prepared, raw, moving, order, is_robust, 0, &mut change.clone())?;
     let used = prepared.used(order)?;
     let noise = conditions::noise_in_group(fitted.for_noise(), &used, moving.within(), group).map_err(LinError::Fit)?;
-    let mut covariance = prepared.covariance(&noise, &means, &used).map_err(LinError::Fit)?;
+    let known = prepared.covariance(&noise, &means, &used).map_err(LinError::Fit)?;
     let mut changes = changes_ent(directions, &at, raw, moving);
     changes.extend(changes_by_thermometer_ent(&change, &at, raw, moving));
     let carry = || carried::covariance(&changes, raw, &means.design()?);
-    covariance += carry().map_err(LinError::Fit)?;
+    let covariance = &known + carry().map_err(LinError::Fit)?;
     let stacked = stack(&fitted.solution.coefficients);
     let std = |quantity: usize| {
         let first = directions.iter().filter(|(q, _)| *q == quantity).map(|(_, own)| own.first().copied().unwrap_or(0.0));
@@ -271,8 +313,10 @@ fn held(
         source,
     };
     subtract_offset(prepared, moving, offset.unwrap_or_default());
+    let known = places.of_baseline(&stacked, &known).1;
     let (stacked, covariance) = places.of_baseline(&stacked, &covariance);
-    Ok(Referred { means, fitted, noise, stacked, covariance, slopes })
+    let widened = places.widening(&covariance, &known);
+    Ok(Referred { means, fitted, noise, stacked, covariance, slopes, widened })
 }
 
 /// Temperatures over the stated one of the plateaus that are used, K.
@@ -301,11 +345,11 @@ fn changes_ent(directions: &[(usize, Vec<f64>)], at: &Split, list: &[Plateau], m
 }
 
 /// Changes of the mean readings of all plateaus, enT, by the noise of the thermometer, each by one standard deviation of something that is
-/// independent of the others: of a sensor at rest by a temperature that is wrong during the whole run, as the parameters then hold
-/// elsewhere than stated; of one that moves by random courses of the noise.
+/// independent of the others: of a sensor that shows no movement by a temperature that is wrong during the whole run, as the parameters then
+/// hold elsewhere than stated; of one that moves by random courses of the noise.
 fn changes_by_thermometer_ent(change: &SensorChange, at: &Split, list: &[Plateau], moving: &Moving) -> Vec<Vec<[f64; 3]>> {
     let readings = |p: &Plateau, over_k: f64| change.reading_ent(at, over_k, p.setting.field.0).unwrap_or_default();
-    if !moving.is_moving() {
+    if !moving.is_moving() && !moving.is_shown {
         return vec![list.iter().map(|p| readings(p, moving.std_k)).collect()];
     }
     let change = |noise: Course| {
@@ -409,6 +453,12 @@ impl Places {
         let values = kept.iter().map(|k| stacked[*k]).collect();
         (values, DMatrix::from_fn(kept.len(), kept.len(), |r, c| covariance[(kept[r], kept[c])]))
     }
+
+    /// How many times as large as with another covariance of the baseline the uncertainty of an element of the response is at most.
+    fn widening(&self, covariance: &DMatrix<f64>, than: &DMatrix<f64>) -> f64 {
+        let elements = (0..3).flat_map(|a| (0..3).map(move |j| a * self.base + j));
+        elements.map(|k| (covariance[(k, k)] / than[(k, k)]).sqrt()).fold(1.0, f64::max)
+    }
 }
 
 /// No change, up to a power of the temperature.
@@ -451,7 +501,7 @@ fn free(
     order: usize,
     is_robust: bool,
     powers: usize,
-    bounds: &SlopeBounds,
+    by: &Held,
 ) -> Result<(Referred, f64), Open> {
     prepared.list = raw.to_vec();
     let used = prepared.used(order).map_err(Open::Other)?;
@@ -464,19 +514,26 @@ fn free(
     let (means, fitted, at) = settle(prepared, raw, moving, order, is_robust, powers, &mut change).map_err(|_| Open::Slopes)?;
     let used = prepared.used(order).map_err(Open::Other)?;
     let noise = conditions::noise(fitted.for_noise(), &used, moving.within()).map_err(|e| Open::Other(LinError::Fit(e)))?;
-    let mut covariance = prepared.covariance(&noise, &means, &used).map_err(|e| Open::Other(LinError::Fit(e)))?;
-    let changes = changes_by_thermometer_ent(&change, &at, raw, moving);
-    let of_thermometer = || carried::covariance(&changes, raw, &means.design()?);
-    covariance += of_thermometer().map_err(|e| Open::Other(LinError::Fit(e)))?;
+    let of_noise = prepared.covariance(&noise, &means, &used).map_err(|e| Open::Other(LinError::Fit(e)))?;
     let stacked = stack(&fitted.solution.coefficients);
     let places = Places::of(&means);
-    let mut found = Found::of(&at, &places, &covariance, change).ok_or(Open::Slopes)?;
-    found.without_turns();
-    found.within(bounds);
+    let of = |covariance: &DMatrix<f64>| {
+        let mut found = Found::of(&at, &places, covariance, change.clone()).ok_or(Open::Slopes)?;
+        found.without_turns();
+        found.within(&by.bounds);
+        Ok(found)
+    };
+    // What the noise of the thermometer does follows from slopes as they are known in the end.
+    let changes = changes_by_thermometer_ent(&of(&of_noise)?.change, &at, raw, moving);
+    let of_thermometer = || carried::covariance(&changes, raw, &means.design()?);
+    let covariance = of_noise + of_thermometer().map_err(|e| Open::Other(LinError::Fit(e)))?;
+    let found = of(&covariance)?;
     let probability = found.probability_of_the_highest();
     let offset = places.of_offset(|k| stacked[k]).map(|o| std::array::from_fn(|a| o[a] + found.step[found.offset_slope(a)]));
-    let slopes = found.slopes(moving, offset, if bounds.is_stated() { "bound" } else { "run" });
+    let slopes = found.slopes(moving, offset, by.source);
+    let known = found.clone().with_slopes_known().of_baseline(&stacked).1;
     let (stacked, covariance) = found.of_baseline(&stacked);
+    let widened = places.widening(&covariance, &known);
     let response = Matrix3::from_fn(|a, j| stacked[a * places.base + j]);
     let singular = || Open::Slopes;
     let at = split(&response.try_inverse().ok_or_else(singular)?, &at.r_nom).map_err(|_| Open::Slopes)?;
@@ -486,26 +543,40 @@ fn free(
         plateau.mean.0 = std::array::from_fn(|a| raw.mean.0[a] - by[a]);
     }
     subtract_offset(prepared, moving, offset.unwrap_or_default());
-    Ok((Referred { means, fitted, noise, stacked, covariance, slopes }, probability))
+    Ok((Referred { means, fitted, noise, stacked, covariance, slopes, widened }, probability))
 }
 
-/// Says what moved, where the parameters hold, and where the slopes come from.
-pub(super) fn note(moving: &Moving, slopes: &TemperatureSlopes, channel: &str) -> Note {
-    let [low, high] = moving.range_degc;
-    let origin = match slopes.source.as_str() {
-        "run" => "the slopes were found in the run itself, which widens the uncertainties".to_owned(),
-        "bound" => "the slopes are held by the bounds of campaign.toml".to_owned(),
-        file => format!("the slopes are those of {file}"),
-    };
-    let text = format!(
-        "the sensor temperature moved by {:.1} K, {low:.1} to {high:.1} °C: the parameters hold at {:.2} °C; {origin}",
-        moving.range_k(),
-        slopes.at_degc
-    );
-    let note = Note::new(NoteKind::Temperature, text).about(channel);
-    match slopes.source.as_str() {
-        "run" => note.with_remedy("name polynomials of the sensor with --temperature"),
-        _ => note,
+impl Referred {
+    /// Says what moved, where the parameters hold, and where the slopes come from; nothing of a sensor at rest the slopes of which hardly
+    /// matter.
+    pub fn note(&self, moving: &Moving, channel: &str) -> Option<Note> {
+        let [low, high] = moving.range_degc;
+        let (slopes, widened) = (&self.slopes, self.widened);
+        let origin = match slopes.source.as_str() {
+            "run" => "the slopes were found in the run itself, which widens the uncertainties".to_owned(),
+            "bound" => "the slopes are held by the bounds of campaign.toml".to_owned(),
+            "assumed" => format!(
+                "its slopes are not known, and room for {LARGEST_SIGMA_PER_K} nT/enT/K and {LARGEST_XI_DEG_PER_K} deg/K makes \
+                 uncertainties up to {widened:.1} times as large"
+            ),
+            file => format!("the slopes are those of {file}"),
+        };
+        if !moving.is_moving() && (widened < WIDENED || slopes.source != "assumed") {
+            return None;
+        }
+        let decimals = if moving.is_moving() { 1 } else { 2 };
+        let text = format!(
+            "the sensor temperature moved by {:.decimals$} K, {low:.decimals$} to {high:.decimals$} °C: the parameters hold at {:.2} °C; \
+             {origin}",
+            moving.range_k(),
+            slopes.at_degc
+        );
+        let note = Note::new(NoteKind::Temperature, text).about(channel);
+        Some(match slopes.source.as_str() {
+            "run" => note.with_remedy("name polynomials of the sensor with --temperature"),
+            "assumed" => note.with_remedy("name polynomials of the sensor with --temperature, or state bounds in campaign.toml"),
+            _ => note,
+        })
     }
 }
 

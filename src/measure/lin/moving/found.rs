@@ -11,6 +11,7 @@ use nalgebra::{DMatrix, DVector, SMatrix};
 
 /// What a fit found with powers of the temperature, as parameters of the sensor: for every power, the zeroth first, three sensitivities,
 /// three angles and a turn; then the trends of the components, then the slopes of their offsets.
+#[derive(Clone)]
 pub(super) struct Found<'a> {
     at: &'a Split,
     places: &'a Places,
@@ -96,6 +97,17 @@ impl<'a> Found<'a> {
                 self.change.sensor[quantity][power - 1] += self.step[PARAMETERS * power + quantity];
             }
         }
+    }
+
+    /// As if the slopes were known to be what they are.
+    pub fn with_slopes_known(mut self) -> Self {
+        for power in 1..=self.places.powers {
+            for quantity in 0..6 {
+                let index = PARAMETERS * power + quantity;
+                self.observe(index, -self.step[index], 0.0);
+            }
+        }
+        self
     }
 
     /// Probability that noise alone makes the changes with the highest power as large.

@@ -38,7 +38,7 @@ fn cooling() -> (Vec<Plateau>, Moving) {
     let course = Course::smooth(&(0..=36).map(reading).collect::<Vec<_>>());
     let over_k: Vec<f64> = list.iter().map(|p| mean_over(&course.series, p.used_s)).collect();
     let [low, high] = extremes(over_k.iter().copied());
-    (list, Moving { at_degc: 0.0, over_k, std_k: 0.0, course, range_degc: [low, high], rate_k_per_h: -30.0 })
+    (list, Moving { at_degc: 0.0, over_k, std_k: 0.0, course, is_shown: true, range_degc: [low, high], rate_k_per_h: -30.0 })
 }
 
 /// The response is the mean over the plateaus of its axis of what each says, so that it errs by the slope times the mean of the smoothed
