@@ -523,8 +523,9 @@ fn free(
         found.within(&by.bounds);
         Ok(found)
     };
-    // What the noise of the thermometer does follows from slopes as they are known in the end.
-    let changes = changes_by_thermometer_ent(&of(&of_noise)?.change, &at, raw, moving);
+    // A movement of less than a kelvin tells slopes so poorly that the noise of the thermometer times them would be far more than it does.
+    let followed = if moving.is_moving() { change.clone() } else { of(&of_noise)?.change };
+    let changes = changes_by_thermometer_ent(&followed, &at, raw, moving);
     let of_thermometer = || carried::covariance(&changes, raw, &means.design()?);
     let covariance = of_noise + of_thermometer().map_err(|e| Open::Other(LinError::Fit(e)))?;
     let found = of(&covariance)?;
