@@ -14,10 +14,11 @@ use calfit::model::campaign::Instructions;
 use calfit::record::known::Known;
 use calfit::record::prepared::PreparedRun;
 use calfit::workflow::{known, read_model};
-use common::check::{Case, calfit, text};
-use common::{Plan, Truth, programme};
+use common::check::{Case, calfit, number, parameters, says, text};
+use common::{POSITIONS, Plan, Truth, in_positions, offset_fields, programme};
 use std::fs;
 use std::path::{Path, PathBuf};
+use toml_edit::DocumentMut;
 
 const RUN: &str = "13-04-03_09-22-38";
 /// 0.4 enT at 2000 enT.
@@ -579,4 +580,66 @@ fn the_diagnosis_of_sines_is_silent_with_what_it_found() {
     };
     let ((part, part_std), (hz, hz_std)) = (value("part"), value("f_c"));
     assert!((part - PART).abs() < 4.0 * part_std && (hz - POLE_HZ).abs() < 4.0 * hz_std, "{part} ± {part_std}, {hz} ± {hz_std}");
+}
+
+/// An even term of x in an offset run: of eight settings in every position two drive x by 200 nT, so that the zero level of x rises by
+/// c2 (200 nT / σ)² / 4 in all of them, as an offset would.
+#[test]
+fn effects_of_the_reading_are_taken_off_offset_runs_and_others_are_named() {
+    const C2: f64 = 1e-5;
+    let zero = Truth::default().offset_ent;
+    let fields = [offset_fields(), vec![[0.0; 3]]].concat();
+    let plan = Plan {
+        settings: in_positions(&[1, 2, 3, 4], &fields, 2.0),
+        positions: POSITIONS.to_vec(),
+        residual_nt: [4.0, -7.0, 11.0],
+        ..Plan::default()
+    };
+    let clean = plan.run().key("kind", "\"offset\"");
+    let run = clean.clone().each(|mut r| {
+        r[0] += C2 * (r[0] - zero[0]).powi(2);
+        r
+    });
+    let case = Case::of(clean.text());
+    let positions: String = POSITIONS.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect();
+    case.put("campaign.toml", positions);
+    let even = vec![parameter("c2_x", C2, Some(0.1 * C2), "enT/enT^2")];
+    let drift = vec![parameter("p3_x", 1.0, None, "enT"), parameter("p4_x", 1.0, None, "enT")];
+    let effects = vec![
+        effect("quadratic_nonlinearity", "quadratic", &["x"], even, Vec::new()),
+        effect("offset_drift", "polynomial", &["x"], drift, Vec::new()),
+    ];
+    let model = write_model(&case, effects);
+    let offsets = |more: &[&str]| {
+        let output = case.run("offset", &[&["--no-plots"], more].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let file = parameters(&case.out().join(RUN).join(format!("OFF_PARAMETER__{}.OPF", RUN.replace('_', "-"))));
+        (file, text(&output.stderr))
+    };
+    let x = |file: &DocumentMut| (number(file, "offset_ent.0") - zero[0], number(file, "offset_std_ent.0"));
+
+    let (_, std_ent) = x(&offsets(&[]).0);
+    fs::write(case.file(), run.text()).unwrap();
+    let (plain, _) = offsets(&[]);
+    let (off_ent, _) = x(&plain);
+    let level_ent = C2 * (200.0 / Truth::default().sigma[0]).powi(2) / 4.0;
+    assert!(level_ent > 20.0 * std_ent && (off_ent - level_ent).abs() < 3.0 * std_ent, "{off_ent} ± {std_ent}, {level_ent}");
+    assert!(plain.get("model").is_none());
+
+    let (without, said) = offsets(&["--model", &model.display().to_string()]);
+    let (off_ent, widened_ent) = x(&without);
+    assert!(off_ent.abs() < 3.0 * std_ent, "{off_ent} ± {std_ent}");
+    let expected_ent = std_ent.hypot(0.1 * level_ent);
+    assert!((widened_ent / expected_ent - 1.0).abs() < 0.1, "{widened_ent} is not {expected_ent}");
+    let covariance = |file: &DocumentMut| number(file, "covariance.matrix.0.0").sqrt();
+    assert!((covariance(&without) / widened_ent - 1.0).abs() < 1e-9);
+    says(&said, &["not taken off", "offset_drift"]);
+    says(&without.to_string(), &["id = \"quadratic_nonlinearity\"", "left_out = [\"offset_drift x\"]"]);
+    says(&without["convention"].to_string(), &["the effects of [model] were taken off B_r"]);
+    let largest_nt = number(&without, "model.effect.0.largest_nt");
+    let truth_nt = C2 * (200.0 / Truth::default().sigma[0]).powi(2) * Truth::default().sigma[0];
+    assert!((largest_nt / truth_nt - 1.0).abs() < 0.1, "{largest_nt} is not {truth_nt}");
+    // The file comes back from what it names.
+    let verified = calfit().arg("verify").arg(case.out()).arg(case.campaign()).arg(model.parent().unwrap()).output().unwrap();
+    assert_eq!(verified.status.code(), Some(0), "{}", text(&verified.stderr));
 }

@@ -5,7 +5,7 @@ use super::output::Terminal;
 use super::{Allow, Common, Status, each};
 use crate::data::error::Finding;
 use crate::measure::offset::Options;
-use crate::workflow::{facility, sensitivities};
+use crate::workflow::{facility, known, sensitivities};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -20,6 +20,9 @@ pub(super) struct Arguments {
     /// Facility whose scale factors and angles turn settings into applied fields; its offset field is part of what is measured here.
     #[arg(long, value_name = "FILE")]
     facility: Option<PathBuf>,
+    /// Model file of `calfit diagnose --write-model`: those of its effects that are functions of the reading are taken off.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
     #[command(flatten)]
     excluding: Excluding,
     #[command(flatten)]
@@ -27,12 +30,13 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    common.results.places(arguments.cpf.iter().chain(&arguments.facility));
+    common.results.places(arguments.cpf.iter().chain(&arguments.facility).chain(&arguments.model));
     let options = Options {
         cut: arguments.cut.into(),
         allow_mismatch: common.allows(Allow::Mismatch),
         cpf: sensitivities(arguments.cpf.as_ref())?,
         facility: facility(arguments.facility.as_ref())?,
+        model: known(arguments.model.as_ref())?,
     };
     each::run(&options, &arguments.paths, &arguments.excluding, common, terminal)
 }

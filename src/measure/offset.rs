@@ -5,6 +5,8 @@
 //! the run itself, so that a sensor which is turned by not quite 180° takes no part of the residual field for offset. For a turned
 //! pair of an ideal sensor this is `B_off = (B_0 + B_180) / 2`, `B_res = (B_0 - B_180) / 2`.
 
+mod carried;
+mod effects;
 mod levels;
 mod refusal;
 mod sight;
@@ -21,11 +23,14 @@ use crate::data::plateau::{Cut, Plateau, Plateaus};
 use crate::data::provenance::Input;
 use crate::data::result::Dropped;
 use crate::data::run::{Kind, Run};
+use crate::model::applied::ModelApplied;
 use crate::model::campaign::Instructions;
 use crate::model::facility::{Facility, FacilityApplied};
 use crate::record::conditions::{self, Temperatures};
 use crate::record::facility;
+use crate::record::known::Known;
 use crate::record::screens;
+use effects::Taken;
 use levels::{Levels, check_components};
 use serde::{Deserialize, Serialize};
 use solved::Solved;
@@ -47,6 +52,9 @@ pub struct Options {
     /// The facility that turns settings into applied fields; its offset field stays part of the residual field that is measured.
     #[serde(skip)]
     pub facility: Option<Facility>,
+    /// Known effects of the sensor, those of which that are functions of the reading are taken off.
+    #[serde(skip)]
+    pub model: Option<Known>,
 }
 
 /// Offsets and residual field of one run, with what is needed to judge them. What is not determined is nan.
@@ -58,6 +66,8 @@ pub struct Offset {
     pub found: OffsetFound,
     /// The facility whose scale factors and angles turned settings into applied fields; absent if the settings were taken as fields.
     pub facility: Option<FacilityApplied>,
+    /// The known effects that were taken off the readings.
+    pub model: Option<ModelApplied>,
     /// Plateaus that were not used.
     pub dropped: Vec<Dropped>,
     /// Every plateau of the run.
@@ -93,13 +103,17 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
         .as_ref()
         .map(|f| facility::apply(&f.without_offset(), run, instructions, &mut plateaus.list, &mut of_facility))
         .transpose()?;
+    let mut notes = Vec::new();
+    let taken = options.model.as_ref().map(|known| Taken::off(known, &mut plateaus, instructions, &mut notes)).transpose()?;
     let visits_made = stays(&plateaus, instructions)?;
     let made = visits_made.len();
     let stays = pooled(visits_made);
     let levels = Levels::measure(&stays)?;
-    let mut notes = Vec::new();
     check_components(&stays, &levels, options.allow_mismatch, &mut notes)?;
     let mut solved = Solved::of(&stays, &levels)?;
+    if let Some(taken) = &taken {
+        taken.widen(&plateaus, instructions, &levels, &mut solved)?;
+    }
     if solved.values.offset_ent.iter().all(|v| v.is_nan()) {
         let reasons: Vec<String> = solved.refused.iter().map(|r| format!("{}: {}", r.component, r.reason)).collect();
         return Err(OffsetError::NoPairs(reasons.join("; ")));
@@ -137,6 +151,7 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
         values: solved.values,
         found,
         facility: facility.map(|driven| driven.part),
+        model: taken.map(|taken| taken.part),
         dropped: conditions::dropped(&plateaus.list),
         plateaus: plateaus.list.clone(),
         temperatures,

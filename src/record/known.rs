@@ -247,7 +247,18 @@ impl KnownEffect {
         }
     }
 
-    fn name(&self) -> String {
+    /// For a parameter file, with its largest contribution to a mean reading.
+    pub(super) fn applied(&self, largest_nt: f64) -> AppliedEffect {
+        AppliedEffect {
+            id: self.given.effect.to_string(),
+            form: self.given.spec.form.clone(),
+            axes: self.given.spec.axis_names().into_iter().map(str::to_owned).collect(),
+            largest_nt: Some(largest_nt),
+            largest_part: None,
+        }
+    }
+
+    pub(super) fn name(&self) -> String {
         format!("{} {}", self.given.effect, self.given.spec.axis_names().concat())
     }
 }
@@ -408,13 +419,7 @@ pub fn apply(
                 }
             }
             let size = |v: &[f64; 3]| (0..3).map(|a| v[a].abs() * prepared.nt_per_ent[a]).fold(0.0, f64::max);
-            part.effect.push(AppliedEffect {
-                id: effect.given.effect.to_string(),
-                form: effect.given.spec.form.clone(),
-                axes: effect.given.spec.axis_names().into_iter().map(str::to_owned).collect(),
-                largest_nt: Some(own.iter().take(base).map(size).fold(0.0, f64::max)),
-                largest_part: None,
-            });
+            part.effect.push(effect.applied(own.iter().take(base).map(size).fold(0.0, f64::max)));
             for (total, own) in sum.iter_mut().zip(&own) {
                 (0..3).for_each(|a| total[a] += own[a]);
             }

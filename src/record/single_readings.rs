@@ -4,6 +4,7 @@ use super::known::{Known, KnownEffect};
 use crate::data::note::{Note, NoteKind};
 use crate::data::run::Kind;
 use crate::data::units::Scale;
+use crate::model::applied::AppliedEffect;
 use crate::model::effects::{Family, Record, Row};
 use nalgebra::Matrix3;
 use thiserror::Error;
@@ -27,6 +28,15 @@ pub struct SingleReadings {
     effects: Vec<KnownEffect>,
 }
 
+/// An effect of a model that is no function of the reading alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LeftOut {
+    /// Id and axes.
+    pub name: String,
+    /// Why it is none.
+    pub reason: String,
+}
+
 /// What is taken off a reading.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TakenOff {
@@ -48,24 +58,48 @@ impl SingleReadings {
         let mut effects = Vec::new();
         let mut notes = Vec::new();
         for effect in &known.effects {
-            let about = effect.given.effect.about();
-            let reason = match about.family {
-                Family::StaticOdd | Family::StaticEven | Family::CrossField => {
+            match reach(effect) {
+                Reach::Reading => effects.push(effect.clone()),
+                Reach::NotThere(reason) => {
+                    let text =
+                        format!("{} of {} is not taken off these readings: {reason}", effect.given.effect, known.input.path);
+                    notes.push(Note::new(NoteKind::Method, text).about(effect.given.effect.id()));
+                }
+                Reach::NeedsMore(needs) => return Err(NeedsMore { effect: effect.given.effect.to_string(), needs }),
+            }
+        }
+        Ok((Self { effects }, notes))
+    }
+
+    /// The effects of a model that readings alone determine, and those that they do not.
+    #[must_use]
+    pub fn of_these(known: &Known) -> (Self, Vec<LeftOut>) {
+        let mut effects = Vec::new();
+        let mut left_out = Vec::new();
+        for effect in &known.effects {
+            let reason = match reach(effect) {
+                Reach::Reading => {
                     effects.push(effect.clone());
                     continue;
                 }
-                Family::Facility => "it belongs to the facility",
-                Family::Time => "it belongs to the times of its run",
-                Family::DataFault => "it is a damage of the data of its run",
-                Family::Response => "the response to alternating fields is not applied",
-                Family::Thermal | Family::History | Family::Periodic | Family::Unknown => {
-                    return Err(NeedsMore { effect: effect.given.effect.to_string(), needs: about.needs });
-                }
+                Reach::NotThere(reason) => reason.to_owned(),
+                Reach::NeedsMore(needs) => format!("it is no function of the reading alone: {needs}"),
             };
-            let text = format!("{} of {} is not taken off these readings: {reason}", effect.given.effect, known.input.path);
-            notes.push(Note::new(NoteKind::Method, text).about(effect.given.effect.id()));
+            left_out.push(LeftOut { name: effect.name(), reason });
         }
-        Ok((Self { effects }, notes))
+        (Self { effects }, left_out)
+    }
+
+    /// For a parameter file, with the largest contribution of each effect to readings without their offset, enT, of which one enT along each
+    /// sensor axis is so many nT.
+    #[must_use]
+    pub fn applied(&self, without_offset_ent: &[[f64; 3]], nt_per_ent: [f64; 3]) -> Vec<AppliedEffect> {
+        let largest_nt = |effect: &KnownEffect| {
+            let alone = Self { effects: vec![effect.clone()] }.taken_off(without_offset_ent);
+            let size = |one: &TakenOff| (0..3).map(|a| one.sum_ent[a].abs() * nt_per_ent[a]).fold(0.0, f64::max);
+            alone.iter().map(size).fold(0.0, f64::max)
+        };
+        self.effects.iter().map(|effect| effect.applied(largest_nt(effect))).collect()
     }
 
     /// What is taken off readings, given without their offset, enT.
@@ -103,6 +137,28 @@ impl SingleReadings {
             }
         }
         found
+    }
+}
+
+/// How far single readings tell an effect.
+enum Reach {
+    /// It is a function of them.
+    Reading,
+    /// They do not have it, and why.
+    NotThere(&'static str),
+    /// They have it, and it needs this besides.
+    NeedsMore(&'static str),
+}
+
+fn reach(effect: &KnownEffect) -> Reach {
+    let about = effect.given.effect.about();
+    match about.family {
+        Family::StaticOdd | Family::StaticEven | Family::CrossField => Reach::Reading,
+        Family::Facility => Reach::NotThere("it belongs to the facility"),
+        Family::Time => Reach::NotThere("it belongs to the times of its run"),
+        Family::DataFault => Reach::NotThere("it is a damage of the data of its run"),
+        Family::Response => Reach::NotThere("the response to alternating fields is not applied"),
+        Family::Thermal | Family::History | Family::Periodic | Family::Unknown => Reach::NeedsMore(about.needs),
     }
 }
 

@@ -1,7 +1,7 @@
 //! The report of an offset measurement: the blocks of BC-MAG-TR-0085 section 3.4.2 in their order.
 
 use super::document::{Cell, Section, Table, Text, cells};
-use super::{not_used, remarks, run_line, triple, used_file, value};
+use super::{known_effects, not_used, remarks, run_line, triple, used_file, value};
 use crate::data::offset::OffsetTypeB;
 use crate::data::units::{COMPONENTS, with_uncertainty};
 #[cfg(feature = "tables")]
@@ -42,7 +42,8 @@ fn offsets(p: &Offset) -> Section {
             positions
         ]);
     }
-    let section = Section::new("Sensor offsets").with(table);
+    let mut section = Section::new("Sensor offsets").with(table);
+    section.blocks.extend(p.model.as_ref().map(|model| known_effects(model).into()));
     let section = match &p.found.of_facility {
         Some(b) => type_b(p, b, section),
         None => section,

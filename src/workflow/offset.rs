@@ -26,6 +26,7 @@ impl PerRun for Options {
     const COMMAND: &'static str = "offset";
     const KIND: Kind = Kind::Offset;
     const STEM: &'static str = "OFFSET";
+    const TAKES_MODEL: bool = true;
     type Sink = Accumulator;
     type Result = Offset;
 
@@ -40,15 +41,16 @@ impl PerRun for Options {
 
     fn inputs(&self) -> Vec<Input> {
         let facility = self.facility.iter().map(|f| f.input.clone());
-        self.cpf.iter().map(|(input, _)| input.clone()).chain(facility).collect()
+        let model = self.model.iter().map(|m| m.input.clone());
+        self.cpf.iter().map(|(input, _)| input.clone()).chain(facility).chain(model).collect()
     }
 
-    fn with_corrections(self, facility: Option<&Facility>, _model: Option<&Known>) -> Self {
-        Self { facility: facility.cloned(), ..self }
+    fn with_corrections(self, facility: Option<&Facility>, model: Option<&Known>) -> Self {
+        Self { facility: facility.cloned(), model: model.cloned(), ..self }
     }
 
     fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
-        Ok(Self { cpf: files.sensitivities()?, facility: files.facility()?, ..self })
+        Ok(Self { cpf: files.sensitivities()?, facility: files.facility()?, model: files.model()?, ..self })
     }
 }
 
@@ -86,12 +88,14 @@ impl RunResult for Offset {
         Some((&self.parameters()).into())
     }
     fn parameters(&self) -> Opf {
+        let convention = OffsetConvention::default();
         Opf {
             values: self.values,
-            convention: OffsetConvention::default(),
+            convention: if self.model.is_some() { convention.without_effects() } else { convention },
             found: self.found.clone(),
             conditions: self.temperatures.conditions.clone(),
             facility: self.facility.clone(),
+            model: self.model.clone(),
             dropped: self.dropped.clone(),
             told: Told::of(&self.notes),
         }

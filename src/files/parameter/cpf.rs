@@ -73,12 +73,17 @@ impl Convention {
     /// For readings from which known effects were taken off.
     #[must_use]
     pub fn without_effects(self) -> Self {
-        Self {
-            model: format!("{}; the effects of [model] were taken off B_r", self.model),
-            uncertainty: format!("{}; that of the parameters of [model] included, taken as independent", self.uncertainty),
-            ..self
-        }
+        let (model, uncertainty) = without_effects(&self.model, &self.uncertainty);
+        Self { model, uncertainty, ..self }
     }
+}
+
+/// Equation and uncertainties of a convention for readings from which known effects were taken off.
+pub(super) fn without_effects(model: &str, uncertainty: &str) -> (String, String) {
+    (
+        format!("{model}; the effects of [model] were taken off B_r"),
+        format!("{uncertainty}; that of the parameters of [model] included, taken as independent"),
+    )
 }
 
 /// Begin of the name of the calibration of a run alone.

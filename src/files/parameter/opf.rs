@@ -1,5 +1,6 @@
 //! OPF: sensor offset and residual field of the coil system from normal and turned positions.
 
+use super::cpf::without_effects;
 use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Scalar, Vector};
@@ -10,6 +11,7 @@ use crate::data::error::Finding;
 use crate::data::note::Told;
 use crate::data::offset::{OffsetFound, OffsetValues};
 use crate::data::result::{Conditions, Dropped};
+use crate::model::applied::ModelApplied;
 use crate::model::facility::FacilityApplied;
 use crate::model::field_calibration::Frame;
 use serde::{Deserialize, Serialize};
@@ -36,6 +38,15 @@ impl Default for OffsetConvention {
     }
 }
 
+impl OffsetConvention {
+    /// For readings from which known effects were taken off.
+    #[must_use]
+    pub fn without_effects(self) -> Self {
+        let (model, uncertainty) = without_effects(&self.model, &self.uncertainty);
+        Self { model, uncertainty, ..self }
+    }
+}
+
 /// Offset and residual field. Components that the positions do not determine are nan and stand in `refused`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Opf {
@@ -53,6 +64,9 @@ pub struct Opf {
     /// The facility whose scale factors and angles turned settings into applied fields; absent if the settings were taken as fields.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub facility: Option<FacilityApplied>,
+    /// The known effects that were taken off the readings.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<ModelApplied>,
     /// Plateaus that were not used.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub dropped: Vec<Dropped>,
