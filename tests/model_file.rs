@@ -636,7 +636,7 @@ fn effects_of_the_reading_are_taken_off_offset_runs_and_others_are_named() {
     says(&said, &["not taken off", "offset_drift"]);
     says(&without.to_string(), &["id = \"quadratic_nonlinearity\"", "left_out = [\"offset_drift x\"]"]);
     says(&without["convention"].to_string(), &["the effects of [model] were taken off B_r"]);
-    let largest_nt = number(&without, "model.effect.0.largest_nt");
+    let largest_nt = without["model"]["effect"][0]["largest_nt"].as_float().unwrap();
     let truth_nt = C2 * (200.0 / Truth::default().sigma[0]).powi(2) * Truth::default().sigma[0];
     assert!((largest_nt / truth_nt - 1.0).abs() < 0.1, "{largest_nt} is not {truth_nt}");
     // The file comes back from what it names.
