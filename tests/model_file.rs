@@ -637,8 +637,9 @@ fn effects_of_the_reading_are_taken_off_offset_runs_and_others_are_named() {
     says(&without.to_string(), &["id = \"quadratic_nonlinearity\"", "left_out = [\"offset_drift x\"]"]);
     says(&without["convention"].to_string(), &["the effects of [model] were taken off B_r"]);
     let largest_nt = without["model"]["effect"][0]["largest_nt"].as_float().unwrap();
-    let truth_nt = C2 * (200.0 / Truth::default().sigma[0]).powi(2) * Truth::default().sigma[0];
-    assert!((largest_nt / truth_nt - 1.0).abs() < 0.1, "{largest_nt} is not {truth_nt}");
+    // The residual field adds up to 11 nT to the fields, along x in two of the positions.
+    let truth_nt = C2 * (211.0 / Truth::default().sigma[0]).powi(2) * Truth::default().sigma[0];
+    assert!((largest_nt / truth_nt - 1.0).abs() < 0.01, "{largest_nt} is not {truth_nt}");
     // The file comes back from what it names.
     let verified = calfit().arg("verify").arg(case.out()).arg(case.campaign()).arg(model.parent().unwrap()).output().unwrap();
     assert_eq!(verified.status.code(), Some(0), "{}", text(&verified.stderr));
