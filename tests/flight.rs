@@ -3,6 +3,9 @@
 
 use crate::common;
 
+use calfit::data::provenance::Provenance;
+use calfit::data::recipe::Recipe;
+use calfit::files::parameter::{self, Model, ModelEffect, ModelParameter};
 use calfit::files::table::long::{Column, LongWriter};
 use calfit::files::table::series::SeriesTable;
 use common::check::{calfit, copy, data, says, text};
@@ -507,6 +510,88 @@ fn the_common_uncertainty_holds_at_small_and_large_fields() {
             assert!((0.94..=0.96).contains(&share) && (0.95..=1.05).contains(&pull), "{row} {i}: {share} {pull}");
         }
     }
+}
+
+/// A ground calibration that was made with a model: the reading `L + c2 L²` comes back as the field of `L`, the uncertainty of c2 stands in the
+/// common part, and without the model, or with an effect of a history that telemetry does not tell, nothing is written.
+#[test]
+fn known_effects_of_the_ground_calibration_are_taken_off_in_flight() {
+    const C2: f64 = 2e-7;
+    const C2_STD: f64 = 1e-8;
+    let ground = fs::read_to_string(data("tests/data/flight/exact/ground/RPCMAG_001_CALIB_FSDPU_FMOB.TXT")).unwrap();
+    let file: toml_edit::DocumentMut = ground.parse().unwrap();
+    let of = |key: &str, i: usize| file[key][i].as_float().unwrap();
+    let configuration = |model: &str| {
+        format!(
+            "[[sensor]]\nname = \"OB\"\nground = [\"OB.TXT\"]\n{model}[[mode]]\nsid = \"N\"\npacket_s = 1\n\
+             primary = {{ rate_hz = 1.0, shift_s = 0.0 }}\n"
+        )
+    };
+    let counts = [350_000.0, -300_000.0, 330_000.0];
+    let rows = "time_utc,bx,by,bz,t_ob,quality,sid\n2015-06-29T11:00:00Z,350000,-300000,330000,13837,0,N\n";
+    let made = |model: &str, effect: ModelEffect, is_known: bool| {
+        let small = Small::new(&configuration(model), rows);
+        let known = if is_known { "known_effects = [\"model.toml\"]\n[std]" } else { "[std]" };
+        fs::write(small.folder.path().join("OB.TXT"), ground.replace("[std]", known)).unwrap();
+        let model =
+            Model { used: vec!["26-01-01_00-00-00".to_owned()], convention: "as printed".to_owned(), effect: vec![effect] };
+        let text = parameter::to_text(&model, &Provenance::new(Recipe::plain("diagnose"), Vec::new())).unwrap();
+        fs::write(small.folder.path().join("model.toml"), text).unwrap();
+        small
+    };
+    let effect = |id: &str, form: &str, name: &str, value: f64| ModelEffect {
+        id: id.to_owned(),
+        form: form.to_owned(),
+        axes: vec!["x".to_owned()],
+        run: None,
+        reading_ent: None,
+        parameter: vec![ModelParameter { name: name.to_owned(), value, std: Some(C2_STD), unit: "enT/enT^2".to_owned() }],
+        shape: Vec::new(),
+    };
+    let even = || effect("quadratic_nonlinearity", "quadratic", "c2_x", C2);
+    let named = "model = \"model.toml\"\n";
+    let plain = made("", even(), false).level_a();
+    let with = made(named, even(), true).level_a();
+
+    let t = with.numbers("t_degc").unwrap()[0];
+    let reading = counts.map(|n| (n + 524_288.0) * 30_000.0 / 1_048_575.0 - 15_000.0);
+    let offset = of("A_0", 0) + of("A_1", 0) * t - of("B_RES", 0);
+    // The root of L + c2 L² = reading - offset that goes to it with c2 to zero.
+    let linear = (-1.0 + (1.0 + 4.0 * C2 * (reading[0] - offset)).sqrt()) / (2.0 * C2);
+    let wanted = rosetta([offset + linear, reading[1], reading[2]], t, &of);
+    let field = |level: &SeriesTable, names: [&str; 3]| three(level, names).map(|column| column[0]);
+    let found = field(&with, ["bx", "by", "bz"]);
+    assert!(C2 * linear * linear > 15.0);
+    for i in 0..3 {
+        assert!((found[i] - wanted[i]).abs() < 1e-6, "{found:?} is not {wanted:?}");
+    }
+    // The last two readings are as they were, so that what c2 does is along the first column of the matrix.
+    let nothing = rosetta([offset, reading[1], reading[2]], t, &of);
+    let (before, after) = (field(&plain, ["uc_x", "uc_y", "uc_z"]), field(&with, ["uc_x", "uc_y", "uc_z"]));
+    for i in 0..3 {
+        let by_c2 = (wanted[i] - nothing[i]) / linear * C2_STD * linear * linear;
+        // The rest of the uncertainty belongs to a field that differs by 20 nT of 10 000.
+        assert!((after[i] / before[i].hypot(by_c2) - 1.0).abs() < 5e-3, "{i}: {after:?} {before:?} {by_c2}");
+    }
+    assert!(after[0] > 1.05 * before[0]);
+
+    let refused = |small: &Small| {
+        let flight = small.folder.path().join("flight.toml");
+        let output = calfit()
+            .args(["flight", "A", "--no-plots"])
+            .arg(flight)
+            .arg("-o")
+            .arg(small.folder.path().join("out"))
+            .output()
+            .unwrap();
+        assert!(!output.status.success() && !small.folder.path().join("out/level=A").exists());
+        text(&output.stderr)
+    };
+    says(&refused(&made("", even(), true)), &["OB.TXT", "model.toml were taken off", "`model` of a sensor in flight"]);
+    says(&refused(&made(named, even(), false)), &["OB.TXT", "was made without known effects"]);
+    let remanence = effect("remanence", "own axis", "c_x", 1e-6);
+    let said = refused(&made(named, remanence, true));
+    says(&said, &["model.toml", "remanence"]);
 }
 
 #[test]

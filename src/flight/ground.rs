@@ -7,6 +7,7 @@ use crate::data::time::Tt2000;
 use crate::data::units::Reading;
 use crate::model::field_calibration::{AtTemperature, FieldCalibration, SYMMETRIC};
 use crate::model::polynomial::{TemperaturePolynomial, value};
+use crate::record::single_readings::{SingleReadings, TakenOff};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::HashMap;
 use std::ops::Range;
@@ -51,6 +52,8 @@ impl ReadingNoise {
 pub struct GroundStep {
     /// The calibration.
     pub calibration: FieldCalibration,
+    /// Known effects that are taken off the readings first.
+    pub effects: Option<SingleReadings>,
     /// The thermistor, for the uncertainty of its readings; absent where the table has temperatures.
     pub thermometer: Thermometer,
     /// Standard uncertainty of the offset of the thermistor, which all readings share, °C; 0 where none is stated.
@@ -84,6 +87,12 @@ struct Here {
 const STEP_K: f64 = 1e-2;
 
 impl GroundStep {
+    /// What the known effects are of the readings of some rows, which have one temperature; none without known effects.
+    fn taken_off(&self, block: &Block, rows: Range<usize>, offset_ent: &Vector3<f64>) -> Vec<TakenOff> {
+        let Some(effects) = &self.effects else { return Vec::new() };
+        effects.taken_off(&rows.map(|row| (block.vector(row) - offset_ent).into()).collect::<Vec<_>>())
+    }
+
     /// Whether one daily model holds for all of these times, which rise.
     fn daily_run(&self, times: &[Tt2000]) -> bool {
         let of = |time: &Tt2000| self.daily.iter().position(|(span, _)| span.contains(time));
@@ -156,6 +165,8 @@ impl Step for GroundStep {
             let whole_run = self.daily_run(&block.time[row..end]);
             let daily_nt = if wants { self.daily_change_nt(block.time[row], degc) } else { Vector3::zeros() };
             let reason = if degc.is_finite() { Flags::TEMPERATURE } else { Flags::NO_TEMPERATURE };
+            let taken = here.map_or_else(Vec::new, |here| self.taken_off(block, row..end, &here.at.offset_ent));
+            let begin = row;
             for row in row..end {
                 let Some(here) = here else {
                     block.take_away(row, reason);
@@ -164,21 +175,28 @@ impl Step for GroundStep {
                 if !without_flag {
                     block.flags[row] |= reason.0;
                 }
-                let raw = block.vector(row);
+                let taken = taken.get(row - begin);
+                let raw = block.vector(row) - taken.map_or_else(Vector3::zeros, |taken| Vector3::from(taken.sum_ent));
                 let reading = Reading(raw.into());
                 let raw = if linear { raw } else { Vector3::from(self.calibration.linearised_ent(reading)) };
                 let measured = raw - here.at.offset_ent;
                 let field = here.at.matrix * measured;
                 block.put(row, &field);
                 let of_files = here.back.map_or(field, |back| back * field);
-                if field.iter().all(|component| component.is_finite()) && self.calibration.is_beyond(reading, &of_files) {
+                if field.iter().all(|component| component.is_finite())
+                    && (self.calibration.is_beyond(reading, &of_files) || taken.is_some_and(|taken| taken.beyond))
+                {
                     block.flags[row] |= Flags::FIELD.0;
                 }
                 if wants {
                     let noise2 = self.noise.as_ref().map_or(f64::NAN, |n| n.variance_ent2(block.mode[row], block.range[row]));
                     let daily_nt = if whole_run { daily_nt } else { self.daily_change_nt(block.time[row], degc) };
                     let change = here.matrix_change * measured - here.at.matrix * here.offset_change_ent - daily_nt;
-                    let common = here.at.covariance_nt2(&measured);
+                    let mut common = here.at.covariance_nt2(&measured);
+                    for by_ent in taken.iter().flat_map(|taken| &taken.uncertain_ent) {
+                        let by = here.at.matrix * Vector3::from(*by_ent);
+                        SYMMETRIC.into_iter().zip(&mut common).for_each(|((i, k), sum)| *sum += by[i] * by[k]);
+                    }
                     for (element, (i, k)) in SYMMETRIC.into_iter().enumerate() {
                         let per_k2 = change[i] * change[k];
                         let own = here.unit_noise[element] * noise2 + per_k2 * here.own_degc2;
@@ -280,6 +298,7 @@ mod tests {
         };
         GroundStep {
             calibration: FieldCalibration::new(parts).unwrap(),
+            effects: None,
             thermometer: Thermometer { coefficients: vec![0.0, 10.0], t_off_degc: 0.0 },
             t_off_std_degc,
             limits: Limits { valid_degc: [-50.0, 50.0], kept_degc: [-50.0, 50.0] },

@@ -23,7 +23,7 @@ pub struct NeedsMore {
 }
 
 /// The effects of a model that are functions of the reading of the linear sensor.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SingleReadings {
     effects: Vec<KnownEffect>,
 }

@@ -165,10 +165,7 @@ pub fn applied(
     let effects = match model {
         None => None,
         Some(known) => {
-            let (effects, left) = SingleReadings::of(known).map_err(|e| {
-                let remedy = "take it off the readings, and say so with --effects-taken-off";
-                Finding::error(&known.input.path, e.to_string(), remedy)
-            })?;
+            let (effects, left) = of_readings(known, "take it off the readings, and say so with --effects-taken-off")?;
             notes.extend(left);
             inputs.push(known.input.clone());
             Some(effects)
@@ -176,6 +173,11 @@ pub fn applied(
     };
     let channel = thermistor.map(|(channel, _)| channel);
     Ok(Applied { calibration, sensor, mode, frame: frame_words, channel, effects, inputs, notes })
+}
+
+/// The effects of a model that are taken off readings, with notes on those that readings do not have.
+pub(super) fn of_readings(known: &Known, remedy: &str) -> Result<(SingleReadings, Vec<Note>), Finding> {
+    SingleReadings::of(known).map_err(|e| Finding::error(&known.input.path, e.to_string(), remedy))
 }
 
 /// Refuses a file whose known effects the readings still hold, and a model that the file was not made with.
@@ -188,8 +190,7 @@ pub(super) fn check_effects(file: &str, part: &FieldPart, model: Option<&Known>,
         None if part.known_effects.is_empty() || are_taken_off => Ok(()),
         None => {
             let rule = format!("holds for readings from which the effects of {of} were taken off");
-            let remedy =
-                "take a calibration without known effects; `calfit apply` has --model to take them off, and --effects-taken-off";
+            let remedy = "take a calibration without known effects, or name the model: --model of `calfit apply`, `model` of a sensor in flight";
             Err(Finding::error(file, rule, remedy))
         }
         Some(known) if part.known_effects == [known.input.path.clone()] => Ok(()),

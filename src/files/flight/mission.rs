@@ -140,6 +140,8 @@ pub struct Sensor {
     pub name: String,
     /// Files of its ground calibration.
     pub ground: Vec<PathBuf>,
+    /// Model file whose effects were taken off the runs of the calibration.
+    pub model: Option<PathBuf>,
     /// Its name there.
     pub ground_sensor: Option<String>,
     /// The frame that is asked for, if it is not that of the files.

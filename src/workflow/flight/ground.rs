@@ -10,8 +10,10 @@ use crate::files::flight::mission::Sensor;
 use crate::files::parameter::{self, FileKind, ThermistorFile};
 use crate::flight::temperature::Thermometer;
 use crate::model::field_calibration::{Coefficients, FieldCalibration, Frame, MatrixForm};
-use crate::workflow::apply::check_effects;
-use crate::workflow::{ApplyOptions, Outside, applied};
+use crate::record::known::Known;
+use crate::record::single_readings::SingleReadings;
+use crate::workflow::apply::{check_effects, of_readings};
+use crate::workflow::{ApplyOptions, Outside, applied, known};
 use std::path::{Path, PathBuf};
 
 /// The ground calibration of one sensor.
@@ -19,6 +21,8 @@ use std::path::{Path, PathBuf};
 pub struct Ground {
     /// From readings to the field.
     pub calibration: FieldCalibration,
+    /// Known effects that are taken off the readings first.
+    pub effects: Option<SingleReadings>,
     /// From counts to temperatures.
     pub thermometer: Thermometer,
     /// Standard uncertainty of its offset `T_OFF`, °C; 0 where the files state none.
@@ -47,9 +51,10 @@ const VOLTS: &str = "V";
 pub fn read(sensor: &Sensor, findings: &mut Vec<Finding>) -> Result<Ground, Finding> {
     let names: Vec<String> = sensor.ground.iter().map(|path| path.display().to_string()).collect();
     let all = names.join(", ");
+    let model = known(sensor.model.as_ref())?;
     let ground = match sensor.ground.as_slice() {
-        [path] if rpcmag::is_named(path) => of_ground_file(path, sensor, findings)?,
-        files => of_parameter_files(files, &all, findings)?,
+        [path] if rpcmag::is_named(path) => of_ground_file(path, sensor, model.as_ref(), findings)?,
+        files => of_parameter_files(files, &all, model.as_ref(), findings)?,
     };
     let (mut ground, stated) = ground;
     check_name(sensor, &stated, &all, &mut ground.notes)?;
@@ -84,7 +89,12 @@ fn check_name(sensor: &Sensor, stated: &str, all: &str, notes: &mut Vec<Note>) -
     }
 }
 
-fn of_ground_file(path: &Path, sensor: &Sensor, findings: &mut Vec<Finding>) -> Result<(Ground, String), Finding> {
+fn of_ground_file(
+    path: &Path,
+    sensor: &Sensor,
+    model: Option<&Known>,
+    findings: &mut Vec<Finding>,
+) -> Result<(Ground, String), Finding> {
     let (mut file, digested) = rpcmag::read(path, findings)?;
     let mut notes = Vec::new();
     if sensor.ignore_residual {
@@ -107,17 +117,26 @@ fn of_ground_file(path: &Path, sensor: &Sensor, findings: &mut Vec<Finding>) -> 
         notes.push(Note::new(NoteKind::Method, text).about(&sensor.name));
     }
     let part = file.field_part();
-    check_effects(&path.display().to_string(), &part, None, false)?;
+    check_effects(&path.display().to_string(), &part, model, false)?;
+    let effects = match model {
+        None => None,
+        Some(known) => {
+            let (effects, left) = of_readings(known, "take a calibration without known effects")?;
+            notes.extend(left);
+            Some(effects)
+        }
+    };
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let thermometer = Thermometer { coefficients: file.thermistor.to_vec(), t_off_degc: file.t_off_degc };
     let ground = Ground {
         calibration: calibration(part.coefficients, &path.display().to_string())?,
+        effects,
         thermometer,
         t_off_std_degc: stated_std(file.std.get("T_OFF").and_then(|list| list.first()).copied()),
         valid_degc: file.valid_degc,
         convention: Some(Convention::Rosetta),
         frame: part.frame,
-        inputs: vec![digested.input(name)],
+        inputs: std::iter::once(digested.input(name)).chain(model.map(|known| known.input.clone())).collect(),
         notes,
     };
     Ok((ground, file.sensor))
@@ -132,7 +151,12 @@ fn calibration(coefficients: Coefficients, all: &str) -> Result<FieldCalibration
     FieldCalibration::new(coefficients).map_err(|e| Finding::error(all, e.to_string(), REMEDY))
 }
 
-fn of_parameter_files(files: &[PathBuf], all: &str, findings: &mut Vec<Finding>) -> Result<(Ground, String), Finding> {
+fn of_parameter_files(
+    files: &[PathBuf],
+    all: &str,
+    model: Option<&Known>,
+    findings: &mut Vec<Finding>,
+) -> Result<(Ground, String), Finding> {
     let is_thermistor = |path: &&PathBuf| FileKind::of_file(path).is_some_and(|kind| kind.format == "THERMISTOR");
     let (thermistors, others): (Vec<&PathBuf>, Vec<&PathBuf>) = files.iter().partition(is_thermistor);
     let [thermistor] = thermistors[..] else {
@@ -147,7 +171,7 @@ fn of_parameter_files(files: &[PathBuf], all: &str, findings: &mut Vec<Finding>)
         temperature_degc: None,
         effects_taken_off: false,
     };
-    let made = applied(&others, None, &options, findings)?;
+    let made = applied(&others, model, &options, findings)?;
     let thermometer = parameter::read::<ThermistorFile>(thermistor)?;
     let polynomial = &thermometer.body.polynomial;
     let shown = thermistor.display().to_string();
@@ -198,6 +222,7 @@ fn of_parameter_files(files: &[PathBuf], all: &str, findings: &mut Vec<Finding>)
         convention,
         frame: made.frame,
         calibration: made.calibration,
+        effects: made.effects,
         inputs,
         notes,
     };

@@ -181,8 +181,9 @@ fn ground(prepared: &Prepared, index: usize, models: &[DayModel]) -> Box<dyn Ste
     let sensor = &mission.sensors[index];
     let noise = noise(mission, sensor);
     match &prepared.ground[index] {
-        Some(Ground { calibration, thermometer, t_off_std_degc, valid_degc, convention, .. }) => Box::new(GroundStep {
+        Some(Ground { calibration, effects, thermometer, t_off_std_degc, valid_degc, convention, .. }) => Box::new(GroundStep {
             calibration: calibration.clone(),
+            effects: effects.clone(),
             thermometer: thermometer.clone(),
             t_off_std_degc: *t_off_std_degc,
             limits: limits(mission, *valid_degc),

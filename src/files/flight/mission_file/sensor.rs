@@ -19,6 +19,7 @@ impl MissionFile<'_> {
         group.only(&[
             "name",
             "ground",
+            "model",
             "ground_sensor",
             "frame",
             "accept_b_or",
@@ -41,6 +42,11 @@ impl MissionFile<'_> {
         let matrices = group.groups("matrix")?.iter().map(|g| self.matrix(g)).collect::<Result<Vec<_>, _>>()?;
         let ground = group.texts("ground")?.map(|list| list.iter().map(|path| self.folder.join(path)).collect::<Vec<_>>());
         let ground = if matrices.is_empty() { needed(group, "ground", ground)? } else { ground.unwrap_or_default() };
+        let model = self.path(group, "model")?;
+        if model.is_some() && ground.is_empty() {
+            let remedy = "take it out, or name the files of the calibration with `ground`";
+            return Err(group.refuse("model", "goes with the ground calibration that was made with it", remedy));
+        }
         let frame = match group.text("frame")?.as_deref() {
             None => None,
             Some("rosetta") => Some(Convention::Rosetta),
@@ -77,6 +83,7 @@ impl MissionFile<'_> {
         Ok(Sensor {
             thermistor_column: group.text("thermistor_column")?.unwrap_or_else(|| format!("t_{}", name.to_lowercase())),
             ground,
+            model,
             ground_sensor: group.text("ground_sensor")?,
             frame,
             accept_b_or: group.truth("accept_b_or")?.unwrap_or(false),
