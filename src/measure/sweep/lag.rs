@@ -33,7 +33,7 @@ const DISTANCE_K: f64 = 0.1;
 const LONGEST_HIDDEN_S: f64 = 600.0;
 /// Changes by fewer stated uncertainties are not told.
 const TOLD: f64 = 5.0;
-/// The lag of which the effect is told, s.
+/// Of lags that would not show the effect of none longer than this is told, s.
 const MINUTE_S: f64 = 60.0;
 /// Temperatures at which polynomials are compared.
 const COMPARED: usize = 5;
@@ -181,26 +181,39 @@ fn effect(
     Some(Effect { hidden_s: (SIGNIFICANT * std_s).min(LONGEST_HIDDEN_S), per_s, quantity })
 }
 
-/// What is said of a lag that is not claimed: that `declined` would explain the readings, or how long one would not show.
+/// What is said of a lag that is not claimed: that `declined` would explain the readings, or how long one would not show; and what such a lag
+/// would do, or one of a minute if longer ones would not show either.
 fn unclaimed(channel: &str, declined: Option<Lag>, effect: Option<Effect>) -> Option<Note> {
-    let why = match (declined, &effect) {
-        (Some(lag), _) => format!(
-            "a lag of {:.0} s behind {channel} explains the readings, but so do polynomials of one order higher: none is claimed",
-            lag.signed_seconds()
-        ),
+    let (why, lag_s) = match (declined, &effect) {
+        (Some(lag), _) => {
+            let lag_s = lag.signed_seconds();
+            let text = format!(
+                "a lag of {lag_s:.0} s behind {channel} explains the readings, but so do polynomials of one order higher: none is claimed"
+            );
+            (text, lag_s.abs())
+        }
         (None, Some(effect)) if effect.hidden_s * effect.per_s > TOLD => {
-            format!("no lag behind {channel} is claimed, but one of up to {:.0} s would not show in this run", effect.hidden_s)
+            let hidden = seconds(effect.hidden_s);
+            let text = format!("no lag behind {channel} is claimed, but one of up to {hidden} s would not show in this run");
+            (text, effect.hidden_s.min(MINUTE_S))
         }
         (None, _) => return None,
     };
     let what = effect.map_or_else(String::new, |Effect { per_s, quantity, .. }| {
         format!(
-            "; one of {MINUTE_S:.0} s would change {quantity} by {:.1} times its stated uncertainty, which is without it",
-            MINUTE_S * per_s
+            "; one of {} s would change {quantity} by {:.1} times its stated uncertainty, which is without it",
+            seconds(lag_s),
+            lag_s * per_s
         )
     });
     let note = Note::new(NoteKind::Temperature, why + &what).about(channel);
     Some(note.with_remedy("give the lag with --lag if it is known, or let the temperature go up and down"))
+}
+
+/// Seconds with as many decimals as tell them.
+fn seconds(s: f64) -> String {
+    let decimals = if s < 1.0 { 2 } else { usize::from(s < 10.0) };
+    format!("{s:.decimals$}")
 }
 
 /// What a file says of a lag.
