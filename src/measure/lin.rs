@@ -50,7 +50,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         (Some(moving), Some(origin)) => {
             let referred = moving::refer(&mut prepared, moving, order, options.robust, origin)?;
             let channel = temperatures.conditions.as_ref().map_or("", |c| c.sensor_channel.as_str());
-            of_temperatures.extend(referred.note(moving, channel));
+            of_temperatures.extend(referred.note(moving, channel, &instructions.slope_bounds));
             referred.into()
         }
         _ => Solved::at_rest(&prepared, order, options)?,

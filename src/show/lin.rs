@@ -60,8 +60,8 @@ fn movement(lin: &Lin, slopes: &TemperatureSlopes) -> Section {
         "run" => "found in the run itself together with everything else".to_owned(),
         "bound" => "held by the bounds that the campaign states".to_owned(),
         "assumed" => format!(
-            "not known: what the run tells of them is held by the largest that are published of fluxgates, {LARGEST_SIGMA_PER_K} nT/enT/K \
-             and {LARGEST_XI_DEG_PER_K} deg/K as standard uncertainties about zero"
+            "not known: what the run tells of them is held by what the campaign states, or else by the largest that are published of fluxgates, \
+             {LARGEST_SIGMA_PER_K} nT/enT/K and {LARGEST_XI_DEG_PER_K} deg/K as standard uncertainties about zero"
         ),
         file => format!("those of {file}"),
     };

@@ -19,7 +19,7 @@ use crate::fit::noise::dense::GroupNoise;
 use crate::fit::smooth::Course;
 use crate::fit::statistics::{extremes, slope};
 use crate::fit::{DenseNoise, FitError};
-use crate::model::campaign::{LARGEST_SIGMA_PER_K, LARGEST_XI_DEG_PER_K, SlopeBounds};
+use crate::model::campaign::SlopeBounds;
 use crate::model::sensor::{Split, SplitError, split};
 use crate::model::sensor_polynomials::{SensorChange, SensorPolynomials, change_at, response};
 use crate::record::carried;
@@ -548,18 +548,22 @@ fn free(
 }
 
 impl Referred {
-    /// Says what moved, where the parameters hold, and where the slopes come from; nothing of a sensor at rest the slopes of which hardly
-    /// matter.
-    pub fn note(&self, moving: &Moving, channel: &str) -> Option<Note> {
+    /// Says what moved, where the parameters hold, and where the slopes come from, for which a run at rest has room within `bounds`; nothing of
+    /// a sensor at rest the slopes of which hardly matter.
+    pub fn note(&self, moving: &Moving, channel: &str, bounds: &SlopeBounds) -> Option<Note> {
         let [low, high] = moving.range_degc;
         let (slopes, widened) = (&self.slopes, self.widened);
         let origin = match slopes.source.as_str() {
             "run" => "the slopes were found in the run itself, which widens the uncertainties".to_owned(),
             "bound" => "the slopes are held by the bounds of campaign.toml".to_owned(),
-            "assumed" => format!(
-                "its slopes are not known, and room for {LARGEST_SIGMA_PER_K} nT/enT/K and {LARGEST_XI_DEG_PER_K} deg/K makes \
-                 uncertainties up to {widened:.1} times as large"
-            ),
+            "assumed" => {
+                let SlopeBounds { sigma_per_k, xi_deg_per_k } = bounds.or_published();
+                let [sigma, xi_deg] = [sigma_per_k, xi_deg_per_k].map(Option::unwrap_or_default);
+                format!(
+                    "its slopes are not known, and room for {sigma} nT/enT/K and {xi_deg} deg/K makes uncertainties up to {widened:.1} \
+                     times as large"
+                )
+            }
             file => format!("the slopes are those of {file}"),
         };
         if !moving.is_moving() && (widened < WIDENED || slopes.source != "assumed") {
