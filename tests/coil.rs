@@ -593,8 +593,7 @@ fn runs_in_several_orientations_give_the_facility_from_their_parameter_files_and
         Facility { scale: [1.000_03, 0.999_98, 0.999_99], offset_nt: [3.0, -5.0, 8.0], angles_deg: [90.003, 89.996, 90.008] };
     let used = Facility { scale: [1.0; 3], offset_nt: [0.0; 3], angles_deg: [90.0; 3] };
     let positions = [(1, ["+X", "+Y", "+Z"]), (2, ["+Y", "-X", "+Z"]), (3, ["+Z", "+Y", "-X"])];
-    let entries: Vec<String> = positions.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect();
-    case.put("campaign.toml", entries.join("\n"));
+    case.put("campaign.toml", common::position_table(&positions));
     for (id, _) in positions {
         let settings: Vec<common::Setting> = programme(&[-40_000.0, -20_000.0, 20_000.0, 40_000.0], 2.0)
             .into_iter()
@@ -643,9 +642,7 @@ fn turned_in(facility: &Facility, residual_nt: Three) -> (Plan, Case) {
     let mut run = plan.run().key("kind", "\"offset\"").key("coil_correction", "false");
     run.settings = settings;
     let case = Case::of(run.text());
-    let entries: Vec<String> =
-        common::POSITIONS.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect();
-    case.put("campaign.toml", entries.join("\n"));
+    case.put("campaign.toml", common::position_table(&common::POSITIONS));
     (plan, case)
 }
 

@@ -4,7 +4,7 @@
 use crate::common;
 
 use common::check::{Case, calfit, close, number, parameters, says, text, three, tree};
-use common::{POSITIONS, Plan, RUN_FILE, Run, Setting, Truth, good, in_positions, offset_fields, programme};
+use common::{POSITIONS, Plan, RUN_FILE, Run, Setting, Truth, good, in_positions, offset_fields, position_table, programme};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::fs;
@@ -112,10 +112,6 @@ fn offset_plan() -> Plan {
 
 fn offset_run(plan: &Plan) -> Run {
     plan.run().key("kind", "\"offset\"").key("configuration", "\"OFFSET_200.MAG\"")
-}
-
-fn position_table(positions: &[(u32, [&str; 3])]) -> String {
-    positions.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect()
 }
 
 fn offset_case(run: &Run) -> Case {

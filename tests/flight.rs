@@ -361,11 +361,19 @@ impl Small {
         small
     }
 
-    pub fn level_a(&self) -> SeriesTable {
-        let out = self.folder.path().join("out");
+    fn out(&self) -> PathBuf {
+        self.folder.path().join("out")
+    }
+
+    fn run(&self) -> Output {
         let flight = self.folder.path().join("flight.toml");
-        let output = calfit().args(["flight", "A", "--no-plots"]).arg(flight).arg("-o").arg(&out).output().unwrap();
+        calfit().args(["flight", "A", "--no-plots"]).arg(flight).arg("-o").arg(self.out()).output().unwrap()
+    }
+
+    pub fn level_a(&self) -> SeriesTable {
+        let output = self.run();
         assert!(output.status.success(), "{}", text(&output.stderr));
+        let out = self.out();
         SeriesTable::open(&out.join("level=A/sensor=OB/date=2015-06-29/calfit-A-OB-20150629.parquet")).unwrap()
     }
 }
@@ -576,15 +584,8 @@ fn known_effects_of_the_ground_calibration_are_taken_off_in_flight() {
     assert!(after[0] > 1.05 * before[0]);
 
     let refused = |small: &Small| {
-        let flight = small.folder.path().join("flight.toml");
-        let output = calfit()
-            .args(["flight", "A", "--no-plots"])
-            .arg(flight)
-            .arg("-o")
-            .arg(small.folder.path().join("out"))
-            .output()
-            .unwrap();
-        assert!(!output.status.success() && !small.folder.path().join("out/level=A").exists());
+        let output = small.run();
+        assert!(!output.status.success() && !small.out().join("level=A").exists());
         text(&output.stderr)
     };
     says(&refused(&made("", even(), true)), &["OB.TXT", "model.toml were taken off", "`model` of a sensor in flight"]);

@@ -15,7 +15,7 @@ use calfit::record::known::Known;
 use calfit::record::prepared::PreparedRun;
 use calfit::workflow::{known, read_model};
 use common::check::{Case, calfit, number, parameters, says, text};
-use common::{POSITIONS, Plan, Truth, in_positions, offset_fields, programme};
+use common::{POSITIONS, Plan, Truth, in_positions, offset_fields, position_table, programme};
 use std::fs;
 use std::path::{Path, PathBuf};
 use toml_edit::DocumentMut;
@@ -601,8 +601,7 @@ fn effects_of_the_reading_are_taken_off_offset_runs_and_others_are_named() {
         r
     });
     let case = Case::of(clean.text());
-    let positions: String = POSITIONS.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect();
-    case.put("campaign.toml", positions);
+    case.put("campaign.toml", position_table(&POSITIONS));
     let even = vec![parameter("c2_x", C2, Some(0.1 * C2), "enT/enT^2")];
     let drift = vec![parameter("p3_x", 1.0, None, "enT"), parameter("p4_x", 1.0, None, "enT")];
     let effects = vec![

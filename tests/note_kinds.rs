@@ -116,7 +116,7 @@ fn an_offset_run_in_another_unit_is_refused() {
             ..Plan::default()
         };
         let case = Case::of(plan.run().key("kind", "\"offset\"").each(|r| r.map(|v| factor * v)).text());
-        let table: String = positions.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect();
+        let table = common::position_table(&positions);
         case.put("campaign.toml", format!("name = \"n\"\ninstrument = \"i\"\n{table}"));
         let output = case.run("offset", &["--no-plots"]);
         assert_eq!(output.status.code(), Some(1), "{factor}: {}", text(&output.stderr));

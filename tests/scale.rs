@@ -58,8 +58,7 @@ fn an_offset_run_of_thousands_of_visits_has_its_offsets() {
         .collect();
     let plan = Plan { settings, positions: POSITIONS.to_vec(), residual_nt: [4.0, -7.0, 11.0], rate_hz: 8.0, ..Plan::default() };
     let case = Case::of(plan.run().key("kind", "\"offset\"").text());
-    let tables: Vec<String> = POSITIONS.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect();
-    case.put("campaign.toml", tables.join("\n"));
+    case.put("campaign.toml", common::position_table(&POSITIONS));
     analysed(&case, "offset");
     let opf = parameters(&case.out().join("13-04-03_09-22-38/OFF_PARAMETER__13-04-03-09-22-38.OPF"));
     for i in 0..3 {

@@ -38,8 +38,8 @@ pub(super) struct Corrections {
     /// field, in place of the settings themselves.
     #[arg(long, value_name = "FILE")]
     pub facility: Option<PathBuf>,
-    /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings of linearity runs and sweeps and off sines, those that are
-    /// functions of the reading off offset runs.
+    /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings of linearity runs and sweeps and off sines,
+    /// those that are functions of the reading off offset runs.
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
 }

@@ -226,7 +226,7 @@ fn origin<'a>(
         notes.push(Note::new(NoteKind::Temperature, text).about(file));
         return Ok(None);
     };
-    if let Some(quantity) = polynomials.without_slope.as_ref().filter(|_| moving.is_moving() || moving.is_shown) {
+    if let Some(quantity) = polynomials.without_slope.as_ref().filter(|_| moving.is_shown) {
         let text = format!(
             "{file} tells no slope of {quantity}: its runs show none, and the order 0 was not given; the slopes of {file} are not used"
         );

@@ -5,7 +5,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::run::Kind;
 use crate::data::units::Scale;
 use crate::model::applied::AppliedEffect;
-use crate::model::effects::{Family, Record, Row};
+use crate::model::effects::{EffectRef, Family, Record, Row};
 use nalgebra::Matrix3;
 use thiserror::Error;
 
@@ -28,13 +28,26 @@ pub struct SingleReadings {
     effects: Vec<KnownEffect>,
 }
 
-/// An effect of a model that is no function of the reading alone.
+/// An effect of a model that single readings do not determine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeftOut {
+    /// Its id.
+    pub effect: EffectRef,
     /// Id and axes.
     pub name: String,
-    /// Why it is none.
-    pub reason: String,
+    /// Why they do not.
+    pub why: Why,
+}
+
+/// Why single readings do not determine an effect.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+pub enum Why {
+    /// They do not have it, and why.
+    #[error("{0}")]
+    NotThere(&'static str),
+    /// They have it, and it needs this besides.
+    #[error("it is no function of the reading alone: {0}")]
+    NeedsMore(&'static str),
 }
 
 /// What is taken off a reading.
@@ -55,20 +68,15 @@ impl SingleReadings {
     /// # Errors
     /// An effect that the readings have and that cannot be told from them.
     pub fn of(known: &Known) -> Result<(Self, Vec<Note>), NeedsMore> {
-        let mut effects = Vec::new();
-        let mut notes = Vec::new();
-        for effect in &known.effects {
-            match reach(effect) {
-                Reach::Reading => effects.push(effect.clone()),
-                Reach::NotThere(reason) => {
-                    let text =
-                        format!("{} of {} is not taken off these readings: {reason}", effect.given.effect, known.input.path);
-                    notes.push(Note::new(NoteKind::Method, text).about(effect.given.effect.id()));
-                }
-                Reach::NeedsMore(needs) => return Err(NeedsMore { effect: effect.given.effect.to_string(), needs }),
+        let (readings, left_out) = Self::of_these(known);
+        let note = |LeftOut { effect, why, .. }| match why {
+            Why::NotThere(reason) => {
+                let text = format!("{effect} of {} is not taken off these readings: {reason}", known.input.path);
+                Ok(Note::new(NoteKind::Method, text).about(effect.id()))
             }
-        }
-        Ok((Self { effects }, notes))
+            Why::NeedsMore(needs) => Err(NeedsMore { effect: effect.to_string(), needs }),
+        };
+        Ok((readings, left_out.into_iter().map(note).collect::<Result<_, _>>()?))
     }
 
     /// The effects of a model that readings alone determine, and those that they do not.
@@ -77,15 +85,10 @@ impl SingleReadings {
         let mut effects = Vec::new();
         let mut left_out = Vec::new();
         for effect in &known.effects {
-            let reason = match reach(effect) {
-                Reach::Reading => {
-                    effects.push(effect.clone());
-                    continue;
-                }
-                Reach::NotThere(reason) => reason.to_owned(),
-                Reach::NeedsMore(needs) => format!("it is no function of the reading alone: {needs}"),
-            };
-            left_out.push(LeftOut { name: effect.name(), reason });
+            match why_not(effect) {
+                None => effects.push(effect.clone()),
+                Some(why) => left_out.push(LeftOut { effect: effect.given.effect, name: effect.name(), why }),
+            }
         }
         (Self { effects }, left_out)
     }
@@ -140,26 +143,17 @@ impl SingleReadings {
     }
 }
 
-/// How far single readings tell an effect.
-enum Reach {
-    /// It is a function of them.
-    Reading,
-    /// They do not have it, and why.
-    NotThere(&'static str),
-    /// They have it, and it needs this besides.
-    NeedsMore(&'static str),
-}
-
-fn reach(effect: &KnownEffect) -> Reach {
+/// Why single readings do not determine an effect; `None` where they do.
+fn why_not(effect: &KnownEffect) -> Option<Why> {
     let about = effect.given.effect.about();
-    match about.family {
-        Family::StaticOdd | Family::StaticEven | Family::CrossField => Reach::Reading,
-        Family::Facility => Reach::NotThere("it belongs to the facility"),
-        Family::Time => Reach::NotThere("it belongs to the times of its run"),
-        Family::DataFault => Reach::NotThere("it is a damage of the data of its run"),
-        Family::Response => Reach::NotThere("the response to alternating fields is not applied"),
-        Family::Thermal | Family::History | Family::Periodic | Family::Unknown => Reach::NeedsMore(about.needs),
-    }
+    Some(match about.family {
+        Family::StaticOdd | Family::StaticEven | Family::CrossField => return None,
+        Family::Facility => Why::NotThere("it belongs to the facility"),
+        Family::Time => Why::NotThere("it belongs to the times of its run"),
+        Family::DataFault => Why::NotThere("it is a damage of the data of its run"),
+        Family::Response => Why::NotThere("the response to alternating fields is not applied"),
+        Family::Thermal | Family::History | Family::Periodic | Family::Unknown => Why::NeedsMore(about.needs),
+    })
 }
 
 /// Readings of which nothing else is known.

@@ -18,7 +18,7 @@ use crate::files::source::digest;
 use crate::files::table::stream::{Batch, Format, Reader, Writer};
 use crate::model::field_calibration::{CalibratedField, CalibrationError, Coefficients, FieldCalibration, Frame, MatrixForm};
 use crate::record::known::Known;
-use crate::record::single_readings::{SingleReadings, TakenOff};
+use crate::record::single_readings::{NeedsMore, SingleReadings, TakenOff};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -162,22 +162,19 @@ pub fn applied(
     let mut notes = notes(&parts, &all);
     notes.extend(beside);
     let calibration = FieldCalibration::new(parts).map_err(refuse)?;
-    let effects = match model {
-        None => None,
-        Some(known) => {
-            let (effects, left) = of_readings(known, "take it off the readings, and say so with --effects-taken-off")?;
-            notes.extend(left);
-            inputs.push(known.input.clone());
-            Some(effects)
-        }
-    };
+    let effects = of_readings(model, "take it off the readings, and say so with --effects-taken-off", &mut notes)?;
+    inputs.extend(model.map(|known| known.input.clone()));
     let channel = thermistor.map(|(channel, _)| channel);
     Ok(Applied { calibration, sensor, mode, frame: frame_words, channel, effects, inputs, notes })
 }
 
-/// The effects of a model that are taken off readings, with notes on those that readings do not have.
-pub(super) fn of_readings(known: &Known, remedy: &str) -> Result<(SingleReadings, Vec<Note>), Finding> {
-    SingleReadings::of(known).map_err(|e| Finding::error(&known.input.path, e.to_string(), remedy))
+/// The effects of a model, if there is one, that are taken off readings; notes tell those that readings do not have.
+pub(super) fn of_readings(model: Option<&Known>, remedy: &str, notes: &mut Vec<Note>) -> Result<Option<SingleReadings>, Finding> {
+    let Some(known) = model else { return Ok(None) };
+    let refuse = |e: NeedsMore| Finding::error(&known.input.path, e.to_string(), remedy);
+    let (effects, left) = SingleReadings::of(known).map_err(refuse)?;
+    notes.extend(left);
+    Ok(Some(effects))
 }
 
 /// Refuses a file whose known effects the readings still hold, and a model that the file was not made with.
@@ -190,7 +187,8 @@ pub(super) fn check_effects(file: &str, part: &FieldPart, model: Option<&Known>,
         None if part.known_effects.is_empty() || are_taken_off => Ok(()),
         None => {
             let rule = format!("holds for readings from which the effects of {of} were taken off");
-            let remedy = "take a calibration without known effects, or name the model: --model of `calfit apply`, `model` of a sensor in flight";
+            let remedy = "take a calibration without known effects, or name the model: --model of `calfit apply`, `model` of a sensor in \
+                          flight";
             Err(Finding::error(file, rule, remedy))
         }
         Some(known) if part.known_effects == [known.input.path.clone()] => Ok(()),

@@ -167,6 +167,11 @@ pub struct Plan {
 pub const POSITIONS: [(u32, [&str; 3]); 4] =
     [(1, ["+X", "+Y", "+Z"]), (2, ["-X", "-Y", "+Z"]), (3, ["-Z", "-Y", "-X"]), (4, ["-Z", "+Y", "+X"])];
 
+/// Positions as `campaign.toml` has them.
+pub fn position_table(positions: &[(u32, [&str; 3])]) -> String {
+    positions.iter().map(|(id, axes)| format!("[[position]]\nid = {id}\naxes = {axes:?}\n")).collect()
+}
+
 /// Zero field, and ±200 nT on each axis in turn.
 pub fn offset_fields() -> Vec<[f64; 3]> {
     let mut fields = vec![[0.0; 3]];

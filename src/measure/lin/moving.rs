@@ -80,7 +80,8 @@ pub(super) struct Moving {
     std_k: f64,
     /// The smooth course of the temperature.
     course: Course,
-    /// Whether the temperatures of the used plateaus scatter by more than in any of the courses that the noise of the thermometer alone makes.
+    /// Whether the temperatures of the used plateaus differ by more than at rest, or scatter by more than in any of the courses that the noise of
+    /// the thermometer alone makes.
     pub is_shown: bool,
     /// Lowest and highest temperature of the used plateaus, °C.
     pub range_degc: [f64; 2],
@@ -98,12 +99,13 @@ impl Moving {
         let std_k = course.noise / (readings.max(1) as f64).sqrt();
         let used = || list.iter().zip(&over_k).filter(|(p, _)| p.dropped.is_none());
         let [low, high] = extremes(used().map(|(_, over)| *over));
-        let times_s: Vec<[f64; 2]> = used().map(|(p, _)| p.used_s).collect();
-        // All courses together are the noise once.
-        let noises: Vec<f64> =
-            course.noises().map(|noise| sum_of_squares(times_s.iter().map(|s| mean_over(&noise.series, *s)))).collect();
-        let scatter = sum_of_squares(used().map(|(_, over)| *over));
-        let is_shown = scatter > noises.iter().fold(0.0, |a: f64, v| a.max(*v)) * noises.len() as f64;
+        let is_shown = high - low > AT_REST_K || {
+            let of_noise = |noise: Course| sum_of_squares(used().map(|(p, _)| mean_over(&noise.series, p.used_s)));
+            let noises: Vec<f64> = course.noises().map(of_noise).collect();
+            let largest = noises.iter().fold(0.0, |a: f64, v| a.max(*v));
+            // All courses together are the noise once.
+            sum_of_squares(used().map(|(_, over)| *over)) > largest * noises.len() as f64
+        };
         Some(Self {
             rate_k_per_h: 3600.0 * slope(&used().map(|(p, over)| (p.t_s(), *over)).collect::<Vec<_>>()),
             range_degc: [at_degc + low, at_degc + high],
@@ -349,7 +351,7 @@ fn changes_ent(directions: &[(usize, Vec<f64>)], at: &Split, list: &[Plateau], m
 /// hold elsewhere than stated; of one that moves by random courses of the noise.
 fn changes_by_thermometer_ent(change: &SensorChange, at: &Split, list: &[Plateau], moving: &Moving) -> Vec<Vec<[f64; 3]>> {
     let readings = |p: &Plateau, over_k: f64| change.reading_ent(at, over_k, p.setting.field.0).unwrap_or_default();
-    if !moving.is_moving() && !moving.is_shown {
+    if !moving.is_shown {
         return vec![list.iter().map(|p| readings(p, moving.std_k)).collect()];
     }
     let change = |noise: Course| {

@@ -33,7 +33,7 @@ impl Taken {
         let file = &known.input.path;
         let (effects, left_out) = SingleReadings::of_these(known);
         for left in &left_out {
-            let text = format!("not taken off: {} of {file}: {}", left.name, left.reason);
+            let text = format!("not taken off: {} of {file}: {}", left.name, left.why);
             notes.push(Note::new(NoteKind::Model, text).about(left.name.as_str()));
         }
         let (offset_ent, nt_per_ent) = {

@@ -118,14 +118,7 @@ fn of_ground_file(
     }
     let part = file.field_part();
     check_effects(&path.display().to_string(), &part, model, false)?;
-    let effects = match model {
-        None => None,
-        Some(known) => {
-            let (effects, left) = of_readings(known, "take a calibration without known effects")?;
-            notes.extend(left);
-            Some(effects)
-        }
-    };
+    let effects = of_readings(model, "take a calibration without known effects", &mut notes)?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let thermometer = Thermometer { coefficients: file.thermistor.to_vec(), t_off_degc: file.t_off_degc };
     let ground = Ground {
