@@ -39,6 +39,9 @@ pub struct FrequencyValues {
 pub struct FrequencyFound {
     /// Run and conditions.
     pub run: RunHead,
+    /// Amplitude of the applied field to which all amplitudes are referred, nT; absent where none is stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub applied_nt: Option<f64>,
     /// The response model.
     pub model: FittedResponse,
     /// What is known about the clock beside its frequency; absent for a table of amplitudes.
@@ -71,10 +74,13 @@ pub struct ClockDrift {
 pub struct SineAmplitude {
     /// Applied frequency, Hz.
     pub frequency_hz: f64,
-    /// Amplitude per component, enT; nan if it was refused.
+    /// Amplitude per component, enT, at the applied field that all of a run are referred to; nan if it was refused.
     pub b_ent: [f64; 3],
     /// Its standard uncertainty, enT; nan if not known.
     pub b_std_ent: [f64; 3],
+    /// Amplitude of the field that was applied, nT; absent where none is stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub applied_nt: Option<f64>,
     /// Sample counter for which the phase holds: the middle of the used stretch.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub phase_counter: Option<u64>,
@@ -102,6 +108,16 @@ pub struct SineAmplitude {
     /// Why it was refused, or part of it left out.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub remark: String,
+}
+
+impl SineAmplitude {
+    /// Says one thing more about it.
+    pub fn add_remark(&mut self, remark: &str) {
+        if !self.remark.is_empty() {
+            self.remark.push_str("; ");
+        }
+        self.remark.push_str(remark);
+    }
 }
 
 /// A fitted response model.

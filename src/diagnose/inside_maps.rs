@@ -1,7 +1,7 @@
 //! What happens inside the plateaus as means for the pictures: transients over the time since the step, edges, folded signals.
 
 use super::result::{InsideBin, InsideMap};
-use super::samples::{Inside, demean, phases, remove, remove_raw};
+use super::samples::{Inside, demean, phases, remove, remove_raw, windows_of};
 use crate::model::effects::in_samples::InSamples;
 use crate::model::effects::time_shift::SHIFT;
 use crate::record::prepared::{PreparedRun, Samples};
@@ -67,11 +67,10 @@ pub fn of(
     found: &Inside,
     step: usize,
 ) -> Option<InsideMap> {
-    let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
     let kind = found.effect.in_samples()?;
     let (is_transient, is_displaced) = (matches!(kind, InSamples::Transient(_)), matches!(kind, InSamples::Edges));
     let windows: Vec<[usize; 2]> = if is_transient {
-        settings.iter().map(|[b, e]| [at(*b), at(*e)]).filter(|w| w[1] > w[0]).collect()
+        windows_of(samples, settings, found.beside_s).into_iter().filter(|w| w[1] > w[0]).collect()
     } else if is_displaced {
         vec![[0, samples.t_s.len()]]
     } else {

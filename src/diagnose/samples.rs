@@ -42,6 +42,8 @@ pub struct Inside {
     pub squares: [f64; 3],
     /// Root mean square of the samples of the axes before and after, enT.
     pub rms_ent: [[f64; 3]; 2],
+    /// Samples nearer than this to the begin or end of a setting do not count, s.
+    pub beside_s: f64,
 }
 
 impl Inside {
@@ -58,6 +60,7 @@ impl Inside {
             ambiguous_with: Vec::new(),
             squares: [0.0; 3],
             rms_ent: [[0.0; 3]; 2],
+            beside_s: 0.0,
         }
     }
 
@@ -96,10 +99,19 @@ fn interval_s(samples: &Samples) -> Option<f64> {
     Some(if (mean / usual - 1.0).abs() < 0.01 { mean } else { usual }).filter(|dt| *dt > 0.0)
 }
 
-/// Squares and scatter of the samples of whole settings around their means, without and with what was found before.
-pub fn measure(prepared: &PreparedRun, samples: &Samples, settings: &[[f64; 2]], known: &[Inside], found: &mut Inside) {
+/// The samples of each setting that are not nearer than `beside_s` to its begin or its end.
+pub(super) fn windows_of(samples: &Samples, settings: &[[f64; 2]], beside_s: f64) -> Vec<[usize; 2]> {
     let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
-    let windows: Vec<[usize; 2]> = settings.iter().map(|[b, e]| [at(*b), at(*e)]).collect();
+    settings
+        .iter()
+        .map(|[begin, end]| [at(begin + beside_s), at(end - beside_s)])
+        .map(|[from, to]| [from, to.max(from)])
+        .collect()
+}
+
+/// Squares and scatter of the samples of the settings around their means, without and with what was found before.
+pub fn measure(prepared: &PreparedRun, samples: &Samples, settings: &[[f64; 2]], known: &[Inside], found: &mut Inside) {
+    let windows = windows_of(samples, settings, found.beside_s);
     let noise = sample_std(samples, &prepared.windows);
     let count: usize = windows.iter().map(|w| w[1].saturating_sub(w[0])).sum();
     let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.iter().map(|r| r[a]).collect());

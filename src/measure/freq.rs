@@ -11,6 +11,7 @@ mod clock;
 mod effects;
 mod moving;
 mod rates;
+mod referred;
 mod refusal;
 mod response;
 mod result;
@@ -90,6 +91,8 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     let modulus = |values: [f64; 3]| values.iter().filter(|v| v.is_finite()).map(|v| v * v).sum::<f64>().sqrt();
     let pairs = measured.iter().zip(&applied.settings).map(|(a, s)| (modulus(s.field.0), modulus(a.b_ent)));
     screens::judge(screens::amplitude(pairs), options.allow_gain, &mut notes)?;
+    let referred = referred::refer(&mut measured, &applied.settings);
+    notes.extend(referred.notes);
     notes.extend(clock.notes(&rates, &applied.settings));
     notes.extend(refusals_and_damage(&measured));
     notes.extend(jumps);
@@ -97,7 +100,7 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     let temperatures = Temperatures::of(run, instructions, span_s(&measured), &mut notes);
     conditions::warn_of_run(&mut notes, run, instructions);
     let stretches = measured.iter().zip(&applied.settings).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
-    let corner = respond(&mut measured, &mut notes);
+    let corner = respond(&mut measured, &referred.compared, &mut notes);
     let moved_k = temperatures.moved_k();
     let f_3db_model_degc = moved_k.map(|_| moving::of_corners(&corner, &measured, &temperatures.sensor));
     notes.extend(moved_k.zip(f_3db_model_degc.as_ref()).map(|(range_k, degc)| moving::note(range_k, degc)));
@@ -113,6 +116,7 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
         values: FrequencyValues { f_3db_model_std_hz, f_3db_model_degc, ..clock.values(moved, &corner) },
         found: FrequencyFound {
             run: conditions::head(run, instructions, &temperatures),
+            applied_nt: referred.applied_nt,
             model: corner.response(),
             clock: Some(clock.drift(applied.known.moves_clock())),
         },

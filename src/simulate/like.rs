@@ -3,6 +3,7 @@
 
 use super::noise::Random;
 use crate::data::error::Finding;
+use crate::data::frequency::SineAmplitude;
 use crate::data::note::Note;
 use crate::data::result::RunHead;
 use crate::data::run::{Header, Kind, Run, Setting, Vector, VectorSink};
@@ -211,13 +212,18 @@ fn model(run: &Run, files: &[PathBuf], campaign: &Campaign, known: Option<&Known
             if fpf.effects.as_ref().is_some_and(|e| !e.effect.is_empty()) {
                 return refuse("is without the effects of a model".to_owned(), "analyse the run without --model");
             }
+            // Amplitudes in the file are those at one field; the run has those at the fields that were applied.
+            let factor = |a: &SineAmplitude| a.applied_nt.zip(fpf.found.applied_nt).map_or(1.0, |(own, all)| own / all);
             // The variance of an amplitude from N samples is 2 / N of theirs; the median is not affected by the alias of a disturbance.
             let white_ent = std::array::from_fn(|i| {
-                let of = |a: &crate::data::frequency::SineAmplitude| Some(a.b_std_ent[i] * (a.samples? as f64 / 2.0).sqrt());
+                let of = |a: &SineAmplitude| Some(a.b_std_ent[i] * factor(a) * (a.samples? as f64 / 2.0).sqrt());
                 let mut all: Vec<f64> = fpf.amplitude.iter().filter_map(of).filter(|s| s.is_finite()).collect();
                 if all.is_empty() { 0.0 } else { crate::fit::statistics::median(&mut all) }
             });
-            let tones = fpf.amplitude.iter().filter_map(|a| Some((a.frequency_hz, a.b_ent, a.phase_deg?, a.phase_counter?)));
+            let tones = fpf
+                .amplitude
+                .iter()
+                .filter_map(|a| Some((a.frequency_hz, a.b_ent.map(|b| b * factor(a)), a.phase_deg?, a.phase_counter?)));
             Ok((Model::Freq { rate_hz, tones: tones.collect() }, white_ent))
         }
         kind => refuse(format!("is of kind {kind}, which has no parameter file"), "name a linearity, offset or frequency run"),

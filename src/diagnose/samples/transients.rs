@@ -1,7 +1,7 @@
 //! Transients after the steps of the field: means over the phases of all settings, on top of each other.
 
 use super::scatter::{Expected, Scatter};
-use super::{Inside, SIGNIFICANT, interval_s};
+use super::{Inside, SIGNIFICANT, interval_s, windows_of};
 use crate::fit::statistics::{median, two_sided_tail};
 use crate::model::effects::in_samples::{self, InSamples};
 use crate::model::effects::{Catalogue, EffectRef};
@@ -24,6 +24,12 @@ const TAU_STEP: f64 = 0.01;
 /// apart.
 const BESIDE: i32 = 8;
 const BESIDE_STEP: f64 = 0.15;
+
+/// Time constants of a low-pass that every sensor has, in sample intervals: beside a transient that decays within one of them it cannot be told
+/// from that, and says nothing of what stands around the sensor.
+const OF_LOW_PASS: [f64; 3] = [0.25, 0.5, 1.0];
+/// Samples beside an edge that a low-pass can reach: a step of 100 000 times the noise, a time constant of one interval.
+const MOST_BESIDE: usize = 12;
 
 /// Bins of one axis, plateau after plateau.
 type Bins = Vec<DVector<f64>>;
@@ -70,6 +76,12 @@ struct Transient {
     freedom: f64,
 }
 
+/// A transient that is no noise.
+struct Shown {
+    tau_s: f64,
+    inside: Inside,
+}
+
 /// The plateaus on top of each other: means of the samples over bins of the time since the step, less those of the plateaus.
 struct Stack<'a> {
     prepared: &'a PreparedRun,
@@ -87,19 +99,16 @@ struct Stack<'a> {
 }
 
 impl<'a> Stack<'a> {
-    /// A sample beside an edge, nearer than `skip_s` or the next one, does not count: the low-pass of every sensor shows in it. `None` where
-    /// there are too few plateaus.
+    /// Of samples that come every `interval_s`, without those nearer than `beside_s` to an edge. `None` where there are too few plateaus.
     fn new(
         form: in_samples::Transient,
         prepared: &'a PreparedRun,
         samples: &'a Samples,
         settings: &[[f64; 2]],
-        skip_s: f64,
+        interval_s: f64,
+        beside_s: f64,
     ) -> Option<Self> {
-        let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
-        let interval_s = interval_s(samples)?;
-        let skip_s = skip_s.max(interval_s);
-        let windows: Vec<[usize; 2]> = settings.iter().map(|[b, e]| [at(b + skip_s), at(e - skip_s)]).collect();
+        let windows = windows_of(samples, settings, beside_s);
         let shortest = windows.iter().map(|w| w[1].saturating_sub(w[0])).min()?;
         let edges = phases(shortest);
         let bins = edges.len() - 1;
@@ -213,6 +222,33 @@ impl<'a> Stack<'a> {
         })
     }
 
+    /// The clearest transient of the time constants, if noise makes one as clear seldom.
+    fn shown(&self, effect: EffectRef, taus_s: &[f64]) -> Option<Shown> {
+        // A time constant is tried on all axes together and on each of them.
+        let trials = 4 * taus_s.len();
+        let coarse = self.best(None, taus_s.iter().copied())?;
+        // The scatter is estimated from few plateaus, so that chi square has the tails of the t distribution: Bartlett's formula, inverted,
+        // gives the value of normal noise that is as improbable.
+        let freedom = coarse.freedom;
+        let effective = freedom * (1.0 + coarse.chi_square.max(0.0) / freedom).ln();
+        let p_value = two_sided_tail(effective.max(0.0).sqrt()).max(f64::MIN_POSITIVE);
+        if p_value * trials as f64 > SIGNIFICANT {
+            return None;
+        }
+        let found = self.refined(coarse)?;
+        let wide = self.spread(&found);
+        let std = self.std(&found).map(|[of_amplitude, of_tau]| [of_amplitude.max(wide), of_tau]);
+        let inside = Inside {
+            values: vec![(found.amplitude, std.map_or(found.std, |[of_amplitude, _]| of_amplitude))],
+            shape_std: std.map(|[_, of_tau]| (self.form.time_constant.to_owned(), of_tau)).into_iter().collect(),
+            strength: found.chi_square.max(0.0).sqrt(),
+            p_value,
+            trials,
+            ..Inside::new(effect, (self.form.term)(&found.axes, found.tau_s))
+        };
+        Some(Shown { tau_s: found.tau_s, inside })
+    }
+
     /// Standard uncertainties of amplitude and time constant, which go together: from the information on both.
     fn std(&self, transient: &Transient) -> Option<[f64; 2]> {
         let Transient { tau_s, axes, amplitude, .. } = transient;
@@ -245,7 +281,8 @@ impl<'a> Stack<'a> {
     }
 }
 
-/// Whether a transient of an effect follows the steps.
+/// Whether a transient of an effect follows the steps. The low-pass of the sensor shows in the samples beside an edge: the first never counts, and
+/// more are left out as long as what they show decays as quickly as a low-pass does.
 fn transient_of(
     effect: EffectRef,
     form: in_samples::Transient,
@@ -254,29 +291,16 @@ fn transient_of(
     settings: &[[f64; 2]],
     skip_s: f64,
 ) -> Option<Inside> {
-    let stack = Stack::new(form, prepared, samples, settings, skip_s)?;
+    let interval_s = interval_s(samples)?;
     let longest = settings.iter().map(|[b, e]| e - b).fold(f64::INFINITY, f64::min);
-    let taus: Vec<f64> = form.taus_s.iter().copied().filter(|t| *t < longest).collect();
-    // A time constant is tried on all axes together and on each of them.
-    let trials = 4 * taus.len();
-    let coarse = stack.best(None, taus)?;
-    // The scatter is estimated from few plateaus, so that chi square has the tails of the t distribution: Bartlett's formula, inverted, gives
-    // the value of normal noise that is as improbable.
-    let freedom = coarse.freedom;
-    let effective = freedom * (1.0 + coarse.chi_square.max(0.0) / freedom).ln();
-    let p_value = two_sided_tail(effective.max(0.0).sqrt()).max(f64::MIN_POSITIVE);
-    if p_value * trials as f64 > SIGNIFICANT {
-        return None;
+    let of_low_pass = OF_LOW_PASS.map(|intervals| intervals * interval_s);
+    let taus: Vec<f64> = of_low_pass.into_iter().chain(form.taus_s.iter().copied().filter(|t| *t < longest)).collect();
+    for more in 0..MOST_BESIDE {
+        let beside_s = skip_s.max(interval_s) + more as f64 * interval_s;
+        let found = Stack::new(form, prepared, samples, settings, interval_s, beside_s)?.shown(effect, &taus)?;
+        if found.tau_s > interval_s {
+            return Some(Inside { beside_s, ..found.inside });
+        }
     }
-    let found = stack.refined(coarse)?;
-    let wide = stack.spread(&found);
-    let std = stack.std(&found).map(|[of_amplitude, of_tau]| [of_amplitude.max(wide), of_tau]);
-    Some(Inside {
-        values: vec![(found.amplitude, std.map_or(found.std, |[of_amplitude, _]| of_amplitude))],
-        shape_std: std.map(|[_, of_tau]| (form.time_constant.to_owned(), of_tau)).into_iter().collect(),
-        strength: found.chi_square.max(0.0).sqrt(),
-        p_value,
-        trials,
-        ..Inside::new(effect, (form.term)(&found.axes, found.tau_s))
-    })
+    None
 }

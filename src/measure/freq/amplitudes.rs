@@ -84,6 +84,7 @@ fn amplitude(
         frequency_hz,
         b_ent: [f64::NAN; 3],
         b_std_ent: [f64::NAN; 3],
+        applied_nt: None,
         phase_deg: None,
         phase_std_deg: None,
         phase_counter: None,

@@ -108,6 +108,7 @@ mod tests {
         let sine = |(k, a): (usize, &Amplitude)| SineAmplitude {
             frequency_hz: a.frequency_hz,
             b_ent: a.amplitude_ent,
+            applied_nt: None,
             b_std_ent: a.std_ent,
             phase_deg: None,
             phase_std_deg: None,

@@ -13,18 +13,15 @@ const NORMAL_MEDIAN: f64 = 0.6745;
 /// A response that leaves so many times the noise does not describe the amplitudes.
 const MANY_TIMES: f64 = 3.0;
 
-fn add_remark(part: &mut SineAmplitude, remark: String) {
-    part.remark = if part.remark.is_empty() { remark } else { format!("{}; {remark}", part.remark) };
-}
-
-/// Fits the response to the amplitudes.
-pub(super) fn respond(measured: &mut [SineAmplitude], notes: &mut Vec<Note>) -> Corner {
+/// Fits the response to the amplitudes that can be compared with each other.
+pub(super) fn respond(measured: &mut [SineAmplitude], compared: &[[bool; 3]], notes: &mut Vec<Note>) -> Corner {
     let table: Vec<Amplitude> = measured
         .iter()
-        .map(|a| Amplitude {
+        .zip(compared)
+        .map(|(a, compared)| Amplitude {
             frequency_hz: a.frequency_hz,
             // What is not detected is no amplitude, and a fit of noise would find a corner in it.
-            amplitude_ent: std::array::from_fn(|i| if a.detected[i] { a.b_ent[i] } else { f64::NAN }),
+            amplitude_ent: std::array::from_fn(|i| if a.detected[i] && compared[i] { a.b_ent[i] } else { f64::NAN }),
             std_ent: a.b_std_ent,
             usable: a.used && a.detected.contains(&true),
         })
@@ -34,18 +31,19 @@ pub(super) fn respond(measured: &mut [SineAmplitude], notes: &mut Vec<Note>) -> 
         part.used &= part.detected.contains(&true);
         part.weight = std::array::from_fn(|i| {
             let fitted = corner.components[i].model.as_ref().and_then(|m| m.weight.get(row)).copied();
-            fitted.unwrap_or(f64::from(u8::from(part.used)))
+            fitted.unwrap_or(f64::from(u8::from(part.used && compared[row][i])))
         });
+        let counts = |i: &usize| part.detected[*i] && compared[row][*i];
         let outlying: Vec<&str> =
-            (0..3).filter(|i| part.used && part.detected[*i] && part.weight[*i] < USED).map(|i| COMPONENTS[i]).collect();
+            (0..3).filter(|i| part.used && counts(i) && part.weight[*i] < USED).map(|i| COMPONENTS[i]).collect();
+        part.used = part.used && (0..3).all(|i| !counts(&i) || part.weight[i] >= USED);
         if !outlying.is_empty() {
-            add_remark(part, format!("{} does not follow the response and has little weight in it", outlying.join(", ")));
+            part.add_remark(&format!("{} does not follow the response and has little weight in it", outlying.join(", ")));
         }
-        part.used = part.used && (0..3).all(|i| !part.detected[i] || part.weight[i] >= USED);
         let silent: Vec<&str> =
             (0..3).filter(|i| part.b_ent[*i].is_finite() && !part.detected[*i]).map(|i| COMPONENTS[i]).collect();
         if !silent.is_empty() {
-            add_remark(part, format!("not detected in {}", silent.join(", ")));
+            part.add_remark(&format!("not detected in {}", silent.join(", ")));
         }
     }
     for (name, component) in COMPONENTS.into_iter().zip(&corner.components) {

@@ -19,6 +19,7 @@ pub fn from_table(rows: &[AmplitudeRow], id: &str) -> Freq {
             frequency_hz: row.frequency_hz,
             b_ent: row.amplitude_ent,
             b_std_ent: row.std_ent,
+            applied_nt: None,
             phase_deg: None,
             phase_std_deg: None,
             phase_counter: None,
@@ -50,10 +51,11 @@ pub fn from_table(rows: &[AmplitudeRow], id: &str) -> Freq {
     };
     let text = "the table tells neither sensor, mode nor temperature, and no sampling frequency";
     let mut notes = vec![Note::new(NoteKind::Method, text)];
-    let corner = respond(&mut measured, &mut notes);
+    let compared = vec![[true; 3]; measured.len()];
+    let corner = respond(&mut measured, &compared, &mut notes);
     Freq {
         values: corner.values(),
-        found: FrequencyFound { run: head, model: corner.response(), clock: None },
+        found: FrequencyFound { run: head, applied_nt: None, model: corner.response(), clock: None },
         corner,
         effects: None,
         amplitude: measured,

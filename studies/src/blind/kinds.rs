@@ -272,9 +272,10 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
             run.blocks = clean.settings.iter().zip(&means[index]).map(|(setting, mean)| given(setting, mean)).collect();
             run.settings.clear();
             Vec::new()
+        } else if kind == Kind::Frequency {
+            as_vectors(clean, &record, &freq::lost(&options.effects, clean, seed), &mut run)
         } else {
-            let lost = if kind == Kind::Frequency { freq::lost(&options.effects, clean, seed) } else { Vec::new() };
-            as_vectors(clean, &record, &lost, &mut run)
+            as_vectors(clean, &with_low_pass(clean, record, &mut Random::new(seed, "low-pass")), &[], &mut run)
         };
         if let Some(decoy) = options.decoy {
             decoy.damage(clean, &mut run, &mut Random::new(seed, "decoy"));
@@ -430,6 +431,18 @@ fn readings(clean: &CleanRun, index: usize, hidden: &[Hidden], mut record: Vec<[
                 reading[i] = (reading[i] / step).round() * step;
             }
         }
+    }
+    record
+}
+
+/// Readings behind the low-pass of the sensor, which takes a small part of an interval: it is seen in the first samples after a step alone.
+fn with_low_pass(clean: &CleanRun, mut record: Vec<[f64; 3]>, random: &mut Random) -> Vec<[f64; 3]> {
+    let keep = (-1.0 / random.between(0.05, 0.3)).exp();
+    let mut behind = [0.0; 3];
+    for (s, reading) in record.iter_mut().enumerate().skip(1) {
+        let [before, now] = [s - 1, s].map(|s| clean.pure_ent.get(s).copied().unwrap_or_default());
+        behind = std::array::from_fn(|i| keep * (behind[i] + before[i] - now[i]));
+        reading.iter_mut().zip(behind).for_each(|(reading, behind)| *reading += behind);
     }
     record
 }
