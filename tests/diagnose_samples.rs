@@ -335,42 +335,15 @@ fn a_run_in_several_positions_is_refused() {
     assert!(!case.out().join(RUN_ID).exists());
 }
 
-/// 40 settings of 6 s at 128 Hz, of a sensor whose low-pass takes 3 ms and beside which something makes `fraction` of every step come
-/// later, with a time constant of 0.8 s.
-fn behind_a_low_pass(fraction: f64) -> Run {
-    const TIMES_S: [f64; 2] = [0.003, 0.8];
-    let levels = [-2000.0, 1500.0, -1000.0, 500.0, 2000.0, -500.0, 1000.0, -1500.0, 250.0, -250.0];
-    let plan = Plan { settings: programme(&levels, 6.0), rate_hz: 128.0, noise_ent: 0.0, ..Plan::default() };
-    let mut run = plan.run();
-    let truth = plan.truth.clone();
-    let steps: Vec<(f64, [f64; 3])> = run
-        .settings
-        .windows(2)
-        .map(|pair| {
-            let [before, now] = [0, 1].map(|k: usize| truth.reading(pair[k].field));
-            (pair[1].t_start, [0, 1, 2].map(|i: usize| now[i] - before[i]))
-        })
-        .collect();
-    let mut gauss = Gauss(11);
-    for sample in &mut run.samples {
-        let at = steps.partition_point(|(begin, _)| *begin <= sample.t);
-        let behind = |i: usize| {
-            let of_step = |(begin, change): &(f64, [f64; 3])| {
-                let [quick, slow] = TIMES_S.map(|tau_s| (-(sample.t - begin) / tau_s).exp());
-                change[i] * (quick + fraction * slow)
-            };
-            steps[..at].iter().rev().take(3).map(of_step).sum::<f64>()
-        };
-        sample.reading = [0, 1, 2].map(|i| sample.reading[i] - behind(i) + 0.3 * gauss.normal());
-    }
-    run
-}
-
-/// What decays within a sample interval is the sensor's own low-pass, however many samples a large step shows it in.
+/// What decays within a sample interval is the sensor's own low-pass, however many samples a large step shows it in. The low-pass takes 3 ms at
+/// 128 Hz; beside the sensor a part of every step comes 0.8 s later.
 #[test]
 fn the_low_pass_of_a_sensor_is_no_transient_and_hides_none() {
-    assert_eq!(named(&diagnosed(&behind_a_low_pass(0.0))), [""; 0]);
-    let found = diagnosed(&behind_a_low_pass(3e-4));
+    let levels = [-2000.0, 1500.0, -1000.0, 500.0, 2000.0, -500.0, 1000.0, -1500.0, 250.0, -250.0];
+    let plan = Plan { settings: programme(&levels, 6.0), rate_hz: 128.0, noise_ent: 0.3, ..Plan::default() };
+    let diagnosis = |part: f64| diagnosed(&plan.run().behind(&plan.truth, &[(1.0, 0.003), (part, 0.8)]));
+    assert_eq!(named(&diagnosis(0.0)), [""; 0]);
+    let found = diagnosis(3e-4);
     assert_eq!(named(&found), ["settling"]);
     let step = &found["steps"][0];
     for (name, wanted) in [("fraction", 3e-4), ("tau", 0.8)] {

@@ -2,8 +2,8 @@
 
 use crate::common;
 
-use common::check::{Case, calfit, number, parameters, process, says, text};
-use common::{Gauss, Plan, Run, sines};
+use common::check::{Case, calfit, number, parameters, process, says, text, three};
+use common::{Gauss, Plan, Run, Setting, sines};
 use std::fs;
 use std::path::{Path, PathBuf};
 use toml_edit::DocumentMut;
@@ -195,4 +195,48 @@ fn one_table_gives_the_same_file_with_one_and_two_threads() {
         common::check::tree(&folder)
     };
     assert!(bytes("1") == bytes("2"));
+}
+
+/// Sines of a quarter of the amplitude above 20 Hz, and those of three axes one after the other: a response compares readings of like fields.
+#[test]
+fn sines_that_were_not_applied_alike_are_referred_to_one_field() {
+    let alike = plan(3);
+    let weaker = Plan {
+        settings: alike
+            .settings
+            .iter()
+            .map(|s| Setting { field: s.field.map(|b| if s.frequency > 20.0 { 0.25 * b } else { b }), ..*s })
+            .collect(),
+        ..plan(3)
+    };
+    let (_, fpf) = measure(&weaker.run());
+    let truth = alike.corner_hz.unwrap();
+    for (i, truth) in truth.into_iter().enumerate() {
+        let [found, std] = ["f_3db_model_hz", "f_3db_model_std_hz"].map(|key| three(&fpf, key)[i]);
+        within(found, truth, std, 4.0);
+        assert!(std < 0.2, "{std}");
+        within(three(&fpf, "f_3db_igep_hz")[i], truth, 1.0, 1.0);
+    }
+    let rows = fpf["amplitude"].as_array_of_tables().unwrap();
+    for row in rows {
+        let [hz, applied_nt] = ["frequency_hz", "applied_nt"].map(|key| row[key].as_float().unwrap());
+        assert_eq!(applied_nt, if hz > 20.0 { 250.0 } else { 1000.0 });
+    }
+
+    // Along one coil axis after the other: what the run does not tell is how much of each a component sees.
+    let mut settings: Vec<Setting> = Vec::new();
+    for axis in 0..3 {
+        let begin = settings.last().map_or(0.0, |s| s.t_end);
+        settings.extend(alike.settings.iter().map(|s| {
+            let mut field = [0.0; 3];
+            field[axis] = 1000.0;
+            Setting { t_start: begin + s.t_start, t_end: begin + s.t_end, field, ..*s }
+        }));
+    }
+    let (_, fpf) = measure(&Plan { settings, ..plan(3) }.run());
+    for (i, truth) in truth.into_iter().enumerate() {
+        let [found, std] = ["f_3db_model_hz", "f_3db_model_std_hz"].map(|key| three(&fpf, key)[i]);
+        within(found, truth, std, 4.0);
+        assert!(std < 0.2, "{std}");
+    }
 }

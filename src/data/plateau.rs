@@ -161,6 +161,9 @@ pub struct Plateaus {
     pub settling_found_s: f64,
     /// The data show the step before for as long as can be seen.
     pub still_settling: bool,
+    /// Part of the step before a setting that its readings lose between the two halves of what is used of it, with its standard uncertainty, where
+    /// that is no noise.
+    pub still_follows: Option<[f64; 2]>,
     /// Time left out at the end of every setting, s.
     pub early_end_s: f64,
     /// Displacement of the data's steps against the table of settings, s; positive when the data are late.
@@ -359,18 +362,22 @@ impl Accumulator {
         let resolution = || *found.get_or_init(|| self.resolution());
         let mut list = Vec::with_capacity(self.settings.len());
         let mut extremes = Vec::with_capacity(self.settings.len());
+        let mut all_used = Vec::with_capacity(self.settings.len());
         for (index, setting) in self.settings.iter().enumerate() {
             let bin_s = (setting.t_end_s - setting.t_start_s) / BINS as f64;
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates at 0 and at BINS")]
             let bins_of = |time_s: f64| ((time_s / bin_s - 1e-9).ceil() as usize).min(BINS);
             let used = bins_of(settling_s)..BINS - bins_of(edges.early_end_s);
+            all_used.push(used.clone());
             let (plateau, range) = self.plateau(index, setting, used, least_coverage, &resolution);
             list.push(plateau);
             extremes.push(range);
         }
         let without_scatter = drop_saturated(&mut list, &extremes);
+        let is_seen = |[part, std]: &[f64; 2]| part.abs() > edges::NEGLIGIBLE && part.abs() > edges::SIGNIFICANT * std;
         Plateaus {
             list,
+            still_follows: self.following(&all_used).filter(is_seen),
             settling_s,
             settling_found_s: edges.settling_s,
             still_settling: edges.still_settling && settling == Settling::Found,
@@ -493,6 +500,7 @@ pub fn from_blocks(blocks: &[GivenBlock]) -> Plateaus {
         settling_s: 0.0,
         settling_found_s: 0.0,
         still_settling: false,
+        still_follows: None,
         early_end_s: 0.0,
         edge_shift_s: 0.0,
         tolerable_shift_s: f64::INFINITY,

@@ -4,7 +4,7 @@
 //! at the handful of temperatures of a campaign its correction for small samples decides. Beside it stands the error of
 //! leave-one-out prediction, in closed form through the hat matrix. The criterion has no value for orders with fewer than one or
 //! two points to spare, however plain they are, and next to that limit its correction outweighs any misfit. There the prediction
-//! overrules it, where it is better by a factor which points scattering about the lower order seldom give.
+//! overrules it, where it is better by a factor and leaves less scatter than points scattering about the lower order give by chance.
 //!
 //! Points may carry standard deviations. Runs often scatter by more than those say, and a criterion which believes them then
 //! explains the scatter with coefficients. One which does not believe them cannot tell curvature from scatter in few points.
@@ -21,7 +21,7 @@ use std::fmt;
 
 use super::linear::Limits;
 use super::polynomial::{self, Polynomial};
-use super::statistics::chi2_tail;
+use super::statistics::{chi2_tail, fisher_tail};
 use super::{FitError, require_finite, require_length};
 
 /// The highest order that is fitted.
@@ -120,7 +120,7 @@ impl Chosen {
 
 /// Fits `y` (n points) at `x` by polynomials of all orders up to `max_order` and takes the order `wanted`, or else the one with
 /// the least AICc, the lower where the gain is not more than 2, or a higher one whose leave-one-out error is less by a factor
-/// of more than 3.
+/// of more than 3, and about which the points scatter less than by chance.
 ///
 /// `std` are the standard deviations of the points; without them all points count alike and their scatter about the polynomial
 /// tells their uncertainty. No order exceeds [`HIGHEST_ORDER`] or the number of different x less one. The criterion needs two
@@ -177,8 +177,13 @@ pub fn choose(
         let is_explained = |order: usize| candidates[order].chi2.is_some_and(|chi2| excess(chi2, candidates[order].dof) == 1.0);
         let preferred = lowest_within(|c| c.aicc, |least| least + TIE);
         match (preferred, lowest_within(|c| c.leave_one_out, |least| CLEARLY_BETTER * least)) {
-            // Where the stated noise explains what the preferred order leaves, a smaller error is luck.
-            (preferred, Some(predicting)) if predicting > preferred.unwrap_or(0) && !preferred.is_some_and(is_explained) => {
+            // Where the stated noise explains what the preferred order leaves, a smaller error is luck; it may be luck as well where a point or
+            // two are left to tell the scatter.
+            (preferred, Some(predicting))
+                if predicting > preferred.unwrap_or(0)
+                    && !preferred.is_some_and(is_explained)
+                    && by_chance(&candidates[preferred.unwrap_or(0)], &candidates[predicting]) < UNLIKELY =>
+            {
                 (predicting, Reason::LeaveOneOut)
             }
             (Some(preferred), _) => (preferred, Reason::LeastAicc),
@@ -194,6 +199,13 @@ pub fn choose(
     let (candidate, polynomial) = fits.swap_remove(index);
     let covariance = &polynomial.unscaled_covariance * (choice * inflation).powi(2);
     Ok(Chosen { order: candidate.order, reason, polynomial, covariance, inflation, choice, candidates })
+}
+
+/// Probability that points which scatter about a lower order leave so little about a higher one.
+fn by_chance(lower: &Candidate, higher: &Candidate) -> f64 {
+    let [gained, left] = [lower.dof - higher.dof, higher.dof].map(|dof| dof as f64);
+    let f = (lower.rss - higher.rss) / gained / (higher.rss / left);
+    fisher_tail(f, [gained, left])
 }
 
 /// Factor by which the standard deviation of a polynomial at the points, root mean square, grows with the orders that it might have as well.
@@ -223,7 +235,8 @@ fn of_choice(fits: &[(Candidate, Polynomial)], chosen: usize, std_unit: f64, x: 
     if factor.is_nan() { 1.0 } else { factor.max(1.0) }
 }
 
-/// A sum of squares that chance exceeds less often than this shows that standard deviations are too small.
+/// A sum of squares that chance exceeds less often than this shows that standard deviations are too small, and a scatter that is so small by
+/// chance less often than this that an order is too low.
 const UNLIKELY: f64 = 0.01;
 
 /// Factor on standard deviations which a sum of squares asks for: `sqrt(chi2 / dof)` above the 99 % quantile, otherwise 1.

@@ -333,6 +333,13 @@ pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Pla
             ),
         )]);
     }
+    if let Some([part, std]) = plateaus.still_follows {
+        let text = format!(
+            "the readings still follow the step before a setting: from the first half of what is used of a setting to the second they lose {part:.1e} \
+             ± {std:.0e} of it; what is left then is in the means and in no uncertainty"
+        );
+        notes.extend([Note::new(NoteKind::Data, text).with_remedy("hold the fields longer, or leave out more with --settling")]);
+    }
     let incomplete = |p: &&Plateau| matches!(p.dropped, Some(Drop::NoSamples | Drop::Coverage { .. }));
     let lacking = plateaus.list.iter().filter(incomplete).count();
     if lacking > 0 {

@@ -318,6 +318,27 @@ impl Plan {
 }
 
 impl Run {
+    /// The same where parts of every step of the field come later, each with a time constant in s.
+    pub fn behind(mut self, truth: &Truth, parts: &[(f64, f64)]) -> Self {
+        let reading = |setting: &Setting| truth.reading(setting.field);
+        let steps: Vec<(f64, [f64; 3])> = self
+            .settings
+            .windows(2)
+            .map(|pair| {
+                let (before, now) = (reading(&pair[0]), reading(&pair[1]));
+                (pair[1].t_start, [0, 1, 2].map(|i: usize| now[i] - before[i]))
+            })
+            .collect();
+        for sample in &mut self.samples {
+            let at = steps.partition_point(|(begin, _)| *begin <= sample.t);
+            for (begin, change) in &steps[..at] {
+                let late: f64 = parts.iter().map(|(part, tau_s)| part * (-(sample.t - begin) / tau_s).exp()).sum();
+                sample.reading.iter_mut().zip(change).for_each(|(reading, change)| *reading -= late * change);
+            }
+        }
+        self
+    }
+
     /// The same of a sensor that warms from 24 to 25 °C, straight from the begin to the end.
     pub fn warming(mut self) -> Self {
         for (i, (_, [_, sensor])) in self.temperatures.iter_mut().enumerate() {

@@ -2,6 +2,7 @@
 
 use super::{Accumulator, BINS, Bin, Course, Displacement, displacement};
 use crate::data::run::Setting;
+use nalgebra::{Matrix3, Vector3};
 use std::ops::Range;
 
 /// Bins that settling and a late edge may take at most.
@@ -18,12 +19,14 @@ struct Response {
 }
 
 /// A part of a step that is too small to matter for a sensitivity.
-const NEGLIGIBLE: f64 = 1e-7;
+pub(super) const NEGLIGIBLE: f64 = 1e-7;
+/// Standard errors above which a part of a step is no noise.
+pub(super) const SIGNIFICANT: f64 = 4.0;
 
 /// How many slots from the begin show the step: up to the first two that do not. `None`: they all do. Significant is what exceeds four
 /// standard errors, so that sixty-four slots raise a false alarm in one run of two hundred and fifty, and `least` of the step.
 fn followed(responses: impl Iterator<Item = Response>, least: f64) -> Option<usize> {
-    let follows: Vec<bool> = responses.map(|r| r.z > 4.0 && r.fraction.abs() > least).collect();
+    let follows: Vec<bool> = responses.map(|r| r.z > SIGNIFICANT && r.fraction.abs() > least).collect();
     follows.windows(2).position(|pair| !pair[0] && !pair[1])
 }
 
@@ -52,17 +55,43 @@ impl Accumulator {
         let late = (0..MOST_SETTLING).map(|slot| self.response(&last, slot, slot_s, true));
         let late_slots = followed(late, NEGLIGIBLE);
         // A decay that has just become too small to be seen still biases the mean; half as long again makes it negligible.
-        let settling = match late_slots {
-            Some(0) => 0,
-            Some(slots) => (slots + slots / 2 + 1).min(MOST_SETTLING),
-            None => MOST_SETTLING,
-        };
+        let wanted = late_slots.map(|slots| if slots == 0 { 0 } else { slots + slots / 2 + 1 });
+        let settling = wanted.map_or(MOST_SETTLING, |slots| slots.min(MOST_SETTLING));
         Edges {
             settling_s: settling as f64 * slot_s,
-            still_settling: late_slots.is_none(),
+            still_settling: wanted.is_none_or(|slots| slots > MOST_SETTLING),
             early_end_s: (BINS - end) as f64 * slot_s,
             shift_s: self.displacement().map_or(0.0, |d| d.shift_s),
         }
+    }
+
+    /// What the readings lose of the step before a setting from the first half of its used bins to the second, as a part of the step, with its
+    /// standard uncertainty: a slow decay shows in no single slot, but in the halves of all settings together. What readings do in proportion to
+    /// the field itself, as where the temperature moves the sensitivity, is not in it. `None` where it cannot be told.
+    pub(super) fn following(&self, used: &[Range<usize>]) -> Option<[f64; 2]> {
+        let over = |i: usize, bins: Range<usize>| -> Option<Vector3<f64>> {
+            let (all, reference) = (self.bins.get(i)?, (*self.references.get(i)?)?);
+            let mut total = Bin::EMPTY;
+            all.get(bins)?.iter().for_each(|b| total.merge(b));
+            (total.count > 0).then(|| Vector3::from_fn(|axis, _| reference[axis] + total.mean(axis)))
+        };
+        let levels: Vec<Option<Vector3<f64>>> = used.iter().enumerate().map(|(i, bins)| over(i, bins.clone())).collect();
+        let mut rows: Vec<(Vector3<f64>, f64)> = Vec::new();
+        for (i, bins) in used.iter().enumerate().skip(1) {
+            let middle = bins.start.midpoint(bins.end);
+            let (Some(before), Some(here)) = (levels[i - 1], levels[i]) else { continue };
+            let (Some(first), Some(second)) = (over(i, bins.start..middle), over(i, middle..bins.end)) else { continue };
+            rows.extend((0..3).map(|a| (Vector3::new(before[a] - here[a], here[a], 1.0), first[a] - second[a])));
+        }
+        // Means of components differ by their offsets alone, which the constant takes.
+        let normal = rows.iter().map(|(x, _)| x * x.transpose()).sum::<Matrix3<f64>>();
+        let scale = normal.diagonal().map(|d| 1.0 / d.max(f64::MIN_POSITIVE).sqrt());
+        let inverse = Matrix3::from_fn(|r, c| normal[(r, c)] * scale[r] * scale[c]).try_inverse()?;
+        let solution =
+            (inverse * rows.iter().map(|(x, d)| x.component_mul(&scale) * *d).sum::<Vector3<f64>>()).component_mul(&scale);
+        let left: f64 = rows.iter().map(|(x, d)| (d - x.dot(&solution)).powi(2)).sum();
+        let variance = left / rows.len().checked_sub(3).filter(|dof| *dof > 0)? as f64 * inverse[(0, 0)] * scale[0].powi(2);
+        (variance > 0.0).then(|| [solution[0], variance.sqrt()])
     }
 
     /// Mean reading of every setting over some of its bins.

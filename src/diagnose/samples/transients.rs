@@ -30,6 +30,8 @@ const BESIDE_STEP: f64 = 0.15;
 const OF_LOW_PASS: [f64; 3] = [0.25, 0.5, 1.0];
 /// Samples beside an edge that a low-pass can reach: a step of 100 000 times the noise, a time constant of one interval.
 const MOST_BESIDE: usize = 12;
+/// Samples in which a low-pass that is no longer the clearest transient falls to a part that does not matter.
+const CLEAR: usize = 3;
 
 /// Bins of one axis, plateau after plateau.
 type Bins = Vec<DVector<f64>>;
@@ -295,11 +297,16 @@ fn transient_of(
     let longest = settings.iter().map(|[b, e]| e - b).fold(f64::INFINITY, f64::min);
     let of_low_pass = OF_LOW_PASS.map(|intervals| intervals * interval_s);
     let taus: Vec<f64> = of_low_pass.into_iter().chain(form.taus_s.iter().copied().filter(|t| *t < longest)).collect();
+    let of = |beside_s: f64| {
+        let found = Stack::new(form, prepared, samples, settings, interval_s, beside_s)?.shown(effect, &taus)?;
+        Some((found.tau_s > interval_s, Inside { beside_s, ..found.inside }))
+    };
     for more in 0..MOST_BESIDE {
         let beside_s = skip_s.max(interval_s) + more as f64 * interval_s;
-        let found = Stack::new(form, prepared, samples, settings, interval_s, beside_s)?.shown(effect, &taus)?;
-        if found.tau_s > interval_s {
-            return Some(Inside { beside_s, ..found.inside });
+        if let (true, found) = of(beside_s)? {
+            // What the low-pass leaves beside it makes the time constant too short.
+            let clear = of(beside_s + CLEAR as f64 * interval_s).filter(|(is_slow, _)| *is_slow);
+            return Some(clear.map_or(found, |(_, clear)| clear));
         }
     }
     None
