@@ -441,8 +441,8 @@ fn a_slow_decay_after_every_step_is_told_or_refused() {
     };
     let (_, stderr) = accepted(&plan.run(), &[]);
     assert!(!told(&stderr), "{stderr}");
-    for tau_s in [10.0, 20.0, 50.0] {
-        let (cpf, stderr) = accepted(&plan.run().behind(&plan.truth, &[(1e-4, tau_s)]), &[]);
+    for (part, tau_s) in [(1e-4, 10.0), (1e-4, 20.0), (3e-4, 50.0)] {
+        let (cpf, stderr) = accepted(&plan.run().behind(&plan.truth, &[(part, tau_s)]), &[]);
         assert!(told(&stderr), "{tau_s} s: {stderr}");
         let std = three(&cpf, "std.sigma");
         let off = |i: usize| (sigma(&cpf)[i] - plan.truth.sigma[i]).abs() / std[i];

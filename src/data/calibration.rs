@@ -10,6 +10,7 @@ use super::reference::{Reference, StatedReference};
 use super::result::{AT_REST_K, Covariance, Rows, RunHead, Spread, Summary};
 use super::run::Header;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use thiserror::Error;
 
 /// What a run says of its sensor.
@@ -272,10 +273,52 @@ pub struct TemperatureSlopes {
     /// Of `B_or` beside the trend, enT/K; absent where the trend in time cannot be told from it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub b_or_ent: Option<[f64; 3]>,
-    /// Where those of sensitivities and angles come from: the file of the polynomials, `run`, or `bound`.
-    pub source: String,
+    /// Where those of sensitivities and angles come from.
+    pub source: SlopeSource,
     /// Standard uncertainties.
     pub std: SlopeStd,
+}
+
+/// Where slopes with the sensor temperature come from; one word, or the name of a file, in files.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "String", into = "String")]
+pub enum SlopeSource {
+    /// Found in the run itself, `run`.
+    Run,
+    /// Held by bounds that the campaign states, `bound`.
+    Bound,
+    /// Not known: held by the largest that are published, `assumed`.
+    Assumed,
+    /// Those of polynomials: their file.
+    Polynomials(String),
+}
+
+impl From<String> for SlopeSource {
+    fn from(text: String) -> Self {
+        match text.as_str() {
+            "run" => Self::Run,
+            "bound" => Self::Bound,
+            "assumed" => Self::Assumed,
+            _ => Self::Polynomials(text),
+        }
+    }
+}
+
+impl From<SlopeSource> for String {
+    fn from(source: SlopeSource) -> Self {
+        source.to_string()
+    }
+}
+
+impl fmt::Display for SlopeSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Run => "run",
+            Self::Bound => "bound",
+            Self::Assumed => "assumed",
+            Self::Polynomials(file) => file,
+        })
+    }
 }
 
 /// Standard uncertainties of slopes with the sensor temperature.

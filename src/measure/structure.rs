@@ -21,7 +21,7 @@ const LEFT: f64 = 0.02;
 const LEAST_FREEDOM: usize = 12;
 
 /// What follows the steps of the field stands out of the noise of the fit by so many standard deviations at least.
-const BESIDE_NOISE: f64 = 3.5;
+const BESIDE_NOISE: f64 = 3.0;
 /// Time constants of what may follow the steps of the field, over the usual duration of a row.
 const FOLLOWS: [f64; 5] = [0.5, 1.5, 5.0, 15.0, 50.0];
 
