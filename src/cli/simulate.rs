@@ -43,6 +43,7 @@ struct Listing<R> {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    common.must_hold_no_results()?;
     match (&arguments.like, &arguments.twin) {
         (Some(run), _) => like(run, arguments, common, terminal),
         (None, Some(twin)) => campaign(twin, arguments, common, terminal),
@@ -86,6 +87,12 @@ fn telemetry(path: &Path, arguments: &Arguments, common: &Common, terminal: &Ter
 }
 
 fn campaign(path: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    if path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mag")) {
+        let rule = "is a field programme (.MAG); `calfit simulate` takes a twin";
+        let remedy =
+            "name a TOML file with [electronics], whose [[run]] names the programme; docs/reference/twin.md has an example";
+        return Err(Finding::error(&path.display().to_string(), rule, remedy));
+    }
     #[cfg(feature = "tables")]
     if twin::telemetry::is_telemetry(path)? {
         return telemetry(path, arguments, common, terminal);

@@ -2,7 +2,6 @@
 
 use super::temperature_faults;
 use crate::data::error::Severity;
-use crate::data::exclusion::ExcludedPart;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Drop, Plateau, Plateaus};
 use crate::data::result::{AT_REST_K, Conditions, Dropped, RunHead, Spread};
@@ -354,13 +353,9 @@ pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Pla
 
 /// What was left out of a run by hand.
 pub fn excluded(run: &Run) -> impl Iterator<Item = Note> {
-    let count = run.settings.len().max(run.blocks.len()).max(run.scalar.len());
-    run.exclusions.iter().map(move |exclusion| match exclusion.part {
-        ExcludedPart::Setting(number) if number > count => {
-            let text = format!("the setting {number} that is to be left out by hand is none of the {count} of the run");
-            Note::new(NoteKind::LeftOut, text).with_remedy("correct its number")
-        }
-        _ => Note::new(NoteKind::LeftOut, format!("{} was left out by hand: {}", exclusion.what(), exclusion.reason)),
+    run.exclusions.iter().map(|exclusion| match exclusion.misses(run) {
+        Some(text) => Note::new(NoteKind::LeftOut, text).with_remedy("correct it, or take it out"),
+        None => Note::new(NoteKind::LeftOut, format!("{} was left out by hand: {}", exclusion.what(), exclusion.reason)),
     })
 }
 

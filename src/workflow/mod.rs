@@ -348,14 +348,6 @@ pub fn jobs<'a>(campaigns: &'a [Campaign], kind: Option<Kind>) -> (Vec<Job<'a>>,
         let unread: Vec<String> = without_head.map(|((_, file), _)| RunFile::id(&file.recorded)).collect();
         unmatched.extend(campaign.unmatched(&known, &unread).into_iter().map(|entry| format!("campaign.toml: {entry}")));
     }
-    let asked: &[Exclusion] = campaigns.first().map_or(&[], |c| &c.exclude);
-    let unknown = |e: &&Exclusion| {
-        !files.iter().zip(&headers).any(|((_, file), header)| match header {
-            Some(header) => header.run == e.run,
-            None => RunFile::id(&file.recorded) == e.run,
-        })
-    };
-    unmatched.extend(asked.iter().filter(unknown).map(|e| format!("--exclude {}", e.run)));
     let mut first: HashMap<String, String> = HashMap::new();
     let mut jobs = Vec::new();
     for ((campaign, file), header) in files.into_iter().zip(headers) {
