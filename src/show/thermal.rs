@@ -171,8 +171,16 @@ fn orders(quantities: &[&QuantityFit]) -> Table {
 }
 
 fn quality(thermal: &Thermal) -> Section {
-    let mut table =
-        Table::new(["quantity", "unit", "runs", "valid, °C", "smallest error", "largest error", "widened by", "95 % factor"]);
+    let mut table = Table::new([
+        "quantity",
+        "unit",
+        "runs",
+        "valid, °C",
+        "most negative error",
+        "most positive error",
+        "widened by",
+        "95 % factor",
+    ]);
     for q in &thermal.quantities {
         table.push(cells![
             &q.found.name,
