@@ -431,7 +431,11 @@ fn a_folder_of_results_takes_no_campaign() {
 
     let output = calfit().arg("simulate").arg(folder.case.path().join("STEPS.MAG")).output().unwrap();
     assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("is a field programme (.MAG); `calfit simulate` takes a twin"), "{}", text(&output.stderr));
+    assert!(
+        text(&output.stderr).contains("is a field programme (.MAG); `calfit simulate` takes a twin"),
+        "{}",
+        text(&output.stderr)
+    );
 }
 
 #[test]

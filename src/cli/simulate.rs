@@ -3,6 +3,7 @@
 use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::Finding;
+use crate::data::units::counted;
 use crate::files::twin;
 use crate::simulate::like::write_like;
 #[cfg(feature = "tables")]
@@ -114,8 +115,8 @@ fn campaign(path: &Path, arguments: &Arguments, common: &Common, terminal: &Term
         terminal.print(&json(&Listing { seed, runs })?);
     } else {
         terminal.tell(&format!(
-            "{} runs, {vectors} vectors, {:.1} MB, seed {seed}\n  -> {}\n",
-            twin.runs.len(),
+            "{}, {vectors} vectors, {:.1} MB, seed {seed}\n  -> {}\n",
+            counted(twin.runs.len() as u64, "run"),
             bytes as f64 / 1e6,
             common.out.display()
         ));

@@ -64,6 +64,7 @@ impl Searched<'_> {
             runs: self.runs,
             noise_floor_nt,
             noise: Some(outcome.fit.noise.parameters),
+            basis: None,
             verdict: words::verdict(&steps, None, left.as_ref()),
             verdict_kind: VerdictKind::of(&steps, left.as_ref()),
             left,

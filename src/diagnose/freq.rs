@@ -91,6 +91,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
         runs: vec![run.header.run.clone()],
         noise_floor_nt: noise_floor_nt(&sines),
         noise: None,
+        basis: None,
         verdict: words::verdict(&found, None, not_explained.as_ref()),
         verdict_kind: VerdictKind::of(&found, not_explained.as_ref()),
         left: not_explained,

@@ -176,7 +176,7 @@ pub(super) fn words(effect: EffectRef, forecasts: &[Forecast], in_general: Optio
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::cubic_nonlinearity::CubicNonlinearity;
+    use crate::model::effects::remanence::Remanence;
 
     fn forecast(words: &str, k: f64) -> Forecast {
         let against = Some("saturation".to_owned());
@@ -186,17 +186,17 @@ mod tests {
     /// The signal to noise ratio from which on two effects are told apart decides whether a run is said to do it.
     #[test]
     fn a_run_that_tells_nothing_apart_is_not_recommended() {
-        let effect = EffectRef::new(&CubicNonlinearity);
+        let effect = EffectRef::new(&Remanence);
         let of = |forecasts: &[Forecast]| words(effect, forecasts, None);
         let weak = of(&[forecast("twice the field", 3.8), forecast("longer", 3.5)]).unwrap();
         assert_eq!(
             weak,
-            "none of the 2 runs that were looked at tells cubic_nonlinearity from saturation: k 5 is needed, and the best of them, twice the \
+            "none of the 2 runs that were looked at tells remanence from saturation: k 5 is needed, and the best of them, twice the \
              field, gives 3.8 (now 3.4)"
         );
         // A run that tells them stands first, wherever it stands in the list.
         let strong = of(&[forecast("twice the field", 3.8), forecast("moved", 5.1)]).unwrap();
-        assert_eq!(strong, "moved: it would tell cubic_nonlinearity from saturation with k 5.1 (now 3.4)");
+        assert_eq!(strong, "moved: it would tell remanence from saturation with k 5.1 (now 3.4)");
         // Nothing is said of runs that tell no more than the one that was measured.
         assert_eq!(of(&[forecast("the same again", 3.3)]), None);
     }

@@ -29,6 +29,9 @@ pub struct Diagnosis {
     /// Response to alternating fields that describes the data, in words; of frequency runs only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub response: Option<String>,
+    /// What was looked at together, and how, where it is not one run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub basis: Option<String>,
     /// In one line.
     pub verdict: String,
     /// What kind of verdict it is.

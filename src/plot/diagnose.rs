@@ -1,6 +1,7 @@
 //! Figures of a diagnosis: where readings and model disagree, why an effect was named, and what is left with it.
 
 use super::parts::Named;
+use super::rows::shades;
 use super::{Band, CellRow, Figure, Marks, Panel, Scale, Series, Style};
 use crate::data::units::Scale::{Calibrated, Engineering};
 use crate::data::units::{COMPONENTS, three_digits};
@@ -140,11 +141,11 @@ fn places(diagnosis: &Diagnosis) -> Option<Named> {
         caption: format!(
             "Before anything is named: displacement of the readings along the {} {} (top to bottom) for bins of the \
              covariates, fitted beside the model, in multiples of its standard uncertainty. Blue cells are below the model, orange \
-             ones above; numbers stand where it is 3 or more, which noise alone gives in one cell of 370. {} of {} covariates, \
-             first the one of which a smooth function predicts most of stretches that it did not see; a gain multiplies the \
-             reading.{}",
+             ones above, the darker the larger: {}. Noise alone gives 3 or more in one cell of 370. {} of {} covariates; those stand first \
+             whose smooth functions predict most of what was left out of their fit. A gain multiplies the reading.{}",
             if axes.len() == 1 { scale.axis().to_owned() } else { scale.axis().replace("axis", "axes") },
             axes.join(", "),
+            shades(),
             names.len(),
             places.len() / 3,
             if axes.len() < COMPONENTS.len() { " Axes without such a cell are left out." } else { "" }
@@ -199,8 +200,8 @@ fn residuals(diagnosis: &Diagnosis, step: &Step, map: &Map) -> Figure {
     Figure {
         title: format!("{}: {} on {axis}, before and after", subject(diagnosis), name(step)),
         caption: format!(
-            "Measured minus modelled reading on the {} {axis}, every point predicted by a fit that did not see it: above \
-             without {}, below with it. Root mean square of the points {} and {} nT; the band is twice the noise of a mean.",
+            "Measured minus modelled reading on the {} {axis} (of a calibration the residuals are applied minus modelled field, of the other \
+             sign), every point predicted by a fit that did not see it: above without {}, below with it. Root mean square of the points {} and {} nT; the band is twice the noise of a mean.",
             diagnosis.pictures.scale.axis(),
             step.effect,
             three_digits(rms(&map.before_nt)),

@@ -6,7 +6,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Drop, Plateau, Plateaus};
 use crate::data::result::{AT_REST_K, Conditions, Dropped, RunHead, Spread};
 use crate::data::run::Run;
-use crate::data::units::COMPONENTS;
+use crate::data::units::{COMPONENTS, counted};
 use crate::fit::noise::dense::{self, GroupNoise, Octave, Sampled};
 use crate::fit::{DenseNoise, FitError, Solution};
 use crate::model::campaign::Instructions;
@@ -359,15 +359,19 @@ pub fn excluded(run: &Run) -> impl Iterator<Item = Note> {
     })
 }
 
+/// Lost samples, in words.
+#[must_use]
+pub fn lost(samples: u64, gaps: u64) -> String {
+    let are = if samples == 1 { "is" } else { "are" };
+    format!("{} {are} missing in {}", counted(samples, "sample"), counted(gaps, "gap"))
+}
+
 /// What was left out by hand, lost samples, faults of temperature channels, and what the reader found.
 pub fn warn_of_run(notes: &mut impl Extend<Note>, run: &Run, instructions: &Instructions) {
     notes.extend(excluded(run));
     notes.extend(temperature_faults::notes(run, instructions));
     if run.vectors.lost > 0 {
-        notes.extend([Note::new(
-            NoteKind::Losses,
-            format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count),
-        )]);
+        notes.extend([Note::new(NoteKind::Losses, lost(run.vectors.lost, run.vectors.gap_count))]);
     }
     for finding in run.findings.iter().filter(|f| f.severity > Severity::Note) {
         let place = finding.line.map_or_else(String::new, |line| format!("line {line}: "));

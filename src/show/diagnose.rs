@@ -55,6 +55,9 @@ pub fn sections(diagnosis: &Diagnosis, figure: &dyn Fn(&str) -> Option<Figure>) 
 fn verdict(diagnosis: &Diagnosis) -> Section {
     let floor: Vec<String> = diagnosis.noise_floor_nt.iter().map(|n| number(*n, 4)).collect();
     let mut words = format!(" Noise of a mean: {} nT (x, y, z).", floor.join(", "));
+    if let Some(basis) = &diagnosis.basis {
+        let _ = write!(words, " Looked at: {basis}.");
+    }
     if let Some(response) = &diagnosis.response {
         let _ = write!(words, " Response: {response}.");
     }
@@ -231,6 +234,9 @@ fn held_out(step: &Step) -> Table {
 #[must_use]
 pub fn summary(diagnosis: &Diagnosis) -> String {
     let mut out = format!("{}  {}\n", diagnosis.runs.join(", "), diagnosis.verdict);
+    if let Some(basis) = &diagnosis.basis {
+        let _ = writeln!(out, "  {basis}");
+    }
     if let Some(response) = &diagnosis.response {
         let _ = writeln!(out, "  response: {response}");
     }
@@ -248,8 +254,11 @@ pub fn summary(diagnosis: &Diagnosis) -> String {
         } else {
             String::new()
         };
-        let _ =
-            writeln!(out, "  {} {}{covariate}{set}: {}; k {:.1}{gap}", step.wording, step.effect, step.place, step.strength_k);
+        let _ = writeln!(
+            out,
+            "  {} {}{covariate}{set}: {}; signal to noise k {:.1}{gap}",
+            step.wording, step.effect, step.place, step.strength_k
+        );
         if let Some(next) = Forecast::best(&step.next_forecast) {
             let rival = next.against.as_deref().unwrap_or("noise");
             let _ = if next.tells_apart() {

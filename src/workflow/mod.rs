@@ -475,11 +475,13 @@ fn recipe<A: PerRun>(analysis: &A, result: &A::Result, desk: &Desk) -> Recipe {
     Recipe::new(A::ANALYSIS, &analysis.settled(result)).reading(desk.allowed_of(&result.head().id))
 }
 
-/// Draws figures in parallel and writes them in their order.
+/// Draws the figures that hold data in parallel and writes them in their order.
 ///
 /// # Errors
 /// A figure cannot be drawn or written.
 pub fn draw(folder: &Folder, figures: &[Named], name: impl Fn(&str) -> String + Sync) -> Result<Vec<Drawn>, Finding> {
+    let with_data = |named: &Named| Some(Named { stem: named.stem, figure: named.figure.clone().with_data()? });
+    let figures: Vec<Named> = figures.iter().filter_map(with_data).collect();
     let pictures: Vec<Result<Vec<u8>, plot::PlotError>> = figures.par_iter().map(|named| plot::render(&named.figure)).collect();
     figures
         .iter()

@@ -29,6 +29,7 @@ pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
         runs: vec![id.to_owned()],
         noise_floor_nt: noise_ent,
         noise: None,
+        basis: None,
         verdict: words::verdict(&steps, None, None),
         verdict_kind: VerdictKind::of(&steps, None),
         left: None,

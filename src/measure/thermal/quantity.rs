@@ -212,15 +212,8 @@ pub(super) fn fit(
         notes.push(Note::new(NoteKind::Data, text).about(&quantity.name));
     }
     if chosen.inflation > 1.0 && values.std_known {
-        let in_all = match chosen.choice {
-            choice if choice > 1.0 => {
-                format!(", and by {:.1} in all for the orders that it might have as well", chosen.inflation * choice)
-            }
-            _ => String::new(),
-        };
         let text = format!(
-            "{}: the runs scatter by {:.1} times what their uncertainties let expect; the uncertainty of the polynomial was widened by \
-             that{in_all}",
+            "{}: the runs scatter by {:.1} times what their uncertainties let expect; the uncertainty of the polynomial was widened by it",
             quantity.name, chosen.inflation
         );
         notes.push(Note::new(NoteKind::Method, text).about(&quantity.name));

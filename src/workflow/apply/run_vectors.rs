@@ -46,7 +46,9 @@ pub(super) fn read_run(data: &Path, applied: &Applied, allowed: &Reading) -> Res
 /// What is wrong with the file; no channel of the name given or stated.
 pub(super) fn vectors(work: &mut Work, own: &Run, allowed: &Reading, note: &str, file: &mut Pending) -> Result<(), Finding> {
     let data = work.data;
-    work.counts.notes.extend(own.findings.iter().map(ToString::to_string));
+    // The name of the file stands before every note.
+    let place = |line: Option<u64>| line.map_or_else(String::new, |line| format!("line {line}: "));
+    work.counts.notes.extend(own.findings.iter().map(|f| format!("{}{}; {}", place(f.line), f.rule, f.remedy)));
     let degc = Thermometer::of(work, own)?;
     let writer = Writer::new(file, Format::Parquet, note);
     let mut sink = Sink { work, degc, writer, t_s: Vec::new(), readings: Default::default(), error: None };
