@@ -55,9 +55,11 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
         }
         OfKind::Freq(sampling) => {
             list.push(Named { stem: "corner_frequency", figure: polynomial("f_3db", "-3 dB corner frequency", "f_3dB") });
+            // The frequencies differ by parts of a million: they are drawn from a round one on.
+            let base_hz = sampling.means_hz()[0].map_or(0.0, |mean| (1e4 * mean).round() / 1e4);
             let points = (0..head.ids.len()).map(|i| {
                 let std = sampling.f_s_std_hz[i];
-                (head.temperature_degc[i], sampling.f_s_hz[i], std.is_finite().then_some(std))
+                (head.temperature_degc[i], 1e6 * (sampling.f_s_hz[i] - base_hz), std.is_finite().then_some(1e6 * std))
             });
             list.push(Named {
                 stem: "sampling_frequency",
@@ -74,7 +76,7 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
                     x_label: temperature_label(head.channel.as_deref()),
                     x_scale: Scale::Linear,
                     panels: vec![Panel {
-                        y_label: "f_s, Hz".to_owned(),
+                        y_label: format!("f_s - {base_hz:.4} Hz, µHz"),
                         y_scale: Scale::Linear,
                         series: vec![Series {
                             label: "f_s ± standard uncertainty".to_owned(),
