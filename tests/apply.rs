@@ -910,3 +910,70 @@ fn the_covariance_in_the_other_convention_is_that_of_a_monte_carlo() {
         }
     }
 }
+
+/// Nothing that was applied to is no result: means of plateaus hold no vectors, and neither does a header line.
+#[test]
+fn a_file_without_vectors_is_refused() {
+    let made = made(9);
+    let out = made.case.path().join("applied");
+    let means = data("runs/champ-1998/98-03-23/00-00-04.CCR");
+    let case = Case::new();
+    done(&calfit().arg("lin").arg(&means).args(["--no-plots", "-o"]).arg(case.out()).output().unwrap());
+    let cpf = case.out().join("98-03-23_00-00-04/PARAMETER_LIN__98-03-23_00-00-04.CPF");
+    let empty = made.case.path().join("empty.csv");
+    fs::write(&empty, "x,y,z,t_degc\n").unwrap();
+    for (file, data, words) in [(&cpf, &means, "plateau means (@BLOCKS) and no vectors"), (&made.tpf, &empty, "holds no vectors")]
+    {
+        let output = apply(&[file], data, &out, &[]);
+        assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+        says(&text(&output.stderr), &[words, "nothing was applied", "@VECTORS"]);
+        let left: Vec<_> = fs::read_dir(&out).unwrap().filter_map(Result::ok).map(|e| e.file_name()).collect();
+        assert!(left.iter().all(|name| !name.to_string_lossy().contains("calibrated")), "{left:?}");
+    }
+}
+
+/// The temperature that was used stands beside the field, and a column that was not used is named.
+#[test]
+fn one_temperature_for_all_takes_the_place_of_the_column() {
+    let made = made(9);
+    let raw = made.case.path().join("warm.csv");
+    fs::write(&raw, "t_degc,x,y,z\n45.0,3000,-2000,1000\n45.5,3000,-2000,1000\n").unwrap();
+    let out = made.case.path().join("applied");
+    let told = done(&apply(&[&made.tcf], &raw, &out, &["--temperature", "20"]));
+    says(&told, &["warm.csv: its column `t_degc` was not used", "20 °C of --temperature"]);
+    assert_eq!(told.matches("was not used").count(), 1, "{told}");
+    let table = fs::read_to_string(out.join("warm.calibrated.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows[0][..4], ["t_degc", "x", "y", "z"]);
+    assert_eq!(rows[1..].iter().map(|row| row[0].parse::<f64>().unwrap()).collect::<Vec<_>>(), [20.0, 20.0]);
+    assert_eq!(rows[1][1], "3000");
+    // The same of a run, whose thermistor stays at 24 °C.
+    let case = Case::of(Plan::default().run().key("sensor", "\"IB\"").key("mode", "\"m\"").text());
+    let told = done(&apply(&[&made.tcf], &case.file(), &out, &["--temperature", "20"]));
+    says(&told, &["temperature channel", "was not used", "20 °C of --temperature"]);
+    // A table without temperatures has none to pass over.
+    fs::write(&raw, "x,y,z\n3000,-2000,1000\n").unwrap();
+    let told = done(&apply(&[&made.tcf], &raw, &out, &["--temperature", "20"]));
+    assert!(!told.contains("was not used"), "{told}");
+}
+
+#[test]
+fn a_calibration_that_needs_a_temperature_says_how_to_name_it() {
+    let made = made(9);
+    let raw = made.case.path().join("cold.csv");
+    fs::write(&raw, "x,y,z\n3000,-2000,1000\n").unwrap();
+    let out = made.case.path().join("applied");
+    let output = apply(&[&made.tcf], &raw, &out, &[]);
+    assert_eq!(output.status.code(), Some(1));
+    says(&text(&output.stderr), &["cold.csv", "has no column `t_degc`", "--temperature-column", "--temperature"]);
+    assert!(!out.join("cold.calibrated.csv").exists());
+}
+
+#[test]
+fn a_table_with_semicolons_is_told_what_apply_reads() {
+    let made = made(9);
+    let out = made.case.path().join("applied");
+    let output = apply(&[&made.tcf], &data("runs/laboratory/plateaus.csv"), &out, &["--temperature", "20"]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["plateaus.csv:1", "semicolons", "commas between cells", "calfit import"]);
+}

@@ -36,6 +36,18 @@ fn runs_of_champ_name_the_facility_and_that_an_orientation_does_not_agree() {
     // What remains exceeds the repeats, and is said.
     assert!(found.notes.iter().any(|n| n.text.contains("still differ")), "{:?}", found.notes);
     assert!(found.steps.iter().all(|s| s.p_value_corrected < 0.01 && s.gap_after.chi2_per_dof < s.gap_before.chi2_per_dof));
+    // The chance that noise gives any of many candidates as much is no less than that of one, and the verdict says how little is left where
+    // repeats of an orientation count once.
+    assert!(found.steps.iter().all(|s| s.p_value_corrected >= s.p_value), "{:?}", found.steps);
+    assert!(found.verdict.contains("consistent with facility_angle"), "{}", found.verdict);
+    assert!(found.verdict.contains("where every orientation counts once, noise alone gives as much"), "{}", found.verdict);
+    // The figure of a step shows a value that gains by it, with the names of the runs.
+    let square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
+    for map in &found.maps {
+        assert!(square(&map.after_nt) < square(&map.before_nt), "step {}: {map:?}", map.step + 1);
+        assert_eq!(map.names.last().map(String::as_str), Some("17"));
+    }
+    assert_eq!(alone.shape_names.len(), alone.shape.len());
 }
 
 /// Runs without repeats whose parameters are drawn with known uncertainties.

@@ -24,7 +24,8 @@ fn the_cases_give_what_is_hidden_in_them() {
         assert_eq!(steps.first().map(|s| s["effect"].as_str().unwrap()), expected, "{json}");
         assert_eq!(steps.len(), expected.iter().count());
         assert!(made["response"].as_str().unwrap().starts_with("second order"), "{}", made["response"]);
-        assert_eq!(made["verdict"], if expected.is_some() { "1 effect found" } else { "no missing effect" });
+        let verdict = expected.map_or_else(|| "no missing effect".to_owned(), |name| format!("1 effect found: {name}"));
+        assert_eq!(made["verdict"], verdict);
         if expected.is_none() {
             continue;
         }

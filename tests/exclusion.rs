@@ -146,16 +146,31 @@ fn an_exclusion_without_a_reason_is_refused_and_one_of_nothing_is_named() {
     says(&text(&output.stderr), &["campaign.toml", "`exclude.reason` is missing"]);
 
     case.put("campaign.toml", "[[exclude]]\nrun = \"13-04-04_00-00-00\"\nreason = \"a slip\"\n");
-    let output = case.run("lin", &["--no-plots", "--exclude=13-04-05_00-00-00=a slip", &format!("--exclude={RUN_ID}#99=a slip")]);
+    let output = case.run("lin", &["--no-plots"]);
     assert_eq!(output.status.code(), Some(0));
-    says(
-        &text(&output.stderr),
-        &[
-            "[[exclude]] run = \"13-04-04_00-00-00\" goes with no run",
-            "--exclude 13-04-05_00-00-00 goes with no run",
-            "the setting 99 that is to be left out by hand is none of the 10 of the run",
-        ],
-    );
+    says(&text(&output.stderr), &["[[exclude]] run = \"13-04-04_00-00-00\" goes with no run"]);
+    case.put("campaign.toml", format!("[[exclude]]\nrun = \"{RUN_ID}\"\nsetting = 99\nreason = \"a slip\"\n"));
+    let output = case.run("lin", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0));
+    says(&text(&output.stderr), &["the setting 99 that is to be left out by hand is none of the 10 of the run"]);
+}
+
+/// On the command line a slip in a name or a number would leave data in that somebody wants out: that is wrong usage.
+#[test]
+fn an_option_that_would_leave_out_nothing_is_wrong_usage() {
+    let case = Case::of(common::small().text());
+    for (place, words) in [
+        ("13-04-05_00-00-00".to_owned(), "there is no run 13-04-05_00-00-00"),
+        (format!("{RUN_ID}#99"), "the setting 99 that is to be left out by hand is none of the 10 of the run"),
+        (format!("{RUN_ID}:5000-6000"), "holds nothing of the run, which has data from"),
+    ] {
+        for command in ["lin", "diagnose", "report", "thermal"] {
+            let output = case.run(command, &["--no-plots", &format!("--exclude={place}=a slip")]);
+            assert_eq!(output.status.code(), Some(2), "{command} {place}");
+            says(&text(&output.stderr), &["--exclude", "would leave out nothing", words]);
+            assert!(!case.out().join(RUN_ID).exists());
+        }
+    }
 }
 
 #[test]

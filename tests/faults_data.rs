@@ -9,7 +9,7 @@ use calfit::files::ccr;
 use calfit::measure::lin;
 use calfit::workflow::RunResult;
 use common::check::{Case, cpf, error_of, fit, fit_with, fitted_sigma, number, read, refused, says, sigma, three};
-use common::check::{close, numbers};
+use common::check::{calfit, close, numbers, text};
 use common::{Plan, Run, Truth, good, line, line_of, programme, small, with_cell, with_line};
 use proptest::prelude::*;
 
@@ -69,6 +69,11 @@ fn units_must_be_stated_and_known() {
             .unreadable()
             .says(&["`nominal_factor`", "positive"]);
     }
+    // A wrong rate is one fault, however often it comes to light.
+    let case = Case::of(good().key("sample_rate", "100.0").text());
+    let output = calfit().arg("check").arg(case.file()).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(text(&output.stderr).matches("away from the sample counter").count(), 1, "{}", text(&output.stderr));
     refused(good().without_key("sample_rate").text(), &[]).unreadable().says(&["`sample_rate`", "missing"]);
     refused(good().key("sample_rate", "-128.0").text(), &[]).unreadable().says(&["`sample_rate`", "positive"]);
 }

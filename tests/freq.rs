@@ -58,6 +58,8 @@ fn the_frequency_cases_give_their_sampling_frequency_and_corners() {
         case.put(&format!("{name}/10-00-00.CCR.gz"), fs::read(data(&format!("cases/{name}.CCR.gz"))).unwrap());
         let output = case.run("freq", &["--no-plots"]);
         assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let report = case.out().join(format!("{name}_10-00-00/REPORT_FREQ__{name}_10-00-00.md"));
+        assert!(!fs::read_to_string(&report).unwrap().contains("\\n"), "{}", report.display());
         let fpf = parameters(&case.out().join(format!("{name}_10-00-00/FREQ_PARAMETER__{name}-10-00-00.FPF")));
         let truth: serde_json::Value = serde_json::from_slice(&fs::read(data(&format!("cases/{name}.json"))).unwrap()).unwrap();
         let f_s = truth["parameters"]["f_s_hz"].as_f64().unwrap();

@@ -30,6 +30,23 @@ fn told(case: &Case, command: &str) -> (Option<i32>, String) {
     (output.status.code(), text(&output.stderr))
 }
 
+/// Keys that are not known are kept with a warning; a slip is the likeliest reason, and the warning says of which key.
+#[test]
+fn a_misspelt_table_is_named_with_the_nearest_key() {
+    let case = sample("[[positon]]\nid = 5\naxes = [\"-X\", \"-Y\", \"+Z\"]\n");
+    let (status, said) = told(&case, "lin");
+    assert_eq!(status, Some(0), "{said}");
+    says(&said, &["campaign.toml", "the key `positon` is not known and was not used; the nearest known key is `position`"]);
+}
+
+#[test]
+fn a_list_of_runs_that_names_none_is_named() {
+    let case = sample("[lin]\nruns = [\"26-01-15_09-00-99\"]\n");
+    let (status, said) = told(&case, "lin");
+    assert_eq!(status, Some(2), "{said}");
+    says(&said, &["holds no linearity run that `runs` of [lin] in campaign.toml names", "correct the ids there"]);
+}
+
 #[test]
 fn a_location_that_cannot_be_is_refused_by_name() {
     let refused = [

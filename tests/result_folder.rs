@@ -196,8 +196,13 @@ fn one_run_again_renews_the_table_and_makes_what_rests_on_it_stale() {
     let check = run(&["check"], &[&out]);
     assert_eq!(check.status.code(), Some(0));
     says(&text(&check.stderr), &["REPORT.html", "is stale"]);
+    says(
+        &text(&check.stdout),
+        &[&format!("files are without errors; {} files of the result folder are stale", stale(&out).len())],
+    );
 
     report(&case);
+    assert!(!text(&run(&["check"], &[&out]).stdout).contains("stale"));
     assert_eq!(stale(&out), BTreeSet::new());
     assert_eq!(rows(&out, "LIN_PARAMETERS.csv"), before);
     assert_eq!(verify(&out).0, Some(0), "{}", verify(&out).1);
@@ -418,7 +423,7 @@ fn files_that_were_changed_or_taken_away_are_named() {
     let check = run(&["check"], &[&out, &case.campaign()]);
     assert_eq!(check.status.code(), Some(0), "{}", text(&check.stderr));
     // The run, the index, the parameter file.
-    says(&text(&check.stdout), &["INDEX.json: ok", ".CPF: ok", "09-22-38.CCR: ok", "3 of 3 files are in order"]);
+    says(&text(&check.stdout), &["INDEX.json: ok", ".CPF: ok", "09-22-38.CCR: ok", "3 of 3 files are without errors"]);
 
     let figure = tree(&out).into_keys().find(|name| name.ends_with(".png")).unwrap();
     let good = fs::read(out.join(&figure)).unwrap();

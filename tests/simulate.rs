@@ -416,6 +416,28 @@ fn an_unknown_key_is_a_warning_and_foreign_files_stay() {
     assert!(fs::read_to_string(&run).unwrap().contains("measured"));
 }
 
+/// A campaign does not go among the results of another one, and a programme is no twin.
+#[test]
+fn a_folder_of_results_takes_no_campaign() {
+    let folder = Folder::of(TWIN);
+    let results = folder.case.path().join("results");
+    fs::create_dir(&results).unwrap();
+    fs::write(results.join("INDEX.json"), "{}").unwrap();
+    let output = folder.simulate("results", &[]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("holds results of a campaign (INDEX.json)"), "{}", text(&output.stderr));
+    assert_eq!(fs::read_dir(&results).unwrap().count(), 1);
+    assert!(folder.simulate("results", &["--force"]).status.success());
+
+    let output = calfit().arg("simulate").arg(folder.case.path().join("STEPS.MAG")).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        text(&output.stderr).contains("is a field programme (.MAG); `calfit simulate` takes a twin"),
+        "{}",
+        text(&output.stderr)
+    );
+}
+
 #[test]
 fn twins_are_checked_with_their_programmes() {
     let check = |path: &Path| {

@@ -3,6 +3,7 @@
 use super::output::{Terminal, json};
 use super::{Common, Status, status};
 use crate::data::error::Finding;
+use crate::data::units::counted;
 use crate::files::field::is_parameter_file;
 use crate::files::output::Folder;
 use crate::model::field_calibration::Frame;
@@ -141,7 +142,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 
 /// What was made of a file, in a few lines.
 fn told(file: &AppliedFile, out: &std::path::Path) -> String {
-    let mut text = format!("{}: {} vectors", file.data, file.rows);
+    let mut text = format!("{}: {}", file.data, counted(file.rows as u64, "vector"));
     if file.without_field > 0 {
         text.push_str(&format!(", {} without field", file.without_field));
     }

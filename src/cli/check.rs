@@ -18,6 +18,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
+/// Name of the configuration of flight processing in a folder.
+const FLIGHT_FILE: &str = "flight.toml";
+
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
     /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, facility files, parameter files and model files of calfit, mappings of `import`, configurations of `flight`, ground calibration files (RPCMAG*.TXT).
@@ -30,6 +33,9 @@ struct Checked {
     file: String,
     ok: bool,
     findings: Vec<Finding>,
+    /// Files that an index says to be stale.
+    #[serde(skip)]
+    stale: usize,
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
@@ -38,9 +44,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let results: Vec<Checked> = files
         .par_iter()
         .map(|path| {
-            let findings = bar.of(&path.display().to_string(), || check(path, common));
+            let (findings, stale) = bar.of(&path.display().to_string(), || check(path, common));
             let ok = findings.iter().all(|f| f.severity != Severity::Error);
-            Checked { file: path.display().to_string(), ok, findings }
+            Checked { file: path.display().to_string(), ok, findings, stale }
         })
         .collect();
     bar.finish();
@@ -59,15 +65,21 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             };
             terminal.tell(&format!("{}: {verdict}\n", result.file));
         }
-        if results.len() > 1 {
-            terminal.tell(&format!("{} of {} files are in order\n", results.len() - bad, results.len()));
+        let stale: usize = results.iter().map(|r| r.stale).sum();
+        if results.len() > 1 || stale > 0 {
+            let of_index = match stale {
+                0 => String::new(),
+                1 => "; 1 file of the result folder is stale and was made from what has changed since".to_owned(),
+                n => format!("; {n} files of the result folder are stale and were made from what has changed since"),
+            };
+            terminal.tell(&format!("{} of {} files are without errors{of_index}\n", results.len() - bad, results.len()));
         }
     }
     Ok(if bad == 0 { Status::Done } else { Status::Partly })
 }
 
-/// The files to check: those named, of a campaign folder its runs and its `campaign.toml`, of a result folder its index and its parameter
-/// files.
+/// The files to check: those named, of a campaign folder its runs and its `campaign.toml`, of a folder of telemetry its `flight.toml`, of a
+/// result folder its index and its parameter files.
 fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
     let mut files = Vec::new();
     for path in paths {
@@ -76,10 +88,8 @@ fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
             files.push(path.clone());
             continue;
         }
-        let toml = path.join("campaign.toml");
-        if toml.is_file() {
-            files.push(toml);
-        }
+        let named = ["campaign.toml", FLIGHT_FILE].map(|name| path.join(name));
+        files.extend(named.into_iter().filter(|file| file.is_file()));
         files.extend(Campaign::run_files(path)?);
         if path.join(INDEX_FILE).is_file() {
             files.push(path.join(INDEX_FILE));
@@ -92,7 +102,7 @@ fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
         return Err(Finding::error(
             &shown.join(", "),
             "holds nothing to check",
-            "name run files, programmes, a campaign folder or a result folder",
+            "name run files, programmes, a campaign folder, a result folder, or a folder with a flight.toml",
         ));
     }
     files.sort();
@@ -100,12 +110,14 @@ fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
     Ok(files)
 }
 
-fn check(path: &Path, common: &Common) -> Vec<Finding> {
+/// What is wrong with a file, and how many files it says to be stale.
+fn check(path: &Path, common: &Common) -> (Vec<Finding>, usize) {
+    let mut stale = 0;
     let shown = path.display().to_string();
     let name = shown.to_ascii_uppercase();
     let mut findings = Vec::new();
     let error = if path.file_name().is_some_and(|name| name == INDEX_FILE) {
-        check_index(path, &mut findings).err()
+        check_index(path, &mut findings).map(|of_index| stale = of_index).err()
     } else if let Some(kind) = FileKind::of_file(path) {
         kind.check(path).err()
     } else if name.ends_with(".MAG") {
@@ -134,7 +146,7 @@ fn check(path: &Path, common: &Common) -> Vec<Finding> {
         None
     };
     findings.extend(error);
-    findings
+    (findings, stale)
 }
 
 /// Configurations of `flight`, mappings, twins, facility files and campaign files are all TOML of any name, told apart by their keys.
@@ -179,10 +191,11 @@ fn check_flight(_path: &Path) -> Vec<Finding> {
     Vec::new()
 }
 
-/// The index of a result folder: every file that it names must be there as it was written, and nothing of calfit beside them.
-fn check_index(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
+/// The index of a result folder: every file that it names must be there as it was written, and nothing of calfit beside them. The number of
+/// files that it says to be stale.
+fn check_index(path: &Path, findings: &mut Vec<Finding>) -> Result<usize, Finding> {
     let folder = path.parent().unwrap_or(Path::new("."));
-    let Some(index) = index::read(folder)? else { return Ok(()) };
+    let Some(index) = index::read(folder)? else { return Ok(0) };
     let renew = "`calfit report` of the campaign renews it";
     let mut say = |file: &str, severity: Severity, rule: String, remedy: &str| {
         let shown = folder.join(file).display().to_string();
@@ -209,7 +222,7 @@ fn check_index(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> 
         let rule = "is a file of calfit that the index of the folder does not name";
         say(name, Severity::Warning, rule.to_owned(), "take it away, or run its command into this folder again");
     }
-    Ok(())
+    Ok(index.files.iter().filter(|entry| entry.stale).count())
 }
 
 /// A ground calibration file of `calfit export`, by its name.

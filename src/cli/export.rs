@@ -65,6 +65,11 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         }
         None => Vec::new(),
     };
+    if arguments.format.name == "dcc" && arguments.campaign.is_none() {
+        terminal.warning(
+            "the certificate states neither laboratory, place, item, persons nor traceability; name a campaign.toml with [report] with --campaign",
+        );
+    }
     let recorded = ExportRecipe { format: arguments.format.name, at_centre: arguments.at_centre };
     let provenance = Provenance::new(Recipe::new("export", &recorded), input);
     let exported = (arguments.format.write)(&sources, &Options { provenance, at_centre: arguments.at_centre, report })?;

@@ -4,6 +4,7 @@ use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::{Finding, Severity};
 use crate::data::time::day_of;
+use crate::data::units::counted;
 use crate::flight::made::DayMade;
 use crate::workflow::flight::{
     DailyOptions, DayFailed, Flight, FlightMade, FlightOptions, Levels, day_name, make_carry, make_daily, make_report,
@@ -77,7 +78,12 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let mut findings = Vec::new();
         let made = make_report(&arguments.config, &common.out, common.force, &mut findings);
         findings.iter().for_each(|f| terminal.finding(f));
-        return made.map(|()| Status::Done);
+        made?;
+        let page = common.out.join("report").join("REPORT.html");
+        if page.is_file() {
+            terminal.tell(&format!("  -> {}\n", page.display()));
+        }
+        return Ok(Status::Done);
     }
     let levels =
         Levels::parse(&arguments.what, arguments.hk).map_err(|e| Finding::error("calfit flight", e.to_string(), e.remedy()))?;
@@ -213,7 +219,7 @@ pub(super) fn inspect(path: &std::path::Path, common: &Common, terminal: &Termin
 /// What was made of a day, in a few lines.
 fn told(day: &DayMade) -> String {
     let rows = &day.rows;
-    let mut text = format!("{} {}: {} vectors", day.sensor, day.day, day.written);
+    let mut text = format!("{} {}: {}", day.sensor, day.day, counted(day.written as u64, "vector"));
     for (count, what) in [
         (rows.duplicates, "repeated"),
         (rows.conflicts, "of these with other counts"),

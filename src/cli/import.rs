@@ -71,6 +71,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     if !common.out_given {
         return refuse("no campaign folder was named", "name it with -o CAMPAIGN");
     }
+    common.must_hold_no_results()?;
     let mut findings = Vec::new();
     let import = Import::open(mapping, &common.out, common.force, common.allows(Allow::Mismatch), &mut findings);
     findings.iter().for_each(|f| terminal.finding(f));

@@ -27,9 +27,11 @@ mod thermistor;
 mod verify;
 
 use crate::data::error::Finding;
+use crate::data::index::INDEX_FILE;
 use crate::data::run::Kind;
 use crate::data::run_state::{Outcome, RunState};
 use crate::files::campaign::Campaign;
+use crate::files::campaign::file::CampaignFile;
 use crate::workflow::{Desk, Failure, Job, Results, jobs};
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Args, ColorChoice, FromArgMatches, Parser, Subcommand, ValueEnum};
@@ -181,6 +183,15 @@ impl Common {
             exclude: Vec::new(),
             results: self.results.clone(),
         }
+    }
+
+    /// Refuses a folder of results as the place of a campaign: its runs would lie among the results of another one.
+    fn must_hold_no_results(&self) -> Result<(), Finding> {
+        if self.force || !self.out.join(INDEX_FILE).is_file() {
+            return Ok(());
+        }
+        let rule = "holds results of a campaign (INDEX.json), and runs would be written among them";
+        Err(Finding::error(&self.out.display().to_string(), rule, "choose another folder with -o, or use --force"))
     }
 
     /// The same, with what is left out by hand.
@@ -350,6 +361,7 @@ fn open_without(
     let mut findings = Vec::new();
     let campaigns = Campaign::open_without(paths, &excluding.exclude, &mut findings)?;
     findings.iter().for_each(|f| terminal.finding(f));
+    excluding.check(&campaigns)?;
     common.results.accept(&campaigns)?;
     Ok(campaigns)
 }
@@ -360,8 +372,16 @@ fn jobs_of<'a>(campaigns: &'a [Campaign], paths: &[PathBuf], kind: Kind, termina
     terminal.unmatched(&unmatched);
     if jobs.is_empty() {
         let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
-        let rule = format!("holds no {kind} run");
-        return Err(Finding::error(&shown.join(", "), rule, "list the runs with `calfit inspect`"));
+        let listed = CampaignFile::ANALYSES.into_iter().find(|(_, listed)| *listed == kind);
+        let listed = listed.filter(|_| campaigns.iter().any(|c| c.file.runs.iter().any(|(of, _)| *of == kind)));
+        let (rule, remedy) = match listed {
+            Some((group, _)) => {
+                let rule = format!("holds no {kind} run that `runs` of [{group}] in campaign.toml names");
+                (rule, "correct the ids there, or take the list out; `calfit inspect` lists the runs")
+            }
+            None => (format!("holds no {kind} run"), "list the runs with `calfit inspect`"),
+        };
+        return Err(Finding::error(&shown.join(", "), rule, remedy));
     }
     Ok(jobs)
 }

@@ -2,11 +2,13 @@
 
 use super::{Allow, Common};
 use crate::data::error::Finding;
-use crate::data::exclusion::Exclusion;
+use crate::data::exclusion::{ExcludedPart, Exclusion};
 use crate::data::plateau::{self, LEAST_COVERAGE, Settling};
 use crate::data::run::Header;
 use crate::data::run_state::{Outcome, RunState};
 use crate::data::thermistor::HIGHEST_ORDER;
+use crate::files::campaign::{Campaign, RunFile};
+use crate::files::ccr;
 use crate::measure::sweep::{self, LagChoice, Window};
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES};
 use crate::workflow::{Job, Results, ThermalOptions, facility, known, linearisation};
@@ -215,6 +217,41 @@ pub(super) struct Excluding {
     /// the results. Repeatable; `[[exclude]]` of campaign.toml says the same.
     #[arg(long, value_name = "RUN[#SETTING|:FROM-UNTIL]=REASON")]
     pub exclude: Vec<Exclusion>,
+}
+
+impl Excluding {
+    /// Refuses what would leave out nothing: the data that a slip in a name or number leaves in are worse than no result.
+    ///
+    /// # Errors
+    /// The first run that is none of the campaigns, setting that is none of its run, or stretch without any of it.
+    pub fn check(&self, campaigns: &[Campaign]) -> Result<(), Finding> {
+        for exclusion in &self.exclude {
+            let option = format!("--exclude {exclusion}");
+            let files = campaigns.iter().flat_map(|c| &c.runs);
+            let is_of = |file: &&RunFile| match ccr::peek(&file.path) {
+                Ok(header) => header.run == exclusion.run,
+                Err(_) => RunFile::id(&file.recorded) == exclusion.run,
+            };
+            let Some(file) = files.into_iter().find(is_of) else {
+                let rule = format!("would leave out nothing: there is no run {}", exclusion.run);
+                return Err(Finding::error(&option, rule, "correct the run's id; `calfit inspect` lists the runs"));
+            };
+            if exclusion.part == ExcludedPart::Run {
+                continue;
+            }
+            // What is wrong with a file that cannot be read is told where it is analysed.
+            let reading = ccr::Options { allow_truncated: true, allow_duplicates: true, ..ccr::Options::default() };
+            let Ok(run) = ccr::read(&file.path, &reading, &mut ()) else { continue };
+            if let Some(rule) = exclusion.misses(&run) {
+                return Err(Finding::error(
+                    &option,
+                    format!("would leave out nothing: {rule}"),
+                    "correct the number or the times",
+                ));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// A run that is left out by hand.

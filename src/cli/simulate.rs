@@ -3,6 +3,7 @@
 use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::Finding;
+use crate::data::units::counted;
 use crate::files::twin;
 use crate::simulate::like::write_like;
 #[cfg(feature = "tables")]
@@ -43,6 +44,7 @@ struct Listing<R> {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    common.must_hold_no_results()?;
     match (&arguments.like, &arguments.twin) {
         (Some(run), _) => like(run, arguments, common, terminal),
         (None, Some(twin)) => campaign(twin, arguments, common, terminal),
@@ -86,6 +88,12 @@ fn telemetry(path: &Path, arguments: &Arguments, common: &Common, terminal: &Ter
 }
 
 fn campaign(path: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    if path.extension().is_some_and(|end| end.eq_ignore_ascii_case("mag")) {
+        let rule = "is a field programme (.MAG); `calfit simulate` takes a twin";
+        let remedy =
+            "name a TOML file with [electronics], whose [[run]] names the programme; docs/reference/twin.md has an example";
+        return Err(Finding::error(&path.display().to_string(), rule, remedy));
+    }
     #[cfg(feature = "tables")]
     if twin::telemetry::is_telemetry(path)? {
         return telemetry(path, arguments, common, terminal);
@@ -107,8 +115,8 @@ fn campaign(path: &Path, arguments: &Arguments, common: &Common, terminal: &Term
         terminal.print(&json(&Listing { seed, runs })?);
     } else {
         terminal.tell(&format!(
-            "{} runs, {vectors} vectors, {:.1} MB, seed {seed}\n  -> {}\n",
-            twin.runs.len(),
+            "{}, {vectors} vectors, {:.1} MB, seed {seed}\n  -> {}\n",
+            counted(twin.runs.len() as u64, "run"),
             bytes as f64 / 1e6,
             common.out.display()
         ));

@@ -149,7 +149,9 @@ fn without_inputs(folder: &Path, homes: &mut Homes) -> Result<Vec<Verdict>, Find
         let is_parameter_file = FileKind::of_name(&path).is_some();
         let mut verdict = Verdict::on(&path);
         if !path.is_file() {
-            verdict.problems.push("is missing: the index of the folder names it".to_owned());
+            verdict
+                .problems
+                .push("is missing: the index of the folder names it; `calfit report` of the campaign makes it again".to_owned());
         } else if is_parameter_file {
             continue;
         } else {
@@ -165,7 +167,7 @@ fn without_inputs(folder: &Path, homes: &mut Homes) -> Result<Vec<Verdict>, Find
 }
 
 /// A file whose hash is not that of the index.
-const CHANGED: &str = "was changed after it was written: it has another SHA-256 than the index of its folder states";
+const CHANGED: &str = "was changed after it was written: it has another SHA-256 than the index of its folder states; take the original, or make it again";
 
 fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), Finding> {
     let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)

@@ -83,6 +83,28 @@ impl Exclusion {
         }
     }
 
+    /// Why it takes nothing of a run, `None` where it takes something.
+    #[must_use]
+    pub fn misses(&self, run: &Run) -> Option<String> {
+        let count = run.settings.len().max(run.blocks.len()).max(run.scalar.len());
+        match self.part {
+            ExcludedPart::Setting(number) if number > count => {
+                Some(format!("the setting {number} that is to be left out by hand is none of the {count} of the run"))
+            }
+            ExcludedPart::Span([from, until]) => {
+                let ends = run.settings.iter().map(|s| [s.t_start_s, s.t_end_s]);
+                let ends = ends.chain(run.blocks.iter().map(|b| [b.setting.t_start_s, b.setting.t_end_s]));
+                let ends = ends.chain(run.scalar.iter().map(|row| [row.t_s; 2])).chain(run.vectors.span_s);
+                let span = ends.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])?;
+                let is_beside = until <= span[0] || span[1] < from;
+                is_beside.then(|| {
+                    format!("the stretch of {from} to {until} s that is to be left out by hand holds nothing of the run, which has data from {:.1} to {:.1} s", span[0], span[1])
+                })
+            }
+            _ => None,
+        }
+    }
+
     /// What is left out, in words: `setting 12`.
     #[must_use]
     pub fn what(&self) -> String {

@@ -147,6 +147,12 @@ pub fn six_digits(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
+/// A number of things by the noun for one of them: `1 gap`, `2 gaps`.
+#[must_use]
+pub fn counted(count: u64, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -166,6 +172,11 @@ mod tests {
         assert_eq!(with_uncertainty(12345.0, 130.0), "+12345 ± 130");
         assert_eq!(scientific_with_uncertainty(1.001_000_4, 1.7e-6), "1.0010004e0 ± 1.7e-6");
         assert_eq!(scientific_with_uncertainty(-1.801_8e-5, 1.2e-7), "-1.802e-5 ± 1.2e-7");
+    }
+
+    #[test]
+    fn one_thing_is_no_plural() {
+        assert_eq!([0, 1, 2].map(|n| counted(n, "gap")), ["0 gaps", "1 gap", "2 gaps"]);
     }
 
     #[test]

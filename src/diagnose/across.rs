@@ -18,11 +18,12 @@ use super::problem::{search, steps};
 use super::result::{Diagnosis, Left, LeftLike, NotIdentifiable, Pictures, VerdictKind};
 use super::{DiagnoseError, words};
 use crate::data::note::{Note, NoteKind};
+use crate::data::units::counted;
 use crate::fit::statistics::{chi2_tail, fisher_tail};
 use crate::model::effects::{Catalogue, Spec, UNKNOWN};
 use crate::model::position::PAIRS;
 use candidates::candidates;
-use describe::map_of;
+use describe::{by_orientations, map_of};
 use limits::limits;
 use nalgebra::DMatrix;
 use problem::{Comparison, chosen_candidates};
@@ -58,6 +59,9 @@ pub fn across(runs: &[RunValues], catalogue: &Catalogue) -> Result<Diagnosis, Di
     let terms = chosen_candidates(&outcome.terms);
     let scales = set.scales(&outcome.fit);
     let (mut steps, mut maps, _) = steps(&comparison, &outcome, 0);
+    let caution = by_orientations(set, &terms).map(|p| {
+        format!("where every orientation counts once, noise alone gives as much as one of them with a probability of {p:.2}")
+    });
     let noise_floor_nt = noise_floor_nt(set, &scales);
     let not_explained = remaining(set, &terms, &mut notes);
     if not_explained.is_some() {
@@ -69,11 +73,11 @@ pub fn across(runs: &[RunValues], catalogue: &Catalogue) -> Result<Diagnosis, Di
     }
     let detection_limits = limits(&comparison, &outcome.fit, &scales, &steps, &mut not_identifiable);
     let (n, orientations) = (set.count(), count(&set.orientation));
-    let text = format!(
-        "{n} runs, {orientations} orientation{}; every run in turn was held out; nT of scale factors and angles at the largest field of the run",
-        if orientations == 1 { "" } else { "s" }
+    let basis = format!(
+        "{}, {}; every run in turn was held out; nT of scale factors and angles at the largest field of the run",
+        counted(n as u64, "run"),
+        counted(orientations as u64, "orientation")
     );
-    notes.push(Note::new(NoteKind::Method, text));
     let left = if steps.is_empty() { maps.clone() } else { Vec::new() };
     Ok(Diagnosis {
         format: "diagnosis",
@@ -81,7 +85,8 @@ pub fn across(runs: &[RunValues], catalogue: &Catalogue) -> Result<Diagnosis, Di
         runs: runs.iter().map(|r| r.run.clone()).collect(),
         noise_floor_nt,
         noise: None,
-        verdict: words::verdict(&steps, not_explained.as_ref()),
+        basis: Some(basis),
+        verdict: words::verdict(&steps, caution.as_deref(), not_explained.as_ref()),
         verdict_kind: VerdictKind::of(&steps, not_explained.as_ref()),
         left: not_explained,
         gap_chain: Vec::new(),

@@ -64,7 +64,8 @@ impl Searched<'_> {
             runs: self.runs,
             noise_floor_nt,
             noise: Some(outcome.fit.noise.parameters),
-            verdict: words::verdict(&steps, left.as_ref()),
+            basis: None,
+            verdict: words::verdict(&steps, None, left.as_ref()),
             verdict_kind: VerdictKind::of(&steps, left.as_ref()),
             left,
             gap_chain,
@@ -122,6 +123,7 @@ fn quiet_maps(means: &Means, model: &MeansModel, all: &[&Candidate], noise_floor
                 after_nt: nt,
                 noise_nt: noise_floor_nt[axis],
                 step: 0,
+                names: Vec::new(),
             }
         })
         .collect()

@@ -6,9 +6,8 @@ use super::conclusion::Searched;
 use super::means::Means;
 use super::result::{Diagnosis, Pictures};
 use super::{DiagnoseError, problem};
-use crate::data::note::{Note, NoteKind};
 use crate::data::run::Kind;
-use crate::data::units::Scale;
+use crate::data::units::{Scale, counted};
 use crate::fit::smooth::Course;
 use crate::fit::statistics::extremes;
 use crate::model::effects::record::{Channel, EARLIER};
@@ -111,18 +110,19 @@ pub fn of_difference(of: &Difference) -> Result<Diagnosis, DiagnoseError> {
         reading_ent: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
         steps: Vec::new(),
         pictures: Pictures::default(),
-        notes: vec![Note::new(NoteKind::Method, method(of))],
+        notes: Vec::new(),
     };
-    Ok(searched.diagnosis())
+    Ok(Diagnosis { basis: Some(basis(of)), ..searched.diagnosis() })
 }
 
-fn method(of: &Difference) -> String {
+/// What was looked at.
+fn basis(of: &Difference) -> String {
     let lengths: Vec<f64> = of.span_s.iter().map(|[a, b]| b - a).collect();
     let [low, high] = extremes(of.degc.iter().copied());
     let degc = if low.is_finite() { format!("; sensor temperature {low:.1} to {high:.1} °C") } else { String::new() };
     format!(
-        "{} means of up to {:.0} s of {}, axes of the spacecraft, before heaters and wheels are taken off; times count from the first day{degc}",
-        of.pairs.len(),
+        "{} of up to {:.0} s of {}, axes of the spacecraft, before heaters and wheels are taken off; times count from the first day{degc}",
+        counted(of.pairs.len() as u64, "mean"),
         lengths.into_iter().fold(0.0, f64::max),
         of.name
     )

@@ -49,8 +49,6 @@ use result::Diagnosis;
 
 /// Two explanations are distinguished if their likelihoods differ by this ratio (natural logarithm): one in a hundred.
 const APART: f64 = 4.605;
-/// Signal to noise ratio of what is left of an effect beside a rival at which their likelihoods differ by that ratio: `k²/2` is its logarithm.
-const TOLD_APART: f64 = 3.03;
 /// Candidates with this canonical correlation beside the model look alike: a signal to noise ratio of twenty just distinguishes them.
 const ALIKE: f64 = 0.99;
 /// Signal to noise ratio of an effect of three parameters that is found with a probability of 90 %, at one false alarm in a hundred runs and

@@ -6,7 +6,7 @@
 
 use super::candidate::Candidate;
 use super::means::{Means, MeansModel};
-use super::result::Forecast;
+use super::result::{Forecast, TOLD_APART};
 use crate::fit::noise::NoiseModel;
 use crate::fit::scan::{ABSORBED, orthonormal};
 use crate::model::effects::{EffectRef, Family};
@@ -155,14 +155,49 @@ fn strengths(means: &Means, model: &MeansModel, named: &Named, planned: Option<&
 
 /// The best of the runs in words, in front of what shows the effects in general.
 pub(super) fn words(effect: EffectRef, forecasts: &[Forecast], in_general: Option<String>) -> Option<String> {
-    let best = forecasts.first().filter(|best| best.k > best.k_now.max(super::TOLD_APART));
-    let best = best.map(|best| {
+    let best = Forecast::best(forecasts).map(|best| {
         let Forecast { words, against, k, k_now, .. } = best;
         match against {
+            _ if !best.tells_apart() => {
+                let what = against.as_ref().map_or_else(|| format!("shows {effect}"), |rival| format!("tells {effect} from {rival}"));
+                format!(
+                    "none of the {} runs that were looked at {what}: k {TOLD_APART} is needed, and the best of them, {words}, gives {k:.1} (now {k_now:.1})",
+                    forecasts.len()
+                )
+            }
             Some(rival) => format!("{words}: it would tell {effect} from {rival} with k {k:.1} (now {k_now:.1})"),
             None => format!("{words}: it would show {effect} with k {k:.1} (now {k_now:.1})"),
         }
     });
     let all: Vec<String> = best.into_iter().chain(in_general).collect();
     (!all.is_empty()).then(|| all.join("; "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::remanence::Remanence;
+
+    fn forecast(words: &str, k: f64) -> Forecast {
+        let against = Some("saturation".to_owned());
+        Forecast { measurement: "run", words: words.to_owned(), strength_k: 9.0, against, k_now: 3.4, k }
+    }
+
+    /// The signal to noise ratio from which on two effects are told apart decides whether a run is said to do it.
+    #[test]
+    fn a_run_that_tells_nothing_apart_is_not_recommended() {
+        let effect = EffectRef::new(&Remanence);
+        let of = |forecasts: &[Forecast]| words(effect, forecasts, None);
+        let weak = of(&[forecast("twice the field", 3.8), forecast("longer", 3.5)]).unwrap();
+        assert_eq!(
+            weak,
+            "none of the 2 runs that were looked at tells remanence from saturation: k 5 is needed, and the best of them, twice the \
+             field, gives 3.8 (now 3.4)"
+        );
+        // A run that tells them stands first, wherever it stands in the list.
+        let strong = of(&[forecast("twice the field", 3.8), forecast("moved", 5.1)]).unwrap();
+        assert_eq!(strong, "moved: it would tell remanence from saturation with k 5.1 (now 3.4)");
+        // Nothing is said of runs that tell no more than the one that was measured.
+        assert_eq!(of(&[forecast("the same again", 3.3)]), None);
+    }
 }

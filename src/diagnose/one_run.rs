@@ -20,6 +20,7 @@ use crate::model::effects::thermal_lag::ThermalLag;
 use crate::model::effects::time_shift::{SHIFT, TimeShift};
 use crate::model::effects::{Acts, Catalogue, EffectRef, Record, Spec};
 use crate::model::sensor_polynomials::SensorPolynomials;
+use crate::record::conditions;
 use crate::record::position::the_position;
 use crate::record::prepared::{PreparedRun, Samples};
 use nalgebra::DMatrix;
@@ -113,7 +114,7 @@ pub(super) fn run(
         steps.push(inside_step(found, &prepared, inside.all.iter().any(|f| f.effect.is(&TimeShift))));
     }
     if run.vectors.lost > 0 {
-        let text = format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count);
+        let text = conditions::lost(run.vectors.lost, run.vectors.gap_count);
         notes.push(Note::new(NoteKind::Data, text));
     }
     let searched = Searched {

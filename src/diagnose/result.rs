@@ -29,6 +29,9 @@ pub struct Diagnosis {
     /// Response to alternating fields that describes the data, in words; of frequency runs only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub response: Option<String>,
+    /// What was looked at together, and how, where it is not one run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub basis: Option<String>,
     /// In one line.
     pub verdict: String,
     /// What kind of verdict it is.
@@ -287,6 +290,9 @@ pub struct Step {
     /// The unknown dependence.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub shape: Vec<ShapePoint>,
+    /// Names of its points, where their covariate is a number in a list.
+    #[serde(skip)]
+    pub shape_names: Vec<String>,
 }
 
 /// A parameter of an effect.
@@ -339,6 +345,25 @@ pub struct Forecast {
     pub k_now: f64,
     /// The same in that run.
     pub k: f64,
+}
+
+/// Signal to noise ratio of what is left of an effect beside a rival from which on the two are told apart for sure: at 3.03 their
+/// likelihoods differ by a hundred on the average, and noise makes that of single runs less.
+pub const TOLD_APART: f64 = 5.0;
+
+impl Forecast {
+    /// Whether the run would tell the effect from its rivals.
+    #[must_use]
+    pub fn tells_apart(&self) -> bool {
+        self.k >= TOLD_APART
+    }
+
+    /// The first of several runs that would tell the effect from its rivals, or else the first; none where it tells no more than the run that
+    /// was measured.
+    #[must_use]
+    pub fn best(all: &[Forecast]) -> Option<&Forecast> {
+        all.iter().find(|f| f.tells_apart()).or(all.first()).filter(|f| f.k > f.k_now)
+    }
 }
 
 /// An effect that these data cannot show.
@@ -401,4 +426,6 @@ pub struct Map {
     pub noise_nt: f64,
     /// Step, from 0.
     pub step: usize,
+    /// Names of the values of the covariate, where they are numbers in a list.
+    pub names: Vec<String>,
 }

@@ -80,6 +80,8 @@ pub struct Facts {
     pub covariate: Option<String>,
     /// The unknown dependence.
     pub shape: Vec<ShapePoint>,
+    /// Names of its points, where their covariate is a number in a list.
+    pub shape_names: Vec<String>,
 }
 
 impl Facts {
@@ -102,6 +104,7 @@ impl Facts {
             remark: None,
             covariate: None,
             shape: Vec::new(),
+            shape_names: Vec::new(),
         }
     }
 
@@ -132,7 +135,8 @@ impl Facts {
             place: self.place,
             p_value,
             trials,
-            p_value_corrected,
+            // It is simulated for the search, the single one is that beside all other terms: the chance of any is no less than that of one.
+            p_value_corrected: p_value_corrected.max(p_value),
             gap_before,
             gap_after,
             strength_k,
@@ -144,6 +148,7 @@ impl Facts {
             sentence: String::new(),
             covariate: self.covariate,
             shape: self.shape,
+            shape_names: self.shape_names,
         };
         step.sentence = self.sentence.unwrap_or_else(|| words::sentence(&step));
         step.sentence.push_str(self.remark.as_deref().unwrap_or_default());

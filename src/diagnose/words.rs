@@ -9,19 +9,35 @@ use nalgebra::{DMatrix, DVector};
 /// Points of an unknown dependence.
 const POINTS: usize = 12;
 
-/// The verdict in one line.
+/// The verdict in one line; `caution` is what makes the effects less sure than their probabilities say.
 #[must_use]
-pub fn verdict(steps: &[Step], left: Option<&Left>) -> String {
+pub fn verdict(steps: &[Step], caution: Option<&str>, left: Option<&Left>) -> String {
     let found = match steps.len() {
         0 => None,
         1 => Some("1 effect found".to_owned()),
         n => Some(format!("{n} effects found")),
     };
+    let found = found.map(|count| format!("{count}: {}{}", named(steps), caution.map_or_else(String::new, |c| format!("; {c}"))));
     match (found, left.map(not_explained)) {
         (None, None) => "no missing effect".to_owned(),
         (Some(found), None) => found,
         (None, Some(left)) => left,
         (Some(found), Some(left)) => format!("{found}; what is left is not explained: {left}"),
+    }
+}
+
+/// The effects that were found: those whose name is certain, then those that others may be taken for.
+fn named(steps: &[Step]) -> String {
+    let name = |step: &Step| match &step.covariate {
+        Some(covariate) => format!("{} ({covariate})", step.effect),
+        None => step.effect.to_string(),
+    };
+    let (certain, doubted): (Vec<&Step>, Vec<&Step>) = steps.iter().partition(|step| step.wording == "is");
+    let list = |steps: Vec<&Step>| steps.into_iter().map(name).collect::<Vec<String>>().join(", ");
+    match (list(certain), list(doubted)) {
+        (certain, doubted) if doubted.is_empty() => certain,
+        (certain, doubted) if certain.is_empty() => format!("consistent with {doubted}"),
+        (certain, doubted) => format!("{certain}; consistent with {doubted}"),
     }
 }
 

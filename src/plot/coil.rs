@@ -12,11 +12,12 @@ const ARCSEC: f64 = 3600.0;
 pub fn scalar(result: &Scalar) -> Vec<Named> {
     let p = &result.found;
     let std_nt = p.quality.residual_std_nt;
-    let figure = |axis: usize| Figure {
+    let figure = |axis: usize| {
+        Figure {
         title: format!("Moduli, measured minus modelled, against the {} setting, {}", COIL[axis], p.used.join(", ")),
         caption:
-            "Nine parameters of the coil system leave the noise of the scalar magnetometer; a trend means a heading error or \
-                  currents that are not proportional to the settings. Crosses mark rows that stand out and are not used."
+            "What the nine parameters of the coil system leave of the moduli. Without a trend it is the noise of the scalar magnetometer; a \
+                  trend can come from a heading error or from currents that are not proportional to the settings. Crosses mark rows that stand out and are not used."
                 .to_owned(),
         x_label: format!("{} setting, EU", COIL[axis]),
         x_scale: Scale::Linear,
@@ -37,6 +38,7 @@ pub fn scalar(result: &Scalar) -> Vec<Named> {
             ],
             bands: vec![Band { label: format!("±1 standard deviation, {std_nt:.3} nT"), low: -std_nt, high: std_nt }],
         }],
+    }
     };
     let [x, y, z] = [0, 1, 2].map(figure);
     vec![

@@ -1,9 +1,10 @@
 //! Figures of a diagnosis: where readings and model disagree, why an effect was named, and what is left with it.
 
 use super::parts::Named;
+use super::rows::shades;
 use super::{Band, CellRow, Figure, Marks, Panel, Scale, Series, Style};
-use crate::data::units::COMPONENTS;
 use crate::data::units::Scale::{Calibrated, Engineering};
+use crate::data::units::{COMPONENTS, three_digits};
 use crate::diagnose::result::{Branches, Diagnosis, Evidence, InsideMap, Map, Place, Step};
 
 /// Steps that have figures; a run has fewer effects.
@@ -140,11 +141,11 @@ fn places(diagnosis: &Diagnosis) -> Option<Named> {
         caption: format!(
             "Before anything is named: displacement of the readings along the {} {} (top to bottom) for bins of the \
              covariates, fitted beside the model, in multiples of its standard uncertainty. Blue cells are below the model, orange \
-             ones above; numbers stand where it is 3 or more, which noise alone gives in one cell of 370. {} of {} covariates, \
-             first the one of which a smooth function predicts most of stretches that it did not see; a gain multiplies the \
-             reading.{}",
+             ones above, the darker the larger: {}. Noise alone gives 3 or more in one cell of 370. {} of {} covariates; those stand first \
+             whose smooth functions predict most of what was left out of their fit. A gain multiplies the reading.{}",
             if axes.len() == 1 { scale.axis().to_owned() } else { scale.axis().replace("axis", "axes") },
             axes.join(", "),
+            shades(),
             names.len(),
             places.len() / 3,
             if axes.len() < COMPONENTS.len() { " Axes without such a cell are left out." } else { "" }
@@ -164,16 +165,24 @@ fn panel(map: &Map, y_label: String, values: &[f64], style: Style, label: &str) 
     // Before and after are seen on one scale.
     let both = map.x.iter().zip(&map.before_nt).chain(map.x.iter().zip(&map.after_nt));
     let shown = unseen(both.map(|(x, y)| (*x, *y)).collect());
+    let named = map.x.iter().copied().zip(map.names.iter().cloned()).collect();
+    let names = Series { label: String::new(), style: Style::Reference, marks: Marks::Names(named) };
     Panel {
         y_label,
         y_scale: Scale::Linear,
-        series: vec![Series { label: label.to_owned(), style, marks: Marks::Points(points) }, shown],
+        series: vec![Series { label: label.to_owned(), style, marks: Marks::Points(points) }, shown, names],
         bands: vec![Band {
             label: format!("±2 noise, {:.3} nT", 2.0 * map.noise_nt),
             low: -2.0 * map.noise_nt,
             high: 2.0 * map.noise_nt,
         }],
     }
+}
+
+/// Root mean square of the points that are drawn.
+fn rms(values: &[f64]) -> f64 {
+    let drawn: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    (drawn.iter().map(|v| v * v).sum::<f64>() / drawn.len().max(1) as f64).sqrt()
 }
 
 /// Places that a panel shows beside its data.
@@ -191,12 +200,12 @@ fn residuals(diagnosis: &Diagnosis, step: &Step, map: &Map) -> Figure {
     Figure {
         title: format!("{}: {} on {axis}, before and after", subject(diagnosis), name(step)),
         caption: format!(
-            "Measured minus modelled reading on the {} {axis}, every point predicted by a fit that did not see it: above \
-             without {}, below with it. Root mean square {:.3} and {:.3} nT; the band is twice the noise of a mean.",
+            "Measured minus modelled reading on the {} {axis} (of a calibration the residuals are applied minus modelled field, of the other \
+             sign), every point predicted by a fit that did not see it: above without {}, below with it. Root mean square of the points {} and {} nT; the band is twice the noise of a mean.",
             diagnosis.pictures.scale.axis(),
             step.effect,
-            step.gap_before.rms_nt[map.axis],
-            step.gap_after.rms_nt[map.axis]
+            three_digits(rms(&map.before_nt)),
+            three_digits(rms(&map.after_nt))
         ),
         x_label: with_unit(&map.covariate, &map.unit),
         x_scale: x_scale(map),

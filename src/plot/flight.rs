@@ -7,35 +7,49 @@ use crate::fit::spectrum::Density;
 use crate::model::polynomial::TemperaturePolynomial;
 use std::collections::BTreeMap;
 
-/// Columns of a picture of a day.
+/// Columns of a picture.
 pub const COLUMNS: usize = 1200;
-const HOURS: &str = "time since the begin of the day, UTC, h";
+/// A day is kept by the second: which part of it a picture shows is known only at its end.
+const SECONDS: usize = 86_400;
+const HOURS: &str = "time since the beginning of the day, UTC, h";
 
-/// Extents of a field in the columns of a day.
+/// Extents of a field over a day.
 #[derive(Clone, Debug, Default)]
 pub struct Extents {
-    /// Lowest and highest value per column; infinite without values.
-    columns: Vec<[f64; 2]>,
+    /// Lowest and highest value per second; infinite without values.
+    seconds: Vec<[f64; 2]>,
 }
+
+const NOTHING: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 
 impl Extents {
     /// Takes a value at a share of the day, 0 to 1.
     pub fn take(&mut self, share: f64, value: f64) {
-        if self.columns.is_empty() {
-            self.columns = vec![[f64::INFINITY, f64::NEG_INFINITY]; COLUMNS];
+        if self.seconds.is_empty() {
+            self.seconds = vec![NOTHING; SECONDS];
         }
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a column of a picture")]
-        let at = (share * COLUMNS as f64) as usize;
-        if let Some([low, high]) = self.columns.get_mut(at).filter(|_| value.is_finite()) {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a second of a day")]
+        let at = (share * SECONDS as f64) as usize;
+        if let Some([low, high]) = self.seconds.get_mut(at).filter(|_| value.is_finite()) {
             *low = low.min(value);
             *high = high.max(value);
         }
     }
 
+    /// The seconds from the first to the last one with a value, joined to no more columns than a picture has.
     fn marks(&self) -> Vec<Column> {
-        let width_h = 24.0 / COLUMNS as f64;
-        let there = self.columns.iter().enumerate().filter(|(_, [low, _])| low.is_finite());
-        there.map(|(i, [low, high])| Column { x: (i as f64 + 0.5) * width_h, min: *low, max: *high }).collect()
+        let is_there = |second: &[f64; 2]| second[0].is_finite();
+        let Some((first, last)) = self.seconds.iter().position(is_there).zip(self.seconds.iter().rposition(is_there)) else {
+            return Vec::new();
+        };
+        let width = (last + 1 - first).div_ceil(COLUMNS);
+        let hours = |second: f64| second / 3600.0;
+        let column = |(i, own): (usize, &[[f64; 2]])| {
+            let [min, max] = own.iter().fold(NOTHING, |a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+            let middle = (first + i * width) as f64 + 0.5 * own.len() as f64;
+            min.is_finite().then_some(Column { x: hours(middle), min, max })
+        };
+        self.seconds[first..=last].chunks(width).enumerate().filter_map(column).collect()
     }
 }
 
@@ -49,7 +63,8 @@ pub fn field(level: &str, what: &str, sensor: &str, day: &str, frame: &str, exte
     Figure {
         title: format!("Level {level}, {sensor}, {day}"),
         caption: format!(
-            "{what}. Frame: {frame}. For every column of the picture the range of the vectors; columns near each other are joined, longer gaps are empty."
+            "{what}. Frame: {frame}. For every column of the picture, a second or a {COLUMNS}th of the time that is shown, the range of the vectors; where \
+             several columns in a row hold none, it is empty. The standard uncertainty of every vector stands in the file of the level."
         ),
         x_label: HOURS.to_owned(),
         x_scale: Scale::Linear,
@@ -265,5 +280,29 @@ pub fn daily(sensor: &str, day: &str, points: &[(f64, [f64; 3])], polynomials: &
                 bands: vec![],
             }
         }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An hour with a gap of four minutes: its vectors are shown by threes of seconds, and no column stands in the gap.
+    #[test]
+    fn columns_are_those_of_the_time_with_vectors() {
+        let mut extents = Extents::default();
+        let seconds = (36_000..39_600).filter(|s| !(37_000..37_240).contains(s));
+        seconds.clone().for_each(|s| extents.take((f64::from(s) + 0.5) / 86_400.0, f64::from(s % 10)));
+        let columns = extents.marks();
+        assert!(columns.len() <= COLUMNS && columns.len() > COLUMNS * 9 / 10, "{}", columns.len());
+        let distance = |pair: &[Column]| (pair[1].x - pair[0].x) * 3600.0;
+        let mut wide = columns.windows(2).map(distance).filter(|s| *s > 3.5);
+        assert!((240.0..=246.0).contains(&wide.next().unwrap()) && wide.next().is_none());
+        assert!(columns.iter().all(|c| c.x > 10.0 && c.x < 11.0 && c.max - c.min <= 9.0));
+        // A whole day is shown as before: by 72 s.
+        let mut day = Extents::default();
+        (0..86_400).for_each(|s| day.take((f64::from(s) + 0.5) / 86_400.0, 1.0));
+        assert_eq!(day.marks().len(), COLUMNS);
+        assert!(Extents::default().marks().is_empty());
     }
 }

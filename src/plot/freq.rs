@@ -217,12 +217,19 @@ fn response(freq: &Freq, id: &str) -> Figure {
     if known.len() > 1 {
         levels.push(half_power([low, high]));
     }
+    let nyquist = p.values.mean_f_s_hz.map(|f_s| 0.5 * f_s).filter(|half| (low..=high).contains(half));
+    if let (Some(half), true) = (nyquist, lowest.is_finite()) {
+        let largest = p.amplitude.iter().flat_map(|a| a.b_ent).filter(|b| b.is_finite()).fold(0.0, f64::max);
+        let line = Marks::Line(vec![(half, db(lowest / largest)), (half, 0.0)]);
+        levels.push(Series { label: "half of f_s".to_owned(), style: Style::Single, marks: line });
+    }
     let corners = corners(freq);
     let caption = if corners.is_empty() {
         "Amplitudes relative to the largest one. No response model fits.".to_owned()
     } else {
         format!(
-            "Amplitudes relative to the DC gain of the fitted model ({}), and what it leaves. -3 dB: {}.",
+            "Amplitudes relative to the DC gain of the fitted model ({}), and what it leaves. The curve has {CURVE} points, so that narrow notches \
+             are deeper than they are drawn. -3 dB: {}.",
             p.corner.model.unwrap_or("none"),
             corners.join(", ")
         )

@@ -140,7 +140,7 @@ fn differences(lin: &Lin, id: &str, time: &TimeAxis) -> Figure {
     Figure {
         title: format!("Differences of applied field and model, run {id}"),
         caption: format!(
-            "Applied field minus modelled measurement, coil coordinates. Points that follow one another without scatter show a \
+            "Applied field minus modelled measurement, coil coordinates; the residuals of a diagnosis have the other sign. Points that follow one another without scatter show a \
              drift that the offset trend does not describe.{}",
             bars(lin)
         ),
@@ -153,11 +153,16 @@ fn differences(lin: &Lin, id: &str, time: &TimeAxis) -> Figure {
 fn residuals_against_field(lin: &Lin, field_axis: usize) -> Figure {
     let axis = COIL[field_axis];
     let (aside, spread) = side_by_side(lin, field_axis);
-    let spread = if spread { " Settings with one field stand side by side in the order of time." } else { "" };
+    let spread = if spread {
+        " Settings with one field are spread over 4 % of the axis, so that they do not hide each other; how they are spread says nothing."
+    } else {
+        ""
+    };
     Figure {
         title: format!("Residuals against the {axis} field, run {}", lin.calibration.run.id),
         caption: format!(
-            "Applied field minus modelled measurement against the applied {axis} field. A curve means non-linearity, in another \
+            "Applied field minus modelled measurement, which has the other sign than the residuals of a diagnosis, against the applied {axis} \
+             field. A curve means non-linearity, in another \
              component than {axis} a transverse effect.{spread}{}",
             bars(lin)
         ),
@@ -190,7 +195,8 @@ fn side_by_side(lin: &Lin, field_axis: usize) -> (BTreeMap<usize, f64>, bool) {
     let mut aside = BTreeMap::new();
     for pile in piles.values().filter(|pile| pile.len() >= PILE && high > low) {
         for (k, index) in pile.iter().enumerate() {
-            let place = 2.0 * k as f64 / (pile.len() - 1) as f64 - 1.0;
+            // In the order of time a drift of the offset would pass for a dependence on the field: places follow one another here and there.
+            let place = f64::from(u32::try_from(k).unwrap_or(u32::MAX).reverse_bits()) / f64::from(u32::MAX) * 2.0 - 1.0;
             aside.insert(*index, PILE_WIDTH * (high - low) * place);
         }
     }

@@ -157,7 +157,7 @@ pub(super) fn draw_series(canvas: &mut Canvas, frame: &Frame, panel: &Panel) {
 
 /// How far to the right of its place each series of a panel is drawn, in pixels: points of several series at the same places of x,
 /// without a curve that they lie on, would hide each other.
-fn beside_each_other(frame: &Frame, panel: &Panel) -> Vec<f64> {
+pub(super) fn beside_each_other(frame: &Frame, panel: &Panel) -> Vec<f64> {
     let none = vec![0.0; panel.series.len()];
     let on_a_curve = |s: &Series| match &s.marks {
         Marks::Line(_) | Marks::Ribbon(_) => s.style != Style::Reference,

@@ -40,7 +40,7 @@ use axis::{Axis, Span, Tick};
 use canvas::{Canvas, Rect, rect};
 use frame::Frame;
 use legend::{Entry, LEGEND_ROW, draw_legend, entries, flow};
-use marks::{RIBBON, draw_series};
+use marks::{RIBBON, beside_each_other, draw_series};
 use style::{
     AXIS_INK, BAND_EDGE, BANDS, CAPTION, CAPTION_LINE, EXACT, GRID, HALF_DIGIT, LABEL, LABEL_LINE, NUMBER, TITLE, TITLE_LINE,
     ZERO,
@@ -107,13 +107,21 @@ pub fn render(figure: &Figure) -> Result<Vec<u8>, PlotError> {
     }
     let room = f64::from(RIGHT - EDGE);
     let title = text::wrap(&figure.title, TITLE.size, room, 2);
-    let caption = text::wrap(&figure.caption, CAPTION.size, room, 8);
-    let (mut plots, height) = arrange(figure, title.len() as i32, caption.len() as i32);
-    let left = left_margin(&plots);
-    for plot in &mut plots {
-        plot.area.left = left;
+    let laid_out = |caption: &str| {
+        let caption = text::wrap(caption, CAPTION.size, room, 8);
+        let (mut plots, height) = arrange(figure, title.len() as i32, caption.len() as i32);
+        let left = left_margin(&plots);
+        for plot in &mut plots {
+            plot.area.left = left;
+        }
+        (caption, plots, height, left, x_axis(figure, f64::from(RIGHT - left)))
+    };
+    let mut page = laid_out(&figure.caption);
+    // Whoever reads a value off a moved point must know that it was moved.
+    if page.1.iter().any(|plot| stand_aside(plot, page.4.as_ref())) {
+        page = laid_out(&format!("{} {MOVED}", figure.caption));
     }
-    let x = x_axis(figure, f64::from(RIGHT - left));
+    let (caption, plots, height, left, x) = page;
 
     let mut pixels = vec![0xff; (WIDTH * height * 3) as usize];
     let mut canvas = Canvas::new(&mut pixels, WIDTH as u32, height as u32);
@@ -138,6 +146,15 @@ pub fn render(figure: &Figure) -> Result<Vec<u8>, PlotError> {
     let exact = EXACT.iter().chain(&inks).map(|ink| [ink.0, ink.1, ink.2]).chain(tints);
     let size = (WIDTH as u32, height as u32);
     Ok(encode::png(&pixels, size, exact, figure)?)
+}
+
+/// What a caption says of points that were drawn beside their place.
+const MOVED: &str = "Points of several series at one place stand side by side.";
+
+/// Whether points of a panel are drawn beside their place.
+fn stand_aside(plot: &Plot, x: Option<&Axis>) -> bool {
+    let frame = x.zip(plot.y.as_ref()).map(|(x, y)| Frame { x, y, area: plot.area, aside: 0.0 });
+    frame.is_some_and(|frame| beside_each_other(&frame, plot.panel).iter().any(|aside| *aside != 0.0))
 }
 
 /// Shares the height of the page among the panels; the page grows when they would be too low.
@@ -228,6 +245,16 @@ fn x_axis(figure: &Figure, length: f64) -> Option<Axis> {
     axis.minor.clear();
     axis.note.clear();
     Some(axis)
+}
+
+impl Figure {
+    /// The figure without panels that hold no data; `None` where none holds any.
+    #[must_use]
+    pub fn with_data(mut self) -> Option<Figure> {
+        let x_scale = self.x_scale;
+        self.panels.retain(|panel| has_data(panel, [x_scale, panel.y_scale]));
+        (!self.panels.is_empty()).then_some(self)
+    }
 }
 
 impl Band {

@@ -27,7 +27,7 @@ pub fn figures(null: &Null) -> Vec<Named> {
     for (stem, name) in AGAINST.into_iter().zip(main) {
         list.extend(against(null, id, name).map(|figure| Named { stem, figure }));
     }
-    list.extend(temperatures(id, &null.temperatures, &time, "the offset follows it"));
+    list.extend(temperatures(id, &null.temperatures, &time, "the offset may follow it"));
     list
 }
 
@@ -204,9 +204,10 @@ fn against(null: &Null, id: &str, name: &str) -> Option<Figure> {
         format!("Means of the readings against those of channel {name}, and the straight line of this channel alone.")
     } else {
         format!(
-            "Means of the readings less what {} explain in a fit of all of them, against channel {name}; the line is the part of {name} in this \
-             fit. A trend in time that channels share is not counted twice.",
-            names.join(", ")
+            "One fit of the readings has {name} and {}. What {} does in it is taken off the means, and the rest is drawn against {name} with the \
+             line of this fit. Its slope stands in the legend, and behind \"alone\" that of a fit with {name} only, into which a trend goes that both share.",
+            names.join(", "),
+            if names.len() == 1 { names[0] } else { "the part of these" }
         )
     };
     Some(Figure {

@@ -51,13 +51,16 @@ fn zero_levels(offset: &Offset, id: &str, time: &TimeAxis) -> Figure {
     let p = offset;
     let named = p.found.visit.len() <= NAMED;
     let turns = || p.found.visit.iter().enumerate();
-    let names: Vec<(f64, String)> = turns().map(|(i, v)| (i as f64 + 1.0, format!("position {}", v.position))).collect();
+    let names: Vec<(f64, String)> =
+        turns().map(|(i, v)| (i as f64 + 1.0, format!("{}: {}", v.position, v.axes.join(" ")))).collect();
     Figure {
         title: format!("Readings at zero applied field, run {id}"),
         caption: format!(
-            "Zero level in positions {} in turn, with its standard uncertainty, which may be smaller than the mark, and the offset of the sensor. The levels of a component in its \
-             normal and its turned position lie as far above as below the offset: by the residual field of the coil system.",
-            p.found.visit.iter().map(|v| v.position.to_string()).collect::<Vec<_>>().join(", ")
+            "Zero level in positions {} in turn (the coil axes along which x, y, z look), with its standard uncertainty, which may be smaller than \
+             the mark, and the offset of the sensor. A level lies beside the offset by the residual field along the coil axis that the component looks \
+             at, so that two levels along opposite directions of one axis stand on both sides of it; what a position that is not turned by exactly 180° \
+             sees of the residual fields along the other axes comes to that.",
+            p.found.visit.iter().map(|v| format!("{} ({})", v.position, v.axes.join(" "))).collect::<Vec<_>>().join(", ")
         ),
         x_label: if named { "visit, in the order of time".to_owned() } else { time.label.clone() },
         x_scale: Scale::Linear,

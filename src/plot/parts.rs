@@ -54,7 +54,7 @@ pub(super) fn temperatures(id: &str, temperatures: &Temperatures, time: &TimeAxi
     [
         Named {
             stem: "coil_temperature",
-            figure: temperature(&title("Coil system"), coil, &temperatures.coil, time, "the coil constants follow it"),
+            figure: temperature(&title("Coil system"), coil, &temperatures.coil, time, "the coil constants may follow it"),
         },
         Named { stem: "sensor_temperature", figure: temperature(&title("Sensor"), sensor, &temperatures.sensor, time, what) },
     ]

@@ -59,6 +59,12 @@ pub(super) fn name_ticks(panel: &Panel, axis: &mut Axis) {
     axis.note.clear();
 }
 
+/// From which value on a cell has which shade, in words.
+pub(super) fn shades() -> String {
+    let from: Vec<String> = CLASSES.iter().map(|class| class.0).filter(|from| *from > 0.0).map(|from| from.to_string()).collect();
+    format!("shades begin at {}, and there the number stands", from.join(", "))
+}
+
 pub(super) fn draw_bars(canvas: &mut Canvas, frame: &Frame, bars: &[(String, Vec<(f64, f64)>)], look: &Look) {
     for (row, (_, own)) in bars.iter().enumerate() {
         for area in own.iter().filter_map(|(from, to)| area(frame, row, *from, *to)) {

@@ -322,3 +322,25 @@ fn names_stand_in_place_of_numbers() {
         );
     }
 }
+
+#[test]
+fn what_holds_no_data_is_left_out() {
+    let empty = || panel([Marks::Line(Vec::new())]);
+    let full = || panel([Marks::Line(vec![(0.0, 1.0), (1.0, 2.0)])]);
+    assert_eq!(figure(vec![empty(), empty()]).with_data(), None);
+    assert_eq!(figure(vec![empty(), full()]).with_data(), Some(figure(vec![full()])));
+    assert_eq!(figure(vec![full()]).with_data(), Some(figure(vec![full()])));
+}
+
+#[test]
+fn a_caption_says_that_points_stand_beside_their_place() {
+    let points = |y: f64| Marks::Points((0..9).map(|n| (f64::from(n), y, None)).collect());
+    let aside = |marks: Vec<Marks>| {
+        let figure = figure(vec![panel(marks)]);
+        let (plots, _) = arrange(&figure, 1, 1);
+        let x = x_axis(&figure, 1000.0);
+        plots.iter().any(|plot| stand_aside(plot, x.as_ref()))
+    };
+    assert!(aside(vec![points(1.0), points(2.0)]));
+    assert!(!aside(vec![points(1.0)]));
+}

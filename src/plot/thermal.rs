@@ -55,9 +55,11 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
         }
         OfKind::Freq(sampling) => {
             list.push(Named { stem: "corner_frequency", figure: polynomial("f_3db", "-3 dB corner frequency", "f_3dB") });
+            // The frequencies differ by parts of a million: they are drawn from a round one on.
+            let base_hz = sampling.means_hz()[0].map_or(0.0, |mean| (1e4 * mean).round() / 1e4);
             let points = (0..head.ids.len()).map(|i| {
                 let std = sampling.f_s_std_hz[i];
-                (head.temperature_degc[i], sampling.f_s_hz[i], std.is_finite().then_some(std))
+                (head.temperature_degc[i], 1e6 * (sampling.f_s_hz[i] - base_hz), std.is_finite().then_some(1e6 * std))
             });
             list.push(Named {
                 stem: "sampling_frequency",
@@ -74,7 +76,7 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
                     x_label: temperature_label(head.channel.as_deref()),
                     x_scale: Scale::Linear,
                     panels: vec![Panel {
-                        y_label: "f_s, Hz".to_owned(),
+                        y_label: format!("f_s - {base_hz:.4} Hz, µHz"),
                         y_scale: Scale::Linear,
                         series: vec![Series {
                             label: "f_s ± standard uncertainty".to_owned(),
@@ -139,7 +141,7 @@ fn coil(head: &RunsUsed, of: &str) -> Figure {
     against_time(
         head,
         format!("Coil system temperature, {of}"),
-        "Mean coil-system temperature of the runs: the coil constants follow it.",
+        "Mean coil-system temperature of the runs, which the coil constants may follow.",
         "coil temperature, °C",
         &head.coil_temperature_degc,
     )
@@ -151,12 +153,16 @@ pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: 
     let orders: Vec<String> = fits.iter().map(|f| format!("{} {}", f.found.name, f.polynomial.order())).collect();
     let has_common = fits.iter().any(|f| f.common.as_ref().is_some_and(|all| !all.is_empty()));
     let shared = if has_common { " What the runs share of the facility is in neither." } else { "" };
-    let joint = if has_joint { " The dashed purple line is the joint fit to the plateaus of all runs." } else { "" };
+    let joint = if has_joint {
+        " The dashed line is the joint fit to the plateaus of all runs; where the two agree it lies on the polynomial."
+    } else {
+        ""
+    };
     Figure {
         title: title.to_owned(),
         caption: format!(
-            "Values of the {points} with their standard uncertainty, polynomial and its 95 % band, which may be narrower than the line. \
-             Orders: {}.{shared}{joint}",
+            "Values of the {points} with their standard uncertainty, polynomial and its 95 % band; where no bar or band is seen they are smaller than \
+             marks and line, and the figure of the residuals shows them. Orders: {}.{shared}{joint}",
             orders.join(", ")
         ),
         x_label: temperature_label(channel),
@@ -178,7 +184,7 @@ pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: 
                         ),
                     },
                     Series {
-                        label: String::new(),
+                        label: "polynomial".to_owned(),
                         style,
                         marks: Marks::Line(curve.band.iter().map(|[t, v, _]| (*t, *v)).collect()),
                     },
@@ -244,7 +250,7 @@ fn residuals(thermal: &Thermal, of: &str) -> Figure {
 fn model_errors(error: &RunModelErrors, head: &RunsUsed, of: &str) -> Figure {
     Figure {
         title: format!("Errors of the thermal model, {of}"),
-        caption: "Smallest and largest applied field minus modelled measurement of every run, with the polynomials for sensitivity and angles and \
+        caption: "Most negative and most positive difference, applied field minus modelled measurement, of every run, with the polynomials for sensitivity and angles and \
                   the run's own rotation and offset."
             .to_owned(),
         x_label: temperature_label(head.channel.as_deref()),
@@ -257,8 +263,8 @@ fn model_errors(error: &RunModelErrors, head: &RunsUsed, of: &str) -> Figure {
                 y_label: format!("{} error, nT", ["X", "Y", "Z"][axis]),
                 y_scale: Scale::Linear,
                 series: vec![
-                    Series { label: "largest".to_owned(), style: STYLES[axis], marks: of(&error.max_nt) },
-                    Series { label: "smallest".to_owned(), style: Style::Reference, marks: of(&error.min_nt) },
+                    Series { label: "most positive".to_owned(), style: STYLES[axis], marks: of(&error.max_nt) },
+                    Series { label: "most negative".to_owned(), style: Style::Reference, marks: of(&error.min_nt) },
                 ],
                 bands: vec![],
             }
@@ -270,7 +276,7 @@ fn rotation(r: &RunRotations, head: &RunsUsed, of: &str) -> Figure {
     against_temperature(
         head,
         &format!("Rotation of the sensor, {of}"),
-        "Angle between each real and nominal sensor axis. A change with temperature is the mount's, a step one of handling.",
+        "Angle between each real and nominal sensor axis. A slow change can come from the mount, a step from handling.",
         [
             ("λ_x, °", &r.lambda_x_deg, &r.lambda_x_std_deg),
             ("μ_y, °", &r.mu_y_deg, &r.mu_y_std_deg),

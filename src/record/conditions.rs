@@ -2,12 +2,11 @@
 
 use super::temperature_faults;
 use crate::data::error::Severity;
-use crate::data::exclusion::ExcludedPart;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Drop, Plateau, Plateaus};
 use crate::data::result::{AT_REST_K, Conditions, Dropped, RunHead, Spread};
 use crate::data::run::{Run, interpolate};
-use crate::data::units::COMPONENTS;
+use crate::data::units::{COMPONENTS, counted};
 use crate::fit::noise::dense::{self, GroupNoise, Octave, Sampled};
 use crate::fit::{DenseNoise, FitError, Solution};
 use crate::model::campaign::Instructions;
@@ -366,14 +365,17 @@ pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Pla
 
 /// What was left out of a run by hand.
 pub fn excluded(run: &Run) -> impl Iterator<Item = Note> {
-    let count = run.settings.len().max(run.blocks.len()).max(run.scalar.len());
-    run.exclusions.iter().map(move |exclusion| match exclusion.part {
-        ExcludedPart::Setting(number) if number > count => {
-            let text = format!("the setting {number} that is to be left out by hand is none of the {count} of the run");
-            Note::new(NoteKind::LeftOut, text).with_remedy("correct its number")
-        }
-        _ => Note::new(NoteKind::LeftOut, format!("{} was left out by hand: {}", exclusion.what(), exclusion.reason)),
+    run.exclusions.iter().map(|exclusion| match exclusion.misses(run) {
+        Some(text) => Note::new(NoteKind::LeftOut, text).with_remedy("correct it, or take it out"),
+        None => Note::new(NoteKind::LeftOut, format!("{} was left out by hand: {}", exclusion.what(), exclusion.reason)),
     })
+}
+
+/// Lost samples, in words.
+#[must_use]
+pub fn lost(samples: u64, gaps: u64) -> String {
+    let are = if samples == 1 { "is" } else { "are" };
+    format!("{} {are} missing in {}", counted(samples, "sample"), counted(gaps, "gap"))
 }
 
 /// What was left out by hand, lost samples, faults of temperature channels, and what the reader found.
@@ -381,10 +383,7 @@ pub fn warn_of_run(notes: &mut impl Extend<Note>, run: &Run, instructions: &Inst
     notes.extend(excluded(run));
     notes.extend(temperature_faults::notes(run, instructions));
     if run.vectors.lost > 0 {
-        notes.extend([Note::new(
-            NoteKind::Losses,
-            format!("{} samples are missing in {} gaps", run.vectors.lost, run.vectors.gap_count),
-        )]);
+        notes.extend([Note::new(NoteKind::Losses, lost(run.vectors.lost, run.vectors.gap_count))]);
     }
     for finding in run.findings.iter().filter(|f| f.severity > Severity::Note) {
         let place = finding.line.map_or_else(String::new, |line| format!("line {line}: "));

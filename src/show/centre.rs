@@ -81,7 +81,7 @@ fn polynomials(result: &AtCentre) -> Section {
 /// The result in two lines for the terminal.
 #[must_use]
 pub fn summary(result: &AtCentre) -> String {
-    let k = result.transfer.k.map(|k| format!("{k:.6}")).join(", ");
+    let k = triple(&result.transfer.k, &result.k_std.unwrap_or([f64::NAN; 3]));
     format!(
         "{}  {} {}, centre of the coil system, T1 {:.2} °C\n  k  {k}\n",
         result.beside.runs.first().map_or("", String::as_str),

@@ -3,7 +3,7 @@
 use super::document::{Block, Cell, Figure, Section, Table, Text, cells};
 use super::{number, remarks};
 use crate::data::units::{Scale, six_digits, three_digits};
-use crate::diagnose::result::{Diagnosis, Forecast, Gap, Link, Place, RunnerUp, Step};
+use crate::diagnose::result::{Diagnosis, Forecast, Gap, Link, Place, RunnerUp, ShapePoint, Step, TOLD_APART};
 use crate::diagnose::words;
 use crate::plot::diagnose::{LEFT, WHERE, stems};
 use std::fmt::Write;
@@ -55,6 +55,9 @@ pub fn sections(diagnosis: &Diagnosis, figure: &dyn Fn(&str) -> Option<Figure>) 
 fn verdict(diagnosis: &Diagnosis) -> Section {
     let floor: Vec<String> = diagnosis.noise_floor_nt.iter().map(|n| number(*n, 4)).collect();
     let mut words = format!(" Noise of a mean: {} nT (x, y, z).", floor.join(", "));
+    if let Some(basis) = &diagnosis.basis {
+        let _ = write!(words, " Looked at: {basis}.");
+    }
     if let Some(response) = &diagnosis.response {
         let _ = write!(words, " Response: {response}.");
     }
@@ -170,7 +173,8 @@ fn step(index: usize, step: &Step) -> Section {
         .with(step.sentence.as_str())
         .with(format!("Where: {}.", step.place));
     // The coefficients of a smooth function mean nothing one by one: its shape is shown.
-    match step.covariate.as_ref().and_then(|covariate| words::course(covariate, &step.shape)) {
+    let along = step.covariate.as_ref().filter(|_| step.shape_names.is_empty());
+    match along.and_then(|covariate| words::course(covariate, &step.shape)) {
         Some(course) => section.push(course),
         None => section.push(Table::new(["parameter", "value", "standard uncertainty", "unit"]).with_rows(parameters)),
     }
@@ -190,9 +194,12 @@ fn step(index: usize, step: &Step) -> Section {
         section.push(table.with_rows(step.runners_up.iter().map(row)));
     }
     if !step.shape.is_empty() {
-        let covariate = step.covariate.as_deref().unwrap_or_default();
-        let points = step.shape.iter();
-        let rows = points.map(|p| cells![Cell::fixed(p.covariate, 5), Cell::signed(p.residual_nt, 4), Cell::fixed(p.std_nt, 4)]);
+        let covariate = if step.shape_names.is_empty() { step.covariate.as_deref().unwrap_or_default() } else { "run" };
+        let place = |(k, p): (usize, &ShapePoint)| {
+            step.shape_names.get(k).map_or(Cell::fixed(p.covariate, 5), |name| name.as_str().into())
+        };
+        let points = step.shape.iter().enumerate();
+        let rows = points.map(|(k, p)| cells![place((k, p)), Cell::signed(p.residual_nt, 4), Cell::fixed(p.std_nt, 4)]);
         section.push(Table::new([covariate, "contribution, nT", "standard uncertainty, nT"]).with_rows(rows));
     }
     if let Some(next) = &step.next_measurement {
@@ -204,11 +211,10 @@ fn step(index: usize, step: &Step) -> Section {
             cells![&f.words, against, Cell::fixed(f.k_now, 1), Cell::fixed(f.k, 1), Cell::fixed(f.strength_k, 1)]
         };
         let head = ["what could be measured", "hardest to tell it from", "k now", "k then", "k of the effect itself"];
-        section.push(
+        section.push(format!(
             "Signal to noise ratios, by linear algebra with the noise of this run: of what the rival cannot take of the effect, and of the \
-             effect itself. From about 5 on the two are told apart."
-                .to_owned(),
-        );
+             effect itself. From k = {TOLD_APART} on the two are told apart."
+        ));
         section.push(Table::new(head).with_rows(step.next_forecast.iter().map(row)));
     }
     section
@@ -228,6 +234,9 @@ fn held_out(step: &Step) -> Table {
 #[must_use]
 pub fn summary(diagnosis: &Diagnosis) -> String {
     let mut out = format!("{}  {}\n", diagnosis.runs.join(", "), diagnosis.verdict);
+    if let Some(basis) = &diagnosis.basis {
+        let _ = writeln!(out, "  {basis}");
+    }
     if let Some(response) = &diagnosis.response {
         let _ = writeln!(out, "  response: {response}");
     }
@@ -245,11 +254,24 @@ pub fn summary(diagnosis: &Diagnosis) -> String {
         } else {
             String::new()
         };
-        let _ =
-            writeln!(out, "  {} {}{covariate}{set}: {}; k {:.1}{gap}", step.wording, step.effect, step.place, step.strength_k);
-        if let Some(next) = step.next_forecast.first() {
-            let against = next.against.as_ref().map_or_else(String::new, |rival| format!(" against {rival}"));
-            let _ = writeln!(out, "    next: {}: k {:.1}{against} (now {:.1})", next.words, next.k, next.k_now);
+        let _ = writeln!(
+            out,
+            "  {} {}{covariate}{set}: {}; signal to noise k {:.1}{gap}",
+            step.wording, step.effect, step.place, step.strength_k
+        );
+        if let Some(next) = Forecast::best(&step.next_forecast) {
+            let rival = next.against.as_deref().unwrap_or("noise");
+            let _ = if next.tells_apart() {
+                writeln!(out, "    next: {}: tells it from {rival} with k {:.1} (now {:.1})", next.words, next.k, next.k_now)
+            } else {
+                writeln!(
+                    out,
+                    "    next: none of {} runs that were looked at tells it from {rival}: k {TOLD_APART} is needed, the best gives {:.1} (now {:.1})",
+                    step.next_forecast.len(),
+                    next.k,
+                    next.k_now
+                )
+            };
         }
     }
     out

@@ -39,8 +39,18 @@ pub fn document(mission: &str, instrument: &str, notes: &[String], days: &[DaySh
 }
 
 fn table_of_days(days: &[DayShown]) -> Section {
-    let mut table =
-        Table::new(["day", "sensor", "vectors", "null", "repeated", "rejected", "temperature, °C", "S_d, nT", "modes", "levels"]);
+    let mut table = Table::new([
+        "day",
+        "sensor",
+        "vectors",
+        "null",
+        "repeated",
+        "rejected",
+        "temperature, °C",
+        "sum S_d that joins the daily models, nT",
+        "modes",
+        "levels",
+    ]);
     for (day, _) in days {
         let degc = day.degc.map_or(String::new(), |[low, high]| format!("{low:.1} to {high:.1}"));
         let modes: Vec<String> = day.modes.iter().map(|(mode, count)| format!("{mode} {count}")).collect();

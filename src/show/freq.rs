@@ -52,15 +52,15 @@ fn rate(p: &Freq) -> Section {
         .map(|i| format!("{} {:+.1e} ± {:.1e}", COMPONENTS[i], clock.drift_hz_per_s[i], clock.drift_std_hz_per_s[i]))
         .collect();
     let is = if clock.drift_is_significant { "is significant and was taken into account" } else { "is not significant" };
-    let _ = write!(words, "\nIts drift during the run, {} Hz/s, {is}.", drift.join(", "));
+    let _ = write!(words, " Its drift during the run, {} Hz/s, {is}.", drift.join(", "));
     if let Some(t_s) = clock.reference_s {
-        let _ = write!(words, "\nThe sampling frequencies above hold {t_s:.3} s after sample counter 0.");
+        let _ = write!(words, " The sampling frequencies above hold {t_s:.3} s after sample counter 0.");
     }
     let _ = match (clock.rival_hz, clock.rival_chi_square) {
         (Some(rival), Some(chi)) => {
-            write!(words, "\nThe next best value within 0.1 %, {rival:.5} Hz, is worse by {chi:.0} in chi-square.")
+            write!(words, " The next best value within 0.1 %, {rival:.5} Hz, is worse by {chi:.0} in chi-square.")
         }
-        _ => write!(words, "\nThere is no other value within 0.1 %."),
+        _ => write!(words, " There is no other value within 0.1 %."),
     };
     section.with(table).with(words)
 }

@@ -2,7 +2,7 @@
 
 use super::document::{Block, Cell, Section, Table, Text, cells};
 use super::{remarks, run_line, triple, used_file};
-use crate::data::units::COMPONENTS;
+use crate::data::units::{COMPONENTS, counted};
 use crate::data::zero_field::{ChannelDependence, DataStop, NoiseDensity, ZeroFieldFound};
 #[cfg(feature = "tables")]
 use crate::files::parameter::Npf;
@@ -18,7 +18,7 @@ pub fn sections(null: &Null, file_name: &str) -> Vec<Section> {
     let p = &null.found;
     let r = &p.record;
     let used = used_file(&p.run, file_name).with(format!(
-        "{} samples from {:.1} to {:.1} s ({:.2} h) at {:.6} Hz; {} samples lost in {} gaps, {} of them in short gaps that a straight line \
+        "{} samples from {:.1} to {:.1} s ({:.2} h) at {:.6} Hz; {} samples lost in {}, {} of them in short gaps that a straight line \
          bridges.",
         r.samples,
         r.time_s[0],
@@ -26,7 +26,7 @@ pub fn sections(null: &Null, file_name: &str) -> Vec<Section> {
         (r.time_s[1] - r.time_s[0]) / 3600.0,
         r.sample_rate_hz,
         r.lost,
-        r.gaps,
+        counted(r.gaps as u64, "gap"),
         r.bridged
     ));
     let mut sections = vec![used, offset(p), noise(p)];

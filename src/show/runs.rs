@@ -4,6 +4,7 @@ use super::document::{Cell, Table, cells};
 use super::or_not_stated;
 use crate::data::run::Run;
 use crate::data::start::Start;
+use crate::data::units::counted;
 use serde::Serialize;
 
 /// Smallest, mean and largest value of a temperature channel.
@@ -130,7 +131,7 @@ pub fn run_list(lines: &[RunLine]) -> Table {
             or_not_stated(&l.mode),
             l.settings,
             l.vectors,
-            if l.lost == 0 { l.lost.into() } else { Cell::from(format!("{} in {} gaps", l.lost, l.gaps)) },
+            if l.lost == 0 { l.lost.into() } else { Cell::from(format!("{} in {}", l.lost, counted(l.gaps as u64, "gap"))) },
             l.measured_rate_hz.map_or(Cell::Missing("-"), |r| Cell::fixed(r, 4)),
             duration(l.duration_s),
             if temperatures.is_empty() { "-".to_owned() } else { temperatures.join(", ") },

@@ -171,8 +171,16 @@ fn orders(quantities: &[&QuantityFit]) -> Table {
 }
 
 fn quality(thermal: &Thermal) -> Section {
-    let mut table =
-        Table::new(["quantity", "unit", "runs", "valid, °C", "smallest error", "largest error", "widened by", "95 % factor"]);
+    let mut table = Table::new([
+        "quantity",
+        "unit",
+        "runs",
+        "valid, °C",
+        "most negative error",
+        "most positive error",
+        "widened by",
+        "95 % factor",
+    ]);
     for q in &thermal.quantities {
         table.push(cells![
             &q.found.name,
@@ -187,8 +195,8 @@ fn quality(thermal: &Thermal) -> Section {
     }
     Section::new("Model quality")
         .with(
-            "Value of a run minus polynomial. Uncertainties are widened where the runs scatter by more than their own, and where the order was \
-             chosen by the orders that it might be as well. An interval of 95 % is the standard uncertainty times the factor, which is larger \
+            "Value of a run minus polynomial. Uncertainties are widened where the runs scatter by more than their own (the factor that a warning \
+             names), and where the order was chosen by the orders that it might be as well; the table has the product. An interval of 95 % is the standard uncertainty times the factor, which is larger \
              where the scatter of a few runs told the uncertainty:",
         )
         .with(table)

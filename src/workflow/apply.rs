@@ -377,16 +377,28 @@ impl<'a> Work<'a> {
         effects.taken_off(&(0..x.len()).map(without).collect::<Vec<_>>())
     }
 
-    /// What the readings as a whole show.
-    fn judge(&mut self) {
+    /// Refuses a file of which nothing came, `holds` in words, and notes what the readings as a whole show.
+    fn judge(&mut self, holds: &str) -> Result<(), Finding> {
         if self.counts.rows == 0 {
-            self.counts.notes.push("the file holds no vectors".to_owned());
+            let remedy = "name a run with samples (@VECTORS), or a table with columns x, y and z";
+            return Err(Finding::error(&self.data.display().to_string(), format!("holds {holds}; nothing was applied"), remedy));
         }
         for (name, still) in COMPONENTS.into_iter().zip(self.still_ent) {
             if let (Still::Only(reading), true) = (still, self.counts.rows >= LEAST_ROWS) {
                 self.counts.notes.push(format!("component {name} stands still: all of its readings are {reading}"));
             }
         }
+        Ok(())
+    }
+
+    /// Refuses a file without the temperature that the calibration needs.
+    fn without_temperature(&self, lacks: &str) -> Result<(), Finding> {
+        if !self.applied.calibration.needs_temperature() {
+            return Ok(());
+        }
+        let rule = format!("{lacks}, and the calibration depends on the temperature of the sensor");
+        let remedy = "name its column or channel with --temperature-column, or give one temperature with --temperature";
+        Err(Finding::error(&self.data.display().to_string(), rule, remedy))
     }
 
     fn refused(&self, row: usize, flags: Flags, degc: f64) -> Finding {
@@ -499,12 +511,18 @@ fn calibrated(
     let no_form = |e: serde_json::Error| Finding::error(&name, format!("has no JSON form: {e}"), "report this");
     let note = serde_json::to_string(&work.statement(&provenance, None)).map_err(no_form)?;
     let mut file = folder.create(&name)?;
-    match source {
-        Source::Table(reader, format) => table(&mut work, reader, format, &note, &mut file)?,
-        Source::Run(own) => run_vectors::vectors(&mut work, &own, allowed, &note, &mut file)?,
-    }
+    let holds = match source {
+        Source::Table(reader, format) => {
+            table(&mut work, reader, format, &note, &mut file)?;
+            "no vectors"
+        }
+        Source::Run(own) => {
+            run_vectors::vectors(&mut work, &own, allowed, &note, &mut file)?;
+            if own.blocks.is_empty() { "no vectors" } else { "plateau means (@BLOCKS) and no vectors" }
+        }
+    };
+    work.judge(holds)?;
     file.finish()?;
-    work.judge();
     let mut statement = serde_json::to_string_pretty(&work.statement(&provenance, Some(&work.counts))).map_err(no_form)?;
     statement.push('\n');
     folder.write(&format!("{stem}.calibrated.json"), statement.as_bytes())?;
@@ -535,8 +553,20 @@ fn table(work: &mut Work, mut reader: Reader, format: Format, note: &str, file: 
             (Some(degc), _) => vec![degc; batch.len()],
             (None, Some(column)) => batch.numbers(data, column)?,
             (None, None) if batch.has(TEMPERATURE) => batch.numbers(data, TEMPERATURE)?,
-            (None, None) => vec![f64::NAN; batch.len()],
+            (None, None) => {
+                work.without_temperature(&format!("has no column `{TEMPERATURE}`"))?;
+                vec![f64::NAN; batch.len()]
+            }
         };
+        // The temperature that stands beside a field is the one that it was computed with.
+        if let (Some(used), true) = (work.options.temperature_degc, batch.has(TEMPERATURE)) {
+            if !writer.has_begun() {
+                work.counts.notes.push(format!(
+                    "its column `{TEMPERATURE}` was not used: the field is that at the {used} °C of --temperature, which the result has in this column"
+                ));
+            }
+            batch.push(TEMPERATURE, degc.clone())?;
+        }
         work.calibrate(&mut batch, &readings, &degc)?;
         writer.write(&batch)?;
     }

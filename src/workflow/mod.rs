@@ -348,14 +348,6 @@ pub fn jobs<'a>(campaigns: &'a [Campaign], kind: Option<Kind>) -> (Vec<Job<'a>>,
         let unread: Vec<String> = without_head.map(|((_, file), _)| RunFile::id(&file.recorded)).collect();
         unmatched.extend(campaign.unmatched(&known, &unread).into_iter().map(|entry| format!("campaign.toml: {entry}")));
     }
-    let asked: &[Exclusion] = campaigns.first().map_or(&[], |c| &c.exclude);
-    let unknown = |e: &&Exclusion| {
-        !files.iter().zip(&headers).any(|((_, file), header)| match header {
-            Some(header) => header.run == e.run,
-            None => RunFile::id(&file.recorded) == e.run,
-        })
-    };
-    unmatched.extend(asked.iter().filter(unknown).map(|e| format!("--exclude {}", e.run)));
     let mut first: HashMap<String, String> = HashMap::new();
     let mut jobs = Vec::new();
     for ((campaign, file), header) in files.into_iter().zip(headers) {
@@ -483,11 +475,13 @@ fn recipe<A: PerRun>(analysis: &A, result: &A::Result, desk: &Desk) -> Recipe {
     Recipe::new(A::ANALYSIS, &analysis.settled(result)).reading(desk.allowed_of(&result.head().id))
 }
 
-/// Draws figures in parallel and writes them in their order.
+/// Draws the figures that hold data in parallel and writes them in their order.
 ///
 /// # Errors
 /// A figure cannot be drawn or written.
 pub fn draw(folder: &Folder, figures: &[Named], name: impl Fn(&str) -> String + Sync) -> Result<Vec<Drawn>, Finding> {
+    let with_data = |named: &Named| Some(Named { stem: named.stem, figure: named.figure.clone().with_data()? });
+    let figures: Vec<Named> = figures.iter().filter_map(with_data).collect();
     let pictures: Vec<Result<Vec<u8>, plot::PlotError>> = figures.par_iter().map(|named| plot::render(&named.figure)).collect();
     figures
         .iter()

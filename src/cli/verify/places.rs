@@ -71,7 +71,7 @@ impl Home {
 #[derive(Debug, thiserror::Error)]
 pub(super) enum NotFound {
     #[error(
-        "the input {} is not what the file was made from: {} has another SHA-256 than {}",
+        "the input {} is not what the file was made from: {} has another SHA-256 than {}; name the folder that holds the input as it was, or make the result again",
         input.path,
         found.display(),
         input.sha256.get(..16).unwrap_or_default()

@@ -116,11 +116,12 @@ pub(super) fn describe(comparison: &Comparison, fitted: &Fitted, chosen: &[Term]
         remark: once.filter(|_| !is_unknown).map(remark),
         covariate: candidate.covariate.clone(),
         shape: if is_unknown { contribution.shape(set, &scales) } else { Vec::new() },
+        shape_names: if is_unknown { names(set) } else { Vec::new() },
         ..Facts::new(candidate.effect, form, significance)
     };
-    let Contribution { class, run, i, .. } = contribution;
-    let noise_nt = set.std[contribution.row(set, run)] * scales[class] * set.runs[run].nt_per_unit(class);
-    let map = map_of(set, class, i, number, [&before, &after], noise_nt);
+    let (class, i) = gains_most(set, classes, [&before, &after], &scales);
+    let of_run = |run: usize| set.std[(class * set.count() + run) * 3 + i] * scales[class] * set.runs[run].nt_per_unit(class);
+    let map = map_of(set, class, i, number, [&before, &after], of_run(contribution.run));
     Description { facts, map, evidence: None }
 }
 
@@ -165,13 +166,36 @@ fn counted_once(set: &RunSet, others: &[&RunCandidate], candidate: &RunCandidate
     (left > score.count as f64 + 1.0).then(|| score.p_value())
 }
 
+/// Names of the runs.
+fn names(set: &RunSet) -> Vec<String> {
+    set.runs.iter().map(|run| run.run.clone()).collect()
+}
+
+/// The value, its class and component, of which a term takes most off the held-out deviations.
+fn gains_most(set: &RunSet, classes: [bool; 3], [before, after]: [&DVector<f64>; 2], scales: &[f64; 3]) -> (usize, usize) {
+    let n = set.count();
+    let gain = |&(class, i): &(usize, usize)| -> f64 {
+        let of_run = |row: usize| (before[row].powi(2) - after[row].powi(2)) / (set.std[row] * scales[class]).powi(2);
+        (0..n).map(|run| of_run((class * n + run) * 3 + i)).sum()
+    };
+    let values = (0..3).filter(|class| classes[*class]).flat_map(|class| (0..3).map(move |i| (class, i)));
+    values.max_by(|a, b| gain(a).total_cmp(&gain(b))).unwrap_or_default()
+}
+
+/// The largest probability of noise of all terms where every orientation counts once, if it is one that doubts a name.
+pub(super) fn by_orientations(set: &RunSet, terms: &[&RunCandidate]) -> Option<f64> {
+    let named = (0..terms.len()).filter(|index| !terms[*index].effect.is_unknown());
+    let largest = named.filter_map(|index| counted_once(set, &others(terms, index), terms[index])).reduce(f64::max)?;
+    (largest >= DOUBTED).then_some(largest)
+}
+
 /// Deviations of one value of every run from models that have not seen the run: without and with a term.
 pub(super) fn map_of(set: &RunSet, class: usize, i: usize, step: usize, deviations: [&DVector<f64>; 2], noise_nt: f64) -> Map {
     let n = set.count();
     let nt = |d: &DVector<f64>| (0..n).map(|r| d[(class * n + r) * 3 + i] * set.runs[r].nt_per_unit(class)).collect::<Vec<f64>>();
     let [before_nt, after_nt] = deviations.map(nt);
     Map {
-        covariate: format!("run in the order given ({})", CLASSES_IN_WORDS[class]),
+        covariate: format!("run ({})", CLASSES_IN_WORDS[class]),
         unit: String::new(),
         axis: axis_of(class, i),
         x: (1..=n).map(|r| r as f64).collect(),
@@ -179,5 +203,6 @@ pub(super) fn map_of(set: &RunSet, class: usize, i: usize, step: usize, deviatio
         after_nt,
         noise_nt,
         step,
+        names: names(set),
     }
 }

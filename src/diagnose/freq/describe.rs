@@ -119,5 +119,6 @@ pub(super) fn map(sines: &Sines, axis: usize, timing: bool, before: &DVector<f64
         after_nt: in_nt(sines, after, axis, timing),
         noise_nt: median(&mut sines.list.iter().map(noise).collect::<Vec<f64>>()),
         step,
+        names: Vec::new(),
     }
 }

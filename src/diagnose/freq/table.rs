@@ -29,7 +29,8 @@ pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
         runs: vec![id.to_owned()],
         noise_floor_nt: noise_ent,
         noise: None,
-        verdict: words::verdict(&steps, None),
+        basis: None,
+        verdict: words::verdict(&steps, None, None),
         verdict_kind: VerdictKind::of(&steps, None),
         left: None,
         gap_chain: Vec::new(),
@@ -83,6 +84,7 @@ fn maps(rows: &[AmplitudeRow], freq: &Freq, outliers: &[Outlier]) -> Vec<Map> {
             after_nt: (0..rows.len()).map(kept).collect(),
             noise_nt: model.residual_std_ent,
             step: 0,
+            names: Vec::new(),
         })
     };
     freq.corner.components.iter().enumerate().filter_map(of_component).collect()

@@ -130,6 +130,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         after_nt: nt(&after),
         noise_nt,
         step: number,
+        names: Vec::new(),
     };
     Description { facts, map, evidence: Some(rivals.bars(number)) }
 }

@@ -145,6 +145,8 @@ struct Parser<'a, S> {
     input: InputFile,
     findings: Vec<Finding>,
     errors: usize,
+    /// Whether a time tag was found away from the sample counter.
+    rate_disagrees: bool,
 }
 
 impl<'a, S: VectorSink> Parser<'a, S> {
@@ -175,6 +177,7 @@ impl<'a, S: VectorSink> Parser<'a, S> {
             input: InputFile { path: file.to_owned(), size_bytes: 0, sha256: String::new() },
             findings: Vec::new(),
             errors: 0,
+            rate_disagrees: false,
         }
     }
 

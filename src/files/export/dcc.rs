@@ -136,7 +136,9 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
         // The schema has no place for a value that was not determined.
         let Some(value) = q.value else { continue };
         let component = if q.component.is_empty() { String::new() } else { format!(" {}", q.component) };
-        let valid = q.valid.map_or_else(String::new, |([low, high], unit)| format!("; valid from {low:?} to {high:?} {unit}"));
+        let valid = q.valid.map_or_else(String::new, |([low, high], unit)| {
+            format!("; valid from {:?} to {:?} {unit}", rounded(low), rounded(high))
+        });
         let _ = writeln!(
             out,
             "<dcc:result>{}<dcc:data><dcc:quantity>{}<si:real><si:value>{value:?}</si:value><si:unit>{}</si:unit>{}</si:real></dcc:quantity>\
@@ -160,6 +162,12 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
     }
     out.push_str("</dcc:results>\n</dcc:measurementResult></dcc:measurementResults>\n</dcc:digitalCalibrationCertificate>\n");
     out
+}
+
+/// The end of a range without the digits that come from computing a mean.
+fn rounded(value: f64) -> f64 {
+    const PARTS: f64 = 1e6;
+    (value * PARTS).round() / PARTS
 }
 
 /// Nothing where no interval of 95 % is known.

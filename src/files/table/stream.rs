@@ -153,6 +153,11 @@ impl CsvRows {
             }
         }
         rows.cells = cells(&line);
+        if rows.cells == 1 && line.contains(&b';') {
+            let rule = "has its cells apart by semicolons, and no comma: a table of vectors has commas between cells and a point in decimal fractions";
+            let remedy = "write it anew with commas and decimal points, or make a run of it with `calfit import`";
+            return Err(rows.refuse(path, &line, rule, remedy));
+        }
         rows.header = String::from_utf8(line).map_err(|e| rows.refuse(path, e.as_bytes(), "is not UTF-8 text", "convert it"))?;
         if !rows.header.ends_with('\n') {
             rows.header.push('\n');

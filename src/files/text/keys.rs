@@ -308,23 +308,27 @@ impl<'a> Group<'a> {
     /// The first of them, with the nearest known one.
     pub fn only(&self, known: &[&str]) -> Result<(), Finding> {
         let Some(name) = self.names().into_iter().find(|name| !known.contains(name)) else { return Ok(()) };
-        let nearest = known.iter().min_by_key(|key| distance(name, key)).copied().unwrap_or_default();
-        Err(self.refuse(name, "is not known", &format!("the nearest known key is `{nearest}`")))
+        Err(self.refuse(name, "is not known", &nearest(name, known)))
     }
 
-    /// A warning for every key that is not in `known`.
+    /// A warning for every key that is not in `known`, with the nearest known one.
     #[must_use]
     pub fn unknown(&self, known: &[&str]) -> Vec<Finding> {
         self.table
             .iter()
             .filter(|(key, _)| !known.contains(key))
             .map(|(key, item)| {
-                self.keys
-                    .complaint(item, format!("the key `{}` is not known and was not used", self.full(key)), "check its spelling")
-                    .weighing(Severity::Warning)
+                let rule = format!("the key `{}` is not known and was not used", self.full(key));
+                self.keys.complaint(item, rule, &nearest(key, known)).weighing(Severity::Warning)
             })
             .collect()
     }
+}
+
+/// The remedy for a key that is not known.
+fn nearest(name: &str, known: &[&str]) -> String {
+    let nearest = known.iter().min_by_key(|key| distance(name, key)).copied().unwrap_or_default();
+    format!("the nearest known key is `{nearest}`")
 }
 
 /// Letters to change, add or take away to come from one word to another (Levenshtein).

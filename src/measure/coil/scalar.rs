@@ -395,15 +395,13 @@ fn stepped(runs: &[(&Run, &Instructions)], terms: &Terms, periods: &[ScalarPerio
             last_run_before: runs[step.from_run - 1].0.header.run.clone(),
             first_run_after: runs[step.from_run].0.header.run.clone(),
         };
-        let digits = if step.parameter < 3 {
-            6
-        } else if step.parameter < 6 {
-            2
-        } else {
-            4
+        let (digits, unit) = match step.parameter {
+            0..3 => (6, "nT/EU"),
+            3..6 => (2, "nT"),
+            _ => (4, "degrees"),
         };
         notes.push(Note::new(NoteKind::Facility, format!(
-            "the {} stepped between the calibrations {} and {}, from {:.digits$} to {:.digits$}: the file has periods, and where the step lies \
+            "the {} stepped between the calibrations {} and {}, from {:.digits$} to {:.digits$} {unit}: the file has periods, and where the step lies \
              between the two is not known; the middle of the time between them was taken, {}",
             found.parameter,
             found.last_run_before,

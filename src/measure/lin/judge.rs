@@ -90,7 +90,9 @@ pub(super) fn judge_fit(notes: &mut Vec<Note>, blocks: &[Block]) {
             .map(|b| (b.plateau.index + 1).to_string())
             .collect();
         if !outliers.is_empty() {
-            let text = format!("blocks {} stand out in {name} by more than {OUTLIER} standard deviations", outliers.join(", "));
+            let (blocks, stand) = if outliers.len() == 1 { ("block", "stands") } else { ("blocks", "stand") };
+            let text =
+                format!("{blocks} {} {stand} out in {name} by more than {OUTLIER} standard deviations", outliers.join(", "));
             notes.push(Note::new(NoteKind::Fit, text).about(name).with_remedy("look at them, or use --robust"));
         }
     }

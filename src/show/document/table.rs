@@ -202,7 +202,11 @@ impl fmt::Display for Number {
             Form::Uncertain => {
                 std.map_or_else(|| format!("{value:.2} (uncertainty not known)"), |std| with_uncertainty(value, std))
             }
-            Form::Scientific => scientific_with_uncertainty(value, std.unwrap_or(f64::NAN)),
+            // Values of a usual size are read without a power of ten.
+            Form::Scientific => match std.filter(|_| (1e-2..1e5).contains(&value.abs())) {
+                Some(std) => with_uncertainty(value, std).trim_start_matches('+').to_owned(),
+                None => scientific_with_uncertainty(value, std.unwrap_or(f64::NAN)),
+            },
             Form::Place(decimals) => match std {
                 Some(std) => format!("{value:.decimals$} ± {std:.1e}"),
                 None => format!("{value:.decimals$}"),

@@ -46,7 +46,9 @@ pub(super) fn read_run(data: &Path, applied: &Applied, allowed: &Reading) -> Res
 /// What is wrong with the file; no channel of the name given or stated.
 pub(super) fn vectors(work: &mut Work, own: &Run, allowed: &Reading, note: &str, file: &mut Pending) -> Result<(), Finding> {
     let data = work.data;
-    work.counts.notes.extend(own.findings.iter().map(ToString::to_string));
+    // The name of the file stands before every note.
+    let place = |line: Option<u64>| line.map_or_else(String::new, |line| format!("line {line}: "));
+    work.counts.notes.extend(own.findings.iter().map(|f| format!("{}{}; {}", place(f.line), f.rule, f.remedy)));
     let degc = Thermometer::of(work, own)?;
     let writer = Writer::new(file, Format::Parquet, note);
     let mut sink = Sink { work, degc, writer, t_s: Vec::new(), readings: Default::default(), error: None };
@@ -96,13 +98,19 @@ impl Named {
 impl Thermometer {
     fn of(work: &mut Work, run: &Run) -> Result<Self, Finding> {
         let (options, applied, data) = (work.options, work.applied, work.data);
-        if let Some(degc) = options.temperature_degc {
-            return Ok(Thermometer::Constant(degc));
-        }
         let campaigns = Campaign::open(&[data.to_owned()], &mut Vec::new())?;
         let instructions = campaigns.first().map(|c| &c.file.instructions);
         let named = Named::of(options, applied, instructions.map(|i| i.channels(&run.header).0).unwrap_or_default());
-        if let (Named::Analyst(channel), Some(stated)) = (&named, &applied.channel)
+        let channel = named.channel();
+        if let Some(degc) = options.temperature_degc {
+            if run.slow_channel(channel).is_some() {
+                work.counts.notes.push(format!(
+                    "its temperature channel {channel} was not used: the field is that at the {degc} °C of --temperature"
+                ));
+            }
+            return Ok(Thermometer::Constant(degc));
+        }
+        if let (Named::Analyst(_), Some(stated)) = (&named, &applied.channel)
             && channel != stated
         {
             work.counts
@@ -110,7 +118,6 @@ impl Thermometer {
                 .push(format!("the temperatures are those of {channel}; the calibration was made of those of {stated}"));
         }
         let refused = |rule: String, remedy: &str| Err(Finding::error(&data.display().to_string(), rule, remedy));
-        let channel = named.channel();
         match (run.slow_channel(channel), &named) {
             (Some(series), _) => {
                 if let Some(instructions) = instructions {
@@ -126,7 +133,10 @@ impl Thermometer {
                 format!("has no channel `{channel}`, of whose temperatures the calibration was made"),
                 "name the channel of this thermistor with --temperature-column",
             ),
-            (None, _) => Ok(Thermometer::Constant(f64::NAN)),
+            (None, _) => {
+                work.without_temperature(&format!("has no temperature channel `{channel}`"))?;
+                Ok(Thermometer::Constant(f64::NAN))
+            }
         }
     }
 

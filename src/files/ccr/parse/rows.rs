@@ -73,7 +73,7 @@ impl<S: VectorSink> Parser<'_, S> {
 
     /// A row at which the clock stopped.
     #[cold]
-    pub(super) fn refuse(&self, tick: Tick, line: &[u8]) -> Result<(), Stop> {
+    pub(super) fn refuse(&mut self, tick: Tick, line: &[u8]) -> Result<(), Stop> {
         const CLOCK_REMEDY: &str = "split files that were joined, or sort out the clock reset";
         match tick {
             Tick::Sample(_) | Tick::Duplicate => Ok(()),
@@ -83,7 +83,10 @@ impl<S: VectorSink> Parser<'_, S> {
             Tick::TimeBack { from_s, to_s } => {
                 Err(self.bad_row(line, format!("time goes back from {from_s} s to {to_s} s"), CLOCK_REMEDY))
             }
+            // A wrong rate comes to light over and over again; it is one fault.
+            Tick::Disagrees { .. } if self.rate_disagrees => Ok(()),
             Tick::Disagrees { by_s, rate_hz } => {
+                self.rate_disagrees = true;
                 let nominal = self.header.as_ref().map_or(0.0, |h| h.sample_rate_hz);
                 Err(self.bad_row(
                     line,
