@@ -272,3 +272,35 @@ fn housekeeping_outside_of_partitions_belongs_to_the_days_of_its_times() {
         assert_eq!(table.whole("stage_a_id").unwrap(), wanted, "{day}");
     }
 }
+#[test]
+fn a_field_that_follows_the_housekeeping_takes_its_readings_with_the_same_checks() {
+    let steps = "[pipeline]\nsteps = [\"counts\", \"ground\", \"disturbance\", \"shift\"]\n";
+    let stated = "[[disturbance]]\ncolumn = \"pos_voltage\"\nvector_nt_per_unit = [2.0, -1.0, 0.5]\n";
+    let small = Small::new(&format!("{PLAIN}{stated}{steps}"), &format!("{HEAD}2015-06-29T11:00:05Z,100,200,300,0,N\n"));
+    let day = small.folder.path().join("hk/date=2015-06-29");
+    fs::create_dir_all(&day).unwrap();
+    // 2015-06-29T11:00:00 UTC is 394196403 s of the clock: 4562 days since 2003, 11 h, and three leap seconds between.
+    fs::write(day.join("a.csv"), "TIME_OBT,POS_VOLTAGE\n394196403.0,10\n394196423.0,50\n").unwrap();
+    let [x, y, z] = three(&small.level_a(), ["bx", "by", "bz"]);
+    // A quarter of the way from 10 to 50 counts.
+    assert_eq!([x[0], y[0], z[0]], [60.0, 220.0, 290.0]);
+    fs::remove_dir_all(small.folder.path().join("out")).unwrap();
+    let head = "time_utc,time_obt,pos_voltage\n2015-06-29T11:00:00Z,394196403.0,10\n";
+    for (row, words) in [
+        ("2015-06-29T11:00:20Z,394196423.0,300", "row 2: the count 300 of `pos_voltage` is none of 8 bits"),
+        ("2015-06-29T11:00:20Z,394196423.0,", "row 2: column `pos_voltage` has no value"),
+        ("2015-06-29T11:00:20Z,394197023.0,50", "row 2: `time_utc` says 2015-06-29T11:00:20"),
+        (
+            "2015-06-27T11:00:20Z,394023623.0,50",
+            "row 2: the time 2015-06-27T11:00:20.000000000 is not of the day of the partition",
+        ),
+    ] {
+        fs::write(day.join("a.csv"), format!("{head}{row}\n")).unwrap();
+        let mut command = calfit();
+        command.args(["flight", "A", "--no-plots"]).arg(small.folder.path().join("flight.toml"));
+        let output = command.arg("-o").arg(small.folder.path().join("out")).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{row}: {}", text(&output.stderr));
+        says(&text(&output.stderr), &["a.csv", words]);
+    }
+}
+
