@@ -152,9 +152,8 @@ fn counts(stated: &Counts) -> CountsStep {
 }
 
 fn offsets(sensor: &Sensor, frame: OffsetFrame) -> Option<Box<dyn Step>> {
-    let (intervals, other): (Vec<Jump>, Vec<Jump>) = sensor.jumps.iter().copied().partition(|j| j.frame == frame);
-    // The step in axes of the spacecraft says which vectors no interval of either frame holds.
-    let elsewhere = (frame == OffsetFrame::Sc).then_some(other);
+    let (intervals, elsewhere): (Vec<Jump>, Vec<Jump>) = sensor.jumps.iter().copied().partition(|j| j.frame == frame);
+    // Also where all of them act in axes of the sensor, level B has the flag.
     let acts = if frame == OffsetFrame::Sc { !sensor.jumps.is_empty() } else { !intervals.is_empty() };
     acts.then(|| Box::new(OffsetsStep { intervals, elsewhere }) as Box<dyn Step>)
 }
@@ -236,10 +235,10 @@ fn disturbance(
     let Some(folder) = &mission.hk else {
         let rule = format!("the field of `{}` needs housekeeping", stated.column);
         return Err(Finding::error(&mission.folder.display().to_string(), rule, "state the folder `hk`"));
+    };
     let readings = |own: &HousekeepingFile| {
         let all: Vec<usize> = (0..own.time.len()).collect();
         own.readings(prepared, &plain(&stated.column), &all)?.ok_or_else(|| own.lacks(&stated.column))
-    };
     };
     let mut rows: Vec<(i64, f64)> = Vec::new();
     for file in crate::files::flight::edited::day_files(folder)? {
