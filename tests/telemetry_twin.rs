@@ -194,6 +194,32 @@ fn the_summary_of_a_day_counts_the_flags_of_later_levels() {
     assert!(seen.iter().all(|count| *count > 0), "{seen:?}");
 }
 
+/// A smoothed temperature takes packets of the days beside its own, as many whatever else is made.
+#[test]
+fn smoothed_level_a_does_not_depend_on_the_other_levels() {
+    let flown = Flown::new(&[]);
+    let config = flown.dir.path().join("telemetry/flight.toml");
+    let stated = fs::read_to_string(&config).unwrap();
+    assert!(!stated.contains("[temperature]"));
+    fs::write(&config, format!("{stated}\n[temperature]\nsmooth_s = 200.0\n")).unwrap();
+    let of = |levels: &str| {
+        flown.levels(levels);
+        let days =
+            SENSORS.into_iter().enumerate().flat_map(|(index, sensor)| flown.days(index).into_iter().map(move |d| (sensor, d)));
+        let made: Vec<_> = days
+            .map(|(sensor, day)| {
+                let level = flown.level("A", sensor, &day);
+                (level.numbers("t_degc").unwrap(), field(&level))
+            })
+            .collect();
+        fs::remove_dir_all(flown.dir.path().join("levels")).unwrap();
+        made
+    };
+    let alone = of("A");
+    assert!(alone.iter().all(|(degc, _)| degc.len() > 1000));
+    assert!(alone == of("AH") && alone == of("AK"));
+}
+
 /// A second of bad readings in a heater interval is no heater: what was switched is found as without it, and the bad vectors are counted and
 /// flagged.
 #[test]
