@@ -335,12 +335,12 @@ impl<'a> Midnights<'a> {
     /// Corrected times and temperatures of the first and the last accepted vector of a day.
     fn day_ends(&mut self, day: i32) -> Result<Option<Ends>, Finding> {
         self.near.retain(|_, (of_day, _)| *of_day + 1 >= day);
-        let [_, first] = self.around(day)?;
-        let [last, _] = self.around(day + 1)?;
+        let [_, first] = self.around(day, day)?;
+        let [last, _] = self.around(day + 1, day)?;
         // Mostly the half hours beside the midnights are enough.
         let (first, last) = match (first, last) {
             (Some(first), Some(last)) => (first, last),
-            _ => match self.in_span(&self.prepared.leap.day(day))? {
+            _ => match self.of_day(day)? {
                 Some(ends) => ends,
                 None => return Ok(None),
             },
@@ -349,8 +349,9 @@ impl<'a> Midnights<'a> {
         Ok(Some(([first.0, last.0], [degc(first.1), degc(last.1)])))
     }
 
-    /// The last vector in the half hour before the midnight at which a day begins, and the first one in the half hour behind it.
-    fn around(&mut self, day: i32) -> Result<[Option<End>; 2], Finding> {
+    /// The last vector in the half hour before the midnight at which a day begins, and the first one in the half hour behind it. What of the
+    /// file of another day than `wanted` cannot be read is missing there, as in the levels; that day says why.
+    fn around(&mut self, day: i32, wanted: i32) -> Result<[Option<End>; 2], Finding> {
         if let Some((known, ends)) = self.known
             && known == day
         {
@@ -361,6 +362,7 @@ impl<'a> Midnights<'a> {
         let midnight = prepared.leap.day(day).start;
         let tags = midnight - 2 * BEYOND_NS..midnight + 2 * BEYOND_NS;
         let mut rows = Rows::default();
+        let mut is_whole = true;
         for file in prepared.files(&sensor.name, &tags) {
             let Some(of_day) = file.day else {
                 let [read] = edited::read(file, sensor, &prepared.mission, &prepared.leap, [&tags])?;
@@ -368,7 +370,11 @@ impl<'a> Midnights<'a> {
                 continue;
             };
             if !self.near.contains_key(file.path.as_path()) {
-                self.near.insert(&file.path, (of_day, Near::edges(prepared, self.index, file, of_day)?));
+                match Near::edges(prepared, self.index, file, of_day) {
+                    Ok(edges) => drop(self.near.insert(&file.path, (of_day, edges))),
+                    Err(_) if of_day != wanted => is_whole = false,
+                    Err(finding) => return Err(finding),
+                }
             }
             if let Some((_, near)) = self.near.get(file.path.as_path()) {
                 (of_day == day).then(|| rows.append(near[0].clone()));
@@ -379,19 +385,24 @@ impl<'a> Midnights<'a> {
         let behind = vectors.time.partition_point(|time| *time < midnight);
         let end = |row: usize| Some((*vectors.time.get(row)?, vectors.thermistor[row]));
         let ends = [behind.checked_sub(1).and_then(end), end(behind)];
-        self.known = Some((day, ends));
+        // The other day is to meet the damage by itself.
+        self.known = is_whole.then_some((day, ends));
         Ok(ends)
     }
 
-    /// The first and the last accepted vector of a stretch.
-    fn in_span(&self, span: &std::ops::Range<Tt2000>) -> Result<Option<(End, End)>, Finding> {
+    /// The first and the last accepted vector of a day.
+    fn of_day(&self, day: i32) -> Result<Option<(End, End)>, Finding> {
         let prepared = self.prepared;
+        let span = &prepared.leap.day(day);
         let sensor = &prepared.mission.sensors[self.index];
         let tags = span.start - BEYOND_NS..span.end + BEYOND_NS;
         let mut rows = Rows::default();
         for file in prepared.files(&sensor.name, &tags) {
-            let [read] = edited::read(file, sensor, &prepared.mission, &prepared.leap, [&tags])?;
-            rows.append(read);
+            match edited::read(file, sensor, &prepared.mission, &prepared.leap, [&tags]) {
+                Ok([read]) => rows.append(read),
+                Err(_) if file.day.is_some_and(|own| own != day) => {}
+                Err(finding) => return Err(finding),
+            }
         }
         let vectors = assembled(prepared, self.index, &rows, span)?;
         let end = |row: usize| (vectors.time[row], vectors.thermistor[row]);

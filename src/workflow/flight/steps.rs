@@ -1,11 +1,12 @@
 //! The steps of a sensor, made of what the configuration states.
 
+use super::housekeeping::HousekeepingFile;
 use super::{Carry, Ground, Prepared};
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
 use crate::files::flight::daily::DailyModel;
+use crate::files::flight::edited::plain;
 use crate::files::flight::mission::{Counts, Jump, Mission, OffsetFrame, OutsideTemperature, RangeMatrix, Sensor};
-use crate::files::table::series::SeriesTable;
 use crate::flight::attitude::AttitudeStep;
 use crate::flight::counts::CountsStep;
 use crate::flight::daily::{Continuity, DailyStep};
@@ -151,9 +152,8 @@ fn counts(stated: &Counts) -> CountsStep {
 }
 
 fn offsets(sensor: &Sensor, frame: OffsetFrame) -> Option<Box<dyn Step>> {
-    let (intervals, other): (Vec<Jump>, Vec<Jump>) = sensor.jumps.iter().copied().partition(|j| j.frame == frame);
-    // The step in axes of the spacecraft says which vectors no interval of either frame holds.
-    let elsewhere = (frame == OffsetFrame::Sc).then_some(other);
+    let (intervals, elsewhere): (Vec<Jump>, Vec<Jump>) = sensor.jumps.iter().copied().partition(|j| j.frame == frame);
+    // Also where all of them act in axes of the sensor, level B has the flag.
     let acts = if frame == OffsetFrame::Sc { !sensor.jumps.is_empty() } else { !intervals.is_empty() };
     acts.then(|| Box::new(OffsetsStep { intervals, elsewhere }) as Box<dyn Step>)
 }
@@ -236,19 +236,21 @@ fn disturbance(
         let rule = format!("the field of `{}` needs housekeeping", stated.column);
         return Err(Finding::error(&mission.folder.display().to_string(), rule, "state the folder `hk`"));
     };
+    let readings = |own: &HousekeepingFile| {
+        let all: Vec<usize> = (0..own.time.len()).collect();
+        own.readings(prepared, &plain(&stated.column), &all)?.ok_or_else(|| own.lacks(&stated.column))
+    };
     let mut rows: Vec<(i64, f64)> = Vec::new();
     for file in crate::files::flight::edited::day_files(folder)? {
         if file.day.is_some_and(|day| !(days.start - 1..days.end + 1).contains(&day)) {
             continue;
         }
-        let table = SeriesTable::open(&file.path)?;
-        let names = table.names();
-        let time = if names.iter().any(|n| n == "time_tt2000") {
-            table.tt2000("time_tt2000")?
-        } else {
-            table.utc("time_utc", &prepared.leap)?
+        let own = match HousekeepingFile::open(prepared, &file).and_then(|own| Ok((readings(&own)?, own.time))) {
+            // A day beside those that are made says itself what is wrong with it; without it only the ends of these are not known.
+            Err(_) if file.day.is_some_and(|day| !days.contains(&day)) => continue,
+            other => other?,
         };
-        rows.extend(time.into_iter().zip(table.numbers(&stated.column)?).filter(|(_, value)| value.is_finite()));
+        rows.extend(own.1.into_iter().zip(own.0));
     }
     rows.sort_by_key(|(time, _)| *time);
     rows.dedup_by_key(|(time, _)| *time);
