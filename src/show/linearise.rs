@@ -3,7 +3,7 @@
 use super::document::{Cell, Section, Table, Text, cells};
 use super::{NOT_DETERMINED, or_not_stated, parameter_file, remarks, yes_or_no};
 use crate::data::linearisation::{LinearisationPanel, SharedLinearisation};
-use crate::data::units::scientific_with_uncertainty;
+use crate::data::units::{counted, scientific_with_uncertainty};
 use crate::measure::linearise::Linearised;
 
 /// Text for a probability.
@@ -130,10 +130,10 @@ pub fn summary(result: &Linearised) -> String {
         .map(|a| format!("{:.3}{}", a.largest_correction_ent, if a.significant { "" } else { " (not significant)" }))
         .collect();
     format!(
-        "linearisation of {} {}  {} runs\n  c2    {}  1/enT\n  c3    {}  1/enT²\n  largest correction {}  enT (x, y, z)\n",
+        "linearisation of {} {}  {}\n  c2    {}  1/enT\n  c3    {}  1/enT²\n  largest correction {}  enT (x, y, z)\n",
         or_not_stated(&p.sensor),
         or_not_stated(&p.mode),
-        p.used.len(),
+        counted(p.used.len() as u64, "run"),
         three(&|i| scientific_with_uncertainty(c.c2_per_ent[i], c.c2_std_per_ent[i])),
         three(&|i| scientific_with_uncertainty(c.c3_per_ent2[i], c.c3_std_per_ent2[i])),
         corrections.join(", ")

@@ -3,6 +3,7 @@
 use super::document::{Block, Cell, Section, Table, Text, cells};
 use super::remarks;
 use crate::data::across::RunResidualFields;
+use crate::data::units::counted;
 use crate::measure::joint::QUANTITIES;
 use crate::measure::thermal::{Corner, Kind, LinAcross, OfKind, QuantityFit, RunsUsed, SamplingAcross, Thermal};
 use crate::model::polynomial::TemperaturePolynomial;
@@ -236,7 +237,9 @@ fn joint(thermal: &Thermal, lin: &LinAcross) -> Option<Section> {
     }
     let section = Section::new("Joint fit").with(format!(
         "The temperature-dependent model fitted to the plateaus of all runs at once, with the temperature at every plateau; rotation and \
-         offset of every run are free. Chi-square {:.0} with {} degrees of freedom, {} evaluations; uncertainties widened by {:.1}.",
+         offset of every run are free. Chi-square {:.0} with {} degrees of freedom, {} evaluations; uncertainties widened by {:.1}. \
+         Where chi-square is far below the degrees of freedom, the plateaus agree better than their stated noise lets expect; uncertainties are \
+         not narrowed for it, so that those of this fit are then larger than those of the polynomials above.",
         joint.chi2, joint.dof, joint.evaluations, joint.inflation_within
     ));
     Some(section.with(table))
@@ -248,12 +251,11 @@ pub fn summary(thermal: &Thermal) -> String {
     let h = &thermal.runs;
     let orders: Vec<String> = thermal.quantities.iter().map(|q| format!("{} {}", q.found.name, q.polynomial.order())).collect();
     format!(
-        "{} {}{}  {} {} runs, {:.1} to {:.1} °C\n  orders {}\n",
+        "{} {}{}  {}, {:.1} to {:.1} °C\n  orders {}\n",
         h.sensor,
         h.mode,
         h.location.suffix(),
-        h.ids.len(),
-        thermal.kind().name(),
+        counted(h.ids.len() as u64, &format!("{} run", thermal.kind().name())),
         thermal.valid_degc[0],
         thermal.valid_degc[1],
         orders.join(", ")
