@@ -48,6 +48,8 @@ pub struct Carry {
 }
 
 const COLUMNS: [&str; 3] = ["s_x_nt", "s_y_nt", "s_z_nt"];
+/// Changes of these sums if all temperatures are higher by one kelvin.
+const SLOPES: [&str; 3] = ["s_x_nt_per_k", "s_y_nt_per_k", "s_z_nt_per_k"];
 /// Variance of the offset of the first vector, where its day is joined to the one before.
 const VARIANCES: [&str; 3] = ["s_variance_x_nt2", "s_variance_y_nt2", "s_variance_z_nt2"];
 
@@ -143,6 +145,7 @@ impl Carry {
         let (first, last) = (whole(&|r| r.time[0]), whole(&|r| r.time[1]));
         let (t_first, t_last) = (number(&|r| r.degc[0]), number(&|r| r.degc[1]));
         let s: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity.sum_nt[i]));
+        let slopes: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity.sum_nt_per_k[i]));
         let variances: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity.joined.map_or(0.0, |j| j.variance_nt2[i])));
         let reset: Vec<u8> = self.rows.iter().map(|row| u8::from(row.continuity.joined.is_none())).collect();
         let mut columns = vec![
@@ -153,7 +156,8 @@ impl Carry {
             ("t_first_degc", Column::Numbers(&t_first)),
             ("t_last_degc", Column::Numbers(&t_last)),
         ];
-        let known = COLUMNS.into_iter().zip(&s).chain(VARIANCES.into_iter().zip(&variances));
+        let known =
+            COLUMNS.into_iter().zip(&s).chain(SLOPES.into_iter().zip(&slopes)).chain(VARIANCES.into_iter().zip(&variances));
         columns.extend(known.map(|(n, c)| (n, Column::Numbers(c))));
         columns.push(("reset", Column::Bytes(&reset)));
         let says = vec![
@@ -184,7 +188,7 @@ impl Carry {
             let [x, y, z] = names.map(|name| table.numbers(name));
             Ok([x?, y?, z?])
         };
-        let (sums, variances) = (three(COLUMNS)?, three(VARIANCES)?);
+        let (sums, slopes, variances) = (three(COLUMNS)?, three(SLOPES)?, three(VARIANCES)?);
         let reset = table.whole("reset")?;
         let row = |i: usize| CarryRow {
             sensor: words.words[words.codes[i] as usize].clone(),
@@ -193,6 +197,7 @@ impl Carry {
             degc: [t_first[i], t_last[i]],
             continuity: Continuity {
                 sum_nt: sums.each_ref().map(|c| c[i]),
+                sum_nt_per_k: slopes.each_ref().map(|c| c[i]),
                 joined: (reset[i] == 0).then(|| Joined { degc: t_first[i], variance_nt2: variances.each_ref().map(|c| c[i]) }),
             },
         };
