@@ -218,6 +218,16 @@ fn uncertainties_have_their_closed_forms() {
     }
     // B_off at T1 is the measured one.
     assert!((std_at(&found, "b_off_x", T1) / 0.3 - 1.0).abs() < 1e-6);
+    // Away from it the line may turn, s² / 9000 (T - T1)², and a residual field that is constant in nT follows the sensitivity in readings.
+    let followed = {
+        let [at, beside] = [T1, T1 + 1.0].map(|degc| sensor.off_centre(degc, None).sigma[0]);
+        sensor.printed("b_res_nt")[0] * (beside / at - 1.0)
+    };
+    let turned = |away: f64| 0.3f64.hypot(away * (0.5 / 9000.0f64.sqrt()).hypot(followed));
+    assert!(followed.abs() > 1e-6, "nothing follows");
+    for degc in [-60.0, 60.0] {
+        assert!((std_at(&found, "b_off_x", degc) / turned(degc - T1) - 1.0).abs() < 1e-6, "{degc}");
+    }
     // Equal weights at -60, -30, 0, 30, 60 °C: variance of the line s² (1/5 + T²/9000).
     let line = |std: f64| std * (0.2 + T1 * T1 / 9000.0f64).sqrt();
     let b_res = (line(0.5).powi(2) + 0.09).sqrt();
