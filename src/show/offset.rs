@@ -37,7 +37,7 @@ fn offsets(p: &Offset) -> Section {
             format!("{} ({})", positions.join(", "), p.found.method.component[i])
         };
         table.push(cells![
-            MEASURED[i],
+            COMPONENTS[i],
             Cell::uncertain(p.values.offset_ent[i], p.found.std_of_both(&p.values).offset_ent[i]),
             positions
         ]);
@@ -51,7 +51,7 @@ fn offsets(p: &Offset) -> Section {
     let Some(scaled) = &p.found.scaled else { return section };
     let row = |i: usize| {
         let offset = Cell::uncertain(scaled.offset_nt[i], scaled.offset_std_nt[i]);
-        cells![MEASURED[i], offset, Cell::uncertain(scaled.residual_nt[i], scaled.residual_std_nt[i])]
+        cells![COMPONENTS[i], offset, Cell::uncertain(scaled.residual_nt[i], scaled.residual_std_nt[i])]
     };
     section
         .with(Text::words_and_code(["With the sensitivities of ", &scaled.cpf, ":"]))
@@ -69,7 +69,7 @@ fn type_b(p: &Offset, b: &OffsetTypeB, section: Section) -> Section {
     for (name, unit, stds) in families {
         for i in 0..3 {
             let [type_a, of_facility, combined] = stds.map(|std| format!("{:.2e}", std[i]));
-            table.push(cells![format!("{name} {}, {unit}", MEASURED[i]), type_a, of_facility, combined]);
+            table.push(cells![format!("{name} {}, {unit}", COMPONENTS[i]), type_a, of_facility, combined]);
         }
     }
     let covers = p.found.method.std_b_covers.as_ref().map_or_else(String::new, |covers| format!("Type B covers {covers}."));
@@ -80,7 +80,7 @@ fn residual_field(p: &Offset) -> Section {
     let mut table = Table::new(["component", "B_res, enT ± standard uncertainty", "seen along"]);
     for i in 0..3 {
         let residual = Cell::uncertain(p.values.residual_ent[i], p.found.std_of_both(&p.values).residual_ent[i]);
-        table.push(cells![MEASURED[i], residual, format!("{}_m = {}_c", MEASURED[i], p.found.method.normal_axis[i])]);
+        table.push(cells![COMPONENTS[i], residual, format!("{}_m = {}_c", MEASURED[i], p.found.method.normal_axis[i])]);
     }
     let mut section = Section::new("Residual field of the coil system").with(table).with(format!(
         "Remark: the residual field is given in the coordinates of the sensor in its normal position, not in coil coordinates. In coil \
