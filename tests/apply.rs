@@ -860,6 +860,19 @@ fn known_effects_are_taken_off_readings_or_the_file_is_refused() {
     let by_hand = [(truth.reading(field), 24.5)];
     let linear = by_command(&[&path], &by_hand, &case, &["--frame", "coil", "--effects-taken-off"]);
     (0..3).for_each(|i| assert!((found.field[0][i] - linear.field[0][i]).abs() < 2e-3, "{i}"));
+    // The same model under another name is the same model; another one under its name is none of the file.
+    let copy = case.path().join("copy.toml");
+    fs::copy(model, &copy).unwrap();
+    let of_copy = by_command(&[&path], &rows, &case, &["--frame", "coil", "--model", copy.to_str().unwrap()]);
+    assert_eq!(of_copy.field, found.field);
+    let mut changed = body.clone();
+    changed.effect[0].parameter[0].value = 10.0 * c3;
+    fs::create_dir(case.path().join("other")).unwrap();
+    let of_other = case.path().join("other/cubic.toml");
+    fs::write(&of_other, parameter::to_text(&changed, &origin).unwrap()).unwrap();
+    let output = apply(&[&path], &data, &out, &["--frame", "coil", "--model", of_other.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["CPF", "was made with the known effects of cubic.toml of the SHA-256", "and cubic.toml has"]);
     // Its uncertainty, 1e-12 times the cube of 1935 enT along x, beside that of the coefficients.
     let own = 1e-12 * (truth.reading(field)[0] - truth.offset_ent[0]).powi(3) * truth.sigma[0];
     let ratio = found.std[0][0] / linear.std[0][0].hypot(own);

@@ -427,6 +427,32 @@ primary = { rate_hz = 1.0, shift_s = 0.0 }
     assert!((level.numbers("ua_x").unwrap()[1] - wanted).abs() < 1e-6);
 }
 
+/// An offset that is added: errors of matrix and offset go together as the stated covariance says.
+#[test]
+fn the_covariance_of_an_added_offset_is_taken_whole() {
+    let mut rows = vec![vec![0.0; 12]; 12];
+    // Of the first element of the matrix (1e-4) and the offset along x (0.05 nT), with a correlation of 0.5.
+    (rows[0][0], rows[9][9], rows[0][9], rows[9][0]) = (1e-8, 2.5e-3, 2.5e-6, 2.5e-6);
+    // The offset along z is uncertain by itself, 0.2 nT, and with the element that takes y to y.
+    (rows[4][4], rows[11][11], rows[4][11], rows[11][4]) = (4e-8, 0.04, 1e-5, 1e-5);
+    let configuration = format!(
+        "[[sensor]]\nname = \"OB\"\nent_per_count = 1.0\nnoise_ent = 0.1\n[[sensor.matrix]]\nfrom = \"2015-01-01\"\nto = \"2016-01-01\"\n\
+         matrix = [[2.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.3, 0.0, 4.0]]\noffset = [3.0, -2.0, 1.0]\noffset_sign = \"added\"\n\
+         covariance = {rows:?}\n[[mode]]\nsid = \"N\"\npacket_s = 1\nprimary = {{ rate_hz = 1.0, shift_s = 0.0 }}\n"
+    );
+    let small = Small::new(&configuration, "time_utc,bx,by,bz,quality,sid\n2015-06-29T11:00:00Z,100,-50,10,0,N\n");
+    let level = small.level_a();
+    let [x, y, z] = three(&level, ["bx", "by", "bz"]);
+    for (found, wanted) in [x[0], y[0], z[0]].into_iter().zip([178.0, -52.0, 71.0]) {
+        assert!((found - wanted).abs() < 1e-12, "{found} {wanted}");
+    }
+    let [x, y, z] = three(&level, ["uc_x", "uc_y", "uc_z"]);
+    // 100² 1e-8 + 0.05² + 2 · 100 · 2.5e-6 along x; 50² 4e-8 along y; 0.2² along z.
+    for (found, square) in [x[0], y[0], z[0]].into_iter().zip([3.1e-3_f64, 1e-4, 0.04]) {
+        assert!((found / square.sqrt() - 1.0).abs() < 1e-6, "{found} {square}");
+    }
+}
+
 #[test]
 fn a_field_that_follows_a_current_is_taken_off() {
     let configuration = r#"

@@ -69,6 +69,69 @@ fn a_wrong_row_is_named_and_the_other_day_is_made() {
 }
 
 #[test]
+fn a_table_that_ends_inside_a_line_is_refused() {
+    // The last count is 1234: half of it is there, nothing of it, or all of it, which the file does not tell.
+    let small = Small::new(PLAIN, HEAD);
+    let path = small.folder.path().join("edited/sensor=OB/date=2015-06-29/a.csv");
+    let head = "time_utc,quality,sid,bx,by,bz\n2015-06-29T11:00:00Z,0,N,1,2,1200\n";
+    for last in ["2015-06-29T11:00:01Z,0,N,1,2,12", "2015-06-29T11:00:01Z,0,N,1", "2015-06-29T11:00:01Z,0,N,1,2,1234"] {
+        fs::write(&path, format!("{head}{last}")).unwrap();
+        let mut command = calfit();
+        command.args(["flight", "A", "--no-plots"]).arg(small.folder.path().join("flight.toml"));
+        let output = command.arg("-o").arg(small.folder.path().join("out")).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{last}: {}", text(&output.stderr));
+        says(&text(&output.stderr), &["a.csv:3", "the file ends inside a line; the last good row is line 2"]);
+    }
+    // With its line end it is whole.
+    fs::write(&path, format!("{head}2015-06-29T11:00:01Z,0,N,1,2,1234\n")).unwrap();
+    assert_eq!(small.level_a().numbers("bz").unwrap(), [1200.0, 1234.0]);
+}
+
+#[test]
+fn a_file_without_rows_is_named_and_its_day_is_missing() {
+    let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n"));
+    for (day, rows) in [("2015-06-30", ""), ("2015-07-01", "2015-07-01T12:00:00Z,4,5,6,0,N\n")] {
+        let folder = small.folder.path().join(format!("edited/sensor=OB/date={day}"));
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(folder.join("b.csv"), format!("{HEAD}{rows}")).unwrap();
+    }
+    let mut command = calfit();
+    let config = small.folder.path().join("flight.toml");
+    let output = command.args(["flight", "A", "--no-plots"]).arg(config).arg("-o").arg(small.folder.path().join("out")).output();
+    let output = output.unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let told = text(&output.stdout) + &text(&output.stderr);
+    let empty = "edited/sensor=OB/date=2015-06-30/b.csv has no rows: the vectors of this day are missing";
+    says(&told, &[empty, "OB has no vectors on 2015-06-30, between days that have some"]);
+}
+
+#[test]
+fn a_damaged_file_takes_away_its_own_day_and_what_rests_on_it() {
+    for (damaged, other, is_made) in [("2015-07-01", "2015-06-30", true), ("2015-06-30", "2015-07-01", false)] {
+        let set = Set::of("telemetry");
+        let path = set.path(&format!("edited/sensor=OB/date={damaged}/part-0.parquet"));
+        let bytes = fs::read(&path).unwrap();
+        fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+        let output = set.change("enabled = false", "enabled = true").flight("A", &["--sensor", "OB", "--no-plots"]);
+        assert_eq!(output.status.code(), Some(1), "{damaged}: {}", text(&output.stderr));
+        let told = text(&output.stderr);
+        says(&told, &[&format!("date={damaged}/part-0.parquet"), &format!("OB {damaged} was not made")]);
+        let tables: Vec<String> = files(&set.out()).into_iter().filter(|name| name.contains("calfit-")).collect();
+        if is_made {
+            // The day before the damage has its model and its begin.
+            assert_eq!(tables, [format!("calfit-A-OB-{}.parquet", other.replace('-', ""))]);
+        } else {
+            // The sum at midnight behind it is not known, and the reason is that file.
+            assert!(tables.is_empty(), "{tables:?}");
+            says(
+                &told,
+                &[&format!("OB {other}: how the model goes on at midnight is not known from a day before it"), "part-0.parquet"],
+            );
+        }
+    }
+}
+
+#[test]
 fn a_day_without_telemetry_between_others_is_named() {
     let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n"));
     for day in ["2015-07-01", "2015-07-04"] {
@@ -255,6 +318,38 @@ fn housekeeping_has_the_names_and_times_that_telemetry_has() {
     assert_eq!(utc, table.whole("time_tt2000").unwrap());
     // 2015-07-01T00:00:00 UTC is 488980868184000000; the day before ends with a leap second.
     assert_eq!(utc, [488_980_868_184_000_000 - (86_401 - 32) * 1_000_000_000]);
+}
+
+#[test]
+fn a_field_that_follows_the_housekeeping_takes_its_readings_with_the_same_checks() {
+    let steps = "[pipeline]\nsteps = [\"counts\", \"ground\", \"disturbance\", \"shift\"]\n";
+    let stated = "[[disturbance]]\ncolumn = \"pos_voltage\"\nvector_nt_per_unit = [2.0, -1.0, 0.5]\n";
+    let small = Small::new(&format!("{PLAIN}{stated}{steps}"), &format!("{HEAD}2015-06-29T11:00:05Z,100,200,300,0,N\n"));
+    let day = small.folder.path().join("hk/date=2015-06-29");
+    fs::create_dir_all(&day).unwrap();
+    // 2015-06-29T11:00:00 UTC is 394196403 s of the clock: 4562 days since 2003, 11 h, and three leap seconds between.
+    fs::write(day.join("a.csv"), "TIME_OBT,POS_VOLTAGE\n394196403.0,10\n394196423.0,50\n").unwrap();
+    let [x, y, z] = three(&small.level_a(), ["bx", "by", "bz"]);
+    // A quarter of the way from 10 to 50 counts.
+    assert_eq!([x[0], y[0], z[0]], [60.0, 220.0, 290.0]);
+    fs::remove_dir_all(small.folder.path().join("out")).unwrap();
+    let head = "time_utc,time_obt,pos_voltage\n2015-06-29T11:00:00Z,394196403.0,10\n";
+    for (row, words) in [
+        ("2015-06-29T11:00:20Z,394196423.0,300", "row 2: the count 300 of `pos_voltage` is none of 8 bits"),
+        ("2015-06-29T11:00:20Z,394196423.0,", "row 2: column `pos_voltage` has no value"),
+        ("2015-06-29T11:00:20Z,394197023.0,50", "row 2: `time_utc` says 2015-06-29T11:00:20"),
+        (
+            "2015-06-27T11:00:20Z,394023623.0,50",
+            "row 2: the time 2015-06-27T11:00:20.000000000 is not of the day of the partition",
+        ),
+    ] {
+        fs::write(day.join("a.csv"), format!("{head}{row}\n")).unwrap();
+        let mut command = calfit();
+        command.args(["flight", "A", "--no-plots"]).arg(small.folder.path().join("flight.toml"));
+        let output = command.arg("-o").arg(small.folder.path().join("out")).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{row}: {}", text(&output.stderr));
+        says(&text(&output.stderr), &["a.csv", words]);
+    }
 }
 
 #[test]

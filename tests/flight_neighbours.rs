@@ -224,9 +224,12 @@ fn offsets_of_a_table_are_taken_off_by_time_and_range() {
     let small = Small::new(&configuration, rows);
     let table = small.folder.path().join("offsets.csv");
     fs::write(&table, format!("{head}{own}{other}")).unwrap();
-    let [x, y, z] = three(&small.level_a(), ["bx", "by", "bz"]);
-    // The last vector is outside of all intervals.
+    let level = small.level_a();
+    let [x, y, z] = three(&level, ["bx", "by", "bz"]);
+    // The last vector is outside of all intervals, and has the flag JUMP of the level in which offsets act.
     assert_eq!([x, y, z], [vec![98.5, 90.0, 100.0], vec![202.0, 180.0, 200.0], vec![297.0, 270.0, 300.0]]);
+    let flags: Vec<i64> = level.whole("flags").unwrap().iter().map(|flags| flags & 4).collect();
+    assert_eq!(flags, [0, 0, 4]);
     for (row, words) in [
         ("2015-06-29T11:00:00Z,2015-06-29T13:00:00Z,OB,,1,1,1\n", "two offsets of the sensor hold at 2015-06-29T11:00:00"),
         ("2015-06-29T13:00:00Z,2015-06-29T12:00:00Z,OB,,1,1,1\n", "the interval ends before it begins"),

@@ -70,6 +70,18 @@ fn offset_drift_and_noise_come_back_from_a_file_and_verify() {
     assert_eq!(checked.status.code(), Some(0), "{}", text(&checked.stderr));
 }
 
+/// A step of a quarter of the noise of a sample is forty times what half an hour leaves of it; without it the drift describes the record.
+#[test]
+fn a_step_in_the_record_is_no_drift_without_a_word() {
+    let said = |step_ent: f64| {
+        let mut run = night();
+        run.samples.iter_mut().filter(|s| s.t > 1800.0).for_each(|s| s.reading[1] += step_ent);
+        text(&analysed(&run, &["--no-plots"]).1.stderr)
+    };
+    says(&said(0.1), &["the means of y do not follow a drift of order 1", "a step at about 18"]);
+    assert!(!said(0.0).contains("do not follow"));
+}
+
 #[test]
 fn a_record_that_ends_in_the_night_is_told() {
     let mut run = night();

@@ -212,6 +212,16 @@ fn offsets_in_nanotesla_follow_with_a_linear_calibration() {
         let expected = sigma[i] * number(&opf, &format!("offset_ent.{i}"));
         assert!((number(&opf, &format!("scaled.offset_nt.{i}")) - expected).abs() < 1e-12);
     }
+    assert!(!text(&output.stderr).contains("made with the sensitivities of"), "{}", text(&output.stderr));
+    // The sensitivities of another temperature are not those of this run.
+    let mut warmer = common::good().named("13-04-03_11-00-00");
+    warmer.temperatures.iter_mut().for_each(|(_, [_, sensor])| *sensor = Some(80.0));
+    case.put("13-04-03/11-00-00.CCR", warmer.text());
+    assert_eq!(case.run("lin", &["--no-plots"]).status.code(), Some(0));
+    let cpf = case.out().join("13-04-03_11-00-00/PARAMETER_LIN__13-04-03_11-00-00.CPF");
+    let output = case.run("offset", &["--no-plots", "--cpf", cpf.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["made with the sensitivities of", "at 80.0 °C, 55.5 K from the temperature of this run"]);
 }
 
 #[test]
@@ -243,6 +253,45 @@ fn an_offset_run_during_which_the_temperature_moves_says_so() {
     };
     says(&said(3.0), &["the sensor temperature moved by", "K during the run"]);
     assert!(!said(0.2).contains("the sensor temperature moved"));
+}
+
+/// What begins anew with every turn of the sensor is in every zero level alike, and no position tells it from an offset.
+#[test]
+fn a_change_that_begins_with_every_turn_is_told() {
+    let still = plan(&POSITIONS, &[1, 2, 3, 4]);
+    let visit_s = still.settings.last().unwrap().t_end / 4.0;
+    let said = |size_ent: f64| {
+        let mut run = still.run().key("kind", "\"offset\"").key("configuration", "\"OFFSET_200.MAG\"");
+        for sample in &mut run.samples {
+            sample.reading[0] += size_ent * (-(sample.t % visit_s) / 20.0).exp();
+        }
+        let case = case(&still);
+        case.put(common::RUN_FILE, run.text());
+        let output = case.run("offset", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        text(&output.stderr)
+    };
+    says(&said(0.1), &["the readings change within the visits", "enT/h in x", "wait after every turn"]);
+    assert!(!said(0.0).contains("change within the visits"));
+}
+
+/// A thermometer that is logged every two seconds while it is still, and seldom while it moves from 20 to 20.9 °C in the last nine tenths of the run:
+/// the mean in time is 20 + 0.9 · 0.45 °C, that of the readings 20.13.
+#[test]
+fn the_temperature_of_a_run_is_its_mean_in_time() {
+    let still = plan(&POSITIONS, &[1, 2, 3, 4]);
+    let end_s = still.settings.last().unwrap().t_end;
+    let mut run = still.run().key("kind", "\"offset\"").key("configuration", "\"OFFSET_200.MAG\"");
+    let begin_s = 0.1 * end_s;
+    let at_rest = (0..20).map(|i| (begin_s * f64::from(i) / 20.0, 20.0));
+    let moving = (0..=6).map(|i| f64::from(i) / 6.0).map(|part| (begin_s + 0.9 * end_s * part, 20.0 + 0.9 * part));
+    run.temperatures = at_rest.chain(moving).map(|(t_s, degc)| (t_s, [Some(17.0), Some(degc)])).collect();
+    let case = case(&still);
+    case.put(common::RUN_FILE, run.text());
+    let output = case.run("offset", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let degc = number(&opf(&case), "run.temperature_degc");
+    assert!((degc - 20.405).abs() < 0.005, "{degc}");
 }
 
 /// Files say in words for which noise the uncertainties of their offsets hold: what changes within the time in which it was measured.

@@ -5,10 +5,12 @@
 
 use super::across::CommonChange;
 use super::convention::{Alignment, Convention};
+use super::note::{Note, NoteKind};
 use super::reference::{Reference, StatedReference};
-use super::result::{Covariance, Rows, RunHead, Spread, Summary};
+use super::result::{AT_REST_K, Covariance, Rows, RunHead, Spread, Summary};
 use super::run::Header;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use thiserror::Error;
 
 /// What a run says of its sensor.
@@ -271,10 +273,52 @@ pub struct TemperatureSlopes {
     /// Of `B_or` beside the trend, enT/K; absent where the trend in time cannot be told from it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub b_or_ent: Option<[f64; 3]>,
-    /// Where those of sensitivities and angles come from: the file of the polynomials, `run`, or `bound`.
-    pub source: String,
+    /// Where those of sensitivities and angles come from.
+    pub source: SlopeSource,
     /// Standard uncertainties.
     pub std: SlopeStd,
+}
+
+/// Where slopes with the sensor temperature come from; one word, or the name of a file, in files.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "String", into = "String")]
+pub enum SlopeSource {
+    /// Found in the run itself, `run`.
+    Run,
+    /// Held by bounds that the campaign states, `bound`.
+    Bound,
+    /// Not known: held by the largest that are published, `assumed`.
+    Assumed,
+    /// Those of polynomials: their file.
+    Polynomials(String),
+}
+
+impl From<String> for SlopeSource {
+    fn from(text: String) -> Self {
+        match text.as_str() {
+            "run" => Self::Run,
+            "bound" => Self::Bound,
+            "assumed" => Self::Assumed,
+            _ => Self::Polynomials(text),
+        }
+    }
+}
+
+impl From<SlopeSource> for String {
+    fn from(source: SlopeSource) -> Self {
+        source.to_string()
+    }
+}
+
+impl fmt::Display for SlopeSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Run => "run",
+            Self::Bound => "bound",
+            Self::Assumed => "assumed",
+            Self::Polynomials(file) => file,
+        })
+    }
 }
 
 /// Standard uncertainties of slopes with the sensor temperature.
@@ -324,6 +368,8 @@ pub struct Sensitivities {
     pub mode: String,
     /// σ_x, σ_y, σ_z, nT/enT.
     pub sigma_nt_per_ent: [f64; 3],
+    /// Sensor temperature at which they hold, °C, if it is known.
+    pub temperature_degc: Option<f64>,
 }
 
 impl From<&LinearCalibration> for Sensitivities {
@@ -332,6 +378,7 @@ impl From<&LinearCalibration> for Sensitivities {
             sensor: calibration.run.sensor.clone(),
             mode: calibration.run.mode.clone(),
             sigma_nt_per_ent: calibration.sigma_nt_per_ent(),
+            temperature_degc: calibration.run.temperature_degc,
         }
     }
 }
@@ -348,6 +395,20 @@ impl Sensitivities {
         let told = |sensor: &str, mode: &str| format!("sensor `{sensor}`, mode `{mode}`");
         let (own, of_run) = (told(&self.sensor, &self.mode), told(&run.sensor, &run.mode));
         Err(OfAnotherSensor { file: name.to_owned(), own, of_run })
+    }
+
+    /// Says of a run at another temperature that values in nT are made with the sensitivities of this one; `name` is that of their file.
+    #[must_use]
+    pub fn of_another_temperature(&self, name: &str, own: &RunHead) -> Option<Note> {
+        let (degc, own_degc) = self.temperature_degc.zip(own.temperature_degc)?;
+        ((degc - own_degc).abs() > AT_REST_K).then(|| {
+            let text = format!(
+                "values in nT are made with the sensitivities of {name} at {degc:.1} °C, {:.1} K from the temperature of this run; what sensitivities \
+                 follow of the temperature is not in them, nor in their uncertainties",
+                (degc - own_degc).abs()
+            );
+            Note::new(NoteKind::Temperature, text).about(name)
+        })
     }
 
     /// A quantity in enT along the sensor axes, or a multiple of it such as a drift or density, in nT.

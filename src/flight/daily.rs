@@ -1,6 +1,6 @@
 //! The extended temperature model (RO-IGEP-TR0028 section 4.2.3.3): `B - (P_d(T) + S_d)`, behind the matrix, and its continuity at midnight.
 
-use super::ground::Limits;
+use super::ground::{Limits, derivative};
 use super::{Block, Step};
 use crate::data::flags::Flags;
 use crate::data::time::Tt2000;
@@ -25,6 +25,8 @@ pub struct DailyStep {
 pub struct Continuity {
     /// `S_d`, nT.
     pub sum_nt: [f64; 3],
+    /// Its change if all temperatures are higher, nT/K: what the offset of the thermistor does.
+    pub sum_nt_per_k: [f64; 3],
     /// The offset at midnight; absent where continuity begins anew.
     pub joined: Option<Joined>,
 }
@@ -98,6 +100,11 @@ impl DayEnds {
         self.model.each_ref().map(|p| value(&p.coefficients, self.degc[end]))
     }
 
+    /// The slope of the model at the temperature of an end, nT/K.
+    fn slope_nt_per_k(&self, end: usize) -> [f64; 3] {
+        self.model.each_ref().map(|p| value(&derivative(&p.coefficients), self.degc[end]))
+    }
+
     /// Variance of the offset at the end of the day, nT².
     fn variance_at_end(&self, before: &Continuity) -> [f64; 3] {
         let at_begin = before.joined.map_or([0.0; 3], |j| j.variance_nt2);
@@ -118,8 +125,10 @@ pub fn continuity(days: &[DayEnds], reset_gap_ns: i64, resets: &[Tt2000]) -> Vec
         });
         list.push(joined.map_or_else(Continuity::default, |(last, own)| {
             let (end_nt, begin_nt) = (last.offset_nt(1), day.offset_nt(0));
+            let [end_slope, begin_slope] = [last.slope_nt_per_k(1), day.slope_nt_per_k(0)];
             Continuity {
                 sum_nt: std::array::from_fn(|i| own.sum_nt[i] + end_nt[i] - begin_nt[i]),
+                sum_nt_per_k: std::array::from_fn(|i| own.sum_nt_per_k[i] + end_slope[i] - begin_slope[i]),
                 joined: Some(Joined { degc: day.degc[0], variance_nt2: last.variance_at_end(&own) }),
             }
         }));
@@ -160,6 +169,11 @@ mod tests {
         // A campaign begins between the last two days.
         assert_eq!(found[3], Continuity::default());
         assert_eq!(continuity(&days, 100, &[])[3].sum_nt, [6.5, 0.0, 0.0]);
+        // With slopes of 1 and 3 nT/K the sum of the second day falls by 2 nT if both temperatures at midnight are higher by 1 K.
+        let mut steep = days[..2].to_vec();
+        steep[1].model[0].coefficients = vec![0.0, 3.0];
+        assert_eq!(continuity(&steep, 100, &[])[1].sum_nt_per_k, [-2.0, 0.0, 0.0]);
+        assert_eq!(continuity(&steep, 100, &[])[1].sum_nt, [4.0 - 3.0 * 3.5, 0.0, 0.0]);
     }
 
     /// Of the models of the days before, the first one counts with its value and each later one with its change over its day.

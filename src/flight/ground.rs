@@ -62,10 +62,21 @@ pub struct GroundStep {
     pub limits: Limits,
     /// Noise; absent if no uncertainties are wanted.
     pub noise: Option<ReadingNoise>,
-    /// Models of single days that are subtracted behind this step: the error of a reading of the thermistor acts in both at once.
-    pub daily: Vec<(Range<Tt2000>, [TemperaturePolynomial; 3])>,
+    /// Models of single days that are subtracted behind this step: an error of the temperature acts in both at once.
+    pub daily: Vec<DailySlopes>,
     /// The frame in which the field is wanted, if it is not that of the files.
     pub frame: Option<crate::data::convention::Convention>,
+}
+
+/// What the model of a day that is subtracted behind the ground calibration does with the temperature.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DailySlopes {
+    /// When it acts.
+    pub span: Range<Tt2000>,
+    /// `P_d` of x, y, z, nT over °C.
+    pub polynomials: [TemperaturePolynomial; 3],
+    /// Change of `S_d` if all temperatures are higher, nT/K.
+    pub sum_nt_per_k: [f64; 3],
 }
 
 /// What all vectors at one temperature share.
@@ -95,14 +106,15 @@ impl GroundStep {
 
     /// Whether one daily model holds for all of these times, which rise.
     fn daily_run(&self, times: &[Tt2000]) -> bool {
-        let of = |time: &Tt2000| self.daily.iter().position(|(span, _)| span.contains(time));
+        let of = |time: &Tt2000| self.daily.iter().position(|own| own.span.contains(time));
         times.first().map(of) == times.last().map(of)
     }
 
-    /// Change of the daily model of a time with the temperature, nT/K.
-    fn daily_change_nt(&self, time: Tt2000, degc: f64) -> Vector3<f64> {
-        let Some((_, own)) = self.daily.iter().find(|(span, _)| span.contains(&time)) else { return Vector3::zeros() };
-        Vector3::from_fn(|i, _| value(&derivative(&own[i].coefficients), degc))
+    /// Change of the daily model of a time with the temperature of its vector, and of its constant with those of all vectors, nT/K.
+    fn daily_change_nt(&self, time: Tt2000, degc: f64) -> [Vector3<f64>; 2] {
+        let Some(own) = self.daily.iter().find(|own| own.span.contains(&time)) else { return [Vector3::zeros(); 2] };
+        let slopes = Vector3::from_fn(|i, _| value(&derivative(&own.polynomials[i].coefficients), degc));
+        [slopes, own.sum_nt_per_k.into()]
     }
 
     fn here(&self, degc: f64, count: f64) -> Option<Here> {
@@ -141,7 +153,7 @@ impl GroundStep {
 }
 
 /// Coefficients of the derivative of a polynomial, lowest order first.
-fn derivative(coefficients: &[f64]) -> Vec<f64> {
+pub(super) fn derivative(coefficients: &[f64]) -> Vec<f64> {
     coefficients.iter().enumerate().skip(1).map(|(k, c)| k as f64 * c).collect()
 }
 
@@ -163,7 +175,7 @@ impl Step for GroundStep {
                 None
             };
             let whole_run = self.daily_run(&block.time[row..end]);
-            let daily_nt = if wants { self.daily_change_nt(block.time[row], degc) } else { Vector3::zeros() };
+            let daily_nt = if wants { self.daily_change_nt(block.time[row], degc) } else { [Vector3::zeros(); 2] };
             let reason = if degc.is_finite() { Flags::TEMPERATURE } else { Flags::NO_TEMPERATURE };
             let taken = here.map_or_else(Vec::new, |here| self.taken_off(block, row..end, &here.at.offset_ent));
             let begin = row;
@@ -190,8 +202,10 @@ impl Step for GroundStep {
                 }
                 if wants {
                     let noise2 = self.noise.as_ref().map_or(f64::NAN, |n| n.variance_ent2(block.mode[row], block.range[row]));
-                    let daily_nt = if whole_run { daily_nt } else { self.daily_change_nt(block.time[row], degc) };
+                    let [daily_nt, sum_nt] = if whole_run { daily_nt } else { self.daily_change_nt(block.time[row], degc) };
                     let change = here.matrix_change * measured - here.at.matrix * here.offset_change_ent - daily_nt;
+                    // The offset of the thermistor is in the temperatures at all midnights before as well.
+                    let change_of_all = change - sum_nt;
                     let mut common = here.at.covariance_nt2(&measured);
                     for by_ent in taken.iter().flat_map(|taken| &taken.uncertain_ent) {
                         let by = here.at.matrix * Vector3::from(*by_ent);
@@ -200,7 +214,8 @@ impl Step for GroundStep {
                     for (element, (i, k)) in SYMMETRIC.into_iter().enumerate() {
                         let per_k2 = change[i] * change[k];
                         let own = here.unit_noise[element] * noise2 + per_k2 * here.own_degc2;
-                        let common = common[element] + per_k2 * self.t_off_std_degc * self.t_off_std_degc;
+                        let of_all = change_of_all[i] * change_of_all[k];
+                        let common = common[element] + of_all * self.t_off_std_degc * self.t_off_std_degc;
                         #[expect(clippy::cast_possible_truncation, reason = "variances need few digits")]
                         {
                             block.own_nt2[row][element] = own as f32;
@@ -336,6 +351,28 @@ mod tests {
                     let wanted = std * std * SLOPES[i] * SLOPES[k];
                     assert!((f64::from(found[element]) - wanted).abs() < 1e-7, "{std} {i} {k}: {found:?}");
                 }
+            }
+        }
+    }
+
+    /// The constant of a joined day is made of temperatures that all have the same offset, and falls or rises with it.
+    #[test]
+    fn the_offset_of_the_thermistor_acts_in_the_constant_of_a_daily_model_too() {
+        let line = |slope: f64| TemperaturePolynomial {
+            coefficients: vec![0.0, slope],
+            covariance: DMatrix::zeros(0, 0),
+            valid_degc: [-50.0, 50.0],
+        };
+        let sum_nt_per_k = [0.7, -0.4, 0.2];
+        let daily = vec![DailySlopes { span: 0..1, polynomials: [line(0.05), line(0.0), line(-0.3)], sum_nt_per_k }];
+        let mut block = readings(&[50.0, -20.0]);
+        GroundStep { daily, ..step(0.5) }.apply(&mut block);
+        // By one kelvin the field falls by the slopes of offset and model, and by the change of the constant, where the model acts.
+        let falls = [[0.3 + 0.05 + 0.7, -0.2 - 0.4, 0.1 - 0.3 + 0.2], SLOPES];
+        for (found, falls) in block.common_nt2.iter().zip(falls) {
+            for (element, (i, k)) in SYMMETRIC.into_iter().enumerate() {
+                let wanted = 0.25 * falls[i] * falls[k];
+                assert!((f64::from(found[element]) - wanted).abs() < 1e-7, "{i} {k}: {found:?}");
             }
         }
     }

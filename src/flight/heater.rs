@@ -3,7 +3,7 @@
 //! R takes the jumps one by one. Here the whole of an interval is one question, which has a most probable answer:
 //!
 //! 1. The vectors of an interval become means over cells of a second ([`Cells`]); what follows sees only these, whatever the
-//!    mode.
+//!    mode. Short runs of vectors that stand out of those on both sides ([`short_runs`]) are not in them: no heater is on for so short.
 //! 2. Steps of the field that stand out of the noise of their surroundings fall into classes, those of all intervals together.
 //! 3. The course of the states of all heaters is the most probable one (Viterbi), given the class vectors, how long the heaters
 //!    use to stay off and on, and a background whose increments are predicted from those before, with the coefficients of their
@@ -28,6 +28,7 @@ mod closing;
 mod courses;
 mod edges;
 mod learning;
+mod screen;
 mod states;
 
 use std::ops::Range;
@@ -39,6 +40,7 @@ use rayon::prelude::*;
 pub use cells::Cells;
 pub use closing::close;
 pub use learning::learn;
+pub use screen::short_runs;
 
 use background::Background;
 use cells::Profile;
@@ -207,8 +209,11 @@ pub fn find(cells: &Cells, classes: &[HeaterClass], options: &HeaterOptions) -> 
     }
     let options = &options.with_edges(edge_s(classes));
     let profile = options.profile();
-    let increments = cells.increments();
     let vectors = vectors(classes);
+    let increments = match options.method {
+        HeaterMethod::Found => screen::without_strange(cells.increments(), &vectors),
+        HeaterMethod::Table(_) => cells.increments(),
+    };
     let course = if let HeaterMethod::Table(table) = &options.method {
         courses::given(&increments, &courses::of_table(table, cells, options), &vectors, options)
     } else {
@@ -249,6 +254,15 @@ pub fn find(cells: &Cells, classes: &[HeaterClass], options: &HeaterOptions) -> 
     let mut jumps: Vec<Jump> = jumps.collect();
     jumps.sort_by_key(|jump| (jump.time_tt2000, jump.class));
     Ok(jumps)
+}
+
+/// The steps of one interval, in order of time, that are too large for heaters of these classes: they are taken for none.
+#[must_use]
+pub fn strange_steps(cells: &Cells, classes: &[HeaterClass]) -> Vec<i64> {
+    let increments = cells.increments();
+    let most_nt = screen::strange_nt(&increments, &vectors(classes));
+    let strange = increments.iter().enumerate().filter(|(_, step)| step.norm() > most_nt);
+    strange.map(|(cell, _)| cells.time_tt2000(cell as f64 - 0.5)).collect()
 }
 
 /// Everything at once: classes from all intervals unless they are known, jumps, and the field without them. Intervals are in

@@ -9,8 +9,8 @@ use crate::files::flight::mission::Jump;
 pub struct OffsetsStep {
     /// The offsets.
     pub intervals: Vec<Jump>,
-    /// Offsets that are subtracted in another frame; absent for a step that leaves the flag to that one.
-    pub elsewhere: Option<Vec<Jump>>,
+    /// Offsets that are subtracted in another frame: where one of these holds, none is missing.
+    pub elsewhere: Vec<Jump>,
 }
 
 impl Step for OffsetsStep {
@@ -23,12 +23,8 @@ impl Step for OffsetsStep {
             }
             match last {
                 Some(own) => (0..3).for_each(|i| block.field[i][row] -= own.subtract_nt[i]),
-                None => {
-                    let outside = |list: &Vec<Jump>| !list.iter().any(|own| own.holds(time, range));
-                    if self.elsewhere.as_ref().is_some_and(outside) {
-                        block.flags[row] |= Flags::JUMP.0;
-                    }
-                }
+                None if !self.elsewhere.iter().any(|own| own.holds(time, range)) => block.flags[row] |= Flags::JUMP.0,
+                None => {}
             }
         }
     }

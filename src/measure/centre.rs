@@ -515,6 +515,12 @@ impl Members<'_> {
         })
     }
 
+    /// Slope of a sensitivity at a temperature over itself, 1/K.
+    fn relative_slope(&self, component: usize, degc: f64) -> f64 {
+        let about = self.beside.sigma[component].about(degc).coefficients;
+        about.get(1).map_or(0.0, |slope| slope / about[0])
+    }
+
     /// `B_off(T) = B_or(T) - B_res` with the residual field from the offset that was measured at T2.
     fn offset(
         &self,
@@ -534,8 +540,17 @@ impl Members<'_> {
             })?;
             residual.b_res_ent[i] = values[n];
             keep_std(&mut all_std, i, c.as_ref(), n);
+            // A field of so many nanotesla is B_res sigma(T2) / sigma(T) in readings. The file takes it as constant, as those who use it do.
+            let follows = residual.b_res_ent[i] * self.relative_slope(i, t2);
             values.truncate(n);
-            found[i] = self.polynomial(values, c.map(|c| c.view((0, 0), (n, n)).into_owned()));
+            let covariance = c.map(|c| {
+                let mut own = c.view((0, 0), (n, n)).into_owned();
+                let by =
+                    DVector::from_fn(n, |k, _| if n > 1 { [-follows * t2, follows].get(k).copied().unwrap_or(0.0) } else { 0.0 });
+                own += &by * by.transpose();
+                own
+            });
+            found[i] = self.polynomial(values, covariance);
         }
         residual.b_res_std_ent = all_std;
         let [low, high] = self.beside.valid_degc;

@@ -94,7 +94,7 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
     let (mut rows, width) = rows(&record, span_s[0], bin_s);
     let octaves = octaves(&record.bins, width, bin_s, record.bin_samples);
     let fitter = Fitter { rows: &rows, octaves: &octaves };
-    let (offset, drift) = fitter.drift(options.order, 0.5 * (span_s[0] + span_s[1]), 0.5 * (span_s[1] - span_s[0]))?;
+    let drift = fitter.drift(options.order, 0.5 * (span_s[0] + span_s[1]), 0.5 * (span_s[1] - span_s[0]))?;
     let channels = channel_rows(run, &rows);
     let channel: Vec<ChannelDependence> =
         channels.iter().filter_map(|(name, values)| fitter.channel(name, unit(run, name), values)).collect();
@@ -104,8 +104,9 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
         .filter(|(name, _)| (*name == sensor_channel || name.starts_with("VAR")) && channel.iter().any(|c| c.name == *name))
         .collect();
     let together = if main.len() > 1 { fitter.together(&main) } else { None };
-    for (row, drift) in rows.iter_mut().zip(drift) {
-        row.drift_ent = drift;
+    notes.extend(drift.note);
+    for (row, level) in rows.iter_mut().zip(drift.levels) {
+        row.drift_ent = level;
     }
 
     let noise = Noise::of(&record, rate_hz);
@@ -121,7 +122,7 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
             time_s: span_s,
             sample_rate_hz: rate_hz,
         },
-        offset,
+        offset: drift.offset,
         density: noise.density,
         scaled: None,
         corner: noise.corner,
@@ -188,6 +189,7 @@ fn check(run: &Run) -> Result<[f64; 2], NullError> {
 impl Null {
     /// Gives reading, drift and density in nT as well, with the sensitivities of a linear calibration; `name` is that of its file.
     pub fn scale(&mut self, name: &str, of: &Sensitivities) {
+        self.notes.extend(of.of_another_temperature(name, &self.found.run));
         let each = |list: &[[f64; 3]]| list.iter().map(|ent| of.to_nt(ent)).collect();
         self.found.scaled = Some(ScaledZeroField {
             cpf: name.to_owned(),

@@ -204,6 +204,7 @@ fn visits(stays: &[Stay], levels: &Levels, solved: &Solved) -> Vec<PositionVisit
 impl Offset {
     /// Gives the offsets in nT as well, with the sensitivities of a linear calibration; `name` is that of its file.
     pub fn scale(&mut self, name: &str, of: &Sensitivities) {
+        self.notes.extend(of.of_another_temperature(name, &self.found.run));
         self.found.scaled = Some(ScaledOffset {
             cpf: name.to_owned(),
             sigma: of.sigma_nt_per_ent,

@@ -9,7 +9,7 @@ use crate::data::plateau::Plateau;
 use crate::data::run::interpolate;
 use crate::data::units::COMPONENTS;
 use crate::fit::DenseNoise;
-use crate::fit::statistics::student_tail;
+use crate::fit::statistics::{median, student_tail};
 use nalgebra::{DMatrix, DVector};
 use std::collections::HashMap;
 
@@ -19,6 +19,11 @@ const SIGNIFICANT: f64 = 1e-3;
 const LEFT: f64 = 0.02;
 /// Fewer degrees of freedom than these tell no dependence from noise.
 const LEAST_FREEDOM: usize = 12;
+
+/// What follows the steps of the field stands out of the noise of the fit by so many standard deviations at least.
+const BESIDE_NOISE: f64 = 3.0;
+/// Time constants of what may follow the steps of the field, over the usual duration of a row.
+const FOLLOWS: [f64; 5] = [0.5, 1.5, 5.0, 15.0, 50.0];
 
 /// What is known of the rows of a fit.
 pub(super) struct Rows<'a> {
@@ -61,48 +66,146 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// The note about residuals that depend on something, naming the dependence with the least probability of being noise.
-pub(super) fn note(rows: &Rows) -> Option<Note> {
-    let n = rows.readings_ent.nrows();
-    let freedom = n.checked_sub(rows.columns.ncols() + 1).filter(|f| *f >= LEAST_FREEDOM)?;
-    let norms: Vec<f64> = rows.columns.column_iter().map(|column| column.norm()).collect();
-    let scaled =
-        DMatrix::from_fn(n, rows.columns.ncols(), |i, j| if norms[j] > 0.0 { rows.columns[(i, j)] / norms[j] } else { 0.0 });
-    let base = scaled.qr().q();
-    let free = |mut column: DVector<f64>| {
+/// Means over the rows of what a component still shows of all steps of its readings before, with a time constant in s.
+fn follows(rows: &Rows, component: usize, tau_s: f64) -> Vec<f64> {
+    let reading = |i: usize| rows.readings_ent[(i, component)];
+    let mut shown = 0.0;
+    (0..rows.used_s.len())
+        .map(|i| {
+            let [begin, end] = rows.used_s[i];
+            if let Some(before) = i.checked_sub(1) {
+                shown = shown * (-(begin - rows.used_s[before][0]) / tau_s).exp() + reading(i) - reading(before);
+            }
+            let lasts = (end - begin) / tau_s;
+            if lasts > 0.0 { shown * -(-lasts).exp_m1() / lasts } else { shown }
+        })
+        .collect()
+}
+
+/// Readings beside the columns of a fit, and the noise that they have.
+pub(super) struct Beside<'a> {
+    base: DMatrix<f64>,
+    readings_ent: &'a DMatrix<f64>,
+    noise: &'a DenseNoise,
+}
+
+impl<'a> Beside<'a> {
+    /// Of readings, a row per row and a column per component, and the columns that were fitted to each of them.
+    pub fn of(columns: &DMatrix<f64>, readings_ent: &'a DMatrix<f64>, noise: &'a DenseNoise) -> Self {
+        let norms: Vec<f64> = columns.column_iter().map(|column| column.norm()).collect();
+        let scale = |i: usize, j: usize| if norms[j] > 0.0 { columns[(i, j)] / norms[j] } else { 0.0 };
+        Self { base: DMatrix::from_fn(columns.nrows(), columns.ncols(), scale).qr().q(), readings_ent, noise }
+    }
+
+    /// What a column has beside those of the fit.
+    fn free(&self, mut column: DVector<f64>) -> DVector<f64> {
         // Twice: readings are four orders larger than what is left of them.
         for _ in 0..2 {
-            column -= &base * base.tr_mul(&column);
+            column -= &self.base * self.base.tr_mul(&column);
         }
         column
+    }
+
+    /// The residuals of a component along a trial column; none along one that says nothing.
+    fn along(&self, component: usize, raw: DVector<f64>) -> Option<Along> {
+        let before = raw.add_scalar(-raw.mean()).norm();
+        let column = self.free(raw);
+        let squares = column.norm_squared();
+        if squares.is_nan() || squares <= (LEFT * before).powi(2) || squares == 0.0 {
+            return None;
+        }
+        let residual = self.free(self.readings_ent.column(component).into_owned());
+        Some(Along {
+            product: column.dot(&residual),
+            variance: self.noise.without_growth(component).variance_of(&column),
+            squares,
+            residual: residual.norm_squared(),
+        })
+    }
+
+    /// Part of the squares of the residuals of a component that each trial column explains; NaN for a column that says nothing.
+    pub fn explained(&self, component: usize, trials: impl IntoIterator<Item = DVector<f64>>) -> Vec<f64> {
+        let part =
+            |raw| self.along(component, raw).map_or(f64::NAN, |along| along.product.powi(2) / along.squares / along.residual);
+        trials.into_iter().map(part).collect()
+    }
+
+    /// How many standard deviations of the noise the residuals of a component have along trial columns; none for a column that says nothing.
+    fn scores(&self, component: usize, trials: impl IntoIterator<Item = DVector<f64>>) -> Vec<Option<f64>> {
+        let score = |raw| self.along(component, raw).map(|along| along.product.abs() / along.variance.sqrt());
+        trials.into_iter().map(|raw| score(raw).filter(|score: &f64| score.is_finite())).collect()
+    }
+}
+
+/// Residuals along a trial column beside the fit.
+struct Along {
+    /// Product of both, and its variance by the noise of the fit.
+    product: f64,
+    variance: f64,
+    /// Squares of the column, and of the residuals.
+    squares: f64,
+    residual: f64,
+}
+
+/// Whether noise makes the largest of so many scores seldom.
+pub(super) fn is_no_noise(score: f64, freedom: usize, trials: usize) -> bool {
+    freedom >= LEAST_FREEDOM && student_tail(score, freedom).is_some_and(|tail| 2.0 * tail * (trials as f64) < SIGNIFICANT)
+}
+
+/// Notes about residuals that depend on something.
+pub(super) fn notes(rows: &Rows) -> Vec<Note> {
+    let freedom = rows.readings_ent.nrows().saturating_sub(rows.columns.ncols() + 1);
+    if freedom < LEAST_FREEDOM {
+        return Vec::new();
+    }
+    let beside = Beside::of(rows.columns, &rows.readings_ent, rows.noise);
+    dependence(rows, &beside, freedom).into_iter().chain(history(rows, &beside, freedom)).collect()
+}
+
+/// Says that the readings follow the steps of the field slowly. A part of every step that comes later, the same on all axes, is looked for on all of
+/// them together; on one of them it may be far below the noise and yet many times the uncertainty of a sensitivity.
+fn history(rows: &Rows, beside: &Beside, freedom: usize) -> Option<Note> {
+    let usual_s = median(&mut rows.used_s.iter().map(|[begin, end]| end - begin).collect::<Vec<f64>>());
+    let of = |times: f64| {
+        let tau_s = times * usual_s;
+        let axes: Vec<Along> = (0..3).filter_map(|a| beside.along(a, DVector::from_vec(follows(rows, a, tau_s)))).collect();
+        let sum = |value: fn(&Along) -> f64| axes.iter().map(value).sum::<f64>();
+        let (product, variance) = (sum(|a| a.product), sum(|a| a.variance));
+        let (squares, residual) = (sum(|a| a.squares), sum(|a| a.residual));
+        // The noise of the fit may have taken the dependence for noise: that of what is left beside it tells more. Slow noise is in the former alone.
+        let explained = product * product / squares;
+        let dof = (axes.len() * freedom) as f64;
+        let score = (explained * dof / (residual - explained)).sqrt();
+        (score, product.abs() / variance.sqrt(), -product / squares, tau_s)
     };
+    let all = FOLLOWS.map(of);
+    let (score, beside_noise, part, tau_s) =
+        *all.iter().filter(|(score, ..)| score.is_finite()).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (beside_noise > BESIDE_NOISE && is_no_noise(score, 3 * freedom, FOLLOWS.len())).then(|| {
+        let text = format!(
+            "the readings of all axes depend on the steps of the field before ({score:.1} standard deviations), as where {part:+.1e} of every step comes \
+             later with a time constant of about {tau_s:.0} s; what that does to the sensitivities is in no uncertainty: run calfit diagnose"
+        );
+        Note::new(NoteKind::Fit, text).with_remedy("hold the fields longer")
+    })
+}
+
+/// The note about residuals that depend on something, naming the dependence with the least probability of being noise.
+fn dependence(rows: &Rows, beside: &Beside, freedom: usize) -> Option<Note> {
+    let n = rows.readings_ent.nrows();
     let middle = |u: &[f64; 2]| 0.5 * (u[0] + u[1]);
     let (begin, end) = (middle(rows.used_s.first()?), middle(rows.used_s.last()?));
     let tau = |i: usize| if end > begin { 2.0 * (middle(&rows.used_s[i]) - begin) / (end - begin) - 1.0 } else { 0.0 };
     let x = |i: usize, a: usize| rows.readings_ent[(i, a)];
     let moves = rows.degc.as_ref().filter(|degc| degc.iter().all(|v| v.is_finite()));
 
-    let mut trials = 0usize;
+    let mut trials = 0;
     let mut best: Option<(f64, &str, usize)> = None;
     for a in 0..3 {
         let (b, c) = ((a + 1) % 3, (a + 2) % 3);
-        let residual = free(rows.readings_ent.column(a).into_owned());
-        let noise = rows.noise.without_growth(a);
-        let mut attempt = |what: &'static str, value: &dyn Fn(usize) -> f64| {
-            let raw = DVector::from_fn(n, |i, _| value(i));
-            let before = raw.add_scalar(-raw.mean()).norm();
-            let column = free(raw);
-            let size = column.norm();
-            if size.is_nan() || size <= LEFT * before || size == 0.0 {
-                return;
-            }
-            trials += 1;
-            let column = column / size;
-            let score = column.dot(&residual).abs() / noise.variance_of(&column).sqrt();
-            if score.is_finite() && best.is_none_or(|(most, ..)| score > most) {
-                best = Some((score, what, a));
-            }
-        };
+        let mut named: Vec<(&str, DVector<f64>)> = Vec::new();
+        let mut attempt =
+            |what: &'static str, value: &dyn Fn(usize) -> f64| named.push((what, DVector::from_fn(n, |i, _| value(i))));
         attempt("the reading of the axis", &|i| x(i, a).powi(2));
         attempt("the reading of the axis", &|i| x(i, a).powi(3));
         attempt("the field across the axis", &|i| x(i, b).powi(2));
@@ -118,12 +221,17 @@ pub(super) fn note(rows: &Rows) -> Option<Note> {
             attempt("the sensor temperature", &|i| degc[i]);
             attempt("the sensor temperature", &|i| (degc[i] - degc[0]) * x(i, a));
         }
+        let (names, columns): (Vec<&str>, Vec<DVector<f64>>) = named.into_iter().unzip();
+        for (what, score) in names.into_iter().zip(beside.scores(a, columns)) {
+            let Some(score) = score else { continue };
+            trials += 1;
+            if best.is_none_or(|(most, ..)| score > most) {
+                best = Some((score, what, a));
+            }
+        }
     }
-    let (score, what, axis) = best?;
-    let p = 2.0 * student_tail(score, freedom)? * trials as f64;
-    (p < SIGNIFICANT).then(|| {
-        let name = COMPONENTS[axis];
-        let text = format!("the residuals of {name} depend on {what} ({score:.1} standard deviations): run calfit diagnose");
-        Note::new(NoteKind::Fit, text).about(name)
-    })
+    let (score, what, axis) = best.filter(|(score, ..)| is_no_noise(*score, freedom, trials))?;
+    let name = COMPONENTS[axis];
+    let text = format!("the residuals of {name} depend on {what} ({score:.1} standard deviations): run calfit diagnose");
+    Some(Note::new(NoteKind::Fit, text).about(name))
 }

@@ -110,9 +110,9 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let (channel, series) = &channels[chosen];
     let known_lag = options.model.as_ref().and_then(Known::thermal_lag);
     let course = Course::smooth(series);
-    if let (Some(lag), _) = lag::begin(&lags[chosen], options.lag, known_lag)
-        && let Some(from_s) = lag.known_from_s(&course)
-    {
+    let possible = lag::possible(&lags[chosen], options.lag, known_lag);
+    let known_from_s = possible.iter().filter_map(|lag| lag.known_from_s(&course)).reduce(f64::max);
+    if let (Some(from_s), Some(lag)) = (known_from_s, possible.first()) {
         let before = used.len();
         used.retain(|p| p.used_s[0] >= from_s);
         if used.len() < 2 * parameters {
@@ -120,12 +120,14 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         }
         means = Means::of(&used);
         let text = format!(
-            "{} settings before {from_s:.0} s are left out: {channel} moves already at its first reading, and the sensor, which follows it with \
-             {:.0} s, may have been in equilibrium then or not",
+            "{} settings before {from_s:.0} s are left out: {channel} moves already at its first reading, and where the sensor, which follows it by \
+             about {:.0} s, came from is not known",
             before - used.len(),
             lag.seconds()
         );
         notes.push(Note::new(NoteKind::Temperature, text).about(channel));
+        // What was not known made one kind of lag look like another.
+        lags[chosen] = thermistors::find_lag(channel, series, &means, asked.usual().higher().linear());
     }
     let problem = Problem { run: &run.header.run, r_nom, used: &used, means: &means };
     let settled = lag::settle(&problem, &asked, &course, &lags[chosen], options.lag, known_lag, &mut notes)?;
@@ -140,7 +142,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let columns = means.baseline(degc, settled.orders.higher().linear()).columns(&means.fields_nt, degc);
     notes.extend(gain_jumps(&means, degc, settled.orders));
     // The temperature with its lag: what the polynomials are of.
-    notes.extend(structure::note(&structure::Rows::of(&list, &used, &settled.moved, &columns, &settled.noise)));
+    notes.extend(structure::notes(&structure::Rows::of(&list, &used, &settled.moved, &columns, &settled.noise)));
     let mut head = conditions::head(run, instructions, &temperatures);
     head.temperature_degc = Some(degc.iter().sum::<f64>() / degc.len() as f64);
     let polynomials = fit::polynomials(fit, &settled.covariance);

@@ -110,16 +110,18 @@ impl Lag {
         }
     }
 
-    /// When the temperature of the part begins to be known, s: a part that follows a thermistor which moves at its first reading may have been
-    /// in equilibrium then, or have followed for long. What this makes out is forgotten once it is below a tenth of the noise of the readings.
-    /// `None` where it is known from the first reading on.
+    /// When the temperature of the part begins to be known, s. A part that follows a thermistor which moves at its first reading may have been
+    /// in equilibrium then, or have followed for long; what this makes out is forgotten once it is below a tenth of the noise of the readings. One
+    /// that is later by a time was then where the thermistor had been before. `None` where it is known from the first reading on.
     #[must_use]
     pub fn known_from_s(self, thermistor: &Course) -> Option<f64> {
-        let Lag::FirstOrder(tau_s) = self else { return None };
         let (begin_s, _) = *thermistor.series.first()?;
-        let behind_k = thermistor.rate_per_s.first()?.abs() * tau_s;
+        let behind_k = thermistor.rate_per_s.first()?.abs() * self.signed_seconds();
         let noise_k = thermistor.noise.max(LEAST_NOISE_K);
-        (behind_k > noise_k).then(|| begin_s + tau_s * (behind_k / (FORGOTTEN * noise_k)).ln())
+        (behind_k > noise_k).then(|| match self {
+            Lag::FirstOrder(tau_s) | Lag::InverseFirstOrder(tau_s) => begin_s + tau_s * (behind_k / (FORGOTTEN * noise_k)).ln(),
+            Lag::Delay(delay_s) => begin_s + delay_s,
+        })
     }
 }
 
@@ -281,7 +283,8 @@ mod tests {
         let ramp: Vec<(f64, f64)> = (0..400).map(|i| (50.0 + 30.0 * f64::from(i), 0.3 * f64::from(i))).collect();
         let from_s = Lag::FirstOrder(480.0).known_from_s(&Course::exact(ramp.clone())).unwrap();
         assert!((from_s - (50.0 + 480.0 * f64::ln(4.8e4))).abs() < 1e-6, "{from_s}");
-        for lag in [Lag::Delay(480.0), Lag::InverseFirstOrder(480.0)] {
+        assert_eq!(Lag::Delay(480.0).known_from_s(&Course::exact(ramp.clone())), Some(530.0));
+        for lag in [Lag::Delay(-480.0), Lag::InverseFirstOrder(480.0)] {
             assert_eq!(lag.known_from_s(&Course::exact(ramp.clone())), None);
         }
         let rest: Vec<(f64, f64)> = ramp.iter().map(|(t, _)| (*t, 20.0)).collect();

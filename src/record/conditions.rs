@@ -5,7 +5,7 @@ use crate::data::error::Severity;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Drop, Plateau, Plateaus};
 use crate::data::result::{AT_REST_K, Conditions, Dropped, RunHead, Spread};
-use crate::data::run::Run;
+use crate::data::run::{Run, interpolate};
 use crate::data::units::{COMPONENTS, counted};
 use crate::fit::noise::dense::{self, GroupNoise, Octave, Sampled};
 use crate::fit::{DenseNoise, FitError, Solution};
@@ -301,10 +301,22 @@ fn temperature(
             .about(channel)]);
         }
     }
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let mean = mean_in_time(&series, span_s);
     let low = values.iter().copied().fold(f64::INFINITY, f64::min);
     let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     (series, Some([low, mean, high]))
+}
+
+/// Mean of a channel over the part of a time that its readings cover, straight between them: a thermometer that is logged more often while it moves
+/// says no more of that time.
+fn mean_in_time(series: &[(f64, f64)], [begin_s, end_s]: [f64; 2]) -> f64 {
+    let ([first, ..], [.., last]) = (series, series) else { return f64::NAN };
+    let span_s = [begin_s.max(first.0), end_s.min(last.0)];
+    let [begin, end] = span_s.map(|t_s| (t_s, interpolate(series, t_s)));
+    let inside = series.iter().copied().filter(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
+    let points: Vec<(f64, f64)> = std::iter::once(begin).chain(inside).chain([end]).collect();
+    let area: f64 = points.windows(2).map(|w| 0.5 * (w[0].1 + w[1].1) * (w[1].0 - w[0].0)).sum();
+    if end.0 > begin.0 { area / (end.0 - begin.0) } else { begin.1 }
 }
 
 /// What the plateaus show about timing, spikes and stuck components.

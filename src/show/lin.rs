@@ -2,7 +2,7 @@
 
 use super::document::{Block, Cell, Section, Table, Text, cells};
 use super::{known_effects, not_used, or_not_stated, remarks, run_line, triple, used_file};
-use crate::data::calibration::{LinearCalibration, TemperatureSlopes};
+use crate::data::calibration::{LinearCalibration, SlopeSource, TemperatureSlopes};
 use crate::data::result::{AT_REST_K, Conditions};
 use crate::data::units::{COMPONENTS, with_uncertainty};
 #[cfg(feature = "tables")]
@@ -56,14 +56,14 @@ fn movement(lin: &Lin, slopes: &TemperatureSlopes) -> Section {
         }
         _ => format!("The sensor temperature moved by less than {AT_REST_K} K. "),
     };
-    let origin = match slopes.source.as_str() {
-        "run" => "found in the run itself together with everything else".to_owned(),
-        "bound" => "held by the bounds that the campaign states".to_owned(),
-        "assumed" => format!(
+    let origin = match &slopes.source {
+        SlopeSource::Run => "found in the run itself together with everything else".to_owned(),
+        SlopeSource::Bound => "held by the bounds that the campaign states".to_owned(),
+        SlopeSource::Assumed => format!(
             "not known: what the run tells of them is held by what the campaign states, or else by the largest that are published of fluxgates, \
              {LARGEST_SIGMA_PER_K} nT/enT/K and {LARGEST_XI_DEG_PER_K} deg/K as standard uncertainties about zero"
         ),
-        file => format!("those of {file}"),
+        SlopeSource::Polynomials(file) => format!("those of {file}"),
     };
     let place = format!(
         "All readings were referred to {:.3} °C, at which the parameters hold. The slopes of sensitivities and angles are {origin}; the sensor \
@@ -308,7 +308,7 @@ pub fn parameter_table(runs: &[Cpf]) -> crate::files::table::Table {
     };
     table.push("sensor_range_k", conditions(&|c| c.sensor_degc.map(|[low, _, high]| high - low)));
     table.push("sensor_rate_k_per_h", conditions(&|c| c.sensor_rate_k_per_h));
-    let source = |l: &Cpf| l.calibration.slopes.as_ref().map_or_else(String::new, |s| s.source.clone());
+    let source = |l: &Cpf| l.calibration.slopes.as_ref().map_or_else(String::new, |s| s.source.to_string());
     table.push("slopes_from", Values::Text(runs.iter().map(source).collect()));
     table.push("blocks_used", Values::Counts(runs.iter().map(|l| l.calibration.quality.blocks_used as u64).collect()));
     table.push("blocks_total", Values::Counts(runs.iter().map(|l| l.calibration.quality.blocks_total as u64).collect()));

@@ -191,6 +191,15 @@ pub(super) fn check_effects(file: &str, part: &FieldPart, model: Option<&Known>,
                           flight";
             Err(Finding::error(file, rule, remedy))
         }
+        // What a file holds counts, not its name. A file that does not say what the model held is taken at its word.
+        Some(known) if !part.known_effects.is_empty() && !part.models.is_empty() => {
+            let Some(other) = part.models.iter().find(|made| made.sha256 != known.input.sha256) else { return Ok(()) };
+            let rule = format!(
+                "was made with the known effects of {} of the SHA-256 {:.12}…, and {} has {:.12}…",
+                other.path, other.sha256, known.input.path, known.input.sha256
+            );
+            Err(Finding::error(file, rule, "name the model that it was made with"))
+        }
         Some(known) if part.known_effects == [known.input.path.clone()] => Ok(()),
         Some(known) => {
             let made = if of.is_empty() { "without known effects".to_owned() } else { format!("with those of {of}") };

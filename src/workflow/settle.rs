@@ -18,8 +18,9 @@ use std::collections::HashSet;
 
 /// Rounds of calibrations and polynomials; each makes what is left smaller by the share of the runs that moved.
 const MOST_ROUNDS: usize = 30;
-/// They end when no coefficient changes by more than this part of its standard uncertainty.
-const SETTLED: f64 = 1e-6;
+/// They end when no coefficient changes by more than this part of its standard uncertainty, and no standard uncertainty by more than this part: files
+/// that are made again are the same to this part.
+const SETTLED: f64 = 1e-9;
 
 /// The linear calibration of a run alone, where one with the polynomials of its group takes its place.
 pub struct Alone {
@@ -90,11 +91,14 @@ fn moves(lin: &Lin) -> bool {
     lin.calibration.slopes.is_some()
 }
 
-/// Whether no coefficient differs by more than a small part of its standard uncertainty.
+/// Whether no coefficient differs by more than a small part of its standard uncertainty, nor this by more than a small part.
 fn is_settled(now: &Thermal, before: &Thermal) -> bool {
     let close = |a: &TemperaturePolynomial, b: &TemperaturePolynomial| {
+        let stds = a.std().into_iter().zip(b.std());
         a.coefficients.len() == b.coefficients.len()
-            && a.std().iter().zip(a.coefficients.iter().zip(&b.coefficients)).all(|(std, (a, b))| (a - b).abs() <= SETTLED * std)
+            && stds
+                .zip(a.coefficients.iter().zip(&b.coefficients))
+                .all(|((std, before), (a, b))| (a - b).abs() <= SETTLED * std && (std - before).abs() <= SETTLED * std)
     };
     now.quantities.len() == before.quantities.len()
         && now.quantities.iter().zip(&before.quantities).all(|(a, b)| close(&a.polynomial, &b.polynomial))

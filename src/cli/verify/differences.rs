@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 /// Keys that files of earlier versions of the program do not have.
-const LATER_KEYS: [&str; 17] = [
+const LATER_KEYS: [&str; 18] = [
     "apply",
     "warning_kinds",
     "valid_field_nt",
@@ -21,7 +21,10 @@ const LATER_KEYS: [&str; 17] = [
     "together_combined",
     "joint.together",
     "common",
+    APPLIED,
 ];
+/// Applied amplitude of the sines of a run, which every row has beside it.
+const APPLIED: &str = "applied_nt";
 
 /// Values of two parameter files side by side.
 #[derive(Default)]
@@ -46,7 +49,9 @@ impl Differences {
         let left_out: Vec<&str> = LATER_KEYS.into_iter().filter(|key| !is_stated(key)).chain(["provenance"]).collect();
         let is_within =
             |key: &str, outer: &str| key.strip_prefix(outer).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
-        let compared = |key: &str| !left_out.iter().any(|outer| is_within(key, outer));
+        let is_of_row =
+            |key: &str, outer: &str| outer == APPLIED && key.strip_suffix(outer).is_some_and(|rest| rest.ends_with('.'));
+        let compared = |key: &str| !left_out.iter().any(|outer| is_within(key, outer) || is_of_row(key, outer));
         let own = |list: Vec<(String, String)>| list.into_iter().filter(|(k, _)| compared(k)).collect::<Vec<_>>();
         let (a, b) = (own(a), own(b));
         for (key, value) in &a {

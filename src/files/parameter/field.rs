@@ -5,6 +5,7 @@ use super::{Cpf, Opf, Tcf, ThermalHead, Tof, Tpf};
 use crate::data::apply::OffsetQuantity;
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
+use crate::data::provenance::Input;
 use crate::data::reference::{Reference, is_orthonormal, is_rotation};
 use crate::data::result::{Covariance, Rows, valid_of_run};
 use crate::data::run::Location;
@@ -30,6 +31,8 @@ pub struct FieldPart {
     pub channel: Option<String>,
     /// Model files whose effects were taken off the readings of the runs before.
     pub known_effects: Vec<String>,
+    /// These model files themselves, where the file says with which it was made; a ground calibration file has their names alone.
+    pub models: Vec<Input>,
     /// How the sensor stands in its reference cube, if the file tells it.
     pub reference: Option<Reference>,
     /// The frame of the result, in words.
@@ -173,6 +176,7 @@ impl Cpf {
             location: own.run.location,
             channel: None,
             known_effects: self.model.iter().map(|m| m.file.clone()).collect(),
+            models: Vec::new(),
             reference: own.reference.clone(),
             frame: match frame {
                 Frame::Coil => "coil: X_c, Y_c, Z_c".to_owned(),
@@ -261,6 +265,7 @@ impl Tpf {
             location: self.head.location,
             channel: self.head.stated_channel(),
             known_effects: self.known_effects(),
+            models: Vec::new(),
             reference: self.reference.clone(),
             frame: Convention::BepiColombo.sensor_frame().to_owned(),
             coefficients: Coefficients {
@@ -290,6 +295,7 @@ impl Tof {
             location: self.head.location,
             channel: self.head.stated_channel(),
             known_effects: Vec::new(),
+            models: Vec::new(),
             reference: None,
             frame: String::new(),
             coefficients: with_three(parts, Parameter::Offset, &self.head.polynomials(named)),
@@ -352,6 +358,7 @@ impl Opf {
             location: self.found.run.location,
             channel: self.conditions.as_ref().map(|c| c.sensor_channel.clone()),
             known_effects: Vec::new(),
+            models: Vec::new(),
             reference: None,
             frame: String::new(),
             coefficients: parts,
@@ -391,6 +398,7 @@ impl Tcf {
             location: Location::Centre,
             channel: stated(&self.channel),
             known_effects: self.scope.known_effects.clone(),
+            models: Vec::new(),
             reference: self.reference.clone(),
             frame: Convention::Rosetta.sensor_frame().to_owned(),
             coefficients: Coefficients {

@@ -7,7 +7,7 @@ use super::{
     Tof, Tpf, is_consistent, read, to_text,
 };
 use crate::data::error::Finding;
-use crate::data::provenance::Input;
+use crate::data::provenance::{Input, Role};
 use crate::files::source::small_text;
 use crate::model::field_calibration::Frame;
 use std::fmt;
@@ -189,7 +189,8 @@ fn check<B: Body>(path: &Path) -> Result<(), Finding> {
 
 fn field<B: Body>(path: &Path, frame: Frame) -> Result<(Option<FieldPart>, Input), Finding> {
     let file = read::<B>(path)?;
-    Ok((file.body.field(frame), file.input))
+    let models: Vec<Input> = file.provenance.input.iter().filter(|input| input.role == Some(Role::Model)).cloned().collect();
+    Ok((file.body.field(frame).map(|part| FieldPart { models, ..part }), file.input))
 }
 
 fn rewritten<B: Body>(path: &Path) -> Result<String, Finding> {

@@ -219,6 +219,12 @@ impl CsvRows {
                 text.truncate(begin);
                 continue;
             }
+            if !text.ends_with(b"\n") {
+                let rule = format!("the file ends inside a line; the last good row is line {}", self.line.saturating_sub(1));
+                let remedy = "take the file from the archive again, or, if its last row is whole, put a line end behind it";
+                let finding = Finding::error(&path.display().to_string(), rule, remedy).at(self.line, 1);
+                return Err(finding.found(&text[begin..]));
+            }
             rows += 1;
             let found = cells(&text[begin..]);
             if found != self.cells {

@@ -250,6 +250,6 @@ fn a_polynomial_that_passes_near_all_points_by_luck_is_not_taken() {
         let chosen = automatic(x, &y, Some(&[1.0; 6]));
         high += usize::from(chosen.order > 2);
     }
-    // One in a hundred for each of the orders three and four; without the test of the scatter it is 5.6 %.
-    assert!(high <= 2 * SETS / 100, "{high} of {SETS}");
+    // The same rules written down in numpy give 0.2 %, and 1.3 % without the test of the scatter.
+    assert!(high <= SETS / 200, "{high} of {SETS}");
 }

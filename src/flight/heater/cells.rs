@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{HeaterInterval, HeaterOptions};
+use super::{HeaterInterval, HeaterOptions, short_runs};
 
 /// Missing cells in a row that are filled by a straight line. A lost vector then costs one cell of evidence, and not all that
 /// follow from it.
@@ -20,14 +20,16 @@ pub struct Cells {
 }
 
 impl Cells {
-    /// The cells of the vectors within an interval; vectors that are null count as missing. `None` where the interval has no
+    /// The cells of the vectors within an interval; vectors that are null or of [`short_runs`] count as missing. `None` where the interval has no
     /// vector.
     #[must_use]
     pub fn of(time_tt2000: &[i64], field_nt: &[Vec<f64>; 3], interval: HeaterInterval, options: &HeaterOptions) -> Option<Self> {
         let cell_ns = (options.cell_s * 1e9).round() as i64;
         let rows = interval.rows(time_tt2000);
         let vector = |row: usize| Vector3::new(field_nt[0][row], field_nt[1][row], field_nt[2][row]);
-        let mut present = rows.filter(|&row| vector(row).iter().all(|value| value.is_finite())).peekable();
+        let short = short_runs(time_tt2000, field_nt, interval, options);
+        let is_left = |row: &usize| vector(*row).iter().all(|value| value.is_finite()) && short.binary_search(row).is_err();
+        let mut present = rows.filter(is_left).peekable();
         let start_tt2000 = time_tt2000[*present.peek()?];
         let cells = ((interval.to_tt2000 - start_tt2000) / cell_ns) as usize + 2;
         let (mut sums, mut counts) = (vec![Vector3::zeros(); cells], vec![0_u32; cells]);

@@ -10,7 +10,7 @@ use super::cells::Cells;
 use super::courses::{self, Course};
 use super::edges::{Edge, Evidence, Normal};
 use super::states::{Dwell, Ends};
-use super::{EDGES_S, HeaterClass, HeaterError, HeaterMethod, HeaterOptions, LEAST_TIMES, REACH_CELLS, ROUNDS, classes};
+use super::{EDGES_S, HeaterClass, HeaterError, HeaterMethod, HeaterOptions, LEAST_TIMES, REACH_CELLS, ROUNDS, classes, screen};
 
 /// Logarithm of the ratio of probabilities from which on a polarity is known.
 const CLEAR: f64 = 10.0;
@@ -20,6 +20,8 @@ const EDGE_COST: f64 = 6.0;
 const FIRST_EDGE_S: f64 = 1.0;
 /// Chance of a heater to switch in a cell before anything is known.
 const FIRST_HAZARD: f64 = 0.05;
+/// A class of so few edges is not believed where its field is far outside of what is usual: a disturbance that comes and goes once has as many.
+const FEW_EDGES: usize = 2;
 
 /// Class vectors, times in a state and the length of edges, from all intervals together; with the table, times are those of the table.
 /// Without it nothing says which heater has which name: they are named in order of their strength, and those that were not seen come last.
@@ -29,15 +31,30 @@ const FIRST_HAZARD: f64 = 0.05;
 pub fn learn(records: &[Cells], options: &HeaterOptions) -> Result<Vec<HeaterClass>, HeaterError> {
     super::check(options)?;
     let increments: Vec<_> = records.par_iter().map(Cells::increments).collect();
-    let (found, classes) = with_edges(records, &increments, &options.with_edges(options.edge_s.unwrap_or(FIRST_EDGE_S)));
-    if options.edge_s.is_some() {
+    let classes = with_best_edges(records, &increments, options);
+    let is_rare = |class: &&HeaterClass| (1..=FEW_EDGES).contains(&class.edges);
+    let believed: Vec<Vector3<f64>> =
+        classes.iter().filter(|class| !is_rare(class)).map(|class| class.vector_nt.into()).collect();
+    let usual_nt = increments.iter().map(|increments| screen::strange_nt(increments, &believed)).fold(0.0, f64::max);
+    let is_strange = |class: &HeaterClass| Vector3::from(class.vector_nt).norm() > usual_nt;
+    if options.method != HeaterMethod::Found || !classes.iter().filter(is_rare).any(is_strange) {
         return Ok(classes);
     }
-    let of = |edge_s: f64| Learning { increments: &increments, options: &options.with_edges(edge_s) }.moved(&found, &classes);
+    let left: Vec<_> = increments.into_par_iter().map(|increments| screen::without_strange(increments, &believed)).collect();
+    Ok(with_best_edges(records, &left, options))
+}
+
+/// Classes with edges of the length that is stated, or of the most probable one.
+fn with_best_edges(records: &[Cells], increments: &[Vec<Vector3<f64>>], options: &HeaterOptions) -> Vec<HeaterClass> {
+    let (found, classes) = with_edges(records, increments, &options.with_edges(options.edge_s.unwrap_or(FIRST_EDGE_S)));
+    if options.edge_s.is_some() {
+        return classes;
+    }
+    let of = |edge_s: f64| Learning { increments, options: &options.with_edges(edge_s) }.moved(&found, &classes);
     // Of lengths that say the same, the first one.
     let lengths = EDGES_S.map(|edge_s| (of(edge_s), edge_s)).into_iter();
     let best = lengths.reduce(|best, next| if next.0 > best.0 { next } else { best }).map_or(FIRST_EDGE_S, |(_, edge_s)| edge_s);
-    Ok(if best == FIRST_EDGE_S { classes } else { with_edges(records, &increments, &options.with_edges(best)).1 })
+    if best == FIRST_EDGE_S { classes } else { with_edges(records, increments, &options.with_edges(best)).1 }
 }
 
 /// Courses and classes with edges of one length.

@@ -36,8 +36,8 @@ pub(super) fn refer(measured: &mut [SineAmplitude], settings: &[Setting]) -> Ref
     };
     for (part, own_nt) in measured.iter_mut().zip(&applied_nt) {
         part.applied_nt = Some(*own_nt);
-        // Without a field there is nothing to refer to.
-        let factor = if *own_nt > 0.0 { common_nt / own_nt } else { f64::NAN };
+        // Without a field there is nothing to refer to, and nothing to compare.
+        let factor = if *own_nt > 0.0 { common_nt / own_nt } else { 1.0 };
         part.b_ent = part.b_ent.map(|b| b * factor);
         part.b_std_ent = part.b_std_ent.map(|std| std * factor);
     }

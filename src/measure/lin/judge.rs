@@ -105,9 +105,9 @@ pub(super) fn structure_of(
     used: &[&Plateau],
     means: &Means,
     noise: &DenseNoise,
-) -> Option<Note> {
+) -> Vec<Note> {
     let columns = means.columns();
-    structure::note(&structure::Rows::of(list, used, &temperatures.sensor, &columns, noise))
+    structure::notes(&structure::Rows::of(list, used, &temperatures.sensor, &columns, noise))
 }
 
 /// Says where readings without noise leave the uncertainties open.

@@ -10,7 +10,7 @@ mod found;
 use super::fit::{Fitted, Means, fit, stack};
 use super::prepare::Prepared;
 use super::refusal::LinError;
-use crate::data::calibration::{SlopeStd, TemperatureSlopes};
+use crate::data::calibration::{SlopeSource, SlopeStd, TemperatureSlopes};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::result::AT_REST_K;
@@ -60,13 +60,13 @@ pub(super) enum Origin<'a> {
 /// How large slopes can be, and what a file calls that.
 struct Held {
     bounds: SlopeBounds,
-    source: &'static str,
+    source: SlopeSource,
 }
 
 impl Held {
     /// By nothing but what is stated.
     fn stated(bounds: SlopeBounds) -> Self {
-        Self { bounds, source: if bounds.is_stated() { "bound" } else { "run" } }
+        Self { bounds, source: if bounds.is_stated() { SlopeSource::Bound } else { SlopeSource::Run } }
     }
 }
 
@@ -195,11 +195,11 @@ pub(super) fn refer(
         Origin::Polynomials(polynomials) => {
             let change = SensorChange::of(polynomials, moving.at_degc);
             let directions = directions(polynomials, moving.at_degc);
-            let source = polynomials.input.path.clone();
+            let source = SlopeSource::Polynomials(polynomials.input.path.clone());
             held(prepared, &raw, moving, order, is_robust, change, &directions, source, polynomials.noise.as_ref())
         }
         Origin::Rest(stated) => {
-            let source = if stated.is_complete() { "bound" } else { "assumed" };
+            let source = if stated.is_complete() { SlopeSource::Bound } else { SlopeSource::Assumed };
             let held = Held { bounds: stated.or_published(), source };
             free_or_held(prepared, &raw, moving, order, is_robust, 1, &held)
         }
@@ -237,7 +237,7 @@ fn free_or_held(
             (Some(sigma), Some(xi_deg)) => {
                 let of = |k: usize| (k, vec![if k < 3 { sigma } else { xi_deg }]);
                 let directions: Vec<_> = (0..6).map(of).collect();
-                held(prepared, raw, moving, order, is_robust, SensorChange::default(), &directions, by.source.to_owned(), None)
+                held(prepared, raw, moving, order, is_robust, SensorChange::default(), &directions, by.source.clone(), None)
             }
             _ => Err(LinError::Slopes { range_k: moving.range_k() }),
         },
@@ -282,7 +282,7 @@ fn held(
     is_robust: bool,
     change: SensorChange,
     directions: &[(usize, Vec<f64>)],
-    source: String,
+    source: SlopeSource,
     group: Option<&GroupNoise>,
 ) -> Result<Referred, LinError> {
     let (means, fitted, at) = settle(prepared, raw, moving, order, is_robust, 0, &mut change.clone())?;
@@ -533,7 +533,7 @@ fn free(
     let found = of(&covariance)?;
     let probability = found.probability_of_the_highest();
     let offset = places.of_offset(|k| stacked[k]).map(|o| std::array::from_fn(|a| o[a] + found.step[found.offset_slope(a)]));
-    let slopes = found.slopes(moving, offset, by.source);
+    let slopes = found.slopes(moving, offset, by.source.clone());
     let known = found.clone().with_slopes_known().of_baseline(&stacked).1;
     let (stacked, covariance) = found.of_baseline(&stacked);
     let widened = places.widening(&covariance, &known);
@@ -555,10 +555,10 @@ impl Referred {
     pub fn note(&self, moving: &Moving, channel: &str, bounds: &SlopeBounds) -> Option<Note> {
         let [low, high] = moving.range_degc;
         let (slopes, widened) = (&self.slopes, self.widened);
-        let origin = match slopes.source.as_str() {
-            "run" => "the slopes were found in the run itself, which widens the uncertainties".to_owned(),
-            "bound" => "the slopes are held by the bounds of campaign.toml".to_owned(),
-            "assumed" => {
+        let origin = match &slopes.source {
+            SlopeSource::Run => "the slopes were found in the run itself, which widens the uncertainties".to_owned(),
+            SlopeSource::Bound => "the slopes are held by the bounds of campaign.toml".to_owned(),
+            SlopeSource::Assumed => {
                 let SlopeBounds { sigma_per_k, xi_deg_per_k } = bounds.or_published();
                 let [sigma, xi_deg] = [sigma_per_k, xi_deg_per_k].map(Option::unwrap_or_default);
                 format!(
@@ -566,9 +566,9 @@ impl Referred {
                      times as large"
                 )
             }
-            file => format!("the slopes are those of {file}"),
+            SlopeSource::Polynomials(file) => format!("the slopes are those of {file}"),
         };
-        if !moving.is_moving() && (widened < WIDENED || slopes.source != "assumed") {
+        if !moving.is_moving() && (widened < WIDENED || slopes.source != SlopeSource::Assumed) {
             return None;
         }
         let decimals = if moving.is_moving() { 1 } else { 2 };
@@ -579,9 +579,11 @@ impl Referred {
             slopes.at_degc
         );
         let note = Note::new(NoteKind::Temperature, text).about(channel);
-        Some(match slopes.source.as_str() {
-            "run" => note.with_remedy("name polynomials of the sensor with --temperature"),
-            "assumed" => note.with_remedy("name polynomials of the sensor with --temperature, or state bounds in campaign.toml"),
+        Some(match &slopes.source {
+            SlopeSource::Run => note.with_remedy("name polynomials of the sensor with --temperature"),
+            SlopeSource::Assumed => {
+                note.with_remedy("name polynomials of the sensor with --temperature, or state bounds in campaign.toml")
+            }
             _ => note,
         })
     }

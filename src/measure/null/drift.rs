@@ -1,14 +1,20 @@
 //! Drift of the offset, and what the offset follows.
 
 use super::rows::{Level, Row};
+use crate::data::note::{Note, NoteKind};
+use crate::data::units::COMPONENTS;
 use crate::data::zero_field::{ChannelDependence, JointDependence, ZeroFieldOffset};
 use crate::fit::noise::dense::{self, Octave, Sampled};
-use crate::fit::{Design, FitError, Limits, solve};
+use crate::fit::{DenseNoise, Design, FitError, Limits, solve};
+use crate::measure::structure::{Beside, is_no_noise};
 use crate::record::conditions;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// A channel whose means vary by less than this part of their size does not vary.
 const LEAST_VARIATION: f64 = 1e-9;
+
+/// Places of a step that is looked for, as parts of the record.
+const STEPS: usize = 16;
 
 /// Coefficients of one component with their covariance.
 struct Fitted {
@@ -16,6 +22,10 @@ struct Fitted {
     /// Parameter j of component a at `a * p + j`.
     covariance: DMatrix<f64>,
     residual_std: Vec<f64>,
+    /// The columns and the means of the rows that were fitted, and the noise of these.
+    columns: DMatrix<f64>,
+    means_ent: DMatrix<f64>,
+    noise: DenseNoise,
 }
 
 /// Fits to the means of a record.
@@ -48,11 +58,14 @@ impl Fitter<'_> {
             covariance: noise.covariance(),
             residual_std: solution.residual_std.clone(),
             coefficients: solution.coefficients,
+            columns: design.columns().clone(),
+            means_ent: rhs,
+            noise,
         })
     }
 
-    /// The drift, a polynomial of `(t - centre) / half`, and its value and uncertainty at every row.
-    pub fn drift(&self, order: usize, centre_s: f64, half_s: f64) -> Result<(ZeroFieldOffset, Vec<Level>), FitError> {
+    /// The drift, a polynomial of `(t - centre) / half`.
+    pub fn drift(&self, order: usize, centre_s: f64, half_s: f64) -> Result<Drift, FitError> {
         let x: Vec<f64> = self.rows.iter().map(|r| (r.t_s() - centre_s) / half_s).collect();
         let names = &["mean", "drift", "drift^2", "drift^3"][..=order];
         let columns: Vec<Vec<f64>> = (0..=order as i32).map(|k| x.iter().map(|x| x.powi(k)).collect()).collect();
@@ -87,7 +100,49 @@ impl Fitter<'_> {
             rows: self.rows.len(),
             std_covers: Some(covers(2.0 * half_s)),
         };
-        Ok((offset, drift))
+        let note = self.undescribed(&fit, &x, names, &columns, [centre_s, half_s]);
+        Ok(Drift { offset, levels: drift, note })
+    }
+
+    /// Says of a component that does not follow its drift: a power of the time, or a step, stands out of the noise. The noise of the drift alone may
+    /// have taken it for slow noise, so that what stands out most is judged by the noise beside it.
+    fn undescribed(
+        &self,
+        fit: &Fitted,
+        x: &[f64],
+        names: &[&str],
+        columns: &[Vec<f64>],
+        [centre_s, half_s]: [f64; 2],
+    ) -> Option<Note> {
+        let order = columns.len() - 1;
+        let trials: Vec<Lacking> = Lacking::all(order).collect();
+        let beside = Beside::of(&fit.columns, &fit.means_ent, &fit.noise);
+        let judged = (0..3).filter_map(|c| {
+            let explained = beside.explained(c, trials.iter().map(|trial| DVector::from_vec(trial.column(x))));
+            let best =
+                (0..trials.len()).filter(|k| explained[*k].is_finite()).max_by(|a, b| explained[*a].total_cmp(&explained[*b]))?;
+            let with =
+                self.fit(&[names, &["what the drift lacks"]].concat(), &[columns, &[trials[best].column(x)]].concat()).ok()?;
+            let p = order + 2;
+            let at = c * p + p - 1;
+            let score = with.coefficients[(p - 1, c)].abs() / with.covariance[(at, at)].sqrt();
+            Some((c, trials[best], score))
+        });
+        let (component, lacking, score) = judged.filter(|(.., score)| score.is_finite()).max_by(|a, b| a.2.total_cmp(&b.2))?;
+        if !is_no_noise(score, x.len().saturating_sub(order + 2), 3 * trials.len()) {
+            return None;
+        }
+        let what = match lacking {
+            Lacking::Power(power) => format!("a drift of order {power}"),
+            Lacking::Step(place) => format!("a step at about {:.0} s", centre_s + half_s * place),
+        };
+        let name = COMPONENTS[component];
+        let text = format!(
+            "the means of {name} do not follow a drift of order {order}: {what} stands out of the noise by {score:.1} standard deviations; mean and \
+             drift, and their uncertainties, are without it"
+        );
+        let note = Note::new(NoteKind::Method, text).about(name);
+        Some(note.with_remedy("look at the record, give another order with --order, or leave a part out with --exclude"))
     }
 
     /// The means against one channel; `None` if that does not vary.
@@ -128,6 +183,42 @@ impl Fitter<'_> {
             coefficient_std_ent: (1..p).map(|j| std::array::from_fn(|c| fit.covariance[(c * p + j, c * p + j)].sqrt())).collect(),
             residual_std_ent: std::array::from_fn(|c| fit.residual_std[c]),
         })
+    }
+}
+
+/// The drift of a record.
+pub(super) struct Drift {
+    /// Mean and drift.
+    pub offset: ZeroFieldOffset,
+    /// Value and uncertainty of the drift at every row.
+    pub levels: Vec<Level>,
+    /// What the drift does not describe.
+    pub note: Option<Note>,
+}
+
+/// What a drift may lack.
+#[derive(Clone, Copy)]
+enum Lacking {
+    /// A power of the time.
+    Power(usize),
+    /// A step at a place from -1 to 1.
+    Step(f64),
+}
+
+impl Lacking {
+    /// Everything that is looked for beside a drift of some order.
+    fn all(order: usize) -> impl Iterator<Item = Self> {
+        let steps = (1..STEPS).map(|k| Self::Step(2.0 * k as f64 / STEPS as f64 - 1.0));
+        [order + 1, order + 2].map(Self::Power).into_iter().chain(steps)
+    }
+
+    /// Its column at times from -1 to 1.
+    fn column(self, x: &[f64]) -> Vec<f64> {
+        let value = |x: f64| match self {
+            Self::Power(power) => x.powi(power as i32),
+            Self::Step(place) => f64::from(u8::from(x > place)),
+        };
+        x.iter().map(|x| value(*x)).collect()
     }
 }
 

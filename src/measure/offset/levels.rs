@@ -5,6 +5,7 @@ use super::stay::{Stay, ids};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::units::COMPONENTS;
+use crate::fit::statistics::student_tail;
 use crate::fit::{FitError, Limits, NORMAL_95, Solution, linear, student_95};
 use crate::record::conditions::{self, Within};
 use crate::record::screens::{self, Implausible};
@@ -18,6 +19,8 @@ const LEAST_FIELD: f64 = 1e-6;
 const ROUNDING: f64 = 1e-9;
 /// Angle, rad, by which a sensor may miss its nominal axes where the run does not show it.
 pub(super) const NOMINAL_TILT: f64 = 0.02;
+/// Probability that noise alone makes as large a change within the visits, in any component.
+const NO_NOISE: f64 = 1e-3;
 /// Degrees of freedom with which the scatter of the plateau means tells their noise.
 const ENOUGH_FREEDOM: usize = 3;
 
@@ -50,6 +53,7 @@ impl Levels {
         let fitted = Fitted::of(stays)?;
         let mut notes = Vec::new();
         let (covariance, plateau_std_ent) = noise(&fitted.solution, &fitted.rows, fitted.weights.as_deref(), &mut notes)?;
+        notes.extend(fitted.anew(&covariance));
         let coefficients = by_component(&covariance, fitted.columns.values.len());
         Ok(fitted.levels(coefficients, plateau_std_ent, notes))
     }
@@ -111,6 +115,33 @@ impl<'a> Fitted<'a> {
         let weights = weights(&rows);
         let solution = columns.solve(stays, &rows, &readings, weights.as_deref())?;
         Ok(Self { stays, rows, columns, readings, weights, solution })
+    }
+
+    /// Says of a change within the visits that is the same in all of them, and no noise.
+    fn anew(&self, covariance: &DMatrix<f64>) -> Option<Note> {
+        let (full, drift) = (self.solution.coefficients.nrows(), self.columns.values.len());
+        if full == drift {
+            return None;
+        }
+        let of = |i: usize| {
+            let (value, at) = (self.solution.coefficients[(drift, i)], i * full + drift);
+            let std = covariance[(at, at)].max(0.0).sqrt();
+            (COMPONENTS[i], value, std)
+        };
+        let is_seen = |(_, value, std): &(&str, f64, f64)| {
+            student_tail(value.abs() / std, self.solution.dof).is_some_and(|tail| 2.0 * 3.0 * tail < NO_NOISE)
+        };
+        let seen: Vec<(&str, f64, f64)> = (0..3).map(of).filter(is_seen).collect();
+        let texts: Vec<String> =
+            seen.iter().map(|(name, value, std)| format!("{value:+.2} ± {std:.2} enT/h in {name}")).collect();
+        (!texts.is_empty()).then(|| {
+            let text = format!(
+                "the readings change within the visits to the positions, alike in all of them: {}; a change that begins anew with every turn is in \
+                 offset and residual field, and in no uncertainty",
+                texts.join(", ")
+            );
+            Note::new(NoteKind::Method, text).with_remedy("wait after every turn until the readings are steady, or visit every position twice")
+        })
     }
 
     fn levels(self, coefficients: DMatrix<f64>, plateau_std_ent: [f64; 3], notes: Vec<Note>) -> Levels {

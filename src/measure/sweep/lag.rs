@@ -232,7 +232,7 @@ fn candidate(screened: &ThermistorLag) -> Option<Lag> {
 }
 
 /// The lag that a fit of a sweep begins with; one that a linear model shows is not claimed yet.
-pub(super) fn begin(screened: &ThermistorLag, choice: LagChoice, of_model: Option<Lag>) -> (Option<Lag>, LagDecision) {
+fn begin(screened: &ThermistorLag, choice: LagChoice, of_model: Option<Lag>) -> (Option<Lag>, LagDecision) {
     match (choice, of_model) {
         (LagChoice::Auto, Some(lag)) => (Some(lag), LagDecision::OfTheModel),
         (LagChoice::Auto, None) => match candidate(screened) {
@@ -241,6 +241,16 @@ pub(super) fn begin(screened: &ThermistorLag, choice: LagChoice, of_model: Optio
         },
         (LagChoice::None, _) => (None, LagDecision::NotLookedFor),
         (LagChoice::Given(lag), _) => (Some(lag), LagDecision::Given),
+    }
+}
+
+/// The lags that the fit may end with, the one that it begins with first; none where it begins without.
+pub(super) fn possible(screened: &ThermistorLag, choice: LagChoice, of_model: Option<Lag>) -> Vec<Lag> {
+    match begin(screened, choice, of_model) {
+        (Some(lag), LagDecision::Found) => {
+            vec![lag, Lag::Delay(screened.delay_s), Lag::time_constant(screened.time_constant_s)]
+        }
+        (lag, _) => lag.into_iter().collect(),
     }
 }
 

@@ -62,7 +62,7 @@ impl Followed {
 }
 
 /// Delay and time constant with which the sensor follows a thermistor.
-fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orders: LinearOrders) -> ThermistorLag {
+pub(super) fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orders: LinearOrders) -> ThermistorLag {
     let course = Course::smooth(series);
     let deviance = |lag: Lag| means.deviance(&means.degc(&lag.of(&course)), orders);
     let none = deviance(Lag::Delay(0.0));

@@ -48,15 +48,6 @@ impl AtTemperature {
         let covariance = self.covariance.map(|list| list.map(|own| turned(rotation, &own)));
         Self { offset_ent: self.offset_ent, matrix: rotation * self.matrix, covariance }
     }
-
-    /// The same with a further covariance that does not depend on the reading, nT².
-    #[must_use]
-    pub fn with_covariance(mut self, further: &[f64; 6]) -> Self {
-        if let Some(list) = &mut self.covariance {
-            list[0].iter_mut().zip(further).for_each(|(own, more)| *own += more);
-        }
-        self
-    }
 }
 
 /// `R C Rᵀ` of a symmetric matrix, both in the order of [`SYMMETRIC`].

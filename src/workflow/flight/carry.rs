@@ -48,6 +48,8 @@ pub struct Carry {
 }
 
 const COLUMNS: [&str; 3] = ["s_x_nt", "s_y_nt", "s_z_nt"];
+/// Changes of these sums if all temperatures are higher by one kelvin.
+const SLOPES: [&str; 3] = ["s_x_nt_per_k", "s_y_nt_per_k", "s_z_nt_per_k"];
 /// Variance of the offset of the first vector, where its day is joined to the one before.
 const VARIANCES: [&str; 3] = ["s_variance_x_nt2", "s_variance_y_nt2", "s_variance_z_nt2"];
 
@@ -143,6 +145,7 @@ impl Carry {
         let (first, last) = (whole(&|r| r.time[0]), whole(&|r| r.time[1]));
         let (t_first, t_last) = (number(&|r| r.degc[0]), number(&|r| r.degc[1]));
         let s: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity.sum_nt[i]));
+        let slopes: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity.sum_nt_per_k[i]));
         let variances: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity.joined.map_or(0.0, |j| j.variance_nt2[i])));
         let reset: Vec<u8> = self.rows.iter().map(|row| u8::from(row.continuity.joined.is_none())).collect();
         let mut columns = vec![
@@ -153,7 +156,8 @@ impl Carry {
             ("t_first_degc", Column::Numbers(&t_first)),
             ("t_last_degc", Column::Numbers(&t_last)),
         ];
-        let known = COLUMNS.into_iter().zip(&s).chain(VARIANCES.into_iter().zip(&variances));
+        let known =
+            COLUMNS.into_iter().zip(&s).chain(SLOPES.into_iter().zip(&slopes)).chain(VARIANCES.into_iter().zip(&variances));
         columns.extend(known.map(|(n, c)| (n, Column::Numbers(c))));
         columns.push(("reset", Column::Bytes(&reset)));
         let says = vec![
@@ -184,7 +188,7 @@ impl Carry {
             let [x, y, z] = names.map(|name| table.numbers(name));
             Ok([x?, y?, z?])
         };
-        let (sums, variances) = (three(COLUMNS)?, three(VARIANCES)?);
+        let (sums, slopes, variances) = (three(COLUMNS)?, three(SLOPES)?, three(VARIANCES)?);
         let reset = table.whole("reset")?;
         let row = |i: usize| CarryRow {
             sensor: words.words[words.codes[i] as usize].clone(),
@@ -193,6 +197,7 @@ impl Carry {
             degc: [t_first[i], t_last[i]],
             continuity: Continuity {
                 sum_nt: sums.each_ref().map(|c| c[i]),
+                sum_nt_per_k: slopes.each_ref().map(|c| c[i]),
                 joined: (reset[i] == 0).then(|| Joined { degc: t_first[i], variance_nt2: variances.each_ref().map(|c| c[i]) }),
             },
         };
@@ -335,12 +340,12 @@ impl<'a> Midnights<'a> {
     /// Corrected times and temperatures of the first and the last accepted vector of a day.
     fn day_ends(&mut self, day: i32) -> Result<Option<Ends>, Finding> {
         self.near.retain(|_, (of_day, _)| *of_day + 1 >= day);
-        let [_, first] = self.around(day)?;
-        let [last, _] = self.around(day + 1)?;
+        let [_, first] = self.around(day, day)?;
+        let [last, _] = self.around(day + 1, day)?;
         // Mostly the half hours beside the midnights are enough.
         let (first, last) = match (first, last) {
             (Some(first), Some(last)) => (first, last),
-            _ => match self.in_span(&self.prepared.leap.day(day))? {
+            _ => match self.of_day(day)? {
                 Some(ends) => ends,
                 None => return Ok(None),
             },
@@ -349,8 +354,9 @@ impl<'a> Midnights<'a> {
         Ok(Some(([first.0, last.0], [degc(first.1), degc(last.1)])))
     }
 
-    /// The last vector in the half hour before the midnight at which a day begins, and the first one in the half hour behind it.
-    fn around(&mut self, day: i32) -> Result<[Option<End>; 2], Finding> {
+    /// The last vector in the half hour before the midnight at which a day begins, and the first one in the half hour behind it. What of the
+    /// file of another day than `wanted` cannot be read is missing there, as in the levels; that day says why.
+    fn around(&mut self, day: i32, wanted: i32) -> Result<[Option<End>; 2], Finding> {
         if let Some((known, ends)) = self.known
             && known == day
         {
@@ -361,6 +367,7 @@ impl<'a> Midnights<'a> {
         let midnight = prepared.leap.day(day).start;
         let tags = midnight - 2 * BEYOND_NS..midnight + 2 * BEYOND_NS;
         let mut rows = Rows::default();
+        let mut is_whole = true;
         for file in prepared.files(&sensor.name, &tags) {
             let Some(of_day) = file.day else {
                 let [read] = edited::read(file, sensor, &prepared.mission, &prepared.leap, [&tags])?;
@@ -368,7 +375,11 @@ impl<'a> Midnights<'a> {
                 continue;
             };
             if !self.near.contains_key(file.path.as_path()) {
-                self.near.insert(&file.path, (of_day, Near::edges(prepared, self.index, file, of_day)?));
+                match Near::edges(prepared, self.index, file, of_day) {
+                    Ok(edges) => drop(self.near.insert(&file.path, (of_day, edges))),
+                    Err(_) if of_day != wanted => is_whole = false,
+                    Err(finding) => return Err(finding),
+                }
             }
             if let Some((_, near)) = self.near.get(file.path.as_path()) {
                 (of_day == day).then(|| rows.append(near[0].clone()));
@@ -379,19 +390,24 @@ impl<'a> Midnights<'a> {
         let behind = vectors.time.partition_point(|time| *time < midnight);
         let end = |row: usize| Some((*vectors.time.get(row)?, vectors.thermistor[row]));
         let ends = [behind.checked_sub(1).and_then(end), end(behind)];
-        self.known = Some((day, ends));
+        // The other day is to meet the damage by itself.
+        self.known = is_whole.then_some((day, ends));
         Ok(ends)
     }
 
-    /// The first and the last accepted vector of a stretch.
-    fn in_span(&self, span: &std::ops::Range<Tt2000>) -> Result<Option<(End, End)>, Finding> {
+    /// The first and the last accepted vector of a day.
+    fn of_day(&self, day: i32) -> Result<Option<(End, End)>, Finding> {
         let prepared = self.prepared;
+        let span = &prepared.leap.day(day);
         let sensor = &prepared.mission.sensors[self.index];
         let tags = span.start - BEYOND_NS..span.end + BEYOND_NS;
         let mut rows = Rows::default();
         for file in prepared.files(&sensor.name, &tags) {
-            let [read] = edited::read(file, sensor, &prepared.mission, &prepared.leap, [&tags])?;
-            rows.append(read);
+            match edited::read(file, sensor, &prepared.mission, &prepared.leap, [&tags]) {
+                Ok([read]) => rows.append(read),
+                Err(_) if file.day.is_some_and(|own| own != day) => {}
+                Err(finding) => return Err(finding),
+            }
         }
         let vectors = assembled(prepared, self.index, &rows, span)?;
         let end = |row: usize| (vectors.time[row], vectors.thermistor[row]);

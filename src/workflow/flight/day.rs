@@ -9,6 +9,7 @@ use crate::data::flags::Flags;
 use crate::data::provenance::Input;
 use crate::data::time::{SECOND_NS, Tt2000};
 use crate::files::flight::edited::{self, BEYOND_NS, EditedFile, Rows};
+use crate::files::flight::mission::Mission;
 use crate::files::table::long::GROUP_ROWS;
 use crate::fit::spectrum::Density;
 use crate::flight::assemble::{RowCounts, assemble, blocks};
@@ -98,20 +99,21 @@ impl<'a> Context<'a> {
         }
         let new = |rows| DayMade { sensor: sensor.name.clone(), day: day_name(self.day), rows, ..DayMade::default() };
         let last = self.last_stage();
-        let read = match read(prepared, self.carry, self.index, self.day, &self.reach(), last)? {
-            (counts, None) if counts.rejected > 0 => {
-                let mut made = new(counts);
+        let told = |file: &String| format!("{file} has no rows: the vectors of this day are missing");
+        let Read { counts, without_rows, vectors } = read(prepared, self.carry, self.index, self.day, &self.reach(), last)?;
+        let Some(Vectors { mut blocks, steps, counts, mut inputs, beside }) = vectors else {
+            let mut made = new(counts);
+            made.notes.extend(without_rows.iter().map(told));
+            if made.rows.rejected > 0 {
                 made.notes.push("all of its rows are rejected by their quality: there are no levels".to_owned());
-                return Ok(Some(made));
             }
-            (_, None) => return Ok(None),
-            (_, Some(read)) => read,
+            return Ok(Some(made).filter(|made| !made.notes.is_empty()));
         };
-        let Vectors { mut blocks, steps, counts, mut inputs, beside } = read;
         if counts.read == 0 {
             return Ok(None);
         }
         let mut made = new(counts);
+        made.notes.extend(without_rows.iter().map(|file| format!("{file} has no rows")));
         made.notes.extend(screens::notes(&blocks, &day, ["bx", "by", "bz", &sensor.thermistor_column]));
         made.notes
             .extend(beside.iter().map(|file| format!("{file} cannot be read: vectors that it may hold of this day are missing")));
@@ -285,68 +287,92 @@ pub fn vectors(
     reach: &Range<Tt2000>,
     last: Stage,
 ) -> Result<Option<Vectors>, Finding> {
-    read(prepared, carry, index, day, reach, last).map(|(_, read)| read)
+    read(prepared, carry, index, day, reach, last).map(|read| read.vectors)
 }
 
-/// The same with what was made of the rows of the day, also where no vectors are left.
-fn read(
-    prepared: &Prepared,
-    carry: &Carry,
-    index: usize,
-    day: i32,
-    reach: &Range<Tt2000>,
-    last: Stage,
-) -> Result<(RowCounts, Option<Vectors>), Finding> {
+/// Length of the longest packet, and of the window over which the thermistor is smoothed, ns; 0 for the window of a mission that does not
+/// smooth it.
+fn smoothing_ns(mission: &Mission) -> [i64; 2] {
+    let packet_s = mission.modes.iter().map(|mode| mode.packet_s).fold(0.0, f64::max);
+    #[expect(clippy::cast_possible_truncation, reason = "lengths of packets and windows")]
+    [packet_s, mission.smooth_s.max(0.0)].map(|s| (s * SECOND_NS as f64) as i64)
+}
+
+/// Vectors of a stretch, and what is known of a day also where no vectors are left.
+struct Read {
+    /// What was made of the rows of the day.
+    counts: RowCounts,
+    /// Files of the day that have no rows.
+    without_rows: Vec<String>,
+    /// The vectors.
+    vectors: Option<Vectors>,
+}
+
+/// The same with what is known of the day also where no vectors are left.
+fn read(prepared: &Prepared, carry: &Carry, index: usize, day: i32, reach: &Range<Tt2000>, last: Stage) -> Result<Read, Finding> {
     let mission = &prepared.mission;
     let sensor = &mission.sensors[index];
-    let tags = reach.start - BEYOND_NS..reach.end + BEYOND_NS;
+    let own_day = prepared.leap.day(day);
+    let [packet_ns, window_ns] = smoothing_ns(mission);
+    // Temperatures of the day are smoothed over the same packets whatever its levels reach for.
+    let aside_ns = if window_ns > 0 { window_ns / 2 + packet_ns } else { 0 };
+    let around = own_day.start - aside_ns..own_day.end + aside_ns;
+    let holds_day = reach.start <= own_day.start && own_day.end <= reach.end;
+    let read_span =
+        if holds_day && window_ns > 0 { reach.start.min(around.start)..reach.end.max(around.end) } else { reach.clone() };
+    let tags = read_span.start - BEYOND_NS..read_span.end + BEYOND_NS;
     let first_day = prepared.leap.utc(tags.start).day;
     let is_continued = prepared.catalogue.of(&sensor.name).iter().any(|file| file.day.is_some_and(|day| day < first_day));
     let mut rows = Rows { is_continued, ..Rows::default() };
     let mut inputs = Vec::new();
-    let mut beside = Vec::new();
+    let (mut beside, mut without_rows) = (Vec::new(), Vec::new());
     for file in prepared.files(&sensor.name, &tags) {
+        let name = || file.path.strip_prefix(&mission.folder).unwrap_or(&file.path).to_string_lossy().into_owned();
         let read = match read_file(prepared, index, day, file, &tags) {
             // A neighbour that cannot be read fails on its own day; what it would add to this one is lost there too.
             Err(_) if file.day.is_some_and(|own| own != day) => {
-                beside.push(file.path.strip_prefix(&mission.folder).unwrap_or(&file.path).display().to_string());
+                beside.push(name());
                 continue;
             }
             other => other?,
         };
         if !read.tag.is_empty() {
-            let name = file.path.strip_prefix(&mission.folder).unwrap_or(&file.path).to_string_lossy().into_owned();
-            inputs.push(prepared.near.input(file, name)?);
+            inputs.push(prepared.near.input(file, name())?);
+        } else if file.day == Some(day) && !read.is_continued {
+            without_rows.push(name());
         }
         rows.append(read);
     }
     let shifts = mission.steps.iter().any(|s| s == "shift");
-    let assembled = assemble(&rows, &sensor.name, mission, &prepared.leap, reach, &prepared.leap.day(day), shifts)
-        .map_err(|e| Finding::error(&sensor.name, e.to_string(), "state it in [[mode]]"))?;
-    drop(rows);
+    let vectors_in = |span: &Range<Tt2000>| {
+        assemble(&rows, &sensor.name, mission, &prepared.leap, span, &own_day, shifts)
+            .map_err(|e| Finding::error(&sensor.name, e.to_string(), "state it in [[mode]]"))
+    };
+    let mut assembled = vectors_in(reach)?;
     if assembled.counts.read == 0 || assembled.vectors.is_empty() {
-        return Ok((assembled.counts, None));
+        return Ok(Read { counts: assembled.counts, without_rows, vectors: None });
     }
-    let own = assembled.vectors.rows_in(&prepared.leap.day(day));
-    if let (Some(first), Some(last)) = (assembled.vectors.time[own.clone()].first(), assembled.vectors.time[own].last())
-        && reach.start <= prepared.leap.day(day).start
-        && prepared.leap.day(day).end <= reach.end
+    let own = assembled.vectors.rows_in(&own_day);
+    if let (Some(first), Some(last)) = (assembled.vectors.time[own.clone()].first(), assembled.vectors.time[own.clone()].last())
+        && holds_day
     {
         carry.is_of(&sensor.name, day, *first, *last)?;
     }
-    let mut assembled = assembled;
-    if mission.smooth_s > 0.0 {
-        let packet_s = mission.modes.iter().map(|mode| mode.packet_s).fold(0.0, f64::max);
-        #[expect(clippy::cast_possible_truncation, reason = "lengths of packets and windows")]
-        let [packet_ns, window_ns] = [packet_s, mission.smooth_s].map(|s| (s * SECOND_NS as f64) as i64);
+    if window_ns > 0 {
         let vectors = &mut assembled.vectors;
         smooth(&vectors.time, &mut vectors.thermistor, packet_ns, window_ns);
+        if holds_day {
+            let mut wide = vectors_in(&around)?.vectors;
+            smooth(&wide.time, &mut wide.thermistor, packet_ns, window_ns);
+            vectors.thermistor[own].copy_from_slice(&wide.thermistor[wide.rows_in(&own_day)]);
+        }
     }
+    drop(rows);
     let days = prepared.leap.utc(reach.start).day..prepared.leap.utc(reach.end - 1).day + 1;
     let steps = Steps::make(prepared, carry, index, day, &days, last)?;
     let blocks = blocks(assembled.vectors, GROUP_ROWS, mission.uncertainty);
     let counts = assembled.counts;
-    Ok((counts.clone(), Some(Vectors { blocks, steps, counts, inputs, beside })))
+    Ok(Read { counts: counts.clone(), without_rows, vectors: Some(Vectors { blocks, steps, counts, inputs, beside }) })
 }
 
 /// Puts the field and the flags of a series back into its blocks.

@@ -12,7 +12,7 @@ use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
 use crate::files::flight::levels::LevelRows;
 use crate::files::flight::mission::{Common, Heater, Span};
 use crate::fit::spectrum::Density;
-use crate::flight::heater::{self, HeaterClass, HeaterInterval, HeaterMethod, HeaterOptions, Jump};
+use crate::flight::heater::{self, Cells, HeaterClass, HeaterInterval, HeaterMethod, HeaterOptions, Jump};
 use crate::flight::made::{DayMade, HeaterFound, JumpFound, SharedAxis, WheelsFound};
 use crate::flight::means::Means;
 use crate::flight::two_sensors::{self, Parts};
@@ -85,6 +85,10 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     let options = heater_options(context.prepared, stated);
     let known = context.carry.heater.get(&made.sensor).map(Vec::as_slice);
     let mut all = Series::of(blocks);
+    let short: Vec<usize> =
+        intervals.iter().flat_map(|interval| heater::short_runs(&all.time, &all.field_nt, *interval, &options)).collect();
+    let cells: Vec<Cells> =
+        intervals.iter().filter_map(|interval| Cells::of(&all.time, &all.field_nt, *interval, &options)).collect();
     let (classes, jumps) = heater::close_jumps(&all.time, &mut all.field_nt, &mut all.flags, &intervals, known, &options)
         .map_err(|e| Finding::error(&made.sensor, e.to_string(), "see [heater]"))?;
     made.heater = classes.iter().map(HeaterFound::of).collect();
@@ -94,6 +98,20 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
         if !stated.from_table && jumps.iter().all(|jump| jump.interval != index) {
             leave(&mut all, *interval, &day, &context.prepared.leap, made);
         }
+    }
+    short.iter().for_each(|row| all.flags[*row] |= Flags::HEATER.0);
+    let count = short.iter().filter(|row| day.contains(&all.time[**row])).count();
+    if count > 0 {
+        made.notes.push(format!(
+            "{count} vectors within heater intervals stand out of those on both sides for less than the shortest time a heater is on: they \
+             tell nothing of heaters, and have the flag HEATER"
+        ));
+    }
+    let steps = cells.iter().flat_map(|cells| heater::strange_steps(cells, &classes)).filter(|time| day.contains(time)).count();
+    if !stated.from_table && steps > 0 {
+        made.notes.push(format!(
+            "{steps} steps of the field are far larger than those of all heaters: they are taken for none, and stay"
+        ));
     }
     put_back(&all, &mut out);
     let own = jumps.iter().filter(|jump| day.contains(&jump.time_tt2000));

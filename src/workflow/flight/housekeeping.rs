@@ -16,6 +16,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Columns that are passed on as they are.
 const PASSED: [&str; 3] = ["stage_a_id", "stage_b_id", "filter_cfg"];
+/// Columns of fields as the housekeeping has them.
+const FIELDS: [&str; 6] = ["bx_ob", "by_ob", "bz_ob", "bx_ib", "by_ib", "bz_ib"];
 /// The level, and what stands in place of a sensor.
 pub const NAME: &str = "HK";
 
@@ -49,6 +51,79 @@ pub fn make(prepared: &Prepared, options: &FlightOptions, day: i32) -> Result<Op
     if files.is_empty() { Ok(None) } else { one_day(prepared, options, day, &files).map(Some) }
 }
 
+/// Bits of the unsigned counts of a column; `None` for a column that is not one of this instrument.
+fn bits_of(prepared: &Prepared, column: &str) -> Option<i32> {
+    match column {
+        "ref_voltage" => Some(20),
+        "pos_voltage" | "neg_voltage" => Some(8),
+        _ if FIELDS.contains(&column) => Some(16),
+        _ => prepared.mission.sensors.iter().any(|sensor| plain(&sensor.thermistor_column) == column).then_some(16),
+    }
+}
+
+/// A file of housekeeping that is open, whatever is made of it.
+pub struct HousekeepingFile {
+    shown: String,
+    table: SeriesTable,
+    /// The names of the table by their plain form.
+    names: BTreeMap<String, String>,
+    /// Times of its rows, TT2000.
+    pub time: Vec<i64>,
+}
+
+impl HousekeepingFile {
+    /// Opens a file and reads its times.
+    ///
+    /// # Errors
+    /// What is wrong with the table; times that contradict each other or are not of the day of the partition.
+    pub fn open(prepared: &Prepared, file: &EditedFile) -> Result<Self, Finding> {
+        let leap = &prepared.leap;
+        let time = times_beside(&file.path, &prepared.mission, leap)?;
+        let table = SeriesTable::open(&file.path)?;
+        let names = table.names().into_iter().map(|name| (plain(&name), name)).collect();
+        let own = Self { shown: file.path.display().to_string(), table, names, time };
+        if let Some(span) = file.day.map(|day| leap.day(day)) {
+            let inside = span.start - BEYOND_NS..span.end + BEYOND_NS;
+            if let Some(row) = own.time.iter().position(|time| !inside.contains(time)) {
+                let rule = format!("the time {} is not of the day of the partition", leap.utc(own.time[row]));
+                return Err(own.refuse(row, rule, "move the row to its day"));
+            }
+        }
+        Ok(own)
+    }
+
+    fn refuse(&self, row: usize, rule: String, remedy: &str) -> Finding {
+        Finding::error(&self.shown, format!("row {}: {rule}", row + 1), remedy)
+    }
+
+    /// That a column is not there.
+    #[must_use]
+    pub fn lacks(&self, column: &str) -> Finding {
+        let rule = format!("has no column `{column}`; it has {}", self.table.names().join(", "));
+        Finding::error(&self.shown, rule, "rename the column, or name another one")
+    }
+
+    /// The readings of a column in some rows, in the unit of the column; `None` without this column.
+    ///
+    /// # Errors
+    /// A column of another type, a reading that is missing or that its converter does not have.
+    pub fn readings(&self, prepared: &Prepared, column: &str, rows: &[usize]) -> Result<Option<Vec<f64>>, Finding> {
+        let Some(name) = self.names.get(column) else { return Ok(None) };
+        let all = self.table.numbers(name)?;
+        const REMEDY: &str = "correct it, or leave the row out";
+        if let Some(&row) = rows.iter().find(|row| all[**row].is_nan()) {
+            return Err(self.refuse(row, format!("column `{name}` has no value"), REMEDY));
+        }
+        if let Some(bits) = bits_of(prepared, column) {
+            let most = 2.0_f64.powi(bits) - 1.0;
+            if let Some(&row) = rows.iter().find(|row| !(0.0..=most).contains(&all[**row])) {
+                return Err(self.refuse(row, format!("the count {} of `{name}` is none of {bits} bits", all[row]), REMEDY));
+            }
+        }
+        Ok(Some(rows.iter().map(|row| all[*row]).collect()))
+    }
+}
+
 fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[EditedFile]) -> Result<DayMade, Finding> {
     let leap = &prepared.leap;
     let mut time: Vec<i64> = Vec::new();
@@ -58,39 +133,23 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
     let mut columns_of_day: Option<Vec<String>> = None;
     let span = leap.day(day);
     for file in files {
-        let own = times_beside(&file.path, &prepared.mission, leap)?;
-        let is_of_day = |row: &usize| file.day.is_some() || span.contains(&own[*row]);
-        let kept: Vec<usize> = (0..own.len()).filter(is_of_day).collect();
+        let own = HousekeepingFile::open(prepared, file)?;
+        let is_of_day = |row: &usize| file.day.is_some() || span.contains(&own.time[*row]);
+        let kept: Vec<usize> = (0..own.time.len()).filter(is_of_day).collect();
         if kept.is_empty() && file.day.is_none() {
             continue;
         }
-        let table = SeriesTable::open(&file.path)?;
         let shown = file.path.strip_prefix(&prepared.mission.folder).unwrap_or(&file.path).to_string_lossy().into_owned();
         inputs.push(digest(&file.path)?.input(shown));
-        let names: BTreeMap<String, String> = table.names().into_iter().map(|name| (plain(&name), name)).collect();
-        let columns: Vec<String> = names.keys().cloned().collect();
+        let columns: Vec<String> = own.names.keys().cloned().collect();
         if *columns_of_day.get_or_insert_with(|| columns.clone()) != columns {
             let rule = "has other columns than another file of the day";
-            return Err(Finding::error(&file.path.display().to_string(), rule, "give all files of a day the same columns"));
+            return Err(Finding::error(&own.shown, rule, "give all files of a day the same columns"));
         }
-        let refuse = |row: usize, rule: String, remedy: &str| {
-            Finding::error(&file.path.display().to_string(), format!("row {}: {rule}", row + 1), remedy)
-        };
-        let inside = span.start - BEYOND_NS..span.end + BEYOND_NS;
-        if let Some(&row) = kept.iter().find(|row| !inside.contains(&own[**row])) {
-            let rule = format!("the time {} is not of the day of the partition", leap.utc(own[row]));
-            return Err(refuse(row, rule, "move the row to its day"));
-        }
-        time.extend(kept.iter().map(|row| own[*row]));
-        let mut put = |name: &str, column: &str, bits: i32, convert: &dyn Fn(f64) -> f64| -> Result<(), Finding> {
-            let Some(column) = names.get(column) else { return Ok(()) };
-            let counts = table.numbers(column)?;
-            let most = 2.0_f64.powi(bits) - 1.0;
-            if let Some(&row) = kept.iter().find(|row| !(0.0..=most).contains(&counts[**row])) {
-                let rule = format!("the count {} of `{column}` is none of {bits} bits", counts[row]);
-                return Err(refuse(row, rule, "correct it, or leave the row out"));
-            }
-            let values = kept.iter().map(|row| convert(counts[*row]));
+        time.extend(kept.iter().map(|row| own.time[*row]));
+        let mut put = |name: &str, column: &str, convert: &dyn Fn(f64) -> f64| -> Result<(), Finding> {
+            let Some(counts) = own.readings(prepared, column, &kept)? else { return Ok(()) };
+            let values = counts.into_iter().map(convert);
             match numbers.iter_mut().find(|(n, _)| n == name) {
                 Some((_, list)) => list.extend(values),
                 None => numbers.push((name.to_owned(), values.collect())),
@@ -100,18 +159,18 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
         for (index, sensor) in prepared.mission.sensors.iter().enumerate() {
             let Some(ground) = &prepared.ground[index] else { continue };
             let column = &plain(&sensor.thermistor_column);
-            put(column, column, 16, &|count| ground.thermometer.raw_degc(count))?;
-            put(&format!("{column}_calibrated"), column, 16, &|count| ground.thermometer.degc(count))?;
+            put(column, column, &|count| ground.thermometer.raw_degc(count))?;
+            put(&format!("{column}_calibrated"), column, &|count| ground.thermometer.degc(count))?;
         }
-        for name in ["bx_ob", "by_ob", "bz_ob", "bx_ib", "by_ib", "bz_ib"] {
-            put(name, name, 16, &field_ent)?;
+        for name in FIELDS {
+            put(name, name, &field_ent)?;
         }
-        put("ref_voltage", "ref_voltage", 20, &reference_v)?;
-        put("pos_voltage", "pos_voltage", 8, &positive_v)?;
-        put("neg_voltage", "neg_voltage", 8, &negative_v)?;
+        put("ref_voltage", "ref_voltage", &reference_v)?;
+        put("pos_voltage", "pos_voltage", &positive_v)?;
+        put("neg_voltage", "neg_voltage", &negative_v)?;
         for name in PASSED {
-            let Some(column) = names.get(name) else { continue };
-            let all = table.whole(column)?;
+            let Some(column) = own.names.get(name) else { continue };
+            let all = own.table.whole(column)?;
             let values = kept.iter().map(|row| all[*row]);
             match whole.iter_mut().find(|(n, _)| n == name) {
                 Some((_, list)) => list.extend(values),

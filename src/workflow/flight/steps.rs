@@ -1,23 +1,23 @@
 //! The steps of a sensor, made of what the configuration states.
 
+use super::housekeeping::HousekeepingFile;
 use super::{Carry, Ground, Prepared};
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
 use crate::files::flight::daily::DailyModel;
+use crate::files::flight::edited::plain;
 use crate::files::flight::mission::{Counts, Jump, Mission, OffsetFrame, OutsideTemperature, RangeMatrix, Sensor};
-use crate::files::table::series::SeriesTable;
 use crate::flight::attitude::AttitudeStep;
 use crate::flight::counts::CountsStep;
 use crate::flight::daily::{Continuity, DailyStep};
 use crate::flight::disturbance::{DisturbanceStep, max_gap_ns};
-use crate::flight::ground::{GroundStep, Limits, MatrixEntry, MatrixStep, ReadingNoise};
+use crate::flight::ground::{DailySlopes, GroundStep, Limits, MatrixEntry, MatrixStep, ReadingNoise};
 use crate::flight::offsets::OffsetsStep;
 use crate::flight::rotate::RotateStep;
 use crate::flight::temperature::Thermometer;
 use crate::flight::{Block, Stage, Step, stage_of};
 use crate::model::field_calibration::{AtTemperature, Coefficient, Coefficients, FieldCalibration, MatrixForm, Parameter};
-use crate::model::polynomial::TemperaturePolynomial;
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 use std::ops::Range;
 
 /// Vectors beside the day that is made, whose model is not known.
@@ -84,7 +84,15 @@ impl Steps {
                         list.push((stage, Box::new(ground.thermometer.clone())));
                     }
                 }
-                "ground" => list.push((stage, ground(prepared, index, &models))),
+                "ground" => {
+                    let slopes = |(own, (span, model)): (i32, &DayModel)| {
+                        let model = model.as_ref().ok()?.as_ref()?;
+                        // A day whose continuity is not known has no vectors.
+                        let joined = carry.continuity(mission, &sensor.name, own).unwrap_or_default();
+                        daily_slopes(sensor, span, model, &joined)
+                    };
+                    list.push((stage, ground(prepared, index, days.clone().zip(&models).filter_map(slopes).collect())));
+                }
                 "daily" => {
                     for (own, (span, model)) in days.clone().zip(std::mem::take(&mut models)) {
                         let known = model.and_then(|model| match model {
@@ -136,10 +144,14 @@ impl Steps {
 /// The span of a day with its model, or why it has none.
 type DayModel = (Range<i64>, Result<Option<DailyModel>, Finding>);
 
-/// The part of a day in which a model acts, with its polynomials.
-fn daily_slopes(sensor: &Sensor, day: &Range<i64>, model: &DailyModel) -> Option<(Range<i64>, [TemperaturePolynomial; 3])> {
+/// The part of a day in which a model acts, with what it does with the temperature.
+fn daily_slopes(sensor: &Sensor, day: &Range<i64>, model: &DailyModel, joined: &Continuity) -> Option<DailySlopes> {
     let span = day.start..sensor.daily_to.map_or(day.end, |to| day.end.min(to));
-    (span.start < span.end).then(|| (span, model.polynomials.clone()))
+    (span.start < span.end).then(|| DailySlopes {
+        span,
+        polynomials: model.polynomials.clone(),
+        sum_nt_per_k: joined.sum_nt_per_k,
+    })
 }
 
 fn counts(stated: &Counts) -> CountsStep {
@@ -151,9 +163,8 @@ fn counts(stated: &Counts) -> CountsStep {
 }
 
 fn offsets(sensor: &Sensor, frame: OffsetFrame) -> Option<Box<dyn Step>> {
-    let (intervals, other): (Vec<Jump>, Vec<Jump>) = sensor.jumps.iter().copied().partition(|j| j.frame == frame);
-    // The step in axes of the spacecraft says which vectors no interval of either frame holds.
-    let elsewhere = (frame == OffsetFrame::Sc).then_some(other);
+    let (intervals, elsewhere): (Vec<Jump>, Vec<Jump>) = sensor.jumps.iter().copied().partition(|j| j.frame == frame);
+    // Also where all of them act in axes of the sensor, level B has the flag.
     let acts = if frame == OffsetFrame::Sc { !sensor.jumps.is_empty() } else { !intervals.is_empty() };
     acts.then(|| Box::new(OffsetsStep { intervals, elsewhere }) as Box<dyn Step>)
 }
@@ -176,7 +187,7 @@ fn noise(mission: &Mission, sensor: &Sensor) -> Option<ReadingNoise> {
     Some(ReadingNoise { std_ent, step_ent: counts(&sensor.counts).ent_per_count })
 }
 
-fn ground(prepared: &Prepared, index: usize, models: &[DayModel]) -> Box<dyn Step> {
+fn ground(prepared: &Prepared, index: usize, daily: Vec<DailySlopes>) -> Box<dyn Step> {
     let mission = &prepared.mission;
     let sensor = &mission.sensors[index];
     let noise = noise(mission, sensor);
@@ -188,7 +199,7 @@ fn ground(prepared: &Prepared, index: usize, models: &[DayModel]) -> Box<dyn Ste
             t_off_std_degc: *t_off_std_degc,
             limits: limits(mission, *valid_degc),
             noise,
-            daily: models.iter().filter_map(|(span, model)| daily_slopes(sensor, span, model.as_ref().ok()?.as_ref()?)).collect(),
+            daily,
             frame: sensor.frame.filter(|wanted| Some(*wanted) != *convention),
         }),
         None => Box::new(MatrixStep { entries: sensor.matrices.iter().map(entry).collect(), noise }),
@@ -201,21 +212,22 @@ fn entry(stated: &RangeMatrix) -> MatrixEntry {
     let elements = (0..9).map(|e| (Parameter::Matrix(e / 3, e % 3), stated.matrix[(e / 3, e % 3)]));
     let offsets = (0..3).map(|i| (Parameter::Offset(i), subtracted[i]));
     let coefficients = elements.chain(offsets).map(|(parameter, value)| Coefficient { parameter, power: 0, value }).collect();
-    // The covariance of an offset that is added behind the matrix is that of the field itself.
-    let count = |i: usize| if stated.added && i >= 9 { 0.0 } else { 1.0 };
-    let covariance = stated.covariance.as_ref().map(|rows| DMatrix::from_fn(12, 12, |i, k| rows[i][k] * count(i) * count(k)));
+    // An offset that is added behind the matrix acts as one of -M⁻¹ times it before: so its errors go together with those of the matrix.
+    let before = stated.matrix.try_inverse().filter(|_| stated.added).map(|inverse| -inverse);
+    let by_offset = before.unwrap_or_else(Matrix3::identity);
+    let turn = DMatrix::from_fn(12, 12, |i, k| match (i, k) {
+        (9.., 9..) => by_offset[(i - 9, k - 9)],
+        _ => f64::from(u8::from(i == k)),
+    });
+    let covariance =
+        stated.covariance.as_ref().map(|rows| &turn * DMatrix::from_fn(12, 12, |i, k| rows[i][k]) * turn.transpose());
     let parts = Coefficients { matrix: Some(MatrixForm::Whole), coefficients, covariance, ..Coefficients::default() };
     let at = FieldCalibration::new(parts).ok().and_then(|calibration| calibration.at(0.0));
-    let mut at = at.unwrap_or_else(|| AtTemperature::exact(subtracted, stated.matrix));
-    if let Some(rows) = stated.covariance.as_ref().filter(|_| stated.added) {
-        let places = crate::model::field_calibration::SYMMETRIC;
-        at = at.with_covariance(&places.map(|(i, k)| rows[9 + i][9 + k]));
-    }
     MatrixEntry {
         from: stated.span.from,
         to: stated.span.to,
         range: stated.range,
-        at,
+        at: at.unwrap_or_else(|| AtTemperature::exact(subtracted, stated.matrix)),
         added_nt: if stated.added { stated.offset } else { Vector3::zeros() },
     }
 }
@@ -236,19 +248,21 @@ fn disturbance(
         let rule = format!("the field of `{}` needs housekeeping", stated.column);
         return Err(Finding::error(&mission.folder.display().to_string(), rule, "state the folder `hk`"));
     };
+    let readings = |own: &HousekeepingFile| {
+        let all: Vec<usize> = (0..own.time.len()).collect();
+        own.readings(prepared, &plain(&stated.column), &all)?.ok_or_else(|| own.lacks(&stated.column))
+    };
     let mut rows: Vec<(i64, f64)> = Vec::new();
     for file in crate::files::flight::edited::day_files(folder)? {
         if file.day.is_some_and(|day| !(days.start - 1..days.end + 1).contains(&day)) {
             continue;
         }
-        let table = SeriesTable::open(&file.path)?;
-        let names = table.names();
-        let time = if names.iter().any(|n| n == "time_tt2000") {
-            table.tt2000("time_tt2000")?
-        } else {
-            table.utc("time_utc", &prepared.leap)?
+        let own = match HousekeepingFile::open(prepared, &file).and_then(|own| Ok((readings(&own)?, own.time))) {
+            // A day beside those that are made says itself what is wrong with it; without it only the ends of these are not known.
+            Err(_) if file.day.is_some_and(|day| !days.contains(&day)) => continue,
+            other => other?,
         };
-        rows.extend(time.into_iter().zip(table.numbers(&stated.column)?).filter(|(_, value)| value.is_finite()));
+        rows.extend(own.1.into_iter().zip(own.0));
     }
     rows.sort_by_key(|(time, _)| *time);
     rows.dedup_by_key(|(time, _)| *time);

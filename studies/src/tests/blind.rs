@@ -13,6 +13,7 @@ use blind::{Amplitude, Blind, Options, Verdict, VerdictStep, effects, judge, pic
 use calfit::record::plan::Plan;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use statrs::distribution::{Binomial, DiscreteCDF};
 
 /// A position in which the first axis of the sensor stands along the third one of the coils.
 const TURNED: u32 = 3;
@@ -403,8 +404,10 @@ fn a_proposed_measurement_tells_what_it_is_said_to_tell() {
         .collect();
     let count = carried_out.len();
     assert!(count >= 10, "{count}");
+    // So few tell a share of 85 % only within chance: fewer than this are seen in one of twenty such sets.
     let resolved = carried_out.iter().filter(|c| c.1).count();
-    assert!(resolved * 20 >= count * 17, "{resolved} of {count}: {carried_out:?}");
+    let chance = Binomial::new(0.85, count as u64).unwrap().cdf(resolved as u64);
+    assert!(chance > 0.05, "{resolved} of {count}: {carried_out:?}");
     // An effect of k = 8 is known to an eighth.
     let mut ratios: Vec<f64> = carried_out.iter().map(|c| c.0).collect();
     ratios.sort_by(f64::total_cmp);

@@ -205,6 +205,7 @@ impl RpcMag {
             location: Location::Centre,
             channel: None,
             known_effects: self.known_effects.clone(),
+            models: Vec::new(),
             reference: self.reference.clone(),
             frame: Convention::Rosetta.sensor_frame().to_owned(),
             coefficients: Coefficients {

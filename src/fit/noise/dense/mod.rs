@@ -391,8 +391,9 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
     for a in 0..fitted.residuals.ncols() {
         let by_samples =
             scatter.and_then(|s| spread::by_samples(&fitted, solution, &intervals, s.map(|m| m.column(a).into_owned()), counts));
-        let own = by_samples.is_some();
-        let base = by_samples.unwrap_or_else(|| fitted.by_weights.clone());
+        let own_spread = by_samples.or_else(|| spread::by_counts(&fitted, solution, a, counts));
+        let own = own_spread.is_some();
+        let base = own_spread.unwrap_or_else(|| fitted.by_weights.clone());
         let mut spread = vec![base.clone()];
         let pooled = sampled.group.and_then(|group| group.components.get(a));
         let mut average = Average::new(&inside, octaves.iter().map(|o| o.squares[a] / o.count).collect(), pooled);

@@ -64,6 +64,25 @@ pub(super) fn by_samples(
     })
 }
 
+/// White variance of the rows that falls with the number of their samples, where the rows differ in it and the residuals of a right-hand side are
+/// likelier so than with one for all, as where every setting of a source is a little wrong: that of a row of mean weight is one.
+pub(super) fn by_counts(fitted: &Fitted, solution: &Solution, a: usize, counts: &[f64]) -> Option<DVector<f64>> {
+    let rows = DVector::from_iterator(solution.kept.len(), solution.kept.iter().map(|i| 1.0 / counts[*i]));
+    if rows.max() <= LEAST_RATIO * rows.min() {
+        return None;
+    }
+    let unit = rows.zip_map(&fitted.by_weights, |r, w| r / w).mean();
+    let rows = rows / unit;
+    // Logarithm of the likelihood without a scale, which is free.
+    let likelihood = |spread: &DVector<f64>| {
+        let free = |i: usize| spread[i] * (1.0 - fitted.leverage[i]).max(LEAST);
+        let n = spread.len() as f64;
+        let squares: f64 = (0..spread.len()).map(|i| fitted.residuals[(i, a)].powi(2) / free(i)).sum();
+        -0.5 * ((0..spread.len()).map(|i| free(i).ln()).sum::<f64>() + n * (squares / n).ln())
+    };
+    (likelihood(&rows) > likelihood(&fitted.by_weights)).then_some(rows)
+}
+
 /// Squares of readings with which the residuals suggest that the scatter between the rows grows.
 pub(super) fn grows(
     fitted: &Fitted,

@@ -499,3 +499,39 @@ fn both_forms_have_the_same_likelihood_for_the_same_data() {
         }
     }
 }
+
+/// Rows of 4 and of 64 samples of unit variance: a column that only the short rows have is known to `1 / (2 √(Σ x²))`, one of the long ones to a
+/// quarter of that; where every row scatters alike, whatever its samples do, both are known alike.
+#[test]
+fn rows_of_few_samples_are_noisier_unless_all_scatter_alike() {
+    let n = 40;
+    let counts: Vec<f64> = (0..n).map(|i| [4.0, 64.0][i % 2]).collect();
+    let intervals: Vec<[f64; 2]> = (0..n).map(|i| [i as f64, i as f64 + 0.9]).collect();
+    let sign = |i: usize| if (i / 2).is_multiple_of(2) { 1.0 } else { -1.0 };
+    let columns = DMatrix::from_fn(n, 3, |i, j| {
+        if j == 2 {
+            1.0
+        } else if i % 2 == j {
+            sign(i)
+        } else {
+            0.0
+        }
+    });
+    let mut random = Random(362_436_069);
+    let octaves = [Octave { length: 0.1, count: 1000.0, white: 0.5, squares: vec![500.0] }];
+    let mut ratio = |alike: f64| {
+        let ratios: Vec<f64> = (0..100)
+            .map(|_| {
+                let rhs = DMatrix::from_fn(n, 1, |i, _| random.gaussian() * counts[i].sqrt().recip().hypot(alike));
+                let fit = solve(&design(columns.clone()), &rhs, None, &Limits::default()).unwrap();
+                let std =
+                    estimate_with(&fit, &sampled(&intervals, &counts, &octaves)).unwrap().covariance().diagonal().map(f64::sqrt);
+                std[0] / std[1]
+            })
+            .collect();
+        ratios.iter().sum::<f64>() / 100.0
+    };
+    let (by_samples, alike) = (ratio(0.0), ratio(5.0));
+    assert!((by_samples / 4.0 - 1.0).abs() < 0.1, "{by_samples}");
+    assert!((alike - 1.0).abs() < 0.1, "{alike}");
+}

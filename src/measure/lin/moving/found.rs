@@ -2,7 +2,7 @@
 //! temperature.
 
 use super::{Moving, PARAMETERS, Places, derivatives};
-use crate::data::calibration::{SlopeStd, TemperatureSlopes};
+use crate::data::calibration::{SlopeSource, SlopeStd, TemperatureSlopes};
 use crate::fit::statistics::chi2_tail;
 use crate::model::campaign::SlopeBounds;
 use crate::model::sensor::Split;
@@ -126,7 +126,7 @@ impl<'a> Found<'a> {
     }
 
     /// The slopes at the stated temperature.
-    pub fn slopes(&self, moving: &Moving, offset: Option<[f64; 3]>, source: &str) -> TemperatureSlopes {
+    pub fn slopes(&self, moving: &Moving, offset: Option<[f64; 3]>, source: SlopeSource) -> TemperatureSlopes {
         TemperatureSlopes {
             at_degc: moving.at_degc,
             order: self.places.powers,
@@ -138,7 +138,7 @@ impl<'a> Found<'a> {
                 xi_deg: std::array::from_fn(|i| self.std(PARAMETERS + 3 + i)),
                 b_or_ent: offset.map(|_| std::array::from_fn(|a| self.std(self.offset_slope(a)))),
             },
-            source: source.to_owned(),
+            source,
         }
     }
 
