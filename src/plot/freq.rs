@@ -220,8 +220,9 @@ fn response(freq: &Freq, id: &str) -> Figure {
     let nyquist = p.values.mean_f_s_hz.map(|f_s| 0.5 * f_s).filter(|half| (low..=high).contains(half));
     if let (Some(half), true) = (nyquist, lowest.is_finite()) {
         let largest = p.amplitude.iter().flat_map(|a| a.b_ent).filter(|b| b.is_finite()).fold(0.0, f64::max);
-        let line = Marks::Line(vec![(half, db(lowest / largest)), (half, 0.0)]);
-        levels.push(Series { label: "half of f_s".to_owned(), style: Style::Single, marks: line });
+        // Points of a line of so many have no marks of their own.
+        let line = (0..CURVE).map(|k| (half, db(lowest / largest) * k as f64 / (CURVE - 1) as f64)).collect();
+        levels.push(Series { label: "half of f_s".to_owned(), style: Style::Single, marks: Marks::Line(line) });
     }
     let corners = corners(freq);
     let caption = if corners.is_empty() {

@@ -17,6 +17,8 @@ const MARKED_LINE: usize = 40;
 const SHEER: f64 = 0.7;
 const ENVELOPE_LINE: f64 = 1.6;
 const ENVELOPE_BREAK: f64 = 3.5;
+/// Size of a column of an envelope that has no neighbours, pixels.
+const LONE: f64 = 3.0;
 /// Opacity of a ribbon, light enough for three to lie on each other.
 pub(super) const RIBBON: f64 = 0.2;
 /// White rim that sets a marker off from what lies below it.
@@ -446,7 +448,8 @@ fn draw_envelope(canvas: &mut Canvas, frame: &Frame, columns: &[Column], ink: RG
         for column in run {
             let (x, a, b) = (frame.x(column.x), frame.y(column.min), frame.y(column.max));
             // Extremes that coincide still make a line.
-            let half = f64::max(ENVELOPE_LINE - (a - b).abs(), 0.0) / 2.0;
+            let least = if run.len() == 1 { LONE } else { ENVELOPE_LINE };
+            let half = f64::max(least - (a - b).abs(), 0.0) / 2.0;
             let extent = (a.min(b) - half, a.max(b) + half);
             if let Some((from, start)) = last {
                 let mut middle = (from - 0.5).ceil() + 0.5;
@@ -458,6 +461,11 @@ fn draw_envelope(canvas: &mut Canvas, frame: &Frame, columns: &[Column], ink: RG
                 }
             }
             add(x, extent);
+            // What has no neighbours would be a dot that nobody sees.
+            if run.len() == 1 {
+                add(x - 1.0, extent);
+                add(x + 1.0, extent);
+            }
             last = Some((x, extent));
         }
     }

@@ -204,10 +204,10 @@ fn against(null: &Null, id: &str, name: &str) -> Option<Figure> {
         format!("Means of the readings against those of channel {name}, and the straight line of this channel alone.")
     } else {
         format!(
-            "One fit of the readings has {name} and {}. What {} does in it is taken off the means, and the rest is drawn against {name} with the \
-             line of this fit. Its slope stands in the legend, and behind \"alone\" that of a fit with {name} only, into which a trend goes that both share.",
-            names.join(", "),
-            if names.len() == 1 { names[0] } else { "the part of these" }
+            "One fit of the readings has {name} together with {}. The means are drawn without what the fit gives to these, and the line is what it \
+             gives to {name}. The legend has its slope and, behind \"alone\", that of a fit with {name} only, which takes a trend that the channels \
+             share for its own.",
+            names.join(", ")
         )
     };
     Some(Figure {

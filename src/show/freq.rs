@@ -9,8 +9,6 @@ use crate::files::parameter::Fpf;
 use crate::measure::freq::Freq;
 use std::fmt::Write;
 
-const MEASURED: [&str; 3] = ["X", "Y", "Z"];
-
 /// The sections of the report.
 #[must_use]
 pub fn sections(freq: &Freq, file_name: &str) -> Vec<Section> {
@@ -35,7 +33,7 @@ fn rate(p: &Freq) -> Section {
     let mut table = Table::new(["component", "f_s, Hz", "standard uncertainty, Hz"]);
     for i in 0..3 {
         table.push(cells![
-            MEASURED[i],
+            COMPONENTS[i],
             Cell::fixed(f_s_hz[i], 6),
             Cell::exponent(known(p.values.f_s_std_hz.map(|std| std[i])), 2).or("-")
         ]);
@@ -69,7 +67,7 @@ fn corner(p: &Freq) -> Section {
     let mut table = Table::new(["component", "f_3dB igep, Hz", "f_3dB model, Hz ± standard uncertainty"]);
     for i in 0..3 {
         let model = Cell::uncertain(p.values.f_3db_model_hz[i], p.values.f_3db_model_std_hz[i]);
-        table.push(cells![MEASURED[i], Cell::fixed(p.values.f_3db_igep_hz[i], 2), model]);
+        table.push(cells![COMPONENTS[i], Cell::fixed(p.values.f_3db_igep_hz[i], 2), model]);
     }
     Section::new("-3 dB corner frequency").with(table).with(
         "igep: straight line in level against frequency between the neighbours of -3.000 dB below the largest amplitude. model: where the \
@@ -88,7 +86,7 @@ fn response(p: &Freq) -> Section {
     for (i, (values, std)) in model.values.iter().zip(&model.std).enumerate() {
         let cell =
             |k: usize| Cell::uncertain(values.get(k).copied().unwrap_or(f64::NAN), std.get(k).copied().unwrap_or(f64::NAN));
-        fitted.push(std::iter::once(MEASURED[i].into()).chain((0..model.parameters.len()).map(cell)).collect());
+        fitted.push(std::iter::once(COMPONENTS[i].into()).chain((0..model.parameters.len()).map(cell)).collect());
     }
     let basis = match (model.chi_square, model.degrees_of_freedom) {
         (Some(chi_square), Some(dof)) => format!(

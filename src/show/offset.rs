@@ -8,7 +8,8 @@ use crate::data::units::{COMPONENTS, with_uncertainty};
 use crate::files::parameter::Opf;
 use crate::measure::offset::Offset;
 
-const MEASURED: [&str; 3] = ["X", "Y", "Z"];
+/// The coil axes, and the sensor axes beside them.
+const AXES: [&str; 3] = ["X", "Y", "Z"];
 
 /// The sections of the report.
 #[must_use]
@@ -37,7 +38,7 @@ fn offsets(p: &Offset) -> Section {
             format!("{} ({})", positions.join(", "), p.found.method.component[i])
         };
         table.push(cells![
-            MEASURED[i],
+            COMPONENTS[i],
             Cell::uncertain(p.values.offset_ent[i], p.found.std_of_both(&p.values).offset_ent[i]),
             positions
         ]);
@@ -51,7 +52,7 @@ fn offsets(p: &Offset) -> Section {
     let Some(scaled) = &p.found.scaled else { return section };
     let row = |i: usize| {
         let offset = Cell::uncertain(scaled.offset_nt[i], scaled.offset_std_nt[i]);
-        cells![MEASURED[i], offset, Cell::uncertain(scaled.residual_nt[i], scaled.residual_std_nt[i])]
+        cells![COMPONENTS[i], offset, Cell::uncertain(scaled.residual_nt[i], scaled.residual_std_nt[i])]
     };
     section
         .with(Text::words_and_code(["With the sensitivities of ", &scaled.cpf, ":"]))
@@ -61,15 +62,20 @@ fn offsets(p: &Offset) -> Section {
 /// What the facility adds, and where it cancels.
 fn type_b(p: &Offset, b: &OffsetTypeB, section: Section) -> Section {
     let families = [
-        ("B_off", "enT", [p.values.offset_std_ent, b.std_b.offset_ent, b.std_combined.offset_ent]),
-        ("B_res", "enT", [p.values.residual_std_ent, b.std_b.residual_ent, b.std_combined.residual_ent]),
-        ("B_res, coil axes", "nT", [p.values.residual_coil_std_nt, b.std_b.residual_coil_nt, b.std_combined.residual_coil_nt]),
+        ("B_off", "enT", COMPONENTS, [p.values.offset_std_ent, b.std_b.offset_ent, b.std_combined.offset_ent]),
+        ("B_res", "enT", COMPONENTS, [p.values.residual_std_ent, b.std_b.residual_ent, b.std_combined.residual_ent]),
+        (
+            "B_res, coil axes",
+            "nT",
+            AXES,
+            [p.values.residual_coil_std_nt, b.std_b.residual_coil_nt, b.std_combined.residual_coil_nt],
+        ),
     ];
     let mut table = Table::new(["quantity", "type A", "type B, facility", "combined"]);
-    for (name, unit, stds) in families {
+    for (name, unit, axes, stds) in families {
         for i in 0..3 {
             let [type_a, of_facility, combined] = stds.map(|std| format!("{:.2e}", std[i]));
-            table.push(cells![format!("{name} {}, {unit}", MEASURED[i]), type_a, of_facility, combined]);
+            table.push(cells![format!("{name} {}, {unit}", axes[i]), type_a, of_facility, combined]);
         }
     }
     let covers = p.found.method.std_b_covers.as_ref().map_or_else(String::new, |covers| format!("Type B covers {covers}."));
@@ -80,7 +86,7 @@ fn residual_field(p: &Offset) -> Section {
     let mut table = Table::new(["component", "B_res, enT ± standard uncertainty", "seen along"]);
     for i in 0..3 {
         let residual = Cell::uncertain(p.values.residual_ent[i], p.found.std_of_both(&p.values).residual_ent[i]);
-        table.push(cells![MEASURED[i], residual, format!("{}_m = {}_c", MEASURED[i], p.found.method.normal_axis[i])]);
+        table.push(cells![COMPONENTS[i], residual, format!("{}_m = {}_c", AXES[i], p.found.method.normal_axis[i])]);
     }
     let mut section = Section::new("Residual field of the coil system").with(table).with(format!(
         "Remark: the residual field is given in the coordinates of the sensor in its normal position, not in coil coordinates. In coil \
