@@ -200,8 +200,8 @@ fn smoothed_level_a_does_not_depend_on_the_other_levels() {
     let flown = Flown::new(&[]);
     let config = flown.dir.path().join("telemetry/flight.toml");
     let stated = fs::read_to_string(&config).unwrap();
-    assert!(!stated.contains("[temperature]"));
-    fs::write(&config, format!("{stated}\n[temperature]\nsmooth_s = 200.0\n")).unwrap();
+    assert!(stated.contains("\n[temperature]\n") && !stated.contains("smooth_s"));
+    fs::write(&config, stated.replace("\n[temperature]\n", "\n[temperature]\nsmooth_s = 200.0\n")).unwrap();
     let of = |levels: &str| {
         flown.levels(levels);
         let days =

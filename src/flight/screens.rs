@@ -1,9 +1,11 @@
 //! What the counts of a day show by themselves that cannot be right: a component or a thermistor that stands still, single counts far from
-//! those beside them. Nothing is changed by it.
+//! those beside them, temperatures that jump. Nothing is changed by it but flags.
 
 use super::Block;
+use super::temperature::{Thermometer, packets};
 use crate::data::flags::Flags;
-use crate::data::time::{SECOND_NS, Tt2000};
+use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
+use crate::record::temperature_faults::jumps_of;
 use std::ops::Range;
 
 /// As many equal counts in a row stand still: noise and rotation change some of them.
@@ -16,6 +18,8 @@ const OUTSTANDING: f64 = 50.0;
 const LEAST_COUNTS: f64 = 20.0;
 /// Its neighbours agree with each other within this part of it.
 const AGREE: f64 = 0.1;
+/// A jump returns whose temperature comes back to this part of it.
+const RETURNS: f64 = 0.3;
 /// Every so many differences are enough to know their usual size.
 const STRIDE: usize = 13;
 
@@ -43,6 +47,63 @@ pub fn notes(blocks: &[Block], span: &Range<Tt2000>, names: [&str; 4]) -> Vec<St
         }
     }
     notes
+}
+
+/// Looks for jumps of the temperature from packet to packet that are more than a thermistor can do. The vectors of a stretch from a jump until
+/// it returns, or to the end where it does not, get the flag TEMPERATURE; gives a note where there are some. `packet_ns` are the lengths of the
+/// packets of every mode.
+pub fn temperature_jumps(
+    blocks: &mut [Block],
+    span: &Range<Tt2000>,
+    name: &str,
+    thermometer: &Thermometer,
+    packet_ns: &[i64],
+    leap: &LeapSeconds,
+) -> Option<String> {
+    let rows = || blocks.iter().map(|block| (block, block.rows_in(span)));
+    let times: Vec<Tt2000> = rows().flat_map(|(block, own)| block.time[own].iter().copied()).collect();
+    let counts: Vec<f64> = rows().flat_map(|(block, own)| block.thermistor[own].iter().copied()).collect();
+    let modes: Vec<u8> = rows().flat_map(|(block, own)| block.mode[own].iter().copied()).collect();
+    let begin = *times.first()?;
+    #[expect(clippy::cast_precision_loss, reason = "differences of times within a day")]
+    let since_s = |time: Tt2000| (time - begin) as f64 / SECOND_NS as f64;
+    let length_ns = |row: usize| packet_ns.get(usize::from(modes[row])).copied().unwrap_or(0);
+    let readings = packets(&times, &counts, length_ns).into_iter().map(|rows| (since_s(times[rows.start]), counts[rows.start]));
+    let readings = readings.map(|(t_s, count)| (t_s, thermometer.degc(count))).filter(|(_, degc)| degc.is_finite());
+    let jumps = jumps_of(readings.collect());
+    let largest = jumps.iter().copied().reduce(|a, b| if b.1.abs() > a.1.abs() { b } else { a })?;
+    // From a jump to the next one that takes it back.
+    let mut spans: Vec<(f64, Option<f64>)> = Vec::new();
+    let mut next = 0;
+    while let Some((from_s, by_k)) = jumps.get(next).copied() {
+        let back = jumps[next + 1..].iter().find(|(_, other)| (by_k + other).abs() <= RETURNS * by_k.abs());
+        let until_s = back.map(|(t_s, _)| *t_s);
+        spans.push((from_s, until_s));
+        next += 1 + jumps[next + 1..].iter().take_while(|(t_s, _)| until_s.is_none_or(|until| *t_s <= until)).count();
+    }
+    let (mut flagged, mut next) = (0, 0);
+    for block in blocks.iter_mut() {
+        for row in block.rows_in(span) {
+            let t_s = since_s(block.time[row]);
+            while spans.get(next).is_some_and(|(_, until)| until.is_some_and(|until| until <= t_s)) {
+                next += 1;
+            }
+            if spans.get(next).is_some_and(|(from, _)| *from <= t_s) {
+                block.flags[row] |= Flags::TEMPERATURE.0;
+                flagged += 1;
+            }
+        }
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "times within a day")]
+    let at = |t_s: f64| leap.utc(begin + (t_s * SECOND_NS as f64).round() as i64);
+    let (times, most) = if jumps.len() == 1 { ("once".to_owned(), "") } else { (format!("{} times", jumps.len()), "most ") };
+    let stays = spans.iter().any(|(_, until)| until.is_none());
+    let until = if stays { "until it returns, or to the end of the day where it does not" } else { "until it returns" };
+    Some(format!(
+        "`{name}` jumps {times} by more than a thermistor can do, {most}by {:+.1} K at {}: {flagged} vectors {until} have the flag TEMPERATURE",
+        largest.1,
+        at(largest.0)
+    ))
 }
 
 /// The longest run of equal values, if it is long enough to say something, also in time, and takes at least half of all.
@@ -93,6 +154,43 @@ fn outstanding(block: &Block, rows: &Range<usize>, component: usize, usual: f64)
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A thermistor of 1 K per 100 counts that warms by 0.36 K an hour, in packets of 16 vectors and seconds.
+    fn warming(add: impl Fn(usize) -> f64) -> Block {
+        let thermistor = (0..4000).map(|i| ((i / 16 * 16) as f64 * 0.01).round() + add(i)).collect();
+        Block { time: (0..4000).map(|i| i * SECOND_NS).collect(), thermistor, ..block(|_| 0.0, 4000) }
+    }
+
+    #[test]
+    fn temperatures_that_jump_are_told_and_flagged_and_a_course_is_none() {
+        let slope = 65_535.0 / 5.0 / 100.0;
+        let thermometer = Thermometer { coefficients: vec![0.0, slope], t_off_degc: 0.0 };
+        let found = |block: Block| {
+            let mut blocks = [block];
+            let note =
+                temperature_jumps(&mut blocks, &(0..i64::MAX), "t_ob", &thermometer, &[16 * SECOND_NS], &LeapSeconds::default());
+            let flagged: Vec<usize> = (0..4000).filter(|row| blocks[0].flags[*row] & Flags::TEMPERATURE.0 != 0).collect();
+            (note, flagged)
+        };
+        assert_eq!(found(warming(|_| 0.0)), (None, Vec::new()));
+        // A heater: the body follows with a time constant of ten minutes.
+        let heated_s = |i: usize| (i.saturating_sub(1600) / 16 * 16) as f64;
+        assert_eq!(found(warming(|i| (500.0 * (1.0 - (-heated_s(i) / 600.0).exp())).round())).0, None);
+        // By 4 K for ten packets; in one packet; for good.
+        let (note, flagged) = found(warming(|i| if (1600..1760).contains(&i) { 400.0 } else { 0.0 }));
+        assert_eq!(flagged, (1600..1760).collect::<Vec<_>>());
+        let note = note.unwrap();
+        assert!(
+            note.starts_with("`t_ob` jumps 2 times by more than a thermistor can do, most by +4.0 K at 2000-01-01T12:25:"),
+            "{note}"
+        );
+        assert!(note.ends_with("160 vectors until it returns have the flag TEMPERATURE"), "{note}");
+        let (_, flagged) = found(warming(|i| if (1600..1616).contains(&i) || (2400..2416).contains(&i) { -1000.0 } else { 0.0 }));
+        assert_eq!(flagged, (1600..1616).chain(2400..2416).collect::<Vec<_>>());
+        let (note, flagged) = found(warming(|i| if i >= 3200 { 2000.0 } else { 0.0 }));
+        assert_eq!(flagged, (3200..4000).collect::<Vec<_>>());
+        assert!(note.unwrap().contains("jumps once by more than a thermistor can do, by +20.0 K"));
+    }
 
     fn block(x: impl Fn(usize) -> f64, n: usize) -> Block {
         let noise = |i: usize| ((i * 7919) % 11) as f64;

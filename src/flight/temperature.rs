@@ -3,6 +3,7 @@
 use super::{Block, Step};
 use crate::data::time::Tt2000;
 use crate::fit::statistics::central_median;
+use std::ops::Range;
 
 /// Steps of the converter of the thermistor.
 const STEPS: f64 = 65_536.0;
@@ -46,17 +47,26 @@ impl Thermometer {
     }
 }
 
+/// The rows of packets one after the other: runs of equal counts that are not longer than `packet_ns` of their first row.
+pub(super) fn packets(times: &[Tt2000], counts: &[f64], packet_ns: impl Fn(usize) -> i64) -> Vec<Range<usize>> {
+    let mut packets = Vec::new();
+    let mut begin = 0;
+    while begin < times.len() {
+        let longest_ns = packet_ns(begin);
+        let same = |row: &usize| counts[*row] == counts[begin] && times[*row] - times[begin] < longest_ns;
+        let length = (begin..times.len()).take_while(same).count().max(1);
+        packets.push(begin..begin + length);
+        begin += length;
+    }
+    packets
+}
+
 /// Running median of the thermistor over packets: the counts of a packet become the median of those of all packets whose middle is within
 /// half of `window_ns` of its own. A packet is a run of equal counts that is not longer than `packet_ns`.
 pub fn smooth(times: &[Tt2000], counts: &mut [f64], packet_ns: i64, window_ns: i64) {
-    let mut packets: Vec<(Tt2000, f64, usize)> = Vec::new();
-    let mut begin = 0;
-    while begin < times.len() {
-        let same = |row: &usize| counts[*row] == counts[begin] && times[*row] - times[begin] < packet_ns;
-        let length = (begin..times.len()).take_while(same).count().max(1);
-        packets.push((times[begin] + (times[begin + length - 1] - times[begin]) / 2, counts[begin], length));
-        begin += length;
-    }
+    let middle = |rows: &Range<usize>| times[rows.start] + (times[rows.end - 1] - times[rows.start]) / 2;
+    let packets: Vec<(Tt2000, f64, usize)> =
+        packets(times, counts, |_| packet_ns).iter().map(|rows| (middle(rows), counts[rows.start], rows.len())).collect();
     let mut row = 0;
     for (middle, _, length) in &packets {
         let first = packets.partition_point(|(t, ..)| t + window_ns / 2 < *middle);

@@ -13,11 +13,13 @@
 mod chain;
 mod orders;
 mod rates;
+mod seen;
 mod stripe;
 #[cfg(test)]
 mod tests;
 
 pub use rates::WheelRates;
+pub use seen::Seen;
 
 use rates::{Table, seconds};
 use rayon::prelude::*;
@@ -123,6 +125,8 @@ pub struct ModeReport {
     pub waves: Vec<Wave>,
     /// The amplitudes of the lines in the order of the mode, by [`Method::Fit`] only: see [`Wave::amplitude_nt`].
     pub lines_nt: Vec<f64>,
+    /// Whether the waves of every wheel, for all multiples, and then the lines are in the data.
+    pub seen: Vec<Seen>,
 }
 
 /// A multiple of a wheel's rate.
@@ -216,6 +220,7 @@ pub fn clean(
                 fitted.removed
             }
         };
+        entry.seen = seen::seen(&day, &found, &removed);
         table = day.table;
         let mut squares = [0.0; 3];
         for (row, removed) in found.iter().flat_map(|s| &s.rows).zip(&removed) {

@@ -143,6 +143,31 @@ fn wheels_that_are_not_seen_cost_little() {
 }
 
 #[test]
+fn what_is_not_at_the_rates_of_the_table_is_told() {
+    let count = 20_000;
+    let noise = [1, 2, 3].map(|seed| natural(count, seed));
+    for method in [Method::Fit, Method::Stripe] {
+        // A wheel of 0.5 nT at 33 Hz that is seen at 7 Hz, and a line at 4 Hz, in noise of 0.03 nT.
+        let seen = |rate: f64, line: f64| {
+            let case = Case::new(20.0, count, &[line], &[[rate, 1e-5]]);
+            let mut field =
+                case.field(|c, t| 0.5 * (wave(33.0, 1e-5, t) + c as f64).cos() + 0.2 * (TAU * (4.0 * t).fract()).sin());
+            (0..3).for_each(|c| field[c].iter_mut().zip(&noise[c]).for_each(|(b, n)| *b += n));
+            case.clean(method, &mut field).1.modes[0].seen.clone()
+        };
+        let right = seen(33.0, 4.0);
+        assert!(right.iter().all(|s| s.windows == 39 && s.seen == 39 && s.beside == 0), "{method:?} {right:?}");
+        // 2 Hz off nothing is there; 0.3 Hz off the line itself is seen beside it.
+        let off = seen(35.0, 4.0);
+        assert!(off[0].windows == 39 && off[0].seen <= 3 && off[1].seen == 39, "{method:?} {off:?}");
+        let near = seen(33.3, 4.0);
+        assert!(near[0].beside * 2 >= near[0].windows, "{method:?} {near:?}");
+        let other = seen(33.0, 5.5);
+        assert!(other[0].seen == 39 && other[1].seen * 10 <= other[1].windows, "{method:?} {other:?}");
+    }
+}
+
+#[test]
 fn steps_and_bad_vectors_do_not_reach_the_waves() {
     let case = Case::new(20.0, 20_000, &[], &[[23.0, 5e-4]]);
     let waves = case.field(|c, t| 0.6 * (wave(23.0, 5e-4, t) + c as f64).sin());

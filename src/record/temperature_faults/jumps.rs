@@ -155,6 +155,19 @@ pub fn readings(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Vec<(f64, f64
     Some(series)
 }
 
+/// All jumps of the readings of one thermistor (s, °C), in order of time: the time of the first reading behind each, s, and its size, K. Across a
+/// gap nothing is known.
+#[must_use]
+pub fn jumps_of(series: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    let (t_s, values) = series.into_iter().unzip();
+    let table = SlowTable { names: vec![String::new()], t_s, values: vec![values] };
+    let Some(channel) = Channel::of(&table, "") else { return Vec::new() };
+    let changes = channel.changes();
+    let mut places = channel.places_of_jumps(&changes, &[]);
+    places.sort_unstable();
+    places.into_iter().filter_map(|i| Some((channel.series[changes[i].0].0, far_faster_k(&changes, i)?))).collect()
+}
+
 /// By how much a change exceeds what the channel does in the same time before and after it, K, if that is far more. The last one of a record or
 /// before a gap is not judged: a body that begins to be heated looks like it.
 fn far_faster_k(changes: &[(usize, f64, f64)], i: usize) -> Option<f64> {

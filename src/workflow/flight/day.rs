@@ -2,7 +2,7 @@
 
 use super::derived;
 use super::near::Near;
-use super::steps::Steps;
+use super::steps::{Steps, thermometer};
 use super::{Carry, Level, Prepared, day_name};
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
@@ -115,6 +115,11 @@ impl<'a> Context<'a> {
         let mut made = new(counts);
         made.notes.extend(without_rows.iter().map(|file| format!("{file} has no rows")));
         made.notes.extend(screens::notes(&blocks, &day, ["bx", "by", "bz", &sensor.thermistor_column]));
+        if let Some(thermometer) = thermometer(prepared, self.index) {
+            let packet_ns: Vec<i64> = mission.modes.iter().map(|mode| ns(mode.packet_s)).collect();
+            let (name, leap) = (&sensor.thermistor_column, &prepared.leap);
+            made.notes.extend(screens::temperature_jumps(&mut blocks, &day, name, thermometer, &packet_ns, leap));
+        }
         made.notes
             .extend(beside.iter().map(|file| format!("{file} cannot be read: vectors that it may hold of this day are missing")));
         if made.rows.contradicting > 0 {
@@ -290,12 +295,17 @@ pub fn vectors(
     read(prepared, carry, index, day, reach, last).map(|read| read.vectors)
 }
 
+/// Seconds as whole nanoseconds.
+#[expect(clippy::cast_possible_truncation, reason = "lengths of packets and windows")]
+fn ns(s: f64) -> i64 {
+    (s * SECOND_NS as f64) as i64
+}
+
 /// Length of the longest packet, and of the window over which the thermistor is smoothed, ns; 0 for the window of a mission that does not
 /// smooth it.
 fn smoothing_ns(mission: &Mission) -> [i64; 2] {
     let packet_s = mission.modes.iter().map(|mode| mode.packet_s).fold(0.0, f64::max);
-    #[expect(clippy::cast_possible_truncation, reason = "lengths of packets and windows")]
-    [packet_s, mission.smooth_s.max(0.0)].map(|s| (s * SECOND_NS as f64) as i64)
+    [packet_s, mission.smooth_s.max(0.0)].map(ns)
 }
 
 /// Vectors of a stretch, and what is known of a day also where no vectors are left.

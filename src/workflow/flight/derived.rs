@@ -16,7 +16,7 @@ use crate::flight::heater::{self, Cells, HeaterClass, HeaterInterval, HeaterMeth
 use crate::flight::made::{DayMade, HeaterFound, JumpFound, SharedAxis, WheelsFound};
 use crate::flight::means::Means;
 use crate::flight::two_sensors::{self, Parts};
-use crate::flight::wheels::{self, Method, WheelMode, WheelOptions};
+use crate::flight::wheels::{self, Method, Seen, WheelMode, WheelOptions};
 use crate::flight::{Block, Series, Stage};
 use std::borrow::Cow;
 use std::collections::BTreeSet;
@@ -24,6 +24,9 @@ use std::ops::Range;
 
 /// A jump without a vector for so long lies anywhere within, ns.
 const UNSEEN_NS: i64 = 3 * SECOND_NS;
+
+/// Of fewer windows nothing is said of wheels; a wave that is seen in at most one of so many is no more than noise.
+const LEAST_WINDOWS: usize = 10;
 
 /// What stands in place of a sensor where both are meant.
 pub const COMMON: &str = "common";
@@ -186,6 +189,29 @@ pub fn without_wheels(
     put_back(&all, blocks);
     let mut spectra = Vec::new();
     for (index, (mode, found)) in prepared.mission.modes.iter().zip(&report.modes).enumerate() {
+        let name = |place: usize| match place.checked_sub(table.rate_hz.len() * options.harmonics.len()) {
+            Some(line) => format!("the line at {} Hz", mode.lines_hz.get(line).copied().unwrap_or(f64::NAN)),
+            None => {
+                let (wheel, harmonic) = (place / options.harmonics.len() + 1, options.harmonics[place % options.harmonics.len()]);
+                if harmonic == 1 { format!("wheel {wheel}") } else { format!("{harmonic} times the rate of wheel {wheel}") }
+            }
+        };
+        let told = |is: &dyn Fn(&Seen) -> bool, count: &dyn Fn(&Seen) -> usize| -> String {
+            let looked_at = found.seen.iter().enumerate().filter(|(_, own)| own.windows >= LEAST_WINDOWS && is(own));
+            let words = |(place, own): (usize, &Seen)| format!("{} ({} of {} windows)", name(place), count(own), own.windows);
+            looked_at.map(words).collect::<Vec<_>>().join(", ")
+        };
+        let unseen = told(&|own| own.seen * LEAST_WINDOWS <= own.windows, &|own| own.windows - own.seen);
+        if !unseen.is_empty() {
+            made.notes.push(format!(
+                "{}: no more than noise are {unseen}: what is taken off there is noise, and a wave at another rate stays",
+                mode.sid
+            ));
+        }
+        let beside = told(&|own| 2 * own.beside >= own.windows, &|own| own.beside);
+        if !beside.is_empty() {
+            made.notes.push(format!("{}: strong lines are left close to {beside}: check their rates", mode.sid));
+        }
         let Some(found) = WheelsFound::of(found) else { continue };
         made.wheels.insert(mode.sid.clone(), found);
         let pair = u8::try_from(index)
