@@ -241,9 +241,11 @@ fn files_without_a_recipe_are_read_checked_and_made_again() {
         let is_late = line.contains(": warnings.") && with_late.contains(&file_of(line));
         let is_of_false_spikes = with_false_spikes.iter().any(|file| line.starts_with(&format!("{file}: ")));
         // The mean of a temperature is one in time, and was that of the readings; polynomials of it follow.
-        let of_mean = [": run.temperature_degc", ": run.coil_temperature_degc", ": conditions.", "more values", "/THERMAL_AC_PARAMETER__"];
+        let of_mean =
+            [": run.temperature_degc", ": run.coil_temperature_degc", ": conditions.", "more values", "/THERMAL_AC_PARAMETER__"];
         // A run at 80 °C has values in nT by sensitivities at 20 °C, which is said.
-        let is_of_mean = (differs && is_among(line, &of_mean)) || line.contains("values in nT are made with the sensitivities of");
+        let is_of_mean =
+            (differs && is_among(line, &of_mean)) || line.contains("values in nT are made with the sensitivities of");
         line.is_empty()
             || is_among(line, &explained)
             || is_late
