@@ -87,6 +87,16 @@ fn a_table_that_ends_inside_a_line_is_refused() {
     assert_eq!(small.level_a().numbers("bz").unwrap(), [1200.0, 1234.0]);
 }
 
+/// What is said while level A is made.
+fn told_of_level_a(small: &Small) -> String {
+    let mut command = calfit();
+    let config = small.folder.path().join("flight.toml");
+    let output = command.args(["flight", "A", "--no-plots"]).arg(config).arg("-o").arg(small.folder.path().join("out")).output();
+    let output = output.unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    text(&output.stdout) + &text(&output.stderr)
+}
+
 #[test]
 fn a_file_without_rows_is_named_and_its_day_is_missing() {
     let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n"));
@@ -95,12 +105,7 @@ fn a_file_without_rows_is_named_and_its_day_is_missing() {
         fs::create_dir_all(&folder).unwrap();
         fs::write(folder.join("b.csv"), format!("{HEAD}{rows}")).unwrap();
     }
-    let mut command = calfit();
-    let config = small.folder.path().join("flight.toml");
-    let output = command.args(["flight", "A", "--no-plots"]).arg(config).arg("-o").arg(small.folder.path().join("out")).output();
-    let output = output.unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let told = text(&output.stdout) + &text(&output.stderr);
+    let told = told_of_level_a(&small);
     let empty = "edited/sensor=OB/date=2015-06-30/b.csv has no rows: the vectors of this day are missing";
     says(&told, &[empty, "OB has no vectors on 2015-06-30, between days that have some"]);
 }
@@ -139,12 +144,7 @@ fn a_day_without_telemetry_between_others_is_named() {
         fs::create_dir_all(&folder).unwrap();
         fs::write(folder.join("a.csv"), format!("{HEAD}{day}T12:00:00Z,4,5,6,0,N\n")).unwrap();
     }
-    let mut command = calfit();
-    let config = small.folder.path().join("flight.toml");
-    let output = command.args(["flight", "A", "--no-plots"]).arg(config).arg("-o").arg(small.folder.path().join("out")).output();
-    let output = output.unwrap();
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    let told = text(&output.stdout) + &text(&output.stderr);
+    let told = told_of_level_a(&small);
     says(&told, &["OB has no vectors on 2015-06-30, between", "OB has no vectors from 2015-07-02 to 2015-07-03"]);
     assert_eq!(told.matches("has no vectors").count(), 2, "{told}");
 }

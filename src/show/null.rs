@@ -26,7 +26,7 @@ pub fn sections(null: &Null, file_name: &str) -> Vec<Section> {
         (r.time_s[1] - r.time_s[0]) / 3600.0,
         r.sample_rate_hz,
         r.lost,
-        counted(r.gaps as u64, "gap"),
+        counted(r.gaps, "gap"),
         r.bridged
     ));
     let mut sections = vec![used, offset(p), noise(p)];

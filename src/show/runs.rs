@@ -131,7 +131,7 @@ pub fn run_list(lines: &[RunLine]) -> Table {
             or_not_stated(&l.mode),
             l.settings,
             l.vectors,
-            if l.lost == 0 { l.lost.into() } else { Cell::from(format!("{} in {}", l.lost, counted(l.gaps as u64, "gap"))) },
+            if l.lost == 0 { l.lost.into() } else { Cell::from(format!("{} in {}", l.lost, counted(l.gaps, "gap"))) },
             l.measured_rate_hz.map_or(Cell::Missing("-"), |r| Cell::fixed(r, 4)),
             duration(l.duration_s),
             if temperatures.is_empty() { "-".to_owned() } else { temperatures.join(", ") },
