@@ -3,7 +3,7 @@
 //! R takes the jumps one by one. Here the whole of an interval is one question, which has a most probable answer:
 //!
 //! 1. The vectors of an interval become means over cells of a second ([`Cells`]); what follows sees only these, whatever the
-//!    mode. Short runs of vectors that stand out of those on both sides ([`short_runs`]) are not in them: no heater is on for so short.
+//!    mode. Short runs of vectors that stand out of those on both sides are not in them: no heater is on for so short.
 //! 2. Steps of the field that stand out of the noise of their surroundings fall into classes, those of all intervals together.
 //! 3. The course of the states of all heaters is the most probable one (Viterbi), given the class vectors, how long the heaters
 //!    use to stay off and on, and a background whose increments are predicted from those before, with the coefficients of their
@@ -40,7 +40,6 @@ use rayon::prelude::*;
 pub use cells::Cells;
 pub use closing::close;
 pub use learning::learn;
-pub use screen::short_runs;
 
 use background::Background;
 use cells::Profile;
@@ -585,7 +584,7 @@ mod tests {
         assert_eq!(learn(&[], &backwards), Err(HeaterError::Backwards { row: 0 }));
         let zero = HeaterOptions { cell_s: 0.0, ..options.clone() };
         assert!(matches!(learn(&[], &zero), Err(HeaterError::Option { key: "cell_s", .. })));
-        let cells = Cells { start_tt2000: 0, cell_ns: SECOND, field_nt: vec![Vector3::zeros(); 20] };
+        let cells = Cells { start_tt2000: 0, cell_ns: SECOND, field_nt: vec![Vector3::zeros(); 20], short: Vec::new() };
         assert_eq!(find(&cells, &[], &options), Err(HeaterError::Classes { given: 0, asked: 2 }));
         let overlap = [(0, 10), (9, 20)].map(|(from_tt2000, to_tt2000)| HeaterInterval { from_tt2000, to_tt2000 });
         let empty = || [Vec::new(), Vec::new(), Vec::new()];

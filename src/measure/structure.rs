@@ -9,8 +9,9 @@ use crate::data::plateau::Plateau;
 use crate::data::run::interpolate;
 use crate::data::units::COMPONENTS;
 use crate::fit::DenseNoise;
+use crate::fit::noise::dense::EvenNoise;
 use crate::fit::statistics::{median, student_tail};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, DVectorView};
 use std::collections::HashMap;
 
 /// Probability that noise alone is as large for the largest of all trials.
@@ -82,19 +83,23 @@ fn follows(rows: &Rows, component: usize, tau_s: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Readings beside the columns of a fit, and the noise that they have.
+/// What a fit leaves of the readings of every component, and the noise that it has.
 pub(super) struct Beside<'a> {
     base: DMatrix<f64>,
-    readings_ent: &'a DMatrix<f64>,
-    noise: &'a DenseNoise,
+    /// Residuals, enT, and their noise, per component.
+    components: Vec<(DVector<f64>, EvenNoise<'a>)>,
 }
 
 impl<'a> Beside<'a> {
     /// Of readings, a row per row and a column per component, and the columns that were fitted to each of them.
-    pub fn of(columns: &DMatrix<f64>, readings_ent: &'a DMatrix<f64>, noise: &'a DenseNoise) -> Self {
+    pub fn of(columns: &DMatrix<f64>, readings_ent: &DMatrix<f64>, noise: &'a DenseNoise) -> Self {
         let norms: Vec<f64> = columns.column_iter().map(|column| column.norm()).collect();
         let scale = |i: usize, j: usize| if norms[j] > 0.0 { columns[(i, j)] / norms[j] } else { 0.0 };
-        Self { base: DMatrix::from_fn(columns.nrows(), columns.ncols(), scale).qr().q(), readings_ent, noise }
+        let base = DMatrix::from_fn(columns.nrows(), columns.ncols(), scale).qr().q();
+        let mut beside = Self { base, components: Vec::new() };
+        let left = |(a, readings): (usize, DVectorView<f64>)| (beside.free(readings.into_owned()), noise.without_growth(a));
+        beside.components = readings_ent.column_iter().enumerate().map(left).collect();
+        beside
     }
 
     /// What a column has beside those of the fit.
@@ -114,10 +119,10 @@ impl<'a> Beside<'a> {
         if squares.is_nan() || squares <= (LEFT * before).powi(2) || squares == 0.0 {
             return None;
         }
-        let residual = self.free(self.readings_ent.column(component).into_owned());
+        let (residual, noise) = &self.components[component];
         Some(Along {
-            product: column.dot(&residual),
-            variance: self.noise.without_growth(component).variance_of(&column),
+            product: column.dot(residual),
+            variance: noise.variance_of(&column),
             squares,
             residual: residual.norm_squared(),
         })

@@ -69,18 +69,14 @@ impl Accumulator {
     /// standard uncertainty: a slow decay shows in no single slot, but in the halves of all settings together. What readings do in proportion to
     /// the field itself, as where the temperature moves the sensitivity, is not in it. `None` where it cannot be told.
     pub(super) fn following(&self, used: &[Range<usize>]) -> Option<[f64; 2]> {
-        let over = |i: usize, bins: Range<usize>| -> Option<Vector3<f64>> {
-            let (all, reference) = (self.bins.get(i)?, (*self.references.get(i)?)?);
-            let mut total = Bin::EMPTY;
-            all.get(bins)?.iter().for_each(|b| total.merge(b));
-            (total.count > 0).then(|| Vector3::from_fn(|axis, _| reference[axis] + total.mean(axis)))
-        };
-        let levels: Vec<Option<Vector3<f64>>> = used.iter().enumerate().map(|(i, bins)| over(i, bins.clone())).collect();
+        let levels: Vec<Option<[f64; 3]>> = used.iter().enumerate().map(|(i, bins)| self.level(i, bins.clone())).collect();
         let mut rows: Vec<(Vector3<f64>, f64)> = Vec::new();
         for (i, bins) in used.iter().enumerate().skip(1) {
             let middle = bins.start.midpoint(bins.end);
             let (Some(before), Some(here)) = (levels[i - 1], levels[i]) else { continue };
-            let (Some(first), Some(second)) = (over(i, bins.start..middle), over(i, middle..bins.end)) else { continue };
+            let (Some(first), Some(second)) = (self.level(i, bins.start..middle), self.level(i, middle..bins.end)) else {
+                continue;
+            };
             rows.extend((0..3).map(|a| (Vector3::new(before[a] - here[a], here[a], 1.0), first[a] - second[a])));
         }
         // Means of components differ by their offsets alone, which the constant takes.
@@ -94,15 +90,17 @@ impl Accumulator {
         (variance > 0.0).then(|| [solution[0], variance.sqrt()])
     }
 
-    /// Mean reading of every setting over some of its bins.
+    /// Mean reading of a setting over some of its bins.
+    fn level(&self, setting: usize, bins: Range<usize>) -> Option<[f64; 3]> {
+        let (all, reference) = (self.bins.get(setting)?, (*self.references.get(setting)?)?);
+        let mut total = Bin::EMPTY;
+        all.get(bins)?.iter().for_each(|b| total.merge(b));
+        (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
+    }
+
+    /// The same of every setting.
     fn levels(&self, bins: Range<usize>) -> Vec<Option<[f64; 3]>> {
-        let level = |(all, reference): (&[Bin; BINS], &Option<[f64; 3]>)| {
-            let mut total = Bin::EMPTY;
-            all.get(bins.clone())?.iter().for_each(|b| total.merge(b));
-            let reference = (*reference)?;
-            (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
-        };
-        self.bins.iter().zip(&self.references).map(level).collect()
+        (0..self.bins.len().min(self.references.len())).map(|setting| self.level(setting, bins.clone())).collect()
     }
 
     /// How the data step inside the settings, bin by bin.

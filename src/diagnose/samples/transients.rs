@@ -80,8 +80,10 @@ struct Transient {
 
 /// A transient that is no noise.
 struct Shown {
-    tau_s: f64,
-    inside: Inside,
+    transient: Transient,
+    /// Probability that noise alone makes one as clear with one time constant, and the number of those that were tried.
+    p_value: f64,
+    trials: usize,
 }
 
 /// The plateaus on top of each other: means of the samples over bins of the time since the step, less those of the plateaus.
@@ -90,6 +92,8 @@ struct Stack<'a> {
     samples: &'a Samples,
     form: in_samples::Transient,
     interval_s: f64,
+    /// Samples nearer than this to an edge do not count, s.
+    beside_s: f64,
     /// First sample of each plateau.
     begins: Vec<usize>,
     /// Ends of the bins, in samples after the begin.
@@ -120,7 +124,7 @@ impl<'a> Stack<'a> {
         let begins = windows.into_iter().map(|[begin, _]| begin).collect();
         let expected = Expected::new(&edges);
         let (data, weights) = Default::default();
-        let mut stack = Self { prepared, samples, form, interval_s, begins, edges, data, weights, expected };
+        let mut stack = Self { prepared, samples, form, interval_s, beside_s, begins, edges, data, weights, expected };
         stack.data = stack.bins_of(&|[from, to]| {
             let sum = |a: usize| samples.reading_ent[from..to].iter().map(|v| v[a]).sum::<f64>();
             [0, 1, 2].map(|a| sum(a) / (to - from) as f64)
@@ -225,7 +229,7 @@ impl<'a> Stack<'a> {
     }
 
     /// The clearest transient of the time constants, if noise makes one as clear seldom.
-    fn shown(&self, effect: EffectRef, taus_s: &[f64]) -> Option<Shown> {
+    fn shown(&self, taus_s: &[f64]) -> Option<Shown> {
         // A time constant is tried on all axes together and on each of them.
         let trials = 4 * taus_s.len();
         let coarse = self.best(None, taus_s.iter().copied())?;
@@ -237,18 +241,23 @@ impl<'a> Stack<'a> {
         if p_value * trials as f64 > SIGNIFICANT {
             return None;
         }
-        let found = self.refined(coarse)?;
-        let wide = self.spread(&found);
-        let std = self.std(&found).map(|[of_amplitude, of_tau]| [of_amplitude.max(wide), of_tau]);
-        let inside = Inside {
+        Some(Shown { transient: self.refined(coarse)?, p_value, trials })
+    }
+
+    /// A transient that is no noise with its uncertainties, as something of an effect.
+    fn described(&self, effect: EffectRef, shown: &Shown) -> Inside {
+        let found = &shown.transient;
+        let wide = self.spread(found);
+        let std = self.std(found).map(|[of_amplitude, of_tau]| [of_amplitude.max(wide), of_tau]);
+        Inside {
             values: vec![(found.amplitude, std.map_or(found.std, |[of_amplitude, _]| of_amplitude))],
             shape_std: std.map(|[_, of_tau]| (self.form.time_constant.to_owned(), of_tau)).into_iter().collect(),
             strength: found.chi_square.max(0.0).sqrt(),
-            p_value,
-            trials,
+            p_value: shown.p_value,
+            trials: shown.trials,
+            beside_s: self.beside_s,
             ..Inside::new(effect, (self.form.term)(&found.axes, found.tau_s))
-        };
-        Some(Shown { tau_s: found.tau_s, inside })
+        }
     }
 
     /// Standard uncertainties of amplitude and time constant, which go together: from the information on both.
@@ -298,15 +307,18 @@ fn transient_of(
     let of_low_pass = OF_LOW_PASS.map(|intervals| intervals * interval_s);
     let taus: Vec<f64> = of_low_pass.into_iter().chain(form.taus_s.iter().copied().filter(|t| *t < longest)).collect();
     let of = |beside_s: f64| {
-        let found = Stack::new(form, prepared, samples, settings, interval_s, beside_s)?.shown(effect, &taus)?;
-        Some((found.tau_s > interval_s, Inside { beside_s, ..found.inside }))
+        let stack = Stack::new(form, prepared, samples, settings, interval_s, beside_s)?;
+        let shown = stack.shown(&taus)?;
+        Some((stack, shown))
     };
+    let is_slow = |(_, shown): &(Stack, Shown)| shown.transient.tau_s > interval_s;
     for more in 0..MOST_BESIDE {
         let beside_s = skip_s.max(interval_s) + more as f64 * interval_s;
-        if let (true, found) = of(beside_s)? {
+        let found = of(beside_s)?;
+        if is_slow(&found) {
             // What the low-pass leaves beside it makes the time constant too short.
-            let clear = of(beside_s + CLEAR as f64 * interval_s).filter(|(is_slow, _)| *is_slow);
-            return Some(clear.map_or(found, |(_, clear)| clear));
+            let (stack, shown) = of(beside_s + CLEAR as f64 * interval_s).filter(is_slow).unwrap_or(found);
+            return Some(stack.described(effect, &shown));
         }
     }
     None

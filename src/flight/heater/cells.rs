@@ -2,7 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::{HeaterInterval, HeaterOptions, short_runs};
+use super::screen::short_runs;
+use super::{HeaterInterval, HeaterOptions};
 
 /// Missing cells in a row that are filled by a straight line. A lost vector then costs one cell of evidence, and not all that
 /// follow from it.
@@ -17,6 +18,8 @@ pub struct Cells {
     pub cell_ns: i64,
     /// Mean of every cell; NaN where a cell has no vector and is not one of a few that could be filled.
     pub field_nt: Vec<Vector3<f64>>,
+    /// Rows of the vectors of short runs, which are in no cell.
+    pub short: Vec<usize>,
 }
 
 impl Cells {
@@ -43,7 +46,7 @@ impl Cells {
         }
         let mut field: Vec<_> = sums.iter().zip(&counts).map(|(sum, &count)| sum / f64::from(count)).collect();
         fill(&mut field);
-        Some(Cells { start_tt2000, cell_ns, field_nt: field })
+        Some(Cells { start_tt2000, cell_ns, field_nt: field, short })
     }
 
     /// Field of every cell minus that of the cell before, NaN where one of the two is missing; the first is always missing.

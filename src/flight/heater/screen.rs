@@ -26,8 +26,7 @@ const BEYOND_ALL: f64 = 2.0;
 
 /// The rows of short runs of vectors within an interval that stand out of those on both sides by far more than noise does, which agree with
 /// each other. They say nothing of heaters.
-#[must_use]
-pub fn short_runs(
+pub(super) fn short_runs(
     time_tt2000: &[i64],
     field_nt: &[Vec<f64>; 3],
     interval: HeaterInterval,

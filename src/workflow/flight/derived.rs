@@ -88,8 +88,6 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     let options = heater_options(context.prepared, stated);
     let known = context.carry.heater.get(&made.sensor).map(Vec::as_slice);
     let mut all = Series::of(blocks);
-    let short: Vec<usize> =
-        intervals.iter().flat_map(|interval| heater::short_runs(&all.time, &all.field_nt, *interval, &options)).collect();
     let cells: Vec<Cells> =
         intervals.iter().filter_map(|interval| Cells::of(&all.time, &all.field_nt, *interval, &options)).collect();
     let (classes, jumps) = heater::close_jumps(&all.time, &mut all.field_nt, &mut all.flags, &intervals, known, &options)
@@ -102,8 +100,9 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
             leave(&mut all, *interval, &day, &context.prepared.leap, made);
         }
     }
-    short.iter().for_each(|row| all.flags[*row] |= Flags::HEATER.0);
-    let count = short.iter().filter(|row| day.contains(&all.time[**row])).count();
+    let short = || cells.iter().flat_map(|cells| &cells.short);
+    short().for_each(|row| all.flags[*row] |= Flags::HEATER.0);
+    let count = short().filter(|row| day.contains(&all.time[**row])).count();
     if count > 0 {
         made.notes.push(format!(
             "{count} vectors within heater intervals stand out of those on both sides for less than the shortest time a heater is on: they \
