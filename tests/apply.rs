@@ -728,6 +728,31 @@ fn polynomials_are_taken_at_the_temperatures_of_their_own_thermistor() {
     let output = applied(&of_channel("T7"), &[]);
     assert_eq!(output.status.code(), Some(1));
     says(&text(&output.stderr), &["has no channel `T7`", "--temperature-column"]);
+
+    // A third of the readings is missing: between a reading's distance after the last and as much before the next nothing is known.
+    let step_s = end_s / 60.0;
+    run.temperatures.retain(|(t_s, _)| *t_s < 20.5 * step_s || *t_s > 39.5 * step_s);
+    let case = Case::of(run.text());
+    let told = done(&apply(&[&of_channel("T59")], &case.file(), &out, &[]));
+    says(
+        &told,
+        &["its temperature channel T59 has no reading from", "the temperature is not known there", "temperature not known"],
+    );
+    let table = fs::read(out.join("09-22-38.calibrated.parquet")).unwrap();
+    let table = calfit::files::table::Table::from_parquet(&table).unwrap();
+    let [t_s, t_degc, bx_nt] =
+        ["t", "t_degc", "bx_nt"].map(|name| match &table.columns.iter().find(|(own, _)| own == name).unwrap().1 {
+            calfit::files::table::Values::Numbers(values) => values.clone(),
+            other => panic!("{other:?}"),
+        });
+    for ((t_s, degc), b) in t_s.iter().zip(&t_degc).zip(&bx_nt) {
+        let steps = t_s / step_s;
+        if (21.01..38.99).contains(&steps) {
+            assert!(degc.is_nan() && b.is_nan(), "{t_s} {degc} {b}");
+        } else if !(20.99..39.01).contains(&steps) {
+            assert!((degc - 24.0).abs() < 0.1 && b.is_finite(), "{t_s} {degc} {b}");
+        }
+    }
 }
 
 #[test]

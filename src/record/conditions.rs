@@ -1,6 +1,6 @@
 //! What the results of all runs say about the run itself: its head, its temperatures, the plateaus left out, and notes.
 
-use super::temperature_faults;
+use super::temperature_faults::{self, PLAUSIBLE_DEGC};
 use crate::data::error::Severity;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Drop, Plateau, Plateaus};
@@ -12,9 +12,6 @@ use crate::fit::{DenseNoise, FitError, Solution};
 use crate::model::campaign::Instructions;
 use nalgebra::DMatrix;
 use serde::Serialize;
-
-/// Temperatures outside are no temperatures of a sensor or coil.
-pub(super) const PLAUSIBLE_DEGC: std::ops::RangeInclusive<f64> = -200.0..=200.0;
 
 /// Parts of plateaus whose lengths differ by less than this share are compared together.
 const SAME_LENGTH: f64 = 1e-3;
@@ -256,8 +253,7 @@ fn temperature(
                 .about(channel)]);
         return (Vec::new(), None);
     };
-    let count = series.len();
-    let series: Series = series.into_iter().filter(|(_, v)| PLAUSIBLE_DEGC.contains(v)).collect();
+    let count = run.slow_channel(channel).map_or(0, |all| all.len());
     if series.len() < count {
         let [low, high] = [PLAUSIBLE_DEGC.start(), PLAUSIBLE_DEGC.end()];
         notes.extend([Note::new(
@@ -286,8 +282,9 @@ fn temperature(
         let times = [vec![span_s[0]], inside.iter().map(|(t, _)| *t).collect(), vec![span_s[1]]].concat();
         let gaps = || times.windows(2).map(|w| w[1] - w[0]);
         let length = span_s[1] - span_s[0];
-        let at_ends = gaps().next().unwrap_or_default() + gaps().next_back().unwrap_or_default();
-        if let (true, [(first, _), .., (last, _)]) = (at_ends > 0.1 * length, inside.as_slice()) {
+        let read_s = [f64::min, f64::max].map(|end| series.iter().map(|(t, _)| *t).reduce(end).unwrap_or(f64::NAN));
+        let at_ends = (read_s[0] - span_s[0]).max(0.0) + (span_s[1] - read_s[1]).max(0.0);
+        if let (true, [first, last]) = (at_ends > 0.1 * length, read_s) {
             notes.extend([Note::new(
                 NoteKind::Temperature,
                 format!("the {what} temperature (channel {channel}) covers the time from {first} to {last} s only"),

@@ -2,7 +2,6 @@
 //! the period that it lies in (CH-GFZ-TR-2601 section 6: the facility is corrected with the temperatures during the run;
 //! docs/mathematics.md, "The coil system").
 
-use super::conditions::PLAUSIBLE_DEGC;
 use super::temperature_faults;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
@@ -203,8 +202,7 @@ fn degc(
 ) -> Option<Vec<f64>> {
     let file = &facility.input.path;
     let (begin, end) = (spans_s.first().map_or(0.0, |s| s[0]), spans_s.last().map_or(0.0, |s| s[1]));
-    let mut series = temperature_faults::readings(run, channel, [begin, end]).unwrap_or_default();
-    series.retain(|(_, v)| PLAUSIBLE_DEGC.contains(v));
+    let series = temperature_faults::readings(run, channel, [begin, end]).unwrap_or_default();
     if series.is_empty() {
         let coil = facility.periods[0].part.coil();
         let reference_degc = if what == "rack" { coil.rack_reference_degc } else { coil.reference_degc };

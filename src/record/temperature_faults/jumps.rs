@@ -1,7 +1,7 @@
 //! Jumps of temperature channels: where they are, how large, and the readings without them.
 
 use super::channel::{Channel, GAP, usual_interval_s};
-use super::{ChannelFault, Fault};
+use super::{ChannelFault, Fault, PLAUSIBLE_DEGC};
 use crate::data::run::{Run, SlowTable, interpolate};
 use crate::fit::statistics::{median, robust_std, two_sided_tail};
 use nalgebra::DMatrix;
@@ -141,8 +141,8 @@ pub fn without_jumps(table: &SlowTable, span_s: [f64; 2]) -> (Vec<Jumps>, SlowTa
     (found_in, mended)
 }
 
-/// The readings of a slow channel, (s since the run's start, °C), without the jumps between two times (s): what it read before the first one is
-/// taken as right.
+/// The readings of a slow channel, (s since the run's start, °C), without those that are no temperatures of a sensor or coil and without the
+/// jumps between two times (s): what it read before the first one is taken as right.
 #[must_use]
 pub fn readings(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Vec<(f64, f64)>> {
     let mut series = run.slow_channel(name)?;
@@ -152,6 +152,7 @@ pub fn readings(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Vec<(f64, f64
     if let Some(found) = found {
         series.iter_mut().for_each(|(t_s, value)| found.take_off(*t_s, value));
     }
+    series.retain(|(_, degc)| PLAUSIBLE_DEGC.contains(degc));
     Some(series)
 }
 

@@ -66,9 +66,12 @@ pub(super) fn vectors(work: &mut Work, own: &Run, allowed: &Reading, note: &str,
 /// The sensor temperature of a run.
 enum Thermometer {
     Constant(f64),
-    /// Readings as (s, °C), and how far from its ends a temperature is still taken from them, s.
+    /// Readings as (s, °C), and their usual distance, s: so far from the readings beside a gap a temperature is still taken from them.
     Series(Vec<(f64, f64)>, f64),
 }
+
+/// Readings whose distance is more usual distances than this have a gap between them, which a straight line does not close.
+const GAP_STEPS: f64 = 5.0;
 
 /// The channel of the sensor temperature, and who names it.
 enum Named {
@@ -126,6 +129,18 @@ impl Thermometer {
                 }
                 let mut steps: Vec<f64> = series.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
                 let usual_step = if steps.is_empty() { f64::INFINITY } else { median(&mut steps) };
+                if let [(t_s, degc)] = series.as_slice() {
+                    work.counts.notes.push(format!(
+                        "its temperature channel {channel} has a single reading, {degc} °C at {t_s} s, which is taken for the whole run"
+                    ));
+                }
+                let gaps = series.windows(2).filter(|pair| pair[1].0 - pair[0].0 > GAP_STEPS * usual_step);
+                work.counts.notes.extend(gaps.map(|pair| {
+                    format!(
+                        "its temperature channel {channel} has no reading from {} to {} s: the temperature is not known there",
+                        pair[0].0, pair[1].0
+                    )
+                }));
                 Ok(Thermometer::Series(series, usual_step))
             }
             (None, Named::Analyst(_)) => refused(format!("has no channel `{channel}`"), "name one of its temperature channels"),
@@ -140,15 +155,18 @@ impl Thermometer {
         }
     }
 
-    /// The temperature at a time, °C; nan further from the readings than they are from each other.
+    /// The temperature at a time, °C; nan before and after the readings and in their gaps, further from a reading than they usually are from
+    /// each other.
     fn at(&self, t_s: f64) -> f64 {
-        match self {
-            Thermometer::Constant(degc) => *degc,
-            Thermometer::Series(series, step) => match (series.first(), series.last()) {
-                (Some((first, _)), Some((last, _))) if (first - step..=last + step).contains(&t_s) => interpolate(series, t_s),
-                _ => f64::NAN,
-            },
-        }
+        let (series, step_s) = match self {
+            Thermometer::Constant(degc) => return *degc,
+            Thermometer::Series(series, step_s) => (series, *step_s),
+        };
+        let after = series.partition_point(|(own_s, _)| *own_s < t_s);
+        let before_s = after.checked_sub(1).map_or(f64::NEG_INFINITY, |place| series[place].0);
+        let after_s = series.get(after).map_or(f64::INFINITY, |(own_s, _)| *own_s);
+        let near = t_s - before_s <= step_s || after_s - t_s <= step_s;
+        if near || after_s - before_s <= GAP_STEPS * step_s { interpolate(series, t_s) } else { f64::NAN }
     }
 }
 
