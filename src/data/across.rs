@@ -54,6 +54,27 @@ pub struct LinearScope {
     /// Model files whose effects were taken off the readings before.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known_effects: Vec<String>,
+    /// How the part of the sensor whose temperature the coefficients follow goes after its thermistor; absent where both are taken as the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thermistor_lag: Option<FollowedThermistor>,
+}
+
+/// How a part of a sensor goes after a thermistor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FollowedThermistor {
+    /// `delay`, `first order` or `inverse first order`.
+    pub form: String,
+    /// Delay or time constant, s; a negative delay where the part is earlier than the thermistor.
+    pub lag_s: f64,
+}
+
+impl FollowedThermistor {
+    /// Of the lag of a sweep; nothing where that is none.
+    #[must_use]
+    pub fn of(applied: &AppliedLag) -> Option<Self> {
+        (applied.form != LagForm::None.name() && applied.lag_s != 0.0)
+            .then(|| Self { form: applied.form.clone(), lag_s: applied.lag_s })
+    }
 }
 
 /// Calibrations of readings that were linearised in different ways, or some of them not at all.

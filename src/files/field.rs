@@ -69,8 +69,15 @@ fn in_reference_cube(mut part: FieldPart, file: &str) -> Result<FieldPart, Findi
     if reference.std_deg.is_nan() || reference.std_deg < 0.0 {
         return Err(refuse("reference.std_deg is no uncertainty"));
     }
+    // A matrix of one temperature has one rotation; where its angles move, the frame for which another convention states it moves with them.
+    let stated = reference.stated_rotation.filter(|_| matches!(part.coefficients.matrix, Some(MatrixForm::Alignment(_))));
+    if stated.as_ref().is_some_and(|rows| !is_rotation(rows)) {
+        return Err(refuse("reference.stated_rotation is no rotation"));
+    }
+    let rows = stated.unwrap_or(reference.rotation);
     part.coefficients.turn = Some(Turn {
-        rotation: Matrix3::from_fn(|row, column| reference.rotation[row][column]),
+        rotation: Matrix3::from_fn(|row, column| rows[row][column]),
+        from_other: stated.map(|_| reference.stated_for),
         std_rad: reference.std_deg.to_radians(),
     });
     part.frame = "reference cube of the sensor".to_owned();

@@ -110,6 +110,28 @@ impl Lag {
         }
     }
 
+    /// The temperature of the part, (s, °C), in the time of a run, as far as the readings of its thermistor tell it. A part that was at rest with its
+    /// thermistor at the begin was so before.
+    #[must_use]
+    pub fn in_run(self, readings: &[(f64, f64)]) -> Vec<(f64, f64)> {
+        let smooth = Course::smooth(readings);
+        let mut series = match self {
+            // A rate of single readings is their noise.
+            Lag::InverseFirstOrder(_) => self.of(&smooth),
+            Lag::Delay(_) | Lag::FirstOrder(_) => self.of(&Course::exact(readings.to_vec())),
+        };
+        match (self.known_from_s(&smooth), series.first(), smooth.series.first()) {
+            (Some(known_s), ..) => series.retain(|(t_s, _)| *t_s >= known_s),
+            (None, Some((begin_s, _)), Some((_, degc))) => {
+                let before: Vec<(f64, f64)> =
+                    readings.iter().map(|(t_s, _)| (*t_s, *degc)).take_while(|(t_s, _)| t_s < begin_s).collect();
+                series.splice(..0, before);
+            }
+            _ => {}
+        }
+        series
+    }
+
     /// When the temperature of the part begins to be known, s. A part that follows a thermistor which moves at its first reading may have been
     /// in equilibrium then, or have followed for long; what this makes out is forgotten once it is below a tenth of the noise of the readings. One
     /// that is later by a time was then where the thermistor had been before. `None` where it is known from the first reading on.

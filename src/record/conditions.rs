@@ -8,8 +8,10 @@ use crate::data::result::{AT_REST_K, Conditions, Dropped, RunHead, Spread};
 use crate::data::run::{Run, interpolate};
 use crate::data::units::{COMPONENTS, counted};
 use crate::fit::noise::dense::{self, GroupNoise, Octave, Sampled};
+use crate::fit::statistics::extremes;
 use crate::fit::{DenseNoise, FitError, Solution};
 use crate::model::campaign::Instructions;
+use crate::model::lag::Lag;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
@@ -46,6 +48,26 @@ impl Temperatures {
             coil_degc,
         });
         Self { sensor, coil, conditions }
+    }
+
+    /// Takes the temperature of the part of the sensor that goes after the thermistor with a lag in place of that of the thermistor, over the time in
+    /// which fields were applied. Returns whether it is known in all of that time, but for the distance of two readings at its ends.
+    pub fn follow(&mut self, lag: Lag, file: &str, span_s: [f64; 2], notes: &mut impl Extend<Note>) -> bool {
+        let Some(conditions) = self.conditions.as_mut().filter(|c| c.sensor_degc.is_some()) else { return true };
+        self.sensor = lag.in_run(&self.sensor);
+        let inside = self.sensor.iter().filter(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
+        let [low, high] = extremes(inside.map(|(_, degc)| *degc));
+        conditions.sensor_degc = (low <= high).then(|| [low, mean_in_time(&self.sensor, span_s), high]);
+        let channel = &conditions.sensor_channel;
+        let text = format!(
+            "the sensor temperature is that of the part that goes after channel {channel} with a {} of {:.0} s, as {file} has it",
+            lag.form(),
+            lag.seconds()
+        );
+        notes.extend([Note::new(NoteKind::Temperature, text).about(channel)]);
+        let [first_s, last_s] = extremes(self.sensor.iter().map(|(t_s, _)| *t_s));
+        let usual_s = (last_s - first_s) / (self.sensor.len().max(2) - 1) as f64;
+        first_s <= span_s[0] + usual_s && last_s >= span_s[1] - usual_s
     }
 
     /// States by how much and how fast the sensor temperature moved.

@@ -217,6 +217,7 @@ pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
             valid_field_nt: valid.field_coil_nt.zip(matrix.r_nom).map(|(nt, r)| LinearScope::along_sensor_axes(&nt, &r)),
             linearisation,
             known_effects: model.into_iter().map(|m| m.file).collect(),
+            thermistor_lag: None,
         }),
     };
     Ok(RunKeys { run, conditions, values, reference })
@@ -272,6 +273,7 @@ impl From<&Cpf> for CalibratedRun {
                     valid_field_nt: Some(LinearScope::along_sensor_axes(&own.valid.field_coil_nt, &own.matrix.r_nom)),
                     linearisation: cpf.linearisation.clone(),
                     known_effects: cpf.model.iter().map(|m| m.file.clone()).collect(),
+                    thermistor_lag: None,
                 }),
             },
             reference: own.stated_reference(),

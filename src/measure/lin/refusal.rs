@@ -59,6 +59,17 @@ pub enum LinError {
         /// The same of the run.
         run: String,
     },
+    /// The part of the sensor that counts was, in a part of the run, where the thermistor had been before the record began or was after it.
+    #[error(
+        "{file} is of a part of the sensor that goes after the thermistor with a lag of {lag_s:.0} s, and the record of the thermistor does not \
+         tell the temperature of that part in all of the run"
+    )]
+    LagUnknown {
+        /// File of the polynomials.
+        file: String,
+        /// Delay or time constant, s.
+        lag_s: f64,
+    },
     /// Too few plateaus.
     #[error(
         "{used} usable plateaus cannot determine {parameters} parameters per component ({})",
@@ -108,6 +119,9 @@ impl LinError {
                 "name polynomials of the sensor with --temperature TPF, or state bounds of slope_sigma and slope_xi in campaign.toml, [[uncertainty]]"
             }
             LinError::OtherSensor { .. } => "name the polynomials of this sensor and mode, of the same temperature channel",
+            LinError::LagUnknown { .. } => {
+                "record the temperature from a lag before the first setting to one after the last, or leave out those settings with --exclude"
+            }
             LinError::TooFew { unsettled: true, .. } => "hold the fields longer, or say with --settling what can be accepted",
             LinError::TooFew { .. } => "use a longer programme, or less strict limits",
             LinError::Facility(error) => error.remedy(),

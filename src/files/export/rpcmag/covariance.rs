@@ -207,6 +207,7 @@ impl RpcMag {
             known_effects: self.known_effects.clone(),
             models: Vec::new(),
             reference: self.reference.clone(),
+            lag: None,
             frame: Convention::Rosetta.sensor_frame().to_owned(),
             coefficients: Coefficients {
                 matrix: Some(MatrixForm::Alignment(Convention::Rosetta)),

@@ -183,7 +183,11 @@ fn reference(group: &Group) -> Result<Reference, Finding> {
         Some(name) => Convention::from_name(&name).ok_or_else(|| group.refuse("stated_for", "is no convention", REMEDY))?,
         None => Convention::Rosetta,
     };
-    Ok(Reference { rotation, std_deg, from, stated_for })
+    let stated_rotation = group.three_rows("stated_rotation")?;
+    if stated_rotation.as_ref().is_some_and(|rows| !is_rotation(rows)) {
+        return Err(group.refuse("stated_rotation", "is no rotation", REMEDY));
+    }
+    Ok(Reference { rotation, std_deg, from, stated_for, stated_rotation })
 }
 
 /// What is a table or a list of lists.
