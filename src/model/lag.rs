@@ -241,6 +241,7 @@ pub fn follow(body: f64, from: f64, to: f64, x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::run::interpolate;
     use rand_distr::{Distribution, StandardNormal};
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;
@@ -266,6 +267,24 @@ mod tests {
             let delayed = Lag::Delay(480.0).of(&course)[300];
             assert!((delayed.0 - 9480.0).abs() < 1e-9 && (delayed.1 - 90.0).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_part_is_known_in_a_run_where_its_thermistor_tells() {
+        let times = || (0..400).map(|i| 30.0 * f64::from(i));
+        // At rest for an hour, then a ramp: the delayed part is known from the first reading on.
+        let rested: Vec<(f64, f64)> = times().map(|t_s| (t_s, 20.0 + 0.01 * (t_s - 3600.0).max(0.0))).collect();
+        let part = Lag::Delay(480.0).in_run(&rested);
+        for (t_s, degc) in times().map(|t_s| (t_s, interpolate(&part, t_s))) {
+            assert!((degc - (20.0 + 0.01 * (t_s - 4080.0).max(0.0))).abs() < 1e-9, "{t_s} {degc}");
+        }
+        assert!(part[0].0 == 0.0);
+        // It moves already: where the part was before is not known.
+        let ramp: Vec<(f64, f64)> = times().map(|t_s| (t_s, 0.01 * t_s)).collect();
+        assert!((Lag::Delay(480.0).in_run(&ramp)[0].0 - 480.0).abs() < 1e-9);
+        // A first order has forgotten it when a tenth of the noise is left, which is 1e-3 K where none shows: 4.8 K, ln(4.8e4) time constants.
+        let from_s = Lag::FirstOrder(480.0).in_run(&ramp)[0].0;
+        assert!((from_s - 480.0 * f64::ln(4.8e4)).abs() <= 30.0, "{from_s}");
     }
 
     #[test]
