@@ -197,6 +197,10 @@ pub enum RunValues {
         offset_ent: [f64; 3],
         /// Its standard uncertainty, enT.
         std: Option<[f64; 3]>,
+        /// That of type B, which runs with one facility share; `None` if the file states none.
+        std_b: Option<[f64; 3]>,
+        /// Temperatures at which the offsets hold, °C, where they are not that of the run.
+        degc: Option<[f64; 3]>,
         /// Residual field, enT.
         residual_ent: [f64; 3],
         /// Its standard uncertainty, enT; nan where the file does not tell.

@@ -106,6 +106,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         notes.extend(judge::structure_of(&temperatures, &prepared.list, &used, &means, &noise));
     }
     notes.extend(judge::rounding_of(&used, &noise));
+    notes.extend(judge::few_means(&noise, fitted.solution.dof));
     conditions::warn_of_slow_noise(&mut notes, &noise, span_s);
 
     let mut calibration = LinearCalibration {

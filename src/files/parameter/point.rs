@@ -89,10 +89,17 @@ struct OpfKeys {
     run: RunAtTemperature,
     offset_ent: [f64; 3],
     offset_std_ent: Option<[f64; 3]>,
+    offset_degc: Option<[f64; 3]>,
     residual_ent: Option<[f64; 3]>,
     residual_std_ent: Option<[f64; 3]>,
+    std_b: Option<OffsetStdKeys>,
     method: Option<MethodKeys>,
     conditions: Option<ConditionsKeys>,
+}
+
+#[derive(Deserialize)]
+struct OffsetStdKeys {
+    offset_ent: Option<[f64; 3]>,
 }
 
 #[derive(Deserialize)]
@@ -229,6 +236,8 @@ pub(super) fn opf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
     let values = RunValues::Offset {
         offset_ent: keys.offset_ent,
         std: keys.offset_std_ent,
+        std_b: keys.std_b.and_then(|b| b.offset_ent),
+        degc: keys.offset_degc,
         residual_ent: keys.residual_ent.unwrap_or(NONE),
         residual_std: keys.residual_std_ent.unwrap_or(NONE),
         seen_along: keys.method.and_then(|m| m.normal_axis).unwrap_or_default(),
@@ -290,6 +299,8 @@ impl From<&Opf> for CalibratedRun {
             values: RunValues::Offset {
                 offset_ent: opf.values.offset_ent,
                 std: Some(opf.values.offset_std_ent),
+                std_b: opf.found.of_facility.as_ref().map(|b| b.std_b.offset_ent),
+                degc: opf.values.offset_degc,
                 residual_ent: opf.values.residual_ent,
                 residual_std: opf.values.residual_std_ent,
                 seen_along: opf.found.method.normal_axis.to_vec(),

@@ -21,6 +21,14 @@ pub enum LinError {
     /// Nothing to fit.
     #[error("the run has no plateaus: neither @BLOCKS nor @FIELDS with @VECTORS")]
     NoPlateaus,
+    /// Settings without a sample.
+    #[error(
+        "the run has 0 usable plateaus of {total}: there are no settled samples in them, since @VECTORS is missing or has no rows"
+    )]
+    NoSamples {
+        /// Plateaus in the run.
+        total: usize,
+    },
     /// Several positions, or one without axes.
     #[error(transparent)]
     Position(#[from] PositionError),
@@ -110,6 +118,7 @@ impl LinError {
         match self {
             LinError::Kind(kind) => kind.command(),
             LinError::NoPlateaus => "check the file with `calfit check`",
+            LinError::NoSamples { .. } => "take the file again with its samples, or give the means of the settings in @BLOCKS",
             LinError::Position(error) => error.remedy(),
             LinError::Order(_) => "use the lowest order that the drift needs",
             LinError::Unsettled { .. } => "hold the fields longer, or say with --settling what can be accepted",
