@@ -6,7 +6,7 @@ mod jumps;
 mod level;
 mod still;
 
-pub use jumps::{Jumps, jumps_of, readings, without_jumps};
+pub use jumps::{Jumps, jumps_of, may_jump, readings, without_jumps};
 pub use still::{Still, without_still};
 
 use crate::data::note::{Note, NoteKind};
@@ -15,7 +15,7 @@ use crate::model::campaign::Instructions;
 use channel::Channel;
 
 /// Temperatures outside are no temperatures of a sensor or coil.
-pub(super) const PLAUSIBLE_DEGC: std::ops::RangeInclusive<f64> = -200.0..=200.0;
+pub const PLAUSIBLE_DEGC: std::ops::RangeInclusive<f64> = -200.0..=200.0;
 
 /// Standard deviation of the difference of two thermistors of one body, K: uncalibrated ones of the campaign of 2013 differ by up to 1.5 K.
 const AGREEMENT_K: f64 = 1.5;
