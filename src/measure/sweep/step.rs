@@ -51,7 +51,7 @@ impl Step {
         let of_readings = usual_s(series.len(), span_s(series.first().map(|r| r.0), series.last().map(|r| r.0)));
         let near_s = NEAR * of_settings.max(of_readings);
         let at = |(t_s, _): &(f64, f64)| -> Option<Self> {
-            if (t_s - scan.t_s).abs() > near_s {
+            if (t_s - scan.t_s).abs() > near_s || !may_jump(series, *t_s, [scan.size_k, scan.std_k]) {
                 return None;
             }
             let mut step = Self { t_s: *t_s, size_k: scan.size_k, std_k: f64::INFINITY, gain: 0.0 };
@@ -63,7 +63,7 @@ impl Step {
                 }
             }
             step.gain = without - means.deviance(&smooth(&step.taken_off(series)), orders);
-            may_jump(series, *t_s, step.size_k).then_some(step)
+            may_jump(series, *t_s, [step.size_k, step.std_k]).then_some(step)
         };
         let best = series.iter().filter_map(at).max_by(|a, b| a.gain.total_cmp(&b.gain))?;
         (best.gain > lag_gain.max(0.0) + least).then_some(best)
@@ -107,6 +107,7 @@ struct Linear<'a> {
 struct Seen {
     t_s: f64,
     size_k: f64,
+    std_k: f64,
     gain: f64,
 }
 
@@ -149,7 +150,7 @@ impl<'a> Linear<'a> {
     fn scan(&self) -> Option<Seen> {
         let one = |t_s: &f64| {
             let (size_k, std_k) = self.jump(*t_s)?;
-            Some(Seen { t_s: *t_s, size_k, gain: (size_k / std_k).powi(2) })
+            Some(Seen { t_s: *t_s, size_k, std_k, gain: (size_k / std_k).powi(2) })
         };
         self.t_s.iter().skip(1).filter_map(one).max_by(|a, b| a.gain.total_cmp(&b.gain))
     }

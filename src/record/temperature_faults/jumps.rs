@@ -172,9 +172,9 @@ pub fn jumps_of(series: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
 }
 
 /// Whether the readings of a thermistor (s, °C) leave room for a jump of a size, K, right before the one at a time, s: without it the change there
-/// would be one of those between its rates before and after, to within noise. Where it turns, that is much; on a straight ramp next to nothing.
+/// would be one of those between its rates before and after, to within noise and what the size is uncertain by, K. Where it turns, that is much; on a straight ramp next to nothing.
 #[must_use]
-pub fn may_jump(series: &[(f64, f64)], t_s: f64, size_k: f64) -> bool {
+pub fn may_jump(series: &[(f64, f64)], t_s: f64, [size_k, std_k]: [f64; 2]) -> bool {
     let (t, values) = series.iter().copied().unzip();
     let table = SlowTable { names: vec![String::new()], t_s: t, values: vec![values] };
     let Some(channel) = Channel::of(&table, "") else { return false };
@@ -185,7 +185,7 @@ pub fn may_jump(series: &[(f64, f64)], t_s: f64, size_k: f64) -> bool {
     let [Some(before), Some(after)] = [usual(&changes, i.saturating_sub(RATES)..i), usual(&changes, i + 1..i + 1 + RATES)] else {
         return false;
     };
-    let room = NOISES * channel.noise_of_changes_k(&changes);
+    let room = NOISES * channel.noise_of_changes_k(&changes).hypot(std_k / part.abs());
     let course = (by_k - size_k) / part;
     (before.min(after) - room..=before.max(after) + room).contains(&course)
 }
