@@ -180,12 +180,12 @@ pub fn may_jump(series: &[(f64, f64)], t_s: f64, [size_k, std_k]: [f64; 2]) -> b
     let Some(channel) = Channel::of(&table, "") else { return false };
     let changes = channel.changes();
     let Some(i) = changes.iter().position(|(place, ..)| channel.series[*place].0 == t_s) else { return false };
-    let (_, by_k, rate) = changes[i];
-    let part = if rate == 0.0 { 1.0 } else { by_k / rate };
+    let (place, by_k, _) = changes[i];
+    let part = (channel.series[place].0 - channel.series[place - 1].0) / channel.interval_s;
     let [Some(before), Some(after)] = [usual(&changes, i.saturating_sub(RATES)..i), usual(&changes, i + 1..i + 1 + RATES)] else {
         return false;
     };
-    let room = NOISES * channel.noise_of_changes_k(&changes).hypot(std_k / part.abs());
+    let room = NOISES * channel.noise_of_changes_k(&changes).hypot(std_k / part);
     let course = (by_k - size_k) / part;
     (before.min(after) - room..=before.max(after) + room).contains(&course)
 }
