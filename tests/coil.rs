@@ -197,6 +197,49 @@ fn temperature_coefficients_come_back_from_four_calibrations() {
     assert!(p.found.calibration.len() == 4 && p.notes.is_empty(), "{:?}", p.notes);
 }
 
+/// A calibration whose coils warm up by so many kelvins, and whose settings along X come first.
+fn while_warming(day: usize, degc: f64, by_k: f64, gauss: &mut Gauss) -> Run {
+    // Not the coefficients that are published.
+    const PER_K: Three = [1.9e-5, 2.1e-5, 1.7e-5];
+    let mut settings = directions(gauss);
+    settings.sort_by(|a, b| (b[0] / b[1].hypot(b[2])).abs().total_cmp(&(a[0] / a[1].hypot(a[2])).abs()));
+    let mut made = run(day, &FACILITY, &settings, &[("T29", degc)], gauss);
+    let at = |t_s: f64| degc + by_k * (t_s / 1650.0 - 0.5);
+    made.temperatures.t_s = (0..=20).map(|i| 82.5 * f64::from(i)).collect();
+    made.temperatures.values = vec![made.temperatures.t_s.iter().map(|t| at(*t)).collect()];
+    for row in &mut made.scalar {
+        let scale = std::array::from_fn(|k| SCALE[k] * (1.0 + PER_K[k] * (at(row.t_s) - 16.5)));
+        row.modulus_nt += Facility { scale, ..FACILITY }.modulus(row.setting) - FACILITY.modulus(row.setting);
+    }
+    made
+}
+
+/// One calibration tells no coefficients. What they did to it is uncertain by what they may be: a kelvin made the scale factor of X wrong by six
+/// uncertainties. Several calibrations tell them, and the movement within each of them is no disagreement.
+#[test]
+fn coils_that_warm_up_within_a_calibration() {
+    for (by_k, is_told) in [(0.0, false), (0.5, true), (1.0, true)] {
+        let mut squares = 0.0;
+        for seed in 0..20 {
+            let p = calibrate(&[while_warming(23, 16.5, by_k, &mut Gauss(700 + seed))], &Options::default());
+            let (found, std) = (p.found.facility.scale_nt_per_eu[0], p.found.std.scale_nt_per_eu[0]);
+            squares += ((found - SCALE[0]) / std).powi(2) / 20.0;
+            // No more than the whole movement at 2e-5 per kelvin, beside the noise.
+            assert!(std < 1e-6 + 2e-5 * by_k, "{std}");
+            let told = p.notes.iter().any(|n| n.text.contains("the coil temperature moved by"));
+            assert_eq!(told, is_told, "{:?}", p.notes);
+        }
+        println!("{by_k} K: {:.2}", squares.sqrt());
+        assert!(squares.sqrt() < 1.4, "{by_k} K: {squares}");
+    }
+    let mut gauss = Gauss(8);
+    let runs: Vec<Run> = (0..5).map(|i| while_warming(23 + i, 12.0 + 3.0 * i as f64, 3.0, &mut gauss)).collect();
+    let p = calibrate(&runs, &Options::default());
+    let (found, std) = (p.found.facility.scale_per_k.unwrap(), p.found.std.scale_per_k.unwrap());
+    assert!((found[1] - 2.1e-5).abs() < 3.5 * std[1] && std[1] < 1e-6, "{found:?} {std:?}");
+    assert!(p.notes.is_empty(), "{:?}", p.notes);
+}
+
 #[test]
 fn a_step_between_two_calibrations_makes_two_periods() {
     // On 25 March 1998 the offset field of Y went from -2.2 to -4.4 nT.
@@ -796,6 +839,14 @@ fn a_facility_beyond_the_temperatures_of_its_own_calibration_is_told() {
         let facility = case.put("facility.toml", text);
         let messages = case.done(&["--facility", facility.to_str().unwrap(), "--order", "0"]);
         assert_eq!(messages.contains("coefficients are extrapolated"), is_told, "{messages}");
+        // One calibration alone has no coefficients, and holds where it was made all the same.
+        let text = format!(
+            "scale_nt_per_eu = {SCALE:?}\noffset_nt = {OFFSET_NT:?}\nangles_deg = {ANGLES_DEG:?}\n[valid]\ncoil_degc = [15.0, {highest:?}]\n"
+        );
+        let facility = case.put("constant.toml", text);
+        let messages = case.done(&["--facility", facility.to_str().unwrap(), "--order", "0"]);
+        let words = "is used from 20.5 to 20.5 °C: it has no coefficients of the coil temperature";
+        assert_eq!(messages.contains(words), is_told, "{messages}");
     }
 }
 

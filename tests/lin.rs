@@ -329,6 +329,33 @@ fn nominal_95_percent_intervals_hold_the_truth_in_95_percent_of_made_runs() {
     assert!((0.935..=0.965).contains(&share), "{share}");
 }
 
+/// An offset that drifts by 4 enT from the first to the last setting is 2 enT off its mean at both ends, 300 times what the mean is uncertain by.
+#[test]
+fn an_offset_that_moves_within_the_run_is_told_with_its_size() {
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+    let sensor = Sensor { axes, sigma: [1.0; 3], offset_ent: [-0.2, -0.3, -10.5] };
+    let campaign = campaign_with(r#"["+X", "+Y", "+Z"]"#);
+    for drift_ent in [0.0, 4.0] {
+        let mut list = plateaus(&sensor, 4, 0.01, &mut Noise(5));
+        let last = (list.list.len() - 1) as f64;
+        for plateau in &mut list.list {
+            plateau.mean.0[2] += drift_ent * (plateau.index as f64 / last - 0.5);
+        }
+        let options = Options { trend_order: Some(1), ..Options::default() };
+        let result = lin(&sample_run(), &list, &campaign.file.instructions, &options).unwrap();
+        let told: Vec<&str> =
+            result.notes.iter().filter(|n| n.text.starts_with("the offset moves")).map(|n| n.text.as_str()).collect();
+        if drift_ent == 0.0 {
+            assert!(told.is_empty(), "{told:?}");
+            continue;
+        }
+        // The times are those of the begin of the first and the end of the last setting: half a setting of 30 more at either end.
+        let [told] = told.as_slice() else { panic!("{told:?}") };
+        let by: f64 = told.split("that of z by up to ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+        assert!((by - 2.0).abs() < 0.1 && !told.contains("that of x"), "{told}");
+    }
+}
+
 #[test]
 fn a_parameter_file_reads_back_to_the_last_bit_and_notices_changes() {
     let (run, result) = fit(&repository("runs/sample/26-01-15/09-00-00.CCR"), &Options::default());

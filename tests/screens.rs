@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use common::check::{Case, refused, says, text};
+use common::check::{Case, calfit, refused, says, text};
 use common::{Plan, Run, Setting, programme, sines};
 
 /// 360 settings of 1000 nT in all directions, a second each, while the sensor warms up by 80 K.
@@ -30,6 +30,28 @@ fn a_sweep_without_damage_is_done_without_a_word_about_its_readings() {
     let (status, told) = thermal(&sweep());
     assert_eq!(status, Some(0), "{told}");
     assert!(!told.contains("AXES") && !told.contains("follow the applied field"), "{told}");
+}
+
+/// Readings under two ids are those of one measurement.
+#[test]
+fn check_tells_a_run_whose_readings_are_those_of_another() {
+    let run = include_str!("../runs/sample/26-01-15/09-00-00.CCR");
+    let checked = |other: String| {
+        let case = Case::new();
+        case.put("26-01-15/09-00-00.CCR", run);
+        case.put("26-01-16/09-00-00.CCR", other);
+        let output = calfit().arg("check").arg(case.campaign()).output().unwrap();
+        (output.status.code(), text(&output.stdout) + &text(&output.stderr))
+    };
+    let copy = run.replace("26-01-15", "26-01-16").replace("2026-01-15", "2026-01-16");
+    let (status, messages) = checked(copy.clone());
+    assert_eq!(status, Some(0), "{messages}");
+    says(&messages, &["26-01-16/09-00-00.CCR: holds the same readings as", "it would count twice"]);
+    // One reading that differs in its last digit makes another run.
+    let other = copy.replace(",-9.912\n@END", ",-9.913\n@END");
+    assert_ne!(other, copy);
+    let (_, messages) = checked(other);
+    assert!(!messages.contains("same readings"), "{messages}");
 }
 
 #[test]

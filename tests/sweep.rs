@@ -335,6 +335,44 @@ fn a_lag_of_eight_minutes_is_found_given_or_left_out() {
     assert!(whole < 1.3 && all.as_flattened().iter().all(|p| p.abs() < 5.0), "{whole}");
 }
 
+/// The sweep goes down for four hours and up again, and its thermistor reads half a kelvin more or less from there on. That passed for a lag, and the
+/// sensitivities were off by many uncertainties.
+#[test]
+fn a_jump_of_the_thermistor_where_the_temperature_turns_is_no_lag() {
+    const TURN_S: f64 = 4.0 * 3600.0;
+    let mut twin = demo();
+    let mut back = twin.thermal_box.phases.last().unwrap().clone();
+    back.from = "2026-03-03T20:00:00Z".parse().unwrap();
+    back.target_degc = 130.0;
+    twin.thermal_box.phases.push(back);
+    for (seed, by_k) in [(1, 0.5), (2, -0.5), (3, 0.0)] {
+        let case = campaign(&twin, seed);
+        let run = case.campaign().join("26-03-03/16-00-00.CCR");
+        let before = fs::read_to_string(&run).unwrap();
+        let (head, rest) = before.split_once("@TEMPERATURES\n").unwrap();
+        let (names, rest) = rest.split_once('\n').unwrap();
+        assert!(names.starts_with("t,T59,"), "{names}");
+        let (table, rest) = rest.split_once("@").unwrap();
+        let other = table.lines().map(|row| {
+            let [t_s, t59, others] = row.splitn(3, ',').collect::<Vec<_>>().try_into().unwrap();
+            let number = |text: &str| text.parse::<f64>().unwrap();
+            let degc = number(t59) + if number(t_s) > TURN_S + 30.0 { by_k } else { 0.0 };
+            format!("{t_s},{degc:.3},{others}\n")
+        });
+        fs::write(&run, format!("{head}@TEMPERATURES\n{names}\n{}@{rest}", other.collect::<String>())).unwrap();
+        let (file, _) = swept(&case, &[]);
+        let told = file.to_string().contains("temperature channel T59 jumps by");
+        assert_eq!((told, decided(&file, "decision")), (by_k != 0.0, Some("none claimed")), "{by_k}");
+        if told {
+            says(&file.to_string(), &[&format!("T59 jumps by {}0.", if by_k > 0.0 { "+" } else { "-" })]);
+        }
+        // The sweep reaches from 130 °C down to 50 °C.
+        let own = pulls(&file, &twin).map(|[.., warm, hot]| [warm, hot]);
+        println!("{by_k} K: rms {:.2}", rms(own.as_flattened()));
+        assert!(own.as_flattened().iter().all(|p| p.abs() < 5.0), "{by_k}: {own:?}");
+    }
+}
+
 #[test]
 fn what_is_no_lag_is_refused() {
     let case = Case::new();

@@ -100,9 +100,14 @@ fn sensors_are_kept_apart_and_runs_without_temperature_are_named() {
         case.put(&format!("B{i}.OPF"), opf(&id.replace("_09", "_10"), "B", Some(degc), -5.0));
     }
     case.put("C.OPF", opf("13-04-09_09-00-00", "A", None, 99.0));
+    // The readings of the third run of A once more.
+    case.put("D.OPF", opf("13-04-08_09-00-00", "A", Some(50.0), 0.1 + 1e-3 * 50.0));
     let output = case.run("thermal", &["--no-plots", "--order", "b_off_x=1", "--order", "b_off=0"]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     says(&text(&output.stderr), &["C.OPF states no sensor temperature and was left out"]);
+    let copy =
+        "run 13-04-08_09-00-00 was left out: its values and its temperature are those of run 13-04-03_09-00-00 to the last digit";
+    says(&text(&output.stderr), &[copy]);
     let a = parameters(&case.out().join("THERMAL_OFF_PARAMETER__13-04-01-09-00-00.TOF"));
     let b = parameters(&case.out().join("THERMAL_OFF_PARAMETER__13-04-01-10-00-00.TOF"));
     let first = |document: &DocumentMut| {

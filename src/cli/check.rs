@@ -5,6 +5,7 @@ use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::{Finding, Severity};
 use crate::data::index::INDEX_FILE;
+use crate::data::run::{Vector, VectorSink};
 use crate::files::campaign::Campaign;
 use crate::files::export::rpcmag;
 use crate::files::import::mapping;
@@ -16,6 +17,7 @@ use crate::record::temperature_faults::{self, ChannelFault};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 
 /// Name of the configuration of flight processing in a folder.
@@ -36,20 +38,25 @@ struct Checked {
     /// Files that an index says to be stale.
     #[serde(skip)]
     stale: usize,
+    /// What the readings of a run file are.
+    #[serde(skip)]
+    readings: Option<u64>,
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let files = files(&arguments.paths)?;
     let bar = terminal.progress(files.len(), "checked");
-    let results: Vec<Checked> = files
+    let mut results: Vec<Checked> = files
         .par_iter()
         .map(|path| {
-            let (findings, stale) = bar.of(&path.display().to_string(), || check(path, common));
+            let mut readings = None;
+            let (findings, stale) = bar.of(&path.display().to_string(), || check(path, common, &mut readings));
             let ok = findings.iter().all(|f| f.severity != Severity::Error);
-            Checked { file: path.display().to_string(), ok, findings, stale }
+            Checked { file: path.display().to_string(), ok, findings, stale, readings }
         })
         .collect();
     bar.finish();
+    tell_copies(&mut results);
     let bad = results.iter().filter(|r| !r.ok).count();
     if common.json {
         terminal.print(&json(&results)?);
@@ -76,6 +83,45 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         }
     }
     Ok(if bad == 0 { Status::Done } else { Status::Partly })
+}
+
+/// Says of run files whose readings are those of an earlier one that they are copies of it.
+fn tell_copies(results: &mut [Checked]) {
+    for later in 1..results.len() {
+        let (before, own) = results.split_at_mut(later);
+        let is_same = |other: &&Checked| other.readings.is_some() && other.readings == own[0].readings;
+        if let Some(first) = before.iter().find(is_same) {
+            let rule = format!("holds the same readings as {}, one after the other: it is a copy under another name", first.file);
+            let remedy = "take one of the two away, it would count twice";
+            own[0].findings.push(Finding::error(&own[0].file, rule, remedy).weighing(Severity::Warning));
+        }
+    }
+}
+
+/// Mixes the readings of a run as they pass, so that two runs with the same ones show. Times and settings do not count: they may have been changed.
+#[derive(Default)]
+struct Readings {
+    mixed: DefaultHasher,
+    count: u64,
+}
+
+impl Readings {
+    fn take(&mut self, reading: &[f64]) {
+        self.count += 1;
+        reading.iter().for_each(|value| self.mixed.write_u64(value.to_bits()));
+    }
+
+    /// What distinguishes them; `None` of too few, which may be the same by chance.
+    fn mark(&self) -> Option<u64> {
+        const LEAST: u64 = 8;
+        (self.count >= LEAST).then(|| self.mixed.finish())
+    }
+}
+
+impl VectorSink for Readings {
+    fn vector(&mut self, vector: Vector) {
+        self.take(&vector.reading.0);
+    }
 }
 
 /// The files to check: those named, of a campaign folder its runs and its `campaign.toml`, of a folder of telemetry its `flight.toml`, of a
@@ -110,8 +156,8 @@ fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
     Ok(files)
 }
 
-/// What is wrong with a file, and how many files it says to be stale.
-fn check(path: &Path, common: &Common) -> (Vec<Finding>, usize) {
+/// What is wrong with a file, and how many files it says to be stale; `readings` are those of a run file.
+fn check(path: &Path, common: &Common, readings: &mut Option<u64>) -> (Vec<Finding>, usize) {
     let mut stale = 0;
     let shown = path.display().to_string();
     let name = shown.to_ascii_uppercase();
@@ -130,8 +176,12 @@ fn check(path: &Path, common: &Common) -> (Vec<Finding>, usize) {
         amplitudes::read(path, &mut findings).err()
     } else {
         let options = ccr::Options { collect: true, ..common.desk().reading(&shown, false) };
-        match ccr::read(path, &options, &mut ()) {
+        let mut own = Readings::default();
+        match ccr::read(path, &options, &mut own) {
             Ok(run) => {
+                run.blocks.iter().for_each(|block| own.take(&block.mean.0));
+                run.scalar.iter().for_each(|row| own.take(&[row.modulus_nt]));
+                *readings = own.mark();
                 let fault = |f: ChannelFault| {
                     Finding::error(&shown, f.text(), "do not use the channel where it is wrong").weighing(Severity::Warning)
                 };

@@ -141,6 +141,8 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         slopes,
         reference: None,
     };
+    let std_ent = calibration.of_facility.as_ref().map_or(&calibration.std, |both| &both.std_combined).b_or_ent;
+    notes.extend(judge::moving_offset(&calibration.offset, std_ent));
     let stated = instructions.references.get(&run.header.sensor);
     calibration.reference = stated.and_then(|stated| stated.in_frame_of(&calibration.alignment()).ok());
     Ok(Lin {

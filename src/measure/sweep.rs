@@ -16,6 +16,7 @@ mod options;
 mod orders;
 mod refusal;
 mod result;
+mod step;
 mod thermistors;
 mod windows;
 
@@ -47,6 +48,7 @@ use means::Means;
 use nalgebra::{DVectorView, Matrix3};
 use orders::{Asked, Orders};
 use std::ops::Range;
+use step::Step;
 use thermistors::Followed;
 
 /// Names and units of the nine quantities.
@@ -108,6 +110,14 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     notes.extend(plausible(&means, &means.degc(series), &asked, &r_nom, options)?);
     let Followed { mut lags, chosen } = Followed::of(&channels, &own, &means, asked.usual().higher().linear(), &mut notes);
     let (channel, series) = &channels[chosen];
+    let linear = asked.usual().higher().linear();
+    let step = Step::of(series, &means, linear, lags[chosen].gain);
+    let mended = step.map(|step| step.taken_off(series));
+    if let (Some(step), Some(mended)) = (step, &mended) {
+        notes.push(step.note(channel));
+        lags[chosen] = thermistors::find_lag(channel, mended, &means, linear);
+    }
+    let series = mended.as_ref().unwrap_or(series);
     let known_lag = options.model.as_ref().and_then(Known::thermal_lag);
     let course = Course::smooth(series);
     let possible = lag::possible(&lags[chosen], options.lag, known_lag);
@@ -127,9 +137,9 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         );
         notes.push(Note::new(NoteKind::Temperature, text).about(channel));
         // What was not known made one kind of lag look like another.
-        lags[chosen] = thermistors::find_lag(channel, series, &means, asked.usual().higher().linear());
+        lags[chosen] = thermistors::find_lag(channel, series, &means, linear);
     }
-    let problem = Problem { run: &run.header.run, r_nom, used: &used, means: &means };
+    let problem = Problem { run: &run.header.run, r_nom, used: &used, means: &means, step };
     let settled = lag::settle(&problem, &asked, &course, &lags[chosen], options.lag, known_lag, &mut notes)?;
     lags[chosen].form = settled.form();
     let (fit, degc) = (&settled.fit, &settled.degc);
@@ -260,6 +270,7 @@ fn describe(
             min_error,
             max_error,
         },
+        choice: 1.0,
         component: component.to_owned(),
         runs: Vec::new(),
         temperature_degc: apart.iter().map(|w| w.temperature_degc[1]).collect(),

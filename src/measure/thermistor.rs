@@ -3,6 +3,8 @@
 //! `T(s) = Σ c_k s^k` is fitted to a calibration table, s the voltage U of a divider, `U = U_ref / (R_ser/R + 1)`, or the resistance R.
 //! The comparison with a reference thermometer gives `T_O`, the mean of polynomial minus reference: `T_c = T_r - T_O`.
 
+mod told;
+
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
 use crate::data::tables::ThermistorRow;
@@ -162,7 +164,8 @@ pub fn thermistor(
     };
     let fit = polynomial::fit(&x, &y, None, wanted, &limits)?;
     let orders = tried(&x, &y, wanted, &chosen);
-    let mut notes = Vec::new();
+    let mut notes: Vec<Note> = told::as_if_in_kelvin(&y, "t_degc").into_iter().collect();
+    notes.extend(told::one_row(&x, &y, signal, chosen.polynomial.residual_std, options.within_degc));
     let order_within = orders.iter().find(|o| o.residual_max_degc <= options.within_degc).map(|o| o.order);
     let residual_max_degc = largest(fit.residuals.iter().copied());
     if residual_max_degc > options.within_degc {
@@ -260,6 +263,7 @@ fn compare_with(
         notes.push(Note::new(NoteKind::Data, format!("{outside} readings beside the reference lie outside the table")));
     }
     let t: Vec<f64> = rows.iter().map(|r| r.t_degc).collect();
+    notes.extend(told::as_if_in_kelvin(&t, "reference_degc"));
     let difference: Vec<f64> = x.iter().zip(&t).map(|(x, t)| fit.evaluate(*x).0 - t).collect();
     let mean = polynomial::fit(&t, &difference, None, 0, &Limits::default())?;
     let slope = polynomial::fit(&t, &difference, None, 1, &Limits::default()).ok().filter(|s| s.dof > 0);
@@ -356,6 +360,44 @@ mod tests {
         let single = thermistor("t", &table, Some(&reference[..1]), &options).unwrap();
         assert!(single.reference.unwrap().offset_std_degc.is_none());
         assert!(single.notes.iter().any(|n| n.text.contains("single reading")));
+    }
+
+    /// A resistance of 1010 in place of 1000 ohm is worth 2.56 °C at 3.9083 ohm/°C: its row is named, and no row of the table itself, of one that scatters
+    /// by 0.02 °C, or of a thermistor that no polynomial describes.
+    #[test]
+    fn a_row_with_a_slip_is_named() {
+        let platinum = |t: f64| 1000.0 * (1.0 + 3.9083e-3 * t - 5.775e-7 * t * t);
+        let table = |noise_degc: f64, seed: u64| -> Vec<ThermistorRow> {
+            let mut random = crate::fit::random::Random::seeded(seed);
+            let degc = |i: i32| -40.0 + 10.0 * f64::from(i);
+            (0..13)
+                .map(|i| ThermistorRow { r_ohm: platinum(degc(i)), ..row(degc(i) + noise_degc * random.gaussian(), f64::NAN) })
+                .collect()
+        };
+        let told = |rows: &[ThermistorRow]| -> Vec<String> {
+            let notes = thermistor("t", rows, None, &options()).unwrap().notes;
+            notes.into_iter().filter(|n| n.kind == NoteKind::Data).map(|n| n.text).collect()
+        };
+        for (noise_degc, seed) in [(0.0, 0), (0.002, 1), (0.02, 2), (0.02, 3), (0.02, 4), (0.02, 5)] {
+            let mut rows = table(noise_degc, seed);
+            assert_eq!(told(&rows), Vec::<String>::new());
+            rows[4].r_ohm += 10.0;
+            let told = told(&rows);
+            assert!(told.len() == 1 && told[0].starts_with("row 5 of the table"), "{noise_degc}: {told:?}");
+        }
+        let ntc: Vec<ThermistorRow> = (0..13)
+            .map(|i| {
+                let degc = -40.0 + 10.0 * f64::from(i);
+                let r_ohm = 1e4 * (3900.0 * (1.0 / (degc + 273.15) - 1.0 / 298.15)).exp();
+                row(degc, 5.0 / (1e4 / r_ohm + 1.0))
+            })
+            .collect();
+        assert_eq!(told(&ntc), Vec::<String>::new());
+        assert_eq!(told(&pt1000()), Vec::<String>::new());
+        let kelvin: Vec<ThermistorRow> =
+            table(0.0, 0).iter().map(|r| ThermistorRow { t_degc: r.t_degc + 273.15, ..*r }).collect();
+        let told = told(&kelvin);
+        assert!(told.len() == 1 && told[0].contains("as if in kelvin: -40.0 to 80.0 °C"), "{told:?}");
     }
 
     #[test]

@@ -98,19 +98,31 @@ pub fn apply(
         }
     }
     let used: Vec<f64> = coil_degc.iter().flatten().flat_map(|degc| degc.iter().copied()).collect();
-    for (what, valid, degc) in [
-        ("coil", facility.valid_coil_degc, range(&used)),
-        ("rack", facility.valid_rack_degc, rack_degc.as_deref().and_then(range)),
+    // Where nothing follows a temperature it was not needed so far, but where the values hold is stated all the same.
+    let beside = |channels: &[&str]| -> Option<[f64; 2]> {
+        let mean = |channel: &&str| degc_of(run, channel, &spans_s).map(|course| course.degc).unwrap_or_default();
+        range(&channels.iter().flat_map(mean).collect::<Vec<f64>>())
+    };
+    let coil_channels: Vec<&str> = channels.iter().map(String::as_str).collect();
+    for (what, valid, follows, degc, channels) in [
+        ("coil", facility.valid_coil_degc, facility.follows_coil(), range(&used), coil_channels),
+        ("rack", facility.valid_rack_degc, facility.follows_rack(), rack_degc.as_deref().and_then(range), vec![rack]),
     ] {
-        if let Some(([low, high], [from, to])) = valid.zip(degc)
-            && (from < low - AT_REST_K || to > high + AT_REST_K)
-        {
+        let at = if follows { degc } else { beside(&channels) };
+        let Some(([low, high], [from, to])) = valid.zip(at) else { continue };
+        if from < low - AT_REST_K || to > high + AT_REST_K {
+            let outside = if follows {
+                "outside, its temperature coefficients are extrapolated".to_owned()
+            } else {
+                format!("it has no coefficients of the {what} temperature, and what that changes is in no uncertainty")
+            };
             let text = format!(
-                "{} was measured at {what} temperatures from {low:.1} to {high:.1} °C and is used from {from:.1} to {to:.1} °C: outside, its \
-                 temperature coefficients are extrapolated",
+                "{} was measured at {what} temperatures from {low:.1} to {high:.1} °C and is used from {from:.1} to {to:.1} °C: {outside}",
                 facility.input.path
             );
-            notes.extend([Note::new(NoteKind::Facility, text).about(facility.input.path.as_str())]);
+            let note = Note::new(NoteKind::Facility, text).about(facility.input.path.as_str());
+            let remedy = "calibrate the coil system at this temperature, or at several for its coefficients";
+            notes.extend([if follows { note } else { note.with_remedy(remedy) }]);
         }
     }
     let first = &facility.periods[periods.first().copied().unwrap_or_default()];
@@ -201,9 +213,7 @@ fn degc(
     notes: &mut impl Extend<Note>,
 ) -> Option<Vec<f64>> {
     let file = &facility.input.path;
-    let (begin, end) = (spans_s.first().map_or(0.0, |s| s[0]), spans_s.last().map_or(0.0, |s| s[1]));
-    let series = temperature_faults::readings(run, channel, [begin, end]).unwrap_or_default();
-    if series.is_empty() {
+    let Some(Course { degc, without, farthest_s }) = degc_of(run, channel, spans_s) else {
         let coil = facility.periods[0].part.coil();
         let reference_degc = if what == "rack" { coil.rack_reference_degc } else { coil.reference_degc };
         let text = format!(
@@ -212,7 +222,32 @@ fn degc(
         );
         notes.extend([Note::new(NoteKind::Temperature, text).about(channel)]);
         return None;
+    };
+    if without > 0 {
+        let text = format!(
+            "{without} of {} settings have no reading of the {what} temperature (channel {channel}) near them, up to {farthest_s:.0} s \
+             away: {file} was used with the temperature straight between the readings beside them, or with the nearest one",
+            spans_s.len()
+        );
+        notes.extend([Note::new(NoteKind::Temperature, text).about(channel)]);
     }
+    Some(degc)
+}
+
+/// The temperature of a channel in the time of every setting.
+struct Course {
+    /// One for each setting, °C.
+    degc: Vec<f64>,
+    /// Settings without a reading near them.
+    without: usize,
+    /// How far the nearest reading is from one of these at most, s.
+    farthest_s: f64,
+}
+
+/// The temperature of a channel in the time of every setting, without notes; `None` without any reading.
+fn degc_of(run: &Run, channel: &str, spans_s: &[[f64; 2]]) -> Option<Course> {
+    let (begin, end) = (spans_s.first().map_or(0.0, |s| s[0]), spans_s.last().map_or(0.0, |s| s[1]));
+    let series = temperature_faults::readings(run, channel, [begin, end]).filter(|series| !series.is_empty())?;
     let mut intervals_s: Vec<f64> = series.windows(2).map(|w| w[1].0 - w[0].0).collect();
     let near_s = if intervals_s.is_empty() { 0.0 } else { NEAR_INTERVALS * median(&mut intervals_s) };
     let mut without = 0;
@@ -233,15 +268,7 @@ fn degc(
         interpolate(&series, 0.5 * (begin + end))
     };
     let degc = spans_s.iter().map(&mut one).collect();
-    if without > 0 {
-        let text = format!(
-            "{without} of {} settings have no reading of the {what} temperature (channel {channel}) near them, up to {farthest_s:.0} s \
-             away: {file} was used with the temperature straight between the readings beside them, or with the nearest one",
-            spans_s.len()
-        );
-        notes.extend([Note::new(NoteKind::Temperature, text).about(channel)]);
-    }
-    Some(degc)
+    Some(Course { degc, without, farthest_s })
 }
 
 fn mean(values: &[f64]) -> Option<f64> {

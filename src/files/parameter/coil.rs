@@ -29,7 +29,7 @@ impl CoilConvention {
     pub fn scalar() -> Self {
         Self::of(
             "F = |C (S u) + o|, S the scale factors, u the settings, o the offset fields, C the unit vectors along the coils as columns; S changes by the factor 1 + per_k dT, o by per_k dT",
-            "standard uncertainties, coverage factor 1, from the scatter of the moduli (Student's factor for quality.degrees_of_freedom) and, where it is larger, of the calibrations; the scale of the scalar magnetometer and its heading error are not included",
+            "standard uncertainties, coverage factor 1, from the scatter of the moduli (Student's factor for quality.degrees_of_freedom) and, where it is larger, of the calibrations; where no coefficients of the coil temperature are found, with those of CH-GFZ-TR-2601 section 6 times its movement during the settings (type B); the scale of the scalar magnetometer and its heading error are not included",
         )
     }
 

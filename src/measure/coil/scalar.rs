@@ -5,6 +5,7 @@
 mod scatter;
 mod steps;
 mod terms;
+mod unknown;
 
 use super::CoilError;
 use crate::data::note::{Note, NoteKind};
@@ -22,7 +23,7 @@ use crate::record::temperature_faults;
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 use scatter::Scatter;
 use serde::{Deserialize, Serialize};
-use steps::{Explained, explain};
+use steps::{Explained, agreeing_with_their_own, explain};
 use terms::{CONSTANT, Modulus, Observation, Terms};
 
 /// How a scalar calibration is made.
@@ -250,21 +251,28 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
     }
     let climate = Climate::of(runs, options, &mut notes);
     let rows = climate.rows(runs);
-    let thermal = fit_what_they_tell(&rows, climate.terms(), &mut notes)?.1;
+    let (first, thermal) = fit_what_they_tell(&rows, climate.terms(), &mut notes)?;
     let explained = if runs.len() > 1 {
-        explain(&rows, &agreeing_with_their_own(&rows, runs.len()), &thermal)
+        let level = unknown::at_their_means(&rows, &thermal, &first.solution.parameters);
+        explain(&rows, &agreeing_with_their_own(&level, runs.len()), &thermal)
     } else {
         Explained { terms: thermal, hypotheses: Vec::new(), undecided: None }
     };
     let terms = &explained.terms;
     let fitted = fit(&rows, terms, if *terms == Terms::constant() { MOST_CONDITION } else { MOST_THERMAL_CONDITION })?;
     let solution = &fitted.solution;
-    let calibration = each(&rows, runs, &fitted.used, &climate);
+    let level = unknown::at_their_means(&rows, terms, &solution.parameters);
+    let calibration = each(&level, runs, &fitted.used, &climate);
     let found = beside_the_fit(&calibration, terms, solution, runs, &climate);
     notes.extend(disagreements(&found));
     let scatter = Scatter::of(&found, terms.count());
     notes.extend(scatter.notes());
-    let period = periods(runs, terms, solution, &climate, &scatter);
+    let mut covariance = scatter.widened(solution.covariance());
+    if let Some(moved) = unknown::moved(&rows, terms, &fitted) {
+        notes.extend(unknown::note(&rows, &covariance, &moved));
+        covariance += &moved * moved.transpose();
+    }
+    let period = periods(runs, terms, solution, &climate, &covariance);
     let step = stepped(runs, terms, &period, &mut notes);
     if let Some(step) = explained.undecided {
         notes.push(Note::new(NoteKind::Fit, format!(
@@ -325,21 +333,6 @@ fn fit_what_they_tell(rows: &[Observation], mut terms: Terms, notes: &mut Vec<No
     }
 }
 
-/// The rows that agree with a fit to their own calibration, in which nothing can step; all of one that cannot stand alone.
-fn agreeing_with_their_own(rows: &[Observation], runs: usize) -> Vec<bool> {
-    let mut counts = vec![true; rows.len()];
-    for run in 0..runs {
-        let places: Vec<usize> = (0..rows.len()).filter(|i| rows[*i].run == run).collect();
-        let own: Vec<Observation> =
-            places.iter().map(|i| Observation { run: 0, coil_k: [0.0; 3], rack_k: 0.0, ..rows[*i].clone() }).collect();
-        let Ok(fitted) = fit(&own, &Terms::constant(), MOST_CONDITION) else { continue };
-        for (place, used) in places.into_iter().zip(fitted.used) {
-            counts[place] = used;
-        }
-    }
-    counts
-}
-
 /// The states of the facility with the times in which they hold. Where the step lies between two calibrations is not known: the boundary is
 /// the middle of the time between them.
 fn periods(
@@ -347,7 +340,7 @@ fn periods(
     terms: &Terms,
     solution: &NonlinearSolution,
     climate: &Climate,
-    scatter: &Scatter,
+    fitted: &DMatrix<f64>,
 ) -> Vec<ScalarPeriod> {
     let begins = terms.begins();
     let boundary = |from_run: usize| -> Start {
@@ -357,10 +350,9 @@ fn periods(
         before.header.start.after(0.5 * (end_s + apart_s))
     };
     let references_degc = climate.references_degc();
-    let fitted = scatter.widened(solution.covariance());
     let one = |(i, run): (usize, &usize)| {
         let span = PeriodSpan { from: (i > 0).then(|| boundary(*run)), to: begins.get(i + 1).map(|next| boundary(*next)) };
-        let covariance = terms.covariance(&fitted, *run);
+        let covariance = terms.covariance(fitted, *run);
         let mut facility = terms.part(&solution.parameters, *run);
         let mut std = FacilityParameters::constant([f64::NAN; 3], [f64::NAN; 3], [f64::NAN; 3]);
         if terms.coil {
@@ -462,14 +454,14 @@ fn residuals(rows: &[Observation], runs: &[(&Run, &Instructions)], fitted: &Fitt
         .collect()
 }
 
-/// Every calibration on its own, if it can stand alone.
+/// Every calibration on its own, its rows at one temperature, if it can stand alone.
 fn each(rows: &[Observation], runs: &[(&Run, &Instructions)], used: &[bool], climate: &Climate) -> Vec<ScalarCalibration> {
     let one = |(index, (run, _)): (usize, &(&Run, &Instructions))| {
         let own: Vec<Observation> = rows
             .iter()
             .zip(used)
             .filter(|(row, used)| row.run == index && **used)
-            .map(|(row, _)| Observation { run: 0, coil_k: [0.0; 3], rack_k: 0.0, ..row.clone() })
+            .map(|(row, _)| Observation { run: 0, ..row.clone() })
             .collect();
         let constant = Terms::constant();
         let fitted = fit(&own, &constant, MOST_CONDITION).ok()?;

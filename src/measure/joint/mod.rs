@@ -222,6 +222,19 @@ pub struct JointFit {
     pub evaluations: usize,
 }
 
+impl JointFit {
+    /// With the uncertainties of the polynomials wider by a factor each: what polynomials leave out whose orders were chosen elsewhere shows in no
+    /// residual of them.
+    #[must_use]
+    pub fn widened(mut self, factors: &[f64; 6]) -> Self {
+        let of: Vec<f64> =
+            self.polynomials.iter().zip(factors).flat_map(|(p, factor)| vec![*factor; p.coefficients.len()]).collect();
+        self.polynomials.iter_mut().zip(factors).for_each(|(p, factor)| p.covariance *= factor * factor);
+        self.covariance = DMatrix::from_fn(of.len(), of.len(), |r, c| self.covariance[(r, c)] * of[r] * of[c]);
+        self
+    }
+}
+
 /// Fits the sensor to all plateaus of all runs at once.
 ///
 /// `start` are the coefficients of [`QUANTITIES`], lowest order first, from the polynomials through the parameters of the runs;

@@ -273,6 +273,20 @@ fn scatter_between_runs_widens_the_uncertainty() {
     }
 }
 
+/// A factor for each quantity: its variances have the square, and what two of them share the product.
+#[test]
+fn uncertainties_are_widened_by_the_factors_of_the_quantities() {
+    let (_, _, plain) = fitted(GROUP, &truth(), 1);
+    let factors = [1.0, 2.0, 1.0, 1.0, 3.0, 1.0];
+    let wide = plain.clone().widened(&factors);
+    assert_eq!(wide.polynomials[0], plain.polynomials[0]);
+    let std = |fit: &JointFit, i: usize| fit.polynomials[i].evaluate(20.0).1;
+    assert!((std(&wide, 1) / std(&plain, 1) - 2.0).abs() < 1e-9 && (std(&wide, 4) / std(&plain, 4) - 3.0).abs() < 1e-9);
+    // Two coefficients each: the first of sigma_y is the third, the first of xi_xz the ninth.
+    let ratio = |r: usize, c: usize| wide.covariance[(r, c)] / plain.covariance[(r, c)];
+    assert!((ratio(2, 8) - 6.0).abs() < 1e-9 && (ratio(0, 8) - 3.0).abs() < 1e-9 && (ratio(0, 1) - 1.0).abs() < 1e-9);
+}
+
 #[test]
 fn what_the_runs_do_not_determine_is_refused_by_name() {
     let truth = truth();

@@ -2,10 +2,11 @@
 
 use super::fit::Means;
 use super::result::Block;
+use crate::data::calibration::OffsetTrend;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::result::Summary;
-use crate::data::units::{FieldCoil, Reading, counted};
+use crate::data::units::{COMPONENTS, FieldCoil, Reading, counted};
 use crate::fit::statistics::robust_std;
 use crate::fit::{DenseNoise, student_95};
 use crate::measure::structure;
@@ -21,6 +22,9 @@ const OUTLIER: f64 = 8.0;
 const FEW: usize = 11;
 /// A noise below this part of the largest reading is rounding.
 const ROUNDING: f64 = 1e-12;
+
+/// An offset that moves within the run by so many of its stated uncertainties to either side of its mean is told.
+const MOVES: f64 = 5.0;
 
 /// Every plateau with its residual; `weights` are those of the used ones in turn, `before` the readings at the temperatures of the plateaus
 /// where the fit has them at one temperature.
@@ -46,6 +50,29 @@ pub(super) fn blocks(
         plateau: p.clone(),
     };
     Ok(list.iter().enumerate().map(block).collect())
+}
+
+/// Says of an offset that moves within the run by far more than its mean is uncertain by; `std_ent` is what is stated of that. Whoever takes the mean
+/// for another time than the middle of the run has the rest of the trend as an error.
+pub(super) fn moving_offset(offset: &OffsetTrend, std_ent: [f64; 3]) -> Option<Note> {
+    const STEPS: i32 = 20;
+    let off_ent = |a: usize| -> f64 {
+        let at = |tau: f64| offset.trend_ent[a].iter().rev().fold(0.0, |sum, c| sum * tau + c) - offset.b_or_ent[a];
+        (-STEPS..=STEPS).map(|i| at(f64::from(i) / f64::from(STEPS))).fold(0.0, |most: f64, off| most.max(off.abs()))
+    };
+    let told: Vec<String> = (0..3)
+        .filter(|a| off_ent(*a) > MOVES * std_ent[*a])
+        .map(|a| format!("that of {} by up to {:.3} enT (stated ± {:.3} enT)", COMPONENTS[a], off_ent(a), std_ent[a]))
+        .collect();
+    (!told.is_empty()).then(|| {
+        let text = format!(
+            "the offset moves within the run, and b_or_ent is its mean: by the trend of order {} it differs from the mean {}; the stated uncertainty is that of \
+             the mean and does not hold for the begin and the end of the run",
+            offset.trend_order,
+            told.join(", ")
+        );
+        Note::new(NoteKind::Method, text).with_remedy("let the sensor settle before the run, or use the offset of a run of the time in question")
+    })
 }
 
 /// Standard deviation and extremes of the residuals of the used plateaus.

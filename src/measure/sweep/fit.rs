@@ -4,6 +4,7 @@ use super::means::{Means, deviance};
 use super::orders::Orders;
 use super::refusal::SweepError;
 use super::result::{SweepBlock, Turning};
+use super::step::Step;
 use super::{ANGLES, QUANTITIES};
 use crate::data::across::RunRotations;
 use crate::data::plateau::Plateau;
@@ -29,6 +30,8 @@ pub(super) struct Problem<'a> {
     pub used: &'a [&'a Plateau],
     /// Their means.
     pub means: &'a Means,
+    /// A jump that was taken off the thermistor.
+    pub step: Option<Step>,
 }
 
 impl Problem<'_> {

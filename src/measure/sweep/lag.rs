@@ -318,7 +318,7 @@ fn lagged(problem: &Problem, course: &Course, near: Lag, orders: Orders) -> Resu
     Err(FitError::NotSettled { what: "lag", iterations: MOST_STEPS }.into())
 }
 
-/// What the noise of the thermistor adds to the covariance of parameters with this influence of the readings.
+/// What the noise of the thermistor, and a jump that was taken off it, add to the covariance of parameters with this influence of the readings.
 ///
 /// The noise is smoothed before it moves the temperatures: it is the same for settings that follow each other, where that of the readings is
 /// not, and hardly shows in what the fit leaves.
@@ -341,7 +341,8 @@ fn of_thermistor(
         })
         .sum();
     let mut covariance = DMatrix::zeros(count, count);
-    for noise in course.noises() {
+    let of_step = problem.step.iter().map(|step| step.uncertain(course));
+    for noise in course.noises().chain(of_step) {
         let moved = lag.map_or_else(|| noise.series.clone(), |lag| lag.of(&noise));
         let step = &by_degc * DVector::from_vec(problem.means.degc(&moved));
         covariance += &step * step.transpose();

@@ -76,9 +76,9 @@ pub(super) const SAME_DEGC: f64 = 0.5;
 /// # Errors
 /// [`ThermalError`]: too few temperatures, or an order that they do not carry.
 pub fn thermal(group: &RunGroup, kind: Kind, runs: &[&Lin], with_joint: bool) -> Result<Thermal, ThermalError> {
-    let points = group.of_kind(kind);
-    let temperatures: Vec<f64> = points.iter().filter_map(|p| p.run.temperature_degc).collect();
     let mut notes = left_out(group, kind);
+    let points = without_copies(group.of_kind(kind), &mut notes);
+    let temperatures: Vec<f64> = points.iter().filter_map(|p| p.run.temperature_degc).collect();
     check_temperatures(group, kind, &points, &temperatures)?;
     let corner = corner_of(&points, kind, &mut notes);
     let mut fits = Vec::new();
@@ -143,6 +143,29 @@ fn without_temperature(group: &RunGroup, kind: Kind) -> impl Iterator<Item = &st
 fn left_out(group: &RunGroup, kind: Kind) -> Vec<Note> {
     let note = |file| Note::new(NoteKind::LeftOut, format!("{file} states no sensor temperature and was left out")).about(file);
     without_temperature(group, kind).map(note).collect()
+}
+
+/// The runs without those that are copies of another one under another id, which would count twice: no two measurements give the same temperature and
+/// the same values to the last bit.
+fn without_copies<'a>(points: Vec<&'a CalibratedRun>, notes: &mut Vec<Note>) -> Vec<&'a CalibratedRun> {
+    let mut kept: Vec<&CalibratedRun> = Vec::with_capacity(points.len());
+    for point in points {
+        let is_same = |other: &&&CalibratedRun| {
+            let degc = [other, &&point].map(|p| p.run.temperature_degc.map(f64::to_bits));
+            degc[0] == degc[1] && quantity::has_values_of(&other.values, &point.values)
+        };
+        let Some(first) = kept.iter().find(is_same) else {
+            kept.push(point);
+            continue;
+        };
+        let text = format!(
+            "run {} was left out: its values and its temperature are those of run {} to the last digit, it is a copy of the same readings under another id \
+             and would count twice",
+            point.run.id, first.run.id
+        );
+        notes.push(Note::new(NoteKind::LeftOut, text).about(&point.run.id).with_remedy("take one of the two away"));
+    }
+    kept
 }
 
 /// Refuses runs that are all at one temperature.

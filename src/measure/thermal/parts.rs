@@ -118,7 +118,8 @@ pub(super) fn joint_fit(points: &[&CalibratedRun], runs: &[&Lin], fits: &[Quanti
     let start: [Vec<f64>; 6] = std::array::from_fn(|i| {
         fits.iter().find(|f| f.found.name == QUANTITIES[i]).map_or_else(Vec::new, |f| f.polynomial.coefficients.clone())
     });
-    joint(&runs, &start, &Limits::default())
+    let choice = std::array::from_fn(|i| fits.iter().find(|f| f.found.name == QUANTITIES[i]).map_or(1.0, |f| f.choice));
+    Ok(joint(&runs, &start, &Limits::default())?.widened(&choice))
 }
 
 /// Plateaus that a robust fit of their run gives less weight do not belong to the joint fit, which has no weights of its own.

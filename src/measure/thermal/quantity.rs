@@ -115,6 +115,23 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner, 
     }
 }
 
+/// Whether two runs gave the same values to the last bit, at least one of them a number.
+pub(super) fn has_values_of(one: &RunValues, other: &RunValues) -> bool {
+    let values = |values: &RunValues| -> Vec<f64> {
+        match values {
+            RunValues::Lin { sigma, xi_deg, b_or_ent, .. } => [*sigma, *xi_deg, *b_or_ent].concat(),
+            RunValues::Offset { offset_ent, residual_ent, .. } => [*offset_ent, *residual_ent].concat(),
+            RunValues::Freq { model_hz, igep_hz, f_s_hz, .. } => {
+                let all = model_hz.iter().chain(igep_hz).flatten().chain(f_s_hz);
+                all.copied().collect()
+            }
+        }
+    };
+    let [one, other] = [one, other].map(values);
+    let bits = |values: &[f64]| values.iter().map(|v| v.to_bits()).collect::<Vec<u64>>();
+    one.iter().any(|v| v.is_finite()) && bits(&one) == bits(&other)
+}
+
 /// The same quantities of some of the runs.
 fn in_position(mut all: Vec<Quantity>, kept: &[bool]) -> Vec<Quantity> {
     for quantity in &mut all {
@@ -281,6 +298,7 @@ fn described(
             residual,
             widened: if std_known { chosen.inflation } else { 1.0 } * chosen.choice,
         },
+        choice: chosen.choice,
         component: quantity.component.clone(),
         runs,
         temperature_degc: degc,

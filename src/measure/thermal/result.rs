@@ -51,6 +51,8 @@ pub struct QuantityFit {
     pub runs: Vec<usize>,
     /// Temperatures of its values, °C.
     pub temperature_degc: Vec<f64>,
+    /// Factor on its standard uncertainties because its order was chosen, as far as it was.
+    pub choice: f64,
     /// The polynomial.
     pub polynomial: TemperaturePolynomial,
     /// Changes of its coefficients by one standard deviation of everything that the runs share, such as the facility, with what that is; absent

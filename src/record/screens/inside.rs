@@ -39,16 +39,21 @@ pub struct Jump {
     pub row: usize,
     /// Relative size.
     pub relative: f64,
+    /// Its standard uncertainty.
+    pub std: f64,
 }
 
 impl Jump {
     /// The note about it.
     #[must_use]
     pub fn note(&self, what: &str, t_s: f64) -> Note {
+        let (percent, std) = (100.0 * self.relative, 100.0 * self.std);
+        // As many digits as its uncertainty has two of, at least three.
+        let digits = (1.0 - std.log10().floor()).clamp(3.0, 9.0);
+        let digits = if digits.is_finite() { digits as usize } else { 3 };
         let text = format!(
-            "the gain of {what} jumps by {:+.3} % at {t_s:.1} s: the run is not of one sensor state, and its values and uncertainties are not \
-             to be used",
-            100.0 * self.relative
+            "the gain of {what} jumps by {percent:+.digits$} ± {std:.digits$} % at {t_s:.1} s: the run is not of one sensor state, and its values and uncertainties are not \
+             to be used"
         );
         Note::new(NoteKind::GainJump, text).about(what).with_remedy("divide the run there, or leave one part out with --exclude")
     }
@@ -110,7 +115,24 @@ pub fn gain_jump(rows: &Rows) -> Option<Jump> {
         others.extend(step::best(&basis, free.as_slice(), &vec![1.0; n]).map(|s| s.explained));
     }
     let other = others.into_iter().fold(0.0, f64::max);
-    (found.explained - other > LEAST_LEAD * unit).then_some(Jump { row: found.row, relative: found.size })
+    (found.explained - other > LEAST_LEAD * unit).then(|| Jump {
+        row: found.row,
+        relative: found.size,
+        std: found.size.abs() * (unit / found.explained).sqrt(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_jump_is_written_with_the_digits_that_tell_it() {
+        let text = |relative: f64, std: f64| Jump { row: 1, relative, std }.note("x", 60.0).text;
+        assert!(text(-2.04e-6, 1.3e-7).starts_with("the gain of x jumps by -0.000204 ± 0.000013 % at 60.0 s"));
+        assert!(text(1.0e-3, 2.0e-5).starts_with("the gain of x jumps by +0.1000 ± 0.0020 % at"));
+        assert!(text(0.5, 0.0).starts_with("the gain of x jumps by +50.000 ± 0.000 % at"));
+    }
 }
 
 /// Variance of what a jump leaves where the course is large, which is where the jump shows: a source whose settings are wrong by a part of

@@ -25,6 +25,8 @@ const LEAST_REPEATED_K: f64 = 1.0;
 const FASTER: f64 = 8.0;
 /// The course of a body is known to half of what its rate changes by from before to after; a jump exceeds it by this many times the whole.
 const OF_COURSE: f64 = 4.0;
+/// A change by noise is smaller than this many of its standard deviations.
+const NOISES: f64 = 4.0;
 /// Another channel that moves by this part of it at the same time shows that the step is real.
 const SHARED: f64 = 0.3;
 
@@ -169,6 +171,32 @@ pub fn jumps_of(series: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     places.into_iter().filter_map(|i| Some((channel.series[changes[i].0].0, far_faster_k(&changes, i)?))).collect()
 }
 
+/// Whether the readings of a thermistor (s, °C) leave room for a jump of a size, K, right before the one at a time, s: without it the change there
+/// would be one of those between its rates before and after, to within noise and what the size is uncertain by, K. Where it turns, that is much; on a straight ramp next to nothing.
+#[must_use]
+pub fn may_jump(series: &[(f64, f64)], t_s: f64, [size_k, std_k]: [f64; 2]) -> bool {
+    let (t, values) = series.iter().copied().unzip();
+    let table = SlowTable { names: vec![String::new()], t_s: t, values: vec![values] };
+    let Some(channel) = Channel::of(&table, "") else { return false };
+    let changes = channel.changes();
+    let Some(i) = changes.iter().position(|(place, ..)| channel.series[*place].0 == t_s) else { return false };
+    let (place, by_k, _) = changes[i];
+    let part = (channel.series[place].0 - channel.series[place - 1].0) / channel.interval_s;
+    let [Some(before), Some(after)] = [usual(&changes, i.saturating_sub(RATES)..i), usual(&changes, i + 1..i + 1 + RATES)] else {
+        return false;
+    };
+    let room = NOISES * channel.noise_of_changes_k(&changes).hypot(std_k / part);
+    let course = (by_k - size_k) / part;
+    (before.min(after) - room..=before.max(after) + room).contains(&course)
+}
+
+/// Median of some of the changes, K per usual interval.
+fn usual(changes: &[(usize, f64, f64)], range: std::ops::Range<usize>) -> Option<f64> {
+    let mut rates: Vec<f64> =
+        changes[range.start..range.end.min(changes.len()).max(range.start)].iter().map(|(_, _, rate)| *rate).collect();
+    if rates.is_empty() { None } else { Some(median(&mut rates)) }
+}
+
 /// By how much a change exceeds what the channel does in the same time before and after it, K, if that is far more. The last one of a record or
 /// before a gap is not judged: a body that begins to be heated looks like it.
 fn far_faster_k(changes: &[(usize, f64, f64)], i: usize) -> Option<f64> {
@@ -176,12 +204,8 @@ fn far_faster_k(changes: &[(usize, f64, f64)], i: usize) -> Option<f64> {
     if changes.get(i + 1).is_none_or(|(next, ..)| next - place > 1) {
         return None;
     }
-    let usual = |range: std::ops::Range<usize>| {
-        let mut rates: Vec<f64> = changes[range].iter().map(|(_, _, rate)| *rate).collect();
-        if rates.is_empty() { None } else { Some(median(&mut rates)) }
-    };
-    let after = usual(i + 1..changes.len().min(i + 1 + RATES))?;
-    let before = usual(i.saturating_sub(RATES)..i).unwrap_or(0.0);
+    let after = usual(changes, i + 1..i + 1 + RATES)?;
+    let before = usual(changes, i.saturating_sub(RATES)..i).unwrap_or(0.0);
     // What both sides have in common is the course of the body; where they differ nothing is known of it but that it changes.
     let (course, change) = (0.5 * (before + after), (before - after).abs());
     // A body that takes up heat goes on in the same direction, ever slower.

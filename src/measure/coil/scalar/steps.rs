@@ -6,7 +6,7 @@
 //! many places where it could be would gain by chance.
 
 use super::terms::{CONSTANT, Modulus, Observation, Step, Terms};
-use super::{MOST_CONDITION, MOST_THERMAL_CONDITION, start};
+use super::{MOST_CONDITION, MOST_THERMAL_CONDITION, fit, start};
 use crate::fit::{Limits, NonlinearSolution, nonlinear};
 use crate::model::facility_calibration::{Explanation, ScalarHypothesis};
 use rayon::prelude::*;
@@ -132,6 +132,21 @@ impl Comparison<'_> {
             chosen: false,
         })
     }
+}
+
+/// The rows, each calibration at one temperature, that agree with a fit to their own one, in which nothing can step; all of one that cannot
+/// stand alone.
+pub(super) fn agreeing_with_their_own(rows: &[Observation], runs: usize) -> Vec<bool> {
+    let mut counts = vec![true; rows.len()];
+    for run in 0..runs {
+        let places: Vec<usize> = (0..rows.len()).filter(|i| rows[*i].run == run).collect();
+        let own: Vec<Observation> = places.iter().map(|i| Observation { run: 0, ..rows[*i].clone() }).collect();
+        let Ok(fitted) = fit(&own, &Terms::constant(), MOST_CONDITION) else { continue };
+        for (place, used) in places.into_iter().zip(fitted.used) {
+            counts[place] = used;
+        }
+    }
+    counts
 }
 
 /// Looks for steps beside and in place of what the temperatures explain; `counts` says which rows agree with their own calibration.
