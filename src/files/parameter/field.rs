@@ -5,6 +5,7 @@ use super::{Cpf, Opf, Tcf, ThermalHead, Tof, Tpf};
 use crate::data::apply::OffsetQuantity;
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::data::provenance::Input;
 use crate::data::reference::{Reference, is_orthonormal, is_rotation};
 use crate::data::result::{Covariance, Rows, valid_of_run};
@@ -33,6 +34,8 @@ pub struct FieldPart {
     pub known_effects: Vec<String>,
     /// These model files themselves, where the file says with which it was made; a ground calibration file has their names alone.
     pub models: Vec<Input>,
+    /// What qualifies its values.
+    pub notes: Vec<Note>,
     /// How the sensor stands in its reference cube, if the file tells it.
     pub reference: Option<Reference>,
     /// The frame of the result, in words.
@@ -177,6 +180,7 @@ impl Cpf {
             channel: None,
             known_effects: self.model.iter().map(|m| m.file.clone()).collect(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: own.reference.clone(),
             frame: match frame {
                 Frame::Coil => "coil: X_c, Y_c, Z_c".to_owned(),
@@ -266,6 +270,7 @@ impl Tpf {
             channel: self.head.stated_channel(),
             known_effects: self.known_effects(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: self.reference.clone(),
             frame: Convention::BepiColombo.sensor_frame().to_owned(),
             coefficients: Coefficients {
@@ -296,6 +301,7 @@ impl Tof {
             channel: self.head.stated_channel(),
             known_effects: Vec::new(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: None,
             frame: String::new(),
             coefficients: with_three(parts, Parameter::Offset, &self.head.polynomials(named)),
@@ -359,6 +365,7 @@ impl Opf {
             channel: self.conditions.as_ref().map(|c| c.sensor_channel.clone()),
             known_effects: Vec::new(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: None,
             frame: String::new(),
             coefficients: parts,
@@ -399,6 +406,7 @@ impl Tcf {
             channel: stated(&self.channel),
             known_effects: self.scope.known_effects.clone(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: self.reference.clone(),
             frame: Convention::Rosetta.sensor_frame().to_owned(),
             coefficients: Coefficients {
