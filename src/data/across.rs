@@ -3,6 +3,7 @@
 //! Parameter files hold these types as they are, so that each is defined here only.
 
 use super::linearisation::LinearisationApplied;
+use super::note::Note;
 use super::reference::StatedReference;
 use super::result::{Rows, RunHead};
 use super::run::Location;
@@ -238,6 +239,8 @@ pub struct CalibratedRun {
     pub values: RunValues,
     /// How the sensor stands in its reference cube, if the file tells it.
     pub reference: Option<StatedReference>,
+    /// What qualifies its values.
+    pub notes: Vec<Note>,
 }
 
 /// Rotation angles of every run, degrees; nan where a file does not tell.

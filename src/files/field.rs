@@ -38,9 +38,10 @@ pub fn read_field(path: &Path, frame: Frame, findings: &mut Vec<Finding>) -> Res
 fn part(path: &Path, frame: Frame, findings: &mut Vec<Finding>) -> Result<(FieldPart, Input), Finding> {
     let shown = path.display().to_string();
     if rpcmag::is_named(path) {
-        let (file, digested) = rpcmag::read(path, findings)?;
+        let (file, digested) = rpcmag::read_alone(path, findings)?;
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        return Ok((file.field_part(), digested.input(name)));
+        let notes = file.told.with_values_of(&name);
+        return Ok((FieldPart { notes, ..file.field_part() }, digested.input(name)));
     }
     let Some(kind) = FileKind::of_file(path) else {
         let remedy = "name CPF, TPF, TOF, OPF, TCF files, or a ground calibration file RPCMAG_GND_CALIB_*.TXT";

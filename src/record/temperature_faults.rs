@@ -186,7 +186,8 @@ pub fn told(run: &Run, instructions: &Instructions) -> Vec<(ChannelFault, Note)>
                 }
                 _ => "",
             };
-            Note::new(NoteKind::Temperature, fault.text() + rests + mended).about(name.as_str()).with_remedy(remedy)
+            let kind = if rests.is_empty() { NoteKind::Temperature } else { NoteKind::TemperatureFault };
+            Note::new(kind, fault.text() + rests + mended).about(name.as_str()).with_remedy(remedy)
         })
         .collect();
     found.into_iter().zip(notes).collect()

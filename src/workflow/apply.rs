@@ -92,6 +92,7 @@ pub fn applied(
 ) -> Result<Applied, Finding> {
     let mut inputs = Vec::new();
     let mut beside = None;
+    let mut of_files = Vec::new();
     let mut matrix: Option<(&PathBuf, Coefficients, String)> = None;
     let mut offset: Option<(&PathBuf, Coefficients)> = None;
     let mut of: Option<(String, String, &PathBuf)> = None;
@@ -101,6 +102,7 @@ pub fn applied(
         let shown = path.display().to_string();
         let (part, input) = read_field(path, options.frame, findings)?;
         inputs.push(input);
+        of_files.extend(part.notes.iter().cloned());
         check_effects(&shown, &part, model, options.effects_taken_off)?;
         match &of {
             None => of = Some((part.sensor, part.mode, path)),
@@ -167,6 +169,7 @@ pub fn applied(
     };
     let mut notes = notes(&parts, &all);
     notes.extend(beside);
+    notes.extend(of_files);
     let calibration = FieldCalibration::new(parts).map_err(refuse)?;
     let effects = of_readings(model, "take it off the readings, and say so with --effects-taken-off", &mut notes)?;
     inputs.extend(model.map(|known| known.input.clone()));

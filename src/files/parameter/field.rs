@@ -6,6 +6,7 @@ use crate::data::across::FollowedThermistor;
 use crate::data::apply::OffsetQuantity;
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::data::provenance::Input;
 use crate::data::reference::{Reference, is_orthonormal, is_rotation};
 use crate::data::result::{Covariance, Rows, valid_of_run};
@@ -38,6 +39,8 @@ pub struct FieldPart {
     pub known_effects: Vec<String>,
     /// These model files themselves, where the file says with which it was made; a ground calibration file has their names alone.
     pub models: Vec<Input>,
+    /// What qualifies its values.
+    pub notes: Vec<Note>,
     /// How the sensor stands in its reference cube, if the file tells it.
     pub reference: Option<Reference>,
     /// How the part of the sensor whose temperature the coefficients follow goes after the thermistor, where the two differ.
@@ -184,6 +187,7 @@ impl Cpf {
             channel: None,
             known_effects: self.model.iter().map(|m| m.file.clone()).collect(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: own.reference.clone(),
             lag: None,
             frame: match frame {
@@ -312,6 +316,7 @@ impl Tpf {
             channel: self.head.stated_channel(),
             known_effects: self.known_effects(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: self.reference.clone(),
             lag: self.lag(),
             frame: Convention::BepiColombo.sensor_frame().to_owned(),
@@ -343,6 +348,7 @@ impl Tof {
             channel: self.head.stated_channel(),
             known_effects: Vec::new(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: None,
             lag: None,
             frame: String::new(),
@@ -407,6 +413,7 @@ impl Opf {
             channel: self.conditions.as_ref().map(|c| c.sensor_channel.clone()),
             known_effects: Vec::new(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: None,
             lag: None,
             frame: String::new(),
@@ -448,6 +455,7 @@ impl Tcf {
             channel: stated(&self.channel),
             known_effects: self.scope.known_effects.clone(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: self.reference.clone(),
             lag: lag_of(self.scope.thermistor_lag.as_ref()),
             frame: Convention::Rosetta.sensor_frame().to_owned(),

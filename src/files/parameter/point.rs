@@ -7,6 +7,7 @@ use crate::data::calibration::LinearTypeB;
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::{Finding, Severity};
 use crate::data::linearisation::LinearisationApplied;
+use crate::data::note::{Note, Told};
 use crate::data::reference::{Reference, StatedReference, is_rotation};
 use crate::data::result::Rows;
 use crate::files::source::{Digested, read_whole};
@@ -17,6 +18,8 @@ use std::path::Path;
 struct Head {
     format: String,
     version: u32,
+    #[serde(flatten)]
+    told: Told,
 }
 
 #[derive(Deserialize)]
@@ -161,7 +164,13 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Calibrate
         return Err(refuse(rule, "name CPF, OPF or FPF files"));
     };
     let RunKeys { run, conditions, values, reference } = point(&text).map_err(wrong)?;
-    Ok((CalibratedRun { file, run, channel: conditions.and_then(|c| c.sensor_channel), values, reference }, digested))
+    let (channel, notes) = (conditions.and_then(|c| c.sensor_channel), qualifying(&head.told, &run.id));
+    Ok((CalibratedRun { file, run, channel, values, reference, notes }, digested))
+}
+
+/// What qualifies the values of a run.
+fn qualifying(told: &Told, run: &str) -> Vec<Note> {
+    told.with_values_of(&format!("run {run}"))
 }
 
 /// Reads what an analysis across temperatures needs of the text of a parameter file.
@@ -286,6 +295,7 @@ impl From<&Cpf> for CalibratedRun {
                 }),
             },
             reference: own.stated_reference(),
+            notes: qualifying(&cpf.told, &own.run.id),
         }
     }
 }
@@ -306,6 +316,7 @@ impl From<&Opf> for CalibratedRun {
                 seen_along: opf.found.method.normal_axis.to_vec(),
             },
             reference: None,
+            notes: qualifying(&opf.told, &opf.found.run.id),
         }
     }
 }
@@ -325,6 +336,7 @@ impl From<&Fpf> for CalibratedRun {
                 f_s_std_hz: fpf.values.mean_f_s_std_hz,
             },
             reference: None,
+            notes: qualifying(&fpf.told, &fpf.found.run.id),
         }
     }
 }

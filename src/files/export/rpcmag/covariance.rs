@@ -206,6 +206,7 @@ impl RpcMag {
             channel: None,
             known_effects: self.known_effects.clone(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: self.reference.clone(),
             lag: None,
             frame: Convention::Rosetta.sensor_frame().to_owned(),
