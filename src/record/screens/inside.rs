@@ -122,19 +122,6 @@ pub fn gain_jump(rows: &Rows) -> Option<Jump> {
     })
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_jump_is_written_with_the_digits_that_tell_it() {
-        let text = |relative: f64, std: f64| Jump { row: 1, relative, std }.note("x", 60.0).text;
-        assert!(text(-2.04e-6, 1.3e-7).starts_with("the gain of x jumps by -0.000204 ± 0.000013 % at 60.0 s"));
-        assert!(text(1.0e-3, 2.0e-5).starts_with("the gain of x jumps by +0.1000 ± 0.0020 % at"));
-        assert!(text(0.5, 0.0).starts_with("the gain of x jumps by +50.000 ± 0.000 % at"));
-    }
-}
-
 /// Variance of what a jump leaves where the course is large, which is where the jump shows: a source whose settings are wrong by a part of
 /// themselves scatters there, and nowhere else.
 fn where_it_counts(basis: &DMatrix<f64>, free: &DVector<f64>, course: &[f64], row: usize) -> f64 {
@@ -188,5 +175,13 @@ mod tests {
     fn a_source_that_scatters_in_proportion_to_its_settings_does_not_jump() {
         assert!(found(0.0028, 0.04, 0.0) <= 2, "{}", found(0.0028, 0.04, 0.0));
         assert!(found(0.0028, 0.0, 0.1) > 190, "{}", found(0.0028, 0.0, 0.1));
+    }
+
+    #[test]
+    fn a_jump_is_written_with_the_digits_that_tell_it() {
+        let text = |relative: f64, std: f64| Jump { row: 1, relative, std }.note("x", 60.0).text;
+        assert!(text(-2.04e-6, 1.3e-7).starts_with("the gain of x jumps by -0.000204 ± 0.000013 % at 60.0 s"));
+        assert!(text(1.0e-3, 2.0e-5).starts_with("the gain of x jumps by +0.1000 ± 0.0020 % at"));
+        assert!(text(0.5, 0.0).starts_with("the gain of x jumps by +50.000 ± 0.000 % at"));
     }
 }
